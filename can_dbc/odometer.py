@@ -1,0 +1,36 @@
+"""Odometer frames: two tachos, Doppler radar and accelerometer."""
+
+from dataclasses import dataclass
+
+from can_dbc.binding import frame
+from can_dbc.nodes import Direction
+
+
+@frame("odometer.dbc", "TACHO")
+@dataclass(frozen=True, slots=True)
+class Tacho:
+    """Pulse counters of two axles, both rising forwards, falling backwards, wrapping at 65536."""
+
+    pulses_a: int
+    pulses_b: int
+    direction: Direction
+    """By the phase of the pulses; NEUTRAL while no pulse has come for 200 ms."""
+    healthy_a: bool
+    healthy_b: bool
+
+
+@frame("odometer.dbc", "DOPPLER")
+@dataclass(frozen=True, slots=True)
+class Doppler:
+    speed_mps: float
+    """Over ground, signed; blind below 0.5 m/s, where quality is 0."""
+    quality_percent: float
+    healthy: bool
+
+
+@frame("odometer.dbc", "IMU")
+@dataclass(frozen=True, slots=True)
+class Imu:
+    accel_mps2: float
+    """Along the train, gravity along the gradient included, as an accelerometer feels it."""
+    healthy: bool

@@ -1,0 +1,14 @@
+"""Health of the tag reader on the bus; the telegrams themselves come on its serial line."""
+
+from dataclasses import dataclass
+
+from can_dbc.binding import frame
+
+
+@frame("tags.dbc", "TAG_READER_HEALTH")
+@dataclass(frozen=True, slots=True)
+class TagReaderHealth:
+    antenna_ok: bool
+    telegrams_sent: int
+    """Modulo 65536, so that a telegram lost on the serial line is noticed."""
+    self_test_age_ms: float

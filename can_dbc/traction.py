@@ -1,0 +1,29 @@
+"""Traction frames: VOBC to the traction control unit and back."""
+
+from dataclasses import dataclass
+
+from can_dbc.binding import frame
+from can_dbc.nodes import Direction
+
+
+@frame("traction.dbc", "TRACTION_CMD")
+@dataclass(frozen=True, slots=True)
+class TractionCommand:
+    """Vital, sent with an inverted twin. Traction cuts itself after 150 ms without a valid pair."""
+
+    force_n: float
+    """Tractive effort at the rail for the whole consist; never negative."""
+    direction: Direction
+    traction_permitted: bool
+
+
+@frame("traction.dbc", "TRACTION_STATUS")
+@dataclass(frozen=True, slots=True)
+class TractionStatus:
+    force_n: float
+    """Effort at the rail for the whole consist; negative while the motors brake."""
+    effort_available_ratio: float
+    """Share of the rated effort that voltage and temperature leave, 0..1."""
+    traction_cut: bool
+    """Confirmed by the contactor: no tractive effort is possible."""
+    ready: bool

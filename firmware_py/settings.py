@@ -1,0 +1,150 @@
+"""TOML files to frozen dataclasses; whatever is wrong is said with file, key and value."""
+
+import dataclasses
+import difflib
+import enum
+import tomllib
+import types
+import typing
+from collections.abc import Mapping
+from importlib import resources
+from pathlib import Path
+from typing import Any, TypeVar, Union, get_args, get_origin
+
+T = TypeVar("T")
+
+
+class SettingsError(Exception):
+    """A configuration file that cannot be used; the text names file, key and value."""
+
+
+def shipped_names(package: str) -> list[str]:
+    """Stems of the TOML files that ship with a package, sorted."""
+    return sorted(
+        entry.name.removesuffix(".toml")
+        for entry in resources.files(package).iterdir()
+        if entry.name.endswith(".toml")
+    )
+
+
+def find(name: str, package: str) -> Path:
+    """The file called `name`: a path if it looks like one, else the stem of a file shipped with `package`."""
+    if name.endswith(".toml") or "/" in name:
+        path = Path(name)
+        if not path.is_file():
+            raise SettingsError(f"{name}: no such file")
+        return path
+    shipped = shipped_names(package)
+    if name not in shipped:
+        raise SettingsError(f"{name}: {_nearest(name, shipped, 'shipped name')}")
+    return Path(str(resources.files(package) / f"{name}.toml"))
+
+
+def load(kind: type[T], name: str, package: str) -> T:
+    """Read the file called `name` (see `find`) into `kind`."""
+    path = find(name, package)
+    return build(kind, parse(path), str(path))
+
+
+def parse(path: Path) -> dict[str, Any]:
+    """The tables of one TOML file."""
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise SettingsError(f"{path}: cannot be read: {error.strerror}") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise SettingsError(f"{path}: not TOML: {error}") from error
+
+
+def build(kind: type[T], table: Mapping[str, Any], source: str, key: str = "") -> T:
+    """Make the dataclass `kind` from a table.
+
+    Raises:
+        SettingsError: for an unknown or missing key, a value of the wrong type, or a value that the
+            dataclass itself refuses with ValueError in `__post_init__`.
+    """
+    assert dataclasses.is_dataclass(kind)
+    hints = typing.get_type_hints(kind)
+    fields = {field.name: field for field in dataclasses.fields(kind) if field.init}
+    for name in table:
+        if name not in fields:
+            where = _join(key, name)
+            raise SettingsError(f"{source}: {where}: unknown key; {_nearest(name, list(fields), 'key')}")
+    values: dict[str, Any] = {}
+    for name, field in fields.items():
+        if name in table:
+            values[name] = _convert(hints[name], table[name], source, _join(key, name))
+        elif field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING:
+            raise SettingsError(f"{source}: {_join(key, name)}: missing key")
+    try:
+        return kind(**values)
+    except ValueError as error:
+        raise SettingsError(f"{source}: {key + ': ' if key else ''}{error}") from error
+
+
+def _convert(hint: Any, value: Any, source: str, key: str) -> Any:
+    origin = get_origin(hint)
+    if origin in (Union, types.UnionType):
+        options = [option for option in get_args(hint) if option is not type(None)]
+        if len(options) == 1:
+            return _convert(options[0], value, source, key)
+    elif origin is tuple:
+        return _convert_tuple(hint, value, source, key)
+    elif origin in (dict, Mapping) or origin is typing.get_origin(Mapping[str, int]):
+        if isinstance(value, dict):
+            inner = get_args(hint)[1]
+            return {name: _convert(inner, item, source, _join(key, name)) for name, item in value.items()}
+    elif isinstance(hint, type):
+        return _convert_plain(hint, value, source, key)
+    raise SettingsError(f"{source}: {key}: {value!r} is not {_words(hint)}")
+
+
+def _convert_tuple(hint: Any, value: Any, source: str, key: str) -> tuple[Any, ...]:
+    inner = get_args(hint)
+    if not isinstance(value, list):
+        raise SettingsError(f"{source}: {key}: {value!r} is not a list")
+    if len(inner) == 2 and inner[1] is Ellipsis:
+        inner = (inner[0],) * len(value)
+    elif len(inner) != len(value):
+        raise SettingsError(f"{source}: {key}: {len(value)} entries where {len(inner)} are needed")
+    return tuple(
+        _convert(kind, item, source, f"{key}[{index}]")
+        for index, (kind, item) in enumerate(zip(inner, value, strict=True))
+    )
+
+
+def _convert_plain(kind: type[Any], value: Any, source: str, key: str) -> Any:
+    if dataclasses.is_dataclass(kind) and isinstance(value, dict):
+        return build(kind, value, source, key)
+    if issubclass(kind, enum.Enum) and isinstance(value, str):
+        names = {member.name.lower(): member for member in kind}
+        if value.lower() in names:
+            return names[value.lower()]
+        raise SettingsError(f"{source}: {key}: {value!r}: {_nearest(value, list(names), 'value')}")
+    if kind is float and isinstance(value, int | float) and not isinstance(value, bool):
+        if value != value or value in (float("inf"), float("-inf")):
+            raise SettingsError(f"{source}: {key}: {value} is not a finite number")
+        return float(value)
+    if isinstance(value, kind) and (kind is bool or not isinstance(value, bool)):
+        return value
+    raise SettingsError(f"{source}: {key}: {value!r} is not {_words(kind)}")
+
+
+def _words(hint: Any) -> str:
+    plain = {float: "a number", int: "a whole number", str: "a string", bool: "true or false"}
+    if hint in plain:
+        return plain[hint]
+    if isinstance(hint, type) and dataclasses.is_dataclass(hint):
+        return "a table"
+    return f"of type {getattr(hint, '__name__', hint)}"
+
+
+def _nearest(name: str, known: list[str], what: str) -> str:
+    close = difflib.get_close_matches(name, known, n=1)
+    if close:
+        return f"nearest valid {what}: {close[0]}"
+    return f"valid {what}s: {', '.join(known)}"
+
+
+def _join(key: str, name: str) -> str:
+    return f"{key}.{name}" if key else name
