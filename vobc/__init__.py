@@ -1,0 +1,1 @@
+"""The on-board controller: what it believes, decides and says. It knows the world only by its wires."""

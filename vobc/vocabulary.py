@@ -1,0 +1,213 @@
+"""The nouns of the controller: what one cycle is given, what it answers, and what its rooms tell each other."""
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+from can_dbc.brake import BrakeStatus
+from can_dbc.cab import Desk
+from can_dbc.diagnostics import TcmsStatus
+from can_dbc.doors import DoorStatus
+from can_dbc.energy import LineSupply
+from can_dbc.nodes import Direction
+from can_dbc.odometer import Doppler, Imu, Tacho
+from can_dbc.tags import TagReaderHealth
+from can_dbc.traction import TractionStatus
+from can_dbc.vobc import AtoPhase, Missing, Supervision
+
+NEVER_S: Final = math.inf
+"""Age of something that was never heard."""
+
+
+@dataclass(frozen=True, slots=True)
+class TagReading:
+    """One tag as the reader reported it; nothing about its truth is decided yet."""
+
+    tag_id: int
+    pulses: int
+    """Counter of tacho A when the antenna was over the tag's centre, modulo 65536."""
+    age_s: float
+    """Since the antenna was over the centre, by the reader's own clock at sending plus the line time."""
+
+
+@dataclass(frozen=True, slots=True)
+class Authority:
+    """A movement authority as it was accepted: checked for address, term and sequence."""
+
+    end_m: float
+    """Chainage that the front must never pass."""
+    term: int
+    sequence: int
+
+
+@dataclass(frozen=True, slots=True)
+class CycleInput:
+    """Everything the controller may know in one cycle, frozen. A frame never heard is None, its age NEVER_S."""
+
+    now_ns: int
+    dt_s: float
+    """Since the cycle before; the nominal period in the first one."""
+    overruns: int
+    """Cycles missed directly before this one."""
+    tacho: Tacho | None
+    tacho_age_s: float
+    doppler: Doppler | None
+    doppler_age_s: float
+    imu: Imu | None
+    imu_age_s: float
+    traction: TractionStatus | None
+    traction_age_s: float
+    brake: BrakeStatus | None
+    brake_age_s: float
+    doors: DoorStatus | None
+    doors_age_s: float
+    desk: Desk | None
+    desk_age_s: float
+    tag_reader: TagReaderHealth | None
+    tag_reader_age_s: float
+    supply: LineSupply | None
+    supply_age_s: float
+    load: TcmsStatus | None
+    load_age_s: float
+    tags: tuple[TagReading, ...]
+    """Telegrams that became complete since the cycle before, oldest first."""
+    authority: Authority | None
+    authority_age_s: float
+    """By the train's own clock: since the position report that the authority answers was sent."""
+
+
+@dataclass(frozen=True, slots=True)
+class Interval:
+    """A quantity that is known only to lie between two ends."""
+
+    low: float
+    best: float
+    high: float
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """What odometry makes of pulses and tags. The intervals hold the truth for declared sensor errors."""
+
+    front_m: Interval
+    """Chainage of the front coupler."""
+    speed_mps: Interval
+    """Signed, positive forwards."""
+    accel_mps2: float
+    """Smoothed, signed."""
+    standstill: bool
+    """Zero speed proven: upper speed bound under 1 km/h for 2 s."""
+    localised: bool
+    slip: bool
+    accepted_tag_ids: tuple[int, ...]
+    """Tags that corrected the position in this cycle."""
+
+
+@dataclass(frozen=True, slots=True)
+class Ceiling:
+    """What protection permits now, all as speeds of the train."""
+
+    permitted_mps: float
+    """Least of civil limits under the train, braking curves ahead and end of authority."""
+    warning_mps: float
+    service_mps: float
+    emergency_mps: float
+    distance_to_authority_m: float
+    """From the worst end of the front interval to the end of authority."""
+
+
+@dataclass(frozen=True, slots=True)
+class AtoInput:
+    """What operation is given. It cannot change any of it."""
+
+    now_ns: int
+    dt_s: float
+    enabled: bool
+    """Desk in AUTO, protection not in emergency, nothing missing."""
+    front_m: float
+    speed_mps: float
+    accel_mps2: float
+    standstill: bool
+    accepted_tag_ids: tuple[int, ...]
+    gradient_permille: float
+    """Mean under the train now."""
+    ceiling_mps: float
+    authority_end_m: float
+    load_kg: float
+    traction_ratio: float
+    """Share of the rated effort that is available."""
+    doors_locked: bool
+    doors_open: bool
+    """The platform side is fully open."""
+    door_enabled: bool
+    """Protection enables the platform side now."""
+    holding_applied: bool
+
+
+@dataclass(frozen=True, slots=True)
+class AtoDemand:
+    """What operation asks for; arbitration decides what goes out."""
+
+    accel_mps2: float
+    """Acceleration of the train asked of traction (positive) or service brake (negative)."""
+    hold: bool
+    """Keep or bring the holding brake on."""
+    open_doors: bool
+    """Doors on the platform side of the present station shall be open."""
+    phase: AtoPhase
+    target_mps: float
+    """Speed of the reference now."""
+    distance_to_stop_m: float
+    """To the next stopping point; math.inf when there is none."""
+
+
+@dataclass(frozen=True, slots=True)
+class CycleOutput:
+    """Everything the controller says in one cycle."""
+
+    force_n: float
+    direction: Direction
+    traction_permitted: bool
+    service_decel_mps2: float
+    emergency_released: bool
+    holding_released: bool
+    enable_left: bool
+    enable_right: bool
+    open_left: bool
+    open_right: bool
+    supervision: Supervision
+    ato_phase: AtoPhase
+    missing: Missing
+    motion: Motion | None
+    ceiling: Ceiling | None
+    target_mps: float
+    accel_demand_mps2: float
+    distance_to_stop_m: float
+    cause: str
+    """Why protection holds or brakes; empty while it does not."""
+
+
+MAX_SERVICE_DECEL_MPS2: Final = 2.0
+"""Largest demand the wire can carry; the brake unit limits it to what it has."""
+
+SAFE_OUTPUT: Final = CycleOutput(
+    force_n=0.0,
+    direction=Direction.NEUTRAL,
+    traction_permitted=False,
+    service_decel_mps2=MAX_SERVICE_DECEL_MPS2,
+    emergency_released=False,
+    holding_released=False,
+    enable_left=False,
+    enable_right=False,
+    open_left=False,
+    open_right=False,
+    supervision=Supervision.EMERGENCY,
+    ato_phase=AtoPhase.OFF,
+    missing=Missing.NOTHING,
+    motion=None,
+    ceiling=None,
+    target_mps=0.0,
+    accel_demand_mps2=0.0,
+    distance_to_stop_m=math.inf,
+    cause="safe output",
+)
