@@ -1,0 +1,135 @@
+"""The folder that a run leaves: configuration, logs, plot and results under fixed names."""
+
+import dataclasses
+import enum
+import os
+import platform
+from collections.abc import Mapping
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tomli_w
+
+PACKAGES = ("metro-vobc-bench", "python-can", "cantools", "numpy", "pyserial", "eclipse-zenoh")
+
+
+class RunFolderError(Exception):
+    """The folder cannot be made or written; the text names it."""
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class RunFolder:
+    """Where everything of one run lies."""
+
+    path: Path
+
+    @property
+    def config(self) -> Path:
+        return self.path / "run.toml"
+
+    @property
+    def bus_log(self) -> Path:
+        return self.path / "bus.log"
+
+    @property
+    def serial_log(self) -> Path:
+        return self.path / "serial.log"
+
+    @property
+    def cycle_log(self) -> Path:
+        return self.path / "cycles.csv"
+
+    @property
+    def truth_log(self) -> Path:
+        return self.path / "truth.csv"
+
+    @property
+    def host_log(self) -> Path:
+        return self.path / "host.csv"
+
+    @property
+    def plot(self) -> Path:
+        return self.path / "run.png"
+
+    @property
+    def results(self) -> Path:
+        return self.path / "results.json"
+
+
+def make_run_folder(out: str | None, epoch_ns: int, words: str) -> RunFolder:
+    """A new folder: `out`, or one below `runs/` named by date, time and what is run.
+
+    Raises:
+        RunFolderError: when it exists with something in it, or cannot be made.
+    """
+    stamp = utc_text(epoch_ns).replace(":", "-")
+    path = Path(out) if out else Path("runs") / f"{stamp}_{words}"
+    if not out:
+        path = _free_name(path)
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        if any(path.iterdir()):
+            raise RunFolderError(f"--out {path}: not empty; a run never overwrites another")
+    except OSError as error:
+        raise RunFolderError(f"--out {path}: cannot be made: {error.strerror}") from error
+    return RunFolder(path)
+
+
+def utc_text(epoch_ns: int) -> str:
+    """Date and time of an instant, to the second, in UTC."""
+    return str(np.datetime64(epoch_ns // 1_000_000_000, "s"))
+
+
+def _free_name(path: Path) -> Path:
+    number, free = 2, path
+    while free.exists():
+        free = path.with_name(f"{path.name}_{number}")
+        number += 1
+    return free
+
+
+def write_config(folder: RunFolder, tables: Mapping[str, object], epoch_ns: int) -> None:
+    """run.toml: the effective configuration, versions and host."""
+    document = {
+        "started": utc_text(epoch_ns) + "Z",
+        **{name: plain(value) for name, value in tables.items()},
+        "versions": versions(),
+        "host": {
+            "system": platform.platform(),
+            "machine": platform.machine(),
+            "processors": os.cpu_count() or 0,
+        },
+    }
+    folder.config.write_text(tomli_w.dumps(document), encoding="utf-8")
+
+
+def versions() -> dict[str, str]:
+    """Python and the packages that shape a run."""
+    found = {"python": platform.python_version()}
+    for name in PACKAGES:
+        try:
+            found[name] = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            found[name] = "not installed as a package"
+    return found
+
+
+def plain(value: object) -> Any:
+    """Dataclasses, enums and paths as what TOML and JSON know; what is None is left out."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {
+            field.name: plain(getattr(value, field.name))
+            for field in dataclasses.fields(value)
+            if field.init and getattr(value, field.name) is not None
+        }
+    if isinstance(value, enum.Enum):
+        return value.name.lower()
+    if isinstance(value, Mapping):
+        return {str(name): plain(item) for name, item in value.items() if item is not None}
+    if isinstance(value, tuple | list):
+        return [plain(item) for item in value]
+    if isinstance(value, Path):
+        return str(value)
+    return value
