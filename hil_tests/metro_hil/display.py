@@ -13,7 +13,6 @@ from can_dbc.codec import Decoder, Rejected
 from can_dbc.doors import DoorState, DoorStatus
 from can_dbc.traction import TractionStatus
 from can_dbc.vobc import (
-    AtoPhase,
     Missing,
     Supervision,
     VobcMotion,
