@@ -1,0 +1,181 @@
+"""What `vobc run` was asked to do."""
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+DESCRIPTION = "The on-board controller of a metro train, on a bench or on a bus."
+
+EXIT_OK = 0
+EXIT_FAILED = 1
+EXIT_USAGE = 2
+EXIT_ENVIRONMENT = 3
+EXIT_INTERRUPTED = 130
+
+EPILOG = """\
+exit codes: 0 the train arrived, or the given duration is over; 1 the run failed; 2 wrong usage or
+configuration; 3 bus, rights or a process missing; 130 ended by Ctrl-C (the report is still written)
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class RunOptions:
+    """One run, as its user asked for it; None where the default depends on the rest."""
+
+    lockstep: bool
+    bus: str
+    plant: str
+    tags: str
+    radio: str
+    line: str
+    consist: str
+    params: str
+    load_ratio: float | None
+    start: str | None
+    end: str | None
+    seed: int
+    duration_s: float | None
+    cycle_ms: float
+    out: str | None
+    priority: int
+    json: bool
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line of `vobc`."""
+    top = argparse.ArgumentParser(prog="vobc", description=DESCRIPTION)
+    verbs = top.add_subparsers(dest="verb", required=True, metavar="VERB")
+    run = verbs.add_parser(
+        "run",
+        help="drive the train",
+        description="Drive a train over a CAN bus from station to station and report how it went.",
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    _add_journey(run)
+    _add_wires(run)
+    _add_rest(run)
+    return top
+
+
+def _add_journey(run: argparse.ArgumentParser) -> None:
+    group = run.add_argument_group("the journey")
+    group.add_argument("--line", default="florence", metavar="NAME|FILE", help="default: florence")
+    group.add_argument(
+        "--from", dest="start", metavar="STATION", help="default: the first of the line"
+    )
+    group.add_argument("--to", dest="end", metavar="STATION", help="default: the last of the line")
+    group.add_argument(
+        "--consist", default="florence4", metavar="NAME|FILE", help="the real train of the plant"
+    )
+    group.add_argument(
+        "--params",
+        default="florence4",
+        metavar="NAME|FILE",
+        help="what the controller believes of its train; default: florence4",
+    )
+    group.add_argument(
+        "--load-ratio", type=_ratio, metavar="0..1", help="passengers; default: the consist's"
+    )
+    group.add_argument("--seed", type=_seed, default=1, help="of all noise in the run; default: 1")
+    group.add_argument(
+        "--duration", dest="duration_s", type=_seconds, metavar="SECONDS", help="end after so long"
+    )
+
+
+def _add_wires(run: argparse.ArgumentParser) -> None:
+    group = run.add_argument_group("the wires")
+    group.add_argument(
+        "--lockstep",
+        action="store_true",
+        help="controller and plant in one process in virtual time, as fast as it goes",
+    )
+    group.add_argument(
+        "--bus",
+        default="auto",
+        metavar="SPEC",
+        help="auto, socketcan:vcan0, socketcan:can0, embedded:vcan0; default: auto",
+    )
+    group.add_argument(
+        "--plant",
+        choices=("auto", "none"),
+        default="auto",
+        help="auto: start the plant emulator when no plant answers on a virtual bus; none: wait",
+    )
+    group.add_argument(
+        "--tags", default="auto", metavar="DEVICE", help="tag reader, such as /dev/ttyUSB0"
+    )
+    group.add_argument(
+        "--radio", default="auto", metavar="ENDPOINT", help="wayside, such as tcp/127.0.0.1:7447"
+    )
+
+
+def _add_rest(run: argparse.ArgumentParser) -> None:
+    group = run.add_argument_group("the controller and the results")
+    group.add_argument(
+        "--cycle-ms",
+        type=_cycle_ms,
+        default=50.0,
+        metavar="MS",
+        help="control cycle, 20 to 200; default: 50",
+    )
+    group.add_argument(
+        "--priority",
+        type=_priority,
+        default=80,
+        metavar="1..99",
+        help="SCHED_FIFO priority where the rights allow it; 0: ordinary scheduling; default: 80",
+    )
+    group.add_argument("--out", metavar="DIR", help="run folder; default: a new one below runs/")
+    group.add_argument(
+        "--json",
+        action="store_true",
+        help="end with one JSON object on standard output, everything else on standard error",
+    )
+
+
+def parse(argv: Sequence[str]) -> RunOptions:
+    """Raises SystemExit as argparse does."""
+    chosen = vars(parser().parse_args(argv))
+    del chosen["verb"]
+    return RunOptions(**chosen)
+
+
+def _number(text: str, low: float, high: float, what: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number") from None
+    if not low <= value <= high:
+        raise argparse.ArgumentTypeError(f"{text} is not {what}")
+    return value
+
+
+def _ratio(text: str) -> float:
+    return _number(text, 0.0, 1.0, "within 0..1")
+
+
+def _seconds(text: str) -> float:
+    return _number(text, 0.1, 1e7, "a duration of 0.1 s or more")
+
+
+def _cycle_ms(text: str) -> float:
+    return _number(text, 20.0, 200.0, "within 20..200 ms")
+
+
+def _whole(text: str, low: int, high: int) -> int:
+    try:
+        value = int(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number") from None
+    if not low <= value <= high:
+        raise argparse.ArgumentTypeError(f"{text} is not within {low}..{high}")
+    return value
+
+
+def _seed(text: str) -> int:
+    return _whole(text, 0, 2**63 - 1)
+
+
+def _priority(text: str) -> int:
+    return _whole(text, 0, 99)
