@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -33,28 +34,39 @@ class RunResults:
     def to_json(self) -> str:
         """One object; the keys that scripts rely on are on top, the rest below them."""
         return json.dumps(
-            {
-                "exit_reason": self.exit_reason,
-                "real_time_factor": self.real_time_factor,
-                "stops": [asdict(stop) for stop in self.stops],
-                "max_accel_mps2": self.ride.max_accel_mps2 if self.ride else None,
-                "max_jerk_mps3": self.ride.max_jerk_mps3 if self.ride else None,
-                "frames": self.frames,
-                "frame_log_sha256": self.frame_log_sha256,
-                "slips": self.cycles.slips if self.cycles else None,
-                "bus_load_ratio": self.bus_load_ratio,
-                "rejected_frames": dict(self.rejected_frames),
-                "ride": asdict(self.ride) if self.ride else None,
-                "cycles": asdict(self.cycles) if self.cycles else None,
-                "supervision_events": [asdict(event) for event in self.events],
-                "steal_s": self.steal_s,
-                "realtime": list(self.realtime),
-            },
+            _finite(
+                {
+                    "exit_reason": self.exit_reason,
+                    "real_time_factor": self.real_time_factor,
+                    "stops": [asdict(stop) for stop in self.stops],
+                    "max_accel_mps2": self.ride.max_accel_mps2 if self.ride else None,
+                    "max_jerk_mps3": self.ride.max_jerk_mps3 if self.ride else None,
+                    "frames": self.frames,
+                    "frame_log_sha256": self.frame_log_sha256,
+                    "slips": self.cycles.slips if self.cycles else None,
+                    "bus_load_ratio": self.bus_load_ratio,
+                    "rejected_frames": dict(self.rejected_frames),
+                    "ride": asdict(self.ride) if self.ride else None,
+                    "cycles": asdict(self.cycles) if self.cycles else None,
+                    "supervision_events": [asdict(event) for event in self.events],
+                    "steal_s": self.steal_s,
+                    "realtime": list(self.realtime),
+                }
+            ),
             indent=2,
-            # NaN is no JSON; what is not a number is null.
             allow_nan=False,
-            default=str,
         )
+
+
+def _finite(value: object) -> object:
+    """NaN is no JSON; what is not a number is null."""
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, dict):
+        return {name: _finite(item) for name, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(item) for item in value]
+    return value
 
 
 def sha256_of(path: Path) -> str:

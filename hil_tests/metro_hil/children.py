@@ -1,0 +1,60 @@
+"""The controller and the plant as processes of their own: started, watched and ended."""
+
+import signal
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+TAIL_LINES = 12
+END_TIMEOUT_S = 5.0
+
+
+class ChildError(Exception):
+    """A child that ended by itself; the text holds its last words."""
+
+
+class Child:
+    """One process with a log of what it says. It never outlives the bench."""
+
+    def __init__(self, name: str, module: str, arguments: Sequence[str], log: Path) -> None:
+        self.name = name
+        self._log = log
+        self._output = log.open("wb")
+        # A session of its own, so that Ctrl-C reaches only the bench, which ends its children in
+        # the right order; the child itself asks the kernel to end it when the bench dies.
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", module, *arguments],
+            stdin=subprocess.DEVNULL,
+            stdout=self._output,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+        )
+
+    @property
+    def ended(self) -> bool:
+        return self._process.poll() is not None
+
+    @property
+    def returncode(self) -> int | None:
+        return self._process.poll()
+
+    def last_words(self) -> str:
+        """The end of what it said; empty when it said nothing."""
+        try:
+            text = self._log.read_text(encoding="utf-8", errors="replace")
+        except OSError as error:
+            return f"{self._log}: {error.strerror}"
+        return "\n".join(text.strip().splitlines()[-TAIL_LINES:])
+
+    def end(self) -> int:
+        """Ask it to end, wait, and kill it if it does not; returns its exit code."""
+        if not self.ended:
+            self._process.send_signal(signal.SIGTERM)
+        try:
+            code = self._process.wait(END_TIMEOUT_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            code = self._process.wait()
+        self._output.close()
+        return code
