@@ -1,4 +1,4 @@
-"""The nouns of the controller: what one cycle is given, what it answers, and what its rooms tell each other."""
+"""The nouns: what a control cycle is given, what it answers, what its rooms tell each other."""
 
 import math
 from dataclasses import dataclass
@@ -14,9 +14,85 @@ from can_dbc.odometer import Doppler, Imu, Tacho
 from can_dbc.tags import TagReaderHealth
 from can_dbc.traction import TractionStatus
 from can_dbc.vobc import AtoPhase, Missing, Supervision
+from firmware_py.trackdb import Station
 
 NEVER_S: Final = math.inf
 """Age of something that was never heard."""
+
+
+@dataclass(frozen=True, slots=True)
+class TrainBelief:
+    """What the controller believes of its own train. What the train really is, the plant knows."""
+
+    length_m: float
+    tare_kg: float
+    full_load_kg: float
+    """Passengers at most; assumed until the train has weighed them."""
+    rotating_mass_ratio: float
+    """Share of the tare mass that rotating parts add to its inertia."""
+    antenna_offset_m: float
+    """From the front coupler back to the centre of the tag antenna."""
+    wheel_diameter_m: float
+    pulses_per_turn: int
+    rated_force_n: float
+    """Tractive effort at the rail, whole consist, below the power limit."""
+    rated_power_w: float
+    service_decel_max_mps2: float
+    """Largest demand that the service brake follows."""
+    resistance_a_n: float
+    """Running resistance a + b*v + c*v**2 of the whole consist (Davis)."""
+    resistance_b_ns_per_m: float
+    resistance_c_ns2_per_m2: float
+
+    def __post_init__(self) -> None:
+        for name in _POSITIVE_OF_TRAIN:
+            if getattr(self, name) <= 0:
+                raise ValueError(f"{name} {getattr(self, name)} is not positive")
+        for name in ("full_load_kg", "rotating_mass_ratio", "antenna_offset_m"):
+            if getattr(self, name) < 0:
+                raise ValueError(f"{name} {getattr(self, name)} is negative")
+
+    @property
+    def nominal_m_per_pulse(self) -> float:
+        return math.pi * self.wheel_diameter_m / self.pulses_per_turn
+
+
+_POSITIVE_OF_TRAIN: Final = (
+    "length_m",
+    "tare_kg",
+    "wheel_diameter_m",
+    "pulses_per_turn",
+    "rated_force_n",
+    "rated_power_w",
+    "service_decel_max_mps2",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Mission:
+    """Where the train starts and where it shall stop, in running order."""
+
+    start: Station
+    stops: tuple[Station, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class OdometryRecord:
+    """What odometry wants to find again after a power cycle."""
+
+    front_m: float
+    bound_m: float
+    """The front stands within front_m ± bound_m."""
+    m_per_pulse: float
+    """Best estimate of the distance behind one pulse; a prior only, its bounds are earned again."""
+
+
+@dataclass(frozen=True, slots=True)
+class TachoSample:
+    """One tacho frame and its age at the instant of the cycle."""
+
+    frame: Tacho
+    age_s: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,7 +103,7 @@ class TagReading:
     pulses: int
     """Counter of tacho A when the antenna was over the tag's centre, modulo 65536."""
     age_s: float
-    """Since the antenna was over the centre, by the reader's own clock at sending plus the line time."""
+    """Since the antenna was over the centre, by the reader's clock at sending plus line time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +118,7 @@ class Authority:
 
 @dataclass(frozen=True, slots=True)
 class CycleInput:
-    """Everything the controller may know in one cycle, frozen. A frame never heard is None, its age NEVER_S."""
+    """All the controller may know in one cycle, frozen; of a frame never heard None and NEVER_S."""
 
     now_ns: int
     dt_s: float
@@ -51,6 +127,8 @@ class CycleInput:
     """Cycles missed directly before this one."""
     tacho: Tacho | None
     tacho_age_s: float
+    tacho_samples: tuple[TachoSample, ...]
+    """All tacho frames since the cycle before, oldest first; it comes faster than the cycle."""
     doppler: Doppler | None
     doppler_age_s: float
     imu: Imu | None
@@ -87,7 +165,7 @@ class Interval:
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """What odometry makes of pulses and tags. The intervals hold the truth for declared sensor errors."""
+    """What odometry makes of pulses and tags; the intervals hold the truth for declared errors."""
 
     front_m: Interval
     """Chainage of the front coupler."""
@@ -95,6 +173,10 @@ class Motion:
     """Signed, positive forwards."""
     accel_mps2: float
     """Smoothed, signed."""
+    travel_m: float
+    """Distance by pulses alone since start, signed; no tag makes it jump."""
+    standing: bool
+    """No pulse for half a second: quick, for brakes and doors' readiness, but no proof."""
     standstill: bool
     """Zero speed proven: upper speed bound under 1 km/h for 2 s."""
     localised: bool
