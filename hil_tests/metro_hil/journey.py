@@ -27,8 +27,8 @@ def plan_journey(options: RunOptions) -> Journey:
     end = _station(line, options.end or line.stations[-1].name, "--to")
     if end.stop_m <= start.stop_m:
         raise SettingsError(
-            f"--from {start.name} --to {end.name}: {end.name} at {end.stop_m} m does not lie beyond "
-            f"{start.name} at {start.stop_m} m; trains run towards growing chainage"
+            f"--from {start.name} --to {end.name}: {end.name} at {end.stop_m} m is not "
+            f"beyond {start.name} at {start.stop_m} m; trains run towards growing chainage"
         )
     return Journey(line, start, end, stations_of(line, start.name, end.name))
 

@@ -1,0 +1,46 @@
+"""How a run ends: the conditions, and what it hands to the report."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from can_dbc.vobc import AtoPhase
+
+NEAR_M = 5.0
+AFTER_ARRIVAL_S = 3.0
+"""How long a run goes on with open doors at its last station."""
+
+ARRIVED = "arrived"
+DURATION = "duration over"
+INTERRUPTED = "interrupted"
+
+
+@dataclass(frozen=True, slots=True)
+class Ending:
+    """What the run itself knows; everything else is measured from its logs."""
+
+    exit_reason: str
+    failed: bool
+    frames: int
+    bus_load_ratio: float
+    rejected_frames: Mapping[str, int]
+    real_time_factor: float | None = None
+    steal_s: float | None = None
+    realtime: Sequence[str] = ()
+    truth_known: bool = True
+
+
+@dataclass(slots=True)
+class ArrivalWatch:
+    """Says when the train has stood with open doors at its last station for a while."""
+
+    stop_m: float
+    _since_ns: int | None = None
+
+    def arrived(self, now_ns: int, phase: AtoPhase, front_m: float) -> bool:
+        there = phase is AtoPhase.DOORS_OPEN and abs(front_m - self.stop_m) <= NEAR_M
+        if not there:
+            self._since_ns = None
+            return False
+        if self._since_ns is None:
+            self._since_ns = now_ns
+        return now_ns - self._since_ns >= AFTER_ARRIVAL_S * 1e9

@@ -1,0 +1,116 @@
+"""`vobc run`: parse, run in real time or in lockstep, report."""
+
+import sys
+from collections.abc import Sequence
+
+from rich.console import Console
+
+from firmware_py.buses import BusError
+from firmware_py.clock import WallClock
+from firmware_py.settings import SettingsError
+from metro_hil.children import ChildError
+from metro_hil.columns import LogError, read_columns
+from metro_hil.ending import INTERRUPTED, Ending
+from metro_hil.journey import Journey, plan_journey
+from metro_hil.measures import (
+    measure_cycles,
+    measure_ride,
+    measure_stops,
+    supervision_events,
+)
+from metro_hil.options import (
+    EXIT_ENVIRONMENT,
+    EXIT_FAILED,
+    EXIT_INTERRUPTED,
+    EXIT_OK,
+    EXIT_USAGE,
+    RunOptions,
+    parse,
+)
+from metro_hil.report.plot import draw_run
+from metro_hil.report.table import print_results
+from metro_hil.results import RunResults, sha256_of
+from metro_hil.run_folder import RunFolder, RunFolderError, make_run_folder, write_config
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """The console script `vobc`. Whatever the user got wrong is one line, never a traceback."""
+    options = parse(sys.argv[1:] if argv is None else argv)
+    console = Console(stderr=options.json)
+    try:
+        return _run(options, console)
+    except (SettingsError, RunFolderError) as error:
+        return _complain(error, EXIT_USAGE)
+    except (BusError, ChildError, LogError) as error:
+        return _complain(error, EXIT_ENVIRONMENT)
+
+
+def _complain(error: Exception, code: int) -> int:
+    print(f"vobc: {error}", file=sys.stderr)
+    return code
+
+
+def _run(options: RunOptions, console: Console) -> int:
+    journey = plan_journey(options)
+    clock = WallClock()
+    words = f"{journey.line.name}_{journey.start.name}-{journey.end.name}"
+    folder = make_run_folder(options.out, clock.epoch_ns(), words)
+    if options.lockstep:
+        from metro_hil.lockstep import effective_tables, run_lockstep
+
+        write_config(folder, effective_tables(options, journey), clock.epoch_ns())
+        ending = run_lockstep(options, journey, folder)
+    else:
+        from metro_hil.lockstep import effective_tables
+        from metro_hil.supervise import RealtimeRun
+
+        write_config(folder, effective_tables(options, journey), clock.epoch_ns())
+        ending = RealtimeRun(options, journey, folder, console).run()
+    results = make_results(folder, journey, ending)
+    report(folder, journey, results, ending, console)
+    if options.json:
+        print(results.to_json())
+    return _exit_code(ending)
+
+
+def _exit_code(ending: Ending) -> int:
+    if ending.exit_reason == INTERRUPTED:
+        return EXIT_INTERRUPTED
+    return EXIT_FAILED if ending.failed else EXIT_OK
+
+
+def make_results(folder: RunFolder, journey: Journey, ending: Ending) -> RunResults:
+    """Measure a run from its logs; what a run ended too early for is left out."""
+    truth = read_columns(folder.truth_log) if ending.truth_known else None
+    cycles = read_columns(folder.cycle_log) if folder.cycle_log.exists() else None
+    motion = truth or cycles
+    return RunResults(
+        exit_reason=ending.exit_reason,
+        stops=measure_stops(motion, journey.stops) if motion else (),
+        ride=measure_ride(motion) if motion else None,
+        cycles=measure_cycles(cycles) if cycles else None,
+        events=supervision_events(cycles) if cycles else (),
+        frames=ending.frames,
+        bus_load_ratio=ending.bus_load_ratio,
+        frame_log_sha256=sha256_of(folder.bus_log),
+        real_time_factor=ending.real_time_factor,
+        rejected_frames=ending.rejected_frames,
+        steal_s=ending.steal_s,
+        realtime=ending.realtime,
+    )
+
+
+def report(
+    folder: RunFolder, journey: Journey, results: RunResults, ending: Ending, console: Console
+) -> None:
+    """Table, plot and results file."""
+    folder.results.write_text(results.to_json() + "\n", encoding="utf-8")
+    print_results(console, results)
+    if results.cycles and results.cycles.cycles > 1:
+        truth = read_columns(folder.truth_log) if ending.truth_known else None
+        title = f"{journey.line.name}: {journey.start.name} to {journey.end.name}"
+        draw_run(
+            folder.plot, title, journey.line, read_columns(folder.cycle_log), truth, results.stops
+        )
+        console.print(f"plot: {folder.plot}", highlight=False, soft_wrap=True)
+    console.print(f"run folder: {folder.path}", highlight=False, soft_wrap=True)
