@@ -1,0 +1,83 @@
+"""What trains and wayside tell each other by radio, and who is meant by a number."""
+
+import enum
+from dataclasses import dataclass
+from typing import Final
+
+WAYSIDE: Final = 0
+"""Address of the wayside; trains have 1..MAX_ADDRESS."""
+MAX_ADDRESS: Final = 65535
+
+
+@dataclass(frozen=True, slots=True)
+class PositionReport:
+    """A train tells where it is for certain. Chainages of the line; they may be negative."""
+
+    train: int
+    """Who sends it."""
+    boot: int
+    """Incarnation of the train's controller: grows with every start, so that nothing said to an
+    earlier one can be taken for an answer to this one."""
+    sequence: int
+    """Strictly increasing within one incarnation."""
+    stamp_ns: int
+    """Sender's monotonic clock at sending. To others it is no time; an authority echoes it."""
+    front_min_m: float
+    front_max_m: float
+    """The front coupler stands in [front_min_m, front_max_m]."""
+    rear_min_m: float
+    """The rear coupler stands nowhere behind this."""
+    speed_mps: float
+    """Best estimate, signed, positive forwards."""
+    standstill: bool
+    """Zero speed is proven."""
+    destination: int = WAYSIDE
+
+
+@dataclass(frozen=True, slots=True)
+class MovementAuthority:
+    """The front of `train` must never pass `end_m`."""
+
+    train: int
+    """Whom it is for."""
+    boot: int
+    """Incarnation that it answers."""
+    term: int
+    """Fencing token of the issuer's lease; a lower one than seen before is void."""
+    sequence: int
+    """Strictly increasing within one term, over all trains or for each."""
+    echo_stamp_ns: int
+    """`stamp_ns` of the report that it answers: its age in the receiver's own clock."""
+    end_m: float
+    """Chainage on the line."""
+    source: int = WAYSIDE
+    stamp_ns: int = 0
+    """Issuer's monotonic clock at sending, for logs; no decision rests on it."""
+
+
+Message = PositionReport | MovementAuthority
+
+
+class RefusedReason(enum.Enum):
+    TOO_SHORT = "too short"
+    TOO_LONG = "too long"
+    WRONG_CODE = "wrong safety code"
+    UNKNOWN_VERSION = "unknown version"
+    UNKNOWN_TYPE = "unknown type"
+    WRONG_FIELDS = "wrong fields"
+    INVALID_VALUE = "invalid value"
+    WRONG_SOURCE = "wrong source"
+    WRONG_DESTINATION = "wrong destination"
+    WRONG_BOOT = "wrong boot incarnation"
+    OLD_TERM = "old term"
+    NOT_NEWER = "repeated or out of order"
+    TOO_OLD = "too old"
+    FROM_THE_FUTURE = "from the future"
+
+
+@dataclass(frozen=True, slots=True)
+class Refused:
+    """A message that must not be acted on, and why."""
+
+    reason: RefusedReason
+    detail: str

@@ -1,0 +1,120 @@
+"""What only the receiver of a message can check: whom it is for, its order and its age. Pure.
+
+Each gate keeps the newest it let through and refuses what is not newer; a refused message changes
+nothing but a counter.
+"""
+
+from collections import Counter
+from collections.abc import Collection
+from typing import Final
+
+from zenoh_config.messages import (
+    WAYSIDE,
+    MovementAuthority,
+    PositionReport,
+    Refused,
+    RefusedReason,
+)
+
+NS_PER_MS: Final = 1_000_000
+
+
+class AuthorityGate:
+    """A train's gate for movement authorities."""
+
+    def __init__(
+        self,
+        *,
+        train: int,
+        boot: int,
+        max_age_ns: int,
+        sources: Collection[int] = (WAYSIDE,),
+        seen_term: int = 0,
+    ) -> None:
+        """`seen_term` is the highest term accepted before, across restarts; lower ones are void."""
+        assert max_age_ns > 0
+        self.refusals: Counter[RefusedReason] = Counter()
+        self.accepted = 0
+        self._train = train
+        self._boot = boot
+        self._max_age_ns = max_age_ns
+        self._sources = frozenset(sources)
+        self._newest = (seen_term, -1)
+
+    @property
+    def seen_term(self) -> int:
+        return self._newest[0]
+
+    def check(self, authority: MovementAuthority, now_ns: int) -> Refused | None:
+        """None when the authority may be acted on; then it is the newest from now on."""
+        refused = self._objection(authority, now_ns)
+        if refused is None:
+            self._newest = (authority.term, authority.sequence)
+            self.accepted += 1
+        else:
+            self.refusals[refused.reason] += 1
+        return refused
+
+    def _objection(self, authority: MovementAuthority, now_ns: int) -> Refused | None:
+        if authority.train != self._train:
+            detail = f"for train {authority.train}, this is train {self._train}"
+            return Refused(RefusedReason.WRONG_DESTINATION, detail)
+        if authority.source not in self._sources:
+            return Refused(RefusedReason.WRONG_SOURCE, f"from {authority.source}")
+        if authority.boot != self._boot:
+            detail = f"for incarnation {authority.boot}, this is {self._boot}"
+            return Refused(RefusedReason.WRONG_BOOT, detail)
+        age_ns = now_ns - authority.echo_stamp_ns
+        if age_ns < 0:
+            return Refused(RefusedReason.FROM_THE_FUTURE, f"by {-age_ns // NS_PER_MS} ms")
+        if age_ns > self._max_age_ns:
+            return Refused(RefusedReason.TOO_OLD, f"{age_ns // NS_PER_MS} ms")
+        if authority.term < self._newest[0]:
+            detail = f"term {authority.term}, {self._newest[0]} was seen"
+            return Refused(RefusedReason.OLD_TERM, detail)
+        if (authority.term, authority.sequence) <= self._newest:
+            return Refused(
+                RefusedReason.NOT_NEWER, f"sequence {authority.sequence}, {self._newest[1]} is held"
+            )
+        return None
+
+
+class ReportGate:
+    """The wayside's gate for position reports, over all trains.
+
+    A report carries no age that the wayside could judge; a stale one is harmless because the
+    authority that answers it echoes the train's own stamp and is too old when it gets there.
+    """
+
+    def __init__(self, *, address: int = WAYSIDE) -> None:
+        self.refusals: Counter[RefusedReason] = Counter()
+        self.accepted = 0
+        self._address = address
+        self._newest: dict[int, tuple[int, int, int]] = {}
+        """By train: boot, sequence, stamp."""
+
+    def check(self, report: PositionReport) -> Refused | None:
+        """None when the report may be acted on; then it is that train's newest from now on."""
+        refused = self._objection(report)
+        if refused is None:
+            self._newest[report.train] = (report.boot, report.sequence, report.stamp_ns)
+            self.accepted += 1
+        else:
+            self.refusals[refused.reason] += 1
+        return refused
+
+    def _objection(self, report: PositionReport) -> Refused | None:
+        if report.destination != self._address:
+            detail = f"for {report.destination}, this is {self._address}"
+            return Refused(RefusedReason.WRONG_DESTINATION, detail)
+        newest = self._newest.get(report.train)
+        if newest is None or report.boot > newest[0]:
+            return None
+        boot, sequence, stamp_ns = newest
+        if report.boot < boot:
+            detail = f"incarnation {report.boot} of train {report.train}, {boot} was heard"
+            return Refused(RefusedReason.WRONG_BOOT, detail)
+        if report.sequence <= sequence or report.stamp_ns < stamp_ns:
+            detail = f"sequence {report.sequence} of train {report.train}, {sequence} was heard"
+            return Refused(RefusedReason.NOT_NEWER, detail)
+        return None
