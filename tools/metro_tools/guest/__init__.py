@@ -1,0 +1,1 @@
+"""A throw-away Linux guest with SocketCAN, for machines whose own kernel has none."""

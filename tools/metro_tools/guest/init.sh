@@ -1,0 +1,121 @@
+# PID 1 of the guest: makes the host's file system its own, runs the command, reports, powers off.
+#
+# Started by `init` in the run directory, which has set: run, modules, toolbox, hostname, streams,
+# interfaces. Talks to the launcher through the serial line ttyS0: says "up", takes the names of
+# signals for the command, and says "status N" at the end. Lines ttyS1 and ttyS2 carry the command's
+# standard output and standard error.
+
+b=$run/busybox
+exec 2>&1 # both are the console, which the launcher keeps for the case of trouble
+
+fail() {
+    echo "vcan-guest: $*"
+    $b poweroff -f
+}
+
+load_modules() {
+    for module in "$modules"/*; do
+        $b insmod "$module" || fail "cannot load $module"
+    done
+}
+
+# The root is the host's, read-only. Under it goes the toolbox, so that the host's own programs win;
+# over it goes memory. It is mounted anew because a file system may not overlap itself in an overlay.
+stack_root() {
+    $b mount -t tmpfs -o size=90% tmpfs "$run/mnt" || fail "no tmpfs"
+    cd "$run/mnt" || fail "no $run/mnt"
+    $b mkdir upper work root toolbox
+    $b mount -t hostfs -o "$toolbox" hostfs toolbox || fail "no toolbox"
+    $b mount -t overlay -o "lowerdir=/:toolbox,upperdir=upper,workdir=work" overlay root ||
+        fail "no overlay"
+}
+
+mount_devices() {
+    cd root || fail "no root"
+    $b mount -t proc proc proc
+    $b mount -t sysfs sysfs sys
+    $b mount -t devtmpfs devtmpfs dev
+    $b mkdir -p dev/pts dev/shm
+    $b mount -t devpts -o mode=620,ptmxmode=666 devpts dev/pts
+    $b mount -t tmpfs tmpfs dev/shm
+    $b mount -t tmpfs -o mode=755 tmpfs run
+    for link in fd:fd stdin:fd/0 stdout:fd/1 stderr:fd/2; do
+        $b ln -s "/proc/self/${link#*:}" "dev/${link%%:*}"
+    done
+}
+
+enter_root() {
+    $b mkdir -p run/vcan-guest/host
+    $b pivot_root . run/vcan-guest/host || fail "cannot change the root"
+    cd / || fail "no root"
+    $b umount -l /run/vcan-guest/host
+}
+
+let_through() {
+    $b mount -t hostfs -o "$run" hostfs "$run" || fail "cannot mount $run"
+    while read -r directory; do
+        $b mount -t hostfs -o "$directory" hostfs "$directory" || fail "cannot mount $directory"
+    done <"$run/writable"
+}
+
+raise_network() {
+    $b hostname "$hostname"
+    $b ip link set lo up multicast on
+    $b ip route add 224.0.0.0/4 dev lo
+    [ -d /proc/net/can ] || fail "this kernel has no CAN"
+    for name in $interfaces; do
+        $b ip link add name "$name" type vcan && $b ip link set "$name" up || fail "cannot make $name"
+    done
+}
+
+open_lines() {
+    cd /run/vcan-guest || fail "no /run/vcan-guest"
+    $b stty -F /dev/ttyS0 raw -echo
+    for line in $streams; do
+        $b mkfifo "$line"
+        $b stty -F "/dev/ttyS$line" raw -echo
+        $b cat <"$line" >"/dev/ttyS$line" &
+        relays="$relays $!"
+    done
+}
+
+# What a terminal would do: the signal goes to the command, and timeout hands it on to its group.
+pass_signals() {
+    while read -r signal; do
+        [ -s command.pid ] && kill -s "$signal" "$($b cat command.pid)"
+    done </dev/ttyS0
+}
+
+# Whatever is still there would keep the output open.
+end_the_rest() {
+    for process in /proc/[0-9]*; do
+        process=${process#/proc/}
+        case " 1 $relays " in
+        *" $process "*) ;;
+        *) kill -9 "$process" ;;
+        esac
+    done 2>/dev/null
+    # shellcheck disable=SC2086 # a list of process numbers
+    wait $relays
+}
+
+relays=
+$b mount -t proc proc /proc
+load_modules
+stack_root
+mount_devices
+enter_root
+let_through
+raise_network
+open_lines
+pass_signals &
+echo up >/dev/ttyS0
+case $streams in
+1) $b sh "$run/command" </dev/null >1 2>&1 ;;
+*) $b sh "$run/command" </dev/null >1 2>2 ;;
+esac
+status=$?
+end_the_rest
+echo "status $status" >/dev/ttyS0
+$b sync
+$b poweroff -f

@@ -1,0 +1,303 @@
+"""The guest as a process: started, listened to, passed signals, and never left behind."""
+
+import ctypes
+import os
+import select
+import selectors
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import FrameType
+from typing import IO, Final
+
+from metro_tools.guest import plan
+from metro_tools.guest.plan import GuestError, Machine, MemoryPlace, Request
+
+BOOT_TIMEOUT_S: Final = 90.0
+"""A second or two is usual; the rest is for a machine with much else to do."""
+HANG_GRACE_S: Final = 60.0
+"""Beyond the command's own limit, which the guest enforces: this is for a guest that hangs."""
+SIGNAL_GRACE_S: Final = 20.0
+"""From a signal passed on to the end of the guest; a run writes its report in that time."""
+FLUSH_TIMEOUT_S: Final = 5.0
+"""For the guest to power off, and for the last of its output."""
+WAIT_MAX_S: Final = 60.0
+CHUNK_BYTES: Final = 65536
+PASSED_SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+PR_SET_PDEATHSIG: Final = 1
+
+
+@dataclass(slots=True)
+class _Wires:
+    """Pipes between launcher and guest, who makes its ends non-blocking: they are nobody else's."""
+
+    orders_in: int
+    orders_out: int
+    reports_in: int
+    reports_out: int
+    streams: list[tuple[int, int, int]] = field(default_factory=list)
+    """Read end, write end, and the launcher's own descriptor where it goes."""
+
+    def guest_ends(self) -> list[int]:
+        return [self.orders_in, self.reports_out, *(write for _, write, _ in self.streams)]
+
+    def launcher_ends(self) -> list[int]:
+        return [self.orders_out, self.reports_in, *(read for read, _, _ in self.streams)]
+
+
+@dataclass(slots=True)
+class _Course:
+    """How far the guest has come."""
+
+    is_up: bool = False
+    status: int | None = None
+    signals: list[int] = field(default_factory=list)
+    """Received and not passed on yet."""
+    deadline_s: float = 0.0
+    why: str = "did not come up"
+    """What to say when the deadline passes."""
+
+
+def run(request: Request, cache: Path, memory_mib: int, *, verbose: bool) -> int:
+    """Boot, run, power off; the command's exit status.
+
+    Raises:
+        GuestError: the guest did not come up, hung or crashed; with its last messages.
+    """
+    place, memory_mib = plan.choose_memory(memory_places(), memory_mib)
+    with _run_dir() as run_dir:
+        machine = Machine(
+            kernel=cache / "kernel/linux",
+            busybox=cache / "kernel/busybox",
+            modules=cache / "kernel/modules",
+            toolbox=cache / "toolbox",
+            run_dir=run_dir,
+        )
+        _write_scripts(request, machine, run_dir)
+        try:
+            return _boot(request, machine, memory_mib, place)
+        except GuestError as error:
+            raise GuestError(f"{error}\n{_last_messages(run_dir)}") from error
+        finally:
+            if verbose:
+                text = (run_dir / "console.log").read_text(errors="replace")
+                print(text, file=sys.stderr, flush=True)
+
+
+def memory_places() -> Iterator[MemoryPlace]:
+    """File systems where the guest's memory could live, best first."""
+    kinds = {}
+    for line in Path("/proc/mounts").read_text(errors="replace").splitlines():
+        _, mount_point, kind, *_ = line.split()
+        kinds[mount_point] = kind
+    for path in ("/dev/shm", os.environ.get("XDG_RUNTIME_DIR", ""), "/tmp", "/run/shm"):  # noqa: S108
+        if path and path in kinds and os.access(path, os.W_OK):
+            state = os.statvfs(path)
+            yield MemoryPlace(
+                path=path,
+                kind=kinds[path],
+                executable=not state.f_flag & os.ST_NOEXEC,
+                free_mib=state.f_bavail * state.f_frsize // plan.MIB,
+            )
+
+
+@contextmanager
+def _run_dir() -> Iterator[Path]:
+    # Directly in /tmp: the path goes on the kernel's command line, where a blank would end it.
+    path = Path(tempfile.mkdtemp(prefix="vcan-guest.", dir="/tmp"))
+    try:
+        yield path
+    finally:
+        shutil.rmtree(path, ignore_errors=True)
+
+
+def _write_scripts(request: Request, machine: Machine, run_dir: Path) -> None:
+    timeout_program = shutil.which("timeout")
+    if timeout_program is None:
+        raise GuestError("the program timeout (package coreutils) is missing")
+    busybox = run_dir / "busybox"
+    shutil.copy2(machine.busybox, busybox)
+    (run_dir / "mnt").mkdir()
+    (run_dir / "writable").write_text(plan.writable_list(request))
+    (run_dir / "command").write_text(plan.command_script(request, str(busybox), timeout_program))
+    source = Path(__file__).with_name("init.sh").read_text()
+    init = run_dir / "init"
+    init.write_text(f"#!{busybox} sh\n{plan.settings_script(request, machine)}{source}")
+    init.chmod(0o700)
+
+
+def _boot(request: Request, machine: Machine, memory_mib: int, place: MemoryPlace) -> int:
+    wires = _lay_wires(one_stream=request.one_stream)
+    words = plan.kernel_arguments(
+        machine,
+        memory_mib,
+        control=(wires.orders_in, wires.reports_out),
+        streams=[write for _, write, _ in wires.streams],
+    )
+    environment = {**os.environ, "TMPDIR": place.path}
+    with (Path(machine.run_dir) / "console.log").open("wb") as console, _kept_signals() as caught:
+        process = _start(words, environment, wires, console)
+        try:
+            return _attend(process, wires, request.timeout_s, caught)
+        finally:
+            _end(process)
+            for descriptor in wires.launcher_ends():
+                os.close(descriptor)
+
+
+def _lay_wires(*, one_stream: bool) -> _Wires:
+    wires = _Wires(*os.pipe(), *os.pipe())
+    for own in (1,) if one_stream else (1, 2):
+        wires.streams.append((*os.pipe(), own))
+    return wires
+
+
+def _start(
+    words: Sequence[str], environment: dict[str, str], wires: _Wires, console: IO[bytes]
+) -> subprocess.Popen[bytes]:
+    """Start the kernel as leader of a session of its own, so that a Ctrl-C does not reach it."""
+    try:
+        process = subprocess.Popen(  # noqa: S603 # the kernel from the cache
+            words,
+            env=environment,
+            stdin=subprocess.DEVNULL,
+            stdout=console,
+            stderr=console,
+            pass_fds=wires.guest_ends(),
+            start_new_session=True,
+            preexec_fn=_die_with_parent,
+        )
+    except OSError as error:
+        raise GuestError(f"cannot start {words[0]}: {error.strerror}") from error
+    for descriptor in wires.guest_ends():
+        os.close(descriptor)
+    return process
+
+
+def _die_with_parent() -> None:
+    """Ask for SIGTERM, on which the kernel ends all of its processes, when the launcher is gone."""
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
+
+
+@contextmanager
+def _kept_signals() -> Iterator[_Course]:
+    """Note the signals that would end the launcher, to pass them on instead."""
+    course = _Course()
+
+    def note(number: int, _frame: FrameType | None) -> None:
+        course.signals.append(number)
+
+    before = {number: signal.signal(number, note) for number in PASSED_SIGNALS}
+    try:
+        yield course
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _attend(
+    process: subprocess.Popen[bytes], wires: _Wires, timeout_s: int, course: _Course
+) -> int:
+    """Relay output, follow reports and pass signals on until the guest is gone."""
+    course.deadline_s = time.monotonic() + BOOT_TIMEOUT_S
+    reports = bytearray()
+    with selectors.DefaultSelector() as selector, _wakeup(selector):
+        selector.register(wires.reports_in, selectors.EVENT_READ, None)
+        for read, _, own in wires.streams:
+            selector.register(read, selectors.EVENT_READ, own)
+        while len(selector.get_map()) > 1 and (left_s := course.deadline_s - time.monotonic()) > 0:
+            for key, _ in selector.select(min(left_s, WAIT_MAX_S)):
+                _take(selector, key, reports)
+            _follow(reports, course, timeout_s)
+            _pass_signals(course, wires.orders_out)
+            if process.poll() is not None:
+                # It is gone; its pipes end at once unless a stray process of it holds them.
+                course.deadline_s = min(course.deadline_s, time.monotonic() + FLUSH_TIMEOUT_S)
+    if course.status is None:
+        crashed = course.is_up and process.poll() is not None
+        raise GuestError(f"the guest {'crashed' if crashed else course.why}")
+    return course.status
+
+
+@contextmanager
+def _wakeup(selector: selectors.BaseSelector) -> Iterator[None]:
+    """Let a signal end the wait of the selector."""
+    read, write = os.pipe()
+    os.set_blocking(read, False)
+    os.set_blocking(write, False)
+    before = signal.set_wakeup_fd(write, warn_on_full_buffer=False)
+    selector.register(read, selectors.EVENT_READ, read)
+    try:
+        yield
+    finally:
+        signal.set_wakeup_fd(before)
+        os.close(read)
+        os.close(write)
+
+
+def _take(selector: selectors.BaseSelector, key: selectors.SelectorKey, reports: bytearray) -> None:
+    """Move what there is: output to where it goes, reports to their buffer."""
+    data = os.read(key.fd, CHUNK_BYTES)
+    if key.data == key.fd:  # the wake-up pipe
+        return
+    if not data:
+        selector.unregister(key.fd)
+    elif key.data is None:
+        reports += data
+    else:
+        _write_all(key.data, data)
+
+
+def _write_all(descriptor: int, data: bytes) -> None:
+    view = memoryview(data)
+    while view:
+        try:
+            view = view[os.write(descriptor, view) :]
+        except BlockingIOError:  # somebody else made it non-blocking
+            select.select([], [descriptor], [])
+
+
+def _follow(reports: bytearray, course: _Course, timeout_s: int) -> None:
+    """Act on the whole lines among the reports."""
+    while (end := reports.find(b"\n")) >= 0:
+        words = bytes(reports[:end]).split()
+        del reports[: end + 1]
+        if words == [b"up"]:
+            course.is_up = True
+            course.why = "hung"
+            limit_s = timeout_s + HANG_GRACE_S if timeout_s else float("inf")
+            course.deadline_s = time.monotonic() + limit_s
+        elif len(words) == 2 and words[0] == b"status":
+            course.status = int(words[1])
+            course.deadline_s = time.monotonic() + FLUSH_TIMEOUT_S
+
+
+def _pass_signals(course: _Course, orders_out: int) -> None:
+    """Hand the first signal to the command; on a second one there is no more patience."""
+    while course.signals:
+        number = course.signals.pop(0)
+        if not course.is_up or course.why == "did not end after a signal":
+            raise KeyboardInterrupt
+        os.write(orders_out, signal.Signals(number).name.removeprefix("SIG").encode() + b"\n")
+        course.why = "did not end after a signal"
+        course.deadline_s = min(course.deadline_s, time.monotonic() + SIGNAL_GRACE_S)
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    """Kill what is left of the guest: the kernel and the host processes that its processes are."""
+    with suppress(ProcessLookupError):
+        os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+
+
+def _last_messages(run_dir: Path) -> str:
+    text = (run_dir / "console.log").read_text(errors="replace").strip()
+    lines = text.splitlines()[-15:]
+    return "its last messages:\n  " + "\n  ".join(lines) if lines else "it said nothing"
