@@ -49,7 +49,7 @@ _encode: Final = msgspec.msgpack.Encoder().encode
 
 
 def safety_key(text: str) -> bytes:
-    """A key as a configuration spells it, in hexadecimal. Raises ValueError saying what is wrong."""
+    """A key as a configuration spells it, in hexadecimal. Raises ValueError saying why not."""
     try:
         key = bytes.fromhex(text)
     except ValueError as error:
