@@ -8,7 +8,7 @@ from can_dbc.binding import frame
 @frame("brake.dbc", "BRAKE_CMD")
 @dataclass(frozen=True, slots=True)
 class BrakeCommand:
-    """Vital, sent with an inverted twin. Without a valid pair for 150 ms the emergency brake applies."""
+    """Vital, sent with an inverted twin. Without a valid pair for 150 ms it brakes by itself."""
 
     service_decel_mps2: float
     """Deceleration asked of the service brake; 0 releases it."""

@@ -1,9 +1,14 @@
-"""Heartbeats, emergency messages and time as CANopen (CiA 301) lays them out, and the train's load."""
+"""Time, heartbeats and emergency messages as CANopen (CiA 301) has them, and the train's load."""
 
 import enum
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import ClassVar, Final, TypeVar
 
-from can_dbc.binding import frame
+from can_dbc.binding import Frame, frame
+from can_dbc.nodes import Node
+
+F = TypeVar("F", bound=Frame)
 
 
 class NodeState(enum.IntEnum):
@@ -17,20 +22,44 @@ class NodeState(enum.IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Heartbeat:
-    """Sent every second by every node; a message of its own for each."""
+    """Sent every second by every node; `HEARTBEATS` has the class of each."""
 
+    node: ClassVar[Node]
     state: NodeState
 
 
 @dataclass(frozen=True, slots=True)
 class Emergency:
-    """CANopen EMCY: sent once when an error appears and once, with code 0, when it is gone."""
+    """Sent once when an error appears and once, with code 0, when it is gone.
 
+    `EMERGENCIES` has the class of each node.
+    """
+
+    node: ClassVar[Node]
     error_code: int
     """CiA 301 table 26, or a code of the manufacturer's from 0xFF00 on."""
     error_register: int
     detail: int
     """The manufacturer's 40 bits; meaning depends on the code."""
+
+
+def _one_for_each_node(base: type[F], prefix: str) -> Mapping[Node, type[F]]:
+    """A subclass of `base` for every node, bound to the message PREFIX_NODE."""
+    return {
+        node: frame("diagnostics.dbc", f"{prefix}_{node.name}")(
+            type(f"{base.__name__}{node.name.capitalize()}", (base,), _members(node))
+        )
+        for node in Node
+    }
+
+
+def _members(node: Node) -> dict[str, object]:
+    return {"__slots__": (), "__module__": __name__, "node": node}
+
+
+HEARTBEATS: Final = _one_for_each_node(Heartbeat, "HEARTBEAT")
+"""`HEARTBEATS[Node.BCU](NodeState.OPERATIONAL)` is what the brake control unit sends."""
+EMERGENCIES: Final = _one_for_each_node(Emergency, "EMCY")
 
 
 @frame("diagnostics.dbc", "TCMS_STATUS")

@@ -1,0 +1,155 @@
+"""Ties a frame class to its DBC message on import; a mismatch raises and says what to change."""
+
+import functools
+import importlib
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, TypeVar
+
+from cantools.database.can import Message
+
+from can_dbc import agreement, dbc_file
+from can_dbc.agreement import FieldLayout, Frame
+from can_dbc.dbc_file import TWIN_SUFFIX, BindingError, DbcFile, Protection
+
+__all__ = [
+    "Binding",
+    "BindingError",
+    "Frame",
+    "Protection",
+    "bind",
+    "binding",
+    "can_id",
+    "frame",
+    "is_vital",
+    "kinds",
+    "message",
+    "period_s",
+    "sender",
+    "timeout_s",
+]
+
+F = TypeVar("F", bound=Frame)
+
+
+@dataclass(frozen=True, slots=True)
+class Binding:
+    """A frame class and the message that carries it, known to agree."""
+
+    kind: type[Frame]
+    file: DbcFile
+    message: Message
+    twin: Message | None
+    """The inverted copy on the next identifier; only vital messages have one."""
+    protection: Protection
+    fields: tuple[FieldLayout, ...]
+    period_s: float
+    timeout_s: float
+
+    @property
+    def messages(self) -> tuple[Message, ...]:
+        """What goes out for one frame, in this order."""
+        return (self.message,) if self.twin is None else (self.message, self.twin)
+
+
+_BINDINGS: Final[dict[type, Binding]] = {}
+
+
+def frame(dbc: str | Path, message_name: str) -> Callable[[type[F]], type[F]]:
+    """Bind the decorated dataclass to a message.
+
+    Args:
+        dbc: name of a file of this package, or a path to any other.
+        message_name: as the file has it.
+
+    Raises:
+        BindingError: with a line for every mismatch.
+    """
+
+    def bound(kind: type[F]) -> type[F]:
+        file = dbc_file.read(dbc) if isinstance(dbc, Path) else dbc_file.shipped(dbc)
+        _BINDINGS[kind] = bind(kind, file, message_name)
+        return kind
+
+    return bound
+
+
+def bind(kind: type[Frame], file: DbcFile, message_name: str) -> Binding:
+    """What `frame` does, without remembering it."""
+    found = file.message(message_name)
+    faults = list(agreement.mismatches(kind, file, found))
+    if faults:
+        raise BindingError("\n".join(faults))
+    return Binding(
+        kind=kind,
+        file=file,
+        message=found,
+        twin=file.messages.get(message_name + TWIN_SUFFIX),
+        protection=dbc_file.protection(found),
+        fields=agreement.layouts(kind, found),
+        period_s=dbc_file.period_ms(found) / 1000.0,
+        timeout_s=dbc_file.timeout_ms(found) / 1000.0 or math.inf,
+    )
+
+
+def kinds() -> tuple[type[Frame], ...]:
+    """Every frame class of this package, by rising identifier."""
+    return _shipped_kinds()
+
+
+@functools.cache
+def _shipped_kinds() -> tuple[type[Frame], ...]:
+    """A DBC file and the module of the same name belong together, so the files name the modules."""
+    for name in dbc_file.names():
+        importlib.import_module("can_dbc." + name.removesuffix(".dbc"))
+    files = [dbc_file.shipped(name) for name in dbc_file.names()]
+    dbc_file.refuse_shared("all files", [m for file in files for m in file.messages.values()])
+    shipped = {id(file) for file in files}
+    bound = [each for each in _BINDINGS.values() if id(each.file) in shipped]
+    return tuple(each.kind for each in sorted(bound, key=lambda each: each.message.frame_id))
+
+
+@functools.cache
+def known_ids() -> frozenset[int]:
+    """Every identifier of this package's DBC files."""
+    return frozenset(each.frame_id for kind in kinds() for each in binding(kind).messages)
+
+
+def binding(kind: type) -> Binding:
+    """TypeError for a class that `frame` has not seen."""
+    try:
+        return _BINDINGS[kind]
+    except KeyError:
+        raise TypeError(f"{kind.__name__} is bound to no DBC message; decorate it") from None
+
+
+def message(kind: type) -> Message:
+    """The message as cantools knows it."""
+    return binding(kind).message
+
+
+def can_id(kind: type) -> int:
+    """Identifier; that of the first half for a vital message."""
+    return binding(kind).message.frame_id
+
+
+def sender(kind: type) -> str:
+    """Name of the node that sends it."""
+    return binding(kind).message.senders[0]
+
+
+def period_s(kind: type) -> float:
+    """From one transmission to the next; 0 for a message that is sent on occasion."""
+    return binding(kind).period_s
+
+
+def timeout_s(kind: type) -> float:
+    """Age at which a receiver gives the message up; infinite for one that is sent on occasion."""
+    return binding(kind).timeout_s
+
+
+def is_vital(kind: type) -> bool:
+    """Whether it travels as a pair with an inverted twin."""
+    return binding(kind).protection is Protection.VITAL

@@ -1,0 +1,286 @@
+"""Frames to bytes and back: alive counter, CRC and inverted twin; a bad frame becomes a value."""
+
+from binascii import crc_hqx
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any, Final
+
+from cantools.database.can import Message
+
+from can_dbc.agreement import payload_bytes
+from can_dbc.binding import Binding, Frame, Protection, binding, known_ids
+from can_dbc.packing import EncodeError, invalid_values, packer, unpacker
+from can_dbc.rejection import Reason, Rejected
+from can_dbc.trailer import AliveCounter, crc_of_data_id, damage, opener
+
+__all__ = [
+    "Decoder",
+    "EncodeError",
+    "Encoder",
+    "Reason",
+    "Rejected",
+    "TWIN_WITHIN_NS",
+]
+
+TWIN_WITHIN_NS: Final = 20_000_000
+"""The second half of a vital pair must be heard this soon after the first."""
+
+Sent = tuple[tuple[int, bytes], ...]
+
+
+Heard = Frame | Rejected | None
+Hear = Callable[[bytes, int], Heard]
+Reject = Callable[[bytes, Reason, str], Rejected]
+
+
+class Encoder:
+    """Turns frames into what goes out on the bus, and counts every transmission.
+
+    Numbers beyond the range of their signal are sent as its end; infinity is such a number.
+    """
+
+    def __init__(self, kinds: Iterable[type[Frame]] = ()) -> None:
+        """`kinds` are made ready now; any other costs a millisecond when it is first sent."""
+        self._send: dict[type, Callable[[Any], Sent]] = {}
+        for kind in kinds:
+            self._prepare(kind)
+
+    def encode(self, frame: Frame) -> Sent:
+        """Identifier and payload, twice for a vital frame: itself and then its inverted twin.
+
+        Raises:
+            EncodeError: for NaN or a value of another type than the field's.
+        """
+        send = self._send.get(type(frame))
+        if send is None:
+            send = self._prepare(type(frame))
+        return send(frame)
+
+    def _prepare(self, kind: type[Frame]) -> Callable[[Any], Sent]:
+        bound = binding(kind)
+        make = {
+            Protection.NONE: _plain_sender,
+            Protection.SAFETY: _safe_sender,
+            Protection.VITAL: _vital_sender,
+        }[bound.protection]
+        send = self._send[kind] = make(bound)
+        return send
+
+
+class Decoder:
+    """Turns what was heard on the bus into frames, and refuses what cannot be trusted."""
+
+    def __init__(
+        self,
+        kinds: Iterable[type[Frame]],
+        timeouts_s: Mapping[type[Frame], float] | None = None,
+    ) -> None:
+        """Wants the frames of `kinds`.
+
+        Args:
+            timeouts_s: silence after which any alive counter starts anew, for kinds that are sent
+                at another period than their DBC file says.
+        """
+        self.rejections: Counter[tuple[int, Reason]] = Counter()
+        """How often each identifier was refused, and why."""
+        self.lost: Counter[int] = Counter()
+        """Frames that never came, by the gaps in accepted alive counters."""
+        self._hear: dict[int, Hear] = {}
+        for kind in kinds:
+            bound = binding(kind)
+            silence_s = (timeouts_s or {}).get(kind, bound.timeout_s)
+            self._prepare(bound, silence_s)
+
+    @property
+    def ids(self) -> frozenset[int]:
+        """The identifiers it wants, for acceptance filters."""
+        return frozenset(self._hear)
+
+    def decode(self, can_id: int, data: bytes, heard_ns: int) -> Heard:
+        """What one received frame means.
+
+        None for the first half of a vital pair, which says nothing without its twin, and for an
+        identifier that the bus knows but this decoder was not asked for. A first half whose twin
+        never came is refused when the next first half arrives.
+        """
+        hear = self._hear.get(can_id)
+        if hear is not None:
+            return hear(data, heard_ns)
+        if can_id in known_ids():
+            return None
+        return self._reject(can_id)(data, Reason.UNKNOWN_ID, f"{can_id:#x} is in no DBC file")
+
+    def _prepare(self, bound: Binding, silence_s: float) -> None:
+        can_id = bound.message.frame_id
+        reject = self._reject(can_id)
+        if bound.protection is Protection.NONE:
+            self._hear[can_id] = _plain_receiver(bound, reject)
+            return
+        alive = AliveCounter(can_id, self.lost, round(silence_s * 1e9))
+        if bound.twin is None:
+            self._hear[can_id] = _safe_receiver(bound, alive, reject)
+            return
+        twin_id = bound.twin.frame_id
+        self._hear[can_id], self._hear[twin_id] = _vital_receivers(
+            bound, bound.twin, alive, reject, self._reject(twin_id)
+        )
+
+    def _reject(self, can_id: int) -> Reject:
+        def reject(data: bytes, reason: Reason, detail: str) -> Rejected:
+            self.rejections[can_id, reason] += 1
+            return Rejected(can_id, bytes(data), reason, detail)
+
+        return reject
+
+
+def _plain_sender(bound: Binding) -> Callable[[Any], Sent]:
+    can_id, length = bound.message.frame_id, bound.message.length
+    pack = packer(bound.kind)
+
+    def send(frame: Any) -> Sent:
+        return ((can_id, pack(frame).to_bytes(length, "little")),)
+
+    return send
+
+
+def _safe_sender(bound: Binding) -> Callable[[Any], Sent]:
+    can_id, start = bound.message.frame_id, crc_of_data_id(bound.message)
+    size = payload_bytes(bound.message) + 1
+    counter_at = 8 * (size - 1)
+    pack = packer(bound.kind)
+    counter, last, payload = 0xFF, None, 0
+
+    def send(frame: Any) -> Sent:
+        nonlocal counter, last, payload
+        if frame is not last:
+            payload = pack(frame)
+            last = frame
+        counter = counter + 1 & 0xFF
+        body = (payload + (counter << counter_at)).to_bytes(size, "little")
+        return ((can_id, body + crc_hqx(body, start).to_bytes(2, "little")),)
+
+    return send
+
+
+def _vital_sender(bound: Binding) -> Callable[[Any], Sent]:
+    assert bound.twin is not None
+    can_id, twin_id = bound.message.frame_id, bound.twin.frame_id
+    start, twin_start = crc_of_data_id(bound.message), crc_of_data_id(bound.twin)
+    size = payload_bytes(bound.message) + 1
+    counter_at = 8 * (size - 1)
+    ones = (1 << counter_at) - 1
+    pack = packer(bound.kind)
+    counter, last, payload = 0xFF, None, 0
+
+    def send(frame: Any) -> Sent:
+        nonlocal counter, last, payload
+        if frame is not last:
+            payload = pack(frame)
+            last = frame
+        counter = counter + 1 & 0xFF
+        body = (payload + (counter << counter_at)).to_bytes(size, "little")
+        inverted = ((payload ^ ones) + (counter << counter_at)).to_bytes(size, "little")
+        return (
+            (can_id, body + crc_hqx(body, start).to_bytes(2, "little")),
+            (twin_id, inverted + crc_hqx(inverted, twin_start).to_bytes(2, "little")),
+        )
+
+    return send
+
+
+def _reader(bound: Binding) -> Callable[[int], Frame | None]:
+    """Payload bits to frame; the same bits again give the same frame, which nobody can change."""
+    unpack = unpacker(bound.kind)
+    last_bits, last = -1, None
+
+    def read(bits: int) -> Frame | None:
+        nonlocal last_bits, last
+        if bits != last_bits:
+            last = unpack(bits)
+            last_bits = bits
+        return last
+
+    return read
+
+
+def _plain_receiver(bound: Binding, reject: Reject) -> Hear:
+    message, length = bound.message, bound.message.length
+    read = _reader(bound)
+
+    def hear(data: bytes, _heard_ns: int) -> Heard:
+        if len(data) != length:
+            return reject(data, *damage(message, data))
+        bits = int.from_bytes(data, "little")
+        frame = read(bits)
+        if frame is None:
+            return reject(data, Reason.INVALID_VALUE, invalid_values(bound.fields, bits))
+        return frame
+
+    return hear
+
+
+def _safe_receiver(bound: Binding, alive: AliveCounter, reject: Reject) -> Hear:
+    message, opened, read = bound.message, opener(bound.message), _reader(bound)
+    counter_at = 8 * payload_bytes(message)
+    mask = (1 << counter_at) - 1
+
+    def hear(data: bytes, heard_ns: int) -> Heard:
+        word = opened(data)
+        if word < 0:
+            return reject(data, *damage(message, data))
+        fault = alive.fault(word >> counter_at, heard_ns)
+        if fault is not None:
+            return reject(data, *fault)
+        frame = read(word & mask)
+        if frame is None:
+            return reject(data, Reason.INVALID_VALUE, invalid_values(bound.fields, word & mask))
+        return frame
+
+    return hear
+
+
+def _vital_receivers(
+    bound: Binding, twin: Message, alive: AliveCounter, reject: Reject, reject_twin: Reject
+) -> tuple[Hear, Hear]:
+    """The receivers of the two halves; what the first hears waits for the second."""
+    message, opened, opened_twin = bound.message, opener(bound.message), opener(twin)
+    read = _reader(bound)
+    counter_at = 8 * payload_bytes(message)
+    mask = (1 << counter_at) - 1
+    waiting: tuple[int, int, bytes] | None = None
+
+    def hear_first(data: bytes, heard_ns: int) -> Heard:
+        nonlocal waiting
+        word = opened(data)
+        if word < 0:
+            return reject(data, *damage(message, data))
+        fault = alive.fault(word >> counter_at, heard_ns)
+        if fault is not None:
+            return reject(data, *fault)
+        alone, waiting = waiting, (word, heard_ns, data)
+        if alone is not None:
+            return reject(alone[2], Reason.TWIN_TIMEOUT, f"no {twin.name} before the next pair")
+        return None
+
+    def hear_twin(data: bytes, heard_ns: int) -> Heard:
+        nonlocal waiting
+        word = opened_twin(data)
+        if word < 0:
+            return reject_twin(data, *damage(twin, data))
+        if waiting is None:
+            detail = f"no {message.name} waits for it"
+            return reject_twin(data, Reason.TWIN_MISMATCH, detail)
+        (first, first_ns, first_data), waiting = waiting, None
+        if heard_ns - first_ns > TWIN_WITHIN_NS:
+            detail = f"{(heard_ns - first_ns) / 1e6:.1f} ms after {message.name}"
+            return reject_twin(data, Reason.TWIN_TIMEOUT, detail)
+        if first ^ word != mask:
+            detail = f"not the inverse of {message.name}"
+            return reject_twin(data, Reason.TWIN_MISMATCH, detail)
+        frame = read(first & mask)
+        if frame is None:
+            detail = invalid_values(bound.fields, first & mask)
+            return reject(first_data, Reason.INVALID_VALUE, detail)
+        return frame
+
+    return hear_first, hear_twin

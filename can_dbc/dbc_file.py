@@ -1,0 +1,160 @@
+"""DBC files as cantools reads them, each parsed once, and the attributes this bus adds to them."""
+
+import difflib
+import enum
+import functools
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Final
+
+import cantools.database
+from cantools.database.can import Message, Signal
+
+COUNTER_NAME: Final = "alive_counter"
+CRC_NAME: Final = "crc16"
+TWIN_SUFFIX: Final = "_INV"
+"""The inverted twin of a vital message carries the message's name and this."""
+TIMEOUT_PERIODS: Final = 3
+"""A receiver gives a message up after this many periods, unless TimeoutMs gives it longer."""
+
+
+class BindingError(Exception):
+    """A DBC file and a frame class contradict each other; says where and what to change."""
+
+
+class Protection(enum.Enum):
+    """How a message is guarded; numbered as the DBC attribute of this name numbers them."""
+
+    NONE = 0
+    SAFETY = 1
+    """Alive counter and CRC in the last three bytes."""
+    VITAL = 2
+    """The same, and an inverted twin right behind it."""
+
+
+@dataclass(frozen=True, slots=True)
+class DbcFile:
+    """One parsed file."""
+
+    name: str
+    messages: Mapping[str, Message]
+
+    def message(self, name: str) -> Message:
+        """The message called `name`; BindingError with the nearest name when there is none."""
+        if name not in self.messages:
+            near = difflib.get_close_matches(name, self.messages, n=1)
+            hint = f"; did you mean {near[0]}?" if near else ""
+            raise BindingError(f"{self.name}: {name}: no such message{hint}")
+        return self.messages[name]
+
+
+def names() -> list[str]:
+    """The DBC files of this package, sorted."""
+    folder = resources.files("can_dbc")
+    return sorted(entry.name for entry in folder.iterdir() if entry.name.endswith(".dbc"))
+
+
+@functools.cache
+def shipped(name: str) -> DbcFile:
+    """A file of this package, by its name."""
+    if name not in names():
+        raise BindingError(f"{name}: no such file; shipped are {', '.join(names())}")
+    return parse((resources.files("can_dbc") / name).read_text(encoding="ascii"), name)
+
+
+@functools.cache
+def read(path: Path) -> DbcFile:
+    """A file from anywhere."""
+    try:
+        text = path.read_text(encoding="cp1252")
+    except OSError as error:
+        raise BindingError(f"{path}: cannot be read: {error.strerror}") from error
+    return parse(text, str(path))
+
+
+def parse(text: str, name: str) -> DbcFile:
+    """The content of a DBC file; `name` is what errors call it."""
+    database = cantools.database.Database(strict=True)
+    try:
+        database.add_dbc_string(text)
+    except Exception as error:
+        # The parser's errors share no base class; whatever it says is about this text.
+        raise BindingError(f"{name}: not a usable DBC file: {error}") from error
+    refuse_shared(name, database.messages)
+    return DbcFile(name, {message.name: message for message in database.messages})
+
+
+def refuse_shared(where: str, messages: Iterable[Message]) -> None:
+    """BindingError when two messages share a name, an identifier or a data id."""
+    owners: dict[str, Message] = {}
+    for message in messages:
+        marks = [f"name {message.name}", f"identifier {message.frame_id:#x}"]
+        if data_id(message):
+            marks.append(f"SafetyDataId {data_id(message)}")
+        for mark in marks:
+            other = owners.setdefault(mark, message)
+            if other is not message:
+                raise BindingError(
+                    f"{where}: {message.name}: {mark} is also that of {other.name};"
+                    " give each its own"
+                )
+
+
+def number(message: Message, attribute: str) -> int:
+    """An integer attribute of a message, 0 when the file does not give it."""
+    assert message.dbc is not None
+    found = message.dbc.attributes.get(attribute)
+    if found is None:
+        return 0
+    if not isinstance(found.value, int):
+        raise BindingError(f"{message.name}: {attribute} is {found.value!r}; define it as INT")
+    return found.value
+
+
+def protection(message: Message) -> Protection:
+    """The attribute Protection."""
+    value = number(message, "Protection")
+    try:
+        return Protection(value)
+    except ValueError:
+        wanted = ", ".join(f"{each.value} {each.name}" for each in Protection)
+        raise BindingError(f"{message.name}: Protection is {value}; use {wanted}") from None
+
+
+def data_id(message: Message) -> int:
+    """The attribute SafetyDataId: part of the CRC, never sent; 0 when there is none."""
+    return number(message, "SafetyDataId")
+
+
+def is_cyclic(message: Message) -> bool:
+    """Whether the attribute GenMsgSendType says so."""
+    return message.send_type == "cyclic"
+
+
+def period_ms(message: Message) -> int:
+    """The attribute GenMsgCycleTime, 0 for a message that is sent on occasion."""
+    return message.cycle_time or 0
+
+
+def timeout_ms(message: Message) -> int:
+    """The attribute TimeoutMs, three periods where the file gives none."""
+    return number(message, "TimeoutMs") or TIMEOUT_PERIODS * period_ms(message)
+
+
+def signals_of(message: Message) -> dict[str, Signal]:
+    """By name."""
+    return {signal.name: signal for signal in message.signals}
+
+
+def raw_limits(signal: Signal) -> tuple[int, int]:
+    """What the bits of a signal can hold."""
+    if signal.is_signed:
+        return -(1 << signal.length - 1), (1 << signal.length - 1) - 1
+    return 0, (1 << signal.length) - 1
+
+
+def table_of(signal: Signal) -> dict[int, str]:
+    """Raw values and their names."""
+    return {int(raw): str(name) for raw, name in (signal.choices or {}).items()}

@@ -1,0 +1,87 @@
+"""The safety trailer: alive counter and CRC in the last three bytes of a protected frame."""
+
+from binascii import crc_hqx
+from collections import Counter
+from collections.abc import Callable
+from typing import Final
+
+from cantools.database.can import Message
+
+from can_dbc import dbc_file
+from can_dbc.rejection import Reason
+
+CRC_START: Final = 0xFFFF
+MAX_STEP: Final = 3
+"""Largest step of the alive counter that still counts as some frames lost."""
+NEVER_NS: Final = -(1 << 63)
+
+
+def crc_of_data_id(message: Message) -> int:
+    """The state of the CRC after the data id, low byte first: it is run in but never sent."""
+    return crc_hqx(dbc_file.data_id(message).to_bytes(2, "little"), CRC_START)
+
+
+def opener(message: Message) -> Callable[[bytes], int]:
+    """Checks length and CRC: payload bits with the counter above them, or -1 for a broken frame."""
+    length, start = message.length, crc_of_data_id(message)
+    crc_at = length - 2
+    crc_shift = 8 * crc_at
+    mask = (1 << crc_shift) - 1
+    from_bytes = int.from_bytes
+
+    def opened(data: bytes) -> int:
+        if len(data) != length:
+            return -1
+        word = from_bytes(data, "little")
+        if crc_hqx(data[:crc_at], start) != word >> crc_shift:
+            return -1
+        return word & mask
+
+    return opened
+
+
+def damage(message: Message, data: bytes) -> tuple[Reason, str]:
+    """Why `opener` refused."""
+    if len(data) != message.length:
+        detail = f"{len(data)} bytes, {message.name} has {message.length}"
+        return Reason.WRONG_LENGTH, detail
+    wanted = crc_hqx(data[:-2], crc_of_data_id(message))
+    found = int.from_bytes(data[-2:], "little")
+    return Reason.WRONG_CRC, f"CRC is {found:#06x}, should be {wanted:#06x}"
+
+
+class AliveCounter:
+    """Follows the alive counter of one message.
+
+    The first value after start, or after a silence longer than the timeout, is taken as it is. A
+    jump is believed only when the frame after it counts on from there.
+    """
+
+    __slots__ = ("_can_id", "_doubtful", "_heard_ns", "_lost", "_silence_ns", "_value")
+
+    def __init__(self, can_id: int, lost: Counter[int], silence_ns: int) -> None:
+        self._can_id = can_id
+        self._lost = lost
+        self._silence_ns = silence_ns
+        self._heard_ns = NEVER_NS
+        self._value = 0
+        self._doubtful = False
+
+    def fault(self, value: int, heard_ns: int) -> tuple[Reason, str] | None:
+        """What is wrong with the counter of an intact frame; None when it may be believed."""
+        step = value - self._value & 0xFF
+        silent = heard_ns - self._heard_ns > self._silence_ns
+        # A refused frame breaks the silence too: a sender that is stuck never becomes new.
+        self._heard_ns = heard_ns
+        if step != 1 and not silent:
+            if step == 0:
+                return Reason.STUCK_COUNTER, f"counter is {value} again"
+            if self._doubtful or step > MAX_STEP:
+                detail = f"counter is {value} after {self._value}"
+                self._doubtful = True
+                self._value = value
+                return Reason.JUMPED_COUNTER, detail
+            self._lost[self._can_id] += step - 1
+        self._value = value
+        self._doubtful = False
+        return None
