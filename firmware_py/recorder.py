@@ -1,0 +1,317 @@
+"""The black box: bus, serial line and cycles as text files that a killed process leaves readable.
+
+Every log is flushed to the operating system whenever the whole second of its stamps changes, so at
+most the last second is lost with the process. A log that cannot be opened is an error; one that
+cannot be written any more counts what it loses and never stops the control cycle.
+"""
+
+import enum
+import hashlib
+import re
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from firmware_py.ports import CanFrame
+
+NS_PER_S: Final = 1_000_000_000
+LINES_MAX: Final = 1024
+"""Flushed at the latest with this many lines, some 50 KiB of frames."""
+ERROR_FLAG: Final = 0x2000_0000
+ERROR_MASK: Final = 0x1FFF_FFFF
+EXTENDED_MAX: Final = 0x1FFF_FFFF
+STANDARD_MAX: Final = 0x7FF
+PAYLOAD_MAX: Final = 8
+
+
+class RecorderError(Exception):
+    """A log that cannot be opened; the text names the path."""
+
+
+class LineFile:
+    """A text file that grows by blocks of whole lines and knows the SHA-256 of what it holds."""
+
+    def __init__(self, path: Path | str) -> None:
+        """Raises RecorderError; a file that is there already is overwritten."""
+        self.path = Path(path)
+        try:
+            self._file = self.path.open("wb", buffering=0)
+        except OSError as error:
+            raise RecorderError(f"{path}: cannot be written: {error.strerror}") from error
+        self._digest = hashlib.sha256()
+        self._torn = False
+        self.lost_lines = 0
+        self.error: str | None = None
+        """Why lines were lost, when that last happened."""
+
+    @property
+    def sha256(self) -> str:
+        """Of everything that was written so far, as 64 hexadecimal digits."""
+        return self._digest.hexdigest()
+
+    def write(self, lines: Sequence[str]) -> None:
+        """Hand whole lines to the operating system. What it does not take is lost and counted."""
+        block = "".join(lines).encode("utf-8", "surrogateescape")
+        # After a torn line the next block starts on a line of its own.
+        block = b"\n" + block if self._torn and block else block
+        taken = 0
+        try:
+            while taken < len(block):
+                taken += self._file.write(block[taken:])
+        except (OSError, ValueError) as error:
+            self.error = f"{self.path}: {getattr(error, 'strerror', None) or error}"
+            self.lost_lines += max(0, len(lines) - block[:taken].count(b"\n"))
+        written = block[:taken]
+        self._digest.update(written)
+        if written:
+            self._torn = not written.endswith(b"\n")
+
+    def close(self) -> None:
+        self._file.close()
+
+
+class CandumpWriter:
+    """The frames of one bus exactly as `candump -l` of can-utils writes them."""
+
+    def __init__(self, path: Path | str, channel: str) -> None:
+        """Raises RecorderError."""
+        self._file = LineFile(path)
+        self._lines: list[str] = []
+        self._middle = f") {channel} "
+        self._heads: dict[int, str] = {}
+        self._second_ns = 0
+        self._seconds = "(0000000000."
+        self.frames = 0
+
+    @property
+    def sha256(self) -> str:
+        """Of the lines that were flushed."""
+        return self._file.sha256
+
+    @property
+    def lost_lines(self) -> int:
+        return self._file.lost_lines
+
+    @property
+    def error(self) -> str | None:
+        return self._file.error
+
+    def frame(
+        self,
+        epoch_ns: int,
+        can_id: int,
+        data: bytes,
+        *,
+        extended: bool = False,
+        remote: bool = False,
+        error: bool = False,
+    ) -> None:
+        """Log one frame; the stamp is cut, not rounded, to microseconds, as the kernel does."""
+        # This runs for every frame of a simulated hour: the text of the second and of the
+        # identifier are kept, and the clock's second turning over is the only reason to flush.
+        past_ns = epoch_ns - self._second_ns
+        if not 0 <= past_ns < NS_PER_S or len(self._lines) >= LINES_MAX:
+            past_ns = self._turn_second(epoch_ns)
+        if extended or remote or error:
+            head = self._middle + _identifier(can_id, extended, error)
+            payload = _remote_payload(data) if remote and not error else data.hex().upper()
+        else:
+            head = self._heads.get(can_id) or self._remember(can_id)
+            payload = data.hex().upper()
+        self._lines.append(f"{self._seconds}{past_ns // 1000:06d}{head}{payload}\n")
+
+    def flush(self) -> None:
+        """Hand everything to the operating system, as is done each second and on closing."""
+        if self._lines:
+            self.frames += len(self._lines)
+            self._file.write(self._lines)
+            self._lines = []
+
+    def close(self) -> None:
+        self.flush()
+        self._file.close()
+
+    def _turn_second(self, epoch_ns: int) -> int:
+        self.flush()
+        second, past_ns = divmod(epoch_ns, NS_PER_S)
+        self._second_ns = epoch_ns - past_ns
+        self._seconds = f"({second:010d}."
+        return past_ns
+
+    def _remember(self, can_id: int) -> str:
+        head = self._middle + _identifier(can_id, extended=False, error=False)
+        self._heads[can_id] = head
+        return head
+
+
+class LineLog:
+    """A CSV log with a header line. Its first column is the time in seconds and sets the flushing.
+
+    Numbers have nine significant digits, true and false are 1 and 0, a choice is its name in lower
+    case, and None is an empty field.
+    """
+
+    def __init__(self, path: Path | str, columns: Sequence[str]) -> None:
+        """Raises RecorderError for the path, ValueError for columns without or of equal name."""
+        if not columns or "" in columns or len(set(columns)) != len(columns):
+            raise ValueError(f"{path}: columns {list(columns)} are not distinct names")
+        self.columns = tuple(columns)
+        self._file = LineFile(path)
+        self._lines = [_line([_field(name) for name in columns])]
+        self._second: int | None = None
+        self.flush()
+
+    @property
+    def lost_lines(self) -> int:
+        return self._file.lost_lines
+
+    @property
+    def error(self) -> str | None:
+        return self._file.error
+
+    def row(self, *values: object) -> None:
+        """One value for each column; the first is the time in seconds, as a number or its text."""
+        assert len(values) == len(self.columns), f"{self._file.path}: {len(values)} values"
+        second = int(float(values[0]))  # type: ignore[arg-type]
+        if second != self._second or len(self._lines) >= LINES_MAX:
+            self.flush()
+            self._second = second
+        fields = [f"{v:.9g}" if type(v) is float else _field(v) for v in values]
+        self._lines.append(_line(fields))
+
+    def flush(self) -> None:
+        """Hand everything to the operating system, as is done each second and on closing."""
+        if self._lines:
+            self._file.write(self._lines)
+            self._lines = []
+
+    def close(self) -> None:
+        self.flush()
+        self._file.close()
+
+
+class SerialDirection(enum.Enum):
+    RX = "rx"
+    TX = "tx"
+
+
+class SerialLog:
+    """What went over one serial line: time in seconds, direction, bytes in hexadecimal."""
+
+    def __init__(self, path: Path | str, start_ns: int = 0) -> None:
+        """Raises RecorderError. `start_ns` is the instant that is written as zero seconds."""
+        self._log = LineLog(path, ("t_s", "direction", "data"))
+        self._start_ns = start_ns
+
+    @property
+    def lost_lines(self) -> int:
+        return self._log.lost_lines
+
+    @property
+    def error(self) -> str | None:
+        return self._log.error
+
+    def chunk(self, stamp_ns: int, direction: SerialDirection, data: bytes) -> None:
+        stamp_s = (stamp_ns - self._start_ns) / NS_PER_S
+        self._log.row(f"{stamp_s:.6f}", direction, data.hex().upper())
+
+    def flush(self) -> None:
+        self._log.flush()
+
+    def close(self) -> None:
+        self._log.close()
+
+
+class LoggedFrame(NamedTuple):
+    """One line of a candump log. The frame's stamp is nanoseconds since 1970."""
+
+    channel: str
+    frame: CanFrame
+
+
+class CandumpReader:
+    """Iterates over a candump log. Lines that are no classic CAN frame are counted, not raised."""
+
+    def __init__(self, path: Path | str) -> None:
+        self._path = Path(path)
+        self.bad_lines = 0
+
+    def __iter__(self) -> Iterator[LoggedFrame]:
+        """Raises RecorderError when the file cannot be read."""
+        self.bad_lines = 0
+        try:
+            with self._path.open("rb") as lines:
+                for line in lines:
+                    logged = parse_candump_line(line.decode("ascii", "replace"))
+                    if logged is not None:
+                        yield logged
+                    else:
+                        self.bad_lines += 1
+        except OSError as error:
+            raise RecorderError(f"{self._path}: cannot be read: {error.strerror}") from error
+
+
+def read_candump(path: Path | str) -> CandumpReader:
+    """The frames of a log in the order of its lines; `bad_lines` counts the rest."""
+    return CandumpReader(path)
+
+
+CANDUMP_LINE: Final = re.compile(
+    r"\((?P<seconds>\d{1,12})\.(?P<fraction>\d{6}|\d{9})\) +(?P<channel>\S+) "
+    r"(?P<id>[0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})#"
+    r"(?:(?P<remote>R[0-8]?)|(?P<data>(?:[0-9A-Fa-f]{2}){0,8}))(?: [RT])?\r?\n?",
+    re.ASCII,
+)
+
+
+def parse_candump_line(line: str) -> LoggedFrame | None:
+    """None for a line that is torn or that no classic CAN frame can have made."""
+    match = CANDUMP_LINE.fullmatch(line)
+    if match is None:
+        return None
+    digits, wide = match["id"], int(match["id"], 16)
+    error = len(digits) == 8 and bool(wide & ERROR_FLAG)
+    can_id = wide & ERROR_MASK if error else wide
+    if can_id > (STANDARD_MAX if len(digits) == 3 else EXTENDED_MAX):
+        return None
+    stamp_ns = int(match["seconds"]) * NS_PER_S + int(match["fraction"].ljust(9, "0"))
+    frame = CanFrame(
+        stamp_ns=stamp_ns,
+        can_id=can_id,
+        data=bytes.fromhex(match["data"] or ""),
+        extended=len(digits) == 8 and not error,
+        remote=match["remote"] is not None,
+        error=error,
+    )
+    return LoggedFrame(match["channel"], frame)
+
+
+def _identifier(can_id: int, extended: bool, error: bool) -> str:
+    if error:
+        return f"{can_id & ERROR_MASK | ERROR_FLAG:08X}#"
+    if extended:
+        return f"{can_id & EXTENDED_MAX:08X}#"
+    return f"{can_id & STANDARD_MAX:03X}#"
+
+
+def _remote_payload(data: bytes) -> str:
+    """A remote frame has no data, but its length code is that of the data it asks for."""
+    return f"R{len(data)}" if 0 < len(data) <= PAYLOAD_MAX else "R"
+
+
+def _field(value: object) -> str:
+    """One CSV field, quoted where RFC 4180 wants it."""
+    if value is None:
+        return ""
+    if isinstance(value, bool):
+        return "1" if value else "0"
+    if isinstance(value, enum.Enum):
+        return value.name.lower() if value.name is not None else str(value.value)
+    text = f"{value:.9g}" if isinstance(value, float) else str(value)
+    if "," in text or '"' in text or "\n" in text or "\r" in text:
+        return '"' + text.replace('"', '""') + '"'
+    return text
+
+
+def _line(fields: Sequence[str]) -> str:
+    return ",".join(fields) + "\n"
