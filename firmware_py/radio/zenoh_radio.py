@@ -1,0 +1,217 @@
+"""The radio over zenoh: trains are clients of the wayside's session, which is a router.
+
+Zenoh is transport only: what it delivers may be late, doubled or forged, and what it calls reliable
+may be lost. Its threads do no more here than stamp a message and put it into a bounded inbox.
+"""
+
+import atexit
+import contextlib
+import socket
+import threading
+from collections import OrderedDict, deque
+from collections.abc import Collection, Sequence
+from types import TracebackType
+from typing import TYPE_CHECKING, Final, Protocol, Self
+
+from firmware_py.ports import LinkCounters, RadioMessage
+from zenoh_config.sessions import DEFAULT_ENDPOINT, Role, session_settings
+
+if TYPE_CHECKING:
+    import zenoh
+
+__all__ = ["DEFAULT_ENDPOINT", "RadioError", "Role", "ZenohRadio", "open_radio", "pick_endpoint"]
+
+INBOX_MESSAGES: Final = 256
+PUBLISHERS: Final = 256
+RETRY_S: Final = 0.1
+CLOSE_S: Final = 3.0
+"""More than one attempt to connect can take (train.json5)."""
+
+_REASONS: Final = (
+    ("Address already in use", "in use by another program; end that one or take another endpoint"),
+    ("Cannot assign requested address", "no address of this machine"),
+    ("failed to lookup address", "the host is unknown"),
+    ("Permission denied", "no right to listen there; ports below 1024 need special rights"),
+)
+
+
+class RadioError(Exception):
+    """A radio that cannot be opened; the text names the endpoint and what to do."""
+
+
+class Instants(Protocol):
+    def now_ns(self) -> int: ...
+
+
+def open_radio(
+    role: Role, endpoint: str, subscriptions: Collection[str], clock: Instants
+) -> "ZenohRadio":
+    """A wayside listens at once, or RadioError says why it cannot.
+
+    A train's radio comes back at once too, connected or not: it goes on trying in the background,
+    now and whenever the wayside goes away. RadioError is only for an endpoint that is none.
+    """
+    try:
+        settings = session_settings(role, endpoint)
+    except ValueError as error:
+        raise RadioError(str(error)) from error
+    return ZenohRadio(role, endpoint, settings, subscriptions, clock)
+
+
+def pick_endpoint() -> str:
+    """An endpoint on this machine at which nobody listens at this moment."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+
+
+class ZenohRadio:
+    """Close it, or leave its `with`, when done. Counters count messages."""
+
+    def __init__(
+        self,
+        role: Role,
+        endpoint: str,
+        settings: str,
+        subscriptions: Collection[str],
+        clock: Instants,
+    ) -> None:
+        # Imported here because lockstep has no use for it and should not wait for it.
+        import zenoh
+
+        self.counters = LinkCounters()
+        self.endpoint = endpoint
+        self._zenoh = zenoh
+        self._config = zenoh.Config.from_json5(settings)
+        self._subscriptions = [zenoh.KeyExpr(wanted) for wanted in subscriptions]
+        self._clock = clock
+        self._session: zenoh.Session | None = None
+        self._publishers: OrderedDict[str, zenoh.Publisher] = OrderedDict()
+        self._inbox: deque[RadioMessage] = deque()
+        self._lock = threading.Lock()
+        self._closing = threading.Event()
+        self._connector: threading.Thread | None = None
+        if role is Role.WAYSIDE:
+            self._listen()
+        else:
+            self._connector = threading.Thread(target=self._connect, name="radio", daemon=True)
+            self._connector.start()
+        # A connector that still runs while the interpreter goes down would take it down hard.
+        atexit.register(self.close)
+
+    @property
+    def connected(self) -> bool:
+        """The wayside is reached; for a wayside: some train is. About 20 µs."""
+        session = self._session
+        if session is None:
+            return False
+        return bool(session.info.transports())
+
+    def send(self, now_ns: int, key: str, payload: bytes) -> None:
+        session = self._session
+        if session is None:
+            self.counters.dropped_out += 1
+            return
+        try:
+            self._publisher(session, key).put(payload)
+        except self._zenoh.ZError:
+            self.counters.errors += 1
+            self.counters.dropped_out += 1
+        else:
+            self.counters.sent += 1
+
+    def receive(self, now_ns: int) -> Sequence[RadioMessage]:
+        """What came since the last call; stamped on arrival, but never later than now."""
+        if not self._inbox:
+            return ()
+        with self._lock:
+            heard, self._inbox = self._inbox, deque()
+        self.counters.received += len(heard)
+        return [
+            message if message.stamp_ns <= now_ns else message._replace(stamp_ns=now_ns)
+            for message in heard
+        ]
+
+    def close(self) -> None:
+        atexit.unregister(self.close)
+        self._closing.set()
+        if self._connector is not None:
+            self._connector.join(CLOSE_S)
+        session, self._session = self._session, None
+        self._publishers.clear()
+        if session is not None:
+            with contextlib.suppress(self._zenoh.ZError):
+                session.close()  # type: ignore[no-untyped-call]
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _listen(self) -> None:
+        try:
+            self._session = self._opened()
+        except self._zenoh.ZError as error:
+            raise RadioError(f"{self.endpoint}: {_reason(str(error))}") from error
+
+    def _connect(self) -> None:
+        """One session, until it is there. From then on zenoh itself connects it again."""
+        while not self._closing.is_set():
+            try:
+                session = self._opened()
+            except self._zenoh.ZError:
+                self._closing.wait(RETRY_S)
+                continue
+            self._session = session
+            return
+
+    def _opened(self) -> "zenoh.Session":
+        import zenoh
+
+        session = zenoh.open(self._config)
+        # Called by zenoh's own thread: with one of Python's between them, a program that ends
+        # without closing would hang.
+        take = zenoh.handlers.Callback(self._take, indirect=False)
+        for wanted in self._subscriptions:
+            session.declare_subscriber(wanted, take, allowed_origin=zenoh.Locality.REMOTE)
+        return session
+
+    def _take(self, sample: "zenoh.Sample") -> None:
+        message = RadioMessage(
+            self._clock.now_ns(), str(sample.key_expr), sample.payload.to_bytes()
+        )
+        with self._lock:
+            if len(self._inbox) >= INBOX_MESSAGES:
+                self._inbox.popleft()
+                self.counters.dropped_in += 1
+            self._inbox.append(message)
+
+    def _publisher(self, session: "zenoh.Session", key: str) -> "zenoh.Publisher":
+        publisher = self._publishers.get(key)
+        if publisher is None:
+            import zenoh
+
+            # A receiver that hangs must never hold up the one that does not, hence DROP.
+            publisher = session.declare_publisher(
+                key,
+                express=True,
+                priority=zenoh.Priority.REAL_TIME,
+                congestion_control=zenoh.CongestionControl.DROP,
+                reliability=zenoh.Reliability.BEST_EFFORT,
+            )
+            self._publishers[key] = publisher
+            if len(self._publishers) > PUBLISHERS:
+                _, oldest = self._publishers.popitem(last=False)
+                oldest.undeclare()  # type: ignore[no-untyped-call]
+        return publisher
+
+
+def _reason(text: str) -> str:
+    """Zenoh's own words carry the paths of its build; a user needs the cause."""
+    return next((words for part, words in _REASONS if part in text), text.partition(" at /")[0])
