@@ -20,7 +20,7 @@ __all__ = [
     "Frame",
     "Protection",
     "bind",
-    "binding",
+    "binding_of",
     "can_id",
     "frame",
     "is_vital",
@@ -114,10 +114,10 @@ def _shipped_kinds() -> tuple[type[Frame], ...]:
 @functools.cache
 def known_ids() -> frozenset[int]:
     """Every identifier of this package's DBC files."""
-    return frozenset(each.frame_id for kind in kinds() for each in binding(kind).messages)
+    return frozenset(each.frame_id for kind in kinds() for each in binding_of(kind).messages)
 
 
-def binding(kind: type) -> Binding:
+def binding_of(kind: type) -> Binding:
     """TypeError for a class that `frame` has not seen."""
     try:
         return _BINDINGS[kind]
@@ -127,29 +127,29 @@ def binding(kind: type) -> Binding:
 
 def message(kind: type) -> Message:
     """The message as cantools knows it."""
-    return binding(kind).message
+    return binding_of(kind).message
 
 
 def can_id(kind: type) -> int:
     """Identifier; that of the first half for a vital message."""
-    return binding(kind).message.frame_id
+    return binding_of(kind).message.frame_id
 
 
 def sender(kind: type) -> str:
     """Name of the node that sends it."""
-    return binding(kind).message.senders[0]
+    return binding_of(kind).message.senders[0]
 
 
 def period_s(kind: type) -> float:
     """From one transmission to the next; 0 for a message that is sent on occasion."""
-    return binding(kind).period_s
+    return binding_of(kind).period_s
 
 
 def timeout_s(kind: type) -> float:
     """Age at which a receiver gives the message up; infinite for one that is sent on occasion."""
-    return binding(kind).timeout_s
+    return binding_of(kind).timeout_s
 
 
 def is_vital(kind: type) -> bool:
     """Whether it travels as a pair with an inverted twin."""
-    return binding(kind).protection is Protection.VITAL
+    return binding_of(kind).protection is Protection.VITAL

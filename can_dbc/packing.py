@@ -6,11 +6,12 @@ plain Python statements with the numbers in them cost, so these are generated on
 
 import enum
 import functools
+import operator
 from collections.abc import Callable
 from typing import Any, Final
 
 from can_dbc.agreement import FieldLayout
-from can_dbc.binding import Binding, Frame, binding
+from can_dbc.binding import Binding, Frame, binding_of
 
 Pack = Callable[[Any], int]
 """Frame to payload bits; EncodeError for a value that no bits can stand for."""
@@ -28,12 +29,17 @@ class EncodeError(ValueError):
 @functools.cache
 def packer(kind: type[Frame]) -> Pack:
     """The function from a frame of this class to its payload bits."""
-    bound = binding(kind)
-    lines = ["def pack(frame):", " try:", "  bits = 0"]
-    names: dict[str, object] = {"refuse": functools.partial(_refuse, bound), "bad": _bad}
+    bound = binding_of(kind)
+    lines = ["def pack(frame):", " try:"]
+    names: dict[str, object] = {
+        "refuse": functools.partial(_refuse, bound),
+        "bad": _bad,
+        "index": operator.index,
+    }
     for index, field in enumerate(bound.fields):
         names[f"kind{index}"] = field.kind
-        lines += [f"  value = frame.{field.name}", *_pack_lines(field, index)]
+        lines += [f"  value = frame.{field.name}"]
+        lines += ["  " + line for line in _pack_lines(field, index)]
     lines += ["  return bits"]
     lines += [" except (ValueError, TypeError, AttributeError):", "  raise refuse(frame) from None"]
     pack: Pack = _compiled(lines, names, kind)["pack"]
@@ -43,7 +49,7 @@ def packer(kind: type[Frame]) -> Pack:
 @functools.cache
 def unpacker(kind: type[Frame]) -> Unpack:
     """The function from payload bits to a frame of this class."""
-    bound = binding(kind)
+    bound = binding_of(kind)
     names: dict[str, object] = {"kind": kind, "draft": _draft_of(bound)}
     lines = ["def unpack(bits):"]
     for index, field in enumerate(bound.fields):
@@ -96,23 +102,28 @@ def _compiled(lines: list[str], names: dict[str, object], kind: type[Frame]) -> 
 
 
 def _pack_lines(field: FieldLayout, index: int) -> list[str]:
+    add = "bits +=" if index else "bits ="
     if field.kind is bool:
         true, false = (hex(raw << field.start) for raw in _bool_raws(field))
-        return [f"  bits += {true} if value is True else {false} if value is False else bad()"]
+        return [f"{add} {true} if value is True else {false} if value is False else bad()"]
     if issubclass(field.kind, enum.Enum):
         return [
-            f"  if value.__class__ is not kind{index}: bad()",
-            f"  bits += value._value_{_shift('<<', field.start)}",
+            f"if value.__class__ is not kind{index}: bad()",
+            f"{add} value._value_{_shift('<<', field.start)}",
         ]
     mask = (1 << field.length) - 1
     least, most = ((raw & mask) << field.start for raw in (field.raw_minimum, field.raw_maximum))
-    raw = f"round({_unscaled(field)})" if field.kind is float else "value.__index__()"
+    lines, raw = [], f"round({_unscaled(field)})"
+    if field.kind is int:
+        # A look at the class is cheaper than the call that makes an int of an int.
+        lines, raw = ["if value.__class__ is not int: value = index(value)"], _unscaled(field)
     if field.signed:
         raw = f"({raw} & {mask:#x})"
     return [
-        f"  bits += {least:#x} if value <= {field.minimum!r}"
+        *lines,
+        f"{add} {least:#x} if value <= {field.minimum!r}"
         f" else {most:#x} if value >= {field.maximum!r}"
-        f" else {raw}{_shift('<<', field.start)}"
+        f" else {raw}{_shift('<<', field.start)}",
     ]
 
 

@@ -57,31 +57,31 @@ class AliveCounter:
     jump is believed only when the frame after it counts on from there.
     """
 
-    __slots__ = ("_can_id", "_doubtful", "_heard_ns", "_lost", "_silence_ns", "_value")
+    __slots__ = ("_can_id", "_lost", "_silence_ns", "doubtful", "heard_ns", "value")
 
     def __init__(self, can_id: int, lost: Counter[int], silence_ns: int) -> None:
         self._can_id = can_id
         self._lost = lost
         self._silence_ns = silence_ns
-        self._heard_ns = NEVER_NS
-        self._value = 0
-        self._doubtful = False
+        self.heard_ns = NEVER_NS
+        self.value = 0
+        self.doubtful = False
 
     def fault(self, value: int, heard_ns: int) -> tuple[Reason, str] | None:
         """What is wrong with the counter of an intact frame; None when it may be believed."""
-        step = value - self._value & 0xFF
-        silent = heard_ns - self._heard_ns > self._silence_ns
+        step = value - self.value & 0xFF
+        silent = heard_ns - self.heard_ns > self._silence_ns
         # A refused frame breaks the silence too: a sender that is stuck never becomes new.
-        self._heard_ns = heard_ns
+        self.heard_ns = heard_ns
         if step != 1 and not silent:
             if step == 0:
                 return Reason.STUCK_COUNTER, f"counter is {value} again"
-            if self._doubtful or step > MAX_STEP:
-                detail = f"counter is {value} after {self._value}"
-                self._doubtful = True
-                self._value = value
+            if self.doubtful or step > MAX_STEP:
+                detail = f"counter is {value} after {self.value}"
+                self.doubtful = True
+                self.value = value
                 return Reason.JUMPED_COUNTER, detail
             self._lost[self._can_id] += step - 1
-        self._value = value
-        self._doubtful = False
+        self.value = value
+        self.doubtful = False
         return None
