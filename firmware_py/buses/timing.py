@@ -1,0 +1,209 @@
+"""How long a classic CAN frame occupies the bus, in bits, stuff bits included.
+
+From the start of frame to the end of the CRC the sender inserts a bit of opposite value after five
+equal ones. How many depends on every bit sent before, the CRC among them, so the exact length needs
+both. The frame is taken 16 bits at a time: one table answers how many stuff bits a word brings and
+in which state it leaves the stuffing, a second one carries the CRC on.
+"""
+
+import struct
+from collections.abc import Callable, Sequence
+from functools import lru_cache
+from typing import Final
+
+INTERMISSION_BITS: Final = 3
+"""Bus idle that belongs to every frame: no other frame may start in it."""
+TRAILER_BITS: Final = 10 + INTERMISSION_BITS
+"""CRC delimiter, acknowledge slot and delimiter, end of frame (7), intermission: never stuffed."""
+MAX_STANDARD_ID: Final = 0x7FF
+MAX_EXTENDED_ID: Final = 0x1FFF_FFFF
+MAX_DATA_BYTES: Final = 8
+LONGEST_FRAME_BITS: Final = 160
+"""29-bit identifier, eight bytes, 29 stuff bits."""
+
+_CRC_BITS: Final = 15
+_CRC_POLYNOMIAL: Final = 0x4599
+_CRC_MASK: Final = 0x7FFF
+_STUFF_LIMIT: Final = 5
+# A stuffing state is the value of the last bit and the length of its run, 1 to 4 (a run of five has
+# turned into a run of one by the stuff bit), packed into three bits: value * 4 + (run - 1).
+_STATES: Final = 8
+_STATE_MASK: Final = _STATES - 1
+_COUNT_SHIFT: Final = 3
+# Before the start of frame the bus is recessive and nothing is counted: the start of frame, always
+# dominant, is the first bit of the first run.
+_STATE_AFTER_START: Final = 0
+
+
+def frame_bits(can_id: int, data: bytes, extended: bool = False, remote: bool = False) -> int:
+    """Bits from start of frame to the end of the intermission.
+
+    Args:
+        can_id: 11 bits, or 29 if `extended`.
+        data: at most eight bytes. Of a remote frame only their number is sent, not their value.
+
+    Raises:
+        ValueError: for an identifier or data that no classic frame can carry.
+    """
+    length = len(data)
+    if extended or remote:
+        return _uncommon_frame_bits(can_id, data, extended, remote)
+    head = _HEADS.get(can_id << 4 | length)
+    if head is None:
+        head = _remember_head(can_id, length)
+    bits, state, crc = head
+    if length == MAX_DATA_BYTES:
+        # The usual frame, unrolled: this is the innermost work of a lockstep run.
+        first, second, third, fourth = _four_words(data)
+        a = _STUFF_16[state | first]
+        b = _STUFF_16[(a & 7) << 16 | second]
+        c = _STUFF_16[(b & 7) << 16 | third]
+        d = _STUFF_16[(c & 7) << 16 | fourth]
+        crc = _CRC_16[crc << 1 ^ first]
+        crc = _CRC_16[crc << 1 ^ second]
+        crc = _CRC_16[crc << 1 ^ third]
+        crc = _CRC_16[crc << 1 ^ fourth]
+        e = _STUFF_15[(d & 7) << 15 | crc]
+        return bits + (a >> 3) + (b >> 3) + (c >> 3) + (d >> 3) + (e >> 3)
+    return _finish(bits, state, crc, data)
+
+
+def _finish(bits: int, shifted_state: int, crc: int, data: bytes) -> int:
+    """Bits of a frame, given those up to the data field and both states there."""
+    length = len(data)
+    state = shifted_state >> 16
+    for word in _whole_words[length >> 1](data):
+        step = _STUFF_16[state << 16 | word]
+        bits += step >> _COUNT_SHIFT
+        state = step & _STATE_MASK
+        crc = _CRC_16[crc << 1 ^ word]
+    if length & 1:
+        byte = data[-1]
+        step = _STUFF_8[state << 8 | byte]
+        bits += step >> _COUNT_SHIFT
+        state = step & _STATE_MASK
+        crc = (crc << 8 ^ _CRC_8[crc >> 7 ^ byte]) & _CRC_MASK
+    return bits + (_STUFF_15[state << _CRC_BITS | crc] >> _COUNT_SHIFT)
+
+
+def _uncommon_frame_bits(can_id: int, data: bytes, extended: bool, remote: bool) -> int:
+    bits, state, crc = _head(can_id, len(data), extended, remote)
+    return _finish(bits, state, crc, b"" if remote else data)
+
+
+def _remember_head(can_id: int, length: int) -> tuple[int, int, int]:
+    head = _head(can_id, length, extended=False, remote=False)
+    _HEADS[can_id << 4 | length] = head
+    return head
+
+
+@lru_cache(maxsize=4096)
+def _head(can_id: int, length: int, extended: bool, remote: bool) -> tuple[int, int, int]:
+    """What is known before the data field.
+
+    Returns:
+        The frame's length without the stuff bits that data and CRC will bring; the stuffing state,
+        shifted to index a table of 16-bit words; the CRC so far.
+    """
+    header = _header_bits(can_id, length, extended, remote)
+    state, stuffed, crc = _STATE_AFTER_START, 0, 0
+    for bit in header:
+        state, inserted = _stuff_step(state, bit)
+        stuffed += inserted
+        crc = _crc_step(crc, bit)
+    payload_bits = 0 if remote else 8 * length
+    start_bits = 1
+    bits = start_bits + len(header) + stuffed + payload_bits + _CRC_BITS + TRAILER_BITS
+    return bits, state << 16, crc
+
+
+def _header_bits(can_id: int, length: int, extended: bool, remote: bool) -> list[int]:
+    """Arbitration and control field, first bit first, without the start of frame."""
+    if not 0 <= length <= MAX_DATA_BYTES:
+        raise ValueError(
+            f"frame {can_id:#x}: {length} bytes where a classic frame carries at most 8"
+        )
+    limit = MAX_EXTENDED_ID if extended else MAX_STANDARD_ID
+    if not 0 <= can_id <= limit:
+        raise ValueError(f"frame {can_id:#x}: identifier outside 0..{limit:#x}")
+    request = int(remote)
+    if not extended:
+        return [*_bits_of(can_id, 11), request, 0, 0, *_bits_of(length, 4)]
+    base, extension = can_id >> 18, can_id & 0x3FFFF
+    # Substitute remote request and identifier extension are recessive.
+    start = [*_bits_of(base, 11), 1, 1, *_bits_of(extension, 18)]
+    return [*start, request, 0, 0, *_bits_of(length, 4)]
+
+
+def _bits_of(value: int, width: int) -> list[int]:
+    return [value >> place & 1 for place in reversed(range(width))]
+
+
+def _stuff_step(state: int, bit: int) -> tuple[int, int]:
+    """State after one bit, and whether a stuff bit follows it."""
+    value, run = state >> 2, (state & 3) + 1
+    run = run + 1 if bit == value else 1
+    if run == _STUFF_LIMIT:
+        return (1 - bit) << 2, 1
+    return bit << 2 | (run - 1), 0
+
+
+def _crc_step(crc: int, bit: int) -> int:
+    flip = (crc >> (_CRC_BITS - 1)) ^ bit
+    return (crc << 1 ^ (_CRC_POLYNOMIAL if flip else 0)) & _CRC_MASK
+
+
+def _stuff_table(width: int) -> bytes:
+    """Entry `state << width | word`: stuff bits << 3 | state afterwards."""
+    table = bytearray()
+    for start in range(_STATES):
+        for word in range(1 << width):
+            state, count = start, 0
+            for bit in _bits_of(word, width):
+                state, inserted = _stuff_step(state, bit)
+                count += inserted
+            table.append(count << _COUNT_SHIFT | state)
+    return bytes(table)
+
+
+def _join_stuff_tables(high: bytes, low: bytes, *, high_bits: int, low_bits: int) -> bytes:
+    """The table of words made of `high_bits` followed by `low_bits`, from the tables of both."""
+    rows = [low[state << low_bits : (state + 1) << low_bits] for state in range(_STATES)]
+    most = max(high) >> _COUNT_SHIFT
+    # Adding n stuff bits to every entry of a row is a translation of bytes.
+    more = [bytes((v + (n << _COUNT_SHIFT)) & 0xFF for v in range(256)) for n in range(most + 1)]
+    assert len(high) == _STATES << high_bits
+    return b"".join(rows[v & _STATE_MASK].translate(more[v >> _COUNT_SHIFT]) for v in high)
+
+
+def _crc_table() -> list[int]:
+    """CRC of one byte, started from zero."""
+    table = []
+    for byte in range(256):
+        crc = 0
+        for bit in _bits_of(byte, 8):
+            crc = _crc_step(crc, bit)
+        table.append(crc)
+    return table
+
+
+def _crc_table_16(table_8: Sequence[int]) -> list[int]:
+    """CRC of two bytes; being linear, the sum of what each of them contributes."""
+    shifted = [(crc << 8 ^ table_8[crc >> 7]) & _CRC_MASK for crc in table_8]
+    return [first ^ second for first in shifted for second in table_8]
+
+
+_HEADS: Final[dict[int, tuple[int, int, int]]] = {}
+"""Of 11-bit data frames; at most 2048 identifiers times nine lengths."""
+_STUFF_4: Final = _stuff_table(4)
+_STUFF_7: Final = _join_stuff_tables(_stuff_table(3), _STUFF_4, high_bits=3, low_bits=4)
+_STUFF_8: Final = _join_stuff_tables(_STUFF_4, _STUFF_4, high_bits=4, low_bits=4)
+_STUFF_15: Final = _join_stuff_tables(_STUFF_7, _STUFF_8, high_bits=7, low_bits=8)
+_STUFF_16: Final = _join_stuff_tables(_STUFF_8, _STUFF_8, high_bits=8, low_bits=8)
+_CRC_8: Final = _crc_table()
+_CRC_16: Final = _crc_table_16(_CRC_8)
+_four_words: Final[Callable[[bytes], tuple[int, int, int, int]]] = struct.Struct(">4H").unpack
+_whole_words: Final[list[Callable[[bytes], tuple[int, ...]]]] = [
+    struct.Struct(f">{n}H").unpack_from for n in range(5)
+]
+"""By number of words; an odd last byte is left over."""
