@@ -1,0 +1,317 @@
+"""Bring a virtual CAN bus up or down, or show which there are.
+
+It is SocketCAN where the kernel has it, else the embedded bus, which needs no module and no rights.
+"""
+
+import argparse
+import json
+import os
+import shlex
+import subprocess
+import sys
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Final, Protocol
+
+from firmware_py.assertions import require_assertions
+from firmware_py.buses.embedded import HubStatus, hub_status, start_hub, stop_hub
+from firmware_py.buses.errors import BusError
+from firmware_py.rendezvous import bench_dir
+from metro_tools import vcan_plan, vcan_survey
+from metro_tools.vcan_plan import Commands, Kernel, Link, Missing, Nothing, Step, Taken
+
+EXIT_OK: Final = 0
+EXIT_USAGE: Final = 2
+EXIT_ENVIRONMENT: Final = 3
+COMMAND_TIMEOUT_S: Final = 30
+DEFAULT_NAME: Final = "vcan0"
+
+GUEST_HINT: Final = "real SocketCAN without the kernel's or rights: tools/vcan-guest COMMAND"
+
+
+@dataclass(frozen=True, slots=True)
+class BusRow:
+    """One bus as `vcan status` shows it; None where a kind of bus does not tell."""
+
+    name: str
+    kind: str
+    up: bool
+    bus: str
+    """What to give to --bus."""
+    frames: int
+    dropped: int
+    clients: list[str] | None
+    made_by_vcan: bool
+    """`vcan down` removes it."""
+
+
+class World(Protocol):
+    """All that the command touches; tests have one of paper."""
+
+    def kernel(self) -> Kernel: ...
+
+    def link(self, name: str) -> Link | None: ...
+
+    def links(self) -> list[Link]: ...
+
+    def run(self, words: Sequence[str]) -> bool:
+        """Whether the command succeeded; it complains to standard error by itself."""
+        ...
+
+    def hub(self, name: str) -> HubStatus | None: ...
+
+    def hub_names(self) -> list[str]: ...
+
+    def start_hub(self, name: str) -> None: ...
+
+    def stop_hub(self, name: str) -> None: ...
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """The console script `vcan`."""
+    require_assertions("vcan")
+    options = _parser().parse_args(argv)
+    return obey(options, Machine())
+
+
+def obey(options: argparse.Namespace, world: World) -> int:
+    """Do what was asked for in a world; the exit code."""
+    if options.name is not None and (fault := vcan_plan.name_fault(options.name)):
+        return _complain(fault, EXIT_USAGE)
+    try:
+        if options.verb == "up":
+            return _up(options.name or DEFAULT_NAME, options.kind, world, dry_run=options.dry_run)
+        if options.verb == "down":
+            return _down(options.name or DEFAULT_NAME, options.kind, world, dry_run=options.dry_run)
+        return _status(options.name, world, as_json=options.json)
+    except BusError as error:
+        return _complain(str(error), EXIT_ENVIRONMENT)
+
+
+def parse(argv: Sequence[str]) -> argparse.Namespace:
+    """The options of a command line; a wrong one ends the program with exit code 2."""
+    return _parser().parse_args(argv)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="vcan", description=__doc__)
+    verbs = parser.add_subparsers(dest="verb", required=True, metavar="up|down|status")
+    for verb, words in (("up", "bring a bus up"), ("down", "remove what `vcan up` made")):
+        one = verbs.add_parser(verb, help=words, description=words)
+        one.add_argument("name", nargs="?", metavar="NAME", help=f"default: {DEFAULT_NAME}")
+        one.add_argument(
+            "--kind",
+            choices=("auto", "kernel", "embedded"),
+            default="auto",
+            help="SocketCAN only, the embedded bus only, or the first that works (default)",
+        )
+        one.add_argument(
+            "--dry-run", action="store_true", help="show what would be done, do nothing"
+        )
+    status = verbs.add_parser("status", help="show a bus, or all", description="show a bus, or all")
+    status.add_argument("name", nargs="?", metavar="NAME", help="default: all")
+    status.add_argument("--json", action="store_true", help="a list of objects on standard output")
+    return parser
+
+
+def _up(name: str, kind: str, world: World, *, dry_run: bool) -> int:
+    if kind != "kernel" and world.hub(name) is not None and world.link(name) is None:
+        print(f"{name}: embedded bus, already up; use --bus embedded:{name}")
+        return EXIT_OK
+    if kind == "embedded":
+        return _start_embedded(name, world, dry_run=dry_run)
+    step = vcan_plan.plan_up(name, world.kernel(), world.link(name))
+    if isinstance(step, Commands):
+        step = _run_all(step, world, dry_run=dry_run)
+    if not isinstance(step, Missing) or kind == "kernel":
+        return _conclude(step, f"{name}: kernel vcan is up; use --bus socketcan:{name}", dry_run)
+    _tell(
+        [
+            *_missing_lines(step),
+            f"so {name} becomes an embedded bus, which candump and cansend cannot see",
+            GUEST_HINT,
+        ]
+    )
+    return _start_embedded(name, world, dry_run=dry_run)
+
+
+def _start_embedded(name: str, world: World, *, dry_run: bool) -> int:
+    if (link := world.link(name)) is not None:
+        return _complain(
+            f"{name} is an interface of the kernel ({link.kind}); an embedded bus of the same name "
+            "would only confuse, so take another name",
+            EXIT_ENVIRONMENT,
+        )
+    print(f"+ start the embedded bus {name}")
+    if not dry_run:
+        world.start_hub(name)
+        print(f"{name}: embedded bus is up; use --bus embedded:{name}")
+    return EXIT_OK
+
+
+def _down(name: str, kind: str, world: World, *, dry_run: bool) -> int:
+    hub = world.hub(name) if kind != "kernel" else None
+    if hub is not None:
+        if hub.bound:
+            return _complain(
+                f"the embedded bus {name} belongs to a run and ends with it", EXIT_ENVIRONMENT
+            )
+        print(f"+ stop the embedded bus {name} (process {hub.pid})")
+        if not dry_run:
+            world.stop_hub(name)
+            print(f"{name}: embedded bus is down")
+        return EXIT_OK
+    link = world.link(name) if kind != "embedded" else None
+    if link is None:
+        print(f"{name}: not up, nothing to do")
+        return EXIT_OK
+    step = vcan_plan.plan_down(name, world.kernel(), link)
+    if isinstance(step, Commands):
+        step = _run_all(step, world, dry_run=dry_run)
+    return _conclude(step, f"{name}: kernel vcan is removed", dry_run)
+
+
+def _run_all(plan: Commands, world: World, *, dry_run: bool) -> Step:
+    """Show each command and run it; what failed comes back as missing."""
+    for words in plan.words:
+        print(f"+ {shlex.join(words)}", flush=True)
+        if not dry_run and not world.run(words):
+            return Missing(f"`{shlex.join(words)}` failed", ())
+    return plan
+
+
+def _conclude(step: Step, success: str, dry_run: bool) -> int:
+    """Say how it came out."""
+    match step:
+        case Commands():
+            if not dry_run:
+                print(success)
+            return EXIT_OK
+        case Nothing(text):
+            print(text)
+            return EXIT_OK
+        case Missing():
+            _tell(_missing_lines(step))
+            return EXIT_ENVIRONMENT
+        case Taken(text):
+            return _complain(text, EXIT_ENVIRONMENT)
+
+
+def _missing_lines(step: Missing) -> list[str]:
+    return [step.reason, *(f"to change that, type: {line}" for line in step.remedy)]
+
+
+def _status(name: str | None, world: World, *, as_json: bool) -> int:
+    rows = survey(name, world)
+    if as_json:
+        print(json.dumps([asdict(row) for row in rows], indent=2))
+    elif rows:
+        print(table(rows))
+    else:
+        print(f"{name} is not up" if name else "no bus is up", "(`vcan up` makes one)")
+    if name is None:
+        return EXIT_OK
+    return EXIT_OK if any(row.up for row in rows) else EXIT_ENVIRONMENT
+
+
+def survey(name: str | None, world: World) -> list[BusRow]:
+    """The buses of that name, or all."""
+    if name is None:
+        links, hub_names = world.links(), world.hub_names()
+    else:
+        link = world.link(name)
+        links, hub_names = [link] if link is not None else [], [name]
+    hubs = [hub for hub in (world.hub(hub_name) for hub_name in hub_names) if hub is not None]
+    return [_link_row(link) for link in links] + [_hub_row(hub) for hub in hubs]
+
+
+def _link_row(link: Link) -> BusRow:
+    return BusRow(
+        name=link.name,
+        kind=f"kernel {link.kind}",
+        up=link.is_up,
+        bus=f"socketcan:{link.name}",
+        frames=link.frames,
+        dropped=link.dropped,
+        clients=None,
+        made_by_vcan=link.is_ours,
+    )
+
+
+def _hub_row(hub: HubStatus) -> BusRow:
+    return BusRow(
+        name=hub.bus,
+        kind="embedded",
+        up=True,
+        bus=f"embedded:{hub.bus}",
+        frames=hub.frames,
+        dropped=hub.dropped,
+        clients=[client.node for client in hub.clients],
+        made_by_vcan=not hub.bound,
+    )
+
+
+def table(rows: Sequence[BusRow]) -> str:
+    """The rows for people, a line each."""
+    cells = [("name", "kind", "state", "frames", "dropped", "clients", "use --bus")]
+    for row in rows:
+        clients = "-" if row.clients is None else ",".join(row.clients) or "none"
+        state = "up" if row.up else "down"
+        cells.append(
+            (row.name, row.kind, state, str(row.frames), str(row.dropped), clients, row.bus)
+        )
+    widths = [max(len(line[column]) for line in cells) for column in range(len(cells[0]))]
+    return "\n".join(
+        "  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip()
+        for line in cells
+    )
+
+
+def _tell(lines: Sequence[str]) -> None:
+    for line in lines:
+        print(f"vcan: {line}", file=sys.stderr, flush=True)
+
+
+def _complain(text: str, code: int) -> int:
+    _tell([text])
+    return code
+
+
+class Machine:
+    """The world as it is."""
+
+    def __init__(self) -> None:
+        self._places = vcan_survey.Places(release=os.uname().release)
+
+    def kernel(self) -> Kernel:
+        return vcan_survey.survey_kernel(self._places)
+
+    def link(self, name: str) -> Link | None:
+        return vcan_survey.find_link(name, self._places)
+
+    def links(self) -> list[Link]:
+        return vcan_survey.can_links(self._places)
+
+    def run(self, words: Sequence[str]) -> bool:
+        try:
+            done = subprocess.run(  # noqa: S603 # the planned commands, without a shell
+                words, stdin=subprocess.DEVNULL, timeout=COMMAND_TIMEOUT_S, check=False
+            )
+        except (OSError, subprocess.TimeoutExpired) as error:
+            _tell([str(error)])
+            return False
+        return done.returncode == 0
+
+    def hub(self, name: str) -> HubStatus | None:
+        return hub_status(name)
+
+    def hub_names(self) -> list[str]:
+        # Every bus has a folder beside the default one's.
+        benches = bench_dir(DEFAULT_NAME).parent
+        return sorted(folder.name for folder in benches.iterdir() if folder.is_dir())
+
+    def start_hub(self, name: str) -> None:
+        start_hub(name, bound=False)
+
+    def stop_hub(self, name: str) -> None:
+        stop_hub(name)
