@@ -1,0 +1,75 @@
+# Needs make and Python 3.11 or later; everything else is set up in .venv by the first target.
+
+RUN_ARGS ?= --line florence --from II --to III
+PYTEST_ARGS ?=
+PYTHON ?=
+
+VENV := .venv
+BIN := $(VENV)/bin
+READY_TO_RUN := $(VENV)/.ready-to-run
+READY_TO_TEST := $(VENV)/.ready-to-test
+# A relative name: the variables below split at blanks, which the path of a checkout may contain.
+CONSTRAINTS := constraints.txt
+# The constraints reach pip's own build environment only through the environment: by the first name
+# up to pip 25.2, by the second from then on.
+PIP := PIP_CONSTRAINT=$(CONSTRAINTS) PIP_BUILD_CONSTRAINT=$(CONSTRAINTS) PIP_DISABLE_PIP_VERSION_CHECK=1 \
+	$(BIN)/python -m pip install --quiet -c $(CONSTRAINTS)
+
+.DEFAULT_GOAL := help
+.PHONY: help setup run test check format-check lint types layers bench docs format clean distclean
+
+help: ## show this list
+	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | while IFS='	' read -r name words; do \
+		printf '  make %-13s %s\n' "$$name" "$$words"; done
+
+setup: $(READY_TO_TEST) ## make .venv with everything for development
+
+run: $(READY_TO_RUN) ## bring a bus up and drive one station hop; RUN_ARGS="--from I --to II"
+	@# The trap lets the run end by itself on Ctrl-C, so that its bus can be taken down after it.
+	@trap : INT; \
+	$(BIN)/vcan status vcan0 >/dev/null 2>&1; was_up=$$?; \
+	$(BIN)/vcan up vcan0 || exit; \
+	$(BIN)/vobc run $(RUN_ARGS); status=$$?; \
+	[ $$was_up = 0 ] || $(BIN)/vcan down vcan0; \
+	exit $$status
+
+test: $(READY_TO_TEST) ## run all tests; PYTEST_ARGS="-k name"
+	$(BIN)/python -m pytest $(PYTEST_ARGS)
+
+check: format-check lint types layers test ## all that continuous integration runs
+
+format-check: $(READY_TO_TEST)
+	$(BIN)/ruff format --check .
+
+lint: $(READY_TO_TEST)
+	$(BIN)/ruff check .
+
+types: $(READY_TO_TEST)
+	$(BIN)/mypy
+
+layers: $(READY_TO_TEST)
+	$(BIN)/lint-imports
+
+format: $(READY_TO_TEST) ## let ruff format and mend what it can
+	$(BIN)/ruff format .
+	$(BIN)/ruff check --fix .
+
+clean: ## remove caches and build results; runs/ and .venv stay
+	rm -rf build dist .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
+	find . -name __pycache__ -not -path './$(VENV)/*' -prune -exec rm -rf {} +
+
+distclean: clean ## remove .venv, too
+	rm -rf $(VENV)
+
+$(READY_TO_RUN): pyproject.toml $(CONSTRAINTS) | $(BIN)/python
+	@echo "setting up $(VENV) to run (once; may take a minute)"
+	@$(PIP) -e .
+	@touch $@
+
+$(READY_TO_TEST): pyproject.toml $(CONSTRAINTS) | $(BIN)/python
+	@echo "setting up $(VENV) for development (once; may take a minute)"
+	@$(PIP) -e '.[dev]'
+	@touch $(READY_TO_RUN) $@
+
+$(BIN)/python:
+	@PYTHON="$(PYTHON)" tools/make-venv $(VENV)
