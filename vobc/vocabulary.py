@@ -39,10 +39,6 @@ class TrainBelief:
     rated_power_w: float
     service_decel_max_mps2: float
     """Largest demand that the service brake follows."""
-    resistance_a_n: float
-    """Running resistance a + b*v + c*v**2 of the whole consist (Davis)."""
-    resistance_b_ns_per_m: float
-    resistance_c_ns2_per_m2: float
 
     def __post_init__(self) -> None:
         for name in _POSITIVE_OF_TRAIN:
@@ -231,7 +227,11 @@ class AtoDemand:
     """What operation asks for; arbitration decides what goes out."""
 
     accel_mps2: float
-    """Acceleration of the train asked of traction (positive) or service brake (negative)."""
+    """Effort per mass asked of traction (positive) or service brake (negative).
+
+    What gradient and resistance do to the train comes on top; operation reckons with both, so that
+    one application of the brake stays one application.
+    """
     hold: bool
     """Keep or bring the holding brake on."""
     open_doors: bool

@@ -1,0 +1,154 @@
+"""The one place where protection overrules operation and a demand becomes force and brake."""
+
+import math
+from dataclasses import replace
+from typing import Final
+
+from can_dbc.cab import CabMode, Desk
+from can_dbc.nodes import Direction
+from can_dbc.vobc import AtoPhase, Supervision
+from vobc.atp import Verdict
+from vobc.vocabulary import (
+    SAFE_OUTPUT,
+    AtoDemand,
+    Ceiling,
+    CycleOutput,
+    Motion,
+    TrainBelief,
+)
+
+FULL_LEVER_PERCENT: Final = 100.0
+NOT_FINITE_CAUSE: Final = "a number was not finite"
+
+BRAKED_DEMAND: Final = AtoDemand(
+    accel_mps2=-math.inf,
+    hold=True,
+    open_doors=False,
+    phase=AtoPhase.OFF,
+    target_mps=0.0,
+    distance_to_stop_m=math.inf,
+)
+"""Nobody drives: full service brake, and the train is held."""
+
+
+def arbitrate(
+    verdict: Verdict,
+    demand: AtoDemand,
+    motion: Motion | None,
+    desk: Desk | None,
+    *,
+    train: TrainBelief,
+    load_kg: float,
+) -> CycleOutput:
+    """What goes out: of two answers the more restrictive, in every single part.
+
+    A number that is not finite anywhere gives the safe output.
+    """
+    if not _finite(demand, motion, verdict.ceiling, load_kg):
+        return _not_finite(verdict)
+    speed_mps = 0.0 if motion is None else motion.speed_mps.best
+    force_n, decel_mps2 = effort(demand.accel_mps2, speed_mps, train=train, load_kg=load_kg)
+    if verdict.service_brake:
+        decel_mps2 = train.service_decel_max_mps2
+    hold = demand.hold or verdict.hold
+    # Held traction stays ready only while operation sets off against the holding brake.
+    permitted = verdict.traction_permitted and (not hold or force_n > 0.0)
+    if not permitted or decel_mps2 > 0.0:
+        force_n = 0.0
+    manual = desk is not None and desk.mode is CabMode.MANUAL
+    left, right = verdict.doors
+    return CycleOutput(
+        force_n=force_n,
+        direction=Direction.FORWARD if permitted else Direction.NEUTRAL,
+        traction_permitted=permitted,
+        service_decel_mps2=decel_mps2,
+        emergency_released=verdict.emergency_released,
+        holding_released=not hold,
+        enable_left=left,
+        enable_right=right,
+        open_left=left and (_asks_left(desk) if manual else demand.open_doors),
+        open_right=right and (_asks_right(desk) if manual else demand.open_doors),
+        supervision=verdict.supervision,
+        ato_phase=demand.phase,
+        missing=verdict.missing,
+        motion=motion,
+        ceiling=verdict.ceiling,
+        target_mps=demand.target_mps,
+        accel_demand_mps2=max(demand.accel_mps2, -train.service_decel_max_mps2),
+        distance_to_stop_m=demand.distance_to_stop_m,
+        cause=verdict.cause,
+    )
+
+
+def effort(
+    accel_mps2: float, speed_mps: float, *, train: TrainBelief, load_kg: float
+) -> tuple[float, float]:
+    """Force of traction in N and deceleration of the service brake in m/s², never both.
+
+    Rotating parts of the empty train count as mass, passengers do not rotate. What traction cannot
+    give at this speed is not asked of it.
+    """
+    if accel_mps2 <= 0.0:
+        return 0.0, min(-accel_mps2, train.service_decel_max_mps2)
+    mass_kg = train.tare_kg * (1.0 + train.rotating_mass_ratio) + load_kg
+    most_n = train.rated_force_n
+    if speed_mps > 0.0:
+        most_n = min(most_n, train.rated_power_w / speed_mps)
+    return min(mass_kg * accel_mps2, most_n), 0.0
+
+
+def manual_demand(
+    desk: Desk, before_mps2: float, standing: bool, *, train: TrainBelief, jerk_mps: float
+) -> AtoDemand:
+    """The lever as a demand, moved no faster than `jerk_mps` (change allowed in this cycle)."""
+    share_ratio = max(-1.0, min(1.0, desk.lever_percent / FULL_LEVER_PERCENT))
+    full_mps2 = train.rated_force_n / (train.tare_kg * (1.0 + train.rotating_mass_ratio))
+    if share_ratio < 0.0:
+        full_mps2 = train.service_decel_max_mps2
+    wanted_mps2 = share_ratio * full_mps2
+    accel_mps2 = max(before_mps2 - jerk_mps, min(before_mps2 + jerk_mps, wanted_mps2))
+    return AtoDemand(
+        accel_mps2=accel_mps2,
+        hold=standing and share_ratio <= 0.0,
+        open_doors=False,
+        phase=AtoPhase.OFF,
+        target_mps=0.0,
+        distance_to_stop_m=math.inf,
+    )
+
+
+def _finite(
+    demand: AtoDemand, motion: Motion | None, ceiling: Ceiling | None, load_kg: float
+) -> bool:
+    """No NaN and no infinity in anything that goes out; one sum finds any of them.
+
+    Nobody driving is minus infinity on purpose, and there may be no stop ahead.
+    """
+    total = demand.target_mps + load_kg
+    if demand is not BRAKED_DEMAND:
+        total += demand.accel_mps2
+    if motion is not None:
+        front, speed = motion.front_m, motion.speed_mps
+        total += front.low + front.best + front.high + speed.low + speed.best + speed.high
+        total += motion.accel_mps2
+    if ceiling is not None:
+        total += ceiling.permitted_mps + ceiling.warning_mps + ceiling.service_mps
+        total += ceiling.emergency_mps + ceiling.distance_to_authority_m
+    return math.isfinite(total) and not math.isnan(demand.distance_to_stop_m)
+
+
+def _not_finite(verdict: Verdict) -> CycleOutput:
+    return replace(
+        SAFE_OUTPUT,
+        supervision=Supervision.EMERGENCY,
+        missing=verdict.missing,
+        cause=NOT_FINITE_CAUSE,
+    )
+
+
+def _asks_left(desk: Desk | None) -> bool:
+    return desk is not None and desk.open_left_requested
+
+
+def _asks_right(desk: Desk | None) -> bool:
+    return desk is not None and desk.open_right_requested

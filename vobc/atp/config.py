@@ -1,0 +1,92 @@
+"""What protection is set to: margins, the worst case it reckons with, how long silence may last."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Timeouts:
+    """An input older than this counts as lost."""
+
+    tacho_s: float
+    brake_s: float
+    traction_s: float
+    doors_s: float
+    desk_s: float
+    tag_reader_s: float
+
+    def __post_init__(self) -> None:
+        for name in self.__slots__:
+            if getattr(self, name) <= 0.0:
+                raise ValueError(f"{name} {getattr(self, name)} is not positive")
+
+
+@dataclass(frozen=True, slots=True)
+class AtpConfig:
+    warning_margin_mps: float
+    """Over the permitted speed; reaching a margin counts as exceeding it."""
+    service_margin_mps: float
+    emergency_margin_mps: float
+    guaranteed_decel_mps2: float
+    """Guaranteed emergency brake rate on level track (GEBR)."""
+    runaway_mps2: float
+    """Most that traction gives while it should not."""
+    sensing_s: float
+    """From a movement of the wheel to the cycle that may know of it."""
+    traction_cut_s: float
+    """From the command to no tractive effort."""
+    brake_build_up_s: float
+    """From then on until the guaranteed rate counts as there from the first moment."""
+    service_lead_s: float
+    """Service braking begins so long before the train would reach the emergency curve."""
+    warning_lead_s: float
+    """The warning so long before service braking."""
+    permitted_lead_s: float
+    """The permitted speed lies so long before the warning."""
+    authority_age_max_s: float
+    """An older authority brakes the train by emergency."""
+    authority_service_ratio: float
+    """Share of that age from which the service brake comes."""
+    rollback_m: float
+    held_movement_m: float
+    """A held train that moves farther than this is not held."""
+    overruns_max: int
+    """Cycles missed in a row that are still forgiven."""
+    door_window_m: float
+    """Doors open only if the front surely stands so close to the stopping point."""
+    door_declared_m: float
+    """Allowance to the window for what odometry declares as its least uncertainty."""
+    timeouts: Timeouts
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.warning_margin_mps < self.service_margin_mps < self.emergency_margin_mps:
+            raise ValueError(
+                "0 < warning_margin_mps < service_margin_mps < emergency_margin_mps does not hold"
+            )
+        if not 0.0 < self.authority_service_ratio <= 1.0:
+            raise ValueError(f"authority_service_ratio {self.authority_service_ratio} not in 0..1")
+        for name in _POSITIVE:
+            if getattr(self, name) <= 0.0:
+                raise ValueError(f"{name} {getattr(self, name)} is not positive")
+        for name in _NOT_NEGATIVE:
+            if getattr(self, name) < 0.0:
+                raise ValueError(f"{name} {getattr(self, name)} is negative")
+
+
+_POSITIVE = (
+    "guaranteed_decel_mps2",
+    "authority_age_max_s",
+    "rollback_m",
+    "held_movement_m",
+    "door_window_m",
+)
+_NOT_NEGATIVE = (
+    "runaway_mps2",
+    "sensing_s",
+    "traction_cut_s",
+    "brake_build_up_s",
+    "service_lead_s",
+    "warning_lead_s",
+    "permitted_lead_s",
+    "overruns_max",
+    "door_declared_m",
+)

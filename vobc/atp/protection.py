@@ -1,0 +1,200 @@
+"""One step of protection: inputs, ceiling, supervision and doors in this order, to one verdict."""
+
+from dataclasses import dataclass
+
+from can_dbc.vobc import Missing, Supervision
+from firmware_py.trackdb import LineMap
+from vobc.atp.braking import SafeBraking
+from vobc.atp.ceiling import CeilingMap
+from vobc.atp.config import AtpConfig
+from vobc.atp.doors import SHUT, DoorEnable, enabled_doors, platform_at
+from vobc.atp.inputs import in_words, silent, unready
+from vobc.atp.supervision import Cause, Seen, cause_of, next_state
+from vobc.vocabulary import Ceiling, CycleInput, Motion
+
+MOVING_STATES = (Supervision.NOMINAL, Supervision.WARNING, Supervision.SERVICE)
+
+STATE_WORDS = {
+    Supervision.NOMINAL: "",
+    Supervision.WARNING: "speed over the warning limit",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """What protection says in one cycle; operation may only ask for less."""
+
+    supervision: Supervision
+    cause: str
+    missing: Missing
+    ceiling: Ceiling | None
+    emergency_released: bool
+    service_brake: bool
+    """Full service brake whatever operation asks for."""
+    traction_permitted: bool
+    hold: bool
+    """The holding brake stays on."""
+    doors: DoorEnable
+
+
+class Protection:
+    """Holds what protection remembers: its state, why it brakes, and where the train was."""
+
+    def __init__(
+        self, config: AtpConfig, line: LineMap, *, train_length_m: float, cycle_s: float
+    ) -> None:
+        self._config = config
+        self._line = line
+        braking = SafeBraking(
+            guaranteed_decel_mps2=config.guaranteed_decel_mps2,
+            runaway_mps2=config.runaway_mps2,
+            # A speed may be reached just after a cycle has looked, and the next one may be late.
+            runaway_s=config.sensing_s + 2.0 * cycle_s + config.traction_cut_s,
+            build_up_s=config.brake_build_up_s,
+        )
+        self._ceilings = CeilingMap(config, braking, line, train_length_m=train_length_m)
+        self._state = Supervision.NO_AUTHORITY
+        self._cause: Cause | None = None
+        self._foremost_m = 0.0
+        self._held_at_m = 0.0
+        self._reset_was_pressed = True
+
+    def step(
+        self,
+        seen: CycleInput,
+        motion: Motion | None,
+        *,
+        odometer_usable: bool,
+        not_finite: bool,
+    ) -> Verdict:
+        """Decide once. `not_finite` says that the cycle before ended in the safe output by that."""
+        gone = silent(seen, self._config)
+        missing = gone | unready(seen, motion, odometer_usable=odometer_usable)
+        if motion is None:
+            return self._blind(missing)
+        end_m = seen.authority.end_m if seen.authority is not None else motion.front_m.low
+        ceiling = self._ceilings.at(motion.front_m, end_m)
+        facts = self._facts(seen, motion, ceiling, missing, gone, not_finite=not_finite)
+        self._move_on(facts, motion.travel_m)
+        return self._verdict(seen, motion, ceiling, missing)
+
+    def _blind(self, missing: Missing) -> Verdict:
+        """Nothing was ever heard of the wheels: the train is held, nothing else is known."""
+        return Verdict(
+            supervision=self._state,
+            cause=_waiting(missing),
+            missing=missing,
+            ceiling=None,
+            emergency_released=False,
+            service_brake=True,
+            traction_permitted=False,
+            hold=True,
+            doors=SHUT,
+        )
+
+    def _facts(
+        self,
+        seen: CycleInput,
+        motion: Motion,
+        ceiling: Ceiling,
+        missing: Missing,
+        gone: Missing,
+        *,
+        not_finite: bool,
+    ) -> Seen:
+        desk = seen.desk if Missing.DESK not in gone else None
+        pressed = desk is not None and desk.reset_requested
+        # A reset that is pressed all the time, or was pressed before the desk fell silent, is none.
+        fresh_reset = pressed and not self._reset_was_pressed
+        self._reset_was_pressed = pressed or desk is None
+        self._foremost_m = max(self._foremost_m, motion.travel_m)
+        return Seen(
+            limits=self._config,
+            speed_mps=motion.speed_mps,
+            ceiling=ceiling,
+            standing=motion.standing,
+            standstill=motion.standstill,
+            missing=missing,
+            silent=gone,
+            authority_age_s=seen.authority_age_s,
+            rollback_m=self._foremost_m - motion.travel_m,
+            held_movement_m=abs(motion.travel_m - self._held_at_m),
+            button_pressed=desk is not None and not desk.emergency_released,
+            overruns=seen.overruns,
+            not_finite=not_finite,
+            reset=fresh_reset,
+        )
+
+    def _move_on(self, facts: Seen, travel_m: float) -> None:
+        before = self._state
+        self._state = next_state(before, facts)
+        if self._state is Supervision.EMERGENCY:
+            if before is not Supervision.EMERGENCY:
+                self._cause = cause_of(before, facts)
+            # Where it comes to rest is where it is to be held.
+            self._held_at_m = travel_m
+        else:
+            self._cause = None
+            if self._state is not before and self._state is Supervision.NO_AUTHORITY:
+                self._held_at_m = self._foremost_m = travel_m
+
+    def _verdict(
+        self, seen: CycleInput, motion: Motion, ceiling: Ceiling, missing: Missing
+    ) -> Verdict:
+        state = self._state
+        may_move = state in MOVING_STATES
+        locked = (
+            seen.doors is not None and seen.doors.closed_and_locked and Missing.DOORS not in missing
+        )
+        return Verdict(
+            supervision=state,
+            cause=self._words(missing, seen),
+            missing=missing,
+            ceiling=ceiling,
+            emergency_released=may_move,
+            service_brake=not may_move or state is Supervision.SERVICE,
+            traction_permitted=(
+                may_move
+                and state is not Supervision.SERVICE
+                and locked
+                and ceiling.permitted_mps > 0.0
+            ),
+            hold=state is Supervision.NO_AUTHORITY or (not may_move and motion.standing),
+            doors=self._doors(seen, motion, missing),
+        )
+
+    def _doors(self, seen: CycleInput, motion: Motion, missing: Missing) -> DoorEnable:
+        config = self._config
+        brake, traction = seen.brake, seen.traction
+        fresh = not missing & (Missing.BRAKE | Missing.ODOMETER | Missing.LOCALISATION)
+        return enabled_doors(
+            standstill=motion.standstill and fresh,
+            platform=platform_at(
+                self._line.stations,
+                motion.front_m,
+                window_m=config.door_window_m + config.door_declared_m,
+            ),
+            holding_applied=brake is not None and brake.holding_applied,
+            traction_cut=(
+                traction is not None
+                and traction.traction_cut
+                and seen.traction_age_s <= config.timeouts.traction_s
+            ),
+            emergency=self._state is Supervision.EMERGENCY,
+        )
+
+    def _words(self, missing: Missing, seen: CycleInput) -> str:
+        if self._cause is not None:
+            return self._cause.value
+        if self._state is Supervision.NO_AUTHORITY:
+            return _waiting(missing)
+        if self._state is Supervision.SERVICE:
+            limit_s = self._config.authority_service_ratio * self._config.authority_age_max_s
+            if seen.authority_age_s >= limit_s:
+                return "movement authority is getting old"
+            return "speed over the service brake limit"
+        return STATE_WORDS[self._state]
+
+
+def _waiting(missing: Missing) -> str:
+    return f"waits for {in_words(missing)}" if missing else "waits until standstill is proven"

@@ -1,0 +1,84 @@
+"""Everything the controller is told by its parameter file, and the mission of a run."""
+
+from dataclasses import dataclass, field, replace
+
+from firmware_py import settings
+from firmware_py.settings import SettingsError
+from firmware_py.trackdb import LineMap, Station
+from vobc.ato import AtoConfig
+from vobc.atp import AtpConfig
+from vobc.odometry import OdometryConfig
+from vobc.vocabulary import Mission, TrainBelief
+
+SHIPPED = "vobc.params"
+CYCLE_MS_MIN = 20.0
+CYCLE_MS_MAX = 200.0
+
+
+@dataclass(frozen=True, slots=True)
+class VobcConfig:
+    name: str
+    address: int
+    """Number of the train on the radio."""
+    cycle_ms: float
+    report_ms: float
+    """Period of position reports on the radio."""
+    manual_jerk_mps3: float
+    """How fast a demand may follow the lever."""
+    train: TrainBelief
+    odometry: OdometryConfig
+    atp: AtpConfig
+    ato: AtoConfig = field(default_factory=AtoConfig)
+
+    def __post_init__(self) -> None:
+        if not CYCLE_MS_MIN <= self.cycle_ms <= CYCLE_MS_MAX:
+            raise ValueError(
+                f"cycle_ms {self.cycle_ms} is not in {CYCLE_MS_MIN:g}..{CYCLE_MS_MAX:g}"
+            )
+        if not 1 <= self.address <= 65535:
+            raise ValueError(f"address {self.address} is not in 1..65535")
+        if self.report_ms <= 0.0 or self.manual_jerk_mps3 <= 0.0:
+            raise ValueError("report_ms or manual_jerk_mps3 is not positive")
+
+
+def load_config(name: str, *, cycle_ms: float | None = None) -> VobcConfig:
+    """Parameters by path or by the stem of a shipped file; raises SettingsError.
+
+    What operation has to know of the train is what the whole controller believes of it.
+    """
+    config = settings.load(VobcConfig, name, SHIPPED)
+    train = config.train
+    ato = replace(
+        config.ato,
+        train_length_m=train.length_m,
+        rotating_mass_percent=100.0 * train.rotating_mass_ratio,
+    )
+    try:
+        return replace(config, ato=ato, cycle_ms=config.cycle_ms if cycle_ms is None else cycle_ms)
+    except ValueError as error:
+        raise SettingsError(f"--cycle-ms: {error}") from error
+
+
+def plan_mission(line: LineMap, start: str | None, end: str | None) -> Mission:
+    """From one station to another, stopping at all between; by default the whole line.
+
+    Raises SettingsError for a station that is not there, or that lies the other way.
+    """
+    first = _station(line, start, line.stations[0], "--from")
+    last = _station(line, end, line.stations[-1], "--to")
+    stops = tuple(line.stations_between(first.stop_m, last.stop_m))
+    if not stops:
+        raise SettingsError(
+            f"--to {last.name}: lies at {last.stop_m:g} m, not beyond {first.name} at "
+            f"{first.stop_m:g} m; trains run towards growing chainage"
+        )
+    return Mission(first, stops)
+
+
+def _station(line: LineMap, name: str | None, default: Station, option: str) -> Station:
+    if name is None:
+        return default
+    try:
+        return line.station(name)
+    except KeyError as error:
+        raise SettingsError(f"{option} {name}: {error.args[0]}") from None

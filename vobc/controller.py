@@ -1,0 +1,150 @@
+"""One control cycle on one page: motion, protection, operation, arbitration, in this order."""
+
+from typing import Final, Protocol
+
+from can_dbc.cab import CabMode
+from can_dbc.doors import DoorState, DoorStatus
+from can_dbc.vobc import Missing, Supervision
+from firmware_py.trackdb import LineMap, PlatformSide, Station
+from vobc.arbitration import BRAKED_DEMAND, arbitrate, manual_demand
+from vobc.ato import Ato
+from vobc.atp import Protection, Verdict
+from vobc.config import VobcConfig
+from vobc.odometry import Odometry
+from vobc.vocabulary import (
+    AtoDemand,
+    AtoInput,
+    CycleInput,
+    CycleOutput,
+    Mission,
+    Motion,
+    OdometryRecord,
+)
+
+ATO_STATES: Final = (Supervision.NOMINAL, Supervision.WARNING, Supervision.SERVICE)
+
+
+class Operation(Protocol):
+    """Whatever drives the train within what protection permits."""
+
+    def step(self, seen: AtoInput) -> AtoDemand: ...
+
+
+class Controller:
+    """All state of the on-board controller that outlives a cycle. It never asks for the time."""
+
+    def __init__(
+        self,
+        config: VobcConfig,
+        line: LineMap,
+        mission: Mission,
+        start: OdometryRecord,
+        operation: Operation | None = None,
+    ) -> None:
+        """`operation` replaces the configured automatic operation. Raises ValueError for an unknown
+        strategy.
+        """
+        self._config = config
+        self._line = line
+        self._train = config.train
+        self._odometry = Odometry(config.odometry, config.train, line, start)
+        self._protection = Protection(
+            config.atp,
+            line,
+            train_length_m=config.train.length_m,
+            cycle_s=config.cycle_ms / 1000.0,
+        )
+        self._operation = operation or Ato(config.ato, line, mission.start.stop_m, mission.stops)
+        self._manual_mps2 = 0.0
+        self._not_finite = False
+
+    @property
+    def rejected_tags(self) -> int:
+        return self._odometry.rejected_tags
+
+    def record(self) -> OdometryRecord:
+        """What to keep over a power cycle; meant for a train that stands."""
+        return self._odometry.record()
+
+    def step(self, seen: CycleInput) -> CycleOutput:
+        """Decide once. Whatever is missing, stale or not finite ends restrictively."""
+        motion = self._odometry.step(seen)
+        verdict = self._protection.step(
+            seen,
+            motion,
+            odometer_usable=self._odometry.usable,
+            not_finite=self._not_finite,
+        )
+        demand = self._demand(seen, motion, verdict)
+        output = arbitrate(
+            verdict, demand, motion, seen.desk, train=self._train, load_kg=self._load_kg(seen)
+        )
+        self._not_finite = output.motion is None and motion is not None
+        return output
+
+    def _demand(self, seen: CycleInput, motion: Motion | None, verdict: Verdict) -> AtoDemand:
+        """Who drives: the automatic operation is always told, so that it can take over smoothly."""
+        desk = seen.desk
+        if motion is None or verdict.ceiling is None or desk is None:
+            return BRAKED_DEMAND
+        automatic = self._operation.step(self._ato_input(seen, motion, verdict))
+        if desk.mode is not CabMode.MANUAL:
+            self._manual_mps2 = 0.0
+            return automatic if desk.mode is CabMode.AUTO else BRAKED_DEMAND
+        manual = manual_demand(
+            desk,
+            self._manual_mps2,
+            motion.standing,
+            train=self._train,
+            jerk_mps=self._config.manual_jerk_mps3 * seen.dt_s,
+        )
+        self._manual_mps2 = manual.accel_mps2
+        return manual
+
+    def _ato_input(self, seen: CycleInput, motion: Motion, verdict: Verdict) -> AtoInput:
+        assert verdict.ceiling is not None
+        front_m = motion.front_m.best
+        authority, brake, doors, traction = seen.authority, seen.brake, seen.doors, seen.traction
+        enabled = (
+            seen.desk is not None
+            and seen.desk.mode is CabMode.AUTO
+            and verdict.supervision in ATO_STATES
+            and verdict.missing == Missing.NOTHING
+        )
+        return AtoInput(
+            now_ns=seen.now_ns,
+            dt_s=seen.dt_s,
+            enabled=enabled,
+            front_m=front_m,
+            speed_mps=motion.speed_mps.best,
+            accel_mps2=motion.accel_mps2,
+            standstill=motion.standstill,
+            accepted_tag_ids=motion.accepted_tag_ids,
+            gradient_permille=self._line.mean_gradient_permille(
+                front_m - self._train.length_m, front_m
+            ),
+            ceiling_mps=verdict.ceiling.permitted_mps,
+            authority_end_m=front_m if authority is None else authority.end_m,
+            load_kg=self._load_kg(seen),
+            traction_ratio=0.0 if traction is None else traction.effort_available_ratio,
+            doors_locked=doors is not None
+            and doors.closed_and_locked
+            and Missing.DOORS not in verdict.missing,
+            doors_open=_platform_side_open(doors, self._nearest_station(front_m)),
+            door_enabled=any(verdict.doors),
+            holding_applied=brake is not None and brake.holding_applied,
+        )
+
+    def _load_kg(self, seen: CycleInput) -> float:
+        """Until the train has weighed its passengers it is taken to be full."""
+        return self._train.full_load_kg if seen.load is None else seen.load.load_kg
+
+    def _nearest_station(self, front_m: float) -> Station:
+        return min(self._line.stations, key=lambda station: abs(station.stop_m - front_m))
+
+
+def _platform_side_open(doors: DoorStatus | None, station: Station) -> bool:
+    if doors is None:
+        return False
+    state = doors.left if station.side is PlatformSide.LEFT else doors.right
+    return state is DoorState.OPEN

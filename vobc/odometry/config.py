@@ -1,0 +1,83 @@
+"""What the controller believes of its position and speed sensors."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class OdometryConfig:
+    scale_error_low_ratio: float
+    """Counted distance = true distance * (1 + e); e lies between these two ends."""
+    scale_error_high_ratio: float
+    scale_sigma_ratio: float
+    """Standard deviation of e before the first tags."""
+    scale_margin_ratio: float
+    """What a scale measured between two tags is widened by, for creep that nobody sees."""
+    scale_base_m: float
+    """Two tags at least so far apart measure the scale."""
+    creep_sigma_m_per_sqrt_m: float
+    """Random walk of the counted distance."""
+    start_bound_m: float
+    """A train that is set up at a stopping point stands within this."""
+    cold_movement_m: float
+    """How far a train may have been moved while the controller was off."""
+    tag_bound_m: float
+    """Hard bound of place and latching of one tag."""
+    tag_sigma_m: float
+    tag_silence_s: float
+    """After this a passed tag that nobody reported counts as missed."""
+    missed_tags_max: int
+    localisation_limit_m: float
+    """Wider intervals mean that the train does not know where it is."""
+    tracking_rad_s: float
+    """Bandwidth of the speed filter."""
+    window_s: float
+    """Pulses are counted over this time for the hard bounds of speed."""
+    stamp_jitter_s: float
+    """How much the delay between sampling a tacho and hearing its frame may vary."""
+    max_accel_mps2: float
+    """No train gains speed faster, gradient included."""
+    max_decel_mps2: float
+    max_speed_mps: float
+    """Counters that would need more than this have jumped."""
+    standing_s: float
+    zero_speed_mps: float
+    zero_speed_s: float
+    doppler_quality_percent: float
+    doppler_age_s: float
+    doppler_error_mps: float
+    doppler_error_ratio: float
+    slip_threshold_mps: float
+    """Wheels and radar disagree by more than this, beyond what the radar may err: slip or slide."""
+    slip_hold_s: float
+    slip_onset_m: float
+    """What may have been lost before a slip was noticed."""
+
+    def __post_init__(self) -> None:
+        if not -0.2 < self.scale_error_low_ratio <= 0.0 <= self.scale_error_high_ratio < 0.2:
+            raise ValueError(
+                f"scale_error_low_ratio {self.scale_error_low_ratio} and scale_error_high_ratio "
+                f"{self.scale_error_high_ratio} must enclose 0 within ±0.2"
+            )
+        for name in _POSITIVE:
+            if getattr(self, name) <= 0:
+                raise ValueError(f"{name} {getattr(self, name)} is not positive")
+
+
+_POSITIVE = (
+    "scale_sigma_ratio",
+    "scale_base_m",
+    "start_bound_m",
+    "tag_bound_m",
+    "tag_sigma_m",
+    "missed_tags_max",
+    "localisation_limit_m",
+    "tracking_rad_s",
+    "window_s",
+    "max_accel_mps2",
+    "max_decel_mps2",
+    "max_speed_mps",
+    "standing_s",
+    "zero_speed_mps",
+    "zero_speed_s",
+    "slip_threshold_mps",
+)

@@ -1,0 +1,63 @@
+"""Tacho counters of two axles to one count of pulses: wraps, jumps and dead axles."""
+
+from typing import Final
+
+from can_dbc.odometer import Tacho
+
+WRAP: Final = 65536
+STUCK_PULSES: Final = 25
+"""An axle that stands while the other one turns so far does not count any more."""
+JUMP_SLACK_PULSES: Final = 3
+
+
+def signed_difference(later: int, earlier: int) -> int:
+    """Of two counters modulo 65536, the shorter way round."""
+    return (later - earlier + WRAP // 2) % WRAP - WRAP // 2
+
+
+class PulseCounter:
+    """Counts along tacho A, which latches the tags, and falls back on B while A cannot be right."""
+
+    __slots__ = ("_max_pulses_per_s", "_still_a", "_still_b", "_tacho", "count", "jumps", "on_b")
+
+    def __init__(self, max_pulses_per_s: float) -> None:
+        self._max_pulses_per_s = max_pulses_per_s
+        self._tacho: Tacho | None = None
+        self._still_a = 0
+        self._still_b = 0
+        self.count = 0
+        """Pulses since the first sample, signed."""
+        self.jumps = 0
+        """Counter steps that no train can have made."""
+        self.on_b = False
+
+    def since_latched(self, pulses: int) -> int | None:
+        """Pulses of tacho A since it showed `pulses`; None while A is not to be trusted."""
+        if self._tacho is None or self.on_b:
+            return None
+        return signed_difference(self._tacho.pulses_a, pulses)
+
+    def step(self, tacho: Tacho, dt_s: float) -> int | None:
+        """Pulses since the sample before; None when neither axle can be right."""
+        before, self._tacho = self._tacho, tacho
+        if before is None:
+            return 0
+        step_a = signed_difference(tacho.pulses_a, before.pulses_a)
+        step_b = signed_difference(tacho.pulses_b, before.pulses_b)
+        limit = self._max_pulses_per_s * dt_s + JUMP_SLACK_PULSES
+        possible_a, possible_b = abs(step_a) <= limit, abs(step_b) <= limit
+        self.jumps += (not possible_a) + (not possible_b)
+        self._watch_stuck(step_a, step_b)
+        good_a = tacho.healthy_a and possible_a and self._still_a < STUCK_PULSES
+        good_b = tacho.healthy_b and possible_b and self._still_b < STUCK_PULSES
+        if not (good_a or good_b):
+            return None
+        self.on_b = not good_a
+        step = step_a if good_a else step_b
+        self.count += step
+        return step
+
+    def _watch_stuck(self, step_a: int, step_b: int) -> None:
+        """How far each axle has been left behind by the other while it did not move at all."""
+        self._still_a = self._still_a + abs(step_b) if step_a == 0 else 0
+        self._still_b = self._still_b + abs(step_a) if step_b == 0 else 0

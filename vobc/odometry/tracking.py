@@ -1,0 +1,101 @@
+"""Speed and acceleration from a stream of pulse counts: a low-noise estimate and hard bounds."""
+
+import math
+from collections import deque
+from typing import Final
+
+HALF_PULSE: Final = 0.5
+"""A counter shows the whole pulses, so the wheel is on average half a pulse further."""
+MIN_STEP_S: Final = 1e-3
+
+
+class SpeedTrack:
+    """Fading-memory filter of second order, in pulses; no lag while the acceleration is steady.
+
+    With theta = exp(-bandwidth * dt) the three errors of the filter die out together, and the gains
+    1 - theta**3, 3/2 * (1 - theta**2) * (1 - theta), (1 - theta)**3 fit any spacing of the samples.
+    """
+
+    __slots__ = (
+        "_bandwidth_rad_s",
+        "_counts",
+        "_moved_s",
+        "_window_s",
+        "accel_pulses_per_s2",
+        "at_pulses",
+        "rate_pulses_per_s",
+        "stamp_s",
+    )
+
+    def __init__(self, *, bandwidth_rad_s: float, window_s: float) -> None:
+        self._bandwidth_rad_s = bandwidth_rad_s
+        self._window_s = window_s
+        self._counts: deque[tuple[float, int]] = deque()
+        self._moved_s = -math.inf
+        self.stamp_s = -math.inf
+        """Instant of the last sample."""
+        self.at_pulses = HALF_PULSE
+        self.rate_pulses_per_s = 0.0
+        self.accel_pulses_per_s2 = 0.0
+
+    def add(self, stamp_s: float, count: int) -> None:
+        """Take one sample; samples come in the order of their instants."""
+        counts = self._counts
+        if not counts:
+            self._moved_s, self.at_pulses = stamp_s, count + HALF_PULSE
+        else:
+            if count != counts[-1][1]:
+                self._moved_s = stamp_s
+            self._correct(max(MIN_STEP_S, stamp_s - self.stamp_s), count)
+        self.stamp_s = stamp_s
+        counts.append((stamp_s, count))
+        while len(counts) > 2 and counts[1][0] <= stamp_s - self._window_s:
+            counts.popleft()
+
+    def _correct(self, dt_s: float, count: int) -> None:
+        theta = math.exp(-self._bandwidth_rad_s * dt_s)
+        short = 1.0 - theta
+        accel = self.accel_pulses_per_s2
+        rate = self.rate_pulses_per_s + accel * dt_s
+        at = self.at_pulses + (rate - 0.5 * accel * dt_s) * dt_s
+        miss = count + HALF_PULSE - at
+        self.at_pulses = at + (1.0 - theta * theta * theta) * miss
+        self.rate_pulses_per_s = rate + 1.5 * (1.0 - theta * theta) * short * miss / dt_s
+        self.accel_pulses_per_s2 = accel + short * short * short * miss / (dt_s * dt_s)
+
+    def still_s(self, now_s: float) -> float:
+        """Time for which no pulse has come."""
+        return now_s - self._moved_s
+
+    def settle(self) -> None:
+        """The wheel stands: forget what is left of its motion."""
+        self.rate_pulses_per_s = 0.0
+        self.accel_pulses_per_s2 = 0.0
+
+    def limited_rate_pulses_per_s(self, now_s: float) -> float:
+        """The rate now; a wheel that gave no pulse for t turns slower than one pulse in t."""
+        rate = self.rate_pulses_per_s + self.accel_pulses_per_s2 * (now_s - self.stamp_s)
+        seen_still_s = self.stamp_s - self._moved_s
+        if seen_still_s <= 0.0:
+            return rate
+        most = 1.0 / seen_still_s
+        return max(-most, min(most, rate))
+
+    def mean_rate(self, jitter_s: float) -> tuple[float, float, float]:
+        """Lowest and highest mean rate over the window in pulses/s, and the window's length in s.
+
+        A difference of whole pulses is off by less than one, its time by `jitter_s`.
+        """
+        first_s, first = self._counts[0]
+        last_s, last = self._counts[-1]
+        length_s = last_s - first_s
+        if length_s <= 2.0 * jitter_s:
+            return -math.inf, math.inf, length_s
+        step = last - first
+        short_s, long_s = length_s - jitter_s, length_s + jitter_s
+        low, high = step - 1, step + 1
+        return (
+            low / (long_s if low > 0 else short_s),
+            high / (short_s if high > 0 else long_s),
+            length_s,
+        )
