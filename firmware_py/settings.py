@@ -3,6 +3,8 @@
 import dataclasses
 import difflib
 import enum
+import os
+import sys
 import tomllib
 import types
 import typing
@@ -28,12 +30,9 @@ def shipped_names(package: str) -> list[str]:
 
 
 def find(name: str, package: str) -> Path:
-    """The file called `name`: a path if it looks like one, else the stem of a file shipped with `package`."""
-    if name.endswith(".toml") or "/" in name:
-        path = Path(name)
-        if not path.is_file():
-            raise SettingsError(f"{name}: no such file")
-        return path
+    """The file called `name`: a path if it looks like one, else a stem shipped with `package`."""
+    if name.endswith(".toml") or "/" in name or os.sep in name:
+        return Path(name)
     shipped = shipped_names(package)
     if name not in shipped:
         raise SettingsError(f"{name}: {_nearest(name, shipped, 'shipped name')}")
@@ -50,9 +49,13 @@ def parse(path: Path) -> dict[str, Any]:
     """The tables of one TOML file."""
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError as error:
+        raise SettingsError(f"{path}: no such file") from error
     except OSError as error:
         raise SettingsError(f"{path}: cannot be read: {error.strerror}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    # Besides its own errors the parser lets through those of numbers and dates that are too large,
+    # and of brackets too deeply nested.
+    except (ValueError, RecursionError) as error:
         raise SettingsError(f"{path}: not TOML: {error}") from error
 
 
@@ -69,7 +72,8 @@ def build(kind: type[T], table: Mapping[str, Any], source: str, key: str = "") -
     for name in table:
         if name not in fields:
             where = _join(key, name)
-            raise SettingsError(f"{source}: {where}: unknown key; {_nearest(name, list(fields), 'key')}")
+            nearest = _nearest(name, list(fields), "key")
+            raise SettingsError(f"{source}: {where}: unknown key; {nearest}")
     values: dict[str, Any] = {}
     for name, field in fields.items():
         if name in table:
@@ -79,7 +83,8 @@ def build(kind: type[T], table: Mapping[str, Any], source: str, key: str = "") -
     try:
         return kind(**values)
     except ValueError as error:
-        raise SettingsError(f"{source}: {key + ': ' if key else ''}{error}") from error
+        where = f"{source}: {key}" if key else source
+        raise SettingsError(f"{where}: {error}") from error
 
 
 def _convert(hint: Any, value: Any, source: str, key: str) -> Any:
@@ -90,13 +95,14 @@ def _convert(hint: Any, value: Any, source: str, key: str) -> Any:
             return _convert(options[0], value, source, key)
     elif origin is tuple:
         return _convert_tuple(hint, value, source, key)
-    elif origin in (dict, Mapping) or origin is typing.get_origin(Mapping[str, int]):
-        if isinstance(value, dict):
-            inner = get_args(hint)[1]
-            return {name: _convert(inner, item, source, _join(key, name)) for name, item in value.items()}
+    elif origin in (dict, Mapping):
+        if not isinstance(value, dict):
+            raise SettingsError(f"{source}: {key}: {value!r} is not a table")
+        inner = get_args(hint)[1]
+        return {n: _convert(inner, item, source, _join(key, n)) for n, item in value.items()}
     elif isinstance(hint, type):
         return _convert_plain(hint, value, source, key)
-    raise SettingsError(f"{source}: {key}: {value!r} is not {_words(hint)}")
+    raise TypeError(f"{key}: a field of type {hint} cannot be read from TOML")
 
 
 def _convert_tuple(hint: Any, value: Any, source: str, key: str) -> tuple[Any, ...]:
@@ -122,7 +128,8 @@ def _convert_plain(kind: type[Any], value: Any, source: str, key: str) -> Any:
             return names[value.lower()]
         raise SettingsError(f"{source}: {key}: {value!r}: {_nearest(value, list(names), 'value')}")
     if kind is float and isinstance(value, int | float) and not isinstance(value, bool):
-        if value != value or value in (float("inf"), float("-inf")):
+        # Whole numbers in TOML have no bound here, but those over 1e308 have no float.
+        if not -sys.float_info.max <= value <= sys.float_info.max:
             raise SettingsError(f"{source}: {key}: {value} is not a finite number")
         return float(value)
     if isinstance(value, kind) and (kind is bool or not isinstance(value, bool)):

@@ -1,15 +1,14 @@
 """Track database: what both the controller and the world know of the line, by chainage."""
 
-from firmware_py.trackdb.line_map import (
+from firmware_py.trackdb.line_map import LineMap, load_line
+from firmware_py.trackdb.sites import (
     CurveSection,
     GradientSection,
-    LineMap,
     PlatformSide,
     SpeedSection,
     Station,
     TagKind,
     TagSite,
-    load_line,
 )
 
 __all__ = [

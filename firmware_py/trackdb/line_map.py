@@ -1,104 +1,35 @@
 """The line by chainage: stations, speed limits, gradients, curves and tags.
 
-Chainage grows in running direction. Sections are half-open, [start, end). Where no gradient or curve
-section lies the track is level and straight; speed sections must cover the line without a hole.
+Chainage grows in running direction. Sections are half-open, [start, end). Where no gradient or
+curve section lies the track is level and straight; speed sections must cover the line without a
+hole.
 """
 
-import enum
 import itertools
 from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import TypeVar
 
 from firmware_py import settings
+from firmware_py.trackdb.sites import (
+    CurveSection,
+    GradientSection,
+    SpeedSection,
+    Station,
+    TagSite,
+)
+from firmware_py.trackdb.sites import TagKind as TagKind
 
-
-class PlatformSide(enum.Enum):
-    LEFT = "left"
-    RIGHT = "right"
-
-
-class TagKind(enum.Enum):
-    BALISE = "balise"
-    """Plain location reference."""
-    T1 = "t1"
-    T2 = "t2"
-    T3 = "t3"
-    """The three magnetic tags before a stopping point (Allotta et al. 2013, section II.B)."""
-    STOP = "stop"
-    """Under the antenna of a train that stands at the stopping point."""
-
-
-@dataclass(frozen=True, slots=True)
-class Station:
-    name: str
-    stop_m: float
-    """Where the front coupler of a train stands that stopped exactly."""
-    platform_start_m: float
-    platform_end_m: float
-    side: PlatformSide = PlatformSide.RIGHT
-    dwell_s: float = 30.0
-
-    def __post_init__(self) -> None:
-        if not self.platform_start_m < self.stop_m <= self.platform_end_m:
-            raise ValueError(f"station {self.name}: stop_m {self.stop_m} is not along its platform")
-        if self.dwell_s < 0.0:
-            raise ValueError(f"station {self.name}: dwell_s {self.dwell_s} is negative")
-
-
-@dataclass(frozen=True, slots=True)
-class SpeedSection:
-    start_m: float
-    end_m: float
-    limit_mps: float
-
-    def __post_init__(self) -> None:
-        _check_section(self.start_m, self.end_m)
-        if self.limit_mps <= 0.0:
-            raise ValueError(f"limit_mps {self.limit_mps} is not positive")
-
-
-@dataclass(frozen=True, slots=True)
-class GradientSection:
-    start_m: float
-    end_m: float
-    gradient_permille: float
-    """Positive climbs in running direction."""
-
-    def __post_init__(self) -> None:
-        _check_section(self.start_m, self.end_m)
-        if abs(self.gradient_permille) > 120.0:
-            raise ValueError(f"gradient_permille {self.gradient_permille} is beyond ±120")
-
-
-@dataclass(frozen=True, slots=True)
-class CurveSection:
-    start_m: float
-    end_m: float
-    radius_m: float
-
-    def __post_init__(self) -> None:
-        _check_section(self.start_m, self.end_m)
-        if self.radius_m < 50.0:
-            raise ValueError(f"radius_m {self.radius_m} is under 50")
-
-
-@dataclass(frozen=True, slots=True)
-class TagSite:
-    tag_id: int
-    position_m: float
-    kind: TagKind = TagKind.BALISE
-    station: str | None = None
-    """The station whose stop the tag serves; None for a balise between stations."""
-
-    def __post_init__(self) -> None:
-        if not 0 < self.tag_id < 2**32:
-            raise ValueError(f"tag_id {self.tag_id} is not in 1..{2**32 - 1}")
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
 class LineMap:
-    """One line in running direction. Raises ValueError when its parts contradict each other."""
+    """One line in running direction. Raises ValueError when its parts contradict each other.
+
+    Beyond both ends the track is level and straight, and the limit is that of the nearest section.
+    """
 
     name: str
     start_m: float
@@ -109,31 +40,36 @@ class LineMap:
     curves: tuple[CurveSection, ...] = ()
     tags: tuple[TagSite, ...] = ()
     description: str = ""
-    _speed_starts: tuple[float, ...] = field(init=False, repr=False, compare=False, default=())
+    # Each quantity as the chainages where it changes and one value more than there are of those:
+    # value[i] holds on [edge[i - 1], edge[i]), so that bisect_right(edges, at) is its index.
+    _limit_edges_m: tuple[float, ...] = field(init=False, repr=False, compare=False, default=())
+    _limits_mps: tuple[float, ...] = field(init=False, repr=False, compare=False, default=())
     _grade_edges_m: tuple[float, ...] = field(init=False, repr=False, compare=False, default=())
-    _grade_heights_m: tuple[float, ...] = field(init=False, repr=False, compare=False, default=())
+    _grades_permille: tuple[float, ...] = field(init=False, repr=False, compare=False, default=())
+    _height_at_edges_m: tuple[float, ...] = field(init=False, repr=False, compare=False, default=())
+    _curve_edges_m: tuple[float, ...] = field(init=False, repr=False, compare=False, default=())
+    _radii_m: tuple[float | None, ...] = field(init=False, repr=False, compare=False, default=())
 
     def __post_init__(self) -> None:
-        if self.end_m <= self.start_m:
+        if not self.start_m < self.end_m:
             raise ValueError(f"end_m {self.end_m} is not beyond start_m {self.start_m}")
         self._check_stations()
         self._check_speeds()
-        _check_order("gradients", [(g.start_m, g.end_m) for g in self.gradients])
-        _check_order("curves", [(c.start_m, c.end_m) for c in self.curves])
+        self._check_sections("gradients", [(g.start_m, g.end_m) for g in self.gradients])
+        self._check_sections("curves", [(c.start_m, c.end_m) for c in self.curves])
         self._check_tags()
-        object.__setattr__(self, "_speed_starts", tuple(s.start_m for s in self.speed_sections))
-        self._index_gradients()
+        self._index()
 
     def _check_stations(self) -> None:
         if not self.stations:
             raise ValueError("stations: there is none")
-        names: set[str] = set()
         for earlier, later in itertools.pairwise(self.stations):
-            if later.stop_m <= earlier.stop_m:
+            if not earlier.stop_m < later.stop_m:
                 raise ValueError(
                     f"stations: {later.name} at {later.stop_m} m is out of order after "
                     f"{earlier.name} at {earlier.stop_m} m"
                 )
+        names: set[str] = set()
         for station in self.stations:
             if station.name in names:
                 raise ValueError(f"stations: {station.name} occurs twice")
@@ -146,18 +82,37 @@ class LineMap:
         for section in self.speed_sections:
             if section.start_m != reached_m:
                 raise ValueError(
-                    f"speed_sections: a section starts at {section.start_m} m where {reached_m} m is needed"
+                    f"speed_sections: a section starts at {section.start_m} m "
+                    f"where {reached_m} m is needed"
                 )
             reached_m = section.end_m
         if reached_m != self.end_m:
-            raise ValueError(f"speed_sections: they end at {reached_m} m, the line at {self.end_m} m")
+            raise ValueError(
+                f"speed_sections: they end at {reached_m} m, the line at {self.end_m} m"
+            )
+
+    def _check_sections(self, what: str, sections: Sequence[tuple[float, float]]) -> None:
+        for (_, end_m), (start_m, _) in itertools.pairwise(sections):
+            if start_m < end_m:
+                raise ValueError(
+                    f"{what}: the section at {start_m} m starts before the one ahead of it "
+                    f"ends, at {end_m} m"
+                )
+        for start_m, end_m in sections:
+            if not self.start_m <= start_m < end_m <= self.end_m:
+                raise ValueError(
+                    f"{what}: the section from {start_m} m to {end_m} m is not on the line"
+                )
 
     def _check_tags(self) -> None:
         names = {station.name for station in self.stations}
         seen: set[int] = set()
         for earlier, later in itertools.pairwise(self.tags):
-            if later.position_m <= earlier.position_m:
-                raise ValueError(f"tags: tag {later.tag_id} at {later.position_m} m is out of order")
+            if not earlier.position_m < later.position_m:
+                raise ValueError(
+                    f"tags: tag {later.tag_id} at {later.position_m} m is out of order after "
+                    f"tag {earlier.tag_id} at {earlier.position_m} m"
+                )
         for tag in self.tags:
             if tag.tag_id in seen:
                 raise ValueError(f"tags: tag_id {tag.tag_id} occurs twice")
@@ -167,66 +122,74 @@ class LineMap:
             if tag.station is not None and tag.station not in names:
                 raise ValueError(f"tags: tag {tag.tag_id} serves unknown station {tag.station}")
 
-    def _index_gradients(self) -> None:
-        edges_m, heights_m, height_m, at_m = [self.start_m], [0.0], 0.0, self.start_m
-        for section in self.gradients:
-            if section.start_m > at_m:
-                edges_m.append(section.start_m)
-                heights_m.append(height_m)
-            height_m += (section.end_m - section.start_m) * section.gradient_permille / 1000.0
-            at_m = section.end_m
-            edges_m.append(at_m)
-            heights_m.append(height_m)
-        object.__setattr__(self, "_grade_edges_m", tuple(edges_m))
-        object.__setattr__(self, "_grade_heights_m", tuple(heights_m))
+    def _index(self) -> None:
+        limits = [(s.start_m, s.end_m, s.limit_mps) for s in self.speed_sections]
+        grades = [(g.start_m, g.end_m, g.gradient_permille) for g in self.gradients]
+        curves = [(c.start_m, c.end_m, c.radius_m) for c in self.curves]
+        grade_edges_m, grades_permille = _pieces(grades, 0.0)
+        curve_edges_m, radii_m = _pieces(curves, None)
+        heights_m = [0.0]
+        for (start_m, end_m), grade_permille in zip(
+            itertools.pairwise(grade_edges_m), grades_permille[1:], strict=False
+        ):
+            heights_m.append(heights_m[-1] + (end_m - start_m) * grade_permille / 1000.0)
+        for name, value in (
+            ("_limit_edges_m", tuple(start_m for start_m, _, _ in limits[1:])),
+            ("_limits_mps", tuple(limit_mps for _, _, limit_mps in limits)),
+            ("_grade_edges_m", grade_edges_m),
+            ("_grades_permille", grades_permille),
+            ("_height_at_edges_m", tuple(heights_m)),
+            ("_curve_edges_m", curve_edges_m),
+            ("_radii_m", radii_m),
+        ):
+            object.__setattr__(self, name, value)
 
     def height_m(self, at_m: float) -> float:
-        """Height over the start of the line; the track is level beyond the last gradient section."""
-        edges_m, heights_m = self._grade_edges_m, self._grade_heights_m
-        index = bisect_right(edges_m, at_m) - 1
-        if index < 0:
+        """Height of the track over its start."""
+        index = bisect_right(self._grade_edges_m, at_m)
+        if index == 0:
             return 0.0
-        if index + 1 >= len(edges_m):
-            return heights_m[-1]
-        share_ratio = (at_m - edges_m[index]) / (edges_m[index + 1] - edges_m[index])
-        return heights_m[index] + share_ratio * (heights_m[index + 1] - heights_m[index])
+        run_m = at_m - self._grade_edges_m[index - 1]
+        rise_m = run_m * self._grades_permille[index] / 1000.0
+        return self._height_at_edges_m[index - 1] + rise_m
+
+    def gradient_permille(self, at_m: float) -> float:
+        """Gradient at one point."""
+        return self._grades_permille[bisect_right(self._grade_edges_m, at_m)]
 
     def mean_gradient_permille(self, rear_m: float, front_m: float) -> float:
         """Mean over a stretch, so over the train's length; rear_m < front_m."""
         assert rear_m < front_m
+        edges_m = self._grade_edges_m
+        first = bisect_right(edges_m, rear_m)
+        # A train is mostly on one gradient, and then it need not be integrated.
+        if first == len(edges_m) or front_m < edges_m[first]:
+            return self._grades_permille[first]
         return (self.height_m(front_m) - self.height_m(rear_m)) / (front_m - rear_m) * 1000.0
 
     def worst_gradient_permille(self, rear_m: float, front_m: float) -> float:
-        """The lowest (steepest falling) gradient anywhere in [rear_m, front_m]; at most 0 off all sections."""
-        lowest_permille: float | None = None
-        covered_m = 0.0
-        for section in self.gradients:
-            overlap_m = min(front_m, section.end_m) - max(rear_m, section.start_m)
-            if overlap_m > 0.0 or section.start_m <= rear_m == front_m < section.end_m:
-                covered_m += overlap_m
-                if lowest_permille is None or section.gradient_permille < lowest_permille:
-                    lowest_permille = section.gradient_permille
-        if lowest_permille is None or (covered_m < front_m - rear_m and lowest_permille > 0.0):
-            return 0.0
-        return lowest_permille
+        """The lowest (steepest falling) gradient anywhere in [rear_m, front_m]; level is 0."""
+        assert rear_m <= front_m
+        first = bisect_right(self._grade_edges_m, rear_m)
+        last = bisect_right(self._grade_edges_m, front_m)
+        return min(self._grades_permille[first : last + 1])
 
     def limit_mps(self, at_m: float) -> float:
-        """Civil speed limit at one point; the nearest section's outside the line."""
-        index = max(0, bisect_right(self._speed_starts, at_m) - 1)
-        return self.speed_sections[index].limit_mps
+        """Civil speed limit at one point."""
+        return self._limits_mps[bisect_right(self._limit_edges_m, at_m)]
 
     def least_limit_mps(self, rear_m: float, front_m: float) -> float:
         """The lowest civil limit anywhere under a train that covers [rear_m, front_m]."""
-        first = max(0, bisect_right(self._speed_starts, rear_m) - 1)
-        last = max(first, bisect_right(self._speed_starts, front_m) - 1)
-        return min(section.limit_mps for section in self.speed_sections[first : last + 1])
+        assert rear_m <= front_m
+        first = bisect_right(self._limit_edges_m, rear_m)
+        last = bisect_right(self._limit_edges_m, front_m)
+        if first == last:
+            return self._limits_mps[first]
+        return min(self._limits_mps[first : last + 1])
 
     def radius_m(self, at_m: float) -> float | None:
         """Radius of the curve at one point; None on straight track."""
-        for curve in self.curves:
-            if curve.start_m <= at_m < curve.end_m:
-                return curve.radius_m
-        return None
+        return self._radii_m[bisect_right(self._curve_edges_m, at_m)]
 
     def station(self, name: str) -> Station:
         """Raises KeyError, with the names there are, for an unknown one."""
@@ -246,12 +209,18 @@ def load_line(name: str) -> LineMap:
     return settings.load(LineMap, name, "firmware_py.trackdb")
 
 
-def _check_section(start_m: float, end_m: float) -> None:
-    if end_m <= start_m:
-        raise ValueError(f"end_m {end_m} is not beyond start_m {start_m}")
-
-
-def _check_order(what: str, sections: Sequence[tuple[float, float]]) -> None:
-    for (_, end_m), (start_m, _) in itertools.pairwise(sections):
-        if start_m < end_m:
-            raise ValueError(f"{what}: the section at {start_m} m overlaps the one that ends at {end_m} m")
+def _pieces(
+    sections: Sequence[tuple[float, float, T]], between: T
+) -> tuple[tuple[float, ...], tuple[T, ...]]:
+    """Edges and values, one more of those, of sections with `between` before, between and after."""
+    edges_m: list[float] = []
+    values: list[T] = [between]
+    for start_m, end_m, value in sections:
+        if edges_m and edges_m[-1] == start_m:
+            values[-1] = value
+        else:
+            edges_m.append(start_m)
+            values.append(value)
+        edges_m.append(end_m)
+        values.append(between)
+    return tuple(edges_m), tuple(values)

@@ -1,0 +1,99 @@
+"""What lies along a line: stations, sections of one limit, gradient or radius, and tags."""
+
+import enum
+from dataclasses import dataclass
+from typing import Final
+
+GRADIENT_MAX_PERMILLE: Final = 120.0
+RADIUS_MIN_M: Final = 50.0
+TAG_ID_MAX: Final = 2**32 - 1
+
+
+class PlatformSide(enum.Enum):
+    LEFT = "left"
+    RIGHT = "right"
+
+
+class TagKind(enum.Enum):
+    BALISE = "balise"
+    """Plain location reference."""
+    T1 = "t1"
+    T2 = "t2"
+    T3 = "t3"
+    """The three magnetic tags before a stopping point (Allotta et al. 2013, section II.B)."""
+    STOP = "stop"
+    """Under the antenna of a train that stands at the stopping point."""
+
+
+@dataclass(frozen=True, slots=True)
+class Station:
+    name: str
+    stop_m: float
+    """Where the front coupler of a train stands that stopped exactly."""
+    platform_start_m: float
+    platform_end_m: float
+    side: PlatformSide = PlatformSide.RIGHT
+    dwell_s: float = 30.0
+
+    def __post_init__(self) -> None:
+        if not self.platform_start_m < self.stop_m <= self.platform_end_m:
+            raise ValueError(f"station {self.name}: stop_m {self.stop_m} is not along its platform")
+        if not self.dwell_s >= 0.0:
+            raise ValueError(f"station {self.name}: dwell_s {self.dwell_s} is negative")
+
+
+@dataclass(frozen=True, slots=True)
+class SpeedSection:
+    start_m: float
+    end_m: float
+    limit_mps: float
+
+    def __post_init__(self) -> None:
+        _check_section(self.start_m, self.end_m)
+        if not self.limit_mps > 0.0:
+            raise ValueError(f"limit_mps {self.limit_mps} is not positive")
+
+
+@dataclass(frozen=True, slots=True)
+class GradientSection:
+    start_m: float
+    end_m: float
+    gradient_permille: float
+    """Positive climbs in running direction."""
+
+    def __post_init__(self) -> None:
+        _check_section(self.start_m, self.end_m)
+        if not abs(self.gradient_permille) <= GRADIENT_MAX_PERMILLE:
+            raise ValueError(
+                f"gradient_permille {self.gradient_permille} is beyond ±{GRADIENT_MAX_PERMILLE}"
+            )
+
+
+@dataclass(frozen=True, slots=True)
+class CurveSection:
+    start_m: float
+    end_m: float
+    radius_m: float
+
+    def __post_init__(self) -> None:
+        _check_section(self.start_m, self.end_m)
+        if not self.radius_m >= RADIUS_MIN_M:
+            raise ValueError(f"radius_m {self.radius_m} is under {RADIUS_MIN_M}")
+
+
+@dataclass(frozen=True, slots=True)
+class TagSite:
+    tag_id: int
+    position_m: float
+    kind: TagKind = TagKind.BALISE
+    station: str | None = None
+    """The station whose stop the tag serves; None for a balise between stations."""
+
+    def __post_init__(self) -> None:
+        if not 0 < self.tag_id <= TAG_ID_MAX:
+            raise ValueError(f"tag_id {self.tag_id} is not in 1..{TAG_ID_MAX}")
+
+
+def _check_section(start_m: float, end_m: float) -> None:
+    if not start_m < end_m:
+        raise ValueError(f"end_m {end_m} is not beyond start_m {start_m}")
