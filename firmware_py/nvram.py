@@ -100,8 +100,8 @@ class Nvram:
     def put_later(self, record: NvramRecord) -> None:
         """Hand the record to a thread that stores it; only the newest of several is stored.
 
-        The thread keeps the scheduling of its maker: it mostly waits for the disk, and were it of
-        lower priority it could lose the processor while the control cycle waits for the interpreter.
+        The thread keeps the scheduling of its maker: it mostly waits for the disk, and with a lower
+        priority it could lose the processor while the control cycle waits for the interpreter.
         """
         if self._closing:
             self.put(record)
