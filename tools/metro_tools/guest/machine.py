@@ -9,7 +9,6 @@ import signal
 import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
@@ -17,6 +16,7 @@ from pathlib import Path
 from types import FrameType
 from typing import IO, Final
 
+from firmware_py.clock import NS_PER_S, WallClock
 from metro_tools.guest import plan
 from metro_tools.guest.plan import GuestError, Machine, MemoryPlace, Request
 
@@ -29,6 +29,7 @@ SIGNAL_GRACE_S: Final = 20.0
 FLUSH_TIMEOUT_S: Final = 5.0
 """For the guest to power off, and for the last of its output."""
 WAIT_MAX_S: Final = 60.0
+CLOCK: Final = WallClock()
 CHUNK_BYTES: Final = 65536
 PASSED_SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 PR_SET_PDEATHSIG: Final = 1
@@ -186,6 +187,10 @@ def _die_with_parent() -> None:
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
+def _now_s() -> float:
+    return CLOCK.now_ns() / NS_PER_S
+
+
 @contextmanager
 def _kept_signals() -> Iterator[_Course]:
     """Note the signals that would end the launcher, to pass them on instead."""
@@ -206,20 +211,20 @@ def _attend(
     process: subprocess.Popen[bytes], wires: _Wires, timeout_s: int, course: _Course
 ) -> int:
     """Relay output, follow reports and pass signals on until the guest is gone."""
-    course.deadline_s = time.monotonic() + BOOT_TIMEOUT_S
+    course.deadline_s = _now_s() + BOOT_TIMEOUT_S
     reports = bytearray()
     with selectors.DefaultSelector() as selector, _wakeup(selector):
         selector.register(wires.reports_in, selectors.EVENT_READ, None)
         for read, _, own in wires.streams:
             selector.register(read, selectors.EVENT_READ, own)
-        while len(selector.get_map()) > 1 and (left_s := course.deadline_s - time.monotonic()) > 0:
+        while len(selector.get_map()) > 1 and (left_s := course.deadline_s - _now_s()) > 0:
             for key, _ in selector.select(min(left_s, WAIT_MAX_S)):
                 _take(selector, key, reports)
             _follow(reports, course, timeout_s)
             _pass_signals(course, wires.orders_out)
             if process.poll() is not None:
                 # It is gone; its pipes end at once unless a stray process of it holds them.
-                course.deadline_s = min(course.deadline_s, time.monotonic() + FLUSH_TIMEOUT_S)
+                course.deadline_s = min(course.deadline_s, _now_s() + FLUSH_TIMEOUT_S)
     if course.status is None:
         crashed = course.is_up and process.poll() is not None
         raise GuestError(f"the guest {'crashed' if crashed else course.why}")
@@ -273,10 +278,10 @@ def _follow(reports: bytearray, course: _Course, timeout_s: int) -> None:
             course.is_up = True
             course.why = "hung"
             limit_s = timeout_s + HANG_GRACE_S if timeout_s else float("inf")
-            course.deadline_s = time.monotonic() + limit_s
+            course.deadline_s = _now_s() + limit_s
         elif len(words) == 2 and words[0] == b"status":
             course.status = int(words[1])
-            course.deadline_s = time.monotonic() + FLUSH_TIMEOUT_S
+            course.deadline_s = _now_s() + FLUSH_TIMEOUT_S
 
 
 def _pass_signals(course: _Course, orders_out: int) -> None:
@@ -287,7 +292,7 @@ def _pass_signals(course: _Course, orders_out: int) -> None:
             raise KeyboardInterrupt
         os.write(orders_out, signal.Signals(number).name.removeprefix("SIG").encode() + b"\n")
         course.why = "did not end after a signal"
-        course.deadline_s = min(course.deadline_s, time.monotonic() + SIGNAL_GRACE_S)
+        course.deadline_s = min(course.deadline_s, _now_s() + SIGNAL_GRACE_S)
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:
