@@ -1,12 +1,12 @@
 """Measures of one run, from the truth of the plant and the cycle log of the controller."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from firmware_py.trackdb import LineMap, Station
+from firmware_py.trackdb import Station
 from metro_hil.columns import Columns, Numbers
 
 CUT_OFF_HZ = 2.0
@@ -163,11 +163,3 @@ def supervision_events(cycles: Columns) -> list[SupervisionEvent]:
         for index, row in enumerate(rows)
         if index == 0 or row != rows[index - 1]
     ]
-
-
-def stations_of(line: LineMap, start: str, end: str) -> Sequence[Station]:
-    """The stations that a mission from `start` to `end` stops at."""
-    return line.stations_between(line.station(start).stop_m, line.station(end).stop_m)
-
-
-Results = Mapping[str, object]

@@ -31,6 +31,7 @@ class RunOptions:
     consist: str
     params: str
     load_ratio: float | None
+    odometer_error: float | None
     start: str | None
     end: str | None
     seed: int
@@ -76,6 +77,12 @@ def _add_journey(run: argparse.ArgumentParser) -> None:
     )
     group.add_argument(
         "--load-ratio", type=_ratio, metavar="0..1", help="passengers; default: the consist's"
+    )
+    group.add_argument(
+        "--odometer-error",
+        type=_odometer_error,
+        metavar="RATIO",
+        help="systematic error of the tachos, such as 0.05; default: drawn by the consist",
     )
     group.add_argument("--seed", type=_seed, default=1, help="of all noise in the run; default: 1")
     group.add_argument(
@@ -153,6 +160,10 @@ def _number(text: str, low: float, high: float, what: str) -> float:
 
 def _ratio(text: str) -> float:
     return _number(text, 0.0, 1.0, "within 0..1")
+
+
+def _odometer_error(text: str) -> float:
+    return _number(text, -0.2, 0.2, "within -0.2..0.2")
 
 
 def _seconds(text: str) -> float:

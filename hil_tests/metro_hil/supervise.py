@@ -12,7 +12,7 @@ from can_dbc.binding import can_id, kinds, sender
 from can_dbc.nodes import Node
 from firmware_py import rendezvous
 from firmware_py.buses import BusError, is_virtual, open_can, resolve_auto
-from firmware_py.buses.embedded import start_hub
+from firmware_py.buses.hub_control import start_hub
 from firmware_py.clock import WallClock
 from firmware_py.ports import CanPort
 from firmware_py.radio.zenoh_radio import DEFAULT_ENDPOINT, pick_endpoint
@@ -175,6 +175,8 @@ class RealtimeRun:
         arguments += ["--to", journey.end.name, "--radio", radio, "--out", str(self._folder.path)]
         if options.load_ratio is not None:
             arguments += ["--load-ratio", str(options.load_ratio)]
+        if options.odometer_error is not None:
+            arguments += ["--odometer-error", str(options.odometer_error)]
         return arguments
 
     def _start_controller(self, stack: ExitStack, spec: str, tags: str, radio: str) -> None:

@@ -35,7 +35,7 @@ class Watch:
         self._tap, self._log, self._picture, self._display = tap, log, picture, display
         self._clock = clock
         self._host = LineLog(host_log, HOST_COLUMNS)
-        self._epoch_offset_ns = clock.epoch_ns() - clock.now_ns()
+        self._epoch_offset_ns = clock.epoch_offset_ns
         self._start_ns = clock.now_ns()
         self._steal_start_ns = self._steal_last_ns = steal_ns()
         self._bits_load_sum = 0.0
