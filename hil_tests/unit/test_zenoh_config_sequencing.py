@@ -1,0 +1,137 @@
+"""Receivers act on each message once, in order, in time, and only when they are meant."""
+
+from dataclasses import replace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from zenoh_config.messages import MovementAuthority, PositionReport, Refused, RefusedReason
+from zenoh_config.sequencing import AuthorityGate, ReportGate
+
+MS = 1_000_000
+NOW_NS = 10_000 * MS
+MAX_AGE_NS = 1000 * MS
+AUTHORITY = MovementAuthority(7, 3, term=2, sequence=50, echo_stamp_ns=NOW_NS - 300 * MS, end_m=9.0)
+REPORT = PositionReport(7, 3, 50, NOW_NS, 10.0, 11.0, -60.0, 1.0, False)
+
+
+def authority_gate(seen_term: int = 0) -> AuthorityGate:
+    return AuthorityGate(train=7, boot=3, max_age_ns=MAX_AGE_NS, seen_term=seen_term)
+
+
+def reason(refused: Refused | None) -> RefusedReason | None:
+    return None if refused is None else refused.reason
+
+
+def test_an_authority_is_accepted_once() -> None:
+    gate = authority_gate()
+
+    assert gate.check(AUTHORITY, NOW_NS) is None
+    assert reason(gate.check(AUTHORITY, NOW_NS)) is RefusedReason.NOT_NEWER
+    assert (gate.accepted, gate.refusals.total(), gate.seen_term) == (1, 1, 2)
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        ({"train": 8}, RefusedReason.WRONG_DESTINATION),
+        ({"source": 9}, RefusedReason.WRONG_SOURCE),
+        ({"boot": 2}, RefusedReason.WRONG_BOOT),
+        ({"boot": 4}, RefusedReason.WRONG_BOOT),
+        ({"term": 1}, RefusedReason.OLD_TERM),
+        ({"term": 1, "sequence": 99}, RefusedReason.OLD_TERM),
+        ({"sequence": 50}, RefusedReason.NOT_NEWER),
+        ({"sequence": 49}, RefusedReason.NOT_NEWER),
+        ({"sequence": 51}, None),
+        ({"term": 3, "sequence": 0}, None),
+        ({"sequence": 51, "echo_stamp_ns": NOW_NS}, None),
+        ({"sequence": 51, "echo_stamp_ns": NOW_NS + 1}, RefusedReason.FROM_THE_FUTURE),
+        ({"sequence": 51, "echo_stamp_ns": NOW_NS - MAX_AGE_NS}, None),
+        ({"sequence": 51, "echo_stamp_ns": NOW_NS - MAX_AGE_NS - 1}, RefusedReason.TOO_OLD),
+    ],
+)
+def test_after_one_authority_the_next_must_be_newer_ours_and_fresh(
+    change: dict[str, int], expected: RefusedReason | None
+) -> None:
+    gate = authority_gate()
+    gate.check(AUTHORITY, NOW_NS)
+
+    refused = gate.check(replace(AUTHORITY, **change), NOW_NS)
+
+    assert reason(refused) is expected
+    assert gate.refusals == ({} if expected is None else {expected: 1})
+
+
+def test_terms_seen_before_a_restart_still_fence() -> None:
+    gate = authority_gate(seen_term=3)
+
+    assert reason(gate.check(AUTHORITY, NOW_NS)) is RefusedReason.OLD_TERM
+    assert gate.check(replace(AUTHORITY, term=3, sequence=0), NOW_NS) is None
+
+
+def test_a_refused_authority_changes_nothing() -> None:
+    gate = authority_gate()
+    too_old = replace(AUTHORITY, term=9, sequence=99, echo_stamp_ns=0)
+
+    gate.check(too_old, NOW_NS)
+
+    assert gate.seen_term == 0
+    assert gate.check(AUTHORITY, NOW_NS) is None
+
+
+@given(st.lists(st.tuples(st.integers(0, 3), st.integers(0, 5)), max_size=40))
+def test_whatever_the_order_what_is_accepted_only_grows(arrivals: list[tuple[int, int]]) -> None:
+    gate = authority_gate()
+
+    accepted = [
+        (term, sequence)
+        for term, sequence in arrivals
+        if gate.check(replace(AUTHORITY, term=term, sequence=sequence), NOW_NS) is None
+    ]
+
+    assert accepted == sorted(set(accepted))
+    if arrivals:
+        assert accepted[0] == arrivals[0]
+        assert accepted[-1] == max(arrivals)
+    assert gate.accepted + gate.refusals.total() == len(arrivals)
+
+
+def test_a_report_is_accepted_once() -> None:
+    gate = ReportGate()
+
+    assert gate.check(REPORT) is None
+    assert reason(gate.check(REPORT)) is RefusedReason.NOT_NEWER
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        ({"destination": 1}, RefusedReason.WRONG_DESTINATION),
+        ({"boot": 2, "sequence": 99}, RefusedReason.WRONG_BOOT),
+        ({"boot": 4, "sequence": 0, "stamp_ns": 0}, None),
+        ({"sequence": 49}, RefusedReason.NOT_NEWER),
+        ({"sequence": 51, "stamp_ns": NOW_NS - 1}, RefusedReason.NOT_NEWER),
+        ({"sequence": 51}, None),
+        ({"train": 8, "sequence": 0, "stamp_ns": 0}, None),
+    ],
+)
+def test_after_one_report_the_next_must_be_newer_and_for_us(
+    change: dict[str, int], expected: RefusedReason | None
+) -> None:
+    gate = ReportGate()
+    gate.check(REPORT)
+
+    refused = gate.check(replace(REPORT, **change))  # type: ignore[arg-type]
+
+    assert reason(refused) is expected
+    assert gate.refusals == ({} if expected is None else {expected: 1})
+
+
+def test_an_incarnation_that_ended_is_not_heard_again() -> None:
+    gate = ReportGate()
+    gate.check(REPORT)
+    gate.check(replace(REPORT, boot=4, sequence=0))
+
+    assert reason(gate.check(replace(REPORT, sequence=51))) is RefusedReason.WRONG_BOOT
+    assert gate.check(replace(REPORT, boot=4, sequence=1)) is None
