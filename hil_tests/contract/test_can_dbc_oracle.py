@@ -1,0 +1,256 @@
+"""The compiled codec against independent ones: cantools for every bit, crccheck for every CRC."""
+
+import dataclasses
+import enum
+import math
+import typing
+from typing import Any
+
+import pytest
+from cantools.database.can import Message
+from crccheck.crc import Crc16CcittFalse
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from can_dbc import binding
+from can_dbc.codec import Decoder, Encoder, Reason, Rejected
+
+KINDS = binding.kinds()
+PROTECTED = [kind for kind in KINDS if "crc16" in binding.message(kind).signal_tree]
+VITAL = [kind for kind in KINDS if binding.is_vital(kind)]
+
+
+def types_of(kind: type) -> dict[str, type]:
+    hints = typing.get_type_hints(kind)
+    return {field.name: hints[field.name] for field in dataclasses.fields(kind)}
+
+
+def values_for(kind: type, name: str, annotation: type) -> st.SearchStrategy[Any]:
+    """Values of one field: within its range often, anything of its type sometimes."""
+    signal = binding.message(kind).get_signal_by_name(name)
+    if annotation is bool:
+        return st.booleans()
+    if issubclass(annotation, enum.Flag):
+        return st.integers(0, 2**signal.length - 1).map(annotation)
+    if issubclass(annotation, enum.Enum):
+        return st.sampled_from(annotation)
+    if annotation is int:
+        return st.integers(-(2**70), 2**70) | st.integers(signal.minimum, signal.maximum)
+    return st.floats(allow_nan=False) | st.floats(signal.minimum, signal.maximum)
+
+
+def frames_of(kind: type) -> st.SearchStrategy[Any]:
+    return st.builds(
+        kind, **{name: values_for(kind, name, each) for name, each in types_of(kind).items()}
+    )
+
+
+def wire_values(kind: type, frame: Any) -> dict[str, Any]:
+    """What cantools is to be told to encode the frame: saturated, choices as raw values."""
+    wire: dict[str, Any] = {}
+    for name, annotation in types_of(kind).items():
+        signal = binding.message(kind).get_signal_by_name(name)
+        value = getattr(frame, name)
+        if annotation is bool:
+            wire[name] = str(value).upper()
+        elif issubclass(annotation, enum.Enum):
+            wire[name] = value.value
+        else:
+            wire[name] = min(max(value, signal.minimum), signal.maximum)
+    return wire
+
+
+def with_trailer(message: Message, values: dict[str, Any], data: bytes) -> dict[str, Any]:
+    """Counter and CRC as they are in `data`, for cantools treats them as any other signal."""
+    decoded = message.decode(data, decode_choices=False)
+    return values | {name: decoded[name] for name in ("alive_counter", "crc16") if name in decoded}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@settings(max_examples=50)
+@given(data=st.data())
+def test_cantools_encodes_the_same_bits(kind: type, data: st.DataObject) -> None:
+    frame = data.draw(frames_of(kind))
+    message = binding.message(kind)
+
+    can_id, payload = Encoder().encode(frame)[0]
+
+    assert can_id == message.frame_id
+    assert payload == message.encode(with_trailer(message, wire_values(kind, frame), payload))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@settings(max_examples=50)
+@given(data=st.data())
+def test_cantools_and_the_decoder_read_the_same_values(kind: type, data: st.DataObject) -> None:
+    message = binding.message(kind)
+    sent = Encoder().encode(data.draw(frames_of(kind)))
+    decoder = Decoder([kind])
+
+    read = [decoder.decode(can_id, payload, 0) for can_id, payload in sent][-1]
+
+    assert type(read) is kind
+    theirs = message.decode(sent[0][1])
+    for name, annotation in types_of(kind).items():
+        value = getattr(read, name)
+        assert type(value) is annotation
+        if annotation is bool:
+            assert theirs[name] == str(value).upper()
+        elif issubclass(annotation, enum.Enum):
+            assert message.decode(sent[0][1], decode_choices=False)[name] == value.value
+        else:
+            assert theirs[name] == value
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@settings(max_examples=50)
+@given(data=st.data())
+def test_a_decoded_frame_is_encoded_into_the_bits_it_came_from(
+    kind: type, data: st.DataObject
+) -> None:
+    sent = Encoder().encode(data.draw(frames_of(kind)))
+    decoder = Decoder([kind])
+    read = [decoder.decode(can_id, payload, 0) for can_id, payload in sent][-1]
+    assert not isinstance(read, Rejected)
+    assert read is not None
+
+    assert Encoder().encode(read) == sent
+
+
+@pytest.mark.parametrize("kind", VITAL)
+@settings(max_examples=50)
+@given(data=st.data())
+def test_the_twin_is_inverted_and_shows_the_same_values(kind: type, data: st.DataObject) -> None:
+    """Its payload bits are inverted, and cantools still reads the same values from it."""
+    twin = binding.binding_of(kind).twin
+    assert twin is not None
+
+    (_, first), (twin_id, second) = Encoder().encode(data.draw(frames_of(kind)))
+
+    assert twin_id == twin.frame_id == binding.can_id(kind) + 1
+    assert bytes(0xFF - byte for byte in first[:-3]) == second[:-3]
+    assert first[-3] == second[-3]
+    ours, theirs = binding.message(kind).decode(first), twin.decode(second)
+    for name in types_of(kind):
+        if isinstance(ours[name], int | float):
+            assert theirs[name] == pytest.approx(ours[name], abs=1e-9)
+        else:
+            assert str(theirs[name]) == str(ours[name])
+    assert twin.encode(theirs) == second
+
+
+@pytest.mark.parametrize("kind", PROTECTED)
+@given(data=st.data(), repeats=st.integers(1, 300))
+def test_counter_and_crc_are_those_of_an_independent_calculation(
+    kind: type, data: st.DataObject, repeats: int
+) -> None:
+    frame = data.draw(frames_of(kind))
+    encoder = Encoder()
+
+    for _ in range(repeats):
+        sent = encoder.encode(frame)
+
+    for message, (_, payload) in zip(binding.binding_of(kind).messages, sent, strict=True):
+        assert message.dbc is not None
+        data_id = message.dbc.attributes["SafetyDataId"].value
+        body = int(data_id).to_bytes(2, "little") + payload[:-2]
+        assert payload[-3] == (repeats - 1) % 256
+        assert int.from_bytes(payload[-2:], "little") == Crc16CcittFalse.calc(body)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_infinity_is_sent_as_the_end_of_the_range(kind: type) -> None:
+    for name, annotation in types_of(kind).items():
+        if annotation is float:
+            signal = binding.message(kind).get_signal_by_name(name)
+            for value, end in ((math.inf, signal.maximum), (-math.inf, signal.minimum)):
+                frame = dataclasses.replace(some_frame(kind), **{name: value})
+
+                sent = Encoder().encode(frame)
+
+                theirs = binding.message(kind).decode(sent[0][1])
+                assert theirs[name] == pytest.approx(end)
+
+
+def some_frame(kind: type) -> Any:
+    """Zeros, false and the first member of every enumeration."""
+    return kind(*(next(iter(each)) if issubclass(each, enum.Enum) else each(0)
+                  for each in types_of(kind).values()))  # fmt: skip
+
+
+@given(
+    frames=st.lists(
+        st.tuples(
+            st.integers(0, 0x7FF) | st.sampled_from([binding.can_id(kind) for kind in KINDS]),
+            st.binary(max_size=8),
+            st.integers(0, 10**9),
+        )
+    )
+)
+def test_no_bytes_make_the_decoder_raise(frames: list[tuple[int, bytes, int]]) -> None:
+    decoder = Decoder(KINDS)
+    refused = 0
+
+    for can_id, data, heard_ns in frames:
+        heard = decoder.decode(can_id, data, heard_ns)
+        if isinstance(heard, Rejected):
+            refused += 1
+            assert (heard.can_id, heard.data) == (can_id, data)
+            assert heard.detail
+        else:
+            assert heard is None or type(heard) in KINDS
+
+    assert decoder.rejections.total() == refused
+
+
+def crc_of(message: Message, body: bytes) -> bytes:
+    assert message.dbc is not None
+    data_id = int(message.dbc.attributes["SafetyDataId"].value).to_bytes(2, "little")
+    return int(Crc16CcittFalse.calc(data_id + body)).to_bytes(2, "little")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@settings(max_examples=50)
+@given(data=st.data())
+def test_any_payload_with_a_good_trailer_is_a_frame_or_an_invalid_value(
+    kind: type, data: st.DataObject
+) -> None:
+    """Every bit pattern of the payload, with the trailer right: cantools judges the values."""
+    message = binding.message(kind)
+    guarded = kind in PROTECTED
+    payload = data.draw(st.binary(min_size=message.length - 3 * guarded,
+                                  max_size=message.length - 3 * guarded))  # fmt: skip
+    decoder = Decoder([kind])
+    sent = [payload]
+    if guarded:
+        halves = (payload, bytes(0xFF - byte for byte in payload))
+        sent = [
+            half + b"\x05" + crc_of(each, half + b"\x05")
+            for each, half in zip(binding.binding_of(kind).messages, halves, strict=False)
+        ]
+
+    heard = [
+        decoder.decode(each.frame_id, half, 0)
+        for each, half in zip(binding.binding_of(kind).messages, sent, strict=True)
+    ][-1]
+
+    if all_valid(kind, message.decode(sent[0], decode_choices=False)):
+        assert type(heard) is kind
+    else:
+        assert isinstance(heard, Rejected)
+        assert heard.reason is Reason.INVALID_VALUE
+        assert heard.can_id == message.frame_id
+        assert heard.data == sent[0]
+
+
+def all_valid(kind: type, decoded: dict[str, Any]) -> bool:
+    for name, annotation in types_of(kind).items():
+        signal = binding.message(kind).get_signal_by_name(name)
+        if annotation is bool or issubclass(annotation, enum.Flag):
+            continue
+        if issubclass(annotation, enum.Enum):
+            if decoded[name] not in {member.value for member in annotation}:
+                return False
+        elif not signal.minimum - 1e-9 <= decoded[name] <= signal.maximum + 1e-9:
+            return False
+    return True
