@@ -1,0 +1,25 @@
+"""Control laws by name; a new one is one module and its line in the table."""
+
+import difflib
+from collections.abc import Callable, Mapping
+from typing import Final
+
+from firmware_py.trackdb import LineMap
+from vobc.ato.config import AtoConfig
+from vobc.ato.strategies.florence import Florence
+from vobc.ato.strategies.strategy import Strategy
+
+STRATEGIES: Final[Mapping[str, Callable[[AtoConfig, LineMap, float], Strategy]]] = {
+    "florence": Florence,
+}
+"""From the line and the nominal cycle in seconds."""
+
+
+def make_strategy(config: AtoConfig, line: LineMap, dt_s: float) -> Strategy:
+    """Raises ValueError, with the nearest name there is, for an unknown one."""
+    maker = STRATEGIES.get(config.strategy)
+    if maker is None:
+        names = sorted(STRATEGIES)
+        close = difflib.get_close_matches(config.strategy, names, n=1) or names
+        raise ValueError(f"strategy {config.strategy} is unknown; did you mean {close[0]}?")
+    return maker(config, line, dt_s)

@@ -1,0 +1,204 @@
+"""Tuning of the automatic operation: its belief of train and brake, how it drives and stops."""
+
+from dataclasses import dataclass, field
+from typing import Final
+
+MAX_DEAD_TIMES: Final = 8
+"""Bound on the hypotheses of brake delay, which keeps the cost of a cycle bounded."""
+
+
+@dataclass(frozen=True, slots=True)
+class PidGains:
+    """From a speed error to an acceleration; a position error takes one more power of a second."""
+
+    kp_per_s: float
+    ki_per_s2: float
+    kd_ratio: float
+
+    def __post_init__(self) -> None:
+        if min(self.kp_per_s, self.ki_per_s2, self.kd_ratio) < 0.0:
+            raise ValueError("a PID gain is negative")
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """What passengers are promised (Allotta et al. 2013, table 1), emergency braking apart."""
+
+    accel_mps2: float = 0.8
+    jerk_mps3: float = 0.6
+
+    def __post_init__(self) -> None:
+        _positive(accel_mps2=self.accel_mps2, jerk_mps3=self.jerk_mps3)
+
+
+@dataclass(frozen=True, slots=True)
+class BrakeBelief:
+    dead_times_s: tuple[float, ...] = (0.3, 0.44, 0.58, 0.72, 0.86, 1.0, 1.14, 1.28)
+    """Hypotheses, rising, from the demand leaving this cycle to the first bite."""
+    expected_dead_time_s: float = 1.0
+    """Until an application has shown its own. Too long a guess only starts the braking early."""
+    lag_s: float = 0.35
+    """Of the first-order build-up after the dead time; an error in it is found as dead time."""
+    speed_sigma_mps: float = 0.03
+    """Spread of speed innovations on the true hypothesis, couplers included."""
+
+    def __post_init__(self) -> None:
+        _positive(lag_s=self.lag_s, speed_sigma_mps=self.speed_sigma_mps)
+        if not 1 <= len(self.dead_times_s) <= MAX_DEAD_TIMES:
+            raise ValueError(f"dead_times_s has not 1..{MAX_DEAD_TIMES} entries")
+        if list(self.dead_times_s) != sorted(set(self.dead_times_s)):
+            raise ValueError(f"dead_times_s {list(self.dead_times_s)} do not rise")
+        if self.dead_times_s[0] < 0.0 or self.dead_times_s[-1] > 3.0:
+            raise ValueError("dead_times_s are not within 0..3 s")
+        if not self.dead_times_s[0] <= self.expected_dead_time_s <= self.dead_times_s[-1]:
+            raise ValueError("expected_dead_time_s is not within dead_times_s")
+
+
+@dataclass(frozen=True, slots=True)
+class TractionBelief:
+    dead_time_s: float = 0.12
+    lag_s: float = 0.3
+    rated_accel_mps2: float = 1.0
+    """What the full rated effort gives the loaded train on the level."""
+    smoothing_s: float = 1.4
+    """Moving average over the reference acceleration; its first null is a coupler mode."""
+
+    def __post_init__(self) -> None:
+        _positive(lag_s=self.lag_s, rated_accel_mps2=self.rated_accel_mps2)
+        if self.dead_time_s < 0.0 or self.dead_time_s > 3.0:
+            raise ValueError(f"dead_time_s {self.dead_time_s} is not within 0..3 s")
+        if self.smoothing_s < 0.0:
+            raise ValueError(f"smoothing_s {self.smoothing_s} is negative")
+
+
+@dataclass(frozen=True, slots=True)
+class Braking:
+    """Shape of a braking: steady at speed, a low plateau at the end, a small last step."""
+
+    decel_mps2: float = 0.67
+    ease_jerk_mps3: float = 0.3
+    plateau_decel_mps2: float = 0.32
+    plateau_speed_mps: float = 1.8
+    final_decel_mps2: float = 0.08
+    least_decel_mps2: float = 0.03
+    """The brake stays on with at least this from the start of braking to the stop: ending the
+    application would let the next one draw another delay."""
+    correction_ratio: float = 2.6
+    """2 aims at the mark with a steady brake; more removes errors earlier than at the mark."""
+    reserve_mps2: float = 0.05
+    """Kept between the planned demand on the worst gradient and the limit, for corrections."""
+
+    def __post_init__(self) -> None:
+        _positive(
+            decel_mps2=self.decel_mps2,
+            ease_jerk_mps3=self.ease_jerk_mps3,
+            plateau_speed_mps=self.plateau_speed_mps,
+            final_decel_mps2=self.final_decel_mps2,
+            least_decel_mps2=self.least_decel_mps2,
+            correction_ratio=self.correction_ratio,
+        )
+        if not self.final_decel_mps2 <= self.plateau_decel_mps2 <= self.decel_mps2:
+            raise ValueError("not final_decel_mps2 <= plateau_decel_mps2 <= decel_mps2")
+
+
+@dataclass(frozen=True, slots=True)
+class SpeedControl:
+    """PIDs on the predicted speed error, one for each direction of the reference."""
+
+    rising: PidGains = PidGains(0.6, 0.06, 0.0)
+    constant: PidGains = PidGains(0.4, 0.04, 0.0)
+    falling: PidGains = PidGains(0.3859, 0.0277, 0.0097)
+    margin_mps: float = 0.5
+    """Kept under the ceiling and the civil limits: room for odometry's uncertainty."""
+    coast_band_mps2: float = 0.05
+    """While cruising, a smaller brake demand is coasted instead: each application costs a delay."""
+
+    def __post_init__(self) -> None:
+        if self.margin_mps < 0.0 or self.coast_band_mps2 < 0.0:
+            raise ValueError("margin_mps or coast_band_mps2 is negative")
+
+
+@dataclass(frozen=True, slots=True)
+class PrintedScheme:
+    """Allotta et al. 2013, tables 5 and 6, and the three-tag speeds of section II."""
+
+    rising: PidGains = PidGains(5.4781, 0.0097, 0.0079)
+    falling: PidGains = PidGains(0.3859, 0.0277, 0.0097)
+    constant: PidGains = PidGains(0.6832, 0.2242, 0.2401)
+    position: PidGains = PidGains(0.7926, 0.2764, 0.7683)
+    feed_forward: bool = False
+    """Add the reference acceleration to the output of the PIDs; the paper does not mention one."""
+    t1_m: float = 50.0
+    t2_m: float = 10.0
+    t3_m: float = 1.5
+    t1_speed_mps: float = 15.0 / 3.6
+    creep_speed_mps: float = 0.67
+    """Constant between T2 and T3."""
+    decel_mps2: float = 0.6
+    """Down to the speed at T1."""
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.t3_m < self.t2_m < self.t1_m:
+            raise ValueError("not 0 < t3_m < t2_m < t1_m")
+        if not 0.0 < self.creep_speed_mps < self.t1_speed_mps:
+            raise ValueError("not 0 < creep_speed_mps < t1_speed_mps")
+        _positive(decel_mps2=self.decel_mps2)
+
+
+@dataclass(frozen=True, slots=True)
+class StationWork:
+    window_m: float = 0.3
+    """Distance to the stopping point within which the stop counts as made."""
+    stopping_zone_m: float = 50.0
+    """From here on the three-tag stop is spoken of; the distance of T1."""
+    jog_reach_m: float = 5.0
+    jog_attempts: int = 3
+    authority_margin_m: float = 1.0
+    """A stop before the end of authority is made this far short of it."""
+    least_run_m: float = 5.0
+    """Between stations the train sets off only when the authority lets it go at least so far."""
+    hold_speed_mps: float = 0.03
+    """The holding brake comes on under this: soft enough for the step not to be felt."""
+    hold_decel_mps2: float = 0.4
+    """Service brake asked at standstill until the holding brake is confirmed."""
+    doors_patience_s: float = 10.0
+    """The dwell begins at the latest so long after the doors were asked to open."""
+
+    def __post_init__(self) -> None:
+        _positive(
+            window_m=self.window_m,
+            stopping_zone_m=self.stopping_zone_m,
+            least_run_m=self.least_run_m,
+            hold_speed_mps=self.hold_speed_mps,
+            hold_decel_mps2=self.hold_decel_mps2,
+        )
+        if self.jog_attempts < 0 or self.jog_reach_m < 0.0 or self.authority_margin_m < 0.0:
+            raise ValueError("jog_attempts, jog_reach_m or authority_margin_m is negative")
+
+
+@dataclass(frozen=True, slots=True)
+class AtoConfig:
+    strategy: str = "florence"
+    """A name from `vobc.ato.strategies.STRATEGIES`."""
+    train_length_m: float = 68.59
+    rotating_mass_percent: float = 8.0
+    limits: Limits = field(default_factory=Limits)
+    brake: BrakeBelief = field(default_factory=BrakeBelief)
+    traction: TractionBelief = field(default_factory=TractionBelief)
+    braking: Braking = field(default_factory=Braking)
+    speed: SpeedControl = field(default_factory=SpeedControl)
+    station: StationWork = field(default_factory=StationWork)
+    printed: PrintedScheme = field(default_factory=PrintedScheme)
+
+    def __post_init__(self) -> None:
+        _positive(train_length_m=self.train_length_m)
+        if not 0.0 <= self.rotating_mass_percent <= 50.0:
+            raise ValueError(f"rotating_mass_percent {self.rotating_mass_percent} is not in 0..50")
+        if self.braking.decel_mps2 > self.limits.accel_mps2:
+            raise ValueError("braking.decel_mps2 is over limits.accel_mps2")
+
+
+def _positive(**values: float) -> None:
+    for name, value in values.items():
+        if value <= 0.0:
+            raise ValueError(f"{name} {value} is not positive")

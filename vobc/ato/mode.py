@@ -1,0 +1,170 @@
+"""Phases of the automatic operation as a table of named guards; pure."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Final
+
+from can_dbc.vobc import AtoPhase
+
+
+@dataclass(slots=True)
+class Situation:
+    """What the guards look at. Refilled each cycle."""
+
+    enabled: bool = False
+    resting: bool = False
+    """Standstill proven and the holding brake asked for."""
+    under_way: bool = False
+    """Clearly moving forwards."""
+    braking: bool = False
+    """The strategy brakes towards the target."""
+    in_stopping_zone: bool = False
+    at_stop: bool = False
+    served: bool = False
+    """The station work at the present stop is done; the next stop is the goal."""
+    has_door_work: bool = False
+    may_go: bool = False
+    """There is a goal ahead, the authority reaches far enough and no attempt limit is used up."""
+    dwell_over: bool = False
+    doors_locked: bool = False
+    doors_enabled: bool = False
+
+
+Guard = Callable[[Situation], bool]
+
+
+def disabled(seen: Situation) -> bool:
+    return not seen.enabled
+
+
+def enabled_at_rest(seen: Situation) -> bool:
+    return seen.enabled and seen.resting
+
+
+def enabled_in_motion(seen: Situation) -> bool:
+    return seen.enabled and seen.under_way
+
+
+def work_waits(seen: Situation) -> bool:
+    return seen.resting and seen.at_stop and not seen.served
+
+
+def ready_to_depart(seen: Situation) -> bool:
+    return seen.doors_locked and seen.may_go
+
+
+def doors_not_locked(seen: Situation) -> bool:
+    return not seen.doors_locked
+
+
+def nowhere_to_go(seen: Situation) -> bool:
+    return not seen.may_go and not seen.under_way
+
+
+def under_way(seen: Situation) -> bool:
+    return seen.under_way
+
+
+def rests_at_stop(seen: Situation) -> bool:
+    return seen.resting and seen.at_stop
+
+
+def rests_elsewhere(seen: Situation) -> bool:
+    return seen.resting and not seen.at_stop
+
+
+def brakes_in_stopping_zone(seen: Situation) -> bool:
+    return seen.braking and seen.in_stopping_zone
+
+
+def brakes(seen: Situation) -> bool:
+    return seen.braking
+
+
+def brakes_no_more(seen: Situation) -> bool:
+    return not seen.braking and not seen.resting
+
+
+def nothing_to_do(seen: Situation) -> bool:
+    return seen.served
+
+
+def doors_may_open(seen: Situation) -> bool:
+    return seen.has_door_work and seen.doors_enabled
+
+
+def dwell_done(seen: Situation) -> bool:
+    return seen.dwell_over and seen.may_go
+
+
+def locked(seen: Situation) -> bool:
+    return seen.doors_locked
+
+
+_REST: Final = (
+    (rests_at_stop, AtoPhase.STOPPED),
+    (rests_elsewhere, AtoPhase.HOLDING),
+)
+
+TRANSITIONS: Final[Mapping[AtoPhase, tuple[tuple[Guard, AtoPhase], ...]]] = {
+    AtoPhase.OFF: (
+        (enabled_at_rest, AtoPhase.HOLDING),
+        (enabled_in_motion, AtoPhase.RUNNING),
+    ),
+    AtoPhase.HOLDING: (
+        (disabled, AtoPhase.OFF),
+        (work_waits, AtoPhase.STOPPED),
+        (ready_to_depart, AtoPhase.DEPARTING),
+    ),
+    AtoPhase.DEPARTING: (
+        (disabled, AtoPhase.OFF),
+        (under_way, AtoPhase.RUNNING),
+        # Before the train moves anything that is missing takes the departure back.
+        (doors_not_locked, AtoPhase.HOLDING),
+        (nowhere_to_go, AtoPhase.HOLDING),
+    ),
+    AtoPhase.RUNNING: (
+        (disabled, AtoPhase.OFF),
+        *_REST,
+        (brakes_in_stopping_zone, AtoPhase.STOPPING),
+        (brakes, AtoPhase.APPROACHING),
+    ),
+    AtoPhase.APPROACHING: (
+        (disabled, AtoPhase.OFF),
+        *_REST,
+        (brakes_no_more, AtoPhase.RUNNING),
+        (brakes_in_stopping_zone, AtoPhase.STOPPING),
+    ),
+    AtoPhase.STOPPING: (
+        (disabled, AtoPhase.OFF),
+        *_REST,
+        (brakes_no_more, AtoPhase.RUNNING),
+    ),
+    AtoPhase.STOPPED: (
+        (disabled, AtoPhase.OFF),
+        (nothing_to_do, AtoPhase.HOLDING),
+        (doors_may_open, AtoPhase.DOORS_OPEN),
+    ),
+    AtoPhase.DOORS_OPEN: (
+        (disabled, AtoPhase.OFF),
+        (dwell_done, AtoPhase.DOORS_CLOSING),
+    ),
+    AtoPhase.DOORS_CLOSING: (
+        (disabled, AtoPhase.OFF),
+        (ready_to_depart, AtoPhase.DEPARTING),
+        (locked, AtoPhase.HOLDING),
+    ),
+}
+
+DRIVING: Final = frozenset(
+    {AtoPhase.DEPARTING, AtoPhase.RUNNING, AtoPhase.APPROACHING, AtoPhase.STOPPING}
+)
+"""Phases in which the strategy gives the demand."""
+
+
+def next_phase(phase: AtoPhase, seen: Situation) -> AtoPhase:
+    """The first guard that holds decides; when none holds the phase stays."""
+    for guard, target in TRANSITIONS[phase]:
+        if guard(seen):
+            return target
+    return phase

@@ -1,0 +1,106 @@
+"""Smith predictor: what the demands already on their way will have done when the next one bites.
+
+An actuator is a dead time followed by a first-order lag. Demands stay constant between cycles, so
+the integrals over the past are exact, also for dead times that are no multiple of the cycle.
+"""
+
+import math
+from typing import Final, NamedTuple
+
+TIME_EPSILON_S: Final = 1e-9
+
+
+class Pipeline:
+    """The past of one demand as running integrals, kept long enough for the longest dead time."""
+
+    __slots__ = ("_dt_s", "_first", "_second", "_size", "_value", "head")
+
+    def __init__(self, dt_s: float, longest_s: float) -> None:
+        assert dt_s > 0.0
+        self._dt_s = dt_s
+        self._size = math.ceil(longest_s / dt_s) + 3
+        self._first = [0.0] * self._size
+        """Integral of the demand up to the start of each slot."""
+        self._second = [0.0] * self._size
+        """Integral of that integral."""
+        self._value = [0.0] * self._size
+        """Demand during each slot."""
+        self.head = 0
+        """Slots completed; slot `head` starts now."""
+
+    def push(self, value: float) -> None:
+        """The demand was `value` for the last cycle."""
+        dt_s, size = self._dt_s, self._size
+        old = self.head % size
+        new = (self.head + 1) % size
+        self._value[old] = value
+        self._first[new] = self._first[old] + value * dt_s
+        self._second[new] = self._second[old] + dt_s * (self._first[old] + value * dt_s / 2.0)
+        self.head += 1
+
+    def window(self, age_s: float) -> tuple[float, float]:
+        """Single and double integral of the demand since `age_s` ago, both from zero there."""
+        first_then, second_then = self._at(age_s)
+        now = self.head % self._size
+        single = self._first[now] - first_then
+        double = self._second[now] - second_then - first_then * age_s
+        return single, double
+
+    def mean_before(self, age_s: float) -> float:
+        """Mean demand over the one cycle that ended `age_s` ago."""
+        return (self._at(age_s)[0] - self._at(age_s + self._dt_s)[0]) / self._dt_s
+
+    def _at(self, age_s: float) -> tuple[float, float]:
+        slots = age_s / self._dt_s
+        back = math.ceil(slots - TIME_EPSILON_S)
+        into_s = (back - slots) * self._dt_s
+        if back == 0:
+            now = self.head % self._size
+            return self._first[now], self._second[now]
+        assert back < self._size
+        index = (self.head - back) % self._size
+        first, second, value = self._first[index], self._second[index], self._value[index]
+        return (
+            first + value * into_s,
+            second + into_s * (first + value * into_s / 2.0),
+        )
+
+
+class Ahead(NamedTuple):
+    """The predicted state when a demand given now begins to bite."""
+
+    front_m: float
+    speed_mps: float
+
+
+class Lag:
+    """First-order lag fed with the mean of its input over each cycle."""
+
+    __slots__ = ("_keep_ratio", "value")
+
+    def __init__(self, lag_s: float, dt_s: float) -> None:
+        self._keep_ratio = math.exp(-dt_s / lag_s)
+        self.value = 0.0
+
+    def step(self, mean_input: float) -> float:
+        """Value at the end of the cycle."""
+        self.value = mean_input + (self.value - mean_input) * self._keep_ratio
+        return self.value
+
+
+def response(
+    pipeline: Pipeline, *, dead_time_s: float, lag_s: float, output_now: float, output_then: float
+) -> tuple[float, float]:
+    """Single and double integral of an actuator's output from now until the dead time has passed.
+
+    For a first-order lag y' = (u - y) / tau, so the integral of y is that of u less tau * (y - y0);
+    integrated once more this gives the double integral. Nothing is approximated.
+
+    Args:
+        output_now: the lag's output now, driven by the delayed demand.
+        output_then: its output when the dead time has passed, driven by all that is under way.
+    """
+    single_in, double_in = pipeline.window(dead_time_s)
+    single = single_in - lag_s * (output_then - output_now)
+    double = double_in - lag_s * (single - output_now * dead_time_s)
+    return single, double

@@ -1,0 +1,326 @@
+"""The scheme of Allotta et al. 2013 made to work under brake delay.
+
+Jerk-limited reference and PIDs as there, but on the speed predicted past dead time and lag, with
+the reference acceleration fed forward. From the start of braking to the stop one application of the
+brake follows one curve, which is planned anew to the mark in each cycle.
+"""
+
+from typing import Final
+
+from firmware_py.trackdb import LineMap
+from vobc import kinematics, vocabulary
+from vobc.ato import profile, trapezoid
+from vobc.ato.config import AtoConfig, PidGains
+from vobc.ato.governor import Governor
+from vobc.ato.pid import Pid
+from vobc.ato.predictor import Ahead
+from vobc.ato.strategies.strategy import Drive
+from vobc.ato.train_model import TrainModel
+
+LEAST_SPEED_MPS: Final = 0.05
+LEAST_TIME_TO_GO_S: Final = 0.8
+"""Under these the correction towards the mark no longer grows: what is left is open loop anyway."""
+LEAST_SHARE: Final = 0.2
+MOST_SHARE: Final = 2.5
+"""Bounds on the corrected deceleration, as shares of the curve's."""
+REJOIN_M: Final = 1.0
+"""With more than this to spare, a train too slow to reach the mark is accelerated again."""
+CHANGE_OVER_S: Final = 1.0
+"""Planned between the end of traction and the start of braking."""
+HOLD_BACK_MPS: Final = 0.5
+"""How far the reference may run ahead of a train that cannot follow."""
+CEILING_FALL_MPS2: Final = 1.5
+"""A faster fall of the ceiling is a step, not a curve to be extrapolated."""
+FRONT_PULL_RATIO: Final = 0.15
+FRONT_JUMP_M: Final = 0.5
+CEILING_PULL_RATIO: Final = 0.2
+OVER_CEILING_PER_S: Final = 0.8
+"""Deceleration for each m/s over the ceiling expected when the brake bites."""
+FLAT_MPS2: Final = 0.02
+"""A reference acceleration within this counts as constant speed."""
+LOOK_AHEAD_RATIO: Final = 1.3
+"""Lower limits are looked for as far as the braking distance times this."""
+
+
+class Florence:
+    __slots__ = (
+        "_braking",
+        "_ceiling_fall_mps2",
+        "_config",
+        "_curve",
+        "_dt_s",
+        "_front_m",
+        "_governor",
+        "_gravity_mps2",
+        "_last_ceiling_mps",
+        "_limits",
+        "_line",
+        "_model",
+        "_peak_mps",
+        "_pid",
+        "_planned_for",
+        "_slowing_to",
+        "speed_mps",
+    )
+
+    def __init__(self, config: AtoConfig, line: LineMap, dt_s: float) -> None:
+        self._config = config
+        self._line = line
+        self._dt_s = dt_s
+        self._model = TrainModel(config.brake, config.traction, dt_s)
+        self._governor = Governor(config.limits.jerk_mps3, config.traction.smoothing_s, dt_s)
+        self._pid = Pid()
+        self._limits = profile.SpeedLimits(
+            line,
+            config.braking,
+            train_length_m=config.train_length_m,
+            margin_mps=config.speed.margin_mps,
+            limit_mps2=config.limits.accel_mps2,
+            rotating_mass_percent=config.rotating_mass_percent,
+        )
+        self._curve = profile.stopping_curve(
+            config.braking,
+            steady_mps2=config.braking.decel_mps2,
+            final_mps2=config.braking.final_decel_mps2,
+        )
+        self._planned_for: tuple[float, float] | None = None
+        self._peak_mps = 0.0
+        self._braking = False
+        self._slowing_to = -1
+        self._front_m = 0.0
+        self._gravity_mps2 = 0.0
+        self._last_ceiling_mps = 0.0
+        self._ceiling_fall_mps2 = 0.0
+        self.speed_mps = 0.0
+
+    @property
+    def brake_dead_time_s(self) -> float:
+        """Identified in the present application; the expected one before it."""
+        return self._model.dead_time_s
+
+    def observe(self, seen: vocabulary.AtoInput, cycles: int) -> None:
+        self._gravity_mps2 = self._gravity_mps2_on(seen.gradient_permille)
+        self._model.step(seen.speed_mps, self._gravity_mps2, cycles)
+        self.speed_mps = self._model.speed_mps
+        self._smooth_front(seen, cycles)
+        self._watch_ceiling(seen.ceiling_mps, cycles)
+
+    def _smooth_front(self, seen: vocabulary.AtoInput, cycles: int) -> None:
+        """Between tags the position comes in steps of a pulse; at a tag it is believed at once."""
+        expected_m = self._front_m + self.speed_mps * self._dt_s * cycles
+        error_m = seen.front_m - expected_m
+        believed = not seen.accepted_tag_ids and abs(error_m) < FRONT_JUMP_M
+        self._front_m = expected_m + (FRONT_PULL_RATIO * error_m if believed else error_m)
+
+    def _watch_ceiling(self, ceiling_mps: float, cycles: int) -> None:
+        """Learn how fast a braking curve of protection pulls the ceiling down."""
+        slope_mps2 = (ceiling_mps - self._last_ceiling_mps) / (self._dt_s * cycles)
+        self._last_ceiling_mps = ceiling_mps
+        fall_mps2 = -slope_mps2 if -CEILING_FALL_MPS2 < slope_mps2 < 0.0 else 0.0
+        self._ceiling_fall_mps2 += CEILING_PULL_RATIO * (fall_mps2 - self._ceiling_fall_mps2)
+
+    def rest(self) -> None:
+        self._model.rest()
+        self.speed_mps = 0.0
+
+    def set_off(self, seen: vocabulary.AtoInput, demand_mps2: float) -> None:
+        self._braking = False
+        self._slowing_to = -1
+        self._planned_for = None
+        self._model.meet(seen.speed_mps)
+        self._resume_cruise(demand_mps2)
+
+    def issued(self, demand_mps2: float) -> None:
+        self._model.issue(demand_mps2)
+
+    def drive(self, seen: vocabulary.AtoInput, target_m: float) -> Drive:
+        limit_mps = self._limits.under_train_mps(self._front_m)
+        self._plan(self._front_m, target_m, limit_mps)
+        ahead = self._model.ahead_of_brake(self._front_m, self._gravity_mps2)
+        ceiling_mps = seen.ceiling_mps - self._ceiling_fall_mps2 * self._model.dead_time_s
+        self._note_stop_braking(ahead, target_m)
+        slowing = self._note_slowing(ahead, self._front_m)
+        if not self._braking and slowing is None:
+            margin_mps = self._config.speed.margin_mps
+            top_mps = min(limit_mps, ceiling_mps) - margin_mps
+            target_mps = max(0.0, min(top_mps, self._peak_mps))
+            return self._cruise(seen, target_mps)
+        decel_mps2 = self._braking_decel_mps2(ahead, target_m, slowing)
+        over_mps = ahead.speed_mps - max(0.0, ceiling_mps)
+        if over_mps > 0.0:
+            decel_mps2 += OVER_CEILING_PER_S * over_mps
+        demand_mps2 = self._brake_demand_mps2(decel_mps2, ahead.front_m)
+        reference_mps = self._reference_mps(self._front_m, target_m, slowing)
+        return Drive(demand_mps2, reference_mps, self._braking)
+
+    def _reference_mps(
+        self, front_m: float, target_m: float, slowing: profile.LowerLimit | None
+    ) -> float:
+        """The curve's speed here, to first order about the present speed: dv = e * b / v."""
+        curve, end_m = self._curve, target_m
+        if not self._braking and slowing is not None:
+            curve, end_m = slowing.curve, slowing.at_m
+        speed_mps = max(LEAST_SPEED_MPS, self.speed_mps)
+        point = curve.at_speed(speed_mps)
+        spare_m = end_m - front_m - point.distance_m
+        return max(0.0, speed_mps + spare_m * point.decel_mps2 / speed_mps)
+
+    # Planning.
+
+    def _plan(self, front_m: float, target_m: float, limit_mps: float) -> None:
+        """The curve to a target and the peak speed before it, whenever target or limit are new."""
+        key = (target_m, limit_mps)
+        if key == self._planned_for:
+            return
+        config = self._config
+        self._planned_for = key
+        self._curve = self._curve_to(target_m)
+        self._peak_mps = profile.peak_speed_mps(
+            max(0.0, self.speed_mps),
+            target_m - front_m,
+            self._curve,
+            accel_mps2=config.limits.accel_mps2,
+            jerk_mps3=config.limits.jerk_mps3,
+            change_over_s=CHANGE_OVER_S + config.traction.smoothing_s,
+            limit_mps=limit_mps,
+        )
+
+    def _curve_to(self, target_m: float) -> profile.BrakingCurve:
+        """Uphill the last step is what the gradient and the least brake give together."""
+        config = self._config
+        steady_mps2 = profile.steady_decel_mps2(
+            config.braking,
+            self._line,
+            at_m=target_m,
+            limit_mps2=config.limits.accel_mps2,
+            rotating_mass_percent=config.rotating_mass_percent,
+        )
+        uphill_mps2 = self._gravity_at_mps2(target_m) + config.braking.least_decel_mps2
+        final_mps2 = max(config.braking.final_decel_mps2, uphill_mps2)
+        return profile.stopping_curve(
+            config.braking, steady_mps2=steady_mps2, final_mps2=final_mps2
+        )
+
+    def _gravity_at_mps2(self, front_m: float) -> float:
+        gradient_permille = self._line.mean_gradient_permille(
+            front_m - self._config.train_length_m, front_m
+        )
+        return self._gravity_mps2_on(gradient_permille)
+
+    def _gravity_mps2_on(self, gradient_permille: float) -> float:
+        """Deceleration by a gradient; positive uphill."""
+        return -kinematics.gradient_accel_mps2(
+            gradient_permille, rotating_mass_ratio=self._config.rotating_mass_percent / 100.0
+        )
+
+    # Braking.
+
+    def _note_stop_braking(self, ahead: Ahead, target_m: float) -> None:
+        distance_m = target_m - ahead.front_m
+        if not self._braking:
+            self._braking = self._must_begin(self._curve, ahead, distance_m)
+            return
+        point = self._curve.at_speed(ahead.speed_mps)
+        spare_m = distance_m - point.distance_m
+        correction_m = self._config.braking.correction_ratio * spare_m
+        if spare_m > REJOIN_M and correction_m > ahead.speed_mps * point.time_to_go_s:
+            self._braking = False
+            self._planned_for = None
+            self._resume_cruise(-self._model.brake_mps2)
+
+    def _note_slowing(self, ahead: Ahead, front_m: float) -> profile.LowerLimit | None:
+        """The lower limit ahead that is being braked for, if any."""
+        index = self._limits.next_lowering(front_m)
+        if self._slowing_to >= 0 and index > self._slowing_to:
+            self._slowing_to = -1
+            self._resume_cruise(-self._model.brake_mps2)
+        if self._slowing_to >= 0:
+            return self._limits.lowering(self._slowing_to)
+        reach_m = LOOK_AHEAD_RATIO * ahead.speed_mps * (ahead.speed_mps + 2.0)
+        lowering = self._limits.lowering(index)
+        while lowering is not None and lowering.at_m - front_m < reach_m:
+            if ahead.speed_mps > lowering.curve.end_mps and self._must_begin(
+                lowering.curve, ahead, lowering.at_m - ahead.front_m
+            ):
+                self._slowing_to = index
+                return lowering
+            index += 1
+            lowering = self._limits.lowering(index)
+        return None
+
+    def _must_begin(self, curve: profile.BrakingCurve, ahead: Ahead, distance_m: float) -> bool:
+        """Whether the change from the present acceleration to the curve's ends on it or beyond."""
+        now_mps2 = self._governor.accel_mps2
+        to_mps2 = -curve.at_speed(ahead.speed_mps).decel_mps2
+        after_mps, travel_m = trapezoid.swing(
+            ahead.speed_mps,
+            from_mps2=max(now_mps2, to_mps2),
+            to_mps2=to_mps2,
+            jerk_mps3=self._config.limits.jerk_mps3,
+        )
+        return distance_m - travel_m <= curve.at_speed(max(0.0, after_mps)).distance_m
+
+    def _braking_decel_mps2(
+        self, ahead: Ahead, target_m: float, slowing: profile.LowerLimit | None
+    ) -> float:
+        decel_mps2 = 0.0
+        if self._braking:
+            decel_mps2 = self._follow_mps2(self._curve, ahead, target_m)
+        if slowing is not None:
+            decel_mps2 = max(decel_mps2, self._follow_mps2(slowing.curve, ahead, slowing.at_m))
+        return decel_mps2
+
+    def _follow_mps2(self, curve: profile.BrakingCurve, ahead: Ahead, end_m: float) -> float:
+        """Deceleration that leads back onto the curve before its end.
+
+        With e metres to spare against the curve, de/dt = v * (b / b_ref - 1). Asking
+        b = b_ref * (1 - k * e / (v * t_go)) lets e fall with the k-th power of the time to go. The
+        curve's deceleration falls at a known rate, so the lag of the brake is led by just that.
+        """
+        point = curve.at_speed(ahead.speed_mps)
+        spare_m = end_m - ahead.front_m - point.distance_m
+        room_m = max(LEAST_SPEED_MPS, ahead.speed_mps) * max(LEAST_TIME_TO_GO_S, point.time_to_go_s)
+        share_ratio = 1.0 - self._config.braking.correction_ratio * spare_m / room_m
+        share_ratio = min(MOST_SHARE, max(LEAST_SHARE, share_ratio))
+        led_mps2 = point.decel_mps2 - self._config.brake.lag_s * point.ease_mps3
+        return max(0.0, led_mps2) * share_ratio
+
+    def _brake_demand_mps2(self, decel_mps2: float, front_m: float) -> float:
+        """What to ask of the brake, after gradient and resistance; it is never released."""
+        help_mps2 = self._gravity_at_mps2(front_m) - self._model.disturbance_mps2
+        asked_mps2 = decel_mps2 - help_mps2
+        return -max(self._config.braking.least_decel_mps2, asked_mps2)
+
+    # Cruising.
+
+    def _resume_cruise(self, accel_mps2: float) -> None:
+        self._governor.restart(max(0.0, self._model.speed_mps), accel_mps2)
+        self._pid.reset()
+
+    def _cruise(self, seen: vocabulary.AtoInput, target_mps: float) -> Drive:
+        config, governor = self._config, self._governor
+        limit_mps2 = config.limits.accel_mps2
+        available_mps2 = config.traction.rated_accel_mps2 * seen.traction_ratio
+        rise_mps2 = max(0.0, min(limit_mps2, available_mps2))
+        governor.step(target_mps, rise_mps2=rise_mps2, fall_mps2=limit_mps2)
+        predicted_mps = self._model.ahead_of_traction_mps(self._gravity_mps2)
+        governor.hold_back(predicted_mps + HOLD_BACK_MPS)
+        ahead_mps2 = governor.accel_mps2 + self._gravity_mps2 - self._model.disturbance_mps2
+        feedback_mps2 = self._pid.step(
+            self._gains(governor.accel_mps2),
+            governor.speed_mps - predicted_mps,
+            self._dt_s,
+            low_mps2=-limit_mps2 - ahead_mps2,
+            high_mps2=limit_mps2 - ahead_mps2,
+        )
+        demand_mps2 = ahead_mps2 + feedback_mps2
+        band_mps2 = 0.0 if self._model.brake_asked else config.speed.coast_band_mps2
+        if -band_mps2 < demand_mps2 < 0.0:
+            demand_mps2 = 0.0
+        return Drive(min(demand_mps2, available_mps2), governor.speed_mps, False)
+
+    def _gains(self, reference_mps2: float) -> PidGains:
+        speed = self._config.speed
+        if reference_mps2 > FLAT_MPS2:
+            return speed.rising
+        return speed.falling if reference_mps2 < -FLAT_MPS2 else speed.constant
