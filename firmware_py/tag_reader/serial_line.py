@@ -113,6 +113,7 @@ class SerialLine:
                 self._device = _opened(self._path)
                 self.reconnects += 1
             except OSError:
+                self.counters.errors += 1
                 self._wait(now_ns)
         return self._device
 
