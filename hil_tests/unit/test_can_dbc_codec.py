@@ -1,0 +1,474 @@
+"""The codec's rules for counters, pairs, unknown frames and values that are none."""
+
+import dataclasses
+import math
+from typing import Any
+
+import pytest
+
+from can_dbc import binding
+from can_dbc.brake import BrakeCommand, BrakeStatus
+from can_dbc.codec import TWIN_WITHIN_NS, Decoder, EncodeError, Encoder, Reason, Rejected
+from can_dbc.diagnostics import EMERGENCIES, HEARTBEATS, NodeState
+from can_dbc.energy import LineSupply
+from can_dbc.nodes import Direction, Node
+from can_dbc.odometer import Doppler, Tacho
+from can_dbc.traction import TractionCommand
+from can_dbc.vobc import AtoPhase, Missing, Supervision, VobcMotion, VobcStatus
+
+MS = 1_000_000
+TACHO_ID = 0x185
+BRAKE_ID, BRAKE_TWIN_ID = 0x101, 0x102
+
+TACHO = Tacho(pulses_a=1, pulses_b=2, direction=Direction.FORWARD, healthy_a=True, healthy_b=False)
+RELEASED = BrakeCommand(service_decel_mps2=0.5, emergency_released=True, holding_released=True)
+BRAKING = BrakeCommand(service_decel_mps2=1.5, emergency_released=True, holding_released=True)
+
+
+def tacho_payloads(count: int) -> list[bytes]:
+    """Counters 0, 1, 2, ... modulo 256, each with pulses of its own."""
+    encoder = Encoder()
+    return [
+        encoder.encode(dataclasses.replace(TACHO, pulses_a=number))[0][1] for number in range(count)
+    ]
+
+
+def outcomes(decoder: Decoder, payloads: list[bytes], period_ms: int = 20) -> list[Reason | None]:
+    """What became of each payload: the reason of its refusal, None for a frame."""
+    found: list[Reason | None] = []
+    for number, payload in enumerate(payloads):
+        heard = decoder.decode(TACHO_ID, payload, number * period_ms * MS)
+        found.append(heard.reason if isinstance(heard, Rejected) else None)
+        assert isinstance(heard, Rejected | Tacho)
+    return found
+
+
+def picked(*counters: int) -> list[bytes]:
+    payloads = tacho_payloads(256)
+    return [payloads[counter] for counter in counters]
+
+
+STUCK, JUMPED = Reason.STUCK_COUNTER, Reason.JUMPED_COUNTER
+
+
+@pytest.mark.parametrize("first", [0, 1, 2, 77, 255])
+def test_the_first_counter_is_taken_as_it_is(first: int) -> None:
+    decoder = Decoder([Tacho])
+
+    assert outcomes(decoder, picked(first)) == [None]
+    assert not decoder.lost
+
+
+@pytest.mark.parametrize(
+    ("counters", "expected", "lost"),
+    [
+        ((5, 6, 7), [None, None, None], 0),
+        ((254, 255, 0, 1), [None] * 4, 0),
+        ((5, 7, 8), [None] * 3, 1),
+        ((5, 8, 9), [None] * 3, 2),
+        ((5, 8, 11), [None] * 3, 4),
+        ((254, 1), [None, None], 2),
+        ((5, 9), [None, JUMPED], 0),
+        ((5, 4), [None, JUMPED], 0),
+        ((5, 133), [None, JUMPED], 0),
+        ((5, 5), [None, STUCK], 0),
+        ((5, 5, 5, 6, 7), [None, STUCK, STUCK, None, None], 0),
+        ((5, 5, 7), [None, STUCK, None], 1),
+        ((5, 9, 10, 11), [None, JUMPED, None, None], 0),
+        ((5, 9, 11, 12), [None, JUMPED, JUMPED, None], 0),
+        ((5, 9, 9, 10), [None, JUMPED, STUCK, None], 0),
+        ((5, 9, 12, 15, 16), [None, JUMPED, JUMPED, JUMPED, None], 0),
+        ((5, 9, 20, 31, 42), [None, JUMPED, JUMPED, JUMPED, JUMPED], 0),
+        ((5, 9, 6, 7), [None, JUMPED, JUMPED, None], 0),
+        ((5, 9, 10, 12), [None, JUMPED, None, None], 1),
+    ],
+)
+def test_the_counter_decides_what_is_believed(
+    counters: tuple[int, ...], expected: list[Reason | None], lost: int
+) -> None:
+    """Up to two frames may be missing; a jump needs two frames in a row before it is believed."""
+    decoder = Decoder([Tacho])
+
+    assert outcomes(decoder, picked(*counters)) == expected
+    assert decoder.lost[TACHO_ID] == lost
+
+
+def test_after_a_silence_longer_than_the_timeout_any_counter_starts_anew() -> None:
+    timeout_ns = round(binding.timeout_s(Tacho) * 1e9)
+    for age_ns, expected in ((timeout_ns, Rejected), (timeout_ns + 1, Tacho)):
+        for counter in (5, 200):
+            decoder = Decoder([Tacho])
+            decoder.decode(TACHO_ID, picked(5)[0], 1000)
+
+            assert type(decoder.decode(TACHO_ID, picked(counter)[0], 1000 + age_ns)) is expected
+
+
+def test_after_a_silence_in_doubt_the_counter_starts_anew_too() -> None:
+    decoder = Decoder([Tacho])
+    for number, payload in enumerate(picked(5, 50)):
+        decoder.decode(TACHO_ID, payload, number)
+
+    heard = [decoder.decode(TACHO_ID, payload, 1000 * MS) for payload in picked(90, 92)]
+
+    assert [type(each) for each in heard] == [Tacho, Tacho]
+    assert decoder.lost[TACHO_ID] == 1
+
+
+def test_a_stuck_sender_is_never_believed_again() -> None:
+    """Its frames keep coming, so there is no silence after which the counter would start anew."""
+    decoder = Decoder([Tacho])
+
+    found = outcomes(decoder, picked(*[5] * 50))
+
+    assert found == [None] + [STUCK] * 49
+
+
+def test_a_sender_that_jumps_all_the_time_is_never_believed_again() -> None:
+    decoder = Decoder([Tacho])
+
+    found = outcomes(decoder, picked(*[number * 20 % 256 for number in range(50)]))
+
+    assert found == [None] + [JUMPED] * 49
+
+
+def test_a_broken_frame_is_neither_heard_nor_counted() -> None:
+    """Only the timeout's silence matters: noise must not keep an old counter alive."""
+    decoder = Decoder([Tacho])
+    decoder.decode(TACHO_ID, picked(5)[0], 0)
+
+    for number in range(1, 70):
+        heard = decoder.decode(TACHO_ID, bytes(8), number * MS)
+        assert isinstance(heard, Rejected)
+        assert heard.reason is Reason.WRONG_CRC
+
+    assert isinstance(decoder.decode(TACHO_ID, picked(5)[0], 70 * MS), Tacho)
+
+
+def test_a_sender_with_another_period_has_another_timeout() -> None:
+    """At 200 ms the DBC's 60 ms would take every frame for the first."""
+    decoder = Decoder([Tacho], timeouts_s={Tacho: 0.6})
+
+    assert outcomes(decoder, picked(5, 5, 6), period_ms=200) == [None, STUCK, None]
+    assert outcomes(Decoder([Tacho]), picked(5, 5, 6), period_ms=200) == [None, None, None]
+
+
+def test_the_encoder_counts_every_message_for_itself() -> None:
+    encoder = Encoder([Tacho])
+    doppler = Doppler(speed_mps=1.0, quality_percent=50.0, healthy=True)
+
+    counters = [encoder.encode(frame)[0][1][-3] for frame in (TACHO, TACHO, doppler, TACHO)]
+
+    assert counters == [0, 1, 0, 2]
+
+
+def test_an_equal_payload_is_checked_as_strictly_as_a_new_one() -> None:
+    """The decoder hands back the frame it has; it must not skip CRC or counter for that."""
+    encoder, decoder = Encoder(), Decoder([Tacho])
+    payloads = [encoder.encode(TACHO)[0][1] for _ in range(3)]
+    broken = payloads[2][:-1] + bytes([payloads[2][-1] ^ 1])
+
+    first, second = (decoder.decode(TACHO_ID, payload, 0) for payload in payloads[:2])
+
+    assert first is second
+    assert first == TACHO
+    assert outcomes(decoder, [payloads[1], broken]) == [STUCK, Reason.WRONG_CRC]
+
+
+def test_a_frame_with_a_value_that_is_none_still_moves_the_counter() -> None:
+    """Direction 3 is in no table; the counter of that frame was right all the same."""
+    payloads = tacho_payloads(3)
+    body = (int.from_bytes(payloads[1][:6], "little") | 3 << 32).to_bytes(6, "little")
+    bad = body + crc(Tacho, body)
+    decoder = Decoder([Tacho])
+
+    assert outcomes(decoder, [payloads[0], bad, payloads[2]]) == [
+        None,
+        Reason.INVALID_VALUE,
+        None,
+    ]
+    assert decoder.lost[TACHO_ID] == 0
+
+
+def test_the_same_invalid_value_twice_is_refused_twice() -> None:
+    payloads = tacho_payloads(2)
+    bodies = [
+        (int.from_bytes(payload[:6], "little") | 3 << 32).to_bytes(6, "little")
+        for payload in (payloads[0], payloads[0][:5] + b"\x01")
+    ]
+    decoder = Decoder([Tacho])
+
+    assert (
+        outcomes(decoder, [body + crc(Tacho, body) for body in bodies])
+        == [Reason.INVALID_VALUE] * 2
+    )
+    assert decoder.rejections == {(TACHO_ID, Reason.INVALID_VALUE): 2}
+
+
+def crc(kind: type, body: bytes) -> bytes:
+    """Bit by bit, as the standard writes it down."""
+    attributes = binding.message(kind).dbc
+    assert attributes is not None
+    state = 0xFFFF
+    for byte in attributes.attributes["SafetyDataId"].value.to_bytes(2, "little") + body:
+        state ^= byte << 8
+        for _ in range(8):
+            state = (state << 1 ^ 0x1021 if state & 0x8000 else state << 1) & 0xFFFF
+    return state.to_bytes(2, "little")
+
+
+def pair(command: BrakeCommand, number: int = 0) -> tuple[bytes, bytes]:
+    """Both halves with the counter `number`."""
+    encoder = Encoder()
+    for _ in range(number + 1):
+        (_, first), (_, second) = encoder.encode(command)
+    return first, second
+
+
+def test_a_pair_gives_its_command_with_the_second_half() -> None:
+    decoder = Decoder([BrakeCommand])
+    first, second = pair(RELEASED)
+
+    assert decoder.decode(BRAKE_ID, first, 0) is None
+    assert decoder.decode(BRAKE_TWIN_ID, second, MS) == RELEASED
+    assert not decoder.rejections
+
+
+@pytest.mark.parametrize(
+    ("gap_ns", "expected"), [(0, None), (TWIN_WITHIN_NS, None), (TWIN_WITHIN_NS + 1, "late")]
+)
+def test_the_second_half_must_come_in_time(gap_ns: int, expected: str | None) -> None:
+    decoder = Decoder([BrakeCommand])
+    first, second = pair(RELEASED)
+    decoder.decode(BRAKE_ID, first, 5)
+
+    heard = decoder.decode(BRAKE_TWIN_ID, second, 5 + gap_ns)
+
+    if expected is None:
+        assert heard == RELEASED
+    else:
+        assert isinstance(heard, Rejected)
+        assert (heard.can_id, heard.reason) == (BRAKE_TWIN_ID, Reason.TWIN_TIMEOUT)
+
+
+def test_a_twin_without_a_first_half_is_refused() -> None:
+    decoder = Decoder([BrakeCommand])
+
+    heard = decoder.decode(BRAKE_TWIN_ID, pair(RELEASED)[1], 0)
+
+    assert isinstance(heard, Rejected)
+    assert heard.reason is Reason.TWIN_MISMATCH
+
+
+def test_a_first_half_without_a_twin_is_reported_with_the_next_one() -> None:
+    """And the next pair counts all the same."""
+    decoder = Decoder([BrakeCommand])
+    (lonely, _), (first, second) = pair(RELEASED, 0), pair(BRAKING, 1)
+    decoder.decode(BRAKE_ID, lonely, 0)
+
+    reported = decoder.decode(BRAKE_ID, first, 50 * MS)
+
+    assert isinstance(reported, Rejected)
+    assert (reported.can_id, reported.data) == (BRAKE_ID, lonely)
+    assert reported.reason is Reason.TWIN_TIMEOUT
+    assert decoder.decode(BRAKE_TWIN_ID, second, 51 * MS) == BRAKING
+
+
+def test_the_twin_of_another_pair_is_refused() -> None:
+    """Same command, so the payload fits; the counter tells that it is another transmission."""
+    decoder = Decoder([BrakeCommand])
+    decoder.decode(BRAKE_ID, pair(RELEASED, 0)[0], 0)
+
+    heard = decoder.decode(BRAKE_TWIN_ID, pair(RELEASED, 1)[1], MS)
+
+    assert isinstance(heard, Rejected)
+    assert heard.reason is Reason.TWIN_MISMATCH
+    assert isinstance(decoder.decode(BRAKE_TWIN_ID, pair(RELEASED, 0)[1], 2 * MS), Rejected)
+
+
+def test_a_pair_whose_halves_disagree_is_refused() -> None:
+    decoder = Decoder([BrakeCommand])
+    decoder.decode(BRAKE_ID, pair(RELEASED)[0], 0)
+
+    heard = decoder.decode(BRAKE_TWIN_ID, pair(BRAKING)[1], MS)
+
+    assert isinstance(heard, Rejected)
+    assert heard.reason is Reason.TWIN_MISMATCH
+
+
+def test_a_pair_counts_once() -> None:
+    decoder = Decoder([BrakeCommand])
+    first, second = pair(RELEASED)
+    decoder.decode(BRAKE_ID, first, 0)
+    assert decoder.decode(BRAKE_TWIN_ID, second, 0) == RELEASED
+
+    heard = [decoder.decode(BRAKE_TWIN_ID, second, 0), decoder.decode(BRAKE_ID, first, 0)]
+
+    assert [each.reason for each in heard if isinstance(each, Rejected)] == [
+        Reason.TWIN_MISMATCH,
+        Reason.STUCK_COUNTER,
+    ]
+
+
+def test_a_pair_obeys_the_counter_like_any_frame() -> None:
+    decoder = Decoder([BrakeCommand])
+    found: list[Any] = []
+    for number in (0, 1, 9, 10, 11):
+        first, second = pair(RELEASED, number)
+        found.append(decoder.decode(BRAKE_ID, first, 0))
+        found.append(decoder.decode(BRAKE_TWIN_ID, second, 0))
+
+    kinds = [each.reason if isinstance(each, Rejected) else each for each in found]
+    assert kinds == [
+        *(None, RELEASED, None, RELEASED),
+        *(Reason.JUMPED_COUNTER, Reason.TWIN_MISMATCH),
+        *(None, RELEASED, None, RELEASED),
+    ]
+
+
+def test_a_broken_first_half_does_not_disturb_the_one_that_waits() -> None:
+    decoder = Decoder([BrakeCommand])
+    first, second = pair(RELEASED)
+    decoder.decode(BRAKE_ID, first, 0)
+
+    assert isinstance(decoder.decode(BRAKE_ID, bytes(len(first)), 0), Rejected)
+    assert decoder.decode(BRAKE_TWIN_ID, second, 0) == RELEASED
+
+
+def test_an_unknown_identifier_is_refused_and_one_not_asked_for_is_not() -> None:
+    decoder = Decoder([Tacho])
+
+    assert decoder.decode(BRAKE_ID, b"", 0) is None
+    assert decoder.decode(BRAKE_TWIN_ID, b"", 0) is None
+    heard = decoder.decode(0x123, b"\x01", 0)
+
+    assert heard == Rejected(0x123, b"\x01", Reason.UNKNOWN_ID, "0x123 is in no DBC file")
+    assert decoder.rejections == {(0x123, Reason.UNKNOWN_ID): 1}
+
+
+def test_the_wanted_identifiers_include_those_of_twins() -> None:
+    decoder = Decoder([BrakeCommand, Tacho, HEARTBEATS[Node.BCU]])
+
+    assert decoder.ids == {BRAKE_ID, BRAKE_TWIN_ID, TACHO_ID, 0x702}
+
+
+def test_rejections_are_counted_by_identifier_and_reason() -> None:
+    decoder = Decoder([Tacho, BrakeStatus])
+    for data in (bytes(8), bytes(7), bytes(7)):
+        decoder.decode(TACHO_ID, data, 0)
+        decoder.decode(0x182, data, 0)
+
+    assert decoder.rejections == {
+        (TACHO_ID, Reason.WRONG_CRC): 1,
+        (TACHO_ID, Reason.WRONG_LENGTH): 2,
+        (0x182, Reason.WRONG_CRC): 2,
+        (0x182, Reason.WRONG_LENGTH): 1,
+    }
+
+
+@pytest.mark.parametrize(
+    ("frame", "words"),
+    [
+        (VobcMotion(math.nan, 1.0, 1.0), ("VOBC_MOTION", "speed_mps", "nan")),
+        (VobcMotion(1.0, 1.0, "fast"), ("VOBC_MOTION", "emergency_mps", "'fast'", "float")),  # type: ignore[arg-type]
+        (VobcMotion(None, 1.0, 1.0), ("VOBC_MOTION", "speed_mps", "None")),  # type: ignore[arg-type]
+        (dataclasses.replace(TACHO, pulses_a=1.5), ("TACHO", "pulses_a", "1.5", "int")),
+        (dataclasses.replace(TACHO, pulses_b=math.nan), ("TACHO", "pulses_b", "nan")),
+        (dataclasses.replace(TACHO, direction=1), ("TACHO", "direction", "Direction")),
+        (dataclasses.replace(TACHO, direction=Node.DESK), ("TACHO", "direction", "Direction")),
+        (dataclasses.replace(TACHO, healthy_a=1), ("TACHO", "healthy_a", "bool")),
+        (dataclasses.replace(TACHO, healthy_b=math.nan), ("TACHO", "healthy_b", "nan")),
+        (LineSupply(math.nan, 0.0, True), ("LINE_SUPPLY", "line_voltage_v", "nan")),
+        (BrakeCommand(math.nan, True, True), ("BRAKE_CMD", "service_decel_mps2", "nan")),
+    ],
+)
+def test_what_is_no_value_is_named(frame: Any, words: tuple[str, ...]) -> None:
+    encoder = Encoder()
+
+    with pytest.raises(EncodeError) as caught:
+        encoder.encode(frame)
+
+    for word in words:
+        assert word in str(caught.value)
+
+
+def test_a_refused_frame_uses_up_no_counter() -> None:
+    encoder = Encoder()
+    encoder.encode(TACHO)
+    with pytest.raises(EncodeError):
+        encoder.encode(dataclasses.replace(TACHO, pulses_a=math.nan))
+
+    assert encoder.encode(TACHO)[0][1][-3] == 1
+
+
+def test_a_class_without_a_message_is_the_callers_mistake() -> None:
+    @dataclasses.dataclass(frozen=True, slots=True)
+    class Loose:
+        speed_mps: float
+
+    with pytest.raises(TypeError, match="Loose is bound to no DBC message"):
+        Encoder().encode(Loose(1.0))
+    with pytest.raises(TypeError, match="Loose is bound to no DBC message"):
+        Decoder([Loose])
+
+
+def test_a_decoded_frame_is_frozen_like_any_other() -> None:
+    heard = Decoder([Tacho]).decode(TACHO_ID, tacho_payloads(1)[0], 0)
+
+    assert heard == dataclasses.replace(TACHO, pulses_a=0)
+    assert hash(heard) == hash(dataclasses.replace(TACHO, pulses_a=0))
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        heard.pulses_a = 3  # type: ignore[union-attr]
+
+
+def test_two_bits_are_true_only_as_one_zero() -> None:
+    """Every other pattern of a protected boolean is the restrictive answer."""
+    found = {}
+    for raw in range(4):
+        body = (raw << 24 | 5 << 32).to_bytes(5, "little")
+        heard = Decoder([BrakeStatus]).decode(0x182, body + crc(BrakeStatus, body), 0)
+        assert isinstance(heard, BrakeStatus)
+        found[raw] = heard.emergency_applied
+
+    assert found == {0b00: False, 0b01: False, 0b10: True, 0b11: False}
+
+
+def test_flags_combine() -> None:
+    status = VobcStatus(
+        supervision=Supervision.NO_AUTHORITY,
+        ato_phase=AtoPhase.OFF,
+        missing=Missing.BRAKE | Missing.DESK | Missing.LOCALISATION,
+        localised=False,
+        slip_detected=False,
+        work_us=400.0,
+        cycle_slips=3,
+    )
+
+    ((can_id, data),) = Encoder().encode(status)
+
+    assert Decoder([VobcStatus]).decode(can_id, data, 0) == status
+
+
+def test_frames_of_one_shape_keep_their_node() -> None:
+    """Heartbeats differ in nothing but who sent them; their classes and identifiers tell."""
+    encoder, decoder = Encoder(), Decoder([*HEARTBEATS.values(), *EMERGENCIES.values()])
+    for node in Node:
+        alive = HEARTBEATS[node](NodeState.OPERATIONAL)
+        trouble = EMERGENCIES[node](error_code=0xFF01, error_register=0x81, detail=2**40 - 1)
+        for frame, can_id in ((alive, 0x700 + node), (trouble, 0x080 + node)):
+            sent = encoder.encode(frame)
+
+            assert sent[0][0] == can_id
+            heard = decoder.decode(*sent[0], 0)
+            assert heard == frame
+            assert heard.node is node  # type: ignore[union-attr]
+    assert HEARTBEATS[Node.BCU](NodeState.STOPPED) != HEARTBEATS[Node.TCU](NodeState.STOPPED)
+
+
+def test_force_saturates_instead_of_wrapping() -> None:
+    command = TractionCommand(force_n=1e9, direction=Direction.FORWARD, traction_permitted=True)
+    sent = Encoder().encode(command)
+    decoder = Decoder([TractionCommand])
+
+    heard = [decoder.decode(can_id, data, 0) for can_id, data in sent][-1]
+
+    assert heard == dataclasses.replace(command, force_n=400000.0)
