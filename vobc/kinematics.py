@@ -17,7 +17,7 @@ def gradient_accel_mps2(gradient_permille: float, *, rotating_mass_ratio: float 
 def stopping_distance_m(
     speed_mps: float, *, decel_mps2: float, reaction_s: float = 0.0, target_mps: float = 0.0
 ) -> float:
-    """What a train needs to come from `speed_mps` down to `target_mps`: run on, then brake steadily.
+    """What a train needs to slow down to `target_mps`: it runs on, then brakes steadily.
 
     d = v * t + (v**2 - v_target**2) / (2 * a)
     """
@@ -84,11 +84,8 @@ def worst_case_speed_mps(
     assert min(runaway_s, coasting_s, margin_s) >= 0.0
     runaway_gain_mps = runaway_mps2 * runaway_s
     gain_mps = runaway_gain_mps + coasting_mps2 * coasting_s
-    gained_m = (
-        0.5 * runaway_gain_mps * runaway_s
-        + runaway_gain_mps * coasting_s
-        + 0.5 * coasting_mps2 * coasting_s * coasting_s
-    )
+    gained_m = runaway_gain_mps * (0.5 * runaway_s + coasting_s)
+    gained_m += 0.5 * coasting_mps2 * coasting_s * coasting_s
     # The equation in u = v + w:  u**2 + 2*lost*u = v_target**2 + 2*a*(d - k + w*(margin + T)).
     run_on_s = margin_s + runaway_s + coasting_s
     lost_mps = decel_mps2 * run_on_s

@@ -1,0 +1,7 @@
+"""Makes `python -m vobc` the bare controller."""
+
+import sys
+
+from vobc.cli import main
+
+sys.exit(main())

@@ -1,0 +1,336 @@
+"""The controller as a device: input image, step, output image, on the rhythm of its task table."""
+
+import math
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import Final, Protocol
+
+from can_dbc.binding import Frame
+from can_dbc.diagnostics import NodeState
+from can_dbc.vobc import Missing, Supervision
+from firmware_py.executive import Executive, Task
+from firmware_py.nvram import Nvram, NvramRecord
+from firmware_py.ports import CanPort, RadioPort, SerialPort
+from firmware_py.trackdb import LineMap
+from vobc.config import VobcConfig
+from vobc.controller import Controller
+from vobc.vocabulary import SAFE_OUTPUT, CycleOutput, Mission, OdometryRecord
+from vobc.wire import (
+    Inbox,
+    RadioLink,
+    door_frame,
+    emergency_message,
+    heartbeat,
+    make_encoder,
+    motion_frames,
+    status_frame,
+    target_frames,
+    vital_frames,
+)
+
+CYCLE_COLUMNS: Final = (
+    "t_s",
+    "front_low_m",
+    "front_m",
+    "front_high_m",
+    "speed_mps",
+    "speed_high_mps",
+    "accel_mps2",
+    "demand_mps2",
+    "target_mps",
+    "permitted_mps",
+    "emergency_mps",
+    "distance_to_stop_m",
+    "distance_to_authority_m",
+    "supervision",
+    "phase",
+    "missing",
+    "cause",
+    "force_n",
+    "decel_mps2",
+    "emergency_released",
+    "holding_released",
+    "doors_enabled",
+    "tags",
+    "slip",
+    "work_us",
+    "lateness_us",
+    "slips",
+)
+"""Of the cycle log. What is not known in a cycle is an empty field."""
+
+VITAL_MS: Final = 50.0
+"""At this period the units wait for vital commands, whatever the cycle."""
+DOOR_MS: Final = 100.0
+MOTION_MS: Final = 100.0
+TARGET_MS: Final = 200.0
+LIFE_SIGN_MS: Final = 1000.0
+STALE_CYCLES: Final = 2
+NS_PER_MS: Final = 1_000_000
+NS_PER_S: Final = 1_000_000_000
+NS_PER_US: Final = 1_000
+
+
+class CycleLog(Protocol):
+    """Takes one value for each of CYCLE_COLUMNS."""
+
+    def row(self, *values: object) -> None: ...
+
+
+class VobcDevice:
+    """One train's controller on its wires. Run `executive`; call `stop` as the last thing."""
+
+    def __init__(
+        self,
+        config: VobcConfig,
+        line: LineMap,
+        mission: Mission,
+        *,
+        can: CanPort,
+        tags: SerialPort,
+        radio: RadioPort,
+        nvram: Nvram,
+        cycle_log: CycleLog | None,
+        start_ns: int,
+        start: OdometryRecord | None = None,
+    ) -> None:
+        """Counts this start in `nvram`, on the disk before anything is said on the radio.
+
+        Args:
+            start: where the train stands; by default where its mission starts.
+
+        Raises ValueError for an unknown strategy of the automatic operation.
+        """
+        self._config = config
+        self._can, self._tags, self._radio, self._nvram = can, tags, radio, nvram
+        self._log = cycle_log
+        record = replace(nvram.record, boot_count=nvram.record.boot_count + 1, standing=False)
+        nvram.put(record)
+        self._link = RadioLink(
+            line_name=line.name,
+            train=config.address,
+            boot=record.boot_count,
+            max_age_s=config.atp.authority_age_max_s,
+            train_length_m=config.train.length_m,
+            seen_term=record.highest_term,
+        )
+        self._inbox = Inbox(self._link)
+        self._encoder = make_encoder()
+        start = start or commissioned_start(config, mission, record)
+        self._controller = Controller(config, line, mission, start)
+        self._start_ns = start_ns
+        self._cycle_ns = round(config.cycle_ms * NS_PER_MS)
+        self._last_ns: int | None = None
+        self._sent_ns = start_ns
+        self._cycles = 0
+        self._slips = 0
+        self._stored = True
+        self._emergency = False
+        self._life = NodeState.BOOT_UP
+        self.output: CycleOutput = SAFE_OUTPUT
+        """Of the last cycle."""
+        self.executive = Executive(self._tasks(), start_ns)
+
+    def _tasks(self) -> Iterable[Task]:
+        config = self._config
+        yield Task("control", config.cycle_ms, self.control_cycle, budget_ms=config.cycle_ms / 2.0)
+        if config.cycle_ms > VITAL_MS:
+            yield Task("repeat", VITAL_MS, self.repeat_vital, budget_ms=VITAL_MS / 2.0)
+        yield Task("report", config.report_ms, self.report_position, offset_ms=1.0)
+        yield Task("life_sign", LIFE_SIGN_MS, self.life_sign, offset_ms=2.0)
+
+    @property
+    def slips(self) -> int:
+        """Cycles missed since start."""
+        return self._slips
+
+    @property
+    def refused(self) -> dict[str, int]:
+        """What was heard and not acted on, by the wire it came from."""
+        return {
+            "frames": self._inbox.rejected,
+            "telegrams": self._inbox.torn_telegrams,
+            "radio": self._link.refused,
+            "tags": self._controller.rejected_tags,
+            "overflow": self._inbox.overflowed,
+        }
+
+    def control_cycle(self, now_ns: int) -> None:
+        """Read all, decide once, write all; if anything goes wrong the last word is the safe output."""
+        overruns = self.executive.slips_before("control")
+        try:
+            output = self._decide(now_ns, overruns)
+            self._send_cycle(now_ns, output)
+        except Exception:
+            self.stop(now_ns)
+            raise
+        self.output = output
+        self._remember(output)
+        self._write_log(now_ns, output)
+
+    def _decide(self, now_ns: int, overruns: int) -> CycleOutput:
+        inbox = self._inbox
+        inbox.take_frames(self._can.receive(now_ns))
+        inbox.take_serial(self._tags.receive(now_ns))
+        self._link.take(now_ns, self._radio.receive(now_ns))
+        last_ns = now_ns - self._cycle_ns if self._last_ns is None else self._last_ns
+        self._last_ns = now_ns
+        self._slips += overruns
+        image = inbox.image(now_ns, dt_s=(now_ns - last_ns) / NS_PER_S, overruns=overruns)
+        return self._controller.step(image)
+
+    def _send_cycle(self, now_ns: int, output: CycleOutput) -> None:
+        """Brake first. Slower frames go every so many cycles; a slow cycle sends them each time."""
+        self._send(now_ns, *vital_frames(output))
+        self._sent_ns = now_ns
+        cycle_ms, count = self._config.cycle_ms, self._cycles
+        self._cycles += 1
+        if count % _every(DOOR_MS, cycle_ms) == 0:
+            self._send(now_ns, door_frame(output))
+        if count % _every(VITAL_MS, cycle_ms) == 0:
+            work_us = self.executive.execution_ns("control") / NS_PER_US
+            self._send(now_ns, status_frame(output, work_us=work_us, slips=self._slips))
+        if count % _every(MOTION_MS, cycle_ms) == 0:
+            self._send(now_ns, *motion_frames(output))
+        if count % _every(TARGET_MS, cycle_ms) == 0:
+            self._send(now_ns, *target_frames(output))
+        emergency = output.supervision is Supervision.EMERGENCY
+        if emergency is not self._emergency:
+            self._emergency = emergency
+            self._send(now_ns, emergency_message(output.cause if emergency else None))
+
+    def _send(self, now_ns: int, *frames: Frame) -> None:
+        encode, send = self._encoder.encode, self._can.send
+        for frame in frames:
+            for can_id, payload in encode(frame):
+                send(now_ns, can_id, payload)
+
+    def repeat_vital(self, now_ns: int) -> None:
+        """Between the cycles of a slow controller, while those come: units wait for no cycle."""
+        if self._last_ns is None or now_ns - self._last_ns > STALE_CYCLES * self._cycle_ns:
+            return
+        if now_ns - self._sent_ns >= VITAL_MS / 2.0 * NS_PER_MS:
+            self._send(now_ns, *vital_frames(self.output))
+            self._sent_ns = now_ns
+
+    def report_position(self, now_ns: int) -> None:
+        payload = self._link.report(now_ns, self.output)
+        if payload is not None:
+            self._radio.send(now_ns, self._link.report_key, payload)
+
+    def life_sign(self, now_ns: int) -> None:
+        self._send(now_ns, heartbeat(self._life))
+        self._life = NodeState.OPERATIONAL
+
+    def stop(self, now_ns: int) -> None:
+        """The last word on the bus: brake, whatever was said before."""
+        self.output = replace(SAFE_OUTPUT, cause="controller ends")
+        self._send(now_ns, *vital_frames(self.output), door_frame(self.output))
+        self._send(now_ns, status_frame(self.output, work_us=0.0, slips=self._slips))
+        self._send(now_ns, heartbeat(NodeState.STOPPED))
+
+    def _remember(self, output: CycleOutput) -> None:
+        """Once after each run the wheel and the place are stored: at standstill, off the cycle."""
+        motion = output.motion
+        if motion is None or not motion.standstill:
+            self._stored = motion is None
+            return
+        if self._stored:
+            return
+        self._stored = True
+        record = self._controller.record()
+        self._nvram.put_later(
+            replace(
+                self._nvram.record,
+                wheel_diameter_m=record.m_per_pulse * self._config.train.pulses_per_turn / math.pi,
+                front_m=record.front_m,
+                standing=True,
+                highest_term=self._link.seen_term,
+            )
+        )
+
+    def _write_log(self, now_ns: int, output: CycleOutput) -> None:
+        if self._log is None:
+            return
+        self._log.row(
+            (now_ns - self._start_ns) / NS_PER_S,
+            *_motion_fields(output),
+            output.accel_demand_mps2,
+            output.target_mps,
+            *_ceiling_fields(output),
+            output.supervision,
+            output.ato_phase,
+            _missing_words(output.missing),
+            output.cause,
+            output.force_n,
+            output.service_decel_mps2,
+            output.emergency_released,
+            output.holding_released,
+            output.enable_left or output.enable_right,
+            *_tag_fields(output),
+            self.executive.execution_ns("control") / NS_PER_US,
+            self.executive.lateness_ns("control") / NS_PER_US,
+            self._slips,
+        )
+
+
+def commissioned_start(config: VobcConfig, mission: Mission, record: NvramRecord) -> OdometryRecord:
+    """The train was set up at the stopping point where its mission starts."""
+    return OdometryRecord(
+        front_m=mission.start.stop_m,
+        bound_m=config.odometry.start_bound_m,
+        m_per_pulse=_stored_m_per_pulse(config, record),
+    )
+
+
+def remembered_start(config: VobcConfig, record: NvramRecord) -> OdometryRecord | None:
+    """Where the train was switched off, if it stood then; it may have been moved a little since."""
+    if record.front_m is None or not record.standing:
+        return None
+    return OdometryRecord(
+        front_m=record.front_m,
+        bound_m=config.odometry.cold_movement_m,
+        m_per_pulse=_stored_m_per_pulse(config, record),
+    )
+
+
+def _stored_m_per_pulse(config: VobcConfig, record: NvramRecord) -> float:
+    """The last calibration is the likeliest guess; what it is worth now is proven anew by tags."""
+    wheel_m = record.wheel_diameter_m or config.train.wheel_diameter_m
+    return math.pi * wheel_m / config.train.pulses_per_turn
+
+
+def _every(period_ms: float, cycle_ms: float) -> int:
+    return max(1, round(period_ms / cycle_ms))
+
+
+def _missing_words(missing: Missing) -> str:
+    return missing.name or "" if missing else ""
+
+
+def _motion_fields(output: CycleOutput) -> tuple[object, ...]:
+    motion = output.motion
+    if motion is None:
+        return (None,) * 6
+    front, speed = motion.front_m, motion.speed_mps
+    return front.low, front.best, front.high, speed.best, speed.high, motion.accel_mps2
+
+
+def _ceiling_fields(output: CycleOutput) -> tuple[object, ...]:
+    to_stop_m = output.distance_to_stop_m if math.isfinite(output.distance_to_stop_m) else None
+    ceiling = output.ceiling
+    if ceiling is None:
+        return None, None, to_stop_m, None
+    return (
+        ceiling.permitted_mps,
+        ceiling.emergency_mps,
+        to_stop_m,
+        ceiling.distance_to_authority_m,
+    )
+
+
+def _tag_fields(output: CycleOutput) -> tuple[object, ...]:
+    motion = output.motion
+    if motion is None:
+        return "", False
+    return " ".join(str(tag_id) for tag_id in motion.accepted_tag_ids), motion.slip
