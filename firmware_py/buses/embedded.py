@@ -37,8 +37,8 @@ __all__ = [
 ]
 
 OUTBOX_BYTES: Final = 4096 * RECORD_BYTES
-READ_BYTES: Final = 256 * 1024
-READS_PER_DRAIN: Final = 16
+READ_BYTES: Final = 64 * 1024
+READS_PER_DRAIN: Final = 4
 """Bounds one drain; what is left waits for the next."""
 
 

@@ -145,6 +145,8 @@ class InprocBus:
         if offers and self._start_ns < now_ns:
             # Frames that start before this one is offered do not have to win against it.
             self.advance(now_ns)
+        assert now_ns >= self._told_ns, "time was told backwards"
+        self._told_ns = now_ns
         if not offers and self._start_ns < now_ns:
             self._start_ns = now_ns
         if sender._waiting >= MAILBOX_FRAMES:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from can.interfaces.socketcan import SocketcanBus
 
 RECEIVE_BUFFER_BYTES: Final = 4 << 20
-FRAMES_PER_DRAIN: Final = 20_000
+FRAMES_PER_DRAIN: Final = 4096
 """Bounds one drain of a bus that is flooded; what is left waits for the next."""
 MAX_STANDARD_ID: Final = 0x7FF
 MAX_DATA_BYTES: Final = 8
@@ -76,6 +76,9 @@ class SocketcanPort:
         length = len(data)
         if length > MAX_DATA_BYTES or not 0 <= can_id <= MAX_STANDARD_ID:
             raise ValueError(f"frame {can_id:#x} with {length} bytes: no classic 11-bit frame")
+        if self._socket.fileno() < 0:
+            self.counters.dropped_out += 1
+            return
         try:
             self._socket.send(_FRAME.pack(can_id, length, data))
         except OSError as error:
@@ -89,6 +92,8 @@ class SocketcanPort:
 
     def receive(self, now_ns: int) -> Sequence[CanFrame]:
         """All frames of other nodes that reached this process and were not handed over yet."""
+        if self._socket.fileno() < 0:
+            return ()
         offset_ns = self._clock.epoch_offset_ns
         floor_ns = min(self._drained_ns, now_ns)
         accepted = self._accepted
@@ -126,7 +131,7 @@ class SocketcanPort:
         except BlockingIOError:
             return None
         except OSError:
-            # The interface went down or away, or the port was closed.
+            # The interface went down or away.
             self.counters.errors += self.alive
             self.alive = False
             return None

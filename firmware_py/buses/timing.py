@@ -49,7 +49,7 @@ def frame_bits(can_id: int, data: bytes, extended: bool = False, remote: bool = 
     if extended or remote:
         return _uncommon_frame_bits(can_id, data, extended, remote)
     head = _HEADS.get(can_id << 4 | length)
-    if head is None:
+    if head is None or length > MAX_DATA_BYTES:
         head = _remember_head(can_id, length)
     bits, state, crc = head
     if length == MAX_DATA_BYTES:
