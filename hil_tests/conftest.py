@@ -1,0 +1,94 @@
+"""What all tests share: the guest with a real vcan, hypothesis settings, and what was not run."""
+
+import os
+import subprocess
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+import pytest
+from hypothesis import HealthCheck, settings
+
+ROOT: Final = Path(__file__).resolve().parent.parent
+IN_CI: Final = os.environ.get("CI", "").lower() not in ("", "0", "false")
+NO_GUEST_STATUS: Final = 125
+GUEST_TIMEOUT_S: Final = 300
+HANG_MARGIN_S: Final = 120
+
+# No deadlines: a busy machine is no fault of the code. Where nobody looks, the examples are always
+# the same; on a developer's machine they are new ones every time, and what fails is remembered.
+QUIET: Final = [HealthCheck.too_slow]
+settings.register_profile("ci", deadline=None, derandomize=True, suppress_health_check=QUIET)
+settings.register_profile("local", deadline=None, suppress_health_check=QUIET)
+settings.load_profile("ci" if IN_CI else "local")
+
+
+class Guest:
+    """Runs commands on a Linux that has SocketCAN and an interface vcan0."""
+
+    def run(
+        self, *command: str | Path, timeout_s: int = GUEST_TIMEOUT_S, options: Sequence[str] = ()
+    ) -> subprocess.CompletedProcess[str]:
+        """The command's status and output. Its working directory is the checkout.
+
+        Args:
+            command: as typed; nothing is added.
+            timeout_s: for the command; the guest's boot comes on top.
+            options: of vcan-guest.
+        """
+        launcher = [str(ROOT / "tools/vcan-guest"), "--timeout", str(timeout_s), *options, "--"]
+        return subprocess.run(
+            [*launcher, *(str(word) for word in command)],
+            cwd=ROOT,
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            text=True,
+            timeout=timeout_s + HANG_MARGIN_S,
+            check=False,
+        )
+
+
+@pytest.fixture(scope="session")
+def checkout() -> Path:
+    """The folder that holds the seven packages."""
+    return ROOT
+
+
+@pytest.fixture(scope="session")
+def guest() -> Guest:
+    """A guest that has been seen to work. Without one a test fails in CI, else it is left out."""
+    guest = Guest()
+    done = guest.run("true")
+    if done.returncode == 0:
+        return guest
+    reason = f"no guest with SocketCAN (status {done.returncode}): {done.stderr.strip()}"
+    if IN_CI or done.returncode != NO_GUEST_STATUS:
+        pytest.fail(reason, pytrace=False)
+    pytest.skip(reason)
+
+
+def pytest_configure() -> None:
+    """Tests are made of asserts, and so are the programs' own checks."""
+    if not __debug__:
+        raise pytest.UsageError(
+            "the tests will not run under `python -O`: it removes their asserts"
+        )
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """Say loudly what was not run, and why."""
+    skipped = terminalreporter.stats.get("skipped", [])
+    if not skipped:
+        return
+    terminalreporter.section("NOT RUN", sep="!", red=True, bold=True)
+    for report in skipped:
+        # A skipped test is reported as file, line and reason.
+        reason = report.longrepr[2] if isinstance(report.longrepr, tuple) else str(report.longrepr)
+        terminalreporter.line(f"{report.nodeid}: {reason.removeprefix('Skipped: ')}", red=True)
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    """Where nobody looks, nothing may be left out."""
+    reporter = session.config.pluginmanager.get_plugin("terminalreporter")
+    if IN_CI and reporter is not None and reporter.stats.get("skipped"):
+        session.exitstatus = pytest.ExitCode.TESTS_FAILED
