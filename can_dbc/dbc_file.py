@@ -40,6 +40,8 @@ class DbcFile:
 
     name: str
     messages: Mapping[str, Message]
+    nodes: Mapping[str, str]
+    """Name and comment of each node."""
 
     def message(self, name: str) -> Message:
         """The message called `name`; BindingError with the nearest name when there is none."""
@@ -83,7 +85,11 @@ def parse(text: str, name: str) -> DbcFile:
         # The parser's errors share no base class; whatever it says is about this text.
         raise BindingError(f"{name}: not a usable DBC file: {error}") from error
     refuse_shared(name, database.messages)
-    return DbcFile(name, {message.name: message for message in database.messages})
+    return DbcFile(
+        name,
+        messages={message.name: message for message in database.messages},
+        nodes={node.name: node.comment or "" for node in database.nodes},
+    )
 
 
 def refuse_shared(where: str, messages: Iterable[Message]) -> None:

@@ -1,0 +1,288 @@
+"""Writes docs/can_interface.md from the DBC files, or checks that it is what they say."""
+
+import argparse
+import itertools
+import math
+import sys
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Final
+
+from cantools.database.can import Message, Signal
+
+from can_dbc import binding, dbc_file
+from can_dbc.binding import Binding, Protection
+from can_dbc.brake import BrakeCommand
+from can_dbc.codec import TWIN_WITHIN_NS, Encoder
+from can_dbc.nodes import Node
+from can_dbc.trailer import CRC_START, MAX_STEP
+
+DEFAULT_PATH: Final = "docs/can_interface.md"
+EXIT_OK: Final = 0
+EXIT_OUTDATED: Final = 1
+EXIT_USAGE: Final = 2
+BIT_RATE_BPS: Final = 250_000
+FRAME_BITS: Final = 47
+"""Of a frame with 11-bit identifier and no data, interframe space included, without stuffing."""
+STUFFED_BITS: Final = 34
+"""Of these, as many can be stuffed; data bits come on top."""
+
+HEADER: Final = """\
+# CAN interface of the train bus
+
+Generated from the DBC files in `can_dbc/` by `python -m metro_tools.interface_doc`; change those
+and generate it anew. The same files feed `cantools monitor`, `cantools decode` and any DBC tool.
+"""
+
+PROTECTION: Final = """\
+## Protection
+
+**NONE.** Payload only.
+
+**SAFETY.** The last three bytes are a trailer:
+
+| byte | content |
+|---|---|
+| n − 3 | `alive_counter`: one more with every transmission, modulo 256 |
+| n − 2 | `crc16`, low byte |
+| n − 1 | `crc16`, high byte |
+
+The CRC has the polynomial 0x1021, starts at {crc_start:#06x}, is not reflected and not inverted at
+the end. It runs over the data id of the message (low byte, high byte), then the payload, then the
+alive counter. The data id is not sent: a frame under a wrong identifier fails its CRC. Every
+combination of up to three wrong bits is found.
+
+A receiver judges the alive counter of a frame whose CRC is right by its step from the last such
+frame:
+
+| step | verdict |
+|---|---|
+| first frame, or the last one is older than the timeout | believed, whatever the counter |
+| 1 | believed |
+| 2 to {max_step} | believed; the frames between are counted as lost |
+| 0 | refused as stuck; since frames keep coming, the timeout never makes it believed |
+| anything else | refused as jumped, until a frame has step 1 from the one before it |
+
+Eight bits cannot tell a frame from one that is 256 transmissions older; the timeout has to.
+
+A protected boolean takes two bits: `10` is true, `01` is what a sender sends for false, and a
+receiver takes everything but `10` for false. Names are chosen so that true permits.
+
+**VITAL.** SAFETY, and each transmission is a pair: the message, then within
+{twin_ms:g} ms its twin `NAME_INV` on the next identifier, with every payload bit inverted, the
+same alive counter and a CRC over a data id of its own. A receiver acts on a complete and matching
+pair only; half a pair is nothing. The DBC scales the twin's signals backwards, so that a
+tool shows the same values for both.
+
+**Everywhere.** A receiver refuses a frame of the wrong length, a number outside the range of its
+signal and a value that a value table lacks. A sender sends the end of the range for a number
+beyond it. A message not heard for its timeout counts as absent, and every receiver then takes the
+restrictive state. Unused bits are sent as 0 and not looked at.
+
+Example: {example}
+"""
+
+
+def document() -> str:
+    """The whole interface document."""
+    bound = [binding.binding_of(kind) for kind in binding.kinds()]
+    parts = [
+        HEADER,
+        _bus(bound),
+        _nodes(bound),
+        PROTECTION.format(
+            crc_start=CRC_START,
+            max_step=MAX_STEP,
+            twin_ms=TWIN_WITHIN_NS / 1e6,
+            example=_example(),
+        ),
+        _overview(bound),
+    ]
+    for name in dbc_file.names():
+        parts += [f"## {name}\n", *_sections([each for each in bound if each.file.name == name])]
+    return "\n".join(parts)
+
+
+def _bus(bound: Sequence[Binding]) -> str:
+    cyclic = [each for each in bound if each.period_s > 0.0]
+    rate = sum(len(each.messages) / each.period_s for each in cyclic)
+    least, most = (
+        sum(len(each.messages) * bits(each.message.length) / each.period_s for each in cyclic)
+        for bits in (_plain_bits, _stuffed_bits)
+    )
+    return (
+        "## Bus\n\n"
+        f"Classic CAN at {BIT_RATE_BPS // 1000} kbit/s, identifiers of 11 bits,"
+        " Intel byte order (bit 0 is the least significant bit of byte 0).\n"
+        f"Cyclic traffic is {rate:.0f} frames/s, {100 * least / BIT_RATE_BPS:.0f} % of the bus"
+        f" without stuff bits and {100 * most / BIT_RATE_BPS:.0f} % at worst with them.\n"
+    )
+
+
+def _plain_bits(length: int) -> int:
+    return FRAME_BITS + 8 * length
+
+
+def _stuffed_bits(length: int) -> int:
+    return _plain_bits(length) + (STUFFED_BITS + 8 * length - 1) // 4
+
+
+def _nodes(bound: Sequence[Binding]) -> str:
+    comments = dbc_file.shipped("diagnostics.dbc").nodes
+    rows = [
+        (
+            str(node.value),
+            node.name,
+            comments[node.name],
+            _joined(each.message.name for each in bound if each.message.senders == [node.name]),
+        )
+        for node in Node
+    ]
+    return "## Nodes\n\n" + _table(("number", "name", "what it is", "sends"), rows)
+
+
+def _example() -> str:
+    """The first pair of a full service brake application, as candump would print it."""
+    command = BrakeCommand(service_decel_mps2=1.0, emergency_released=True, holding_released=True)
+    first, second = Encoder().encode(command)
+    message, twin = binding.binding_of(BrakeCommand).messages
+    return (
+        f"a service brake demand of {command.service_decel_mps2:g} m/s² with both releases given"
+        f" is, as the first transmission,\n`{_candump(first)}` and `{_candump(second)}`;"
+        f" data ids {_data_id(message)} and {_data_id(twin)}."
+    )
+
+
+def _candump(sent: tuple[int, bytes]) -> str:
+    return f"{sent[0]:03X}#{sent[1].hex().upper()}"
+
+
+def _overview(bound: Sequence[Binding]) -> str:
+    rows = [
+        (
+            f"{message.frame_id:#05x}",
+            message.name,
+            message.senders[0],
+            *_timing(each),
+            str(message.length),
+            each.protection.name,
+            _data_id(message),
+            f"`{each.file.name}`",
+        )
+        for each in bound
+        for message in each.messages
+    ]
+    heads = ("id", "message", "sender", "period", "timeout", "bytes", "protection", "data id")
+    return "## Messages\n\n" + _table((*heads, "file"), rows)
+
+
+def _timing(bound: Binding) -> tuple[str, str]:
+    if math.isinf(bound.timeout_s):
+        return "on occasion", "none"
+    return f"{1000 * bound.period_s:.0f} ms", f"{1000 * bound.timeout_s:.0f} ms"
+
+
+def _data_id(message: Message) -> str:
+    number = dbc_file.data_id(message)
+    return f"{number:#06x}" if number else "–"
+
+
+def _sections(bound: Sequence[Binding]) -> Iterator[str]:
+    """One for each message; neighbours with the same signals share one."""
+    for signals, group in itertools.groupby(bound, key=_signals):
+        same = list(group)
+        yield f"### {_joined(each.message.name for each in same)}\n"
+        yield "\n".join(f"- {_facts(each)}" for each in same) + "\n"
+        yield signals
+
+
+def _facts(bound: Binding) -> str:
+    message = bound.message
+    period, timeout = _timing(bound)
+    facts = [
+        f"{message.frame_id:#05x}, {message.senders[0]} to {_receivers(message)}, {message.length}"
+        f" bytes, {period if bound.period_s == 0.0 else f'every {period}, timeout {timeout}'}"
+    ]
+    if bound.protection is not Protection.NONE:
+        facts.append(f"{bound.protection.name}, data id {_data_id(message)}")
+    if bound.twin is not None:
+        twin = bound.twin
+        facts.append(f"twin {twin.name} {twin.frame_id:#05x}, data id {_data_id(twin)}")
+    return "; ".join(facts) + f". {message.comment}"
+
+
+def _receivers(message: Message) -> str:
+    receivers = {name for signal in message.signals for name in signal.receivers}
+    return _joined(node.name for node in Node if node.name in receivers)
+
+
+def _signals(bound: Binding) -> str:
+    rows = [
+        (
+            f"`{signal.name}`",
+            _bits(signal),
+            _scaling(signal),
+            f"{_number(signal.minimum)} … {_number(signal.maximum)}",
+            signal.unit or "",
+            _values(signal),
+            signal.comment or "",
+        )
+        for signal in bound.message.signals
+    ]
+    heads = ("signal", "bits", "value", "range", "unit", "value table", "meaning")
+    return _table(heads, rows)
+
+
+def _bits(signal: Signal) -> str:
+    last = signal.start + signal.length - 1
+    place = str(signal.start) if signal.length == 1 else f"{signal.start}–{last}"
+    return f"{place} signed" if signal.is_signed else place
+
+
+def _scaling(signal: Signal) -> str:
+    text = "raw" if signal.scale == 1 else f"raw × {_number(signal.scale)}"
+    if not signal.offset:
+        return text
+    return f"{text} {'+' if signal.offset > 0 else '−'} {_number(abs(signal.offset))}"
+
+
+def _number(value: float | None) -> str:
+    return "" if value is None else f"{value:.12g}".replace("-", "−")
+
+
+def _values(signal: Signal) -> str:
+    return ", ".join(f"{raw} {name}" for raw, name in sorted(dbc_file.table_of(signal).items()))
+
+
+def _joined(words: Iterable[str]) -> str:
+    return ", ".join(words)
+
+
+def _table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    lines = [heads, ["---"] * len(heads), *rows]
+    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Write the document, or with --check only say whether it is current."""
+    parser = argparse.ArgumentParser(
+        prog="python -m metro_tools.interface_doc", description=__doc__
+    )
+    parser.add_argument("path", nargs="?", default=DEFAULT_PATH, help="default: %(default)s")
+    parser.add_argument("--check", action="store_true", help="write nothing; exit 1 if outdated")
+    options = parser.parse_args(argv)
+    path, text = Path(options.path), document()
+    try:
+        if not options.check:
+            path.write_text(text, encoding="utf-8")
+        elif path.read_text(encoding="utf-8") != text:
+            print(f"{path}: outdated; run python -m metro_tools.interface_doc", file=sys.stderr)
+            return EXIT_OUTDATED
+    except OSError as error:
+        print(f"{path}: {error.strerror}", file=sys.stderr)
+        return EXIT_USAGE
+    return EXIT_OK
+
+
+if __name__ == "__main__":
+    sys.exit(main())
