@@ -156,7 +156,7 @@ class VobcDevice:
         }
 
     def control_cycle(self, now_ns: int) -> None:
-        """Read all, decide once, write all; if anything goes wrong the last word is the safe output."""
+        """Read all, decide once, write all; if anything fails, the safe output is the last word."""
         overruns = self.executive.slips_before("control")
         try:
             output = self._decide(now_ns, overruns)

@@ -21,8 +21,10 @@ class OdometryConfig:
     cold_movement_m: float
     """How far a train may have been moved while the controller was off."""
     tag_bound_m: float
-    """Hard bound of place and latching of one tag."""
+    """Hard bound of the place of one tag."""
     tag_sigma_m: float
+    tag_stamp_s: float
+    """Hard bound of the instant at which the reader latches the pulses."""
     tag_silence_s: float
     """After this a passed tag that nobody reported counts as missed."""
     missed_tags_max: int

@@ -63,7 +63,8 @@ class Localisation:
         self._var_ss = (nominal_m * config.scale_sigma_ratio) ** 2
         self.pulses = 0
         """Pulses since start, the base of all distances between tags."""
-        self._anchor: tuple[float, int] | None = None
+        self._anchor: tuple[float, int, float] | None = None
+        """Place, pulses and bound of the tag from which the scale is being measured."""
         self.rejected = 0
         self.missed = 0
         """Tags in a row that should have been read."""
@@ -113,11 +114,21 @@ class Localisation:
         self._var_ss += (self._pulse_m * self._config.scale_sigma_ratio) ** 2
         self._anchor = None
 
-    def offer_tag(self, tag_id: int, pulses_since: float, *, more_bound_m: float = 0.0) -> bool:
+    def offer_tag(
+        self,
+        tag_id: int,
+        pulses_since: float,
+        *,
+        speed_mps: float,
+        rough_m: float = 0.0,
+    ) -> bool:
         """A tag was read `pulses_since` before the last sample; false when it cannot be true.
 
         Believed only if the place it claims and the interval have a point in common: a tag that
         lies elsewhere, or was read by cross-talk, changes nothing.
+
+        Args:
+            rough_m: by how much `pulses_since` may be wrong; nothing is calibrated then.
         """
         site = self._sites.get(tag_id)
         if site is None:
@@ -125,21 +136,23 @@ class Localisation:
             return False
         front_m = site.position_m + self._antenna_m
         ends_m = (pulses_since * self.m_per_pulse_low, pulses_since * self.m_per_pulse_high)
-        bound_m = self._config.tag_bound_m + self._pulse_m + more_bound_m
+        latch_m = self._config.tag_stamp_s * abs(speed_mps) + rough_m
+        bound_m = self._config.tag_bound_m + latch_m + self._pulse_m
         low_m = max(self.low_m, front_m + min(ends_m) - bound_m)
         high_m = min(self.high_m, front_m + max(ends_m) + bound_m)
         if low_m > high_m:
             self.rejected += 1
             return False
         self.low_m, self.high_m = low_m, high_m
-        self._correct(front_m, pulses_since, more_bound_m)
-        self._measure_scale(site.position_m, self.pulses - round(pulses_since), more_bound_m)
+        self._correct(front_m, pulses_since, latch_m)
+        if rough_m == 0.0:
+            self._measure_scale(site.position_m, self.pulses - round(pulses_since), bound_m)
         self.missed = 0
         return True
 
-    def _correct(self, front_m: float, pulses_since: float, more_bound_m: float) -> None:
+    def _correct(self, front_m: float, pulses_since: float, latch_m: float) -> None:
         """Kalman update with the measurement front_m = position - m_per_pulse * pulses_since."""
-        noise = self._config.tag_sigma_m**2 + self._pulse_m**2 / 12.0 + more_bound_m**2
+        noise = self._config.tag_sigma_m**2 + self._pulse_m**2 / 12.0 + latch_m**2 / 3.0
         gain_p = self._var_pp - pulses_since * self._var_ps
         gain_s = self._var_ps - pulses_since * self._var_ss
         spread = gain_p - pulses_since * gain_s + noise
@@ -152,17 +165,15 @@ class Localisation:
         self.at_m = min(max(self.at_m, self.low_m), self.high_m)
         self.m_per_pulse = min(max(self.m_per_pulse, self.m_per_pulse_low), self.m_per_pulse_high)
 
-    def _measure_scale(self, position_m: float, pulses: int, more_bound_m: float) -> None:
+    def _measure_scale(self, position_m: float, pulses: int, bound_m: float) -> None:
         """Two tags and the pulses between them bound the distance behind one pulse."""
-        if more_bound_m > 0.0:
-            return
         if self._anchor is None:
-            self._anchor = (position_m, pulses)
+            self._anchor = (position_m, pulses, bound_m)
             return
         base_m, counted = position_m - self._anchor[0], pulses - self._anchor[1]
         if base_m < self._config.scale_base_m or counted <= 1:
             return
-        slack_m = 2.0 * self._config.tag_bound_m
+        slack_m = bound_m + self._anchor[2]
         margin_ratio = self._config.scale_margin_ratio
         low = (base_m - slack_m) / (counted + 1) * (1.0 - margin_ratio)
         high = (base_m + slack_m) / (counted - 1) * (1.0 + margin_ratio)
@@ -170,7 +181,7 @@ class Localisation:
         if low <= high:
             self.m_per_pulse_low, self.m_per_pulse_high = low, high
             self.m_per_pulse = min(max(self.m_per_pulse, low), high)
-        self._anchor = (position_m, pulses)
+        self._anchor = (position_m, pulses, bound_m)
 
     def watch_missed(self, speed_mps: float, read_ids: Sequence[int]) -> None:
         """Count the tags that the antenna has certainly passed without a telegram."""

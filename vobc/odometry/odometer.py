@@ -129,12 +129,13 @@ class Odometry:
 
     def _offer(self, tag: TagReading) -> bool:
         """Where the wheels counted falsely the way since the tag is only known roughly."""
+        where, rate = self._where, self._track.rate_pulses_per_s
+        speed_mps = rate * where.m_per_pulse
         since = self._pulses.since_latched(tag.pulses)
         if since is not None and not self._slip:
-            return self._where.offer_tag(tag.tag_id, since)
-        rate = self._track.rate_pulses_per_s
-        rough_m = abs(rate) * tag.age_s * self._where.m_per_pulse_high + self._config.tag_bound_m
-        return self._where.offer_tag(tag.tag_id, rate * tag.age_s, more_bound_m=rough_m)
+            return where.offer_tag(tag.tag_id, since, speed_mps=speed_mps)
+        rough_m = abs(speed_mps) * tag.age_s + self._config.tag_bound_m
+        return where.offer_tag(tag.tag_id, rate * tag.age_s, speed_mps=speed_mps, rough_m=rough_m)
 
     def _speed(self, now_s: float, seen: CycleInput) -> Interval:
         config, where, track = self._config, self._where, self._track
