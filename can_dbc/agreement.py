@@ -67,7 +67,7 @@ class FieldLayout:
     """One field and the bits that carry it."""
 
     name: str
-    kind: type
+    kind: type[Any]
     """float, int, bool or an enumeration."""
     start: int
     length: int
@@ -99,7 +99,7 @@ def mismatches(kind: type[Frame], file: DbcFile, message: Message) -> Iterator[s
                 yield f"{where}: {name}: {text}"
 
 
-def field_types(kind: type[Frame]) -> dict[str, type]:
+def field_types(kind: type[Frame]) -> dict[str, type[Any]]:
     """The fields of a frame class in their order, with their types."""
     hints = typing.get_type_hints(kind)
     return {field.name: hints[field.name] for field in dataclasses.fields(kind)}
@@ -117,7 +117,7 @@ def payload_bytes(message: Message) -> int:
     return message.length - (TRAILER_BYTES if guarded else 0)
 
 
-def _layout(kind: type, signal: Signal) -> FieldLayout:
+def _layout(kind: type[Any], signal: Signal) -> FieldLayout:
     minimum, maximum = _physical_range(signal)
     return FieldLayout(
         name=signal.name,
@@ -214,7 +214,7 @@ def _name_faults(kind: type[Frame], message: Message) -> Iterator[str]:
 
 
 def _signal_faults(
-    kind: type[Frame], name: str, annotation: type, signal: Signal, *, guarded: bool
+    kind: type[Frame], name: str, annotation: type[Any], signal: Signal, *, guarded: bool
 ) -> Iterator[str]:
     field = f"{kind.__name__}.{name}"
     if annotation is float:

@@ -5,6 +5,7 @@ import math
 import warnings
 from collections.abc import Iterator
 from importlib import resources
+from typing import Any
 
 import cantools.database
 import pytest
@@ -104,7 +105,7 @@ def test_every_file_has_a_module_and_every_message_a_class() -> None:
 
 @pytest.mark.parametrize(("kind", "sender", "can_id", "period_ms"), AGREED)
 def test_identifiers_senders_and_periods_are_as_agreed(
-    kind: type, sender: str, can_id: int, period_ms: int
+    kind: type[Any], sender: str, can_id: int, period_ms: int
 ) -> None:
     assert binding.can_id(kind) == can_id
     assert binding.sender(kind) == sender
@@ -116,7 +117,7 @@ def test_the_agreement_covers_every_class() -> None:
 
 
 @pytest.mark.parametrize("kind", [kind for kind, *_ in AGREED])
-def test_all_but_energy_and_diagnostics_is_protected(kind: type) -> None:
+def test_all_but_energy_and_diagnostics_is_protected(kind: type[Any]) -> None:
     names = [signal.name for signal in binding.message(kind).signals]
 
     assert names[-2:] == ["alive_counter", "crc16"] or kind in UNPROTECTED
@@ -125,7 +126,7 @@ def test_all_but_energy_and_diagnostics_is_protected(kind: type) -> None:
 
 
 @pytest.mark.parametrize("kind", [kind for kind, *_ in AGREED])
-def test_a_timeout_is_at_least_three_periods(kind: type) -> None:
+def test_a_timeout_is_at_least_three_periods(kind: type[Any]) -> None:
     timeout_s = binding.timeout_s(kind)
 
     assert math.isinf(timeout_s) or round(timeout_s * 1000) >= 3 * round(
@@ -138,7 +139,7 @@ def test_data_ids_are_unique_among_all_files_twins_included() -> None:
     ids = [
         message.dbc.attributes["SafetyDataId"].value
         for message in all_messages()
-        if "SafetyDataId" in message.dbc.attributes
+        if message.dbc is not None and "SafetyDataId" in message.dbc.attributes
     ]
 
     assert len(ids) == 18
@@ -167,6 +168,7 @@ def test_start_values_are_encodable_and_permit_nothing(message: Message) -> None
 
     decoded = message.decode(message.encode(start, scaling=False))
 
+    assert isinstance(decoded, dict)
     assert "TRUE" not in [str(value) for value in decoded.values()]
 
 

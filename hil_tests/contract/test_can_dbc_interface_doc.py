@@ -51,3 +51,9 @@ def test_a_place_that_does_not_exist_is_named(
     for options in ([], ["--check"]):
         assert interface_doc.main([*options, str(tmp_path / "no" / "where.md")]) == 2
         assert "where.md: No such file or directory" in capsys.readouterr().err
+
+
+def test_frame_lengths_are_those_of_the_standard() -> None:
+    """ISO 11898: an 8-byte frame takes 111 bit times with its gap, 135 when stuffed at worst."""
+    assert (interface_doc.plain_bits(8), interface_doc.stuffed_bits(8)) == (111, 135)
+    assert (interface_doc.plain_bits(0), interface_doc.stuffed_bits(0)) == (47, 55)

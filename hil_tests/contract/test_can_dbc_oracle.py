@@ -7,7 +7,7 @@ import typing
 from typing import Any
 
 import pytest
-from cantools.database.can import Message
+from cantools.database.can import Message, Signal
 from crccheck.crc import Crc16CcittFalse
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -20,12 +20,12 @@ PROTECTED = [kind for kind in KINDS if "crc16" in binding.message(kind).signal_t
 VITAL = [kind for kind in KINDS if binding.is_vital(kind)]
 
 
-def types_of(kind: type) -> dict[str, type]:
+def types_of(kind: type[Any]) -> dict[str, type[Any]]:
     hints = typing.get_type_hints(kind)
     return {field.name: hints[field.name] for field in dataclasses.fields(kind)}
 
 
-def values_for(kind: type, name: str, annotation: type) -> st.SearchStrategy[Any]:
+def values_for(kind: type[Any], name: str, annotation: type[Any]) -> st.SearchStrategy[Any]:
     """Values of one field: within its range often, anything of its type sometimes."""
     signal = binding.message(kind).get_signal_by_name(name)
     if annotation is bool:
@@ -35,17 +35,30 @@ def values_for(kind: type, name: str, annotation: type) -> st.SearchStrategy[Any
     if issubclass(annotation, enum.Enum):
         return st.sampled_from(annotation)
     if annotation is int:
-        return st.integers(-(2**70), 2**70) | st.integers(signal.minimum, signal.maximum)
-    return st.floats(allow_nan=False) | st.floats(signal.minimum, signal.maximum)
+        return st.integers(-(2**70), 2**70) | st.integers(*map(int, limits(signal)))
+    return st.floats(allow_nan=False) | st.floats(*limits(signal))
 
 
-def frames_of(kind: type) -> st.SearchStrategy[Any]:
+def limits(signal: Signal) -> tuple[float, float]:
+    assert signal.minimum is not None
+    assert signal.maximum is not None
+    return signal.minimum, signal.maximum
+
+
+def decoded(message: Message, data: bytes, *, names: bool = True) -> dict[str, Any]:
+    """What cantools reads; choices by name or as raw values."""
+    found = message.decode(data, decode_choices=names)
+    assert isinstance(found, dict)
+    return found
+
+
+def frames_of(kind: type[Any]) -> st.SearchStrategy[Any]:
     return st.builds(
         kind, **{name: values_for(kind, name, each) for name, each in types_of(kind).items()}
     )
 
 
-def wire_values(kind: type, frame: Any) -> dict[str, Any]:
+def wire_values(kind: type[Any], frame: Any) -> dict[str, Any]:
     """What cantools is to be told to encode the frame: saturated, choices as raw values."""
     wire: dict[str, Any] = {}
     for name, annotation in types_of(kind).items():
@@ -56,20 +69,21 @@ def wire_values(kind: type, frame: Any) -> dict[str, Any]:
         elif issubclass(annotation, enum.Enum):
             wire[name] = value.value
         else:
-            wire[name] = min(max(value, signal.minimum), signal.maximum)
+            low, high = limits(signal)
+            wire[name] = min(max(value, low), high)
     return wire
 
 
 def with_trailer(message: Message, values: dict[str, Any], data: bytes) -> dict[str, Any]:
     """Counter and CRC as they are in `data`, for cantools treats them as any other signal."""
-    decoded = message.decode(data, decode_choices=False)
-    return values | {name: decoded[name] for name in ("alive_counter", "crc16") if name in decoded}
+    found = decoded(message, data, names=False)
+    return values | {name: found[name] for name in ("alive_counter", "crc16") if name in found}
 
 
 @pytest.mark.parametrize("kind", KINDS)
 @settings(max_examples=50)
 @given(data=st.data())
-def test_cantools_encodes_the_same_bits(kind: type, data: st.DataObject) -> None:
+def test_cantools_encodes_the_same_bits(kind: type[Any], data: st.DataObject) -> None:
     frame = data.draw(frames_of(kind))
     message = binding.message(kind)
 
@@ -82,7 +96,9 @@ def test_cantools_encodes_the_same_bits(kind: type, data: st.DataObject) -> None
 @pytest.mark.parametrize("kind", KINDS)
 @settings(max_examples=50)
 @given(data=st.data())
-def test_cantools_and_the_decoder_read_the_same_values(kind: type, data: st.DataObject) -> None:
+def test_cantools_and_the_decoder_read_the_same_values(
+    kind: type[Any], data: st.DataObject
+) -> None:
     message = binding.message(kind)
     sent = Encoder().encode(data.draw(frames_of(kind)))
     decoder = Decoder([kind])
@@ -90,14 +106,14 @@ def test_cantools_and_the_decoder_read_the_same_values(kind: type, data: st.Data
     read = [decoder.decode(can_id, payload, 0) for can_id, payload in sent][-1]
 
     assert type(read) is kind
-    theirs = message.decode(sent[0][1])
+    theirs = decoded(message, sent[0][1])
     for name, annotation in types_of(kind).items():
         value = getattr(read, name)
         assert type(value) is annotation
         if annotation is bool:
             assert theirs[name] == str(value).upper()
         elif issubclass(annotation, enum.Enum):
-            assert message.decode(sent[0][1], decode_choices=False)[name] == value.value
+            assert decoded(message, sent[0][1], names=False)[name] == value.value
         else:
             assert theirs[name] == value
 
@@ -106,7 +122,7 @@ def test_cantools_and_the_decoder_read_the_same_values(kind: type, data: st.Data
 @settings(max_examples=50)
 @given(data=st.data())
 def test_a_decoded_frame_is_encoded_into_the_bits_it_came_from(
-    kind: type, data: st.DataObject
+    kind: type[Any], data: st.DataObject
 ) -> None:
     sent = Encoder().encode(data.draw(frames_of(kind)))
     decoder = Decoder([kind])
@@ -120,7 +136,9 @@ def test_a_decoded_frame_is_encoded_into_the_bits_it_came_from(
 @pytest.mark.parametrize("kind", VITAL)
 @settings(max_examples=50)
 @given(data=st.data())
-def test_the_twin_is_inverted_and_shows_the_same_values(kind: type, data: st.DataObject) -> None:
+def test_the_twin_is_inverted_and_shows_the_same_values(
+    kind: type[Any], data: st.DataObject
+) -> None:
     """Its payload bits are inverted, and cantools still reads the same values from it."""
     twin = binding.binding_of(kind).twin
     assert twin is not None
@@ -130,7 +148,7 @@ def test_the_twin_is_inverted_and_shows_the_same_values(kind: type, data: st.Dat
     assert twin_id == twin.frame_id == binding.can_id(kind) + 1
     assert bytes(0xFF - byte for byte in first[:-3]) == second[:-3]
     assert first[-3] == second[-3]
-    ours, theirs = binding.message(kind).decode(first), twin.decode(second)
+    ours, theirs = decoded(binding.message(kind), first), decoded(twin, second)
     for name in types_of(kind):
         if isinstance(ours[name], int | float):
             assert theirs[name] == pytest.approx(ours[name], abs=1e-9)
@@ -142,7 +160,7 @@ def test_the_twin_is_inverted_and_shows_the_same_values(kind: type, data: st.Dat
 @pytest.mark.parametrize("kind", PROTECTED)
 @given(data=st.data(), repeats=st.integers(1, 300))
 def test_counter_and_crc_are_those_of_an_independent_calculation(
-    kind: type, data: st.DataObject, repeats: int
+    kind: type[Any], data: st.DataObject, repeats: int
 ) -> None:
     frame = data.draw(frames_of(kind))
     encoder = Encoder()
@@ -159,7 +177,7 @@ def test_counter_and_crc_are_those_of_an_independent_calculation(
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_infinity_is_sent_as_the_end_of_the_range(kind: type) -> None:
+def test_infinity_is_sent_as_the_end_of_the_range(kind: type[Any]) -> None:
     for name, annotation in types_of(kind).items():
         if annotation is float:
             signal = binding.message(kind).get_signal_by_name(name)
@@ -168,11 +186,11 @@ def test_infinity_is_sent_as_the_end_of_the_range(kind: type) -> None:
 
                 sent = Encoder().encode(frame)
 
-                theirs = binding.message(kind).decode(sent[0][1])
+                theirs = decoded(binding.message(kind), sent[0][1])
                 assert theirs[name] == pytest.approx(end)
 
 
-def some_frame(kind: type) -> Any:
+def some_frame(kind: type[Any]) -> Any:
     """Zeros, false and the first member of every enumeration."""
     return kind(*(next(iter(each)) if issubclass(each, enum.Enum) else each(0)
                   for each in types_of(kind).values()))  # fmt: skip
@@ -213,7 +231,7 @@ def crc_of(message: Message, body: bytes) -> bytes:
 @settings(max_examples=50)
 @given(data=st.data())
 def test_any_payload_with_a_good_trailer_is_a_frame_or_an_invalid_value(
-    kind: type, data: st.DataObject
+    kind: type[Any], data: st.DataObject
 ) -> None:
     """Every bit pattern of the payload, with the trailer right: cantools judges the values."""
     message = binding.message(kind)
@@ -234,7 +252,7 @@ def test_any_payload_with_a_good_trailer_is_a_frame_or_an_invalid_value(
         for each, half in zip(binding.binding_of(kind).messages, sent, strict=True)
     ][-1]
 
-    if all_valid(kind, message.decode(sent[0], decode_choices=False)):
+    if all_valid(kind, decoded(message, sent[0], names=False)):
         assert type(heard) is kind
     else:
         assert isinstance(heard, Rejected)
@@ -243,14 +261,14 @@ def test_any_payload_with_a_good_trailer_is_a_frame_or_an_invalid_value(
         assert heard.data == sent[0]
 
 
-def all_valid(kind: type, decoded: dict[str, Any]) -> bool:
+def all_valid(kind: type[Any], found: dict[str, Any]) -> bool:
     for name, annotation in types_of(kind).items():
-        signal = binding.message(kind).get_signal_by_name(name)
+        low, high = limits(binding.message(kind).get_signal_by_name(name))
         if annotation is bool or issubclass(annotation, enum.Flag):
             continue
         if issubclass(annotation, enum.Enum):
-            if decoded[name] not in {member.value for member in annotation}:
+            if found[name] not in {member.value for member in annotation}:
                 return False
-        elif not signal.minimum - 1e-9 <= decoded[name] <= signal.maximum + 1e-9:
+        elif not low - 1e-9 <= found[name] <= high + 1e-9:
             return False
     return True

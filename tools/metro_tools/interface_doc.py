@@ -66,7 +66,7 @@ frame:
 Eight bits cannot tell a frame from one that is 256 transmissions older; the timeout has to.
 
 A protected boolean takes two bits: `10` is true, `01` is what a sender sends for false, and a
-receiver takes everything but `10` for false. Names are chosen so that true permits.
+receiver takes everything but `10` for false. What permits something is named so that true permits.
 
 **VITAL.** SAFETY, and each transmission is a pair: the message, then within
 {twin_ms:g} ms its twin `NAME_INV` on the next identifier, with every payload bit inverted, the
@@ -108,7 +108,7 @@ def _bus(bound: Sequence[Binding]) -> str:
     rate = sum(len(each.messages) / each.period_s for each in cyclic)
     least, most = (
         sum(len(each.messages) * bits(each.message.length) / each.period_s for each in cyclic)
-        for bits in (_plain_bits, _stuffed_bits)
+        for bits in (plain_bits, stuffed_bits)
     )
     return (
         "## Bus\n\n"
@@ -119,12 +119,14 @@ def _bus(bound: Sequence[Binding]) -> str:
     )
 
 
-def _plain_bits(length: int) -> int:
+def plain_bits(length: int) -> int:
+    """Bit times of a frame with `length` data bytes and the gap behind it, without stuff bits."""
     return FRAME_BITS + 8 * length
 
 
-def _stuffed_bits(length: int) -> int:
-    return _plain_bits(length) + (STUFFED_BITS + 8 * length - 1) // 4
+def stuffed_bits(length: int) -> int:
+    """The same with as many stuff bits as any content can force."""
+    return plain_bits(length) + (STUFFED_BITS + 8 * length - 1) // 4
 
 
 def _nodes(bound: Sequence[Binding]) -> str:
@@ -200,8 +202,8 @@ def _facts(bound: Binding) -> str:
     message = bound.message
     period, timeout = _timing(bound)
     facts = [
-        f"{message.frame_id:#05x}, {message.senders[0]} to {_receivers(message)}, {message.length}"
-        f" bytes, {period if bound.period_s == 0.0 else f'every {period}, timeout {timeout}'}"
+        f"{message.frame_id:#05x}, {message.senders[0]} to {_receivers(message)}, {_size(message)},"
+        f" {period if math.isinf(bound.timeout_s) else f'every {period}, timeout {timeout}'}"
     ]
     if bound.protection is not Protection.NONE:
         facts.append(f"{bound.protection.name}, data id {_data_id(message)}")
@@ -209,6 +211,10 @@ def _facts(bound: Binding) -> str:
         twin = bound.twin
         facts.append(f"twin {twin.name} {twin.frame_id:#05x}, data id {_data_id(twin)}")
     return "; ".join(facts) + f". {message.comment}"
+
+
+def _size(message: Message) -> str:
+    return "1 byte" if message.length == 1 else f"{message.length} bytes"
 
 
 def _receivers(message: Message) -> str:
@@ -247,7 +253,7 @@ def _scaling(signal: Signal) -> str:
 
 
 def _number(value: float | None) -> str:
-    return "" if value is None else f"{value:.12g}".replace("-", "−")
+    return "" if value is None else f"{value:.15g}".replace("-", "−")
 
 
 def _values(signal: Signal) -> str:
