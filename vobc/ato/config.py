@@ -159,6 +159,8 @@ class StationWork:
     """Between stations the train sets off only when the authority lets it go at least so far."""
     hold_speed_mps: float = 0.03
     """The holding brake comes on under this: soft enough for the step not to be felt."""
+    settle_s: float = 0.5
+    """The holding brake has to be on so long before the train counts as at rest."""
     hold_decel_mps2: float = 0.4
     """Service brake asked at standstill until the holding brake is confirmed."""
     doors_patience_s: float = 10.0

@@ -44,6 +44,7 @@ class Ato:
         self._dwelt_s = 0.0
         self._asked_open_s = 0.0
         self._hold = True
+        self._held_s = 0.0
         self._doors_wanted = False
         self._dt_s = 0.0
         self._strategy: Strategy | None = None
@@ -107,7 +108,8 @@ class Ato:
         stop = self.next_stop
         to_stop_m = math.inf if stop is None else stop.stop_m - seen.front_m
         situation.enabled = seen.enabled
-        situation.resting = seen.standstill and self._hold
+        self._held_s = self._held_s + seen.dt_s if seen.holding_applied and self._hold else 0.0
+        situation.resting = seen.standstill and self._held_s >= work.settle_s
         situation.under_way = seen.speed_mps > (
             MOVING_MPS if self.phase is AtoPhase.OFF else UNDER_WAY_MPS
         )

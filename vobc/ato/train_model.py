@@ -2,19 +2,19 @@
 
 The brake's dead time is drawn anew at each application, so each one starts a bank of hypotheses.
 Every hypothesis predicts the speed with its own dead time; how badly it does so is its cost, and
-the costs weigh the hypotheses. Gain errors, resistance and a wrong lag end up in a disturbance.
+the costs weigh the hypotheses. One filter of the motion is driven by what they agree on.
 """
 
 import math
 from typing import Final
 
 from vobc.ato.config import BrakeBelief, TractionBelief
+from vobc.ato.motion_filter import MotionFilter
 from vobc.ato.predictor import Ahead, Lag, Pipeline, response
 
 SPEED_PULL_PER_S: Final = 2.0
 DISTURBANCE_PULL_PER_S2: Final = 1.0
-"""Observer with both poles at 1 rad/s: slow against noise, fast against gradients and wind."""
-DISTURBANCE_MAX_MPS2: Final = 0.5
+"""Observer of a hypothesis, both poles at 1 rad/s: what it cannot explain quickly is cost."""
 SETTLE_LAGS: Final = 5.0
 """So many lags after the longest dead time a released brake is taken to be off."""
 NEVER_MATTERS: Final = 40.0
@@ -35,6 +35,7 @@ class TrainModel:
         "_demand_mps2",
         "_disturbance",
         "_dt_s",
+        "_motion",
         "_output",
         "_quiet_cycles",
         "_settle_cycles",
@@ -45,8 +46,6 @@ class TrainModel:
         "_traction_now",
         "brake_mps2",
         "dead_time_s",
-        "disturbance_mps2",
-        "speed_mps",
     )
 
     def __init__(self, brake: BrakeBelief, traction: TractionBelief, dt_s: float) -> None:
@@ -64,17 +63,15 @@ class TrainModel:
         self._brake_keep_ratio = math.exp(-dt_s / brake.lag_s)
         self._settle_cycles = math.ceil((brake.dead_times_s[-1] + SETTLE_LAGS * brake.lag_s) / dt_s)
         self._demand_mps2 = 0.0
+        self._motion = MotionFilter(dt_s)
         self._output = [0.0] * count
         self._speed = [0.0] * count
         self._disturbance = [0.0] * count
         self._cost = [0.0] * count
         self._active = False
         self._quiet_cycles = 0
-        self.speed_mps = 0.0
-        self.disturbance_mps2 = 0.0
-        """Acceleration that neither the demands nor the gradient explain."""
         self.brake_mps2 = 0.0
-        """Deceleration that the brake gives now, as believed."""
+        """Deceleration that was asked for and has arrived, as believed; the gain is apart."""
         self.dead_time_s = brake.expected_dead_time_s
 
     def issue(self, demand_mps2: float) -> None:
@@ -82,16 +79,31 @@ class TrainModel:
         self._demand_mps2 = demand_mps2
 
     @property
+    def speed_mps(self) -> float:
+        return self._motion.speed_mps
+
+    @property
+    def disturbance_mps2(self) -> float:
+        """Acceleration that neither the demands nor the gradient explain."""
+        return self._motion.disturbance_mps2
+
+    @property
+    def gain_ratio(self) -> float:
+        """By how much the brake gives more than it was asked for, as believed."""
+        return self._motion.gain_ratio
+
+    @property
     def brake_asked(self) -> bool:
         return self._demand_mps2 < 0.0
 
     def rest(self) -> None:
         """The train stands: its motion is forgotten, the demands under way are not."""
-        self._set_all(0.0, 0.0)
+        self.meet(0.0)
 
     def meet(self, speed_mps: float) -> None:
         """Take the speed as it is, on taking over a train that moves."""
-        self._set_all(speed_mps, 0.0)
+        self._motion.start(speed_mps)
+        self._start_hypotheses()
 
     def step(self, speed_mps: float, gravity_mps2: float, cycles: int) -> None:
         """Advance to now under the demand issued before, then lean towards the measured speed.
@@ -102,15 +114,9 @@ class TrainModel:
         """
         for _ in range(cycles):
             self._advance(speed_mps, gravity_mps2)
-        if self._active:
-            self._weigh()
-        else:
-            self.speed_mps = self._speed[0]
-            self.disturbance_mps2 = self._disturbance[0]
-            self.brake_mps2 = 0.0
 
     def _advance(self, speed_mps: float, gravity_mps2: float) -> None:
-        dt_s, demand_mps2 = self._dt_s, self._demand_mps2
+        demand_mps2 = self._demand_mps2
         brake_mps2 = -demand_mps2 if demand_mps2 < 0.0 else 0.0
         traction_mps2 = demand_mps2 if demand_mps2 > 0.0 else 0.0
         self._note_application(brake_mps2)
@@ -122,14 +128,14 @@ class TrainModel:
         mean_mps2 = self._traction.mean_before(self._traction_belief.dead_time_s)
         after_mps2 = self._traction_late.step(mean_mps2)
         push_mps2 = (before_mps2 + after_mps2) / 2.0 - gravity_mps2
+        brake_before_mps2 = self.brake_mps2
         if self._active:
             self._advance_bank(speed_mps, push_mps2)
-            return
-        predicted_mps = self._speed[0] + (push_mps2 + self._disturbance[0]) * dt_s
-        error_mps = speed_mps - predicted_mps
-        self._speed[0] = predicted_mps + SPEED_PULL_PER_S * dt_s * error_mps
-        self._disturbance[0] = _bounded(
-            self._disturbance[0] + DISTURBANCE_PULL_PER_S2 * dt_s * error_mps
+            self._weigh()
+        self._motion.step(
+            speed_mps,
+            push_mps2=push_mps2,
+            braked_mps2=(brake_before_mps2 + self.brake_mps2) / 2.0,
         )
 
     def _advance_bank(self, speed_mps: float, push_mps2: float) -> None:
@@ -138,7 +144,7 @@ class TrainModel:
         pull, disturbance_pull = SPEED_PULL_PER_S * dt_s, DISTURBANCE_PULL_PER_S2 * dt_s
         sigma_mps = self._brake_belief.speed_sigma_mps
         per_square = 1.0 / (sigma_mps * sigma_mps)
-        mean_before = self._brake.mean_before
+        mean_before, gain = self._brake.mean_before, 1.0 + self._motion.gain_ratio
         outputs, speeds = self._output, self._speed
         disturbances, costs = self._disturbance, self._cost
         for index, dead_time_s in enumerate(self._brake_belief.dead_times_s):
@@ -146,38 +152,39 @@ class TrainModel:
             before_mps2 = outputs[index]
             after_mps2 = mean_mps2 + (before_mps2 - mean_mps2) * keep_ratio
             outputs[index] = after_mps2
-            net_mps2 = push_mps2 - (before_mps2 + after_mps2) / 2.0 + disturbances[index]
-            predicted_mps = speeds[index] + net_mps2 * dt_s
+            braked_mps2 = (before_mps2 + after_mps2) / 2.0 * gain
+            predicted_mps = speeds[index] + (push_mps2 - braked_mps2 + disturbances[index]) * dt_s
             error_mps = speed_mps - predicted_mps
             speeds[index] = predicted_mps + pull * error_mps
-            disturbances[index] = _bounded(disturbances[index] + disturbance_pull * error_mps)
+            disturbances[index] += disturbance_pull * error_mps
             costs[index] += error_mps * error_mps * per_square
 
     def _note_application(self, brake_mps2: float) -> None:
         """Brake from nothing starts the bank; long enough without brake puts it to sleep."""
         if brake_mps2 > 0.0:
             if not self._active:
-                self._start_bank()
+                self._active = True
+                self._motion.renew_gain()
+                self._start_hypotheses()
             self._quiet_cycles = 0
         elif self._active:
             self._quiet_cycles += 1
             if self._quiet_cycles > self._settle_cycles:
                 self._active = False
-                self._speed[0] = self.speed_mps
-                self._disturbance[0] = self.disturbance_mps2
-                self._brake_now.value = 0.0
+                self._brake_now.value = self.brake_mps2 = 0.0
+                self._output = [0.0] * self._count
                 self.dead_time_s = self._brake_belief.expected_dead_time_s
 
-    def _start_bank(self) -> None:
-        self._active = True
-        self._set_all(self._speed[0], self._disturbance[0])
-        for index in range(self._count):
-            self._output[index] = 0.0
-            self._cost[index] = 0.0
+    def _start_hypotheses(self) -> None:
+        """All begin alike from the motion as it is believed now."""
+        count = self._count
+        self._speed = [self._motion.speed_mps] * count
+        self._disturbance = [self._motion.disturbance_mps2] * count
+        self._cost = [0.0] * count
 
     def _weigh(self) -> None:
         least = min(self._cost)
-        total = dead_time_s = speed_mps = disturbance_mps2 = brake_mps2 = 0.0
+        total = dead_time_s = brake_mps2 = 0.0
         for index, cost in enumerate(self._cost):
             worse = (cost - least) / 2.0
             if worse > NEVER_MATTERS:
@@ -185,20 +192,9 @@ class TrainModel:
             weight = math.exp(-worse)
             total += weight
             dead_time_s += weight * self._brake_belief.dead_times_s[index]
-            speed_mps += weight * self._speed[index]
-            disturbance_mps2 += weight * self._disturbance[index]
             brake_mps2 += weight * self._output[index]
         self.dead_time_s = dead_time_s / total
-        self.speed_mps = speed_mps / total
-        self.disturbance_mps2 = disturbance_mps2 / total
         self.brake_mps2 = brake_mps2 / total
-
-    def _set_all(self, speed_mps: float, disturbance_mps2: float) -> None:
-        for index in range(self._count):
-            self._speed[index] = speed_mps
-            self._disturbance[index] = disturbance_mps2
-        self.speed_mps = speed_mps
-        self.disturbance_mps2 = disturbance_mps2
 
     def ahead_of_brake(self, front_m: float, gravity_mps2: float) -> Ahead:
         """Where and how fast the train will be when a brake demand given now begins to bite.
@@ -206,7 +202,7 @@ class TrainModel:
         The traction demand of now is taken to stay until then.
         """
         horizon_s = self.dead_time_s
-        single_m, double_m = self._traction_response(horizon_s)
+        single_mps, double_m = self._traction_response(horizon_s)
         if self._active:
             brake_mps, brake_m = response(
                 self._brake,
@@ -215,10 +211,10 @@ class TrainModel:
                 output_now=self.brake_mps2,
                 output_then=self._brake_now.value,
             )
-            single_m -= brake_mps
-            double_m -= brake_m
+            single_mps -= brake_mps * (1.0 + self.gain_ratio)
+            double_m -= brake_m * (1.0 + self.gain_ratio)
         steady_mps2 = self.disturbance_mps2 - gravity_mps2
-        speed_mps = self.speed_mps + single_m + steady_mps2 * horizon_s
+        speed_mps = self.speed_mps + single_mps + steady_mps2 * horizon_s
         travel_m = (self.speed_mps + steady_mps2 * horizon_s / 2.0) * horizon_s + double_m
         return Ahead(front_m + travel_m, max(0.0, speed_mps))
 
@@ -226,7 +222,8 @@ class TrainModel:
         """The speed when a traction demand given now begins to act; the brake is taken to stay."""
         horizon_s = self._traction_belief.dead_time_s
         gained_mps, _ = self._traction_response(horizon_s)
-        steady_mps2 = self.disturbance_mps2 - gravity_mps2 - self.brake_mps2
+        braked_mps2 = self.brake_mps2 * (1.0 + self.gain_ratio)
+        steady_mps2 = self.disturbance_mps2 - gravity_mps2 - braked_mps2
         return self.speed_mps + gained_mps + steady_mps2 * horizon_s
 
     def _traction_response(self, horizon_s: float) -> tuple[float, float]:
@@ -247,7 +244,3 @@ class TrainModel:
         later = held_mps2 * rest_s - belief.lag_s * (end_mps2 - then_mps2)
         later_double = held_mps2 * rest_s**2 / 2.0 - belief.lag_s * (later - then_mps2 * rest_s)
         return single + later, double + single * rest_s + later_double
-
-
-def _bounded(disturbance_mps2: float) -> float:
-    return min(DISTURBANCE_MAX_MPS2, max(-DISTURBANCE_MAX_MPS2, disturbance_mps2))

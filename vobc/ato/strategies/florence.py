@@ -289,6 +289,7 @@ class Florence:
         """What to ask of the brake, after gradient and resistance; it is never released."""
         help_mps2 = self._gravity_at_mps2(front_m) - self._model.disturbance_mps2
         asked_mps2 = decel_mps2 - help_mps2
+        asked_mps2 /= 1.0 + self._model.gain_ratio
         return -max(self._config.braking.least_decel_mps2, asked_mps2)
 
     # Cruising.
