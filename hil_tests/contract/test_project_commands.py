@@ -1,0 +1,118 @@
+"""What the documents tell people to type exists, and no program runs without its asserts."""
+
+import importlib
+import re
+import shlex
+import subprocess
+import sys
+import tomllib
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+from typing import Final
+
+import pytest
+
+ROOT: Final = Path(__file__).resolve().parents[2]
+BIN: Final = Path(sys.executable).parent
+PROJECT: Final = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+SCRIPTS: Final = PROJECT["scripts"]
+DOCUMENTS: Final = sorted([ROOT / "README.md", *ROOT.glob("docs/*.md")])
+SECONDS: Final = 60
+
+FENCE: Final = re.compile(r"^```(?:sh|bash|console|shell)?\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+SPAN: Final = re.compile(r"`([^`\n]+)`")
+TARGET: Final = re.compile(r"^([a-z][a-z-]*):", re.MULTILINE)
+
+
+def command_lines(text: str) -> Iterator[str]:
+    """Lines of shell blocks and code spans that begin with something of this project."""
+    heads = {*SCRIPTS, "make", ".ci/run"}
+    blocks = [line for block in FENCE.findall(text) for line in block.splitlines()]
+    for line in [*blocks, *SPAN.findall(FENCE.sub("", text))]:
+        words = line.strip().removeprefix("$ ").split("#")[0].split()
+        if words and (words[0] in heads or words[0].startswith(("tools/", ".venv/bin/"))):
+            yield " ".join(words)
+
+
+@cache
+def help_text(program: str, verb: str) -> str:
+    """All that a program's help says, of one of its verbs if it has that."""
+    words = [str(BIN / program), *([verb] if verb else []), "--help"]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=SECONDS, check=False)
+    assert done.returncode == 0, (words, done.stderr)
+    return done.stdout
+
+
+@pytest.mark.parametrize("name", sorted(SCRIPTS))
+def test_every_console_script_leads_to_a_function(name: str) -> None:
+    module, _, function = SCRIPTS[name].partition(":")
+
+    assert callable(getattr(importlib.import_module(module), function))
+    assert help_text(name, "").startswith("usage")
+
+
+def fault_in(line: str) -> str | None:
+    """Why a documented command would not work; None if all that can be checked is right."""
+    words = [word for word in shlex.split(line) if word not in ("[", "]", "…", "...")]
+    head = words[0].removeprefix(".venv/bin/")
+    if head.startswith(("tools/", ".ci/")):
+        return None if (ROOT / head).is_file() else f"no file {head}"
+    if head == "make":
+        targets = set(TARGET.findall((ROOT / "Makefile").read_text(encoding="utf-8")))
+        wanted = {word for word in words[1:] if re.fullmatch(r"[a-z][a-z-]*", word)}
+        return f"no target {wanted - targets}" if wanted - targets else None
+    if head not in SCRIPTS:
+        return None if (BIN / head).exists() else f"no program {head}"
+    verbs = [word for word in words[1:2] if re.fullmatch(r"[a-z]+", word)]
+    said = help_text(head, verbs[0] if verbs else "")
+    options = {word.partition("=")[0] for word in words if word.startswith("--")}
+    unknown = {option for option in options if not re.search(rf"(?<!\S){option}\b", said)}
+    return f"no options {unknown}" if unknown else None
+
+
+def test_what_the_documents_say_to_type_exists() -> None:
+    faults = [
+        f"{document.name}: {line}: {fault}"
+        for document in DOCUMENTS
+        for line in sorted(set(command_lines(document.read_text(encoding="utf-8"))))
+        if (fault := fault_in(line)) is not None
+    ]
+
+    assert faults == []
+
+
+def test_a_wrong_command_would_be_found() -> None:
+    assert fault_in("make nonsense") is not None
+    assert fault_in("tools/nonsense x") is not None
+    assert fault_in("vcan up --nonsense") is not None
+    assert fault_in("vcan up vcan0 --kind kernel --dry-run") is None
+    assert list(command_lines("`make run`, then\n```sh\n$ vcan up  # here\nls\n```\n")) == [
+        "vcan up",
+        "make run",
+    ]
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        *([str(BIN / name)] for name in sorted(SCRIPTS)),
+        ["-m", "vobc"],
+        ["-m", "plant_emulator"],
+        ["-m", "pytest", "--collect-only", str(ROOT / "hil_tests/contract")],
+    ],
+    ids=lambda words: "_".join(Path(word).name for word in words[:2]),
+)
+def test_no_program_runs_without_its_asserts(words: list[str]) -> None:
+    done = subprocess.run(
+        [sys.executable, "-O", *words],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=SECONDS,
+        check=False,
+    )
+
+    assert done.returncode != 0
+    assert "python -O" in done.stderr
+    assert "Traceback" not in done.stderr

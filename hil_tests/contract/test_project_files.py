@@ -1,0 +1,166 @@
+"""What every file of the project keeps to: size, opening sentence, and nothing of one machine."""
+
+import ast
+import re
+import subprocess
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final
+
+import pytest
+
+ROOT: Final = Path(__file__).resolve().parents[2]
+MODULE_LINES_MAX: Final = 400
+TEST_LINES_MAX: Final = 600
+"""Tests are read one at a time."""
+FUNCTION_LINES_MAX: Final = 70
+
+UNFINISHED: Final = re.compile(r"\b(?:TODO|FIXME|XXX|HACK)\b|NotImplementedError")
+ONE_MACHINE: Final = re.compile(r"/work/|/home/[a-z]|/root/|/Users/|/opt/[a-z]|C:\\Users")
+REGISTRY: Final = re.compile(
+    r"pypi\.org|pythonhosted|artifactory|--(?:extra-index|index-url|find-links)"
+)
+NOT_SEARCHED: Final = ("LICENSE", "hil_tests/contract/test_project_files.py")
+"""The licence is not ours, and this file holds the patterns."""
+
+
+def tracked() -> list[Path]:
+    """All files of the project that git keeps, and that are there."""
+    listing = subprocess.run(
+        ["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    paths = (ROOT / name for name in listing.stdout.split("\0") if name)
+    return sorted(path for path in paths if path.is_file())
+
+
+def texts() -> Iterator[tuple[str, str]]:
+    """Name and content of each tracked file that is text."""
+    for path in tracked():
+        try:
+            yield str(path.relative_to(ROOT)), path.read_text(encoding="utf-8")
+        except UnicodeDecodeError:
+            continue
+
+
+PYTHON_FILES: Final = [path for path in tracked() if path.suffix == ".py"]
+
+
+def test_there_is_something_to_check() -> None:
+    assert len(PYTHON_FILES) > 50
+
+
+@pytest.mark.parametrize(
+    ("pattern", "what"),
+    [
+        (UNFINISHED, "a mark of something unfinished"),
+        (ONE_MACHINE, "a path of one machine"),
+        (REGISTRY, "a package registry"),
+    ],
+    ids=["unfinished", "one_machine", "registry"],
+)
+def test_no_file_holds(pattern: re.Pattern[str], what: str) -> None:
+    found = [
+        f"{name}:{text.count(chr(10), 0, match.start()) + 1}: {match[0]!r} is {what}"
+        for name, text in texts()
+        if name not in NOT_SEARCHED
+        for match in pattern.finditer(text)
+    ]
+
+    assert found == []
+
+
+def test_the_search_finds_what_it_looks_for() -> None:
+    assert UNFINISHED.search("# TODO: later")
+    assert ONE_MACHINE.search("open('/home/me/x')")
+    assert REGISTRY.search("--index-url=x")
+    assert not ONE_MACHINE.search("network/workspace homework/")
+
+
+def test_every_module_says_what_it_holds() -> None:
+    mute = [
+        str(path.relative_to(ROOT))
+        for path in PYTHON_FILES
+        if (tree := ast.parse(path.read_text(encoding="utf-8"))).body
+        and not ast.get_docstring(tree)
+    ]
+
+    assert mute == []
+
+
+def test_no_module_is_too_long_to_read() -> None:
+    long = {
+        str(path.relative_to(ROOT)): lines
+        for path in PYTHON_FILES
+        if (lines := len(path.read_text(encoding="utf-8").splitlines()))
+        > (TEST_LINES_MAX if path.name.startswith("test_") else MODULE_LINES_MAX)
+    }
+
+    assert long == {}
+
+
+def test_no_function_is_too_long_to_read() -> None:
+    long = [
+        f"{path.relative_to(ROOT)}:{node.lineno}: {node.name}"
+        for path in PYTHON_FILES
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
+        and (node.end_lineno or node.lineno) - node.lineno + 1 > FUNCTION_LINES_MAX
+    ]
+
+    assert long == []
+
+
+def test_test_files_have_names_of_their_own() -> None:
+    names = [path.name for path in PYTHON_FILES if path.name.startswith("test_")]
+
+    assert sorted(names) == sorted(set(names))
+
+
+def test_nothing_is_left_out_or_expected_to_fail() -> None:
+    """The one place that may leave tests out is the guest, which says so loudly and fails in CI."""
+    marks = re.compile(r"pytest\.(?:mark\.)?(?:sk" r"ip|xf" r"ail|importor" r"skip)")
+
+    found = [name for name, text in texts() if name.endswith(".py") and marks.search(text)]
+
+    assert found == ["hil_tests/conftest.py"]
+
+
+def test_every_toml_file_is_toml() -> None:
+    for path in tracked():
+        if path.suffix == ".toml":
+            tomllib.loads(path.read_text(encoding="utf-8"))
+
+
+def test_programs_can_be_executed_and_name_their_interpreter() -> None:
+    programs = [
+        path
+        for path in tracked()
+        if path.parent in (ROOT / "tools", ROOT / ".ci") and not path.suffix
+    ]
+
+    assert len(programs) >= 3
+    for path in programs:
+        assert path.stat().st_mode & 0o100, path
+        assert path.read_bytes().startswith(b"#!"), path
+
+
+def test_shell_scripts_can_be_read_by_their_shells() -> None:
+    for path in tracked():
+        first = path.read_bytes().splitlines()[:1]
+        if first and first[0].startswith(b"#!") and b"sh" in first[0]:
+            shell = "bash" if b"bash" in first[0] else "sh"
+            done = subprocess.run([shell, "-n", str(path)], capture_output=True, check=False)
+            assert (done.returncode, done.stderr) == (0, b""), path
+
+
+def test_the_constraints_pin_everything_and_name_no_place() -> None:
+    lines = (ROOT / "constraints.txt").read_text().splitlines()
+    pins = [line for line in lines if line and not line.startswith("#")]
+
+    assert all(re.fullmatch(r"[A-Za-z0-9_.-]+==[0-9][A-Za-z0-9.+!]*", pin) for pin in pins)
+    pinned = {re.split("==", pin)[0].lower().replace("_", "-") for pin in pins}
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    wanted = [*project["dependencies"], *project["optional-dependencies"]["dev"], "hatchling"]
+    missing = {re.split("[<>=!~]", need)[0].strip() for need in wanted} - pinned
+    assert missing == set()

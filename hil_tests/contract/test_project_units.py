@@ -1,0 +1,93 @@
+"""The unit ends the name: every number that a class holds says in what it is counted."""
+
+import importlib
+import pkgutil
+import typing
+from collections.abc import Iterator
+from typing import Final
+
+PACKAGES: Final = (
+    *("can_dbc", "zenoh_config", "firmware_py"),
+    *("vobc", "plant_emulator", "metro_hil", "metro_tools"),
+)
+UNITS: Final = frozenset(
+    {
+        *("m", "mm", "mps", "mps2", "mps3", "kmh", "rad"),
+        *("s", "ms", "us", "ns", "hz"),
+        *("kg", "n", "nm", "pa", "kpa", "bar"),
+        *("w", "kw", "j", "kj", "kwh", "v", "a", "ohm"),
+        *("percent", "permille", "ratio", "share", "factor"),
+    }
+)
+QUALIFIERS: Final = frozenset({"min", "max", "mean", "total", "p50", "p90", "p99", "p999"})
+"""May follow the unit: `gap_m_min`."""
+
+UNIT_IS_ELSEWHERE: Final = frozenset(
+    {
+        # Of whatever the field that holds it says: `front_m: Interval`.
+        *("Interval.best", "Interval.high", "Interval.low"),
+        *("Spread.high", "Spread.low"),
+        # One quantity four times over, which the function that uses it names.
+        *("_Four.emergency", "_Four.permitted", "_Four.service", "_Four.warning"),
+        # Of the signal that the layout describes.
+        *("FieldLayout.maximum", "FieldLayout.minimum", "FieldLayout.offset", "FieldLayout.scale"),
+        # A number of processes.
+        "HostSample.runnable_mean",
+        # Carries the name of its option, `--odometer-error 0.05`.
+        "RunOptions.odometer_error",
+    }
+)
+
+
+def float_fields() -> Iterator[tuple[str, str]]:
+    """Class and field of everything annotated as float, or as float or nothing."""
+    for package in PACKAGES:
+        root = importlib.import_module(package)
+        for found in pkgutil.walk_packages(root.__path__, f"{package}."):
+            if found.name.endswith("__main__"):
+                continue
+            module = importlib.import_module(found.name)
+            for kind in vars(module).values():
+                if isinstance(kind, type) and kind.__module__ == module.__name__:
+                    yield from _fields(kind)
+
+
+def _fields(kind: type) -> Iterator[tuple[str, str]]:
+    for name, hint in typing.get_type_hints(kind).items():
+        if hint is float or float in typing.get_args(hint):
+            yield kind.__name__, name
+
+
+def says_its_unit(name: str) -> bool:
+    """Whether the name ends in a unit, `_per_` joining two, qualifiers apart."""
+    words = name.split("_")
+    while words and words[-1] in QUALIFIERS:
+        words.pop()
+    if "per" in words[1:-1]:
+        return True
+    return len(words) > 1 and words[-1] in UNITS
+
+
+def test_every_float_says_its_unit() -> None:
+    mute = {f"{kind}.{name}" for kind, name in float_fields() if not says_its_unit(name)}
+
+    assert mute - UNIT_IS_ELSEWHERE == set()
+    assert UNIT_IS_ELSEWHERE - mute == set(), "no longer needed in the list"
+
+
+def test_instants_are_whole_nanoseconds() -> None:
+    assert [f"{kind}.{name}" for kind, name in float_fields() if name.endswith("_ns")] == []
+
+
+def test_the_rule_tells_names_apart() -> None:
+    for name in ("speed_mps", "gap_m_min", "m_per_pulse", "ki_per_s2", "lateness_us_p99"):
+        assert says_its_unit(name), name
+    for name in ("speed", "gap_min", "mps", "error", "max", "speed_mpss"):
+        assert not says_its_unit(name), name
+
+
+def test_fields_are_found_at_all() -> None:
+    found = {f"{kind}.{name}" for kind, name in float_fields()}
+
+    assert len(found) > 200
+    assert "TractionCommand.force_n" in found
