@@ -17,7 +17,7 @@ Vcan = Callable[..., subprocess.CompletedProcess[str]]
 def vcan() -> Iterator[Vcan]:
     """The console script, with a meeting place of the test's own."""
     script = str(Path(sys.executable).with_name("vcan"))
-    # The address of a socket holds a hundred bytes, too few for the long path of a test's own folder.
+    # A socket's address holds a hundred bytes, too few for the path of a test's own folder.
     place = tempfile.TemporaryDirectory()
     environment = {**os.environ, "XDG_RUNTIME_DIR": place.name}
 
