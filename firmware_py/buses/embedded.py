@@ -78,7 +78,11 @@ class EmbeddedPort:
         self._flush()
 
     def receive(self, now_ns: int) -> Sequence[CanFrame]:
-        """All frames of other nodes that reached this process and were not handed over yet."""
+        """All frames of other nodes that reached this process and were not handed over yet.
+
+        Stamps are the hub's. A frame that came in after the caller had looked at the clock is
+        handed over all the same, as young as can be: stamped `now_ns`.
+        """
         if self._outbox:
             self._flush()
         frames = self._reader.feed(self._early, now_ns) if self._early else []

@@ -85,8 +85,8 @@ class Recorded:
         self.heard[node] += frames
 
 
-# Instants on a coarse grid, so that offers meet, and odd ones between; few identifiers, so that they
-# collide.
+# Instants on a coarse grid, so that offers meet, and odd ones between; few identifiers, so that
+# they collide.
 INSTANTS = st.one_of(st.integers(0, 8).map(lambda n: n * 500_000), st.integers(0, 4_000_000))
 OFFERS = st.lists(
     st.builds(
