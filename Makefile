@@ -2,6 +2,7 @@
 
 RUN_ARGS ?= --line florence --from II --to III
 PYTEST_ARGS ?=
+BENCH_ARGS ?=
 PYTHON ?=
 
 VENV := .venv
@@ -49,6 +50,12 @@ types: $(READY_TO_TEST)
 
 layers: $(READY_TO_TEST)
 	$(BIN)/lint-imports
+
+bench: $(READY_TO_TEST) ## measure the figures that the README publishes; BENCH_ARGS=...
+	$(BIN)/python -m metro_hil.benchmarks $(BENCH_ARGS)
+
+docs: $(READY_TO_TEST) ## write the generated documents anew
+	$(BIN)/python -m metro_tools.interface_doc
 
 format: $(READY_TO_TEST) ## let ruff format and mend what it can
 	$(BIN)/ruff format .
