@@ -4,8 +4,8 @@ from typing import Final, Protocol
 
 from can_dbc.cab import CabMode
 from can_dbc.doors import DoorState, DoorStatus
-from can_dbc.vobc import Missing, Supervision
-from firmware_py.trackdb import LineMap, PlatformSide, Station
+from can_dbc.vobc import Supervision
+from firmware_py.trackdb import LineMap, PlatformSide
 from vobc.arbitration import BRAKED_DEMAND, arbitrate, manual_demand
 from vobc.ato import Ato
 from vobc.atp import Protection, Verdict
@@ -109,7 +109,7 @@ class Controller:
             seen.desk is not None
             and seen.desk.mode is CabMode.AUTO
             and verdict.supervision in ATO_STATES
-            and verdict.missing == Missing.NOTHING
+            and not verdict.missing
         )
         return AtoInput(
             now_ns=seen.now_ns,
@@ -127,11 +127,9 @@ class Controller:
             authority_end_m=front_m if authority is None else authority.end_m,
             load_kg=self._load_kg(seen),
             traction_ratio=0.0 if traction is None else traction.effort_available_ratio,
-            doors_locked=doors is not None
-            and doors.closed_and_locked
-            and Missing.DOORS not in verdict.missing,
-            doors_open=_platform_side_open(doors, self._nearest_station(front_m)),
-            door_enabled=any(verdict.doors),
+            doors_locked=verdict.doors_locked,
+            doors_open=not verdict.doors_locked and self._platform_side_open(doors, front_m),
+            door_enabled=verdict.doors.left or verdict.doors.right,
             holding_applied=brake is not None and brake.holding_applied,
         )
 
@@ -139,12 +137,9 @@ class Controller:
         """Until the train has weighed its passengers it is taken to be full."""
         return self._train.full_load_kg if seen.load is None else seen.load.load_kg
 
-    def _nearest_station(self, front_m: float) -> Station:
-        return min(self._line.stations, key=lambda station: abs(station.stop_m - front_m))
-
-
-def _platform_side_open(doors: DoorStatus | None, station: Station) -> bool:
-    if doors is None:
-        return False
-    state = doors.left if station.side is PlatformSide.LEFT else doors.right
-    return state is DoorState.OPEN
+    def _platform_side_open(self, doors: DoorStatus | None, front_m: float) -> bool:
+        if doors is None:
+            return False
+        station = min(self._line.stations, key=lambda station: abs(station.stop_m - front_m))
+        state = doors.left if station.side is PlatformSide.LEFT else doors.right
+        return state is DoorState.OPEN

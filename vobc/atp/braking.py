@@ -1,9 +1,10 @@
 """The safe braking model: how fast a train may run and still stop when everything goes wrong."""
 
+import math
 from dataclasses import dataclass
 from typing import Final
 
-from vobc.kinematics import gradient_accel_mps2, worst_case_speed_mps
+from vobc.kinematics import gradient_accel_mps2
 
 LEAST_DECEL_MPS2: Final = 0.05
 """On a track too steep for the guaranteed brake rate the curves become flat, not undefined."""
@@ -20,29 +21,59 @@ class SafeBraking:
     build_up_s: float
     """From there on neither traction nor brake."""
 
-    def speed_mps(
-        self,
-        distance_m: float,
-        *,
-        target_mps: float,
-        gradient_permille: float,
-        margin_s: float = 0.0,
-    ) -> float:
-        """Highest speed from which the train is down to `target_mps` after `distance_m`.
+    def __post_init__(self) -> None:
+        assert self.guaranteed_decel_mps2 > 0.0
+        assert min(self.runaway_mps2, self.runaway_s, self.build_up_s) >= 0.0
 
-        Args:
-            gradient_permille: the lowest under the train on the way. Only its fall counts: a climb
-                is no merit, and rotating masses, which dampen the fall, are not counted on either.
-            margin_s: time for which the train runs on before anything happens.
+    def on(self, gradient_permille: float) -> "BrakingCurve":
+        """The curve for a stretch whose lowest gradient is given.
+
+        Only its fall counts: a climb is no merit, and rotating masses, which dampen the fall, are
+        not counted on either.
         """
         fall_mps2 = max(0.0, gradient_accel_mps2(gradient_permille))
-        return worst_case_speed_mps(
-            distance_m,
+        runaway_gain_mps = (self.runaway_mps2 + fall_mps2) * self.runaway_s
+        coasting_gain_mps = fall_mps2 * self.build_up_s
+        return BrakingCurve(
             decel_mps2=max(LEAST_DECEL_MPS2, self.guaranteed_decel_mps2 - fall_mps2),
-            runaway_mps2=self.runaway_mps2 + fall_mps2,
-            runaway_s=self.runaway_s,
-            coasting_mps2=fall_mps2,
-            coasting_s=self.build_up_s,
-            target_mps=target_mps,
-            margin_s=margin_s,
+            reaction_s=self.runaway_s + self.build_up_s,
+            gain_mps=runaway_gain_mps + coasting_gain_mps,
+            gain_m=runaway_gain_mps * (0.5 * self.runaway_s + self.build_up_s)
+            + 0.5 * coasting_gain_mps * self.build_up_s,
         )
+
+
+@dataclass(frozen=True, slots=True)
+class BrakingCurve:
+    """Speed over distance of a train that does the worst before it brakes.
+
+    From the speed v it runs on at v for a lead, then reacts for `reaction_s`, in which traction and
+    gradient make it faster by `gain_mps` (traction until it is cut, gradient until the brake has
+    built up), and loses `decel_mps2` from then on.
+    """
+
+    decel_mps2: float
+    reaction_s: float
+    gain_mps: float
+    gain_m: float
+    """Way in the reaction time beyond v * reaction_s."""
+
+    def speed_mps(self, distance_m: float, *, target_mps: float, lead_s: float = 0.0) -> float:
+        """Highest speed v from which the train is down to `target_mps` after `distance_m`.
+
+        With w = gain_mps, k = gain_m and T = lead_s + reaction_s it needs
+
+            d = v * T + k + ((v + w)**2 - v_target**2) / (2 * a)
+
+        and the positive root of that is the answer. The target is the least value returned: a train
+        that is slower needs no brake.
+        """
+        # In u = v + w: u**2 + 2*b*u = v_target**2 + 2*a*(d - k + w*T) with b = a*T.
+        time_s = lead_s + self.reaction_s
+        lost_mps = self.decel_mps2 * time_s
+        reach_m = distance_m - self.gain_m + self.gain_mps * time_s
+        square = lost_mps * lost_mps + target_mps * target_mps + 2.0 * self.decel_mps2 * reach_m
+        if square <= 0.0:
+            return target_mps
+        speed_mps = math.sqrt(square) - lost_mps - self.gain_mps
+        return speed_mps if speed_mps > target_mps else target_mps

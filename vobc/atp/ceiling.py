@@ -4,7 +4,7 @@ import itertools
 from typing import NamedTuple
 
 from firmware_py.trackdb import LineMap
-from vobc.atp.braking import SafeBraking
+from vobc.atp.braking import BrakingCurve, SafeBraking
 from vobc.atp.config import AtpConfig
 from vobc.vocabulary import Ceiling, Interval
 
@@ -47,6 +47,7 @@ class CeilingMap:
             for earlier, later in itertools.pairwise(line.speed_sections)
             if later.limit_mps < earlier.limit_mps
         ]
+        self._curves: dict[float, BrakingCurve] = {}
         self._horizon_m = self._distance_that_never_binds_m()
 
     def at(self, front_m: Interval, authority_end_m: float) -> Ceiling:
@@ -82,35 +83,33 @@ class CeilingMap:
     ) -> None:
         """Bring the four down to the curves towards one point ahead."""
         # Beyond its authority a train stands on its last metre; there is no stretch to look at.
-        gradient_permille = self._line.worst_gradient_permille(rear_m, max(at_m, front_m))
+        curve = self._curve(self._line.worst_gradient_permille(rear_m, max(at_m, front_m)))
+        away_m = at_m - front_m
         for index, lead_s in enumerate(self._leads_s):
-            curve_mps = self._braking.speed_mps(
-                at_m - front_m,
-                target_mps=target_mps + margins_mps[index],
-                gradient_permille=gradient_permille,
-                margin_s=lead_s,
+            speed_mps = curve.speed_mps(
+                away_m, target_mps=target_mps + margins_mps[index], lead_s=lead_s
             )
-            if curve_mps < least[index]:
-                least[index] = curve_mps
+            if speed_mps < least[index]:
+                least[index] = speed_mps
+
+    def _curve(self, gradient_permille: float) -> BrakingCurve:
+        """Made once for each gradient: a line has few of them."""
+        curve = self._curves.get(gradient_permille)
+        if curve is None:
+            curve = self._curves[gradient_permille] = self._braking.on(gradient_permille)
+        return curve
 
     def _distance_that_never_binds_m(self) -> float:
         """From here on every curve lies over the highest speed of the line, wherever it falls."""
         line = self._line
         top_mps = max(section.limit_mps for section in line.speed_sections)
         top_mps += self._margins_mps.emergency
-        steepest_permille = line.worst_gradient_permille(line.start_m, line.end_m)
+        curve = self._curve(line.worst_gradient_permille(line.start_m, line.end_m))
+        lead_s = self._leads_s.permitted
         distance_m = 100.0
-        while self._curve_mps(distance_m, steepest_permille) < top_mps:
+        while curve.speed_mps(distance_m, target_mps=0.0, lead_s=lead_s) < top_mps:
             distance_m *= 1.25
         return distance_m
-
-    def _curve_mps(self, distance_m: float, gradient_permille: float) -> float:
-        return self._braking.speed_mps(
-            distance_m,
-            target_mps=0.0,
-            gradient_permille=gradient_permille,
-            margin_s=self._leads_s.permitted,
-        )
 
 
 _NOTHING = _Four(0.0, 0.0, 0.0, 0.0)

@@ -1,14 +1,29 @@
 """Which of the inputs that protection needs are there, and fresh."""
 
+from typing import Final
+
 from can_dbc.vobc import Missing
 from vobc.atp.config import AtpConfig
 from vobc.vocabulary import CycleInput, Motion
 
-VITAL_IN_MOTION = Missing.BRAKE | Missing.TRACTION | Missing.ODOMETER | Missing.DESK
+# Plain numbers in here: operators on an IntFlag cost a microsecond each, every cycle.
+BRAKE: Final = int(Missing.BRAKE)
+TRACTION: Final = int(Missing.TRACTION)
+ODOMETER: Final = int(Missing.ODOMETER)
+DOORS: Final = int(Missing.DOORS)
+DESK: Final = int(Missing.DESK)
+TAG_READER: Final = int(Missing.TAG_READER)
+AUTHORITY: Final = int(Missing.AUTHORITY)
+LOCALISATION: Final = int(Missing.LOCALISATION)
+
+VITAL_IN_MOTION: Final = BRAKE | TRACTION | ODOMETER | DESK
 """Whom a moving train must hear. Doors unheard count as unlocked and cut traction; a tag reader
 that fell silent shows in the position interval; the authority has an age limit of its own."""
 
-WORDS = {
+FLAGS: Final = tuple(Missing(number) for number in range(2 * LOCALISATION))
+"""From plain numbers back to flags."""
+
+WORDS: Final = {
     Missing.BRAKE: "brake unit",
     Missing.TRACTION: "traction unit",
     Missing.ODOMETER: "odometer",
@@ -20,40 +35,41 @@ WORDS = {
 }
 
 
-def silent(seen: CycleInput, config: AtpConfig) -> Missing:
-    """Nodes that were never heard or not for too long, and an authority that is none any more."""
+def silent(seen: CycleInput, config: AtpConfig, *, odometer_usable: bool) -> int:
+    """Nodes that were never heard or not for too long, and an authority that is none any more.
+
+    An odometer that cannot be right is no better than a silent one. Flags of `Missing`.
+    """
     timeouts = config.timeouts
-    gone = Missing.NOTHING
+    gone = 0
     if seen.brake_age_s > timeouts.brake_s:
-        gone |= Missing.BRAKE
+        gone |= BRAKE
     if seen.traction_age_s > timeouts.traction_s:
-        gone |= Missing.TRACTION
-    if seen.tacho_age_s > timeouts.tacho_s:
-        gone |= Missing.ODOMETER
+        gone |= TRACTION
+    if seen.tacho_age_s > timeouts.tacho_s or not odometer_usable:
+        gone |= ODOMETER
     if seen.doors_age_s > timeouts.doors_s:
-        gone |= Missing.DOORS
+        gone |= DOORS
     if seen.desk_age_s > timeouts.desk_s:
-        gone |= Missing.DESK
+        gone |= DESK
     if seen.tag_reader_age_s > timeouts.tag_reader_s:
-        gone |= Missing.TAG_READER
+        gone |= TAG_READER
     if seen.authority is None or seen.authority_age_s > config.authority_age_max_s:
-        gone |= Missing.AUTHORITY
+        gone |= AUTHORITY
     return gone
 
 
-def unready(seen: CycleInput, motion: Motion | None, *, odometer_usable: bool) -> Missing:
-    """What is heard but says that it cannot do its work."""
-    bad = Missing.NOTHING
+def unready(seen: CycleInput, motion: Motion | None) -> int:
+    """What is heard but says that it cannot do its work. Flags of `Missing`."""
+    bad = 0
     if seen.brake is None or not seen.brake.ready:
-        bad |= Missing.BRAKE
+        bad |= BRAKE
     if seen.traction is None or not seen.traction.ready:
-        bad |= Missing.TRACTION
+        bad |= TRACTION
     if seen.tag_reader is None or not seen.tag_reader.antenna_ok:
-        bad |= Missing.TAG_READER
-    if motion is None or not odometer_usable:
-        bad |= Missing.ODOMETER
+        bad |= TAG_READER
     if motion is None or not motion.localised:
-        bad |= Missing.LOCALISATION
+        bad |= LOCALISATION
     return bad
 
 

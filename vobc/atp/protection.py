@@ -8,7 +8,17 @@ from vobc.atp.braking import SafeBraking
 from vobc.atp.ceiling import CeilingMap
 from vobc.atp.config import AtpConfig
 from vobc.atp.doors import SHUT, DoorEnable, enabled_doors, platform_at
-from vobc.atp.inputs import in_words, silent, unready
+from vobc.atp.inputs import (
+    BRAKE,
+    DESK,
+    DOORS,
+    FLAGS,
+    ODOMETER,
+    TRACTION,
+    in_words,
+    silent,
+    unready,
+)
 from vobc.atp.supervision import Cause, Seen, cause_of, next_state
 from vobc.vocabulary import Ceiling, CycleInput, Motion
 
@@ -28,6 +38,8 @@ class Verdict:
     cause: str
     missing: Missing
     ceiling: Ceiling | None
+    doors_locked: bool
+    """Heard freshly; a door unit that is silent has no locked doors."""
     emergency_released: bool
     service_brake: bool
     """Full service brake whatever operation asks for."""
@@ -68,23 +80,24 @@ class Protection:
         not_finite: bool,
     ) -> Verdict:
         """Decide once. `not_finite` says that the cycle before ended in the safe output by that."""
-        gone = silent(seen, self._config)
-        missing = gone | unready(seen, motion, odometer_usable=odometer_usable)
+        gone = silent(seen, self._config, odometer_usable=odometer_usable)
+        missing = gone | unready(seen, motion)
         if motion is None:
             return self._blind(missing)
         end_m = seen.authority.end_m if seen.authority is not None else motion.front_m.low
         ceiling = self._ceilings.at(motion.front_m, end_m)
         facts = self._facts(seen, motion, ceiling, missing, gone, not_finite=not_finite)
         self._move_on(facts, motion.travel_m)
-        return self._verdict(seen, motion, ceiling, missing)
+        return self._verdict(seen, motion, ceiling, missing, gone)
 
-    def _blind(self, missing: Missing) -> Verdict:
+    def _blind(self, missing: int) -> Verdict:
         """Nothing was ever heard of the wheels: the train is held, nothing else is known."""
         return Verdict(
             supervision=self._state,
             cause=_waiting(missing),
-            missing=missing,
+            missing=FLAGS[missing],
             ceiling=None,
+            doors_locked=False,
             emergency_released=False,
             service_brake=True,
             traction_permitted=False,
@@ -97,12 +110,12 @@ class Protection:
         seen: CycleInput,
         motion: Motion,
         ceiling: Ceiling,
-        missing: Missing,
-        gone: Missing,
+        missing: int,
+        gone: int,
         *,
         not_finite: bool,
     ) -> Seen:
-        desk = seen.desk if Missing.DESK not in gone else None
+        desk = seen.desk if not gone & DESK else None
         pressed = desk is not None and desk.reset_requested
         # A reset that is pressed all the time, or was pressed before the desk fell silent, is none.
         fresh_reset = pressed and not self._reset_was_pressed
@@ -139,18 +152,18 @@ class Protection:
                 self._held_at_m = self._foremost_m = travel_m
 
     def _verdict(
-        self, seen: CycleInput, motion: Motion, ceiling: Ceiling, missing: Missing
+        self, seen: CycleInput, motion: Motion, ceiling: Ceiling, missing: int, gone: int
     ) -> Verdict:
         state = self._state
         may_move = state in MOVING_STATES
-        locked = (
-            seen.doors is not None and seen.doors.closed_and_locked and Missing.DOORS not in missing
-        )
+        doors = seen.doors
+        locked = doors is not None and doors.closed_and_locked and not missing & DOORS
         return Verdict(
             supervision=state,
             cause=self._words(missing, seen),
-            missing=missing,
+            missing=FLAGS[missing],
             ceiling=ceiling,
+            doors_locked=locked,
             emergency_released=may_move,
             service_brake=not may_move or state is Supervision.SERVICE,
             traction_permitted=(
@@ -160,30 +173,28 @@ class Protection:
                 and ceiling.permitted_mps > 0.0
             ),
             hold=state is Supervision.NO_AUTHORITY or (not may_move and motion.standing),
-            doors=self._doors(seen, motion, missing),
+            doors=self._doors(seen, motion, gone),
         )
 
-    def _doors(self, seen: CycleInput, motion: Motion, missing: Missing) -> DoorEnable:
-        config = self._config
-        brake, traction = seen.brake, seen.traction
-        fresh = not missing & (Missing.BRAKE | Missing.ODOMETER | Missing.LOCALISATION)
+    def _doors(self, seen: CycleInput, motion: Motion, gone: int) -> DoorEnable:
+        if not motion.standstill:
+            return SHUT
+        config, brake, traction = self._config, seen.brake, seen.traction
         return enabled_doors(
-            standstill=motion.standstill and fresh,
+            standstill=not gone & ODOMETER,
             platform=platform_at(
                 self._line.stations,
                 motion.front_m,
                 window_m=config.door_window_m + config.door_declared_m,
-            ),
-            holding_applied=brake is not None and brake.holding_applied,
-            traction_cut=(
-                traction is not None
-                and traction.traction_cut
-                and seen.traction_age_s <= config.timeouts.traction_s
-            ),
+            )
+            if motion.localised
+            else None,
+            holding_applied=brake is not None and brake.holding_applied and not gone & BRAKE,
+            traction_cut=traction is not None and traction.traction_cut and not gone & TRACTION,
             emergency=self._state is Supervision.EMERGENCY,
         )
 
-    def _words(self, missing: Missing, seen: CycleInput) -> str:
+    def _words(self, missing: int, seen: CycleInput) -> str:
         if self._cause is not None:
             return self._cause.value
         if self._state is Supervision.NO_AUTHORITY:
@@ -196,5 +207,7 @@ class Protection:
         return STATE_WORDS[self._state]
 
 
-def _waiting(missing: Missing) -> str:
-    return f"waits for {in_words(missing)}" if missing else "waits until standstill is proven"
+def _waiting(missing: int) -> str:
+    return (
+        f"waits for {in_words(FLAGS[missing])}" if missing else "waits until standstill is proven"
+    )

@@ -5,9 +5,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Final
 
-from can_dbc.vobc import Missing, Supervision
+from can_dbc.vobc import Supervision
 from vobc.atp.config import AtpConfig
-from vobc.atp.inputs import VITAL_IN_MOTION
+from vobc.atp.inputs import LOCALISATION, VITAL_IN_MOTION
 from vobc.vocabulary import Ceiling, Interval
 
 
@@ -22,9 +22,9 @@ class Seen:
     """No pulse comes: quick, but no proof."""
     standstill: bool
     """Proven."""
-    missing: Missing
-    """What is silent or not ready."""
-    silent: Missing
+    missing: int
+    """What is silent or not ready, as flags of `Missing`."""
+    silent: int
     """What is not heard."""
     authority_age_s: float
     rollback_m: float
@@ -93,7 +93,7 @@ def vital_lost_in_motion(seen: Seen) -> bool:
 
 
 def localisation_lost_in_motion(seen: Seen) -> bool:
-    return not seen.standstill and Missing.LOCALISATION in seen.missing
+    return not seen.standstill and bool(seen.missing & LOCALISATION)
 
 
 def button(seen: Seen) -> bool:
@@ -129,19 +129,23 @@ HELD_CAUSES: Final[Mapping[Cause, Guard]] = {
 
 
 def emergency(seen: Seen) -> bool:
-    return any(guard(seen) for guard in CAUSES.values())
+    return _any_of(CAUSES, seen)
 
 
 def emergency_while_held(seen: Seen) -> bool:
-    return any(guard(seen) for guard in HELD_CAUSES.values())
+    return _any_of(HELD_CAUSES, seen)
+
+
+def _any_of(causes: Mapping[Cause, Guard], seen: Seen) -> bool:
+    return any(guard(seen) for guard in causes.values())
 
 
 def incomplete_at_standstill(seen: Seen) -> bool:
-    return seen.standstill and seen.missing != Missing.NOTHING
+    return seen.standstill and seen.missing != 0
 
 
 def complete_at_standstill(seen: Seen) -> bool:
-    return seen.standstill and seen.missing == Missing.NOTHING
+    return seen.standstill and seen.missing == 0
 
 
 def service_needed(seen: Seen) -> bool:
@@ -189,7 +193,10 @@ soon as nothing is missing; so does the state at start, where nothing is latched
 
 def next_state(state: Supervision, seen: Seen) -> Supervision:
     """The first guard that holds decides; when none holds the state stays."""
-    return next((target for guard, target in TRANSITIONS[state] if guard(seen)), state)
+    for guard, target in TRANSITIONS[state]:
+        if guard(seen):
+            return target
+    return state
 
 
 def cause_of(state: Supervision, seen: Seen) -> Cause:

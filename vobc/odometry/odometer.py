@@ -1,5 +1,6 @@
 """One step of odometry: pulses, radar and tags of a cycle to the motion of the train."""
 
+import math
 from typing import Final
 
 from can_dbc.odometer import Tacho
@@ -33,7 +34,8 @@ class Odometry:
         self._travel_m = 0.0
         self._slip_until_s = 0.0
         self._slip = False
-        self._fast_s: float | None = None
+        self._sampled_s = -math.inf
+        self._fast_s = 0.0
         """Last instant at which zero speed was not certain."""
         self._usable = False
 
@@ -55,36 +57,38 @@ class Odometry:
     def step(self, seen: CycleInput) -> Motion | None:
         """The motion at `seen.now_ns`; None before the first tacho sample."""
         now_s = seen.now_ns * S_PER_NS
+        radar_mps = self._radar_mps(seen)
+        self._watch_slip(now_s, radar_mps)
         for sample in seen.tacho_samples:
-            self._take(sample.frame, now_s - sample.age_s, seen)
-        if seen.tacho is None:
+            self._take(sample.frame, now_s - sample.age_s, radar_mps)
+        if not self._track.begun:
             return None
         accepted = tuple(tag.tag_id for tag in seen.tags if self._offer(tag))
-        speed = self._speed(now_s, seen)
+        speed = self._speed(now_s, radar_mps)
         self._where.watch_missed(speed.best, accepted)
         standstill = self._standstill(now_s, speed)
         return self._motion(now_s, speed, accepted, standstill=standstill)
 
-    def _take(self, tacho: Tacho, stamp_s: float, seen: CycleInput) -> None:
+    def _take(self, tacho: Tacho, stamp_s: float, radar_mps: float | None) -> None:
         """One tacho sample: count, track, move."""
         track, where = self._track, self._where
-        first = self._fast_s is None
-        dt_s = 0.0 if first else stamp_s - track.stamp_s
-        if first:
-            self._fast_s = stamp_s
-        elif dt_s <= 0.0:
+        dt_s = stamp_s - self._sampled_s
+        if dt_s <= 0.0:
             return
+        self._sampled_s = stamp_s
         was_on_b = self._pulses.on_b
         step = self._pulses.step(tacho, dt_s)
         self._usable = step is not None
         if step is None:
-            where.widen(self._config.max_speed_mps * dt_s)
+            if track.begun:
+                where.widen(self._config.max_speed_mps * dt_s)
             return
+        if not track.begun:
+            self._fast_s = stamp_s
         if self._pulses.on_b != was_on_b:
             where.forget_scale()
         track.add(stamp_s, self._pulses.count)
-        radar_mps = self._radar_mps(seen)
-        if radar_mps is not None and self._slipping(stamp_s, radar_mps):
+        if self._slip and radar_mps is not None:
             error_mps = self._radar_error_mps(radar_mps)
             where.advance_slipping(
                 step,
@@ -112,8 +116,15 @@ class Odometry:
     def _radar_error_mps(self, radar_mps: float) -> float:
         return self._config.doppler_error_mps + self._config.doppler_error_ratio * abs(radar_mps)
 
-    def _slipping(self, now_s: float, radar_mps: float) -> bool:
-        """Wheels and radar contradict each other by more than both may be wrong."""
+    def _watch_slip(self, now_s: float, radar_mps: float | None) -> None:
+        """Wheels and radar contradict each other by more than both may be wrong, or did so lately.
+
+        The wheels are as the cycle before left them, as old as what the radar says.
+        """
+        if now_s >= self._slip_until_s:
+            self._slip = False
+        if radar_mps is None or not self._track.begun:
+            return
         rate = self._track.rate_pulses_per_s
         ends_mps = (rate * self._where.m_per_pulse_low, rate * self._where.m_per_pulse_high)
         apart_mps = max(min(ends_mps) - radar_mps, radar_mps - max(ends_mps))
@@ -123,9 +134,6 @@ class Odometry:
                 self._where.widen(self._config.slip_onset_m)
             self._slip = True
             self._slip_until_s = now_s + self._config.slip_hold_s
-        elif now_s >= self._slip_until_s:
-            self._slip = False
-        return self._slip
 
     def _offer(self, tag: TagReading) -> bool:
         """Where the wheels counted falsely the way since the tag is only known roughly."""
@@ -137,7 +145,7 @@ class Odometry:
         rough_m = abs(speed_mps) * tag.age_s + self._config.tag_bound_m
         return where.offer_tag(tag.tag_id, rate * tag.age_s, speed_mps=speed_mps, rough_m=rough_m)
 
-    def _speed(self, now_s: float, seen: CycleInput) -> Interval:
+    def _speed(self, now_s: float, radar_mps: float | None) -> Interval:
         config, where, track = self._config, self._where, self._track
         low_rate, high_rate, window_s = track.mean_rate(config.stamp_jitter_s)
         since_s = 0.5 * window_s + config.stamp_jitter_s + max(0.0, now_s - track.stamp_s)
@@ -152,12 +160,10 @@ class Odometry:
             best = 0.0
         else:
             best = track.limited_rate_pulses_per_s(now_s) * where.m_per_pulse
-        if self._slip:
-            radar_mps = self._radar_mps(seen)
-            if radar_mps is not None:
-                error_mps = self._radar_error_mps(radar_mps)
-                low, high = min(low, radar_mps - error_mps), max(high, radar_mps + error_mps)
-                best = radar_mps
+        if self._slip and radar_mps is not None:
+            error_mps = self._radar_error_mps(radar_mps)
+            low, high = min(low, radar_mps - error_mps), max(high, radar_mps + error_mps)
+            best = radar_mps
         return Interval(min(low, best), best, max(high, best))
 
     def _standstill(self, now_s: float, speed: Interval) -> bool:
@@ -165,7 +171,6 @@ class Odometry:
         limit_mps = self._config.zero_speed_mps
         if speed.high >= limit_mps or speed.low <= -limit_mps or not self._usable:
             self._fast_s = now_s
-        assert self._fast_s is not None
         return now_s - self._fast_s >= self._config.zero_speed_s
 
     def _motion(

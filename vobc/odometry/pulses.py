@@ -41,7 +41,7 @@ class PulseCounter:
         """Pulses since the sample before; None when neither axle can be right."""
         before, self._tacho = self._tacho, tacho
         if before is None:
-            return 0
+            return 0 if tacho.healthy_a or tacho.healthy_b else None
         step_a = signed_difference(tacho.pulses_a, before.pulses_a)
         step_b = signed_difference(tacho.pulses_b, before.pulses_b)
         limit = self._max_pulses_per_s * dt_s + JUMP_SLACK_PULSES

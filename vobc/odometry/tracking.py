@@ -38,6 +38,11 @@ class SpeedTrack:
         self.rate_pulses_per_s = 0.0
         self.accel_pulses_per_s2 = 0.0
 
+    @property
+    def begun(self) -> bool:
+        """At least one sample was taken."""
+        return bool(self._counts)
+
     def add(self, stamp_s: float, count: int) -> None:
         """Take one sample; samples come in the order of their instants."""
         counts = self._counts
