@@ -10,7 +10,10 @@ from pathlib import Path
 from typing import Final
 
 import cantools.database
-from cantools.database.can import Message, Signal
+
+# Named here so that no other package needs to meet the library for its types.
+from cantools.database.can import Message as Message
+from cantools.database.can import Signal as Signal
 
 COUNTER_NAME: Final = "alive_counter"
 CRC_NAME: Final = "crc16"

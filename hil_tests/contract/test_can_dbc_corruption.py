@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
+from crccheck.crc import Crc16CcittFalse
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
@@ -248,6 +249,22 @@ def test_a_wrong_length_is_refused(kind: type[Any], length: int) -> None:
             assert isinstance(heard, Rejected)
             assert heard.reason is Reason.WRONG_LENGTH
             assert message.name in heard.detail
+
+
+@pytest.mark.parametrize("kind", PROTECTED)
+def test_a_cut_frame_whose_crc_happens_to_fit_is_refused_for_its_length(kind: type[Any]) -> None:
+    """Bytes that end where the CRC should begin and make it 0, as the missing bits read."""
+    for message in binding.binding_of(kind).messages:
+        assert message.dbc is not None
+        data_id = int(message.dbc.attributes["SafetyDataId"].value).to_bytes(2, "little")
+        body = bytes(message.length - 4)
+        cut = body + int(Crc16CcittFalse.calc(data_id + body)).to_bytes(2, "big")
+        assert Crc16CcittFalse.calc(data_id + cut) == 0
+
+        heard = Decoder([kind]).decode(message.frame_id, cut, 0)
+
+        assert isinstance(heard, Rejected)
+        assert heard.reason is Reason.WRONG_LENGTH
 
 
 def test_the_samples_differ_in_every_value() -> None:

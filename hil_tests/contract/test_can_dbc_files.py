@@ -2,6 +2,8 @@
 
 import logging
 import math
+import subprocess
+import sys
 import warnings
 from collections.abc import Iterator
 from importlib import resources
@@ -17,6 +19,7 @@ from can_dbc.cab import Desk
 from can_dbc.diagnostics import EMERGENCIES, HEARTBEATS, TcmsStatus, TimeOfDay
 from can_dbc.doors import DoorCommand, DoorStatus
 from can_dbc.energy import EnergyMeter, LineSupply
+from can_dbc.merged import merged
 from can_dbc.nodes import Node
 from can_dbc.odometer import Doppler, Imu, Tacho
 from can_dbc.tags import TagReaderHealth
@@ -196,3 +199,39 @@ def test_heartbeat_and_emergency_lie_where_canopen_puts_them() -> None:
         assert places[f"EMCY_{node.name}"] == [(0, 16), (16, 8), (24, 40)]
     assert places["TIME_OF_DAY"] == [(0, 28), (32, 16)]
     assert database.get_message_by_name("TIME_OF_DAY").length == 6
+
+
+def test_the_merged_file_says_what_the_single_files_say() -> None:
+    database = Database(strict=True)
+
+    database.add_dbc_string(merged())
+
+    parts = load(*FILES)
+    assert {message.name for message in database.messages} == {
+        message.name for message in parts.messages
+    }
+    assert [(node.name, node.comment) for node in database.nodes] == [
+        (node.name, node.comment) for node in load("diagnostics.dbc").nodes
+    ]
+    for message in parts.messages:
+        assert facts_of(database.get_message_by_name(message.name)) == facts_of(message)
+
+
+def facts_of(message: Message) -> list[object]:
+    assert message.dbc is not None
+    attributes = {name: each.value for name, each in message.dbc.attributes.items()}
+    facts: list[object] = [message.frame_id, message.length, message.senders, message.cycle_time]
+    facts += [message.send_type, message.comment, attributes]
+    for signal in message.signals:
+        facts += [signal.name, signal.start, signal.length, signal.is_signed, signal.scale]
+        facts += [signal.offset, signal.minimum, signal.maximum, signal.unit, signal.comment]
+        facts += [signal.choices, signal.raw_initial, signal.receivers]
+    return facts
+
+
+def test_the_merged_file_comes_from_the_command_line() -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "can_dbc.merged"], capture_output=True, text=True, check=True
+    )
+
+    assert done.stdout == merged()

@@ -8,12 +8,11 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Final
 
-from cantools.database.can import Message, Signal
-
 from can_dbc import binding, dbc_file
 from can_dbc.binding import Binding, Protection
 from can_dbc.brake import BrakeCommand
 from can_dbc.codec import TWIN_WITHIN_NS, Encoder
+from can_dbc.dbc_file import Message, Signal
 from can_dbc.nodes import Node
 from can_dbc.trailer import CRC_START, MAX_STEP
 
@@ -31,7 +30,8 @@ HEADER: Final = """\
 # CAN interface of the train bus
 
 Generated from the DBC files in `can_dbc/` by `python -m metro_tools.interface_doc`; change those
-and generate it anew. The same files feed `cantools monitor`, `cantools decode` and any DBC tool.
+and generate it anew. For a tool that takes a single file, such as `cantools monitor` and
+`cantools decode`, `python -m can_dbc.merged > train.dbc` makes one of them.
 """
 
 PROTECTION: Final = """\
