@@ -31,7 +31,8 @@ HEADER: Final = """\
 
 Generated from the DBC files in `can_dbc/` by `python -m metro_tools.interface_doc`; change those
 and generate it anew. For a tool that takes a single file, such as `cantools monitor` and
-`cantools decode`, `python -m can_dbc.merged > train.dbc` makes one of them.
+`cantools decode`, `python -m can_dbc.merged > train.dbc` makes one of them. The telegrams of the
+tag reader are on a line of their own: [serial interface](serial_interface.md).
 """
 
 PROTECTION: Final = """\
