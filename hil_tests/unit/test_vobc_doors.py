@@ -1,0 +1,69 @@
+"""Door enable: the whole truth table, and where a train counts as standing right."""
+
+import itertools
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from firmware_py.trackdb import PlatformSide, Station
+from vobc.atp.doors import DoorEnable, enabled_doors, platform_at
+from vobc.vocabulary import Interval
+
+STATIONS = (
+    Station("A", 100.0, 20.0, 105.0, PlatformSide.LEFT),
+    Station("B", 600.0, 520.0, 605.0, PlatformSide.RIGHT),
+)
+
+
+def test_every_combination_of_the_terms() -> None:
+    """Of all 48 only the two with every term enable a side, and only the side at the platform."""
+    enabled = {}
+    for standstill, holding, cut, emergency in itertools.product((False, True), repeat=4):
+        for platform in (None, PlatformSide.LEFT, PlatformSide.RIGHT):
+            doors = enabled_doors(
+                standstill=standstill,
+                platform=platform,
+                holding_applied=holding,
+                traction_cut=cut,
+                emergency=emergency,
+            )
+            if any(doors):
+                enabled[standstill, holding, cut, emergency, platform] = doors
+
+    assert enabled == {
+        (True, True, True, False, PlatformSide.LEFT): DoorEnable(left=True, right=False),
+        (True, True, True, False, PlatformSide.RIGHT): DoorEnable(left=False, right=True),
+    }
+
+
+@pytest.mark.parametrize(
+    ("low_m", "high_m", "side"),
+    [
+        (99.7, 100.3, PlatformSide.LEFT),
+        (99.69, 100.0, None),
+        (100.0, 100.31, None),
+        (99.0, 101.0, None),
+        (599.7, 600.3, PlatformSide.RIGHT),
+        (350.0, 350.1, None),
+        (99.9, 600.1, None),
+    ],
+)
+def test_the_whole_interval_has_to_lie_in_the_window(
+    low_m: float, high_m: float, side: PlatformSide | None
+) -> None:
+    front_m = Interval(low_m, (low_m + high_m) / 2.0, high_m)
+
+    assert platform_at(STATIONS, front_m, window_m=0.3000001) is side
+
+
+@given(st.floats(0.0, 700.0), st.floats(0.0, 2.0))
+def test_no_place_outside_the_window_is_a_platform(best_m: float, half_m: float) -> None:
+    front_m = Interval(best_m - half_m, best_m, best_m + half_m)
+
+    side = platform_at(STATIONS, front_m, window_m=0.3)
+
+    distance_m = min(abs(best_m - station.stop_m) for station in STATIONS)
+    assert (side is not None) == (distance_m + half_m <= 0.3) or abs(
+        distance_m + half_m - 0.3
+    ) < 1e-9
