@@ -1,0 +1,136 @@
+"""Door control unit: each side opens only by command and enable together."""
+
+from typing import Final
+
+from can_dbc.doors import DoorCommand, DoorState, DoorStatus
+from plant_emulator.actuators.response import Watch
+from plant_emulator.train_config import DoorConfig
+
+SAFE_COMMAND: Final = DoorCommand(
+    enable_left=False, enable_right=False, open_left=False, open_right=False
+)
+OBSTRUCTED_AT: Final = 0.5
+"""An obstacle is met when the doors are still open by this much."""
+INSTANT_S: Final = 1.0e-9
+
+
+class DoorSide:
+    """All doors of one side as one."""
+
+    __slots__ = ("_config", "_step_s", "_timer_s", "obstacles", "open_ratio", "state")
+
+    def __init__(self, config: DoorConfig, step_s: float) -> None:
+        self._config = config
+        self._step_s = step_s
+        self._timer_s = 0.0
+        self.obstacles = config.obstructed_closings
+        """How many closings will still meet an obstacle."""
+        self.open_ratio = 0.0
+        self.state = DoorState.LOCKED
+
+    def step(self, wanted_open: bool) -> None:
+        state = self.state
+        if state is DoorState.LOCKED:
+            self._unlock(wanted_open)
+        elif state is DoorState.OBSTRUCTED:
+            self._reopen(wanted_open)
+        elif wanted_open:
+            self._open()
+        else:
+            self._close()
+
+    def ask_anew(self) -> None:
+        """Unlocking that was given up begins from the start next time."""
+        if self.state is DoorState.LOCKED:
+            self._timer_s = 0.0
+
+    def _unlock(self, wanted_open: bool) -> None:
+        if not wanted_open:
+            return
+        self._timer_s += self._step_s
+        if self._timer_s >= self._config.unlock_s:
+            self._timer_s = 0.0
+            self.state = DoorState.OPENING
+
+    def _open(self) -> None:
+        if self.state is not DoorState.OPEN:
+            self.open_ratio += self._step_s / max(self._config.open_s, INSTANT_S)
+            self.state = DoorState.OPENING
+            if self.open_ratio >= 1.0:
+                self.open_ratio = 1.0
+                self.state = DoorState.OPEN
+
+    def _close(self) -> None:
+        self.state = DoorState.CLOSING
+        self.open_ratio -= self._step_s / max(self._config.close_s, INSTANT_S)
+        if self.obstacles > 0 and self.open_ratio <= OBSTRUCTED_AT:
+            self.obstacles -= 1
+            self.open_ratio = 1.0
+            self.state = DoorState.OBSTRUCTED
+        elif self.open_ratio <= 0.0:
+            self.open_ratio = 0.0
+            self.state = DoorState.LOCKED
+
+    def _reopen(self, wanted_open: bool) -> None:
+        self._timer_s += self._step_s
+        if self._timer_s >= self._config.reopen_s:
+            self._timer_s = 0.0
+            self.state = DoorState.OPEN if wanted_open else DoorState.CLOSING
+
+
+class DoorUnit:
+    """Not hearing its command it closes and locks."""
+
+    __slots__ = ("_command", "_left_wanted", "_right_wanted", "_watch", "left", "locked", "right")
+
+    def __init__(self, config: DoorConfig, *, step_s: float, timeout_ns: int) -> None:
+        self._command = SAFE_COMMAND
+        self._left_wanted = self._right_wanted = False
+        self._watch = Watch(timeout_ns)
+        self.left = DoorSide(config, step_s)
+        self.right = DoorSide(config, step_s)
+        self.locked = True
+        """The train line through all door locks."""
+
+    @property
+    def losses(self) -> int:
+        """How often the command went missing."""
+        return self._watch.losses
+
+    @property
+    def silent(self) -> bool:
+        """The command was there and is missing now."""
+        return self._watch.silent
+
+    def hear(self, command: DoorCommand, heard_ns: int) -> None:
+        """A valid pair has been received."""
+        self._watch.heard(heard_ns)
+        if command is not self._command:
+            self._obey(command)
+
+    def _obey(self, command: DoorCommand) -> None:
+        self._command = command
+        self._left_wanted = command.enable_left and command.open_left
+        self._right_wanted = command.enable_right and command.open_right
+        self.left.ask_anew()
+        self.right.ask_anew()
+
+    def step(self, end_ns: int) -> None:
+        if end_ns > self._watch.expires_ns:
+            self._obey(SAFE_COMMAND)
+            self._watch.lost()
+        if self.locked and not self._left_wanted and not self._right_wanted:
+            return
+        self.left.step(self._left_wanted)
+        self.right.step(self._right_wanted)
+        locked = DoorState.LOCKED
+        self.locked = self.left.state is locked and self.right.state is locked
+
+    def status(self) -> DoorStatus:
+        obstructed = DoorState.OBSTRUCTED
+        return DoorStatus(
+            closed_and_locked=self.locked,
+            left=self.left.state,
+            right=self.right.state,
+            no_obstruction=self.left.state is not obstructed and self.right.state is not obstructed,
+        )

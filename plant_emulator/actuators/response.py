@@ -1,0 +1,109 @@
+"""How late and how slowly an actuator follows its command, and what it does without one."""
+
+from collections import deque
+from math import exp
+from typing import Final
+
+NS_PER_S: Final = 1_000_000_000
+FAR_NS: Final = 1 << 62
+
+
+class DeadTime:
+    """A demand that arrives later. Between two steps it is averaged, so no instant is rounded."""
+
+    __slots__ = ("_due", "_last_due_ns", "value")
+
+    def __init__(self, value: float = 0.0) -> None:
+        self.value = value
+        """What has arrived."""
+        self._due: deque[tuple[int, float]] = deque()
+        self._last_due_ns = -(1 << 62)
+
+    @property
+    def settled(self) -> bool:
+        """Nothing is under way."""
+        return not self._due
+
+    def ask(self, due_ns: int, value: float) -> None:
+        """Let `value` arrive at `due_ns`, but never before what was asked earlier."""
+        due_ns = max(due_ns, self._last_due_ns)
+        self._last_due_ns = due_ns
+        self._due.append((due_ns, value))
+
+    def mean(self, start_ns: int, end_ns: int) -> float:
+        """Mean of what has arrived over [start, end); steps must follow each other."""
+        if not self._due or self._due[0][0] >= end_ns:
+            return self.value
+        total, at_ns = 0.0, start_ns
+        while self._due and self._due[0][0] < end_ns:
+            due_ns, value = self._due.popleft()
+            due_ns = max(due_ns, at_ns)
+            total += self.value * (due_ns - at_ns)
+            self.value, at_ns = value, due_ns
+        total += self.value * (end_ns - at_ns)
+        return total / (end_ns - start_ns)
+
+
+class Lag:
+    """First-order lag, exact for an input that is constant over the step."""
+
+    __slots__ = ("_keep_ratio", "value")
+
+    def __init__(self, lag_s: float, step_s: float, value: float = 0.0) -> None:
+        self._keep_ratio = exp(-step_s / lag_s) if lag_s > 0.0 else 0.0
+        self.value = value
+        """At the end of the last step."""
+
+    def step(self, target: float) -> float:
+        """Mean of the output over the step, by its two ends."""
+        before = self.value
+        if before == target:
+            return target
+        after = target + (before - target) * self._keep_ratio
+        if abs(after - target) < 1.0e-9 * (1.0 + abs(target)):
+            after = target
+        self.value = after
+        if self._keep_ratio == 0.0:
+            return after
+        return 0.5 * (before + after)
+
+
+class Shift:
+    """An input that changes with every step, shifted by a fixed number of steps."""
+
+    __slots__ = ("_waiting",)
+
+    def __init__(self, dead_time_s: float, step_s: float) -> None:
+        self._waiting = deque([0.0] * round(dead_time_s / step_s))
+
+    def step(self, value: float) -> float:
+        waiting = self._waiting
+        if not waiting:
+            return value
+        waiting.append(value)
+        return waiting.popleft()
+
+
+class Watch:
+    """Remembers when a command was last heard; silence beyond the timeout is acted on once."""
+
+    __slots__ = ("_timeout_ns", "expires_ns", "losses", "silent")
+
+    def __init__(self, timeout_ns: int) -> None:
+        assert timeout_ns > 0
+        self._timeout_ns = timeout_ns
+        self.expires_ns = FAR_NS
+        """When silence will have lasted too long; far away while that has been acted on already."""
+        self.losses = 0
+        self.silent = False
+        """A command that was there before is missing."""
+
+    def heard(self, heard_ns: int) -> None:
+        self.expires_ns = heard_ns + self._timeout_ns
+        self.silent = False
+
+    def lost(self) -> None:
+        """The silence has been acted upon."""
+        self.losses += 1
+        self.silent = True
+        self.expires_ns = FAR_NS

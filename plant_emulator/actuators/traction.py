@@ -1,0 +1,147 @@
+"""Traction control unit and motors: tractive effort from command, permission, power and voltage."""
+
+from typing import Final
+
+from can_dbc.nodes import Direction
+from can_dbc.traction import TractionCommand, TractionStatus
+from plant_emulator.actuators.response import NS_PER_S, DeadTime, Lag, Watch
+from plant_emulator.train_config import TractionConfig
+
+SAFE_COMMAND: Final = TractionCommand(
+    force_n=0.0, direction=Direction.NEUTRAL, traction_permitted=False
+)
+_SIGNS: Final = {Direction.NEUTRAL: 0.0, Direction.FORWARD: 1.0, Direction.REVERSE: -1.0}
+
+
+class TractionUnit:
+    """Effort exists only while the command permits it and both train lines do.
+
+    The train lines are wires, not frames: one from the brake, which takes away traction and the
+    electric brake with every emergency, one through the door locks, which takes away traction.
+    """
+
+    __slots__ = (
+        "_command",
+        "_config",
+        "_cut_due_ns",
+        "_cut_ns",
+        "_dead_time",
+        "_electric_cut_ns",
+        "_lag",
+        "_slew_step_n",
+        "_target_n",
+        "_watch",
+        "effort_ratio",
+        "electric_brake_possible",
+        "force_n",
+        "traction_cut",
+    )
+
+    def __init__(self, config: TractionConfig, *, step_s: float, timeout_ns: int) -> None:
+        self._config = config
+        self._command = SAFE_COMMAND
+        self._watch = Watch(timeout_ns)
+        self._dead_time = DeadTime()
+        self._lag = Lag(config.lag_s, step_s)
+        self._slew_step_n = config.slew_n_per_s * step_s
+        self._cut_ns = round(config.cut_s * NS_PER_S)
+        self._cut_due_ns: int | None = None
+        """When the contactor will have opened; None while it is closed and stays so."""
+        self._electric_cut_ns: int | None = None
+        self._target_n = 0.0
+        self.force_n = 0.0
+        """Tractive effort at the wheels, signed in running direction, mean of the last step."""
+        self.traction_cut = True
+        self.electric_brake_possible = True
+        self.effort_ratio = config.effort_ratio
+        """Share of the rated effort that heat, motors and line voltage leave."""
+
+    @property
+    def losses(self) -> int:
+        """How often the command went missing."""
+        return self._watch.losses
+
+    @property
+    def silent(self) -> bool:
+        """The command was there and is missing now."""
+        return self._watch.silent
+
+    def hear(self, command: TractionCommand, heard_ns: int) -> None:
+        """A valid pair has been received."""
+        self._watch.heard(heard_ns)
+        if command is not self._command:
+            self._obey(command, heard_ns)
+
+    def _obey(self, command: TractionCommand, at_ns: int) -> None:
+        asked_n, was_n = _signed(command), _signed(self._command)
+        self._command = command
+        if asked_n != was_n:
+            self._dead_time.ask(at_ns + round(self._config.dead_time_s * NS_PER_S), asked_n)
+
+    def feed(self, voltage_ratio: float) -> None:
+        """The share of effort that the line voltage leaves, 0..1."""
+        self.effort_ratio = self._config.effort_ratio * voltage_ratio
+
+    def step(
+        self, start_ns: int, end_ns: int, speed_mps: float, *, emergency: bool, doors_locked: bool
+    ) -> float:
+        """Tractive effort over the step, before adhesion.
+
+        Args:
+            emergency: the brake's train line says that the emergency brake is asked for.
+        """
+        if end_ns > self._watch.expires_ns:
+            self._obey(SAFE_COMMAND, self._watch.expires_ns)
+            self._watch.lost()
+        permitted = self._command.traction_permitted and doors_locked and not emergency
+        self._move_contactor(end_ns, permitted)
+        self._move_electric_brake(end_ns, emergency)
+        asked_n = self._dead_time.mean(start_ns, end_ns)
+        if self.traction_cut:
+            self._target_n = self._lag.value = self.force_n = 0.0
+            return 0.0
+        wanted_n = self._limited(asked_n, abs(speed_mps)) if permitted else 0.0
+        if wanted_n != self._target_n:
+            change_n = wanted_n - self._target_n
+            self._target_n += max(-self._slew_step_n, min(self._slew_step_n, change_n))
+        self.force_n = self._lag.step(self._target_n)
+        return self.force_n
+
+    def _limited(self, asked_n: float, speed_mps: float) -> float:
+        config = self._config
+        most_n = config.rated_force_n * self.effort_ratio
+        power_w = config.max_power_w * self.effort_ratio
+        if most_n * speed_mps > power_w:
+            most_n = power_w / speed_mps
+        return max(-most_n, min(most_n, asked_n))
+
+    def _move_contactor(self, now_ns: int, permitted: bool) -> None:
+        if permitted:
+            self._cut_due_ns = None
+            self.traction_cut = False
+        elif not self.traction_cut:
+            if self._cut_due_ns is None:
+                self._cut_due_ns = now_ns + self._cut_ns
+            elif now_ns >= self._cut_due_ns:
+                self.traction_cut = True
+
+    def _move_electric_brake(self, now_ns: int, emergency: bool) -> None:
+        if not emergency:
+            self._electric_cut_ns = None
+            self.electric_brake_possible = True
+        elif self._electric_cut_ns is None:
+            self._electric_cut_ns = now_ns + self._cut_ns
+        elif now_ns >= self._electric_cut_ns:
+            self.electric_brake_possible = False
+
+    def status(self, electric_brake_n: float) -> TractionStatus:
+        return TractionStatus(
+            force_n=self.force_n - electric_brake_n,
+            effort_available_ratio=self.effort_ratio,
+            traction_cut=self.traction_cut,
+            ready=True,
+        )
+
+
+def _signed(command: TractionCommand) -> float:
+    return command.force_n * _SIGNS[command.direction]

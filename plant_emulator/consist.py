@@ -1,0 +1,320 @@
+"""The moving train: masses, couplers, running resistance, gradient and friction that really holds.
+
+One step from t to t + h goes half a step with the old speed, evaluates all forces there, changes
+the speed, and goes the other half with the new speed. Friction (brakes, the constant part of the
+running resistance, curves) is not a force but the most that may be taken from the speed: a car that
+friction could stop or hold within the step has exactly zero speed after it. So a braked train
+stands without creeping, and a train that nothing holds rolls.
+
+The error is of second order in h. Over the first 20 s of a coupler oscillation of florence4 after a
+step of 100 kN, at h = 10 ms, no car is more than 0.05 mm or 0.2 mm/s off the exact solution, and
+the energy balance of a run closes within 0.01 % of the work done (tests hold this down).
+"""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from firmware_py.trackdb import LineMap
+from plant_emulator.track import GRAVITY_MPS2, CarTrack
+from plant_emulator.train_config import ConsistModel, TrainConfig
+
+STIFF_STEP: Final = 0.1
+"""Largest product of a sub-step and the fastest coupler rate (rad/s or 1/s)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Car:
+    """One moving mass of a model, with its share of what all drive or brake together."""
+
+    mass_kg: float
+    inertia_kg: float
+    """With rotating masses."""
+    length_m: float
+    drive_share: float
+    """Of the tractive effort."""
+    motor_brake_share: float
+    """Of the brake force on motor cars."""
+    trailer_brake_share: float
+    """Of the brake force on the other cars."""
+
+    @property
+    def weight_n(self) -> float:
+        return self.mass_kg * GRAVITY_MPS2
+
+
+def multi_mass(train: TrainConfig) -> tuple[Car, ...]:
+    """Every car a mass of its own; force is shared by mass among the cars that take part."""
+    masses_kg = [car.tare_kg + train.load_ratio * car.passengers_kg for car in train.cars]
+    motor_kg = sum(m for m, car in zip(masses_kg, train.cars, strict=True) if car.motor)
+    trailer_kg = sum(masses_kg) - motor_kg
+    return tuple(
+        Car(
+            mass_kg=mass_kg,
+            inertia_kg=mass_kg * (1.0 + train.rotating_mass_percent / 100.0),
+            length_m=car.length_m,
+            drive_share=mass_kg / motor_kg if car.motor else 0.0,
+            motor_brake_share=mass_kg / motor_kg if car.motor else 0.0,
+            trailer_brake_share=0.0 if car.motor else mass_kg / trailer_kg,
+        )
+        for mass_kg, car in zip(masses_kg, train.cars, strict=True)
+    )
+
+
+def point_mass(train: TrainConfig) -> tuple[Car, ...]:
+    """One rigid body as long as the train."""
+    inertia_kg = train.mass_kg * (1.0 + train.rotating_mass_percent / 100.0)
+    return (Car(train.mass_kg, inertia_kg, train.length_m, 1.0, 1.0, 1.0),)
+
+
+MODELS: Final[Mapping[ConsistModel, Callable[[TrainConfig], tuple[Car, ...]]]] = {
+    ConsistModel.MULTI_MASS: multi_mass,
+    ConsistModel.POINT_MASS: point_mass,
+}
+
+
+class Consist:
+    """Position, speed and acceleration of every car; moved by `step`."""
+
+    __slots__ = (
+        "_brake_n",
+        "_coulomb_n",
+        "_curve_n",
+        "_curve_n_per_m",
+        "_damping_ns_per_m",
+        "_drive_n",
+        "_driven",
+        "_gravity_n",
+        "_gravity_n_per_m",
+        "_high_m",
+        "_inertia_kg",
+        "_loads_n",
+        "_low_m",
+        "_quadratic",
+        "_speed_gain",
+        "_stiffness_n_per_m",
+        "_sub_step_s",
+        "_sub_steps",
+        "_tracks",
+        "_viscous",
+        "accel_mps2",
+        "car_accels_mps2",
+        "car_fronts_m",
+        "car_speeds_mps",
+        "cars",
+        "inertia_kg",
+        "mass_kg",
+        "speed_mps",
+        "step_s",
+    )
+
+    def __init__(
+        self,
+        train: TrainConfig,
+        line: LineMap,
+        *,
+        front_m: float,
+        step_s: float,
+        resistance_ratio: float = 1.0,
+    ) -> None:
+        """A train at rest with slack couplers.
+
+        Args:
+            resistance_ratio: true running resistance over that of the consist file.
+        """
+        self.cars: Final = MODELS[train.model](train)
+        self.step_s: Final = step_s
+        self.mass_kg: Final = sum(car.mass_kg for car in self.cars)
+        self.inertia_kg: Final = sum(car.inertia_kg for car in self.cars)
+        self._driven = [
+            (index, car.drive_share) for index, car in enumerate(self.cars) if car.drive_share > 0.0
+        ]
+        count = len(self.cars)
+        self.car_fronts_m = [front_m] * count
+        """Where the front would be by each car, were the couplers slack; [0] is the front."""
+        self.car_speeds_mps = [0.0] * count
+        self.car_accels_mps2 = [0.0] * count
+        """Mean over the last sub-step."""
+        self.speed_mps = 0.0
+        """Of the centre of inertia; exactly zero at standstill."""
+        self.accel_mps2 = 0.0
+        """Of the centre of inertia, mean over the last step."""
+        self._drive_n = [0.0] * count
+        self._brake_n = [0.0] * count
+        self._loads_n = (0.0, 0.0, 0.0)
+        self._stiffness_n_per_m = train.coupler.stiffness_n_per_m
+        self._damping_ns_per_m = train.coupler.damping_ns_per_m
+        self._sub_steps = _sub_steps(train, self.cars, step_s)
+        self._sub_step_s = step_s / self._sub_steps
+        self._set_masses(train, resistance_ratio)
+        self._set_track(line, front_m)
+
+    def _set_masses(self, train: TrainConfig, resistance_ratio: float) -> None:
+        davis, cars = train.resistance, self.cars
+        per_kn = [resistance_ratio * car.weight_n / 1000.0 for car in cars]
+        self._inertia_kg = [car.inertia_kg for car in cars]
+        self._speed_gain = [self._sub_step_s / car.inertia_kg for car in cars]
+        self._coulomb_n = [weight * davis.a_n_per_kn for weight in per_kn]
+        self._viscous = [weight * davis.b_n_per_kn_per_mps for weight in per_kn]
+        self._quadratic = [weight * davis.c_n_per_kn_per_mps2 for weight in per_kn]
+
+    def _set_track(self, line: LineMap, front_m: float) -> None:
+        self._tracks: list[CarTrack] = []
+        behind_front_m = 0.0
+        for car in self.cars:
+            track = CarTrack(
+                line,
+                behind_front_m=behind_front_m,
+                length_m=car.length_m,
+                weight_n=car.weight_n,
+            )
+            self._tracks.append(track)
+            behind_front_m += car.length_m
+        count = len(self.cars)
+        self._low_m, self._high_m = [0.0] * count, [0.0] * count
+        self._gravity_n, self._gravity_n_per_m = [0.0] * count, [0.0] * count
+        self._curve_n, self._curve_n_per_m = [0.0] * count, [0.0] * count
+        for index in range(count):
+            self._enter(index, front_m)
+
+    def _enter(self, index: int, x_m: float) -> None:
+        """Take over the piece of track that a car has come upon."""
+        piece = self._tracks[index].piece(x_m)
+        self._low_m[index], self._high_m[index] = piece.low_m, piece.high_m
+        self._gravity_n[index] = piece.gravity_n
+        self._gravity_n_per_m[index] = piece.gravity_n_per_m
+        self._curve_n[index] = piece.curve_n
+        self._curve_n_per_m[index] = piece.curve_n_per_m
+
+    @property
+    def front_m(self) -> float:
+        """Chainage of the front coupler."""
+        return self.car_fronts_m[0]
+
+    @property
+    def motor_m(self) -> float:
+        """Mean of where the motor cars are; drive times its change is the work of the motors."""
+        fronts_m = self.car_fronts_m
+        return sum([share * fronts_m[index] for index, share in self._driven])
+
+    @property
+    def slope_mps2(self) -> float:
+        """Gravity along the track under the first car, positive where it climbs."""
+        force_n = self._gravity_n[0] + self._gravity_n_per_m[0] * self.car_fronts_m[0]
+        return force_n / self.cars[0].mass_kg
+
+    @property
+    def drives_n(self) -> Sequence[float]:
+        """Signed force that drives each car in the steps to come."""
+        return self._drive_n
+
+    @property
+    def brakes_n(self) -> Sequence[float]:
+        """Most that the brakes of each car take in the steps to come, whichever way it goes."""
+        return self._brake_n
+
+    def load(self, drive_n: float, motor_brake_n: float, trailer_brake_n: float) -> None:
+        """Set what acts from now on: tractive effort, signed, and brake force, never negative."""
+        if drive_n != self._loads_n[0]:
+            for index, car in enumerate(self.cars):
+                self._drive_n[index] = drive_n * car.drive_share
+        if (drive_n, motor_brake_n, trailer_brake_n) != self._loads_n:
+            for index, car in enumerate(self.cars):
+                self._brake_n[index] = (
+                    motor_brake_n * car.motor_brake_share
+                    + trailer_brake_n * car.trailer_brake_share
+                )
+            self._loads_n = (drive_n, motor_brake_n, trailer_brake_n)
+
+    def step(self) -> None:
+        """Move on by `step_s`."""
+        before_mps = self.speed_mps
+        for _ in range(self._sub_steps):
+            self._sub_step()
+        self.accel_mps2 = (self.speed_mps - before_mps) / self.step_s
+
+    def _sub_step(self) -> None:
+        # The hot loop of the plant: one pass over the cars from the front, kept flat. `ahead_n` and
+        # `behind_n` are the tensions of the two couplers of the car.
+        fronts_m, speeds_mps, accels_mps2 = (
+            self.car_fronts_m,
+            self.car_speeds_mps,
+            self.car_accels_mps2,
+        )
+        drive_n, brake_n, coulomb_n = self._drive_n, self._brake_n, self._coulomb_n
+        viscous, quadratic = self._viscous, self._quadratic
+        low_m, high_m = self._low_m, self._high_m
+        gravity_n, gravity_n_per_m = self._gravity_n, self._gravity_n_per_m
+        curve_n, curve_n_per_m = self._curve_n, self._curve_n_per_m
+        inertia_kg, speed_gain = self._inertia_kg, self._speed_gain
+        stiffness, damping = self._stiffness_n_per_m, self._damping_ns_per_m
+        step_s = self._sub_step_s
+        half_s = 0.5 * step_s
+        last = len(fronts_m) - 1
+        momentum = 0.0
+        ahead_n = behind_n = 0.0
+        old_mps = speeds_mps[0]
+        next_mps = 0.0
+        middle_m = fronts_m[0] + half_s * old_mps
+        rate_mps = old_mps + half_s * accels_mps2[0]
+        next_m = next_rate_mps = 0.0
+        for index in range(last + 1):
+            if index < last:
+                next_mps = speeds_mps[index + 1]
+                next_m = fronts_m[index + 1] + half_s * next_mps
+                next_rate_mps = next_mps + half_s * accels_mps2[index + 1]
+                behind_n = stiffness * (middle_m - next_m) + damping * (rate_mps - next_rate_mps)
+            else:
+                behind_n = 0.0
+            if not low_m[index] <= middle_m < high_m[index]:
+                self._enter(index, middle_m)
+            gain = speed_gain[index]
+            drag = (viscous[index] + quadratic[index] * abs(rate_mps)) * rate_mps
+            slope_n = gravity_n[index] + gravity_n_per_m[index] * middle_m
+            new_mps = old_mps + gain * (drive_n[index] + ahead_n - behind_n - slope_n - drag)
+            held_mps = gain * (
+                brake_n[index] + coulomb_n[index] + curve_n[index] + curve_n_per_m[index] * middle_m
+            )
+            if new_mps > held_mps:
+                new_mps -= held_mps
+            elif new_mps < -held_mps:
+                new_mps += held_mps
+            else:
+                new_mps = 0.0
+            fronts_m[index] = middle_m + half_s * new_mps
+            speeds_mps[index] = new_mps
+            # A car that came to rest is not slowed any further.
+            accels_mps2[index] = (new_mps - old_mps) / step_s if new_mps != 0.0 else 0.0
+            momentum += inertia_kg[index] * new_mps
+            ahead_n = behind_n
+            old_mps, middle_m, rate_mps = next_mps, next_m, next_rate_mps
+        self.speed_mps = momentum / self.inertia_kg if momentum != 0.0 else 0.0
+
+    @property
+    def standing(self) -> bool:
+        return not any(self.car_speeds_mps)
+
+    def kinetic_j(self) -> float:
+        """Rotating masses included."""
+        return sum(
+            0.5 * inertia_kg * speed_mps**2
+            for inertia_kg, speed_mps in zip(self._inertia_kg, self.car_speeds_mps, strict=True)
+        )
+
+    def coupler_j(self) -> float:
+        """Stored in the springs."""
+        pairs = zip(self.car_fronts_m, self.car_fronts_m[1:], strict=False)
+        return sum(0.5 * self._stiffness_n_per_m * (one - other) ** 2 for one, other in pairs)
+
+
+def _sub_steps(train: TrainConfig, cars: Sequence[Car], step_s: float) -> int:
+    """Enough that the stiffest coupler between the lightest cars is resolved."""
+    if len(cars) == 1:
+        return 1
+    least_kg = min(car.inertia_kg for car in cars)
+    rate = max(
+        math.sqrt(4.0 * train.coupler.stiffness_n_per_m / least_kg),
+        4.0 * train.coupler.damping_ns_per_m / least_kg,
+    )
+    return max(1, math.ceil(rate * step_s / STIFF_STEP))

@@ -1,0 +1,99 @@
+"""High-voltage box: line voltage under the train's own current, and the energy meter.
+
+The line is one source behind a resistance that also takes back whatever the train returns.
+"""
+
+from math import sqrt
+from typing import Final
+
+from can_dbc.energy import EnergyMeter, LineSupply
+from plant_emulator.train_config import SupplyConfig
+
+J_PER_KWH: Final = 3.6e6
+
+
+class HighVoltageBox:
+    """Books in joules; drawn - returned = traction - braking + auxiliary at any time."""
+
+    __slots__ = (
+        "_config",
+        "_electric_ratio",
+        "_step_s",
+        "_traction_ratio",
+        "auxiliary_j",
+        "braking_j",
+        "current_a",
+        "drawn_j",
+        "effort_ratio",
+        "returned_j",
+        "traction_j",
+        "voltage_v",
+    )
+
+    def __init__(
+        self,
+        config: SupplyConfig,
+        *,
+        step_s: float,
+        traction_efficiency_ratio: float,
+        electric_efficiency_ratio: float,
+    ) -> None:
+        self._config = config
+        self._step_s = step_s
+        self._traction_ratio = traction_efficiency_ratio
+        self._electric_ratio = electric_efficiency_ratio
+        self.voltage_v = config.no_load_v
+        self.current_a = 0.0
+        """Negative while the train feeds back."""
+        self.effort_ratio = 1.0
+        """Share of traction's effort that the voltage leaves."""
+        self.traction_j = 0.0
+        """Electrical, into the inverters."""
+        self.braking_j = 0.0
+        """Electrical, out of the inverters while the motors brake."""
+        self.auxiliary_j = 0.0
+        self.drawn_j = 0.0
+        self.returned_j = 0.0
+
+    def step(self, drive_work_j: float, brake_work_j: float) -> None:
+        """Book one step.
+
+        Args:
+            drive_work_j: done at the rail by tractive effort; negative when the train rolls against
+                it, and then it brakes.
+            brake_work_j: taken at the rail by the electric brake; never negative.
+        """
+        config, step_s = self._config, self._step_s
+        if drive_work_j < 0.0:
+            drive_work_j, brake_work_j = 0.0, brake_work_j - drive_work_j
+        traction_j = drive_work_j / self._traction_ratio
+        braking_j = brake_work_j * self._electric_ratio
+        auxiliary_j = config.auxiliary_w * step_s
+        net_j = traction_j - braking_j + auxiliary_j
+        self.traction_j += traction_j
+        self.braking_j += braking_j
+        self.auxiliary_j += auxiliary_j
+        if net_j >= 0.0:
+            self.drawn_j += net_j
+        else:
+            self.returned_j -= net_j
+        # V * (V0 - V) / R = P; beyond the source's greatest power the voltage stays at half.
+        root = config.no_load_v**2 - 4.0 * config.source_ohm * net_j / step_s
+        self.voltage_v = 0.5 * (config.no_load_v + (sqrt(root) if root > 0.0 else 0.0))
+        self.current_a = net_j / step_s / self.voltage_v
+        if self.voltage_v < config.full_effort_v:
+            span_v = config.full_effort_v - config.no_effort_v
+            self.effort_ratio = max(0.0, (self.voltage_v - config.no_effort_v) / span_v)
+        else:
+            self.effort_ratio = 1.0
+
+    def supply(self) -> LineSupply:
+        return LineSupply(
+            line_voltage_v=self.voltage_v, line_current_a=self.current_a, breaker_closed=True
+        )
+
+    def meter(self) -> EnergyMeter:
+        """What the meter at the collector shows."""
+        return EnergyMeter(
+            drawn_kwh=self.drawn_j / J_PER_KWH, regenerated_kwh=self.returned_j / J_PER_KWH
+        )

@@ -1,0 +1,321 @@
+"""The plant as a device: commands in, the world a step further, frames and telegrams out."""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import Final, Protocol
+
+from can_dbc.binding import Frame
+from can_dbc.brake import BrakeCommand, BrakeStatus
+from can_dbc.cab import CabMode, Desk
+from can_dbc.diagnostics import EMERGENCIES, HEARTBEATS, NodeState, TcmsStatus, TimeOfDay
+from can_dbc.doors import DoorCommand, DoorStatus
+from can_dbc.energy import EnergyMeter, LineSupply
+from can_dbc.nodes import Node
+from can_dbc.odometer import Doppler, Imu, Tacho
+from can_dbc.tags import TagReaderHealth
+from can_dbc.traction import TractionCommand, TractionStatus
+from firmware_py.executive import Executive, Task
+from firmware_py.ports import RadioPort, SerialPort
+from firmware_py.settings import SettingsError
+from firmware_py.trackdb import LineMap, Station, load_line
+from plant_emulator.train_config import TrainConfig, load_train, with_overrides
+from plant_emulator.wayside.zone_controller import ZoneController
+from plant_emulator.wire import (
+    GRID_MS,
+    PLANT_NODES,
+    ROUND_MS,
+    OpenPort,
+    Sending,
+    Wire,
+    timetable,
+)
+from plant_emulator.world import STEP_NS, World
+
+TRUTH_COLUMNS: Final = (
+    "t_s",
+    "front_m",
+    "speed_mps",
+    "accel_mps2",
+    "accel_first_car_mps2",
+    "traction_force_n",
+    "brake_force_n",
+    "gradient_permille",
+    "emergency",
+    "holding",
+    "doors_locked",
+    "door_left",
+    "door_right",
+    "odometer_error_m",
+    "tags_read",
+)
+"""Of the truth log. Speed and acceleration are the whole train's; speed is 0 only at standstill."""
+
+TRUTH_STEPS: Final = 5
+"""A row every 50 ms, and one whenever the train comes to rest or leaves it."""
+RADIO_STEPS: Final = 5
+ROUND_STEPS: Final = ROUND_MS // GRID_MS
+CATCH_UP_STEPS: Final = 100
+"""Held up for longer, the plant gives the rest up: it counts it and goes on from now."""
+NS_PER_S: Final = 1_000_000_000
+NS_PER_MS: Final = 1_000_000
+MS_PER_DAY: Final = 86_400_000
+DAYS_1970_TO_1984: Final = 5113
+COMMAND_MISSING: Final = 0x8130
+"""EMCY code of CiA 301 for a partner that is not heard any more."""
+COMMUNICATION_REGISTER: Final = 0x11
+
+
+class TruthLog(Protocol):
+    """Takes one value for each of TRUTH_COLUMNS."""
+
+    def row(self, *values: object) -> None: ...
+
+
+class Listener(Protocol):
+    """A unit that waits for its command."""
+
+    @property
+    def silent(self) -> bool: ...
+
+    @property
+    def losses(self) -> int: ...
+
+
+@dataclass(frozen=True, slots=True)
+class Scenario:
+    """One train on one line, and where it is let go to."""
+
+    train: TrainConfig
+    line: LineMap
+    start: Station
+    destination: Station
+    seed: int
+    desk_mode: CabMode = CabMode.AUTO
+
+
+def plan_scenario(
+    *,
+    line: str = "florence",
+    consist: str = "florence4",
+    seed: int = 1,
+    start: str | None = None,
+    end: str | None = None,
+    load_ratio: float | None = None,
+    odometer_error_ratio: float | None = None,
+    desk_mode: CabMode = CabMode.AUTO,
+) -> Scenario:
+    """Load what is named and check that it fits; None takes the file's or the whole line.
+
+    Raises SettingsError.
+    """
+    train, track = load_train(consist), load_line(line)
+    try:
+        train = with_overrides(
+            train, load_ratio=load_ratio, odometer_error_ratio=odometer_error_ratio
+        )
+    except ValueError as error:
+        raise SettingsError(f"{consist}: {error}") from error
+    first = _station(track, start or track.stations[0].name, "--from")
+    last = _station(track, end or track.stations[-1].name, "--to")
+    if last.stop_m <= first.stop_m:
+        raise SettingsError(
+            f"--to {last.name}: lies at {last.stop_m:g} m, not beyond {first.name} at "
+            f"{first.stop_m:g} m; trains run towards growing chainage"
+        )
+    if first.stop_m - train.length_m < track.start_m:
+        raise SettingsError(
+            f"--from {first.name}: the train of {train.length_m:g} m reaches back over the line's "
+            f"start at {track.start_m:g} m"
+        )
+    return Scenario(train, track, first, last, seed, desk_mode)
+
+
+def _station(line: LineMap, name: str, option: str) -> Station:
+    try:
+        return line.station(name)
+    except KeyError as error:
+        raise SettingsError(f"{option} {name}: {error.args[0]}") from None
+
+
+class PlantDevice:
+    """Everything on the far side of the controller's wires. Run `executive`."""
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        *,
+        open_port: OpenPort,
+        tags: SerialPort,
+        radio: RadioPort,
+        truth: TruthLog | None,
+        start_ns: int,
+        epoch_offset_ns: int = 0,
+    ) -> None:
+        """Args:
+        open_port: asked once for each node; in lockstep it gives every node a port of its own,
+            between processes one port may serve them all.
+        epoch_offset_ns: what has to be added to an instant to give nanoseconds since 1970.
+        """
+        self.scenario = scenario
+        self.world = World(
+            scenario.train,
+            scenario.line,
+            seed=scenario.seed,
+            front_m=scenario.start.stop_m,
+            start_ns=start_ns,
+            desk_mode=scenario.desk_mode,
+        )
+        self.wire = Wire(open_port)
+        self.zone = ZoneController(scenario.line, scenario.destination)
+        self._tags, self._radio, self._truth = tags, radio, truth
+        self._epoch_offset_ns = epoch_offset_ns
+        self._start_ns = start_ns
+        self._slots = timetable()
+        self._steps = 0
+        self.lost_steps = 0
+        """Steps that were given up because the process was held up for too long."""
+        self.late_steps = 0
+        """Steps that were made up for."""
+        self._standing = True
+        self._life = NodeState.BOOT_UP
+        self._frames = self._frame_sources()
+        world = self.world
+        self._units: tuple[tuple[Node, Listener], ...] = (
+            (Node.BCU, world.brake),
+            (Node.TCU, world.traction),
+            (Node.DCU, world.doors),
+        )
+        self._silent = [False] * len(self._units)
+        self.executive = Executive([Task("step", GRID_MS, self.step)], start_ns)
+        self._write_truth()
+
+    def _frame_sources(self) -> Mapping[type[Frame], Callable[[int], Frame]]:
+        world = self.world
+        load, desk = world.load_status(), world.desk
+        sources: dict[type[Frame], Callable[[int], Frame]] = {
+            Tacho: world.tachos.frame,
+            BrakeStatus: lambda now_ns: world.brake.status(),
+            TractionStatus: lambda now_ns: world.traction.status(world.brake.electric_n),
+            Doppler: lambda now_ns: world.doppler.frame(world.consist.car_speeds_mps[0]),
+            Imu: lambda now_ns: world.imu.frame(
+                now_ns, world.consist.car_speeds_mps[0], world.consist.slope_mps2
+            ),
+            DoorStatus: lambda now_ns: world.doors.status(),
+            Desk: lambda now_ns: desk,
+            LineSupply: lambda now_ns: world.power.supply(),
+            EnergyMeter: lambda now_ns: world.power.meter(),
+            TagReaderHealth: world.tag_reader.frame,
+            TcmsStatus: lambda now_ns: load,
+            TimeOfDay: self._time_of_day,
+        }
+        for node in PLANT_NODES:
+            sources[HEARTBEATS[node]] = self._heartbeat_of(node)
+        return sources
+
+    def _heartbeat_of(self, node: Node) -> Callable[[int], Frame]:
+        kind = HEARTBEATS[node]
+        return lambda now_ns: kind(self._life)
+
+    def _time_of_day(self, now_ns: int) -> Frame:
+        days, since_midnight_ms = divmod((now_ns + self._epoch_offset_ns) / NS_PER_MS, MS_PER_DAY)
+        return TimeOfDay(
+            since_midnight_ms=since_midnight_ms,
+            days_since_1984=max(0, int(days) - DAYS_1970_TO_1984),
+        )
+
+    def step(self, now_ns: int) -> None:
+        """Hear, move the world up to now, and send what the timetable says."""
+        wire, world, frames = self.wire, self.world, self._frames
+        wire.hear(now_ns, self._take)
+        for kind, node in self._catch_up(now_ns):
+            wire.send(now_ns, node, frames[kind](world.now_ns))
+        for telegram in world.tag_reader.telegrams(now_ns):
+            self._tags.send(now_ns, telegram)
+        self._report_silence(now_ns)
+        if self._steps % RADIO_STEPS == 0:
+            self._answer_radio(now_ns)
+
+    def _take(self, command: Frame, heard_ns: int) -> None:
+        world = self.world
+        if isinstance(command, BrakeCommand):
+            world.brake.hear(command, heard_ns)
+        elif isinstance(command, TractionCommand):
+            world.traction.hear(command, heard_ns)
+        elif isinstance(command, DoorCommand):
+            world.doors.hear(command, heard_ns)
+
+    def _catch_up(self, now_ns: int) -> Iterable[Sending]:
+        """Move the world to now and answer what is to be sent.
+
+        What would have been sent in steps that come late goes out once, as things are now.
+        """
+        due = (now_ns - self.world.now_ns) // STEP_NS
+        if due == 1:
+            return self._advance()
+        if due > CATCH_UP_STEPS:
+            given_up = due - CATCH_UP_STEPS
+            self.lost_steps += given_up
+            self.world.pass_over(given_up)
+            due = CATCH_UP_STEPS
+        if due == 0:
+            return self._slots[0] if self._steps == 0 else ()
+        self.late_steps += due - 1
+        return dict.fromkeys(sending for _ in range(due) for sending in self._advance())
+
+    def _advance(self) -> tuple[Sending, ...]:
+        world = self.world
+        world.step()
+        self._steps = steps = self._steps + 1
+        standing = world.speed_mps == 0.0
+        if steps % TRUTH_STEPS == 0 or standing is not self._standing:
+            self._standing = standing
+            self._write_truth()
+        if steps == ROUND_STEPS:
+            self._life = NodeState.OPERATIONAL
+        return self._slots[steps % ROUND_STEPS]
+
+    def _report_silence(self, now_ns: int) -> None:
+        """Once when a unit's command went missing, and once when it is there again."""
+        for index, (node, unit) in enumerate(self._units):
+            if unit.silent is not self._silent[index]:
+                self._silent[index] = unit.silent
+                code, register = (
+                    (COMMAND_MISSING, COMMUNICATION_REGISTER) if unit.silent else (0, 0)
+                )
+                self.wire.send(now_ns, node, EMERGENCIES[node](code, register, unit.losses))
+
+    def _answer_radio(self, now_ns: int) -> None:
+        heard = self._radio.receive(now_ns)
+        if heard:
+            for key, payload in self.zone.answers(heard, now_ns):
+                self._radio.send(now_ns, key, payload)
+
+    def _write_truth(self) -> None:
+        if self._truth is None:
+            return
+        world = self.world
+        consist, brake, doors = world.consist, world.brake, world.doors
+        self._truth.row(
+            f"{(world.now_ns - self._start_ns) / NS_PER_S:.3f}",
+            consist.car_fronts_m[0],
+            consist.speed_mps,
+            consist.accel_mps2,
+            consist.car_accels_mps2[0],
+            world.drive_n,
+            world.brake_n,
+            world.gradient_permille,
+            brake.emergency_wanted,
+            brake.holding_mps2 > 0.0,
+            doors.locked,
+            doors.left.state,
+            doors.right.state,
+            world.odometer_error_m,
+            world.tag_reader.tags_read,
+        )
+
+    def stop(self, now_ns: int) -> None:
+        """The nodes say that they leave the bus."""
+        self._life = NodeState.STOPPED
+        for node in PLANT_NODES:
+            self.wire.send(now_ns, node, HEARTBEATS[node](NodeState.STOPPED))
+        self._write_truth()

@@ -1,0 +1,1 @@
+"""What the train measures of itself and of the track."""

@@ -1,0 +1,104 @@
+"""Two tachos: pulses of two axles, counted with a systematic error and whatever the wheels slip."""
+
+from math import floor, pi
+from typing import Final
+
+from can_dbc.nodes import Direction
+from can_dbc.odometer import Tacho
+from plant_emulator.noise import Generators, Source
+from plant_emulator.train_config import NOMINAL_WHEEL_M, PULSES_PER_TURN, SensorConfig
+
+COUNTER_PERIOD: Final = 1 << 16
+NEUTRAL_AFTER_NS: Final = 200_000_000
+START_PHASE: Final = 0.5
+"""The count starts half-way between two pulses, so that the first creep of a wheel is none."""
+
+
+class Axle:
+    """One wheelset with its pulse disc."""
+
+    __slots__ = ("_pulses_per_m", "_slipped_m", "_start_m", "before_m", "rolled_m")
+
+    def __init__(self, pulses_per_m: float, start_m: float) -> None:
+        self._pulses_per_m = pulses_per_m
+        self._start_m = start_m
+        self._slipped_m = 0.0
+        self.before_m = 0.0
+        """Distance rolled by the tread at the beginning of the last step."""
+        self.rolled_m = 0.0
+
+    def step(self, car_m: float, slip_mps: float, step_s: float) -> None:
+        self.before_m = self.rolled_m
+        if slip_mps != 0.0:
+            self._slipped_m += slip_mps * step_s
+        self.rolled_m = car_m - self._start_m + self._slipped_m
+
+    def count(self, rolled_m: float) -> int:
+        """Pulses up to there, without wrapping."""
+        return floor(rolled_m * self._pulses_per_m + START_PHASE)
+
+
+class Tachos:
+    __slots__ = ("_cars", "_counts", "_directions", "_last_pulse_ns", "_step_s", "axles", "error")
+
+    def __init__(
+        self,
+        config: SensorConfig,
+        generators: Generators,
+        *,
+        cars: int,
+        front_m: float,
+        step_s: float,
+    ) -> None:
+        """Args:
+        cars: masses of the model; an axle of a car that the model has not is on the last one.
+        """
+        self.error = config.odometer_error_ratio.draw(generators.of(Source.ODOMETER_SCALE))
+        """Counted distance = true distance * (1 + error) for a wheel of the nominal diameter."""
+        nominal = PULSES_PER_TURN / (pi * NOMINAL_WHEEL_M) * (1.0 + self.error)
+        self._cars = tuple(min(tacho.car, cars) - 1 for tacho in config.tachos)
+        self.axles = tuple(
+            Axle(nominal * NOMINAL_WHEEL_M / tacho.wheel_diameter_m, front_m)
+            for tacho in config.tachos
+        )
+        self._step_s = step_s
+        self._counts = [0, 0]
+        self._directions = [Direction.NEUTRAL, Direction.NEUTRAL]
+        self._last_pulse_ns = [-NEUTRAL_AFTER_NS, -NEUTRAL_AFTER_NS]
+
+    def step(self, car_fronts_m: list[float], slip_a_mps: float, slip_b_mps: float) -> None:
+        car_a, car_b = self._cars
+        axle_a, axle_b = self.axles
+        axle_a.step(car_fronts_m[car_a], slip_a_mps, self._step_s)
+        axle_b.step(car_fronts_m[car_b], slip_b_mps, self._step_s)
+
+    @property
+    def counted_m(self) -> float:
+        """What counter A means for a wheel of the nominal diameter, since the start."""
+        axle = self.axles[0]
+        return axle.count(axle.rolled_m) * pi * NOMINAL_WHEEL_M / PULSES_PER_TURN
+
+    def pulses_a(self, share_ratio: float) -> int:
+        """Counter A at that share of the last step, as the tag reader latches it."""
+        axle = self.axles[0]
+        rolled_m = axle.before_m + share_ratio * (axle.rolled_m - axle.before_m)
+        return axle.count(rolled_m) % COUNTER_PERIOD
+
+    def frame(self, now_ns: int) -> Tacho:
+        """What the odometer sends now. Direction is axle A's, by the phase of its pulses."""
+        for index, axle in enumerate(self.axles):
+            count = axle.count(axle.rolled_m)
+            if count != self._counts[index]:
+                forward = count > self._counts[index]
+                self._directions[index] = Direction.FORWARD if forward else Direction.REVERSE
+                self._counts[index] = count
+                self._last_pulse_ns[index] = now_ns
+            elif now_ns - self._last_pulse_ns[index] >= NEUTRAL_AFTER_NS:
+                self._directions[index] = Direction.NEUTRAL
+        return Tacho(
+            pulses_a=self._counts[0] % COUNTER_PERIOD,
+            pulses_b=self._counts[1] % COUNTER_PERIOD,
+            direction=self._directions[0],
+            healthy_a=True,
+            healthy_b=True,
+        )

@@ -1,0 +1,180 @@
+"""Tag antenna and reader: which tag was under the antenna when, told late on a serial line."""
+
+from bisect import bisect_left
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import inf
+from typing import Final
+
+from can_dbc.tags import TagReaderHealth
+from firmware_py.tag_reader.telegram import (
+    CLOCK_PERIOD_MS,
+    HEALTH_PERIOD_S,
+    SEQUENCE_PERIOD,
+    HealthTelegram,
+    TagTelegram,
+    encode,
+)
+from firmware_py.trackdb import TagSite
+from plant_emulator.noise import Gaussian, Generators, Source, Uniform
+from plant_emulator.sensors.tacho import Tachos
+from plant_emulator.train_config import SensorConfig
+
+NS_PER_S: Final = 1_000_000_000
+NS_PER_MS: Final = 1_000_000
+SENT_PERIOD: Final = 1 << 16
+
+
+@dataclass(frozen=True, slots=True)
+class TagPass:
+    """A tag under the antenna's centre, as the reader has it before it tells."""
+
+    site: TagSite
+    true_ns: int
+    """When it truly was there."""
+    stamp_ns: int
+    """When the reader believes it was; error of the stamp included."""
+    pulses: int
+    due_ns: int
+    """When the telegram may leave."""
+
+
+class TagReader:
+    """Detects tags in both directions of travel.
+
+    The place of a tag as it is felt is off by a draw for each tag of the line, made once a run:
+    most of it is how the tag lies and not how it is read. A train that passes a tag twice in one
+    run feels it twice at the same place.
+    """
+
+    def __init__(
+        self,
+        config: SensorConfig,
+        generators: Generators,
+        tags: Sequence[TagSite],
+        *,
+        front_m: float,
+        start_ns: int,
+    ) -> None:
+        draws = generators.of
+        place = Gaussian(draws(Source.TAG_PLACE), config.tag_sigma_m, config.tag_clip_m)
+        felt = sorted((site.position_m + place.draw(), site.tag_id, site) for site in tags)
+        self._felt_m = [felt_m for felt_m, _, _ in felt]
+        self._sites = [site for _, _, site in felt]
+        self._antenna_m = config.antenna_m
+        error, latency = config.tag_stamp_s, config.tag_latency_s
+        self._stamp_errors = Uniform(draws(Source.TAG_TIME), low=error.low, high=error.high)
+        self._latencies = Uniform(draws(Source.TAG_LATENCY), low=latency.low, high=latency.high)
+        self._start_ns = start_ns
+        self._at_m = front_m - config.antenna_m
+        self._next = bisect_left(self._felt_m, self._at_m)
+        """Index of the first tag at or ahead of the antenna."""
+        self._low_m, self._high_m = self._neighbours()
+        self._waiting: deque[TagPass] = deque()
+        self._last_due_ns = start_ns
+        self._health_due_ns = start_ns
+        self._sequence = 0
+        self.tags_read = 0
+        self.telegrams_sent = 0
+        self.last: TagPass | None = None
+        """The newest of all."""
+
+    def _neighbours(self) -> tuple[float, float]:
+        felt_m, index = self._felt_m, self._next
+        return (
+            felt_m[index - 1] if index > 0 else -inf,
+            felt_m[index] if index < len(felt_m) else inf,
+        )
+
+    def step(self, front_m: float, start_ns: int, end_ns: int, tachos: Tachos) -> None:
+        """The train's front moved to `front_m` over the step."""
+        at_m = front_m - self._antenna_m
+        if self._low_m < at_m <= self._high_m:
+            self._at_m = at_m
+            return
+        before_m, felt_m = self._at_m, self._felt_m
+        while self._next < len(felt_m) and felt_m[self._next] < at_m:
+            self._passed(self._next, before_m, at_m, start_ns, end_ns, tachos)
+            self._next += 1
+        while self._next > 0 and felt_m[self._next - 1] >= at_m:
+            self._next -= 1
+            self._passed(self._next, before_m, at_m, start_ns, end_ns, tachos)
+        self._at_m = at_m
+        self._low_m, self._high_m = self._neighbours()
+
+    def _passed(
+        self,
+        index: int,
+        before_m: float,
+        at_m: float,
+        start_ns: int,
+        end_ns: int,
+        tachos: Tachos,
+    ) -> None:
+        share_ratio = (self._felt_m[index] - before_m) / (at_m - before_m)
+        true_ns = start_ns + round(share_ratio * (end_ns - start_ns))
+        stamp_ns = true_ns + round(self._stamp_errors.draw() * NS_PER_S)
+        due_ns = max(true_ns + round(self._latencies.draw() * NS_PER_S), self._last_due_ns)
+        self._last_due_ns = due_ns
+        self.last = TagPass(
+            self._sites[index], true_ns, stamp_ns, tachos.pulses_a(share_ratio), due_ns
+        )
+        self._waiting.append(self.last)
+        self.tags_read += 1
+
+    def telegrams(self, now_ns: int) -> list[bytes]:
+        """What leaves on the serial line now, ready for it."""
+        waiting = self._waiting
+        if now_ns < self._health_due_ns and not waiting:
+            return []
+        leaving: list[bytes] = []
+        while waiting and waiting[0].due_ns <= now_ns:
+            leaving.append(self._tag(waiting.popleft(), now_ns))
+        if now_ns >= self._health_due_ns:
+            leaving.append(self._health(now_ns))
+            period_ns = round(HEALTH_PERIOD_S * NS_PER_S)
+            self._health_due_ns = max(self._health_due_ns + period_ns, now_ns)
+        return leaving
+
+    def _clock_ms(self, instant_ns: int) -> float:
+        """The reader's own clock, which started with the plant."""
+        return ((instant_ns - self._start_ns) / NS_PER_MS) % CLOCK_PERIOD_MS
+
+    def _count(self) -> int:
+        sequence, self._sequence = self._sequence, (self._sequence + 1) % SEQUENCE_PERIOD
+        return sequence
+
+    def _tag(self, passed: TagPass, now_ns: int) -> bytes:
+        self.telegrams_sent += 1
+        return encode(
+            TagTelegram(
+                sequence=self._count(),
+                tag_id=passed.site.tag_id,
+                kind=passed.site.kind,
+                stamp_ms=self._clock_ms(min(passed.stamp_ns, now_ns)),
+                sent_ms=self._clock_ms(now_ns),
+                pulses=passed.pulses,
+            )
+        )
+
+    def _health(self, now_ns: int) -> bytes:
+        return encode(
+            HealthTelegram(
+                sequence=self._count(),
+                sent_ms=self._clock_ms(now_ns),
+                antenna_ok=True,
+                telegrams_read=self.tags_read,
+                crc_errors=0,
+                uptime_s=(now_ns - self._start_ns) // NS_PER_S,
+            )
+        )
+
+    def frame(self, now_ns: int) -> TagReaderHealth:
+        """What the reader says on the bus. It tests itself with every sign of life on its line."""
+        tested_ns = self._health_due_ns - round(HEALTH_PERIOD_S * NS_PER_S)
+        return TagReaderHealth(
+            antenna_ok=True,
+            telegrams_sent=self.telegrams_sent % SENT_PERIOD,
+            self_test_age_ms=max(0.0, (now_ns - tested_ns) / NS_PER_MS),
+        )

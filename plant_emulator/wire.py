@@ -1,0 +1,130 @@
+"""The train's nodes on the bus: who sends what when, and which commands they listen to."""
+
+from collections import Counter
+from collections.abc import Callable, Mapping
+from typing import Final, NamedTuple, Protocol
+
+from can_dbc.binding import Frame, can_id, period_s, sender
+from can_dbc.brake import BrakeCommand, BrakeStatus
+from can_dbc.cab import Desk
+from can_dbc.codec import Decoder, Encoder, Rejected
+from can_dbc.diagnostics import EMERGENCIES, HEARTBEATS, TcmsStatus, TimeOfDay
+from can_dbc.doors import DoorCommand, DoorStatus
+from can_dbc.energy import EnergyMeter, LineSupply
+from can_dbc.nodes import Node
+from can_dbc.odometer import Doppler, Imu, Tacho
+from can_dbc.tags import TagReaderHealth
+from can_dbc.traction import TractionCommand, TractionStatus
+from firmware_py.ports import CanPort
+
+GRID_MS: Final = 10
+"""The nodes send on the grid of the plant's steps."""
+ROUND_MS: Final = 1000
+"""The timetable repeats after this; every period divides it."""
+COMMANDS: Final[tuple[type[Frame], ...]] = (BrakeCommand, TractionCommand, DoorCommand)
+EARS: Final = Node.BCU
+"""All commands are taken in by one node's port: on a real bus every node hears every frame."""
+PLANT_NODES: Final[tuple[Node, ...]] = tuple(node for node in Node if node is not Node.VOBC)
+
+PHASES_MS: Final[Mapping[type[Frame], int]] = {
+    Tacho: 0,
+    BrakeStatus: 10,
+    TractionStatus: 20,
+    Doppler: 30,
+    Imu: 40,
+    DoorStatus: 30,
+    Desk: 70,
+    LineSupply: 50,
+    TagReaderHealth: 60,
+    TcmsStatus: 90,
+    EnergyMeter: 350,
+    TimeOfDay: 550,
+    **{HEARTBEATS[node]: 100 * node.value - 30 for node in PLANT_NODES},
+}
+"""When in its period a frame is sent, spread so that the nodes do not all send at once."""
+
+OpenPort = Callable[[Node, frozenset[int]], CanPort]
+"""Connects a node that wants to hear these identifiers; the same port may serve several nodes."""
+
+
+class Heard(NamedTuple):
+    """A command that passed every check, and when its last bit was received."""
+
+    command: Frame
+    heard_ns: int
+
+
+class Sending(NamedTuple):
+    """One line of the timetable."""
+
+    kind: type[Frame]
+    node: Node
+
+
+class CommandSink(Protocol):
+    def __call__(self, command: Frame, heard_ns: int) -> None: ...
+
+
+class Wire:
+    """Frames out through each node's own port, commands in through one."""
+
+    def __init__(self, open_port: OpenPort) -> None:
+        self._decoder = Decoder(COMMANDS)
+        self._encoder = Encoder((*PHASES_MS, *(EMERGENCIES[node] for node in PLANT_NODES)))
+        ids = self._decoder.ids
+        self._ports: dict[Node, CanPort] = {
+            node: open_port(node, ids if node is EARS else frozenset()) for node in PLANT_NODES
+        }
+        self._ears = self._ports[EARS]
+        self.refused = 0
+        """Frames that could not be believed; `refusals` has the reasons."""
+        self.commands = 0
+
+    @property
+    def refusals(self) -> Mapping[str, int]:
+        """How often what was refused, by identifier and reason."""
+        counted: Counter[str] = Counter()
+        for (identifier, reason), count in self._decoder.rejections.items():
+            counted[f"{identifier:#05x} {reason.name.lower().replace('_', ' ')}"] += count
+        return counted
+
+    def hear(self, now_ns: int, sink: CommandSink) -> None:
+        """Hand over the commands that became complete, in the order of the bus."""
+        frames = self._ears.receive(now_ns)
+        if not frames:
+            return
+        decode = self._decoder.decode
+        for frame in frames:
+            if frame.extended or frame.remote or frame.error:
+                self.refused += 1
+                continue
+            heard = decode(frame.can_id, frame.data, frame.stamp_ns)
+            if heard is None:
+                continue
+            if isinstance(heard, Rejected):
+                self.refused += 1
+                continue
+            self.commands += 1
+            sink(heard, frame.stamp_ns)
+
+    def send(self, now_ns: int, node: Node, frame: Frame) -> None:
+        port = self._ports[node]
+        for identifier, data in self._encoder.encode(frame):
+            port.send(now_ns, identifier, data)
+
+
+def timetable() -> tuple[tuple[Sending, ...], ...]:
+    """What is sent in each slot of GRID_MS of a round, lower identifiers first.
+
+    Raises ValueError for a period in the DBC files that does not fit onto the grid.
+    """
+    slots: list[list[Sending]] = [[] for _ in range(ROUND_MS // GRID_MS)]
+    for kind in sorted(PHASES_MS, key=can_id):
+        period_ms = round(1000.0 * period_s(kind))
+        if period_ms <= 0 or period_ms % GRID_MS or ROUND_MS % period_ms:
+            raise ValueError(
+                f"{kind.__name__}: period of {period_ms} ms is not on the plant's grid"
+            )
+        for at_ms in range(PHASES_MS[kind] % period_ms, ROUND_MS, period_ms):
+            slots[at_ms // GRID_MS].append(Sending(kind, Node[sender(kind)]))
+    return tuple(tuple(slot) for slot in slots)

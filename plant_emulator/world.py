@@ -1,0 +1,213 @@
+"""One train on its line: actuators push it, sensors watch it, and nothing here knows of buses."""
+
+from typing import Final
+
+from can_dbc.binding import timeout_s
+from can_dbc.brake import BrakeCommand
+from can_dbc.cab import CabMode, Desk
+from can_dbc.diagnostics import TcmsStatus
+from can_dbc.doors import DoorCommand
+from can_dbc.traction import TractionCommand
+from firmware_py.trackdb import LineMap
+from plant_emulator.actuators.adhesion import WheelSlip
+from plant_emulator.actuators.brake import BrakeUnit
+from plant_emulator.actuators.doors import DoorUnit
+from plant_emulator.actuators.traction import TractionUnit
+from plant_emulator.consist import Consist
+from plant_emulator.noise import Generators, Source
+from plant_emulator.power import HighVoltageBox
+from plant_emulator.sensors.inertial import Accelerometer, DopplerRadar
+from plant_emulator.sensors.tacho import Tachos
+from plant_emulator.sensors.tag_reader import TagReader
+from plant_emulator.track import GRAVITY_MPS2
+from plant_emulator.train_config import TrainConfig
+
+STEP_NS: Final = 10_000_000
+STEP_S: Final = STEP_NS / 1e9
+
+
+class World:
+    """The truth. Commands go to the units, frames come from them; `step` moves all by STEP_S."""
+
+    def __init__(
+        self,
+        train: TrainConfig,
+        line: LineMap,
+        *,
+        seed: int,
+        front_m: float,
+        start_ns: int = 0,
+        desk_mode: CabMode = CabMode.AUTO,
+    ) -> None:
+        """A train at rest with its front at `front_m`, braked and closed."""
+        generators = Generators(seed)
+        self.train = train
+        self.line = line
+        self._start_m = front_m
+        self.now_ns = start_ns
+        resistance_error = train.resistance.error_ratio.draw(generators.of(Source.RESISTANCE))
+        self.consist = Consist(
+            train,
+            line,
+            front_m=front_m,
+            step_s=STEP_S,
+            resistance_ratio=1.0 + resistance_error,
+        )
+        self._make_actuators(generators)
+        self._make_sensors(generators, front_m)
+        self.desk = unattended(desk_mode)
+        self.adhesion_ratio = train.rail.adhesion_ratio
+        self.drive_n = 0.0
+        """Tractive effort that reached the rail in the last step, signed."""
+        self.brake_n = 0.0
+        """Brake force that the rail could bear in the last step, never negative."""
+
+    def _make_actuators(self, generators: Generators) -> None:
+        train, consist = self.train, self.consist
+        motor_kg = sum(
+            car.tare_kg + train.load_ratio * car.passengers_kg for car in train.cars if car.motor
+        )
+        self.brake = BrakeUnit(
+            train.brake,
+            generators,
+            step_s=STEP_S,
+            timeout_ns=round(timeout_s(BrakeCommand) * 1e9),
+            inertia_kg=consist.inertia_kg,
+            motor_ratio=motor_kg / train.mass_kg,
+        )
+        self.traction = TractionUnit(
+            train.traction,
+            step_s=STEP_S,
+            timeout_ns=round(timeout_s(TractionCommand) * 1e9),
+        )
+        self.doors = DoorUnit(
+            train.doors,
+            step_s=STEP_S,
+            timeout_ns=round(timeout_s(DoorCommand) * 1e9),
+        )
+        self.power = HighVoltageBox(
+            train.supply,
+            step_s=STEP_S,
+            traction_efficiency_ratio=train.traction.efficiency_ratio,
+            electric_efficiency_ratio=train.brake.service.electric.efficiency_ratio,
+        )
+        self.motor_wheels = self._wheels(motor_kg)
+        self.trailer_wheels = self._wheels(train.mass_kg - motor_kg)
+        self._motor_m = consist.motor_m
+
+    def _wheels(self, mass_kg: float) -> WheelSlip:
+        return WheelSlip(
+            self.train.rail,
+            step_s=STEP_S,
+            weight_n=mass_kg * GRAVITY_MPS2,
+            rotating_kg=mass_kg * self.train.rotating_mass_percent / 100.0,
+        )
+
+    def _make_sensors(self, generators: Generators, front_m: float) -> None:
+        sensors = self.train.sensors
+        self.tachos = Tachos(
+            sensors,
+            generators,
+            cars=len(self.consist.cars),
+            front_m=front_m,
+            step_s=STEP_S,
+        )
+        on_motor_car = [self.train.cars[tacho.car - 1].motor for tacho in sensors.tachos]
+        self._wheels_a = self.motor_wheels if on_motor_car[0] else self.trailer_wheels
+        self._wheels_b = self.motor_wheels if on_motor_car[1] else self.trailer_wheels
+        self.doppler = DopplerRadar(sensors, generators)
+        self.imu = Accelerometer(sensors, generators, self.now_ns)
+        self.tag_reader = TagReader(
+            sensors, generators, self.line.tags, front_m=front_m, start_ns=self.now_ns
+        )
+
+    def step(self) -> None:
+        """Move on by STEP_S, under what has been heard so far."""
+        start_ns = self.now_ns
+        end_ns = start_ns + STEP_NS
+        brake, consist = self.brake, self.consist
+        speed_mps = consist.speed_mps
+        self.doors.step(end_ns)
+        brake.step(
+            start_ns, end_ns, speed_mps, electric_possible=self.traction.electric_brake_possible
+        )
+        drive_n = self.traction.step(
+            start_ns,
+            end_ns,
+            speed_mps,
+            emergency=brake.emergency_wanted,
+            doors_locked=self.doors.locked,
+        )
+        self._press_on_rail(drive_n, speed_mps)
+        consist.step()
+        self._book_energy()
+        self.tachos.step(consist.car_fronts_m, self._wheels_a.slip_mps, self._wheels_b.slip_mps)
+        self.tag_reader.step(consist.car_fronts_m[0], start_ns, end_ns, self.tachos)
+        self.now_ns = end_ns
+
+    def pass_over(self, steps: int) -> None:
+        """Let time go by in which nothing moves, for a process that was held up for too long."""
+        self.now_ns += steps * STEP_NS
+
+    def _press_on_rail(self, drive_n: float, speed_mps: float) -> None:
+        """Let adhesion take its part, and load the train with the rest."""
+        adhesion_ratio, brake = self.adhesion_ratio, self.brake
+        trailer_n = self.trailer_wheels.braked(brake.trailer_n, adhesion_ratio, speed_mps)
+        if drive_n == 0.0:
+            motor_n = self.motor_wheels.braked(brake.motor_n, adhesion_ratio, speed_mps)
+        else:
+            # Wheels that pull against their own brake: only the pull can make them spin.
+            drive_n = self.motor_wheels.driven(drive_n, adhesion_ratio, speed_mps)
+            motor_n = min(brake.motor_n, self.motor_wheels.most_n(adhesion_ratio))
+        self.drive_n = drive_n
+        self.brake_n = motor_n + trailer_n
+        self.consist.load(drive_n, motor_n, trailer_n)
+
+    def _book_energy(self) -> None:
+        power, motor_m = self.power, self.consist.motor_m
+        moved_m = motor_m - self._motor_m
+        self._motor_m = motor_m
+        electric_n = min(self.brake.electric_n, self.brake_n)
+        power.step(self.drive_n * moved_m, electric_n * abs(moved_m))
+        self.traction.feed(power.effort_ratio)
+
+    @property
+    def front_m(self) -> float:
+        """Chainage of the front coupler."""
+        return self.consist.car_fronts_m[0]
+
+    @property
+    def speed_mps(self) -> float:
+        """Of the whole train; exactly zero at standstill."""
+        return self.consist.speed_mps
+
+    @property
+    def odometer_error_m(self) -> float:
+        """What tacho A has counted too much since the start, for a wheel of nominal diameter."""
+        return self.tachos.counted_m - (self.front_m - self._start_m)
+
+    @property
+    def gradient_permille(self) -> float:
+        """Mean under the train."""
+        front_m = self.front_m
+        return self.line.mean_gradient_permille(front_m - self.train.length_m, front_m)
+
+    def load_status(self) -> TcmsStatus:
+        return TcmsStatus(
+            load_kg=self.train.passengers_kg * self.train.load_report_ratio,
+            cars=len(self.train.cars),
+        )
+
+
+def unattended(mode: CabMode) -> Desk:
+    """The desk of a train that nobody drives: everything permissive, no button pressed."""
+    return Desk(
+        mode=mode,
+        lever_percent=0.0,
+        emergency_released=True,
+        no_passenger_alarm=True,
+        departure_requested=False,
+        reset_requested=False,
+        open_left_requested=False,
+        open_right_requested=False,
+    )
