@@ -415,7 +415,7 @@ def test_flat_out_every_frame_arrives_or_is_counted(hub_process: hub_control.Hub
     frames: list[CanFrame] = []
     assert flood.stdout is not None
     while not select.select([flood.stdout], [], [], 0)[0]:
-        select.select([receiver, flood.stdout], [], [], WAIT_S)
+        select.select([receiver.fileno(), flood.stdout.fileno()], [], [], WAIT_S)
         frames += receiver.receive(clock.now_ns())
     sent, dropped_out = (int(word) for word in flood.stdout.readline().split())
     flood.communicate("")
