@@ -1,0 +1,73 @@
+"""Every configuration file that ships can be used, and what is wrong in one is said by name."""
+
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Final
+
+import pytest
+import tomli_w
+
+from firmware_py.settings import SettingsError, find, shipped_names
+from firmware_py.trackdb.line_map import load_line
+from plant_emulator.train_config import load_train
+from vobc.config import load_config
+
+ROOT: Final = Path(__file__).resolve().parents[2]
+READERS: Final[dict[str, Callable[[str], object]]] = {
+    "firmware_py.trackdb": load_line,
+    "plant_emulator.consists": load_train,
+    "vobc.params": load_config,
+}
+SHIPPED: Final = [(package, name) for package in READERS for name in shipped_names(package)]
+
+
+@pytest.mark.parametrize(("package", "name"), SHIPPED)
+def test_a_shipped_file_loads_by_its_stem(package: str, name: str) -> None:
+    assert READERS[package](name)
+
+
+def test_every_toml_in_the_packages_is_one_of_these() -> None:
+    """A file that no reader knows would never be checked."""
+    known = {find(name, package).resolve() for package, name in SHIPPED}
+    packages = {package.partition(".")[0] for package in READERS}
+
+    there = {path.resolve() for package in packages for path in (ROOT / package).rglob("*.toml")}
+
+    assert there == known
+
+
+@pytest.mark.parametrize(("package", "name"), SHIPPED)
+def test_a_key_too_many_is_named_with_its_file(package: str, name: str, tmp_path: Path) -> None:
+    table = _shipped_table(package, name)
+    path = tmp_path / "wrong.toml"
+    path.write_text(tomli_w.dumps({**table, "unheard_of": 1}), encoding="utf-8")
+
+    with pytest.raises(SettingsError, match=r"wrong\.toml.*unheard_of"):
+        READERS[package](str(path))
+
+
+@pytest.mark.parametrize(("package", "name"), SHIPPED)
+def test_without_any_of_its_first_keys_a_file_is_refused_or_complete(
+    package: str, name: str, tmp_path: Path
+) -> None:
+    """Leaving out one key either names it or falls back to a default; nothing else may happen."""
+    table = _shipped_table(package, name)
+    refusals: dict[str, str] = {}
+    for key in table:
+        path = tmp_path / "short.toml"
+        rest = {other: value for other, value in table.items() if other != key}
+        path.write_text(tomli_w.dumps(rest), encoding="utf-8")
+        try:
+            READERS[package](str(path))
+        except SettingsError as error:
+            refusals[key] = str(error)
+
+    assert refusals
+    for key, text in refusals.items():
+        assert "short.toml" in text
+        assert key in text
+
+
+def _shipped_table(package: str, name: str) -> dict[str, Any]:
+    return tomllib.loads(find(name, package).read_text(encoding="utf-8"))
