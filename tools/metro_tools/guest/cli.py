@@ -133,7 +133,7 @@ def _request(options: argparse.Namespace, command: tuple[str, ...]) -> Request:
     return Request(
         command=command,
         directory=str(Path.cwd()),
-        environment=dict(os.environ),
+        environment=_environment(),
         umask=umask,
         interfaces=interfaces,
         writable=tuple(_writable(path) for path in options.write or [Path.cwd()]),
@@ -141,6 +141,13 @@ def _request(options: argparse.Namespace, command: tuple[str, ...]) -> Request:
         hostname=platform.node(),
         one_stream=os.path.sameopenfile(1, 2),
     )
+
+
+def _environment() -> dict[str, str]:
+    """The caller's, with the programs of this checkout's .venv found after all others."""
+    programs = Path(__file__).resolve().parents[3] / ".venv/bin"
+    path = os.environ.get("PATH", os.defpath)
+    return {**os.environ, "PATH": f"{path}{os.pathsep}{programs}" if programs.is_dir() else path}
 
 
 def _writable(directory: str | Path) -> str:
