@@ -1,12 +1,11 @@
 """The plant as a device: commands in, the world a step further, frames and telegrams out."""
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
 from typing import Final, Protocol
 
 from can_dbc.binding import Frame
 from can_dbc.brake import BrakeCommand, BrakeStatus
-from can_dbc.cab import CabMode, Desk
+from can_dbc.cab import Desk
 from can_dbc.diagnostics import EMERGENCIES, HEARTBEATS, NodeState, TcmsStatus, TimeOfDay
 from can_dbc.doors import DoorCommand, DoorStatus
 from can_dbc.energy import EnergyMeter, LineSupply
@@ -16,9 +15,6 @@ from can_dbc.tags import TagReaderHealth
 from can_dbc.traction import TractionCommand, TractionStatus
 from firmware_py.executive import Executive, Task
 from firmware_py.ports import RadioPort, SerialPort
-from firmware_py.settings import SettingsError
-from firmware_py.trackdb import LineMap, Station, load_line
-from plant_emulator.train_config import TrainConfig, load_train, with_overrides
 from plant_emulator.wayside.zone_controller import ZoneController
 from plant_emulator.wire import (
     GRID_MS,
@@ -29,7 +25,7 @@ from plant_emulator.wire import (
     Wire,
     timetable,
 )
-from plant_emulator.world import STEP_NS, World
+from plant_emulator.world import STEP_NS, Scenario, World
 
 TRUTH_COLUMNS: Final = (
     "t_s",
@@ -79,62 +75,6 @@ class Listener(Protocol):
 
     @property
     def losses(self) -> int: ...
-
-
-@dataclass(frozen=True, slots=True)
-class Scenario:
-    """One train on one line, and where it is let go to."""
-
-    train: TrainConfig
-    line: LineMap
-    start: Station
-    destination: Station
-    seed: int
-    desk_mode: CabMode = CabMode.AUTO
-
-
-def plan_scenario(
-    *,
-    line: str = "florence",
-    consist: str = "florence4",
-    seed: int = 1,
-    start: str | None = None,
-    end: str | None = None,
-    load_ratio: float | None = None,
-    odometer_error_ratio: float | None = None,
-    desk_mode: CabMode = CabMode.AUTO,
-) -> Scenario:
-    """Load what is named and check that it fits; None takes the file's or the whole line.
-
-    Raises SettingsError.
-    """
-    train, track = load_train(consist), load_line(line)
-    try:
-        train = with_overrides(
-            train, load_ratio=load_ratio, odometer_error_ratio=odometer_error_ratio
-        )
-    except ValueError as error:
-        raise SettingsError(f"{consist}: {error}") from error
-    first = _station(track, start or track.stations[0].name, "--from")
-    last = _station(track, end or track.stations[-1].name, "--to")
-    if last.stop_m <= first.stop_m:
-        raise SettingsError(
-            f"--to {last.name}: lies at {last.stop_m:g} m, not beyond {first.name} at "
-            f"{first.stop_m:g} m; trains run towards growing chainage"
-        )
-    if first.stop_m - train.length_m < track.start_m:
-        raise SettingsError(
-            f"--from {first.name}: the train of {train.length_m:g} m reaches back over the line's "
-            f"start at {track.start_m:g} m"
-        )
-    return Scenario(train, track, first, last, seed, desk_mode)
-
-
-def _station(line: LineMap, name: str, option: str) -> Station:
-    try:
-        return line.station(name)
-    except KeyError as error:
-        raise SettingsError(f"{option} {name}: {error.args[0]}") from None
 
 
 class PlantDevice:
@@ -296,7 +236,7 @@ class PlantDevice:
         world = self.world
         consist, brake, doors = world.consist, world.brake, world.doors
         self._truth.row(
-            f"{(world.now_ns - self._start_ns) / NS_PER_S:.3f}",
+            f"{self.elapsed_s:.3f}",
             consist.car_fronts_m[0],
             consist.speed_mps,
             consist.accel_mps2,
@@ -312,6 +252,16 @@ class PlantDevice:
             world.odometer_error_m,
             world.tag_reader.tags_read,
         )
+
+    @property
+    def elapsed_s(self) -> float:
+        """Of the world, since its start."""
+        return (self.world.now_ns - self._start_ns) / NS_PER_S
+
+    @property
+    def command_losses(self) -> dict[str, int]:
+        """How often each unit's command went missing."""
+        return {node.name: unit.losses for node, unit in self._units}
 
     def stop(self, now_ns: int) -> None:
         """The nodes say that they leave the bus."""

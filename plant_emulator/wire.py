@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from typing import Final, NamedTuple, Protocol
 
-from can_dbc.binding import Frame, can_id, period_s, sender
+from can_dbc.binding import Frame, binding_of, can_id, period_s, sender
 from can_dbc.brake import BrakeCommand, BrakeStatus
 from can_dbc.cab import Desk
 from can_dbc.codec import Decoder, Encoder, Rejected
@@ -22,6 +22,10 @@ GRID_MS: Final = 10
 ROUND_MS: Final = 1000
 """The timetable repeats after this; every period divides it."""
 COMMANDS: Final[tuple[type[Frame], ...]] = (BrakeCommand, TractionCommand, DoorCommand)
+COMMAND_IDS: Final = frozenset(
+    message.frame_id for kind in COMMANDS for message in binding_of(kind).messages
+)
+"""What a port has to let through that serves all nodes."""
 EARS: Final = Node.BCU
 """All commands are taken in by one node's port: on a real bus every node hears every frame."""
 PLANT_NODES: Final[tuple[Node, ...]] = tuple(node for node in Node if node is not Node.VOBC)

@@ -1,5 +1,6 @@
 """One train on its line: actuators push it, sensors watch it, and nothing here knows of buses."""
 
+from dataclasses import dataclass
 from typing import Final
 
 from can_dbc.binding import timeout_s
@@ -8,22 +9,72 @@ from can_dbc.cab import CabMode, Desk
 from can_dbc.diagnostics import TcmsStatus
 from can_dbc.doors import DoorCommand
 from can_dbc.traction import TractionCommand
-from firmware_py.trackdb import LineMap
+from firmware_py.settings import SettingsError
+from firmware_py.trackdb import LineMap, Station, load_line
 from plant_emulator.actuators.adhesion import WheelSlip
 from plant_emulator.actuators.brake import BrakeUnit
 from plant_emulator.actuators.doors import DoorUnit
 from plant_emulator.actuators.traction import TractionUnit
 from plant_emulator.consist import Consist
+from plant_emulator.consist.track import GRAVITY_MPS2
 from plant_emulator.noise import Generators, Source
 from plant_emulator.power import HighVoltageBox
 from plant_emulator.sensors.inertial import Accelerometer, DopplerRadar
 from plant_emulator.sensors.tacho import Tachos
 from plant_emulator.sensors.tag_reader import TagReader
-from plant_emulator.track import GRAVITY_MPS2
-from plant_emulator.train_config import TrainConfig
+from plant_emulator.train_config import TrainConfig, load_train, with_overrides
 
 STEP_NS: Final = 10_000_000
 STEP_S: Final = STEP_NS / 1e9
+
+
+@dataclass(frozen=True, slots=True)
+class Scenario:
+    """One train on one line, and where it is let go to."""
+
+    train: TrainConfig
+    line: LineMap
+    start: Station
+    destination: Station
+    seed: int
+    desk_mode: CabMode = CabMode.AUTO
+
+
+def plan_scenario(
+    *,
+    line: str = "florence",
+    consist: str = "florence4",
+    seed: int = 1,
+    start: str | None = None,
+    end: str | None = None,
+    load_ratio: float | None = None,
+    odometer_error_ratio: float | None = None,
+    desk_mode: CabMode = CabMode.AUTO,
+) -> Scenario:
+    """Load what is named and check that it fits; None takes the file's or the whole line.
+
+    Raises SettingsError.
+    """
+    train, track = load_train(consist), load_line(line)
+    try:
+        train = with_overrides(
+            train, load_ratio=load_ratio, odometer_error_ratio=odometer_error_ratio
+        )
+    except ValueError as error:
+        raise SettingsError(f"{consist}: {error}") from error
+    first = _station(track, start or track.stations[0].name, "--from")
+    last = _station(track, end or track.stations[-1].name, "--to")
+    if last.stop_m <= first.stop_m:
+        raise SettingsError(
+            f"--to {last.name}: lies at {last.stop_m:g} m, not beyond {first.name} at "
+            f"{first.stop_m:g} m; trains run towards growing chainage"
+        )
+    if first.stop_m - train.length_m < track.start_m:
+        raise SettingsError(
+            f"--from {first.name}: the train of {train.length_m:g} m reaches back over the line's "
+            f"start at {track.start_m:g} m"
+        )
+    return Scenario(train, track, first, last, seed, desk_mode)
 
 
 class World:
@@ -211,3 +262,10 @@ def unattended(mode: CabMode) -> Desk:
         open_left_requested=False,
         open_right_requested=False,
     )
+
+
+def _station(line: LineMap, name: str, option: str) -> Station:
+    try:
+        return line.station(name)
+    except KeyError as error:
+        raise SettingsError(f"{option} {name}: {error.args[0]}") from None

@@ -12,66 +12,16 @@ the energy balance of a run closes within 0.01 % of the work done (tests hold th
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from typing import Final
 
 from firmware_py.trackdb import LineMap
-from plant_emulator.track import GRAVITY_MPS2, CarTrack
-from plant_emulator.train_config import ConsistModel, TrainConfig
+from plant_emulator.consist.models import MODELS, Car
+from plant_emulator.consist.track import CarTrack
+from plant_emulator.train_config import TrainConfig
 
 STIFF_STEP: Final = 0.1
 """Largest product of a sub-step and the fastest coupler rate (rad/s or 1/s)."""
-
-
-@dataclass(frozen=True, slots=True)
-class Car:
-    """One moving mass of a model, with its share of what all drive or brake together."""
-
-    mass_kg: float
-    inertia_kg: float
-    """With rotating masses."""
-    length_m: float
-    drive_share: float
-    """Of the tractive effort."""
-    motor_brake_share: float
-    """Of the brake force on motor cars."""
-    trailer_brake_share: float
-    """Of the brake force on the other cars."""
-
-    @property
-    def weight_n(self) -> float:
-        return self.mass_kg * GRAVITY_MPS2
-
-
-def multi_mass(train: TrainConfig) -> tuple[Car, ...]:
-    """Every car a mass of its own; force is shared by mass among the cars that take part."""
-    masses_kg = [car.tare_kg + train.load_ratio * car.passengers_kg for car in train.cars]
-    motor_kg = sum(m for m, car in zip(masses_kg, train.cars, strict=True) if car.motor)
-    trailer_kg = sum(masses_kg) - motor_kg
-    return tuple(
-        Car(
-            mass_kg=mass_kg,
-            inertia_kg=mass_kg * (1.0 + train.rotating_mass_percent / 100.0),
-            length_m=car.length_m,
-            drive_share=mass_kg / motor_kg if car.motor else 0.0,
-            motor_brake_share=mass_kg / motor_kg if car.motor else 0.0,
-            trailer_brake_share=0.0 if car.motor else mass_kg / trailer_kg,
-        )
-        for mass_kg, car in zip(masses_kg, train.cars, strict=True)
-    )
-
-
-def point_mass(train: TrainConfig) -> tuple[Car, ...]:
-    """One rigid body as long as the train."""
-    inertia_kg = train.mass_kg * (1.0 + train.rotating_mass_percent / 100.0)
-    return (Car(train.mass_kg, inertia_kg, train.length_m, 1.0, 1.0, 1.0),)
-
-
-MODELS: Final[Mapping[ConsistModel, Callable[[TrainConfig], tuple[Car, ...]]]] = {
-    ConsistModel.MULTI_MASS: multi_mass,
-    ConsistModel.POINT_MASS: point_mass,
-}
 
 
 class Consist:

@@ -1,0 +1,5 @@
+"""`plant`: a train without a controller, served on a bus, a serial line and a radio."""
+
+from plant_emulator.cli.command import main
+
+__all__ = ["main"]

@@ -1,0 +1,242 @@
+"""`plant`: a train without a controller, served on a bus, a serial line and a radio."""
+
+import argparse
+import json
+import os
+import signal
+import sys
+import traceback
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from types import FrameType
+from typing import Final
+
+from can_dbc.binding import can_id, kinds, sender
+from can_dbc.cab import CabMode
+from can_dbc.nodes import Node
+from firmware_py import rendezvous
+from firmware_py.assertions import require_assertions
+from firmware_py.buses import BusError, open_can, parse_spec, resolve_auto
+from firmware_py.clock import Clock, WallClock
+from firmware_py.executive import Executive, Task, run
+from firmware_py.ports import CanPort, SerialPort
+from firmware_py.radio.zenoh_radio import (
+    DEFAULT_ENDPOINT,
+    RadioError,
+    Role,
+    ZenohRadio,
+    open_radio,
+    pick_endpoint,
+)
+from firmware_py.realtime import collect_garbage, die_with_parent, enter_realtime
+from firmware_py.recorder import LineLog, RecorderError
+from firmware_py.settings import SettingsError, shipped_names
+from firmware_py.tag_reader.serial_line import SerialError, open_pty, open_serial
+from firmware_py.trackdb import LineMap
+from plant_emulator.cli.options import AUTO, parser
+from plant_emulator.cli.words import Words, say, summarise
+from plant_emulator.process import TRUTH_COLUMNS, PlantDevice
+from plant_emulator.train_config import PACKAGE, load_train
+from plant_emulator.wire import COMMAND_IDS
+from plant_emulator.world import Scenario, plan_scenario
+from zenoh_config import keys
+
+EXIT_OK: Final = 0
+EXIT_FAILED: Final = 1
+EXIT_USAGE: Final = 2
+EXIT_ENVIRONMENT: Final = 3
+
+NS_PER_S: Final = 1_000_000_000
+LISTEN_NS: Final = 250_000_000
+"""Longer than the slowest vital status of a plant that is there already."""
+GARBAGE_MS: Final = 10_000.0
+_ENDING_SIGNALS: Final = (signal.SIGINT, signal.SIGTERM)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Whatever the user got wrong is one line, never a traceback."""
+    require_assertions("plant")
+    options = parser().parse_args(argv)
+    try:
+        if options.verb == "consists":
+            return _list_consists()
+        scenario = plan_scenario(
+            line=options.line,
+            consist=options.consist,
+            seed=options.seed,
+            start=options.start,
+            end=options.end,
+            load_ratio=options.load_ratio,
+            odometer_error_ratio=options.odometer_error,
+            desk_mode=CabMode[options.desk.upper()],
+        )
+        return _serve(options, scenario)
+    except SettingsError as error:
+        _complain(error)
+        return EXIT_USAGE
+    except (BusError, RadioError, RecorderError, SerialError, OSError) as error:
+        _complain(error)
+        return EXIT_ENVIRONMENT
+    except Exception:
+        traceback.print_exc()
+        _complain("the plant failed; the controller has to take it for a train that went silent")
+        return EXIT_FAILED
+
+
+def _list_consists() -> int:
+    for name in shipped_names(PACKAGE):
+        train = load_train(name)
+        print(f"{name:24} {len(train.cars)} cars, {train.length_m:.2f} m: {train.description}")
+    return EXIT_OK
+
+
+def _serve(options: argparse.Namespace, scenario: Scenario) -> int:
+    die_with_parent(os.getppid())
+    ending = Ending()
+    with ending.caught(), ExitStack() as stack:
+        clock = WallClock()
+        out = _folder(options.out)
+        plant = _device(options, scenario, out, clock, stack)
+        executives = [plant.executive]
+        if options.priority:
+            enter_realtime(options.priority)
+            garbage = Task("garbage", GARBAGE_MS, collect_garbage, offset_ms=GARBAGE_MS)
+            executives.append(Executive([garbage], clock.now_ns()))
+        end_ns = None
+        if options.duration_s is not None:
+            end_ns = clock.now_ns() + round(options.duration_s * NS_PER_S)
+        words = Words(plant)
+
+        def until(now_ns: int) -> bool:
+            words.tell()
+            return ending.asked or (end_ns is not None and now_ns >= end_ns)
+
+        run(executives, clock, until)
+        plant.stop(clock.now_ns())
+        if out is not None:
+            summary = json.dumps(summarise(plant), indent=2)
+            (out / "plant.json").write_text(summary + "\n", encoding="utf-8")
+        words.say_end()
+    return EXIT_OK
+
+
+def _device(
+    options: argparse.Namespace,
+    scenario: Scenario,
+    out: Path | None,
+    clock: WallClock,
+    stack: ExitStack,
+) -> PlantDevice:
+    """Open everything, and say what is served. What is opened is closed by the stack."""
+    spec = _bus(options.bus)
+    _refuse_second_plant(spec, clock)
+    can = open_can(spec, clock=clock, node="PLANT", accept_ids=COMMAND_IDS)
+    stack.callback(can.close)
+    truth = None
+    if out is not None:
+        truth = LineLog(out / "truth.csv", TRUTH_COLUMNS)
+        stack.callback(truth.close)
+    say(
+        f"{scenario.train.name} at {scenario.start.name} on {scenario.line.name}, seed "
+        f"{scenario.seed}, authority to {scenario.destination.name}"
+    )
+    say(f"bus: {spec}")
+    stack.callback(rendezvous.withdraw, parse_spec(spec).name)
+    tags = _open_tags(options.tags, spec, stack)
+    radio = _open_radio(options.radio, scenario.line, spec, clock, stack)
+
+    def shared_port(node: Node, ids: Collection[int]) -> CanPort:
+        return can
+
+    return PlantDevice(
+        scenario,
+        open_port=shared_port,
+        tags=tags,
+        radio=radio,
+        truth=truth,
+        start_ns=clock.now_ns(),
+        epoch_offset_ns=clock.epoch_offset_ns,
+    )
+
+
+def _bus(wanted: str) -> str:
+    if wanted != AUTO:
+        return wanted
+    choice = resolve_auto()
+    if choice.spec is None:
+        raise BusError(f"no bus: {choice.reason}; `vcan up` makes one")
+    return choice.spec
+
+
+def _refuse_second_plant(spec: str, clock: Clock) -> None:
+    """Raises BusError when somebody already speaks for the train on this bus."""
+    ours = {can_id(kind): sender(kind) for kind in kinds() if sender(kind) != Node.VOBC.name}
+    with ExitStack() as stack:
+        probe = open_can(spec, clock=clock, node="PLANT_PROBE", accept_ids=frozenset(ours))
+        stack.callback(probe.close)
+        clock.wait_until(clock.now_ns() + LISTEN_NS)
+        heard = {ours[frame.can_id] for frame in probe.receive(clock.now_ns())}
+    if heard:
+        raise BusError(f"{spec}: a train is there already; heard {', '.join(sorted(heard))}")
+
+
+def _open_tags(wanted: str, spec: str, stack: ExitStack) -> SerialPort:
+    tags: SerialPort
+    if wanted == AUTO:
+        tags, path = open_pty()
+        link = rendezvous.publish_tags(parse_spec(spec).name, path)
+        say(f"tags: {path}, linked from {link}")
+    else:
+        tags = open_serial(wanted)
+        say(f"tags: {wanted}")
+    stack.callback(tags.close)
+    return tags
+
+
+def _open_radio(
+    wanted: str, line: LineMap, spec: str, clock: Clock, stack: ExitStack
+) -> ZenohRadio:
+    topics = (keys.reports(line.name),)
+    if wanted != AUTO:
+        radio = open_radio(Role.WAYSIDE, wanted, topics, clock)
+    else:
+        try:
+            radio = open_radio(Role.WAYSIDE, DEFAULT_ENDPOINT, topics, clock)
+        except RadioError:
+            radio = open_radio(Role.WAYSIDE, pick_endpoint(), topics, clock)
+    stack.callback(radio.close)
+    rendezvous.publish_radio(parse_spec(spec).name, radio.endpoint)
+    say(f"wayside: {radio.endpoint}")
+    return radio
+
+
+class Ending:
+    """SIGINT and SIGTERM as a wish that the loop looks at."""
+
+    def __init__(self) -> None:
+        self.asked = False
+
+    @contextmanager
+    def caught(self) -> Iterator[None]:
+        before = [(number, signal.signal(number, self._ask)) for number in _ENDING_SIGNALS]
+        try:
+            yield
+        finally:
+            for number, handler in before:
+                signal.signal(number, handler)
+
+    def _ask(self, number: int, frame: FrameType | None) -> None:
+        self.asked = True
+
+
+def _folder(out: str | None) -> Path | None:
+    if out is None:
+        return None
+    folder = Path(out)
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
+def _complain(words: object) -> None:
+    print(f"plant: {words}", file=sys.stderr, flush=True)

@@ -1,0 +1,130 @@
+"""The command line of `plant`."""
+
+import argparse
+from typing import Final
+
+from can_dbc.cab import CabMode
+from firmware_py.radio.zenoh_radio import DEFAULT_ENDPOINT
+
+AUTO: Final = "auto"
+PRIORITY: Final = 70
+"""Under the controller's: the train does not wait for its driver, but it may be a little late."""
+PRIORITY_MAX: Final = 99
+
+DESCRIPTION: Final = "A train without a controller, on a bus, a serial line and a radio."
+EPILOG: Final = """\
+The train stands braked until a controller speaks. Stop it with Ctrl-C.
+exit codes: 0 ended by Ctrl-C, SIGTERM or after --duration; 1 the plant failed; 2 wrong usage or
+configuration; 3 bus, serial line, radio or a folder missing
+"""
+
+
+def parser() -> argparse.ArgumentParser:
+    """Of `plant` and its verbs."""
+    top = argparse.ArgumentParser(prog="plant", description=DESCRIPTION)
+    verbs = top.add_subparsers(dest="verb", required=True, metavar="VERB")
+    verbs.add_parser("consists", help="list the trains that ship with the plant")
+    plant = verbs.add_parser(
+        "run",
+        help="serve a train in real time",
+        description="Serve a train and its wayside in real time, for whatever controller comes.",
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    _add_train(plant.add_argument_group("the train and its line"))
+    _add_wires(plant.add_argument_group("the wires"))
+    return top
+
+
+def _add_train(group: argparse._ArgumentGroup) -> None:
+    group.add_argument("--line", default="florence", metavar="NAME|FILE", help="default: florence")
+    group.add_argument(
+        "--consist", default="florence4", metavar="NAME|FILE", help="see `plant consists`"
+    )
+    group.add_argument("--seed", type=_seed, default=1, help="of all noise; default: 1")
+    group.add_argument(
+        "--load-ratio", type=_ratio, metavar="0..1", help="passengers; default: the consist's"
+    )
+    group.add_argument(
+        "--odometer-error",
+        type=_odometer_error,
+        metavar="RATIO",
+        help="fixed instead of drawn; 0.05 counts 5 %% too much",
+    )
+    group.add_argument(
+        "--from", dest="start", metavar="STATION", help="where it stands; default: the first"
+    )
+    group.add_argument(
+        "--to", dest="end", metavar="STATION", help="how far it may go; default: the last"
+    )
+    group.add_argument(
+        "--desk", choices=[mode.name.lower() for mode in CabMode], default="auto", help="its mode"
+    )
+
+
+def _add_wires(group: argparse._ArgumentGroup) -> None:
+    group.add_argument(
+        "--bus",
+        default=AUTO,
+        metavar="SPEC",
+        help="auto, socketcan:vcan0, embedded:vcan0; default: auto",
+    )
+    group.add_argument(
+        "--tags",
+        default=AUTO,
+        metavar="DEVICE",
+        help="serial line of the tag reader; auto: a new pseudo-terminal",
+    )
+    group.add_argument(
+        "--radio",
+        default=AUTO,
+        metavar="ENDPOINT",
+        help=f"where the wayside listens; auto: {DEFAULT_ENDPOINT}, or a free port",
+    )
+    group.add_argument("--out", metavar="FOLDER", help="for truth.csv and plant.json")
+    group.add_argument(
+        "--duration", dest="duration_s", type=_seconds, metavar="SECONDS", help="end after so long"
+    )
+    group.add_argument(
+        "--priority",
+        type=_priority,
+        default=PRIORITY,
+        metavar="0..99",
+        help=f"SCHED_FIFO where the rights allow it; 0: none; default: {PRIORITY}",
+    )
+
+
+def _number(text: str, least: float, most: float) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = float("nan")
+    if not least <= value <= most:
+        raise argparse.ArgumentTypeError(f"{text} is not a number in {least:g}..{most:g}")
+    return value
+
+
+def _ratio(text: str) -> float:
+    return _number(text, 0.0, 1.0)
+
+
+def _odometer_error(text: str) -> float:
+    return _number(text, -0.2, 0.2)
+
+
+def _seconds(text: str) -> float:
+    return _number(text, 0.0, 1.0e9)
+
+
+def _whole(text: str, most: int) -> int:
+    if not (text.isascii() and text.isdecimal()) or int(text) > most:
+        raise argparse.ArgumentTypeError(f"{text} is not a whole number in 0..{most}")
+    return int(text)
+
+
+def _seed(text: str) -> int:
+    return _whole(text, 2**63 - 1)
+
+
+def _priority(text: str) -> int:
+    return _whole(text, PRIORITY_MAX)

@@ -1,0 +1,67 @@
+"""What the plant says of its train while it runs, and at the end."""
+
+from dataclasses import asdict
+
+from plant_emulator.process import PlantDevice
+
+
+def say(words: str) -> None:
+    print(f"plant: {words}", flush=True)
+
+
+class Words:
+    """Says what happens to the train: silence, emergency, standstill, doors."""
+
+    def __init__(self, plant: PlantDevice) -> None:
+        self._plant = plant
+        self._facts = self._look()
+        self._commanded = False
+
+    def _look(self) -> tuple[bool, bool, bool, bool]:
+        world = self._plant.world
+        silent = world.brake.silent or world.traction.silent or world.doors.silent
+        standing = world.speed_mps == 0.0
+        return silent, world.brake.emergency_wanted, standing, world.doors.locked
+
+    def tell(self) -> None:
+        if not self._commanded and self._plant.wire.commands:
+            self._commanded = True
+            self._say("a controller speaks")
+        facts = self._look()
+        if facts == self._facts:
+            return
+        world = self._plant.world
+        spoken = (
+            ("commands are missing", "commands are back"),
+            ("emergency brake asked", "emergency brake released"),
+            (f"stands at {world.front_m:.3f} m", f"leaves {world.front_m:.3f} m"),
+            ("doors closed and locked", "doors unlocked"),
+        )
+        for before, now, (yes, no) in zip(self._facts, facts, spoken, strict=True):
+            if now is not before:
+                self._say(yes if now else no)
+        self._facts = facts
+
+    def say_end(self) -> None:
+        plant = self._plant
+        refused = ", ".join(f"{words}: {n}" for words, n in plant.wire.refusals.items()) or "none"
+        self._say(
+            f"ended; {plant.wire.commands} commands, frames refused: {refused}; steps made up for: "
+            f"{plant.late_steps}, given up: {plant.lost_steps}"
+        )
+
+    def _say(self, words: str) -> None:
+        say(f"{self._plant.elapsed_s:.2f} s: {words}")
+
+
+def summarise(plant: PlantDevice) -> dict[str, object]:
+    """How the plant kept up, and what it did not believe."""
+    return {
+        "late_steps": plant.late_steps,
+        "lost_steps": plant.lost_steps,
+        "commands": plant.wire.commands,
+        "refused_frames": dict(plant.wire.refusals),
+        "refused_reports": {reason.value: n for reason, n in plant.zone.refusals.items()},
+        "command_losses": plant.command_losses,
+        "tasks": [asdict(report) for report in plant.executive.report()],
+    }

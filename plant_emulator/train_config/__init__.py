@@ -1,0 +1,62 @@
+"""What the train really is: the consist files as frozen, checked values."""
+
+from plant_emulator.train_config.brakes import (
+    BrakeConfig,
+    DeadTimeKind,
+    ElectricBrakeConfig,
+    EmergencyBrakeConfig,
+    HoldingBrakeConfig,
+    PneumaticConfig,
+    ServiceBrakeConfig,
+)
+from plant_emulator.train_config.equipment import (
+    DoorConfig,
+    RailConfig,
+    SupplyConfig,
+    TractionConfig,
+)
+from plant_emulator.train_config.ranges import Draws, Spread
+from plant_emulator.train_config.sensors import (
+    NOMINAL_WHEEL_M,
+    PULSES_PER_TURN,
+    SensorConfig,
+    TachoConfig,
+)
+from plant_emulator.train_config.train import (
+    PACKAGE,
+    CarConfig,
+    ConsistModel,
+    CouplerConfig,
+    ResistanceConfig,
+    TrainConfig,
+    load_train,
+    with_overrides,
+)
+
+__all__ = [
+    "BrakeConfig",
+    "CarConfig",
+    "ConsistModel",
+    "CouplerConfig",
+    "DeadTimeKind",
+    "DoorConfig",
+    "Draws",
+    "ElectricBrakeConfig",
+    "EmergencyBrakeConfig",
+    "HoldingBrakeConfig",
+    "NOMINAL_WHEEL_M",
+    "PACKAGE",
+    "PULSES_PER_TURN",
+    "PneumaticConfig",
+    "RailConfig",
+    "ResistanceConfig",
+    "SensorConfig",
+    "ServiceBrakeConfig",
+    "Spread",
+    "SupplyConfig",
+    "TachoConfig",
+    "TractionConfig",
+    "TrainConfig",
+    "load_train",
+    "with_overrides",
+]

@@ -1,0 +1,40 @@
+"""Ranges: quantities that are spread over one, and checks that a value lies in one."""
+
+from dataclasses import dataclass, fields
+from typing import Protocol
+
+
+class Draws(Protocol):
+    """A generator of numbers in [0, 1), such as numpy's."""
+
+    def random(self) -> float: ...
+
+
+@dataclass(frozen=True, slots=True)
+class Spread:
+    """A quantity spread evenly over [low, high]; equal ends make it fixed."""
+
+    low: float
+    high: float
+
+    def __post_init__(self) -> None:
+        if not self.low <= self.high:
+            raise ValueError(f"low {self.low} is not at or under high {self.high}")
+
+    def draw(self, generator: Draws) -> float:
+        return self.low + (self.high - self.low) * generator.random()
+
+
+def check(owner: object, name: str, least: float, most: float) -> None:
+    """Raises ValueError unless the field lies within; NaN is in no range."""
+    value = getattr(owner, name)
+    if not least <= value <= most:
+        raise ValueError(f"{name} {value} is not in {least:g}..{most:g}")
+
+
+def check_spread(owner: object, name: str, least: float, most: float) -> None:
+    spread = getattr(owner, name)
+    for end in fields(spread):
+        value = getattr(spread, end.name)
+        if not least <= value <= most:
+            raise ValueError(f"{name}.{end.name} {value} is not in {least:g}..{most:g}")
