@@ -12,6 +12,7 @@ from metro_hil.children import ChildError
 from metro_hil.columns import LogError, read_columns
 from metro_hil.ending import INTERRUPTED, Ending
 from metro_hil.journey import Journey, plan_journey
+from metro_hil.lockstep import config_of, run_lockstep, scenario_of
 from metro_hil.measures import (
     measure_cycles,
     measure_ride,
@@ -31,6 +32,7 @@ from metro_hil.report.plot import draw_run
 from metro_hil.report.table import print_results
 from metro_hil.results import RunResults, sha256_of
 from metro_hil.run_folder import RunFolder, RunFolderError, make_run_folder, write_config
+from metro_hil.supervise import RealtimeRun
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -51,20 +53,15 @@ def _complain(error: Exception, code: int) -> int:
 
 
 def _run(options: RunOptions, console: Console) -> int:
-    journey = plan_journey(options)
+    journey, scenario, config = plan_journey(options), scenario_of(options), config_of(options)
     clock = WallClock()
     words = f"{journey.line.name}_{journey.start.name}-{journey.end.name}"
     folder = make_run_folder(options.out, clock.epoch_ns(), words)
+    tables = {"options": options, "line": journey.line, "train": scenario.train, "vobc": config}
+    write_config(folder, tables, clock.epoch_ns())
     if options.lockstep:
-        from metro_hil.lockstep import effective_tables, run_lockstep
-
-        write_config(folder, effective_tables(options, journey), clock.epoch_ns())
         ending = run_lockstep(options, journey, folder)
     else:
-        from metro_hil.lockstep import effective_tables
-        from metro_hil.supervise import RealtimeRun
-
-        write_config(folder, effective_tables(options, journey), clock.epoch_ns())
         ending = RealtimeRun(options, journey, folder, console).run()
     results = make_results(folder, journey, ending)
     report(folder, journey, results, ending, console)
@@ -114,3 +111,7 @@ def report(
         )
         console.print(f"plot: {folder.plot}", highlight=False, soft_wrap=True)
     console.print(f"run folder: {folder.path}", highlight=False, soft_wrap=True)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
