@@ -8,12 +8,12 @@ import pytest
 
 from can_dbc import binding
 from can_dbc.brake import BrakeCommand, BrakeStatus
-from can_dbc.codec import TWIN_WITHIN_NS, Decoder, EncodeError, Encoder, Reason, Rejected
+from can_dbc.codec import Decoder, EncodeError, Encoder, Reason, Rejected
 from can_dbc.diagnostics import EMERGENCIES, HEARTBEATS, NodeState
 from can_dbc.energy import LineSupply
 from can_dbc.nodes import Direction, Node
 from can_dbc.odometer import Doppler, Tacho
-from can_dbc.traction import TractionCommand
+from can_dbc.traction import TractionCommand, TractionStatus
 from can_dbc.vobc import AtoPhase, Missing, Supervision, VobcMotion, VobcStatus
 
 MS = 1_000_000
@@ -239,7 +239,7 @@ def test_a_pair_gives_its_command_with_the_second_half() -> None:
 
 
 @pytest.mark.parametrize(
-    ("gap_ns", "expected"), [(0, None), (TWIN_WITHIN_NS, None), (TWIN_WITHIN_NS + 1, "late")]
+    ("gap_ns", "expected"), [(0, None), (20_000_000, None), (20_000_001, "late")]
 )
 def test_the_second_half_must_come_in_time(gap_ns: int, expected: str | None) -> None:
     decoder = Decoder([BrakeCommand])
@@ -354,6 +354,38 @@ def test_the_wanted_identifiers_include_those_of_twins() -> None:
     decoder = Decoder([BrakeCommand, Tacho, HEARTBEATS[Node.BCU]])
 
     assert decoder.ids == {BRAKE_ID, BRAKE_TWIN_ID, TACHO_ID, 0x702}
+
+
+def test_a_rejection_says_what_was_found_and_what_should_have_been() -> None:
+    good = tacho_payloads(2)[1]
+    bad = good[:-2] + bytes(byte ^ 0xFF for byte in good[-2:])
+    found, wanted = (int.from_bytes(data[-2:], "little") for data in (bad, good))
+    decoder = Decoder([Tacho])
+    details = []
+    for data in (b"", bad, good, good, picked(9)[0]):
+        heard = decoder.decode(TACHO_ID, data, 0)
+        details.append(heard.detail if isinstance(heard, Rejected) else "")
+
+    assert details == [
+        "0 bytes, TACHO has 8",
+        f"CRC is {found:#06x}, should be {wanted:#06x}",
+        "",
+        "counter is 1 again",
+        "counter is 9 after 1",
+    ]
+
+
+def test_an_invalid_value_is_named() -> None:
+    """Direction 3 is in no table; -655 360 N is beyond the range of the force."""
+    body = (3 << 32).to_bytes(6, "little")
+    tacho = Decoder([Tacho]).decode(TACHO_ID, body + crc(Tacho, body), 0)
+    body = (-32768 & 0xFFFF).to_bytes(5, "little")
+    traction = Decoder([TractionStatus]).decode(0x183, body + crc(TractionStatus, body), 0)
+
+    assert isinstance(tacho, Rejected)
+    assert tacho.detail == "direction is 3, which its value table does not have"
+    assert isinstance(traction, Rejected)
+    assert traction.detail == "force_n is raw -32768, outside its range"
 
 
 def test_rejections_are_counted_by_identifier_and_reason() -> None:
