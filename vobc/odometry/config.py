@@ -37,11 +37,12 @@ class OdometryConfig:
     stamp_jitter_s: float
     """How much the delay between sampling a tacho and hearing its frame may vary."""
     max_accel_mps2: float
-    """No train gains speed faster, gradient included."""
-    max_decel_mps2: float
+    """No train changes its speed faster, either way, gradient included."""
     max_speed_mps: float
     """Counters that would need more than this have jumped."""
     standing_s: float
+    silence_s: float
+    """Older than this a tacho sample proves no standstill any more."""
     zero_speed_mps: float
     zero_speed_s: float
     doppler_quality_percent: float
@@ -76,9 +77,9 @@ _POSITIVE = (
     "tracking_rad_s",
     "window_s",
     "max_accel_mps2",
-    "max_decel_mps2",
     "max_speed_mps",
     "standing_s",
+    "silence_s",
     "zero_speed_mps",
     "zero_speed_s",
     "slip_threshold_mps",

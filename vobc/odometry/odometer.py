@@ -38,6 +38,7 @@ class Odometry:
         self._fast_s = 0.0
         """Last instant at which zero speed was not certain."""
         self._usable = False
+        self._slow = False
 
     @property
     def usable(self) -> bool:
@@ -66,7 +67,7 @@ class Odometry:
         accepted = tuple(tag.tag_id for tag in seen.tags if self._offer(tag))
         speed = self._speed(now_s, radar_mps)
         self._where.watch_missed(speed.best, accepted)
-        standstill = self._standstill(now_s, speed)
+        standstill = self._standstill(now_s, seen.tacho_age_s)
         return self._motion(now_s, speed, accepted, standstill=standstill)
 
     def _take(self, tacho: Tacho, stamp_s: float, radar_mps: float | None) -> None:
@@ -148,13 +149,16 @@ class Odometry:
     def _speed(self, now_s: float, radar_mps: float | None) -> Interval:
         config, where, track = self._config, self._where, self._track
         low_rate, high_rate, window_s = track.mean_rate(config.stamp_jitter_s)
-        since_s = 0.5 * window_s + config.stamp_jitter_s + max(0.0, now_s - track.stamp_s)
+        # The mean held in the middle of the window; since then the speed may have changed so much.
+        change_mps = config.max_accel_mps2 * (0.5 * window_s + config.stamp_jitter_s)
         high_m = where.m_per_pulse_high if high_rate > 0.0 else where.m_per_pulse_low
         low_m = where.m_per_pulse_low if low_rate > 0.0 else where.m_per_pulse_high
-        loss_mps, gain_mps = config.max_decel_mps2 * since_s, config.max_accel_mps2 * since_s
-        # A train that rolls backwards gains speed backwards like one that runs forwards.
-        low = low_rate * low_m - loss_mps
-        high = high_rate * high_m + (gain_mps if high_rate > 0.0 else loss_mps)
+        low = low_rate * low_m - change_mps
+        high = high_rate * high_m + change_mps
+        self._slow = -config.zero_speed_mps < low and high < config.zero_speed_mps
+        aged_mps = config.max_accel_mps2 * max(0.0, now_s - track.stamp_s)
+        low -= aged_mps
+        high += aged_mps
         if track.still_s(now_s) >= config.standing_s:
             track.settle()
             best = 0.0
@@ -166,10 +170,14 @@ class Odometry:
             best = radar_mps
         return Interval(min(low, best), best, max(high, best))
 
-    def _standstill(self, now_s: float, speed: Interval) -> bool:
-        """Zero speed is proven once both ends stayed under the limit for long enough."""
-        limit_mps = self._config.zero_speed_mps
-        if speed.high >= limit_mps or speed.low <= -limit_mps or not self._usable:
+    def _standstill(self, now_s: float, tacho_age_s: float) -> bool:
+        """Zero speed is proven once both ends stayed under the limit for long enough.
+
+        What counts is the speed at the samples, as long as these come: the bounds of now breathe
+        with the age of the last one.
+        """
+        silent = tacho_age_s > self._config.silence_s
+        if not self._slow or self._slip or silent or not self._usable:
             self._fast_s = now_s
         return now_s - self._fast_s >= self._config.zero_speed_s
 
