@@ -142,9 +142,10 @@ class PtyLine:
     nobody reads, are dropped and counted.
     """
 
-    def __init__(self, master: int) -> None:
+    def __init__(self, master: int, slave_path: str) -> None:
         self.counters = LinkCounters()
         self._master = master
+        self._slave_path = slave_path
         self._poll = select.poll()
         self._poll.register(master, select.POLLIN)
         self._was_listening = False
@@ -181,11 +182,18 @@ class PtyLine:
     def _listening(self) -> bool:
         listening = not self._events() & select.POLLHUP
         if self._was_listening and not listening and self._master >= 0:
-            # What the last listener left unread must not be the first that the next one hears.
-            with contextlib.suppress(termios.error):
-                termios.tcflush(self._master, termios.TCOFLUSH)
+            self._forget_unread()
         self._was_listening = listening
         return listening
+
+    def _forget_unread(self) -> None:
+        """What the last listener left unread must not be the first that the next one hears."""
+        with contextlib.suppress(OSError, termios.error):
+            slave = os.open(self._slave_path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+            try:
+                termios.tcflush(slave, termios.TCIFLUSH)
+            finally:
+                os.close(slave)
 
 
 def open_pty() -> tuple[PtyLine, str]:
@@ -203,7 +211,7 @@ def open_pty() -> tuple[PtyLine, str]:
     finally:
         os.close(slave)
     os.set_blocking(master, False)
-    return PtyLine(master), path
+    return PtyLine(master, path), path
 
 
 def _opened(path: str) -> serial.Serial:

@@ -2,12 +2,12 @@
 
 import os
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
-from firmware_py.ports import SerialPort
+from firmware_py.ports import LinkCounters, SerialChunk, SerialPort
 from firmware_py.tag_reader.serial_line import PtyLine, SerialError, open_pty, open_serial
 from firmware_py.tag_reader.telegram import TagTelegram, TelegramParser, encode
 from firmware_py.trackdb import TagKind
@@ -75,18 +75,54 @@ def test_nothing_is_kept_for_a_controller_that_is_not_there_yet(
     controller.close()
 
 
-def test_a_controller_that_comes_back_hears_nothing_old(plant: tuple[PtyLine, str]) -> None:
+class PlainReader:
+    """Any program that opens the path like a file and knows nothing of serial lines."""
+
+    def __init__(self, path: str) -> None:
+        self.counters = LinkCounters()
+        self._file = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+
+    def send(self, now_ns: int, data: bytes) -> None:
+        os.write(self._file, data)
+
+    def receive(self, now_ns: int) -> list[SerialChunk]:
+        try:
+            return [SerialChunk(now_ns, os.read(self._file, 4096))]
+        except BlockingIOError:
+            return []
+
+    def close(self) -> None:
+        os.close(self._file)
+
+
+@pytest.mark.parametrize("opened", [open_serial, PlainReader])
+def test_who_comes_back_hears_nothing_old(
+    plant: tuple[PtyLine, str], opened: Callable[[str], SerialPort]
+) -> None:
     reader, path = plant
     for number in range(5):
-        controller = open_serial(path)
+        listener = opened(path)
         reader.send(0, b"now %d" % number)
-        assert hear(controller, 5) == b"now %d" % number
+        assert hear(listener, 5) == b"now %d" % number
         reader.send(0, b"never read" * 2000)
-        controller.close()
-        # The plant finds out when it next sends or looks, as it does every cycle.
+        listener.close()
+        # The plant finds out when it next sends.
         reader.send(0, b"missed")
 
     assert reader.counters.dropped_out >= 5 * len(b"missed")
+
+
+def test_any_program_may_listen_and_nothing_comes_back(plant: tuple[PtyLine, str]) -> None:
+    """A terminal that is not raw would alter line ends, act on control bytes and send an echo."""
+    reader, path = plant
+    listener = PlainReader(path)
+    every_byte = bytes(range(256))
+
+    reader.send(0, every_byte)
+
+    assert hear(listener, 256) == every_byte
+    assert list(reader.receive(0)) == []
+    listener.close()
 
 
 def test_a_controller_that_does_not_read_never_blocks_the_plant(
