@@ -147,7 +147,8 @@ class InprocBus:
             self.advance(now_ns)
         assert now_ns >= self._told_ns, "time was told backwards"
         self._told_ns = now_ns
-        if not offers and self._start_ns < now_ns:
+        if self._start_ns < now_ns:
+            # The bus is idle.
             self._start_ns = now_ns
         if sender._waiting >= MAILBOX_FRAMES:
             sender.counters.dropped_out += 1

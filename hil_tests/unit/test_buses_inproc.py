@@ -41,13 +41,20 @@ class Sent:
         return self.end_ns - (bits - 3) * BIT_NS
 
 
-def arbitrate_by_hand(offers: list[Offer]) -> list[Sent]:
-    """At every instant at which the bus is idle, the lowest identifier of all that is offered."""
+def arbitrate_by_hand(offers: list[Offer], leaver: str = "", leaves_ns: int = 0) -> list[Sent]:
+    """At every instant at which the bus is idle, the lowest identifier of all that is offered.
+
+    A node that leaves takes back what it has offered and what has not started until then.
+    """
     left = [(offer.can_id, offer.node, number, offer) for number, offer in enumerate(offers)]
     sent: list[Sent] = []
     idle_ns = 0
     while left:
         start_ns = max(idle_ns, min(offer.at_ns for *_, offer in left))
+        if leaver and start_ns >= leaves_ns:
+            left = [entry for entry in left if entry[1] != leaver]
+            leaver = ""
+            continue
         winner = min(entry for entry in left if entry[3].at_ns <= start_ns)
         left.remove(winner)
         offer = winner[3]
@@ -69,8 +76,11 @@ class Recorded:
         self.log.append(Sent(frame.stamp_ns, node, frame.can_id, frame.data))
 
     def play(self, offers: list[Offer], looks: list[tuple[int, str]]) -> None:
-        """Offer and look in order of time; at equal instants in the order given."""
-        steps = [(offer.at_ns, offer) for offer in offers] + [(at_ns, who) for at_ns, who in looks]
+        """Offer and look in order of time; at equal instants look before, between and after."""
+        steps: list[tuple[int, Offer | str]] = [(at_ns, who) for at_ns, who in looks]
+        for offer in offers:
+            steps.append((offer.at_ns, offer))
+            steps += [(at_ns, who) for at_ns, who in looks if at_ns == offer.at_ns]
         for at_ns, step in sorted(steps, key=lambda timed: timed[0]):
             if isinstance(step, Offer):
                 self.ports[step.node].send(at_ns, step.can_id, step.data)
@@ -98,7 +108,10 @@ OFFERS = st.lists(
     ),
     max_size=40,
 ).map(lambda offers: sorted(offers, key=lambda offer: offer.at_ns))
-LOOKS = st.lists(st.tuples(st.integers(0, 12_000_000), st.sampled_from(NODES)), max_size=20)
+LOOKS = st.lists(
+    st.tuples(st.one_of(INSTANTS, st.integers(0, 12_000_000)), st.sampled_from(NODES)),
+    max_size=20,
+)
 
 
 @given(offers=OFFERS, looks=LOOKS)
@@ -221,6 +234,46 @@ def test_a_frame_is_heard_at_its_last_bit_and_not_before() -> None:
     assert recorded.ports["bcu"].receive(end_ns) == [CanFrame(end_ns, 0x101, b"\x12\x34")]
 
 
+def test_a_frame_is_heard_at_its_last_bit_also_by_who_did_not_look_before() -> None:
+    recorded = Recorded()
+    recorded.ports["vobc"].send(1000, 0x101, b"\x12\x34")
+    end_ns = 1000 + (frame_bits(0x101, b"\x12\x34") - 3) * BIT_NS
+
+    assert recorded.ports["bcu"].receive(end_ns) == [CanFrame(end_ns, 0x101, b"\x12\x34")]
+
+
+def test_looking_at_an_instant_leaves_room_for_who_still_offers_at_it() -> None:
+    recorded = Recorded()
+    recorded.ports["bcu"].send(1000, 0x182, b"")
+    recorded.look(1000, "dcu")
+    recorded.ports["vobc"].send(1000, 0x101, b"")
+
+    recorded.look(FAR_NS, "dcu")
+
+    assert [sent.can_id for sent in recorded.log] == [0x101, 0x182]
+
+
+@given(offers=OFFERS, leaver=st.sampled_from(NODES), leaves_ns=INSTANTS)
+def test_a_node_that_leaves_takes_back_just_what_has_not_started(
+    offers: list[Offer], leaver: str, leaves_ns: int
+) -> None:
+    offers = [offer for offer in offers if offer.node != leaver or offer.at_ns < leaves_ns]
+    before = [offer for offer in offers if offer.at_ns < leaves_ns]
+    recorded = Recorded()
+    for offer in before:
+        recorded.ports[offer.node].send(offer.at_ns, offer.can_id, offer.data)
+    recorded.bus.advance(leaves_ns)
+
+    recorded.ports[leaver].close()
+    recorded.play([offer for offer in offers if offer.at_ns >= leaves_ns], [])
+
+    assert recorded.log == arbitrate_by_hand(offers, leaver, leaves_ns)
+    of_leaver = [sent for sent in recorded.log if sent.node == leaver]
+    own = [offer for offer in offers if offer.node == leaver]
+    assert recorded.ports[leaver].counters.dropped_out == len(own) - len(of_leaver)
+    assert all(frame.stamp_ns <= leaves_ns for frame in recorded.heard[leaver])
+
+
 def test_the_next_frame_starts_after_the_intermission() -> None:
     recorded = Recorded()
     recorded.ports["vobc"].send(0, 0x101, b"")
@@ -248,9 +301,9 @@ def test_a_node_that_joins_later_hears_what_ends_from_then_on() -> None:
     sender.send(0, 0x101, b"")
     bus.advance(10_000_000)
     late = bus.port("tap")
-    sender.send(10_000_000, 0x102, b"")
+    sender.send(10_000_000, 0x101, b"now")
 
-    assert [frame.can_id for frame in late.receive(FAR_NS)] == [0x102]
+    assert [frame.data for frame in late.receive(FAR_NS)] == [b"now"]
 
 
 def test_full_mailboxes_drop_and_count() -> None:

@@ -132,7 +132,12 @@ def test_the_reader_learns_what_the_hub_had_no_room_for(accept_ids: list[int] | 
 RECORDS = st.lists(
     st.one_of(
         st.builds(by_hand, st.integers(0, 0x7FF), st.binary(max_size=8)),
-        st.builds(by_hand, st.integers(0, 2**32 - 1), st.binary(max_size=8)),
+        st.builds(
+            lambda flags, low, data: by_hand(flags << 29 | low, data),
+            st.integers(0, 7),
+            st.integers(0, 2**29 - 1),
+            st.binary(max_size=8),
+        ),
         st.binary(min_size=RECORD_BYTES, max_size=RECORD_BYTES),
     ),
     min_size=1,
