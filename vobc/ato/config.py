@@ -33,7 +33,7 @@ class Limits:
 
 @dataclass(frozen=True, slots=True)
 class BrakeBelief:
-    dead_times_s: tuple[float, ...] = (0.3, 0.44, 0.58, 0.72, 0.86, 1.0, 1.14, 1.28)
+    dead_times_s: tuple[float, ...] = (0.3, 0.48, 0.66, 0.84, 1.02, 1.2, 1.38, 1.56)
     """Hypotheses, rising, from the demand leaving this cycle to the first bite."""
     expected_dead_time_s: float = 1.0
     """Until an application has shown its own. Too long a guess only starts the braking early."""
@@ -159,6 +159,8 @@ class StationWork:
     """Between stations the train sets off only when the authority lets it go at least so far."""
     hold_speed_mps: float = 0.03
     """The holding brake comes on under this: soft enough for the step not to be felt."""
+    hold_lead_s: float = 0.15
+    """On a rising gradient it comes on so much earlier, which keeps the train from rolling back."""
     settle_s: float = 0.5
     """The holding brake has to be on so long before the train counts as at rest."""
     hold_decel_mps2: float = 0.4

@@ -14,6 +14,10 @@ DISTURBANCE_SIGMA_MPS2: Final = 0.05
 GAIN_WALK: Final = 0.002**2
 GAIN_SIGMA_RATIO: Final = 0.06
 """Spread of the gain before it was ever seen."""
+SURPRISE_MPS: Final = 0.25
+"""A measured speed so far off is nothing the brake or the track could do: somebody else brakes."""
+GAIN_MAX_RATIO: Final = 0.3
+DISTURBANCE_MAX_MPS2: Final = 0.5
 GAIN_RENEWED_RATIO: Final = 0.02
 """Least spread at the start of an application: the train may have been loaded since."""
 
@@ -40,30 +44,41 @@ class MotionFilter:
         self.start(0.0)
 
     def start(self, speed_mps: float) -> None:
-        """Begin with a known speed; the gain is kept."""
+        """Begin with a known speed and no disturbance; the gain is kept."""
         self.speed_mps = speed_mps
         self.disturbance_mps2 = 0.0
         self._vv = SPEED_SIGMA_MPS**2
         self._dd = DISTURBANCE_SIGMA_MPS2**2
         self._vd = self._vg = self._dg = 0.0
 
+    def forget(self, speed_mps: float) -> None:
+        """What was learnt, was learnt of something else."""
+        self.gain_ratio = 0.0
+        self._gg = GAIN_SIGMA_RATIO**2
+        self.start(speed_mps)
+
     def renew_gain(self) -> None:
         """A new application begins."""
         self._gg = max(self._gg, GAIN_RENEWED_RATIO**2)
 
     def step(self, measured_mps: float, *, push_mps2: float, braked_mps2: float) -> None:
-        """One cycle: `push_mps2` acts for certain, `braked_mps2` is what the brake was asked for."""
+        """One cycle: `push_mps2` acts for certain, `braked_mps2` was asked of the brake."""
         dt_s = self._dt_s
         self.speed_mps += (
             push_mps2 - braked_mps2 * (1.0 + self.gain_ratio) + self.disturbance_mps2
         ) * dt_s
         self._spread(dt_s, -braked_mps2 * dt_s)
         innovation_mps = measured_mps - self.speed_mps
+        if abs(innovation_mps) > SURPRISE_MPS:
+            self.forget(measured_mps)
+            return
         vv, vd, vg = self._vv, self._vd, self._vg
         weight = 1.0 / (vv + SPEED_SIGMA_MPS * SPEED_SIGMA_MPS)
         self.speed_mps += vv * weight * innovation_mps
-        self.disturbance_mps2 += vd * weight * innovation_mps
-        self.gain_ratio += vg * weight * innovation_mps
+        self.disturbance_mps2 = _within(
+            self.disturbance_mps2 + vd * weight * innovation_mps, DISTURBANCE_MAX_MPS2
+        )
+        self.gain_ratio = _within(self.gain_ratio + vg * weight * innovation_mps, GAIN_MAX_RATIO)
         self._vv = vv - vv * weight * vv
         self._vd = vd - vv * weight * vd
         self._vg = vg - vv * weight * vg
@@ -80,3 +95,7 @@ class MotionFilter:
         self._vd, self._vg = new_vd, new_vg
         self._dd = dd + DISTURBANCE_WALK * dt_s
         self._gg = gg + GAIN_WALK * dt_s
+
+
+def _within(value: float, bound: float) -> float:
+    return min(bound, max(-bound, value))

@@ -200,15 +200,16 @@ class Ato:
     def _decide_hold(self, seen: AtoInput, drive: Drive) -> None:
         """The holding brake comes on as the train comes to rest and stays until it departs."""
         assert self._strategy is not None
+        uphill_mps2 = -kinematics.gradient_accel_mps2(
+            max(0.0, seen.gradient_permille),
+            rotating_mass_ratio=self._config.rotating_mass_percent / 100.0,
+        )
         if self.phase is AtoPhase.DEPARTING:
-            uphill_mps2 = -kinematics.gradient_accel_mps2(
-                seen.gradient_permille,
-                rotating_mass_ratio=self._config.rotating_mass_percent / 100.0,
-            )
             needed_mps2 = uphill_mps2 + HOLD_HELP_MPS2 if uphill_mps2 > LEVEL_MPS2 else 0.0
             self._hold = self._hold and self._shaper.demand_mps2 < needed_mps2
             return
-        slow = self._strategy.speed_mps <= self._config.station.hold_speed_mps
+        work = self._config.station
+        slow = self._strategy.speed_mps <= work.hold_speed_mps + uphill_mps2 * work.hold_lead_s
         arrives = drive.braking or self.phase not in DRIVING
         if slow and arrives:
             self._hold = True

@@ -10,6 +10,13 @@ from typing import Final, NamedTuple
 TIME_EPSILON_S: Final = 1e-9
 
 
+class Tap(NamedTuple):
+    """A place in the past: so many slots back, and the share of that slot in the mean."""
+
+    back: int
+    share_ratio: float
+
+
 class Pipeline:
     """The past of one demand as running integrals, kept long enough for the longest dead time."""
 
@@ -46,9 +53,18 @@ class Pipeline:
         double = self._second[now] - second_then - first_then * age_s
         return single, double
 
-    def mean_before(self, age_s: float) -> float:
-        """Mean demand over the one cycle that ended `age_s` ago."""
-        return (self._at(age_s)[0] - self._at(age_s + self._dt_s)[0]) / self._dt_s
+    def tap(self, age_s: float) -> Tap:
+        """Prepares reading the mean over the one cycle that ended `age_s` ago."""
+        slots = age_s / self._dt_s
+        back = math.ceil(slots - TIME_EPSILON_S)
+        assert back + 1 < self._size
+        return Tap(back, back - slots)
+
+    def mean(self, tap: Tap) -> float:
+        back, share_ratio = tap
+        newer = self._value[(self.head - back) % self._size]
+        older = self._value[(self.head - back - 1) % self._size]
+        return share_ratio * newer + (1.0 - share_ratio) * older
 
     def _at(self, age_s: float) -> tuple[float, float]:
         slots = age_s / self._dt_s

@@ -40,10 +40,12 @@ class TrainModel:
         "_quiet_cycles",
         "_settle_cycles",
         "_speed",
+        "_taps",
         "_traction",
         "_traction_belief",
         "_traction_late",
         "_traction_now",
+        "_traction_tap",
         "brake_mps2",
         "dead_time_s",
     )
@@ -56,6 +58,8 @@ class TrainModel:
         self._count = count
         self._brake = Pipeline(dt_s, brake.dead_times_s[-1] + dt_s)
         self._traction = Pipeline(dt_s, traction.dead_time_s + dt_s)
+        self._taps = tuple(self._brake.tap(dead_time_s) for dead_time_s in brake.dead_times_s)
+        self._traction_tap = self._traction.tap(traction.dead_time_s)
         self._brake_now = Lag(brake.lag_s, dt_s)
         """Driven without dead time: the output when all that is under way has arrived."""
         self._traction_now = Lag(traction.lag_s, dt_s)
@@ -125,7 +129,7 @@ class TrainModel:
         self._brake_now.step(brake_mps2)
         self._traction_now.step(traction_mps2)
         before_mps2 = self._traction_late.value
-        mean_mps2 = self._traction.mean_before(self._traction_belief.dead_time_s)
+        mean_mps2 = self._traction.mean(self._traction_tap)
         after_mps2 = self._traction_late.step(mean_mps2)
         push_mps2 = (before_mps2 + after_mps2) / 2.0 - gravity_mps2
         brake_before_mps2 = self.brake_mps2
@@ -144,11 +148,11 @@ class TrainModel:
         pull, disturbance_pull = SPEED_PULL_PER_S * dt_s, DISTURBANCE_PULL_PER_S2 * dt_s
         sigma_mps = self._brake_belief.speed_sigma_mps
         per_square = 1.0 / (sigma_mps * sigma_mps)
-        mean_before, gain = self._brake.mean_before, 1.0 + self._motion.gain_ratio
+        mean, gain = self._brake.mean, 1.0 + self._motion.gain_ratio
         outputs, speeds = self._output, self._speed
         disturbances, costs = self._disturbance, self._cost
-        for index, dead_time_s in enumerate(self._brake_belief.dead_times_s):
-            mean_mps2 = mean_before(dead_time_s)
+        for index, tap in enumerate(self._taps):
+            mean_mps2 = mean(tap)
             before_mps2 = outputs[index]
             after_mps2 = mean_mps2 + (before_mps2 - mean_mps2) * keep_ratio
             outputs[index] = after_mps2

@@ -101,6 +101,9 @@ class Florence:
     def observe(self, seen: vocabulary.AtoInput, cycles: int) -> None:
         self._gravity_mps2 = self._gravity_mps2_on(seen.gradient_permille)
         self._model.step(seen.speed_mps, self._gravity_mps2, cycles)
+        if not seen.enabled:
+            # Others brake now; what the speed does says nothing about our demands.
+            self._model.meet(seen.speed_mps)
         self.speed_mps = self._model.speed_mps
         self._smooth_front(seen, cycles)
         self._watch_ceiling(seen.ceiling_mps, cycles)
@@ -186,7 +189,7 @@ class Florence:
         )
 
     def _curve_to(self, target_m: float) -> profile.BrakingCurve:
-        """Uphill the last step is what the gradient and the least brake give together."""
+        """Uphill the last step is larger: the brake needs as much room to ease as on the level."""
         config = self._config
         steady_mps2 = profile.steady_decel_mps2(
             config.braking,
@@ -195,8 +198,8 @@ class Florence:
             limit_mps2=config.limits.accel_mps2,
             rotating_mass_percent=config.rotating_mass_percent,
         )
-        uphill_mps2 = self._gravity_at_mps2(target_m) + config.braking.least_decel_mps2
-        final_mps2 = max(config.braking.final_decel_mps2, uphill_mps2)
+        uphill_mps2 = max(0.0, self._gravity_at_mps2(target_m))
+        final_mps2 = config.braking.final_decel_mps2 + uphill_mps2
         return profile.stopping_curve(
             config.braking, steady_mps2=steady_mps2, final_mps2=final_mps2
         )

@@ -18,7 +18,7 @@ FLAT_MPS2: Final = 0.02
 
 
 class FlorencePrinted:
-    """Three sections before the stop: slow down from T1, creep from T2, follow a position from T3."""
+    """Three sections before the stop: slow down from T1, creep from T2, then follow a position."""
 
     __slots__ = (
         "_accel_max_mps2",
@@ -100,7 +100,7 @@ class FlorencePrinted:
         return squared**0.5, -scheme.decel_mps2
 
     def _signal_reference(self, seen: AtoInput) -> tuple[float, float]:
-        """The most restrictive of ceiling, limits under the train and the next lower limit ahead."""
+        """The least of ceiling, limits under the train and the next lower limit ahead."""
         margin_mps = self._config.speed.margin_mps
         limit_mps = min(self._limits.under_train_mps(seen.front_m), seen.ceiling_mps) - margin_mps
         lowering = self._limits.lowering(self._limits.next_lowering(seen.front_m))
