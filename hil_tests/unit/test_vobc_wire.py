@@ -1,0 +1,328 @@
+"""The controller's wires: what comes in becomes an image with ages, what goes out says it right."""
+
+import math
+from dataclasses import replace
+
+import pytest
+
+from can_dbc.brake import BrakeCommand, BrakeStatus
+from can_dbc.codec import Encoder
+from can_dbc.diagnostics import EMERGENCIES, HEARTBEATS, Heartbeat, NodeState
+from can_dbc.doors import DoorCommand
+from can_dbc.nodes import Direction, Node
+from can_dbc.odometer import Tacho
+from can_dbc.traction import TractionCommand
+from can_dbc.vobc import Missing, Supervision, VobcMotion, VobcPosition, VobcStatus, VobcTarget
+from firmware_py.ports import CanFrame, RadioMessage, SerialChunk
+from firmware_py.tag_reader.telegram import TagTelegram, encode
+from firmware_py.trackdb import TagKind
+from vobc.atp.supervision import Cause
+from vobc.vocabulary import NEVER_S, SAFE_OUTPUT, Ceiling, CycleOutput, Interval, Motion
+from vobc.wire import (
+    HEARD_IDS,
+    TACHO_SAMPLES_MAX,
+    TAGS_MAX,
+    Inbox,
+    RadioLink,
+    door_frame,
+    emergency_message,
+    heartbeat,
+    make_encoder,
+    motion_frames,
+    status_frame,
+    target_frames,
+    vital_frames,
+)
+from zenoh_config.codec import pack, unpack
+from zenoh_config.messages import MovementAuthority, PositionReport
+
+MS = 1_000_000
+MOTION = Motion(
+    Interval(99.0, 100.0, 101.5), Interval(9.8, 10.0, 10.2), 0.1, 50.0, False, False, True, True, ()
+)
+CEILING = Ceiling(15.0, 16.0, 17.0, 18.0, 400.0)
+DRIVING: CycleOutput = replace(
+    SAFE_OUTPUT,
+    force_n=50_000.0,
+    direction=Direction.FORWARD,
+    traction_permitted=True,
+    service_decel_mps2=0.0,
+    emergency_released=True,
+    holding_released=True,
+    supervision=Supervision.NOMINAL,
+    motion=MOTION,
+    ceiling=CEILING,
+    distance_to_stop_m=77.0,
+)
+
+
+def link(max_age_s: float = 1.0) -> RadioLink:
+    return RadioLink(
+        line_name="florence", train=7, boot=3, max_age_s=max_age_s, train_length_m=68.59
+    )
+
+
+def frames(encoder: Encoder, frame: object, stamp_ns: int) -> list[CanFrame]:
+    return [CanFrame(stamp_ns, *sent) for sent in encoder.encode(frame)]  # type: ignore[arg-type]
+
+
+def tacho(pulses: int) -> Tacho:
+    return Tacho(pulses, pulses + 1, Direction.FORWARD, True, True)
+
+
+def test_before_anything_is_heard_everything_is_missing_for_ever() -> None:
+    image = Inbox(link()).image(5 * MS, dt_s=0.05, overruns=1)
+
+    assert image.tacho is None
+    assert image.brake is None
+    assert image.authority is None
+    ages_s = [image.tacho_age_s, image.brake_age_s, image.desk_age_s, image.authority_age_s]
+    assert ages_s == [NEVER_S] * 4
+    assert (image.dt_s, image.overruns, image.tags, image.tacho_samples) == (0.05, 1, (), ())
+
+
+def test_the_image_holds_the_latest_of_each_with_its_age() -> None:
+    inbox, encoder = Inbox(link()), Encoder()
+    old = BrakeStatus(0.1, 0.0, False, True, False, True)
+    new = replace(old, applied_decel_mps2=0.5)
+
+    inbox.take_frames(frames(encoder, old, 10 * MS) + frames(encoder, new, 60 * MS))
+    image = inbox.image(100 * MS, dt_s=0.05, overruns=0)
+
+    assert image.brake is not None
+    assert image.brake.applied_decel_mps2 == pytest.approx(0.5, abs=0.01)
+    assert image.brake_age_s == pytest.approx(0.040)
+    later = inbox.image(150 * MS, dt_s=0.05, overruns=0)
+    assert later.brake == image.brake
+    assert later.brake_age_s == pytest.approx(0.090)
+
+
+def test_every_tacho_sample_is_handed_over_once_and_in_order() -> None:
+    inbox, encoder = Inbox(link()), Encoder()
+    for number in range(3):
+        inbox.take_frames(frames(encoder, tacho(number), (10 + 20 * number) * MS))
+
+    first = inbox.image(60 * MS, dt_s=0.05, overruns=0)
+    second = inbox.image(110 * MS, dt_s=0.05, overruns=0)
+
+    assert [sample.frame.pulses_a for sample in first.tacho_samples] == [0, 1, 2]
+    assert [sample.age_s for sample in first.tacho_samples] == pytest.approx([0.05, 0.03, 0.01])
+    assert second.tacho_samples == ()
+    assert second.tacho is not None
+    assert second.tacho_age_s == pytest.approx(0.06)
+
+
+def test_nothing_grows_without_bound_when_nobody_looks() -> None:
+    inbox, encoder = Inbox(link()), Encoder()
+    flood = [
+        frame for number in range(200) for frame in frames(encoder, tacho(number), number * MS)
+    ]
+    inbox.take_frames(flood)
+    for number in range(100):
+        telegram = TagTelegram(number % 256, 5, TagKind.T1, number, number, number)
+        inbox.take_serial([SerialChunk(0, encode(telegram))])
+
+    image = inbox.image(300 * MS, dt_s=0.05, overruns=0)
+
+    assert len(image.tacho_samples) == TACHO_SAMPLES_MAX
+    assert image.tacho_samples[-1].frame.pulses_a == 199
+    assert len(image.tags) == TAGS_MAX
+    assert inbox.overflowed == 200 - TACHO_SAMPLES_MAX + 100 - TAGS_MAX
+
+
+def test_a_damaged_frame_is_counted_and_changes_nothing() -> None:
+    inbox, encoder = Inbox(link()), Encoder()
+    (good,) = frames(encoder, tacho(5), 10 * MS)
+    flipped = good._replace(data=bytes([good.data[0] ^ 1]) + good.data[1:])
+    unknown = CanFrame(10 * MS, 0x7FF, b"")
+    wide = good._replace(extended=True)
+
+    inbox.take_frames([flipped, unknown, wide, good._replace(error=True)])
+
+    assert inbox.rejected == 3
+    assert inbox.image(20 * MS, dt_s=0.05, overruns=0).tacho is None
+
+
+def test_a_telegram_becomes_a_reading_with_its_age_at_the_antenna() -> None:
+    inbox = Inbox(link())
+    data = encode(TagTelegram(1, 301, TagKind.T1, stamp_ms=1000.0, sent_ms=1030.0, pulses=4711))
+
+    inbox.take_serial([SerialChunk(100 * MS, data[:5]), SerialChunk(101 * MS, data[5:])])
+    (reading,) = inbox.image(111 * MS, dt_s=0.05, overruns=0).tags
+
+    assert (reading.tag_id, reading.pulses) == (301, 4711)
+    assert reading.age_s == pytest.approx(0.030 + 0.002 + 0.010)
+    assert inbox.image(161 * MS, dt_s=0.05, overruns=0).tags == ()
+
+
+def test_a_torn_telegram_is_counted_and_a_repeated_one_is_no_second_tag() -> None:
+    inbox = Inbox(link())
+    data = encode(TagTelegram(1, 301, TagKind.T1, 1000.0, 1030.0, 4711))
+    torn = bytes([data[0], data[1] ^ 0x10]) + data[2:]
+
+    inbox.take_serial([SerialChunk(0, data + data + torn)])
+
+    assert len(inbox.image(MS, dt_s=0.05, overruns=0).tags) == 1
+    assert inbox.torn_telegrams == 1
+
+
+def authority(**changes: int | float) -> MovementAuthority:
+    values: dict[str, int | float] = {
+        "train": 7, "boot": 3, "term": 1, "sequence": 1, "echo_stamp_ns": 100 * MS, "end_m": 900.0,
+    }  # fmt: skip
+    return MovementAuthority(**{**values, **changes})  # type: ignore[arg-type]
+
+
+def heard(message: MovementAuthority | PositionReport | bytes) -> list[RadioMessage]:
+    payload = message if isinstance(message, bytes) else pack(message)
+    return [RadioMessage(0, "key", payload)]
+
+
+def test_an_authority_ages_from_the_report_that_it_answers() -> None:
+    radio = link()
+
+    radio.take(300 * MS, heard(authority()))
+
+    assert radio.authority is not None
+    assert radio.authority.end_m == 900.0
+    assert radio.authority_age_s(300 * MS) == pytest.approx(0.2)
+    assert radio.authority_age_s(800 * MS) == pytest.approx(0.7)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"train": 8},
+        {"boot": 2},
+        {"sequence": 4},
+        {"sequence": 5},
+        {"term": 1, "sequence": 99},
+        {"echo_stamp_ns": 2000 * MS, "sequence": 9},
+        {"echo_stamp_ns": 1 * MS, "sequence": 9},
+    ],
+)
+def test_an_authority_for_another_or_out_of_order_or_too_old_changes_nothing(
+    wrong: dict[str, int],
+) -> None:
+    radio = link()
+    radio.take(500 * MS, heard(authority(term=2, sequence=5)))
+    held = radio.authority
+
+    radio.take(1050 * MS, heard(authority(term=2, end_m=5000.0, **{"sequence": 6, **wrong}
+               ) if "term" not in wrong else authority(end_m=5000.0, **wrong)))  # fmt: skip
+
+    assert radio.authority is held
+    assert radio.refused == 1
+
+
+def test_a_shorter_authority_takes_effect_at_once() -> None:
+    radio = link()
+
+    radio.take(300 * MS, heard(authority()) + heard(authority(sequence=2, end_m=400.0)))
+
+    assert radio.authority is not None
+    assert radio.authority.end_m == 400.0
+
+
+def test_noise_on_the_radio_is_counted() -> None:
+    radio = link()
+    report = radio.report(0, DRIVING)
+    assert report is not None
+
+    radio.take(0, [*heard(b"noise"), *heard(report)])
+
+    assert radio.authority is None
+    assert radio.refused == 2
+
+
+def test_the_report_says_where_the_train_is_for_certain() -> None:
+    radio = link()
+
+    first, second = radio.report(7 * MS, DRIVING), radio.report(9 * MS, DRIVING)
+
+    assert first is not None
+    assert second is not None
+    report = unpack(first)
+    assert report == PositionReport(7, 3, 1, 7 * MS, 99.0, 101.5, 99.0 - 68.59, 10.0, False)
+    assert replace(report, sequence=2, stamp_ns=9 * MS) == unpack(second)
+
+
+def test_a_train_that_does_not_know_where_it_is_reports_nothing() -> None:
+    lost = replace(DRIVING, motion=replace(MOTION, localised=False))
+
+    assert link().report(0, lost) is None
+    assert link().report(0, SAFE_OUTPUT) is None
+
+
+def test_the_brake_speaks_first_and_exactly() -> None:
+    brake, traction = vital_frames(DRIVING)
+
+    assert brake == BrakeCommand(0.0, True, True)
+    assert traction == TractionCommand(50_000.0, Direction.FORWARD, True)
+    assert door_frame(replace(DRIVING, enable_right=True, open_right=True)) == DoorCommand(
+        False, True, False, True
+    )
+
+
+def test_the_safe_output_is_safe_on_the_wire() -> None:
+    brake, traction = vital_frames(SAFE_OUTPUT)
+
+    assert brake == BrakeCommand(2.0, False, False)
+    assert traction == TractionCommand(0.0, Direction.NEUTRAL, False)
+    assert door_frame(SAFE_OUTPUT) == DoorCommand(False, False, False, False)
+
+
+def test_what_is_told_of_the_controller() -> None:
+    assert status_frame(
+        replace(DRIVING, missing=Missing.DOORS), work_us=321.0, slips=65
+    ) == VobcStatus(Supervision.NOMINAL, DRIVING.ato_phase, Missing.DOORS, True, True, 321.0, 1)
+    assert list(motion_frames(DRIVING)) == [
+        VobcMotion(10.0, 15.0, 18.0),
+        VobcPosition(100.0, 1.25),
+    ]
+    assert list(target_frames(DRIVING)) == [VobcTarget(77.0, 400.0)]
+    assert heartbeat(NodeState.OPERATIONAL) == HEARTBEATS[Node.VOBC](NodeState.OPERATIONAL)
+    assert isinstance(heartbeat(NodeState.STOPPED), Heartbeat)
+
+
+def test_nothing_is_told_that_is_not_known() -> None:
+    assert list(motion_frames(SAFE_OUTPUT)) == []
+    assert list(target_frames(SAFE_OUTPUT)) == []
+
+
+@pytest.mark.parametrize("cause", list(Cause))
+def test_every_cause_has_an_emergency_message_of_its_own(cause: Cause) -> None:
+    kind = EMERGENCIES[Node.VOBC]
+    details = {emergency_message(other.value) for other in Cause}
+
+    assert len(details) == len(Cause)
+    assert emergency_message(cause.value) != kind(0xFF01, 0x81, 0)
+    assert emergency_message(None) == kind(0, 0, 0)
+
+
+def test_everything_that_the_controller_sends_can_be_encoded() -> None:
+    encoder = make_encoder()
+    endless = replace(DRIVING, distance_to_stop_m=math.inf)
+
+    for output in (SAFE_OUTPUT, DRIVING, endless):
+        for frame in (
+            *vital_frames(output),
+            door_frame(output),
+            status_frame(output, work_us=1e9, slips=1000),
+            *motion_frames(output),
+            *target_frames(output),
+            heartbeat(NodeState.BOOT_UP),
+            emergency_message(output.cause),
+        ):
+            assert encoder.encode(frame)
+
+
+def test_the_controller_does_not_listen_to_itself() -> None:
+    encoder = make_encoder()
+    own = {
+        can_id
+        for frame in (*vital_frames(DRIVING), door_frame(DRIVING), *motion_frames(DRIVING))
+        for can_id, _ in encoder.encode(frame)
+    }
+
+    assert not own & HEARD_IDS
