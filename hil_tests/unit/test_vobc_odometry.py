@@ -499,3 +499,20 @@ def test_the_mean_rate_bounds_hold_for_any_constant_rate(rate: float, part: floa
 
     assert low <= rate <= high
     assert 0.2 - 1e-9 <= length_s <= 0.22 + 1e-9
+
+
+@pytest.mark.parametrize("samples", [1, 3])
+def test_what_a_controller_hears_first_is_finite(samples: int) -> None:
+    """It may join a bus just as a sample passes, or read several at the same instant."""
+    ride = Ride(Sensors())
+    for _ in range(samples):
+        ride.sample_tacho()
+
+    motion = ride.cycle()
+
+    assert motion is not None
+    assert math.isfinite(motion.speed_mps.low)
+    assert math.isfinite(motion.speed_mps.high)
+    assert motion.speed_mps.low <= -CONFIG.odometry.max_speed_mps, "nothing is known of the speed"
+    assert motion.speed_mps.high >= CONFIG.odometry.max_speed_mps
+    assert not motion.standstill

@@ -157,8 +157,9 @@ class Odometry:
         high = high_rate * high_m + change_mps
         self._slow = -config.zero_speed_mps < low and high < config.zero_speed_mps
         aged_mps = config.max_accel_mps2 * max(0.0, now_s - track.stamp_s)
-        low -= aged_mps
-        high += aged_mps
+        # A single sample, or several at one instant, says nothing but that the train is a train.
+        low = max(low - aged_mps, -config.max_speed_mps)
+        high = min(high + aged_mps, config.max_speed_mps)
         if track.still_s(now_s) >= config.standing_s:
             track.settle()
             best = 0.0
