@@ -63,8 +63,12 @@ class Localisation:
         self._var_ss = (nominal_m * config.scale_sigma_ratio) ** 2
         self.pulses = 0
         """Pulses since start, the base of all distances between tags."""
-        self._anchor: tuple[float, int, float] | None = None
-        """Place, pulses and bound of the tag from which the scale is being measured."""
+        self._anchor: tuple[float, int, float] | None = (
+            start.front_m - self._antenna_m,
+            0,
+            start.bound_m + self._pulse_m,
+        )
+        """Where the antenna was, pulses then and bound, from where the scale is being measured."""
         self.rejected = 0
         self.missed = 0
         """Tags in a row that should have been read."""
@@ -166,7 +170,7 @@ class Localisation:
         self.m_per_pulse = min(max(self.m_per_pulse, self.m_per_pulse_low), self.m_per_pulse_high)
 
     def _measure_scale(self, position_m: float, pulses: int, bound_m: float) -> None:
-        """Two tags and the pulses between them bound the distance behind one pulse."""
+        """Two known places and the pulses between them bound the distance behind one pulse."""
         if self._anchor is None:
             self._anchor = (position_m, pulses, bound_m)
             return
