@@ -157,8 +157,10 @@ class StationWork:
     """A stop before the end of authority is made this far short of it."""
     least_run_m: float = 5.0
     """Between stations the train sets off only when the authority lets it go at least so far."""
-    hold_speed_mps: float = 0.03
-    """The holding brake comes on under this: soft enough for the step not to be felt."""
+    hold_speed_mps: float = 0.01
+    """The holding brake comes on under this: slow enough for its grip not to be felt."""
+    release_s: float = 2.0
+    """The service brake has to be off so long before departure, or traction pulls against it."""
     hold_lead_s: float = 0.15
     """On a rising gradient it comes on so much earlier, which keeps the train from rolling back."""
     settle_s: float = 0.5

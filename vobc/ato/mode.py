@@ -26,6 +26,8 @@ class Situation:
     may_go: bool = False
     """There is a goal ahead, the authority reaches far enough and no attempt limit is used up."""
     dwell_over: bool = False
+    released: bool = False
+    """Nothing of the service brake is left."""
     doors_locked: bool = False
     doors_enabled: bool = False
 
@@ -50,7 +52,7 @@ def work_waits(seen: Situation) -> bool:
 
 
 def ready_to_depart(seen: Situation) -> bool:
-    return seen.doors_locked and seen.may_go
+    return seen.doors_locked and seen.may_go and seen.released
 
 
 def doors_not_locked(seen: Situation) -> bool:

@@ -45,6 +45,7 @@ class Ato:
         self._asked_open_s = 0.0
         self._hold = True
         self._held_s = 0.0
+        self._released_s = config.station.release_s
         self._doors_wanted = False
         self._dt_s = 0.0
         self._strategy: Strategy | None = None
@@ -83,6 +84,7 @@ class Ato:
         self._decide_hold(seen, drive)
         accel_mps2 = self._shape(seen, drive)
         strategy.issued(accel_mps2)
+        self._released_s = self._released_s + seen.dt_s if accel_mps2 >= 0.0 else 0.0
         return self._demand(seen, accel_mps2, drive)
 
     def _begin(self, seen: AtoInput) -> Strategy:
@@ -115,6 +117,7 @@ class Ato:
         )
         situation.in_stopping_zone = to_stop_m <= work.stopping_zone_m
         situation.at_stop = abs(to_stop_m) <= work.window_m
+        situation.released = self._released_s >= work.release_s
         situation.doors_locked = seen.doors_locked
         situation.doors_enabled = seen.door_enabled and seen.holding_applied
         situation.has_door_work = stop is not None and stop.dwell_s > 0.0
