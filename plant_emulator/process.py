@@ -48,7 +48,8 @@ TRUTH_COLUMNS: Final = (
 
 TRUTH_STEPS: Final = 5
 """A row every 50 ms, and one whenever the train comes to rest or leaves it."""
-RADIO_STEPS: Final = 5
+SLOW_STEPS: Final = 5
+"""Every 50 ms the radio is answered and silence reported."""
 ROUND_STEPS: Final = ROUND_MS // GRID_MS
 CATCH_UP_STEPS: Final = 100
 """Held up for longer, the plant gives the rest up: it counts it and goes on from now."""
@@ -169,10 +170,11 @@ class PlantDevice:
         wire.hear(now_ns, self._take)
         for kind, node in self._catch_up(now_ns):
             wire.send(now_ns, node, frames[kind](world.now_ns))
-        for telegram in world.tag_reader.telegrams(now_ns):
-            self._tags.send(now_ns, telegram)
-        self._report_silence(now_ns)
-        if self._steps % RADIO_STEPS == 0:
+        if now_ns >= world.tag_reader.due_ns:
+            for telegram in world.tag_reader.telegrams(now_ns):
+                self._tags.send(now_ns, telegram)
+        if self._steps % SLOW_STEPS == 0:
+            self._report_silence(now_ns)
             self._answer_radio(now_ns)
 
     def _take(self, command: Frame, heard_ns: int) -> None:

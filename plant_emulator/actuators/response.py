@@ -6,6 +6,8 @@ from typing import Final
 
 NS_PER_S: Final = 1_000_000_000
 FAR_NS: Final = 1 << 62
+SETTLED_RATIO: Final = 1.0e-6
+"""A lag that is this close to its target has arrived."""
 
 
 class DeadTime:
@@ -60,7 +62,7 @@ class Lag:
         if before == target:
             return target
         after = target + (before - target) * self._keep_ratio
-        if abs(after - target) < 1.0e-9 * (1.0 + abs(target)):
+        if abs(after - target) < SETTLED_RATIO * (1.0 + abs(target)):
             after = target
         self.value = after
         if self._keep_ratio == 0.0:

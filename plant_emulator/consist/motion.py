@@ -7,7 +7,7 @@ friction could stop or hold within the step has exactly zero speed after it. So 
 stands without creeping, and a train that nothing holds rolls.
 
 The error is of second order in h. Over the first 20 s of a coupler oscillation of florence4 after a
-step of 100 kN, at h = 10 ms, no car is more than 0.05 mm or 0.2 mm/s off the exact solution, and
+step of 100 kN, at h = 10 ms, no car is more than 0.02 mm or 0.1 mm/s off the exact solution, and
 the energy balance of a run closes within 0.01 % of the work done (tests hold this down).
 """
 

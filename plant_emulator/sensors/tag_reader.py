@@ -24,6 +24,7 @@ from plant_emulator.train_config import SensorConfig
 NS_PER_S: Final = 1_000_000_000
 NS_PER_MS: Final = 1_000_000
 SENT_PERIOD: Final = 1 << 16
+FAR_NS: Final = 1 << 62
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +75,8 @@ class TagReader:
         self._waiting: deque[TagPass] = deque()
         self._last_due_ns = start_ns
         self._health_due_ns = start_ns
+        self.due_ns = start_ns
+        """When the next telegram leaves, of a tag or of health."""
         self._sequence = 0
         self.tags_read = 0
         self.telegrams_sent = 0
@@ -121,13 +124,12 @@ class TagReader:
             self._sites[index], true_ns, stamp_ns, tachos.pulses_a(share_ratio), due_ns
         )
         self._waiting.append(self.last)
+        self.due_ns = min(self.due_ns, due_ns)
         self.tags_read += 1
 
     def telegrams(self, now_ns: int) -> list[bytes]:
         """What leaves on the serial line now, ready for it."""
         waiting = self._waiting
-        if now_ns < self._health_due_ns and not waiting:
-            return []
         leaving: list[bytes] = []
         while waiting and waiting[0].due_ns <= now_ns:
             leaving.append(self._tag(waiting.popleft(), now_ns))
@@ -135,6 +137,7 @@ class TagReader:
             leaving.append(self._health(now_ns))
             period_ns = round(HEALTH_PERIOD_S * NS_PER_S)
             self._health_due_ns = max(self._health_due_ns + period_ns, now_ns)
+        self.due_ns = min(self._health_due_ns, waiting[0].due_ns if waiting else FAR_NS)
         return leaving
 
     def _clock_ms(self, instant_ns: int) -> float:
