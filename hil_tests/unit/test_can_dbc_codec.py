@@ -10,6 +10,7 @@ from can_dbc import binding
 from can_dbc.brake import BrakeCommand, BrakeStatus
 from can_dbc.codec import Decoder, EncodeError, Encoder, Reason, Rejected
 from can_dbc.diagnostics import EMERGENCIES, HEARTBEATS, NodeState
+from can_dbc.doors import DoorCommand
 from can_dbc.energy import LineSupply
 from can_dbc.nodes import Direction, Node
 from can_dbc.odometer import Doppler, Tacho
@@ -207,9 +208,9 @@ def test_the_same_invalid_value_twice_is_refused_twice() -> None:
     assert decoder.rejections == {(TACHO_ID, Reason.INVALID_VALUE): 2}
 
 
-def crc(kind: type[Any], body: bytes) -> bytes:
+def crc(kind: type[Any], body: bytes, *, half: int = 0) -> bytes:
     """Bit by bit, as the standard writes it down."""
-    attributes = binding.message(kind).dbc
+    attributes = binding.binding_of(kind).messages[half].dbc
     assert attributes is not None
     state = 0xFFFF
     data_id = attributes.attributes["SafetyDataId"].value
@@ -467,6 +468,20 @@ def test_two_bits_are_true_only_as_one_zero() -> None:
         found[raw] = heard.emergency_applied
 
     assert found == {0b00: False, 0b01: False, 0b10: True, 0b11: False}
+
+
+@pytest.mark.parametrize("payload", [0x00, 0xFF])
+def test_a_pair_of_all_zeros_and_all_ones_is_a_pair_like_any(payload: int) -> None:
+    """No sender of ours makes it, but its CRCs are right and it says false four times."""
+    decoder = Decoder([DoorCommand])
+    bodies = bytes([payload, 0]), bytes([0xFF - payload, 0])
+
+    heard = [
+        decoder.decode(0x105 + half, body + crc(DoorCommand, body, half=half), 0)
+        for half, body in enumerate(bodies)
+    ]
+
+    assert heard == [None, DoorCommand(False, False, False, False)]
 
 
 def test_flags_combine() -> None:
