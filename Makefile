@@ -27,7 +27,7 @@ setup: $(READY_TO_TEST) ## make .venv with everything for development
 
 run: $(READY_TO_RUN) ## bring a bus up and drive one station hop; RUN_ARGS="--from I --to II"
 	@# The trap lets the run end by itself on Ctrl-C, so that its bus can be taken down after it.
-	@trap : INT; \
+	@trap : INT TERM HUP; \
 	$(BIN)/vcan status vcan0 >/dev/null 2>&1; was_up=$$?; \
 	$(BIN)/vcan up vcan0 || exit; \
 	$(BIN)/vobc run $(RUN_ARGS); status=$$?; \
