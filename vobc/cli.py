@@ -149,7 +149,7 @@ def _run(options: argparse.Namespace, planned: Plan) -> int:
     with ExitStack() as stack:
         clock = WallClock()
         out = _folder(options.out)
-        vobc = _device(options, planned, out, clock, stack)
+        vobc = _device(planned, out, clock, stack)
         granted = enter_realtime(options.priority) if options.priority else None
         if out is not None:
             _write_json(out / "realtime.json", _granted_words(granted))
@@ -171,14 +171,12 @@ def _run(options: argparse.Namespace, planned: Plan) -> int:
 
 
 def _device(
-    options: argparse.Namespace,
     planned: Plan,
     out: Path | None,
     clock: WallClock,
     stack: ExitStack,
 ) -> VobcDevice:
     """Open everything. What is opened is closed by the stack, the bus last."""
-    config = planned.config
     stack.callback(planned.nvram.close)
     can = open_can(planned.bus, clock=clock, node="VOBC", accept_ids=HEARD_IDS)
     stack.callback(can.close)
@@ -189,24 +187,21 @@ def _device(
         log = cycles
     tags = PatientLine(planned.tags)
     stack.callback(tags.close)
-    topics = (keys.authorities(planned.line.name, config.address),)
+    topics = (keys.authorities(planned.line.name, planned.config.address),)
     radio = open_radio(Role.TRAIN, planned.radio, topics, clock)
     stack.callback(radio.close)
-    try:
-        return VobcDevice(
-            config,
-            planned.line,
-            planned.mission,
-            can=can,
-            tags=tags,
-            radio=radio,
-            nvram=planned.nvram,
-            cycle_log=log,
-            start_ns=clock.now_ns(),
-            start=planned.start,
-        )
-    except ValueError as error:
-        raise SettingsError(f"{options.consist}: {error}") from error
+    return VobcDevice(
+        planned.config,
+        planned.line,
+        planned.mission,
+        can=can,
+        tags=tags,
+        radio=radio,
+        nvram=planned.nvram,
+        cycle_log=log,
+        start_ns=clock.now_ns(),
+        start=planned.start,
+    )
 
 
 class PatientLine:

@@ -6,6 +6,7 @@ from firmware_py import settings
 from firmware_py.settings import SettingsError
 from firmware_py.trackdb import LineMap, Station
 from vobc.ato import AtoConfig
+from vobc.ato.strategies import STRATEGIES
 from vobc.atp import AtpConfig
 from vobc.odometry import OdometryConfig
 from vobc.vocabulary import Mission, TrainBelief
@@ -37,6 +38,9 @@ class VobcConfig:
             )
         if not 1 <= self.address <= 65535:
             raise ValueError(f"address {self.address} is not in 1..65535")
+        if self.ato.strategy not in STRATEGIES:
+            known = ", ".join(sorted(STRATEGIES))
+            raise ValueError(f"ato.strategy {self.ato.strategy!r} is unknown; there is {known}")
         if self.report_ms <= 0.0 or self.manual_jerk_mps3 <= 0.0:
             raise ValueError("report_ms or manual_jerk_mps3 is not positive")
 

@@ -98,8 +98,6 @@ class VobcDevice:
 
         Args:
             start: where the train stands; by default where its mission starts.
-
-        Raises ValueError for an unknown strategy of the automatic operation.
         """
         self._config = config
         self._can, self._tags, self._radio, self._nvram = can, tags, radio, nvram

@@ -67,6 +67,14 @@ def test_what_is_wrong_in_a_file_is_named(tmp_path: Path, old: str, new: str, wo
     assert "mine.toml" in str(raised.value)
 
 
+def test_an_unknown_strategy_is_named_with_those_there_are(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text(shipped_text() + '\n[ato]\nstrategy = "bold"\n', encoding="utf-8")
+
+    with pytest.raises(SettingsError, match=r"strategy 'bold' is unknown; there is .*florence"):
+        load_config(str(path))
+
+
 def test_an_unknown_name_is_answered_with_the_nearest() -> None:
     with pytest.raises(SettingsError, match="florence4"):
         load_config("florenc4")

@@ -64,7 +64,9 @@ class Odometry:
             self._take(sample.frame, now_s - sample.age_s, radar_mps)
         if not self._track.begun:
             return None
-        accepted = tuple(tag.tag_id for tag in seen.tags if self._offer(tag))
+        accepted: tuple[int, ...] = ()
+        if seen.tags:
+            accepted = tuple([tag.tag_id for tag in seen.tags if self._offer(tag)])
         speed = self._speed(now_s, radar_mps)
         self._where.watch_missed(speed.best, accepted)
         standstill = self._standstill(now_s, seen.tacho_age_s)

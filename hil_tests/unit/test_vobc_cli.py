@@ -1,0 +1,152 @@
+"""The bare controller's command line: its words, and what it says of wrong ones."""
+
+import os
+import signal
+from pathlib import Path
+
+import pytest
+
+from firmware_py.nvram import Nvram, NvramRecord
+from vobc.cli import (
+    EXIT_ENVIRONMENT,
+    EXIT_INTERRUPTED,
+    EXIT_OK,
+    EXIT_USAGE,
+    Ending,
+    PatientLine,
+    main,
+    parser,
+    plan,
+)
+
+EPOCH_NS = 1_700_000_000_000_000_000
+BUS = ["--bus", "embedded:nowhere"]
+
+
+def test_the_verb_may_be_left_out() -> None:
+    assert vars(parser().parse_args(BUS)) == vars(parser().parse_args(["run", *BUS]))
+
+
+def test_without_words_the_train_stands_at_the_first_station_and_runs_to_the_last() -> None:
+    planned = plan(parser().parse_args(BUS), EPOCH_NS)
+
+    assert planned.mission.start.name == "Start"
+    assert planned.mission.stops[-1].name == "IV"
+    assert planned.config.cycle_ms == 50.0
+    assert planned.start is None
+    assert planned.nvram.record.boot_count == 1_700_000_000
+
+
+def test_a_train_that_was_switched_off_goes_on_from_where_it_stood(tmp_path: Path) -> None:
+    memory = tmp_path / "nvram"
+    Nvram(memory).put(NvramRecord(boot_count=5, front_m=3000.4, standing=True))
+
+    planned = plan(parser().parse_args([*BUS, "--nvram", str(memory)]), EPOCH_NS)
+
+    assert planned.mission.start.name == "II"
+    assert planned.start is not None
+    assert planned.start.front_m == 3000.4
+    assert planned.nvram.record.boot_count == 5
+
+
+def test_a_train_that_is_said_to_stand_somewhere_stands_there(tmp_path: Path) -> None:
+    memory = tmp_path / "nvram"
+    Nvram(memory).put(NvramRecord(boot_count=5, front_m=3000.4, standing=True))
+    words = [*BUS, "--nvram", str(memory), "--from", "I"]
+
+    planned = plan(parser().parse_args(words), EPOCH_NS)
+
+    assert planned.mission.start.name == "I"
+    assert planned.start is None
+
+
+@pytest.mark.parametrize(
+    ("words", "said", "code"),
+    [
+        (["--consist", "florence5"], "florence4", EXIT_USAGE),
+        (["--consist", "missing.toml"], "missing.toml: no such file", EXIT_USAGE),
+        (["--line", "florance"], "florence", EXIT_USAGE),
+        (["--from", "V"], "--from V", EXIT_USAGE),
+        (["--from", "III", "--to", "II"], "--to II", EXIT_USAGE),
+        (["--bus", "vcan0"], "no kind", EXIT_ENVIRONMENT),
+        (["--bus", "socketcan:nocan9"], "nocan9", EXIT_ENVIRONMENT),
+        (["--bus", "embedded:nowhere"], "nowhere", EXIT_ENVIRONMENT),
+    ],
+)
+def test_what_is_wrong_is_one_line_and_an_exit_code(
+    words: list[str], said: str, code: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([*BUS, *words]) == code
+
+    error = capsys.readouterr().err
+    assert error.startswith("vobc: ")
+    assert said in error
+    assert "Traceback" not in error
+    assert error.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["--cycle-ms", "10"],
+        ["--cycle-ms", "fast"],
+        ["--cycle-ms", "nan"],
+        ["--priority", "100"],
+        ["--duration", "-1"],
+    ],
+)
+def test_a_number_that_cannot_be_is_refused_at_once(
+    words: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main([*BUS, *words])
+
+    assert ended.value.code == EXIT_USAGE
+    assert words[1] in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("number", "code"), [(signal.SIGINT, EXIT_INTERRUPTED), (signal.SIGTERM, EXIT_OK)]
+)
+def test_a_signal_is_a_wish_to_end_and_handlers_are_given_back(number: int, code: int) -> None:
+    before = signal.getsignal(number)
+    ending = Ending()
+
+    with ending.caught():
+        os.kill(os.getpid(), number)
+        asked = ending.asked
+
+    assert asked
+    assert ending.exit_code == code
+    assert signal.getsignal(number) is before
+
+
+def test_a_tag_line_that_is_not_there_yet_is_waited_for_and_said_once(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    line = PatientLine(str(tmp_path / "tags"))
+
+    for second in range(5):
+        assert list(line.receive(second * 1_000_000_000)) == []
+
+    said = capsys.readouterr().err
+    assert said.count("waits for the tag reader") == 1
+    assert "no such device" in said
+    assert line.counters.errors == 5
+
+
+def test_a_tag_line_that_comes_later_is_heard(tmp_path: Path) -> None:
+    link = tmp_path / "tags"
+    line = PatientLine(str(link))
+    line.receive(0)
+    master, slave = os.openpty()
+    link.symlink_to(os.ttyname(slave))
+
+    assert list(line.receive(1_000_000_000)) == []
+    os.write(master, b"hello")
+    chunks = list(line.receive(1_100_000_000))
+
+    assert b"".join(chunk.data for chunk in chunks) == b"hello"
+    line.close()
+    os.close(master)
+    os.close(slave)

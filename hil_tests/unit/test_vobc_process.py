@@ -1,0 +1,338 @@
+"""The controller as a device on a bus of virtual time, beside a train that only stands there."""
+
+import itertools
+import math
+from collections import Counter
+from pathlib import Path
+
+import pytest
+
+from can_dbc.brake import BrakeCommand, BrakeStatus
+from can_dbc.cab import CabMode, Desk
+from can_dbc.codec import Decoder, Encoder, Rejected
+from can_dbc.diagnostics import EMERGENCIES, HEARTBEATS, Heartbeat, NodeState
+from can_dbc.doors import DoorCommand, DoorState, DoorStatus
+from can_dbc.nodes import Direction, Node
+from can_dbc.odometer import Tacho
+from can_dbc.tags import TagReaderHealth
+from can_dbc.traction import TractionCommand, TractionStatus
+from can_dbc.vobc import Supervision, VobcMotion, VobcPosition, VobcStatus, VobcTarget
+from firmware_py.buses.inproc import InprocBus
+from firmware_py.clock import LockstepClock
+from firmware_py.executive import Executive, Task, run
+from firmware_py.nvram import Nvram, NvramRecord
+from firmware_py.radio.inproc_radio import InprocRadio
+from firmware_py.recorder import LineLog
+from firmware_py.tag_reader.inproc_line import inproc_line
+from firmware_py.trackdb import load_line
+from vobc.config import load_config, plan_mission
+from vobc.process import CYCLE_COLUMNS, VobcDevice, commissioned_start, remembered_start
+from zenoh_config import keys
+from zenoh_config.codec import pack, unpack
+from zenoh_config.messages import MovementAuthority, PositionReport
+
+LINE = load_line("florence")
+NS_PER_MS = 1_000_000
+SENT = (
+    BrakeCommand, TractionCommand, DoorCommand, VobcStatus, VobcMotion, VobcPosition, VobcTarget,
+    HEARTBEATS[Node.VOBC], EMERGENCIES[Node.VOBC],
+)  # fmt: skip
+
+
+class World:
+    """A standing train, a wayside that grants 500 m, and an ear on the bus."""
+
+    def __init__(
+        self,
+        *,
+        cycle_ms: float = 50.0,
+        nvram: Nvram | None = None,
+        log: LineLog | None = None,
+    ) -> None:
+        self.clock = LockstepClock()
+        bus = InprocBus("test", 250_000)
+        self.port, self.ear = bus.port("TRAIN"), bus.port("EAR")
+        self.bus = bus
+        air = InprocRadio(0.02)
+        self.radio = air.port("wayside", (keys.reports(LINE.name),))
+        controller_end, self.reader = inproc_line()
+        self.encoder, self.decoder = Encoder(), Decoder(SENT)
+        self.pulses = 0
+        self.desk = Desk(CabMode.AUTO, 0.0, True, True, False, False, False, False)
+        self.heard: list[tuple[int, object]] = []
+        self.reports: list[PositionReport] = []
+        self.nvram = nvram or Nvram(None)
+        config = load_config("florence4", cycle_ms=cycle_ms)
+        self.vobc = VobcDevice(
+            config,
+            LINE,
+            plan_mission(LINE, "II", "III"),
+            can=bus.port("VOBC"),
+            tags=controller_end,
+            radio=air.port("train", (keys.authorities(LINE.name, config.address),)),
+            nvram=self.nvram,
+            cycle_log=log,
+            start_ns=0,
+        )
+        self.executive = Executive(
+            [Task("train", 20.0, self.train), Task("listen", 5.0, self.listen)], 0
+        )
+
+    def train(self, now_ns: int) -> None:
+        counter = self.pulses % 65536
+        for frame in (
+            Tacho(counter, counter, Direction.NEUTRAL, True, True),
+            BrakeStatus(0.0, 0.0, False, True, False, True),
+            TractionStatus(0.0, 1.0, True, True),
+            DoorStatus(True, DoorState.LOCKED, DoorState.LOCKED, True),
+            self.desk,
+            TagReaderHealth(True, 0, 0.0),
+        ):
+            for can_id, payload in self.encoder.encode(frame):
+                self.port.send(now_ns, can_id, payload)
+        for message in self.radio.receive(now_ns):
+            report = unpack(message.payload)
+            assert isinstance(report, PositionReport)
+            self.reports.append(report)
+            answer = MovementAuthority(
+                report.train, report.boot, 4, len(self.reports), report.stamp_ns, 3500.0
+            )
+            self.radio.send(now_ns, keys.authority(LINE.name, 0, report.train), pack(answer))
+
+    def listen(self, now_ns: int) -> None:
+        for frame in self.ear.receive(now_ns):
+            heard = self.decoder.decode(frame.can_id, frame.data, frame.stamp_ns)
+            assert not isinstance(heard, Rejected), heard
+            if heard is not None:
+                self.heard.append((frame.stamp_ns, heard))
+
+    def run(self, seconds: float) -> None:
+        end_ns = self.clock.now_ns() + round(seconds * 1e9)
+        run([self.executive, self.vobc.executive], self.clock, lambda now_ns: now_ns >= end_ns)
+
+    def of(self, kind: type) -> list[object]:
+        return [frame for _, frame in self.heard if isinstance(frame, kind)]
+
+    def last_words(self) -> list[object]:
+        """What is on the bus from now on."""
+        self.heard.clear()
+        self.bus.advance(self.clock.now_ns() + 1_000_000_000)
+        self.listen(self.clock.now_ns() + 1_000_000_000)
+        return [frame for _, frame in self.heard]
+
+
+def test_from_the_first_cycle_on_the_train_is_braked_until_it_may_go() -> None:
+    world = World()
+
+    world.run(3.0)
+
+    brakes, states = world.of(BrakeCommand), world.of(VobcStatus)
+    assert isinstance(brakes[0], BrakeCommand)
+    assert not brakes[0].emergency_released
+    assert isinstance(states[0], VobcStatus)
+    assert states[0].supervision is Supervision.NO_AUTHORITY
+    assert isinstance(brakes[-1], BrakeCommand)
+    assert brakes[-1].emergency_released
+    assert isinstance(states[-1], VobcStatus)
+    assert states[-1].supervision is Supervision.NOMINAL
+
+
+@pytest.mark.parametrize(
+    ("cycle_ms", "expected"),
+    [
+        (50.0, {BrakeCommand: 60, DoorCommand: 30, VobcStatus: 60, VobcMotion: 30, VobcTarget: 15}),
+        (
+            20.0,
+            {BrakeCommand: 150, DoorCommand: 30, VobcStatus: 75, VobcMotion: 30, VobcTarget: 15},
+        ),
+        (
+            100.0,
+            {BrakeCommand: 60, DoorCommand: 30, VobcStatus: 30, VobcMotion: 30, VobcTarget: 15},
+        ),
+        (
+            200.0,
+            {BrakeCommand: 60, DoorCommand: 15, VobcStatus: 15, VobcMotion: 15, VobcTarget: 15},
+        ),
+    ],
+)
+def test_every_frame_has_its_rhythm_whatever_the_cycle(
+    cycle_ms: float, expected: dict[type, int]
+) -> None:
+    """In three seconds; one more or less for the edges, and nothing is told before it is known."""
+    world = World(cycle_ms=cycle_ms)
+
+    world.run(3.0)
+
+    counted = Counter(type(frame) for _, frame in world.heard)
+    for kind, count in expected.items():
+        assert abs(counted[kind] - count) <= count // 12 + 1, (kind, counted[kind])
+    stamps_ns = [stamp for stamp, frame in world.heard if isinstance(frame, BrakeCommand)]
+    gaps_ns = [b - a for a, b in itertools.pairwise(stamps_ns)]
+    assert max(gaps_ns) < 60 * NS_PER_MS
+
+
+def test_the_brake_command_leaves_before_everything_else_of_a_cycle() -> None:
+    world = World()
+
+    world.run(0.01)
+
+    assert isinstance(world.heard[0][1], BrakeCommand)
+    assert isinstance(world.heard[1][1], TractionCommand)
+
+
+def test_a_crash_while_deciding_ends_in_the_safe_output_and_leaves(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    world = World()
+    world.run(3.0)
+    assert world.vobc.output.emergency_released
+
+    def crash(*_: object) -> None:
+        raise ZeroDivisionError("made by the test")
+
+    monkeypatch.setattr(world.vobc._controller, "step", crash)
+    world.listen(world.clock.now_ns())
+    world.heard.clear()
+    with pytest.raises(ZeroDivisionError, match="made by the test"):
+        world.run(1.0)
+
+    words = world.last_words()
+    assert BrakeCommand(2.0, False, False) in words
+    assert TractionCommand(0.0, Direction.NEUTRAL, False) in words
+    assert DoorCommand(False, False, False, False) in words
+    assert HEARTBEATS[Node.VOBC](NodeState.STOPPED) in words
+
+
+def test_a_crash_of_a_slow_controller_is_not_papered_over_by_repetitions(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Repetitions end when the cycles do, even if nobody noticed why."""
+    world = World(cycle_ms=200.0)
+    world.run(3.0)
+    monkeypatch.setattr(world.vobc, "control_cycle", lambda now_ns: None)
+    frozen = Executive([Task("repeat", 50.0, world.vobc.repeat_vital)], world.clock.now_ns())
+    world.listen(world.clock.now_ns())
+    world.heard.clear()
+
+    end_ns = world.clock.now_ns() + 2_000_000_000
+    run([world.executive, frozen], world.clock, lambda now_ns: now_ns >= end_ns)
+
+    assert 1 <= len(world.of(BrakeCommand)) <= 9
+
+
+def test_the_last_word_of_a_stopped_controller_is_the_safe_output() -> None:
+    world = World()
+    world.run(3.0)
+    world.listen(world.clock.now_ns())
+
+    world.vobc.stop(world.clock.now_ns())
+
+    words = world.last_words()
+    assert words[0] == BrakeCommand(2.0, False, False)
+    assert isinstance(words[-1], Heartbeat)
+    assert world.vobc.output.cause == "controller ends"
+
+
+def test_an_emergency_is_told_once_when_it_comes_and_once_when_it_goes() -> None:
+    world = World()
+    world.run(3.0)
+    for pressed, reset in ((True, False), (False, False), (False, True), (False, False)):
+        world.desk = Desk(CabMode.AUTO, 0.0, not pressed, True, False, reset, False, False)
+        world.run(3.0)
+
+    emcy = EMERGENCIES[Node.VOBC]
+    told = world.of(emcy)
+    assert [frame.error_code for frame in told if isinstance(frame, emcy)] == [0xFF01, 0]
+    assert world.vobc.output.supervision is Supervision.NOMINAL
+
+
+def test_life_signs_come_every_second_and_begin_with_the_boot_up() -> None:
+    world = World()
+
+    world.run(3.5)
+
+    states = [beat.state for beat in world.of(Heartbeat) if isinstance(beat, Heartbeat)]
+    assert states == [NodeState.BOOT_UP] + 3 * [NodeState.OPERATIONAL]
+
+
+def test_position_reports_come_five_times_a_second_with_the_incarnation_of_this_start() -> None:
+    world = World(nvram=Nvram(None, NvramRecord(boot_count=41)))
+
+    world.run(2.1)
+
+    assert 9 <= len(world.reports) <= 11
+    assert {report.boot for report in world.reports} == {42}
+    sequences = [report.sequence for report in world.reports]
+    assert sequences == list(range(sequences[0], sequences[0] + len(sequences)))
+    assert world.reports[-1].front_min_m <= 3000.0 <= world.reports[-1].front_max_m
+
+
+def test_each_start_is_counted_on_the_disk_before_anything_is_said(tmp_path: Path) -> None:
+    path = tmp_path / "nvram"
+
+    World(nvram=Nvram(path))
+    World(nvram=Nvram(path))
+
+    record = Nvram(path).record
+    assert record.boot_count == 2
+    assert not record.standing
+
+
+def test_place_and_wheel_are_stored_at_the_first_standstill_after_a_run(tmp_path: Path) -> None:
+    path = tmp_path / "nvram"
+    world = World(nvram=Nvram(path))
+    world.run(3.0)
+    for _ in range(10):
+        world.pulses += 2
+        world.run(0.04)
+    world.run(4.0)
+    world.nvram.close()
+
+    record = Nvram(path).record
+    assert record.standing
+    assert record.front_m == pytest.approx(3000.0 + 20 * math.pi * 0.86 / 256, abs=0.05)
+    assert record.wheel_diameter_m == pytest.approx(0.86, rel=0.05)
+    assert record.highest_term == 4
+
+
+def test_the_cycle_log_has_a_row_for_each_cycle_and_no_torn_field(tmp_path: Path) -> None:
+    path = tmp_path / "cycles.csv"
+    log = LineLog(path, CYCLE_COLUMNS)
+    world = World(log=log)
+
+    world.run(3.0)
+    log.close()
+
+    rows = [line.split(",") for line in path.read_text(encoding="utf-8").splitlines()]
+    assert rows[0] == list(CYCLE_COLUMNS)
+    assert len(rows) == 1 + 60
+    column = {name: index for index, name in enumerate(CYCLE_COLUMNS)}
+    last = rows[-1]
+    assert float(last[column["t_s"]]) == pytest.approx(2.95)
+    assert float(last[column["front_m"]]) == pytest.approx(3000.0)
+    assert last[column["supervision"]] == "nominal"
+
+
+def test_two_runs_of_the_same_world_say_the_same_at_the_same_instants() -> None:
+    first, second = World(), World()
+
+    first.run(4.0)
+    second.run(4.0)
+
+    assert first.heard == second.heard
+    assert len(first.heard) > 300
+
+
+def test_where_a_train_may_stand_after_a_power_cycle() -> None:
+    config, mission = load_config("florence4"), plan_mission(LINE, "II", None)
+    stood = NvramRecord(front_m=1234.0, standing=True, wheel_diameter_m=0.84)
+
+    remembered = remembered_start(config, stood)
+    commissioned = commissioned_start(config, mission, stood)
+
+    assert remembered is not None
+    assert (remembered.front_m, remembered.bound_m) == (1234.0, config.odometry.cold_movement_m)
+    assert (commissioned.front_m, commissioned.bound_m) == (3000.0, config.odometry.start_bound_m)
+    assert commissioned.m_per_pulse == pytest.approx(math.pi * 0.84 / 256)
+    assert remembered_start(config, NvramRecord(front_m=1234.0, standing=False)) is None
+    assert remembered_start(config, NvramRecord()) is None
