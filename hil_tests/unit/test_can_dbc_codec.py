@@ -97,6 +97,20 @@ def test_the_counter_decides_what_is_believed(
     assert decoder.lost[TACHO_ID] == lost
 
 
+def test_every_step_from_every_counter_is_judged_alike() -> None:
+    """All 65 536 pairs of neighbouring counters: one to three ahead is believed, nothing else."""
+    payloads = tacho_payloads(256)
+    for before in range(256):
+        for after in range(256):
+            decoder = Decoder([Tacho])
+            decoder.decode(TACHO_ID, payloads[before], 0)
+
+            heard = decoder.decode(TACHO_ID, payloads[after], 0)
+
+            believed = after in {(before + step) % 256 for step in (1, 2, 3)}
+            assert isinstance(heard, Tacho) == believed, (before, after)
+
+
 def test_after_a_silence_longer_than_the_timeout_any_counter_starts_anew() -> None:
     timeout_ns = round(binding.timeout_s(Tacho) * 1e9)
     for age_ns, expected in ((timeout_ns, Rejected), (timeout_ns + 1, Tacho)):
@@ -254,6 +268,7 @@ def test_the_second_half_must_come_in_time(gap_ns: int, expected: str | None) ->
     else:
         assert isinstance(heard, Rejected)
         assert (heard.can_id, heard.reason) == (BRAKE_TWIN_ID, Reason.TWIN_TIMEOUT)
+        assert heard.detail == "20.0 ms after BRAKE_CMD"
 
 
 def test_a_twin_without_a_first_half_is_refused() -> None:
@@ -383,6 +398,16 @@ def test_an_invalid_value_is_named() -> None:
     body = (-32768 & 0xFFFF).to_bytes(5, "little")
     traction = Decoder([TractionStatus]).decode(0x183, body + crc(TractionStatus, body), 0)
 
+    halves = bytes([0xB8, 0x0B, 0]), bytes([0x47, 0xF4, 0])
+    decoder = Decoder([BrakeCommand])
+    brake = [
+        decoder.decode(BRAKE_ID + half, body + crc(BrakeCommand, body, half=half), 0)
+        for half, body in enumerate(halves)
+    ][1]
+
+    assert isinstance(brake, Rejected)
+    assert (brake.can_id, brake.reason) == (BRAKE_ID, Reason.INVALID_VALUE)
+    assert brake.detail == "service_decel_mps2 is raw 3000, outside its range"
     assert isinstance(tacho, Rejected)
     assert tacho.detail == "direction is 3, which its value table does not have"
     assert isinstance(traction, Rejected)
