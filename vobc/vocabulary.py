@@ -172,7 +172,7 @@ class Motion:
     travel_m: float
     """Distance by pulses alone since start, signed; no tag makes it jump."""
     standing: bool
-    """No pulse for half a second: quick, for brakes and doors' readiness, but no proof."""
+    """Half a second of samples without a pulse: a quick sign, but no proof of standstill."""
     standstill: bool
     """Zero speed proven: upper speed bound under 1 km/h for 2 s."""
     localised: bool

@@ -234,9 +234,9 @@ def test_a_tacho_that_falls_silent_in_motion_stops_the_train() -> None:
     bench.set_off()
     bench.odometer = False
 
-    states = [bench.cycle().supervision for _ in range(4)]
+    states = [bench.cycle().supervision for _ in range(6)]
 
-    assert states[1] is Supervision.NOMINAL
+    assert states[3] is Supervision.NOMINAL
     assert states[-1] is Supervision.EMERGENCY
 
 
@@ -461,9 +461,9 @@ def spoilt(**changes: Any) -> Spoil:
     "spoil",
     [
         spoilt(brake=BrakeStatus(0.0, 0.0, False, False, False, True)),
-        spoilt(brake_age_s=0.2),
+        spoilt(brake_age_s=0.3),
         spoilt(traction=TractionStatus(0.0, 1.0, False, True)),
-        spoilt(traction_age_s=0.2),
+        spoilt(traction_age_s=0.3),
         spoilt(desk=replace(DESK, emergency_released=False)),
         misaligned,
     ],

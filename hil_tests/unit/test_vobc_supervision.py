@@ -166,6 +166,21 @@ def test_an_authority_that_dies_at_standstill_latches_nothing() -> None:
     assert next_state(Supervision.SERVICE, seen) is Supervision.NO_AUTHORITY
 
 
+def test_a_train_that_only_seems_to_stand_is_held_but_not_let_go() -> None:
+    """Silence takes the proof of standstill away before it takes the inputs away."""
+    seems = replace(STANDING, standstill=False)
+    silent = replace(seems, missing=int(Missing.ODOMETER), silent=int(Missing.ODOMETER))
+
+    assert next_state(Supervision.NOMINAL, silent) is Supervision.NO_AUTHORITY
+    assert next_state(Supervision.NO_AUTHORITY, seems) is Supervision.NO_AUTHORITY
+
+
+def test_a_host_that_stalls_while_the_train_stands_latches_nothing() -> None:
+    seen = replace(STANDING, overruns=50)
+
+    assert next_state(Supervision.NOMINAL, seen) is Supervision.NOMINAL
+
+
 def test_nothing_lets_a_held_train_go_before_standstill_is_proven() -> None:
     assert next_state(Supervision.NO_AUTHORITY, RUNNING) is Supervision.NO_AUTHORITY
 

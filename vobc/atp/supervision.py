@@ -19,7 +19,7 @@ class Seen:
     speed_mps: Interval
     ceiling: Ceiling
     standing: bool
-    """No pulse comes: quick, but no proof."""
+    """The tacho's samples show no pulse any more: quick, but no proof."""
     standstill: bool
     """Proven."""
     missing: int
@@ -76,7 +76,7 @@ def authority_ages(seen: Seen) -> bool:
 
 
 def authority_too_old_in_motion(seen: Seen) -> bool:
-    return not seen.standstill and seen.authority_age_s >= seen.limits.authority_age_max_s
+    return not seen.standing and seen.authority_age_s >= seen.limits.authority_age_max_s
 
 
 def rolled_back(seen: Seen) -> bool:
@@ -89,11 +89,11 @@ def moved_while_held(seen: Seen) -> bool:
 
 def vital_lost_in_motion(seen: Seen) -> bool:
     """Silence counts; a unit that says it is not ready still answers, and the train may coast."""
-    return not seen.standstill and bool(seen.silent & VITAL_IN_MOTION)
+    return not seen.standing and bool(seen.silent & VITAL_IN_MOTION)
 
 
 def localisation_lost_in_motion(seen: Seen) -> bool:
-    return not seen.standstill and bool(seen.missing & LOCALISATION)
+    return not seen.standing and bool(seen.missing & LOCALISATION)
 
 
 def button(seen: Seen) -> bool:
@@ -101,7 +101,7 @@ def button(seen: Seen) -> bool:
 
 
 def overrun(seen: Seen) -> bool:
-    return seen.overruns > seen.limits.overruns_max
+    return not seen.standing and seen.overruns > seen.limits.overruns_max
 
 
 def not_finite(seen: Seen) -> bool:
@@ -140,8 +140,9 @@ def _any_of(causes: Mapping[Cause, Guard], seen: Seen) -> bool:
     return any(guard(seen) for guard in causes.values())
 
 
-def incomplete_at_standstill(seen: Seen) -> bool:
-    return seen.standstill and seen.missing != 0
+def incomplete_while_standing(seen: Seen) -> bool:
+    """The quick sign is enough to hold a train; only letting it go takes the proof."""
+    return seen.standing and seen.missing != 0
 
 
 def complete_at_standstill(seen: Seen) -> bool:
@@ -170,19 +171,19 @@ TRANSITIONS: Final[Mapping[Supervision, tuple[tuple[Guard, Supervision], ...]]] 
     ),
     Supervision.NOMINAL: (
         (emergency, Supervision.EMERGENCY),
-        (incomplete_at_standstill, Supervision.NO_AUTHORITY),
+        (incomplete_while_standing, Supervision.NO_AUTHORITY),
         (service_needed, Supervision.SERVICE),
         (over_warning, Supervision.WARNING),
     ),
     Supervision.WARNING: (
         (emergency, Supervision.EMERGENCY),
-        (incomplete_at_standstill, Supervision.NO_AUTHORITY),
+        (incomplete_while_standing, Supervision.NO_AUTHORITY),
         (service_needed, Supervision.SERVICE),
         (under_ceiling, Supervision.NOMINAL),
     ),
     Supervision.SERVICE: (
         (emergency, Supervision.EMERGENCY),
-        (incomplete_at_standstill, Supervision.NO_AUTHORITY),
+        (incomplete_while_standing, Supervision.NO_AUTHORITY),
         (under_ceiling, Supervision.NOMINAL),
     ),
     Supervision.EMERGENCY: ((reset_at_standstill, Supervision.NO_AUTHORITY),),

@@ -162,7 +162,7 @@ class Odometry:
         # A single sample, or several at one instant, says nothing but that the train is a train.
         low = max(low - aged_mps, -config.max_speed_mps)
         high = min(high + aged_mps, config.max_speed_mps)
-        if track.still_s(now_s) >= config.standing_s:
+        if track.still_s >= config.standing_s:
             track.settle()
             best = 0.0
         else:
@@ -192,7 +192,7 @@ class Odometry:
         age_s = max(0.0, now_s - track.stamp_s) + config.stamp_jitter_s
         low_m = where.low_m + min(0.0, speed.low) * age_s
         high_m = where.high_m + max(0.0, speed.high) * age_s
-        standing = track.still_s(now_s) >= config.standing_s and not self._slip
+        standing = track.still_s >= config.standing_s and not self._slip
         best_m = where.at_m
         if not self._slip:
             ahead = track.at_pulses - (self._pulses.count + HALF_PULSE)

@@ -68,9 +68,10 @@ class SpeedTrack:
         self.rate_pulses_per_s = rate + 1.5 * (1.0 - theta * theta) * short * miss / dt_s
         self.accel_pulses_per_s2 = accel + short * short * short * miss / (dt_s * dt_s)
 
-    def still_s(self, now_s: float) -> float:
-        """Time for which no pulse has come."""
-        return now_s - self._moved_s
+    @property
+    def still_s(self) -> float:
+        """Time over which samples came but no pulse. Silence adds nothing to it."""
+        return self.stamp_s - self._moved_s
 
     def settle(self) -> None:
         """The wheel stands: forget what is left of its motion."""
@@ -80,10 +81,10 @@ class SpeedTrack:
     def limited_rate_pulses_per_s(self, now_s: float) -> float:
         """The rate now; a wheel that gave no pulse for t turns slower than one pulse in t."""
         rate = self.rate_pulses_per_s + self.accel_pulses_per_s2 * (now_s - self.stamp_s)
-        seen_still_s = self.stamp_s - self._moved_s
-        if seen_still_s <= 0.0:
+        still_s = self.still_s
+        if still_s <= 0.0:
             return rate
-        most = 1.0 / seen_still_s
+        most = 1.0 / still_s
         return max(-most, min(most, rate))
 
     def mean_rate(self, jitter_s: float) -> tuple[float, float, float]:
