@@ -1,0 +1,210 @@
+"""The command `plant`: what it refuses, and a plant as a process of its own on the embedded bus."""
+
+import csv
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from firmware_py import rendezvous
+from firmware_py.buses import BusChoice
+from firmware_py.buses.embedded import start_hub
+from firmware_py.settings import shipped_names
+from plant_emulator.cli import main
+from plant_emulator.process import TRUTH_COLUMNS
+from plant_emulator.train_config import PACKAGE
+
+BUS = "planttest0"
+SPEC = f"embedded:{BUS}"
+WAIT_S = 60.0
+"""Far longer than anything takes; only a hang lasts so long."""
+
+
+@pytest.fixture(autouse=True)
+def bench_of_its_own(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    with tempfile.TemporaryDirectory() as folder:
+        monkeypatch.setenv("XDG_RUNTIME_DIR", folder)
+        yield
+
+
+@pytest.fixture
+def hub() -> Iterator[None]:
+    handle = start_hub(BUS, bound=True)
+    yield
+    handle.stop()
+
+
+def start(*arguments: str | Path) -> "subprocess.Popen[str]":
+    return subprocess.Popen(
+        [sys.executable, "-m", "plant_emulator", *map(str, arguments)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def serving(*arguments: str | Path) -> "subprocess.Popen[str]":
+    """A plant that has said that everything is open."""
+    plant = start("run", "--bus", SPEC, "--radio", "auto", "--priority", "0", *arguments)
+    assert plant.stdout is not None
+    for line in plant.stdout:
+        if "wayside:" in line:
+            return plant
+    raise AssertionError(f"the plant ended at its start: {plant.communicate()}")
+
+
+def test_the_shipped_trains_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["consists"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in lines] == shipped_names(PACKAGE)
+    assert all("4 cars, 68.59 m" in line for line in lines)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "words"),
+    [
+        (["--consist", "florence5"], 2, "florence5: nearest valid shipped name: florence4"),
+        (["--line", "nowhere.toml"], 2, "nowhere.toml: no such file"),
+        (["--from", "V"], 2, "--from V: line florence has no station V"),
+        (["--from", "III", "--to", "I"], 2, "--to I: lies at 1500 m, not beyond III"),
+        (["--bus", "embedded:nobody0"], 3, "nobody0"),
+        (["--bus", "smokesignal:a"], 3, "unknown kind"),
+    ],
+)
+def test_what_cannot_be_served_is_said_in_one_line(
+    arguments: list[str], code: int, words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["run", *arguments]) == code
+    said = capsys.readouterr().err
+    assert words in said
+    assert said.startswith("plant: ")
+    assert said.count("\n") == 1
+
+
+def test_without_any_bus_it_says_how_to_get_one(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    nothing = BusChoice(None, "the kernel has no interface vcan0")
+    monkeypatch.setattr("plant_emulator.cli.command.resolve_auto", lambda: nothing)
+    assert main(["run"]) == 3
+    said = capsys.readouterr().err
+    assert said == "plant: no bus: the kernel has no interface vcan0; `vcan up` makes one\n"
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["--load-ratio", "1.1"],
+        ["--load-ratio", "nan"],
+        ["--odometer-error", "half"],
+        ["--seed", "-1"],
+        ["--duration", "-3"],
+        ["--desk", "asleep"],
+        ["--priority", "100"],
+    ],
+)
+def test_wrong_usage_is_refused_before_anything_is_opened(
+    arguments: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(["run", *arguments])
+    assert ended.value.code == 2
+    assert arguments[0] in capsys.readouterr().err
+
+
+@pytest.mark.usefixtures("hub")
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_it_cleanly_with_its_logs_closed(
+    tmp_path: Path, number: signal.Signals
+) -> None:
+    plant = serving("--out", tmp_path)
+    tags = rendezvous.tags_link(BUS).readlink()
+    assert tags.exists()
+    assert rendezvous.read_radio(BUS)
+
+    plant.send_signal(number)
+    _, errors = plant.communicate(timeout=WAIT_S)
+
+    assert plant.returncode == 0
+    assert errors == ""
+    with (tmp_path / "truth.csv").open(newline="", encoding="utf-8") as lines:
+        rows = list(csv.reader(lines))
+    assert tuple(rows[0]) == TRUTH_COLUMNS
+    assert {len(row) for row in rows} == {len(TRUTH_COLUMNS)}
+    summary = json.loads((tmp_path / "plant.json").read_text(encoding="utf-8"))
+    assert summary["command_losses"] == {"BCU": 0, "TCU": 0, "DCU": 0}
+    assert not rendezvous.tags_link(BUS).is_symlink()
+    assert rendezvous.read_radio(BUS) is None
+
+
+@pytest.mark.usefixtures("hub")
+def test_it_ends_after_its_duration() -> None:
+    plant = serving("--duration", "0.3", "--from", "II", "--to", "III")
+    said, errors = plant.communicate(timeout=WAIT_S)
+    assert plant.returncode == 0
+    assert errors == ""
+    assert "ended" in said
+
+
+@pytest.mark.usefixtures("hub")
+def test_a_second_plant_on_one_bus_is_refused() -> None:
+    first = serving()
+    try:
+        second = start("run", "--bus", SPEC, "--priority", "0")
+        _, errors = second.communicate(timeout=WAIT_S)
+    finally:
+        first.terminate()
+        first.communicate(timeout=WAIT_S)
+    assert second.returncode == 3
+    assert "a train is there already; heard" in errors
+    assert "Traceback" not in errors
+
+
+@pytest.mark.usefixtures("hub")
+def test_a_radio_endpoint_in_use_is_refused() -> None:
+    first = serving()
+    endpoint = rendezvous.read_radio(BUS)
+    assert endpoint is not None
+    other = start_hub("planttest1", bound=True)
+    try:
+        second = start("run", "--bus", "embedded:planttest1", "--radio", endpoint)
+        _, errors = second.communicate(timeout=WAIT_S)
+    finally:
+        first.terminate()
+        first.communicate(timeout=WAIT_S)
+        other.stop()
+    assert second.returncode == 3
+    assert "in use" in errors
+    assert "Traceback" not in errors
+
+
+@pytest.mark.usefixtures("hub")
+def test_it_does_not_outlive_whoever_started_it() -> None:
+    """A parent that is killed says nothing; the kernel tells the child."""
+    command = [sys.executable, "-m", "plant_emulator", "run", "--bus", SPEC, "--priority", "0"]
+    parent = subprocess.Popen(
+        [
+            sys.executable,
+            "-c",
+            "import subprocess, sys; subprocess.Popen(sys.argv[1:]).wait()",
+            *command,
+        ],
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    assert parent.stdout is not None
+    for line in parent.stdout:
+        if "wayside:" in line:
+            break
+
+    os.kill(parent.pid, signal.SIGKILL)
+    parent.wait(WAIT_S)
+
+    # The pipe closes when the plant, too, has gone, and its last words are those of a clean end.
+    assert "ended" in parent.stdout.read()
