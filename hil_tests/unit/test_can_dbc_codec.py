@@ -259,9 +259,9 @@ def test_a_pair_gives_its_command_with_the_second_half() -> None:
 def test_the_second_half_must_come_in_time(gap_ns: int, expected: str | None) -> None:
     decoder = Decoder([BrakeCommand])
     first, second = pair(RELEASED)
-    decoder.decode(BRAKE_ID, first, 5)
+    decoder.decode(BRAKE_ID, first, 7 * MS)
 
-    heard = decoder.decode(BRAKE_TWIN_ID, second, 5 + gap_ns)
+    heard = decoder.decode(BRAKE_TWIN_ID, second, 7 * MS + gap_ns)
 
     if expected is None:
         assert heard == RELEASED
