@@ -19,6 +19,9 @@ from vobc.vocabulary import (
 )
 
 S_PER_NS: Final = 1e-9
+SPACING_S: Final = 0.008
+"""Samples closer than this were held up somewhere and came in a bunch; only the last of a bunch was
+taken near the instant at which it was heard, and it counts the pulses of all."""
 
 
 class Odometry:
@@ -60,8 +63,11 @@ class Odometry:
         now_s = seen.now_ns * S_PER_NS
         radar_mps = self._radar_mps(seen)
         self._watch_slip(now_s, radar_mps)
-        for sample in seen.tacho_samples:
-            self._take(sample.frame, now_s - sample.age_s, radar_mps)
+        samples = seen.tacho_samples
+        last = len(samples) - 1
+        for index, sample in enumerate(samples):
+            if index == last or sample.age_s - samples[index + 1].age_s >= SPACING_S:
+                self._take(sample.frame, now_s - sample.age_s, radar_mps)
         if not self._track.begun:
             return None
         accepted: tuple[int, ...] = ()

@@ -7,7 +7,8 @@ from can_dbc.odometer import Tacho
 WRAP: Final = 65536
 STUCK_PULSES: Final = 25
 """An axle that stands while the other one turns so far does not count any more."""
-JUMP_SLACK_PULSES: Final = 3
+LATE_S: Final = 0.02
+"""One sample may have been heard so much later after it was taken than the next one."""
 
 
 def signed_difference(later: int, earlier: int) -> int:
@@ -44,7 +45,7 @@ class PulseCounter:
             return 0 if tacho.healthy_a or tacho.healthy_b else None
         step_a = signed_difference(tacho.pulses_a, before.pulses_a)
         step_b = signed_difference(tacho.pulses_b, before.pulses_b)
-        limit = self._max_pulses_per_s * dt_s + JUMP_SLACK_PULSES
+        limit = self._max_pulses_per_s * (dt_s + LATE_S)
         possible_a, possible_b = abs(step_a) <= limit, abs(step_b) <= limit
         self.jumps += (not possible_a) + (not possible_b)
         self._watch_stuck(step_a, step_b)
