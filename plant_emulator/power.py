@@ -18,6 +18,7 @@ class HighVoltageBox:
     __slots__ = (
         "_config",
         "_electric_ratio",
+        "_resting",
         "_step_s",
         "_traction_ratio",
         "auxiliary_j",
@@ -54,6 +55,17 @@ class HighVoltageBox:
         self.auxiliary_j = 0.0
         self.drawn_j = 0.0
         self.returned_j = 0.0
+        self._resting = False
+
+    def rest(self) -> None:
+        """Book one step in which the motors do nothing."""
+        if not self._resting:
+            self.step(0.0, 0.0)
+            self._resting = True
+            return
+        auxiliary_j = self._config.auxiliary_w * self._step_s
+        self.auxiliary_j += auxiliary_j
+        self.drawn_j += auxiliary_j
 
     def step(self, drive_work_j: float, brake_work_j: float) -> None:
         """Book one step.
@@ -64,6 +76,7 @@ class HighVoltageBox:
             brake_work_j: taken at the rail by the electric brake; never negative.
         """
         config, step_s = self._config, self._step_s
+        self._resting = False
         if drive_work_j < 0.0:
             drive_work_j, brake_work_j = 0.0, brake_work_j - drive_work_j
         traction_j = drive_work_j / self._traction_ratio

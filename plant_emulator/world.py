@@ -144,7 +144,6 @@ class World:
         )
         self.motor_wheels = self._wheels(motor_kg)
         self.trailer_wheels = self._wheels(train.mass_kg - motor_kg)
-        self._motor_m = consist.motor_m
 
     def _wheels(self, mass_kg: float) -> WheelSlip:
         return WheelSlip(
@@ -190,8 +189,13 @@ class World:
             doors_locked=self.doors.locked,
         )
         self._press_on_rail(drive_n, speed_mps)
-        consist.step()
-        self._book_energy()
+        if self.drive_n == 0.0 and brake.electric_n == 0.0:
+            consist.step()
+            self.power.rest()
+        else:
+            motor_m = consist.motor_m
+            consist.step()
+            self._book_energy(consist.motor_m - motor_m)
         self.tachos.step(consist.car_fronts_m, self._wheels_a.slip_mps, self._wheels_b.slip_mps)
         self.tag_reader.step(consist.car_fronts_m[0], start_ns, end_ns, self.tachos)
         self.now_ns = end_ns
@@ -214,10 +218,8 @@ class World:
         self.brake_n = motor_n + trailer_n
         self.consist.load(drive_n, motor_n, trailer_n)
 
-    def _book_energy(self) -> None:
-        power, motor_m = self.power, self.consist.motor_m
-        moved_m = motor_m - self._motor_m
-        self._motor_m = motor_m
+    def _book_energy(self, moved_m: float) -> None:
+        power = self.power
         electric_n = min(self.brake.electric_n, self.brake_n)
         power.step(self.drive_n * moved_m, electric_n * abs(moved_m))
         self.traction.feed(power.effort_ratio)

@@ -83,6 +83,16 @@ class ServiceBrake:
         """Of the present application or the last one."""
         return self._dead_time_ns / NS_PER_S
 
+    @property
+    def at_rest(self) -> bool:
+        """Nothing is asked, nothing is under way, nothing is left."""
+        return (
+            self._asked_mps2 == self.decel_mps2 == 0.0
+            and self.motor_friction_n == self.trailer_friction_n == 0.0
+            and self._dead_time.settled
+            and all(shift.empty for shift in self._pneumatic_shifts)
+        )
+
     def ask(self, decel_mps2: float, at_ns: int) -> None:
         asked_mps2 = min(decel_mps2, self._config.max_decel_mps2)
         if asked_mps2 == self._asked_mps2:
@@ -135,6 +145,7 @@ class BrakeUnit:
         "_holding_on",
         "_inertia_kg",
         "_motor_ratio",
+        "_steady",
         "_watch",
         "electric_n",
         "emergency_mps2",
@@ -176,6 +187,8 @@ class BrakeUnit:
         self._holding_dead = DeadTime(1.0)
         self._holding_lag = Lag(config.holding.lag_s, step_s, 1.0)
         self._holding_on = True
+        self._steady = False
+        """No force will change before the command does, so there is nothing to compute."""
         self.emergency_wanted = True
         """The train line to traction: asked for by command or by silence, from that instant on."""
         self.emergency_mps2 = config.emergency.decel_mps2
@@ -204,6 +217,7 @@ class BrakeUnit:
 
     def _obey(self, command: BrakeCommand, at_ns: int) -> None:
         self._command = command
+        self._steady = False
         self.service.ask(command.service_decel_mps2, at_ns)
         self._want_emergency(not command.emergency_released, at_ns)
 
@@ -233,6 +247,8 @@ class BrakeUnit:
         """Forces over the step, before adhesion."""
         if end_ns > self._watch.expires_ns:
             self._fall_silent(self._watch.expires_ns)
+        if self._steady:
+            return
         speed_mps = abs(speed_mps)
         self._want_holding(start_ns, speed_mps)
         service, config = self.service, self._config
@@ -248,6 +264,18 @@ class BrakeUnit:
         self.motor_n = max(service.electric_n + service.motor_friction_n, least_motor_n)
         self.trailer_n = max(service.trailer_friction_n, least_trailer_n)
         self.friction_n = self.motor_n + self.trailer_n - self.electric_n
+        self._steady = service.decel_mps2 == 0.0 and self._is_steady(built_up, held)
+
+    def _is_steady(self, built_up: float, held: float) -> bool:
+        return (
+            self.service.at_rest
+            and self._emergency_dead.settled
+            and built_up == self._emergency_lag.value == self._emergency_dead.value
+            and self._holding_dead.settled
+            and held == self._holding_lag.value == self._holding_dead.value
+            # A train that rolls under a commanded holding brake may yet become slow enough for it.
+            and (self._holding_on or self._command.holding_released)
+        )
 
     def _fall_silent(self, at_ns: int) -> None:
         """Silence counts as the most restrictive command; the service brake stays as it is."""

@@ -78,6 +78,11 @@ class Shift:
     def __init__(self, dead_time_s: float, step_s: float) -> None:
         self._waiting = deque([0.0] * round(dead_time_s / step_s))
 
+    @property
+    def empty(self) -> bool:
+        """Nothing but zeros is under way."""
+        return not any(self._waiting)
+
     def step(self, value: float) -> float:
         waiting = self._waiting
         if not waiting:
