@@ -11,7 +11,6 @@ from firmware_py.trackdb import LineMap, SpeedSection, Station, load_line
 from vobc.ato import profile, trapezoid
 from vobc.ato.config import AtoConfig, Braking
 
-LENGTH_M = 68.59
 FINE_S = 1e-3
 
 
@@ -128,15 +127,6 @@ def test_a_train_that_follows_the_curve_stops_at_its_end(
     assert t_s == pytest.approx(promised.time_to_go_s, rel=2e-3, abs=2e-3)
 
 
-@pytest.mark.parametrize("distance_m", [0.5, 7.0, 30.0, 250.0])
-def test_the_speed_at_a_distance_is_the_inverse_of_the_distance(distance_m: float) -> None:
-    curve = stop_curve()
-
-    speed_mps = curve.speed_at_mps(distance_m)
-
-    assert curve.at_speed(speed_mps).distance_m == pytest.approx(distance_m)
-
-
 @settings(max_examples=60, deadline=None)
 @given(distance_m=st.floats(20.0, 2000.0))
 def test_the_peak_speed_uses_the_section_and_no_more(distance_m: float) -> None:
@@ -182,15 +172,7 @@ def test_a_train_already_too_fast_is_not_told_to_accelerate() -> None:
 
 
 def limits_of(line: LineMap) -> profile.SpeedLimits:
-    config = AtoConfig()
-    return profile.SpeedLimits(
-        line,
-        config.braking,
-        train_length_m=LENGTH_M,
-        margin_mps=0.5,
-        limit_mps2=0.8,
-        rotating_mass_percent=8.0,
-    )
+    return profile.SpeedLimits(AtoConfig(), line)
 
 
 @pytest.mark.parametrize(
@@ -227,9 +209,7 @@ def test_a_stop_on_a_falling_gradient_is_planned_within_the_demand() -> None:
     line = load_line("florence")
 
     def planned(at_m: float) -> float:
-        return profile.steady_decel_mps2(
-            Braking(), line, at_m=at_m, limit_mps2=0.8, rotating_mass_percent=8.0
-        )
+        return profile.steady_decel_mps2(AtoConfig(), line, at_m)
 
     assert planned(1500.0) == Braking().decel_mps2
     # On -30 per mille gravity takes 0.27 m/s2 of the 0.8 that may be asked.

@@ -6,7 +6,7 @@ from typing import Final
 
 from can_dbc.vobc import AtoPhase
 from firmware_py.trackdb import LineMap, Station
-from vobc import kinematics
+from vobc.ato import gradient
 from vobc.ato.config import AtoConfig
 from vobc.ato.mode import DRIVING, Situation, next_phase
 from vobc.ato.shaper import Shaper
@@ -203,10 +203,7 @@ class Ato:
     def _decide_hold(self, seen: AtoInput, drive: Drive) -> None:
         """The holding brake comes on as the train comes to rest and stays until it departs."""
         assert self._strategy is not None
-        uphill_mps2 = -kinematics.gradient_accel_mps2(
-            max(0.0, seen.gradient_permille),
-            rotating_mass_ratio=self._config.rotating_mass_percent / 100.0,
-        )
+        uphill_mps2 = max(0.0, gradient.decel_on_mps2(self._config, seen.gradient_permille))
         if self.phase is AtoPhase.DEPARTING:
             needed_mps2 = uphill_mps2 + HOLD_HELP_MPS2 if uphill_mps2 > LEVEL_MPS2 else 0.0
             self._hold = self._hold and self._shaper.demand_mps2 < needed_mps2

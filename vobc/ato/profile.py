@@ -8,9 +8,8 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 from firmware_py.trackdb import LineMap
-from vobc import kinematics
-from vobc.ato import trapezoid
-from vobc.ato.config import Braking
+from vobc.ato import gradient, trapezoid
+from vobc.ato.config import AtoConfig, Braking
 
 LEAST_DECEL_MPS2: Final = 0.15
 """A braking plan is never gentler than this, however steeply the track falls."""
@@ -92,18 +91,6 @@ class BrakingCurve:
             ease_mps3,
         )
 
-    def speed_at_mps(self, distance_m: float) -> float:
-        """The speed so far before the end of the curve, found by halving; the end speed beyond."""
-        low_mps = self.end_mps
-        high_mps = low_mps + math.sqrt(2.0 * self.steady_decel_mps2 * max(0.0, distance_m))
-        for _ in range(SEARCH_STEPS):
-            middle_mps = (low_mps + high_mps) / 2.0
-            if self.at_speed(middle_mps).distance_m <= distance_m:
-                low_mps = middle_mps
-            else:
-                high_mps = middle_mps
-        return low_mps
-
 
 def stopping_curve(shape: Braking, *, steady_mps2: float, final_mps2: float) -> BrakingCurve:
     """To a standstill: steady, eased to the plateau, then falling linearly to the small last step.
@@ -120,6 +107,14 @@ def stopping_curve(shape: Braking, *, steady_mps2: float, final_mps2: float) -> 
     )
 
 
+def curve_to_stop(config: AtoConfig, line: LineMap, at_m: float) -> BrakingCurve:
+    """Uphill the last step is larger: the brake needs as much room to ease as on the level."""
+    steady_mps2 = steady_decel_mps2(config, line, at_m)
+    uphill_mps2 = max(0.0, gradient.decel_at_mps2(config, line, at_m))
+    final_mps2 = config.braking.final_decel_mps2 + uphill_mps2
+    return stopping_curve(config.braking, steady_mps2=steady_mps2, final_mps2=final_mps2)
+
+
 def slowing_curve(shape: Braking, *, end_mps: float, steady_mps2: float) -> BrakingCurve:
     """To a lower limit: steady, then eased off."""
     return BrakingCurve(
@@ -127,20 +122,17 @@ def slowing_curve(shape: Braking, *, end_mps: float, steady_mps2: float) -> Brak
     )
 
 
-def steady_decel_mps2(
-    shape: Braking, line: LineMap, *, at_m: float, limit_mps2: float, rotating_mass_percent: float
-) -> float:
+def steady_decel_mps2(config: AtoConfig, line: LineMap, at_m: float) -> float:
     """The deceleration to plan towards `at_m`: less where the track falls, by the demand's limit.
 
     The whole braking from the speed limit there is looked at.
     """
+    shape = config.braking
     top_mps = line.limit_mps(at_m - 1.0)
     reach_m = top_mps * top_mps / (2.0 * shape.decel_mps2) + 2.0 * top_mps
     worst_permille = min(0.0, line.worst_gradient_permille(at_m - reach_m, at_m))
-    fall_mps2 = kinematics.gradient_accel_mps2(
-        worst_permille, rotating_mass_ratio=rotating_mass_percent / 100.0
-    )
-    room_mps2 = limit_mps2 - shape.reserve_mps2 - fall_mps2
+    falling_mps2 = -gradient.decel_on_mps2(config, worst_permille)
+    room_mps2 = config.limits.accel_mps2 - shape.reserve_mps2 - falling_mps2
     return max(LEAST_DECEL_MPS2, min(shape.decel_mps2, room_mps2))
 
 
@@ -193,32 +185,16 @@ class SpeedLimits:
 
     __slots__ = ("_line", "_lowerings", "_starts_m", "_train_length_m")
 
-    def __init__(
-        self,
-        line: LineMap,
-        shape: Braking,
-        *,
-        train_length_m: float,
-        margin_mps: float,
-        limit_mps2: float,
-        rotating_mass_percent: float,
-    ) -> None:
+    def __init__(self, config: AtoConfig, line: LineMap) -> None:
         self._line = line
-        self._train_length_m = train_length_m
+        self._train_length_m = config.train_length_m
         lowerings: list[LowerLimit] = []
-        sections = line.speed_sections
-        for before, after in itertools.pairwise(sections):
+        for before, after in itertools.pairwise(line.speed_sections):
             if after.limit_mps >= before.limit_mps:
                 continue
-            steady_mps2 = steady_decel_mps2(
-                shape,
-                line,
-                at_m=after.start_m,
-                limit_mps2=limit_mps2,
-                rotating_mass_percent=rotating_mass_percent,
-            )
-            end_mps = max(0.0, after.limit_mps - margin_mps)
-            curve = slowing_curve(shape, end_mps=end_mps, steady_mps2=steady_mps2)
+            steady_mps2 = steady_decel_mps2(config, line, after.start_m)
+            end_mps = max(0.0, after.limit_mps - config.speed.margin_mps)
+            curve = slowing_curve(config.braking, end_mps=end_mps, steady_mps2=steady_mps2)
             lowerings.append(LowerLimit(after.start_m, curve))
         self._lowerings = tuple(lowerings)
         self._starts_m = tuple(lowering.at_m for lowering in lowerings)

@@ -8,10 +8,11 @@ brake follows one curve, which is planned anew to the mark in each cycle.
 from typing import Final
 
 from firmware_py.trackdb import LineMap
-from vobc import kinematics, vocabulary
-from vobc.ato import profile, trapezoid
+from vobc import vocabulary
+from vobc.ato import gradient, profile, trapezoid
 from vobc.ato.config import AtoConfig, PidGains
 from vobc.ato.governor import Governor
+from vobc.ato.outlook import CeilingOutlook, SmoothFront
 from vobc.ato.pid import Pid
 from vobc.ato.predictor import Ahead
 from vobc.ato.strategies.strategy import Drive
@@ -29,11 +30,6 @@ CHANGE_OVER_S: Final = 1.0
 """Planned between the end of traction and the start of braking."""
 HOLD_BACK_MPS: Final = 0.5
 """How far the reference may run ahead of a train that cannot follow."""
-CEILING_FALL_MPS2: Final = 1.5
-"""A faster fall of the ceiling is a step, not a curve to be extrapolated."""
-FRONT_PULL_RATIO: Final = 0.15
-FRONT_JUMP_M: Final = 0.5
-CEILING_PULL_RATIO: Final = 0.2
 OVER_CEILING_PER_S: Final = 0.8
 """Deceleration for each m/s over the ceiling expected when the brake bites."""
 FLAT_MPS2: Final = 0.02
@@ -45,14 +41,13 @@ LOOK_AHEAD_RATIO: Final = 1.3
 class Florence:
     __slots__ = (
         "_braking",
-        "_ceiling_fall_mps2",
+        "_ceiling",
         "_config",
         "_curve",
         "_dt_s",
-        "_front_m",
+        "_front",
         "_governor",
         "_gravity_mps2",
-        "_last_ceiling_mps",
         "_limits",
         "_line",
         "_model",
@@ -70,27 +65,15 @@ class Florence:
         self._model = TrainModel(config.brake, config.traction, dt_s)
         self._governor = Governor(config.limits.jerk_mps3, config.traction.smoothing_s, dt_s)
         self._pid = Pid()
-        self._limits = profile.SpeedLimits(
-            line,
-            config.braking,
-            train_length_m=config.train_length_m,
-            margin_mps=config.speed.margin_mps,
-            limit_mps2=config.limits.accel_mps2,
-            rotating_mass_percent=config.rotating_mass_percent,
-        )
-        self._curve = profile.stopping_curve(
-            config.braking,
-            steady_mps2=config.braking.decel_mps2,
-            final_mps2=config.braking.final_decel_mps2,
-        )
+        self._limits = profile.SpeedLimits(config, line)
+        self._curve = profile.curve_to_stop(config, line, line.end_m)
         self._planned_for: tuple[float, float] | None = None
         self._peak_mps = 0.0
         self._braking = False
         self._slowing_to = -1
-        self._front_m = 0.0
+        self._front = SmoothFront()
+        self._ceiling = CeilingOutlook()
         self._gravity_mps2 = 0.0
-        self._last_ceiling_mps = 0.0
-        self._ceiling_fall_mps2 = 0.0
         self.speed_mps = 0.0
 
     @property
@@ -99,28 +82,17 @@ class Florence:
         return self._model.dead_time_s
 
     def observe(self, seen: vocabulary.AtoInput, cycles: int) -> None:
-        self._gravity_mps2 = self._gravity_mps2_on(seen.gradient_permille)
+        self._gravity_mps2 = gradient.decel_on_mps2(self._config, seen.gradient_permille)
         self._model.step(seen.speed_mps, self._gravity_mps2, cycles)
         if not seen.enabled:
             # Others brake now; what the speed does says nothing about our demands.
             self._model.meet(seen.speed_mps)
         self.speed_mps = self._model.speed_mps
-        self._smooth_front(seen, cycles)
-        self._watch_ceiling(seen.ceiling_mps, cycles)
-
-    def _smooth_front(self, seen: vocabulary.AtoInput, cycles: int) -> None:
-        """Between tags the position comes in steps of a pulse; at a tag it is believed at once."""
-        expected_m = self._front_m + self.speed_mps * self._dt_s * cycles
-        error_m = seen.front_m - expected_m
-        believed = not seen.accepted_tag_ids and abs(error_m) < FRONT_JUMP_M
-        self._front_m = expected_m + (FRONT_PULL_RATIO * error_m if believed else error_m)
-
-    def _watch_ceiling(self, ceiling_mps: float, cycles: int) -> None:
-        """Learn how fast a braking curve of protection pulls the ceiling down."""
-        slope_mps2 = (ceiling_mps - self._last_ceiling_mps) / (self._dt_s * cycles)
-        self._last_ceiling_mps = ceiling_mps
-        fall_mps2 = -slope_mps2 if -CEILING_FALL_MPS2 < slope_mps2 < 0.0 else 0.0
-        self._ceiling_fall_mps2 += CEILING_PULL_RATIO * (fall_mps2 - self._ceiling_fall_mps2)
+        dt_s = self._dt_s * cycles
+        self._front.step(
+            seen.front_m, moved_m=self.speed_mps * dt_s, at_tag=bool(seen.accepted_tag_ids)
+        )
+        self._ceiling.step(seen.ceiling_mps, dt_s)
 
     def rest(self) -> None:
         self._model.rest()
@@ -137,23 +109,23 @@ class Florence:
         self._model.issue(demand_mps2)
 
     def drive(self, seen: vocabulary.AtoInput, target_m: float) -> Drive:
-        limit_mps = self._limits.under_train_mps(self._front_m)
-        self._plan(self._front_m, target_m, limit_mps)
-        ahead = self._model.ahead_of_brake(self._front_m, self._gravity_mps2)
-        ceiling_mps = seen.ceiling_mps - self._ceiling_fall_mps2 * self._model.dead_time_s
+        limit_mps = self._limits.under_train_mps(self._front.front_m)
+        self._plan(self._front.front_m, target_m, limit_mps)
+        ahead = self._model.ahead_of_brake(self._front.front_m, self._gravity_mps2)
+        ceiling_mps = self._ceiling.in_mps(self._model.dead_time_s)
         self._note_stop_braking(ahead, target_m)
-        slowing = self._note_slowing(ahead, self._front_m)
+        slowing = self._note_slowing(ahead, self._front.front_m)
         if not self._braking and slowing is None:
             margin_mps = self._config.speed.margin_mps
             top_mps = min(limit_mps, ceiling_mps) - margin_mps
             target_mps = max(0.0, min(top_mps, self._peak_mps))
             return self._cruise(seen, target_mps)
         decel_mps2 = self._braking_decel_mps2(ahead, target_m, slowing)
-        over_mps = ahead.speed_mps - max(0.0, ceiling_mps)
+        over_mps = ahead.speed_mps - ceiling_mps
         if over_mps > 0.0:
             decel_mps2 += OVER_CEILING_PER_S * over_mps
         demand_mps2 = self._brake_demand_mps2(decel_mps2, ahead.front_m)
-        reference_mps = self._reference_mps(self._front_m, target_m, slowing)
+        reference_mps = self._reference_mps(self._front.front_m, target_m, slowing)
         return Drive(demand_mps2, reference_mps, self._braking)
 
     def _reference_mps(
@@ -177,7 +149,7 @@ class Florence:
             return
         config = self._config
         self._planned_for = key
-        self._curve = self._curve_to(target_m)
+        self._curve = profile.curve_to_stop(config, self._line, target_m)
         self._peak_mps = profile.peak_speed_mps(
             max(0.0, self.speed_mps),
             target_m - front_m,
@@ -186,34 +158,6 @@ class Florence:
             jerk_mps3=config.limits.jerk_mps3,
             change_over_s=CHANGE_OVER_S + config.traction.smoothing_s,
             limit_mps=limit_mps,
-        )
-
-    def _curve_to(self, target_m: float) -> profile.BrakingCurve:
-        """Uphill the last step is larger: the brake needs as much room to ease as on the level."""
-        config = self._config
-        steady_mps2 = profile.steady_decel_mps2(
-            config.braking,
-            self._line,
-            at_m=target_m,
-            limit_mps2=config.limits.accel_mps2,
-            rotating_mass_percent=config.rotating_mass_percent,
-        )
-        uphill_mps2 = max(0.0, self._gravity_at_mps2(target_m))
-        final_mps2 = config.braking.final_decel_mps2 + uphill_mps2
-        return profile.stopping_curve(
-            config.braking, steady_mps2=steady_mps2, final_mps2=final_mps2
-        )
-
-    def _gravity_at_mps2(self, front_m: float) -> float:
-        gradient_permille = self._line.mean_gradient_permille(
-            front_m - self._config.train_length_m, front_m
-        )
-        return self._gravity_mps2_on(gradient_permille)
-
-    def _gravity_mps2_on(self, gradient_permille: float) -> float:
-        """Deceleration by a gradient; positive uphill."""
-        return -kinematics.gradient_accel_mps2(
-            gradient_permille, rotating_mass_ratio=self._config.rotating_mass_percent / 100.0
         )
 
     # Braking.
@@ -290,7 +234,8 @@ class Florence:
 
     def _brake_demand_mps2(self, decel_mps2: float, front_m: float) -> float:
         """What to ask of the brake, after gradient and resistance; it is never released."""
-        help_mps2 = self._gravity_at_mps2(front_m) - self._model.disturbance_mps2
+        gravity_mps2 = gradient.decel_at_mps2(self._config, self._line, front_m)
+        help_mps2 = gravity_mps2 - self._model.disturbance_mps2
         asked_mps2 = decel_mps2 - help_mps2
         asked_mps2 /= 1.0 + self._model.gain_ratio
         return -max(self._config.braking.least_decel_mps2, asked_mps2)

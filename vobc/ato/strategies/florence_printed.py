@@ -37,14 +37,7 @@ class FlorencePrinted:
         self._config = config
         self._dt_s = dt_s
         self._accel_max_mps2 = config.limits.accel_mps2
-        self._limits = profile.SpeedLimits(
-            line,
-            config.braking,
-            train_length_m=config.train_length_m,
-            margin_mps=config.speed.margin_mps,
-            limit_mps2=config.limits.accel_mps2,
-            rotating_mass_percent=config.rotating_mass_percent,
-        )
+        self._limits = profile.SpeedLimits(config, line)
         self._governor = Governor(config.limits.jerk_mps3, 0.0, dt_s)
         self._pid = Pid()
         self._gains: PidGains | None = None
