@@ -27,6 +27,15 @@ IDEAL = load_train("florence4_ideal").sensors
 PULSE_M = math.pi * 0.860 / 256.0
 
 
+B_PERIOD = 1024
+"""Counter B is shorter on the wire."""
+
+
+def off_by(counted_b: int, wanted: float) -> float:
+    """How far counter B is from what it should show, across its wrap."""
+    return abs((counted_b - wanted + B_PERIOD / 2) % B_PERIOD - B_PERIOD / 2)
+
+
 def with_error(error_ratio: float) -> SensorConfig:
     return replace(IDEAL, odometer_error_ratio=Spread(error_ratio, error_ratio))
 
@@ -66,7 +75,7 @@ def test_pulses_are_the_way_over_the_pulse_length(ways_m: list[float], error_rat
     wanted = ride.front_m * (1.0 + error_ratio) / PULSE_M
     counted = frame.pulses_a - 65536 if frame.pulses_a >= 32768 else frame.pulses_a
     assert abs(counted - wanted) <= 0.5 + 1e-6
-    assert frame.pulses_a == frame.pulses_b
+    assert frame.pulses_a % B_PERIOD == frame.pulses_b % B_PERIOD
 
 
 def test_the_counter_wraps_and_goes_on() -> None:
@@ -95,7 +104,7 @@ def test_worn_wheels_count_more_and_each_for_itself() -> None:
     ride.move(100.0)
     frame = ride.tachos.frame(ride.now_ns)
     assert frame.pulses_a == pytest.approx(100.0 * 256.0 / (math.pi * 0.80), abs=1.0)
-    assert frame.pulses_b == pytest.approx(100.0 * 256.0 / (math.pi * 0.86), abs=1.0)
+    assert off_by(frame.pulses_b, 100.0 * 256.0 / (math.pi * 0.86)) <= 1.0
 
 
 def test_slip_is_counted_by_the_axle_that_slips() -> None:
@@ -104,7 +113,7 @@ def test_slip_is_counted_by_the_axle_that_slips() -> None:
         ride.move(0.1, slip_mps=2.0)
     frame = ride.tachos.frame(ride.now_ns)
     assert frame.pulses_a == pytest.approx(12.0 / PULSE_M, abs=1.0)
-    assert frame.pulses_b == pytest.approx(10.0 / PULSE_M, abs=1.0)
+    assert off_by(frame.pulses_b, 10.0 / PULSE_M) <= 1.0
 
 
 def test_direction_is_by_the_last_pulses_and_neutral_without_any() -> None:

@@ -13,7 +13,8 @@ PRIORITY_MAX: Final = 99
 
 DESCRIPTION: Final = "A train without a controller, on a bus, a serial line and a radio."
 EPILOG: Final = """\
-The train stands braked until a controller speaks. Stop it with Ctrl-C.
+The train stands braked until a controller speaks. Stop it with Ctrl-C; it also ends with whoever
+started it.
 exit codes: 0 ended by Ctrl-C, SIGTERM or after --duration; 1 the plant failed; 2 wrong usage or
 configuration; 3 bus, serial line, radio or a folder missing
 """
