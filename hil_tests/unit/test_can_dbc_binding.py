@@ -236,6 +236,9 @@ FIELD_FAULTS = {
                               "accel_mps2: range end 6.4 does not fit 8 bits"),
     "signed range too low": ("8@1- (0.05,0) [-6|6]", "8@1- (0.05,0) [-6.45|6]",
                              "accel_mps2: range end -6.45 does not fit 8 bits"),
+    "int range": ("28|4@1+ (1,0) [0|15]", "28|4@1+ (1,0) [0|16]",
+                  "steps: range end 16.0 does not fit 4 bits"),
+    "no scale": ("(10,0) [0|400000]", "(0,0) [0|400000]", "force_n: scale is 0"),
     "backwards": ("(10,0) [0|400000]", "(-10,0) [0|400000]", "force_n: scale is -10"),
     "bool width": ("enabled : 26|2@1+ (1,0) [0|3] \"\" TCU\n SG_ steps : 28|4@1+ (1,0)",
                    "enabled : 26|1@1+ (1,0) [0|1] \"\" TCU\n SG_ steps : 28|4@1+ (1,0)",
@@ -331,6 +334,18 @@ def test_a_twin_that_is_not_congruent_is_named(name: str) -> None:
         line.startswith("bad.dbc: GEAR_CMD: GEAR_CMD_INV: ") and words in line
         for line in found.splitlines()
     )
+
+
+@pytest.mark.parametrize("attribute", ["GenMsgCycleTime", "TimeoutMs"])
+def test_what_is_sent_on_occasion_may_have_neither_period_nor_timeout(attribute: str) -> None:
+    text = changed(
+        'BA_ "GenMsgCycleTime" BO_ 512 100;',
+        f'BA_ "{attribute}" BO_ 512 100;\nBA_ "GenMsgSendType" BO_ 512 1;',
+    )
+
+    found = complaint(text, GearInfo, "GEAR_INFO")
+
+    assert "bad.dbc: GEAR_INFO: is not cyclic but has a period or a timeout" in found
 
 
 def test_an_unprotected_bool_takes_one_bit() -> None:
