@@ -9,14 +9,19 @@ from can_dbc.nodes import Direction
 @frame("odometer.dbc", "TACHO")
 @dataclass(frozen=True, slots=True)
 class Tacho:
-    """Pulse counters of two axles, both rising forwards, falling backwards, wrapping at 65536."""
+    """Pulse counters of two axles, read at one instant; both rise forwards and fall backwards."""
 
     pulses_a: int
+    """Modulo 65536; the counter that the tag reader latches."""
     pulses_b: int
+    """Modulo 1024."""
     direction: Direction
     """By the phase of the pulses; NEUTRAL while no pulse has come for 200 ms."""
     healthy_a: bool
     healthy_b: bool
+    stamp_ms: float
+    """The odometer's own clock at that instant, modulo 256: a frame that the bus or a hub held up
+    is an old sample, not a slow train."""
 
 
 @frame("odometer.dbc", "DOPPLER")

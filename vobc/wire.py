@@ -19,6 +19,7 @@ from can_dbc.vobc import VobcMotion, VobcPosition, VobcStatus, VobcTarget
 from firmware_py.ports import CanFrame, RadioMessage, SerialChunk
 from firmware_py.tag_reader.telegram import TagTelegram, TelegramParser
 from vobc.atp.supervision import Cause
+from vobc.odometry.sampling import SampleClock
 from vobc.vocabulary import (
     NEVER_S,
     Authority,
@@ -78,11 +79,17 @@ class Inbox:
         self._radio = radio
         self._latest: dict[type, tuple[Any, int]] = {}
         self._tachos: list[tuple[Tacho, int]] = []
+        self._tacho_clock = SampleClock()
         self._tags: list[tuple[TagTelegram, int]] = []
         self.rejected = 0
         """Frames that were refused: unknown, damaged, stuck or out of order."""
         self.overflowed = 0
         """Samples and tags beyond what one cycle may take; the oldest are given up."""
+
+    @property
+    def late_samples(self) -> int:
+        """Tacho samples that were too old when they came."""
+        return self._tacho_clock.refused
 
     @property
     def torn_telegrams(self) -> int:
@@ -103,9 +110,13 @@ class Inbox:
             if kind is Rejected:
                 self.rejected += 1
                 continue
+            if isinstance(heard, Tacho):
+                sampled_ns = self._tacho_clock.sampled_ns(stamp_ns, heard.stamp_ms)
+                if sampled_ns is None:
+                    continue
+                stamp_ns = sampled_ns
+                self._tachos.append((heard, stamp_ns))
             latest[kind] = (heard, stamp_ns)
-            if kind is Tacho:
-                self._tachos.append((heard, stamp_ns))  # type: ignore[arg-type]
         if len(self._tachos) > TACHO_SAMPLES_MAX:
             self.overflowed += len(self._tachos) - TACHO_SAMPLES_MAX
             del self._tachos[:-TACHO_SAMPLES_MAX]

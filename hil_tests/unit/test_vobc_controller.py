@@ -97,7 +97,7 @@ class Bench:
             for before_s in (0.03, 0.01):
                 at_m = self.front_m + self.speed_mps * (CYCLE_S - before_s) - self.start_m
                 count = math.floor(at_m / NOMINAL_M) % 65536
-                self.last = Tacho(count, count, Direction.FORWARD, True, True)
+                self.last = Tacho(count, count % 1024, Direction.FORWARD, True, True, 0)
                 samples.append(TachoSample(self.last, before_s))
             self.heard_s = self.now_s + CYCLE_S - 0.01
         self.front_m += self.speed_mps * CYCLE_S

@@ -146,7 +146,7 @@ class Ride:
         self.number += 1
         if not self.sensors.lost(self.number):
             direction = Direction.FORWARD if self.speed_mps >= 0.0 else Direction.REVERSE
-            tacho = Tacho(self.held_a % 65536, (count + 77) % 65536, direction, True, True)
+            tacho = Tacho(self.held_a % 65536, (count + 77) % 1024, direction, True, True, 0)
             self.samples.append((self.time_s, tacho))
 
     def cycle(self) -> Motion | None:
@@ -264,7 +264,7 @@ def test_a_false_tag_twenty_metres_off_is_refused() -> None:
     near = replace(TAGS[0], tag_id=77, position_m=TAGS[0].position_m + 20.0)
     line = replace(LINE, tags=(TAGS[0], near, *TAGS[1:]))
     odometry = Odometry(CONFIG.odometry, TRAIN, line, OdometryRecord(151.9, 0.5, NOMINAL_M))
-    tacho = Tacho(0, 0, Direction.NEUTRAL, True, True)
+    tacho = Tacho(0, 0, Direction.NEUTRAL, True, True, 0)
     seen = replace(
         NOTHING_HEARD, tacho=tacho, tacho_age_s=0.0, tacho_samples=(TachoSample(tacho, 0.0),)
     )
@@ -453,8 +453,8 @@ def test_before_the_first_sample_there_is_no_motion() -> None:
 
 def test_two_unhealthy_axles_are_no_odometer_from_the_first_sample_on() -> None:
     odometry = Odometry(CONFIG.odometry, TRAIN, LINE, OdometryRecord(0.0, 0.5, NOMINAL_M))
-    sick = Tacho(5, 5, Direction.NEUTRAL, False, False)
-    well = Tacho(5, 5, Direction.NEUTRAL, True, True)
+    sick = Tacho(5, 5, Direction.NEUTRAL, False, False, 0)
+    well = Tacho(5, 5, Direction.NEUTRAL, True, True, 0)
 
     motions: list[Motion | None] = []
     for number, tacho in enumerate((sick, well, sick)):
@@ -483,7 +483,7 @@ def test_counters_wrap_both_ways(earlier: int, step: int) -> None:
 
 
 def tacho(a: int, b: int, *, healthy_a: bool = True, healthy_b: bool = True) -> Tacho:
-    return Tacho(a % 65536, b % 65536, Direction.FORWARD, healthy_a, healthy_b)
+    return Tacho(a % 65536, b % 1024, Direction.FORWARD, healthy_a, healthy_b, 0)
 
 
 def test_a_counter_that_jumps_is_overruled_by_the_other() -> None:

@@ -81,7 +81,7 @@ class World:
     def train(self, now_ns: int) -> None:
         counter = self.pulses % 65536
         for frame in (
-            Tacho(counter, counter, Direction.NEUTRAL, True, True),
+            Tacho(counter, counter % 1024, Direction.NEUTRAL, True, True, now_ns // 10**6 % 256),
             BrakeStatus(0.0, 0.0, False, True, False, True),
             TractionStatus(0.0, 1.0, True, True),
             DoorStatus(True, DoorState.LOCKED, DoorState.LOCKED, True),

@@ -66,8 +66,8 @@ def frames(encoder: Encoder, frame: object, stamp_ns: int) -> list[CanFrame]:
     return [CanFrame(stamp_ns, *sent) for sent in encoder.encode(frame)]  # type: ignore[arg-type]
 
 
-def tacho(pulses: int) -> Tacho:
-    return Tacho(pulses, pulses + 1, Direction.FORWARD, True, True)
+def tacho(pulses: int, sampled_ms: int) -> Tacho:
+    return Tacho(pulses, pulses + 1, Direction.FORWARD, True, True, sampled_ms % 256)
 
 
 def test_before_anything_is_heard_everything_is_missing_for_ever() -> None:
@@ -100,7 +100,8 @@ def test_the_image_holds_the_latest_of_each_with_its_age() -> None:
 def test_every_tacho_sample_is_handed_over_once_and_in_order() -> None:
     inbox, encoder = Inbox(link()), Encoder()
     for number in range(3):
-        inbox.take_frames(frames(encoder, tacho(number), (10 + 20 * number) * MS))
+        at_ms = 10 + 20 * number
+        inbox.take_frames(frames(encoder, tacho(number, at_ms), at_ms * MS))
 
     first = inbox.image(60 * MS, dt_s=0.05, overruns=0)
     second = inbox.image(110 * MS, dt_s=0.05, overruns=0)
@@ -112,10 +113,39 @@ def test_every_tacho_sample_is_handed_over_once_and_in_order() -> None:
     assert second.tacho_age_s == pytest.approx(0.06)
 
 
+def test_a_tacho_frame_that_was_held_up_is_as_old_as_its_sample() -> None:
+    inbox, encoder = Inbox(link()), Encoder()
+    for number, late_ms in enumerate((0, 0, 60, 40)):
+        sampled_ms = 20 * number
+        heard_ns = (sampled_ms + late_ms) * MS
+        inbox.take_frames(frames(encoder, tacho(number, sampled_ms), heard_ns))
+
+    image = inbox.image(100 * MS, dt_s=0.05, overruns=0)
+
+    ages_s = [sample.age_s for sample in image.tacho_samples]
+    assert ages_s == pytest.approx([0.1, 0.08, 0.06, 0.04], abs=1e-4)
+    assert image.tacho_age_s == pytest.approx(0.04, abs=1e-4)
+
+
+def test_a_tacho_frame_that_is_too_old_is_counted_and_keeps_nothing_alive() -> None:
+    inbox, encoder = Inbox(link()), Encoder()
+    for number, late_ms in enumerate((0, 0, 0, 110)):
+        sampled_ms = 20 * number
+        heard_ns = (sampled_ms + late_ms) * MS
+        inbox.take_frames(frames(encoder, tacho(number, sampled_ms), heard_ns))
+
+    image = inbox.image(180 * MS, dt_s=0.05, overruns=0)
+
+    assert inbox.late_samples == 1
+    assert image.tacho_age_s == pytest.approx(0.14, abs=1e-4)
+
+
 def test_nothing_grows_without_bound_when_nobody_looks() -> None:
     inbox, encoder = Inbox(link()), Encoder()
     flood = [
-        frame for number in range(200) for frame in frames(encoder, tacho(number), number * MS)
+        frame
+        for number in range(200)
+        for frame in frames(encoder, tacho(number, number), number * MS)
     ]
     inbox.take_frames(flood)
     for number in range(100):
@@ -132,7 +162,7 @@ def test_nothing_grows_without_bound_when_nobody_looks() -> None:
 
 def test_a_damaged_frame_is_counted_and_changes_nothing() -> None:
     inbox, encoder = Inbox(link()), Encoder()
-    (good,) = frames(encoder, tacho(5), 10 * MS)
+    (good,) = frames(encoder, tacho(5, 10), 10 * MS)
     flipped = good._replace(data=bytes([good.data[0] ^ 1]) + good.data[1:])
     unknown = CanFrame(10 * MS, 0x7FF, b"")
     wide = good._replace(extended=True)

@@ -9,6 +9,9 @@ from plant_emulator.noise import Generators, Source
 from plant_emulator.train_config import NOMINAL_WHEEL_M, PULSES_PER_TURN, SensorConfig
 
 COUNTER_PERIOD: Final = 1 << 16
+COUNTER_B_PERIOD: Final = 1 << 10
+STAMP_PERIOD_MS: Final = 1 << 8
+NS_PER_MS: Final = 1_000_000
 NEUTRAL_AFTER_NS: Final = 200_000_000
 START_PHASE: Final = 0.5
 """The count starts half-way between two pulses, so that the first creep of a wheel is none."""
@@ -97,8 +100,9 @@ class Tachos:
                 self._directions[index] = Direction.NEUTRAL
         return Tacho(
             pulses_a=self._counts[0] % COUNTER_PERIOD,
-            pulses_b=self._counts[1] % COUNTER_PERIOD,
+            pulses_b=self._counts[1] % COUNTER_B_PERIOD,
             direction=self._directions[0],
             healthy_a=True,
             healthy_b=True,
+            stamp_ms=float(now_ns // NS_PER_MS % STAMP_PERIOD_MS),
         )

@@ -4,16 +4,17 @@ from typing import Final
 
 from can_dbc.odometer import Tacho
 
-WRAP: Final = 65536
+WRAP_A: Final = 65536
+WRAP_B: Final = 1024
 STUCK_PULSES: Final = 25
 """An axle that stands while the other one turns so far does not count any more."""
 LATE_S: Final = 0.02
 """One sample may have been heard so much later after it was taken than the next one."""
 
 
-def signed_difference(later: int, earlier: int) -> int:
-    """Of two counters modulo 65536, the shorter way round."""
-    return (later - earlier + WRAP // 2) % WRAP - WRAP // 2
+def signed_difference(later: int, earlier: int, wrap: int = WRAP_A) -> int:
+    """Of two counters modulo `wrap`, the shorter way round."""
+    return (later - earlier + wrap // 2) % wrap - wrap // 2
 
 
 class PulseCounter:
@@ -44,7 +45,7 @@ class PulseCounter:
         if before is None:
             return 0 if tacho.healthy_a or tacho.healthy_b else None
         step_a = signed_difference(tacho.pulses_a, before.pulses_a)
-        step_b = signed_difference(tacho.pulses_b, before.pulses_b)
+        step_b = signed_difference(tacho.pulses_b, before.pulses_b, WRAP_B)
         limit = self._max_pulses_per_s * (dt_s + LATE_S)
         possible_a, possible_b = abs(step_a) <= limit, abs(step_b) <= limit
         self.jumps += (not possible_a) + (not possible_b)
