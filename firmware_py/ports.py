@@ -1,4 +1,4 @@
-"""What a device may hold of the world: a CAN port, a serial port, a radio port; and what comes out of them."""
+"""What a device may hold of the world: a CAN, a serial and a radio port, and what comes of them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -53,11 +53,11 @@ class CanPort(Protocol):
     def counters(self) -> LinkCounters: ...
 
     def send(self, now_ns: int, can_id: int, data: bytes) -> None:
-        """Offer one frame with an 11-bit identifier to the bus; a full link drops it and counts it."""
+        """Offer one frame with an 11-bit identifier; a full link drops it and counts it."""
         ...
 
     def receive(self, now_ns: int) -> Sequence[CanFrame]:
-        """All frames of other nodes that ended up to now and were not handed over yet, in bus order."""
+        """Frames of other nodes that ended up to now and were not handed over yet, in bus order."""
         ...
 
     def close(self) -> None: ...

@@ -48,7 +48,7 @@ def serve(name: str, *, with_parent: bool) -> None:
     hub.end_on(_signals())
     if with_parent:
         hub.end_on(sys.stdin.fileno())
-    # Where it is not granted the hub serves all the same; who needs it quick reports its own rights.
+    # Where it is not granted the hub serves all the same.
     enter_realtime(PRIORITY)
     print(READY, flush=True)
     try:

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 
 from rich.console import Console
 
+from firmware_py.assertions import require_assertions
 from firmware_py.buses import BusError
 from firmware_py.clock import WallClock
 from firmware_py.settings import SettingsError
@@ -37,6 +38,7 @@ from metro_hil.supervise import RealtimeRun
 
 def main(argv: Sequence[str] | None = None) -> int:
     """The console script `vobc`. Whatever the user got wrong is one line, never a traceback."""
+    require_assertions("vobc")
     options = parse(sys.argv[1:] if argv is None else argv)
     console = Console(stderr=options.json)
     try:
