@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import os
 import signal
 import sys
 import traceback
@@ -16,11 +17,16 @@ from firmware_py import rendezvous
 from firmware_py.assertions import require_assertions
 from firmware_py.buses import BusError, open_can, parse_spec, resolve_auto
 from firmware_py.clock import WallClock
-from firmware_py.executive import run
+from firmware_py.executive import Executive, Task, run
 from firmware_py.nvram import Nvram, NvramRecord
 from firmware_py.ports import LinkCounters, SerialChunk, SerialPort
 from firmware_py.radio.zenoh_radio import DEFAULT_ENDPOINT, RadioError, Role, open_radio
-from firmware_py.realtime import RealtimeReport, enter_realtime
+from firmware_py.realtime import (
+    RealtimeReport,
+    collect_garbage,
+    die_with_parent,
+    enter_realtime,
+)
 from firmware_py.recorder import LineLog, RecorderError
 from firmware_py.settings import SettingsError
 from firmware_py.tag_reader.serial_line import SerialError, open_serial
@@ -41,6 +47,8 @@ AUTO: Final = "auto"
 NS_PER_S: Final = 1_000_000_000
 RETRY_NS: Final = 500_000_000
 PRIORITY_MAX: Final = 99
+GARBAGE_MS: Final = 1000.0
+"""Between collections, since none comes by itself on a real-time run."""
 _ENDING_SIGNALS: Final = (signal.SIGINT, signal.SIGTERM)
 
 EPILOG: Final = """\
@@ -145,12 +153,18 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _run(options: argparse.Namespace, planned: Plan) -> int:
+    die_with_parent(os.getppid())
     ending = Ending()
-    with ExitStack() as stack:
+    with ending.caught(), ExitStack() as stack:
         clock = WallClock()
         out = _folder(options.out)
         vobc = _device(planned, out, clock, stack)
-        granted = enter_realtime(options.priority) if options.priority else None
+        executives = [vobc.executive]
+        granted = None
+        if options.priority:
+            granted = enter_realtime(options.priority)
+            garbage = Task("garbage", GARBAGE_MS, collect_garbage, offset_ms=GARBAGE_MS)
+            executives.append(Executive([garbage], clock.now_ns()))
         if out is not None:
             _write_json(out / "realtime.json", _granted_words(granted))
         end_ns = None
@@ -162,9 +176,8 @@ def _run(options: argparse.Namespace, planned: Plan) -> int:
             words.tell()
             return ending.asked or (end_ns is not None and now_ns >= end_ns)
 
-        with ending.caught():
-            run([vobc.executive], clock, until)
-            vobc.stop(clock.now_ns())
+        run(executives, clock, until)
+        vobc.stop(clock.now_ns())
         if out is not None:
             _write_json(out / "vobc.json", _summary(vobc))
     return ending.exit_code

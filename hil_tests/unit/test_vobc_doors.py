@@ -57,6 +57,11 @@ def test_the_whole_interval_has_to_lie_in_the_window(
     assert platform_at(STATIONS, front_m, window_m=0.3000001) is side
 
 
+def test_the_edges_of_the_window_belong_to_it() -> None:
+    """With numbers that a float holds exactly."""
+    assert platform_at(STATIONS, Interval(99.75, 100.0, 100.25), window_m=0.25) is not None
+
+
 @given(st.floats(0.0, 700.0), st.floats(0.0, 2.0))
 def test_no_place_outside_the_window_is_a_platform(best_m: float, half_m: float) -> None:
     front_m = Interval(best_m - half_m, best_m, best_m + half_m)

@@ -138,9 +138,9 @@ def test_warning_and_service_last_until_the_speed_is_under_the_ceiling(
 
 
 def test_an_ageing_authority_brakes_by_service_and_a_fresh_one_lets_go() -> None:
-    age_s = CONFIG.authority_service_ratio * CONFIG.authority_age_max_s
-    ageing = replace(RUNNING, authority_age_s=age_s)
-    fresh = replace(RUNNING, authority_age_s=age_s - 0.001)
+    patient = replace(RUNNING, limits=replace(CONFIG, authority_age_max_s=5.0))
+    ageing = replace(patient, authority_age_s=3.0)
+    fresh = replace(patient, authority_age_s=2.999)
 
     assert next_state(Supervision.NOMINAL, ageing) is Supervision.SERVICE
     assert next_state(Supervision.WARNING, ageing) is Supervision.SERVICE
