@@ -1,6 +1,5 @@
 """The guest as a process: started, listened to, passed signals, and never left behind."""
 
-import ctypes
 import os
 import select
 import selectors
@@ -32,7 +31,8 @@ WAIT_MAX_S: Final = 60.0
 CLOCK: Final = WallClock()
 CHUNK_BYTES: Final = 65536
 PASSED_SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-PR_SET_PDEATHSIG: Final = 1
+WATCHDOG: Final = 'read -r _; kill -s KILL -- "-$1"; rm -rf -- "$2"'
+"""Waits for the end of its input, which the launcher holds open as long as it lives."""
 
 
 @dataclass(slots=True)
@@ -146,7 +146,8 @@ def _boot(request: Request, machine: Machine, memory_mib: int, place: MemoryPlac
     with (Path(machine.run_dir) / "console.log").open("wb") as console, _kept_signals() as caught:
         process = _start(words, environment, wires, console)
         try:
-            return _attend(process, wires, request.timeout_s, caught)
+            with _watched(process, str(machine.run_dir)):
+                return _attend(process, wires, request.timeout_s, caught)
         finally:
             _end(process)
             for descriptor in wires.launcher_ends():
@@ -173,7 +174,6 @@ def _start(
             stderr=console,
             pass_fds=wires.guest_ends(),
             start_new_session=True,
-            preexec_fn=_die_with_parent,
         )
     except OSError as error:
         raise GuestError(f"cannot start {words[0]}: {error.strerror}") from error
@@ -182,9 +182,24 @@ def _start(
     return process
 
 
-def _die_with_parent() -> None:
-    """Ask for SIGTERM, on which the kernel ends all of its processes, when the launcher is gone."""
-    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
+@contextmanager
+def _watched(process: subprocess.Popen[bytes], run_dir: str) -> Iterator[None]:
+    """End the guest's processes also when the launcher has no time left to do it.
+
+    They have to be killed all at once: what is left of the guest when its kernel has died alone
+    would go on as a process of the host.
+    """
+    with subprocess.Popen(  # noqa: S603 # a fixed script and a number
+        ["sh", "-c", WATCHDOG, "sh", str(process.pid), run_dir],  # noqa: S607 # whichever shell there is
+        stdin=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
+    ) as watchdog:
+        try:
+            yield
+        finally:
+            watchdog.kill()
 
 
 def _now_s() -> float:
