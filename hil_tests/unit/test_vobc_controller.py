@@ -355,6 +355,49 @@ def test_a_held_train_that_is_pushed_away_brings_the_emergency_brake() -> None:
     assert_emergency(bench.run(1.5), "to be held")
 
 
+@pytest.mark.parametrize(("gap_m", "traction"), [(0.3, False), (3.5, True)])
+def test_a_train_that_may_not_move_at_all_has_its_traction_cut(
+    gap_m: float, traction: bool
+) -> None:
+    bench = Bench()
+    bench.run(2.5)
+
+    bench.change(authority=Authority(bench.front_m + gap_m, 1, 2))
+    output = bench.cycle()
+
+    assert output.supervision is Supervision.NOMINAL
+    assert output.ceiling is not None
+    assert 0.0 <= output.ceiling.permitted_mps < 1.0
+    assert output.traction_permitted is traction
+
+
+def test_where_a_train_has_come_to_rest_is_where_it_is_held() -> None:
+    bench = Bench()
+    bench.set_off()
+    bench.run(5.0)
+    bench.speed_mps = 0.0
+    bench.run(3.0)
+
+    bench.change(authority_age_s=9.0)
+    output = bench.run(2.0)
+
+    assert output.supervision is Supervision.NO_AUTHORITY
+    assert output.cause == "waits for movement authority"
+
+
+def test_the_holding_brake_comes_on_in_an_emergency_once_the_train_stands() -> None:
+    bench = Bench()
+    bench.set_off()
+    bench.change(desk=replace(DESK, emergency_released=False))
+
+    moving = bench.cycle()
+    bench.speed_mps = 0.0
+    standing = bench.run(3.0)
+
+    assert moving.holding_released, "it would slide, not hold"
+    assert not standing.holding_released
+
+
 def test_more_than_two_missed_cycles_bring_the_emergency_brake() -> None:
     bench = Bench()
     bench.set_off()

@@ -1,0 +1,73 @@
+"""One step of protection: its verdict when it sees little, and what a slow cycle costs."""
+
+from dataclasses import replace
+
+import pytest
+
+from can_dbc.vobc import Missing, Supervision
+from firmware_py.trackdb import load_line
+from vobc.atp import Protection, Verdict
+from vobc.atp.braking import SafeBraking
+from vobc.config import load_config
+from vobc.vocabulary import NEVER_S, Authority, CycleInput, Interval, Motion
+
+LINE = load_line("florence")
+CONFIG = load_config("florence4").atp
+SILENCE = CycleInput(
+    0, 0.05, 0, None, NEVER_S, (), None, NEVER_S, None, NEVER_S, None, NEVER_S, None, NEVER_S,
+    None, NEVER_S, None, NEVER_S, None, NEVER_S, None, NEVER_S, None, NEVER_S, (), None, NEVER_S,
+)  # fmt: skip
+AT_300 = Motion(
+    Interval(299.0, 300.0, 301.0),
+    Interval(9.9, 10.0, 10.1),
+    0.0,
+    0.0,
+    False,
+    False,
+    True,
+    False,
+    (),
+)
+
+
+def protection(cycle_s: float = 0.05) -> Protection:
+    return Protection(CONFIG, LINE, train_length_m=68.59, cycle_s=cycle_s)
+
+
+def verdict_on(motion: Motion | None, seen: CycleInput = SILENCE, cycle_s: float = 0.05) -> Verdict:
+    return protection(cycle_s).step(seen, motion, odometer_usable=True, not_finite=False)
+
+
+def test_a_controller_that_sees_no_wheel_turn_forbids_everything() -> None:
+    verdict = verdict_on(None)
+
+    assert verdict.supervision is Supervision.NO_AUTHORITY
+    assert verdict.missing == Missing(255)
+    assert verdict.ceiling is None
+    assert verdict.service_brake
+    assert verdict.hold
+    assert not verdict.emergency_released
+    assert not verdict.traction_permitted
+    assert not verdict.doors_locked
+    assert verdict.doors == (False, False)
+
+
+@pytest.mark.parametrize(("cycle_s", "runaway_s"), [(0.05, 0.43), (0.02, 0.37), (0.2, 0.73)])
+def test_a_slower_controller_reckons_with_more_time_to_react(
+    cycle_s: float, runaway_s: float
+) -> None:
+    """Two cycles beside 0.03 s of sensing and 0.30 s until traction is cut."""
+    seen = replace(SILENCE, authority=Authority(401.0, 1, 1))
+
+    verdict = verdict_on(AT_300, seen, cycle_s)
+
+    curve = SafeBraking(1.0, 1.0, runaway_s, 1.05).on(0.0)
+    assert verdict.ceiling is not None
+    assert verdict.ceiling.emergency_mps == pytest.approx(curve.speed_mps(100.0, target_mps=0.0))
+
+
+def test_without_an_authority_nothing_is_permitted() -> None:
+    verdict = verdict_on(AT_300)
+
+    assert verdict.ceiling is not None
+    assert verdict.ceiling.emergency_mps == 0.0
