@@ -311,6 +311,26 @@ def test_the_truth_is_logged_every_50_ms_and_at_every_change_of_standstill() -> 
     assert rows.numbers("front_m")[arrived] == pytest.approx(stand.plant.world.front_m, abs=1e-3)
 
 
+def test_the_very_step_in_which_the_train_comes_to_rest_is_in_the_log() -> None:
+    """Stopped at ten different instants of the grid of rows."""
+    for offset in range(10):
+        truth = Rows()
+        plant, _ = process_plant(truth)
+        consist = plant.world.consist
+        consist.car_speeds_mps[:] = [1.0 + 0.012 * offset] * 4
+        consist.speed_mps = consist.car_speeds_mps[0]
+        step = 0
+        while consist.speed_mps != 0.0 or step == 0:
+            plant.step(step * STEP_NS)
+            step += 1
+        stopped_s = plant.elapsed_s
+        for _ in range(10):
+            plant.step(step * STEP_NS)
+            step += 1
+        rows = [(row["t_s"], row["speed_mps"]) for row in truth.rows]
+        assert (f"{stopped_s:.3f}", 0.0) in rows
+
+
 def test_the_acceleration_in_the_log_is_the_change_of_its_speed() -> None:
     rows = Stand(plan_scenario(consist="florence4_ideal")).run(15.0, GO).truth
     speeds_mps, accels_mps2 = rows.numbers("speed_mps"), rows.numbers("accel_mps2")

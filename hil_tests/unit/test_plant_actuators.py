@@ -343,12 +343,12 @@ def test_a_unit_that_never_heard_a_command_is_braked() -> None:
 
 
 def test_a_short_release_does_not_hold_up_the_next_emergency() -> None:
-    """The release is still on its way when the emergency comes again."""
+    """The release is still on its way when the emergency comes again: the brake never lets go."""
     stand = BrakeStand(exact_brake())
     emergency = replace(RELEASED, emergency_released=False)
-    stand.run(0.1, RELEASED)
+    stand.run(0.3, RELEASED)
     decels = stand.run(3.0, emergency)
-    assert min(decels) > 1.1
+    assert min(decels) == pytest.approx(1.2)
 
 
 def test_service_and_emergency_do_not_add() -> None:
@@ -359,13 +359,15 @@ def test_service_and_emergency_do_not_add() -> None:
 
 
 def test_the_holding_brake_is_ignored_by_a_train_that_runs() -> None:
+    """It comes by itself when the train has become slow, the command being the same."""
     stand = released_stand(exact_brake(), speed_mps=1.0)
-    decels = stand.run(2.0, replace(RELEASED, holding_released=False))
+    holding = replace(RELEASED, holding_released=False)
+    decels = stand.run(2.0, holding)
     assert not any(decels)
     assert not stand.unit.status().holding_applied
 
     stand.speed_mps = 0.1
-    stand.run(1.0, replace(RELEASED, holding_released=False))
+    stand.run(1.0, holding)
 
     assert stand.decel_mps2 == pytest.approx(TRAIN.brake.holding.decel_mps2, rel=0.01)
     assert stand.unit.status().holding_applied
@@ -421,6 +423,17 @@ def test_a_late_friction_brake_dips_while_it_takes_over() -> None:
 
     assert min(decels) < 0.35
     assert stand.decel_mps2 <= 0.6 * 0.8 + 1e-3
+
+
+def test_friction_that_is_on_its_way_arrives_after_the_release() -> None:
+    """A pulse of 0.3 s, 0.8 s late: the brake must not go to sleep in between."""
+    pneumatic = replace(TRAIN.brake.service.pneumatic, dead_time_s=fixed(0.8))
+    service = replace(exact_brake(dead_time_s=0.0, lag_s=0.0).service, pneumatic=pneumatic)
+    stand = released_stand(replace(exact_brake(), service=service), speed_mps=0.5)
+    decels = stand.run(0.3, braking(0.5)) + stand.run(1.5, RELEASED)
+    assert decels[:80] == [0.0] * 80
+    assert decels[80:110] == pytest.approx([0.5] * 30)
+    assert decels[110:] == [0.0] * 70
 
 
 def test_the_electric_brake_obeys_its_power() -> None:
@@ -533,6 +546,15 @@ def test_effort_is_gone_within_three_tenths_whatever_takes_it(reason: str) -> No
     assert stand.unit.traction_cut
     assert stand.unit.status(0.0).traction_cut
     assert stand.unit.losses == (1 if reason == "silence" else 0)
+
+
+def test_effort_that_still_builds_up_rises_no_more_once_it_is_forbidden() -> None:
+    stand = TractionStand()
+    rising_n = stand.run(0.25, driving(200_000.0))
+    falling_n = stand.run(0.14, replace(driving(200_000.0), traction_permitted=False))
+    assert rising_n[-1] > 10_000.0
+    assert not stand.unit.traction_cut
+    assert all(later < earlier for earlier, later in itertools.pairwise(falling_n[1:]))
 
 
 def test_traction_goes_without_the_doors_but_the_electric_brake_stays() -> None:

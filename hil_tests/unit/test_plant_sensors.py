@@ -375,6 +375,23 @@ def test_a_train_that_feeds_back_lifts_the_voltage() -> None:
     assert power.meter().regenerated_kwh == pytest.approx((850_000.0 - 80_000.0) * STEP_S / 3.6e6)
 
 
+def test_a_train_that_rolls_against_its_effort_feeds_back() -> None:
+    power = box()
+    power.step(-5_000.0, 0.0)
+    assert power.traction_j == 0.0
+    assert power.braking_j == pytest.approx(0.85 * 5_000.0)
+
+
+def test_a_train_that_rests_draws_what_its_auxiliaries_take() -> None:
+    power = box()
+    power.step(20_000.0, 0.0)
+    before_j = power.drawn_j
+    for _ in range(100):
+        power.rest()
+    assert power.drawn_j - before_j == pytest.approx(80_000.0)
+    assert power.voltage_v * power.current_a == pytest.approx(80_000.0)
+
+
 def test_effort_derates_with_the_voltage() -> None:
     power = HighVoltageBox(
         replace(TRAIN.supply, source_ohm=0.05),

@@ -184,6 +184,14 @@ def test_wheels_that_slide_count_less_than_the_way() -> None:
     assert rolled_m < world.front_m - 2000.0 - 2.0
 
 
+def test_adhesion_limits_the_brake_of_a_train_that_pulls_against_it() -> None:
+    world = running(15.0)
+    world.adhesion_ratio = 0.04
+    drive(world, 2.0, replace(RELEASED, service_decel_mps2=1.0), driving(20_000.0))
+    assert world.drive_n == pytest.approx(20_000.0, rel=0.01)
+    assert world.brake_n == pytest.approx(0.04 * 157_200.0 * 9.81)
+
+
 def test_the_effort_at_the_rail_is_the_energy_of_the_train() -> None:
     """Level, no resistance: electrical energy times efficiency is kinetic and coupler energy."""
     free = replace(EASY, a_n_per_kn=0.0, b_n_per_kn_per_mps=0.0, c_n_per_kn_per_mps2=0.0)

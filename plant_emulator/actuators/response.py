@@ -13,13 +13,12 @@ SETTLED_RATIO: Final = 1.0e-6
 class DeadTime:
     """A demand that arrives later. Between two steps it is averaged, so no instant is rounded."""
 
-    __slots__ = ("_due", "_last_due_ns", "value")
+    __slots__ = ("_due", "value")
 
     def __init__(self, value: float = 0.0) -> None:
         self.value = value
         """What has arrived."""
         self._due: deque[tuple[int, float]] = deque()
-        self._last_due_ns = -(1 << 62)
 
     @property
     def settled(self) -> bool:
@@ -27,9 +26,7 @@ class DeadTime:
         return not self._due
 
     def ask(self, due_ns: int, value: float) -> None:
-        """Let `value` arrive at `due_ns`, but never before what was asked earlier."""
-        due_ns = max(due_ns, self._last_due_ns)
-        self._last_due_ns = due_ns
+        """Let `value` arrive at `due_ns`, or with what was asked earlier if that comes later."""
         self._due.append((due_ns, value))
 
     def mean(self, start_ns: int, end_ns: int) -> float:

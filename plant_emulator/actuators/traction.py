@@ -100,10 +100,13 @@ class TractionUnit:
         if self.traction_cut:
             self._target_n = self._lag.value = self.force_n = 0.0
             return 0.0
-        wanted_n = self._limited(asked_n, abs(speed_mps)) if permitted else 0.0
-        if wanted_n != self._target_n:
-            change_n = wanted_n - self._target_n
-            self._target_n += max(-self._slew_step_n, min(self._slew_step_n, change_n))
+        if permitted:
+            change_n = self._limited(asked_n, abs(speed_mps)) - self._target_n
+            if change_n != 0.0:
+                self._target_n += max(-self._slew_step_n, min(self._slew_step_n, change_n))
+        else:
+            # The inverters are blocked at once; the contactor only follows.
+            self._target_n = 0.0
         self.force_n = self._lag.step(self._target_n)
         return self.force_n
 

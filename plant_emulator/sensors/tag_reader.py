@@ -38,7 +38,7 @@ class TagPass:
     """When the reader believes it was; error of the stamp included."""
     pulses: int
     due_ns: int
-    """When the telegram may leave."""
+    """When the telegram may leave, unless one before it has yet to."""
 
 
 class TagReader:
@@ -73,7 +73,6 @@ class TagReader:
         """Index of the first tag at or ahead of the antenna."""
         self._low_m, self._high_m = self._neighbours()
         self._waiting: deque[TagPass] = deque()
-        self._last_due_ns = start_ns
         self._health_due_ns = start_ns
         self.due_ns = start_ns
         """When the next telegram leaves, of a tag or of health."""
@@ -118,8 +117,7 @@ class TagReader:
         share_ratio = (self._felt_m[index] - before_m) / (at_m - before_m)
         true_ns = start_ns + round(share_ratio * (end_ns - start_ns))
         stamp_ns = true_ns + round(self._stamp_errors.draw() * NS_PER_S)
-        due_ns = max(true_ns + round(self._latencies.draw() * NS_PER_S), self._last_due_ns)
-        self._last_due_ns = due_ns
+        due_ns = true_ns + round(self._latencies.draw() * NS_PER_S)
         self.last = TagPass(
             self._sites[index], true_ns, stamp_ns, tachos.pulses_a(share_ratio), due_ns
         )
