@@ -440,10 +440,10 @@ def test_rejections_are_counted_by_identifier_and_reason() -> None:
         (with_values(TACHO, direction=Node.DESK), ("TACHO", "direction", "Direction")),
         (with_values(TACHO, healthy_a=1), ("TACHO", "healthy_a", "bool")),
         (with_values(TACHO, healthy_b=math.nan), ("TACHO", "healthy_b", "nan is not a number")),
-        (LineSupply(math.nan, 0.0, True), ("LINE_SUPPLY", "line_voltage_v", "nan is not a number")),
+        (LineSupply(math.nan, 0.0, True), ("LINE_SUPPLY", "line_voltage_v", "not a number")),
         (
             BrakeCommand(math.nan, True, True),
-            ("BRAKE_CMD", "service_decel_mps2", "nan is not a number"),
+            ("BRAKE_CMD", "service_decel_mps2", "not a number"),
         ),
     ],
 )
