@@ -1,6 +1,7 @@
 """One step of protection: its verdict when it sees little, and what a slow cycle costs."""
 
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
@@ -8,6 +9,7 @@ from can_dbc.vobc import Missing, Supervision
 from firmware_py.trackdb import load_line
 from vobc.atp import Protection, Verdict
 from vobc.atp.braking import SafeBraking
+from vobc.atp.inputs import in_words, silent
 from vobc.config import load_config
 from vobc.vocabulary import NEVER_S, Authority, CycleInput, Interval, Motion
 
@@ -64,6 +66,49 @@ def test_a_slower_controller_reckons_with_more_time_to_react(
     curve = SafeBraking(1.0, 1.0, runaway_s, 1.05).on(0.0)
     assert verdict.ceiling is not None
     assert verdict.ceiling.emergency_mps == pytest.approx(curve.speed_mps(100.0, target_mps=0.0))
+
+
+TIMEOUTS = {
+    "brake_age_s": (CONFIG.timeouts.brake_s, Missing.BRAKE),
+    "traction_age_s": (CONFIG.timeouts.traction_s, Missing.TRACTION),
+    "tacho_age_s": (CONFIG.timeouts.tacho_s, Missing.ODOMETER),
+    "doors_age_s": (CONFIG.timeouts.doors_s, Missing.DOORS),
+    "desk_age_s": (CONFIG.timeouts.desk_s, Missing.DESK),
+    "tag_reader_age_s": (CONFIG.timeouts.tag_reader_s, Missing.TAG_READER),
+    "authority_age_s": (CONFIG.authority_age_max_s, Missing.AUTHORITY),
+}
+NO_AGES: dict[str, Any] = dict.fromkeys(TIMEOUTS, 0.0)
+FRESH = replace(SILENCE, authority=Authority(500.0, 1, 1), **NO_AGES)
+
+
+def changed(name: str, value: float) -> dict[str, Any]:
+    return {name: value}
+
+
+@pytest.mark.parametrize("age", list(TIMEOUTS))
+def test_an_input_is_silent_just_after_its_timeout_and_not_before(age: str) -> None:
+    timeout_s, flag = TIMEOUTS[age]
+    at_timeout = replace(FRESH, **changed(age, timeout_s))
+    after = replace(FRESH, **changed(age, timeout_s + 1e-9))
+
+    assert silent(at_timeout, CONFIG, odometer_usable=True) == 0
+    assert silent(after, CONFIG, odometer_usable=True) == flag
+
+
+def test_an_authority_that_is_none_is_missing_whatever_its_age() -> None:
+    seen = replace(FRESH, authority=None)
+
+    assert silent(seen, CONFIG, odometer_usable=True) == Missing.AUTHORITY
+
+
+def test_an_odometer_that_makes_no_sense_is_silent() -> None:
+    assert silent(FRESH, CONFIG, odometer_usable=False) == Missing.ODOMETER
+
+
+def test_what_is_missing_is_said_in_a_fixed_order() -> None:
+    words = in_words(Missing.LOCALISATION | Missing.BRAKE | Missing.DOORS)
+
+    assert words == "brake unit, door unit, localisation"
 
 
 def test_without_an_authority_nothing_is_permitted() -> None:
