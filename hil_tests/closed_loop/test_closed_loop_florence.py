@@ -1,0 +1,238 @@
+"""The whole train on its line in virtual time: stops, limits, protection, the same bytes again."""
+
+import dataclasses
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from can_dbc.nodes import Node
+from can_dbc.vobc import Supervision
+from firmware_py.candump import read_candump
+from firmware_py.executive import run
+from firmware_py.ports import LinkCounters
+from metro_hil.columns import read_columns
+from metro_hil.ending import ARRIVED
+from metro_hil.journey import plan_journey
+from metro_hil.lockstep import Lockstep, config_of, run_lockstep, scenario_of
+from metro_hil.measures import measure_ride, measure_stops, supervision_events
+from metro_hil.options import RunOptions, parse
+from metro_hil.results import sha256_of
+from metro_hil.run_folder import RunFolder
+
+TOLERANCE_M = 0.10
+WARNING_MPS = 3.0 / 3.6
+HOP = ("--from", "II", "--to", "III")
+
+
+def options(*arguments: str) -> RunOptions:
+    return parse(["run", "--lockstep", *arguments])
+
+
+def lockstep(folder: Path, *arguments: str) -> RunFolder:
+    """One run in this process; its folder."""
+    folder.mkdir()
+    chosen, kept = options(*arguments), RunFolder(folder)
+    ending = run_lockstep(chosen, plan_journey(chosen), kept)
+    assert ending.exit_reason == ARRIVED
+    return kept
+
+
+@pytest.fixture(scope="module")
+def whole_line(tmp_path_factory: pytest.TempPathFactory) -> RunFolder:
+    return lockstep(tmp_path_factory.mktemp("line") / "run", "--load-ratio", "1.0")
+
+
+def test_the_train_stops_within_ten_centimetres_at_every_station(whole_line: RunFolder) -> None:
+    stops = measure_stops(read_columns(whole_line.truth_log), plan_journey(options()).stops)
+
+    assert [stop.station for stop in stops] == ["I", "II", "III", "IV"]
+    for stop in stops:
+        assert stop.error_m is not None
+        assert abs(stop.error_m) <= TOLERANCE_M, stop
+
+
+def test_the_true_speed_stays_under_the_civil_limit_and_its_margin(whole_line: RunFolder) -> None:
+    """For every part of the train: the limit is that of the slowest metre it stands on."""
+    truth = read_columns(whole_line.truth_log)
+    line, length_m = plan_journey(options()).line, scenario_of(options()).train.length_m
+
+    rows = zip(truth.numbers("front_m").tolist(), truth.numbers("speed_mps").tolist(), strict=True)
+    for front_m, speed_mps in rows:
+        assert speed_mps < line.least_limit_mps(front_m - length_m, front_m) + WARNING_MPS, front_m
+
+
+def test_protection_never_has_to_act_on_a_healthy_run(whole_line: RunFolder) -> None:
+    events = supervision_events(read_columns(whole_line.cycle_log))
+
+    assert [event.state for event in events][-1] == "nominal"
+    assert {event.state for event in events} == {"no_authority", "nominal"}
+
+
+def test_the_position_interval_holds_the_truth_all_the_way(whole_line: RunFolder) -> None:
+    cycles, truth = read_columns(whole_line.cycle_log), read_columns(whole_line.truth_log)
+    true_m = dict(zip(truth.texts("t_s"), truth.numbers("front_m").tolist(), strict=True))
+    checked = 0
+    for t_s, low_m, high_m in zip(
+        cycles.numbers("t_s").tolist(),
+        cycles.numbers("front_low_m").tolist(),
+        cycles.numbers("front_high_m").tolist(),
+        strict=True,
+    ):
+        at_m = true_m.get(f"{t_s:.3f}")
+        if at_m is not None and low_m == low_m:
+            assert low_m <= at_m <= high_m, t_s
+            checked += 1
+
+    assert checked > 5000
+
+
+def test_doors_open_only_where_the_train_stands_at_a_platform(whole_line: RunFolder) -> None:
+    truth = read_columns(whole_line.truth_log)
+    stops_m = [station.stop_m for station in plan_journey(options()).stops]
+    opened = 0
+    rows = zip(
+        truth.texts("doors_locked"),
+        truth.numbers("speed_mps").tolist(),
+        truth.numbers("front_m").tolist(),
+        strict=True,
+    )
+    for locked, speed_mps, front_m in rows:
+        if locked == "0":
+            opened += 1
+            assert speed_mps == 0.0
+            assert min(abs(front_m - stop_m) for stop_m in stops_m) <= 0.3
+
+    assert opened > 4 * 20, "they open at all four stations"
+
+
+def test_every_frame_of_the_log_can_be_read_and_none_is_out_of_order(whole_line: RunFolder) -> None:
+    log = read_candump(whole_line.bus_log)
+    stamps_ns = [logged.frame.stamp_ns for logged in log]
+
+    assert log.bad_lines == 0
+    assert len(stamps_ns) > 100_000
+    assert stamps_ns == sorted(stamps_ns)
+
+
+@pytest.mark.parametrize("brake", ["florence4", "florence4_fixed_delay"])
+@pytest.mark.parametrize(("error", "load"), [("-0.01", "0"), ("0.05", "1"), ("0.02", "0.5")])
+def test_odometer_error_load_and_brake_delay_do_not_move_the_stop(
+    tmp_path: Path, brake: str, error: str, load: str
+) -> None:
+    """A sample of what `make bench` sweeps in full: station I after 1500 m, 70 km/h and a climb."""
+    arguments = ["--to", "I", "--consist", brake, "--odometer-error", error, "--load-ratio", load]
+    folder = lockstep(tmp_path / "run", *arguments, "--seed", "11")
+
+    (stop,) = measure_stops(
+        read_columns(folder.truth_log), plan_journey(options("--to", "I")).stops
+    )
+
+    assert stop.error_m is not None
+    assert abs(stop.error_m) <= TOLERANCE_M
+
+
+def test_the_ideal_train_rides_within_the_papers_limits(tmp_path: Path) -> None:
+    """Allotta et al. 2013, table 1. A filter of second order overshoots a ramp by 4.3 %."""
+    folder = lockstep(tmp_path / "run", "--consist", "florence4_ideal", *HOP)
+
+    ride = measure_ride(read_columns(folder.truth_log))
+
+    assert ride.max_accel_mps2 <= 0.8 * 1.045
+    assert ride.top_speed_mps < 70.0 / 3.6
+
+
+def test_the_same_seed_gives_the_same_bytes_in_a_fresh_process_under_load(tmp_path: Path) -> None:
+    """Once here, and once in a process of its own that has to share its processor."""
+    here = lockstep(tmp_path / "here", *HOP, "--seed", "5")
+    command = [sys.executable, "-m", "metro_hil.vobc_command", "run", "--lockstep", *HOP]
+    busy = subprocess.Popen([sys.executable, "-c", "while True: pass"])
+    try:
+        done = subprocess.run(
+            [*command, "--seed", "5", "--json", "--out", str(tmp_path / "there")],
+            capture_output=True,
+            text=True,
+            check=False,
+            env={**os.environ, "PYTHONHASHSEED": "77"},
+        )
+    finally:
+        busy.kill()
+        busy.wait()
+
+    assert done.returncode == 0, done.stderr
+    results = json.loads(done.stdout)
+    assert results["frame_log_sha256"] == sha256_of(here.bus_log)
+    for name in ("bus.log", "cycles.csv", "truth.csv", "serial.log"):
+        assert (tmp_path / "there" / name).read_bytes() == (here.path / name).read_bytes(), name
+
+
+def test_another_seed_gives_other_bytes(tmp_path: Path) -> None:
+    one = lockstep(tmp_path / "one", *HOP, "--seed", "1")
+    two = lockstep(tmp_path / "two", *HOP, "--seed", "2")
+
+    assert sha256_of(one.bus_log) != sha256_of(two.bus_log)
+
+
+def test_a_short_authority_is_never_passed() -> None:
+    """The wayside lets the train go only as far as the overlap behind the station it stands at."""
+    chosen = options(*HOP)
+    scenario = scenario_of(chosen)
+    short = dataclasses.replace(scenario, destination=scenario.start)
+    bench = Lockstep(config_of(chosen), short, plan_journey(chosen))
+    end_m = bench.plant.zone.end_m
+    assert end_m < scenario.destination.stop_m - 100.0
+
+    bench.run(90.0)
+
+    assert bench.plant.world.speed_mps == 0.0
+    assert scenario.start.stop_m < bench.plant.world.consist.front_m < end_m
+
+
+def test_a_controller_that_falls_silent_leaves_a_train_that_brakes_by_itself() -> None:
+    """Nothing is said any more at 40 km/h; the train stands within its emergency brake's way."""
+    chosen = options(*HOP)
+    bench = Lockstep(config_of(chosen), scenario_of(chosen), plan_journey(chosen))
+    bench.run(20.0)
+    world = bench.plant.world
+    speed_mps, at_m = world.speed_mps, world.consist.front_m
+    assert speed_mps > 10.0
+
+    until_ns = bench.clock.now_ns() + 40 * 10**9
+    run([bench.plant.executive], bench.clock, lambda now_ns: now_ns >= until_ns)
+
+    assert world.speed_mps == 0.0
+    # Commands count as lost after 150 ms; 0.9 m/s² is less than any emergency brake gives.
+    assert world.consist.front_m - at_m < speed_mps * 1.5 + speed_mps**2 / (2.0 * 0.9)
+
+
+class MutePort:
+    """A node that is cut off from its bus."""
+
+    counters = LinkCounters()
+
+    def send(self, now_ns: int, can_id: int, data: bytes) -> None:
+        self.counters.dropped_out += 1
+
+    def receive(self, now_ns: int) -> tuple[()]:
+        return ()
+
+    def close(self) -> None: ...
+
+
+def test_a_train_that_loses_its_odometer_on_the_way_is_stopped_and_kept(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    chosen = options(*HOP)
+    bench = Lockstep(config_of(chosen), scenario_of(chosen), plan_journey(chosen))
+    bench.run(20.0)
+    assert bench.plant.world.speed_mps > 10.0
+
+    monkeypatch.setitem(bench.plant.wire._ports, Node.ODO, MutePort())
+    bench.run(60.0)
+
+    assert bench.plant.world.speed_mps == 0.0
+    assert bench.vobc.output.supervision is Supervision.EMERGENCY
+    assert "input" in bench.vobc.output.cause
