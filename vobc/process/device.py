@@ -3,17 +3,19 @@
 import math
 from collections.abc import Iterable
 from dataclasses import replace
-from typing import Final, Protocol
+from typing import Final
 
 from can_dbc.binding import Frame
 from can_dbc.diagnostics import NodeState
-from can_dbc.vobc import Missing, Supervision
+from can_dbc.vobc import Supervision
 from firmware_py.executive import Executive, Task
-from firmware_py.nvram import Nvram, NvramRecord
+from firmware_py.nvram import Nvram
 from firmware_py.ports import CanPort, RadioPort, SerialPort
 from firmware_py.trackdb import LineMap
 from vobc.config import VobcConfig
 from vobc.controller import Controller
+from vobc.process.cycle_log import CycleLog, cycle_row
+from vobc.process.start import commissioned_start
 from vobc.vocabulary import SAFE_OUTPUT, CycleOutput, Mission, OdometryRecord
 from vobc.wire import (
     Inbox,
@@ -28,37 +30,6 @@ from vobc.wire import (
     vital_frames,
 )
 
-CYCLE_COLUMNS: Final = (
-    "t_s",
-    "front_low_m",
-    "front_m",
-    "front_high_m",
-    "speed_mps",
-    "speed_high_mps",
-    "accel_mps2",
-    "demand_mps2",
-    "target_mps",
-    "permitted_mps",
-    "emergency_mps",
-    "distance_to_stop_m",
-    "distance_to_authority_m",
-    "supervision",
-    "phase",
-    "missing",
-    "cause",
-    "force_n",
-    "decel_mps2",
-    "emergency_released",
-    "holding_released",
-    "doors_enabled",
-    "tags",
-    "slip",
-    "work_us",
-    "lateness_us",
-    "slips",
-)
-"""Of the cycle log. What is not known in a cycle is an empty field."""
-
 VITAL_MS: Final = 50.0
 """At this period the units wait for vital commands, whatever the cycle."""
 DOOR_MS: Final = 100.0
@@ -69,12 +40,6 @@ STALE_CYCLES: Final = 2
 NS_PER_MS: Final = 1_000_000
 NS_PER_S: Final = 1_000_000_000
 NS_PER_US: Final = 1_000
-
-
-class CycleLog(Protocol):
-    """Takes one value for each of CYCLE_COLUMNS."""
-
-    def row(self, *values: object) -> None: ...
 
 
 class VobcDevice:
@@ -251,84 +216,15 @@ class VobcDevice:
         if self._log is None:
             return
         self._log.row(
-            (now_ns - self._start_ns) / NS_PER_S,
-            *_motion_fields(output),
-            output.accel_demand_mps2,
-            output.target_mps,
-            *_ceiling_fields(output),
-            output.supervision,
-            output.ato_phase,
-            _missing_words(output.missing),
-            output.cause,
-            output.force_n,
-            output.service_decel_mps2,
-            output.emergency_released,
-            output.holding_released,
-            output.enable_left or output.enable_right,
-            *_tag_fields(output),
-            self.executive.execution_ns("control") / NS_PER_US,
-            self.executive.lateness_ns("control") / NS_PER_US,
-            self._slips,
+            *cycle_row(
+                (now_ns - self._start_ns) / NS_PER_S,
+                output,
+                work_us=self.executive.execution_ns("control") / NS_PER_US,
+                lateness_us=self.executive.lateness_ns("control") / NS_PER_US,
+                slips=self._slips,
+            )
         )
-
-
-def commissioned_start(config: VobcConfig, mission: Mission, record: NvramRecord) -> OdometryRecord:
-    """The train was set up at the stopping point where its mission starts."""
-    return OdometryRecord(
-        front_m=mission.start.stop_m,
-        bound_m=config.odometry.start_bound_m,
-        m_per_pulse=_stored_m_per_pulse(config, record),
-    )
-
-
-def remembered_start(config: VobcConfig, record: NvramRecord) -> OdometryRecord | None:
-    """Where the train was switched off, if it stood then; it may have been moved a little since."""
-    if record.front_m is None or not record.standing:
-        return None
-    return OdometryRecord(
-        front_m=record.front_m,
-        bound_m=config.odometry.cold_movement_m,
-        m_per_pulse=_stored_m_per_pulse(config, record),
-    )
-
-
-def _stored_m_per_pulse(config: VobcConfig, record: NvramRecord) -> float:
-    """The last calibration is the likeliest guess; what it is worth now is proven anew by tags."""
-    wheel_m = record.wheel_diameter_m or config.train.wheel_diameter_m
-    return math.pi * wheel_m / config.train.pulses_per_turn
 
 
 def _every(period_ms: float, cycle_ms: float) -> int:
     return max(1, round(period_ms / cycle_ms))
-
-
-def _missing_words(missing: Missing) -> str:
-    return missing.name or "" if missing else ""
-
-
-def _motion_fields(output: CycleOutput) -> tuple[object, ...]:
-    motion = output.motion
-    if motion is None:
-        return (None,) * 6
-    front, speed = motion.front_m, motion.speed_mps
-    return front.low, front.best, front.high, speed.best, speed.high, motion.accel_mps2
-
-
-def _ceiling_fields(output: CycleOutput) -> tuple[object, ...]:
-    to_stop_m = output.distance_to_stop_m if math.isfinite(output.distance_to_stop_m) else None
-    ceiling = output.ceiling
-    if ceiling is None:
-        return None, None, to_stop_m, None
-    return (
-        ceiling.permitted_mps,
-        ceiling.emergency_mps,
-        to_stop_m,
-        ceiling.distance_to_authority_m,
-    )
-
-
-def _tag_fields(output: CycleOutput) -> tuple[object, ...]:
-    motion = output.motion
-    if motion is None:
-        return "", False
-    return " ".join(str(tag_id) for tag_id in motion.accepted_tag_ids), motion.slip

@@ -1,0 +1,27 @@
+"""`python -m vobc`: the bare controller in real time on a bus."""
+
+from vobc.cli.command import main
+from vobc.cli.host import (
+    EXIT_ENVIRONMENT,
+    EXIT_FAILED,
+    EXIT_INTERRUPTED,
+    EXIT_OK,
+    EXIT_USAGE,
+    Ending,
+    PatientLine,
+)
+from vobc.cli.options import Plan, parser, plan
+
+__all__ = [
+    "EXIT_ENVIRONMENT",
+    "EXIT_FAILED",
+    "EXIT_INTERRUPTED",
+    "EXIT_OK",
+    "EXIT_USAGE",
+    "Ending",
+    "PatientLine",
+    "Plan",
+    "main",
+    "parser",
+    "plan",
+]

@@ -1,0 +1,147 @@
+"""`python -m vobc`: the bare controller in real time on a bus, for a plant or a real train."""
+
+import argparse
+import json
+import os
+import traceback
+from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import asdict
+from pathlib import Path
+from typing import Final
+
+from firmware_py.assertions import require_assertions
+from firmware_py.buses import BusError, open_can
+from firmware_py.clock import WallClock
+from firmware_py.executive import Executive, Task, run
+from firmware_py.radio.zenoh_radio import RadioError, Role, open_radio
+from firmware_py.realtime import (
+    RealtimeReport,
+    collect_garbage,
+    die_with_parent,
+    enter_realtime,
+)
+from firmware_py.recorder import LineLog, RecorderError
+from firmware_py.settings import SettingsError
+from vobc.cli.host import EXIT_ENVIRONMENT, EXIT_FAILED, EXIT_USAGE, Ending, PatientLine, Words, say
+from vobc.cli.options import Plan, parser, plan
+from vobc.process import CYCLE_COLUMNS, CycleLog, VobcDevice
+from vobc.wire import HEARD_IDS
+from zenoh_config import keys
+
+NS_PER_S: Final = 1_000_000_000
+GARBAGE_MS: Final = 1000.0
+"""Between collections, since none comes by itself on a real-time run."""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Parse, check, run; whatever the user got wrong is one line."""
+    require_assertions("vobc")
+    options = parser().parse_args(argv)
+    try:
+        return _run(options, plan(options, WallClock().epoch_ns()))
+    except SettingsError as error:
+        say(str(error))
+        return EXIT_USAGE
+    except (BusError, RadioError, RecorderError, OSError) as error:
+        say(str(error))
+        return EXIT_ENVIRONMENT
+    except Exception:
+        traceback.print_exc()
+        say("the controller failed; its last word on the bus was the safe output")
+        return EXIT_FAILED
+
+
+def _run(options: argparse.Namespace, planned: Plan) -> int:
+    die_with_parent(os.getppid())
+    ending = Ending()
+    with ending.caught(), ExitStack() as stack:
+        clock = WallClock()
+        out = _folder(options.out)
+        vobc = _device(planned, out, clock, stack)
+        executives = [vobc.executive]
+        granted = None
+        if options.priority:
+            granted = enter_realtime(options.priority)
+            garbage = Task("garbage", GARBAGE_MS, collect_garbage, offset_ms=GARBAGE_MS)
+            executives.append(Executive([garbage], clock.now_ns()))
+        if out is not None:
+            _write_json(out / "realtime.json", _granted_words(granted))
+        end_ns = None
+        if options.duration is not None:
+            end_ns = clock.now_ns() + round(options.duration * NS_PER_S)
+        words = Words(vobc)
+
+        def until(now_ns: int) -> bool:
+            words.tell()
+            return ending.asked or (end_ns is not None and now_ns >= end_ns)
+
+        run(executives, clock, until)
+        vobc.stop(clock.now_ns())
+        if out is not None:
+            _write_json(out / "vobc.json", _summary(vobc))
+    return ending.exit_code
+
+
+def _device(
+    planned: Plan,
+    out: Path | None,
+    clock: WallClock,
+    stack: ExitStack,
+) -> VobcDevice:
+    """Open everything. What is opened is closed by the stack, the bus last."""
+    stack.callback(planned.nvram.close)
+    can = open_can(planned.bus, clock=clock, node="VOBC", accept_ids=HEARD_IDS)
+    stack.callback(can.close)
+    log: CycleLog | None = None
+    if out is not None:
+        cycles = LineLog(out / "cycles.csv", CYCLE_COLUMNS)
+        stack.callback(cycles.close)
+        log = cycles
+    tags = PatientLine(planned.tags)
+    stack.callback(tags.close)
+    topics = (keys.authorities(planned.line.name, planned.config.address),)
+    radio = open_radio(Role.TRAIN, planned.radio, topics, clock)
+    stack.callback(radio.close)
+    return VobcDevice(
+        planned.config,
+        planned.line,
+        planned.mission,
+        can=can,
+        tags=tags,
+        radio=radio,
+        nvram=planned.nvram,
+        cycle_log=log,
+        start_ns=clock.now_ns(),
+        start=planned.start,
+    )
+
+
+def _summary(vobc: VobcDevice) -> dict[str, object]:
+    """How the tasks kept their rhythm, and what was not acted on."""
+    return {
+        "slips": vobc.slips,
+        "tasks": [asdict(report) for report in vobc.executive.report()],
+        "refused": vobc.refused,
+    }
+
+
+def _granted_words(granted: RealtimeReport | None) -> dict[str, str]:
+    if granted is None:
+        return {"real time": "not asked for"}
+    return {
+        measure.name: measure.detail if measure.granted else f"not granted, {measure.detail}"
+        for measure in granted.measures
+    }
+
+
+def _folder(out: str | None) -> Path | None:
+    if out is None:
+        return None
+    folder = Path(out)
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
+def _write_json(path: Path, content: object) -> None:
+    path.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")

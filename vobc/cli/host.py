@@ -1,0 +1,105 @@
+"""What lies between the controller and its host: signals, words for a person, a patient line."""
+
+import signal
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from types import FrameType
+from typing import Final
+
+from firmware_py.ports import LinkCounters, SerialChunk, SerialPort
+from firmware_py.tag_reader.serial_line import SerialError, open_serial
+from vobc.process import VobcDevice
+from vobc.vocabulary import SAFE_OUTPUT
+
+EXIT_OK: Final = 0
+EXIT_FAILED: Final = 1
+EXIT_USAGE: Final = 2
+EXIT_ENVIRONMENT: Final = 3
+EXIT_INTERRUPTED: Final = 130
+
+RETRY_NS: Final = 500_000_000
+_ENDING_SIGNALS: Final = (signal.SIGINT, signal.SIGTERM)
+
+
+class PatientLine:
+    """A serial line that may not be there yet: a train that waits is braked, not broken."""
+
+    def __init__(self, path: str) -> None:
+        self._path = path
+        self._line: SerialPort | None = None
+        self._retry_ns = 0
+        self._counters = LinkCounters()
+        self.error = ""
+        """Why it is not open; empty when it is."""
+
+    @property
+    def counters(self) -> LinkCounters:
+        return self._counters if self._line is None else self._line.counters
+
+    def send(self, now_ns: int, data: bytes) -> None:
+        if self._line is not None:
+            self._line.send(now_ns, data)
+
+    def receive(self, now_ns: int) -> Sequence[SerialChunk]:
+        if self._line is None and now_ns >= self._retry_ns:
+            self._retry_ns = now_ns + RETRY_NS
+            self._open()
+        return () if self._line is None else self._line.receive(now_ns)
+
+    def _open(self) -> None:
+        try:
+            self._line = open_serial(self._path)
+            self.error = ""
+        except SerialError as error:
+            self._counters.errors += 1
+            if str(error) != self.error:
+                self.error = str(error)
+                say(f"waits for the tag reader: {error}")
+
+    def close(self) -> None:
+        if self._line is not None:
+            self._line.close()
+
+
+class Ending:
+    """SIGINT and SIGTERM as a wish that the loop looks at."""
+
+    def __init__(self) -> None:
+        self.exit_code = EXIT_OK
+        self.asked = False
+
+    @contextmanager
+    def caught(self) -> Iterator[None]:
+        before = [(number, signal.signal(number, self._ask)) for number in _ENDING_SIGNALS]
+        try:
+            yield
+        finally:
+            for number, handler in before:
+                signal.signal(number, handler)
+
+    def _ask(self, number: int, frame: FrameType | None) -> None:
+        self.asked = True
+        self.exit_code = EXIT_INTERRUPTED if number == signal.SIGINT else EXIT_OK
+
+
+class Words:
+    """Says on standard error what protection does or waits for, whenever that changes."""
+
+    def __init__(self, vobc: VobcDevice) -> None:
+        self._vobc = vobc
+        self._said = ""
+
+    def tell(self) -> None:
+        output = self._vobc.output
+        if output is SAFE_OUTPUT:
+            return
+        state = output.supervision.name.lower().replace("_", " ")
+        words = f"{state}: {output.cause}" if output.cause else state
+        if words != self._said:
+            self._said = words
+            say(words)
+
+
+def say(words: str) -> None:
+    print(f"vobc: {words}", file=sys.stderr, flush=True)

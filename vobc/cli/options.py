@@ -1,0 +1,126 @@
+"""The words of the command line, and everything that can be checked before a device is opened."""
+
+import argparse
+from dataclasses import dataclass
+from typing import Final
+
+from firmware_py import rendezvous
+from firmware_py.buses import BusError, parse_spec, resolve_auto
+from firmware_py.nvram import Nvram, NvramRecord
+from firmware_py.radio.zenoh_radio import DEFAULT_ENDPOINT
+from firmware_py.trackdb import LineMap, load_line
+from vobc.config import CYCLE_MS_MAX, CYCLE_MS_MIN, VobcConfig, load_config, plan_mission
+from vobc.process import remembered_start
+from vobc.vocabulary import Mission, OdometryRecord
+
+AUTO: Final = "auto"
+NS_PER_S: Final = 1_000_000_000
+PRIORITY_MAX: Final = 99
+
+DESCRIPTION: Final = "The bare controller in real time on a bus, for a plant or a real train."
+
+EPILOG: Final = """\
+The controller stays braked until everything that it needs is heard, and says what it waits for.
+exit codes: 0 ended by SIGTERM or after --duration; 1 the controller failed and braked; 2 wrong
+usage or configuration; 3 bus, rights or a folder missing; 130 ended by Ctrl-C
+"""
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line."""
+    top = argparse.ArgumentParser(
+        prog="python -m vobc",
+        description=DESCRIPTION,
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    top.add_argument("verb", nargs="?", choices=("run",), default="run", help="default: run")
+    top.add_argument("--bus", default=AUTO, metavar="SPEC", help="auto, socketcan:can0, ...")
+    top.add_argument("--tags", default=AUTO, metavar="DEVICE", help="such as /dev/ttyUSB0")
+    top.add_argument("--radio", default=AUTO, metavar="ENDPOINT", help="tcp/HOST:PORT")
+    top.add_argument("--line", default="florence", metavar="NAME|FILE", help="default: florence")
+    top.add_argument(
+        "--consist", default="florence4", metavar="NAME|FILE", help="parameters of the train"
+    )
+    top.add_argument("--from", dest="start", metavar="STATION", help="where the train stands")
+    top.add_argument("--to", dest="end", metavar="STATION", help="default: the last of the line")
+    top.add_argument("--cycle-ms", type=_cycle_ms, metavar="MS", help="default: as parameters say")
+    top.add_argument("--duration", type=_seconds, metavar="SECONDS", help="end after so long")
+    top.add_argument("--priority", type=_priority, default=80, help="of SCHED_FIFO; 0: none")
+    top.add_argument("--out", metavar="FOLDER", help="for cycles.csv, realtime.json, vobc.json")
+    top.add_argument("--nvram", metavar="FILE", help="default: nothing survives a power cycle")
+    return top
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """Everything that can be checked before the first device is opened."""
+
+    config: VobcConfig
+    line: LineMap
+    mission: Mission
+    nvram: Nvram
+    start: OdometryRecord | None
+    bus: str
+    tags: str
+    radio: str
+
+
+def plan(options: argparse.Namespace, epoch_ns: int) -> Plan:
+    """Raises SettingsError or BusError for what cannot be.
+
+    A board without a memory takes the time of day for its boot count: it has to grow with each
+    start, or the wayside would take the new incarnation for messages out of order.
+    """
+    config = load_config(options.consist, cycle_ms=options.cycle_ms)
+    line = load_line(options.line)
+    nvram = Nvram(options.nvram, NvramRecord(boot_count=epoch_ns // NS_PER_S))
+    start, first = None, options.start
+    if first is None and (start := remembered_start(config, nvram.record)) is not None:
+        first = _nearest_station(line, start.front_m)
+    mission = plan_mission(line, first, options.end)
+    bus = _bus(options.bus)
+    name = parse_spec(bus).name
+    tags, radio = options.tags, options.radio
+    if tags == AUTO:
+        tags = str(rendezvous.tags_link(name))
+    if radio == AUTO:
+        radio = rendezvous.read_radio(name) or DEFAULT_ENDPOINT
+    return Plan(config, line, mission, nvram, start, bus, tags, radio)
+
+
+def _nearest_station(line: LineMap, front_m: float) -> str:
+    return min(line.stations, key=lambda station: abs(station.stop_m - front_m)).name
+
+
+def _bus(wanted: str) -> str:
+    if wanted != AUTO:
+        return wanted
+    choice = resolve_auto()
+    if choice.spec is None:
+        raise BusError(f"no bus: {choice.reason}; `vcan up` makes one")
+    return choice.spec
+
+
+def _cycle_ms(text: str) -> float:
+    return _number(text, CYCLE_MS_MIN, CYCLE_MS_MAX)
+
+
+def _seconds(text: str) -> float:
+    return _number(text, 0.0, 1e9)
+
+
+def _number(text: str, least: float, most: float) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = float("nan")
+    if not least <= value <= most:
+        raise argparse.ArgumentTypeError(f"{text} is not a number in {least:g}..{most:g}")
+    return value
+
+
+def _priority(text: str) -> int:
+    if not text.isdecimal() or int(text) > PRIORITY_MAX:
+        raise argparse.ArgumentTypeError(f"{text} is not a whole number in 0..{PRIORITY_MAX}")
+    return int(text)

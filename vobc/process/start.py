@@ -1,0 +1,33 @@
+"""Where a train takes itself to stand when its controller starts."""
+
+import math
+
+from firmware_py.nvram import NvramRecord
+from vobc.config import VobcConfig
+from vobc.vocabulary import Mission, OdometryRecord
+
+
+def commissioned_start(config: VobcConfig, mission: Mission, record: NvramRecord) -> OdometryRecord:
+    """The train was set up at the stopping point where its mission starts."""
+    return OdometryRecord(
+        front_m=mission.start.stop_m,
+        bound_m=config.odometry.start_bound_m,
+        m_per_pulse=_stored_m_per_pulse(config, record),
+    )
+
+
+def remembered_start(config: VobcConfig, record: NvramRecord) -> OdometryRecord | None:
+    """Where the train was switched off, if it stood then; it may have been moved a little since."""
+    if record.front_m is None or not record.standing:
+        return None
+    return OdometryRecord(
+        front_m=record.front_m,
+        bound_m=config.odometry.cold_movement_m,
+        m_per_pulse=_stored_m_per_pulse(config, record),
+    )
+
+
+def _stored_m_per_pulse(config: VobcConfig, record: NvramRecord) -> float:
+    """The last calibration is the likeliest guess; what it is worth now is proven anew by tags."""
+    wheel_m = record.wheel_diameter_m or config.train.wheel_diameter_m
+    return math.pi * wheel_m / config.train.pulses_per_turn

@@ -1,0 +1,117 @@
+"""The output of a cycle as frames for the bus."""
+
+from collections.abc import Sequence
+from typing import Final
+
+from can_dbc.binding import Frame
+from can_dbc.brake import BrakeCommand
+from can_dbc.codec import Encoder
+from can_dbc.diagnostics import EMERGENCIES, HEARTBEATS, NodeState
+from can_dbc.doors import DoorCommand
+from can_dbc.nodes import Node
+from can_dbc.traction import TractionCommand
+from can_dbc.vobc import VobcMotion, VobcPosition, VobcStatus, VobcTarget
+from vobc.atp.supervision import Cause
+from vobc.vocabulary import (
+    CycleOutput,
+)
+
+SENT_KINDS: Final[tuple[type[Frame], ...]] = (
+    BrakeCommand,
+    TractionCommand,
+    DoorCommand,
+    VobcStatus,
+    VobcMotion,
+    VobcPosition,
+    VobcTarget,
+    HEARTBEATS[Node.VOBC],
+    EMERGENCIES[Node.VOBC],
+)
+SLIPS_PERIOD: Final = 64
+PROTECTION_ERROR: Final = 0xFF01
+"""EMCY code of the manufacturer's: the emergency brake is latched; its detail counts the cause."""
+PROTECTION_REGISTER: Final = 0x81
+CAUSE_NUMBERS: Final = {cause.value: number for number, cause in enumerate(Cause, 1)}
+
+
+def vital_frames(output: CycleOutput) -> tuple[Frame, Frame]:
+    """What brakes and drives the train, brake first."""
+    return (
+        BrakeCommand(
+            service_decel_mps2=output.service_decel_mps2,
+            emergency_released=output.emergency_released,
+            holding_released=output.holding_released,
+        ),
+        TractionCommand(
+            force_n=output.force_n,
+            direction=output.direction,
+            traction_permitted=output.traction_permitted,
+        ),
+    )
+
+
+def door_frame(output: CycleOutput) -> Frame:
+    return DoorCommand(
+        enable_left=output.enable_left,
+        enable_right=output.enable_right,
+        open_left=output.open_left,
+        open_right=output.open_right,
+    )
+
+
+def status_frame(output: CycleOutput, *, work_us: float, slips: int) -> Frame:
+    motion = output.motion
+    return VobcStatus(
+        supervision=output.supervision,
+        ato_phase=output.ato_phase,
+        missing=output.missing,
+        localised=motion is not None and motion.localised,
+        slip_detected=motion is not None and motion.slip,
+        work_us=work_us,
+        cycle_slips=slips % SLIPS_PERIOD,
+    )
+
+
+def motion_frames(output: CycleOutput) -> Sequence[Frame]:
+    """Speed and position; nothing is said that is not known."""
+    motion, ceiling = output.motion, output.ceiling
+    if motion is None or ceiling is None:
+        return ()
+    front_m = motion.front_m
+    return (
+        VobcMotion(
+            speed_mps=motion.speed_mps.best,
+            ceiling_mps=ceiling.permitted_mps,
+            emergency_mps=ceiling.emergency_mps,
+        ),
+        VobcPosition(front_m=front_m.best, uncertainty_m=0.5 * (front_m.high - front_m.low)),
+    )
+
+
+def target_frames(output: CycleOutput) -> Sequence[Frame]:
+    """What lies ahead; that there is no stop is said with the largest distance on the wire."""
+    if output.ceiling is None:
+        return ()
+    return (
+        VobcTarget(
+            distance_to_stop_m=output.distance_to_stop_m,
+            distance_to_authority_m=output.ceiling.distance_to_authority_m,
+        ),
+    )
+
+
+def heartbeat(state: NodeState) -> Frame:
+    return HEARTBEATS[Node.VOBC](state)
+
+
+def emergency_message(cause: str | None) -> Frame:
+    """EMCY for a latched emergency brake; None says that it is gone."""
+    message = EMERGENCIES[Node.VOBC]
+    if cause is None:
+        return message(0, 0, 0)
+    return message(PROTECTION_ERROR, PROTECTION_REGISTER, CAUSE_NUMBERS.get(cause, 0))
+
+
+def make_encoder() -> Encoder:
+    """Ready for everything that the controller sends, so that no cycle waits for it."""
+    return Encoder(SENT_KINDS)

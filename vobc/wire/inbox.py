@@ -1,0 +1,169 @@
+"""What was heard on the wires, kept and frozen into one image for each cycle."""
+
+from collections.abc import Iterable
+from typing import Any, Final
+
+from can_dbc.binding import Frame
+from can_dbc.brake import BrakeStatus
+from can_dbc.cab import Desk
+from can_dbc.codec import Decoder
+from can_dbc.diagnostics import TcmsStatus
+from can_dbc.doors import DoorStatus
+from can_dbc.energy import LineSupply
+from can_dbc.odometer import Doppler, Imu, Tacho
+from can_dbc.rejection import Rejected
+from can_dbc.tags import TagReaderHealth
+from can_dbc.traction import TractionStatus
+from firmware_py.ports import CanFrame, SerialChunk
+from firmware_py.tag_reader.telegram import TagTelegram, TelegramParser
+from vobc.odometry.sampling import SampleClock
+from vobc.vocabulary import (
+    NEVER_S,
+    CycleInput,
+    TachoSample,
+    TagReading,
+)
+from vobc.wire.radio import RadioLink
+
+HEARD_KINDS: Final[tuple[type[Frame], ...]] = (
+    Tacho,
+    Doppler,
+    Imu,
+    TractionStatus,
+    BrakeStatus,
+    DoorStatus,
+    Desk,
+    TagReaderHealth,
+    LineSupply,
+    TcmsStatus,
+)
+HEARD_IDS: Final = Decoder(HEARD_KINDS).ids
+"""For acceptance filters."""
+S_PER_NS: Final = 1e-9
+TACHO_SAMPLES_MAX: Final = 64
+TAGS_MAX: Final = 32
+TELEGRAM_LINE_S: Final = 0.002
+"""A telegram of a magnetic tag on the line at 115 200 baud."""
+
+
+class Inbox:
+    """Keeps the latest of every frame with the instant it was heard; freezes them into an image."""
+
+    def __init__(self, radio: RadioLink) -> None:
+        self._decoder = Decoder(HEARD_KINDS)
+        self._parser = TelegramParser()
+        self._radio = radio
+        self._latest: dict[type, tuple[Any, int]] = {}
+        self._tachos: list[tuple[Tacho, int]] = []
+        self._tacho_clock = SampleClock()
+        self._tags: list[tuple[TagTelegram, int]] = []
+        self.rejected = 0
+        """Frames that were refused: unknown, damaged, stuck or out of order."""
+        self.overflowed = 0
+        """Samples and tags beyond what one cycle may take; the oldest are given up."""
+
+    @property
+    def late_samples(self) -> int:
+        """Tacho samples that were too old when they came."""
+        return self._tacho_clock.refused
+
+    @property
+    def torn_telegrams(self) -> int:
+        return sum(self._parser.torn.values())
+
+    def take_frames(self, frames: Iterable[CanFrame]) -> None:
+        """What the bus delivered, in its order."""
+        decode, latest = self._decoder.decode, self._latest
+        for frame in frames:
+            if frame.extended or frame.remote or frame.error:
+                self.rejected += not frame.error
+                continue
+            stamp_ns = frame.stamp_ns
+            heard = decode(frame.can_id, frame.data, stamp_ns)
+            if heard is None:
+                continue
+            kind = type(heard)
+            if kind is Rejected:
+                self.rejected += 1
+                continue
+            if isinstance(heard, Tacho):
+                sampled_ns = self._tacho_clock.sampled_ns(stamp_ns, heard.stamp_ms)
+                if sampled_ns is None:
+                    continue
+                stamp_ns = sampled_ns
+                self._tachos.append((heard, stamp_ns))
+            latest[kind] = (heard, stamp_ns)
+        if len(self._tachos) > TACHO_SAMPLES_MAX:
+            self.overflowed += len(self._tachos) - TACHO_SAMPLES_MAX
+            del self._tachos[:-TACHO_SAMPLES_MAX]
+
+    def take_serial(self, chunks: Iterable[SerialChunk]) -> None:
+        """What the tag reader's line delivered; a telegram may be spread over several chunks."""
+        for chunk in chunks:
+            for heard in self._parser.feed(chunk.data):
+                if isinstance(heard, TagTelegram):
+                    self._tags.append((heard, chunk.stamp_ns))
+        if len(self._tags) > TAGS_MAX:
+            self.overflowed += len(self._tags) - TAGS_MAX
+            del self._tags[:-TAGS_MAX]
+
+    def image(self, now_ns: int, *, dt_s: float, overruns: int) -> CycleInput:
+        """Everything heard up to now, frozen; tacho samples and tags are handed over once."""
+        tacho, tacho_age_s = self._aged(Tacho, now_ns)
+        doppler, doppler_age_s = self._aged(Doppler, now_ns)
+        imu, imu_age_s = self._aged(Imu, now_ns)
+        traction, traction_age_s = self._aged(TractionStatus, now_ns)
+        brake, brake_age_s = self._aged(BrakeStatus, now_ns)
+        doors, doors_age_s = self._aged(DoorStatus, now_ns)
+        desk, desk_age_s = self._aged(Desk, now_ns)
+        tag_reader, tag_reader_age_s = self._aged(TagReaderHealth, now_ns)
+        supply, supply_age_s = self._aged(LineSupply, now_ns)
+        load, load_age_s = self._aged(TcmsStatus, now_ns)
+        samples = tuple(
+            [TachoSample(frame, (now_ns - stamp_ns) * S_PER_NS) for frame, stamp_ns in self._tachos]
+        )
+        self._tachos = []
+        tags: tuple[TagReading, ...] = ()
+        if self._tags:
+            tags = tuple([_reading(tag, now_ns - stamp_ns) for tag, stamp_ns in self._tags])
+            self._tags = []
+        return CycleInput(
+            now_ns,
+            dt_s,
+            overruns,
+            tacho,
+            tacho_age_s,
+            samples,
+            doppler,
+            doppler_age_s,
+            imu,
+            imu_age_s,
+            traction,
+            traction_age_s,
+            brake,
+            brake_age_s,
+            doors,
+            doors_age_s,
+            desk,
+            desk_age_s,
+            tag_reader,
+            tag_reader_age_s,
+            supply,
+            supply_age_s,
+            load,
+            load_age_s,
+            tags,
+            self._radio.authority,
+            self._radio.authority_age_s(now_ns),
+        )
+
+    def _aged(self, kind: type, now_ns: int) -> tuple[Any, float]:
+        heard = self._latest.get(kind)
+        if heard is None:
+            return None, NEVER_S
+        return heard[0], (now_ns - heard[1]) * S_PER_NS
+
+
+def _reading(telegram: TagTelegram, since_ns: int) -> TagReading:
+    age_s = telegram.age_at_sending_s + TELEGRAM_LINE_S + since_ns * S_PER_NS
+    return TagReading(telegram.tag_id, telegram.pulses, age_s)
