@@ -137,12 +137,14 @@ def test_a_held_train_has_its_traction_cut_unless_it_sets_off() -> None:
 
 
 def test_nobody_driving_is_full_brake_and_hold() -> None:
-    output = decided(demand=BRAKED_DEMAND)
+    output = decided(replace(FREE, doors=DoorEnable(True, True)), BRAKED_DEMAND)
 
     assert output.service_decel_mps2 == TRAIN.service_decel_max_mps2
     assert not output.holding_released
     assert math.isfinite(output.accel_demand_mps2)
     assert output.supervision is Supervision.NOMINAL
+    assert (output.open_left, output.open_right) == (False, False)
+    assert output.target_mps == 0.0
 
 
 BAD = (math.nan, math.inf, -math.inf)
