@@ -192,6 +192,48 @@ def test_an_authority_short_of_the_stop_is_respected(end_m: float, seed: int) ->
     assert abs(rig.stops[0].error_m) <= 0.10
 
 
+def safe_speed_mps(distance_m: float, lead_s: float) -> float:
+    """What a safe braking model allows: run on, 0.43 s of runaway, 1.05 s of build-up, 1.0 m/s2."""
+
+    def needed_m(speed_mps: float) -> float:
+        after_mps = speed_mps + 0.43
+        return speed_mps * (lead_s + 0.43) + 0.43**2 / 2.0 + after_mps * 1.05 + after_mps**2 / 2.0
+
+    low_mps, high_mps = 0.0, 30.0
+    for _ in range(40):
+        middle_mps = (low_mps + high_mps) / 2.0
+        if needed_m(middle_mps) <= distance_m:
+            low_mps = middle_mps
+        else:
+            high_mps = middle_mps
+    return low_mps
+
+
+@pytest.mark.parametrize("end_m", [3060.0, 3200.0, 3450.0])
+def test_protection_has_nothing_to_warn_of_before_the_end_of_authority(end_m: float) -> None:
+    """Permitted 1.6 s, warned 1.0 s ahead of the emergency curve; the front known to 0.3 m."""
+    rig = hop(brake_delay_s=None)
+    rig.authority_end_m = end_m
+    while not at_rest(rig):
+        room_m = end_m - rig.front_m - 0.3
+        rig.ceiling_mps = safe_speed_mps(room_m, 1.6)
+        rig.step()
+        if rig.speed_mps > 0.0:
+            assert rig.speed_mps < safe_speed_mps(room_m, 1.0)
+
+    assert 1.0 < end_m - rig.front_m < 2.0
+
+
+def test_a_train_whose_ceiling_vanishes_comes_to_rest_and_is_held() -> None:
+    rig = hop()
+    rig.run(lambda rig: rig.front_m > 3100.0)
+    rig.ceiling_mps = 0.0
+
+    rig.run(at_rest, limit_s=120.0)
+
+    assert rig.ato.phase is AtoPhase.HOLDING
+
+
 def test_an_authority_extended_during_the_approach_is_used() -> None:
     """Braking for its end is given up without a jolt when the end moves on."""
     rig = hop()

@@ -102,6 +102,33 @@ class Braking:
 
 
 @dataclass(frozen=True, slots=True)
+class AuthorityStop:
+    """A stop before the end of authority keeps under the curve of protection.
+
+    That curve allows v / (v + 3.5 s) of deceleration in m/s² to a train that follows it, much less
+    than a stop at a platform needs where the authority reaches beyond.
+    """
+
+    margin_m: float = 1.7
+    """From the front of the standing train to the end of authority."""
+    final_decel_mps2: float = 0.05
+    creep_ease_mps3: float = 0.02
+    knee_decel_mps2: float = 0.3
+    ease_mps3: float = 0.05
+
+    def __post_init__(self) -> None:
+        _positive(
+            final_decel_mps2=self.final_decel_mps2,
+            creep_ease_mps3=self.creep_ease_mps3,
+            ease_mps3=self.ease_mps3,
+        )
+        if self.margin_m < 0.0:
+            raise ValueError(f"margin_m {self.margin_m} is negative")
+        if self.knee_decel_mps2 < self.final_decel_mps2:
+            raise ValueError("knee_decel_mps2 is under final_decel_mps2")
+
+
+@dataclass(frozen=True, slots=True)
 class SpeedControl:
     """PIDs on the predicted speed error, one for each direction of the reference."""
 
@@ -153,8 +180,6 @@ class StationWork:
     """From here on the three-tag stop is spoken of; the distance of T1."""
     jog_reach_m: float = 5.0
     jog_attempts: int = 3
-    authority_margin_m: float = 1.0
-    """A stop before the end of authority is made this far short of it."""
     least_run_m: float = 5.0
     """Between stations the train sets off only when the authority lets it go at least so far."""
     hold_speed_mps: float = 0.01
@@ -178,8 +203,8 @@ class StationWork:
             hold_speed_mps=self.hold_speed_mps,
             hold_decel_mps2=self.hold_decel_mps2,
         )
-        if self.jog_attempts < 0 or self.jog_reach_m < 0.0 or self.authority_margin_m < 0.0:
-            raise ValueError("jog_attempts, jog_reach_m or authority_margin_m is negative")
+        if self.jog_attempts < 0 or self.jog_reach_m < 0.0:
+            raise ValueError("jog_attempts or jog_reach_m is negative")
 
 
 @dataclass(frozen=True, slots=True)
@@ -192,6 +217,7 @@ class AtoConfig:
     brake: BrakeBelief = field(default_factory=BrakeBelief)
     traction: TractionBelief = field(default_factory=TractionBelief)
     braking: Braking = field(default_factory=Braking)
+    authority: AuthorityStop = field(default_factory=AuthorityStop)
     speed: SpeedControl = field(default_factory=SpeedControl)
     station: StationWork = field(default_factory=StationWork)
     printed: PrintedScheme = field(default_factory=PrintedScheme)

@@ -11,7 +11,7 @@ from vobc.ato.config import AtoConfig
 from vobc.ato.mode import DRIVING, Situation, next_phase
 from vobc.ato.shaper import Shaper
 from vobc.ato.strategies import make_strategy
-from vobc.ato.strategies.strategy import Drive, Strategy
+from vobc.ato.strategies.strategy import Drive, Strategy, Target
 from vobc.vocabulary import AtoDemand, AtoInput
 
 UNDER_WAY_MPS: Final = 0.3
@@ -23,6 +23,8 @@ DISABLED_DECEL_MPS2: Final = 0.65
 HOLD_HELP_MPS2: Final = 0.02
 """On a rising gradient the holding brake comes off when traction exceeds gravity by this."""
 LEVEL_MPS2: Final = 0.01
+LEAST_CEILING_MPS: Final = 1.0
+"""Under a lower ceiling nothing sets off."""
 
 
 class Ato:
@@ -75,9 +77,8 @@ class Ato:
         self.phase = next_phase(before, self._seen)
         if self.phase is not before:
             self._enter(before, seen)
-        target_m = self._target_m(seen)
         if self.phase in DRIVING:
-            drive = strategy.drive(seen, target_m)
+            drive = strategy.drive(seen, self._target(seen))
             self._seen.braking = drive.braking
         else:
             drive = self._stand_or_brake(seen)
@@ -139,24 +140,24 @@ class Ato:
         work = self._config.station
         working = self.phase is AtoPhase.DOORS_OPEN or self._served
         goal = self._index + 1 if working else self._index
-        if goal >= len(self._stops):
+        if goal >= len(self._stops) or seen.ceiling_mps < LEAST_CEILING_MPS:
             return False
         stop_m = self._stops[goal].stop_m
-        room_m = self._reach_m(stop_m, seen.authority_end_m) - seen.front_m
+        room_m = self._reach(stop_m, seen.authority_end_m).at_m - seen.front_m
         if stop_m - seen.front_m <= work.jog_reach_m:
             return room_m > work.window_m and self._jogs < work.jog_attempts
         return room_m >= work.least_run_m
 
-    def _target_m(self, seen: AtoInput) -> float:
+    def _target(self, seen: AtoInput) -> Target:
         stop = self.next_stop
         stop_m = self._line.end_m if stop is None else stop.stop_m
-        return self._reach_m(stop_m, seen.authority_end_m)
+        return self._reach(stop_m, seen.authority_end_m)
 
-    def _reach_m(self, stop_m: float, authority_end_m: float) -> float:
+    def _reach(self, stop_m: float, authority_end_m: float) -> Target:
         """The stop itself if the authority covers it, else a point short of the authority's end."""
         if authority_end_m >= stop_m:
-            return stop_m
-        return authority_end_m - self._config.station.authority_margin_m
+            return Target(stop_m, True)
+        return Target(authority_end_m - self._config.authority.margin_m, False)
 
     # What a change of phase brings.
 
@@ -210,8 +211,7 @@ class Ato:
             return
         work = self._config.station
         slow = self._strategy.speed_mps <= work.hold_speed_mps + uphill_mps2 * work.hold_lead_s
-        arrives = drive.braking or self.phase not in DRIVING
-        if slow and arrives:
+        if slow and drive.accel_mps2 <= 0.0:
             self._hold = True
 
     def _shape(self, seen: AtoInput, drive: Drive) -> float:

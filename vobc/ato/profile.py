@@ -115,6 +115,18 @@ def curve_to_stop(config: AtoConfig, line: LineMap, at_m: float) -> BrakingCurve
     return stopping_curve(config.braking, steady_mps2=steady_mps2, final_mps2=final_mps2)
 
 
+def curve_to_authority(config: AtoConfig, line: LineMap, at_m: float) -> BrakingCurve:
+    """To a standstill before the end of authority, under protection's own curve."""
+    shape = config.authority
+    steady_mps2 = steady_decel_mps2(config, line, at_m)
+    uphill_mps2 = max(0.0, gradient.decel_at_mps2(config, line, at_m))
+    final_mps2 = min(shape.final_decel_mps2 + uphill_mps2, steady_mps2)
+    knee_mps2 = min(max(shape.knee_decel_mps2, final_mps2), steady_mps2)
+    return BrakingCurve(
+        0.0, (final_mps2, knee_mps2, steady_mps2), (shape.creep_ease_mps3, shape.ease_mps3)
+    )
+
+
 def slowing_curve(shape: Braking, *, end_mps: float, steady_mps2: float) -> BrakingCurve:
     """To a lower limit: steady, then eased off."""
     return BrakingCurve(

@@ -15,7 +15,7 @@ from vobc.ato.governor import Governor
 from vobc.ato.outlook import CeilingOutlook, SmoothFront
 from vobc.ato.pid import Pid
 from vobc.ato.predictor import Ahead
-from vobc.ato.strategies.strategy import Drive
+from vobc.ato.strategies.strategy import Drive, Target
 from vobc.ato.train_model import TrainModel
 
 LEAST_SPEED_MPS: Final = 0.05
@@ -67,7 +67,7 @@ class Florence:
         self._pid = Pid()
         self._limits = profile.SpeedLimits(config, line)
         self._curve = profile.curve_to_stop(config, line, line.end_m)
-        self._planned_for: tuple[float, float] | None = None
+        self._planned_for: tuple[Target, float] | None = None
         self._peak_mps = 0.0
         self._braking = False
         self._slowing_to = -1
@@ -108,9 +108,10 @@ class Florence:
     def issued(self, demand_mps2: float) -> None:
         self._model.issue(demand_mps2)
 
-    def drive(self, seen: vocabulary.AtoInput, target_m: float) -> Drive:
+    def drive(self, seen: vocabulary.AtoInput, target: Target) -> Drive:
+        target_m = target.at_m
         limit_mps = self._limits.under_train_mps(self._front.front_m)
-        self._plan(self._front.front_m, target_m, limit_mps)
+        self._plan(self._front.front_m, target, limit_mps)
         ahead = self._model.ahead_of_brake(self._front.front_m, self._gravity_mps2)
         ceiling_mps = self._ceiling.in_mps(self._model.dead_time_s)
         self._note_stop_braking(ahead, target_m)
@@ -142,17 +143,18 @@ class Florence:
 
     # Planning.
 
-    def _plan(self, front_m: float, target_m: float, limit_mps: float) -> None:
+    def _plan(self, front_m: float, target: Target, limit_mps: float) -> None:
         """The curve to a target and the peak speed before it, whenever target or limit are new."""
-        key = (target_m, limit_mps)
+        key = (target, limit_mps)
         if key == self._planned_for:
             return
         config = self._config
         self._planned_for = key
-        self._curve = profile.curve_to_stop(config, self._line, target_m)
+        curve_to = profile.curve_to_stop if target.at_station else profile.curve_to_authority
+        self._curve = curve_to(config, self._line, target.at_m)
         self._peak_mps = profile.peak_speed_mps(
             max(0.0, self.speed_mps),
-            target_m - front_m,
+            target.at_m - front_m,
             self._curve,
             accel_mps2=config.limits.accel_mps2,
             jerk_mps3=config.limits.jerk_mps3,

@@ -11,7 +11,7 @@ from vobc.ato import profile
 from vobc.ato.config import AtoConfig, PidGains
 from vobc.ato.governor import Governor
 from vobc.ato.pid import Pid
-from vobc.ato.strategies.strategy import Drive
+from vobc.ato.strategies.strategy import Drive, Target
 from vobc.vocabulary import AtoInput
 
 FLAT_MPS2: Final = 0.02
@@ -60,8 +60,8 @@ class FlorencePrinted:
     def issued(self, demand_mps2: float) -> None:
         self._demand_mps2 = demand_mps2
 
-    def drive(self, seen: AtoInput, target_m: float) -> Drive:
-        distance_m = target_m - seen.front_m
+    def drive(self, seen: AtoInput, target: Target) -> Drive:
+        distance_m = target.at_m - seen.front_m
         if distance_m <= self._config.printed.t3_m:
             return self._follow_position(seen, distance_m)
         stop_mps, stop_mps2 = self._stop_reference(distance_m)

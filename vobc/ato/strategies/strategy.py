@@ -5,6 +5,14 @@ from typing import NamedTuple, Protocol
 from vobc.vocabulary import AtoInput
 
 
+class Target(NamedTuple):
+    """Where the front shall come to a stand next."""
+
+    at_m: float
+    at_station: bool
+    """Otherwise before the end of authority."""
+
+
 class Drive(NamedTuple):
     """A strategy's answer while the train drives."""
 
@@ -30,8 +38,8 @@ class Strategy(Protocol):
     def set_off(self, seen: AtoInput, demand_mps2: float) -> None:
         """Driving begins, from standstill or on taking over a moving train."""
 
-    def drive(self, seen: AtoInput, target_m: float) -> Drive:
-        """What to ask for now, towards a stop with the front at `target_m`."""
+    def drive(self, seen: AtoInput, target: Target) -> Drive:
+        """What to ask for now."""
 
     def issued(self, demand_mps2: float) -> None:
         """The demand that leaves in this cycle."""
