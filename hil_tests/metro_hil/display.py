@@ -231,7 +231,7 @@ class Display:
 
     def say(self, text: str) -> None:
         """A lasting line above the picture."""
-        self._console.print(text, highlight=False, markup=False)
+        self._console.print(text, highlight=False, markup=False, soft_wrap=True)
 
     def refresh(self, now_ns: int) -> None:
         assert self._start_ns is not None

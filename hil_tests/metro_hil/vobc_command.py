@@ -108,10 +108,10 @@ def report(
     if results.cycles and results.cycles.cycles > 1:
         truth = read_columns(folder.truth_log) if ending.truth_known else None
         title = f"{journey.line.name}: {journey.start.name} to {journey.end.name}"
-        draw_run(
-            folder.plot, title, journey.line, read_columns(folder.cycle_log), truth, results.stops
-        )
-        console.print(f"plot: {folder.plot}", highlight=False, soft_wrap=True)
+        cycles = read_columns(folder.cycle_log)
+        drawn = draw_run(folder.plot, title, journey.line, cycles, truth, results.stops)
+        words = str(folder.plot) if drawn else "none, the train's place was never known"
+        console.print(f"plot: {words}", highlight=False, soft_wrap=True)
     console.print(f"run folder: {folder.path}", highlight=False, soft_wrap=True)
 
 

@@ -14,6 +14,7 @@ from firmware_py.assertions import require_assertions
 from firmware_py.buses import BusError, open_can
 from firmware_py.clock import WallClock
 from firmware_py.executive import Executive, Task, run
+from firmware_py.ports import SerialPort
 from firmware_py.radio.zenoh_radio import RadioError, Role, open_radio
 from firmware_py.realtime import (
     RealtimeReport,
@@ -21,8 +22,9 @@ from firmware_py.realtime import (
     die_with_parent,
     enter_realtime,
 )
-from firmware_py.recorder import LineLog, RecorderError
+from firmware_py.recorder import LineLog, RecorderError, SerialLog
 from firmware_py.settings import SettingsError
+from firmware_py.tag_reader.recorded_line import RecordedLine
 from vobc.cli.host import EXIT_ENVIRONMENT, EXIT_FAILED, EXIT_USAGE, Ending, PatientLine, Words, say
 from vobc.cli.options import Plan, parser, plan
 from vobc.process import CYCLE_COLUMNS, CycleLog, VobcDevice
@@ -98,7 +100,9 @@ def _device(
         cycles = LineLog(out / "cycles.csv", CYCLE_COLUMNS)
         stack.callback(cycles.close)
         log = cycles
-    tags = PatientLine(planned.tags)
+    tags: SerialPort = PatientLine(planned.tags)
+    if out is not None:
+        tags = RecordedLine(tags, SerialLog(out / "serial.log", clock.now_ns()))
     stack.callback(tags.close)
     topics = (keys.authorities(planned.line.name, planned.config.address),)
     radio = open_radio(Role.TRAIN, planned.radio, topics, clock)

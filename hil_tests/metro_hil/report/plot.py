@@ -32,15 +32,20 @@ def draw_run(
     cycles: Columns,
     truth: Columns | None,
     stops: Sequence[Stop],
-) -> None:
-    """Write a PNG; without `truth` (a foreign plant) the controller's own estimate is drawn."""
+) -> bool:
+    """Write a PNG; without `truth` (a foreign plant) the controller's own estimate is drawn.
+
+    False when there is nothing to draw: the train's place was never known.
+    """
+    moved_m = (truth or cycles).numbers("front_m")
+    if np.all(np.isnan(moved_m)):
+        return False
     with mpl.rc_context({"font.size": 10, "axes.edgecolor": QUIET, "text.color": INK}):
         figure = Figure(figsize=(13.0, 8.0), dpi=110, layout="constrained")
         FigureCanvasAgg(figure)
         speed, profile, accel = figure.subplots(
             3, 1, sharex=True, gridspec_kw={"height_ratios": [6.0, 0.9, 2.4]}
         )
-        moved_m = (truth or cycles).numbers("front_m")
         low_m, high_m = float(np.nanmin(moved_m)) - MARGIN_M, float(np.nanmax(moved_m)) + MARGIN_M
         _draw_speed(speed, line, cycles, truth, (low_m, high_m))
         _draw_stations(speed, line, stops, (low_m, high_m))
@@ -50,6 +55,7 @@ def draw_run(
         accel.set_xlim(low_m, high_m)
         figure.suptitle(title, x=0.012, ha="left", fontsize=13, fontweight="bold")
         figure.savefig(path)
+    return True
 
 
 def _draw_speed(

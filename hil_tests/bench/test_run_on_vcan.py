@@ -1,0 +1,67 @@
+"""The whole way on real SocketCAN: vcan up, two processes, candump beside them, one station hop."""
+
+import json
+import sys
+from pathlib import Path
+
+import cantools
+import pytest
+
+from firmware_py.candump import read_candump
+
+pytestmark = [pytest.mark.guest, pytest.mark.slow]
+
+BIN = Path(sys.executable).parent
+TOLERANCE_M = 0.10
+HOP_S = 420
+DBC_FOLDER = Path(__file__).parents[2] / "can_dbc"
+
+SCRIPT = """
+set -e
+cd {folder}
+{bin}/vcan up vcan1
+{bin}/vcan status vcan1
+candump -L vcan1 >candump.log &
+for _ in $(seq 400); do grep -q vcan1 /proc/net/can/rcvlist_all && break; sleep 0.02; done
+{bin}/vobc run --bus socketcan:vcan1 --from II --to III --cycle-ms 100 --json --out run \\
+    >results.json
+status=$?
+sleep 0.5
+kill %1
+{bin}/vcan down vcan1
+exit $status
+"""
+
+
+def test_one_station_hop_on_a_kernel_vcan_with_candump_listening(guest, tmp_path: Path) -> None:
+    script = SCRIPT.format(folder=tmp_path, bin=BIN)
+
+    done = guest.run("bash", "-c", script, timeout_s=HOP_S, options=["--write", str(tmp_path)])
+
+    assert done.returncode == 0, done.stdout + done.stderr
+    results = json.loads((tmp_path / "results.json").read_text())
+    assert results["exit_reason"] == "arrived"
+    (stop,) = results["stops"]
+    assert abs(stop["error_m"]) <= TOLERANCE_M
+    assert results["rejected_frames"] == {}
+    assert "starting the emulator" in done.stderr
+    assert "+ ip link add dev vcan1 type vcan" in done.stdout
+    _check_candump(tmp_path)
+
+
+def _check_candump(folder: Path) -> None:
+    """What candump heard is what the bench logged, frame for frame, and cantools can read it."""
+    heard, logged = (
+        [(entry.frame.can_id, entry.frame.data) for entry in read_candump(folder / name)]
+        for name in ("candump.log", "run/bus.log")
+    )
+    database = cantools.database.Database(strict=True)
+    for path in sorted(DBC_FOLDER.glob("*.dbc")):
+        database.add_dbc_file(str(path))
+    for can_id, data in heard[-2000:]:
+        database.decode_message(can_id, data)
+    # One of the two began to listen a little earlier and one ended a little later.
+    start = heard.index(logged[0])
+    common = min(len(logged), len(heard) - start)
+    assert common > 60 * 200
+    assert heard[start : start + common] == logged[:common]
