@@ -13,14 +13,7 @@ from can_dbc.packing import EncodeError, invalid_values, packer, unpacker
 from can_dbc.rejection import Reason, Rejected
 from can_dbc.trailer import AliveCounter, crc_of_data_id, damage, opener
 
-__all__ = [
-    "Decoder",
-    "EncodeError",
-    "Encoder",
-    "Reason",
-    "Rejected",
-    "TWIN_WITHIN_NS",
-]
+__all__ = ["Decoder", "EncodeError", "Encoder", "Reason", "Rejected", "TWIN_WITHIN_NS"]
 
 TWIN_WITHIN_NS: Final = 20_000_000
 """The second half of a vital pair must be heard this soon after the first."""
