@@ -43,7 +43,7 @@ class Histogram:
         for bucket in sorted(self._buckets):
             seen += self._buckets[bucket]
             if seen >= wanted:
-                return min(_top(bucket), self.max)
+                return self.max if bucket == LAST_BUCKET else min(_top(bucket), self.max)
         return 0
 
 
