@@ -89,6 +89,11 @@ def test_traction_and_brake_are_never_asked_together_nor_more_than_there_is(
     assert 0.0 <= decel_mps2 <= TRAIN.service_decel_max_mps2
 
 
+@pytest.mark.parametrize(("speed_mps", "force_n"), [(0.0, 2e5), (12.0, 2e5), (20.0, 1.2e5)])
+def test_at_speed_the_power_limits_the_force(speed_mps: float, force_n: float) -> None:
+    assert effort(3.0, speed_mps, train=TRAIN, load_kg=0.0) == (pytest.approx(force_n), 0.0)
+
+
 def test_the_map_from_demand_to_effort_has_no_step_at_zero() -> None:
     tiny = 1e-9
 
@@ -240,6 +245,7 @@ def test_the_lever_moves_the_demand_no_faster_than_the_jerk_limit() -> None:
         (-50.0, True, -0.5, True),
         (-100.0, False, -1.0, False),
         (-900.0, False, -1.0, False),
+        (900.0, False, 200_000.0 / (130_000.0 * 1.08), False),
     ],
 )
 def test_the_lever_as_a_demand(lever: float, standing: bool, accel_mps2: float, hold: bool) -> None:
