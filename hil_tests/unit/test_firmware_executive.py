@@ -238,12 +238,12 @@ def test_lateness_work_and_overruns_of_a_real_run_are_counted() -> None:
             # The first release is at the start itself, where nobody had to wait.
             lateness_us_p99=70,
             lateness_us_max=70,
-            execution_us_p50=executive.report()[0].execution_us_p50,
+            # 1000 shares its bucket with the values up to 1007.
+            execution_us_p50=1007,
             execution_us_p99=3000,
             execution_us_max=3000,
         ),
     )
-    assert 1000 <= executive.report()[0].execution_us_p50 <= 1000 * (1 + 1 / 64)
     assert executive.lateness_ns("control") == 70 * NS_PER_US
     assert executive.execution_ns("control") == 3 * NS_PER_MS
 
