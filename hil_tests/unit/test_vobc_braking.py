@@ -63,6 +63,19 @@ def test_a_train_at_the_curve_that_does_its_worst_stops_at_the_point_and_not_bef
         assert end_m == pytest.approx(distance_m, abs=0.05 + 2.0 * STEP_S * speed_mps)
 
 
+@given(distance_m=st.floats(80.0, 600.0), target_mps=st.floats(1.0, 15.0))
+def test_a_train_at_the_curve_is_down_to_the_target_at_the_point_and_not_before(
+    distance_m: float, target_mps: float
+) -> None:
+    braking = SafeBraking(1.0, 1.0, 0.43, 1.05)
+
+    speed_mps = braking.on(0.0).speed_mps(distance_m, target_mps=target_mps)
+
+    if speed_mps > target_mps:
+        end_m = worst_case_end_m(speed_mps, braking, 0.0, target_mps=target_mps)
+        assert end_m == pytest.approx(distance_m, abs=0.05 + 2.0 * STEP_S * speed_mps)
+
+
 @given(lead_s=st.floats(0.1, 4.0), distance_m=st.floats(50.0, 600.0))
 def test_a_lead_is_time_in_which_the_train_runs_on_at_its_speed(
     lead_s: float, distance_m: float
