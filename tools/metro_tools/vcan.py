@@ -10,7 +10,7 @@ import shlex
 import subprocess
 import sys
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import Final, Protocol
 
 from firmware_py.assertions import require_assertions
@@ -18,6 +18,7 @@ from firmware_py.buses.embedded import HubStatus, hub_status, start_hub, stop_hu
 from firmware_py.buses.errors import BusError
 from firmware_py.rendezvous import bench_dir
 from metro_tools import vcan_plan, vcan_survey
+from metro_tools.bus_table import BusRow, hub_row, link_row, table
 from metro_tools.vcan_plan import Commands, Kernel, Link, Missing, Nothing, Step, Taken
 
 EXIT_OK: Final = 0
@@ -27,22 +28,6 @@ COMMAND_TIMEOUT_S: Final = 30
 DEFAULT_NAME: Final = "vcan0"
 
 GUEST_HINT: Final = "real SocketCAN without the kernel's or rights: tools/vcan-guest COMMAND"
-
-
-@dataclass(frozen=True, slots=True)
-class BusRow:
-    """One bus as `vcan status` shows it; None where a kind of bus does not tell."""
-
-    name: str
-    kind: str
-    up: bool
-    bus: str
-    """What to give to --bus."""
-    frames: int
-    dropped: int
-    clients: list[str] | None
-    made_by_vcan: bool
-    """`vcan down` removes it."""
 
 
 class World(Protocol):
@@ -222,49 +207,7 @@ def survey(name: str | None, world: World) -> list[BusRow]:
         link = world.link(name)
         links, hub_names = [link] if link is not None else [], [name]
     hubs = [hub for hub in (world.hub(hub_name) for hub_name in hub_names) if hub is not None]
-    return [_link_row(link) for link in links] + [_hub_row(hub) for hub in hubs]
-
-
-def _link_row(link: Link) -> BusRow:
-    return BusRow(
-        name=link.name,
-        kind=f"kernel {link.kind}",
-        up=link.is_up,
-        bus=f"socketcan:{link.name}",
-        frames=link.frames,
-        dropped=link.dropped,
-        clients=None,
-        made_by_vcan=link.is_ours,
-    )
-
-
-def _hub_row(hub: HubStatus) -> BusRow:
-    return BusRow(
-        name=hub.bus,
-        kind="embedded",
-        up=True,
-        bus=f"embedded:{hub.bus}",
-        frames=hub.frames,
-        dropped=hub.dropped,
-        clients=[client.node for client in hub.clients],
-        made_by_vcan=not hub.bound,
-    )
-
-
-def table(rows: Sequence[BusRow]) -> str:
-    """The rows for people, a line each."""
-    cells = [("name", "kind", "state", "frames", "dropped", "clients", "use --bus")]
-    for row in rows:
-        clients = "-" if row.clients is None else ",".join(row.clients) or "none"
-        state = "up" if row.up else "down"
-        cells.append(
-            (row.name, row.kind, state, str(row.frames), str(row.dropped), clients, row.bus)
-        )
-    widths = [max(len(line[column]) for line in cells) for column in range(len(cells[0]))]
-    return "\n".join(
-        "  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip()
-        for line in cells
-    )
+    return [link_row(link) for link in links] + [hub_row(hub) for hub in hubs]
 
 
 def _tell(lines: Sequence[str]) -> None:

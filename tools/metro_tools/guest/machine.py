@@ -1,7 +1,6 @@
 """The guest as a process: started, listened to, passed signals, and never left behind."""
 
 import os
-import select
 import selectors
 import shutil
 import signal
@@ -18,6 +17,7 @@ from typing import IO, Final
 from firmware_py.clock import NS_PER_S, WallClock
 from metro_tools.guest import plan
 from metro_tools.guest.plan import GuestError, Machine, MemoryPlace, Request
+from metro_tools.guest.wires import Wires, lay_wires, write_all
 
 BOOT_TIMEOUT_S: Final = 90.0
 """A second or two is usual; the rest is for a machine with much else to do."""
@@ -33,24 +33,6 @@ CHUNK_BYTES: Final = 65536
 PASSED_SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 WATCHDOG: Final = 'read -r _; kill -s KILL -- "-$1"; rm -rf -- "$2"'
 """Waits for the end of its input, which the launcher holds open as long as it lives."""
-
-
-@dataclass(slots=True)
-class _Wires:
-    """Pipes between launcher and guest, who makes its ends non-blocking: they are nobody else's."""
-
-    orders_in: int
-    orders_out: int
-    reports_in: int
-    reports_out: int
-    streams: list[tuple[int, int, int]] = field(default_factory=list)
-    """Read end, write end, and the launcher's own descriptor where it goes."""
-
-    def guest_ends(self) -> list[int]:
-        return [self.orders_in, self.reports_out, *(write for _, write, _ in self.streams)]
-
-    def launcher_ends(self) -> list[int]:
-        return [self.orders_out, self.reports_in, *(read for read, _, _ in self.streams)]
 
 
 @dataclass(slots=True)
@@ -135,7 +117,7 @@ def _write_scripts(request: Request, machine: Machine, run_dir: Path) -> None:
 
 
 def _boot(request: Request, machine: Machine, memory_mib: int, place: MemoryPlace) -> int:
-    wires = _lay_wires(one_stream=request.one_stream)
+    wires = lay_wires(one_stream=request.one_stream)
     words = plan.kernel_arguments(
         machine,
         memory_mib,
@@ -154,15 +136,8 @@ def _boot(request: Request, machine: Machine, memory_mib: int, place: MemoryPlac
                 os.close(descriptor)
 
 
-def _lay_wires(*, one_stream: bool) -> _Wires:
-    wires = _Wires(*os.pipe(), *os.pipe())
-    for own in (1,) if one_stream else (1, 2):
-        wires.streams.append((*os.pipe(), own))
-    return wires
-
-
 def _start(
-    words: Sequence[str], environment: dict[str, str], wires: _Wires, console: IO[bytes]
+    words: Sequence[str], environment: dict[str, str], wires: Wires, console: IO[bytes]
 ) -> subprocess.Popen[bytes]:
     """Start the kernel as leader of a session of its own, so that a Ctrl-C does not reach it."""
     try:
@@ -222,9 +197,7 @@ def _kept_signals() -> Iterator[_Course]:
             signal.signal(number, handler)
 
 
-def _attend(
-    process: subprocess.Popen[bytes], wires: _Wires, timeout_s: int, course: _Course
-) -> int:
+def _attend(process: subprocess.Popen[bytes], wires: Wires, timeout_s: int, course: _Course) -> int:
     """Relay output, follow reports and pass signals on until the guest is gone."""
     course.deadline_s = _now_s() + BOOT_TIMEOUT_S
     reports = bytearray()
@@ -272,16 +245,7 @@ def _take(selector: selectors.BaseSelector, key: selectors.SelectorKey, reports:
     elif key.data is None:
         reports += data
     else:
-        _write_all(key.data, data)
-
-
-def _write_all(descriptor: int, data: bytes) -> None:
-    view = memoryview(data)
-    while view:
-        try:
-            view = view[os.write(descriptor, view) :]
-        except BlockingIOError:  # somebody else made it non-blocking
-            select.select([], [descriptor], [])
+        write_all(key.data, data)
 
 
 def _follow(reports: bytearray, course: _Course, timeout_s: int) -> None:
