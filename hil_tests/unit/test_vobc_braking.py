@@ -252,6 +252,43 @@ def test_restrictions_beyond_the_horizon_change_nothing_and_within_it_something(
     assert max(steps) < 0.7
 
 
+LEADS_S = (1.6, 1.0, 0.6, 0.0)
+"""Of the shipped parameters: permitted, warning, service, emergency."""
+
+
+def speeds_of(ceiling: Ceiling) -> tuple[float, ...]:
+    return (
+        ceiling.permitted_mps,
+        ceiling.warning_mps,
+        ceiling.service_mps,
+        ceiling.emergency_mps,
+    )
+
+
+def test_towards_the_end_of_authority_each_curve_has_its_lead_and_none_a_margin() -> None:
+    curve = SafeBraking(1.0, 1.0, 0.43, 1.05).on(0.0)
+
+    ceiling = ceiling_map(TWO_LIMITS).at(exact(600.0), 660.0)
+
+    assert speeds_of(ceiling) == pytest.approx(
+        [curve.speed_mps(60.0, target_mps=0.0, lead_s=lead_s) for lead_s in LEADS_S]
+    )
+
+
+def test_towards_a_lower_limit_each_curve_has_its_lead_and_its_margin() -> None:
+    curve = SafeBraking(1.0, 1.0, 0.43, 1.05).on(0.0)
+    targets_mps = [(40.0 + margin) * KMH for margin in (0.0, 3.0, 5.5, 8.0)]
+
+    ceiling = ceiling_map(TWO_LIMITS).at(exact(1440.0), FAR_M)
+
+    assert speeds_of(ceiling) == pytest.approx(
+        [
+            curve.speed_mps(60.0, target_mps=target_mps, lead_s=lead_s)
+            for target_mps, lead_s in zip(targets_mps, LEADS_S, strict=True)
+        ]
+    )
+
+
 def test_beyond_its_authority_nothing_is_permitted() -> None:
     ceiling = ceiling_map(TWO_LIMITS).at(exact(500.0), 480.0)
 
