@@ -143,6 +143,8 @@ def _words(hint: Any) -> str:
         return plain[hint]
     if isinstance(hint, type) and dataclasses.is_dataclass(hint):
         return "a table"
+    if isinstance(hint, type) and issubclass(hint, enum.Enum):
+        return f"one of {', '.join(member.name.lower() for member in hint)}"
     return f"of type {getattr(hint, '__name__', hint)}"
 
 

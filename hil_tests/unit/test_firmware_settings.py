@@ -1,0 +1,255 @@
+"""Configuration files: what is right arrives typed, what is wrong is said with file and key."""
+
+import enum
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import pytest
+import tomli_w
+from hypothesis import given
+from hypothesis import strategies as st
+
+from firmware_py import settings
+from firmware_py.settings import SettingsError
+
+
+class Gait(enum.Enum):
+    SLOW = 1
+    VERY_FAST = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Axle:
+    load_kg: float
+    driven: bool = False
+
+    def __post_init__(self) -> None:
+        if self.load_kg < 0.0:
+            raise ValueError(f"load_kg {self.load_kg} is negative")
+
+
+@dataclass(frozen=True, slots=True)
+class Wagon:
+    name: str
+    seats: int
+    mass_kg: float
+    axles: tuple[Axle, ...]
+    gait: Gait = Gait.SLOW
+    lead: Axle | None = None
+    window_m: tuple[float, float] = (0.5, 1.5)
+    notes: Mapping[str, str] = field(default_factory=dict)
+    limits_mps: dict[str, float] = field(default_factory=dict)
+    derived: float = field(init=False, default=0.0)
+
+
+WAGON: dict[str, Any] = {
+    "name": "A",
+    "seats": 40,
+    "mass_kg": 30_000,
+    "axles": [{"load_kg": 7500.0}, {"load_kg": 7500, "driven": True}],
+    "gait": "very_fast",
+    "lead": {"load_kg": 1.0},
+    "window_m": [1, 2],
+    "notes": {"colour": "red"},
+    "limits_mps": {"a": 1, "b": 2.5},
+}
+
+
+def with_change(**changes: Any) -> dict[str, Any]:
+    return {**WAGON, **changes}
+
+
+def refusal(table: dict[str, Any], tmp_path: Path) -> str:
+    """Write the table to a file, load it, and give what was said; it has to name the file."""
+    path = tmp_path / "wagon.toml"
+    path.write_text(tomli_w.dumps(table), encoding="utf-8")
+    with pytest.raises(SettingsError) as caught:
+        settings.load(Wagon, str(path), "firmware_py.trackdb")
+    text = str(caught.value)
+    assert text.startswith(f"{path}: ")
+    return text.removeprefix(f"{path}: ")
+
+
+def test_a_table_becomes_a_dataclass_with_every_value_of_its_type() -> None:
+    wagon = settings.build(Wagon, WAGON, "wagon.toml")
+
+    assert wagon == Wagon(
+        name="A",
+        seats=40,
+        mass_kg=30_000.0,
+        axles=(Axle(7500.0), Axle(7500.0, driven=True)),
+        gait=Gait.VERY_FAST,
+        lead=Axle(1.0),
+        window_m=(1.0, 2.0),
+        notes={"colour": "red"},
+        limits_mps={"a": 1.0, "b": 2.5},
+    )
+    for number in (wagon.mass_kg, wagon.axles[1].load_kg, *wagon.window_m):
+        assert isinstance(number, float)
+
+
+def test_what_has_a_default_may_be_left_out() -> None:
+    wagon = settings.build(Wagon, {"name": "A", "seats": 1, "mass_kg": 1, "axles": []}, "w.toml")
+
+    assert wagon == Wagon("A", 1, 1.0, ())
+
+
+AXLES = st.builds(Axle, st.floats(0.0, allow_infinity=False), st.booleans())
+WAGONS = st.builds(
+    Wagon,
+    name=st.text(st.characters(codec="utf-8")),
+    seats=st.integers(-(2**60), 2**60),
+    mass_kg=st.floats(allow_nan=False, allow_infinity=False),
+    axles=st.lists(AXLES, max_size=3).map(tuple),
+    gait=st.sampled_from(Gait),
+    lead=st.none() | AXLES,
+    notes=st.dictionaries(st.text(st.characters(codec="utf-8"), max_size=5), st.just("x")),
+)
+
+
+@given(wagon=WAGONS)
+def test_a_file_written_from_settings_gives_the_same_settings(
+    wagon: Wagon, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    table = {key: value for key, value in asdict(wagon).items() if value is not None}
+    del table["derived"]
+    table["gait"] = wagon.gait.name.lower()
+    path = tmp_path_factory.mktemp("settings") / "wagon.toml"
+    path.write_text(tomli_w.dumps(table), encoding="utf-8", newline="")
+
+    assert settings.load(Wagon, str(path), "firmware_py.trackdb") == wagon
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"seat": 4}, "seat: unknown key; nearest valid key: seats"),
+        ({"derived": 1.0}, "derived: unknown key; valid keys: name, seats, mass_kg, axles"),
+        ({"lead": {"load_kg": 1.0, "drivn": True}}, "lead.drivn: unknown key; nearest valid"),
+        ({"axles": [{"load_kg": 1.0}, {}]}, "axles[1].load_kg: missing key"),
+        ({"axles": [{"load_kg": 1.0}, {"load_kg": "x"}]}, "axles[1].load_kg: 'x' is not a number"),
+        ({"axles": [{"load_kg": -1.0}]}, "axles[0]: load_kg -1.0 is negative"),
+        ({"axles": {"load_kg": 1.0}}, "axles: {'load_kg': 1.0} is not a list"),
+        ({"axles": [3]}, "axles[0]: 3 is not a table"),
+        ({"lead": 3}, "lead: 3 is not a table"),
+        ({"name": 3}, "name: 3 is not a string"),
+        ({"seats": 4.0}, "seats: 4.0 is not a whole number"),
+        ({"seats": True}, "seats: True is not a whole number"),
+        ({"seats": "4"}, "seats: '4' is not a whole number"),
+        ({"mass_kg": True}, "mass_kg: True is not a number"),
+        ({"mass_kg": float("nan")}, "mass_kg: nan is not a finite number"),
+        ({"mass_kg": float("-inf")}, "mass_kg: -inf is not a finite number"),
+        ({"lead": {"load_kg": 1.0, "driven": 1}}, "lead.driven: 1 is not true or false"),
+        ({"gait": "very_fats"}, "gait: 'very_fats': nearest valid value: very_fast"),
+        ({"gait": "xyz"}, "gait: 'xyz': valid values: slow, very_fast"),
+        ({"gait": 2}, "gait: 2 is not one of slow, very_fast"),
+        ({"window_m": [1.0]}, "window_m: 1 entries where 2 are needed"),
+        ({"window_m": [1.0, "2"]}, "window_m[1]: '2' is not a number"),
+        ({"notes": {"a": 1}}, "notes.a: 1 is not a string"),
+        ({"notes": ["a"]}, "notes: ['a'] is not a table"),
+        ({"limits_mps": {"a": "fast"}}, "limits_mps.a: 'fast' is not a number"),
+    ],
+)
+def test_a_wrong_value_is_said_with_file_key_and_value(
+    change: dict[str, Any], said: str, tmp_path: Path
+) -> None:
+    assert refusal(with_change(**change), tmp_path).startswith(said)
+
+
+@pytest.mark.parametrize("key", ["name", "seats", "mass_kg", "axles"])
+def test_a_missing_key_is_named(key: str, tmp_path: Path) -> None:
+    table = {name: value for name, value in WAGON.items() if name != key}
+
+    assert refusal(table, tmp_path) == f"{key}: missing key"
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"name = ",
+        b"name = 1\nname = 2\n",
+        b"\xff\xfe",
+        b"seats = " + b"9" * 5000,
+        b"seats = " + b"[" * 5000,
+        b"seats = 2020-13-45",
+        b"seats = 2020-01-01T00:00:00+99:99",
+    ],
+)
+def test_what_is_no_toml_is_said_with_the_file(content: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "wagon.toml"
+    path.write_bytes(content)
+
+    with pytest.raises(SettingsError, match="not TOML") as caught:
+        settings.load(Wagon, str(path), "firmware_py.trackdb")
+
+    assert str(path) in str(caught.value)
+
+
+def test_a_number_that_no_float_holds_is_not_finite(tmp_path: Path) -> None:
+    assert "is not a finite number" in refusal(with_change(mass_kg=10**400), tmp_path)
+
+
+def test_dates_are_no_numbers(tmp_path: Path) -> None:
+    path = tmp_path / "wagon.toml"
+    path.write_text('name = "A"\nseats = 1\naxles = []\nmass_kg = 1979-05-27\n')
+
+    with pytest.raises(SettingsError, match=r"mass_kg: .* is not a number"):
+        settings.load(Wagon, str(path), "firmware_py.trackdb")
+
+
+def test_a_file_that_cannot_be_read_is_named(tmp_path: Path) -> None:
+    for name, why in (
+        (f"{tmp_path}/none.toml", "no such file"),
+        (f"{tmp_path}/", "Is a directory"),
+        (f"{tmp_path}/{'x' * 300}.toml", "File name too long"),
+        (f"{__file__}/x.toml", "Not a directory"),
+    ):
+        with pytest.raises(SettingsError, match=why) as caught:
+            settings.load(Wagon, name, "firmware_py.trackdb")
+        assert str(Path(name)) in str(caught.value)
+
+
+def test_a_name_that_is_not_shipped_gets_the_nearest_that_is() -> None:
+    with pytest.raises(SettingsError, match="florenz: nearest valid shipped name: florence"):
+        settings.find("florenz", "firmware_py.trackdb")
+    with pytest.raises(SettingsError, match=r"xyz: valid shipped names: .*florence"):
+        settings.find("xyz", "firmware_py.trackdb")
+    assert "florence" in settings.shipped_names("firmware_py.trackdb")
+
+
+def test_a_field_that_no_file_can_fill_is_our_mistake() -> None:
+    @dataclass(frozen=True, slots=True)
+    class Odd:
+        value: int | str
+
+    with pytest.raises(TypeError, match="value"):
+        settings.build(Odd, {"value": 1}, "odd.toml")
+
+
+SCALARS = st.none() | st.booleans() | st.integers() | st.floats() | st.text() | st.dates()
+VALUES = st.recursive(
+    SCALARS,
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(), inner, max_size=3),
+    max_leaves=6,
+)
+
+
+@given(key=st.sampled_from([*WAGON, "other"]), value=VALUES)
+def test_no_value_of_any_kind_gets_past_as_something_else(key: str, value: Any) -> None:
+    """Whatever stands at a key: either it arrives with its own value, or it is refused in words."""
+    refused = ""
+    try:
+        wagon = settings.build(Wagon, with_change(**{key: value}), "wagon.toml")
+    except SettingsError as error:
+        refused = str(error)
+    if refused:
+        assert refused.startswith(f"wagon.toml: {key}")
+        return
+
+    arrived = getattr(wagon, key)
+    if isinstance(arrived, Gait):
+        assert arrived.name.lower() == value.lower()
+    elif not isinstance(arrived, Axle | tuple):
+        assert arrived == value
