@@ -17,7 +17,7 @@ PIP := PIP_CONSTRAINT=$(CONSTRAINTS) PIP_BUILD_CONSTRAINT=$(CONSTRAINTS) PIP_DIS
 	$(BIN)/python -m pip install --quiet -c $(CONSTRAINTS)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup run test check format-check lint types layers bench docs format clean distclean
+.PHONY: help setup run test check format-check lint types layers bench compiled docs format clean distclean
 
 help: ## show this list
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | while IFS='	' read -r name words; do \
@@ -60,6 +60,9 @@ docs: $(READY_TO_TEST) ## write the generated documents anew
 format: $(READY_TO_TEST) ## let ruff format and mend what it can
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
+
+compiled: $(READY_TO_TEST) ## copy of the programs with compiled hot modules, in .compiled
+	$(BIN)/python -m metro_tools.compiled
 
 clean: ## remove caches and build results; runs/ and .venv stay
 	rm -rf build dist .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis

@@ -141,7 +141,8 @@ def _safe_sender(bound: Binding) -> Callable[[Any], Sent]:
     size = payload_bytes(bound.message) + 1
     counter_at = 8 * (size - 1)
     pack = packer(bound.kind)
-    counter, last, payload = 0xFF, None, 0
+    last: Any = None
+    counter, payload = 0xFF, 0
 
     def send(frame: Any) -> Sent:
         nonlocal counter, last, payload
@@ -163,7 +164,8 @@ def _vital_sender(bound: Binding) -> Callable[[Any], Sent]:
     counter_at = 8 * (size - 1)
     ones = (1 << counter_at) - 1
     pack = packer(bound.kind)
-    counter, last, payload = 0xFF, None, 0
+    last: Any = None
+    counter, payload = 0xFF, 0
 
     def send(frame: Any) -> Sent:
         nonlocal counter, last, payload
