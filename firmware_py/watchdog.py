@@ -1,5 +1,6 @@
-"""A watchdog in software: told the time, it tells when something has been silent too long."""
+"""Watchdogs: one that is told the time and tells of silence, one that ends a process that hangs."""
 
+import signal
 from collections.abc import Callable
 
 
@@ -40,3 +41,24 @@ class Watchdog:
             self.bites += 1
             self._on_bite(silent_ns)
         return False
+
+
+class ProcessWatchdog:
+    """Ends this process when it is not kicked in time, whatever it hangs in.
+
+    The kernel's timer sends SIGALRM, whose default action needs no Python, so neither a loop that
+    never ends nor a call that never returns escapes it. Whoever listens notices the silence.
+    One for each process; it counts real time, a stopped process included.
+    """
+
+    def __init__(self, limit_s: float) -> None:
+        if not limit_s > 0.0:
+            raise ValueError(f"limit_s {limit_s} is not positive")
+        self._limit_s = limit_s
+
+    def kick(self) -> None:
+        """The process lives; the first kick starts the timer."""
+        signal.setitimer(signal.ITIMER_REAL, self._limit_s)
+
+    def stop(self) -> None:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)

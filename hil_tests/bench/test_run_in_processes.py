@@ -95,6 +95,10 @@ def processes_naming(text: str) -> list[int]:
     return found
 
 
+def command_line(pid: int) -> bytes:
+    return (Path("/proc") / str(pid) / "cmdline").read_bytes()
+
+
 def test_controller_and_plant_drive_off_as_two_processes_and_leave_a_whole_folder(
     place: dict[str, str], tmp_path: Path
 ) -> None:
@@ -183,6 +187,26 @@ def test_a_killed_run_keeps_its_log_and_ends_its_children(
     end = time.monotonic() + PATIENCE_S
     while processes_naming(str(out)) and time.monotonic() < end:
         time.sleep(0.1)
+    assert processes_naming(str(out)) == []
+
+
+def test_a_controller_that_hangs_is_a_verdict_and_the_train_brakes(
+    place: dict[str, str], tmp_path: Path
+) -> None:
+    """Stopped, it says nothing and its process is still there: the bench notices all the same."""
+    out = tmp_path / "run"
+    going = start(place, *HOP, "--json", "--out", str(out))
+    wait_for_cycles(out, 80)
+    (controller,) = (pid for pid in processes_naming(str(out)) if b"vobc\0run" in command_line(pid))
+
+    os.kill(controller, signal.SIGSTOP)
+    said, complained = going.communicate(timeout=PATIENCE_S)
+
+    assert going.returncode == 1, complained
+    assert "controller" in json.loads(said)["exit_reason"]
+    assert "silent" in json.loads(said)["exit_reason"]
+    emergency = (out / "truth.csv").read_text().splitlines()[-1].split(",")[8]
+    assert emergency == "1"
     assert processes_naming(str(out)) == []
 
 

@@ -39,6 +39,15 @@ class Child:
     def returncode(self) -> int | None:
         return self._process.poll()
 
+    def end_words(self) -> str:
+        """How it ended: its exit code, or the signal that ended it."""
+        code = self.returncode
+        if code is None:
+            return "still running"
+        if code < 0:
+            return f"by {signal.Signals(-code).name}"
+        return f"exit code {code}"
+
     def last_words(self) -> str:
         """The end of what it said; empty when it said nothing."""
         try:

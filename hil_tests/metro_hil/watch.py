@@ -3,12 +3,15 @@
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from can_dbc.binding import can_id
+from can_dbc.brake import BrakeCommand
 from can_dbc.vobc import VobcPosition, VobcStatus
 from firmware_py.clock import Clock
 from firmware_py.executive import Executive, Task, run
 from firmware_py.ports import CanPort
 from firmware_py.realtime import steal_ns
 from firmware_py.recorder import CandumpWriter, LineLog
+from firmware_py.watchdog import Watchdog
 from metro_hil.children import Child
 from metro_hil.display import BusPicture, Display
 from metro_hil.ending import ARRIVED, DURATION, INTERRUPTED, ArrivalWatch, Ending
@@ -16,7 +19,10 @@ from metro_hil.ending import ARRIVED, DURATION, INTERRUPTED, ArrivalWatch, Endin
 DRAIN_MS = 20.0
 DISPLAY_MS = 250.0
 WINDOW_MS = 1000.0
+SILENT_NS = 2_000_000_000
+"""A controller that says nothing for so long hangs, whatever its process does."""
 NS_PER_S = 1_000_000_000
+CONTROLLER_ID = can_id(BrakeCommand)
 HOST_COLUMNS = ("t_s", "steal_ms", "frames_per_s", "bus_load_ratio")
 
 
@@ -38,6 +44,8 @@ class Watch:
         self._epoch_offset_ns = clock.epoch_offset_ns
         self._start_ns = clock.now_ns()
         self._steal_start_ns = self._steal_last_ns = steal_ns()
+        self._silence = Watchdog(SILENT_NS, self._note_silence, self._start_ns)
+        self._controller_heard = False
         self._bits_load_sum = 0.0
         self._windows = 0
 
@@ -60,7 +68,9 @@ class Watch:
             if interrupted():
                 reason = INTERRUPTED
             elif ended:
-                reason = f"the {ended[0].name} ended by itself (exit code {ended[0].returncode})"
+                reason = f"the {ended[0].name} ended by itself ({ended[0].end_words()})"
+            elif self._controller_heard and not self._silence.check(now_ns):
+                reason = f"the controller fell silent for {SILENT_NS / NS_PER_S:.0f} s"
             elif self._arrived(arrival, now_ns):
                 reason = ARRIVED
             elif end_ns is not None and now_ns >= end_ns:
@@ -85,6 +95,13 @@ class Watch:
         for frame in self._tap.receive(now_ns):
             self._log.frame(frame.stamp_ns + offset_ns, frame.can_id, frame.data)
             picture.take(frame)
+            if frame.can_id == CONTROLLER_ID:
+                self._controller_heard = True
+                self._silence.kick(frame.stamp_ns)
+
+    def _note_silence(self, silent_ns: int) -> None:
+        words = f"the controller is silent since {silent_ns / NS_PER_S:.1f} s"
+        self._display.say(words)
 
     def _close_window(self, now_ns: int) -> None:
         picture = self._picture

@@ -12,7 +12,7 @@ from typing import Final
 
 from firmware_py.assertions import require_assertions
 from firmware_py.buses import BusError, open_can
-from firmware_py.clock import WallClock
+from firmware_py.clock import REALTIME_SPIN_S, WallClock
 from firmware_py.executive import Executive, Task, run
 from firmware_py.ports import SerialPort
 from firmware_py.radio.zenoh_radio import RadioError, Role, open_radio
@@ -25,6 +25,7 @@ from firmware_py.realtime import (
 from firmware_py.recorder import LineLog, RecorderError, SerialLog
 from firmware_py.settings import SettingsError
 from firmware_py.tag_reader.recorded_line import RecordedLine
+from firmware_py.watchdog import ProcessWatchdog
 from vobc.cli.host import EXIT_ENVIRONMENT, EXIT_FAILED, EXIT_USAGE, Ending, PatientLine, Words, say
 from vobc.cli.options import Plan, parser, plan
 from vobc.process import CYCLE_COLUMNS, CycleLog, VobcDevice
@@ -32,6 +33,8 @@ from vobc.wire import HEARD_IDS
 from zenoh_config import keys
 
 NS_PER_S: Final = 1_000_000_000
+WATCHDOG_S: Final = 1.0
+"""A cycle that takes so long hangs. The train brakes by itself after 150 ms."""
 GARBAGE_MS: Final = 1000.0
 """Between collections, since none comes by itself on a real-time run."""
 
@@ -58,7 +61,7 @@ def _run(options: argparse.Namespace, planned: Plan) -> int:
     die_with_parent(os.getppid())
     ending = Ending()
     with ending.caught(), ExitStack() as stack:
-        clock = WallClock()
+        clock = WallClock(spin_s=REALTIME_SPIN_S if options.priority else 0.0)
         out = _folder(options.out)
         vobc = _device(planned, out, clock, stack)
         executives = [vobc.executive]
@@ -73,12 +76,16 @@ def _run(options: argparse.Namespace, planned: Plan) -> int:
         if options.duration is not None:
             end_ns = clock.now_ns() + round(options.duration * NS_PER_S)
         words = Words(vobc)
+        watchdog = ProcessWatchdog(WATCHDOG_S)
+        stack.callback(watchdog.stop)
 
         def until(now_ns: int) -> bool:
+            watchdog.kick()
             words.tell()
             return ending.asked or (end_ns is not None and now_ns >= end_ns)
 
         run(executives, clock, until)
+        watchdog.stop()
         vobc.stop(clock.now_ns())
         if out is not None:
             _write_json(out / "vobc.json", _summary(vobc))
