@@ -185,14 +185,15 @@ def test_a_radio_endpoint_in_use_is_refused() -> None:
 
 
 @pytest.mark.usefixtures("hub")
-def test_it_does_not_outlive_whoever_started_it() -> None:
+def test_it_does_not_outlive_the_parent_it_was_told_of() -> None:
     """A parent that is killed says nothing; the kernel tells the child."""
     command = [sys.executable, "-m", "plant_emulator", "run", "--bus", SPEC, "--priority", "0"]
     parent = subprocess.Popen(
         [
             sys.executable,
             "-c",
-            "import subprocess, sys; subprocess.Popen(sys.argv[1:]).wait()",
+            "import os, subprocess, sys;"
+            "subprocess.Popen([*sys.argv[1:], '--parent', str(os.getpid())]).wait()",
             *command,
         ],
         stdout=subprocess.PIPE,

@@ -1,5 +1,6 @@
 """The controller and the plant as processes of their own: started, watched and ended."""
 
+import os
 import signal
 import subprocess
 import sys
@@ -24,7 +25,7 @@ class Child:
         # A session of its own, so that Ctrl-C reaches only the bench, which ends its children in
         # the right order; the child itself asks the kernel to end it when the bench dies.
         self._process = subprocess.Popen(
-            [sys.executable, "-m", module, *arguments],
+            [sys.executable, "-m", module, *arguments, "--parent", str(os.getpid())],
             stdin=subprocess.DEVNULL,
             stdout=self._output,
             stderr=subprocess.STDOUT,

@@ -2,7 +2,6 @@
 
 import argparse
 import json
-import os
 import signal
 import sys
 import traceback
@@ -92,7 +91,8 @@ def _list_consists() -> int:
 
 
 def _serve(options: argparse.Namespace, scenario: Scenario) -> int:
-    die_with_parent(os.getppid())
+    if options.parent is not None:
+        die_with_parent(options.parent)
     ending = Ending()
     with ending.caught(), ExitStack() as stack:
         clock = WallClock()

@@ -93,6 +93,7 @@ def _add_wires(group: argparse._ArgumentGroup) -> None:
         metavar="0..99",
         help=f"SCHED_FIFO where the rights allow it; 0: none; default: {PRIORITY}",
     )
+    group.add_argument("--parent", type=int, metavar="PID", help="end when that process ends")
 
 
 def _number(text: str, least: float, most: float) -> float:

@@ -2,7 +2,6 @@
 
 import argparse
 import json
-import os
 import traceback
 from collections.abc import Sequence
 from contextlib import ExitStack
@@ -58,7 +57,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _run(options: argparse.Namespace, planned: Plan) -> int:
-    die_with_parent(os.getppid())
+    if options.parent is not None:
+        die_with_parent(options.parent)
     ending = Ending()
     with ending.caught(), ExitStack() as stack:
         clock = WallClock(spin_s=REALTIME_SPIN_S if options.priority else 0.0)
@@ -84,6 +84,7 @@ def _run(options: argparse.Namespace, planned: Plan) -> int:
             words.tell()
             return ending.asked or (end_ns is not None and now_ns >= end_ns)
 
+        vobc.executive.start_at(clock.now_ns())
         run(executives, clock, until)
         watchdog.stop()
         vobc.stop(clock.now_ns())

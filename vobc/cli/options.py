@@ -49,6 +49,7 @@ def parser() -> argparse.ArgumentParser:
     top.add_argument("--priority", type=_priority, default=80, help="of SCHED_FIFO; 0: none")
     top.add_argument("--out", metavar="FOLDER", help="for cycles.csv, realtime.json, vobc.json")
     top.add_argument("--nvram", metavar="FILE", help="default: nothing survives a power cycle")
+    top.add_argument("--parent", type=int, metavar="PID", help="end when that process ends")
     return top
 
 
