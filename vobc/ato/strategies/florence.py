@@ -132,14 +132,18 @@ class Florence:
     def _reference_mps(
         self, front_m: float, target_m: float, slowing: profile.LowerLimit | None
     ) -> float:
-        """The curve's speed here, to first order about the present speed: dv = e * b / v."""
+        """The curve's speed here, to first order about the present speed: dv = e * b / v.
+
+        Before the brake has bitten the curve lies above what the train may ever run.
+        """
         curve, end_m = self._curve, target_m
         if not self._braking and slowing is not None:
             curve, end_m = slowing.curve, slowing.at_m
         speed_mps = max(LEAST_SPEED_MPS, self.speed_mps)
         point = curve.at_speed(speed_mps)
         spare_m = end_m - front_m - point.distance_m
-        return max(0.0, speed_mps + spare_m * point.decel_mps2 / speed_mps)
+        curve_mps = speed_mps + spare_m * point.decel_mps2 / speed_mps
+        return max(0.0, min(self._peak_mps, curve_mps))
 
     # Planning.
 
