@@ -27,6 +27,10 @@ class Ending:
     steal_s: float | None = None
     realtime: Sequence[str] = ()
     truth_known: bool = True
+    dropped_frames: int = 0
+    """That the tap was told of but did not get."""
+    lost_log_lines: int = 0
+    """That the disk did not take."""
 
 
 @dataclass(slots=True)

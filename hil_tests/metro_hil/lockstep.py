@@ -47,7 +47,9 @@ class Lockstep:
         self._stack = ExitStack()
         self._writer = None if folder is None else CandumpWriter(folder.bus_log, BUS_NAME)
         self.bus = InprocBus(BUS_NAME, BIT_RATE, None if self._writer is None else self._record)
+        self._logs: list[LineLog | CandumpWriter] = []
         if self._writer is not None:
+            self._logs.append(self._writer)
             self._stack.callback(self._writer.close)
         radio = InprocRadio()
         controller_end, reader_end = inproc_line()
@@ -92,6 +94,11 @@ class Lockstep:
         self.bus.advance(now_ns + NS_PER_S)
         self._stack.close()
 
+    @property
+    def lost_log_lines(self) -> int:
+        """Lines that the disk did not take so far."""
+        return sum(log.lost_lines for log in self._logs)
+
     def _watch(self, now_ns: int) -> None:
         motion = self.vobc.output.motion
         if motion is None:
@@ -110,6 +117,7 @@ class Lockstep:
         if folder is None:
             return None
         log = LineLog(folder.path / name, columns)
+        self._logs.append(log)
         self._stack.callback(log.close)
         return log
 
@@ -157,4 +165,5 @@ def run_lockstep(options: RunOptions, journey: Journey, folder: RunFolder | None
         bus_load_ratio=statistics.load_ratio(max(1, virtual_ns)),
         rejected_frames=dict(bench.plant.wire.refusals),
         real_time_factor=virtual_ns / elapsed_ns,
+        lost_log_lines=bench.lost_log_lines,
     )

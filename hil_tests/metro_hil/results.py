@@ -27,6 +27,10 @@ class RunResults:
     real_time_factor: float | None = None
     """Virtual seconds per second; None in real time."""
     rejected_frames: Mapping[str, int] = field(default_factory=dict)
+    dropped_frames: int = 0
+    """Frames on the bus that are not in the log."""
+    lost_log_lines: int = 0
+    """Lines of the logs that the disk did not take."""
     steal_s: float | None = None
     realtime: Sequence[str] = ()
     """What was granted of scheduling, memory lock and the like, a line each."""
@@ -46,6 +50,8 @@ class RunResults:
                     "slips": self.cycles.slips if self.cycles else None,
                     "bus_load_ratio": self.bus_load_ratio,
                     "rejected_frames": dict(self.rejected_frames),
+                    "dropped_frames": self.dropped_frames,
+                    "lost_log_lines": self.lost_log_lines,
                     "ride": asdict(self.ride) if self.ride else None,
                     "cycles": asdict(self.cycles) if self.cycles else None,
                     "supervision_events": [asdict(event) for event in self.events],

@@ -145,4 +145,6 @@ class Watch:
             steal_s=steal_s,
             realtime=realtime,
             truth_known=truth_known,
+            dropped_frames=self._tap.counters.dropped_in,
+            lost_log_lines=self._log.lost_lines + self._host.lost_lines,
         )

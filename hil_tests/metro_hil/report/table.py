@@ -61,6 +61,12 @@ def _rows(results: RunResults) -> list[tuple[str, str]]:
     rejected = sum(results.rejected_frames.values())
     if rejected:
         rows.append(("rejected frames", str(rejected)))
+    for name, count in (
+        ("frames not logged", results.dropped_frames),
+        ("log lines lost", results.lost_log_lines),
+    ):
+        if count:
+            rows.append((name, str(count)))
     if results.real_time_factor is not None:
         rows.append(("real-time factor", f"{results.real_time_factor:.0f} times"))
     return rows
