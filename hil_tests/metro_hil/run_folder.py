@@ -77,6 +77,13 @@ def make_run_folder(out: str | None, epoch_ns: int, words: str) -> RunFolder:
     return RunFolder(path)
 
 
+def discard_unused(folder: RunFolder) -> None:
+    """Remove the folder of a run that never came about: one that holds nothing but run.toml."""
+    if [path.name for path in folder.path.iterdir()] == [folder.config.name]:
+        folder.config.unlink()
+        folder.path.rmdir()
+
+
 def utc_text(epoch_ns: int) -> str:
     """Date and time of an instant, to the second, in UTC."""
     return str(np.datetime64(epoch_ns // 1_000_000_000, "s"))

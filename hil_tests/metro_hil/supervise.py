@@ -123,7 +123,7 @@ class RealtimeRun:
         if foreign:
             self._display.say(self._foreign_words(spec, heard))
             tags = str(folder / "tags") if options.tags == "auto" else options.tags
-            radio = self._known_radio() if options.radio == "auto" else options.radio
+            radio = self._known_radio(spec) if options.radio == "auto" else options.radio
             return tags, radio, False
         radio = pick_endpoint() if options.radio == "auto" else options.radio
         self._display.say("plant: none answered within a second; starting the emulator beside")
@@ -141,8 +141,8 @@ class RealtimeRun:
             return f"plant: heard on {spec}: {names}; no emulator is started"
         return f"plant: none started; the controller stays braked and waits for a train on {spec}"
 
-    def _known_radio(self) -> str:
-        return rendezvous.read_radio(AUTO_NAME) or DEFAULT_ENDPOINT
+    def _known_radio(self, spec: str) -> str:
+        return rendezvous.read_radio(spec.partition(":")[2]) or DEFAULT_ENDPOINT
 
     def _listen(self, tap: CanPort, wait_s: float) -> set[Node]:
         """The nodes that send something within a time."""

@@ -32,7 +32,13 @@ from metro_hil.options import (
 from metro_hil.report.plot import draw_run
 from metro_hil.report.table import print_results
 from metro_hil.results import RunResults, sha256_of
-from metro_hil.run_folder import RunFolder, RunFolderError, make_run_folder, write_config
+from metro_hil.run_folder import (
+    RunFolder,
+    RunFolderError,
+    discard_unused,
+    make_run_folder,
+    write_config,
+)
 from metro_hil.supervise import RealtimeRun
 
 
@@ -64,7 +70,11 @@ def _run(options: RunOptions, console: Console) -> int:
     if options.lockstep:
         ending = run_lockstep(options, journey, folder)
     else:
-        ending = RealtimeRun(options, journey, folder, console).run()
+        try:
+            ending = RealtimeRun(options, journey, folder, console).run()
+        except BusError:
+            discard_unused(folder)
+            raise
     results = make_results(folder, journey, ending)
     report(folder, journey, results, ending, console)
     if options.json:
