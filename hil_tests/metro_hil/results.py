@@ -27,6 +27,8 @@ class RunResults:
     real_time_factor: float | None = None
     """Virtual seconds per second; None in real time."""
     rejected_frames: Mapping[str, int] = field(default_factory=dict)
+    truth_known: bool = True
+    """Motion and stops are the plant's truth; else they are what the controller believes."""
     dropped_frames: int = 0
     """Frames on the bus that are not in the log."""
     lost_log_lines: int = 0
@@ -50,6 +52,7 @@ class RunResults:
                     "slips": self.cycles.slips if self.cycles else None,
                     "bus_load_ratio": self.bus_load_ratio,
                     "rejected_frames": dict(self.rejected_frames),
+                    "truth_known": self.truth_known,
                     "dropped_frames": self.dropped_frames,
                     "lost_log_lines": self.lost_log_lines,
                     "ride": asdict(self.ride) if self.ride else None,

@@ -113,8 +113,7 @@ class RealtimeRun:
     ) -> tuple[str, str, bool]:
         """Where tags and radio are, and whether the truth is logged by a plant of ours."""
         options, folder = self._options, rendezvous.bench_dir(spec.partition(":")[2])
-        wait_s = 0.0 if options.plant == "none" else PLANT_ANSWER_S
-        heard = self._listen(tap, wait_s)
+        heard = self._listen(tap, PLANT_ANSWER_S)
         if Node.VOBC in heard:
             raise BusError(
                 f"{spec}: another VOBC is sending on this bus; two cannot drive one train"

@@ -104,6 +104,7 @@ def make_results(folder: RunFolder, journey: Journey, ending: Ending) -> RunResu
         frame_log_sha256=sha256_of(folder.bus_log),
         real_time_factor=ending.real_time_factor,
         rejected_frames=ending.rejected_frames,
+        truth_known=ending.truth_known,
         dropped_frames=ending.dropped_frames,
         lost_log_lines=ending.lost_log_lines,
         steal_s=ending.steal_s,
