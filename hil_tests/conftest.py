@@ -1,7 +1,9 @@
 """What all tests share: the guest with a real vcan, hypothesis settings, and what was not run."""
 
 import os
+import shutil
 import subprocess
+import sysconfig
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
@@ -65,6 +67,17 @@ def guest() -> Guest:
     if IN_CI or done.returncode != NO_GUEST_STATUS:
         pytest.fail(reason, pytrace=False)
     pytest.skip(reason)
+
+
+@pytest.fixture(scope="session")
+def c_compiler() -> str:
+    """The C compiler that this Python's extensions are built with. Without it a test is left out."""
+    name = str(sysconfig.get_config_var("CC") or "cc").split()[0]
+    headers = Path(sysconfig.get_paths()["include"]) / "Python.h"
+    missing = name if shutil.which(name) is None else str(headers)
+    if shutil.which(name) is None or not headers.exists():
+        pytest.skip(f"nothing can be compiled here: there is no {missing}")
+    return name
 
 
 def pytest_configure() -> None:

@@ -1,10 +1,8 @@
 """What `make compiled` makes drives the same train to the same byte."""
 
 import json
-import shutil
 import subprocess
 import sys
-import sysconfig
 from pathlib import Path
 
 import pytest
@@ -17,15 +15,6 @@ HOP = ["run", "--lockstep", "--from", "II", "--to", "III", "--json"]
 MODULES = 40
 
 
-def compiler() -> str | None:
-    """Why nothing can be compiled here; None when it can."""
-    name = str(sysconfig.get_config_var("CC") or "cc").split()[0]
-    if shutil.which(name) is None:
-        return f"no C compiler {name}"
-    headers = Path(sysconfig.get_paths()["include"]) / "Python.h"
-    return None if headers.exists() else f"no {headers}"
-
-
 def results(*command: str | Path) -> dict[str, object]:
     done = subprocess.run(
         [str(word) for word in command], capture_output=True, text=True, check=False
@@ -35,9 +24,8 @@ def results(*command: str | Path) -> dict[str, object]:
     return found
 
 
+@pytest.mark.usefixtures("c_compiler")
 def test_the_compiled_copy_gives_the_same_bytes(checkout: Path, tmp_path: Path) -> None:
-    if (missing := compiler()) is not None:
-        pytest.skip(missing)
     copy = tmp_path / "copy"
     subprocess.run(
         [sys.executable, "-m", "metro_tools.compiled", "--into", copy, "--source", checkout],
