@@ -71,7 +71,7 @@ def guest() -> Guest:
 
 @pytest.fixture(scope="session")
 def c_compiler() -> str:
-    """The C compiler that this Python's extensions are built with. Without it a test is left out."""
+    """The C compiler of this Python's extensions. Without it a test is left out."""
     name = str(sysconfig.get_config_var("CC") or "cc").split()[0]
     headers = Path(sysconfig.get_paths()["include"]) / "Python.h"
     missing = name if shutil.which(name) is None else str(headers)
