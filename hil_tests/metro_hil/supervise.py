@@ -1,9 +1,7 @@
 """A run in real time: controller and plant as processes on a bus, watched from a tap."""
 
 import json
-import signal
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from pathlib import Path
 
 from rich.console import Console
@@ -14,6 +12,7 @@ from firmware_py import rendezvous
 from firmware_py.buses import BusError, is_virtual, open_can, resolve_auto
 from firmware_py.buses.hub_control import start_hub
 from firmware_py.clock import WallClock
+from firmware_py.interrupts import Interrupts
 from firmware_py.ports import CanPort
 from firmware_py.radio.zenoh_radio import DEFAULT_ENDPOINT, pick_endpoint
 from firmware_py.recorder import CandumpWriter
@@ -31,27 +30,6 @@ PLANT_ANSWER_S = 1.0
 PLANT_START_S = 20.0
 POLL_NS = 20_000_000
 NS_PER_S = 1_000_000_000
-INTERRUPTS = (signal.SIGINT, signal.SIGTERM)
-
-
-class Interrupts:
-    """Remembers that somebody asked the run to end."""
-
-    def __init__(self) -> None:
-        self.asked = False
-
-    @contextmanager
-    def caught(self) -> Iterator[None]:
-        """Signals only set the flag while inside."""
-        before = {number: signal.signal(number, self._note) for number in INTERRUPTS}
-        try:
-            yield
-        finally:
-            for number, handler in before.items():
-                signal.signal(number, handler)
-
-    def _note(self, *_: object) -> None:
-        self.asked = True
 
 
 class RealtimeRun:

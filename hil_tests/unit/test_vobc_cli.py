@@ -1,7 +1,6 @@
 """The bare controller's command line: its words, and what it says of wrong ones."""
 
 import os
-import signal
 from pathlib import Path
 
 import pytest
@@ -9,10 +8,7 @@ import pytest
 from firmware_py.nvram import Nvram, NvramRecord
 from vobc.cli import (
     EXIT_ENVIRONMENT,
-    EXIT_INTERRUPTED,
-    EXIT_OK,
     EXIT_USAGE,
-    Ending,
     PatientLine,
     main,
     parser,
@@ -103,22 +99,6 @@ def test_a_number_that_cannot_be_is_refused_at_once(
 
     assert ended.value.code == EXIT_USAGE
     assert words[1] in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    ("number", "code"), [(signal.SIGINT, EXIT_INTERRUPTED), (signal.SIGTERM, EXIT_OK)]
-)
-def test_a_signal_is_a_wish_to_end_and_handlers_are_given_back(number: int, code: int) -> None:
-    before = signal.getsignal(number)
-    ending = Ending()
-
-    with ending.caught():
-        os.kill(os.getpid(), number)
-        asked = ending.asked
-
-    assert asked
-    assert ending.exit_code == code
-    assert signal.getsignal(number) is before
 
 
 def test_a_tag_line_that_is_not_there_yet_is_waited_for_and_said_once(

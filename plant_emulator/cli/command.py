@@ -2,13 +2,11 @@
 
 import argparse
 import json
-import signal
 import sys
 import traceback
-from collections.abc import Collection, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Collection, Sequence
+from contextlib import ExitStack
 from pathlib import Path
-from types import FrameType
 from typing import Final
 
 from can_dbc.binding import can_id, kinds, sender
@@ -19,6 +17,7 @@ from firmware_py.assertions import require_assertions
 from firmware_py.buses import BusError, open_can, parse_spec, resolve_auto
 from firmware_py.clock import Clock, WallClock
 from firmware_py.executive import Executive, Task, run
+from firmware_py.interrupts import Interrupts
 from firmware_py.ports import CanPort, SerialPort
 from firmware_py.radio.zenoh_radio import (
     DEFAULT_ENDPOINT,
@@ -50,7 +49,6 @@ NS_PER_S: Final = 1_000_000_000
 LISTEN_NS: Final = 250_000_000
 """Longer than the slowest vital status of a plant that is there already."""
 GARBAGE_MS: Final = 10_000.0
-_ENDING_SIGNALS: Final = (signal.SIGINT, signal.SIGTERM)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -93,7 +91,7 @@ def _list_consists() -> int:
 def _serve(options: argparse.Namespace, scenario: Scenario) -> int:
     if options.parent is not None:
         die_with_parent(options.parent)
-    ending = Ending()
+    ending = Interrupts()
     with ending.caught(), ExitStack() as stack:
         clock = WallClock()
         out = _folder(options.out)
@@ -209,25 +207,6 @@ def _open_radio(
     rendezvous.publish_radio(parse_spec(spec).name, radio.endpoint)
     say(f"wayside: {radio.endpoint}")
     return radio
-
-
-class Ending:
-    """SIGINT and SIGTERM as a wish that the loop looks at."""
-
-    def __init__(self) -> None:
-        self.asked = False
-
-    @contextmanager
-    def caught(self) -> Iterator[None]:
-        before = [(number, signal.signal(number, self._ask)) for number in _ENDING_SIGNALS]
-        try:
-            yield
-        finally:
-            for number, handler in before:
-                signal.signal(number, handler)
-
-    def _ask(self, number: int, frame: FrameType | None) -> None:
-        self.asked = True
 
 
 def _folder(out: str | None) -> Path | None:

@@ -7,7 +7,6 @@ from vobc.cli.host import (
     EXIT_INTERRUPTED,
     EXIT_OK,
     EXIT_USAGE,
-    Ending,
     PatientLine,
 )
 from vobc.cli.options import Plan, parser, plan
@@ -18,7 +17,6 @@ __all__ = [
     "EXIT_INTERRUPTED",
     "EXIT_OK",
     "EXIT_USAGE",
-    "Ending",
     "PatientLine",
     "Plan",
     "main",

@@ -13,6 +13,7 @@ from firmware_py.assertions import require_assertions
 from firmware_py.buses import BusError, open_can
 from firmware_py.clock import REALTIME_SPIN_S, WallClock
 from firmware_py.executive import Executive, Task, run
+from firmware_py.interrupts import Interrupts
 from firmware_py.ports import SerialPort
 from firmware_py.radio.zenoh_radio import RadioError, Role, open_radio
 from firmware_py.realtime import (
@@ -25,7 +26,16 @@ from firmware_py.recorder import LineLog, RecorderError, SerialLog
 from firmware_py.settings import SettingsError
 from firmware_py.tag_reader.recorded_line import RecordedLine
 from firmware_py.watchdog import ProcessWatchdog
-from vobc.cli.host import EXIT_ENVIRONMENT, EXIT_FAILED, EXIT_USAGE, Ending, PatientLine, Words, say
+from vobc.cli.host import (
+    EXIT_ENVIRONMENT,
+    EXIT_FAILED,
+    EXIT_INTERRUPTED,
+    EXIT_OK,
+    EXIT_USAGE,
+    PatientLine,
+    Words,
+    say,
+)
 from vobc.cli.options import Plan, parser, plan
 from vobc.process import CYCLE_COLUMNS, CycleLog, VobcDevice
 from vobc.wire import HEARD_IDS
@@ -59,7 +69,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _run(options: argparse.Namespace, planned: Plan) -> int:
     if options.parent is not None:
         die_with_parent(options.parent)
-    ending = Ending()
+    ending = Interrupts()
     with ending.caught(), ExitStack() as stack:
         clock = WallClock(spin_s=REALTIME_SPIN_S if options.priority else 0.0)
         out = _folder(options.out)
@@ -90,7 +100,7 @@ def _run(options: argparse.Namespace, planned: Plan) -> int:
         vobc.stop(clock.now_ns())
         if out is not None:
             _write_json(out / "vobc.json", _summary(vobc))
-    return ending.exit_code
+    return EXIT_INTERRUPTED if ending.by_keyboard else EXIT_OK
 
 
 def _device(

@@ -1,10 +1,7 @@
 """What lies between the controller and its host: signals, words for a person, a patient line."""
 
-import signal
 import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
-from types import FrameType
+from collections.abc import Sequence
 from typing import Final
 
 from firmware_py.ports import LinkCounters, SerialChunk, SerialPort
@@ -19,7 +16,6 @@ EXIT_ENVIRONMENT: Final = 3
 EXIT_INTERRUPTED: Final = 130
 
 RETRY_NS: Final = 500_000_000
-_ENDING_SIGNALS: Final = (signal.SIGINT, signal.SIGTERM)
 
 
 class PatientLine:
@@ -60,27 +56,6 @@ class PatientLine:
     def close(self) -> None:
         if self._line is not None:
             self._line.close()
-
-
-class Ending:
-    """SIGINT and SIGTERM as a wish that the loop looks at."""
-
-    def __init__(self) -> None:
-        self.exit_code = EXIT_OK
-        self.asked = False
-
-    @contextmanager
-    def caught(self) -> Iterator[None]:
-        before = [(number, signal.signal(number, self._ask)) for number in _ENDING_SIGNALS]
-        try:
-            yield
-        finally:
-            for number, handler in before:
-                signal.signal(number, handler)
-
-    def _ask(self, number: int, frame: FrameType | None) -> None:
-        self.asked = True
-        self.exit_code = EXIT_INTERRUPTED if number == signal.SIGINT else EXIT_OK
 
 
 class Words:

@@ -1,0 +1,31 @@
+"""A signal is a wish to end, and handlers are given back."""
+
+import os
+import signal
+
+import pytest
+
+from firmware_py.interrupts import Interrupts
+
+
+@pytest.mark.parametrize(("number", "keyboard"), [(signal.SIGINT, True), (signal.SIGTERM, False)])
+def test_a_signal_leaves_a_note_and_handlers_are_given_back(number: int, keyboard: bool) -> None:
+    before = signal.getsignal(number)
+    interrupts = Interrupts()
+
+    with interrupts.caught():
+        os.kill(os.getpid(), number)
+        asked = interrupts.asked
+
+    assert asked
+    assert interrupts.by_keyboard is keyboard
+    assert signal.getsignal(number) is before
+
+
+def test_handlers_are_given_back_after_an_exception_too() -> None:
+    before = signal.getsignal(signal.SIGTERM)
+
+    with pytest.raises(RuntimeError), Interrupts().caught():
+        raise RuntimeError
+
+    assert signal.getsignal(signal.SIGTERM) is before
