@@ -1,0 +1,89 @@
+"""Expressions that users write over named signals, such as `speed_mps > 10 and front_m < 1500`.
+
+The grammar is the arithmetic, comparisons and `and`, `or`, `not` of Python over numbers and the
+names that the caller allows, and the functions of FUNCTIONS; nothing else can be called or reached.
+"""
+
+import ast
+import difflib
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
+from typing import Any, Final
+
+FUNCTIONS: Final[dict[str, Callable[..., float]]] = {"abs": abs, "min": min, "max": max}
+TEXT_MAX: Final = 1000
+_ALLOWED: Final = (
+    ast.BoolOp, ast.And, ast.Or, ast.UnaryOp, ast.Not, ast.USub, ast.UAdd, ast.BinOp, ast.Add,
+    ast.Sub, ast.Mult, ast.Div, ast.Compare, ast.Lt, ast.LtE, ast.Gt, ast.GtE, ast.Eq, ast.NotEq,
+    ast.Call, ast.Name, ast.Load, ast.Constant,
+)  # fmt: skip
+
+
+class ExpressionError(ValueError):
+    """A text that is no expression over the allowed names; the message says what is wrong."""
+
+
+@dataclass(frozen=True, slots=True)
+class Expression:
+    """Call it with an object whose attributes are the signals; true and false are 1.0 and 0.0."""
+
+    text: str
+    names: frozenset[str]
+    """The signals it reads."""
+    value_of: Callable[[Any], float]
+
+    def __call__(self, signals: object) -> float:
+        """Raises ZeroDivisionError, as the text says; whoever asks decides what that means."""
+        return float(self.value_of(signals))
+
+
+def compile_expression(text: str, allowed: Collection[str]) -> Expression:
+    """Raises ExpressionError that names the first thing in the text that is not allowed."""
+    if len(text) > TEXT_MAX:
+        raise ExpressionError(f"{text[:40]!r}…: longer than {TEXT_MAX} characters")
+    try:
+        tree = ast.parse(text.strip(), mode="eval")
+    except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
+        raise ExpressionError(f"{text!r}: not an expression") from error
+    names: set[str] = set()
+    called = {id(node.func) for node in ast.walk(tree) if isinstance(node, ast.Call)}
+    for node in ast.walk(tree.body):
+        _check(node, text, allowed, is_function=id(node) in called)
+        if isinstance(node, ast.Name) and id(node) not in called:
+            names.add(node.id)
+    body = ast.fix_missing_locations(ast.Expression(_SignalReads(called).visit(tree.body)))
+    reader = ast.parse("lambda _signals: 0", mode="eval")
+    assert isinstance(reader.body, ast.Lambda)
+    reader.body.body = body.body
+    # Only nodes of _ALLOWED are left, so nothing but the signals and FUNCTIONS can be reached.
+    code = compile(ast.fix_missing_locations(reader), "<expression>", "eval")
+    value_of = eval(code, {"__builtins__": {}, **FUNCTIONS})  # noqa: S307
+    return Expression(text, frozenset(names), value_of)
+
+
+def _check(node: ast.AST, text: str, allowed: Collection[str], *, is_function: bool) -> None:
+    if not isinstance(node, _ALLOWED):
+        raise ExpressionError(f"{text!r}: {type(node).__name__.lower()} is not allowed here")
+    if isinstance(node, ast.Constant) and not isinstance(node.value, int | float):
+        raise ExpressionError(f"{text!r}: {node.value!r} is not a number")
+    if isinstance(node, ast.Call):
+        if not isinstance(node.func, ast.Name) or node.func.id not in FUNCTIONS:
+            raise ExpressionError(f"{text!r}: only {', '.join(FUNCTIONS)} can be called")
+        if node.keywords or not node.args:
+            raise ExpressionError(f"{text!r}: {node.func.id} takes plain arguments")
+    if isinstance(node, ast.Name) and not is_function and node.id not in allowed:
+        close = difflib.get_close_matches(node.id, list(allowed), n=1)
+        hint = f"nearest: {close[0]}" if close else f"known: {', '.join(sorted(allowed))}"
+        raise ExpressionError(f"{text!r}: unknown signal {node.id}; {hint}")
+
+
+class _SignalReads(ast.NodeTransformer):
+    """Turns each name into a read of the attribute of that name."""
+
+    def __init__(self, called: set[int]) -> None:
+        self._called = called
+
+    def visit_Name(self, node: ast.Name) -> ast.AST:
+        if id(node) in self._called:
+            return node
+        return ast.Attribute(ast.Name("_signals", ast.Load()), node.id, ast.Load())

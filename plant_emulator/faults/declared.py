@@ -1,0 +1,8 @@
+"""All kinds of faults, by place. Importing this module fills the catalogue."""
+
+from plant_emulator.faults import (  # noqa: F401
+    declared_bus,
+    declared_process,
+    declared_train,
+    declared_wires,
+)

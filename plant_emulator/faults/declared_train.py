@@ -1,0 +1,376 @@
+"""Faults of the train itself: sensors, tag reader, actuators, supply, doors and desk."""
+
+import enum
+from dataclasses import dataclass
+
+from can_dbc.cab import CabMode
+from plant_emulator.faults.kinds import Hazard, Place, check_range, fault
+
+
+class Axle(enum.Enum):
+    """Whose tacho."""
+
+    A = "a"
+    B = "b"
+    BOTH = "both"
+
+
+class DoorsOf(enum.Enum):
+    LEFT = "left"
+    RIGHT = "right"
+    BOTH = "both"
+
+
+@fault("wheel_slip", Place.SENSOR, Hazard.MISLOCATED)
+@dataclass(frozen=True, slots=True)
+class WheelSlip:
+    """Wheels turn faster than the train moves, by this share of its speed."""
+
+    slip_ratio: float = 0.2
+    axle: Axle = Axle.A
+    ramp_s: float = 0.0
+    """Until the whole slip is there, and until it is gone again."""
+
+    def __post_init__(self) -> None:
+        check_range(self, "slip_ratio", 0.0, 5.0)
+        check_range(self, "ramp_s", 0.0, 60.0)
+
+
+@fault("wheel_slide", Place.SENSOR, Hazard.MISLOCATED)
+@dataclass(frozen=True, slots=True)
+class WheelSlide:
+    """Wheels turn slower than the train moves, by this share of its speed; 1 is a locked wheel."""
+
+    slide_ratio: float = 0.3
+    axle: Axle = Axle.A
+    ramp_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        check_range(self, "slide_ratio", 0.0, 1.0)
+        check_range(self, "ramp_s", 0.0, 60.0)
+
+
+@fault("low_adhesion", Place.SENSOR, Hazard.NO_BRAKE, Hazard.MISLOCATED)
+@dataclass(frozen=True, slots=True)
+class LowAdhesion:
+    """Leaves on the rail: neither traction nor brake can use more than this, wheels slip of it."""
+
+    adhesion_ratio: float = 0.06
+
+    def __post_init__(self) -> None:
+        check_range(self, "adhesion_ratio", 0.0, 1.0)
+
+
+@fault("tacho_stuck", Place.SENSOR, Hazard.MISLOCATED)
+@dataclass(frozen=True, slots=True)
+class TachoStuck:
+    """A tacho counts no more and takes itself for healthy."""
+
+    axle: Axle = Axle.A
+
+
+@fault("tacho_drift", Place.SENSOR, Hazard.MISLOCATED)
+@dataclass(frozen=True, slots=True)
+class TachoDrift:
+    """A tacho's scale drifts off."""
+
+    ratio_per_s: float = 0.001
+    axle: Axle = Axle.A
+
+    def __post_init__(self) -> None:
+        check_range(self, "ratio_per_s", -1.0, 1.0)
+
+
+@fault("tacho_unhealthy", Place.SENSOR, Hazard.LOST_SERVICE)
+@dataclass(frozen=True, slots=True)
+class TachoUnhealthy:
+    """A tacho reports itself as failed and counts no more."""
+
+    axle: Axle = Axle.A
+
+
+@fault("wheel_wear", Place.SENSOR, Hazard.MISLOCATED)
+@dataclass(frozen=True, slots=True)
+class WheelWear:
+    """Wheels are smaller than they were, so that more pulses come for the same distance."""
+
+    diameter_ratio: float = 0.97
+    axle: Axle = Axle.BOTH
+
+    def __post_init__(self) -> None:
+        check_range(self, "diameter_ratio", 0.5, 1.5)
+
+
+@fault("doppler_outage", Place.SENSOR, Hazard.LOST_SERVICE)
+@dataclass(frozen=True, slots=True)
+class DopplerOutage:
+    """The radar sees no ground and says so."""
+
+
+@fault("doppler_wrong", Place.SENSOR, Hazard.MISLOCATED)
+@dataclass(frozen=True, slots=True)
+class DopplerWrong:
+    """The radar's speed is off by this share and it takes itself for healthy."""
+
+    error_ratio: float = 0.2
+
+    def __post_init__(self) -> None:
+        check_range(self, "error_ratio", -1.0, 5.0)
+
+
+@fault("imu_bias", Place.SENSOR, Hazard.MISLOCATED)
+@dataclass(frozen=True, slots=True)
+class ImuBias:
+    """The accelerometer is off by so much more."""
+
+    bias_mps2: float = 0.5
+
+    def __post_init__(self) -> None:
+        check_range(self, "bias_mps2", -20.0, 20.0)
+
+
+@fault("tag_missed", Place.SENSOR, Hazard.MISLOCATED)
+@dataclass(frozen=True, slots=True)
+class TagMissed:
+    """Tags are passed without being read."""
+
+    tag_id: int | None = None
+    """This one only; all of them when it is left out."""
+    share_ratio: float = 1.0
+
+    def __post_init__(self) -> None:
+        check_range(self, "share_ratio", 0.0, 1.0)
+
+
+@fault("tag_displaced", Place.SENSOR, Hazard.MISLOCATED)
+@dataclass(frozen=True, slots=True)
+class TagDisplaced:
+    """Tags lie further along the line than the map says."""
+
+    offset_m: float = 5.0
+    tag_id: int | None = None
+
+    def __post_init__(self) -> None:
+        check_range(self, "offset_m", -1000.0, 1000.0)
+
+
+@fault("tag_duplicate", Place.SENSOR, Hazard.MISLOCATED)
+@dataclass(frozen=True, slots=True)
+class TagDuplicate:
+    """Tags are read twice, the second time so much later, as at that place."""
+
+    gap_s: float = 0.1
+    tag_id: int | None = None
+
+    def __post_init__(self) -> None:
+        check_range(self, "gap_s", 0.0, 60.0)
+
+
+@fault("tag_false", Place.SENSOR, Hazard.MISLOCATED)
+@dataclass(frozen=True, slots=True)
+class TagFalse:
+    """A tag of this number is read once when the fault begins, wherever the train is."""
+
+    tag_id: int = 1
+
+    def __post_init__(self) -> None:
+        check_range(self, "tag_id", 0, 0xFFFF_FFFF)
+
+
+@fault("antenna_dead", Place.SENSOR, Hazard.MISLOCATED, Hazard.LOST_SERVICE)
+@dataclass(frozen=True, slots=True)
+class AntennaDead:
+    """The antenna reads nothing; its self-test finds out unless the fault is hidden."""
+
+    hidden: bool = False
+
+
+@fault("brake_late", Place.ACTUATOR, Hazard.NO_BRAKE)
+@dataclass(frozen=True, slots=True)
+class BrakeLate:
+    """The service brake answers so much later."""
+
+    delay_s: float = 1.0
+
+    def __post_init__(self) -> None:
+        check_range(self, "delay_s", 0.0, 30.0)
+
+
+@fault("brake_weak", Place.ACTUATOR, Hazard.NO_BRAKE)
+@dataclass(frozen=True, slots=True)
+class BrakeWeak:
+    """The service brake gives this share of what it is asked for."""
+
+    gain_ratio: float = 0.5
+
+    def __post_init__(self) -> None:
+        check_range(self, "gain_ratio", 0.0, 2.0)
+
+
+@fault("brake_stuck", Place.ACTUATOR, Hazard.NO_BRAKE, Hazard.LOST_SERVICE)
+@dataclass(frozen=True, slots=True)
+class BrakeStuck:
+    """The service brake stays at what it gave when the fault began."""
+
+
+@fault("brake_unit_failed", Place.ACTUATOR, Hazard.NO_BRAKE)
+@dataclass(frozen=True, slots=True)
+class BrakeUnitFailed:
+    """So large a share of all brakes gives nothing, emergency and holding brake included."""
+
+    share_ratio: float = 0.25
+
+    def __post_init__(self) -> None:
+        check_range(self, "share_ratio", 0.0, 1.0)
+
+
+@fault("emergency_late", Place.ACTUATOR, Hazard.NO_BRAKE)
+@dataclass(frozen=True, slots=True)
+class EmergencyLate:
+    """The emergency brake bites so much later."""
+
+    delay_s: float = 0.5
+
+    def __post_init__(self) -> None:
+        check_range(self, "delay_s", 0.0, 30.0)
+
+
+@fault("traction_runaway", Place.ACTUATOR, Hazard.OVERSPEED, Hazard.UNWANTED_MOTION)
+@dataclass(frozen=True, slots=True)
+class TractionRunaway:
+    """Traction pushes with this acceleration whatever it is told, until it is cut off."""
+
+    accel_mps2: float = 1.0
+    obeys_cut_off: bool = True
+    """Whether the emergency brake's cut-off of traction still works."""
+
+    def __post_init__(self) -> None:
+        check_range(self, "accel_mps2", 0.0, 3.0)
+
+
+@fault("traction_weak", Place.ACTUATOR, Hazard.LOST_SERVICE)
+@dataclass(frozen=True, slots=True)
+class TractionWeak:
+    """Traction gives this share of what it is asked for."""
+
+    gain_ratio: float = 0.5
+
+    def __post_init__(self) -> None:
+        check_range(self, "gain_ratio", 0.0, 2.0)
+
+
+@fault("traction_late", Place.ACTUATOR, Hazard.OVERSPEED)
+@dataclass(frozen=True, slots=True)
+class TractionLate:
+    """Traction is taken away so much later than it is told."""
+
+    delay_s: float = 1.0
+
+    def __post_init__(self) -> None:
+        check_range(self, "delay_s", 0.0, 30.0)
+
+
+@fault("holding_late", Place.ACTUATOR, Hazard.UNWANTED_MOTION)
+@dataclass(frozen=True, slots=True)
+class HoldingLate:
+    """The holding brake applies so much later."""
+
+    delay_s: float = 2.0
+
+    def __post_init__(self) -> None:
+        check_range(self, "delay_s", 0.0, 30.0)
+
+
+@fault("holding_sticks", Place.ACTUATOR, Hazard.LOST_SERVICE, Hazard.UNWANTED_MOTION)
+@dataclass(frozen=True, slots=True)
+class HoldingSticks:
+    """The holding brake lets go so much later."""
+
+    delay_s: float = 2.0
+
+    def __post_init__(self) -> None:
+        check_range(self, "delay_s", 0.0, 30.0)
+
+
+@fault("line_voltage", Place.SUPPLY, Hazard.LOST_SERVICE, Hazard.NO_BRAKE)
+@dataclass(frozen=True, slots=True)
+class LineVoltage:
+    """The substation's no-load voltage changes; 0 is an outage, a high one takes nothing back."""
+
+    voltage_v: float = 480.0
+
+    def __post_init__(self) -> None:
+        check_range(self, "voltage_v", 0.0, 5000.0)
+
+
+@fault("breaker_open", Place.SUPPLY, Hazard.LOST_SERVICE)
+@dataclass(frozen=True, slots=True)
+class BreakerOpen:
+    """The main breaker is open: neither traction nor electric brake."""
+
+
+@fault("door_lock_lost", Place.DOORS, Hazard.DOOR_DANGER)
+@dataclass(frozen=True, slots=True)
+class DoorLockLost:
+    """The train line through the locks is interrupted; the doors themselves are closed."""
+
+
+@fault("door_opens", Place.DOORS, Hazard.DOOR_DANGER)
+@dataclass(frozen=True, slots=True)
+class DoorOpens:
+    """Doors open without command and enable."""
+
+    side: DoorsOf = DoorsOf.RIGHT
+
+
+@fault("door_obstacle", Place.DOORS, Hazard.DOOR_DANGER, Hazard.LOST_SERVICE)
+@dataclass(frozen=True, slots=True)
+class DoorObstacle:
+    """Something stands between the doors at every closing."""
+
+    side: DoorsOf = DoorsOf.BOTH
+
+
+@fault("door_deaf", Place.DOORS, Hazard.LOST_SERVICE)
+@dataclass(frozen=True, slots=True)
+class DoorDeaf:
+    """Doors do not open although they should."""
+
+    side: DoorsOf = DoorsOf.BOTH
+
+
+@fault("passenger_alarm", Place.DESK, Hazard.LOST_SERVICE)
+@dataclass(frozen=True, slots=True)
+class PassengerAlarm:
+    """A passenger pulls the alarm and lets go when the fault ends."""
+
+
+@fault("emergency_button", Place.DESK, Hazard.LOST_SERVICE)
+@dataclass(frozen=True, slots=True)
+class EmergencyButton:
+    """The button on the desk is pressed."""
+
+
+@fault("desk_mode", Place.DESK, Hazard.UNWANTED_MOTION)
+@dataclass(frozen=True, slots=True)
+class DeskMode:
+    """The key on the desk is turned."""
+
+    mode: CabMode = CabMode.OFF
+
+
+@fault("desk_lever", Place.DESK, Hazard.UNWANTED_MOTION, Hazard.OVERSPEED)
+@dataclass(frozen=True, slots=True)
+class DeskLever:
+    """The lever is moved; negative brakes."""
+
+    lever_percent: float = 100.0
+
+    def __post_init__(self) -> None:
+        check_range(self, "lever_percent", -100.0, 100.0)
+
+
+@fault("desk_reset", Place.DESK, Hazard.UNWANTED_MOTION)
+@dataclass(frozen=True, slots=True)
+class DeskReset:
+    """The reset of a latched emergency is asked for."""

@@ -1,0 +1,113 @@
+"""A fault as a scenario has it: kind, parameters, window and seed; and how it is read."""
+
+import difflib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from firmware_py import settings
+from firmware_py.expression import Expression, ExpressionError, compile_expression
+from firmware_py.settings import SettingsError
+from plant_emulator.faults import declared  # noqa: F401  # enters all kinds into the catalogue
+from plant_emulator.faults.kinds import CATALOGUE, Kind
+from plant_emulator.truth import SIGNALS
+
+FAULT_SPAWN_KEY: Final = 0xFA
+"""Keeps the draws of faults apart from those of the plant's own noise."""
+
+
+@dataclass(frozen=True, slots=True)
+class Window:
+    """When a fault acts.
+
+    It begins at the first step at or after `start_s` at which `when` holds, and ends at the first
+    after that at which `end_s` or `duration_s` is reached or `until` holds. With `repeat` it may
+    begin again. Conditions are expressions over the plant's truth (`plant_emulator.truth.SIGNALS`).
+    """
+
+    start_s: float = 0.0
+    end_s: float | None = None
+    duration_s: float | None = None
+    """Counted from when it began."""
+    when: str = ""
+    until: str = ""
+    repeat: bool = False
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.start_s <= 1.0e6:
+            raise ValueError(f"start_s {self.start_s:g} is not within 0..1e6")
+        if self.end_s is not None and not self.end_s > self.start_s:
+            raise ValueError(f"end_s {self.end_s:g} is not after start_s {self.start_s:g}")
+        if self.duration_s is not None and not self.duration_s > 0.0:
+            raise ValueError(f"duration_s {self.duration_s:g} is not positive")
+        for key in ("when", "until"):
+            text = getattr(self, key)
+            if text:
+                try:
+                    compile_expression(text, SIGNALS)
+                except ExpressionError as error:
+                    raise ValueError(f"{key} {error}") from error
+
+    def begins(self) -> Expression | None:
+        return compile_expression(self.when, SIGNALS) if self.when else None
+
+    def ends(self) -> Expression | None:
+        return compile_expression(self.until, SIGNALS) if self.until else None
+
+
+WINDOW_KEYS: Final = ("start_s", "end_s", "duration_s", "when", "until", "repeat")
+
+
+@dataclass(frozen=True, slots=True)
+class FaultPlan:
+    """One fault of a scenario."""
+
+    index: int
+    """Position in the scenario; part of its seed."""
+    kind: Kind
+    parameters: Any
+    """An instance of `kind.parameters`."""
+    window: Window
+    seed: int | None = None
+    """Overrides the run's seed for this fault alone."""
+
+    def generator(self, run_seed: int) -> np.random.Generator:
+        """Of this fault alone, so that another one does not disturb it."""
+        seed = run_seed if self.seed is None else self.seed
+        sequence = np.random.SeedSequence(seed, spawn_key=(FAULT_SPAWN_KEY, self.index))
+        return np.random.Generator(np.random.PCG64(sequence))
+
+
+def read_faults(tables: Sequence[Mapping[str, Any]], source: str) -> tuple[FaultPlan, ...]:
+    """The `[[fault]]` tables of a scenario. Raises SettingsError with source, key and value."""
+    return tuple(read_fault(table, index, source) for index, table in enumerate(tables))
+
+
+def read_fault(table: Mapping[str, Any], index: int, source: str) -> FaultPlan:
+    """One table: `kind`, the keys of Window, `seed`, and the parameters of the kind."""
+    where = f"fault[{index}]"
+    name = table.get("kind")
+    if not isinstance(name, str) or name not in CATALOGUE:
+        close = difflib.get_close_matches(str(name), CATALOGUE, n=1)
+        hint = f"nearest valid kind: {close[0]}" if close else f"kinds: {', '.join(CATALOGUE)}"
+        what = "missing key" if name is None else f"{name!r}: unknown kind"
+        raise SettingsError(f"{source}: {where}.kind: {what}; {hint}")
+    kind = CATALOGUE[name]
+    seed = table.get("seed")
+    if seed is not None and (isinstance(seed, bool) or not isinstance(seed, int) or seed < 0):
+        raise SettingsError(f"{source}: {where}.seed: {seed!r} is not a whole number of 0 or more")
+    window = {key: value for key, value in table.items() if key in WINDOW_KEYS}
+    rest = {
+        key: value
+        for key, value in table.items()
+        if key not in WINDOW_KEYS and key not in ("kind", "seed")
+    }
+    return FaultPlan(
+        index=index,
+        kind=kind,
+        parameters=settings.build(kind.parameters, rest, source, where),
+        window=settings.build(Window, window, source, where),
+        seed=seed,
+    )

@@ -1,0 +1,74 @@
+"""Says at each step of the plant which faults begin and which end."""
+
+from collections.abc import Callable, Sequence
+from typing import Final
+
+from plant_emulator.faults.plan import FaultPlan
+from plant_emulator.truth import Truth
+
+LATEST_S: Final = 1.0e9
+
+Listener = Callable[[FaultPlan, bool, int], None]
+"""Is told the fault, whether it is active from now on, and the instant."""
+
+
+class Schedule:
+    """Decides from the truth alone, so that the same run has the same faults on every bench."""
+
+    def __init__(self, plans: Sequence[FaultPlan]) -> None:
+        self._timers = [_Timer(plan) for plan in plans]
+        self._listeners: list[Listener] = []
+
+    def listen(self, listener: Listener) -> None:
+        self._listeners.append(listener)
+
+    def step(self, truth: Truth, now_ns: int) -> None:
+        """Tell the listeners of every change, in the order of the scenario."""
+        for timer in self._timers:
+            if timer.done:
+                continue
+            active = timer.wants(truth)
+            if active is not timer.active:
+                timer.change(active, truth.t_s)
+                for listener in self._listeners:
+                    listener(timer.plan, active, now_ns)
+
+    @property
+    def active(self) -> tuple[FaultPlan, ...]:
+        return tuple(timer.plan for timer in self._timers if timer.active)
+
+    @property
+    def never_began(self) -> tuple[FaultPlan, ...]:
+        """Faults whose time or condition has not come so far: the run does not show them."""
+        return tuple(timer.plan for timer in self._timers if not timer.begun)
+
+
+class _Timer:
+    __slots__ = ("_end_s", "_ends", "_starts", "active", "begun", "done", "plan")
+
+    def __init__(self, plan: FaultPlan) -> None:
+        self.plan = plan
+        self.active = False
+        self.begun = 0
+        self.done = False
+        self._starts = plan.window.begins()
+        self._ends = plan.window.ends()
+        self._end_s = LATEST_S
+
+    def wants(self, truth: Truth) -> bool:
+        if self.active:
+            return truth.t_s < self._end_s and not (self._ends is not None and self._ends(truth))
+        if truth.t_s < self.plan.window.start_s:
+            return False
+        return self._starts is None or bool(self._starts(truth))
+
+    def change(self, active: bool, t_s: float) -> None:
+        window = self.plan.window
+        self.active = active
+        if active:
+            self.begun += 1
+            self._end_s = LATEST_S if window.end_s is None else window.end_s
+            if window.duration_s is not None:
+                self._end_s = min(self._end_s, t_s + window.duration_s)
+        else:
+            self.done = not window.repeat
