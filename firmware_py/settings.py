@@ -35,7 +35,7 @@ def find(name: str, package: str) -> Path:
         return Path(name)
     shipped = shipped_names(package)
     if name not in shipped:
-        raise SettingsError(f"{name}: {_nearest(name, shipped, 'shipped name')}")
+        raise SettingsError(f"{name}: {nearest(name, shipped, 'shipped name')}")
     return Path(str(resources.files(package) / f"{name}.toml"))
 
 
@@ -72,8 +72,8 @@ def build(kind: type[T], table: Mapping[str, Any], source: str, key: str = "") -
     for name in table:
         if name not in fields:
             where = _join(key, name)
-            nearest = _nearest(name, list(fields), "key")
-            raise SettingsError(f"{source}: {where}: unknown key; {nearest}")
+            hint = nearest(name, list(fields), "key")
+            raise SettingsError(f"{source}: {where}: unknown key; {hint}")
     values: dict[str, Any] = {}
     for name, field in fields.items():
         if name in table:
@@ -126,7 +126,7 @@ def _convert_plain(kind: type[Any], value: Any, source: str, key: str) -> Any:
         names = {member.name.lower(): member for member in kind}
         if value.lower() in names:
             return names[value.lower()]
-        raise SettingsError(f"{source}: {key}: {value!r}: {_nearest(value, list(names), 'value')}")
+        raise SettingsError(f"{source}: {key}: {value!r}: {nearest(value, list(names), 'value')}")
     if kind is float and isinstance(value, int | float) and not isinstance(value, bool):
         # Whole numbers in TOML have no bound here, but those over 1e308 have no float.
         if not -sys.float_info.max <= value <= sys.float_info.max:
@@ -148,7 +148,8 @@ def _words(hint: Any) -> str:
     return f"of type {getattr(hint, '__name__', hint)}"
 
 
-def _nearest(name: str, known: list[str], what: str) -> str:
+def nearest(name: str, known: list[str], what: str = "value") -> str:
+    """Words that lead from a name that is not known to one that is."""
     close = difflib.get_close_matches(name, known, n=1)
     if close:
         return f"nearest valid {what}: {close[0]}"
