@@ -1,0 +1,6 @@
+"""The report of a campaign: from cases and results to a page, JUnit XML, Parquet and tables."""
+
+from metro_hil.report.campaign.info import CampaignInfo
+from metro_hil.report.campaign.write import write_reports
+
+__all__ = ["CampaignInfo", "write_reports"]
