@@ -96,6 +96,8 @@ class Case(msgspec.Struct, frozen=True, kw_only=True):
     """As in the scenario file, with the values of this case; see `read_faults`."""
     monitors: tuple[ConfigTable, ...] = ()
     """As in the scenario file; see `read_monitors`."""
+    invariants: str | tuple[str, ...] = "all"
+    """`all`, `none`, or names; they are judged beside the monitors."""
     factors: dict[str, Any] = {}
     """What the sweep chose for this case, by swept key."""
     requirements: tuple[str, ...] = ()

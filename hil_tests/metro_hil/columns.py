@@ -1,7 +1,7 @@
 """Reads the CSV logs of a run folder into columns."""
 
 import csv
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -17,24 +17,43 @@ class LogError(Exception):
 class Columns:
     """The columns of one log, by name. Rows that a killed run left torn are counted, not used."""
 
-    def __init__(self, source: str, texts: Mapping[str, list[str]], torn_rows: int) -> None:
+    def __init__(self, source: str, values: Mapping[str, Sequence[object]], torn_rows: int) -> None:
         self._source = source
-        self._texts = texts
+        self._values = values
         self.torn_rows = torn_rows
 
+    @classmethod
+    def of_rows(
+        cls, source: str, names: Sequence[str], rows: Sequence[Sequence[object]]
+    ) -> "Columns":
+        """From rows of values as a log would have written them."""
+        columns = list(zip(*rows, strict=True)) if rows else [()] * len(names)
+        return cls(source, dict(zip(names, columns, strict=True)), 0)
+
     def __len__(self) -> int:
-        return len(next(iter(self._texts.values()), []))
+        return len(next(iter(self._values.values()), ()))
+
+    def _column(self, name: str) -> Sequence[object]:
+        if name not in self._values:
+            raise LogError(f"{self._source}: no column {name}; it has {', '.join(self._values)}")
+        return self._values[name]
 
     def texts(self, name: str) -> list[str]:
-        if name not in self._texts:
-            raise LogError(f"{self._source}: no column {name}; it has {', '.join(self._texts)}")
-        return self._texts[name]
+        return [str(value) for value in self._column(name)]
+
+    def flags(self, name: str) -> list[bool]:
+        return [value in (True, "1") for value in self._column(name)]
 
     def numbers(self, name: str) -> Numbers:
         """Shape (n_rows,); an empty field is NaN."""
         try:
-            return np.array([float(text) if text else np.nan for text in self.texts(name)])
-        except ValueError as error:
+            return np.array(
+                [
+                    float(value) if value != "" and value is not None else np.nan  # type: ignore[arg-type]
+                    for value in self._column(name)
+                ]
+            )
+        except (TypeError, ValueError) as error:
             raise LogError(f"{self._source}: column {name}: {error}") from error
 
 

@@ -1,13 +1,15 @@
 """Controller and plant in one process in virtual time: same code, same frames, no waiting."""
 
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
+from dataclasses import dataclass
 
 from can_dbc.nodes import Node
 from firmware_py.buses.inproc import InprocBus
 from firmware_py.clock import LockstepClock, WallClock
 from firmware_py.executive import Executive, Task, run
 from firmware_py.nvram import Nvram, NvramRecord
-from firmware_py.ports import CanFrame, CanPort, SerialPort
+from firmware_py.ports import CanFrame, CanPort, RadioPort, SerialPort
 from firmware_py.radio.inproc_radio import InprocRadio
 from firmware_py.recorder import CandumpWriter, LineLog, SerialLog
 from firmware_py.tag_reader.inproc_line import inproc_line
@@ -15,11 +17,15 @@ from firmware_py.tag_reader.recorded_line import RecordedLine
 from metro_hil.ending import ARRIVED, DURATION, ArrivalWatch, Ending
 from metro_hil.journey import Journey
 from metro_hil.options import RunOptions
+from metro_hil.process_faults import ControllerProcess, Device
 from metro_hil.run_folder import RunFolder
-from plant_emulator.process import TRUTH_COLUMNS, PlantDevice
+from plant_emulator.faults.kinds import Place
+from plant_emulator.faults.plan import FaultPlan
+from plant_emulator.process import TRUTH_COLUMNS, PlantDevice, TruthLog
+from plant_emulator.truth import Truth
 from plant_emulator.world import Scenario, plan_scenario
 from vobc.config import VobcConfig, load_config
-from vobc.process import CYCLE_COLUMNS, VobcDevice
+from vobc.process import CYCLE_COLUMNS, VobcDevice, unknown_start
 from vobc.wire import HEARD_IDS
 from zenoh_config import keys
 
@@ -29,7 +35,23 @@ LIMIT_S = 4.0 * 3600.0
 """A train that has not arrived after so long never will."""
 TIME_UP = f"not arrived within {LIMIT_S / 3600.0:.0f} h"
 WATCH_MS = 500.0
+BUS_FAULT_MS = 1.0
 NS_PER_S = 1_000_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class Taps:
+    """What a campaign hangs onto a run; none of it is heard by the devices."""
+
+    frame: Callable[[int, int, bytes], None] | None = None
+    """Told instant of the end, identifier and data of every frame."""
+    truth: Callable[[Truth, int], None] | None = None
+    """Told the truth after every step of the plant."""
+    rows: TruthLog | None = None
+    """Takes the rows of the truth log."""
+
+
+UNTAPPED = Taps()
 
 
 class Lockstep:
@@ -41,16 +63,19 @@ class Lockstep:
         scenario: Scenario,
         journey: Journey,
         folder: RunFolder | None = None,
+        *,
+        faults: Sequence[FaultPlan] = (),
+        taps: Taps = UNTAPPED,
     ) -> None:
         """Without a folder nothing is logged. Raises RecorderError for a log that cannot be."""
         self.clock = LockstepClock()
         self._stack = ExitStack()
-        self._writer = None if folder is None else CandumpWriter(folder.bus_log, BUS_NAME)
-        self.bus = InprocBus(BUS_NAME, BIT_RATE, None if self._writer is None else self._record)
         self._logs: list[LineLog | CandumpWriter] = []
-        if self._writer is not None:
-            self._logs.append(self._writer)
-            self._stack.callback(self._writer.close)
+        self._writer = self._candump(folder, "bus.log")
+        self._tap = taps.frame
+        wanted = self._writer is not None or self._tap is not None
+        self.bus = InprocBus(BUS_NAME, BIT_RATE, self._record if wanted else None)
+        self._config, self._journey = config, journey
         radio = InprocRadio()
         controller_end, reader_end = inproc_line()
         line = journey.line
@@ -59,37 +84,88 @@ class Lockstep:
             open_port=self._open_node,
             tags=reader_end,
             radio=radio.port("wayside", (keys.reports(line.name),)),
-            truth=self._log(folder, "truth.csv", TRUTH_COLUMNS),
+            truth=_tee(self._log(folder, "truth.csv", TRUTH_COLUMNS), taps.rows),
             start_ns=0,
+            faults=faults,
+            observer=taps.truth,
         )
-        self.vobc = VobcDevice(
-            config,
-            line,
-            journey.mission,
-            can=self.bus.port(Node.VOBC.name, HEARD_IDS),
-            tags=self._recorded(controller_end, folder),
-            radio=radio.port("train", (keys.authorities(line.name, config.address),)),
-            nvram=Nvram(None, NvramRecord(boot_count=1)),
-            cycle_log=self._log(folder, "cycles.csv", CYCLE_COLUMNS),
-            start_ns=0,
-        )
+        self._cycle_log = self._log(folder, "cycles.csv", CYCLE_COLUMNS)
+        self._executives = [self.plant.executive]
+        self._nvram = Nvram(None, NvramRecord(boot_count=1))
+        can = self._controller_port(faults, scenario.seed, folder)
+        tags = self._recorded(controller_end, folder)
+        air = radio.port("train", (keys.authorities(line.name, config.address),))
+        self.vobc = self._make_controller(faults, can, tags, air)
+        self._executives.append(self.vobc.executive)
         self._arrival = ArrivalWatch(journey.end.stop_m)
-        self._reason = ""
+        self.arrived = False
+        """Whether the train has stood with open doors at its last station for a while."""
+        self._executives.append(Executive([Task("watch", WATCH_MS, self._watch)], 0))
+
+    def _make_controller(
+        self, faults: Sequence[FaultPlan], can: CanPort, tags: SerialPort, radio: RadioPort
+    ) -> Device:
+        if not any(plan.kind.place is Place.PROCESS for plan in faults):
+            return self._start_controller(can, tags, radio, 0, False)
+        process = ControllerProcess(
+            self._start_controller, can=can, tags=tags, radio=radio, start_ns=0
+        )
+        self._on_fault(Place.PROCESS, process.change)
+        return process
+
+    def _start_controller(
+        self, can: CanPort, tags: SerialPort, radio: RadioPort, now_ns: int, again: bool
+    ) -> VobcDevice:
+        config, journey = self._config, self._journey
+        # What the memory of the board held when it went down, it holds when it comes up.
+        self._nvram = nvram = Nvram(None, self._nvram.record)
+        return VobcDevice(
+            config,
+            journey.line,
+            journey.mission,
+            can=can,
+            tags=tags,
+            radio=radio,
+            nvram=nvram,
+            cycle_log=self._cycle_log,
+            start_ns=now_ns,
+            start=unknown_start(config, journey.line, nvram.record) if again else None,
+        )
+
+    def _controller_port(
+        self, faults: Sequence[FaultPlan], seed: int, folder: RunFolder | None
+    ) -> CanPort:
+        return self.bus.port(Node.VOBC.name, HEARD_IDS)
+
+    def _on_fault(self, place: Place, change: Callable[[FaultPlan, bool, int], None]) -> None:
+        def listener(plan: FaultPlan, active: bool, now_ns: int) -> None:
+            if plan.kind.place is place:
+                change(plan, active, now_ns)
+
+        self.plant.schedule.listen(listener)
 
     def run(self, duration_s: float | None = None) -> str:
         """Until the train has arrived or time is over; says which."""
         limit_s = LIMIT_S if duration_s is None else min(duration_s, LIMIT_S)
         end_ns = self.clock.now_ns() + int(limit_s * NS_PER_S)
-        self._reason = ""
-        watch = Executive([Task("watch", WATCH_MS, self._watch)], self.clock.now_ns())
-        executives = [self.plant.executive, self.vobc.executive, watch]
-        run(executives, self.clock, lambda now_ns: now_ns >= end_ns or self._reason != "")
-        return self._reason or (DURATION if limit_s == duration_s else TIME_UP)
+        self.run_until(lambda now_ns: now_ns >= end_ns or self.arrived)
+        if self.arrived:
+            return ARRIVED
+        return DURATION if limit_s == duration_s else TIME_UP
+
+    def run_until(self, over: Callable[[int], bool]) -> None:
+        """Run on; `over` is asked before each release. Runs in pieces equal one in a single one."""
+        run(self._executives, self.clock, over)
+
+    def without_controller(self) -> None:
+        """From now on nobody controls: its process has died."""
+        self._executives.remove(self.vobc.executive)
 
     def close(self) -> None:
         """Say the last word on the bus, let it be carried, and close the logs."""
         now_ns = self.clock.now_ns()
-        self.vobc.stop(now_ns)
+        if self.vobc.executive in self._executives:
+            self.vobc.stop(now_ns)
         self.plant.stop(now_ns)
         self.bus.advance(now_ns + NS_PER_S)
         self._stack.close()
@@ -104,14 +180,24 @@ class Lockstep:
         if motion is None:
             return
         if self._arrival.arrived(now_ns, self.vobc.output.ato_phase, motion.front_m.best):
-            self._reason = ARRIVED
+            self.arrived = True
 
     def _open_node(self, node: Node, accept_ids: frozenset[int]) -> CanPort:
         return self.bus.port(node.name, accept_ids)
 
     def _record(self, frame: CanFrame, _: str) -> None:
-        assert self._writer is not None
-        self._writer.frame(frame.stamp_ns, frame.can_id, frame.data)
+        if self._writer is not None:
+            self._writer.frame(frame.stamp_ns, frame.can_id, frame.data)
+        if self._tap is not None:
+            self._tap(frame.stamp_ns, frame.can_id, frame.data)
+
+    def _candump(self, folder: RunFolder | None, name: str) -> CandumpWriter | None:
+        if folder is None:
+            return None
+        writer = CandumpWriter(folder.path / name, BUS_NAME)
+        self._logs.append(writer)
+        self._stack.callback(writer.close)
+        return writer
 
     def _log(self, folder: RunFolder | None, name: str, columns: tuple[str, ...]) -> LineLog | None:
         if folder is None:
@@ -127,6 +213,23 @@ class Lockstep:
         recorded = RecordedLine(port, SerialLog(folder.serial_log))
         self._stack.callback(recorded.close)
         return recorded
+
+
+class _Tee:
+    """One row into two logs."""
+
+    def __init__(self, one: TruthLog, other: TruthLog) -> None:
+        self._one, self._other = one, other
+
+    def row(self, *values: object) -> None:
+        self._one.row(*values)
+        self._other.row(*values)
+
+
+def _tee(one: TruthLog | None, other: TruthLog | None) -> TruthLog | None:
+    if one is None or other is None:
+        return one or other
+    return _Tee(one, other)
 
 
 def scenario_of(options: RunOptions) -> Scenario:

@@ -18,12 +18,16 @@ class Schedule:
     def __init__(self, plans: Sequence[FaultPlan]) -> None:
         self._timers = [_Timer(plan) for plan in plans]
         self._listeners: list[Listener] = []
+        self.held = False
+        """While it is, nothing begins or ends."""
 
     def listen(self, listener: Listener) -> None:
         self._listeners.append(listener)
 
     def step(self, truth: Truth, now_ns: int) -> None:
         """Tell the listeners of every change, in the order of the scenario."""
+        if self.held:
+            return
         for timer in self._timers:
             if timer.done:
                 continue
@@ -36,6 +40,11 @@ class Schedule:
     @property
     def active(self) -> tuple[FaultPlan, ...]:
         return tuple(timer.plan for timer in self._timers if timer.active)
+
+    @property
+    def pending(self) -> bool:
+        """Whether time alone will begin or end a fault; a condition may never come."""
+        return any(timer.pending for timer in self._timers)
 
     @property
     def never_began(self) -> tuple[FaultPlan, ...]:
@@ -54,6 +63,12 @@ class _Timer:
         self._starts = plan.window.begins()
         self._ends = plan.window.ends()
         self._end_s = LATEST_S
+
+    @property
+    def pending(self) -> bool:
+        if self.active:
+            return self._end_s < LATEST_S
+        return not self.begun and self._starts is None
 
     def wants(self, truth: Truth) -> bool:
         if self.active:

@@ -6,11 +6,11 @@ from typing import Final
 
 from firmware_py import rendezvous
 from firmware_py.buses import BusError, parse_spec, resolve_auto
-from firmware_py.nvram import Nvram, NvramRecord
+from firmware_py.nvram import Nvram, NvramRecord, NvramState
 from firmware_py.radio.zenoh_radio import DEFAULT_ENDPOINT
 from firmware_py.trackdb import LineMap, load_line
 from vobc.config import CYCLE_MS_MAX, CYCLE_MS_MIN, VobcConfig, load_config, plan_mission
-from vobc.process import remembered_start
+from vobc.process import remembered_start, unknown_start
 from vobc.vocabulary import Mission, OdometryRecord
 
 AUTO: Final = "auto"
@@ -79,6 +79,9 @@ def plan(options: argparse.Namespace, epoch_ns: int) -> Plan:
     start, first = None, options.start
     if first is None and (start := remembered_start(config, nvram.record)) is not None:
         first = _nearest_station(line, start.front_m)
+    elif first is None and nvram.state is NvramState.OK:
+        # It ran before and did not end at a proven standstill: nobody knows where the train is.
+        start = unknown_start(config, line, nvram.record)
     mission = plan_mission(line, first, options.end)
     bus = _bus(options.bus)
     name = parse_spec(bus).name

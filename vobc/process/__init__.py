@@ -2,7 +2,7 @@
 
 from vobc.process.cycle_log import CYCLE_COLUMNS, CycleLog
 from vobc.process.device import VobcDevice
-from vobc.process.start import commissioned_start, remembered_start
+from vobc.process.start import commissioned_start, remembered_start, unknown_start
 
 __all__ = [
     "CYCLE_COLUMNS",
@@ -10,4 +10,5 @@ __all__ = [
     "VobcDevice",
     "commissioned_start",
     "remembered_start",
+    "unknown_start",
 ]

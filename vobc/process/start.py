@@ -3,6 +3,7 @@
 import math
 
 from firmware_py.nvram import NvramRecord
+from firmware_py.trackdb import LineMap
 from vobc.config import VobcConfig
 from vobc.vocabulary import Mission, OdometryRecord
 
@@ -23,6 +24,15 @@ def remembered_start(config: VobcConfig, record: NvramRecord) -> OdometryRecord 
     return OdometryRecord(
         front_m=record.front_m,
         bound_m=config.odometry.cold_movement_m,
+        m_per_pulse=_stored_m_per_pulse(config, record),
+    )
+
+
+def unknown_start(config: VobcConfig, line: LineMap, record: NvramRecord) -> OdometryRecord:
+    """The controller ended on the way: the train may be anywhere on its line."""
+    return OdometryRecord(
+        front_m=(line.start_m + line.end_m) / 2.0,
+        bound_m=(line.end_m - line.start_m) / 2.0,
         m_per_pulse=_stored_m_per_pulse(config, record),
     )
 

@@ -1,0 +1,86 @@
+"""Measures of one case by name; the unit is the last part of the name."""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+from firmware_py.trackdb import Station
+from metro_hil.columns import Columns
+from metro_hil.measures import measure_ride, measure_stops
+from plant_emulator.process import TRUTH_COLUMNS
+
+NAMES: Final[Mapping[str, str]] = {
+    "stop_error_worst_m": "greatest |distance from the stopping point| of all stops made",
+    "stop_error_mean_m": "mean |distance from the stopping point| of all stops made",
+    "stops_made_count": "stations near whose stopping point the train stood",
+    "stops_missed_count": "stations of its timetable near which it never stood",
+    "arrived_count": "1 when it stood with open doors at its last station, else 0",
+    "accel_max_mps2": "greatest |acceleration|, low-passed at 2 Hz",
+    "jerk_max_mps3": "greatest |change of acceleration|, low-passed at 2 Hz",
+    "speed_max_mps": "greatest speed",
+    "distance_m": "from the front's first place to its last",
+    "run_time_s": "duration of the run",
+    "front_end_m": "chainage of the front at the end",
+    "emergency_count": "how often the emergency brake came on",
+    "energy_drawn_kwh": "at the collector",
+    "energy_returned_kwh": "at the collector",
+    "controller_slips_count": "control cycles missed",
+    "rejected_frames_count": "frames that the train's nodes refused",
+    "bus_load_ratio": "share of time that the bus was occupied",
+}
+"""Of every case. Beside them, for each station of the timetable: `stop_<name>_error_m`, positive
+beyond the stopping point, and `stop_<name>_run_s`, from leaving the stop before."""
+
+
+class MemoryLog:
+    """The truth log of a run in memory."""
+
+    def __init__(self) -> None:
+        self._rows: list[tuple[object, ...]] = []
+
+    def row(self, *values: object) -> None:
+        self._rows.append(values)
+
+    def columns(self) -> Columns:
+        return Columns.of_rows("truth", TRUTH_COLUMNS, self._rows)
+
+
+def measure_names(stations: Sequence[Station]) -> tuple[str, ...]:
+    """All that a case with these stops measures."""
+    each = [
+        name
+        for station in stations
+        for name in (f"stop_{station.name}_error_m", f"stop_{station.name}_run_s")
+    ]
+    return (*NAMES, *each)
+
+
+def motion_measures(truth: Columns, stops: Sequence[Station]) -> dict[str, float | None]:
+    """What the truth log alone tells: stops, ride, emergencies."""
+    measured = measure_stops(truth, stops)
+    ride = measure_ride(truth)
+    front_m = truth.numbers("front_m")
+    emergency = truth.flags("emergency")
+    errors_m = [abs(stop.error_m) for stop in measured if stop.error_m is not None]
+    measures: dict[str, float | None] = {
+        "stop_error_worst_m": max(errors_m, default=None),
+        "stop_error_mean_m": math.fsum(errors_m) / len(errors_m) if errors_m else None,
+        "stops_made_count": float(len(errors_m)),
+        "stops_missed_count": float(len(measured) - len(errors_m)),
+        "accel_max_mps2": ride.max_accel_mps2,
+        "jerk_max_mps3": ride.max_jerk_mps3,
+        "speed_max_mps": ride.top_speed_mps,
+        "distance_m": ride.distance_m,
+        "run_time_s": ride.duration_s,
+        "front_end_m": float(front_m[-1]) if len(front_m) else None,
+        "emergency_count": float(_risings(emergency)),
+    }
+    for stop in measured:
+        measures[f"stop_{stop.station}_error_m"] = stop.error_m
+        measures[f"stop_{stop.station}_run_s"] = stop.run_time_s
+    return measures
+
+
+def _risings(flags: Sequence[bool]) -> int:
+    """How often it became true; at the start a braked train is no emergency of the run."""
+    return sum(1 for before, now in zip(flags, flags[1:], strict=False) if now and not before)

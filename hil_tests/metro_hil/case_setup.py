@@ -1,0 +1,110 @@
+"""From a case to what its devices are made of: line, mission, real train, believed train."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from can_dbc.cab import CabMode
+from firmware_py.settings import SettingsError, nearest, override
+from firmware_py.trackdb import LineMap, load_line
+from metro_hil.cases import Case, Setup
+from metro_hil.journey import Journey
+from plant_emulator.faults.plan import FaultPlan, read_faults
+from plant_emulator.world import Scenario, plan_scenario
+from vobc.config import VobcConfig, load_config, plan_mission
+from vobc.vocabulary import Mission
+
+Files = Mapping[str, Path]
+"""Where the files are that a case calls by a name of the user's."""
+NO_FILES: Files = {}
+
+
+@dataclass(frozen=True, slots=True)
+class CaseParts:
+    """Everything that a bench puts together."""
+
+    journey: Journey
+    scenario: Scenario
+    config: VobcConfig
+    faults: tuple[FaultPlan, ...]
+
+
+def parts_of(case: Case, files: Files = NO_FILES) -> CaseParts:
+    """Raises SettingsError for what does not fit together."""
+    setup = case.setup
+    line = line_of(setup, files)
+    mission = mission_of(setup, line)
+    return CaseParts(
+        journey=Journey(line, mission),
+        scenario=scenario_of(setup, line, mission, _first_seed(case), files),
+        config=config_of(setup, files),
+        faults=read_faults(case.faults, case.id),
+    )
+
+
+def _first_seed(case: Case) -> int:
+    return case.seed if case.branch is None else case.branch.seed
+
+
+def line_of(setup: Setup, files: Files = NO_FILES) -> LineMap:
+    """The line's file with the timetable's dwell times."""
+    line = load_line(file_name(setup.line, files))
+    names = [station.name for station in line.stations]
+    for name, dwell_s in setup.dwell_s.items():
+        if name not in names:
+            raise SettingsError(f"dwell_s.{name}: no such station; {nearest(name, names)}")
+        if not 0.0 <= dwell_s <= 3600.0:
+            raise SettingsError(f"dwell_s.{name}: {dwell_s:g} is not within 0..3600")
+    stations = tuple(
+        replace(station, dwell_s=setup.dwell_s.get(station.name, station.dwell_s))
+        for station in line.stations
+    )
+    return replace(line, stations=stations)
+
+
+def mission_of(setup: Setup, line: LineMap) -> Mission:
+    mission = plan_mission(line, setup.start, setup.end)
+    if setup.stops is None:
+        return mission
+    names = [station.name for station in mission.stops]
+    for name in setup.stops:
+        if name not in names:
+            raise SettingsError(f"stops: {name}: not on the way; {nearest(name, names)}")
+    wanted: Sequence[str] = setup.stops
+    stops = tuple(station for station in mission.stops if station.name in wanted)
+    if not stops or stops[-1] is not mission.stops[-1]:
+        raise SettingsError(f"stops: the last has to be {names[-1]}, where the way ends")
+    return replace(mission, stops=stops)
+
+
+def scenario_of(
+    setup: Setup, line: LineMap, mission: Mission, seed: int, files: Files = NO_FILES
+) -> Scenario:
+    try:
+        mode = CabMode[setup.desk_mode.upper()]
+    except KeyError:
+        modes = [known.name.lower() for known in CabMode]
+        raise SettingsError(
+            f"desk_mode: {setup.desk_mode!r}: {nearest(setup.desk_mode, modes)}"
+        ) from None
+    scenario = plan_scenario(
+        line=file_name(setup.line, files),
+        consist=file_name(setup.consist, files),
+        seed=seed,
+        start=mission.start.name,
+        end=mission.stops[-1].name,
+        load_ratio=setup.load_ratio,
+        odometer_error_ratio=setup.odometer_error,
+        desk_mode=mode,
+        real=setup.real,
+    )
+    return replace(scenario, line=line)
+
+
+def config_of(setup: Setup, files: Files = NO_FILES) -> VobcConfig:
+    config = load_config(file_name(setup.params, files), cycle_ms=setup.cycle_ms)
+    return override(config, setup.believed, f"{setup.params}: believed")
+
+
+def file_name(name: str, files: Files) -> str:
+    return str(files[name]) if name in files else name
