@@ -1,0 +1,159 @@
+"""Cases joined with their results: what was asked for, what came back, what is missing."""
+
+import math
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import msgspec
+
+from metro_hil.cases import Case, CaseResult, Host, MonitorResult, Verdict
+
+NOT_EXERCISED: Final = "not exercised"
+"""How the detail of a monitor begins that never saw what it judges."""
+LACKING_RESULT: Final = "no result came back"
+MISSING: Final = "missing"
+"""Stands beside the verdicts for a case without any result."""
+CONTRADICTION: Final = "two results of the same case differ: the run is not a function of its case"
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """One case and its result, if it has one. Of the host the result says nothing."""
+
+    case: Case
+    result: CaseResult | None
+
+    @property
+    def missing(self) -> bool:
+        return self.result is None
+
+    @property
+    def verdict(self) -> Verdict:
+        """Of a missing case `LOST`."""
+        return Verdict.LOST if self.result is None else self.result.verdict
+
+    @property
+    def word(self) -> str:
+        """The verdict as a word, or `missing`."""
+        return MISSING if self.result is None else self.result.verdict.value
+
+    @property
+    def as_expected(self) -> bool:
+        """A missing case never is, whatever was expected."""
+        return self.result is not None and self.result.verdict is self.case.expected
+
+    @property
+    def reason(self) -> str:
+        if self.result is None:
+            return LACKING_RESULT
+        if self.as_expected and self.verdict is not Verdict.PASS:
+            return f"as expected: {self.result.reason}" if self.result.reason else "as expected"
+        if not self.as_expected and not self.result.reason:
+            return f"{self.word} instead of {self.case.expected.value}"
+        return self.result.reason
+
+    def monitors(self) -> tuple[MonitorResult, ...]:
+        return () if self.result is None else self.result.monitors
+
+    def measures(self) -> Mapping[str, float | None]:
+        return {} if self.result is None else self.result.measures
+
+
+@dataclass(frozen=True, slots=True)
+class Ledger:
+    """All cases of a campaign in its order."""
+
+    entries: tuple[Entry, ...]
+    unlisted: int
+    """Cases that the manifest counts but does not name; they are missing, too."""
+    stray: tuple[str, ...]
+    """Ids of results that belong to no case."""
+
+    @property
+    def expected_cases(self) -> int:
+        return len(self.entries) + self.unlisted
+
+    @property
+    def missing(self) -> int:
+        return self.unlisted + sum(entry.missing for entry in self.entries)
+
+    @property
+    def as_expected(self) -> int:
+        return sum(entry.as_expected for entry in self.entries)
+
+    @property
+    def good(self) -> bool:
+        """Whether all that was asked for came back as expected; nothing asked is not good."""
+        return 0 < self.expected_cases == self.as_expected and not self.stray
+
+    def counts(self) -> dict[str, int]:
+        """By verdict and `missing`, in the verdicts' order; all of them, also if zero."""
+        found = Counter(entry.word for entry in self.entries)
+        found[MISSING] += self.unlisted
+        return {word: found[word] for word in (*(v.value for v in Verdict), MISSING)}
+
+    def scenarios(self) -> dict[str, tuple[Entry, ...]]:
+        """Entries by scenario, in the order of their first cases."""
+        groups: dict[str, list[Entry]] = {}
+        for entry in self.entries:
+            groups.setdefault(entry.case.scenario, []).append(entry)
+        return {name: tuple(group) for name, group in groups.items()}
+
+
+def join(cases: Sequence[Case], results: Sequence[CaseResult], *, expected_cases: int) -> Ledger:
+    """In the order of the campaign, whatever the order of arrival.
+
+    A case that came back twice with different outcomes is `INVALID`: nothing can be said of it.
+    """
+    by_id: dict[str, CaseResult] = {}
+    for result in results:
+        bare = msgspec.structs.replace(result, host=Host())
+        known = by_id.get(result.case_id)
+        by_id[result.case_id] = bare if known is None or known == bare else _contradicted(bare)
+    ordered = sorted(cases, key=lambda case: (case.index, case.id))
+    named = {case.id for case in ordered}
+    return Ledger(
+        entries=tuple(Entry(case, by_id.get(case.id)) for case in ordered),
+        unlisted=max(0, expected_cases - len(ordered)),
+        stray=tuple(sorted(case_id for case_id in by_id if case_id not in named)),
+    )
+
+
+def _contradicted(result: CaseResult) -> CaseResult:
+    """Made of what both share only, so that their order does not matter."""
+    return CaseResult(
+        case_id=result.case_id,
+        index=result.index,
+        verdict=Verdict.INVALID,
+        reason=CONTRADICTION,
+    )
+
+
+def exercised(result: MonitorResult) -> bool:
+    """Whether the monitor saw what it judges, so that its word is evidence."""
+    return not result.detail.startswith(NOT_EXERCISED)
+
+
+def known_margin(result: MonitorResult) -> float | None:
+    """The margin if it is a number at all."""
+    margin = result.margin
+    return margin if margin is not None and math.isfinite(margin) else None
+
+
+def factor_text(value: Any) -> str:
+    """A factor's value as people write it; floats by their shortest text."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(factor_text(item) for item in value) + "]"
+    return str(value)
+
+
+def factors_text(case: Case) -> str:
+    """All factors in one line; the seed where there are none."""
+    words = [f"{name} = {factor_text(value)}" for name, value in case.factors.items()]
+    return ", ".join(words) if words else f"seed {case.seed}"

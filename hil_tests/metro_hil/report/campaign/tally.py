@@ -1,0 +1,204 @@
+"""Counts and figures of a campaign: by scenario, by monitor, by measure, by level of a factor."""
+
+import itertools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from metro_hil.cases import MonitorResult, Verdict
+from metro_hil.report.campaign.estimates import Interval, mean_with_interval, pass_share
+from metro_hil.report.campaign.ledger import (
+    Entry,
+    Ledger,
+    exercised,
+    factor_text,
+    known_margin,
+)
+
+LEVELS_MAX: Final = 12
+"""A factor with more values than this is shown in bins."""
+BINS: Final = 8
+
+
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """One monitor's word on one case."""
+
+    entry: Entry
+    result: MonitorResult
+
+
+@dataclass(frozen=True, slots=True)
+class MonitorTally:
+    """One monitor over all cases that it watched."""
+
+    name: str
+    unit: str
+    requirements: tuple[str, ...]
+    counts: dict[Verdict, int]
+    not_exercised: int
+    """Of all its results, whatever their verdict; these judge nothing."""
+    share: Interval | None
+    """Passes among the cases judged: those passed or failed after being exercised."""
+    seen: tuple[Seen, ...]
+    """Exercised and with a margin, in the campaign's order."""
+    mean: Interval | None
+    least: Seen | None
+    unmeasured: int
+    """Exercised, but without a margin."""
+
+    @property
+    def judged(self) -> int:
+        return self.counts[Verdict.PASS] + self.counts[Verdict.FAIL]
+
+    def margins(self) -> list[float]:
+        return [margin for one in self.seen if (margin := known_margin(one.result)) is not None]
+
+
+@dataclass(frozen=True, slots=True)
+class MeasureTally:
+    """One measure over all cases that have it."""
+
+    name: str
+    points: tuple[tuple[Entry, float], ...]
+    absent: int
+    """Cases with a result but without this measure."""
+    mean: Interval
+
+    def values(self) -> list[float]:
+        return [value for _, value in self.points]
+
+
+@dataclass(frozen=True, slots=True)
+class Factor:
+    """One factor and how a case is sorted by it."""
+
+    name: str
+    levels: tuple[str, ...]
+    level_of: dict[str, str]
+    """By case id; cases without this factor are not in it."""
+    binned: bool
+
+
+def tally_monitors(ledger: Ledger) -> list[MonitorTally]:
+    """In the order in which the monitors first appear."""
+    groups: dict[tuple[str, str], list[Seen]] = {}
+    for entry in ledger.entries:
+        for result in entry.monitors():
+            groups.setdefault((result.name, result.unit), []).append(Seen(entry, result))
+    return [_tally_monitor(name, unit, group) for (name, unit), group in groups.items()]
+
+
+def _tally_monitor(name: str, unit: str, group: Sequence[Seen]) -> MonitorTally:
+    live = [one for one in group if exercised(one.result)]
+    seen = tuple(one for one in live if known_margin(one.result) is not None)
+    counts = {verdict: sum(one.result.verdict is verdict for one in live) for verdict in Verdict}
+    return MonitorTally(
+        name=name,
+        unit=unit,
+        requirements=tuple(sorted({r for one in group for r in one.result.requirements})),
+        counts=counts,
+        not_exercised=len(group) - len(live),
+        share=pass_share(counts[Verdict.PASS], counts[Verdict.PASS] + counts[Verdict.FAIL]),
+        seen=seen,
+        mean=mean_with_interval([known_margin(one.result) or 0.0 for one in seen]),
+        least=min(seen, key=lambda one: known_margin(one.result) or 0.0, default=None),
+        unmeasured=len(live) - len(seen),
+    )
+
+
+def tally_measures(ledger: Ledger) -> list[MeasureTally]:
+    """In the order of their names; measures that no case has a number for are left out."""
+    with_result = [entry for entry in ledger.entries if not entry.missing]
+    names = sorted({name for entry in with_result for name in entry.measures()})
+    tallies = []
+    for name in names:
+        points = tuple(
+            (entry, value)
+            for entry in with_result
+            if (value := entry.measures().get(name)) is not None and np.isfinite(value)
+        )
+        mean = mean_with_interval([value for _, value in points])
+        if mean is not None:
+            tallies.append(MeasureTally(name, points, len(with_result) - len(points), mean))
+    return tallies
+
+
+def factors_of(entries: Sequence[Entry]) -> list[Factor]:
+    """Factors with at least two values, in the order in which the cases name them."""
+    names = list(dict.fromkeys(name for entry in entries for name in entry.case.factors))
+    factors = [_factor(name, entries) for name in names]
+    return [factor for factor in factors if len(factor.levels) > 1]
+
+
+def _factor(name: str, entries: Sequence[Entry]) -> Factor:
+    values = {e.case.id: e.case.factors[name] for e in entries if name in e.case.factors}
+    numbers = all(isinstance(v, int | float) and not isinstance(v, bool) for v in values.values())
+    texts = {case_id: factor_text(value) for case_id, value in values.items()}
+    if numbers:
+        distinct = sorted(
+            {text: float(value) for text, value in ((texts[i], values[i]) for i in values)}.items(),
+            key=lambda p: p[1],
+        )
+        if len(distinct) > LEVELS_MAX:
+            return _binned(name, {i: float(value) for i, value in values.items()})
+        return Factor(name, tuple(text for text, _ in distinct), texts, binned=False)
+    order = list(dict.fromkeys(texts.values()))
+    if len(order) > LEVELS_MAX:
+        kept = order[: LEVELS_MAX - 1]
+        rest = f"{len(order) - len(kept)} others"
+        texts = {i: text if text in kept else rest for i, text in texts.items()}
+        order = [*kept, rest]
+    return Factor(name, tuple(order), texts, binned=len(order) > LEVELS_MAX)
+
+
+def _binned(name: str, values: dict[str, float]) -> Factor:
+    """Bins of equal width between the least and the greatest value."""
+    edges = np.linspace(min(values.values()), max(values.values()), BINS + 1)
+    labels = [f"{factor_text(a)} … {factor_text(b)}" for a, b in itertools.pairwise(edges.tolist())]
+    places = {
+        case_id: labels[int(np.clip(np.searchsorted(edges, value, side="right") - 1, 0, BINS - 1))]
+        for case_id, value in values.items()
+    }
+    return Factor(name, tuple(labels), places, binned=True)
+
+
+def by_level(factor: Factor, entries: Sequence[Entry]) -> list[tuple[str, list[Entry]]]:
+    """Entries of each level, levels in the factor's order, empty ones included."""
+    groups: dict[str, list[Entry]] = {level: [] for level in factor.levels}
+    for entry in entries:
+        level = factor.level_of.get(entry.case.id)
+        if level is not None:
+            groups[level].append(entry)
+    return list(groups.items())
+
+
+def worst_entries(
+    ledger: Ledger, tallies: Sequence[MonitorTally], *, count: int
+) -> list[tuple[Entry, MonitorResult | None]]:
+    """What to look at first: not as expected, then least margin relative to the usual one.
+
+    The usual margin of a monitor is the median of its margins' magnitudes, so that metres and
+    metres per second can stand in one order.
+    """
+    usual = {(t.name, t.unit): _usual(t) for t in tallies}
+    relative: Callable[[MonitorResult], float] = lambda result: (  # noqa: E731
+        (known_margin(result) or 0.0) / usual[result.name, result.unit]
+    )
+    ranked = []
+    for entry in ledger.entries:
+        known = [m for m in entry.monitors() if exercised(m) and known_margin(m) is not None]
+        nearest = min(known, key=relative, default=None)
+        if nearest is None and entry.as_expected:
+            continue
+        depth = relative(nearest) if nearest is not None else 0.0
+        ranked.append((entry.as_expected, depth, entry.case.index, entry, nearest))
+    ranked.sort(key=lambda row: row[:3])
+    return [(entry, nearest) for *_, entry, nearest in ranked[:count]]
+
+
+def _usual(tally: MonitorTally) -> float:
+    margins = np.abs(tally.margins())
+    return float(np.median(margins)) or 1.0 if len(margins) else 1.0
