@@ -47,10 +47,11 @@ def test_the_compiled_copy_gives_the_same_bytes(checkout: Path, tmp_path: Path) 
 
 
 def test_every_pattern_of_hot_modules_finds_some(checkout: Path) -> None:
+    found = hot_modules(checkout)
+
     for pattern in HOT:
-        root = checkout
-        assert list(root.glob(pattern)), pattern
-    assert "vobc/ato/config.py" not in hot_modules(checkout)
+        assert any(Path(name).match(pattern) for name in found), pattern
+    assert "vobc/ato/config.py" not in found
 
 
 def test_a_folder_that_is_something_else_is_left_alone(checkout: Path, tmp_path: Path) -> None:

@@ -32,12 +32,19 @@ HOT: Final = (
     "firmware_py/buses/timing.py",
     "firmware_py/executive.py",
     "firmware_py/recorder.py",
+    "metro_hil/monitors/*.py",
+    "metro_hil/chain.py",
+    "metro_hil/lockstep.py",
+    "metro_hil/run_case.py",
     "plant_emulator/actuators/*.py",
     "plant_emulator/consist/motion.py",
+    "plant_emulator/faults/effects*.py",
+    "plant_emulator/faults/schedule.py",
     "plant_emulator/power.py",
     "plant_emulator/process.py",
     "plant_emulator/sensors/tacho.py",
     "plant_emulator/sensors/tag_reader.py",
+    "plant_emulator/truth.py",
     "plant_emulator/wire.py",
     "plant_emulator/world.py",
     "vobc/arbitration.py",
@@ -57,6 +64,7 @@ COMMANDS: Final = {
     "vobc": "metro_hil.vobc_command",
     "plant": "plant_emulator",
     "vcan": "metro_tools.vcan",
+    "hil": "metro_hil.hil_command",
 }
 SETUP: Final = """\
 from setuptools import setup
@@ -76,9 +84,13 @@ class CompileError(Exception):
 
 
 def hot_modules(root: Path) -> list[str]:
-    """Of the packages below `root`, relative to it, sorted."""
-    found = {path for pattern in HOT for path in root.glob(pattern)}
-    return sorted(str(path.relative_to(root)) for path in found if path.name not in LEFT_OUT)
+    """Of the packages of a copy or a checkout, as paths from the package on, sorted."""
+    found: set[str] = set()
+    for pattern in HOT:
+        package, _, rest = pattern.partition("/")
+        folder = root / package if (root / package).is_dir() else root / PACKAGES[package]
+        found |= {f"{package}/{path.relative_to(folder)}" for path in folder.glob(rest)}
+    return sorted(name for name in found if Path(name).name not in LEFT_OUT)
 
 
 def copy_packages(source: Path, library: Path) -> None:
