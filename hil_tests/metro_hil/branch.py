@@ -1,0 +1,92 @@
+"""Cases that are the same up to a branch: that part is run once, and each case goes on from a copy.
+
+A copy is a fork of the process, so it holds every bit of the state, and a case gives the same
+result as if it had been run alone from its start.
+"""
+
+import os
+from collections.abc import Iterator, Sequence
+from typing import Any, Final
+
+import msgspec
+
+from firmware_py.clock import WallClock
+from firmware_py.realtime import die_with_parent
+from firmware_py.settings import SettingsError
+from metro_hil.case_run import CaseRun, run_alone
+from metro_hil.case_setup import NO_FILES, Files, parts_of
+from metro_hil.cases import Case, CaseResult
+
+READ_BYTES: Final = 1 << 16
+
+
+def group_key(case: Case) -> bytes | None:
+    """Cases with the same key share what comes before their branch; None for a case without one."""
+    if case.branch is None:
+        return None
+    shared = msgspec.structs.replace(
+        case, id="", index=0, scenario="", seed=0, faults=(), factors={}, requirements=()
+    )
+    return msgspec.json.encode(shared, order="deterministic")
+
+
+def run_group(cases: Sequence[Case], *, files: Files = NO_FILES) -> Iterator[CaseResult]:
+    """The results in the order of the cases, which must have one key.
+
+    A case whose copy of the process dies is run again alone, so that what is wrong with it shows
+    where it would without a group.
+    """
+    assert cases
+    assert len({group_key(case) for case in cases}) == 1
+    if len(cases) == 1 or cases[0].branch is None or not hasattr(os, "fork"):
+        for case in cases:
+            yield run_alone(case, files=files)
+        return
+    try:
+        run = CaseRun(cases[0], parts_of(cases[0], files), None)
+    except SettingsError:
+        for case in cases:
+            yield run_alone(case, files=files)
+        return
+    run.to_branch()
+    for case in cases:
+        result = _in_copy(run, case, files)
+        yield run_alone(case, files=files) if result is None else result
+
+
+def _in_copy(run: CaseRun, case: Case, files: Files) -> CaseResult | None:
+    """Fork, let the child run the case to its end, and take its result; None if it died."""
+    parent = os.getpid()
+    reader, writer = os.pipe()
+    child = os.fork()
+    if child == 0:
+        status = 1
+        try:
+            os.close(reader)
+            die_with_parent(parent)
+            _write_all(writer, msgspec.json.encode(_finish(run, case, files)))
+            status = 0
+        finally:
+            # Nothing of the parent's may be flushed or cleaned up twice.
+            os._exit(status)
+    os.close(writer)
+    with os.fdopen(reader, "rb") as pipe:
+        content = pipe.read()
+    _, status = os.waitpid(child, 0)
+    if status != 0:
+        return None
+    return msgspec.json.decode(content, type=CaseResult)
+
+
+def _finish(run: CaseRun, case: Case, files: Files) -> CaseResult:
+    began_ns = WallClock().now_ns()
+    run.become(case, parts_of(case, files).faults)
+    run.to_end()
+    run.close()
+    return run.result(began_ns)
+
+
+def _write_all(descriptor: int, content: bytes) -> None:
+    view: Any = memoryview(content)
+    while view:
+        view = view[os.write(descriptor, view[:READ_BYTES]) :]

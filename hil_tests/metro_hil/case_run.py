@@ -1,0 +1,232 @@
+"""One case on the lockstep bench, from its start to its verdict."""
+
+import traceback
+from typing import Final
+
+from firmware_py.clock import WallClock
+from firmware_py.expression import compile_expression
+from firmware_py.settings import SettingsError
+from metro_hil.case_measures import MemoryLog, motion_measures
+from metro_hil.case_setup import NO_FILES, CaseParts, Files, parts_of
+from metro_hil.cases import Case, CaseResult, Event, Host, Verdict
+from metro_hil.chain import FrameChain
+from metro_hil.ending import ARRIVED
+from metro_hil.judging import judge
+from metro_hil.lockstep import Lockstep, Taps
+from metro_hil.monitors import Context, MonitorSet, read_monitors
+from metro_hil.run_folder import RunFolder
+from plant_emulator.truth import SIGNALS, Truth
+from vobc.vocabulary import CycleOutput
+
+NS_PER_S: Final = 1_000_000_000
+J_PER_KWH: Final = 3.6e6
+STUCK_S: Final = 60.0
+"""So long after the longest dwell, with no fault to come or to go, a standing train stays."""
+AFTER_DEATH_S: Final = 180.0
+"""The train is followed for so long after its controller died, to see where it comes to stand."""
+EVENTS_MAX: Final = 500
+
+STUCK: Final = "stands for good"
+DURATION: Final = "duration over"
+VIOLATION: Final = "stopped at the first violation"
+DIED: Final = "the controller died"
+
+
+def run_alone(
+    case: Case, *, files: Files = NO_FILES, folder: RunFolder | None = None
+) -> CaseResult:
+    """Run one case on the lockstep bench to its end and judge it."""
+    began_ns = WallClock().now_ns()
+    try:
+        run = CaseRun(case, parts_of(case, files), folder)
+    except SettingsError as error:
+        return CaseResult(
+            case_id=case.id, index=case.index, verdict=Verdict.BLOCKED, reason=str(error)
+        )
+    try:
+        run.to_branch()
+        run.to_end()
+    finally:
+        run.close()
+    return run.result(began_ns)
+
+
+class CaseRun:
+    """A case while it runs."""
+
+    def __init__(self, case: Case, parts: CaseParts, folder: RunFolder | None) -> None:
+        self.case = case
+        self._parts = parts
+        self._chain = FrameChain()
+        self._rows = MemoryLog()
+        plans = read_monitors(case.monitors, case.id, case.invariants)
+        self._monitors = MonitorSet(
+            plans, Context(line=parts.journey.line, train=parts.scenario.train)
+        )
+        self.bench = Lockstep(
+            parts.config,
+            parts.scenario,
+            parts.journey,
+            folder,
+            faults=parts.faults,
+            taps=Taps(frame=self._frame, truth=self._truth, rows=self._rows),
+        )
+        self._events: list[Event] = []
+        self._output: CycleOutput | None = None
+        self._words = ""
+        self._start_m = parts.journey.start.stop_m
+        self._farthest_m = self._start_m
+        self._still_s: float | None = None
+        self._branch = None
+        if case.branch is not None:
+            self._branch = compile_expression(case.branch.when, SIGNALS)
+            self.bench.plant.schedule.held = True
+        self._branched = False
+        self._reason = ""
+        self._died = ""
+        self._patience_s = STUCK_S + max(
+            (station.dwell_s for station in parts.journey.stops), default=0.0
+        )
+        self.bench.plant.schedule.listen(self._fault_changed)
+
+    def _frame(self, stamp_ns: int, can_id: int, data: bytes) -> None:
+        self._chain.frame(stamp_ns, can_id, data)
+        self._monitors.frame(stamp_ns, can_id, data)
+
+    def _truth(self, truth: Truth, now_ns: int) -> None:
+        monitors = self._monitors
+        monitors.sample(truth, now_ns)
+        if truth.speed_mps == 0.0:
+            if self._still_s is None:
+                self._still_s = truth.t_s
+        else:
+            self._still_s = None
+        if truth.front_m > self._farthest_m:
+            self._farthest_m = truth.front_m
+        output = self.bench.vobc.output
+        if output is not self._output:
+            self._output = output
+            self._tell(truth.t_s, output)
+        if self._branch is not None and not self._branched and self._branch(truth):
+            self._branched = True
+
+    def _tell(self, t_s: float, output: CycleOutput) -> None:
+        state = output.supervision.name.lower().replace("_", " ")
+        phase = output.ato_phase.name.lower().replace("_", " ")
+        cause = f": {output.cause}" if output.cause else ""
+        words = f"protection {state}{cause}; operation {phase}"
+        if words != self._words:
+            self._words = words
+            self._note(t_s, words)
+
+    def _note(self, t_s: float, words: str) -> None:
+        if len(self._events) < EVENTS_MAX:
+            self._events.append(Event(t_s, words))
+
+    def _fault_changed(self, plan: object, active: bool, now_ns: int) -> None:
+        name = getattr(getattr(plan, "kind", None), "name", "fault")
+        self._note(now_ns / NS_PER_S, f"fault {name} {'begins' if active else 'ends'}")
+
+    def to_branch(self) -> bool:
+        """Run to where the cases of a group part; False when that never comes."""
+        if self._branch is None:
+            return True
+        limit_ns = round(self.case.setup.duration_s * NS_PER_S)
+        self.bench.run_until(lambda now_ns: self._branched or self._over(now_ns, limit_ns))
+        if self._branched:
+            self.bench.plant.world.reseed(self.case.seed)
+            self.bench.plant.schedule.held = False
+        return self._branched
+
+    def to_end(self) -> None:
+        """Run until the case is over. A controller that dies leaves the train to itself."""
+        limit_ns = round(self.case.setup.duration_s * NS_PER_S)
+        try:
+            self.bench.run_until(lambda now_ns: self._over(now_ns, limit_ns))
+        except Exception as error:
+            if not _raised_by_controller(error):
+                raise
+            self._died = _last_line(error)
+            self._reason = DIED
+            self._note(self.bench.clock.now_ns() / NS_PER_S, f"controller died: {self._died}")
+            self._follow_to_standstill()
+
+    def _follow_to_standstill(self) -> None:
+        bench = self.bench
+        bench.without_controller()
+        limit_ns = bench.clock.now_ns() + round(AFTER_DEATH_S * NS_PER_S)
+        bench.run_until(lambda now_ns: now_ns >= limit_ns or self._still_s is not None)
+
+    def _over(self, now_ns: int, limit_ns: int) -> bool:
+        if self.case.stop_at_violation and self._monitors.violated is not None:
+            self._reason = VIOLATION
+        elif self.bench.arrived:
+            self._reason = ARRIVED
+        elif now_ns >= limit_ns:
+            self._reason = DURATION
+        elif (
+            self._still_s is not None
+            and now_ns / NS_PER_S - self._still_s > self._patience_s
+            and not self.bench.plant.schedule.pending
+        ):
+            self._reason = STUCK
+        return self._reason != ""
+
+    def close(self) -> None:
+        self.bench.close()
+        self._monitors.finish()
+
+    def result(self, began_ns: int) -> CaseResult:
+        """Judge what was seen. Call it after `close`."""
+        case, bench = self.case, self.bench
+        measures = self._measures()
+        monitors = self._monitors.results(measures)
+        never = [f"fault {plan.kind.name}" for plan in bench.plant.schedule.never_began]
+        if self._branch is not None and not self._branched:
+            never.append("the branch")
+        violated = self._reason == VIOLATION
+        verdict, reason = judge(
+            monitors,
+            died=self._died,
+            never_began=() if violated else never,
+            moved_m=self._farthest_m - self._start_m,
+            violated=violated,
+        )
+        return CaseResult(
+            case_id=case.id,
+            index=case.index,
+            verdict=verdict,
+            reason=reason,
+            exit_reason=self._reason,
+            sim_s=bench.clock.now_ns() / NS_PER_S,
+            frames=self._chain.frames,
+            chain=self._chain.value,
+            monitors=monitors,
+            measures=measures,
+            events=tuple(self._events),
+            host=Host(wall_s=(WallClock().now_ns() - began_ns) / NS_PER_S),
+        )
+
+    def _measures(self) -> dict[str, float | None]:
+        bench, parts = self.bench, self._parts
+        measures = motion_measures(self._rows.columns(), parts.journey.stops)
+        power, elapsed_ns = bench.plant.world.power, bench.clock.now_ns()
+        measures["arrived_count"] = float(bench.arrived)
+        measures["energy_drawn_kwh"] = power.drawn_j / J_PER_KWH
+        measures["energy_returned_kwh"] = power.returned_j / J_PER_KWH
+        measures["controller_slips_count"] = float(getattr(bench.vobc, "slips", 0))
+        measures["rejected_frames_count"] = float(sum(bench.plant.wire.refusals.values()))
+        measures["bus_load_ratio"] = bench.bus.statistics().load_ratio(max(1, elapsed_ns))
+        return measures
+
+
+def _raised_by_controller(error: BaseException) -> bool:
+    """Whether the exception went through the controller: then it is the controller that died."""
+    return any(
+        frame.f_globals.get("__name__", "").startswith("vobc.")
+        for frame, _ in traceback.walk_tb(error.__traceback__)
+    )
+
+
+def _last_line(error: BaseException) -> str:
+    return traceback.format_exception_only(error)[-1].strip()
