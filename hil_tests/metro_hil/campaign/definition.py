@@ -1,0 +1,169 @@
+"""A scenario as its file has it, able to make a point of any choice of values for its factors."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+from firmware_py import settings
+from firmware_py.settings import SettingsError
+from metro_hil.campaign.factors import Phase, where
+from metro_hil.campaign.plan import Point
+from metro_hil.campaign.problems import Findings, attempt
+from metro_hil.campaign.schema import BranchKeys, ControllerKeys
+from metro_hil.campaign.sources import Sources
+from metro_hil.campaign.tables import ConfigTable, KeyMissingError, with_value
+from metro_hil.campaign.train import DEFAULT, read_setup
+from metro_hil.cases import Branch, Controller
+from plant_emulator.faults.plan import read_fault
+
+PARTS: Final[Mapping[str, tuple[str, ...]]] = {
+    "setup": ("train", "timetable"),
+    "faults": ("fault",),
+    "monitors": ("monitor",),
+    "controller": ("controller",),
+    "branch": ("branch",),
+}
+"""What a point is made of, and the tables it is read from."""
+
+
+@dataclass(frozen=True, slots=True)
+class Body:
+    """The tables of one scenario that a point is made of, with all that it inherits."""
+
+    raw: ConfigTable
+    invariants: str | tuple[str, ...]
+    sources: Sources
+
+    def parts(self, names: Sequence[str], findings: Findings) -> dict[str, Any]:
+        """The named parts of a point; what is wrong is reported, and then the part is None."""
+        readers: dict[str, Callable[[], Any]] = {
+            "setup": lambda: read_setup(self.raw, self.sources, findings),
+            "faults": lambda: self._faults(findings),
+            "monitors": lambda: self._monitors(findings),
+            "controller": lambda: self._controller(findings),
+            "branch": lambda: self._branch(findings),
+        }
+        return {name: readers[name]() for name in names}
+
+    def with_values(self, values: Mapping[str, Any]) -> "Body":
+        """Raises KeyMissingError, with the reason and the key."""
+        raw = self.raw
+        for key, value in values.items():
+            try:
+                raw = with_value(raw, key, value)
+            except KeyMissingError as error:
+                raise KeyMissingError(error.args[0], key) from None
+        return Body(raw, self.invariants, self.sources)
+
+    def cycle_ms(self) -> float:
+        value = self.raw.get("train", {}).get("cycle_ms", DEFAULT.cycle_ms)
+        return float(value) if isinstance(value, int | float) else DEFAULT.cycle_ms
+
+    def _faults(self, findings: Findings) -> tuple[ConfigTable, ...]:
+        tables = self.raw.get("fault", [])
+        for index, table in enumerate(tables):
+            key = f"fault[{index}]"
+            if not isinstance(table, dict):
+                findings.add(key, f"{table!r} is not a table")
+                continue
+            attempt(_fault_reader(index), table, key, findings)
+        return tuple(tables)
+
+    def _monitors(self, findings: Findings) -> tuple[ConfigTable, ...]:
+        from metro_hil.monitors import read_monitors
+
+        tables = self.raw.get("monitor", [])
+        try:
+            read_monitors(tables, "", self.invariants)
+        except SettingsError as error:
+            findings.add_text(str(error), "monitor", ())
+        return tuple(tables)
+
+    def _controller(self, findings: Findings) -> Controller | None:
+        keys = attempt(
+            lambda table: settings.build(ControllerKeys, table, "", "controller"),
+            self.raw.get("controller", {}),
+            "controller",
+            findings,
+        )
+        if keys is None:
+            return None
+        return Controller(kind=keys.kind.value, path=keys.path, command=keys.command)
+
+    def _branch(self, findings: Findings) -> Branch | None:
+        if "branch" not in self.raw:
+            return None
+        keys = attempt(
+            lambda table: settings.build(BranchKeys, table, "", "branch"),
+            self.raw["branch"],
+            "branch",
+            findings,
+        )
+        return None if keys is None else Branch(seed=keys.seed, when=keys.when)
+
+
+def _fault_reader(index: int) -> Callable[[dict[str, Any]], object]:
+    return lambda table: read_fault(table, index, "")
+
+
+class PointMaker:
+    """Makes points of one scenario; reads again only what its factors change."""
+
+    def __init__(self, body: Body, keys: Sequence[str], findings: Findings) -> None:
+        """What is wrong with the scenario apart from its sweep is reported."""
+        self._body = body
+        heads = [key.partition(".")[0] for key in keys]
+        self._changed = [
+            name for name, tables in PARTS.items() if any(head in tables for head in heads)
+        ]
+        fixed = [name for name in PARTS if name not in self._changed]
+        self._fixed = body.parts(fixed, findings)
+        self._before = Findings()
+        body.parts(self._changed, self._before)
+
+    def report_body(self, findings: Findings) -> None:
+        """What is wrong with what the sweep changes, when the sweep itself cannot be made.
+
+        A key that is missing may be one that the sweep was to give.
+        """
+        for key, what in self._before.found:
+            if what != "missing key":
+                findings.add(key, what)
+
+    def point(self, number: int, values: Mapping[str, Any], findings: Findings) -> Point | None:
+        """One point, or None with the reasons.
+
+        Problems that the scenario has without the sweep as well are reported as its own.
+        """
+        body = self._body
+        try:
+            plain = {key: item for key, item in values.items() if not isinstance(item, Phase)}
+            body = body.with_values(plain)
+            factors = dict(values)
+            for key, item in values.items():
+                if isinstance(item, Phase):
+                    factors[key] = item.instant_s(body.cycle_ms())
+                    body = body.with_values({key: factors[key]})
+        except KeyMissingError as error:
+            findings.add(where(error.args[1]), error.args[0])
+            return None
+        seen = Findings()
+        parts = {**self._fixed, **body.parts(self._changed, seen)}
+        for key, what in seen.found:
+            self._report(key, what, factors, findings)
+        if seen:
+            return None
+        return Point(number=number, factors=factors, **parts)
+
+    def _report(self, key: str, what: str, factors: Mapping[str, Any], findings: Findings) -> None:
+        if (key, what) in self._before.found:
+            findings.add(key, what)
+            return
+        dotted = key.replace("[", ".").replace("]", "")
+        for factor, value in factors.items():
+            if dotted == factor or dotted.startswith(f"{factor}."):
+                said = what if repr(value) in what or str(value) in what else f"{value!r}: {what}"
+                findings.add(where(factor), said)
+                return
+        words = ", ".join(f"{factor} = {value!r}" for factor, value in factors.items())
+        findings.add("sweep", f"with {words}: {key}: {what}")

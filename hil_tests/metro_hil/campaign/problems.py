@@ -1,0 +1,92 @@
+"""What is wrong with a campaign file: all of it at once, one line each."""
+
+from collections.abc import Callable, Mapping
+from typing import Any, TypeVar
+
+from firmware_py.settings import SettingsError
+
+T = TypeVar("T")
+
+
+class CampaignError(SettingsError):
+    """A campaign that cannot be used; its text is all its problems, one a line."""
+
+    def __init__(self, problems: tuple[str, ...]) -> None:
+        super().__init__("\n".join(problems))
+        self.problems = problems
+        """Each names file, key and value."""
+
+
+class Findings:
+    """Problems as they are found: keys are those of a scenario with all that it inherits."""
+
+    def __init__(self) -> None:
+        self.found: list[tuple[str, str]] = []
+        """Key and what is wrong with it; each only once, in the order of finding."""
+
+    def add(self, key: str, what: str) -> None:
+        if (key, what) not in self.found:
+            self.found.append((key, what))
+
+    def add_text(self, text: str, key: str, names: Mapping[str, Any] | tuple[str, ...]) -> None:
+        """A message `KEY.NAME: WHAT`, or `KEY: NAME VALUE is …` as dataclasses word it."""
+        text = text.removeprefix(": ")
+        rest = text.removeprefix(f"{key}: ")
+        name = next((name for name in names if rest.startswith(f"{name} ")), None)
+        if name is not None and (rest != text or not key):
+            self.add(_join(key, name), rest[len(name) + 1 :])
+            return
+        where, _, what = text.partition(": ")
+        self.add(where, what) if what else self.add(key, text)
+
+    def __bool__(self) -> bool:
+        return bool(self.found)
+
+
+def attempt(
+    make: Callable[[dict[str, Any]], T], table: Mapping[str, Any], key: str, findings: Findings
+) -> T | None:
+    """Make something of a table; None when anything is wrong with it, all of which is reported."""
+    made, rest = salvage(make, table, key, findings)
+    return made if len(rest) == len(table) else None
+
+
+def salvage(
+    make: Callable[[dict[str, Any]], T], table: Mapping[str, Any], key: str, findings: Findings
+) -> tuple[T | None, dict[str, Any]]:
+    """What can be made of a table without what is wrong with it, and what of it is right.
+
+    `make` raises SettingsError for the first thing that it dislikes, with no source and below
+    `key`; so what it names is set aside and it is asked again, until all is said.
+    """
+    rest = dict(table)
+    set_aside: list[str] = []
+    while True:
+        try:
+            return make(rest), rest
+        except SettingsError as error:
+            text = str(error)
+            if any(f"{_join(key, name)}: missing key" in text for name in set_aside):
+                return None, rest
+            findings.add_text(text, key, rest)
+            name = offender(text, key, rest)
+            if name is None:
+                # Shorter than the table, so that nobody takes it for right.
+                return None, {}
+            del rest[name]
+            set_aside.append(name)
+
+
+def offender(text: str, key: str, table: Mapping[str, Any]) -> str | None:
+    """The entry of the table that a message is about, if it is about one of its entries."""
+    rest = text.removeprefix(": ")
+    if not rest.startswith(key):
+        return None
+    rest = rest[len(key) :].lstrip(".: ")
+    path = rest.partition(": ")[0]
+    named = [name for name in table if rest.startswith(name) or name.startswith(f"{path}.")]
+    return max(named, key=len, default=None)
+
+
+def _join(key: str, name: str) -> str:
+    return f"{key}.{name}" if key else name

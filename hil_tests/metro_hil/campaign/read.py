@@ -1,0 +1,330 @@
+"""From a campaign file, or the same tables in Python, to a campaign; all that is wrong at once."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from firmware_py import settings
+from firmware_py.settings import SettingsError, nearest
+from metro_hil.campaign.definition import Body, PointMaker
+from metro_hil.campaign.designs import Choice, design
+from metro_hil.campaign.factors import Factor, Phase, read_factors, where
+from metro_hil.campaign.plan import Campaign, Point, ScenarioPlan
+from metro_hil.campaign.problems import CampaignError, Findings, attempt
+from metro_hil.campaign.schema import (
+    SEED_MAX,
+    SEEDS_MAX,
+    SWEEP,
+    DesignKind,
+    HeadKeys,
+    SweepKeys,
+)
+from metro_hil.campaign.sources import Sources
+from metro_hil.campaign.tables import (
+    APPENDED,
+    ConfigTable,
+    KeyMissingError,
+    merged,
+    shaped,
+)
+
+PACKAGE: Final = "metro_hil.campaigns"
+PROBLEM_POINTS_MAX: Final = 10
+"""A sweep that is wrong in principle is wrong at every point; after so many it is clear."""
+
+
+@dataclass(frozen=True, slots=True)
+class Definition:
+    """A campaign with what its scenarios were made of, for whoever wants to make other points."""
+
+    campaign: Campaign
+    bodies: tuple[Body, ...]
+    factors: tuple[tuple[Factor, ...], ...]
+    """Of each scenario, like `bodies`."""
+    tables: tuple[ConfigTable, ...]
+    """Each scenario with all that it inherits, as a file of its own would have it."""
+
+
+def read_campaign(name_or_path: str) -> Campaign:
+    """A campaign by the stem of a shipped file or by path.
+
+    Raises:
+        CampaignError: with everything that is wrong with the file.
+        SettingsError: when there is no such file, or it is not TOML.
+    """
+    return read_definition(name_or_path).campaign
+
+
+def read_definition(name_or_path: str) -> Definition:
+    """As `read_campaign`."""
+    path = settings.find(name_or_path, PACKAGE)
+    return define(settings.parse(path), source=str(path), folder=path.parent, name=path.stem)
+
+
+def define(
+    table: Mapping[str, Any], *, source: str, folder: Path = Path(), name: str = "campaign"
+) -> Definition:
+    """Of the tables of one file.
+
+    Args:
+        source: what messages call the file.
+        folder: where relative paths in it start.
+        name: of the campaign unless the file has one.
+    """
+    return _Reader(source, Sources(folder)).read(table, name)
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where a key of a scenario with all that it inherits stands in the file."""
+
+    above: ConfigTable
+    own: ConfigTable
+    index: int | None
+    """Of its `[[scenario]]`; None where the file is one scenario."""
+
+    def key(self, key: str) -> str:
+        if self.index is None:
+            return key
+        for name in APPENDED:
+            if key.startswith(f"{name}["):
+                number, _, rest = key.removeprefix(f"{name}[").partition("]")
+                inherited = len(self.above.get(name, []))
+                if int(number) < inherited:
+                    return key
+                return f"scenario[{self.index}].{name}[{int(number) - inherited}]{rest}"
+        own, above = _depth(self.own, key), _depth(self.above, key)
+        return key if above > own else f"scenario[{self.index}].{key}"
+
+
+def _depth(table: Mapping[str, Any], key: str) -> int:
+    """How far along a dotted key a table has something."""
+    depth = 0
+    inner: Any = table
+    for name in key.replace('"', "").split("."):
+        if not isinstance(inner, Mapping) or name not in inner:
+            break
+        inner = inner[name]
+        depth += 1
+    return depth
+
+
+class _Reader:
+    def __init__(self, source: str, sources: Sources) -> None:
+        self._source = source
+        self._sources = sources
+        self._problems: list[str] = []
+        self._notes: list[str] = []
+
+    def read(self, table: Mapping[str, Any], name: str) -> Definition:
+        findings = Findings()
+        above = shaped(table, findings, inside_scenario=False)
+        head = attempt(lambda t: settings.build(HeadKeys, t, ""), _head(above), "", findings)
+        self._take(findings, None)
+        own_tables: Sequence[Any] = above.pop("scenario", [None])
+        campaign_name = above.pop("name", name)
+        layout = above.pop("layout", None)
+        made = [
+            self._scenario(above, own, index, str(campaign_name))
+            for index, own in enumerate(own_tables)
+        ]
+        read = [scenario for scenario in made if scenario is not None]
+        self._check_names(own_tables)
+        if not own_tables:
+            self._say("scenario", "[] has no scenario")
+        if self._problems:
+            raise CampaignError(tuple(dict.fromkeys(self._problems)))
+        assert head is not None
+        plans, bodies, factors, tables = zip(*read, strict=True)
+        campaign = Campaign(
+            name=campaign_name,
+            title=head.title,
+            description=head.description,
+            layout=layout,
+            scenarios=plans,
+            files=dict(self._sources.files),
+            notes=tuple(self._notes),
+        )
+        return Definition(campaign, bodies, factors, tables)
+
+    def _scenario(
+        self, above: ConfigTable, own: Mapping[str, Any] | None, index: int, name: str
+    ) -> tuple[ScenarioPlan, Body, tuple[Factor, ...], ConfigTable] | None:
+        shape = Findings()
+        kept = {} if own is None else shaped(own, shape, inside_scenario=True)
+        place = Place(above, kept, None if own is None else index)
+        self._take(shape, f"scenario[{index}].")
+        if own is not None and "name" not in kept and "name" not in own:
+            self._say(f"scenario[{index}].name", "missing key")
+        table = merged(above, kept)
+        table.setdefault("name", name)
+        findings = Findings()
+        head = attempt(lambda t: settings.build(HeadKeys, t, ""), _head(table), "", findings)
+        seeds = read_seeds(table, findings)
+        invariants = read_invariants(table, findings)
+        body = Body(table, invariants, self._sources)
+        sweep, factors = _read_sweep(table.get("sweep", {}), findings)
+        points = _points(body, sweep, factors, findings)
+        for key, what in findings.found:
+            self._say(place.key(key), what)
+        if head is None or sweep is None or findings:
+            return None
+        if sweep.new_seeds and not isinstance(table.get("seeds", 1), int):
+            self._say(place.key("sweep.new_seeds"), "needs seeds as a number, not as a list")
+        self._note(head.name, sweep, bool(factors))
+        plan = ScenarioPlan(
+            name=head.name,
+            title=head.title,
+            description=head.description,
+            requirements=head.requirements,
+            bench=head.bench,
+            seeds=seeds,
+            new_seeds=sweep.new_seeds,
+            expected=head.expected,
+            stop_at_violation=head.stop_at_violation,
+            invariants=invariants,
+            design=sweep.design.value if factors else None,
+            levels={factor.key: in_words(factor) for factor in factors},
+            points=points,
+        )
+        return plan, body, factors, table
+
+    def _note(self, name: str, sweep: SweepKeys, swept: bool) -> None:
+        count = sweep.count or 1
+        if swept and sweep.design is DesignKind.SOBOL and count & (count - 1):
+            power = 1 << count.bit_length()
+            self._notes.append(
+                f"{name}: sweep.count {count} is no power of two; a Sobol design is balanced for "
+                f"{power // 2} or {power}"
+            )
+
+    def _check_names(self, tables: Sequence[Mapping[str, Any] | None]) -> None:
+        """Names of folders: they must differ where letters have no case as well."""
+        names = [str((table or {}).get("name", "")).lower() for table in tables]
+        for index, name in enumerate(names):
+            if name and names.index(name) != index:
+                self._say(f"scenario[{index}].name", f"{name!r} stands there twice")
+
+    def _take(self, findings: Findings, prefix: str | None) -> None:
+        for key, what in findings.found:
+            self._say(f"{prefix or ''}{key}", what)
+
+    def _say(self, key: str, what: str) -> None:
+        self._problems.append(f"{self._source}: {key}: {what}")
+
+
+def _head(table: Mapping[str, Any]) -> ConfigTable:
+    return {name: table[name] for name in HeadKeys.__dataclass_fields__ if name in table}
+
+
+def read_seeds(table: Mapping[str, Any], findings: Findings) -> tuple[int, ...]:
+    """A number of seeds from `seed_base` on, or a list of them."""
+    seeds, base = table.get("seeds", 1), table.get("seed_base", 1)
+    if isinstance(seeds, int) and not isinstance(seeds, bool):
+        if not 1 <= seeds <= SEEDS_MAX:
+            findings.add("seeds", f"{seeds} is not within 1..{SEEDS_MAX}")
+            return ()
+        return tuple(range(base, base + seeds)) if isinstance(base, int) else ()
+    if not isinstance(seeds, list) or not seeds:
+        findings.add("seeds", f"{seeds!r} is neither a whole number nor a list of them")
+        return ()
+    for seed in seeds:
+        if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed <= SEED_MAX:
+            findings.add("seeds", f"{seed!r} is not a whole number of 0 or more")
+        elif seeds.count(seed) > 1:
+            findings.add("seeds", f"{seed} stands there twice")
+    return tuple(seeds)
+
+
+def read_invariants(table: Mapping[str, Any], findings: Findings) -> str | tuple[str, ...]:
+    """`all`, `none` or a list of names; the names are checked with the monitors."""
+    value = table.get("invariants", "all")
+    if value in ("all", "none"):
+        return str(value)
+    if isinstance(value, list) and all(isinstance(name, str) for name in value):
+        return tuple(value)
+    hint = f"; {nearest(value, ['all', 'none'])}" if isinstance(value, str) else ""
+    findings.add("invariants", f"{value!r} is neither 'all', 'none' nor a list of names{hint}")
+    return "all"
+
+
+def _read_sweep(
+    table: Mapping[str, Any], findings: Findings
+) -> tuple[SweepKeys | None, tuple[Factor, ...]]:
+    """The design and its factors; without factors there is one point."""
+    plain = {name: value for name, value in table.items() if name != "factors"}
+    for name in [name for name in plain if name not in SWEEP]:
+        findings.add(f"sweep.{name}", f"unknown key; {nearest(name, list(SWEEP), 'key')}")
+        del plain[name]
+    before = len(findings.found)
+    factors = read_factors(table.get("factors", {}), findings)
+    keys = attempt(lambda t: settings.build(SweepKeys, t, "", "sweep"), plain, "sweep", findings)
+    if table and not factors and len(findings.found) == before:
+        findings.add("sweep.factors", "missing key; a sweep needs something to vary")
+    return (None if len(findings.found) > before else keys), factors
+
+
+def _points(
+    body: Body, sweep: SweepKeys | None, factors: Sequence[Factor], findings: Findings
+) -> tuple[Point, ...]:
+    """All points of the sweep, in order; what is wrong with them is reported."""
+    maker = PointMaker(body, [factor.key for factor in factors], findings)
+    choices = _choices(body, sweep, factors, findings)
+    if choices is None:
+        maker.report_body(findings)
+        return ()
+    points: list[Point] = []
+    wrong = 0
+    for number, choice in enumerate(choices):
+        point = maker.point(number, choice, findings)
+        if point is not None:
+            points.append(point)
+            continue
+        wrong += 1
+        if wrong == PROBLEM_POINTS_MAX:
+            break
+    return tuple(points)
+
+
+def _choices(
+    body: Body, sweep: SweepKeys | None, factors: Sequence[Factor], findings: Findings
+) -> list[Choice] | None:
+    """The points of the design; None when the sweep is wrong in itself."""
+    if not _keys_lead_somewhere(body, factors, findings) or sweep is None:
+        return None
+    if not factors:
+        return [{}]
+    try:
+        return design(sweep, factors)
+    except SettingsError as error:
+        findings.add_text(str(error), "sweep", ())
+        return None
+
+
+def _keys_lead_somewhere(body: Body, factors: Sequence[Factor], findings: Findings) -> bool:
+    fine = True
+    for factor in factors:
+        try:
+            body.with_values({factor.key: factor.at(0.0)})
+        except KeyMissingError as error:
+            findings.add(where(factor.key), error.args[0])
+            fine = False
+    return fine
+
+
+def in_words(factor: Factor) -> str:
+    """Levels, or a range; long lists are shortened."""
+    if not factor.levels:
+        assert factor.span is not None
+        span = factor.span
+        kind = "whole numbers " if span.integer else ""
+        scale = "" if span.scale.value == "linear" else f", {span.scale.value} scale"
+        return f"{kind}{span.low:g} to {span.high:g}{scale}"
+    if isinstance(factor.levels[0], Phase):
+        base_s = factor.levels[0].base_s
+        return f"{len(factor.levels)} offsets in the control cycle from {base_s:g} s on"
+    shown = [str(level) for level in factor.levels]
+    if len(shown) > 8:
+        shown = [*shown[:4], "…", *shown[-2:]]
+    return f"{', '.join(shown)} ({len(factor.levels)})"

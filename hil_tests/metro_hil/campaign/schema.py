@@ -1,0 +1,206 @@
+"""The keys of a campaign file, their types and ranges."""
+
+import re
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any, Final
+
+from can_dbc.cab import CabMode
+from firmware_py.expression import ExpressionError, compile_expression
+from metro_hil.cases import BenchKind, Verdict
+from plant_emulator.truth import SIGNALS
+
+SEED_MAX: Final = 2**63 - 1
+SEEDS_MAX: Final = 10_000_000
+DURATION_MAX_S: Final = 86_400.0
+DWELL_MAX_S: Final = 3600.0
+STRENGTH_MAX: Final = 6
+POINTS_MAX: Final = 1_000_000
+
+NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
+REQUIREMENT: Final = re.compile(r"[A-Z][A-Z0-9]*(?:-[A-Za-z0-9]+)+")
+
+TABLES: Final = ("train", "timetable", "controller", "branch", "sweep")
+ARRAYS: Final = ("fault", "monitor", "scenario")
+SWEPT: Final = ("train", "timetable", "controller", "branch", "fault", "monitor")
+"""What a sweep may change."""
+OVERRIDES: Final = ("real", "believed")
+"""Tables of dotted keys below `train`."""
+
+
+def in_range(owner: object, name: str, low: float, high: float) -> None:
+    """Raises ValueError that names key and value; None is left to the default."""
+    value = getattr(owner, name)
+    if value is not None and not low <= value <= high:
+        raise ValueError(f"{name} {value!r} is not within {low:g}..{high:g}")
+
+
+def fits(owner: object, name: str, pattern: re.Pattern[str], what: str) -> None:
+    value = getattr(owner, name)
+    if value and not pattern.fullmatch(value):
+        raise ValueError(f"{name} {value!r} is no {what}")
+
+
+@dataclass(frozen=True, slots=True)
+class HeadKeys:
+    """What stands above all tables; `seeds` and `invariants` have two forms and are read apart."""
+
+    name: str = ""
+    title: str = ""
+    description: str = ""
+    requirements: tuple[str, ...] = ()
+    bench: BenchKind = BenchKind.LOCKSTEP
+    seed_base: int = 1
+    expected: Verdict = Verdict.PASS
+    stop_at_violation: bool = True
+    layout: str | None = None
+
+    def __post_init__(self) -> None:
+        fits(self, "name", NAME, "name for a folder: letters, digits, '-', '_', '.'; 64 at most")
+        in_range(self, "seed_base", 0, SEED_MAX - SEEDS_MAX)
+        fits(self, "layout", NAME, "name of a table")
+        for requirement in self.requirements:
+            if not REQUIREMENT.fullmatch(requirement):
+                raise ValueError(f"requirements {requirement!r} is no id such as INV-04")
+
+
+HEAD: Final = (*HeadKeys.__dataclass_fields__, "seeds", "invariants")
+CAMPAIGN_ONLY: Final = ("layout", "scenario")
+
+
+@dataclass(frozen=True, slots=True)
+class TrainKeys:
+    """`[train]` without its overrides. Defaults are those of Setup; these are never taken."""
+
+    line: str = ""
+    start: str | None = None
+    end: str | None = None
+    consist: str = ""
+    params: str = ""
+    load_ratio: float | None = None
+    odometer_error: float | None = None
+    cycle_ms: float | None = None
+    duration_s: float | None = None
+    desk_mode: CabMode = CabMode.AUTO
+
+    def __post_init__(self) -> None:
+        in_range(self, "load_ratio", 0.0, 1.0)
+        in_range(self, "odometer_error", -0.2, 0.2)
+        in_range(self, "cycle_ms", 20.0, 200.0)
+        in_range(self, "duration_s", 0.1, DURATION_MAX_S)
+
+
+TRAIN: Final = (*TrainKeys.__dataclass_fields__, *OVERRIDES)
+
+
+@dataclass(frozen=True, slots=True)
+class TimetableKeys:
+    stops: tuple[str, ...] | None = None
+    dwell_s: dict[str, float] | None = None
+
+    def __post_init__(self) -> None:
+        if self.stops == ():
+            raise ValueError("stops [] names no station; leave it out to stop at all")
+        for station, dwell_s in (self.dwell_s or {}).items():
+            if not 0.0 <= dwell_s <= DWELL_MAX_S:
+                raise ValueError(
+                    f"dwell_s {station} = {dwell_s:g} is not within 0..{DWELL_MAX_S:g}"
+                )
+
+
+class ControllerKind(Enum):
+    SHIPPED = "shipped"
+    CHECKOUT = "checkout"
+    COMMAND = "command"
+
+
+@dataclass(frozen=True, slots=True)
+class ControllerKeys:
+    kind: ControllerKind = ControllerKind.SHIPPED
+    path: str = ""
+    command: str = ""
+
+    def __post_init__(self) -> None:
+        for name, owner in (
+            ("path", ControllerKind.CHECKOUT),
+            ("command", ControllerKind.COMMAND),
+        ):
+            value = getattr(self, name)
+            if value and self.kind is not owner:
+                raise ValueError(f"{name} {value!r} belongs to kind {owner.value!r}")
+            if not value and self.kind is owner:
+                raise ValueError(f"kind {owner.value!r} needs {name}")
+
+
+@dataclass(frozen=True, slots=True)
+class BranchKeys:
+    seed: int
+    when: str
+
+    def __post_init__(self) -> None:
+        in_range(self, "seed", 0, SEED_MAX)
+        try:
+            compile_expression(self.when, SIGNALS)
+        except ExpressionError as error:
+            raise ValueError(f"when {error}") from error
+
+
+class DesignKind(Enum):
+    FACTORIAL = "factorial"
+    """Every combination of all levels."""
+    PAIRWISE = "pairwise"
+    """Every combination of two levels of two factors at least once."""
+    COVERING = "covering"
+    """The same for `strength` factors."""
+    LHS = "lhs"
+    """Latin hypercube: each factor's range in `count` strata, each met once."""
+    SOBOL = "sobol"
+    """Scrambled Sobol sequence."""
+    RANDOM = "random"
+
+
+SAMPLED: Final = (DesignKind.LHS, DesignKind.SOBOL, DesignKind.RANDOM)
+"""Designs that draw `count` points and so can take factors without levels."""
+
+
+@dataclass(frozen=True, slots=True)
+class SweepKeys:
+    """`[sweep]` without its factors."""
+
+    design: DesignKind = DesignKind.FACTORIAL
+    strength: int | None = None
+    """Of a covering design; 2 where it is left out."""
+    count: int | None = None
+    """Points of a sampled design."""
+    seed: int = 1
+    """Of what a sampled design draws; no part of the seeds of the runs."""
+    new_seeds: bool = False
+    """Whether each point has seeds of its own rather than all points the same."""
+    exclude: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        in_range(self, "strength", 1, STRENGTH_MAX)
+        in_range(self, "count", 1, POINTS_MAX)
+        in_range(self, "seed", 0, SEED_MAX)
+        if self.design in SAMPLED and self.count is None:
+            raise ValueError(f"design {self.design.value!r} needs count")
+        if self.design not in SAMPLED and self.count is not None:
+            raise ValueError(f"count {self.count} is for lhs, sobol and random alone")
+        if self.design is not DesignKind.COVERING and self.strength is not None:
+            raise ValueError(f"strength {self.strength} is for design covering alone")
+
+
+SWEEP: Final = (*SweepKeys.__dataclass_fields__, "factors")
+
+
+def plain(value: Any) -> str | None:
+    """Why a value of TOML cannot be part of a case; None if it can."""
+    if isinstance(value, dict):
+        return next(filter(None, map(plain, value.values())), None)
+    if isinstance(value, list):
+        return next(filter(None, map(plain, value)), None)
+    if isinstance(value, float):
+        return None if abs(value) < float("inf") else f"{value} is not a finite number"
+    if isinstance(value, int):
+        return None if abs(value) <= SEED_MAX else f"{value} is too large"
+    return None if isinstance(value, str) else f"{value} is neither number, text nor true or false"

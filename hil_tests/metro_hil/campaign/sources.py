@@ -1,0 +1,67 @@
+"""The lines, trains and parameters that a campaign names, each read once."""
+
+import hashlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import TypeVar
+
+from firmware_py.settings import SettingsError
+from firmware_py.trackdb import LineMap, load_line
+from plant_emulator.train_config import TrainConfig, load_train
+from vobc.config import VobcConfig, load_config
+
+T = TypeVar("T")
+
+
+class Sources:
+    """Files of the user get a name that is the same on every machine; shipped ones keep theirs."""
+
+    def __init__(self, folder: Path) -> None:
+        """Relative paths start in `folder`, where the campaign's file is."""
+        self._folder = folder
+        self.files: dict[str, str] = {}
+        """Name in the cases to content, of the user's files."""
+        self.paths: dict[str, Path] = {}
+        self._names: dict[str, str] = {}
+        self._read: dict[tuple[str, str], object] = {}
+
+    def line(self, written: str) -> tuple[str, LineMap]:
+        """The name for a case, and what it stands for. Raises SettingsError."""
+        return self._get("line", written, load_line)
+
+    def train(self, written: str) -> tuple[str, TrainConfig]:
+        return self._get("consist", written, load_train)
+
+    def params(self, written: str) -> tuple[str, VobcConfig]:
+        return self._get("params", written, load_config)
+
+    def _get(self, what: str, written: str, load: Callable[[str], T]) -> tuple[str, T]:
+        key = (what, written)
+        if key not in self._read:
+            try:
+                self._read[key] = self._load(written, load)
+            except SettingsError as error:
+                self._read[key] = error
+        kept = self._read[key]
+        if isinstance(kept, SettingsError):
+            raise kept
+        assert isinstance(kept, tuple)
+        return kept
+
+    def _load(self, written: str, load: Callable[[str], T]) -> tuple[str, T]:
+        if not (written.endswith(".toml") or "/" in written):
+            return written, load(written)
+        path = self._folder / written
+        loaded = load(str(path))
+        return self._name(path), loaded
+
+    def _name(self, path: Path) -> str:
+        """The file's own name, with some of its hash if another file is called the same."""
+        content = path.read_text(encoding="utf-8")
+        name = path.name if path.suffix == ".toml" else f"{path.name}.toml"
+        if self.files.get(name, content) != content:
+            digest = hashlib.sha256(content.encode()).hexdigest()[:8]
+            name = f"{name.removesuffix('.toml')}-{digest}.toml"
+        self.files[name] = content
+        self.paths[name] = path
+        return name

@@ -1,0 +1,142 @@
+"""`[train]` and `[timetable]` of a scenario: checked against the line and the trains they name."""
+
+from collections.abc import Callable, Mapping
+from typing import Any, TypeVar
+
+import msgspec
+
+from firmware_py import settings
+from firmware_py.settings import SettingsError, nearest, override
+from firmware_py.trackdb import LineMap
+from metro_hil.campaign.problems import Findings, attempt, salvage
+from metro_hil.campaign.schema import OVERRIDES, TRAIN, TimetableKeys, TrainKeys
+from metro_hil.campaign.sources import Sources
+from metro_hil.cases import Setup
+from plant_emulator.train_config import TrainConfig
+from vobc.config import VobcConfig
+
+T = TypeVar("T")
+DEFAULT = Setup()
+
+
+def read_setup(raw: Mapping[str, Any], sources: Sources, findings: Findings) -> Setup | None:
+    """What a case carries of its train; None when anything is wrong with it."""
+    before = len(findings.found)
+    train, timetable = raw.get("train", {}), raw.get("timetable", {})
+    given = _given(train, timetable, findings)
+    given |= {name: dict(train[name]) for name in OVERRIDES if name in train}
+    setup = Setup(**given)
+    line = _named(sources.line, "line", setup.line, findings)
+    consist = _named(sources.train, "consist", setup.consist, findings)
+    params = _named(sources.params, "params", setup.params, findings)
+    if line is None or consist is None or params is None:
+        return None
+    _check_params(setup, params[1], findings)
+    real = _real_train(setup, consist[1], findings)
+    setup = _check_stations(setup, line[1], real, findings)
+    if len(findings.found) > before:
+        return None
+    return msgspec.structs.replace(setup, line=line[0], consist=consist[0], params=params[0])
+
+
+def _given(
+    train: Mapping[str, Any], timetable: Mapping[str, Any], findings: Findings
+) -> dict[str, Any]:
+    """The keys that are there and right, by field of Setup."""
+    plain = {name: value for name, value in train.items() if name not in OVERRIDES}
+    for name in [name for name in plain if name not in TRAIN]:
+        findings.add(f"train.{name}", f"unknown key; {nearest(name, list(TRAIN), 'key')}")
+        del plain[name]
+    keys, train_given = salvage(
+        lambda t: settings.build(TrainKeys, t, "", "train"), plain, "train", findings
+    )
+    times, times_given = salvage(
+        lambda t: settings.build(TimetableKeys, t, "", "timetable"),
+        timetable,
+        "timetable",
+        findings,
+    )
+    given = {name: getattr(keys, name) for name in train_given}
+    if keys is not None and "desk_mode" in given:
+        given["desk_mode"] = keys.desk_mode.name.lower()
+    return given | {name: getattr(times, name) for name in times_given}
+
+
+def _named(
+    get: Callable[[str], tuple[str, T]], what: str, written: str, findings: Findings
+) -> tuple[str, T] | None:
+    try:
+        return get(written)
+    except SettingsError as error:
+        findings.add(f"train.{what}", str(error))
+        return None
+
+
+def _check_params(setup: Setup, params: VobcConfig, findings: Findings) -> None:
+    key = "train.believed"
+    attempt(lambda table: override(params, table, key), setup.believed, key, findings)
+
+
+def _real_train(setup: Setup, train: TrainConfig, findings: Findings) -> TrainConfig:
+    key = "train.real"
+    made = attempt(lambda table: override(train, table, key), setup.real, key, findings)
+    return train if made is None else made
+
+
+def _check_stations(setup: Setup, line: LineMap, train: TrainConfig, findings: Findings) -> Setup:
+    """Start, end and stops in running order on the line, and dwell times of its stations.
+
+    A timetable whose end is not named ends at its last stop.
+    """
+    names = [station.name for station in line.stations]
+    stops = list(setup.stops or ())
+    end = setup.end if setup.end is not None or not stops else stops[-1]
+    places = {
+        "train.start": [] if setup.start is None else [setup.start],
+        "train.end": [] if setup.end is None else [setup.end],
+        "timetable.stops": stops,
+        "timetable.dwell_s": list(setup.dwell_s),
+    }
+    unknown = False
+    for key, stations in places.items():
+        for station in stations:
+            if station not in names:
+                unknown = True
+                hint = nearest(station, names, "station")
+                findings.add(key, f"{station!r} is no station of line {line.name}; {hint}")
+    if not unknown:
+        _check_way(setup, line, train, end, findings)
+    return msgspec.structs.replace(setup, end=end)
+
+
+def _check_way(
+    setup: Setup, line: LineMap, train: TrainConfig, end: str | None, findings: Findings
+) -> None:
+    first = line.station(setup.start) if setup.start is not None else line.stations[0]
+    last = line.station(end) if end is not None else line.stations[-1]
+    if last.stop_m <= first.stop_m:
+        findings.add(
+            "train.end" if setup.end is not None or setup.stops is None else "timetable.stops",
+            f"{last.name!r} lies at {last.stop_m:g} m, not beyond {first.name} at "
+            f"{first.stop_m:g} m; trains run towards growing chainage",
+        )
+        return
+    if first.stop_m - train.length_m < line.start_m:
+        findings.add(
+            "train.start",
+            f"{first.name!r}: the train of {train.length_m:g} m reaches back over the line's "
+            f"start at {line.start_m:g} m",
+        )
+    reached = first
+    for name in setup.stops or ():
+        station = line.station(name)
+        if not reached.stop_m < station.stop_m <= last.stop_m:
+            findings.add(
+                "timetable.stops",
+                f"{name!r} at {station.stop_m:g} m does not lie between {reached.name} and "
+                f"{last.name} in running order",
+            )
+            return
+        reached = station
+    if setup.stops is not None and reached is not last:
+        findings.add("timetable.stops", f"the last has to be {last.name!r}, where the way ends")
