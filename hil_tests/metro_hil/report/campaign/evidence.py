@@ -1,0 +1,89 @@
+"""Where to look: logs of a kept run, frames around an instant, the command that repeats it."""
+
+import shlex
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+from urllib.parse import quote
+
+from metro_hil.report.campaign.ledger import Entry
+
+BEFORE_S: Final = 1.0
+AFTER_S: Final = 0.5
+EPOCH_FROM_S: Final = 1e6
+"""Stamps from here on are of the calendar, so that the first of them is the start of the run."""
+CASES: Final = "cases"
+BUS_LOG: Final = "bus.log"
+
+
+@dataclass(frozen=True, slots=True)
+class Frames:
+    """The frames around one instant of one run."""
+
+    from_s: float
+    to_s: float
+    path: str = ""
+    """Relative to the campaign's folder; empty when the log of this run was not kept."""
+    first_line: int = 0
+    last_line: int = 0
+
+    @property
+    def href(self) -> str:
+        return quote(self.path)
+
+    @property
+    def text(self) -> str:
+        span = f"{self.from_s:.2f}–{self.to_s:.2f}\u202fs"
+        if not self.path:
+            return span
+        if not self.last_line:
+            return f"{self.path}, {span}: no frame in it"
+        return f"{self.path} lines {self.first_line}–{self.last_line}, {span}"
+
+
+def rerun_command(campaign: str, entry: Entry) -> str:
+    """What repeats this case, to the byte on the lockstep bench."""
+    return shlex.join(["hil", "rerun", f"{campaign}/{entry.case.id}"])
+
+
+def case_folder(folder: Path, entry: Entry) -> Path | None:
+    """Where the logs of this case are, if they were kept and its id is a plain name."""
+    name = entry.case.id
+    if not name or "/" in name or "\\" in name or name in (".", ".."):
+        return None
+    path = folder / CASES / name
+    return path if path.is_dir() else None
+
+
+def frames_around(folder: Path, entry: Entry, at_s: float) -> Frames:
+    """The interval around `at_s`, with the lines of the bus log if there is one."""
+    from_s, to_s = max(0.0, at_s - BEFORE_S), at_s + AFTER_S
+    case = case_folder(folder, entry)
+    log = None if case is None else case / BUS_LOG
+    if log is None or not log.is_file():
+        return Frames(from_s, to_s)
+    first, last = lines_between(log, from_s, to_s)
+    return Frames(from_s, to_s, f"{CASES}/{entry.case.id}/{BUS_LOG}", first, last)
+
+
+def lines_between(log: Path, from_s: float, to_s: float) -> tuple[int, int]:
+    """First and last line, from 1, of a can-utils log within the interval; (0, 0) if none is."""
+    first = last = 0
+    origin_s: float | None = None
+    with log.open(encoding="utf-8", errors="replace") as lines:
+        for number, line in enumerate(lines, start=1):
+            stamp, closed, _ = line.removeprefix("(").partition(")")
+            try:
+                at_s = float(stamp) if closed else None
+            except ValueError:
+                at_s = None
+            if at_s is None:
+                continue
+            if origin_s is None:
+                origin_s = at_s if at_s >= EPOCH_FROM_S else 0.0
+            since_s = at_s - origin_s
+            if since_s > to_s:
+                break
+            if since_s >= from_s:
+                first, last = first or number, number
+    return first, last

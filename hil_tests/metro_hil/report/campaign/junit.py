@@ -1,0 +1,156 @@
+"""JUnit XML: one suite per scenario, one test per case, in simulated time."""
+
+import re
+from collections.abc import Sequence
+from typing import Final
+from xml.etree import ElementTree as Tree
+
+from metro_hil.cases import Verdict
+from metro_hil.report.campaign.estimates import rounded
+from metro_hil.report.campaign.info import CampaignInfo
+from metro_hil.report.campaign.ledger import (
+    LACKING_RESULT,
+    Entry,
+    Ledger,
+    exercised,
+    factor_text,
+    known_margin,
+)
+
+NOT_XML: Final = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+"""Characters that XML 1.0 cannot hold in any spelling."""
+UNLISTED: Final = "cases that the manifest counts"
+
+
+def junit_xml(info: CampaignInfo, ledger: Ledger) -> bytes:
+    """The document. Whatever is not as expected is a failure or an error, so CI is never green.
+
+    A fail is a failure; lost, missing, blocked, invalid and inconclusive cases are errors, and so
+    is a pass where another verdict was expected. A fail that was expected passes with a property.
+    """
+    suites = Tree.Element("testsuites", {"name": _text(info.name)})
+    for scenario, entries in ledger.scenarios().items():
+        suites.append(_suite(info, scenario, entries))
+    if ledger.unlisted or ledger.stray:
+        suites.append(_disorder(ledger))
+    for name in ("tests", "failures", "errors", "skipped"):
+        suites.set(name, str(sum(int(suite.get(name, "0")) for suite in suites)))
+    suites.set("time", _seconds(ledger.entries))
+    Tree.indent(suites)
+    body: bytes = Tree.tostring(suites, encoding="utf-8", xml_declaration=True)
+    return body + b"\n"
+
+
+def _suite(info: CampaignInfo, scenario: str, entries: Sequence[Entry]) -> Tree.Element:
+    suite = Tree.Element("testsuite", {"name": _text(scenario)})
+    head = [("bench", info.bench), ("controller", info.controller)]
+    head += [("fingerprint", info.fingerprint)]
+    head += [(f"version.{name}", version) for name, version in sorted(info.versions.items())]
+    _properties(suite, head)
+    for entry in entries:
+        suite.append(_case(scenario, entry))
+    _count(suite)
+    suite.set("time", _seconds(entries))
+    return suite
+
+
+def _case(scenario: str, entry: Entry) -> Tree.Element:
+    case = Tree.Element(
+        "testcase",
+        {
+            "classname": _text(scenario),
+            "name": _text(entry.case.id),
+            "time": _seconds([entry]),
+        },
+    )
+    _properties(case, _facts(entry))
+    outcome = _outcome(entry)
+    if outcome is not None:
+        case.append(outcome)
+    if entry.result is not None and entry.result.events:
+        story = Tree.SubElement(case, "system-out")
+        lines = [f"{event.at_s:.3f} s  {event.what}" for event in entry.result.events]
+        story.text = _text("\n".join(lines))
+    return case
+
+
+def _outcome(entry: Entry) -> Tree.Element | None:
+    if entry.as_expected:
+        return None
+    kind = "failure" if entry.verdict is Verdict.FAIL else "error"
+    attributes = {"type": entry.word, "message": _text(entry.reason)}
+    outcome = Tree.Element(kind, attributes)
+    violated = [
+        f"{m.name}: {m.verdict.value}, margin {_number(known_margin(m))} {m.unit}"
+        + (f" at {m.at_s:.3f} s" if m.at_s is not None else "")
+        + (f" ({m.detail})" if m.detail else "")
+        for m in entry.monitors()
+        if m.verdict is not Verdict.PASS
+    ]
+    outcome.text = _text("\n".join([entry.reason, *violated]))
+    return outcome
+
+
+def _facts(entry: Entry) -> list[tuple[str, str]]:
+    case, result = entry.case, entry.result
+    named = dict.fromkeys(case.requirements)
+    for monitor in entry.monitors():
+        if exercised(monitor):
+            named.update(dict.fromkeys(monitor.requirements))
+    facts = [("requirement", name) for name in named]
+    facts += [("verdict", entry.word), ("expected", case.expected.value), ("seed", str(case.seed))]
+    if entry.as_expected and entry.verdict is not Verdict.PASS:
+        facts.append(("as_expected", f"{entry.word}: {result.reason if result else ''}"))
+    facts += [(f"factor.{name}", factor_text(value)) for name, value in case.factors.items()]
+    if result is not None:
+        facts += [("chain", result.chain), ("frames", str(result.frames))]
+    for monitor in entry.monitors():
+        shown = f"{_number(known_margin(monitor))} {monitor.unit}"
+        facts.append((f"margin.{monitor.name}", shown if exercised(monitor) else monitor.detail))
+    return facts
+
+
+def _disorder(ledger: Ledger) -> Tree.Element:
+    """What can be said of no case that the campaign names."""
+    suite = Tree.Element("testsuite", {"name": "manifest"})
+    for number in range(min(1, ledger.unlisted)):
+        text = f"{ledger.unlisted} {UNLISTED} are not there: {LACKING_RESULT}"
+        _error(suite, f"unlisted cases {number}", "missing", text)
+    for case_id in ledger.stray:
+        _error(suite, case_id, "stray", "a result of a case that the campaign does not know")
+    _count(suite)
+    suite.set("time", "0.000")
+    return suite
+
+
+def _error(suite: Tree.Element, name: str, kind: str, text: str) -> None:
+    names = {"classname": "manifest", "name": _text(name), "time": "0.000"}
+    case = Tree.SubElement(suite, "testcase", names)
+    Tree.SubElement(case, "error", {"type": kind, "message": text})
+
+
+def _count(suite: Tree.Element) -> None:
+    suite.set("tests", str(len(suite.findall("testcase"))))
+    suite.set("failures", str(len(suite.findall("testcase/failure"))))
+    suite.set("errors", str(len(suite.findall("testcase/error"))))
+    suite.set("skipped", "0")
+
+
+def _properties(parent: Tree.Element, facts: Sequence[tuple[str, str]]) -> None:
+    node = Tree.SubElement(parent, "properties")
+    for name, value in facts:
+        Tree.SubElement(node, "property", {"name": _text(name), "value": _text(value)})
+
+
+def _seconds(entries: Sequence[Entry]) -> str:
+    """Simulated, not of the wall clock: a report says the same however busy the host was."""
+    return f"{sum(e.result.sim_s for e in entries if e.result is not None):.3f}"
+
+
+def _number(value: float | None) -> str:
+    shown = rounded(value)
+    return "unknown" if shown is None else f"{shown:g}"
+
+
+def _text(text: str) -> str:
+    return NOT_XML.sub("\ufffd", text)

@@ -1,0 +1,141 @@
+"""All measures as one Parquet table: a row per case, units in the metadata of the columns."""
+
+import json
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+from metro_hil.report.campaign.info import CampaignInfo
+from metro_hil.report.campaign.ledger import (
+    Entry,
+    Ledger,
+    exercised,
+    factor_text,
+    known_margin,
+)
+from metro_hil.report.campaign.units import unit_of
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+WRITTEN_BY: Final = "metro_hil"
+Column = tuple[str, str, str, list[Any]]
+"""Name, kind (`text`, `number`, `whole`, `flag`), unit, values."""
+KINDS: Final = ("text", "number", "whole", "flag")
+FIXED: Final[tuple[tuple[str, str, str, Callable[[Entry], Any]], ...]] = (
+    ("case_id", "text", "", lambda e: e.case.id),
+    ("index", "whole", "", lambda e: e.case.index),
+    ("scenario", "text", "", lambda e: e.case.scenario),
+    ("seed", "whole", "", lambda e: e.case.seed),
+    ("verdict", "text", "", lambda e: e.word),
+    ("expected", "text", "", lambda e: e.case.expected.value),
+    ("as_expected", "flag", "", lambda e: e.as_expected),
+    ("reason", "text", "", lambda e: e.reason),
+    ("exit_reason", "text", "", lambda e: e.result.exit_reason if e.result else None),
+    ("sim_s", "number", "s", lambda e: e.result.sim_s if e.result else None),
+    ("frames", "whole", "", lambda e: e.result.frames if e.result else None),
+    ("chain", "text", "", lambda e: e.result.chain if e.result else None),
+)
+
+
+def write_parquet(path: Path, info: CampaignInfo, ledger: Ledger) -> None:
+    """The same bytes for the same campaign: nothing of host or time is in it."""
+    import pyarrow.parquet as pq
+
+    pq.write_table(
+        measures_table(info, ledger),
+        path,
+        compression="zstd",
+        use_dictionary=True,
+        store_schema=True,
+    )
+
+
+def measures_table(info: CampaignInfo, ledger: Ledger) -> "pa.Table":
+    """Columns: what is fixed, then `factor.*`, `monitor.*.margin|at_s|verdict`, `measure.*`."""
+    import pyarrow as pa
+
+    types = {"text": pa.string(), "number": pa.float64(), "whole": pa.int64(), "flag": pa.bool_()}
+    columns = [*_fixed(ledger), *_factors(ledger), *_monitors(ledger), *_measures(ledger)]
+    fields, arrays = [], []
+    for name, kind, unit, values in columns:
+        fields.append(pa.field(name, types[kind], metadata={"unit": unit} if unit else None))
+        arrays.append(pa.array(values, type=types[kind]))
+    about = {
+        "campaign": info.name,
+        "fingerprint": info.fingerprint,
+        "written_by": WRITTEN_BY,
+        "expected_cases": str(ledger.expected_cases),
+    }
+    return pa.Table.from_arrays(arrays, schema=pa.schema(fields, metadata=about))
+
+
+def _fixed(ledger: Ledger) -> list[Column]:
+    return [(n, kind, unit, [get(e) for e in ledger.entries]) for n, kind, unit, get in FIXED]
+
+
+def _factors(ledger: Ledger) -> list[Column]:
+    names = sorted({name for entry in ledger.entries for name in entry.case.factors})
+    columns: list[Column] = []
+    for name in names:
+        values = [entry.case.factors.get(name) for entry in ledger.entries]
+        kind = _kind(values)
+        if kind == "text":
+            values = [v if v is None or isinstance(v, str) else _json(v) for v in values]
+        elif kind == "number":
+            values = [None if v is None else float(v) for v in values]
+        columns.append((f"factor.{name}", kind, unit_of(name), values))
+    return columns
+
+
+def _kind(values: Sequence[Any]) -> str:
+    known = [value for value in values if value is not None]
+    if known and all(isinstance(value, bool) for value in known):
+        return "flag"
+    if any(isinstance(value, bool) for value in known):
+        return "text"
+    if known and all(isinstance(value, int) for value in known):
+        return "whole"
+    if known and all(isinstance(value, int | float) for value in known):
+        return "number"
+    return "text"
+
+
+def _json(value: Any) -> str:
+    if isinstance(value, int | float):
+        return factor_text(value)
+    return json.dumps(value, sort_keys=True, default=str)
+
+
+def _monitors(ledger: Ledger) -> list[Column]:
+    keys = sorted({(m.name, m.unit) for entry in ledger.entries for m in entry.monitors()})
+    names = [name for name, _ in keys]
+    columns: list[Column] = []
+    for name, unit in keys:
+        said = [
+            next((m for m in entry.monitors() if (m.name, m.unit) == (name, unit)), None)
+            for entry in ledger.entries
+        ]
+        # One name with two units is two monitors.
+        stem = f"monitor.{name}" if names.count(name) == 1 else f"monitor.{name} [{unit}]"
+        verdicts = [None if m is None else m.verdict.value for m in said]
+        columns += [
+            (f"{stem}.verdict", "text", "", verdicts),
+            (f"{stem}.margin", "number", unit, [m and known_margin(m) for m in said]),
+            (f"{stem}.at_s", "number", "s", [m and m.at_s for m in said]),
+            (f"{stem}.exercised", "flag", "", [None if m is None else exercised(m) for m in said]),
+        ]
+    return columns
+
+
+def _measures(ledger: Ledger) -> list[Column]:
+    names = sorted({name for entry in ledger.entries for name in entry.measures()})
+    return [
+        (
+            f"measure.{n}",
+            "number",
+            unit_of(n),
+            [entry.measures().get(n) for entry in ledger.entries],
+        )
+        for n in names
+    ]

@@ -1,0 +1,107 @@
+"""The requirement table: from each requirement to scenarios, cases, worst margin and frames."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from metro_hil.report.campaign.evidence import Frames, frames_around
+from metro_hil.report.campaign.info import CampaignInfo
+from metro_hil.report.campaign.ledger import Ledger, known_margin
+from metro_hil.report.campaign.trace import Evidence, Standing, Trace
+from metro_hil.report.campaign.units import with_unit
+
+
+@dataclass(frozen=True, slots=True)
+class RequirementRow:
+    """One line of the table, ready to be shown."""
+
+    id: str
+    source: str
+    text: str
+    standing: Standing
+    scenarios: str
+    run: int
+    """Cases that name it."""
+    passed: int
+    failed: int
+    as_expected: int
+    """Cases that were there to violate it, and did."""
+    nothing: int
+    """Cases that name it and are evidence of nothing."""
+    worst: str
+    worst_case: str
+    frames: Frames | None
+
+
+def requirement_rows(folder: Path, traces: Sequence[Trace]) -> list[RequirementRow]:
+    """Looks up the frames of each worst case in the campaign's folder."""
+    return [_row(folder, trace) for trace in traces]
+
+
+def _row(folder: Path, trace: Trace) -> RequirementRow:
+    worst = worst_case = ""
+    frames = None
+    if trace.worst is not None:
+        entry, result = trace.worst
+        worst = f"{with_unit(known_margin(result), result.unit)} ({result.name})"
+        worst_case = entry.case.id
+        if result.at_s is not None:
+            frames = frames_around(folder, entry, result.at_s)
+    return RequirementRow(
+        id=trace.requirement.id,
+        source=trace.requirement.source,
+        text=trace.requirement.text,
+        standing=trace.standing,
+        scenarios=", ".join(trace.scenarios),
+        run=trace.cases,
+        passed=trace.counts[Evidence.GOOD],
+        failed=trace.counts[Evidence.BAD],
+        as_expected=trace.counts[Evidence.EXPECTED],
+        nothing=trace.counts[Evidence.NOTHING],
+        worst=worst,
+        worst_case=worst_case,
+        frames=frames,
+    )
+
+
+def requirements_markdown(
+    info: CampaignInfo, ledger: Ledger, rows: Sequence[RequirementRow]
+) -> str:
+    """The table for people who read text; what has no evidence is listed by itself."""
+    lines = [
+        f"# Requirements: {_cell(info.title or info.name)}",
+        "",
+        f"Campaign {_cell(info.name)}: {ledger.as_expected} of {ledger.expected_cases} cases as "
+        f"expected, {ledger.missing} missing.",
+        "",
+        "| requirement | source | text | standing | scenarios | cases | passed | failed "
+        "| worst margin | worst case | frames |",
+        "|---|---|---|---|---|---:|---:|---:|---|---|---|",
+    ]
+    shown = [row for row in rows if row.run]
+    for row in shown:
+        cells = (
+            *(row.id, row.source, row.text, row.standing.value, row.scenarios),
+            *(str(row.run), str(row.passed), _failed(row)),
+            *(row.worst, row.worst_case, row.frames.text if row.frames else ""),
+        )
+        lines.append("| " + " | ".join(_cell(cell) for cell in cells) + " |")
+    if not shown:
+        lines.append("| none | | | | | | | | | | |")
+    lines += ["", "## Open: no evidence in this campaign", ""]
+    for row in rows:
+        if row.standing is Standing.OPEN:
+            lines.append(f"- {row.id} ({_cell(row.source)}): {_cell(row.text)}")
+    return "\n".join(lines) + "\n"
+
+
+def _failed(row: RequirementRow) -> str:
+    return f"{row.failed} (+{row.as_expected} as expected)" if row.as_expected else str(row.failed)
+
+
+def _cell(text: str) -> str:
+    """What a name holds must neither end the cell nor be taken for markup."""
+    plain = " ".join(text.split()).replace("\\", "\\\\")
+    for mark in ("|", "<", "[", "]", "*", "`"):
+        plain = plain.replace(mark, "\\" + mark)
+    return plain

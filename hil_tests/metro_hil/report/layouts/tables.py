@@ -1,0 +1,70 @@
+"""A table as a layout draws it up, and how it is printed to a terminal."""
+
+import enum
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+
+class Mark(enum.Enum):
+    """How a figure compares with the one it stands beside."""
+
+    NONE = ""
+    BETTER = "better"
+    WORSE = "worse"
+    INCOMPLETE = "incomplete"
+    """Not all that should be in it is there, so that it compares with nothing."""
+
+
+@dataclass(frozen=True, slots=True)
+class LayoutCell:
+    """One cell; `span` columns wide."""
+
+    text: str
+    mark: Mark = Mark.NONE
+    span: int = 1
+
+
+@dataclass(frozen=True, slots=True)
+class LayoutTable:
+    """Head rows, body rows (the first cell of each names it) and what is to be said of it."""
+
+    title: str
+    head: tuple[tuple[LayoutCell, ...], ...]
+    rows: tuple[tuple[LayoutCell, ...], ...]
+    remarks: tuple[str, ...]
+
+
+STYLES = {Mark.BETTER: "green", Mark.WORSE: "red", Mark.INCOMPLETE: "yellow", Mark.NONE: ""}
+SIGNS = {Mark.BETTER: "▼", Mark.WORSE: "▲", Mark.INCOMPLETE: "?", Mark.NONE: " "}
+"""Smaller errors are better; read without colours, too."""
+
+
+def print_layout(console: "Console", tables: list[LayoutTable]) -> None:
+    """To the terminal; all figures stay legible without colours."""
+    from rich.table import Table
+    from rich.text import Text
+
+    for table in tables:
+        shown = Table(title=Text(table.title, style="bold"), title_justify="left", pad_edge=False)
+        for number, names in enumerate(zip(*map(_spread, table.head), strict=True)):
+            head = "\n".join(names)
+            shown.add_column(Text(head), justify="right" if number else "left", no_wrap=True)
+        for row in table.rows:
+            cells = [
+                Text(f"{cell.text}{SIGNS[cell.mark]}" if at else cell.text, STYLES[cell.mark])
+                for at, cell in enumerate(row)
+                for cell in (cell, *[LayoutCell("")] * (cell.span - 1))
+            ]
+            shown.add_row(*cells)
+        console.print(shown)
+        for remark in table.remarks:
+            console.print(Text(f"  {remark}"))
+        console.print()
+
+
+def _spread(row: tuple[LayoutCell, ...]) -> list[str]:
+    """One text per column: of a wide cell the first column has it."""
+    return [text for cell in row for text in (cell.text, *[""] * (cell.span - 1))]
