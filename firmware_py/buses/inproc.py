@@ -14,7 +14,7 @@ identifier, node, number within the node; the order in which ports were made pla
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from heapq import heapify, heappop, heappush
-from typing import Final
+from typing import Final, Protocol
 
 from firmware_py.buses.timing import INTERMISSION_BITS, LONGEST_FRAME_BITS, frame_bits
 from firmware_py.ports import CanFrame, LinkCounters
@@ -25,7 +25,7 @@ INBOX_FRAMES: Final = 65_536
 
 Record = Callable[[CanFrame, str], None]
 
-_Offer = tuple[int, str, int, int, bytes, "InprocPort"]
+Offer = tuple[int, str, int, int, bytes, "InprocPort"]
 """Identifier, node, number within the node: these order it. Then length in bits, data, sender."""
 
 _make_frame = tuple.__new__
@@ -47,11 +47,33 @@ class BusStatistics:
         return self.busy_ns / duration_ns if duration_ns > 0 else 0.0
 
 
+class Carrier(Protocol):
+    """Carries a bus's frames in its stead, for what the bus itself knows nothing of: errors."""
+
+    @property
+    def on_wire(self) -> int:
+        """Number of frames that have started and not ended: 0 or 1."""
+        ...
+
+    def advance(self, now_ns: int) -> None:
+        """What `InprocBus.advance` does."""
+        ...
+
+    def offer(self, now_ns: int, offer: Offer) -> bool:
+        """Take one frame into a mailbox; False if it is dropped."""
+        ...
+
+    def forget(self, leaving: "InprocPort") -> int:
+        """Drop what waits in the mailboxes of a node that leaves; says how many frames."""
+        ...
+
+
 class InprocBus:
     """One bus segment, shared by all devices of one process."""
 
     __slots__ = (
         "_bits",
+        "_carrier",
         "_duration_ns",
         "_frames",
         "_offers",
@@ -71,8 +93,9 @@ class InprocBus:
         self.name = name
         self.bit_rate = bit_rate
         self._record = record
+        self._carrier: Carrier | None = None
         self._ports: dict[str, InprocPort] = {}
-        self._offers: list[_Offer] = []
+        self._offers: list[Offer] = []
         self._start_ns = 0
         """Earliest start of the next frame; if offers wait, its start."""
         self._told_ns = 0
@@ -97,13 +120,19 @@ class InprocBus:
 
     def statistics(self) -> BusStatistics:
         on_wire = 0 if self._on_wire is None else 1
+        if self._carrier is not None:
+            on_wire = self._carrier.on_wire
         busy_ns = 1_000_000_000 * self._bits // self.bit_rate
-        return BusStatistics(self._frames, busy_ns, len(self._offers) + on_wire)
+        waiting = sum(port._waiting for port in self._ports.values())
+        return BusStatistics(self._frames, busy_ns, waiting + on_wire)
 
     def advance(self, now_ns: int) -> None:
         """Start what starts before `now_ns`, and hand to its hearers what has ended by then."""
         assert now_ns >= self._told_ns, "time was told backwards"
         self._told_ns = now_ns
+        if self._carrier is not None:
+            self._carrier.advance(now_ns)
+            return
         on_wire = self._on_wire
         if on_wire is not None:
             if on_wire[0][0] > now_ns:
@@ -142,6 +171,9 @@ class InprocBus:
     def _offer(self, now_ns: int, can_id: int, data: bytes, sender: "InprocPort") -> None:
         bits = frame_bits(can_id, data)
         offers = self._offers
+        if self._carrier is not None:
+            self._carry(now_ns, (can_id, sender.name, 0, bits, data, sender))
+            return
         if offers and self._start_ns < now_ns:
             # Frames that start before this one is offered do not have to win against it.
             self.advance(now_ns)
@@ -158,6 +190,13 @@ class InprocBus:
         sender.counters.sent += 1
         heappush(offers, (can_id, sender.name, sender._sequence, bits, data, sender))
 
+    def _carry(self, now_ns: int, offer: Offer) -> None:
+        assert self._carrier is not None
+        sender = offer[5]
+        self.advance(now_ns)
+        if not self._carrier.offer(now_ns, offer):
+            sender.counters.dropped_out += 1
+
     def _route(self, sender: "InprocPort", can_id: int) -> "tuple[InprocPort, ...]":
         others = (port for port in self._ports.values() if port is not sender)
         hearers = tuple(port for port in others if port.hears(can_id))
@@ -167,6 +206,8 @@ class InprocBus:
     def _disconnect(self, leaving: "InprocPort") -> None:
         """A node that leaves takes along what waits in its mailboxes; a started frame ends."""
         del self._ports[leaving.name]
+        if self._carrier is not None:
+            leaving.counters.dropped_out += self._carrier.forget(leaving)
         kept = [offer for offer in self._offers if offer[5] is not leaving]
         leaving.counters.dropped_out += len(self._offers) - len(kept)
         self._offers[:] = kept
@@ -185,6 +226,7 @@ class InprocPort:
     __slots__ = (
         "_accepted",
         "_bus",
+        "_deaf",
         "_hearers",
         "_inbox",
         "_sequence",
@@ -200,6 +242,8 @@ class InprocPort:
         self.is_open = True
         self._bus = bus
         self._accepted = accepted
+        self._deaf = False
+        """Off the bus or cut from it; only a carrier knows of that."""
         self._inbox: list[CanFrame] = []
         self._hearers: dict[int, tuple[InprocPort, ...]] = {}
         """By identifier: who hears this node; filled when first asked for."""
@@ -207,7 +251,7 @@ class InprocPort:
         self._sequence = 0
 
     def hears(self, can_id: int) -> bool:
-        return self._accepted is None or can_id in self._accepted
+        return not self._deaf and (self._accepted is None or can_id in self._accepted)
 
     def send(self, now_ns: int, can_id: int, data: bytes) -> None:
         """Put one frame into a mailbox.

@@ -1,0 +1,387 @@
+"""A bus in virtual time on which frames are destroyed, nodes are off or cut, and one may babble.
+
+`DisturbedWire` takes over from an `InprocBus` and carries its frames with the same instants and the
+same order as long as nothing is wrong. A frame that is destroyed costs its bits up to the error and
+an error frame, is counted by all nodes as ISO 11898-1 says, and is arbitrated for anew.
+
+A node that goes bus off drops what waits in its mailboxes, as drivers do. One that is cut off keeps
+it: its controller tries on, in vain, and says it when the wire is mended.
+"""
+
+from collections import Counter
+from collections.abc import Callable
+from heapq import heappop
+from typing import Final, NamedTuple, Protocol
+
+from firmware_py.buses import confinement
+from firmware_py.buses.bus_node import BusNode, Passing
+from firmware_py.buses.confinement import ErrorCounters, ErrorState, WireFrame, wire_frame
+from firmware_py.buses.inproc import MAILBOX_FRAMES, InprocBus, InprocPort, Offer
+from firmware_py.buses.timing import INTERMISSION_BITS, frame_bits
+from firmware_py.ports import CanFrame
+
+CUT_FRAMES: Final = 16
+"""What a node that is cut off keeps: three mailboxes and some of a driver's queue."""
+EVENTS_MAX: Final = 1000
+NS_PER_S: Final = 1_000_000_000
+
+
+class Disturber(Protocol):
+    """Says which frames are destroyed."""
+
+    def struck_bit(self, start_ns: int, can_id: int, data: bytes, sender: str) -> int | None:
+        """Of a frame that is about to start, the bit that is inverted for all; None for a good one.
+
+        Counted from the first bit of the data field, stuff bits included; what lies behind the CRC
+        sequence counts as its last bit.
+        """
+        ...
+
+
+class WireEvent(NamedTuple):
+    """A node that entered another state."""
+
+    at_ns: int
+    node: str
+    state: ErrorState
+
+
+class DisturbedWire:
+    """Carries the frames of a bus from now on; all instants as with the bus itself."""
+
+    def __init__(
+        self,
+        bus: InprocBus,
+        disturber: Disturber | None = None,
+        on_error: Callable[[CanFrame, str], None] | None = None,
+    ) -> None:
+        """`on_error` is told every error frame, at its end, in the layout of Linux, with the name
+        of the sender of the frame that was destroyed."""
+        self.disturber = disturber
+        self.error_frames: Counter[str] = Counter()
+        """By the sender of the frame that was destroyed."""
+        self.events: list[WireEvent] = []
+        """The first EVENTS_MAX."""
+        self.events_left_out = 0
+        self._bus, self._on_error = bus, on_error
+        self._nodes: dict[str, BusNode] = {}
+        self._free_ns = bus._start_ns
+        self._passing: Passing | None = None
+        self._mending: list[BusNode] = []
+        self._restarting: list[BusNode] = []
+        self._present: tuple[BusNode, ...] = ()
+        """All nodes that are neither off nor cut off."""
+        self._ports_seen = 0
+        self._blemished = False
+        """Whether any receive error counter may be above zero."""
+        self._take_over()
+
+    def _take_over(self) -> None:
+        bus = self._bus
+        assert bus._carrier is None, "another one carries this bus"
+        while bus._offers:
+            offer = heappop(bus._offers)
+            offer[5]._waiting -= 1
+            self._node(offer[5]).push(offer)
+        if bus._on_wire is not None:
+            frame, port, bits = bus._on_wire
+            length_ns = self._ns(bits - INTERMISSION_BITS)
+            offer = (frame.can_id, port.name, 0, bits, frame.data, port)
+            start_ns = frame.stamp_ns - length_ns
+            self._passing = Passing(offer, self._node(port), start_ns, frame.stamp_ns, bits)
+            bus._on_wire = None
+        bus._carrier = self
+
+    # What the bus asks for.
+
+    @property
+    def on_wire(self) -> int:
+        return 0 if self._passing is None else 1
+
+    def advance(self, now_ns: int) -> None:
+        while True:
+            passing = self._passing
+            if passing is not None:
+                if passing.end_ns > now_ns:
+                    return
+                self._passing = None
+                self._finish(passing)
+            start_ns = self._next_start_ns()
+            if start_ns is None or start_ns >= now_ns:
+                return
+            self._begin(start_ns)
+
+    def offer(self, now_ns: int, offer: Offer) -> bool:
+        can_id, name, _, bits, data, port = offer
+        node = self._node(port)
+        self._look_for_recovery(node, now_ns)
+        room = MAILBOX_FRAMES if node.cut_ns < 0 else CUT_FRAMES
+        if node.errors.off or port._waiting >= room:
+            return False
+        if not node.offers:
+            node.ready_ns = max(node.ready_ns, now_ns)
+        if node.cut_ns >= 0 and node.tries_ns < 0:
+            node.tries_ns = now_ns
+        port._sequence += 1
+        port.counters.sent += 1
+        node.push((can_id, name, port._sequence, bits, data, port))
+        return True
+
+    def forget(self, leaving: InprocPort) -> int:
+        node = self._nodes.pop(leaving.name, None)
+        if node is None:
+            return 0
+        self._mending = [each for each in self._mending if each is not node]
+        self._restarting = [each for each in self._restarting if each is not node]
+        self._ports_seen = 0
+        return node.drop_all()
+
+    # What a fault layer asks for.
+
+    def errors_of(self, node: str, now_ns: int) -> ErrorCounters:
+        """A copy of its counters."""
+        self._bus.advance(now_ns)
+        found = self._named(node)
+        self._look_for_recovery(found, now_ns)
+        return ErrorCounters(found.errors.tec, found.errors.rec, found.errors.off)
+
+    def cut(self, node: str, now_ns: int) -> None:
+        """The wire to a node breaks; what it is saying is not heard to its end."""
+        self._bus.advance(now_ns)
+        cut = self._named(node)
+        if cut in self._mending:
+            self._mending.remove(cut)
+            return
+        if cut.cut_ns >= 0:
+            return
+        cut.cut_ns = now_ns
+        passing = self._passing
+        speaking = passing is not None and passing.node is cut
+        cut.tries_ns = now_ns if cut.offers or speaking else -1
+        self._admit(cut)
+        if passing is not None and speaking and not passing.destroyed:
+            self._abandon(passing, now_ns)
+
+    def mend(self, node: str, now_ns: int) -> None:
+        """The wire is whole again; a frame that is on it is not heard any more."""
+        self._bus.advance(now_ns)
+        mended = self._named(node)
+        if mended.cut_ns < 0 or mended in self._mending:
+            return
+        if mended.tries_ns >= 0 and mended.offers:
+            frame = wire_frame(mended.offers[0][0], mended.offers[0][4])
+            mended.count_tries(now_ns, self._ns(confinement.unacknowledged_bits(frame)))
+            self._enter_state(mended, now_ns)
+        mended.ready_ns = max(mended.ready_ns, now_ns)
+        if self._passing is None:
+            mended.cut_ns = -1
+            self._admit(mended)
+        else:
+            self._mending.append(mended)
+
+    def restart(self, node: str, now_ns: int) -> None:
+        """A node that is bus off begins to wait for 128 times eleven recessive bits."""
+        self._bus.advance(now_ns)
+        off = self._named(node)
+        if not off.errors.off or off.restarting:
+            return
+        off.restart(now_ns, self._free_ns)
+        self._restarting.append(off)
+
+    def babble(
+        self, port: InprocPort, can_id: int, data: bytes, load_ratio: float, now_ns: int
+    ) -> None:
+        """The node says this frame over and over, so that alone it fills that share of the bus."""
+        self._bus.advance(now_ns)
+        node = self._node(port)
+        bits = frame_bits(can_id, data)
+        node.babble_gap_ns = round(self._ns(bits) * (1.0 / load_ratio - 1.0))
+        if self._passing is not None and self._passing.node is node:
+            # Still on its last word from before; it goes on behind that.
+            self._passing.last_try = False
+            return
+        self.offer(now_ns, (can_id, port.name, 0, bits, data, port))
+
+    def hush(self, port: InprocPort, now_ns: int) -> None:
+        """It says no more, but for a frame that is on the wire."""
+        self._bus.advance(now_ns)
+        node = self._node(port)
+        node.babble_gap_ns = -1
+        node.drop_all()
+        if self._passing is not None and self._passing.node is node:
+            self._passing.last_try = True
+
+    # One frame.
+
+    def _next_start_ns(self) -> int | None:
+        ready = [node.ready_ns for node in self._nodes.values() if node.offers and node.there]
+        return max(self._free_ns, min(ready)) if ready else None
+
+    def _begin(self, start_ns: int) -> None:
+        node = min(
+            (
+                node
+                for node in self._nodes.values()
+                if node.offers and node.ready_ns <= start_ns and node.there
+            ),
+            key=lambda node: node.offers[0][:3],
+        )
+        offer = heappop(node.offers)
+        can_id, name, _, bits, data, port = offer
+        port._waiting -= 1
+        passing = Passing(offer, node, start_ns, 0, bits)
+        present = self._nodes_present()
+        if len(present) < 2:
+            passing.destroyed, passing.acknowledged = True, False
+            passing.bits = confinement.unacknowledged_bits(wire_frame(can_id, data))
+        elif self.disturber is not None:
+            bit = self.disturber.struck_bit(start_ns, can_id, data, name)
+            if bit is not None:
+                passing.destroyed = True
+                passing.bits = self._destroyed_bits(wire_frame(can_id, data), bit, node)
+        self._occupy(passing)
+        for each in tuple(self._restarting):
+            self._look_for_recovery(each, start_ns)
+            each.pass_frame(start_ns, self._free_ns)
+        self._passing = passing
+
+    def _destroyed_bits(self, frame: WireFrame, bit: int, sender: BusNode) -> int:
+        return confinement.destroyed_bits(
+            frame,
+            min(frame.first + bit, frame.last),
+            sender_passive=sender.state is ErrorState.PASSIVE,
+            hearers_active=self._any_active(sender),
+        )
+
+    def _occupy(self, passing: Passing) -> None:
+        passing.end_ns = passing.start_ns + self._ns(passing.bits - INTERMISSION_BITS)
+        self._free_ns = passing.start_ns + self._ns(passing.bits)
+
+    def _finish(self, passing: Passing) -> None:
+        node = passing.node
+        if passing.destroyed:
+            self._fail(passing)
+        else:
+            can_id, _, _, bits, data, port = passing.offer
+            self._bus._end(CanFrame(passing.end_ns, can_id, data), port, bits)
+            node.errors.sent()
+            self._enter_state(node, passing.end_ns)
+            if self._blemished:
+                self._heal(node, passing.end_ns)
+            if node.babble_gap_ns >= 0:
+                self.offer(passing.end_ns, passing.offer)
+        # A passive node lets others go first, whether its own frame came through or not.
+        wait_ns = 0
+        if node.state is ErrorState.PASSIVE:
+            wait_ns = self._ns(confinement.SUSPEND_BITS)
+        if not passing.destroyed:
+            wait_ns = max(wait_ns, node.babble_gap_ns)
+        node.ready_ns = max(node.ready_ns, self._free_ns + wait_ns)
+        for mended in self._mending:
+            mended.cut_ns = -1
+            self._admit(mended)
+        self._mending.clear()
+
+    def _heal(self, sender: BusNode, end_ns: int) -> None:
+        """A good frame for all that hear it."""
+        self._blemished = False
+        for each in self._nodes_present():
+            if each.errors.rec:
+                self._blemished = True
+                if each is not sender:
+                    each.errors.heard()
+                    self._enter_state(each, end_ns)
+
+    def _fail(self, passing: Passing) -> None:
+        node, end_ns = passing.node, passing.end_ns
+        self._bus._bits += passing.bits
+        self.error_frames[passing.offer[1]] += 1
+        if not passing.gone:
+            if passing.acknowledged:
+                node.errors.sending_failed()
+            else:
+                node.errors.nobody_acknowledged()
+        self._blemished = True
+        for each in self._nodes_present():
+            if each is not node:
+                each.errors.hearing_failed()
+                self._enter_state(each, end_ns)
+        if node.port.is_open and not passing.last_try:
+            node.push(passing.offer)
+        if self._on_error is not None:
+            self._on_error(
+                confinement.error_frame(end_ns, node.errors, passing.acknowledged), node.port.name
+            )
+        if node.errors.off:
+            self._admit(node)
+            node.port.counters.dropped_out += node.drop_all()
+        self._enter_state(node, end_ns)
+
+    def _abandon(self, passing: Passing, now_ns: int) -> None:
+        """The sender is cut off in the middle of its frame."""
+        can_id, _, _, _, data, _ = passing.offer
+        frame = wire_frame(can_id, data)
+        at_bit = (now_ns - passing.start_ns) * self._bus.bit_rate // NS_PER_S
+        if at_bit > frame.last:
+            # The receivers have all they need.
+            return
+        active = self._any_active(passing.node)
+        passing.bits = confinement.abandoned_bits(frame, at_bit, hearers_active=active)
+        passing.destroyed = passing.gone = True
+        self._occupy(passing)
+
+    # Nodes that are not there.
+
+    def _admit(self, node: BusNode) -> None:
+        """Let it hear if it is there."""
+        node.port._deaf = not node.there
+        self._ports_seen = 0
+        self._bus._forget_routes()
+
+    def _look_for_recovery(self, node: BusNode, now_ns: int) -> None:
+        back_ns = node.recovered_ns(now_ns)
+        if back_ns is not None:
+            node.restarting = False
+            self._restarting.remove(node)
+            node.errors.recovered()
+            node.ready_ns = back_ns
+            self._admit(node)
+            self._enter_state(node, back_ns)
+
+    # Small things.
+
+    def _nodes_present(self) -> tuple[BusNode, ...]:
+        ports = self._bus._ports
+        if self._ports_seen != len(ports):
+            self._ports_seen = len(ports)
+            nodes = (self._node(port) for port in ports.values())
+            self._present = tuple(node for node in nodes if node.there)
+        return self._present
+
+    def _any_active(self, sender: BusNode) -> bool:
+        """Whether any of the others sends dominant error flags."""
+        others = (each for each in self._nodes_present() if each is not sender)
+        return any(each.state is ErrorState.ACTIVE for each in others)
+
+    def _node(self, port: InprocPort) -> BusNode:
+        node = self._nodes.get(port.name)
+        if node is None:
+            node = self._nodes[port.name] = BusNode(
+                port, self._ns(confinement.RECOVERY_SEQUENCE_BITS)
+            )
+        return node
+
+    def _named(self, name: str) -> BusNode:
+        return self._node(self._bus._ports[name])
+
+    def _enter_state(self, node: BusNode, at_ns: int) -> None:
+        state = node.errors.state
+        if state is not node.state:
+            node.state = state
+            if len(self.events) < EVENTS_MAX:
+                self.events.append(WireEvent(at_ns, node.port.name, state))
+            else:
+                self.events_left_out += 1
+
+    def _ns(self, bits: int) -> int:
+        return NS_PER_S * bits // self._bus.bit_rate
