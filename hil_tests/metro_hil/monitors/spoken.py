@@ -1,0 +1,207 @@
+"""What the controller says on the bus, and what it hears there, as plain numbers.
+
+Only frames that pass every check of the wire contract count: CRC, alive counter, inverted twin.
+"""
+
+from collections.abc import Callable
+from typing import Any, Final
+
+from can_dbc.binding import Frame, binding_of, can_id
+from can_dbc.brake import BrakeCommand, BrakeStatus
+from can_dbc.cab import Desk
+from can_dbc.codec import Decoder
+from can_dbc.doors import DoorCommand
+from can_dbc.nodes import Direction
+from can_dbc.odometer import Tacho
+from can_dbc.rejection import Rejected
+from can_dbc.traction import TractionCommand, TractionStatus
+from can_dbc.trailer import opener
+from can_dbc.vobc import VobcMotion, VobcPosition, VobcStatus, VobcTarget
+
+DECODED: Final[tuple[type[Frame], ...]] = (
+    BrakeCommand,
+    TractionCommand,
+    DoorCommand,
+    VobcStatus,
+    VobcMotion,
+    VobcPosition,
+    VobcTarget,
+    Desk,
+)
+STAMPED: Final[tuple[type[Frame], ...]] = (Tacho, BrakeStatus, TractionStatus)
+"""Of these only that they were intact and when counts."""
+SIGNS: Final = {Direction.NEUTRAL: 0.0, Direction.FORWARD: 1.0, Direction.REVERSE: -1.0}
+
+
+class Spoken:
+    """The last valid frame of each kind; before the first, the most restrictive content."""
+
+    __slots__ = (
+        "_decode",
+        "_openers",
+        "_takers",
+        "ato_phase",
+        "brake_ns",
+        "brake_status_ns",
+        "ceiling_mps",
+        "claimed_front_m",
+        "claimed_speed_mps",
+        "claimed_to_authority_m",
+        "claimed_to_stop_m",
+        "cycle_slips",
+        "desk_ns",
+        "direction",
+        "doors_ns",
+        "emergency_commanded",
+        "emergency_limit_mps",
+        "enable_left",
+        "enable_right",
+        "force_commanded_n",
+        "holding_commanded",
+        "localised",
+        "missing",
+        "motion_ns",
+        "news",
+        "open_left_commanded",
+        "open_right_commanded",
+        "position_ns",
+        "reset_pressed",
+        "service_decel_mps2",
+        "slip_detected",
+        "status_ns",
+        "supervision",
+        "tacho_ns",
+        "target_ns",
+        "traction_ns",
+        "traction_permitted",
+        "traction_status_ns",
+        "uncertainty_m",
+        "wanted_ids",
+        "work_us",
+    )
+
+    def __init__(self, start_ns: int = 0) -> None:
+        decoder = Decoder(DECODED)
+        self._decode = decoder.decode
+        self._openers: dict[int, tuple[int, Callable[[bytes], int]]] = {
+            can_id(kind): (number, opener(binding_of(kind).message))
+            for number, kind in enumerate(STAMPED)
+        }
+        self.wanted_ids: frozenset[int] = decoder.ids | frozenset(self._openers)
+        """Any other frame need not be handed over."""
+        self._takers: dict[type, Callable[[Any, int], None]] = {
+            BrakeCommand: self._take_brake,
+            TractionCommand: self._take_traction,
+            DoorCommand: self._take_doors,
+            VobcStatus: self._take_status,
+            VobcMotion: self._take_motion,
+            VobcPosition: self._take_position,
+            VobcTarget: self._take_target,
+            Desk: self._take_desk,
+        }
+        self.news = False
+        """Something of the controller's own has come since whoever reads this set it to false."""
+        self._claim_nothing()
+        self._command_nothing()
+        # What was never heard is as old as the run.
+        self.brake_ns = self.traction_ns = self.doors_ns = start_ns
+        self.status_ns = self.motion_ns = self.position_ns = self.target_ns = start_ns
+        self.desk_ns = self.tacho_ns = self.brake_status_ns = self.traction_status_ns = start_ns
+
+    def _claim_nothing(self) -> None:
+        self.claimed_front_m = 0.0
+        self.uncertainty_m = 655.35
+        self.supervision = 0.0
+        self.ato_phase = 0.0
+        self.missing = 255.0
+        self.localised = 0.0
+        self.slip_detected = 0.0
+        self.cycle_slips = 0.0
+        self.work_us = 0.0
+        self.claimed_speed_mps = 0.0
+        self.ceiling_mps = 0.0
+        self.emergency_limit_mps = 0.0
+        self.claimed_to_stop_m = 0.0
+        self.claimed_to_authority_m = 0.0
+
+    def _command_nothing(self) -> None:
+        self.service_decel_mps2 = 0.0
+        self.emergency_commanded = 1.0
+        self.holding_commanded = 1.0
+        self.force_commanded_n = 0.0
+        self.direction = 0.0
+        self.traction_permitted = 0.0
+        self.enable_left = 0.0
+        self.enable_right = 0.0
+        self.open_left_commanded = 0.0
+        self.open_right_commanded = 0.0
+        self.reset_pressed = 0.0
+
+    def frame(self, stamp_ns: int, can_id: int, data: bytes) -> None:
+        """One frame at the end of its transmission; its identifier is one of `wanted_ids`."""
+        stamped = self._openers.get(can_id)
+        if stamped is not None:
+            number, opened = stamped
+            if opened(data) < 0:
+                return
+            if number == 0:
+                self.tacho_ns = stamp_ns
+            elif number == 1:
+                self.brake_status_ns = stamp_ns
+            else:
+                self.traction_status_ns = stamp_ns
+            return
+        heard = self._decode(can_id, data, stamp_ns)
+        if heard is None or isinstance(heard, Rejected):
+            return
+        self._takers[heard.__class__](heard, stamp_ns)
+        self.news = True
+
+    def _take_brake(self, said: BrakeCommand, stamp_ns: int) -> None:
+        self.brake_ns = stamp_ns
+        self.service_decel_mps2 = said.service_decel_mps2
+        self.emergency_commanded = 0.0 if said.emergency_released else 1.0
+        self.holding_commanded = 0.0 if said.holding_released else 1.0
+
+    def _take_traction(self, said: TractionCommand, stamp_ns: int) -> None:
+        self.traction_ns = stamp_ns
+        self.force_commanded_n = said.force_n
+        self.direction = SIGNS[said.direction]
+        self.traction_permitted = 1.0 if said.traction_permitted else 0.0
+
+    def _take_doors(self, said: DoorCommand, stamp_ns: int) -> None:
+        self.doors_ns = stamp_ns
+        self.enable_left = 1.0 if said.enable_left else 0.0
+        self.enable_right = 1.0 if said.enable_right else 0.0
+        self.open_left_commanded = 1.0 if said.open_left else 0.0
+        self.open_right_commanded = 1.0 if said.open_right else 0.0
+
+    def _take_status(self, said: VobcStatus, stamp_ns: int) -> None:
+        self.status_ns = stamp_ns
+        self.supervision = float(said.supervision.value)
+        self.ato_phase = float(said.ato_phase.value)
+        self.missing = float(said.missing.value)
+        self.localised = 1.0 if said.localised else 0.0
+        self.slip_detected = 1.0 if said.slip_detected else 0.0
+        self.cycle_slips = float(said.cycle_slips)
+        self.work_us = said.work_us
+
+    def _take_motion(self, said: VobcMotion, stamp_ns: int) -> None:
+        self.motion_ns = stamp_ns
+        self.claimed_speed_mps = said.speed_mps
+        self.ceiling_mps = said.ceiling_mps
+        self.emergency_limit_mps = said.emergency_mps
+
+    def _take_position(self, said: VobcPosition, stamp_ns: int) -> None:
+        self.position_ns = stamp_ns
+        self.claimed_front_m = said.front_m
+        self.uncertainty_m = said.uncertainty_m
+
+    def _take_target(self, said: VobcTarget, stamp_ns: int) -> None:
+        self.target_ns = stamp_ns
+        self.claimed_to_stop_m = said.distance_to_stop_m
+        self.claimed_to_authority_m = said.distance_to_authority_m
+
+    def _take_desk(self, said: Desk, stamp_ns: int) -> None:
+        self.desk_ns = stamp_ns
+        self.reset_pressed = 1.0 if said.reset_requested else 0.0

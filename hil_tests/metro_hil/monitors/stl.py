@@ -1,0 +1,215 @@
+"""A formula over a run: fed sample by sample, with a verdict and a margin at the end.
+
+At the top of a formula stand `always`, `eventually` and `until`, alone or joined by `and`, `or`,
+`not` and `->`; they look from the first sample on. Inside them everything that looks ahead needs an
+end, so that memory stays bounded and a violation is known when its interval is over.
+"""
+
+from collections.abc import Callable, Collection
+from typing import Final
+
+from firmware_py.expression import ExpressionError, compile_expression
+from metro_hil.monitors.formula import (
+    AHEAD,
+    Atom,
+    Both,
+    Either,
+    Interval,
+    Lasting,
+    Node,
+    Timed,
+    Until,
+)
+from metro_hil.monitors.reading import FormulaError, parse
+from metro_hil.monitors.streams import (
+    NO_END,
+    Ahead,
+    Instant,
+    Joined,
+    JoinedLater,
+    Later,
+    Margin,
+    Now,
+    Past,
+    PastLater,
+    Ready,
+    UntilLater,
+    Window,
+)
+from metro_hil.monitors.terms import Several, State, Term, UntilWhole, Whole
+
+STATIC_MAX: Final = 900
+"""Characters of what is joined into one expression."""
+NS_PER_S: Final = 1_000_000_000
+
+
+class Formula:
+    """One formula over one run."""
+
+    __slots__ = ("_began", "_first_ns", "_premise", "_term", "broken", "exercised", "names", "text")
+
+    def __init__(self, text: str, signals: Collection[str], booleans: Collection[str] = ()) -> None:
+        """Raises FormulaError."""
+        self.text = text
+        tree = parse(text, signals, booleans)
+        builder = _Builder(text, signals)
+        self._term: Term = builder.term(tree)
+        self._premise: Whole | None = builder.premise(tree)
+        self.names: frozenset[str] = frozenset(builder.names)
+        """The signals that it reads."""
+        self._began = False
+        self._first_ns = 0
+        self.exercised = self._premise is None
+        """Whether the premise of its implication ever held; true if it has none."""
+        self.broken = ""
+        """Why it could not be computed."""
+
+    def step(self, t_ns: int, signals: object) -> bool:
+        """Take one sample; true once it is certain that the formula does not hold."""
+        if not self._began:
+            self._began = True
+            self._first_ns = t_ns
+        if self.broken:
+            return False
+        since_ns = t_ns - self._first_ns
+        try:
+            self._term.step(t_ns, since_ns, signals)
+            premise = self._premise
+            if premise is not None and premise.state is not State.HOLDS:
+                premise.step(t_ns, since_ns, signals)
+        except ZeroDivisionError:
+            self.broken = f"division by zero at {since_ns / NS_PER_S:g} s"
+        return self._term.state is State.VIOLATED
+
+    def finish(self, cut_short: bool = False) -> None:
+        """No sample comes any more; `cut_short` says that the run would have gone on."""
+        term, premise = self._term, self._premise
+        term.finish(cut_short)
+        if premise is not None and premise.state is State.HOLDS:
+            # What it asks for must have been judged, too, not only asked for.
+            assert isinstance(term, Whole)
+            self.exercised = premise.at_ns <= term.judged_ns
+
+    @property
+    def state(self) -> State:
+        return self._term.state
+
+    @property
+    def margin(self) -> float:
+        """Robustness; infinite when nothing was judged. Its sign is the verdict."""
+        return self._term.margin
+
+    @property
+    def at_ns(self) -> int:
+        """Of the sample that the margin was found for."""
+        return self._term.at_ns
+
+
+class _Builder:
+    """From the tree to what computes it."""
+
+    def __init__(self, text: str, signals: Collection[str]) -> None:
+        self._text = text
+        self._signals = signals
+        self.names: set[str] = set()
+
+    def term(self, node: Node) -> Term:
+        """What may stand at the top."""
+        if isinstance(node, Both | Either):
+            parts = [self.term(part) for part in node.parts]
+            return Several(parts, one_is_enough=isinstance(node, Either))
+        if isinstance(node, Until):
+            first, second = self.later(node.first), self.later(node.second)
+            return UntilWhole(first, second, node.interval, released=node.released)
+        if isinstance(node, Timed) and node.lasting in AHEAD:
+            greatest = node.lasting is Lasting.EVENTUALLY
+            return Whole(self.stream(node.body), node.interval, greatest=greatest)
+        raise self._error(
+            node.position,
+            "this would be looked at in the first sample only; "
+            "put it into always(…), eventually(…) or until",
+        )
+
+    def premise(self, node: Node) -> Whole | None:
+        """Whether `always(premise -> …)` ever asked for anything."""
+        if not isinstance(node, Timed) or node.lasting is not Lasting.ALWAYS:
+            return None
+        body = node.body
+        if not isinstance(body, Either) or body.premise is None:
+            return None
+        return Whole(self.stream(body.premise), node.interval, greatest=True)
+
+    def stream(self, node: Node) -> Instant | Later:
+        """What may stand inside."""
+        static = _static(node)
+        if static is not None and len(static) <= STATIC_MAX:
+            return Now(self._margin(static, node))
+        if isinstance(node, Both | Either):
+            return self._joined(node)
+        if isinstance(node, Until):
+            begin_ns, end_ns = self._ends(node.interval, node.position)
+            first, second = self.later(node.first), self.later(node.second)
+            return UntilLater(first, second, begin_ns, end_ns, released=node.released)
+        assert isinstance(node, Timed)
+        greatest = node.lasting in (Lasting.EVENTUALLY, Lasting.ONCE)
+        body = self.stream(node.body)
+        if node.lasting in AHEAD:
+            begin_ns, end_ns = self._ends(node.interval, node.position)
+            return Ahead(_as_later(body), begin_ns, end_ns, greatest=greatest)
+        end_ns = NO_END if node.interval.end_ns is None else node.interval.end_ns
+        window = Window(node.interval.begin_ns, end_ns, greatest=greatest)
+        return Past(body, window) if isinstance(body, Instant) else PastLater(body, window)
+
+    def later(self, node: Node) -> Later:
+        return _as_later(self.stream(node))
+
+    def _joined(self, node: Both | Either) -> Instant | Later:
+        greatest = isinstance(node, Either)
+        parts = [self.stream(part) for part in node.parts]
+        instants = [part for part in parts if isinstance(part, Instant)]
+        if len(instants) == len(parts):
+            return Joined(instants, greatest=greatest)
+        return JoinedLater([_as_later(part) for part in parts], greatest=greatest)
+
+    def _ends(self, interval: Interval, position: int) -> tuple[int, int]:
+        if interval.end_ns is None:
+            raise self._error(
+                position, "inside another operator it needs an end, such as eventually[0:5](…)"
+            )
+        return interval.begin_ns, interval.end_ns
+
+    def _margin(self, text: str, node: Node) -> Margin:
+        try:
+            # Beginning with a float, it is one whatever the text is made of.
+            expression = compile_expression(f"0.0 + {text}", self._signals)
+        except ExpressionError as error:
+            raise self._error(_position(node), "is too long or too deep") from error
+        self.names |= expression.names
+        value_of: Callable[[object], float] = expression.value_of
+        return value_of
+
+    def _error(self, position: int, what: str) -> FormulaError:
+        return FormulaError(f"{self._text!r} at character {position + 1}: {what}")
+
+
+def _as_later(body: Instant | Later) -> Later:
+    return Ready(body) if isinstance(body, Instant) else body
+
+
+def _static(node: Node) -> str | None:
+    """The text of the margin of what looks at the present only; None for anything else."""
+    if isinstance(node, Atom):
+        return node.margin
+    if isinstance(node, Both | Either):
+        parts = [_static(part) for part in node.parts]
+        known = [part for part in parts if part is not None]
+        if len(known) < len(parts):
+            return None
+        return f"{'max' if isinstance(node, Either) else 'min'}({', '.join(known)})"
+    return None
+
+
+def _position(node: Node) -> int:
+    while isinstance(node, Both | Either):
+        node = node.parts[0]
+    return node.position

@@ -1,0 +1,218 @@
+"""What stands at the top of a formula: looks from the first sample on and comes to a verdict."""
+
+import math
+from enum import IntEnum
+
+from metro_hil.monitors.formula import Interval
+from metro_hil.monitors.streams import NO_END, Instant, Later
+
+
+class State(IntEnum):
+    """What is certain so far."""
+
+    OPEN = 0
+    HOLDS = 1
+    VIOLATED = 2
+    UNKNOWN = 3
+    """Only at the end: the run was over before it could be told."""
+
+
+class Term:
+    """One `always`, `eventually` or `until` at the top, or several joined."""
+
+    __slots__ = ("at_ns", "margin", "state")
+
+    def __init__(self) -> None:
+        self.state = State.OPEN
+        self.margin = math.inf
+        """Of the samples that were judged; infinite when there was none."""
+        self.at_ns = 0
+        """Of the sample that has the margin."""
+
+    def step(self, t_ns: int, since_ns: int, signals: object) -> None:
+        """One sample, `since_ns` after the first."""
+        raise AssertionError
+
+    def finish(self, cut_short: bool) -> None:
+        """No sample comes any more; `cut_short` says that the run would have gone on."""
+        raise AssertionError
+
+
+class Whole(Term):
+    """`always` and `eventually` from the first sample on."""
+
+    __slots__ = (
+        "_begin_ns",
+        "_body",
+        "_closed",
+        "_end_ns",
+        "_later",
+        "_least",
+        "_sign",
+        "judged_ns",
+    )
+
+    def __init__(self, body: Instant | Later, interval: Interval, *, greatest: bool) -> None:
+        super().__init__()
+        self._body: Instant | None = body if isinstance(body, Instant) else None
+        self._later: Later | None = body if isinstance(body, Later) else None
+        self._begin_ns = interval.begin_ns
+        self._end_ns = NO_END if interval.end_ns is None else interval.end_ns
+        self._sign = -1.0 if greatest else 1.0
+        self._least = math.inf
+        self._closed = False
+        self.judged_ns = -1
+        """The last sample that was judged."""
+
+    def step(self, t_ns: int, since_ns: int, signals: object) -> None:
+        body = self._body
+        if body is not None:
+            self._take(t_ns, since_ns, body.value(t_ns, signals))
+            return
+        later = self._later
+        assert later is not None
+        later.step(t_ns, signals)
+        while later.ready:
+            at_ns, value = later.ready.popleft()
+            self._take(at_ns, since_ns - (t_ns - at_ns), value)
+
+    def _take(self, at_ns: int, since_ns: int, value: float) -> None:
+        if self._closed:
+            return
+        if self._begin_ns > 0 and since_ns < self._begin_ns:
+            return
+        if self._end_ns != NO_END and since_ns >= self._end_ns:
+            self._closed = True
+            if since_ns > self._end_ns:
+                self._settle()
+                return
+        self.judged_ns = at_ns
+        value *= self._sign
+        # Not a number counts as a violation: it compares with nothing.
+        if not value >= self._least:
+            self._least = value
+            self.margin = value * self._sign
+            self.at_ns = at_ns
+            if self._sign > 0.0:
+                if not value >= 0.0:
+                    self.state = State.VIOLATED
+            elif self.margin >= 0.0:
+                self.state = State.HOLDS
+        if self._closed:
+            self._settle()
+
+    def _settle(self) -> None:
+        if self.state is State.OPEN:
+            self.state = State.HOLDS if self._sign > 0.0 else State.VIOLATED
+
+    def finish(self, cut_short: bool) -> None:
+        if self.state is not State.OPEN:
+            return
+        whole = self._closed or self._end_ns == NO_END
+        if self.judged_ns < 0 or not whole or (self._sign < 0.0 and cut_short):
+            self.state = State.UNKNOWN
+        else:
+            self._settle()
+
+
+class UntilWhole(Term):
+    """`first until second` from the first sample on. Released, what must not come about."""
+
+    __slots__ = ("_begin_ns", "_best", "_closed", "_end_ns", "_first", "_least", "_second", "_sign")
+
+    def __init__(self, first: Later, second: Later, interval: Interval, *, released: bool) -> None:
+        super().__init__()
+        self._first, self._second = first, second
+        self._begin_ns = interval.begin_ns
+        self._end_ns = NO_END if interval.end_ns is None else interval.end_ns
+        self._sign = -1.0 if released else 1.0
+        self._best, self._least = -math.inf, math.inf
+        self._closed = False
+
+    def step(self, t_ns: int, since_ns: int, signals: object) -> None:
+        first, second = self._first, self._second
+        first.step(t_ns, signals)
+        second.step(t_ns, signals)
+        while first.ready and second.ready:
+            at_ns, held = first.ready.popleft()
+            _, met = second.ready.popleft()
+            self._take(at_ns, since_ns - (t_ns - at_ns), held * self._sign, met * self._sign)
+
+    def _take(self, at_ns: int, since_ns: int, held: float, met: float) -> None:
+        if self._closed:
+            return
+        if self._end_ns != NO_END and since_ns > self._end_ns:
+            self._close()
+            return
+        if since_ns >= self._begin_ns:
+            value = min(met, self._least)
+            if value > self._best:
+                self._best, self.at_ns = value, at_ns
+        self._least = min(self._least, held)
+        self._tell()
+        if self._end_ns != NO_END and since_ns >= self._end_ns:
+            self._close()
+
+    def _tell(self) -> None:
+        self.margin = self._sign * self._best
+        if self._sign > 0.0:
+            if self._best >= 0.0:
+                self.state = State.HOLDS
+            elif self._least < 0.0:
+                self.state = State.VIOLATED
+        elif self.margin < 0.0:
+            self.state = State.VIOLATED
+        elif -self._least >= 0.0:
+            self.state = State.HOLDS
+
+    def _close(self) -> None:
+        self._closed = True
+        if self.state is State.OPEN:
+            self.state = State.VIOLATED if self._sign > 0.0 else State.HOLDS
+
+    def finish(self, cut_short: bool) -> None:
+        if self.state is State.OPEN:
+            if cut_short or self._end_ns != NO_END or math.isinf(self._best):
+                self.state = State.UNKNOWN
+            else:
+                self._close()
+
+
+class Several(Term):
+    """All of several, or one of them."""
+
+    __slots__ = ("_any", "_parts")
+
+    def __init__(self, parts: list[Term], *, one_is_enough: bool) -> None:
+        super().__init__()
+        self._parts = parts
+        self._any = one_is_enough
+
+    def step(self, t_ns: int, since_ns: int, signals: object) -> None:
+        for part in self._parts:
+            part.step(t_ns, since_ns, signals)
+        self._join()
+
+    def finish(self, cut_short: bool) -> None:
+        for part in self._parts:
+            part.finish(cut_short)
+        self._join()
+
+    def _join(self) -> None:
+        decisive, other = State.VIOLATED, State.HOLDS
+        if self._any:
+            decisive, other = other, decisive
+        states = [part.state for part in self._parts]
+        if decisive in states:
+            self.state = decisive
+        elif all(state is other for state in states):
+            self.state = other
+        elif State.UNKNOWN in states:
+            self.state = State.UNKNOWN
+        pick = max if self._any else min
+        part = pick(self._parts, key=_margin_of)
+        self.margin, self.at_ns = part.margin, part.at_ns
+
+
+def _margin_of(part: Term) -> float:
+    return part.margin
