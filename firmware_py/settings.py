@@ -87,6 +87,97 @@ def build(kind: type[T], table: Mapping[str, Any], source: str, key: str = "") -
         raise SettingsError(f"{where}: {error}") from error
 
 
+def override(value: T, changes: Mapping[str, Any], source: str) -> T:
+    """The frozen dataclass `value` with some of what lies in it replaced, and checked as a whole.
+
+    Args:
+        changes: by dotted key from `value` on, such as `brake.service.gain_ratio`; entries of a
+            list by index, `cars.0.tare_kg`. A value is as in a file, but a table changes only what
+            it names. What has the fields low and high and no other may be one number: both.
+
+    Raises:
+        SettingsError: that names source, key and value, as `build` does.
+    """
+    assert dataclasses.is_dataclass(value)
+    changed: T = _changed(type(value), value, _tree(changes, source), source, "")
+    return changed
+
+
+def _tree(changes: Mapping[str, Any], source: str, above: str = "") -> dict[str, Any]:
+    """Dotted keys as tables within tables."""
+    tree: dict[str, Any] = {}
+    for dotted, new in changes.items():
+        where = _join(above, dotted)
+        *path, last = dotted.split(".")
+        branch = tree
+        for name in path:
+            branch = branch.setdefault(name, {})
+            if not isinstance(branch, dict):
+                raise SettingsError(f"{source}: {where}: changed twice, here and as a whole")
+        leaf = _tree(new, source, where) if isinstance(new, Mapping) else new
+        present = branch.get(last)
+        if isinstance(leaf, dict) and isinstance(present, dict) and not leaf.keys() & present:
+            branch[last] = {**present, **leaf}
+        elif last in branch:
+            raise SettingsError(f"{source}: {where}: changed twice")
+        else:
+            branch[last] = leaf
+    return tree
+
+
+def _changed(hint: Any, value: Any, change: Any, source: str, key: str) -> Any:
+    if not isinstance(change, dict):
+        if _is_range(value) and isinstance(change, int | float) and not isinstance(change, bool):
+            change = {"low": change, "high": change}
+        return _convert(hint, change, source, key)
+    if dataclasses.is_dataclass(value):
+        return _changed_fields(value, change, source, key)
+    if isinstance(value, tuple):
+        return _changed_entries(hint, value, change, source, key)
+    if isinstance(value, Mapping):
+        return {**value, **_convert(hint, change, source, key)}
+    return _convert(hint, change, source, key)
+
+
+def _changed_fields(value: Any, change: dict[str, Any], source: str, key: str) -> Any:
+    kind = type(value)
+    hints = typing.get_type_hints(kind)
+    names = [field.name for field in dataclasses.fields(kind) if field.init]
+    new: dict[str, Any] = {}
+    for name, part in change.items():
+        where = _join(key, name)
+        if name not in names:
+            raise SettingsError(f"{source}: {where}: unknown key; {nearest(name, names, 'key')}")
+        new[name] = _changed(hints[name], getattr(value, name), part, source, where)
+    try:
+        return dataclasses.replace(value, **new)
+    except ValueError as error:
+        where = f"{source}: {key}" if key else source
+        raise SettingsError(f"{where}: {error}") from error
+
+
+def _changed_entries(
+    hint: Any, value: tuple[Any, ...], change: dict[str, Any], source: str, key: str
+) -> tuple[Any, ...]:
+    inner, entries = get_args(hint), list(value)
+    for name, part in change.items():
+        where = _join(key, name)
+        if not (name.isascii() and name.isdecimal() and int(name) < len(entries)):
+            raise SettingsError(
+                f"{source}: {where}: no such entry; they are numbered 0 to {len(entries) - 1}"
+            )
+        index = int(name)
+        kind = inner[0] if inner[-1] is Ellipsis else inner[index]
+        entries[index] = _changed(kind, entries[index], part, source, where)
+    return tuple(entries)
+
+
+def _is_range(value: object) -> bool:
+    return dataclasses.is_dataclass(value) and [
+        field.name for field in dataclasses.fields(value)
+    ] == ["low", "high"]
+
+
 def _convert(hint: Any, value: Any, source: str, key: str) -> Any:
     origin = get_origin(hint)
     if origin in (Union, types.UnionType):

@@ -51,6 +51,11 @@ class Uniform:
         self._span = high - low
         self._block: list[float] = []
 
+    def reseed(self, generator: np.random.Generator) -> None:
+        """Draw what is still to come from another generator."""
+        self._generator = generator
+        self._block = []
+
     def draw(self) -> float:
         if not self._block:
             self._block = self._generator.random(BLOCK).tolist()
@@ -72,6 +77,11 @@ class Gaussian:
         self._sigma = sigma
         self._clip = clip
         self._block: list[float] = []
+
+    def reseed(self, generator: np.random.Generator) -> None:
+        """Draw what is still to come from another generator."""
+        self._generator = generator
+        self._block = []
 
     def draw(self) -> float:
         if not self._block:

@@ -10,22 +10,29 @@ from can_dbc.energy import EnergyMeter, LineSupply
 from plant_emulator.train_config import SupplyConfig
 
 J_PER_KWH: Final = 3.6e6
+RECEPTIVE_RATIO: Final = 1.2
+"""A line takes current back up to this share of its no-load voltage; EN 50163 allows as much."""
 
 
 class HighVoltageBox:
     """Books in joules; drawn - returned = traction - braking + auxiliary at any time."""
 
     __slots__ = (
+        "_auxiliary_w",
         "_config",
         "_electric_ratio",
+        "_no_load_v",
         "_resting",
         "_step_s",
         "_traction_ratio",
         "auxiliary_j",
         "braking_j",
+        "breaker_closed",
         "current_a",
         "drawn_j",
         "effort_ratio",
+        "live",
+        "receptive",
         "returned_j",
         "traction_j",
         "voltage_v",
@@ -56,6 +63,31 @@ class HighVoltageBox:
         self.drawn_j = 0.0
         self.returned_j = 0.0
         self._resting = False
+        self._no_load_v = config.no_load_v
+        self._auxiliary_w = config.auxiliary_w
+        self.breaker_closed = True
+        self.live = True
+        """The line feeds the train."""
+        self.receptive = True
+        """The line takes back what the motors brake."""
+
+    def connect(self, no_load_v: float | None, *, breaker_closed: bool) -> None:
+        """A fault: another source behind the line, or the main breaker open; None is the own one.
+
+        A source too weak for any effort feeds nothing, auxiliaries included: they live on the
+        battery, which is not metered. One far above its rating takes nothing back.
+        """
+        config = self._config
+        self._no_load_v = config.no_load_v if no_load_v is None else no_load_v
+        self.breaker_closed = breaker_closed
+        self.live = breaker_closed and self._no_load_v > config.no_effort_v
+        self.receptive = self.live and self._no_load_v <= RECEPTIVE_RATIO * config.no_load_v
+        self._auxiliary_w = config.auxiliary_w if self.live else 0.0
+        self._resting = not self.live
+        if not self.live:
+            self.voltage_v, self.current_a, self.effort_ratio = self._no_load_v, 0.0, 0.0
+        else:
+            self._load_line(self._auxiliary_w * self._step_s)
 
     def rest(self) -> None:
         """Book one step in which the motors do nothing."""
@@ -63,7 +95,7 @@ class HighVoltageBox:
             self.step(0.0, 0.0)
             self._resting = True
             return
-        auxiliary_j = self._config.auxiliary_w * self._step_s
+        auxiliary_j = self._auxiliary_w * self._step_s
         self.auxiliary_j += auxiliary_j
         self.drawn_j += auxiliary_j
 
@@ -75,13 +107,13 @@ class HighVoltageBox:
                 it, and then it brakes.
             brake_work_j: taken at the rail by the electric brake; never negative.
         """
-        config, step_s = self._config, self._step_s
+        step_s = self._step_s
         self._resting = False
         if drive_work_j < 0.0:
             drive_work_j, brake_work_j = 0.0, brake_work_j - drive_work_j
         traction_j = drive_work_j / self._traction_ratio
         braking_j = brake_work_j * self._electric_ratio
-        auxiliary_j = config.auxiliary_w * step_s
+        auxiliary_j = self._auxiliary_w * step_s
         net_j = traction_j - braking_j + auxiliary_j
         self.traction_j += traction_j
         self.braking_j += braking_j
@@ -90,9 +122,14 @@ class HighVoltageBox:
             self.drawn_j += net_j
         else:
             self.returned_j -= net_j
+        self._load_line(net_j)
+
+    def _load_line(self, net_j: float) -> None:
+        """Voltage, current and the effort that they leave, when a step takes so much."""
+        config, no_load_v, step_s = self._config, self._no_load_v, self._step_s
         # V * (V0 - V) / R = P; beyond the source's greatest power the voltage stays at half.
-        root = config.no_load_v**2 - 4.0 * config.source_ohm * net_j / step_s
-        self.voltage_v = 0.5 * (config.no_load_v + (sqrt(root) if root > 0.0 else 0.0))
+        root = no_load_v**2 - 4.0 * config.source_ohm * net_j / step_s
+        self.voltage_v = 0.5 * (no_load_v + (sqrt(root) if root > 0.0 else 0.0))
         self.current_a = net_j / step_s / self.voltage_v
         if self.voltage_v < config.full_effort_v:
             span_v = config.full_effort_v - config.no_effort_v
@@ -102,7 +139,9 @@ class HighVoltageBox:
 
     def supply(self) -> LineSupply:
         return LineSupply(
-            line_voltage_v=self.voltage_v, line_current_a=self.current_a, breaker_closed=True
+            line_voltage_v=self.voltage_v,
+            line_current_a=self.current_a,
+            breaker_closed=self.breaker_closed,
         )
 
     def meter(self) -> EnergyMeter:

@@ -1,6 +1,6 @@
 """The plant as a device: commands in, the world a step further, frames and telegrams out."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Final, Protocol
 
 from can_dbc.binding import Frame
@@ -15,6 +15,12 @@ from can_dbc.tags import TagReaderHealth
 from can_dbc.traction import TractionCommand, TractionStatus
 from firmware_py.executive import Executive, Task
 from firmware_py.ports import RadioPort, SerialPort
+from plant_emulator.faults.kinds import Place
+from plant_emulator.faults.plan import FaultPlan
+from plant_emulator.faults.radio_faults import RadioFaults
+from plant_emulator.faults.schedule import Schedule
+from plant_emulator.faults.serial_faults import SerialFaults
+from plant_emulator.faults.stage import Observer, Stage
 from plant_emulator.wayside.zone_controller import ZoneController
 from plant_emulator.wire import (
     GRID_MS,
@@ -91,10 +97,15 @@ class PlantDevice:
         truth: TruthLog | None,
         start_ns: int,
         epoch_offset_ns: int = 0,
+        faults: Sequence[FaultPlan] = (),
+        observer: Observer | None = None,
     ) -> None:
         """Args:
         open_port: asked once for each node; in lockstep it gives every node a port of its own,
             between processes one port may serve them all.
+        faults: those of the bus and of the controller's process are only told to who listens to
+            `schedule`.
+        observer: told the truth before the first step and after each.
         epoch_offset_ns: what has to be added to an instant to give nanoseconds since 1970.
         """
         self.scenario = scenario
@@ -127,12 +138,20 @@ class PlantDevice:
             (Node.DCU, world.doors),
         )
         self._silent = [False] * len(self._units)
+        self.schedule = Schedule(faults)
+        """Says which faults act; it is asked only if there are faults or an observer."""
+        self._serial_faults: SerialFaults | None = None
+        self._radio_faults: RadioFaults | None = None
+        self._stage: Stage | None = None
+        if faults or observer is not None:
+            self._stage = Stage(world, self.schedule, start_ns=start_ns, observer=observer)
+            self.schedule.listen(self._change_wires)
         self.executive = Executive([Task("step", GRID_MS, self.step)], start_ns)
         self._write_truth()
 
     def _frame_sources(self) -> Mapping[type[Frame], Callable[[int], Frame]]:
         world = self.world
-        load, desk = world.load_status(), world.desk
+        load = world.load_status()
         sources: dict[type[Frame], Callable[[int], Frame]] = {
             Tacho: world.tachos.frame,
             BrakeStatus: lambda now_ns: world.brake.status(),
@@ -142,7 +161,7 @@ class PlantDevice:
                 now_ns, world.consist.car_speeds_mps[0], world.consist.slope_mps2
             ),
             DoorStatus: lambda now_ns: world.doors.status(),
-            Desk: lambda now_ns: desk,
+            Desk: lambda now_ns: world.desk,
             LineSupply: lambda now_ns: world.power.supply(),
             EnergyMeter: lambda now_ns: world.power.meter(),
             TagReaderHealth: world.tag_reader.frame,
@@ -167,6 +186,8 @@ class PlantDevice:
     def step(self, now_ns: int) -> None:
         """Hear, move the world up to now, and send what the timetable says."""
         wire, world, frames = self.wire, self.world, self._frames
+        if self._stage is not None:
+            self._attend_faults(self._stage, now_ns)
         wire.hear(now_ns, self._take)
         for kind, node in self._catch_up(now_ns):
             wire.send(now_ns, node, frames[kind](world.now_ns))
@@ -176,6 +197,31 @@ class PlantDevice:
         if self._steps % SLOW_STEPS == 0:
             self._report_silence(now_ns)
             self._answer_radio(now_ns)
+
+    def _attend_faults(self, stage: Stage, now_ns: int) -> None:
+        if not stage.began:
+            stage.look(self.authority_end_m)
+        if self._serial_faults is not None:
+            self._serial_faults.poll(now_ns)
+        if self._radio_faults is not None:
+            self._radio_faults.poll(now_ns)
+
+    def _change_wires(self, plan: FaultPlan, active: bool, now_ns: int) -> None:
+        """Put a faulty line or radio between, when the first of its faults begins."""
+        if plan.kind.place is Place.SERIAL:
+            if self._serial_faults is None:
+                self._tags = self._serial_faults = SerialFaults(self._tags, self.world.seed)
+            self._serial_faults.change(plan, active, now_ns)
+        elif plan.kind.place is Place.RADIO:
+            if self._radio_faults is None:
+                self._radio = self._radio_faults = RadioFaults(self._radio, self.world.seed)
+            self._radio_faults.change(plan, active, now_ns)
+
+    @property
+    def authority_end_m(self) -> float:
+        """Farthest end of all authorities given; before the first, the train's front at start."""
+        farthest_m = self.zone.farthest_end_m
+        return self.scenario.start.stop_m if farthest_m is None else farthest_m
 
     def _take(self, command: Frame, heard_ns: int) -> None:
         world = self.world
@@ -207,6 +253,8 @@ class PlantDevice:
     def _advance(self) -> tuple[Sending, ...]:
         world = self.world
         world.step()
+        if self._stage is not None:
+            self._stage.look(self.authority_end_m)
         self._steps = steps = self._steps + 1
         standing = world.speed_mps == 0.0
         if steps % TRUTH_STEPS == 0 or standing is not self._standing:

@@ -1,24 +1,33 @@
 """What is true of the train at one instant, for monitors, conditions of faults and the feed."""
 
 import struct
-from typing import TYPE_CHECKING, Final
+from bisect import bisect_right
+from typing import Final
 
 from can_dbc.doors import DoorState
-
-if TYPE_CHECKING:
-    from plant_emulator.world import World
+from plant_emulator.world import World
 
 NS_PER_S: Final = 1_000_000_000
+PASSED_M: Final = 20.0
+"""So far behind a stopping point a train is taken to have missed it and to go for the next."""
 
 
 class Truth:
     """One sample, filled anew by `read`; its attributes are signals of conditions and monitors."""
 
     __slots__ = (
+        "_edges_m",
+        "_high_m",
+        "_low_gradient_permille",
+        "_low_m",
+        "_slope_permille_per_m",
+        "_stop_m",
+        "_world",
         "accel_mps2",
         "adhesion_ratio",
         "authority_end_m",
         "brake_n",
+        "civil_limit_mps",
         "doors_locked",
         "drive_n",
         "emergency",
@@ -34,6 +43,7 @@ class Truth:
         "t_s",
         "tags_read",
         "to_stop_m",
+        "traction_cut",
         "voltage_v",
     )
 
@@ -59,7 +69,10 @@ class Truth:
         """What the emergency brake gives."""
         self.holding = 0.0
         """1 while the holding brake gives anything."""
+        self.civil_limit_mps = 0.0
+        """The lowest of the line's limits under the train."""
         self.doors_locked = 1.0
+        """The train line through all door locks."""
         self.left_open = 0.0
         """1 from unlocking to locking."""
         self.right_open = 0.0
@@ -70,32 +83,64 @@ class Truth:
         """Farthest end of all authorities given; before the first, the train's front at start."""
         self.to_stop_m = 0.0
         """To the next stopping point ahead by the line's map; that of the last once behind it."""
+        self.traction_cut = 1.0
+        """1 while the contactor of the motors is open."""
+        self._world: World | None = None
+        # What depends on the place alone is kept for the piece of line [low, high) of the front,
+        # on which the gradient under the train grows evenly.
+        self._edges_m: list[float] = []
+        self._low_m = self._high_m = 0.0
+        self._stop_m = 0.0
+        self._low_gradient_permille = self._slope_permille_per_m = 0.0
 
-    def read(self, world: "World", start_ns: int, authority_end_m: float) -> None:
+    def read(self, world: World, start_ns: int, authority_end_m: float) -> None:
         consist, brake, doors = world.consist, world.brake, world.doors
         front_m = consist.car_fronts_m[0]
+        if world is not self._world or not self._low_m <= front_m < self._high_m:
+            self._enter(world, front_m)
         self.t_s = (world.now_ns - start_ns) / NS_PER_S
         self.front_m = front_m
-        self.rear_m = front_m - world.train.length_m
+        self.rear_m = front_m - world.length_m
         self.speed_mps = consist.speed_mps
         self.accel_mps2 = consist.accel_mps2
         self.drive_n = world.drive_n
         self.brake_n = world.brake_n
-        self.gradient_permille = world.gradient_permille
+        gone_m = front_m - self._low_m
+        self.gradient_permille = self._low_gradient_permille + self._slope_permille_per_m * gone_m
         self.adhesion_ratio = world.adhesion_ratio
         self.emergency = 1.0 if brake.emergency_wanted else 0.0
-        self.emergency_mps2 = brake.emergency_mps2
+        self.emergency_mps2 = brake.emergency_mps2 * brake.working_ratio
         self.holding = 1.0 if brake.holding_mps2 > 0.0 else 0.0
         self.doors_locked = 1.0 if doors.locked else 0.0
-        self.left_open = 0.0 if doors.left.state is DoorState.LOCKED else 1.0
-        self.right_open = 0.0 if doors.right.state is DoorState.LOCKED else 1.0
+        self.left_open = 0.0 if doors.left.state is LOCKED else 1.0
+        self.right_open = 0.0 if doors.right.state is LOCKED else 1.0
         self.voltage_v = world.power.voltage_v
+        self.traction_cut = 1.0 if world.traction.traction_cut else 0.0
         self.odometer_error_m = world.odometer_error_m
         self.tags_read = float(world.tag_reader.tags_read)
         self.authority_end_m = authority_end_m
-        stations = world.line.stations
-        ahead = (station.stop_m for station in stations if station.stop_m >= front_m - PASSED_M)
-        self.to_stop_m = next(ahead, stations[-1].stop_m) - front_m
+        self.to_stop_m = self._stop_m - front_m
+
+    def _enter(self, world: World, front_m: float) -> None:
+        """Take over the piece of line that the train has come upon."""
+        line, length_m = world.line, world.length_m
+        if world is not self._world:
+            self._world = world
+            self._edges_m = _edges_m(world)
+        edges_m = self._edges_m
+        index = min(max(1, bisect_right(edges_m, front_m)), len(edges_m) - 1)
+        low_m, high_m = edges_m[index - 1], edges_m[index]
+        self._low_m, self._high_m = low_m, high_m
+        low_permille, high_permille = (
+            line.mean_gradient_permille(at_m - length_m, at_m) for at_m in (low_m, high_m)
+        )
+        self._low_gradient_permille = low_permille
+        self._slope_permille_per_m = (high_permille - low_permille) / (high_m - low_m)
+        middle_m = 0.5 * (low_m + high_m)
+        self.civil_limit_mps = line.least_limit_mps(middle_m - length_m, middle_m)
+        stops_m = [station.stop_m for station in line.stations]
+        ahead = bisect_right(stops_m, middle_m - PASSED_M)
+        self._stop_m = stops_m[min(ahead, len(stops_m) - 1)]
 
     def pack(self) -> bytes:
         return _RECORD.pack(*(getattr(self, name) for name in SIGNALS))
@@ -106,7 +151,18 @@ class Truth:
             setattr(self, name, value)
 
 
-PASSED_M: Final = 20.0
-"""So far behind a stopping point a train is taken to have missed it and to go for the next."""
-SIGNALS: Final[tuple[str, ...]] = tuple(Truth.__slots__)
+def _edges_m(world: World) -> list[float]:
+    """Where the front stands when something changes that depends on the place alone, sorted."""
+    line, length_m = world.line, world.length_m
+    changes_m = {edge_m for each in line.gradients for edge_m in (each.start_m, each.end_m)}
+    changes_m |= {edge_m for each in line.speed_sections for edge_m in (each.start_m, each.end_m)}
+    fronts_m = {station.stop_m + PASSED_M for station in line.stations}
+    fronts_m |= changes_m | {edge_m + length_m for edge_m in changes_m}
+    return sorted(fronts_m | {line.start_m - FAR_M, line.end_m + FAR_M})
+
+
+FAR_M: Final = 1.0e5
+"""A train so far beyond the ends of its line is of no interest."""
+LOCKED: Final = DoorState.LOCKED
+SIGNALS: Final[tuple[str, ...]] = tuple(n for n in Truth.__slots__ if not n.startswith("_"))
 _RECORD: Final = struct.Struct(f"<{len(SIGNALS)}d")

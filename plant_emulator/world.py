@@ -1,7 +1,8 @@
 """One train on its line: actuators push it, sensors watch it, and nothing here knows of buses."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 from can_dbc.binding import timeout_s
 from can_dbc.brake import BrakeCommand
@@ -9,7 +10,7 @@ from can_dbc.cab import CabMode, Desk
 from can_dbc.diagnostics import TcmsStatus
 from can_dbc.doors import DoorCommand
 from can_dbc.traction import TractionCommand
-from firmware_py.settings import SettingsError
+from firmware_py.settings import SettingsError, nearest, override
 from firmware_py.trackdb import LineMap, Station, load_line
 from plant_emulator.actuators.adhesion import WheelSlip
 from plant_emulator.actuators.brake import BrakeUnit
@@ -26,6 +27,7 @@ from plant_emulator.train_config import TrainConfig, load_train, with_overrides
 
 STEP_NS: Final = 10_000_000
 STEP_S: Final = STEP_NS / 1e9
+NOTHING: Final[Mapping[str, Any]] = {}
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,13 +51,19 @@ def plan_scenario(
     end: str | None = None,
     load_ratio: float | None = None,
     odometer_error_ratio: float | None = None,
-    desk_mode: CabMode = CabMode.AUTO,
+    desk_mode: CabMode | str = CabMode.AUTO,
+    real: Mapping[str, Any] = NOTHING,
 ) -> Scenario:
     """Load what is named and check that it fits; None takes the file's or the whole line.
+
+    Args:
+        desk_mode: as such or by its name in lower case.
+        real: changes of the consist's file by dotted key, see `firmware_py.settings.override`.
 
     Raises SettingsError.
     """
     train, track = load_train(consist), load_line(line)
+    train = override(train, real, consist)
     try:
         train = with_overrides(
             train, load_ratio=load_ratio, odometer_error_ratio=odometer_error_ratio
@@ -74,7 +82,7 @@ def plan_scenario(
             f"--from {first.name}: the train of {train.length_m:g} m reaches back over the line's "
             f"start at {track.start_m:g} m"
         )
-    return Scenario(train, track, first, last, seed, desk_mode)
+    return Scenario(train, track, first, last, seed, _desk_mode(desk_mode))
 
 
 class World:
@@ -92,7 +100,10 @@ class World:
     ) -> None:
         """A train at rest with its front at `front_m`, braked and closed."""
         generators = Generators(seed)
+        self.seed = seed
+        """Of what is drawn from now on."""
         self.train = train
+        self.length_m = train.length_m
         self.line = line
         self._start_m = front_m
         self.now_ns = start_ns
@@ -179,7 +190,10 @@ class World:
         speed_mps = consist.speed_mps
         self.doors.step(end_ns)
         brake.step(
-            start_ns, end_ns, speed_mps, electric_possible=self.traction.electric_brake_possible
+            start_ns,
+            end_ns,
+            speed_mps,
+            electric_possible=self.traction.electric_brake_possible and self.power.receptive,
         )
         drive_n = self.traction.step(
             start_ns,
@@ -199,6 +213,26 @@ class World:
         self.tachos.step(consist.car_fronts_m, self._wheels_a.slip_mps, self._wheels_b.slip_mps)
         self.tag_reader.step(consist.car_fronts_m[0], start_ns, end_ns, self.tachos)
         self.now_ns = end_ns
+
+    def reseed(self, seed: int) -> None:
+        """From now on all that is drawn anew comes from another seed.
+
+        What is drawn once for the whole run stays: running resistance, scale of odometer and radar,
+        bias of the accelerometer. The brake draws its lags and gains once more with the first
+        application that finds it at rest, so that continuations brake like runs of their own.
+        """
+        generators = Generators(seed)
+        self.seed = seed
+        self.brake.service.reseed(generators)
+        self.doppler.reseed(generators)
+        self.imu.reseed(generators)
+        self.tag_reader.reseed(generators)
+
+    def connect_supply(self, no_load_v: float | None, *, breaker_closed: bool) -> None:
+        """A fault: another source behind the line, or an open breaker; None is the own source."""
+        self.power.connect(no_load_v, breaker_closed=breaker_closed)
+        self.traction.powered = self.power.live
+        self.traction.feed(self.power.effort_ratio)
 
     def pass_over(self, steps: int) -> None:
         """Let time go by in which nothing moves, for a process that was held up for too long."""
@@ -264,6 +298,15 @@ def unattended(mode: CabMode) -> Desk:
         open_left_requested=False,
         open_right_requested=False,
     )
+
+
+def _desk_mode(mode: CabMode | str) -> CabMode:
+    if isinstance(mode, CabMode):
+        return mode
+    names = {known.name.lower(): known for known in CabMode}
+    if mode not in names:
+        raise SettingsError(f"desk_mode: {mode!r}: {nearest(mode, list(names))}")
+    return names[mode]
 
 
 def _station(line: LineMap, name: str, option: str) -> Station:

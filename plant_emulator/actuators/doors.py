@@ -17,7 +17,16 @@ INSTANT_S: Final = 1.0e-9
 class DoorSide:
     """All doors of one side as one."""
 
-    __slots__ = ("_config", "_step_s", "_timer_s", "obstacles", "open_ratio", "state")
+    __slots__ = (
+        "_config",
+        "_step_s",
+        "_timer_s",
+        "blocked",
+        "deaf",
+        "obstacles",
+        "open_ratio",
+        "state",
+    )
 
     def __init__(self, config: DoorConfig, step_s: float) -> None:
         self._config = config
@@ -27,9 +36,15 @@ class DoorSide:
         """How many closings will still meet an obstacle."""
         self.open_ratio = 0.0
         self.state = DoorState.LOCKED
+        self.blocked = False
+        """A fault: every closing meets an obstacle."""
+        self.deaf = False
+        """A fault: closed and closing doors do not open; those that open already go on."""
 
     def step(self, wanted_open: bool) -> None:
         state = self.state
+        if self.deaf and (state is DoorState.LOCKED or state is DoorState.CLOSING):
+            wanted_open = False
         if state is DoorState.LOCKED:
             self._unlock(wanted_open)
         elif state is DoorState.OBSTRUCTED:
@@ -63,8 +78,8 @@ class DoorSide:
     def _close(self) -> None:
         self.state = DoorState.CLOSING
         self.open_ratio -= self._step_s / max(self._config.close_s, INSTANT_S)
-        if self.obstacles > 0 and self.open_ratio <= OBSTRUCTED_AT:
-            self.obstacles -= 1
+        if (self.obstacles > 0 or self.blocked) and self.open_ratio <= OBSTRUCTED_AT:
+            self.obstacles = max(0, self.obstacles - 1)
             self.open_ratio = 1.0
             self.state = DoorState.OBSTRUCTED
         elif self.open_ratio <= 0.0:
@@ -81,11 +96,24 @@ class DoorSide:
 class DoorUnit:
     """Not hearing its command it closes and locks."""
 
-    __slots__ = ("_command", "_left_wanted", "_right_wanted", "_watch", "left", "locked", "right")
+    __slots__ = (
+        "_command",
+        "_left_forced",
+        "_left_wanted",
+        "_line_lost",
+        "_right_forced",
+        "_right_wanted",
+        "_watch",
+        "left",
+        "locked",
+        "right",
+    )
 
     def __init__(self, config: DoorConfig, *, step_s: float, timeout_ns: int) -> None:
         self._command = SAFE_COMMAND
         self._left_wanted = self._right_wanted = False
+        self._left_forced = self._right_forced = False
+        self._line_lost = False
         self._watch = Watch(timeout_ns)
         self.left = DoorSide(config, step_s)
         self.right = DoorSide(config, step_s)
@@ -110,10 +138,25 @@ class DoorUnit:
 
     def _obey(self, command: DoorCommand) -> None:
         self._command = command
-        self._left_wanted = command.enable_left and command.open_left
-        self._right_wanted = command.enable_right and command.open_right
+        self._want()
         self.left.ask_anew()
         self.right.ask_anew()
+
+    def _want(self) -> None:
+        command = self._command
+        self._left_wanted = self._left_forced or (command.enable_left and command.open_left)
+        self._right_wanted = self._right_forced or (command.enable_right and command.open_right)
+
+    def force_open(self, *, left: bool, right: bool) -> None:
+        """A fault: these sides open whatever the command says."""
+        self._left_forced, self._right_forced = left, right
+        self._want()
+
+    def lose_lock_line(self, lost: bool) -> None:
+        """A fault: the train line through the locks is interrupted, however the doors are."""
+        self._line_lost = lost
+        if lost:
+            self.locked = False
 
     def step(self, end_ns: int) -> None:
         if end_ns > self._watch.expires_ns:
@@ -124,7 +167,8 @@ class DoorUnit:
         self.left.step(self._left_wanted)
         self.right.step(self._right_wanted)
         locked = DoorState.LOCKED
-        self.locked = self.left.state is locked and self.right.state is locked
+        closed = self.left.state is locked and self.right.state is locked
+        self.locked = closed and not self._line_lost
 
     def status(self) -> DoorStatus:
         obstructed = DoorState.OBSTRUCTED

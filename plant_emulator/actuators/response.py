@@ -29,6 +29,13 @@ class DeadTime:
         """Let `value` arrive at `due_ns`, or with what was asked earlier if that comes later."""
         self._due.append((due_ns, value))
 
+    def shift(self, by_ns: int, value: float | None = None) -> None:
+        """Let what is under way arrive so much later; only what has this value, if one is given."""
+        self._due = deque(
+            (due_ns + by_ns if value is None or asked == value else due_ns, asked)
+            for due_ns, asked in self._due
+        )
+
     def mean(self, start_ns: int, end_ns: int) -> float:
         """Mean of what has arrived over [start, end); steps must follow each other."""
         if not self._due or self._due[0][0] >= end_ns:
@@ -86,6 +93,27 @@ class Shift:
             return value
         waiting.append(value)
         return waiting.popleft()
+
+
+class Hold:
+    """Gives back the greatest of what it was given over the last while."""
+
+    __slots__ = ("_hold_ns", "_kept")
+
+    def __init__(self, hold_ns: int) -> None:
+        self._hold_ns = hold_ns
+        self._kept: deque[tuple[int, float]] = deque()
+        """Until when, and what; falling values, of which the first is the answer."""
+
+    def greatest(self, now_ns: int, value: float) -> float:
+        """By magnitude, of `value` and what was given over the last while."""
+        kept = self._kept
+        while kept and abs(kept[-1][1]) <= abs(value):
+            kept.pop()
+        while kept and kept[0][0] <= now_ns:
+            kept.popleft()
+        kept.append((now_ns + self._hold_ns, value))
+        return kept[0][1]
 
 
 class Watch:

@@ -4,7 +4,7 @@ from typing import Final
 
 from can_dbc.nodes import Direction
 from can_dbc.traction import TractionCommand, TractionStatus
-from plant_emulator.actuators.response import NS_PER_S, DeadTime, Lag, Watch
+from plant_emulator.actuators.response import NS_PER_S, DeadTime, Hold, Lag, Watch
 from plant_emulator.train_config import TractionConfig
 
 SAFE_COMMAND: Final = TractionCommand(
@@ -27,13 +27,22 @@ class TractionUnit:
         "_cut_ns",
         "_dead_time",
         "_electric_cut_ns",
+        "_faulty",
+        "_gain_ratio",
+        "_hold",
         "_lag",
+        "_late_ns",
+        "_obeys_cut_off",
+        "_permitted_until_ns",
+        "_runaway_n",
         "_slew_step_n",
         "_target_n",
+        "_voltage_ratio",
         "_watch",
         "effort_ratio",
         "electric_brake_possible",
         "force_n",
+        "powered",
         "traction_cut",
     )
 
@@ -55,6 +64,16 @@ class TractionUnit:
         self.electric_brake_possible = True
         self.effort_ratio = config.effort_ratio
         """Share of the rated effort that heat, motors and line voltage leave."""
+        self.powered = True
+        """The line feeds the inverters; without it there is no effort at all."""
+        self._voltage_ratio = 1.0
+        self._faulty = False
+        self._gain_ratio = 1.0
+        self._hold: Hold | None = None
+        self._late_ns = 0
+        self._permitted_until_ns = 0
+        self._runaway_n: float | None = None
+        self._obeys_cut_off = True
 
     @property
     def losses(self) -> int:
@@ -80,7 +99,37 @@ class TractionUnit:
 
     def feed(self, voltage_ratio: float) -> None:
         """The share of effort that the line voltage leaves, 0..1."""
+        self._voltage_ratio = voltage_ratio
         self.effort_ratio = self._config.effort_ratio * voltage_ratio
+
+    def weaken(self, gain_ratio: float) -> None:
+        """A fault: the share of what is asked that the motors give."""
+        self._gain_ratio = gain_ratio
+        self._note_faults()
+
+    def delay_removal(self, late_s: float) -> None:
+        """A fault: what the command takes away, effort or permission, goes so much later.
+
+        The train lines act at once all the same.
+        """
+        self._late_ns = round(late_s * NS_PER_S)
+        self._hold = Hold(self._late_ns) if self._late_ns > 0 else None
+        self._permitted_until_ns = 0
+        self._note_faults()
+
+    def run_away(self, force_n: float | None, *, obeys_cut_off: bool) -> None:
+        """A fault: motors push with this force whatever the command says; None ends it.
+
+        A contactor that still obeys its train lines opens for emergency brake and unlocked doors.
+        Motors that push cannot brake.
+        """
+        self._runaway_n, self._obeys_cut_off = force_n, obeys_cut_off
+        self._note_faults()
+
+    def _note_faults(self) -> None:
+        self._faulty = (
+            self._gain_ratio != 1.0 or self._hold is not None or self._runaway_n is not None
+        )
 
     def step(
         self, start_ns: int, end_ns: int, speed_mps: float, *, emergency: bool, doors_locked: bool
@@ -93,11 +142,17 @@ class TractionUnit:
         if end_ns > self._watch.expires_ns:
             self._obey(SAFE_COMMAND, self._watch.expires_ns)
             self._watch.lost()
-        permitted = self._command.traction_permitted and doors_locked and not emergency
+        permitted = self._command.traction_permitted
+        asked_n = self._dead_time.mean(start_ns, end_ns)
+        lines_permit = doors_locked and not emergency
+        if self._faulty:
+            permitted = self._permitted_with_faults(permitted, start_ns)
+            asked_n = self._asked_with_faults(asked_n, start_ns)
+            lines_permit = lines_permit or not self._obeys_cut_off
+        permitted = permitted and lines_permit
         self._move_contactor(end_ns, permitted)
         self._move_electric_brake(end_ns, emergency)
-        asked_n = self._dead_time.mean(start_ns, end_ns)
-        if self.traction_cut:
+        if self.traction_cut or not self.powered:
             self._target_n = self._lag.value = self.force_n = 0.0
             return 0.0
         if permitted:
@@ -110,7 +165,23 @@ class TractionUnit:
         self.force_n = self._lag.step(self._target_n)
         return self.force_n
 
+    def _permitted_with_faults(self, permitted: bool, now_ns: int) -> bool:
+        if self._runaway_n is not None:
+            return True
+        if self._hold is None:
+            return permitted
+        if permitted:
+            self._permitted_until_ns = now_ns + self._late_ns
+        return now_ns < self._permitted_until_ns
+
+    def _asked_with_faults(self, asked_n: float, now_ns: int) -> float:
+        if self._hold is not None:
+            asked_n = self._hold.greatest(now_ns, asked_n)
+        return asked_n * self._gain_ratio
+
     def _limited(self, asked_n: float, speed_mps: float) -> float:
+        if self._runaway_n is not None:
+            return self._runaway_n * self._voltage_ratio
         config = self._config
         most_n = config.rated_force_n * self.effort_ratio
         power_w = config.max_power_w * self.effort_ratio
@@ -129,7 +200,10 @@ class TractionUnit:
                 self.traction_cut = True
 
     def _move_electric_brake(self, now_ns: int, emergency: bool) -> None:
-        if not emergency:
+        if self._runaway_n is not None:
+            self._electric_cut_ns = None
+            self.electric_brake_possible = False
+        elif not emergency:
             self._electric_cut_ns = None
             self.electric_brake_possible = True
         elif self._electric_cut_ns is None:

@@ -174,7 +174,7 @@ class TagFalse:
     tag_id: int = 1
 
     def __post_init__(self) -> None:
-        check_range(self, "tag_id", 0, 0xFFFF_FFFF)
+        check_range(self, "tag_id", 1, 0xFFFF_FFFF)
 
 
 @fault("antenna_dead", Place.SENSOR, Hazard.MISLOCATED, Hazard.LOST_SERVICE)

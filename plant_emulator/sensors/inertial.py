@@ -12,20 +12,27 @@ GOOD_QUALITY_PERCENT: Final = 95.0
 class DopplerRadar:
     """Speed over ground of the first car."""
 
-    __slots__ = ("_blind_mps", "_noise", "_scale")
+    __slots__ = ("_blind_mps", "_noise", "_scale", "blind", "wrong_ratio")
 
     def __init__(self, config: SensorConfig, generators: Generators) -> None:
         draws = generators.of
         self._scale = 1.0 + config.doppler_error_ratio.draw(draws(Source.DOPPLER_SCALE))
         self._noise = Gaussian(draws(Source.DOPPLER_NOISE), config.doppler_sigma_mps)
         self._blind_mps = config.doppler_blind_mps
+        self.blind = False
+        """A fault: it sees no ground."""
+        self.wrong_ratio = 1.0
+        """A fault: shown speed over what it would show, noise apart."""
+
+    def reseed(self, generators: Generators) -> None:
+        self._noise.reseed(generators.of(Source.DOPPLER_NOISE))
 
     def frame(self, speed_mps: float) -> Doppler:
         noise_mps = self._noise.draw()
-        if abs(speed_mps) < self._blind_mps:
+        if self.blind or abs(speed_mps) < self._blind_mps:
             return Doppler(speed_mps=0.0, quality_percent=0.0, healthy=True)
         return Doppler(
-            speed_mps=speed_mps * self._scale + noise_mps,
+            speed_mps=speed_mps * self._scale * self.wrong_ratio + noise_mps,
             quality_percent=GOOD_QUALITY_PERCENT,
             healthy=True,
         )
@@ -34,14 +41,22 @@ class DopplerRadar:
 class Accelerometer:
     """Mean since the frame before: acceleration of the first car and gravity along the gradient."""
 
-    __slots__ = ("_before_mps", "_before_ns", "_bias_mps2", "_noise")
+    __slots__ = ("_before_mps", "_before_ns", "_bias_mps2", "_noise", "_own_bias_mps2")
 
     def __init__(self, config: SensorConfig, generators: Generators, start_ns: int) -> None:
         draws = generators.of
-        self._bias_mps2 = config.imu_bias_mps2.draw(draws(Source.IMU_BIAS))
+        self._own_bias_mps2 = config.imu_bias_mps2.draw(draws(Source.IMU_BIAS))
+        self._bias_mps2 = self._own_bias_mps2
         self._noise = Gaussian(draws(Source.IMU_NOISE), config.imu_sigma_mps2)
         self._before_mps = 0.0
         self._before_ns = start_ns
+
+    def reseed(self, generators: Generators) -> None:
+        self._noise.reseed(generators.of(Source.IMU_NOISE))
+
+    def shift(self, bias_mps2: float) -> None:
+        """A fault: so much more than its own bias."""
+        self._bias_mps2 = self._own_bias_mps2 + bias_mps2
 
     def frame(self, now_ns: int, speed_mps: float, slope_mps2: float) -> Imu:
         """Args:

@@ -20,11 +20,25 @@ START_PHASE: Final = 0.5
 class Axle:
     """One wheelset with its pulse disc."""
 
-    __slots__ = ("_pulses_per_m", "_slipped_m", "_start_m", "before_m", "rolled_m")
+    __slots__ = (
+        "_base_m",
+        "_own_pulses_per_m",
+        "_phase",
+        "_pulses_per_m",
+        "_slipped_m",
+        "_start_m",
+        "before_m",
+        "forced_slip_ratio",
+        "rolled_m",
+    )
 
     def __init__(self, pulses_per_m: float, start_m: float) -> None:
-        self._pulses_per_m = pulses_per_m
+        self._own_pulses_per_m = self._pulses_per_m = pulses_per_m
+        self._base_m = 0.0
+        self._phase = START_PHASE
         self._start_m = start_m
+        self.forced_slip_ratio = 0.0
+        """A fault: share of the train's speed by which the tread is faster; negative slides."""
         self._slipped_m = 0.0
         self.before_m = 0.0
         """Distance rolled by the tread at the beginning of the last step."""
@@ -32,17 +46,53 @@ class Axle:
 
     def step(self, car_m: float, slip_mps: float, step_s: float) -> None:
         self.before_m = self.rolled_m
+        if self.forced_slip_ratio != 0.0:
+            speed_mps = (car_m - self._start_m + self._slipped_m - self.before_m) / step_s
+            slip_mps = self._forced(slip_mps, speed_mps)
         if slip_mps != 0.0:
             self._slipped_m += slip_mps * step_s
         self.rolled_m = car_m - self._start_m + self._slipped_m
 
     def count(self, rolled_m: float) -> int:
         """Pulses up to there, without wrapping."""
-        return floor(rolled_m * self._pulses_per_m + START_PHASE)
+        return floor((rolled_m - self._base_m) * self._pulses_per_m + self._phase)
+
+    def rescale(self, ratio: float) -> None:
+        """A fault: so many times its own pulses come for a distance from here on, never negative.
+
+        What was counted so far stays, the part of a pulse included.
+        """
+        self._phase += (self.rolled_m - self._base_m) * self._pulses_per_m
+        self._base_m = self.rolled_m
+        self._pulses_per_m = self._own_pulses_per_m * max(0.0, ratio)
+
+    def _forced(self, own_mps: float, speed_mps: float) -> float:
+        """What the fault and the rail make of the slip together.
+
+        The same way the greater rules, against each other they add; a tread that slides comes to
+        rest at most. So the slip never jumps as the fault comes and goes.
+        """
+        forced_mps = self.forced_slip_ratio * speed_mps
+        if own_mps * forced_mps > 0.0:
+            slip_mps = forced_mps if abs(forced_mps) > abs(own_mps) else own_mps
+        else:
+            slip_mps = own_mps + forced_mps
+        if slip_mps * speed_mps < 0.0 and abs(slip_mps) > abs(speed_mps):
+            return -speed_mps
+        return slip_mps
 
 
 class Tachos:
-    __slots__ = ("_cars", "_counts", "_directions", "_last_pulse_ns", "_step_s", "axles", "error")
+    __slots__ = (
+        "_cars",
+        "_counts",
+        "_directions",
+        "_last_pulse_ns",
+        "_step_s",
+        "axles",
+        "error",
+        "healthy",
+    )
 
     def __init__(
         self,
@@ -68,6 +118,8 @@ class Tachos:
         self._counts = [0, 0]
         self._directions = [Direction.NEUTRAL, Direction.NEUTRAL]
         self._last_pulse_ns = [-NEUTRAL_AFTER_NS, -NEUTRAL_AFTER_NS]
+        self.healthy = [True, True]
+        """What each tacho takes itself for."""
 
     def step(self, car_fronts_m: list[float], slip_a_mps: float, slip_b_mps: float) -> None:
         car_a, car_b = self._cars
@@ -102,7 +154,7 @@ class Tachos:
             pulses_a=self._counts[0] % COUNTER_PERIOD,
             pulses_b=self._counts[1] % COUNTER_B_PERIOD,
             direction=self._directions[0],
-            healthy_a=True,
-            healthy_b=True,
+            healthy_a=self.healthy[0],
+            healthy_b=self.healthy[1],
             stamp_ms=float(now_ns // NS_PER_MS % STAMP_PERIOD_MS),
         )

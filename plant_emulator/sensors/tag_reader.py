@@ -2,7 +2,7 @@
 
 from bisect import bisect_left
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from math import inf
 from typing import Final
@@ -41,6 +41,12 @@ class TagPass:
     """When the telegram may leave, unless one before it has yet to."""
 
 
+Judge = Callable[[TagPass], bool]
+"""A fault that says whether a tag is read."""
+Witness = Callable[[TagPass], None]
+"""A fault that wants to know of every tag that was read."""
+
+
 class TagReader:
     """Detects tags in both directions of travel.
 
@@ -60,18 +66,23 @@ class TagReader:
     ) -> None:
         draws = generators.of
         place = Gaussian(draws(Source.TAG_PLACE), config.tag_sigma_m, config.tag_clip_m)
-        felt = sorted((site.position_m + place.draw(), site.tag_id, site) for site in tags)
-        self._felt_m = [felt_m for felt_m, _, _ in felt]
-        self._sites = [site for _, _, site in felt]
+        self._config = config
+        self.tags: Final = tuple(tags)
+        """Of the line, where the map has them."""
+        self._own_felt_m = {site.tag_id: site.position_m + place.draw() for site in tags}
+        self._offsets_m: Mapping[int, float] = {}
+        self._felt_m: list[float] = []
+        self._sites: list[TagSite] = []
         self._antenna_m = config.antenna_m
         error, latency = config.tag_stamp_s, config.tag_latency_s
         self._stamp_errors = Uniform(draws(Source.TAG_TIME), low=error.low, high=error.high)
         self._latencies = Uniform(draws(Source.TAG_LATENCY), low=latency.low, high=latency.high)
         self._start_ns = start_ns
         self._at_m = front_m - config.antenna_m
-        self._next = bisect_left(self._felt_m, self._at_m)
+        self._next = 0
         """Index of the first tag at or ahead of the antenna."""
-        self._low_m, self._high_m = self._neighbours()
+        self._low_m, self._high_m = -inf, inf
+        self._lay()
         self._waiting: deque[TagPass] = deque()
         self._health_due_ns = start_ns
         self.due_ns = start_ns
@@ -81,6 +92,45 @@ class TagReader:
         self.telegrams_sent = 0
         self.last: TagPass | None = None
         """The newest of all."""
+        self.judges: list[Judge] = []
+        """Asked of every tag under the antenna; when one says no it is not read."""
+        self.witnesses: list[Witness] = []
+        self.antenna_dead = False
+        """A fault: nothing is read."""
+        self.fault_hidden = False
+        """The self-test does not find out."""
+        self._antenna_ok = True
+        """What the last self-test found."""
+
+    def _lay(self) -> None:
+        """Put the tags where they are felt; what changes sides with that is not read."""
+        offset_m = self._offsets_m.get
+        felt = sorted(
+            (self._own_felt_m[site.tag_id] + offset_m(site.tag_id, 0.0), site.tag_id, site)
+            for site in self.tags
+        )
+        self._felt_m = [felt_m for felt_m, _, _ in felt]
+        self._sites = [site for _, _, site in felt]
+        self._next = bisect_left(self._felt_m, self._at_m)
+        self._low_m, self._high_m = self._neighbours()
+
+    def displace(self, offsets_m: Mapping[int, float]) -> None:
+        """A fault: by number, how much further along the line tags lie; others lie as they did."""
+        self._offsets_m = offsets_m
+        self._lay()
+
+    def reseed(self, generators: Generators) -> None:
+        """Draw anew from other generators, also the places of tags that are safely ahead."""
+        config, draws = self._config, generators.of
+        self._stamp_errors.reseed(draws(Source.TAG_TIME))
+        self._latencies.reseed(draws(Source.TAG_LATENCY))
+        place = Gaussian(draws(Source.TAG_PLACE), config.tag_sigma_m, config.tag_clip_m)
+        for site in self.tags:
+            felt_m = site.position_m + place.draw()
+            offset_m = self._offsets_m.get(site.tag_id, 0.0)
+            if site.position_m + offset_m - config.tag_clip_m > self._at_m:
+                self._own_felt_m[site.tag_id] = felt_m
+        self._lay()
 
     def _neighbours(self) -> tuple[float, float]:
         felt_m, index = self._felt_m, self._next
@@ -118,12 +168,31 @@ class TagReader:
         true_ns = start_ns + round(share_ratio * (end_ns - start_ns))
         stamp_ns = true_ns + round(self._stamp_errors.draw() * NS_PER_S)
         due_ns = true_ns + round(self._latencies.draw() * NS_PER_S)
-        self.last = TagPass(
+        passed = TagPass(
             self._sites[index], true_ns, stamp_ns, tachos.pulses_a(share_ratio), due_ns
         )
-        self._waiting.append(self.last)
-        self.due_ns = min(self.due_ns, due_ns)
+        missed = False
+        for judge in self.judges:
+            # All are asked, so that what one draws does not depend on the others.
+            missed = not judge(passed) or missed
+        if missed or self.antenna_dead:
+            return
+        self.read(passed)
+        for witness in self.witnesses:
+            witness(passed)
+
+    def read(self, passed: TagPass) -> None:
+        """Take in a tag, and tell of it when it is due; a dead antenna takes in nothing."""
+        if self.antenna_dead:
+            return
+        self.last = passed
+        self._waiting.append(passed)
+        self.due_ns = min(self.due_ns, passed.due_ns)
         self.tags_read += 1
+
+    def site_of(self, tag_id: int) -> TagSite | None:
+        """The tag of this number on the line."""
+        return next((site for site in self.tags if site.tag_id == tag_id), None)
 
     def telegrams(self, now_ns: int) -> list[bytes]:
         """What leaves on the serial line now, ready for it."""
@@ -160,11 +229,12 @@ class TagReader:
         )
 
     def _health(self, now_ns: int) -> bytes:
+        self._antenna_ok = not self.antenna_dead or self.fault_hidden
         return encode(
             HealthTelegram(
                 sequence=self._count(),
                 sent_ms=self._clock_ms(now_ns),
-                antenna_ok=True,
+                antenna_ok=self._antenna_ok,
                 telegrams_read=self.tags_read,
                 crc_errors=0,
                 uptime_s=(now_ns - self._start_ns) // NS_PER_S,
@@ -175,7 +245,7 @@ class TagReader:
         """What the reader says on the bus. It tests itself with every sign of life on its line."""
         tested_ns = self._health_due_ns - round(HEALTH_PERIOD_S * NS_PER_S)
         return TagReaderHealth(
-            antenna_ok=True,
+            antenna_ok=self._antenna_ok,
             telegrams_sent=self.telegrams_sent % SENT_PERIOD,
             self_test_age_ms=max(0.0, (now_ns - tested_ns) / NS_PER_MS),
         )

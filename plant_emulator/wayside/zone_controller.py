@@ -36,6 +36,8 @@ class ZoneController:
         """What no authority reaches beyond."""
         self.refusals: Counter[RefusedReason] = Counter()
         self.answered = 0
+        self.farthest_end_m: float | None = None
+        """Of all authorities given so far."""
         self._line_name = line.name
         self._reports = keys.reports(line.name)
         self._gate = ReportGate()
@@ -52,6 +54,9 @@ class ZoneController:
             return None
         self.answered += 1
         self._sequence += 1
+        self.farthest_end_m = (
+            self.end_m if self.farthest_end_m is None else max(self.farthest_end_m, self.end_m)
+        )
         authority = MovementAuthority(
             train=report.train,
             boot=report.boot,

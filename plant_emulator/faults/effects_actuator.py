@@ -1,0 +1,82 @@
+"""Faults of brakes and traction."""
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from plant_emulator.faults.declared_train import (
+    BrakeLate,
+    BrakeStuck,
+    BrakeUnitFailed,
+    BrakeWeak,
+    EmergencyLate,
+    HoldingLate,
+    HoldingSticks,
+    TractionLate,
+    TractionRunaway,
+    TractionWeak,
+)
+from plant_emulator.faults.effects import Effect, Knob, Turned
+from plant_emulator.faults.plan import FaultPlan
+from plant_emulator.world import World
+
+
+class ActuatorEffects:
+    """Delays add, shares multiply; of several runaways the strongest pushes, and it obeys the
+    cut-off only if all do."""
+
+    def __init__(self, world: World) -> None:
+        brake, traction = world.brake, world.traction
+        inertia_kg = world.consist.inertia_kg
+
+        def run_away(found: Sequence[TractionRunaway]) -> None:
+            traction.run_away(
+                max((each.accel_mps2 * inertia_kg for each in found), default=None),
+                obeys_cut_off=all(each.obeys_cut_off for each in found),
+            )
+
+        self._late_s = Knob[float](lambda found: brake.delay_service(sum(found, 0.0)))
+        self._weak_ratio = Knob[float](
+            lambda found: brake.weaken_service(math.prod(found, start=1.0))
+        )
+        self._stuck = Knob[bool](lambda found: brake.stick(any(found)))
+        self._working_ratio = Knob[float](lambda found: brake.fail(math.prod(found, start=1.0)))
+        self._emergency_late_s = Knob[float](lambda found: brake.delay_emergency(sum(found, 0.0)))
+        self._holding_late_s = Knob[float](lambda found: brake.delay_holding(sum(found, 0.0)))
+        self._holding_sticks_s = Knob[float](
+            lambda found: brake.delay_holding_release(sum(found, 0.0))
+        )
+        self._runaway = Knob[TractionRunaway](run_away)
+        self._traction_ratio = Knob[float](
+            lambda found: traction.weaken(math.prod(found, start=1.0))
+        )
+        self._traction_late_s = Knob[float](lambda found: traction.delay_removal(sum(found, 0.0)))
+
+    def of(self, plan: FaultPlan) -> Effect:
+        setting = self._setting(plan.parameters)
+        assert setting is not None, f"{plan.kind.name} has no effect"
+        return Turned(plan.index, setting)
+
+    def _setting(self, parameters: Any) -> tuple[Knob[Any], Any] | None:
+        match parameters:
+            case BrakeLate():
+                return self._late_s, parameters.delay_s
+            case BrakeWeak():
+                return self._weak_ratio, parameters.gain_ratio
+            case BrakeStuck():
+                return self._stuck, True
+            case BrakeUnitFailed():
+                return self._working_ratio, 1.0 - parameters.share_ratio
+            case EmergencyLate():
+                return self._emergency_late_s, parameters.delay_s
+            case HoldingLate():
+                return self._holding_late_s, parameters.delay_s
+            case HoldingSticks():
+                return self._holding_sticks_s, parameters.delay_s
+            case TractionRunaway():
+                return self._runaway, parameters
+            case TractionWeak():
+                return self._traction_ratio, parameters.gain_ratio
+            case TractionLate():
+                return self._traction_late_s, parameters.delay_s
+        return None

@@ -1,0 +1,52 @@
+"""Faults that come from the desk and from passengers: what is pressed, pulled and turned."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+from plant_emulator.faults.declared_train import (
+    DeskLever,
+    DeskMode,
+    DeskReset,
+    EmergencyButton,
+    PassengerAlarm,
+)
+from plant_emulator.faults.effects import Effect, Knob, Turned
+from plant_emulator.faults.plan import FaultPlan
+from plant_emulator.world import World
+
+Change = Mapping[str, Any]
+"""Fields of the desk's frame."""
+
+
+class DeskEffects:
+    """Where two set the same the later one of the scenario rules."""
+
+    def __init__(self, world: World) -> None:
+        self._world = world
+        self._untouched = world.desk
+        self._changes = Knob[Change](self._touch)
+
+    def _touch(self, changes: Sequence[Change]) -> None:
+        desk = self._untouched
+        for change in changes:
+            desk = replace(desk, **change)
+        self._world.desk = desk
+
+    def of(self, plan: FaultPlan) -> Effect:
+        return Turned(plan.index, (self._changes, _change(plan)))
+
+
+def _change(plan: FaultPlan) -> Change:
+    match plan.parameters:
+        case PassengerAlarm():
+            return {"no_passenger_alarm": False}
+        case EmergencyButton():
+            return {"emergency_released": False}
+        case DeskMode(mode=mode):
+            return {"mode": mode}
+        case DeskLever(lever_percent=lever_percent):
+            return {"lever_percent": lever_percent}
+        case DeskReset():
+            return {"reset_requested": True}
+    raise AssertionError(f"{plan.kind.name} has no effect")

@@ -1,0 +1,155 @@
+"""Faults of tags, their antenna and their reader."""
+
+from collections import deque
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from firmware_py.trackdb import TagKind, TagSite
+from plant_emulator.faults.declared_train import (
+    AntennaDead,
+    TagDisplaced,
+    TagDuplicate,
+    TagFalse,
+    TagMissed,
+)
+from plant_emulator.faults.effects import Effect, Knob, Turned
+from plant_emulator.faults.plan import FaultPlan
+from plant_emulator.sensors.tag_reader import TagPass, TagReader
+from plant_emulator.world import STEP_NS, World
+
+NS_PER_S: Final = 1_000_000_000
+
+
+class TagEffects:
+    """Offsets add; a dead antenna is hidden only if all its faults are."""
+
+    def __init__(self, world: World) -> None:
+        self._world = world
+        reader = world.tag_reader
+
+        def kill(found: Sequence[AntennaDead]) -> None:
+            reader.antenna_dead = bool(found)
+            reader.fault_hidden = all(each.hidden for each in found)
+
+        def displace(found: Sequence[TagDisplaced]) -> None:
+            reader.displace(
+                {
+                    site.tag_id: sum(
+                        each.offset_m for each in found if _concerns(each.tag_id, site.tag_id)
+                    )
+                    for site in reader.tags
+                }
+            )
+
+        self._dead = Knob[AntennaDead](kill)
+        self._displaced = Knob[TagDisplaced](displace)
+
+    def of(self, plan: FaultPlan) -> Effect | None:
+        """None for a fault of something else."""
+        world, parameters = self._world, plan.parameters
+        match parameters:
+            case TagMissed():
+                return Missing(world.tag_reader, parameters, plan.generator(world.seed))
+            case TagDuplicate():
+                return Doubling(world, parameters, plan.generator(world.seed))
+            case TagFalse():
+                return Inventing(world, parameters, plan.generator(world.seed))
+            case TagDisplaced():
+                return Turned(plan.index, (self._displaced, parameters))
+            case AntennaDead():
+                return Turned(plan.index, (self._dead, parameters))
+        return None
+
+
+class Missing:
+    def __init__(
+        self, reader: TagReader, parameters: TagMissed, generator: np.random.Generator
+    ) -> None:
+        self._reader, self._parameters, self._generator = reader, parameters, generator
+
+    def begin(self, now_ns: int) -> None:
+        self._reader.judges.append(self._is_read)
+
+    def end(self, now_ns: int) -> None:
+        self._reader.judges.remove(self._is_read)
+
+    def step(self, now_ns: int) -> bool:
+        return False
+
+    def _is_read(self, passed: TagPass) -> bool:
+        if not _concerns(self._parameters.tag_id, passed.site.tag_id):
+            return True
+        return self._generator.random() >= self._parameters.share_ratio
+
+
+class Reading:
+    """Readings that the reader has besides those of tags that truly pass."""
+
+    def __init__(self, world: World, generator: np.random.Generator) -> None:
+        self._world, self._generator = world, generator
+
+    def read(self, site: TagSite, at_ns: int) -> None:
+        """As of a tag that was under the antenna at an instant of the plant's last step."""
+        world, draws = self._world, self._generator
+        sensors = world.train.sensors
+        share_ratio = 1.0 - (world.now_ns - at_ns) / STEP_NS
+        world.tag_reader.read(
+            TagPass(
+                site=site,
+                true_ns=at_ns,
+                stamp_ns=at_ns + round(sensors.tag_stamp_s.draw(draws) * NS_PER_S),
+                pulses=world.tachos.pulses_a(share_ratio),
+                due_ns=at_ns + round(sensors.tag_latency_s.draw(draws) * NS_PER_S),
+            )
+        )
+
+
+class Doubling:
+    """What was read while the fault acted is read again, also when that is after its end."""
+
+    def __init__(
+        self, world: World, parameters: TagDuplicate, generator: np.random.Generator
+    ) -> None:
+        self._reader, self._parameters = world.tag_reader, parameters
+        self._reading = Reading(world, generator)
+        self._gap_ns = round(parameters.gap_s * NS_PER_S)
+        self._waiting: deque[tuple[int, TagSite]] = deque()
+
+    def begin(self, now_ns: int) -> None:
+        self._reader.witnesses.append(self._see)
+
+    def end(self, now_ns: int) -> None:
+        self._reader.witnesses.remove(self._see)
+
+    def step(self, now_ns: int) -> bool:
+        while self._waiting and self._waiting[0][0] <= now_ns:
+            at_ns, site = self._waiting.popleft()
+            self._reading.read(site, at_ns)
+        return bool(self._waiting)
+
+    def _see(self, passed: TagPass) -> None:
+        if _concerns(self._parameters.tag_id, passed.site.tag_id):
+            self._waiting.append((passed.true_ns + self._gap_ns, passed.site))
+
+
+class Inventing:
+    def __init__(self, world: World, parameters: TagFalse, generator: np.random.Generator) -> None:
+        tag_id = parameters.tag_id
+        unknown = TagSite(tag_id=tag_id, position_m=0.0, kind=TagKind.BALISE)
+        self._site = world.tag_reader.site_of(tag_id) or unknown
+        self._reading = Reading(world, generator)
+
+    def begin(self, now_ns: int) -> None:
+        self._reading.read(self._site, now_ns)
+
+    def end(self, now_ns: int) -> None:
+        """It is read once."""
+
+    def step(self, now_ns: int) -> bool:
+        return False
+
+
+def _concerns(wanted: int | None, tag_id: int) -> bool:
+    return wanted is None or wanted == tag_id
