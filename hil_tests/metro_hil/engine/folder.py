@@ -1,0 +1,281 @@
+"""The folder of a campaign: its manifest, cases, files, journal and kept logs under fixed names."""
+
+import hashlib
+import os
+import shutil
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+from urllib.parse import quote
+
+import msgspec
+
+from firmware_py.clock import WallClock
+from firmware_py.settings import nearest
+from metro_hil.cases import Case
+from metro_hil.engine.errors import EngineError, UsageError
+from metro_hil.engine.journal import Head
+from metro_hil.engine.program import program_version
+from metro_hil.run_folder import RunFolder, utc_text, versions
+
+ROOT: Final = Path("runs/hil")
+MANIFEST: Final = "campaign.json"
+NAME_BYTES_MAX: Final = 120
+PLAIN_CHARACTERS: Final = " =,+@()"
+HASH_DIGITS: Final = 16
+
+
+class FileEntry(msgspec.Struct, frozen=True):
+    """A file of the user's, copied into the campaign's folder."""
+
+    path: str
+    """Below the campaign's folder."""
+    sha256: str
+
+
+class Manifest(msgspec.Struct, frozen=True, kw_only=True):
+    """What the campaign is. Written before anything is run, and never again."""
+
+    name: str
+    title: str = ""
+    description: str = ""
+    layout: str | None = None
+    fingerprint: str
+    """Hash over cases, files and program; two campaigns with the same one are the same."""
+    cases: int
+    cases_sha256: str
+    files: dict[str, FileEntry] = {}
+    """By the name by which cases call them."""
+    started: str
+    """UTC."""
+    program: str
+    versions: dict[str, str]
+    options: dict[str, Any] = {}
+    """As given to `hil run`."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Plan:
+    """What a campaign folder is made from."""
+
+    name: str
+    cases: Sequence[Case]
+    title: str = ""
+    description: str = ""
+    layout: str | None = None
+    files: Mapping[str, str]
+    """Content by the name by which cases call a file."""
+    options: Mapping[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class CampaignFolder:
+    """Where everything of one campaign lies."""
+
+    path: Path
+
+    @property
+    def manifest_path(self) -> Path:
+        return self.path / MANIFEST
+
+    @property
+    def cases_path(self) -> Path:
+        return self.path / "cases.jsonl"
+
+    @property
+    def journal_path(self) -> Path:
+        return self.path / "journal.jsonl"
+
+    def kept(self, case_id: str) -> RunFolder:
+        """The logs of one case, if they were kept: below `cases/`, at the id of the case."""
+        parts = (folder_name(part) for part in case_id.split("/"))
+        return RunFolder(self.path.joinpath("cases", *parts))
+
+    def manifest(self) -> Manifest:
+        """Raises EngineError when it is not there or cannot be read."""
+        data = _read(self.manifest_path)
+        try:
+            return msgspec.json.decode(data, type=Manifest)
+        except msgspec.DecodeError as error:
+            raise EngineError(f"{self.manifest_path}: {error}") from error
+
+    def cases(self) -> tuple[Case, ...]:
+        """Raises EngineError when they are not those that the manifest names."""
+        data = _read(self.cases_path)
+        if _sha256(data) != self.manifest().cases_sha256:
+            raise EngineError(f"{self.cases_path}: not the cases that {MANIFEST} names")
+        return tuple(msgspec.json.Decoder(Case).decode_lines(data))
+
+    def files(self) -> dict[str, Path]:
+        """Path by the name by which cases call a file. Raises EngineError when one was changed."""
+        paths = {}
+        for name, entry in self.manifest().files.items():
+            path = self.path / entry.path
+            if _sha256(_read(path)) != entry.sha256:
+                raise EngineError(f"{path}: was changed since the campaign began")
+            paths[name] = path.resolve()
+        return paths
+
+    def head(self) -> Head:
+        """What the journal has to belong to."""
+        manifest = self.manifest()
+        return Head(manifest.fingerprint, manifest.cases)
+
+
+def folder_name(words: str) -> str:
+    """A name for a folder, another one for other words; plain words stay as they are."""
+    name = quote(words, safe=PLAIN_CHARACTERS) or "%"
+    if len(name) > NAME_BYTES_MAX:
+        digits = hashlib.sha256(words.encode()).hexdigest()[:HASH_DIGITS]
+        name = f"{name[: NAME_BYTES_MAX - HASH_DIGITS - 1]}~{digits}"
+    return name.replace(".", "%2E") if set(name) <= {"."} else name
+
+
+def make_folder(plan: Plan, out: str | None = None, root: Path = ROOT) -> CampaignFolder:
+    """A new folder with everything but the journal.
+
+    Raises:
+        UsageError: when there is no case, a case cannot be written down or `out` is not empty.
+        EngineError: when the disk refuses.
+    """
+    if not plan.cases:
+        raise UsageError(f"{plan.name}: there is no case to run")
+    lines = _cases_text(plan.cases)
+    now_ns = WallClock().epoch_ns()
+    stamp = utc_text(now_ns)
+    path = Path(out) if out else _free(root / f"{stamp.replace(':', '-')}_{folder_name(plan.name)}")
+    folder = CampaignFolder(path)
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        if any(path.iterdir()):
+            raise UsageError(
+                f"--out {path}: not empty; `hil resume {path}` goes on with a campaign"
+            )
+        entries = {
+            name: _copy(path, number, name, content.encode())
+            for number, (name, content) in enumerate(sorted(plan.files.items()))
+        }
+        _write(folder.cases_path, lines)
+        hashes = {name: entry.sha256 for name, entry in entries.items()}
+        manifest = Manifest(
+            name=plan.name,
+            title=plan.title,
+            description=plan.description,
+            layout=plan.layout,
+            fingerprint=fingerprint(lines, hashes, program_version()),
+            cases=len(plan.cases),
+            cases_sha256=_sha256(lines),
+            files=entries,
+            started=f"{stamp}Z",
+            program=program_version(),
+            versions=versions(),
+            options=dict(plan.options),
+        )
+        text = msgspec.json.format(msgspec.json.encode(manifest), indent=2)
+        _write(folder.manifest_path, text + b"\n")
+    except OSError as error:
+        raise EngineError(f"{path}: cannot be written: {error.strerror}") from error
+    return folder
+
+
+def fingerprint(cases: bytes, file_hashes: Mapping[str, str], program: str) -> str:
+    """Equal for two campaigns that are the same: cases, contents of files, program."""
+    parts = (_sha256(cases), sorted(file_hashes.items()), program)
+    return _sha256(msgspec.json.encode(parts))[:HASH_DIGITS]
+
+
+def _cases_text(cases: Sequence[Case]) -> bytes:
+    """One line each. Raises UsageError for what would not come back from JSON as it went in."""
+    pieces = []
+    ids: set[str] = set()
+    for index, case in enumerate(cases):
+        assert case.index == index, "cases are numbered without gaps"
+        if case.id in ids:
+            raise UsageError(f"{case.id}: two cases have this id")
+        ids.add(case.id)
+        piece = msgspec.json.encode(case)
+        again = msgspec.json.decode(piece, type=Case)
+        # MessagePack keeps what JSON turns into null.
+        if msgspec.msgpack.encode(again) != msgspec.msgpack.encode(case):
+            raise UsageError(f"{case.id}: a value is infinite, not a number or a date")
+        pieces.append(piece + b"\n")
+    return b"".join(pieces)
+
+
+def find_folder(name: str | None, root: Path = ROOT) -> CampaignFolder:
+    """By path, full name or unique beginning; None for the last one.
+
+    Raises UsageError when there is none or more than one.
+    """
+    if name is not None and (Path(name) / MANIFEST).is_file():
+        return CampaignFolder(Path(name))
+    known = folders(root)
+    if name is None:
+        if not known:
+            raise UsageError(f"{root}: no campaign there; `hil run` makes one")
+        return known[-1]
+    names = [folder.path.name for folder in known]
+    matches = [folder for folder in known if folder.path.name == name]
+    matches = matches or [folder for folder in known if folder.path.name.startswith(name)]
+    if len(matches) > 1:
+        found = ", ".join(folder.path.name for folder in matches)
+        raise UsageError(f"{name}: more than one campaign begins so: {found}")
+    if not matches:
+        raise UsageError(f"{name}: {nearest(name, names, 'campaign')}")
+    return matches[0]
+
+
+def folders(root: Path = ROOT) -> list[CampaignFolder]:
+    """All campaigns there, the oldest first. What has no manifest never began."""
+    found = [CampaignFolder(path.parent) for path in root.glob(f"*/{MANIFEST}")]
+    return sorted(found, key=lambda folder: (_began(folder), folder.path.name))
+
+
+def _began(folder: CampaignFolder) -> int:
+    """Two campaigns of one second are told apart by when their manifests were written."""
+    return folder.manifest_path.stat().st_mtime_ns
+
+
+def _copy(folder: Path, number: int, name: str, content: bytes) -> FileEntry:
+    """Files may share the last part of their names, so each lies in a folder of its own."""
+    place = Path("files") / str(number) / folder_name(Path(name).name)
+    (folder / place).parent.mkdir(parents=True)
+    (folder / place).write_bytes(content)
+    return FileEntry(str(place), _sha256(content))
+
+
+def _free(path: Path) -> Path:
+    number, free = 2, path
+    while free.exists():
+        free = path.with_name(f"{path.name}_{number}")
+        number += 1
+    return free
+
+
+def _write(path: Path, data: bytes) -> None:
+    """All of it or nothing, whatever happens meanwhile."""
+    part = path.with_name(f".{path.name}.part")
+    with part.open("wb") as file:
+        file.write(data)
+        file.flush()
+        os.fsync(file.fileno())
+    part.replace(path)
+
+
+def _read(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise EngineError(f"{path}: cannot be read: {error.strerror}") from error
+
+
+def _sha256(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()
+
+
+def empty_run_folder(folder: RunFolder) -> RunFolder:
+    """Made, and without what an earlier try left in it."""
+    shutil.rmtree(folder.path, ignore_errors=True)
+    folder.path.mkdir(parents=True)
+    return folder

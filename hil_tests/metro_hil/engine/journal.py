@@ -1,0 +1,276 @@
+"""The journal of a campaign: one line for each result, each with a checksum, never rewritten.
+
+A line is a JSON object whose first member is the checksum (BLAKE2b, 8 bytes) of all that follows it
+up to the end of the line:
+
+    {"sum":"0f1e2d3c4b5a6978","result":{"case_id":"..."}}
+
+The line of a result goes to the kernel at once, so that `kill -9` loses at most the one that is
+being written, and to the disk at least every `SYNC_S`.
+"""
+
+import fcntl
+import hashlib
+import os
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+import msgspec
+
+from firmware_py.clock import NS_PER_S, WallClock
+from metro_hil.cases import CaseResult
+from metro_hil.engine.errors import EngineError
+
+SYNC_S: Final = 0.2
+_OPENING: Final = b'{"sum":"'
+_SUM_DIGITS: Final = 16
+_BODY_FROM: Final = len(_OPENING) + _SUM_DIGITS + 2
+
+
+class Head(msgspec.Struct, frozen=True):
+    """What the journal belongs to."""
+
+    fingerprint: str
+    """Of the campaign."""
+    cases: int
+
+
+class Session(msgspec.Struct, frozen=True):
+    """Somebody began, or went on, to run the campaign."""
+
+    at: str
+    program: str
+    crew: str
+
+
+class LostAttempt(msgspec.Struct, frozen=True):
+    """A case was begun and its worker died or hung."""
+
+    case_id: str
+    attempt: int
+    reason: str
+
+
+class Line(msgspec.Struct, frozen=True, omit_defaults=True):
+    """One line; exactly one of the members is there."""
+
+    head: Head | None = None
+    session: Session | None = None
+    result: CaseResult | None = None
+    lost_attempt: LostAttempt | None = None
+
+
+@dataclass(slots=True)
+class JournalContent:
+    """What a journal says."""
+
+    head: Head | None = None
+    sessions: list[Session] = field(default_factory=list)
+    results: list[CaseResult] = field(default_factory=list)
+    """As written: a case may be there more than once."""
+    lost_attempts: list[LostAttempt] = field(default_factory=list)
+    damaged: list[int] = field(default_factory=list)
+    """Numbers of the lines, from 1, that are not what was written."""
+    whole_bytes: int = 0
+    """Up to the end of the last line; what follows was torn off while it was written."""
+
+
+class JournalDamageError(EngineError):
+    """Lines in the middle are not what was written; the text names them."""
+
+
+_encode: Final = msgspec.json.Encoder().encode
+_decode: Final = msgspec.json.Decoder(Line).decode
+
+
+def encode_line(line: Line) -> bytes:
+    body = _encode(line)
+    assert body.startswith(b"{")
+    return _OPENING + _sum(body[1:]) + b'",' + body[1:] + b"\n"
+
+
+def decode_line(text: bytes) -> Line | None:
+    """Of one line without its end; None when it is not what was written."""
+    body = text[_BODY_FROM:]
+    if not text.startswith(_OPENING) or text[:_BODY_FROM] != _OPENING + _sum(body) + b'",':
+        return None
+    try:
+        return _decode(b"{" + body)
+    except (msgspec.DecodeError, UnicodeDecodeError):
+        return None
+
+
+def _sum(body: bytes) -> bytes:
+    return hashlib.blake2b(body, digest_size=_SUM_DIGITS // 2).hexdigest().encode("ascii")
+
+
+def parse_journal(data: bytes) -> JournalContent:
+    """Whatever the bytes are; what is torn or damaged is said, never guessed."""
+    content = JournalContent(whole_bytes=data.rfind(b"\n") + 1)
+    for number, text in enumerate(data[: content.whole_bytes].split(b"\n")[:-1], start=1):
+        line = decode_line(text)
+        if line is None:
+            content.damaged.append(number)
+        elif line.head is not None:
+            content.head = content.head or line.head
+        elif line.session is not None:
+            content.sessions.append(line.session)
+        elif line.result is not None:
+            content.results.append(line.result)
+        elif line.lost_attempt is not None:
+            content.lost_attempts.append(line.lost_attempt)
+    return content
+
+
+def read_journal(path: Path) -> JournalContent:
+    """What is written so far, also while somebody writes. Empty when there is none."""
+    try:
+        return parse_journal(path.read_bytes())
+    except FileNotFoundError:
+        return JournalContent()
+    except OSError as error:
+        raise EngineError(f"{path}: cannot be read: {error.strerror}") from error
+
+
+def refuse_damage(path: Path, content: JournalContent, remedy: str) -> None:
+    """Raises JournalDamageError when a line in the middle cannot be trusted."""
+    if content.damaged:
+        lines = ", ".join(str(number) for number in content.damaged)
+        raise JournalDamageError(f"{path}: line {lines}: damaged; {remedy}")
+
+
+class Journal:
+    """A journal to write to. Only one process at a time has it."""
+
+    def __init__(self, path: Path, head: Head, *, repair: bool = False) -> None:
+        """Open or begin it; a torn end is cut off.
+
+        Raises:
+            EngineError: when another process has it, it belongs to another campaign, or the disk
+                refuses; as JournalDamageError when lines are damaged and `repair` does not allow to
+                leave them out (the file as it was is kept as `journal.damaged`).
+        """
+        self._path = path
+        self._clock = WallClock()
+        self._lock = _lock(path.with_suffix(".lock"))
+        self._file = -1
+        try:
+            self.found = self._open(head, repair)
+        except BaseException:
+            self.close()
+            raise
+        self._synced_ns = self._clock.now_ns()
+        self._unsynced = False
+
+    def _open(self, head: Head, repair: bool) -> JournalContent:
+        found = read_journal(self._path)
+        if not repair:
+            refuse_damage(
+                self._path, found, "`hil resume --repair` leaves it out and runs it again"
+            )
+        if found.head is not None and found.head != head:
+            raise EngineError(
+                f"{self._path}: belongs to another campaign (fingerprint {found.head.fingerprint}, "
+                f"not {head.fingerprint})"
+            )
+        try:
+            if found.damaged:
+                _rewrite(self._path, head, found)
+                found = read_journal(self._path)
+            self._file = os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o644)
+            if os.fstat(self._file).st_size != found.whole_bytes:
+                os.ftruncate(self._file, found.whole_bytes)
+            if found.head is None:
+                self._write(Line(head=head))
+                found.head = head
+            os.fsync(self._file)
+        except OSError as error:
+            raise EngineError(f"{self._path}: {error.strerror}") from error
+        return found
+
+    def _write(self, line: Line) -> None:
+        data = encode_line(line)
+        while data:
+            data = data[os.write(self._file, data) :]
+
+    def append(self, entry: CaseResult | LostAttempt | Session) -> None:
+        """Raises EngineError when the disk refuses."""
+        if isinstance(entry, CaseResult):
+            line = Line(result=entry)
+        elif isinstance(entry, LostAttempt):
+            line = Line(lost_attempt=entry)
+        else:
+            line = Line(session=entry)
+        try:
+            self._write(line)
+            self._unsynced = True
+            self.sync()
+        except OSError as error:
+            raise EngineError(f"{self._path}: {error.strerror}") from error
+
+    def sync(self, at_once: bool = False) -> None:
+        """Onto the disk, if that was not done for `SYNC_S`."""
+        now_ns = self._clock.now_ns()
+        if self._unsynced and (at_once or now_ns - self._synced_ns >= SYNC_S * NS_PER_S):
+            os.fsync(self._file)
+            self._unsynced = False
+            self._synced_ns = self._clock.now_ns()
+
+    def close(self) -> None:
+        if self._file >= 0:
+            self.sync(at_once=True)
+            os.close(self._file)
+            self._file = -1
+        if self._lock >= 0:
+            os.close(self._lock)
+            self._lock = -1
+
+
+def _lock(path: Path) -> int:
+    """Held until it is closed or the process is gone, however it goes."""
+    try:
+        lock = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+    except OSError as error:
+        raise EngineError(f"{path}: {error.strerror}") from error
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        os.close(lock)
+        raise EngineError(f"{path.parent}: another process is running this campaign") from error
+    return lock
+
+
+def _rewrite(path: Path, head: Head, found: JournalContent) -> None:
+    """Keep the damaged file and put one beside it, then in its place, that has only good lines."""
+    lines: list[Line] = [Line(head=head)]
+    lines += [Line(session=session) for session in found.sessions]
+    lines += [Line(lost_attempt=attempt) for attempt in found.lost_attempts]
+    lines += [Line(result=result) for result in found.results]
+    whole = path.with_suffix(".whole")
+    with whole.open("wb") as file:
+        file.writelines(encode_line(line) for line in lines)
+        file.flush()
+        os.fsync(file.fileno())
+    path.with_suffix(".damaged").write_bytes(path.read_bytes())
+    whole.replace(path)
+
+
+def same_result(one: CaseResult, other: CaseResult) -> bool:
+    """Whether two results agree in all but how the host served them."""
+    return without_host(one) == without_host(other)
+
+
+def without_host(result: CaseResult) -> dict[str, Any]:
+    plain: dict[str, Any] = msgspec.to_builtins(result)
+    del plain["host"]
+    return plain
+
+
+def once_each(results: Iterable[CaseResult]) -> dict[str, CaseResult]:
+    """By case id, in the order of the campaign; of several lines for a case the first counts."""
+    by_id: dict[str, CaseResult] = {}
+    for result in results:
+        by_id.setdefault(result.case_id, result)
+    return dict(sorted(by_id.items(), key=lambda item: (item[1].index, item[0])))

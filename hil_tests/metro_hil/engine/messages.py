@@ -1,0 +1,90 @@
+"""What master and worker say to each other: JSON with its length before it."""
+
+import struct
+from collections.abc import Iterator
+from typing import Final
+
+import msgspec
+
+from metro_hil.cases import Case, CaseResult
+
+_LENGTH: Final = struct.Struct("<I")
+LENGTH_BYTES: Final = _LENGTH.size
+
+
+class Hello(msgspec.Struct, frozen=True, tag="hello"):
+    """Master to worker, once."""
+
+    runner: str
+    """`module:function`; it is called like `metro_hil.run_case.run_case`."""
+    files: dict[str, str]
+    """Path by the name by which cases call a file."""
+
+
+class Job(msgspec.Struct, frozen=True, tag="job"):
+    """Master to worker: run these, one after the other."""
+
+    number: int
+    cases: tuple[Case, ...]
+    folder: str | None = None
+    """Keeps the logs of the only case."""
+
+
+class Ready(msgspec.Struct, frozen=True, tag="ready"):
+    """Worker to master, once: everything is imported."""
+
+
+class Done(msgspec.Struct, frozen=True, tag="done"):
+    """Worker to master: one case of a job has its result."""
+
+    number: int
+    result: CaseResult
+
+
+class Raised(msgspec.Struct, frozen=True, tag="raised"):
+    """Worker to master: the runner raised, which is a mistake of this program."""
+
+    number: int
+    case_id: str
+    traceback: str
+
+
+class Over(msgspec.Struct, frozen=True, tag="over"):
+    """Worker to master: the job is over."""
+
+    number: int
+
+
+ToWorker = Hello | Job
+ToMaster = Ready | Done | Raised | Over
+
+_encoder: Final = msgspec.json.Encoder()
+_of_master: Final = msgspec.json.Decoder(ToWorker)
+_of_worker: Final = msgspec.json.Decoder(ToMaster)
+
+
+def pack(message: ToWorker | ToMaster) -> bytes:
+    body = _encoder.encode(message)
+    return _LENGTH.pack(len(body)) + body
+
+
+def read_length(head: bytes) -> int:
+    """Bytes of the body that follows these `LENGTH_BYTES`."""
+    length: int = _LENGTH.unpack(head)[0]
+    return length
+
+
+def read_for_worker(body: bytes) -> ToWorker:
+    message: ToWorker = _of_master.decode(body)
+    return message
+
+
+def take_for_master(received: bytearray) -> Iterator[ToMaster]:
+    """The whole messages at the front of `received`, which are removed from it."""
+    while len(received) >= LENGTH_BYTES:
+        end = LENGTH_BYTES + read_length(bytes(received[:LENGTH_BYTES]))
+        if len(received) < end:
+            return
+        body = bytes(received[LENGTH_BYTES:end])
+        del received[:end]
+        yield _of_worker.decode(body)

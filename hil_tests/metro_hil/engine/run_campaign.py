@@ -1,0 +1,214 @@
+"""One campaign from its folder to its totals: hand out, journal, try again, keep logs."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import msgspec
+
+from firmware_py.clock import WallClock
+from metro_hil.cases import Case, CaseResult, as_expected
+from metro_hil.engine.crew import Arrived, Broke, Crew, Gone, Outcome
+from metro_hil.engine.folder import CampaignFolder, empty_run_folder
+from metro_hil.engine.journal import Journal, LostAttempt, Session, once_each
+from metro_hil.engine.keeping import doubts, keep_logs, note_traceback, worth_keeping
+from metro_hil.engine.program import program_version
+from metro_hil.engine.progress import Watcher
+from metro_hil.engine.queue import Batch, GroupKey, WorkQueue, lost, no_group
+from metro_hil.engine.stopping import StopWish
+from metro_hil.engine.totals import Totals, total
+from metro_hil.run_folder import utc_text
+
+WAIT_S: Final = 0.1
+"""At most so long nobody looks whether the journal is due for the disk, or an end is wished for."""
+
+
+@dataclass(frozen=True, slots=True)
+class Wishes:
+    """What `hil run` and `hil resume` are told of the way."""
+
+    keep: int = 10
+    """Cases that failed, of which the logs are kept."""
+    keep_worst: int = 3
+    """Further ones with the least margins."""
+    fail_fast: bool = False
+    repair: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class CampaignEnd:
+    """What came of it."""
+
+    totals: Totals
+    cases: Sequence[Case]
+    results: Sequence[CaseResult]
+    """One for each case that has one, in order."""
+    interrupted: bool
+
+
+def run_campaign(
+    folder: CampaignFolder,
+    make_crew: Callable[[], Crew],
+    make_keeper: Callable[[], Crew],
+    watcher: Watcher,
+    stop: StopWish,
+    wishes: Wishes = Wishes(),
+) -> CampaignEnd:
+    """Run what has no result yet, then keep the logs of what deserves it.
+
+    Args:
+        folder: also of a campaign that was begun before.
+        make_crew: who runs the cases; not called when all have their results.
+        make_keeper: who runs cases again and keeps their logs on this machine.
+        stop: looked at all the time; the first wish lets running cases end, the second does not.
+
+    Raises:
+        EngineError: when disk, journal or crew do not let it go on; what arrived is in the journal.
+    """
+    cases = folder.cases()
+    journal = Journal(folder.journal_path, folder.head(), repair=wishes.repair)
+    try:
+        shift = _Shift(folder, cases, journal, watcher, stop, wishes)
+        if shift.left:
+            shift.work(make_crew)
+    finally:
+        journal.close()
+    interrupted = stop.count > 0
+    results = tuple(once_each(shift.results).values())
+    if not interrupted:
+        chosen = worth_keeping(folder, cases, results, wishes.keep, wishes.keep_worst)
+        if chosen:
+            keep_logs(folder, chosen, make_keeper, watcher, stop)
+    return CampaignEnd(totals_of(folder, cases, shift.results, shift.sessions), cases, results,
+                       interrupted or stop.count > 0)  # fmt: skip
+
+
+def totals_of(
+    folder: CampaignFolder,
+    cases: Sequence[Case],
+    results: Sequence[CaseResult],
+    sessions: Sequence[Session],
+) -> Totals:
+    """Of a campaign as far as it is."""
+    problems = doubts(folder, cases, results)
+    programs = list(dict.fromkeys(session.program for session in sessions))
+    if len(programs) > 1:
+        problems.append(f"run by more than one version of the program: {', '.join(programs)}")
+    return total(folder.manifest().cases, cases, results, problems)
+
+
+class _Shift:
+    """The time in which one process works at a campaign."""
+
+    def __init__(
+        self,
+        folder: CampaignFolder,
+        cases: Sequence[Case],
+        journal: Journal,
+        watcher: Watcher,
+        stop: StopWish,
+        wishes: Wishes,
+    ) -> None:
+        self._folder, self._cases, self._journal = folder, cases, journal
+        self._watcher, self._stop, self._wishes = watcher, stop, wishes
+        self.results = list(journal.found.results)
+        self.sessions = list(journal.found.sessions)
+        done = {result.case_id for result in self.results}
+        self.left = [case for case in cases if case.id not in done]
+        self._by_id = {case.id: case for case in cases}
+        self._stopping = False
+        self._alone = False
+
+    def work(self, make_crew: Callable[[], Crew]) -> None:
+        known = list(once_each(self.results).values())
+        self._watcher.begin(len(self._cases), known, self._folder.manifest().name)
+        try:
+            crew = make_crew()
+            try:
+                self._sign_in(crew)
+                queue = WorkQueue(self.left, crew.workers, key=group_key_of(self.left))
+                self._hand_round(crew, queue)
+            finally:
+                crew.close()
+        finally:
+            self._watcher.end()
+
+    def _sign_in(self, crew: Crew) -> None:
+        at = f"{utc_text(WallClock().epoch_ns())}Z"
+        session = Session(at, program_version(), f"{type(crew).__name__} of {crew.workers}")
+        self.sessions.append(session)
+        self._journal.append(session)
+
+    def _hand_round(self, crew: Crew, queue: WorkQueue) -> None:
+        while True:
+            self._heed(crew)
+            if not self._stopping:
+                self._hand_out(crew, queue)
+            if self._stop.count > 1 or (crew.busy == 0 and (self._stopping or not len(queue))):
+                return
+            for outcome in crew.wait(WAIT_S):
+                self._take(outcome, queue)
+            self._journal.sync()
+
+    def _heed(self, crew: Crew) -> None:
+        if self._stop.count and not self._stopping:
+            self._watcher.say(f"finishing {crew.workers} at most; Ctrl-C again drops them")
+            self._stopping = True
+        if self._stopping:
+            crew.stop()
+
+    def _hand_out(self, crew: Crew, queue: WorkQueue) -> None:
+        while (batch := queue.peek()) is not None:
+            if crew.busy and (batch.alone or self._alone):
+                return
+            if not crew.room(queue.plenty):
+                return
+            queue.take()
+            self._alone = batch.alone
+            crew.hand(self._with_logs(batch) if batch.alone else batch)
+
+    def _with_logs(self, batch: Batch) -> Batch:
+        """Real time cannot be repeated to keep its logs, so they are kept from the beginning."""
+        kept = empty_run_folder(self._folder.kept(batch.cases[0].id))
+        return replace(batch, folder=str(kept.path))
+
+    def _take(self, outcome: Outcome, queue: WorkQueue) -> None:
+        if isinstance(outcome, Arrived):
+            self._note(outcome.batch, outcome.result)
+        elif isinstance(outcome, Broke):
+            case = self._by_id[outcome.case_id]
+            note_traceback(self._folder, case, outcome.traceback)
+            last = outcome.traceback.strip().splitlines()[-1]
+            self._note(outcome.batch, lost(case, f"the bench raised {last}", 1))
+        elif outcome.begun:
+            self._try_again(outcome, queue)
+        else:
+            queue.put_back(outcome.batch, outcome.left)
+
+    def _try_again(self, gone: Gone, queue: WorkQueue) -> None:
+        for case in gone.left[: gone.begun]:
+            attempt = LostAttempt(case.id, gone.batch.attempt, gone.reason)
+            self._journal.append(attempt)
+            self._watcher.lost_attempt(case.id, attempt.attempt, attempt.reason)
+        for result in queue.failed(gone.batch, gone.left, gone.begun, gone.reason):
+            self._note(gone.batch, result)
+
+    def _note(self, batch: Batch, result: CaseResult) -> None:
+        if result.host.attempts != batch.attempt:
+            host = msgspec.structs.replace(result.host, attempts=batch.attempt)
+            result = msgspec.structs.replace(result, host=host)
+        self._journal.append(result)
+        self.results.append(result)
+        case = self._by_id[result.case_id]
+        self._watcher.result(case, result)
+        if self._wishes.fail_fast and not as_expected(case, result):
+            self._stopping = True
+
+
+def group_key_of(cases: Sequence[Case]) -> GroupKey:
+    """The bench is imported only for campaigns that have branches."""
+    if all(case.branch is None for case in cases):
+        return no_group
+    from metro_hil.branch import group_key
+
+    return group_key

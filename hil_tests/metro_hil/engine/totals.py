@@ -1,0 +1,103 @@
+"""What a campaign comes to: counts by verdict, and whether every case was shown to be as expected.
+
+Nothing that is missing, doubled or foreign can make a campaign green. Pure.
+"""
+
+from collections import Counter
+from collections.abc import Sequence
+from typing import Final
+
+import msgspec
+
+from metro_hil.cases import Case, CaseResult, Verdict, as_expected
+from metro_hil.engine.journal import same_result
+
+NAMED_MAX: Final = 5
+NEVER_AS_EXPECTED: Final = (Verdict.LOST, Verdict.INVALID)
+"""They say nothing of the controller, whatever a scenario expects."""
+
+
+class Totals(msgspec.Struct, frozen=True, kw_only=True):
+    """Of all results that are there."""
+
+    cases: int
+    """As the manifest says."""
+    done: int
+    """Cases with a result."""
+    counts: dict[str, int]
+    """By verdict; all verdicts are there. A case without a result counts as lost."""
+    unexpected: tuple[str, ...]
+    """Ids of the cases with a result that is not the expected one, in order."""
+    missing: tuple[str, ...]
+    """Ids of the cases without a result, in order."""
+    problems: tuple[str, ...]
+    """What makes the whole untrustworthy, in words."""
+    passed: bool
+
+
+def total(
+    cases_expected: int,
+    cases: Sequence[Case],
+    results: Sequence[CaseResult],
+    problems: Sequence[str] = (),
+) -> Totals:
+    """Count.
+
+    Args:
+        cases_expected: how many the manifest names.
+        cases: those of the campaign's folder.
+        results: all lines of the journal; equal ones for one case count once.
+        problems: what is known already to be wrong with the folder.
+    """
+    found = [*problems, *_faults(cases_expected, cases, results)]
+    by_id: dict[str, CaseResult] = {}
+    for result in results:
+        by_id.setdefault(result.case_id, result)
+    counts: Counter[str] = Counter()
+    unexpected, missing = [], []
+    for case in sorted(cases, key=lambda case: case.index):
+        known = by_id.get(case.id)
+        counts[(known.verdict if known else Verdict.LOST).value] += 1
+        if known is None:
+            missing.append(case.id)
+        elif known.verdict in NEVER_AS_EXPECTED or not as_expected(case, known):
+            unexpected.append(case.id)
+    return Totals(
+        cases=cases_expected,
+        done=len(cases) - len(missing),
+        counts={verdict.value: counts[verdict.value] for verdict in Verdict},
+        unexpected=tuple(unexpected),
+        missing=tuple(missing),
+        problems=tuple(found),
+        passed=not (found or unexpected or missing),
+    )
+
+
+def _faults(cases_expected: int, cases: Sequence[Case], results: Sequence[CaseResult]) -> list[str]:
+    faults = []
+    ids = Counter(case.id for case in cases)
+    if cases_expected == 0 or not cases:
+        faults.append("there is no case, so nothing was shown")
+    if len(cases) != cases_expected:
+        faults.append(f"{len(cases)} cases, but the manifest names {cases_expected}")
+    if doubled := [name for name, count in ids.items() if count > 1]:
+        faults.append(f"case ids that are there twice: {_some(doubled)}")
+    if foreign := sorted({result.case_id for result in results} - ids.keys()):
+        faults.append(f"results of cases that are not in the campaign: {_some(foreign)}")
+    if doubtful := _contradictions(results):
+        faults.append(f"cases with results that differ from each other: {_some(doubtful)}")
+    return faults
+
+
+def _contradictions(results: Sequence[CaseResult]) -> list[str]:
+    first: dict[str, CaseResult] = {}
+    return [
+        result.case_id
+        for result in results
+        if not same_result(first.setdefault(result.case_id, result), result)
+    ]
+
+
+def _some(names: Sequence[str]) -> str:
+    shown = ", ".join(names[:NAMED_MAX])
+    return shown if len(names) <= NAMED_MAX else f"{shown} and {len(names) - NAMED_MAX} more"

@@ -1,0 +1,145 @@
+"""A worker process: runs the cases that it is given, one at a time, until its master is gone."""
+
+import argparse
+import importlib
+import os
+import sys
+import traceback
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, BinaryIO, Final, cast
+
+import msgspec
+
+from firmware_py.assertions import require_assertions
+from firmware_py.clock import WallClock
+from firmware_py.realtime import die_with_parent
+from metro_hil.cases import Case, CaseResult
+from metro_hil.engine.messages import (
+    LENGTH_BYTES,
+    Done,
+    Hello,
+    Job,
+    Over,
+    Raised,
+    Ready,
+    ToMaster,
+    pack,
+    read_for_worker,
+    read_length,
+)
+from metro_hil.run_folder import RunFolder
+
+RUNNER: Final = "metro_hil.run_case:run_case"
+GROUP_FUNCTION: Final = "run_group"
+"""Beside the runner; takes the cases of one branch and yields their results in order."""
+NS_PER_S: Final = 1_000_000_000
+
+Files = Mapping[str, Path]
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Not for people: `hil` starts it."""
+    require_assertions("hil")
+    parser = argparse.ArgumentParser(prog="hil worker", description=__doc__)
+    parser.add_argument("--parent", type=int, required=True)
+    parser.add_argument("--nice", type=int, default=0)
+    options = parser.parse_args(argv)
+    die_with_parent(options.parent)
+    if options.nice:
+        os.nice(options.nice)
+    # What a runner prints must not get between the messages.
+    to_master = os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)
+    serve(cast(BinaryIO, sys.stdin.buffer), cast(BinaryIO, to_master))
+    # Taking down everything that was imported would cost more than many a case.
+    sys.stderr.flush()
+    os._exit(0)
+
+
+def serve(incoming: BinaryIO, outgoing: BinaryIO) -> None:
+    """Answer until the incoming side is closed."""
+
+    def say(message: ToMaster) -> None:
+        outgoing.write(pack(message))
+        outgoing.flush()
+
+    bench: Runner | None = None
+    while (body := _read(incoming)) is not None:
+        message = read_for_worker(body)
+        if isinstance(message, Hello):
+            bench = Runner(message.runner, {key: Path(at) for key, at in message.files.items()})
+            say(Ready())
+            continue
+        assert bench is not None, "a job before the greeting"
+        for answer in bench.run(message):
+            say(answer)
+        say(Over(message.number))
+
+
+def _read(incoming: BinaryIO) -> bytes | None:
+    head = incoming.read(LENGTH_BYTES)
+    if len(head) < LENGTH_BYTES:
+        return None
+    body = incoming.read(read_length(head))
+    return body if len(body) == read_length(head) else None
+
+
+class Runner:
+    """The function that runs a case, and the one for groups if its module has that."""
+
+    def __init__(self, name: str, files: Files) -> None:
+        """Raises ImportError or AttributeError when there is no such function."""
+        module_name, _, function = name.partition(":")
+        module = importlib.import_module(module_name)
+        self._run_case: Callable[..., CaseResult] = getattr(module, function)
+        self._run_group: Callable[..., Iterator[CaseResult]] | None = getattr(
+            module, GROUP_FUNCTION, None
+        )
+        self._files = files
+        self._clock = WallClock()
+
+    def run(self, job: Job) -> Iterator[ToMaster]:
+        """Results as they come. After an exception in a group the rest is run one by one."""
+        left = list(job.cases)
+        if len(left) > 1 and self._run_group is not None:
+            yield from self._group(job, left)
+        for case in left:
+            yield self._single(job, case)
+
+    def _group(self, job: Job, left: list[Case]) -> Iterator[ToMaster]:
+        """Removes from `left` what is done."""
+        assert self._run_group is not None
+        began_ns = self._clock.now_ns()
+        try:
+            for result in self._run_group(tuple(left), files=self._files):
+                assert result.case_id == left[0].id, "results of a group come in order"
+                yield Done(job.number, self._signed(result, began_ns))
+                left.pop(0)
+                began_ns = self._clock.now_ns()
+        except Exception:
+            yield Raised(job.number, left.pop(0).id, traceback.format_exc())
+
+    def _single(self, job: Job, case: Case) -> ToMaster:
+        began_ns = self._clock.now_ns()
+        keep: dict[str, Any] = {}
+        if job.folder is not None:
+            keep["folder"] = RunFolder(Path(job.folder))
+        try:
+            result = self._run_case(case, files=self._files, **keep)
+            assert result.case_id == case.id
+            return Done(job.number, self._signed(result, began_ns))
+        except Exception:
+            return Raised(job.number, case.id, traceback.format_exc())
+
+    def _signed(self, result: CaseResult, began_ns: int) -> CaseResult:
+        """With who ran it for how long, and exactly as it will be read from the journal."""
+        wall_s = result.host.wall_s or (self._clock.now_ns() - began_ns) / NS_PER_S
+        worker = f"{os.uname().nodename}:{os.getpid()}"
+        host = msgspec.structs.replace(result.host, wall_s=wall_s, worker=worker)
+        signed = msgspec.structs.replace(result, host=host)
+        return msgspec.json.decode(msgspec.json.encode(signed), type=CaseResult)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
