@@ -1,10 +1,11 @@
 """The controller and the plant as processes of their own: started, watched and ended."""
 
+import contextlib
 import os
 import signal
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 TAIL_LINES = 12
@@ -15,22 +16,38 @@ class ChildError(Exception):
     """A child that ended by itself; the text holds its last words."""
 
 
-class Child:
-    """One process with a log of what it says. It never outlives the bench."""
+class Process:
+    """One process with a log of what it says, the first of a process group of its own."""
 
-    def __init__(self, name: str, module: str, arguments: Sequence[str], log: Path) -> None:
+    def __init__(
+        self,
+        name: str,
+        command: Sequence[str],
+        log: Path,
+        environment: Mapping[str, str] | None = None,
+    ) -> None:
+        """Raises OSError when there is no such program, or the log cannot be written."""
         self.name = name
         self._log = log
-        self._output = log.open("wb")
+        self._output = log.open("ab")
         # A session of its own, so that Ctrl-C reaches only the bench, which ends its children in
-        # the right order; the child itself asks the kernel to end it when the bench dies.
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", module, *arguments, "--parent", str(os.getpid())],
-            stdin=subprocess.DEVNULL,
-            stdout=self._output,
-            stderr=subprocess.STDOUT,
-            start_new_session=True,
-        )
+        # the right order.
+        try:
+            self._process = subprocess.Popen(
+                list(command),
+                stdin=subprocess.DEVNULL,
+                stdout=self._output,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,
+                env=None if environment is None else dict(environment),
+            )
+        except OSError:
+            self._output.close()
+            raise
+
+    @property
+    def pid(self) -> int:
+        return self._process.pid
 
     @property
     def ended(self) -> bool:
@@ -68,3 +85,17 @@ class Child:
             code = self._process.wait()
         self._output.close()
         return code
+
+    def signal_group(self, number: signal.Signals) -> None:
+        """To the process and to all that it started and that stayed in its group."""
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(self.pid, number)
+
+
+class Child(Process):
+    """A program of ours. It never outlives the bench."""
+
+    def __init__(self, name: str, module: str, arguments: Sequence[str], log: Path) -> None:
+        # The child itself asks the kernel to end it when the bench dies.
+        words = [sys.executable, "-m", module, *arguments, "--parent", str(os.getpid())]
+        super().__init__(name, words, log)

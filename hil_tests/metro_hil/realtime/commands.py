@@ -1,0 +1,156 @@
+"""The command lines of the processes of a case. Pure: nothing is looked up, nothing is started."""
+
+import os
+import shlex
+import string
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Final
+
+from metro_hil.cases import Case, Controller
+from metro_hil.realtime.wires import Blocked, RealtimeWires
+
+CHECKOUT_ROOTS: Final = (".", "hil_tests", "tools")
+"""Where the packages of a checkout lie."""
+
+
+@dataclass(frozen=True, slots=True)
+class Places:
+    """What {words} in the command of a controller stand for."""
+
+    bus: str
+    tags: str
+    radio: str
+    line: str
+    """Name or file."""
+    params: str
+    start: str
+    end: str
+    out: str
+    """The folder for what the controller logs."""
+
+
+@dataclass(frozen=True, slots=True)
+class ControllerStart:
+    """How a controller is started, the first time and again."""
+
+    first: tuple[str, ...]
+    again: tuple[str, ...]
+    """After it was killed: nobody is there to say where the train stands."""
+    environment: Mapping[str, str]
+    out: str = ""
+    """Where a program of ours logs; empty for others, whose command says it or not."""
+
+    def words(self, number: int) -> tuple[str, ...]:
+        """The command of the start with this number, from 0; each start logs in its own folder."""
+        words = self.again if number else self.first
+        if not self.out:
+            return words
+        return (*words, "--out", f"{self.out}/again{number}" if number else self.out)
+
+
+def controller_start(
+    controller: Controller,
+    places: Places,
+    *,
+    cycle_ms: float,
+    priority: int,
+    nvram: Path,
+    environment: Mapping[str, str],
+) -> ControllerStart:
+    """Raises Blocked for a kind or a checkout that is not there."""
+    if controller.kind == "command":
+        words = fill_in(controller.command, places)
+        return ControllerStart(words, words, environment)
+    if controller.kind == "checkout":
+        environment = {**environment, "PYTHONPATH": _search_path(controller.path)}
+    elif controller.kind != "shipped":
+        raise Blocked(f"controller.kind: {controller.kind!r} is unknown to this bench")
+    base = [sys.executable, "-m", "vobc", "run", "--bus", places.bus, "--tags", places.tags]
+    base += ["--radio", places.radio, "--line", places.line, "--consist", places.params]
+    base += ["--to", places.end, "--cycle-ms", f"{cycle_ms:g}", "--priority", str(priority)]
+    base += ["--nvram", str(nvram)]
+    first = (*base, "--from", places.start)
+    return ControllerStart(first, tuple(base), environment, out=places.out)
+
+
+def fill_in(command: str, places: Places) -> tuple[str, ...]:
+    """The words of a command with its {names} filled in, as a shell would split it, without one.
+
+    Names are filled in after splitting, so that a path with blanks stays one word. Raises Blocked.
+    """
+    values = {field.name: str(getattr(places, field.name)) for field in fields(places)}
+    try:
+        words = shlex.split(command)
+    except ValueError as error:
+        raise Blocked(f"controller.command: {command!r}: {error}") from error
+    if not words:
+        raise Blocked("controller.command: empty; it names the program under test")
+    return tuple(_filled(word, values) for word in words)
+
+
+def _filled(word: str, values: Mapping[str, str]) -> str:
+    try:
+        names = [name for _, name, _, _ in string.Formatter().parse(word) if name is not None]
+    except ValueError as error:
+        raise Blocked(f"controller.command: {word!r}: {error}") from error
+    for name in names:
+        if name not in values:
+            known = ", ".join(f"{{{known}}}" for known in values)
+            raise Blocked(f"controller.command: {{{name}}}: nothing is known by it here; {known}")
+    return word.format(**values)
+
+
+def _search_path(checkout: str) -> str:
+    root = Path(checkout)
+    if not (root / "vobc").is_dir():
+        raise Blocked(f"controller.path: {checkout}: no checkout, there is no folder vobc in it")
+    return os.pathsep.join(str((root / part).resolve()) for part in CHECKOUT_ROOTS)
+
+
+def plant_words(
+    case: Case,
+    *,
+    bus: str,
+    wires: RealtimeWires,
+    radio: str,
+    line: str,
+    consist: str,
+    faults: Path,
+    feed: Path,
+    out: Path,
+    stations: tuple[str, str],
+    parent: int,
+) -> list[str]:
+    """The emulated train."""
+    setup = case.setup
+    words = [sys.executable, "-m", "plant_emulator", "run", "--bus", bus, "--line", line]
+    words += ["--consist", consist, "--seed", str(case.seed), "--desk", setup.desk_mode]
+    words += ["--from", stations[0], "--to", stations[1], "--tags", wires.tags, "--radio", radio]
+    words += ["--faults", str(faults), "--truth-feed", str(feed), "--out", str(out)]
+    words += ["--priority", str(wires.plant_priority), "--parent", str(parent)]
+    if setup.load_ratio is not None:
+        words += ["--load-ratio", str(setup.load_ratio)]
+    if setup.odometer_error is not None:
+        words += ["--odometer-error", str(setup.odometer_error)]
+    return words
+
+
+def gateway_words(
+    *,
+    segments: Sequence[str],
+    faults: Path,
+    seed: int,
+    control: Path,
+    out: Path,
+    priority: int,
+    parent: int,
+) -> list[str]:
+    """The gateway between the controller's segment and the train's."""
+    a, b = segments
+    words = [sys.executable, "-m", "metro_hil.gateway", "--a", a, "--b", b]
+    words += ["--faults", str(faults), "--seed", str(seed), "--feed", str(control)]
+    words += ["--out", str(out), "--priority", str(priority), "--parent", str(parent)]
+    return words

@@ -1,0 +1,102 @@
+"""Collects from the logs of a run what shows that its host disturbed it."""
+
+import json
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+from metro_hil.columns import Columns, LogError, read_columns
+from metro_hil.realtime.attribution import (
+    GATEWAY_LATE_S,
+    STEAL_S,
+    WAITED_S,
+    CycleRow,
+    Disturbance,
+    Evidence,
+    Source,
+    Window,
+    lateness_disturbances,
+    plant_disturbances,
+    second_disturbances,
+)
+from metro_hil.realtime.host import HostRecord
+from metro_hil.run_folder import RunFolder
+
+GATEWAY_LOG: Final = "gateway.csv"
+STEP_S: Final = 0.01
+
+
+def collect_evidence(
+    folder: RunFolder,
+    host: HostRecord,
+    *,
+    cycle_s: float,
+    origin_s: float,
+    cycles_begin_s: float,
+    excused: Sequence[Window],
+    own_controller: bool,
+) -> Evidence:
+    """Args:
+    origin_s: the start of the plant's time on the machine's clock.
+    cycles_begin_s: the controller's first cycle, in the plant's time.
+    excused: while a fault of the scenario held the process up.
+    own_controller: its log may be believed to be of this run.
+    """
+    found: list[Disturbance] = []
+    found += second_disturbances(host.stolen, Source.STEAL, STEAL_S)
+    found += second_disturbances(host.waited, Source.WAITING, WAITED_S)
+    found += plant_disturbances(host.truth_late)
+    found += second_disturbances(gateway_waits(folder, origin_s), Source.GATEWAY, GATEWAY_LATE_S)
+    if own_controller:
+        rows = cycle_rows(folder.cycle_log, cycle_s=cycle_s, begin_s=cycles_begin_s)
+        found += lateness_disturbances(rows, excused)
+    # What began before the run is not of the run, such as the start of the processes.
+    found = [each for each in found if each.end_s > 0.0]
+    found.sort(key=lambda each: (each.begin_s, each.source.value))
+    return Evidence(disturbances=found, given_up_s=STEP_S * lost_steps(folder))
+
+
+def cycle_rows(path: Path, *, cycle_s: float, begin_s: float) -> list[CycleRow]:
+    """Of the controller's log; none when it keeps no such log."""
+    log = _read(path)
+    if log is None:
+        return []
+    try:
+        columns = [log.numbers(name).tolist() for name in ("t_s", "work_us", "lateness_us")]
+    except LogError:
+        return []
+    rows = [row for row in zip(*columns, strict=True) if not any(map(math.isnan, row))]
+    if not rows:
+        return []
+    # The first row is the first cycle, and that is when the controller was first heard.
+    shift_s = begin_s - rows[0][0]
+    return [
+        CycleRow(t_s + shift_s, work_us / 1e6, lateness_us / 1e6, cycle_s)
+        for t_s, work_us, lateness_us in rows
+    ]
+
+
+def gateway_waits(folder: RunFolder, origin_s: float) -> list[tuple[float, float]]:
+    """End of each second and the longest wait in it of a frame that no fault held back."""
+    log = _read(folder.path / GATEWAY_LOG)
+    if log is None:
+        return []
+    times_s, waits_us = log.numbers("t_s").tolist(), log.numbers("wait_max_us").tolist()
+    return [(t_s - origin_s, wait_us / 1e6) for t_s, wait_us in zip(times_s, waits_us, strict=True)]
+
+
+def lost_steps(folder: RunFolder) -> int:
+    """Steps that the plant gave up because it was held up for too long."""
+    try:
+        told = json.loads((folder.path / "plant.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return 0
+    return int(told.get("lost_steps", 0))
+
+
+def _read(path: Path) -> Columns | None:
+    try:
+        return read_columns(path)
+    except LogError:
+        return None

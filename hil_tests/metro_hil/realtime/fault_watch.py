@@ -1,0 +1,39 @@
+"""Which faults of a case have begun, act and may still change."""
+
+from collections.abc import Sequence
+
+from plant_emulator.faults.plan import FaultPlan
+
+
+class FaultWatch:
+    """Told every change; knows what never began."""
+
+    def __init__(self, plans: Sequence[FaultPlan]) -> None:
+        self._plans = {plan.index: plan for plan in plans}
+        self._active: set[int] = set()
+        self._begun: set[int] = set()
+
+    def plan(self, index: int) -> FaultPlan | None:
+        return self._plans.get(index)
+
+    def change(self, plan: FaultPlan, active: bool) -> None:
+        if active:
+            self._active.add(plan.index)
+            self._begun.add(plan.index)
+        else:
+            self._active.discard(plan.index)
+
+    @property
+    def never_began(self) -> tuple[FaultPlan, ...]:
+        return tuple(plan for index, plan in self._plans.items() if index not in self._begun)
+
+    @property
+    def pending(self) -> bool:
+        """Whether time alone will begin or end a fault; a condition may never come."""
+        return any(self._pending(plan) for plan in self._plans.values())
+
+    def _pending(self, plan: FaultPlan) -> bool:
+        window = plan.window
+        if plan.index in self._active:
+            return window.end_s is not None or window.duration_s is not None
+        return plan.index not in self._begun and not window.when

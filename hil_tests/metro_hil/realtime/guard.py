@@ -1,0 +1,78 @@
+"""Ends what a case started when the bench can no longer do it, however it was ended.
+
+A process beside the bench that reads from a pipe which processes the bench has started. The pipe
+ends with the bench; what was not ended by then is killed, with all that it started in its turn. A
+process that stands still by SIGSTOP dies of that, too, which no gentler signal could do.
+
+Run as a script: it needs nothing but the standard library, and has to be there at once.
+"""
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import Final
+
+CLOSE_S: Final = 5.0
+
+
+def main() -> int:
+    """Lines `+PID` and `-PID` on standard input: a process group that is there, and one no more."""
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)
+    groups: dict[int, None] = {}
+    for line in sys.stdin:
+        mark, pid = line[0], int(line[1:])
+        if mark == "+":
+            groups[pid] = None
+        else:
+            groups.pop(pid, None)
+    for pid in groups:
+        with contextlib.suppress(ProcessLookupError, PermissionError):
+            os.killpg(pid, signal.SIGKILL)
+    return 0
+
+
+class Guard:
+    """The bench's end of the pipe."""
+
+    def __init__(self) -> None:
+        self._process = subprocess.Popen(
+            [sys.executable, "-I", "-S", str(Path(__file__).resolve())],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            start_new_session=True,
+            text=True,
+        )
+
+    def watch(self, pid: int) -> None:
+        """From now on this process group does not outlive the bench."""
+        self._tell(f"+{pid}\n")
+
+    def forget(self, pid: int) -> None:
+        """It has ended, and its number may become another's."""
+        self._tell(f"-{pid}\n")
+
+    def close(self) -> None:
+        """Kills what is still watched."""
+        assert self._process.stdin is not None
+        with contextlib.suppress(OSError):
+            self._process.stdin.close()
+        try:
+            self._process.wait(CLOSE_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+
+    def _tell(self, line: str) -> None:
+        assert self._process.stdin is not None
+        # A guard that somebody ended cannot be told any more; the case goes on without.
+        with contextlib.suppress(OSError):
+            self._process.stdin.write(line)
+            self._process.stdin.flush()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

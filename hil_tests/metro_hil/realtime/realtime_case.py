@@ -1,0 +1,158 @@
+"""One case in real time: set up, run, judged by the same rules as in lockstep, attributed."""
+
+import tempfile
+from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
+
+import msgspec
+
+from firmware_py.buses import BusError
+from firmware_py.clock import Clock, WallClock
+from firmware_py.recorder import RecorderError
+from firmware_py.settings import SettingsError
+from metro_hil.case_setup import NO_FILES, CaseParts, Files, parts_of
+from metro_hil.cases import Case, CaseResult, Host, MonitorResult, Verdict
+from metro_hil.judging import judge
+from metro_hil.monitors import Context, MonitorSet, read_monitors
+from metro_hil.realtime.attribution import Evidence, rule
+from metro_hil.realtime.conduct import Conduct
+from metro_hil.realtime.ends import VIOLATION
+from metro_hil.realtime.evidence import collect_evidence
+from metro_hil.realtime.host import HostRecord
+from metro_hil.realtime.realtime_measures import lateness_us_p99, realtime_measures
+from metro_hil.realtime.stage import Stage, set_stage
+from metro_hil.realtime.wires import Blocked, RealtimeWires
+from metro_hil.run_folder import RunFolder
+
+NS_PER_S = 1_000_000_000
+CASE_WIRES = RealtimeWires()
+
+
+def run_realtime_case(
+    case: Case,
+    *,
+    files: Files = NO_FILES,
+    folder: RunFolder | None = None,
+    wires: RealtimeWires = CASE_WIRES,
+) -> CaseResult:
+    """Run it to its end and judge it.
+
+    Whatever the bench lacks is the verdict BLOCKED with the reason; nothing that was started is
+    left behind.
+
+    Args:
+        files: where the files are that the case calls by a name of the user's.
+        folder: keeps all logs of the run; without one they are thrown away.
+    """
+    clock = WallClock()
+    began_ns = clock.now_ns()
+    with ExitStack() as stack:
+        if folder is None:
+            path = stack.enter_context(tempfile.TemporaryDirectory(prefix="hil-"))
+            folder = RunFolder(Path(path))
+        try:
+            run = _Run(case, parts_of(case, files), files, folder, wires, clock)
+            result = run.result()
+        except (SettingsError, Blocked, BusError, RecorderError, OSError) as error:
+            result = _blocked(case, str(error))
+        wall_s = (clock.now_ns() - began_ns) / NS_PER_S
+        return msgspec.structs.replace(
+            result, host=msgspec.structs.replace(result.host, wall_s=wall_s)
+        )
+
+
+def _blocked(case: Case, reason: str) -> CaseResult:
+    return CaseResult(case_id=case.id, index=case.index, verdict=Verdict.BLOCKED, reason=reason)
+
+
+class _Run:
+    """A case that has been run, with everything that is left of it."""
+
+    def __init__(
+        self,
+        case: Case,
+        made: CaseParts,
+        files: Files,
+        folder: RunFolder,
+        wires: RealtimeWires,
+        clock: Clock,
+    ) -> None:
+        if case.branch is not None:
+            raise Blocked("branch: a run in real time cannot be gone on with from a copy")
+        self._case, self._made, self._folder = case, made, folder
+        plans = read_monitors(case.monitors, case.id, case.invariants)
+        context = Context(line=made.journey.line, train=made.scenario.train)
+        self._monitors = MonitorSet(plans, context)
+        with ExitStack() as stack:
+            self._host = HostRecord(folder.host_log)
+            stack.callback(self._host.close)
+            self._stage: Stage = set_stage(
+                case, made, files=files, folder=folder, wires=wires, clock=clock, stack=stack
+            )
+            self._conduct = Conduct(case, made, self._stage, self._monitors, self._host, clock)
+            self._conduct.run()
+            self._monitors.finish()
+
+    def result(self) -> CaseResult:
+        case, conduct = self._case, self._conduct
+        truth_known = self._stage.parts.plant
+        measures = realtime_measures(self._folder, self._made, conduct, truth_known=truth_known)
+        monitors = self._monitors.results(measures)
+        verdict, reason = self._judged(monitors)
+        evidence = self._evidence()
+        ruling = rule(verdict, self._failed_at_s(monitors), evidence)
+        if ruling.verdict is not verdict:
+            reason = f"{ruling.reason}; without that: {reason}" if reason else ruling.reason
+        return CaseResult(
+            case_id=case.id,
+            index=case.index,
+            verdict=ruling.verdict,
+            reason=reason,
+            exit_reason=conduct.reason,
+            sim_s=conduct.motion.t_s,
+            frames=conduct.hearing.chain.frames,
+            chain=conduct.hearing.chain.value,
+            monitors=tuple(monitors),
+            measures=measures,
+            events=tuple(conduct.events),
+            host=Host(steal_s=self._host.steal_s, lateness_us_p99=lateness_us_p99(self._folder)),
+        )
+
+    def _judged(self, monitors: tuple[MonitorResult, ...]) -> tuple[Verdict, str]:
+        conduct = self._conduct
+        violated = conduct.reason == VIOLATION
+        never = [f"fault {plan.kind.name}" for plan in conduct.faults.never_began]
+        return judge(
+            monitors,
+            died=conduct.pulse.died,
+            never_began=() if violated else never,
+            moved_m=conduct.motion.moved_m,
+            violated=violated,
+        )
+
+    def _failed_at_s(self, monitors: tuple[MonitorResult, ...]) -> list[float | None]:
+        """Instants of all failures; that of the controller's death is one of them."""
+        found = [each.at_s for each in monitors if each.verdict is Verdict.FAIL]
+        if self._conduct.pulse.died:
+            found.append(self._conduct.died_s)
+        return found
+
+    def _evidence(self) -> Evidence:
+        conduct, hearing = self._conduct, self._conduct.hearing
+        first_ns, origin_ns = hearing.controller_first_ns, hearing.origin_ns
+        origin_s = cycles_begin_s = 0.0
+        if origin_ns is not None:
+            origin_s = origin_ns / NS_PER_S
+        if first_ns is not None and origin_ns is not None:
+            cycles_begin_s = (first_ns - origin_ns) / NS_PER_S
+        found = collect_evidence(
+            self._folder,
+            self._host,
+            cycle_s=self._case.setup.cycle_ms / 1000.0,
+            origin_s=origin_s,
+            cycles_begin_s=cycles_begin_s,
+            excused=conduct.excused,
+            own_controller=self._stage.parts.controller,
+        )
+        return replace(found, dropped_frames=hearing.dropped_frames, blind=conduct.blind)

@@ -1,0 +1,113 @@
+"""The bus segments of a case: the bench's own, or those that the user names."""
+
+import itertools
+import os
+import shutil
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from firmware_py import rendezvous
+from firmware_py.buses import BusError, is_virtual, open_can, parse_spec
+from firmware_py.buses.hub_control import start_hub
+from firmware_py.clock import Clock
+from firmware_py.recorder import CandumpWriter
+from metro_hil.cases import BenchKind
+from metro_hil.realtime.hearing import Tap
+from metro_hil.realtime.wires import AUTO, Blocked, RealtimeWires
+from metro_hil.run_folder import RunFolder
+
+NAME_TRIES: Final = 20
+_numbers = itertools.count()
+
+
+@dataclass(frozen=True, slots=True)
+class Segments:
+    """Where the devices of a case are connected."""
+
+    controller: str
+    train: str
+    """The same as `controller` where no gateway lies between."""
+    own: bool
+    """Made for this case: nobody else can be there."""
+    virtual: bool
+    """No train can hang on the train's segment."""
+    meeting: Path
+    """A private folder of this case for the sockets of its processes."""
+
+    @property
+    def split(self) -> bool:
+        return self.controller != self.train
+
+
+def make_segments(
+    bench: BenchKind, wires: RealtimeWires, *, gateway: bool, stack: ExitStack
+) -> Segments:
+    """Args:
+        gateway: the case has faults of the bus, so that controller and train are kept apart.
+
+    Raises Blocked or BusError.
+    """
+    name = _meeting_name(stack)
+    meeting = rendezvous.bench_dir(name)
+    if wires.bus_a == AUTO:
+        if bench is BenchKind.HARDWARE:
+            raise Blocked("no bus named: the hardware bench needs one, such as socketcan:can0")
+        controller = _own_hub(f"{name}a", stack)
+    else:
+        controller = str(parse_spec(wires.bus_a))
+    if not gateway:
+        train = controller
+    elif wires.bus_b != AUTO:
+        train = str(parse_spec(wires.bus_b))
+        if train == controller:
+            raise Blocked(f"{train} is named for both segments; a gateway needs two")
+    elif controller.startswith("embedded:"):
+        train = _own_hub(f"{name}b", stack)
+    else:
+        raise Blocked(
+            "faults of the bus need the train on a segment of its own; name the second bus"
+        )
+    own = wires.bus_a == AUTO and (wires.bus_b == AUTO or not gateway)
+    return Segments(controller, train, own, is_virtual(train), meeting)
+
+
+def _meeting_name(stack: ExitStack) -> str:
+    """Unique on this machine while this process lives: its number and a count."""
+    for _ in range(NAME_TRIES):
+        name = f"h{os.getpid():x}-{next(_numbers) % 0xFFFF:x}"
+        folder = rendezvous.bench_dir(name)
+        if not any(folder.iterdir()):
+            stack.callback(shutil.rmtree, folder, ignore_errors=True)
+            return name
+    raise BusError(f"{folder}: left over from another run, as its neighbours are; remove it")
+
+
+def _own_hub(name: str, stack: ExitStack) -> str:
+    hub = start_hub(name, bound=True)
+    stack.callback(shutil.rmtree, rendezvous.bench_dir(name), ignore_errors=True)
+    stack.callback(hub.stop)
+    return f"embedded:{name}"
+
+
+def open_taps(
+    segments: Segments, folder: RunFolder, clock: Clock, stack: ExitStack
+) -> tuple[Tap, Tap]:
+    """Of the controller's and of the train's segment; the same where they are one.
+
+    Raises BusError or RecorderError.
+    """
+    train = _open_tap(segments.train, folder.bus_log, clock, stack)
+    if not segments.split:
+        return train, train
+    log = folder.path / "bus_controller.log"
+    return _open_tap(segments.controller, log, clock, stack), train
+
+
+def _open_tap(spec: str, path: Path, clock: Clock, stack: ExitStack) -> Tap:
+    port = open_can(spec, clock=clock, node="TAP")
+    stack.callback(port.close)
+    log = CandumpWriter(path, parse_spec(spec).name)
+    stack.callback(log.close)
+    return Tap(port, log, clock.epoch_offset_ns)
