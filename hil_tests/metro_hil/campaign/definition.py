@@ -73,10 +73,22 @@ class Body:
         from metro_hil.monitors import read_monitors
 
         tables = self.raw.get("monitor", [])
-        try:
-            read_monitors(tables, "", self.invariants)
-        except SettingsError as error:
-            findings.add_text(str(error), "monitor", ())
+        before = len(findings.found)
+        for index, table in enumerate(tables):
+            # One at a time, so that one wrong monitor does not hide another.
+            alone = Findings()
+            key = "monitor[0]"
+            if isinstance(table, dict):
+                attempt(lambda t: read_monitors([t], "", "none"), table, key, alone)
+            else:
+                alone.add(key, f"{table!r} is not a table")
+            for where_alone, what in alone.found:
+                findings.add(where_alone.replace(key, f"monitor[{index}]", 1), what)
+        if len(findings.found) == before:
+            try:
+                read_monitors(tables, "", self.invariants)
+            except SettingsError as error:
+                findings.add_text(str(error), "monitor", ())
         return tuple(tables)
 
     def _controller(self, findings: Findings) -> Controller | None:

@@ -1,0 +1,63 @@
+"""`hil check`: whether a campaign is right, and what it would run."""
+
+import argparse
+import sys
+
+from firmware_py.settings import SettingsError
+from metro_hil.options import EXIT_OK, EXIT_USAGE
+
+LISTED = 5
+
+
+def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    parser = verbs.add_parser(
+        "check",
+        help="check a campaign file and say what it would run",
+        description="Check a campaign file and say what it would run, without running it. All that "
+        "is wrong with it is said at once, one line each.",
+    )
+    parser.add_argument("campaign", metavar="CAMPAIGN", help="a shipped name, or a file")
+    parser.add_argument("--cases", action="store_true", help="list the ids of all cases")
+    parser.add_argument(
+        "--list",
+        type=_count,
+        default=LISTED,
+        metavar="N",
+        help=f"list the ids of the first N cases; default: {LISTED}",
+    )
+    parser.add_argument("--json", action="store_true", help="one JSON object on standard output")
+    parser.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Exit code 2 when anything is wrong with the campaign."""
+    import msgspec
+
+    from metro_hil.campaign import CampaignError, read_campaign
+    from metro_hil.campaign.summary import lines, summarise
+
+    try:
+        campaign = read_campaign(options.campaign)
+    except SettingsError as error:
+        problems = error.problems if isinstance(error, CampaignError) else (str(error),)
+        if options.json:
+            print(msgspec.json.encode({"problems": problems}).decode())
+        for problem in problems:
+            print(f"hil check: {problem}", file=sys.stderr)
+        return EXIT_USAGE
+    summary, _ = summarise(campaign, None if options.cases else options.list)
+    if options.json:
+        print(msgspec.json.encode(summary).decode())
+    else:
+        print("\n".join(lines(summary)))
+    return EXIT_OK
+
+
+def _count(text: str) -> int:
+    try:
+        value = int(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number") from None
+    if value < 0:
+        raise argparse.ArgumentTypeError(f"{text} is less than 0")
+    return value

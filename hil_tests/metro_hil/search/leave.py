@@ -1,0 +1,79 @@
+"""What a search leaves: its history, and the worst cases as a campaign that repeats them."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import msgspec
+import tomli_w
+
+from metro_hil.campaign.tables import ConfigTable
+from metro_hil.search.find import Sought
+from metro_hil.search.space import Space
+
+HISTORY: Final = "history.jsonl"
+WORST: Final = "worst.toml"
+FILES: Final = "files"
+NAMED: Final = ("line", "consist", "params")
+
+
+def append_history(folder: Path, new: Sequence[Sought]) -> None:
+    """One JSON object a line, as they are found."""
+    with (folder / HISTORY).open("ab") as history:
+        for sought in new:
+            history.write(msgspec.json.encode(sought) + b"\n")
+
+
+def write_worst(
+    folder: Path, space: Space, worst: Sequence[Sought], files: Mapping[str, str]
+) -> Path:
+    """A campaign file of the worst cases, first the worst, beside the user's files it needs."""
+    path = folder / WORST
+    tables = [_scenario(space, sought, place) for place, sought in enumerate(worst, start=1)]
+    written = {name for table in tables for name in _localised(table, space)}
+    for name in sorted(written):
+        (folder / FILES).mkdir(exist_ok=True)
+        (folder / FILES / name).write_text(files[name], encoding="utf-8")
+    document: dict[str, Any] = {
+        "title": f"Worst cases found of {space.plan.name}",
+        "scenario": tables,
+    }
+    path.write_text(tomli_w.dumps(document), encoding="utf-8")
+    return path
+
+
+def _scenario(space: Space, sought: Sought, place: int) -> ConfigTable:
+    table = space.table(sought.values)
+    for name in ("layout", "seed_base", "name", "title"):
+        table.pop(name, None)
+    least = min(sought.margins.items(), key=lambda item: item[1], default=None)
+    words = "" if least is None else f": {least[0]} {least[1]:.4g}"
+    return {
+        **table,
+        "name": f"worst-{place}",
+        "title": f"{sought.case_id} of the search{words}",
+        "seeds": [sought.seed],
+        "stop_at_violation": False,
+    }
+
+
+def _localised(table: ConfigTable, space: Space) -> list[str]:
+    """Let a scenario's table name the copies of the user's files; gives their names."""
+    train = dict(table.get("train", {}))
+    copied: list[str] = []
+    sources = space.body.sources
+    getters: dict[str, Any] = {
+        "line": sources.line,
+        "consist": sources.train,
+        "params": sources.params,
+    }
+    for key in NAMED:
+        if key not in train:
+            continue
+        name = getters[key](train[key])[0]
+        if name in sources.files:
+            train[key] = f"{FILES}/{name}"
+            copied.append(name)
+    if train:
+        table["train"] = train
+    return copied

@@ -1,0 +1,104 @@
+"""The space that a scenario's sweep spans, and the case at any point of it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import msgspec
+
+from firmware_py.settings import SettingsError, nearest
+from metro_hil.campaign.definition import Body, PointMaker
+from metro_hil.campaign.designs import exclusion
+from metro_hil.campaign.factors import Factor
+from metro_hil.campaign.plan import ScenarioPlan, case_of
+from metro_hil.campaign.problems import Findings
+from metro_hil.campaign.read import Definition
+from metro_hil.cases import Case, ConfigTable
+
+
+class SearchError(SettingsError):
+    """A search that was asked for and cannot be made; the text names option and value."""
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """One point of the space that can be run: a case for each seed."""
+
+    number: int
+    values: dict[str, Any]
+    cases: tuple[Case, ...]
+
+
+class Space:
+    """Points of the unit cube, one share for each factor, and what they stand for."""
+
+    def __init__(
+        self, plan: ScenarioPlan, body: Body, factors: Sequence[Factor], exclude: Sequence[str]
+    ) -> None:
+        self.plan = plan
+        self.body = body
+        self.factors = tuple(factors)
+        self._refused = exclusion(exclude, factors)
+        self._maker = PointMaker(body, [factor.key for factor in factors], Findings())
+
+    def values(self, shares: Sequence[float]) -> dict[str, Any]:
+        return {
+            factor.key: factor.searched(share)
+            for factor, share in zip(self.factors, shares, strict=True)
+        }
+
+    def sample(self, number: int, values: dict[str, Any]) -> Sample | None:
+        """None for values that do not go together.
+
+        The runs go on after a violation, or all violations would look alike.
+        """
+        if self._refused(values):
+            return None
+        point = self._maker.point(number, values, Findings())
+        if point is None:
+            return None
+        cases = tuple(
+            msgspec.structs.replace(case_of(self.plan, point, seed, 0), stop_at_violation=False)
+            for seed in self.plan.seeds
+        )
+        return Sample(number, dict(point.factors), cases)
+
+    def table(self, values: dict[str, Any]) -> ConfigTable:
+        """The scenario with these values, as a file has it, without its sweep."""
+        table = self.body.with_values(values).raw
+        return {name: value for name, value in table.items() if name != "sweep"}
+
+
+def space_of(
+    definition: Definition, scenario: str | None = None, keys: Sequence[str] = ()
+) -> Space:
+    """The space of one scenario; of the only one that sweeps something when none is named.
+
+    Args:
+        keys: swept keys that may vary, others stay as the scenario has them; empty for all.
+
+    Raises SearchError.
+    """
+    campaign = definition.campaign
+    swept = [
+        plan.name
+        for plan, factors in zip(campaign.scenarios, definition.factors, strict=True)
+        if factors
+    ]
+    if not swept:
+        raise SearchError(f"{campaign.name}: no scenario has a sweep, so there is nothing to vary")
+    if scenario is None and len(swept) > 1:
+        raise SearchError(f"--scenario: one of {', '.join(swept)} has to be named")
+    name = swept[0] if scenario is None else scenario
+    if name not in swept:
+        raise SearchError(f"--scenario {name}: {nearest(name, swept, 'scenario with a sweep')}")
+    place = [plan.name for plan in campaign.scenarios].index(name)
+    factors = definition.factors[place]
+    known = [factor.key for factor in factors]
+    for key in keys:
+        if key not in known:
+            raise SearchError(f"--factors {key}: {nearest(key, known, 'factor')}")
+    chosen = [factor for factor in factors if not keys or factor.key in keys]
+    body = definition.bodies[place]
+    exclude = body.raw.get("sweep", {}).get("exclude", ()) if not keys else ()
+    return Space(campaign.scenarios[place], body, chosen, exclude)
