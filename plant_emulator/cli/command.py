@@ -32,8 +32,12 @@ from firmware_py.recorder import LineLog, RecorderError
 from firmware_py.settings import SettingsError, shipped_names
 from firmware_py.tag_reader.serial_line import SerialError, open_pty, open_serial
 from firmware_py.trackdb import LineMap
+from plant_emulator.cli.feed_sender import FeedSender
 from plant_emulator.cli.options import AUTO, parser
 from plant_emulator.cli.words import Words, say, summarise
+from plant_emulator.faults.fault_file import load_faults
+from plant_emulator.faults.kinds import BENCH_PLACES
+from plant_emulator.faults.plan import FaultPlan
 from plant_emulator.process import TRUTH_COLUMNS, PlantDevice
 from plant_emulator.train_config import PACKAGE, load_train
 from plant_emulator.wire import COMMAND_IDS
@@ -68,7 +72,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             odometer_error_ratio=options.odometer_error,
             desk_mode=CabMode[options.desk.upper()],
         )
-        return _serve(options, scenario)
+        faults = () if options.faults is None else load_faults(options.faults)
+        return _serve(options, scenario, faults)
     except SettingsError as error:
         _complain(error)
         return EXIT_USAGE
@@ -88,14 +93,18 @@ def _list_consists() -> int:
     return EXIT_OK
 
 
-def _serve(options: argparse.Namespace, scenario: Scenario) -> int:
+def _serve(options: argparse.Namespace, scenario: Scenario, faults: Sequence[FaultPlan]) -> int:
     if options.parent is not None:
         die_with_parent(options.parent)
     ending = Interrupts()
     with ending.caught(), ExitStack() as stack:
         clock = WallClock()
         out = _folder(options.out)
-        plant = _device(options, scenario, out, clock, stack)
+        feed = None
+        if options.truth_feed is not None:
+            feed = FeedSender(options.truth_feed)
+            stack.callback(feed.close)
+        plant = _device(options, scenario, faults, feed, out, clock, stack)
         executives = [plant.executive]
         if options.priority:
             enter_realtime(options.priority)
@@ -113,7 +122,7 @@ def _serve(options: argparse.Namespace, scenario: Scenario) -> int:
         run(executives, clock, until)
         plant.stop(clock.now_ns())
         if out is not None:
-            summary = json.dumps(summarise(plant), indent=2)
+            summary = json.dumps(summarise(plant, feed), indent=2)
             (out / "plant.json").write_text(summary + "\n", encoding="utf-8")
         words.say_end()
     return EXIT_OK
@@ -122,6 +131,8 @@ def _serve(options: argparse.Namespace, scenario: Scenario) -> int:
 def _device(
     options: argparse.Namespace,
     scenario: Scenario,
+    faults: Sequence[FaultPlan],
+    feed: FeedSender | None,
     out: Path | None,
     clock: WallClock,
     stack: ExitStack,
@@ -140,6 +151,7 @@ def _device(
         f"{scenario.seed}, authority to {scenario.destination.name}"
     )
     say(f"bus: {spec}")
+    _say_what_is_told(faults, feed)
     stack.callback(rendezvous.withdraw, parse_spec(spec).name)
     tags = _open_tags(options.tags, spec, stack)
     radio = _open_radio(options.radio, scenario.line, spec, clock, stack)
@@ -147,7 +159,7 @@ def _device(
     def shared_port(node: Node, ids: Collection[int]) -> CanPort:
         return can
 
-    return PlantDevice(
+    plant = PlantDevice(
         scenario,
         open_port=shared_port,
         tags=tags,
@@ -155,7 +167,20 @@ def _device(
         truth=truth,
         start_ns=clock.now_ns(),
         epoch_offset_ns=clock.epoch_offset_ns,
+        faults=faults,
+        observer=None if feed is None else feed.truth,
     )
+    if feed is not None:
+        plant.schedule.listen(feed.change)
+    return plant
+
+
+def _say_what_is_told(faults: Sequence[FaultPlan], feed: FeedSender | None) -> None:
+    """The plant has neither the bus nor the controller in its hands."""
+    for plan in faults:
+        if plan.kind.place in BENCH_PLACES:
+            told = "the truth feed is told when it is to act" if feed else "nobody brings it about"
+            say(f"fault {plan.index}, {plan.kind.name}: not the plant's; {told}")
 
 
 def _bus(wanted: str) -> str:

@@ -34,6 +34,7 @@ def parser() -> argparse.ArgumentParser:
     )
     _add_train(plant.add_argument_group("the train and its line"))
     _add_wires(plant.add_argument_group("the wires"))
+    _add_faults(plant.add_argument_group("what goes wrong"))
     return top
 
 
@@ -94,6 +95,19 @@ def _add_wires(group: argparse._ArgumentGroup) -> None:
         help=f"SCHED_FIFO where the rights allow it; 0: none; default: {PRIORITY}",
     )
     group.add_argument("--parent", type=int, metavar="PID", help="end when that process ends")
+
+
+def _add_faults(group: argparse._ArgumentGroup) -> None:
+    group.add_argument(
+        "--faults",
+        metavar="FILE",
+        help="scenario file; its [[fault]] tables are brought about, the rest is passed over",
+    )
+    group.add_argument(
+        "--truth-feed",
+        metavar="PATH",
+        help="Unix datagram socket that is told the truth at every step and what faults begin",
+    )
 
 
 def _number(text: str, least: float, most: float) -> float:

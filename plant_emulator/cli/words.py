@@ -2,6 +2,8 @@
 
 from dataclasses import asdict
 
+from plant_emulator.cli.feed_sender import FeedSender
+from plant_emulator.faults.plan import FaultPlan
 from plant_emulator.process import PlantDevice
 
 
@@ -10,12 +12,16 @@ def say(words: str) -> None:
 
 
 class Words:
-    """Says what happens to the train: silence, emergency, standstill, doors."""
+    """Says what happens to the train: silence, emergency, standstill, doors, faults."""
 
     def __init__(self, plant: PlantDevice) -> None:
         self._plant = plant
         self._facts = self._look()
         self._commanded = False
+        plant.schedule.listen(self._fault)
+
+    def _fault(self, plan: FaultPlan, active: bool, now_ns: int) -> None:
+        self._say(f"fault {plan.index}, {plan.kind.name}, {'begins' if active else 'ends'}")
 
     def _look(self) -> tuple[bool, bool, bool, bool]:
         world = self._plant.world
@@ -54,8 +60,9 @@ class Words:
         say(f"{self._plant.elapsed_s:.2f} s: {words}")
 
 
-def summarise(plant: PlantDevice) -> dict[str, object]:
-    """How the plant kept up, and what it did not believe."""
+def summarise(plant: PlantDevice, feed: FeedSender | None) -> dict[str, object]:
+    """How the plant kept up, what it did not believe, and what it could not tell."""
+    never = [f"{plan.index} {plan.kind.name}" for plan in plant.schedule.never_began]
     return {
         "late_steps": plant.late_steps,
         "lost_steps": plant.lost_steps,
@@ -63,5 +70,8 @@ def summarise(plant: PlantDevice) -> dict[str, object]:
         "refused_frames": dict(plant.wire.refusals),
         "refused_reports": {reason.value: n for reason, n in plant.zone.refusals.items()},
         "command_losses": plant.command_losses,
+        "faults_never_began": never,
+        "feed_sent": 0 if feed is None else feed.sent,
+        "feed_lost": 0 if feed is None else feed.lost,
         "tasks": [asdict(report) for report in plant.executive.report()],
     }

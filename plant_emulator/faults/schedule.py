@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from typing import Final
 
+from firmware_py.expression import Expression
 from plant_emulator.faults.plan import FaultPlan
 from plant_emulator.truth import Truth
 
@@ -72,10 +73,11 @@ class _Timer:
 
     def wants(self, truth: Truth) -> bool:
         if self.active:
-            return truth.t_s < self._end_s and not (self._ends is not None and self._ends(truth))
-        if truth.t_s < self.plan.window.start_s:
+            return truth.t_s < self._end_s and not _holds(self._ends, truth, by_default=False)
+        window = self.plan.window
+        if truth.t_s < window.start_s or (window.end_s is not None and truth.t_s >= window.end_s):
             return False
-        return self._starts is None or bool(self._starts(truth))
+        return _holds(self._starts, truth, by_default=True)
 
     def change(self, active: bool, t_s: float) -> None:
         window = self.plan.window
@@ -87,3 +89,13 @@ class _Timer:
                 self._end_s = min(self._end_s, t_s + window.duration_s)
         else:
             self.done = not window.repeat
+
+
+def _holds(condition: Expression | None, truth: Truth, *, by_default: bool) -> bool:
+    """A condition that divides by nothing does not hold."""
+    if condition is None:
+        return by_default
+    try:
+        return bool(condition(truth))
+    except ZeroDivisionError:
+        return False

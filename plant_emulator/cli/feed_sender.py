@@ -1,0 +1,55 @@
+"""The plant's end of its feed: datagrams to a Unix socket that somebody else listens on."""
+
+import contextlib
+import os
+import socket
+from typing import Final
+
+from firmware_py.settings import SettingsError
+from plant_emulator.faults.feed import pack_change, pack_truth
+from plant_emulator.faults.plan import FaultPlan
+from plant_emulator.truth import Truth
+
+PATH_BYTES_MAX: Final = 107
+"""A Unix socket's name has no room for more."""
+BUFFER_BYTES: Final = 1 << 20
+
+
+class FeedSender:
+    """Never waits: what nobody takes is counted."""
+
+    def __init__(self, path: str) -> None:
+        """Nobody needs to listen yet. Raises SettingsError for a path that no socket can have."""
+        size = len(os.fsencode(path))
+        if size > PATH_BYTES_MAX:
+            raise SettingsError(
+                f"--truth-feed {path}: {size} bytes long; a socket's path has at most "
+                f"{PATH_BYTES_MAX}"
+            )
+        self.sent = 0
+        self.lost = 0
+        """Datagrams that found no listener, or a full one."""
+        self._path = path
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self._socket.setblocking(False)
+        with contextlib.suppress(OSError):
+            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER_BYTES)
+
+    def truth(self, truth: Truth, now_ns: int) -> None:
+        """An observer of the plant."""
+        self._send(pack_truth(truth, now_ns))
+
+    def change(self, plan: FaultPlan, active: bool, now_ns: int) -> None:
+        """A listener of the plant's schedule."""
+        self._send(pack_change(plan.index, active, now_ns))
+
+    def _send(self, message: bytes) -> None:
+        try:
+            self._socket.sendto(message, self._path)
+        except OSError:
+            self.lost += 1
+        else:
+            self.sent += 1
+
+    def close(self) -> None:
+        self._socket.close()

@@ -1,0 +1,33 @@
+"""The faults of a scenario file, for programs that need nothing else of it."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+from firmware_py.settings import SettingsError, nearest, parse
+from plant_emulator.faults.plan import FaultPlan, read_faults
+
+FAULT_KEY: Final = "fault"
+OTHER_KEYS: Final = (
+    *("name", "title", "requirements", "bench", "seeds", "seed_base", "expected"),
+    *("stop_at_violation", "invariants", "layout", "train", "timetable", "controller", "branch"),
+    *("monitor", "sweep", "scenario"),
+)
+"""What else a scenario file may say. It is passed over here, but not what nobody would read."""
+
+
+def load_faults(path: str) -> tuple[FaultPlan, ...]:
+    """Raises SettingsError with file, key and value."""
+    return faults_of(parse(Path(path)), path)
+
+
+def faults_of(scenario: Mapping[str, Any], source: str) -> tuple[FaultPlan, ...]:
+    """The `[[fault]]` tables of a scenario; raises SettingsError."""
+    known = [FAULT_KEY, *OTHER_KEYS]
+    for key in scenario:
+        if key not in known:
+            raise SettingsError(f"{source}: {key}: unknown key; {nearest(key, known, 'key')}")
+    tables = scenario.get(FAULT_KEY, [])
+    if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
+        raise SettingsError(f"{source}: {FAULT_KEY}: {tables!r} is not a list of [[fault]] tables")
+    return read_faults(tables, source)
