@@ -17,8 +17,12 @@ from firmware_py.histogram import Histogram
 
 NS_PER_MS: Final = 1_000_000
 NS_TOLERANCE: Final = 1e-3
+WOKEN_PERIOD_MS: Final = 3_600_000.0
+"""Stands in the reports for the period of a task that has none."""
 
 Run = Callable[[int], None]
+Observer = Callable[[str, int, int], None]
+"""Told name, instant of the beginning, and how long the run of the same task before it took."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,6 +100,41 @@ class Executive:
             raise ValueError("an executive needs at least one task")
         if len(self._by_name) != len(self._slots):
             raise ValueError("two tasks of one executive have the same name")
+
+    @classmethod
+    def woken(cls, name: str, run: Callable[[int], int], first_ns: int) -> "Executive":
+        """One task without a period: each run answers the instant at which it wants to run next.
+
+        An instant that is not ahead means at once. Such a task has no slips.
+        """
+        executive = cls([Task(name, WOKEN_PERIOD_MS, _no_run)], first_ns)
+        slot = executive._slots[0]
+
+        def run_and_ask(now_ns: int) -> None:
+            slot.next_ns = run(now_ns)
+
+        slot.run, slot.woken = run_and_ask, True
+        return executive
+
+    def observe(self, observer: Observer) -> None:
+        """Tell of each run, before it begins."""
+        for slot in self._slots:
+            slot.run = _observed(slot, slot.run, observer)
+
+    def run_next(self, now_ns: int, execution_ns: int | None = None) -> str | None:
+        """Run only the task that `run` would begin first, if it is due; answers which.
+
+        Args:
+            execution_ns: how long the run before it took, for a rhythm that is run again.
+        """
+        slot = min(self._slots, key=lambda each: each.next_ns)
+        if slot.next_ns > now_ns:
+            return None
+        if execution_ns is not None:
+            slot.execution_ns = execution_ns
+        slot.begin(now_ns)
+        slot.run(now_ns)
+        return slot.task.name
 
     def start_at(self, start_ns: int) -> None:
         """Move the whole grid to another start, as long as nothing was released.
@@ -184,6 +223,7 @@ class _Slot:
         "slips",
         "slips_before",
         "task",
+        "woken",
     )
 
     def __init__(self, task: Task, start_ns: int) -> None:
@@ -192,6 +232,8 @@ class _Slot:
         self.period_ns = task.period_ns
         self.budget_ns = task.budget_ns
         self.next_ns = start_ns + task.offset_ns
+        self.woken = False
+        """Each run says itself when the next one is."""
         self.begun = 0
         self.slips = 0
         self.slips_before = 0
@@ -247,9 +289,12 @@ def _run_timed(heap: _Heap, clock: Clock, until: Callable[[int], bool]) -> None:
         if until(begin_ns):
             return
         slot.begin(begin_ns)
-        heapq.heapreplace(heap, (slot.next_ns, order, slot))
+        if not slot.woken:
+            heapq.heapreplace(heap, (slot.next_ns, order, slot))
         slot.run(begin_ns)
         slot.end(now() - begin_ns)
+        if slot.woken:
+            heapq.heapreplace(heap, (slot.next_ns, order, slot))
 
 
 def _run_lockstep(heap: _Heap, clock: LockstepClock, until: Callable[[int], bool]) -> None:
@@ -262,6 +307,11 @@ def _run_lockstep(heap: _Heap, clock: LockstepClock, until: Callable[[int], bool
             now_ns = release_ns
         if until(now_ns):
             return
+        if slot.woken:
+            slot.begun += 1
+            slot.run(now_ns)
+            replace(heap, (slot.next_ns, order, slot))
+            continue
         if release_ns == now_ns:
             slot.begun += 1
             slot.slips_before = 0
@@ -271,6 +321,18 @@ def _run_lockstep(heap: _Heap, clock: LockstepClock, until: Callable[[int], bool
             release_ns = slot.next_ns
         replace(heap, (release_ns, order, slot))
         slot.run(now_ns)
+
+
+def _observed(slot: _Slot, run: Run, observer: Observer) -> Run:
+    def run_observed(now_ns: int) -> None:
+        observer(slot.task.name, now_ns, slot.execution_ns)
+        run(now_ns)
+
+    return run_observed
+
+
+def _no_run(now_ns: int) -> None:
+    """Stands in the table of an executive whose task is told later."""
 
 
 def _whole_ns(task: str, key: str, value_ms: float) -> int:

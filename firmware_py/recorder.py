@@ -219,6 +219,26 @@ class SerialLog:
         self._log.close()
 
 
+class RadioLog:
+    """What was said and heard on one radio: time in seconds, direction, key, payload in hex."""
+
+    def __init__(self, path: Path | str, start_ns: int = 0) -> None:
+        """Raises RecorderError. `start_ns` is the instant that is written as zero seconds."""
+        self._log = LineLog(path, ("t_s", "direction", "key", "payload"))
+        self._start_ns = start_ns
+
+    @property
+    def lost_lines(self) -> int:
+        return self._log.lost_lines
+
+    def message(self, stamp_ns: int, direction: SerialDirection, key: str, payload: bytes) -> None:
+        stamp_s = (stamp_ns - self._start_ns) / NS_PER_S
+        self._log.row(f"{stamp_s:.6f}", direction, key, payload.hex().upper())
+
+    def close(self) -> None:
+        self._log.close()
+
+
 def _identifier(can_id: int, extended: bool, error: bool) -> str:
     if error:
         return f"{can_id & ERROR_MASK | ERROR_FLAG:08X}#"

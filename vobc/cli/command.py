@@ -14,7 +14,9 @@ from firmware_py.buses import BusError, open_can
 from firmware_py.clock import REALTIME_SPIN_S, WallClock
 from firmware_py.executive import Executive, Task, run
 from firmware_py.interrupts import Interrupts
-from firmware_py.ports import SerialPort
+from firmware_py.port_log import PORTS_LOG, PortLog
+from firmware_py.ports import RadioPort, SerialPort
+from firmware_py.radio.recorded_radio import RecordedRadio
 from firmware_py.radio.zenoh_radio import RadioError, Role, open_radio
 from firmware_py.realtime import (
     RealtimeReport,
@@ -22,7 +24,7 @@ from firmware_py.realtime import (
     die_with_parent,
     enter_realtime,
 )
-from firmware_py.recorder import LineLog, RecorderError, SerialLog
+from firmware_py.recorder import LineLog, RadioLog, RecorderError, SerialLog
 from firmware_py.settings import SettingsError
 from firmware_py.tag_reader.recorded_line import RecordedLine
 from firmware_py.watchdog import ProcessWatchdog
@@ -37,7 +39,7 @@ from vobc.cli.host import (
     say,
 )
 from vobc.cli.options import Plan, parser, plan
-from vobc.process import CYCLE_COLUMNS, CycleLog, VobcDevice
+from vobc.process import CYCLE_COLUMNS, Commission, CycleLog, VobcDevice
 from vobc.wire import HEARD_IDS
 from zenoh_config import keys
 
@@ -73,7 +75,11 @@ def _run(options: argparse.Namespace, planned: Plan) -> int:
     with ending.caught(), ExitStack() as stack:
         clock = WallClock(spin_s=REALTIME_SPIN_S if options.priority else 0.0)
         out = _folder(options.out)
-        vobc = _device(planned, out, clock, stack)
+        recording = None if out is None else PortLog(out / PORTS_LOG)
+        if recording is not None:
+            stack.callback(recording.close)
+        commission = _commission(planned, clock.now_ns())
+        vobc = _device(planned, commission, out, recording, clock, stack)
         executives = [vobc.executive]
         granted = None
         if options.priority:
@@ -94,18 +100,38 @@ def _run(options: argparse.Namespace, planned: Plan) -> int:
             words.tell()
             return ending.asked or (end_ns is not None and now_ns >= end_ns)
 
-        vobc.executive.start_at(clock.now_ns())
+        grid_ns = clock.now_ns()
+        vobc.executive.start_at(grid_ns)
+        if recording is not None:
+            table = commission.table()
+            recording.start(table, vobc.executive, grid_ns=grid_ns, virtual=False)
         run(executives, clock, until)
         watchdog.stop()
-        vobc.stop(clock.now_ns())
+        stop_ns = clock.now_ns()
+        if recording is not None:
+            recording.stop(stop_ns)
+        vobc.stop(stop_ns)
         if out is not None:
             _write_json(out / "vobc.json", _summary(vobc))
     return EXIT_INTERRUPTED if ending.by_keyboard else EXIT_OK
 
 
+def _commission(planned: Plan, start_ns: int) -> Commission:
+    return Commission(
+        config=planned.config,
+        line=planned.line,
+        mission=planned.mission,
+        nvram=planned.nvram.record,
+        start_ns=start_ns,
+        start=planned.start,
+    )
+
+
 def _device(
     planned: Plan,
+    commission: Commission,
     out: Path | None,
+    recording: PortLog | None,
     clock: WallClock,
     stack: ExitStack,
 ) -> VobcDevice:
@@ -120,22 +146,19 @@ def _device(
         log = cycles
     tags: SerialPort = PatientLine(planned.tags)
     if out is not None:
-        tags = RecordedLine(tags, SerialLog(out / "serial.log", clock.now_ns()))
+        tags = RecordedLine(tags, SerialLog(out / "serial.log", commission.start_ns))
     stack.callback(tags.close)
     topics = (keys.authorities(planned.line.name, planned.config.address),)
-    radio = open_radio(Role.TRAIN, planned.radio, topics, clock)
+    radio: RadioPort = open_radio(Role.TRAIN, planned.radio, topics, clock)
+    if out is not None:
+        radio = RecordedRadio(radio, RadioLog(out / "radio.log", commission.start_ns))
     stack.callback(radio.close)
-    return VobcDevice(
-        planned.config,
-        planned.line,
-        planned.mission,
-        can=can,
-        tags=tags,
-        radio=radio,
+    return commission.device(
+        can=can if recording is None else recording.can(can),
+        tags=tags if recording is None else recording.tags(tags),
+        radio=radio if recording is None else recording.radio(radio),
         nvram=planned.nvram,
         cycle_log=log,
-        start_ns=clock.now_ns(),
-        start=planned.start,
     )
 
 

@@ -1,0 +1,142 @@
+"""Everything that a controller is told before its first cycle, also as a table for JSON."""
+
+import dataclasses
+import enum
+import typing
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from firmware_py.nvram import Nvram, NvramRecord
+from firmware_py.ports import CanPort, RadioPort, SerialPort
+from firmware_py.settings import SettingsError, build
+from firmware_py.trackdb import LineMap
+from vobc.config import VobcConfig
+from vobc.process.cycle_log import CycleLog
+from vobc.process.device import VobcDevice
+from vobc.vocabulary import Mission, OdometryRecord
+
+
+@dataclass(frozen=True, slots=True)
+class Commission:
+    """What makes a controller; with the same inputs at the same instants it says the same."""
+
+    config: VobcConfig
+    line: LineMap
+    mission: Mission
+    nvram: NvramRecord
+    """As the controller finds it."""
+    start_ns: int
+    """On the controller's clock."""
+    start: OdometryRecord | None = None
+    """Where the train stands; None for where its mission starts."""
+
+    def device(
+        self,
+        *,
+        can: CanPort,
+        tags: SerialPort,
+        radio: RadioPort,
+        nvram: Nvram | None = None,
+        cycle_log: CycleLog | None = None,
+    ) -> VobcDevice:
+        """Without `nvram` what it remembers is forgotten with it."""
+        return VobcDevice(
+            self.config,
+            self.line,
+            self.mission,
+            can=can,
+            tags=tags,
+            radio=radio,
+            nvram=nvram or Nvram(None, self.nvram),
+            cycle_log=cycle_log,
+            start_ns=self.start_ns,
+            start=self.start,
+        )
+
+    def table(self) -> dict[str, Any]:
+        """As JSON knows it; `read_commission` makes the same of it again."""
+        return {
+            "start_ns": self.start_ns,
+            "line": _plain(self.line),
+            "params": _plain(self.config),
+            "mission": {
+                "start": self.mission.start.name,
+                "stops": [station.name for station in self.mission.stops],
+            },
+            "memory": _plain(self.nvram),
+            "standing": None if self.start is None else _plain(self.start),
+        }
+
+
+def read_commission(
+    table: Mapping[str, Any], source: str, left_out: list[str] | None = None
+) -> Commission:
+    """Raises SettingsError that names source, key and value.
+
+    Args:
+        left_out: takes the keys that this version does not know; without it they are an error.
+    """
+    parts: dict[str, Any] = {}
+    kinds = {"line": LineMap, "params": VobcConfig, "memory": NvramRecord}
+    for key, kind in kinds.items():
+        parts[key] = build(
+            kind, _known(kind, _table(table, key, source), key, left_out), source, key
+        )
+    line: LineMap = parts["line"]
+    start_ns, standing = table.get("start_ns"), table.get("standing")
+    if not isinstance(start_ns, int):
+        raise SettingsError(f"{source}: start_ns: {start_ns!r} is no instant")
+    return Commission(
+        config=parts["params"],
+        line=line,
+        mission=_mission(_table(table, "mission", source), line, source),
+        nvram=parts["memory"],
+        start_ns=start_ns,
+        start=None if standing is None else build(OdometryRecord, standing, source, "standing"),
+    )
+
+
+def _mission(table: Mapping[str, Any], line: LineMap, source: str) -> Mission:
+    names = [table.get("start"), *table.get("stops", ())]
+    try:
+        first, *stops = (line.station(str(name)) for name in names)
+    except KeyError as error:
+        raise SettingsError(f"{source}: mission: {error.args[0]}") from None
+    return Mission(first, tuple(stops))
+
+
+def _table(table: Mapping[str, Any], key: str, source: str) -> Mapping[str, Any]:
+    value = table.get(key)
+    if not isinstance(value, Mapping):
+        raise SettingsError(f"{source}: {key}: missing table")
+    return value
+
+
+def _plain(value: Any) -> Any:
+    """Dataclasses and enums as `settings.build` reads them; what is None is left out."""
+    if dataclasses.is_dataclass(value):
+        fields = ((field.name, field.init) for field in dataclasses.fields(value))
+        told = {name: getattr(value, name) for name, init in fields if init}
+        return {name: _plain(item) for name, item in told.items() if item is not None}
+    if isinstance(value, enum.Enum):
+        return value.name.lower()
+    if isinstance(value, tuple | list):
+        return [_plain(item) for item in value]
+    return value
+
+
+def _known(kind: Any, table: Any, key: str, left_out: list[str] | None) -> Any:
+    """The part of a table that this version's dataclasses have fields for."""
+    if left_out is None or not isinstance(table, Mapping) or not dataclasses.is_dataclass(kind):
+        return table
+    hints = typing.get_type_hints(kind)
+    known = {}
+    for name, item in table.items():
+        if name not in hints:
+            left_out.append(f"{key}.{name}")
+            continue
+        inner = [hints[name], *typing.get_args(hints[name])]
+        nested = next((hint for hint in inner if dataclasses.is_dataclass(hint)), None)
+        known[name] = _known(nested, item, f"{key}.{name}", left_out)
+    return known
