@@ -16,6 +16,7 @@ from firmware_py.settings import SettingsError
 from metro_hil.case_run import CaseRun, run_alone
 from metro_hil.case_setup import NO_FILES, Files, parts_of
 from metro_hil.cases import Case, CaseResult
+from plant_emulator.faults.plan import read_faults
 
 READ_BYTES: Final = 1 << 16
 
@@ -43,18 +44,20 @@ def run_group(cases: Sequence[Case], *, files: Files = NO_FILES) -> Iterator[Cas
             yield run_alone(case, files=files)
         return
     try:
-        run = CaseRun(cases[0], parts_of(cases[0], files), None)
+        plans = [plan for case in cases for plan in read_faults(case.faults, case.id)]
+        places = frozenset(plan.kind.place for plan in plans)
+        run = CaseRun(cases[0], parts_of(cases[0], files), None, places)
     except SettingsError:
         for case in cases:
             yield run_alone(case, files=files)
         return
     run.to_branch()
     for case in cases:
-        result = _in_copy(run, case, files)
+        result = _in_copy(run, case)
         yield run_alone(case, files=files) if result is None else result
 
 
-def _in_copy(run: CaseRun, case: Case, files: Files) -> CaseResult | None:
+def _in_copy(run: CaseRun, case: Case) -> CaseResult | None:
     """Fork, let the child run the case to its end, and take its result; None if it died."""
     parent = os.getpid()
     reader, writer = os.pipe()
@@ -64,7 +67,7 @@ def _in_copy(run: CaseRun, case: Case, files: Files) -> CaseResult | None:
         try:
             os.close(reader)
             die_with_parent(parent)
-            _write_all(writer, msgspec.json.encode(_finish(run, case, files)))
+            _write_all(writer, msgspec.json.encode(_finish(run, case)))
             status = 0
         finally:
             # Nothing of the parent's may be flushed or cleaned up twice.
@@ -78,9 +81,9 @@ def _in_copy(run: CaseRun, case: Case, files: Files) -> CaseResult | None:
     return msgspec.json.decode(content, type=CaseResult)
 
 
-def _finish(run: CaseRun, case: Case, files: Files) -> CaseResult:
+def _finish(run: CaseRun, case: Case) -> CaseResult:
     began_ns = WallClock().now_ns()
-    run.become(case, parts_of(case, files).faults)
+    run.become(case, read_faults(case.faults, case.id))
     run.to_end()
     run.close()
     return run.result(began_ns)

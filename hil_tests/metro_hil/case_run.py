@@ -1,6 +1,7 @@
 """One case on the lockstep bench, from its start to its verdict."""
 
 import traceback
+from collections.abc import Sequence
 from typing import Final
 
 from firmware_py.clock import WallClock
@@ -15,6 +16,8 @@ from metro_hil.judging import judge
 from metro_hil.lockstep import Lockstep, Taps
 from metro_hil.monitors import Context, MonitorSet, read_monitors
 from metro_hil.run_folder import RunFolder
+from plant_emulator.faults.kinds import Place
+from plant_emulator.faults.plan import FaultPlan
 from plant_emulator.truth import SIGNALS, Truth
 from vobc.vocabulary import CycleOutput
 
@@ -44,7 +47,9 @@ def run_alone(
             case_id=case.id, index=case.index, verdict=Verdict.BLOCKED, reason=str(error)
         )
     try:
-        run.to_branch()
+        if case.branch is not None:
+            run.to_branch()
+            run.become(case, run.parts.faults)
         run.to_end()
     finally:
         run.close()
@@ -54,9 +59,18 @@ def run_alone(
 class CaseRun:
     """A case while it runs."""
 
-    def __init__(self, case: Case, parts: CaseParts, folder: RunFolder | None) -> None:
+    def __init__(
+        self,
+        case: Case,
+        parts: CaseParts,
+        folder: RunFolder | None,
+        places: frozenset[Place] = frozenset(),
+    ) -> None:
+        """Args:
+        places: where faults of other cases may act that go on from a copy of this run.
+        """
         self.case = case
-        self._parts = parts
+        self.parts = parts
         self._chain = FrameChain()
         self._rows = MemoryLog()
         plans = read_monitors(case.monitors, case.id, case.invariants)
@@ -68,19 +82,19 @@ class CaseRun:
             parts.scenario,
             parts.journey,
             folder,
-            faults=parts.faults,
+            faults=() if case.branch else parts.faults,
+            places=places | {plan.kind.place for plan in parts.faults},
             taps=Taps(frame=self._frame, truth=self._truth, rows=self._rows),
         )
         self._events: list[Event] = []
         self._output: CycleOutput | None = None
-        self._words = ""
+        self._said: object = None
         self._start_m = parts.journey.start.stop_m
         self._farthest_m = self._start_m
         self._still_s: float | None = None
         self._branch = None
         if case.branch is not None:
             self._branch = compile_expression(case.branch.when, SIGNALS)
-            self.bench.plant.schedule.held = True
         self._branched = False
         self._reason = ""
         self._died = ""
@@ -111,32 +125,35 @@ class CaseRun:
             self._branched = True
 
     def _tell(self, t_s: float, output: CycleOutput) -> None:
+        said = (output.supervision, output.cause, output.ato_phase)
+        if said == self._said:
+            return
+        self._said = said
         state = output.supervision.name.lower().replace("_", " ")
         phase = output.ato_phase.name.lower().replace("_", " ")
         cause = f": {output.cause}" if output.cause else ""
-        words = f"protection {state}{cause}; operation {phase}"
-        if words != self._words:
-            self._words = words
-            self._note(t_s, words)
+        self._note(t_s, f"protection {state}{cause}; operation {phase}")
 
     def _note(self, t_s: float, words: str) -> None:
         if len(self._events) < EVENTS_MAX:
             self._events.append(Event(t_s, words))
 
-    def _fault_changed(self, plan: object, active: bool, now_ns: int) -> None:
-        name = getattr(getattr(plan, "kind", None), "name", "fault")
-        self._note(now_ns / NS_PER_S, f"fault {name} {'begins' if active else 'ends'}")
+    def _fault_changed(self, plan: FaultPlan, active: bool, now_ns: int) -> None:
+        words = f"fault {plan.kind.name} {'begins' if active else 'ends'}"
+        self._note(now_ns / NS_PER_S, words)
 
     def to_branch(self) -> bool:
         """Run to where the cases of a group part; False when that never comes."""
-        if self._branch is None:
-            return True
         limit_ns = round(self.case.setup.duration_s * NS_PER_S)
         self.bench.run_until(lambda now_ns: self._branched or self._over(now_ns, limit_ns))
-        if self._branched:
-            self.bench.plant.world.reseed(self.case.seed)
-            self.bench.plant.schedule.held = False
         return self._branched
+
+    def become(self, case: Case, faults: Sequence[FaultPlan]) -> None:
+        """At the branch: from here on it is this case's run."""
+        self.case = case
+        if self._branched:
+            self.bench.reseed(case.seed)
+            self.bench.plant.schedule.plan(faults)
 
     def to_end(self) -> None:
         """Run until the case is over. A controller that dies leaves the train to itself."""
@@ -208,7 +225,7 @@ class CaseRun:
         )
 
     def _measures(self) -> dict[str, float | None]:
-        bench, parts = self.bench, self._parts
+        bench, parts = self.bench, self.parts
         measures = motion_measures(self._rows.columns(), parts.journey.stops)
         power, elapsed_ns = bench.plant.world.power, bench.clock.now_ns()
         measures["arrived_count"] = float(bench.arrived)

@@ -1,6 +1,6 @@
 """Controller and plant in one process in virtual time: same code, same frames, no waiting."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 
@@ -9,12 +9,14 @@ from firmware_py.buses.inproc import InprocBus
 from firmware_py.clock import LockstepClock, WallClock
 from firmware_py.executive import Executive, Task, run
 from firmware_py.nvram import Nvram, NvramRecord
-from firmware_py.ports import CanFrame, CanPort, RadioPort, SerialPort
+from firmware_py.ports import CanFrame, CanPort, LinkCounters, RadioPort, SerialPort
 from firmware_py.radio.inproc_radio import InprocRadio
 from firmware_py.recorder import CandumpWriter, LineLog, SerialLog
 from firmware_py.tag_reader.inproc_line import inproc_line
 from firmware_py.tag_reader.recorded_line import RecordedLine
+from metro_hil.bus_faults import BusFaults, FaultyPort
 from metro_hil.ending import ARRIVED, DURATION, ArrivalWatch, Ending
+from metro_hil.frame_faults import FrameFaults
 from metro_hil.journey import Journey
 from metro_hil.options import RunOptions
 from metro_hil.process_faults import ControllerProcess, Device
@@ -65,9 +67,16 @@ class Lockstep:
         folder: RunFolder | None = None,
         *,
         faults: Sequence[FaultPlan] = (),
+        places: Collection[Place] = (),
         taps: Taps = UNTAPPED,
     ) -> None:
-        """Without a folder nothing is logged. Raises RecorderError for a log that cannot be."""
+        """Without a folder nothing is logged. Raises RecorderError for a log that cannot be.
+
+        Args:
+            faults: from the start on; `plant.schedule.plan` may change them.
+            places: where faults may act, now or later.
+            taps: who looks on.
+        """
         self.clock = LockstepClock()
         self._stack = ExitStack()
         self._logs: list[LineLog | CandumpWriter] = []
@@ -92,10 +101,11 @@ class Lockstep:
         self._cycle_log = self._log(folder, "cycles.csv", CYCLE_COLUMNS)
         self._executives = [self.plant.executive]
         self._nvram = Nvram(None, NvramRecord(boot_count=1))
-        can = self._controller_port(faults, scenario.seed, folder)
+        places = {*places, *(plan.kind.place for plan in faults)}
+        can = self._controller_port(Place.BUS in places, scenario.seed, folder)
         tags = self._recorded(controller_end, folder)
         air = radio.port("train", (keys.authorities(line.name, config.address),))
-        self.vobc = self._make_controller(faults, can, tags, air)
+        self.vobc = self._make_controller(Place.PROCESS in places, can, tags, air)
         self._executives.append(self.vobc.executive)
         self._arrival = ArrivalWatch(journey.end.stop_m)
         self.arrived = False
@@ -103,9 +113,9 @@ class Lockstep:
         self._executives.append(Executive([Task("watch", WATCH_MS, self._watch)], 0))
 
     def _make_controller(
-        self, faults: Sequence[FaultPlan], can: CanPort, tags: SerialPort, radio: RadioPort
+        self, faulty: bool, can: CanPort, tags: SerialPort, radio: RadioPort
     ) -> Device:
-        if not any(plan.kind.place is Place.PROCESS for plan in faults):
+        if not faulty:
             return self._start_controller(can, tags, radio, 0, False)
         process = ControllerProcess(
             self._start_controller, can=can, tags=tags, radio=radio, start_ns=0
@@ -132,10 +142,17 @@ class Lockstep:
             start=unknown_start(config, journey.line, nvram.record) if again else None,
         )
 
-    def _controller_port(
-        self, faults: Sequence[FaultPlan], seed: int, folder: RunFolder | None
-    ) -> CanPort:
-        return self.bus.port(Node.VOBC.name, HEARD_IDS)
+    def _controller_port(self, faulty: bool, seed: int, folder: RunFolder | None) -> CanPort:
+        """On the bus; where bus faults may act they stand between."""
+        port = self.bus.port(Node.VOBC.name, HEARD_IDS)
+        if not faulty:
+            return port
+        between = FaultyPort(port, FrameFaults(seed))
+        self._bus_faults = BusFaults(self.bus, between, seed)
+        self._on_fault(Place.BUS, self._bus_faults.change)
+        self._executives.append(Executive([Task("bus faults", BUS_FAULT_MS, between.poll)], 0))
+        writer = self._candump(folder, "vobc_in.log")
+        return between if writer is None else RecordedCan(between, writer)
 
     def _on_fault(self, place: Place, change: Callable[[FaultPlan, bool, int], None]) -> None:
         def listener(plan: FaultPlan, active: bool, now_ns: int) -> None:
@@ -156,6 +173,10 @@ class Lockstep:
     def run_until(self, over: Callable[[int], bool]) -> None:
         """Run on; `over` is asked before each release. Runs in pieces equal one in a single one."""
         run(self._executives, self.clock, over)
+
+    def reseed(self, seed: int) -> None:
+        """From now on everything that is drawn comes from another seed."""
+        self.plant.world.reseed(seed)
 
     def without_controller(self) -> None:
         """From now on nobody controls: its process has died."""
@@ -213,6 +234,29 @@ class Lockstep:
         recorded = RecordedLine(port, SerialLog(folder.serial_log))
         self._stack.callback(recorded.close)
         return recorded
+
+
+class RecordedCan:
+    """The controller's port with a log of what it heard, where that is not what was on the bus."""
+
+    def __init__(self, port: CanPort, log: CandumpWriter) -> None:
+        self._port, self._log = port, log
+
+    @property
+    def counters(self) -> LinkCounters:
+        return self._port.counters
+
+    def send(self, now_ns: int, can_id: int, data: bytes) -> None:
+        self._port.send(now_ns, can_id, data)
+
+    def receive(self, now_ns: int) -> Sequence[CanFrame]:
+        frames = self._port.receive(now_ns)
+        for frame in frames:
+            self._log.frame(frame.stamp_ns, frame.can_id, frame.data)
+        return frames
+
+    def close(self) -> None:
+        self._port.close()
 
 
 class _Tee:

@@ -19,16 +19,17 @@ class Schedule:
     def __init__(self, plans: Sequence[FaultPlan]) -> None:
         self._timers = [_Timer(plan) for plan in plans]
         self._listeners: list[Listener] = []
-        self.held = False
-        """While it is, nothing begins or ends."""
+
+    def plan(self, plans: Sequence[FaultPlan]) -> None:
+        """From now on these, and none of those before; none of those may be active."""
+        assert not self.active
+        self._timers = [_Timer(plan) for plan in plans]
 
     def listen(self, listener: Listener) -> None:
         self._listeners.append(listener)
 
     def step(self, truth: Truth, now_ns: int) -> None:
         """Tell the listeners of every change, in the order of the scenario."""
-        if self.held:
-            return
         for timer in self._timers:
             if timer.done:
                 continue
