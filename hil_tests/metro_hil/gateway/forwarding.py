@@ -1,0 +1,106 @@
+"""Frames from one segment to the other, through the faults of the bus that act now.
+
+The gateway stands between the controller on segment A and the train on segment B. What comes in on
+one side goes out on the other in the order of its arrival, unless a fault says otherwise.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Final, Protocol
+
+from firmware_py.histogram import Histogram
+from firmware_py.ports import CanFrame, CanPort
+from plant_emulator.faults.declared_bus import Way
+
+NS_PER_US: Final = 1_000
+
+
+class Faults(Protocol):
+    """The faults of the bus, without a bus: frames go in, and come out when they are due."""
+
+    def offer(self, now_ns: int, way: Way, can_id: int, data: bytes) -> None: ...
+
+    def take(self, now_ns: int, way: Way) -> Sequence[tuple[int, int, bytes]]:
+        """Instant at which it is due, identifier, data."""
+        ...
+
+    def next_due_ns(self) -> int | None: ...
+
+
+class Forwarding:
+    """Moves what is there; never waits."""
+
+    def __init__(self, a: CanPort, b: CanPort, faults: Faults) -> None:
+        """Args:
+        a: the controller's segment.
+        b: the train's.
+        """
+        self._sources: Mapping[Way, CanPort] = {Way.TO_TRAIN: a, Way.TO_VOBC: b}
+        self._targets: Mapping[Way, CanPort] = {Way.TO_TRAIN: b, Way.TO_VOBC: a}
+        self._faults = faults
+        self.came = {Way.TO_TRAIN: 0, Way.TO_VOBC: 0}
+        self.sent = {Way.TO_TRAIN: 0, Way.TO_VOBC: 0}
+        """More than came, or less, is the faults' doing."""
+        self.uncommon = 0
+        """Extended, remote and error frames, which no node of a train sends: not passed on."""
+        self.wait_us = Histogram()
+        """From the instant at which a frame is due on the other side, which is its own where no
+        fault delays it, to its being sent."""
+        self._longest_ns = 0
+        self._offered_ns = 0
+
+    def step(self, now_ns: int) -> None:
+        """Take what came on both sides, and send what is due."""
+        for way, frame in self._arrivals(now_ns):
+            # Stamps of two segments need not rise together; the faults' time never runs back.
+            self._offered_ns = max(self._offered_ns, min(frame.stamp_ns, now_ns))
+            self._faults.offer(self._offered_ns, way, frame.can_id, frame.data)
+        self._offered_ns = max(self._offered_ns, now_ns)
+        for way, target in self._targets.items():
+            for due_ns, can_id, data in self._faults.take(now_ns, way):
+                target.send(now_ns, can_id, data)
+                self.sent[way] += 1
+                self._count_wait(now_ns - due_ns)
+
+    def _arrivals(self, now_ns: int) -> list[tuple[Way, CanFrame]]:
+        found = []
+        for way, source in self._sources.items():
+            for frame in source.receive(now_ns):
+                if frame.extended or frame.remote or frame.error:
+                    self.uncommon += 1
+                    continue
+                self.came[way] += 1
+                found.append((way, frame))
+        found.sort(key=lambda each: each[1].stamp_ns)
+        return found
+
+    def _count_wait(self, wait_ns: int) -> None:
+        self.wait_us.add(max(0, wait_ns) // NS_PER_US)
+        self._longest_ns = max(self._longest_ns, wait_ns)
+
+    def longest_wait_us(self) -> float:
+        """Since the last call."""
+        longest_ns, self._longest_ns = self._longest_ns, 0
+        return longest_ns / NS_PER_US
+
+    @property
+    def next_due_ns(self) -> int | None:
+        return self._faults.next_due_ns()
+
+    @property
+    def alive(self) -> bool:
+        """Whether both segments are there."""
+        return all(getattr(port, "alive", True) for port in self._sources.values())
+
+    def summary(self) -> dict[str, int]:
+        """Counts, and how long frames waited beyond what a fault held them back."""
+        ports = self._sources.values()
+        return {
+            **{f"came_{way.value}": count for way, count in self.came.items()},
+            **{f"sent_{way.value}": count for way, count in self.sent.items()},
+            "uncommon": self.uncommon,
+            "dropped_in": sum(port.counters.dropped_in for port in ports),
+            "dropped_out": sum(port.counters.dropped_out for port in ports),
+            "wait_p50_us": self.wait_us.percentile(50.0),
+            "wait_p99_us": self.wait_us.percentile(99.0),
+            "wait_max_us": self.wait_us.max,
+        }
