@@ -1,1 +1,1 @@
-"""Runs campaigns: cases to workers, results to a journal that survives kill -9, verdicts to totals."""
+"""Runs campaigns: hands cases to workers, keeps a journal that survives kill -9, counts."""

@@ -63,7 +63,7 @@ def keep_logs(
     stop: StopWish,
 ) -> None:
     """Run them once more with logs. A worker that dies again leaves what was written till then."""
-    watcher.begin(len(chosen), (), "keeping logs")
+    watcher.say(f"keeping the logs of {len(chosen)} cases")
     crew = make_keeper()
     try:
         waiting = list(enumerate(chosen, start=1))
@@ -76,7 +76,6 @@ def keep_logs(
                 _take(folder, outcome, watcher)
     finally:
         crew.close()
-        watcher.end()
 
 
 def _take(folder: CampaignFolder, outcome: Outcome, watcher: Watcher) -> None:

@@ -1,0 +1,71 @@
+"""From a campaign and the options of `hil run` to the cases that are run. Pure."""
+
+import re
+from collections.abc import Sequence
+from fnmatch import fnmatchcase
+from typing import Final
+
+import msgspec
+
+from metro_hil.cases import BenchKind, Case, Controller
+from metro_hil.engine.errors import UsageError
+
+CONTROLLERS: Final = "`shipped`, `checkout:PATH` or `command:WORDS`"
+
+
+def choose(
+    cases: Sequence[Case],
+    *,
+    pattern: str | None = None,
+    limit: int | None = None,
+    bench: str | None = None,
+    controller: str | None = None,
+) -> tuple[Case, ...]:
+    """Cases whose id or scenario matches, numbered anew, on another bench or with another device.
+
+    Raises UsageError when nothing is left or an option is wrong.
+    """
+    chosen = [case for case in cases if pattern is None or _matches(case, pattern)]
+    if not chosen:
+        example = f", such as {cases[0].id}" if cases else ""
+        raise UsageError(f"--filter {pattern}: matches none of the {len(cases)} case ids{example}")
+    changes: dict[str, object] = {}
+    if bench is not None:
+        changes["bench"] = BenchKind(bench)
+    if controller is not None:
+        changes["controller"] = read_controller(controller)
+    return tuple(
+        msgspec.structs.replace(case, index=index, **changes)
+        for index, case in enumerate(chosen[:limit])
+    )
+
+
+def _matches(case: Case, pattern: str) -> bool:
+    return fnmatchcase(case.id, pattern) or case.scenario == pattern
+
+
+def read_controller(text: str) -> Controller:
+    """What `--controller` says. Raises UsageError."""
+    kind, _, rest = text.partition(":")
+    if text == "shipped":
+        return Controller()
+    if kind == "checkout" and rest:
+        return Controller(kind="checkout", path=rest)
+    if kind == "command" and rest:
+        return Controller(kind="command", command=rest)
+    raise UsageError(f"--controller {text}: neither {CONTROLLERS}")
+
+
+def pick_case(cases: Sequence[Case], wanted: str) -> Case:
+    """By id, unique beginning of an id, or index. Raises UsageError."""
+    by_id = {case.id: case for case in cases}
+    if wanted in by_id:
+        return by_id[wanted]
+    if re.fullmatch(r"[0-9]+", wanted) and int(wanted) < len(cases):
+        return cases[int(wanted)]
+    found = [case for case in cases if case.id.startswith(wanted)]
+    if len(found) == 1:
+        return found[0]
+    ids = ", ".join(case.id for case in (found or list(cases))[:5])
+    what = f"{len(found)} cases begin so" if found else "no such case"
+    raise UsageError(f"{wanted}: {what}: {ids}{', …' if len(found or cases) > 5 else ''}")

@@ -1,0 +1,70 @@
+"""`hil run`: run all cases of a campaign."""
+
+import argparse
+from typing import TYPE_CHECKING
+
+from metro_hil.hil_command.working import add_work_options, kept_options, number, work_on
+
+if TYPE_CHECKING:
+    from metro_hil.engine.folder import Plan
+
+BENCHES = ("lockstep", "processes", "hardware")
+
+
+def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    parser = verbs.add_parser(
+        "run",
+        help="run a campaign",
+        description="Run all cases of a campaign. Ctrl-C, and even kill -9, lose nothing: "
+        "`hil resume` goes on.",
+    )
+    parser.add_argument("campaign", metavar="CAMPAIGN", help="a shipped name, or a file")
+    parser.add_argument("--bench", choices=BENCHES, help="default: as each scenario says")
+    parser.add_argument(
+        "--controller",
+        metavar="DEVICE",
+        help="shipped, checkout:PATH or command:WORDS; default: as each scenario says",
+    )
+    parser.add_argument("--filter", metavar="GLOB", help="only cases whose id matches, as *-s7")
+    parser.add_argument("--limit", type=number(1), metavar="N", help="only the first N cases")
+    parser.add_argument(
+        "--out", metavar="DIR", help="default: a folder by date and name below runs/hil"
+    )
+    add_work_options(parser)
+    parser.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Exit code 0 only when every case is as expected."""
+    import sys
+
+    from metro_hil.engine.folder import make_folder
+
+    folder = make_folder(plan_of(options), options.out)
+    print(f"campaign folder: {folder.path}", file=sys.stderr if options.json else sys.stdout)
+    return work_on(folder, options, {})
+
+
+def plan_of(options: argparse.Namespace) -> "Plan":
+    """Raises SettingsError or UsageError."""
+    from metro_hil.campaign import plan_cases, read_campaign
+    from metro_hil.engine.choosing import choose
+    from metro_hil.engine.folder import Plan
+
+    campaign = read_campaign(options.campaign)
+    cases = choose(
+        plan_cases(campaign),
+        pattern=options.filter,
+        limit=options.limit,
+        bench=options.bench,
+        controller=options.controller,
+    )
+    return Plan(
+        name=campaign.name,
+        title=campaign.title,
+        description=campaign.description,
+        layout=campaign.layout,
+        cases=cases,
+        files=campaign.files,
+        options=kept_options(options),
+    )

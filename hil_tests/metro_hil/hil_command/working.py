@@ -1,0 +1,264 @@
+"""What `hil run` and `hil resume` share: options, the work itself, and what is said at its end."""
+
+import argparse
+import os
+import sys
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any, Final
+
+from metro_hil.engine.errors import EngineError, UsageError
+from metro_hil.options import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_OK
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from rich.console import Console
+
+    from metro_hil.cases import Case
+    from metro_hil.engine.crew import Crew
+    from metro_hil.engine.folder import CampaignFolder, Manifest
+    from metro_hil.engine.run_campaign import CampaignEnd
+    from metro_hil.report.campaign import CampaignInfo
+
+KEEP: Final = 10
+KEEP_WORST: Final = 3
+UNEXPECTED_SHOWN_MAX: Final = 10
+
+
+def number(least: int) -> Callable[[str], int]:
+    """Reads a whole number of at least so much."""
+
+    def whole(text: str) -> int:
+        try:
+            value = int(text)
+        except ValueError:
+            raise argparse.ArgumentTypeError(f"{text!r} is not a whole number") from None
+        if value < least:
+            raise argparse.ArgumentTypeError(f"{text} is less than {least}")
+        return value
+
+    return whole
+
+
+def _seconds(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number of seconds") from None
+    if not 0.0 < value < 1e9:
+        raise argparse.ArgumentTypeError(f"{text} is not more than 0 s")
+    return value
+
+
+def add_work_options(parser: argparse.ArgumentParser) -> None:
+    """Those that say how cases are run, not which."""
+    parser.add_argument("--on", metavar="dask://HOST:PORT", help="default: this machine")
+    parser.add_argument(
+        "--workers", type=number(1), metavar="N", help="default: one for each processor"
+    )
+    parser.add_argument(
+        "--nice", type=number(0), default=0, metavar="N", help="niceness of local workers"
+    )
+    parser.add_argument(
+        "--keep",
+        type=number(0),
+        metavar="N",
+        help=f"keep the logs of the first N cases that are not as expected; default: {KEEP}",
+    )
+    parser.add_argument(
+        "--keep-worst",
+        type=number(0),
+        metavar="N",
+        help=f"and of the N least margins; default: {KEEP_WORST}",
+    )
+    parser.add_argument(
+        "--case-timeout",
+        type=_seconds,
+        metavar="S",
+        help="wall time for one case; default: 120, in real time twice its duration more",
+    )
+    parser.add_argument(
+        "--fail-fast", action="store_true", help="stop at the first case that is not as expected"
+    )
+    parser.add_argument("--no-report", action="store_true", help="write no report at the end")
+    parser.add_argument(
+        "--json", action="store_true", help="one JSON object on standard output, all else on stderr"
+    )
+    # Who tests the engine replaces the bench by this.
+    parser.add_argument("--runner", help=argparse.SUPPRESS)
+
+
+def kept_options(options: argparse.Namespace) -> dict[str, Any]:
+    """What the manifest remembers for `hil resume`, and for readers."""
+    names = (
+        *("campaign", "on", "bench", "controller", "filter", "limit", "keep", "keep_worst"),
+        *("case_timeout", "fail_fast", "no_report", "runner"),
+    )
+    return {name: value for name in names if (value := getattr(options, name, None)) is not None}
+
+
+def work_on(
+    folder: "CampaignFolder", options: argparse.Namespace, remembered: dict[str, Any]
+) -> int:
+    """Run what is left, report, say how it ended. Options that are not given are as remembered."""
+    from rich.console import Console
+
+    from metro_hil.engine.progress import Shown
+    from metro_hil.engine.run_campaign import Wishes, run_campaign
+    from metro_hil.engine.stopping import StopWish
+
+    console = Console(stderr=options.json)
+    for name, default in (("keep", KEEP), ("keep_worst", KEEP_WORST), ("case_timeout", None),
+                          ("runner", None)):  # fmt: skip
+        if getattr(options, name) is None:
+            setattr(options, name, remembered.get(name, default))
+    wishes = Wishes(
+        keep=options.keep,
+        keep_worst=options.keep_worst,
+        fail_fast=options.fail_fast,
+        repair=getattr(options, "repair", False),
+    )
+    crew, keeper = crews(folder, options, [case.bench.value for case in folder.cases()])
+    try:
+        with StopWish() as stop:
+            end = run_campaign(folder, crew, keeper, Shown(console), stop, wishes)
+    except EngineError as error:
+        raise EngineError(f"{error}\nnothing is lost: hil resume {folder.path}") from error
+    reports: Sequence[Path] = ()
+    if not options.no_report and not end.interrupted:
+        reports = write_reports(folder, folder.manifest(), end)
+    say_end(console, folder, end, reports)
+    if options.json:
+        print(end_json(folder, end, reports))
+    sys.stdout.flush()
+    return exit_code(end)
+
+
+def crews(
+    folder: "CampaignFolder", options: argparse.Namespace, benches: Sequence[str]
+) -> tuple[Callable[[], "Crew"], Callable[[], "Crew"]]:
+    """Who runs the cases, and who repeats some of them here to keep their logs."""
+    from metro_hil.cases import BenchKind
+    from metro_hil.engine.local_crew import LocalCrew
+    from metro_hil.engine.worker import RUNNER
+
+    files, runner = folder.files(), options.runner or RUNNER
+
+    def local() -> "Crew":
+        return LocalCrew(
+            options.workers or processors(),
+            files,
+            runner=runner,
+            case_timeout_s=options.case_timeout,
+            nice=options.nice,
+        )
+
+    if options.on is None:
+        return local, local
+    if not options.on.startswith("dask://") or not options.on.removeprefix("dask://"):
+        raise UsageError(f"--on {options.on}: not dask://HOST:PORT")
+    if set(benches) != {BenchKind.LOCKSTEP.value}:
+        raise UsageError(
+            f"--on {options.on}: only for the bench lockstep; others need this machine"
+        )
+
+    def cluster() -> "Crew":
+        from metro_hil.engine.dask_crew import DaskCrew
+
+        address = options.on.removeprefix("dask://")
+        return DaskCrew(address, files, runner=runner, case_timeout_s=options.case_timeout)
+
+    return cluster, local
+
+
+def processors() -> int:
+    """That this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def write_reports(
+    folder: "CampaignFolder", manifest: "Manifest", end: "CampaignEnd"
+) -> "Sequence[Path]":
+    from metro_hil.report import campaign
+
+    info = info_of(manifest, end.cases)
+    return campaign.write_reports(folder.path, info, end.cases, end.results)
+
+
+def info_of(manifest: "Manifest", cases: "Sequence[Case]") -> "CampaignInfo":
+    """The head of a campaign's report."""
+    from metro_hil.report.campaign import CampaignInfo
+
+    benches = dict.fromkeys(case.bench.value for case in cases)
+    devices = dict.fromkeys(
+        " ".join(filter(None, (device.kind, device.path, device.command)))
+        for device in (case.controller for case in cases)
+    )
+    return CampaignInfo(
+        name=manifest.name,
+        title=manifest.title,
+        description=manifest.description,
+        bench=", ".join(benches),
+        controller=", ".join(devices),
+        fingerprint=manifest.fingerprint,
+        versions={**manifest.versions, "program": manifest.program},
+        expected_cases=manifest.cases,
+        layout=manifest.layout,
+    )
+
+
+def exit_code(end: "CampaignEnd") -> int:
+    if end.interrupted:
+        return EXIT_INTERRUPTED
+    return EXIT_OK if end.totals.passed else EXIT_FAILED
+
+
+def say_end(
+    console: "Console", folder: "CampaignFolder", end: "CampaignEnd", reports: "Sequence[Path]"
+) -> None:
+    totals = end.totals
+
+    def say(words: str, style: str = "") -> None:
+        console.print(words, style=style, markup=False, highlight=False, soft_wrap=True)
+
+    counts = ", ".join(f"{name} {count}" for name, count in totals.counts.items() if count)
+    for problem in totals.problems:
+        say(problem, "bold red")
+    for name in totals.unexpected[:UNEXPECTED_SHOWN_MAX]:
+        say(f"not as expected: {name}", "red")
+    if (more := len(totals.unexpected) - UNEXPECTED_SHOWN_MAX) > 0:
+        say(f"not as expected: {more} more", "red")
+    if totals.missing:
+        say(f"without a result: {len(totals.missing)} of {totals.cases}", "magenta")
+    wall_s = sum(result.host.wall_s for result in end.results)
+    sim_s = sum(result.sim_s for result in end.results)
+    say(f"{totals.done} of {totals.cases} cases: {counts}")
+    if wall_s > 0.0:
+        say(f"{sim_s:.0f} s simulated in {wall_s:.1f} s of processors: {sim_s / wall_s:.0f} times")
+    for path in reports:
+        say(f"report: {path}")
+    say(f"campaign folder: {folder.path}")
+    if end.interrupted:
+        say(f"stopped; nothing is lost: hil resume {folder.path}", "yellow")
+    elif totals.passed:
+        say("passed: every case is as expected", "green")
+    else:
+        say("FAILED", "bold red")
+
+
+def end_json(folder: "CampaignFolder", end: "CampaignEnd", reports: "Sequence[Path]") -> str:
+    import msgspec
+
+    manifest = folder.manifest()
+    document = {
+        "name": manifest.name,
+        "folder": str(folder.path),
+        "fingerprint": manifest.fingerprint,
+        "interrupted": end.interrupted,
+        **msgspec.to_builtins(end.totals),
+        "sim_s": sum(result.sim_s for result in end.results),
+        "reports": [str(path) for path in reports],
+    }
+    return msgspec.json.encode(document).decode()
