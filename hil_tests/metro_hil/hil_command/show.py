@@ -1,0 +1,182 @@
+"""`hil show`: what a campaign came to, or the story of one of its cases."""
+
+import argparse
+from collections import Counter
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, Final
+
+from metro_hil.options import EXIT_FAILED, EXIT_OK
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from metro_hil.cases import Case, CaseResult
+    from metro_hil.engine.folder import CampaignFolder
+    from metro_hil.engine.totals import Totals
+
+WORST_SHOWN: Final = 10
+
+
+def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    parser = verbs.add_parser(
+        "show",
+        help="show what a campaign came to, or the story of a case",
+        description="Show what a campaign came to, or the story of one of its cases.",
+    )
+    parser.add_argument(
+        "name",
+        nargs="?",
+        metavar="NAME",
+        help="of the campaign's folder, its beginning, or a path; default: the last one",
+    )
+    parser.add_argument("case", nargs="?", metavar="CASE", help="id, its beginning, or number")
+    parser.add_argument("--json", action="store_true", help="one JSON object on standard output")
+    parser.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Exit code as the campaign's."""
+    import msgspec
+    from rich.console import Console
+
+    from metro_hil.engine.folder import find_folder
+    from metro_hil.engine.journal import once_each, read_journal, refuse_damage
+    from metro_hil.engine.run_campaign import totals_of
+
+    folder = find_folder(options.name)
+    cases, found = folder.cases(), read_journal(folder.journal_path)
+    refuse_damage(folder.journal_path, found, "`hil resume --repair` runs their cases again")
+    by_id = once_each(found.results)
+    if options.case is not None:
+        return _show_case(folder, cases, by_id, options)
+    totals = totals_of(folder, cases, found.results, found.sessions)
+    if options.json:
+        document = {
+            "folder": str(folder.path),
+            **msgspec.to_builtins(totals),
+            "results": list(by_id.values()),
+        }
+        print(msgspec.json.encode(document).decode())
+    else:
+        _show_campaign(Console(), folder, cases, by_id, totals)
+    return EXIT_OK if totals.passed else EXIT_FAILED
+
+
+def _show_case(
+    folder: "CampaignFolder",
+    cases: "Sequence[Case]",
+    by_id: "dict[str, CaseResult]",
+    options: argparse.Namespace,
+) -> int:
+    import msgspec
+    from rich.console import Console
+
+    from metro_hil.cases import as_expected
+    from metro_hil.engine.choosing import pick_case
+    from metro_hil.engine.story import tell
+
+    case = pick_case(cases, options.case)
+    result = by_id.get(case.id)
+    kept = folder.kept(case.id)
+    logs = sorted(kept.path.iterdir()) if kept.path.is_dir() else []
+    if options.json:
+        document = {"case": case, "result": result, "logs": [str(path) for path in logs]}
+        print(msgspec.json.encode(document).decode())
+    else:
+        tell(Console(), case, result, logs)
+        if not logs:
+            print(f"no logs were kept; hil rerun {folder.path} {case.id}")
+    return EXIT_OK if result is not None and as_expected(case, result) else EXIT_FAILED
+
+
+def _show_campaign(
+    console: "Console",
+    folder: "CampaignFolder",
+    cases: "Sequence[Case]",
+    by_id: "dict[str, CaseResult]",
+    totals: "Totals",
+) -> None:
+    manifest = folder.manifest()
+    console.print(f"{manifest.name}  {manifest.title}", style="bold", markup=False, highlight=False)
+    console.print(f"{folder.path}, begun {manifest.started}", markup=False, highlight=False)
+    console.print(_verdicts(cases, by_id))
+    console.print(_worst(by_id))
+    requirements = _requirements(cases, by_id)
+    if requirements is not None:
+        console.print(requirements)
+    for problem in totals.problems:
+        console.print(problem, style="bold red", markup=False, highlight=False)
+    if totals.missing:
+        words = f"without a result: {len(totals.missing)} of {totals.cases}; hil resume"
+        console.print(words, style="magenta", highlight=False)
+    state = "passed" if totals.passed else "FAILED"
+    console.print(state, style="green" if totals.passed else "bold red")
+
+
+def _verdicts(cases: "Sequence[Case]", by_id: "dict[str, CaseResult]") -> Any:
+    from rich.table import Table
+
+    from metro_hil.cases import Verdict
+
+    table = Table(title="verdicts by scenario", title_justify="left")
+    table.add_column("scenario", overflow="fold")
+    for verdict in Verdict:
+        table.add_column(verdict.value, justify="right")
+    table.add_column("no result", justify="right")
+    counts: dict[str, Counter[str]] = {}
+    for case in cases:
+        result = by_id.get(case.id)
+        name = result.verdict.value if result else "no result"
+        counts.setdefault(case.scenario, Counter())[name] += 1
+    columns = (*(verdict.value for verdict in Verdict), "no result")
+    for scenario, found in counts.items():
+        table.add_row(scenario, *(str(found[name]) if found[name] else "·" for name in columns))
+    return table
+
+
+def _worst(by_id: "dict[str, CaseResult]") -> Any:
+    from rich.markup import escape
+    from rich.table import Table
+
+    table = Table(title="least margins", title_justify="left")
+    for column in ("case", "monitor", "margin", "at", "verdict"):
+        table.add_column(column, overflow="fold")
+    found = [
+        (least.margin, result.index, result, least)
+        for result in by_id.values()
+        if (least := result.least_margin()) is not None and least.margin is not None
+    ]
+    for margin, _, result, least in sorted(found, key=lambda row: row[:2])[:WORST_SHOWN]:
+        at = "" if least.at_s is None else f"{least.at_s:.2f} s"
+        words = (escape(least.name), f"{margin:+.4g} {escape(least.unit)}", at)
+        table.add_row(escape(result.case_id), *words, result.verdict.value)
+    return table
+
+
+def _requirements(cases: "Sequence[Case]", by_id: "dict[str, CaseResult]") -> Any:
+    """As expected or not, by requirement; None where no case names one."""
+    from rich.table import Table
+
+    from metro_hil.cases import as_expected
+
+    counts: dict[str, Counter[bool]] = {}
+    for case in cases:
+        result = by_id.get(case.id)
+        good = result is not None and as_expected(case, result)
+        for name in _named(case, result):
+            counts.setdefault(name, Counter())[good] += 1
+    if not counts:
+        return None
+    table = Table(title="requirements", title_justify="left")
+    for column in ("requirement", "as expected", "not"):
+        table.add_column(column)
+    for name in sorted(counts):
+        table.add_row(name, str(counts[name][True]), str(counts[name][False] or "·"))
+    return table
+
+
+def _named(case: "Case", result: "CaseResult | None") -> list[str]:
+    names = list(case.requirements)
+    for monitor in result.monitors if result else ():
+        names += monitor.requirements
+    return list(dict.fromkeys(names))
