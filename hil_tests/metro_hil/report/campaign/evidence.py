@@ -6,14 +6,14 @@ from pathlib import Path
 from typing import Final
 from urllib.parse import quote
 
+from metro_hil.engine.folder import CampaignFolder
 from metro_hil.report.campaign.ledger import Entry
+from metro_hil.run_folder import RunFolder
 
 BEFORE_S: Final = 1.0
 AFTER_S: Final = 0.5
 EPOCH_FROM_S: Final = 1e6
 """Stamps from here on are of the calendar, so that the first of them is the start of the run."""
-CASES: Final = "cases"
-BUS_LOG: Final = "bus.log"
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,24 +46,20 @@ def rerun_command(campaign: str, entry: Entry) -> str:
     return shlex.join(["hil", "rerun", f"{campaign}/{entry.case.id}"])
 
 
-def case_folder(folder: Path, entry: Entry) -> Path | None:
-    """Where the logs of this case are, if they were kept and its id is a plain name."""
-    name = entry.case.id
-    if not name or "/" in name or "\\" in name or name in (".", ".."):
-        return None
-    path = folder / CASES / name
-    return path if path.is_dir() else None
+def kept_run(folder: Path, entry: Entry) -> RunFolder | None:
+    """The logs of this case, if they were kept."""
+    run = CampaignFolder(folder).kept(entry.case.id)
+    return run if run.path.is_dir() else None
 
 
 def frames_around(folder: Path, entry: Entry, at_s: float) -> Frames:
     """The interval around `at_s`, with the lines of the bus log if there is one."""
     from_s, to_s = max(0.0, at_s - BEFORE_S), at_s + AFTER_S
-    case = case_folder(folder, entry)
-    log = None if case is None else case / BUS_LOG
-    if log is None or not log.is_file():
+    run = kept_run(folder, entry)
+    if run is None or not run.bus_log.is_file():
         return Frames(from_s, to_s)
-    first, last = lines_between(log, from_s, to_s)
-    return Frames(from_s, to_s, f"{CASES}/{entry.case.id}/{BUS_LOG}", first, last)
+    first, last = lines_between(run.bus_log, from_s, to_s)
+    return Frames(from_s, to_s, run.bus_log.relative_to(folder).as_posix(), first, last)
 
 
 def lines_between(log: Path, from_s: float, to_s: float) -> tuple[int, int]:

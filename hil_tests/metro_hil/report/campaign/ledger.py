@@ -8,13 +8,17 @@ from typing import Any, Final
 
 import msgspec
 
-from metro_hil.cases import Case, CaseResult, Host, MonitorResult, Verdict
+from metro_hil.cases import BenchKind, Case, CaseResult, Host, MonitorResult, Verdict
 
 NOT_EXERCISED: Final = "not exercised"
 """How the detail of a monitor begins that never saw what it judges."""
 LACKING_RESULT: Final = "no result came back"
 MISSING: Final = "missing"
 """Stands beside the verdicts for a case without any result."""
+WORSE_LATER: Final = (
+    *(Verdict.LOST, Verdict.PASS, Verdict.INCONCLUSIVE),
+    *(Verdict.BLOCKED, Verdict.INVALID, Verdict.FAIL),
+)
 CONTRADICTION: Final = "two results of the same case differ: the run is not a function of its case"
 
 
@@ -105,13 +109,18 @@ class Ledger:
 def join(cases: Sequence[Case], results: Sequence[CaseResult], *, expected_cases: int) -> Ledger:
     """In the order of the campaign, whatever the order of arrival.
 
-    A case that came back twice with different outcomes is `INVALID`: nothing can be said of it.
+    A case that came back twice: a lost attempt gives way to a result. In virtual time two different
+    results make the case `INVALID`, since it is a function of nothing we know; in real time, where
+    no two runs are the same, the worse one counts.
     """
+    lockstep = {case.id for case in cases if case.bench is BenchKind.LOCKSTEP}
     by_id: dict[str, CaseResult] = {}
     for result in results:
         bare = msgspec.structs.replace(result, host=Host())
         known = by_id.get(result.case_id)
-        by_id[result.case_id] = bare if known is None or known == bare else _contradicted(bare)
+        by_id[result.case_id] = (
+            bare if known is None else _one_of(known, bare, result.case_id in lockstep)
+        )
     ordered = sorted(cases, key=lambda case: (case.index, case.id))
     named = {case.id for case in ordered}
     return Ledger(
@@ -121,14 +130,24 @@ def join(cases: Sequence[Case], results: Sequence[CaseResult], *, expected_cases
     )
 
 
-def _contradicted(result: CaseResult) -> CaseResult:
-    """Made of what both share only, so that their order does not matter."""
+def _one_of(known: CaseResult, other: CaseResult, lockstep: bool) -> CaseResult:
+    """The same whichever came first."""
+    if known == other or other.verdict is Verdict.LOST:
+        return known
+    if known.verdict is Verdict.LOST:
+        return other
+    if not lockstep:
+        return max(known, other, key=_badness)
     return CaseResult(
-        case_id=result.case_id,
-        index=result.index,
+        case_id=known.case_id,
+        index=min(known.index, other.index),
         verdict=Verdict.INVALID,
         reason=CONTRADICTION,
     )
+
+
+def _badness(result: CaseResult) -> tuple[int, bytes]:
+    return WORSE_LATER.index(result.verdict), msgspec.json.encode(result)
 
 
 def exercised(result: MonitorResult) -> bool:

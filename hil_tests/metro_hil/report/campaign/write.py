@@ -12,9 +12,42 @@ def write_reports(
 ) -> list[Path]:
     """Write the reports and name them, in this order: page, JUnit, measures, requirements, summary.
 
+    The same campaign gives the same bytes, in whatever order and on whatever host its results came.
+
     Args:
-        folder: of the campaign; logs of kept runs are looked for in `cases/<id>/`.
+        folder: of the campaign; logs of kept runs are looked for in it.
         cases: all that the manifest names, in any order.
         results: what came back, in any order; a case without one is missing.
     """
-    raise NotImplementedError
+    # Heavy libraries come with these; who only names the report does not wait for them.
+    from metro_hil.report.campaign.junit import junit_xml
+    from metro_hil.report.campaign.ledger import join
+    from metro_hil.report.campaign.page.render import Content, render_page
+    from metro_hil.report.campaign.parquet import write_parquet
+    from metro_hil.report.campaign.requirement_table import requirement_rows, requirements_markdown
+    from metro_hil.report.campaign.summary import summary_json
+    from metro_hil.report.campaign.tally import tally_measures, tally_monitors
+    from metro_hil.report.campaign.trace import trace_requirements
+    from metro_hil.report.layouts import LAYOUTS
+    from metro_hil.requirements import shipped_requirements
+
+    ledger = join(cases, results, expected_cases=info.expected_cases)
+    monitors, measures = tally_monitors(ledger), tally_measures(ledger)
+    traces = trace_requirements(shipped_requirements(), ledger)
+    rows = requirement_rows(folder, traces)
+    pairs = [(entry.case, entry.result) for entry in ledger.entries]
+    tables_of = LAYOUTS.get(info.layout or "")
+    layout = tables_of(pairs) if tables_of is not None else []
+    content = Content(info, ledger, monitors, measures, rows, layout)
+    paths = [folder / name for name in FILES]
+    page, junit, parquet, requirements, summary = paths
+    page.write_text(render_page(folder, content), encoding="utf-8")
+    junit.write_bytes(junit_xml(info, ledger))
+    write_parquet(parquet, info, ledger)
+    requirements.write_text(requirements_markdown(info, ledger, rows), encoding="utf-8")
+    summary.write_text(summary_json(info, ledger, monitors, measures, traces), encoding="utf-8")
+    return paths
+
+
+FILES = ("report.html", "junit.xml", "measures.parquet", "requirements.md", "summary.json")
+"""In the order in which `write_reports` names them."""

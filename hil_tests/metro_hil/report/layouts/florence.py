@@ -42,10 +42,14 @@ Pairs = Sequence[tuple[Case, CaseResult | None]]
 class Mean:
     """A mean of stop errors and how much of it is there."""
 
-    cm: float | None
+    error_m: float | None
     stops: int
     """That should be in it."""
     known: int
+
+    @property
+    def cm(self) -> float | None:
+        return None if self.error_m is None else self.error_m * CM_PER_M
 
     @property
     def whole(self) -> bool:
@@ -124,22 +128,21 @@ def _table_by_load(
 
 
 def _mean(pairs: Pairs, station: str, *, magnitude: bool) -> Mean:
-    found = [_error_cm(result, station) for _, result in pairs]
-    known = [abs(cm) if magnitude else cm for cm in found if cm is not None]
+    found = [_error_m(result, station) for _, result in pairs]
+    known = [abs(error_m) if magnitude else error_m for error_m in found if error_m is not None]
     return Mean(sum(known) / len(known) if known else None, len(found), len(known))
 
 
 def _join(means: Sequence[Mean]) -> Mean:
     """Over stations, each with the same weight, as the paper's."""
     stops, known = sum(mean.stops for mean in means), sum(mean.known for mean in means)
-    if any(mean.cm is None for mean in means):
+    if any(mean.error_m is None for mean in means):
         return Mean(None, stops, known)
-    return Mean(sum(mean.cm or 0.0 for mean in means) / len(means), stops, known)
+    return Mean(sum(mean.error_m or 0.0 for mean in means) / len(means), stops, known)
 
 
-def _error_cm(result: CaseResult | None, station: str) -> float | None:
-    error_m = None if result is None else result.measures.get(f"stop_{station}_error_m")
-    return None if error_m is None else error_m * CM_PER_M
+def _error_m(result: CaseResult | None, station: str) -> float | None:
+    return None if result is None else result.measures.get(f"stop_{station}_error_m")
 
 
 def _load_ratio(case: Case) -> float | None:
@@ -203,10 +206,10 @@ def _verdicts(
 def _worst(pairs: Pairs) -> list[str]:
     """A mean may hide one stop that is far off, so the farthest is named."""
     stops = [
-        (abs(cm), case.id, station, cm)
+        (abs(error_m) * CM_PER_M, case.id, station, error_m * CM_PER_M)
         for case, result in pairs
         for station in STATIONS
-        if (cm := _error_cm(result, station)) is not None
+        if (error_m := _error_m(result, station)) is not None
     ]
     if not stops:
         return ["No stop is known."]

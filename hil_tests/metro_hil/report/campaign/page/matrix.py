@@ -1,0 +1,208 @@
+"""The verdict matrix: which scenario, at which values of its factors, came out how."""
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from metro_hil.cases import Verdict
+from metro_hil.report.campaign.estimates import Interval, pass_share
+from metro_hil.report.campaign.ledger import MISSING, Entry, factors_text, known_margin
+from metro_hil.report.campaign.tally import Factor, by_level, factors_of
+from metro_hil.report.campaign.units import with_unit
+
+SQUARES_MAX: Final = 600
+"""Up to so many cases each has a square of its own; more are counted."""
+PAIR_FACTORS_MAX: Final = 8
+SCENARIOS_MAX: Final = 60
+SYMBOLS: Final = {
+    Verdict.PASS.value: "✓",
+    Verdict.FAIL.value: "✗",
+    Verdict.BLOCKED.value: "⊘",
+    Verdict.INCONCLUSIVE.value: "?",
+    Verdict.INVALID.value: "!",
+    Verdict.LOST.value: "∅",
+    MISSING: "□",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Square:
+    """One case, or many counted together."""
+
+    style: str
+    symbol: str
+    title: str
+    href: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Grid:
+    """Rows over columns of one scenario."""
+
+    row_name: str
+    column_name: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[str, tuple[tuple[Square, ...], ...]], ...]
+    """Label and, for each column, its squares."""
+
+
+@dataclass(frozen=True, slots=True)
+class LevelRow:
+    """All cases at one value of one factor."""
+
+    factor: str
+    level: str
+    cases: int
+    good: int
+    share: Interval | None
+
+
+@dataclass(frozen=True, slots=True)
+class ScenarioView:
+    """One scenario as the page shows it."""
+
+    name: str
+    cases: int
+    good: int
+    share: Interval | None
+    tally: tuple[tuple[str, str, int], ...]
+    """Word, symbol and number of the verdicts that came up."""
+    requirements: tuple[str, ...]
+    grid: Grid
+    levels: tuple[LevelRow, ...]
+
+    @property
+    def style(self) -> str:
+        return "good" if self.good == self.cases else "bad"
+
+
+def scenario_view(name: str, entries: Sequence[Entry], *, single: bool) -> ScenarioView:
+    """With `single` each case has its square, otherwise each cell is a count."""
+    good = sum(entry.as_expected for entry in entries)
+    factors = factors_of(entries)
+    counted = [
+        (word, symbol, number)
+        for word, symbol in SYMBOLS.items()
+        if (number := sum(entry.word == word for entry in entries))
+    ]
+    return ScenarioView(
+        name=name,
+        cases=len(entries),
+        good=good,
+        share=pass_share(good, len(entries)),
+        tally=tuple(counted),
+        requirements=tuple(dict.fromkeys(r for e in entries for r in e.case.requirements)),
+        grid=_grid(entries, factors, single=single),
+        levels=tuple(_levels(entries, factors)) if len(factors) > 1 or not single else (),
+    )
+
+
+def _levels(entries: Sequence[Entry], factors: Sequence[Factor]) -> list[LevelRow]:
+    return [
+        LevelRow(
+            factor.name,
+            level,
+            len(group),
+            sum(entry.as_expected for entry in group),
+            pass_share(sum(entry.as_expected for entry in group), len(group)),
+        )
+        for factor in factors
+        for level, group in by_level(factor, entries)
+    ]
+
+
+def _grid(entries: Sequence[Entry], factors: Sequence[Factor], *, single: bool) -> Grid:
+    rows, columns = most_telling(entries, factors)
+    table: dict[tuple[str, str], list[Entry]] = {}
+    for entry in entries:
+        table.setdefault((_level(rows, entry), _level(columns, entry)), []).append(entry)
+    row_labels, column_labels = _labels(rows, table, 0), _labels(columns, table, 1)
+    return Grid(
+        row_name=rows.name if rows else "",
+        column_name=columns.name if columns else "",
+        columns=column_labels,
+        rows=tuple(
+            (row, tuple(_cell(table.get((row, column), []), single) for column in column_labels))
+            for row in row_labels
+        ),
+    )
+
+
+def most_telling(
+    entries: Sequence[Entry], factors: Sequence[Factor]
+) -> tuple[Factor | None, Factor | None]:
+    """The pair of factors that parts good from bad best, the first of equals: rows and columns."""
+    if not factors:
+        return None, None
+    if len(factors) == 1:
+        return None, factors[0]
+    pairs = itertools.combinations(factors[:PAIR_FACTORS_MAX], 2)
+    return max(pairs, key=lambda pair: round(_parted(entries, *pair), 9))
+
+
+def _parted(entries: Sequence[Entry], rows: Factor, columns: Factor) -> float:
+    """Variance of the share of good cases between the cells."""
+    cells: dict[tuple[str, str], list[bool]] = {}
+    for entry in entries:
+        key = (_level(rows, entry), _level(columns, entry))
+        cells.setdefault(key, []).append(entry.as_expected)
+    means = np.array([np.mean(cell) for cell in cells.values()])
+    overall = float(np.mean([entry.as_expected for entry in entries]))
+    return float(np.average((means - overall) ** 2, weights=[len(c) for c in cells.values()]))
+
+
+def _level(factor: Factor | None, entry: Entry) -> str:
+    return "" if factor is None else factor.level_of.get(entry.case.id, "–")
+
+
+def _labels(
+    factor: Factor | None, table: dict[tuple[str, str], list[Entry]], place: int
+) -> tuple[str, ...]:
+    if factor is None:
+        return ("",)
+    without = ("–",) if any(key[place] == "–" for key in table) else ()
+    return (*factor.levels, *without)
+
+
+def _cell(entries: Sequence[Entry], single: bool) -> tuple[Square, ...]:
+    if single:
+        return tuple(square_of(entry) for entry in entries)
+    return (count_square(entries),) if entries else ()
+
+
+def square_of(entry: Entry) -> Square:
+    """One case; what is not as expected leads to its place in the list of failures."""
+    style = f"v-{entry.word}" + ("" if entry.as_expected else " wrong")
+    lines = [entry.case.id, factors_text(entry.case), f"{entry.word}"]
+    if entry.case.expected is not Verdict.PASS:
+        lines[-1] += f" (expected: {entry.case.expected.value})"
+    least = entry.result.least_margin() if entry.result else None
+    if least is not None:
+        shown = with_unit(known_margin(least), least.unit)
+        lines.append(f"least margin {shown}, {least.name}")
+    if entry.reason:
+        lines.append(entry.reason)
+    href = "" if entry.as_expected else f"#case-{entry.case.index}"
+    return Square(style, SYMBOLS[entry.word], "\n".join(lines), href)
+
+
+def count_square(entries: Sequence[Entry]) -> Square:
+    """Good of all; of some good and some not the symbol is half a disc."""
+    good, all_of_them = sum(entry.as_expected for entry in entries), len(entries)
+    words = [
+        f"{number} {word}"
+        for word in SYMBOLS
+        if (number := sum(entry.word == word for entry in entries))
+    ]
+    if good == all_of_them:
+        style, symbol = "share-all", "✓"
+    elif good == 0:
+        style, symbol = "share-none", "✗"
+    else:
+        tenth = min(9, max(1, int(10.0 * good / all_of_them)))
+        style, symbol = f"share-some s{tenth}", "◐"
+    title = f"{good} of {all_of_them} as expected\n" + ", ".join(words)
+    return Square(style, f"{symbol}\u202f{good}/{all_of_them}", title)

@@ -1,0 +1,270 @@
+"""What the page shows below its head: margins, measures, worst cases, failures, coverage."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from markupsafe import Markup
+
+from metro_hil.cases import Case, MonitorResult, Verdict
+from metro_hil.columns import Columns, LogError, read_columns
+from metro_hil.report.campaign.estimates import Interval
+from metro_hil.report.campaign.evidence import Frames, frames_around, kept_run, rerun_command
+from metro_hil.report.campaign.info import CampaignInfo
+from metro_hil.report.campaign.ledger import Entry, Ledger, factors_text, known_margin
+from metro_hil.report.campaign.page.drawing import (
+    Curve,
+    Group,
+    by_level_plot,
+    curves_plot,
+    histogram,
+    margin_strip,
+    span_of,
+)
+from metro_hil.report.campaign.page.matrix import SYMBOLS
+from metro_hil.report.campaign.tally import (
+    Factor,
+    MeasureTally,
+    MonitorTally,
+    by_level,
+    factors_of,
+    worst_entries,
+)
+from metro_hil.report.campaign.units import unit_of, with_unit
+from metro_hil.run_folder import RunFolder
+
+WORST_MAX: Final = 20
+PLOTS_MAX: Final = 6
+FAILURES_MAX: Final = 100
+EVENTS_MAX: Final = 12
+MEASURES_DRAWN: Final = 8
+FACTORS_DRAWN: Final = 4
+KMH_PER_MPS: Final = 3.6
+MOVED_M: Final = 5.0
+"""A run that covered less is shown over time."""
+
+
+@dataclass(frozen=True, slots=True)
+class MonitorView:
+    """One monitor's line."""
+
+    tally: MonitorTally
+    passed: int
+    failed: int
+    inconclusive: int
+    least: str
+    least_case: str
+    strip: Markup | None
+
+
+@dataclass(frozen=True, slots=True)
+class MeasureView:
+    """One measure with its distribution, as a whole and by factor."""
+
+    name: str
+    unit: str
+    cases: int
+    absent: int
+    mean: Interval
+    least: str
+    most: str
+    whole: Markup | None
+    by_factor: tuple[tuple[str, Markup], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class CaseView:
+    """One case to look at."""
+
+    index: int
+    id: str
+    scenario: str
+    factors: str
+    word: str
+    symbol: str
+    expected: str
+    as_expected: bool
+    reason: str
+    margin: str
+    monitor: str
+    at: str
+    frames: Frames | None
+    rerun: str
+    plot: Markup | None
+    events: tuple[tuple[str, str], ...]
+    events_left_out: int
+
+
+def monitor_views(tallies: Sequence[MonitorTally]) -> list[MonitorView]:
+    return [_monitor(tally) for tally in tallies]
+
+
+def _monitor(tally: MonitorTally) -> MonitorView:
+    least, case, strip = "–", "", None
+    if tally.least is not None:
+        case = tally.least.entry.case.id
+        least = with_unit(known_margin(tally.least.result), tally.unit)
+        at_s = tally.least.result.at_s
+        where = "" if at_s is None else f" at {at_s:.2f} s"
+        strip = margin_strip(tally.margins(), tally.unit, f"{least}: {case}{where}")
+    return MonitorView(
+        tally=tally,
+        passed=tally.counts[Verdict.PASS],
+        failed=tally.counts[Verdict.FAIL],
+        inconclusive=tally.counts[Verdict.INCONCLUSIVE],
+        least=least,
+        least_case=case,
+        strip=strip,
+    )
+
+
+def measure_views(ledger: Ledger, tallies: Sequence[MeasureTally]) -> list[MeasureView]:
+    """Those that vary and tell of stopping first; only the first few are drawn."""
+    several = len(ledger.scenarios()) > 1
+    factors = [*([_by_scenario(ledger)] if several else []), *factors_of(ledger.entries)]
+    order = sorted(tallies, key=lambda tally: (not _varies(tally), "error" not in tally.name))
+    return [
+        _measure(tally, factors, drawn=number < MEASURES_DRAWN and _varies(tally))
+        for number, tally in enumerate(order)
+    ]
+
+
+def _by_scenario(ledger: Ledger) -> Factor:
+    names = {entry.case.id: entry.case.scenario for entry in ledger.entries}
+    return Factor("scenario", tuple(ledger.scenarios()), names, binned=False)
+
+
+def _varies(tally: MeasureTally) -> bool:
+    return tally.mean.low < tally.mean.high
+
+
+def _measure(tally: MeasureTally, factors: Sequence[Factor], *, drawn: bool) -> MeasureView:
+    values, unit = tally.values(), unit_of(tally.name)
+    whole, panels = None, []
+    if drawn:
+        domain = span_of(values)
+        mean = (tally.mean.best, tally.mean.low, tally.mean.high)
+        whole = histogram(values, unit, mean, domain)
+        value_of = {entry.case.id: value for entry, value in tally.points}
+        entries = [entry for entry, _ in tally.points]
+        for factor in factors[:FACTORS_DRAWN]:
+            groups = [
+                Group(level, np.array([value_of[entry.case.id] for entry in group]))
+                for level, group in by_level(factor, entries)
+                if group
+            ]
+            if len(groups) > 1:
+                panels.append((factor.name, by_level_plot(groups, domain, unit)))
+    return MeasureView(
+        name=tally.name,
+        unit=unit,
+        cases=len(values),
+        absent=tally.absent,
+        mean=tally.mean,
+        least=with_unit(min(values), unit),
+        most=with_unit(max(values), unit),
+        whole=whole,
+        by_factor=tuple(panels),
+    )
+
+
+def worst_views(
+    folder: Path, info: CampaignInfo, ledger: Ledger, tallies: Sequence[MonitorTally]
+) -> list[CaseView]:
+    """The first few with a plot, as far as their logs were kept."""
+    views, plots = [], 0
+    for entry, nearest in worst_entries(ledger, tallies, count=WORST_MAX):
+        plot = _plot(folder, entry, nearest) if plots < PLOTS_MAX else None
+        plots += plot is not None
+        views.append(case_view(folder, info, entry, nearest, plot))
+    return views
+
+
+def failure_views(folder: Path, info: CampaignInfo, ledger: Ledger) -> list[CaseView]:
+    """Everything not as expected, in the campaign's order, up to `FAILURES_MAX`."""
+    wrong = [entry for entry in ledger.entries if not entry.as_expected][:FAILURES_MAX]
+    return [case_view(folder, info, entry, _least(entry), None) for entry in wrong]
+
+
+def _least(entry: Entry) -> MonitorResult | None:
+    """What was violated first, else what came nearest."""
+    failed = [m for m in entry.monitors() if m.verdict is Verdict.FAIL]
+    if failed:
+        return min(failed, key=lambda m: (m.at_s is None, m.at_s or 0.0))
+    return entry.result.least_margin() if entry.result is not None else None
+
+
+def case_view(
+    folder: Path,
+    info: CampaignInfo,
+    entry: Entry,
+    nearest: MonitorResult | None,
+    plot: Markup | None,
+) -> CaseView:
+    at_s = nearest.at_s if nearest is not None else None
+    events = entry.result.events if entry.result is not None else ()
+    return CaseView(
+        index=entry.case.index,
+        id=entry.case.id,
+        scenario=entry.case.scenario,
+        factors=_of(entry.case),
+        word=entry.word,
+        symbol=SYMBOLS[entry.word],
+        expected=entry.case.expected.value,
+        as_expected=entry.as_expected,
+        reason=entry.reason,
+        margin=with_unit(known_margin(nearest), nearest.unit) if nearest is not None else "–",
+        monitor=nearest.name if nearest is not None else "",
+        at="" if at_s is None else f"{at_s:.2f}\u202fs",
+        frames=None if at_s is None else frames_around(folder, entry, at_s),
+        rerun=rerun_command(info.name, entry),
+        plot=plot,
+        events=tuple((f"{event.at_s:.2f}", event.what) for event in events[:EVENTS_MAX]),
+        events_left_out=max(0, len(events) - EVENTS_MAX),
+    )
+
+
+def _of(case: Case) -> str:
+    return factors_text(case) if not case.factors else f"{factors_text(case)}, seed {case.seed}"
+
+
+def _plot(folder: Path, entry: Entry, nearest: MonitorResult | None) -> Markup | None:
+    """Speed over distance, or over time of a train that hardly moved; None without a log."""
+    run = kept_run(folder, entry)
+    if run is None:
+        return None
+    try:
+        return _draw(run, None if nearest is None else nearest.at_s)
+    except LogError:
+        return None
+
+
+def _draw(run: RunFolder, at_s: float | None) -> Markup | None:
+    truth = read_columns(run.truth_log)
+    time_s, front_m = truth.numbers("t_s"), truth.numbers("front_m")
+    speed_kmh = truth.numbers("speed_mps") * KMH_PER_MPS
+    if len(time_s) < 2 or not np.any(np.isfinite(speed_kmh)):
+        return None
+    moved = float(np.nanmax(front_m) - np.nanmin(front_m)) > MOVED_M
+    over, label = (front_m, "chainage of the front, m") if moved else (time_s, "time, s")
+    curves = _ceilings(run, moved) if run.cycle_log.is_file() else []
+    curves.append(Curve("true speed", "train", over, speed_kmh))
+    mark = None
+    if at_s is not None:
+        row = int(np.argmin(np.abs(time_s - at_s)))
+        mark = (float(over[row]), float(speed_kmh[row]))
+    return curves_plot(curves, x_label=label, y_label="speed, km/h", mark=mark)
+
+
+def _ceilings(run: RunFolder, moved: bool) -> list[Curve]:
+    cycles: Columns = read_columns(run.cycle_log)
+    over = cycles.numbers("front_m" if moved else "t_s")
+    return [
+        Curve(label, style, over, cycles.numbers(column) * KMH_PER_MPS)
+        for column, style, label in (
+            ("emergency_mps", "emergency", "emergency brake above"),
+            ("permitted_mps", "permitted", "permitted"),
+        )
+    ]
