@@ -10,6 +10,31 @@ from plant_emulator.world import World
 NS_PER_S: Final = 1_000_000_000
 PASSED_M: Final = 20.0
 """So far behind a stopping point a train is taken to have missed it and to go for the next."""
+SIGNALS: Final[tuple[str, ...]] = (
+    "accel_mps2",
+    "adhesion_ratio",
+    "authority_end_m",
+    "brake_n",
+    "civil_limit_mps",
+    "doors_locked",
+    "drive_n",
+    "emergency",
+    "emergency_mps2",
+    "front_m",
+    "gradient_permille",
+    "holding",
+    "left_open",
+    "odometer_error_m",
+    "rear_m",
+    "right_open",
+    "speed_mps",
+    "t_s",
+    "tags_read",
+    "to_stop_m",
+    "traction_cut",
+    "voltage_v",
+)
+"""What conditions and monitors can ask for, in the order of a packed sample."""
 
 
 class Truth:
@@ -23,28 +48,7 @@ class Truth:
         "_slope_permille_per_m",
         "_stop_m",
         "_world",
-        "accel_mps2",
-        "adhesion_ratio",
-        "authority_end_m",
-        "brake_n",
-        "civil_limit_mps",
-        "doors_locked",
-        "drive_n",
-        "emergency",
-        "emergency_mps2",
-        "front_m",
-        "gradient_permille",
-        "holding",
-        "left_open",
-        "odometer_error_m",
-        "rear_m",
-        "right_open",
-        "speed_mps",
-        "t_s",
-        "tags_read",
-        "to_stop_m",
-        "traction_cut",
-        "voltage_v",
+        *SIGNALS,
     )
 
     def __init__(self) -> None:
@@ -164,5 +168,4 @@ def _edges_m(world: World) -> list[float]:
 FAR_M: Final = 1.0e5
 """A train so far beyond the ends of its line is of no interest."""
 LOCKED: Final = DoorState.LOCKED
-SIGNALS: Final[tuple[str, ...]] = tuple(n for n in Truth.__slots__ if not n.startswith("_"))
 _RECORD: Final = struct.Struct(f"<{len(SIGNALS)}d")
