@@ -37,7 +37,14 @@ class Gone:
     reason: str
 
 
-Outcome = Arrived | Broke | Gone
+@dataclass(frozen=True, slots=True)
+class Notice:
+    """Something that people shall know of."""
+
+    words: str
+
+
+Outcome = Arrived | Broke | Gone | Notice
 
 
 class Crew(Protocol):

@@ -6,7 +6,7 @@ from typing import Final
 import msgspec
 
 from metro_hil.cases import BenchKind, Case, CaseResult, Verdict, as_expected
-from metro_hil.engine.crew import Arrived, Broke, Crew, Outcome
+from metro_hil.engine.crew import Arrived, Broke, Crew, Notice, Outcome
 from metro_hil.engine.folder import CampaignFolder, empty_run_folder
 from metro_hil.engine.journal import once_each, same_result
 from metro_hil.engine.local_crew import TOO_LATE
@@ -79,6 +79,9 @@ def keep_logs(
 
 
 def _take(folder: CampaignFolder, outcome: Outcome, watcher: Watcher) -> None:
+    if isinstance(outcome, Notice):
+        watcher.say(outcome.words)
+        return
     case = outcome.batch.cases[0]
     if isinstance(outcome, Arrived):
         text = msgspec.json.format(msgspec.json.encode(outcome.result), indent=2)

@@ -8,7 +8,7 @@ import msgspec
 
 from firmware_py.clock import WallClock
 from metro_hil.cases import Case, CaseResult, as_expected
-from metro_hil.engine.crew import Arrived, Broke, Crew, Gone, Outcome
+from metro_hil.engine.crew import Arrived, Broke, Crew, Gone, Notice, Outcome
 from metro_hil.engine.folder import CampaignFolder, empty_run_folder
 from metro_hil.engine.journal import Journal, LostAttempt, Session, once_each
 from metro_hil.engine.keeping import doubts, keep_logs, note_traceback, worth_keeping
@@ -173,7 +173,9 @@ class _Shift:
         return replace(batch, folder=str(kept.path))
 
     def _take(self, outcome: Outcome, queue: WorkQueue) -> None:
-        if isinstance(outcome, Arrived):
+        if isinstance(outcome, Notice):
+            self._watcher.say(outcome.words)
+        elif isinstance(outcome, Arrived):
             self._note(outcome.batch, outcome.result)
         elif isinstance(outcome, Broke):
             case = self._by_id[outcome.case_id]

@@ -1,0 +1,113 @@
+"""What runs on a Dask worker: batches of cases, in a process of their own that may die alone."""
+
+import hashlib
+import os
+import tempfile
+import threading
+from collections.abc import Mapping
+from pathlib import Path
+
+import msgspec
+
+from metro_hil.cases import Case, CaseResult
+from metro_hil.engine.crew import Arrived, Broke, Notice
+from metro_hil.engine.local_crew import LocalCrew
+from metro_hil.engine.program import program_version
+from metro_hil.engine.queue import Batch
+
+WAIT_S = 1.0
+
+
+class Order(msgspec.Struct, frozen=True):
+    """Master to Dask worker."""
+
+    program: str
+    """Whose results are wanted; another program computes nothing."""
+    runner: str
+    files: dict[str, str]
+    """Content by the name by which cases call a file."""
+    case_timeout_s: float | None
+    batches: dict[str, tuple[Case, ...]]
+    """By number."""
+
+
+class Loss(msgspec.Struct, frozen=True):
+    """What never got a result, as in `Gone`."""
+
+    number: int
+    left: int
+    """So many at the end of the batch."""
+    begun: int
+    reason: str
+
+
+class Answer(msgspec.Struct, frozen=True):
+    """Dask worker to master."""
+
+    program: str
+    results: tuple[tuple[int, CaseResult], ...] = ()
+    """With the number of their batch."""
+    raised: tuple[tuple[int, str, str], ...] = ()
+    """Number of the batch, case, traceback."""
+    losses: tuple[Loss, ...] = ()
+
+
+_mine = threading.local()
+"""Each thread of a Dask worker has a worker process of its own, which lives as long as it is used
+for the same campaign and dies with the Dask worker."""
+
+
+def run_order(text: bytes) -> bytes:
+    """One order as JSON, its answer as JSON."""
+    order = msgspec.json.decode(text, type=Order)
+    if order.program != program_version():
+        return msgspec.json.encode(Answer(program_version()))
+    return msgspec.json.encode(_work(order, _crew_for(order)))
+
+
+def _crew_for(order: Order) -> LocalCrew:
+    wanted = (order.runner, order.files, order.case_timeout_s)
+    if getattr(_mine, "wanted", None) != wanted:
+        if hasattr(_mine, "crew"):
+            _mine.crew.close()
+        paths = {name: _on_disk(content) for name, content in order.files.items()}
+        _mine.crew = LocalCrew(1, paths, runner=order.runner, case_timeout_s=order.case_timeout_s)
+        _mine.wanted = wanted
+    crew: LocalCrew = _mine.crew
+    return crew
+
+
+def _on_disk(content: str) -> Path:
+    """A file of this user with this content; another one for another content."""
+    folder = Path(tempfile.gettempdir()) / f"metro_hil_files_{os.getuid()}"
+    folder.mkdir(mode=0o700, exist_ok=True)
+    path = folder / f"{hashlib.sha256(content.encode()).hexdigest()}.toml"
+    # Others may write the same file at this moment; replacing it leaves it whole for all.
+    part = folder / f"{path.name}.{os.getpid()}.{threading.get_ident()}"
+    part.write_text(content, encoding="utf-8")
+    part.replace(path)
+    return path
+
+
+def _work(order: Order, crew: LocalCrew) -> Answer:
+    results: list[tuple[int, CaseResult]] = []
+    raised: list[tuple[int, str, str]] = []
+    losses: list[Loss] = []
+    for name, cases in order.batches.items():
+        crew.hand(Batch(int(name), cases))
+    while crew.busy:
+        for outcome in crew.wait(WAIT_S):
+            if isinstance(outcome, Notice):
+                continue
+            number = outcome.batch.number
+            if isinstance(outcome, Arrived):
+                results.append((number, outcome.result))
+            elif isinstance(outcome, Broke):
+                raised.append((number, outcome.case_id, outcome.traceback))
+            else:
+                losses.append(Loss(number, len(outcome.left), outcome.begun, outcome.reason))
+    return Answer(program_version(), tuple(results), tuple(raised), tuple(losses))
+
+
+def contents(files: Mapping[str, Path]) -> dict[str, str]:
+    return {name: path.read_text(encoding="utf-8") for name, path in sorted(files.items())}
