@@ -15,6 +15,8 @@ FIRST_SHARE: Final = 0.2
 """Of the budget that goes into a first look all over the space."""
 STEP: Final = 0.2
 """First step of the descent, in widths of the space."""
+DIMENSIONS_MIN: Final = 2
+"""CMA-ES has no meaning for less; a second one that nobody looks at does no harm."""
 BELOW_ONE: Final = 1.0 - 1e-9
 """Shares end before 1."""
 
@@ -55,8 +57,9 @@ class Descent:
 
         self._dimensions = dimensions
         self._generator = np.random.Generator(np.random.PCG64(seed))
+        width = max(DIMENSIONS_MIN, dimensions)
         look = max(BATCH, round(FIRST_SHARE * budget / BATCH) * BATCH)
-        engine = qmc.LatinHypercube(dimensions, seed=np.random.default_rng(seed))
+        engine = qmc.LatinHypercube(width, seed=np.random.default_rng(seed))
         drawn: list[list[float]] = engine.random(look).tolist()
         self._first: list[Shares] = [tuple(point) for point in drawn]
         self._asked: list[Shares] = []
@@ -69,7 +72,7 @@ class Descent:
         if self._first:
             self._asked, self._first = self._first[:BATCH], self._first[BATCH:]
             self._vectors = None
-            return self._asked
+            return self._shares()
         if self._strategy is None or self._strategy.stop():
             self._strategy = self._descend_from(self._next_start())
         self._vectors = self._strategy.ask()
@@ -77,7 +80,7 @@ class Descent:
             tuple(min(max(float(share), 0.0), BELOW_ONE) for share in vector)
             for vector in self._vectors
         ]
-        return self._asked
+        return self._shares()
 
     def tell(self, values: Sequence[float]) -> None:
         assert len(values) == len(self._asked)
@@ -85,6 +88,9 @@ class Descent:
             self._seen += zip(values, self._asked, strict=True)
         else:
             self._strategy.tell(self._vectors, list(values))
+
+    def _shares(self) -> list[Shares]:
+        return [point[: self._dimensions] for point in self._asked]
 
     def _next_start(self) -> Shares:
         if not self._starts:
