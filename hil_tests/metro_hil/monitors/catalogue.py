@@ -1,0 +1,316 @@
+"""The safety invariants: which are watched here and how, and why the others are not."""
+
+from dataclasses import dataclass
+from typing import Final
+
+
+@dataclass(frozen=True, slots=True)
+class Invariant:
+    """One safety invariant, or a part of one that has a unit of its own."""
+
+    number: int
+    """The one of the requirement, `INV-04` for 4."""
+    name: str
+    """`inv-04-civil-limit`; for one that is not watched, `inv-10`."""
+    text: str
+    unit: str = ""
+    margin: str = ""
+    """What the margin is and when there is one."""
+    why_not: str = ""
+    """Why it is not watched; empty for one that is."""
+
+    @property
+    def requirement(self) -> str:
+        return f"INV-{self.number:02d}"
+
+    @property
+    def watched(self) -> bool:
+        return not self.why_not
+
+
+def _watched(number: int, word: str, unit: str, text: str, margin: str) -> Invariant:
+    return Invariant(number, f"inv-{number:02d}-{word}", text, unit, margin)
+
+
+def _not(number: int, text: str, why_not: str) -> Invariant:
+    return Invariant(number, f"inv-{number:02d}", text, why_not=why_not)
+
+
+ONE_TRAIN: Final = "there is one train and one issuer of authorities, so it cannot be broken here"
+NO_ENTRY: Final = "neither truth nor frames say it"
+
+INVARIANTS: Final[tuple[Invariant, ...]] = (
+    _watched(
+        1,
+        "stopping-distance",
+        "m",
+        "The true front and the true stopping distance stay inside the authority while the "
+        "guaranteed emergency brake rate holds.",
+        "End of authority less front less way to standstill, if the emergency brake were asked for "
+        "now: traction gains what it gains now until it is cut after 0.30 s, the train rolls on "
+        "its gradient for the declared dead time and lag of its emergency brake, then loses 1.0 "
+        "m/s² over the true heights of the line. Of a brake that is asked for already, only what "
+        "is left of these times counts. Judged while the train moves forwards and rail and brake "
+        "give the guaranteed rate.",
+    ),
+    _watched(
+        2,
+        "authority-end",
+        "m",
+        "The true front never passes the end of authority.",
+        "End of authority less true front, while the train moves.",
+    ),
+    _watched(
+        3,
+        "emergency-at-curve",
+        "s",
+        "At its own emergency curve the controller commands the emergency brake within one cycle.",
+        "One cycle and the bus (0.02 s) less the time from a VOBC_MOTION whose speed is over its "
+        "emergency limit to the command. The upper speed bound is on no frame, so the best "
+        "estimate stands for it.",
+    ),
+    _watched(
+        4,
+        "civil-limit",
+        "m/s",
+        "True speed stays under civil limit, emergency margin and worst overshoot, for the whole "
+        "train.",
+        "Least limit under the train + 8 km/h + what a runaway of 1.0 m/s² and the steepest fall "
+        "under the train add until traction is cut and the brake bites, less true speed.",
+    ),
+    _watched(
+        5,
+        "emergency-held",
+        "1",
+        "The emergency brake stays commanded until the train stands and a reset is given.",
+        "1, or -1 when it is released while the train moves, or after the state EMERGENCY was "
+        "told without a reset pressed at standstill in the 5 s before. Whether the cause is gone "
+        "is not on the bus.",
+    ),
+    _watched(
+        6,
+        "traction-off",
+        "s",
+        "The emergency brake takes tractive effort away within 0.30 s.",
+        "0.30 s less the time for which effort acts after the brake unit wants the emergency "
+        "brake. Exercised if effort acted when it began.",
+    ),
+    _watched(
+        7,
+        "demand-ignored",
+        "1",
+        "Under the emergency brake the train ignores what operation asks of traction.",
+        "1, or -1 for effort at the rail more than 0.30 s after the emergency brake was wanted. "
+        "Exercised while TRACTION_CMD permits and asks for effort.",
+    ),
+    _watched(
+        8,
+        "rollback",
+        "m",
+        "The train rolls back 2 m at most.",
+        "2 m less the way back from the foremost place, from 2 cm on. The trip at 0.5 m by the "
+        "controller's own measure is not on the bus.",
+    ),
+    _watched(
+        9,
+        "direction",
+        "1",
+        "Nothing drives the train against its authorised direction.",
+        "1, or -1 for a TRACTION_CMD that asks for effort and not forwards. Exercised while effort "
+        "is asked for. How far it rolls is invariant 8.",
+    ),
+    _not(10, "A jog is short, slow, rare and inside the authority.", "the controller has no jog"),
+    _not(11, "A higher mode never raises the permitted speed by itself.", "there is one mode"),
+    _not(12, "Restricted mode runs at 25 km/h at most.", "there is no restricted mode"),
+    _watched(
+        13,
+        "position-interval",
+        "m",
+        "The position interval holds the true front.",
+        "Twice the uncertainty of VOBC_POSITION less the distance of the true front from the "
+        "claimed one. The frame has half the width of the interval, and the best guess need not "
+        "lie in its middle, so the interval may reach twice that far to one side. The claim may be "
+        "0.02 s older than its frame.",
+    ),
+    _watched(
+        14,
+        "narrowed-by-tag",
+        "1",
+        "The position interval narrows only by a tag.",
+        "1, or -1 when the claimed width falls and the reader has read no tag in the 2 s before.",
+    ),
+    _not(
+        15,
+        "A tag outside its expectation narrows nothing.",
+        "which tags are false is not part of the truth; what comes of one shows in 13",
+    ),
+    _watched(
+        16,
+        "localisation-limit",
+        "m",
+        "A train whose interval is too wide does not call itself localised.",
+        "30 m less the claimed width, while VOBC_STATUS says localised. Missed tags are not "
+        "counted here: which ones were expected is not on the bus.",
+    ),
+    _watched(
+        17,
+        "zero-speed",
+        "m/s",
+        "Zero speed is declared only under 3 km/h.",
+        "3 km/h less true speed, while a DOOR_CMD lets a side open, which takes zero speed. The "
+        "bounds of speed are on no frame.",
+    ),
+    _not(
+        18,
+        "After wake-up the position holds only if the train was not moved.",
+        "no bench moves a train whose controller is off and whose reader sees nothing",
+    ),
+    *(
+        _not(number, text, ONE_TRAIN)
+        for number, text in (
+            (19, "One valid lease in an area, one issuer in a term."),
+            (20, "The accepted term of a train never falls."),
+            (21, "Authorities of two trains never overlap."),
+            (22, "An authority ends behind the train ahead."),
+            (23, "No authority leads over an unlocked switch."),
+        )
+    ),
+    _not(
+        24,
+        "An authority that is too old makes the train brake.",
+        "when an authority reached the controller is not part of the truth; that the train stays "
+        "inside the last one is 1 and 2",
+    ),
+    *(
+        _not(number, text, ONE_TRAIN)
+        for number, text in (
+            (25, "Nothing is issued close to the end of a lease."),
+            (26, "A change of master is committed only when all are ready."),
+            (27, "A border is crossed only with a permit."),
+            (28, "A silent train keeps its reservation."),
+        )
+    ),
+    _not(
+        29,
+        "Old, doubled or broken messages change nothing but counters.",
+        "the radio's messages are not among the frames",
+    ),
+    _watched(
+        30,
+        "door-speed",
+        "m/s",
+        "Doors are open only under 3 km/h.",
+        "3 km/h less true speed, while a side is not locked.",
+    ),
+    _watched(
+        30,
+        "door-place",
+        "m",
+        "Doors are open only at a stopping point.",
+        "0.30 m less the distance of the true front from the nearest stopping point, while a side "
+        "is not locked.",
+    ),
+    _watched(
+        30,
+        "door-side",
+        "1",
+        "Doors are open only at the platform.",
+        "1, or -1 while the side away from the platform of the nearest station is not locked.",
+    ),
+    _watched(
+        31,
+        "door-enable",
+        "1",
+        "A side opens only by its own enable.",
+        "1, or -1 when a side unlocks that the last valid DOOR_CMD did not enable.",
+    ),
+    _watched(
+        32,
+        "door-traction",
+        "s",
+        "A door that is not locked cuts traction.",
+        "0.30 s less the time for which effort acts after a door was unlocked.",
+    ),
+    _watched(
+        32,
+        "door-holding",
+        "1",
+        "An open train is held.",
+        "1, or -1 while a side is not locked and neither holding nor emergency brake is on.",
+    ),
+    _watched(
+        33,
+        "departure-locked",
+        "1",
+        "The train departs with its doors locked.",
+        "1, or -1 when it passes 0.1 m/s after a standstill with a door not locked. There are no "
+        "platform doors.",
+    ),
+    _watched(
+        34,
+        "brake-silence",
+        "s",
+        "Without a valid BRAKE_CMD the emergency brake comes.",
+        "Timeout and 0.02 s less the age of the last valid pair, while the brake unit wants no "
+        "emergency brake.",
+    ),
+    _watched(
+        34,
+        "traction-silence",
+        "s",
+        "Without a valid TRACTION_CMD traction goes.",
+        "Timeout, 0.30 s and 0.02 s less the age of the last valid pair, while effort acts.",
+    ),
+    _watched(
+        34,
+        "door-silence",
+        "s",
+        "Without a valid DOOR_CMD doors close.",
+        "Timeout, closing time and 0.02 s less the age of the last valid pair, while a side is not "
+        "locked.",
+    ),
+    _watched(
+        34,
+        "input-silence",
+        "s",
+        "A moving train that does not hear its vital inputs brakes.",
+        "0.30 s, two cycles and 0.02 s less the age of the oldest of TACHO, BRAKE_STATUS, "
+        "TRACTION_STATUS and DESK on the bus, while the train is faster than 0.5 m/s and no "
+        "emergency brake is wanted. A frame lost between the bus and the controller is not seen.",
+    ),
+    _not(
+        35,
+        "No single corruption makes a restrictive frame permissive.",
+        "what the sender meant is not seen on the bus; shown for every bit by the tests of the "
+        "wire contract",
+    ),
+    _watched(
+        36,
+        "overrun",
+        "1",
+        "More than two missed cycles bring the emergency brake.",
+        "1, or -1 when VOBC_STATUS counts more than two at once, the train moves and neither the "
+        "command nor the brake unit wants the emergency brake. A controller that fell silent is "
+        "34.",
+    ),
+    _not(37, "The same seed gives the same frame log.", "it takes two runs; `hil verify`"),
+    _not(38, "The energy balance closes within 0.5 %.", "the truth has no energies; a measure"),
+    _watched(
+        39,
+        "jerk",
+        "m/s³",
+        "Operation asks for 0.6 m/s³ at most.",
+        "0.65 m/s³ less the change of the commanded acceleration from cycle to cycle. Judged while "
+        "operation runs, approaches or stops and protection does not interfere.",
+    ),
+    _watched(
+        39,
+        "accel",
+        "m/s²",
+        "Operation asks for 0.8 m/s² at most.",
+        "0.85 m/s² less the commanded acceleration, force over the true inertia less service "
+        "deceleration. Judged as the jerk.",
+    ),
+    _not(40, "A train with a clear track gets an authority at last.", NO_ENTRY),
+)
+WATCHED: Final[tuple[Invariant, ...]] = tuple(each for each in INVARIANTS if each.watched)

@@ -1,0 +1,46 @@
+"""The least margin of one invariant over a run, and the alarm when one is violated."""
+
+import math
+from typing import Final
+
+NEVER_NS: Final = -1
+
+
+class Gauge:
+    """Keeps the least margin it was told of; one that was never told saw no premise."""
+
+    __slots__ = ("_alarm", "at_ns", "first_ns", "least", "name", "note")
+
+    def __init__(self, name: str, alarm: "Alarm") -> None:
+        self.name = name
+        self._alarm = alarm
+        self.least = math.inf
+        """In the unit of the invariant; infinite while its premise never held."""
+        self.at_ns = NEVER_NS
+        """Of the least margin."""
+        self.first_ns = NEVER_NS
+        """Of the first violation."""
+        self.note = ""
+        """What else is to be said of it."""
+
+    def see(self, margin: float, now_ns: int) -> None:
+        # Not a number counts as a violation: it compares with nothing.
+        if not margin >= self.least:
+            self.least = margin
+            self.at_ns = now_ns
+            if not margin >= 0.0 and self.first_ns == NEVER_NS:
+                self.first_ns = now_ns
+                self._alarm.raised.append(self)
+
+    def said(self, holds: bool, now_ns: int) -> None:
+        """For what is only true or false: a margin of 1 or -1."""
+        self.see(1.0 if holds else -1.0, now_ns)
+
+
+class Alarm:
+    """Who was violated, in the order of time."""
+
+    __slots__ = ("raised",)
+
+    def __init__(self) -> None:
+        self.raised: list[Gauge] = []

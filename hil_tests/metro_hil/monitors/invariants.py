@@ -1,0 +1,138 @@
+"""All watched invariants of one run: who has to be told what in each step, and nothing more."""
+
+from can_dbc.binding import timeout_s
+from can_dbc.brake import BrakeCommand
+from can_dbc.doors import DoorCommand
+from can_dbc.traction import TractionCommand
+from metro_hil.monitors.catalogue import WATCHED
+from metro_hil.monitors.context import Context
+from metro_hil.monitors.gauge import Alarm, Gauge
+from metro_hil.monitors.place import Place
+from metro_hil.monitors.spoken import Spoken
+from metro_hil.monitors.watch_brake import DepartureWatch, EmergencyWatch, SilenceWatch
+from metro_hil.monitors.watch_claims import ClaimWatch, DemandWatch
+from metro_hil.monitors.watch_doors import DoorWatch
+from metro_hil.monitors.watch_motion import MotionWatch
+from plant_emulator.truth import Truth
+
+
+class Invariants:
+    """Looks only at what can have changed: a standing, locked train costs next to nothing."""
+
+    __slots__ = (
+        "_claims",
+        "_demand",
+        "_departure",
+        "_doors",
+        "_doors_busy",
+        "_emergency",
+        "_motion",
+        "_moving",
+        "_silence",
+        "_spoken",
+        "_wanted",
+        "alarm",
+        "gauges",
+    )
+
+    def __init__(self, context: Context, spoken: Spoken, place: Place) -> None:
+        self.alarm = Alarm()
+        self.gauges = {each.name: Gauge(each.name, self.alarm) for each in WATCHED}
+        self._spoken = spoken
+        gauge = self.gauges
+        self._motion = MotionWatch(
+            context,
+            place,
+            stopping=gauge["inv-01-stopping-distance"],
+            authority_end=gauge["inv-02-authority-end"],
+            civil_limit=gauge["inv-04-civil-limit"],
+            rollback=gauge["inv-08-rollback"],
+        )
+        self._departure = DepartureWatch(locked=gauge["inv-33-departure-locked"])
+        self._emergency = EmergencyWatch(
+            context,
+            held=gauge["inv-05-emergency-held"],
+            traction_off=gauge["inv-06-traction-off"],
+            ignored=gauge["inv-07-demand-ignored"],
+        )
+        self._silence = SilenceWatch(
+            context,
+            brake_timeout_s=timeout_s(BrakeCommand),
+            traction_timeout_s=timeout_s(TractionCommand),
+            doors_timeout_s=timeout_s(DoorCommand),
+            brake=gauge["inv-34-brake-silence"],
+            traction=gauge["inv-34-traction-silence"],
+            doors=gauge["inv-34-door-silence"],
+            inputs=gauge["inv-34-input-silence"],
+        )
+        self._claims, self._demand = self._listeners(context)
+        self._doors = self._door_watch(context, place)
+        self._moving = self._wanted = self._doors_busy = False
+
+    def _listeners(self, context: Context) -> tuple[ClaimWatch, DemandWatch]:
+        gauge = self.gauges
+        claims = ClaimWatch(
+            context,
+            curve=gauge["inv-03-emergency-at-curve"],
+            interval=gauge["inv-13-position-interval"],
+            narrowed=gauge["inv-14-narrowed-by-tag"],
+            width=gauge["inv-16-localisation-limit"],
+            overrun=gauge["inv-36-overrun"],
+        )
+        demand = DemandWatch(
+            context,
+            direction=gauge["inv-09-direction"],
+            accel=gauge["inv-39-accel"],
+            jerk=gauge["inv-39-jerk"],
+        )
+        return claims, demand
+
+    def _door_watch(self, context: Context, place: Place) -> DoorWatch:
+        gauge = self.gauges
+        return DoorWatch(
+            context,
+            place,
+            enabled_speed=gauge["inv-17-zero-speed"],
+            speed=gauge["inv-30-door-speed"],
+            place=gauge["inv-30-door-place"],
+            side=gauge["inv-30-door-side"],
+            enable=gauge["inv-31-door-enable"],
+            traction=gauge["inv-32-door-traction"],
+            holding=gauge["inv-32-door-holding"],
+        )
+
+    def sample(self, truth: Truth, now_ns: int) -> None:
+        """One step of the plant; `news` of what was spoken is left to be cleared by the caller."""
+        spoken = self._spoken
+        wanted = truth.emergency > 0.0
+        if wanted is not self._wanted:
+            self._wanted = wanted
+            self._motion.emergency(now_ns, wanted)
+            if not wanted:
+                self._emergency.ended()
+        if truth.speed_mps != 0.0:
+            self._moving = True
+            self._motion.sample(truth, now_ns)
+            self._departure.sample(truth, now_ns)
+        elif self._moving:
+            self._moving = False
+            self._departure.sample(truth, now_ns)
+        if truth.tags_read != self._claims.tags:
+            self._claims.tag_read(truth.tags_read, now_ns)
+        if spoken.news:
+            self._emergency.news(truth, now_ns, spoken)
+            self._claims.news(truth, now_ns, spoken)
+            self._demand.news(now_ns, spoken)
+        if wanted:
+            self._emergency.sample(truth, now_ns, spoken)
+        else:
+            self._silence.released(truth, now_ns, spoken)
+        enabled = spoken.enable_left > 0.0 or spoken.enable_right > 0.0
+        if enabled:
+            self._doors.enabled(truth, now_ns, spoken)
+        busy = truth.doors_locked == 0.0
+        if busy or self._doors_busy:
+            self._doors_busy = busy
+            self._doors.sample(truth, now_ns)
+            if busy:
+                self._silence.open(now_ns, spoken)

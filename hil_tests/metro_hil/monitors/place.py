@@ -1,0 +1,109 @@
+"""What follows from where the train is on its line: limits, platforms, ways to stop."""
+
+import itertools
+import math
+from bisect import bisect_right
+from typing import Final
+
+from firmware_py.trackdb import LineMap, PlatformSide
+
+GRAVITY_MPS2: Final = 9.81
+HEIGHT_POINTS: Final = 5
+"""Along the train, for the mean height of its mass."""
+ROUNDS: Final = 8
+"""Of the fixed point for a way on changing gradients; each makes the error a third or less."""
+NOWHERE_M: Final = math.inf
+
+
+class Place:
+    """One line for trains of one length, with what was looked up last kept at hand."""
+
+    __slots__ = (
+        "_clear_m",
+        "_edges_m",
+        "_gravity_mps2",
+        "_length_m",
+        "_limit_mps",
+        "_limits_mps",
+        "_line",
+        "_reached_m",
+        "_sides",
+        "_stop_edges_m",
+        "_stops_m",
+        "worst_fall_mps2",
+    )
+
+    def __init__(self, line: LineMap, *, length_m: float, rotating_ratio: float) -> None:
+        self._line = line
+        self._length_m = length_m
+        self._gravity_mps2 = GRAVITY_MPS2 / (1.0 + rotating_ratio)
+        changes_m = [section.start_m for section in line.speed_sections[1:]]
+        # The least limit under the train changes where its front comes to a limit or its rear
+        # leaves one.
+        edges_m = sorted({*changes_m, *(change_m + length_m for change_m in changes_m)})
+        ends_m = [line.start_m - length_m, *edges_m, line.end_m + 2.0 * length_m]
+        self._edges_m = edges_m
+        self._limits_mps = [
+            line.least_limit_mps(0.5 * (low_m + high_m) - length_m, 0.5 * (low_m + high_m))
+            for low_m, high_m in itertools.pairwise(ends_m)
+        ]
+        self._reached_m, self._clear_m = math.inf, -math.inf
+        self._limit_mps = 0.0
+        stations = line.stations
+        self._stops_m = [station.stop_m for station in stations]
+        self._stop_edges_m = [0.5 * (a + b) for a, b in itertools.pairwise(self._stops_m)]
+        self._sides = [1.0 if each.side is PlatformSide.LEFT else -1.0 for each in stations]
+        worst_permille = line.worst_gradient_permille(line.start_m, line.end_m)
+        self.worst_fall_mps2 = self.fall_mps2(worst_permille)
+        """Acceleration by the steepest fall of the whole line."""
+
+    def fall_mps2(self, gradient_permille: float) -> float:
+        """Acceleration of a rolling train on a falling gradient, 0 on a climb."""
+        return max(0.0, -gradient_permille / 1000.0 * self._gravity_mps2)
+
+    def limit_mps(self, front_m: float) -> float:
+        """The lowest civil limit under the whole train."""
+        if not self._reached_m <= front_m < self._clear_m:
+            edges_m = self._edges_m
+            index = bisect_right(edges_m, front_m)
+            self._reached_m = edges_m[index - 1] if index > 0 else -math.inf
+            self._clear_m = edges_m[index] if index < len(edges_m) else math.inf
+            self._limit_mps = self._limits_mps[index]
+        return self._limit_mps
+
+    def stop_error_m(self, front_m: float) -> float:
+        """Front beyond the nearest stopping point; negative before it."""
+        return front_m - self._stops_m[bisect_right(self._stop_edges_m, front_m)]
+
+    def side(self, front_m: float) -> float:
+        """Of the platform of the nearest station: 1 is left, -1 is right."""
+        return self._sides[bisect_right(self._stop_edges_m, front_m)]
+
+    def worst_fall_under_mps2(self, front_m: float) -> float:
+        """By the steepest fall anywhere under the train."""
+        rear_m = front_m - self._length_m
+        return self.fall_mps2(self._line.worst_gradient_permille(rear_m, front_m))
+
+    def height_m(self, front_m: float) -> float:
+        """Of the train's mass, taken as spread evenly over its length."""
+        step_m = self._length_m / HEIGHT_POINTS
+        height_m = self._line.height_m
+        return (
+            sum(height_m(front_m - (index + 0.5) * step_m) for index in range(HEIGHT_POINTS))
+            / HEIGHT_POINTS
+        )
+
+    def braking_m(self, front_m: float, speed_mps: float, decel_mps2: float) -> float:
+        """Way from a speed to standstill over the true heights, the brake on all the time.
+
+        What the brake and the climb take is the energy of the train, rotating parts included:
+
+            decel * way + g / (1 + rotating) * (height(front + way) - height(front)) = speed**2 / 2
+        """
+        energy = 0.5 * speed_mps * speed_mps
+        height_m = self.height_m(front_m)
+        way_m = energy / decel_mps2
+        for _ in range(ROUNDS):
+            rise_m = self.height_m(front_m + way_m) - height_m
+            way_m = max(0.0, energy - self._gravity_mps2 * rise_m) / decel_mps2
+        return way_m

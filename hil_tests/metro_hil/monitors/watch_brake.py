@@ -1,0 +1,186 @@
+"""Invariants of emergency brake, traction and silent wires (5, 6, 7, 33, 34)."""
+
+from can_dbc.vobc import Supervision
+from metro_hil.monitors.context import Context
+from metro_hil.monitors.gauge import Gauge
+from metro_hil.monitors.spoken import Spoken
+from plant_emulator.truth import Truth
+
+NS_PER_S = 1_000_000_000
+PULL_N = 1.0
+"""Less than this is no tractive effort."""
+LEFT_MPS = 0.1
+"""A train that is faster has departed; couplers that ease do not make it so."""
+COASTING_MPS = 0.5
+"""A train that is slower may be taken to stand by who watches its wheels."""
+EMERGENCY = float(Supervision.EMERGENCY)
+
+
+class EmergencyWatch:
+    """What an emergency brake must and what must not end it."""
+
+    __slots__ = (
+        "_applied_moving",
+        "_commanded",
+        "_cut_ns",
+        "_latched",
+        "_pulled",
+        "_reset_lifetime_ns",
+        "_reset_ns",
+        "_reset_was_pressed",
+        "_since_ns",
+        "held",
+        "ignored",
+        "traction_off",
+    )
+
+    def __init__(
+        self, context: Context, *, held: Gauge, traction_off: Gauge, ignored: Gauge
+    ) -> None:
+        self.held, self.traction_off, self.ignored = held, traction_off, ignored
+        self._cut_ns = round(context.traction_cut_s * NS_PER_S)
+        self._reset_lifetime_ns = round(context.reset_lifetime_s * NS_PER_S)
+        self._since_ns = -1
+        self._pulled = False
+        """Traction acted when the emergency brake was asked for, and has not been seen off."""
+        self._commanded = True
+        self._applied_moving = False
+        self._latched = False
+        self._reset_ns = -1
+        self._reset_was_pressed = True
+
+    def sample(self, truth: Truth, now_ns: int, spoken: Spoken) -> None:
+        """To be told of every step while the brake unit wants the emergency brake."""
+        if self._since_ns < 0:
+            self._since_ns = now_ns
+            self._pulled = truth.drive_n > PULL_N
+        since_ns = now_ns - self._since_ns
+        pulls = truth.drive_n > PULL_N
+        if self._pulled or pulls:
+            # Also in the first step without: traction ended somewhere within it.
+            self._pulled = pulls
+            self.traction_off.see((self._cut_ns - since_ns) / NS_PER_S, now_ns)
+        if (
+            since_ns > self._cut_ns
+            and spoken.force_commanded_n > PULL_N
+            and spoken.traction_permitted > 0.0
+        ):
+            self.ignored.said(not pulls, now_ns)
+        if self._applied_moving and truth.speed_mps == 0.0 and spoken.emergency_commanded > 0.0:
+            # Held down to standstill; that it stays until its reset is seen at its release.
+            self._applied_moving = False
+            self.held.said(True, now_ns)
+
+    def ended(self) -> None:
+        """The brake unit does not want it any more."""
+        self._since_ns = -1
+
+    def news(self, truth: Truth, now_ns: int, spoken: Spoken) -> None:
+        """To be told whenever the controller or the desk has said something."""
+        commanded = spoken.emergency_commanded > 0.0
+        moving = truth.speed_mps != 0.0
+        if spoken.supervision == EMERGENCY:
+            self._latched = True
+        self._follow_reset(now_ns, spoken, standing=not moving)
+        if commanded and moving:
+            self._applied_moving = True
+        if self._commanded and not commanded:
+            if self._latched or moving:
+                reset = self._reset_ns >= 0 and now_ns - self._reset_ns <= self._reset_lifetime_ns
+                self.held.said(not moving and (reset or not self._latched), now_ns)
+            self._latched = self._applied_moving = False
+            self._reset_ns = -1
+        self._commanded = commanded
+
+    def _follow_reset(self, now_ns: int, spoken: Spoken, *, standing: bool) -> None:
+        pressed = spoken.reset_pressed > 0.0
+        if pressed and not self._reset_was_pressed and standing:
+            self._reset_ns = now_ns
+        self._reset_was_pressed = pressed
+
+
+class SilenceWatch:
+    """What happens when vital frames stay away."""
+
+    __slots__ = (
+        "_brake_ns",
+        "_brake_worst_ns",
+        "_doors_ns",
+        "_inputs_ns",
+        "_inputs_worst_ns",
+        "_traction_ns",
+        "brake",
+        "doors",
+        "inputs",
+        "traction",
+    )
+
+    def __init__(
+        self,
+        context: Context,
+        *,
+        brake_timeout_s: float,
+        traction_timeout_s: float,
+        doors_timeout_s: float,
+        brake: Gauge,
+        traction: Gauge,
+        doors: Gauge,
+        inputs: Gauge,
+    ) -> None:
+        self.brake, self.traction, self.doors, self.inputs = brake, traction, doors, inputs
+        slack_s, config = context.slack_s, context.train.doors
+        self._brake_ns = round((brake_timeout_s + slack_s) * NS_PER_S)
+        self._traction_ns = round(
+            (traction_timeout_s + slack_s + context.traction_cut_s) * NS_PER_S
+        )
+        # Each obstacle opens the doors once more.
+        closing_s = config.close_s + config.obstructed_closings * (config.reopen_s + config.close_s)
+        self._doors_ns = round((doors_timeout_s + slack_s + closing_s) * NS_PER_S)
+        self._inputs_ns = round(
+            (context.input_silence_s + 2.0 * context.cycle_s + slack_s) * NS_PER_S
+        )
+        self._brake_worst_ns = self._inputs_worst_ns = -1
+
+    def released(self, truth: Truth, now_ns: int, spoken: Spoken) -> None:
+        """To be told of every step in which the brake unit wants no emergency brake."""
+        age_ns = now_ns - spoken.brake_ns
+        if age_ns > self._brake_worst_ns:
+            self._brake_worst_ns = age_ns
+            self.brake.see((self._brake_ns - age_ns) / NS_PER_S, now_ns)
+        if truth.drive_n > PULL_N:
+            margin_s = (self._traction_ns - (now_ns - spoken.traction_ns)) / NS_PER_S
+            if margin_s < self.traction.least:
+                self.traction.see(margin_s, now_ns)
+        if truth.speed_mps > COASTING_MPS:
+            oldest_ns = min(
+                spoken.tacho_ns, spoken.brake_status_ns, spoken.traction_status_ns, spoken.desk_ns
+            )
+            age_ns = now_ns - oldest_ns
+            if age_ns > self._inputs_worst_ns:
+                self._inputs_worst_ns = age_ns
+                self.inputs.see((self._inputs_ns - age_ns) / NS_PER_S, now_ns)
+
+    def open(self, now_ns: int, spoken: Spoken) -> None:
+        """To be told of every step in which a door is not locked."""
+        margin_s = (self._doors_ns - (now_ns - spoken.doors_ns)) / NS_PER_S
+        if margin_s < self.doors.least:
+            self.doors.see(margin_s, now_ns)
+
+
+class DepartureWatch:
+    """A train leaves its standstill with its doors locked."""
+
+    __slots__ = ("_standing", "locked")
+
+    def __init__(self, *, locked: Gauge) -> None:
+        self.locked = locked
+        self._standing = True
+
+    def sample(self, truth: Truth, now_ns: int) -> None:
+        """To be told of every step in which the train moves, and of the first at rest."""
+        speed_mps = truth.speed_mps
+        if speed_mps == 0.0:
+            self._standing = True
+        elif self._standing and speed_mps > LEFT_MPS:
+            self._standing = False
+            self.locked.said(truth.doors_locked > 0.0, now_ns)

@@ -1,0 +1,184 @@
+"""Invariants of what the controller says of itself (3, 9, 13, 14, 16, 36, 39)."""
+
+from can_dbc.vobc import AtoPhase, Supervision
+from metro_hil.monitors.context import Context
+from metro_hil.monitors.gauge import Gauge
+from metro_hil.monitors.spoken import Spoken
+from plant_emulator.truth import Truth
+
+NS_PER_S = 1_000_000_000
+SPEED_BIT_MPS = 0.01
+WIDTH_BIT_M = 0.015
+"""A width that falls by less may only have been rounded."""
+UNKNOWN_M = 655.0
+"""The frame's largest uncertainty says that the place is not known."""
+TAG_LIFETIME_NS = 2 * NS_PER_S
+"""A tag's telegram takes its time to the controller, and the claim its time to the bus."""
+MOVING_MPS = 0.5
+SLIPS_MAX = 2.0
+SLIPS_PERIOD = 64.0
+DRIVEN = (float(AtoPhase.RUNNING), float(AtoPhase.APPROACHING), float(AtoPhase.STOPPING))
+FREE = (float(Supervision.NOMINAL), float(Supervision.WARNING))
+
+
+class ClaimWatch:
+    """To be told whenever the controller has said something."""
+
+    __slots__ = (
+        "_claim_age_s",
+        "_curve_ns",
+        "_limit_m",
+        "_motion_ns",
+        "_over_ns",
+        "_position_ns",
+        "_slips",
+        "_status_ns",
+        "_tag_ns",
+        "_tags",
+        "_width_m",
+        "curve",
+        "interval",
+        "narrowed",
+        "overrun",
+        "width",
+    )
+
+    def __init__(
+        self,
+        context: Context,
+        *,
+        curve: Gauge,
+        interval: Gauge,
+        narrowed: Gauge,
+        width: Gauge,
+        overrun: Gauge,
+    ) -> None:
+        self.curve, self.interval, self.narrowed = curve, interval, narrowed
+        self.width, self.overrun = width, overrun
+        self._claim_age_s = context.claim_age_s
+        self._limit_m = context.localisation_limit_m
+        self._curve_ns = round((context.cycle_s + context.slack_s) * NS_PER_S)
+        self._position_ns = self._motion_ns = self._status_ns = context.start_ns
+        self._over_ns = -1
+        """Since when it has said that it is over its curve; -1 if it is not, or has braked."""
+        self._width_m = UNKNOWN_M
+        self._tags = 0.0
+        self._tag_ns = context.start_ns
+        self._slips = 0.0
+
+    def tag_read(self, tags: float, now_ns: int) -> None:
+        """To be told of every step in which `tags` differs from the step before."""
+        self._tags, self._tag_ns = tags, now_ns
+
+    @property
+    def tags(self) -> float:
+        return self._tags
+
+    def news(self, truth: Truth, now_ns: int, spoken: Spoken) -> None:
+        if spoken.position_ns != self._position_ns:
+            self._position_ns = spoken.position_ns
+            if spoken.uncertainty_m < UNKNOWN_M:
+                self._check_interval(truth, now_ns, spoken)
+                self._check_width(now_ns, spoken)
+        if spoken.motion_ns != self._motion_ns:
+            self._motion_ns = spoken.motion_ns
+            over = spoken.claimed_speed_mps - spoken.emergency_limit_mps > SPEED_BIT_MPS
+            if over and self._over_ns < 0 and abs(truth.speed_mps) > MOVING_MPS:
+                self._over_ns = spoken.motion_ns
+        if self._over_ns >= 0:
+            self._check_curve(now_ns, spoken)
+        if spoken.status_ns != self._status_ns:
+            self._status_ns = spoken.status_ns
+            self._check_overrun(truth, now_ns, spoken)
+
+    def _check_interval(self, truth: Truth, now_ns: int, spoken: Spoken) -> None:
+        """At the instant of the claim, which lies up to `claim_age_s` before its frame's end."""
+        later_s = (now_ns - spoken.position_ns) / NS_PER_S
+        newest_m = truth.front_m - truth.speed_mps * later_s
+        oldest_m = newest_m - truth.speed_mps * self._claim_age_s
+        low_m, high_m = min(newest_m, oldest_m), max(newest_m, oldest_m)
+        claimed_m = spoken.claimed_front_m
+        away_m = max(low_m - claimed_m, claimed_m - high_m, 0.0)
+        self.interval.see(2.0 * spoken.uncertainty_m - away_m, now_ns)
+
+    def _check_width(self, now_ns: int, spoken: Spoken) -> None:
+        width_m = 2.0 * spoken.uncertainty_m
+        if spoken.localised > 0.0:
+            self.width.see(self._limit_m - width_m, now_ns)
+        before_m, self._width_m = self._width_m, width_m
+        narrowed_m = before_m - width_m
+        if before_m < UNKNOWN_M and narrowed_m > 2.0 * WIDTH_BIT_M:
+            by_tag = self._tags > 0.0 and now_ns - self._tag_ns <= TAG_LIFETIME_NS
+            self.narrowed.said(by_tag, now_ns)
+
+    def _check_curve(self, now_ns: int, spoken: Spoken) -> None:
+        if spoken.emergency_commanded > 0.0:
+            late_ns = max(0, min(now_ns, spoken.brake_ns) - self._over_ns)
+            self._over_ns = -1
+        else:
+            late_ns = now_ns - self._over_ns
+        self.curve.see((self._curve_ns - late_ns) / NS_PER_S, now_ns)
+
+    def _check_overrun(self, truth: Truth, now_ns: int, spoken: Spoken) -> None:
+        missed = (spoken.cycle_slips - self._slips) % SLIPS_PERIOD
+        self._slips = spoken.cycle_slips
+        if missed > SLIPS_MAX and abs(truth.speed_mps) > MOVING_MPS:
+            self.overrun.said(spoken.emergency_commanded > 0.0 or truth.emergency > 0.0, now_ns)
+
+
+class DemandWatch:
+    """What the controller asks of traction and brake, as one acceleration."""
+
+    __slots__ = (
+        "_accel_mps2",
+        "_cycle_ns",
+        "_inertia_kg",
+        "_judged",
+        "_limit_mps2",
+        "_limit_mps3",
+        "_traction_ns",
+        "accel",
+        "direction",
+        "jerk",
+    )
+
+    def __init__(self, context: Context, *, direction: Gauge, accel: Gauge, jerk: Gauge) -> None:
+        self.direction, self.accel, self.jerk = direction, accel, jerk
+        train = context.train
+        self._inertia_kg = train.mass_kg * (1.0 + train.rotating_mass_percent / 100.0)
+        self._limit_mps2 = context.service_accel_mps2
+        self._limit_mps3 = context.service_jerk_mps3
+        self._cycle_ns = round(context.cycle_s * NS_PER_S)
+        self._traction_ns = context.start_ns
+        self._accel_mps2 = 0.0
+        self._judged = False
+
+    def news(self, now_ns: int, spoken: Spoken) -> None:
+        before_ns = self._traction_ns
+        if spoken.traction_ns == before_ns:
+            return
+        self._traction_ns = spoken.traction_ns
+        pulls = spoken.force_commanded_n > 0.0 and spoken.traction_permitted > 0.0
+        if pulls:
+            self.direction.said(spoken.direction > 0.0, now_ns)
+        accel_mps2 = (
+            spoken.force_commanded_n * spoken.direction / self._inertia_kg
+            - spoken.service_decel_mps2
+        )
+        judged = (
+            spoken.ato_phase in DRIVEN
+            and spoken.supervision in FREE
+            and spoken.emergency_commanded == spoken.holding_commanded == 0.0
+        )
+        if judged:
+            margin_mps2 = self._limit_mps2 - abs(accel_mps2)
+            if margin_mps2 < self.accel.least:
+                self.accel.see(margin_mps2, now_ns)
+            if self._judged:
+                # Frames wait for the bus; what was decided came a whole number of cycles later.
+                cycles = max(1, round((spoken.traction_ns - before_ns) / self._cycle_ns))
+                step_s = cycles * self._cycle_ns / NS_PER_S
+                margin_mps3 = self._limit_mps3 - abs(accel_mps2 - self._accel_mps2) / step_s
+                if margin_mps3 < self.jerk.least:
+                    self.jerk.see(margin_mps3, now_ns)
+        self._accel_mps2, self._judged = accel_mps2, judged

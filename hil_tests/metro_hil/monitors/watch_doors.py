@@ -1,0 +1,101 @@
+"""Invariants of the doors (17, 30, 31, 32)."""
+
+from metro_hil.monitors.context import Context
+from metro_hil.monitors.gauge import Gauge
+from metro_hil.monitors.place import Place
+from metro_hil.monitors.spoken import Spoken
+from metro_hil.monitors.watch_brake import PULL_N
+from plant_emulator.truth import Truth
+
+NS_PER_S = 1_000_000_000
+
+
+class DoorWatch:
+    """To be told of every step in which a door is not locked or may be opened."""
+
+    __slots__ = (
+        "_cut_ns",
+        "_left_enabled_ns",
+        "_left_open",
+        "_place",
+        "_right_enabled_ns",
+        "_right_open",
+        "_slack_ns",
+        "_unlocked_ns",
+        "_window_m",
+        "_zero_speed_mps",
+        "enable",
+        "enabled_speed",
+        "holding",
+        "place",
+        "side",
+        "speed",
+        "traction",
+    )
+
+    def __init__(
+        self,
+        context: Context,
+        where: Place,
+        *,
+        enabled_speed: Gauge,
+        speed: Gauge,
+        place: Gauge,
+        side: Gauge,
+        enable: Gauge,
+        traction: Gauge,
+        holding: Gauge,
+    ) -> None:
+        self._place = where
+        self.enabled_speed, self.speed, self.place, self.side = enabled_speed, speed, place, side
+        self.enable, self.traction, self.holding = enable, traction, holding
+        self._zero_speed_mps = context.zero_speed_mps
+        self._window_m = context.door_window_m
+        self._cut_ns = round(context.traction_cut_s * NS_PER_S)
+        self._slack_ns = round(context.slack_s * NS_PER_S)
+        self._left_open = self._right_open = False
+        # So long ago that it does not count.
+        self._left_enabled_ns = self._right_enabled_ns = -NS_PER_S
+        self._unlocked_ns = -1
+
+    def enabled(self, truth: Truth, now_ns: int, spoken: Spoken) -> None:
+        """The controller lets a side open: it takes the train for standing."""
+        if spoken.enable_left > 0.0:
+            self._left_enabled_ns = now_ns
+        if spoken.enable_right > 0.0:
+            self._right_enabled_ns = now_ns
+        margin_mps = self._zero_speed_mps - abs(truth.speed_mps)
+        if margin_mps < self.enabled_speed.least:
+            self.enabled_speed.see(margin_mps, now_ns)
+
+    def sample(self, truth: Truth, now_ns: int) -> None:
+        left, right = truth.left_open > 0.0, truth.right_open > 0.0
+        if left and not self._left_open:
+            self.enable.said(now_ns - self._left_enabled_ns <= self._slack_ns, now_ns)
+        if right and not self._right_open:
+            self.enable.said(now_ns - self._right_enabled_ns <= self._slack_ns, now_ns)
+        self._left_open, self._right_open = left, right
+        if truth.doors_locked > 0.0:
+            self._unlocked_ns = -1
+        else:
+            self._check_traction(truth, now_ns)
+        if left or right:
+            self._check_open(truth, now_ns, left=left, right=right)
+
+    def _check_traction(self, truth: Truth, now_ns: int) -> None:
+        if self._unlocked_ns < 0:
+            self._unlocked_ns = now_ns
+            self.traction.see(self._cut_ns / NS_PER_S, now_ns)
+        elif truth.drive_n > PULL_N:
+            self.traction.see((self._cut_ns - (now_ns - self._unlocked_ns)) / NS_PER_S, now_ns)
+
+    def _check_open(self, truth: Truth, now_ns: int, *, left: bool, right: bool) -> None:
+        margin_mps = self._zero_speed_mps - abs(truth.speed_mps)
+        if margin_mps < self.speed.least:
+            self.speed.see(margin_mps, now_ns)
+        margin_m = self._window_m - abs(self._place.stop_error_m(truth.front_m))
+        if margin_m < self.place.least:
+            self.place.see(margin_m, now_ns)
+        platform = self._place.side(truth.front_m)
+        self.side.said(not ((left and platform < 0.0) or (right and platform > 0.0)), now_ns)
+        self.holding.said(truth.holding > 0.0 or truth.emergency > 0.0, now_ns)
