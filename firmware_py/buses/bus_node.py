@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field
 from heapq import heappush
+from typing import NamedTuple
 
 from firmware_py.buses.confinement import RECOVERY_SEQUENCES, ErrorCounters, ErrorState
 from firmware_py.buses.inproc import InprocPort, Offer
@@ -92,3 +93,11 @@ class Passing:
     """The sender was cut off meanwhile."""
     last_try: bool = False
     """The sender has nothing more to say."""
+
+
+class WireEvent(NamedTuple):
+    """A node that entered another state."""
+
+    at_ns: int
+    node: str
+    state: ErrorState

@@ -9,12 +9,12 @@ it: its controller tries on, in vain, and says it when the wire is mended.
 """
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from heapq import heappop
-from typing import Final, NamedTuple, Protocol
+from typing import Final, Protocol
 
 from firmware_py.buses import confinement
-from firmware_py.buses.bus_node import BusNode, Passing
+from firmware_py.buses.bus_node import BusNode, Passing, WireEvent
 from firmware_py.buses.confinement import ErrorCounters, ErrorState, WireFrame, wire_frame
 from firmware_py.buses.inproc import MAILBOX_FRAMES, InprocBus, InprocPort, Offer
 from firmware_py.buses.timing import INTERMISSION_BITS, frame_bits
@@ -38,14 +38,6 @@ class Disturber(Protocol):
         ...
 
 
-class WireEvent(NamedTuple):
-    """A node that entered another state."""
-
-    at_ns: int
-    node: str
-    state: ErrorState
-
-
 class DisturbedWire:
     """Carries the frames of a bus from now on; all instants as with the bus itself."""
 
@@ -54,16 +46,21 @@ class DisturbedWire:
         bus: InprocBus,
         disturber: Disturber | None = None,
         on_error: Callable[[CanFrame, str], None] | None = None,
+        acting: Mapping[int, str] | None = None,
     ) -> None:
-        """`on_error` is told every error frame, at its end, in the layout of Linux, with the name
-        of the sender of the frame that was destroyed."""
+        """Args:
+        on_error: is told every error frame, at its end, in the layout of Linux, with the name of
+            the sender of the frame that was destroyed.
+        acting: by identifier, the node that acts on a frame, where a port with a filter takes it
+            in for another node; such a frame is heard as long as that node is there.
+        """
         self.disturber = disturber
         self.error_frames: Counter[str] = Counter()
         """By the sender of the frame that was destroyed."""
         self.events: list[WireEvent] = []
         """The first EVENTS_MAX."""
         self.events_left_out = 0
-        self._bus, self._on_error = bus, on_error
+        self._bus, self._on_error, self._acting = bus, on_error, acting or {}
         self._nodes: dict[str, BusNode] = {}
         self._free_ns = bus._start_ns
         self._passing: Passing | None = None
@@ -144,6 +141,11 @@ class DisturbedWire:
         found = self._named(node)
         self._look_for_recovery(found, now_ns)
         return ErrorCounters(found.errors.tec, found.errors.rec, found.errors.off)
+
+    def nodes_off(self) -> tuple[str, ...]:
+        """Names of those that are bus off and do not restart, in the order of their connection."""
+        off = (each for each in self._nodes_all() if each.errors.off and not each.restarting)
+        return tuple(each.port.name for each in off)
 
     def cut(self, node: str, now_ns: int) -> None:
         """The wire to a node breaks; what it is saying is not heard to its end."""
@@ -333,9 +335,17 @@ class DisturbedWire:
     # Nodes that are not there.
 
     def _admit(self, node: BusNode) -> None:
-        """Let it hear if it is there."""
+        """Let it hear if it is there, and others what they hear in its stead."""
         node.port._deaf = not node.there
         self._ports_seen = 0
+        there = {each.port.name: each.there for each in self._nodes_all()}
+        for each in self._nodes_all():
+            if each.port._accepted is not None:
+                each.port._excepted = frozenset(
+                    can_id
+                    for can_id, name in self._acting.items()
+                    if there.get(name, each.there) is not each.there
+                )
         self._bus._forget_routes()
 
     def _look_for_recovery(self, node: BusNode, now_ns: int) -> None:
@@ -354,14 +364,16 @@ class DisturbedWire:
         ports = self._bus._ports
         if self._ports_seen != len(ports):
             self._ports_seen = len(ports)
-            nodes = (self._node(port) for port in ports.values())
-            self._present = tuple(node for node in nodes if node.there)
+            self._present = tuple(node for node in self._nodes_all() if node.there)
         return self._present
 
     def _any_active(self, sender: BusNode) -> bool:
         """Whether any of the others sends dominant error flags."""
         others = (each for each in self._nodes_present() if each is not sender)
         return any(each.state is ErrorState.ACTIVE for each in others)
+
+    def _nodes_all(self) -> list[BusNode]:
+        return [self._node(port) for port in self._bus._ports.values()]
 
     def _node(self, port: InprocPort) -> BusNode:
         node = self._nodes.get(port.name)

@@ -227,6 +227,7 @@ class InprocPort:
         "_accepted",
         "_bus",
         "_deaf",
+        "_excepted",
         "_hearers",
         "_inbox",
         "_sequence",
@@ -244,6 +245,8 @@ class InprocPort:
         self._accepted = accepted
         self._deaf = False
         """Off the bus or cut from it; only a carrier knows of that."""
+        self._excepted: frozenset[int] = frozenset()
+        """Identifiers for which the contrary holds."""
         self._inbox: list[CanFrame] = []
         self._hearers: dict[int, tuple[InprocPort, ...]] = {}
         """By identifier: who hears this node; filled when first asked for."""
@@ -251,7 +254,9 @@ class InprocPort:
         self._sequence = 0
 
     def hears(self, can_id: int) -> bool:
-        return not self._deaf and (self._accepted is None or can_id in self._accepted)
+        if self._deaf is not (can_id in self._excepted):
+            return False
+        return self._accepted is None or can_id in self._accepted
 
     def send(self, now_ns: int, can_id: int, data: bytes) -> None:
         """Put one frame into a mailbox.

@@ -18,7 +18,7 @@ MS = 1_000_000
 FAR_NS = 10**12
 NODES = ("bcu", "dcu", "tcu", "vobc")
 FOUR = b"\xaa" * 4
-"""With identifier 0x555 nothing is stuffed before the CRC; its data bit 1 costs 12 bits of flags."""
+"""With identifier 0x555 nothing is stuffed before the CRC; data bit 1 costs 12 bits of flags."""
 
 Spoils = Callable[[int, str], bool]
 

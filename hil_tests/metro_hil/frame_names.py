@@ -1,0 +1,167 @@
+"""The messages of the train bus by name and identifier; whether a bus fault names real ones."""
+
+import difflib
+import functools
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from typing import Final
+
+from can_dbc import binding
+from can_dbc.agreement import FieldLayout
+from can_dbc.binding import Binding
+from can_dbc.nodes import Node
+from can_dbc.packing import value_table
+from firmware_py.settings import SettingsError
+from plant_emulator.faults.declared_bus import (
+    FrameCorrupt,
+    FrameDelay,
+    FrameDrop,
+    FrameDuplicate,
+    FrameReorder,
+    FrameReplay,
+    Masquerade,
+    Way,
+)
+from plant_emulator.faults.plan import FaultPlan
+
+EVERYTHING: Final = "*"
+"""Also matches frames that no DBC file knows."""
+FRAME_FAULTS: Final = (
+    FrameDrop,
+    FrameDelay,
+    FrameDuplicate,
+    FrameReorder,
+    FrameReplay,
+    FrameCorrupt,
+)
+"""Parameters of faults that choose frames by pattern and way."""
+
+
+@dataclass(frozen=True, slots=True)
+class Known:
+    """One message of the DBC files."""
+
+    name: str
+    can_id: int
+    sender: str
+    acting: str
+    """The node that acts on it. Train management hears most messages, but only keeps book."""
+    bound: Binding
+    is_twin: bool
+
+    @property
+    def way(self) -> Way:
+        """Which way it goes between the controller and the train."""
+        return Way.TO_TRAIN if self.sender == Node.VOBC.name else Way.TO_VOBC
+
+
+@functools.cache
+def known_messages() -> Mapping[int, Known]:
+    """By identifier, rising."""
+    found = {}
+    for kind in binding.kinds():
+        bound = binding.binding_of(kind)
+        for message in bound.messages:
+            hearing = {name for signal in message.signals for name in signal.receivers}
+            found[message.frame_id] = Known(
+                name=message.name,
+                can_id=message.frame_id,
+                sender=message.senders[0],
+                acting=next(node.name for node in Node if node.name in hearing),
+                bound=bound,
+                is_twin=message is bound.twin,
+            )
+    return dict(sorted(found.items()))
+
+
+@functools.cache
+def known_names() -> Mapping[str, Known]:
+    return {known.name: known for known in known_messages().values()}
+
+
+def name_of(can_id: int) -> str:
+    """The message's name; the identifier for one that no DBC file knows."""
+    known = known_messages().get(can_id)
+    return f"{can_id:#05x}" if known is None else known.name
+
+
+@functools.cache
+def matches(pattern: str, can_id: int) -> bool:
+    known = known_messages().get(can_id)
+    return pattern == EVERYTHING if known is None else fnmatchcase(known.name, pattern)
+
+
+def concerns(pattern: str, way: Way, can_id: int, going: Way) -> bool:
+    """Whether a fault of this pattern and way concerns a frame that goes that way."""
+    return way in (Way.BOTH, going) and matches(pattern, can_id)
+
+
+def check_bus_fault(plan: FaultPlan) -> None:
+    """SettingsError, naming key, value and the nearest valid one, for frames that do not exist.
+
+    Faults of other places and those that choose no frames are let through.
+    """
+    parameters = plan.parameters
+    where = f"fault[{plan.index}]"
+    if isinstance(parameters, FRAME_FAULTS):
+        _check_pattern(parameters.frames, parameters.way, where)
+    elif isinstance(parameters, Masquerade):
+        _check_masquerade(parameters, where)
+
+
+def _check_pattern(pattern: str, way: Way, where: str) -> None:
+    found = [each for each in known_names().values() if fnmatchcase(each.name, pattern)]
+    if not found:
+        raise SettingsError(
+            f"{where}.frames: {pattern!r} matches no message; {_nearest(pattern, known_names())}"
+        )
+    if not any(way in (Way.BOTH, each.way) for each in found):
+        other = found[0].way.name.lower()
+        raise SettingsError(
+            f"{where}.way: {way.name.lower()}: no frame that matches {pattern!r} goes that way;"
+            f" nearest valid value: {other}"
+        )
+
+
+def _check_masquerade(parameters: Masquerade, where: str) -> None:
+    firsts = {name: known for name, known in known_names().items() if not known.is_twin}
+    known = firsts.get(parameters.frame)
+    if known is None:
+        raise SettingsError(
+            f"{where}.frame: {parameters.frame!r} is no message;"
+            f" {_nearest(parameters.frame, firsts)}"
+        )
+    fields = {field.name: field for field in known.bound.fields}
+    for name, value in (parameters.values or {}).items():
+        field = fields.get(name)
+        if field is None:
+            raise SettingsError(
+                f"{where}.values.{name}: {known.name} has no such signal; {_nearest(name, fields)}"
+            )
+        if not is_value_of(field, value):
+            raise SettingsError(f"{where}.values.{name}: {value:g} is not {_wanted(field)}")
+
+
+def is_value_of(field: FieldLayout, value: float) -> bool:
+    """Whether a frame can carry it; numbers beyond the range are sent as its end."""
+    if field.kind is bool:
+        return value in (0.0, 1.0)
+    table = value_table(field)
+    if table is not None:
+        return value.is_integer() and 0 <= value < len(table) and table[int(value)] is not None
+    return field.kind is not int or value.is_integer()
+
+
+def _wanted(field: FieldLayout) -> str:
+    table = value_table(field)
+    if table is not None:
+        named = (f"{raw} {each.name}" for raw, each in enumerate(table) if each is not None)
+        return f"one of {', '.join(named)}"
+    return "0 or 1" if field.kind is bool else "a whole number"
+
+
+def _nearest(name: str, known: Iterable[str]) -> str:
+    names = list(known)
+    close = difflib.get_close_matches(name.strip("*?"), names, n=1, cutoff=0.4)
+    return f"nearest valid name: {close[0]}" if close else f"valid names: {', '.join(names)}"
