@@ -71,6 +71,8 @@ class CaseRun:
         """
         self.case = case
         self.parts = parts
+        self.truth = Truth()
+        """What is true of the train, as of the last step of the plant."""
         self._chain = FrameChain()
         self._rows = MemoryLog()
         plans = read_monitors(case.monitors, case.id, case.invariants)
@@ -108,8 +110,8 @@ class CaseRun:
         self._monitors.frame(stamp_ns, can_id, data)
 
     def _truth(self, truth: Truth, now_ns: int) -> None:
-        monitors = self._monitors
-        monitors.sample(truth, now_ns)
+        self.truth = truth
+        self._monitors.sample(truth, now_ns)
         if truth.speed_mps == 0.0:
             if self._still_s is None:
                 self._still_s = truth.t_s
@@ -193,8 +195,12 @@ class CaseRun:
         self.bench.close()
         self._monitors.finish()
 
-    def result(self, began_ns: int) -> CaseResult:
-        """Judge what was seen. Call it after `close`."""
+    def result(self, began_ns: int | None = None) -> CaseResult:
+        """Judge what was seen. Call it after `close`.
+
+        Args:
+            began_ns: when running began, on the wall clock.
+        """
         case, bench = self.case, self.bench
         measures = self._measures()
         monitors = self._monitors.results(measures)
@@ -221,7 +227,7 @@ class CaseRun:
             monitors=monitors,
             measures=measures,
             events=tuple(self._events),
-            host=Host(wall_s=(WallClock().now_ns() - began_ns) / NS_PER_S),
+            host=_host(began_ns),
         )
 
     def _measures(self) -> dict[str, float | None]:
@@ -235,6 +241,12 @@ class CaseRun:
         measures["rejected_frames_count"] = float(sum(bench.plant.wire.refusals.values()))
         measures["bus_load_ratio"] = bench.bus.statistics().load_ratio(max(1, elapsed_ns))
         return measures
+
+
+def _host(began_ns: int | None) -> Host:
+    if began_ns is None:
+        return Host()
+    return Host(wall_s=(WallClock().now_ns() - began_ns) / NS_PER_S)
 
 
 def _raised_by_controller(error: BaseException) -> bool:

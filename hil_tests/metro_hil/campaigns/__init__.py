@@ -1,0 +1,1 @@
+"""Campaigns that ship with the bench, one TOML file each."""
