@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import sys
 import traceback
 from collections.abc import Sequence
 from contextlib import ExitStack
@@ -28,6 +29,7 @@ from firmware_py.recorder import LineLog, RadioLog, RecorderError, SerialLog
 from firmware_py.settings import SettingsError
 from firmware_py.tag_reader.recorded_line import RecordedLine
 from firmware_py.watchdog import ProcessWatchdog
+from vobc.cli import grant
 from vobc.cli.host import (
     EXIT_ENVIRONMENT,
     EXIT_FAILED,
@@ -53,7 +55,10 @@ GARBAGE_MS: Final = 1000.0
 def main(argv: Sequence[str] | None = None) -> int:
     """Parse, check, run; whatever the user got wrong is one line."""
     require_assertions("vobc")
-    options = parser().parse_args(argv)
+    words = sys.argv[1:] if argv is None else argv
+    if words[:1] == ["grant"]:
+        return grant.main(words[1:])
+    options = parser().parse_args(words)
     try:
         return _run(options, plan(options, WallClock().epoch_ns()))
     except SettingsError as error:

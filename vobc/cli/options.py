@@ -21,6 +21,7 @@ DESCRIPTION: Final = "The bare controller in real time on a bus, for a plant or 
 
 EPILOG: Final = """\
 The controller stays braked until everything that it needs is heard, and says what it waits for.
+`python -m vobc grant` is the same controller in virtual time, run by a bench in lockstep.
 exit codes: 0 ended by SIGTERM or after --duration; 1 the controller failed and braked; 2 wrong
 usage or configuration; 3 bus, rights or a folder missing; 130 ended by Ctrl-C
 """

@@ -1,0 +1,179 @@
+"""What a bench in virtual time and a controller in a process of its own say to each other.
+
+Each message is one line of JSON. The bench speaks first and every line of it has one answer:
+
+    {"type": "hello", ...}  ->  {"type": "ready", ...} or {"type": "refuse", ...}
+    {"type": "grant", ...}  ->  {"type": "yield", ...}
+    {"type": "stop", ...}   ->  {"type": "yield", ...}, and then the controller ends
+
+Bytes are hexadecimal, instants whole nanoseconds of the bench's virtual time. Members that a side
+does not know are to be ignored; `docs/lockstep_interface.md` is the contract.
+"""
+
+from typing import Any, Final
+
+import msgspec
+
+from firmware_py.handed_ports import Said
+from firmware_py.ports import CanFrame, RadioMessage, SerialChunk
+
+VERSION: Final = 1
+LINE_BYTES_MAX: Final = 1 << 20
+STANDARD_ID_MAX: Final = 0x7FF
+FRAME_BYTES_MAX: Final = 8
+
+HeardFrame = tuple[int, int, str]
+"""Instant of its end, identifier, data."""
+HeardChunk = tuple[int, str]
+"""Instant of its last byte, bytes."""
+HeardMessage = tuple[int, str, str]
+"""Instant, key, payload."""
+
+
+class Hello(msgspec.Struct, frozen=True, tag="hello"):
+    version: int
+    told: dict[str, Any]
+    """Line, parameters, mission, memory and start of the train, see the document."""
+
+
+class Grant(msgspec.Struct, frozen=True, tag="grant"):
+    """It is `now_ns`, and this came since the last grant."""
+
+    now_ns: int
+    frames: tuple[HeardFrame, ...] = ()
+    serial: tuple[HeardChunk, ...] = ()
+    radio: tuple[HeardMessage, ...] = ()
+
+
+class Stop(msgspec.Struct, frozen=True, tag="stop"):
+    """The run is over: say the last word."""
+
+    now_ns: int
+
+
+class Ready(msgspec.Struct, frozen=True, tag="ready"):
+    version: int
+    next_wakeup_ns: int
+    name: str = ""
+    """For reports."""
+
+
+class Refuse(msgspec.Struct, frozen=True, tag="refuse"):
+    reason: str
+
+
+class Yield(msgspec.Struct, frozen=True, tag="yield"):
+    """This is sent now; nothing more happens here before `next_wakeup_ns`."""
+
+    next_wakeup_ns: int
+    """Not later than now: once more at once."""
+    frames: tuple[tuple[int, str], ...] = ()
+    serial: tuple[str, ...] = ()
+    radio: tuple[tuple[str, str], ...] = ()
+
+
+OfBench = Hello | Grant | Stop
+OfController = Ready | Refuse | Yield
+
+_encoder: Final = msgspec.json.Encoder()
+_of_bench: Final = msgspec.json.Decoder(OfBench)
+_of_controller: Final = msgspec.json.Decoder(OfController)
+
+
+class GrantProtocolError(Exception):
+    """A line that is none of the protocol's; the text says what is wrong with it."""
+
+
+def encode(message: OfBench | OfController) -> bytes:
+    return _encoder.encode(message) + b"\n"
+
+
+def read_bench(line: bytes) -> OfBench:
+    try:
+        message: OfBench = _of_bench.decode(line)
+    except (msgspec.MsgspecError, UnicodeDecodeError) as error:
+        raise GrantProtocolError(f"{_shown(line)}: {error}") from error
+    return message
+
+
+def read_controller(line: bytes) -> OfController:
+    try:
+        message: OfController = _of_controller.decode(line)
+    except (msgspec.MsgspecError, UnicodeDecodeError) as error:
+        raise GrantProtocolError(f"{_shown(line)}: {error}") from error
+    return message
+
+
+def grant(
+    now_ns: int,
+    frames: "tuple[CanFrame, ...] | list[CanFrame]",
+    chunks: "tuple[SerialChunk, ...] | list[SerialChunk]",
+    messages: "tuple[RadioMessage, ...] | list[RadioMessage]",
+) -> Grant:
+    """Classic data frames with 11-bit identifiers only: others say nothing to a controller."""
+    return Grant(
+        now_ns,
+        tuple(
+            [
+                (frame.stamp_ns, frame.can_id, frame.data.hex())
+                for frame in frames
+                if not (frame.extended or frame.remote or frame.error)
+            ]
+        ),
+        tuple([(chunk.stamp_ns, chunk.data.hex()) for chunk in chunks]),
+        tuple([(heard.stamp_ns, heard.key, heard.payload.hex()) for heard in messages]),
+    )
+
+
+def heard_frames(message: Grant) -> list[CanFrame]:
+    return [
+        CanFrame(stamp_ns, can_id, bytes.fromhex(data)) for stamp_ns, can_id, data in message.frames
+    ]
+
+
+def heard_chunks(message: Grant) -> list[SerialChunk]:
+    return [SerialChunk(stamp_ns, bytes.fromhex(data)) for stamp_ns, data in message.serial]
+
+
+def heard_messages(message: Grant) -> list[RadioMessage]:
+    return [RadioMessage(at_ns, key, bytes.fromhex(data)) for at_ns, key, data in message.radio]
+
+
+def yielded(next_wakeup_ns: int, said: Said) -> Yield:
+    return Yield(
+        next_wakeup_ns,
+        tuple([(can_id, data.hex()) for can_id, data in said.frames]),
+        tuple([data.hex() for data in said.serial]),
+        tuple([(key, payload.hex()) for key, payload in said.radio]),
+    )
+
+
+def said(message: Yield) -> Said:
+    """Raises GrantProtocolError for what no wire can carry."""
+    for can_id, _ in message.frames:
+        if not 0 <= can_id <= STANDARD_ID_MAX:
+            raise GrantProtocolError(f"frames: identifier {can_id} is not in 0..{STANDARD_ID_MAX}")
+    frames = [(can_id, _bytes("frames", data)) for can_id, data in message.frames]
+    for can_id, payload in frames:
+        if len(payload) > FRAME_BYTES_MAX:
+            raise GrantProtocolError(f"frames: {can_id:03X} has {len(payload)} bytes, over 8")
+    for key, _ in message.radio:
+        if not key or set(key) & set("*$#? \n"):
+            raise GrantProtocolError(f"radio: {key!r} is no key")
+    return Said(
+        tuple(frames),
+        tuple([_bytes("serial", data) for data in message.serial]),
+        tuple([(key, _bytes("radio", data)) for key, data in message.radio]),
+    )
+
+
+def _bytes(where: str, data: str) -> bytes:
+    try:
+        return bytes.fromhex(data)
+    except ValueError:
+        raise GrantProtocolError(f"{where}: {data!r} is not hexadecimal") from None
+
+
+def _shown(line: bytes) -> str:
+    text = line.decode("utf-8", "replace").strip()
+    return repr(text if len(text) <= 60 else f"{text[:57]}...")

@@ -1,0 +1,16 @@
+"""Controllers in processes of their own in virtual time: older versions and foreign programs.
+
+`docs/lockstep_interface.md` describes what passes between bench and controller.
+"""
+
+from metro_hil.granted.controller import GrantedController
+from metro_hil.granted.link import ControllerDiedError, ControllerProgram, ControllerStartError
+from metro_hil.granted.programs import program_of
+
+__all__ = [
+    "ControllerDiedError",
+    "ControllerStartError",
+    "ControllerProgram",
+    "GrantedController",
+    "program_of",
+]
