@@ -17,8 +17,8 @@ from firmware_py.ports import CanPort
 from firmware_py.realtime import collect_garbage, die_with_parent, enter_realtime
 from firmware_py.recorder import LineLog, RecorderError
 from firmware_py.settings import SettingsError, parse
-from metro_hil.frame_faults import FrameFaults
 from metro_hil.gateway.forwarding import Forwarding
+from metro_hil.gateway_faults import GatewayFaults
 from metro_hil.options import EXIT_ENVIRONMENT, EXIT_OK, EXIT_USAGE
 from metro_hil.realtime.feed_socket import FeedSocket
 from plant_emulator.faults.feed import FaultChange, read_message
@@ -88,7 +88,7 @@ def _serve(options: argparse.Namespace, faults: Sequence[FaultPlan]) -> int:
         stack.callback(a.close)
         b = open_can(options.b, clock=clock, node="GATEWAY_B")
         stack.callback(b.close)
-        core = FrameFaults(options.seed)
+        core = GatewayFaults(options.seed)
         log = None
         if options.out is not None:
             log = LineLog(Path(options.out) / "gateway.csv", COLUMNS)
@@ -118,7 +118,7 @@ class _Loop:
     def __init__(
         self,
         forwarding: Forwarding,
-        core: FrameFaults,
+        core: GatewayFaults,
         plans: Sequence[FaultPlan],
         ports: tuple[CanPort, CanPort],
         feed: FeedSocket | None,

@@ -12,7 +12,9 @@ The rules, applied to evidence that the run collected:
 3. A *failure* is INVALID instead of FAIL when a disturbance overlaps its window: from `LOOKBACK_S`
    before the instant of the violation to the instant itself; the whole run where a failure has no
    instant. Otherwise it stays a FAIL.
-4. A *pass* stands only where the bench saw everything: frames that the tap lost, or truth that did
+4. A program that ends by itself does so whatever the host does; only its own watchdog, or silence,
+   may be the host's doing, and then only of a disturbance that is long enough for it.
+5. A *pass* stands only where the bench saw everything: frames that the tap lost, or truth that did
    not arrive for longer than `BLIND_S`, make it INCONCLUSIVE. A plant that gave up steps makes it
    INVALID: the train did not move as its physics says.
 """
@@ -37,6 +39,11 @@ BLIND_S: Final = 0.05
 LOOKBACK_S: Final = 5.0
 """How long before a violation its cause may lie: units that brake for want of commands do so within
 0.15 s, and a train that was braked from full speed stands within some seconds more."""
+START_UP_S: Final = 2.0
+"""While the processes of a case start they hold each other up, and the train still stands."""
+HANG_S: Final = 0.5
+"""Nothing shorter makes a controller silent for two seconds, or its watchdog of one second bite."""
+NO_EXCUSE_S: Final = 1.0e9
 WHOLE_RUN_S: Final = 1.0e9
 
 
@@ -104,6 +111,16 @@ class Evidence:
 
 
 @dataclass(frozen=True, slots=True)
+class Failure:
+    """One thing that went wrong."""
+
+    at_s: float | None
+    """Of the violation, in the plant's time; None for the run as a whole."""
+    least_s: float = 0.0
+    """A disturbance that is to excuse it has to have held things up for at least so long."""
+
+
+@dataclass(frozen=True, slots=True)
 class Ruling:
     """The verdict that stands, and why it is another than the monitors'."""
 
@@ -111,22 +128,17 @@ class Ruling:
     reason: str = ""
 
 
-def rule(verdict: Verdict, failed_at_s: Sequence[float | None], evidence: Evidence) -> Ruling:
-    """Apply the rules to what the monitors say.
-
-    Args:
-        failed_at_s: for each monitor that failed the instant of its violation; None where it has
-            none. Empty for a failure of the whole run.
-    """
+def rule(verdict: Verdict, failures: Sequence[Failure], evidence: Evidence) -> Ruling:
+    """Apply the rules to what the monitors say; `failures` is empty but for a FAIL."""
     if verdict is Verdict.FAIL:
-        return _rule_failure(failed_at_s or (None,), evidence)
+        return _rule_failure(failures or (Failure(None),), evidence)
     if verdict is Verdict.PASS:
         return _rule_pass(evidence)
     return Ruling(verdict)
 
 
-def _rule_failure(failed_at_s: Sequence[float | None], evidence: Evidence) -> Ruling:
-    found = [_cause(at_s, evidence.disturbances) for at_s in failed_at_s]
+def _rule_failure(failures: Sequence[Failure], evidence: Evidence) -> Ruling:
+    found = [_cause(failure, evidence.disturbances) for failure in failures]
     excused = [cause for cause in found if cause is not None]
     if len(excused) < len(found):
         # One failure that nothing excuses is enough.
@@ -135,10 +147,14 @@ def _rule_failure(failed_at_s: Sequence[float | None], evidence: Evidence) -> Ru
     return Ruling(Verdict.INVALID, f"the host disturbed the run: {worst.words()}")
 
 
-def _cause(at_s: float | None, disturbances: Sequence[Disturbance]) -> Disturbance | None:
+def _cause(failure: Failure, disturbances: Sequence[Disturbance]) -> Disturbance | None:
     """The greatest disturbance that may have brought about a failure."""
-    window = failure_window(at_s)
-    near = [each for each in disturbances if window.overlaps(each.begin_s, each.end_s)]
+    window = failure_window(failure.at_s)
+    near = [
+        each
+        for each in disturbances
+        if window.overlaps(each.begin_s, each.end_s) and each.amount_s >= failure.least_s
+    ]
     return max(near, key=lambda each: each.amount_s, default=None)
 
 

@@ -1,6 +1,7 @@
 """Runs a case in real time to its end: hears, judges, brings about faults, and never waits long."""
 
 import select
+import signal
 import socket
 from collections.abc import Callable
 from typing import Final
@@ -83,6 +84,8 @@ class Conduct:
         self._second_ns = self._began_ns
         self._excused_second = False
         self._lost_to_fault = False
+        self.ended_by: signal.Signals | int | None = None
+        """Signal or exit code of a controller that ended by itself."""
         self._schedule = Schedule(made.faults)
         self._schedule.listen(self._changed_by_time)
 
@@ -96,6 +99,7 @@ class Conduct:
                 self._check_bench()
                 self.reason = self._over()
             self._note(f"over: {self.reason}")
+            self.hearing.finish()
         finally:
             self._bring_down()
             self._sender.close()
@@ -259,6 +263,7 @@ class Conduct:
             excused=excused or self._lost,
         )
         if found_dead:
+            self.ended_by = None if controller is None else controller.ended_by
             self._note(f"the controller died: {self.pulse.died}")
         return over(
             self.motion,
@@ -275,6 +280,11 @@ class Conduct:
     def died_s(self) -> float:
         """When the controller was found dead, in the plant's time."""
         return self._run_s(self.pulse.died_ns)
+
+    @property
+    def crashed(self) -> bool:
+        """Its process ended, and not by its own watchdog."""
+        return self.ended_by is not None and self.ended_by is not signal.SIGALRM
 
     @property
     def _lost(self) -> bool:
@@ -308,10 +318,7 @@ class Conduct:
             if process is not None:
                 self._stage.cast.end(process)
                 self._drain()
-        self.hearing.finish()
 
     def _drain(self) -> None:
         self._clock.wait_until(self._clock.now_ns() + round(DRAIN_S * NS_PER_S))
-        now_ns = self._clock.now_ns()
-        self.hearing.frames(now_ns)
-        self.hearing.judge(now_ns)
+        self.hearing.frames(self._clock.now_ns())

@@ -21,7 +21,7 @@ STUCK_S: Final = 60.0
 DURATION: Final = "duration over"
 VIOLATION: Final = "stopped at the first violation"
 DIED: Final = "the controller died"
-KILLED: Final = "the controller was killed for good and the train stands"
+KILLED: Final = "no controller any more, and the train stands"
 STUCK: Final = "stands for good"
 
 

@@ -93,6 +93,7 @@ class Hearing:
         """The start of the run on the machine's clock; nothing from before it is judged."""
         self.controller_first_ns: int | None = None
         self.controller_last_ns: int | None = None
+        self._over = False
 
     def frames(self, now_ns: int) -> None:
         """Take what came on the wires."""
@@ -113,16 +114,17 @@ class Hearing:
     def judge(self, now_ns: int) -> None:
         """Hand on what is old enough to be in order."""
         origin_ns = self.origin_ns
-        if origin_ns is None:
+        if origin_ns is None or self._over:
             return
         for stamp_ns, thing in self._merge.due(now_ns):
             self._hand_on(stamp_ns - origin_ns, thing)
 
     def finish(self) -> None:
-        """Nothing more can come: hand on the rest."""
+        """The case is over: hand on the rest. What is heard from now on is logged, not judged."""
         if self.origin_ns is not None:
             for stamp_ns, thing in self._merge.rest():
                 self._hand_on(stamp_ns - self.origin_ns, thing)
+        self._over = True
 
     @property
     def dropped_frames(self) -> int:

@@ -15,7 +15,7 @@ from metro_hil.case_setup import NO_FILES, CaseParts, Files, parts_of
 from metro_hil.cases import Case, CaseResult, Host, MonitorResult, Verdict
 from metro_hil.judging import judge
 from metro_hil.monitors import Context, MonitorSet, read_monitors
-from metro_hil.realtime.attribution import Evidence, rule
+from metro_hil.realtime.attribution import HANG_S, NO_EXCUSE_S, Evidence, Failure, rule
 from metro_hil.realtime.conduct import Conduct
 from metro_hil.realtime.ends import VIOLATION
 from metro_hil.realtime.evidence import collect_evidence
@@ -101,7 +101,7 @@ class _Run:
         monitors = self._monitors.results(measures)
         verdict, reason = self._judged(monitors)
         evidence = self._evidence()
-        ruling = rule(verdict, self._failed_at_s(monitors), evidence)
+        ruling = rule(verdict, self._failures(monitors), evidence)
         if ruling.verdict is not verdict:
             reason = f"{ruling.reason}; without that: {reason}" if reason else ruling.reason
         return CaseResult(
@@ -131,11 +131,12 @@ class _Run:
             violated=violated,
         )
 
-    def _failed_at_s(self, monitors: tuple[MonitorResult, ...]) -> list[float | None]:
-        """Instants of all failures; that of the controller's death is one of them."""
-        found = [each.at_s for each in monitors if each.verdict is Verdict.FAIL]
-        if self._conduct.pulse.died:
-            found.append(self._conduct.died_s)
+    def _failures(self, monitors: tuple[MonitorResult, ...]) -> list[Failure]:
+        found = [Failure(each.at_s) for each in monitors if each.verdict is Verdict.FAIL]
+        conduct = self._conduct
+        if conduct.pulse.died:
+            least_s = NO_EXCUSE_S if conduct.crashed else HANG_S
+            found.append(Failure(conduct.died_s, least_s))
         return found
 
     def _evidence(self) -> Evidence:

@@ -11,6 +11,7 @@ from metro_hil.columns import Columns, LogError, read_columns
 from metro_hil.realtime.ends import Motion
 from metro_hil.realtime.hearing import Hearing
 from metro_hil.run_folder import RunFolder
+from plant_emulator.process import TRUTH_COLUMNS
 
 BIT_RATE = 250_000
 
@@ -29,7 +30,8 @@ def realtime_measures(
     measures: dict[str, float | None] = {}
     truth = _read(folder, "truth.csv") if truth_known else None
     if truth is not None:
-        measures.update(motion_measures(truth, made.journey.stops))
+        seen = up_to(truth, run.motion.t_s)
+        measures.update(motion_measures(seen, made.journey.stops))
         measures["arrived_count"] = float(run.motion.arrived)
     measures["controller_slips_count"] = _last(_read(folder, "cycles.csv"), "slips")
     measures["rejected_frames_count"] = _refused(folder)
@@ -38,6 +40,12 @@ def realtime_measures(
         measures["bus_load_ratio"] = run.hearing.train.bits / (BIT_RATE * elapsed_s)
     measures.update(_gateway(folder))
     return measures
+
+
+def up_to(truth: Columns, end_s: float) -> Columns:
+    """What was logged until the case was over; then the controller ends and the train brakes."""
+    rows = zip(*(truth.texts(name) for name in TRUTH_COLUMNS), strict=True)
+    return Columns.of_rows("truth", TRUTH_COLUMNS, [row for row in rows if float(row[0]) <= end_s])
 
 
 def lateness_us_p99(folder: RunFolder) -> float | None:

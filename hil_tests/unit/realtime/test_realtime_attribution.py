@@ -5,12 +5,15 @@ import pytest
 from metro_hil.cases import Verdict
 from metro_hil.realtime.attribution import (
     BLIND_S,
+    HANG_S,
     LATE_S,
     LOOKBACK_S,
+    NO_EXCUSE_S,
     STEAL_S,
     CycleRow,
     Disturbance,
     Evidence,
+    Failure,
     Source,
     Window,
     lateness_disturbances,
@@ -27,13 +30,13 @@ def stolen(begin_s: float, end_s: float, amount_s: float = 0.3) -> Disturbance:
 
 
 def test_a_failure_on_a_quiet_host_is_the_controllers() -> None:
-    ruling = rule(Verdict.FAIL, [40.0], Evidence())
+    ruling = rule(Verdict.FAIL, [Failure(40.0)], Evidence())
 
     assert ruling.verdict is Verdict.FAIL
 
 
 def test_a_failure_just_after_the_host_took_the_processor_is_invalid_and_says_why() -> None:
-    ruling = rule(Verdict.FAIL, [40.0], Evidence(disturbances=[stolen(38.0, 39.0)]))
+    ruling = rule(Verdict.FAIL, [Failure(40.0)], Evidence(disturbances=[stolen(38.0, 39.0)]))
 
     assert ruling.verdict is Verdict.INVALID
     for words in ("stolen", "300 ms", "38.00..39.00"):
@@ -47,21 +50,40 @@ def test_a_failure_just_after_the_host_took_the_processor_is_invalid_and_says_wh
 def test_what_the_host_did_after_a_failure_or_long_before_excuses_nothing(
     begin_s: float, end_s: float
 ) -> None:
-    ruling = rule(Verdict.FAIL, [40.0], Evidence(disturbances=[stolen(begin_s, end_s)]))
+    ruling = rule(Verdict.FAIL, [Failure(40.0)], Evidence(disturbances=[stolen(begin_s, end_s)]))
 
     assert ruling.verdict is Verdict.FAIL
 
 
 def test_one_failure_that_nothing_excuses_makes_the_run_a_failure() -> None:
-    ruling = rule(Verdict.FAIL, [40.0, 80.0], Evidence(disturbances=[stolen(38.0, 39.0)]))
+    ruling = rule(
+        Verdict.FAIL, [Failure(40.0), Failure(80.0)], Evidence(disturbances=[stolen(38.0, 39.0)])
+    )
 
     assert ruling.verdict is Verdict.FAIL
 
 
 def test_a_failure_of_the_whole_run_is_excused_by_any_disturbance() -> None:
-    ruling = rule(Verdict.FAIL, [None], Evidence(disturbances=[stolen(3.0, 4.0)]))
+    ruling = rule(Verdict.FAIL, [Failure(None)], Evidence(disturbances=[stolen(3.0, 4.0)]))
 
     assert ruling.verdict is Verdict.INVALID
+
+
+def test_a_program_that_ends_by_itself_has_no_excuse() -> None:
+    evidence = Evidence(disturbances=[stolen(38.0, 39.0, 5.0)])
+
+    assert rule(Verdict.FAIL, [Failure(40.0, NO_EXCUSE_S)], evidence).verdict is Verdict.FAIL
+
+
+@pytest.mark.parametrize(
+    ("amount_s", "verdict"), [(0.9 * HANG_S, Verdict.FAIL), (HANG_S, Verdict.INVALID)]
+)
+def test_silence_is_excused_only_by_what_could_have_brought_it_about(
+    amount_s: float, verdict: Verdict
+) -> None:
+    evidence = Evidence(disturbances=[stolen(38.0, 39.0, amount_s)])
+
+    assert rule(Verdict.FAIL, [Failure(40.0, HANG_S)], evidence).verdict is verdict
 
 
 def test_a_pass_on_a_busy_host_stays_a_pass() -> None:
