@@ -1,10 +1,9 @@
 """`hil check`: whether a campaign is right, and what it would run."""
 
 import argparse
-import sys
 
 from firmware_py.settings import SettingsError
-from metro_hil.options import EXIT_OK, EXIT_USAGE
+from metro_hil.options import EXIT_OK
 
 LISTED = 5
 
@@ -30,7 +29,7 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Exit code 2 when anything is wrong with the campaign."""
+    """Raises SettingsError with all that is wrong with the campaign."""
     import msgspec
 
     from metro_hil.campaign import CampaignError, read_campaign
@@ -42,9 +41,7 @@ def run(options: argparse.Namespace) -> int:
         problems = error.problems if isinstance(error, CampaignError) else (str(error),)
         if options.json:
             print(msgspec.json.encode({"problems": problems}).decode())
-        for problem in problems:
-            print(f"hil check: {problem}", file=sys.stderr)
-        return EXIT_USAGE
+        raise
     summary, _ = summarise(campaign, None if options.cases else options.list)
     if options.json:
         print(msgspec.json.encode(summary).decode())

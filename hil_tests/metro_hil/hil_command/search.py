@@ -6,8 +6,9 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from firmware_py.settings import SettingsError
-from metro_hil.options import EXIT_ENVIRONMENT, EXIT_INTERRUPTED, EXIT_OK, EXIT_USAGE
+from metro_hil.cases import BenchKind
+from metro_hil.engine.errors import EngineError
+from metro_hil.options import EXIT_INTERRUPTED, EXIT_OK
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -51,24 +52,12 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Exit code 0 when the search came to its end, whatever it found."""
-    from metro_hil.campaign import CampaignError
-    from metro_hil.run_folder import RunFolderError
+    """Exit code 0 when the search came to its end, whatever it found.
 
-    try:
-        return _search(options)
-    except CampaignError as error:
-        for problem in error.problems:
-            _say(problem)
-    except (SettingsError, RunFolderError) as error:
-        _say(str(error))
-    except OSError as error:
-        _say(f"{options.out or 'runs'}: {error.strerror or error}")
-        return EXIT_ENVIRONMENT
-    return EXIT_USAGE
+    Raises SettingsError, RunFolderError or EngineError.
+    """
+    from concurrent.futures import BrokenExecutor
 
-
-def _search(options: argparse.Namespace) -> int:
     from firmware_py.clock import WallClock
     from metro_hil.campaign import read_definition
     from metro_hil.run_folder import make_run_folder
@@ -81,7 +70,7 @@ def _search(options: argparse.Namespace) -> int:
     space = space_of(definition, options.scenario, options.factors)
     words = f"search-{space.plan.name}"
     folder = make_run_folder(options.out, WallClock().epoch_ns(), words).path
-    workers = options.workers or len(os.sched_getaffinity(0))
+    workers = _workers(options, space)
     files = space.body.sources.paths
     with local_crew(workers, files) as evaluate:
         search = Search(
@@ -104,8 +93,17 @@ def _search(options: argparse.Namespace) -> int:
             search.run(heard)
         except KeyboardInterrupt:
             interrupted = True
+        except BrokenExecutor as error:
+            raise EngineError(f"a process that ran cases was ended: {error}") from error
     _tell(options, search, space, folder)
     return EXIT_INTERRUPTED if interrupted else EXIT_OK
+
+
+def _workers(options: argparse.Namespace, space: "Space") -> int:
+    """One where runs share a bus and the processor's time."""
+    if space.plan.bench is not BenchKind.LOCKSTEP:
+        return 1
+    return options.workers or len(os.sched_getaffinity(0))
 
 
 def _tell(options: argparse.Namespace, search: "Search", space: "Space", folder: Path) -> None:

@@ -8,6 +8,7 @@ import msgspec
 import tomli_w
 
 from metro_hil.campaign.tables import ConfigTable
+from metro_hil.run_folder import RunFolderError
 from metro_hil.search.find import Sought
 from metro_hil.search.space import Space
 
@@ -18,27 +19,36 @@ NAMED: Final = ("line", "consist", "params")
 
 
 def append_history(folder: Path, new: Sequence[Sought]) -> None:
-    """One JSON object a line, as they are found."""
-    with (folder / HISTORY).open("ab") as history:
-        for sought in new:
-            history.write(msgspec.json.encode(sought) + b"\n")
+    """One JSON object a line, as they are found. Raises RunFolderError."""
+    lines = b"".join(msgspec.json.encode(sought) + b"\n" for sought in new)
+    try:
+        with (folder / HISTORY).open("ab") as history:
+            history.write(lines)
+    except OSError as error:
+        raise RunFolderError(f"{folder / HISTORY}: cannot be written: {error.strerror}") from error
 
 
 def write_worst(
     folder: Path, space: Space, worst: Sequence[Sought], files: Mapping[str, str]
 ) -> Path:
-    """A campaign file of the worst cases, first the worst, beside the user's files it needs."""
+    """A campaign file of the worst cases, first the worst, beside the user's files it needs.
+
+    Raises RunFolderError.
+    """
     path = folder / WORST
     tables = [_scenario(space, sought, place) for place, sought in enumerate(worst, start=1)]
     written = {name for table in tables for name in _localised(table, space)}
-    for name in sorted(written):
-        (folder / FILES).mkdir(exist_ok=True)
-        (folder / FILES / name).write_text(files[name], encoding="utf-8")
     document: dict[str, Any] = {
         "title": f"Worst cases found of {space.plan.name}",
         "scenario": tables,
     }
-    path.write_text(tomli_w.dumps(document), encoding="utf-8")
+    try:
+        for name in sorted(written):
+            (folder / FILES).mkdir(exist_ok=True)
+            (folder / FILES / name).write_text(files[name], encoding="utf-8")
+        path.write_text(tomli_w.dumps(document), encoding="utf-8")
+    except OSError as error:
+        raise RunFolderError(f"{path}: cannot be written: {error.strerror}") from error
     return path
 
 

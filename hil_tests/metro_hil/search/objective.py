@@ -22,10 +22,10 @@ class Objective:
     def __init__(self, monitor: str | None) -> None:
         self.monitor = monitor
         self.scales: dict[str, float] = {}
-        """Median size of each monitor's margin over the first look; empty for one monitor."""
+        """Median size of each monitor's margin over the first batch; empty for one monitor."""
 
     def calibrate(self, results: Sequence[CaseResult]) -> None:
-        """Learn from the first look what margins are usual. Raises SearchError."""
+        """Learn from the first batch what margins are usual. Raises SearchError."""
         sizes: dict[str, list[float]] = {}
         names: list[str] = []
         for result in results:
@@ -52,7 +52,7 @@ class Objective:
         margins = margins_of(result)
         if self.monitor is not None:
             return margins.get(self.monitor, NOTHING_SEEN)
-        # A monitor that the first look never saw has no usual size; its own unit has to do.
+        # A monitor that the first batch never saw has no usual size; its own unit has to do.
         known = [margin / self.scales.get(name, 1.0) for name, margin in margins.items()]
         least = min(known, default=NOTHING_SEEN)
         return min(least, DIED) if result.verdict is Verdict.FAIL and least >= 0.0 else least

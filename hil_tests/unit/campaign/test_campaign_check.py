@@ -1,12 +1,11 @@
 """`hil check`: what it says of a campaign, to people and to machines."""
 
-import argparse
 import json
 from pathlib import Path
 
 import pytest
 
-from metro_hil.hil_command import check
+from metro_hil.hil_command import main
 
 GOOD = """
 title = "Late brakes"
@@ -29,10 +28,7 @@ count = 6
 
 
 def hil(*words: str) -> int:
-    parser = argparse.ArgumentParser(prog="hil")
-    check.add(parser.add_subparsers(required=True))
-    options = parser.parse_args(["check", *words])
-    return int(options.run(options))
+    return main(["check", *words])
 
 
 @pytest.fixture
@@ -97,8 +93,8 @@ def test_check_says_all_that_is_wrong_one_a_line(
     said = capsys.readouterr()
     assert code == 2
     assert said.err.splitlines() == [
-        f"hil check: {path}: seeds: 0 is not within 1..10000000",
-        f"hil check: {path}: train.load_ratio: 2.0 is not within 0..1",
+        f"hil: {path}: seeds: 0 is not within 1..10000000",
+        f"hil: {path}: train.load_ratio: 2.0 is not within 0..1",
     ]
     assert len(json.loads(said.out)["problems"]) == 2
 
@@ -107,4 +103,4 @@ def test_check_of_a_campaign_that_is_not_there_is_one_line(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     assert hil("florenc") == 2
-    assert capsys.readouterr().err == ("hil check: florenc: nearest valid shipped name: florence\n")
+    assert capsys.readouterr().err == ("hil: florenc: nearest valid shipped name: florence\n")
