@@ -96,6 +96,11 @@ class BusFaults:
         self._kept_off: list[str] = []
         """Nodes that stay off the bus for good."""
 
+    def reseed(self, seed: int) -> None:
+        """What begins from now on draws from another seed."""
+        self._acting.reseed(seed)
+        self.vobc.faults.reseed(seed)
+
     def change(self, plan: FaultPlan, active: bool, now_ns: int) -> None:
         """A listener of the schedule; faults of other places are none of its business."""
         if plan.kind.place is not Place.BUS:

@@ -104,6 +104,10 @@ class FrameFaults:
         self._past_ns = round(memory_s * NS_PER_S)
         self._genuine: dict[int, bytes] = {}
 
+    def reseed(self, seed: int) -> None:
+        """What begins from now on draws from another seed."""
+        self._acting.reseed(seed)
+
     def change(self, plan: FaultPlan, active: bool, now_ns: int) -> None:
         """A listener of the schedule; faults of other places are none of its business."""
         self._produce(now_ns)

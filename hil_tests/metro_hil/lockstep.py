@@ -101,6 +101,7 @@ class Lockstep:
         self._cycle_log = self._log(folder, "cycles.csv", CYCLE_COLUMNS)
         self._executives = [self.plant.executive]
         self._nvram = Nvram(None, NvramRecord(boot_count=1))
+        self._bus_faults: BusFaults | None = None
         places = {*places, *(plan.kind.place for plan in faults)}
         can = self._controller_port(Place.BUS in places, scenario.seed, folder)
         tags = self._recorded(controller_end, folder)
@@ -177,6 +178,8 @@ class Lockstep:
     def reseed(self, seed: int) -> None:
         """From now on everything that is drawn comes from another seed."""
         self.plant.world.reseed(seed)
+        if self._bus_faults is not None:
+            self._bus_faults.reseed(seed)
 
     def without_controller(self) -> None:
         """From now on nobody controls: its process has died."""

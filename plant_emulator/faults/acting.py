@@ -45,6 +45,11 @@ class ActingFaults:
         self._acting = sorted(rest, key=lambda each: each.plan.index)
         return True
 
+    def reseed(self, seed: int) -> None:
+        """What begins from now on draws from another seed."""
+        self._seed = seed
+        self._draws.clear()
+
     def draws_of(self, plan: FaultPlan) -> np.random.Generator:
         if plan.index not in self._draws:
             self._draws[plan.index] = plan.generator(self._seed)
