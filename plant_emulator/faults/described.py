@@ -1,0 +1,213 @@
+"""The catalogue of faults in words: parameters with units and ranges, and how benches do them."""
+
+import ast
+import dataclasses
+import enum
+import inspect
+import textwrap
+import types
+import typing
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+from plant_emulator.faults import declared  # noqa: F401  # enters all kinds into the catalogue
+from plant_emulator.faults.kinds import CATALOGUE, Kind, Place
+
+UNITS: Final[Mapping[str, str]] = {
+    "bytes_per_s": "bytes/s",
+    "ratio_per_s": "1/s",
+    "mps2": "m/s²",
+    "mps": "m/s",
+    "percent": "%",
+    "s": "s",
+    "m": "m",
+    "v": "V",
+    "ratio": "1",
+}
+"""By the end of a parameter's name, longer ones first."""
+RANGE_CHECK: Final = "check_range"
+
+PLACE_TITLES: Final[Mapping[Place, str]] = {
+    Place.BUS: "Bus",
+    Place.SENSOR: "Sensors",
+    Place.SERIAL: "Tag reader's line",
+    Place.ACTUATOR: "Actuators",
+    Place.SUPPLY: "Supply",
+    Place.DOORS: "Doors",
+    Place.DESK: "Desk",
+    Place.RADIO: "Radio",
+    Place.PROCESS: "Controller's process",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Benches:
+    """How a fault comes about on each of them."""
+
+    lockstep: str
+    processes: str
+    hardware: str
+
+
+_GATEWAY: Final = "a gateway between the controller's bus and the train's"
+_TRAIN: Final = Benches(
+    "in the emulated train",
+    "in the emulated train, a process of its own",
+    "in the emulated train, which hangs on the real wires",
+)
+_SIGNALS: Final = "signals to the controller's process"
+_FOREIGN: Final = "not for a controller that the bench did not start"
+_FRAMES: Final = Benches("between the controller's port and the bus", _GATEWAY, _GATEWAY)
+_BLOCKED: Final = "the gateway passes nothing that the node sends or acts on"
+
+BY_PLACE: Final[Mapping[Place, Benches]] = {
+    **dict.fromkeys((Place.SENSOR, Place.ACTUATOR, Place.SUPPLY, Place.DOORS, Place.DESK), _TRAIN),
+    Place.BUS: _FRAMES,
+    Place.SERIAL: Benches(
+        "at the reader's end of the line",
+        "at the reader's end of the pseudo-terminal",
+        "at the reader's end of the real line",
+    ),
+    Place.RADIO: Benches(
+        "at the wayside's radio", "at the wayside's radio session", "at the wayside's radio session"
+    ),
+    Place.PROCESS: Benches("to the modelled process", _SIGNALS, f"{_SIGNALS}; {_FOREIGN}"),
+}
+BY_KIND: Final[Mapping[str, Benches]] = {
+    "frame_corrupt": Benches(
+        "on_wire: error frames and error counters of all nodes on the bus, each try costs its"
+        " bits; after_crc and before_crc: between the controller's port and the bus",
+        f"{_GATEWAY}; on_wire there is a delay by the error frames",
+        f"{_GATEWAY}; on_wire there is a delay by the error frames",
+    ),
+    "masquerade": Benches("a further node on the bus", _GATEWAY, _GATEWAY),
+    "babbling_idiot": Benches(
+        "a further node on the bus, which wins or loses by its identifier",
+        "the gateway sends the frames on both buses, at their rate",
+        "the gateway sends the frames on both buses, where they are arbitrated",
+    ),
+    "bus_off": Benches(
+        "every frame of the node is destroyed: off after 32, back 128 times 11 recessive bits"
+        " after the end",
+        f"{_BLOCKED}, up to 5.6 ms after the end",
+        f"{_BLOCKED}, up to 5.6 ms after the end",
+    ),
+    "link_cut": Benches("the node is taken from the bus", _BLOCKED, _BLOCKED),
+    "clock_step": Benches("to the modelled process", "not possible", "not possible"),
+}
+"""Where it differs from the rest of the place."""
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """One key of a fault in a scenario file."""
+
+    name: str
+    kind: str
+    """`number`, `whole number`, `text`, `true or false`, `table of numbers` or the choices."""
+    unit: str
+    default: str
+    range: str
+    """Empty where nothing is known to be refused."""
+    story: str
+
+
+@dataclass(frozen=True, slots=True)
+class Described:
+    """One entry of the catalogue, for people."""
+
+    name: str
+    place: Place
+    hazards: tuple[str, ...]
+    story: str
+    parameters: tuple[Parameter, ...]
+    benches: Benches
+
+
+def described(kind: Kind) -> Described:
+    benches = BY_KIND.get(kind.name, BY_PLACE[kind.place])
+    # The first lines of the docstring are the story; a paragraph of it stays one.
+    story = " ".join((inspect.getdoc(kind.parameters) or "").split())
+    hazards = tuple(hazard.value for hazard in kind.hazards)
+    return Described(kind.name, kind.place, hazards, story, tuple(_parameters(kind)), benches)
+
+
+def all_described() -> tuple[Described, ...]:
+    """The whole catalogue by place, in the order in which the kinds are declared."""
+    kinds = list(CATALOGUE.values())
+    return tuple(described(kind) for place in Place for kind in kinds if kind.place is place)
+
+
+def _parameters(kind: Kind) -> Iterator[Parameter]:
+    hints = typing.get_type_hints(kind.parameters)
+    stories, ranges = _read_source(kind.parameters)
+    for each in dataclasses.fields(kind.parameters):
+        choices, story = _choices(hints[each.name])
+        yield Parameter(
+            name=each.name,
+            kind=choices,
+            unit=_unit(each.name),
+            default=_text(each.default),
+            range=ranges.get(each.name, ""),
+            story=" ".join([*stories.get(each.name, "").split(), *story.split()]),
+        )
+
+
+def _choices(hint: Any) -> tuple[str, str]:
+    """What may be written, and what the choices mean where they say so."""
+    if isinstance(hint, types.UnionType):
+        hint = next(each for each in typing.get_args(hint) if each is not type(None))
+    if isinstance(hint, type) and issubclass(hint, enum.Enum):
+        words = [member.name.lower() for member in hint]
+        stories, _ = _read_source(hint)
+        meanings = [
+            f"{name.lower()}: {story[0].lower() + story[1:].rstrip('.')}"
+            for name, story in stories.items()
+        ]
+        return ", ".join(words), f"{'; '.join(meanings)}." if meanings else ""
+    plain = {float: "number", int: "whole number", str: "text", bool: "true or false"}
+    return plain.get(hint, "table of numbers"), ""
+
+
+def _read_source(owner: type) -> tuple[dict[str, str], dict[str, str]]:
+    """The strings behind the fields of a class, and the ranges that it checks."""
+    tree = ast.parse(textwrap.dedent(inspect.getsource(owner))).body[0]
+    assert isinstance(tree, ast.ClassDef)
+    stories: dict[str, str] = {}
+    name = ""
+    for line in tree.body:
+        if isinstance(line, ast.AnnAssign) and isinstance(line.target, ast.Name):
+            name = line.target.id
+        elif isinstance(line, ast.Assign) and isinstance(line.targets[0], ast.Name):
+            name = line.targets[0].id
+        elif name and isinstance(line, ast.Expr) and isinstance(line.value, ast.Constant):
+            stories[name] = str(line.value.value)
+        else:
+            name = ""
+    ranges = {}
+    for call in ast.walk(tree):
+        if isinstance(call, ast.Call) and getattr(call.func, "id", "") == RANGE_CHECK:
+            key, low, high = (ast.literal_eval(each) for each in call.args[1:])
+            ranges[str(key)] = f"{_number(low)} … {_number(high)}"
+    return stories, ranges
+
+
+def _unit(name: str) -> str:
+    return next(
+        (unit for end, unit in UNITS.items() if name.endswith(f"_{end}") or name == end), ""
+    )
+
+
+def _text(value: Any) -> str:
+    if value is None:
+        return "none"
+    if isinstance(value, enum.Enum):
+        return value.name.lower()
+    if isinstance(value, bool):
+        return str(value).lower()
+    return _number(value) if isinstance(value, int | float) else str(value)
+
+
+def _number(value: float) -> str:
+    return f"{value:.12g}".replace("-", "−")

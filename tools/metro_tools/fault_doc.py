@@ -1,0 +1,191 @@
+"""Writes docs/faults.md from the catalogue of faults, or checks that it is what that says."""
+
+import argparse
+import sys
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Final
+
+from plant_emulator.faults.described import (
+    BY_KIND,
+    BY_PLACE,
+    PLACE_TITLES,
+    Described,
+    Parameter,
+    all_described,
+)
+from plant_emulator.faults.kinds import Place
+from plant_emulator.truth import SIGNALS
+
+DEFAULT_PATH: Final = "docs/faults.md"
+EXIT_OK: Final = 0
+EXIT_OUTDATED: Final = 1
+EXIT_USAGE: Final = 2
+
+HEADER: Final = """\
+# Faults
+
+Generated from the declarations in `plant_emulator/faults/` by `python -m metro_tools.fault_doc`;
+change those and generate it anew. `hil faults` shows the same in the terminal.
+
+A fault is a table of a scenario file: its kind, when it acts, and its parameters. What is left out
+takes its default.
+
+```toml
+[[fault]]                       # a tacho slips for 8 s
+kind = "wheel_slip"
+start_s = 30.0
+duration_s = 8.0
+slip_ratio = 0.3
+
+[[fault]]                       # traction runs away once the train is fast
+kind = "traction_runaway"
+when = "speed_mps > 16.6"
+accel_mps2 = 1.0
+
+[[fault]]                       # brake commands arrive late as long as the train brakes, every time
+kind = "frame_delay"
+frames = "BRAKE_CMD*"
+way = "to_train"
+delay_s = 0.04
+when = "accel_mps2 < -0.3"
+until = "speed_mps == 0"
+repeat = true
+
+[[fault]]                       # the same share of telegrams is torn whatever the seed of the case
+kind = "telegram_torn"
+share_ratio = 0.5
+seed = 7
+```
+
+## When a fault acts
+
+| key | meaning |
+| --- | --- |
+| `start_s` | not before this, in seconds of the run; default 0 |
+| `when` | and not before this holds, an expression over the truth of the plant |
+| `end_s` | until this instant of the run |
+| `duration_s` | until so long after it began |
+| `until` | until this holds |
+| `repeat` | whether it may begin again after it has ended; default false |
+| `seed` | of its own draws; else they come from the case's seed and its place in the file |
+
+The first end that comes counts; without any the fault acts to the end of the run. Begin and end are
+looked for in each step of the plant, every 10 ms. A fault that never begins makes the case
+blocked, not passed. Faults that act at once are applied in the order of the file, and each draws
+from a generator of its own, so that one more changes nothing in what the others draw.
+
+Expressions know {signals}.
+
+`frames` names messages of the [CAN interface](can_interface.md), with `*` and `?` as in a shell; a
+twin has a name of its own, so `BRAKE_CMD*` means both halves. A name that matches nothing is
+refused when the file is checked. `way` is seen from the controller.
+"""
+
+NOTES: Final = """\
+## How errors on the bus are modelled
+
+In virtual time each node has the error counters of ISO 11898-1. A destroyed frame costs its bits up
+to the error, the superposed error flags (6 to 12 bits, by what the receivers see of the stuffing),
+8 bits of delimiter and 3 of intermission; then it is arbitrated for again. Its sender's counter
+rises by 8, every receiver's by 1, and each good frame takes 1 back. From 128 on a node is passive:
+its flags are recessive, and it waits 8 bits more after a frame of its own. From 256 on it is off,
+drops what it had to say, and comes back after 128 times 11 recessive bits, 5.6 ms on an idle bus.
+So one node's frames, when more than one in nine is destroyed, take it off the bus in the end; when
+the fault ends it comes back.
+
+A node that is cut off keeps its first 16 frames and says them when the wire is whole again.
+
+`after_crc` leaves no frame that the codec would accept, if the message has a CRC at all;
+`before_crc` leaves counter, CRC and twin right and signals wrong, each within its range.
+"""
+
+
+def document() -> str:
+    """The whole catalogue."""
+    signals = ", ".join(f"`{name}`" for name in SIGNALS)
+    parts = [HEADER.format(signals=signals), _benches(), _overview()]
+    for place in Place:
+        parts += [f"## {PLACE_TITLES[place]}\n", *_kinds(place)]
+    return "\n".join([*parts, NOTES])
+
+
+def _benches() -> str:
+    rows = [
+        (
+            PLACE_TITLES[place],
+            BY_PLACE[place].lockstep,
+            BY_PLACE[place].processes,
+            BY_PLACE[place].hardware,
+        )
+        for place in Place
+    ]
+    rows += [
+        (f"`{name}`", each.lockstep, each.processes, each.hardware)
+        for name, each in BY_KIND.items()
+    ]
+    return "## Who brings it about\n\n" + _table(
+        ("fault", "lockstep", "processes", "hardware"), rows
+    )
+
+
+def _overview() -> str:
+    rows = [
+        (f"[`{each.name}`](#{each.name})", PLACE_TITLES[each.place], "; ".join(each.hazards))
+        for each in all_described()
+    ]
+    return "## Kinds\n\n" + _table(("kind", "place", "what may come of it"), rows)
+
+
+def _kinds(place: Place) -> Iterator[str]:
+    for each in all_described():
+        if each.place is place:
+            yield _kind(each)
+
+
+def _kind(each: Described) -> str:
+    text = f"### {each.name}\n\n{each.story}\n"
+    if not each.parameters:
+        return text
+    heads = ("parameter", "value", "unit", "default", "range", "meaning")
+    return f"{text}\n{_table(heads, map(_row, each.parameters))}"
+
+
+def _row(parameter: Parameter) -> tuple[str, ...]:
+    default = f"`{parameter.default}`" if parameter.kind == "text" else parameter.default
+    return (
+        f"`{parameter.name}`",
+        parameter.kind,
+        parameter.unit,
+        default,
+        parameter.range,
+        parameter.story,
+    )
+
+
+def _table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    lines = [heads, ["---"] * len(heads), *rows]
+    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Write the document, or with --check only say whether it is current."""
+    parser = argparse.ArgumentParser(prog="python -m metro_tools.fault_doc", description=__doc__)
+    parser.add_argument("path", nargs="?", default=DEFAULT_PATH, help="default: %(default)s")
+    parser.add_argument("--check", action="store_true", help="write nothing; exit 1 if outdated")
+    options = parser.parse_args(argv)
+    path, text = Path(options.path), document()
+    try:
+        if not options.check:
+            path.write_text(text, encoding="utf-8")
+        elif path.read_text(encoding="utf-8") != text:
+            print(f"{path}: outdated; run python -m metro_tools.fault_doc", file=sys.stderr)
+            return EXIT_OUTDATED
+    except OSError as error:
+        print(f"{path}: {error.strerror}", file=sys.stderr)
+        return EXIT_USAGE
+    return EXIT_OK
+
+
+if __name__ == "__main__":
+    sys.exit(main())
