@@ -26,13 +26,13 @@ class Invariants:
         "_doors",
         "_doors_busy",
         "_emergency",
-        "_motion",
         "_moving",
         "_silence",
         "_spoken",
         "_wanted",
         "alarm",
         "gauges",
+        "motion",
     )
 
     def __init__(self, context: Context, spoken: Spoken, place: Place) -> None:
@@ -40,7 +40,7 @@ class Invariants:
         self.gauges = {each.name: Gauge(each.name, self.alarm) for each in WATCHED}
         self._spoken = spoken
         gauge = self.gauges
-        self._motion = MotionWatch(
+        self.motion = MotionWatch(
             context,
             place,
             stopping=gauge["inv-01-stopping-distance"],
@@ -107,12 +107,12 @@ class Invariants:
         wanted = truth.emergency > 0.0
         if wanted is not self._wanted:
             self._wanted = wanted
-            self._motion.emergency(now_ns, wanted)
+            self.motion.emergency(now_ns, wanted)
             if not wanted:
                 self._emergency.ended()
         if truth.speed_mps != 0.0:
             self._moving = True
-            self._motion.sample(truth, now_ns)
+            self.motion.sample(truth, now_ns)
             self._departure.sample(truth, now_ns)
         elif self._moving:
             self._moving = False

@@ -12,7 +12,7 @@ HEIGHT_POINTS: Final = 5
 """Along the train, for the mean height of its mass."""
 ROUNDS: Final = 8
 """Of the fixed point for a way on changing gradients; each makes the error a third or less."""
-NOWHERE_M: Final = math.inf
+EXACT_M: Final = 1.0e-3
 
 
 class Place:
@@ -87,11 +87,12 @@ class Place:
     def height_m(self, front_m: float) -> float:
         """Of the train's mass, taken as spread evenly over its length."""
         step_m = self._length_m / HEIGHT_POINTS
-        height_m = self._line.height_m
-        return (
-            sum(height_m(front_m - (index + 0.5) * step_m) for index in range(HEIGHT_POINTS))
-            / HEIGHT_POINTS
-        )
+        at_m = front_m - 0.5 * step_m
+        total_m = 0.0
+        for _ in range(HEIGHT_POINTS):
+            total_m += self._line.height_m(at_m)
+            at_m -= step_m
+        return total_m / HEIGHT_POINTS
 
     def braking_m(self, front_m: float, speed_mps: float, decel_mps2: float) -> float:
         """Way from a speed to standstill over the true heights, the brake on all the time.
@@ -105,5 +106,8 @@ class Place:
         way_m = energy / decel_mps2
         for _ in range(ROUNDS):
             rise_m = self.height_m(front_m + way_m) - height_m
+            before_m = way_m
             way_m = max(0.0, energy - self._gravity_mps2 * rise_m) / decel_mps2
+            if abs(way_m - before_m) < EXACT_M:
+                break
         return way_m

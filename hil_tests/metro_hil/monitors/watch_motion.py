@@ -10,6 +10,9 @@ from plant_emulator.truth import Truth
 NS_PER_S = 1_000_000_000
 BUILT_UP_LAGS = 6.0
 """After so many time constants the emergency brake has built up, all but 0.3 %."""
+FAR_M = 100.0
+FAR_NS = NS_PER_S // 5
+"""With so much to spare it is enough to look this often: no train loses that meanwhile."""
 ROLLED_M = 0.02
 """Couplers give by a centimetre; that is no rollback."""
 
@@ -28,6 +31,7 @@ class MotionWatch:
         "_foremost_m",
         "_full_mps2",
         "_lag_s",
+        "_look_ns",
         "_margin_mps",
         "_place",
         "_quick_margin_mps",
@@ -75,6 +79,7 @@ class MotionWatch:
         self._rollback_m = context.rollback_m
         self._foremost_m = -math.inf
         self._emergency_since_ns = -1
+        self._look_ns = 0
 
     def sample(self, truth: Truth, now_ns: int) -> None:
         front_m, speed_mps = truth.front_m, truth.speed_mps
@@ -115,8 +120,12 @@ class MotionWatch:
         quick_m = reached_mps * reaction_s + reached_mps * reached_mps / (
             2.0 * self._worst_decel_mps2
         )
-        if to_end_m - quick_m < self.stopping.least and self._guaranteed(truth, now_ns):
-            self.stopping.see(to_end_m - self.stopping_m(truth, now_ns), now_ns)
+        if to_end_m - quick_m < self.stopping.least and (
+            to_end_m - quick_m < FAR_M or now_ns >= self._look_ns
+        ):
+            self._look_ns = now_ns + FAR_NS
+            if self._guaranteed(truth, now_ns):
+                self.stopping.see(to_end_m - self.stopping_m(truth, now_ns), now_ns)
 
     def _guaranteed(self, truth: Truth, now_ns: int) -> bool:
         """Whether rail and brake give what braking is reckoned with."""

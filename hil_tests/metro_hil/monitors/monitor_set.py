@@ -1,0 +1,247 @@
+"""All monitors of one run: told of frames and truth while it goes on, asked for results after."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from metro_hil.cases import MonitorResult, Verdict
+from metro_hil.monitors.context import Context
+from metro_hil.monitors.gauge import NEVER_NS, Gauge
+from metro_hil.monitors.invariants import Invariants
+from metro_hil.monitors.place import Place
+from metro_hil.monitors.plan import MonitorKind, MonitorPlan, Severity
+from metro_hil.monitors.signals import Signals
+from metro_hil.monitors.spoken import Spoken
+from metro_hil.monitors.stl import Formula
+from metro_hil.monitors.terms import State
+from metro_hil.monitors.vocabulary import BOOLEANS, NAMES
+from plant_emulator.truth import Truth
+
+NS_PER_S: Final = 1_000_000_000
+NOT_EXERCISED: Final = "not exercised"
+"""Begins the detail of a monitor whose premise never held: it passes and is no evidence."""
+AROUND_NS: Final = NS_PER_S
+TINY: Final = 1.0e-300
+"""A margin that is closer to zero only says that a strict limit was met exactly."""
+
+
+@dataclass(frozen=True, slots=True)
+class Violation:
+    """Where to look in the logs of a run."""
+
+    monitor: str
+    first_ns: int
+    """From here on it was known."""
+    begin_ns: int
+    end_ns: int
+    """Frames from a second before the first violation to a second after the worst."""
+
+
+class MonitorSet:
+    """Tell it of each frame and each step as they come."""
+
+    __slots__ = (
+        "_context",
+        "_finished",
+        "_first_ns",
+        "_formulas",
+        "_gauges",
+        "_invariants",
+        "_known_violated",
+        "_plans",
+        "_signals",
+        "_spoken",
+        "_stop_gauges",
+        "_violated_at_ns",
+        "_watches",
+        "violated",
+        "wanted_ids",
+    )
+
+    def __init__(self, plans: Sequence[MonitorPlan], context: Context) -> None:
+        self._plans = tuple(plans)
+        self._context = context
+        self._spoken = spoken = Spoken(context.start_ns)
+        train = context.train
+        place = Place(
+            context.line,
+            length_m=train.length_m,
+            rotating_ratio=train.rotating_mass_percent / 100.0,
+        )
+        self._invariants = Invariants(context, spoken, place)
+        self._watches = any(plan.kind is MonitorKind.INVARIANT for plan in plans)
+        self._stop_gauges: dict[str, MonitorPlan] = {
+            plan.text: plan
+            for plan in plans
+            if plan.kind is MonitorKind.INVARIANT and plan.severity is Severity.STOP
+        }
+        self._formulas: list[tuple[MonitorPlan, Formula]] = [
+            (plan, Formula(plan.text, NAMES, BOOLEANS))
+            for plan in plans
+            if plan.kind is MonitorKind.STL
+        ]
+        self._first_ns: dict[str, int] = {}
+        """When each formula was first known to be violated, by the monitor's name."""
+        names: set[str] = set()
+        for _, formula in self._formulas:
+            names |= formula.names
+        # The way to stop takes the emergency brake's history, which the invariants follow.
+        self._watches = self._watches or "stopping_m" in names
+        self._signals = Signals(spoken, place, self._invariants.motion, names)
+        self.wanted_ids: frozenset[int] = spoken.wanted_ids
+        """Frames with other identifiers change nothing."""
+        self.violated: MonitorPlan | None = None
+        """The first that was violated and may end the run."""
+        self._violated_at_ns = NEVER_NS
+        self._known_violated = 0
+        self._finished = False
+
+    def frame(self, stamp_ns: int, can_id: int, data: bytes) -> None:
+        """One frame of the bus, at the end of its transmission."""
+        if can_id in self.wanted_ids:
+            self._spoken.frame(stamp_ns, can_id, data)
+
+    def sample(self, truth: Truth, now_ns: int) -> None:
+        """One step of the plant; the frames that ended up to now have been told."""
+        if self._watches:
+            self._invariants.sample(truth, now_ns)
+            raised = self._invariants.alarm.raised
+            if len(raised) > self._known_violated:
+                self._hear_alarm(raised, now_ns)
+        if self._formulas:
+            signals = self._signals
+            signals.fill(truth, now_ns)
+            for plan, formula in self._formulas:
+                if formula.step(now_ns, signals) and plan.name not in self._first_ns:
+                    self._first_ns[plan.name] = now_ns
+                    self._hear(plan, now_ns)
+        self._spoken.news = False
+
+    def _hear_alarm(self, raised: list[Gauge], now_ns: int) -> None:
+        for gauge in raised[self._known_violated :]:
+            plan = self._stop_gauges.get(gauge.name)
+            if plan is not None:
+                self._hear(plan, now_ns)
+        self._known_violated = len(raised)
+
+    def _hear(self, plan: MonitorPlan, now_ns: int) -> None:
+        if self.violated is None and plan.severity is Severity.STOP:
+            self.violated = plan
+            self._violated_at_ns = now_ns
+
+    @property
+    def violated_at_s(self) -> float | None:
+        """Since the start, when `violated` was known to be."""
+        return None if self.violated is None else self._seconds(self._violated_at_ns)
+
+    def finish(self, cut_short: bool = False) -> None:
+        """No sample comes any more.
+
+        Args:
+            cut_short: the run was ended before its time, as at a violation; then what was yet to
+                come about is not known.
+        """
+        if not self._finished:
+            self._finished = True
+            for _, formula in self._formulas:
+                formula.finish(cut_short)
+
+    def results(self, measures: Mapping[str, float | None]) -> tuple[MonitorResult, ...]:
+        """In the order of the plans. `finish` must have been called."""
+        assert self._finished
+        formulas = {plan.name: formula for plan, formula in self._formulas}
+        return tuple(
+            self._of_gauge(plan, self._invariants.gauges[plan.text])
+            if plan.kind is MonitorKind.INVARIANT
+            else self._of_formula(plan, formulas[plan.name])
+            if plan.kind is MonitorKind.STL
+            else _of_measure(plan, measures.get(plan.text))
+            for plan in self._plans
+        )
+
+    def violations(self) -> tuple[Violation, ...]:
+        """Of all monitors that see one while the run goes on, in the order of the plans."""
+        formulas = {plan.name: formula for plan, formula in self._formulas}
+        found = []
+        for plan in self._plans:
+            if plan.kind is MonitorKind.INVARIANT:
+                gauge = self._invariants.gauges[plan.text]
+                first_ns, at_ns = gauge.first_ns, gauge.at_ns
+            elif plan.name in self._first_ns:
+                first_ns, at_ns = self._first_ns[plan.name], formulas[plan.name].at_ns
+            else:
+                continue
+            if first_ns != NEVER_NS:
+                begin_ns = max(self._context.start_ns, min(first_ns, at_ns) - AROUND_NS)
+                end_ns = max(first_ns, at_ns) + AROUND_NS
+                found.append(Violation(plan.name, first_ns, begin_ns, end_ns))
+        return tuple(found)
+
+    def _of_gauge(self, plan: MonitorPlan, gauge: Gauge) -> MonitorResult:
+        if gauge.at_ns == NEVER_NS:
+            verdict = Verdict.INCONCLUSIVE if plan.asked else Verdict.PASS
+            return _result(plan, verdict, None, None, _join_words(NEVER_HELD, gauge.note))
+        verdict = Verdict.PASS if gauge.least >= 0.0 else Verdict.FAIL
+        first = ""
+        if gauge.first_ns not in (NEVER_NS, gauge.at_ns):
+            first = f"first at {self._seconds(gauge.first_ns):.2f} s"
+        at_s = self._seconds(gauge.at_ns)
+        return _result(plan, verdict, gauge.least, at_s, _join_words(first, gauge.note))
+
+    def _of_formula(self, plan: MonitorPlan, formula: Formula) -> MonitorResult:
+        margin: float | None = formula.margin
+        at_s: float | None = self._seconds(formula.at_ns)
+        if not math.isfinite(formula.margin):
+            margin = at_s = None
+        if formula.state is State.VIOLATED:
+            known_ns = self._first_ns.get(plan.name, formula.at_ns)
+            detail = (
+                "" if known_ns == formula.at_ns else f"known at {self._seconds(known_ns):.2f} s"
+            )
+            return _result(plan, Verdict.FAIL, margin, at_s, known)
+        if formula.broken:
+            return _result(plan, Verdict.INCONCLUSIVE, None, None, formula.broken)
+        if formula.state is not State.HOLDS:
+            detail = "the run was over before it could be told"
+            return _result(plan, Verdict.INCONCLUSIVE, margin, at_s, detail)
+        if not formula.exercised:
+            return _result(plan, Verdict.PASS, margin, at_s, NEVER_HELD)
+        return _result(plan, Verdict.PASS, margin, at_s, "")
+
+    def _seconds(self, at_ns: int) -> float:
+        return (at_ns - self._context.start_ns) / NS_PER_S
+
+
+NEVER_HELD: Final = f"{NOT_EXERCISED}: its premise never held"
+
+
+def _of_measure(plan: MonitorPlan, value: float | None) -> MonitorResult:
+    if value is None or not math.isfinite(value):
+        detail = f"{plan.text} was not measured"
+        return _result(plan, Verdict.INCONCLUSIVE, None, None, detail)
+    low, high = plan.limits
+    margins = [*([] if low is None else [value - low]), *([] if high is None else [high - value])]
+    margin = min(margins)
+    verdict = Verdict.PASS if margin >= 0.0 else Verdict.FAIL
+    return _result(plan, verdict, margin, None, f"{plan.text} is {value:.6g}")
+
+
+def _result(
+    plan: MonitorPlan, verdict: Verdict, margin: float | None, at_s: float | None, detail: str
+) -> MonitorResult:
+    if margin is not None and abs(margin) < TINY:
+        margin = 0.0
+    return MonitorResult(
+        name=plan.name,
+        verdict=verdict,
+        margin=margin,
+        unit=plan.unit,
+        at_s=at_s,
+        detail=detail,
+        requirements=plan.requirements,
+    )
+
+
+def _join_words(*words: str) -> str:
+    return "; ".join(word for word in words if word)

@@ -1,0 +1,111 @@
+"""The signals of user expressions: name, unit, meaning, and where each comes from."""
+
+import enum
+from dataclasses import dataclass
+from typing import Final
+
+
+class Origin(enum.Enum):
+    """Where a signal comes from."""
+
+    TRUTH = "truth"
+    """The plant; no controller hears it."""
+    BUS = "bus"
+    """The last valid frame; before the first, the most restrictive content."""
+    LINE = "line"
+    """Truth and map together."""
+
+
+@dataclass(frozen=True, slots=True)
+class Signal:
+    name: str
+    unit: str
+    """`1` for counts and ratios, `0/1` for booleans, otherwise the SI unit."""
+    text: str
+    origin: Origin
+
+    @property
+    def boolean(self) -> bool:
+        return self.unit == BOOLEAN
+
+
+BOOLEAN: Final = "0/1"
+
+_TRUTH: Final = (
+    ("t_s", "s", "since the start of the run"),
+    ("front_m", "m", "chainage of the front coupler"),
+    ("rear_m", "m", "chainage of the rear coupler"),
+    ("speed_mps", "m/s", "of the whole train, signed; exactly 0 at standstill"),
+    ("accel_mps2", "m/s²", "of the whole train"),
+    ("drive_n", "N", "tractive effort at the rail, signed"),
+    ("brake_n", "N", "brake force at the rail, never negative"),
+    ("gradient_permille", "‰", "mean under the train, positive climbs"),
+    ("adhesion_ratio", "1", "friction that the rail offers"),
+    ("emergency", BOOLEAN, "the brake unit wants the emergency brake"),
+    ("emergency_mps2", "m/s²", "what the emergency brake gives"),
+    ("holding", BOOLEAN, "the holding brake gives anything"),
+    ("doors_locked", BOOLEAN, "all doors are closed and locked"),
+    ("left_open", BOOLEAN, "left doors, from unlocking to locking"),
+    ("right_open", BOOLEAN, "right doors, from unlocking to locking"),
+    ("voltage_v", "V", "of the line at the train"),
+    ("odometer_error_m", "m", "what tacho A has counted too much since the start"),
+    ("tags_read", "1", "by the reader since the start"),
+    ("authority_end_m", "m", "farthest end of all authorities given; the start before the first"),
+    ("civil_limit_mps", "m/s", "least limit of the line under the whole train"),
+    ("traction_cut", BOOLEAN, "the contactor has taken traction away"),
+    ("to_stop_m", "m", "to the next stopping point ahead; negative for 20 m behind it"),
+)
+_BUS: Final = (
+    ("claimed_front_m", "m", "VOBC_POSITION: best guess of the front coupler's chainage"),
+    ("uncertainty_m", "m", "VOBC_POSITION: half the width of the position interval"),
+    ("position_age_s", "s", "since VOBC_POSITION"),
+    ("supervision", "1", "VOBC_STATUS: 0 no authority, 1 nominal, 2 warning, 3 service, "
+     "4 emergency"),
+    ("ato_phase", "1", "VOBC_STATUS: 0 off, 1 holding, 2 departing, 3 running, 4 approaching, "
+     "5 stopping, 6 stopped, 7 doors open, 8 doors closing"),
+    ("missing", "1", "VOBC_STATUS: what the controller waits for, as the sum of its flags"),
+    ("localised", BOOLEAN, "VOBC_STATUS: the position of the train is known"),
+    ("slip_detected", BOOLEAN, "VOBC_STATUS: wheels slip or slide"),
+    ("cycle_slips", "1", "VOBC_STATUS: cycles missed since start, modulo 64"),
+    ("work_us", "µs", "VOBC_STATUS: execution time of a cycle; 0 in virtual time"),
+    ("status_age_s", "s", "since VOBC_STATUS"),
+    ("claimed_speed_mps", "m/s", "VOBC_MOTION: best estimate, positive forwards"),
+    ("ceiling_mps", "m/s", "VOBC_MOTION: permitted speed"),
+    ("emergency_limit_mps", "m/s", "VOBC_MOTION: speed at which the emergency brake comes"),
+    ("motion_age_s", "s", "since VOBC_MOTION"),
+    ("claimed_to_stop_m", "m", "VOBC_TARGET: to the next stopping point, negative past it"),
+    ("claimed_to_authority_m", "m", "VOBC_TARGET: from the worst front to the end of authority"),
+    ("target_age_s", "s", "since VOBC_TARGET"),
+    ("service_decel_mps2", "m/s²", "BRAKE_CMD: asked of the service brake"),
+    ("emergency_commanded", BOOLEAN, "BRAKE_CMD: the emergency brake is not released"),
+    ("holding_commanded", BOOLEAN, "BRAKE_CMD: the holding brake is not released"),
+    ("brake_age_s", "s", "since the last valid pair of BRAKE_CMD"),
+    ("force_commanded_n", "N", "TRACTION_CMD: effort for the whole train, never negative"),
+    ("direction", "1", "TRACTION_CMD: 1 forwards, -1 backwards, 0 neutral"),
+    ("traction_permitted", BOOLEAN, "TRACTION_CMD: effort is allowed"),
+    ("traction_age_s", "s", "since the last valid pair of TRACTION_CMD"),
+    ("enable_left", BOOLEAN, "DOOR_CMD: the left doors may be open"),
+    ("enable_right", BOOLEAN, "DOOR_CMD: the right doors may be open"),
+    ("open_left_commanded", BOOLEAN, "DOOR_CMD: open the left doors"),
+    ("open_right_commanded", BOOLEAN, "DOOR_CMD: open the right doors"),
+    ("doors_age_s", "s", "since the last valid pair of DOOR_CMD"),
+    ("reset_pressed", BOOLEAN, "DESK: the reset button is pressed"),
+    ("desk_age_s", "s", "since DESK"),
+)  # fmt: skip
+_LINE: Final = (
+    ("to_authority_m", "m", "from the true front to the end of authority"),
+    ("stop_error_m", "m", "true front beyond the nearest stopping point; negative before it"),
+    ("platform_left", BOOLEAN, "the nearest station's platform lies left; otherwise right"),
+    ("standing", BOOLEAN, "the speed is exactly 0"),
+    ("stopping_m", "m", "way to standstill under the emergency brake, as invariant 1 has it"),
+    ("rollback_m", "m", "way back from the foremost place so far"),
+    ("position_error_m", "m", "claimed front less true front, where the claim was made"),
+)
+
+SIGNALS: Final[tuple[Signal, ...]] = tuple(
+    Signal(name, unit, text, origin)
+    for origin, rows in ((Origin.TRUTH, _TRUTH), (Origin.BUS, _BUS), (Origin.LINE, _LINE))
+    for name, unit, text in rows
+)
+NAMES: Final[tuple[str, ...]] = tuple(signal.name for signal in SIGNALS)
+BOOLEANS: Final[frozenset[str]] = frozenset(signal.name for signal in SIGNALS if signal.boolean)
