@@ -37,8 +37,12 @@ NS_PER_S: Final = 1_000_000_000
 class Device(Protocol):
     """A controller as the bench runs it."""
 
-    output: CycleOutput
     executive: Executive
+
+    @property
+    def output(self) -> CycleOutput:
+        """Of the last cycle."""
+        ...
 
     def stop(self, now_ns: int) -> None: ...
 
