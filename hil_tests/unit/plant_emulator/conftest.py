@@ -1,0 +1,146 @@
+"""A train without noise on a level line, with whatever a scenario has go wrong with it."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from typing import Any, Final
+
+import pytest
+
+from can_dbc.brake import BrakeCommand
+from can_dbc.doors import DoorCommand
+from can_dbc.nodes import Direction
+from can_dbc.traction import TractionCommand
+from firmware_py.settings import override
+from firmware_py.trackdb import LineMap, load_line
+from plant_emulator.faults.plan import read_faults
+from plant_emulator.faults.schedule import Schedule
+from plant_emulator.faults.stage import Stage
+from plant_emulator.train_config import TrainConfig, load_train
+from plant_emulator.world import STEP_S, World
+
+QUIET: Final = override(
+    load_train("florence4"),
+    {
+        "resistance": {
+            "a_n_per_kn": 0.0,
+            "b_n_per_kn_per_mps": 0.0,
+            "c_n_per_kn_per_mps2": 0.0,
+            "error_ratio": 0.0,
+        },
+        "brake.service": {"dead_time_s": 0.5, "lag_s": 0.3, "gain_ratio": 1.0},
+        "sensors": {
+            "odometer_error_ratio": 0.0,
+            "doppler_error_ratio": 0.0,
+            "doppler_sigma_mps": 0.0,
+            "imu_bias_mps2": 0.0,
+            "imu_sigma_mps2": 0.0,
+            "tag_sigma_m": 0.0,
+            "tag_stamp_s": 0.0,
+            "tag_latency_s": 0.02,
+        },
+        "sensors.tachos.1.wheel_diameter_m": 0.86,
+    },
+    "quiet",
+)
+LEVEL: Final[LineMap] = replace(load_line("florence"), gradients=(), curves=())
+START_M: Final = 2000.0
+
+
+class Train:
+    """Commands go to it every 50 ms; faults are looked after before each step, as in the plant."""
+
+    RELEASED = BrakeCommand(service_decel_mps2=0.0, emergency_released=True, holding_released=True)
+    EMERGENCY = replace(RELEASED, emergency_released=False)
+    HOLDING = replace(RELEASED, holding_released=False)
+    COASTING = TractionCommand(force_n=0.0, direction=Direction.FORWARD, traction_permitted=True)
+    FORBIDDEN = replace(COASTING, traction_permitted=False)
+
+    def __init__(
+        self,
+        *faults: dict[str, Any],
+        speed_mps: float = 0.0,
+        train: TrainConfig = QUIET,
+        front_m: float = START_M,
+        seed: int = 1,
+        released: bool = True,
+    ) -> None:
+        self.world = World(train, LEVEL, seed=seed, front_m=front_m)
+        if released:
+            self._warm_up(speed_mps)
+        self.schedule = Schedule(read_faults(faults, "scenario"))
+        self.stage = Stage(
+            self.world, self.schedule, start_ns=self.world.now_ns, observer=self._observe
+        )
+        self.truth = self.stage.truth
+        self.samples: list[bytes] = []
+        """The truth of every step."""
+
+    def _observe(self, truth: object, now_ns: int) -> None:
+        self.samples.append(self.truth.pack())
+
+    def _warm_up(self, speed_mps: float) -> None:
+        for step in range(800):
+            if step % 5 == 0:
+                self._hear(self.RELEASED, self.COASTING, None)
+            self.world.step()
+        consist = self.world.consist
+        consist.car_speeds_mps[:] = [speed_mps] * len(consist.cars)
+        consist.speed_mps = speed_mps
+
+    def _hear(
+        self,
+        brake: BrakeCommand | None,
+        traction: TractionCommand | None,
+        doors: DoorCommand | None,
+    ) -> None:
+        now_ns = self.world.now_ns
+        if brake is not None:
+            self.world.brake.hear(brake, now_ns)
+        if traction is not None:
+            self.world.traction.hear(traction, now_ns)
+        if doors is not None:
+            self.world.doors.hear(doors, now_ns)
+
+    def each_step(
+        self,
+        duration_s: float,
+        brake: BrakeCommand | None = RELEASED,
+        traction: TractionCommand | None = COASTING,
+        doors: DoorCommand | None = None,
+    ) -> Iterator[World]:
+        """The world after every step; None is silence."""
+        for step in range(round(duration_s / STEP_S)):
+            if step % 5 == 0:
+                self._hear(brake, traction, doors)
+            self.stage.look(0.0)
+            self.world.step()
+            yield self.world
+
+    def run(self, duration_s: float, *commands: Any, **named: Any) -> World:
+        """The world afterwards."""
+        for _ in self.each_step(duration_s, *commands, **named):
+            pass
+        return self.world
+
+    def braking(self, decel_mps2: float) -> BrakeCommand:
+        return replace(self.RELEASED, service_decel_mps2=decel_mps2)
+
+    def driving(self, force_n: float) -> TractionCommand:
+        return replace(self.COASTING, force_n=force_n)
+
+    @property
+    def decel_mps2(self) -> float:
+        """By what all brakes gave in the last step."""
+        return self.world.brake_n / self.world.consist.inertia_kg
+
+
+@pytest.fixture
+def a_train() -> Callable[..., Train]:
+    """`a_train(fault, ..., speed_mps=10.0)`: released, faults as in a scenario."""
+    return Train
+
+
+@pytest.fixture
+def quiet() -> TrainConfig:
+    """The train of `a_train`: without running resistance, noise, errors and random delays."""
+    return QUIET

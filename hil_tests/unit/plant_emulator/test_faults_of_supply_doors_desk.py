@@ -1,0 +1,203 @@
+"""A line without voltage or with too much of it, doors that do as they like, hands on the desk."""
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from can_dbc.cab import CabMode
+from can_dbc.doors import DoorCommand, DoorState
+
+ATrain = Callable[..., Any]
+CLOSE = DoorCommand(enable_left=False, enable_right=False, open_left=False, open_right=False)
+OPEN_RIGHT = DoorCommand(enable_left=False, enable_right=True, open_left=False, open_right=True)
+LOCKED = DoorState.LOCKED
+
+
+@pytest.mark.parametrize(
+    "fault", [{"kind": "line_voltage", "voltage_v": 0.0}, {"kind": "breaker_open"}]
+)
+def test_without_a_line_there_is_no_effort_and_friction_brakes(
+    a_train: ATrain, fault: dict[str, Any]
+) -> None:
+    train = a_train({**fault, "start_s": 3.0, "end_s": 8.0}, speed_mps=15.0)
+    train.run(3.0, train.RELEASED, train.driving(100_000.0))
+    power = train.world.power
+    assert train.world.drive_n > 90_000.0
+    train.run(0.02, train.RELEASED, train.driving(100_000.0))
+    assert train.world.drive_n == 0.0
+    drawn_j, returned_j = power.drawn_j, power.returned_j
+
+    train.run(3.0, train.braking(0.6), train.FORBIDDEN)
+
+    assert train.world.brake.electric_n == 0.0
+    assert train.decel_mps2 == pytest.approx(0.6, rel=1e-3)
+    assert (power.drawn_j, power.returned_j) == (drawn_j, returned_j)
+    supply = power.supply()
+    assert supply.line_current_a == 0.0
+    assert supply.breaker_closed is (fault["kind"] == "line_voltage")
+    assert supply.line_voltage_v == (0.0 if supply.breaker_closed else 750.0)
+    assert train.world.traction.status(0.0).effort_available_ratio == 0.0
+
+    train.run(3.0, train.braking(0.6), train.FORBIDDEN)
+    assert train.world.brake.electric_n > 0.0
+    assert power.returned_j > returned_j
+    train.run(4.0, train.RELEASED, train.driving(100_000.0))
+    assert train.world.drive_n > 90_000.0
+
+
+def test_energy_is_neither_made_nor_lost_at_an_outage(a_train: ATrain) -> None:
+    train = a_train({"kind": "line_voltage", "voltage_v": 0.0, "start_s": 4.0, "end_s": 6.0})
+    train.run(5.0, train.RELEASED, train.driving(100_000.0))
+    train.run(5.0, train.braking(0.5))
+    power = train.world.power
+    balance_j = power.traction_j - power.braking_j + power.auxiliary_j
+    assert power.drawn_j - power.returned_j == pytest.approx(balance_j)
+
+
+def test_low_voltage_leaves_a_share_of_the_effort(a_train: ATrain) -> None:
+    """Full effort from 600 V, none at 450 V; the line's resistance takes a little more."""
+    train = a_train({"kind": "line_voltage", "voltage_v": 540.0, "end_s": 5.0})
+    train.run(4.0, train.RELEASED, train.driving(200_000.0))
+    weak_n, voltage_v = train.world.drive_n, train.truth.voltage_v
+    train.run(6.0, train.RELEASED, train.driving(200_000.0))
+
+    assert voltage_v < 540.0
+    assert weak_n == pytest.approx(200_000.0 * (voltage_v - 450.0) / 150.0, rel=0.02)
+    assert train.world.drive_n == pytest.approx(200_000.0, rel=0.01)
+
+
+def test_a_line_with_too_much_voltage_takes_nothing_back(a_train: ATrain) -> None:
+    train = a_train({"kind": "line_voltage", "voltage_v": 950.0, "end_s": 6.0}, speed_mps=20.0)
+    train.run(5.0, train.braking(0.6), train.FORBIDDEN)
+    refused_j, friction_mps2 = train.world.power.returned_j, train.decel_mps2
+    train.run(3.0, train.braking(0.6), train.FORBIDDEN)
+
+    assert refused_j == 0.0
+    assert friction_mps2 == pytest.approx(0.6, rel=1e-3)
+    assert train.world.power.returned_j > 0.0
+    assert train.world.brake.electric_n > 0.0
+
+
+def test_a_line_with_too_much_voltage_still_drives(a_train: ATrain) -> None:
+    train = a_train({"kind": "line_voltage", "voltage_v": 950.0})
+    train.run(4.0, train.RELEASED, train.driving(100_000.0))
+    assert train.world.drive_n == pytest.approx(100_000.0, rel=1e-3)
+
+
+def test_an_interrupted_lock_line_takes_traction_although_the_doors_are_closed(
+    a_train: ATrain,
+) -> None:
+    train = a_train({"kind": "door_lock_lost", "start_s": 3.0, "end_s": 6.0})
+    train.run(3.0, train.RELEASED, train.driving(100_000.0), CLOSE)
+    train.run(1.0, train.RELEASED, train.driving(100_000.0), CLOSE)
+    status = train.world.doors.status()
+    assert train.world.drive_n == 0.0
+    assert not status.closed_and_locked
+    assert (status.left, status.right) == (LOCKED, LOCKED)
+    assert train.truth.doors_locked == 0.0
+    assert train.truth.right_open == 0.0
+    train.run(5.0, train.RELEASED, train.driving(100_000.0), CLOSE)
+    assert train.world.drive_n > 90_000.0
+    assert train.world.doors.status().closed_and_locked
+
+
+@pytest.mark.parametrize(
+    ("side", "opened"), [("left", (1, 0)), ("right", (0, 1)), ("both", (1, 1))]
+)
+def test_doors_open_without_command_and_enable_and_close_again(
+    a_train: ATrain, side: str, opened: tuple[int, int]
+) -> None:
+    train = a_train(
+        {"kind": "door_opens", "side": side, "start_s": 1.0, "end_s": 6.0}, speed_mps=5.0
+    )
+    train.run(5.0, doors=CLOSE)
+    assert (train.world.doors.left.open_ratio, train.world.doors.right.open_ratio) == opened
+    assert not train.world.doors.locked
+    train.run(5.0, doors=CLOSE)
+    assert train.world.doors.locked
+
+
+def test_doors_open_by_themselves_even_when_nobody_speaks_to_them(a_train: ATrain) -> None:
+    train = a_train({"kind": "door_opens", "side": "left"})
+    train.run(5.0, doors=None)
+    assert train.world.doors.left.state is DoorState.OPEN
+
+
+def test_an_obstacle_is_met_at_every_closing_until_it_is_gone(a_train: ATrain) -> None:
+    train = a_train({"kind": "door_obstacle", "end_s": 30.0})
+    train.run(4.0, train.HOLDING, doors=OPEN_RIGHT)
+    met, before = 0, DoorState.OPEN
+    for world in train.each_step(25.0, train.HOLDING, doors=CLOSE):
+        state = world.doors.right.state
+        met += state is DoorState.OBSTRUCTED and before is not DoorState.OBSTRUCTED
+        before = state
+        assert not world.doors.locked
+    train.run(10.0, train.HOLDING, doors=CLOSE)
+
+    # Half of 2.5 s to meet it and 3 s to wait, then from open again.
+    assert met == 6
+    assert train.world.doors.locked
+
+
+def test_an_obstacle_on_the_other_side_is_none(a_train: ATrain) -> None:
+    train = a_train({"kind": "door_obstacle", "side": "left"})
+    train.run(4.0, train.HOLDING, doors=OPEN_RIGHT)
+    train.run(3.0, train.HOLDING, doors=CLOSE)
+    assert train.world.doors.locked
+
+
+def test_deaf_doors_stay_closed_and_hear_again_after_the_fault(a_train: ATrain) -> None:
+    train = a_train({"kind": "door_deaf", "side": "right", "end_s": 5.0})
+    train.run(5.0, train.HOLDING, doors=OPEN_RIGHT)
+    assert train.world.doors.right.state is LOCKED
+    assert train.world.doors.locked
+    train.run(4.0, train.HOLDING, doors=OPEN_RIGHT)
+    assert train.world.doors.right.state is DoorState.OPEN
+
+
+def test_doors_that_become_deaf_while_open_can_still_be_closed(a_train: ATrain) -> None:
+    train = a_train({"kind": "door_deaf", "start_s": 4.0})
+    train.run(6.0, train.HOLDING, doors=OPEN_RIGHT)
+    assert train.world.doors.right.state is DoorState.OPEN
+    train.run(3.0, train.HOLDING, doors=CLOSE)
+    assert train.world.doors.locked
+
+
+@pytest.mark.parametrize(
+    ("fault", "field", "value"),
+    [
+        ({"kind": "passenger_alarm"}, "no_passenger_alarm", False),
+        ({"kind": "emergency_button"}, "emergency_released", False),
+        ({"kind": "desk_mode", "mode": "manual"}, "mode", CabMode.MANUAL),
+        ({"kind": "desk_mode"}, "mode", CabMode.OFF),
+        ({"kind": "desk_lever", "lever_percent": -40.0}, "lever_percent", -40.0),
+        ({"kind": "desk_reset"}, "reset_requested", True),
+    ],
+)
+def test_the_desk_says_what_was_done_to_it_as_long_as_it_lasts(
+    a_train: ATrain, fault: dict[str, Any], field: str, value: object
+) -> None:
+    train = a_train({**fault, "start_s": 1.0, "end_s": 2.0})
+    untouched, seen = train.world.desk, []
+    for _ in range(3):
+        train.run(1.0)
+        seen.append(train.world.desk)
+
+    assert seen[0] == seen[2] == untouched
+    assert getattr(seen[1], field) == value
+    assert getattr(untouched, field) != value
+
+
+def test_hands_on_the_desk_do_not_undo_each_other(a_train: ATrain) -> None:
+    train = a_train(
+        {"kind": "passenger_alarm", "end_s": 3.0},
+        {"kind": "desk_mode", "mode": "manual", "start_s": 1.0},
+        {"kind": "desk_mode", "mode": "off", "start_s": 1.0, "end_s": 2.0},
+    )
+    train.run(1.5)
+    assert (train.world.desk.mode, train.world.desk.no_passenger_alarm) == (CabMode.OFF, False)
+    train.run(1.0)
+    assert (train.world.desk.mode, train.world.desk.no_passenger_alarm) == (CabMode.MANUAL, False)
+    train.run(1.0)
+    assert (train.world.desk.mode, train.world.desk.no_passenger_alarm) == (CabMode.MANUAL, True)
