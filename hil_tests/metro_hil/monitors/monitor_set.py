@@ -16,12 +16,14 @@ from metro_hil.monitors.spoken import Spoken
 from metro_hil.monitors.stl import Formula
 from metro_hil.monitors.terms import State
 from metro_hil.monitors.vocabulary import BOOLEANS, NAMES
+from plant_emulator.truth import SIGNALS as TRUTH_SIGNALS
 from plant_emulator.truth import Truth
 
 NS_PER_S: Final = 1_000_000_000
 NOT_EXERCISED: Final = "not exercised"
 """Begins the detail of a monitor whose premise never held: it passes and is no evidence."""
 AROUND_NS: Final = NS_PER_S
+TRUTH_NAMES: Final = frozenset(TRUTH_SIGNALS)
 TINY: Final = 1.0e-300
 """A margin that is closer to zero only says that a strict limit was met exactly."""
 
@@ -43,6 +45,7 @@ class MonitorSet:
 
     __slots__ = (
         "_context",
+        "_fills",
         "_finished",
         "_first_ns",
         "_formulas",
@@ -89,7 +92,9 @@ class MonitorSet:
         # The way to stop takes the emergency brake's history, which the invariants follow.
         self._watches = self._watches or "stopping_m" in names
         self._signals = Signals(spoken, place, self._invariants.motion, names)
-        self.wanted_ids: frozenset[int] = spoken.wanted_ids
+        self._fills = not names <= TRUTH_NAMES
+        listens = self._watches or self._fills
+        self.wanted_ids: frozenset[int] = spoken.wanted_ids if listens else frozenset()
         """Frames with other identifiers change nothing."""
         self.violated: MonitorPlan | None = None
         """The first that was violated and may end the run."""
@@ -111,9 +116,12 @@ class MonitorSet:
                 self._hear_alarm(raised, now_ns)
         if self._formulas:
             signals = self._signals
-            signals.fill(truth, now_ns)
+            if self._fills:
+                signals.fill(truth, now_ns)
+            # What asks for truth alone is told the truth itself.
+            source: object = signals if self._fills else truth
             for plan, formula in self._formulas:
-                if formula.step(now_ns, signals) and plan.name not in self._first_ns:
+                if formula.step(now_ns, source) and plan.name not in self._first_ns:
                     self._first_ns[plan.name] = now_ns
                     self._hear(plan, now_ns)
         self._spoken.news = False
@@ -196,9 +204,7 @@ class MonitorSet:
             margin = at_s = None
         if formula.state is State.VIOLATED:
             known_ns = self._first_ns.get(plan.name, formula.at_ns)
-            detail = (
-                "" if known_ns == formula.at_ns else f"known at {self._seconds(known_ns):.2f} s"
-            )
+            known = f"known at {self._seconds(known_ns):.2f} s" if known_ns != formula.at_ns else ""
             return _result(plan, Verdict.FAIL, margin, at_s, known)
         if formula.broken:
             return _result(plan, Verdict.INCONCLUSIVE, None, None, formula.broken)
