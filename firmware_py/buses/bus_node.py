@@ -4,7 +4,12 @@ from dataclasses import dataclass, field
 from heapq import heappush
 from typing import NamedTuple
 
-from firmware_py.buses.confinement import RECOVERY_SEQUENCES, ErrorCounters, ErrorState
+from firmware_py.buses.confinement import (
+    RECOVERY_SEQUENCES,
+    ErrorCounters,
+    ErrorState,
+    unacknowledged_bits,
+)
 from firmware_py.buses.inproc import InprocPort, Offer
 
 
@@ -24,7 +29,9 @@ class BusNode:
     cut_ns: int = -1
     """Since when it is cut off; -1 for a node that is not."""
     tries_ns: int = -1
-    """Since when it has had something to say while cut off."""
+    """Since when it has had something to say while cut off; -1 as long as it has not."""
+    tries_bits: int = 0
+    """Of the frame that it then says over and over."""
     babble_gap_ns: int = -1
     """From the end of a frame to the next; -1 for a node that says only what it is given."""
     restarting: bool = False
@@ -48,9 +55,16 @@ class BusNode:
         self.port._waiting -= count
         return count
 
-    def count_tries(self, now_ns: int, try_ns: int) -> None:
-        """Cut off, it hears no acknowledgement of its frames, and so becomes passive."""
-        tries = (now_ns - self.tries_ns) // try_ns
+    def begin_tries(self, now_ns: int, bits: int) -> None:
+        """It is given a frame of this length while it is cut off."""
+        if self.tries_ns < 0:
+            self.tries_ns, self.tries_bits = now_ns, bits
+
+    def count_tries(self, now_ns: int, bit_ns: int) -> None:
+        """Cut off, it has heard no acknowledgement, and so becomes passive; mended now."""
+        if self.tries_ns < 0:
+            return
+        tries = (now_ns - self.tries_ns) // (bit_ns * unacknowledged_bits(self.tries_bits))
         while tries > 0 and self.errors.state is ErrorState.ACTIVE:
             self.errors.nobody_acknowledged()
             tries -= 1

@@ -113,10 +113,6 @@ class WireFrame:
     last: int
     """Last bit of the CRC sequence, or the stuff bit behind it."""
 
-    @property
-    def acknowledge(self) -> int:
-        return self.last + 2
-
 
 def wire_frame(can_id: int, data: bytes) -> WireFrame:
     """What a sender puts on the wire."""
@@ -214,9 +210,14 @@ def abandoned_bits(frame: WireFrame, at_bit: int, *, hearers_active: bool) -> in
     return at_bit + length + DELIMITER_BITS + INTERMISSION_BITS
 
 
-def unacknowledged_bits(frame: WireFrame) -> int:
-    """The same for a frame that nobody hears: the sender alone sends a flag, of either kind."""
-    return frame.acknowledge + 1 + FLAG_BITS + DELIMITER_BITS + INTERMISSION_BITS
+def unacknowledged_bits(frame_bits: int) -> int:
+    """The same for a frame that nobody hears: the sender alone sends a flag, of either kind.
+
+    Args:
+        frame_bits: of the frame when it is heard, intermission included.
+    """
+    # Instead of acknowledge delimiter and end of frame: flag and error delimiter.
+    return frame_bits - 1 - END_BITS + FLAG_BITS + DELIMITER_BITS
 
 
 def error_frame(end_ns: int, errors: ErrorCounters, acknowledged: bool) -> CanFrame:

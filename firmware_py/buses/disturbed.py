@@ -4,8 +4,8 @@
 same order as long as nothing is wrong. A frame that is destroyed costs its bits up to the error and
 an error frame, is counted by all nodes as ISO 11898-1 says, and is arbitrated for anew.
 
-A node that goes bus off drops what waits in its mailboxes, as drivers do. One that is cut off keeps
-it: its controller tries on, in vain, and says it when the wire is mended.
+A node that goes bus off or is cut off drops what waits in its mailboxes and whatever it is given
+until it is back: nothing old is said then. Cut off, it tries in vain and so becomes passive.
 """
 
 from collections import Counter
@@ -20,8 +20,6 @@ from firmware_py.buses.inproc import MAILBOX_FRAMES, InprocBus, InprocPort, Offe
 from firmware_py.buses.timing import INTERMISSION_BITS, frame_bits
 from firmware_py.ports import CanFrame
 
-CUT_FRAMES: Final = 16
-"""What a node that is cut off keeps: three mailboxes and some of a driver's queue."""
 EVENTS_MAX: Final = 1000
 NS_PER_S: Final = 1_000_000_000
 
@@ -112,13 +110,13 @@ class DisturbedWire:
         can_id, name, _, bits, data, port = offer
         node = self._node(port)
         self._look_for_recovery(node, now_ns)
-        room = MAILBOX_FRAMES if node.cut_ns < 0 else CUT_FRAMES
-        if node.errors.off or port._waiting >= room:
+        if node.cut_ns >= 0 and node not in self._mending:
+            node.begin_tries(now_ns, bits)
+            return False
+        if node.errors.off or port._waiting >= MAILBOX_FRAMES:
             return False
         if not node.offers:
             node.ready_ns = max(node.ready_ns, now_ns)
-        if node.cut_ns >= 0 and node.tries_ns < 0:
-            node.tries_ns = now_ns
         port._sequence += 1
         port.counters.sent += 1
         node.push((can_id, name, port._sequence, bits, data, port))
@@ -156,12 +154,11 @@ class DisturbedWire:
             return
         if cut.cut_ns >= 0:
             return
-        cut.cut_ns = now_ns
-        passing = self._passing
-        speaking = passing is not None and passing.node is cut
-        cut.tries_ns = now_ns if cut.offers or speaking else -1
+        cut.cut_ns, cut.tries_ns = now_ns, -1
+        cut.port.counters.dropped_out += cut.drop_all()
         self._admit(cut)
-        if passing is not None and speaking and not passing.destroyed:
+        passing = self._passing
+        if passing is not None and passing.node is cut and not passing.destroyed:
             self._abandon(passing, now_ns)
 
     def mend(self, node: str, now_ns: int) -> None:
@@ -170,10 +167,8 @@ class DisturbedWire:
         mended = self._named(node)
         if mended.cut_ns < 0 or mended in self._mending:
             return
-        if mended.tries_ns >= 0 and mended.offers:
-            frame = wire_frame(mended.offers[0][0], mended.offers[0][4])
-            mended.count_tries(now_ns, self._ns(confinement.unacknowledged_bits(frame)))
-            self._enter_state(mended, now_ns)
+        mended.count_tries(now_ns, self._ns(1))
+        self._enter_state(mended, now_ns)
         mended.ready_ns = max(mended.ready_ns, now_ns)
         if self._passing is None:
             mended.cut_ns = -1
@@ -235,7 +230,7 @@ class DisturbedWire:
         present = self._nodes_present()
         if len(present) < 2:
             passing.destroyed, passing.acknowledged = True, False
-            passing.bits = confinement.unacknowledged_bits(wire_frame(can_id, data))
+            passing.bits = confinement.unacknowledged_bits(bits)
         elif self.disturber is not None:
             bit = self.disturber.struck_bit(start_ns, can_id, data, name)
             if bit is not None:
@@ -308,7 +303,9 @@ class DisturbedWire:
             if each is not node:
                 each.errors.hearing_failed()
                 self._enter_state(each, end_ns)
-        if node.port.is_open and not passing.last_try:
+        if passing.gone or not node.port.is_open:
+            node.port.counters.dropped_out += 1
+        elif not passing.last_try:
             node.push(passing.offer)
         if self._on_error is not None:
             self._on_error(

@@ -134,8 +134,12 @@ class FrameFaults:
 
     def take(self, now_ns: int, way: Way) -> list[Due]:
         """What is due by now, in the order in which it is due."""
+        held = self._held[way]
+        if not self._memory and not held:
+            # Asked every millisecond, and mostly in vain.
+            return []
         self._produce(now_ns)
-        return [(due_ns, can_id, data) for due_ns, (can_id, data) in self._held[way].due(now_ns)]
+        return [(due_ns, can_id, data) for due_ns, (can_id, data) in held.due(now_ns)]
 
     def take_strangers(self, now_ns: int) -> list[Due]:
         """The same for what masquerades say, where that is kept apart."""

@@ -144,7 +144,7 @@ def test_a_cut_controller_speaks_on_when_it_is_mended() -> None:
 
     assert train.brakes(S, 2 * S) == 0
     assert train.answered(S + 50 * MS, 2 * S) == 0
-    assert train.brakes(2 * S, 3 * S) > 15
+    assert train.brakes(2 * S, 3 * S) == 20
 
 
 @pytest.mark.parametrize(

@@ -159,4 +159,4 @@ def test_a_frame_that_nobody_acknowledges_ends_with_one_flag() -> None:
     """79 bits with gap and no stuff bit: 19, 32 and 15, delimiter and slot, then 6, 8 and 3."""
     can_id = next(can_id for can_id in range(0x800) if frame_bits(can_id, FOUR) == 47 + 32)
 
-    assert confinement.unacknowledged_bits(wire_frame(can_id, FOUR)) == 66 + 2 + 6 + 8 + 3
+    assert confinement.unacknowledged_bits(frame_bits(can_id, FOUR)) == 66 + 2 + 6 + 8 + 3

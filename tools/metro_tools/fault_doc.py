@@ -94,7 +94,7 @@ drops what it had to say, and comes back after 128 times 11 recessive bits, 5.6 
 So one node's frames, when more than one in nine is destroyed, take it off the bus in the end; when
 the fault ends it comes back.
 
-A node that is cut off keeps its first 16 frames and says them when the wire is whole again.
+What a node says while it is off or cut off is lost; nothing old is said when it is back.
 
 `after_crc` leaves no frame that the codec would accept, if the message has a CRC at all;
 `before_crc` leaves counter, CRC and twin right and signals wrong, each within its range.
