@@ -19,6 +19,7 @@ from metro_hil.run_folder import RunFolder
 from plant_emulator.faults.kinds import Place
 from plant_emulator.faults.plan import FaultPlan
 from plant_emulator.truth import SIGNALS, Truth
+from plant_emulator.world import STEP_NS
 from vobc.vocabulary import CycleOutput
 
 NS_PER_S: Final = 1_000_000_000
@@ -147,7 +148,11 @@ class CaseRun:
     def to_branch(self) -> bool:
         """Run to where the cases of a group part; False when that never comes."""
         limit_ns = round(self.case.setup.duration_s * NS_PER_S)
-        self.bench.run_until(lambda now_ns: self._branched or self._over(now_ns, limit_ns))
+        self.bench.run_until(
+            lambda now_ns: (
+                self._over(now_ns, limit_ns) or (self._branched and now_ns % STEP_NS == 0)
+            )
+        )
         return self._branched
 
     def become(self, case: Case, faults: Sequence[FaultPlan]) -> None:
@@ -177,6 +182,9 @@ class CaseRun:
         bench.run_until(lambda now_ns: now_ns >= limit_ns or self._still_s is not None)
 
     def _over(self, now_ns: int, limit_ns: int) -> bool:
+        if now_ns % STEP_NS:
+            # Only steps of the plant, so that no other task decides when a run ends.
+            return False
         if self.case.stop_at_violation and self._monitors.violated is not None:
             self._reason = VIOLATION
         elif self.bench.arrived:

@@ -30,6 +30,7 @@ from metro_hil.run_folder import RunFolder
 from plant_emulator.faults.kinds import Place
 from plant_emulator.faults.plan import read_faults
 from plant_emulator.truth import SIGNALS, Truth
+from plant_emulator.world import STEP_NS
 from vobc.vocabulary import CycleOutput
 
 NS_PER_S = 1_000_000_000
@@ -62,6 +63,11 @@ class LiveRun:
     def now_s(self) -> float:
         return self._bench.clock.now_ns() / NS_PER_S
 
+    @property
+    def arrived(self) -> bool:
+        """Whether the train has stood with open doors at its last station for a while."""
+        return self._bench.arrived
+
     def run_for(self, duration_s: float) -> None:
         end_ns = self._bench.clock.now_ns() + round(duration_s * NS_PER_S)
         self._bench.run_until(lambda now_ns: now_ns >= end_ns)
@@ -73,7 +79,10 @@ class LiveRun:
         """
         holds = self._asker(condition)
         end_ns = self._bench.clock.now_ns() + round(timeout_s * NS_PER_S)
-        self._bench.run_until(lambda now_ns: now_ns >= end_ns or holds())
+        # Asked at the steps of the plant, so that the instant does not depend on other tasks.
+        self._bench.run_until(
+            lambda now_ns: now_ns >= end_ns or (now_ns % STEP_NS == 0 and holds())
+        )
         if not holds():
             words = condition if isinstance(condition, str) else "the condition"
             raise BenchTimeoutError(f"{words}: not within {timeout_s:g} s, at {self.now_s:.2f} s")

@@ -1,0 +1,201 @@
+"""Whole cases in virtual time: the same bits each time, alone, in a group, and with faults."""
+
+from collections.abc import Sequence
+
+import msgspec
+import pytest
+
+from metro_hil.campaign.builder import Scenario
+from metro_hil.cases import Case, CaseResult, Host, Verdict
+from metro_hil.pytest_plugin import Bench, BenchTimeoutError, bench
+from metro_hil.run_case import run_case, run_group
+from vobc.process import VobcDevice
+from vobc.vocabulary import CycleOutput
+
+__all__ = ["bench"]
+
+HOP = {"start": "II", "end": "III", "duration_s": 180.0}
+ARRIVES = {"name": "arrives", "measure": "arrived_count", "min": 1.0}
+
+
+def hop(**keys: object) -> Scenario:
+    return Scenario(name="hop", train=HOP, **keys)  # type: ignore[arg-type]
+
+
+def without_host(results: Sequence[CaseResult]) -> list[CaseResult]:
+    """All but what differs from run to run."""
+    return [msgspec.structs.replace(result, host=Host()) for result in results]
+
+
+def test_the_same_case_gives_the_same_result_to_the_last_bit() -> None:
+    (case,) = hop(monitor=[ARRIVES]).cases()
+
+    one, two = run_case(case), run_case(case)
+
+    assert one.verdict is Verdict.PASS, one.reason
+    assert without_host([one]) == without_host([two])
+    assert len(one.chain) == 64
+
+
+def test_another_seed_gives_other_frames() -> None:
+    one, two = (run_case(case) for case in hop(seeds=2).cases())
+
+    assert one.chain != two.chain
+
+
+def test_logs_change_nothing(bench: Bench) -> None:
+    scenario = hop()
+
+    kept = bench.run(scenario)
+
+    assert without_host([kept]) == without_host([run_case(scenario.cases()[0])])
+
+
+@pytest.mark.parametrize(
+    "faults",
+    [
+        [],
+        [
+            {"kind": "frame_drop", "loss_ratio": 0.02},
+            {"kind": "telegram_torn", "share_ratio": 0.2},
+            {"kind": "radio_delay", "delay_s": 0.1, "jitter_s": 0.1},
+            {"kind": "slow_cycle", "extra_s": 0.001, "when": "front_m > 3400"},
+            {"kind": "brake_weak", "gain_ratio": 0.9},
+        ],
+    ],
+)
+def test_cases_that_go_on_from_one_branch_equal_those_run_alone(
+    faults: list[dict[str, object]],
+) -> None:
+    cases = hop(seeds=3, branch={"seed": 9, "when": "front_m > 3270"}, fault=faults).cases()
+
+    grouped = list(run_group(cases))
+
+    assert without_host(grouped) == without_host([run_case(case) for case in cases])
+    assert len({result.chain for result in grouped}) == len(cases)
+
+
+def test_a_branch_that_never_comes_blocks_the_case() -> None:
+    (case,) = hop(branch={"seed": 9, "when": "front_m > 9000"}).cases()
+
+    result = run_case(case)
+
+    assert result.verdict is Verdict.BLOCKED
+    assert "the branch" in result.reason
+
+
+def test_a_fault_that_never_begins_blocks_the_case() -> None:
+    (case,) = hop(fault=[{"kind": "brake_weak", "when": "speed_mps > 90"}]).cases()
+
+    result = run_case(case)
+
+    assert result.verdict is Verdict.BLOCKED
+    assert "brake_weak" in result.reason
+
+
+def test_a_fault_after_the_end_of_the_run_changes_no_frame() -> None:
+    (plain,), (faulty,) = hop().cases(), hop(fault=late_faults()).cases()
+
+    assert run_case(plain).chain == run_case(faulty).chain
+
+
+def late_faults() -> list[dict[str, object]]:
+    """One for each place where faults act."""
+    kinds = ("frame_drop", "wheel_slip", "telegram_torn", "brake_weak", "line_voltage")
+    more = ("door_lock_lost", "passenger_alarm", "radio_loss", "controller_paused")
+    return [{"kind": kind, "start_s": 1000.0} for kind in (*kinds, *more)]
+
+
+def test_a_controller_that_dies_fails_the_case_and_the_train_is_followed_to_its_standstill(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    decide = VobcDevice._decide
+
+    def dies_at_20_s(self: VobcDevice, now_ns: int, overruns: int) -> CycleOutput:
+        if now_ns >= 20_000_000_000:
+            raise ZeroDivisionError("a mistake of ours")
+        return decide(self, now_ns, overruns)
+
+    monkeypatch.setattr(VobcDevice, "_decide", dies_at_20_s)
+    (case,) = hop().cases()
+
+    result = run_case(case)
+
+    assert result.verdict is Verdict.FAIL
+    assert "ZeroDivisionError: a mistake of ours" in result.reason
+    assert result.exit_reason == "the controller died"
+    end_m, top_mps = result.measures["front_end_m"], result.measures["speed_max_mps"]
+    assert end_m is not None
+    assert top_mps is not None
+    # It had left its station, and it stands well before the next one.
+    assert 3001.0 < end_m < 3400.0
+    assert result.sim_s < 60.0
+
+
+def test_a_mistake_of_the_bench_is_no_verdict_on_the_controller(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def fails(self: object, stamp_ns: int, can_id: int, data: bytes) -> None:
+        raise KeyError("the bench")
+
+    monkeypatch.setattr("metro_hil.chain.FrameChain.frame", fails)
+    (case,) = hop().cases()
+
+    with pytest.raises(KeyError):
+        run_case(case)
+
+
+def test_what_does_not_fit_together_blocks_with_words() -> None:
+    (case,) = hop().cases()
+    setup = msgspec.structs.replace(case.setup, consist="no_such_train")
+
+    result = run_case(msgspec.structs.replace(case, setup=setup))
+
+    assert result.verdict is Verdict.BLOCKED
+    assert "no_such_train" in result.reason
+
+
+def test_a_train_that_stands_for_good_does_not_use_up_its_time() -> None:
+    (case,) = hop(fault=[{"kind": "emergency_button", "when": "front_m > 3100"}]).cases()
+
+    result = run_case(case)
+
+    assert result.exit_reason == "stands for good"
+    assert result.sim_s < 140.0
+
+
+def test_a_test_can_look_while_the_train_runs_and_spoil_it(bench: Bench) -> None:
+    run = bench.start(hop())
+    run.run_until("speed_mps > 8", timeout_s=60.0)
+    before_m = run.train.front_m
+    run.plan_faults({"kind": "emergency_button"})
+
+    run.run_until("speed_mps == 0", timeout_s=30.0)
+
+    assert run.controller.supervision.name == "EMERGENCY"
+    assert run.train.front_m - before_m < 60.0
+    assert run.close().measures["emergency_count"] == 1.0
+
+
+def test_waiting_for_what_does_not_come_ends_with_words(bench: Bench) -> None:
+    run = bench.start(hop())
+
+    with pytest.raises(BenchTimeoutError, match=r"speed_mps > 90: not within 5 s"):
+        run.run_until("speed_mps > 90", timeout_s=5.0)
+
+
+def test_a_run_that_a_test_drives_equals_one_that_runs_by_itself(bench: Bench) -> None:
+    scenario = hop()
+    run = bench.start(scenario)
+    run.run_for(12.3)
+    run.run_until(lambda: run.arrived, timeout_s=120.0)
+
+    result = run.close()
+
+    assert result.chain == run_case(scenario.cases()[0]).chain
+
+
+def test_cases_travel_as_json_unchanged() -> None:
+    (case,) = hop(monitor=[ARRIVES], fault=late_faults()).cases()
+
+    assert msgspec.json.decode(msgspec.json.encode(case), type=Case) == case
