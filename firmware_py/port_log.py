@@ -14,7 +14,7 @@ The log is text, one record a line, in the order in which things happened:
     end 4711                                    lines before this one
 
 Instants are whole nanoseconds of the controller's clock. An identifier of 3 digits has 11 bits, one
-of 8 has 29; `R` before the data is a remote frame, `E` an error frame. No bytes are a hyphen.
+of 8 has 29; `R:` before the data is a remote frame, `E:` an error frame. No bytes are a hyphen.
 """
 
 import json
@@ -35,6 +35,7 @@ from firmware_py.ports import (
 from firmware_py.recorder import NS_PER_S, LineFile
 
 PORTS_LOG: Final = "ports.log"
+VERSION: Final = 1
 LINES_MAX: Final = 1024
 
 
@@ -52,16 +53,13 @@ class PortLog:
     def lost_lines(self) -> int:
         return self._file.lost_lines
 
-    def start(
-        self, table: Mapping[str, Any], executive: Executive, *, grid_ns: int, virtual: bool
-    ) -> None:
+    def start(self, table: Mapping[str, Any], executive: Executive, *, virtual: bool) -> None:
         """A controller starts: what it is told, and its tasks from now on.
 
         Args:
-            grid_ns: where the grid of its releases starts.
             virtual: nothing took time, so that it can only say the same again.
         """
-        told = {"version": 1, "grid_ns": grid_ns, "virtual": virtual, "told": table}
+        told = {"version": VERSION, "virtual": virtual, "told": table}
         self.line(f"start {json.dumps(told, allow_nan=False)}\n")
         executive.observe(self.run)
 
@@ -182,5 +180,5 @@ def _hex(data: bytes) -> str:
 
 def _unusual(frame: CanFrame) -> str:
     digits = f"{frame.can_id:08X}" if frame.extended or frame.error else f"{frame.can_id:03X}"
-    kind = "E" if frame.error else "R" if frame.remote else ""
+    kind = "E:" if frame.error else "R:" if frame.remote else ""
     return f"rx can {frame.stamp_ns} {digits} {kind}{_hex(frame.data)}\n"

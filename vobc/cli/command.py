@@ -6,7 +6,7 @@ import sys
 import traceback
 from collections.abc import Sequence
 from contextlib import ExitStack
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Final
 
@@ -108,8 +108,8 @@ def _run(options: argparse.Namespace, planned: Plan) -> int:
         grid_ns = clock.now_ns()
         vobc.executive.start_at(grid_ns)
         if recording is not None:
-            table = commission.table()
-            recording.start(table, vobc.executive, grid_ns=grid_ns, virtual=False)
+            table = replace(commission, grid_ns=grid_ns).table()
+            recording.start(table, vobc.executive, virtual=False)
         run(executives, clock, until)
         watchdog.stop()
         stop_ns = clock.now_ns()

@@ -30,6 +30,8 @@ class Commission:
     """On the controller's clock."""
     start: OdometryRecord | None = None
     """Where the train stands; None for where its mission starts."""
+    grid_ns: int | None = None
+    """Where the grid of its releases starts; None for `start_ns`."""
 
     def device(
         self,
@@ -41,7 +43,7 @@ class Commission:
         cycle_log: CycleLog | None = None,
     ) -> VobcDevice:
         """Without `nvram` what it remembers is forgotten with it."""
-        return VobcDevice(
+        device = VobcDevice(
             self.config,
             self.line,
             self.mission,
@@ -53,11 +55,15 @@ class Commission:
             start_ns=self.start_ns,
             start=self.start,
         )
+        if self.grid_ns is not None:
+            device.executive.start_at(self.grid_ns)
+        return device
 
     def table(self) -> dict[str, Any]:
         """As JSON knows it; `read_commission` makes the same of it again."""
         return {
             "start_ns": self.start_ns,
+            "grid_ns": self.start_ns if self.grid_ns is None else self.grid_ns,
             "line": _plain(self.line),
             "params": _plain(self.config),
             "mission": {
@@ -84,17 +90,23 @@ def read_commission(
             kind, _known(kind, _table(table, key, source), key, left_out), source, key
         )
     line: LineMap = parts["line"]
-    start_ns, standing = table.get("start_ns"), table.get("standing")
-    if not isinstance(start_ns, int):
-        raise SettingsError(f"{source}: start_ns: {start_ns!r} is no instant")
+    standing = table.get("standing")
     return Commission(
         config=parts["params"],
         line=line,
         mission=_mission(_table(table, "mission", source), line, source),
         nvram=parts["memory"],
-        start_ns=start_ns,
+        start_ns=_instant_ns(table, "start_ns", source),
+        grid_ns=_instant_ns(table, "grid_ns", source),
         start=None if standing is None else build(OdometryRecord, standing, source, "standing"),
     )
+
+
+def _instant_ns(table: Mapping[str, Any], key: str, source: str) -> int:
+    value = table.get(key)
+    if not isinstance(value, int):
+        raise SettingsError(f"{source}: {key}: {value!r} is no instant")
+    return value
 
 
 def _mission(table: Mapping[str, Any], line: LineMap, source: str) -> Mission:

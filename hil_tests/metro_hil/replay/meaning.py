@@ -1,0 +1,116 @@
+"""What bytes on the wires mean, in words, and which signals two payloads differ in."""
+
+import dataclasses
+import enum
+from functools import cache
+from typing import Any, Final
+
+from can_dbc.binding import binding_of, kinds
+from firmware_py.ports import CanFrame, RadioMessage, SerialChunk
+from firmware_py.tag_reader.telegram import TelegramParser
+from metro_hil.replay.recording import Output
+from zenoh_config.codec import unpack
+from zenoh_config.messages import Refused
+
+MEASURED: Final = {"VOBC_STATUS": frozenset({"work_us"})}
+"""Signals that tell how the host served the controller, not what the controller decided. They are
+not compared where the host is another, which is in real time."""
+CHECK_SIGNALS: Final = frozenset({"crc16"})
+"""Follow from the others."""
+RATIO_UNIT: Final = "1"
+TWIN: Final = "the twin of "
+
+Signals = dict[str, str]
+
+
+@cache
+def _messages() -> dict[str, tuple[str, Any]]:
+    """Name and message of cantools by identifier in hexadecimal; a twin is decoded as its first."""
+    found: dict[str, tuple[str, Any]] = {}
+    for kind in kinds():
+        bound = binding_of(kind)
+        found[f"{bound.message.frame_id:03X}"] = (bound.message.name, bound.message)
+        if bound.twin is not None:
+            found[f"{bound.twin.frame_id:03X}"] = (TWIN + bound.message.name, bound.twin)
+    return found
+
+
+def name_of(output: Output) -> str:
+    """Name of a message on the bus; what it is on the other wires."""
+    if output.wire == "can":
+        return _messages().get(output.key, ("unknown identifier", None))[0]
+    if output.wire == "radio":
+        return type(unpack(output.data)).__name__
+    return "bytes"
+
+
+def signals_of(output: Output) -> Signals:
+    """Value and unit of each signal as text; empty for what has no meaning here."""
+    if output.wire == "can":
+        return _frame_signals(output.key, output.data)
+    if output.wire == "radio":
+        return _fields(unpack(output.data))
+    return {}
+
+
+def _frame_signals(key: str, data: bytes) -> Signals:
+    _, message = _messages().get(key, ("", None))
+    if message is None or len(data) != message.length:
+        return {}
+    units = {signal.name: signal.unit or "" for signal in message.signals}
+    values = message.decode(data, allow_truncated=False)
+    return {name: _value(value, units[name]) for name, value in values.items()}
+
+
+def _fields(message: Any) -> Signals:
+    if isinstance(message, Refused):
+        return {"refused": f"{message.reason.value}: {message.detail}"}
+    names = [field.name for field in dataclasses.fields(message)]
+    return {name: _value(getattr(message, name), "") for name in names}
+
+
+def _value(value: object, unit: str) -> str:
+    if isinstance(value, enum.Enum):
+        return value.name.lower()
+    text = f"{value:.9g}" if isinstance(value, float) else str(value)
+    return f"{text} {unit}" if unit not in ("", RATIO_UNIT) else text
+
+
+def measured_only(one: Output, other: Output) -> bool:
+    """Whether two payloads differ in nothing but what the host did to them."""
+    measured = MEASURED.get(name_of(one))
+    if measured is None:
+        return False
+    mine, theirs = signals_of(one), signals_of(other)
+    different = {name for name in mine if mine[name] != theirs.get(name)}
+    return bool(different & measured) and different <= measured | CHECK_SIGNALS
+
+
+def frame_words(frame: CanFrame) -> tuple[str, str]:
+    """Name and signals of a frame that was heard."""
+    if frame.error or frame.remote or frame.extended:
+        return ("error frame" if frame.error else "no data frame of the bus"), frame.data.hex()
+    key = f"{frame.can_id:03X}"
+    name = _messages().get(key, ("unknown identifier", None))[0]
+    return f"{key} {name}", _joined(_frame_signals(key, frame.data)) or frame.data.hex().upper()
+
+
+def message_words(message: RadioMessage) -> tuple[str, str]:
+    heard = unpack(message.payload)
+    return f"{message.key} {type(heard).__name__}", _joined(_fields(heard))
+
+
+def chunk_words(parser: TelegramParser, chunk: SerialChunk) -> tuple[str, str]:
+    """What a piece of the serial line completes; `parser` has heard what came before."""
+    heard = list(parser.feed(chunk.data))
+    words = "; ".join(f"{type(each).__name__} {_plain(each)}" for each in heard)
+    return "tags", words or chunk.data.hex().upper()
+
+
+def _plain(value: Any) -> str:
+    return _joined(_fields(value)) if dataclasses.is_dataclass(value) else str(value)
+
+
+def _joined(signals: Signals) -> str:
+    told = ((name, value) for name, value in signals.items() if name not in CHECK_SIGNALS)
+    return ", ".join(f"{name} {value}" for name, value in told)
