@@ -16,6 +16,9 @@ from metro_hil.campaign.train import DEFAULT, read_setup
 from metro_hil.cases import Branch, Controller
 from plant_emulator.faults.plan import read_fault
 
+STATION_MEASURES: Final = ("stop_*_error_m", "stop_*_run_s")
+"""Beside those of every case there are these of each station."""
+
 PARTS: Final[Mapping[str, tuple[str, ...]]] = {
     "setup": ("train", "timetable"),
     "faults": ("fault",),
@@ -70,8 +73,10 @@ class Body:
         return tuple(tables)
 
     def _monitors(self, findings: Findings) -> tuple[ConfigTable, ...]:
+        from metro_hil.case_measures import NAMES
         from metro_hil.monitors import read_monitors
 
+        measures = (*NAMES, *STATION_MEASURES)
         tables = self.raw.get("monitor", [])
         before = len(findings.found)
         for index, table in enumerate(tables):
@@ -79,7 +84,7 @@ class Body:
             alone = Findings()
             key = "monitor[0]"
             if isinstance(table, dict):
-                attempt(lambda t: read_monitors([t], "", "none"), table, key, alone)
+                attempt(lambda t: read_monitors([t], "", "none", measures), table, key, alone)
             else:
                 alone.add(key, f"{table!r} is not a table")
             for where_alone, what in alone.found:
@@ -124,14 +129,16 @@ class PointMaker:
     def __init__(self, body: Body, keys: Sequence[str], findings: Findings) -> None:
         """What is wrong with the scenario apart from its sweep is reported."""
         self._body = body
-        heads = [key.partition(".")[0] for key in keys]
-        self._changed = [
-            name for name, tables in PARTS.items() if any(head in tables for head in heads)
-        ]
-        fixed = [name for name in PARTS if name not in self._changed]
+        touching = {
+            part: tuple(key for key in keys if key.partition(".")[0] in tables)
+            for part, tables in PARTS.items()
+        }
+        self._changed = {part: some for part, some in touching.items() if some}
+        fixed = [part for part in PARTS if part not in self._changed]
         self._fixed = body.parts(fixed, findings)
         self._before = Findings()
-        body.parts(self._changed, self._before)
+        body.parts(tuple(self._changed), self._before)
+        self._read: dict[tuple[str, ...], tuple[Any, Findings]] = {}
 
     def report_body(self, findings: Findings) -> None:
         """What is wrong with what the sweep changes, when the sweep itself cannot be made.
@@ -159,21 +166,31 @@ class PointMaker:
         except KeyMissingError as error:
             findings.add(where(error.args[1]), error.args[0])
             return None
-        seen = Findings()
-        parts = {**self._fixed, **body.parts(self._changed, seen)}
-        for key, what in seen.found:
-            self._report(key, what, factors, findings)
-        if seen:
-            return None
-        return Point(number=number, factors=factors, **parts)
+        parts = dict(self._fixed)
+        fine = True
+        for part, keys in self._changed.items():
+            parts[part], seen = self._part(body, part, [factors[key] for key in keys])
+            fine = fine and not seen
+            for key, what in seen.found:
+                self._report(key, what, factors, findings)
+        return Point(number=number, factors=factors, **parts) if fine else None
+
+    def _part(self, body: Body, part: str, values: Sequence[Any]) -> tuple[Any, Findings]:
+        """One part with what is wrong with it; points that share the values share the part."""
+        key = (part, *map(repr, values))
+        if key not in self._read:
+            seen = Findings()
+            self._read[key] = body.parts((part,), seen)[part], seen
+        return self._read[key]
 
     def _report(self, key: str, what: str, factors: Mapping[str, Any], findings: Findings) -> None:
         if (key, what) in self._before.found:
             findings.add(key, what)
             return
-        dotted = key.replace("[", ".").replace("]", "")
+        # Of an override the words begin with its key.
+        path = f"{key.replace('[', '.').replace(']', '')}.{what}".replace(": ", ".")
         for factor, value in factors.items():
-            if dotted == factor or dotted.startswith(f"{factor}."):
+            if path.startswith((f"{factor}.", f"{factor} ")):
                 said = what if repr(value) in what or str(value) in what else f"{value!r}: {what}"
                 findings.add(where(factor), said)
                 return

@@ -48,10 +48,10 @@ class Phase:
     """A level that is an instant: `base_s` and a share of the control cycle."""
 
     base_s: float
-    share: float
+    cycle_share: float
 
     def instant_s(self, cycle_ms: float) -> float:
-        return round(self.base_s + self.share * cycle_ms / 1000.0, 9)
+        return round(self.base_s + self.cycle_share * cycle_ms / 1000.0, 9)
 
 
 @dataclass(frozen=True, slots=True)

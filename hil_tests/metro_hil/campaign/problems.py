@@ -66,10 +66,11 @@ def salvage(
             return make(rest), rest
         except SettingsError as error:
             text = str(error)
-            if any(f"{_join(key, name)}: missing key" in text for name in set_aside):
+            name = offender(text, key, rest)
+            if name is None and set_aside:
+                # It may miss what was set aside.
                 return None, rest
             findings.add_text(text, key, rest)
-            name = offender(text, key, rest)
             if name is None:
                 # Shorter than the table, so that nobody takes it for right.
                 return None, {}

@@ -42,8 +42,6 @@ class Definition:
     bodies: tuple[Body, ...]
     factors: tuple[tuple[Factor, ...], ...]
     """Of each scenario, like `bodies`."""
-    tables: tuple[ConfigTable, ...]
-    """Each scenario with all that it inherits, as a file of its own would have it."""
 
 
 def read_campaign(name_or_path: str) -> Campaign:
@@ -136,7 +134,7 @@ class _Reader:
         if self._problems:
             raise CampaignError(tuple(dict.fromkeys(self._problems)))
         assert head is not None
-        plans, bodies, factors, tables = zip(*read, strict=True)
+        plans, bodies, factors = zip(*read, strict=True)
         campaign = Campaign(
             name=campaign_name,
             title=head.title,
@@ -146,11 +144,11 @@ class _Reader:
             files=dict(self._sources.files),
             notes=tuple(self._notes),
         )
-        return Definition(campaign, bodies, factors, tables)
+        return Definition(campaign, bodies, factors)
 
     def _scenario(
         self, above: ConfigTable, own: Mapping[str, Any] | None, index: int, name: str
-    ) -> tuple[ScenarioPlan, Body, tuple[Factor, ...], ConfigTable] | None:
+    ) -> tuple[ScenarioPlan, Body, tuple[Factor, ...]] | None:
         shape = Findings()
         kept = {} if own is None else shaped(own, shape, inside_scenario=True)
         place = Place(above, kept, None if own is None else index)
@@ -188,7 +186,7 @@ class _Reader:
             levels={factor.key: in_words(factor) for factor in factors},
             points=points,
         )
-        return plan, body, factors, table
+        return plan, body, factors
 
     def _note(self, name: str, sweep: SweepKeys, swept: bool) -> None:
         count = sweep.count or 1
@@ -238,12 +236,12 @@ def read_seeds(table: Mapping[str, Any], findings: Findings) -> tuple[int, ...]:
 
 
 def read_invariants(table: Mapping[str, Any], findings: Findings) -> str | tuple[str, ...]:
-    """`all`, `none` or a list of names; the names are checked with the monitors."""
+    """`all`, `none` or a list of names and numbers; these are checked with the monitors."""
     value = table.get("invariants", "all")
     if value in ("all", "none"):
         return str(value)
-    if isinstance(value, list) and all(isinstance(name, str) for name in value):
-        return tuple(value)
+    if isinstance(value, list) and all(type(name) in (str, int) for name in value):
+        return tuple(map(str, value))
     hint = f"; {nearest(value, ['all', 'none'])}" if isinstance(value, str) else ""
     findings.add("invariants", f"{value!r} is neither 'all', 'none' nor a list of names{hint}")
     return "all"

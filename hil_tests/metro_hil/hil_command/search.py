@@ -69,7 +69,7 @@ def run(options: argparse.Namespace) -> int:
     definition = read_definition(options.campaign)
     space = space_of(definition, options.scenario, options.factors)
     words = f"search-{space.plan.name}"
-    folder = make_run_folder(options.out, WallClock().epoch_ns(), words).path
+    folder = make_run_folder(options.out, WallClock().epoch_ns(), words)
     workers = _workers(options, space)
     files = space.body.sources.paths
     with local_crew(workers, files) as evaluate:
@@ -83,7 +83,7 @@ def run(options: argparse.Namespace) -> int:
         )
 
         def heard(new: "Sequence[Sought]") -> None:
-            append_history(folder, new)
+            append_history(folder.path, new)
             worst = search.worst(1)
             least = f"least {worst[0].value:.4g}" if worst else "nothing seen so far"
             _say(f"{len(search.history)} points, {least}")
@@ -95,7 +95,11 @@ def run(options: argparse.Namespace) -> int:
             interrupted = True
         except BrokenExecutor as error:
             raise EngineError(f"a process that ran cases was ended: {error}") from error
-    _tell(options, search, space, folder)
+        finally:
+            if not search.history:
+                folder.path.rmdir()
+    if search.history:
+        _tell(options, search, space, folder.path)
     return EXIT_INTERRUPTED if interrupted else EXIT_OK
 
 

@@ -6,9 +6,10 @@ from typing import Any
 
 import msgspec
 
+from firmware_py.expression import compile_expression
 from firmware_py.settings import SettingsError, nearest
 from metro_hil.campaign.definition import Body, PointMaker
-from metro_hil.campaign.designs import exclusion
+from metro_hil.campaign.designs import exclusion, expression_names
 from metro_hil.campaign.factors import Factor
 from metro_hil.campaign.plan import ScenarioPlan, case_of
 from metro_hil.campaign.problems import Findings
@@ -100,5 +101,16 @@ def space_of(
             raise SearchError(f"--factors {key}: {nearest(key, known, 'factor')}")
     chosen = [factor for factor in factors if not keys or factor.key in keys]
     body = definition.bodies[place]
-    exclude = body.raw.get("sweep", {}).get("exclude", ()) if not keys else ()
-    return Space(campaign.scenarios[place], body, chosen, exclude)
+    return Space(campaign.scenarios[place], body, chosen, _exclusions(body, factors, chosen))
+
+
+def _exclusions(body: Body, factors: Sequence[Factor], chosen: Sequence[Factor]) -> list[str]:
+    """Those that speak of nothing but what varies; names are clear or not as in the sweep."""
+    names = expression_names(factors)
+    kept = {factor.key for factor in chosen}
+    texts: list[str] = body.raw.get("sweep", {}).get("exclude", [])
+    return [
+        text
+        for text in texts
+        if {names[name] for name in compile_expression(text, list(names)).names} <= kept
+    ]

@@ -191,7 +191,15 @@ WRONG: Final = [
     ('[[fault]]\nkind = "brake_weak"\ngain_ratio = 9', "fault[0].gain_ratio: 9 is not within"),
     ('[[fault]]\nkind = "brake_weak"\nend_s = -1', "fault[0].end_s: -1 is not after start_s 0"),
     ('[[fault]]\nkind = "brake_weak"\nwhen = "sped > 1"', "fault[0].when: 'sped > 1': unknown"),
-    ('[[monitor]]\nname = "a"\nstl = "always(sped < 1)"', "monitor[0]"),
+    (
+        '[[monitor]]\nname = "a"\nstl = "always(sped < 1)"',
+        "monitor[0].stl: 'always(sped < 1)' at character 8: unknown signal sped; nearest: speed",
+    ),
+    (
+        '[[monitor]]\nname = "a"\nmeasure = "stop_error_wrst_m"\nmax = 1.0',
+        "monitor[0].measure: 'stop_error_wrst_m': nearest",
+    ),
+    ('invariants = ["INV-99"]', "invariants: 'INV-99': "),
     (f"[sweep]\ncount = 3\n{FACTOR}", "sweep.count: 3 is for lhs, sobol and random alone"),
     (f'[sweep]\ndesin = "lhs"\n{FACTOR}', "sweep.desin: unknown key; nearest valid key: design"),
     (f'[sweep]\ndesign = "lsh"\n{FACTOR}', "sweep.design: 'lsh': nearest valid value: lhs"),
