@@ -181,6 +181,11 @@ class LocalCrew:
     def pids(self) -> list[int]:
         return [worker.process.pid for worker in self._crew]
 
+    @property
+    def ready(self) -> int:
+        """Workers that have imported everything."""
+        return sum(worker.ready for worker in self._crew)
+
     def room(self, plenty: bool) -> bool:
         if self._stopping:
             return False
@@ -237,6 +242,7 @@ class LocalCrew:
         except BlockingIOError:
             return
         worker.received += data
+        before = len(worker.entries)
         try:
             for message in take_for_master(worker.received):
                 self._hear(worker, message, outcomes)
@@ -247,6 +253,8 @@ class LocalCrew:
         if not data:
             worker.process.kill()
             self._replace(worker, worker.end_words(), outcomes)
+        elif self._stopping and len(worker.entries) < before:
+            self._discard(worker, outcomes)
 
     def _hear(self, worker: Worker, message: ToMaster, outcomes: list[Outcome]) -> None:
         worker.since_ns = self._clock.now_ns()
@@ -259,8 +267,6 @@ class LocalCrew:
         if isinstance(message, Over):
             assert not entry.left, "a batch is over when all its cases are"
             worker.entries.popleft()
-            if self._stopping:
-                self._discard(worker, outcomes)
             return
         case = entry.left.popleft()
         if isinstance(message, Done):
