@@ -1,0 +1,102 @@
+"""What is over is over: after a fault the train does again exactly what one without it does."""
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from can_dbc.doors import DoorCommand
+from plant_emulator.faults.kinds import CATALOGUE, Place
+from plant_emulator.faults.plan import read_faults
+from plant_emulator.train_config import load_train
+from plant_emulator.truth import SIGNALS
+
+ATrain = Callable[..., Any]
+TRAIN_PLACES = (Place.SENSOR, Place.ACTUATOR, Place.SUPPLY, Place.DOORS, Place.DESK)
+KINDS = [kind.name for kind in CATALOGUE.values() if kind.place in TRAIN_PLACES]
+MILD = {"traction_runaway": {"accel_mps2": 0.2}}
+"""So that the train stays where it is under its holding brake."""
+OPEN = DoorCommand(enable_left=True, enable_right=True, open_left=True, open_right=True)
+CLOSE = DoorCommand(enable_left=False, enable_right=False, open_left=False, open_right=False)
+
+
+def program(train: Any) -> list[object]:
+    """Everything that the train says while it opens and closes, drives over tags and brakes."""
+    world, said = train.world, []
+    last = world.tag_reader.last
+    for duration_s, brake, traction, doors in (
+        (4.0, train.HOLDING, train.FORBIDDEN, OPEN),
+        (4.0, train.HOLDING, train.FORBIDDEN, CLOSE),
+        (12.0, train.RELEASED, train.driving(150_000.0), CLOSE),
+        (8.0, train.braking(0.7), train.FORBIDDEN, CLOSE),
+        (12.0, train.EMERGENCY, train.FORBIDDEN, CLOSE),
+    ):
+        for step, _ in enumerate(train.each_step(duration_s, brake, traction, doors)):
+            telegrams = world.tag_reader.telegrams(world.now_ns)
+            if step % 5 == 0:
+                speed_mps = world.consist.car_speeds_mps[0]
+                said += [
+                    world.tachos.frame(world.now_ns),
+                    world.doppler.frame(speed_mps),
+                    world.imu.frame(world.now_ns, speed_mps, world.consist.slope_mps2),
+                    world.brake.status(),
+                    world.traction.status(world.brake.electric_n),
+                    world.doors.status(),
+                    world.power.supply(),
+                    world.desk,
+                    world.tag_reader.frame(world.now_ns).antenna_ok,
+                    world.tag_reader.last is last or world.tag_reader.last,
+                    len(telegrams),
+                    [getattr(train.truth, name) for name in SIGNALS if name != "tags_read"],
+                ]
+    return said
+
+
+def after(a_train: ATrain, *faults: dict[str, Any]) -> list[object]:
+    """What the train says from 12 s on, having stood before."""
+    train = a_train(*faults, train=load_train("florence4"), front_m=1350.0)
+    for _ in train.each_step(12.0, train.HOLDING, train.FORBIDDEN, CLOSE):
+        train.world.tag_reader.telegrams(train.world.now_ns)
+    begun = [fault for fault in faults if fault["start_s"] < 12.0]
+    assert not train.schedule.active
+    assert len(train.schedule.never_began) == len(faults) - len(begun)
+    return program(train)
+
+
+@pytest.fixture(scope="module")
+def untouched() -> list[list[object]]:
+    """Filled once with what a healthy train says."""
+    return []
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_after_its_end_nothing_of_a_fault_is_left(
+    a_train: ATrain, untouched: list[list[object]], kind: str
+) -> None:
+    if not untouched:
+        untouched.append(after(a_train))
+    fault = {"kind": kind, "start_s": 2.0, "end_s": 4.0, **MILD.get(kind, {})}
+
+    said = after(a_train, fault)
+
+    assert said == untouched[0]
+
+
+def test_faults_that_have_not_begun_change_nothing(
+    a_train: ATrain, untouched: list[list[object]]
+) -> None:
+    if not untouched:
+        untouched.append(after(a_train))
+
+    assert after(a_train, *({"kind": k, "start_s": 1000.0} for k in KINDS)) == untouched[0]
+
+
+def test_every_kind_of_the_train_has_an_effect(a_train: ATrain) -> None:
+    """Brought about one after the other on a running train, without an assertion of ours."""
+    faults = [{"kind": kind, "start_s": 0.5 * i, "duration_s": 1.0} for i, kind in enumerate(KINDS)]
+    train = a_train(*faults, speed_mps=10.0)
+    train.run(0.5 * len(KINDS) + 2.0)
+
+    assert len(KINDS) > 30
+    assert not train.schedule.never_began
+    assert [plan.kind.name for plan in read_faults(faults, "x")] == KINDS
