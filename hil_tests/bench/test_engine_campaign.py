@@ -291,7 +291,7 @@ def test_a_master_that_is_killed_again_and_again_loses_and_doubles_nothing(tmp_p
     """The instants are drawn anew on a developer's machine only by changing the seed."""
     cases = trial_cases(60, work_s=0.01)
 
-    report = Trial(plan_of(cases, RUNNER, {"line": "a = 1"}), tmp_path, kills=10).run()
+    report = Trial(plan_of(cases, RUNNER, {"line": "a = 1"}), tmp_path, kills=10, life_s=1.0).run()
 
     assert report.faults == []
     assert report.kills == 10
