@@ -83,9 +83,9 @@ INVARIANTS: Final[tuple[Invariant, ...]] = (
         "emergency-held",
         "1",
         "The emergency brake stays commanded until the train stands and a reset is given.",
-        "1, or -1 when it is released while the train moves, or after the state EMERGENCY was "
-        "told without a reset pressed at standstill in the 5 s before. Whether the cause is gone "
-        "is not on the bus.",
+        "1, or -1 when it is released while the train moves, or when the state EMERGENCY ends "
+        "otherwise than at standstill within 5 s of a press of the reset. Whether the cause is "
+        "gone is not on the bus.",
     ),
     _watched(
         6,

@@ -29,6 +29,7 @@ class EmergencyWatch:
         "_reset_ns",
         "_reset_was_pressed",
         "_since_ns",
+        "_start_ns",
         "held",
         "ignored",
         "traction_off",
@@ -43,7 +44,9 @@ class EmergencyWatch:
         self._since_ns = -1
         self._pulled = False
         """Traction acted when the emergency brake was asked for, and has not been seen off."""
-        self._commanded = True
+        self._commanded = False
+        """By the frames: what was commanded before the first of them is not known."""
+        self._start_ns = context.start_ns
         self._applied_moving = False
         self._latched = False
         self._reset_ns = -1
@@ -77,19 +80,22 @@ class EmergencyWatch:
 
     def news(self, truth: Truth, now_ns: int, spoken: Spoken) -> None:
         """To be told whenever the controller or the desk has said something."""
+        if spoken.brake_ns == self._start_ns:
+            return
         commanded = spoken.emergency_commanded > 0.0
         moving = truth.speed_mps != 0.0
-        if spoken.supervision == EMERGENCY:
-            self._latched = True
         self._follow_reset(now_ns, spoken, standing=not moving)
         if commanded and moving:
             self._applied_moving = True
-        if self._commanded and not commanded:
-            if self._latched or moving:
-                reset = self._reset_ns >= 0 and now_ns - self._reset_ns <= self._reset_lifetime_ns
-                self.held.said(not moving and (reset or not self._latched), now_ns)
-            self._latched = self._applied_moving = False
+        told = spoken.supervision == EMERGENCY
+        released = self._commanded and not commanded
+        if (self._latched and not told) or (released and (self._latched or moving)):
+            reset = self._reset_ns >= 0 and now_ns - self._reset_ns <= self._reset_lifetime_ns
+            self.held.said(not moving and (reset or not self._latched), now_ns)
             self._reset_ns = -1
+        if released:
+            self._applied_moving = False
+        self._latched = told
         self._commanded = commanded
 
     def _follow_reset(self, now_ns: int, spoken: Spoken, *, standing: bool) -> None:

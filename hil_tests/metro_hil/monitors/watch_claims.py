@@ -64,7 +64,8 @@ class ClaimWatch:
         self._width_m = UNKNOWN_M
         self._tags = 0.0
         self._tag_ns = context.start_ns
-        self._slips = 0.0
+        self._slips = -1.0
+        """As last told; negative before the first time."""
 
     def tag_read(self, tags: float, now_ns: int) -> None:
         """To be told of every step in which `tags` differs from the step before."""
@@ -120,9 +121,9 @@ class ClaimWatch:
         self.curve.see((self._curve_ns - late_ns) / NS_PER_S, now_ns)
 
     def _check_overrun(self, truth: Truth, now_ns: int, spoken: Spoken) -> None:
-        missed = (spoken.cycle_slips - self._slips) % SLIPS_PERIOD
-        self._slips = spoken.cycle_slips
-        if missed > SLIPS_MAX and abs(truth.speed_mps) > MOVING_MPS:
+        before, self._slips = self._slips, spoken.cycle_slips
+        missed = (spoken.cycle_slips - before) % SLIPS_PERIOD
+        if before >= 0.0 and missed > SLIPS_MAX and abs(truth.speed_mps) > MOVING_MPS:
             self.overrun.said(spoken.emergency_commanded > 0.0 or truth.emergency > 0.0, now_ns)
 
 

@@ -150,11 +150,11 @@ class MotionWatch:
         pulling_s, reaction_s = self._times_left_s(truth, now_ns)
         speed_mps = truth.speed_mps
         first_s = min(pulling_s, reaction_s)
-        gain_mps2 = max(0.0, truth.accel_mps2) if truth.drive_n > 0.0 else 0.0
+        fall_mps2 = self._place.fall_mps2(truth.gradient_permille)
+        gain_mps2 = max(fall_mps2, truth.accel_mps2) if truth.drive_n > 0.0 else fall_mps2
         way_m = (speed_mps + 0.5 * gain_mps2 * first_s) * first_s
         speed_mps += gain_mps2 * first_s
         rest_s = reaction_s - first_s
-        fall_mps2 = self._place.fall_mps2(truth.gradient_permille)
         way_m += (speed_mps + 0.5 * fall_mps2 * rest_s) * rest_s
         speed_mps += fall_mps2 * rest_s
         return way_m + self._place.braking_m(truth.front_m + way_m, speed_mps, self._decel_mps2)
