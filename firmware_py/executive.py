@@ -116,10 +116,10 @@ class Executive:
         slot.run, slot.woken = run_and_ask, True
         return executive
 
-    def observe(self, observer: Observer) -> None:
-        """Tell of each run, before it begins."""
+    def observe(self, began: Observer, ended: Callable[[], None]) -> None:
+        """Tell of each run, before it begins and when it is over, however it ends."""
         for slot in self._slots:
-            slot.run = _observed(slot, slot.run, observer)
+            slot.run = _observed(slot, slot.run, began, ended)
 
     def run_next(self, now_ns: int, execution_ns: int | None = None) -> str | None:
         """Run only the task that `run` would begin first, if it is due; answers which.
@@ -323,10 +323,13 @@ def _run_lockstep(heap: _Heap, clock: LockstepClock, until: Callable[[int], bool
         slot.run(now_ns)
 
 
-def _observed(slot: _Slot, run: Run, observer: Observer) -> Run:
+def _observed(slot: _Slot, run: Run, began: Observer, ended: Callable[[], None]) -> Run:
     def run_observed(now_ns: int) -> None:
-        observer(slot.task.name, now_ns, slot.execution_ns)
-        run(now_ns)
+        began(slot.task.name, now_ns, slot.execution_ns)
+        try:
+            run(now_ns)
+        finally:
+            ended()
 
     return run_observed
 

@@ -48,6 +48,7 @@ class PortLog:
         self._lines: list[str] = []
         self._written = 0
         self._second = -1
+        self._running = self._stopped = False
 
     @property
     def lost_lines(self) -> int:
@@ -61,19 +62,26 @@ class PortLog:
         """
         told = {"version": VERSION, "virtual": virtual, "told": table}
         self.line(f"start {json.dumps(told, allow_nan=False)}\n")
-        executive.observe(self.run)
+        self._running = self._stopped = False
+        executive.observe(self._began, self._ended)
 
-    def run(self, task: str, begin_ns: int, execution_ns: int) -> None:
-        """A task begins."""
+    def _began(self, task: str, begin_ns: int, execution_ns: int) -> None:
         second = begin_ns // NS_PER_S
         if second != self._second or len(self._lines) >= LINES_MAX:
             self.flush()
             self._second = second
         self.line(f"run {task} {begin_ns} {execution_ns}\n")
+        self._running = True
 
-    def stop(self, now_ns: int) -> None:
-        """The controller is about to be told to end."""
-        self.line(f"stop {now_ns}\n")
+    def _ended(self) -> None:
+        self._running = False
+
+    def said(self, now_ns: int, text: str) -> None:
+        """What is said while no task runs is the last word: somebody told the controller to end."""
+        if not self._running and not self._stopped:
+            self._stopped = True
+            self.line(f"stop {now_ns}\n")
+        self.line(text)
 
     def line(self, text: str) -> None:
         self._lines.append(text)
@@ -112,7 +120,7 @@ class _LoggedCan:
         return self._port.counters
 
     def send(self, now_ns: int, can_id: int, data: bytes) -> None:
-        self._log.line(f"tx can {can_id:03X} {_hex(data)}\n")
+        self._log.said(now_ns, f"tx can {can_id:03X} {_hex(data)}\n")
         self._port.send(now_ns, can_id, data)
 
     def receive(self, now_ns: int) -> Sequence[CanFrame]:
@@ -139,7 +147,7 @@ class _LoggedSerial:
         return self._port.counters
 
     def send(self, now_ns: int, data: bytes) -> None:
-        self._log.line(f"tx tags {_hex(data)}\n")
+        self._log.said(now_ns, f"tx tags {_hex(data)}\n")
         self._port.send(now_ns, data)
 
     def receive(self, now_ns: int) -> Sequence[SerialChunk]:
@@ -161,7 +169,7 @@ class _LoggedRadio:
         return self._port.counters
 
     def send(self, now_ns: int, key: str, payload: bytes) -> None:
-        self._log.line(f"tx radio {key} {_hex(payload)}\n")
+        self._log.said(now_ns, f"tx radio {key} {_hex(payload)}\n")
         self._port.send(now_ns, key, payload)
 
     def receive(self, now_ns: int) -> Sequence[RadioMessage]:

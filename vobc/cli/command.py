@@ -112,10 +112,7 @@ def _run(options: argparse.Namespace, planned: Plan) -> int:
             recording.start(table, vobc.executive, virtual=False)
         run(executives, clock, until)
         watchdog.stop()
-        stop_ns = clock.now_ns()
-        if recording is not None:
-            recording.stop(stop_ns)
-        vobc.stop(stop_ns)
+        vobc.stop(clock.now_ns())
         if out is not None:
             _write_json(out / "vobc.json", _summary(vobc))
     return EXIT_INTERRUPTED if ending.by_keyboard else EXIT_OK

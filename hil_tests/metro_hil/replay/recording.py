@@ -69,7 +69,7 @@ class Recording:
 
 def read_recording(folder: Path) -> Recording:
     """The recording of a run folder, or the file itself. Raises RecordingError."""
-    path = folder / PORTS_LOG if folder.is_dir() else folder
+    path = _recording_of(folder) if folder.is_dir() else folder
     try:
         data = path.read_bytes()
     except FileNotFoundError:
@@ -79,6 +79,17 @@ def read_recording(folder: Path) -> Recording:
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read: {error.strerror}") from error
     return parse_recording(path, data)
+
+
+def _recording_of(folder: Path) -> Path:
+    """In the folder itself, or in the only one below it that has one."""
+    below = sorted(folder.glob(f"*/{PORTS_LOG}"))
+    if (folder / PORTS_LOG).exists() or not below:
+        return folder / PORTS_LOG
+    if len(below) > 1:
+        found = ", ".join(str(path.parent) for path in below)
+        raise RecordingError(f"{folder}: more than one controller was recorded: {found}")
+    return below[0]
 
 
 def parse_recording(path: Path, data: bytes) -> Recording:
