@@ -40,7 +40,8 @@ LOOKBACK_S: Final = 5.0
 """How long before a violation its cause may lie: units that brake for want of commands do so within
 0.15 s, and a train that was braked from full speed stands within some seconds more."""
 START_UP_S: Final = 2.0
-"""While the processes of a case start they hold each other up, and the train still stands."""
+"""While the processes of a case start they hold each other up, and the train still stands: what
+goes wrong much later is not the fault of that."""
 HANG_S: Final = 0.5
 """Nothing shorter makes a controller silent for two seconds, or its watchdog of one second bite."""
 NO_EXCUSE_S: Final = 1.0e9
@@ -160,7 +161,7 @@ def _cause(failure: Failure, disturbances: Sequence[Disturbance]) -> Disturbance
 
 def failure_window(at_s: float | None) -> Window:
     if at_s is None:
-        return Window(0.0, WHOLE_RUN_S)
+        return Window(START_UP_S, WHOLE_RUN_S)
     return Window(at_s - LOOKBACK_S, at_s)
 
 

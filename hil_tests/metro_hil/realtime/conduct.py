@@ -6,6 +6,7 @@ import socket
 from collections.abc import Callable
 from typing import Final
 
+from can_dbc.vobc import AtoPhase
 from firmware_py.clock import Clock
 from metro_hil.case_setup import CaseParts
 from metro_hil.cases import Case, Event
@@ -84,6 +85,7 @@ class Conduct:
         self._second_ns = self._began_ns
         self._excused_second = False
         self._lost_to_fault = False
+        self._state = ""
         self.ended_by: signal.Signals | int | None = None
         """Signal or exit code of a controller that ended by itself."""
         self._schedule = Schedule(made.faults)
@@ -181,6 +183,7 @@ class Conduct:
             faults.poll(now_ns)
             self._excused_second = self._excused_second or faults.acting(now_ns)
         self.hearing.judge(now_ns)
+        self._tell_state()
         if now_ns - self._second_ns >= NS_PER_S:
             self._close_second(now_ns)
 
@@ -206,10 +209,17 @@ class Conduct:
 
     def _tell_time(self, now_ns: int) -> None:
         """Without a plant of ours, faults begin and end by the bench's own time."""
-        clock = Truth()
+        clock, hearing = Truth(), self.hearing
         clock.t_s = self._run_s(now_ns)
-        self.motion.t_s = clock.t_s
+        status, position = hearing.status, hearing.position
+        self.motion.believe(
+            clock.t_s,
+            None if position is None else position.front_m,
+            doors_open=status is not None and status.ato_phase is AtoPhase.DOORS_OPEN,
+        )
         self._schedule.step(clock, now_ns)
+        # Monitors of what is said on the bus are told the time, and nothing else, as truth.
+        self.hearing.truth(clock, now_ns)
 
     def _changed_by_time(self, plan: FaultPlan, active: bool, now_ns: int) -> None:
         message = pack_change(plan.index, active, now_ns)
@@ -274,6 +284,7 @@ class Conduct:
             violated=self._case.stop_at_violation and self._monitors.violated is not None,
             killed_for_good=self._lost,
             pending=self.faults.pending,
+            truth_known=self._stage.parts.plant,
         )
 
     @property
@@ -292,8 +303,24 @@ class Conduct:
         faults = self._process_faults
         return self._lost_to_fault or (faults is not None and faults.for_good)
 
+    def _tell_state(self) -> None:
+        """What the controller says of itself, whenever that changes."""
+        status = self.hearing.status
+        if status is None:
+            return
+        words = (
+            f"protection {_spoken(status.supervision.name)}; "
+            f"operation {_spoken(status.ato_phase.name)}"
+        )
+        if words != self._state:
+            self._state = words
+            self._note(words)
+
     def _close_second(self, now_ns: int) -> None:
         run_s = self._run_s(now_ns)
+        if self.hearing.origin_ns is None:
+            self._second_ns = now_ns
+            return
         if self._excused_second:
             begin_s = self._run_s(self._second_ns)
             self.excused.append(Window(begin_s - 1.0, run_s + EXCUSED_AFTER_S))
@@ -322,3 +349,7 @@ class Conduct:
     def _drain(self) -> None:
         self._clock.wait_until(self._clock.now_ns() + round(DRAIN_S * NS_PER_S))
         self.hearing.frames(self._clock.now_ns())
+
+
+def _spoken(name: str) -> str:
+    return name.lower().replace("_", " ")

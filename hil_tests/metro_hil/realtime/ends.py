@@ -15,6 +15,8 @@ STAND_S: Final = 2.0
 """A train without a controller that stands for so long stays there."""
 FOLLOW_NS: Final = 180 * NS_PER_S
 """It is followed for so long, to see where it comes to stand."""
+FOLLOW_BLIND_NS: Final = 10 * NS_PER_S
+"""Where nobody can say whether it stands, the taps go on for so long."""
 STUCK_S: Final = 60.0
 """So long after the longest dwell, with no fault to come or to go, a standing train stays."""
 
@@ -52,6 +54,18 @@ class Motion:
         is_open = truth.left_open > 0.0 or truth.right_open > 0.0
         there = still and is_open and abs(truth.front_m - self.stop_m) <= NEAR_M
         self.open_s = _since(there, self.open_s, truth.t_s)
+
+    def believe(self, t_s: float, front_m: float | None, *, doors_open: bool) -> None:
+        """Where nobody knows the truth, what the controller says of itself; never a standstill."""
+        self.t_s = t_s
+        if front_m is None:
+            return
+        self.front_m = front_m
+        if self.first_m is None:
+            self.first_m = self.farthest_m = front_m
+        self.farthest_m = max(self.farthest_m, front_m)
+        there = doors_open and abs(front_m - self.stop_m) <= NEAR_M
+        self.open_s = _since(there, self.open_s, t_s)
 
     @property
     def moved_m(self) -> float:
@@ -124,6 +138,7 @@ def over(
     violated: bool,
     killed_for_good: bool,
     pending: bool,
+    truth_known: bool = True,
 ) -> str:
     """Why the case is over; empty while it is not.
 
@@ -134,7 +149,7 @@ def over(
     if violated:
         return VIOLATION
     if pulse.died:
-        followed = now_ns - pulse.died_ns > FOLLOW_NS
+        followed = now_ns - pulse.died_ns > (FOLLOW_NS if truth_known else FOLLOW_BLIND_NS)
         return DIED if followed or motion.stood(STAND_S) else ""
     if motion.arrived:
         return ARRIVED

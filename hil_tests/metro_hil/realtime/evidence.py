@@ -9,7 +9,6 @@ from typing import Final
 from metro_hil.columns import Columns, LogError, read_columns
 from metro_hil.realtime.attribution import (
     GATEWAY_LATE_S,
-    START_UP_S,
     STEAL_S,
     WAITED_S,
     CycleRow,
@@ -52,7 +51,6 @@ def collect_evidence(
     if own_controller:
         rows = cycle_rows(folder.cycle_log, cycle_s=cycle_s, begin_s=cycles_begin_s)
         found += lateness_disturbances(rows, excused)
-    found = [each for each in found if each.end_s > START_UP_S]
     found.sort(key=lambda each: (each.begin_s, each.source.value))
     return Evidence(disturbances=found, given_up_s=STEP_S * lost_steps(folder))
 

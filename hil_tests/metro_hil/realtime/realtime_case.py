@@ -23,6 +23,7 @@ from metro_hil.realtime.host import HostRecord
 from metro_hil.realtime.realtime_measures import lateness_us_p99, realtime_measures
 from metro_hil.realtime.stage import Stage, set_stage
 from metro_hil.realtime.wires import Blocked, RealtimeWires
+from metro_hil.realtime.without_truth import needs_truth, with_unjudged
 from metro_hil.run_folder import RunFolder
 
 NS_PER_S = 1_000_000_000
@@ -81,24 +82,30 @@ class _Run:
         if case.branch is not None:
             raise Blocked("branch: a run in real time cannot be gone on with from a copy")
         self._case, self._made, self._folder = case, made, folder
-        plans = read_monitors(case.monitors, case.id, case.invariants)
-        context = Context(line=made.journey.line, train=made.scenario.train)
-        self._monitors = MonitorSet(plans, context)
+        self._plans = read_monitors(case.monitors, case.id, case.invariants)
+        context = Context(
+            line=made.journey.line,
+            train=made.scenario.train,
+            cycle_s=case.setup.cycle_ms / 1000.0,
+        )
         with ExitStack() as stack:
             self._host = HostRecord(folder.host_log)
             stack.callback(self._host.close)
             self._stage: Stage = set_stage(
                 case, made, files=files, folder=folder, wires=wires, clock=clock, stack=stack
             )
+            truth_known = self._stage.parts.plant
+            judged = [plan for plan in self._plans if truth_known or not needs_truth(plan)]
+            self._monitors = MonitorSet(judged, context)
             self._conduct = Conduct(case, made, self._stage, self._monitors, self._host, clock)
             self._conduct.run()
-            self._monitors.finish()
+            self._monitors.finish(cut_short=self._conduct.reason == VIOLATION)
 
     def result(self) -> CaseResult:
         case, conduct = self._case, self._conduct
         truth_known = self._stage.parts.plant
         measures = realtime_measures(self._folder, self._made, conduct, truth_known=truth_known)
-        monitors = self._monitors.results(measures)
+        monitors = with_unjudged(self._plans, self._monitors.results(measures))
         verdict, reason = self._judged(monitors)
         evidence = self._evidence()
         ruling = rule(verdict, self._failures(monitors), evidence)

@@ -86,6 +86,13 @@ def test_silence_is_excused_only_by_what_could_have_brought_it_about(
     assert rule(Verdict.FAIL, [Failure(40.0, HANG_S)], evidence).verdict is verdict
 
 
+def test_what_the_processes_do_to_each_other_at_their_start_excuses_early_failures_only() -> None:
+    evidence = Evidence(disturbances=[stolen(0.2, 0.9)])
+
+    assert rule(Verdict.FAIL, [Failure(1.0)], evidence).verdict is Verdict.INVALID
+    assert rule(Verdict.FAIL, [Failure(None)], evidence).verdict is Verdict.FAIL
+
+
 def test_a_pass_on_a_busy_host_stays_a_pass() -> None:
     ruling = rule(Verdict.PASS, [], Evidence(disturbances=[stolen(3.0, 4.0)]))
 

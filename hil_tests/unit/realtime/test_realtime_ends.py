@@ -84,6 +84,22 @@ def test_a_train_that_never_stands_after_its_controllers_death_is_not_followed_f
     assert ask(moving(), dead(10.0), now_s=10.0 + 181.0) == DIED
 
 
+def test_where_nobody_knows_the_truth_the_controllers_own_word_says_when_it_arrived() -> None:
+    motion = Motion(stop_m=STOP_M, patience_s=90.0)
+    motion.believe(0.0, 3000.0, doors_open=False)
+    for t_s in (50.0, 53.0):
+        motion.believe(t_s, STOP_M + 0.02, doors_open=True)
+
+    assert ask(motion) == ARRIVED
+    assert motion.moved_m == pytest.approx(500.02)
+    assert not motion.stood(0.0), "nobody can say that it stands"
+
+
+def test_without_truth_a_dead_controllers_train_is_not_followed_for_long() -> None:
+    assert ask(moving(), dead(10.0), now_s=21.0, truth_known=False) == DIED
+    assert ask(moving(), dead(10.0), now_s=21.0, truth_known=True) == ""
+
+
 def test_a_violation_ends_the_case_at_once() -> None:
     assert ask(moving(), violated=True) == VIOLATION
 
