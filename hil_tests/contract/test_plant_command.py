@@ -4,6 +4,7 @@ import csv
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 import tempfile
@@ -15,8 +16,10 @@ import pytest
 from firmware_py import rendezvous
 from firmware_py.buses import BusChoice
 from firmware_py.buses.embedded import start_hub
+from firmware_py.clock import WallClock
 from firmware_py.settings import shipped_names
 from plant_emulator.cli import main
+from plant_emulator.faults.feed import FaultChange, TruthSample, read_message
 from plant_emulator.process import TRUTH_COLUMNS
 from plant_emulator.train_config import PACKAGE
 
@@ -75,6 +78,8 @@ def test_the_shipped_trains_are_listed(capsys: pytest.CaptureFixture[str]) -> No
         (["--from", "III", "--to", "I"], 2, "--to I: lies at 1500 m, not beyond III"),
         (["--bus", "embedded:nobody0"], 3, "nobody0"),
         (["--bus", "smokesignal:a"], 3, "unknown kind"),
+        (["--faults", "nowhere.toml"], 2, "nowhere.toml: no such file"),
+        (["--bus", SPEC, "--truth-feed", 200 * "x"], 2, "--truth-feed x"),
     ],
 )
 def test_what_cannot_be_served_is_said_in_one_line(
@@ -150,6 +155,73 @@ def test_it_ends_after_its_duration() -> None:
     assert plant.returncode == 0
     assert errors == ""
     assert "ended" in said
+
+
+def test_faults_that_cannot_be_are_said_with_file_and_key(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scenario = tmp_path / "leaves.toml"
+    scenario.write_text('[[fault]]\nkind = "wheel_slid"\n', encoding="utf-8")
+    assert main(["run", "--faults", str(scenario)]) == 2
+    said = capsys.readouterr().err
+    assert said.startswith(f"plant: {scenario}: fault[0].kind: 'wheel_slid'")
+    assert "wheel_slide" in said
+    assert said.count("\n") == 1
+
+
+@pytest.mark.usefixtures("hub")
+def test_the_feed_is_told_the_truth_of_every_step_and_all_faults(tmp_path: Path) -> None:
+    """Its instants are those of the machine's clock; the bus's faults are only told."""
+    scenario, path = tmp_path / "faults.toml", tmp_path / "feed"
+    scenario.write_text(
+        '[[fault]]\nkind = "passenger_alarm"\nstart_s = 0.2\nduration_s = 0.1\n'
+        '[[fault]]\nkind = "frame_drop"\nwhen = "t_s > 0.1"\n'
+        '[[fault]]\nkind = "wheel_slip"\nwhen = "speed_mps > 5"\n',
+        encoding="utf-8",
+    )
+    out, heard = tmp_path / "out", []
+    before_ns = WallClock().now_ns()
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as listener:
+        listener.bind(str(path))
+        listener.settimeout(WAIT_S)
+        plant = serving(
+            *("--faults", scenario, "--truth-feed", path, "--out", out, "--duration", "0.5")
+        )
+        reached_s = 0.0
+        while reached_s < 0.4:
+            message = read_message(listener.recv(4096))
+            heard.append(message)
+            if isinstance(message, TruthSample):
+                reached_s = message.truth.t_s
+        said, errors = plant.communicate(timeout=WAIT_S)
+    samples = [each for each in heard if isinstance(each, TruthSample)]
+    changes = [(each.index, each.active) for each in heard if isinstance(each, FaultChange)]
+    steps_s = [round(each.truth.t_s, 6) for each in samples]
+    summary = json.loads((out / "plant.json").read_text(encoding="utf-8"))
+
+    assert errors == ""
+    assert steps_s == [round(0.01 * step, 6) for step in range(len(steps_s))]
+    assert {each.now_ns - samples[0].now_ns for each in samples} == {
+        10_000_000 * step for step in range(len(steps_s))
+    }
+    assert before_ns < samples[0].now_ns < WallClock().now_ns()
+    assert changes == [(1, True), (0, True), (0, False)]
+    assert "fault 0, passenger_alarm, begins" in said
+    assert summary["faults_never_began"] == ["2 wheel_slip"]
+    assert summary["feed_sent"] + summary["feed_lost"] >= len(heard)
+
+
+@pytest.mark.usefixtures("hub")
+def test_it_says_which_faults_are_not_its_own(tmp_path: Path) -> None:
+    scenario = tmp_path / "faults.toml"
+    scenario.write_text('[[fault]]\nkind = "frame_drop"\n', encoding="utf-8")
+    plant = start(
+        *("run", "--bus", SPEC, "--priority", "0", "--duration", "0.1", "--faults", scenario)
+    )
+    said, errors = plant.communicate(timeout=WAIT_S)
+
+    assert (plant.returncode, errors) == (0, "")
+    assert "fault 0, frame_drop: not the plant's; nobody brings it about" in said
 
 
 @pytest.mark.usefixtures("hub")

@@ -2,7 +2,7 @@
 
 import enum
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -253,3 +253,130 @@ def test_no_value_of_any_kind_gets_past_as_something_else(key: str, value: Any) 
         assert arrived.name.lower() == value.lower()
     elif not isinstance(arrived, Axle | tuple):
         assert arrived == value
+
+
+@dataclass(frozen=True, slots=True)
+class Range:
+    low: float
+    high: float
+
+    def __post_init__(self) -> None:
+        if self.low > self.high:
+            raise ValueError(f"low {self.low} is over high {self.high}")
+
+
+@dataclass(frozen=True, slots=True)
+class Train:
+    wagons: tuple[Wagon, ...]
+    delay_s: Range
+    doors: tuple[Axle, Range] = (Axle(1.0), Range(0.0, 1.0))
+    spare: Wagon | None = None
+
+
+TRAIN = Train(
+    wagons=(settings.build(Wagon, WAGON, "a"), settings.build(Wagon, WAGON, "b")),
+    delay_s=Range(0.4, 1.0),
+)
+
+
+def overridden(changes: Mapping[str, Any]) -> Train:
+    return settings.override(TRAIN, changes, "train.toml")
+
+
+def test_an_override_changes_what_it_names_and_nothing_else() -> None:
+    train = overridden(
+        {
+            "wagons.1.mass_kg": 31_000,
+            "wagons.1.axles.0.driven": True,
+            "wagons.0.gait": "slow",
+            "wagons.0.limits_mps.b": 3,
+            "doors.0.load_kg": 2,
+        }
+    )
+
+    first, second = TRAIN.wagons
+    assert train.wagons[1] == replace(
+        second, mass_kg=31_000.0, axles=(Axle(7500.0, True), Axle(7500.0, True))
+    )
+    assert train.wagons[0] == replace(first, gait=Gait.SLOW, limits_mps={"a": 1.0, "b": 3.0})
+    assert train.doors == (Axle(2.0), Range(0.0, 1.0))
+    assert train.delay_s == TRAIN.delay_s
+    assert isinstance(train.wagons[1].mass_kg, float)
+
+
+def test_without_changes_nothing_changes() -> None:
+    assert overridden({}) == TRAIN
+
+
+@pytest.mark.parametrize(
+    ("changes", "delay_s"),
+    [
+        ({"delay_s": 0.7}, Range(0.7, 0.7)),
+        ({"delay_s": 2}, Range(2.0, 2.0)),
+        ({"delay_s.low": 0.5}, Range(0.5, 1.0)),
+        ({"delay_s": {"high": 3.0}}, Range(0.4, 3.0)),
+        ({"delay_s": {"low": 2.0, "high": 3.0}}, Range(2.0, 3.0)),
+        ({"delay_s.low": 2.0, "delay_s.high": 3.0}, Range(2.0, 3.0)),
+        ({"delay_s.low": 2.0, "delay_s": {"high": 3.0}}, Range(2.0, 3.0)),
+    ],
+)
+def test_a_range_may_be_fixed_or_changed_by_its_ends(
+    changes: dict[str, Any], delay_s: Range
+) -> None:
+    """Both ends at once are checked together, however they are written."""
+    assert overridden(changes).delay_s == delay_s
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"wagns.0.seats": 3}, "wagns: unknown key; nearest valid key: wagons"),
+        ({"wagons.0.seat": 3}, "wagons.0.seat: unknown key; nearest valid key: seats"),
+        ({"wagons.2.seats": 3}, "wagons.2: no such entry; they are numbered 0 to 1"),
+        ({"wagons.first.seats": 3}, "wagons.first: no such entry; they are numbered 0 to 1"),
+        ({"wagons.-1.seats": 3}, "wagons.-1: no such entry; they are numbered 0 to 1"),
+        ({"wagons.0.seats": "many"}, "wagons.0.seats: 'many' is not a whole number"),
+        ({"wagons.0.gait": "fast"}, "wagons.0.gait: 'fast': nearest valid value: very_fast"),
+        ({"wagons.0.mass_kg.low": 3.0}, "wagons.0.mass_kg: {'low': 3.0} is not a number"),
+        ({"wagons.0.derived": 3.0}, "wagons.0.derived: unknown key"),
+        ({"wagons": 3}, "wagons: 3 is not a list"),
+        ({"delay_s": True}, "delay_s: True is not a table"),
+        ({"delay_s": "late"}, "delay_s: 'late' is not a table"),
+        ({"delay_s.low": 2.0}, "delay_s: low 2.0 is over high 1.0"),
+        ({"delay_s.middle": 2.0}, "delay_s.middle: unknown key; valid keys: low, high"),
+        ({"wagons.0.axles.1.load_kg": -1.0}, "wagons.0.axles.1: load_kg -1.0 is negative"),
+        ({"delay_s": 1.0, "delay_s.low": 0.5}, "delay_s.low: changed twice"),
+        ({"delay_s.low": 0.5, "delay_s": 1.0}, "delay_s: changed twice"),
+        ({"delay_s.low": 0.5, "delay_s": {"low": 0.4}}, "delay_s: changed twice"),
+        ({"": 1.0}, ": unknown key"),
+        ({"delay_s.": 1.0}, "delay_s.: unknown key"),
+        ({"spare.seats": 3}, "spare.name: missing key"),
+    ],
+)
+def test_an_override_that_cannot_be_says_which(changes: dict[str, Any], words: str) -> None:
+    with pytest.raises(SettingsError) as caught:
+        overridden(changes)
+
+    assert str(caught.value).startswith("train.toml: ")
+    assert words in str(caught.value)
+
+
+@given(
+    key=st.sampled_from(["delay_s", "wagons.0.seats", "wagons.1.axles", "spare", "doors.1", "x.y"]),
+    value=VALUES,
+)
+def test_no_override_gets_past_as_something_else(key: str, value: Any) -> None:
+    """It is refused in words, or the train is one that could have stood in a file."""
+    refused = ""
+    try:
+        train = overridden({key: value})
+    except SettingsError as error:
+        refused = str(error)
+    if refused:
+        assert refused.startswith("train.toml: ")
+        return
+
+    assert isinstance(train.delay_s, Range)
+    assert type(train.wagons[0].seats) is int
+    assert all(isinstance(axle, Axle) for axle in train.wagons[1].axles)
+    assert train.spare is None or isinstance(train.spare, Wagon)

@@ -134,3 +134,13 @@ def test_one_flipped_bit_makes_a_report_worthless(at: int, bit: int) -> None:
     payload[at % len(payload)] ^= 1 << bit
     assert controller.answers([message(bytes(payload))], NOW_NS) == []
     assert controller.answered == 0
+
+
+def test_the_farthest_authority_is_remembered_once_there_is_one() -> None:
+    controller = zone()
+    assert controller.farthest_end_m is None
+    [authority] = answers(controller, REPORT)
+    assert controller.farthest_end_m == authority.end_m
+    controller.end_m -= 100.0
+    answers(controller, replace(REPORT, sequence=REPORT.sequence + 1, stamp_ns=REPORT.stamp_ns + 1))
+    assert controller.farthest_end_m == authority.end_m

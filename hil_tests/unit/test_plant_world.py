@@ -316,6 +316,10 @@ def test_a_scenario_takes_the_whole_line_by_default() -> None:
         ({"load_ratio": 1.5}, "florence4.*load_ratio 1.5 is not in 0..1"),
         ({"load_ratio": float("nan")}, "load_ratio nan"),
         ({"odometer_error_ratio": 0.5}, "odometer_error_ratio"),
+        ({"real": {"brake.servce.lag_s": 1}}, "florence4: brake.servce: .* valid key: service"),
+        ({"real": {"cars.4.tare_kg": 1}}, "florence4: cars.4: no such entry; .* 0 to 3"),
+        ({"real": {"rail.adhesion_ratio": 2}}, "florence4: rail: adhesion_ratio 2.0 is not in"),
+        ({"desk_mode": "manul"}, "desk_mode: 'manul': nearest valid value: manual"),
     ],
 )
 def test_a_scenario_that_cannot_be_says_what_is_wrong(
@@ -323,6 +327,17 @@ def test_a_scenario_that_cannot_be_says_what_is_wrong(
 ) -> None:
     with pytest.raises(SettingsError, match=words):
         plan_scenario(**changes)  # type: ignore[arg-type]
+
+
+def test_a_scenario_may_change_what_the_train_really_is() -> None:
+    real = {"brake.service.gain_ratio": 0.9, "cars.0.tare_kg": 36_000, "load_ratio": 0.2}
+    scenario = plan_scenario(real=real, odometer_error_ratio=0.01, desk_mode="manual")
+
+    gain_ratio = scenario.train.brake.service.gain_ratio
+    assert (gain_ratio.low, gain_ratio.high) == (0.9, 0.9)
+    assert scenario.train.mass_kg == pytest.approx(131_000.0 + 0.2 * 4 * 13_600.0)
+    assert scenario.train.sensors.odometer_error_ratio.high == 0.01
+    assert scenario.desk_mode is CabMode.MANUAL
 
 
 def test_a_train_must_fit_behind_its_start(tmp_path: Path) -> None:
