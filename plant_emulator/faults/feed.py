@@ -2,7 +2,8 @@
 
 Each datagram is little endian and begins with a kind (uint8) and an instant (int64, nanoseconds of
 the machine's monotonic clock). Kind 1 goes on with the truth as `Truth.pack` makes it, kind 2 with
-the index of a fault in the scenario (uint32) and whether it acts from now on (uint8, 0 or 1).
+the index of a fault in the scenario (uint32) and whether it acts from now on (uint8, 0 or 1). The
+changes of an instant come before its truth.
 """
 
 import struct
