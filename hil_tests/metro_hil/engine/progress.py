@@ -10,12 +10,9 @@ from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
     Progress,
-    ProgressColumn,
-    Task,
     TextColumn,
     TimeRemainingColumn,
 )
-from rich.text import Text
 
 from firmware_py.clock import NS_PER_S, WallClock
 from metro_hil.cases import Case, CaseResult, Verdict, as_expected
@@ -66,12 +63,6 @@ def failure_line(case: Case, result: CaseResult) -> str:
     return "  ".join(word for word in words if word)
 
 
-class _Rate(ProgressColumn):
-    def render(self, task: Task) -> Text:
-        speed = task.finished_speed or task.speed
-        return Text("" if speed is None else f"{speed:.1f}/s", style="cyan")
-
-
 class Shown:
     """A `Watcher` for a terminal, or with a line now and then for a file."""
 
@@ -80,7 +71,6 @@ class Shown:
         self._counts: Counter[Verdict] = Counter()
         self._failures = 0
         self._progress: Progress | None = None
-        self._task: Task | None = None
         self._clock = WallClock()
         self._cases = self._done = self._known = 0
         self._began_ns = self._said_ns = self._clock.now_ns()
@@ -100,7 +90,7 @@ class Shown:
                 TextColumn("{task.description}"),
                 BarColumn(),
                 MofNCompleteColumn(),
-                _Rate(),
+                TextColumn("{task.fields[rate]}", style="cyan"),
                 TextColumn("left"),
                 TimeRemainingColumn(compact=True),
                 TextColumn("{task.fields[counts]}"),
@@ -108,7 +98,7 @@ class Shown:
                 refresh_per_second=4,
                 speed_estimate_period=ESTIMATE_OVER_S,
             )
-            self._progress.add_task(what, total=cases, completed=len(known), counts="")
+            self._progress.add_task(what, total=cases, completed=len(known), counts="", rate="")
             self._progress.start()
 
     def result(self, case: Case, result: CaseResult) -> None:
@@ -117,8 +107,13 @@ class Shown:
         if not as_expected(case, result) or result.verdict is Verdict.LOST:
             self._failure(case, result)
         if self._progress is not None:
-            counts = self._counts_markup()
-            self._progress.update(self._progress.task_ids[0], advance=1, counts=counts)
+            speed = self._progress.tasks[0].speed
+            self._progress.update(
+                self._progress.task_ids[0],
+                advance=1,
+                counts=self._counts_markup(),
+                rate="" if speed is None else f"{speed:.1f}/s",
+            )
         elif self._clock.now_ns() - self._said_ns >= PLAIN_EVERY_S * NS_PER_S:
             self._plain()
 
