@@ -140,6 +140,9 @@ def _plain(value: Any) -> Any:
 
 def _known(kind: Any, table: Any, key: str, left_out: list[str] | None) -> Any:
     """The part of a table that this version's dataclasses have fields for."""
+    if isinstance(table, list):
+        entries = enumerate(table)
+        return [_known(kind, item, f"{key}[{index}]", left_out) for index, item in entries]
     if left_out is None or not isinstance(table, Mapping) or not dataclasses.is_dataclass(kind):
         return table
     hints = typing.get_type_hints(kind)
