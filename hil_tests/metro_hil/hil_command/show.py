@@ -5,6 +5,7 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Final
 
+from metro_hil.hil_command.working import print_layout
 from metro_hil.options import EXIT_FAILED, EXIT_OK
 
 if TYPE_CHECKING:
@@ -104,6 +105,7 @@ def _show_campaign(
     requirements = _requirements(cases, by_id)
     if requirements is not None:
         console.print(requirements)
+    print_layout(console, manifest.layout, cases, list(by_id.values()))
     for problem in totals.problems:
         console.print(problem, style="bold red", markup=False, highlight=False)
     if totals.missing:

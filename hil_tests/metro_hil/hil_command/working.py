@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from rich.console import Console
 
-    from metro_hil.cases import Case
+    from metro_hil.cases import Case, CaseResult
     from metro_hil.engine.crew import Crew
     from metro_hil.engine.folder import CampaignFolder, Manifest
     from metro_hil.engine.run_campaign import CampaignEnd
@@ -219,6 +219,7 @@ def say_end(
     console: "Console", folder: "CampaignFolder", end: "CampaignEnd", reports: "Sequence[Path]"
 ) -> None:
     totals = end.totals
+    print_layout(console, folder.manifest().layout, end.cases, end.results)
 
     def say(words: str, style: str = "") -> None:
         console.print(words, style=style, markup=False, highlight=False, soft_wrap=True)
@@ -246,6 +247,21 @@ def say_end(
         say("passed: every case is as expected", "green")
     else:
         say("FAILED", "bold red")
+
+
+def print_layout(
+    console: "Console",
+    layout: str | None,
+    cases: "Sequence[Case]",
+    results: "Sequence[CaseResult]",
+) -> None:
+    """The table of its own, if the campaign has one."""
+    if layout is None:
+        return
+    from metro_hil.report.layouts import show_layout
+
+    by_id = {result.case_id: result for result in results}
+    show_layout(console, layout, [(case, by_id.get(case.id)) for case in cases])
 
 
 def end_json(folder: "CampaignFolder", end: "CampaignEnd", reports: "Sequence[Path]") -> str:
