@@ -1,10 +1,12 @@
 """Figures with their 95 % confidence intervals: shares by Clopper–Pearson, means by bootstrap."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+
+from metro_hil.columns import Numbers
 
 CONFIDENCE_RATIO: Final = 0.95
 RESAMPLES: Final = 2000
@@ -43,27 +45,38 @@ def mean_with_interval(values: Sequence[float]) -> Interval | None:
 
     None of nothing; of one value, or of equal ones, the interval is that value and says nothing.
     """
+    return _with_interval(values, lambda table: table.mean(axis=-1))
+
+
+def median_with_interval(values: Sequence[float]) -> Interval | None:
+    """As `mean_with_interval`, of the median."""
+    return _with_interval(values, lambda table: np.median(table, axis=-1))
+
+
+def _with_interval(
+    values: Sequence[float], statistic: Callable[[Numbers], Numbers]
+) -> Interval | None:
     if not len(values):
         return None
     ordered = np.sort(np.asarray(values, dtype=np.float64))
-    mean = float(np.mean(ordered))
     if ordered[0] == ordered[-1]:
         return Interval(float(ordered[0]), float(ordered[0]), float(ordered[0]))
-    means = _resampled_means(ordered)
+    best = float(statistic(ordered))
+    drawn = _resampled(ordered, statistic)
     tail_percent = 50.0 * (1.0 - CONFIDENCE_RATIO)
-    low, high = np.percentile(means, [tail_percent, 100.0 - tail_percent])
-    return Interval(mean, min(float(low), mean), max(float(high), mean))
+    low, high = np.percentile(drawn, [tail_percent, 100.0 - tail_percent])
+    return Interval(best, min(float(low), best), max(float(high), best))
 
 
-def _resampled_means(values: np.ndarray) -> np.ndarray:
+def _resampled(values: Numbers, statistic: Callable[[Numbers], Numbers]) -> Numbers:
     generator = np.random.default_rng(SEED)
     step = max(1, BATCH_NUMBERS // len(values))
-    means = []
+    found = []
     for first in range(0, RESAMPLES, step):
         rows = min(step, RESAMPLES - first)
         drawn = generator.integers(0, len(values), size=(rows, len(values)))
-        means.append(values[drawn].mean(axis=1))
-    return np.concatenate(means)
+        found.append(statistic(values[drawn]))
+    return np.concatenate(found)
 
 
 def rounded(value: float | None) -> float | None:

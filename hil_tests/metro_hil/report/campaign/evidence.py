@@ -41,9 +41,9 @@ class Frames:
         return f"{self.path} lines {self.first_line}–{self.last_line}, {span}"
 
 
-def rerun_command(campaign: str, entry: Entry) -> str:
-    """What repeats this case, to the byte on the lockstep bench."""
-    return shlex.join(["hil", "rerun", f"{campaign}/{entry.case.id}"])
+def rerun_command(entry: Entry) -> str:
+    """What repeats this case when typed in the campaign's folder, wherever that lies."""
+    return shlex.join(["hil", "rerun", ".", entry.case.id])
 
 
 def kept_run(folder: Path, entry: Entry) -> RunFolder | None:

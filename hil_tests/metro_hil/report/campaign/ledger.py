@@ -15,6 +15,7 @@ NOT_EXERCISED: Final = "not exercised"
 LACKING_RESULT: Final = "no result came back"
 MISSING: Final = "missing"
 """Stands beside the verdicts for a case without any result."""
+SHOWS_NOTHING: Final = (Verdict.LOST, Verdict.INVALID)
 WORSE_LATER: Final = (
     *(Verdict.LOST, Verdict.PASS, Verdict.INCONCLUSIVE),
     *(Verdict.BLOCKED, Verdict.INVALID, Verdict.FAIL),
@@ -45,8 +46,10 @@ class Entry:
 
     @property
     def as_expected(self) -> bool:
-        """A missing case never is, whatever was expected."""
-        return self.result is not None and self.result.verdict is self.case.expected
+        """A missing, lost or invalid case never is, whatever was expected: it shows nothing."""
+        if self.result is None or self.result.verdict in SHOWS_NOTHING:
+            return False
+        return self.result.verdict is self.case.expected
 
     @property
     def reason(self) -> str:

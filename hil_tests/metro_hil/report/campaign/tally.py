@@ -110,9 +110,9 @@ def _tally_monitor(name: str, unit: str, group: Sequence[Seen]) -> MonitorTally:
 
 
 def tally_measures(ledger: Ledger) -> list[MeasureTally]:
-    """In the order of their names; measures that no case has a number for are left out."""
+    """In the order in which the cases name them, without those that no case has a number for."""
     with_result = [entry for entry in ledger.entries if not entry.missing]
-    names = sorted({name for entry in with_result for name in entry.measures()})
+    names = dict.fromkeys(name for entry in with_result for name in entry.measures())
     tallies = []
     for name in names:
         points = tuple(

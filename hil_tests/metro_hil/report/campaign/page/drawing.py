@@ -96,7 +96,7 @@ def margin_strip(values: Sequence[float], unit: str, least_title: str) -> Markup
     if len(values) <= DOTS_MAX:
         parts += [dot(scale.at(v), base - 7.0 - 3.0 * (i % 5), "dot") for i, v in enumerate(values)]
     else:
-        parts += _bars(values, scale, base, base - 6.0)
+        parts += _bars(values, scale, base, base - 6.0, bad_below_zero=True)
     parts += [line(0.0, base, width, base, "axis"), line(zero_px, 2.0, zero_px, base, "zero")]
     x = scale.at(least)
     style = "least bad" if least < 0.0 else "least"
@@ -104,16 +104,23 @@ def margin_strip(values: Sequence[float], unit: str, least_title: str) -> Markup
         f'<path class="{style}" d="M{px(x)} {px(base)}l-4 7h8z">'
         f"<title>{escape(least_title)}</title></path>"
     )
-    anchor = "end" if x > width * 0.75 else "start"
+    anchor = "end" if x > width * 0.6 else "start"
     shift = -7.0 if anchor == "end" else 7.0
     parts.append(text(x + shift, base + 12.0, with_unit(least, unit), "tick strong", anchor))
-    most = scale.at(max(values))
-    if abs(most - x) > 110.0:
-        parts.append(text(most, base + 12.0, with_unit(max(values), unit), "tick", "end"))
+    if anchor == "start" and x < width * 0.4 and len(values) > 1:
+        most = with_unit(max(values), unit)
+        parts.append(text(scale.at(max(values)), base + 12.0, most, "tick", "end"))
     return picture(width, 50.0, f"margins, least {with_unit(least, unit)}", parts)
 
 
-def _bars(values: Sequence[float], scale: Scale, base: float, height: float) -> list[str]:
+def _bars(
+    values: Sequence[float],
+    scale: Scale,
+    base: float,
+    height: float,
+    *,
+    bad_below_zero: bool = False,
+) -> list[str]:
     low, high = min(values), max(values)
     counts, edges = np.histogram(values, bins=HISTOGRAM_BINS, range=(low, high or low + 1.0))
     if low == high:
@@ -122,7 +129,7 @@ def _bars(values: Sequence[float], scale: Scale, base: float, height: float) -> 
     parts = []
     for count, a, b in zip(counts.tolist(), edges[:-1].tolist(), edges[1:].tolist(), strict=True):
         if count:
-            style = "bar bad" if b <= 0.0 and low < 0.0 else "bar"
+            style = "bar bad" if bad_below_zero and b <= 0.0 and low < 0.0 else "bar"
             tall = max(1.0, height * count / top)
             parts.append(box(scale.at(a), base - tall, scale.at(b) - 0.4, base, style))
     return parts
@@ -135,7 +142,7 @@ def histogram(
     domain: tuple[float, float],
 ) -> Markup:
     """All values of one measure with their mean and its confidence interval above."""
-    width, height, base = 360.0, 132.0, 104.0
+    width, height, base = 310.0, 132.0, 104.0
     scale = Scale(domain, (10.0, width - 10.0))
     parts = []
     for tick in scale.ticks():
@@ -161,11 +168,11 @@ def by_level_plot(groups: Sequence[Group], domain: tuple[float, float], unit: st
     """A row for each level: every value as a dot, or 5–95 %, quartiles and median of many."""
     longest = max(len(_short(group.label)) for group in groups)
     left = 14.0 + CHARACTER_PX * longest
-    width, row = left + 330.0, 19.0
+    width, row = left + 236.0, 19.0
     base = 6.0 + row * len(groups)
     scale = Scale(domain, (left + 6.0, width - 46.0))
     parts = []
-    for tick in scale.ticks(4):
+    for tick in scale.ticks(3):
         parts.append(line(scale.at(tick), 2.0, scale.at(tick), base, "grid"))
         parts.append(text(scale.at(tick), base + 13.0, number_text(tick), "tick", "middle"))
     for number, group in enumerate(groups):

@@ -12,7 +12,6 @@ from metro_hil.cases import Case, MonitorResult, Verdict
 from metro_hil.columns import Columns, LogError, read_columns
 from metro_hil.report.campaign.estimates import Interval
 from metro_hil.report.campaign.evidence import Frames, frames_around, kept_run, rerun_command
-from metro_hil.report.campaign.info import CampaignInfo
 from metro_hil.report.campaign.ledger import Entry, Ledger, factors_text, known_margin
 from metro_hil.report.campaign.page.drawing import (
     Curve,
@@ -170,22 +169,20 @@ def _measure(tally: MeasureTally, factors: Sequence[Factor], *, drawn: bool) -> 
     )
 
 
-def worst_views(
-    folder: Path, info: CampaignInfo, ledger: Ledger, tallies: Sequence[MonitorTally]
-) -> list[CaseView]:
+def worst_views(folder: Path, ledger: Ledger, tallies: Sequence[MonitorTally]) -> list[CaseView]:
     """The first few with a plot, as far as their logs were kept."""
     views, plots = [], 0
     for entry, nearest in worst_entries(ledger, tallies, count=WORST_MAX):
         plot = _plot(folder, entry, nearest) if plots < PLOTS_MAX else None
         plots += plot is not None
-        views.append(case_view(folder, info, entry, nearest, plot))
+        views.append(case_view(folder, entry, nearest, plot))
     return views
 
 
-def failure_views(folder: Path, info: CampaignInfo, ledger: Ledger) -> list[CaseView]:
+def failure_views(folder: Path, ledger: Ledger) -> list[CaseView]:
     """Everything not as expected, in the campaign's order, up to `FAILURES_MAX`."""
     wrong = [entry for entry in ledger.entries if not entry.as_expected][:FAILURES_MAX]
-    return [case_view(folder, info, entry, _least(entry), None) for entry in wrong]
+    return [case_view(folder, entry, _least(entry), None) for entry in wrong]
 
 
 def _least(entry: Entry) -> MonitorResult | None:
@@ -198,7 +195,6 @@ def _least(entry: Entry) -> MonitorResult | None:
 
 def case_view(
     folder: Path,
-    info: CampaignInfo,
     entry: Entry,
     nearest: MonitorResult | None,
     plot: Markup | None,
@@ -219,7 +215,7 @@ def case_view(
         monitor=nearest.name if nearest is not None else "",
         at="" if at_s is None else f"{at_s:.2f}\u202fs",
         frames=None if at_s is None else frames_around(folder, entry, at_s),
-        rerun=rerun_command(info.name, entry),
+        rerun=rerun_command(entry),
         plot=plot,
         events=tuple((f"{event.at_s:.2f}", event.what) for event in events[:EVENTS_MAX]),
         events_left_out=max(0, len(events) - EVENTS_MAX),

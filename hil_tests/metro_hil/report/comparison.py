@@ -1,0 +1,289 @@
+"""Two campaigns side by side: what got worse, what better, by how much, and whether by chance."""
+
+import enum
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import msgspec
+import numpy as np
+
+from metro_hil.cases import Case, CaseResult, Controller, Verdict
+from metro_hil.columns import Numbers
+from metro_hil.report.campaign.estimates import (
+    Interval,
+    mean_with_interval,
+    median_with_interval,
+)
+from metro_hil.report.campaign.ledger import Entry, exercised, factors_text, join, known_margin
+from metro_hil.report.campaign.units import unit_of
+
+SIGNIFICANT_RATIO: Final = 0.05
+"""Of p after Holm's correction."""
+PAIRS_MIN: Final = 6
+"""With fewer differences no two-sided signed-rank test can reach 5 %."""
+MORE_IS_WORSE: Final = ("jerk", "missed", "emergency", "slips", "rejected")
+"""Parts of the names of measures that are worse when they are greater."""
+ERROR: Final = "error"
+"""Measures with this in their name are compared by magnitude, and greater is worse."""
+
+
+class Direction(enum.Enum):
+    """Where a measure went, judged after correction for all that were looked at."""
+
+    WORSE = "worse"
+    BETTER = "better"
+    DIFFERENT = "different"
+    """Of a measure of which neither more nor less is known to be better."""
+    UNCLEAR = "no difference shown"
+
+
+class Taste(enum.Enum):
+    """What is better."""
+
+    MORE = "more"
+    LESS = "less"
+    NEITHER = "neither"
+
+
+@dataclass(frozen=True, slots=True)
+class VerdictChange:
+    """One case that came out otherwise."""
+
+    case_id: str
+    factors: str
+    before: str
+    after: str
+    reason: str
+    """In the second campaign."""
+
+
+@dataclass(frozen=True, slots=True)
+class Shift:
+    """How one margin or measure moved from the first campaign to the second, pair by pair."""
+
+    name: str
+    kind: str
+    """`margin` or `measure`."""
+    unit: str
+    pairs: int
+    unchanged: int
+    """Pairs without any difference; the signed-rank test says nothing of them."""
+    mean: Interval
+    median: Interval
+    p_ratio: float | None
+    """Wilcoxon's signed-rank test, two-sided; None where there is nothing to test."""
+    p_holm_ratio: float | None
+    effect_ratio: float | None
+    """Matched-pairs rank-biserial correlation: -1 all fell, +1 all rose."""
+    direction: Direction
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """The second campaign against the first."""
+
+    matched: int
+    matched_by_factors: int
+    """Of these, by scenario, factors and seed since their ids differ."""
+    redefined: int
+    """Of these, differently defined apart from the controller: differences may be due to that."""
+    identical: int
+    """Of these, with the same chain: the same frames at the same instants."""
+    only_a: tuple[str, ...]
+    only_b: tuple[str, ...]
+    worse: tuple[VerdictChange, ...]
+    better: tuple[VerdictChange, ...]
+    changed: tuple[VerdictChange, ...]
+    """Another verdict, but as expected in both or in neither."""
+    shifts: tuple[Shift, ...]
+
+    @property
+    def significantly_worse(self) -> tuple[Shift, ...]:
+        return tuple(shift for shift in self.shifts if shift.direction is Direction.WORSE)
+
+
+Campaign = tuple[Sequence[Case], Sequence[CaseResult]]
+Pair = tuple[Entry, Entry]
+
+
+def compare(a: Campaign, b: Campaign) -> Comparison:
+    """Pure; the order of cases and results does not matter."""
+    entries_a = join(*a, expected_cases=len(a[0])).entries
+    entries_b = join(*b, expected_cases=len(b[0])).entries
+    by_id, rest_a, rest_b = _match(entries_a, entries_b, lambda e: (e.case.id, _key(e)))
+    by_factors, rest_a, rest_b = _match(rest_a, rest_b, _key)
+    pairs = sorted([*by_id, *by_factors], key=lambda pair: pair[0].case.index)
+    moved = [(x, y) for x, y in pairs if x.word != y.word]
+    return Comparison(
+        matched=len(pairs),
+        matched_by_factors=len(by_factors),
+        redefined=sum(_definition(x.case) != _definition(y.case) for x, y in pairs),
+        identical=sum(_identical(x, y) for x, y in pairs),
+        only_a=tuple(entry.case.id for entry in rest_a),
+        only_b=tuple(entry.case.id for entry in rest_b),
+        worse=tuple(_change(x, y) for x, y in pairs if x.as_expected and not y.as_expected),
+        better=tuple(_change(x, y) for x, y in pairs if y.as_expected and not x.as_expected),
+        changed=tuple(_change(x, y) for x, y in moved if x.as_expected is y.as_expected),
+        shifts=tuple(shifts_of(pairs)),
+    )
+
+
+def _key(entry: Entry) -> tuple[str, bytes, int]:
+    case = entry.case
+    return case.scenario, msgspec.json.encode(case.factors, order="sorted"), case.seed
+
+
+def _match(
+    entries_a: Sequence[Entry], entries_b: Sequence[Entry], key: Callable[[Entry], object]
+) -> tuple[list[Pair], list[Entry], list[Entry]]:
+    """Pairs of equal keys, first with first; then what is left of both."""
+    waiting: dict[object, list[Entry]] = {}
+    for entry in entries_b:
+        waiting.setdefault(key(entry), []).append(entry)
+    pairs, rest_a = [], []
+    for entry in entries_a:
+        partners = waiting.get(key(entry))
+        if partners:
+            pairs.append((entry, partners.pop(0)))
+        else:
+            rest_a.append(entry)
+    taken = {other.case.id for _, other in pairs}
+    return pairs, rest_a, [entry for entry in entries_b if entry.case.id not in taken]
+
+
+def _definition(case: Case) -> Case:
+    return msgspec.structs.replace(case, id="", index=0, controller=Controller(), requirements=())
+
+
+def _identical(x: Entry, y: Entry) -> bool:
+    chains = [entry.result.chain for entry in (x, y) if entry.result is not None]
+    return len(chains) == 2 and chains[0] == chains[1] != ""
+
+
+def _change(x: Entry, y: Entry) -> VerdictChange:
+    return VerdictChange(y.case.id, factors_text(y.case), x.word, y.word, y.reason)
+
+
+def shifts_of(pairs: Sequence[Pair]) -> list[Shift]:
+    """Margins, then measures, each with Holm's correction over all of them."""
+    series = [*_margins(pairs).items(), *_measures(pairs).items()]
+    raw = [_raw(key, np.array(differences)) for key, differences in series]
+    corrected = iter(holm([one.p_ratio for one in raw if one.p_ratio is not None]))
+    return [
+        one if one.p_ratio is None else _judged(one, next(corrected), _taste(one)) for one in raw
+    ]
+
+
+def _margins(pairs: Sequence[Pair]) -> dict[tuple[str, str, str], list[float]]:
+    found: dict[tuple[str, str, str], list[float]] = {}
+    for x, y in pairs:
+        before = {(m.name, m.unit): known_margin(m) for m in x.monitors() if exercised(m)}
+        for monitor in y.monitors():
+            old, new = before.get((monitor.name, monitor.unit)), known_margin(monitor)
+            if exercised(monitor) and old is not None and new is not None:
+                found.setdefault((monitor.name, "margin", monitor.unit), []).append(new - old)
+    return found
+
+
+def _measures(pairs: Sequence[Pair]) -> dict[tuple[str, str, str], list[float]]:
+    found: dict[tuple[str, str, str], list[float]] = {}
+    for x, y in pairs:
+        if Verdict.INVALID in (x.verdict, y.verdict):
+            continue
+        before: Mapping[str, float | None] = x.measures()
+        for name, new in y.measures().items():
+            old = before.get(name)
+            if old is None or new is None or not np.isfinite(old) or not np.isfinite(new):
+                continue
+            difference = abs(new) - abs(old) if ERROR in name else new - old
+            found.setdefault((name, "measure", unit_of(name)), []).append(difference)
+    return found
+
+
+def _raw(key: tuple[str, str, str], differences: Numbers) -> Shift:
+    """Before correction."""
+    name, kind, unit = key
+    nonzero = differences[differences != 0.0]
+    mean = mean_with_interval(differences.tolist())
+    median = median_with_interval(differences.tolist())
+    assert mean is not None
+    assert median is not None
+    return Shift(
+        name=name,
+        kind=kind,
+        unit=unit,
+        pairs=len(differences),
+        unchanged=len(differences) - len(nonzero),
+        mean=mean,
+        median=median,
+        p_ratio=signed_rank_p_ratio(nonzero),
+        p_holm_ratio=None,
+        effect_ratio=rank_biserial_ratio(nonzero),
+        direction=Direction.UNCLEAR,
+        notes=tuple(_notes(differences, nonzero)),
+    )
+
+
+def _notes(differences: Numbers, nonzero: Numbers) -> list[str]:
+    """What a reader has to know before he believes the figures."""
+    if not len(nonzero):
+        return ["all pairs are equal: nothing to test"]
+    notes = []
+    unchanged = len(differences) - len(nonzero)
+    if unchanged:
+        notes.append(f"{unchanged} of {len(differences)} pairs are equal and not in the test")
+    if len(nonzero) < PAIRS_MIN:
+        notes.append(f"only {len(nonzero)} differences: no test can reach 5 %")
+    if len(np.unique(np.abs(nonzero))) < len(nonzero):
+        notes.append("ties in rank: p is approximate")
+    return notes
+
+
+def signed_rank_p_ratio(nonzero: Numbers) -> float | None:
+    """p of Wilcoxon's signed-rank test, two-sided, of differences none of which is zero."""
+    if not len(nonzero):
+        return None
+    from scipy.stats import wilcoxon
+
+    return float(wilcoxon(nonzero, zero_method="wilcox").pvalue)
+
+
+def rank_biserial_ratio(nonzero: Numbers) -> float | None:
+    """Share of rank sum that rose less the share that fell (Kerby 2014)."""
+    if not len(nonzero):
+        return None
+    from scipy.stats import rankdata
+
+    ranks = rankdata(np.abs(nonzero))
+    return float(np.sum(ranks * np.sign(nonzero)) / np.sum(ranks))
+
+
+def holm(p_ratios: Sequence[float]) -> list[float]:
+    """p after Holm's step-down correction, in the order given (Holm 1979)."""
+    order = sorted(range(len(p_ratios)), key=lambda place: p_ratios[place])
+    corrected, reached = [0.0] * len(p_ratios), 0.0
+    for rank, place in enumerate(order):
+        reached = max(reached, min(1.0, (len(p_ratios) - rank) * p_ratios[place]))
+        corrected[place] = reached
+    return corrected
+
+
+def _taste(shift: Shift) -> Taste:
+    if shift.kind == "margin":
+        return Taste.MORE
+    worse_when_more = ERROR in shift.name or any(part in shift.name for part in MORE_IS_WORSE)
+    return Taste.LESS if worse_when_more else Taste.NEITHER
+
+
+def _judged(shift: Shift, p_holm_ratio: float, taste: Taste) -> Shift:
+    effect_ratio = shift.effect_ratio or 0.0
+    if p_holm_ratio >= SIGNIFICANT_RATIO or effect_ratio == 0.0:
+        direction = Direction.UNCLEAR
+    elif taste is Taste.NEITHER:
+        direction = Direction.DIFFERENT
+    else:
+        rose = effect_ratio > 0.0
+        direction = Direction.BETTER if rose is (taste is Taste.MORE) else Direction.WORSE
+    return replace(shift, p_holm_ratio=p_holm_ratio, direction=direction)
