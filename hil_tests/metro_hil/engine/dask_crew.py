@@ -48,8 +48,10 @@ class DaskCrew:
         Args:
             address: of the scheduler, HOST:PORT.
         """
-        import distributed
-
+        try:
+            import distributed
+        except ImportError as error:
+            raise EngineError(f"dask://{address}: {error}; install the extra `cluster`") from error
         connect: Any = distributed.Client
         try:
             self._client = connect(address, timeout=CONNECT_S, set_as_default=False, name="hil")

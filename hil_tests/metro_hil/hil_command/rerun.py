@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from metro_hil.hil_command.working import number
+from metro_hil.hil_command.working import console_for, number
 from metro_hil.options import EXIT_FAILED, EXIT_OK
 
 if TYPE_CHECKING:
@@ -45,7 +45,6 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
 def run(options: argparse.Namespace) -> int:
     """Exit code 0 when the case is as expected and, with its own seed, gave the same again."""
     import msgspec
-    from rich.console import Console
 
     from firmware_py.clock import WallClock
     from metro_hil.cases import as_expected
@@ -67,7 +66,7 @@ def run(options: argparse.Namespace) -> int:
     if options.json:
         print(_json(case, result, place, difference))
     else:
-        tell(Console(), case, result, sorted(place.path.iterdir()))
+        tell(console_for(json=False), case, result, sorted(place.path.iterdir()))
         print(f"plot: {place.plot if drawn else 'none'}")
         print(f"run folder: {place.path}")
     if difference:

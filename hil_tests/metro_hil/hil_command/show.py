@@ -5,7 +5,7 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Final
 
-from metro_hil.hil_command.working import print_layout
+from metro_hil.hil_command.working import console_for, print_layout
 from metro_hil.options import EXIT_FAILED, EXIT_OK
 
 if TYPE_CHECKING:
@@ -38,7 +38,6 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
 def run(options: argparse.Namespace) -> int:
     """Exit code as the campaign's."""
     import msgspec
-    from rich.console import Console
 
     from metro_hil.engine.folder import find_folder
     from metro_hil.engine.journal import once_each, read_journal, refuse_damage
@@ -59,7 +58,7 @@ def run(options: argparse.Namespace) -> int:
         }
         print(msgspec.json.encode(document).decode())
     else:
-        _show_campaign(Console(), folder, cases, by_id, totals)
+        _show_campaign(console_for(json=False), folder, cases, by_id, totals)
     return EXIT_OK if totals.passed else EXIT_FAILED
 
 
@@ -70,7 +69,6 @@ def _show_case(
     options: argparse.Namespace,
 ) -> int:
     import msgspec
-    from rich.console import Console
 
     from metro_hil.cases import as_expected
     from metro_hil.engine.choosing import pick_case
@@ -84,7 +82,7 @@ def _show_case(
         document = {"case": case, "result": result, "logs": [str(path) for path in logs]}
         print(msgspec.json.encode(document).decode())
     else:
-        tell(Console(), case, result, logs)
+        tell(console_for(json=False), case, result, logs)
         if not logs:
             print(f"no logs were kept; hil rerun {folder.path} {case.id}")
     return EXIT_OK if result is not None and as_expected(case, result) else EXIT_FAILED

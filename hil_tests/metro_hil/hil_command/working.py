@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 KEEP: Final = 10
 KEEP_WORST: Final = 3
 UNEXPECTED_SHOWN_MAX: Final = 10
+FILE_COLUMNS: Final = 160
 
 
 def number(least: int) -> Callable[[str], int]:
@@ -101,13 +102,11 @@ def work_on(
     folder: "CampaignFolder", options: argparse.Namespace, remembered: dict[str, Any]
 ) -> int:
     """Run what is left, report, say how it ended. Options that are not given are as remembered."""
-    from rich.console import Console
-
     from metro_hil.engine.progress import Shown
     from metro_hil.engine.run_campaign import Wishes, run_campaign
     from metro_hil.engine.stopping import StopWish
 
-    console = Console(stderr=options.json)
+    console = console_for(options.json)
     for name, default in (("keep", KEEP), ("keep_worst", KEEP_WORST), ("case_timeout", None),
                           ("runner", None)):  # fmt: skip
         if getattr(options, name) is None:
@@ -207,6 +206,14 @@ def info_of(manifest: "Manifest", cases: "Sequence[Case]") -> "CampaignInfo":
         expected_cases=manifest.cases,
         layout=manifest.layout,
     )
+
+
+def console_for(json: bool) -> "Console":
+    """Standard output, or with `--json` standard error; files get wide lines."""
+    from rich.console import Console
+
+    console = Console(stderr=json)
+    return console if console.is_terminal else Console(stderr=json, width=FILE_COLUMNS)
 
 
 def exit_code(end: "CampaignEnd") -> int:
