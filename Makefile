@@ -56,6 +56,7 @@ bench: $(READY_TO_TEST) ## measure the figures that the README publishes; BENCH_
 
 docs: $(READY_TO_TEST) ## write the generated documents anew
 	$(BIN)/python -m metro_tools.interface_doc
+	$(BIN)/python -m metro_tools.fault_doc
 
 format: $(READY_TO_TEST) ## let ruff format and mend what it can
 	$(BIN)/ruff format .

@@ -33,8 +33,12 @@ UNIT_IS_ELSEWHERE: Final = frozenset(
         *("FieldLayout.maximum", "FieldLayout.minimum", "FieldLayout.offset", "FieldLayout.scale"),
         # A number of processes.
         "HostSample.runnable_mean",
-        # Carries the name of its option, `--odometer-error 0.05`.
-        "RunOptions.odometer_error",
+        # Carries the name of its option or key, `--odometer-error 0.05`.
+        *("RunOptions.odometer_error", "Setup.odometer_error", "TrainKeys.odometer_error"),
+        # Of whatever a factor, a monitor or an expression is about.
+        *("PhaseKeys.base", "RangeKeys.high", "RangeKeys.low", "RangeKeys.step"),
+        *("Span.high", "Span.low", "Expression.value_of", "MonitorResult.margin"),
+        *("Cell.margins", "Sought.margins", "Sought.value"),
     }
 )
 

@@ -234,9 +234,15 @@ class CaseRun:
             chain=self._chain.value,
             monitors=monitors,
             measures=measures,
-            events=tuple(self._events),
+            events=self._story(),
             host=_host(began_ns),
         )
+
+    def _story(self) -> tuple[Event, ...]:
+        """All that is known to have happened, in order of time."""
+        told = [Event(at_ns / NS_PER_S, what) for at_ns, what in self.bench.bus_story()]
+        both = sorted([*self._events, *told], key=lambda event: event.at_s)
+        return tuple(both[:EVENTS_MAX])
 
     def _measures(self) -> dict[str, float | None]:
         bench, parts = self.bench, self.parts

@@ -181,6 +181,10 @@ class Lockstep:
         if self._bus_faults is not None:
             self._bus_faults.reseed(seed)
 
+    def bus_story(self) -> Sequence[tuple[int, str]]:
+        """What the faults of the bus did, each with its instant."""
+        return () if self._bus_faults is None else self._bus_faults.story()
+
     def without_controller(self) -> None:
         """From now on nobody controls: its process has died."""
         self._executives.remove(self.vobc.executive)

@@ -14,6 +14,7 @@ from metro_hil.campaign.sources import Sources
 from metro_hil.campaign.tables import ConfigTable, KeyMissingError, with_value
 from metro_hil.campaign.train import DEFAULT, read_setup
 from metro_hil.cases import Branch, Controller
+from metro_hil.frame_names import check_bus_fault
 from plant_emulator.faults.plan import read_fault
 
 STATION_MEASURES: Final = ("stop_*_error_m", "stop_*_run_s")
@@ -120,7 +121,16 @@ class Body:
 
 
 def _fault_reader(index: int) -> Callable[[dict[str, Any]], object]:
-    return lambda table: read_fault(table, index, "")
+    def read(table: dict[str, Any]) -> object:
+        plan = read_fault(table, index, "")
+        try:
+            check_bus_fault(plan)
+        except SettingsError as error:
+            # As the other readers say it: the source, here none, comes first.
+            raise SettingsError(f": {error}") from error
+        return plan
+
+    return read
 
 
 class PointMaker:
