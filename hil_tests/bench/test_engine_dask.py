@@ -12,6 +12,7 @@ from metro_hil.engine import dask_crew
 from metro_hil.engine.dask_crew import DaskCrew
 from metro_hil.engine.errors import EngineError
 from metro_hil.engine.journal import read_journal
+from metro_hil.engine.program import program_version
 
 _SPEC = importlib.util.spec_from_file_location(
     "engine_rig", Path(__file__).with_name("engine_rig.py")
@@ -35,8 +36,10 @@ from engine_rig import (  # noqa: E402
 
 @pytest.fixture(scope="module")
 def cluster() -> Iterator[Any]:
-    """Two workers on this machine, each a process."""
+    """Two workers on this machine, each a process; they read the sources as they are now."""
     import distributed
+
+    program_version.cache_clear()
 
     with distributed.LocalCluster(
         n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None

@@ -103,7 +103,8 @@ def test_a_torn_end_is_cut_off_and_writing_goes_on_behind_the_last_whole_line(
 ) -> None:
     path = tmp_path / "journal.jsonl"
     data = written([result(0), result(1)])
-    for size in range(data.index(b"\n") + 1, len(data)):
+    head = data.index(b"\n") + 1
+    for size in (*range(head, len(data), 11), len(data) - 1, len(data)):
         path.write_bytes(data[:size])
 
         journal = Journal(path, HEAD)
