@@ -65,6 +65,8 @@ class Refuse(msgspec.Struct, frozen=True, tag="refuse"):
 class Yield(msgspec.Struct, frozen=True, tag="yield"):
     """This is sent now; nothing more happens here before `next_wakeup_ns`."""
 
+    now_ns: int
+    """Of the message that it answers, so that no answer is taken for another."""
     next_wakeup_ns: int
     """Not later than now: once more at once."""
     frames: tuple[tuple[int, str], ...] = ()
@@ -139,8 +141,9 @@ def heard_messages(message: Grant) -> list[RadioMessage]:
     return [RadioMessage(at_ns, key, bytes.fromhex(data)) for at_ns, key, data in message.radio]
 
 
-def yielded(next_wakeup_ns: int, said: Said) -> Yield:
+def yielded(now_ns: int, next_wakeup_ns: int, said: Said) -> Yield:
     return Yield(
+        now_ns,
         next_wakeup_ns,
         tuple([(can_id, data.hex()) for can_id, data in said.frames]),
         tuple([data.hex() for data in said.serial]),

@@ -77,7 +77,7 @@ def serve(lines: Lines) -> int:
     while (message := _hear(lines)) is not None:
         if isinstance(message, grants.Stop):
             device.stop(message.now_ns)
-            _say(lines, grants.yielded(message.now_ns, ports.take()))
+            _say(lines, grants.yielded(message.now_ns, message.now_ns, ports.take()))
             return EXIT_OK
         if not isinstance(message, grants.Grant):
             raise grants.GrantProtocolError("the bench says hello twice")
@@ -88,7 +88,7 @@ def serve(lines: Lines) -> int:
         )
         # One task for each grant, as the loop of one process would begin them.
         executive.run_next(message.now_ns)
-        _say(lines, grants.yielded(executive.next_due_ns(), ports.take()))
+        _say(lines, grants.yielded(message.now_ns, executive.next_due_ns(), ports.take()))
     return EXIT_OK
 
 

@@ -104,6 +104,10 @@ class GrantedController:
             answer = self._link.exchange(message)
             if not isinstance(answer, grants.Yield):
                 raise LinkDownError("broke the protocol: answers with no yield")
+            if answer.now_ns != now_ns:
+                raise LinkDownError(
+                    f"broke the protocol: answers what was said at {answer.now_ns / NS_PER_S:.3f} s"
+                )
             said = grants.said(answer)
         except LinkDownError as error:
             raise self._dead(now_ns, str(error)) from error
