@@ -20,6 +20,7 @@ from metro_hil.report.campaign.units import unit_of
 
 SIGNIFICANT_RATIO: Final = 0.05
 """Of p after Holm's correction."""
+EXACT_MAX: Final = 50
 PAIRS_MIN: Final = 6
 """With fewer differences no two-sided signed-rank test can reach 5 %."""
 MORE_IS_WORSE: Final = ("jerk", "missed", "emergency", "slips", "rejected")
@@ -237,17 +238,40 @@ def _notes(differences: Numbers, nonzero: Numbers) -> list[str]:
     if len(nonzero) < PAIRS_MIN:
         notes.append(f"only {len(nonzero)} differences: no test can reach 5 %")
     if len(np.unique(np.abs(nonzero))) < len(nonzero):
-        notes.append("ties in rank: p is approximate")
+        exact = "exact for these ties" if len(nonzero) <= EXACT_MAX else "approximate"
+        notes.append(f"ties in rank: p is {exact}")
     return notes
 
 
 def signed_rank_p_ratio(nonzero: Numbers) -> float | None:
-    """p of Wilcoxon's signed-rank test, two-sided, of differences none of which is zero."""
+    """p of Wilcoxon's signed-rank test, two-sided, of differences none of which is zero.
+
+    Exact up to `EXACT_MAX` differences, also with ties; by the normal approximation beyond.
+    """
     if not len(nonzero):
         return None
     from scipy.stats import wilcoxon
 
-    return float(wilcoxon(nonzero, zero_method="wilcox").pvalue)
+    tied = len(np.unique(np.abs(nonzero))) < len(nonzero)
+    if tied and len(nonzero) <= EXACT_MAX:
+        # scipy would walk through all flips of the signs, which takes seconds.
+        return _exact_p_ratio(nonzero)
+    method = "exact" if len(nonzero) <= EXACT_MAX else "asymptotic"
+    return float(wilcoxon(nonzero, zero_method="wilcox", method=method).pvalue)
+
+
+def _exact_p_ratio(nonzero: Numbers) -> float:
+    """Over all flips of the signs, by counting how many give each sum of (doubled) ranks."""
+    from scipy.stats import rankdata
+
+    doubled = np.rint(2.0 * rankdata(np.abs(nonzero))).astype(np.int64)
+    counts = np.zeros(int(doubled.sum()) + 1)
+    counts[0] = 1.0
+    for rank in doubled.tolist():
+        counts[rank:] = counts[rank:] + counts[: len(counts) - rank]
+    rose = int(doubled[nonzero > 0.0].sum())
+    tail = min(counts[: rose + 1].sum(), counts[rose:].sum())
+    return float(min(1.0, 2.0 * tail / counts.sum()))
 
 
 def rank_biserial_ratio(nonzero: Numbers) -> float | None:

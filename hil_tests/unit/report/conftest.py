@@ -165,8 +165,8 @@ def keep_logs() -> Callable[[Path, Case], None]:
         rows = zip(time_s.tolist(), front_m.tolist(), speed_mps.tolist(), strict=True)
         lines = [f"{t:.3f},{x:.3f},{v:.3f}" for t, x, v in rows]
         (run / "truth.csv").write_text("\n".join(["t_s,front_m,speed_mps", *lines]) + "\n")
-        rows = zip(time_s.tolist(), front_m.tolist(), strict=True)
-        lines = [f"{t:.3f},{x:.3f},19.4,20.8" for t, x in rows]
+        places = zip(time_s.tolist(), front_m.tolist(), strict=True)
+        lines = [f"{t:.3f},{x:.3f},19.4,20.8" for t, x in places]
         head = "t_s,front_m,permitted_mps,emergency_mps"
         (run / "cycles.csv").write_text("\n".join([head, *lines]) + "\n")
         stamps = [f"({number * 0.05:017.6f}) vcan0 101#00" for number in range(5200)]
