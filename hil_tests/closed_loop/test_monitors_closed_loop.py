@@ -1,0 +1,85 @@
+"""Monitors over real runs: silent where all is well, awake where something is not."""
+
+from typing import Any
+
+import pytest
+
+from metro_hil.cases import Case, CaseResult, MonitorResult, Setup, Verdict
+from metro_hil.monitors import NOT_EXERCISED
+from metro_hil.monitors.catalogue import WATCHED
+from metro_hil.run_case import run_case
+
+HOP = Setup(start="II", end="III", duration_s=120.0)
+
+
+def run(setup: Setup = HOP, seed: int = 1, **more: Any) -> CaseResult:
+    return run_case(Case(id="case", index=0, scenario="case", seed=seed, setup=setup, **more))
+
+
+def shown(result: CaseResult) -> dict[str, MonitorResult]:
+    """Those that saw their premise."""
+    return {
+        each.name: each for each in result.monitors if not each.detail.startswith(NOT_EXERCISED)
+    }
+
+
+@pytest.mark.parametrize(
+    ("odometer_error", "load_ratio", "seed"), [(0.05, 1.0, 1), (-0.01, 0.0, 2)]
+)
+def test_a_run_in_order_violates_nothing(
+    odometer_error: float, load_ratio: float, seed: int
+) -> None:
+    setup = Setup(start="II", end="III", odometer_error=odometer_error, load_ratio=load_ratio)
+    result = run(setup, seed)
+
+    assert {each.verdict for each in result.monitors} == {Verdict.PASS}
+    # Nothing goes wrong, so nothing can be shown of what has to happen then.
+    silent = {each.name for each in WATCHED} - set(shown(result))
+    assert silent == {
+        "inv-03-emergency-at-curve",
+        "inv-05-emergency-held",
+        "inv-06-traction-off",
+        "inv-07-demand-ignored",
+        "inv-08-rollback",
+        "inv-36-overrun",
+    }
+
+
+def test_a_runaway_shows_what_the_emergency_brake_is_held_to() -> None:
+    """The paper's worst case: traction pushes with 1 m/s² until it is cut."""
+    fault = {"kind": "traction_runaway", "when": "speed_mps > 12", "accel_mps2": 1.0}
+    stl = "always(emergency and speed_mps > 1 -> eventually[0:0.3](drive_n <= 0))"
+    result = run(faults=(fault,), monitors=({"stl": stl, "name": "cut", "unit": "N"},))
+
+    seen = shown(result)
+    assert result.verdict is Verdict.PASS, result.reason
+    assert {"inv-05-emergency-held", "inv-06-traction-off", "cut"} <= set(seen)
+    margin_s = seen["inv-06-traction-off"].margin
+    assert margin_s is not None
+    assert 0.0 <= margin_s < 0.3
+    # Less was left than in a run in order, where the authority reaches 60 m past the stop.
+    margin_m = seen["inv-01-stopping-distance"].margin
+    assert margin_m is not None
+    assert 0.0 < margin_m < 50.0
+
+
+def test_the_run_ends_at_the_first_violation() -> None:
+    result = run(monitors=({"stl": "always(speed_mps <= 10)", "name": "slow", "unit": "m/s"},))
+
+    slow = next(each for each in result.monitors if each.name == "slow")
+    assert result.verdict is slow.verdict is Verdict.FAIL
+    assert slow.margin is not None
+    assert -0.02 < slow.margin < 0.0
+    assert slow.at_s == pytest.approx(result.sim_s, abs=0.1)
+
+
+def test_a_wheel_far_from_what_was_declared_puts_the_front_outside_its_interval() -> None:
+    """Pulses come 20 % too rarely; declared are 1 % too rarely to 5 % too often."""
+    result = run(
+        Setup(start="II", end="III", odometer_error=-0.2, duration_s=60.0),
+        invariants=("inv-13",),
+    )
+
+    (interval,) = result.monitors
+    assert interval.verdict is Verdict.FAIL
+    assert interval.requirements == ("INV-13",)
