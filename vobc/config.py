@@ -1,6 +1,8 @@
 """Everything the controller is told by its parameter file, and the mission of a run."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any, Final
 
 from firmware_py import settings
 from firmware_py.settings import SettingsError
@@ -14,6 +16,7 @@ from vobc.vocabulary import Mission, TrainBelief
 SHIPPED = "vobc.params"
 CYCLE_MS_MIN = 20.0
 CYCLE_MS_MAX = 200.0
+NOTHING: Final[Mapping[str, Any]] = {}
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,12 +48,18 @@ class VobcConfig:
             raise ValueError("report_ms or manual_jerk_mps3 is not positive")
 
 
-def load_config(name: str, *, cycle_ms: float | None = None) -> VobcConfig:
+def load_config(
+    name: str, *, cycle_ms: float | None = None, changes: Mapping[str, Any] = NOTHING
+) -> VobcConfig:
     """Parameters by path or by the stem of a shipped file; raises SettingsError.
 
     What operation has to know of the train is what the whole controller believes of it.
+
+    Args:
+        changes: of the file, by dotted key; see `firmware_py.settings.override`.
     """
     config = settings.load(VobcConfig, name, SHIPPED)
+    config = settings.override(config, changes, name)
     train = config.train
     ato = replace(
         config.ato,
@@ -63,8 +72,13 @@ def load_config(name: str, *, cycle_ms: float | None = None) -> VobcConfig:
         raise SettingsError(f"--cycle-ms: {error}") from error
 
 
-def plan_mission(line: LineMap, start: str | None, end: str | None) -> Mission:
-    """From one station to another, stopping at all between; by default the whole line.
+def plan_mission(
+    line: LineMap, start: str | None, end: str | None, only: Sequence[str] | None = None
+) -> Mission:
+    """From one station to another; by default the whole line.
+
+    Args:
+        only: where to stop, the end included; None for all stations on the way.
 
     Raises SettingsError for a station that is not there, or that lies the other way.
     """
@@ -76,7 +90,17 @@ def plan_mission(line: LineMap, start: str | None, end: str | None) -> Mission:
             f"--to {last.name}: lies at {last.stop_m:g} m, not beyond {first.name} at "
             f"{first.stop_m:g} m; trains run towards growing chainage"
         )
-    return Mission(first, stops)
+    return Mission(first, stops if only is None else _chosen(stops, only))
+
+
+def _chosen(stops: Sequence[Station], only: Sequence[str]) -> tuple[Station, ...]:
+    names = [station.name for station in stops]
+    for name in only:
+        if name not in names:
+            raise SettingsError(f"stops: {name}: not on the way; {settings.nearest(name, names)}")
+    if names[-1] not in only:
+        raise SettingsError(f"stops: the last has to be {names[-1]}, where the way ends")
+    return tuple(station for station in stops if station.name in only)
 
 
 def _station(line: LineMap, name: str | None, default: Station, option: str) -> Station:

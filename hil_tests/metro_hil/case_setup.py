@@ -1,11 +1,11 @@
 """From a case to what its devices are made of: line, mission, real train, believed train."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from can_dbc.cab import CabMode
-from firmware_py.settings import SettingsError, nearest, override
+from firmware_py.settings import SettingsError, nearest
 from firmware_py.trackdb import LineMap, load_line
 from metro_hil.cases import Case, Setup
 from metro_hil.journey import Journey
@@ -63,18 +63,7 @@ def line_of(setup: Setup, files: Files = NO_FILES) -> LineMap:
 
 
 def mission_of(setup: Setup, line: LineMap) -> Mission:
-    mission = plan_mission(line, setup.start, setup.end)
-    if setup.stops is None:
-        return mission
-    names = [station.name for station in mission.stops]
-    for name in setup.stops:
-        if name not in names:
-            raise SettingsError(f"stops: {name}: not on the way; {nearest(name, names)}")
-    wanted: Sequence[str] = setup.stops
-    stops = tuple(station for station in mission.stops if station.name in wanted)
-    if not stops or stops[-1] is not mission.stops[-1]:
-        raise SettingsError(f"stops: the last has to be {names[-1]}, where the way ends")
-    return replace(mission, stops=stops)
+    return plan_mission(line, setup.start, setup.end, setup.stops)
 
 
 def scenario_of(
@@ -102,8 +91,8 @@ def scenario_of(
 
 
 def config_of(setup: Setup, files: Files = NO_FILES) -> VobcConfig:
-    config = load_config(file_name(setup.params, files), cycle_ms=setup.cycle_ms)
-    return override(config, setup.believed, f"{setup.params}: believed")
+    params = file_name(setup.params, files)
+    return load_config(params, cycle_ms=setup.cycle_ms, changes=setup.believed)
 
 
 def file_name(name: str, files: Files) -> str:

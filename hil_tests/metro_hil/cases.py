@@ -71,6 +71,22 @@ class Controller(msgspec.Struct, frozen=True, kw_only=True):
     {grant} are filled in."""
 
 
+class Wires(msgspec.Struct, frozen=True, kw_only=True):
+    """What the benches in real time use, as the user names it; see `metro_hil.realtime.wires`."""
+
+    bus_a: str = "auto"
+    """The controller's segment, such as `socketcan:can0`."""
+    bus_b: str = "auto"
+    """The train's segment, for cases with faults of the bus."""
+    tags: str = "auto"
+    """Serial line of the tag reader, such as `/dev/ttyUSB0`."""
+    radio: str = "auto"
+    """Where the wayside listens, such as `tcp/192.168.10.1:7447`."""
+    plant: str = "auto"
+    """Who brings it along: `auto`, `ours` or `elsewhere`."""
+    controller: str = "auto"
+
+
 class Branch(msgspec.Struct, frozen=True, kw_only=True):
     """All cases of a group are the same up to here, so that this part is run once.
 
@@ -103,6 +119,7 @@ class Case(msgspec.Struct, frozen=True, kw_only=True):
     requirements: tuple[str, ...] = ()
     bench: BenchKind = BenchKind.LOCKSTEP
     controller: Controller = Controller()
+    wires: Wires = Wires()
     branch: Branch | None = None
     expected: Verdict = Verdict.PASS
     stop_at_violation: bool = True

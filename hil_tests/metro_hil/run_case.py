@@ -19,8 +19,18 @@ def run_case(case: Case, *, files: Files = NO_FILES, folder: RunFolder | None = 
     if case.bench is BenchKind.LOCKSTEP:
         return run_alone(case, files=files, folder=folder)
     from metro_hil.realtime import run_realtime_case
+    from metro_hil.realtime.wires import Presence, RealtimeWires
 
-    return run_realtime_case(case, files=files, folder=folder)
+    said = case.wires
+    wires = RealtimeWires(
+        bus_a=said.bus_a,
+        bus_b=said.bus_b,
+        tags=said.tags,
+        radio=said.radio,
+        plant=Presence(said.plant),
+        controller=Presence(said.controller),
+    )
+    return run_realtime_case(case, files=files, folder=folder, wires=wires)
 
 
 def run_group(cases: Sequence[Case], *, files: Files = NO_FILES) -> Iterator[CaseResult]:

@@ -45,6 +45,7 @@ def parser() -> argparse.ArgumentParser:
     )
     top.add_argument("--from", dest="start", metavar="STATION", help="where the train stands")
     top.add_argument("--to", dest="end", metavar="STATION", help="default: the last of the line")
+    top.add_argument("--stops", type=_names, metavar="A,B,...", help="default: all on the way")
     top.add_argument("--cycle-ms", type=_cycle_ms, metavar="MS", help="default: as parameters say")
     top.add_argument("--duration", type=_seconds, metavar="SECONDS", help="end after so long")
     top.add_argument("--priority", type=_priority, default=80, help="of SCHED_FIFO; 0: none")
@@ -83,7 +84,7 @@ def plan(options: argparse.Namespace, epoch_ns: int) -> Plan:
     elif first is None and nvram.state is NvramState.OK:
         # It ran before and did not end at a proven standstill: nobody knows where the train is.
         start = unknown_start(config, line, nvram.record)
-    mission = plan_mission(line, first, options.end)
+    mission = plan_mission(line, first, options.end, options.stops)
     bus = _bus(options.bus)
     name = parse_spec(bus).name
     tags, radio = options.tags, options.radio
@@ -109,6 +110,10 @@ def _bus(wanted: str) -> str:
 
 def _cycle_ms(text: str) -> float:
     return _number(text, CYCLE_MS_MIN, CYCLE_MS_MAX)
+
+
+def _names(text: str) -> tuple[str, ...]:
+    return tuple(name.strip() for name in text.split(",") if name.strip())
 
 
 def _seconds(text: str) -> float:

@@ -7,7 +7,7 @@ from typing import Final
 
 import msgspec
 
-from metro_hil.cases import BenchKind, Case, Controller
+from metro_hil.cases import BenchKind, Case, Controller, Wires
 from metro_hil.engine.errors import UsageError
 
 CONTROLLERS: Final = "`shipped`, `checkout:PATH` or `command:WORDS`"
@@ -20,6 +20,7 @@ def choose(
     limit: int | None = None,
     bench: str | None = None,
     controller: str | None = None,
+    wires: Wires | None = None,
 ) -> tuple[Case, ...]:
     """Cases whose id or scenario matches, numbered anew, on another bench or with another device.
 
@@ -34,6 +35,13 @@ def choose(
         changes["bench"] = BenchKind(bench)
     if controller is not None:
         changes["controller"] = read_controller(controller)
+    if wires is not None and wires != Wires():
+        if all(case.bench is BenchKind.LOCKSTEP for case in chosen) and bench in (None, "lockstep"):
+            raise UsageError(
+                "--bus, --train-bus, --tags, --radio, --plant and --vobc are for the benches in "
+                "real time; add --bench processes or --bench hardware"
+            )
+        changes["wires"] = wires
     return tuple(
         msgspec.structs.replace(case, index=index, **changes)
         for index, case in enumerate(chosen[:limit])

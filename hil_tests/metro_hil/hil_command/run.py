@@ -9,6 +9,8 @@ if TYPE_CHECKING:
     from metro_hil.engine.folder import Plan
 
 BENCHES = ("lockstep", "processes", "hardware")
+AUTO = "auto"
+PRESENCES = (AUTO, "ours", "elsewhere")
 
 
 def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -31,7 +33,32 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
         "--out", metavar="DIR", help="default: a folder by date and name below runs/hil"
     )
     add_work_options(parser)
+    _add_wires(parser)
     parser.set_defaults(run=run)
+
+
+def _add_wires(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group(
+        "the wires, in real time", "`auto`, the default, leaves the choice to the bench."
+    )
+    group.add_argument(
+        "--bus", default=AUTO, metavar="SPEC", help="the controller's, such as socketcan:can0"
+    )
+    group.add_argument(
+        "--train-bus",
+        default=AUTO,
+        metavar="SPEC",
+        help="the train's, behind the gateway that brings faults of the bus about",
+    )
+    group.add_argument("--tags", default=AUTO, metavar="DEVICE", help="such as /dev/ttyUSB0")
+    group.add_argument("--radio", default=AUTO, metavar="ENDPOINT", help="such as tcp/HOST:7447")
+    for device in ("plant", "vobc"):
+        group.add_argument(
+            f"--{device}",
+            choices=PRESENCES,
+            default=AUTO,
+            help=f"who brings the {device} along: the bench, or it is there already",
+        )
 
 
 def run(options: argparse.Namespace) -> int:
@@ -48,6 +75,7 @@ def run(options: argparse.Namespace) -> int:
 def plan_of(options: argparse.Namespace) -> "Plan":
     """Raises SettingsError or UsageError."""
     from metro_hil.campaign import plan_cases, read_campaign
+    from metro_hil.cases import Wires
     from metro_hil.engine.choosing import choose
     from metro_hil.engine.folder import Plan
 
@@ -58,6 +86,14 @@ def plan_of(options: argparse.Namespace) -> "Plan":
         limit=options.limit,
         bench=options.bench,
         controller=options.controller,
+        wires=Wires(
+            bus_a=options.bus,
+            bus_b=options.train_bus,
+            tags=options.tags,
+            radio=options.radio,
+            plant=options.plant,
+            controller=options.vobc,
+        ),
     )
     return Plan(
         name=campaign.name,

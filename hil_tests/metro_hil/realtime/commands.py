@@ -30,6 +30,8 @@ class Places:
     end: str
     out: str
     """The folder for what the controller logs."""
+    stops: str = ""
+    """Where to stop, names with commas between; empty for all stations on the way."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,6 +64,11 @@ def controller_start(
 ) -> ControllerStart:
     """Raises Blocked for a kind or a checkout that is not there."""
     if controller.kind == "command":
+        if places.stops and "{stops}" not in controller.command:
+            raise Blocked(
+                f"stops: the controller's command is not told to pass stations; put {{stops}}, here "
+                f"{places.stops}, into it or leave `stops` out"
+            )
         words = fill_in(controller.command, places)
         return ControllerStart(words, words, environment)
     if controller.kind == "checkout":
@@ -72,6 +79,8 @@ def controller_start(
     base += ["--radio", places.radio, "--line", places.line, "--consist", places.params]
     base += ["--to", places.end, "--cycle-ms", f"{cycle_ms:g}", "--priority", str(priority)]
     base += ["--nvram", str(nvram)]
+    if places.stops:
+        base += ["--stops", places.stops]
     first = (*base, "--from", places.start)
     return ControllerStart(first, tuple(base), environment, out=places.out)
 

@@ -9,7 +9,6 @@ import tomli_w
 
 from metro_hil.case_setup import CaseParts, Files, file_name
 from metro_hil.cases import Case
-from metro_hil.realtime.wires import Blocked
 from metro_hil.run_folder import plain
 
 
@@ -24,12 +23,8 @@ class Documents:
 
 
 def write_documents(case: Case, parts: CaseParts, files: Files, folder: Path) -> Documents:
-    """Files are written only for what the case changes, so that an older controller reads its own.
-
-    Raises Blocked for what no file can say.
-    """
+    """Only for what the case changes, so that an older controller reads files of its own."""
     setup = case.setup
-    _refuse_skipped(parts)
     line = file_name(setup.line, files)
     if setup.dwell_s:
         line = _written(folder / "line.toml", plain(parts.journey.line))
@@ -41,19 +36,6 @@ def write_documents(case: Case, parts: CaseParts, files: Files, folder: Path) ->
         params = _written(folder / "params.toml", plain(parts.config))
     faults = Path(_written(folder / "faults.toml", {"fault": [dict(each) for each in case.faults]}))
     return Documents(line, consist, params, faults)
-
-
-def _refuse_skipped(parts: CaseParts) -> None:
-    """The controller's command line knows no timetable: it stops at every station on its way."""
-    journey = parts.journey
-    way = journey.line.stations_between(journey.start.stop_m, journey.end.stop_m)
-    stops = {station.name for station in journey.stops}
-    skipped = [station.name for station in way if station.name not in stops]
-    if skipped:
-        raise Blocked(
-            f"stops: the controller's program cannot be told to pass {', '.join(skipped)}; "
-            "leave `stops` out, or run it in lockstep"
-        )
 
 
 def _written(path: Path, table: Mapping[str, Any]) -> str:

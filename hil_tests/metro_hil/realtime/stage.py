@@ -238,6 +238,7 @@ class _Links:
                 start=journey.start.name,
                 end=journey.end.name,
                 out=str(self._folder.path),
+                stops=",".join(setup.stops or ()),
             ),
             cycle_ms=setup.cycle_ms,
             priority=wires.controller_priority,

@@ -1,6 +1,7 @@
 """How the processes of a case are called, and who brings which of them along."""
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -29,10 +30,10 @@ PLACES = Places(
 )
 
 
-def start_of(controller: Controller) -> ControllerStart:
+def start_of(controller: Controller, places: Places = PLACES) -> ControllerStart:
     return controller_start(
         controller,
-        PLACES,
+        places,
         cycle_ms=50.0,
         priority=80,
         nvram=Path("/runs/one/nvram"),
@@ -52,6 +53,20 @@ def test_the_shipped_controller_is_told_all_its_wires_and_where_the_train_stands
     assert value_of(words, "--tags") == "/run/a b/tags"
     assert value_of(words, "--from") == "II"
     assert value_of(words, "--out") == "/runs/one"
+
+
+def test_a_timetable_that_passes_stations_is_told_to_the_controller() -> None:
+    places = replace(PLACES, stops="III")
+
+    assert value_of(start_of(Controller(), places).words(0), "--stops") == "III"
+    assert "--stops" not in start_of(Controller()).words(0)
+    words = start_of(Controller(kind="command", command="ctl --at {stops}"), places).words(0)
+    assert words == ("ctl", "--at", "III")
+
+
+def test_a_program_that_cannot_be_told_to_pass_stations_is_not_started() -> None:
+    with pytest.raises(Blocked, match="here III"):
+        start_of(Controller(kind="command", command="ctl"), replace(PLACES, stops="III"))
 
 
 def test_after_a_kill_nobody_says_where_the_train_stands_but_the_memory() -> None:

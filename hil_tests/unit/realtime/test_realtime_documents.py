@@ -2,14 +2,11 @@
 
 from pathlib import Path
 
-import pytest
-
 from firmware_py.settings import parse
 from firmware_py.trackdb import load_line
 from metro_hil.case_setup import NO_FILES, parts_of
 from metro_hil.cases import Case, Setup
 from metro_hil.realtime.documents import Documents, write_documents
-from metro_hil.realtime.wires import Blocked
 from plant_emulator.faults.plan import read_faults
 from plant_emulator.train_config import load_train
 from vobc.config import load_config
@@ -57,8 +54,3 @@ def test_faults_are_handed_on_as_the_scenario_has_them(tmp_path: Path) -> None:
     papers = written(tmp_path, Setup(), faults)
 
     assert read_faults(parse(papers.faults)["fault"], "x") == read_faults(faults, "x")
-
-
-def test_a_station_that_is_passed_blocks_the_case(tmp_path: Path) -> None:
-    with pytest.raises(Blocked, match="pass I, II"):
-        written(tmp_path, Setup(end="III", stops=("III",)))
