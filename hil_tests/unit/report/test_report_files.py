@@ -435,3 +435,22 @@ def test_measures_come_back_from_parquet_with_their_units(
     assert margin[:-1] == [r.monitors[0].margin for r in made.results[:-1]]
     assert table.column("chain").to_pylist()[:-1] == [r.chain for r in made.results[:-1]]
     assert not [name for name in table.column_names if "wall" in name or "worker" in name]
+
+
+def test_a_count_that_is_right_makes_no_case_the_worst(
+    campaign: Callable[..., Any], tmp_path: Path
+) -> None:
+    """Its margin is always zero; what comes nearest to violation is another monitor's case."""
+    made = campaign(42)
+    count = MonitorResult(name="no stop missed", verdict=Verdict.PASS, margin=0.0, unit="")
+    results = [
+        msgspec.structs.replace(r, verdict=Verdict.PASS, monitors=(count, *r.monitors))
+        for r in made.results
+    ]
+
+    page = write(tmp_path, dataclasses.replace(made, results=results))["report.html"].decode()
+
+    least = min(made.results, key=lambda r: r.monitors[0].margin)
+    worst = page[page.index('id="worst"') : page.index('id="failures"')]
+    assert re.findall(r"hil rerun \. (\S+?)<", worst)[0] == least.case_id
+    assert "no stop missed" not in worst

@@ -1,7 +1,8 @@
 """Counts and figures of a campaign: by scenario, by monitor, by measure, by level of a factor."""
 
 import itertools
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -181,24 +182,39 @@ def worst_entries(
     """What to look at first: not as expected, then least margin relative to the usual one.
 
     The usual margin of a monitor is the median of its margins' magnitudes, so that metres and
-    metres per second can stand in one order.
+    metres per second can stand in one order. A margin that is the best that its monitor ever had
+    (a count that is right, say) makes no case a bad one; such cases come last.
     """
-    usual = {(t.name, t.unit): _usual(t) for t in tallies}
-    relative: Callable[[MonitorResult], float] = lambda result: (  # noqa: E731
-        (known_margin(result) or 0.0) / usual[result.name, result.unit]
-    )
+    usual = {(tally.name, tally.unit): (_usual(tally), _best(tally)) for tally in tallies}
     ranked = []
     for entry in ledger.entries:
-        known = [m for m in entry.monitors() if exercised(m) and known_margin(m) is not None]
-        nearest = min(known, key=relative, default=None)
-        if nearest is None and entry.as_expected:
-            continue
-        depth = relative(nearest) if nearest is not None else 0.0
-        ranked.append((entry.as_expected, depth, entry.case.index, entry, nearest))
+        nearest, depth = _nearest(entry, usual)
+        if nearest is not None or not entry.as_expected:
+            ranked.append((entry.as_expected, depth, entry.case.index, entry, nearest))
     ranked.sort(key=lambda row: row[:3])
     return [(entry, nearest) for *_, entry, nearest in ranked[:count]]
+
+
+def _nearest(
+    entry: Entry, usual: dict[tuple[str, str], tuple[float, float]]
+) -> tuple[MonitorResult | None, float]:
+    """The monitor that came nearest to violation, and how near relative to its usual margin."""
+    depths = []
+    for number, result in enumerate(entry.monitors()):
+        margin = known_margin(result)
+        if margin is not None and exercised(result):
+            median, best = usual[result.name, result.unit]
+            depths.append((margin >= max(best, 0.0), margin / median, number, result))
+    if not depths:
+        return None, math.inf if entry.as_expected else 0.0
+    at_best, depth, _, nearest = min(depths, key=lambda row: row[:3])
+    return nearest, math.inf if at_best else depth
 
 
 def _usual(tally: MonitorTally) -> float:
     margins = np.abs(tally.margins())
     return float(np.median(margins)) or 1.0 if len(margins) else 1.0
+
+
+def _best(tally: MonitorTally) -> float:
+    return max(tally.margins(), default=math.inf)

@@ -107,7 +107,8 @@ def _table_by_load(
     loads: list[tuple[str, Mean, float]] = []
     for load_ratio in LOADS:
         loaded = [pair for pair in pairs if _near(_load_ratio(pair[0]), load_ratio)]
-        means = [_mean(loaded, station, magnitude=True) for station in STATIONS]
+        lacking = len(_lacking_errors(loaded))
+        means = [_mean(loaded, name, magnitude=True, lacking=lacking) for name in STATIONS]
         for station, mean, paper_cm in zip(STATIONS, means, paper[load_ratio], strict=True):
             ours.append(LayoutCell(_plain(mean), _mark(mean, paper_cm)))
             theirs.append(LayoutCell(f"{paper_cm:.2f}"))
@@ -127,10 +128,11 @@ def _table_by_load(
     return LayoutTable(title, (wide, narrow), rows, remarks)
 
 
-def _mean(pairs: Pairs, station: str, *, magnitude: bool) -> Mean:
+def _mean(pairs: Pairs, station: str, *, magnitude: bool, lacking: int = 0) -> Mean:
+    """With `lacking` stops more that should be in it and that no case was made for."""
     found = [_error_m(result, station) for _, result in pairs]
     known = [abs(error_m) if magnitude else error_m for error_m in found if error_m is not None]
-    return Mean(sum(known) / len(known) if known else None, len(found), len(known))
+    return Mean(sum(known) / len(known) if known else None, len(found) + lacking, len(known))
 
 
 def _join(means: Sequence[Mean]) -> Mean:
@@ -191,8 +193,11 @@ def _verdicts(
     for name, mean, paper_cm in (*parts, *wholes):
         if _mark(mean, paper_cm) is Mark.WORSE:
             lines.append(f"Worse: {name}, {_plain(mean)} cm against {paper_cm:.2f} cm.")
-        if _mark(mean, paper_cm) is Mark.INCOMPLETE:
-            lines.append(f"Incomplete: {name}, only {mean.known} of {mean.stops} stops known.")
+    lines += [
+        f"Incomplete: {name}, only {mean.known} of {mean.stops} stops known."
+        for name, mean, paper_cm in wholes
+        if _mark(mean, paper_cm) is Mark.INCOMPLETE
+    ]
     better = [
         f"{name} {_plain(mean)} against {paper_cm:.2f} cm"
         for name, mean, paper_cm in wholes
@@ -226,11 +231,16 @@ def _errors_covered(pairs: Pairs) -> list[str]:
     """The paper's mean is over seven odometer errors; over others it is another figure."""
     lines = []
     for load_ratio in LOADS:
-        have = {_odometer_error(case) for case, _ in pairs if _near(_load_ratio(case), load_ratio)}
-        lacking = [f"{e * 100:+.0f} %" for e in ERRORS if not any(_near(h, e) for h in have)]
+        loaded = [pair for pair in pairs if _near(_load_ratio(pair[0]), load_ratio)]
+        lacking = [f"{error * 100:+.0f} %" for error in _lacking_errors(loaded)]
         if lacking:
             lines.append(
                 f"Not comparable at {load_ratio * 100:.0f} %: no case with an odometer error of "
                 f"{', '.join(lacking)}."
             )
     return lines
+
+
+def _lacking_errors(pairs: Pairs) -> list[float]:
+    have = [_odometer_error(case) for case, _ in pairs]
+    return [error for error in ERRORS if not any(_near(known, error) for known in have)]
