@@ -15,15 +15,18 @@ from firmware_py.realtime import die_with_parent
 from firmware_py.settings import SettingsError
 from metro_hil.case_run import CaseRun, run_alone
 from metro_hil.case_setup import NO_FILES, Files, parts_of
-from metro_hil.cases import Case, CaseResult
+from metro_hil.cases import Case, CaseResult, Controller
 from plant_emulator.faults.plan import read_faults
 
 READ_BYTES: Final = 1 << 16
 
 
 def group_key(case: Case) -> bytes | None:
-    """Cases with the same key share what comes before their branch; None for a case without one."""
-    if case.branch is None:
+    """Cases with the same key share what comes before their branch; None for a case without one.
+
+    A controller of a process of its own cannot be copied with the process of the bench.
+    """
+    if case.branch is None or case.controller != Controller():
         return None
     shared = msgspec.structs.replace(
         case, id="", index=0, scenario="", seed=0, faults=(), factors={}, requirements=()
@@ -39,7 +42,7 @@ def run_group(cases: Sequence[Case], *, files: Files = NO_FILES) -> Iterator[Cas
     """
     assert cases
     assert len({group_key(case) for case in cases}) == 1
-    if len(cases) == 1 or cases[0].branch is None or not hasattr(os, "fork"):
+    if len(cases) == 1 or group_key(cases[0]) is None or not hasattr(os, "fork"):
         for case in cases:
             yield run_alone(case, files=files)
         return

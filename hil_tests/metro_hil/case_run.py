@@ -1,7 +1,7 @@
 """One case on the lockstep bench, from its start to its verdict."""
 
 import traceback
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Final
 
 from firmware_py.clock import WallClock
@@ -12,17 +12,19 @@ from metro_hil.case_setup import NO_FILES, CaseParts, Files, parts_of
 from metro_hil.cases import Case, CaseResult, Event, Host, Verdict
 from metro_hil.chain import FrameChain
 from metro_hil.ending import ARRIVED
+from metro_hil.granted import ControllerDiedError
 from metro_hil.judging import judge
 from metro_hil.lockstep import Lockstep, Taps
 from metro_hil.monitors import Context, MonitorSet, read_monitors
 from metro_hil.run_folder import RunFolder
-from plant_emulator.faults.kinds import Place
+from plant_emulator.faults.kinds import BENCH_PLACES, Place
 from plant_emulator.faults.plan import FaultPlan
 from plant_emulator.truth import SIGNALS, Truth
 from plant_emulator.world import STEP_NS
 from vobc.vocabulary import CycleOutput
 
 NS_PER_S: Final = 1_000_000_000
+MS_PER_S: Final = 1000.0
 J_PER_KWH: Final = 3.6e6
 STUCK_S: Final = 60.0
 """So long after the longest dwell, with no fault to come or to go, a standing train stays."""
@@ -76,9 +78,17 @@ class CaseRun:
         """What is true of the train, as of the last step of the plant."""
         self._chain = FrameChain()
         self._rows = MemoryLog()
-        plans = read_monitors(case.monitors, case.id, case.invariants)
+        places |= {plan.kind.place for plan in parts.faults}
+        # Where something can happen to what the controller says, it is listened to itself.
+        own_port = not places.isdisjoint(BENCH_PLACES)
         self._monitors = MonitorSet(
-            plans, Context(line=parts.journey.line, train=parts.scenario.train)
+            read_monitors(case.monitors, case.id, case.invariants),
+            Context(
+                line=parts.journey.line,
+                train=parts.scenario.train,
+                cycle_s=case.setup.cycle_ms / MS_PER_S,
+            ),
+            own_port=own_port,
         )
         self.bench = Lockstep(
             parts.config,
@@ -86,8 +96,14 @@ class CaseRun:
             parts.journey,
             folder,
             faults=() if case.branch else parts.faults,
-            places=places | {plan.kind.place for plan in parts.faults},
-            taps=Taps(frame=self._frame, truth=self._truth, rows=self._rows),
+            places=places,
+            taps=Taps(
+                frame=self._frame,
+                said=self._monitors.said if own_port else None,
+                truth=self._truth,
+                rows=self._rows,
+            ),
+            controller=case.controller,
         )
         self._events: list[Event] = []
         self._output: CycleOutput | None = None
@@ -148,7 +164,7 @@ class CaseRun:
     def to_branch(self) -> bool:
         """Run to where the cases of a group part; False when that never comes."""
         limit_ns = round(self.case.setup.duration_s * NS_PER_S)
-        self.bench.run_until(
+        self._run_until(
             lambda now_ns: (
                 self._over(now_ns, limit_ns) or (self._branched and now_ns % STEP_NS == 0)
             )
@@ -164,16 +180,25 @@ class CaseRun:
 
     def to_end(self) -> None:
         """Run until the case is over. A controller that dies leaves the train to itself."""
+        if self._died:
+            return
         limit_ns = round(self.case.setup.duration_s * NS_PER_S)
+        self._run_until(lambda now_ns: self._over(now_ns, limit_ns))
+
+    def _run_until(self, over: Callable[[int], bool]) -> None:
         try:
-            self.bench.run_until(lambda now_ns: self._over(now_ns, limit_ns))
+            self.bench.run_until(over)
         except Exception as error:
-            if not _raised_by_controller(error):
-                raise
-            self._died = _last_line(error)
-            self._reason = DIED
-            self._note(self.bench.clock.now_ns() / NS_PER_S, f"controller died: {self._died}")
+            self._bury(error)
             self._follow_to_standstill()
+
+    def _bury(self, error: Exception) -> None:
+        """Take down how the controller died; what somebody else raised goes on."""
+        if not _raised_by_controller(error):
+            raise error
+        self._died = _last_line(error)
+        self._reason = DIED
+        self._note(self.bench.clock.now_ns() / NS_PER_S, self._died)
 
     def _follow_to_standstill(self) -> None:
         bench = self.bench
@@ -200,8 +225,13 @@ class CaseRun:
         return self._reason != ""
 
     def close(self) -> None:
-        self.bench.close()
-        self._monitors.finish()
+        try:
+            self.bench.close()
+        except ControllerDiedError as error:
+            self._bury(error)
+            self.bench.without_controller()
+            self.bench.close()
+        self._monitors.finish(self._reason == VIOLATION)
 
     def result(self, began_ns: int | None = None) -> CaseResult:
         """Judge what was seen. Call it after `close`.
@@ -265,11 +295,13 @@ def _host(began_ns: int | None) -> Host:
 
 def _raised_by_controller(error: BaseException) -> bool:
     """Whether the exception went through the controller: then it is the controller that died."""
-    return any(
+    return isinstance(error, ControllerDiedError) or any(
         frame.f_globals.get("__name__", "").startswith("vobc.")
         for frame, _ in traceback.walk_tb(error.__traceback__)
     )
 
 
 def _last_line(error: BaseException) -> str:
+    if isinstance(error, ControllerDiedError):
+        return str(error)
     return traceback.format_exception_only(error)[-1].strip()

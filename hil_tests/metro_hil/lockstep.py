@@ -8,18 +8,21 @@ from can_dbc.nodes import Node
 from firmware_py.buses.inproc import InprocBus
 from firmware_py.clock import LockstepClock, WallClock
 from firmware_py.executive import Executive, Task, run
-from firmware_py.nvram import Nvram, NvramRecord
-from firmware_py.ports import CanFrame, CanPort, LinkCounters, RadioPort, SerialPort
+from firmware_py.port_log import PORTS_LOG, PortLog
+from firmware_py.ports import CanFrame, CanPort, RadioPort, SerialPort
 from firmware_py.radio.inproc_radio import InprocRadio
-from firmware_py.recorder import CandumpWriter, LineLog, SerialLog
+from firmware_py.radio.recorded_radio import RecordedRadio
+from firmware_py.recorder import CandumpWriter, LineLog, RadioLog, SerialLog
 from firmware_py.tag_reader.inproc_line import inproc_line
 from firmware_py.tag_reader.recorded_line import RecordedLine
 from metro_hil.bus_faults import BusFaults, FaultyPort
+from metro_hil.cases import Controller
+from metro_hil.controller_side import SHIPPED, ControllerSide
 from metro_hil.ending import ARRIVED, DURATION, ArrivalWatch, Ending
 from metro_hil.frame_faults import FrameFaults
 from metro_hil.journey import Journey
 from metro_hil.options import RunOptions
-from metro_hil.process_faults import ControllerProcess, Device
+from metro_hil.process_faults import ControllerProcess
 from metro_hil.run_folder import RunFolder
 from plant_emulator.faults.kinds import Place
 from plant_emulator.faults.plan import FaultPlan
@@ -27,7 +30,7 @@ from plant_emulator.process import TRUTH_COLUMNS, PlantDevice, TruthLog
 from plant_emulator.truth import Truth
 from plant_emulator.world import Scenario, plan_scenario
 from vobc.config import VobcConfig, load_config
-from vobc.process import CYCLE_COLUMNS, VobcDevice, unknown_start
+from vobc.process import CYCLE_COLUMNS
 from vobc.wire import HEARD_IDS
 from zenoh_config import keys
 
@@ -47,6 +50,8 @@ class Taps:
 
     frame: Callable[[int, int, bytes], None] | None = None
     """Told instant of the end, identifier and data of every frame."""
+    said: Callable[[int, int, bytes], None] | None = None
+    """Told the same of every frame that the controller says, when it does."""
     truth: Callable[[Truth, int], None] | None = None
     """Told the truth after every step of the plant."""
     rows: TruthLog | None = None
@@ -69,13 +74,18 @@ class Lockstep:
         faults: Sequence[FaultPlan] = (),
         places: Collection[Place] = (),
         taps: Taps = UNTAPPED,
+        controller: Controller = SHIPPED,
     ) -> None:
-        """Without a folder nothing is logged. Raises RecorderError for a log that cannot be.
+        """Without a folder nothing is logged.
+
+        Raises RecorderError for a log that cannot be, ControllerStartError for a controller of a
+        process of its own that does not start.
 
         Args:
             faults: from the start on; `plant.schedule.plan` may change them.
             places: where faults may act, now or later.
             taps: who looks on.
+            controller: what is under test.
         """
         self.clock = LockstepClock()
         self._stack = ExitStack()
@@ -98,62 +108,46 @@ class Lockstep:
             faults=faults,
             observer=taps.truth,
         )
-        self._cycle_log = self._log(folder, "cycles.csv", CYCLE_COLUMNS)
+        self._side = ControllerSide(
+            controller,
+            config,
+            journey,
+            clock=self.clock,
+            cycle_log=self._log(folder, "cycles.csv", CYCLE_COLUMNS),
+            port_log=self._port_log(folder),
+            said=taps.said,
+        )
+        self._stack.callback(self._side.close)
         self._executives = [self.plant.executive]
-        self._nvram = Nvram(None, NvramRecord(boot_count=1))
         self._bus_faults: BusFaults | None = None
         places = {*places, *(plan.kind.place for plan in faults)}
-        can = self._controller_port(Place.BUS in places, scenario.seed, folder)
+        accepted = HEARD_IDS if controller == SHIPPED else None
+        can = self._controller_port(accepted, scenario.seed, faulty=Place.BUS in places)
         tags = self._recorded(controller_end, folder)
-        air = radio.port("train", (keys.authorities(line.name, config.address),))
-        self.vobc = self._make_controller(Place.PROCESS in places, can, tags, air)
+        air = self._recorded_radio(
+            radio.port("train", (keys.authorities(line.name, config.address),)), folder
+        )
+        self.vobc = self._side.device(can, tags, air, faulty=Place.PROCESS in places)
+        if isinstance(self.vobc, ControllerProcess):
+            self._on_fault(Place.PROCESS, self.vobc.change)
         self._executives.append(self.vobc.executive)
         self._arrival = ArrivalWatch(journey.end.stop_m)
         self.arrived = False
         """Whether the train has stood with open doors at its last station for a while."""
         self._executives.append(Executive([Task("watch", WATCH_MS, self._watch)], 0))
 
-    def _make_controller(
-        self, faulty: bool, can: CanPort, tags: SerialPort, radio: RadioPort
-    ) -> Device:
-        if not faulty:
-            return self._start_controller(can, tags, radio, 0, False)
-        process = ControllerProcess(
-            self._start_controller, can=can, tags=tags, radio=radio, start_ns=0
-        )
-        self._on_fault(Place.PROCESS, process.change)
-        return process
-
-    def _start_controller(
-        self, can: CanPort, tags: SerialPort, radio: RadioPort, now_ns: int, again: bool
-    ) -> VobcDevice:
-        config, journey = self._config, self._journey
-        # What the memory of the board held when it went down, it holds when it comes up.
-        self._nvram = nvram = Nvram(None, self._nvram.record)
-        return VobcDevice(
-            config,
-            journey.line,
-            journey.mission,
-            can=can,
-            tags=tags,
-            radio=radio,
-            nvram=nvram,
-            cycle_log=self._cycle_log,
-            start_ns=now_ns,
-            start=unknown_start(config, journey.line, nvram.record) if again else None,
-        )
-
-    def _controller_port(self, faulty: bool, seed: int, folder: RunFolder | None) -> CanPort:
+    def _controller_port(
+        self, accept_ids: Collection[int] | None, seed: int, *, faulty: bool
+    ) -> CanPort:
         """On the bus; where bus faults may act they stand between."""
-        port = self.bus.port(Node.VOBC.name, HEARD_IDS)
+        port = self.bus.port(Node.VOBC.name, accept_ids)
         if not faulty:
             return port
         between = FaultyPort(port, FrameFaults(seed))
         self._bus_faults = BusFaults(self.bus, between, seed)
         self._on_fault(Place.BUS, self._bus_faults.change)
         self._executives.append(Executive([Task("bus faults", BUS_FAULT_MS, between.poll)], 0))
-        writer = self._candump(folder, "vobc_in.log")
-        return between if writer is None else RecordedCan(between, writer)
+        return between
 
     def _on_fault(self, place: Place, change: Callable[[FaultPlan, bool, int], None]) -> None:
         def listener(plan: FaultPlan, active: bool, now_ns: int) -> None:
@@ -235,35 +229,26 @@ class Lockstep:
         self._stack.callback(log.close)
         return log
 
+    def _port_log(self, folder: RunFolder | None) -> PortLog | None:
+        if folder is None:
+            return None
+        log = PortLog(folder.path / PORTS_LOG)
+        self._stack.callback(log.close)
+        return log
+
+    def _recorded_radio(self, port: RadioPort, folder: RunFolder | None) -> RadioPort:
+        if folder is None:
+            return port
+        recorded = RecordedRadio(port, RadioLog(folder.path / "radio.log"))
+        self._stack.callback(recorded.close)
+        return recorded
+
     def _recorded(self, port: SerialPort, folder: RunFolder | None) -> SerialPort:
         if folder is None:
             return port
         recorded = RecordedLine(port, SerialLog(folder.serial_log))
         self._stack.callback(recorded.close)
         return recorded
-
-
-class RecordedCan:
-    """The controller's port with a log of what it heard, where that is not what was on the bus."""
-
-    def __init__(self, port: CanPort, log: CandumpWriter) -> None:
-        self._port, self._log = port, log
-
-    @property
-    def counters(self) -> LinkCounters:
-        return self._port.counters
-
-    def send(self, now_ns: int, can_id: int, data: bytes) -> None:
-        self._port.send(now_ns, can_id, data)
-
-    def receive(self, now_ns: int) -> Sequence[CanFrame]:
-        frames = self._port.receive(now_ns)
-        for frame in frames:
-            self._log.frame(frame.stamp_ns, frame.can_id, frame.data)
-        return frames
-
-    def close(self) -> None:
-        self._port.close()
 
 
 class _Tee:

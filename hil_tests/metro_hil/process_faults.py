@@ -205,7 +205,8 @@ class ControllerProcess:
         if self._slowers and any(task.name == "control" for task in device.executive.due(there_ns)):
             clock.held_ns = round(sum(self._slowers.values()) * NS_PER_S)
             self._busy_until_ns = now_ns + clock.held_ns
-        device.executive.run_due(there_ns)
+        while device.executive.run_next(there_ns):
+            pass
         clock.held_ns = 0
 
     def stop(self, now_ns: int) -> None:

@@ -26,6 +26,7 @@ class Invariants:
         "_doors",
         "_doors_busy",
         "_emergency",
+        "_heard",
         "_moving",
         "_silence",
         "_spoken",
@@ -35,10 +36,14 @@ class Invariants:
         "motion",
     )
 
-    def __init__(self, context: Context, spoken: Spoken, place: Place) -> None:
+    def __init__(self, context: Context, spoken: Spoken, heard: Spoken, place: Place) -> None:
+        """Args:
+        spoken: what the controller says.
+        heard: what of it gets onto the bus, where the units wait for it.
+        """
         self.alarm = Alarm()
         self.gauges = {each.name: Gauge(each.name, self.alarm) for each in WATCHED}
-        self._spoken = spoken
+        self._spoken, self._heard = spoken, heard
         gauge = self.gauges
         self.motion = MotionWatch(
             context,
@@ -126,7 +131,7 @@ class Invariants:
         if wanted:
             self._emergency.sample(truth, now_ns, spoken)
         else:
-            self._silence.released(truth, now_ns, spoken)
+            self._silence.released(truth, now_ns, self._heard)
         enabled = spoken.enable_left > 0.0 or spoken.enable_right > 0.0
         if enabled:
             self._doors.enabled(truth, now_ns, spoken)
@@ -135,4 +140,4 @@ class Invariants:
             self._doors_busy = busy
             self._doors.sample(truth, now_ns)
             if busy:
-                self._silence.open(now_ns, spoken)
+                self._silence.open(now_ns, self._heard)

@@ -12,7 +12,7 @@ from metro_hil.monitors.invariants import Invariants
 from metro_hil.monitors.place import Place
 from metro_hil.monitors.plan import MonitorKind, MonitorPlan, Severity
 from metro_hil.monitors.signals import Signals
-from metro_hil.monitors.spoken import Spoken
+from metro_hil.monitors.spoken import CONTROLLER_IDS, Spoken
 from metro_hil.monitors.stl import Formula
 from metro_hil.monitors.terms import State
 from metro_hil.monitors.vocabulary import BOOLEANS, NAMES
@@ -45,11 +45,13 @@ class MonitorSet:
 
     __slots__ = (
         "_context",
+        "_cut_short",
         "_fills",
         "_finished",
         "_first_ns",
         "_formulas",
         "_gauges",
+        "_heard",
         "_invariants",
         "_known_violated",
         "_plans",
@@ -62,17 +64,24 @@ class MonitorSet:
         "wanted_ids",
     )
 
-    def __init__(self, plans: Sequence[MonitorPlan], context: Context) -> None:
+    def __init__(
+        self, plans: Sequence[MonitorPlan], context: Context, *, own_port: bool = False
+    ) -> None:
+        """Args:
+        own_port: what the controller says is told by `said`, at its own port, before anything
+            can happen to it on its way; else it is taken from the bus.
+        """
         self._plans = tuple(plans)
         self._context = context
         self._spoken = spoken = Spoken(context.start_ns)
+        self._heard = Spoken(context.start_ns) if own_port else spoken
         train = context.train
         place = Place(
             context.line,
             length_m=train.length_m,
             rotating_ratio=train.rotating_mass_percent / 100.0,
         )
-        self._invariants = Invariants(context, spoken, place)
+        self._invariants = Invariants(context, spoken, self._heard, place)
         self._watches = any(plan.kind is MonitorKind.INVARIANT for plan in plans)
         self._stop_gauges: dict[str, MonitorPlan] = {
             plan.text: plan
@@ -100,12 +109,20 @@ class MonitorSet:
         """The first that was violated and may end the run."""
         self._violated_at_ns = NEVER_NS
         self._known_violated = 0
-        self._finished = False
+        self._finished = self._cut_short = False
 
     def frame(self, stamp_ns: int, can_id: int, data: bytes) -> None:
         """One frame of the bus, at the end of its transmission."""
-        if can_id in self.wanted_ids:
+        if can_id not in self.wanted_ids:
+            return
+        self._heard.frame(stamp_ns, can_id, data)
+        if self._heard is not self._spoken and can_id not in CONTROLLER_IDS:
             self._spoken.frame(stamp_ns, can_id, data)
+
+    def said(self, now_ns: int, can_id: int, data: bytes) -> None:
+        """One frame of the controller, at its own port."""
+        if can_id in self.wanted_ids:
+            self._spoken.frame(now_ns, can_id, data)
 
     def sample(self, truth: Truth, now_ns: int) -> None:
         """One step of the plant; the frames that ended up to now have been told."""
@@ -152,6 +169,7 @@ class MonitorSet:
         """
         if not self._finished:
             self._finished = True
+            self._cut_short = cut_short
             for _, formula in self._formulas:
                 formula.finish(cut_short)
 
@@ -164,7 +182,7 @@ class MonitorSet:
             if plan.kind is MonitorKind.INVARIANT
             else self._of_formula(plan, formulas[plan.name])
             if plan.kind is MonitorKind.STL
-            else _of_measure(plan, measures.get(plan.text))
+            else _of_measure(plan, None if self._cut_short else measures.get(plan.text))
             for plan in self._plans
         )
 
@@ -224,7 +242,7 @@ NEVER_HELD: Final = f"{NOT_EXERCISED}: its premise never held"
 
 def _of_measure(plan: MonitorPlan, value: float | None) -> MonitorResult:
     if value is None or not math.isfinite(value):
-        detail = f"{plan.text} was not measured"
+        detail = f"{plan.text} was not measured, or not to the end"
         return _result(plan, Verdict.INCONCLUSIVE, None, None, detail)
     low, high = plan.limits
     margins = [*([] if low is None else [value - low]), *([] if high is None else [high - value])]

@@ -28,6 +28,18 @@ DECODED: Final[tuple[type[Frame], ...]] = (
     VobcTarget,
     Desk,
 )
+CONTROLLER_IDS: Final = Decoder(
+    [
+        BrakeCommand,
+        TractionCommand,
+        DoorCommand,
+        VobcStatus,
+        VobcMotion,
+        VobcPosition,
+        VobcTarget,
+    ]
+).ids
+"""Of the frames that the controller sends."""
 STAMPED: Final[tuple[type[Frame], ...]] = (Tacho, BrakeStatus, TractionStatus)
 """Of these only that they were intact and when counts."""
 SIGNS: Final = {Direction.NEUTRAL: 0.0, Direction.FORWARD: 1.0, Direction.REVERSE: -1.0}

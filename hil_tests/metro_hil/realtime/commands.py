@@ -66,7 +66,7 @@ def controller_start(
     if controller.kind == "command":
         if places.stops and "{stops}" not in controller.command:
             raise Blocked(
-                f"stops: the controller's command is not told to pass stations; put {{stops}}, here "
+                "stops: the controller's command cannot pass stations; put {stops}, here "
                 f"{places.stops}, into it or leave `stops` out"
             )
         words = fill_in(controller.command, places)

@@ -1,0 +1,120 @@
+"""The controller of a run in virtual time, of whatever kind, on the ports it is given."""
+
+from collections.abc import Callable, Sequence
+from typing import Final
+
+from firmware_py.clock import Clock
+from firmware_py.nvram import Nvram, NvramRecord
+from firmware_py.port_log import PortLog
+from firmware_py.ports import CanFrame, CanPort, LinkCounters, RadioPort, SerialPort
+from metro_hil.cases import Controller
+from metro_hil.granted import GrantedController, program_of
+from metro_hil.journey import Journey
+from metro_hil.process_faults import ControllerProcess, Device
+from vobc.config import VobcConfig
+from vobc.process import CycleLog, unknown_start
+from vobc.process.commission import Commission
+
+SHIPPED: Final = Controller()
+
+Heard = Callable[[int, int, bytes], None]
+"""Told instant, identifier and data."""
+
+
+class ControllerSide:
+    """Starts the controller, and starts it again after it was killed."""
+
+    def __init__(
+        self,
+        controller: Controller,
+        config: VobcConfig,
+        journey: Journey,
+        *,
+        clock: Clock,
+        cycle_log: CycleLog | None,
+        port_log: PortLog | None,
+        said: Heard | None,
+    ) -> None:
+        """Args:
+        cycle_log: of the shipped controller.
+        port_log: of what passes the controller's own ports.
+        said: told every frame that the controller says, at the true instant at which it does.
+        """
+        self._controller, self._config, self._journey = controller, config, journey
+        self._clock, self._cycle_log, self._port_log = clock, cycle_log, port_log
+        self._said = said
+        self._nvram = Nvram(None, NvramRecord(boot_count=1))
+        self._granted: GrantedController | None = None
+
+    def device(self, can: CanPort, tags: SerialPort, radio: RadioPort, *, faulty: bool) -> Device:
+        """Raises ControllerStartError.
+
+        Args:
+            faulty: faults of its process may come.
+        """
+        if not faulty:
+            return self._start(can, tags, radio, 0, False)
+        return ControllerProcess(self._start, can=can, tags=tags, radio=radio, start_ns=0)
+
+    def _start(
+        self, can: CanPort, tags: SerialPort, radio: RadioPort, now_ns: int, again: bool
+    ) -> Device:
+        if self._said is not None:
+            can = _SpokenCan(can, self._clock, self._said)
+        if self._port_log is not None:
+            log = self._port_log
+            can, tags, radio = log.can(can), log.tags(tags), log.radio(radio)
+        commission = self._commission(now_ns, again)
+        device = self._make(commission, can, tags, radio)
+        if self._port_log is not None:
+            self._port_log.start(commission.table(), device.executive, virtual=True)
+        return device
+
+    def _commission(self, now_ns: int, again: bool) -> Commission:
+        # What the memory of the board held when it went down, it holds when it comes up.
+        config, journey, record = self._config, self._journey, self._nvram.record
+        start = unknown_start(config, journey.line, record) if again else None
+        return Commission(config, journey.line, journey.mission, record, now_ns, start)
+
+    def _make(
+        self, commission: Commission, can: CanPort, tags: SerialPort, radio: RadioPort
+    ) -> Device:
+        if self._controller == SHIPPED:
+            self._nvram = Nvram(None, commission.nvram)
+            return commission.device(
+                can=can, tags=tags, radio=radio, nvram=self._nvram, cycle_log=self._cycle_log
+            )
+        self.close()
+        # The memory of another program does not come back; that it was started again is known.
+        boots = commission.nvram.boot_count + 1
+        self._nvram = Nvram(None, NvramRecord(boot_count=boots))
+        program = program_of(self._controller)
+        self._granted = GrantedController(program, commission, can=can, tags=tags, radio=radio)
+        return self._granted
+
+    def close(self) -> None:
+        """End the process of a controller that has one."""
+        if self._granted is not None:
+            self._granted.close()
+            self._granted = None
+
+
+class _SpokenCan:
+    """The controller's own port, listened to before anything can happen to what it says."""
+
+    def __init__(self, port: CanPort, clock: Clock, said: Heard) -> None:
+        self._port, self._clock, self._said = port, clock, said
+
+    @property
+    def counters(self) -> LinkCounters:
+        return self._port.counters
+
+    def send(self, now_ns: int, can_id: int, data: bytes) -> None:
+        self._said(self._clock.now_ns(), can_id, data)
+        self._port.send(now_ns, can_id, data)
+
+    def receive(self, now_ns: int) -> Sequence[CanFrame]:
+        return self._port.receive(now_ns)
+
+    def close(self) -> None:
+        self._port.close()
