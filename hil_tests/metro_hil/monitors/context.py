@@ -45,5 +45,3 @@ class Context:
     service_jerk_mps3: float = 0.65
     slack_s: float = 0.02
     """For what happens between two samples and for frames that wait for the bus."""
-    claim_age_s: float = 0.02
-    """A frame that tells a place or a speed may speak of an instant so long before its end."""

@@ -1,6 +1,9 @@
 """Invariants of what the controller says of itself (3, 9, 13, 14, 16, 36, 39)."""
 
-from can_dbc.vobc import AtoPhase, Supervision
+from collections import deque
+
+from can_dbc.binding import period_s
+from can_dbc.vobc import AtoPhase, Missing, Supervision, VobcPosition
 from metro_hil.monitors.context import Context
 from metro_hil.monitors.gauge import Gauge
 from metro_hil.monitors.spoken import Spoken
@@ -8,8 +11,15 @@ from plant_emulator.truth import Truth
 
 NS_PER_S = 1_000_000_000
 SPEED_BIT_MPS = 0.01
-WIDTH_BIT_M = 0.015
-"""A width that falls by less may only have been rounded."""
+CLAIM_PERIOD_S = period_s(VobcPosition)
+SETTLING_NS = 2 * NS_PER_S
+NARROWED_M = 0.2
+"""A width that falls by less may only have made up for samples that were late."""
+CLAIMS = 5
+"""So many are compared with: the controller says that it misses its wheels only some cycles after
+they fell silent, and is the wider for it until then."""
+TACHO_NS = NS_PER_S // 10
+ODOMETER = int(Missing.ODOMETER)
 UNKNOWN_M = 655.0
 """The frame's largest uncertainty says that the place is not known."""
 TAG_LIFETIME_NS = 2 * NS_PER_S
@@ -25,17 +35,23 @@ class ClaimWatch:
     """To be told whenever the controller has said something."""
 
     __slots__ = (
-        "_claim_age_s",
+        "_believed_ns",
+        "_claimed",
+        "_claimed_slips",
         "_curve_ns",
+        "_cycle_s",
+        "_least_gap_ns",
         "_limit_m",
+        "_most_gap_ns",
         "_motion_ns",
         "_over_ns",
         "_position_ns",
+        "_slack_s",
         "_slips",
         "_status_ns",
         "_tag_ns",
         "_tags",
-        "_width_m",
+        "_widths_m",
         "curve",
         "interval",
         "narrowed",
@@ -55,13 +71,19 @@ class ClaimWatch:
     ) -> None:
         self.curve, self.interval, self.narrowed = curve, interval, narrowed
         self.width, self.overrun = width, overrun
-        self._claim_age_s = context.claim_age_s
+        self._cycle_s, self._slack_s = context.cycle_s, context.slack_s
+        self._claimed_slips = 0.0
+        self._believed_ns = context.start_ns
+        self._claimed = False
+        rhythm_s = max(CLAIM_PERIOD_S, context.cycle_s)
+        self._least_gap_ns = round(0.5 * rhythm_s * NS_PER_S)
+        self._most_gap_ns = round((1.5 * rhythm_s + SLIPS_MAX * context.cycle_s) * NS_PER_S)
         self._limit_m = context.localisation_limit_m
         self._curve_ns = round((context.cycle_s + context.slack_s) * NS_PER_S)
         self._position_ns = self._motion_ns = self._status_ns = context.start_ns
         self._over_ns = -1
         """Since when it has said that it is over its curve; -1 if it is not, or has braked."""
-        self._width_m = UNKNOWN_M
+        self._widths_m: deque[float] = deque(maxlen=CLAIMS)
         self._tags = 0.0
         self._tag_ns = context.start_ns
         self._slips = -1.0
@@ -77,8 +99,14 @@ class ClaimWatch:
 
     def news(self, truth: Truth, now_ns: int, spoken: Spoken) -> None:
         if spoken.position_ns != self._position_ns:
-            self._position_ns = spoken.position_ns
-            if spoken.uncertainty_m < UNKNOWN_M:
+            gap_ns, self._position_ns = spoken.position_ns - self._position_ns, spoken.position_ns
+            # Out of its rhythm a frame may have waited for the bus, however right it was once, and
+            # so may those after it until the bus has carried what it owes.
+            in_rhythm = self._least_gap_ns <= gap_ns <= self._most_gap_ns
+            if not in_rhythm and self._claimed:
+                self._believed_ns = spoken.position_ns + SETTLING_NS
+            self._claimed = True
+            if spoken.position_ns >= self._believed_ns and spoken.uncertainty_m < UNKNOWN_M:
                 self._check_interval(truth, now_ns, spoken)
                 self._check_width(now_ns, spoken)
         if spoken.motion_ns != self._motion_ns:
@@ -93,10 +121,13 @@ class ClaimWatch:
             self._check_overrun(truth, now_ns, spoken)
 
     def _check_interval(self, truth: Truth, now_ns: int, spoken: Spoken) -> None:
-        """At the instant of the claim, which lies up to `claim_age_s` before its frame's end."""
+        """At the instant of the claim: the begin of its cycle, or that of one that was missed."""
+        missed = min(SLIPS_MAX, (spoken.cycle_slips - self._claimed_slips) % SLIPS_PERIOD)
+        self._claimed_slips = spoken.cycle_slips
+        oldest_s = (1.0 + missed) * self._cycle_s + self._slack_s
         later_s = (now_ns - spoken.position_ns) / NS_PER_S
         newest_m = truth.front_m - truth.speed_mps * later_s
-        oldest_m = newest_m - truth.speed_mps * self._claim_age_s
+        oldest_m = newest_m - truth.speed_mps * oldest_s
         low_m, high_m = min(newest_m, oldest_m), max(newest_m, oldest_m)
         claimed_m = spoken.claimed_front_m
         away_m = max(low_m - claimed_m, claimed_m - high_m, 0.0)
@@ -106,11 +137,15 @@ class ClaimWatch:
         width_m = 2.0 * spoken.uncertainty_m
         if spoken.localised > 0.0:
             self.width.see(self._limit_m - width_m, now_ns)
-        before_m, self._width_m = self._width_m, width_m
-        narrowed_m = before_m - width_m
-        if before_m < UNKNOWN_M and narrowed_m > 2.0 * WIDTH_BIT_M:
+        if now_ns - spoken.tacho_ns > TACHO_NS or int(spoken.missing) & ODOMETER:
+            # What it is wider by while the wheels are not heard goes when they are again.
+            return
+        widths_m = self._widths_m
+        if widths_m and min(widths_m) - width_m > NARROWED_M:
             by_tag = self._tags > 0.0 and now_ns - self._tag_ns <= TAG_LIFETIME_NS
             self.narrowed.said(by_tag, now_ns)
+            widths_m.clear()
+        widths_m.append(width_m)
 
     def _check_curve(self, now_ns: int, spoken: Spoken) -> None:
         if spoken.emergency_commanded > 0.0:

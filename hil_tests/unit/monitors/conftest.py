@@ -37,15 +37,13 @@ SCENARIO = plan_scenario()
 class Rig:
     """A train at rest at 1000 m with everything in order; `step` goes on by 10 ms each.
 
-    What the controller and the units say is sent every cycle of 50 ms, a millisecond after the step
-    that begins it, and can be exchanged between two steps.
+    What the controller and the units say is sent every cycle of 50 ms, speed and place every other,
+    a millisecond after the step that begins it, and can be exchanged between two steps.
     """
 
     def __init__(self, tables: list[dict[str, Any]], invariants: object) -> None:
-        self.monitors = MonitorSet(
-            read_monitors(tables, "test", invariants),
-            Context(line=SCENARIO.line, train=SCENARIO.train),
-        )
+        self.context = Context(line=SCENARIO.line, train=SCENARIO.train)
+        self.monitors = MonitorSet(read_monitors(tables, "test", invariants), self.context)
         self.truth = truth = Truth()
         truth.front_m, truth.rear_m = 1000.0, 931.41
         truth.authority_end_m = 4560.0
@@ -77,7 +75,7 @@ class Rig:
                 if self._tracks:
                     place = VobcPosition(front_m=self.truth.front_m, uncertainty_m=1.0)
                     self.said[VobcPosition] = place
-                self._send([f for kind, f in self.said.items() if kind not in self.silent])
+                self._send([f for kind, f in self.said.items() if self._is_due(kind)])
             self._steps += 1
             self.now_ns += STEP_NS
             truth = self.truth
@@ -86,6 +84,10 @@ class Rig:
             truth.rear_m = truth.front_m - SCENARIO.train.length_m
             truth.to_stop_m = 1500.0 - truth.front_m
             self.monitors.sample(truth, self.now_ns)
+
+    def _is_due(self, kind: type[Frame]) -> bool:
+        slow = kind in (VobcMotion, VobcPosition) and self._steps // STEPS_PER_CYCLE % 2
+        return kind not in self.silent and not slow
 
     def _send(self, frames: list[Frame]) -> None:
         stamp_ns = self.now_ns + 2 * FRAME_NS

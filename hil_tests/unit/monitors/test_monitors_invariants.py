@@ -286,13 +286,52 @@ def test_the_true_front_lies_within_twice_the_uncertainty(rig: Rig, side: float)
     assert rig.result("inv-13-position-interval").verdict is Verdict.FAIL
 
 
-def test_a_claim_is_compared_with_where_the_train_was_then(rig: Rig) -> None:
-    """At 20 m/s a train moves 0.4 m in the 20 ms that a claim may be old."""
-    rig.say(VobcPosition, front_m=1000.0, uncertainty_m=0.05)
+@pytest.mark.parametrize(
+    ("slips", "behind_m", "verdict"),
+    [
+        (0, 1.4 + 0.09, Verdict.PASS),
+        (0, 1.4 + 0.13, Verdict.FAIL),
+        (1, 2.4 + 0.09, Verdict.PASS),
+        (1, 2.4 + 0.13, Verdict.FAIL),
+    ],
+)
+def test_a_claim_may_be_as_old_as_its_cycle(
+    rig: Rig, slips: int, behind_m: float, verdict: Verdict
+) -> None:
+    """At 20 m/s a train moves 1.4 m in 50 ms and 20 ms, and 1 m more in a cycle that was missed."""
     rig.step(1, speed_mps=20.0)
+    rig.silent.add(VobcPosition)
+    rig.step(9)
+    rig.send_now(VobcStatus, cycle_slips=slips)
+    # Told half a millisecond after the status, a millisecond or two into the step.
+    rig.send_now(VobcPosition, front_m=rig.truth.front_m - behind_m + 0.02, uncertainty_m=0.05)
+    rig.step(1)
 
-    # The step ends 0.2 m on, the claim was told 1 ms into it or later.
-    assert 0.05 < rig.margin("inv-13-position-interval") <= 0.1
+    assert rig.result("inv-13-position-interval").verdict is verdict
+
+
+def test_what_was_wider_while_the_wheels_were_not_heard_may_go_again(rig: Rig) -> None:
+    rig.step(10)
+    rig.silent.add(Tacho)
+    rig.step(20)
+    rig.say(VobcPosition, front_m=1000.0, uncertainty_m=9.0)
+    rig.step(10)
+    rig.silent.clear()
+    rig.say(VobcPosition, front_m=1000.0, uncertainty_m=1.0)
+    rig.step(10)
+
+    assert rig.result("inv-14-narrowed-by-tag").margin is None
+
+
+def test_a_claim_that_waited_for_the_bus_is_not_judged(rig: Rig) -> None:
+    """Half a second late, and 10 m behind the train that it was said of."""
+    rig.step(50, speed_mps=20.0)
+    rig.silent.add(VobcPosition)
+    rig.step(50)
+    rig.send_now(VobcPosition, front_m=rig.truth.front_m - 10.0)
+    rig.step(1)
+
+    assert rig.result("inv-13-position-interval").verdict is Verdict.PASS
 
 
 def test_an_unknown_place_claims_nothing(rig: Rig) -> None:
@@ -309,7 +348,10 @@ def test_a_width_that_falls_takes_a_tag(rig: Rig) -> None:
     assert rig.margin("inv-14-narrowed-by-tag") == 1.0
 
     rig.step(250)
-    rig.say(VobcPosition, front_m=1000.0, uncertainty_m=0.4)
+    rig.say(VobcPosition, front_m=1000.0, uncertainty_m=0.45)
+    rig.step(10)
+    assert rig.margin("inv-14-narrowed-by-tag") == 1.0
+    rig.say(VobcPosition, front_m=1000.0, uncertainty_m=0.3)
     rig.step(10)
     assert rig.margin("inv-14-narrowed-by-tag") == -1.0
 

@@ -13,6 +13,7 @@ from can_dbc.nodes import Direction
 from can_dbc.traction import TractionCommand
 from can_dbc.vobc import AtoPhase, Missing, Supervision, VobcMotion, VobcPosition, VobcStatus
 from metro_hil.cases import Verdict
+from metro_hil.monitors import MonitorSet, read_monitors
 from metro_hil.monitors.spoken import DECODED, STAMPED, Spoken
 from metro_hil.monitors.vocabulary import BOOLEANS, NAMES, SIGNALS, Origin
 from plant_emulator import truth
@@ -224,6 +225,23 @@ def test_other_frames_change_nothing_and_are_not_wanted(rig: Rig) -> None:
     assert 0x7FF not in rig.monitors.wanted_ids
 
 
+def test_what_is_said_at_the_controllers_own_port_counts_before_what_the_bus_makes_of_it(
+    rig: Rig,
+) -> None:
+    """A fault that writes a released brake onto the bus is not the controller's word."""
+    plans = read_monitors([stl("always(emergency_commanded)")], "test", "none")
+    monitors = MonitorSet(plans, rig.context, own_port=True)
+    for can_id, data in Encoder().encode(EXAMPLES[0]):
+        monitors.frame(1000, can_id, data)
+    monitors.sample(rig.truth, 10_000_000)
+    assert monitors.violated is None
+
+    for can_id, data in Encoder().encode(EXAMPLES[0]):
+        monitors.said(11_000_000, can_id, data)
+    monitors.sample(rig.truth, 20_000_000)
+    assert monitors.violated is plans[0]
+
+
 # What expressions read.
 
 
@@ -246,7 +264,7 @@ def test_every_signal_can_be_read_and_is_a_finite_number(rig_for: type[Rig], nam
         ("stop_error_m", 1000.1 - 1500.0),
         ("standing", 0.0),
         ("platform_left", 0.0),
-        ("claimed_front_m", 1000.05),
+        ("claimed_front_m", 1000.0),
         ("uncertainty_m", 1.0),
         ("brake_age_s", 0.04875),
         ("emergency_commanded", 0.0),
