@@ -204,6 +204,7 @@ class DemandWatch:
         judged = (
             spoken.ato_phase in DRIVEN
             and spoken.supervision in FREE
+            and spoken.traction_permitted > 0.0
             and spoken.emergency_commanded == spoken.holding_commanded == 0.0
         )
         if judged:

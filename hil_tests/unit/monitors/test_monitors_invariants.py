@@ -568,6 +568,7 @@ def test_the_demand_stays_within_what_passengers_bear(rig: Rig) -> None:
         (VobcStatus, {"supervision": Supervision.SERVICE}),
         (BrakeCommand, {"emergency_released": False}),
         (BrakeCommand, {"holding_released": False}),
+        (TractionCommand, {"traction_permitted": False}),
     ],
 )
 def test_what_protection_asks_for_is_no_matter_of_comfort(
