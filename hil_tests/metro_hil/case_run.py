@@ -115,6 +115,8 @@ class CaseRun:
         if case.branch is not None:
             self._branch = compile_expression(case.branch.when, SIGNALS)
         self._branched = False
+        self._wall = WallClock()
+        self._stepping_ns = 0
         self._reason = ""
         self._died = ""
         self._patience_s = STUCK_S + max(
@@ -174,6 +176,7 @@ class CaseRun:
     def become(self, case: Case, faults: Sequence[FaultPlan]) -> None:
         """At the branch: from here on it is this case's run."""
         self.case = case
+        self._stepping_ns = 0
         if self._branched:
             self.bench.reseed(case.seed)
             self.bench.plant.schedule.plan(faults)
@@ -186,11 +189,13 @@ class CaseRun:
         self._run_until(lambda now_ns: self._over(now_ns, limit_ns))
 
     def _run_until(self, over: Callable[[int], bool]) -> None:
+        began_ns = self._wall.now_ns()
         try:
             self.bench.run_until(over)
         except Exception as error:
             self._bury(error)
             self._follow_to_standstill()
+        self._stepping_ns += self._wall.now_ns() - began_ns
 
     def _bury(self, error: Exception) -> None:
         """Take down how the controller died; what somebody else raised goes on."""
@@ -265,8 +270,14 @@ class CaseRun:
             monitors=monitors,
             measures=measures,
             events=self._story(),
-            host=_host(began_ns),
+            host=self._host(began_ns),
         )
+
+    def _host(self, began_ns: int | None) -> Host:
+        if began_ns is None:
+            return Host()
+        wall_s = (self._wall.now_ns() - began_ns) / NS_PER_S
+        return Host(wall_s=wall_s, stepping_s=self._stepping_ns / NS_PER_S)
 
     def _story(self) -> tuple[Event, ...]:
         """All that is known to have happened, in order of time."""
@@ -285,12 +296,6 @@ class CaseRun:
         measures["rejected_frames_count"] = float(sum(bench.plant.wire.refusals.values()))
         measures["bus_load_ratio"] = bench.bus.statistics().load_ratio(max(1, elapsed_ns))
         return measures
-
-
-def _host(began_ns: int | None) -> Host:
-    if began_ns is None:
-        return Host()
-    return Host(wall_s=(WallClock().now_ns() - began_ns) / NS_PER_S)
 
 
 def _raised_by_controller(error: BaseException) -> bool:

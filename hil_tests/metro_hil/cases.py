@@ -151,6 +151,9 @@ class Host(msgspec.Struct, frozen=True, kw_only=True):
     """How the host served the run. Not part of what a report is made of: it differs every time."""
 
     wall_s: float = 0.0
+    """Of the whole case."""
+    stepping_s: float = 0.0
+    """Of that, spent in the run itself."""
     steal_s: float | None = None
     lateness_us_p99: float | None = None
     worker: str = ""
