@@ -34,6 +34,8 @@ from metro_hil.monitors.formula import (
 )
 
 TEXT_MAX: Final = 1000
+DEPTH_MAX: Final = 50
+"""Brackets in brackets."""
 NS_PER_S: Final = 1_000_000_000
 HALF: Final = "0.5"
 
@@ -63,9 +65,13 @@ def parse(text: str, signals: Collection[str], booleans: Collection[str] = ()) -
     """
     if len(text) > TEXT_MAX:
         raise FormulaError(f"{text[:40]!r}…: longer than {TEXT_MAX} characters")
-    reader = _Reader(text, signals, booleans)
+    depth = 0
+    for letter in text:
+        depth += (letter == "(") - (letter == ")")
+        if depth > DEPTH_MAX:
+            raise FormulaError(f"{text[:40]!r}…: nested too deeply")
     try:
-        return reader.whole()
+        return _Reader(text, signals, booleans).whole()
     except RecursionError:
         raise FormulaError(f"{text[:40]!r}…: nested too deeply") from None
 
