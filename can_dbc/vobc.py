@@ -79,7 +79,7 @@ class VobcPosition:
     front_m: float
     """Best estimate of the front coupler's chainage."""
     uncertainty_m: float
-    """Half the width of the position interval."""
+    """The position interval lies within front_m ± this; one end of it may be nearer."""
 
 
 @frame("vobc.dbc", "VOBC_TARGET")

@@ -1,5 +1,6 @@
 """One case on the lockstep bench, from its start to its verdict."""
 
+import math
 import traceback
 from collections.abc import Callable, Sequence
 from typing import Final
@@ -17,6 +18,7 @@ from metro_hil.judging import judge
 from metro_hil.lockstep import Lockstep, Taps
 from metro_hil.monitors import Context, MonitorSet, read_monitors
 from metro_hil.run_folder import RunFolder
+from plant_emulator.faults.declared_process import ClockStep
 from plant_emulator.faults.kinds import BENCH_PLACES, Place
 from plant_emulator.faults.plan import FaultPlan
 from plant_emulator.truth import SIGNALS, Truth
@@ -25,6 +27,8 @@ from vobc.vocabulary import CycleOutput
 
 NS_PER_S: Final = 1_000_000_000
 MS_PER_S: Final = 1000.0
+INPUT_AGE_S: Final = 0.25
+"""What faults delay by less is heard, and believed to be as old as it is."""
 J_PER_KWH: Final = 3.6e6
 STUCK_S: Final = 60.0
 """So long after the longest dwell, with no fault to come or to go, a standing train stays."""
@@ -87,6 +91,7 @@ class CaseRun:
                 line=parts.journey.line,
                 train=parts.scenario.train,
                 cycle_s=case.setup.cycle_ms / MS_PER_S,
+                input_age_s=_input_age_s(parts.faults) if own_port else 0.0,
             ),
             own_port=own_port,
         )
@@ -296,6 +301,12 @@ class CaseRun:
         measures["rejected_frames_count"] = float(sum(bench.plant.wire.refusals.values()))
         measures["bus_load_ratio"] = bench.bus.statistics().load_ratio(max(1, elapsed_ns))
         return measures
+
+
+def _input_age_s(faults: Sequence[FaultPlan]) -> float:
+    """A clock that jumps ahead makes everything older that was heard before."""
+    jumps = (plan.parameters for plan in faults if isinstance(plan.parameters, ClockStep))
+    return INPUT_AGE_S + math.fsum(jump.step_s for jump in jumps)
 
 
 def _raised_by_controller(error: BaseException) -> bool:

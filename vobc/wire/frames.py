@@ -12,9 +12,7 @@ from can_dbc.nodes import Node
 from can_dbc.traction import TractionCommand
 from can_dbc.vobc import VobcMotion, VobcPosition, VobcStatus, VobcTarget
 from vobc.atp.supervision import Cause
-from vobc.vocabulary import (
-    CycleOutput,
-)
+from vobc.vocabulary import CycleOutput, Interval
 
 SENT_KINDS: Final[tuple[type[Frame], ...]] = (
     BrakeCommand,
@@ -28,6 +26,8 @@ SENT_KINDS: Final[tuple[type[Frame], ...]] = (
     EMERGENCIES[Node.VOBC],
 )
 SLIPS_PERIOD: Final = 64
+POSITION_STEP_M: Final = 0.01
+"""Of front and uncertainty in their frame; each is rounded to the nearest."""
 PROTECTION_ERROR: Final = 0xFF01
 """EMCY code of the manufacturer's: the emergency brake is latched; its detail counts the cause."""
 PROTECTION_REGISTER: Final = 0x81
@@ -84,8 +84,13 @@ def motion_frames(output: CycleOutput) -> Sequence[Frame]:
             ceiling_mps=ceiling.permitted_mps,
             emergency_mps=ceiling.emergency_mps,
         ),
-        VobcPosition(front_m=front_m.best, uncertainty_m=0.5 * (front_m.high - front_m.low)),
+        VobcPosition(front_m=front_m.best, uncertainty_m=_reach_m(front_m)),
     )
+
+
+def _reach_m(front_m: Interval) -> float:
+    """From the best estimate to the farther end, so that both ends lie within it as encoded."""
+    return max(front_m.high - front_m.best, front_m.best - front_m.low) + POSITION_STEP_M
 
 
 def target_frames(output: CycleOutput) -> Sequence[Frame]:

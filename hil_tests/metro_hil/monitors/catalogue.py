@@ -127,19 +127,17 @@ INVARIANTS: Final[tuple[Invariant, ...]] = (
         "position-interval",
         "m",
         "The position interval holds the true front.",
-        "Twice the uncertainty of VOBC_POSITION less the distance of the true front from the "
-        "claimed one. The frame has half the width of the interval, and the best guess need not "
-        "lie in its middle, so the interval may reach twice that far to one side. A claim speaks "
-        "of the begin of its cycle or of one that was missed, so it may be so much and 0.02 s "
-        "older than its frame. One that comes out of its rhythm may have waited for the bus; it "
-        "and those of the 2 s after it are not judged.",
+        "The uncertainty of VOBC_POSITION less the distance of the true front from the claimed "
+        "one. A claim speaks of the begin of its cycle or of one that was missed, so it may be so "
+        "much and 0.02 s older than its frame. One that comes out of its rhythm may have waited "
+        "for the bus; it and those of the 2 s after it are not judged.",
     ),
     _watched(
         14,
         "narrowed-by-tag",
         "1",
         "The position interval narrows only by a tag.",
-        "1, or -1 when the claimed width falls by more than 0.2 m under the least of the five "
+        "1, or -1 when the claimed uncertainty falls by more than 0.2 m under the least of the five "
         "claims before and the reader has read no tag in the 2 s before. Claims made while TACHO "
         "is not heard, or out of their rhythm, are passed over.",
     ),
@@ -153,7 +151,7 @@ INVARIANTS: Final[tuple[Invariant, ...]] = (
         "localisation-limit",
         "m",
         "A train whose interval is too wide does not call itself localised.",
-        "30 m less the claimed width, while VOBC_STATUS says localised. Missed tags are not "
+        "30 m less the claimed uncertainty, which is at most the width, while VOBC_STATUS says localised. Missed tags are not "
         "counted here: which ones were expected is not on the bus.",
     ),
     _watched(

@@ -43,5 +43,8 @@ class Context:
     """A moving train brakes when a vital input was not heard for longer."""
     service_accel_mps2: float = 0.85
     service_jerk_mps3: float = 0.65
+    input_age_s: float = 0.0
+    """By so much faults may delay what the controller hears. Its interval is wider by what the
+    train may have moved since, and narrower again when something fresh comes."""
     slack_s: float = 0.02
     """For what happens between two samples and for frames that wait for the bus."""

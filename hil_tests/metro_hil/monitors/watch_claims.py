@@ -40,6 +40,7 @@ class ClaimWatch:
         "_claimed_slips",
         "_curve_ns",
         "_cycle_s",
+        "_input_age_s",
         "_least_gap_ns",
         "_limit_m",
         "_most_gap_ns",
@@ -73,6 +74,7 @@ class ClaimWatch:
         self.width, self.overrun = width, overrun
         self._cycle_s, self._slack_s = context.cycle_s, context.slack_s
         self._claimed_slips = 0.0
+        self._input_age_s = context.input_age_s
         self._believed_ns = context.start_ns
         self._claimed = False
         rhythm_s = max(CLAIM_PERIOD_S, context.cycle_s)
@@ -131,17 +133,18 @@ class ClaimWatch:
         low_m, high_m = min(newest_m, oldest_m), max(newest_m, oldest_m)
         claimed_m = spoken.claimed_front_m
         away_m = max(low_m - claimed_m, claimed_m - high_m, 0.0)
-        self.interval.see(2.0 * spoken.uncertainty_m - away_m, now_ns)
+        self.interval.see(spoken.uncertainty_m - away_m, now_ns)
 
     def _check_width(self, now_ns: int, spoken: Spoken) -> None:
-        width_m = 2.0 * spoken.uncertainty_m
+        width_m = spoken.uncertainty_m
         if spoken.localised > 0.0:
             self.width.see(self._limit_m - width_m, now_ns)
         if now_ns - spoken.tacho_ns > TACHO_NS or int(spoken.missing) & ODOMETER:
             # What it is wider by while the wheels are not heard goes when they are again.
             return
         widths_m = self._widths_m
-        if widths_m and min(widths_m) - width_m > NARROWED_M:
+        aged_m = spoken.claimed_speed_mps * self._input_age_s
+        if widths_m and min(widths_m) - width_m > NARROWED_M + aged_m:
             by_tag = self._tags > 0.0 and now_ns - self._tag_ns <= TAG_LIFETIME_NS
             self.narrowed.said(by_tag, now_ns)
             widths_m.clear()
