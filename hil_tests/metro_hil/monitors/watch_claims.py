@@ -110,7 +110,7 @@ class ClaimWatch:
             self._claimed = True
             if spoken.position_ns >= self._believed_ns and spoken.uncertainty_m < UNKNOWN_M:
                 self._check_interval(truth, now_ns, spoken)
-                self._check_width(now_ns, spoken)
+                self._check_width(truth, now_ns, spoken)
         if spoken.motion_ns != self._motion_ns:
             self._motion_ns = spoken.motion_ns
             over = spoken.claimed_speed_mps - spoken.emergency_limit_mps > SPEED_BIT_MPS
@@ -135,7 +135,7 @@ class ClaimWatch:
         away_m = max(low_m - claimed_m, claimed_m - high_m, 0.0)
         self.interval.see(spoken.uncertainty_m - away_m, now_ns)
 
-    def _check_width(self, now_ns: int, spoken: Spoken) -> None:
+    def _check_width(self, truth: Truth, now_ns: int, spoken: Spoken) -> None:
         width_m = spoken.uncertainty_m
         if spoken.localised > 0.0:
             self.width.see(self._limit_m - width_m, now_ns)
@@ -143,7 +143,7 @@ class ClaimWatch:
             # What it is wider by while the wheels are not heard goes when they are again.
             return
         widths_m = self._widths_m
-        aged_m = spoken.claimed_speed_mps * self._input_age_s
+        aged_m = abs(truth.speed_mps) * self._input_age_s
         if widths_m and min(widths_m) - width_m > NARROWED_M + aged_m:
             by_tag = self._tags > 0.0 and now_ns - self._tag_ns <= TAG_LIFETIME_NS
             self.narrowed.said(by_tag, now_ns)
