@@ -17,7 +17,7 @@ PIP := PIP_CONSTRAINT=$(CONSTRAINTS) PIP_BUILD_CONSTRAINT=$(CONSTRAINTS) PIP_DIS
 	$(BIN)/python -m pip install --quiet -c $(CONSTRAINTS)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup run test check format-check lint types layers bench compiled docs format clean distclean
+.PHONY: help setup run test check format-check lint types layers bench bench-hil compiled docs format clean distclean
 
 help: ## show this list
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | while IFS='	' read -r name words; do \
@@ -53,6 +53,9 @@ layers: $(READY_TO_TEST)
 
 bench: $(READY_TO_TEST) ## measure the figures that the README publishes; BENCH_ARGS=...
 	$(BIN)/python -m metro_hil.benchmarks $(BENCH_ARGS)
+
+bench-hil: compiled ## measure campaigns: overhead, seed 001's tables, kills, 10,000 stops; BENCH_ARGS=...
+	$(BIN)/python -m metro_hil.hil_benchmarks $(BENCH_ARGS)
 
 docs: $(READY_TO_TEST) ## write the generated documents anew
 	$(BIN)/python -m metro_tools.interface_doc

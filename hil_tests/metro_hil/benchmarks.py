@@ -10,7 +10,7 @@ import statistics
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -221,18 +221,28 @@ MEASURES: dict[str, Callable[[], list[Figure]]] = {
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Print the table; exit with 1 when a bar is missed."""
-    parser = argparse.ArgumentParser(prog="python -m metro_hil.benchmarks", description=__doc__)
-    parser.add_argument("measures", nargs="*", metavar="MEASURE", help=", ".join(MEASURES))
+    return run_measures(MEASURES, "python -m metro_hil.benchmarks", str(__doc__), argv)
+
+
+def run_measures(
+    measures: Mapping[str, Callable[[], list[Figure]]],
+    program: str,
+    description: str,
+    argv: Sequence[str] | None,
+) -> int:
+    """Those that are asked for, all by default. The exit code: 1 when a bar is missed."""
+    parser = argparse.ArgumentParser(prog=program, description=description)
+    parser.add_argument("measures", nargs="*", metavar="MEASURE", help=", ".join(measures))
     parser.add_argument("--json", action="store_true", help="print JSON on standard output")
     options = parser.parse_args(argv)
-    unknown = [name for name in options.measures if name not in MEASURES]
+    unknown = [name for name in options.measures if name not in measures]
     if unknown:
-        parser.error(f"unknown measure {unknown[0]}; there are {', '.join(MEASURES)}")
+        parser.error(f"unknown measure {unknown[0]}; there are {', '.join(measures)}")
     console = Console(stderr=True)
     figures = []
-    for name in options.measures or MEASURES:
+    for name in options.measures or measures:
         console.print(f"measuring {name} ...", style="dim")
-        figures += MEASURES[name]()
+        figures += measures[name]()
     _print(console, figures)
     if options.json:
         print(json.dumps([asdict(figure) for figure in figures], indent=2))
