@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 FUNCTIONS: Final[dict[str, Callable[..., float]]] = {"abs": abs, "min": min, "max": max}
+ARGUMENTS: Final = {"abs": (1, 1), "min": (2, 100), "max": (2, 100)}
+"""How many each takes."""
 TEXT_MAX: Final = 1000
 _ALLOWED: Final = (
     ast.BoolOp, ast.And, ast.Or, ast.UnaryOp, ast.Not, ast.USub, ast.UAdd, ast.BinOp, ast.Add,
@@ -69,8 +71,12 @@ def _check(node: ast.AST, text: str, allowed: Collection[str], *, is_function: b
     if isinstance(node, ast.Call):
         if not isinstance(node.func, ast.Name) or node.func.id not in FUNCTIONS:
             raise ExpressionError(f"{text!r}: only {', '.join(FUNCTIONS)} can be called")
-        if node.keywords or not node.args:
+        if node.keywords:
             raise ExpressionError(f"{text!r}: {node.func.id} takes plain arguments")
+        few, many = ARGUMENTS[node.func.id]
+        if not few <= len(node.args) <= many:
+            wanted = "one argument" if many == 1 else "two arguments or more"
+            raise ExpressionError(f"{text!r}: {node.func.id} takes {wanted}")
     if isinstance(node, ast.Name) and not is_function and node.id not in allowed:
         close = difflib.get_close_matches(node.id, list(allowed), n=1)
         hint = f"nearest: {close[0]}" if close else f"known: {', '.join(sorted(allowed))}"
