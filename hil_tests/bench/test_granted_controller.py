@@ -2,6 +2,7 @@
 
 import os
 import re
+import shlex
 import signal
 import subprocess
 import sys
@@ -13,7 +14,6 @@ import pytest
 
 from can_dbc.brake import BrakeCommand
 from can_dbc.codec import Decoder
-from firmware_py.ports import CanPort, RadioPort, SerialPort
 from firmware_py.settings import SettingsError
 from metro_hil.case_setup import parts_of
 from metro_hil.cases import Case, Controller, Setup
@@ -21,15 +21,12 @@ from metro_hil.chain import FrameChain
 from metro_hil.ending import ARRIVED
 from metro_hil.granted import (
     ControllerDiedError,
-    ControllerProgram,
     ControllerStartError,
     GrantedController,
     program_of,
 )
 from metro_hil.lockstep import Lockstep, Taps
-from metro_hil.process_faults import Device
 from metro_hil.replay import replay_run
-from vobc.process import Commission
 
 ROOT: Final = Path(__file__).parents[2]
 DOCUMENT: Final = ROOT / "docs" / "lockstep_interface.md"
@@ -88,22 +85,6 @@ for line in lines or sys.stdin:
 """
 
 
-class GrantedBench(Lockstep):
-    """Its controller is a process of its own."""
-
-    program: ControllerProgram
-    lease_s = 20.0
-
-    def _start_controller(
-        self, can: CanPort, tags: SerialPort, radio: RadioPort, now_ns: int, again: bool
-    ) -> Device:  # type: ignore[override]
-        journey, memory = self._journey, self._nvram.record
-        commission = Commission(self._config, journey.line, journey.mission, memory, now_ns)
-        return GrantedController(
-            self.program, commission, can=can, tags=tags, radio=radio, lease_s=self.lease_s
-        )
-
-
 class Heard:
     """All frames of a bus."""
 
@@ -117,19 +98,16 @@ class Heard:
 
 
 def bench_of(
-    kind: type[Lockstep], heard: Heard, setup: Setup | None = None, seed: int = 4
+    controller: Controller, heard: Heard, setup: Setup | None = None, seed: int = 4
 ) -> Lockstep:
     setup = setup or Setup(start="II", end="III")
     parts = parts_of(Case(id="x", index=0, scenario="x", seed=seed, setup=setup))
-    return kind(parts.config, parts.scenario, parts.journey, taps=Taps(frame=heard.frame))
+    taps = Taps(frame=heard.frame)
+    return Lockstep(parts.config, parts.scenario, parts.journey, taps=taps, controller=controller)
 
 
-def granted(words: Sequence[str], lease_s: float = 20.0) -> type[GrantedBench]:
-    class Bench(GrantedBench):
-        program = ControllerProgram(tuple(words), dict(os.environ))
-
-    Bench.lease_s = lease_s
-    return Bench
+def command(words: Sequence[str], lease_s: float = 20.0) -> Controller:
+    return Controller(kind="command", command=shlex.join(words), lease_s=lease_s)
 
 
 @pytest.fixture(scope="module")
@@ -141,14 +119,12 @@ def misbehaved(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
 
 @pytest.mark.parametrize("cycle_ms", [50.0, 31.25, 110.0])
 def test_our_controller_in_a_process_of_its_own_says_the_same_to_the_bit(cycle_ms: float) -> None:
-    class Bench(GrantedBench):
-        program = program_of(Controller(kind="checkout", path=str(ROOT)))
-
+    ours = Controller(kind="checkout", path=str(ROOT))
     setup = Setup(start="II", end="III", cycle_ms=cycle_ms)
     outcomes = []
-    for kind in (Lockstep, Bench):
+    for controller in (Controller(), ours):
         heard = Heard()
-        bench = bench_of(kind, heard, setup)
+        bench = bench_of(controller, heard, setup)
         reason = bench.run(100.0 if cycle_ms == 50.0 else 20.0)
         bench.close()
         outcomes.append((reason, bench.clock.now_ns(), heard.chain.links))
@@ -164,7 +140,7 @@ def test_the_example_of_the_document_holds_the_train_and_is_understood(tmp_path:
     path.write_text(example)
     heard = Heard()
 
-    bench = bench_of(granted([sys.executable, str(path)]), heard)
+    bench = bench_of(command([sys.executable, str(path)]), heard)
     bench.run(20.0)
     bench.close()
 
@@ -197,8 +173,8 @@ def test_a_controller_that_fails_is_named_and_the_train_goes_on_without_it(
     misbehaved: list[str], how: str, words: list[str], socket: bool
 ) -> None:
     heard = Heard()
-    command = [*misbehaved, how, "2.0", *(["{grant}"] if socket else [])]
-    bench = bench_of(granted(command, lease_s=0.5 if how == "hang" else 20.0), heard)
+    words_of = [*misbehaved, how, "2.0", *(["{grant}"] if socket else [])]
+    bench = bench_of(command(words_of, lease_s=0.5 if how == "hang" else 20.0), heard)
 
     with pytest.raises(ControllerDiedError) as complaint:
         bench.run(10.0)
@@ -226,7 +202,7 @@ def test_a_controller_that_does_not_start_blocks_the_case(
     misbehaved: list[str], how: str, words: list[str]
 ) -> None:
     with pytest.raises(ControllerStartError) as complaint:
-        bench_of(granted([*misbehaved, how, "0"]), Heard())
+        bench_of(command([*misbehaved, how, "0"]), Heard())
 
     assert isinstance(complaint.value, SettingsError)
     for word in words:
@@ -248,7 +224,7 @@ def test_what_is_no_controller_is_said(controller: Controller, words: str) -> No
 
 
 def test_a_stopped_process_is_ended_with_its_bench(misbehaved: list[str]) -> None:
-    bench = bench_of(granted([*misbehaved, "well", "0"], lease_s=0.3), Heard())
+    bench = bench_of(command([*misbehaved, "well", "0"], lease_s=0.3), Heard())
     assert isinstance(bench.vobc, GrantedController)
     bench.run(1.0)
     os.kill(bench.vobc.pid, signal.SIGSTOP)

@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 
 from firmware_py.handed_ports import HandedPorts
-from firmware_py.port_log import PORTS_LOG, PortLog
-from firmware_py.ports import CanPort, RadioPort, SerialPort
+from firmware_py.port_log import PORTS_LOG
 from firmware_py.settings import override
 from metro_hil.case_setup import parts_of
 from metro_hil.cases import Case, Setup
@@ -17,41 +16,22 @@ from metro_hil.hil_command import main
 from metro_hil.lockstep import Lockstep
 from metro_hil.replay import read_recording, replay_run
 from metro_hil.replay.recording import Output, Step
-from vobc.process import Commission, VobcDevice, unknown_start
+from metro_hil.run_folder import RunFolder
 
 DURATION_S = 25.0
 KILLED = {"kind": "controller_killed", "start_s": 8.0, "end_s": 9.0}
 PAUSED = {"kind": "controller_paused", "start_s": 12.0, "end_s": 12.13}
 
 
-class RecordedBench(Lockstep):
-    """Writes down what passes the ports of the controller."""
-
-    log: PortLog
-
-    def _start_controller(
-        self, can: CanPort, tags: SerialPort, radio: RadioPort, now_ns: int, again: bool
-    ) -> VobcDevice:
-        journey, memory = self._journey, self._nvram.record
-        start = unknown_start(self._config, journey.line, memory) if again else None
-        commission = Commission(self._config, journey.line, journey.mission, memory, now_ns, start)
-        log = self.log
-        device = commission.device(
-            can=log.can(can), tags=log.tags(tags), radio=log.radio(radio), nvram=self._nvram
-        )
-        log.start(commission.table(), device.executive, virtual=True)
-        return device
-
-
 def record(folder: Path, faults: Iterable[dict[str, object]] = ()) -> Path:
     setup = Setup(start="II", end="III")
     case = Case(id="x", index=0, scenario="x", seed=5, setup=setup, faults=tuple(faults))
     parts = parts_of(case)
-    RecordedBench.log = PortLog(folder / PORTS_LOG)
-    bench = RecordedBench(parts.config, parts.scenario, parts.journey, faults=parts.faults)
+    bench = Lockstep(
+        parts.config, parts.scenario, parts.journey, RunFolder(folder), faults=parts.faults
+    )
     bench.run(DURATION_S)
     bench.close()
-    RecordedBench.log.close()
     return folder
 
 

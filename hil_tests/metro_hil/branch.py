@@ -13,9 +13,9 @@ import msgspec
 from firmware_py.clock import WallClock
 from firmware_py.realtime import die_with_parent
 from firmware_py.settings import SettingsError
-from metro_hil.case_run import CaseRun, run_alone
+from metro_hil.case_run import CaseRun, hearing_of, run_alone
 from metro_hil.case_setup import NO_FILES, Files, parts_of
-from metro_hil.cases import Case, CaseResult, Controller
+from metro_hil.cases import Case, CaseResult, Controller, Verdict
 from plant_emulator.faults.plan import read_faults
 
 READ_BYTES: Final = 1 << 16
@@ -24,14 +24,28 @@ READ_BYTES: Final = 1 << 16
 def group_key(case: Case) -> bytes | None:
     """Cases with the same key share what comes before their branch; None for a case without one.
 
-    A controller of a process of its own cannot be copied with the process of the bench.
+    A controller of a process of its own cannot be copied with the process of the bench. What the
+    monitors are told before the branch depends on the faults that come after it.
     """
-    if case.branch is None or case.controller != Controller():
+    if case.branch is None or case.controller.kind != Controller().kind:
+        return None
+    try:
+        plans = read_faults(case.faults, case.id)
+    except SettingsError:
         return None
     shared = msgspec.structs.replace(
-        case, id="", index=0, scenario="", seed=0, faults=(), factors={}, requirements=()
+        case,
+        id="",
+        index=0,
+        scenario="",
+        seed=0,
+        faults=(),
+        factors={},
+        requirements=(),
+        expected=Verdict.PASS,
     )
-    return msgspec.json.encode(shared, order="deterministic")
+    hearing = hearing_of(plans)
+    return msgspec.json.encode((shared, hearing), order="deterministic")
 
 
 def run_group(cases: Sequence[Case], *, files: Files = NO_FILES) -> Iterator[CaseResult]:

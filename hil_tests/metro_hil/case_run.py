@@ -36,6 +36,9 @@ AFTER_DEATH_S: Final = 180.0
 """The train is followed for so long after its controller died, to see where it comes to stand."""
 EVENTS_MAX: Final = 500
 
+CONTROLLER_MODULE: Final = "vobc."
+BENCH_MODULES: Final = ("metro_hil.", "plant_emulator.")
+
 STUCK: Final = "stands for good"
 DURATION: Final = "duration over"
 VIOLATION: Final = "stopped at the first violation"
@@ -82,16 +85,15 @@ class CaseRun:
         """What is true of the train, as of the last step of the plant."""
         self._chain = FrameChain()
         self._rows = MemoryLog()
+        own_port, input_age_s = hearing_of(parts.faults, places)
         places |= {plan.kind.place for plan in parts.faults}
-        # Where something can happen to what the controller says, it is listened to itself.
-        own_port = not places.isdisjoint(BENCH_PLACES)
         self._monitors = MonitorSet(
             read_monitors(case.monitors, case.id, case.invariants),
             Context(
                 line=parts.journey.line,
                 train=parts.scenario.train,
                 cycle_s=case.setup.cycle_ms / MS_PER_S,
-                input_age_s=_input_age_s(parts.faults) if own_port else 0.0,
+                input_age_s=input_age_s,
             ),
             own_port=own_port,
         )
@@ -198,21 +200,21 @@ class CaseRun:
         try:
             self.bench.run_until(over)
         except Exception as error:
-            self._bury(error)
+            self.bury(error)
             self._follow_to_standstill()
         self._stepping_ns += self._wall.now_ns() - began_ns
 
-    def _bury(self, error: Exception) -> None:
-        """Take down how the controller died; what somebody else raised goes on."""
+    def bury(self, error: Exception) -> None:
+        """Take down how the controller died and go on without it; what the bench raised goes on."""
         if not _raised_by_controller(error):
             raise error
         self._died = _last_line(error)
         self._reason = DIED
         self._note(self.bench.clock.now_ns() / NS_PER_S, self._died)
+        self.bench.without_controller()
 
     def _follow_to_standstill(self) -> None:
         bench = self.bench
-        bench.without_controller()
         limit_ns = bench.clock.now_ns() + round(AFTER_DEATH_S * NS_PER_S)
         bench.run_until(lambda now_ns: now_ns >= limit_ns or self._still_s is not None)
 
@@ -237,9 +239,8 @@ class CaseRun:
     def close(self) -> None:
         try:
             self.bench.close()
-        except ControllerDiedError as error:
-            self._bury(error)
-            self.bench.without_controller()
+        except Exception as error:
+            self.bury(error)
             self.bench.close()
         self._monitors.finish(self._reason == VIOLATION)
 
@@ -303,18 +304,33 @@ class CaseRun:
         return measures
 
 
-def _input_age_s(faults: Sequence[FaultPlan]) -> float:
-    """A clock that jumps ahead makes everything older that was heard before."""
+def hearing_of(
+    faults: Sequence[FaultPlan], places: frozenset[Place] = frozenset()
+) -> tuple[bool, float]:
+    """Whether the monitors listen at the controller's own port, and how old its inputs may be, s.
+
+    Where something can happen to what the controller says, it is listened to itself. A clock that
+    jumps ahead makes everything older that was heard before.
+
+    Args:
+        places: where faults may act besides.
+    """
+    if BENCH_PLACES.isdisjoint({*places, *(plan.kind.place for plan in faults)}):
+        return False, 0.0
     jumps = (plan.parameters for plan in faults if isinstance(plan.parameters, ClockStep))
-    return INPUT_AGE_S + math.fsum(jump.step_s for jump in jumps)
+    return True, INPUT_AGE_S + math.fsum(jump.step_s for jump in jumps)
 
 
 def _raised_by_controller(error: BaseException) -> bool:
-    """Whether the exception went through the controller: then it is the controller that died."""
-    return isinstance(error, ControllerDiedError) or any(
-        frame.f_globals.get("__name__", "").startswith("vobc.")
-        for frame, _ in traceback.walk_tb(error.__traceback__)
-    )
+    """Whether it was raised in the controller, and not in the bench that the controller called."""
+    if isinstance(error, ControllerDiedError):
+        return True
+    innermost = ""
+    for frame, _ in traceback.walk_tb(error.__traceback__):
+        name: str = frame.f_globals.get("__name__", "")
+        if name.startswith((CONTROLLER_MODULE, *BENCH_MODULES)):
+            innermost = name
+    return innermost.startswith(CONTROLLER_MODULE)
 
 
 def _last_line(error: BaseException) -> str:

@@ -69,6 +69,9 @@ class Controller(msgspec.Struct, frozen=True, kw_only=True):
     command: str = ""
     """Started through no shell; {bus}, {tags}, {radio}, {line}, {params}, {start}, {end}, {out} and
     {grant} are filled in."""
+    lease_s: float = 5.0
+    """On the lockstep bench a program of its own has so much wall time for each answer; one that
+    takes longer hangs."""
 
 
 class Wires(msgspec.Struct, frozen=True, kw_only=True):

@@ -8,7 +8,12 @@ from firmware_py.nvram import Nvram, NvramRecord
 from firmware_py.port_log import PortLog
 from firmware_py.ports import CanFrame, CanPort, LinkCounters, RadioPort, SerialPort
 from metro_hil.cases import Controller
-from metro_hil.granted import GrantedController, program_of
+from metro_hil.granted import (
+    ControllerDiedError,
+    ControllerStartError,
+    GrantedController,
+    program_of,
+)
 from metro_hil.journey import Journey
 from metro_hil.process_faults import ControllerProcess, Device
 from vobc.config import VobcConfig
@@ -16,6 +21,7 @@ from vobc.process import CycleLog, unknown_start
 from vobc.process.commission import Commission
 
 SHIPPED: Final = Controller()
+NS_PER_S: Final = 1_000_000_000
 
 Heard = Callable[[int, int, bytes], None]
 """Told instant, identifier and data."""
@@ -54,7 +60,9 @@ class ControllerSide:
         """
         if not faulty:
             return self._start(can, tags, radio, 0, False)
-        return ControllerProcess(self._start, can=can, tags=tags, radio=radio, start_ns=0)
+        return ControllerProcess(
+            self._start, self.close, can=can, tags=tags, radio=radio, start_ns=0
+        )
 
     def _start(
         self, can: CanPort, tags: SerialPort, radio: RadioPort, now_ns: int, again: bool
@@ -65,7 +73,17 @@ class ControllerSide:
             log = self._port_log
             can, tags, radio = log.can(can), log.tags(tags), log.radio(radio)
         commission = self._commission(now_ns, again)
-        device = self._make(commission, can, tags, radio)
+        try:
+            device = self._make(commission, can, tags, radio)
+        except ControllerStartError as error:
+            if not again:
+                raise
+            # It was there before: the case can be run with it, and it is the one that failed.
+            words = str(error).removeprefix("controller: ")
+            at_s = self._clock.now_ns() / NS_PER_S
+            raise ControllerDiedError(
+                f"controller did not start again at t={at_s:.3f} s: {words}"
+            ) from error
         if self._port_log is not None:
             self._port_log.start(commission.table(), device.executive, virtual=True)
         return device
@@ -79,7 +97,7 @@ class ControllerSide:
     def _make(
         self, commission: Commission, can: CanPort, tags: SerialPort, radio: RadioPort
     ) -> Device:
-        if self._controller == SHIPPED:
+        if self._controller.kind == SHIPPED.kind:
             self._nvram = Nvram(None, commission.nvram)
             return commission.device(
                 can=can, tags=tags, radio=radio, nvram=self._nvram, cycle_log=self._cycle_log
@@ -88,8 +106,14 @@ class ControllerSide:
         # The memory of another program does not come back; that it was started again is known.
         boots = commission.nvram.boot_count + 1
         self._nvram = Nvram(None, NvramRecord(boot_count=boots))
-        program = program_of(self._controller)
-        self._granted = GrantedController(program, commission, can=can, tags=tags, radio=radio)
+        self._granted = GrantedController(
+            program_of(self._controller),
+            commission,
+            can=can,
+            tags=tags,
+            radio=radio,
+            lease_s=self._controller.lease_s,
+        )
         return self._granted
 
     def close(self) -> None:

@@ -89,7 +89,7 @@ class Lockstep:
         """
         self.clock = LockstepClock()
         self._stack = ExitStack()
-        self._logs: list[LineLog | CandumpWriter] = []
+        self._logs: list[LineLog | CandumpWriter | PortLog] = []
         self._writer = self._candump(folder, "bus.log")
         self._tap = taps.frame
         wanted = self._writer is not None or self._tap is not None
@@ -121,13 +121,17 @@ class Lockstep:
         self._executives = [self.plant.executive]
         self._bus_faults: BusFaults | None = None
         places = {*places, *(plan.kind.place for plan in faults)}
-        accepted = HEARD_IDS if controller == SHIPPED else None
+        accepted = HEARD_IDS if controller.kind == SHIPPED.kind else None
         can = self._controller_port(accepted, scenario.seed, faulty=Place.BUS in places)
         tags = self._recorded(controller_end, folder)
         air = self._recorded_radio(
             radio.port("train", (keys.authorities(line.name, config.address),)), folder
         )
-        self.vobc = self._side.device(can, tags, air, faulty=Place.PROCESS in places)
+        try:
+            self.vobc = self._side.device(can, tags, air, faulty=Place.PROCESS in places)
+        except BaseException:
+            self._stack.close()
+            raise
         if isinstance(self.vobc, ControllerProcess):
             self._on_fault(Place.PROCESS, self.vobc.change)
         self._executives.append(self.vobc.executive)
@@ -181,7 +185,8 @@ class Lockstep:
 
     def without_controller(self) -> None:
         """From now on nobody controls: its process has died."""
-        self._executives.remove(self.vobc.executive)
+        if self.vobc.executive in self._executives:
+            self._executives.remove(self.vobc.executive)
 
     def close(self) -> None:
         """Say the last word on the bus, let it be carried, and close the logs."""
@@ -233,6 +238,7 @@ class Lockstep:
         if folder is None:
             return None
         log = PortLog(folder.path / PORTS_LOG)
+        self._logs.append(log)
         self._stack.callback(log.close)
         return log
 

@@ -11,7 +11,7 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from typing import Final, Protocol
 
-from firmware_py.executive import Executive, Task
+from firmware_py.executive import Executive
 from firmware_py.ports import (
     CanFrame,
     CanPort,
@@ -30,7 +30,9 @@ from plant_emulator.faults.declared_process import (
 from plant_emulator.faults.plan import FaultPlan
 from vobc.vocabulary import SAFE_OUTPUT, CycleOutput
 
-POLL_MS: Final = 1.0
+POLL_NS: Final = 1_000_000
+CYCLE_TASKS: Final = frozenset({"control", "grant"})
+"""What is slowed; the second is all that a program of its own does."""
 NS_PER_S: Final = 1_000_000_000
 
 
@@ -146,9 +148,19 @@ class ControllerProcess:
     """Runs a controller under the process faults of a case; itself run like a controller."""
 
     def __init__(
-        self, start: StartDevice, *, can: CanPort, tags: SerialPort, radio: RadioPort, start_ns: int
+        self,
+        start: StartDevice,
+        end: Callable[[], None],
+        *,
+        can: CanPort,
+        tags: SerialPort,
+        radio: RadioPort,
+        start_ns: int,
     ) -> None:
-        self._start = start
+        """Args:
+        end: takes away a controller that was killed.
+        """
+        self._start, self._end = start, end
         self._clock = ProcessClock()
         self._can = ProcessCan(can, self._clock)
         self._tags = ProcessSerial(tags, self._clock)
@@ -158,7 +170,7 @@ class ControllerProcess:
         self._pausers: set[int] = set()
         self._slowers: dict[int, float] = {}
         self._busy_until_ns = 0
-        self.executive = Executive([Task("process", POLL_MS, self._poll)], start_ns)
+        self.executive = Executive.woken("process", self._wake, start_ns)
 
     @property
     def output(self) -> CycleOutput:
@@ -170,7 +182,7 @@ class ControllerProcess:
         parameters = plan.parameters
         if isinstance(parameters, ControllerKilled):
             _mark(self._killers, plan.index, active)
-            self._kill_or_start(now_ns)
+            self._kill()
         elif isinstance(parameters, ControllerPaused):
             _mark(self._pausers, plan.index, active)
         elif isinstance(parameters, SlowCycle):
@@ -181,20 +193,33 @@ class ControllerProcess:
         elif isinstance(parameters, ClockStep) and active:
             self._clock.ahead_ns += round(parameters.step_s * NS_PER_S)
 
-    def _kill_or_start(self, now_ns: int) -> None:
-        if self._killers:
+    def _kill(self) -> None:
+        if self._killers and self._device is not None:
             self._device = None
             self._can.forget()
-        elif self._device is None:
-            there_ns = now_ns + self._clock.ahead_ns
-            for port in (self._can, self._tags, self._radio):
-                # What came while nobody listened reached nobody.
-                port.receive(there_ns)
-            self._busy_until_ns = now_ns
-            self._device = self._start(self._can, self._tags, self._radio, there_ns, True)
+            self._end()
+
+    def _start_again(self, now_ns: int) -> Device:
+        there_ns = now_ns + self._clock.ahead_ns
+        for port in (self._can, self._tags, self._radio):
+            # What came while nobody listened reached nobody.
+            port.receive(there_ns)
+        self._busy_until_ns = now_ns
+        return self._start(self._can, self._tags, self._radio, there_ns, True)
+
+    def _wake(self, now_ns: int) -> int:
+        """At each poll, and at the very instant of a task that falls between two of them."""
+        self._poll(now_ns)
+        poll_ns = now_ns - now_ns % POLL_NS + POLL_NS
+        if self._device is None:
+            return poll_ns
+        due_ns = self._device.executive.next_due_ns() - self._clock.ahead_ns
+        return min(poll_ns, due_ns) if due_ns > now_ns else poll_ns
 
     def _poll(self, now_ns: int) -> None:
         self._can.poll(now_ns)
+        if self._device is None and not self._killers:
+            self._device = self._start_again(now_ns)
         device, clock = self._device, self._clock
         if device is None or self._pausers or now_ns < self._busy_until_ns:
             return
@@ -202,7 +227,7 @@ class ControllerProcess:
         if device.executive.next_due_ns() > there_ns:
             return
         clock.held_ns = 0
-        if self._slowers and any(task.name == "control" for task in device.executive.due(there_ns)):
+        if self._slowers and _in_cycle(device.executive, there_ns):
             clock.held_ns = round(sum(self._slowers.values()) * NS_PER_S)
             self._busy_until_ns = now_ns + clock.held_ns
         while device.executive.run_next(there_ns):
@@ -213,6 +238,10 @@ class ControllerProcess:
         """The last word, if there is anybody to say it."""
         if self._device is not None and not self._pausers:
             self._device.stop(now_ns + self._clock.ahead_ns)
+
+
+def _in_cycle(executive: Executive, now_ns: int) -> bool:
+    return any(task.name in CYCLE_TASKS for task in executive.due(now_ns))
 
 
 def _mark(marks: set[int], index: int, active: bool) -> None:

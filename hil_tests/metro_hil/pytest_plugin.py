@@ -70,7 +70,7 @@ class LiveRun:
 
     def run_for(self, duration_s: float) -> None:
         end_ns = self._bench.clock.now_ns() + round(duration_s * NS_PER_S)
-        self._bench.run_until(lambda now_ns: now_ns >= end_ns)
+        self._go_on(lambda now_ns: now_ns >= end_ns)
 
     def run_until(self, condition: str | Callable[[], bool], *, timeout_s: float) -> None:
         """Until an expression over the truth, or a function, says true.
@@ -80,12 +80,18 @@ class LiveRun:
         holds = self._asker(condition)
         end_ns = self._bench.clock.now_ns() + round(timeout_s * NS_PER_S)
         # Asked at the steps of the plant, so that the instant does not depend on other tasks.
-        self._bench.run_until(
-            lambda now_ns: now_ns >= end_ns or (now_ns % STEP_NS == 0 and holds())
-        )
+        self._go_on(lambda now_ns: now_ns >= end_ns or (now_ns % STEP_NS == 0 and holds()))
         if not holds():
             words = condition if isinstance(condition, str) else "the condition"
             raise BenchTimeoutError(f"{words}: not within {timeout_s:g} s, at {self.now_s:.2f} s")
+
+    def _go_on(self, over: Callable[[int], bool]) -> None:
+        """A controller that dies shows its exception to the test, and the run goes on without."""
+        try:
+            self._bench.run_until(over)
+        except Exception as error:
+            self._run.bury(error)
+            raise
 
     def _asker(self, condition: str | Callable[[], bool]) -> Callable[[], bool]:
         if not isinstance(condition, str):

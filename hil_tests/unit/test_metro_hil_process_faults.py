@@ -74,8 +74,10 @@ class Bench:
         self.devices: list[Beacon] = []
         self.clock = LockstepClock()
         nothing = Nothing()
+        self.ended = 0
         self.process = ControllerProcess(
             self.start,
+            self.end,
             can=self.wire,
             tags=nothing,  # type: ignore[arg-type]
             radio=nothing,  # type: ignore[arg-type]
@@ -87,6 +89,9 @@ class Bench:
     ) -> Beacon:
         self.devices.append(Beacon(can, now_ns, again))
         return self.devices[-1]
+
+    def end(self) -> None:
+        self.ended += 1
 
     def run_to(self, ms: int) -> None:
         run([self.process.executive], self.clock, lambda now_ns: now_ns >= ms * NS_PER_MS)
@@ -155,6 +160,7 @@ def test_a_killed_process_says_nothing_more_and_comes_back_as_another() -> None:
 
     assert bench.sent_ms == [0, 50, 230, 280, 330]
     assert [device.again for device in bench.devices] == [False, True]
+    assert bench.ended == 1
     # What came while nobody listened reached nobody.
     assert bench.devices[1].cycles[0][2] == []
 

@@ -106,7 +106,9 @@ class Body:
         )
         if keys is None:
             return None
-        return Controller(kind=keys.kind.value, path=keys.path, command=keys.command)
+        return Controller(
+            kind=keys.kind.value, path=keys.path, command=keys.command, lease_s=keys.lease_s
+        )
 
     def _branch(self, findings: Findings) -> Branch | None:
         if "branch" not in self.raw:

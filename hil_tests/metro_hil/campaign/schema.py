@@ -7,13 +7,14 @@ from typing import Any, Final
 
 from can_dbc.cab import CabMode
 from firmware_py.expression import ExpressionError, compile_expression
-from metro_hil.cases import BenchKind, Verdict
+from metro_hil.cases import BenchKind, Controller, Verdict
 from plant_emulator.truth import SIGNALS
 
 SEED_MAX: Final = 2**63 - 1
 SEEDS_MAX: Final = 10_000_000
 DURATION_MAX_S: Final = 86_400.0
 DWELL_MAX_S: Final = 3600.0
+LEASE_RANGE_S: Final = (0.01, 3600.0)
 STRENGTH_MAX: Final = 6
 POINTS_MAX: Final = 1_000_000
 
@@ -119,8 +120,10 @@ class ControllerKeys:
     kind: ControllerKind = ControllerKind.SHIPPED
     path: str = ""
     command: str = ""
+    lease_s: float = Controller().lease_s
 
     def __post_init__(self) -> None:
+        in_range(self, "lease_s", *LEASE_RANGE_S)
         for name, owner in (
             ("path", ControllerKind.CHECKOUT),
             ("command", ControllerKind.COMMAND),

@@ -46,8 +46,8 @@ class GrantedController:
         """
         self._can, self._tags, self._radio = can, tags, radio
         self._hearsay = Hearsay()
-        self._told_ns = commission.start_ns
         self._same_instant = 0
+        self._died: ControllerDiedError | None = None
         self._link = Link(program, start_s=start_s, lease_s=lease_s)
         try:
             ready = self._greet(commission)
@@ -125,10 +125,13 @@ class GrantedController:
     def _dead(self, now_ns: int, words: str) -> ControllerDiedError:
         self._link.close()
         did, _, how = words.partition(": ")
-        return ControllerDiedError(f"controller {did} at t={now_ns / NS_PER_S:.3f} s: {how}")
+        self._died = ControllerDiedError(f"controller {did} at t={now_ns / NS_PER_S:.3f} s: {how}")
+        return self._died
 
     def stop(self, now_ns: int) -> None:
         """Let it say its last word and end. Raises ControllerDiedError when it does not."""
+        if self._died is not None:
+            raise self._died
         self._exchange(now_ns, grants.Stop(now_ns))
         self._link.close(END_S)
 

@@ -38,13 +38,18 @@ class Rerun:
 
 def maker(controller: Controller) -> Make:
     """Raises ControllerStartError for a program that is not there."""
-    if controller.kind == "shipped":
+    if controller.kind == SHIPPED.kind:
         return _in_this_process
     program = program_of(controller)
 
     def granted(commission: Commission, ports: HandedPorts) -> Device:
         return GrantedController(
-            program, commission, can=ports.can, tags=ports.tags, radio=ports.radio
+            program,
+            commission,
+            can=ports.can,
+            tags=ports.tags,
+            radio=ports.radio,
+            lease_s=controller.lease_s,
         )
 
     return granted
