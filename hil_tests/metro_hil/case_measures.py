@@ -1,11 +1,16 @@
 """Measures of one case by name; the unit is the last part of the name."""
 
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from typing import Final
 
+import numpy as np
+import numpy.typing as npt
+
+from can_dbc.doors import DoorState
 from firmware_py.trackdb import Station
-from metro_hil.columns import Columns
+from metro_hil.columns import Columns, Numbers
 from metro_hil.measures import measure_ride, measure_stops
 from plant_emulator.process import TRUTH_COLUMNS
 
@@ -22,6 +27,10 @@ NAMES: Final[Mapping[str, str]] = {
     "run_time_s": "duration of the run",
     "front_end_m": "chainage of the front at the end",
     "emergency_count": "how often the emergency brake came on",
+    "emergency_speed_mps": "greatest speed at which the emergency brake came on",
+    "emergency_distance_m": "longest way from the emergency brake coming on to standstill",
+    "rollback_m": "greatest way back from the foremost place so far",
+    "door_open_speed_max_mps": "greatest |speed| while a door was not locked, once one was not",
     "energy_drawn_kwh": "at the collector",
     "energy_returned_kwh": "at the collector",
     "controller_slips_count": "control cycles missed",
@@ -74,6 +83,9 @@ def motion_measures(truth: Columns, stops: Sequence[Station]) -> dict[str, float
         "run_time_s": ride.duration_s,
         "front_end_m": float(front_m[-1]) if len(front_m) else None,
         "emergency_count": float(_risings(emergency)),
+        **_emergency_measures(truth),
+        "rollback_m": float(np.max(np.maximum.accumulate(front_m) - front_m, initial=0.0)),
+        "door_open_speed_max_mps": _door_open_speed_mps(truth),
     }
     for stop in measured:
         measures[f"stop_{stop.station}_error_m"] = stop.error_m
@@ -81,6 +93,40 @@ def motion_measures(truth: Columns, stops: Sequence[Station]) -> dict[str, float
     return measures
 
 
+def _emergency_measures(truth: Columns) -> dict[str, float | None]:
+    """Of applications to a moving train; one that never came to rest has no distance.
+
+    The brake came on somewhere between two rows: the way counts from the row before, so that it is
+    too long by the way of one row, never too short.
+    """
+    front_m, speed_mps = truth.numbers("front_m"), truth.numbers("speed_mps")
+    emergency = np.array(truth.flags("emergency"), dtype=np.bool_)
+    came = np.flatnonzero(~emergency[:-1] & emergency[1:] & (speed_mps[1:] != 0.0))
+    rests = np.flatnonzero(speed_mps == 0.0)
+    ends = [rests[rests > first] for first in came]
+    ways_m = [
+        abs(float(front_m[after[0]] - front_m[first]))
+        for first, after in zip(came, ends, strict=True)
+        if len(after)
+    ]
+    speeds_mps = np.abs(speed_mps[came + 1])
+    return {
+        "emergency_speed_mps": float(np.max(speeds_mps)) if len(came) else None,
+        "emergency_distance_m": max(ways_m) if ways_m and len(ways_m) == len(came) else None,
+    }
+
+
+def _door_open_speed_mps(truth: Columns) -> float | None:
+    open_ = _not_locked(truth.numbers("door_left")) | _not_locked(truth.numbers("door_right"))
+    if not np.any(open_):
+        return None
+    return float(np.max(np.abs(truth.numbers("speed_mps")[open_])))
+
+
+def _not_locked(states: Numbers) -> "npt.NDArray[np.bool_]":
+    return np.asarray(states != float(DoorState.LOCKED), dtype=np.bool_)
+
+
 def _risings(flags: Sequence[bool]) -> int:
     """How often it became true; at the start a braked train is no emergency of the run."""
-    return sum(1 for before, now in zip(flags, flags[1:], strict=False) if now and not before)
+    return sum(1 for before, now in itertools.pairwise(flags) if now and not before)
