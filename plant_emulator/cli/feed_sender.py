@@ -3,6 +3,7 @@
 import contextlib
 import os
 import socket
+from collections import deque
 from typing import Final
 
 from firmware_py.settings import SettingsError
@@ -29,6 +30,8 @@ class FeedSender:
         self.sent = 0
         self.lost = 0
         """Datagrams that found no listener, or a full one."""
+        self._changes: deque[bytes] = deque()
+        """Not taken yet. A listener that misses one would let a fault act for ever, or never."""
         self._path = path
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
@@ -37,19 +40,28 @@ class FeedSender:
 
     def truth(self, truth: Truth, now_ns: int) -> None:
         """An observer of the plant."""
+        if self._changes:
+            self._send_changes()
         self._send(pack_truth(truth, now_ns))
 
     def change(self, plan: FaultPlan, active: bool, now_ns: int) -> None:
-        """A listener of the plant's schedule."""
-        self._send(pack_change(plan.index, active, now_ns))
+        """A listener of the plant's schedule. What is not taken is said again before the truth."""
+        self._changes.append(pack_change(plan.index, active, now_ns))
+        self._send_changes()
 
-    def _send(self, message: bytes) -> None:
+    def _send_changes(self) -> None:
+        changes = self._changes
+        while changes and self._send(changes[0]):
+            changes.popleft()
+
+    def _send(self, message: bytes) -> bool:
         try:
             self._socket.sendto(message, self._path)
         except OSError:
             self.lost += 1
-        else:
-            self.sent += 1
+            return False
+        self.sent += 1
+        return True
 
     def close(self) -> None:
         self._socket.close()

@@ -137,8 +137,8 @@ INVARIANTS: Final[tuple[Invariant, ...]] = (
         "narrowed-by-tag",
         "1",
         "The position interval narrows only by a tag.",
-        "1, or -1 when the claimed uncertainty falls by more than 0.2 m under the least of the five "
-        "claims before and the reader has read no tag in the 2 s before. Claims made while TACHO "
+        "1, or -1 when the claimed uncertainty falls by more than 0.2 m under the least of the "
+        "five claims before and the reader has read no tag in the 2 s before. Claims made while TACHO "
         "is not heard, or out of their rhythm, are passed over.",
     ),
     _not(
@@ -151,8 +151,8 @@ INVARIANTS: Final[tuple[Invariant, ...]] = (
         "localisation-limit",
         "m",
         "A train whose interval is too wide does not call itself localised.",
-        "30 m less the claimed uncertainty, which is at most the width, while VOBC_STATUS says localised. Missed tags are not "
-        "counted here: which ones were expected is not on the bus.",
+        "30 m less the claimed uncertainty, which is at most the width, while VOBC_STATUS says "
+        "localised. Missed tags are not counted here: which ones were expected is not on the bus.",
     ),
     _watched(
         17,

@@ -46,5 +46,8 @@ class Context:
     input_age_s: float = 0.0
     """By so much faults may delay what the controller hears. Its interval is wider by what the
     train may have moved since, and narrower again when something fresh comes."""
+    settling_s: float = 0.0
+    """So long after the start its claims are not judged: where train and controller do not begin
+    with the same instant, the first inputs are older than those that follow."""
     slack_s: float = 0.02
     """For what happens between two samples and for frames that wait for the bus."""

@@ -57,7 +57,8 @@ _TRUTH: Final = (
 )
 _BUS: Final = (
     ("claimed_front_m", "m", "VOBC_POSITION: best guess of the front coupler's chainage"),
-    ("uncertainty_m", "m", "VOBC_POSITION: from the claimed front to the farther end of the position interval"),
+    ("uncertainty_m", "m", "VOBC_POSITION: from the claimed front to the farther end of the "
+     "position interval"),
     ("position_age_s", "s", "since VOBC_POSITION"),
     ("supervision", "1", "VOBC_STATUS: 0 no authority, 1 nominal, 2 warning, 3 service, "
      "4 emergency"),

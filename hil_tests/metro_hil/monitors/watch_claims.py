@@ -75,7 +75,7 @@ class ClaimWatch:
         self._cycle_s, self._slack_s = context.cycle_s, context.slack_s
         self._claimed_slips = 0.0
         self._input_age_s = context.input_age_s
-        self._believed_ns = context.start_ns
+        self._believed_ns = context.start_ns + round(context.settling_s * NS_PER_S)
         self._claimed = False
         rhythm_s = max(CLAIM_PERIOD_S, context.cycle_s)
         self._least_gap_ns = round(0.5 * rhythm_s * NS_PER_S)
@@ -106,7 +106,7 @@ class ClaimWatch:
             # so may those after it until the bus has carried what it owes.
             in_rhythm = self._least_gap_ns <= gap_ns <= self._most_gap_ns
             if not in_rhythm and self._claimed:
-                self._believed_ns = spoken.position_ns + SETTLING_NS
+                self._believed_ns = max(self._believed_ns, spoken.position_ns + SETTLING_NS)
             self._claimed = True
             if spoken.position_ns >= self._believed_ns and spoken.uncertainty_m < UNKNOWN_M:
                 self._check_interval(truth, now_ns, spoken)

@@ -3,10 +3,10 @@
 The rules, applied to evidence that the run collected:
 
 1. A *disturbance* is a stretch of the run in which the host demonstrably held something up: other
-   guests took processor time (steal), the controller was ready to run and got no processor, or was
-   begun late though its own cycles were short, the plant fell behind its steps, or a frame waited
-   in the gateway. Each has a threshold,
-   below which it is the everyday jitter that a controller has to live with.
+   guests took processor time (steal), the controller or what carries its frames was ready to run
+   and got no processor, the controller was begun late though its own cycles were short, the plant
+   fell behind its steps, or a frame waited in the gateway. Each has a threshold, below which it is
+   everyday jitter that monitors allow for (`metro_hil.realtime.tolerances`).
 2. What a fault of the scenario did to the controller's process is no disturbance; neither is a
    cycle that is late because the one before took too long: that is the controller's own.
 3. A *failure* is INVALID instead of FAIL when a disturbance overlaps its window: from `LOOKBACK_S`
@@ -54,6 +54,7 @@ class Source(enum.Enum):
     STEAL = "processor time stolen by other guests"
     WAITING = "controller ready to run, no processor given"
     LATENESS = "controller begun late by the host"
+    CARRIERS = "bus or gateway ready to run, no processor given"
     PLANT = "plant fell behind its steps"
     GATEWAY = "frames waited in the gateway"
 

@@ -50,7 +50,12 @@ class ControllerStart:
         words = self.again if number else self.first
         if not self.out:
             return words
-        return (*words, "--out", f"{self.out}/again{number}" if number else self.out)
+        return (*words, "--out", str(again(Path(self.out), number)))
+
+
+def again(out: Path, number: int) -> Path:
+    """The folder in which the start of the controller with this number logs, from 0."""
+    return out / f"again{number}" if number else out
 
 
 def controller_start(

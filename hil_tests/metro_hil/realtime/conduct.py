@@ -13,7 +13,7 @@ from metro_hil.cases import Case, Event
 from metro_hil.children import Process
 from metro_hil.monitors import MonitorSet
 from metro_hil.realtime.actors import ControllerActor
-from metro_hil.realtime.attribution import Window
+from metro_hil.realtime.attribution import START_UP_S, Window
 from metro_hil.realtime.ends import STUCK_S, Motion, Pulse, over
 from metro_hil.realtime.fault_watch import FaultWatch
 from metro_hil.realtime.feed_socket import tell
@@ -80,6 +80,7 @@ class Conduct:
         self._plant: Process | None = None
         self.controller: ControllerActor | None = None
         self._process_faults: ProcessFaults | None = None
+        self._restarted_ns: int | None = None
         self._truth_s: float | None = None
         self._began_ns = self._looked_ns = clock.now_ns()
         self._second_ns = self._began_ns
@@ -121,7 +122,7 @@ class Conduct:
                 self.controller.kill()
         if stage.parts.controller and self.controller is None:
             self._take_controller(stage.start_controller())
-        self._await(lambda: self.hearing.controller_first_ns is not None)
+        self._await(lambda: self.hearing.controller_heard)
         if self.hearing.origin_ns is None:
             self.hearing.origin_ns = self._clock.now_ns()
 
@@ -181,6 +182,9 @@ class Conduct:
         self.hearing.frames(now_ns)
         if faults is not None:
             faults.poll(now_ns)
+            if faults.started_ns != self._restarted_ns:
+                self._restarted_ns = faults.started_ns
+                self.hearing.await_start()
             self._excused_second = self._excused_second or faults.acting(now_ns)
         self.hearing.judge(now_ns)
         self._tell_state()
@@ -198,13 +202,15 @@ class Conduct:
             return
         truth, stamp_ns = heard.truth, heard.now_ns
         self._host.truth(truth.t_s, max(0, sent_ns - stamp_ns))
-        self._note_blindness(truth)
         self.motion.take(truth)
+        self._note_blindness(truth)
         self.hearing.truth(truth, stamp_ns)
 
     def _note_blindness(self, truth: Truth) -> None:
         last_s, self._truth_s = self._truth_s, truth.t_s
-        if last_s is not None and truth.t_s - last_s > SAMPLE_GAP_S:
+        at_rest = truth.t_s < START_UP_S and self.motion.moved_m == 0.0
+        # Processes that start hold each other up; a train that has not moved hides nothing by it.
+        if last_s is not None and truth.t_s - last_s > SAMPLE_GAP_S and not at_rest:
             self.blind.append(Window(last_s, truth.t_s))
 
     def _tell_time(self, now_ns: int) -> None:
@@ -325,8 +331,14 @@ class Conduct:
             begin_s = self._run_s(self._second_ns)
             self.excused.append(Window(begin_s - 1.0, run_s + EXCUSED_AFTER_S))
         pid = None if self.controller is None else self.controller.pid
-        self._host.sample(run_s, pid, excused=self._excused_second)
+        self._host.sample(run_s, pid, self._carriers, excused=self._excused_second)
         self._second_ns, self._excused_second = now_ns, False
+
+    @property
+    def _carriers(self) -> tuple[int, ...]:
+        """Processes by which controller and train hear of each other."""
+        gateway = self._stage.gateway
+        return (*self._stage.segments.hubs, *([] if gateway is None else [gateway.pid]))
 
     def _run_s(self, now_ns: int) -> float:
         origin_ns = self.hearing.origin_ns

@@ -20,6 +20,7 @@ from metro_hil.realtime.attribution import (
     plant_disturbances,
     second_disturbances,
 )
+from metro_hil.realtime.commands import again
 from metro_hil.realtime.host import HostRecord
 from metro_hil.run_folder import RunFolder
 
@@ -33,24 +34,27 @@ def collect_evidence(
     *,
     cycle_s: float,
     origin_s: float,
-    cycles_begin_s: float,
+    starts_s: Sequence[float],
     excused: Sequence[Window],
     own_controller: bool,
 ) -> Evidence:
     """Args:
     origin_s: the start of the plant's time on the machine's clock.
-    cycles_begin_s: the controller's first cycle, in the plant's time.
+    starts_s: the first cycle of each start of the controller, in the plant's time.
     excused: while a fault of the scenario held the process up.
     own_controller: its log may be believed to be of this run.
     """
     found: list[Disturbance] = []
     found += second_disturbances(host.stolen, Source.STEAL, STEAL_S)
     found += second_disturbances(host.waited, Source.WAITING, WAITED_S)
+    found += second_disturbances(host.carriers_waited, Source.CARRIERS, WAITED_S)
     found += plant_disturbances(host.truth_late)
     found += second_disturbances(gateway_waits(folder, origin_s), Source.GATEWAY, GATEWAY_LATE_S)
     if own_controller:
-        rows = cycle_rows(folder.cycle_log, cycle_s=cycle_s, begin_s=cycles_begin_s)
-        found += lateness_disturbances(rows, excused)
+        for number, begin_s in enumerate(starts_s):
+            log = again(folder.path, number) / folder.cycle_log.name
+            rows = cycle_rows(log, cycle_s=cycle_s, begin_s=begin_s)
+            found += lateness_disturbances(rows, excused)
     found.sort(key=lambda each: (each.begin_s, each.source.value))
     return Evidence(disturbances=found, given_up_s=STEP_S * lost_steps(folder))
 

@@ -29,7 +29,16 @@ class Monitors(Protocol):
 
     def frame(self, stamp_ns: int, can_id: int, data: bytes) -> None: ...
 
+    def said(self, now_ns: int, can_id: int, data: bytes) -> None: ...
+
     def sample(self, truth: Truth, now_ns: int) -> None: ...
+
+
+@dataclass(frozen=True, slots=True)
+class Said:
+    """A frame of the controller on a segment of its own, before anything could happen to it."""
+
+    frame: CanFrame
 
 
 @dataclass(slots=True)
@@ -77,31 +86,43 @@ class Hearing:
         on_cycle: Callable[[int], None],
     ) -> None:
         """Args:
-        train: of the segment that the train hears; what is judged and hashed.
+        train: of the segment that the train hears; what is hashed, and heard by its units.
         controller: of the segment on which the controller speaks; the same without a gateway.
+            With one, what the controller says is judged here.
         cycle_id: of the frame by which a control cycle is known.
         on_cycle: told the instant at which one was heard.
         """
         self.train, self.controller = train, controller
         self.chain = FrameChain()
         self._monitors, self._cycle_id, self._on_cycle = monitors, cycle_id, on_cycle
-        self._merge: Merge[CanFrame | Truth] = Merge()
+        self._merge: Merge[CanFrame | Said | Truth] = Merge()
         self._decoder = Decoder((VobcStatus, VobcPosition))
         self.status: VobcStatus | None = None
         self.position: VobcPosition | None = None
         self.origin_ns: int | None = None
         """The start of the run on the machine's clock; nothing from before it is judged."""
-        self.controller_first_ns: int | None = None
         self.controller_last_ns: int | None = None
+        self.starts_ns: list[int] = []
+        """When each start of the controller was first heard."""
+        self._start_awaited = True
         self._over = False
+
+    def await_start(self) -> None:
+        """The controller was started again; nothing is under way of what it said before."""
+        self._start_awaited = True
 
     def frames(self, now_ns: int) -> None:
         """Take what came on the wires."""
+        split = self.train is not self.controller
         for frame in self.controller.take(now_ns):
-            self._note_controller(frame)
-            if self.train is self.controller:
+            own = frame.can_id in CONTROLLER_IDS and _is_common(frame)
+            if own:
+                self._note_controller(frame)
+            if not split:
                 self._merge.add(frame.stamp_ns, frame)
-        if self.train is not self.controller:
+            elif own:
+                self._merge.add(frame.stamp_ns, Said(frame))
+        if split:
             for frame in self.train.take(now_ns):
                 self._merge.add(frame.stamp_ns, frame)
 
@@ -127,22 +148,30 @@ class Hearing:
         self._over = True
 
     @property
+    def controller_heard(self) -> bool:
+        """Ever, since the bench began to listen."""
+        return bool(self.starts_ns)
+
+    @property
     def dropped_frames(self) -> int:
         taps = (self.train,) if self.train is self.controller else (self.train, self.controller)
         return sum(tap.port.counters.dropped_in for tap in taps)
 
-    def _hand_on(self, run_ns: int, thing: CanFrame | Truth) -> None:
+    def _hand_on(self, run_ns: int, thing: CanFrame | Said | Truth) -> None:
         if isinstance(thing, Truth):
             self._monitors.sample(thing, run_ns)
-        elif run_ns >= 0 and not (thing.extended or thing.remote or thing.error):
+        elif run_ns < 0:
+            return
+        elif isinstance(thing, Said):
+            self._monitors.said(run_ns, thing.frame.can_id, thing.frame.data)
+        elif _is_common(thing):
             self.chain.frame(run_ns, thing.can_id, thing.data)
             self._monitors.frame(run_ns, thing.can_id, thing.data)
 
     def _note_controller(self, frame: CanFrame) -> None:
-        if frame.can_id not in CONTROLLER_IDS or frame.extended or frame.remote or frame.error:
-            return
-        if self.controller_first_ns is None:
-            self.controller_first_ns = frame.stamp_ns
+        if self._start_awaited:
+            self._start_awaited = False
+            self.starts_ns.append(frame.stamp_ns)
         self.controller_last_ns = frame.stamp_ns
         if frame.can_id == self._cycle_id:
             self._on_cycle(frame.stamp_ns)
@@ -153,3 +182,8 @@ class Hearing:
             self.status = heard
         elif isinstance(heard, VobcPosition):
             self.position = heard
+
+
+def _is_common(frame: CanFrame) -> bool:
+    """What nodes of a train send: 11-bit data frames."""
+    return not (frame.extended or frame.remote or frame.error)

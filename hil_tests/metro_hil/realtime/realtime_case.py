@@ -14,14 +14,15 @@ from firmware_py.settings import SettingsError
 from metro_hil.case_setup import NO_FILES, CaseParts, Files, parts_of
 from metro_hil.cases import Case, CaseResult, Host, MonitorResult, Verdict
 from metro_hil.judging import judge
-from metro_hil.monitors import Context, MonitorSet, read_monitors
+from metro_hil.monitors import MonitorSet, read_monitors
 from metro_hil.realtime.attribution import HANG_S, NO_EXCUSE_S, Evidence, Failure, rule
 from metro_hil.realtime.conduct import Conduct
 from metro_hil.realtime.ends import VIOLATION
 from metro_hil.realtime.evidence import collect_evidence
-from metro_hil.realtime.host import HostRecord
+from metro_hil.realtime.host import HostRecord, at_priority
 from metro_hil.realtime.realtime_measures import lateness_us_p99, realtime_measures
 from metro_hil.realtime.stage import Stage, set_stage
+from metro_hil.realtime.tolerances import context_of
 from metro_hil.realtime.wires import Blocked, RealtimeWires
 from metro_hil.realtime.without_truth import needs_truth, with_unjudged
 from metro_hil.run_folder import RunFolder
@@ -83,11 +84,6 @@ class _Run:
             raise Blocked("branch: a run in real time cannot be gone on with from a copy")
         self._case, self._made, self._folder = case, made, folder
         self._plans = read_monitors(case.monitors, case.id, case.invariants)
-        context = Context(
-            line=made.journey.line,
-            train=made.scenario.train,
-            cycle_s=case.setup.cycle_ms / 1000.0,
-        )
         with ExitStack() as stack:
             self._host = HostRecord(folder.host_log)
             stack.callback(self._host.close)
@@ -96,9 +92,11 @@ class _Run:
             )
             truth_known = self._stage.parts.plant
             judged = [plan for plan in self._plans if truth_known or not needs_truth(plan)]
-            self._monitors = MonitorSet(judged, context)
+            split = self._stage.segments.split
+            self._monitors = MonitorSet(judged, context_of(case, made), own_port=split)
             self._conduct = Conduct(case, made, self._stage, self._monitors, self._host, clock)
-            self._conduct.run()
+            with at_priority(wires.bench_priority):
+                self._conduct.run()
             self._monitors.finish(cut_short=self._conduct.reason == VIOLATION)
 
     def result(self) -> CaseResult:
@@ -148,18 +146,13 @@ class _Run:
 
     def _evidence(self) -> Evidence:
         conduct, hearing = self._conduct, self._conduct.hearing
-        first_ns, origin_ns = hearing.controller_first_ns, hearing.origin_ns
-        origin_s = cycles_begin_s = 0.0
-        if origin_ns is not None:
-            origin_s = origin_ns / NS_PER_S
-        if first_ns is not None and origin_ns is not None:
-            cycles_begin_s = (first_ns - origin_ns) / NS_PER_S
+        origin_ns = hearing.origin_ns or 0
         found = collect_evidence(
             self._folder,
             self._host,
             cycle_s=self._case.setup.cycle_ms / 1000.0,
-            origin_s=origin_s,
-            cycles_begin_s=cycles_begin_s,
+            origin_s=origin_ns / NS_PER_S,
+            starts_s=[(start_ns - origin_ns) / NS_PER_S for start_ns in hearing.starts_ns],
             excused=conduct.excused,
             own_controller=self._stage.parts.controller,
         )

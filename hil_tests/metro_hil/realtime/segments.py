@@ -35,6 +35,8 @@ class Segments:
     """No train can hang on the train's segment."""
     meeting: Path
     """A private folder of this case for the sockets of its processes."""
+    hubs: tuple[int, ...] = ()
+    """Process ids of the buses that were made for this case."""
 
     @property
     def split(self) -> bool:
@@ -51,10 +53,11 @@ def make_segments(
     """
     name = _meeting_name(stack)
     meeting = rendezvous.bench_dir(name)
+    hubs: list[int] = []
     if wires.bus_a == AUTO:
         if bench is BenchKind.HARDWARE:
             raise Blocked("no bus named: the hardware bench needs one, such as socketcan:can0")
-        controller = _own_hub(f"{name}a", stack)
+        controller = _own_hub(f"{name}a", stack, hubs)
     else:
         controller = str(parse_spec(wires.bus_a))
     if not gateway:
@@ -64,13 +67,13 @@ def make_segments(
         if train == controller:
             raise Blocked(f"{train} is named for both segments; a gateway needs two")
     elif controller.startswith("embedded:"):
-        train = _own_hub(f"{name}b", stack)
+        train = _own_hub(f"{name}b", stack, hubs)
     else:
         raise Blocked(
             "faults of the bus need the train on a segment of its own; name the second bus"
         )
     own = wires.bus_a == AUTO and (wires.bus_b == AUTO or not gateway)
-    return Segments(controller, train, own, is_virtual(train), meeting)
+    return Segments(controller, train, own, is_virtual(train), meeting, tuple(hubs))
 
 
 def _meeting_name(stack: ExitStack) -> str:
@@ -84,8 +87,9 @@ def _meeting_name(stack: ExitStack) -> str:
     raise BusError(f"{folder}: left over from another run, as its neighbours are; remove it")
 
 
-def _own_hub(name: str, stack: ExitStack) -> str:
+def _own_hub(name: str, stack: ExitStack, hubs: list[int]) -> str:
     hub = start_hub(name, bound=True)
+    hubs.append(hub.pid)
     stack.callback(shutil.rmtree, rendezvous.bench_dir(name), ignore_errors=True)
     stack.callback(hub.stop)
     return f"embedded:{name}"

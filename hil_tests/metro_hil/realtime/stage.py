@@ -28,6 +28,7 @@ from metro_hil.realtime.feed_socket import FeedSocket
 from metro_hil.realtime.hearing import Tap
 from metro_hil.realtime.process_faults import refuse_impossible
 from metro_hil.realtime.segments import Segments, make_segments, open_taps
+from metro_hil.realtime.tolerances import needs_gateway
 from metro_hil.realtime.wires import AUTO, Blocked, Parts, RealtimeWires, choose_parts
 from metro_hil.run_folder import RunFolder
 from plant_emulator.faults.kinds import Place
@@ -70,7 +71,7 @@ def set_stage(
     stack: ExitStack,
 ) -> Stage:
     """Raises Blocked, BusError, RecorderError or OSError when the case cannot come about."""
-    with_gateway = any(plan.kind.place is Place.BUS for plan in made.faults)
+    with_gateway = needs_gateway(made.faults)
     segments = make_segments(case.bench, wires, gateway=with_gateway, stack=stack)
     cast = Cast(folder.path)
     stack.callback(cast.close)

@@ -45,6 +45,8 @@ class RealtimeWires:
     """Of SCHED_FIFO, where the rights allow it; 0: none."""
     plant_priority: int = 70
     gateway_priority: int = 75
+    bench_priority: int = 20
+    """Of the bench's own listening; below all that it listens to."""
 
 
 @dataclass(frozen=True, slots=True)
