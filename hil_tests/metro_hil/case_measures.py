@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from can_dbc.doors import DoorState
 from firmware_py.trackdb import Station
-from metro_hil.columns import Columns, Numbers
+from metro_hil.columns import Columns
 from metro_hil.measures import measure_ride, measure_stops
 from plant_emulator.process import TRUTH_COLUMNS
 
@@ -117,14 +117,16 @@ def _emergency_measures(truth: Columns) -> dict[str, float | None]:
 
 
 def _door_open_speed_mps(truth: Columns) -> float | None:
-    open_ = _not_locked(truth.numbers("door_left")) | _not_locked(truth.numbers("door_right"))
+    open_ = _not_locked(truth.texts("door_left")) | _not_locked(truth.texts("door_right"))
     if not np.any(open_):
         return None
     return float(np.max(np.abs(truth.numbers("speed_mps")[open_])))
 
 
-def _not_locked(states: Numbers) -> "npt.NDArray[np.bool_]":
-    return np.asarray(states != float(DoorState.LOCKED), dtype=np.bool_)
+def _not_locked(states: Sequence[str]) -> "npt.NDArray[np.bool_]":
+    """In memory they are numbers; in a log, which is all that a run in real time leaves, words."""
+    locked = (str(DoorState.LOCKED), DoorState.LOCKED.name.lower())
+    return np.array([state not in locked for state in states], dtype=np.bool_)
 
 
 def _risings(flags: Sequence[bool]) -> int:
