@@ -108,6 +108,21 @@ def test_show_has_all_results_and_the_story_of_a_case(capsys: pytest.CaptureFixt
     assert main(["show", folder.path.name, "trial/0002", "--json"]) == 0
 
 
+def test_show_names_what_was_not_as_expected_with_its_reason(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    begun(failing(trial_cases(4), 1))
+    main(["resume", "--json"])
+    capsys.readouterr()
+
+    assert main(["show"]) == 1
+
+    shown, _ = capsys.readouterr()
+    assert "not as expected" in shown
+    assert "trial/0001" in shown.partition("least margins")[0]
+    assert "asked to fail" in shown
+
+
 def test_rerun_repeats_the_first_failure_with_its_logs(capsys: pytest.CaptureFixture[str]) -> None:
     begun(failing(trial_cases(4), 2))
     main(["resume", "--json"])

@@ -204,7 +204,7 @@ def _cases_text(cases: Sequence[Case]) -> bytes:
 
 
 def find_folder(name: str | None, root: Path = ROOT) -> CampaignFolder:
-    """By path, full name or unique beginning; None for the last one.
+    """By path, full name or unique beginning, or the last one of a campaign; None for the last.
 
     Raises UsageError when there is none or more than one.
     """
@@ -218,9 +218,13 @@ def find_folder(name: str | None, root: Path = ROOT) -> CampaignFolder:
     names = [folder.path.name for folder in known]
     matches = [folder for folder in known if folder.path.name == name]
     matches = matches or [folder for folder in known if folder.path.name.startswith(name)]
+    # `hil run florence` is followed by `hil show florence`.
+    matches = matches or [folder for folder in known if _ran(folder, name)][-1:]
     if len(matches) > 1:
         found = ", ".join(folder.path.name for folder in matches)
         raise UsageError(f"{name}: more than one campaign begins so: {found}")
+    if not known:
+        raise UsageError(f"{name}: no campaign below {root}; `hil run` makes one")
     if not matches:
         raise UsageError(f"{name}: {nearest(name, names, 'campaign')}")
     return matches[0]
@@ -230,6 +234,13 @@ def folders(root: Path = ROOT) -> list[CampaignFolder]:
     """All campaigns there, the oldest first. What has no manifest never began."""
     found = [CampaignFolder(path.parent) for path in root.glob(f"*/{MANIFEST}")]
     return sorted(found, key=lambda folder: (_began(folder), folder.path.name))
+
+
+def _ran(folder: CampaignFolder, name: str) -> bool:
+    try:
+        return folder.manifest().name == name
+    except EngineError:
+        return False
 
 
 def _began(folder: CampaignFolder) -> int:

@@ -63,7 +63,8 @@ def keep_logs(
     stop: StopWish,
 ) -> None:
     """Run them once more with logs. A worker that dies again leaves what was written till then."""
-    watcher.say(f"keeping the logs of {len(chosen)} cases")
+    cases = "1 case" if len(chosen) == 1 else f"{len(chosen)} cases"
+    watcher.say(f"keeping the logs of {cases}")
     crew = make_keeper()
     try:
         waiting = list(enumerate(chosen, start=1))

@@ -51,12 +51,19 @@ class Silent:
     def end(self) -> None: ...
 
 
+def margin_words(margin: float | None, unit: str, digits: int = 4) -> str:
+    """Signed, with its unit; the unit `1` is not written. Empty where there is no margin."""
+    if margin is None:
+        return ""
+    return f"{margin:+.{digits}g} {'' if unit == '1' else unit}".rstrip()
+
+
 def failure_line(case: Case, result: CaseResult) -> str:
     """One line: verdict, case, the monitor with the least margin, and the reason."""
     words = [f"{result.verdict.value:>12}  {case.id}"]
     least = result.least_margin()
     if least is not None and least.margin is not None and result.verdict is Verdict.FAIL:
-        words.append(f"[{least.name}: {least.margin:+.3g} {least.unit}]".replace(" ]", "]"))
+        words.append(f"[{least.name}: {margin_words(least.margin, least.unit, 3)}]")
     if case.expected is not Verdict.PASS:
         words.append(f"(expected {case.expected.value})")
     words.append(result.reason)

@@ -9,7 +9,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from metro_hil.cases import Case, CaseResult, as_expected
-from metro_hil.engine.progress import COLOURS
+from metro_hil.engine.progress import COLOURS, margin_words
 
 EVENTS_SHOWN_MAX: Final = 60
 
@@ -48,11 +48,10 @@ def _margins(result: CaseResult) -> Table:
     for column in ("monitor", "verdict", "margin", "at", "requirements", "detail"):
         table.add_column(column, overflow="fold")
     for monitor in result.monitors:
-        margin = "" if monitor.margin is None else f"{monitor.margin:+.4g} {monitor.unit}"
         table.add_row(
             escape(monitor.name),
             f"[{COLOURS[monitor.verdict]}]{monitor.verdict.value}[/]",
-            escape(margin),
+            escape(margin_words(monitor.margin, monitor.unit)),
             "" if monitor.at_s is None else f"{monitor.at_s:.2f} s",
             escape(", ".join(monitor.requirements)),
             escape(monitor.detail),

@@ -4,7 +4,7 @@ Nothing that is missing, doubled or foreign can make a campaign green. Pure.
 """
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 import msgspec
@@ -25,7 +25,7 @@ class Totals(msgspec.Struct, frozen=True, kw_only=True):
     done: int
     """Cases with a result."""
     counts: dict[str, int]
-    """By verdict; all verdicts are there. A case without a result counts as lost."""
+    """Of the cases with a result, by verdict; all verdicts are there."""
     unexpected: tuple[str, ...]
     """Ids of the cases with a result that is not the expected one, in order."""
     missing: tuple[str, ...]
@@ -57,10 +57,11 @@ def total(
     unexpected, missing = [], []
     for case in sorted(cases, key=lambda case: case.index):
         known = by_id.get(case.id)
-        counts[(known.verdict if known else Verdict.LOST).value] += 1
         if known is None:
             missing.append(case.id)
-        elif known.verdict in NEVER_AS_EXPECTED or not as_expected(case, known):
+            continue
+        counts[known.verdict.value] += 1
+        if known.verdict in NEVER_AS_EXPECTED or not as_expected(case, known):
             unexpected.append(case.id)
     return Totals(
         cases=cases_expected,
@@ -71,6 +72,12 @@ def total(
         problems=tuple(found),
         passed=not (found or unexpected or missing),
     )
+
+
+def counts_words(counts: Mapping[str, int], missing: int) -> str:
+    """Such as `pass 8, fail 1, missing 3`; what is not run yet is not lost."""
+    shown = {**counts, "missing": missing}
+    return ", ".join(f"{name} {count}" for name, count in shown.items() if count)
 
 
 def _faults(cases_expected: int, cases: Sequence[Case], results: Sequence[CaseResult]) -> list[str]:

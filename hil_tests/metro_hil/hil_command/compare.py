@@ -22,7 +22,9 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
         "margin and measure the paired difference with a signed-rank test, corrected for their "
         "number. Exit code 1 when a verdict got worse.",
     )
-    parser.add_argument("before", metavar="A", help="name of a campaign, its beginning, or a path")
+    parser.add_argument(
+        "before", metavar="A", help="of a campaign, of its folder or its beginning, or a path"
+    )
     parser.add_argument("after", metavar="B", help="the one that is compared with it")
     parser.add_argument("--json", action="store_true", help="one JSON object on standard output")
     parser.add_argument(

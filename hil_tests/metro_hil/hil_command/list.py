@@ -64,6 +64,8 @@ def _print(rows: list[dict[str, Any]]) -> None:
     from rich.markup import escape
     from rich.table import Table
 
+    from metro_hil.engine.totals import counts_words
+
     console = Console()
     if not rows:
         console.print("no campaign yet; `hil run` makes one", highlight=False)
@@ -73,12 +75,13 @@ def _print(rows: list[dict[str, Any]]) -> None:
     for column in ("campaign", "state", "cases", "verdicts"):
         table.add_column(column, overflow="fold")
     for row in rows:
-        counts = row.get("counts", {})
+        left = row.get("cases", 0) - row.get("done", 0)
+        counts = counts_words(row.get("counts", {}), left)
         state, style = row["state"], styles.get(row["state"], "magenta")
         table.add_row(
             escape(row["name"]),
             f"[{style}]{state}[/]",
             f"{row.get('done', '?')} of {row.get('cases', '?')}",
-            row.get("problem") or ", ".join(f"{name} {count}" for name, count in counts.items()),
+            escape(row.get("problem") or counts),
         )
     console.print(table)

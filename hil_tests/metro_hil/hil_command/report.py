@@ -22,7 +22,7 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
         "name",
         nargs="?",
         metavar="NAME",
-        help="of the campaign's folder, its beginning, or a path; default: the last one",
+        help="of a campaign, of its folder or its beginning, or a path; default: the last one",
     )
     parser.add_argument("--open", action="store_true", help="open the page in the browser")
     parser.add_argument("--json", action="store_true", help="one JSON object on standard output")

@@ -15,7 +15,7 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
         "name",
         nargs="?",
         metavar="NAME",
-        help="of the campaign's folder, its beginning, or a path; default: the last one",
+        help="of a campaign, of its folder or its beginning, or a path; default: the last one",
     )
     parser.add_argument(
         "--repair",

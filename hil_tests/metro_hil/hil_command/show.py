@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from metro_hil.engine.totals import Totals
 
 WORST_SHOWN: Final = 10
+UNEXPECTED_SHOWN: Final = 20
+MISSING: Final = "missing"
 
 
 def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -28,7 +30,7 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
         "name",
         nargs="?",
         metavar="NAME",
-        help="of the campaign's folder, its beginning, or a path; default: the last one",
+        help="of a campaign, of its folder or its beginning, or a path; default: the last one",
     )
     parser.add_argument("case", nargs="?", metavar="CASE", help="id, its beginning, or number")
     parser.add_argument("--json", action="store_true", help="one JSON object on standard output")
@@ -99,10 +101,10 @@ def _show_campaign(
     console.print(f"{manifest.name}  {manifest.title}", style="bold", markup=False, highlight=False)
     console.print(f"{folder.path}, begun {manifest.started}", markup=False, highlight=False)
     console.print(_verdicts(cases, by_id))
-    console.print(_worst(by_id))
-    requirements = _requirements(cases, by_id)
-    if requirements is not None:
-        console.print(requirements)
+    unexpected = _unexpected(cases, by_id, set(totals.unexpected))
+    for table in (unexpected, _worst(by_id), _requirements(cases, by_id)):
+        if table is not None:
+            console.print(table)
     print_layout(console, manifest.layout, cases, list(by_id.values()))
     for problem in totals.problems:
         console.print(problem, style="bold red", markup=False, highlight=False)
@@ -122,13 +124,13 @@ def _verdicts(cases: "Sequence[Case]", by_id: "dict[str, CaseResult]") -> Any:
     table.add_column("scenario", overflow="fold")
     for verdict in Verdict:
         table.add_column(verdict.value, justify="right")
-    table.add_column("no result", justify="right")
+    table.add_column(MISSING, justify="right")
     counts: dict[str, Counter[str]] = {}
     for case in cases:
         result = by_id.get(case.id)
-        name = result.verdict.value if result else "no result"
+        name = result.verdict.value if result else MISSING
         counts.setdefault(case.scenario, Counter())[name] += 1
-    columns = (*(verdict.value for verdict in Verdict), "no result")
+    columns = (*(verdict.value for verdict in Verdict), MISSING)
     for scenario, found in counts.items():
         table.add_row(scenario, *(str(found[name]) if found[name] else "·" for name in columns))
     return table
@@ -137,6 +139,8 @@ def _verdicts(cases: "Sequence[Case]", by_id: "dict[str, CaseResult]") -> Any:
 def _worst(by_id: "dict[str, CaseResult]") -> Any:
     from rich.markup import escape
     from rich.table import Table
+
+    from metro_hil.engine.progress import margin_words
 
     table = Table(title="least margins", title_justify="left")
     for column in ("case", "monitor", "margin", "at", "verdict"):
@@ -148,35 +152,52 @@ def _worst(by_id: "dict[str, CaseResult]") -> Any:
     ]
     for margin, _, result, least in sorted(found, key=lambda row: row[:2])[:WORST_SHOWN]:
         at = "" if least.at_s is None else f"{least.at_s:.2f} s"
-        words = (escape(least.name), f"{margin:+.4g} {escape(least.unit)}", at)
+        words = (escape(least.name), escape(margin_words(margin, least.unit)), at)
         table.add_row(escape(result.case_id), *words, result.verdict.value)
     return table
 
 
-def _requirements(cases: "Sequence[Case]", by_id: "dict[str, CaseResult]") -> Any:
-    """As expected or not, by requirement; None where no case names one."""
+def _unexpected(cases: "Sequence[Case]", by_id: "dict[str, CaseResult]", names: set[str]) -> Any:
+    """What a campaign did not pass for, with the reason of each; None where there is nothing."""
+    from rich.markup import escape
     from rich.table import Table
 
-    from metro_hil.cases import as_expected
-
-    counts: dict[str, Counter[bool]] = {}
-    for case in cases:
-        result = by_id.get(case.id)
-        good = result is not None and as_expected(case, result)
-        for name in _named(case, result):
-            counts.setdefault(name, Counter())[good] += 1
-    if not counts:
+    if not names:
         return None
-    table = Table(title="requirements", title_justify="left")
-    for column in ("requirement", "as expected", "not"):
-        table.add_column(column)
-    for name in sorted(counts):
-        table.add_row(name, str(counts[name][True]), str(counts[name][False] or "·"))
+    table = Table(title="not as expected", title_justify="left")
+    for column in ("case", "verdict", "expected", "reason"):
+        table.add_column(column, overflow="fold")
+    found = [case for case in cases if case.id in names]
+    for case in found[:UNEXPECTED_SHOWN]:
+        result = by_id[case.id]
+        words = (result.verdict.value, case.expected.value, escape(result.reason))
+        table.add_row(escape(case.id), *words)
+    if (more := len(found) - UNEXPECTED_SHOWN) > 0:
+        table.add_row(f"and {more} more", "", "", "report.html has them all")
     return table
 
 
-def _named(case: "Case", result: "CaseResult | None") -> list[str]:
-    names = list(case.requirements)
-    for monitor in result.monitors if result else ():
-        names += monitor.requirements
-    return list(dict.fromkeys(names))
+def _requirements(cases: "Sequence[Case]", by_id: "dict[str, CaseResult]") -> Any:
+    """As the report has them; None where no case names one."""
+    from rich.markup import escape
+    from rich.table import Table
+
+    from metro_hil.report.campaign.ledger import join
+    from metro_hil.report.campaign.trace import Evidence, trace_requirements
+    from metro_hil.requirements import shipped_requirements
+
+    ledger = join(cases, list(by_id.values()), expected_cases=len(cases))
+    traces = [one for one in trace_requirements(shipped_requirements(), ledger) if one.cases]
+    if not traces:
+        return None
+    table = Table(title="requirements", title_justify="left")
+    table.add_column("requirement")
+    table.add_column("standing")
+    for column in ("cases", "passed", "failed", "no evidence"):
+        table.add_column(column, justify="right")
+    shown = (Evidence.GOOD, Evidence.BAD, Evidence.NOTHING)
+    for trace in traces:
+        counts = (trace.cases, *(trace.counts[evidence] for evidence in shown))
+        name, standing = escape(trace.requirement.id), trace.standing.value
+        table.add_row(name, standing, *(str(count) if count else "·" for count in counts))
+    return table

@@ -27,7 +27,7 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
         "name",
         nargs="?",
         metavar="NAME",
-        help="of the campaign's folder, its beginning, or a path; default: the last one",
+        help="of a campaign, of its folder or its beginning, or a path; default: the last one",
     )
     which = parser.add_mutually_exclusive_group()
     which.add_argument(

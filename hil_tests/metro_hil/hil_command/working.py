@@ -225,13 +225,14 @@ def exit_code(end: "CampaignEnd") -> int:
 def say_end(
     console: "Console", folder: "CampaignFolder", end: "CampaignEnd", reports: "Sequence[Path]"
 ) -> None:
+    from metro_hil.engine.totals import counts_words
+
     totals = end.totals
     print_layout(console, folder.manifest().layout, end.cases, end.results)
 
     def say(words: str, style: str = "") -> None:
         console.print(words, style=style, markup=False, highlight=False, soft_wrap=True)
 
-    counts = ", ".join(f"{name} {count}" for name, count in totals.counts.items() if count)
     for problem in totals.problems:
         say(problem, "bold red")
     for name in totals.unexpected[:UNEXPECTED_SHOWN_MAX]:
@@ -242,6 +243,7 @@ def say_end(
         say(f"without a result: {len(totals.missing)} of {totals.cases}", "magenta")
     wall_s = sum(result.host.wall_s for result in end.results)
     sim_s = sum(result.sim_s for result in end.results)
+    counts = counts_words(totals.counts, len(totals.missing))
     say(f"{totals.done} of {totals.cases} cases: {counts}")
     if wall_s > 0.0:
         say(f"{sim_s:.0f} s simulated in {wall_s:.1f} s of processors: {sim_s / wall_s:.0f} times")

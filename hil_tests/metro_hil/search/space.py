@@ -92,7 +92,7 @@ def space_of(
         raise SearchError(f"--scenario: one of {', '.join(swept)} has to be named")
     name = swept[0] if scenario is None else scenario
     if name not in swept:
-        raise SearchError(f"--scenario {name}: {nearest(name, swept, 'scenario with a sweep')}")
+        raise SearchError(f"--scenario {name}: {nearest(name, swept, 'scenario')}")
     place = [plan.name for plan in campaign.scenarios].index(name)
     factors = definition.factors[place]
     known = [factor.key for factor in factors]

@@ -64,6 +64,15 @@ def test_a_campaign_is_found_by_name_beginning_path_or_as_the_last(tmp_path: Pat
     assert find_folder(first.path.name[:-1], tmp_path) == first
 
 
+def test_the_name_of_a_campaign_is_the_last_one_that_was_run_of_it(tmp_path: Path) -> None:
+    first = make_folder(plan(name="one"), out=str(tmp_path / "a"))
+    second = make_folder(plan(name="one"), out=str(tmp_path / "b"))
+    make_folder(plan(name="two"), out=str(tmp_path / "c"))
+    os.utime(first.manifest_path, ns=(1, 1))
+
+    assert find_folder("one", tmp_path) == second
+
+
 def test_a_name_that_fits_none_or_several_is_refused_with_the_names(tmp_path: Path) -> None:
     made = make_folder(plan(name="one"), root=tmp_path)
     make_folder(plan(name="one"), root=tmp_path)
