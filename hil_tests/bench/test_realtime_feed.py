@@ -7,8 +7,10 @@ import pytest
 
 from firmware_py.clock import WallClock
 from metro_hil.realtime.feed_socket import FeedSocket, tell
+from plant_emulator.cli.feed_sender import FeedSender
 from plant_emulator.faults.feed import FaultChange, TruthSample, pack_change, read_message
 from plant_emulator.faults.feed import pack_truth as packed
+from plant_emulator.faults.plan import read_faults
 from plant_emulator.truth import Truth
 
 
@@ -43,3 +45,24 @@ def test_nobody_who_listens_is_told_to_the_sender_and_harms_nobody(
     tmp_path: Path, sender: socket.socket
 ) -> None:
     assert not tell(sender, tmp_path / "nobody", b"x")
+
+
+def test_a_change_that_found_no_room_is_said_again_before_the_truth_of_the_next_step(
+    tmp_path: Path,
+) -> None:
+    """A bus fault whose end nobody heard of would act until the end of the run."""
+    clock, path = WallClock(), tmp_path / "truth"
+    sender = FeedSender(str(path))
+    plans = read_faults([{"kind": "frame_drop"}], "case")
+    sender.change(plans[0], True, 1)
+    sender.change(plans[0], False, 2)
+    feed = FeedSocket(path, clock)
+
+    sender.truth(Truth(), 3)
+    heard = [read_message(message) for _, message in feed.receive(clock.now_ns())]
+    feed.close()
+    sender.close()
+
+    assert heard[:2] == [FaultChange(0, True, 1), FaultChange(0, False, 2)]
+    assert isinstance(heard[2], TruthSample)
+    assert len(heard) == 3

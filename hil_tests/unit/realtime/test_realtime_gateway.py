@@ -1,14 +1,18 @@
 """The gateway's forwarding between two segments, with and without faults of the bus."""
 
+import itertools
 from collections.abc import Sequence
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from firmware_py.buses.inproc import MAILBOX_FRAMES
 from firmware_py.ports import CanFrame, LinkCounters
 from metro_hil.frame_faults import FrameFaults
 from metro_hil.gateway.forwarding import Forwarding
+from metro_hil.gateway_faults import BABBLE, GatewayFaults
+from plant_emulator.faults.declared_bus import Way
 from plant_emulator.faults.plan import FaultPlan, read_faults
 
 MS = 1_000_000
@@ -122,3 +126,75 @@ def test_stamps_of_two_segments_that_cross_do_not_turn_the_faults_time_back() ->
     forwarding.step(12 * MS)
 
     assert len(a.sent) == len(b.sent) == 1
+
+
+def crowded(load_ratio: float = 1.0, can_id: int = 0) -> tuple[GatewayFaults, FaultPlan]:
+    """From the start on an idiot babbles."""
+    faults, idiot = (
+        GatewayFaults(1),
+        plan_of("babbling_idiot", can_id=can_id, load_ratio=load_ratio),
+    )
+    faults.change(idiot, True, 0)
+    return faults, idiot
+
+
+def genuine(taken: Sequence[tuple[int, int, bytes]]) -> list[tuple[int, bytes]]:
+    return [(can_id, data) for _, can_id, data in taken if data != BABBLE]
+
+
+def test_an_idiot_of_the_lowest_identifier_lets_nobody_on_the_bus_until_it_ends() -> None:
+    """Though the segments, being virtual, would have room for all."""
+    faults, idiot = crowded()
+    for step in range(100):
+        faults.offer(step * MS, Way.TO_TRAIN, BRAKE_ID, bytes([step]))
+        assert genuine(faults.take(step * MS, Way.TO_TRAIN)) == []
+
+    faults.change(idiot, False, 100 * MS)
+    came = genuine(faults.take(200 * MS, Way.TO_TRAIN))
+
+    assert came == [(BRAKE_ID, bytes([step])) for step in range(100)]
+    faults.offer(201 * MS, Way.TO_TRAIN, BRAKE_ID, b"x")
+    assert faults.take(201 * MS, Way.TO_TRAIN) == [(201 * MS, BRAKE_ID, b"x")]
+
+
+def test_what_waited_goes_one_after_the_other_by_identifier_and_what_comes_then_has_to_wait() -> (
+    None
+):
+    faults, idiot = crowded()
+    for can_id in (0x300, 0x100, 0x200):
+        faults.offer(0, Way.TO_VOBC, can_id, bytes(8))
+    faults.take(10 * MS, Way.TO_VOBC)
+    faults.change(idiot, False, 10 * MS)
+
+    came = faults.take(20 * MS, Way.TO_VOBC)
+
+    assert [can_id for _, can_id, data in came if data != BABBLE] == [0x100, 0x200, 0x300]
+    starts_ns = [at_ns for at_ns, _, data in came if data != BABBLE]
+    # Eight bytes take 111 bits and more of 4 us each.
+    assert all(b - a >= 111 * 4_000 for a, b in itertools.pairwise(starts_ns))
+
+
+@pytest.mark.parametrize(
+    ("load_ratio", "can_id"),
+    [(1.0, 0x7FF), (0.5, 0)],
+    ids=["one who loses", "one who leaves room"],
+)
+def test_an_idiot_holds_up_others_by_a_frame_at_most_if(load_ratio: float, can_id: int) -> None:
+    faults, _ = crowded(load_ratio, can_id)
+    for step in range(100):
+        faults.take(step * 10 * MS, Way.TO_TRAIN)
+        faults.offer(step * 10 * MS, Way.TO_TRAIN, BRAKE_ID, b"")
+        came = faults.take(step * 10 * MS + 2 * MS, Way.TO_TRAIN)
+        (at_ns,) = [at_ns for at_ns, each, _ in came if each == BRAKE_ID]
+        assert at_ns - step * 10 * MS <= 2 * 160 * 4_000
+
+
+def test_a_node_that_is_not_let_on_keeps_no_more_than_its_mailboxes_hold() -> None:
+    faults, idiot = crowded()
+    for step in range(2 * MAILBOX_FRAMES):
+        faults.offer(step * MS, Way.TO_TRAIN, BRAKE_ID, b"")
+        faults.take(step * MS, Way.TO_TRAIN)
+    faults.change(idiot, False, 1 * S)
+
+    assert len(genuine(faults.take(9 * S, Way.TO_TRAIN))) == MAILBOX_FRAMES
+    assert faults.next_due_ns() is None
