@@ -49,10 +49,10 @@ def run(options: argparse.Namespace) -> int:
         document = {
             "folder": str(folder.path),
             "reports": [str(path) for path in paths],
-            "good": ledger.good,
+            "passed": ledger.good,
             "cases": ledger.expected_cases,
             "as_expected": ledger.as_expected,
-            "missing": ledger.missing,
+            "done": ledger.expected_cases - ledger.missing,
         }
         print(msgspec.json.encode(document).decode())
     else:

@@ -87,7 +87,7 @@ def test_the_summary_holds_figures_computed_independently(
     good = [r for r in made.results if r.verdict is Verdict.PASS]
     assert 0 < len(good) < 210
     assert summary["totals"]["as_expected"] == len(good)
-    assert summary["totals"]["verdicts"]["fail"] == 210 - len(good)
+    assert summary["totals"]["counts"]["fail"] == 210 - len(good)
     # Clopper–Pearson by its definition with the beta distribution.
     share = summary["totals"]["as_expected_share"]
     k, n = len(good), 210
@@ -97,7 +97,7 @@ def test_the_summary_holds_figures_computed_independently(
     margins = [0.10 - r.measures["stop_error_worst_m"] for r in made.results]
     assert stop["margin_least"]["margin"] == pytest.approx(min(margins), rel=1e-5)
     worst = made.cases[int(np.argmin(margins))]
-    assert stop["margin_least"]["case"] == worst.id
+    assert stop["margin_least"]["case_id"] == worst.id
     assert stop["failed"] == sum(margin < 0.0 for margin in margins)
     mean = summary["measures"]["stop_I_error_m"]["mean"]
     values = np.array([r.measures["stop_I_error_m"] for r in made.results])
@@ -156,8 +156,8 @@ def test_a_missing_case_makes_everything_red(campaign: Callable[..., Any], tmp_p
     assert b"verdict bad" in files["report.html"]
     assert b"1 case has no result" in files["report.html"]
     summary = json.loads(files["summary.json"])
-    assert not summary["good"]
-    assert summary["totals"]["verdicts"]["missing"] == 1
+    assert not summary["passed"]
+    assert summary["totals"]["counts"]["missing"] == 1
     suites = junit_of(files["junit.xml"])
     assert suites.get("errors") == "1"
     assert [e.get("type") for e in suites.iter("error")] == ["missing"]
@@ -173,7 +173,7 @@ def test_cases_that_the_manifest_counts_but_nobody_names_are_missing(
 
     assert b"2 cases have no result" in files["report.html"]
     assert junit_of(files["junit.xml"]).findall("testsuite")[-1].get("errors") == "1"
-    assert json.loads(files["summary.json"])["totals"]["verdicts"]["missing"] == 2
+    assert json.loads(files["summary.json"])["totals"]["counts"]["missing"] == 2
 
 
 def test_nothing_run_is_not_good(campaign: Callable[..., Any], tmp_path: Path) -> None:
@@ -185,7 +185,7 @@ def test_nothing_run_is_not_good(campaign: Callable[..., Any], tmp_path: Path) -
     files = write(tmp_path, empty)
 
     assert b"Nothing was run" in files["report.html"]
-    assert not json.loads(files["summary.json"])["good"]
+    assert not json.loads(files["summary.json"])["passed"]
 
 
 def test_two_different_results_of_one_case_in_virtual_time_are_no_pass(
@@ -200,7 +200,7 @@ def test_two_different_results_of_one_case_in_virtual_time_are_no_pass(
 
     assert one_way == other_way
     summary = json.loads(one_way["summary.json"])
-    assert [row["verdict"] for row in summary["not_as_expected"]] == ["invalid"]
+    assert [row["verdict"] for row in summary["unexpected"]] == ["invalid"]
 
 
 def test_a_stray_result_is_never_green(campaign: Callable[..., Any], tmp_path: Path) -> None:
@@ -301,7 +301,7 @@ def test_what_shows_nothing_cannot_be_expected(
 
     summary = json.loads(write(tmp_path, dataclasses.replace(made, cases=cases))["summary.json"])
 
-    assert not summary["good"]
+    assert not summary["passed"]
 
 
 def hostile() -> tuple[list[Case], list[CaseResult]]:
@@ -362,7 +362,7 @@ def test_hostile_names_stay_text(
     assert table.column("case_id").to_pylist() == [case.id for case in cases]
     markdown = files["requirements.md"].decode()
     assert "<img" not in markdown.replace("\\<img", "")
-    assert json.loads(files["summary.json"])["totals"]["results"] == 2
+    assert json.loads(files["summary.json"])["totals"]["done"] == 2
 
 
 def test_the_page_needs_no_network(campaign: Callable[..., Any], tmp_path: Path) -> None:

@@ -105,7 +105,8 @@ def _facts(entry: Entry) -> list[tuple[str, str]]:
     if result is not None:
         facts += [("chain", result.chain), ("frames", str(result.frames))]
     for monitor in entry.monitors():
-        shown = f"{_number(known_margin(monitor))} {monitor.unit}"
+        unit = "" if monitor.unit == "1" else f" {monitor.unit}"
+        shown = f"{_number(known_margin(monitor))}{unit}"
         facts.append((f"margin.{monitor.name}", shown if exercised(monitor) else monitor.detail))
     return facts
 

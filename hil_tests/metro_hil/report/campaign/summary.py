@@ -37,7 +37,7 @@ def summary_json(
             "versions": dict(sorted(info.versions.items())),
             "layout": info.layout,
         },
-        "good": ledger.good,
+        "passed": ledger.good,
         "confidence": CONFIDENCE_RATIO,
         "totals": totals(ledger),
         "scenarios": {
@@ -46,7 +46,7 @@ def summary_json(
         },
         "monitors": [_monitor(tally) for tally in monitors],
         "measures": {tally.name: _measure(tally) for tally in measures},
-        "not_as_expected": [_entry(e) for e in ledger.entries if not e.as_expected],
+        "unexpected": [_entry(e) for e in ledger.entries if not e.as_expected],
         "stray_results": list(ledger.stray),
         "requirements": {trace.requirement.id: _trace(trace) for trace in traces if trace.cases},
         "open_requirements": [t.requirement.id for t in traces if not t.cases],
@@ -57,11 +57,11 @@ def summary_json(
 def totals(ledger: Ledger) -> dict[str, Any]:
     """Counts of the whole campaign."""
     return {
-        "expected_cases": ledger.expected_cases,
-        "results": ledger.expected_cases - ledger.missing,
+        "cases": ledger.expected_cases,
+        "done": ledger.expected_cases - ledger.missing,
         "as_expected": ledger.as_expected,
         "as_expected_share": _interval(pass_share(ledger.as_expected, ledger.expected_cases)),
-        "verdicts": ledger.counts(),
+        "counts": ledger.counts(),
         "sim_s": rounded(sum(e.result.sim_s for e in ledger.entries if e.result is not None)),
         "frames": sum(e.result.frames for e in ledger.entries if e.result is not None),
     }
@@ -73,7 +73,7 @@ def _totals_of(entries: Sequence[Entry]) -> dict[str, Any]:
         "cases": len(entries),
         "as_expected": good,
         "as_expected_share": _interval(pass_share(good, len(entries))),
-        "verdicts": {v.value: sum(e.word == v.value for e in entries) for v in Verdict},
+        "counts": {v.value: sum(e.word == v.value for e in entries) for v in Verdict},
         "missing": sum(entry.missing for entry in entries),
     }
 
@@ -102,7 +102,7 @@ def _seen(seen: Seen | None) -> dict[str, Any] | None:
         return None
     return {
         "margin": rounded(known_margin(seen.result)),
-        "case": seen.entry.case.id,
+        "case_id": seen.entry.case.id,
         "at_s": rounded(seen.result.at_s),
     }
 
@@ -125,7 +125,7 @@ def _measure(tally: MeasureTally) -> dict[str, Any]:
 
 def _entry(entry: Entry) -> dict[str, Any]:
     return {
-        "case": entry.case.id,
+        "case_id": entry.case.id,
         "index": entry.case.index,
         "scenario": entry.case.scenario,
         "verdict": entry.word,
@@ -142,7 +142,7 @@ def _trace(trace: Trace) -> Mapping[str, Any]:
             "monitor": result.name,
             "margin": rounded(known_margin(result)),
             "unit": result.unit,
-            "case": entry.case.id,
+            "case_id": entry.case.id,
             "at_s": rounded(result.at_s),
         }
     return {
