@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from metro_hil.cases import Case, CaseResult
     from metro_hil.engine.folder import CampaignFolder
     from metro_hil.engine.totals import Totals
+    from metro_hil.report.campaign.ledger import Ledger
 
 WORST_SHOWN: Final = 10
 UNEXPECTED_SHOWN: Final = 20
@@ -97,12 +98,15 @@ def _show_campaign(
     by_id: "dict[str, CaseResult]",
     totals: "Totals",
 ) -> None:
+    from metro_hil.report.campaign.ledger import join
+
     manifest = folder.manifest()
     console.print(f"{manifest.name}  {manifest.title}", style="bold", markup=False, highlight=False)
     console.print(f"{folder.path}, begun {manifest.started}", markup=False, highlight=False)
     console.print(_verdicts(cases, by_id))
     unexpected = _unexpected(cases, by_id, set(totals.unexpected))
-    for table in (unexpected, _worst(by_id), _requirements(cases, by_id)):
+    ledger = join(cases, list(by_id.values()), expected_cases=totals.cases)
+    for table in (unexpected, _worst(ledger), _requirements(ledger)):
         if table is not None:
             console.print(table)
     print_layout(console, manifest.layout, cases, list(by_id.values()))
@@ -136,24 +140,23 @@ def _verdicts(cases: "Sequence[Case]", by_id: "dict[str, CaseResult]") -> Any:
     return table
 
 
-def _worst(by_id: "dict[str, CaseResult]") -> Any:
+def _worst(ledger: "Ledger") -> Any:
+    """What to look at first, in the report's order."""
     from rich.markup import escape
     from rich.table import Table
 
     from metro_hil.engine.progress import margin_words
+    from metro_hil.report.campaign.tally import tally_monitors, worst_entries
 
-    table = Table(title="least margins", title_justify="left")
+    ranked = worst_entries(ledger, tally_monitors(ledger), count=len(ledger.entries))
+    table = Table(title="least margins, each over its usual size", title_justify="left")
     for column in ("case", "monitor", "margin", "at", "verdict"):
         table.add_column(column, overflow="fold")
-    found = [
-        (least.margin, result.index, result, least)
-        for result in by_id.values()
-        if (least := result.least_margin()) is not None and least.margin is not None
-    ]
-    for margin, _, result, least in sorted(found, key=lambda row: row[:2])[:WORST_SHOWN]:
+    found = [(entry, least) for entry, least in ranked if least is not None]
+    for entry, least in found[:WORST_SHOWN]:
         at = "" if least.at_s is None else f"{least.at_s:.2f} s"
-        words = (escape(least.name), escape(margin_words(margin, least.unit)), at)
-        table.add_row(escape(result.case_id), *words, result.verdict.value)
+        words = (escape(least.name), escape(margin_words(least.margin, least.unit)), at)
+        table.add_row(escape(entry.case.id), *words, entry.word)
     return table
 
 
@@ -177,16 +180,14 @@ def _unexpected(cases: "Sequence[Case]", by_id: "dict[str, CaseResult]", names: 
     return table
 
 
-def _requirements(cases: "Sequence[Case]", by_id: "dict[str, CaseResult]") -> Any:
+def _requirements(ledger: "Ledger") -> Any:
     """As the report has them; None where no case names one."""
     from rich.markup import escape
     from rich.table import Table
 
-    from metro_hil.report.campaign.ledger import join
     from metro_hil.report.campaign.trace import Evidence, trace_requirements
     from metro_hil.requirements import shipped_requirements
 
-    ledger = join(cases, list(by_id.values()), expected_cases=len(cases))
     traces = [one for one in trace_requirements(shipped_requirements(), ledger) if one.cases]
     if not traces:
         return None

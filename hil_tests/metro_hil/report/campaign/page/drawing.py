@@ -222,17 +222,18 @@ def curves_plot(
     curves: Sequence[Curve], *, x_label: str, y_label: str, mark: tuple[float, float] | None
 ) -> Markup:
     """Curves over a common abscissa, with a mark where it came nearest to violation."""
-    width, height, left, base, top = 560.0, 236.0, 46.0, 196.0, 24.0
+    width, height, left, base, top = 545.0, 236.0, 46.0, 196.0, 24.0
+    right = width - 18.0
     xs = np.concatenate([curve.x[np.isfinite(curve.x)] for curve in curves])
     ys = np.concatenate([curve.y[np.isfinite(curve.y)] for curve in curves])
-    x_scale = Scale((float(xs.min()), float(xs.max())), (left, width - 10.0))
+    x_scale = Scale((float(xs.min()), float(xs.max())), (left, right))
     y_scale = Scale((min(0.0, float(ys.min())), float(ys.max()) * 1.06 or 1.0), (base, top))
     parts = []
     for tick in x_scale.ticks(7):
         parts.append(line(x_scale.at(tick), top, x_scale.at(tick), base, "grid"))
         parts.append(text(x_scale.at(tick), base + 14.0, number_text(tick), "tick", "middle"))
     for tick in y_scale.ticks():
-        parts.append(line(left, y_scale.at(tick), width - 10.0, y_scale.at(tick), "grid"))
+        parts.append(line(left, y_scale.at(tick), right, y_scale.at(tick), "grid"))
         parts.append(text(left - 5.0, y_scale.at(tick) + 3.5, number_text(tick), "tick", "end"))
     if mark is not None:
         x = x_scale.at(mark[0])
@@ -243,8 +244,8 @@ def curves_plot(
         parts.append(line(at, 10.0, at + 16.0, 10.0, f"curve {curve.style}"))
         parts.append(text(at + 20.0, 14.0, curve.label, "tick"))
         at += 34.0 + CHARACTER_PX * len(curve.label)
-    parts.append(line(left, base, width - 10.0, base, "axis"))
-    parts.append(text(width - 10.0, base + 30.0, f"{x_label}", "tick", "end"))
+    parts.append(line(left, base, right, base, "axis"))
+    parts.append(text(right, base + 30.0, x_label, "tick", "end"))
     parts.append(text(left, base + 30.0, f"ordinate: {y_label}", "tick"))
     return picture(width, height, f"{y_label} over {x_label}", parts)
 

@@ -57,6 +57,11 @@ class MonitorView:
     least_case: str
     strip: Markup | None
 
+    @property
+    def idle(self) -> bool:
+        """Never saw what it judges."""
+        return not (self.tally.judged or self.inconclusive)
+
 
 @dataclass(frozen=True, slots=True)
 class MeasureView:
