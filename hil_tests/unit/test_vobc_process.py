@@ -295,6 +295,26 @@ def test_place_and_wheel_are_stored_at_the_first_standstill_after_a_run(tmp_path
     assert record.highest_term == 4
 
 
+def test_a_train_that_has_left_is_not_remembered_to_stand_where_it_stood(tmp_path: Path) -> None:
+    """It is read as after a power cut on the way: the process never came to its end."""
+    path = tmp_path / "nvram"
+    world = World(nvram=Nvram(path))
+    world.run(3.0)
+    for _ in range(10):
+        world.pulses += 2
+        world.run(0.04)
+    world.run(4.0)
+    assert world.nvram.record.standing
+
+    for _ in range(20):
+        world.pulses += 10
+        world.run(0.02)
+    world.nvram.close()
+
+    assert not Nvram(path).record.standing
+    assert remembered_start(load_config("florence4"), Nvram(path).record) is None
+
+
 def test_the_cycle_log_has_a_row_for_each_cycle_and_no_torn_field(tmp_path: Path) -> None:
     path = tmp_path / "cycles.csv"
     log = LineLog(path, CYCLE_COLUMNS)

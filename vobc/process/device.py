@@ -193,10 +193,16 @@ class VobcDevice:
         self._send(now_ns, heartbeat(NodeState.STOPPED))
 
     def _remember(self, output: CycleOutput) -> None:
-        """Once after each run the wheel and the place are stored: at standstill, off the cycle."""
+        """Once after each run the wheel and the place are stored: at standstill, off the cycle.
+
+        As soon as it moves again the place is taken back: a controller that is cut off on the way
+        must not find itself where it stood before.
+        """
         motion = output.motion
         if motion is None or not motion.standstill:
             self._stored = motion is None
+            if motion is not None and self._nvram.record.standing:
+                self._nvram.put_later(replace(self._nvram.record, standing=False))
             return
         if self._stored:
             return

@@ -138,7 +138,8 @@ INVARIANTS: Final[tuple[Invariant, ...]] = (
         "1",
         "The position interval narrows only by a tag.",
         "1, or -1 when the claimed uncertainty falls by more than 0.2 m under the least of the "
-        "five claims before and the reader has read no tag in the 2 s before. Claims made while "
+        "five claims before and the reader has read no tag in the 2 s before the last of them, nor "
+        "since. Claims made while "
         "TACHO is not heard, or out of their rhythm, are passed over.",
     ),
     _not(

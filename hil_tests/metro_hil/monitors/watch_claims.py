@@ -38,6 +38,7 @@ class ClaimWatch:
         "_believed_ns",
         "_claimed",
         "_claimed_slips",
+        "_compared_ns",
         "_curve_ns",
         "_cycle_s",
         "_input_age_s",
@@ -86,6 +87,8 @@ class ClaimWatch:
         self._over_ns = -1
         """Since when it has said that it is over its curve; -1 if it is not, or has braked."""
         self._widths_m: deque[float] = deque(maxlen=CLAIMS)
+        self._compared_ns = context.start_ns
+        """When the last of them came."""
         self._tags = 0.0
         self._tag_ns = context.start_ns
         self._slips = -1.0
@@ -145,10 +148,12 @@ class ClaimWatch:
         widths_m = self._widths_m
         aged_m = abs(truth.speed_mps) * self._input_age_s
         if widths_m and min(widths_m) - width_m > NARROWED_M + aged_m:
-            by_tag = self._tags > 0.0 and now_ns - self._tag_ns <= TAG_LIFETIME_NS
+            # Since the last of them others may have been passed over, and a tag read meanwhile.
+            by_tag = self._tags > 0.0 and self._tag_ns >= self._compared_ns - TAG_LIFETIME_NS
             self.narrowed.said(by_tag, now_ns)
             widths_m.clear()
         widths_m.append(width_m)
+        self._compared_ns = now_ns
 
     def _check_curve(self, now_ns: int, spoken: Spoken) -> None:
         if spoken.emergency_commanded > 0.0:

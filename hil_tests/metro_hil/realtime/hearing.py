@@ -13,12 +13,14 @@ from firmware_py.buses.timing import frame_bits
 from firmware_py.ports import CanFrame, CanPort
 from firmware_py.recorder import CandumpWriter
 from metro_hil.chain import FrameChain
+from metro_hil.monitors.spoken import CONTROLLER_IDS as SAID_IDS
 from metro_hil.realtime.merge import Merge
 from plant_emulator.truth import Truth
 
 CONTROLLER_IDS: Final = frozenset(
     can_id(kind) for kind in kinds() if sender(kind) == Node.VOBC.name
 )
+"""Of its frames, twins left out."""
 BRAKE_ID: Final = can_id(BrakeCommand)
 STATUS_ID: Final = can_id(VobcStatus)
 NS_PER_S: Final = 1_000_000_000
@@ -115,12 +117,11 @@ class Hearing:
         """Take what came on the wires."""
         split = self.train is not self.controller
         for frame in self.controller.take(now_ns):
-            own = frame.can_id in CONTROLLER_IDS and _is_common(frame)
-            if own:
+            if frame.can_id in CONTROLLER_IDS and _is_common(frame):
                 self._note_controller(frame)
             if not split:
                 self._merge.add(frame.stamp_ns, frame)
-            elif own:
+            elif frame.can_id in SAID_IDS and _is_common(frame):
                 self._merge.add(frame.stamp_ns, Said(frame))
         if split:
             for frame in self.train.take(now_ns):

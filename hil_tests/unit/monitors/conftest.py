@@ -41,8 +41,8 @@ class Rig:
     a millisecond after the step that begins it, and can be exchanged between two steps.
     """
 
-    def __init__(self, tables: list[dict[str, Any]], invariants: object) -> None:
-        self.context = Context(line=SCENARIO.line, train=SCENARIO.train)
+    def __init__(self, tables: list[dict[str, Any]], invariants: object, **context: float) -> None:
+        self.context = Context(line=SCENARIO.line, train=SCENARIO.train, **context)
         self.monitors = MonitorSet(read_monitors(tables, "test", invariants), self.context)
         self.truth = truth = Truth()
         truth.front_m, truth.rear_m = 1000.0, 931.41
@@ -154,6 +154,12 @@ def _in_order() -> list[Frame]:
 def rig() -> Rig:
     """All invariants, none of them asked for by name."""
     return Rig([], "all")
+
+
+@pytest.fixture
+def settling_rig() -> Rig:
+    """Train and controller do not begin with the same instant: they are given 2 s."""
+    return Rig([], "all", settling_s=2.0)
 
 
 @pytest.fixture

@@ -355,6 +355,34 @@ def test_a_width_that_falls_takes_a_tag(rig: Rig) -> None:
     assert rig.margin("inv-14-narrowed-by-tag") == -1.0
 
 
+@pytest.mark.parametrize(("tags", "margin"), [(1.0, 1.0), (0.0, -1.0)])
+def test_a_tag_that_was_read_while_claims_were_passed_over_narrows_what_comes_after_them(
+    rig: Rig, tags: float, margin: float
+) -> None:
+    """A claim out of its rhythm; the tag is read in the 2 s that are passed over for it."""
+    rig.step(20)
+    rig.silent.add(VobcPosition)
+    rig.step(40)
+    rig.silent.clear()
+    rig.step(10, tags_read=tags)
+    rig.say(VobcPosition, front_m=1000.0, uncertainty_m=0.5)
+    rig.step(300)
+
+    assert rig.margin("inv-14-narrowed-by-tag") == margin
+
+
+def test_claims_while_train_and_controller_settle_are_not_judged_and_those_after_are(
+    settling_rig: Rig,
+) -> None:
+    rig = settling_rig
+    rig.say(VobcPosition, front_m=1500.0, uncertainty_m=1.0)
+    rig.step(190)
+    assert rig.result("inv-13-position-interval").margin is None
+
+    rig.step(30)
+    assert rig.margin("inv-13-position-interval") == pytest.approx(-499.0)
+
+
 def test_a_localised_train_knows_its_place_within_thirty_metres(rig: Rig) -> None:
     rig.say(VobcPosition, front_m=1000.0, uncertainty_m=30.0)
     rig.step(10)

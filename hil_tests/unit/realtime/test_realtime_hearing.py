@@ -8,6 +8,7 @@ import pytest
 
 from can_dbc.binding import can_id
 from can_dbc.brake import BrakeCommand, BrakeStatus
+from can_dbc.codec import Decoder
 from firmware_py.ports import CanFrame, LinkCounters
 from firmware_py.recorder import CandumpWriter
 from metro_hil.realtime.hearing import Hearing, Tap
@@ -16,6 +17,7 @@ from plant_emulator.truth import Truth
 
 S = 1_000_000_000
 COMMAND_ID = can_id(BrakeCommand)
+(TWIN_ID,) = Decoder([BrakeCommand]).ids - {COMMAND_ID}
 STATUS_ID = can_id(BrakeStatus)
 
 
@@ -92,13 +94,19 @@ def test_on_one_segment_every_frame_is_told_once(tmp_path: Path) -> None:
 def test_behind_a_gateway_the_controller_is_judged_by_what_it_says_and_its_units_by_what_they_hear(
     tmp_path: Path,
 ) -> None:
-    """What the train says comes through the gateway, too, and is not told twice."""
+    """A vital command with its twin, without which it counts for nothing. What the train says
+    comes through the gateway, too, and is not told twice."""
     rig = rig_of(tmp_path, split=True)
-    rig.controller.coming = [CanFrame(2 * S, COMMAND_ID, b"a"), CanFrame(4 * S, STATUS_ID, b"b")]
+    rig.controller.coming = [
+        CanFrame(2 * S, COMMAND_ID, b"a"),
+        CanFrame(2 * S + 1, TWIN_ID, b"A"),
+        CanFrame(4 * S, STATUS_ID, b"b"),
+    ]
     rig.train.coming = [CanFrame(3 * S, STATUS_ID, b"b"), CanFrame(5 * S, COMMAND_ID, b"forged")]
 
     assert rig.hear(5 * S) == [
         ("said", 1 * S, b"a"),
+        ("said", 1 * S + 1, b"A"),
         ("frame", 2 * S, b"b"),
         ("frame", 4 * S, b"forged"),
     ]
