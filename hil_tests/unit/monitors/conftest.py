@@ -41,8 +41,10 @@ class Rig:
     a millisecond after the step that begins it, and can be exchanged between two steps.
     """
 
-    def __init__(self, tables: list[dict[str, Any]], invariants: object, **context: float) -> None:
-        self.context = Context(line=SCENARIO.line, train=SCENARIO.train, **context)
+    def __init__(
+        self, tables: list[dict[str, Any]], invariants: object, *, settling_s: float = 0.0
+    ) -> None:
+        self.context = Context(line=SCENARIO.line, train=SCENARIO.train, settling_s=settling_s)
         self.monitors = MonitorSet(read_monitors(tables, "test", invariants), self.context)
         self.truth = truth = Truth()
         truth.front_m, truth.rear_m = 1000.0, 931.41
