@@ -15,13 +15,13 @@ from metro_hil.measures import measure_ride, measure_stops
 from plant_emulator.process import TRUTH_COLUMNS
 
 NAMES: Final[Mapping[str, str]] = {
-    "stop_error_worst_m": "greatest |distance from the stopping point| of all stops made",
-    "stop_error_mean_m": "mean |distance from the stopping point| of all stops made",
+    "stop_error_worst_m": "greatest distance from the stopping point of all stops made",
+    "stop_error_mean_m": "mean distance from the stopping point of all stops made",
     "stops_made_count": "stations near whose stopping point the train stood",
     "stops_missed_count": "stations of its timetable near which it never stood",
     "arrived_count": "1 when it stood with open doors at its last station, else 0",
-    "accel_max_mps2": "greatest |acceleration|, low-passed at 2 Hz",
-    "jerk_max_mps3": "greatest |change of acceleration|, low-passed at 2 Hz",
+    "accel_max_mps2": "greatest acceleration either way, low-passed at 2 Hz",
+    "jerk_max_mps3": "greatest change of acceleration, low-passed at 2 Hz",
     "speed_max_mps": "greatest speed",
     "distance_m": "from the front's first place to its last",
     "run_time_s": "duration of the run",

@@ -116,7 +116,7 @@ class CaseRun:
         self._output: CycleOutput | None = None
         self._said: object = None
         self._start_m = parts.journey.start.stop_m
-        self._farthest_m = self._start_m
+        self._moved_m = 0.0
         self._still_s: float | None = None
         self._branch = None
         if case.branch is not None:
@@ -143,8 +143,9 @@ class CaseRun:
                 self._still_s = truth.t_s
         else:
             self._still_s = None
-        if truth.front_m > self._farthest_m:
-            self._farthest_m = truth.front_m
+        moved_m = abs(truth.front_m - self._start_m)
+        if moved_m > self._moved_m:
+            self._moved_m = moved_m
         output = self.bench.vobc.output
         if output is not self._output:
             self._output = output
@@ -261,7 +262,7 @@ class CaseRun:
             monitors,
             died=self._died,
             never_began=() if violated else never,
-            moved_m=self._farthest_m - self._start_m,
+            moved_m=self._moved_m,
             violated=violated,
         )
         return CaseResult(

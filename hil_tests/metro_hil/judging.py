@@ -22,7 +22,7 @@ def judge(
     Args:
         died: how the controller ended by itself, empty when it did not.
         never_began: faults whose time or condition never came.
-        moved_m: how far the train came.
+        moved_m: how far the train was from its first place at most, either way.
         violated: the run was ended at a violation, so that what comes later was never tried.
     """
     failed = [result for result in monitors if result.verdict is Verdict.FAIL]

@@ -22,7 +22,7 @@ from metro_hil.ending import ARRIVED, DURATION, ArrivalWatch, Ending
 from metro_hil.frame_faults import FrameFaults
 from metro_hil.journey import Journey
 from metro_hil.options import RunOptions
-from metro_hil.process_faults import ControllerProcess
+from metro_hil.process_faults import ControllerProcess, Device
 from metro_hil.run_folder import RunFolder
 from plant_emulator.faults.kinds import Place
 from plant_emulator.faults.plan import FaultPlan
@@ -94,7 +94,6 @@ class Lockstep:
         self._tap = taps.frame
         wanted = self._writer is not None or self._tap is not None
         self.bus = InprocBus(BUS_NAME, BIT_RATE, self._record if wanted else None)
-        self._config, self._journey = config, journey
         radio = InprocRadio()
         controller_end, reader_end = inproc_line()
         line = journey.line
@@ -108,6 +107,8 @@ class Lockstep:
             faults=faults,
             observer=taps.truth,
         )
+        self._bus_faults: BusFaults | None = None
+        self._executives = [self.plant.executive]
         self._side = ControllerSide(
             controller,
             config,
@@ -118,27 +119,34 @@ class Lockstep:
             said=taps.said,
         )
         self._stack.callback(self._side.close)
-        self._executives = [self.plant.executive]
-        self._bus_faults: BusFaults | None = None
         places = {*places, *(plan.kind.place for plan in faults)}
         accepted = HEARD_IDS if controller.kind == SHIPPED.kind else None
-        can = self._controller_port(accepted, scenario.seed, faulty=Place.BUS in places)
-        tags = self._recorded(controller_end, folder)
-        air = self._recorded_radio(
-            radio.port("train", (keys.authorities(line.name, config.address),)), folder
+        self.vobc = self._connected(
+            self._controller_port(accepted, scenario.seed, faulty=Place.BUS in places),
+            self._recorded(controller_end, folder),
+            self._recorded_radio(
+                radio.port("train", (keys.authorities(line.name, config.address),)), folder
+            ),
+            faulty=Place.PROCESS in places,
         )
-        try:
-            self.vobc = self._side.device(can, tags, air, faulty=Place.PROCESS in places)
-        except BaseException:
-            self._stack.close()
-            raise
-        if isinstance(self.vobc, ControllerProcess):
-            self._on_fault(Place.PROCESS, self.vobc.change)
-        self._executives.append(self.vobc.executive)
         self._arrival = ArrivalWatch(journey.end.stop_m)
         self.arrived = False
         """Whether the train has stood with open doors at its last station for a while."""
         self._executives.append(Executive([Task("watch", WATCH_MS, self._watch)], 0))
+
+    def _connected(
+        self, can: CanPort, tags: SerialPort, radio: RadioPort, *, faulty: bool
+    ) -> Device:
+        """The controller on its ports. One that does not start leaves no log open behind it."""
+        try:
+            device = self._side.device(can, tags, radio, faulty=faulty)
+        except BaseException:
+            self._stack.close()
+            raise
+        if isinstance(device, ControllerProcess):
+            self._on_fault(Place.PROCESS, device.change)
+        self._executives.append(device.executive)
+        return device
 
     def _controller_port(
         self, accept_ids: Collection[int] | None, seed: int, *, faulty: bool

@@ -1,0 +1,43 @@
+"""docs/hil.md says what there is: its measures, its example scenario, its example tests."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+from metro_hil.campaign import plan_cases, read_campaign
+from metro_hil.case_measures import NAMES
+
+DOCUMENT = (Path(__file__).resolve().parents[2] / "docs" / "hil.md").read_text(encoding="utf-8")
+
+
+def test_every_measure_is_in_the_table_with_its_words() -> None:
+    """When this fails, put the line it names into the document."""
+    for name, words in NAMES.items():
+        assert f"| `{name}` | {words} |" in DOCUMENT, name
+
+
+def test_the_example_scenario_is_read_without_complaint(tmp_path: Path) -> None:
+    example = re.findall(r"^```toml\n(title.*?)^```$", DOCUMENT, re.MULTILINE | re.DOTALL)[0]
+    path = tmp_path / "runaway.toml"
+    path.write_text(example, encoding="utf-8")
+
+    cases = plan_cases(read_campaign(str(path)))
+
+    assert len(cases) == 2 * 3 * 5
+
+
+def test_the_example_tests_pass(tmp_path: Path) -> None:
+    (example,) = re.findall(r"^```python\n(.*?)^```$", DOCUMENT, re.MULTILINE | re.DOTALL)
+    (tmp_path / "test_example.py").write_text(example, encoding="utf-8")
+
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "test_example.py"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+    assert done.returncode == 0, done.stdout
+    assert "2 passed" in done.stdout
