@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import msgspec
 import pytest
 
+from metro_hil.branch import group_key
 from metro_hil.campaign.builder import Scenario
 from metro_hil.cases import Case, CaseResult, Host, Verdict
 from metro_hil.pytest_plugin import Bench, BenchTimeoutError, bench
@@ -62,17 +63,54 @@ def test_logs_change_nothing(bench: Bench) -> None:
             {"kind": "slow_cycle", "extra_s": 0.001, "when": "front_m > 3400"},
             {"kind": "brake_weak", "gain_ratio": 0.9},
         ],
+        [
+            {"kind": "masquerade", "frame": "BRAKE_CMD", "when": "front_m > 3300"},
+            {"kind": "babbling_idiot", "can_id": 2047, "when": "front_m > 3290", "duration_s": 1.0},
+            {"kind": "bus_off", "node": "odo", "when": "front_m > 3350", "duration_s": 1.0},
+            {"kind": "desk_mode", "mode": "off", "when": "front_m > 3400"},
+            {"kind": "door_lock_lost", "when": "front_m > 3380", "duration_s": 1.0},
+            {"kind": "line_voltage", "when": "front_m > 3280", "duration_s": 2.0},
+            {"kind": "wheel_slip", "when": "front_m > 3275", "duration_s": 1.0},
+        ],
     ],
 )
 def test_cases_that_go_on_from_one_branch_equal_those_run_alone(
     faults: list[dict[str, object]],
 ) -> None:
-    cases = hop(seeds=3, branch={"seed": 9, "when": "front_m > 3270"}, fault=faults).cases()
+    branch = {"seed": 9, "when": "front_m > 3270"}
+    short = {**HOP, "duration_s": 50.0}
+    cases = Scenario(name="hop", train=short, seeds=3, branch=branch, fault=faults).cases()
 
     grouped = list(run_group(cases))
 
     assert without_host(grouped) == without_host([run_case(case) for case in cases])
     assert len({result.chain for result in grouped}) == len(cases)
+
+
+def test_cases_of_different_faults_are_grouped_only_where_they_equal_those_run_alone() -> None:
+    """Faults of bus and process change how monitors listen, also before the branch."""
+    branch = {"seed": 9, "when": "front_m > 3270"}
+    faults: list[list[dict[str, object]]] = [
+        [],
+        [{"kind": "passenger_alarm"}],
+        [{"kind": "frame_delay", "delay_s": 0.05}],
+        [{"kind": "controller_paused", "duration_s": 0.2}],
+        [{"kind": "clock_step", "step_s": 0.1}],
+    ]
+    short = {**HOP, "duration_s": 45.0}
+    cases = [
+        msgspec.structs.replace(case, id=f"{number}/{case.id}")
+        for number, fault in enumerate(faults)
+        for case in Scenario(name="hop", train=short, branch=branch, fault=fault).cases()
+    ]
+    groups: dict[bytes | None, list[Case]] = {}
+    for case in cases:
+        groups.setdefault(group_key(case), []).append(case)
+
+    grouped = [result for group in groups.values() for result in run_group(group)]
+
+    assert [len(group) for group in groups.values()] == [2, 2, 1]
+    assert without_host(grouped) == without_host([run_case(case) for case in cases])
 
 
 def test_a_branch_that_never_comes_blocks_the_case() -> None:
@@ -95,6 +133,14 @@ def test_a_fault_that_never_begins_blocks_the_case() -> None:
 
 def test_a_fault_after_the_end_of_the_run_changes_no_frame() -> None:
     (plain,), (faulty,) = hop().cases(), hop(fault=late_faults()).cases()
+
+    assert run_case(plain).chain == run_case(faulty).chain
+
+
+def test_faults_to_come_leave_the_rhythm_of_an_odd_cycle_alone() -> None:
+    odd = {**HOP, "duration_s": 20.0, "cycle_ms": 31.25}
+    (plain,) = Scenario(name="hop", train=odd).cases()
+    (faulty,) = Scenario(name="hop", train=odd, fault=late_faults()).cases()
 
     assert run_case(plain).chain == run_case(faulty).chain
 
@@ -140,6 +186,19 @@ def test_a_mistake_of_the_bench_is_no_verdict_on_the_controller(
 
     monkeypatch.setattr("metro_hil.chain.FrameChain.frame", fails)
     (case,) = hop().cases()
+
+    with pytest.raises(KeyError):
+        run_case(case)
+
+
+def test_a_mistake_of_the_bench_that_the_controller_calls_is_no_verdict_either(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def fails(self: object, stamp_ns: int, can_id: int, data: bytes) -> None:
+        raise KeyError("the monitors")
+
+    monkeypatch.setattr("metro_hil.monitors.MonitorSet.said", fails)
+    (case,) = hop(fault=[{"kind": "frame_drop", "start_s": 1000.0}]).cases()
 
     with pytest.raises(KeyError):
         run_case(case)
