@@ -76,6 +76,8 @@ blocked, not passed. Faults that act at once are applied in the order of the fil
 from a generator of its own, so that one more changes nothing in what the others draw.
 
 Expressions know {signals}.
+A train that stands at its first station has `to_stop_m` 0: what shall begin on the way to the next
+one is better said with `front_m`.
 
 `frames` names messages of the [CAN interface](can_interface.md), with `*` and `?` as in a shell; a
 twin has a name of its own, so `BRAKE_CMD*` means both halves. A name that matches nothing is
