@@ -46,6 +46,8 @@ class Context:
     input_age_s: float = 0.0
     """By so much faults may delay what the controller hears. Its interval is wider by what the
     train may have moved since, and narrower again when something fresh comes."""
+    lateness_s: float = 0.0
+    """A cycle, or its frames, may be late by so much for which nobody is to blame."""
     settling_s: float = 0.0
     """So long after the start its claims are not judged: where train and controller do not begin
     with the same instant, the first inputs are older than those that follow."""

@@ -20,6 +20,7 @@ CLAIMS = 5
 they fell silent, and is the wider for it until then."""
 TACHO_NS = NS_PER_S // 10
 ODOMETER = int(Missing.ODOMETER)
+RAMP_CYCLES = 10
 UNKNOWN_M = 655.0
 """The frame's largest uncertainty says that the place is not known."""
 TAG_LIFETIME_NS = 2 * NS_PER_S
@@ -178,8 +179,10 @@ class DemandWatch:
         "_cycle_ns",
         "_inertia_kg",
         "_judged",
+        "_lateness_ns",
         "_limit_mps2",
         "_limit_mps3",
+        "_ramp",
         "_traction_ns",
         "accel",
         "direction",
@@ -193,6 +196,8 @@ class DemandWatch:
         self._limit_mps2 = context.service_accel_mps2
         self._limit_mps3 = context.service_jerk_mps3
         self._cycle_ns = round(context.cycle_s * NS_PER_S)
+        self._lateness_ns = round(context.lateness_s * NS_PER_S)
+        self._ramp: deque[tuple[int, float]] = deque(maxlen=RAMP_CYCLES)
         self._traction_ns = context.start_ns
         self._accel_mps2 = 0.0
         self._judged = False
@@ -221,9 +226,27 @@ class DemandWatch:
                 self.accel.see(margin_mps2, now_ns)
             if self._judged:
                 # Frames wait for the bus; what was decided came a whole number of cycles later.
-                cycles = max(1, round((spoken.traction_ns - before_ns) / self._cycle_ns))
-                step_s = cycles * self._cycle_ns / NS_PER_S
-                margin_mps3 = self._limit_mps3 - abs(accel_mps2 - self._accel_mps2) / step_s
-                if margin_mps3 < self.jerk.least:
-                    self.jerk.see(margin_mps3, now_ns)
+                gap_ns = spoken.traction_ns - before_ns
+                step_ns = max(1, round(gap_ns / self._cycle_ns)) * self._cycle_ns
+                if self._lateness_ns:
+                    step_ns = max(step_ns, gap_ns)
+                self._check_jerk(accel_mps2 - self._accel_mps2, step_ns, now_ns)
         self._accel_mps2, self._judged = accel_mps2, judged
+        if self._lateness_ns:
+            self._follow_ramp(accel_mps2, spoken.traction_ns, now_ns)
+
+    def _check_jerk(self, change_mps2: float, step_ns: int, now_ns: int) -> None:
+        step_s = (step_ns + self._lateness_ns) / NS_PER_S
+        margin_mps3 = self._limit_mps3 - abs(change_mps2) / step_s
+        if margin_mps3 < self.jerk.least:
+            self.jerk.see(margin_mps3, now_ns)
+
+    def _follow_ramp(self, accel_mps2: float, said_ns: int, now_ns: int) -> None:
+        """Over several cycles, where what is allowed for each for its being late weighs less."""
+        if not self._judged:
+            self._ramp.clear()
+            return
+        if self._ramp:
+            first_ns, first_mps2 = self._ramp[0]
+            self._check_jerk(accel_mps2 - first_mps2, said_ns - first_ns, now_ns)
+        self._ramp.append((said_ns, accel_mps2))

@@ -55,6 +55,7 @@ class Source(enum.Enum):
     WAITING = "controller ready to run, no processor given"
     LATENESS = "controller begun late by the host"
     CARRIERS = "bus or gateway ready to run, no processor given"
+    STALL = "neither bench nor controller given a processor"
     PLANT = "plant fell behind its steps"
     GATEWAY = "frames waited in the gateway"
 

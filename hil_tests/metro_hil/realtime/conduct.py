@@ -102,6 +102,8 @@ class Conduct:
                 self._check_bench()
                 self.reason = self._over()
             self._note(f"over: {self.reason}")
+            # What the host did just before the end is what may have brought it about.
+            self._close_second(self._looked_ns)
             self.hearing.finish()
         finally:
             self._bring_down()

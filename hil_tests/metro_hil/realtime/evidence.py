@@ -9,6 +9,7 @@ from typing import Final
 from metro_hil.columns import Columns, LogError, read_columns
 from metro_hil.realtime.attribution import (
     GATEWAY_LATE_S,
+    HANG_S,
     STEAL_S,
     WAITED_S,
     CycleRow,
@@ -48,6 +49,7 @@ def collect_evidence(
     found += second_disturbances(host.stolen, Source.STEAL, STEAL_S)
     found += second_disturbances(host.waited, Source.WAITING, WAITED_S)
     found += second_disturbances(host.carriers_waited, Source.CARRIERS, WAITED_S)
+    found += second_disturbances(host.stalled, Source.STALL, HANG_S)
     found += plant_disturbances(host.truth_late)
     found += second_disturbances(gateway_waits(folder, origin_s), Source.GATEWAY, GATEWAY_LATE_S)
     if own_controller:

@@ -4,7 +4,7 @@ import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 from firmware_py.realtime import steal_ns
 from firmware_py.recorder import LineLog
@@ -19,6 +19,8 @@ COLUMNS: Final = (
 )
 NS_PER_S: Final = 1_000_000_000
 PROC: Final = Path("/proc")
+EVERYDAY_NS: Final = 100_000
+"""Each time that a process wakes up it may wait so long: of many such waits none holds up a run."""
 
 
 class HostRecord:
@@ -29,8 +31,8 @@ class HostRecord:
         self._log = LineLog(path, COLUMNS)
         self._read = steal
         self._first_ns = self._last_ns = steal()
-        self._delays_ns: dict[int, int] = {}
-        """How long each process has waited up to now, by its id."""
+        self._before: dict[int, Scheduled] = {}
+        """What each process had got at the last sample, by its id."""
         self._bench_late_ns = 0
         self._truth_late_ns = 0
         self.stolen: list[tuple[float, float]] = []
@@ -39,6 +41,9 @@ class HostRecord:
         """End of each second, and how long the controller was ready and got no processor."""
         self.carriers_waited: list[tuple[float, float]] = []
         """The same of the bus's or the gateway's process, of the one that waited the longest."""
+        self.stalled: list[tuple[float, float]] = []
+        """End of each second, and how long the bench was held up in which neither it nor the
+        controller ran: then hardly anything on this machine did."""
         self.truth_late: list[tuple[float, float]] = []
         """Instants of truth that was sent late by the plant, and by how much."""
 
@@ -68,8 +73,10 @@ class HostRecord:
         if stolen_ns is not None and self._last_ns is not None:
             stolen_s = (stolen_ns - self._last_ns) / NS_PER_S
         self._last_ns = stolen_ns
-        waited_s = 0.0 if controller is None else self._waited_s(controller)
-        carried_s = max(map(self._waited_s, carriers), default=0.0)
+        waited_s, ran_s = (0.0, 0.0) if controller is None else self._got_s(controller)
+        carried_s = max((self._got_s(pid)[0] for pid in carriers), default=0.0)
+        _, own_s = self._got_s(os.getpid())
+        self.stalled.append((t_s, max(0.0, self._bench_late_ns / NS_PER_S - ran_s - own_s)))
         self.stolen.append((t_s, stolen_s))
         self.waited.append((t_s, 0.0 if excused else waited_s))
         self.carriers_waited.append((t_s, carried_s))
@@ -83,14 +90,16 @@ class HostRecord:
         )
         self._bench_late_ns = self._truth_late_ns = 0
 
-    def _waited_s(self, pid: int) -> float:
-        """Since the last call for this process; 0 the first time, or where nobody says."""
-        delay_ns = run_delay_ns(pid)
-        if delay_ns is None:
-            return 0.0
-        before_ns = self._delays_ns.get(pid, delay_ns)
-        self._delays_ns[pid] = delay_ns
-        return (delay_ns - before_ns) / NS_PER_S
+    def _got_s(self, pid: int) -> tuple[float, float]:
+        """How long a process waited for a processor and how long it ran, since the last call."""
+        now = scheduled(pid)
+        if now is None:
+            return 0.0, 0.0
+        before = self._before.get(pid, now)
+        self._before[pid] = now
+        everyday_ns = EVERYDAY_NS * (now.times - before.times)
+        waited_ns = max(0, now.waited_ns - before.waited_ns - everyday_ns)
+        return waited_ns / NS_PER_S, (now.ran_ns - before.ran_ns) / NS_PER_S
 
     @property
     def steal_s(self) -> float | None:
@@ -121,13 +130,20 @@ def at_priority(priority: int) -> Iterator[None]:
             os.sched_setscheduler(0, *before)
 
 
-def run_delay_ns(pid: int) -> int | None:
-    """How long a process's first thread was ready to run and got no processor, since it began.
+class Scheduled(NamedTuple):
+    """What the kernel gave the first thread of a process since it began."""
 
-    None where the kernel does not say.
-    """
+    ran_ns: int
+    waited_ns: int
+    """Ready to run, and not given a processor."""
+    times: int
+    """How often it was given one."""
+
+
+def scheduled(pid: int) -> Scheduled | None:
+    """None where the kernel does not say."""
     try:
         fields = (PROC / str(pid) / "schedstat").read_text(encoding="ascii").split()
-        return int(fields[1])
-    except (OSError, ValueError, IndexError):
+        return Scheduled(*map(int, fields[:3]))
+    except (OSError, ValueError, TypeError):
         return None

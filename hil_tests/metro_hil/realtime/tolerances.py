@@ -35,6 +35,7 @@ def context_of(case: Case, made: CaseParts) -> Context:
         # Either the controller is late or the train that it is compared with.
         slack_s=FRAME_WAIT_S + max(LATE_S, PLANT_LATE_S) + gateway_s,
         input_age_s=faults_s + PLANT_LATE_S + gateway_s,
+        lateness_s=LATE_S,
         settling_s=START_UP_S,
     )
 

@@ -42,9 +42,19 @@ class Rig:
     """
 
     def __init__(
-        self, tables: list[dict[str, Any]], invariants: object, *, settling_s: float = 0.0
+        self,
+        tables: list[dict[str, Any]],
+        invariants: object,
+        *,
+        settling_s: float = 0.0,
+        lateness_s: float = 0.0,
     ) -> None:
-        self.context = Context(line=SCENARIO.line, train=SCENARIO.train, settling_s=settling_s)
+        self.context = Context(
+            line=SCENARIO.line,
+            train=SCENARIO.train,
+            settling_s=settling_s,
+            lateness_s=lateness_s,
+        )
         self.monitors = MonitorSet(read_monitors(tables, "test", invariants), self.context)
         self.truth = truth = Truth()
         truth.front_m, truth.rear_m = 1000.0, 931.41
@@ -162,6 +172,12 @@ def rig() -> Rig:
 def settling_rig() -> Rig:
     """Train and controller do not begin with the same instant: they are given 2 s."""
     return Rig([], "all", settling_s=2.0)
+
+
+@pytest.fixture
+def late_rig() -> Rig:
+    """Cycles may be late by 50 ms without anybody's fault."""
+    return Rig([], "all", lateness_s=0.05)
 
 
 @pytest.fixture

@@ -579,6 +579,32 @@ def test_the_demand_changes_no_faster_than_the_jerk_allows(rig: Rig) -> None:
     assert rig.margin("inv-39-jerk") == pytest.approx(0.65 - 0.72, abs=1e-6)
 
 
+def test_a_cycle_that_was_late_may_change_the_demand_by_as_much_more(late_rig: Rig) -> None:
+    """The first is 20 ms late and changes it at 0.6 m/s3 in 70 ms: 0.84 of a cycle's own time."""
+    rig = late_rig
+    rig.step(5)
+    rig.silent.update((BrakeCommand, TractionCommand))
+    rig.step(7)
+    rig.send_now(BrakeCommand, service_decel_mps2=0.042)
+    rig.send_now(TractionCommand)
+    rig.step(1)
+
+    margin_mps3 = rig.margin("inv-39-jerk")
+    assert margin_mps3 > 0.65 - 0.6
+
+
+def test_a_demand_that_changes_too_fast_for_long_is_seen_through_what_lateness_explains(
+    late_rig: Rig,
+) -> None:
+    """At 0.8 m/s3: each step alone may be a late cycle's, ten in a row may not."""
+    rig = late_rig
+    for number in range(12):
+        rig.say(BrakeCommand, service_decel_mps2=round(0.04 * number, 3))
+        rig.step(5)
+
+    assert rig.margin("inv-39-jerk") == pytest.approx(0.65 - 0.4 / 0.55, abs=1e-6)
+
+
 def test_the_demand_stays_within_what_passengers_bear(rig: Rig) -> None:
     rig.say(BrakeCommand, service_decel_mps2=0.85)
     rig.step(10)

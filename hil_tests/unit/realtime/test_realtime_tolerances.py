@@ -32,6 +32,7 @@ def test_no_monitor_is_stricter_than_what_a_host_may_do_without_being_named(
     found = context(*faults)
 
     assert found.slack_s >= FRAME_WAIT_S + max(LATE_S, PLANT_LATE_S) + gateway_s
+    assert found.lateness_s >= LATE_S
     assert found.input_age_s >= PLANT_LATE_S + gateway_s
 
 
@@ -49,4 +50,4 @@ def test_nothing_else_differs_from_lockstep() -> None:
         for each in fields(Context)
         if getattr(found, each.name) != getattr(plain, each.name)
     }
-    assert changed == {"slack_s", "input_age_s", "settling_s"}
+    assert changed == {"slack_s", "input_age_s", "lateness_s", "settling_s"}
