@@ -174,6 +174,7 @@ def test_the_same_case_gives_another_chain_only_loudly(capsys: pytest.CaptureFix
         (["run", "no-such-campaign"], "no-such-campaign"),
         (["run", "smoke", "--filter", "nothing"], "--filter nothing"),
         (["run", "smoke", "--controller", "mine"], "--controller mine"),
+        (["run", "smoke", "--on", "spark://x:1"], "--on spark://x:1"),
         (["resume", "no-such-run"], "no-such-run"),
         (["resume", "--on", "spark://x:1"], "--on spark://x:1"),
         (["show", "no-such-run"], "no-such-run"),

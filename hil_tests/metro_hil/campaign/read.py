@@ -28,6 +28,7 @@ from metro_hil.campaign.tables import (
     merged,
     shaped,
 )
+from metro_hil.requirements import shipped_requirements
 
 PACKAGE: Final = "metro_hil.campaigns"
 PROBLEM_POINTS_MAX: Final = 10
@@ -171,6 +172,7 @@ class _Reader:
         if sweep.new_seeds and not isinstance(table.get("seeds", 1), int):
             self._say(place.key("sweep.new_seeds"), "needs seeds as a number, not as a list")
         self._note(head.name, sweep, bool(factors))
+        self._note_requirements(head.requirements)
         plan = ScenarioPlan(
             name=head.name,
             title=head.title,
@@ -196,6 +198,16 @@ class _Reader:
                 f"{name}: sweep.count {count} is no power of two; a Sobol design is balanced for "
                 f"{power // 2} or {power}"
             )
+
+    def _note_requirements(self, names: Sequence[str]) -> None:
+        """A project may have requirements of its own, so they are no mistake."""
+        known = list(shipped_requirements())
+        for name in names:
+            hint = nearest(name, known, "id")
+            note = f"requirements: {name} is not in the catalogue"
+            note += f"; {hint}" if hint.startswith("nearest") else ""
+            if name not in known and note not in self._notes:
+                self._notes.append(note)
 
     def _check_names(self, tables: Sequence[Mapping[str, Any] | None]) -> None:
         """Names of folders: they must differ where letters have no case as well."""

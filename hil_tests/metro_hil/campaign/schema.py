@@ -1,6 +1,7 @@
 """The keys of a campaign file, their types and ranges."""
 
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import Enum
 from typing import Any, Final
@@ -19,6 +20,8 @@ STRENGTH_MAX: Final = 6
 POINTS_MAX: Final = 1_000_000
 
 NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
+CONTROL: Final = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")
+"""All but tabs and ends of lines."""
 REQUIREMENT: Final = re.compile(r"[A-Z][A-Z0-9]*(?:-[A-Za-z0-9]+)+")
 
 TABLES: Final = ("train", "timetable", "controller", "branch", "sweep")
@@ -38,7 +41,7 @@ def in_range(owner: object, name: str, low: float, high: float) -> None:
 
 def fits(owner: object, name: str, pattern: re.Pattern[str], what: str) -> None:
     value = getattr(owner, name)
-    if value and not pattern.fullmatch(value):
+    if value is not None and not pattern.fullmatch(value):
         raise ValueError(f"{name} {value!r} is no {what}")
 
 
@@ -46,7 +49,8 @@ def fits(owner: object, name: str, pattern: re.Pattern[str], what: str) -> None:
 class HeadKeys:
     """What stands above all tables; `seeds` and `invariants` have two forms and are read apart."""
 
-    name: str = ""
+    name: str = "campaign"
+    """Never taken: a file without a name has its stem."""
     title: str = ""
     description: str = ""
     requirements: tuple[str, ...] = ()
@@ -57,6 +61,8 @@ class HeadKeys:
     layout: str | None = None
 
     def __post_init__(self) -> None:
+        if "\n" in self.title:
+            raise ValueError(f"title {self.title!r} is more than one line")
         fits(self, "name", NAME, "name for a folder: letters, digits, '-', '_', '.'; 64 at most")
         in_range(self, "seed_base", 0, SEED_MAX - SEEDS_MAX)
         fits(self, "layout", NAME, "name of a table")
@@ -196,14 +202,24 @@ class SweepKeys:
 SWEEP: Final = (*SweepKeys.__dataclass_fields__, "factors")
 
 
-def plain(value: Any) -> str | None:
-    """Why a value of TOML cannot be part of a case; None if it can."""
+def unfit(value: Any, key: str = "") -> Iterator[tuple[str, str]]:
+    """Which values of TOML below a key cannot be part of a case, and why."""
     if isinstance(value, dict):
-        return next(filter(None, map(plain, value.values())), None)
-    if isinstance(value, list):
-        return next(filter(None, map(plain, value)), None)
+        for name, inner in value.items():
+            yield from unfit(inner, f"{key}.{name}")
+    elif isinstance(value, list):
+        for number, inner in enumerate(value):
+            yield from unfit(inner, f"{key}[{number}]")
+    elif (why := _unfit_alone(value)) is not None:
+        yield key, why
+
+
+def _unfit_alone(value: Any) -> str | None:
     if isinstance(value, float):
         return None if abs(value) < float("inf") else f"{value} is not a finite number"
     if isinstance(value, int):
         return None if abs(value) <= SEED_MAX else f"{value} is too large"
-    return None if isinstance(value, str) else f"{value} is neither number, text nor true or false"
+    if not isinstance(value, str):
+        return f"{value} is neither number, text nor true or false"
+    # They would reach terminals by way of names and reasons.
+    return f"{value!r} holds control characters" if CONTROL.search(value) else None

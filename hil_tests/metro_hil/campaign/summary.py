@@ -139,7 +139,7 @@ def lines(summary: Summary) -> Iterator[str]:
     for name, digest in summary.files.items():
         yield f"  file {name} (sha256 {digest[:16]})"
     for scenario in summary.scenarios:
-        yield from _scenario_lines(scenario)
+        yield from _scenario_lines(scenario, summary.title)
     yield ""
     for case_id in summary.listed:
         yield f"  {case_id}"
@@ -149,8 +149,9 @@ def lines(summary: Summary) -> Iterator[str]:
         yield f"note: {note}"
 
 
-def _scenario_lines(scenario: ScenarioSummary) -> Iterator[str]:
-    title = f": {scenario.title}" if scenario.title else ""
+def _scenario_lines(scenario: ScenarioSummary, above: str) -> Iterator[str]:
+    """An inherited title is not said again."""
+    title = f": {scenario.title}" if scenario.title not in ("", above) else ""
     yield ""
     yield f"{scenario.name}{title}"
     points = f"{_count(scenario.points, 'point')} ({scenario.design})" if scenario.design else ""

@@ -12,7 +12,7 @@ from metro_hil.campaign.schema import (
     OVERRIDES,
     SWEPT,
     TABLES,
-    plain,
+    unfit,
 )
 
 ConfigTable = dict[str, Any]
@@ -39,8 +39,9 @@ def shaped(table: Mapping[str, Any], findings: Findings, *, inside_scenario: boo
             findings.add(name, f"{value!r} is not a table")
         elif name in ARRAYS and not _is_array(value):
             findings.add(name, f"{value!r} is not an array of tables; write [[{name}]]")
-        elif name != "scenario" and (why := plain(value)) is not None:
-            findings.add(name, why)
+        elif name != "scenario" and (wrong := list(unfit(value, name))):
+            for key, why in wrong:
+                findings.add(key, why)
         else:
             kept[name] = value
     if "train" in kept:

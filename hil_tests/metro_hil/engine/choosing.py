@@ -10,7 +10,7 @@ import msgspec
 from metro_hil.cases import BenchKind, Case, Controller, Wires
 from metro_hil.engine.errors import UsageError
 
-CONTROLLERS: Final = "`shipped`, `checkout:PATH` or `command:WORDS`"
+CONTROLLERS: Final = "`shipped`, `checkout:PATH` and `command:WORDS`"
 
 
 def choose(
@@ -61,7 +61,7 @@ def read_controller(text: str) -> Controller:
         return Controller(kind="checkout", path=rest)
     if kind == "command" and rest:
         return Controller(kind="command", command=rest)
-    raise UsageError(f"--controller {text}: neither {CONTROLLERS}")
+    raise UsageError(f"--controller {text}: none of {CONTROLLERS}")
 
 
 def pick_case(cases: Sequence[Case], wanted: str) -> Case:

@@ -3,6 +3,8 @@
 import argparse
 
 from firmware_py.settings import SettingsError
+from metro_hil.engine.errors import UsageError
+from metro_hil.hil_command.working import refuse_unknown_layout
 from metro_hil.options import EXIT_OK
 
 LISTED = 5
@@ -37,7 +39,8 @@ def run(options: argparse.Namespace) -> int:
 
     try:
         campaign = read_campaign(options.campaign)
-    except SettingsError as error:
+        refuse_unknown_layout(options.campaign, campaign.layout)
+    except (SettingsError, UsageError) as error:
         problems = error.problems if isinstance(error, CampaignError) else (str(error),)
         if options.json:
             print(msgspec.json.encode({"problems": problems}).decode())

@@ -3,7 +3,14 @@
 import argparse
 from typing import TYPE_CHECKING
 
-from metro_hil.hil_command.working import add_work_options, kept_options, number, work_on
+from metro_hil.hil_command.working import (
+    add_work_options,
+    check_on,
+    kept_options,
+    number,
+    refuse_unknown_layout,
+    work_on,
+)
 
 if TYPE_CHECKING:
     from metro_hil.engine.folder import Plan
@@ -80,6 +87,7 @@ def plan_of(options: argparse.Namespace) -> "Plan":
     from metro_hil.engine.folder import Plan
 
     campaign = read_campaign(options.campaign)
+    refuse_unknown_layout(options.campaign, campaign.layout)
     cases = choose(
         plan_cases(campaign),
         pattern=options.filter,
@@ -95,6 +103,7 @@ def plan_of(options: argparse.Namespace) -> "Plan":
             controller=options.vobc,
         ),
     )
+    check_on(options.on, [case.bench.value for case in cases])
     return Plan(
         name=campaign.name,
         title=campaign.title,

@@ -98,6 +98,28 @@ def kept_options(options: argparse.Namespace) -> dict[str, Any]:
     return {name: value for name in names if (value := getattr(options, name, None)) is not None}
 
 
+def refuse_unknown_layout(campaign: str, layout: str | None) -> None:
+    """Raises UsageError for a printed table that nobody prints."""
+    from firmware_py.settings import nearest
+    from metro_hil.report.layouts import LAYOUTS
+
+    if layout is not None and layout not in LAYOUTS:
+        hint = nearest(layout, sorted(LAYOUTS), "layout")
+        raise UsageError(f"{campaign}: layout: {layout!r}: {hint}")
+
+
+def check_on(on: str | None, benches: Sequence[str]) -> None:
+    """Raises UsageError for what is no cluster, or for cases that cannot go to one."""
+    from metro_hil.cases import BenchKind
+
+    if on is None:
+        return
+    if not on.startswith("dask://") or not on.removeprefix("dask://"):
+        raise UsageError(f"--on {on}: not dask://HOST:PORT")
+    if set(benches) != {BenchKind.LOCKSTEP.value}:
+        raise UsageError(f"--on {on}: only for the bench lockstep; others need this machine")
+
+
 def work_on(
     folder: "CampaignFolder", options: argparse.Namespace, remembered: dict[str, Any]
 ) -> int:
@@ -137,10 +159,10 @@ def crews(
     folder: "CampaignFolder", options: argparse.Namespace, benches: Sequence[str]
 ) -> tuple[Callable[[], "Crew"], Callable[[], "Crew"]]:
     """Who runs the cases, and who repeats some of them here to keep their logs."""
-    from metro_hil.cases import BenchKind
     from metro_hil.engine.local_crew import LocalCrew
     from metro_hil.engine.worker import RUNNER
 
+    check_on(options.on, benches)
     files, runner = folder.files(), options.runner or RUNNER
 
     def local() -> "Crew":
@@ -154,12 +176,6 @@ def crews(
 
     if options.on is None:
         return local, local
-    if not options.on.startswith("dask://") or not options.on.removeprefix("dask://"):
-        raise UsageError(f"--on {options.on}: not dask://HOST:PORT")
-    if set(benches) != {BenchKind.LOCKSTEP.value}:
-        raise UsageError(
-            f"--on {options.on}: only for the bench lockstep; others need this machine"
-        )
 
     def cluster() -> "Crew":
         from metro_hil.engine.dask_crew import DaskCrew
@@ -245,7 +261,7 @@ def say_end(
     sim_s = sum(result.sim_s for result in end.results)
     counts = counts_words(totals.counts, len(totals.missing))
     say(f"{totals.done} of {totals.cases} cases: {counts}")
-    if wall_s > 0.0:
+    if wall_s > 0.0 and sim_s > 0.0:
         say(f"{sim_s:.0f} s simulated in {wall_s:.1f} s of processors: {sim_s / wall_s:.0f} times")
     for path in reports:
         say(f"report: {path}")

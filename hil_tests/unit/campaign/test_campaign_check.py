@@ -99,6 +99,42 @@ def test_check_says_all_that_is_wrong_one_a_line(
     assert len(json.loads(said.out)["problems"]) == 2
 
 
+def test_a_layout_that_nobody_prints_is_refused_when_checked_and_when_run(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "one.toml"
+    path.write_text('layout = "florenz"\n')
+    wanted = f"hil: {path}: layout: 'florenz': nearest valid layout: florence\n"
+
+    assert hil(str(path)) == 2
+    assert capsys.readouterr().err == wanted
+    assert main(["run", str(path), "--out", str(tmp_path / "out")]) == 2
+    assert capsys.readouterr().err == wanted
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_requirement_that_is_in_no_catalogue_is_noted(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "one.toml"
+    path.write_text('requirements = ["INV-04", "ACC-999", "OURS-X"]\n')
+
+    assert hil(str(path), "--json") == 0
+
+    assert json.loads(capsys.readouterr().out)["notes"] == [
+        "requirements: ACC-999 is not in the catalogue; nearest valid id: ACC-29",
+        "requirements: OURS-X is not in the catalogue",
+    ]
+
+
+def test_a_title_that_a_scenario_inherits_is_said_once(
+    campaign: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    hil(campaign)
+
+    assert capsys.readouterr().out.count("Late brakes") == 1
+
+
 def test_check_of_a_campaign_that_is_not_there_is_one_line(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
