@@ -273,6 +273,20 @@ def test_a_test_sees_it_die_and_the_run_goes_on_without_it(bench: Bench, spoiled
     assert "in the brake curve" in result.reason
 
 
+def test_a_mistake_of_the_bench_leaves_no_process_behind(
+    spoiled: Spoiled, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails(self: object, stamp_ns: int, can_id: int, data: bytes) -> None:
+        raise KeyError("the bench")
+
+    monkeypatch.setattr("metro_hil.chain.FrameChain.frame", fails)
+
+    with pytest.raises(KeyError):
+        result_of(controller=spoiled.table("well"))
+
+    spoiled.assert_gone()
+
+
 def test_a_worker_survives_what_its_controllers_do(
     spoiled: Spoiled,
     tmp_path: Path,

@@ -241,8 +241,12 @@ class CaseRun:
         try:
             self.bench.close()
         except Exception as error:
-            self.bury(error)
-            self.bench.close()
+            try:
+                self.bury(error)
+            finally:
+                # Whoever is to blame, no process and no log stays open.
+                self.bench.without_controller()
+                self.bench.close()
         self._monitors.finish(self._reason == VIOLATION)
 
     def result(self, began_ns: int | None = None) -> CaseResult:

@@ -201,9 +201,11 @@ class Lockstep:
         now_ns = self.clock.now_ns()
         if self.vobc.executive in self._executives:
             self.vobc.stop(now_ns)
-        self.plant.stop(now_ns)
-        self.bus.advance(now_ns + NS_PER_S)
-        self._stack.close()
+        try:
+            self.plant.stop(now_ns)
+            self.bus.advance(now_ns + NS_PER_S)
+        finally:
+            self._stack.close()
 
     @property
     def lost_log_lines(self) -> int:

@@ -52,14 +52,16 @@ class Nothing:
 class Beacon:
     """A controller that sends one frame a cycle and notes what it hears and misses."""
 
-    def __init__(self, can: ProcessCan, start_ns: int, again: bool) -> None:
+    def __init__(self, can: ProcessCan, start_ns: int, again: bool, cycle_ms: float) -> None:
         self.can, self.again = can, again
         self.output: CycleOutput = SAFE_OUTPUT
         self.cycles: list[tuple[int, int, list[int]]] = []
         """Instant in ms, cycles missed before, ages in ms of the frames heard."""
-        self.executive = Executive([Task("control", CYCLE_MS, self.control)], start_ns)
+        self.instants_ns: list[int] = []
+        self.executive = Executive([Task("control", cycle_ms, self.control)], start_ns)
 
     def control(self, now_ns: int) -> None:
+        self.instants_ns.append(now_ns)
         heard = [(now_ns - frame.stamp_ns) // NS_PER_MS for frame in self.can.receive(now_ns)]
         self.cycles.append((now_ns // NS_PER_MS, self.executive.slips_before("control"), heard))
         self.can.send(now_ns, 0x100, b"")
@@ -69,7 +71,8 @@ class Beacon:
 
 
 class Bench:
-    def __init__(self) -> None:
+    def __init__(self, cycle_ms: float = CYCLE_MS) -> None:
+        self.cycle_ms = cycle_ms
         self.wire = Wire()
         self.devices: list[Beacon] = []
         self.clock = LockstepClock()
@@ -87,7 +90,7 @@ class Bench:
     def start(
         self, can: ProcessCan, _: ProcessSerial, __: ProcessRadio, now_ns: int, again: bool
     ) -> Beacon:
-        self.devices.append(Beacon(can, now_ns, again))
+        self.devices.append(Beacon(can, now_ns, again, self.cycle_ms))
         return self.devices[-1]
 
     def end(self) -> None:
@@ -111,6 +114,14 @@ def test_without_a_fault_the_process_keeps_its_rhythm() -> None:
     bench.run_to(201)
 
     assert bench.sent_ms == [0, 50, 100, 150, 200]
+
+
+def test_a_process_whose_cycle_falls_between_two_milliseconds_runs_at_its_instants() -> None:
+    bench = Bench(cycle_ms=31.25)
+
+    bench.run_to(100)
+
+    assert bench.devices[0].instants_ns == [0, 31_250_000, 62_500_000, 93_750_000]
 
 
 def test_a_paused_process_finds_its_inbox_full_and_its_cycles_slipped() -> None:
