@@ -86,7 +86,9 @@ def _take(folder: CampaignFolder, outcome: Outcome, watcher: Watcher) -> None:
     case = outcome.batch.cases[0]
     if isinstance(outcome, Arrived):
         text = msgspec.json.format(msgspec.json.encode(outcome.result), indent=2)
-        folder.kept(case.id).results.write_bytes(text + b"\n")
+        kept = folder.kept(case.id)
+        kept.results.write_bytes(text + b"\n")
+        watcher.say(f"logs: {kept.path}")
     elif isinstance(outcome, Broke):
         note_traceback(folder, case, outcome.traceback)
     else:

@@ -113,8 +113,9 @@ def _show_campaign(
     for problem in totals.problems:
         console.print(problem, style="bold red", markup=False, highlight=False)
     if totals.missing:
-        words = f"without a result: {len(totals.missing)} of {totals.cases}; hil resume"
-        console.print(words, style="magenta", highlight=False)
+        words = f"without a result: {len(totals.missing)} of {totals.cases}"
+        words += f"; hil resume {folder.path}"
+        console.print(words, style="magenta", markup=False, highlight=False, soft_wrap=True)
     state = "passed" if totals.passed else "FAILED"
     console.print(state, style="green" if totals.passed else "bold red")
 
