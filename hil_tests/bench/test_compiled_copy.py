@@ -1,18 +1,47 @@
 """What `make compiled` makes drives the same train to the same byte."""
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
 
+import msgspec
 import pytest
 
+from metro_hil.campaign.builder import Scenario
+from metro_hil.cases import CaseResult, Host
+from metro_hil.compiled_copy import worker_environment
+from metro_hil.run_case import run_case
 from metro_tools.compiled import HOT, hot_modules
 
 pytestmark = pytest.mark.slow
 
 HOP = ["run", "--lockstep", "--from", "II", "--to", "III", "--json"]
 MODULES = 40
+SHORT = {"start": "II", "end": "III", "duration_s": 30.0}
+FAULTS: list[dict[str, object]] = [
+    {"kind": "frame_delay", "delay_s": 0.03, "jitter_s": 0.02, "when": "front_m > 3060"},
+    {"kind": "controller_paused", "when": "front_m > 3080", "duration_s": 0.06},
+    {"kind": "wheel_slip", "when": "front_m > 3055", "duration_s": 1.0},
+    {"kind": "telegram_torn", "share_ratio": 0.2},
+    {"kind": "radio_delay", "delay_s": 0.1, "jitter_s": 0.1},
+    {"kind": "brake_weak", "gain_ratio": 0.9},
+    {"kind": "line_voltage", "when": "front_m > 3070", "duration_s": 1.0},
+    {"kind": "door_lock_lost", "when": "front_m > 3090", "duration_s": 0.5},
+    {"kind": "passenger_alarm", "when": "front_m > 3100"},
+]
+"""Of each place where faults act one."""
+GROUP = """\
+import sys
+import msgspec
+from metro_hil import case_run
+from metro_hil.cases import Case
+from metro_hil.run_case import run_group
+assert case_run.__file__.endswith(".so"), case_run.__file__
+cases = msgspec.json.decode(sys.stdin.buffer.read(), type=list[Case])
+sys.stdout.buffer.write(msgspec.json.encode(list(run_group(cases))))
+"""
 
 
 def results(*command: str | Path) -> dict[str, object]:
@@ -24,15 +53,19 @@ def results(*command: str | Path) -> dict[str, object]:
     return found
 
 
-@pytest.mark.usefixtures("c_compiler")
-def test_the_compiled_copy_gives_the_same_bytes(checkout: Path, tmp_path: Path) -> None:
-    copy = tmp_path / "copy"
+@pytest.fixture(scope="module")
+def copy(checkout: Path, c_compiler: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    assert c_compiler
+    place = tmp_path_factory.mktemp("compiled") / "copy"
     subprocess.run(
-        [sys.executable, "-m", "metro_tools.compiled", "--into", copy, "--source", checkout],
+        [sys.executable, "-m", "metro_tools.compiled", "--into", place, "--source", checkout],
         check=True,
         capture_output=True,
     )
+    return place
 
+
+def test_the_compiled_copy_gives_the_same_bytes(copy: Path, tmp_path: Path) -> None:
     compiled = results(copy / "bin/vobc", *HOP, "--out", tmp_path / "compiled")
     plain = results(
         sys.executable, "-m", "metro_hil.vobc_command", *HOP, "--out", tmp_path / "plain"
@@ -44,6 +77,29 @@ def test_the_compiled_copy_gives_the_same_bytes(checkout: Path, tmp_path: Path) 
     for name in ("bus.log", "cycles.csv", "truth.csv", "serial.log"):
         one, other = tmp_path / "compiled" / name, tmp_path / "plain" / name
         assert one.read_bytes() == other.read_bytes(), name
+
+
+def test_cases_with_faults_in_a_group_come_to_the_same_compiled(copy: Path) -> None:
+    """Alone in plain Python, and from copies of one process with compiled modules."""
+    branch = {"seed": 9, "when": "front_m > 3050"}
+    cases = Scenario(
+        train=SHORT, seeds=3, branch=branch, fault=FAULTS, stop_at_violation=False
+    ).cases()
+
+    done = subprocess.run(
+        [sys.executable, "-c", GROUP],
+        input=msgspec.json.encode(cases),
+        capture_output=True,
+        env=worker_environment(os.environ, copy / "lib"),
+        check=False,
+    )
+
+    assert done.returncode == 0, done.stderr.decode()
+    grouped = msgspec.json.decode(done.stdout, type=list[CaseResult])
+    alone = [run_case(case) for case in cases]
+    assert [msgspec.structs.replace(one, host=Host()) for one in grouped] == [
+        msgspec.structs.replace(one, host=Host()) for one in alone
+    ]
 
 
 def test_every_pattern_of_hot_modules_finds_some(checkout: Path) -> None:
