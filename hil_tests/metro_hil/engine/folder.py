@@ -185,6 +185,12 @@ def fingerprint(cases: bytes, file_hashes: Mapping[str, str], program: str) -> s
     return _sha256(msgspec.json.encode(parts))[:HASH_DIGITS]
 
 
+def fingerprint_of(cases: Sequence[Case], files: Mapping[str, str]) -> str:
+    """That of the folder that these cases and contents of files would get. Raises UsageError."""
+    hashes = {name: _sha256(content.encode()) for name, content in files.items()}
+    return fingerprint(_cases_text(cases), hashes, program_version())
+
+
 def _cases_text(cases: Sequence[Case]) -> bytes:
     """One line each. Raises UsageError for what would not come back from JSON as it went in."""
     pieces = []

@@ -36,6 +36,7 @@ def run(options: argparse.Namespace) -> int:
 
     from metro_hil.campaign import CampaignError, read_campaign
     from metro_hil.campaign.summary import lines, summarise
+    from metro_hil.engine.folder import fingerprint_of
 
     try:
         campaign = read_campaign(options.campaign)
@@ -45,7 +46,10 @@ def run(options: argparse.Namespace) -> int:
         if options.json:
             print(msgspec.json.encode({"problems": problems}).decode())
         raise
-    summary, _ = summarise(campaign, None if options.cases else options.list)
+    summary, cases = summarise(campaign, None if options.cases else options.list)
+    # The one that `hil run` writes down, with the program in it.
+    found = fingerprint_of(cases, campaign.files)
+    summary = msgspec.structs.replace(summary, fingerprint=found)
     if options.json:
         print(msgspec.json.encode(summary).decode())
     else:

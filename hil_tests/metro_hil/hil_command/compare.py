@@ -4,6 +4,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+from metro_hil.engine.errors import UsageError
 from metro_hil.options import EXIT_FAILED, EXIT_OK
 
 if TYPE_CHECKING:
@@ -41,6 +42,8 @@ def run(options: argparse.Namespace) -> int:
 
     before, after = find_folder(options.before).path, find_folder(options.after).path
     comparison = compare_campaigns(before, after)
+    if not comparison.matched:
+        raise UsageError(f"{before} and {after}: no case is in both, so nothing can be compared")
     if options.json:
         print(comparison_json(comparison, before, after))
     else:

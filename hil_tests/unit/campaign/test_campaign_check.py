@@ -5,6 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from metro_hil.campaign import plan_cases, read_campaign
+from metro_hil.engine.folder import Plan, make_folder
 from metro_hil.hil_command import main
 
 GOOD = """
@@ -125,6 +127,19 @@ def test_a_requirement_that_is_in_no_catalogue_is_noted(
         "requirements: ACC-999 is not in the catalogue; nearest valid id: ACC-29",
         "requirements: OURS-X is not in the catalogue",
     ]
+
+
+def test_check_shows_the_fingerprint_that_run_writes_down(
+    campaign: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    hil(campaign, "--json")
+    checked = json.loads(capsys.readouterr().out)["fingerprint"]
+    read = read_campaign(campaign)
+    plan = Plan(name=read.name, cases=plan_cases(read), files=read.files, options={})
+
+    written = make_folder(plan, out=str(tmp_path / "out")).manifest().fingerprint
+
+    assert checked == written
 
 
 def test_a_title_that_a_scenario_inherits_is_said_once(

@@ -101,6 +101,22 @@ def test_a_verdict_that_got_worse_fails_the_comparison(
     assert [change["case_id"] for change in document["worse"]] == [good.case_id]
 
 
+def test_campaigns_without_a_common_case_are_no_success(
+    campaign: Callable[..., Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    made = campaign(21)
+    before = left_behind(tmp_path / "a", made)
+    made.cases[:] = [
+        msgspec.structs.replace(case, id=f"other/{case.index}", scenario="other")
+        for case in made.cases
+    ]
+    made.results.clear()
+    after = left_behind(tmp_path / "b", made)
+
+    assert main(["compare", str(before.path), str(after.path)]) == 2
+    assert "no case is in both" in capsys.readouterr().err
+
+
 def test_a_measure_that_got_worse_fails_only_when_asked(
     campaign: Callable[..., Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
