@@ -124,7 +124,13 @@ def test_a_controller_that_dies_is_a_failure_with_its_end_and_the_train_is_follo
         ({"controller": Controller(kind="command", command="/no/such/thing")}, "No such file"),
         ({"controller": Controller(kind="checkout", path="/no/such")}, "no checkout"),
         ({"setup": Setup(line="florenz")}, "nearest valid"),
-        ({"setup": Setup(end="III", stops=("III",))}, "stops"),
+        (
+            {
+                "setup": Setup(end="III", stops=("III",)),
+                "controller": Controller(kind="command", command="true"),
+            },
+            "stops",
+        ),
     ],
 )
 def test_what_cannot_come_about_blocks_the_case_and_says_why(

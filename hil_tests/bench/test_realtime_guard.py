@@ -15,7 +15,9 @@ BENCH = """
 import signal, sys
 from pathlib import Path
 from metro_hil.realtime.actors import Cast
-cast = Cast(Path(sys.argv[1]))
+meeting = Path("meeting")
+(meeting / "sockets").mkdir(parents=True)
+cast = Cast(Path(sys.argv[1]), [meeting.resolve()])
 shell = cast.start("family", ["sh", "-c", "sleep 600 & echo $! >child; exec sleep 600"])
 still = cast.start("still", ["sleep", "600"])
 still.signal_group(signal.SIGSTOP)
@@ -39,7 +41,9 @@ def until_gone(pids: list[int]) -> list[int]:
     return left
 
 
-def test_when_the_bench_is_killed_its_processes_and_their_children_die(tmp_path: Path) -> None:
+def test_when_the_bench_is_killed_its_processes_their_children_and_its_folders_go(
+    tmp_path: Path,
+) -> None:
     bench = subprocess.Popen(
         [sys.executable, "-c", BENCH, str(tmp_path)],
         stdin=subprocess.PIPE,
@@ -55,10 +59,16 @@ def test_when_the_bench_is_killed_its_processes_and_their_children_die(tmp_path:
     pids.append(int((tmp_path / "child").read_text()))
     assert all(alive(pid) for pid in pids)
 
+    assert (tmp_path / "meeting/sockets").is_dir()
+
     bench.kill()
     bench.communicate()
 
     assert until_gone(pids) == []
+    end = time.monotonic() + PATIENCE_S
+    while (tmp_path / "meeting").exists() and time.monotonic() < end:
+        time.sleep(0.05)
+    assert not (tmp_path / "meeting").exists()
 
 
 def test_a_controller_that_stands_still_and_its_children_are_ended_in_good_order(

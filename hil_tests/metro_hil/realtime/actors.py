@@ -13,9 +13,14 @@ from metro_hil.realtime.wires import Blocked
 class Cast:
     """All processes of one case. Leaving it ends them, the last started first."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, meetings: Sequence[Path] = ()) -> None:
+        """Args:
+        meetings: folders that are removed with the processes when the bench is killed.
+        """
         self._folder = folder
         self._guard = Guard()
+        for meeting in meetings:
+            self._guard.clear(meeting)
         self._going: list[Process] = []
 
     def start(

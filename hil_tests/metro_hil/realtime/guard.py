@@ -9,6 +9,7 @@ Run as a script: it needs nothing but the standard library, and has to be there 
 
 import contextlib
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -19,19 +20,29 @@ CLOSE_S: Final = 5.0
 
 
 def main() -> int:
-    """Lines `+PID` and `-PID` on standard input: a process group that is there, and one no more."""
+    """Lines `+PID` and `-PID` on standard input: a process group that is there, and one no more.
+
+    `=FOLDER` is to be removed, too, and `.` takes that back for all: the bench does it itself.
+    """
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
     groups: dict[int, None] = {}
+    folders: list[str] = []
     for line in sys.stdin:
-        mark, pid = line[0], int(line[1:])
+        mark, rest = line[0], line[1:].rstrip("\n")
         if mark == "+":
-            groups[pid] = None
+            groups[int(rest)] = None
+        elif mark == "-":
+            groups.pop(int(rest), None)
+        elif mark == "=":
+            folders.append(rest)
         else:
-            groups.pop(pid, None)
+            folders.clear()
     for pid in groups:
         with contextlib.suppress(ProcessLookupError, PermissionError):
             os.killpg(pid, signal.SIGKILL)
+    for folder in folders:
+        shutil.rmtree(folder, ignore_errors=True)
     return 0
 
 
@@ -55,8 +66,13 @@ class Guard:
         """It has ended, and its number may become another's."""
         self._tell(f"-{pid}\n")
 
+    def clear(self, folder: Path) -> None:
+        """It does not outlive the bench either; a bench that ends by itself has to remove it."""
+        self._tell(f"={folder}\n")
+
     def close(self) -> None:
         """Kills what is still watched."""
+        self._tell(".\n")
         assert self._process.stdin is not None
         with contextlib.suppress(OSError):
             self._process.stdin.close()

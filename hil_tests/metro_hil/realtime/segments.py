@@ -10,7 +10,7 @@ from typing import Final
 
 from firmware_py import rendezvous
 from firmware_py.buses import BusError, is_virtual, open_can, parse_spec
-from firmware_py.buses.hub_control import start_hub
+from firmware_py.buses.hub_control import HubHandle, start_hub
 from firmware_py.clock import Clock
 from firmware_py.recorder import CandumpWriter
 from metro_hil.cases import BenchKind
@@ -37,6 +37,8 @@ class Segments:
     """A private folder of this case for the sockets of its processes."""
     hubs: tuple[int, ...] = ()
     """Process ids of the buses that were made for this case."""
+    folders: tuple[Path, ...] = ()
+    """Made for this case, to be removed with it."""
 
     @property
     def split(self) -> bool:
@@ -53,7 +55,7 @@ def make_segments(
     """
     name = _meeting_name(stack)
     meeting = rendezvous.bench_dir(name)
-    hubs: list[int] = []
+    hubs: list[HubHandle] = []
     if wires.bus_a == AUTO:
         if bench is BenchKind.HARDWARE:
             raise Blocked("no bus named: the hardware bench needs one, such as socketcan:can0")
@@ -72,8 +74,10 @@ def make_segments(
         raise Blocked(
             "faults of the bus need the train on a segment of its own; name the second bus"
         )
+    folders = (meeting, *(rendezvous.bench_dir(hub.name) for hub in hubs))
+    pids = tuple(hub.pid for hub in hubs)
     own = wires.bus_a == AUTO and (wires.bus_b == AUTO or not gateway)
-    return Segments(controller, train, own, is_virtual(train), meeting, tuple(hubs))
+    return Segments(controller, train, own, is_virtual(train), meeting, pids, folders)
 
 
 def _meeting_name(stack: ExitStack) -> str:
@@ -87,9 +91,9 @@ def _meeting_name(stack: ExitStack) -> str:
     raise BusError(f"{folder}: left over from another run, as its neighbours are; remove it")
 
 
-def _own_hub(name: str, stack: ExitStack, hubs: list[int]) -> str:
+def _own_hub(name: str, stack: ExitStack, hubs: list[HubHandle]) -> str:
     hub = start_hub(name, bound=True)
-    hubs.append(hub.pid)
+    hubs.append(hub)
     stack.callback(shutil.rmtree, rendezvous.bench_dir(name), ignore_errors=True)
     stack.callback(hub.stop)
     return f"embedded:{name}"

@@ -73,7 +73,7 @@ def set_stage(
     """Raises Blocked, BusError, RecorderError or OSError when the case cannot come about."""
     with_gateway = needs_gateway(made.faults)
     segments = make_segments(case.bench, wires, gateway=with_gateway, stack=stack)
-    cast = Cast(folder.path)
+    cast = Cast(folder.path, segments.folders)
     stack.callback(cast.close)
     controller_tap, train_tap = open_taps(segments, folder, clock, stack)
     parts = _parts(case, wires, segments, (controller_tap, train_tap), clock)
