@@ -16,7 +16,7 @@ from metro_hil.columns import read_columns
 from metro_hil.engine.folder import find_folder
 from metro_hil.engine.journal import read_journal
 from metro_hil.hil_command import main
-from metro_hil.pytest_plugin import Bench
+from metro_hil.live_bench import Bench
 from metro_hil.replay import replay_run
 from metro_hil.run_case import run_case
 from metro_hil.run_folder import RunFolder

@@ -5,10 +5,12 @@ from collections.abc import Sequence
 import msgspec
 import pytest
 
+from firmware_py.settings import SettingsError
 from metro_hil.branch import group_key
 from metro_hil.campaign.builder import Scenario
 from metro_hil.cases import Case, CaseResult, Host, Verdict
-from metro_hil.pytest_plugin import Bench, BenchTimeoutError, bench
+from metro_hil.live_bench import Bench, BenchTimeoutError
+from metro_hil.pytest_plugin import bench
 from metro_hil.run_case import run_case, run_group
 from vobc.process import VobcDevice
 from vobc.vocabulary import CycleOutput
@@ -258,3 +260,19 @@ def test_cases_travel_as_json_unchanged() -> None:
     (case,) = hop(monitor=[ARRIVES], fault=late_faults()).cases()
 
     assert msgspec.json.decode(msgspec.json.encode(case), type=Case) == case
+
+
+def test_faults_that_do_not_exist_are_refused_while_the_train_runs(bench: Bench) -> None:
+    run = bench.start(hop())
+
+    with pytest.raises(SettingsError, match="NOPE"):
+        run.plan_faults({"kind": "frame_drop", "frames": "NOPE*"})
+
+
+def test_a_fault_that_acts_is_not_planned_away(bench: Bench) -> None:
+    run = bench.start(hop())
+    run.plan_faults({"kind": "brake_weak"})
+    run.run_for(1.0)
+
+    with pytest.raises(SettingsError, match="brake_weak acts still"):
+        run.plan_faults({"kind": "brake_late"})

@@ -84,7 +84,7 @@ BY_KIND: Final[Mapping[str, Benches]] = {
     "masquerade": Benches("a further node on the bus", _GATEWAY, _GATEWAY),
     "babbling_idiot": Benches(
         "a further node on the bus, which wins or loses by its identifier",
-        "the gateway sends the frames on both buses, at their rate",
+        "the gateway sends the frames on both buses and arbitrates where a bus does not",
         "the gateway sends the frames on both buses, where they are arbitrated",
     ),
     "bus_off": Benches(

@@ -1,30 +1,17 @@
-"""The fixture `bench`: scenarios of the bench as tests of pytest.
+"""What the fixture `bench` gives a test: scenarios to run, or to drive piece by piece."""
 
-    def test_a_runaway_is_stopped(bench):
-        result = bench.run(
-            Scenario(
-                train={"end": "I"},
-                fault=[{"kind": "traction_runaway", "when": "speed_mps > 16.6"}],
-            )
-        )
-        assert result.verdict is Verdict.PASS, result.reason
-
-A scenario is what a campaign file holds and gives the same case, with the same frames. Where a test
-wants to look while the train runs, `bench.start` gives a run that goes on piece by piece.
-"""
-
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import pytest
-
 from firmware_py.expression import compile_expression
+from firmware_py.settings import SettingsError
 from metro_hil.campaign import plan_cases
 from metro_hil.campaign.builder import Scenario
 from metro_hil.case_run import CaseRun
 from metro_hil.case_setup import Files, parts_of
 from metro_hil.cases import Case, CaseResult
+from metro_hil.frame_names import check_bus_fault
 from metro_hil.run_case import run_case
 from metro_hil.run_folder import RunFolder
 from plant_emulator.faults.kinds import Place
@@ -100,9 +87,18 @@ class LiveRun:
         return lambda: bool(expression(self._run.truth))
 
     def plan_faults(self, *tables: dict[str, Any]) -> None:
-        """From now on these faults act as their windows say, and none of those planned before."""
+        """From now on these faults act as their windows say, and none of those planned before.
+
+        Raises SettingsError for a wrong table, and while a fault that was planned before acts.
+        """
+        schedule = self._bench.plant.schedule
+        if schedule.active:
+            acting = ", ".join(plan.kind.name for plan in schedule.active)
+            raise SettingsError(f"{self.case.id}: fault {acting} acts still; let it end first")
         plans = read_faults(tables, self.case.id)
-        self._bench.plant.schedule.plan(plans)
+        for plan in plans:
+            check_bus_fault(plan)
+        schedule.plan(plans)
 
     def close(self) -> CaseResult:
         """End the run and judge what was seen so far."""
@@ -164,11 +160,3 @@ class Bench:
         path = self._folder / f"{what}{self._made}"
         path.mkdir()
         return path
-
-
-@pytest.fixture
-def bench(tmp_path: Path) -> Iterator[Bench]:
-    """A bench in virtual time."""
-    made = Bench(tmp_path)
-    yield made
-    made.close()
