@@ -2,6 +2,7 @@
 
 RUN_ARGS ?= --line florence --from II --to III
 PYTEST_ARGS ?=
+PYTEST_WORKERS ?= 2
 BENCH_ARGS ?=
 PYTHON ?=
 
@@ -35,7 +36,7 @@ run: $(READY_TO_RUN) ## bring a bus up and drive one station hop; RUN_ARGS="--fr
 	exit $$status
 
 test: $(READY_TO_TEST) ## run all tests; PYTEST_ARGS="-k name"
-	$(BIN)/python -m pytest $(PYTEST_ARGS)
+	$(BIN)/python -m pytest -n $(PYTEST_WORKERS) --dist loadgroup $(PYTEST_ARGS)
 
 check: format-check lint types layers test ## all that continuous integration runs
 

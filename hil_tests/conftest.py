@@ -16,6 +16,19 @@ IN_CI: Final = os.environ.get("CI", "").lower() not in ("", "0", "false")
 NO_GUEST_STATUS: Final = 125
 GUEST_TIMEOUT_S: Final = 300
 HANG_MARGIN_S: Final = 120
+COMPUTING: Final = frozenset(
+    {
+        "test_bench_as_a_whole",
+        "test_compiled_copy",
+        "test_controllers_of_cases",
+        "test_engine_campaign",
+        "test_engine_dask",
+        "test_granted_controller",
+        "test_hil_command",
+        "test_verify",
+    }
+)
+"""Of the tests with processes, those that do not wait for a real clock."""
 
 # No deadlines: a busy machine is no fault of the code. Where nobody looks, the examples are always
 # the same; on a developer's machine they are new ones every time, and what fails is remembered.
@@ -78,6 +91,13 @@ def c_compiler() -> str:
     if shutil.which(name) is None or not headers.exists():
         pytest.skip(f"nothing can be compiled here: there is no {missing}")
     return name
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Tests in real time run one after the other, however many workers there are."""
+    for item in items:
+        if item.path.parent.name == "bench" and item.path.stem not in COMPUTING:
+            item.add_marker(pytest.mark.xdist_group("realtime"))
 
 
 def pytest_configure() -> None:
