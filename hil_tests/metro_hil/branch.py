@@ -4,6 +4,7 @@ A copy is a fork of the process, so it holds every bit of the state, and a case 
 result as if it had been run alone from its start.
 """
 
+import gc
 import os
 from collections.abc import Iterator, Sequence
 from typing import Any, Final
@@ -69,9 +70,16 @@ def run_group(cases: Sequence[Case], *, files: Files = NO_FILES) -> Iterator[Cas
             yield run_alone(case, files=files)
         return
     run.to_branch()
-    for case in cases:
-        result = _in_copy(run, case)
-        yield run_alone(case, files=files) if result is None else result
+    run.warm_up()
+    # What is there now stays: a collection in a copy would only touch, and so copy, all of it.
+    gc.collect()
+    gc.freeze()
+    try:
+        for case in cases:
+            result = _in_copy(run, case)
+            yield run_alone(case, files=files) if result is None else result
+    finally:
+        gc.unfreeze()
 
 
 def _in_copy(run: CaseRun, case: Case) -> CaseResult | None:
@@ -83,6 +91,7 @@ def _in_copy(run: CaseRun, case: Case) -> CaseResult | None:
         status = 1
         try:
             os.close(reader)
+            gc.disable()
             die_with_parent(parent)
             _write_all(writer, msgspec.json.encode(_finish(run, case)))
             status = 0

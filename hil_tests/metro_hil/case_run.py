@@ -189,6 +189,10 @@ class CaseRun:
             self.bench.reseed(case.seed)
             self.bench.plant.schedule.plan(faults)
 
+    def warm_up(self) -> None:
+        """Load what only the end of a run needs, so that copies of this process have it already."""
+        self._measures()
+
     def to_end(self) -> None:
         """Run until the case is over. A controller that dies leaves the train to itself."""
         if self._died:

@@ -14,6 +14,8 @@ from plant_emulator.truth import Truth
 PATH_BYTES_MAX: Final = 107
 """A Unix socket's name has no room for more."""
 BUFFER_BYTES: Final = 1 << 20
+CHANGES_MAX: Final = 4096
+"""So many wait for a listener; older ones are given up, each counted when it was first refused."""
 
 
 class FeedSender:
@@ -46,6 +48,8 @@ class FeedSender:
 
     def change(self, plan: FaultPlan, active: bool, now_ns: int) -> None:
         """A listener of the plant's schedule. What is not taken is said again before the truth."""
+        if len(self._changes) == CHANGES_MAX:
+            self._changes.popleft()
         self._changes.append(pack_change(plan.index, active, now_ns))
         self._send_changes()
 
