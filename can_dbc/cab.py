@@ -28,3 +28,7 @@ class Desk:
     """Acknowledges a latched emergency; counts only at standstill."""
     open_left_requested: bool
     open_right_requested: bool
+    restricted_requested: bool = False
+    """To drive on sight, at restricted speed."""
+    door_bypass_requested: bool = False
+    """The sealed switch: depart although doors are not proven locked. Every use is an event."""

@@ -1,4 +1,4 @@
-"""Odometer frames: two tachos, Doppler radar and accelerometer."""
+"""Odometer frames: two tachos, Doppler radar, accelerometer and detector of cold movement."""
 
 from dataclasses import dataclass
 
@@ -39,3 +39,14 @@ class Imu:
     accel_mps2: float
     """Along the train, gravity along the gradient included, as an accelerometer feels it."""
     healthy: bool
+
+
+@frame("odometer.dbc", "COLD_MOVEMENT")
+@dataclass(frozen=True, slots=True)
+class ColdMovement:
+    """The detector has a battery of its own and watches the wheels while everything else is off."""
+
+    moved_m: float
+    """Largest distance from the place at which the controller was switched off, either way."""
+    monitored: bool
+    """It was awake all the time since then."""

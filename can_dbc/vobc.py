@@ -33,6 +33,10 @@ class AtoPhase(enum.IntEnum):
     STOPPED = 6
     DOORS_OPEN = 7
     DOORS_CLOSING = 8
+    JOGGING = 9
+    """Moves up or back to a stopping point that was missed."""
+    CREEPING = 10
+    """Restricted speed by order of the centre, up to the next place where it can do better."""
 
 
 class Missing(enum.IntFlag):
@@ -47,6 +51,128 @@ class Missing(enum.IntFlag):
     TAG_READER = 32
     AUTHORITY = 64
     LOCALISATION = 128
+    ALARMS = 256
+    """Obstacle and fire detection."""
+
+
+class OperatingMode(enum.IntEnum):
+    """What kind of movement the protection supervises."""
+
+    ASLEEP = 0
+    """No traction, no doors: waits to be woken."""
+    STANDBY = 1
+    """Awake and held: something that a movement needs is missing."""
+    RESTRICTED = 2
+    """On sight at restricted speed, without authority or place; a person at the desk answers."""
+    CREEP = 3
+    """The same without a driver, ordered by the centre."""
+    AUTHORISED = 4
+    """Full supervision inside a movement authority."""
+    JOG = 5
+    """A short movement to a stopping point that was missed, either way."""
+
+
+class Cause(enum.IntEnum):
+    """Why the emergency brake is on."""
+
+    NONE = 0
+    OVERSPEED = 1
+    AUTHORITY_OLD = 2
+    ROLLBACK = 3
+    HELD_TRAIN_MOVED = 4
+    VITAL_INPUT_LOST = 5
+    LOCALISATION_LOST = 6
+    BUTTON = 7
+    OVERRUN = 8
+    NOT_FINITE = 9
+    BRAKE_UNIT = 10
+    """The brake unit applied it by itself."""
+    REMOTE = 11
+    """Ordered by the centre."""
+    OBSTACLE = 12
+    DOOR_UNLOCKED = 13
+    """Before the train was clear of the platform."""
+    PASSENGER_ALARM = 14
+    """At or leaving a platform."""
+    OVERSHOT = 15
+    """The stopping point was passed by more than a metre."""
+    WRONG_DIRECTION = 16
+    REPLICAS_DISAGREE = 17
+    CLOCK_STEPPED = 18
+    JOG_EXCEEDED = 19
+    """Too far, too fast or once too often."""
+    PAST_AUTHORITY = 20
+    """The front may stand beyond the end of its authority."""
+    ASLEEP_MOVED = 21
+
+
+class Inhibit(enum.IntFlag):
+    """Why a train may not depart; 0 when it may."""
+
+    NONE = 0
+    DOORS = 1
+    PLATFORM_DOORS = 2
+    AUTHORITY = 4
+    HOLD = 8
+    PASSENGER_ALARM = 16
+    FIRE = 32
+    OBSTACLE = 64
+    ASLEEP = 128
+    EMERGENCY = 256
+    CENTRE_SILENT = 512
+
+
+class Withheld(enum.IntFlag):
+    """Why no door is enabled; 0 when a side is."""
+
+    NONE = 0
+    MOVING = 1
+    NOT_LOCALISED = 2
+    NO_PLATFORM = 4
+    MISALIGNED = 8
+    NOT_HELD = 16
+    TRACTION = 32
+    EMERGENCY = 64
+    NOT_AUTHORISED = 128
+    CENTRE_SILENT = 256
+
+
+class EventKind(enum.IntEnum):
+    """What the controller decided or noticed."""
+
+    SUPERVISION = 1
+    MODE = 2
+    EMERGENCY_APPLIED = 3
+    EMERGENCY_RELEASED = 4
+    SERVICE_BRAKE = 5
+    TAG_ACCEPTED = 6
+    TAG_REJECTED = 7
+    TAG_MISSED = 8
+    LOCALISATION_LOST = 9
+    LOCALISATION_FOUND = 10
+    SLIP_BEGAN = 11
+    SLIP_ENDED = 12
+    WHEEL_CALIBRATED = 13
+    DOORS_ENABLED = 14
+    DOORS_WITHHELD = 15
+    DEPARTURE_INHIBITED = 16
+    DEPARTURE_PERMITTED = 17
+    AUTHORITY_CHANGED = 18
+    ORDERS_CHANGED = 19
+    INPUT_LOST = 20
+    INPUT_BACK = 21
+    FRAME_REJECTED = 22
+    RADIO_REFUSED = 23
+    JOG_BEGAN = 24
+    JOG_ENDED = 25
+    ALARM_RAISED = 26
+    ALARM_CLEARED = 27
+    DOOR_BYPASS = 28
+    REPLICAS_DISAGREE = 29
+    OVERRUN = 30
+    MEMORY_LOST = 31
+    WOKEN = 32
+    PUT_TO_SLEEP = 33
 
 
 @frame("vobc.dbc", "VOBC_STATUS")
@@ -88,3 +214,35 @@ class VobcTarget:
     distance_to_stop_m: float
     """To the next stopping point, negative past it; the largest value when there is none."""
     distance_to_authority_m: float
+
+
+@frame("vobc.dbc", "VOBC_MODE")
+@dataclass(frozen=True, slots=True)
+class VobcMode:
+    """Operating mode of the protection, and why it withholds what it withholds."""
+
+    mode: OperatingMode
+    cause: Cause
+    departure_inhibits: Inhibit
+    doors_withheld: Withheld
+    jog_attempts: int
+    """Made at this stop."""
+    replicas_agree: bool
+    """Both computations of the protection core came to the same answer in this cycle."""
+    alarm_raised: bool
+    """A person has to come."""
+
+
+@frame("vobc.dbc", "VOBC_EVENT")
+@dataclass(frozen=True, slots=True)
+class VobcEvent:
+    """Sent once for each event, in the order of their numbers."""
+
+    event: EventKind
+    cause: int
+    """Of an emergency the number of its `Cause`; otherwise a number of the event's own."""
+    number: int
+    """Since start, modulo 65536."""
+    frame_a: int
+    """Identifier of the frame that decided; 0 when it was none."""
+    frame_b: int

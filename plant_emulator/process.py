@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Final, Protocol
 
+from can_dbc.alarms import TrainAlarms
 from can_dbc.binding import Frame
 from can_dbc.brake import BrakeCommand, BrakeStatus
 from can_dbc.cab import Desk
@@ -10,7 +11,7 @@ from can_dbc.diagnostics import EMERGENCIES, HEARTBEATS, NodeState, TcmsStatus, 
 from can_dbc.doors import DoorCommand, DoorStatus
 from can_dbc.energy import EnergyMeter, LineSupply
 from can_dbc.nodes import Node
-from can_dbc.odometer import Doppler, Imu, Tacho
+from can_dbc.odometer import ColdMovement, Doppler, Imu, Tacho
 from can_dbc.tags import TagReaderHealth
 from can_dbc.traction import TractionCommand, TractionStatus
 from firmware_py.executive import Executive, Task
@@ -166,6 +167,8 @@ class PlantDevice:
             EnergyMeter: lambda now_ns: world.power.meter(),
             TagReaderHealth: world.tag_reader.frame,
             TcmsStatus: lambda now_ns: load,
+            TrainAlarms: lambda now_ns: world.alarms,
+            ColdMovement: lambda now_ns: world.cold,
             TimeOfDay: self._time_of_day,
         }
         for node in PLANT_NODES:

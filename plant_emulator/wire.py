@@ -4,6 +4,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from typing import Final, NamedTuple, Protocol
 
+from can_dbc.alarms import TrainAlarms
 from can_dbc.binding import Frame, binding_of, can_id, period_s, sender
 from can_dbc.brake import BrakeCommand, BrakeStatus
 from can_dbc.cab import Desk
@@ -12,7 +13,7 @@ from can_dbc.diagnostics import EMERGENCIES, HEARTBEATS, TcmsStatus, TimeOfDay
 from can_dbc.doors import DoorCommand, DoorStatus
 from can_dbc.energy import EnergyMeter, LineSupply
 from can_dbc.nodes import Node
-from can_dbc.odometer import Doppler, Imu, Tacho
+from can_dbc.odometer import ColdMovement, Doppler, Imu, Tacho
 from can_dbc.tags import TagReaderHealth
 from can_dbc.traction import TractionCommand, TractionStatus
 from firmware_py.ports import CanPort
@@ -41,6 +42,8 @@ PHASES_MS: Final[Mapping[type[Frame], int]] = {
     LineSupply: 50,
     TagReaderHealth: 60,
     TcmsStatus: 90,
+    TrainAlarms: 80,
+    ColdMovement: 360,
     EnergyMeter: 350,
     TimeOfDay: 550,
     **{HEARTBEATS[node]: 100 * node.value - 30 for node in PLANT_NODES},

@@ -4,11 +4,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
+from can_dbc.alarms import TrainAlarms
 from can_dbc.binding import timeout_s
 from can_dbc.brake import BrakeCommand
 from can_dbc.cab import CabMode, Desk
 from can_dbc.diagnostics import TcmsStatus
 from can_dbc.doors import DoorCommand
+from can_dbc.odometer import ColdMovement
 from can_dbc.traction import TractionCommand
 from firmware_py.settings import SettingsError, nearest, override
 from firmware_py.trackdb import LineMap, Station, load_line
@@ -118,6 +120,8 @@ class World:
         self._make_actuators(generators)
         self._make_sensors(generators, front_m)
         self.desk = unattended(desk_mode)
+        self.alarms = TrainAlarms(no_obstacle=True, no_fire=True)
+        self.cold = ColdMovement(moved_m=0.0, monitored=True)
         self.adhesion_ratio = train.rail.adhesion_ratio
         self.drive_n = 0.0
         """Tractive effort that reached the rail in the last step, signed."""

@@ -55,11 +55,13 @@ def arbitrate(
     permitted = verdict.traction_permitted and (not hold or force_n > 0.0)
     if not permitted or decel_mps2 > 0.0:
         force_n = 0.0
+    if demand.reverse and not verdict.reverse_permitted:
+        permitted, force_n = False, 0.0
     manual = desk is not None and desk.mode is CabMode.MANUAL
     left, right = verdict.doors
     return CycleOutput(
         force_n=force_n,
-        direction=Direction.FORWARD if permitted else Direction.NEUTRAL,
+        direction=_direction(permitted, reverse=demand.reverse),
         traction_permitted=permitted,
         service_decel_mps2=decel_mps2,
         emergency_released=verdict.emergency_released,
@@ -77,7 +79,21 @@ def arbitrate(
         accel_demand_mps2=max(demand.accel_mps2, -train.service_decel_max_mps2),
         distance_to_stop_m=demand.distance_to_stop_m,
         cause=verdict.cause,
+        mode=verdict.mode,
+        emergency_cause=verdict.emergency_cause,
+        departure_inhibits=verdict.departure_inhibits,
+        doors_withheld=verdict.doors_withheld,
+        jog_attempts=verdict.jog_attempts,
+        replicas_agree=verdict.replicas_agree,
+        alarm_raised=verdict.alarm_raised or demand.jog_failed,
+        door_bypass=verdict.door_bypass,
     )
+
+
+def _direction(permitted: bool, *, reverse: bool) -> Direction:
+    if not permitted:
+        return Direction.NEUTRAL
+    return Direction.REVERSE if reverse else Direction.FORWARD
 
 
 def effort(

@@ -131,6 +131,15 @@ class Controller:
             doors_open=not verdict.doors_locked and self._platform_side_open(doors, front_m),
             door_enabled=verdict.doors.left or verdict.doors.right,
             holding_applied=brake is not None and brake.holding_applied,
+            departure_permitted=not verdict.departure_inhibits,
+            skip_next=seen.orders is not None and seen.orders.skip_next and not verdict.stop_next,
+            stop_next=verdict.stop_next,
+            stop_now=verdict.stop_now,
+            keep_doors_open=verdict.keep_doors_open,
+            jog_permitted=verdict.jog_permitted,
+            jog_back_m=verdict.jog_back_m,
+            creep=verdict.creep,
+            protection_brakes=verdict.service_brake,
         )
 
     def _load_kg(self, seen: CycleInput) -> float:

@@ -1,19 +1,30 @@
 """The nouns: what a control cycle is given, what it answers, what its rooms tell each other."""
 
+import enum
 import math
 from dataclasses import dataclass
 from typing import Final
 
+from can_dbc.alarms import TrainAlarms
 from can_dbc.brake import BrakeStatus
 from can_dbc.cab import Desk
 from can_dbc.diagnostics import TcmsStatus
 from can_dbc.doors import DoorStatus
 from can_dbc.energy import LineSupply
 from can_dbc.nodes import Direction
-from can_dbc.odometer import Doppler, Imu, Tacho
+from can_dbc.odometer import ColdMovement, Doppler, Imu, Tacho
 from can_dbc.tags import TagReaderHealth
 from can_dbc.traction import TractionStatus
-from can_dbc.vobc import AtoPhase, Missing, Supervision
+from can_dbc.vobc import (
+    AtoPhase,
+    Cause,
+    EventKind,
+    Inhibit,
+    Missing,
+    OperatingMode,
+    Supervision,
+    Withheld,
+)
 from firmware_py.trackdb import Station
 
 NEVER_S: Final = math.inf
@@ -110,6 +121,40 @@ class Authority:
     """Chainage that the front must never pass."""
     term: int
     sequence: int
+    rear_m: float | None = None
+    """The rear is protected back to here; None: the train must not move back."""
+
+
+@dataclass(frozen=True, slots=True)
+class Restriction:
+    """A temporary speed restriction."""
+
+    start_m: float
+    end_m: float
+    limit_mps: float
+
+
+@dataclass(frozen=True, slots=True)
+class Orders:
+    """What centre and platform have to say, as it was accepted; a state, not a history."""
+
+    awake: bool
+    hold: bool
+    """Do not depart."""
+    skip_next: bool
+    stop_next: bool
+    """Stop at the next station, whatever the plan says, and stay."""
+    emergency: bool
+    """Apply the emergency brake and keep it."""
+    releases: int
+    """Resets by the centre so far; a step up is one fresh reset."""
+    creep: bool
+    restricted: bool
+    doors_left: bool
+    """The centre lets doors open on this side of the present platform."""
+    doors_right: bool
+    platform_doors_locked: bool
+    restrictions: tuple[Restriction, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,6 +193,13 @@ class CycleInput:
     authority: Authority | None
     authority_age_s: float
     """By the train's own clock: since the position report that the authority answers was sent."""
+    alarms: TrainAlarms | None = None
+    alarms_age_s: float = NEVER_S
+    cold: ColdMovement | None = None
+    cold_age_s: float = NEVER_S
+    orders: Orders | None = None
+    orders_age_s: float = NEVER_S
+    """By the train's own clock: since the status that the orders answer was sent."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,6 +209,23 @@ class Interval:
     low: float
     best: float
     high: float
+
+
+class TagRefusal(enum.Enum):
+    """Why a tag was not believed."""
+
+    UNKNOWN = "no such tag on this line"
+    OUTSIDE_WINDOW = "outside of its expectation window"
+    OUT_OF_ORDER = "out of order"
+    REPEATED = "read before"
+
+
+@dataclass(frozen=True, slots=True)
+class RefusedTag:
+    tag_id: int
+    reason: TagRefusal
+    off_m: float
+    """From the nearer end of the window to where the tag claims the front to be; signed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,6 +248,14 @@ class Motion:
     slip: bool
     accepted_tag_ids: tuple[int, ...]
     """Tags that corrected the position in this cycle."""
+    refused_tags: tuple[RefusedTag, ...] = ()
+    """Tags that were read in this cycle and not believed."""
+    missed_tags: int = 0
+    """Expected tags in a row that were not read."""
+    lost_cause: str = ""
+    """Why the train does not know where it is; empty while it does."""
+    wheel_diameter_m: float = 0.0
+    """As last calibrated."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -220,6 +297,24 @@ class AtoInput:
     door_enabled: bool
     """Protection enables the platform side now."""
     holding_applied: bool
+    departure_permitted: bool = True
+    """Nothing of the departure interlock stands against it, the doors' own lock included."""
+    skip_next: bool = False
+    """Do not stop at the next station."""
+    stop_next: bool = False
+    """Stop at the next station, whatever the plan says, and stay."""
+    stop_now: bool = False
+    """Come to rest with the service brake wherever the train is."""
+    keep_doors_open: bool = False
+    """At a platform: open the doors, and leave them open."""
+    jog_permitted: bool = False
+    """Protection allows a jog now, backwards included where `jog_back_m` is more than 0."""
+    jog_back_m: float = 0.0
+    """How far back the train may move; its rear is protected so far."""
+    creep: bool = False
+    """Drive on sight at `ceiling_mps`; place and authority may be unknown."""
+    protection_brakes: bool = False
+    """The service brake comes from protection now, whatever is asked for."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -241,6 +336,43 @@ class AtoDemand:
     """Speed of the reference now."""
     distance_to_stop_m: float
     """To the next stopping point; math.inf when there is none."""
+    reverse: bool = False
+    """Positive `accel_mps2` drives backwards; only for a jog."""
+    jog_failed: bool = False
+    """All attempts are used up and the train still does not stand right."""
+
+
+class Source(enum.Enum):
+    """Where the facts of a decision came from; the wire knows which frame or message that was."""
+
+    TACHO = "TACHO"
+    DOPPLER = "DOPPLER"
+    IMU = "IMU"
+    COLD = "COLD_MOVEMENT"
+    BRAKE = "BRAKE_STATUS"
+    TRACTION = "TRACTION_STATUS"
+    DOORS = "DOOR_STATUS"
+    DESK = "DESK"
+    TAG_READER = "TAG_READER_HEALTH"
+    ALARMS = "TRAIN_ALARMS"
+    SUPPLY = "LINE_SUPPLY"
+    TAG = "tag telegram"
+    AUTHORITY = "movement authority"
+    ORDERS = "orders"
+    CLOCK = "clock"
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """One thing that the controller decided or noticed in a cycle."""
+
+    kind: EventKind
+    words: str
+    """What and why, for the log and for people."""
+    sources: tuple[Source, ...] = ()
+    """What it was decided from, the weightiest first."""
+    number: int = 0
+    """Goes out on the bus beside the kind: a `Cause`, a tag, a flag; 0 without one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -267,6 +399,16 @@ class CycleOutput:
     distance_to_stop_m: float
     cause: str
     """Why protection holds or brakes; empty while it does not."""
+    mode: OperatingMode = OperatingMode.STANDBY
+    emergency_cause: Cause = Cause.NONE
+    departure_inhibits: Inhibit = Inhibit.NONE
+    doors_withheld: Withheld = Withheld.NONE
+    jog_attempts: int = 0
+    replicas_agree: bool = True
+    alarm_raised: bool = False
+    """A person has to come: passenger alarm, fire, obstacle, or a stop that cannot be mended."""
+    door_bypass: bool = False
+    """The train may depart although its doors are not proven locked."""
 
 
 MAX_SERVICE_DECEL_MPS2: Final = 2.0

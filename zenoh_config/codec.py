@@ -8,23 +8,30 @@ can check, order and age, is in sequencing.py.
 
 import hmac
 import struct
-from typing import Final
+from collections.abc import Callable, Mapping
+from typing import Final, NamedTuple
 
 import msgspec
 
 from zenoh_config.messages import (
     MAX_ADDRESS,
+    RESTRICTIONS_MAX,
     WAYSIDE,
     Message,
     MovementAuthority,
     PositionReport,
     Refused,
     RefusedReason,
+    SpeedRestriction,
+    TrainOrders,
+    TrainStatus,
 )
 
-VERSION: Final = 1
+VERSION: Final = 2
 TYPE_POSITION_REPORT: Final = 1
 TYPE_MOVEMENT_AUTHORITY: Final = 2
+TYPE_TRAIN_STATUS: Final = 3
+TYPE_TRAIN_ORDERS: Final = 4
 HEADER: Final = struct.Struct(">BBHHIQ")
 """Version, type, source, destination, sequence, stamp in ns of the sender's clock."""
 CODE_BYTES: Final = 16
@@ -33,6 +40,7 @@ MAX_BYTES: Final = 512
 MIN_KEY_BYTES: Final = 16
 MAX_CHAINAGE_M: Final = 1.0e6
 MAX_SPEED_MPS: Final = 200.0
+MAX_CODE: Final = 255
 
 BENCH_KEY: Final = b"metro bench, public key of no use"
 """Shipped default. Everyone has it, so on a bench it finds accidents and not attackers; a network
@@ -44,7 +52,45 @@ MAX_STAMP_NS: Final = 2**63 - 1
 
 # In the order of the fields named in docs/radio_interface.md.
 _REPORT_BODY: Final = msgspec.msgpack.Decoder(tuple[int, float, float, float, float, bool])
-_AUTHORITY_BODY: Final = msgspec.msgpack.Decoder(tuple[int, int, int, float])
+_AUTHORITY_BODY: Final = msgspec.msgpack.Decoder(tuple[int, int, int, float, float | None])
+
+
+class _StatusBody(msgspec.Struct, array_like=True, forbid_unknown_fields=True):
+    boot: int
+    mode: int
+    supervision: int
+    cause: int
+    localised: bool
+    standstill: bool
+    front_m: float
+    doors_locked: bool
+    open_left: bool
+    open_right: bool
+    passenger_alarm: bool
+    fire: bool
+    obstacle: bool
+    alarm_raised: bool
+
+
+class _OrdersBody(msgspec.Struct, array_like=True, forbid_unknown_fields=True):
+    boot: int
+    echo_stamp_ns: int
+    awake: bool
+    hold: bool
+    skip_next: bool
+    stop_next: bool
+    emergency: bool
+    releases: int
+    creep: bool
+    restricted: bool
+    doors_left: bool
+    doors_right: bool
+    platform_doors_locked: bool
+    restrictions: list[tuple[float, float, float]]
+
+
+_STATUS_BODY: Final = msgspec.msgpack.Decoder(_StatusBody)
+_ORDERS_BODY: Final = msgspec.msgpack.Decoder(_OrdersBody)
 _encode: Final = msgspec.msgpack.Encoder().encode
 
 
@@ -65,12 +111,18 @@ def pack(message: Message, key: bytes = BENCH_KEY) -> bytes:
     problem = _problem(message)
     if problem:
         raise ValueError(f"{type(message).__name__}: {problem}")
-    sealed = (
-        _packed_report(message)
-        if isinstance(message, PositionReport)
-        else _packed_authority(message)
-    )
+    sealed = _sealed(message)
     return sealed + _code(sealed, key)
+
+
+def _sealed(message: Message) -> bytes:
+    if isinstance(message, PositionReport):
+        return _packed_report(message)
+    if isinstance(message, MovementAuthority):
+        return _packed_authority(message)
+    if isinstance(message, TrainStatus):
+        return _packed_status(message)
+    return _packed_orders(message)
 
 
 def unpack(payload: bytes, key: bytes = BENCH_KEY) -> Message | Refused:
@@ -89,36 +141,110 @@ def _opened(sealed: bytes) -> Message | Refused:
     version, kind, source, destination, sequence, stamp_ns = HEADER.unpack_from(sealed)
     if version != VERSION:
         return Refused(RefusedReason.UNKNOWN_VERSION, f"version {version}, known is {VERSION}")
-    body = sealed[HEADER.size :]
-    message: Message
+    opener = _OPENERS.get(kind)
+    if opener is None:
+        return Refused(RefusedReason.UNKNOWN_TYPE, f"type {kind}")
+    head = _Head(source, destination, sequence, stamp_ns)
     try:
-        if kind == TYPE_POSITION_REPORT:
-            boot, front_min_m, front_max_m, rear_min_m, speed_mps, standstill = _REPORT_BODY.decode(
-                body
-            )
-            message = PositionReport(
-                source,
-                boot,
-                sequence,
-                stamp_ns,
-                front_min_m,
-                front_max_m,
-                rear_min_m,
-                speed_mps,
-                standstill,
-                destination,
-            )
-        elif kind == TYPE_MOVEMENT_AUTHORITY:
-            boot, term, echo_stamp_ns, end_m = _AUTHORITY_BODY.decode(body)
-            message = MovementAuthority(
-                destination, boot, term, sequence, echo_stamp_ns, end_m, source, stamp_ns
-            )
-        else:
-            return Refused(RefusedReason.UNKNOWN_TYPE, f"type {kind}")
+        message = opener(head, sealed[HEADER.size :])
     except (msgspec.MsgspecError, UnicodeDecodeError) as error:
         return Refused(RefusedReason.WRONG_FIELDS, str(error))
     problem = _problem(message)
     return Refused(RefusedReason.INVALID_VALUE, problem) if problem else message
+
+
+class _Head(NamedTuple):
+    source: int
+    destination: int
+    sequence: int
+    stamp_ns: int
+
+
+def _opened_report(head: _Head, body: bytes) -> Message:
+    boot, front_min_m, front_max_m, rear_min_m, speed_mps, standstill = _REPORT_BODY.decode(body)
+    return PositionReport(
+        head.source,
+        boot,
+        head.sequence,
+        head.stamp_ns,
+        front_min_m,
+        front_max_m,
+        rear_min_m,
+        speed_mps,
+        standstill,
+        head.destination,
+    )
+
+
+def _opened_authority(head: _Head, body: bytes) -> Message:
+    boot, term, echo_stamp_ns, end_m, rear_m = _AUTHORITY_BODY.decode(body)
+    return MovementAuthority(
+        head.destination,
+        boot,
+        term,
+        head.sequence,
+        echo_stamp_ns,
+        end_m,
+        head.source,
+        head.stamp_ns,
+        rear_m,
+    )
+
+
+def _opened_status(head: _Head, body: bytes) -> Message:
+    told = _STATUS_BODY.decode(body)
+    return TrainStatus(
+        head.source,
+        told.boot,
+        head.sequence,
+        head.stamp_ns,
+        told.mode,
+        told.supervision,
+        told.cause,
+        told.localised,
+        told.standstill,
+        told.front_m,
+        told.doors_locked,
+        told.open_left,
+        told.open_right,
+        told.passenger_alarm,
+        told.fire,
+        told.obstacle,
+        told.alarm_raised,
+        head.destination,
+    )
+
+
+def _opened_orders(head: _Head, body: bytes) -> Message:
+    told = _ORDERS_BODY.decode(body)
+    return TrainOrders(
+        head.destination,
+        told.boot,
+        head.sequence,
+        told.echo_stamp_ns,
+        told.awake,
+        told.hold,
+        told.skip_next,
+        told.stop_next,
+        told.emergency,
+        told.releases,
+        told.creep,
+        told.restricted,
+        told.doors_left,
+        told.doors_right,
+        told.platform_doors_locked,
+        tuple([SpeedRestriction(*each) for each in told.restrictions]),
+        head.source,
+        head.stamp_ns,
+    )
+
+
+_OPENERS: Final[Mapping[int, Callable[[_Head, bytes], Message]]] = {
+    TYPE_POSITION_REPORT: _opened_report,
+    TYPE_MOVEMENT_AUTHORITY: _opened_authority,
+    TYPE_TRAIN_STATUS: _opened_status,
+    TYPE_TRAIN_ORDERS: _opened_orders,
+}
 
 
 def _packed_report(report: PositionReport) -> bytes:
@@ -149,7 +275,71 @@ def _packed_authority(authority: MovementAuthority) -> bytes:
         authority.train,
         authority.sequence,
         authority.stamp_ns,
-    ) + _encode((authority.boot, authority.term, authority.echo_stamp_ns, authority.end_m))
+    ) + _encode(
+        (
+            authority.boot,
+            authority.term,
+            authority.echo_stamp_ns,
+            authority.end_m,
+            authority.rear_m,
+        )
+    )
+
+
+def _packed_status(status: TrainStatus) -> bytes:
+    return HEADER.pack(
+        VERSION,
+        TYPE_TRAIN_STATUS,
+        status.train,
+        status.destination,
+        status.sequence,
+        status.stamp_ns,
+    ) + _encode(
+        (
+            status.boot,
+            status.mode,
+            status.supervision,
+            status.cause,
+            status.localised,
+            status.standstill,
+            status.front_m,
+            status.doors_locked,
+            status.open_left,
+            status.open_right,
+            status.passenger_alarm,
+            status.fire,
+            status.obstacle,
+            status.alarm_raised,
+        )
+    )
+
+
+def _packed_orders(orders: TrainOrders) -> bytes:
+    return HEADER.pack(
+        VERSION,
+        TYPE_TRAIN_ORDERS,
+        orders.source,
+        orders.train,
+        orders.sequence,
+        orders.stamp_ns,
+    ) + _encode(
+        (
+            orders.boot,
+            orders.echo_stamp_ns,
+            orders.awake,
+            orders.hold,
+            orders.skip_next,
+            orders.stop_next,
+            orders.emergency,
+            orders.releases,
+            orders.creep,
+            orders.restricted,
+            orders.doors_left,
+            orders.doors_right,
+            orders.platform_doors_locked,
+            [(each.start_m, each.end_m, each.limit_mps) for each in orders.restrictions],
+        )
+    )
 
 
 def _code(sealed: bytes, key: bytes) -> bytes:
@@ -160,7 +350,11 @@ def _problem(message: Message) -> str:
     """What no honest sender says, by field; empty when there is nothing. Comparisons catch NaN."""
     if isinstance(message, PositionReport):
         return _report_problem(message)
-    return _authority_problem(message)
+    if isinstance(message, MovementAuthority):
+        return _authority_problem(message)
+    if isinstance(message, TrainStatus):
+        return _status_problem(message)
+    return _orders_problem(message)
 
 
 def _report_problem(report: PositionReport) -> str:
@@ -193,7 +387,42 @@ def _authority_problem(authority: MovementAuthority) -> str:
         return f"echo_stamp_ns {authority.echo_stamp_ns} is not in 0..{MAX_STAMP_NS}"
     if not -MAX_CHAINAGE_M <= authority.end_m <= MAX_CHAINAGE_M:
         return f"end_m {authority.end_m} is off every line"
+    rear_m = authority.rear_m
+    if rear_m is not None and not -MAX_CHAINAGE_M <= rear_m <= authority.end_m:
+        return f"rear_m {rear_m} is off every line or beyond end_m {authority.end_m}"
     return _number_problem(authority.boot, authority.sequence, authority.stamp_ns)
+
+
+def _status_problem(status: TrainStatus) -> str:
+    if not WAYSIDE < status.train <= MAX_ADDRESS:
+        return f"train {status.train} is not in 1..{MAX_ADDRESS}"
+    if not WAYSIDE <= status.destination <= MAX_ADDRESS:
+        return f"destination {status.destination} is not in 0..{MAX_ADDRESS}"
+    for name in ("mode", "supervision", "cause"):
+        if not 0 <= getattr(status, name) <= MAX_CODE:
+            return f"{name} {getattr(status, name)} is not in 0..{MAX_CODE}"
+    if not -MAX_CHAINAGE_M <= status.front_m <= MAX_CHAINAGE_M:
+        return f"front_m {status.front_m} is off every line"
+    return _number_problem(status.boot, status.sequence, status.stamp_ns)
+
+
+def _orders_problem(orders: TrainOrders) -> str:
+    if not WAYSIDE < orders.train <= MAX_ADDRESS:
+        return f"train {orders.train} is not in 1..{MAX_ADDRESS}"
+    if not WAYSIDE <= orders.source <= MAX_ADDRESS:
+        return f"source {orders.source} is not in 0..{MAX_ADDRESS}"
+    if not 0 <= orders.echo_stamp_ns <= MAX_STAMP_NS:
+        return f"echo_stamp_ns {orders.echo_stamp_ns} is not in 0..{MAX_STAMP_NS}"
+    if not 0 <= orders.releases <= MAX_NUMBER:
+        return f"releases {orders.releases} is not in 0..{MAX_NUMBER}"
+    if len(orders.restrictions) > RESTRICTIONS_MAX:
+        return f"{len(orders.restrictions)} restrictions, at most {RESTRICTIONS_MAX} fit"
+    for each in orders.restrictions:
+        if not -MAX_CHAINAGE_M <= each.start_m <= each.end_m <= MAX_CHAINAGE_M:
+            return f"restriction from {each.start_m} m to {each.end_m} m is no stretch of a line"
+        if not 0.0 < each.limit_mps <= MAX_SPEED_MPS:
+            return f"restriction to {each.limit_mps} m/s is not in 0..{MAX_SPEED_MPS}"
+    return _number_problem(orders.boot, orders.sequence, orders.stamp_ns)
 
 
 def _number_problem(boot: int, sequence: int, stamp_ns: int) -> str:

@@ -35,6 +35,26 @@ def authorities(line: str, train: int) -> str:
     return f"m/{line_chunk(line)}/w/*/ma/*/{train}"
 
 
+def status(line: str, train: int, area: int = DEFAULT_AREA) -> str:
+    """Where a train puts its TrainStatus."""
+    return f"m/{line_chunk(line)}/w/{train}/ts/{area}"
+
+
+def statuses(line: str, area: int = DEFAULT_AREA) -> str:
+    """What the centre listens to: the status of all trains in an area."""
+    return f"m/{line_chunk(line)}/w/*/ts/{area}"
+
+
+def order(line: str, source: int, train: int, area: int = DEFAULT_AREA) -> str:
+    """Where a centre puts the TrainOrders of a train."""
+    return f"m/{line_chunk(line)}/w/{source}/or/{area}/{train}"
+
+
+def orders(line: str, train: int) -> str:
+    """What a train listens to: its orders, whoever gives them in whatever area."""
+    return f"m/{line_chunk(line)}/w/*/or/*/{train}"
+
+
 def line_chunk(name: str) -> str:
     """A line's name as one chunk of a key: lower case, everything unusual a hyphen."""
     return _UNUSUAL.sub("-", name.lower()).strip("-") or "line"

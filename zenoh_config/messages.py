@@ -53,9 +53,89 @@ class MovementAuthority:
     source: int = WAYSIDE
     stamp_ns: int = 0
     """Issuer's monotonic clock at sending, for logs; no decision rests on it."""
+    rear_m: float | None = None
+    """The rear is protected back to here, so that the train may move back so far; None: not at
+    all."""
 
 
-Message = PositionReport | MovementAuthority
+@dataclass(frozen=True, slots=True)
+class TrainStatus:
+    """What a train tells centre and platforms about itself, also while it is not located."""
+
+    train: int
+    boot: int
+    sequence: int
+    """Strictly increasing within one incarnation, by a count of its own."""
+    stamp_ns: int
+    mode: int
+    """Number of the `OperatingMode` on the train bus."""
+    supervision: int
+    cause: int
+    """Number of the `Cause` of an emergency; 0 without one."""
+    localised: bool
+    standstill: bool
+    front_m: float
+    """Best estimate; only while localised."""
+    doors_locked: bool
+    open_left: bool
+    """Doors are enabled and asked to open on this side: platform doors open with them."""
+    open_right: bool
+    passenger_alarm: bool
+    fire: bool
+    obstacle: bool
+    alarm_raised: bool
+    """Somebody has to come."""
+    destination: int = WAYSIDE
+
+
+@dataclass(frozen=True, slots=True)
+class SpeedRestriction:
+    """A temporary one, from the centre; both ends included."""
+
+    start_m: float
+    end_m: float
+    limit_mps: float
+
+
+@dataclass(frozen=True, slots=True)
+class TrainOrders:
+    """What centre and platform have to say to one train: a state, said anew in every answer."""
+
+    train: int
+    boot: int
+    sequence: int
+    """Strictly increasing over the life of the issuer."""
+    echo_stamp_ns: int
+    """`stamp_ns` of the status that it answers."""
+    awake: bool
+    hold: bool
+    """Do not depart from the next or present platform."""
+    skip_next: bool
+    """Do not stop at the next station."""
+    stop_next: bool
+    """Stop at the next station, whatever the plan says, and stay."""
+    emergency: bool
+    """Apply the emergency brake and keep it."""
+    releases: int
+    """How often the centre has reset an emergency so far; a step up is one reset."""
+    creep: bool
+    """The train may creep although it lacks place or authority."""
+    restricted: bool
+    """A person may drive it on sight."""
+    doors_left: bool
+    """Doors may open on this side of the present platform."""
+    doors_right: bool
+    platform_doors_locked: bool
+    """All platform doors at the train's station are shut; true where there are none."""
+    restrictions: tuple[SpeedRestriction, ...] = ()
+    source: int = WAYSIDE
+    stamp_ns: int = 0
+
+
+RESTRICTIONS_MAX: Final = 8
+"""In one message of orders."""
+
+Message = PositionReport | MovementAuthority | TrainStatus | TrainOrders
 
 
 class RefusedReason(enum.Enum):

@@ -14,6 +14,8 @@ from zenoh_config.messages import (
     PositionReport,
     Refused,
     RefusedReason,
+    TrainOrders,
+    TrainStatus,
 )
 
 NS_PER_MS: Final = 1_000_000
@@ -79,8 +81,53 @@ class AuthorityGate:
         return None
 
 
+class OrdersGate:
+    """A train's gate for the orders of its centre."""
+
+    def __init__(
+        self, *, train: int, boot: int, max_age_ns: int, sources: Collection[int] = (WAYSIDE,)
+    ) -> None:
+        assert max_age_ns > 0
+        self.refusals: Counter[RefusedReason] = Counter()
+        self.accepted = 0
+        self._train = train
+        self._boot = boot
+        self._max_age_ns = max_age_ns
+        self._sources = frozenset(sources)
+        self._newest = -1
+
+    def check(self, orders: TrainOrders, now_ns: int) -> Refused | None:
+        """None when the orders may be acted on; then they are the newest from now on."""
+        refused = self._objection(orders, now_ns)
+        if refused is None:
+            self._newest = orders.sequence
+            self.accepted += 1
+        else:
+            self.refusals[refused.reason] += 1
+        return refused
+
+    def _objection(self, orders: TrainOrders, now_ns: int) -> Refused | None:
+        if orders.train != self._train:
+            detail = f"for train {orders.train}, this is train {self._train}"
+            return Refused(RefusedReason.WRONG_DESTINATION, detail)
+        if orders.source not in self._sources:
+            return Refused(RefusedReason.WRONG_SOURCE, f"from {orders.source}")
+        if orders.boot != self._boot:
+            detail = f"for incarnation {orders.boot}, this is {self._boot}"
+            return Refused(RefusedReason.WRONG_BOOT, detail)
+        age_ns = now_ns - orders.echo_stamp_ns
+        if age_ns < 0:
+            return Refused(RefusedReason.FROM_THE_FUTURE, f"by {-age_ns // NS_PER_MS} ms")
+        if age_ns > self._max_age_ns:
+            return Refused(RefusedReason.TOO_OLD, f"{age_ns // NS_PER_MS} ms")
+        if orders.sequence <= self._newest:
+            detail = f"sequence {orders.sequence}, {self._newest} is held"
+            return Refused(RefusedReason.NOT_NEWER, detail)
+        return None
+
+
 class ReportGate:
-    """The wayside's gate for position reports, over all trains.
+    """The wayside's gate for one kind of report, position or status, over all trains.
 
     A report carries no age that the wayside could judge; a stale one is harmless because the
     authority that answers it echoes the train's own stamp and is too old when it gets there.
@@ -93,7 +140,7 @@ class ReportGate:
         self._newest: dict[int, tuple[int, int, int]] = {}
         """By train: boot, sequence, stamp."""
 
-    def check(self, report: PositionReport) -> Refused | None:
+    def check(self, report: PositionReport | TrainStatus) -> Refused | None:
         """None when the report may be acted on; then it is that train's newest from now on."""
         refused = self._objection(report)
         if refused is None:
@@ -103,7 +150,7 @@ class ReportGate:
             self.refusals[refused.reason] += 1
         return refused
 
-    def _objection(self, report: PositionReport) -> Refused | None:
+    def _objection(self, report: PositionReport | TrainStatus) -> Refused | None:
         if report.destination != self._address:
             detail = f"for {report.destination}, this is {self._address}"
             return Refused(RefusedReason.WRONG_DESTINATION, detail)

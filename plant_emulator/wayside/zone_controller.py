@@ -18,6 +18,8 @@ from zenoh_config.messages import (
     PositionReport,
     Refused,
     RefusedReason,
+    TrainOrders,
+    TrainStatus,
 )
 from zenoh_config.sequencing import ReportGate
 
@@ -40,7 +42,10 @@ class ZoneController:
         """Of all authorities given so far."""
         self._line_name = line.name
         self._reports = keys.reports(line.name)
+        self._statuses = keys.statuses(line.name)
         self._gate = ReportGate()
+        self._status_gate = ReportGate()
+        self._orders = 0
         self._sequence = 0
 
     def answers(self, heard: Iterable[RadioMessage], now_ns: int) -> list[tuple[str, bytes]]:
@@ -49,6 +54,8 @@ class ZoneController:
 
     def _answer(self, message: RadioMessage, now_ns: int) -> tuple[str, bytes] | None:
         report = self._believed(message)
+        if isinstance(report, TrainStatus):
+            return self._order(report, now_ns)
         if isinstance(report, RefusedReason):
             self.refusals[report] += 1
             return None
@@ -69,10 +76,37 @@ class ZoneController:
         )
         return keys.authority(self._line_name, WAYSIDE, report.train), pack(authority)
 
-    def _believed(self, message: RadioMessage) -> PositionReport | RefusedReason:
+    def _order(self, status: TrainStatus, now_ns: int) -> tuple[str, bytes]:
+        self._orders += 1
+        orders = TrainOrders(
+            train=status.train,
+            boot=status.boot,
+            sequence=self._orders,
+            echo_stamp_ns=status.stamp_ns,
+            awake=True,
+            hold=False,
+            skip_next=False,
+            stop_next=False,
+            emergency=False,
+            releases=0,
+            creep=False,
+            restricted=False,
+            doors_left=True,
+            doors_right=True,
+            platform_doors_locked=True,
+            stamp_ns=now_ns,
+        )
+        return keys.order(self._line_name, WAYSIDE, status.train), pack(orders)
+
+    def _believed(self, message: RadioMessage) -> PositionReport | TrainStatus | RefusedReason:
         report = unpack(message.payload)
         if isinstance(report, Refused):
             return report.reason
+        if isinstance(report, TrainStatus):
+            if message.key != keys.status(self._line_name, report.train):
+                return RefusedReason.WRONG_SOURCE
+            refused = self._status_gate.check(report)
+            return report if refused is None else refused.reason
         if not isinstance(report, PositionReport):
             return RefusedReason.UNKNOWN_TYPE
         if message.key != keys.report(self._line_name, report.train):
@@ -84,4 +118,4 @@ class ZoneController:
     @property
     def subscriptions(self) -> tuple[str, ...]:
         """What its radio has to listen to."""
-        return (self._reports,)
+        return (self._reports, self._statuses)

@@ -1,12 +1,13 @@
 """The ceiling: what the line, the braking curves and the end of authority permit the train now."""
 
 import itertools
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from firmware_py.trackdb import LineMap
 from vobc.atp.braking import BrakingCurve, SafeBraking
 from vobc.atp.config import AtpConfig
-from vobc.vocabulary import Ceiling, Interval
+from vobc.vocabulary import Ceiling, Interval, Restriction
 
 
 class _Four(NamedTuple):
@@ -50,7 +51,12 @@ class CeilingMap:
         self._curves: dict[float, BrakingCurve] = {}
         self._horizon_m = self._distance_that_never_binds_m()
 
-    def at(self, front_m: Interval, authority_end_m: float) -> Ceiling:
+    def at(
+        self,
+        front_m: Interval,
+        authority_end_m: float,
+        restrictions: Sequence[Restriction] = (),
+    ) -> Ceiling:
         """The ceiling of a train whose front lies somewhere in the interval.
 
         The front may be as far ahead, the rear as far behind as the interval lets them: what lies

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from can_dbc.vobc import Missing, Supervision
+from can_dbc.vobc import Cause, Inhibit, Missing, OperatingMode, Supervision, Withheld
 from firmware_py.trackdb import LineMap
 from vobc.atp.braking import SafeBraking
 from vobc.atp.ceiling import CeilingMap
@@ -19,7 +19,7 @@ from vobc.atp.inputs import (
     silent,
     unready,
 )
-from vobc.atp.supervision import Cause, Seen, cause_of, next_state
+from vobc.atp.supervision import Seen, cause_of, in_cause_words, next_state
 from vobc.vocabulary import Ceiling, CycleInput, Motion
 
 MOVING_STATES = (Supervision.NOMINAL, Supervision.WARNING, Supervision.SERVICE)
@@ -47,6 +47,27 @@ class Verdict:
     hold: bool
     """The holding brake stays on."""
     doors: DoorEnable
+    mode: OperatingMode = OperatingMode.STANDBY
+    emergency_cause: Cause = Cause.NONE
+    departure_inhibits: Inhibit = Inhibit.NONE
+    """Why the train may not set off from where it stands."""
+    doors_withheld: Withheld = Withheld.NONE
+    reverse_permitted: bool = False
+    """Traction may act backwards: a jog."""
+    jog_permitted: bool = False
+    jog_back_m: float = 0.0
+    """How far back from where it stands the train may jog."""
+    jog_attempts: int = 0
+    stop_now: bool = False
+    """Operation is to come to rest wherever it is; protection brakes only if it does not."""
+    stop_next: bool = False
+    """A stop at the next station is not to be left out."""
+    keep_doors_open: bool = False
+    creep: bool = False
+    """Operation may drive on sight at the permitted speed."""
+    replicas_agree: bool = True
+    alarm_raised: bool = False
+    door_bypass: bool = False
 
 
 class Protection:
@@ -196,7 +217,7 @@ class Protection:
 
     def _words(self, missing: int, seen: CycleInput) -> str:
         if self._cause is not None:
-            return self._cause.value
+            return in_cause_words(self._cause)
         if self._state is Supervision.NO_AUTHORITY:
             return _waiting(missing)
         if self._state is Supervision.SERVICE:

@@ -1,11 +1,10 @@
 """Supervision: from what protection sees to its state. Two tables and the guards they name."""
 
-import enum
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Final
 
-from can_dbc.vobc import Supervision
+from can_dbc.vobc import Cause, Supervision
 from vobc.atp.config import AtpConfig
 from vobc.atp.inputs import LOCALISATION, VITAL_IN_MOTION
 from vobc.vocabulary import Ceiling, Interval
@@ -42,18 +41,34 @@ class Seen:
 Guard = Callable[[Seen], bool]
 
 
-class Cause(enum.Enum):
-    """Why the emergency brake is on, in words for the log and the person at the desk."""
+WORDS: Final[Mapping[Cause, str]] = {
+    Cause.OVERSPEED: "speed at or over the emergency limit",
+    Cause.AUTHORITY_OLD: "movement authority too old",
+    Cause.ROLLBACK: "train rolled back",
+    Cause.HELD_TRAIN_MOVED: "train moved while it was to be held",
+    Cause.VITAL_INPUT_LOST: "vital input lost while moving",
+    Cause.LOCALISATION_LOST: "localisation lost while moving",
+    Cause.BUTTON: "emergency button pressed",
+    Cause.OVERRUN: "control cycles missed",
+    Cause.NOT_FINITE: "a number was not finite",
+    Cause.BRAKE_UNIT: "the brake unit braked by itself",
+    Cause.REMOTE: "ordered by the centre",
+    Cause.OBSTACLE: "obstacle touched",
+    Cause.DOOR_UNLOCKED: "doors not locked at or leaving a platform",
+    Cause.PASSENGER_ALARM: "passenger alarm at or leaving a platform",
+    Cause.OVERSHOT: "stopping point overshot",
+    Cause.WRONG_DIRECTION: "train moves against its direction",
+    Cause.REPLICAS_DISAGREE: "the two computations of protection disagree",
+    Cause.CLOCK_STEPPED: "the clock stepped",
+    Cause.JOG_EXCEEDED: "jog too far, too fast or once too often",
+    Cause.PAST_AUTHORITY: "front may be beyond the end of authority",
+    Cause.ASLEEP_MOVED: "train moved while asleep",
+}
+"""Why the emergency brake is on, for the log and the person at the desk."""
 
-    OVERSPEED = "speed at or over the emergency limit"
-    AUTHORITY_OLD = "movement authority too old"
-    ROLLBACK = "train rolled back"
-    HELD_TRAIN_MOVED = "train moved while it was to be held"
-    VITAL_INPUT_LOST = "vital input lost while moving"
-    LOCALISATION_LOST = "localisation lost while moving"
-    BUTTON = "emergency button pressed"
-    OVERRUN = "control cycles missed"
-    NOT_FINITE = "a number was not finite"
+
+def in_cause_words(cause: Cause) -> str:
+    return WORDS[cause]
 
 
 def over_emergency(seen: Seen) -> bool:

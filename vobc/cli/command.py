@@ -150,7 +150,11 @@ def _device(
     if out is not None:
         tags = RecordedLine(tags, SerialLog(out / "serial.log", commission.start_ns))
     stack.callback(tags.close)
-    topics = (keys.authorities(planned.line.name, planned.config.address),)
+    train = planned.config.address
+    topics = (
+        keys.authorities(planned.line.name, train),
+        keys.orders(planned.line.name, train),
+    )
     radio: RadioPort = open_radio(Role.TRAIN, planned.radio, topics, clock)
     if out is not None:
         radio = RecordedRadio(radio, RadioLog(out / "radio.log", commission.start_ns))

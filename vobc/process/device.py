@@ -16,7 +16,7 @@ from vobc.config import VobcConfig
 from vobc.controller import Controller
 from vobc.process.cycle_log import CycleLog, cycle_row
 from vobc.process.start import commissioned_start
-from vobc.vocabulary import SAFE_OUTPUT, CycleOutput, Mission, OdometryRecord
+from vobc.vocabulary import SAFE_OUTPUT, CycleInput, CycleOutput, Mission, OdometryRecord
 from vobc.wire import (
     Inbox,
     RadioLink,
@@ -24,6 +24,7 @@ from vobc.wire import (
     emergency_message,
     heartbeat,
     make_encoder,
+    mode_frame,
     motion_frames,
     status_frame,
     target_frames,
@@ -88,6 +89,7 @@ class VobcDevice:
         self._cycles = 0
         self._slips = 0
         self._stored = True
+        self._seen: CycleInput | None = None
         self._emergency = False
         self._life = NodeState.BOOT_UP
         self.output: CycleOutput = SAFE_OUTPUT
@@ -140,6 +142,7 @@ class VobcDevice:
         self._last_ns = now_ns
         self._slips += overruns
         image = inbox.image(now_ns, dt_s=(now_ns - last_ns) / NS_PER_S, overruns=overruns)
+        self._seen = image
         return self._controller.step(image)
 
     def _send_cycle(self, now_ns: int, output: CycleOutput) -> None:
@@ -154,7 +157,7 @@ class VobcDevice:
             work_us = self.executive.execution_ns("control") / NS_PER_US
             self._send(now_ns, status_frame(output, work_us=work_us, slips=self._slips))
         if count % _every(MOTION_MS, cycle_ms) == 0:
-            self._send(now_ns, *motion_frames(output))
+            self._send(now_ns, *motion_frames(output), mode_frame(output))
         if count % _every(TARGET_MS, cycle_ms) == 0:
             self._send(now_ns, *target_frames(output))
         emergency = output.supervision is Supervision.EMERGENCY
@@ -180,6 +183,8 @@ class VobcDevice:
         payload = self._link.report(now_ns, self.output)
         if payload is not None:
             self._radio.send(now_ns, self._link.report_key, payload)
+        status = self._link.status(now_ns, self.output, self._seen)
+        self._radio.send(now_ns, self._link.status_key, status)
 
     def life_sign(self, now_ns: int) -> None:
         self._send(now_ns, heartbeat(self._life))

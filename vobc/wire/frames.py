@@ -10,8 +10,8 @@ from can_dbc.diagnostics import EMERGENCIES, HEARTBEATS, NodeState
 from can_dbc.doors import DoorCommand
 from can_dbc.nodes import Node
 from can_dbc.traction import TractionCommand
-from can_dbc.vobc import VobcMotion, VobcPosition, VobcStatus, VobcTarget
-from vobc.atp.supervision import Cause
+from can_dbc.vobc import VobcEvent, VobcMode, VobcMotion, VobcPosition, VobcStatus, VobcTarget
+from vobc.atp.supervision import WORDS
 from vobc.vocabulary import CycleOutput, Interval
 
 SENT_KINDS: Final[tuple[type[Frame], ...]] = (
@@ -22,6 +22,8 @@ SENT_KINDS: Final[tuple[type[Frame], ...]] = (
     VobcMotion,
     VobcPosition,
     VobcTarget,
+    VobcMode,
+    VobcEvent,
     HEARTBEATS[Node.VOBC],
     EMERGENCIES[Node.VOBC],
 )
@@ -31,7 +33,7 @@ POSITION_STEP_M: Final = 0.01
 PROTECTION_ERROR: Final = 0xFF01
 """EMCY code of the manufacturer's: the emergency brake is latched; its detail counts the cause."""
 PROTECTION_REGISTER: Final = 0x81
-CAUSE_NUMBERS: Final = {cause.value: number for number, cause in enumerate(Cause, 1)}
+CAUSE_NUMBERS: Final = {words: int(cause) for cause, words in WORDS.items()}
 
 
 def vital_frames(output: CycleOutput) -> tuple[Frame, Frame]:
@@ -102,6 +104,18 @@ def target_frames(output: CycleOutput) -> Sequence[Frame]:
             distance_to_stop_m=output.distance_to_stop_m,
             distance_to_authority_m=output.ceiling.distance_to_authority_m,
         ),
+    )
+
+
+def mode_frame(output: CycleOutput) -> Frame:
+    return VobcMode(
+        mode=output.mode,
+        cause=output.emergency_cause,
+        departure_inhibits=output.departure_inhibits,
+        doors_withheld=output.doors_withheld,
+        jog_attempts=output.jog_attempts,
+        replicas_agree=output.replicas_agree,
+        alarm_raised=output.alarm_raised,
     )
 
 

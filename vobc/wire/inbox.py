@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 from typing import Any, Final
 
+from can_dbc.alarms import TrainAlarms
 from can_dbc.binding import Frame
 from can_dbc.brake import BrakeStatus
 from can_dbc.cab import Desk
@@ -10,7 +11,7 @@ from can_dbc.codec import Decoder
 from can_dbc.diagnostics import TcmsStatus
 from can_dbc.doors import DoorStatus
 from can_dbc.energy import LineSupply
-from can_dbc.odometer import Doppler, Imu, Tacho
+from can_dbc.odometer import ColdMovement, Doppler, Imu, Tacho
 from can_dbc.rejection import Rejected
 from can_dbc.tags import TagReaderHealth
 from can_dbc.traction import TractionStatus
@@ -36,6 +37,8 @@ HEARD_KINDS: Final[tuple[type[Frame], ...]] = (
     TagReaderHealth,
     LineSupply,
     TcmsStatus,
+    TrainAlarms,
+    ColdMovement,
 )
 HEARD_IDS: Final = Decoder(HEARD_KINDS).ids
 """For acceptance filters."""
@@ -119,6 +122,8 @@ class Inbox:
         tag_reader, tag_reader_age_s = self._aged(TagReaderHealth, now_ns)
         supply, supply_age_s = self._aged(LineSupply, now_ns)
         load, load_age_s = self._aged(TcmsStatus, now_ns)
+        alarms, alarms_age_s = self._aged(TrainAlarms, now_ns)
+        cold, cold_age_s = self._aged(ColdMovement, now_ns)
         samples = tuple(
             [TachoSample(frame, (now_ns - stamp_ns) * S_PER_NS) for frame, stamp_ns in self._tachos]
         )
@@ -155,6 +160,12 @@ class Inbox:
             tags,
             self._radio.authority,
             self._radio.authority_age_s(now_ns),
+            alarms,
+            alarms_age_s,
+            cold,
+            cold_age_s,
+            self._radio.orders,
+            self._radio.orders_age_s(now_ns),
         )
 
     def _aged(self, kind: type, now_ns: int) -> tuple[Any, float]:

@@ -7,18 +7,23 @@ from firmware_py.ports import RadioMessage
 from vobc.vocabulary import (
     NEVER_S,
     Authority,
+    CycleInput,
     CycleOutput,
+    Orders,
+    Restriction,
 )
 from zenoh_config import keys
 from zenoh_config.codec import pack, unpack
-from zenoh_config.messages import MovementAuthority, PositionReport
-from zenoh_config.sequencing import AuthorityGate
+from zenoh_config.messages import MovementAuthority, PositionReport, TrainOrders, TrainStatus
+from zenoh_config.sequencing import AuthorityGate, OrdersGate
 
 S_PER_NS: Final = 1e-9
+ORDERS_AGE_MAX_S: Final = 5.0
+"""Older orders are refused when they come; how old held ones may get is for protection to say."""
 
 
 class RadioLink:
-    """Position reports out, movement authorities in."""
+    """Position reports and status out, movement authorities and orders in."""
 
     def __init__(
         self,
@@ -37,10 +42,17 @@ class RadioLink:
         self._gate = AuthorityGate(
             train=train, boot=boot, max_age_ns=round(max_age_s / S_PER_NS), seen_term=seen_term
         )
+        self._orders_gate = OrdersGate(
+            train=train, boot=boot, max_age_ns=round(ORDERS_AGE_MAX_S / S_PER_NS)
+        )
         self._echo_ns = 0
+        self._orders_echo_ns = 0
+        self._statuses = 0
         self.report_key = keys.report(line_name, train)
-        self.subscriptions = (keys.authorities(line_name, train),)
+        self.status_key = keys.status(line_name, train)
+        self.subscriptions = (keys.authorities(line_name, train), keys.orders(line_name, train))
         self.authority: Authority | None = None
+        self.orders: Orders | None = None
         self.refused = 0
         """Radio messages that were not acted on."""
 
@@ -52,15 +64,77 @@ class RadioLink:
         """By this train's clock, since it sent the report that the held authority answers."""
         return NEVER_S if self.authority is None else (now_ns - self._echo_ns) * S_PER_NS
 
+    def orders_age_s(self, now_ns: int) -> float:
+        """By this train's clock, since it sent the status that the held orders answer."""
+        return NEVER_S if self.orders is None else (now_ns - self._orders_echo_ns) * S_PER_NS
+
     def take(self, now_ns: int, messages: Iterable[RadioMessage]) -> None:
         """Hold the newest authority that is for this train and in order; count the rest."""
         for message in messages:
             heard = unpack(message.payload)
+            if isinstance(heard, TrainOrders):
+                self._take_orders(now_ns, heard)
+                continue
             if not isinstance(heard, MovementAuthority) or self._gate.check(heard, now_ns):
                 self.refused += 1
                 continue
             self._echo_ns = heard.echo_stamp_ns
-            self.authority = Authority(heard.end_m, heard.term, heard.sequence)
+            self.authority = Authority(heard.end_m, heard.term, heard.sequence, heard.rear_m)
+
+    def _take_orders(self, now_ns: int, heard: TrainOrders) -> None:
+        if self._orders_gate.check(heard, now_ns):
+            self.refused += 1
+            return
+        self._orders_echo_ns = heard.echo_stamp_ns
+        self.orders = Orders(
+            awake=heard.awake,
+            hold=heard.hold,
+            skip_next=heard.skip_next,
+            stop_next=heard.stop_next,
+            emergency=heard.emergency,
+            releases=heard.releases,
+            creep=heard.creep,
+            restricted=heard.restricted,
+            doors_left=heard.doors_left,
+            doors_right=heard.doors_right,
+            platform_doors_locked=heard.platform_doors_locked,
+            restrictions=tuple(
+                [
+                    Restriction(each.start_m, each.end_m, each.limit_mps)
+                    for each in heard.restrictions
+                ]
+            ),
+        )
+
+    def status(self, now_ns: int, output: CycleOutput, seen: CycleInput | None) -> bytes:
+        """What the centre and the platforms are told, located or not."""
+        self._statuses += 1
+        motion = output.motion
+        localised = motion is not None and motion.localised
+        desk = None if seen is None else seen.desk
+        doors = None if seen is None else seen.doors
+        alarms = None if seen is None else seen.alarms
+        return pack(
+            TrainStatus(
+                train=self._train,
+                boot=self._boot,
+                sequence=self._statuses,
+                stamp_ns=now_ns,
+                mode=output.mode,
+                supervision=output.supervision,
+                cause=output.emergency_cause,
+                localised=localised,
+                standstill=motion is not None and motion.standstill,
+                front_m=motion.front_m.best if motion is not None and localised else 0.0,
+                doors_locked=doors is not None and doors.closed_and_locked,
+                open_left=output.open_left,
+                open_right=output.open_right,
+                passenger_alarm=desk is not None and not desk.no_passenger_alarm,
+                fire=alarms is not None and not alarms.no_fire,
+                obstacle=alarms is not None and not alarms.no_obstacle,
+                alarm_raised=output.alarm_raised,
+            )
+        )
 
     def report(self, now_ns: int, output: CycleOutput) -> bytes | None:
         """Where the train is for certain; None while it does not know."""

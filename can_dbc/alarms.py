@@ -1,0 +1,14 @@
+"""What the train itself notices and a driver would see: obstacle and fire."""
+
+from dataclasses import dataclass
+
+from can_dbc.binding import frame
+
+
+@frame("alarms.dbc", "TRAIN_ALARMS")
+@dataclass(frozen=True, slots=True)
+class TrainAlarms:
+    no_obstacle: bool
+    """The obstacle deflector in front of the first axle was not touched."""
+    no_fire: bool
+    """No smoke or fire detector of the train has tripped."""
