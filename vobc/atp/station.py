@@ -5,7 +5,8 @@ from dataclasses import dataclass
 from can_dbc.vobc import Cause, Inhibit, Withheld
 from firmware_py.trackdb import LineMap
 from vobc.atp.config import AtpConfig
-from vobc.atp.doors import SHUT, DoorEnable
+from vobc.atp.doors import SHUT, DoorEnable, enabled_doors, platform_at
+from vobc.atp.inputs import BRAKE, ODOMETER, TRACTION
 from vobc.vocabulary import CycleInput, Motion
 
 
@@ -48,4 +49,20 @@ class StationGuard:
             emergency: the emergency brake was latched when the cycle began.
             may_move: supervision permits movement (NOMINAL, WARNING or SERVICE).
         """
-        raise NotImplementedError
+        return StationVerdict(doors=self._doors(seen, motion, gone, emergency=emergency))
+
+    def _doors(self, seen: CycleInput, motion: Motion, gone: int, *, emergency: bool) -> DoorEnable:
+        if not motion.standstill or not motion.localised:
+            return SHUT
+        config, brake, traction = self._config, seen.brake, seen.traction
+        return enabled_doors(
+            standstill=not gone & ODOMETER,
+            platform=platform_at(
+                self._line.stations,
+                motion.front_m,
+                window_m=config.door_window_m + config.door_declared_m,
+            ),
+            holding_applied=brake is not None and brake.holding_applied and not gone & BRAKE,
+            traction_cut=traction is not None and traction.traction_cut and not gone & TRACTION,
+            emergency=emergency,
+        )
