@@ -14,6 +14,7 @@ import pytest
 from cantools.database.can import Database, Message
 
 from can_dbc import binding
+from can_dbc.alarms import TrainAlarms
 from can_dbc.brake import BrakeCommand, BrakeStatus
 from can_dbc.cab import Desk
 from can_dbc.diagnostics import EMERGENCIES, HEARTBEATS, TcmsStatus, TimeOfDay
@@ -21,10 +22,17 @@ from can_dbc.doors import DoorCommand, DoorStatus
 from can_dbc.energy import EnergyMeter, LineSupply
 from can_dbc.merged import merged
 from can_dbc.nodes import Node
-from can_dbc.odometer import Doppler, Imu, Tacho
+from can_dbc.odometer import ColdMovement, Doppler, Imu, Tacho
 from can_dbc.tags import TagReaderHealth
 from can_dbc.traction import TractionCommand, TractionStatus
-from can_dbc.vobc import VobcMotion, VobcPosition, VobcStatus, VobcTarget
+from can_dbc.vobc import (
+    VobcEvent,
+    VobcMode,
+    VobcMotion,
+    VobcPosition,
+    VobcStatus,
+    VobcTarget,
+)
 
 FILES = sorted(
     entry.name for entry in resources.files("can_dbc").iterdir() if entry.name.endswith(".dbc")
@@ -43,19 +51,23 @@ AGREED = [
     (Desk, "DESK", 0x187, 100),
     (LineSupply, "HVB", 0x188, 100),
     (TcmsStatus, "TCMS", 0x189, 250),
+    (TrainAlarms, "TCMS", 0x18A, 100),
     (VobcMotion, "VOBC", 0x281, 100),
     (Doppler, "ODO", 0x285, 50),
     (EnergyMeter, "HVB", 0x288, 1000),
+    (VobcMode, "VOBC", 0x301, 100),
     (VobcPosition, "VOBC", 0x381, 100),
     (Imu, "ODO", 0x385, 50),
+    (ColdMovement, "ODO", 0x405, 500),
     (VobcTarget, "VOBC", 0x481, 200),
+    (VobcEvent, "VOBC", 0x581, 0),
     (TimeOfDay, "TCMS", 0x100, 1000),
     *((HEARTBEATS[node], node.name, 0x700 + node, 1000) for node in Node),
     *((EMERGENCIES[node], node.name, 0x080 + node, 0) for node in Node),
 ]
 """Class, sender, identifier and period in milliseconds, as the subsystems agreed on them."""
 
-UNPROTECTED = {LineSupply, EnergyMeter, TcmsStatus, TimeOfDay} | {
+UNPROTECTED = {LineSupply, EnergyMeter, TcmsStatus, TimeOfDay, VobcEvent} | {
     *HEARTBEATS.values(),
     *EMERGENCIES.values(),
 }
@@ -145,7 +157,7 @@ def test_data_ids_are_unique_among_all_files_twins_included() -> None:
         if message.dbc is not None and "SafetyDataId" in message.dbc.attributes
     ]
 
-    assert len(ids) == 18
+    assert len(ids) == 21
     assert len(set(ids)) == len(ids)
 
 
@@ -155,7 +167,8 @@ def test_a_message_says_who_what_and_how_often(message: Message) -> None:
 
     assert message.comment
     assert set(message.senders) <= node_names
-    assert message.send_type == ("spontaneous" if message.name.startswith("EMCY") else "cyclic")
+    event = message.name.startswith("EMCY") or message.name == "VOBC_EVENT"
+    assert message.send_type == ("spontaneous" if event else "cyclic")
     for signal in message.signals:
         assert signal.comment, signal.name
         assert set(signal.receivers) <= node_names

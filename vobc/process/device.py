@@ -163,7 +163,7 @@ class VobcDevice:
         emergency = output.supervision is Supervision.EMERGENCY
         if emergency is not self._emergency:
             self._emergency = emergency
-            self._send(now_ns, emergency_message(output.cause if emergency else None))
+            self._send(now_ns, emergency_message(output.emergency_cause if emergency else None))
 
     def _send(self, now_ns: int, *frames: Frame) -> None:
         encode, send = self._encoder.encode, self._can.send

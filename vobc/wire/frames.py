@@ -10,8 +10,15 @@ from can_dbc.diagnostics import EMERGENCIES, HEARTBEATS, NodeState
 from can_dbc.doors import DoorCommand
 from can_dbc.nodes import Node
 from can_dbc.traction import TractionCommand
-from can_dbc.vobc import VobcEvent, VobcMode, VobcMotion, VobcPosition, VobcStatus, VobcTarget
-from vobc.atp.supervision import WORDS
+from can_dbc.vobc import (
+    Cause,
+    VobcEvent,
+    VobcMode,
+    VobcMotion,
+    VobcPosition,
+    VobcStatus,
+    VobcTarget,
+)
 from vobc.vocabulary import CycleOutput, Interval
 
 SENT_KINDS: Final[tuple[type[Frame], ...]] = (
@@ -31,9 +38,8 @@ SLIPS_PERIOD: Final = 64
 POSITION_STEP_M: Final = 0.01
 """Of front and uncertainty in their frame; each is rounded to the nearest."""
 PROTECTION_ERROR: Final = 0xFF01
-"""EMCY code of the manufacturer's: the emergency brake is latched; its detail counts the cause."""
+"""EMCY code of the manufacturer's: the emergency brake is latched; its detail is the `Cause`."""
 PROTECTION_REGISTER: Final = 0x81
-CAUSE_NUMBERS: Final = {words: int(cause) for cause, words in WORDS.items()}
 
 
 def vital_frames(output: CycleOutput) -> tuple[Frame, Frame]:
@@ -123,12 +129,12 @@ def heartbeat(state: NodeState) -> Frame:
     return HEARTBEATS[Node.VOBC](state)
 
 
-def emergency_message(cause: str | None) -> Frame:
+def emergency_message(cause: Cause | None) -> Frame:
     """EMCY for a latched emergency brake; None says that it is gone."""
     message = EMERGENCIES[Node.VOBC]
     if cause is None:
         return message(0, 0, 0)
-    return message(PROTECTION_ERROR, PROTECTION_REGISTER, CAUSE_NUMBERS.get(cause, 0))
+    return message(PROTECTION_ERROR, PROTECTION_REGISTER, int(cause))
 
 
 def make_encoder() -> Encoder:
