@@ -3,6 +3,7 @@
 import hashlib
 import hmac
 import itertools
+import json
 import re
 import zlib
 from pathlib import Path
@@ -16,7 +17,16 @@ from firmware_py.tag_reader import inproc_line, serial_line, telegram
 from firmware_py.tag_reader.telegram import HealthTelegram, TagTelegram, TornReason
 from firmware_py.trackdb import TagKind
 from zenoh_config import codec, keys
-from zenoh_config.messages import MovementAuthority, PositionReport, RefusedReason
+from zenoh_config.messages import (
+    RESTRICTIONS_MAX,
+    Message,
+    MovementAuthority,
+    PositionReport,
+    RefusedReason,
+    SpeedRestriction,
+    TrainOrders,
+    TrainStatus,
+)
 from zenoh_config.sessions import DEFAULT_ENDPOINT
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -146,40 +156,24 @@ def test_the_serial_document_names_every_reason() -> None:
     assert set(table(SERIAL, "reason")) == {reason.value for reason in TornReason}
 
 
-def report_of(example: Fields) -> PositionReport:
-    return PositionReport(
-        train=int(example["train"]),
-        boot=int(example["boot"]),
-        sequence=int(example["sequence"]),
-        stamp_ns=int(example["stamp_ns"]),
-        front_min_m=float(example["front_min_m"]),
-        front_max_m=float(example["front_max_m"]),
-        rear_min_m=float(example["rear_min_m"]),
-        speed_mps=float(example["speed_mps"]),
-        standstill=example["standstill"] == "true",
-        destination=int(example["destination"]),
-    )
+MESSAGES: dict[str, type[Message]] = {
+    kind.__name__: kind for kind in (PositionReport, MovementAuthority, TrainStatus, TrainOrders)
+}
 
 
-def authority_of(example: Fields) -> MovementAuthority:
-    return MovementAuthority(
-        train=int(example["train"]),
-        boot=int(example["boot"]),
-        term=int(example["term"]),
-        sequence=int(example["sequence"]),
-        echo_stamp_ns=int(example["echo_stamp_ns"]),
-        end_m=float(example["end_m"]),
-        source=int(example["source"]),
-        stamp_ns=int(example["stamp_ns"]),
-    )
+def message_of(kind: str, example: Fields) -> Message:
+    """The message that an example spells out; every field but the payload is JSON."""
+    values = {name: json.loads(text) for name, text in example.items() if name != "payload"}
+    if "restrictions" in values:
+        values["restrictions"] = tuple(SpeedRestriction(*each) for each in values["restrictions"])
+    return MESSAGES[kind](**values)
 
 
-def test_the_example_messages_are_what_the_code_sends() -> None:
-    (report,) = examples(RADIO, "PositionReport")
-    (authority,) = examples(RADIO, "MovementAuthority")
+@pytest.mark.parametrize("kind", MESSAGES)
+def test_the_example_messages_are_what_the_code_sends(kind: str) -> None:
+    (example,) = examples(RADIO, kind)
 
-    assert codec.pack(report_of(report)).hex(" ") == report["payload"]
-    assert codec.pack(authority_of(authority)).hex(" ") == authority["payload"]
+    assert codec.pack(message_of(kind, example)).hex(" ") == example["payload"]
 
 
 @pytest.mark.parametrize(
@@ -187,6 +181,8 @@ def test_the_example_messages_are_what_the_code_sends() -> None:
     [
         ("PositionReport", 1, "train", "destination"),
         ("MovementAuthority", 2, "source", "train"),
+        ("TrainStatus", 3, "train", "destination"),
+        ("TrainOrders", 4, "source", "train"),
     ],
 )
 def test_the_tables_alone_decode_the_example_messages(
@@ -205,7 +201,8 @@ def test_the_tables_alone_decode_the_example_messages(
     assert (
         payload[-16:] == hmac.new(bytes.fromhex(key), payload[:-16], hashlib.sha256).digest()[:16]
     )
-    assert (header["version"], header["type"]) == (1, code)
+    assert (header["version"], header["type"]) == (codec.VERSION, code)
+    assert f"{code} {kind}" in next(row[3] for row in rows(RADIO, "Envelope") if row[2] == "type")
     assert (header["source"], header["destination"]) == (
         int(example[sender]),
         int(example[receiver]),
@@ -237,8 +234,14 @@ def test_the_radio_document_has_the_keys_endpoint_and_limits() -> None:
         keys.reports("florence"),
         keys.authority("florence", 0, 7),
         keys.authorities("florence", 7),
+        keys.status("florence", 7),
+        keys.statuses("florence"),
+        keys.order("florence", 0, 7),
+        keys.orders("florence", 7),
     ]
     assert f"`{DEFAULT_ENDPOINT}`" in RADIO
     assert f"over {codec.MAX_BYTES} bytes" in RADIO
+    assert f"| 0 | 1 | version | {codec.VERSION} |" in RADIO
+    assert f"at most {RESTRICTIONS_MAX}, each" in RADIO
     assert f"newest {INBOX_MESSAGES} messages" in RADIO
     assert INBOX_MESSAGES == ZENOH_INBOX_MESSAGES

@@ -14,14 +14,30 @@ from hypothesis import strategies as st
 
 from zenoh_config.codec import BENCH_KEY, MAX_BYTES, pack, safety_key, unpack
 from zenoh_config.messages import (
+    RESTRICTIONS_MAX,
+    Message,
     MovementAuthority,
     PositionReport,
     Refused,
     RefusedReason,
+    SpeedRestriction,
+    TrainOrders,
+    TrainStatus,
 )
 
 REPORT = PositionReport(7, 3, 1000, 123_456_789_012, -20.5, -19.0, -89.1, 12.25, False)
 AUTHORITY = MovementAuthority(7, 3, 2, 500, 123_456_789_012, 1450.0, 0, 99)
+STATUS = TrainStatus(
+    7, 3, 41, 123_456_789_012, 4, 1, 0, True, False, -19.5, True, False, True, False, False, True,
+    False,
+)  # fmt: skip
+ORDERS = TrainOrders(
+    7, 3, 77, 123_456_789_012, True, False, True, False, False, 2, False, False, True, False, True,
+    (SpeedRestriction(100.0, 250.5, 8.25), SpeedRestriction(-3.0, 4.0, 1.0)), 0, 99,
+)  # fmt: skip
+SAMPLES = pytest.mark.parametrize(
+    "message", [REPORT, AUTHORITY, STATUS, ORDERS], ids=lambda message: type(message).__name__
+)
 
 numbers = st.integers(0, 2**32 - 1)
 stamps_ns = st.integers(0, 2**63 - 1)
@@ -57,7 +73,69 @@ authorities = st.builds(
     end_m=chainages_m,
     source=addresses,
     stamp_ns=stamps_ns,
+    rear_m=st.none(),
+) | st.builds(
+    lambda ends_m, **values: MovementAuthority(rear_m=min(ends_m), end_m=max(ends_m), **values),
+    st.tuples(chainages_m, chainages_m),
+    train=trains,
+    boot=numbers,
+    term=numbers,
+    sequence=numbers,
+    echo_stamp_ns=stamps_ns,
+    source=addresses,
+    stamp_ns=stamps_ns,
 )
+
+codes = st.integers(0, 255)
+flags = st.booleans()
+statuses = st.builds(
+    TrainStatus,
+    train=trains,
+    boot=numbers,
+    sequence=numbers,
+    stamp_ns=stamps_ns,
+    mode=codes,
+    supervision=codes,
+    cause=codes,
+    localised=flags,
+    standstill=flags,
+    front_m=chainages_m,
+    doors_locked=flags,
+    open_left=flags,
+    open_right=flags,
+    passenger_alarm=flags,
+    fire=flags,
+    obstacle=flags,
+    alarm_raised=flags,
+    destination=addresses,
+)
+restrictions = st.builds(
+    lambda ends_m, limit_mps: SpeedRestriction(min(ends_m), max(ends_m), limit_mps),
+    st.tuples(chainages_m, chainages_m),
+    st.floats(0.0, 200.0, exclude_min=True),
+)
+orders = st.builds(
+    TrainOrders,
+    train=trains,
+    boot=numbers,
+    sequence=numbers,
+    echo_stamp_ns=stamps_ns,
+    awake=flags,
+    hold=flags,
+    skip_next=flags,
+    stop_next=flags,
+    emergency=flags,
+    releases=numbers,
+    creep=flags,
+    restricted=flags,
+    doors_left=flags,
+    doors_right=flags,
+    platform_doors_locked=flags,
+    restrictions=st.lists(restrictions, max_size=RESTRICTIONS_MAX).map(tuple),
+    source=addresses,
+    stamp_ns=stamps_ns,
+)
+messages = reports() | authorities | statuses | orders
 
 
 def sealed(header: bytes, body: bytes, key: bytes = BENCH_KEY) -> bytes:
@@ -66,7 +144,7 @@ def sealed(header: bytes, body: bytes, key: bytes = BENCH_KEY) -> bytes:
     return header + body + code
 
 
-def header_of(kind: int, source: int, destination: int, *, version: int = 1) -> bytes:
+def header_of(kind: int, source: int, destination: int, *, version: int = 2) -> bytes:
     return struct.pack(">BBHHIQ", version, kind, source, destination, 5, 6)
 
 
@@ -75,8 +153,8 @@ def reason_of(payload: bytes) -> RefusedReason | None:
     return result.reason if isinstance(result, Refused) else None
 
 
-@given(reports() | authorities)
-def test_messages_come_back(message: PositionReport | MovementAuthority) -> None:
+@given(messages)
+def test_messages_come_back(message: Message) -> None:
     payload = pack(message)
 
     assert unpack(payload) == message
@@ -86,7 +164,7 @@ def test_messages_come_back(message: PositionReport | MovementAuthority) -> None
 @given(reports())
 def test_a_report_is_laid_out_as_documented(report: PositionReport) -> None:
     header = struct.pack(
-        ">BBHHIQ", 1, 1, report.train, report.destination, report.sequence, report.stamp_ns
+        ">BBHHIQ", 2, 1, report.train, report.destination, report.sequence, report.stamp_ns
     )
     fields = [
         report.boot, report.front_min_m, report.front_max_m,
@@ -100,20 +178,63 @@ def test_a_report_is_laid_out_as_documented(report: PositionReport) -> None:
 def test_an_authority_is_laid_out_as_documented(authority: MovementAuthority) -> None:
     header = struct.pack(
         ">BBHHIQ",
-        1,
+        2,
         2,
         authority.source,
         authority.train,
         authority.sequence,
         authority.stamp_ns,
     )
-    fields = [authority.boot, authority.term, authority.echo_stamp_ns, authority.end_m]
+    fields = [
+        authority.boot, authority.term, authority.echo_stamp_ns, authority.end_m, authority.rear_m
+    ]  # fmt: skip
 
     assert pack(authority) == sealed(header, msgspec.msgpack.encode(fields))
 
 
-@pytest.mark.parametrize("message", [REPORT, AUTHORITY], ids=["report", "authority"])
-def test_no_single_wrong_bit_is_accepted(message: PositionReport | MovementAuthority) -> None:
+@given(statuses)
+def test_a_status_is_laid_out_as_documented(status: TrainStatus) -> None:
+    header = struct.pack(
+        ">BBHHIQ", 2, 3, status.train, status.destination, status.sequence, status.stamp_ns
+    )
+    fields = [
+        status.boot, status.mode, status.supervision, status.cause, status.localised,
+        status.standstill, status.front_m, status.doors_locked, status.open_left,
+        status.open_right, status.passenger_alarm, status.fire, status.obstacle,
+        status.alarm_raised,
+    ]  # fmt: skip
+
+    assert pack(status) == sealed(header, msgspec.msgpack.encode(fields))
+
+
+@given(orders)
+def test_orders_are_laid_out_as_documented(told: TrainOrders) -> None:
+    header = struct.pack(
+        ">BBHHIQ", 2, 4, told.source, told.train, told.sequence, told.stamp_ns
+    )  # fmt: skip
+    fields = [
+        told.boot, told.echo_stamp_ns, told.awake, told.hold, told.skip_next, told.stop_next,
+        told.emergency, told.releases, told.creep, told.restricted, told.doors_left,
+        told.doors_right, told.platform_doors_locked,
+        [[each.start_m, each.end_m, each.limit_mps] for each in told.restrictions],
+    ]  # fmt: skip
+
+    assert pack(told) == sealed(header, msgspec.msgpack.encode(fields))
+
+
+@given(messages, st.data())
+def test_a_wrong_bit_anywhere_in_any_message_is_refused(
+    message: Message, data: st.DataObject
+) -> None:
+    broken = bytearray(pack(message))
+    bit = data.draw(st.integers(0, 8 * len(broken) - 1))
+    broken[bit // 8] ^= 1 << bit % 8
+
+    assert reason_of(bytes(broken)) is RefusedReason.WRONG_CODE
+
+
+@SAMPLES
+def test_no_single_wrong_bit_is_accepted(message: Message) -> None:
     payload = pack(message)
 
     for bit in range(len(payload) * 8):
@@ -122,8 +243,8 @@ def test_no_single_wrong_bit_is_accepted(message: PositionReport | MovementAutho
         assert reason_of(bytes(broken)) is RefusedReason.WRONG_CODE, f"bit {bit}"
 
 
-@pytest.mark.parametrize("message", [REPORT, AUTHORITY], ids=["report", "authority"])
-def test_no_part_of_a_message_is_accepted(message: PositionReport | MovementAuthority) -> None:
+@SAMPLES
+def test_no_part_of_a_message_is_accepted(message: Message) -> None:
     payload = pack(message)
 
     for length in range(len(payload)):
@@ -156,7 +277,14 @@ def test_a_long_message_is_refused_unread() -> None:
 
 
 GOOD_REPORT_BODY = [3, -20.5, -19.0, -89.1, 12.25, False]
-GOOD_AUTHORITY_BODY = [3, 2, 123, 1450.0]
+GOOD_AUTHORITY_BODY = [3, 2, 123, 1450.0, None]
+GOOD_STATUS_BODY = [
+    3, 4, 1, 0, True, False, -19.5, True, False, True, False, False, True, False,
+]  # fmt: skip
+GOOD_ORDERS_BODY = [
+    3, 123, True, False, True, False, False, 2, False, False, True, False, True,
+    [[100.0, 250.5, 8.25]],
+]  # fmt: skip
 
 
 def with_field(body: Sequence[object], at: int, value: object) -> list[object]:
@@ -168,7 +296,13 @@ def with_field(body: Sequence[object], at: int, value: object) -> list[object]:
     [
         (1, GOOD_REPORT_BODY, None),
         (2, GOOD_AUTHORITY_BODY, None),
-        (3, GOOD_AUTHORITY_BODY, RefusedReason.UNKNOWN_TYPE),
+        (3, GOOD_STATUS_BODY, None),
+        (4, GOOD_ORDERS_BODY, None),
+        (0, GOOD_AUTHORITY_BODY, RefusedReason.UNKNOWN_TYPE),
+        (5, GOOD_ORDERS_BODY, RefusedReason.UNKNOWN_TYPE),
+        (3, GOOD_AUTHORITY_BODY, RefusedReason.WRONG_FIELDS),
+        (4, GOOD_STATUS_BODY, RefusedReason.WRONG_FIELDS),
+        (3, GOOD_ORDERS_BODY, RefusedReason.WRONG_FIELDS),
         (1, GOOD_AUTHORITY_BODY, RefusedReason.WRONG_FIELDS),
         (2, GOOD_REPORT_BODY, RefusedReason.WRONG_FIELDS),
         (2, [*GOOD_AUTHORITY_BODY, 1], RefusedReason.WRONG_FIELDS),
@@ -186,6 +320,43 @@ def with_field(body: Sequence[object], at: int, value: object) -> list[object]:
         (2, with_field(GOOD_AUTHORITY_BODY, 1, 2**32), RefusedReason.INVALID_VALUE),
         (2, with_field(GOOD_AUTHORITY_BODY, 2, -1), RefusedReason.INVALID_VALUE),
         (2, with_field(GOOD_AUTHORITY_BODY, 2, 2**63), RefusedReason.INVALID_VALUE),
+        (2, with_field(GOOD_AUTHORITY_BODY, 4, 1450.0), None),
+        (2, with_field(GOOD_AUTHORITY_BODY, 4, -1.0e6), None),
+        (2, with_field(GOOD_AUTHORITY_BODY, 4, 1450.1), RefusedReason.INVALID_VALUE),
+        (2, with_field(GOOD_AUTHORITY_BODY, 4, -1.1e6), RefusedReason.INVALID_VALUE),
+        (2, with_field(GOOD_AUTHORITY_BODY, 4, math.nan), RefusedReason.INVALID_VALUE),
+        (2, with_field(GOOD_AUTHORITY_BODY, 4, False), RefusedReason.WRONG_FIELDS),
+        (3, [*GOOD_STATUS_BODY, False], RefusedReason.WRONG_FIELDS),
+        (3, GOOD_STATUS_BODY[:-1], RefusedReason.WRONG_FIELDS),
+        (3, with_field(GOOD_STATUS_BODY, 4, 1), RefusedReason.WRONG_FIELDS),
+        (3, with_field(GOOD_STATUS_BODY, 13, None), RefusedReason.WRONG_FIELDS),
+        (3, with_field(GOOD_STATUS_BODY, 1, 255), None),
+        (3, with_field(GOOD_STATUS_BODY, 1, 256), RefusedReason.INVALID_VALUE),
+        (3, with_field(GOOD_STATUS_BODY, 2, -1), RefusedReason.INVALID_VALUE),
+        (3, with_field(GOOD_STATUS_BODY, 3, 256), RefusedReason.INVALID_VALUE),
+        (3, with_field(GOOD_STATUS_BODY, 6, math.nan), RefusedReason.INVALID_VALUE),
+        (3, with_field(GOOD_STATUS_BODY, 6, 1.0e6), None),
+        (3, with_field(GOOD_STATUS_BODY, 6, 1.1e6), RefusedReason.INVALID_VALUE),
+        (3, with_field(GOOD_STATUS_BODY, 0, 2**32), RefusedReason.INVALID_VALUE),
+        (4, [*GOOD_ORDERS_BODY, False], RefusedReason.WRONG_FIELDS),
+        (4, GOOD_ORDERS_BODY[:-1], RefusedReason.WRONG_FIELDS),
+        (4, with_field(GOOD_ORDERS_BODY, 2, 1), RefusedReason.WRONG_FIELDS),
+        (4, with_field(GOOD_ORDERS_BODY, 6, None), RefusedReason.WRONG_FIELDS),
+        (4, with_field(GOOD_ORDERS_BODY, 13, [[0.0, 1.0]]), RefusedReason.WRONG_FIELDS),
+        (4, with_field(GOOD_ORDERS_BODY, 13, [[0.0, 1.0, "v"]]), RefusedReason.WRONG_FIELDS),
+        (4, with_field(GOOD_ORDERS_BODY, 0, -1), RefusedReason.INVALID_VALUE),
+        (4, with_field(GOOD_ORDERS_BODY, 1, -1), RefusedReason.INVALID_VALUE),
+        (4, with_field(GOOD_ORDERS_BODY, 7, -1), RefusedReason.INVALID_VALUE),
+        (4, with_field(GOOD_ORDERS_BODY, 7, 2**32 - 1), None),
+        (4, with_field(GOOD_ORDERS_BODY, 7, 2**32), RefusedReason.INVALID_VALUE),
+        (4, with_field(GOOD_ORDERS_BODY, 13, [[0.0, 0.0, 200.0]]), None),
+        (4, with_field(GOOD_ORDERS_BODY, 13, [[0.1, 0.0, 5.0]]), RefusedReason.INVALID_VALUE),
+        (4, with_field(GOOD_ORDERS_BODY, 13, [[0.0, 1.1e6, 5.0]]), RefusedReason.INVALID_VALUE),
+        (4, with_field(GOOD_ORDERS_BODY, 13, [[0.0, 1.0, 0.0]]), RefusedReason.INVALID_VALUE),
+        (4, with_field(GOOD_ORDERS_BODY, 13, [[0.0, 1.0, 200.1]]), RefusedReason.INVALID_VALUE),
+        (4, with_field(GOOD_ORDERS_BODY, 13, [[0.0, 1.0, math.nan]]), RefusedReason.INVALID_VALUE),
+        (4, with_field(GOOD_ORDERS_BODY, 13, 8 * [[0.0, 1.0, 5.0]]), None),
+        (4, with_field(GOOD_ORDERS_BODY, 13, 9 * [[0.0, 1.0, 5.0]]), RefusedReason.INVALID_VALUE),
         (1, with_field(GOOD_REPORT_BODY, 0, -1), RefusedReason.INVALID_VALUE),
         (1, with_field(GOOD_REPORT_BODY, 1, math.nan), RefusedReason.INVALID_VALUE),
         (1, with_field(GOOD_REPORT_BODY, 2, math.nan), RefusedReason.INVALID_VALUE),
@@ -201,21 +372,33 @@ def with_field(body: Sequence[object], at: int, value: object) -> list[object]:
 def test_a_genuine_envelope_with_unsound_fields_is_refused(
     kind: int, body: object, reason: RefusedReason | None
 ) -> None:
-    header = header_of(kind, *((7, 0) if kind == 1 else (0, 7)))
+    header = header_of(kind, *((7, 0) if kind in (1, 3) else (0, 7)))
 
     assert reason_of(sealed(header, msgspec.msgpack.encode(body))) is reason
 
 
-@pytest.mark.parametrize(("kind", "source", "destination"), [(1, 0, 7), (2, 7, 0)])
-def test_the_wayside_is_no_train(kind: int, source: int, destination: int) -> None:
-    body = GOOD_REPORT_BODY if kind == 1 else GOOD_AUTHORITY_BODY
+@pytest.mark.parametrize(
+    ("kind", "source", "destination", "body"),
+    [
+        (1, 0, 7, GOOD_REPORT_BODY),
+        (2, 7, 0, GOOD_AUTHORITY_BODY),
+        (3, 0, 7, GOOD_STATUS_BODY),
+        (4, 7, 0, GOOD_ORDERS_BODY),
+    ],
+)
+def test_the_wayside_is_no_train(
+    kind: int, source: int, destination: int, body: list[object]
+) -> None:
     payload = sealed(header_of(kind, source, destination), msgspec.msgpack.encode(body))
 
     assert reason_of(payload) is RefusedReason.INVALID_VALUE
 
 
-def test_a_later_version_is_refused() -> None:
-    payload = sealed(header_of(2, 0, 7, version=2), msgspec.msgpack.encode(GOOD_AUTHORITY_BODY))
+@pytest.mark.parametrize("version", [1, 3])
+def test_another_version_is_refused(version: int) -> None:
+    payload = sealed(
+        header_of(2, 0, 7, version=version), msgspec.msgpack.encode(GOOD_AUTHORITY_BODY)
+    )
 
     assert reason_of(payload) is RefusedReason.UNKNOWN_VERSION
 
@@ -232,11 +415,18 @@ def test_a_later_version_is_refused() -> None:
         (replace(REPORT, rear_min_m=-10.0), "not in this order"),
         (replace(REPORT, destination=-1), "destination -1"),
         (replace(REPORT, boot=-1), "boot -1"),
+        (replace(AUTHORITY, rear_m=1450.5), "rear_m 1450.5 is off every line or beyond end_m"),
+        (replace(STATUS, mode=256), "TrainStatus: mode 256 is not in 0..255"),
+        (replace(STATUS, front_m=math.nan), "front_m nan"),
+        (replace(STATUS, train=0), "train 0"),
+        (replace(STATUS, destination=65536), "destination 65536"),
+        (replace(ORDERS, train=0), "TrainOrders: train 0"),
+        (replace(ORDERS, source=-1), "source -1"),
+        (replace(ORDERS, releases=-1), "releases -1"),
+        (replace(ORDERS, restrictions=9 * ORDERS.restrictions[:1]), "9 restrictions, at most 8"),
     ],
 )
-def test_what_must_not_be_sent_is_said_by_name(
-    message: PositionReport | MovementAuthority, words: str
-) -> None:
+def test_what_must_not_be_sent_is_said_by_name(message: Message, words: str) -> None:
     with pytest.raises(ValueError, match=words):
         pack(message)
 

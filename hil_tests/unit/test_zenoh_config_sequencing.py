@@ -6,14 +6,28 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from zenoh_config.messages import MovementAuthority, PositionReport, Refused, RefusedReason
-from zenoh_config.sequencing import AuthorityGate, ReportGate
+from zenoh_config.messages import (
+    MovementAuthority,
+    PositionReport,
+    Refused,
+    RefusedReason,
+    TrainOrders,
+    TrainStatus,
+)
+from zenoh_config.sequencing import AuthorityGate, OrdersGate, ReportGate
 
 MS = 1_000_000
 NOW_NS = 10_000 * MS
 MAX_AGE_NS = 1000 * MS
 AUTHORITY = MovementAuthority(7, 3, term=2, sequence=50, echo_stamp_ns=NOW_NS - 300 * MS, end_m=9.0)
 REPORT = PositionReport(7, 3, 50, NOW_NS, 10.0, 11.0, -60.0, 1.0, False)
+ORDERS = TrainOrders(
+    7, 3, 50, NOW_NS - 300 * MS, True, False, False, False, False, 0, False, False, False, False,
+    True,
+)  # fmt: skip
+STATUS = TrainStatus(
+    7, 3, 50, NOW_NS, 4, 1, 0, True, False, 10.0, True, False, False, False, False, False, False
+)  # fmt: skip
 
 
 def authority_gate(seen_term: int = 0) -> AuthorityGate:
@@ -95,6 +109,80 @@ def test_whatever_the_order_what_is_accepted_only_grows(arrivals: list[tuple[int
         assert accepted[0] == arrivals[0]
         assert accepted[-1] == max(arrivals)
     assert gate.accepted + gate.refusals.total() == len(arrivals)
+
+
+def orders_gate() -> OrdersGate:
+    return OrdersGate(train=7, boot=3, max_age_ns=MAX_AGE_NS)
+
+
+def test_orders_are_accepted_once() -> None:
+    gate = orders_gate()
+
+    assert gate.check(ORDERS, NOW_NS) is None
+    assert reason(gate.check(ORDERS, NOW_NS)) is RefusedReason.NOT_NEWER
+    assert (gate.accepted, gate.refusals.total()) == (1, 1)
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        ({"train": 8}, RefusedReason.WRONG_DESTINATION),
+        ({"source": 9}, RefusedReason.WRONG_SOURCE),
+        ({"boot": 2}, RefusedReason.WRONG_BOOT),
+        ({"boot": 4}, RefusedReason.WRONG_BOOT),
+        ({"sequence": 50}, RefusedReason.NOT_NEWER),
+        ({"sequence": 49}, RefusedReason.NOT_NEWER),
+        ({"sequence": 51}, None),
+        ({"sequence": 51, "echo_stamp_ns": NOW_NS}, None),
+        ({"sequence": 51, "echo_stamp_ns": NOW_NS + 1}, RefusedReason.FROM_THE_FUTURE),
+        ({"sequence": 51, "echo_stamp_ns": NOW_NS - MAX_AGE_NS}, None),
+        ({"sequence": 51, "echo_stamp_ns": NOW_NS - MAX_AGE_NS - 1}, RefusedReason.TOO_OLD),
+    ],
+)
+def test_after_some_orders_the_next_must_be_newer_ours_and_fresh(
+    change: dict[str, int], expected: RefusedReason | None
+) -> None:
+    gate = orders_gate()
+    gate.check(ORDERS, NOW_NS)
+
+    refused = gate.check(replace(ORDERS, **change), NOW_NS)  # type: ignore[arg-type]
+
+    assert reason(refused) is expected
+    assert gate.refusals == ({} if expected is None else {expected: 1})
+
+
+def test_refused_orders_change_nothing() -> None:
+    gate = orders_gate()
+
+    gate.check(replace(ORDERS, sequence=99, echo_stamp_ns=0), NOW_NS)
+
+    assert gate.check(ORDERS, NOW_NS) is None
+
+
+@given(st.lists(st.integers(0, 9), min_size=1, max_size=40))
+def test_whatever_the_order_accepted_orders_only_grow(arrivals: list[int]) -> None:
+    gate = orders_gate()
+
+    accepted = [
+        sequence
+        for sequence in arrivals
+        if gate.check(replace(ORDERS, sequence=sequence), NOW_NS) is None
+    ]
+
+    assert accepted == sorted(set(accepted))
+    assert (accepted[0], accepted[-1]) == (arrivals[0], max(arrivals))
+    assert gate.accepted + gate.refusals.total() == len(arrivals)
+
+
+@pytest.mark.parametrize("report", [REPORT, STATUS], ids=["position", "status"])
+def test_a_gate_for_statuses_is_one_for_reports(report: PositionReport | TrainStatus) -> None:
+    gate = ReportGate()
+
+    assert gate.check(report) is None
+    assert reason(gate.check(report)) is RefusedReason.NOT_NEWER
+    assert reason(gate.check(replace(report, destination=1))) is RefusedReason.WRONG_DESTINATION
+    assert reason(gate.check(replace(report, boot=2, sequence=99))) is RefusedReason.WRONG_BOOT
+    assert gate.check(replace(report, boot=4, sequence=0)) is None
 
 
 def test_a_report_is_accepted_once() -> None:
