@@ -13,6 +13,7 @@ class Timeouts:
     doors_s: float
     desk_s: float
     tag_reader_s: float
+    alarms_s: float
 
     def __post_init__(self) -> None:
         for name in self.__slots__:
@@ -46,11 +47,41 @@ class AtpConfig:
     """An older authority brakes the train by emergency."""
     authority_service_ratio: float
     """Share of that age from which the service brake comes."""
+    orders_age_max_s: float
+    """Older orders mean that the centre is silent; an emergency it ordered lasts all the same."""
     rollback_m: float
     held_movement_m: float
     """A held train that moves farther than this is not held."""
     overruns_max: int
     """Cycles missed in a row that are still forgiven."""
+    clock_tolerance_s: float
+    """A cycle may come so much sooner or later than cycle time and missed cycles explain."""
+    brake_unit_s: float
+    """So long after its release the brake unit may still report the emergency brake."""
+    restricted_mps: float
+    """On sight, with a person at the desk, or with doors that are bypassed."""
+    creep_mps: float
+    """On sight without a driver."""
+    jog_mps: float
+    """Up or back to a stopping point that was missed."""
+    flat_warning_margin_mps: float
+    """Over the three speeds above, where no place is needed to know the ceiling."""
+    flat_service_margin_mps: float
+    flat_emergency_margin_mps: float
+    takeover_margin_mps: float
+    """Full supervision takes over only so far under its permitted speed."""
+    jog_m: float
+    """One jog goes no farther."""
+    jog_attempts: int
+    """At one stop."""
+    overshoot_m: float
+    """Passing the stopping point by more brings the emergency brake."""
+    overshoot_mended_m: float
+    """Up to here a jog may mend it; the emergency brake releases itself at standstill."""
+    stop_patience_s: float
+    """Asked to stop now, operation may take so long to begin."""
+    stop_decel_mps2: float
+    """From then on it has to slow so much at least, or protection brakes."""
     door_window_m: float
     """Doors open only if the front surely stands so close to the stopping point."""
     door_declared_m: float
@@ -64,6 +95,21 @@ class AtpConfig:
             )
         if not 0.0 < self.authority_service_ratio <= 1.0:
             raise ValueError(f"authority_service_ratio {self.authority_service_ratio} not in 0..1")
+        flat = (
+            self.flat_warning_margin_mps,
+            self.flat_service_margin_mps,
+            self.flat_emergency_margin_mps,
+        )
+        if not 0.0 < flat[0] < flat[1] < flat[2]:
+            raise ValueError(
+                "0 < flat_warning_margin_mps < flat_service_margin_mps < flat_emergency_margin_mps "
+                "does not hold"
+            )
+        if self.overshoot_m > self.overshoot_mended_m:
+            raise ValueError(
+                f"overshoot_m {self.overshoot_m} is more than "
+                f"overshoot_mended_m {self.overshoot_mended_m}"
+            )
         for name in _POSITIVE:
             if getattr(self, name) <= 0.0:
                 raise ValueError(f"{name} {getattr(self, name)} is not positive")
@@ -75,6 +121,14 @@ class AtpConfig:
 _POSITIVE = (
     "guaranteed_decel_mps2",
     "authority_age_max_s",
+    "orders_age_max_s",
+    "clock_tolerance_s",
+    "restricted_mps",
+    "creep_mps",
+    "jog_mps",
+    "jog_m",
+    "overshoot_m",
+    "stop_decel_mps2",
     "rollback_m",
     "held_movement_m",
     "door_window_m",
@@ -88,5 +142,9 @@ _NOT_NEGATIVE = (
     "warning_lead_s",
     "permitted_lead_s",
     "overruns_max",
+    "brake_unit_s",
+    "takeover_margin_mps",
+    "jog_attempts",
+    "stop_patience_s",
     "door_declared_m",
 )
