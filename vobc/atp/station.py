@@ -29,6 +29,10 @@ class StationVerdict:
     jog_permitted: bool = False
     alarm_raised: bool = False
     door_bypass: bool = False
+    jog_attempts: int = 0
+    """Made at this stop."""
+    self_release: bool = False
+    """The emergency brake of an overshoot may release itself at standstill: a jog mends it."""
 
 
 class StationGuard:
