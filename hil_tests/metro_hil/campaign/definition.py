@@ -6,6 +6,7 @@ from typing import Any, Final
 
 from firmware_py import settings
 from firmware_py.settings import SettingsError
+from metro_hil.campaign.drawn import FAULTS, faults_words
 from metro_hil.campaign.factors import Phase, where
 from metro_hil.campaign.plan import Point
 from metro_hil.campaign.problems import Findings, attempt
@@ -179,9 +180,12 @@ class PointMaker:
             findings.add(where(error.args[1]), error.args[0])
             return None
         parts = dict(self._fixed)
+        values_of = dict(factors)
+        if FAULTS in factors:
+            factors[FAULTS] = faults_words(values_of[FAULTS])
         fine = True
         for part, keys in self._changed.items():
-            parts[part], seen = self._part(body, part, [factors[key] for key in keys])
+            parts[part], seen = self._part(body, part, [values_of[key] for key in keys])
             fine = fine and not seen
             for key, what in seen.found:
                 self._report(key, what, factors, findings)

@@ -15,6 +15,8 @@ from metro_hil.cases import (
 )
 
 NUMBER_DIGITS = 4
+DRAWN = "drawn"
+"""Design in which a case is what its seed says, so that the seed alone names it."""
 
 
 class Point(msgspec.Struct, frozen=True, kw_only=True):
@@ -98,7 +100,8 @@ def plan_cases(campaign: Campaign) -> tuple[Case, ...]:
 
 def case_of(scenario: ScenarioPlan, point: Point, seed: int, index: int) -> Case:
     """One run of one point."""
-    number = "" if scenario.design is None else f"{point.number:0{NUMBER_DIGITS}d}-"
+    numbered = scenario.design not in (None, DRAWN)
+    number = f"{point.number:0{NUMBER_DIGITS}d}-" if numbered else ""
     return Case(
         id=f"{scenario.name}/{number}s{seed}",
         index=index,

@@ -9,10 +9,12 @@ from firmware_py import settings
 from firmware_py.settings import SettingsError, nearest
 from metro_hil.campaign.definition import Body, PointMaker
 from metro_hil.campaign.designs import Choice, design
+from metro_hil.campaign.drawn import FAULTS, FaultPool, draw, read_pool
 from metro_hil.campaign.factors import Factor, Phase, read_factors, where
 from metro_hil.campaign.plan import Campaign, Point, ScenarioPlan
 from metro_hil.campaign.problems import CampaignError, Findings, attempt
 from metro_hil.campaign.schema import (
+    POOL,
     SEED_MAX,
     SEEDS_MAX,
     SWEEP,
@@ -163,8 +165,9 @@ class _Reader:
         seeds = read_seeds(table, findings)
         invariants = read_invariants(table, findings)
         body = Body(table, invariants, self._sources)
-        sweep, factors = _read_sweep(table.get("sweep", {}), findings)
-        points = _points(body, sweep, factors, findings)
+        sweep, factors, pool = _read_sweep(table.get("sweep", {}), findings)
+        drawn = _drawn(sweep, seeds, table, findings)
+        points = _points(body, sweep, factors, findings, pool=pool, seeds=seeds)
         for key, what in findings.found:
             self._say(place.key(key), what)
         if head is None or sweep is None or findings:
@@ -179,12 +182,12 @@ class _Reader:
             description=head.description,
             requirements=head.requirements,
             bench=head.bench,
-            seeds=seeds,
-            new_seeds=sweep.new_seeds,
+            seeds=seeds[:1] if drawn else seeds,
+            new_seeds=sweep.new_seeds or drawn,
             expected=head.expected,
             stop_at_violation=head.stop_at_violation,
             invariants=invariants,
-            design=sweep.design.value if factors else None,
+            design=sweep.design.value if factors or drawn else None,
             levels={factor.key: in_words(factor) for factor in factors},
             points=points,
         )
@@ -259,28 +262,54 @@ def read_invariants(table: Mapping[str, Any], findings: Findings) -> str | tuple
     return "all"
 
 
+def _drawn(
+    sweep: SweepKeys | None, seeds: Sequence[int], table: Mapping[str, Any], findings: Findings
+) -> bool:
+    """Whether every seed is a point of its own."""
+    drawn = sweep is not None and sweep.design is DesignKind.DRAWN
+    if drawn and len(seeds) > 1 and not isinstance(table.get("seeds", 1), int):
+        findings.add("seeds", "of design 'drawn' are a number or a single one in a list")
+    return drawn
+
+
 def _read_sweep(
     table: Mapping[str, Any], findings: Findings
-) -> tuple[SweepKeys | None, tuple[Factor, ...]]:
-    """The design and its factors; without factors there is one point."""
-    plain = {name: value for name, value in table.items() if name != "factors"}
+) -> tuple[SweepKeys | None, tuple[Factor, ...], FaultPool]:
+    """The design, its factors and its pool of faults; without factors there is one point."""
+    plain = {name: value for name, value in table.items() if name not in ("factors", *POOL)}
     for name in [name for name in plain if name not in SWEEP]:
         findings.add(f"sweep.{name}", f"unknown key; {nearest(name, list(SWEEP), 'key')}")
         del plain[name]
     before = len(findings.found)
     factors = read_factors(table.get("factors", {}), findings)
     keys = attempt(lambda t: settings.build(SweepKeys, t, "", "sweep"), plain, "sweep", findings)
-    if table and not factors and len(findings.found) == before:
+    pool = FaultPool()
+    if keys is not None and keys.design is DesignKind.DRAWN:
+        most = 1 if keys.faults_max is None else keys.faults_max
+        tables, window = table.get("fault", []), table.get("window", {})
+        least = keys.faults_min or 0
+        if tables:
+            pool = read_pool(tables, window, least=least, most=most, findings=findings)
+    elif any(name in table for name in POOL):
+        findings.add("sweep.fault", "is for design 'drawn' alone")
+    if table and not factors and not pool.entries and len(findings.found) == before:
         findings.add("sweep.factors", "missing key; a sweep needs something to vary")
-    return (None if len(findings.found) > before else keys), factors
+    return (None if len(findings.found) > before else keys), factors, pool
 
 
 def _points(
-    body: Body, sweep: SweepKeys | None, factors: Sequence[Factor], findings: Findings
+    body: Body,
+    sweep: SweepKeys | None,
+    factors: Sequence[Factor],
+    findings: Findings,
+    *,
+    pool: FaultPool,
+    seeds: Sequence[int],
 ) -> tuple[Point, ...]:
     """All points of the sweep, in order; what is wrong with them is reported."""
-    maker = PointMaker(body, [factor.key for factor in factors], findings)
-    choices = _choices(body, sweep, factors, findings)
+    keys = [factor.key for factor in factors]
+    maker = PointMaker(body, [*keys, *([FAULTS] if pool.entries else [])], findings)
+    choices = _choices(body, sweep, factors, findings, pool=pool, seeds=seeds)
     if choices is None:
         maker.report_body(findings)
         return ()
@@ -298,11 +327,19 @@ def _points(
 
 
 def _choices(
-    body: Body, sweep: SweepKeys | None, factors: Sequence[Factor], findings: Findings
+    body: Body,
+    sweep: SweepKeys | None,
+    factors: Sequence[Factor],
+    findings: Findings,
+    *,
+    pool: FaultPool,
+    seeds: Sequence[int],
 ) -> list[Choice] | None:
     """The points of the design; None when the sweep is wrong in itself."""
     if not _keys_lead_somewhere(body, factors, findings) or sweep is None:
         return None
+    if sweep.design is DesignKind.DRAWN:
+        return [draw(seed, factors, pool) for seed in seeds]
     if not factors:
         return [{}]
     try:

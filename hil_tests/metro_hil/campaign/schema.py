@@ -18,6 +18,7 @@ DWELL_MAX_S: Final = 3600.0
 LEASE_RANGE_S: Final = (0.01, 3600.0)
 STRENGTH_MAX: Final = 6
 POINTS_MAX: Final = 1_000_000
+POOL_MAX: Final = 1000
 
 NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
 CONTROL: Final = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")
@@ -166,6 +167,8 @@ class DesignKind(Enum):
     SOBOL = "sobol"
     """Scrambled Sobol sequence."""
     RANDOM = "random"
+    DRAWN = "drawn"
+    """Every seed is a case of its own, drawn whole from it."""
 
 
 SAMPLED: Final = (DesignKind.LHS, DesignKind.SOBOL, DesignKind.RANDOM)
@@ -186,6 +189,10 @@ class SweepKeys:
     new_seeds: bool = False
     """Whether each point has seeds of its own rather than all points the same."""
     exclude: tuple[str, ...] = ()
+    faults_min: int | None = None
+    """Of the pool of a drawn design, so many faults at least in each case; 0 where left out."""
+    faults_max: int | None = None
+    """And so many at most; 1 where it is left out."""
 
     def __post_init__(self) -> None:
         in_range(self, "strength", 1, STRENGTH_MAX)
@@ -195,11 +202,21 @@ class SweepKeys:
             raise ValueError(f"design {self.design.value!r} needs count")
         if self.design not in SAMPLED and self.count is not None:
             raise ValueError(f"count {self.count} is for lhs, sobol and random alone")
+        in_range(self, "faults_min", 0, POOL_MAX)
+        in_range(self, "faults_max", 0, POOL_MAX)
+        for name in ("faults_min", "faults_max"):
+            value = getattr(self, name)
+            if self.design is not DesignKind.DRAWN and value is not None:
+                raise ValueError(f"{name} {value} is for design drawn alone")
+        if self.design is DesignKind.DRAWN and self.exclude:
+            raise ValueError(f"exclude {list(self.exclude)} is not for design drawn")
         if self.design is not DesignKind.COVERING and self.strength is not None:
             raise ValueError(f"strength {self.strength} is for design covering alone")
 
 
-SWEEP: Final = (*SweepKeys.__dataclass_fields__, "factors")
+POOL: Final = ("fault", "window")
+"""Tables of a drawn design: what faults are drawn from, and what their windows have in common."""
+SWEEP: Final = (*SweepKeys.__dataclass_fields__, "factors", *POOL)
 
 
 def unfit(value: Any, key: str = "") -> Iterator[tuple[str, str]]:

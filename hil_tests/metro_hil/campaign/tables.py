@@ -116,6 +116,8 @@ def with_value(table: Mapping[str, Any], key: str, value: Any) -> ConfigTable:
     head, _, rest = key.partition(".")
     if head not in SWEPT:
         raise KeyMissingError(f"cannot be swept; {nearest(head, list(SWEPT), 'beginning')}")
+    if key == "fault" and _is_array(value):
+        return {**table, head: [*table.get(head, []), *value]}
     if not rest:
         raise KeyMissingError(f"is a whole table; sweep one of its keys, such as {head}.…")
     if head in APPENDED:

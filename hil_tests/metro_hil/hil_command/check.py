@@ -17,7 +17,7 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
         description="Check a campaign file and say what it would run, without running it. All that "
         "is wrong with it is said at once, one line each.",
     )
-    parser.add_argument("campaign", metavar="CAMPAIGN", help="a shipped name, or a file")
+    parser.add_argument("campaign", metavar="CAMPAIGN", help="of a shipped campaign or scenario, or a file")
     parser.add_argument("--cases", action="store_true", help="list the ids of all cases")
     parser.add_argument(
         "--list",
@@ -34,12 +34,13 @@ def run(options: argparse.Namespace) -> int:
     """Raises SettingsError with all that is wrong with the campaign."""
     import msgspec
 
-    from metro_hil.campaign import CampaignError, read_campaign
+    from metro_hil.campaign import CampaignError
+    from metro_hil.campaign.scenarios import read_named
     from metro_hil.campaign.summary import lines, summarise
     from metro_hil.engine.folder import fingerprint_of
 
     try:
-        campaign = read_campaign(options.campaign)
+        campaign = read_named(options.campaign)
         refuse_unknown_layout(options.campaign, campaign.layout)
     except (SettingsError, UsageError) as error:
         problems = error.problems if isinstance(error, CampaignError) else (str(error),)

@@ -23,11 +23,13 @@ PRESENCES = (AUTO, "ours", "elsewhere")
 def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     parser = verbs.add_parser(
         "run",
-        help="run a campaign",
+        help="run a campaign, or one scenario by its name",
         description="Run all cases of a campaign. Ctrl-C, and even kill -9, lose nothing: "
         "`hil resume` goes on.",
     )
-    parser.add_argument("campaign", metavar="CAMPAIGN", help="a shipped name, or a file")
+    parser.add_argument(
+        "campaign", metavar="NAME", help="of a shipped campaign or scenario, or a file"
+    )
     parser.add_argument("--bench", choices=BENCHES, help="default: as each scenario says")
     parser.add_argument(
         "--controller",
@@ -35,6 +37,9 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
         help="shipped, checkout:PATH or command:WORDS; default: as each scenario says",
     )
     parser.add_argument("--filter", metavar="GLOB", help="only cases whose id matches, as *-s7")
+    parser.add_argument(
+        "--seed", type=number(0), metavar="N", help="only this seed, whatever the scenario says"
+    )
     parser.add_argument("--limit", type=number(1), metavar="N", help="only the first N cases")
     parser.add_argument(
         "--out", metavar="DIR", help="default: a folder by date and name below runs/hil"
@@ -81,12 +86,13 @@ def run(options: argparse.Namespace) -> int:
 
 def plan_of(options: argparse.Namespace) -> "Plan":
     """Raises SettingsError or UsageError."""
-    from metro_hil.campaign import plan_cases, read_campaign
+    from metro_hil.campaign import plan_cases
+    from metro_hil.campaign.scenarios import read_named
     from metro_hil.cases import Wires
     from metro_hil.engine.choosing import choose
     from metro_hil.engine.folder import Plan
 
-    campaign = read_campaign(options.campaign)
+    campaign = read_named(options.campaign, options.seed)
     refuse_unknown_layout(options.campaign, campaign.layout)
     cases = choose(
         plan_cases(campaign),

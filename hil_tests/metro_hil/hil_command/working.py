@@ -92,7 +92,8 @@ def add_work_options(parser: argparse.ArgumentParser) -> None:
 def kept_options(options: argparse.Namespace) -> dict[str, Any]:
     """What the manifest remembers for `hil resume`, and for readers."""
     names = (
-        *("campaign", "on", "bench", "controller", "filter", "limit", "keep", "keep_worst"),
+        *("campaign", "on", "bench", "controller", "filter", "seed", "limit", "keep"),
+        "keep_worst",
         *("case_timeout", "fail_fast", "no_report", "runner"),
     )
     return {name: value for name in names if (value := getattr(options, name, None)) is not None}
