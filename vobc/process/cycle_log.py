@@ -17,9 +17,12 @@ CYCLE_COLUMNS: Final = (
     "demand_mps2",
     "target_mps",
     "permitted_mps",
+    "warning_mps",
+    "service_mps",
     "emergency_mps",
     "distance_to_stop_m",
     "distance_to_authority_m",
+    "mode",
     "supervision",
     "phase",
     "missing",
@@ -54,6 +57,7 @@ def cycle_row(
         output.accel_demand_mps2,
         output.target_mps,
         *_ceiling_fields(output),
+        output.mode,
         output.supervision,
         output.ato_phase,
         _missing_words(output.missing),
@@ -86,9 +90,11 @@ def _ceiling_fields(output: CycleOutput) -> tuple[object, ...]:
     to_stop_m = output.distance_to_stop_m if math.isfinite(output.distance_to_stop_m) else None
     ceiling = output.ceiling
     if ceiling is None:
-        return None, None, to_stop_m, None
+        return None, None, None, None, to_stop_m, None
     return (
         ceiling.permitted_mps,
+        ceiling.warning_mps,
+        ceiling.service_mps,
         ceiling.emergency_mps,
         to_stop_m,
         ceiling.distance_to_authority_m,
