@@ -37,6 +37,12 @@ class AtpConfig:
     """From the command to no tractive effort."""
     brake_build_up_s: float
     """From then on until the guaranteed rate counts as there from the first moment."""
+    interval_step_m: float
+    """The front interval counts as the next multiple of this, and never as less than one."""
+    replica_band_mps: float
+    """The two computations of the emergency limit may differ by so much."""
+    replica_cycles_max: int
+    """In so many cycles in a row they may differ by more."""
     service_lead_s: float
     """Service braking begins so long before the train would reach the emergency curve."""
     warning_lead_s: float
@@ -120,6 +126,8 @@ class AtpConfig:
 
 _POSITIVE = (
     "guaranteed_decel_mps2",
+    "interval_step_m",
+    "replica_band_mps",
     "authority_age_max_s",
     "orders_age_max_s",
     "clock_tolerance_s",
@@ -142,6 +150,7 @@ _NOT_NEGATIVE = (
     "warning_lead_s",
     "permitted_lead_s",
     "overruns_max",
+    "replica_cycles_max",
     "brake_unit_s",
     "takeover_margin_mps",
     "jog_attempts",
