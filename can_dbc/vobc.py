@@ -240,9 +240,10 @@ class VobcEvent:
 
     event: EventKind
     cause: int
-    """Of an emergency the number of its `Cause`; otherwise a number of the event's own."""
+    """Of an emergency the number of its `Cause`; otherwise a number of the event's own: a tag, a
+    mode, flags, an identifier; 0 without one."""
     number: int
-    """Since start, modulo 65536."""
+    """Since start, from 1 on, modulo 65536; a gap is an event that was lost."""
     frame_a: int
     """Identifier of the frame that decided; 0 when it was none."""
     frame_b: int

@@ -1,8 +1,10 @@
 """Frames, telegrams and radio messages to the nouns of the controller, and back."""
 
+from vobc.wire.evidence import SOURCE_IDS, SOURCE_KINDS, Evidence
 from vobc.wire.frames import (
     door_frame,
     emergency_message,
+    event_frame,
     heartbeat,
     make_encoder,
     mode_frame,
@@ -13,15 +15,22 @@ from vobc.wire.frames import (
 )
 from vobc.wire.inbox import HEARD_IDS, TACHO_SAMPLES_MAX, TAGS_MAX, Inbox
 from vobc.wire.radio import RadioLink
+from vobc.wire.refusals import Refusal, Refusals
 
 __all__ = [
+    "Evidence",
     "HEARD_IDS",
     "Inbox",
     "RadioLink",
+    "Refusal",
+    "Refusals",
+    "SOURCE_IDS",
+    "SOURCE_KINDS",
     "TACHO_SAMPLES_MAX",
     "TAGS_MAX",
     "door_frame",
     "emergency_message",
+    "event_frame",
     "heartbeat",
     "make_encoder",
     "mode_frame",

@@ -12,6 +12,7 @@ from can_dbc.nodes import Node
 from can_dbc.traction import TractionCommand
 from can_dbc.vobc import (
     Cause,
+    EventKind,
     VobcEvent,
     VobcMode,
     VobcMotion,
@@ -19,7 +20,8 @@ from can_dbc.vobc import (
     VobcStatus,
     VobcTarget,
 )
-from vobc.vocabulary import CycleOutput, Interval
+from vobc.vocabulary import CycleOutput, Event, Interval
+from vobc.wire.evidence import SOURCE_IDS
 
 SENT_KINDS: Final[tuple[type[Frame], ...]] = (
     BrakeCommand,
@@ -35,6 +37,7 @@ SENT_KINDS: Final[tuple[type[Frame], ...]] = (
     EMERGENCIES[Node.VOBC],
 )
 SLIPS_PERIOD: Final = 64
+EVENT_PERIOD: Final = 65536
 POSITION_STEP_M: Final = 0.01
 """Of front and uncertainty in their frame; each is rounded to the nearest."""
 PROTECTION_ERROR: Final = 0xFF01
@@ -122,6 +125,23 @@ def mode_frame(output: CycleOutput) -> Frame:
         jog_attempts=output.jog_attempts,
         replicas_agree=output.replicas_agree,
         alarm_raised=output.alarm_raised,
+    )
+
+
+def event_frame(event: Event, number: int) -> Frame:
+    """One event with the first two frames that it was decided from; tags and radio have no id.
+
+    A refused frame is its own evidence.
+    """
+    ids = [SOURCE_IDS[source] for source in event.sources if source in SOURCE_IDS]
+    if event.kind is EventKind.FRAME_REJECTED:
+        ids = [event.number]
+    return VobcEvent(
+        event=event.kind,
+        cause=event.number,
+        number=number % EVENT_PERIOD,
+        frame_a=ids[0] if ids else 0,
+        frame_b=ids[1] if len(ids) > 1 else 0,
     )
 
 

@@ -12,19 +12,22 @@ from can_dbc.diagnostics import TcmsStatus
 from can_dbc.doors import DoorStatus
 from can_dbc.energy import LineSupply
 from can_dbc.odometer import ColdMovement, Doppler, Imu, Tacho
-from can_dbc.rejection import Rejected
+from can_dbc.rejection import Reason, Rejected
 from can_dbc.tags import TagReaderHealth
 from can_dbc.traction import TractionStatus
 from firmware_py.ports import CanFrame, SerialChunk
-from firmware_py.tag_reader.telegram import TagTelegram, TelegramParser
+from firmware_py.tag_reader.telegram import TagTelegram, TelegramParser, encode
 from vobc.odometry.sampling import SampleClock
 from vobc.vocabulary import (
     NEVER_S,
     CycleInput,
+    Source,
     TachoSample,
     TagReading,
 )
+from vobc.wire.evidence import SOURCE_KINDS, Evidence
 from vobc.wire.radio import RadioLink
+from vobc.wire.refusals import Refusals
 
 HEARD_KINDS: Final[tuple[type[Frame], ...]] = (
     Tacho,
@@ -56,12 +59,16 @@ class Inbox:
         self._decoder = Decoder(HEARD_KINDS)
         self._parser = TelegramParser()
         self._radio = radio
-        self._latest: dict[type, tuple[Any, int]] = {}
+        self._latest: dict[type, tuple[Any, int, CanFrame]] = {}
         self._tachos: list[tuple[Tacho, int]] = []
         self._tacho_clock = SampleClock()
         self._tags: list[tuple[TagTelegram, int]] = []
+        self._last_tags: list[tuple[TagTelegram, int]] = []
+        """Of the last image that had any."""
         self.rejected = 0
         """Frames that were refused: unknown, damaged, stuck or out of order."""
+        self.refusals = Refusals()
+        """The same by identifier and reason."""
         self.overflowed = 0
         """Samples and tags beyond what one cycle may take; the oldest are given up."""
 
@@ -79,7 +86,8 @@ class Inbox:
         decode, latest = self._decoder.decode, self._latest
         for frame in frames:
             if frame.extended or frame.remote or frame.error:
-                self.rejected += not frame.error
+                if not frame.error:
+                    self._refuse(frame.can_id, Reason.UNKNOWN_ID, "extended or remote frame")
                 continue
             stamp_ns = frame.stamp_ns
             heard = decode(frame.can_id, frame.data, stamp_ns)
@@ -87,7 +95,8 @@ class Inbox:
                 continue
             kind = type(heard)
             if kind is Rejected:
-                self.rejected += 1
+                assert isinstance(heard, Rejected)
+                self._refuse(heard.can_id, heard.reason, heard.detail)
                 continue
             if isinstance(heard, Tacho):
                 sampled_ns = self._tacho_clock.sampled_ns(stamp_ns, heard.stamp_ms)
@@ -95,7 +104,7 @@ class Inbox:
                     continue
                 stamp_ns = sampled_ns
                 self._tachos.append((heard, stamp_ns))
-            latest[kind] = (heard, stamp_ns)
+            latest[kind] = (heard, stamp_ns, frame)
         if len(self._tachos) > TACHO_SAMPLES_MAX:
             self.overflowed += len(self._tachos) - TACHO_SAMPLES_MAX
             del self._tachos[:-TACHO_SAMPLES_MAX]
@@ -131,7 +140,7 @@ class Inbox:
         tags: tuple[TagReading, ...] = ()
         if self._tags:
             tags = tuple([_reading(tag, now_ns - stamp_ns) for tag, stamp_ns in self._tags])
-            self._tags = []
+            self._last_tags, self._tags = self._tags, []
         return CycleInput(
             now_ns,
             dt_s,
@@ -167,6 +176,36 @@ class Inbox:
             self._radio.orders,
             self._radio.orders_age_s(now_ns),
         )
+
+    def evidence(self, source: Source, number: int = 0) -> Evidence | None:
+        """What was heard last of a source; None when nothing was, and for the clock.
+
+        Args:
+            number: of the tag that is meant, where there were several; 0 for the last one.
+        """
+        if source is Source.AUTHORITY:
+            return self._radio.authority_evidence
+        if source is Source.ORDERS:
+            return self._radio.orders_evidence
+        if source is Source.TAG:
+            return self._tag_evidence(number)
+        kind = SOURCE_KINDS.get(source)
+        heard = None if kind is None else self._latest.get(kind)
+        if heard is None:
+            return None
+        _, _, frame = heard
+        return Evidence(source, frame.can_id, bytes(frame.data), frame.stamp_ns)
+
+    def _tag_evidence(self, tag_id: int) -> Evidence | None:
+        if not self._last_tags:
+            return None
+        named = [heard for heard in self._last_tags if heard[0].tag_id == tag_id]
+        telegram, stamp_ns = (named or self._last_tags)[-1]
+        return Evidence(Source.TAG, telegram.tag_id, encode(telegram), stamp_ns)
+
+    def _refuse(self, can_id: int, reason: Reason, detail: str) -> None:
+        self.rejected += 1
+        self.refusals.note(can_id, reason.name, detail)
 
     def _aged(self, kind: type, now_ns: int) -> tuple[Any, float]:
         heard = self._latest.get(kind)

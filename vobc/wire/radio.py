@@ -11,10 +11,19 @@ from vobc.vocabulary import (
     CycleOutput,
     Orders,
     Restriction,
+    Source,
 )
+from vobc.wire.evidence import Evidence
+from vobc.wire.refusals import Refusals
 from zenoh_config import keys
 from zenoh_config.codec import pack, unpack
-from zenoh_config.messages import MovementAuthority, PositionReport, TrainOrders, TrainStatus
+from zenoh_config.messages import (
+    MovementAuthority,
+    PositionReport,
+    Refused,
+    TrainOrders,
+    TrainStatus,
+)
 from zenoh_config.sequencing import AuthorityGate, OrdersGate
 
 S_PER_NS: Final = 1e-9
@@ -53,8 +62,12 @@ class RadioLink:
         self.subscriptions = (keys.authorities(line_name, train), keys.orders(line_name, train))
         self.authority: Authority | None = None
         self.orders: Orders | None = None
+        self.authority_evidence: Evidence | None = None
+        self.orders_evidence: Evidence | None = None
         self.refused = 0
         """Radio messages that were not acted on."""
+        self.refusals = Refusals()
+        """The same by reason."""
 
     @property
     def seen_term(self) -> int:
@@ -69,22 +82,41 @@ class RadioLink:
         return NEVER_S if self.orders is None else (now_ns - self._orders_echo_ns) * S_PER_NS
 
     def take(self, now_ns: int, messages: Iterable[RadioMessage]) -> None:
-        """Hold the newest authority that is for this train and in order; count the rest."""
+        """Hold the newest authority and orders for this train and in order; count the rest."""
         for message in messages:
             heard = unpack(message.payload)
-            if isinstance(heard, TrainOrders):
-                self._take_orders(now_ns, heard)
+            refused: Refused | None
+            if isinstance(heard, MovementAuthority):
+                refused = self._gate.check(heard, now_ns)
+                if refused is None:
+                    self._hold_authority(heard, message)
+            elif isinstance(heard, TrainOrders):
+                refused = self._orders_gate.check(heard, now_ns)
+                if refused is None:
+                    self._hold_orders(heard, message)
+            elif isinstance(heard, Refused):
+                refused = heard
+            else:
+                self._refuse("not for a train", type(heard).__name__)
                 continue
-            if not isinstance(heard, MovementAuthority) or self._gate.check(heard, now_ns):
-                self.refused += 1
-                continue
-            self._echo_ns = heard.echo_stamp_ns
-            self.authority = Authority(heard.end_m, heard.term, heard.sequence, heard.rear_m)
+            if refused is not None:
+                self._refuse(refused.reason.value, refused.detail)
 
-    def _take_orders(self, now_ns: int, heard: TrainOrders) -> None:
-        if self._orders_gate.check(heard, now_ns):
-            self.refused += 1
-            return
+    def _refuse(self, reason: str, detail: str) -> None:
+        self.refused += 1
+        self.refusals.note(0, reason, detail)
+
+    def _hold_authority(self, heard: MovementAuthority, message: RadioMessage) -> None:
+        self._echo_ns = heard.echo_stamp_ns
+        self.authority = Authority(heard.end_m, heard.term, heard.sequence, heard.rear_m)
+        self.authority_evidence = Evidence(
+            Source.AUTHORITY, heard.sequence, message.payload, message.stamp_ns
+        )
+
+    def _hold_orders(self, heard: TrainOrders, message: RadioMessage) -> None:
+        self.orders_evidence = Evidence(
+            Source.ORDERS, heard.sequence, message.payload, message.stamp_ns
+        )
         self._orders_echo_ns = heard.echo_stamp_ns
         self.orders = Orders(
             awake=heard.awake,

@@ -1,0 +1,46 @@
+"""What a fact of a cycle rests on: the frame, telegram or message that said it."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final
+
+from can_dbc.alarms import TrainAlarms
+from can_dbc.binding import Frame, can_id
+from can_dbc.brake import BrakeStatus
+from can_dbc.cab import Desk
+from can_dbc.doors import DoorStatus
+from can_dbc.energy import LineSupply
+from can_dbc.odometer import ColdMovement, Doppler, Imu, Tacho
+from can_dbc.tags import TagReaderHealth
+from can_dbc.traction import TractionStatus
+from vobc.vocabulary import Source
+
+SOURCE_KINDS: Final[Mapping[Source, type[Frame]]] = {
+    Source.TACHO: Tacho,
+    Source.DOPPLER: Doppler,
+    Source.IMU: Imu,
+    Source.COLD: ColdMovement,
+    Source.BRAKE: BrakeStatus,
+    Source.TRACTION: TractionStatus,
+    Source.DOORS: DoorStatus,
+    Source.DESK: Desk,
+    Source.TAG_READER: TagReaderHealth,
+    Source.ALARMS: TrainAlarms,
+    Source.SUPPLY: LineSupply,
+}
+"""The sources that are frames of the train bus."""
+SOURCE_IDS: Final[Mapping[Source, int]] = {
+    source: can_id(kind) for source, kind in SOURCE_KINDS.items()
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """What was heard last of one source, as it was on the wire."""
+
+    source: Source
+    number: int
+    """Identifier of the frame, id of the tag, sequence of the message."""
+    payload: bytes
+    """All of it, alive counter, CRC and safety envelope included."""
+    heard_ns: int
