@@ -15,6 +15,7 @@ from firmware_py.buses import BusError, open_can
 from firmware_py.clock import REALTIME_SPIN_S, WallClock
 from firmware_py.executive import Executive, Task, run
 from firmware_py.interrupts import Interrupts
+from firmware_py.nvram import NvramState
 from firmware_py.port_log import PORTS_LOG, PortLog
 from firmware_py.ports import RadioPort, SerialPort
 from firmware_py.radio.recorded_radio import RecordedRadio
@@ -41,7 +42,7 @@ from vobc.cli.host import (
     say,
 )
 from vobc.cli.options import Plan, parser, plan
-from vobc.process import CYCLE_COLUMNS, Commission, CycleLog, VobcDevice
+from vobc.process import CYCLE_COLUMNS, EVENTS_LOG, Commission, CycleLog, EventLines, VobcDevice
 from vobc.wire import HEARD_IDS
 from zenoh_config import keys
 
@@ -126,6 +127,7 @@ def _commission(planned: Plan, start_ns: int) -> Commission:
         nvram=planned.nvram.record,
         start_ns=start_ns,
         start=planned.start,
+        forgotten=planned.nvram.state is NvramState.CORRUPT,
     )
 
 
@@ -142,10 +144,13 @@ def _device(
     can = open_can(planned.bus, clock=clock, node="VOBC", accept_ids=HEARD_IDS)
     stack.callback(can.close)
     log: CycleLog | None = None
+    events: EventLines | None = None
     if out is not None:
         cycles = LineLog(out / "cycles.csv", CYCLE_COLUMNS)
         stack.callback(cycles.close)
         log = cycles
+        events = EventLines(out / EVENTS_LOG)
+        stack.callback(events.close)
     tags: SerialPort = PatientLine(planned.tags)
     if out is not None:
         tags = RecordedLine(tags, SerialLog(out / "serial.log", commission.start_ns))
@@ -165,6 +170,7 @@ def _device(
         radio=radio if recording is None else recording.radio(radio),
         nvram=planned.nvram,
         cycle_log=log,
+        event_log=events,
     )
 
 

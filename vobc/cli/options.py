@@ -79,7 +79,10 @@ def plan(options: argparse.Namespace, epoch_ns: int) -> Plan:
     line = load_line(options.line)
     nvram = Nvram(options.nvram, NvramRecord(boot_count=epoch_ns // NS_PER_S))
     start, first = None, options.start
-    if first is None and (start := remembered_start(config, nvram.record)) is not None:
+    if nvram.state is NvramState.CORRUPT:
+        # Nobody knows what it knew; whoever says where the train stands may be wrong as well.
+        start = unknown_start(config, line, nvram.record)
+    elif first is None and (start := remembered_start(config, nvram.record)) is not None:
         first = _nearest_station(line, start.front_m)
     elif first is None and nvram.state is NvramState.OK:
         # It ran before and did not end at a proven standstill: nobody knows where the train is.

@@ -14,6 +14,7 @@ from firmware_py.trackdb import LineMap
 from vobc.config import VobcConfig
 from vobc.process.cycle_log import CycleLog
 from vobc.process.device import VobcDevice
+from vobc.process.event_log import EventLog
 from vobc.vocabulary import Mission, OdometryRecord
 
 
@@ -32,6 +33,8 @@ class Commission:
     """Where the train stands; None for where its mission starts."""
     grid_ns: int | None = None
     """Where the grid of its releases starts; None for `start_ns`."""
+    forgotten: bool = False
+    """The memory of the board could not be read; `nvram` is what it starts from instead."""
 
     def device(
         self,
@@ -41,6 +44,7 @@ class Commission:
         radio: RadioPort,
         nvram: Nvram | None = None,
         cycle_log: CycleLog | None = None,
+        event_log: EventLog | None = None,
     ) -> VobcDevice:
         """Without `nvram` what it remembers is forgotten with it."""
         device = VobcDevice(
@@ -54,6 +58,8 @@ class Commission:
             cycle_log=cycle_log,
             start_ns=self.start_ns,
             start=self.start,
+            event_log=event_log,
+            forgotten=self.forgotten,
         )
         if self.grid_ns is not None:
             device.executive.start_at(self.grid_ns)
@@ -72,6 +78,7 @@ class Commission:
             },
             "memory": _plain(self.nvram),
             "standing": None if self.start is None else _plain(self.start),
+            "forgotten": self.forgotten,
         }
 
 
@@ -99,6 +106,7 @@ def read_commission(
         start_ns=_instant_ns(table, "start_ns", source),
         grid_ns=_instant_ns(table, "grid_ns", source),
         start=None if standing is None else build(OdometryRecord, standing, source, "standing"),
+        forgotten=table.get("forgotten") is True,
     )
 
 

@@ -7,19 +7,29 @@ from typing import Final
 
 from can_dbc.binding import Frame
 from can_dbc.diagnostics import NodeState
-from can_dbc.vobc import Supervision
+from can_dbc.vobc import EventKind, Supervision
 from firmware_py.executive import Executive, Task
 from firmware_py.nvram import Nvram
 from firmware_py.ports import CanPort, RadioPort, SerialPort
 from firmware_py.trackdb import LineMap
 from vobc.config import VobcConfig
 from vobc.controller import Controller
+from vobc.events import controller_ends, events_between, memory_lost
 from vobc.process.cycle_log import CycleLog, cycle_row
+from vobc.process.event_log import EventDesk, EventLog
 from vobc.process.start import commissioned_start
-from vobc.vocabulary import SAFE_OUTPUT, CycleInput, CycleOutput, Mission, OdometryRecord
+from vobc.vocabulary import (
+    SAFE_OUTPUT,
+    CycleInput,
+    CycleOutput,
+    Event,
+    Mission,
+    OdometryRecord,
+)
 from vobc.wire import (
     Inbox,
     RadioLink,
+    Refusal,
     door_frame,
     emergency_message,
     heartbeat,
@@ -59,11 +69,14 @@ class VobcDevice:
         cycle_log: CycleLog | None,
         start_ns: int,
         start: OdometryRecord | None = None,
+        event_log: EventLog | None = None,
+        forgotten: bool = False,
     ) -> None:
         """Counts this start in `nvram`, on the disk before anything is said on the radio.
 
         Args:
             start: where the train stands; by default where its mission starts.
+            forgotten: the memory of the board could not be read; it is told as the first event.
         """
         self._config = config
         self._can, self._tags, self._radio, self._nvram = can, tags, radio, nvram
@@ -90,6 +103,11 @@ class VobcDevice:
         self._slips = 0
         self._stored = True
         self._seen: CycleInput | None = None
+        self._seen_before: CycleInput | None = None
+        self._output_before: CycleOutput | None = None
+        self._events = EventDesk(event_log, self._inbox.evidence, start_ns)
+        if forgotten:
+            self._events.tell(start_ns, (memory_lost(),))
         self._emergency = False
         self._life = NodeState.BOOT_UP
         self.output: CycleOutput = SAFE_OUTPUT
@@ -126,6 +144,7 @@ class VobcDevice:
         try:
             output = self._decide(now_ns, overruns)
             self._send_cycle(now_ns, output)
+            self._tell(now_ns, output)
         except Exception:
             self.stop(now_ns)
             raise
@@ -142,7 +161,7 @@ class VobcDevice:
         self._last_ns = now_ns
         self._slips += overruns
         image = inbox.image(now_ns, dt_s=(now_ns - last_ns) / NS_PER_S, overruns=overruns)
-        self._seen = image
+        self._seen_before, self._seen = self._seen, image
         return self._controller.step(image)
 
     def _send_cycle(self, now_ns: int, output: CycleOutput) -> None:
@@ -164,6 +183,20 @@ class VobcDevice:
         if emergency is not self._emergency:
             self._emergency = emergency
             self._send(now_ns, emergency_message(output.emergency_cause if emergency else None))
+
+    def _tell(self, now_ns: int, output: CycleOutput) -> None:
+        """What this cycle decided; on the bus after everything that moves or stops the train."""
+        assert self._seen is not None
+        desk, inbox, link = self._events, self._inbox, self._link
+        events = events_between(self._output_before, self._seen, output, self._seen_before)
+        self._output_before = output
+        if events:
+            desk.tell(now_ns, events)
+        if inbox.refusals.waiting:
+            desk.tell(now_ns, map(_frame_rejected, inbox.refusals.due(now_ns)))
+        if link.refusals.waiting:
+            desk.tell(now_ns, map(_radio_refused, link.refusals.due(now_ns)))
+        self._send(now_ns, *desk.due())
 
     def _send(self, now_ns: int, *frames: Frame) -> None:
         encode, send = self._encoder.encode, self._can.send
@@ -189,13 +222,16 @@ class VobcDevice:
     def life_sign(self, now_ns: int) -> None:
         self._send(now_ns, heartbeat(self._life))
         self._life = NodeState.OPERATIONAL
+        self._events.flush()
 
     def stop(self, now_ns: int) -> None:
         """The last word on the bus: brake, whatever was said before."""
         self.output = replace(SAFE_OUTPUT, cause="controller ends")
         self._send(now_ns, *vital_frames(self.output), door_frame(self.output))
         self._send(now_ns, status_frame(self.output, work_us=0.0, slips=self._slips))
-        self._send(now_ns, heartbeat(NodeState.STOPPED))
+        self._events.tell(now_ns, (controller_ends(),))
+        self._send(now_ns, *self._events.due(), heartbeat(NodeState.STOPPED))
+        self._events.flush()
 
     def _remember(self, output: CycleOutput) -> None:
         """Once after each run the wheel and the place are stored: at standstill, off the cycle.
@@ -235,6 +271,20 @@ class VobcDevice:
                 slips=self._slips,
             )
         )
+
+
+def _frame_rejected(refusal: Refusal) -> Event:
+    words = f"{_times(refusal)} {refusal.number:#05x} refused: {refusal.detail}"
+    return Event(EventKind.FRAME_REJECTED, words, (), refusal.number)
+
+
+def _radio_refused(refusal: Refusal) -> Event:
+    words = f"{_times(refusal, 'message')} on the radio refused: {refusal.reason}"
+    return Event(EventKind.RADIO_REFUSED, f"{words}, {refusal.detail}", (), refusal.count)
+
+
+def _times(refusal: Refusal, what: str = "frame") -> str:
+    return f"{refusal.count} {what}{'' if refusal.count == 1 else 's'}"
 
 
 def _every(period_ms: float, cycle_ms: float) -> int:

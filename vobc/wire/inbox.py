@@ -96,7 +96,7 @@ class Inbox:
             kind = type(heard)
             if kind is Rejected:
                 assert isinstance(heard, Rejected)
-                self._refuse(heard.can_id, heard.reason, heard.detail)
+                self._refuse(heard.can_id, heard.reason, f"{heard.detail} [{heard.data.hex(' ')}]")
                 continue
             if isinstance(heard, Tacho):
                 sampled_ns = self._tacho_clock.sampled_ns(stamp_ns, heard.stamp_ms)

@@ -1,0 +1,265 @@
+"""What changed from one cycle to the next, told as events with their cause and their sources."""
+
+import enum
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Final
+
+from can_dbc.vobc import EventKind, Inhibit, OperatingMode, Supervision, Withheld
+from vobc.events.causes import emergency_applied, emergency_released
+from vobc.events.inputs import authority_changed, inputs_changed, orders_changed
+from vobc.events.movement import motion_changed
+from vobc.events.words import flag_words, name_words, place_words
+from vobc.vocabulary import CycleInput, CycleOutput, Event, Source
+
+NOTHING: Final[Sequence[Event]] = ()
+
+INHIBIT_SOURCES: Final[Mapping[enum.IntFlag, Source]] = {
+    Inhibit.DOORS: Source.DOORS,
+    Inhibit.PLATFORM_DOORS: Source.ORDERS,
+    Inhibit.AUTHORITY: Source.AUTHORITY,
+    Inhibit.HOLD: Source.ORDERS,
+    Inhibit.PASSENGER_ALARM: Source.DESK,
+    Inhibit.FIRE: Source.ALARMS,
+    Inhibit.OBSTACLE: Source.ALARMS,
+    Inhibit.ASLEEP: Source.ORDERS,
+    Inhibit.CENTRE_SILENT: Source.ORDERS,
+}
+WITHHELD_SOURCES: Final[Mapping[enum.IntFlag, Source]] = {
+    Withheld.MOVING: Source.TACHO,
+    Withheld.NOT_LOCALISED: Source.TAG,
+    Withheld.NO_PLATFORM: Source.TAG,
+    Withheld.MISALIGNED: Source.TACHO,
+    Withheld.NOT_HELD: Source.BRAKE,
+    Withheld.TRACTION: Source.TRACTION,
+    Withheld.NOT_AUTHORISED: Source.ORDERS,
+    Withheld.CENTRE_SILENT: Source.ORDERS,
+}
+
+
+def events_between(
+    before: CycleOutput | None,
+    seen: CycleInput,
+    output: CycleOutput,
+    seen_before: CycleInput | None = None,
+) -> Sequence[Event]:
+    """Everything that the step from `before` to `output` decided, the weightiest first.
+
+    Each change of the supervision makes exactly one event, and so does each change of the mode.
+
+    Args:
+        before: the output of the cycle before; None in the first cycle.
+        seen: what `output` was decided from.
+        seen_before: what `before` was decided from; without it nothing is said of what was heard.
+    """
+    if before is None:
+        return tuple(_first(output))
+    # Nearly every cycle changes nothing of all this, and then must cost next to nothing: fields
+    # that hold one of few objects are compared by identity here and looked at closely only below.
+    found: list[Event] = []
+    if (
+        output.supervision is not before.supervision
+        or output.emergency_cause is not before.emergency_cause
+    ):
+        found.extend(_supervision(before, seen, output, seen_before))
+    if output.mode is not before.mode or output.jog_attempts != before.jog_attempts:
+        found.extend(_mode(before, seen, output))
+    if output.missing is not before.missing:
+        found.extend(inputs_changed(before, seen, output))
+    if seen.overruns:
+        found.append(_overrun(seen))
+    if output.motion is not None:
+        found.extend(motion_changed(before.motion, output.motion))
+    if (
+        output.departure_inhibits is not before.departure_inhibits
+        or output.doors_withheld is not before.doors_withheld
+        or output.enable_left is not before.enable_left
+        or output.enable_right is not before.enable_right
+    ):
+        found.extend(_station(before, output))
+    if (
+        output.alarm_raised is not before.alarm_raised
+        or output.door_bypass is not before.door_bypass
+        or output.replicas_agree is not before.replicas_agree
+    ):
+        found.extend(_alarms(before, seen, output))
+    if seen_before is not None:
+        if seen.authority is not seen_before.authority:
+            found.extend(authority_changed(seen_before.authority, seen.authority))
+        if seen.orders is not seen_before.orders:
+            found.extend(orders_changed(seen_before.orders, seen.orders))
+    return found or NOTHING
+
+
+def _first(output: CycleOutput) -> Iterator[Event]:
+    """A controller begins."""
+    words = f"the controller begins: protection is in {name_words(output.supervision)}"
+    if output.cause:
+        words += f", {output.cause}"
+    yield Event(EventKind.SUPERVISION, words, (), int(output.supervision))
+    words = f"the controller begins in mode {name_words(output.mode)}"
+    yield Event(EventKind.MODE, words, (), int(output.mode))
+
+
+def _supervision(
+    before: CycleOutput, seen: CycleInput, output: CycleOutput, seen_before: CycleInput | None
+) -> Iterator[Event]:
+    state = output.supervision
+    if state is Supervision.EMERGENCY:
+        yield emergency_applied(before, seen, output)
+    elif before.supervision is Supervision.EMERGENCY:
+        yield emergency_released(before, seen, output, seen_before)
+    elif state is Supervision.SERVICE and before.supervision is not state:
+        yield _service_brake(seen, output)
+    elif state is not before.supervision:
+        yield _state(before, output)
+
+
+def _service_brake(seen: CycleInput, output: CycleOutput) -> Event:
+    ceiling, motion = output.ceiling, output.motion
+    words = f"protection brakes with the service brake: {output.cause or 'speed too high'}"
+    if ceiling is not None and motion is not None:
+        words += (
+            f"; speed at most {motion.speed_mps.high:.2f} m/s, service limit"
+            f" {ceiling.service_mps:.2f} m/s, {ceiling.distance_to_authority_m:.1f} m before the"
+            f" end of authority, which is {seen.authority_age_s:.2f} s old"
+        )
+    return Event(EventKind.SERVICE_BRAKE, words, (Source.TACHO, Source.AUTHORITY))
+
+
+def _state(before: CycleOutput, output: CycleOutput) -> Event:
+    words = f"protection goes from {name_words(before.supervision)} to"
+    words += f" {name_words(output.supervision)}"
+    if output.cause:
+        words += f": {output.cause}"
+    return Event(
+        EventKind.SUPERVISION,
+        words + place_words(output),
+        (Source.TACHO,),
+        int(output.supervision),
+    )
+
+
+def _mode(before: CycleOutput, seen: CycleInput, output: CycleOutput) -> Iterator[Event]:
+    mode, old = output.mode, before.mode
+    number = int(mode)
+    if output.jog_attempts > before.jog_attempts:
+        words = f"jog {output.jog_attempts} at this stop begins{place_words(output)}"
+        yield Event(EventKind.JOG_BEGAN, words, (Source.TACHO,), output.jog_attempts)
+    elif mode is OperatingMode.JOG and old is not mode:
+        words = f"a jog begins{place_words(output)}"
+        yield Event(EventKind.JOG_BEGAN, words, (Source.TACHO,), output.jog_attempts)
+    if mode is old:
+        return
+    if old is OperatingMode.JOG:
+        words = f"the jog ends in mode {name_words(mode)}{place_words(output)}"
+        yield Event(EventKind.JOG_ENDED, words, (Source.TACHO,), output.jog_attempts)
+    elif old is OperatingMode.ASLEEP:
+        words = f"woken by the centre, now in mode {name_words(mode)}"
+        yield Event(EventKind.WOKEN, words, (Source.ORDERS, Source.COLD), number)
+    elif mode is OperatingMode.ASLEEP:
+        words = f"put to sleep{place_words(output)}"
+        yield Event(EventKind.PUT_TO_SLEEP, words, (Source.ORDERS,), number)
+    elif mode is not OperatingMode.JOG:
+        words = f"mode goes from {name_words(old)} to {name_words(mode)}{place_words(output)}"
+        yield Event(EventKind.MODE, words, _mode_sources(mode, seen), number)
+
+
+def _mode_sources(mode: OperatingMode, seen: CycleInput) -> tuple[Source, ...]:
+    if mode is OperatingMode.RESTRICTED:
+        return (Source.DESK, Source.ORDERS)
+    if mode is OperatingMode.CREEP:
+        return (Source.ORDERS,)
+    if mode is OperatingMode.AUTHORISED:
+        return (Source.AUTHORITY, Source.TAG)
+    return () if seen.orders is None else (Source.ORDERS,)
+
+
+def _overrun(seen: CycleInput) -> Event:
+    cycles = "1 control cycle was" if seen.overruns == 1 else f"{seen.overruns} control cycles were"
+    words = f"{cycles} missed: {seen.dt_s:.3f} s since the last one"
+    return Event(EventKind.OVERRUN, words, (Source.CLOCK,), seen.overruns)
+
+
+def _station(before: CycleOutput, output: CycleOutput) -> Iterator[Event]:
+    enabled = (output.enable_left, output.enable_right)
+    if enabled != (before.enable_left, before.enable_right):
+        yield _doors_enabled(output) if any(enabled) else _doors_withheld(output)
+    elif output.doors_withheld != before.doors_withheld and _at_platform(output):
+        yield _doors_withheld(output)
+    motion, inhibits = output.motion, output.departure_inhibits
+    if inhibits == before.departure_inhibits or motion is None or not motion.standstill:
+        return
+    if inhibits == Inhibit.NONE:
+        words = "nothing stands against departure any more"
+        sources = _sources_of(before.departure_inhibits, INHIBIT_SOURCES)
+        yield Event(EventKind.DEPARTURE_PERMITTED, words, sources)
+        return
+    words = f"departure is not permitted: {flag_words(inhibits)}"
+    gained = inhibits & ~before.departure_inhibits
+    sources = _sources_of(gained or inhibits, INHIBIT_SOURCES)
+    yield Event(EventKind.DEPARTURE_INHIBITED, words, sources, int(inhibits))
+
+
+def _at_platform(output: CycleOutput) -> bool:
+    motion = output.motion
+    return (
+        motion is not None
+        and motion.standstill
+        and output.doors_withheld != Withheld.NONE
+        and not output.doors_withheld & Withheld.NO_PLATFORM
+    )
+
+
+def _doors_enabled(output: CycleOutput) -> Event:
+    sides = [
+        name
+        for name, on in (("left", output.enable_left), ("right", output.enable_right))
+        if on
+    ]  # fmt: skip
+    words = f"doors enabled on the {' and the '.join(sides)}{place_words(output)}"
+    number = int(output.enable_left) + 2 * int(output.enable_right)
+    sources = (Source.TACHO, Source.BRAKE, Source.TRACTION, Source.TAG, Source.ORDERS)
+    return Event(EventKind.DOORS_ENABLED, words, sources, number)
+
+
+def _doors_withheld(output: CycleOutput) -> Event:
+    withheld = output.doors_withheld
+    words = "no door is enabled"
+    if withheld:
+        words += f": {flag_words(withheld)}"
+    sources = _sources_of(withheld, WITHHELD_SOURCES)
+    return Event(EventKind.DOORS_WITHHELD, words + place_words(output), sources, int(withheld))
+
+
+def _sources_of(flags: enum.IntFlag, table: Mapping[enum.IntFlag, Source]) -> tuple[Source, ...]:
+    return tuple(dict.fromkeys(source for flag, source in table.items() if flag & flags))
+
+
+def _alarms(before: CycleOutput, seen: CycleInput, output: CycleOutput) -> Iterator[Event]:
+    if before.replicas_agree and not output.replicas_agree:
+        words = "the two computations of protection came to different answers"
+        yield Event(EventKind.REPLICAS_DISAGREE, words + place_words(output), (Source.TACHO,))
+    if output.alarm_raised and not before.alarm_raised:
+        reasons, sources = _alarm_reasons(seen)
+        words = f"a person has to come: {reasons or 'the train cannot mend its stop by itself'}"
+        yield Event(EventKind.ALARM_RAISED, words + place_words(output), sources)
+    elif before.alarm_raised and not output.alarm_raised:
+        yield Event(EventKind.ALARM_CLEARED, "nobody has to come any more", (Source.DESK,))
+    if output.door_bypass and not before.door_bypass:
+        words = "the sealed switch lets the train depart although its doors are not proven locked"
+        yield Event(EventKind.DOOR_BYPASS, words, (Source.DESK, Source.DOORS), 1)
+    elif before.door_bypass and not output.door_bypass:
+        words = "the sealed switch of the doors bypasses nothing any more"
+        yield Event(EventKind.DOOR_BYPASS, words, (Source.DESK, Source.DOORS))
+
+
+def _alarm_reasons(seen: CycleInput) -> tuple[str, tuple[Source, ...]]:
+    found: list[tuple[str, Source]] = []
+    if seen.desk is not None and not seen.desk.no_passenger_alarm:
+        found.append(("passenger alarm", Source.DESK))
+    if seen.alarms is not None and not seen.alarms.no_fire:
+        found.append(("fire", Source.ALARMS))
+    if seen.alarms is not None and not seen.alarms.no_obstacle:
+        found.append(("obstacle", Source.ALARMS))
+    sources = dict.fromkeys(source for _, source in found)
+    return ", ".join(words for words, _ in found), tuple(sources)

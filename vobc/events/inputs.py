@@ -1,0 +1,102 @@
+"""Inputs that fell silent or came back, and what centre and wayside said anew."""
+
+import math
+from collections.abc import Iterator
+from typing import Final
+
+from can_dbc.vobc import EventKind, Missing
+from vobc.vocabulary import Authority, CycleInput, CycleOutput, Event, Orders, Source
+
+INPUTS: Final = (
+    (Missing.BRAKE, "brake unit", Source.BRAKE, "brake_age_s"),
+    (Missing.TRACTION, "traction unit", Source.TRACTION, "traction_age_s"),
+    (Missing.ODOMETER, "odometer", Source.TACHO, "tacho_age_s"),
+    (Missing.DOORS, "door unit", Source.DOORS, "doors_age_s"),
+    (Missing.DESK, "desk", Source.DESK, "desk_age_s"),
+    (Missing.TAG_READER, "tag reader", Source.TAG_READER, "tag_reader_age_s"),
+    (Missing.AUTHORITY, "movement authority", Source.AUTHORITY, "authority_age_s"),
+    (Missing.ALARMS, "obstacle and fire detection", Source.ALARMS, "alarms_age_s"),
+)
+"""Flag, words, source and age of each input; that the place is lost is an event of its own."""
+
+
+def inputs_changed(before: CycleOutput, seen: CycleInput, output: CycleOutput) -> Iterator[Event]:
+    changed = output.missing ^ before.missing
+    for flag, words, source, age in INPUTS:
+        if not changed & flag:
+            continue
+        if output.missing & flag:
+            told = f"{words} lost: {_age_words(getattr(seen, age))}"
+            yield Event(EventKind.INPUT_LOST, told, (source,), int(flag))
+        else:
+            yield Event(EventKind.INPUT_BACK, f"{words} is there", (source,), int(flag))
+
+
+def _age_words(age_s: float) -> str:
+    """A fresh one says itself that it cannot do its work."""
+    return "never heard" if math.isinf(age_s) else f"last heard {age_s:.2f} s ago"
+
+
+def authority_changed(before: Authority | None, now: Authority | None) -> Iterator[Event]:
+    if now is None:
+        return
+    if before is not None and (before.end_m, before.rear_m, before.term) == (
+        now.end_m,
+        now.rear_m,
+        now.term,
+    ):
+        return
+    words = f"movement authority to {now.end_m:.2f} m"
+    if now.rear_m is not None:
+        words += f", rear protected back to {now.rear_m:.2f} m"
+    words += f", term {now.term}, sequence {now.sequence}"
+    if before is None:
+        words += "; the first one"
+    elif before.end_m != now.end_m:
+        words += f"; it ended at {before.end_m:.2f} m before"
+    yield Event(EventKind.AUTHORITY_CHANGED, words, (Source.AUTHORITY,), now.term)
+
+
+ORDER_NAMES: Final = (
+    ("awake", "awake"),
+    ("hold", "hold"),
+    ("skip_next", "skip the next station"),
+    ("stop_next", "stop at the next station"),
+    ("emergency", "emergency brake"),
+    ("releases", "resets"),
+    ("creep", "creep"),
+    ("restricted", "restricted"),
+    ("doors_left", "doors on the left"),
+    ("doors_right", "doors on the right"),
+    ("platform_doors_locked", "platform doors locked"),
+)
+
+
+def orders_changed(before: Orders | None, now: Orders | None) -> Iterator[Event]:
+    if now is None or now == before:
+        return
+    changes = [
+        f"{words} {_plain(getattr(now, name))}"
+        for name, words in ORDER_NAMES
+        if before is None or getattr(now, name) != getattr(before, name)
+    ]
+    if before is None or before.restrictions != now.restrictions:
+        changes.append(_restrictions(now))
+    begin = "first orders of the centre" if before is None else "the centre orders"
+    words = f"{begin}: {', '.join(changes)}"
+    yield Event(EventKind.ORDERS_CHANGED, words, (Source.ORDERS,))
+
+
+def _restrictions(orders: Orders) -> str:
+    if not orders.restrictions:
+        return "no speed restriction"
+    return "restricted to " + ", ".join(
+        f"{each.limit_mps:.2f} m/s from {each.start_m:.1f} m to {each.end_m:.1f} m"
+        for each in orders.restrictions
+    )
+
+
+def _plain(value: bool | int) -> str:
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return str(value)

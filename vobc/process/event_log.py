@@ -1,0 +1,110 @@
+"""Events on their way out: numbered, onto the bus a few in each cycle, and into the event log."""
+
+import json
+from collections import deque
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import Any, Final, Protocol
+
+from can_dbc.binding import Frame
+from firmware_py.recorder import LineFile
+from vobc.vocabulary import Event, Source
+from vobc.wire import Evidence, event_frame
+
+FRAMES_PER_CYCLE: Final = 4
+"""More wait for the next cycles, so that a burst of events never crowds out a command."""
+WAITING_MAX: Final = 256
+"""Of a flood of events the oldest are given up; their numbers are missing on the bus."""
+LINES_MAX: Final = 1024
+EVENTS_LOG: Final = "events.jsonl"
+"""Its name in a run folder."""
+NS_PER_S: Final = 1_000_000_000
+
+Look = Callable[[Source, int], Evidence | None]
+
+
+class EventLog(Protocol):
+    """Takes the events of a run in their order; never waits for a disk."""
+
+    def event(self, entry: dict[str, Any]) -> None: ...
+
+    def flush(self) -> None: ...
+
+
+class EventLines:
+    """`events.jsonl`: one JSON object for each event, as docs/explain.md lists them."""
+
+    def __init__(self, path: Path | str) -> None:
+        """Raises RecorderError."""
+        self._file = LineFile(path)
+        self._lines: list[str] = []
+
+    @property
+    def lost_lines(self) -> int:
+        return self._file.lost_lines
+
+    def event(self, entry: dict[str, Any]) -> None:
+        self._lines.append(json.dumps(entry, ensure_ascii=False, allow_nan=False) + "\n")
+        if len(self._lines) >= LINES_MAX:
+            self.flush()
+
+    def flush(self) -> None:
+        """Hand everything to the operating system, as is done each second and on closing."""
+        if self._lines:
+            self._file.write(self._lines)
+            self._lines = []
+
+    def close(self) -> None:
+        self.flush()
+        self._file.close()
+
+
+class EventDesk:
+    """Numbers the events of a controller since its start and hands them on."""
+
+    def __init__(self, log: EventLog | None, look: Look, start_ns: int) -> None:
+        """`look` finds what a source said last, given the number of the event."""
+        self._log, self._look, self._start_ns = log, look, start_ns
+        self._waiting: deque[Frame] = deque(maxlen=WAITING_MAX)
+        self.told = 0
+
+    def tell(self, now_ns: int, events: Iterable[Event]) -> None:
+        """In the cycle that decided them, while what they rest on is still the last thing heard."""
+        for event in events:
+            self.told += 1
+            self._waiting.append(event_frame(event, self.told))
+            if self._log is not None:
+                self._log.event(self._entry(now_ns, event))
+
+    def due(self) -> Sequence[Frame]:
+        """What goes out in this cycle."""
+        waiting = self._waiting
+        if not waiting:
+            return ()
+        return [waiting.popleft() for _ in range(min(len(waiting), FRAMES_PER_CYCLE))]
+
+    def flush(self) -> None:
+        if self._log is not None:
+            self._log.flush()
+
+    def _entry(self, now_ns: int, event: Event) -> dict[str, Any]:
+        return {
+            "t_s": self._seconds(now_ns),
+            "number": self.told,
+            "kind": event.kind.name,
+            "words": event.words,
+            "value": event.number,
+            "sources": [self._source(source, event.number) for source in event.sources],
+        }
+
+    def _source(self, source: Source, number: int) -> dict[str, Any]:
+        entry: dict[str, Any] = {"source": source.value}
+        evidence = self._look(source, number)
+        if evidence is not None:
+            entry["id"] = evidence.number
+            entry["payload"] = evidence.payload.hex()
+            entry["heard_s"] = self._seconds(evidence.heard_ns)
+        return entry
+
+    def _seconds(self, at_ns: int) -> float:
+        return round((at_ns - self._start_ns) / NS_PER_S, 6)
