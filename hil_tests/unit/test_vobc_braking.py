@@ -88,11 +88,14 @@ def test_a_lead_is_time_in_which_the_train_runs_on_at_its_speed(
     assert early_mps == pytest.approx(late_mps, abs=1e-6)
 
 
-def test_a_climb_is_no_merit_and_a_cliff_no_error() -> None:
+def test_a_climb_is_no_merit_and_what_the_brake_cannot_hold_is_refused() -> None:
+    """Once it was taken for a flat curve, which promised a stop that no train could make."""
     braking = SafeBraking(1.0, 1.0, 0.4, 1.0)
 
     assert braking.on(30.0) == braking.on(0.0)
-    assert 0.0 < braking.on(-110.0).decel_mps2 < 0.1
+    assert braking.on(-96.0).decel_mps2 == pytest.approx(1.0 - 9.81 * 0.096)
+    with pytest.raises(ValueError, match=r"guaranteed_decel_mps2 1\.0 does not hold a train"):
+        braking.on(-98.0)
 
 
 def test_a_train_slower_than_the_target_needs_no_brake_even_beyond_the_point() -> None:

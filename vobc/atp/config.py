@@ -38,7 +38,7 @@ class AtpConfig:
     brake_build_up_s: float
     """From then on until the guaranteed rate counts as there from the first moment."""
     interval_step_m: float
-    """The front interval counts as the next multiple of this, and never as less than one."""
+    """Over changing gradients the front interval counts as wide as the next multiple of this."""
     replica_band_mps: float
     """The two computations of the emergency limit may differ by so much."""
     replica_cycles_max: int

@@ -16,7 +16,7 @@ from vobc.atp.config import AtpConfig
 from vobc.vocabulary import Interval, Restriction
 
 WEIGHT_N_PER_KG: Final = 9.81
-EVERYWHERE: Final = -math.inf
+"""Of this standstill takes the share that a falling track has of its length in height."""
 
 
 class _Phase(NamedTuple):
@@ -34,22 +34,47 @@ class _Target(NamedTuple):
     energy_j_per_kg: float
 
 
+class _Fall(NamedTuple):
+    """A section that falls, and how hard it pulls."""
+
+    start_m: float
+    end_m: float
+    pull_n_per_kg: float
+
+
 class EnergyCheck:
-    """Whether the train would have too much energy left at something ahead if all went wrong now."""
+    """Whether the train would have too much energy left at something ahead if all went wrong now.
+
+    The motion is that of the safe braking model as `profile` declares it: the foremost front of the
+    interval, each falling section pulling from the moment at which this front comes to it until the
+    hindmost rear is off it, the steepest one if there are several.
+    """
 
     def __init__(
         self, config: AtpConfig, line: LineMap, *, train_length_m: float, cycle_s: float
     ) -> None:
-        self._line = line
         self._length_m = train_length_m
         self._step_m = config.interval_step_m
         self._margin_mps = config.emergency_margin_mps
-        # t1: one cycle until the speed is looked at, one until the command is out.
+        # One cycle until the speed is looked at, one more because that may come late.
         t1_s = config.sensing_s + cycle_s + cycle_s + config.traction_cut_s
         self._phases = (
             _Phase(config.runaway_mps2, t1_s),
             _Phase(0.0, config.brake_build_up_s),
             _Phase(-config.guaranteed_decel_mps2, math.inf),
+        )
+        self._falls = tuple(
+            _Fall(g.start_m, g.end_m, -g.gradient_permille * WEIGHT_N_PER_KG / 1000.0)
+            for g in line.gradients
+            if g.gradient_permille < 0.0
+        )
+        self._steepest_n_per_kg = max((fall.pull_n_per_kg for fall in self._falls), default=0.0)
+        # The first and the last limit of a line hold beyond its ends, too.
+        starts_m = [-math.inf, *(section.start_m for section in line.speed_sections[1:])]
+        ends_m = [*starts_m[1:], math.inf]
+        limits_mps = [section.limit_mps for section in line.speed_sections]
+        self._civil = tuple(
+            Restriction(*section) for section in zip(starts_m, ends_m, limits_mps, strict=True)
         )
 
     def exceeded(
@@ -64,35 +89,89 @@ class EnergyCheck:
         Args:
             front_m: the front lies somewhere in it; ahead counts from its high end.
             speed_high_mps: upper bound; a train that runs backwards counts as standing.
-            authority_end_m: nothing may be left of the energy there.
+            authority_end_m: the front must not reach it.
             restrictions: temporary ones, in any order; they count like civil limits.
 
-        A number that is not finite needs the brake.
+        A place or a speed that is not finite needs the brake.
         """
-        speed_mps = max(0.0, speed_high_mps)
-        finite = math.isfinite(front_m.high - front_m.low) and math.isfinite(speed_high_mps)
-        if not finite or not front_m.high < authority_end_m:
+        if not (math.isfinite(front_m.high - front_m.low) and math.isfinite(speed_high_mps)):
             return True
+        if not front_m.high < authority_end_m:
+            return True
+        speed_mps = max(0.0, speed_high_mps)
         rear_m = front_m.low - self._length_m
         targets = [_Target(authority_end_m, 0.0)]
-        for start_m, end_m, limit_mps in self._limits(restrictions):
-            if speed_mps < limit_mps + self._margin_mps or end_m <= rear_m:
-                continue
-            if start_m <= front_m.high:
-                return True
-            targets.append(_Target(start_m, 0.5 * (limit_mps + self._margin_mps) ** 2))
-        return self._arrives_too_fast(front_m, speed_mps, sorted(targets))
+        for limits in (self._civil, restrictions):
+            for limit in limits:
+                tolerated_mps = limit.limit_mps + self._margin_mps
+                if speed_mps < tolerated_mps or limit.end_m <= rear_m:
+                    continue
+                if limit.start_m <= front_m.high:
+                    return True
+                targets.append(_Target(limit.start_m, 0.5 * tolerated_mps * tolerated_mps))
+        targets.sort()
+        if targets[0].at_m - front_m.high > self._way_at_most_m(speed_mps):
+            return False
+        return self._arrives_with_too_much(front_m, 0.5 * speed_mps * speed_mps, targets)
 
-    def _limits(self, restrictions: Sequence[Restriction]) -> list[tuple[float, float, float]]:
-        """Start, end and limit of all that limits the speed; the line's own first."""
-        civil = [(s.start_m, s.end_m, s.limit_mps) for s in self._line.speed_sections]
-        civil[-1] = (civil[-1][0], math.inf, civil[-1][2])
-        return civil + [(r.start_m, r.end_m, r.limit_mps) for r in restrictions]
+    def _way_at_most_m(self, speed_mps: float) -> float:
+        """To standstill, were the steepest fall of the line everywhere; a rough upper bound."""
+        pull_n_per_kg = self._steepest_n_per_kg
+        runaway, build_up, braking = self._phases
+        held_n_per_kg = -braking.push_n_per_kg - pull_n_per_kg
+        if held_n_per_kg <= 0.0:
+            return math.inf
+        reaction_s = runaway.lasts_s + build_up.lasts_s
+        top_mps = speed_mps + (runaway.push_n_per_kg + pull_n_per_kg) * reaction_s
+        return top_mps * reaction_s + 0.5 * top_mps * top_mps / held_n_per_kg
 
-    def _arrives_too_fast(
-        self, front_m: Interval, speed_mps: float, targets: Sequence[_Target]
+    def _arrives_with_too_much(
+        self, front_m: Interval, energy_j_per_kg: float, targets: Sequence[_Target]
     ) -> bool:
+        """Follow the energy from target to target until one is missed or none is left to spend."""
+        steps = math.ceil((front_m.high - front_m.low) / self._step_m)
+        covered_m = self._length_m + steps * self._step_m
+        at_m, phase, spent_s = front_m.high, 0, 0.0
+        for target in targets:
+            while at_m < target.at_m:
+                pull_n_per_kg, until_m = self._pull(at_m, covered_m)
+                push_n_per_kg, lasts_s = self._phases[phase]
+                force_n_per_kg = push_n_per_kg + pull_n_per_kg
+                room_m = min(until_m, target.at_m) - at_m
+                way_m = _way_m(energy_j_per_kg, force_n_per_kg, lasts_s - spent_s)
+                if way_m >= room_m:
+                    before_mps = math.sqrt(2.0 * energy_j_per_kg)
+                    energy_j_per_kg = max(0.0, energy_j_per_kg + force_n_per_kg * room_m)
+                    mean_mps = 0.5 * (before_mps + math.sqrt(2.0 * energy_j_per_kg))
+                    spent_s += room_m / mean_mps
+                    at_m = min(until_m, target.at_m)
+                elif lasts_s == math.inf:
+                    return False
+                else:
+                    energy_j_per_kg += force_n_per_kg * way_m
+                    at_m, phase, spent_s = at_m + way_m, phase + 1, 0.0
+            if energy_j_per_kg >= target.energy_j_per_kg:
+                return True
         return False
+
+    def _pull(self, at_m: float, covered_m: float) -> tuple[float, float]:
+        """The greatest pull under the train with its front here, and where that may change."""
+        greatest_n_per_kg, until_m = 0.0, math.inf
+        for fall in self._falls:
+            if fall.start_m > at_m:
+                return greatest_n_per_kg, min(until_m, fall.start_m)
+            clear_m = fall.end_m + covered_m
+            if clear_m > at_m:
+                until_m = min(until_m, clear_m)
+                greatest_n_per_kg = max(greatest_n_per_kg, fall.pull_n_per_kg)
+        return greatest_n_per_kg, until_m
+
+
+def _way_m(energy_j_per_kg: float, force_n_per_kg: float, time_s: float) -> float:
+    """How far a train comes in a time; if that has no end, until its energy is spent."""
+    if time_s == math.inf:
+        return -energy_j_per_kg / force_n_per_kg if force_n_per_kg < 0.0 else math.inf
+    return (math.sqrt(2.0 * energy_j_per_kg) + 0.5 * force_n_per_kg * time_s) * time_s
 
 
 class Replicas:
@@ -104,7 +183,7 @@ class Replicas:
         self._check = check
         self._differed = 0
         self.exceeded = False
-        """What the energy check said in the last cycle."""
+        """What the energy check said in the last cycle; either of the two may brake the train."""
 
     def agree(
         self,
@@ -114,10 +193,21 @@ class Replicas:
         authority_end_m: float,
         restrictions: Sequence[Restriction] = (),
     ) -> bool:
-        """Once a cycle. False as soon as they differed in more cycles than are forgiven.
+        """Once a cycle. False as soon as they differed in more cycles in a row than are forgiven.
 
         They differ when one says that the limit is exceeded while by the other the train is clear
         of it by more than the band. `emergency_mps` is that of the ceiling; the rest is what both
         were made from. Reaching a limit is exceeding it.
         """
-        return True
+        speed_mps = max(0.0, speed_high_mps)
+        exceeds = self._check.exceeded
+        self.exceeded = exceeds(front_m, speed_mps, authority_end_m, restrictions)
+        above_mps = speed_mps + self._band_mps
+        if self.exceeded:
+            differ = not above_mps >= emergency_mps
+        else:
+            differ = not speed_mps < emergency_mps and not exceeds(
+                front_m, above_mps, authority_end_m, restrictions
+            )
+        self._differed = self._differed + 1 if differ else 0
+        return self._differed <= self._cycles_max

@@ -1,0 +1,166 @@
+"""The safe braking model over a track whose gradient changes, exact from section to section.
+
+Declared: at each place the train falls with the steepest falling section that any part of it may
+be on. The front whose way is followed is the foremost one of the front interval; the train reaches
+back from it by its length and by the width of the interval. So no front of the interval, at its own
+place, feels a greater fall than this one did there.
+
+That is the worst motion: the acceleration never grows from phase to phase, so a train that starts
+slower or farther back comes to each place later, is in the same phase or a later one, feels no more
+fall, and is never faster there.
+"""
+
+import itertools
+import math
+from bisect import bisect_right
+from typing import Final
+
+from firmware_py.trackdb import GradientSection, LineMap
+from vobc.atp.braking import SafeBraking, fall_of_mps2
+
+CLOSE_MPS: Final = 1e-6
+"""A speed that is found step by step lies at most so much under the exact one, never over it."""
+ROUNDS_MAX: Final = 60
+"""Halving alone would need 25 from any speed there is."""
+
+
+class BrakingProfile:
+    """Braking curves of one train on one line, for one reach back from the foremost front.
+
+    Section i of the profile lies before its edge i and falls with `falls_mps2[i]`; the last edge is
+    at infinity. While it brakes, a train loses of v**2 / 2 just what `work_j_per_kg` grows by; that
+    grows by GEBR minus fall for each metre, so it is exact over any number of sections.
+    """
+
+    def __init__(self, braking: SafeBraking, line: LineMap, *, under_m: float) -> None:
+        """`under_m`: reach back from the foremost front. Raises ValueError on too great a fall."""
+        self._braking = braking
+        self._edges_m, self._falls_mps2 = _worst_falls(line, under_m)
+        self._curves = [braking.falling(fall_mps2) for fall_mps2 in self._falls_mps2]
+        self._reaction_s = braking.runaway_s + braking.build_up_s
+        works = [0.0]
+        for (start_m, end_m), curve in zip(
+            itertools.pairwise(self._edges_m[:-1]), self._curves[1:], strict=False
+        ):
+            works.append(works[-1] + (end_m - start_m) * curve.decel_mps2)
+        self._work_at_edges = works
+
+    def work_j_per_kg(self, at_m: float) -> float:
+        """Energy per mass that the guaranteed brake has taken up to here, from some fixed place."""
+        index = bisect_right(self._edges_m, at_m)
+        edge = index - 1 if index else 0
+        run_m = at_m - self._edges_m[edge]
+        return self._work_at_edges[edge] + run_m * self._curves[index].decel_mps2
+
+    def speed_mps(
+        self,
+        front_m: float,
+        target_j_per_kg: float,
+        *,
+        target_mps: float,
+        lead_s: float,
+        below_mps: float,
+    ) -> float:
+        """Highest speed here from which the train is down to `target_mps` at the target.
+
+        Args:
+            front_m: the foremost front; before the target.
+            target_j_per_kg: the work at the target.
+            target_mps: also the least value returned: a slower train needs no brake.
+            lead_s: the train runs on at its speed so long before the first phase.
+            below_mps: nothing over this is of interest; the greatest value returned.
+        """
+        if target_mps >= below_mps:
+            return below_mps
+        index = bisect_right(self._edges_m, front_m)
+        curve = self._curves[index]
+        # In one section the curve is a closed form; what lies beyond makes its distance as long as
+        # if the section went on until the same work is done.
+        distance_m = (target_j_per_kg - self.work_j_per_kg(front_m)) / curve.decel_mps2
+        speed_mps = curve.speed_mps(distance_m, target_mps=target_mps, lead_s=lead_s)
+        begins_m = front_m + speed_mps * (lead_s + curve.reaction_s) + curve.gain_m
+        if begins_m <= self._edges_m[index]:
+            return speed_mps if speed_mps < below_mps else below_mps
+        allowed = target_mps * target_mps + 2.0 * target_j_per_kg
+        return self._across(front_m, allowed, lead_s, low_mps=target_mps, high_mps=below_mps)
+
+    def _across(
+        self, front_m: float, allowed: float, lead_s: float, *, low_mps: float, high_mps: float
+    ) -> float:
+        """The same where the fall changes before the brake bites: found from both sides.
+
+        Of v**2 + 2 * work at the moment when the brake bites at most `allowed` may be there. It
+        grows with the speed here, so the root is unique.
+        """
+        if self._excess(front_m, high_mps, lead_s, allowed)[0] <= 0.0:
+            return high_mps
+        excess, slope = self._excess(front_m, low_mps, lead_s, allowed)
+        speed_mps = low_mps
+        for _ in range(ROUNDS_MAX):
+            if excess > 0.0:
+                high_mps = speed_mps
+            else:
+                low_mps = speed_mps
+            if low_mps >= high_mps or (excess <= 0.0 and -excess < CLOSE_MPS * slope):
+                break
+            # Newton's step, aimed a little under the root, so that it ends on the safe side.
+            speed_mps -= excess / slope + 0.5 * CLOSE_MPS
+            if not low_mps < speed_mps < high_mps:
+                speed_mps = 0.5 * (low_mps + high_mps)
+            excess, slope = self._excess(front_m, speed_mps, lead_s, allowed)
+        return low_mps
+
+    def _excess(
+        self, front_m: float, speed_mps: float, lead_s: float, allowed: float
+    ) -> tuple[float, float]:
+        """How much more than allowed is there when the brake bites, and about its growth."""
+        braking = self._braking
+        at_m, now_mps = front_m + speed_mps * lead_s, speed_mps
+        at_m, now_mps = self._run_on(at_m, now_mps, braking.runaway_mps2, braking.runaway_s)
+        at_m, now_mps = self._run_on(at_m, now_mps, 0.0, braking.build_up_s)
+        excess = now_mps * now_mps + 2.0 * self.work_j_per_kg(at_m) - allowed
+        decel_mps2 = self._curves[bisect_right(self._edges_m, at_m)].decel_mps2
+        return excess, 2.0 * (now_mps + decel_mps2 * (lead_s + self._reaction_s))
+
+    def _run_on(
+        self, at_m: float, speed_mps: float, push_mps2: float, left_s: float
+    ) -> tuple[float, float]:
+        """Place and speed after a time in which only `push_mps2` and the falls act."""
+        index = bisect_right(self._edges_m, at_m)
+        while True:
+            accel_mps2 = push_mps2 + self._falls_mps2[index]
+            way_m = (speed_mps + 0.5 * accel_mps2 * left_s) * left_s
+            room_m = self._edges_m[index] - at_m
+            if way_m <= room_m:
+                return at_m + way_m, speed_mps + accel_mps2 * left_s
+            at_edge_mps = math.sqrt(speed_mps * speed_mps + 2.0 * accel_mps2 * room_m)
+            left_s -= 2.0 * room_m / (speed_mps + at_edge_mps)
+            at_m, speed_mps = self._edges_m[index], at_edge_mps
+            index += 1
+
+
+def _worst_falls(line: LineMap, under_m: float) -> tuple[list[float], list[float]]:
+    """Edges, the last at infinity, and the fall before each."""
+    falling = [section for section in line.gradients if section.gradient_permille < 0.0]
+    changes_m = {section.start_m for section in falling}
+    changes_m |= {section.end_m + under_m for section in falling}
+    edges_m: list[float] = []
+    falls_mps2 = [0.0]
+    for at_m in sorted(changes_m):
+        fall_mps2 = _worst_fall_mps2(falling, at_m, under_m)
+        if fall_mps2 != falls_mps2[-1]:
+            edges_m.append(at_m)
+            falls_mps2.append(fall_mps2)
+    return [*edges_m, math.inf] if edges_m else [line.start_m, math.inf], (
+        falls_mps2 if edges_m else [0.0, 0.0]
+    )
+
+
+def _worst_fall_mps2(falling: list[GradientSection], at_m: float, under_m: float) -> float:
+    """Of a train whose front is here and whose rear may be `under_m` behind."""
+    falls_mps2 = [
+        fall_of_mps2(section.gradient_permille)
+        for section in falling
+        if section.start_m <= at_m < section.end_m + under_m
+    ]
+    return max(falls_mps2, default=0.0)
