@@ -1,6 +1,7 @@
 """Braking curves and what a gradient does to a train: pure functions of plain numbers."""
 
 import math
+from dataclasses import dataclass
 from typing import Final
 
 GRAVITY_MPS2: Final = 9.81
@@ -49,3 +50,58 @@ def permitted_speed_mps(
     lost_mps = decel_mps2 * reaction_s
     square = lost_mps * lost_mps + target_mps * target_mps + 2.0 * decel_mps2 * reach_m
     return max(target_mps, math.sqrt(square) - lost_mps)
+
+
+@dataclass(frozen=True, slots=True)
+class ReactionTimes:
+    """What passes between a command to brake and the brake, in two parts."""
+
+    before_cut_s: float
+    """t1 of seed 000: the train goes on as before."""
+    build_up_s: float
+    """t2 of seed 000: traction is cut, the brake is not there yet."""
+
+
+SERVICE_FROM_TRACTION: Final = ReactionTimes(before_cut_s=0.95, build_up_s=1.05)
+SERVICE_FROM_COAST_OR_BRAKE: Final = ReactionTimes(before_cut_s=0.2, build_up_s=1.05)
+EMERGENCY: Final = ReactionTimes(before_cut_s=0.3, build_up_s=1.05)
+"""Seed 000 names the two times and gives no figures; these are what the interface standard between
+train control and vehicles leads to."""
+
+
+def v_top_mps(
+    distance_m: float,
+    *,
+    decel_mps2: float,
+    accel_mps2: float,
+    reaction: ReactionTimes,
+    target_mps: float = 0.0,
+) -> float:
+    """Highest speed now from which braking in three stages still ends at the target: seed 000.
+
+    It is the root of W = 0, equation (2): the kinetic energy now and the work of traction in t1 are
+    just what the brake takes and what may be left at the target. With v1 the speed after t1,
+
+        v1 = -b*(t1 + t2) + sqrt(b**2*(t1 + t2)**2 + 2*b*(d + a*t1**2/2) + v_c**2)
+        v_top = v1 - a*t1
+
+    Seed 000 switches between the speeds of the place and of the target by the sign of W; at the
+    root the two meet. Not less than 0; a train slower than the target needs no brake, which is left
+    to the caller.
+
+    Args:
+        distance_m: to the target; negative once it is passed.
+        decel_mps2: b, of the brake and a climb together (b' of seed 000); positive.
+        accel_mps2: a, of traction in t1; 0 for a train that coasts, negative for one that brakes.
+        reaction: t1 and t2, by the state that the train is in.
+        target_mps: v_c; zero or more.
+    """
+    assert decel_mps2 > 0.0
+    assert target_mps >= 0.0
+    before_s, both_s = reaction.before_cut_s, reaction.before_cut_s + reaction.build_up_s
+    lost_mps = decel_mps2 * both_s
+    reach_m = distance_m + 0.5 * accel_mps2 * before_s * before_s
+    square = lost_mps * lost_mps + 2.0 * decel_mps2 * reach_m + target_mps * target_mps
+    if square <= 0.0:
+        return 0.0
+    return max(0.0, math.sqrt(square) - lost_mps - accel_mps2 * before_s)
