@@ -315,6 +315,8 @@ class AtoInput:
     """Drive on sight at `ceiling_mps`; place and authority may be unknown."""
     protection_brakes: bool = False
     """The service brake comes from protection now, whatever is asked for."""
+    kept_at_platform: bool = False
+    """Something beside doors and authority stands against departure: the dwell goes on."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -340,6 +342,8 @@ class AtoDemand:
     """Positive `accel_mps2` drives backwards; only for a jog."""
     jog_failed: bool = False
     """All attempts are used up and the train still does not stand right."""
+    stopping_at_m: float | None = None
+    """Stopping point that the train heads for or stands at; None while it heads for none."""
 
 
 class Source(enum.Enum):

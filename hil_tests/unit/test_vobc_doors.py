@@ -6,35 +6,65 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from can_dbc.vobc import Withheld
 from firmware_py.trackdb import PlatformSide, Station
-from vobc.atp.doors import DoorEnable, enabled_doors, platform_at
+from vobc.atp.doors import (
+    WITHHELD_WITHOUT,
+    DoorEnable,
+    DoorTerms,
+    enabled_doors,
+    platform_at,
+    withheld,
+)
 from vobc.vocabulary import Interval
 
 STATIONS = (
     Station("A", 100.0, 20.0, 105.0, PlatformSide.LEFT),
     Station("B", 600.0, 520.0, 605.0, PlatformSide.RIGHT),
 )
+SIDES = (None, PlatformSide.LEFT, PlatformSide.RIGHT)
 
 
 def test_every_combination_of_the_terms() -> None:
-    """Of all 48 only the two with every term enable a side, and only the side at the platform."""
+    """Of all 2^9 times three only the two with every term enable a side, and only the right one."""
     enabled = {}
-    for standstill, holding, cut, emergency in itertools.product((False, True), repeat=4):
-        for platform in (None, PlatformSide.LEFT, PlatformSide.RIGHT):
-            doors = enabled_doors(
-                standstill=standstill,
-                platform=platform,
-                holding_applied=holding,
-                traction_cut=cut,
-                emergency=emergency,
-            )
+    for values in itertools.product((False, True), repeat=len(DoorTerms._fields)):
+        for side in SIDES:
+            doors = enabled_doors(withheld(DoorTerms(*values)), side)
             if any(doors):
-                enabled[standstill, holding, cut, emergency, platform] = doors
+                enabled[values, side] = doors
 
+    everything = (True,) * 9
     assert enabled == {
-        (True, True, True, False, PlatformSide.LEFT): DoorEnable(left=True, right=False),
-        (True, True, True, False, PlatformSide.RIGHT): DoorEnable(left=False, right=True),
+        (everything, PlatformSide.LEFT): DoorEnable(left=True, right=False),
+        (everything, PlatformSide.RIGHT): DoorEnable(left=False, right=True),
     }
+
+
+def test_each_missing_term_is_named_by_a_flag_of_its_own() -> None:
+    expected = {
+        "standstill": Withheld.MOVING,
+        "localised": Withheld.NOT_LOCALISED,
+        "near_platform": Withheld.NO_PLATFORM,
+        "aligned": Withheld.MISALIGNED,
+        "holding_applied": Withheld.NOT_HELD,
+        "traction_cut": Withheld.TRACTION,
+        "no_emergency": Withheld.EMERGENCY,
+        "authorised": Withheld.NOT_AUTHORISED,
+        "centre_heard": Withheld.CENTRE_SILENT,
+    }
+    for term, flag in expected.items():
+        terms = DoorTerms(*(True,) * 9)._replace(**{term: False})
+        assert withheld(terms) is flag
+    assert set(WITHHELD_WITHOUT) == set(DoorTerms._fields)
+
+
+@given(st.lists(st.booleans(), min_size=9, max_size=9))
+def test_what_is_said_is_exactly_what_is_missing(values: list[bool]) -> None:
+    said = withheld(DoorTerms(*values))
+
+    for term, value in zip(DoorTerms._fields, values, strict=True):
+        assert (WITHHELD_WITHOUT[term] in said) is not value
 
 
 @pytest.mark.parametrize(

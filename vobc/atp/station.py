@@ -1,13 +1,24 @@
 """What protection demands at and around platforms: doors, departure, alarms, missed stops."""
 
+import math
 from dataclasses import dataclass
+from typing import Final, NamedTuple
 
 from can_dbc.vobc import Cause, Inhibit, Withheld
-from firmware_py.trackdb import LineMap
+from firmware_py.trackdb import LineMap, PlatformSide, Station
+from vobc.atp import alarms
+from vobc.atp.alarms import Answer, Situation
 from vobc.atp.config import AtpConfig
-from vobc.atp.doors import SHUT, DoorEnable, enabled_doors, platform_at
-from vobc.atp.inputs import BRAKE, ODOMETER, TRACTION
+from vobc.atp.departure import NOT_AGAINST_JOG, DepartureTerms, inhibits
+from vobc.atp.doors import SHUT, DoorEnable, DoorTerms, enabled_doors, withheld
+from vobc.atp.heard import Heard, listen
+from vobc.atp.inputs import AUTHORITY, BRAKE, ODOMETER, TRACTION
+from vobc.atp.jog import MOVED_M, JogFacts, JogGuard, JogVerdict
+from vobc.atp.place import UNKNOWN, Place, Whereabouts, place_of
 from vobc.vocabulary import CycleInput, Motion
+
+_AGAINST_JOG: Final = ~int(NOT_AGAINST_JOG)
+NO_JOG: Final = JogVerdict()
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,16 +46,38 @@ class StationVerdict:
     """The emergency brake of an overshoot may release itself at standstill: a jog mends it."""
 
 
+class _Answers(NamedTuple):
+    """To everything that is wrong on board, the weightiest first."""
+
+    lock: Answer
+    passenger_alarm: Answer
+    fire: Answer
+
+
 class StationGuard:
-    """Remembers what a platform asks of the train: overshoot, attempts, alarms."""
+    """Remembers what a platform asks of the train: where it stood, alarms, attempts."""
 
     def __init__(self, config: AtpConfig, line: LineMap, *, train_length_m: float) -> None:
         self._config = config
         self._line = line
         self._length_m = train_length_m
+        self._stood_at: Station | None = None
+        """The platform at which the train last stood."""
+        self._stood_m: float | None = None
+        """Distance by pulses where it last stood; None before it ever did."""
+        self._passenger_alarm = False
+        self._fire = False
+        self._jogs = JogGuard()
 
     def step(
-        self, seen: CycleInput, motion: Motion, *, gone: int, emergency: bool, may_move: bool
+        self,
+        seen: CycleInput,
+        motion: Motion,
+        *,
+        gone: int,
+        emergency: bool,
+        may_move: bool,
+        stopping_at_m: float | None = None,
     ) -> StationVerdict:
         """Decide once.
 
@@ -52,21 +85,183 @@ class StationGuard:
             gone: what is not heard, as flags of `Missing`.
             emergency: the emergency brake was latched when the cycle began.
             may_move: supervision permits movement (NOMINAL, WARNING or SERVICE).
+            stopping_at_m: the stopping point that operation heads for, as it said in the cycle
+                before; None while it heads for none. Only jogs and overshoots hang on it: a wrong
+                one costs a stop, never safety.
         """
-        return StationVerdict(doors=self._doors(seen, motion, gone, emergency=emergency))
-
-    def _doors(self, seen: CycleInput, motion: Motion, gone: int, *, emergency: bool) -> DoorEnable:
-        if not motion.standstill or not motion.localised:
-            return SHUT
-        config, brake, traction = self._config, seen.brake, seen.traction
-        return enabled_doors(
-            standstill=not gone & ODOMETER,
-            platform=platform_at(
-                self._line.stations,
-                motion.front_m,
-                window_m=config.door_window_m + config.door_declared_m,
+        heard = listen(seen, self._config, gone)
+        place = self._place(motion)
+        moved_m = self._moved_m(motion, place)
+        moving = not motion.standing and abs(moved_m) > MOVED_M
+        answers = self._answers(heard, place, motion, moving=moving)
+        inhibiting = Inhibit.NONE
+        if not moving:
+            authority_ahead = self._authority_ahead(seen, motion, heard, gone)
+            inhibiting = inhibits(
+                _departure_terms(
+                    heard,
+                    place,
+                    motion,
+                    answers,
+                    authority_ahead=authority_ahead,
+                    emergency=emergency,
+                    window_m=self._config.door_window_m,
+                )
+            )
+        jog = self._jog(seen, motion, gone, moved_m, stopping_at_m)
+        jog_free = may_move and not emergency and not int(inhibiting) & _AGAINST_JOG
+        side = None if place.station is None else place.station.side
+        reasons = withheld(_door_terms(seen, motion, gone, place, heard, emergency=emergency))
+        return StationVerdict(
+            doors=enabled_doors(reasons, side),
+            withheld=reasons if motion.standing and side is not None else Withheld.NONE,
+            inhibits=inhibiting,
+            emergency=_first(
+                Cause.OBSTACLE if heard.obstacle else Cause.NONE,
+                *(answer.emergency for answer in answers),
+                jog.emergency,
             ),
-            holding_applied=brake is not None and brake.holding_applied and not gone & BRAKE,
-            traction_cut=traction is not None and traction.traction_cut and not gone & TRACTION,
-            emergency=emergency,
+            stop_now=jog.used_up or any(answer.stop_now for answer in answers),
+            stop_next=heard.stop_next or any(answer.stop_next for answer in answers),
+            keep_doors_open=any(answer.stay for answer in answers),
+            jog_back_m=jog.back_m if jog_free else 0.0,
+            jog_permitted=jog.permitted and jog_free,
+            alarm_raised=(
+                heard.obstacle
+                or self._passenger_alarm
+                or self._fire
+                or jog.used_up
+                or jog.out_of_reach
+            ),
+            door_bypass=(
+                heard.door_bypass and not (heard.doors_locked and heard.platform_doors_locked)
+            ),
+            jog_attempts=jog.attempts,
+            self_release=jog.self_release,
         )
+
+    def _place(self, motion: Motion) -> Place:
+        if not motion.localised:
+            return UNKNOWN
+        return place_of(
+            self._line.stations,
+            motion.front_m,
+            train_length_m=self._length_m,
+            window_m=self._config.door_window_m,
+        )
+
+    def _moved_m(self, motion: Motion, place: Place) -> float:
+        """Since the train last stood. One that was met in motion has moved for ever."""
+        if _rests(motion):
+            self._stood_m, self._stood_at = motion.travel_m, place.station
+        return math.inf if self._stood_m is None else motion.travel_m - self._stood_m
+
+    def _answers(self, heard: Heard, place: Place, motion: Motion, *, moving: bool) -> _Answers:
+        """An alarm counts until it is over and the train has stood at a platform, the lost lock of
+        a door until it is back.
+        """
+        over = _rests(motion) and place.station is not None
+        self._passenger_alarm = heard.passenger_alarm or (self._passenger_alarm and not over)
+        self._fire = heard.fire or (self._fire and not over)
+        stood_here = place.station is not None and place.station is self._stood_at
+        leaving = moving and (stood_here or place.where is Whereabouts.PAST)
+        situation = Situation(place.where, leaving)
+        unlocked = moving and not heard.doors_locked and not heard.door_bypass
+        return _Answers(
+            alarms.DOOR_UNLOCKED[situation] if unlocked else alarms.NOTHING,
+            alarms.PASSENGER_ALARM[situation] if self._passenger_alarm else alarms.NOTHING,
+            alarms.FIRE[situation] if self._fire else alarms.NOTHING,
+        )
+
+    def _authority_ahead(self, seen: CycleInput, motion: Motion, heard: Heard, gone: int) -> bool:
+        if heard.creep or heard.restricted:
+            return True
+        authority = None if gone & AUTHORITY else seen.authority
+        return authority is not None and authority.end_m - motion.front_m.high > 0.0
+
+    def _jog(
+        self,
+        seen: CycleInput,
+        motion: Motion,
+        gone: int,
+        moved_m: float,
+        stop_m: float | None,
+    ) -> JogVerdict:
+        if not self._jogs.heads_for(stop_m if motion.localised else None):
+            return NO_JOG
+        assert stop_m is not None
+        front_m, authority = motion.front_m, None if gone & AUTHORITY else seen.authority
+        back_room_m = -math.inf
+        if authority is not None and authority.rear_m is not None:
+            back_room_m = front_m.low - self._length_m - authority.rear_m
+        facts = JogFacts(
+            limits=self._config,
+            low_m=front_m.low - stop_m,
+            best_m=front_m.best - stop_m,
+            high_m=front_m.high - stop_m,
+            standstill=_rests(motion),
+            moved_m=moved_m,
+            speed_high_mps=max(motion.speed_mps.high, -motion.speed_mps.low),
+            back_room_m=back_room_m,
+            attempts=self._jogs.attempts,
+        )
+        return self._jogs.step(facts, standing=motion.standing)
+
+
+def _first(*causes: Cause) -> Cause:
+    return next((cause for cause in causes if cause), Cause.NONE)
+
+
+def _rests(motion: Motion) -> bool:
+    """Proven, and without a pulse: a train that creeps may seem to have zero speed for long."""
+    return motion.standstill and motion.standing
+
+
+def _departure_terms(
+    heard: Heard,
+    place: Place,
+    motion: Motion,
+    answers: _Answers,
+    *,
+    authority_ahead: bool,
+    emergency: bool,
+    window_m: float,
+) -> DepartureTerms:
+    # An order to stay is for a platform; a train that stands short of its stop has not reached it.
+    station = place.station
+    short = station is not None and motion.front_m.best < station.stop_m - window_m
+    to_stay = not (place.where is Whereabouts.BETWEEN or short)
+    doors_elsewhere = place.where is Whereabouts.BETWEEN and not heard.centre
+    return DepartureTerms(
+        doors_locked=heard.doors_locked or heard.door_bypass,
+        platform_doors_locked=(heard.platform_doors_locked or heard.door_bypass or doors_elsewhere),
+        authority_ahead=authority_ahead,
+        not_held=not (heard.hold and to_stay),
+        no_passenger_alarm=not answers.passenger_alarm.stay,
+        no_fire=not answers.fire.stay,
+        no_obstacle=heard.no_obstacle,
+        awake=heard.awake or not heard.centre,
+        no_emergency=not emergency and not heard.centre_emergency,
+        centre_heard=heard.centre or heard.restricted,
+    )
+
+
+def _door_terms(
+    seen: CycleInput, motion: Motion, gone: int, place: Place, heard: Heard, *, emergency: bool
+) -> DoorTerms:
+    station, brake, traction = place.station, seen.brake, seen.traction
+    authorised = False
+    if station is not None:
+        left = station.side is PlatformSide.LEFT
+        authorised = heard.doors_left if left else heard.doors_right
+    return DoorTerms(
+        standstill=motion.standstill and not gone & ODOMETER,
+        localised=motion.localised,
+        near_platform=station is not None,
+        aligned=place.where is Whereabouts.ALIGNED,
+        holding_applied=brake is not None and brake.holding_applied and not gone & BRAKE,
+        traction_cut=traction is not None and traction.traction_cut and not gone & TRACTION,
+        no_emergency=not emergency,
+        authorised=authorised,
+        centre_heard=heard.centre,
+    )

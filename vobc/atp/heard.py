@@ -1,0 +1,60 @@
+"""What others say that matters at stations; what is not heard is read to the safe side."""
+
+from typing import NamedTuple
+
+from can_dbc.cab import CabMode
+from vobc.atp.config import AtpConfig
+from vobc.atp.inputs import DESK, DOORS
+from vobc.vocabulary import CycleInput
+
+
+class Heard(NamedTuple):
+    centre: bool
+    """The orders are fresh. All that the centre permits is false while they are not."""
+    doors_left: bool
+    doors_right: bool
+    platform_doors_locked: bool
+    awake: bool
+    hold: bool
+    stop_next: bool
+    centre_emergency: bool
+    creep: bool
+    restricted: bool
+    """A person drives on sight, by the centre's leave or by the desk's switch."""
+    doors_locked: bool
+    door_bypass: bool
+    passenger_alarm: bool
+    """Certainly raised; a silent desk raises none, it stops the train by itself."""
+    fire: bool
+    """Certainly reported."""
+    obstacle: bool
+    """Certainly touched."""
+    no_obstacle: bool
+    """Certainly not touched."""
+
+
+def listen(seen: CycleInput, config: AtpConfig, gone: int) -> Heard:
+    """`gone` says what is not heard, as flags of `Missing`."""
+    orders = seen.orders if seen.orders_age_s <= config.orders_age_max_s else None
+    desk = None if gone & DESK else seen.desk
+    doors = None if gone & DOORS else seen.doors
+    alarms = seen.alarms if seen.alarms_age_s <= config.timeouts.alarms_s else None
+    by_desk = desk is not None and desk.mode is CabMode.MANUAL and desk.restricted_requested
+    return Heard(
+        centre=orders is not None,
+        doors_left=orders is not None and orders.doors_left,
+        doors_right=orders is not None and orders.doors_right,
+        platform_doors_locked=orders is not None and orders.platform_doors_locked,
+        awake=orders is not None and orders.awake,
+        hold=orders is not None and orders.hold,
+        stop_next=orders is not None and orders.stop_next,
+        centre_emergency=orders is not None and orders.emergency,
+        creep=orders is not None and orders.creep,
+        restricted=by_desk or (orders is not None and orders.restricted),
+        doors_locked=doors is not None and doors.closed_and_locked,
+        door_bypass=desk is not None and desk.door_bypass_requested,
+        passenger_alarm=desk is not None and not desk.no_passenger_alarm,
+        fire=alarms is not None and not alarms.no_fire,
+        obstacle=alarms is not None and not alarms.no_obstacle,
+        no_obstacle=alarms is not None and alarms.no_obstacle,
+    )

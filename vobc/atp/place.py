@@ -1,0 +1,43 @@
+"""Where a train is in terms of platforms, from the worst ends of its position interval."""
+
+import enum
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from firmware_py.trackdb import Station
+from vobc.atp.doors import is_aligned
+from vobc.vocabulary import Interval
+
+
+class Whereabouts(enum.Enum):
+    UNKNOWN = "not localised"
+    BETWEEN = "no part of the train is at a platform"
+    ARRIVING = "some part is at a platform, and the front not surely past its stopping point"
+    ALIGNED = "the front surely stands in the window of the stopping point"
+    PAST = "the front is surely past the stopping point, and the rear not surely clear"
+
+
+class Place(NamedTuple):
+    where: Whereabouts
+    station: Station | None
+    """Whose platform it is; None where there is none."""
+
+
+UNKNOWN = Place(Whereabouts.UNKNOWN, None)
+BETWEEN = Place(Whereabouts.BETWEEN, None)
+
+
+def place_of(
+    stations: Sequence[Station], front_m: Interval, *, train_length_m: float, window_m: float
+) -> Place:
+    """The platform that the train may touch; of two it is the one behind, which it has to clear."""
+    rear_m = front_m.low - train_length_m
+    for station in stations:
+        if front_m.high < station.platform_start_m or station.platform_end_m < rear_m:
+            continue
+        if is_aligned(station, front_m, window_m=window_m):
+            return Place(Whereabouts.ALIGNED, station)
+        if front_m.low > station.stop_m:
+            return Place(Whereabouts.PAST, station)
+        return Place(Whereabouts.ARRIVING, station)
+    return BETWEEN
