@@ -17,7 +17,7 @@ from metro_hil.granted import (
 from metro_hil.journey import Journey
 from metro_hil.process_faults import ControllerProcess, Device
 from vobc.config import VobcConfig
-from vobc.process import CycleLog, unknown_start
+from vobc.process import CycleLog, EventLog, unknown_start
 from vobc.process.commission import Commission
 
 SHIPPED: Final = Controller()
@@ -40,15 +40,17 @@ class ControllerSide:
         cycle_log: CycleLog | None,
         port_log: PortLog | None,
         said: Heard | None,
+        event_log: EventLog | None = None,
     ) -> None:
         """Args:
-        cycle_log: of the shipped controller.
+        cycle_log: of the shipped controller, as is `event_log`.
         port_log: of what passes the controller's own ports.
         said: told every frame that the controller says, at the true instant at which it does.
         """
         self._controller, self._config, self._journey = controller, config, journey
         self._clock, self._cycle_log, self._port_log = clock, cycle_log, port_log
         self._said = said
+        self._event_log = event_log
         self._nvram = Nvram(None, NvramRecord(boot_count=1))
         self._granted: GrantedController | None = None
 
@@ -100,7 +102,12 @@ class ControllerSide:
         if self._controller.kind == SHIPPED.kind:
             self._nvram = Nvram(None, commission.nvram)
             return commission.device(
-                can=can, tags=tags, radio=radio, nvram=self._nvram, cycle_log=self._cycle_log
+                can=can,
+                tags=tags,
+                radio=radio,
+                nvram=self._nvram,
+                cycle_log=self._cycle_log,
+                event_log=self._event_log,
             )
         self.close()
         # The memory of another program does not come back; that it was started again is known.

@@ -28,9 +28,10 @@ from plant_emulator.faults.kinds import Place
 from plant_emulator.faults.plan import FaultPlan
 from plant_emulator.process import TRUTH_COLUMNS, PlantDevice, TruthLog
 from plant_emulator.truth import Truth
+from plant_emulator.wayside.railway import subscriptions
 from plant_emulator.world import Scenario, plan_scenario
 from vobc.config import VobcConfig, load_config
-from vobc.process import CYCLE_COLUMNS
+from vobc.process import CYCLE_COLUMNS, EventLines
 from vobc.wire import HEARD_IDS
 from zenoh_config import keys
 
@@ -89,7 +90,7 @@ class Lockstep:
         """
         self.clock = LockstepClock()
         self._stack = ExitStack()
-        self._logs: list[LineLog | CandumpWriter | PortLog] = []
+        self._logs: list[LineLog | CandumpWriter | PortLog | EventLines] = []
         self._writer = self._candump(folder, "bus.log")
         self._tap = taps.frame
         wanted = self._writer is not None or self._tap is not None
@@ -101,7 +102,7 @@ class Lockstep:
             scenario,
             open_port=self._open_node,
             tags=reader_end,
-            radio=radio.port("wayside", (keys.reports(line.name),)),
+            radio=radio.port("wayside", subscriptions(line.name)),
             truth=_tee(self._log(folder, "truth.csv", TRUTH_COLUMNS), taps.rows),
             start_ns=0,
             faults=faults,
@@ -117,6 +118,7 @@ class Lockstep:
             cycle_log=self._log(folder, "cycles.csv", CYCLE_COLUMNS),
             port_log=self._port_log(folder),
             said=taps.said,
+            event_log=self._event_log(folder),
         )
         self._stack.callback(self._side.close)
         places = {*places, *(plan.kind.place for plan in faults)}
@@ -125,7 +127,14 @@ class Lockstep:
             self._controller_port(accepted, scenario.seed, faulty=Place.BUS in places),
             self._recorded(controller_end, folder),
             self._recorded_radio(
-                radio.port("train", (keys.authorities(line.name, config.address),)), folder
+                radio.port(
+                    "train",
+                    (
+                        keys.authorities(line.name, config.address),
+                        keys.orders(line.name, config.address),
+                    ),
+                ),
+                folder,
             ),
             faulty=Place.PROCESS in places,
         )
@@ -240,6 +249,14 @@ class Lockstep:
         if folder is None:
             return None
         log = LineLog(folder.path / name, columns)
+        self._logs.append(log)
+        self._stack.callback(log.close)
+        return log
+
+    def _event_log(self, folder: RunFolder | None) -> EventLines | None:
+        if folder is None:
+            return None
+        log = EventLines(folder.events_log)
         self._logs.append(log)
         self._stack.callback(log.close)
         return log

@@ -42,6 +42,10 @@ class RunFolder:
         return self.path / "cycles.csv"
 
     @property
+    def events_log(self) -> Path:
+        return self.path / "events.jsonl"
+
+    @property
     def truth_log(self) -> Path:
         return self.path / "truth.csv"
 

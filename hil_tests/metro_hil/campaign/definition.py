@@ -206,7 +206,7 @@ class PointMaker:
         # Of an override the words begin with its key.
         path = f"{key.replace('[', '.').replace(']', '')}.{what}".replace(": ", ".")
         for factor, value in factors.items():
-            if path.startswith((f"{factor}.", f"{factor} ")):
+            if factor != FAULTS and path.startswith((f"{factor}.", f"{factor} ")):
                 said = what if repr(value) in what or str(value) in what else f"{value!r}: {what}"
                 findings.add(where(factor), said)
                 return

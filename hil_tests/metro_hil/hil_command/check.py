@@ -17,7 +17,9 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
         description="Check a campaign file and say what it would run, without running it. All that "
         "is wrong with it is said at once, one line each.",
     )
-    parser.add_argument("campaign", metavar="CAMPAIGN", help="of a shipped campaign or scenario, or a file")
+    parser.add_argument(
+        "campaign", metavar="CAMPAIGN", help="of a shipped campaign or scenario, or a file"
+    )
     parser.add_argument("--cases", action="store_true", help="list the ids of all cases")
     parser.add_argument(
         "--list",

@@ -157,10 +157,12 @@ def draw(case: "Case", files: dict[str, Path], place: "RunFolder") -> bool:
     from metro_hil.case_setup import parts_of
     from metro_hil.columns import read_columns
     from metro_hil.measures import measure_stops
+    from metro_hil.report.campaign.plots import draw_run_of
     from metro_hil.report.plot import draw_run
 
     if not place.cycle_log.exists():
         return False
+    draw_run_of(case, files, place)
     cycles = read_columns(place.cycle_log)
     truth = read_columns(place.truth_log) if place.truth_log.exists() else None
     journey = parts_of(case, files).journey

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 KEEP: Final = 10
 KEEP_WORST: Final = 3
+KEEP_WORST_ALONE: Final = 12
+"""Of one scenario by itself: people want to look at what they ask for by name."""
 UNEXPECTED_SHOWN_MAX: Final = 10
 FILE_COLUMNS: Final = 160
 
@@ -70,7 +72,8 @@ def add_work_options(parser: argparse.ArgumentParser) -> None:
         "--keep-worst",
         type=number(0),
         metavar="N",
-        help=f"and of the N least margins; default: {KEEP_WORST}",
+        help=f"and of the N least margins; default: {KEEP_WORST}, of one scenario alone "
+        f"{KEEP_WORST_ALONE}",
     )
     parser.add_argument(
         "--case-timeout",
@@ -130,7 +133,9 @@ def work_on(
     from metro_hil.engine.stopping import StopWish
 
     console = console_for(options.json)
-    for name, default in (("keep", KEEP), ("keep_worst", KEEP_WORST), ("case_timeout", None),
+    alone = len({case.scenario for case in folder.cases()}) == 1
+    worst = KEEP_WORST_ALONE if alone else KEEP_WORST
+    for name, default in (("keep", KEEP), ("keep_worst", worst), ("case_timeout", None),
                           ("runner", None)):  # fmt: skip
         if getattr(options, name) is None:
             setattr(options, name, remembered.get(name, default))
@@ -148,7 +153,12 @@ def work_on(
         raise EngineError(f"{error}\nnothing is lost: hil resume {folder.path}") from error
     reports: Sequence[Path] = ()
     if not options.no_report and not end.interrupted:
+        from metro_hil.hil_command.verdicts import tell_scenario
+        from metro_hil.report.campaign.plots import draw_kept
+
+        plots = draw_kept(folder, end.cases)
         reports = write_reports(folder, folder.manifest(), end)
+        tell_scenario(console, end.cases, end.results, plots)
     say_end(console, folder, end, reports)
     if options.json:
         print(end_json(folder, end, reports))
@@ -243,6 +253,7 @@ def say_end(
     console: "Console", folder: "CampaignFolder", end: "CampaignEnd", reports: "Sequence[Path]"
 ) -> None:
     from metro_hil.engine.totals import counts_words
+    from metro_hil.hil_command.verdicts import again
 
     totals = end.totals
     print_layout(console, folder.manifest().layout, end.cases, end.results)
@@ -253,7 +264,7 @@ def say_end(
     for problem in totals.problems:
         say(problem, "bold red")
     for name in totals.unexpected[:UNEXPECTED_SHOWN_MAX]:
-        say(f"not as expected: {name}", "red")
+        say(f"not as expected: {name}; again: {again(name, folder.path)}", "red")
     if (more := len(totals.unexpected) - UNEXPECTED_SHOWN_MAX) > 0:
         say(f"not as expected: {more} more", "red")
     if totals.missing:

@@ -154,4 +154,7 @@ def test_check_of_a_campaign_that_is_not_there_is_one_line(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     assert hil("florenc") == 2
-    assert capsys.readouterr().err == ("hil: florenc: nearest valid shipped name: florence\n")
+    assert capsys.readouterr().err == (
+        "hil: florenc: no campaign and no scenario; nearest: florence, florence-ideal; "
+        "`hil scenarios` lists all\n"
+    )

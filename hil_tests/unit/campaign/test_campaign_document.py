@@ -25,8 +25,11 @@ TEXT: Final = (ROOT / "docs" / "campaigns.md").read_text(encoding="utf-8")
 
 
 def block(language: str) -> str:
-    (found,) = re.findall(rf"^```{language}\n(.*?)^```$", TEXT, re.MULTILINE | re.DOTALL)
-    return str(found)
+    return blocks(language)[0]
+
+
+def blocks(language: str) -> list[str]:
+    return re.findall(rf"^```{language}\n(.*?)^```$", TEXT, re.MULTILINE | re.DOTALL)
 
 
 def test_the_example_is_a_campaign() -> None:
@@ -38,6 +41,15 @@ def test_the_example_is_a_campaign() -> None:
     assert len(delay.points) >= 50, "each of five delays at each of ten phases"
     assert 30 <= len(weak.points) < 40, "some are excluded"
     assert {case.faults[0]["kind"] for case in cases} == {"brake_late", "brake_weak"}
+
+
+def test_the_example_of_random_faults_draws_cases() -> None:
+    _, text = blocks("toml")
+
+    cases = plan_cases(define(tomllib.loads(text), source="campaigns.md").campaign)
+
+    assert len(cases) == 5000
+    assert {len(case.faults) for case in cases} == {0, 1, 2}
 
 
 def test_the_scenario_in_python_gives_cases() -> None:

@@ -1,5 +1,6 @@
 """What the page shows below its head: margins, measures, worst cases, failures, coverage."""
 
+from base64 import b64encode
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,6 +24,7 @@ from metro_hil.report.campaign.page.drawing import (
     span_of,
 )
 from metro_hil.report.campaign.page.matrix import SYMBOLS
+from metro_hil.report.campaign.plots import plot_of
 from metro_hil.report.campaign.tally import (
     Factor,
     MeasureTally,
@@ -236,10 +238,20 @@ def _plot(folder: Path, entry: Entry, nearest: MonitorResult | None) -> Markup |
     run = kept_run(folder, entry)
     if run is None:
         return None
+    if plot_of(run).is_file():
+        return _picture(plot_of(run), entry.case.id)
     try:
         return _draw(run, None if nearest is None else nearest.at_s)
     except LogError:
         return None
+
+
+def _picture(path: Path, name: str) -> Markup:
+    """Inline, so that the page stays one file."""
+    data = b64encode(path.read_bytes()).decode("ascii")
+    return Markup('<img class="case" alt="plot of {}" src="data:image/png;base64,{}">').format(
+        name, data
+    )
 
 
 def _draw(run: RunFolder, at_s: float | None) -> Markup | None:

@@ -1,0 +1,44 @@
+"""Plots of the cases whose logs were kept, beside their logs."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+from firmware_py.settings import SettingsError
+from metro_hil.case_setup import Files, line_of
+from metro_hil.cases import Case
+from metro_hil.columns import LogError, read_columns
+from metro_hil.engine.folder import CampaignFolder
+from metro_hil.report.case_plot import NAME, draw_case, stretches_of
+from metro_hil.run_folder import RunFolder
+
+PLOTS_MAX: Final = 40
+"""Each takes most of a second; of more kept runs `hil rerun` draws the one that is asked for."""
+
+
+def plot_of(run: RunFolder) -> Path:
+    """Where the plot of a kept run lies, if it was drawn."""
+    return run.path / NAME
+
+
+def draw_kept(folder: CampaignFolder, cases: Sequence[Case]) -> dict[str, Path]:
+    """Draw what has logs and no plot yet; the plots of all kept runs, by id of the case."""
+    files = folder.files()
+    drawn: dict[str, Path] = {}
+    for case in cases:
+        run = folder.kept(case.id)
+        if not run.path.is_dir() or len(drawn) >= PLOTS_MAX:
+            continue
+        if plot_of(run).is_file() or draw_run_of(case, files, run):
+            drawn[case.id] = plot_of(run)
+    return drawn
+
+
+def draw_run_of(case: Case, files: Files, run: RunFolder) -> bool:
+    """False when its logs do not make a plot: a run that never began, or a plant of others."""
+    try:
+        cycles, truth = read_columns(run.cycle_log), read_columns(run.truth_log)
+        line = line_of(case.setup, files)
+        return draw_case(plot_of(run), case.id, line, cycles, truth, stretches_of(case.faults))
+    except (LogError, SettingsError):
+        return False
