@@ -22,6 +22,7 @@ from plant_emulator.faults.radio_faults import RadioFaults
 from plant_emulator.faults.schedule import Schedule
 from plant_emulator.faults.serial_faults import SerialFaults
 from plant_emulator.faults.stage import Observer, Stage
+from plant_emulator.wayside.railway import Railway
 from plant_emulator.wayside.zone_controller import ZoneController
 from plant_emulator.wire import (
     GRID_MS,
@@ -119,7 +120,7 @@ class PlantDevice:
             desk_mode=scenario.desk_mode,
         )
         self.wire = Wire(open_port)
-        self.zone = ZoneController(scenario.line, scenario.destination)
+        self.railway = Railway(scenario.line, scenario.destination)
         self._tags, self._radio, self._truth = tags, radio, truth
         self._epoch_offset_ns = epoch_offset_ns
         self._start_ns = start_ns
@@ -145,7 +146,13 @@ class PlantDevice:
         self._radio_faults: RadioFaults | None = None
         self._stage: Stage | None = None
         if faults or observer is not None:
-            self._stage = Stage(world, self.schedule, start_ns=start_ns, observer=observer)
+            self._stage = Stage(
+                world,
+                self.schedule,
+                start_ns=start_ns,
+                observer=observer,
+                railway=self.railway,
+            )
             self.schedule.listen(self._change_wires)
         self.executive = Executive([Task("step", GRID_MS, self.step)], start_ns)
         self._write_truth()
@@ -168,7 +175,7 @@ class PlantDevice:
             TagReaderHealth: world.tag_reader.frame,
             TcmsStatus: lambda now_ns: load,
             TrainAlarms: lambda now_ns: world.alarms,
-            ColdMovement: lambda now_ns: world.cold,
+            ColdMovement: lambda now_ns: world.cold.frame(),
             TimeOfDay: self._time_of_day,
         }
         for node in PLANT_NODES:
@@ -221,6 +228,10 @@ class PlantDevice:
             self._radio_faults.change(plan, active, now_ns)
 
     @property
+    def zone(self) -> ZoneController:
+        return self.railway.zone
+
+    @property
     def authority_end_m(self) -> float:
         """Farthest end of all authorities given; before the first, the train's front at start."""
         farthest_m = self.zone.farthest_end_m
@@ -230,6 +241,7 @@ class PlantDevice:
         world = self.world
         if isinstance(command, BrakeCommand):
             world.brake.hear(command, heard_ns)
+            world.cold.attended(world.front_m)
         elif isinstance(command, TractionCommand):
             world.traction.hear(command, heard_ns)
         elif isinstance(command, DoorCommand):
@@ -256,6 +268,7 @@ class PlantDevice:
     def _advance(self) -> tuple[Sending, ...]:
         world = self.world
         world.step()
+        self.railway.step(world.now_ns)
         if self._stage is not None:
             self._stage.look(self.authority_end_m)
         self._steps = steps = self._steps + 1
@@ -276,11 +289,12 @@ class PlantDevice:
                     (COMMAND_MISSING, COMMUNICATION_REGISTER) if unit.silent else (0, 0)
                 )
                 self.wire.send(now_ns, node, EMERGENCIES[node](code, register, unit.losses))
+        self.world.cold.look(self.world.front_m, silent=all(self._silent))
 
     def _answer_radio(self, now_ns: int) -> None:
         heard = self._radio.receive(now_ns)
         if heard:
-            for key, payload in self.zone.answers(heard, now_ns):
+            for key, payload in self.railway.answers(heard, now_ns):
                 self._radio.send(now_ns, key, payload)
 
     def _write_truth(self) -> None:

@@ -5,7 +5,9 @@ from bisect import bisect_right
 from typing import Final
 
 from can_dbc.doors import DoorState
+from plant_emulator.wayside.railway import Railway
 from plant_emulator.world import World
+from zenoh_config.messages import SpeedRestriction
 
 NS_PER_S: Final = 1_000_000_000
 PASSED_M: Final = 20.0
@@ -14,22 +16,38 @@ SIGNALS: Final[tuple[str, ...]] = (
     "accel_mps2",
     "adhesion_ratio",
     "authority_end_m",
+    "authority_now_m",
+    "authority_rear_m",
     "brake_n",
     "civil_limit_mps",
+    "doors_authorised_left",
+    "doors_authorised_right",
     "doors_locked",
     "drive_n",
     "emergency",
     "emergency_mps2",
+    "fire",
     "front_m",
     "gradient_permille",
     "holding",
     "left_open",
+    "obstacle",
     "odometer_error_m",
+    "order_awake",
+    "order_creep",
+    "order_emergency",
+    "order_hold",
+    "order_restricted",
+    "order_skip_next",
+    "order_stop_next",
+    "platform_doors_locked",
+    "platform_doors_open",
     "rear_m",
     "right_open",
     "speed_mps",
     "t_s",
     "tags_read",
+    "temporary_limit_mps",
     "to_stop_m",
     "traction_cut",
     "voltage_v",
@@ -45,6 +63,7 @@ class Truth:
         "_high_m",
         "_low_gradient_permille",
         "_low_m",
+        "_restrictions",
         "_slope_permille_per_m",
         "_stop_m",
         "_world",
@@ -85,6 +104,30 @@ class Truth:
         self.tags_read = 0.0
         self.authority_end_m = 0.0
         """Farthest end of all authorities given; before the first, the train's front at start."""
+        self.authority_now_m = 0.0
+        """End of the newest authority; before the first, the train's front at start."""
+        self.authority_rear_m = 0.0
+        """How far back it lets the rear go; where the rear is for certain, if not at all."""
+        self.temporary_limit_mps = 0.0
+        """The lowest of temporary restrictions under the train; without one the line's limit."""
+        self.fire = 0.0
+        """1 while a detector of the train has tripped."""
+        self.obstacle = 0.0
+        """1 while the deflector is touched."""
+        # Orders are those that the centre said last; before the first, of a train at rest.
+        self.order_awake = 1.0
+        self.order_creep = 0.0
+        self.order_emergency = 0.0
+        self.order_hold = 0.0
+        self.order_restricted = 0.0
+        self.order_skip_next = 0.0
+        self.order_stop_next = 0.0
+        self.doors_authorised_left = 0.0
+        self.doors_authorised_right = 0.0
+        self.platform_doors_locked = 1.0
+        """1 while all platform doors are closed and proven locked; 1 where there are none."""
+        self.platform_doors_open = 0.0
+        """1 while any is not closed."""
         self.to_stop_m = 0.0
         """To the next stopping point ahead by the line's map; that of the last once behind it."""
         self.traction_cut = 1.0
@@ -93,6 +136,7 @@ class Truth:
         # What depends on the place alone is kept for the piece of line [low, high) of the front,
         # on which the gradient under the train grows evenly.
         self._edges_m: list[float] = []
+        self._restrictions: tuple[SpeedRestriction, ...] = ()
         self._low_m = self._high_m = 0.0
         self._stop_m = 0.0
         self._low_gradient_permille = self._slope_permille_per_m = 0.0
@@ -124,6 +168,37 @@ class Truth:
         self.tags_read = float(world.tag_reader.tags_read)
         self.authority_end_m = authority_end_m
         self.to_stop_m = self._stop_m - front_m
+        alarms = world.alarms
+        self.fire = 0.0 if alarms.no_fire else 1.0
+        self.obstacle = 0.0 if alarms.no_obstacle else 1.0
+        if self._restrictions:
+            self.temporary_limit_mps = self._restricted_mps(front_m)
+        else:
+            self.temporary_limit_mps = self.civil_limit_mps
+
+    def _restricted_mps(self, front_m: float) -> float:
+        least_mps = self.civil_limit_mps
+        for each in self._restrictions:
+            if each.start_m <= front_m and self.rear_m <= each.end_m:
+                least_mps = min(least_mps, each.limit_mps)
+        return least_mps
+
+    def hear(self, railway: Railway, start_m: float) -> None:
+        """What the wayside has said last, and how its doors are.
+
+        Args:
+            start_m: where the front was at the start.
+        """
+        authority, orders = railway.zone.latest, railway.centre.latest
+        self.authority_now_m = start_m if authority is None else authority.end_m
+        self.authority_rear_m = railway.zone.latest_rear_m
+        self.platform_doors_open = 0.0 if railway.doors.all_closed else 1.0
+        self.platform_doors_locked = 1.0 if railway.doors.all_locked else 0.0
+        if orders is None:
+            return
+        for name, order in _ORDERS:
+            setattr(self, name, float(getattr(orders, order)))
+        self._restrictions = orders.restrictions
 
     def _enter(self, world: World, front_m: float) -> None:
         """Take over the piece of line that the train has come upon."""
@@ -165,6 +240,13 @@ def _edges_m(world: World) -> list[float]:
     return sorted(fronts_m | {line.start_m - FAR_M, line.end_m + FAR_M})
 
 
+_ORDERS: Final = (
+    *((f"order_{name}", name) for name in ("awake", "creep", "emergency", "hold", "restricted")),
+    *((f"order_{name}", name) for name in ("skip_next", "stop_next")),
+    ("doors_authorised_left", "doors_left"),
+    ("doors_authorised_right", "doors_right"),
+)
+"""Signals, and the fields of the orders that they show."""
 FAR_M: Final = 1.0e5
 """A train so far beyond the ends of its line is of no interest."""
 LOCKED: Final = DoorState.LOCKED

@@ -10,7 +10,6 @@ from can_dbc.brake import BrakeCommand
 from can_dbc.cab import CabMode, Desk
 from can_dbc.diagnostics import TcmsStatus
 from can_dbc.doors import DoorCommand
-from can_dbc.odometer import ColdMovement
 from can_dbc.traction import TractionCommand
 from firmware_py.settings import SettingsError, nearest, override
 from firmware_py.trackdb import LineMap, Station, load_line
@@ -22,6 +21,7 @@ from plant_emulator.consist import Consist
 from plant_emulator.consist.track import GRAVITY_MPS2
 from plant_emulator.noise import Generators, Source
 from plant_emulator.power import HighVoltageBox
+from plant_emulator.sensors.cold import ColdDetector
 from plant_emulator.sensors.inertial import Accelerometer, DopplerRadar
 from plant_emulator.sensors.tacho import Tachos
 from plant_emulator.sensors.tag_reader import TagReader
@@ -121,7 +121,7 @@ class World:
         self._make_sensors(generators, front_m)
         self.desk = unattended(desk_mode)
         self.alarms = TrainAlarms(no_obstacle=True, no_fire=True)
-        self.cold = ColdMovement(moved_m=0.0, monitored=True)
+        self.cold = ColdDetector(front_m)
         self.adhesion_ratio = train.rail.adhesion_ratio
         self.drive_n = 0.0
         """Tractive effort that reached the rail in the last step, signed."""

@@ -34,6 +34,8 @@ class Station:
     platform_end_m: float
     side: PlatformSide = PlatformSide.RIGHT
     dwell_s: float = 30.0
+    platform_doors: bool = False
+    """The platform has doors of its own, which open and close with the train's."""
 
     def __post_init__(self) -> None:
         if not self.platform_start_m < self.stop_m <= self.platform_end_m:

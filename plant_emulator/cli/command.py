@@ -40,9 +40,9 @@ from plant_emulator.faults.kinds import BENCH_PLACES
 from plant_emulator.faults.plan import FaultPlan
 from plant_emulator.process import TRUTH_COLUMNS, PlantDevice
 from plant_emulator.train_config import PACKAGE, load_train
+from plant_emulator.wayside.railway import subscriptions
 from plant_emulator.wire import COMMAND_IDS
 from plant_emulator.world import Scenario, plan_scenario
-from zenoh_config import keys
 
 EXIT_OK: Final = 0
 EXIT_FAILED: Final = 1
@@ -220,7 +220,7 @@ def _open_tags(wanted: str, spec: str, stack: ExitStack) -> SerialPort:
 def _open_radio(
     wanted: str, line: LineMap, spec: str, clock: Clock, stack: ExitStack
 ) -> ZenohRadio:
-    topics = (keys.reports(line.name),)
+    topics = subscriptions(line.name)
     if wanted != AUTO:
         radio = open_radio(Role.WAYSIDE, wanted, topics, clock)
     else:

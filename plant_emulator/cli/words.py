@@ -69,6 +69,9 @@ def summarise(plant: PlantDevice, feed: FeedSender | None) -> dict[str, object]:
         "commands": plant.wire.commands,
         "refused_frames": dict(plant.wire.refusals),
         "refused_reports": {reason.value: n for reason, n in plant.zone.refusals.items()},
+        "refused_statuses": {
+            reason.value: n for reason, n in plant.railway.centre.refusals.items()
+        },
         "command_losses": plant.command_losses,
         "faults_never_began": never,
         "feed_sent": 0 if feed is None else feed.sent,

@@ -4,5 +4,6 @@ from plant_emulator.faults import (  # noqa: F401
     declared_bus,
     declared_process,
     declared_train,
+    declared_wayside,
     declared_wires,
 )

@@ -37,6 +37,8 @@ PLACE_TITLES: Final[Mapping[Place, str]] = {
     Place.DOORS: "Doors",
     Place.DESK: "Desk",
     Place.RADIO: "Radio",
+    Place.WAYSIDE: "Wayside",
+    Place.ALARMS: "Alarms",
     Place.PROCESS: "Controller's process",
 }
 
@@ -62,7 +64,8 @@ _FRAMES: Final = Benches("between the controller's port and the bus", _GATEWAY, 
 _BLOCKED: Final = "the gateway passes nothing that the node sends or acts on"
 
 BY_PLACE: Final[Mapping[Place, Benches]] = {
-    **dict.fromkeys((Place.SENSOR, Place.ACTUATOR, Place.SUPPLY, Place.DOORS, Place.DESK), _TRAIN),
+    **dict.fromkeys((Place.SENSOR, Place.ACTUATOR, Place.SUPPLY), _TRAIN),
+    **dict.fromkeys((Place.DOORS, Place.DESK, Place.ALARMS), _TRAIN),
     Place.BUS: _FRAMES,
     Place.SERIAL: Benches(
         "at the reader's end of the line",
@@ -71,6 +74,11 @@ BY_PLACE: Final[Mapping[Place, Benches]] = {
     ),
     Place.RADIO: Benches(
         "at the wayside's radio", "at the wayside's radio session", "at the wayside's radio session"
+    ),
+    Place.WAYSIDE: Benches(
+        "in the emulated wayside",
+        "in the emulated wayside, which is in the train's process",
+        "in the emulated wayside, which hangs on the real radio",
     ),
     Place.PROCESS: Benches("to the modelled process", _SIGNALS, f"{_SIGNALS}; {_FOREIGN}"),
 }

@@ -21,6 +21,10 @@ class Place(enum.Enum):
     DOORS = "doors"
     DESK = "desk"
     RADIO = "radio"
+    WAYSIDE = "wayside"
+    """What the rest of the railway decides: centre, signals, platform doors."""
+    ALARMS = "alarms"
+    """What the train itself notices around it and in it."""
     PROCESS = "process"
     """In the controller's process. Brought about by the bench."""
 

@@ -4,15 +4,18 @@ from collections.abc import Callable
 
 from plant_emulator.faults.effects import Effect
 from plant_emulator.faults.effects_actuator import ActuatorEffects
+from plant_emulator.faults.effects_alarms import AlarmEffects
 from plant_emulator.faults.effects_desk import DeskEffects
 from plant_emulator.faults.effects_doors import DoorEffects
 from plant_emulator.faults.effects_sensor import SensorEffects
 from plant_emulator.faults.effects_supply import SupplyEffects
 from plant_emulator.faults.effects_tags import TagEffects
+from plant_emulator.faults.effects_wayside import WaysideEffects
 from plant_emulator.faults.kinds import Place
 from plant_emulator.faults.plan import FaultPlan
 from plant_emulator.faults.schedule import Schedule
 from plant_emulator.truth import Truth
+from plant_emulator.wayside.railway import Railway
 from plant_emulator.world import World
 
 Observer = Callable[[Truth, int], None]
@@ -29,12 +32,21 @@ class Stage:
     """
 
     def __init__(
-        self, world: World, schedule: Schedule, *, start_ns: int, observer: Observer | None
+        self,
+        world: World,
+        schedule: Schedule,
+        *,
+        start_ns: int,
+        observer: Observer | None,
+        railway: Railway,
     ) -> None:
         self.truth = Truth()
         self.began = False
         """Whether there was a first look."""
-        self._world, self._schedule = world, schedule
+        self._world, self._schedule, self._railway = world, schedule, railway
+        self._start_m = world.front_m
+        self._told = -1
+        """What of the wayside's news the truth knows."""
         self._start_ns, self._observer = start_ns, observer
         self._effects: dict[int, Effect] = {}
         """By index of the fault, of all that began so far."""
@@ -46,13 +58,18 @@ class Stage:
         self._supply = SupplyEffects(world)
         self._doors = DoorEffects(world)
         self._desk = DeskEffects(world)
+        self._alarms = AlarmEffects(world)
+        self._wayside = WaysideEffects(railway)
         self._active: set[int] = set()
         schedule.listen(self._change)
 
     def look(self, authority_end_m: float) -> None:
         """At the world as it is now."""
         self.began = True
-        truth, now_ns = self.truth, self._world.now_ns
+        truth, now_ns, told = self.truth, self._world.now_ns, self._railway.told
+        if told != self._told:
+            self._told = told
+            truth.hear(self._railway, self._start_m)
         truth.read(self._world, self._start_ns, authority_end_m)
         self._schedule.step(truth, now_ns)
         if self._acting:
@@ -89,7 +106,7 @@ class Stage:
     def _make(self, plan: FaultPlan) -> Effect | None:
         place = plan.kind.place
         if place is Place.SENSOR:
-            effect = self._sensors.of(plan) or self._tags.of(plan)
+            effect = self._sensors.of(plan) or self._tags.of(plan) or self._alarms.of(plan)
             assert effect is not None, f"{plan.kind.name} has no effect"
             return effect
         if place is Place.ACTUATOR:
@@ -100,4 +117,8 @@ class Stage:
             return self._doors.of(plan)
         if place is Place.DESK:
             return self._desk.of(plan)
+        if place is Place.ALARMS:
+            return self._alarms.of(plan)
+        if place is Place.WAYSIDE:
+            return self._wayside.of(plan)
         return None

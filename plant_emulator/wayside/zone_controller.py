@@ -1,11 +1,12 @@
 """A zone controller for one train: every position report is answered with a movement authority.
 
 Nothing else is on the line, so the authority reaches to an overlap behind the destination, or to
-the end of the line where that comes first. It is pure: messages in, messages out.
+the end of the line where that comes first, unless a signal on the way shows stop. The track that
+the train has just left stays its own for a few metres. It is pure: messages in, messages out.
 """
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from typing import Final
 
 from firmware_py.ports import RadioMessage
@@ -18,14 +19,14 @@ from zenoh_config.messages import (
     PositionReport,
     Refused,
     RefusedReason,
-    TrainOrders,
-    TrainStatus,
 )
 from zenoh_config.sequencing import ReportGate
 
 OVERLAP_M: Final = 60.0
 BUFFER_M: Final = 10.0
 """Kept free before the end of the line."""
+REAR_M: Final = 10.0
+"""So much free track behind the train is kept for it."""
 TERM: Final = 1
 """There is one issuer for the whole run, so its lease never changes hands."""
 
@@ -40,73 +41,89 @@ class ZoneController:
         self.answered = 0
         self.farthest_end_m: float | None = None
         """Of all authorities given so far."""
-        self._line_name = line.name
-        self._reports = keys.reports(line.name)
-        self._statuses = keys.statuses(line.name)
+        self.latest: MovementAuthority | None = None
+        """The newest of them."""
+        self.latest_rear_m = 0.0
+        """How far back the newest lets the rear go; where it is for certain, if not at all."""
+        self.rear_protected = True
+        """A fault sets it to False: authorities do not say what is behind the train."""
+        self._line_name, self._start_m = line.name, line.start_m
         self._gate = ReportGate()
-        self._status_gate = ReportGate()
-        self._orders = 0
         self._sequence = 0
+        self._stops_m: tuple[float, ...] = ()
+        self._concerned: dict[tuple[int, float], bool] = {}
+        """By train and signal: whether the train was before it when it first was asked."""
+        self._withdrawn = False
+        self._withdrawn_m: dict[int, float] = {}
+        """By train: where its front was at most when its authority was withdrawn."""
+        self._rears_m: dict[int, tuple[int, float]] = {}
+        """By train: its incarnation, and the protected rear, which never goes back within one."""
+
+    def show_stop(self, stops_m: Collection[float]) -> None:
+        """Signals at these places show stop from now on, and no others."""
+        self._stops_m = tuple(sorted(stops_m))
+        self._concerned = {
+            key: concerned for key, concerned in self._concerned.items() if key[1] in stops_m
+        }
+
+    def withdraw(self, withdrawn: bool) -> None:
+        """Pull every authority back to where the train's front is by its next report."""
+        self._withdrawn = withdrawn
+        self._withdrawn_m = {}
 
     def answers(self, heard: Iterable[RadioMessage], now_ns: int) -> list[tuple[str, bytes]]:
         """Key and payload of everything that is to be said to what was heard."""
-        return [answer for message in heard if (answer := self._answer(message, now_ns))]
+        return [answer for message in heard if (answer := self.answer(message, now_ns))]
 
-    def _answer(self, message: RadioMessage, now_ns: int) -> tuple[str, bytes] | None:
+    def answer(self, message: RadioMessage, now_ns: int) -> tuple[str, bytes] | None:
         report = self._believed(message)
-        if isinstance(report, TrainStatus):
-            return self._order(report, now_ns)
         if isinstance(report, RefusedReason):
             self.refusals[report] += 1
             return None
         self.answered += 1
         self._sequence += 1
-        self.farthest_end_m = (
-            self.end_m if self.farthest_end_m is None else max(self.farthest_end_m, self.end_m)
-        )
+        end_m = self._end_m(report)
+        rear_m = self._rear_m(report, end_m)
+        farthest_m = self.farthest_end_m
+        self.farthest_end_m = end_m if farthest_m is None else max(farthest_m, end_m)
         authority = MovementAuthority(
             train=report.train,
             boot=report.boot,
             term=TERM,
             sequence=self._sequence,
             echo_stamp_ns=report.stamp_ns,
-            end_m=self.end_m,
+            end_m=end_m,
             source=WAYSIDE,
             stamp_ns=now_ns,
+            rear_m=rear_m,
         )
+        self.latest = authority
+        self.latest_rear_m = report.rear_min_m if rear_m is None else rear_m
         return keys.authority(self._line_name, WAYSIDE, report.train), pack(authority)
 
-    def _order(self, status: TrainStatus, now_ns: int) -> tuple[str, bytes]:
-        self._orders += 1
-        orders = TrainOrders(
-            train=status.train,
-            boot=status.boot,
-            sequence=self._orders,
-            echo_stamp_ns=status.stamp_ns,
-            awake=True,
-            hold=False,
-            skip_next=False,
-            stop_next=False,
-            emergency=False,
-            releases=0,
-            creep=False,
-            restricted=False,
-            doors_left=True,
-            doors_right=True,
-            platform_doors_locked=True,
-            stamp_ns=now_ns,
-        )
-        return keys.order(self._line_name, WAYSIDE, status.train), pack(orders)
+    def _end_m(self, report: PositionReport) -> float:
+        """A signal that a train has passed before it showed stop does not concern that train."""
+        end_m = self.end_m
+        for stop_m in self._stops_m:
+            if self._concerned.setdefault((report.train, stop_m), report.front_min_m < stop_m):
+                end_m = min(end_m, stop_m)
+                break
+        if self._withdrawn:
+            end_m = min(end_m, self._withdrawn_m.setdefault(report.train, report.front_max_m))
+        return end_m
 
-    def _believed(self, message: RadioMessage) -> PositionReport | TrainStatus | RefusedReason:
+    def _rear_m(self, report: PositionReport, end_m: float) -> float | None:
+        boot, rear_m = self._rears_m.get(report.train, (report.boot, self._start_m))
+        if boot != report.boot:
+            rear_m = self._start_m
+        rear_m = max(rear_m, report.rear_min_m - REAR_M)
+        self._rears_m[report.train] = (report.boot, rear_m)
+        return min(rear_m, end_m) if self.rear_protected else None
+
+    def _believed(self, message: RadioMessage) -> PositionReport | RefusedReason:
         report = unpack(message.payload)
         if isinstance(report, Refused):
             return report.reason
-        if isinstance(report, TrainStatus):
-            if message.key != keys.status(self._line_name, report.train):
-                return RefusedReason.WRONG_SOURCE
-            refused = self._status_gate.check(report)
-            return report if refused is None else refused.reason
         if not isinstance(report, PositionReport):
             return RefusedReason.UNKNOWN_TYPE
         if message.key != keys.report(self._line_name, report.train):
@@ -114,8 +131,3 @@ class ZoneController:
             return RefusedReason.WRONG_SOURCE
         refused = self._gate.check(report)
         return report if refused is None else refused.reason
-
-    @property
-    def subscriptions(self) -> tuple[str, ...]:
-        """What its radio has to listen to."""
-        return (self._reports, self._statuses)

@@ -16,6 +16,7 @@ from plant_emulator.faults.plan import read_faults
 from plant_emulator.faults.schedule import Schedule
 from plant_emulator.faults.stage import Stage
 from plant_emulator.train_config import TrainConfig, load_train
+from plant_emulator.wayside.railway import Railway
 from plant_emulator.world import STEP_S, World
 
 QUIET: Final = override(
@@ -67,9 +68,14 @@ class Train:
         self.world = World(train, LEVEL, seed=seed, front_m=front_m)
         if released:
             self._warm_up(speed_mps)
+        self.railway = Railway(LEVEL, LEVEL.stations[-1])
         self.schedule = Schedule(read_faults(faults, "scenario"))
         self.stage = Stage(
-            self.world, self.schedule, start_ns=self.world.now_ns, observer=self._observe
+            self.world,
+            self.schedule,
+            start_ns=self.world.now_ns,
+            observer=self._observe,
+            railway=self.railway,
         )
         self.truth = self.stage.truth
         self.samples: list[bytes] = []

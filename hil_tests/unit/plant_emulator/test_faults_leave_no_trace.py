@@ -6,13 +6,21 @@ from typing import Any
 import pytest
 
 from can_dbc.doors import DoorCommand
+from firmware_py.ports import RadioMessage
 from plant_emulator.faults.kinds import CATALOGUE, Place
 from plant_emulator.faults.plan import read_faults
 from plant_emulator.train_config import load_train
 from plant_emulator.truth import SIGNALS
+from plant_emulator.world import STEP_NS
+from zenoh_config import keys
+from zenoh_config.codec import pack
+from zenoh_config.messages import PositionReport, TrainStatus
 
 ATrain = Callable[..., Any]
-TRAIN_PLACES = (Place.SENSOR, Place.ACTUATOR, Place.SUPPLY, Place.DOORS, Place.DESK)
+TRAIN_PLACES = (
+    *(Place.SENSOR, Place.ACTUATOR, Place.SUPPLY, Place.DOORS, Place.DESK),
+    *(Place.WAYSIDE, Place.ALARMS),
+)
 KINDS = [kind.name for kind in CATALOGUE.values() if kind.place in TRAIN_PLACES]
 MILD = {"traction_runaway": {"accel_mps2": 0.2}}
 """So that the train stays where it is under its holding brake."""
@@ -44,12 +52,31 @@ def program(train: Any) -> list[object]:
                     world.doors.status(),
                     world.power.supply(),
                     world.desk,
+                    world.alarms,
+                    world.cold.frame(),
+                    orders_to(train, world.now_ns),
                     world.tag_reader.frame(world.now_ns).antenna_ok,
                     world.tag_reader.last is last or world.tag_reader.last,
                     len(telegrams),
                     [getattr(train.truth, name) for name in SIGNALS if name != "tags_read"],
                 ]
     return said
+
+
+def orders_to(train: Any, now_ns: int) -> tuple[bytes, ...]:
+    """What the wayside answers to a train that asks, but for the count of resets."""
+    status = TrainStatus(
+        train=1, boot=1, sequence=now_ns // STEP_NS, stamp_ns=now_ns, mode=0, supervision=0,
+        cause=0, localised=True, standstill=True, front_m=1500.0, doors_locked=True, open_left=False,
+        open_right=False, passenger_alarm=False, fire=False, obstacle=False, alarm_raised=False,
+    )  # fmt: skip
+    report = PositionReport(1, 1, now_ns // STEP_NS, now_ns, 1499.0, 1501.0, 1430.0, 0.0, True)
+    heard = [
+        RadioMessage(now_ns, keys.status("florence", 1), pack(status)),
+        RadioMessage(now_ns, keys.report("florence", 1), pack(report)),
+    ]
+    train.railway.centre.releases = 0
+    return tuple(payload for _, payload in train.railway.answers(heard, now_ns))
 
 
 def after(a_train: ATrain, *faults: dict[str, Any]) -> list[object]:

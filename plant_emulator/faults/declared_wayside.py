@@ -1,0 +1,157 @@
+"""What comes from outside of the train: orders of the centre, signals, platforms, and alarms.
+
+Not all of it is a fault; orders are in the catalogue so that a scenario can give them at an instant
+or a place like everything else that befalls a train.
+"""
+
+from dataclasses import dataclass
+
+from plant_emulator.faults.declared_train import DoorsOf
+from plant_emulator.faults.kinds import Hazard, Place, check_range, fault
+
+
+@fault("cold_movement", Place.SENSOR, Hazard.MISLOCATED)
+@dataclass(frozen=True, slots=True)
+class ColdMoved:
+    """The detector of cold movement says that the train was moved while nobody controlled it."""
+
+    moved_m: float = 5.0
+    """From where the controller was switched off; the train itself is not moved."""
+    monitored: bool = True
+    """False: the detector cannot tell, because it slept for a while."""
+
+    def __post_init__(self) -> None:
+        check_range(self, "moved_m", 0.0, 160.0)
+
+
+@fault("ats_hold", Place.WAYSIDE, Hazard.LOST_SERVICE)
+@dataclass(frozen=True, slots=True)
+class AtsHold:
+    """The centre orders the train not to depart from its present or next platform."""
+
+
+@fault("ats_skip", Place.WAYSIDE, Hazard.LOST_SERVICE)
+@dataclass(frozen=True, slots=True)
+class AtsSkip:
+    """The centre orders the train not to stop at the next station."""
+
+
+@fault("ats_stop_next", Place.WAYSIDE, Hazard.LOST_SERVICE)
+@dataclass(frozen=True, slots=True)
+class AtsStopNext:
+    """The centre orders the train to stop at the next station and to stay."""
+
+
+@fault("remote_emergency", Place.WAYSIDE, Hazard.LOST_SERVICE)
+@dataclass(frozen=True, slots=True)
+class RemoteEmergency:
+    """The centre orders the emergency brake; the end of the order alone does not release it."""
+
+
+@fault("remote_release", Place.WAYSIDE, Hazard.UNWANTED_MOTION)
+@dataclass(frozen=True, slots=True)
+class RemoteRelease:
+    """The centre resets an emergency, once, when this begins."""
+
+
+@fault("sleep", Place.WAYSIDE, Hazard.LOST_SERVICE)
+@dataclass(frozen=True, slots=True)
+class Sleep:
+    """The centre sends the train to sleep and wakes it up at the end."""
+
+
+@fault("creep_order", Place.WAYSIDE, Hazard.UNWANTED_MOTION, Hazard.OVERSPEED)
+@dataclass(frozen=True, slots=True)
+class CreepOrder:
+    """The centre lets a train creep that lacks its place or an authority."""
+
+
+@fault("restricted_order", Place.WAYSIDE, Hazard.UNWANTED_MOTION, Hazard.OVERSPEED)
+@dataclass(frozen=True, slots=True)
+class RestrictedOrder:
+    """The centre lets a person drive on sight."""
+
+
+@fault("temporary_restriction", Place.WAYSIDE, Hazard.OVERSPEED)
+@dataclass(frozen=True, slots=True)
+class TemporaryRestriction:
+    """The centre imposes a temporary speed restriction."""
+
+    start_m: float = 3200.0
+    end_m: float = 3300.0
+    limit_mps: float = 8.333333333333334
+
+    def __post_init__(self) -> None:
+        check_range(self, "start_m", -1.0e5, 1.0e5)
+        check_range(self, "end_m", -1.0e5, 1.0e5)
+        check_range(self, "limit_mps", 0.1, 50.0)
+
+
+@fault("signal_stop", Place.WAYSIDE, Hazard.OVERRUN)
+@dataclass(frozen=True, slots=True)
+class SignalStop:
+    """A signal shows stop: the authority of a train before it ends there.
+
+    A train that has passed it before is not concerned.
+    """
+
+    position_m: float = 450.0
+
+    def __post_init__(self) -> None:
+        check_range(self, "position_m", -1.0e5, 1.0e5)
+
+
+@fault("authority_withdrawn", Place.WAYSIDE, Hazard.OVERRUN)
+@dataclass(frozen=True, slots=True)
+class AuthorityWithdrawn:
+    """The authority is pulled back to where the train's front is just then."""
+
+
+@fault("rear_unprotected", Place.WAYSIDE, Hazard.UNWANTED_MOTION)
+@dataclass(frozen=True, slots=True)
+class RearUnprotected:
+    """Authorities do not protect what is behind the train."""
+
+
+@fault("centre_silent", Place.WAYSIDE, Hazard.LOST_SERVICE, Hazard.DOOR_DANGER)
+@dataclass(frozen=True, slots=True)
+class CentreSilent:
+    """The centre gives no more orders; authorities go on."""
+
+
+@fault("doors_not_authorised", Place.WAYSIDE, Hazard.LOST_SERVICE)
+@dataclass(frozen=True, slots=True)
+class DoorsNotAuthorised:
+    """The centre does not let doors open."""
+
+    side: DoorsOf = DoorsOf.BOTH
+
+
+@fault("wrong_side_authorised", Place.WAYSIDE, Hazard.DOOR_DANGER)
+@dataclass(frozen=True, slots=True)
+class WrongSideAuthorised:
+    """The centre lets doors open on the side where there is no platform, and not on the other."""
+
+
+@fault("platform_doors_unlocked", Place.WAYSIDE, Hazard.DOOR_DANGER, Hazard.LOST_SERVICE)
+@dataclass(frozen=True, slots=True)
+class PlatformDoorsUnlocked:
+    """Platform doors are not proven locked; the doors themselves are as they were."""
+
+
+@fault("platform_door_obstacle", Place.WAYSIDE, Hazard.DOOR_DANGER, Hazard.LOST_SERVICE)
+@dataclass(frozen=True, slots=True)
+class PlatformDoorObstacle:
+    """Something stands between platform doors at every closing."""
+
+
+@fault("obstacle", Place.ALARMS, Hazard.UNWANTED_MOTION, Hazard.LOST_SERVICE)
+@dataclass(frozen=True, slots=True)
+class Obstacle:
+    """The deflector in front of the first axle has touched something."""
+
+
+@fault("fire", Place.ALARMS, Hazard.LOST_SERVICE)
+@dataclass(frozen=True, slots=True)
+class Fire:
+    """A smoke or fire detector of the train has tripped."""

@@ -1,0 +1,39 @@
+"""What the train itself notices: obstacle, fire, and movement while nobody controlled it."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from plant_emulator.faults.declared_wayside import ColdMoved, Fire, Obstacle
+from plant_emulator.faults.effects import Effect, Knob, Turned
+from plant_emulator.faults.plan import FaultPlan
+from plant_emulator.world import World
+
+
+class AlarmEffects:
+    """Of several cold movements the largest counts."""
+
+    def __init__(self, world: World) -> None:
+        def burn(found: Sequence[bool]) -> None:
+            world.alarms = replace(world.alarms, no_fire=not found)
+
+        def touch(found: Sequence[bool]) -> None:
+            world.alarms = replace(world.alarms, no_obstacle=not found)
+
+        def move(found: Sequence[ColdMoved]) -> None:
+            world.cold.forced_m = max((each.moved_m for each in found), default=None)
+            world.cold.monitored = all(each.monitored for each in found)
+
+        self._fire = Knob[bool](burn)
+        self._obstacle = Knob[bool](touch)
+        self._cold = Knob[ColdMoved](move)
+
+    def of(self, plan: FaultPlan) -> Effect | None:
+        """None for a fault of something else."""
+        match plan.parameters:
+            case Obstacle():
+                return Turned(plan.index, (self._obstacle, True))
+            case Fire():
+                return Turned(plan.index, (self._fire, True))
+            case ColdMoved():
+                return Turned(plan.index, (self._cold, plan.parameters))
+        return None

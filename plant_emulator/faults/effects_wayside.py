@@ -1,0 +1,132 @@
+"""What the wayside does to a train: orders, signals, platform doors."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+from plant_emulator.faults.declared_train import DoorsOf
+from plant_emulator.faults.declared_wayside import (
+    AtsHold,
+    AtsSkip,
+    AtsStopNext,
+    AuthorityWithdrawn,
+    CentreSilent,
+    CreepOrder,
+    DoorsNotAuthorised,
+    PlatformDoorObstacle,
+    PlatformDoorsUnlocked,
+    RearUnprotected,
+    RemoteEmergency,
+    RemoteRelease,
+    RestrictedOrder,
+    SignalStop,
+    Sleep,
+    TemporaryRestriction,
+    WrongSideAuthorised,
+)
+from plant_emulator.faults.effects import Effect, Knob, Turned
+from plant_emulator.faults.plan import FaultPlan
+from plant_emulator.wayside.centre import NORMAL, Centre
+from plant_emulator.wayside.railway import Railway
+from zenoh_config.messages import SpeedRestriction
+
+Change = Mapping[str, Any]
+"""Fields of the centre's standing orders."""
+
+
+class WaysideEffects:
+    """Orders are given while any fault gives them; restrictions and signals are all in force."""
+
+    def __init__(self, railway: Railway) -> None:
+        zone, centre, doors = railway.zone, railway.centre, railway.doors
+        self._centre = centre
+
+        def unprotect(found: Sequence[bool]) -> None:
+            zone.rear_protected = not found
+
+        def hush(found: Sequence[bool]) -> None:
+            centre.silent = bool(found)
+
+        def obstruct(found: Sequence[bool]) -> None:
+            doors.obstructed = bool(found)
+
+        self._orders = Knob[Change](self._order)
+        self._signals = Knob[float](zone.show_stop)
+        self._withdrawn = Knob[bool](lambda found: zone.withdraw(bool(found)))
+        self._unprotected = Knob[bool](unprotect)
+        self._silent = Knob[bool](hush)
+        self._unlocked = Knob[bool](lambda found: doors.lose_proof(bool(found)))
+        self._obstructed = Knob[bool](obstruct)
+
+    def _order(self, changes: Sequence[Change]) -> None:
+        orders = NORMAL
+        for change in changes:
+            added = change.get("restrictions", ())
+            orders = replace(orders, **{**change, "restrictions": (*orders.restrictions, *added)})
+        self._centre.standing = orders
+
+    def of(self, plan: FaultPlan) -> Effect:
+        if isinstance(plan.parameters, RemoteRelease):
+            return Released(self._centre)
+        setting = self._setting(plan.parameters)
+        assert setting is not None, f"{plan.kind.name} has no effect"
+        return Turned(plan.index, setting)
+
+    def _setting(self, parameters: Any) -> tuple[Knob[Any], Any] | None:
+        match parameters:
+            case SignalStop(position_m=position_m):
+                return self._signals, position_m
+            case AuthorityWithdrawn():
+                return self._withdrawn, True
+            case RearUnprotected():
+                return self._unprotected, True
+            case CentreSilent():
+                return self._silent, True
+            case PlatformDoorsUnlocked():
+                return self._unlocked, True
+            case PlatformDoorObstacle():
+                return self._obstructed, True
+        change = _change(parameters)
+        return None if change is None else (self._orders, change)
+
+
+def _change(parameters: Any) -> Change | None:
+    match parameters:
+        case AtsHold():
+            return {"hold": True}
+        case AtsSkip():
+            return {"skip_next": True}
+        case AtsStopNext():
+            return {"stop_next": True}
+        case RemoteEmergency():
+            return {"emergency": True}
+        case Sleep():
+            return {"awake": False}
+        case CreepOrder():
+            return {"creep": True}
+        case RestrictedOrder():
+            return {"restricted": True}
+        case WrongSideAuthorised():
+            return {"wrong_side": True}
+        case DoorsNotAuthorised(side=side):
+            sides = {DoorsOf.LEFT: "withheld_left", DoorsOf.RIGHT: "withheld_right"}
+            return {name: True for of, name in sides.items() if side in (of, DoorsOf.BOTH)}
+        case TemporaryRestriction(start_m=start_m, end_m=end_m, limit_mps=limit_mps):
+            low_m, high_m = sorted((start_m, end_m))
+            return {"restrictions": (SpeedRestriction(low_m, high_m, limit_mps),)}
+    return None
+
+
+class Released:
+    """One reset when it begins. What was counted stays counted."""
+
+    def __init__(self, centre: Centre) -> None:
+        self._centre = centre
+
+    def begin(self, now_ns: int) -> None:
+        self._centre.releases += 1
+
+    def end(self, now_ns: int) -> None: ...
+
+    def step(self, now_ns: int) -> bool:
+        return False

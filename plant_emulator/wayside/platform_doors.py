@@ -1,0 +1,114 @@
+"""Doors on the edges of platforms: they open and close with the doors of the train before them."""
+
+from collections.abc import Iterable
+from typing import Final
+
+from firmware_py.trackdb import LineMap, Station
+
+STEP_S: Final = 0.01
+"""Of `step`; the plant's."""
+OPEN_S: Final = 1.5
+CLOSE_S: Final = 1.5
+"""From the end of the demand to closed and locked: quicker than the doors of a train."""
+REOPEN_S: Final = 3.0
+"""How long they stay open after an obstacle, before they try again."""
+OBSTRUCTED_AT: Final = 0.5
+"""An obstacle is met when the doors are still open by this much."""
+DEMAND_NS: Final = 1_000_000_000
+"""A demand that is not repeated for so long has ended."""
+
+
+class DoorRow:
+    """All doors of one platform as one."""
+
+    __slots__ = ("_until_ns", "_wait_s", "_wanted", "open_ratio")
+
+    def __init__(self) -> None:
+        self.open_ratio = 0.0
+        self._wanted = False
+        self._until_ns = 0
+        self._wait_s = 0.0
+
+    @property
+    def closed(self) -> bool:
+        return self.open_ratio == 0.0
+
+    @property
+    def resting(self) -> bool:
+        return self.open_ratio == 0.0 and not self._wanted
+
+    def ask(self, wanted: bool, now_ns: int) -> None:
+        self._wanted = wanted
+        self._until_ns = now_ns + DEMAND_NS
+
+    def step(self, now_ns: int, *, obstructed: bool) -> None:
+        if now_ns >= self._until_ns:
+            self._wanted = False
+        if self._wanted:
+            self._wait_s = 0.0
+            self.open_ratio = min(1.0, self.open_ratio + STEP_S / OPEN_S)
+        elif self._wait_s > 0.0:
+            self._wait_s -= STEP_S
+        elif self.open_ratio > 0.0:
+            self.open_ratio = max(0.0, self.open_ratio - STEP_S / CLOSE_S)
+            if obstructed and self.open_ratio <= OBSTRUCTED_AT:
+                self.open_ratio = 1.0
+                self._wait_s = REOPEN_S
+
+
+class PlatformDoors:
+    """Of all platforms of a line that have any."""
+
+    __slots__ = ("_proven", "_resting", "_rows", "changes", "obstructed")
+
+    def __init__(self, line: LineMap) -> None:
+        self._rows = {each.name: DoorRow() for each in line.stations if each.platform_doors}
+        self._resting = True
+        self.changes = 0
+        """Grows whenever doors begin to open or have closed, and with the proof that they are."""
+        self.obstructed = False
+        """A fault: every closing meets an obstacle."""
+        self._proven = True
+
+    def lose_proof(self, lost: bool) -> None:
+        """A fault: the circuit through the locks is open, however the doors are."""
+        self._proven = not lost
+        self.changes += 1
+
+    def ask(self, station: Station | None, *, wanted: bool, now_ns: int) -> None:
+        """What the train at this platform demands; it demands of no other platform anything."""
+        for name, row in self._rows.items():
+            at_train = station is not None and name == station.name
+            if at_train and wanted:
+                row.ask(True, now_ns)
+                self._resting = False
+            elif not row.resting:
+                row.ask(False, now_ns)
+
+    def step(self, now_ns: int) -> None:
+        if self._resting:
+            return
+        for row in self._rows.values():
+            was_closed = row.closed
+            row.step(now_ns, obstructed=self.obstructed)
+            if row.closed is not was_closed:
+                self.changes += 1
+        self._resting = all(row.resting for row in self._rows.values())
+
+    def locked(self, stations: Iterable[Station]) -> bool:
+        """At all of these that have doors they are closed, and the circuit proves it."""
+        rows = [self._rows[each.name] for each in stations if each.name in self._rows]
+        return all(row.closed for row in rows) and (self._proven or not rows)
+
+    @property
+    def all_closed(self) -> bool:
+        return all(row.closed for row in self._rows.values())
+
+    @property
+    def all_locked(self) -> bool:
+        return self.all_closed and (self._proven or not self._rows)
+
+    def open_ratio(self, station: str) -> float:
+        """0 is closed, 1 wide open; also 0 at a platform without doors."""
+        row = self._rows.get(station)
+        return 0.0 if row is None else row.open_ratio
