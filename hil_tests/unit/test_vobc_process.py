@@ -1,22 +1,35 @@
 """The controller as a device on a bus of virtual time, beside a train that only stands there."""
 
 import itertools
+import json
 import math
 from collections import Counter
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from can_dbc import binding
+from can_dbc.alarms import TrainAlarms
 from can_dbc.brake import BrakeCommand, BrakeStatus
 from can_dbc.cab import CabMode, Desk
 from can_dbc.codec import Decoder, Encoder, Rejected
 from can_dbc.diagnostics import EMERGENCIES, HEARTBEATS, Heartbeat, NodeState
 from can_dbc.doors import DoorCommand, DoorState, DoorStatus
 from can_dbc.nodes import Direction, Node
-from can_dbc.odometer import Tacho
+from can_dbc.odometer import ColdMovement, Tacho
 from can_dbc.tags import TagReaderHealth
 from can_dbc.traction import TractionCommand, TractionStatus
-from can_dbc.vobc import Supervision, VobcMotion, VobcPosition, VobcStatus, VobcTarget
+from can_dbc.vobc import (
+    EventKind,
+    Supervision,
+    VobcEvent,
+    VobcMode,
+    VobcMotion,
+    VobcPosition,
+    VobcStatus,
+    VobcTarget,
+)
 from firmware_py.buses.inproc import InprocBus
 from firmware_py.clock import LockstepClock
 from firmware_py.executive import Executive, Task, run
@@ -26,21 +39,30 @@ from firmware_py.recorder import LineLog
 from firmware_py.tag_reader.inproc_line import inproc_line
 from firmware_py.trackdb import load_line
 from vobc.config import load_config, plan_mission
-from vobc.process import CYCLE_COLUMNS, VobcDevice, commissioned_start, remembered_start
+from vobc.process import (
+    CYCLE_COLUMNS,
+    EventLines,
+    VobcDevice,
+    commissioned_start,
+    remembered_start,
+)
+from vobc.process.event_log import FRAMES_PER_CYCLE
+from vobc.vocabulary import Event
 from zenoh_config import keys
 from zenoh_config.codec import pack, unpack
-from zenoh_config.messages import MovementAuthority, PositionReport
+from zenoh_config.messages import MovementAuthority, PositionReport, TrainOrders, TrainStatus
 
 LINE = load_line("florence")
 NS_PER_MS = 1_000_000
+BABBLE_ID = 0x7F0
 SENT = (
     BrakeCommand, TractionCommand, DoorCommand, VobcStatus, VobcMotion, VobcPosition, VobcTarget,
-    HEARTBEATS[Node.VOBC], EMERGENCIES[Node.VOBC],
+    VobcMode, VobcEvent, HEARTBEATS[Node.VOBC], EMERGENCIES[Node.VOBC],
 )  # fmt: skip
 
 
 class World:
-    """A standing train, a wayside that grants 500 m, and an ear on the bus."""
+    """A standing train, a wayside that grants 500 m, a centre, and an ear on the bus."""
 
     def __init__(
         self,
@@ -48,19 +70,23 @@ class World:
         cycle_ms: float = 50.0,
         nvram: Nvram | None = None,
         log: LineLog | None = None,
+        events: EventLines | None = None,
+        forgotten: bool = False,
     ) -> None:
         self.clock = LockstepClock()
         bus = InprocBus("test", 250_000)
         self.port, self.ear = bus.port("TRAIN"), bus.port("EAR")
         self.bus = bus
         air = InprocRadio(0.02)
-        self.radio = air.port("wayside", (keys.reports(LINE.name),))
+        self.radio = air.port("wayside", (keys.reports(LINE.name), keys.statuses(LINE.name)))
         controller_end, self.reader = inproc_line()
         self.encoder, self.decoder = Encoder(), Decoder(SENT)
         self.pulses = 0
         self.desk = Desk(CabMode.AUTO, 0.0, True, True, False, False, False, False)
         self.heard: list[tuple[int, object]] = []
         self.reports: list[PositionReport] = []
+        self.statuses: list[TrainStatus] = []
+        self.hold = False
         self.nvram = nvram or Nvram(None)
         config = load_config("florence4", cycle_ms=cycle_ms)
         self.vobc = VobcDevice(
@@ -69,9 +95,17 @@ class World:
             plan_mission(LINE, "II", "III"),
             can=bus.port("VOBC"),
             tags=controller_end,
-            radio=air.port("train", (keys.authorities(LINE.name, config.address),)),
+            radio=air.port(
+                "train",
+                (
+                    keys.authorities(LINE.name, config.address),
+                    keys.orders(LINE.name, config.address),
+                ),
+            ),
             nvram=self.nvram,
             cycle_log=log,
+            event_log=events,
+            forgotten=forgotten,
             start_ns=0,
         )
         self.executive = Executive(
@@ -87,20 +121,51 @@ class World:
             DoorStatus(True, DoorState.LOCKED, DoorState.LOCKED, True),
             self.desk,
             TagReaderHealth(True, 0, 0.0),
+            TrainAlarms(no_obstacle=True, no_fire=True),
+            ColdMovement(moved_m=0.0, monitored=True),
         ):
             for can_id, payload in self.encoder.encode(frame):
                 self.port.send(now_ns, can_id, payload)
         for message in self.radio.receive(now_ns):
-            report = unpack(message.payload)
-            assert isinstance(report, PositionReport)
-            self.reports.append(report)
-            answer = MovementAuthority(
-                report.train, report.boot, 4, len(self.reports), report.stamp_ns, 3500.0
-            )
-            self.radio.send(now_ns, keys.authority(LINE.name, 0, report.train), pack(answer))
+            heard = unpack(message.payload)
+            if isinstance(heard, PositionReport):
+                self.reports.append(heard)
+                self.grant(now_ns, heard)
+            else:
+                assert isinstance(heard, TrainStatus)
+                self.statuses.append(heard)
+                self.order(now_ns, heard)
+
+    def grant(self, now_ns: int, report: PositionReport) -> None:
+        answer = MovementAuthority(
+            report.train, report.boot, 4, len(self.reports), report.stamp_ns, 3500.0
+        )
+        self.radio.send(now_ns, keys.authority(LINE.name, 0, report.train), pack(answer))
+
+    def order(self, now_ns: int, status: TrainStatus) -> None:
+        answer = TrainOrders(
+            train=status.train,
+            boot=status.boot,
+            sequence=len(self.statuses),
+            echo_stamp_ns=status.stamp_ns,
+            awake=True,
+            hold=self.hold,
+            skip_next=False,
+            stop_next=False,
+            emergency=False,
+            releases=0,
+            creep=False,
+            restricted=False,
+            doors_left=False,
+            doors_right=False,
+            platform_doors_locked=True,
+        )
+        self.radio.send(now_ns, keys.order(LINE.name, 0, status.train), pack(answer))
 
     def listen(self, now_ns: int) -> None:
         for frame in self.ear.receive(now_ns):
+            if frame.can_id == BABBLE_ID:
+                continue
             heard = self.decoder.decode(frame.can_id, frame.data, frame.stamp_ns)
             assert not isinstance(heard, Rejected), heard
             if heard is not None:
@@ -331,6 +396,111 @@ def test_the_cycle_log_has_a_row_for_each_cycle_and_no_torn_field(tmp_path: Path
     assert float(last[column["t_s"]]) == pytest.approx(2.95)
     assert float(last[column["front_m"]]) == pytest.approx(3000.0)
     assert last[column["supervision"]] == "nominal"
+
+
+def entries(path: Path) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
+
+
+def test_every_event_is_on_the_bus_and_in_the_log_under_the_same_number(tmp_path: Path) -> None:
+    log = EventLines(tmp_path / "events.jsonl")
+    world = World(events=log)
+
+    world.run(3.0)
+    world.hold = True
+    world.run(1.0)
+    log.close()
+
+    told, on_bus = entries(log.path), world.of(VobcEvent)
+    assert [entry["number"] for entry in told] == list(range(1, len(told) + 1))
+    assert [frame.number for frame in on_bus if isinstance(frame, VobcEvent)] == [
+        entry["number"] for entry in told
+    ]
+    assert [frame.event.name for frame in on_bus if isinstance(frame, VobcEvent)] == [
+        entry["kind"] for entry in told
+    ]
+    held = next(entry for entry in told if "hold yes" in entry["words"])
+    assert held["kind"] == "ORDERS_CHANGED"
+    assert held["t_s"] >= 3.0
+
+
+def test_an_event_names_the_very_bytes_that_it_was_decided_from(tmp_path: Path) -> None:
+    log = EventLines(tmp_path / "events.jsonl")
+    world = World(events=log)
+    world.run(3.0)
+
+    world.desk = Desk(CabMode.AUTO, 0.0, False, True, False, False, False, False)
+    world.run(1.0)
+    log.close()
+
+    (brake,) = (entry for entry in entries(log.path) if entry["kind"] == "EMERGENCY_APPLIED")
+    (source,) = brake["sources"]
+    assert (source["source"], source["id"]) == ("DESK", binding.can_id(Desk))
+    heard = Decoder([Desk]).decode(source["id"], bytes.fromhex(source["payload"]), 0)
+    assert isinstance(heard, Desk)
+    assert not heard.emergency_released
+    assert 0.0 <= brake["t_s"] - source["heard_s"] <= 0.1
+    (frame,) = (
+        each
+        for each in world.of(VobcEvent)
+        if isinstance(each, VobcEvent) and each.event is EventKind.EMERGENCY_APPLIED
+    )
+    assert (frame.frame_a, frame.frame_b) == (binding.can_id(Desk), 0)
+
+
+def test_a_babbling_node_makes_one_event_a_second_that_counts(tmp_path: Path) -> None:
+    log = EventLines(tmp_path / "events.jsonl")
+    world = World(events=log)
+    for _ in range(60):
+        world.port.send(world.clock.now_ns(), BABBLE_ID, b"noise")
+        world.run(0.05)
+    log.close()
+
+    told = [entry for entry in entries(log.path) if entry["kind"] == "FRAME_REJECTED"]
+    assert 3 <= len(told) <= 4
+    assert {entry["value"] for entry in told} == {BABBLE_ID}
+    assert "0x7f0 refused" in told[1]["words"]
+    assert sum(int(entry["words"].split()[0]) for entry in told) <= 60
+    assert world.vobc.refused["frames"] in (59, 60), "the last one may still be on its way"
+
+
+def test_a_burst_of_events_leaves_a_few_at_a_time_and_none_is_lost() -> None:
+    world = World()
+    burst = [Event(EventKind.TAG_REJECTED, f"tag {number}", (), number) for number in range(30)]
+
+    world.vobc._events.tell(0, burst)
+    world.run(3.0)
+
+    per_cycle = Counter(
+        stamp_ns // (50 * NS_PER_MS) for stamp_ns, frame in world.heard
+        if isinstance(frame, VobcEvent)
+    )  # fmt: skip
+    assert max(per_cycle.values()) <= 2 * FRAMES_PER_CYCLE
+    numbers = [frame.number for frame in world.of(VobcEvent) if isinstance(frame, VobcEvent)]
+    assert numbers[:30] == list(range(1, 31))
+
+
+def test_a_memory_that_was_lost_is_the_first_thing_that_is_told(tmp_path: Path) -> None:
+    log = EventLines(tmp_path / "events.jsonl")
+    world = World(events=log, forgotten=True)
+
+    world.run(0.2)
+    log.close()
+
+    kinds = [entry["kind"] for entry in entries(log.path)]
+    assert kinds[:3] == ["MEMORY_LOST", "SUPERVISION", "MODE"]
+
+
+def test_status_goes_five_times_a_second_whether_or_not_the_train_is_located() -> None:
+    world = World()
+
+    world.run(4.0)
+
+    assert 19 <= len(world.statuses) <= 20
+    assert len(world.statuses) >= len(world.reports)
+    stamps_ns = [status.stamp_ns for status in world.statuses]
+    assert {b - a for a, b in itertools.pairwise(stamps_ns)} == {200 * NS_PER_MS}
+    assert world.statuses[-1].doors_locked
 
 
 def test_two_runs_of_the_same_world_say_the_same_at_the_same_instants() -> None:

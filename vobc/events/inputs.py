@@ -40,9 +40,10 @@ def _age_words(age_s: float) -> str:
 def authority_changed(before: Authority | None, now: Authority | None) -> Iterator[Event]:
     if now is None:
         return
-    if before is not None and (before.end_m, before.rear_m, before.term) == (
+    # What protects the rear follows the train all the time; only whether it does is told.
+    if before is not None and (before.end_m, before.rear_m is None, before.term) == (
         now.end_m,
-        now.rear_m,
+        now.rear_m is None,
         now.term,
     ):
         return
@@ -78,12 +79,12 @@ def orders_changed(before: Orders | None, now: Orders | None) -> Iterator[Event]
     changes = [
         f"{words} {_plain(getattr(now, name))}"
         for name, words in ORDER_NAMES
-        if before is None or getattr(now, name) != getattr(before, name)
+        if getattr(now, name) != (getattr(before, name) if before is not None else False)
     ]
-    if before is None or before.restrictions != now.restrictions:
+    if now.restrictions != (before.restrictions if before is not None else ()):
         changes.append(_restrictions(now))
     begin = "first orders of the centre" if before is None else "the centre orders"
-    words = f"{begin}: {', '.join(changes)}"
+    words = f"{begin}: {', '.join(changes) or 'nothing special'}"
     yield Event(EventKind.ORDERS_CHANGED, words, (Source.ORDERS,))
 
 

@@ -36,6 +36,7 @@ class EventLines:
 
     def __init__(self, path: Path | str) -> None:
         """Raises RecorderError."""
+        self.path = Path(path)
         self._file = LineFile(path)
         self._lines: list[str] = []
 
