@@ -37,6 +37,7 @@ SIGNALS: Final[tuple[str, ...]] = (
     "order_creep",
     "order_emergency",
     "order_hold",
+    "order_releases",
     "order_restricted",
     "order_skip_next",
     "order_stop_next",
@@ -119,6 +120,8 @@ class Truth:
         self.order_creep = 0.0
         self.order_emergency = 0.0
         self.order_hold = 0.0
+        self.order_releases = 0.0
+        """Resets of an emergency by the centre so far."""
         self.order_restricted = 0.0
         self.order_skip_next = 0.0
         self.order_stop_next = 0.0
@@ -242,7 +245,7 @@ def _edges_m(world: World) -> list[float]:
 
 _ORDERS: Final = (
     *((f"order_{name}", name) for name in ("awake", "creep", "emergency", "hold", "restricted")),
-    *((f"order_{name}", name) for name in ("skip_next", "stop_next")),
+    *((f"order_{name}", name) for name in ("skip_next", "stop_next", "releases")),
     ("doors_authorised_left", "doors_left"),
     ("doors_authorised_right", "doors_right"),
 )
