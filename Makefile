@@ -4,6 +4,8 @@ RUN_ARGS ?= --line florence --from II --to III
 PYTEST_ARGS ?=
 PYTEST_WORKERS ?= 2
 BENCH_ARGS ?=
+MUTATE_ARGS ?=
+FUZZ_ARGS ?=
 PYTHON ?=
 
 VENV := .venv
@@ -18,7 +20,7 @@ PIP := PIP_CONSTRAINT=$(CONSTRAINTS) PIP_BUILD_CONSTRAINT=$(CONSTRAINTS) PIP_DIS
 	$(BIN)/python -m pip install --quiet -c $(CONSTRAINTS)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup run test check format-check lint types layers bench bench-hil compiled docs format clean distclean
+.PHONY: help setup run test check format-check lint types layers mutate bench bench-hil compiled docs format clean distclean
 
 help: ## show this list
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | while IFS='	' read -r name words; do \
@@ -51,6 +53,9 @@ types: $(READY_TO_TEST)
 
 layers: $(READY_TO_TEST)
 	$(BIN)/lint-imports
+
+mutate: $(READY_TO_TEST) ## make every small mistake in the safety half and see it noticed; MUTATE_ARGS=...
+	$(BIN)/python -m metro_tools.mutate $(MUTATE_ARGS)
 
 bench: $(READY_TO_TEST) ## measure the figures that the README publishes; BENCH_ARGS=...
 	$(BIN)/python -m metro_hil.benchmarks $(BENCH_ARGS)

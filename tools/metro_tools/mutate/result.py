@@ -1,0 +1,113 @@
+"""What mutation testing found, as tables and words. Pure."""
+
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from metro_tools.mutate.mutations import Mutant
+from metro_tools.mutate.targets import EQUIVALENTS_FILE, Equivalent
+
+NOT_NOTICED: Final = ("survived", "unreached")
+PERCENT: Final = 100.0
+
+
+@dataclass(frozen=True, slots=True)
+class Tried:
+    """One mutant and what became of it."""
+
+    module: str
+    mutant: Mutant
+    result: str
+    by: str
+    """The test that noticed it first."""
+
+
+@dataclass(frozen=True, slots=True)
+class Score:
+    """The counts of one module, or of all."""
+
+    mutants: int
+    killed: int
+    survived: int
+    equivalent: int
+
+    @property
+    def percent(self) -> float:
+        """Share of the mutants noticed, those left out that nobody can notice."""
+        wanted = self.mutants - self.equivalent
+        return PERCENT * self.killed / wanted if wanted else PERCENT
+
+
+def is_equivalent(tried: Tried, equivalents: Iterable[Equivalent]) -> bool:
+    mutant = tried.mutant
+    return any(
+        (entry.module, entry.function, entry.mutation)
+        == (tried.module, mutant.function, mutant.mutation)
+        for entry in equivalents
+    )
+
+
+def survivors(tried: Iterable[Tried], equivalents: Sequence[Equivalent]) -> list[Tried]:
+    """Whom a test must still notice."""
+    return [
+        item
+        for item in tried
+        if item.result in NOT_NOTICED and not is_equivalent(item, equivalents)
+    ]
+
+
+def stale(tried: Sequence[Tried], equivalents: Iterable[Equivalent]) -> Iterator[str]:
+    """Entries of the list of equivalents that are not true any more; `tried` is all of a module."""
+    results = {(t.module, t.mutant.function, t.mutant.mutation): t for t in tried}
+    modules = {item.module for item in tried}
+    for entry in equivalents:
+        if entry.module not in modules:
+            continue
+        found = results.get((entry.module, entry.function, entry.mutation))
+        where = f"{EQUIVALENTS_FILE}: {entry.module}: {entry.function}: {entry.mutation}"
+        if found is None:
+            yield f"{where}: there is no such mutant any more; remove the entry"
+        elif found.result not in NOT_NOTICED:
+            yield f"{where}: {found.by or 'a test'} notices it; remove the entry"
+
+
+def scores(tried: Sequence[Tried], equivalents: Sequence[Equivalent]) -> dict[str, Score]:
+    """By module, in the order they were tried; the last is `all`."""
+    counts: dict[str, Counter[str]] = {}
+    for item in tried:
+        of = "killed"
+        if item.result in NOT_NOTICED:
+            of = "equivalent" if is_equivalent(item, equivalents) else "survived"
+        for name in (item.module, "all"):
+            counts.setdefault(name, Counter())[of] += 1
+    total = counts.pop("all", Counter())
+    return {name: _score(count) for name, count in {**counts, "all": total}.items()}
+
+
+def _score(count: Counter[str]) -> Score:
+    return Score(count.total(), count["killed"], count["survived"], count["equivalent"])
+
+
+def table(of: dict[str, Score]) -> str:
+    """One line a module."""
+    width = max(len(name) for name in of)
+    head = f"{'module':<{width}}  mutants  killed  survived  equivalent   score"
+    lines = [
+        f"{name:<{width}}  {s.mutants:7}  {s.killed:6}  {s.survived:8}  {s.equivalent:10}"
+        f"  {s.percent:5.1f} %"
+        for name, s in of.items()
+    ]
+    return "\n".join((head, *lines))
+
+
+def as_difference(tried: Tried) -> str:
+    """A survivor for a person: the change, where, and how to try it again."""
+    mutant = tried.mutant
+    reach = "  (no test runs this function)" if tried.result == "unreached" else ""
+    return (
+        f"{tried.module}:{mutant.line}: {mutant.function}{reach}\n"
+        f"  - {mutant.before}\n"
+        f"  + {mutant.after}{f'   (number {mutant.occurrence})' if mutant.occurrence > 1 else ''}\n"
+        f'  again: make mutate MUTATE_ARGS="{tried.module} --only {mutant.key}"'
+    )
