@@ -53,6 +53,11 @@ def parser() -> argparse.ArgumentParser:
         epilog=EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
+    verbs.add_parser(
+        "explain",
+        help="tell what the controller of a run decided, why, and from which frames",
+        add_help=False,
+    )
     _add_journey(run)
     _add_wires(run)
     _add_rest(run)

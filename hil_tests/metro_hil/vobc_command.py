@@ -1,4 +1,4 @@
-"""`vobc run`: parse, run in real time or in lockstep, report."""
+"""`vobc run`: parse, run in real time or in lockstep, report; `vobc explain` tells the story."""
 
 import sys
 from collections.abc import Sequence
@@ -12,6 +12,7 @@ from firmware_py.settings import SettingsError
 from metro_hil.children import ChildError
 from metro_hil.columns import LogError, read_columns
 from metro_hil.ending import INTERRUPTED, Ending
+from metro_hil.explain import command as explain
 from metro_hil.journey import Journey, plan_journey
 from metro_hil.lockstep import config_of, run_lockstep, scenario_of
 from metro_hil.measures import (
@@ -45,7 +46,10 @@ from metro_hil.supervise import RealtimeRun
 def main(argv: Sequence[str] | None = None) -> int:
     """The console script `vobc`. Whatever the user got wrong is one line, never a traceback."""
     require_assertions("vobc")
-    options = parse(sys.argv[1:] if argv is None else argv)
+    words = sys.argv[1:] if argv is None else argv
+    if words[:1] == ["explain"]:
+        return explain.main(words[1:])
+    options = parse(words)
     console = Console(stderr=options.json)
     try:
         return _run(options, console)

@@ -31,7 +31,9 @@ def _place(before: Motion | None, motion: Motion) -> Iterator[Event]:
     front = motion.front_m
     if motion.localised and not was:
         words = f"the train knows where it is: front between {front.low:.2f} m and {front.high:.2f}"
-        yield Event(EventKind.LOCALISATION_FOUND, f"{words} m", (Source.TAG, Source.TACHO))
+        # Without a tag it is what the board remembers, and what watched the wheels meanwhile.
+        source = Source.TAG if motion.accepted_tag_ids else Source.COLD
+        yield Event(EventKind.LOCALISATION_FOUND, f"{words} m", (source, Source.TACHO))
     elif was and not motion.localised:
         words = f"the train no longer knows where it is: {motion.lost_cause or 'no cause is known'}"
         yield Event(EventKind.LOCALISATION_LOST, words, (Source.TACHO, Source.TAG))
