@@ -1,25 +1,29 @@
 """High-voltage box: line voltage under the train's own current, and the energy meter.
 
-The line is one source behind a resistance that also takes back whatever the train returns.
+The line is one source behind a resistance that also takes back whatever the train returns. While it
+does not, the auxiliaries take what the motors brake, and a brake resistor the rest.
 """
 
-from math import sqrt
+from math import exp, inf, sqrt
 from typing import Final
 
 from can_dbc.energy import EnergyMeter, LineSupply
 from plant_emulator.train_config import SupplyConfig
 
 J_PER_KWH: Final = 3.6e6
+COLD_J: Final = 1.0e3
+"""A resistor with less heat in it is cold."""
 RECEPTIVE_RATIO: Final = 1.2
 """A line takes current back up to this share of its no-load voltage; EN 50163 allows as much."""
 
 
 class HighVoltageBox:
-    """Books in joules; drawn - returned = traction - braking + auxiliary at any time."""
+    """Books in joules; drawn - returned = traction - braking + auxiliary + resistor at any time."""
 
     __slots__ = (
         "_auxiliary_w",
         "_config",
+        "_cool_ratio",
         "_electric_ratio",
         "_no_load_v",
         "_resting",
@@ -31,8 +35,11 @@ class HighVoltageBox:
         "current_a",
         "drawn_j",
         "effort_ratio",
+        "electric_limit_w",
+        "heat_j",
         "live",
         "receptive",
+        "resistor_j",
         "returned_j",
         "traction_j",
         "voltage_v",
@@ -62,6 +69,14 @@ class HighVoltageBox:
         self.auxiliary_j = 0.0
         self.drawn_j = 0.0
         self.returned_j = 0.0
+        self.resistor_j = 0.0
+        """What the brake resistor was given since the start."""
+        self.heat_j = 0.0
+        """What it has not given to the air yet."""
+        resistor = config.resistor
+        self._cool_ratio = 1.0 if resistor is None else exp(-step_s / resistor.cool_s)
+        self.electric_limit_w = inf
+        """At the rail: what the electric brake may take from the train now; 0 is none at all."""
         self._resting = False
         self._no_load_v = config.no_load_v
         self._auxiliary_w = config.auxiliary_w
@@ -75,7 +90,8 @@ class HighVoltageBox:
         """A fault: another source behind the line, or the main breaker open; None is the own one.
 
         A source too weak for any effort feeds nothing, auxiliaries included: they live on the
-        battery, which is not metered. One far above its rating takes nothing back.
+        battery, which is not metered. One far above its rating takes nothing back; what the motors
+        brake goes into the resistor then.
         """
         config = self._config
         self._no_load_v = config.no_load_v if no_load_v is None else no_load_v
@@ -88,6 +104,25 @@ class HighVoltageBox:
             self.voltage_v, self.current_a, self.effort_ratio = self._no_load_v, 0.0, 0.0
         else:
             self._load_line(self._auxiliary_w * self._step_s)
+        self._limit_electric()
+
+    def _limit_electric(self) -> None:
+        resistor = self._config.resistor
+        if not self.live or (resistor is None and not self.receptive):
+            self.electric_limit_w = 0.0
+        elif resistor is None or self.receptive or self._electric_ratio == 0.0:
+            self.electric_limit_w = inf
+        else:
+            left_j = resistor.heat_max_j - self.heat_j
+            borne_w = max(0.0, min(resistor.max_power_w, left_j / resistor.fade_s))
+            self.electric_limit_w = (self._auxiliary_w + borne_w) / self._electric_ratio
+
+    def _cool(self) -> None:
+        self.heat_j *= self._cool_ratio
+        if self.heat_j < COLD_J:
+            self.heat_j = 0.0
+        if not self.receptive:
+            self._limit_electric()
 
     def rest(self) -> None:
         """Book one step in which the motors do nothing."""
@@ -98,6 +133,8 @@ class HighVoltageBox:
         auxiliary_j = self._auxiliary_w * self._step_s
         self.auxiliary_j += auxiliary_j
         self.drawn_j += auxiliary_j
+        if self.heat_j > 0.0:
+            self._cool()
 
     def step(self, drive_work_j: float, brake_work_j: float) -> None:
         """Book one step.
@@ -120,9 +157,15 @@ class HighVoltageBox:
         self.auxiliary_j += auxiliary_j
         if net_j >= 0.0:
             self.drawn_j += net_j
+        elif not self.receptive:
+            self.resistor_j -= net_j
+            self.heat_j -= net_j
+            net_j = 0.0
         else:
             self.returned_j -= net_j
         self._load_line(net_j)
+        if self.heat_j > 0.0:
+            self._cool()
 
     def _load_line(self, net_j: float) -> None:
         """Voltage, current and the effort that they leave, when a step takes so much."""

@@ -197,7 +197,8 @@ class World:
             start_ns,
             end_ns,
             speed_mps,
-            electric_possible=self.traction.electric_brake_possible and self.power.receptive,
+            electric_possible=self.traction.electric_brake_possible,
+            electric_limit_w=self.power.electric_limit_w,
         )
         drive_n = self.traction.step(
             start_ns,

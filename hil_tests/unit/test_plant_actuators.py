@@ -320,6 +320,24 @@ def test_silence_beyond_the_timeout_applies_the_emergency_brake_by_itself() -> N
     assert stand.unit.silent
 
 
+def test_an_emergency_of_its_own_is_told_as_long_as_it_is_coming_or_there() -> None:
+    """20 ms of silence beyond the timeout: no status in between says that nothing happened."""
+    stand = released_stand(exact_brake())
+    stand.unit.hear(RELEASED, stand.now_ns)
+    stand.run(0.17, None)
+    told = []
+    for step in range(200):
+        if step % 5 == 0:
+            stand.unit.hear(RELEASED, stand.now_ns)
+        stand.step()
+        told.append(stand.unit.status().emergency_applied)
+
+    applied = told.index(False)
+    assert applied * STEP_S >= 0.5, "until the brake, which bites after 0.3 s, has let go again"
+    assert not any(told[applied:])
+    assert stand.unit.losses == 1
+
+
 def test_the_emergency_brake_lets_go_only_when_commanded_again() -> None:
     stand = released_stand(exact_brake())
     stand.run(5.0, None)

@@ -3,6 +3,7 @@
 Each has its own delay and build-up; the strongest of the three acts, they do not add.
 """
 
+import math
 from typing import Final
 
 from can_dbc.brake import BrakeCommand, BrakeStatus
@@ -143,9 +144,19 @@ class BrakeUnit:
             self._holding_dead.ask(due_ns, 1.0 if wanted else 0.0)
 
     def step(
-        self, start_ns: int, end_ns: int, speed_mps: float, *, electric_possible: bool
+        self,
+        start_ns: int,
+        end_ns: int,
+        speed_mps: float,
+        *,
+        electric_possible: bool,
+        electric_limit_w: float = math.inf,
     ) -> None:
-        """Forces over the step, before adhesion."""
+        """Forces over the step, before adhesion.
+
+        Args:
+            electric_limit_w: what line and resistor take from the motors, counted at the rail.
+        """
         if end_ns > self._watch.expires_ns:
             self._fall_silent(self._watch.expires_ns)
         if self._steady:
@@ -153,7 +164,7 @@ class BrakeUnit:
         speed_mps = abs(speed_mps)
         self._want_holding(start_ns, speed_mps)
         service, config = self.service, self._config
-        service.step(start_ns, end_ns, speed_mps, electric_possible)
+        service.step(start_ns, end_ns, speed_mps, electric_limit_w if electric_possible else 0.0)
         built_up = self._emergency_lag.step(self._emergency_dead.mean(start_ns, end_ns))
         held = self._holding_lag.step(self._holding_dead.mean(start_ns, end_ns))
         self.emergency_mps2 = built_up * config.emergency.decel_mps2
@@ -235,7 +246,10 @@ class BrakeUnit:
         return BrakeStatus(
             applied_decel_mps2=applied_mps2,
             cylinder_pressure_kpa=config.full_pressure_kpa * self.friction_n / full_n,
-            emergency_applied=self.emergency_wanted or emergency_ratio > OFF_RATIO,
+            # One that is on its way comes, even if the command is back before it bites.
+            emergency_applied=self.emergency_wanted
+            or emergency_ratio > OFF_RATIO
+            or not self._emergency_dead.settled,
             holding_applied=self._holding_on and holding_ratio >= HOLDING_CONFIRMED,
             released=applied_mps2 <= OFF_MPS2 and not self.emergency_wanted,
             ready=True,

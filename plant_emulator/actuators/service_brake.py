@@ -134,12 +134,12 @@ class ServiceBrake:
             due_ns = max(at_ns, self._bites_ns)
         self._dead_time.ask(due_ns + self._extra_ns, asked_mps2)
 
-    def step(self, start_ns: int, end_ns: int, speed_mps: float, electric_possible: bool) -> None:
+    def step(self, start_ns: int, end_ns: int, speed_mps: float, electric_limit_w: float) -> None:
         decel_mps2 = self._dead_time.mean(start_ns, end_ns)
         decel_mps2 = self.decel_mps2 if self.stuck else self._lag.step(decel_mps2)
         self.decel_mps2 = decel_mps2
         total_n = decel_mps2 * self._force_gain
-        electric_n = self._electric(total_n, speed_mps) if electric_possible else 0.0
+        electric_n = self._electric(total_n, speed_mps, electric_limit_w)
         self.electric_n = electric_n
         # Motor cars brake their own mass first, electrically and then with friction; only what the
         # motors do beyond that is done for the other cars.
@@ -149,13 +149,13 @@ class ServiceBrake:
         self.motor_friction_n = gain * lags[0].step(shifts[0].step(motor_n))
         self.trailer_friction_n = gain * lags[1].step(shifts[1].step(trailer_n))
 
-    def _electric(self, total_n: float, speed_mps: float) -> float:
+    def _electric(self, total_n: float, speed_mps: float, limit_w: float) -> float:
         config = self._config.electric
-        if total_n == 0.0 or speed_mps <= config.fade_end_mps:
+        if total_n == 0.0 or limit_w == 0.0 or speed_mps <= config.fade_end_mps:
             return 0.0
-        most_n = config.max_force_n
-        if most_n * speed_mps > config.max_power_w:
-            most_n = config.max_power_w / speed_mps
+        most_n, most_w = config.max_force_n, min(config.max_power_w, limit_w)
+        if most_n * speed_mps > most_w:
+            most_n = most_w / speed_mps
         if speed_mps < config.fade_begin_mps:
             most_n *= (speed_mps - config.fade_end_mps) * self._fade_per_mps
         return min(config.share_ratio * total_n, most_n)

@@ -12,6 +12,7 @@ from plant_emulator.train_config.brakes import (
 from plant_emulator.train_config.equipment import (
     DoorConfig,
     RailConfig,
+    ResistorConfig,
     SupplyConfig,
     TractionConfig,
 )
@@ -49,6 +50,7 @@ __all__ = [
     "PULSES_PER_TURN",
     "PneumaticConfig",
     "RailConfig",
+    "ResistorConfig",
     "ResistanceConfig",
     "SensorConfig",
     "ServiceBrakeConfig",

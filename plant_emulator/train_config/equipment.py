@@ -71,6 +71,31 @@ class DoorConfig:
 
 
 @dataclass(frozen=True, slots=True)
+class ResistorConfig:
+    """The brake resistor: what a line does not take back becomes heat, as long as it bears that."""
+
+    max_power_w: float
+    heat_max_j: float
+    """From cold to as hot as it may become."""
+    fade_s: float
+    """It never takes more power than would make it that hot within so long: what it bears fades
+    away slowly enough for friction to follow."""
+    cool_s: float
+    """Time constant of cooling."""
+
+    def __post_init__(self) -> None:
+        check(self, "max_power_w", 0.0, 1.0e8)
+        check(self, "heat_max_j", 0.0, 1.0e10)
+        check(self, "fade_s", 0.1, 1000.0)
+        check(self, "cool_s", 1.0, 1.0e5)
+        if self.max_power_w * self.fade_s > self.heat_max_j:
+            raise ValueError(
+                f"max_power_w {self.max_power_w:g} makes it hotter than heat_max_j "
+                f"{self.heat_max_j:g} within fade_s {self.fade_s:g}"
+            )
+
+
+@dataclass(frozen=True, slots=True)
 class SupplyConfig:
     """The line as one source behind a resistance, and what the train draws besides traction."""
 
@@ -81,6 +106,8 @@ class SupplyConfig:
     no_effort_v: float
     """And nothing from here down."""
     auxiliary_w: float
+    resistor: ResistorConfig | None = None
+    """Without one the electric brake ends as soon as the line takes nothing back."""
 
     def __post_init__(self) -> None:
         check(self, "no_load_v", 1.0, 5000.0)

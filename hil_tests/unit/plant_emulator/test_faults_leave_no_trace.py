@@ -67,8 +67,9 @@ def orders_to(train: Any, now_ns: int) -> tuple[bytes, ...]:
     """What the wayside answers to a train that asks, but for the count of resets."""
     status = TrainStatus(
         train=1, boot=1, sequence=now_ns // STEP_NS, stamp_ns=now_ns, mode=0, supervision=0,
-        cause=0, localised=True, standstill=True, front_m=1500.0, doors_locked=True, open_left=False,
-        open_right=False, passenger_alarm=False, fire=False, obstacle=False, alarm_raised=False,
+        cause=0, localised=True, standstill=True, front_m=1500.0, doors_locked=True,
+        open_left=False, open_right=False, passenger_alarm=False, fire=False, obstacle=False,
+        alarm_raised=False,
     )  # fmt: skip
     report = PositionReport(1, 1, now_ns // STEP_NS, now_ns, 1499.0, 1501.0, 1430.0, 0.0, True)
     heard = [

@@ -1,12 +1,16 @@
 """A line without voltage or with too much of it, doors that do as they like, hands on the desk."""
 
+import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import pytest
 
 from can_dbc.cab import CabMode
 from can_dbc.doors import DoorCommand, DoorState
+from firmware_py.settings import SettingsError, override
+from plant_emulator.train_config import TrainConfig
 
 ATrain = Callable[..., Any]
 CLOSE = DoorCommand(enable_left=False, enable_right=False, open_left=False, open_right=False)
@@ -53,6 +57,80 @@ def test_energy_is_neither_made_nor_lost_at_an_outage(a_train: ATrain) -> None:
     power = train.world.power
     balance_j = power.traction_j - power.braking_j + power.auxiliary_j
     assert power.drawn_j - power.returned_j == pytest.approx(balance_j)
+
+
+HIGH: dict[str, Any] = {"kind": "line_voltage", "voltage_v": 920.0, "start_s": 4.0}
+LATE_FRICTION = {
+    "brake.service.electric.share_ratio": 1.0,
+    "brake.service.electric.max_force_n": 200_000.0,
+    "brake.service.pneumatic.dead_time_s": 1.0,
+    "brake.service.pneumatic.lag_s": 0.2,
+}
+
+
+def dips(train: Any, decel_mps2: float, until_mps: float) -> float:
+    """Least share of the asked force from 4 s on, until the train is as slow as that."""
+    least = 1.0
+    for world in train.each_step(60.0, train.braking(decel_mps2), train.FORBIDDEN):
+        if world.speed_mps < until_mps:
+            return least
+        if train.truth.t_s >= 4.0:
+            least = min(least, train.decel_mps2 / decel_mps2)
+    raise AssertionError("it does not stop")
+
+
+def test_where_the_line_takes_nothing_the_resistor_carries_the_electric_brake(
+    a_train: ATrain, quiet: TrainConfig
+) -> None:
+    train = a_train(HIGH, speed_mps=17.0, train=override(quiet, LATE_FRICTION, "late"))
+    assert dips(train, 0.8, until_mps=3.0) > 0.999
+    power = train.world.power
+    assert power.resistor_j > 10.0e6
+    assert power.heat_j <= power.resistor_j
+    assert train.truth.voltage_v == 920.0
+
+
+def test_a_resistor_that_its_own_power_melts_is_refused(quiet: TrainConfig) -> None:
+    with pytest.raises(SettingsError, match=r"heat_max_j 3e\+07 within fade_s 15"):
+        override(quiet, {"supply.resistor.heat_max_j": 30.0e6}, "small")
+
+
+@pytest.mark.parametrize("dead_time_s", [0.6, 1.0])
+def test_a_resistor_that_gets_hot_hands_over_to_late_friction_without_a_dip_over_a_tenth(
+    a_train: ATrain, quiet: TrainConfig, dead_time_s: float
+) -> None:
+    """It is half hot from the start, and does not bear the rest of the train's 24 MJ."""
+    changes = {
+        **LATE_FRICTION,
+        "supply.resistor.heat_max_j": 36.0e6,
+        "brake.service.pneumatic.dead_time_s": dead_time_s,
+    }
+    train = a_train(HIGH, speed_mps=17.0, train=override(quiet, changes, "hot"))
+    train.world.power.heat_j = 20.0e6
+    assert 0.9 <= dips(train, 0.5, until_mps=3.0) < 0.999
+    assert train.world.power.heat_j < 36.0e6
+
+
+def test_without_a_resistor_all_is_gone_until_friction_comes(
+    a_train: ATrain, quiet: TrainConfig
+) -> None:
+    bare = replace(quiet, supply=replace(quiet.supply, resistor=None))
+    train = a_train(HIGH, speed_mps=17.0, train=override(bare, LATE_FRICTION, "bare"))
+    assert dips(train, 0.8, until_mps=3.0) < 0.1
+    assert train.world.power.resistor_j == 0.0
+
+
+def test_energy_is_neither_made_nor_lost_in_the_resistor(a_train: ATrain) -> None:
+    train = a_train(HIGH, speed_mps=17.0)
+    train.run(12.0, train.braking(0.8), train.FORBIDDEN)
+    power = train.world.power
+    balance_j = power.traction_j - power.braking_j + power.auxiliary_j + power.resistor_j
+    assert power.drawn_j - power.returned_j == pytest.approx(balance_j)
+    assert power.resistor_j > 1.0e6
+    train.run(3.0, train.HOLDING, train.FORBIDDEN)
+    hot_j = power.heat_j
+    train.run(400.0, train.HOLDING, train.FORBIDDEN)
+    assert power.heat_j == pytest.approx(hot_j / math.e, rel=0.01)
 
 
 def test_low_voltage_leaves_a_share_of_the_effort(a_train: ATrain) -> None:
