@@ -6,7 +6,7 @@ from typing import Final
 
 from can_dbc.cab import CabMode, Desk
 from can_dbc.nodes import Direction
-from can_dbc.vobc import AtoPhase, Supervision
+from can_dbc.vobc import AtoPhase, Cause, Supervision
 from vobc.atp import Verdict
 from vobc.vocabulary import (
     SAFE_OUTPUT,
@@ -146,7 +146,7 @@ def _finite(
     if motion is not None:
         front, speed = motion.front_m, motion.speed_mps
         total += front.low + front.best + front.high + speed.low + speed.best + speed.high
-        total += motion.accel_mps2
+        total += motion.accel_mps2 + motion.travel_m
     if ceiling is not None:
         total += ceiling.permitted_mps + ceiling.warning_mps + ceiling.service_mps
         total += ceiling.emergency_mps + ceiling.distance_to_authority_m
@@ -159,6 +159,8 @@ def _not_finite(verdict: Verdict) -> CycleOutput:
         supervision=Supervision.EMERGENCY,
         missing=verdict.missing,
         cause=NOT_FINITE_CAUSE,
+        mode=verdict.mode,
+        emergency_cause=Cause.NOT_FINITE,
     )
 
 

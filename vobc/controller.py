@@ -4,7 +4,7 @@ from typing import Final, Protocol
 
 from can_dbc.cab import CabMode
 from can_dbc.doors import DoorState, DoorStatus
-from can_dbc.vobc import Supervision
+from can_dbc.vobc import Inhibit, Missing, Supervision
 from firmware_py.trackdb import LineMap, PlatformSide
 from vobc.arbitration import BRAKED_DEMAND, arbitrate, manual_demand
 from vobc.ato import Ato
@@ -22,6 +22,13 @@ from vobc.vocabulary import (
 )
 
 ATO_STATES: Final = (Supervision.NOMINAL, Supervision.WARNING, Supervision.SERVICE)
+NOT_FOR_DRIVING: Final = int(Missing.DOORS | Missing.ALARMS)
+"""Not needed to drive on: protection keeps a standing train, a moving one goes to the next stop."""
+
+
+KEPT: Final = ~int(Inhibit.DOORS | Inhibit.PLATFORM_DOORS | Inhibit.AUTHORITY)
+"""Doors close only to depart, so neither their lock nor the authority may keep them open for ever;
+whatever else stands against departure keeps them open."""
 
 
 class Operation(Protocol):
@@ -57,6 +64,7 @@ class Controller:
         self._operation = operation or Ato(config.ato, line, mission.start.stop_m, mission.stops)
         self._manual_mps2 = 0.0
         self._not_finite = False
+        self._stopping_at_m: float | None = None
 
     @property
     def rejected_tags(self) -> int:
@@ -74,8 +82,10 @@ class Controller:
             motion,
             odometer_usable=self._odometry.usable,
             not_finite=self._not_finite,
+            stopping_at_m=self._stopping_at_m,
         )
         demand = self._demand(seen, motion, verdict)
+        self._stopping_at_m = demand.stopping_at_m
         output = arbitrate(
             verdict, demand, motion, seen.desk, train=self._train, load_kg=self._load_kg(seen)
         )
@@ -109,7 +119,7 @@ class Controller:
             seen.desk is not None
             and seen.desk.mode is CabMode.AUTO
             and verdict.supervision in ATO_STATES
-            and not verdict.missing
+            and (verdict.creep or not int(verdict.missing) & ~NOT_FOR_DRIVING)
         )
         return AtoInput(
             now_ns=seen.now_ns,
@@ -127,7 +137,7 @@ class Controller:
             authority_end_m=front_m if authority is None else authority.end_m,
             load_kg=self._load_kg(seen),
             traction_ratio=0.0 if traction is None else traction.effort_available_ratio,
-            doors_locked=verdict.doors_locked,
+            doors_locked=verdict.doors_locked or verdict.door_bypass,
             doors_open=not verdict.doors_locked and self._platform_side_open(doors, front_m),
             door_enabled=verdict.doors.left or verdict.doors.right,
             holding_applied=brake is not None and brake.holding_applied,
@@ -140,6 +150,7 @@ class Controller:
             jog_back_m=verdict.jog_back_m,
             creep=verdict.creep,
             protection_brakes=verdict.service_brake,
+            kept_at_platform=bool(int(verdict.departure_inhibits) & KEPT),
         )
 
     def _load_kg(self, seen: CycleInput) -> float:

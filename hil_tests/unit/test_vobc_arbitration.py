@@ -10,7 +10,15 @@ from hypothesis import strategies as st
 
 from can_dbc.cab import CabMode, Desk
 from can_dbc.nodes import Direction
-from can_dbc.vobc import AtoPhase, Missing, Supervision
+from can_dbc.vobc import (
+    AtoPhase,
+    Cause,
+    Inhibit,
+    Missing,
+    OperatingMode,
+    Supervision,
+    Withheld,
+)
 from vobc.arbitration import BRAKED_DEMAND, arbitrate, effort, manual_demand
 from vobc.atp import Verdict
 from vobc.atp.doors import DoorEnable
@@ -44,6 +52,7 @@ FREE = Verdict(
     traction_permitted=True,
     hold=False,
     doors=DoorEnable(False, False),
+    mode=OperatingMode.AUTHORISED,
 )
 DRIVE = AtoDemand(0.5, False, False, AtoPhase.RUNNING, 12.0, 300.0)
 DESK = Desk(CabMode.AUTO, 0.0, True, True, False, False, False, False)
@@ -187,6 +196,7 @@ def test_a_motion_that_is_no_number_ends_in_the_safe_output(
 @pytest.mark.parametrize("bad", BAD)
 def test_an_acceleration_or_load_that_is_no_number_ends_in_the_safe_output(bad: float) -> None:
     assert_safe(decided(motion=replace(MOTION, accel_mps2=bad)))
+    assert_safe(decided(motion=replace(MOTION, travel_m=bad)))
     assert_safe(decided(load_kg=bad))
 
 
@@ -196,7 +206,12 @@ def test_no_stop_ahead_is_no_error_but_a_stop_at_nowhere_is() -> None:
 
 
 def assert_safe(output: CycleOutput) -> None:
-    assert output == replace(SAFE_OUTPUT, cause="a number was not finite")
+    assert output == replace(
+        SAFE_OUTPUT,
+        cause="a number was not finite",
+        mode=FREE.mode,
+        emergency_cause=Cause.NOT_FINITE,
+    )
     assert not output.emergency_released
     assert output.force_n == 0.0
     assert not output.traction_permitted
@@ -256,3 +271,52 @@ def test_the_lever_as_a_demand(lever: float, standing: bool, accel_mps2: float, 
     assert demand.accel_mps2 == pytest.approx(accel_mps2)
     assert demand.hold is hold
     assert demand.phase is AtoPhase.OFF
+
+
+@pytest.mark.parametrize("permitted", [False, True])
+def test_traction_drives_backwards_only_where_protection_permits_it(permitted: bool) -> None:
+    verdict = replace(FREE, reverse_permitted=permitted)
+
+    output = decided(verdict, replace(DRIVE, reverse=True))
+
+    assert output.direction is (Direction.REVERSE if permitted else Direction.NEUTRAL)
+    assert output.traction_permitted is permitted
+    assert (output.force_n > 0.0) is permitted
+    assert decided(verdict).direction is Direction.FORWARD
+
+
+def test_a_driver_never_drives_backwards() -> None:
+    desk = replace(DESK, mode=CabMode.MANUAL, lever_percent=100.0)
+
+    assert not manual_demand(desk, 0.0, True, train=TRAIN, jerk_mps=1.0).reverse
+
+
+@pytest.mark.parametrize(("by_protection", "by_operation"), [(True, False), (False, True)])
+def test_whoever_needs_a_person_is_heard(by_protection: bool, by_operation: bool) -> None:
+    verdict = replace(FREE, alarm_raised=by_protection)
+
+    assert decided(verdict, replace(DRIVE, jog_failed=by_operation)).alarm_raised
+    assert not decided().alarm_raised
+
+
+def test_what_protection_found_goes_out_as_it_is() -> None:
+    verdict = replace(
+        FREE,
+        mode=OperatingMode.JOG,
+        emergency_cause=Cause.BUTTON,
+        departure_inhibits=Inhibit.HOLD,
+        doors_withheld=Withheld.MOVING,
+        jog_attempts=2,
+        replicas_agree=False,
+        door_bypass=True,
+    )
+
+    output = decided(verdict)
+
+    assert output.mode is OperatingMode.JOG
+    assert output.emergency_cause is Cause.BUTTON
+    assert output.departure_inhibits is Inhibit.HOLD
+    assert output.doors_withheld is Withheld.MOVING
+    assert output.jog_attempts == 2
+    assert not output.replicas_agree
+    assert output.door_bypass

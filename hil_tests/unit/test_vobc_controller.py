@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from can_dbc.alarms import TrainAlarms
 from can_dbc.brake import BrakeStatus
 from can_dbc.cab import CabMode, Desk
 from can_dbc.diagnostics import TcmsStatus
@@ -27,6 +28,7 @@ from vobc.vocabulary import (
     CycleInput,
     CycleOutput,
     OdometryRecord,
+    Orders,
     TachoSample,
 )
 
@@ -41,6 +43,19 @@ SILENCE = CycleInput(
 )  # fmt: skip
 
 DESK = Desk(CabMode.AUTO, 0.0, True, True, False, False, False, False)
+ORDERS = Orders(
+    awake=True,
+    hold=False,
+    skip_next=False,
+    stop_next=False,
+    emergency=False,
+    releases=0,
+    creep=False,
+    restricted=False,
+    doors_left=True,
+    doors_right=True,
+    platform_doors_locked=True,
+)
 
 
 class Driver:
@@ -82,6 +97,10 @@ class Bench:
             load_age_s=0.1,
             authority=Authority(self.front_m + 2000.0, 1, 1),
             authority_age_s=0.2,
+            alarms=TrainAlarms(True, True),
+            alarms_age_s=0.1,
+            orders=ORDERS,
+            orders_age_s=0.2,
         )
         self.odometer = True
         self.last: Tacho | None = None
@@ -117,11 +136,12 @@ class Bench:
         return output
 
     def set_off(self, speed_mps: float = 5.0) -> CycleOutput:
-        """Past the proof of standstill, then at once to a steady speed."""
+        """Past the proof of standstill, then with 1 m/s² to a steady speed."""
         output = self.run(2.5)
         assert output.supervision is Supervision.NOMINAL, output.cause
-        for share in range(1, 51):
-            self.speed_mps = speed_mps * share / 50.0
+        steps = round(speed_mps / CYCLE_S)
+        for share in range(1, steps + 1):
+            self.speed_mps = speed_mps * share / steps
             output = self.cycle()
         return output
 
@@ -158,6 +178,7 @@ def test_with_everything_there_the_train_goes_once_standstill_is_proven() -> Non
         ("doors", Missing.DOORS, "door unit"),
         ("desk", Missing.DESK, "desk"),
         ("tag_reader", Missing.TAG_READER, "tag reader"),
+        ("alarms", Missing.ALARMS, "obstacle and fire detection"),
         ("authority", Missing.AUTHORITY, "movement authority"),
     ],
 )
@@ -244,11 +265,11 @@ def test_an_ageing_authority_brakes_by_service_and_an_old_one_by_emergency() -> 
     bench = Bench()
     bench.set_off()
 
-    bench.change(authority_age_s=0.599)
+    bench.change(authority_age_s=1.799)
     assert bench.cycle().supervision is Supervision.NOMINAL
-    bench.change(authority_age_s=0.6)
+    bench.change(authority_age_s=1.8)
     ageing = bench.cycle()
-    bench.change(authority_age_s=1.0)
+    bench.change(authority_age_s=3.0)
     old = bench.cycle()
 
     assert ageing.supervision is Supervision.SERVICE
@@ -259,9 +280,10 @@ def test_an_ageing_authority_brakes_by_service_and_an_old_one_by_emergency() -> 
     assert_emergency(old, "authority too old")
 
 
-def test_doors_that_are_not_locked_cut_traction_but_do_not_brake_a_moving_train() -> None:
+def test_between_stations_doors_that_are_not_locked_cut_traction_but_do_not_brake() -> None:
     bench = Bench()
     bench.set_off()
+    bench.run(20.0)
 
     bench.change(doors=DoorStatus(False, DoorState.LOCKED, DoorState.UNKNOWN, True))
     output = bench.cycle()
@@ -275,6 +297,7 @@ def test_doors_that_are_not_locked_cut_traction_but_do_not_brake_a_moving_train(
 def test_a_door_unit_that_is_silent_has_no_locked_doors() -> None:
     bench = Bench()
     bench.set_off()
+    bench.run(20.0)
 
     bench.change(doors_age_s=CONFIG.atp.timeouts.doors_s + 1e-6)
 
@@ -456,7 +479,7 @@ def test_the_lever_drives_in_manual_under_the_same_protection() -> None:
 
     bench.change(desk=replace(DESK, mode=CabMode.MANUAL, lever_percent=60.0))
     forces = [bench.cycle().force_n for _ in range(60)]
-    bench.change(authority_age_s=0.7)
+    bench.change(authority_age_s=2.0)
     braked = bench.cycle()
 
     assert forces == sorted(forces)

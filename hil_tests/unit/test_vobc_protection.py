@@ -1,5 +1,6 @@
 """One step of protection: its verdict when it sees little, and what a slow cycle costs."""
 
+import math
 from dataclasses import replace
 from typing import Any
 
@@ -44,7 +45,7 @@ def test_a_controller_that_sees_no_wheel_turn_forbids_everything() -> None:
     verdict = verdict_on(None)
 
     assert verdict.supervision is Supervision.NO_AUTHORITY
-    assert verdict.missing == Missing(255)
+    assert verdict.missing == Missing(511)
     assert verdict.ceiling is None
     assert verdict.service_brake
     assert verdict.hold
@@ -75,6 +76,7 @@ TIMEOUTS = {
     "doors_age_s": (CONFIG.timeouts.doors_s, Missing.DOORS),
     "desk_age_s": (CONFIG.timeouts.desk_s, Missing.DESK),
     "tag_reader_age_s": (CONFIG.timeouts.tag_reader_s, Missing.TAG_READER),
+    "alarms_age_s": (CONFIG.timeouts.alarms_s, Missing.ALARMS),
     "authority_age_s": (CONFIG.authority_age_max_s, Missing.AUTHORITY),
 }
 NO_AGES: dict[str, Any] = dict.fromkeys(TIMEOUTS, 0.0)
@@ -90,9 +92,11 @@ def test_an_input_is_silent_just_after_its_timeout_and_not_before(age: str) -> N
     timeout_s, flag = TIMEOUTS[age]
     at_timeout = replace(FRESH, **changed(age, timeout_s))
     after = replace(FRESH, **changed(age, timeout_s + 1e-9))
+    no_number = replace(FRESH, **changed(age, math.nan))
 
     assert silent(at_timeout, CONFIG, odometer_usable=True) == 0
     assert silent(after, CONFIG, odometer_usable=True) == flag
+    assert silent(no_number, CONFIG, odometer_usable=True) == flag
 
 
 def test_an_authority_that_is_none_is_missing_whatever_its_age() -> None:

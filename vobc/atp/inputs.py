@@ -15,12 +15,14 @@ DESK: Final = int(Missing.DESK)
 TAG_READER: Final = int(Missing.TAG_READER)
 AUTHORITY: Final = int(Missing.AUTHORITY)
 LOCALISATION: Final = int(Missing.LOCALISATION)
+ALARMS: Final = int(Missing.ALARMS)
 
 VITAL_IN_MOTION: Final = BRAKE | TRACTION | ODOMETER | DESK
 """Whom a moving train must hear. Doors unheard count as unlocked and cut traction; a tag reader
-that fell silent shows in the position interval; the authority has an age limit of its own."""
+that fell silent shows in the position interval; the authority has an age limit of its own; without
+the detectors of obstacle and fire the train stays at the next station."""
 
-FLAGS: Final = tuple(Missing(number) for number in range(2 * LOCALISATION))
+FLAGS: Final = tuple(Missing(number) for number in range(2 * ALARMS))
 """From plain numbers back to flags."""
 
 WORDS: Final = {
@@ -32,29 +34,33 @@ WORDS: Final = {
     Missing.TAG_READER: "tag reader",
     Missing.AUTHORITY: "movement authority",
     Missing.LOCALISATION: "localisation",
+    Missing.ALARMS: "obstacle and fire detection",
 }
 
 
 def silent(seen: CycleInput, config: AtpConfig, *, odometer_usable: bool) -> int:
     """Nodes that were never heard or not for too long, and an authority that is none any more.
 
-    An odometer that cannot be right is no better than a silent one. Flags of `Missing`.
+    An odometer that cannot be right is no better than a silent one, an age that is no number no
+    better than one that is too high. Flags of `Missing`.
     """
     timeouts = config.timeouts
     gone = 0
-    if seen.brake_age_s > timeouts.brake_s:
+    if not seen.brake_age_s <= timeouts.brake_s:
         gone |= BRAKE
-    if seen.traction_age_s > timeouts.traction_s:
+    if not seen.traction_age_s <= timeouts.traction_s:
         gone |= TRACTION
-    if seen.tacho_age_s > timeouts.tacho_s or not odometer_usable:
+    if not seen.tacho_age_s <= timeouts.tacho_s or not odometer_usable:
         gone |= ODOMETER
-    if seen.doors_age_s > timeouts.doors_s:
+    if not seen.doors_age_s <= timeouts.doors_s:
         gone |= DOORS
-    if seen.desk_age_s > timeouts.desk_s:
+    if not seen.desk_age_s <= timeouts.desk_s:
         gone |= DESK
-    if seen.tag_reader_age_s > timeouts.tag_reader_s:
+    if not seen.tag_reader_age_s <= timeouts.tag_reader_s:
         gone |= TAG_READER
-    if seen.authority is None or seen.authority_age_s > config.authority_age_max_s:
+    if not seen.alarms_age_s <= timeouts.alarms_s:
+        gone |= ALARMS
+    if seen.authority is None or not seen.authority_age_s <= config.authority_age_max_s:
         gone |= AUTHORITY
     return gone
 

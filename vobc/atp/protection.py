@@ -1,83 +1,56 @@
-"""One step of protection: inputs, ceiling, supervision and doors in this order, to one verdict."""
+"""One step of protection: inputs, ceiling, stations, mode, emergencies, supervision, verdict."""
 
-from dataclasses import dataclass
+import math
+from dataclasses import replace
+from typing import Final
 
-from can_dbc.vobc import Cause, Inhibit, Missing, OperatingMode, Supervision, Withheld
+from can_dbc.cab import CabMode
+from can_dbc.vobc import Cause, Inhibit, OperatingMode, Supervision
 from firmware_py.trackdb import LineMap
 from vobc.atp.braking import SafeBraking
 from vobc.atp.ceiling import CeilingMap
 from vobc.atp.config import AtpConfig
-from vobc.atp.doors import SHUT, DoorEnable, enabled_doors, platform_at
+from vobc.atp.doors import SHUT
+from vobc.atp.emergencies import in_cause_words, latched_after
+from vobc.atp.energy_check import EnergyCheck, Replicas
+from vobc.atp.flat import FlatCeilings
+from vobc.atp.health import BrakeUnitWatch, Resets, StopWatch, clock_stepped
 from vobc.atp.inputs import (
-    BRAKE,
+    ALARMS,
+    AUTHORITY,
     DESK,
     DOORS,
     FLAGS,
-    ODOMETER,
-    TRACTION,
+    LOCALISATION,
     in_words,
     silent,
     unready,
 )
-from vobc.atp.supervision import Seen, cause_of, in_cause_words, next_state
-from vobc.vocabulary import Ceiling, CycleInput, Motion
+from vobc.atp.modes import NEEDED, UNHEEDED, next_mode
+from vobc.atp.movement import Movement
+from vobc.atp.seen import NOWHERE, Seen
+from vobc.atp.station import StationGuard, StationVerdict
+from vobc.atp.supervision import authority_ages, next_state, over_service, permission_gone
+from vobc.atp.verdict import Verdict
+from vobc.vocabulary import Ceiling, CycleInput, Interval, Motion, Orders
 
-MOVING_STATES = (Supervision.NOMINAL, Supervision.WARNING, Supervision.SERVICE)
+__all__ = ["Protection", "Verdict"]
 
-STATE_WORDS = {
-    Supervision.NOMINAL: "",
-    Supervision.WARNING: "speed over the warning limit",
-}
-
-
-@dataclass(frozen=True, slots=True)
-class Verdict:
-    """What protection says in one cycle; operation may only ask for less."""
-
-    supervision: Supervision
-    cause: str
-    missing: Missing
-    ceiling: Ceiling | None
-    doors_locked: bool
-    """Heard freshly; a door unit that is silent has no locked doors."""
-    emergency_released: bool
-    service_brake: bool
-    """Full service brake whatever operation asks for."""
-    traction_permitted: bool
-    hold: bool
-    """The holding brake stays on."""
-    doors: DoorEnable
-    mode: OperatingMode = OperatingMode.STANDBY
-    emergency_cause: Cause = Cause.NONE
-    departure_inhibits: Inhibit = Inhibit.NONE
-    """Why the train may not set off from where it stands."""
-    doors_withheld: Withheld = Withheld.NONE
-    reverse_permitted: bool = False
-    """Traction may act backwards: a jog."""
-    jog_permitted: bool = False
-    jog_back_m: float = 0.0
-    """How far back from where it stands the train may jog."""
-    jog_attempts: int = 0
-    stop_now: bool = False
-    """Operation is to come to rest wherever it is; protection brakes only if it does not."""
-    stop_next: bool = False
-    """A stop at the next station is not to be left out."""
-    keep_doors_open: bool = False
-    creep: bool = False
-    """Operation may drive on sight at the permitted speed."""
-    replicas_agree: bool = True
-    alarm_raised: bool = False
-    door_bypass: bool = False
+MOVING_STATES: Final = (Supervision.NOMINAL, Supervision.WARNING, Supervision.SERVICE)
+INHIBITS: Final = tuple(Inhibit(number) for number in range(2 * Inhibit.CENTRE_SILENT))
+"""From plain numbers back to flags."""
+HEEDED: Final = {mode: ~int(flags) for mode, flags in UNHEEDED.items()}
 
 
 class Protection:
-    """Holds what protection remembers: its state, why it brakes, and where the train was."""
+    """Holds what protection remembers: mode, state, what is latched, and where the train was."""
 
     def __init__(
         self, config: AtpConfig, line: LineMap, *, train_length_m: float, cycle_s: float
     ) -> None:
         self._config = config
-        self._line = line
+        self._length_m = train_length_m
+        self._cycle_s = cycle_s
         braking = SafeBraking(
             guaranteed_decel_mps2=config.guaranteed_decel_mps2,
             runaway_mps2=config.runaway_mps2,
@@ -86,37 +59,188 @@ class Protection:
             build_up_s=config.brake_build_up_s,
         )
         self._ceilings = CeilingMap(config, braking, line, train_length_m=train_length_m)
+        self._flat = FlatCeilings(config)
+        check = EnergyCheck(config, line, train_length_m=train_length_m, cycle_s=cycle_s)
+        self._replicas = Replicas(config, check)
+        self._station = StationGuard(config, line, train_length_m=train_length_m)
+        self._resets = Resets()
+        self._brake_unit = BrakeUnitWatch(config)
+        self._stop_watch = StopWatch(config)
+        self._movement = Movement()
         self._state = Supervision.NO_AUTHORITY
-        self._cause: Cause | None = None
-        self._foremost_m = 0.0
-        self._held_at_m = 0.0
-        self._reset_was_pressed = True
+        self._seen = Seen(config)
 
     def step(
         self,
-        seen: CycleInput,
+        image: CycleInput,
         motion: Motion | None,
         *,
         odometer_usable: bool,
         not_finite: bool,
+        stopping_at_m: float | None = None,
     ) -> Verdict:
-        """Decide once. `not_finite` says that the cycle before ended in the safe output by that."""
-        gone = silent(seen, self._config, odometer_usable=odometer_usable)
-        missing = gone | unready(seen, motion)
-        if motion is None:
-            return self._blind(missing)
-        end_m = seen.authority.end_m if seen.authority is not None else motion.front_m.low
-        ceiling = self._ceilings.at(motion.front_m, end_m)
-        facts = self._facts(seen, motion, ceiling, missing, gone, not_finite=not_finite)
-        self._move_on(facts, motion.travel_m)
-        return self._verdict(seen, motion, ceiling, missing, gone)
+        """Decide once.
 
-    def _blind(self, missing: int) -> Verdict:
+        Args:
+            not_finite: the cycle before ended in the safe output by that.
+            stopping_at_m: the stopping point that operation heads for, as it said in the cycle
+                before. Jogs and overshoots are judged by it, nothing that guards the movement is.
+        """
+        seen = self._seen
+        gone = silent(image, self._config, odometer_usable=odometer_usable)
+        seen.silent = gone
+        seen.missing = gone | unready(image, motion)
+        seen.not_finite = not_finite
+        orders = self._fresh_orders(image)
+        self._listen(image, orders)
+        if motion is None:
+            return self._blind()
+        station = self._station.step(
+            image,
+            motion,
+            gone=gone,
+            emergency=self._state is Supervision.EMERGENCY,
+            may_move=self._state in MOVING_STATES,
+            stopping_at_m=stopping_at_m,
+        )
+        full = self._full_ceiling(image, motion)
+        self._look(image, motion, station, full)
+        seen.mode = next_mode(seen.mode, seen)
+        back_m = self._jog(image, motion, station)
+        seen.ceiling = self._ceiling(image, motion, full, bypass=station.door_bypass)
+        self._move_on(motion)
+        return self._verdict(image, motion, station, back_m)
+
+    # What is there.
+
+    def _fresh_orders(self, image: CycleInput) -> Orders | None:
+        return image.orders if image.orders_age_s <= self._config.orders_age_max_s else None
+
+    def _listen(self, image: CycleInput, orders: Orders | None) -> None:
+        """What desk, centre, brake unit and clock say, whatever the wheels do."""
+        seen, config = self._seen, self._config
+        desk = image.desk if not seen.silent & DESK else None
+        seen.resets = self._resets.step(desk, orders)
+        seen.button_pressed = desk is not None and not desk.emergency_released
+        seen.person_at_desk = desk is not None and desk.mode is CabMode.MANUAL
+        seen.sight_asked = seen.person_at_desk and (
+            (desk is not None and desk.restricted_requested)
+            or (orders is not None and orders.restricted)
+        )
+        automatic = desk is not None and desk.mode is CabMode.AUTO
+        seen.creep_ordered = automatic and orders is not None and orders.creep
+        # What the centre said last holds on while it is silent, where that is the safe side.
+        heard = image.orders
+        seen.sleep_ordered = heard is not None and not heard.awake
+        seen.ordered_to_stop = heard is not None and heard.emergency
+        seen.overruns = image.overruns
+        seen.clock_stepped = clock_stepped(
+            image.dt_s,
+            image.overruns,
+            cycle_s=self._cycle_s,
+            tolerance_s=config.clock_tolerance_s,
+        )
+        seen.brake_unit_braked = self._brake_unit.step(
+            image.brake, released=self._state in MOVING_STATES, dt_s=image.dt_s
+        )
+        seen.authority_age_s = image.authority_age_s
+
+    def _full_ceiling(self, image: CycleInput, motion: Motion) -> Ceiling:
+        """Of full supervision; the second computation looks at what it was made from."""
+        self._seen.replicas_disagree = False
+        if not motion.localised:
+            return NOWHERE
+        orders, authority, front_m = image.orders, image.authority, motion.front_m
+        end_m = front_m.low if authority is None else authority.end_m
+        restrictions = () if orders is None else orders.restrictions
+        full = self._ceilings.at(front_m, end_m, restrictions)
+        self._seen.replicas_disagree = not self._replicas.agree(
+            full.emergency_mps, front_m, motion.speed_mps.high, end_m, restrictions
+        )
+        return full
+
+    def _look(
+        self, image: CycleInput, motion: Motion, station: StationVerdict, full: Ceiling
+    ) -> None:
+        seen, movement = self._seen, self._movement
+        seen.speed_mps = motion.speed_mps
+        seen.standing, seen.standstill = motion.standing, motion.standstill
+        seen.full_mps = full.permitted_mps
+        seen.station_cause = station.emergency
+        seen.overshot_little = station.self_release
+        seen.jog_granted = station.jog_permitted
+        if station.door_bypass:
+            seen.missing &= ~DOORS
+        movement.look(motion.travel_m)
+        seen.rollback_m = movement.rollback_m
+        seen.held_movement_m = movement.held_m
+        seen.jog_movement_m = movement.jog_m
+        seen.behind_jog_m = movement.behind_jog_m
+        seen.stop_by_mps = self._stop_watch.stop_by_mps(
+            station.stop_now and not motion.standing,
+            speed_mps=motion.speed_mps.best,
+            dt_s=image.dt_s,
+        )
+
+    # What follows from it.
+
+    def _jog(self, image: CycleInput, motion: Motion, station: StationVerdict) -> float:
+        """How far back the train may jog from where it stands, its rear surely protected."""
+        if self._seen.mode is not OperatingMode.JOG:
+            self._movement.jogs_no_more(motion.travel_m)
+            return 0.0
+        authority, back_m = image.authority, 0.0
+        if authority is not None and authority.rear_m is not None:
+            rear_m = motion.front_m.low - self._length_m
+            back_m = max(0.0, min(station.jog_back_m, rear_m - authority.rear_m))
+        self._movement.jogs(motion, back_m)
+        return back_m
+
+    def _ceiling(
+        self, image: CycleInput, motion: Motion, full: Ceiling, *, bypass: bool
+    ) -> Ceiling:
+        """What the mode permits: on sight a flat speed, and no more than is known to be ahead."""
+        seen, flat = self._seen, self._flat
+        mode = seen.mode
+        if mode is OperatingMode.JOG:
+            return flat.under(full, flat.jog)
+        if mode is OperatingMode.RESTRICTED or mode is OperatingMode.CREEP:
+            sight = flat.restricted if mode is OperatingMode.RESTRICTED else flat.creep
+            if seen.missing & LOCALISATION:
+                return sight
+            if not seen.missing & AUTHORITY:
+                return flat.under(full, sight)
+            return flat.under(self._endless_ceiling(image, motion.front_m), sight)
+        return flat.under(full, flat.restricted) if bypass else full
+
+    def _endless_ceiling(self, image: CycleInput, front_m: Interval) -> Ceiling:
+        """The line's limits and the centre's restrictions, with no end of authority known."""
+        restrictions = () if image.orders is None else image.orders.restrictions
+        known = self._ceilings.at(front_m, math.inf, restrictions)
+        return replace(known, distance_to_authority_m=0.0)
+
+    def _move_on(self, motion: Motion) -> None:
+        seen, before = self._seen, self._state
+        seen.latched = latched_after(before, seen)
+        self._state = next_state(before, seen)
+        if self._state is Supervision.EMERGENCY:
+            # Where it comes to rest is where it is to be held.
+            self._movement.held_here(motion.travel_m)
+        elif self._state is not before and self._state is Supervision.NO_AUTHORITY:
+            self._movement.begin_anew(motion.travel_m)
+
+    # What goes out.
+
+    def _blind(self) -> Verdict:
         """Nothing was ever heard of the wheels: the train is held, nothing else is known."""
+        seen = self._seen
+        if self._state in MOVING_STATES:
+            seen.latched = (Cause.VITAL_INPUT_LOST,)
+            self._state = Supervision.EMERGENCY
         return Verdict(
             supervision=self._state,
-            cause=_waiting(missing),
-            missing=FLAGS[missing],
+            cause=self._words(),
+            missing=FLAGS[seen.missing],
             ceiling=None,
             doors_locked=False,
             emergency_released=False,
@@ -124,65 +248,26 @@ class Protection:
             traction_permitted=False,
             hold=True,
             doors=SHUT,
+            mode=seen.mode,
+            emergency_cause=self._cause,
         )
-
-    def _facts(
-        self,
-        seen: CycleInput,
-        motion: Motion,
-        ceiling: Ceiling,
-        missing: int,
-        gone: int,
-        *,
-        not_finite: bool,
-    ) -> Seen:
-        desk = seen.desk if not gone & DESK else None
-        pressed = desk is not None and desk.reset_requested
-        # A reset that is pressed all the time, or was pressed before the desk fell silent, is none.
-        fresh_reset = pressed and not self._reset_was_pressed
-        self._reset_was_pressed = pressed or desk is None
-        self._foremost_m = max(self._foremost_m, motion.travel_m)
-        return Seen(
-            limits=self._config,
-            speed_mps=motion.speed_mps,
-            ceiling=ceiling,
-            standing=motion.standing,
-            standstill=motion.standstill,
-            missing=missing,
-            silent=gone,
-            authority_age_s=seen.authority_age_s,
-            rollback_m=self._foremost_m - motion.travel_m,
-            held_movement_m=abs(motion.travel_m - self._held_at_m),
-            button_pressed=desk is not None and not desk.emergency_released,
-            overruns=seen.overruns,
-            not_finite=not_finite,
-            reset=fresh_reset,
-        )
-
-    def _move_on(self, facts: Seen, travel_m: float) -> None:
-        before = self._state
-        self._state = next_state(before, facts)
-        if self._state is Supervision.EMERGENCY:
-            if before is not Supervision.EMERGENCY:
-                self._cause = cause_of(before, facts)
-            # Where it comes to rest is where it is to be held.
-            self._held_at_m = travel_m
-        else:
-            self._cause = None
-            if self._state is not before and self._state is Supervision.NO_AUTHORITY:
-                self._held_at_m = self._foremost_m = travel_m
 
     def _verdict(
-        self, seen: CycleInput, motion: Motion, ceiling: Ceiling, missing: int, gone: int
+        self, image: CycleInput, motion: Motion, station: StationVerdict, back_m: float
     ) -> Verdict:
-        state = self._state
+        seen, state = self._seen, self._state
+        mode, ceiling = seen.mode, seen.ceiling
         may_move = state in MOVING_STATES
-        doors = seen.doors
-        locked = doors is not None and doors.closed_and_locked and not missing & DOORS
+        doors = image.doors
+        locked = doors is not None and doors.closed_and_locked and not seen.silent & DOORS
+        inhibits = self._inhibits(station)
+        kept = motion.standing and inhibits != 0
+        jogs = mode is OperatingMode.JOG and may_move and station.jog_permitted
+        asleep = mode is OperatingMode.ASLEEP
         return Verdict(
             supervision=state,
-            cause=self._words(missing, seen),
-            missing=FLAGS[missing],
+            cause=self._words(),
+            missing=FLAGS[seen.missing],
             ceiling=ceiling,
             doors_locked=locked,
             emergency_released=may_move,
@@ -190,45 +275,64 @@ class Protection:
             traction_permitted=(
                 may_move
                 and state is not Supervision.SERVICE
-                and locked
+                and (locked or station.door_bypass)
                 and ceiling.permitted_mps > 0.0
+                and not kept
             ),
-            hold=state is Supervision.NO_AUTHORITY or (not may_move and motion.standing),
-            doors=self._doors(seen, motion, gone),
+            hold=(state is Supervision.NO_AUTHORITY or (not may_move and motion.standing) or kept),
+            doors=SHUT if asleep or state is Supervision.EMERGENCY else station.doors,
+            mode=mode,
+            emergency_cause=self._cause,
+            departure_inhibits=INHIBITS[inhibits],
+            doors_withheld=station.withheld,
+            reverse_permitted=jogs and back_m > 0.0,
+            jog_permitted=jogs,
+            jog_back_m=back_m if jogs else 0.0,
+            jog_attempts=station.jog_attempts,
+            stop_now=station.stop_now,
+            stop_next=station.stop_next or bool(seen.missing & ALARMS),
+            keep_doors_open=station.keep_doors_open and not asleep,
+            creep=mode is OperatingMode.CREEP,
+            replicas_agree=not seen.replicas_disagree,
+            alarm_raised=station.alarm_raised,
+            door_bypass=station.door_bypass,
         )
 
-    def _doors(self, seen: CycleInput, motion: Motion, gone: int) -> DoorEnable:
-        if not motion.standstill:
-            return SHUT
-        config, brake, traction = self._config, seen.brake, seen.traction
-        return enabled_doors(
-            standstill=not gone & ODOMETER,
-            platform=platform_at(
-                self._line.stations,
-                motion.front_m,
-                window_m=config.door_window_m + config.door_declared_m,
-            )
-            if motion.localised
-            else None,
-            holding_applied=brake is not None and brake.holding_applied and not gone & BRAKE,
-            traction_cut=traction is not None and traction.traction_cut and not gone & TRACTION,
-            emergency=self._state is Supervision.EMERGENCY,
-        )
+    def _inhibits(self, station: StationVerdict) -> int:
+        mode = self._seen.mode
+        inhibits = int(station.inhibits) & HEEDED[mode]
+        return inhibits | Inhibit.ASLEEP if mode is OperatingMode.ASLEEP else inhibits
 
-    def _words(self, missing: int, seen: CycleInput) -> str:
-        if self._cause is not None:
-            return in_cause_words(self._cause)
-        if self._state is Supervision.NO_AUTHORITY:
-            return _waiting(missing)
-        if self._state is Supervision.SERVICE:
-            limit_s = self._config.authority_service_ratio * self._config.authority_age_max_s
-            if seen.authority_age_s >= limit_s:
-                return "movement authority is getting old"
-            return "speed over the service brake limit"
-        return STATE_WORDS[self._state]
+    @property
+    def _cause(self) -> Cause:
+        latched = self._seen.latched
+        return latched[0] if latched else Cause.NONE
+
+    def _words(self) -> str:
+        seen, state = self._seen, self._state
+        if seen.latched:
+            return in_cause_words(seen.latched[0])
+        if state is Supervision.NO_AUTHORITY:
+            return _waiting(seen)
+        if state is Supervision.SERVICE:
+            return _why_service(seen)
+        return "speed over the warning limit" if state is Supervision.WARNING else ""
 
 
-def _waiting(missing: int) -> str:
+def _waiting(seen: Seen) -> str:
+    if seen.mode is OperatingMode.ASLEEP:
+        return "asleep"
+    lacking = seen.missing & NEEDED[OperatingMode.AUTHORISED]
     return (
-        f"waits for {in_words(FLAGS[missing])}" if missing else "waits until standstill is proven"
+        f"waits for {in_words(FLAGS[lacking])}" if lacking else "waits until standstill is proven"
     )
+
+
+def _why_service(seen: Seen) -> str:
+    if authority_ages(seen):
+        return "movement authority is getting old"
+    if permission_gone(seen):
+        return "nobody answers for driving on sight any more"
+    if over_service(seen):
+        return "speed over the service brake limit"
+    return "operation does not stop as asked, or not yet under the ceiling"

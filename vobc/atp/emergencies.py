@@ -1,0 +1,319 @@
+"""Why the emergency brake comes, and who may release it. One table."""
+
+import enum
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+from can_dbc.vobc import Cause, OperatingMode, Supervision
+from vobc.atp.inputs import LOCALISATION, VITAL_IN_MOTION
+from vobc.atp.modes import SUPERVISED
+from vobc.atp.seen import Seen
+
+Guard = Callable[[Seen], bool]
+
+
+class When(enum.Enum):
+    """In which states of supervision a cause is looked for."""
+
+    MOVING = "while the train may move"
+    HELD = "while it is held"
+    ALWAYS = "always"
+
+
+class Reset(enum.IntFlag):
+    """Who lets the train go again, once it stands and the cause is gone."""
+
+    NOBODY = 0
+    DESK = 1
+    CENTRE = 2
+
+
+# Speed.
+
+
+def over_emergency(seen: Seen) -> bool:
+    """A bound of the speed reaches the limit; a train that stands exceeds nothing."""
+    return not seen.standing and not fastest_mps(seen) < seen.ceiling.emergency_mps
+
+
+def fastest_mps(seen: Seen) -> float:
+    """The speed may be so high, forwards or backwards."""
+    return max(seen.speed_mps.high, -seen.speed_mps.low)
+
+
+def past_authority(seen: Seen) -> bool:
+    return (
+        not seen.standing
+        and seen.mode in SUPERVISED
+        and not seen.ceiling.distance_to_authority_m >= 0.0
+    )
+
+
+def authority_too_old(seen: Seen) -> bool:
+    return (
+        not seen.standing
+        and seen.mode in SUPERVISED
+        and not seen.authority_age_s < seen.limits.authority_age_max_s
+    )
+
+
+# Place and direction.
+
+
+def rolled_back(seen: Seen) -> bool:
+    return not seen.rollback_m < seen.limits.rollback_m
+
+
+def backed_too_far(seen: Seen) -> bool:
+    """Behind what protects the rear of a jog."""
+    return not seen.behind_jog_m < seen.limits.rollback_m
+
+
+def jog_exceeded(seen: Seen) -> bool:
+    return seen.station_cause is Cause.JOG_EXCEEDED or not seen.jog_movement_m < seen.limits.jog_m
+
+
+def moved_while_held(seen: Seen) -> bool:
+    return seen.mode is not OperatingMode.ASLEEP and _moved(seen)
+
+
+def moved_while_asleep(seen: Seen) -> bool:
+    return seen.mode is OperatingMode.ASLEEP and _moved(seen)
+
+
+def _moved(seen: Seen) -> bool:
+    return not seen.held_movement_m < seen.limits.held_movement_m
+
+
+# Inputs and the controller itself.
+
+
+def vital_lost(seen: Seen) -> bool:
+    """Silence counts; a unit that says it is not ready still answers, and the train may coast."""
+    return not seen.standing and bool(seen.silent & VITAL_IN_MOTION)
+
+
+def localisation_lost(seen: Seen) -> bool:
+    return not seen.standing and seen.mode in SUPERVISED and bool(seen.missing & LOCALISATION)
+
+
+def brake_unit_braked(seen: Seen) -> bool:
+    return not seen.standing and seen.brake_unit_braked
+
+
+def overrun(seen: Seen) -> bool:
+    return not seen.standing and seen.overruns > seen.limits.overruns_max
+
+
+def not_finite(seen: Seen) -> bool:
+    return seen.not_finite
+
+
+def clock_stepped(seen: Seen) -> bool:
+    return seen.clock_stepped
+
+
+def replicas_disagree(seen: Seen) -> bool:
+    return seen.replicas_disagree
+
+
+# People, centre, stations.
+
+
+def button(seen: Seen) -> bool:
+    return seen.button_pressed
+
+
+def ordered_by_centre(seen: Seen) -> bool:
+    return seen.ordered_to_stop
+
+
+def obstacle(seen: Seen) -> bool:
+    return seen.station_cause is Cause.OBSTACLE
+
+
+def door_unlocked(seen: Seen) -> bool:
+    return seen.station_cause is Cause.DOOR_UNLOCKED
+
+
+def passenger_alarm(seen: Seen) -> bool:
+    return seen.station_cause is Cause.PASSENGER_ALARM
+
+
+def overshot(seen: Seen) -> bool:
+    return seen.station_cause is Cause.OVERSHOT
+
+
+def overshot_little(seen: Seen) -> bool:
+    return seen.overshot_little
+
+
+def never(_seen: Seen) -> bool:
+    return False
+
+
+@dataclass(frozen=True, slots=True)
+class Rule:
+    """One cause, from its coming to its release."""
+
+    cause: Cause
+    comes: Guard
+    """The cause is there. Where it is looked for, it also bars the release."""
+    when: When
+    reset_by: Reset
+    words: str
+    """For the log and the person at the desk."""
+    by_itself: Guard = never
+    """At standstill nobody needs to reset it while this holds."""
+
+
+EITHER: Final = Reset.DESK | Reset.CENTRE
+
+RULES: Final = (
+    # What makes every other answer worthless comes first, then people, then the train.
+    Rule(Cause.NOT_FINITE, not_finite, When.ALWAYS, Reset.DESK, "a number was not finite"),
+    Rule(Cause.CLOCK_STEPPED, clock_stepped, When.ALWAYS, Reset.DESK, "the clock stepped"),
+    Rule(
+        Cause.REPLICAS_DISAGREE,
+        replicas_disagree,
+        When.ALWAYS,
+        Reset.DESK,
+        "the two computations of protection disagree",
+    ),
+    Rule(Cause.BUTTON, button, When.ALWAYS, Reset.DESK, "emergency button pressed"),
+    Rule(Cause.REMOTE, ordered_by_centre, When.ALWAYS, Reset.CENTRE, "ordered by the centre"),
+    Rule(Cause.OBSTACLE, obstacle, When.ALWAYS, EITHER, "obstacle touched"),
+    Rule(
+        Cause.DOOR_UNLOCKED,
+        door_unlocked,
+        When.MOVING,
+        EITHER,
+        "doors not locked at or leaving a platform",
+    ),
+    Rule(
+        Cause.PASSENGER_ALARM,
+        passenger_alarm,
+        When.MOVING,
+        EITHER,
+        "passenger alarm at or leaving a platform",
+    ),
+    Rule(
+        Cause.OVERSHOT,
+        overshot,
+        When.MOVING,
+        Reset.CENTRE,
+        "stopping point overshot",
+        by_itself=overshot_little,
+    ),
+    Rule(
+        Cause.VITAL_INPUT_LOST,
+        vital_lost,
+        When.MOVING,
+        EITHER,
+        "vital input lost while moving",
+    ),
+    Rule(
+        Cause.BRAKE_UNIT,
+        brake_unit_braked,
+        When.MOVING,
+        EITHER,
+        "the brake unit braked by itself",
+    ),
+    Rule(
+        Cause.LOCALISATION_LOST,
+        localisation_lost,
+        When.MOVING,
+        EITHER,
+        "localisation lost while moving",
+    ),
+    Rule(
+        Cause.AUTHORITY_OLD,
+        authority_too_old,
+        When.MOVING,
+        EITHER,
+        "movement authority too old",
+    ),
+    Rule(
+        Cause.PAST_AUTHORITY,
+        past_authority,
+        When.MOVING,
+        EITHER,
+        "front may be beyond the end of authority",
+    ),
+    Rule(
+        Cause.OVERSPEED,
+        over_emergency,
+        When.MOVING,
+        EITHER,
+        "speed at or over the emergency limit",
+    ),
+    Rule(
+        Cause.WRONG_DIRECTION,
+        backed_too_far,
+        When.MOVING,
+        EITHER,
+        "train moves against its direction",
+    ),
+    Rule(Cause.ROLLBACK, rolled_back, When.MOVING, EITHER, "train rolled back"),
+    Rule(
+        Cause.JOG_EXCEEDED,
+        jog_exceeded,
+        When.MOVING,
+        EITHER,
+        "jog too far, too fast or once too often",
+    ),
+    Rule(Cause.OVERRUN, overrun, When.MOVING, EITHER, "control cycles missed"),
+    Rule(
+        Cause.ASLEEP_MOVED,
+        moved_while_asleep,
+        When.HELD,
+        EITHER,
+        "train moved while asleep",
+    ),
+    Rule(
+        Cause.HELD_TRAIN_MOVED,
+        moved_while_held,
+        When.HELD,
+        EITHER,
+        "train moved while it was to be held",
+    ),
+)
+"""The first rule that holds names the emergency."""
+
+RULE_OF: Final = {rule.cause: rule for rule in RULES}
+
+_HELD: Final = tuple(rule for rule in RULES if rule.when is not When.MOVING)
+_MOVING: Final = tuple(rule for rule in RULES if rule.when is not When.HELD)
+
+LOOKED_AT: Final = {
+    Supervision.NO_AUTHORITY: _HELD,
+    Supervision.NOMINAL: _MOVING,
+    Supervision.WARNING: _MOVING,
+    Supervision.SERVICE: _MOVING,
+    Supervision.EMERGENCY: _HELD,
+}
+"""Rules that count in each state. A train under the emergency brake is a train that is held."""
+
+
+def latched_after(state: Supervision, seen: Seen) -> tuple[Cause, ...]:
+    """What keeps the emergency brake on from now on: what did and is not released, what came.
+
+    Every cause is released by whom its own rule names; the brake comes off when none is left.
+    """
+    kept = [cause for cause in seen.latched if not released(RULE_OF[cause], seen)]
+    for rule in LOOKED_AT[state]:
+        if rule.comes(seen) and rule.cause not in kept:
+            kept.append(rule.cause)
+    return tuple(kept)
+
+
+def released(rule: Rule, seen: Seen) -> bool:
+    """The train stands, the cause is gone, and somebody who may has just reset it."""
+    if not seen.standstill or (rule.when is When.ALWAYS and rule.comes(seen)):
+        return False
+    return bool(seen.resets & rule.reset_by) or rule.by_itself(seen)
+
+
+def in_cause_words(cause: Cause) -> str:
+    return RULE_OF[cause].words

@@ -1,0 +1,34 @@
+"""Ceilings that need no place: on sight, at a creep, for a jog."""
+
+from vobc.atp.config import AtpConfig
+from vobc.vocabulary import Ceiling
+
+
+class FlatCeilings:
+    """One speed each, with small margins of their own."""
+
+    def __init__(self, config: AtpConfig) -> None:
+        self.restricted = _flat(config, config.restricted_mps)
+        self.creep = _flat(config, config.creep_mps)
+        self.jog = _flat(config, config.jog_mps)
+
+    @staticmethod
+    def under(known: Ceiling, flat: Ceiling) -> Ceiling:
+        """The lower of both in each speed; how far it is to the end is what is known."""
+        return Ceiling(
+            min(known.permitted_mps, flat.permitted_mps),
+            min(known.warning_mps, flat.warning_mps),
+            min(known.service_mps, flat.service_mps),
+            min(known.emergency_mps, flat.emergency_mps),
+            known.distance_to_authority_m,
+        )
+
+
+def _flat(config: AtpConfig, speed_mps: float) -> Ceiling:
+    return Ceiling(
+        speed_mps,
+        speed_mps + config.flat_warning_margin_mps,
+        speed_mps + config.flat_service_margin_mps,
+        speed_mps + config.flat_emergency_margin_mps,
+        0.0,
+    )

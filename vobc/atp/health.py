@@ -1,0 +1,83 @@
+"""What protection remembers to see edges and durations: resets, brake unit, clock, stops asked."""
+
+import math
+from typing import Final
+
+from can_dbc.brake import BrakeStatus
+from can_dbc.cab import Desk
+from vobc.atp.config import AtpConfig
+from vobc.atp.emergencies import Reset
+from vobc.vocabulary import Orders
+
+DESK: Final = int(Reset.DESK)
+CENTRE: Final = int(Reset.CENTRE)
+
+
+class Resets:
+    """Tells a fresh reset from one that is held, or was given while nobody could hear it."""
+
+    def __init__(self) -> None:
+        self._was_pressed = True
+        self._counted: int | None = None
+
+    def step(self, desk: Desk | None, orders: Orders | None) -> int:
+        """Flags of `Reset`, each for one cycle. None stands for whoever is not heard freshly.
+
+        The centre counts its resets: a step up is one. The first count that is heard is none, nor
+        is a step down, which is a centre that began to count anew.
+        """
+        given = 0
+        pressed = desk is not None and desk.reset_requested
+        if pressed and not self._was_pressed:
+            given |= DESK
+        self._was_pressed = pressed or desk is None
+        if orders is not None:
+            if self._counted is not None and orders.releases > self._counted:
+                given |= CENTRE
+            self._counted = orders.releases
+        return given
+
+
+class BrakeUnitWatch:
+    """Notices a brake unit that applies the emergency brake although it was told to release it."""
+
+    def __init__(self, config: AtpConfig) -> None:
+        self._patience_s = config.brake_unit_s
+        self._released_s = 0.0
+
+    def step(self, brake: BrakeStatus | None, *, released: bool, dt_s: float) -> bool:
+        """`released` is what protection said in the cycle before.
+
+        The report of a unit that fell silent counts on: silence is never good news.
+        """
+        self._released_s = self._released_s + dt_s if released else 0.0
+        late = self._released_s > self._patience_s
+        return late and brake is not None and brake.emergency_applied
+
+
+class StopWatch:
+    """Gives operation time to begin a stop it was asked for, then asks for a least deceleration."""
+
+    def __init__(self, config: AtpConfig) -> None:
+        self._patience_s = config.stop_patience_s
+        self._decel_mps2 = config.stop_decel_mps2
+        self._asked_s = 0.0
+        self._from_mps = 0.0
+
+    def stop_by_mps(self, asked: bool, *, speed_mps: float, dt_s: float) -> float:
+        """The highest speed that the train may have by now; math.inf while nothing is asked."""
+        if not asked:
+            self._asked_s = 0.0
+            return math.inf
+        if self._asked_s == 0.0:
+            self._from_mps = speed_mps
+        self._asked_s += dt_s
+        late_s = self._asked_s - self._patience_s
+        if late_s < 0.0:
+            return math.inf
+        return max(0.0, self._from_mps - self._decel_mps2 * late_s)
+
+
+def clock_stepped(dt_s: float, overruns: int, *, cycle_s: float, tolerance_s: float) -> bool:
+    """Whether time passed in a way that cycles, missed ones included, do not explain."""
+    return not (dt_s > 0.0 and abs(dt_s - cycle_s * (1 + overruns)) <= tolerance_s)
