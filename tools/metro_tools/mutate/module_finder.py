@@ -1,6 +1,7 @@
 """Puts a mistake into a module: on import, or into the functions of one that is there already."""
 
 import ast
+import functools
 import gc
 import importlib.machinery
 import importlib.util
@@ -10,6 +11,9 @@ from collections.abc import Iterator, Sequence
 from importlib.abc import MetaPathFinder
 from pathlib import Path
 from types import CodeType, FunctionType, ModuleType
+from typing import Final
+
+_CACHED: Final = type(functools.cache(lambda: None))
 
 
 class NotSwappableError(Exception):
@@ -67,6 +71,14 @@ def swap(path: Path, tree: ast.Module) -> None:
         if new.co_freevars != old.co_freevars:
             raise NotSwappableError(f"{old.co_qualname} holds other variables")
         function.__code__ = new
+    forget({str(path)})
+
+
+def forget(paths: set[str]) -> None:
+    """Empty the caches of functions from these files: the mistake is not in what they hold."""
+    for item in gc.get_objects():
+        if isinstance(item, _CACHED) and item.__wrapped__.__code__.co_filename in paths:
+            item.cache_clear()
 
 
 def functions_of(paths: set[str]) -> list[FunctionType]:

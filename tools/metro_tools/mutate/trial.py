@@ -16,7 +16,7 @@ from typing import Any, Final, TextIO
 import pytest
 from hypothesis import HealthCheck, Phase, settings
 
-from metro_tools.mutate.module_finder import NotSwappableError, install, swap
+from metro_tools.mutate.module_finder import NotSwappableError, forget, install, swap
 from metro_tools.mutate.mutations import Mutant, mutants_of, mutated
 
 KILLED: Final = "killed"
@@ -108,6 +108,8 @@ class Trials:
         used_s = _cpu_s()
         for item, after in _pairs(items):
             reached: set[str] = set()
+            # What an earlier test has left in a cache would hide that this one needs it.
+            forget(paths)
             with _watching(paths, reached):
                 item.config.hook.pytest_runtest_protocol(item=item, nextitem=after)
             if self.failed is not None:
