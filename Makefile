@@ -20,7 +20,7 @@ PIP := PIP_CONSTRAINT=$(CONSTRAINTS) PIP_BUILD_CONSTRAINT=$(CONSTRAINTS) PIP_DIS
 	$(BIN)/python -m pip install --quiet -c $(CONSTRAINTS)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup run test check format-check lint types layers mutate bench bench-hil bench-protection compiled docs format clean distclean
+.PHONY: help setup run test check format-check lint types layers mutate bench bench-hil bench-atp compiled docs format clean distclean
 
 help: ## show this list
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | while IFS='	' read -r name words; do \
@@ -63,7 +63,7 @@ bench: $(READY_TO_TEST) ## measure the figures that the README publishes; BENCH_
 bench-hil: compiled ## measure campaigns: overhead, seed 001's tables, kills, 10,000 stops; BENCH_ARGS=...
 	$(BIN)/python -m metro_hil.hil_benchmarks $(BENCH_ARGS)
 
-bench-protection: $(READY_TO_TEST) ## measure what protection costs a cycle, and its braking distances
+bench-atp: $(READY_TO_TEST) ## measure what protection costs a cycle, and its braking distances
 	$(BIN)/python -m metro_hil.protection_bench $(BENCH_ARGS)
 
 docs: $(READY_TO_TEST) ## write the generated documents anew
