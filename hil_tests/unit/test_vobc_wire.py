@@ -2,20 +2,28 @@
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
+from can_dbc.alarms import TrainAlarms
 from can_dbc.brake import BrakeCommand, BrakeStatus
+from can_dbc.cab import CabMode, Desk
 from can_dbc.codec import Encoder
 from can_dbc.diagnostics import EMERGENCIES, HEARTBEATS, Heartbeat, NodeState
-from can_dbc.doors import DoorCommand
+from can_dbc.doors import DoorCommand, DoorState, DoorStatus
+from can_dbc.energy import LineSupply
 from can_dbc.nodes import Direction, Node
-from can_dbc.odometer import Tacho
-from can_dbc.traction import TractionCommand
+from can_dbc.odometer import ColdMovement, Doppler, Imu, Tacho
+from can_dbc.tags import TagReaderHealth
+from can_dbc.traction import TractionCommand, TractionStatus
 from can_dbc.vobc import (
     Cause,
+    EventKind,
     Missing,
+    OperatingMode,
     Supervision,
+    VobcEvent,
     VobcMotion,
     VobcPosition,
     VobcStatus,
@@ -24,15 +32,31 @@ from can_dbc.vobc import (
 from firmware_py.ports import CanFrame, RadioMessage, SerialChunk
 from firmware_py.tag_reader.telegram import TagTelegram, encode
 from firmware_py.trackdb import TagKind
-from vobc.vocabulary import NEVER_S, SAFE_OUTPUT, Ceiling, CycleOutput, Interval, Motion
+from vobc.vocabulary import (
+    NEVER_S,
+    SAFE_OUTPUT,
+    Ceiling,
+    CycleOutput,
+    Event,
+    Interval,
+    Motion,
+    Restriction,
+    Source,
+)
 from vobc.wire import (
     HEARD_IDS,
+    SOURCE_IDS,
+    SOURCE_KINDS,
     TACHO_SAMPLES_MAX,
     TAGS_MAX,
+    Evidence,
     Inbox,
     RadioLink,
+    Refusal,
+    Refusals,
     door_frame,
     emergency_message,
+    event_frame,
     heartbeat,
     make_encoder,
     mode_frame,
@@ -41,8 +65,16 @@ from vobc.wire import (
     target_frames,
     vital_frames,
 )
+from vobc.wire.refusals import KEYS_MAX
 from zenoh_config.codec import pack, unpack
-from zenoh_config.messages import MovementAuthority, PositionReport
+from zenoh_config.messages import (
+    Message,
+    MovementAuthority,
+    PositionReport,
+    SpeedRestriction,
+    TrainOrders,
+    TrainStatus,
+)
 
 MS = 1_000_000
 MOTION = Motion(
@@ -62,6 +94,21 @@ DRIVING: CycleOutput = replace(
     ceiling=CEILING,
     distance_to_stop_m=77.0,
 )
+
+
+SAMPLES: dict[Source, Any] = {
+    Source.TACHO: Tacho(5, 6, Direction.FORWARD, True, True, 10.0),
+    Source.DOPPLER: Doppler(3.0, 90.0, True),
+    Source.IMU: Imu(0.1, True),
+    Source.COLD: ColdMovement(0.0, True),
+    Source.BRAKE: BrakeStatus(0.1, 0.0, False, True, False, True),
+    Source.TRACTION: TractionStatus(0.0, 1.0, True, True),
+    Source.DOORS: DoorStatus(True, DoorState.LOCKED, DoorState.LOCKED, True),
+    Source.DESK: Desk(CabMode.AUTO, 0.0, True, True, False, False, False, False),
+    Source.TAG_READER: TagReaderHealth(True, 0, 0.0),
+    Source.ALARMS: TrainAlarms(True, True),
+    Source.SUPPLY: LineSupply(750.0, 100.0, True),
+}
 
 
 def link(max_age_s: float = 1.0) -> RadioLink:
@@ -181,6 +228,136 @@ def test_a_damaged_frame_is_counted_and_changes_nothing() -> None:
     assert inbox.image(20 * MS, dt_s=0.05, overruns=0).tacho is None
 
 
+@pytest.mark.parametrize("source", [*SOURCE_KINDS])
+def test_the_evidence_of_a_frame_is_its_very_bytes(source: Source) -> None:
+    inbox, encoder = Inbox(link()), Encoder()
+    sent = [frames(encoder, SAMPLES[source], number * 20 * MS) for number in range(2)]
+    assert inbox.evidence(source) is None
+
+    for each in sent:
+        inbox.take_frames(each)
+
+    (last,) = sent[-1]
+    assert inbox.evidence(source) == Evidence(source, last.can_id, last.data, last.stamp_ns)
+    assert SOURCE_IDS[source] == last.can_id
+
+
+def test_a_refused_frame_is_no_evidence() -> None:
+    inbox, encoder = Inbox(link()), Encoder()
+    (good,) = frames(encoder, SAMPLES[Source.DESK], 10 * MS)
+    flipped = good._replace(data=bytes([good.data[0] ^ 1]) + good.data[1:], stamp_ns=20 * MS)
+
+    inbox.take_frames([good, flipped])
+
+    evidence = inbox.evidence(Source.DESK)
+    assert evidence is not None
+    assert evidence.payload == good.data
+    (refusal,) = inbox.refusals.due(20 * MS)
+    assert (refusal.number, refusal.reason, refusal.count) == (good.can_id, "WRONG_CRC", 1)
+    assert flipped.data.hex(" ") in refusal.detail
+
+
+def test_the_evidence_of_a_tag_is_its_telegram_and_the_right_one_of_two() -> None:
+    inbox = Inbox(link())
+    first = encode(TagTelegram(1, 301, TagKind.T1, 1000.0, 1030.0, 4711))
+    second = encode(TagTelegram(2, 302, TagKind.T2, 1000.0, 1030.0, 4800))
+    inbox.take_serial([SerialChunk(5 * MS, first), SerialChunk(6 * MS, second)])
+    inbox.image(7 * MS, dt_s=0.05, overruns=0)
+    inbox.image(57 * MS, dt_s=0.05, overruns=0)
+
+    assert inbox.evidence(Source.TAG) == Evidence(Source.TAG, 302, second, 6 * MS)
+    assert inbox.evidence(Source.TAG, 301) == Evidence(Source.TAG, 301, first, 5 * MS)
+    assert inbox.evidence(Source.CLOCK) is None
+
+
+def test_the_evidence_of_authority_and_orders_is_the_message_that_is_held() -> None:
+    radio = link()
+    inbox = Inbox(radio)
+    first, second = pack(authority(sequence=1)), pack(authority(sequence=2, train=8))
+    told = pack(orders(sequence=5))
+
+    radio.take(300 * MS, [RadioMessage(290 * MS, "key", each) for each in (first, second, told)])
+
+    assert inbox.evidence(Source.AUTHORITY) == Evidence(Source.AUTHORITY, 1, first, 290 * MS)
+    assert inbox.evidence(Source.ORDERS) == Evidence(Source.ORDERS, 5, told, 290 * MS)
+    (refusal,) = radio.refusals.due(300 * MS)
+    assert (refusal.reason, refusal.count) == ("wrong destination", 1)
+
+
+def test_orders_become_orders_and_age_from_the_status_that_they_answer() -> None:
+    radio = link()
+
+    radio.take(300 * MS, heard(orders(sequence=5, hold=True)))
+    radio.take(350 * MS, heard(orders(sequence=5, hold=False)))
+
+    assert radio.orders is not None
+    assert radio.orders.hold
+    assert radio.orders.restrictions == (Restriction(10.0, 20.0, 8.25),)
+    assert radio.orders_age_s(300 * MS) == pytest.approx(0.2)
+    assert radio.refused == 1
+
+
+def test_a_status_says_what_the_controller_is_about() -> None:
+    radio, alarms = link(), TrainAlarms(no_obstacle=True, no_fire=False)
+    image = replace(Inbox(radio).image(5 * MS, dt_s=0.05, overruns=0), alarms=alarms)
+    output = replace(DRIVING, mode=OperatingMode.CREEP, emergency_cause=Cause.REMOTE)
+
+    first, second = (unpack(radio.status(at * MS, output, image)) for at in (7, 9))
+
+    assert isinstance(first, TrainStatus)
+    assert isinstance(second, TrainStatus)
+    assert (first.train, first.boot, first.sequence, first.stamp_ns) == (7, 3, 1, 7 * MS)
+    assert (first.mode, first.supervision, first.cause) == (3, 1, 11)
+    assert (first.localised, first.front_m, first.fire, first.obstacle) == (
+        True,
+        100.0,
+        True,
+        False,
+    )
+    assert second.sequence == 2
+    lost = unpack(radio.status(9 * MS, SAFE_OUTPUT, None))
+    assert isinstance(lost, TrainStatus)
+    assert (lost.localised, lost.front_m, lost.doors_locked) == (False, 0.0, False)
+
+
+def test_refusals_are_told_once_a_second_with_all_that_came_meanwhile() -> None:
+    refusals = Refusals()
+    told: list[Refusal] = []
+    for number in range(35):
+        refusals.note(0x185, "WRONG_CRC", f"number {number}")
+        told += refusals.due(number * 100 * MS)
+
+    assert [refusal.count for refusal in told] == [1, 10, 10, 10]
+    assert refusals.waiting
+    assert refusals.totals[0x185, "WRONG_CRC"] == 35
+    assert refusals.due(5000 * MS)[0].count == 4
+    assert not refusals.waiting
+
+
+def test_ever_new_identifiers_do_not_fill_the_memory() -> None:
+    refusals = Refusals()
+
+    for number in range(2000):
+        refusals.note(number, "UNKNOWN_ID", "babble")
+
+    assert len(refusals.totals) <= KEYS_MAX + 1
+    assert refusals.totals.total() == 2000
+    assert sum(refusal.count for refusal in refusals.due(0)) == 2000
+
+
+def test_an_event_frame_names_the_first_two_frames_that_decided() -> None:
+    sources = (Source.TAG, Source.TACHO, Source.DESK, Source.BRAKE)
+
+    frame = event_frame(Event(EventKind.TAG_ACCEPTED, "words", sources, 204), 65536 + 3)
+
+    assert frame == VobcEvent(EventKind.TAG_ACCEPTED, 204, 3, 0x185, 0x187)
+    assert event_frame(Event(EventKind.OVERRUN, "words", (Source.CLOCK,)), 1) == VobcEvent(
+        EventKind.OVERRUN, 0, 1, 0, 0
+    )
+    refused = event_frame(Event(EventKind.FRAME_REJECTED, "words", (), 0x182), 2)
+    assert refused == VobcEvent(EventKind.FRAME_REJECTED, 0x182, 2, 0x182, 0)
+
+
 def test_a_telegram_becomes_a_reading_with_its_age_at_the_antenna() -> None:
     inbox = Inbox(link())
     data = encode(TagTelegram(1, 301, TagKind.T1, stamp_ms=1000.0, sent_ms=1030.0, pulses=4711))
@@ -211,7 +388,17 @@ def authority(**changes: int | float) -> MovementAuthority:
     return MovementAuthority(**{**values, **changes})  # type: ignore[arg-type]
 
 
-def heard(message: MovementAuthority | PositionReport | bytes) -> list[RadioMessage]:
+def orders(**changes: bool | int) -> TrainOrders:
+    values: dict[str, Any] = {
+        "train": 7, "boot": 3, "sequence": 1, "echo_stamp_ns": 100 * MS, "awake": True,
+        "hold": False, "skip_next": False, "stop_next": False, "emergency": False, "releases": 0,
+        "creep": False, "restricted": False, "doors_left": False, "doors_right": True,
+        "platform_doors_locked": True, "restrictions": (SpeedRestriction(10.0, 20.0, 8.25),),
+    }  # fmt: skip
+    return TrainOrders(**{**values, **changes})
+
+
+def heard(message: Message | bytes) -> list[RadioMessage]:
     payload = message if isinstance(message, bytes) else pack(message)
     return [RadioMessage(0, "key", payload)]
 

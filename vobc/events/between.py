@@ -145,7 +145,7 @@ def _mode(before: CycleOutput, seen: CycleInput, output: CycleOutput) -> Iterato
     if output.jog_attempts > before.jog_attempts:
         words = f"jog {output.jog_attempts} at this stop begins{place_words(output)}"
         yield Event(EventKind.JOG_BEGAN, words, (Source.TACHO,), output.jog_attempts)
-    elif mode is OperatingMode.JOG and old is not mode:
+    elif mode is OperatingMode.JOG and old not in (mode, OperatingMode.ASLEEP):
         words = f"a jog begins{place_words(output)}"
         yield Event(EventKind.JOG_BEGAN, words, (Source.TACHO,), output.jog_attempts)
     if mode is old:
