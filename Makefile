@@ -69,6 +69,7 @@ bench-atp: $(READY_TO_TEST) ## measure what protection costs a cycle, and its br
 docs: $(READY_TO_TEST) ## write the generated documents anew
 	$(BIN)/python -m metro_tools.interface_doc
 	$(BIN)/python -m metro_tools.fault_doc
+	$(BIN)/python -m metro_tools.table_doc
 
 format: $(READY_TO_TEST) ## let ruff format and mend what it can
 	$(BIN)/ruff format .

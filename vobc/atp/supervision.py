@@ -34,6 +34,9 @@ def over_warning(seen: Seen) -> bool:
 
 
 def service_needed(seen: Seen) -> bool:
+    """Over the limit, an authority that gets old, nobody who answers for driving on sight, or a
+    stop that was asked for and does not come.
+    """
     return over_service(seen) or authority_ages(seen) or permission_gone(seen) or stops_not(seen)
 
 

@@ -1,0 +1,235 @@
+"""Writes docs/supervision.md from the tables that protection and operation decide by."""
+
+import argparse
+import enum
+import inspect
+import sys
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+from can_dbc.vobc import AtoPhase, Inhibit, Missing, OperatingMode, Supervision
+from vobc.ato import mode as ato_phases
+from vobc.atp import alarms, departure, doors, emergencies, jog, modes, supervision
+from vobc.atp.alarms import Answer
+from vobc.atp.emergencies import Reset, Rule
+
+DEFAULT_PATH: Final = "docs/supervision.md"
+EXIT_OK: Final = 0
+EXIT_OUTDATED: Final = 1
+EXIT_USAGE: Final = 2
+
+Table = Mapping[Any, Sequence[tuple[Callable[[Any], bool], Any]]]
+
+HEADER: Final = """\
+# Supervision
+
+Drawn by `python -m metro_tools.table_doc` from the tables in `vobc/atp/` and `vobc/ato/` that the
+controller decides by: what stands here is what runs. A table is read from the top; the first guard
+that holds decides, and when none holds the state stays. A guard's name is that of the function that
+holds it.
+
+Each cycle goes through them once: stations and alarms, operating mode, emergencies, supervision,
+and after protection the phase of the operation. What is no number makes a guard decide for the
+brake.
+"""
+
+MODES: Final = """\
+## Operating modes
+
+Which kind of movement is supervised (`vobc/atp/modes.py`). Modes change at rest, but for one way
+up: full supervision takes over from driving on sight once place and a fresh authority are there and
+the speed is well below what is then permitted.
+"""
+
+NEEDED: Final = """\
+Without these a movement neither begins nor, once the train stands, goes on:
+"""
+
+UNHEEDED: Final = """\
+These keep a train from departing, but not from moving in the mode:
+"""
+
+SUPERVISION: Final = """\
+## Supervision
+
+What protection does about the movement (`vobc/atp/supervision.py`). NO_AUTHORITY and EMERGENCY
+apply the emergency brake, SERVICE the full service brake; traction is cut in all three.
+"""
+
+EMERGENCIES: Final = """\
+## Emergencies
+
+Why the emergency brake comes and who may release it (`vobc/atp/emergencies.py`). Every cause that
+comes is kept until its own release: the train stands, somebody who may has reset it in that very
+cycle, and, of a cause that is always looked for, it is gone. The brake is released when no cause is
+left. A reset at the desk is a key newly pressed, one by the centre a step up of its count.
+"""
+
+ALARMS: Final = """\
+## Alarms and lost door locks
+
+By where the train is and whether it is leaving a platform (`vobc/atp/alarms.py`).
+"""
+
+TERMS: Final = """\
+## Doors and departure
+
+Every term has to be true by itself (`vobc/atp/doors.py`, `vobc/atp/departure.py`); what is said of
+one that is not stands beside it.
+"""
+
+JOG: Final = """\
+## Missed stops
+
+What becomes of a stopping point that was missed (`vobc/atp/jog.py`).
+"""
+
+PHASES: Final = """\
+## Phases of the operation
+
+What the automatic operation does within all that (`vobc/ato/mode.py`).
+"""
+
+
+def document() -> str:
+    """All tables, as diagrams and in words."""
+    return "\n".join(
+        [
+            HEADER,
+            MODES,
+            *_machine(modes.TRANSITIONS, OperatingMode.STANDBY),
+            NEEDED,
+            _table(("mode", "needs"), _flag_rows(modes.NEEDED, Missing)),
+            UNHEEDED,
+            _table(("mode", "not heeded"), _flag_rows(modes.UNHEEDED, Inhibit)),
+            SUPERVISION,
+            *_machine(supervision.TRANSITIONS, Supervision.NO_AUTHORITY),
+            EMERGENCIES,
+            _table(
+                (
+                    "cause",
+                    "comes when",
+                    "looked for",
+                    "reset by",
+                    "released by itself when",
+                    "words",
+                ),
+                map(_rule_row, emergencies.RULES),
+            ),
+            ALARMS,
+            *_alarm_tables(),
+            TERMS,
+            _terms("doors are enabled on the platform side", doors.WITHHELD_WITHOUT),
+            _terms("departure", departure.INHIBIT_WITHOUT),
+            JOG,
+            *_machine(jog.TRANSITIONS, jog.JogState.NONE),
+            PHASES,
+            *_machine(ato_phases.TRANSITIONS, AtoPhase.OFF),
+        ]
+    )
+
+
+def _machine(table: Table, first: enum.Enum) -> Iterator[str]:
+    """A state diagram, then its rows, then what the guards say of themselves."""
+    lines = ["```mermaid", "stateDiagram-v2", f"    [*] --> {first.name}"]
+    for state, rows in table.items():
+        lines += [f"    {state.name} --> {to.name}: {_words(guard)}" for guard, to in rows]
+    yield "\n".join([*lines, "```", ""])
+    yield _table(
+        ("from", "when", "to"),
+        [
+            (state.name, _words(guard), to.name)
+            for state, rows in table.items()
+            for guard, to in rows
+        ],
+    )
+    guards = dict.fromkeys(guard for rows in table.values() for guard, _ in rows)
+    told = [(_words(guard), _said(guard)) for guard in guards if _said(guard)]
+    if told:
+        yield _table(("guard", "meaning"), told)
+
+
+def _words(guard: Callable[[Any], bool]) -> str:
+    return guard.__name__.replace("_", " ")
+
+
+def _said(guard: Callable[[Any], bool]) -> str:
+    return " ".join((inspect.getdoc(guard) or "").split())
+
+
+def _flag_rows(
+    table: Mapping[OperatingMode, int], kind: type[enum.IntFlag]
+) -> Iterator[tuple[str, str]]:
+    for mode, number in table.items():
+        yield mode.name, _names(kind(number))
+
+
+def _names(flags: enum.IntFlag) -> str:
+    names = [str(flag.name) for flag in type(flags) if flag and flag in flags]
+    return ", ".join(names) or "–"
+
+
+def _rule_row(rule: Rule) -> tuple[str, ...]:
+    said = _said(rule.comes)
+    comes = _words(rule.comes) + (f": {said}" if said else "")
+    by_itself = "–" if rule.by_itself is emergencies.never else _words(rule.by_itself)
+    who = " or ".join(str(each.name).lower() for each in Reset if each & rule.reset_by)
+    return rule.cause.name, comes, rule.when.value, who, by_itself, rule.words
+
+
+def _alarm_tables() -> Iterator[str]:
+    for title, table in (
+        ("Passenger alarm", alarms.PASSENGER_ALARM),
+        ("Fire", alarms.FIRE),
+        ("Door not locked, in motion", alarms.DOOR_UNLOCKED),
+    ):
+        yield f"### {title}\n"
+        yield _table(
+            ("where", "leaving", "answer"),
+            [
+                (place.where.value, "yes" if place.leaving else "no", _answer(answer))
+                for place, answer in table.items()
+            ],
+        )
+
+
+def _answer(answer: Answer) -> str:
+    parts = [f"emergency brake ({answer.emergency.name})"] if answer.emergency else []
+    parts += ["stop now"] if answer.stop_now else []
+    parts += ["stop at the next station"] if answer.stop_next else []
+    parts += ["stay, doors open"] if answer.stay else []
+    return ", ".join(parts) or "go on"
+
+
+def _terms(of: str, table: Mapping[str, enum.IntFlag]) -> str:
+    rows = [(term.replace("_", " "), str(flag.name)) for term, flag in table.items()]
+    return f"For {of}:\n\n{_table(('term', 'else'), rows)}"
+
+
+def _table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    lines = [heads, ["---"] * len(heads), *rows]
+    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Write the document, or with --check only say whether it is current."""
+    parser = argparse.ArgumentParser(prog="python -m metro_tools.table_doc", description=__doc__)
+    parser.add_argument("path", nargs="?", default=DEFAULT_PATH, help="default: %(default)s")
+    parser.add_argument("--check", action="store_true", help="write nothing; exit 1 if outdated")
+    options = parser.parse_args(argv)
+    path, text = Path(options.path), document()
+    try:
+        if not options.check:
+            path.write_text(text, encoding="utf-8")
+        elif path.read_text(encoding="utf-8") != text:
+            print(f"{path}: outdated; run python -m metro_tools.table_doc", file=sys.stderr)
+            return EXIT_OUTDATED
+    except OSError as error:
+        print(f"{path}: {error.strerror}", file=sys.stderr)
+        return EXIT_USAGE
+    return EXIT_OK
+
+
+if __name__ == "__main__":
+    sys.exit(main())
