@@ -132,6 +132,10 @@ class Rig:
         self.doors_stuck_open = False
         self.door_permission = True
         self.braked_to_rest = False
+        self.orders: dict[str, bool] = {}
+        """Further fields of the input, such as `skip_next=True`."""
+        self.jog_permitted = True
+        self.jog_back_m = 0.0
         # Localisation: position = anchor + counted * scale, with the spread of both.
         self.anchor_m, self.anchor_count_m = start_m, 0.0
         self.anchor_sigma_m = 0.02
@@ -272,6 +276,9 @@ class Rig:
             doors_open=self.doors_position == 1.0,
             door_enabled=self.door_permission and standstill and self.held,
             holding_applied=self.held,
+            jog_permitted=self.jog_permitted,
+            jog_back_m=self.jog_back_m,
+            **self.orders,
         )
         demand = self.ato.step(seen)
         self._act(demand)
@@ -287,7 +294,8 @@ class Rig:
         if brake > 0.0 and last == 0.0 and self.settings.brake_delay_s is None:
             self.brake.delay_s = self.draw.uniform(*self.settings.brake_delays_s)
         self.brake.ask(at_s, brake)
-        self.traction.ask(at_s, max(0.0, demand.accel_mps2))
+        push = max(0.0, demand.accel_mps2)
+        self.traction.ask(at_s, -push if demand.reverse else push)
         self.hold_asked = demand.hold
         self.doors_asked = demand.open_doors and self.door_permission
 

@@ -1,9 +1,10 @@
 """The phase table: every way between phases walked, and what must never be possible."""
 
 import dataclasses
-import itertools
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from can_dbc.vobc import AtoPhase
 from vobc.ato import mode
@@ -20,14 +21,43 @@ P = AtoPhase
         (P.OFF, "enabled under_way", P.RUNNING),
         (P.OFF, "enabled", P.OFF),
         (P.HOLDING, "enabled resting at_stop", P.STOPPED),
-        (P.HOLDING, "enabled resting at_stop served doors_locked may_go released", P.DEPARTING),
-        (P.HOLDING, "enabled resting doors_locked may_go released", P.DEPARTING),
-        (P.HOLDING, "enabled resting doors_locked may_go", P.HOLDING),
+        (
+            P.HOLDING,
+            "enabled resting at_stop served doors_locked may_go released departure_permitted",
+            P.DEPARTING,
+        ),
+        (
+            P.HOLDING,
+            "enabled resting doors_locked may_go released departure_permitted",
+            P.DEPARTING,
+        ),
+        (P.HOLDING, "enabled resting doors_locked may_go released", P.HOLDING),
+        (P.HOLDING, "enabled resting doors_locked may_go departure_permitted", P.HOLDING),
+        (P.HOLDING, "enabled resting doors_locked may_jog released", P.JOGGING),
+        (P.HOLDING, "enabled resting doors_locked may_jog", P.HOLDING),
+        (P.HOLDING, "enabled resting may_jog released", P.HOLDING),
+        (
+            P.HOLDING,
+            "enabled resting doors_locked may_go released departure_permitted creep",
+            P.CREEPING,
+        ),
+        (P.HOLDING, "enabled resting keep_doors_open doors_enabled", P.DOORS_OPEN),
+        (P.HOLDING, "enabled resting keep_doors_open", P.HOLDING),
+        (P.OFF, "enabled under_way creep", P.CREEPING),
+        (P.JOGGING, "enabled resting at_stop", P.JOGGING),
+        (P.JOGGING, "enabled resting at_stop jog_over", P.STOPPED),
+        (P.JOGGING, "enabled resting jog_over", P.HOLDING),
+        (P.CREEPING, "enabled resting creep may_go", P.CREEPING),
+        (P.CREEPING, "enabled resting creep", P.HOLDING),
+        (P.CREEPING, "enabled under_way creep may_go", P.CREEPING),
+        (P.CREEPING, "enabled under_way", P.RUNNING),
+        (P.CREEPING, "enabled resting", P.HOLDING),
         (P.HOLDING, "enabled resting may_go", P.HOLDING),
         (P.HOLDING, "enabled resting doors_locked", P.HOLDING),
-        (P.DEPARTING, "enabled doors_locked may_go released", P.DEPARTING),
+        (P.DEPARTING, "enabled doors_locked may_go released departure_permitted", P.DEPARTING),
         (P.DEPARTING, "enabled doors_locked may_go under_way", P.RUNNING),
         (P.DEPARTING, "enabled may_go", P.HOLDING),
+        (P.DEPARTING, "enabled doors_locked may_go released", P.HOLDING),
         (P.DEPARTING, "enabled doors_locked", P.HOLDING),
         (P.RUNNING, "enabled under_way", P.RUNNING),
         (P.RUNNING, "enabled under_way braking", P.APPROACHING),
@@ -45,11 +75,20 @@ P = AtoPhase
         (P.STOPPED, "enabled resting at_stop has_door_work doors_enabled", P.DOORS_OPEN),
         (P.STOPPED, "enabled resting at_stop doors_enabled", P.STOPPED),
         (P.STOPPED, "enabled resting at_stop served", P.HOLDING),
+        (P.STOPPED, "enabled resting has_door_work doors_enabled", P.HOLDING),
+        (P.STOPPED, "enabled resting at_stop may_jog doors_locked released", P.JOGGING),
         (P.DOORS_OPEN, "enabled resting at_stop dwell_over", P.DOORS_OPEN),
         (P.DOORS_OPEN, "enabled resting at_stop may_go", P.DOORS_OPEN),
         (P.DOORS_OPEN, "enabled resting at_stop dwell_over may_go", P.DOORS_CLOSING),
+        (P.DOORS_OPEN, "enabled resting at_stop dwell_over may_go stays", P.DOORS_OPEN),
+        (P.DOORS_OPEN, "enabled resting at_stop dwell_over may_go keep_doors_open", P.DOORS_OPEN),
+        (P.DOORS_CLOSING, "enabled resting keep_doors_open doors_enabled", P.DOORS_OPEN),
         (P.DOORS_CLOSING, "enabled resting served may_go", P.DOORS_CLOSING),
-        (P.DOORS_CLOSING, "enabled resting served may_go doors_locked released", P.DEPARTING),
+        (
+            P.DOORS_CLOSING,
+            "enabled resting served may_go doors_locked released departure_permitted",
+            P.DEPARTING,
+        ),
         (P.DOORS_CLOSING, "enabled resting served doors_locked", P.HOLDING),
     ],
 )
@@ -59,23 +98,53 @@ def test_the_table_leads_where_the_domain_says(phase: P, flags: str, expected: P
     assert next_phase(phase, seen) is expected
 
 
+def situations(**fixed: bool) -> st.SearchStrategy[Situation]:
+    flags = {flag: st.just(fixed[flag]) if flag in fixed else st.booleans() for flag in FLAGS}
+    return st.builds(Situation, **flags)
+
+
 @pytest.mark.parametrize("phase", [phase for phase in P if phase is not P.OFF])
 def test_every_phase_goes_off_when_the_operation_is_disabled(phase: P) -> None:
-    for values in itertools.product([False, True], repeat=len(FLAGS) - 1):
-        others = [flag for flag in FLAGS if flag != "enabled"]
-        seen = Situation(enabled=False, **dict(zip(others, values, strict=True)))
-        if next_phase(phase, seen) is not P.OFF:
-            pytest.fail(f"{phase.name} ignores the loss of the enabling: {seen}")
+    """Its first row says so, and the first row decides."""
+    assert mode.TRANSITIONS[phase][0] == (mode.disabled, P.OFF)
 
 
-def test_nothing_departs_with_unlocked_doors() -> None:
-    for phase in P:
-        if phase is P.DEPARTING:
-            continue
-        for values in itertools.product([False, True], repeat=len(FLAGS) - 1):
-            others = [flag for flag in FLAGS if flag != "doors_locked"]
-            seen = Situation(doors_locked=False, **dict(zip(others, values, strict=True)))
-            assert next_phase(phase, seen) is not P.DEPARTING
+@given(st.sampled_from(P), situations(enabled=False))
+def test_nothing_but_off_is_left_of_a_disabled_operation(phase: P, seen: Situation) -> None:
+    assert next_phase(phase, seen) is P.OFF
+
+
+SETS_OFF = {P.DEPARTING, P.JOGGING, P.CREEPING}
+
+
+@given(
+    st.sampled_from([phase for phase in P if phase not in SETS_OFF]),
+    situations(doors_locked=False, under_way=False),
+)
+def test_nothing_sets_off_with_unlocked_doors(phase: P, seen: Situation) -> None:
+    assert next_phase(phase, seen) not in SETS_OFF
+
+
+@given(
+    st.sampled_from([phase for phase in P if phase not in SETS_OFF]),
+    situations(departure_permitted=False, under_way=False),
+)
+def test_nothing_departs_or_creeps_against_the_interlock(phase: P, seen: Situation) -> None:
+    assert next_phase(phase, seen) not in {P.DEPARTING, P.CREEPING}
+
+
+@given(situations(keep_doors_open=True))
+def test_doors_that_are_to_stay_open_are_not_closed(seen: Situation) -> None:
+    assert next_phase(P.DOORS_OPEN, seen) is not P.DOORS_CLOSING
+
+
+def test_no_row_sets_off_without_asking_for_locked_doors() -> None:
+    """Every single guard that leads out of rest, with everything true but the doors."""
+    everything = dict.fromkeys(FLAGS, True) | {"doors_locked": False, "under_way": False}
+    for phase, rows in mode.TRANSITIONS.items():
+        for guard, target in rows:
+            if target in SETS_OFF and phase is not P.OFF:
+                assert not guard(Situation(**everything)), (phase, target)
 
 
 def test_every_phase_is_in_the_table_and_can_be_reached() -> None:

@@ -30,6 +30,17 @@ class Situation:
     """Nothing of the service brake is left."""
     doors_locked: bool = False
     doors_enabled: bool = False
+    departure_permitted: bool = False
+    keep_doors_open: bool = False
+    """Somebody on board needs help: doors open here, and stay open."""
+    stays: bool = False
+    """An order or an alarm keeps the train at this platform."""
+    may_jog: bool = False
+    """Off its stopping point, a jog can mend it, protection permits one, an attempt is left."""
+    jog_over: bool = False
+    """The train has come to rest again, or never got away."""
+    creep: bool = False
+    """To drive on sight; the place may be unknown."""
 
 
 Guard = Callable[[Situation], bool]
@@ -37,6 +48,10 @@ Guard = Callable[[Situation], bool]
 
 def disabled(seen: Situation) -> bool:
     return not seen.enabled
+
+
+def creeps_in_motion(seen: Situation) -> bool:
+    return seen.enabled and seen.under_way and seen.creep
 
 
 def enabled_at_rest(seen: Situation) -> bool:
@@ -52,11 +67,44 @@ def work_waits(seen: Situation) -> bool:
 
 
 def ready_to_depart(seen: Situation) -> bool:
-    return seen.doors_locked and seen.may_go and seen.released
+    return seen.doors_locked and seen.departure_permitted and seen.may_go and seen.released
+
+
+def ready_to_creep(seen: Situation) -> bool:
+    return seen.creep and ready_to_depart(seen)
+
+
+def ready_to_jog(seen: Situation) -> bool:
+    return seen.may_jog and seen.doors_locked and seen.released
+
+
+def jog_over_at_stop(seen: Situation) -> bool:
+    return seen.jog_over and seen.at_stop
+
+
+def jog_over(seen: Situation) -> bool:
+    return seen.jog_over
+
+
+def creeps_no_more(seen: Situation) -> bool:
+    return not seen.creep and seen.under_way
+
+
+def creep_rests(seen: Situation) -> bool:
+    """Nothing is left to creep for: the order is over, or the ceiling fell to nothing."""
+    return seen.resting and not (seen.creep and seen.may_go)
+
+
+def help_waits(seen: Situation) -> bool:
+    return seen.resting and seen.keep_doors_open and seen.doors_enabled
 
 
 def doors_not_locked(seen: Situation) -> bool:
     return not seen.doors_locked
+
+
+def departure_forbidden(seen: Situation) -> bool:
+    return not seen.departure_permitted and not seen.under_way
 
 
 def nowhere_to_go(seen: Situation) -> bool:
@@ -91,12 +139,16 @@ def nothing_to_do(seen: Situation) -> bool:
     return seen.served
 
 
+def stop_given_up(seen: Situation) -> bool:
+    return not seen.at_stop
+
+
 def doors_may_open(seen: Situation) -> bool:
     return seen.has_door_work and seen.doors_enabled
 
 
 def dwell_done(seen: Situation) -> bool:
-    return seen.dwell_over and seen.may_go
+    return seen.dwell_over and seen.may_go and not seen.stays and not seen.keep_doors_open
 
 
 def locked(seen: Situation) -> bool:
@@ -111,11 +163,15 @@ _REST: Final = (
 TRANSITIONS: Final[Mapping[AtoPhase, tuple[tuple[Guard, AtoPhase], ...]]] = {
     AtoPhase.OFF: (
         (enabled_at_rest, AtoPhase.HOLDING),
+        (creeps_in_motion, AtoPhase.CREEPING),
         (enabled_in_motion, AtoPhase.RUNNING),
     ),
     AtoPhase.HOLDING: (
         (disabled, AtoPhase.OFF),
+        (help_waits, AtoPhase.DOORS_OPEN),
+        (ready_to_jog, AtoPhase.JOGGING),
         (work_waits, AtoPhase.STOPPED),
+        (ready_to_creep, AtoPhase.CREEPING),
         (ready_to_depart, AtoPhase.DEPARTING),
     ),
     AtoPhase.DEPARTING: (
@@ -123,7 +179,18 @@ TRANSITIONS: Final[Mapping[AtoPhase, tuple[tuple[Guard, AtoPhase], ...]]] = {
         (under_way, AtoPhase.RUNNING),
         # Before the train moves anything that is missing takes the departure back.
         (doors_not_locked, AtoPhase.HOLDING),
+        (departure_forbidden, AtoPhase.HOLDING),
         (nowhere_to_go, AtoPhase.HOLDING),
+    ),
+    AtoPhase.JOGGING: (
+        (disabled, AtoPhase.OFF),
+        (jog_over_at_stop, AtoPhase.STOPPED),
+        (jog_over, AtoPhase.HOLDING),
+    ),
+    AtoPhase.CREEPING: (
+        (disabled, AtoPhase.OFF),
+        (creeps_no_more, AtoPhase.RUNNING),
+        (creep_rests, AtoPhase.HOLDING),
     ),
     AtoPhase.RUNNING: (
         (disabled, AtoPhase.OFF),
@@ -145,6 +212,9 @@ TRANSITIONS: Final[Mapping[AtoPhase, tuple[tuple[Guard, AtoPhase], ...]]] = {
     AtoPhase.STOPPED: (
         (disabled, AtoPhase.OFF),
         (nothing_to_do, AtoPhase.HOLDING),
+        (stop_given_up, AtoPhase.HOLDING),
+        (help_waits, AtoPhase.DOORS_OPEN),
+        (ready_to_jog, AtoPhase.JOGGING),
         (doors_may_open, AtoPhase.DOORS_OPEN),
     ),
     AtoPhase.DOORS_OPEN: (
@@ -153,6 +223,8 @@ TRANSITIONS: Final[Mapping[AtoPhase, tuple[tuple[Guard, AtoPhase], ...]]] = {
     ),
     AtoPhase.DOORS_CLOSING: (
         (disabled, AtoPhase.OFF),
+        (help_waits, AtoPhase.DOORS_OPEN),
+        (ready_to_creep, AtoPhase.CREEPING),
         (ready_to_depart, AtoPhase.DEPARTING),
         (locked, AtoPhase.HOLDING),
     ),
@@ -162,6 +234,9 @@ DRIVING: Final = frozenset(
     {AtoPhase.DEPARTING, AtoPhase.RUNNING, AtoPhase.APPROACHING, AtoPhase.STOPPING}
 )
 """Phases in which the strategy gives the demand."""
+
+SETTING_OFF: Final = frozenset({AtoPhase.DEPARTING, AtoPhase.JOGGING, AtoPhase.CREEPING})
+"""Phases that may begin against the holding brake."""
 
 
 def next_phase(phase: AtoPhase, seen: Situation) -> AtoPhase:

@@ -8,8 +8,10 @@ from can_dbc.vobc import AtoPhase
 from firmware_py.trackdb import LineMap, Station
 from vobc.ato import gradient
 from vobc.ato.config import AtoConfig
-from vobc.ato.mode import DRIVING, Situation, next_phase
+from vobc.ato.mode import DRIVING, SETTING_OFF, Situation, next_phase
+from vobc.ato.plan import StopPlan
 from vobc.ato.shaper import Shaper
+from vobc.ato.slow import SlowDrive
 from vobc.ato.strategies import make_strategy
 from vobc.ato.strategies.strategy import Drive, Strategy, Target
 from vobc.vocabulary import AtoDemand, AtoInput
@@ -25,6 +27,11 @@ HOLD_HELP_MPS2: Final = 0.02
 LEVEL_MPS2: Final = 0.01
 LEAST_CEILING_MPS: Final = 1.0
 """Under a lower ceiling nothing sets off."""
+FINEST_JOG_M: Final = 0.1
+"""No jog is worth its while for less."""
+JOG_MOVED_MPS: Final = 0.05
+JOG_PATIENCE_S: Final = 12.0
+"""A jog that does not get away in this time is over; it counts as an attempt."""
 
 
 class Ato:
@@ -38,11 +45,13 @@ class Ato:
     ) -> None:
         self._config = config
         self._line = line
-        window_m = config.station.window_m
-        self._stops = tuple(stop for stop in stops if stop.stop_m >= start_m - window_m)
-        self._index = 0
-        self._served = False
+        self._plan = StopPlan(line, start_m, stops, window_m=config.station.window_m)
         self._jogs = 0
+        self._jog_s = 0.0
+        self._jog_moved = False
+        self._reverse = False
+        self._overruled = False
+        self._slow = SlowDrive(config)
         self._dwelt_s = 0.0
         self._asked_open_s = 0.0
         self._hold = True
@@ -60,7 +69,7 @@ class Ato:
     @property
     def next_stop(self) -> Station | None:
         """The stop that is approached or worked at; None when the list is empty."""
-        return self._stops[self._index] if self._index < len(self._stops) else None
+        return self._plan.next_stop
 
     @property
     def strategy(self) -> Strategy | None:
@@ -77,16 +86,46 @@ class Ato:
         self.phase = next_phase(before, self._seen)
         if self.phase is not before:
             self._enter(before, seen)
-        if self.phase in DRIVING:
-            drive = strategy.drive(seen, self._target(seen))
-            self._seen.braking = drive.braking
-        else:
-            drive = self._stand_or_brake(seen)
+        drive = self._drive(seen, strategy)
         self._decide_hold(seen, drive)
         accel_mps2 = self._shape(seen, drive)
-        strategy.issued(accel_mps2)
+        reverse = self.phase is AtoPhase.JOGGING and self._reverse
+        # Backwards the traction pulls against what the strategy takes for forwards.
+        strategy.issued(-accel_mps2 if reverse and accel_mps2 > 0.0 else accel_mps2)
         self._released_s = self._released_s + seen.dt_s if accel_mps2 >= 0.0 else 0.0
         return self._demand(seen, accel_mps2, drive)
+
+    def _drive(self, seen: AtoInput, strategy: Strategy) -> Drive:
+        """What this phase wants, before limits of comfort."""
+        if self.phase not in DRIVING and self.phase not in SETTING_OFF:
+            return self._stand_or_brake(seen)
+        overruled = seen.stop_now or seen.protection_brakes
+        if overruled:
+            self._overruled = True
+            self._seen.braking = True
+            return Drive(-DISABLED_DECEL_MPS2, 0.0, True)
+        if self._overruled:
+            # Whoever braked meanwhile, the train does something else now than what was reckoned.
+            self._overruled = False
+            strategy.set_off(seen, self._shaper.demand_mps2)
+            self._slow.begin(seen.speed_mps)
+        if self.phase is AtoPhase.JOGGING:
+            return self._jog(seen)
+        if self.phase is AtoPhase.CREEPING:
+            return self._slow.creep(seen)
+        drive = strategy.drive(seen, self._target(seen))
+        self._seen.braking = drive.braking
+        return drive
+
+    def _jog(self, seen: AtoInput) -> Drive:
+        stop = self.next_stop
+        late = not self._jog_moved and self._jog_s > JOG_PATIENCE_S
+        if stop is None or late or not seen.jog_permitted:
+            self._slow.end()
+        distance_m = 0.0 if stop is None else stop.stop_m - seen.front_m
+        return self._slow.jog(
+            seen, -distance_m if self._reverse else distance_m, reverse=self._reverse
+        )
 
     def _begin(self, seen: AtoInput) -> Strategy:
         self._dt_s = seen.dt_s
@@ -98,37 +137,66 @@ class Ato:
         return AtoDemand(
             accel_mps2=accel_mps2,
             hold=self._hold,
-            open_doors=self._doors_wanted and seen.door_enabled,
+            open_doors=(self._doors_wanted or seen.keep_doors_open) and seen.door_enabled,
             phase=self.phase,
             target_mps=drive.reference_mps,
             distance_to_stop_m=math.inf if stop is None else stop.stop_m - seen.front_m,
+            reverse=self._reverse and self.phase is AtoPhase.JOGGING,
+            jog_failed=self._jog_failed(),
+            stopping_at_m=None if stop is None or seen.creep else stop.stop_m,
         )
 
     # What the guards look at.
 
     def _look(self, seen: AtoInput) -> None:
-        work, situation = self._config.station, self._seen
-        stop = self.next_stop
-        to_stop_m = math.inf if stop is None else stop.stop_m - seen.front_m
+        work, situation, plan = self._config.station, self._seen, self._plan
         situation.enabled = seen.enabled
         self._held_s = self._held_s + seen.dt_s if seen.holding_applied and self._hold else 0.0
         situation.resting = seen.standstill and self._held_s >= work.settle_s
         situation.under_way = seen.speed_mps > (
             MOVING_MPS if self.phase is AtoPhase.OFF else UNDER_WAY_MPS
         )
+        plan.listen(seen, working=self._working())
+        self._leave_what_is_out_of_reach(seen)
+        stop = self.next_stop
+        to_stop_m = math.inf if stop is None else stop.stop_m - seen.front_m
+        situation.creep = seen.creep
         situation.in_stopping_zone = to_stop_m <= work.stopping_zone_m
-        situation.at_stop = abs(to_stop_m) <= work.window_m
+        situation.at_stop = abs(to_stop_m) <= work.window_m and not seen.creep
         situation.released = self._released_s >= work.release_s
         situation.doors_locked = seen.doors_locked
         situation.doors_enabled = seen.door_enabled and seen.holding_applied
+        situation.departure_permitted = seen.departure_permitted
+        situation.keep_doors_open = seen.keep_doors_open
         situation.has_door_work = stop is not None and stop.dwell_s > 0.0
         if self.phase is AtoPhase.STOPPED and not situation.has_door_work:
-            self._served = self._index + 1 < len(self._stops)
+            plan.served = plan.goal(working=True) is not None
         elif self.phase is AtoPhase.DOORS_OPEN:
             self._dwell(seen)
-        situation.served = self._served
-        situation.dwell_over = stop is not None and self._dwelt_s >= stop.dwell_s
+        situation.served = plan.served
+        situation.dwell_over = stop is not None and (
+            self._dwelt_s >= stop.dwell_s or not situation.at_stop
+        )
+        situation.stays = seen.kept_at_platform or plan.stays_at_present_stop()
         situation.may_go = self._may_go(seen)
+        situation.may_jog = self._may_jog(seen, to_stop_m)
+        self._watch_jog(seen)
+
+    def _working(self) -> bool:
+        """Doors are, or are about to be, open at the present stop."""
+        return self._plan.served or (
+            self.phase in (AtoPhase.DOORS_OPEN, AtoPhase.DOORS_CLOSING) and self._seen.at_stop
+        )
+
+    def _leave_what_is_out_of_reach(self, seen: AtoInput) -> None:
+        """A stop that lies too far behind a standing train is left out; nothing reverses there."""
+        stop, plan = self.next_stop, self._plan
+        if stop is None or plan.served or seen.creep:
+            return
+        if not (self._seen.resting and seen.enabled and seen.departure_permitted):
+            return
+        if seen.front_m - stop.stop_m > self._config.station.jog_reach_m and plan.give_up():
+            self._jogs = 0
 
     def _dwell(self, seen: AtoInput) -> None:
         self._asked_open_s += seen.dt_s
@@ -136,17 +204,44 @@ class Ato:
             self._dwelt_s += seen.dt_s
 
     def _may_go(self, seen: AtoInput) -> bool:
-        """Whether the next movement may begin: to the next stop, or on to one missed short."""
+        """Whether the next movement may begin: on sight, or to the next stop unless a jog leads
+        there.
+        """
         work = self._config.station
-        working = self.phase is AtoPhase.DOORS_OPEN or self._served
-        goal = self._index + 1 if working else self._index
-        if goal >= len(self._stops) or seen.ceiling_mps < LEAST_CEILING_MPS:
+        if seen.stop_now or seen.ceiling_mps < LEAST_CEILING_MPS:
             return False
-        stop_m = self._stops[goal].stop_m
-        room_m = self._reach(stop_m, seen.authority_end_m).at_m - seen.front_m
-        if stop_m - seen.front_m <= work.jog_reach_m:
-            return room_m > work.window_m and self._jogs < work.jog_attempts
+        if seen.creep:
+            return True
+        goal = self._plan.goal(working=self.phase is AtoPhase.DOORS_OPEN and self._seen.at_stop)
+        if goal is None or goal.stop_m - seen.front_m <= work.jog_reach_m:
+            return False
+        room_m = self._reach(goal.stop_m, seen.authority_end_m).at_m - seen.front_m
         return room_m >= work.least_run_m
+
+    def _may_jog(self, seen: AtoInput, to_stop_m: float) -> bool:
+        work = self._config.station
+        if self._plan.served or seen.creep or seen.stop_now or not seen.jog_permitted:
+            return False
+        if self._jogs >= work.jog_attempts or not self._seen.resting:
+            return False
+        if to_stop_m < 0.0:
+            return FINEST_JOG_M < -to_stop_m <= min(work.jog_reach_m, seen.jog_back_m)
+        reachable = seen.authority_end_m >= seen.front_m + to_stop_m
+        return FINEST_JOG_M < to_stop_m <= work.jog_reach_m and reachable
+
+    def _watch_jog(self, seen: AtoInput) -> None:
+        if self.phase is not AtoPhase.JOGGING:
+            self._seen.jog_over = False
+            return
+        self._jog_s += seen.dt_s
+        self._jog_moved = self._jog_moved or abs(seen.speed_mps) > JOG_MOVED_MPS
+        ended = self._jog_moved or self._jog_s > JOG_PATIENCE_S
+        self._seen.jog_over = self._seen.resting and ended
+
+    def _jog_failed(self) -> bool:
+        seen = self._seen
+        used_up = self._jogs >= self._config.station.jog_attempts > 0
+        return used_up and seen.resting and not seen.at_stop and self.phase is not AtoPhase.JOGGING
 
     def _target(self, seen: AtoInput) -> Target:
         stop = self.next_stop
@@ -165,29 +260,30 @@ class Ato:
         assert self._strategy is not None
         phase = self.phase
         if phase is AtoPhase.DEPARTING:
-            self._depart(seen)
+            if self._plan.served:
+                self._dwelt_s, self._jogs = 0.0, 0
+            self._plan.depart()
             self._strategy.set_off(seen, self._shaper.demand_mps2)
-        elif phase is AtoPhase.RUNNING and before is AtoPhase.OFF:
+        elif phase is AtoPhase.RUNNING and before in (AtoPhase.OFF, AtoPhase.CREEPING):
             self._hold = False
             self._strategy.set_off(seen, self._shaper.demand_mps2)
+        elif phase is AtoPhase.JOGGING:
+            self._jogs += 1
+            self._jog_s, self._jog_moved = 0.0, False
+            stop = self.next_stop
+            self._reverse = stop is not None and stop.stop_m < seen.front_m
+            self._slow.begin(0.0)
+        elif phase is AtoPhase.CREEPING:
+            self._hold = self._hold and before is not AtoPhase.OFF
+            self._slow.begin(seen.speed_mps)
         elif phase is AtoPhase.DOORS_OPEN:
             self._doors_wanted = True
             self._asked_open_s = 0.0
+            self._plan.served = False
         elif phase is AtoPhase.DOORS_CLOSING:
             self._doors_wanted = False
-            self._served = True
-        elif phase is AtoPhase.STOPPED:
-            self._jogs = 0
-
-    def _depart(self, seen: AtoInput) -> None:
-        if self._served:
-            self._served = False
-            self._dwelt_s = 0.0
-            self._index += 1
-            self._jogs = 0
-        stop = self.next_stop
-        if stop is not None and stop.stop_m - seen.front_m <= self._config.station.jog_reach_m:
-            self._jogs += 1
+            # Doors may have been opened once more at a stop that was left already by the plan.
+            self._plan.served = self._seen.at_stop
 
     # What goes out.
 
@@ -205,23 +301,29 @@ class Ato:
         """The holding brake comes on as the train comes to rest and stays until it departs."""
         assert self._strategy is not None
         uphill_mps2 = max(0.0, gradient.decel_on_mps2(self._config, seen.gradient_permille))
-        if self.phase is AtoPhase.DEPARTING:
+        if self.phase is AtoPhase.JOGGING and self._reverse:
+            uphill_mps2 = max(0.0, -gradient.decel_on_mps2(self._config, seen.gradient_permille))
+        if self.phase is AtoPhase.DEPARTING or (self.phase in SETTING_OFF and not drive.braking):
             needed_mps2 = uphill_mps2 + HOLD_HELP_MPS2 if uphill_mps2 > LEVEL_MPS2 else 0.0
             self._hold = self._hold and self._shaper.demand_mps2 < needed_mps2
             return
         work = self._config.station
-        slow = self._strategy.speed_mps <= work.hold_speed_mps + uphill_mps2 * work.hold_lead_s
+        speed_mps = self._strategy.speed_mps
+        if self.phase in (AtoPhase.JOGGING, AtoPhase.CREEPING):
+            speed_mps = abs(seen.speed_mps)
+        slow = speed_mps <= work.hold_speed_mps + uphill_mps2 * work.hold_lead_s
         if slow and drive.accel_mps2 <= 0.0:
             self._hold = True
 
     def _shape(self, seen: AtoInput, drive: Drive) -> float:
         wanted_mps2 = drive.accel_mps2
-        if self._hold and self.phase is not AtoPhase.DEPARTING:
+        sets_off = self.phase in SETTING_OFF and wanted_mps2 >= 0.0
+        if self._hold and not (sets_off or self.phase is AtoPhase.DEPARTING):
             wanted_mps2 = min(wanted_mps2, 0.0)
             if not (seen.holding_applied and seen.standstill):
                 wanted_mps2 = -self._config.station.hold_decel_mps2
         accel_mps2 = self._shaper.step(wanted_mps2, seen.dt_s)
-        unready = self._hold and self.phase not in DRIVING
+        unready = self._hold and self.phase not in DRIVING | SETTING_OFF
         if accel_mps2 > 0.0 and (unready or (not seen.doors_locked and not self._seen.under_way)):
             accel_mps2 = self._shaper.drop_traction()
         return accel_mps2

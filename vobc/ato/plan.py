@@ -1,0 +1,118 @@
+"""Which stop comes next: the mission, and what the centre changes about it on the way."""
+
+from collections.abc import Sequence
+from typing import Final
+
+from firmware_py.trackdb import LineMap, Station
+from vobc.vocabulary import AtoInput
+
+STOPPING_DECEL_MPS2: Final = 0.55
+"""A stop that is ordered late counts only if this suffices, after the time below."""
+STOPPING_DELAY_S: Final = 3.0
+STOPPING_ROOM_M: Final = 20.0
+
+
+class StopPlan:
+    """Stops in running order and the one that is approached or worked at."""
+
+    def __init__(
+        self, line: LineMap, start_m: float, stops: Sequence[Station], *, window_m: float
+    ) -> None:
+        self._line = line
+        self._stops = tuple(stop for stop in stops if stop.stop_m >= start_m - window_m)
+        self._index = 0
+        self._skip_heard = False
+        self._skipped: Station | None = None
+        self._stay_heard = False
+        self._stay_at: Station | None = None
+        self.served = False
+        """The work at the present stop is done; the one after it is the goal."""
+
+    @property
+    def next_stop(self) -> Station | None:
+        """The stop that is approached or worked at; None when there is none (left)."""
+        return self._stops[self._index] if self._index < len(self._stops) else None
+
+    def goal(self, *, working: bool) -> Station | None:
+        """Where the next movement leads: past the present stop if its work is begun or done."""
+        index = self._after() if working or self.served else self._index
+        return self._stops[index] if index < len(self._stops) else None
+
+    def depart(self) -> None:
+        """The train sets off; from a stop that was served, to the one after it."""
+        if self.served:
+            self.served = False
+            self._index = self._after()
+
+    def give_up(self) -> bool:
+        """The present stop can not be made any more: on to the one after it, if there is one."""
+        index = self._after()
+        if index >= len(self._stops):
+            return False
+        self.served = False
+        self._index = index
+        return True
+
+    def stays_at_present_stop(self) -> bool:
+        """An order to stop at the next station and stay there was for this one, and lasts."""
+        return self._stay_heard and self._stay_at is self.next_stop
+
+    def listen(self, seen: AtoInput, *, working: bool) -> None:
+        """Take up what the centre orders. An order counts once, for the station that is next when
+        it comes; to be meant for another one it has to end and to be given anew.
+
+        Args:
+            working: the train stands at the present stop and its doors are or were open.
+        """
+        self._listen_for_skip(seen, working=working)
+        self._listen_for_stay(seen, working=working)
+
+    def _listen_for_skip(self, seen: AtoInput, *, working: bool) -> None:
+        if seen.skip_next and not self._skip_heard:
+            goal = self.goal(working=working)
+            # At the end of its mission a train stops.
+            if goal is not None and goal is not self._stops[-1]:
+                self._skipped = goal
+                if goal is self.next_stop:
+                    self._index = self._after()
+        elif not seen.skip_next and self._skipped is not None:
+            self._stop_there_after_all(self._skipped, seen)
+        self._skip_heard = seen.skip_next
+
+    def _stop_there_after_all(self, skipped: Station, seen: AtoInput) -> None:
+        if self._index > 0 and self._stops[self._index - 1] is skipped and not self.served:
+            if not _can_stop(skipped, seen):
+                return
+            self._index -= 1
+        self._skipped = None
+
+    def _listen_for_stay(self, seen: AtoInput, *, working: bool) -> None:
+        if seen.stop_next and not self._stay_heard:
+            self._stay_at = self._next_station(seen, working=working)
+            if self._stay_at is not None and self._stay_at not in self._stops:
+                index = self._index + 1 if working or self.served else self._index
+                self._stops = (*self._stops[:index], self._stay_at, *self._stops[index:])
+        self._stay_heard = seen.stop_next
+
+    def _next_station(self, seen: AtoInput, *, working: bool) -> Station | None:
+        """The first of the plan or of the line at which the train can still stop."""
+        goal = self.goal(working=working)
+        here = self.next_stop if working or self.served else None
+        for station in self._line.stations:
+            if goal is not None and station.stop_m >= goal.stop_m:
+                break
+            if _can_stop(station, seen) and (here is None or station.stop_m > here.stop_m):
+                return station
+        return goal
+
+    def _after(self) -> int:
+        index = self._index + 1
+        if index < len(self._stops) and self._stops[index] is self._skipped:
+            index += 1
+        return index
+
+
+def _can_stop(station: Station, seen: AtoInput) -> bool:
+    speed_mps = max(0.0, seen.speed_mps)
+    needed_m = speed_mps * (STOPPING_DELAY_S + speed_mps / (2.0 * STOPPING_DECEL_MPS2))
+    return station.stop_m - seen.front_m > needed_m + STOPPING_ROOM_M
