@@ -46,7 +46,7 @@ def test_the_command_shows_all_there_is(capsys: pytest.CaptureFixture[str]) -> N
     ("name", "words"),
     [
         ("inv-30", ["inv-30-door-side", "INV-30", "[m]", "Margin: 3 km/h less"]),
-        ("15", ["Not watched: which tags are false"]),
+        ("40", ["Not watched: neither truth nor frames"]),
         ("speed_mps", ["[m/s]", "exactly 0 at standstill"]),
     ],
 )

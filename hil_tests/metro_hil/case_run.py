@@ -109,6 +109,7 @@ class CaseRun:
                 said=self._monitors.said if own_port else None,
                 truth=self._truth,
                 rows=self._rows,
+                radio=self._monitors.radio,
             ),
             controller=case.controller,
         )

@@ -23,6 +23,7 @@ from metro_hil.frame_faults import FrameFaults
 from metro_hil.journey import Journey
 from metro_hil.options import RunOptions
 from metro_hil.process_faults import ControllerProcess, Device
+from metro_hil.radio_tap import TappedRadio
 from metro_hil.run_folder import RunFolder
 from plant_emulator.faults.kinds import Place
 from plant_emulator.faults.plan import FaultPlan
@@ -57,6 +58,8 @@ class Taps:
     """Told the truth after every step of the plant."""
     rows: TruthLog | None = None
     """Takes the rows of the truth log."""
+    radio: Callable[[bytes], None] | None = None
+    """Told the payload of every radio message that the controller is given."""
 
 
 UNTAPPED = Taps()
@@ -135,6 +138,7 @@ class Lockstep:
                     ),
                 ),
                 folder,
+                taps.radio,
             ),
             faulty=Place.PROCESS in places,
         )
@@ -269,7 +273,11 @@ class Lockstep:
         self._stack.callback(log.close)
         return log
 
-    def _recorded_radio(self, port: RadioPort, folder: RunFolder | None) -> RadioPort:
+    def _recorded_radio(
+        self, port: RadioPort, folder: RunFolder | None, heard: Callable[[bytes], None] | None
+    ) -> RadioPort:
+        if heard is not None:
+            port = TappedRadio(port, heard)
         if folder is None:
             return port
         recorded = RecordedRadio(port, RadioLog(folder.path / "radio.log"))

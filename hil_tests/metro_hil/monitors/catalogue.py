@@ -50,15 +50,15 @@ INVARIANTS: Final[tuple[Invariant, ...]] = (
         "now: traction gains what it gains now until it is cut after 0.30 s, the train rolls on "
         "its gradient for the declared dead time and lag of its emergency brake, then loses 1.0 "
         "m/s² over the true heights of the line. Of a brake that is asked for already, only what "
-        "is left of these times counts. Judged while the train moves forwards and rail and brake "
-        "give the guaranteed rate.",
+        "is left of these times counts. Judged while the train moves forwards, not on sight, and "
+        "rail and brake give the guaranteed rate.",
     ),
     _watched(
         2,
         "authority-end",
         "m",
         "The true front never passes the end of authority.",
-        "End of authority less true front, while the train moves.",
+        "End of authority less true front, while the train moves and is not on sight.",
     ),
     _watched(
         3,
@@ -84,8 +84,10 @@ INVARIANTS: Final[tuple[Invariant, ...]] = (
         "1",
         "The emergency brake stays commanded until the train stands and a reset is given.",
         "1, or -1 when it is released while the train moves, or when the state EMERGENCY ends "
-        "otherwise than at standstill within 5 s of a press of the reset. Whether the cause is "
-        "gone is not on the bus.",
+        "otherwise than at standstill within 5 s of a press of the reset or a release by the "
+        "centre; an overshoot may release itself at standstill. One that the brake unit applies by "
+        "itself counts as well: while the train moves it may be off for 0.2 s at most, until the "
+        "controller asks for it, too. Whether the cause is gone is not on the bus.",
     ),
     _watched(
         6,
@@ -108,7 +110,8 @@ INVARIANTS: Final[tuple[Invariant, ...]] = (
         "rollback",
         "m",
         "The train rolls back 2 m at most.",
-        "2 m less the way back from the foremost place, from 2 cm on. The trip at 0.5 m by the "
+        "2 m less the way back from the foremost place, from 2 cm on; a jog back does not count. "
+        "The trip at 0.5 m by the "
         "controller's own measure is not on the bus.",
     ),
     _watched(
@@ -116,12 +119,58 @@ INVARIANTS: Final[tuple[Invariant, ...]] = (
         "direction",
         "1",
         "Nothing drives the train against its authorised direction.",
-        "1, or -1 for a TRACTION_CMD that asks for effort and not forwards. Exercised while effort "
-        "is asked for. How far it rolls is invariant 8.",
+        "1, or -1 for a TRACTION_CMD that asks for effort and not forwards; backwards is right in "
+        "a "
+        "jog, which VOBC_MODE has to say within 0.3 s. Exercised while effort is asked for. How "
+        "far it rolls is invariant 8.",
     ),
-    _not(10, "A jog is short, slow, rare and inside the authority.", "the controller has no jog"),
-    _not(11, "A higher mode never raises the permitted speed by itself.", "there is one mode"),
-    _not(12, "Restricted mode runs at 25 km/h at most.", "there is no restricted mode"),
+    _watched(
+        10,
+        "jog-distance",
+        "m",
+        "A jog goes 5 m at most.",
+        "5 m less the way from the standstill before it, while VOBC_MODE says that the train jogs "
+        "and the emergency brake is off.",
+    ),
+    _watched(
+        10,
+        "jog-speed",
+        "m/s",
+        "A jog is slow.",
+        "5 km/h + 5 km/h of margin + what a runaway adds, as in 4, less true speed. That a jog in "
+        "order stays under 5 km/h is asked by its scenarios.",
+    ),
+    _watched(
+        10,
+        "jog-attempts",
+        "1",
+        "There are three jogs at a stop at most.",
+        "3 less the jogs that set off within 20 m of the first of them.",
+    ),
+    _watched(
+        10,
+        "jog-covered",
+        "m",
+        "A jog back stays inside the authority.",
+        "True rear less the rear end of the newest authority, while the train jogs back.",
+    ),
+    _watched(
+        11,
+        "mode-up",
+        "1",
+        "A higher mode takes what it rests on.",
+        "1, or -1 when VOBC_MODE goes to authorised and the VOBC_STATUS after it misses place or "
+        "authority, or there is none ahead of the train; or to creep without an order, or to "
+        "restricted without order or request in the 5 s before it.",
+    ),
+    _watched(
+        12,
+        "restricted-speed",
+        "m/s",
+        "A train on sight runs at 25 km/h and margin at most.",
+        "25 km/h + 5 km/h + what a runaway adds, as in 4, less true speed, while VOBC_MODE says "
+        "restricted or creep.",
+    ),
     _watched(
         13,
         "position-interval",
@@ -142,10 +191,13 @@ INVARIANTS: Final[tuple[Invariant, ...]] = (
         "since. Claims made while "
         "TACHO is not heard, or out of their rhythm, are passed over.",
     ),
-    _not(
+    _watched(
         15,
+        "refused-tag",
+        "1",
         "A tag outside its expectation narrows nothing.",
-        "which tags are false is not part of the truth; what comes of one shows in 13",
+        "1, or -1 when in the 0.3 s after VOBC_EVENT says that a tag was refused, and none "
+        "accepted, the claimed uncertainty falls by more than 0.2 m.",
     ),
     _watched(
         16,
@@ -153,7 +205,15 @@ INVARIANTS: Final[tuple[Invariant, ...]] = (
         "m",
         "A train whose interval is too wide does not call itself localised.",
         "30 m less the claimed uncertainty, which is at most the width, while VOBC_STATUS says "
-        "localised. Missed tags are not counted here: which ones were expected is not on the bus.",
+        "localised.",
+    ),
+    _watched(
+        16,
+        "missed-tags",
+        "1",
+        "Two expected tags missed in a row take the place away.",
+        "1, or -1 when VOBC_STATUS says localised 0.3 s after the second VOBC_EVENT in a row that "
+        "tells of a missed tag. Which tags were expected, only the controller says.",
     ),
     _watched(
         17,
@@ -163,10 +223,13 @@ INVARIANTS: Final[tuple[Invariant, ...]] = (
         "3 km/h less true speed, while a DOOR_CMD lets a side open, which takes zero speed. The "
         "bounds of speed are on no frame.",
     ),
-    _not(
+    _watched(
         18,
-        "After wake-up the position holds only if the train was not moved.",
-        "no bench moves a train whose controller is off and whose reader sees nothing",
+        "wake-up",
+        "1",
+        "After wake-up the position holds only if the train was not moved, or after two tags.",
+        "1, or -1 when VOBC_STATUS first says localised, the first COLD_MOVEMENT told of more than "
+        "2 m or of a detector that slept, and fewer than two tags were read.",
     ),
     *(
         _not(number, text, ONE_TRAIN)
@@ -178,11 +241,15 @@ INVARIANTS: Final[tuple[Invariant, ...]] = (
             (23, "No authority leads over an unlocked switch."),
         )
     ),
-    _not(
+    _watched(
         24,
+        "authority-age",
+        "s",
         "An authority that is too old makes the train brake.",
-        "when an authority reached the controller is not part of the truth; that the train stays "
-        "inside the last one is 1 and 2",
+        "3 s, two cycles and 0.02 s less the time since the report that the newest authority "
+        "answers, from 1 s on, while the train moves under an authority and no emergency brake is "
+        "asked for. Only in virtual time are radio messages seen. That the train stays inside the "
+        "last authority is 1 and 2.",
     ),
     *(
         _not(number, text, ONE_TRAIN)
@@ -246,8 +313,15 @@ INVARIANTS: Final[tuple[Invariant, ...]] = (
         "departure-locked",
         "1",
         "The train departs with its doors locked.",
-        "1, or -1 when it passes 0.1 m/s after a standstill with a door not locked. There are no "
-        "platform doors.",
+        "1, or -1 when it passes 0.1 m/s after a standstill with a door not locked, unless "
+        "VOBC_EVENT told of a bypass since it stood.",
+    ),
+    _watched(
+        33,
+        "platform-doors",
+        "1",
+        "The train departs with the doors of its platform locked.",
+        "The same of platform doors, where its platform has some.",
     ),
     _watched(
         34,

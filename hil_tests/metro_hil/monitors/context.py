@@ -31,6 +31,22 @@ class Context:
     build_up_s: float = 1.05
     """From there to the emergency brake, for a train that coasts meanwhile."""
     rollback_m: float = 2.0
+    jog_m: float = 5.0
+    jog_mps: float = 5.0 / 3.6
+    jog_attempts: int = 3
+    restricted_mps: float = 25.0 / 3.6
+    """On sight, with or without a driver."""
+    flat_margin_mps: float = 5.0 / 3.6
+    """Over these two speeds, from where on the emergency brake is to come."""
+    cold_movement_m: float = 2.0
+    """A train that was moved by no more while nobody controlled it still knows its place."""
+    authority_age_s: float = 3.0
+    """An authority that answers an older report is none any more (T_MA)."""
+    takeover_s: float = 0.2
+    """An emergency brake of the brake unit's own may be off for so long, until the controller has
+    heard of it and asks for it, too."""
+    reverse_s: float = 0.3
+    """From the first effort backwards to the frame that says that the train jogs, or back."""
     reset_lifetime_s: float = 5.0
     """A reset that was pressed longer ago releases nothing any more."""
     zero_speed_mps: float = 3.0 / 3.6

@@ -9,9 +9,11 @@ from metro_hil.monitors.context import Context
 from metro_hil.monitors.gauge import Alarm, Gauge
 from metro_hil.monitors.place import Place
 from metro_hil.monitors.spoken import Spoken
+from metro_hil.monitors.watch_authority import AuthorityWatch
 from metro_hil.monitors.watch_brake import DepartureWatch, EmergencyWatch, SilenceWatch
 from metro_hil.monitors.watch_claims import ClaimWatch, DemandWatch
 from metro_hil.monitors.watch_doors import DoorWatch
+from metro_hil.monitors.watch_modes import ModeWatch
 from metro_hil.monitors.watch_motion import MotionWatch
 from plant_emulator.truth import Truth
 
@@ -20,6 +22,7 @@ class Invariants:
     """Looks only at what can have changed: a standing, locked train costs next to nothing."""
 
     __slots__ = (
+        "_authority",
         "_claims",
         "_demand",
         "_departure",
@@ -27,6 +30,7 @@ class Invariants:
         "_doors_busy",
         "_emergency",
         "_heard",
+        "_modes",
         "_moving",
         "_silence",
         "_spoken",
@@ -53,7 +57,23 @@ class Invariants:
             civil_limit=gauge["inv-04-civil-limit"],
             rollback=gauge["inv-08-rollback"],
         )
-        self._departure = DepartureWatch(locked=gauge["inv-33-departure-locked"])
+        self._departure = DepartureWatch(
+            place,
+            locked=gauge["inv-33-departure-locked"],
+            platform=gauge["inv-33-platform-doors"],
+        )
+        self._modes = ModeWatch(
+            context,
+            place,
+            distance=gauge["inv-10-jog-distance"],
+            jog_speed=gauge["inv-10-jog-speed"],
+            attempts=gauge["inv-10-jog-attempts"],
+            covered=gauge["inv-10-jog-covered"],
+            up=gauge["inv-11-mode-up"],
+            restricted=gauge["inv-12-restricted-speed"],
+            wake_up=gauge["inv-18-wake-up"],
+        )
+        self._authority = AuthorityWatch(context, aged=gauge["inv-24-authority-age"])
         self._emergency = EmergencyWatch(
             context,
             held=gauge["inv-05-emergency-held"],
@@ -83,6 +103,8 @@ class Invariants:
             narrowed=gauge["inv-14-narrowed-by-tag"],
             width=gauge["inv-16-localisation-limit"],
             overrun=gauge["inv-36-overrun"],
+            refused=gauge["inv-15-refused-tag"],
+            missed=gauge["inv-16-missed-tags"],
         )
         demand = DemandWatch(
             context,
@@ -106,6 +128,10 @@ class Invariants:
             holding=gauge["inv-32-door-holding"],
         )
 
+    def radio(self, payload: bytes) -> None:
+        """One radio message, as the controller is given it."""
+        self._authority.heard(payload)
+
     def sample(self, truth: Truth, now_ns: int) -> None:
         """One step of the plant; `news` of what was spoken is left to be cleared by the caller."""
         spoken = self._spoken
@@ -114,20 +140,26 @@ class Invariants:
             self._wanted = wanted
             self.motion.emergency(now_ns, wanted)
             if not wanted:
-                self._emergency.ended()
+                self._emergency.ended(truth, now_ns)
         if truth.speed_mps != 0.0:
             self._moving = True
-            self.motion.sample(truth, now_ns)
-            self._departure.sample(truth, now_ns)
+            self.motion.sample(truth, now_ns, spoken.mode)
+            self._departure.sample(truth, now_ns, spoken)
+            self._modes.sample(truth, now_ns, spoken)
+            self._authority.sample(truth, now_ns, spoken)
+            if not wanted:
+                self._emergency.without(truth, now_ns)
         elif self._moving:
             self._moving = False
-            self._departure.sample(truth, now_ns)
+            self._departure.sample(truth, now_ns, spoken)
+            self._modes.sample(truth, now_ns, spoken)
         if truth.tags_read != self._claims.tags:
             self._claims.tag_read(truth.tags_read, now_ns)
         if spoken.news:
             self._emergency.news(truth, now_ns, spoken)
             self._claims.news(truth, now_ns, spoken)
             self._demand.news(now_ns, spoken)
+            self._modes.news(truth, now_ns, spoken)
         if wanted:
             self._emergency.sample(truth, now_ns, spoken)
         else:

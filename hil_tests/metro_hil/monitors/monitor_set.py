@@ -124,6 +124,11 @@ class MonitorSet:
         if can_id in self.wanted_ids:
             self._spoken.frame(now_ns, can_id, data)
 
+    def radio(self, payload: bytes) -> None:
+        """One radio message, as the controller is given it."""
+        if self._watches:
+            self._invariants.radio(payload)
+
     def sample(self, truth: Truth, now_ns: int) -> None:
         """One step of the plant; the frames that ended up to now have been told."""
         if self._watches:

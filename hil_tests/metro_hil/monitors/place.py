@@ -13,6 +13,8 @@ HEIGHT_POINTS: Final = 5
 ROUNDS: Final = 8
 """Of the fixed point for a way on changing gradients; each makes the error a third or less."""
 EXACT_M: Final = 1.0e-3
+PASSED_M: Final = 10.0
+"""A train that stopped so far beyond the end of a platform still stands at it."""
 
 
 class Place:
@@ -26,6 +28,7 @@ class Place:
         "_limit_mps",
         "_limits_mps",
         "_line",
+        "_platforms_m",
         "_reached_m",
         "_sides",
         "_stop_edges_m",
@@ -53,6 +56,11 @@ class Place:
         self._stops_m = [station.stop_m for station in stations]
         self._stop_edges_m = [0.5 * (a + b) for a, b in itertools.pairwise(self._stops_m)]
         self._sides = [1.0 if each.side is PlatformSide.LEFT else -1.0 for each in stations]
+        self._platforms_m = [
+            (each.platform_start_m, each.platform_end_m + PASSED_M)
+            for each in stations
+            if each.platform_doors
+        ]
         worst_permille = line.worst_gradient_permille(line.start_m, line.end_m)
         self.worst_fall_mps2 = self.fall_mps2(worst_permille)
         """Acceleration by the steepest fall of the whole line."""
@@ -78,6 +86,10 @@ class Place:
     def side(self, front_m: float) -> float:
         """Of the platform of the nearest station: 1 is left, -1 is right."""
         return self._sides[bisect_right(self._stop_edges_m, front_m)]
+
+    def platform_doors(self, front_m: float) -> bool:
+        """Whether the front is at a platform that has doors."""
+        return any(low_m <= front_m <= high_m for low_m, high_m in self._platforms_m)
 
     def worst_fall_under_mps2(self, front_m: float) -> float:
         """By the steepest fall anywhere under the train."""

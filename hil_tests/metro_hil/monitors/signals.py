@@ -11,6 +11,28 @@ from plant_emulator.truth import Truth
 S_PER_NS = 1.0e-9
 BUS_NAMES = frozenset(signal.name for signal in SIGNALS if signal.origin is Origin.BUS)
 LINE_NAMES = frozenset(signal.name for signal in SIGNALS if signal.origin is Origin.LINE)
+WAYSIDE_NAMES = frozenset(
+    (
+        "authority_now_m",
+        "authority_rear_m",
+        "doors_authorised_left",
+        "doors_authorised_right",
+        "fire",
+        "obstacle",
+        "order_awake",
+        "order_creep",
+        "order_emergency",
+        "order_hold",
+        "order_releases",
+        "order_restricted",
+        "order_skip_next",
+        "order_stop_next",
+        "platform_doors_locked",
+        "platform_doors_open",
+        "temporary_limit_mps",
+    )
+)
+"""Of the truth, what few ask for."""
 
 
 class Signals:
@@ -22,13 +44,17 @@ class Signals:
         "_needs_bus",
         "_needs_line",
         "_needs_stopping",
+        "_needs_wayside",
         "_place",
         "_position_ns",
         "_spoken",
         "accel_mps2",
         "adhesion_ratio",
+        "alarm_raised",
         "ato_phase",
         "authority_end_m",
+        "authority_now_m",
+        "authority_rear_m",
         "brake_age_s",
         "brake_n",
         "ceiling_mps",
@@ -38,34 +64,57 @@ class Signals:
         "claimed_to_authority_m",
         "claimed_to_stop_m",
         "cycle_slips",
+        "departure_inhibits",
         "desk_age_s",
         "direction",
+        "door_bypass_pressed",
         "doors_age_s",
+        "doors_authorised_left",
+        "doors_authorised_right",
         "doors_locked",
+        "doors_withheld",
         "drive_n",
         "emergency",
+        "emergency_cause",
         "emergency_commanded",
         "emergency_limit_mps",
         "emergency_mps2",
         "enable_left",
         "enable_right",
+        "fire",
         "force_commanded_n",
         "front_m",
         "gradient_permille",
         "holding",
         "holding_commanded",
+        "jog_attempts",
         "left_open",
         "localised",
         "missing",
+        "mode",
+        "mode_age_s",
         "motion_age_s",
+        "obstacle",
         "odometer_error_m",
         "open_left_commanded",
         "open_right_commanded",
+        "order_awake",
+        "order_creep",
+        "order_emergency",
+        "order_hold",
+        "order_releases",
+        "order_restricted",
+        "order_skip_next",
+        "order_stop_next",
+        "platform_doors_locked",
+        "platform_doors_open",
         "platform_left",
         "position_age_s",
         "position_error_m",
         "rear_m",
+        "replicas_agree",
         "reset_pressed",
+        "restricted_pressed",
         "right_open",
         "rollback_m",
         "service_decel_mps2",
@@ -79,6 +128,7 @@ class Signals:
         "t_s",
         "tags_read",
         "target_age_s",
+        "temporary_limit_mps",
         "to_authority_m",
         "to_stop_m",
         "traction_age_s",
@@ -97,6 +147,7 @@ class Signals:
         wanted = frozenset(names)
         self._needs_bus = not wanted.isdisjoint(BUS_NAMES)
         self._needs_line = not wanted.isdisjoint(LINE_NAMES)
+        self._needs_wayside = not wanted.isdisjoint(WAYSIDE_NAMES)
         self._needs_stopping = "stopping_m" in wanted
         self._foremost_m = -1.0e9
         self._position_ns = spoken.position_ns
@@ -166,6 +217,33 @@ class Signals:
         self.stopping_m = 0.0
         self.rollback_m = 0.0
         self.position_error_m = 0.0
+        self.mode_age_s = 0.0
+        self.authority_now_m = 0.0
+        self.authority_rear_m = 0.0
+        self.temporary_limit_mps = 0.0
+        self.fire = 0.0
+        self.obstacle = 0.0
+        self.platform_doors_locked = 0.0
+        self.platform_doors_open = 0.0
+        self.doors_authorised_left = 0.0
+        self.doors_authorised_right = 0.0
+        self.order_awake = 0.0
+        self.order_hold = 0.0
+        self.order_skip_next = 0.0
+        self.order_stop_next = 0.0
+        self.order_emergency = 0.0
+        self.order_releases = 0.0
+        self.order_creep = 0.0
+        self.order_restricted = 0.0
+        self.restricted_pressed = 0.0
+        self.door_bypass_pressed = 0.0
+        self.mode = 0.0
+        self.emergency_cause = 0.0
+        self.departure_inhibits = 0.0
+        self.doors_withheld = 0.0
+        self.jog_attempts = 0.0
+        self.replicas_agree = 0.0
+        self.alarm_raised = 0.0
 
     def fill(self, truth: Truth, now_ns: int) -> None:
         """Take one step of the plant."""
@@ -191,12 +269,33 @@ class Signals:
         self.to_stop_m = truth.to_stop_m
         self.civil_limit_mps = truth.civil_limit_mps
         self.traction_cut = truth.traction_cut
+        if self._needs_wayside:
+            self._fill_wayside(truth)
         if self._needs_bus:
             self._fill_ages(now_ns)
             if self._spoken.news:
                 self._fill_bus()
         if self._needs_line:
             self._fill_line(truth, now_ns)
+
+    def _fill_wayside(self, truth: Truth) -> None:
+        self.authority_now_m = truth.authority_now_m
+        self.authority_rear_m = truth.authority_rear_m
+        self.temporary_limit_mps = truth.temporary_limit_mps
+        self.fire = truth.fire
+        self.obstacle = truth.obstacle
+        self.platform_doors_locked = truth.platform_doors_locked
+        self.platform_doors_open = truth.platform_doors_open
+        self.doors_authorised_left = truth.doors_authorised_left
+        self.doors_authorised_right = truth.doors_authorised_right
+        self.order_awake = truth.order_awake
+        self.order_hold = truth.order_hold
+        self.order_skip_next = truth.order_skip_next
+        self.order_stop_next = truth.order_stop_next
+        self.order_emergency = truth.order_emergency
+        self.order_releases = truth.order_releases
+        self.order_creep = truth.order_creep
+        self.order_restricted = truth.order_restricted
 
     def _fill_ages(self, now_ns: int) -> None:
         spoken = self._spoken
@@ -208,6 +307,7 @@ class Signals:
         self.traction_age_s = (now_ns - spoken.traction_ns) * S_PER_NS
         self.doors_age_s = (now_ns - spoken.doors_ns) * S_PER_NS
         self.desk_age_s = (now_ns - spoken.desk_ns) * S_PER_NS
+        self.mode_age_s = (now_ns - spoken.mode_ns) * S_PER_NS
 
     def _fill_bus(self) -> None:
         spoken = self._spoken
@@ -236,6 +336,15 @@ class Signals:
         self.open_left_commanded = spoken.open_left_commanded
         self.open_right_commanded = spoken.open_right_commanded
         self.reset_pressed = spoken.reset_pressed
+        self.restricted_pressed = spoken.restricted_pressed
+        self.door_bypass_pressed = spoken.door_bypass_pressed
+        self.mode = spoken.mode
+        self.emergency_cause = spoken.emergency_cause
+        self.departure_inhibits = spoken.departure_inhibits
+        self.doors_withheld = spoken.doors_withheld
+        self.jog_attempts = spoken.jog_attempts
+        self.replicas_agree = spoken.replicas_agree
+        self.alarm_raised = spoken.alarm_raised
 
     def _fill_line(self, truth: Truth, now_ns: int) -> None:
         place, spoken, front_m = self._place, self._spoken, truth.front_m

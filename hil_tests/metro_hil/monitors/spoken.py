@@ -12,11 +12,19 @@ from can_dbc.cab import Desk
 from can_dbc.codec import Decoder
 from can_dbc.doors import DoorCommand
 from can_dbc.nodes import Direction
-from can_dbc.odometer import Tacho
+from can_dbc.odometer import ColdMovement, Tacho
 from can_dbc.rejection import Rejected
 from can_dbc.traction import TractionCommand, TractionStatus
 from can_dbc.trailer import opener
-from can_dbc.vobc import VobcMotion, VobcPosition, VobcStatus, VobcTarget
+from can_dbc.vobc import (
+    EventKind,
+    VobcEvent,
+    VobcMode,
+    VobcMotion,
+    VobcPosition,
+    VobcStatus,
+    VobcTarget,
+)
 
 DECODED: Final[tuple[type[Frame], ...]] = (
     BrakeCommand,
@@ -26,7 +34,10 @@ DECODED: Final[tuple[type[Frame], ...]] = (
     VobcMotion,
     VobcPosition,
     VobcTarget,
+    VobcMode,
+    VobcEvent,
     Desk,
+    ColdMovement,
 )
 CONTROLLER_IDS: Final = Decoder(
     [
@@ -37,11 +48,16 @@ CONTROLLER_IDS: Final = Decoder(
         VobcMotion,
         VobcPosition,
         VobcTarget,
+        VobcMode,
+        VobcEvent,
     ]
 ).ids
 """Of the frames that the controller sends."""
 STAMPED: Final[tuple[type[Frame], ...]] = (Tacho, BrakeStatus, TractionStatus)
 """Of these only that they were intact and when counts."""
+NEVER_NS: Final = -(1 << 62)
+UNMONITORED_M: Final = 1.0e6
+"""Nobody knows how far the train was moved."""
 SIGNS: Final = {Direction.NEUTRAL: 0.0, Direction.FORWARD: 1.0, Direction.REVERSE: -1.0}
 
 
@@ -52,32 +68,48 @@ class Spoken:
         "_decode",
         "_openers",
         "_takers",
+        "accepted_ns",
+        "alarm_raised",
         "ato_phase",
         "brake_ns",
         "brake_status_ns",
+        "bypass_ns",
         "ceiling_mps",
         "claimed_front_m",
         "claimed_speed_mps",
         "claimed_to_authority_m",
         "claimed_to_stop_m",
+        "cold_moved_m",
+        "cold_ns",
         "cycle_slips",
+        "departure_inhibits",
         "desk_ns",
         "direction",
+        "door_bypass_pressed",
         "doors_ns",
+        "doors_withheld",
+        "emergency_cause",
         "emergency_commanded",
         "emergency_limit_mps",
         "enable_left",
         "enable_right",
         "force_commanded_n",
         "holding_commanded",
+        "jog_attempts",
         "localised",
+        "missed_tags",
         "missing",
+        "mode",
+        "mode_ns",
         "motion_ns",
         "news",
         "open_left_commanded",
         "open_right_commanded",
         "position_ns",
+        "refused_ns",
+        "replicas_agree",
         "reset_pressed",
+        "restricted_pressed",
         "service_decel_mps2",
         "slip_detected",
         "status_ns",
@@ -109,7 +141,10 @@ class Spoken:
             VobcMotion: self._take_motion,
             VobcPosition: self._take_position,
             VobcTarget: self._take_target,
+            VobcMode: self._take_mode,
+            VobcEvent: self._take_event,
             Desk: self._take_desk,
+            ColdMovement: self._take_cold,
         }
         self.news = False
         """Something of the controller's own has come since whoever reads this set it to false."""
@@ -118,6 +153,12 @@ class Spoken:
         # What was never heard is as old as the run.
         self.brake_ns = self.traction_ns = self.doors_ns = start_ns
         self.status_ns = self.motion_ns = self.position_ns = self.target_ns = start_ns
+        self.mode_ns = start_ns
+        # What never happened.
+        self.accepted_ns = self.refused_ns = self.bypass_ns = self.cold_ns = NEVER_NS
+        self.cold_moved_m = 0.0
+        self.missed_tags = 0.0
+        """In a row, as it said."""
         self.desk_ns = self.tacho_ns = self.brake_status_ns = self.traction_status_ns = start_ns
 
     def _claim_nothing(self) -> None:
@@ -135,6 +176,13 @@ class Spoken:
         self.emergency_limit_mps = 0.0
         self.claimed_to_stop_m = 0.0
         self.claimed_to_authority_m = 0.0
+        self.mode = 0.0
+        self.emergency_cause = 0.0
+        self.departure_inhibits = 0.0
+        self.doors_withheld = 0.0
+        self.jog_attempts = 0.0
+        self.replicas_agree = 1.0
+        self.alarm_raised = 0.0
 
     def _command_nothing(self) -> None:
         self.service_decel_mps2 = 0.0
@@ -148,6 +196,8 @@ class Spoken:
         self.open_left_commanded = 0.0
         self.open_right_commanded = 0.0
         self.reset_pressed = 0.0
+        self.restricted_pressed = 0.0
+        self.door_bypass_pressed = 0.0
 
     def frame(self, stamp_ns: int, can_id: int, data: bytes) -> None:
         """One frame at the end of its transmission; its identifier is one of `wanted_ids`."""
@@ -217,3 +267,32 @@ class Spoken:
     def _take_desk(self, said: Desk, stamp_ns: int) -> None:
         self.desk_ns = stamp_ns
         self.reset_pressed = 1.0 if said.reset_requested else 0.0
+        self.restricted_pressed = 1.0 if said.restricted_requested else 0.0
+        self.door_bypass_pressed = 1.0 if said.door_bypass_requested else 0.0
+
+    def _take_mode(self, said: VobcMode, stamp_ns: int) -> None:
+        self.mode_ns = stamp_ns
+        self.mode = float(said.mode.value)
+        self.emergency_cause = float(said.cause.value)
+        self.departure_inhibits = float(said.departure_inhibits.value)
+        self.doors_withheld = float(said.doors_withheld.value)
+        self.jog_attempts = float(said.jog_attempts)
+        self.replicas_agree = 1.0 if said.replicas_agree else 0.0
+        self.alarm_raised = 1.0 if said.alarm_raised else 0.0
+
+    def _take_event(self, said: VobcEvent, stamp_ns: int) -> None:
+        if said.event is EventKind.TAG_ACCEPTED:
+            self.accepted_ns = stamp_ns
+            self.missed_tags = 0.0
+        elif said.event is EventKind.TAG_REJECTED:
+            self.refused_ns = stamp_ns
+        elif said.event is EventKind.TAG_MISSED:
+            self.missed_tags += 1.0
+        elif said.event is EventKind.DOOR_BYPASS:
+            self.bypass_ns = stamp_ns
+
+    def _take_cold(self, said: ColdMovement, stamp_ns: int) -> None:
+        """Only the first counts: it tells of the time before the controller was there."""
+        if self.cold_ns == NEVER_NS:
+            self.cold_ns = stamp_ns
+            self.cold_moved_m = said.moved_m if said.monitored else UNMONITORED_M

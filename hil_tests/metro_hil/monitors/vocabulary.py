@@ -54,7 +54,25 @@ _TRUTH: Final = (
     ("civil_limit_mps", "m/s", "least limit of the line under the whole train"),
     ("traction_cut", BOOLEAN, "the contactor has taken traction away"),
     ("to_stop_m", "m", "to the next stopping point ahead; negative for 20 m behind it"),
-)
+    ("authority_now_m", "m", "end of the newest authority; the start before the first"),
+    ("authority_rear_m", "m", "how far back it lets the rear go; the rear itself, if not at all"),
+    ("temporary_limit_mps", "m/s", "least temporary restriction under the train; the line's limit "
+     "without one"),
+    ("fire", BOOLEAN, "a smoke or fire detector has tripped"),
+    ("obstacle", BOOLEAN, "the deflector is touched"),
+    ("platform_doors_locked", BOOLEAN, "all platform doors are closed and proven locked"),
+    ("platform_doors_open", BOOLEAN, "a platform door is not closed"),
+    ("doors_authorised_left", BOOLEAN, "orders: doors may open on the left"),
+    ("doors_authorised_right", BOOLEAN, "orders: doors may open on the right"),
+    ("order_awake", BOOLEAN, "orders: the train shall be awake"),
+    ("order_hold", BOOLEAN, "orders: do not depart"),
+    ("order_skip_next", BOOLEAN, "orders: do not stop at the next station"),
+    ("order_stop_next", BOOLEAN, "orders: stop at the next station and stay"),
+    ("order_emergency", BOOLEAN, "orders: emergency brake"),
+    ("order_releases", "1", "orders: resets of an emergency so far"),
+    ("order_creep", BOOLEAN, "orders: the train may creep"),
+    ("order_restricted", BOOLEAN, "orders: a person may drive on sight"),
+)  # fmt: skip
 _BUS: Final = (
     ("claimed_front_m", "m", "VOBC_POSITION: best guess of the front coupler's chainage"),
     ("uncertainty_m", "m", "VOBC_POSITION: from the claimed front to the farther end of the "
@@ -63,7 +81,7 @@ _BUS: Final = (
     ("supervision", "1", "VOBC_STATUS: 0 no authority, 1 nominal, 2 warning, 3 service, "
      "4 emergency"),
     ("ato_phase", "1", "VOBC_STATUS: 0 off, 1 holding, 2 departing, 3 running, 4 approaching, "
-     "5 stopping, 6 stopped, 7 doors open, 8 doors closing"),
+     "5 stopping, 6 stopped, 7 doors open, 8 doors closing, 9 jogging, 10 creeping"),
     ("missing", "1", "VOBC_STATUS: what the controller waits for, as the sum of its flags"),
     ("localised", BOOLEAN, "VOBC_STATUS: the position of the train is known"),
     ("slip_detected", BOOLEAN, "VOBC_STATUS: wheels slip or slide"),
@@ -92,6 +110,16 @@ _BUS: Final = (
     ("doors_age_s", "s", "since the last valid pair of DOOR_CMD"),
     ("reset_pressed", BOOLEAN, "DESK: the reset button is pressed"),
     ("desk_age_s", "s", "since DESK"),
+    ("restricted_pressed", BOOLEAN, "DESK: a person asks to drive on sight"),
+    ("door_bypass_pressed", BOOLEAN, "DESK: a person asks for the door bypass"),
+    ("mode", "1", "VOBC_MODE: 0 asleep, 1 standby, 2 restricted, 3 creep, 4 authorised, 5 jog"),
+    ("emergency_cause", "1", "VOBC_MODE: number of the cause of an emergency; 0 without one"),
+    ("departure_inhibits", "1", "VOBC_MODE: what keeps it from departing, as the sum of flags"),
+    ("doors_withheld", "1", "VOBC_MODE: why no door is enabled, as the sum of flags"),
+    ("jog_attempts", "1", "VOBC_MODE: made at this stop"),
+    ("replicas_agree", BOOLEAN, "VOBC_MODE: both computations came to the same"),
+    ("alarm_raised", BOOLEAN, "VOBC_MODE: a person has to come"),
+    ("mode_age_s", "s", "since VOBC_MODE"),
 )  # fmt: skip
 _LINE: Final = (
     ("to_authority_m", "m", "from the true front to the end of authority"),

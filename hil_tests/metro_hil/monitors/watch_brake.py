@@ -1,8 +1,9 @@
 """Invariants of emergency brake, traction and silent wires (5, 6, 7, 33, 34)."""
 
-from can_dbc.vobc import Supervision
+from can_dbc.vobc import Cause, Supervision
 from metro_hil.monitors.context import Context
 from metro_hil.monitors.gauge import Gauge
+from metro_hil.monitors.place import Place
 from metro_hil.monitors.spoken import Spoken
 from plant_emulator.truth import Truth
 
@@ -14,6 +15,8 @@ LEFT_MPS = 0.1
 COASTING_MPS = 0.5
 """A train that is slower may be taken to stand by who watches its wheels."""
 EMERGENCY = float(Supervision.EMERGENCY)
+OVERSHOT = float(Cause.OVERSHOT)
+"""The only emergency that may release itself, at standstill: a jog is to mend it."""
 
 
 class EmergencyWatch:
@@ -21,15 +24,19 @@ class EmergencyWatch:
 
     __slots__ = (
         "_applied_moving",
+        "_cause",
         "_commanded",
         "_cut_ns",
         "_latched",
+        "_let_go_ns",
         "_pulled",
+        "_releases",
         "_reset_lifetime_ns",
         "_reset_ns",
         "_reset_was_pressed",
         "_since_ns",
         "_start_ns",
+        "_takeover_ns",
         "held",
         "ignored",
         "traction_off",
@@ -51,9 +58,16 @@ class EmergencyWatch:
         self._latched = False
         self._reset_ns = -1
         self._reset_was_pressed = True
+        self._releases = 0.0
+        self._cause = 0.0
+        """Of the latched emergency, as last said."""
+        self._takeover_ns = round(context.takeover_s * NS_PER_S)
+        self._let_go_ns = -1
+        """The brake unit stopped wanting it then, and the train has moved since."""
 
     def sample(self, truth: Truth, now_ns: int, spoken: Spoken) -> None:
         """To be told of every step while the brake unit wants the emergency brake."""
+        self._let_go_ns = -1
         if self._since_ns < 0:
             self._since_ns = now_ns
             self._pulled = truth.drive_n > PULL_N
@@ -74,9 +88,21 @@ class EmergencyWatch:
             self._applied_moving = False
             self.held.said(True, now_ns)
 
-    def ended(self) -> None:
+    def ended(self, truth: Truth, now_ns: int) -> None:
         """The brake unit does not want it any more."""
         self._since_ns = -1
+        if abs(truth.speed_mps) > LEFT_MPS:
+            self._let_go_ns = now_ns
+
+    def without(self, truth: Truth, now_ns: int) -> None:
+        """To be told of every step without it in which the train moves."""
+        if self._let_go_ns < 0:
+            return
+        if truth.speed_mps == 0.0:
+            self._let_go_ns = -1
+        elif now_ns - self._let_go_ns > self._takeover_ns:
+            self._let_go_ns = -1
+            self.held.said(False, now_ns)
 
     def news(self, truth: Truth, now_ns: int, spoken: Spoken) -> None:
         """To be told whenever the controller or the desk has said something."""
@@ -85,16 +111,25 @@ class EmergencyWatch:
         commanded = spoken.emergency_commanded > 0.0
         moving = truth.speed_mps != 0.0
         self._follow_reset(now_ns, spoken, standing=not moving)
+        if truth.order_releases > self._releases:
+            self._releases = truth.order_releases
+            if not moving:
+                self._reset_ns = now_ns
         if commanded and moving:
             self._applied_moving = True
         told = spoken.supervision == EMERGENCY
         released = self._commanded and not commanded
         if (self._latched and not told) or (released and (self._latched or moving)):
             reset = self._reset_ns >= 0 and now_ns - self._reset_ns <= self._reset_lifetime_ns
-            self.held.said(not moving and (reset or not self._latched), now_ns)
+            mended = self._cause == OVERSHOT
+            self.held.said(not moving and (reset or mended or not self._latched), now_ns)
             self._reset_ns = -1
         if released:
             self._applied_moving = False
+        if spoken.emergency_cause > 0.0:
+            self._cause = spoken.emergency_cause
+        elif not told:
+            self._cause = 0.0
         self._latched = told
         self._commanded = commanded
 
@@ -174,19 +209,26 @@ class SilenceWatch:
 
 
 class DepartureWatch:
-    """A train leaves its standstill with its doors locked."""
+    """A train leaves its standstill with its doors and those of the platform locked."""
 
-    __slots__ = ("_standing", "locked")
+    __slots__ = ("_place", "_rested_ns", "_standing", "locked", "platform")
 
-    def __init__(self, *, locked: Gauge) -> None:
-        self.locked = locked
+    def __init__(self, place: Place, *, locked: Gauge, platform: Gauge) -> None:
+        self._place = place
+        self.locked, self.platform = locked, platform
         self._standing = True
+        self._rested_ns = 0
 
-    def sample(self, truth: Truth, now_ns: int) -> None:
+    def sample(self, truth: Truth, now_ns: int, spoken: Spoken) -> None:
         """To be told of every step in which the train moves, and of the first at rest."""
         speed_mps = truth.speed_mps
         if speed_mps == 0.0:
+            if not self._standing:
+                self._rested_ns = now_ns
             self._standing = True
         elif self._standing and speed_mps > LEFT_MPS:
             self._standing = False
-            self.locked.said(truth.doors_locked > 0.0, now_ns)
+            bypassed = spoken.bypass_ns >= self._rested_ns
+            self.locked.said(truth.doors_locked > 0.0 or bypassed, now_ns)
+            if self._place.platform_doors(truth.front_m):
+                self.platform.said(truth.platform_doors_locked > 0.0 or bypassed, now_ns)

@@ -7,6 +7,7 @@ from can_dbc.vobc import AtoPhase, Missing, Supervision, VobcPosition
 from metro_hil.monitors.context import Context
 from metro_hil.monitors.gauge import Gauge
 from metro_hil.monitors.spoken import Spoken
+from metro_hil.monitors.watch_modes import JOG
 from plant_emulator.truth import Truth
 
 NS_PER_S = 1_000_000_000
@@ -25,6 +26,9 @@ UNKNOWN_M = 655.0
 """The frame's largest uncertainty says that the place is not known."""
 TAG_LIFETIME_NS = 2 * NS_PER_S
 """A tag's telegram takes its time to the controller, and the claim its time to the bus."""
+REFUSED_NS = NS_PER_S * 3 // 10
+"""From the event to the next claim of a place and of the state."""
+MISSED_MAX = 2.0
 MOVING_MPS = 0.5
 SLIPS_MAX = 2.0
 SLIPS_PERIOD = 64.0
@@ -42,6 +46,7 @@ class ClaimWatch:
         "_compared_ns",
         "_curve_ns",
         "_cycle_s",
+        "_heard_claim_ns",
         "_input_age_s",
         "_least_gap_ns",
         "_limit_m",
@@ -49,16 +54,22 @@ class ClaimWatch:
         "_motion_ns",
         "_over_ns",
         "_position_ns",
+        "_refused_m",
+        "_refused_ns",
         "_slack_s",
         "_slips",
         "_status_ns",
         "_tag_ns",
         "_tags",
+        "_told_lost_ns",
+        "_two_claims_m",
         "_widths_m",
         "curve",
         "interval",
+        "missed",
         "narrowed",
         "overrun",
+        "refused",
         "width",
     )
 
@@ -71,7 +82,14 @@ class ClaimWatch:
         narrowed: Gauge,
         width: Gauge,
         overrun: Gauge,
+        refused: Gauge,
+        missed: Gauge,
     ) -> None:
+        self.refused, self.missed = refused, missed
+        self._refused_ns = self._told_lost_ns = -1
+        self._refused_m = 0.0
+        self._two_claims_m = (0.0, 0.0)
+        self._heard_claim_ns = -1
         self.curve, self.interval, self.narrowed = curve, interval, narrowed
         self.width, self.overrun = width, overrun
         self._cycle_s, self._slack_s = context.cycle_s, context.slack_s
@@ -115,6 +133,7 @@ class ClaimWatch:
             if spoken.position_ns >= self._believed_ns and spoken.uncertainty_m < UNKNOWN_M:
                 self._check_interval(truth, now_ns, spoken)
                 self._check_width(truth, now_ns, spoken)
+        self._check_tags(now_ns, spoken)
         if spoken.motion_ns != self._motion_ns:
             self._motion_ns = spoken.motion_ns
             over = spoken.claimed_speed_mps - spoken.emergency_limit_mps > SPEED_BIT_MPS
@@ -125,6 +144,26 @@ class ClaimWatch:
         if spoken.status_ns != self._status_ns:
             self._status_ns = spoken.status_ns
             self._check_overrun(truth, now_ns, spoken)
+
+    def _check_tags(self, now_ns: int, spoken: Spoken) -> None:
+        """A tag that was refused narrows nothing; two that were missed take the place away."""
+        if spoken.refused_ns > self._refused_ns:
+            self._refused_ns, self._refused_m = spoken.refused_ns, max(self._two_claims_m)
+        if self._refused_ns >= 0 and now_ns - self._refused_ns < REFUSED_NS:
+            if spoken.accepted_ns >= self._refused_ns - REFUSED_NS:
+                self._refused_m = -1.0
+            if self._refused_m >= 0.0 and spoken.position_ns > self._refused_ns:
+                self.refused.said(spoken.uncertainty_m > self._refused_m - NARROWED_M, now_ns)
+        if spoken.position_ns != self._heard_claim_ns:
+            # The claim of the very cycle may come before the event as well as after it.
+            self._heard_claim_ns = spoken.position_ns
+            self._two_claims_m = self._two_claims_m[1], spoken.uncertainty_m
+        if spoken.missed_tags < MISSED_MAX:
+            self._told_lost_ns = -1
+        elif self._told_lost_ns < 0:
+            self._told_lost_ns = now_ns
+        elif now_ns - self._told_lost_ns > REFUSED_NS:
+            self.missed.said(spoken.localised == 0.0, now_ns)
 
     def _check_interval(self, truth: Truth, now_ns: int, spoken: Spoken) -> None:
         """At the instant of the claim: the begin of its cycle, or that of one that was missed."""
@@ -183,6 +222,8 @@ class DemandWatch:
         "_limit_mps2",
         "_limit_mps3",
         "_ramp",
+        "_reverse_ns",
+        "_reverse_since_ns",
         "_traction_ns",
         "accel",
         "direction",
@@ -199,6 +240,9 @@ class DemandWatch:
         self._lateness_ns = round(context.lateness_s * NS_PER_S)
         self._ramp: deque[tuple[int, float]] = deque(maxlen=RAMP_CYCLES)
         self._traction_ns = context.start_ns
+        self._reverse_ns = round(context.reverse_s * NS_PER_S)
+        self._reverse_since_ns = -1
+        """Effort backwards is asked for since then while nothing says that the train jogs."""
         self._accel_mps2 = 0.0
         self._judged = False
 
@@ -208,8 +252,18 @@ class DemandWatch:
             return
         self._traction_ns = spoken.traction_ns
         pulls = spoken.force_commanded_n > 0.0 and spoken.traction_permitted > 0.0
-        if pulls:
-            self.direction.said(spoken.direction > 0.0, now_ns)
+        if not pulls or spoken.direction > 0.0 or spoken.mode == JOG:
+            self._reverse_since_ns = -1
+            if pulls:
+                self.direction.said(True, now_ns)
+        elif self._reverse_since_ns < 0:
+            self._reverse_since_ns = now_ns
+        if self._reverse_since_ns >= 0:
+            in_doubt = (
+                spoken.direction < 0.0 and now_ns - self._reverse_since_ns <= self._reverse_ns
+            )
+            if not in_doubt:
+                self.direction.said(False, now_ns)
         accel_mps2 = (
             spoken.force_commanded_n * spoken.direction / self._inertia_kg
             - spoken.service_decel_mps2

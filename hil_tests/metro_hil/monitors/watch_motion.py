@@ -5,6 +5,7 @@ import math
 from metro_hil.monitors.context import Context
 from metro_hil.monitors.gauge import Gauge
 from metro_hil.monitors.place import GRAVITY_MPS2, Place
+from metro_hil.monitors.watch_modes import JOG, ON_SIGHT
 from plant_emulator.truth import Truth
 
 NS_PER_S = 1_000_000_000
@@ -81,14 +82,19 @@ class MotionWatch:
         self._emergency_since_ns = -1
         self._look_ns = 0
 
-    def sample(self, truth: Truth, now_ns: int) -> None:
+    def sample(self, truth: Truth, now_ns: int, mode: float = 0.0) -> None:
+        """Args:
+        mode: as the controller said it last. On sight there is no authority to stay within, and
+            a jog may go back.
+        """
         front_m, speed_mps = truth.front_m, truth.speed_mps
-        to_end_m = truth.authority_end_m - front_m
-        if to_end_m < self.authority_end.least:
-            self.authority_end.see(to_end_m, now_ns)
-        if speed_mps > 0.0:
-            self._check_stopping(truth, to_end_m, now_ns)
-        elif speed_mps < 0.0:
+        if mode not in ON_SIGHT:
+            to_end_m = truth.authority_end_m - front_m
+            if to_end_m < self.authority_end.least:
+                self.authority_end.see(to_end_m, now_ns)
+            if speed_mps > 0.0:
+                self._check_stopping(truth, to_end_m, now_ns)
+        if speed_mps < 0.0:
             speed_mps = -speed_mps
         civil_limit = self.civil_limit
         limit_mps = self._place.limit_mps(front_m)
@@ -96,7 +102,7 @@ class MotionWatch:
         if limit_mps + self._quick_margin_mps - speed_mps < civil_limit.least:
             overshoot_mps = self._overshoot_mps(self._place.worst_fall_under_mps2(front_m))
             civil_limit.see(limit_mps + self._margin_mps + overshoot_mps - speed_mps, now_ns)
-        if front_m >= self._foremost_m:
+        if front_m >= self._foremost_m or mode == JOG:
             self._foremost_m = front_m
         elif self._foremost_m - front_m > ROLLED_M:
             self.rollback.see(self._rollback_m - (self._foremost_m - front_m), now_ns)

@@ -78,6 +78,10 @@ class Rig:
         self.say(kind, **changes)
         self._send([self.said[kind]])
 
+    def tell(self, frame: Frame) -> None:
+        """Once, now; what is said in every cycle from now on is in `said`."""
+        self._send([frame])
+
     def step(self, count: int = 1, **changes: float) -> None:
         """Set the truth, then let time go by in which the train moves at its speed."""
         for name, value in changes.items():
@@ -178,6 +182,15 @@ def settling_rig() -> Rig:
 def late_rig() -> Rig:
     """Cycles may be late by 50 ms without anybody's fault."""
     return Rig([], "all", lateness_s=0.05)
+
+
+@pytest.fixture
+def rig_at_platform_doors() -> Rig:
+    """The train stands at a platform that has doors."""
+    rig = Rig([], "all")
+    station = next(each for each in SCENARIO.line.stations if each.platform_doors)
+    rig.truth.front_m = station.stop_m
+    return rig
 
 
 @pytest.fixture

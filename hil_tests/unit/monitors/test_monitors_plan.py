@@ -85,7 +85,7 @@ def test_measures_are_checked_against_names_and_patterns_where_those_are_known()
         ({"stl": 3}, ["monitor[0].stl", "3 is no text"]),
         ({"stl": "always(t_s >= 0)", "unit": ""}, ["monitor[0].unit", "no text"]),
         ({"invariant": "inv-04-civil-limits"}, ["nearest valid value: inv-04-civil-limit"]),
-        ({"invariant": 15}, ["15 is not watched", "false"]),
+        ({"invariant": 40}, ["40 is not watched", "neither truth"]),
         ({"invariant": 99}, ["99"]),
         ({"invariant": True}, ["True"]),
         ({"invariant": 30, "name": "doors"}, ["'doors'", "inv-30-door-speed"]),
