@@ -13,6 +13,12 @@ from vobc.vocabulary import CycleInput, CycleOutput, Event, Source
 
 NOTHING: Final[Sequence[Event]] = ()
 
+MODE_SOURCES: Final[Mapping[OperatingMode, tuple[Source, ...]]] = {
+    OperatingMode.RESTRICTED: (Source.DESK, Source.ORDERS),
+    OperatingMode.CREEP: (Source.ORDERS,),
+    OperatingMode.AUTHORISED: (Source.AUTHORITY, Source.TAG),
+}
+"""What lets the train into a mode."""
 INHIBIT_SOURCES: Final[Mapping[enum.IntFlag, Source]] = {
     Inhibit.DOORS: Source.DOORS,
     Inhibit.PLATFORM_DOORS: Source.ORDERS,
@@ -62,7 +68,7 @@ def events_between(
     ):
         found.extend(_supervision(before, seen, output, seen_before))
     if output.mode is not before.mode or output.jog_attempts != before.jog_attempts:
-        found.extend(_mode(before, seen, output))
+        found.extend(_mode(before, output))
     if output.missing is not before.missing:
         found.extend(inputs_changed(before, seen, output))
     if seen.overruns:
@@ -139,7 +145,7 @@ def _state(before: CycleOutput, output: CycleOutput) -> Event:
     )
 
 
-def _mode(before: CycleOutput, seen: CycleInput, output: CycleOutput) -> Iterator[Event]:
+def _mode(before: CycleOutput, output: CycleOutput) -> Iterator[Event]:
     mode, old = output.mode, before.mode
     number = int(mode)
     if output.jog_attempts > before.jog_attempts:
@@ -161,17 +167,7 @@ def _mode(before: CycleOutput, seen: CycleInput, output: CycleOutput) -> Iterato
         yield Event(EventKind.PUT_TO_SLEEP, words, (Source.ORDERS,), number)
     elif mode is not OperatingMode.JOG:
         words = f"mode goes from {name_words(old)} to {name_words(mode)}{place_words(output)}"
-        yield Event(EventKind.MODE, words, _mode_sources(mode, seen), number)
-
-
-def _mode_sources(mode: OperatingMode, seen: CycleInput) -> tuple[Source, ...]:
-    if mode is OperatingMode.RESTRICTED:
-        return (Source.DESK, Source.ORDERS)
-    if mode is OperatingMode.CREEP:
-        return (Source.ORDERS,)
-    if mode is OperatingMode.AUTHORISED:
-        return (Source.AUTHORITY, Source.TAG)
-    return () if seen.orders is None else (Source.ORDERS,)
+        yield Event(EventKind.MODE, words, MODE_SOURCES.get(mode, (Source.TACHO,)), number)
 
 
 def _overrun(seen: CycleInput) -> Event:
