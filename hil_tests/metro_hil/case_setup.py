@@ -86,6 +86,10 @@ def scenario_of(
         odometer_error_ratio=setup.odometer_error,
         desk_mode=mode,
         real=setup.real,
+        driver=setup.driver,
+        desk_recording=(
+            None if setup.desk_recording is None else file_name(setup.desk_recording, files)
+        ),
     )
     return replace(scenario, line=line)
 

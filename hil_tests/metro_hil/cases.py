@@ -50,6 +50,10 @@ class Setup(msgspec.Struct, frozen=True, kw_only=True):
     duration_s: float = 1800.0
     """The case ends after this at the latest; a train still on its way then has not arrived."""
     desk_mode: str = "auto"
+    driver: str | None = None
+    """A model of a driver at the desk: `obedient`, `reckless` or `late`; None for nobody."""
+    desk_recording: str | None = None
+    """A recording of a desk that is played; a file of the user's."""
     stops: tuple[str, ...] | None = None
     """Stations to stop at, in running order; None for all between start and end."""
     dwell_s: dict[str, float] = {}

@@ -8,7 +8,9 @@ from typing import Any, Final
 
 from can_dbc.cab import CabMode
 from firmware_py.expression import ExpressionError, compile_expression
+from firmware_py.settings import nearest
 from metro_hil.cases import BenchKind, Controller, Verdict
+from plant_emulator.desk.drivers import DRIVERS
 from plant_emulator.truth import SIGNALS
 
 SEED_MAX: Final = 2**63 - 1
@@ -90,12 +92,21 @@ class TrainKeys:
     cycle_ms: float | None = None
     duration_s: float | None = None
     desk_mode: CabMode = CabMode.AUTO
+    driver: str | None = None
+    desk_recording: str | None = None
 
     def __post_init__(self) -> None:
         in_range(self, "load_ratio", 0.0, 1.0)
         in_range(self, "odometer_error", -0.2, 0.2)
         in_range(self, "cycle_ms", 20.0, 200.0)
         in_range(self, "duration_s", 0.1, DURATION_MAX_S)
+        if self.driver is not None and self.driver not in DRIVERS:
+            raise ValueError(f"driver {self.driver!r}: {nearest(self.driver, list(DRIVERS))}")
+        if self.driver is not None and self.desk_recording is not None:
+            raise ValueError(
+                f"desk_recording {self.desk_recording!r} cannot be played beside driver "
+                f"{self.driver!r}"
+            )
 
 
 TRAIN: Final = (*TrainKeys.__dataclass_fields__, *OVERRIDES)

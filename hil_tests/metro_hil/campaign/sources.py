@@ -3,14 +3,17 @@
 import hashlib
 from collections.abc import Callable
 from pathlib import Path
-from typing import TypeVar
+from typing import Final, TypeVar
 
 from firmware_py.settings import SettingsError
 from firmware_py.trackdb import LineMap, load_line
+from plant_emulator.desk.recording import DeskRecording, load_recording
 from plant_emulator.train_config import TrainConfig, load_train
 from vobc.config import VobcConfig, load_config
 
 T = TypeVar("T")
+SHIPPED: Final = ("line", "consist", "params")
+"""Of these some ship and are called by their stem; anything else is a file of the user's."""
 
 
 class Sources:
@@ -35,11 +38,15 @@ class Sources:
     def params(self, written: str) -> tuple[str, VobcConfig]:
         return self._get("params", written, load_config)
 
+    def recording(self, written: str) -> tuple[str, DeskRecording]:
+        """Of a desk. Always a file of the user's."""
+        return self._get("desk_recording", written, load_recording)
+
     def _get(self, what: str, written: str, load: Callable[[str], T]) -> tuple[str, T]:
         key = (what, written)
         if key not in self._read:
             try:
-                self._read[key] = self._load(written, load)
+                self._read[key] = self._load(what, written, load)
             except SettingsError as error:
                 self._read[key] = error
         kept = self._read[key]
@@ -48,8 +55,9 @@ class Sources:
         assert isinstance(kept, tuple)
         return kept
 
-    def _load(self, written: str, load: Callable[[str], T]) -> tuple[str, T]:
-        if not (written.endswith(".toml") or "/" in written):
+    def _load(self, what: str, written: str, load: Callable[[str], T]) -> tuple[str, T]:
+        ships = what in SHIPPED and not (written.endswith(".toml") or "/" in written)
+        if ships:
             return written, load(written)
         path = self._folder / written
         loaded = load(str(path))
@@ -58,10 +66,11 @@ class Sources:
     def _name(self, path: Path) -> str:
         """The file's own name, with some of its hash if another file is called the same."""
         content = path.read_text(encoding="utf-8")
-        name = path.name if path.suffix == ".toml" else f"{path.name}.toml"
+        name = path.name if path.suffix in (".toml", ".desk") else f"{path.name}.toml"
         if self.files.get(name, content) != content:
             digest = hashlib.sha256(content.encode()).hexdigest()[:8]
-            name = f"{name.removesuffix('.toml')}-{digest}.toml"
+            stem, _, ending = name.rpartition(".")
+            name = f"{stem}-{digest}.{ending}"
         self.files[name] = content
         self.paths[name] = path
         return name

@@ -29,6 +29,11 @@ def read_setup(raw: Mapping[str, Any], sources: Sources, findings: Findings) -> 
     line = _named(sources.line, "line", setup.line, findings)
     consist = _named(sources.train, "consist", setup.consist, findings)
     params = _named(sources.params, "params", setup.params, findings)
+    played = setup.desk_recording
+    if played is not None:
+        recording = _named(sources.recording, "desk_recording", played, findings)
+        if recording is not None:
+            setup = msgspec.structs.replace(setup, desk_recording=recording[0])
     if line is None or consist is None or params is None:
         return None
     _check_params(setup, params[1], findings)

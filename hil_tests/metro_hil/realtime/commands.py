@@ -137,11 +137,16 @@ def plant_words(
     out: Path,
     stations: tuple[str, str],
     parent: int,
+    recording: str | None = None,
 ) -> list[str]:
     """The emulated train."""
     setup = case.setup
     words = [sys.executable, "-m", "plant_emulator", "run", "--bus", bus, "--line", line]
     words += ["--consist", consist, "--seed", str(case.seed), "--desk", setup.desk_mode]
+    if setup.driver is not None:
+        words += ["--driver", setup.driver]
+    if recording is not None:
+        words += ["--desk-recording", recording]
     words += ["--from", stations[0], "--to", stations[1], "--tags", wires.tags, "--radio", radio]
     words += ["--faults", str(faults), "--truth-feed", str(feed), "--out", str(out)]
     words += ["--priority", str(wires.plant_priority), "--parent", str(parent)]

@@ -20,6 +20,7 @@ class Documents:
     consist: str
     params: str
     faults: Path
+    recording: str | None = None
 
 
 def write_documents(case: Case, parts: CaseParts, files: Files, folder: Path) -> Documents:
@@ -35,7 +36,9 @@ def write_documents(case: Case, parts: CaseParts, files: Files, folder: Path) ->
     if setup.believed:
         params = _written(folder / "params.toml", plain(parts.config))
     faults = Path(_written(folder / "faults.toml", {"fault": [dict(each) for each in case.faults]}))
-    return Documents(line, consist, params, faults)
+    played = setup.desk_recording
+    recording = None if played is None else file_name(played, files)
+    return Documents(line, consist, params, faults, recording)
 
 
 def _written(path: Path, table: Mapping[str, Any]) -> str:

@@ -220,6 +220,7 @@ class _Links:
             out=self._folder.path,
             stations=(journey.start.name, journey.end.name),
             parent=os.getpid(),
+            recording=self._papers.recording,
         )
         return self._cast.start("plant", words)
 
