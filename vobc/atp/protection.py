@@ -67,6 +67,7 @@ class Protection:
         self._brake_unit = BrakeUnitWatch(config)
         self._stop_watch = StopWatch(config)
         self._movement = Movement()
+        self._bypass = False
         self._state = Supervision.NO_AUTHORITY
         self._seen = Seen(config)
 
@@ -107,7 +108,7 @@ class Protection:
         self._look(image, motion, station, full)
         seen.mode = next_mode(seen.mode, seen)
         back_m = self._jog(image, motion, station)
-        seen.ceiling = self._ceiling(image, motion, full, bypass=station.door_bypass)
+        seen.ceiling = self._ceiling(image, motion, full)
         self._move_on(motion)
         return self._verdict(image, motion, station, back_m)
 
@@ -169,7 +170,9 @@ class Protection:
         seen.station_cause = station.emergency
         seen.overshot_little = station.self_release
         seen.jog_granted = station.jog_permitted
-        if station.door_bypass:
+        # Pressed in motion it would brake a fast train to the speed of a bypassed one.
+        self._bypass = station.door_bypass and (self._bypass or motion.standing)
+        if self._bypass:
             seen.missing &= ~DOORS
         movement.look(motion.travel_m)
         seen.rollback_m = movement.rollback_m
@@ -196,9 +199,7 @@ class Protection:
         self._movement.jogs(motion, back_m)
         return back_m
 
-    def _ceiling(
-        self, image: CycleInput, motion: Motion, full: Ceiling, *, bypass: bool
-    ) -> Ceiling:
+    def _ceiling(self, image: CycleInput, motion: Motion, full: Ceiling) -> Ceiling:
         """What the mode permits: on sight a flat speed, and no more than is known to be ahead."""
         seen, flat = self._seen, self._flat
         mode = seen.mode
@@ -211,7 +212,7 @@ class Protection:
             if not seen.missing & AUTHORITY:
                 return flat.under(full, sight)
             return flat.under(self._endless_ceiling(image, motion.front_m), sight)
-        return flat.under(full, flat.restricted) if bypass else full
+        return flat.under(full, flat.restricted) if self._bypass else full
 
     def _endless_ceiling(self, image: CycleInput, front_m: Interval) -> Ceiling:
         """The line's limits and the centre's restrictions, with no end of authority known."""
@@ -275,7 +276,7 @@ class Protection:
             traction_permitted=(
                 may_move
                 and state is not Supervision.SERVICE
-                and (locked or station.door_bypass)
+                and (locked or self._bypass)
                 and ceiling.permitted_mps > 0.0
                 and not kept
             ),
@@ -295,7 +296,7 @@ class Protection:
             creep=mode is OperatingMode.CREEP,
             replicas_agree=not seen.replicas_disagree,
             alarm_raised=station.alarm_raised,
-            door_bypass=station.door_bypass,
+            door_bypass=self._bypass,
         )
 
     def _inhibits(self, station: StationVerdict) -> int:

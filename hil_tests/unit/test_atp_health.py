@@ -1,0 +1,239 @@
+"""Edges and durations that protection remembers: resets, brake unit, stops asked, clock, way."""
+
+import math
+
+import pytest
+
+from can_dbc.brake import BrakeStatus
+from can_dbc.cab import CabMode, Desk
+from vobc.atp.emergencies import Reset
+from vobc.atp.health import BrakeUnitWatch, Resets, StopWatch, clock_stepped
+from vobc.atp.movement import Movement
+from vobc.config import load_config
+from vobc.vocabulary import Interval, Motion, Orders
+
+CONFIG = load_config("florence4").atp
+DT_S = 0.0625
+"""A binary fraction of a second, so that sums of it are exact."""
+
+
+def desk(*, reset: bool) -> Desk:
+    return Desk(CabMode.AUTO, 0.0, True, True, False, reset, False, False)
+
+
+def orders(releases: int) -> Orders:
+    return Orders(True, False, False, False, False, releases, False, False, True, True, True)
+
+
+def test_a_reset_at_the_desk_counts_once_and_when_newly_pressed() -> None:
+    resets = Resets()
+    presses = [True, True, False, True, True, False, False, True]
+
+    given = [resets.step(desk(reset=pressed), None) for pressed in presses]
+
+    assert [bool(each & Reset.DESK) for each in given] == [
+        False,
+        False,
+        False,
+        True,
+        False,
+        False,
+        False,
+        True,
+    ]
+
+
+def test_a_reset_that_was_pressed_while_the_desk_was_not_heard_is_none() -> None:
+    resets = Resets()
+    resets.step(desk(reset=False), None)
+
+    assert resets.step(None, None) == 0
+    assert resets.step(desk(reset=True), None) == 0
+
+
+def test_a_step_up_of_the_centres_count_is_one_reset_and_its_first_count_none() -> None:
+    resets = Resets()
+    counts = [7, 7, 8, 8, 10, 3, 3, 4]
+
+    given = [resets.step(None, orders(count)) for count in counts]
+
+    assert given == [0, 0, Reset.CENTRE, 0, Reset.CENTRE, 0, 0, Reset.CENTRE]
+
+
+def test_a_centre_that_was_not_heard_for_a_while_may_have_reset_meanwhile() -> None:
+    resets = Resets()
+    resets.step(None, orders(1))
+    resets.step(None, None)
+
+    assert resets.step(None, orders(2)) == Reset.CENTRE
+
+
+def test_both_may_reset_in_one_cycle() -> None:
+    resets = Resets()
+    resets.step(desk(reset=False), orders(0))
+
+    assert resets.step(desk(reset=True), orders(1)) == Reset.DESK | Reset.CENTRE
+
+
+APPLIED = BrakeStatus(1.2, 300.0, True, False, False, True)
+RELEASED = BrakeStatus(0.0, 0.0, False, False, True, True)
+
+
+def test_a_brake_unit_has_time_to_release_and_is_then_taken_at_its_word() -> None:
+    watch = BrakeUnitWatch(CONFIG)
+    cycles = round(CONFIG.brake_unit_s / DT_S)
+
+    early = [watch.step(APPLIED, released=True, dt_s=DT_S) for _ in range(cycles)]
+
+    assert not any(early)
+    assert watch.step(APPLIED, released=True, dt_s=DT_S)
+    assert not watch.step(RELEASED, released=True, dt_s=DT_S)
+    assert not watch.step(None, released=True, dt_s=DT_S)
+    assert watch.step(APPLIED, released=True, dt_s=DT_S)
+
+
+def test_a_brake_that_was_asked_for_is_no_fault_and_the_time_begins_anew() -> None:
+    watch = BrakeUnitWatch(CONFIG)
+    for _ in range(100):
+        watch.step(RELEASED, released=True, dt_s=DT_S)
+
+    assert not watch.step(APPLIED, released=False, dt_s=DT_S)
+    assert not watch.step(APPLIED, released=True, dt_s=DT_S)
+
+
+def test_a_stop_that_is_asked_for_leaves_time_to_begin_and_then_asks_for_less_and_less() -> None:
+    watch = StopWatch(CONFIG)
+    patient = round(CONFIG.stop_patience_s / DT_S)
+
+    limits = [
+        watch.stop_by_mps(True, speed_mps=9.0 if cycle else 10.0, dt_s=DT_S)
+        for cycle in range(patient + 32)
+    ]
+
+    assert limits[: patient - 1] == [math.inf] * (patient - 1)
+    assert limits[patient - 1] == 10.0
+    assert limits[-1] == pytest.approx(10.0 - CONFIG.stop_decel_mps2 * 32 * DT_S)
+
+
+def test_a_stop_is_never_asked_for_below_standstill_and_is_forgotten_when_over() -> None:
+    watch = StopWatch(CONFIG)
+    for _ in range(1000):
+        last_mps = watch.stop_by_mps(True, speed_mps=1.0, dt_s=DT_S)
+
+    assert last_mps == 0.0
+    assert watch.stop_by_mps(False, speed_mps=1.0, dt_s=DT_S) == math.inf
+    assert watch.stop_by_mps(True, speed_mps=1.0, dt_s=DT_S) == math.inf
+
+
+@pytest.mark.parametrize(
+    ("dt_s", "overruns", "stepped"),
+    [
+        (0.05, 0, False),
+        (0.15, 2, False),
+        (0.299, 0, False),
+        (0.301, 0, True),
+        (0.401, 2, True),
+        (0.399, 2, False),
+        (5.05, 100, False),
+        (0.001, 0, False),
+        (0.0, 0, True),
+        (-0.05, 0, True),
+        (0.05, 6, True),
+        (math.nan, 0, True),
+        (math.inf, 0, True),
+    ],
+)
+def test_time_has_to_pass_as_cycles_and_missed_cycles_explain(
+    dt_s: float, overruns: int, stepped: bool
+) -> None:
+    assert clock_stepped(dt_s, overruns, cycle_s=0.05, tolerance_s=0.25) is stepped
+
+
+def motion(travel_m: float, *, standing: bool = False) -> Motion:
+    at = Interval(0.0, 0.0, 0.0)
+    return Motion(at, at, 0.0, travel_m, standing, standing, True, False, ())
+
+
+def test_rolling_back_counts_from_the_foremost_place() -> None:
+    movement = Movement()
+
+    rolled = []
+    for travel_m in (1.0, 3.0, 2.75, 2.5, 4.0, 3.5):
+        movement.look(travel_m)
+        rolled.append(movement.rollback_m)
+
+    assert rolled == [0.0, 0.0, 0.25, 0.5, 0.0, 0.5]
+
+
+def test_a_held_train_is_measured_both_ways_from_where_it_came_to_be_held() -> None:
+    movement = Movement()
+    movement.look(10.0)
+    movement.begin_anew(10.0)
+
+    movement.look(10.5)
+    ahead_m = movement.held_m
+    movement.look(9.5)
+
+    assert (ahead_m, movement.held_m, movement.rollback_m) == (0.5, 0.5, 1.0)
+    movement.held_here(9.5)
+    movement.look(9.5)
+    assert movement.held_m == 0.0
+    movement.begin_anew(9.5)
+    movement.look(9.5)
+    assert movement.rollback_m == 0.0
+
+
+def test_a_jog_is_measured_both_ways_and_may_go_back_as_far_as_it_was_granted() -> None:
+    movement = Movement()
+    movement.look(100.0)
+    movement.jogs(motion(100.0, standing=True), 2.0)
+
+    found = []
+    for travel_m in (100.0, 99.0, 98.0, 97.5, 101.0):
+        movement.look(travel_m)
+        movement.jogs(motion(travel_m), 0.0)
+        found.append((movement.jog_m, movement.behind_jog_m, movement.rollback_m))
+
+    assert found == [
+        (0.0, -2.0, 0.0),
+        (1.0, -1.0, 0.0),
+        (2.0, 0.0, 0.0),
+        (2.5, 0.5, 0.0),
+        (1.0, -3.0, 0.0),
+    ]
+
+
+def test_how_far_back_is_settled_anew_whenever_the_jogging_train_stands() -> None:
+    movement = Movement()
+    movement.jogs(motion(100.0, standing=True), 2.0)
+    movement.jogs(motion(99.0, standing=True), 0.0)
+
+    movement.look(98.5)
+
+    assert movement.behind_jog_m == 0.5
+    assert movement.jog_m == 1.5
+
+
+def test_after_a_jog_rolling_back_counts_from_where_it_ended() -> None:
+    movement = Movement()
+    movement.look(100.0)
+    movement.jogs(motion(100.0, standing=True), 3.0)
+    movement.look(98.0)
+    movement.jogs_no_more(98.0)
+    movement.jogs_no_more(97.9)
+
+    movement.look(97.75)
+
+    assert (movement.rollback_m, movement.jog_m, movement.behind_jog_m) == (0.25, 0.0, 0.0)
+
+
+def test_a_way_that_is_no_number_makes_every_distance_one_that_is_none() -> None:
+    movement = Movement()
+    movement.look(5.0)
+
+    movement.look(math.nan)
+
+    assert math.isnan(movement.rollback_m)
+    assert math.isnan(movement.held_m)
+    movement.look(5.0)
+    assert movement.rollback_m == 0.0
