@@ -56,6 +56,25 @@ def test_a_train_that_is_said_to_stand_somewhere_stands_there(tmp_path: Path) ->
     assert planned.start is None
 
 
+@pytest.mark.parametrize("said", [[], ["--from", "I"]])
+def test_a_train_whose_memory_is_damaged_may_stand_anywhere(
+    tmp_path: Path, said: list[str]
+) -> None:
+    """A person who says where it stands is not believed more than the memory that is gone."""
+    memory = tmp_path / "nvram"
+    Nvram(memory).put(NvramRecord(boot_count=5, front_m=3000.4, standing=True))
+    stored = memory.read_bytes()
+    memory.write_bytes(stored[:20] + bytes([stored[20] ^ 1]) + stored[21:])
+
+    planned = plan(parser().parse_args([*BUS, "--nvram", str(memory), *said]), EPOCH_NS)
+
+    assert planned.start is not None
+    reach_m = (planned.start.front_m, planned.start.bound_m)
+    line = planned.line
+    assert reach_m == ((line.start_m + line.end_m) / 2.0, (line.end_m - line.start_m) / 2.0)
+    assert planned.nvram.record.boot_count == 1_700_000_000
+
+
 @pytest.mark.parametrize(
     ("words", "said", "code"),
     [

@@ -49,7 +49,7 @@ def parser() -> argparse.ArgumentParser:
     top.add_argument("--cycle-ms", type=_cycle_ms, metavar="MS", help="default: as parameters say")
     top.add_argument("--duration", type=_seconds, metavar="SECONDS", help="end after so long")
     top.add_argument("--priority", type=_priority, default=80, help="of SCHED_FIFO; 0: none")
-    top.add_argument("--out", metavar="FOLDER", help="for cycles.csv, realtime.json, vobc.json")
+    top.add_argument("--out", metavar="FOLDER", help="for cycles.csv, events.jsonl and others")
     top.add_argument("--nvram", metavar="FILE", help="default: nothing survives a power cycle")
     top.add_argument("--parent", type=int, metavar="PID", help="end when that process ends")
     return top
