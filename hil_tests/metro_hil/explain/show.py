@@ -78,6 +78,8 @@ def _show_events(console: Console, events: Sequence[ToldEvent]) -> None:
         kind = Text(_kind_words(event.kind), STYLES.get(event.kind, "cyan"))
         table.add_row(f"{event.t_s:.3f} s", kind, Text(event.words))
         for source in event.sources:
+            if source.number is None:
+                continue
             table.add_row("", "", _source_text(event, source))
     console.print(table)
 
