@@ -77,7 +77,7 @@ class CeilingMap:
         foremost_m = front_m.high
         to_end_m = authority_end_m - foremost_m
         width_m = foremost_m - front_m.low
-        if not to_end_m > 0.0 or not width_m < math.inf:
+        if not to_end_m > 0.0 or not 0.0 <= width_m < math.inf:
             return Ceiling(0.0, 0.0, 0.0, 0.0, to_end_m)
         profile = self._profile(math.ceil(width_m / self._step_m))
         limit_mps = self._limit_under_mps(front_m.low - self._length_m, foremost_m, restrictions)
