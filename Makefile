@@ -19,8 +19,12 @@ CONSTRAINTS := constraints.txt
 PIP := PIP_CONSTRAINT=$(CONSTRAINTS) PIP_BUILD_CONSTRAINT=$(CONSTRAINTS) PIP_DISABLE_PIP_VERSION_CHECK=1 \
 	$(BIN)/python -m pip install --quiet -c $(CONSTRAINTS)
 
+# The unit tests of vobc/atp.
+PROTECTION_TESTS = $(wildcard hil_tests/unit/test_atp_*.py) \
+	$(wildcard $(addprefix hil_tests/unit/test_vobc_,$(addsuffix .py,braking config doors protection supervision)))
+
 .DEFAULT_GOAL := help
-.PHONY: help setup run test check format-check lint types layers mutate bench bench-hil bench-atp compiled docs format clean distclean
+.PHONY: help setup run test check format-check lint types layers mutate fuzz coverage bench bench-hil bench-atp compiled docs format clean distclean
 
 help: ## show this list
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | while IFS='	' read -r name words; do \
@@ -56,6 +60,14 @@ layers: $(READY_TO_TEST)
 
 mutate: $(READY_TO_TEST) ## make every small mistake in the safety half and see it noticed; MUTATE_ARGS=...
 	$(BIN)/python -m metro_tools.mutate $(MUTATE_ARGS)
+
+fuzz: $(READY_TO_TEST) ## attack a controller with 10 million frames; FUZZ_ARGS="--frames N --seed S"
+	$(BIN)/python -m metro_hil.proof $(FUZZ_ARGS)
+
+# Only what tests the protection by itself counts: a ride runs through most lines and looks at few.
+coverage: $(READY_TO_TEST) ## measure branch coverage of vobc/atp by its own tests; fails below 100 %
+	$(BIN)/python -m pytest -p no:cacheprovider --cov=vobc.atp --cov-branch --cov-fail-under=100 \
+		--cov-report=term-missing:skip-covered $(PROTECTION_TESTS)
 
 bench: $(READY_TO_TEST) ## measure the figures that the README publishes; BENCH_ARGS=...
 	$(BIN)/python -m metro_hil.benchmarks $(BENCH_ARGS)

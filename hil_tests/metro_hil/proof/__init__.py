@@ -1,0 +1,1 @@
+"""Attacks on the controller's inputs and data, and what must hold all the same."""

@@ -1,0 +1,59 @@
+"""Genuine traffic of one ride: what the controller heard in each step, and what it answered."""
+
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+from firmware_py.handed_ports import HandedPorts
+from firmware_py.ports import CanFrame, RadioMessage, SerialChunk
+from metro_hil.journey import plan_journey
+from metro_hil.lockstep import run_lockstep
+from metro_hil.options import parse
+from metro_hil.replay.recording import STOP, Segment, Step, read_recording
+from metro_hil.run_folder import RunFolder
+from vobc.process import Commission
+from vobc.vocabulary import CycleOutput
+
+CONTROL = "control"
+
+
+@dataclass(frozen=True, slots=True)
+class Genuine:
+    """A ride as the controller met it, and its answers to nothing but that."""
+
+    commission: Commission
+    steps: tuple[Step, ...]
+    outputs: tuple[CycleOutput, ...]
+    """After each step."""
+    frames: tuple[CanFrame, ...]
+    chunks: tuple[SerialChunk, ...]
+    messages: tuple[RadioMessage, ...]
+
+
+def ride(seed: int, *, start: str = "II", end: str = "III") -> Genuine:
+    """Drive once in virtual time and record; then answer once more, to nothing but the record."""
+    options = parse(["run", "--lockstep", "--seed", str(seed), "--from", start, "--to", end])
+    with tempfile.TemporaryDirectory() as folder:
+        run_lockstep(options, plan_journey(options), RunFolder(Path(folder)))
+        (segment,) = read_recording(Path(folder)).segments
+    return _answered(segment)
+
+
+def _answered(segment: Segment) -> Genuine:
+    steps = tuple(step for step in segment.steps if step.task != STOP)
+    ports = HandedPorts()
+    device = segment.commission.device(can=ports.can, tags=ports.tags, radio=ports.radio)
+    outputs = []
+    for step in steps:
+        ports.hand(step.frames, step.chunks, step.messages)
+        device.executive.run_next(step.begin_ns, step.execution_ns)
+        ports.take()
+        outputs.append(device.output)
+    return Genuine(
+        commission=segment.commission,
+        steps=steps,
+        outputs=tuple(outputs),
+        frames=tuple(frame for step in steps for frame in step.frames),
+        chunks=tuple(chunk for step in steps for chunk in step.chunks),
+        messages=tuple(message for step in steps for message in step.messages),
+    )

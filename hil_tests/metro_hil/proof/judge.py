@@ -1,0 +1,87 @@
+"""What must hold of a controller's answers under attack. Pure."""
+
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Final
+
+from can_dbc.vobc import Supervision
+from vobc.vocabulary import CycleOutput
+
+LAG_STEPS: Final = 40
+"""A fact that was withdrawn while its frame was lost may be held until it is too old: the longest
+timeout of an input is 1 s, and there are two steps in 50 ms."""
+FORCE_MAX_N: Final = 400_000.0
+BRAKED: Final = (Supervision.EMERGENCY, Supervision.NO_AUTHORITY)
+
+
+@dataclass(frozen=True, slots=True)
+class Permits:
+    """The permissive parts of an answer."""
+
+    released: bool
+    left: bool
+    right: bool
+
+
+def permits(output: CycleOutput) -> Permits:
+    return Permits(output.emergency_released, output.enable_left, output.enable_right)
+
+
+def differences(output: CycleOutput, genuine: CycleOutput) -> Iterator[str]:
+    """Noise changes nothing: the answer is the very same."""
+    if output != genuine:
+        names = [
+            name
+            for name in CycleOutput.__dataclass_fields__
+            if getattr(output, name) != getattr(genuine, name)
+        ]
+        yield f"noise changed {', '.join(names)}"
+
+
+class Shadow:
+    """Remembers what the undisturbed controller permitted lately."""
+
+    def __init__(self) -> None:
+        self._lately: deque[Permits] = deque(maxlen=LAG_STEPS)
+
+    def more_permissive(self, output: CycleOutput, genuine: CycleOutput) -> Iterator[str]:
+        """What replays may not achieve: more than the undisturbed controller permitted lately."""
+        self._lately.append(permits(genuine))
+        got = permits(output)
+        for name in ("released", "left", "right"):
+            if getattr(got, name) and not any(getattr(each, name) for each in self._lately):
+                yield f"{name}, which the undisturbed controller did not permit"
+
+
+def broken_rules(output: CycleOutput) -> Iterator[str]:
+    """The envelope: what no input whatever, genuine or forged, may bring a controller to say."""
+    drives = output.traction_permitted or output.force_n > 0.0
+    if drives and not output.emergency_released:
+        yield "traction while the emergency brake is on"
+    if output.force_n > 0.0 and output.service_decel_mps2 > 0.0:
+        yield "traction against the brake"
+    if not 0.0 <= output.force_n <= FORCE_MAX_N:
+        yield f"force of {output.force_n} N"
+    if not output.service_decel_mps2 >= 0.0:
+        yield f"brake demand of {output.service_decel_mps2} m/s²"
+    if output.supervision in BRAKED and output.emergency_released:
+        yield f"emergency brake released in {output.supervision.name}"
+    yield from _broken_door_rules(output)
+
+
+def _broken_door_rules(output: CycleOutput) -> Iterator[str]:
+    motion = output.motion
+    enabled = output.enable_left or output.enable_right
+    if (output.open_left and not output.enable_left) or (
+        output.open_right and not output.enable_right
+    ):
+        yield "doors told to open on a side that is not enabled"
+    if not enabled:
+        return
+    if motion is None or not motion.standstill:
+        yield "doors enabled without proven standstill"
+    if output.force_n > 0.0:
+        yield "doors enabled while traction pulls"
+    if output.enable_left and output.enable_right:
+        yield "doors enabled on both sides of a line with platforms on one"

@@ -1,0 +1,112 @@
+"""The fuzzer: its attacks are what they claim, its judge is not asleep, and it finds nothing."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from can_dbc.codec import Decoder
+from can_dbc.rejection import Reason, Rejected
+from can_dbc.vobc import Supervision
+from metro_hil.proof.attacks import PROTECTED, Attacker, authentic
+from metro_hil.proof.fuzz import FORGED, NOISE, REPLAY, episode
+from metro_hil.proof.genuine import Genuine, ride
+from metro_hil.proof.judge import LAG_STEPS, Shadow, broken_rules, differences
+from vobc.vocabulary import SAFE_OUTPUT
+from vobc.wire.inbox import HEARD_KINDS
+
+NOISE_FRAMES = 18_000
+OTHER_FRAMES = 1_000
+
+
+@pytest.fixture(scope="module")
+def genuine() -> Genuine:
+    return ride(1)
+
+
+def attacker(genuine: Genuine, seed: int = 1) -> Attacker:
+    return Attacker(genuine, np.random.default_rng(seed))
+
+
+def test_a_ride_answered_once_more_is_the_ride(genuine: Genuine) -> None:
+    moved = [output for output in genuine.outputs if output.force_n > 0.0]
+
+    assert len(genuine.outputs) == len(genuine.steps)
+    assert len(moved) > 100
+    assert any(output.enable_left or output.enable_right for output in genuine.outputs)
+
+
+@pytest.mark.parametrize(
+    ("kind", "frames"), [(NOISE, NOISE_FRAMES), (REPLAY, OTHER_FRAMES), (FORGED, OTHER_FRAMES)]
+)
+def test_nothing_permissive_comes_of_twenty_thousand_frames(
+    genuine: Genuine, kind: str, frames: int
+) -> None:
+    told = episode(genuine, kind, 1, frames_max=frames)
+
+    assert told.problem == ""
+    assert told.frames > frames / 2
+
+
+def test_noise_is_refused_by_a_decoder_and_forged_frames_are_not(genuine: Genuine) -> None:
+    decoder, drawing = Decoder(HEARD_KINDS), attacker(genuine)
+
+    noise = [
+        decoder.decode(f.can_id, f.data, 1)
+        for f in drawing.noise(2000, 1)
+        if not (f.extended or f.remote)
+    ]
+    forged = [
+        Decoder(HEARD_KINDS).decode(frame.can_id, frame.data, 1)
+        for seed in range(20)
+        for frame in attacker(genuine, seed).forged(20, 1)
+    ]
+
+    assert all(heard is None or isinstance(heard, Rejected) for heard in noise)
+    assert forged
+    reasons = {heard.reason for heard in forged if isinstance(heard, Rejected)}
+    assert reasons <= {Reason.INVALID_VALUE}
+
+
+def test_genuine_frames_are_authentic_and_a_flipped_bit_is_not(genuine: Genuine) -> None:
+    frame = next(frame for frame in genuine.frames if frame.can_id in PROTECTED)
+
+    assert authentic(frame)
+    assert not authentic(frame._replace(data=bytes((frame.data[0] ^ 1,)) + frame.data[1:]))
+    assert not authentic(frame._replace(extended=True))
+
+
+def test_the_judge_sees_what_may_not_be() -> None:
+    driving = replace(SAFE_OUTPUT, force_n=1.0, service_decel_mps2=0.0)
+    released = replace(SAFE_OUTPUT, emergency_released=True, supervision=Supervision.NOMINAL)
+
+    assert list(broken_rules(SAFE_OUTPUT)) == []
+    assert list(broken_rules(released)) == []
+    for output in (
+        driving,
+        replace(SAFE_OUTPUT, traction_permitted=True),
+        replace(released, force_n=1.0),
+        replace(released, force_n=500_000.0, service_decel_mps2=0.0),
+        replace(SAFE_OUTPUT, force_n=float("nan")),
+        replace(SAFE_OUTPUT, service_decel_mps2=float("nan")),
+        replace(SAFE_OUTPUT, emergency_released=True),
+        replace(SAFE_OUTPUT, enable_left=True),
+        replace(SAFE_OUTPUT, open_right=True),
+    ):
+        assert list(broken_rules(output)), output
+    assert list(differences(SAFE_OUTPUT, SAFE_OUTPUT)) == []
+    assert list(differences(released, SAFE_OUTPUT)) == [
+        "noise changed emergency_released, supervision"
+    ]
+
+
+def test_what_was_permitted_lately_may_be_held_but_no_longer() -> None:
+    released = replace(SAFE_OUTPUT, emergency_released=True)
+    shadow = Shadow()
+    assert list(shadow.more_permissive(released, released)) == []
+
+    for _ in range(LAG_STEPS - 1):
+        assert list(shadow.more_permissive(released, SAFE_OUTPUT)) == []
+
+    assert list(shadow.more_permissive(released, SAFE_OUTPUT)) != []
+    assert list(shadow.more_permissive(SAFE_OUTPUT, SAFE_OUTPUT)) == []
