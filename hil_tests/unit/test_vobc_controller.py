@@ -13,7 +13,7 @@ from can_dbc.cab import CabMode, Desk
 from can_dbc.diagnostics import TcmsStatus
 from can_dbc.doors import DoorState, DoorStatus
 from can_dbc.nodes import Direction
-from can_dbc.odometer import Tacho
+from can_dbc.odometer import Doppler, Imu, Tacho
 from can_dbc.tags import TagReaderHealth
 from can_dbc.traction import TractionStatus
 from can_dbc.vobc import AtoPhase, Missing, Supervision
@@ -35,6 +35,8 @@ from vobc.vocabulary import (
 LINE = load_line("florence")
 CONFIG = load_config("florence4")
 CYCLE_S = 0.05
+BLIND_MPS = 0.5
+"""The radar sees nothing that is slower."""
 NOMINAL_M = CONFIG.train.nominal_m_per_pulse
 
 SILENCE = CycleInput(
@@ -105,6 +107,8 @@ class Bench:
         self.odometer = True
         self.last: Tacho | None = None
         self.heard_s = -math.inf
+        self.ran_mps = 0.0
+        """In the cycle before."""
 
     def change(self, **changes: Any) -> None:
         """From now on the images say something else."""
@@ -119,6 +123,8 @@ class Bench:
                 self.last = Tacho(count, count % 1024, Direction.FORWARD, True, True, 0)
                 samples.append(TachoSample(self.last, before_s))
             self.heard_s = self.now_s + CYCLE_S - 0.01
+        accel_mps2 = (self.speed_mps - self.ran_mps) / CYCLE_S
+        self.ran_mps = self.speed_mps
         self.front_m += self.speed_mps * CYCLE_S
         self.now_s += CYCLE_S
         image = replace(
@@ -127,6 +133,12 @@ class Bench:
             tacho=self.last,
             tacho_age_s=self.now_s - self.heard_s,
             tacho_samples=tuple(samples),
+            doppler=Doppler(
+                self.speed_mps, 100.0 if abs(self.speed_mps) >= BLIND_MPS else 0.0, True
+            ),
+            doppler_age_s=0.02,
+            imu=Imu(accel_mps2, True),
+            imu_age_s=0.02,
         )
         return self.controller.step(image)
 
@@ -144,6 +156,12 @@ class Bench:
             self.speed_mps = speed_mps * share / steps
             output = self.cycle()
         return output
+
+    def stop(self) -> None:
+        """With 1 m/s² to standstill."""
+        while self.speed_mps > 0.0:
+            self.speed_mps = max(0.0, self.speed_mps - CYCLE_S)
+            self.cycle()
 
 
 def assert_emergency(output: CycleOutput, cause: str) -> None:
@@ -323,7 +341,7 @@ def test_an_emergency_is_latched_until_standstill_and_a_fresh_reset() -> None:
 
     bench.change(desk=pressed_reset)
     assert_emergency(bench.cycle(), "button")
-    bench.speed_mps = 0.0
+    bench.stop()
     assert_emergency(bench.run(5.0), "button")  # The reset has been held since before.
     bench.change(desk=DESK)
     assert_emergency(bench.run(1.0), "button")
@@ -398,7 +416,7 @@ def test_where_a_train_has_come_to_rest_is_where_it_is_held() -> None:
     bench = Bench()
     bench.set_off()
     bench.run(5.0)
-    bench.speed_mps = 0.0
+    bench.stop()
     bench.run(3.0)
 
     bench.change(authority_age_s=9.0)
@@ -414,7 +432,7 @@ def test_the_holding_brake_comes_on_in_an_emergency_once_the_train_stands() -> N
     bench.change(desk=replace(DESK, emergency_released=False))
 
     moving = bench.cycle()
-    bench.speed_mps = 0.0
+    bench.stop()
     standing = bench.run(3.0)
 
     assert moving.holding_released, "it would slide, not hold"
