@@ -83,6 +83,16 @@ class Mission:
     stops: tuple[Station, ...]
 
 
+class PlaceProof(enum.Enum):
+    """How a controller that starts comes to know its place."""
+
+    SET_UP = "people set the train up there"
+    REMEMBERED = "stood there when it was switched off"
+    """True once the detector of cold movement bears it out."""
+    UNKNOWN = "nobody knows"
+    """Found again by two references."""
+
+
 @dataclass(frozen=True, slots=True)
 class OdometryRecord:
     """What odometry wants to find again after a power cycle."""
@@ -92,6 +102,7 @@ class OdometryRecord:
     """The front stands within front_m ± bound_m."""
     m_per_pulse: float
     """Best estimate of the distance behind one pulse; a prior only, its bounds are earned again."""
+    proof: PlaceProof = PlaceProof.SET_UP
 
 
 @dataclass(frozen=True, slots=True)

@@ -129,8 +129,10 @@ class Ride:
 
     def pass_tags(self, before_m: float, before_pulses: int) -> None:
         for tag_id, place_m in self.places.items():
-            if before_m < place_m <= self.front_m and tag_id not in self.sensors.missed:
+            if before_m < place_m <= self.front_m:
                 late_s = self.rng.uniform(-self.sensors.latch_s, self.sensors.latch_s)
+                if tag_id in self.sensors.missed:
+                    continue
                 share = (place_m - before_m) / (self.front_m - before_m)
                 pulses = before_pulses + (self.pulses() - before_pulses) * share
                 pulses += late_s * self.speed_mps / self.m_per_pulse
@@ -181,6 +183,11 @@ def up_and_down(time_s: float, speed_mps: float) -> float:
     if time_s < 40.0:
         return 0.0
     return -0.9 if speed_mps > 0.0 else 0.0
+
+
+def on_and_on(time_s: float, speed_mps: float) -> float:
+    """Accelerate for 20 s and cruise."""
+    return 0.8 if time_s < 20.0 else 0.0
 
 
 def assert_holds(history: list[Truth]) -> None:
@@ -257,7 +264,11 @@ def test_a_tag_that_claims_another_place_changes_nothing(claimed: int) -> None:
 
     assert deceived.odometry.rejected_tags == 1
     assert_holds(history)
-    assert [truth.motion for truth in history] == [truth.motion for truth in expected]
+    refused = [truth.motion.refused_tags for truth in history if truth.motion.refused_tags]
+    assert [[tag.tag_id for tag in tags] for tags in refused] == [[claimed]]
+    assert [replace(truth.motion, refused_tags=()) for truth in history] == [
+        truth.motion for truth in expected
+    ]
 
 
 def test_a_false_tag_twenty_metres_off_is_refused() -> None:
@@ -296,11 +307,19 @@ def test_one_missed_tag_is_forgiven_and_two_in_a_row_are_not() -> None:
     assert_holds(two)
 
 
-def test_a_train_that_has_lost_its_place_finds_it_at_the_next_tag() -> None:
-    history = Ride(Sensors(missed=frozenset({100, 101}))).run(up_and_down, 60.0)
+def test_a_train_that_has_lost_its_place_finds_it_at_the_second_tag_after() -> None:
+    history = Ride(Sensors(missed=frozenset({100, 101}))).run(on_and_on, 75.0)
 
-    assert not min(truth.motion.localised for truth in history)
-    assert history[-1].motion.localised
+    lost_s = [truth.time_s for truth in history if not truth.motion.localised]
+    first_m, second_m = (TAGS[index].position_m + ANTENNA_M for index in (2, 3))
+    found = next(truth for truth in history if truth.time_s > lost_s[-1])
+    assert lost_s[0] < next(truth.time_s for truth in history if truth.front_m > first_m)
+    assert second_m < found.front_m < second_m + 3.0
+    assert found.motion.accepted_tag_ids == (TAGS[3].tag_id,)
+    assert all(
+        truth.motion.accepted_tag_ids == () for truth in history if truth.time_s < lost_s[-1]
+    )
+    assert_holds(history)
 
 
 def slip_between(start_s: float, end_s: float, share: float) -> Callable[[float], float]:

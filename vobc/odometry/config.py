@@ -19,7 +19,7 @@ class OdometryConfig:
     start_bound_m: float
     """A train that is set up at a stopping point stands within this."""
     cold_movement_m: float
-    """How far a train may have been moved while the controller was off."""
+    """A place is remembered only if it was known to this, and the train was moved by no more."""
     tag_bound_m: float
     """Hard bound of the place of one tag."""
     tag_sigma_m: float
@@ -48,12 +48,26 @@ class OdometryConfig:
     doppler_quality_percent: float
     doppler_age_s: float
     doppler_error_mps: float
+    """Hard bound of one reading, with `doppler_error_ratio`."""
     doppler_error_ratio: float
-    slip_threshold_mps: float
-    """Wheels and radar disagree by more than this, beyond what the radar may err: slip or slide."""
+    doppler_mean_mps: float
+    """The same of the mean over some readings, when their noise has averaged out."""
+    doppler_mean_ratio: float
+    doppler_blind_mps: float
+    """Slower than this the radar may see nothing."""
+    imu_age_s: float
+    imu_error_mps2: float
+    """Hard bound of one reading: bias and noise."""
+    unseen_slip_ratio: float
+    """What wheels may slip or slide where neither radar nor accelerometer could tell."""
+    gentle_mps2: float
+    """Wheels that change their speed by no more need next to no adhesion."""
+    gentle_slip_ratio: float
+    """What they may slip or slide then, the same."""
+    ground_slack_m: float
+    """What radar readings may be wrong in sum before their noise has averaged out."""
     slip_hold_s: float
-    slip_onset_m: float
-    """What may have been lost before a slip was noticed."""
+    """Wheels are to be trusted again once they agreed with the speed over ground for so long."""
 
     def __post_init__(self) -> None:
         if not -0.2 < self.scale_error_low_ratio <= 0.0 <= self.scale_error_high_ratio < 0.2:
@@ -82,5 +96,8 @@ _POSITIVE = (
     "silence_s",
     "zero_speed_mps",
     "zero_speed_s",
-    "slip_threshold_mps",
+    "doppler_error_mps",
+    "imu_error_mps2",
+    "unseen_slip_ratio",
+    "slip_hold_s",
 )

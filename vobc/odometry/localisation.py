@@ -1,110 +1,110 @@
 """Where the front of the train is: an interval that holds the truth, and the best guess in it."""
 
-from collections.abc import Sequence
+from typing import Final
 
-from firmware_py.trackdb import LineMap, TagSite
 from vobc.odometry.config import OdometryConfig
-from vobc.vocabulary import OdometryRecord, TrainBelief
+from vobc.odometry.scale import WheelScale
+from vobc.vocabulary import Interval, OdometryRecord, TrainBelief
+
+REACH_PLAY_M: Final = 0.05
+"""By so much the best guess wanders within an interval that stays as it is."""
 
 
 class Localisation:
-    """Dead reckoning from tag to tag.
+    """Dead reckoning from reference to reference, twice.
 
-    The interval moves by the pulses times the least and the largest distance a pulse may stand for
-    and shrinks only at accepted tags. The best estimate is a Kalman filter over (position, metres
-    per pulse): every tag corrects both, weighed by what came before.
+    Two intervals are carried on: one by the wheels, which holds the truth while tacho A turns as
+    the train moves, one over ground, which holds it while radar and accelerometer keep within what
+    is declared of them. Whatever single sensor is wrong, one of them is right, so that both
+    together hold the truth. Both shrink only at accepted tags. The best estimate is a Kalman filter
+    over (position, metres per pulse): every tag corrects both, weighed by what came before.
     """
 
     __slots__ = (
-        "_anchor",
-        "_antenna_m",
         "_config",
-        "_declared_m",
-        "_next_tag",
         "_pulse_m",
-        "_sites",
-        "_tags",
+        "_reach_m",
         "_var_pp",
         "_var_ps",
         "_var_ss",
+        "_width_m",
         "at_m",
+        "ground_high_m",
+        "ground_low_m",
         "high_m",
         "low_m",
         "m_per_pulse",
-        "m_per_pulse_high",
-        "m_per_pulse_low",
-        "missed",
         "pulses",
-        "rejected",
+        "scale",
     )
 
-    def __init__(
-        self, config: OdometryConfig, train: TrainBelief, line: LineMap, start: OdometryRecord
-    ) -> None:
+    def __init__(self, config: OdometryConfig, train: TrainBelief, start: OdometryRecord) -> None:
         self._config = config
-        self._antenna_m = train.antenna_offset_m
-        self._sites = {tag.tag_id: tag for tag in line.tags}
-        self._tags: Sequence[TagSite] = line.tags
         nominal_m = train.nominal_m_per_pulse
-        self._declared_m = (
-            nominal_m / (1.0 + config.scale_error_high_ratio),
-            nominal_m / (1.0 + config.scale_error_low_ratio),
-        )
-        self.m_per_pulse_low, self.m_per_pulse_high = self._declared_m
-        self.m_per_pulse = min(max(start.m_per_pulse, self.m_per_pulse_low), self.m_per_pulse_high)
-        self._pulse_m = self.m_per_pulse_high
+        self.scale = WheelScale(config, nominal_m)
+        self.m_per_pulse = self.scale.nearest(start.m_per_pulse)
+        self._pulse_m = self.scale.high_m
         self.at_m = start.front_m
         """Best estimate of the front at the last sample."""
         # From any instant on, pulses tell the way within one pulse, so once is enough to add it.
         self.low_m = start.front_m - start.bound_m - self._pulse_m
         self.high_m = start.front_m + start.bound_m + self._pulse_m
+        """By the wheels, at the last sample."""
+        self.ground_low_m = self.low_m - config.ground_slack_m
+        self.ground_high_m = self.high_m + config.ground_slack_m
+        """Over ground, now."""
+        self._width_m = 0.0
+        self._reach_m = 0.0
+        """Of what was told last, from end to end and from the best guess to the further end."""
         self._var_pp = (start.bound_m / 2.0) ** 2
         self._var_ps = 0.0
         self._var_ss = (nominal_m * config.scale_sigma_ratio) ** 2
         self.pulses = 0
         """Pulses since start, the base of all distances between tags."""
-        self._anchor: tuple[float, int, float] | None = (
-            start.front_m - self._antenna_m,
-            0,
-            start.bound_m + self._pulse_m,
-        )
-        """Where the antenna was, pulses then and bound, from where the scale is being measured."""
-        self.rejected = 0
-        self.missed = 0
-        """Tags in a row that should have been read."""
-        reach_m = self.high_m - self._antenna_m + config.tag_bound_m
-        self._next_tag = sum(1 for tag in self._tags if tag.position_m <= reach_m)
+        self.scale.anchor(start.front_m - train.antenna_offset_m, 0, start.bound_m + self._pulse_m)
 
     def advance(self, pulses: int) -> None:
         """The wheels turned."""
-        if pulses == 0:
-            return
         self.pulses += pulses
+        scale = self.scale
         if pulses > 0:
-            self.low_m += pulses * self.m_per_pulse_low
-            self.high_m += pulses * self.m_per_pulse_high
+            self.low_m += pulses * scale.low_m
+            self.high_m += pulses * scale.high_m
         else:
-            self.low_m += pulses * self.m_per_pulse_high
-            self.high_m += pulses * self.m_per_pulse_low
+            self.low_m += pulses * scale.high_m
+            self.high_m += pulses * scale.low_m
+
+    def follow_wheels(self, pulses: int) -> None:
+        """The best estimate goes with the wheels."""
         self._predict(pulses, pulses * self.m_per_pulse)
 
-    def advance_slipping(
-        self, pulses: int, *, least_m: float, likely_m: float, most_m: float
-    ) -> None:
-        """The wheels turned, but not as the train moved: believe neither alone."""
-        self.pulses += pulses
-        by_wheels = (pulses * self.m_per_pulse_low, pulses * self.m_per_pulse_high)
-        self.low_m += min(least_m, *by_wheels)
-        self.high_m += max(most_m, *by_wheels)
+    def follow_ground(self, likely_m: float, spread_m: float) -> None:
+        """The best estimate goes over ground; the wheels turned, but not as the train moved."""
         self._predict(0, likely_m)
-        self._var_pp += (most_m - least_m) ** 2
-        self._anchor = None
+        self._var_pp += spread_m * spread_m
+        self.scale.forget_anchor()
+
+    def move_over_ground(self, least_m: float, most_m: float) -> None:
+        self.ground_low_m += least_m
+        self.ground_high_m += most_m
+
+    def stretch(self, back_m: float, ahead_m: float) -> None:
+        """The wheels may have told too much or too little by so much."""
+        self.low_m -= back_m
+        self.high_m += ahead_m
+        self._var_pp += (back_m + ahead_m) ** 2
+        self.scale.forget_anchor()
 
     def widen(self, by_m: float) -> None:
-        self.low_m -= by_m
-        self.high_m += by_m
-        self._var_pp += by_m * by_m
-        self._anchor = None
+        """Whatever it was, the train may have moved so much besides."""
+        self.stretch(by_m, by_m)
+        self.ground_low_m -= by_m
+        self.ground_high_m += by_m
+
+    def trust_ground(self, low_mps: float, high_mps: float, age_s: float) -> None:
+        """Take the place over ground for that by the wheels, at a sample `age_s` ago."""
+        self.low_m = self.ground_low_m - max(0.0, high_mps) * age_s
+        self.high_m = self.ground_high_m - min(0.0, low_mps) * age_s
 
     def _predict(self, pulses: int, moved_m: float) -> None:
         creep_m2 = self._config.creep_sigma_m_per_sqrt_m**2 * abs(moved_m)
@@ -114,47 +114,64 @@ class Localisation:
 
     def forget_scale(self) -> None:
         """Another wheel counts from now on; what was measured of the first says nothing of it."""
-        self.m_per_pulse_low, self.m_per_pulse_high = self._declared_m
+        self.scale.forget()
         self._var_ss += (self._pulse_m * self._config.scale_sigma_ratio) ** 2
-        self._anchor = None
 
-    def offer_tag(
+    def refer(
         self,
-        tag_id: int,
-        pulses_since: float,
+        front_m: float,
+        since_m: tuple[float, float, float],
+        ground_m: tuple[float, float],
+        bound_m: float,
         *,
-        speed_mps: float,
-        rough_m: float = 0.0,
-    ) -> bool:
-        """A tag was read `pulses_since` before the last sample; false when it cannot be true.
-
-        Believed only if the place it claims and the interval have a point in common: a tag that
-        lies elsewhere, or was read by cross-talk, changes nothing.
+        anew: bool,
+    ) -> None:
+        """Narrow both intervals to an accepted reference; one that misses it begins anew there.
 
         Args:
-            rough_m: by how much `pulses_since` may be wrong; nothing is calibrated then.
+            front_m: of the train at the tag.
+            since_m: least, likely and most way by the wheels from there to the last sample.
+            ground_m: least and most way over ground from there until now.
+            bound_m: of place and instant of the reference.
+            anew: nothing of what was known before is to be kept.
         """
-        site = self._sites.get(tag_id)
-        if site is None:
-            self.rejected += 1
-            return False
-        front_m = site.position_m + self._antenna_m
-        ends_m = (pulses_since * self.m_per_pulse_low, pulses_since * self.m_per_pulse_high)
-        latch_m = self._config.tag_stamp_s * abs(speed_mps) + rough_m
-        bound_m = self._config.tag_bound_m + latch_m + self._pulse_m
-        low_m = max(self.low_m, front_m + min(ends_m) - bound_m)
-        high_m = min(self.high_m, front_m + max(ends_m) + bound_m)
-        if low_m > high_m:
-            self.rejected += 1
-            return False
+        slack_m = self._config.ground_slack_m
+        low_m, high_m = front_m + since_m[0] - bound_m, front_m + since_m[2] + bound_m
+        if not anew and low_m <= self.high_m and self.low_m <= high_m:
+            low_m, high_m = max(low_m, self.low_m), min(high_m, self.high_m)
         self.low_m, self.high_m = low_m, high_m
-        self._correct(front_m, pulses_since, latch_m)
-        if rough_m == 0.0:
-            self._measure_scale(site.position_m, self.pulses - round(pulses_since), bound_m)
-        self.missed = 0
-        return True
+        low_m = front_m + ground_m[0] - bound_m - slack_m
+        high_m = front_m + ground_m[1] + bound_m + slack_m
+        if not anew and low_m <= self.ground_high_m and self.ground_low_m <= high_m:
+            low_m, high_m = max(low_m, self.ground_low_m), min(high_m, self.ground_high_m)
+        self.ground_low_m, self.ground_high_m = low_m, high_m
+        self._width_m = self._reach_m = 0.0
 
-    def _correct(self, front_m: float, pulses_since: float, latch_m: float) -> None:
+    def never_narrower(self, front_m: Interval) -> Interval:
+        """What is told next: no two intervals come together again but at a reference."""
+        low_m, best_m, high_m = front_m.low, front_m.best, front_m.high
+        back_m, ahead_m = best_m - low_m, high_m - best_m
+        short_m = self._reach_m - REACH_PLAY_M - max(back_m, ahead_m)
+        if short_m > 0.0:
+            low_m -= short_m if back_m >= ahead_m else 0.0
+            high_m += short_m if ahead_m > back_m else 0.0
+        half_m = 0.5 * (self._width_m - (high_m - low_m))
+        if half_m > 0.0:
+            low_m, high_m = low_m - half_m, high_m + half_m
+        self._width_m = max(self._width_m, high_m - low_m)
+        self._reach_m = max(self._reach_m, best_m - low_m, high_m - best_m)
+        if short_m <= 0.0 and half_m <= 0.0:
+            return front_m
+        return Interval(low_m, best_m, high_m)
+
+    def begin_anew(self, front_m: float, bound_m: float) -> None:
+        """The best estimate knows nothing but this reference."""
+        self.at_m = front_m
+        self._var_pp = bound_m**2
+        self._var_ps = 0.0
+        self.scale.forget_anchor()
+
+    def correct(self, front_m: float, pulses_since: float, latch_m: float) -> None:
         """Kalman update with the measurement front_m = position - m_per_pulse * pulses_since."""
         noise = self._config.tag_sigma_m**2 + self._pulse_m**2 / 12.0 + latch_m**2 / 3.0
         gain_p = self._var_pp - pulses_since * self._var_ps
@@ -166,39 +183,12 @@ class Localisation:
         self._var_pp -= gain_p * gain_p / spread
         self._var_ps -= gain_p * gain_s / spread
         self._var_ss -= gain_s * gain_s / spread
-        self.at_m = min(max(self.at_m, self.low_m), self.high_m)
-        self.m_per_pulse = min(max(self.m_per_pulse, self.m_per_pulse_low), self.m_per_pulse_high)
+        self.at_m = min(
+            max(self.at_m, min(self.low_m, self.ground_low_m)), max(self.high_m, self.ground_high_m)
+        )
+        self.m_per_pulse = self.scale.nearest(self.m_per_pulse)
 
-    def _measure_scale(self, position_m: float, pulses: int, bound_m: float) -> None:
-        """Two known places and the pulses between them bound the distance behind one pulse."""
-        if self._anchor is None:
-            self._anchor = (position_m, pulses, bound_m)
-            return
-        base_m, counted = position_m - self._anchor[0], pulses - self._anchor[1]
-        if base_m < self._config.scale_base_m or counted <= 1:
-            return
-        slack_m = bound_m + self._anchor[2]
-        margin_ratio = self._config.scale_margin_ratio
-        low = (base_m - slack_m) / (counted + 1) * (1.0 - margin_ratio)
-        high = (base_m + slack_m) / (counted - 1) * (1.0 + margin_ratio)
-        low, high = max(low, self.m_per_pulse_low), min(high, self.m_per_pulse_high)
-        if low <= high:
-            self.m_per_pulse_low, self.m_per_pulse_high = low, high
-            self.m_per_pulse = min(max(self.m_per_pulse, low), high)
-        self._anchor = (position_m, pulses, bound_m)
-
-    def watch_missed(self, speed_mps: float, read_ids: Sequence[int]) -> None:
-        """Count the tags that the antenna has certainly passed without a telegram."""
-        for tag_id in read_ids:
-            passed = self._sites[tag_id].position_m
-            while self._next_tag < len(self._tags) and self._tags[self._next_tag].position_m <= (
-                passed
-            ):
-                self._next_tag += 1
-        late_m = max(0.0, speed_mps) * self._config.tag_silence_s + self._config.tag_bound_m
-        certain_m = self.low_m - self._antenna_m - late_m
-        while (
-            self._next_tag < len(self._tags) and self._tags[self._next_tag].position_m < certain_m
-        ):
-            self._next_tag += 1
-            self.missed += 1
+    def measure(self, tag_m: float, pulses: int, bound_m: float) -> None:
+        """An honest wheel was read at a tag, at so many pulses since start."""
+        self.scale.measure(tag_m, pulses, bound_m)
+        self.m_per_pulse = self.scale.nearest(self.m_per_pulse)

@@ -1,4 +1,4 @@
-"""One step of odometry: pulses, radar and tags of a cycle to the motion of the train."""
+"""One step of odometry: pulses, radar, accelerometer and tags of a cycle to the train's motion."""
 
 import math
 from typing import Final
@@ -6,15 +6,20 @@ from typing import Final
 from can_dbc.odometer import Tacho
 from firmware_py.trackdb import LineMap
 from vobc.odometry.config import OdometryConfig
+from vobc.odometry.ground import Gradients, GroundSpeed
 from vobc.odometry.localisation import Localisation
 from vobc.odometry.pulses import PulseCounter
+from vobc.odometry.references import Reading, References
 from vobc.odometry.tracking import HALF_PULSE, SpeedTrack
 from vobc.vocabulary import (
     CycleInput,
     Interval,
     Motion,
     OdometryRecord,
+    PlaceProof,
+    RefusedTag,
     TagReading,
+    TagRefusal,
     TrainBelief,
 )
 
@@ -22,6 +27,14 @@ S_PER_NS: Final = 1e-9
 SPACING_S: Final = 0.008
 """Samples closer than this were held up somewhere and came in a bunch; only the last of a bunch was
 taken near the instant at which it was heard, and it counts the pulses of all."""
+REST_MPS: Final = 0.02
+"""A wheel of 256 pulses that gave none for half a second rolls slower than this."""
+UNSURE_MPS: Final = 0.3
+"""Once the accelerometer alone knows the speed no better, the wheels are asked."""
+STEADY_S: Final = 0.1
+"""Cycles further apart are not to be told from a clock that was set: the train may have stood."""
+KIN_S: Final = 0.6
+"""A jump of the wheels and a contradiction to the ground this close together are one slip."""
 
 
 class Odometry:
@@ -31,17 +44,34 @@ class Odometry:
         self, config: OdometryConfig, train: TrainBelief, line: LineMap, start: OdometryRecord
     ) -> None:
         self._config = config
-        self._where = Localisation(config, train, line, start)
-        self._pulses = PulseCounter(config.max_speed_mps / self._where.m_per_pulse_low)
+        self._train = train
+        self._where = Localisation(config, train, start)
+        where = self._where
+        self._refer = References(config, line, start.proof)
+        self._antenna_m = train.antenna_offset_m
+        self._refer.begin(where.high_m - self._antenna_m + config.tag_bound_m)
+        self._gradients = Gradients(line)
+        self._ground = GroundSpeed(config)
+        self._pulses = PulseCounter(config.max_speed_mps / where.scale.low_m)
+        self._jump_pulses_per_s2 = config.max_accel_mps2 / where.scale.low_m
         self._track = SpeedTrack(bandwidth_rad_s=config.tracking_rad_s, window_s=config.window_s)
+        self._now_s: float | None = None
         self._travel_m = 0.0
+        self._over_m = 0.0
+        self._over_blur_m = 0.0
+        """Way over ground since start and half the width of its bounds."""
         self._slip_until_s = 0.0
         self._slip = False
+        self._jumped_s = -math.inf
+        """Last instant at which the wheels changed their speed as no train can."""
+        self._wheels_out = False
+        """The wheels are proven to slip or slide: their interval follows the ground."""
         self._sampled_s = -math.inf
         self._fast_s = 0.0
         """Last instant at which zero speed was not certain."""
         self._usable = False
         self._slow = False
+        self._rejected = 0
 
     @property
     def usable(self) -> bool:
@@ -50,65 +80,154 @@ class Odometry:
 
     @property
     def rejected_tags(self) -> int:
-        return self._where.rejected
+        return self._rejected
 
     def record(self) -> OdometryRecord:
         """What to keep over a power cycle; sensible only at standstill."""
         where = self._where
-        half_m = max(where.high_m - where.at_m, where.at_m - where.low_m)
-        return OdometryRecord(where.at_m, half_m, where.m_per_pulse)
+        low_m, high_m = min(where.low_m, where.ground_low_m), max(where.high_m, where.ground_high_m)
+        half_m = max(high_m - where.at_m, where.at_m - low_m, 0.0)
+        known = not self._refer.lost_cause
+        proof = PlaceProof.REMEMBERED if known else PlaceProof.UNKNOWN
+        return OdometryRecord(where.at_m, half_m, where.m_per_pulse, proof)
 
     def step(self, seen: CycleInput) -> Motion | None:
         """The motion at `seen.now_ns`; None before the first tacho sample."""
         now_s = seen.now_ns * S_PER_NS
-        radar_mps = self._radar_mps(seen)
-        self._watch_slip(now_s, radar_mps)
         samples = seen.tacho_samples
         last = len(samples) - 1
         for index, sample in enumerate(samples):
             if index == last or sample.age_s - samples[index + 1].age_s >= SPACING_S:
-                self._take(sample.frame, now_s - sample.age_s, radar_mps)
+                self._take(sample.frame, now_s - sample.age_s)
         if not self._track.begun:
             return None
+        wheels = self._wheel_speed(now_s)
+        self._follow_ground(seen, now_s, wheels)
+        self._watch_slip(now_s, wheels)
+        if self._refer.waiting and seen.cold is not None:
+            moved_m = self._refer.check_cold(seen.cold, self._where.pulses)
+            if moved_m is not None:
+                self._where.widen(moved_m)
         accepted: tuple[int, ...] = ()
-        if seen.tags:
-            accepted = tuple([tag.tag_id for tag in seen.tags if self._offer(tag)])
-        speed = self._speed(now_s, radar_mps)
-        self._where.watch_missed(speed.best, accepted)
+        refused: tuple[RefusedTag, ...] = ()
+        for tag in seen.tags:
+            is_accepted, refusal = self._offer(tag)
+            if is_accepted:
+                accepted = (*accepted, tag.tag_id)
+            elif refusal is not None:
+                refused = (*refused, refusal)
+                self._rejected += 1
+        speed = self._speed(wheels)
         standstill = self._standstill(now_s, seen.tacho_age_s)
-        return self._motion(now_s, speed, accepted, standstill=standstill)
+        return self._motion(now_s, speed, accepted, refused, standstill=standstill)
 
-    def _take(self, tacho: Tacho, stamp_s: float, radar_mps: float | None) -> None:
+    def _take(self, tacho: Tacho, stamp_s: float) -> None:
         """One tacho sample: count, track, move."""
-        track, where = self._track, self._where
+        track, where, pulses = self._track, self._where, self._pulses
         dt_s = stamp_s - self._sampled_s
         if dt_s <= 0.0:
             return
         self._sampled_s = stamp_s
-        was_on_b = self._pulses.on_b
-        step = self._pulses.step(tacho, dt_s)
-        self._usable = step is not None
+        was_on_b = pulses.on_b
+        step = pulses.step(tacho, dt_s)
+        self._usable = step is not None and not pulses.contradicted
         if step is None:
             if track.begun:
                 where.widen(self._config.max_speed_mps * dt_s)
             return
         if not track.begun:
             self._fast_s = stamp_s
-        if self._pulses.on_b != was_on_b:
+        if pulses.on_b != was_on_b:
             where.forget_scale()
-        track.add(stamp_s, self._pulses.count)
-        if self._slip and radar_mps is not None:
-            error_mps = self._radar_error_mps(radar_mps)
-            where.advance_slipping(
-                step,
-                least_m=(radar_mps - error_mps) * dt_s,
-                likely_m=radar_mps * dt_s,
-                most_m=(radar_mps + error_mps) * dt_s,
-            )
-            self._travel_m += radar_mps * dt_s
-        elif step:
-            where.advance(step)
+        track.add(stamp_s, pulses.count)
+        if step == 0:
+            return
+        where.advance(step)
+        self._refer.turned(where.pulses)
+        if pulses.contradicted:
+            # Forwards or backwards: as much the other way is as true.
+            both_m = 2.0 * abs(step) * where.scale.declared_m[1]
+            where.stretch(max(0.0, math.copysign(both_m, step)), max(0.0, -step * both_m))
+        if pulses.axles_differ:
+            where.scale.forget_anchor()
+        if not self._slip:
+            where.follow_wheels(step)
             self._travel_m += step * where.m_per_pulse
+
+    def _wheel_speed(self, now_s: float) -> Interval:
+        """Of a wheel that turns as the train moves, now."""
+        config, where, track = self._config, self._where, self._track
+        low_rate, high_rate, window_s = track.mean_rate(config.stamp_jitter_s)
+        # The mean held in the middle of the window; since then the speed may have changed so much.
+        change_mps = config.max_accel_mps2 * (0.5 * window_s + config.stamp_jitter_s)
+        scale = where.scale
+        low = low_rate * (scale.low_m if low_rate > 0.0 else scale.high_m) - change_mps
+        high = high_rate * (scale.high_m if high_rate > 0.0 else scale.low_m) + change_mps
+        self._slow = -config.zero_speed_mps < low and high < config.zero_speed_mps
+        aged_mps = config.max_accel_mps2 * max(0.0, now_s - track.stamp_s)
+        # A single sample, or several at one instant, says nothing but that the train is a train.
+        low = max(low - aged_mps, -config.max_speed_mps)
+        high = min(high + aged_mps, config.max_speed_mps)
+        if self._pulses.contradicted:
+            low, high = min(low, -high), max(high, -low)
+        if track.still_s >= config.standing_s:
+            track.settle()
+            return Interval(low, 0.0, high)
+        return Interval(low, track.limited_rate_pulses_per_s(now_s) * where.m_per_pulse, high)
+
+    def _follow_ground(self, seen: CycleInput, now_s: float, wheels: Interval) -> None:
+        """Speed and way over ground since the cycle before."""
+        config, where, ground, track = self._config, self._where, self._ground, self._track
+        dt_s = 0.0 if self._now_s is None else now_s - self._now_s
+        self._now_s = now_s
+        steady = 0.0 <= dt_s <= STEADY_S
+        dt_s = dt_s if steady else max(abs(dt_s), STEADY_S)
+        radar_mps = self._radar_mps(seen)
+        if not ground.begun:
+            if radar_mps is None and track.still_s < config.standing_s:
+                if track.window_full:
+                    ground.begin(wheels.low, wheels.high)
+                where.ground_low_m = where.low_m - config.ground_slack_m
+                where.ground_high_m = where.high_m + config.ground_slack_m
+                return
+            ground.begin(wheels.low, wheels.high)
+        self._gradients.look(
+            min(where.low_m, where.ground_low_m), max(where.high_m, where.ground_high_m)
+        )
+        imu = seen.imu
+        heard = imu is not None and imu.healthy and seen.imu_age_s <= config.imu_age_s
+        ground.feel(imu.accel_mps2 if heard and imu is not None else None, self._gradients)
+        ground.step(dt_s, radar_mps, seen.doppler_age_s, wheels.low, wheels.high)
+        least_m, most_m = ground.moved_low_m, ground.moved_high_m
+        if not ground.seen and self._wheels_agree(wheels):
+            fresh = seen.tacho_age_s <= config.silence_s and self._usable
+            gentle = abs(track.accel_pulses_per_s2) * where.m_per_pulse <= config.gentle_mps2
+            slip_ratio = config.gentle_slip_ratio if gentle else config.unseen_slip_ratio
+            slack_mps = slip_ratio * abs(wheels.best)
+            if fresh and track.still_s >= config.standing_s:
+                least_m = most_m = 0.0
+                ground.begin(-REST_MPS, REST_MPS)
+            elif fresh and abs(wheels.best) <= config.doppler_blind_mps:
+                least_m = (wheels.best - slack_mps) * dt_s
+                most_m = (wheels.best + slack_mps) * dt_s
+            if fresh and ground.high_mps - ground.low_mps > 2.0 * (UNSURE_MPS + slack_mps):
+                ground.begin(
+                    max(ground.low_mps, wheels.low - slack_mps),
+                    min(ground.high_mps, wheels.high + slack_mps),
+                )
+        if not steady:
+            least_m, most_m = min(0.0, least_m), max(0.0, most_m)
+        where.move_over_ground(least_m, most_m)
+        self._over_m += 0.5 * (least_m + most_m)
+        self._over_blur_m += 0.5 * (most_m - least_m)
+        if self._slip:
+            likely_m = 0.5 * (least_m + most_m)
+            where.follow_ground(likely_m, most_m - least_m)
+            self._travel_m += likely_m
+
+    def _wheels_agree(self, wheels: Interval) -> bool:
+        ground = self._ground
+        return wheels.low <= ground.high_mps and ground.low_mps <= wheels.high
 
     def _radar_mps(self, seen: CycleInput) -> float | None:
         """What the Doppler radar says, if it is to be believed."""
@@ -122,62 +241,108 @@ class Odometry:
             return None
         return radar.speed_mps
 
-    def _radar_error_mps(self, radar_mps: float) -> float:
-        return self._config.doppler_error_mps + self._config.doppler_error_ratio * abs(radar_mps)
-
-    def _watch_slip(self, now_s: float, radar_mps: float | None) -> None:
-        """Wheels and radar contradict each other by more than both may be wrong, or did so lately.
-
-        The wheels are as the cycle before left them, as old as what the radar says.
-        """
-        if now_s >= self._slip_until_s:
-            self._slip = False
-        if radar_mps is None or not self._track.begun:
+    def _watch_slip(self, now_s: float, wheels: Interval) -> None:
+        """Wheels and ground contradict each other by more than both may be wrong, or did lately."""
+        config, where, ground = self._config, self._where, self._ground
+        if not ground.begun:
             return
-        rate = self._track.rate_pulses_per_s
-        ends_mps = (rate * self._where.m_per_pulse_low, rate * self._where.m_per_pulse_high)
-        apart_mps = max(min(ends_mps) - radar_mps, radar_mps - max(ends_mps))
-        may_mps = self._config.slip_threshold_mps + self._radar_error_mps(radar_mps)
-        if apart_mps > may_mps:
+        if self._track.jumped(self._jump_pulses_per_s2, config.stamp_jitter_s):
+            self._jumped_s = now_s
+        if not self._wheels_agree(wheels) or self._pulses.contradicted:
             if not self._slip:
-                self._where.widen(self._config.slip_onset_m)
+                where.at_m += self._ahead_m(now_s, wheels.best)
             self._slip = True
-            self._slip_until_s = now_s + self._config.slip_hold_s
+            self._slip_until_s = now_s + config.slip_hold_s
+        elif self._slip and now_s >= self._slip_until_s:
+            self._slip = False
+            where.at_m -= self._ahead_m(now_s, wheels.best)
+        if self._slip and now_s - self._jumped_s <= KIN_S:
+            self._wheels_out = True
+        if self._wheels_out:
+            age_s = max(0.0, now_s - self._track.stamp_s) + config.stamp_jitter_s
+            where.trust_ground(ground.low_mps, ground.high_mps, age_s)
+            where.scale.forget_anchor()
+            self._wheels_out = self._slip
 
-    def _offer(self, tag: TagReading) -> bool:
-        """Where the wheels counted falsely the way since the tag is only known roughly."""
-        where, rate = self._where, self._track.rate_pulses_per_s
-        speed_mps = rate * where.m_per_pulse
+    def _offer(self, tag: TagReading) -> tuple[bool, RefusedTag | None]:
+        """Whether a tag corrected the place, and else what is wrong with it, if anything is."""
+        where, refer, config = self._where, self._refer, self._config
+        site = refer.sites.get(tag.tag_id)
+        if site is None:
+            return False, RefusedTag(tag.tag_id, TagRefusal.UNKNOWN, 0.0)
+        age_s = tag.age_s
+        grow_mps = config.max_accel_mps2 * age_s
+        ground = self._ground
+        over_m = (
+            (ground.low_mps - grow_mps) * age_s,
+            (ground.high_mps + grow_mps) * age_s,
+        )
+        rate = self._track.rate_pulses_per_s
+        speed_mps = max(abs(rate) * where.m_per_pulse, abs(ground.best_mps))
+        latch_m = config.tag_stamp_s * speed_mps
         since = self._pulses.since_latched(tag.pulses)
-        if since is not None and not self._slip:
-            return where.offer_tag(tag.tag_id, since, speed_mps=speed_mps)
-        rough_m = abs(speed_mps) * tag.age_s + self._config.tag_bound_m
-        return where.offer_tag(tag.tag_id, rate * tag.age_s, speed_mps=speed_mps, rough_m=rough_m)
-
-    def _speed(self, now_s: float, radar_mps: float | None) -> Interval:
-        config, where, track = self._config, self._where, self._track
-        low_rate, high_rate, window_s = track.mean_rate(config.stamp_jitter_s)
-        # The mean held in the middle of the window; since then the speed may have changed so much.
-        change_mps = config.max_accel_mps2 * (0.5 * window_s + config.stamp_jitter_s)
-        high_m = where.m_per_pulse_high if high_rate > 0.0 else where.m_per_pulse_low
-        low_m = where.m_per_pulse_low if low_rate > 0.0 else where.m_per_pulse_high
-        low = low_rate * low_m - change_mps
-        high = high_rate * high_m + change_mps
-        self._slow = -config.zero_speed_mps < low and high < config.zero_speed_mps
-        aged_mps = config.max_accel_mps2 * max(0.0, now_s - track.stamp_s)
-        # A single sample, or several at one instant, says nothing but that the train is a train.
-        low = max(low - aged_mps, -config.max_speed_mps)
-        high = min(high + aged_mps, config.max_speed_mps)
-        if track.still_s >= config.standing_s:
-            track.settle()
-            best = 0.0
+        honest = since is not None and not self._slip
+        if since is not None and not self._wheels_out:
+            ends_m = (since * where.scale.low_m, since * where.scale.high_m)
+            since_m = (min(ends_m), since * where.m_per_pulse, max(ends_m))
         else:
-            best = track.limited_rate_pulses_per_s(now_s) * where.m_per_pulse
-        if self._slip and radar_mps is not None:
-            error_mps = self._radar_error_mps(radar_mps)
-            low, high = min(low, radar_mps - error_mps), max(high, radar_mps + error_mps)
-            best = radar_mps
-        return Interval(min(low, best), best, max(high, best))
+            since_m = (over_m[0], 0.5 * (over_m[0] + over_m[1]), over_m[1])
+        counted = round(rate * age_s) if since is None else since
+        rough_m = 0.0 if honest else 0.5 * (over_m[1] - over_m[0])
+        front_m = site.position_m + self._antenna_m
+        bound_m = config.tag_bound_m + latch_m + where.scale.declared_m[1]
+        reading = Reading(
+            site,
+            front_m,
+            front_m + since_m[1],
+            bound_m + rough_m + 0.5 * (since_m[2] - since_m[0]),
+            where.pulses - counted,
+            self._over_m - 0.5 * (over_m[0] + over_m[1]),
+            self._over_blur_m,
+        )
+        lost = bool(refer.lost_cause)
+        if lost:
+            refusal = refer.find_again(reading, *where.scale.declared_m)
+            if refusal is not None or refer.lost_cause:
+                return False, refusal
+            where.begin_anew(reading.claim_m, reading.bound_m)
+        else:
+            low_m, high_m = self._window()
+            refusal = refer.judge(reading, low_m, high_m)
+            if refusal is not None:
+                return False, refusal
+        refer.accept(reading)
+        refer.turned(where.pulses)
+        where.refer(front_m, since_m, over_m, bound_m, anew=lost)
+        where.correct(front_m, since_m[1] / where.m_per_pulse, latch_m + rough_m)
+        if honest:
+            where.measure(site.position_m, reading.pulses, bound_m)
+        return True, None
+
+    def _window(self) -> tuple[float, float]:
+        """Where the front may be at the last sample. Over ground it is known for now."""
+        where, ground, track = self._where, self._ground, self._track
+        now_s = track.stamp_s if self._now_s is None else self._now_s
+        age_s = max(0.0, now_s - track.stamp_s)
+        return (
+            min(where.low_m, where.ground_low_m - max(0.0, ground.high_mps) * age_s),
+            max(where.high_m, where.ground_high_m - min(0.0, ground.low_mps) * age_s),
+        )
+
+    def _ahead_m(self, now_s: float, speed_mps: float) -> float:
+        """From the last sample, in whole pulses, to where the front likely is now."""
+        ahead = self._track.at_pulses - (self._pulses.count + HALF_PULSE)
+        return ahead * self._where.m_per_pulse + speed_mps * (now_s - self._track.stamp_s)
+
+    def _speed(self, wheels: Interval) -> Interval:
+        """Both while both may be right; what is proven to slip says nothing."""
+        ground = self._ground
+        if not ground.begun:
+            return _ordered(wheels.low, wheels.best, wheels.high)
+        best = ground.best_mps if self._slip else wheels.best
+        if self._wheels_out:
+            return _ordered(ground.low_mps, best, ground.high_mps)
+        return _ordered(min(wheels.low, ground.low_mps), best, max(wheels.high, ground.high_mps))
 
     def _standstill(self, now_s: float, tacho_age_s: float) -> bool:
         """Zero speed is proven once both ends stayed under the limit for long enough.
@@ -191,29 +356,46 @@ class Odometry:
         return now_s - self._fast_s >= self._config.zero_speed_s
 
     def _motion(
-        self, now_s: float, speed: Interval, accepted: tuple[int, ...], *, standstill: bool
+        self,
+        now_s: float,
+        speed: Interval,
+        accepted: tuple[int, ...],
+        refused: tuple[RefusedTag, ...],
+        *,
+        standstill: bool,
     ) -> Motion:
         """The position at this instant: the last sample carried on by the speed since."""
-        config, where, track = self._config, self._where, self._track
-        age_s = max(0.0, now_s - track.stamp_s) + config.stamp_jitter_s
-        low_m = where.low_m + min(0.0, speed.low) * age_s
-        high_m = where.high_m + max(0.0, speed.high) * age_s
+        config, where, track, refer = self._config, self._where, self._track, self._refer
+        since_s = max(0.0, now_s - track.stamp_s)
+        long_s = since_s + config.stamp_jitter_s
+        short_s = max(0.0, since_s - config.stamp_jitter_s) if since_s <= STEADY_S else 0.0
+        low_m = where.low_m + speed.low * (short_s if speed.low > 0.0 else long_s)
+        high_m = where.high_m + speed.high * (long_s if speed.high > 0.0 else short_s)
+        low_m, high_m = min(low_m, where.ground_low_m), max(high_m, where.ground_high_m)
         standing = track.still_s >= config.standing_s and not self._slip
         best_m = where.at_m
         if not self._slip:
-            ahead = track.at_pulses - (self._pulses.count + HALF_PULSE)
-            best_m += ahead * where.m_per_pulse + speed.best * (now_s - track.stamp_s)
-        width_m = high_m - low_m
+            best_m += self._ahead_m(now_s, speed.best)
+        front_m = _ordered(low_m, best_m, high_m)
+        if self._ground.begun:
+            front_m = where.never_narrower(front_m)
+        refer.watch(front_m.low - self._antenna_m, speed.best, front_m.high - front_m.low)
         return Motion(
-            front_m=Interval(low_m, min(max(best_m, low_m), high_m), high_m),
+            front_m=front_m,
             speed_mps=speed,
             accel_mps2=0.0 if standing else track.accel_pulses_per_s2 * where.m_per_pulse,
             travel_m=self._travel_m,
             standing=standing,
             standstill=standstill,
-            localised=(
-                width_m <= config.localisation_limit_m and where.missed < config.missed_tags_max
-            ),
+            localised=not refer.lost_cause,
             slip=self._slip,
             accepted_tag_ids=accepted,
+            refused_tags=refused,
+            missed_tags=refer.missed,
+            lost_cause=refer.lost_cause,
+            wheel_diameter_m=where.m_per_pulse * self._train.pulses_per_turn / math.pi,
         )
+
+
+def _ordered(low: float, best: float, high: float) -> Interval:
+    return Interval(low, min(max(best, low), high), high)

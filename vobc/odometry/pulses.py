@@ -2,6 +2,7 @@
 
 from typing import Final
 
+from can_dbc.nodes import Direction
 from can_dbc.odometer import Tacho
 
 WRAP_A: Final = 65536
@@ -10,6 +11,13 @@ STUCK_PULSES: Final = 25
 """An axle that stands while the other one turns so far does not count any more."""
 LATE_S: Final = 0.02
 """One sample may have been heard so much later after it was taken than the next one."""
+
+PLAY_PULSES: Final = 2
+"""A wheel that turns round may show the direction of its last pulse against the sum of a sample."""
+APART_PULSES: Final = 4.0
+"""So far two axles may drift apart before one of them is taken to slip or slide."""
+APART_RATIO: Final = 0.01
+"""And by this share of what they count, as their diameters differ."""
 
 
 def signed_difference(later: int, earlier: int, wrap: int = WRAP_A) -> int:
@@ -20,7 +28,18 @@ def signed_difference(later: int, earlier: int, wrap: int = WRAP_A) -> int:
 class PulseCounter:
     """Counts along tacho A, which latches the tags, and falls back on B while A cannot be right."""
 
-    __slots__ = ("_max_pulses_per_s", "_still_a", "_still_b", "_tacho", "count", "jumps", "on_b")
+    __slots__ = (
+        "_apart",
+        "_max_pulses_per_s",
+        "_still_a",
+        "_still_b",
+        "_tacho",
+        "axles_differ",
+        "contradicted",
+        "count",
+        "jumps",
+        "on_b",
+    )
 
     def __init__(self, max_pulses_per_s: float) -> None:
         self._max_pulses_per_s = max_pulses_per_s
@@ -32,6 +51,11 @@ class PulseCounter:
         self.jumps = 0
         """Counter steps that no train can have made."""
         self.on_b = False
+        self._apart = 0.0
+        self.axles_differ = False
+        """The last sample left one axle behind the other: one of them slips or slides."""
+        self.contradicted = False
+        """The direction of the pulses is not the one that tacho A says."""
 
     def since_latched(self, pulses: int) -> int | None:
         """Pulses of tacho A since it showed `pulses`; None while A is not to be trusted."""
@@ -55,6 +79,8 @@ class PulseCounter:
         if not (good_a or good_b):
             return None
         self.on_b = not good_a
+        self.contradicted = good_a and _against(step_a, tacho.direction)
+        self.axles_differ = good_a and good_b and self._left_behind(step_a, step_b)
         step = step_a if good_a else step_b
         self.count += step
         return step
@@ -63,3 +89,18 @@ class PulseCounter:
         """How far each axle has been left behind by the other while it did not move at all."""
         self._still_a = self._still_a + abs(step_b) if step_a == 0 else 0
         self._still_b = self._still_b + abs(step_a) if step_b == 0 else 0
+
+    def _left_behind(self, step_a: int, step_b: int) -> bool:
+        """Whether the axles moved further apart than honest ones do."""
+        apart = self._apart + step_a - step_b
+        back = APART_RATIO * (step_a if step_a >= 0 else -step_a)
+        apart = max(0.0, apart - back) if apart > 0.0 else min(0.0, apart + back)
+        far = max(-APART_PULSES, min(APART_PULSES, apart))
+        self._apart = far
+        return far != apart
+
+
+def _against(step: int, direction: Direction) -> bool:
+    if step > PLAY_PULSES:
+        return direction is not Direction.FORWARD
+    return step < -PLAY_PULSES and direction is not Direction.REVERSE

@@ -1,63 +1,169 @@
-"""When a tacho was read, by this board's clock: from the stamp of the sensor, not from the arrival.
+"""When a sensor was read, by this board's clock: from its own counting, not from the arrival.
 
-A frame may be held up on its way, by the bus or by a host that has other things to do. Taken for
-fresh it would show a train that suddenly slows down. The sensor stamps each sample with its own
-clock; of all samples the one that came through fastest shows how far the two clocks are apart.
+A frame may be held up on its way: by a bus that others keep busy, in a mailbox, by a host that has
+other things to do. Taken for fresh it would show a train that suddenly slows down. A sensor counts
+its frames and sends them in step with its own clock; of all samples the one that came through
+fastest shows how far the two clocks are apart.
 """
 
 from typing import Final
 
+from can_dbc.odometer import Doppler, Imu, Tacho
+
+COUNTER_PERIOD: Final = 256
 STAMP_PERIOD_MS: Final = 256
+TACHO_PERIOD_MS: Final = 20
+OTHER_PERIOD_MS: Final = 50
+"""Of radar and accelerometer."""
+STAMP_PLAY_MS: Final = 5
+"""A sensor whose stamp leaves the step of its counter by more was started anew."""
 DRIFT_RATIO: Final = 2.0e-4
 """Two crystals of 100 ppm; so much later the fastest frame of today may be tomorrow."""
 LATE_NS: Final = 100_000_000
-"""Held up for longer, a sample is refused. Under half the stamp's period, so that it is noticed."""
+"""Held up for longer, a sample is refused."""
+FASTER_NS: Final = 1_000_000_000
+"""The frame that set the clocks may itself have been so late; one that comes through faster by no
+more sets them closer."""
+PACED_FRAMES: Final = 5
+"""After a silence that the counter cannot measure so many frames have to come in step."""
+PACE_NS: Final = 10_000_000
+"""What comes faster than it was sent by more than this comes out of a queue."""
 NS_PER_MS: Final = 1_000_000
-STAMP_PERIOD_NS: Final = STAMP_PERIOD_MS * NS_PER_MS
 
 
-class SampleClock:
-    """Follows the clock of one sensor.
+class FrameClock:
+    """Follows a sensor that sends in step with its counter.
 
-    A sensor's clock only goes forwards. One that started anew therefore looks as if it had gone
-    ahead, which makes its first sample the fastest there was and sets the clocks together again.
+    The counter tells how old a frame is as long as that is less than its period; after a longer
+    silence frames are refused until they come as they were sent, and not out of a queue.
     """
 
-    __slots__ = ("_begun", "_heard_ns", "_offset_ns", "_sensor_ns", "refused")
+    __slots__ = (
+        "_begun",
+        "_counter",
+        "_heard_ns",
+        "_late_ns",
+        "_offset_ns",
+        "_period_ns",
+        "_sensor_ns",
+        "_turn_ns",
+        "_unpaced",
+        "refused",
+    )
 
-    def __init__(self) -> None:
+    def __init__(self, period_ms: int, late_ns: int = LATE_NS) -> None:
+        self._period_ns = period_ms * NS_PER_MS
+        self._turn_ns = self._period_ns * COUNTER_PERIOD
+        self._late_ns = late_ns
         self._begun = False
+        self._counter = 0
         self._heard_ns = 0
         self._sensor_ns = 0
         self._offset_ns = 0
+        self._unpaced = 0
         self.refused = 0
-        """Samples that were too old when they came."""
+        """Frames that were too old when they came."""
 
-    def sampled_ns(self, heard_ns: int, stamp_ms: float) -> int | None:
-        """The instant of a sample that was heard now, never after it; None when it is too old.
+    def sampled_ns(self, heard_ns: int, counter: int) -> int | None:
+        """The instant of a frame that was heard now, never after it; None when it is too old."""
+        if not self._begun:
+            self._begin(heard_ns, counter, 0)
+            return heard_ns
+        steps = (counter - self._counter) % COUNTER_PERIOD
+        return self._follow(heard_ns, counter, steps * self._period_ns)
+
+    def _begin(self, heard_ns: int, counter: int, sensor_ns: int) -> None:
+        self._begun = True
+        self._counter = counter
+        self._heard_ns = heard_ns
+        self._sensor_ns = sensor_ns
+        self._offset_ns = heard_ns - sensor_ns
+
+    def _follow(self, heard_ns: int, counter: int, ahead_ns: int) -> int | None:
+        """The youngest sample that fits is taken, but none from the future.
+
+        Args:
+            ahead_ns: how far the sensor went on, less whole turns of its counter.
+        """
+        elapsed_ns = heard_ns - self._heard_ns
+        offset_ns = self._offset_ns + int(DRIFT_RATIO * max(0, elapsed_ns))
+        sensor_ns = self._sensor_ns + ahead_ns
+        turns = (heard_ns - sensor_ns - offset_ns + FASTER_NS) // self._turn_ns
+        sensor_ns += turns * self._turn_ns
+        gone_ns = sensor_ns - self._sensor_ns
+        self._heard_ns, self._sensor_ns, self._counter = heard_ns, sensor_ns, counter
+        apart_ns = heard_ns - sensor_ns
+        self._offset_ns = min(apart_ns, offset_ns)
+        if elapsed_ns > self._turn_ns - FASTER_NS:
+            self._unpaced = PACED_FRAMES
+        elif self._unpaced:
+            in_step = gone_ns - elapsed_ns <= PACE_NS
+            self._unpaced = self._unpaced - 1 if in_step else PACED_FRAMES
+        if self._unpaced or apart_ns - self._offset_ns > self._late_ns:
+            self.refused += 1
+            return None
+        return sensor_ns + self._offset_ns
+
+
+class SampleClock(FrameClock):
+    """The tacho's: its stamp is finer than its counter, and shows when the sensor started anew."""
+
+    __slots__ = ("_stamp_ms", "restarts")
+
+    def __init__(self) -> None:
+        super().__init__(TACHO_PERIOD_MS)
+        self._stamp_ms = 0
+        self.restarts = 0
+        """How often the sensor started anew."""
+
+    def sampled_ns(self, heard_ns: int, counter: int, stamp_ms: float = 0.0) -> int | None:
+        """As of `FrameClock`.
 
         Args:
             stamp_ms: of the sensor, modulo STAMP_PERIOD_MS.
         """
+        stamp = int(stamp_ms)
+        before, self._stamp_ms = self._stamp_ms, stamp
         if not self._begun:
-            return self._begin(heard_ns, stamp_ms)
-        stamp_ns = int(stamp_ms) * NS_PER_MS
-        elapsed_ns = heard_ns - self._heard_ns
-        ahead_ns = (stamp_ns - self._sensor_ns) % STAMP_PERIOD_NS
-        # As many whole periods as bring the sensor's progress nearest to that of our own clock.
-        turns = max(0, (elapsed_ns - ahead_ns + STAMP_PERIOD_NS // 2) // STAMP_PERIOD_NS)
-        self._heard_ns = heard_ns
-        self._sensor_ns += ahead_ns + turns * STAMP_PERIOD_NS
-        apart_ns = heard_ns - self._sensor_ns
-        self._offset_ns = min(apart_ns, self._offset_ns + int(DRIFT_RATIO * max(0, elapsed_ns)))
-        if apart_ns - self._offset_ns > LATE_NS:
-            self.refused += 1
-            return None
-        return self._sensor_ns + self._offset_ns
+            self._begin(heard_ns, counter, stamp * NS_PER_MS)
+            return heard_ns
+        counted_ms = (counter - self._counter) % COUNTER_PERIOD * TACHO_PERIOD_MS
+        half_ms = STAMP_PERIOD_MS // 2
+        play_ms = (stamp - before - counted_ms + half_ms) % STAMP_PERIOD_MS - half_ms
+        if abs(play_ms) > STAMP_PLAY_MS:
+            self.restarts += 1
+            self._begin(heard_ns, counter, stamp * NS_PER_MS)
+            return heard_ns
+        return self._follow(heard_ns, counter, (counted_ms + play_ms) * NS_PER_MS)
 
-    def _begin(self, heard_ns: int, stamp_ms: float) -> int:
-        self._begun = True
-        self._heard_ns = heard_ns
-        self._sensor_ns = int(stamp_ms) * NS_PER_MS
-        self._offset_ns = heard_ns - self._sensor_ns
-        return heard_ns
+
+class OdometerClocks:
+    """All that one odometer sends; when its tachos start anew, so did radar and accelerometer."""
+
+    __slots__ = ("_inertial", "_radar", "_tacho")
+
+    def __init__(self) -> None:
+        self._tacho = SampleClock()
+        self._radar = FrameClock(OTHER_PERIOD_MS)
+        self._inertial = FrameClock(OTHER_PERIOD_MS)
+
+    @property
+    def refused(self) -> int:
+        """Frames that were too old when they came."""
+        return self._tacho.refused + self._radar.refused + self._inertial.refused
+
+    def sampled_ns(self, heard: Tacho | Doppler | Imu, heard_ns: int, counter: int) -> int | None:
+        """When a frame that was heard now was taken; None when it is too old.
+
+        Args:
+            counter: its alive counter.
+        """
+        if isinstance(heard, Tacho):
+            restarts = self._tacho.restarts
+            sampled_ns = self._tacho.sampled_ns(heard_ns, counter, heard.stamp_ms)
+            if self._tacho.restarts != restarts:
+                self._radar = FrameClock(OTHER_PERIOD_MS)
+                self._inertial = FrameClock(OTHER_PERIOD_MS)
+            return sampled_ns
+        clock = self._radar if isinstance(heard, Doppler) else self._inertial
+        return clock.sampled_ns(heard_ns, counter)

@@ -7,6 +7,8 @@ from typing import Final
 HALF_PULSE: Final = 0.5
 """A counter shows the whole pulses, so the wheel is on average half a pulse further."""
 MIN_STEP_S: Final = 1e-3
+MIN_HALVES: Final = 4
+MIN_HALF_S: Final = 0.035
 
 
 class SpeedTrack:
@@ -86,6 +88,27 @@ class SpeedTrack:
             return rate
         most = 1.0 / still_s
         return max(-most, min(most, rate))
+
+    @property
+    def window_full(self) -> bool:
+        """Samples of a whole window were taken."""
+        return self.stamp_s - self._counts[0][0] >= self._window_s
+
+    def jumped(self, most_pulses_per_s2: float, jitter_s: float) -> bool:
+        """The rate changed from the first half of the window to the second as no train can."""
+        counts = self._counts
+        if len(counts) < MIN_HALVES:
+            return False
+        first_s, first = counts[0]
+        mid_s, mid = counts[len(counts) // 2]
+        last_s, last = counts[-1]
+        early_s, late_s = mid_s - first_s, last_s - mid_s
+        if early_s <= MIN_HALF_S or late_s <= MIN_HALF_S:
+            return False
+        early, late = (mid - first) / early_s, (last - mid) / late_s
+        # Whole pulses, and instants that are known to the jitter.
+        blur = (1.0 + abs(early) * jitter_s) / early_s + (1.0 + abs(late) * jitter_s) / late_s
+        return abs(late - early) > blur + most_pulses_per_s2 * 0.5 * (last_s - first_s)
 
     def mean_rate(self, jitter_s: float) -> tuple[float, float, float]:
         """Lowest and highest mean rate over the window in pulses/s, and the window's length in s.

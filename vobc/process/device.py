@@ -25,6 +25,7 @@ from vobc.vocabulary import (
     Event,
     Mission,
     OdometryRecord,
+    PlaceProof,
 )
 from vobc.wire import (
     Inbox,
@@ -254,7 +255,10 @@ class VobcDevice:
                 self._nvram.record,
                 wheel_diameter_m=record.m_per_pulse * self._config.train.pulses_per_turn / math.pi,
                 front_m=record.front_m,
-                standing=True,
+                standing=(
+                    record.proof is not PlaceProof.UNKNOWN
+                    and record.bound_m <= self._config.odometry.cold_movement_m
+                ),
                 highest_term=self._link.seen_term,
             )
         )

@@ -5,7 +5,7 @@ import math
 from firmware_py.nvram import NvramRecord
 from firmware_py.trackdb import LineMap
 from vobc.config import VobcConfig
-from vobc.vocabulary import Mission, OdometryRecord
+from vobc.vocabulary import Mission, OdometryRecord, PlaceProof
 
 
 def commissioned_start(config: VobcConfig, mission: Mission, record: NvramRecord) -> OdometryRecord:
@@ -18,13 +18,18 @@ def commissioned_start(config: VobcConfig, mission: Mission, record: NvramRecord
 
 
 def remembered_start(config: VobcConfig, record: NvramRecord) -> OdometryRecord | None:
-    """Where the train was switched off, if it stood then; it may have been moved a little since."""
+    """Where the train was switched off, if it stood then and knew its place.
+
+    It may have been moved since: the place counts once the detector of cold movement says by how
+    little, and is widened by that.
+    """
     if record.front_m is None or not record.standing:
         return None
     return OdometryRecord(
         front_m=record.front_m,
         bound_m=config.odometry.cold_movement_m,
         m_per_pulse=_stored_m_per_pulse(config, record),
+        proof=PlaceProof.REMEMBERED,
     )
 
 
@@ -34,6 +39,7 @@ def unknown_start(config: VobcConfig, line: LineMap, record: NvramRecord) -> Odo
         front_m=(line.start_m + line.end_m) / 2.0,
         bound_m=(line.end_m - line.start_m) / 2.0,
         m_per_pulse=_stored_m_per_pulse(config, record),
+        proof=PlaceProof.UNKNOWN,
     )
 
 

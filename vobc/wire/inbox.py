@@ -17,7 +17,7 @@ from can_dbc.tags import TagReaderHealth
 from can_dbc.traction import TractionStatus
 from firmware_py.ports import CanFrame, SerialChunk
 from firmware_py.tag_reader.telegram import TagTelegram, TelegramParser, encode
-from vobc.odometry.sampling import SampleClock
+from vobc.odometry.sampling import OdometerClocks
 from vobc.vocabulary import (
     NEVER_S,
     CycleInput,
@@ -46,6 +46,8 @@ HEARD_KINDS: Final[tuple[type[Frame], ...]] = (
 HEARD_IDS: Final = Decoder(HEARD_KINDS).ids
 """For acceptance filters."""
 S_PER_NS: Final = 1e-9
+ALIVE_COUNTER_BYTE: Final = -3
+"""Before the two bytes of the CRC."""
 TACHO_SAMPLES_MAX: Final = 64
 TAGS_MAX: Final = 32
 TELEGRAM_LINE_S: Final = 0.002
@@ -61,7 +63,7 @@ class Inbox:
         self._radio = radio
         self._latest: dict[type, tuple[Any, int, CanFrame]] = {}
         self._tachos: list[tuple[Tacho, int]] = []
-        self._tacho_clock = SampleClock()
+        self._odometer_clocks = OdometerClocks()
         self._tags: list[tuple[TagTelegram, int]] = []
         self._last_tags: list[tuple[TagTelegram, int]] = []
         """Of the last image that had any."""
@@ -74,8 +76,8 @@ class Inbox:
 
     @property
     def late_samples(self) -> int:
-        """Tacho samples that were too old when they came."""
-        return self._tacho_clock.refused
+        """Samples of the odometer that were too old when they came."""
+        return self._odometer_clocks.refused
 
     @property
     def torn_telegrams(self) -> int:
@@ -98,12 +100,14 @@ class Inbox:
                 assert isinstance(heard, Rejected)
                 self._refuse(heard.can_id, heard.reason, f"{heard.detail} [{heard.data.hex(' ')}]")
                 continue
-            if isinstance(heard, Tacho):
-                sampled_ns = self._tacho_clock.sampled_ns(stamp_ns, heard.stamp_ms)
+            if isinstance(heard, Tacho | Doppler | Imu):
+                counter = frame.data[ALIVE_COUNTER_BYTE]
+                sampled_ns = self._odometer_clocks.sampled_ns(heard, stamp_ns, counter)
                 if sampled_ns is None:
                     continue
                 stamp_ns = sampled_ns
-                self._tachos.append((heard, stamp_ns))
+                if isinstance(heard, Tacho):
+                    self._tachos.append((heard, stamp_ns))
             latest[kind] = (heard, stamp_ns, frame)
         if len(self._tachos) > TACHO_SAMPLES_MAX:
             self.overflowed += len(self._tachos) - TACHO_SAMPLES_MAX

@@ -1,0 +1,172 @@
+"""Speed over ground without the wheels: from radar, and from the accelerometer between readings."""
+
+import math
+from typing import Final
+
+from firmware_py.trackdb import LineMap
+from vobc.kinematics import GRAVITY_MPS2
+from vobc.odometry.config import OdometryConfig
+
+FIRST_CAR_M: Final = 25.0
+"""The accelerometer feels the gradient somewhere under the first car."""
+AHEAD_M: Final = 50.0
+"""The gradients are looked up again after so far at the latest."""
+PERMILLE: Final = 0.001
+
+
+class Gradients:
+    """The flattest and the steepest that the accelerometer may feel while the front is somewhere.
+
+    A line has few gradients, so what was found is kept until the train leaves the stretch.
+    """
+
+    __slots__ = ("_from_m", "_line", "_to_m", "highest_mps2", "lowest_mps2")
+
+    def __init__(self, line: LineMap) -> None:
+        self._line = line
+        self._from_m, self._to_m = math.inf, -math.inf
+        self.lowest_mps2 = 0.0
+        """What gravity adds to the reading at least; positive where the line climbs."""
+        self.highest_mps2 = 0.0
+
+    def look(self, low_m: float, high_m: float) -> None:
+        if low_m - FIRST_CAR_M >= self._from_m and high_m <= self._to_m:
+            return
+        self._from_m, self._to_m = low_m - FIRST_CAR_M, high_m
+        felt, level_from_m = [], self._from_m
+        for piece in self._line.gradients:
+            if piece.start_m <= self._to_m and piece.end_m >= self._from_m:
+                felt.append(piece.gradient_permille)
+                if piece.start_m > level_from_m:
+                    felt.append(0.0)
+                level_from_m = max(level_from_m, piece.end_m)
+        if level_from_m <= self._to_m:
+            felt.append(0.0)
+        self.lowest_mps2 = GRAVITY_MPS2 * min(felt) * PERMILLE
+        self.highest_mps2 = GRAVITY_MPS2 * max(felt) * PERMILLE
+        self._reach(level_from_m)
+
+    def _reach(self, level_from_m: float) -> None:
+        """On the level, or in the middle of one gradient, look again only where it may end."""
+        edges_m = [edge for g in self._line.gradients for edge in (g.start_m, g.end_m)]
+        behind_m = [edge for edge in edges_m if edge < self._from_m]
+        ahead_m = [edge for edge in edges_m if edge > self._to_m]
+        self._from_m = max([self._from_m - AHEAD_M, *behind_m])
+        self._to_m = min([self._to_m + AHEAD_M, *ahead_m])
+
+
+class GroundSpeed:
+    """Bounds of the speed that hold while radar and accelerometer keep within what is declared.
+
+    Each radar reading and what the accelerometer made of the reading before have to meet; where
+    they do not, the one that the wheels agree with is right, and if all three contradict each other
+    both are kept. Without radar the bounds widen by what the accelerometer may err, and without
+    either by what a train can accelerate.
+    """
+
+    __slots__ = (
+        "_accel_high_mps2",
+        "_accel_low_mps2",
+        "_config",
+        "_felt_mps2",
+        "begun",
+        "high_mps",
+        "low_mps",
+        "moved_high_m",
+        "moved_low_m",
+        "refused",
+        "seen",
+    )
+
+    def __init__(self, config: OdometryConfig) -> None:
+        self._config = config
+        self.begun = False
+        self.low_mps = -config.max_speed_mps
+        self.high_mps = config.max_speed_mps
+        self.moved_low_m = 0.0
+        """Least and most distance of the last step."""
+        self.moved_high_m = 0.0
+        self._felt_mps2: float | None = None
+        self._accel_low_mps2 = -config.max_accel_mps2
+        self._accel_high_mps2 = config.max_accel_mps2
+        self.seen = False
+        """The radar said so in the last step."""
+        self.refused = 0
+        """Radar readings that neither wheels nor accelerometer bear out."""
+
+    def begin(self, low_mps: float, high_mps: float) -> None:
+        self.begun = True
+        self.low_mps, self.high_mps = low_mps, high_mps
+
+    def feel(self, felt_mps2: float | None, gradients: Gradients) -> None:
+        """What the accelerometer says; None when it says nothing that could be believed.
+
+        It tells the mean of its last period, late: how much it changed is added on both sides.
+        """
+        most_mps2 = self._config.max_accel_mps2
+        before, self._felt_mps2 = self._felt_mps2, felt_mps2
+        if felt_mps2 is None:
+            self._accel_low_mps2, self._accel_high_mps2 = -most_mps2, most_mps2
+            return
+        error_mps2 = self._config.imu_error_mps2
+        if before is not None:
+            error_mps2 += abs(felt_mps2 - before)
+        low = felt_mps2 - gradients.highest_mps2 - error_mps2
+        high = felt_mps2 - gradients.lowest_mps2 + error_mps2
+        # Beyond what a train can do the accelerometer is wrong, and tells nothing.
+        wrong = low > most_mps2 or high < -most_mps2
+        self._accel_low_mps2 = -most_mps2 if wrong else max(low, -most_mps2)
+        self._accel_high_mps2 = most_mps2 if wrong else min(high, most_mps2)
+
+    def step(
+        self,
+        dt_s: float,
+        radar_mps: float | None,
+        radar_age_s: float,
+        wheels_low_mps: float,
+        wheels_high_mps: float,
+    ) -> None:
+        """Carry the bounds on by `dt_s` and let the radar narrow them."""
+        low_accel, high_accel = self._accel_low_mps2, self._accel_high_mps2
+        before_low, before_high = self.low_mps, self.high_mps
+        most_mps = self._config.max_speed_mps
+        low = max(before_low + low_accel * dt_s, -most_mps)
+        high = min(before_high + high_accel * dt_s, most_mps)
+        self.moved_low_m = 0.5 * (before_low + low) * dt_s
+        self.moved_high_m = 0.5 * (before_high + high) * dt_s
+        self.seen = False
+        if radar_mps is not None:
+            config = self._config
+            error_mps = config.doppler_error_mps + config.doppler_error_ratio * abs(radar_mps)
+            shown_low = radar_mps - error_mps + min(0.0, low_accel) * radar_age_s
+            shown_high = radar_mps + error_mps + max(0.0, high_accel) * radar_age_s
+            if shown_low <= high and low <= shown_high:
+                low, high = max(low, shown_low), min(high, shown_high)
+                self.seen = True
+            elif shown_low <= wheels_high_mps and wheels_low_mps <= shown_high:
+                low, high = shown_low, shown_high
+                self.seen = True
+            elif not (low <= wheels_high_mps and wheels_low_mps <= high):
+                low, high = min(low, shown_low), max(high, shown_high)
+                self.refused += 1
+            else:
+                self.refused += 1
+            if self.seen:
+                self._move_as_shown(radar_mps, radar_age_s, dt_s)
+        self.low_mps, self.high_mps = low, high
+
+    def _move_as_shown(self, radar_mps: float, radar_age_s: float, dt_s: float) -> None:
+        """Over some readings their noise averages out, so that the way is known better."""
+        config = self._config
+        accel_mps2 = 0.5 * (self._accel_low_mps2 + self._accel_high_mps2)
+        mean_mps = radar_mps + accel_mps2 * (radar_age_s - 0.5 * dt_s)
+        error_mps = config.doppler_mean_mps + config.doppler_mean_ratio * abs(radar_mps)
+        # What the accelerometer may err, over the time that the reading is carried on.
+        spread_mps2 = 0.5 * (self._accel_high_mps2 - self._accel_low_mps2)
+        error_mps += spread_mps2 * abs(radar_age_s - 0.5 * dt_s)
+        self.moved_low_m = (mean_mps - error_mps) * dt_s
+        self.moved_high_m = (mean_mps + error_mps) * dt_s
+
+    @property
+    def best_mps(self) -> float:
+        return 0.5 * (self.low_mps + self.high_mps)

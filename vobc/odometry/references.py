@@ -1,0 +1,180 @@
+"""Which tags are believed, which are missed, and whether the train knows where it is."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from can_dbc.odometer import ColdMovement
+from firmware_py.trackdb import LineMap, TagSite
+from vobc.odometry.config import OdometryConfig
+from vobc.vocabulary import PlaceProof, RefusedTag, TagRefusal
+
+TURN_PULSES: Final = 4
+"""A train that went back by more may pass the same tag again."""
+MOVED_PULSES: Final = 10
+"""Once a train moved by more, the detector of cold movement says nothing of where it was."""
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """A tag that the line knows, as it was read."""
+
+    site: TagSite
+    front_m: float
+    """Of the train at the tag."""
+    claim_m: float
+    """Where the front would be at the last sample."""
+    bound_m: float
+    """Of that claim; hard."""
+    pulses: int
+    """Pulses since start at the tag."""
+    ground_m: float
+    """Way over ground since start at the tag, as likely."""
+    ground_bound_m: float
+
+
+class References:
+    """Keeps order among tags. It decides, and moves nothing."""
+
+    __slots__ = (
+        "_backed",
+        "_config",
+        "_furthest",
+        "_last",
+        "_next",
+        "_tags",
+        "_witness",
+        "lost_cause",
+        "missed",
+        "sites",
+        "waiting",
+    )
+
+    def __init__(self, config: OdometryConfig, line: LineMap, proof: PlaceProof) -> None:
+        self._config = config
+        self._tags: Sequence[TagSite] = line.tags
+        self.sites = {tag.tag_id: tag for tag in line.tags}
+        self.lost_cause = ""
+        """Why the train does not know where it is; empty while it does."""
+        self.waiting = proof is PlaceProof.REMEMBERED
+        """For the proof that the train was not moved while it was off."""
+        if self.waiting:
+            self.lost_cause = "not proven yet that the train was not moved while it was off"
+        elif proof is PlaceProof.UNKNOWN:
+            self.lost_cause = "started at an unknown place"
+        self.missed = 0
+        """Tags in a row that should have been read."""
+        self._next = 0
+        self._last: Reading | None = None
+        self._furthest = 0
+        """Pulses, at the most since the last accepted tag was read."""
+        self._backed = 0
+        """By how many the train went back from there."""
+        self._witness: Reading | None = None
+        """Read while the place was lost; a second one has to bear it out."""
+
+    def begin(self, antenna_high_m: float) -> None:
+        """Tags up to there need not be read."""
+        self._next = sum(1 for tag in self._tags if tag.position_m <= antenna_high_m)
+
+    def lose(self, cause: str) -> None:
+        """Nothing but two references finds it again."""
+        if not self.lost_cause or self.waiting:
+            self.lost_cause = cause
+            self._witness = None
+        self.waiting = False
+
+    def check_cold(self, cold: ColdMovement, pulses: int) -> float | None:
+        """By how much the train was moved while it was off, once it is proven to be little."""
+        if not cold.monitored:
+            self.lose("nobody watched whether the train was moved while it was off")
+        elif abs(cold.moved_m) > self._config.cold_movement_m:
+            self.lose(f"moved by {cold.moved_m:.1f} m while it was off")
+        elif abs(pulses) > MOVED_PULSES:
+            self.lose("moved before it was proven to stand where it was switched off")
+        else:
+            self.waiting = False
+            self.lost_cause = ""
+            return abs(cold.moved_m)
+        return None
+
+    def turned(self, pulses: int) -> None:
+        """Follow the wheels, in pulses since start."""
+        if pulses > self._furthest:
+            self._furthest = pulses
+        elif self._furthest - pulses > self._backed:
+            self._backed = self._furthest - pulses
+
+    def judge(self, reading: Reading, low_m: float, high_m: float) -> RefusedTag | None:
+        """None for a tag that may be believed: it is in order, and inside its window.
+
+        Args:
+            low_m: of the front at the last sample, with `high_m` the window.
+        """
+        tag_id, bound_m = reading.site.tag_id, reading.bound_m
+        off_m = max(0.0, reading.claim_m - high_m) or min(0.0, reading.claim_m - low_m)
+        last = self._last
+        if last is not None and self._backed <= TURN_PULSES:
+            if last.site.tag_id == tag_id:
+                return RefusedTag(tag_id, TagRefusal.REPEATED, off_m)
+            if reading.site.position_m < last.site.position_m:
+                return RefusedTag(tag_id, TagRefusal.OUT_OF_ORDER, off_m)
+        if abs(off_m) > bound_m:
+            return RefusedTag(tag_id, TagRefusal.OUTSIDE_WINDOW, off_m)
+        return None
+
+    def accept(self, reading: Reading) -> None:
+        self._last = reading
+        self._furthest = reading.pulses
+        self._backed = 0
+        self.missed = 0
+        passed_m = reading.site.position_m
+        while self._next < len(self._tags) and self._tags[self._next].position_m <= passed_m:
+            self._next += 1
+
+    def find_again(
+        self, reading: Reading, least_m_per_pulse: float, most_m_per_pulse: float
+    ) -> RefusedTag | None:
+        """A tag while the place is lost; found once `lost_cause` is empty.
+
+        Two different tags have to lie as far apart as the train ran between them, by its wheels or
+        over ground. The first is kept in mind; of two that contradict each other the later one.
+        """
+        before = self._witness
+        if before is not None and before.site.tag_id == reading.site.tag_id:
+            return RefusedTag(reading.site.tag_id, TagRefusal.REPEATED, 0.0)
+        self._witness = reading
+        if before is None:
+            return None
+        apart_m = reading.site.position_m - before.site.position_m
+        counted = reading.pulses - before.pulses
+        ends_m = (counted * least_m_per_pulse, counted * most_m_per_pulse)
+        slack_m = reading.bound_m + before.bound_m
+        over_m = reading.ground_m - before.ground_m
+        blur_m = slack_m + abs(reading.ground_bound_m - before.ground_bound_m)
+        low_m = min(min(ends_m) - slack_m, over_m - blur_m)
+        high_m = max(max(ends_m) + slack_m, over_m + blur_m)
+        if low_m <= apart_m <= high_m:
+            self.lost_cause = ""
+            self.waiting = False
+            self._witness = None
+            self.begin(reading.site.position_m)
+            return None
+        off_m = max(0.0, apart_m - high_m) or min(0.0, apart_m - low_m)
+        return RefusedTag(reading.site.tag_id, TagRefusal.OUTSIDE_WINDOW, off_m)
+
+    def watch(self, antenna_low_m: float, speed_mps: float, width_m: float) -> None:
+        """Count the tags that the antenna has certainly passed, and say when that is too much."""
+        config, tags = self._config, self._tags
+        late_m = max(0.0, speed_mps) * config.tag_silence_s + config.tag_bound_m
+        certain_m = antenna_low_m - late_m
+        while self._next < len(tags) and tags[self._next].position_m < certain_m:
+            self._next += 1
+            self.missed += 1
+        if self.missed >= config.missed_tags_max:
+            self.lose(f"{self.missed} expected tags were not read")
+        elif width_m > config.localisation_limit_m:
+            self.lose(
+                f"the place is known to {width_m:.1f} m only; "
+                f"the limit is {config.localisation_limit_m:g} m"
+            )
