@@ -87,9 +87,21 @@ def test_a_brake_unit_has_time_to_release_and_is_then_taken_at_its_word() -> Non
 
     assert not any(early)
     assert watch.step(APPLIED, released=True, dt_s=DT_S)
+
+
+def test_a_brake_unit_that_has_released_may_not_apply_again_by_itself() -> None:
+    watch = BrakeUnitWatch(CONFIG)
+    watch.step(APPLIED, released=True, dt_s=DT_S)
     assert not watch.step(RELEASED, released=True, dt_s=DT_S)
-    assert not watch.step(None, released=True, dt_s=DT_S)
+
     assert watch.step(APPLIED, released=True, dt_s=DT_S)
+
+
+def test_a_brake_unit_that_was_never_heard_has_not_released() -> None:
+    watch = BrakeUnitWatch(CONFIG)
+    assert not watch.step(None, released=True, dt_s=DT_S)
+
+    assert not watch.step(APPLIED, released=True, dt_s=DT_S)
 
 
 def test_a_brake_that_was_asked_for_is_no_fault_and_the_time_begins_anew() -> None:

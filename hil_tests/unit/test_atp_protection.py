@@ -394,9 +394,9 @@ def test_a_step_of_the_centre_that_came_too_early_releases_nothing_later() -> No
 
 def test_a_brake_unit_that_brakes_by_itself_is_latched() -> None:
     train = Train()
+    train.change(brake=replace(FREE_BRAKE, emergency_applied=True))
     train.step(2)
     train.speed_mps = 5.0
-    train.change(brake=replace(FREE_BRAKE, emergency_applied=True))
     early = train.step(20)
     train.change(brake=FREE_BRAKE)
     train.step(20)

@@ -63,7 +63,7 @@ class AtpConfig:
     clock_tolerance_s: float
     """A cycle may come so much sooner or later than cycle time and missed cycles explain."""
     brake_unit_s: float
-    """So long after its release the brake unit may still report the emergency brake."""
+    """So long after its release the brake unit may report the emergency brake without a break."""
     restricted_mps: float
     """On sight, with a person at the desk, or with doors that are bypassed."""
     creep_mps: float

@@ -44,15 +44,22 @@ class BrakeUnitWatch:
     def __init__(self, config: AtpConfig) -> None:
         self._patience_s = config.brake_unit_s
         self._released_s = 0.0
+        self._was_free = False
 
     def step(self, brake: BrakeStatus | None, *, released: bool, dt_s: float) -> bool:
         """`released` is what protection said in the cycle before.
 
-        The report of a unit that fell silent counts on: silence is never good news.
+        A unit that has reported the brake off applies it for a reason of its own; one that has not
+        gets some time. The report of one that fell silent counts on: silence is no good news.
         """
-        self._released_s = self._released_s + dt_s if released else 0.0
-        late = self._released_s > self._patience_s
-        return late and brake is not None and brake.emergency_applied
+        if not released:
+            self._released_s, self._was_free = 0.0, False
+            return False
+        self._released_s += dt_s
+        if brake is None or not brake.emergency_applied:
+            self._was_free = self._was_free or brake is not None
+            return False
+        return self._was_free or self._released_s > self._patience_s
 
 
 class StopWatch:
