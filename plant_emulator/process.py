@@ -16,6 +16,9 @@ from can_dbc.tags import TagReaderHealth
 from can_dbc.traction import TractionCommand, TractionStatus
 from firmware_py.executive import Executive, Task
 from firmware_py.ports import RadioPort, SerialPort
+from plant_emulator.desk.attendant import attendant
+from plant_emulator.desk.display import KINDS as DISPLAYED
+from plant_emulator.desk.display import Display
 from plant_emulator.faults.kinds import Place
 from plant_emulator.faults.plan import FaultPlan
 from plant_emulator.faults.radio_faults import RadioFaults
@@ -119,12 +122,20 @@ class PlantDevice:
             start_ns=start_ns,
             desk_mode=scenario.desk_mode,
         )
-        self.wire = Wire(open_port)
+        self._attendant = attendant(
+            scenario.driver,
+            scenario.desk_recording,
+            mode=scenario.desk_mode,
+            start_ns=start_ns,
+        )
+        self._display = Display()
+        self.wire = Wire(open_port, DISPLAYED if scenario.driver else ())
+        self._absent = frozenset({Node.DESK} if scenario.desk_elsewhere else ())
         self.railway = Railway(scenario.line, scenario.destination)
         self._tags, self._radio, self._truth = tags, radio, truth
         self._epoch_offset_ns = epoch_offset_ns
         self._start_ns = start_ns
-        self._slots = timetable()
+        self._slots = timetable(self._absent)
         self._steps = 0
         self.lost_steps = 0
         """Steps that were given up because the process was held up for too long."""
@@ -144,18 +155,20 @@ class PlantDevice:
         """Says which faults act; it is asked only if there are faults or an observer."""
         self._serial_faults: SerialFaults | None = None
         self._radio_faults: RadioFaults | None = None
-        self._stage: Stage | None = None
-        if faults or observer is not None:
-            self._stage = Stage(
-                world,
-                self.schedule,
-                start_ns=start_ns,
-                observer=observer,
-                railway=self.railway,
-            )
-            self.schedule.listen(self._change_wires)
+        self._stage = self._staged(observer) if faults or observer is not None else None
         self.executive = Executive([Task("step", GRID_MS, self.step)], start_ns)
         self._write_truth()
+
+    def _staged(self, observer: Observer | None) -> Stage:
+        stage = Stage(
+            self.world,
+            self.schedule,
+            start_ns=self._start_ns,
+            observer=observer,
+            railway=self.railway,
+        )
+        self.schedule.listen(self._change_wires)
+        return stage
 
     def _frame_sources(self) -> Mapping[type[Frame], Callable[[int], Frame]]:
         world = self.world
@@ -169,7 +182,7 @@ class PlantDevice:
                 now_ns, world.consist.car_speeds_mps[0], world.consist.slope_mps2
             ),
             DoorStatus: lambda now_ns: world.doors.status(),
-            Desk: lambda now_ns: world.desk,
+            Desk: self._desk,
             LineSupply: lambda now_ns: world.power.supply(),
             EnergyMeter: lambda now_ns: world.power.meter(),
             TagReaderHealth: world.tag_reader.frame,
@@ -181,6 +194,11 @@ class PlantDevice:
         for node in PLANT_NODES:
             sources[HEARTBEATS[node]] = self._heartbeat_of(node)
         return sources
+
+    def _desk(self, now_ns: int) -> Frame:
+        if self._attendant is not None:
+            self.world.put_desk(self._attendant(self._display, now_ns))
+        return self.world.desk
 
     def _heartbeat_of(self, node: Node) -> Callable[[int], Frame]:
         kind = HEARTBEATS[node]
@@ -246,6 +264,8 @@ class PlantDevice:
             world.traction.hear(command, heard_ns)
         elif isinstance(command, DoorCommand):
             world.doors.hear(command, heard_ns)
+        else:
+            self._display.hear(command, heard_ns)
 
     def _catch_up(self, now_ns: int) -> Iterable[Sending]:
         """Move the world to now and answer what is to be sent.
@@ -334,5 +354,6 @@ class PlantDevice:
         """The nodes say that they leave the bus."""
         self._life = NodeState.STOPPED
         for node in PLANT_NODES:
-            self.wire.send(now_ns, node, HEARTBEATS[node](NodeState.STOPPED))
+            if node not in self._absent:
+                self.wire.send(now_ns, node, HEARTBEATS[node](NodeState.STOPPED))
         self._write_truth()

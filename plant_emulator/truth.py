@@ -115,7 +115,22 @@ class Truth:
         """1 while a detector of the train has tripped."""
         self.obstacle = 0.0
         """1 while the deflector is touched."""
-        # Orders are those that the centre said last; before the first, of a train at rest.
+        self.to_stop_m = 0.0
+        """To the next stopping point ahead by the line's map; that of the last once behind it."""
+        self.traction_cut = 1.0
+        """1 while the contactor of the motors is open."""
+        self._world: World | None = None
+        # What depends on the place alone is kept for the piece of line [low, high) of the front,
+        # on which the gradient under the train grows evenly.
+        self._edges_m: list[float] = []
+        self._restrictions: tuple[SpeedRestriction, ...] = ()
+        self._nothing_ordered()
+        self._low_m = self._high_m = 0.0
+        self._stop_m = 0.0
+        self._low_gradient_permille = self._slope_permille_per_m = 0.0
+
+    def _nothing_ordered(self) -> None:
+        """Orders are those that the centre said last; before the first, of a train at rest."""
         self.order_awake = 1.0
         self.order_creep = 0.0
         self.order_emergency = 0.0
@@ -131,18 +146,6 @@ class Truth:
         """1 while all platform doors are closed and proven locked; 1 where there are none."""
         self.platform_doors_open = 0.0
         """1 while any is not closed."""
-        self.to_stop_m = 0.0
-        """To the next stopping point ahead by the line's map; that of the last once behind it."""
-        self.traction_cut = 1.0
-        """1 while the contactor of the motors is open."""
-        self._world: World | None = None
-        # What depends on the place alone is kept for the piece of line [low, high) of the front,
-        # on which the gradient under the train grows evenly.
-        self._edges_m: list[float] = []
-        self._restrictions: tuple[SpeedRestriction, ...] = ()
-        self._low_m = self._high_m = 0.0
-        self._stop_m = 0.0
-        self._low_gradient_permille = self._slope_permille_per_m = 0.0
 
     def read(self, world: World, start_ns: int, authority_end_m: float) -> None:
         consist, brake, doors = world.consist, world.brake, world.doors

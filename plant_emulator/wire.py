@@ -1,7 +1,7 @@
 """The train's nodes on the bus: who sends what when, and which commands they listen to."""
 
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from typing import Final, NamedTuple, Protocol
 
 from can_dbc.alarms import TrainAlarms
@@ -75,8 +75,12 @@ class CommandSink(Protocol):
 class Wire:
     """Frames out through each node's own port, commands in through one."""
 
-    def __init__(self, open_port: OpenPort) -> None:
-        self._decoder = Decoder(COMMANDS)
+    def __init__(self, open_port: OpenPort, also: tuple[type[Frame], ...] = ()) -> None:
+        """Args:
+        also: frames that are handed over besides the commands, and not counted as such.
+        """
+        self._decoder = Decoder((*COMMANDS, *also))
+        self._also = also
         self._encoder = Encoder((*PHASES_MS, *(EMERGENCIES[node] for node in PLANT_NODES)))
         ids = self._decoder.ids
         self._ports: dict[Node, CanPort] = {
@@ -111,7 +115,8 @@ class Wire:
             if isinstance(heard, Rejected):
                 self.refused += 1
                 continue
-            self.commands += 1
+            if not isinstance(heard, self._also):
+                self.commands += 1
             sink(heard, frame.stamp_ns)
 
     def send(self, now_ns: int, node: Node, frame: Frame) -> None:
@@ -120,8 +125,10 @@ class Wire:
             port.send(now_ns, identifier, data)
 
 
-def timetable() -> tuple[tuple[Sending, ...], ...]:
+def timetable(absent: Collection[Node] = ()) -> tuple[tuple[Sending, ...], ...]:
     """What is sent in each slot of GRID_MS of a round, lower identifiers first.
+
+    Nodes that are `absent` send nothing.
 
     Raises ValueError for a period in the DBC files that does not fit onto the grid.
     """
@@ -132,6 +139,8 @@ def timetable() -> tuple[tuple[Sending, ...], ...]:
             raise ValueError(
                 f"{kind.__name__}: period of {period_ms} ms is not on the plant's grid"
             )
+        if Node[sender(kind)] in absent:
+            continue
         for at_ms in range(PHASES_MS[kind] % period_ms, ROUND_MS, period_ms):
             slots[at_ms // GRID_MS].append(Sending(kind, Node[sender(kind)]))
     return tuple(tuple(slot) for slot in slots)

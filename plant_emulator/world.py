@@ -1,7 +1,7 @@
 """One train on its line: actuators push it, sensors watch it, and nothing here knows of buses."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 from can_dbc.alarms import TrainAlarms
@@ -19,6 +19,9 @@ from plant_emulator.actuators.doors import DoorUnit
 from plant_emulator.actuators.traction import TractionUnit
 from plant_emulator.consist import Consist
 from plant_emulator.consist.track import GRAVITY_MPS2
+from plant_emulator.desk.attendant import check_driver
+from plant_emulator.desk.hands import unattended as unattended
+from plant_emulator.desk.recording import DeskRecording, load_recording
 from plant_emulator.noise import Generators, Source
 from plant_emulator.power import HighVoltageBox
 from plant_emulator.sensors.cold import ColdDetector
@@ -42,6 +45,12 @@ class Scenario:
     destination: Station
     seed: int
     desk_mode: CabMode = CabMode.AUTO
+    driver: str | None = None
+    """A model of a driver at the desk, by its name in `plant_emulator.desk.drivers`."""
+    desk_recording: DeskRecording | None = None
+    """What is played at the desk."""
+    desk_elsewhere: bool = False
+    """The desk is a node of its own: nothing of it is sent here."""
 
 
 def plan_scenario(
@@ -55,11 +64,16 @@ def plan_scenario(
     odometer_error_ratio: float | None = None,
     desk_mode: CabMode | str = CabMode.AUTO,
     real: Mapping[str, Any] = NOTHING,
+    driver: str | None = None,
+    desk_recording: str | None = None,
+    desk_elsewhere: bool = False,
 ) -> Scenario:
     """Load what is named and check that it fits; None takes the file's or the whole line.
 
     Args:
         desk_mode: as such or by its name in lower case.
+        driver: by name: obedient, reckless or late.
+        desk_recording: the file of a recording that is played at the desk.
         real: changes of the consist's file by dotted key, see `firmware_py.settings.override`.
 
     Raises SettingsError.
@@ -84,7 +98,19 @@ def plan_scenario(
             f"--from {first.name}: the train of {train.length_m:g} m reaches back over the line's "
             f"start at {track.start_m:g} m"
         )
-    return Scenario(train, track, first, last, seed, _desk_mode(desk_mode))
+    if (driver is not None) + (desk_recording is not None) + desk_elsewhere > 1:
+        raise SettingsError("driver, desk_recording, desk elsewhere: only one can be at the desk")
+    return Scenario(
+        train,
+        track,
+        first,
+        last,
+        seed,
+        _desk_mode(desk_mode),
+        driver=None if driver is None else check_driver(driver),
+        desk_recording=None if desk_recording is None else load_recording(desk_recording),
+        desk_elsewhere=desk_elsewhere,
+    )
 
 
 class World:
@@ -120,6 +146,9 @@ class World:
         self._make_actuators(generators)
         self._make_sensors(generators, front_m)
         self.desk = unattended(desk_mode)
+        """As it is said on the bus."""
+        self._untouched_desk = self.desk
+        self._desk_faults: Sequence[Mapping[str, Any]] = ()
         self.alarms = TrainAlarms(no_obstacle=True, no_fire=True)
         self.cold = ColdDetector(front_m)
         self.adhesion_ratio = train.rail.adhesion_ratio
@@ -239,6 +268,18 @@ class World:
         self.traction.powered = self.power.live
         self.traction.feed(self.power.effort_ratio)
 
+    def put_desk(self, desk: Desk) -> None:
+        """What hands make of it; faults come on top."""
+        self._untouched_desk = desk
+        for change in self._desk_faults:
+            desk = replace(desk, **change)
+        self.desk = desk
+
+    def disturb_desk(self, changes: Sequence[Mapping[str, Any]]) -> None:
+        """Faults: fields of the frame that are as given from now on, whatever hands do."""
+        self._desk_faults = changes
+        self.put_desk(self._untouched_desk)
+
     def pass_over(self, steps: int) -> None:
         """Let time go by in which nothing moves, for a process that was held up for too long."""
         self.now_ns += steps * STEP_NS
@@ -289,20 +330,6 @@ class World:
             load_kg=self.train.passengers_kg * self.train.load_report_ratio,
             cars=len(self.train.cars),
         )
-
-
-def unattended(mode: CabMode) -> Desk:
-    """The desk of a train that nobody drives: everything permissive, no button pressed."""
-    return Desk(
-        mode=mode,
-        lever_percent=0.0,
-        emergency_released=True,
-        no_passenger_alarm=True,
-        departure_requested=False,
-        reset_requested=False,
-        open_left_requested=False,
-        open_right_requested=False,
-    )
 
 
 def _desk_mode(mode: CabMode | str) -> CabMode:

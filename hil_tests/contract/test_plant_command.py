@@ -96,7 +96,7 @@ def test_without_any_bus_it_says_how_to_get_one(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     nothing = BusChoice(None, "the kernel has no interface vcan0")
-    monkeypatch.setattr("plant_emulator.cli.command.resolve_auto", lambda: nothing)
+    monkeypatch.setattr("plant_emulator.cli.bus_choice.resolve_auto", lambda: nothing)
     assert main(["run"]) == 3
     said = capsys.readouterr().err
     assert said == "plant: no bus: the kernel has no interface vcan0; `vcan up` makes one\n"

@@ -14,7 +14,7 @@ from can_dbc.cab import CabMode
 from can_dbc.nodes import Node
 from firmware_py import rendezvous
 from firmware_py.assertions import require_assertions
-from firmware_py.buses import BusError, open_can, parse_spec, resolve_auto
+from firmware_py.buses import BusError, open_can, parse_spec
 from firmware_py.clock import Clock, WallClock
 from firmware_py.executive import Executive, Task, run
 from firmware_py.interrupts import Interrupts
@@ -32,9 +32,12 @@ from firmware_py.recorder import LineLog, RecorderError
 from firmware_py.settings import SettingsError, shipped_names
 from firmware_py.tag_reader.serial_line import SerialError, open_pty, open_serial
 from firmware_py.trackdb import LineMap
+from plant_emulator.cli.bus_choice import chosen_bus
+from plant_emulator.cli.desk_command import attend
 from plant_emulator.cli.feed_sender import FeedSender
-from plant_emulator.cli.options import AUTO, parser
+from plant_emulator.cli.options import AUTO, ELSEWHERE, parser
 from plant_emulator.cli.words import Words, say, summarise
+from plant_emulator.desk.display import KINDS as DISPLAYED
 from plant_emulator.faults.fault_file import load_faults
 from plant_emulator.faults.kinds import BENCH_PLACES
 from plant_emulator.faults.plan import FaultPlan
@@ -62,6 +65,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         if options.verb == "consists":
             return _list_consists()
+        if options.verb == "desk":
+            return attend(options)
+        elsewhere = options.desk in ELSEWHERE
         scenario = plan_scenario(
             line=options.line,
             consist=options.consist,
@@ -70,7 +76,10 @@ def main(argv: Sequence[str] | None = None) -> int:
             end=options.end,
             load_ratio=options.load_ratio,
             odometer_error_ratio=options.odometer_error,
-            desk_mode=CabMode[options.desk.upper()],
+            desk_mode=CabMode.AUTO if elsewhere else CabMode[options.desk.upper()],
+            driver=options.driver,
+            desk_recording=options.desk_recording,
+            desk_elsewhere=elsewhere,
         )
         faults = () if options.faults is None else load_faults(options.faults)
         return _serve(options, scenario, faults)
@@ -138,9 +147,9 @@ def _device(
     stack: ExitStack,
 ) -> PlantDevice:
     """Open everything, and say what is served. What is opened is closed by the stack."""
-    spec = _bus(options.bus)
-    _refuse_second_plant(spec, clock)
-    can = open_can(spec, clock=clock, node="PLANT", accept_ids=COMMAND_IDS)
+    spec = chosen_bus(options.bus)
+    _refuse_second_plant(spec, clock, desk_elsewhere=scenario.desk_elsewhere)
+    can = open_can(spec, clock=clock, node="PLANT", accept_ids=_wanted_ids(scenario))
     stack.callback(can.close)
     truth = None
     if out is not None:
@@ -183,18 +192,17 @@ def _say_what_is_told(faults: Sequence[FaultPlan], feed: FeedSender | None) -> N
             say(f"fault {plan.index}, {plan.kind.name}: not the plant's; {told}")
 
 
-def _bus(wanted: str) -> str:
-    if wanted != AUTO:
-        return wanted
-    choice = resolve_auto()
-    if choice.spec is None:
-        raise BusError(f"no bus: {choice.reason}; `vcan up` makes one")
-    return choice.spec
+def _wanted_ids(scenario: Scenario) -> frozenset[int]:
+    """What the one port of all nodes lets through: a driver sees the display, too."""
+    if scenario.driver is None:
+        return COMMAND_IDS
+    return COMMAND_IDS | {can_id(kind) for kind in DISPLAYED}
 
 
-def _refuse_second_plant(spec: str, clock: Clock) -> None:
+def _refuse_second_plant(spec: str, clock: Clock, *, desk_elsewhere: bool) -> None:
     """Raises BusError when somebody already speaks for the train on this bus."""
-    ours = {can_id(kind): sender(kind) for kind in kinds() if sender(kind) != Node.VOBC.name}
+    others = {Node.VOBC.name, Node.DESK.name} if desk_elsewhere else {Node.VOBC.name}
+    ours = {can_id(kind): sender(kind) for kind in kinds() if sender(kind) not in others}
     with ExitStack() as stack:
         probe = open_can(spec, clock=clock, node="PLANT_PROBE", accept_ids=frozenset(ours))
         stack.callback(probe.close)

@@ -5,6 +5,7 @@ from typing import Final
 
 from can_dbc.cab import CabMode
 from firmware_py.radio.zenoh_radio import DEFAULT_ENDPOINT
+from plant_emulator.desk.drivers import DRIVERS
 
 AUTO: Final = "auto"
 PRIORITY: Final = 70
@@ -18,6 +19,15 @@ started it.
 exit codes: 0 ended by Ctrl-C, SIGTERM or after --duration; 1 the plant failed; 2 wrong usage or
 configuration; 3 bus, serial line, radio or a folder missing
 """
+
+
+DESK_EPILOG: Final = """\
+Without --play and --driver the keyboard drives, and the terminal shows the desk; q leaves it. A
+desk that falls silent brakes the train. Recordings are described in docs/desk.md.
+exit codes: 0 left, or after --duration; 1 it failed; 2 wrong usage or a recording that cannot be
+played; 3 bus or terminal missing, or somebody else is the desk
+"""
+ELSEWHERE: Final = ("external", "none")
 
 
 def parser() -> argparse.ArgumentParser:
@@ -35,6 +45,7 @@ def parser() -> argparse.ArgumentParser:
     _add_train(plant.add_argument_group("the train and its line"))
     _add_wires(plant.add_argument_group("the wires"))
     _add_faults(plant.add_argument_group("what goes wrong"))
+    _add_desk(verbs)
     return top
 
 
@@ -60,7 +71,45 @@ def _add_train(group: argparse._ArgumentGroup) -> None:
         "--to", dest="end", metavar="STATION", help="how far it may go; default: the last"
     )
     group.add_argument(
-        "--desk", choices=[mode.name.lower() for mode in CabMode], default="auto", help="its mode"
+        "--desk",
+        choices=[*(mode.name.lower() for mode in CabMode), *ELSEWHERE],
+        default="auto",
+        help="its mode; external: `plant desk` is the desk, none: there is none; default: auto",
+    )
+    group.add_argument("--driver", choices=list(DRIVERS), help="a model of one drives")
+    group.add_argument(
+        "--desk-recording", metavar="FILE", help="played at the desk, see docs/desk.md"
+    )
+
+
+def _add_desk(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    desk = verbs.add_parser(
+        "desk",
+        help="drive a train by hand",
+        description="Be the driver's desk of a train whose plant runs with --desk external.",
+        epilog=DESK_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    desk.add_argument(
+        "--bus",
+        default=AUTO,
+        metavar="SPEC",
+        help="auto, socketcan:vcan0, embedded:vcan0; default: auto",
+    )
+    who = desk.add_mutually_exclusive_group()
+    who.add_argument("--play", metavar="FILE", help="a recording drives, not the keyboard")
+    who.add_argument("--driver", choices=list(DRIVERS), help="a model of a driver drives")
+    desk.add_argument(
+        "--record", metavar="FILE", help="write what is done at the desk, to be played again"
+    )
+    desk.add_argument(
+        "--mode",
+        choices=[mode.name.lower() for mode in CabMode],
+        default="manual",
+        help="of the key at first; default: manual",
+    )
+    desk.add_argument(
+        "--duration", dest="duration_s", type=_seconds, metavar="SECONDS", help="end after so long"
     )
 
 

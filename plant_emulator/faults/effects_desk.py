@@ -1,7 +1,6 @@
 """Faults that come from the desk and from passengers: what is pressed, pulled and turned."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Mapping
 from typing import Any
 
 from plant_emulator.faults.declared_train import (
@@ -23,15 +22,7 @@ class DeskEffects:
     """Where two set the same the later one of the scenario rules."""
 
     def __init__(self, world: World) -> None:
-        self._world = world
-        self._untouched = world.desk
-        self._changes = Knob[Change](self._touch)
-
-    def _touch(self, changes: Sequence[Change]) -> None:
-        desk = self._untouched
-        for change in changes:
-            desk = replace(desk, **change)
-        self._world.desk = desk
+        self._changes = Knob[Change](world.disturb_desk)
 
     def of(self, plan: FaultPlan) -> Effect:
         return Turned(plan.index, (self._changes, _change(plan)))

@@ -1,0 +1,321 @@
+"""The desk: keys, recordings, models of drivers, and the screen."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from can_dbc.cab import CabMode, Desk
+from can_dbc.vobc import (
+    AtoPhase,
+    Cause,
+    Inhibit,
+    Missing,
+    OperatingMode,
+    Supervision,
+    VobcMode,
+    VobcMotion,
+    VobcPosition,
+    VobcStatus,
+    VobcTarget,
+    Withheld,
+)
+from firmware_py.settings import SettingsError
+from plant_emulator.desk.attendant import attendant
+from plant_emulator.desk.display import FRESH_NS, Display
+from plant_emulator.desk.drivers import DRIVERS, Driver, Trend
+from plant_emulator.desk.hands import KEYS, PRESS_NS, Hands, press, unattended
+from plant_emulator.desk.recording import (
+    FIELDS,
+    DeskRecording,
+    change_line,
+    load_recording,
+    parse_recording,
+)
+from plant_emulator.desk.screen import HEIGHT, WIDTH, lines
+from plant_emulator.world import plan_scenario
+
+MANUAL = unattended(CabMode.MANUAL)
+STATUS = VobcStatus(
+    supervision=Supervision.NOMINAL,
+    ato_phase=AtoPhase.OFF,
+    missing=Missing.NOTHING,
+    localised=True,
+    slip_detected=False,
+    work_us=0.0,
+    cycle_slips=0,
+)
+MODE = VobcMode(
+    mode=OperatingMode.AUTHORISED,
+    cause=Cause.NONE,
+    departure_inhibits=Inhibit.NONE,
+    doors_withheld=Withheld.MOVING,
+    jog_attempts=0,
+    replicas_agree=True,
+    alarm_raised=False,
+)
+NS_PER_S = 1_000_000_000
+DESKS = st.builds(
+    Desk,
+    st.sampled_from(CabMode),
+    st.integers(-500, 500).map(lambda fifths: fifths / 5.0),
+    *[st.booleans() for _ in range(8)],
+)
+
+
+def shown(speed_mps: float, ceiling_mps: float, emergency_mps: float, now_ns: int = 0) -> Display:
+    display = Display()
+    display.hear(STATUS, now_ns)
+    display.hear(VobcMotion(speed_mps, ceiling_mps, emergency_mps), now_ns)
+    return display
+
+
+def pressed(*keys: str, at_ns: int = 0) -> Hands:
+    hands = Hands(MANUAL)
+    for key in keys:
+        hands = press(hands, key, at_ns)
+    return hands
+
+
+def test_the_lever_goes_by_tenths_and_stops_at_its_ends() -> None:
+    assert pressed("up", "up", "down").desk.lever_percent == 10.0
+    assert pressed(*["up"] * 30).desk.lever_percent == 100.0
+    assert pressed(*["down"] * 30).desk.lever_percent == -100.0
+    assert pressed("up", "b").desk.lever_percent == -100.0
+    assert pressed("b", "space").desk.lever_percent == 0.0
+
+
+@pytest.mark.parametrize(
+    ("key", "field"),
+    [
+        ("e", "emergency_released"),
+        ("p", "no_passenger_alarm"),
+        ("left", "open_left_requested"),
+        ("right", "open_right_requested"),
+        ("x", "restricted_requested"),
+        ("y", "door_bypass_requested"),
+    ],
+)
+def test_switches_go_in_and_out_and_touch_nothing_else(key: str, field: str) -> None:
+    once = pressed(key).desk
+    assert once == replace(MANUAL, **{field: not getattr(MANUAL, field)})  # type: ignore[arg-type]
+    assert pressed(key, key).desk == MANUAL
+
+
+@pytest.mark.parametrize(("key", "field"), [("d", "departure_requested"), ("r", "reset_requested")])
+def test_buttons_spring_back_after_a_second(key: str, field: str) -> None:
+    hands = pressed(key, at_ns=5)
+    assert getattr(hands.at(5 + PRESS_NS - 1), field)
+    assert not getattr(hands.at(5 + PRESS_NS), field)
+
+
+def test_the_key_is_turned_and_the_desk_is_left() -> None:
+    modes = [pressed(key).desk.mode for key in "amo"]
+    assert modes == [CabMode.AUTO, CabMode.MANUAL, CabMode.OFF]
+    assert pressed("q").gone
+    assert not pressed("z", "up").gone
+
+
+@given(desks=st.lists(DESKS, min_size=1, max_size=8))
+def test_what_was_recorded_is_played_the_same(desks: list[Desk]) -> None:
+    before: Desk | None = None
+    text = "# anything\n"
+    for second, desk in enumerate(desks):
+        text += change_line(float(second), before, desk)
+        before = desk
+
+    recording = parse_recording(text, "test")
+
+    for second, desk in enumerate(desks):
+        assert recording.at(second + 0.5, MANUAL) == desk
+
+
+def test_before_its_first_line_a_recording_leaves_the_desk_alone() -> None:
+    recording = parse_recording("2.5 lever_percent=40 reset_requested=true\n", "test")
+    assert recording.at(2.499, MANUAL) == MANUAL
+    assert recording.at(2.5, MANUAL) == replace(MANUAL, lever_percent=40.0, reset_requested=True)
+    assert recording.end_s == 2.5
+    assert DeskRecording(()).at(9.0, MANUAL) == MANUAL
+
+
+def test_nothing_is_written_where_nothing_changed() -> None:
+    assert change_line(1.0, MANUAL, MANUAL) == ""
+    assert change_line(1.0, MANUAL, replace(MANUAL, lever_percent=20.0)) == (
+        "1.000 lever_percent=20\n"
+    )
+    assert change_line(0.0, None, MANUAL).count("=") == len(FIELDS)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("soon mode=auto", "a.desk:1: t_s: 'soon' is not a number of seconds"),
+        ("nan mode=auto", "a.desk:1: t_s: 'nan'"),
+        ("-1 mode=auto", "a.desk:1: t_s: '-1'"),
+        ("\n2 mode=auto\n1 mode=off", "a.desk:3: t_s: 1 is before 2"),
+        ("1 leaver_percent=5", "a.desk:1: leaver_percent: unknown key; nearest valid key: lever_"),
+        ("1 lever_percent=101", "a.desk:1: lever_percent: '101' is not a number in -100..100"),
+        ("1 lever_percent=full", "a.desk:1: lever_percent: 'full' is not"),
+        ("1 lever_percent", "a.desk:1: lever_percent: no value; write lever_percent=..."),
+        ("1 reset_requested=yes", "a.desk:1: reset_requested: 'yes' is neither true nor false"),
+        ("1 mode=manuel", "a.desk:1: mode: 'manuel': nearest valid"),
+        ("1", "a.desk:1: nothing changes at 1 s"),
+    ],
+)
+def test_what_cannot_be_played_is_said_with_file_line_and_key(text: str, words: str) -> None:
+    with pytest.raises(SettingsError) as refused:
+        parse_recording(text, "a.desk")
+    assert words in str(refused.value)
+
+
+def test_a_recording_that_is_not_there_or_no_text_is_said(tmp_path: Path) -> None:
+    with pytest.raises(SettingsError, match=r"nowhere\.desk: no such file"):
+        load_recording(str(tmp_path / "nowhere.desk"))
+    path = tmp_path / "binary.desk"
+    path.write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(SettingsError, match=r"binary\.desk: cannot be read"):
+        load_recording(str(path))
+
+
+def test_only_one_can_be_at_the_desk(tmp_path: Path) -> None:
+    path = tmp_path / "a.desk"
+    path.write_text("0 mode=manual\n", encoding="utf-8")
+    assert plan_scenario(desk_recording=str(path)).desk_recording is not None
+    assert plan_scenario(driver="late").driver == "late"
+    with pytest.raises(SettingsError, match="only one can be at the desk"):
+        plan_scenario(driver="late", desk_recording=str(path))
+    with pytest.raises(SettingsError, match="driver: 'ruthless'"):
+        plan_scenario(driver="ruthless")
+
+
+def test_nobody_is_needed_at_the_desk() -> None:
+    assert attendant(None, None, mode=CabMode.AUTO, start_ns=0) is None
+
+
+def test_a_recording_counts_from_the_start_of_the_run() -> None:
+    recording = parse_recording("1 lever_percent=-30", "test")
+    play = attendant(None, recording, mode=CabMode.MANUAL, start_ns=7 * NS_PER_S)
+    assert play is not None
+    assert play(Display(), 8 * NS_PER_S - 1) == MANUAL
+    assert play(Display(), 8 * NS_PER_S).lever_percent == -30.0
+
+
+def lever(driver: Driver, display: Display, now_ns: int = 0) -> float:
+    desk = driver.drive(display, now_ns)
+    assert desk.mode is CabMode.MANUAL
+    assert -100.0 <= desk.lever_percent <= 100.0
+    return desk.lever_percent
+
+
+@given(
+    speed_mps=st.floats(-5.0, 40.0), ceiling_mps=st.floats(0.0, 30.0), over_mps=st.floats(0.0, 5.0)
+)
+def test_a_reckless_driver_never_lets_go(
+    speed_mps: float, ceiling_mps: float, over_mps: float
+) -> None:
+    display = shown(speed_mps, ceiling_mps, ceiling_mps + over_mps)
+    assert lever(DRIVERS["reckless"](), display) == 100.0
+
+
+@given(speed_mps=st.floats(0.0, 40.0), ceiling_mps=st.floats(0.0, 30.0))
+def test_an_obedient_driver_never_pulls_at_the_permitted_speed_or_over_it(
+    speed_mps: float, ceiling_mps: float
+) -> None:
+    pull_percent = lever(DRIVERS["obedient"](), shown(speed_mps, ceiling_mps, ceiling_mps + 2.0))
+    if speed_mps >= ceiling_mps:
+        assert pull_percent < 0.0
+    if speed_mps < ceiling_mps - 2.0:
+        assert pull_percent > 0.0
+
+
+def test_an_obedient_driver_brakes_before_a_limit_that_falls() -> None:
+    driver, now_ns = DRIVERS["obedient"](), 0
+    pulls_percent = []
+    for tenth in range(10):
+        now_ns = tenth * NS_PER_S // 10
+        display = shown(10.0, 14.0 - 0.08 * tenth, 16.0, now_ns)
+        pulls_percent.append(lever(driver, display, now_ns))
+    assert pulls_percent[0] == 100.0
+    assert pulls_percent[-1] < pulls_percent[0]
+
+
+@pytest.mark.parametrize("name", ["obedient", "late"])
+def test_who_sees_no_speeds_brakes(name: str) -> None:
+    driver, display = DRIVERS[name](), shown(5.0, 15.0, 17.0)
+    assert lever(driver, Display()) == -100.0
+    assert lever(driver, display, FRESH_NS) > 0.0
+    assert lever(driver, display, FRESH_NS + 1) == -100.0
+
+
+def test_an_obedient_driver_resets_an_emergency_at_standstill_and_lets_the_button_go() -> None:
+    driver, seen = DRIVERS["obedient"](), set()
+    for speed_mps in (5.0, 0.0):
+        display = shown(speed_mps, 0.0, 0.0)
+        display.hear(replace(STATUS, supervision=Supervision.EMERGENCY), 0)
+        for tenth in range(60):
+            now_ns = tenth * NS_PER_S // 10
+            display.hear(VobcMotion(speed_mps, 0.0, 0.0), now_ns)
+            desk = driver.drive(display, now_ns)
+            assert desk.lever_percent == -100.0
+            seen.add((speed_mps, desk.reset_requested))
+    assert seen == {(5.0, False), (0.0, False), (0.0, True)}
+
+
+def test_a_late_driver_brakes_at_the_emergency_limit_and_pulls_again_under_it() -> None:
+    driver = DRIVERS["late"]()
+    assert lever(driver, shown(15.0, 14.0, 16.0)) == 100.0, "over the permitted speed"
+    assert lever(driver, shown(15.6, 14.0, 16.0)) == -100.0
+    assert lever(driver, shown(14.6, 14.0, 16.0)) == -100.0
+    assert lever(driver, shown(14.4, 14.0, 16.0)) == 100.0
+
+
+@pytest.mark.parametrize(
+    ("limits_mps", "fall_mps2"),
+    [([10.0, 9.9], 1.0), ([10.0, 10.1], 0.0), ([10.0, 9.0], 0.0), ([10.0], 0.0)],
+)
+def test_a_limit_falls_when_it_is_approached_not_when_it_is_changed(
+    limits_mps: list[float], fall_mps2: float
+) -> None:
+    trend = Trend()
+    falls = [trend.fall_mps2(mps, n * NS_PER_S // 10) for n, mps in enumerate(limits_mps)]
+    assert falls[-1] == pytest.approx(fall_mps2)
+    assert trend.fall_mps2(limits_mps[-1], 5 * NS_PER_S) == 0.0, "it has stopped falling"
+
+
+def test_the_screen_shows_what_the_controller_says() -> None:
+    display = shown(10.0, 15.0, 17.0)
+    display.hear(replace(MODE, mode=OperatingMode.JOG, jog_attempts=2, alarm_raised=True), 0)
+    display.hear(replace(STATUS, missing=Missing.AUTHORITY | Missing.DOORS), 0)
+    display.hear(VobcPosition(front_m=1234.5, uncertainty_m=2.5), 0)
+    display.hear(VobcTarget(distance_to_stop_m=50.0, distance_to_authority_m=321.0), 0)
+    text = "\n".join(lines(display, replace(MANUAL, reset_requested=True), 0))
+    for words in (
+        *("36.0 km/h", "54.0 km/h", "61.2 km/h", "jog 2  ALARM", "nominal", "MANUAL"),
+        *("doors, authority", "permitted", "moving", "1234.5 m ± 2.5 m", "321 m", "reset"),
+    ):
+        assert words in text
+    assert all(words in text for _, words, _ in KEYS)
+
+
+@given(
+    speed_mps=st.floats(-400.0, 400.0),
+    inhibits=st.integers(0, 1023).map(Inhibit),
+    withheld=st.integers(0, 511).map(Withheld),
+    cause=st.sampled_from(Cause),
+    desk=DESKS,
+    heard=st.booleans(),
+)
+def test_the_screen_always_fits(
+    speed_mps: float, inhibits: Inhibit, withheld: Withheld, cause: Cause, desk: Desk, heard: bool
+) -> None:
+    display = Display()
+    if heard:
+        display = shown(speed_mps, 22.0, 24.0)
+        mode = replace(MODE, departure_inhibits=inhibits, doors_withheld=withheld, cause=cause)
+        display.hear(mode, 0)
+        display.hear(VobcPosition(front_m=-1e6, uncertainty_m=1e6), 0)
+    drawn = lines(display, desk, 0, note="x" * 200)
+    assert len(drawn) <= HEIGHT < 24
+    assert all(len(line) <= WIDTH < 80 and line.isprintable() for line in drawn)

@@ -1,0 +1,1 @@
+"""Whoever sits at the driver's desk: nobody, a recording, a model of a driver, or a person."""

@@ -1,0 +1,118 @@
+"""Models of drivers. They see what the display shows and nothing else of the train."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Final, Protocol
+
+from can_dbc.cab import CabMode, Desk
+from can_dbc.vobc import Supervision, VobcMotion
+from plant_emulator.desk.display import Display
+from plant_emulator.desk.hands import unattended
+
+FULL_PERCENT: Final = 100.0
+PERCENT_PER_MPS: Final = 60.0
+"""How hard an obedient driver corrects an error of speed."""
+KEPT_MPS: Final = 1.0
+"""And stays under the permitted speed by so much."""
+SEEN_AHEAD_S: Final = 3.0
+"""A driver sees where a falling limit will be in a while."""
+LATE_AHEAD_S: Final = 0.8
+"""A late one no further than his hand takes."""
+LATE_KEPT_MPS: Final = 0.5
+LATE_RELEASE_MPS: Final = 1.5
+"""He lets go again when he is under the emergency limit by so much."""
+FALL_MAX_MPS2: Final = 2.0
+"""A limit that falls faster was changed, not approached."""
+STANDING_MPS: Final = 0.1
+RESET_EVERY_NS: Final = 3_000_000_000
+RESET_FOR_NS: Final = 1_000_000_000
+NS_PER_S: Final = 1_000_000_000
+
+
+class Driver(Protocol):
+    """Is asked whenever the desk speaks."""
+
+    def drive(self, display: Display, now_ns: int) -> Desk: ...
+
+
+class Trend:
+    """How fast a shown limit falls; never negative."""
+
+    def __init__(self) -> None:
+        self._limit_mps = 0.0
+        self._since_ns: int | None = None
+        self._fall_mps2 = 0.0
+
+    def fall_mps2(self, limit_mps: float, now_ns: int) -> float:
+        since_ns = self._since_ns
+        if since_ns is not None and limit_mps != self._limit_mps and now_ns > since_ns:
+            fall_mps2 = (self._limit_mps - limit_mps) / ((now_ns - since_ns) / NS_PER_S)
+            self._fall_mps2 = max(0.0, fall_mps2) if fall_mps2 <= FALL_MAX_MPS2 else 0.0
+        elif since_ns is not None and now_ns - since_ns > NS_PER_S:
+            self._fall_mps2 = 0.0
+        if since_ns is None or limit_mps != self._limit_mps:
+            self._limit_mps, self._since_ns = limit_mps, now_ns
+        return self._fall_mps2
+
+
+class Obedient:
+    """Stays under the permitted speed, and resets an emergency once the train stands."""
+
+    def __init__(self) -> None:
+        self._trend = Trend()
+
+    def drive(self, display: Display, now_ns: int) -> Desk:
+        seen = display.speeds(now_ns)
+        if seen is None:
+            return _desk(-FULL_PERCENT)
+        emergency = (
+            display.status is not None and display.status.supervision is Supervision.EMERGENCY
+        )
+        if emergency:
+            standing = abs(seen.speed_mps) < STANDING_MPS
+            pressed = standing and now_ns % RESET_EVERY_NS < RESET_FOR_NS
+            return replace(_desk(-FULL_PERCENT), reset_requested=pressed)
+        fall_mps2 = self._trend.fall_mps2(seen.ceiling_mps, now_ns)
+        wanted_mps = max(0.0, seen.ceiling_mps - KEPT_MPS - SEEN_AHEAD_S * fall_mps2)
+        if wanted_mps == 0.0:
+            return _desk(-FULL_PERCENT)
+        return _desk(PERCENT_PER_MPS * (wanted_mps - seen.speed_mps))
+
+
+class Reckless:
+    """Full power, whatever the display shows."""
+
+    def drive(self, display: Display, now_ns: int) -> Desk:
+        return _desk(FULL_PERCENT)
+
+
+class Late:
+    """Full power up to the speed at which the emergency brake would come, and full brake there."""
+
+    def __init__(self) -> None:
+        self._trend = Trend()
+        self._braking = False
+
+    def drive(self, display: Display, now_ns: int) -> Desk:
+        seen = display.speeds(now_ns)
+        if seen is None:
+            return _desk(-FULL_PERCENT)
+        self._braking = self._has_to_brake(seen, now_ns)
+        return _desk(-FULL_PERCENT if self._braking else FULL_PERCENT)
+
+    def _has_to_brake(self, seen: VobcMotion, now_ns: int) -> bool:
+        fall_mps2 = self._trend.fall_mps2(seen.emergency_mps, now_ns)
+        left_mps = seen.emergency_mps - LATE_AHEAD_S * fall_mps2 - seen.speed_mps
+        return left_mps < (LATE_RELEASE_MPS if self._braking else LATE_KEPT_MPS)
+
+
+DRIVERS: Final[Mapping[str, Callable[[], Driver]]] = {
+    "obedient": Obedient,
+    "reckless": Reckless,
+    "late": Late,
+}
+
+
+def _desk(lever_percent: float) -> Desk:
+    limited_percent = max(-FULL_PERCENT, min(FULL_PERCENT, lever_percent))
+    return replace(unattended(CabMode.MANUAL), lever_percent=limited_percent)

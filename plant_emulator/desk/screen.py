@@ -1,0 +1,125 @@
+"""The desk's screen as lines of text that fit a terminal of 80 by 24."""
+
+from collections.abc import Iterator
+from typing import Final
+
+from can_dbc.cab import Desk
+from can_dbc.vobc import Inhibit, Missing, OperatingMode, VobcMode, VobcMotion, Withheld
+from plant_emulator.desk.display import Display
+from plant_emulator.desk.hands import KEYS
+
+WIDTH: Final = 79
+HEIGHT: Final = 23
+KMH_PER_MPS: Final = 3.6
+BAR: Final = 40
+BAR_TOP_KMH: Final = 80.0
+KEYS_A_LINE: Final = 4
+KEY_WIDTH: Final = 19
+NOTHING: Final = "--"
+FAR_M: Final = 100_000.0
+"""A target that is shown no more."""
+
+
+def lines(display: Display, desk: Desk, now_ns: int, note: str = "") -> list[str]:
+    """What is shown now; `note` is the last line."""
+    seen = display.speeds(now_ns)
+    body = [
+        "METRO DRIVER'S DESK".center(WIDTH).rstrip(),
+        "",
+        *_speeds(seen),
+        "",
+        *_state(display),
+        "",
+        *_desk_lines(desk),
+        "",
+        *_keys(),
+        note,
+    ]
+    assert len(body) <= HEIGHT
+    return [line[:WIDTH] for line in body]
+
+
+def _speeds(seen: VobcMotion | None) -> Iterator[str]:
+    names = ("speed", "permitted", "emergency")
+    if seen is None:
+        yield from (f"{name:>10}  {NOTHING:>6} km/h" for name in names)
+        return
+    speeds_mps = (seen.speed_mps, seen.ceiling_mps, seen.emergency_mps)
+    for name, value_mps in zip(names, speeds_mps, strict=True):
+        kmh = KMH_PER_MPS * value_mps
+        filled = round(BAR * max(0.0, min(1.0, kmh / BAR_TOP_KMH)))
+        yield f"{name:>10}  {kmh:6.1f} km/h  {'#' * filled}{'.' * (BAR - filled)}"
+
+
+def _state(display: Display) -> Iterator[str]:
+    status, mode = display.status, display.mode
+    supervision = NOTHING if status is None else _words(status.supervision.name)
+    phase = NOTHING if status is None else _words(status.ato_phase.name)
+    yield f"{'mode':>10}  {_mode(mode):24}{'supervision':>12}  {supervision}"
+    cause = NOTHING if mode is None else _words(mode.cause.name)
+    yield f"{'cause':>10}  {cause:24}{'ATO':>12}  {phase}"
+    missing = NOTHING if status is None else _flags(status.missing)
+    yield f"{'missing':>10}  {missing}"
+    departure = NOTHING if mode is None else _inhibited(mode.departure_inhibits)
+    doors = NOTHING if mode is None else _withheld(mode.doors_withheld)
+    yield f"{'departure':>10}  {departure}"
+    yield f"{'doors':>10}  {doors}"
+    yield f"{'front':>10}  {_place(display)}"
+
+
+def _mode(mode: VobcMode | None) -> str:
+    if mode is None:
+        return NOTHING
+    alarm = "  ALARM" if mode.alarm_raised else ""
+    attempts = f" {mode.jog_attempts}" if mode.mode is OperatingMode.JOG else ""
+    return f"{_words(mode.mode.name)}{attempts}{alarm}"
+
+
+def _inhibited(inhibits: Inhibit) -> str:
+    return "permitted" if not inhibits else _flags(inhibits)
+
+
+def _withheld(withheld: Withheld) -> str:
+    return "enabled" if not withheld else _flags(withheld)
+
+
+def _place(display: Display) -> str:
+    if display.position is None:
+        return NOTHING
+    text = f"{display.position.front_m:.1f} m ± {display.position.uncertainty_m:.1f} m"
+    if display.target is not None and display.target.distance_to_authority_m < FAR_M:
+        text += f"   authority ends in {display.target.distance_to_authority_m:.0f} m"
+    return text
+
+
+def _desk_lines(desk: Desk) -> Iterator[str]:
+    pressed = [
+        words
+        for on, words in (
+            (not desk.emergency_released, "EMERGENCY"),
+            (not desk.no_passenger_alarm, "passenger alarm"),
+            (desk.departure_requested, "departure"),
+            (desk.reset_requested, "reset"),
+            (desk.open_left_requested, "left doors"),
+            (desk.open_right_requested, "right doors"),
+            (desk.restricted_requested, "restricted"),
+            (desk.door_bypass_requested, "door bypass"),
+        )
+        if on
+    ]
+    yield f"{'key':>10}  {desk.mode.name:24}{'lever':>12}  {desk.lever_percent:+.0f} %"
+    yield f"{'pressed':>10}  {', '.join(pressed) or NOTHING}"
+
+
+def _keys() -> Iterator[str]:
+    shown = [f"{key} {words}"[:KEY_WIDTH].ljust(KEY_WIDTH) for key, words, _ in KEYS]
+    for at in range(0, len(shown), KEYS_A_LINE):
+        yield " ".join(shown[at : at + KEYS_A_LINE]).rstrip()
+
+
+def _flags(flags: Inhibit | Missing | Withheld) -> str:
+    return ", ".join(_words(flag.name or "") for flag in type(flags) if flag & flags) or "nothing"
+
+
+def _words(name: str) -> str:
+    return name.lower().replace("_", " ")
