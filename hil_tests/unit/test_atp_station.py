@@ -294,8 +294,10 @@ def test_a_person_on_sight_answers_for_centre_and_authority() -> None:
     [
         (1419.9, Whereabouts.BETWEEN),
         (1420.0, Whereabouts.ARRIVING),
-        (1499.6, Whereabouts.ARRIVING),
-        (1500.0, Whereabouts.ALIGNED),
+        (1499.69, Whereabouts.ARRIVING),
+        (1499.71, Whereabouts.ALIGNED),
+        (1500.29, Whereabouts.ALIGNED),
+        (1500.31, Whereabouts.PAST),
         (1500.4, Whereabouts.PAST),
         (1505.0 + LENGTH_M, Whereabouts.PAST),
         (1505.1 + LENGTH_M, Whereabouts.BETWEEN),
@@ -310,6 +312,21 @@ def test_a_platform_is_left_when_the_rear_is_clear(front_m: float, where: Wherea
     )
 
     assert place.where is where
+
+
+def test_a_wide_interval_about_the_stopping_point_is_near_it() -> None:
+    place = place_of(
+        LINE.stations, Interval(1499.6, 1499.9, 1500.2), train_length_m=LENGTH_M, window_m=0.3
+    )
+
+    assert place.where is Whereabouts.NEAR
+
+
+def test_an_unlocked_train_that_stops_at_the_end_of_the_window_needs_no_emergency_brake() -> None:
+    bench = Bench()
+    bench.step(standing(1000.0))
+
+    assert bench.step(moving(1500.24, 0.3, 0.08), UNLOCKED).emergency is Cause.NONE
 
 
 @given(st.floats(-100.0, 4700.0), st.floats(0.0, 5.0), st.floats(0.0, 5.0))
@@ -413,6 +430,14 @@ def test_an_arriving_train_takes_an_alarm_to_its_stopping_point() -> None:
 
     assert verdict.emergency is Cause.NONE
     assert verdict.stop_next
+
+
+@pytest.mark.parametrize("seen", [ALARM, FIRE])
+def test_the_stop_counts_as_ordered_until_the_train_stands_there(seen: CycleInput) -> None:
+    bench = Bench()
+    bench.step(standing(1000.0))
+    assert bench.step(moving(1499.9, 0.3), seen).stop_next
+    assert not bench.step(standing(1500.0), seen).stop_next
 
 
 def test_a_short_alarm_on_the_way_is_kept_until_the_train_stood_at_a_platform() -> None:

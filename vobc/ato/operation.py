@@ -92,7 +92,8 @@ class Ato:
         reverse = self.phase is AtoPhase.JOGGING and self._reverse
         # Backwards the traction pulls against what the strategy takes for forwards.
         strategy.issued(-accel_mps2 if reverse and accel_mps2 > 0.0 else accel_mps2)
-        self._released_s = self._released_s + seen.dt_s if accel_mps2 >= 0.0 else 0.0
+        braked = accel_mps2 < 0.0 or seen.protection_brakes
+        self._released_s = 0.0 if braked else self._released_s + seen.dt_s
         return self._demand(seen, accel_mps2, drive)
 
     def _drive(self, seen: AtoInput, strategy: Strategy) -> Drive:

@@ -29,6 +29,7 @@ NOTHING: Final = Answer()
 GO_ON: Final = Answer(stop_next=True)
 """Nobody can be helped between stations: the next one is served, whatever was planned."""
 STAY: Final = Answer(stay=True)
+STOP_AND_STAY: Final = Answer(stop_next=True, stay=True)
 STOP_HERE: Final = Answer(stop_now=True, stay=True)
 """It has hardly moved: doors can open again where it comes to rest by the service brake."""
 _PULLED_AWAY_FROM_PLATFORM: Final = Answer(emergency=Cause.PASSENGER_ALARM, stay=True)
@@ -42,7 +43,9 @@ PASSENGER_ALARM: Final[Mapping[Situation, Answer]] = {
     Situation(_W.BETWEEN, False): GO_ON,
     Situation(_W.ARRIVING, False): GO_ON,
     Situation(_W.ARRIVING, True): _PULLED_AWAY_FROM_PLATFORM,
-    Situation(_W.ALIGNED, False): STAY,
+    Situation(_W.NEAR, False): STOP_AND_STAY,
+    Situation(_W.NEAR, True): _PULLED_AWAY_FROM_PLATFORM,
+    Situation(_W.ALIGNED, False): STOP_AND_STAY,
     Situation(_W.ALIGNED, True): STOP_HERE,
     Situation(_W.PAST, False): STAY,
     Situation(_W.PAST, True): _PULLED_AWAY_FROM_PLATFORM,
@@ -51,6 +54,7 @@ FIRE: Final[Mapping[Situation, Answer]] = {
     **PASSENGER_ALARM,
     # Nobody hangs in a door: better the next station than half a train in the tunnel.
     Situation(_W.ARRIVING, True): GO_ON,
+    Situation(_W.NEAR, True): GO_ON,
     Situation(_W.PAST, False): GO_ON,
     Situation(_W.PAST, True): GO_ON,
 }
@@ -59,6 +63,8 @@ DOOR_UNLOCKED: Final[Mapping[Situation, Answer]] = {
     Situation(_W.BETWEEN, False): GO_ON,
     Situation(_W.ARRIVING, False): GO_ON,
     Situation(_W.ARRIVING, True): _UNLOCKED,
+    Situation(_W.NEAR, False): GO_ON,
+    Situation(_W.NEAR, True): _UNLOCKED,
     Situation(_W.ALIGNED, False): GO_ON,
     Situation(_W.ALIGNED, True): _UNLOCKED,
     Situation(_W.PAST, False): _UNLOCKED,

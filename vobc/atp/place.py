@@ -12,9 +12,10 @@ from vobc.vocabulary import Interval
 class Whereabouts(enum.Enum):
     UNKNOWN = "not localised"
     BETWEEN = "no part of the train is at a platform"
-    ARRIVING = "some part is at a platform, and the front not surely past its stopping point"
-    ALIGNED = "the front surely stands in the window of the stopping point"
-    PAST = "the front is surely past the stopping point, and the rear not surely clear"
+    ARRIVING = "some part is at a platform, and the front short of its stopping point"
+    NEAR = "the front may be in the window of the stopping point, but not surely"
+    ALIGNED = "the front is surely in the window of the stopping point"
+    PAST = "the front is surely past that window, and the rear not surely clear of the platform"
 
 
 class Place(NamedTuple):
@@ -37,7 +38,8 @@ def place_of(
             continue
         if is_aligned(station, front_m, window_m=window_m):
             return Place(Whereabouts.ALIGNED, station)
-        if front_m.low > station.stop_m:
+        if front_m.low > station.stop_m + window_m:
             return Place(Whereabouts.PAST, station)
-        return Place(Whereabouts.ARRIVING, station)
+        short = front_m.best < station.stop_m - window_m
+        return Place(Whereabouts.ARRIVING if short else Whereabouts.NEAR, station)
     return BETWEEN

@@ -101,11 +101,9 @@ class StationGuard:
                 _departure_terms(
                     heard,
                     place,
-                    motion,
                     answers,
                     authority_ahead=authority_ahead,
                     emergency=emergency,
-                    window_m=self._config.door_window_m,
                 )
             )
         jog = self._jog(seen, motion, gone, moved_m, stopping_at_m)
@@ -122,7 +120,12 @@ class StationGuard:
                 jog.emergency,
             ),
             stop_now=jog.used_up or any(answer.stop_now for answer in answers),
-            stop_next=heard.stop_next or any(answer.stop_next for answer in answers),
+            stop_next=heard.stop_next
+            or any(
+                # A train that stands where it is to stay has made that stop.
+                answer.stop_next and not (answer.stay and motion.standing)
+                for answer in answers
+            ),
             keep_doors_open=any(answer.stay for answer in answers),
             jog_back_m=jog.back_m if jog_free else 0.0,
             jog_permitted=jog.permitted and jog_free,
@@ -220,17 +223,13 @@ def _rests(motion: Motion) -> bool:
 def _departure_terms(
     heard: Heard,
     place: Place,
-    motion: Motion,
     answers: _Answers,
     *,
     authority_ahead: bool,
     emergency: bool,
-    window_m: float,
 ) -> DepartureTerms:
     # An order to stay is for a platform; a train that stands short of its stop has not reached it.
-    station = place.station
-    short = station is not None and motion.front_m.best < station.stop_m - window_m
-    to_stay = not (place.where is Whereabouts.BETWEEN or short)
+    to_stay = place.where not in (Whereabouts.BETWEEN, Whereabouts.ARRIVING)
     doors_elsewhere = place.where is Whereabouts.BETWEEN and not heard.centre
     return DepartureTerms(
         doors_locked=heard.doors_locked or heard.door_bypass,
