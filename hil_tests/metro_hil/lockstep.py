@@ -21,7 +21,7 @@ from metro_hil.controller_side import SHIPPED, ControllerSide
 from metro_hil.ending import ARRIVED, DURATION, ArrivalWatch, Ending
 from metro_hil.frame_faults import FrameFaults
 from metro_hil.journey import Journey
-from metro_hil.options import RunOptions
+from metro_hil.options import ELSEWHERE, RunOptions
 from metro_hil.process_faults import ControllerProcess, Device
 from metro_hil.radio_tap import TappedRadio
 from metro_hil.run_folder import RunFolder
@@ -319,6 +319,10 @@ def scenario_of(options: RunOptions) -> Scenario:
         end=options.end,
         load_ratio=options.load_ratio,
         odometer_error_ratio=options.odometer_error,
+        desk_mode="auto" if options.desk in ELSEWHERE else options.desk,
+        driver=options.driver,
+        desk_recording=options.desk_recording,
+        desk_elsewhere=options.desk in ELSEWHERE,
     )
 
 

@@ -4,7 +4,13 @@ import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from plant_emulator.desk.drivers import DRIVERS
+
 DESCRIPTION = "The on-board controller of a metro train, on a bench or on a bus."
+
+EXTERNAL = "external"
+ELSEWHERE = (EXTERNAL, "none")
+DESKS = ("auto", "manual", "off", *ELSEWHERE)
 
 EXIT_OK = 0
 EXIT_FAILED = 1
@@ -40,6 +46,10 @@ class RunOptions:
     out: str | None
     priority: int
     json: bool
+    desk: str = "auto"
+    """Mode of the plant's desk; external: `plant desk` is the desk; none: there is none."""
+    driver: str | None = None
+    desk_recording: str | None = None
 
 
 def parser() -> argparse.ArgumentParser:
@@ -59,6 +69,7 @@ def parser() -> argparse.ArgumentParser:
         add_help=False,
     )
     _add_journey(run)
+    _add_desk(run)
     _add_wires(run)
     _add_rest(run)
     return top
@@ -93,6 +104,20 @@ def _add_journey(run: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--duration", dest="duration_s", type=_seconds, metavar="SECONDS", help="end after so long"
     )
+
+
+def _add_desk(run: argparse.ArgumentParser) -> None:
+    group = run.add_argument_group("the desk of the emulated train")
+    group.add_argument(
+        "--desk",
+        choices=DESKS,
+        default="auto",
+        help="its mode; external: `plant desk` is the desk, in real time; none: there is none",
+    )
+    group.add_argument(
+        "--driver", choices=list(DRIVERS), help="a model of a driver drives, with --desk manual"
+    )
+    group.add_argument("--desk-recording", metavar="FILE", help="played at the desk")
 
 
 def _add_wires(run: argparse.ArgumentParser) -> None:
@@ -148,9 +173,26 @@ def _add_rest(run: argparse.ArgumentParser) -> None:
 
 def parse(argv: Sequence[str]) -> RunOptions:
     """Raises SystemExit as argparse does."""
-    chosen = vars(parser().parse_args(argv))
+    top = parser()
+    chosen = vars(top.parse_args(argv))
     del chosen["verb"]
-    return RunOptions(**chosen)
+    options = RunOptions(**chosen)
+    problem = desk_problem(options)
+    if problem:
+        top.error(problem)
+    return options
+
+
+def desk_problem(options: RunOptions) -> str:
+    """What cannot be asked of the desk at once; empty when it can."""
+    if options.desk == EXTERNAL and options.lockstep:
+        return "--desk external: nobody can drive by hand in virtual time; leave out --lockstep"
+    if options.driver and options.desk_recording:
+        return "--desk-recording: cannot be played beside --driver"
+    if (options.driver or options.desk_recording) and options.desk in ELSEWHERE:
+        asked = "--driver" if options.driver else "--desk-recording"
+        return f"{asked}: there is no desk of the plant's with --desk {options.desk}"
+    return ""
 
 
 def _number(text: str, low: float, high: float, what: str) -> float:

@@ -154,6 +154,11 @@ class RealtimeRun:
             arguments += ["--load-ratio", str(options.load_ratio)]
         if options.odometer_error is not None:
             arguments += ["--odometer-error", str(options.odometer_error)]
+        arguments += ["--desk", options.desk]
+        if options.driver is not None:
+            arguments += ["--driver", options.driver]
+        if options.desk_recording is not None:
+            arguments += ["--desk-recording", options.desk_recording]
         return arguments
 
     def _start_controller(self, stack: ExitStack, spec: str, tags: str, radio: str) -> None:

@@ -28,6 +28,7 @@ from vobc.vocabulary import (
     PlaceProof,
 )
 from vobc.wire import (
+    SOURCE_IDS,
     Inbox,
     RadioLink,
     Refusal,
@@ -52,6 +53,8 @@ STALE_CYCLES: Final = 2
 NS_PER_MS: Final = 1_000_000
 NS_PER_S: Final = 1_000_000_000
 NS_PER_US: Final = 1_000
+NAMES: Final = {can_id: source.value for source, can_id in SOURCE_IDS.items()}
+"""Of the frames that are listened to, by identifier."""
 
 
 class VobcDevice:
@@ -278,7 +281,9 @@ class VobcDevice:
 
 
 def _frame_rejected(refusal: Refusal) -> Event:
-    words = f"{_times(refusal)} {refusal.number:#05x} refused: {refusal.detail}"
+    name = NAMES.get(refusal.number)
+    of = f"{refusal.number:#05x}" if name is None else f"{name} ({refusal.number:#05x})"
+    words = f"{_times(refusal)} {of} refused: {refusal.detail}"
     return Event(EventKind.FRAME_REJECTED, words, (), refusal.number)
 
 
