@@ -530,7 +530,7 @@ def test_a_train_that_is_to_stop_now_and_does_not_is_braked() -> None:
     assert patient.stop_now
     assert patient.supervision is Supervision.NOMINAL
     assert braked.supervision is Supervision.SERVICE
-    assert braked.cause == "operation does not stop as asked, or not yet under the ceiling"
+    assert braked.cause == "operation does not stop as asked"
 
 
 # Jogs.

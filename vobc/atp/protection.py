@@ -30,7 +30,7 @@ from vobc.atp.modes import NEEDED, UNHEEDED, next_mode
 from vobc.atp.movement import Movement
 from vobc.atp.seen import NOWHERE, Seen
 from vobc.atp.station import StationGuard, StationVerdict
-from vobc.atp.supervision import authority_ages, next_state, over_service, permission_gone
+from vobc.atp.supervision import authority_ages, next_state, permission_gone, stops_not
 from vobc.atp.verdict import Verdict
 from vobc.vocabulary import Ceiling, CycleInput, Interval, Motion, Orders
 
@@ -334,6 +334,6 @@ def _why_service(seen: Seen) -> str:
         return "movement authority is getting old"
     if permission_gone(seen):
         return "nobody answers for driving on sight any more"
-    if over_service(seen):
-        return "speed over the service brake limit"
-    return "operation does not stop as asked, or not yet under the ceiling"
+    if stops_not(seen):
+        return "operation does not stop as asked"
+    return "speed over the service brake limit"
