@@ -1,0 +1,243 @@
+"""A train for odometry to lose its way with: true motion, and sensors as wrong as they may be."""
+
+import math
+import random
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from can_dbc.nodes import Direction
+from can_dbc.odometer import ColdMovement, Doppler, Imu, Tacho
+from firmware_py.trackdb import GradientSection, LineMap, SpeedSection, Station, TagSite
+from vobc.config import load_config
+from vobc.odometry import Odometry
+from vobc.odometry.sampling import OdometerClocks
+from vobc.vocabulary import (
+    NEVER_S,
+    CycleInput,
+    Motion,
+    OdometryRecord,
+    PlaceProof,
+    TachoSample,
+    TagReading,
+)
+
+CONFIG = load_config("florence4")
+NOMINAL_M = math.pi * CONFIG.train.wheel_diameter_m / CONFIG.train.pulses_per_turn
+ANTENNA_M = CONFIG.train.antenna_offset_m
+STEP_S = 0.005
+NS = 1_000_000_000
+TAGS = tuple(TagSite(100 + index, 60.0 + 110.0 * index) for index in range(24))
+LINE = LineMap(
+    "rig", -200.0, 4000.0, (Station("A", 0.0, -80.0, 5.0),), (SpeedSection(-200.0, 4000.0, 20.0),),
+    gradients=(GradientSection(150.0, 300.0, 30.0), GradientSection(300.0, 420.0, -25.0)),
+    tags=TAGS,
+)  # fmt: skip
+CLIMBS = ((150.0, 300.0, 30.0), (300.0, 420.0, -25.0))
+"""The same, for the rig's own reckoning."""
+Slip = tuple[float, float, float, int]
+"""From, to (seconds), share of the true speed by which wheels are faster, axles (1 A, 2 B, 3)."""
+
+
+@dataclass
+class Errors:
+    """How wrong everything is; the defaults are perfect but for noise."""
+
+    seed: int = 1
+    scale_ratio: float = 0.0
+    """Counted distance = true distance * (1 + ratio)."""
+    start_off_m: float = 0.0
+    radar_ratio: float = 0.0
+    imu_bias_mps2: float = 0.0
+    slips: tuple[Slip, ...] = ()
+    lost_share: float = 0.0
+    """Of tacho frames that never come."""
+    late_share: float = 0.0
+    late_s: float = 0.06
+    """Held up by so much; others overtake them."""
+    twice_share: float = 0.0
+    silent: tuple[float, float] = (math.inf, math.inf)
+    """No frame comes meanwhile; all come out of a queue at its end."""
+    missed: frozenset[int] = frozenset()
+    false_tags: dict[float, int] = field(default_factory=dict)
+    """Time to a tag that is read then, wherever the train is."""
+    repeat_tags: bool = False
+    """Each tag is read again half a second later."""
+    radar: Callable[[float, float], float | None] = lambda time_s, speed_mps: speed_mps
+    """What the radar would show without its own errors; None for nothing."""
+
+
+@dataclass(frozen=True)
+class Moment:
+    time_s: float
+    front_m: float
+    speed_mps: float
+    motion: Motion
+
+
+class Rig:
+    """Moves the train, lets the sensors speak, and runs odometry every 50 ms."""
+
+    def __init__(
+        self,
+        errors: Errors,
+        *,
+        front_m: float = 0.0,
+        bound_m: float = 0.5,
+        believed_m: float = 0.0,
+        proof: PlaceProof = PlaceProof.SET_UP,
+    ) -> None:
+        self.errors = errors
+        self.rng = random.Random(errors.seed)
+        self.front_m = front_m + errors.start_off_m
+        self.speed_mps = self.accel_mps2 = self.time_s = 0.0
+        self.step_number = 0
+        self.rolled_m = [0.0, 0.0]
+        self.phase = [self.rng.random(), self.rng.random()]
+        self.before_mps = 0.0
+        self.wait: list[tuple[float, int, object, int]] = []
+        """Frames on their way: when they come, an order, the frame, its counter."""
+        self.sent = 0
+        self.latest: dict[type, tuple[object, int]] = {}
+        self.samples: list[tuple[Tacho, int]] = []
+        self.tags: list[tuple[float, float, int, int]] = []
+        self.clocks = OdometerClocks()
+        self.cold: ColdMovement | None = None
+        self.felt_m = {t.tag_id: t.position_m + self.rng.uniform(-0.05, 0.05) for t in TAGS}
+        self.pulse_m = NOMINAL_M / (1.0 + errors.scale_ratio)
+        record = OdometryRecord(believed_m, bound_m, NOMINAL_M, proof)
+        self.odometry = Odometry(CONFIG.odometry, CONFIG.train, LINE, record)
+
+    def run(self, duration_s: float, accel: Callable[[float, float], float]) -> list[Moment]:
+        """Args:
+        accel: wanted at a time and speed; the train follows with a jerk of 4 m/s³.
+        """
+        history = []
+        for _ in range(round(duration_s / STEP_S)):
+            self._move(accel(self.time_s, self.speed_mps))
+            number = self.step_number
+            if number % 4 == 0:
+                self._send(self._tacho(), number // 4)
+            if number % 10 == 0:
+                self._send(self._radar(), number // 10)
+                self._send(self._imu(), number // 10)
+                self._deliver()
+                motion = self.odometry.step(self._seen())
+                if motion is not None:
+                    history.append(Moment(self.time_s, self.front_m, self.speed_mps, motion))
+        return history
+
+    def _move(self, wanted_mps2: float) -> None:
+        change = max(-4.0 * STEP_S, min(4.0 * STEP_S, wanted_mps2 - self.accel_mps2))
+        self.accel_mps2 += change
+        after_mps = self.speed_mps + self.accel_mps2 * STEP_S
+        if self.speed_mps > 0.0 >= after_mps:
+            after_mps, self.accel_mps2 = 0.0, 0.0
+        moved_m = 0.5 * (self.speed_mps + after_mps) * STEP_S
+        before_m, before = self.front_m, self._count(0)
+        self.speed_mps = after_mps
+        self.front_m += moved_m
+        for axle in (0, 1):
+            self.rolled_m[axle] += moved_m * (1.0 + self._slip(axle))
+        self.step_number += 1
+        self.time_s = self.step_number * STEP_S
+        self._read_tags(before_m, before)
+
+    def _slip(self, axle: int) -> float:
+        return sum(
+            share for from_s, to_s, share, axles in self.errors.slips
+            if from_s <= self.time_s < to_s and axles & (1 << axle)
+        )  # fmt: skip
+
+    def _count(self, axle: int) -> int:
+        return math.floor(self.rolled_m[axle] / self.pulse_m + self.phase[axle])
+
+    def _tacho(self) -> Tacho:
+        stamp_ms = float(round(self.time_s * 1000.0) % 256)
+        way = Direction.FORWARD if self.speed_mps >= 0.0 else Direction.REVERSE
+        return Tacho(self._count(0) % 65536, self._count(1) % 1024, way, True, True, stamp_ms)
+
+    def _radar(self) -> Doppler:
+        shown = self.errors.radar(self.time_s, self.speed_mps)
+        noise = max(-0.12, min(0.12, self.rng.gauss(0.0, 0.03)))
+        if shown is None or abs(self.speed_mps) < 0.5:
+            return Doppler(0.0, 0.0, True)
+        return Doppler(shown * (1.0 + self.errors.radar_ratio) + noise, 95.0, True)
+
+    def _imu(self) -> Imu:
+        mean = (self.speed_mps - self.before_mps) / (10 * STEP_S)
+        self.before_mps = self.speed_mps
+        under = next((c for a, b, c in CLIMBS if a <= self.front_m - 8.0 < b), 0.0)
+        noise = max(-0.08, min(0.08, self.rng.gauss(0.0, 0.02)))
+        return Imu(mean + 9.81 * under / 1000.0 + self.errors.imu_bias_mps2 + noise, True)
+
+    def _send(self, frame: object, counter: int) -> None:
+        errors, draw = self.errors, self.rng.random()
+        due_s = self.time_s
+        if errors.silent[0] <= self.time_s < errors.silent[1]:
+            due_s = errors.silent[1]
+        elif isinstance(frame, Tacho):
+            if draw < errors.lost_share:
+                return
+            if draw > 1.0 - errors.late_share:
+                due_s += errors.late_s
+            if draw > 1.0 - errors.twice_share:
+                self.wait.append((due_s + 0.03, self.sent, frame, counter))
+        self.wait.append((due_s, self.sent, frame, counter))
+        self.sent += 1
+
+    def _deliver(self) -> None:
+        """As the wire's inbox does; frames of one instant come 0.2 ms apart."""
+        now_ns = round(self.time_s * NS)
+        due = sorted(entry for entry in self.wait if entry[0] <= self.time_s)
+        self.wait = [entry for entry in self.wait if entry[0] > self.time_s]
+        for due_s, _, frame, counter in due:
+            assert isinstance(frame, Tacho | Doppler | Imu)
+            at_ns = self.clocks.sampled_ns(frame, min(now_ns, round(due_s * NS)), counter % 256)
+            if at_ns is None:
+                continue
+            if isinstance(frame, Tacho):
+                self.samples.append((frame, at_ns))
+            self.latest[type(frame)] = (frame, at_ns)
+
+    def _read_tags(self, before_m: float, before: int) -> None:
+        errors = self.errors
+        for tag_id, place_m in self.felt_m.items():
+            crossed = before_m < place_m + ANTENNA_M <= self.front_m
+            if crossed and tag_id not in errors.missed:
+                late_s = self.rng.uniform(-0.005, 0.005)
+                part = (place_m + ANTENNA_M - before_m) / (self.front_m - before_m)
+                pulses = before + (self._count(0) - before) * part
+                pulses += late_s * self.speed_mps / self.pulse_m
+                self._tell_tag(tag_id, math.floor(pulses))
+                if errors.repeat_tags:
+                    errors.false_tags[self.time_s + 0.5] = tag_id
+        for at_s in [at_s for at_s in errors.false_tags if at_s <= self.time_s]:
+            self._tell_tag(errors.false_tags.pop(at_s), self._count(0))
+
+    def _tell_tag(self, tag_id: int, pulses: int) -> None:
+        due_s = self.time_s + self.rng.uniform(0.005, 0.05)
+        self.tags.append((due_s, self.time_s, tag_id, pulses % 65536))
+
+    def _heard(self, kind: type) -> tuple[object, float]:
+        if kind not in self.latest:
+            return None, NEVER_S
+        frame, at_ns = self.latest[kind]
+        return frame, (round(self.time_s * NS) - at_ns) / NS
+
+    def _seen(self) -> CycleInput:
+        now_ns = round(self.time_s * NS)
+        tacho, radar, imu = (self._heard(kind) for kind in (Tacho, Doppler, Imu))
+        samples = tuple(TachoSample(frame, (now_ns - at) / NS) for frame, at in self.samples)
+        self.samples = []
+        tags = tuple(
+            TagReading(i, pulses, self.time_s - at_s)
+            for due_s, at_s, i, pulses in self.tags
+            if due_s <= self.time_s
+        )
+        self.tags = [tag for tag in self.tags if tag[0] > self.time_s]
+        return CycleInput(
+            now_ns, 0.05, 0, *tacho, samples, *radar, *imu,
+            None, NEVER_S, None, NEVER_S, None, NEVER_S, None, NEVER_S, None, NEVER_S,
+            None, NEVER_S, None, NEVER_S, tags, None, NEVER_S,
+            cold=self.cold, cold_age_s=0.1 if self.cold else NEVER_S,
+        )  # type: ignore[arg-type]  # fmt: skip
