@@ -130,15 +130,7 @@ class Lockstep:
             self._controller_port(accepted, scenario.seed, faulty=Place.BUS in places),
             self._recorded(controller_end, folder),
             self._recorded_radio(
-                radio.port(
-                    "train",
-                    (
-                        keys.authorities(line.name, config.address),
-                        keys.orders(line.name, config.address),
-                    ),
-                ),
-                folder,
-                taps.radio,
+                radio.port("train", _heard_by(line.name, config.address)), folder, taps.radio
             ),
             faulty=Place.PROCESS in places,
         )
@@ -290,6 +282,11 @@ class Lockstep:
         recorded = RecordedLine(port, SerialLog(folder.serial_log))
         self._stack.callback(recorded.close)
         return recorded
+
+
+def _heard_by(line_name: str, train: int) -> tuple[str, str]:
+    """What a train listens to on the radio."""
+    return keys.authorities(line_name, train), keys.orders(line_name, train)
 
 
 class _Tee:
