@@ -4,6 +4,7 @@ import math
 import random
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Any
 
 from can_dbc.nodes import Direction
 from can_dbc.odometer import ColdMovement, Doppler, Imu, Tacho
@@ -218,7 +219,7 @@ class Rig:
         due_s = self.time_s + self.rng.uniform(0.005, 0.05)
         self.tags.append((due_s, self.time_s, tag_id, pulses % 65536))
 
-    def _heard(self, kind: type) -> tuple[object, float]:
+    def _heard(self, kind: type) -> tuple[Any, float]:
         if kind not in self.latest:
             return None, NEVER_S
         frame, at_ns = self.latest[kind]
@@ -240,4 +241,4 @@ class Rig:
             None, NEVER_S, None, NEVER_S, None, NEVER_S, None, NEVER_S, None, NEVER_S,
             None, NEVER_S, None, NEVER_S, tags, None, NEVER_S,
             cold=self.cold, cold_age_s=0.1 if self.cold else NEVER_S,
-        )  # type: ignore[arg-type]  # fmt: skip
+        )  # fmt: skip

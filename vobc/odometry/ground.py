@@ -6,12 +6,26 @@ from typing import Final
 from firmware_py.trackdb import LineMap
 from vobc.kinematics import GRAVITY_MPS2
 from vobc.odometry.config import OdometryConfig
+from vobc.vocabulary import CycleInput
 
 FIRST_CAR_M: Final = 25.0
 """The accelerometer feels the gradient somewhere under the first car."""
 AHEAD_M: Final = 50.0
 """The gradients are looked up again after so far at the latest."""
 PERMILLE: Final = 0.001
+
+
+def believable_mps(seen: CycleInput, config: OdometryConfig) -> float | None:
+    """What the Doppler radar says, if it is to be believed."""
+    radar = seen.doppler
+    if (
+        radar is None
+        or not radar.healthy
+        or radar.quality_percent < config.doppler_quality_percent
+        or seen.doppler_age_s > config.doppler_age_s
+    ):
+        return None
+    return radar.speed_mps
 
 
 class Gradients:

@@ -106,6 +106,17 @@ class Localisation:
         self.low_m = self.ground_low_m - max(0.0, high_mps) * age_s
         self.high_m = self.ground_high_m - min(0.0, low_mps) * age_s
 
+    def window(self, low_mps: float, high_mps: float, age_s: float) -> tuple[float, float]:
+        """Where the front may have been at the last sample, `age_s` ago.
+
+        Args:
+            low_mps: with `high_mps` the bounds of the speed over ground since.
+        """
+        return (
+            min(self.low_m, self.ground_low_m - max(0.0, high_mps) * age_s),
+            max(self.high_m, self.ground_high_m - min(0.0, low_mps) * age_s),
+        )
+
     def _predict(self, pulses: int, moved_m: float) -> None:
         creep_m2 = self._config.creep_sigma_m_per_sqrt_m**2 * abs(moved_m)
         self.at_m += moved_m

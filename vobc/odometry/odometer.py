@@ -6,7 +6,7 @@ from typing import Final
 from can_dbc.odometer import Tacho
 from firmware_py.trackdb import LineMap
 from vobc.odometry.config import OdometryConfig
-from vobc.odometry.ground import Gradients, GroundSpeed
+from vobc.odometry.ground import Gradients, GroundSpeed, believable_mps
 from vobc.odometry.localisation import Localisation
 from vobc.odometry.pulses import PulseCounter
 from vobc.odometry.references import Reading, References
@@ -182,7 +182,7 @@ class Odometry:
         self._now_s = now_s
         steady = 0.0 <= dt_s <= STEADY_S
         dt_s = dt_s if steady else max(abs(dt_s), STEADY_S)
-        radar_mps = self._radar_mps(seen)
+        radar_mps = believable_mps(seen, config)
         if not ground.begun:
             if radar_mps is None and track.still_s < config.standing_s:
                 if track.window_full:
@@ -229,18 +229,6 @@ class Odometry:
         ground = self._ground
         return wheels.low <= ground.high_mps and ground.low_mps <= wheels.high
 
-    def _radar_mps(self, seen: CycleInput) -> float | None:
-        """What the Doppler radar says, if it is to be believed."""
-        radar = seen.doppler
-        if (
-            radar is None
-            or not radar.healthy
-            or radar.quality_percent < self._config.doppler_quality_percent
-            or seen.doppler_age_s > self._config.doppler_age_s
-        ):
-            return None
-        return radar.speed_mps
-
     def _watch_slip(self, now_s: float, wheels: Interval) -> None:
         """Wheels and ground contradict each other by more than both may be wrong, or did lately."""
         config, where, ground = self._config, self._where, self._ground
@@ -266,7 +254,7 @@ class Odometry:
 
     def _offer(self, tag: TagReading) -> tuple[bool, RefusedTag | None]:
         """Whether a tag corrected the place, and else what is wrong with it, if anything is."""
-        where, refer, config = self._where, self._refer, self._config
+        where, refer, config, track = self._where, self._refer, self._config, self._track
         site = refer.sites.get(tag.tag_id)
         if site is None:
             return False, RefusedTag(tag.tag_id, TagRefusal.UNKNOWN, 0.0)
@@ -277,7 +265,7 @@ class Odometry:
             (ground.low_mps - grow_mps) * age_s,
             (ground.high_mps + grow_mps) * age_s,
         )
-        rate = self._track.rate_pulses_per_s
+        rate = track.rate_pulses_per_s
         speed_mps = max(abs(rate) * where.m_per_pulse, abs(ground.best_mps))
         latch_m = config.tag_stamp_s * speed_mps
         since = self._pulses.since_latched(tag.pulses)
@@ -307,7 +295,10 @@ class Odometry:
                 return False, refusal
             where.begin_anew(reading.claim_m, reading.bound_m)
         else:
-            low_m, high_m = self._window()
+            now_s = track.stamp_s if self._now_s is None else self._now_s
+            low_m, high_m = where.window(
+                ground.low_mps, ground.high_mps, max(0.0, now_s - track.stamp_s)
+            )
             refusal = refer.judge(reading, low_m, high_m)
             if refusal is not None:
                 return False, refusal
@@ -318,16 +309,6 @@ class Odometry:
         if honest:
             where.measure(site.position_m, reading.pulses, bound_m)
         return True, None
-
-    def _window(self) -> tuple[float, float]:
-        """Where the front may be at the last sample. Over ground it is known for now."""
-        where, ground, track = self._where, self._ground, self._track
-        now_s = track.stamp_s if self._now_s is None else self._now_s
-        age_s = max(0.0, now_s - track.stamp_s)
-        return (
-            min(where.low_m, where.ground_low_m - max(0.0, ground.high_mps) * age_s),
-            max(where.high_m, where.ground_high_m - min(0.0, ground.low_mps) * age_s),
-        )
 
     def _ahead_m(self, now_s: float, speed_mps: float) -> float:
         """From the last sample, in whole pulses, to where the front likely is now."""
