@@ -20,7 +20,7 @@ CYCLE_S: Final = 0.05
 LINE_END_M: Final = 6000.0
 FAR_M: Final = 1e6
 KMH: Final = 1.0 / 3.6
-STEPS_A_PHASE: Final = 100
+STEPS_A_PHASE: Final = 400
 STEP_S: Final = 0.005
 GRAVITY_MPS2: Final = 9.81
 

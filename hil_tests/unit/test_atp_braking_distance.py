@@ -1,7 +1,7 @@
 """Braking distances of protection against the declared worst motion, added up in small steps."""
 
 import pytest
-from hypothesis import assume, given
+from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
 from firmware_py.trackdb import LineMap
@@ -23,6 +23,7 @@ from metro_hil.worst_motion import (
     worst_stop_m,
 )
 from vobc.atp.braking import SafeBraking
+from vobc.vocabulary import Interval
 
 OVERSPEED_MPS = 8.0 * KMH
 SHIPPED = WorstCase.of(CONFIG)
@@ -43,6 +44,8 @@ PUBLISHED_CASE = WorstCase(
 WARNING_LEAD_S = CONFIG.service_lead_s + CONFIG.warning_lead_s
 PERMITTED_LEAD_S = WARNING_LEAD_S + CONFIG.permitted_lead_s
 SLACK_MPS = 1e-5
+ONE_EDGE_BLUR_M = 0.1
+"""What small steps make of one change of the fall that they meet late."""
 gradient_profiles = st.lists(
     st.tuples(
         st.sampled_from([0.0, 0.0, 3.0, 120.0]), st.floats(5.0, 400.0), st.floats(-40.0, 40.0)
@@ -143,10 +146,45 @@ def test_from_each_limit_after_its_lead_the_worst_motion_needs_the_whole_way_and
     line = line_of(gradients, ((0.0, 6000.0, 60.0),))
     interval = intervals(front_m, below_m, above_m)
 
-    ceiling = ceilings(line, length_m=length_m).at(interval, interval.high + to_end_m)
+    assert_each_limit_needs_the_whole_way(line, interval, to_end_m, length_m)
 
+
+@example(front_m=100.0, to_edge_m=40.0, to_end_m=300.0, before_permille=-1.0, after_permille=-40.0)
+@given(
+    front_m=st.floats(100.0, 200.0),
+    to_edge_m=st.floats(-100.0, 90.0),
+    to_end_m=st.floats(20.0, 400.0),
+    before_permille=st.floats(-40.0, 0.0),
+    after_permille=st.floats(-40.0, 0.0),
+)
+def test_a_fall_that_changes_in_the_lead_or_the_reaction_counts_from_there_on(
+    front_m: float,
+    to_edge_m: float,
+    to_end_m: float,
+    before_permille: float,
+    after_permille: float,
+) -> None:
+    """With its front or its rear, a train of 60 m comes to the edge while it does its worst."""
+    edge_m = front_m + to_edge_m
+    gradients = sections([(0.0, edge_m, before_permille), (0.0, 3000.0, after_permille)])
+    line = line_of(gradients if edge_m > 0.0 else (), ((0.0, 6000.0, 60.0),))
+
+    assert_each_limit_needs_the_whole_way(
+        line, intervals(front_m, 0.0, 0.0), to_end_m, 60.0, blur_m=ONE_EDGE_BLUR_M
+    )
+
+
+def assert_each_limit_needs_the_whole_way(
+    line: LineMap,
+    interval: Interval,
+    to_end_m: float,
+    length_m: float,
+    *,
+    blur_m: float | None = None,
+) -> None:
+    """Each of the four after its lead; a limit of nothing needs none."""
+    ceiling = ceilings(line, length_m=length_m).at(interval, interval.high + to_end_m)
     reach_m = declared_reach_m(interval, length_m)
-    assume(ceiling.emergency_mps > 0.0)
     for speed_mps, lead_s in (
         (ceiling.emergency_mps, 0.0),
         (ceiling.service_mps, CONFIG.service_lead_s),
@@ -156,9 +194,9 @@ def test_from_each_limit_after_its_lead_the_worst_motion_needs_the_whole_way_and
         needed_m = worst_stop_m(
             line, SHIPPED, interval.high, speed_mps, reach_m=reach_m, lead_s=lead_s
         )
-        blur_m = steps_blur_m(speed_mps)
-        assert needed_m <= to_end_m + blur_m or speed_mps == 0.0
-        assert needed_m >= 0.99 * to_end_m - blur_m
+        off_m = steps_blur_m(speed_mps) if blur_m is None else blur_m
+        assert needed_m <= to_end_m + off_m or speed_mps == 0.0
+        assert needed_m >= 0.99 * to_end_m - off_m
 
 
 @given(
