@@ -241,6 +241,20 @@ def test_an_obedient_driver_brakes_before_a_limit_that_falls() -> None:
     assert pulls_percent[-1] < pulls_percent[0]
 
 
+@pytest.mark.parametrize(("left_m", "wanted_mps"), [(20.0, 0.0), (120.0, 10.0), (245.0, 15.0)])
+def test_an_obedient_driver_brakes_gently_before_the_end_of_the_authority(
+    left_m: float, wanted_mps: float
+) -> None:
+    """At 0.5 m/s² these speeds stop 20 m before it."""
+    pulls_percent = []
+    for speed_mps in (wanted_mps - 0.1, wanted_mps + 0.1):
+        display = shown(speed_mps, 19.0, 21.0)
+        display.hear(VobcTarget(distance_to_stop_m=0.0, distance_to_authority_m=left_m), 0)
+        pulls_percent.append(lever(DRIVERS["obedient"](), display))
+    assert pulls_percent[1] < 0.0
+    assert pulls_percent[0] > 0.0 or wanted_mps == 0.0
+
+
 @pytest.mark.parametrize("name", ["obedient", "late"])
 def test_who_sees_no_speeds_brakes(name: str) -> None:
     driver, display = DRIVERS[name](), shown(5.0, 15.0, 17.0)

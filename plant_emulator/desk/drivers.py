@@ -1,5 +1,6 @@
 """Models of drivers. They see what the display shows and nothing else of the train."""
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Final, Protocol
@@ -16,8 +17,12 @@ KEPT_MPS: Final = 1.0
 """And stays under the permitted speed by so much."""
 SEEN_AHEAD_S: Final = 3.0
 """A driver sees where a falling limit will be in a while."""
-LATE_AHEAD_S: Final = 0.8
-"""A late one no further than his hand takes."""
+EASY_MPS2: Final = 0.5
+"""An obedient driver brakes so gently towards the end of the authority."""
+EASY_GAP_M: Final = 20.0
+"""And means to stop so far before it."""
+LATE_AHEAD_S: Final = 1.5
+"""A late one sees no further than his brake takes to bite."""
 LATE_KEPT_MPS: Final = 0.5
 LATE_RELEASE_MPS: Final = 1.5
 """He lets go again when he is under the emergency limit by so much."""
@@ -59,7 +64,8 @@ class Obedient:
     """Stays under the permitted speed, and resets an emergency once the train stands."""
 
     def __init__(self) -> None:
-        self._trend = Trend()
+        # The emergency limit begins to fall before the permitted speed does.
+        self._trends = (Trend(), Trend())
 
     def drive(self, display: Display, now_ns: int) -> Desk:
         seen = display.speeds(now_ns)
@@ -72,11 +78,18 @@ class Obedient:
             standing = abs(seen.speed_mps) < STANDING_MPS
             pressed = standing and now_ns % RESET_EVERY_NS < RESET_FOR_NS
             return replace(_desk(-FULL_PERCENT), reset_requested=pressed)
-        fall_mps2 = self._trend.fall_mps2(seen.ceiling_mps, now_ns)
-        wanted_mps = max(0.0, seen.ceiling_mps - KEPT_MPS - SEEN_AHEAD_S * fall_mps2)
-        if wanted_mps == 0.0:
+        wanted_mps = min(self._under_limits_mps(seen, now_ns), _easy_mps(display))
+        if wanted_mps <= 0.0:
             return _desk(-FULL_PERCENT)
         return _desk(PERCENT_PER_MPS * (wanted_mps - seen.speed_mps))
+
+    def _under_limits_mps(self, seen: VobcMotion, now_ns: int) -> float:
+        permitted, emergency = self._trends
+        fall_mps2 = max(
+            permitted.fall_mps2(seen.ceiling_mps, now_ns),
+            emergency.fall_mps2(seen.emergency_mps, now_ns),
+        )
+        return seen.ceiling_mps - KEPT_MPS - SEEN_AHEAD_S * fall_mps2
 
 
 class Reckless:
@@ -111,6 +124,14 @@ DRIVERS: Final[Mapping[str, Callable[[], Driver]]] = {
     "reckless": Reckless,
     "late": Late,
 }
+
+
+def _easy_mps(display: Display) -> float:
+    """From which a gentle brake still stops before the end of the authority."""
+    if display.target is None:
+        return math.inf
+    left_m = display.target.distance_to_authority_m - EASY_GAP_M
+    return math.sqrt(2.0 * EASY_MPS2 * max(0.0, left_m))
 
 
 def _desk(lever_percent: float) -> Desk:

@@ -1,0 +1,45 @@
+"""Models of drivers at the desk of a train whose controller supervises them."""
+
+from functools import cache
+
+import pytest
+
+from can_dbc.vobc import Supervision
+from metro_hil.journey import plan_journey
+from metro_hil.lockstep import Lockstep, config_of, scenario_of
+from metro_hil.options import parse
+
+END_S = 90.0
+
+
+@cache
+def driven(name: str) -> tuple[frozenset[Supervision], float, float]:
+    """All that protection did, and the front and the end of its authority at the end."""
+    options = parse(
+        ["run", "--lockstep", "--from", "II", "--to", "III", "--desk", "manual", "--driver", name]
+    )
+    bench = Lockstep(config_of(options), scenario_of(options), plan_journey(options))
+    seen: set[Supervision] = set()
+
+    def over(now_ns: int) -> bool:
+        seen.add(bench.vobc.output.supervision)
+        return now_ns >= END_S * 1e9
+
+    bench.run_until(over)
+    bench.close()
+    plant = bench.plant
+    return frozenset(seen), plant.world.front_m, plant.authority_end_m
+
+
+def test_an_obedient_driver_gets_there_without_protection_stepping_in() -> None:
+    seen, front_m, _ = driven("obedient")
+    # The output of a controller that has not run yet is the safe one.
+    assert seen <= {Supervision.EMERGENCY, Supervision.NO_AUTHORITY, Supervision.NOMINAL}
+    assert front_m > 3500.0
+
+
+@pytest.mark.parametrize("name", ["reckless", "late"])
+def test_who_goes_too_far_is_braked_and_never_passes_the_end(name: str) -> None:
+    seen, front_m, end_m = driven(name)
+    assert Supervision.SERVICE in seen
+    assert 3250.0 < front_m <= end_m
