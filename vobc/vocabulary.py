@@ -352,7 +352,8 @@ class AtoDemand:
     reverse: bool = False
     """Positive `accel_mps2` drives backwards; only for a jog."""
     jog_failed: bool = False
-    """All attempts are used up and the train still does not stand right."""
+    """All attempts are used up and the train still does not stand right, or it does and its doors
+    are not enabled for long: a person has to come."""
     stopping_at_m: float | None = None
     """Stopping point that the train heads for or stands at; None while it heads for none."""
 

@@ -174,6 +174,20 @@ def test_it_says_which_stop_it_heads_for() -> None:
     assert rig.trace.demands[-1].stopping_at_m == 4500.0
 
 
+def test_a_train_that_stands_right_but_may_not_open_its_doors_calls_for_a_person() -> None:
+    rig = rig_at(3000.0)
+    rig.door_permission = False
+    rig.run(ato_rig.served(1))
+    for _ in range(580):
+        assert not rig.step().jog_failed
+    for _ in range(40):
+        demand = rig.step()
+    assert demand.jog_failed
+    rig.door_permission = True
+    rig.run(doors_open)
+    assert not rig.step().jog_failed
+
+
 # Orders.
 
 

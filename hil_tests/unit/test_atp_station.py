@@ -279,13 +279,6 @@ def test_between_stations_a_silent_centre_has_no_platform_doors() -> None:
     assert verdict.inhibits == Inhibit.CENTRE_SILENT
 
 
-def test_a_person_on_sight_answers_for_centre_and_authority() -> None:
-    desk = replace(DESK, mode=CabMode.MANUAL, restricted_requested=True)
-    seen = replace(SEEN, desk=desk, orders=None, authority=None)
-
-    assert Bench().step(standing(1000.0), seen).inhibits is Inhibit.NONE
-
-
 # Where the train is.
 
 

@@ -29,6 +29,10 @@ LEAST_CEILING_MPS: Final = 1.0
 """Under a lower ceiling nothing sets off."""
 FINEST_JOG_M: Final = 0.1
 """No jog is worth its while for less."""
+JOG_PAST_M: Final = 0.05
+"""Jogs forward aim so far past the stopping point: the antenna then comes to the tag that marks it."""
+DOORS_MISSED_S: Final = 30.0
+"""Stopped for so long without doors being enabled, the train calls for a person."""
 JOG_MOVED_MPS: Final = 0.05
 JOG_PATIENCE_S: Final = 12.0
 """A jog that does not get away in this time is over; it counts as an attempt."""
@@ -49,6 +53,7 @@ class Ato:
         self._jogs = 0
         self._jog_s = 0.0
         self._jog_moved = False
+        self._stopped_s = 0.0
         self._reverse = False
         self._overruled = False
         self._slow = SlowDrive(config)
@@ -123,10 +128,9 @@ class Ato:
         late = not self._jog_moved and self._jog_s > JOG_PATIENCE_S
         if stop is None or late or not seen.jog_permitted:
             self._slow.end()
-        distance_m = 0.0 if stop is None else stop.stop_m - seen.front_m
-        return self._slow.jog(
-            seen, -distance_m if self._reverse else distance_m, reverse=self._reverse
-        )
+        to_stop_m = 0.0 if stop is None else stop.stop_m - seen.front_m
+        distance_m = -to_stop_m if self._reverse else to_stop_m + JOG_PAST_M
+        return self._slow.jog(seen, distance_m, reverse=self._reverse)
 
     def _begin(self, seen: AtoInput) -> Strategy:
         self._dt_s = seen.dt_s
@@ -180,6 +184,8 @@ class Ato:
         )
         situation.stays = seen.kept_at_platform or plan.stays_at_present_stop()
         situation.may_go = self._may_go(seen)
+        stopped = self.phase is AtoPhase.STOPPED
+        self._stopped_s = self._stopped_s + seen.dt_s if stopped else 0.0
         situation.may_jog = self._may_jog(seen, to_stop_m)
         self._watch_jog(seen)
 
@@ -241,6 +247,8 @@ class Ato:
 
     def _jog_failed(self) -> bool:
         seen = self._seen
+        if self._stopped_s > DOORS_MISSED_S:
+            return True
         used_up = self._jogs >= self._config.station.jog_attempts > 0
         return used_up and seen.resting and not seen.at_stop and self.phase is not AtoPhase.JOGGING
 

@@ -14,7 +14,7 @@ class DepartureTerms(NamedTuple):
     platform_doors_locked: bool
     """The centre says so, no platform is near, or the bypass stands in for the proof."""
     authority_ahead: bool
-    """Some room to the end of a fresh authority, or a movement on sight, which needs none."""
+    """Some room to the end of a fresh authority."""
     not_held: bool
     """No order to stay at this platform."""
     no_passenger_alarm: bool
@@ -26,7 +26,6 @@ class DepartureTerms(NamedTuple):
     no_emergency: bool
     """None is latched, and the centre orders none."""
     centre_heard: bool
-    """Or a person answers for the movement."""
 
 
 INHIBIT_WITHOUT: Final[Mapping[str, Inhibit]] = {

@@ -2,7 +2,6 @@
 
 from typing import NamedTuple
 
-from can_dbc.cab import CabMode
 from vobc.atp.config import AtpConfig
 from vobc.atp.inputs import DESK, DOORS
 from vobc.vocabulary import CycleInput
@@ -18,9 +17,6 @@ class Heard(NamedTuple):
     hold: bool
     stop_next: bool
     centre_emergency: bool
-    creep: bool
-    restricted: bool
-    """A person drives on sight, by the centre's leave or by the desk's switch."""
     doors_locked: bool
     door_bypass: bool
     passenger_alarm: bool
@@ -39,7 +35,6 @@ def listen(seen: CycleInput, config: AtpConfig, gone: int) -> Heard:
     desk = None if gone & DESK else seen.desk
     doors = None if gone & DOORS else seen.doors
     alarms = seen.alarms if seen.alarms_age_s <= config.timeouts.alarms_s else None
-    by_desk = desk is not None and desk.mode is CabMode.MANUAL and desk.restricted_requested
     return Heard(
         centre=orders is not None,
         doors_left=orders is not None and orders.doors_left,
@@ -49,8 +44,6 @@ def listen(seen: CycleInput, config: AtpConfig, gone: int) -> Heard:
         hold=orders is not None and orders.hold,
         stop_next=orders is not None and orders.stop_next,
         centre_emergency=orders is not None and orders.emergency,
-        creep=orders is not None and orders.creep,
-        restricted=by_desk or (orders is not None and orders.restricted),
         doors_locked=doors is not None and doors.closed_and_locked,
         door_bypass=desk is not None and desk.door_bypass_requested,
         passenger_alarm=desk is not None and not desk.no_passenger_alarm,

@@ -96,7 +96,7 @@ class StationGuard:
         answers = self._answers(heard, place, motion, moving=moving)
         inhibiting = Inhibit.NONE
         if not moving:
-            authority_ahead = self._authority_ahead(seen, motion, heard, gone)
+            authority_ahead = _authority_ahead(seen, motion, gone)
             inhibiting = inhibits(
                 _departure_terms(
                     heard,
@@ -176,12 +176,6 @@ class StationGuard:
             alarms.FIRE[situation] if self._fire else alarms.NOTHING,
         )
 
-    def _authority_ahead(self, seen: CycleInput, motion: Motion, heard: Heard, gone: int) -> bool:
-        if heard.creep or heard.restricted:
-            return True
-        authority = None if gone & AUTHORITY else seen.authority
-        return authority is not None and authority.end_m - motion.front_m.high > 0.0
-
     def _jog(
         self,
         seen: CycleInput,
@@ -220,6 +214,11 @@ def _rests(motion: Motion) -> bool:
     return motion.standstill and motion.standing
 
 
+def _authority_ahead(seen: CycleInput, motion: Motion, gone: int) -> bool:
+    authority = None if gone & AUTHORITY else seen.authority
+    return authority is not None and authority.end_m > motion.front_m.high
+
+
 def _departure_terms(
     heard: Heard,
     place: Place,
@@ -241,7 +240,7 @@ def _departure_terms(
         no_obstacle=heard.no_obstacle,
         awake=heard.awake or not heard.centre,
         no_emergency=not emergency and not heard.centre_emergency,
-        centre_heard=heard.centre or heard.restricted,
+        centre_heard=heard.centre,
     )
 
 
