@@ -63,8 +63,18 @@ class ControllerSide:
         if not faulty:
             return self._start(can, tags, radio, 0, False)
         return ControllerProcess(
-            self._start, self.close, can=can, tags=tags, radio=radio, start_ns=0
+            self._start,
+            self.close,
+            can=can,
+            tags=tags,
+            radio=radio,
+            start_ns=0,
+            forget=self._forget,
         )
+
+    def _forget(self) -> None:
+        """The board's memory is that of a new one."""
+        self._nvram = Nvram(None, NvramRecord())
 
     def _start(
         self, can: CanPort, tags: SerialPort, radio: RadioPort, now_ns: int, again: bool

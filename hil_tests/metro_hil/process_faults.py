@@ -156,11 +156,13 @@ class ControllerProcess:
         tags: SerialPort,
         radio: RadioPort,
         start_ns: int,
+        forget: Callable[[], None] | None = None,
     ) -> None:
         """Args:
         end: takes away a controller that was killed.
+        forget: empties its memory; None where it has none.
         """
-        self._start, self._end = start, end
+        self._start, self._end, self._forget = start, end, forget
         self._clock = ProcessClock()
         self._can = ProcessCan(can, self._clock)
         self._tags = ProcessSerial(tags, self._clock)
@@ -183,6 +185,8 @@ class ControllerProcess:
         if isinstance(parameters, ControllerKilled):
             _mark(self._killers, plan.index, active)
             self._kill()
+            if active and parameters.memory_lost and self._forget is not None:
+                self._forget()
         elif isinstance(parameters, ControllerPaused):
             _mark(self._pausers, plan.index, active)
         elif isinstance(parameters, SlowCycle):

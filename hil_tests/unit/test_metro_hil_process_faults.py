@@ -3,6 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
+import pytest
+
 from firmware_py.clock import LockstepClock
 from firmware_py.executive import Executive, Task, run
 from firmware_py.ports import CanFrame, LinkCounters, RadioMessage, SerialChunk
@@ -77,7 +79,7 @@ class Bench:
         self.devices: list[Beacon] = []
         self.clock = LockstepClock()
         nothing = Nothing()
-        self.ended = 0
+        self.ended = self.forgotten = 0
         self.process = ControllerProcess(
             self.start,
             self.end,
@@ -85,7 +87,11 @@ class Bench:
             tags=nothing,  # type: ignore[arg-type]
             radio=nothing,  # type: ignore[arg-type]
             start_ns=0,
+            forget=self.forget,
         )
+
+    def forget(self) -> None:
+        self.forgotten += 1
 
     def start(
         self, can: ProcessCan, _: ProcessSerial, __: ProcessRadio, now_ns: int, again: bool
@@ -106,6 +112,22 @@ class Bench:
     @property
     def sent_ms(self) -> list[int]:
         return [ms for ms, _ in self.wire.sent]
+
+
+@pytest.mark.parametrize("memory_lost", [False, True])
+def test_a_killed_process_loses_its_memory_once_and_only_if_the_fault_says_so(
+    memory_lost: bool,
+) -> None:
+    bench = Bench()
+    bench.run_to(60)
+    bench.change(True, "controller_killed", memory_lost=memory_lost)
+    bench.run_to(120)
+    bench.change(False, "controller_killed", memory_lost=memory_lost)
+
+    bench.run_to(200)
+
+    assert bench.forgotten == (1 if memory_lost else 0)
+    assert [device.again for device in bench.devices] == [False, True]
 
 
 def test_without_a_fault_the_process_keeps_its_rhythm() -> None:

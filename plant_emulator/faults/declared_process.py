@@ -14,6 +14,9 @@ class ControllerKilled:
     leaves it dead.
     """
 
+    memory_lost: bool = False
+    """Its memory is empty when it is started again."""
+
 
 @fault("controller_paused", Place.PROCESS, Hazard.OVERRUN, Hazard.MISLOCATED)
 @dataclass(frozen=True, slots=True)

@@ -102,6 +102,11 @@ BY_KIND: Final[Mapping[str, Benches]] = {
         f"{_BLOCKED}, up to 5.6 ms after the end",
     ),
     "link_cut": Benches("the node is taken from the bus", _BLOCKED, _BLOCKED),
+    "controller_killed": Benches(
+        "to the modelled process",
+        f"{_SIGNALS}; its memory cannot be lost",
+        f"{_SIGNALS}; its memory cannot be lost; {_FOREIGN}",
+    ),
     "clock_step": Benches("to the modelled process", "not possible", "not possible"),
 }
 """Where it differs from the rest of the place."""

@@ -47,6 +47,11 @@ def refuse_impossible(faults: Sequence[FaultPlan], *, controller_ours: bool) -> 
             raise Blocked(
                 "clock_step: no program can step another's CLOCK_MONOTONIC; run it in lockstep"
             )
+        if isinstance(plan.parameters, ControllerKilled) and plan.parameters.memory_lost:
+            raise Blocked(
+                "controller_killed: memory_lost: the file of its memory is its own; run it in "
+                "lockstep"
+            )
         if plan.kind.place is Place.PROCESS and not controller_ours:
             raise Blocked(
                 f"{plan.kind.name}: the controller is no process of this bench's; its process "

@@ -111,3 +111,8 @@ def test_a_step_of_the_clock_is_refused_with_the_reason() -> None:
 def test_a_process_that_is_not_ours_is_not_touched() -> None:
     with pytest.raises(Blocked, match="no process of this bench"):
         refuse_impossible([plan_of("controller_paused")], controller_ours=False)
+
+
+def test_a_memory_that_is_a_file_of_the_process_cannot_be_lost() -> None:
+    with pytest.raises(Blocked, match="memory_lost: the file of its memory is its own"):
+        refuse_impossible([plan_of("controller_killed", memory_lost=True)], controller_ours=True)
