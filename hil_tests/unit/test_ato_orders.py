@@ -104,6 +104,15 @@ def test_a_train_that_is_not_permitted_to_jog_stays() -> None:
     assert rig.ato.phase is AtoPhase.HOLDING
 
 
+def test_a_train_that_is_never_permitted_to_mend_its_stop_calls_for_a_person() -> None:
+    rig = rig_at(3500.6)
+    for _ in range(550):
+        assert not rig.step().jog_failed
+    for _ in range(100):
+        demand = rig.step()
+    assert demand.jog_failed
+
+
 def test_a_jog_whose_permission_goes_is_braked_at_once() -> None:
     rig = rig_at(3496.0)
     rig.run(lambda rig: rig.speed_mps > 0.2)

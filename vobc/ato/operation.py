@@ -30,9 +30,9 @@ LEAST_CEILING_MPS: Final = 1.0
 FINEST_JOG_M: Final = 0.1
 """No jog is worth its while for less."""
 JOG_PAST_M: Final = 0.05
-"""Jogs forward aim so far past the stopping point: the antenna then comes to the tag that marks it."""
+"""Jogs forward aim so far past the stopping point: there the antenna comes to the stop's tag."""
 DOORS_MISSED_S: Final = 30.0
-"""Stopped for so long without doors being enabled, the train calls for a person."""
+"""Standing at or off a stop for so long without opening doors, the train calls for a person."""
 JOG_MOVED_MPS: Final = 0.05
 JOG_PATIENCE_S: Final = 12.0
 """A jog that does not get away in this time is over; it counts as an attempt."""
@@ -53,7 +53,7 @@ class Ato:
         self._jogs = 0
         self._jog_s = 0.0
         self._jog_moved = False
-        self._stopped_s = 0.0
+        self._waits_s = 0.0
         self._reverse = False
         self._overruled = False
         self._slow = SlowDrive(config)
@@ -184,8 +184,11 @@ class Ato:
         )
         situation.stays = seen.kept_at_platform or plan.stays_at_present_stop()
         situation.may_go = self._may_go(seen)
-        stopped = self.phase is AtoPhase.STOPPED
-        self._stopped_s = self._stopped_s + seen.dt_s if stopped else 0.0
+        missed = self.phase is AtoPhase.HOLDING and not plan.served and not seen.creep
+        missed = missed and abs(to_stop_m) <= work.jog_reach_m
+        missed = missed and seen.authority_end_m >= seen.front_m + to_stop_m
+        waits = self.phase is AtoPhase.STOPPED or missed
+        self._waits_s = self._waits_s + seen.dt_s if waits else 0.0
         situation.may_jog = self._may_jog(seen, to_stop_m)
         self._watch_jog(seen)
 
@@ -247,7 +250,7 @@ class Ato:
 
     def _jog_failed(self) -> bool:
         seen = self._seen
-        if self._stopped_s > DOORS_MISSED_S:
+        if self._waits_s > DOORS_MISSED_S:
             return True
         used_up = self._jogs >= self._config.station.jog_attempts > 0
         return used_up and seen.resting and not seen.at_stop and self.phase is not AtoPhase.JOGGING
