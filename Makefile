@@ -59,7 +59,10 @@ layers: $(READY_TO_TEST)
 	$(BIN)/lint-imports
 
 mutate: $(READY_TO_TEST) ## make every small mistake in the safety half and see it noticed; MUTATE_ARGS=...
-	$(BIN)/python -m metro_tools.mutate $(MUTATE_ARGS)
+	@# Of both kinds one after the other, and a survivor of either fails it.
+	$(if $(filter-out data,$(firstword $(MUTATE_ARGS) code)),$(BIN)/python -m metro_tools.mutate $(MUTATE_ARGS); code=$$?;) \
+	$(if $(filter-out data,$(MUTATE_ARGS)),,$(BIN)/python -m metro_hil.proof.data; data=$$?;) \
+	exit $$(($${code:-0} | $${data:-0}))
 
 fuzz: $(READY_TO_TEST) ## attack a controller with 10 million frames; FUZZ_ARGS="--frames N --seed S"
 	$(BIN)/python -m metro_hil.proof $(FUZZ_ARGS)

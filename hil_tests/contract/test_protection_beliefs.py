@@ -1,0 +1,81 @@
+"""What protection believes of its train is never bolder than what its sources allow."""
+
+from operator import attrgetter
+from typing import Any
+
+import pytest
+
+from can_dbc.nodes import Direction
+from can_dbc.odometer import ColdMovement, Doppler, Imu, Tacho
+from can_dbc.packing import packer
+from vobc.config import load_config
+
+KMH = 1.0 / 3.6
+
+AT_MOST = {
+    # Seed 001: warning 3 km/h over the segment's speed, emergency 8 km/h.
+    "atp.warning_margin_mps": 3.0 * KMH,
+    "atp.emergency_margin_mps": 8.0 * KMH,
+    # Guaranteed emergency brake; 1.2 nominal in seed 000.
+    "atp.guaranteed_decel_mps2": 1.0,
+    "atp.rollback_m": 0.5,
+    "atp.held_movement_m": 0.5,
+    "atp.overruns_max": 2,
+    "atp.authority_age_max_s": 3.0,
+    "atp.authority_service_ratio": 1.0,
+    "atp.restricted_mps": 25.0 * KMH,
+    "atp.jog_mps": 5.0 * KMH,
+    "atp.jog_m": 5.0,
+    "atp.jog_attempts": 3,
+    "atp.overshoot_m": 1.0,
+    "atp.overshoot_mended_m": 5.0,
+    "atp.door_window_m": 0.3,
+    "atp.timeouts.tacho_s": 0.25,
+    "atp.timeouts.brake_s": 0.25,
+    "atp.timeouts.traction_s": 0.25,
+    "atp.timeouts.doors_s": 0.3,
+    "atp.timeouts.desk_s": 0.3,
+    # Seed 001: odometer between 1 % too little and 5 % too much.
+    "odometry.scale_error_low_ratio": -0.01,
+    "odometry.missed_tags_max": 2,
+    # IEEE 1474.1: zero speed is 1 km/h for 2 s.
+    "odometry.zero_speed_mps": 1.0 * KMH,
+    "odometry.cold_movement_m": 2.0,
+}
+AT_LEAST = {
+    # The Chinese ATP vehicle interface: traction cut within 0.30 s, brake built up after 1.05 s.
+    "atp.traction_cut_s": 0.3,
+    "atp.brake_build_up_s": 1.05,
+    # Full traction of the light train that runs away.
+    "atp.runaway_mps2": 1.0,
+    "odometry.scale_error_high_ratio": 0.05,
+    "odometry.zero_speed_s": 2.0,
+    "odometry.cold_movement_m": 2.0,
+}
+
+
+@pytest.mark.parametrize(("name", "most"), AT_MOST.items())
+def test_no_limit_is_wider_than_its_source_allows(name: str, most: float) -> None:
+    assert attrgetter(name)(load_config("florence4")) <= most * (1.0 + 1e-12 * (most > 0))
+
+
+@pytest.mark.parametrize(("name", "least"), AT_LEAST.items())
+def test_no_allowance_is_smaller_than_its_source_demands(name: str, least: float) -> None:
+    assert attrgetter(name)(load_config("florence4")) >= least
+
+
+@pytest.mark.parametrize(
+    ("frame", "bits", "raw"),
+    [
+        (Doppler(1.0, 100.0, True), 16, 200),
+        (Imu(0.5, True), 14, 500),
+        (ColdMovement(1.0, True), 14, 100),
+        (Tacho(1000, 0, Direction.FORWARD, True, True, 0.0), 16, 1000),
+    ],
+    ids=lambda value: type(value).__name__,
+)
+def test_what_motion_is_measured_by_has_the_scale_that_the_sensors_have(
+    frame: Any, bits: int, raw: int
+) -> None:
+    """By hand: 5 mm/s, 1 mm/s², 1 cm and one pulse a bit."""
+    assert packer(type(frame))(frame) % (1 << bits) == raw
