@@ -132,6 +132,7 @@ class PlantDevice:
         self.wire = Wire(open_port, DISPLAYED if scenario.driver else ())
         self._absent = frozenset({Node.DESK} if scenario.desk_elsewhere else ())
         self.railway = Railway(scenario.line, scenario.destination)
+        self._platform_doors = self.railway.doors
         self._tags, self._radio, self._truth = tags, radio, truth
         self._epoch_offset_ns = epoch_offset_ns
         self._start_ns = start_ns
@@ -288,7 +289,8 @@ class PlantDevice:
     def _advance(self) -> tuple[Sending, ...]:
         world = self.world
         world.step()
-        self.railway.step(world.now_ns)
+        if not self._platform_doors.resting:
+            self._platform_doors.step(world.now_ns)
         if self._stage is not None:
             self._stage.look(self.authority_end_m)
         self._steps = steps = self._steps + 1

@@ -66,7 +66,7 @@ class Trackside:
         answers = self.railway.answers([heard], self.now_ns)
         for _ in range(REPORT_NS // STEP_NS):
             self.now_ns += STEP_NS
-            self.railway.step(self.now_ns)
+            self.railway.doors.step(self.now_ns)
         if not answers:
             return None
         [(key, payload)] = answers
@@ -174,7 +174,7 @@ def test_platform_doors_close_when_the_train_falls_silent() -> None:
         trackside.ask(open_right=True)
     for _ in range(300):
         trackside.now_ns += STEP_NS
-        trackside.railway.step(trackside.now_ns)
+        trackside.railway.doors.step(trackside.now_ns)
     assert trackside.railway.doors.all_closed
 
 
@@ -333,9 +333,9 @@ def test_news_are_counted_when_there_are_any() -> None:
     trackside.ask(**MOVED_ON)
     told.append(trackside.railway.told)
     for _ in range(100):
-        trackside.railway.step(trackside.now_ns)
+        trackside.railway.doors.step(trackside.now_ns)
     told.append(trackside.railway.told)
     trackside.railway.doors.lose_proof(True)
-    trackside.railway.step(trackside.now_ns)
+    trackside.railway.doors.step(trackside.now_ns)
     told.append(trackside.railway.told)
     assert [later - earlier for earlier, later in itertools.pairwise(told)] == [1, 0, 1]

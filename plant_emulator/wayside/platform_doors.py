@@ -59,11 +59,12 @@ class DoorRow:
 class PlatformDoors:
     """Of all platforms of a line that have any."""
 
-    __slots__ = ("_proven", "_resting", "_rows", "changes", "obstructed")
+    __slots__ = ("_proven", "_rows", "changes", "obstructed", "resting")
 
     def __init__(self, line: LineMap) -> None:
         self._rows = {each.name: DoorRow() for each in line.stations if each.platform_doors}
-        self._resting = True
+        self.resting = True
+        """All are closed and nothing is wanted: `step` would change nothing."""
         self.changes = 0
         """Grows whenever doors begin to open or have closed, and with the proof that they are."""
         self.obstructed = False
@@ -81,19 +82,19 @@ class PlatformDoors:
             at_train = station is not None and name == station.name
             if at_train and wanted:
                 row.ask(True, now_ns)
-                self._resting = False
+                self.resting = False
             elif not row.resting:
                 row.ask(False, now_ns)
 
     def step(self, now_ns: int) -> None:
-        if self._resting:
+        if self.resting:
             return
         for row in self._rows.values():
             was_closed = row.closed
             row.step(now_ns, obstructed=self.obstructed)
             if row.closed is not was_closed:
                 self.changes += 1
-        self._resting = all(row.resting for row in self._rows.values())
+        self.resting = all(row.resting for row in self._rows.values())
 
     def locked(self, stations: Iterable[Station]) -> bool:
         """At all of these that have doors they are closed, and the circuit proves it."""

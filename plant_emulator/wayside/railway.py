@@ -22,10 +22,13 @@ class Railway:
         self.doors = PlatformDoors(line)
         self.zone = ZoneController(line, destination)
         self.centre = Centre(line, self.doors)
-        self.told = 0
-        """Grows whenever something new was said, or platform doors were moved."""
+        self._said = 0
         self._statuses = keys.statuses(line.name)
-        self._door_changes = 0
+
+    @property
+    def told(self) -> int:
+        """Grows whenever something new was said, or platform doors were moved."""
+        return self._said + self.doors.changes
 
     def answers(self, heard: Iterable[RadioMessage], now_ns: int) -> list[tuple[str, bytes]]:
         """Key and payload of everything that is to be said to what was heard."""
@@ -35,13 +38,5 @@ class Railway:
             answer = side.answer(message, now_ns)
             if answer is not None:
                 said.append(answer)
-        self.told += bool(said)
+        self._said += bool(said)
         return said
-
-    def step(self, now_ns: int) -> None:
-        """Let platform doors move on by one step of the plant."""
-        doors = self.doors
-        doors.step(now_ns)
-        if doors.changes != self._door_changes:
-            self._door_changes = doors.changes
-            self.told += 1
