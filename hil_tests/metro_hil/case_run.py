@@ -273,6 +273,7 @@ class CaseRun:
             never_began=() if violated else never,
             moved_m=self._moved_m,
             violated=violated,
+            idle_counts=case.idle_counts,
         )
         return CaseResult(
             case_id=case.id,

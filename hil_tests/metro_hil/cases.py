@@ -130,6 +130,8 @@ class Case(msgspec.Struct, frozen=True, kw_only=True):
     branch: Branch | None = None
     expected: Verdict = Verdict.PASS
     stop_at_violation: bool = True
+    idle_counts: bool = False
+    """Whether monitors alone decide, though the train never moved or a fault never began."""
 
 
 class MonitorResult(msgspec.Struct, frozen=True, kw_only=True):

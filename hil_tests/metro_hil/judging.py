@@ -16,6 +16,7 @@ def judge(
     never_began: Sequence[str],
     moved_m: float,
     violated: bool,
+    idle_counts: bool = False,
 ) -> tuple[Verdict, str]:
     """The verdict and why it is not a pass.
 
@@ -23,6 +24,7 @@ def judge(
         died: how the controller ended by itself, empty when it did not.
         never_began: faults whose time or condition never came.
         moved_m: how far the train was from its first place at most, either way.
+        idle_counts: monitors alone decide, though the train never moved or a fault never began.
         violated: the run was ended at a violation, so that what comes later was never tried.
     """
     failed = [result for result in monitors if result.verdict is Verdict.FAIL]
@@ -31,12 +33,12 @@ def judge(
     if failed:
         return Verdict.FAIL, "; ".join(_words(result) for result in failed)
     assert not violated, "a violation without a monitor that failed"
-    if never_began:
+    if never_began and not idle_counts:
         return Verdict.BLOCKED, f"never began: {', '.join(never_began)}"
     unseen = [result.name for result in monitors if result.verdict is not Verdict.PASS]
     if unseen:
         return Verdict.INCONCLUSIVE, f"nothing seen by: {', '.join(unseen)}"
-    if moved_m < MOVED_MIN_M:
+    if moved_m < MOVED_MIN_M and not idle_counts:
         return Verdict.INCONCLUSIVE, "the train never moved"
     return Verdict.PASS, ""
 

@@ -36,6 +36,7 @@ class Scenario:
     seed_base: int | None = None
     expected: str | Enum | None = None
     stop_at_violation: bool | None = None
+    idle_counts: bool | None = None
     invariants: str | Sequence[str] | None = None
     train: Table = field(default_factory=dict)
     timetable: Table = field(default_factory=dict)

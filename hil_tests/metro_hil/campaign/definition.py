@@ -136,6 +136,15 @@ def _fault_reader(index: int) -> Callable[[dict[str, Any]], object]:
     return read
 
 
+def _in_words(key: str, value: Any) -> Any:
+    """As a factor of the case: what is no plain value becomes words, so that it can be compared."""
+    if key == FAULTS:
+        return faults_words(value)
+    if isinstance(value, dict):
+        return ", ".join(f"{name} {item}" for name, item in value.items())
+    return value
+
+
 class PointMaker:
     """Makes points of one scenario; reads again only what its factors change."""
 
@@ -181,8 +190,7 @@ class PointMaker:
             return None
         parts = dict(self._fixed)
         values_of = dict(factors)
-        if FAULTS in factors:
-            factors[FAULTS] = faults_words(values_of[FAULTS])
+        factors = {key: _in_words(key, item) for key, item in factors.items()}
         fine = True
         for part, keys in self._changed.items():
             parts[part], seen = self._part(body, part, [values_of[key] for key in keys])

@@ -45,6 +45,7 @@ class ScenarioPlan(msgspec.Struct, frozen=True, kw_only=True):
     """Whether the second point goes on where the seeds of the first end, and so on."""
     expected: Verdict
     stop_at_violation: bool
+    idle_counts: bool
     invariants: str | tuple[str, ...]
     design: str | None
     """None without a sweep."""
@@ -118,4 +119,5 @@ def case_of(scenario: ScenarioPlan, point: Point, seed: int, index: int) -> Case
         branch=point.branch,
         expected=scenario.expected,
         stop_at_violation=scenario.stop_at_violation,
+        idle_counts=scenario.idle_counts,
     )

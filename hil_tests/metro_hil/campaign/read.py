@@ -186,6 +186,7 @@ class _Reader:
             new_seeds=sweep.new_seeds or drawn,
             expected=head.expected,
             stop_at_violation=head.stop_at_violation,
+            idle_counts=head.idle_counts,
             invariants=invariants,
             design=sweep.design.value if factors or drawn else None,
             levels={factor.key: in_words(factor) for factor in factors},

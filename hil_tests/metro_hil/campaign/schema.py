@@ -61,6 +61,7 @@ class HeadKeys:
     seed_base: int = 1
     expected: Verdict = Verdict.PASS
     stop_at_violation: bool = True
+    idle_counts: bool = False
     layout: str | None = None
 
     def __post_init__(self) -> None:

@@ -18,6 +18,8 @@ from metro_hil.campaign.schema import (
 ConfigTable = dict[str, Any]
 APPENDED: Final = ("fault", "monitor")
 REPLACED: Final = ("sweep", "stops")
+WHOLE: Final = ("train", "timetable")
+"""Tables of which a level may set several keys at once."""
 
 
 class KeyMissingError(KeyError):
@@ -118,6 +120,8 @@ def with_value(table: Mapping[str, Any], key: str, value: Any) -> ConfigTable:
         raise KeyMissingError(f"cannot be swept; {nearest(head, list(SWEPT), 'beginning')}")
     if key == "fault" and _is_array(value):
         return {**table, head: [*table.get(head, []), *value]}
+    if head in WHOLE and not rest and isinstance(value, dict):
+        return {**table, head: merged(table.get(head, {}), value)}
     if not rest:
         raise KeyMissingError(f"is a whole table; sweep one of its keys, such as {head}.…")
     if head in APPENDED:
