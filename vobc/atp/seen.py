@@ -1,14 +1,16 @@
 """What the guards of protection's tables look at, filled anew in each cycle."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from typing import Final
 
 from can_dbc.vobc import Cause, OperatingMode
 from vobc.atp.config import AtpConfig
 from vobc.vocabulary import Ceiling, Interval
 
-NOWHERE = Ceiling(0.0, 0.0, 0.0, 0.0, 0.0)
+NOWHERE: Final = Ceiling(0.0, 0.0, 0.0, 0.0, 0.0)
 """Nothing is permitted."""
+STILL: Final = Interval(0.0, 0.0, 0.0)
 
 
 @dataclass(slots=True)
@@ -18,7 +20,7 @@ class Seen:
     limits: AtpConfig
 
     # How the train moves.
-    speed_mps: Interval = field(default=Interval(0.0, 0.0, 0.0))
+    speed_mps: Interval = STILL
     standing: bool = False
     """The tacho's samples show no pulse any more: quick, but no proof."""
     standstill: bool = False
