@@ -85,7 +85,7 @@ def test_a_jog_ends_in_the_window_whatever_the_brake_delay(off_m: float, delay_s
     assert abs(rig.front_m - 3500.0) <= 0.20
 
 
-@pytest.mark.parametrize(("off_m", "back_m"), [(0.6, 0.0), (0.6, 0.55), (4.0, 3.9)])
+@pytest.mark.parametrize(("off_m", "back_m"), [(0.6, 0.0), (0.6, 0.85), (4.0, 4.2)])
 def test_nothing_moves_back_farther_than_the_rear_is_protected(off_m: float, back_m: float) -> None:
     rig = rig_at(3500.0 + off_m)
     rig.jog_back_m = back_m

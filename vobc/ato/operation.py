@@ -31,6 +31,11 @@ FINEST_JOG_M: Final = 0.1
 """No jog is worth its while for less."""
 JOG_PAST_M: Final = 0.05
 """Jogs forward aim so far past the stopping point: there the antenna comes to the stop's tag."""
+JOG_BACK_PAST_M: Final = 0.12
+"""Jogs back a little farther: the antenna has to pass the tag once more, or after the slide of an
+emergency brake the place would stay too uncertain for doors."""
+JOG_SPREAD_M: Final = 0.15
+"""A jog may end so far from where it aims; no jog may be longer than its reach by that."""
 DOORS_MISSED_S: Final = 30.0
 """Standing at or off a stop for so long without opening doors, the train calls for a person."""
 JOG_MOVED_MPS: Final = 0.05
@@ -54,6 +59,7 @@ class Ato:
         self._jog_s = 0.0
         self._jog_moved = False
         self._waits_s = 0.0
+        self._jog_past_m = 0.0
         self._reverse = False
         self._overruled = False
         self._slow = SlowDrive(config)
@@ -129,8 +135,8 @@ class Ato:
         if stop is None or late or not seen.jog_permitted:
             self._slow.end()
         to_stop_m = 0.0 if stop is None else stop.stop_m - seen.front_m
-        distance_m = -to_stop_m if self._reverse else to_stop_m + JOG_PAST_M
-        return self._slow.jog(seen, distance_m, reverse=self._reverse)
+        distance_m = -to_stop_m if self._reverse else to_stop_m
+        return self._slow.jog(seen, distance_m + self._jog_past_m, reverse=self._reverse)
 
     def _begin(self, seen: AtoInput) -> Strategy:
         self._dt_s = seen.dt_s
@@ -235,7 +241,8 @@ class Ato:
         if self._jogs >= work.jog_attempts or not self._seen.resting:
             return False
         if to_stop_m < 0.0:
-            return FINEST_JOG_M < -to_stop_m <= min(work.jog_reach_m, seen.jog_back_m)
+            back_m = -to_stop_m + JOG_BACK_PAST_M + JOG_SPREAD_M
+            return FINEST_JOG_M < -to_stop_m <= work.jog_reach_m and back_m <= seen.jog_back_m
         reachable = seen.authority_end_m >= seen.front_m + to_stop_m
         return FINEST_JOG_M < to_stop_m <= work.jog_reach_m and reachable
 
@@ -284,6 +291,10 @@ class Ato:
             self._jog_s, self._jog_moved = 0.0, False
             stop = self.next_stop
             self._reverse = stop is not None and stop.stop_m < seen.front_m
+            past_m = JOG_BACK_PAST_M if self._reverse else JOG_PAST_M
+            off_m = 0.0 if stop is None else abs(stop.stop_m - seen.front_m)
+            spare_m = self._config.station.jog_reach_m - JOG_SPREAD_M - off_m
+            self._jog_past_m = min(past_m, max(0.0, spare_m))
             self._slow.begin(0.0)
         elif phase is AtoPhase.CREEPING:
             self._hold = self._hold and before is not AtoPhase.OFF
