@@ -13,6 +13,7 @@ from firmware_py.settings import SettingsError
 
 CATALOGUE: Final = "requirements.toml"
 KEYS: Final = ("id", "source", "text")
+MORE_KEYS: Final = ("seed", "tests")
 ID: Final = re.compile(r"[A-Z][A-Z0-9]*(-[A-Z0-9]+)+")
 
 
@@ -29,6 +30,10 @@ class Requirement:
     source: str
     """Clause of the document that it stems from."""
     text: str
+    seed: str = ""
+    """Number of the source document that it comes from; empty for one that all of them share."""
+    tests: tuple[str, ...] = ()
+    """Tests that show it, as pytest names them: file below the project, `::`, function."""
 
 
 @cache
@@ -79,9 +84,15 @@ def _requirement(entry: Any, where: str) -> Requirement:
         value = entry.get(key)
         if not isinstance(value, str) or not value.strip():
             raise CatalogueError(f"{where}: {key} must be a text, it is {value!r}")
-    unknown = sorted(set(entry) - set(KEYS))
+    known = (*KEYS, *MORE_KEYS)
+    unknown = sorted(set(entry) - set(known))
     if unknown:
-        raise CatalogueError(f"{where}: unknown key {unknown[0]}; known are {', '.join(KEYS)}")
+        raise CatalogueError(f"{where}: unknown key {unknown[0]}; known are {', '.join(known)}")
+    seed, tests = entry.get("seed", ""), entry.get("tests", [])
+    if not isinstance(seed, str):
+        raise CatalogueError(f"{where}: seed must be a text, it is {seed!r}")
+    if not isinstance(tests, list) or not all(isinstance(test, str) for test in tests):
+        raise CatalogueError(f"{where}: tests must be a list of texts, it is {tests!r}")
     if not ID.fullmatch(entry["id"]):
         raise CatalogueError(f"{where}: id {entry['id']!r} is not like INV-04")
-    return Requirement(entry["id"], entry["source"], entry["text"])
+    return Requirement(entry["id"], entry["source"], entry["text"], seed, tuple(tests))
