@@ -81,6 +81,11 @@ class ProcessCan:
             due_ns, can_id, data = held.popleft()
             self._port.send(due_ns, can_id, data)
 
+    @property
+    def due_ns(self) -> int | None:
+        """In true time, when the next thing is to go that is held back."""
+        return self._held[0][0] if self._held else None
+
     def forget(self) -> None:
         """The process is gone, and with it what it was about to say."""
         self._held.clear()
@@ -212,9 +217,13 @@ class ControllerProcess:
         return self._start(self._can, self._tags, self._radio, there_ns, True)
 
     def _wake(self, now_ns: int) -> int:
-        """At each poll, and at the very instant of a task that falls between two of them."""
+        """At each poll, and at the very instant of a task or of what is held back between two."""
         self._poll(now_ns)
         poll_ns = now_ns - now_ns % POLL_NS + POLL_NS
+        held_ns = self._can.due_ns
+        if held_ns is not None and now_ns < held_ns < poll_ns:
+            # Nobody may be told at the poll of what was said before others said something.
+            poll_ns = held_ns
         if self._device is None:
             return poll_ns
         due_ns = self._device.executive.next_due_ns() - self._clock.ahead_ns

@@ -199,6 +199,9 @@ class Signals:
         self.holding_commanded = 0.0
         self.brake_age_s = 0.0
         self.force_commanded_n = 0.0
+        self._clear_rest()
+
+    def _clear_rest(self) -> None:
         self.direction = 0.0
         self.traction_permitted = 0.0
         self.traction_age_s = 0.0
