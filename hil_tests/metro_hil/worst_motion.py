@@ -41,7 +41,7 @@ class WorstCase:
     def of(cls, config: AtpConfig, cycle_s: float = CYCLE_S) -> "WorstCase":
         return cls(
             config.runaway_mps2,
-            config.sensing_s + 2.0 * cycle_s + config.traction_cut_s,
+            config.sensing_s + (1 + config.overruns_max) * cycle_s + config.traction_cut_s,
             config.brake_build_up_s,
             config.guaranteed_decel_mps2,
         )

@@ -67,7 +67,7 @@ def test_a_train_at_the_curve_that_does_its_worst_stops_at_the_point_and_not_bef
 def test_a_train_at_the_curve_is_down_to_the_target_at_the_point_and_not_before(
     distance_m: float, target_mps: float
 ) -> None:
-    braking = SafeBraking(1.0, 1.0, 0.43, 1.05)
+    braking = SafeBraking(1.0, 1.0, 0.48, 1.05)
 
     speed_mps = braking.on(0.0).speed_mps(distance_m, target_mps=target_mps)
 
@@ -80,7 +80,7 @@ def test_a_train_at_the_curve_is_down_to_the_target_at_the_point_and_not_before(
 def test_a_lead_is_time_in_which_the_train_runs_on_at_its_speed(
     lead_s: float, distance_m: float
 ) -> None:
-    curve = SafeBraking(1.0, 1.0, 0.43, 1.05).on(0.0)
+    curve = SafeBraking(1.0, 1.0, 0.48, 1.05).on(0.0)
 
     early_mps = curve.speed_mps(distance_m, target_mps=0.0, lead_s=lead_s)
 
@@ -131,7 +131,7 @@ def ceiling_map(on: LineMap, cycle_s: float = 0.05) -> CeilingMap:
     braking = SafeBraking(
         CONFIG.guaranteed_decel_mps2,
         CONFIG.runaway_mps2,
-        CONFIG.sensing_s + 2.0 * cycle_s + CONFIG.traction_cut_s,
+        CONFIG.sensing_s + (1 + CONFIG.overruns_max) * cycle_s + CONFIG.traction_cut_s,
         CONFIG.brake_build_up_s,
     )
     return CeilingMap(CONFIG, braking, on, train_length_m=LENGTH_M)
@@ -200,7 +200,7 @@ def test_from_just_under_the_emergency_speed_no_train_passes_its_authority(
     """The worst case of the standard, replayed over the real gradients under the moving train."""
     steep = GradientSection(steep_start_m, steep_start_m + 300.0, -fall_permille)
     track = line((0.0, 6000.0, 25.0), gradients=(steep,))
-    braking = SafeBraking(1.0, 1.0, 0.43, 1.05)
+    braking = SafeBraking(1.0, 1.0, 0.48, 1.05)
     ceiling = CeilingMap(CONFIG, braking, track, train_length_m=LENGTH_M).at(
         exact(front_m), front_m + gap_m
     )
@@ -210,7 +210,7 @@ def test_from_just_under_the_emergency_speed_no_train_passes_its_authority(
     while speed_mps > 0.0:
         covered_m = max(0.0, min(at_m, steep.end_m) - max(at_m - LENGTH_M, steep.start_m))
         fall_mps2 = 9.81 * fall_permille / 1000.0 * covered_m / LENGTH_M
-        accel_mps2 = fall_mps2 + (1.0 if time_s < 0.43 else 0.0 if time_s < 1.48 else -1.0)
+        accel_mps2 = fall_mps2 + (1.0 if time_s < 0.48 else 0.0 if time_s < 1.53 else -1.0)
         at_m += speed_mps * 0.01
         speed_mps += accel_mps2 * 0.01
         time_s += 0.01
@@ -222,7 +222,7 @@ def test_from_just_under_the_emergency_speed_no_train_passes_its_authority(
 def test_from_just_under_the_emergency_speed_a_lower_limit_is_kept_but_for_the_overshoot(
     front_m: float,
 ) -> None:
-    braking = SafeBraking(1.0, 1.0, 0.43, 1.05)
+    braking = SafeBraking(1.0, 1.0, 0.48, 1.05)
     ceiling = CeilingMap(CONFIG, braking, TWO_LIMITS, train_length_m=LENGTH_M).at(
         exact(front_m), FAR_M
     )
@@ -230,7 +230,7 @@ def test_from_just_under_the_emergency_speed_a_lower_limit_is_kept_but_for_the_o
 
     end_m = front_m + worst_case_end_m(ceiling.emergency_mps, braking, 0.0, target_mps=target_mps)
 
-    overshoot_mps = 1.0 * 0.43
+    overshoot_mps = 1.0 * 0.48
     if ceiling.emergency_mps > target_mps + overshoot_mps:
         assert end_m <= 1500.0 + 0.05
     else:
@@ -269,7 +269,7 @@ def speeds_of(ceiling: Ceiling) -> tuple[float, ...]:
 
 
 def test_towards_the_end_of_authority_each_curve_has_its_lead_and_none_a_margin() -> None:
-    curve = SafeBraking(1.0, 1.0, 0.43, 1.05).on(0.0)
+    curve = SafeBraking(1.0, 1.0, 0.48, 1.05).on(0.0)
 
     ceiling = ceiling_map(TWO_LIMITS).at(exact(600.0), 660.0)
 
@@ -279,7 +279,7 @@ def test_towards_the_end_of_authority_each_curve_has_its_lead_and_none_a_margin(
 
 
 def test_towards_a_lower_limit_each_curve_has_its_lead_and_its_margin() -> None:
-    curve = SafeBraking(1.0, 1.0, 0.43, 1.05).on(0.0)
+    curve = SafeBraking(1.0, 1.0, 0.48, 1.05).on(0.0)
     targets_mps = [(40.0 + margin) * KMH for margin in (0.0, 3.0, 5.5, 8.0)]
 
     ceiling = ceiling_map(TWO_LIMITS).at(exact(1440.0), FAR_M)
@@ -300,7 +300,7 @@ def test_beyond_its_authority_nothing_is_permitted() -> None:
 
 
 def test_curves_are_monotone_in_distance() -> None:
-    curve = SafeBraking(1.0, 1.0, 0.43, 1.05).on(-30.0)
+    curve = SafeBraking(1.0, 1.0, 0.48, 1.05).on(-30.0)
     speeds = [curve.speed_mps(float(distance), target_mps=5.0) for distance in range(0, 600, 7)]
 
     assert speeds == sorted(speeds)

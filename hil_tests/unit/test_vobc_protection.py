@@ -55,11 +55,11 @@ def test_a_controller_that_sees_no_wheel_turn_forbids_everything() -> None:
     assert verdict.doors == (False, False)
 
 
-@pytest.mark.parametrize(("cycle_s", "runaway_s"), [(0.05, 0.43), (0.02, 0.37), (0.2, 0.73)])
+@pytest.mark.parametrize(("cycle_s", "runaway_s"), [(0.05, 0.48), (0.02, 0.39), (0.2, 0.93)])
 def test_a_slower_controller_reckons_with_more_time_to_react(
     cycle_s: float, runaway_s: float
 ) -> None:
-    """Two cycles beside 0.03 s of sensing and 0.30 s until traction is cut."""
+    """Three cycles, two of them missed, beside 0.03 s of sensing and 0.30 s until traction is cut."""
     seen = replace(SILENCE, authority=Authority(401.0, 1, 1))
 
     verdict = verdict_on(AT_300, seen, cycle_s)

@@ -14,7 +14,7 @@ The eight safe braking distances that are published for 20, 40, 60 and 80 km/h, 
 mille (41/58, 107/151, 204/288 and 333/468 m), are this model from a speed that is 8 km/h higher:
 without those 8 km/h no reaction fits all of them. With a runaway of 0.9 m/s2 for 0.3 s, a build-up
 of 0.75 s and a GEBR of 1.0 m/s2 all eight come out within 2 m. The shipped parameters reckon with
-more (1.0 m/s2 for 0.43 s, 1.05 s), so each of their distances is longer.
+more (1.0 m/s2 for 0.48 s, 1.05 s), so each of their distances is longer.
 """
 
 import math

@@ -90,8 +90,6 @@ class AtpConfig:
     """From then on it has to slow so much at least, or protection brakes."""
     door_window_m: float
     """Doors open only if the front surely stands so close to the stopping point."""
-    door_declared_m: float
-    """Allowance to the window for what odometry declares as its least uncertainty."""
     timeouts: Timeouts
 
     def __post_init__(self) -> None:
@@ -122,6 +120,14 @@ class AtpConfig:
         for name in _NOT_NEGATIVE:
             if getattr(self, name) < 0.0:
                 raise ValueError(f"{name} {getattr(self, name)} is negative")
+
+    def runaway_s(self, cycle_s: float) -> float:
+        """From reaching a speed until traction is surely cut.
+
+        It may be reached just after a cycle has looked, and as many cycles may be missed before the
+        next look as are forgiven in a row.
+        """
+        return self.sensing_s + (1 + self.overruns_max) * cycle_s + self.traction_cut_s
 
 
 _POSITIVE = (
@@ -155,5 +161,4 @@ _NOT_NEGATIVE = (
     "takeover_margin_mps",
     "jog_attempts",
     "stop_patience_s",
-    "door_declared_m",
 )

@@ -33,8 +33,14 @@ class Reset(enum.IntFlag):
 
 
 def over_emergency(seen: Seen) -> bool:
-    """A bound of the speed reaches the limit; a train that stands exceeds nothing."""
-    return not seen.standing and not fastest_mps(seen) < seen.ceiling.emergency_mps
+    """A bound of the speed reaches the limit; a train that stands exceeds nothing.
+
+    Under full supervision the second computation may say so first: either of the two is enough.
+    """
+    return not seen.standing and (
+        not fastest_mps(seen) < seen.ceiling.emergency_mps
+        or (seen.mode in SUPERVISED and seen.energy_exceeded)
+    )
 
 
 def fastest_mps(seen: Seen) -> float:

@@ -56,8 +56,9 @@ class EnergyCheck:
         self._length_m = train_length_m
         self._step_m = config.interval_step_m
         self._margin_mps = config.emergency_margin_mps
-        # One cycle until the speed is looked at, one more because that may come late.
-        t1_s = config.sensing_s + cycle_s + cycle_s + config.traction_cut_s
+        # One cycle until the speed is looked at, and as many more as may be missed in a row.
+        looks_late_s = sum([cycle_s] * (config.overruns_max + 1))
+        t1_s = config.sensing_s + looks_late_s + config.traction_cut_s
         self._phases = (
             _Phase(config.runaway_mps2, t1_s),
             _Phase(0.0, config.brake_build_up_s),

@@ -54,8 +54,7 @@ class Protection:
         braking = SafeBraking(
             guaranteed_decel_mps2=config.guaranteed_decel_mps2,
             runaway_mps2=config.runaway_mps2,
-            # A speed may be reached just after a cycle has looked, and the next one may be late.
-            runaway_s=config.sensing_s + 2.0 * cycle_s + config.traction_cut_s,
+            runaway_s=config.runaway_s(cycle_s),
             build_up_s=config.brake_build_up_s,
         )
         self._ceilings = CeilingMap(config, braking, line, train_length_m=train_length_m)
@@ -148,16 +147,18 @@ class Protection:
 
     def _full_ceiling(self, image: CycleInput, motion: Motion) -> Ceiling:
         """Of full supervision; the second computation looks at what it was made from."""
-        self._seen.replicas_disagree = False
+        seen = self._seen
+        seen.replicas_disagree = seen.energy_exceeded = False
         if not motion.localised:
             return NOWHERE
         orders, authority, front_m = image.orders, image.authority, motion.front_m
         end_m = front_m.low if authority is None else authority.end_m
         restrictions = () if orders is None else orders.restrictions
         full = self._ceilings.at(front_m, end_m, restrictions)
-        self._seen.replicas_disagree = not self._replicas.agree(
+        seen.replicas_disagree = not self._replicas.agree(
             full.emergency_mps, front_m, motion.speed_mps.high, end_m, restrictions
         )
+        seen.energy_exceeded = self._replicas.exceeded
         return full
 
     def _look(

@@ -72,6 +72,8 @@ class Seen:
     not_finite: bool = False
     """The cycle before made a number that is none."""
     replicas_disagree: bool = False
+    energy_exceeded: bool = False
+    """By the second computation the train has too much energy for what lies ahead."""
 
     # What protection itself decided up to now.
     mode: OperatingMode = OperatingMode.STANDBY

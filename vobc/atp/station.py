@@ -108,8 +108,21 @@ class StationGuard:
             )
         jog = self._jog(seen, motion, gone, moved_m, stopping_at_m)
         jog_free = may_move and not emergency and not int(inhibiting) & _AGAINST_JOG
-        side = None if place.station is None else place.station.side
         reasons = withheld(_door_terms(seen, motion, gone, place, heard, emergency=emergency))
+        return self._verdict(heard, place, motion, answers, inhibiting, reasons, jog, jog_free)
+
+    def _verdict(
+        self,
+        heard: Heard,
+        place: Place,
+        motion: Motion,
+        answers: _Answers,
+        inhibiting: Inhibit,
+        reasons: Withheld,
+        jog: JogVerdict,
+        jog_free: bool,
+    ) -> StationVerdict:
+        side = None if place.station is None else place.station.side
         return StationVerdict(
             doors=enabled_doors(reasons, side),
             withheld=reasons if motion.standing and side is not None else Withheld.NONE,

@@ -1,0 +1,44 @@
+"""The nouns: what a control cycle is given, what it answers, what its rooms tell each other."""
+
+from vobc.vocabulary.inputs import (
+    NEVER_S,
+    Authority,
+    CycleInput,
+    Mission,
+    OdometryRecord,
+    Orders,
+    PlaceProof,
+    Restriction,
+    TachoSample,
+    TagReading,
+    TrainBelief,
+)
+from vobc.vocabulary.motion import Ceiling, Interval, Motion, RefusedTag, TagRefusal
+from vobc.vocabulary.operation import AtoDemand, AtoInput
+from vobc.vocabulary.output import MAX_SERVICE_DECEL_MPS2, SAFE_OUTPUT, CycleOutput, Event, Source
+
+__all__ = [
+    "AtoDemand",
+    "AtoInput",
+    "Authority",
+    "Ceiling",
+    "CycleInput",
+    "CycleOutput",
+    "Event",
+    "Interval",
+    "MAX_SERVICE_DECEL_MPS2",
+    "Mission",
+    "Motion",
+    "NEVER_S",
+    "OdometryRecord",
+    "Orders",
+    "PlaceProof",
+    "RefusedTag",
+    "Restriction",
+    "SAFE_OUTPUT",
+    "Source",
+    "TachoSample",
+    "TagReading",
+    "TagRefusal",
+    "TrainBelief",
+]

@@ -1,0 +1,114 @@
+"""What the controller says in one cycle, and the events that it tells."""
+
+import enum
+import math
+from dataclasses import dataclass
+from typing import Final
+
+from can_dbc.nodes import Direction
+from can_dbc.vobc import (
+    AtoPhase,
+    Cause,
+    EventKind,
+    Inhibit,
+    Missing,
+    OperatingMode,
+    Supervision,
+    Withheld,
+)
+from vobc.vocabulary.motion import Ceiling, Motion
+
+
+class Source(enum.Enum):
+    """Where the facts of a decision came from; the wire knows which frame or message that was."""
+
+    TACHO = "TACHO"
+    DOPPLER = "DOPPLER"
+    IMU = "IMU"
+    COLD = "COLD_MOVEMENT"
+    BRAKE = "BRAKE_STATUS"
+    TRACTION = "TRACTION_STATUS"
+    DOORS = "DOOR_STATUS"
+    DESK = "DESK"
+    TAG_READER = "TAG_READER_HEALTH"
+    ALARMS = "TRAIN_ALARMS"
+    SUPPLY = "LINE_SUPPLY"
+    TAG = "tag telegram"
+    AUTHORITY = "movement authority"
+    ORDERS = "orders"
+    CLOCK = "clock"
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """One thing that the controller decided or noticed in a cycle."""
+
+    kind: EventKind
+    words: str
+    """What and why, for the log and for people."""
+    sources: tuple[Source, ...] = ()
+    """What it was decided from, the weightiest first."""
+    number: int = 0
+    """Goes out on the bus beside the kind: a `Cause`, a tag, a flag; 0 without one."""
+
+
+@dataclass(frozen=True, slots=True)
+class CycleOutput:
+    """Everything the controller says in one cycle."""
+
+    force_n: float
+    direction: Direction
+    traction_permitted: bool
+    service_decel_mps2: float
+    emergency_released: bool
+    holding_released: bool
+    enable_left: bool
+    enable_right: bool
+    open_left: bool
+    open_right: bool
+    supervision: Supervision
+    ato_phase: AtoPhase
+    missing: Missing
+    motion: Motion | None
+    ceiling: Ceiling | None
+    target_mps: float
+    accel_demand_mps2: float
+    distance_to_stop_m: float
+    cause: str
+    """Why protection holds or brakes; empty while it does not."""
+    mode: OperatingMode = OperatingMode.STANDBY
+    emergency_cause: Cause = Cause.NONE
+    departure_inhibits: Inhibit = Inhibit.NONE
+    doors_withheld: Withheld = Withheld.NONE
+    jog_attempts: int = 0
+    replicas_agree: bool = True
+    alarm_raised: bool = False
+    """A person has to come: passenger alarm, fire, obstacle, or a stop that cannot be mended."""
+    door_bypass: bool = False
+    """The train may depart although its doors are not proven locked."""
+
+
+MAX_SERVICE_DECEL_MPS2: Final = 2.0
+"""Largest demand the wire can carry; the brake unit limits it to what it has."""
+
+SAFE_OUTPUT: Final = CycleOutput(
+    force_n=0.0,
+    direction=Direction.NEUTRAL,
+    traction_permitted=False,
+    service_decel_mps2=MAX_SERVICE_DECEL_MPS2,
+    emergency_released=False,
+    holding_released=False,
+    enable_left=False,
+    enable_right=False,
+    open_left=False,
+    open_right=False,
+    supervision=Supervision.EMERGENCY,
+    ato_phase=AtoPhase.OFF,
+    missing=Missing.NOTHING,
+    motion=None,
+    ceiling=None,
+    target_mps=0.0,
+    accel_demand_mps2=0.0,
+    distance_to_stop_m=math.inf,
+    cause="safe output",
+)
