@@ -59,7 +59,7 @@ def test_a_controller_that_sees_no_wheel_turn_forbids_everything() -> None:
 def test_a_slower_controller_reckons_with_more_time_to_react(
     cycle_s: float, runaway_s: float
 ) -> None:
-    """Three cycles, two of them missed, beside 0.03 s of sensing and 0.30 s until traction is cut."""
+    """Three cycles, two missed, beside 0.03 s of sensing and 0.30 s until traction is cut."""
     seen = replace(SILENCE, authority=Authority(401.0, 1, 1))
 
     verdict = verdict_on(AT_300, seen, cycle_s)
