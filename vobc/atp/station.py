@@ -54,6 +54,22 @@ class _Answers(NamedTuple):
     fire: Answer
 
 
+class _Found(NamedTuple):
+    """All that a cycle has found out, before it becomes one verdict."""
+
+    heard: Heard
+    place: Place
+    standing: bool
+    answers: _Answers
+    alarm: bool
+    """Of passengers or fire; it counts until it is over and the train has stood at a platform."""
+    inhibiting: Inhibit
+    reasons: Withheld
+    jog: JogVerdict
+    jog_free: bool
+    """Nothing but the stop itself has a say in a jog."""
+
+
 class StationGuard:
     """Remembers what a platform asks of the train: where it stood, alarms, attempts."""
 
@@ -107,54 +123,18 @@ class StationGuard:
                 )
             )
         jog = self._jog(seen, motion, gone, moved_m, stopping_at_m)
-        jog_free = may_move and not emergency and not int(inhibiting) & _AGAINST_JOG
-        reasons = withheld(_door_terms(seen, motion, gone, place, heard, emergency=emergency))
-        return self._verdict(heard, place, motion, answers, inhibiting, reasons, jog, jog_free)
-
-    def _verdict(
-        self,
-        heard: Heard,
-        place: Place,
-        motion: Motion,
-        answers: _Answers,
-        inhibiting: Inhibit,
-        reasons: Withheld,
-        jog: JogVerdict,
-        jog_free: bool,
-    ) -> StationVerdict:
-        side = None if place.station is None else place.station.side
-        return StationVerdict(
-            doors=enabled_doors(reasons, side),
-            withheld=reasons if motion.standing and side is not None else Withheld.NONE,
-            inhibits=inhibiting,
-            emergency=_first(
-                Cause.OBSTACLE if heard.obstacle else Cause.NONE,
-                *(answer.emergency for answer in answers),
-                jog.emergency,
-            ),
-            stop_now=jog.used_up or any(answer.stop_now for answer in answers),
-            stop_next=heard.stop_next
-            or any(
-                # A train that stands where it is to stay has made that stop.
-                answer.stop_next and not (answer.stay and motion.standing)
-                for answer in answers
-            ),
-            keep_doors_open=any(answer.stay for answer in answers),
-            jog_back_m=jog.back_m if jog_free else 0.0,
-            jog_permitted=jog.permitted and jog_free,
-            alarm_raised=(
-                heard.obstacle
-                or self._passenger_alarm
-                or self._fire
-                or jog.used_up
-                or jog.out_of_reach
-            ),
-            door_bypass=(
-                heard.door_bypass and not (heard.doors_locked and heard.platform_doors_locked)
-            ),
-            jog_attempts=jog.attempts,
-            self_release=jog.self_release,
+        found = _Found(
+            heard=heard,
+            place=place,
+            standing=motion.standing,
+            answers=answers,
+            alarm=self._passenger_alarm or self._fire,
+            inhibiting=inhibiting,
+            reasons=withheld(_door_terms(seen, motion, gone, place, heard, emergency=emergency)),
+            jog=jog,
+            jog_free=may_move and not emergency and not int(inhibiting) & _AGAINST_JOG,
         )
+        return _verdict(found)
 
     def _place(self, motion: Motion) -> Place:
         if not motion.localised:
@@ -216,6 +196,35 @@ class StationGuard:
             attempts=self._jogs.attempts,
         )
         return self._jogs.step(facts, standing=motion.standing)
+
+
+def _verdict(found: _Found) -> StationVerdict:
+    heard, answers, jog = found.heard, found.answers, found.jog
+    side = None if found.place.station is None else found.place.station.side
+    return StationVerdict(
+        doors=enabled_doors(found.reasons, side),
+        withheld=found.reasons if found.standing and side is not None else Withheld.NONE,
+        inhibits=found.inhibiting,
+        emergency=_first(
+            Cause.OBSTACLE if heard.obstacle else Cause.NONE,
+            *(answer.emergency for answer in answers),
+            jog.emergency,
+        ),
+        stop_now=jog.used_up or any(answer.stop_now for answer in answers),
+        stop_next=heard.stop_next
+        or any(
+            # A train that stands where it is to stay has made that stop.
+            answer.stop_next and not (answer.stay and found.standing)
+            for answer in answers
+        ),
+        keep_doors_open=any(answer.stay for answer in answers),
+        jog_back_m=jog.back_m if found.jog_free else 0.0,
+        jog_permitted=jog.permitted and found.jog_free,
+        alarm_raised=heard.obstacle or found.alarm or jog.used_up or jog.out_of_reach,
+        door_bypass=heard.door_bypass and not (heard.doors_locked and heard.platform_doors_locked),
+        jog_attempts=jog.attempts,
+        self_release=jog.self_release,
+    )
 
 
 def _first(*causes: Cause) -> Cause:
