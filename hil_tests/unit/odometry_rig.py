@@ -98,6 +98,8 @@ class Rig:
         self.wait: list[tuple[float, int, object, int]] = []
         """Frames on their way: when they come, an order, the frame, its counter."""
         self.sent = 0
+        self.back_ns = 0
+        """By so much the board's clock was ever set back."""
         self.latest: dict[type, tuple[object, int]] = {}
         self.samples: list[tuple[Tacho, int]] = []
         self.tags: list[tuple[float, float, int, int]] = []
@@ -126,6 +128,12 @@ class Rig:
                 if motion is not None:
                     history.append(Moment(self.time_s, self.front_m, self.speed_mps, motion))
         return history
+
+    def set_back(self, by_s: float) -> None:
+        """The board's clock, between two cycles; what was heard before keeps its age."""
+        by_ns = round(by_s * NS)
+        self.back_ns += by_ns
+        self.latest = {kind: (frame, at - by_ns) for kind, (frame, at) in self.latest.items()}
 
     def _move(self, wanted_mps2: float) -> None:
         change = max(-4.0 * STEP_S, min(4.0 * STEP_S, wanted_mps2 - self.accel_mps2))
@@ -188,12 +196,14 @@ class Rig:
 
     def _deliver(self) -> None:
         """As the wire's inbox does; frames of one instant come 0.2 ms apart."""
-        now_ns = round(self.time_s * NS)
+        now_ns = round(self.time_s * NS) - self.back_ns
         due = sorted(entry for entry in self.wait if entry[0] <= self.time_s)
         self.wait = [entry for entry in self.wait if entry[0] > self.time_s]
         for due_s, _, frame, counter in due:
             assert isinstance(frame, Tacho | Doppler | Imu)
-            at_ns = self.clocks.sampled_ns(frame, min(now_ns, round(due_s * NS)), counter % 256)
+            at_ns = self.clocks.sampled_ns(
+                frame, min(now_ns, round(due_s * NS) - self.back_ns), counter % 256
+            )
             if at_ns is None:
                 continue
             if isinstance(frame, Tacho):
@@ -223,10 +233,10 @@ class Rig:
         if kind not in self.latest:
             return None, NEVER_S
         frame, at_ns = self.latest[kind]
-        return frame, (round(self.time_s * NS) - at_ns) / NS
+        return frame, (round(self.time_s * NS) - self.back_ns - at_ns) / NS
 
     def _seen(self) -> CycleInput:
-        now_ns = round(self.time_s * NS)
+        now_ns = round(self.time_s * NS) - self.back_ns
         tacho, radar, imu = (self._heard(kind) for kind in (Tacho, Doppler, Imu))
         samples = tuple(TachoSample(frame, (now_ns - at) / NS) for frame, at in self.samples)
         self.samples = []

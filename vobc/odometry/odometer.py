@@ -10,6 +10,7 @@ from vobc.odometry.ground import Gradients, GroundSpeed, believable_mps
 from vobc.odometry.localisation import Localisation
 from vobc.odometry.pulses import PulseCounter
 from vobc.odometry.references import Reading, References
+from vobc.odometry.sampling import STEADY_S, OwnTime
 from vobc.odometry.tracking import HALF_PULSE, SpeedTrack
 from vobc.vocabulary import (
     CycleInput,
@@ -23,7 +24,6 @@ from vobc.vocabulary import (
     TrainBelief,
 )
 
-S_PER_NS: Final = 1e-9
 SPACING_S: Final = 0.008
 """Samples closer than this were held up somewhere and came in a bunch; only the last of a bunch was
 taken near the instant at which it was heard, and it counts the pulses of all."""
@@ -31,8 +31,6 @@ REST_MPS: Final = 0.02
 """A wheel of 256 pulses that gave none for half a second rolls slower than this."""
 UNSURE_MPS: Final = 0.3
 """Once the accelerometer alone knows the speed no better, the wheels are asked."""
-STEADY_S: Final = 0.1
-"""Cycles further apart are not to be told from a clock that was set: the train may have stood."""
 KIN_S: Final = 0.6
 """A jump of the wheels and a contradiction to the ground this close together are one slip."""
 
@@ -55,7 +53,7 @@ class Odometry:
         self._pulses = PulseCounter(config.max_speed_mps / where.scale.low_m)
         self._jump_pulses_per_s2 = config.max_accel_mps2 / where.scale.low_m
         self._track = SpeedTrack(bandwidth_rad_s=config.tracking_rad_s, window_s=config.window_s)
-        self._now_s: float | None = None
+        self._time = OwnTime()
         self._travel_m = 0.0
         self._over_m = 0.0
         self._over_blur_m = 0.0
@@ -69,6 +67,8 @@ class Odometry:
         self._sampled_s = -math.inf
         self._fast_s = 0.0
         """Last instant at which zero speed was not certain."""
+        self._axles_differ = False
+        """In this cycle one axle was left behind by the other."""
         self._usable = False
         self._slow = False
         self._rejected = 0
@@ -93,12 +93,13 @@ class Odometry:
 
     def step(self, seen: CycleInput) -> Motion | None:
         """The motion at `seen.now_ns`; None before the first tacho sample."""
-        now_s = seen.now_ns * S_PER_NS
+        now_s = self._time.tell(seen.now_ns)
         samples = seen.tacho_samples
         last = len(samples) - 1
+        self._axles_differ = False
         for index, sample in enumerate(samples):
             if index == last or sample.age_s - samples[index + 1].age_s >= SPACING_S:
-                self._take(sample.frame, now_s - sample.age_s)
+                self._take(sample.frame, now_s - max(0.0, sample.age_s))
         if not self._track.begun:
             return None
         wheels = self._wheel_speed(now_s)
@@ -140,6 +141,9 @@ class Odometry:
         if pulses.on_b != was_on_b:
             where.forget_scale()
         track.add(stamp_s, pulses.count)
+        if pulses.axles_differ:
+            self._axles_differ = True
+            where.scale.forget_anchor()
         if step == 0:
             return
         where.advance(step)
@@ -148,8 +152,6 @@ class Odometry:
             # Forwards or backwards: as much the other way is as true.
             both_m = 2.0 * abs(step) * where.scale.declared_m[1]
             where.stretch(max(0.0, math.copysign(both_m, step)), max(0.0, -step * both_m))
-        if pulses.axles_differ:
-            where.scale.forget_anchor()
         if not self._slip:
             where.follow_wheels(step)
             self._travel_m += step * where.m_per_pulse
@@ -178,10 +180,7 @@ class Odometry:
     def _follow_ground(self, seen: CycleInput, now_s: float, wheels: Interval) -> None:
         """Speed and way over ground since the cycle before."""
         config, where, ground, track = self._config, self._where, self._ground, self._track
-        dt_s = 0.0 if self._now_s is None else now_s - self._now_s
-        self._now_s = now_s
-        steady = 0.0 <= dt_s <= STEADY_S
-        dt_s = dt_s if steady else max(abs(dt_s), STEADY_S)
+        dt_s, steady = self._time.dt_s, self._time.steady
         radar_mps = believable_mps(seen, config)
         if not ground.begun:
             if radar_mps is None and track.still_s < config.standing_s:
@@ -195,11 +194,14 @@ class Odometry:
             min(where.low_m, where.ground_low_m), max(where.high_m, where.ground_high_m)
         )
         imu = seen.imu
-        heard = imu is not None and imu.healthy and seen.imu_age_s <= config.imu_age_s
+        # Of a gap between cycles the accelerometer tells only the end.
+        heard = imu is not None and imu.healthy and seen.imu_age_s <= config.imu_age_s and steady
         ground.feel(imu.accel_mps2 if heard and imu is not None else None, self._gradients)
         ground.step(dt_s, radar_mps, seen.doppler_age_s, wheels.low, wheels.high)
         least_m, most_m = ground.moved_low_m, ground.moved_high_m
-        if not ground.seen and self._wheels_agree(wheels):
+        # Wheels that may be slipping say nothing of the ground.
+        gripping = not self._slip and not self._axles_differ
+        if gripping and not ground.seen and self._wheels_agree(wheels):
             fresh = seen.tacho_age_s <= config.silence_s and self._usable
             gentle = abs(track.accel_pulses_per_s2) * where.m_per_pulse <= config.gentle_mps2
             slip_ratio = config.gentle_slip_ratio if gentle else config.unseen_slip_ratio
@@ -230,13 +232,14 @@ class Odometry:
         return wheels.low <= ground.high_mps and ground.low_mps <= wheels.high
 
     def _watch_slip(self, now_s: float, wheels: Interval) -> None:
-        """Wheels and ground contradict each other by more than both may be wrong, or did lately."""
+        """Wheels contradict each other or the ground, by more than may be wrong, or did lately."""
         config, where, ground = self._config, self._where, self._ground
         if not ground.begun:
             return
         if self._track.jumped(self._jump_pulses_per_s2, config.stamp_jitter_s):
             self._jumped_s = now_s
-        if not self._wheels_agree(wheels) or self._pulses.contradicted:
+        apart = self._axles_differ or self._pulses.contradicted
+        if apart or not self._wheels_agree(wheels):
             if not self._slip:
                 where.at_m += self._ahead_m(now_s, wheels.best)
             self._slip = True
@@ -295,9 +298,8 @@ class Odometry:
                 return False, refusal
             where.begin_anew(reading.claim_m, reading.bound_m)
         else:
-            now_s = track.stamp_s if self._now_s is None else self._now_s
             low_m, high_m = where.window(
-                ground.low_mps, ground.high_mps, max(0.0, now_s - track.stamp_s)
+                ground.low_mps, ground.high_mps, max(0.0, self._time.now_s - track.stamp_s)
             )
             refusal = refer.judge(reading, low_m, high_m)
             if refusal is not None:

@@ -29,6 +29,40 @@ PACED_FRAMES: Final = 5
 PACE_NS: Final = 10_000_000
 """What comes faster than it was sent by more than this comes out of a queue."""
 NS_PER_MS: Final = 1_000_000
+S_PER_NS: Final = 1e-9
+STEADY_S: Final = 0.1
+"""Cycles further apart are not to be told from a clock that was set: the train may have stood."""
+
+
+class OwnTime:
+    """The time of odometry: this board's clock, but it never goes back."""
+
+    __slots__ = ("_ahead_s", "begun", "dt_s", "now_s", "steady")
+
+    def __init__(self) -> None:
+        self.begun = False
+        self.now_s = 0.0
+        self.dt_s = 0.0
+        """Since the cycle before, and 0 in the first one."""
+        self.steady = True
+        """Nothing can have happened between the cycle before and this one."""
+        self._ahead_s = 0.0
+        """Of the board's clock, by as much as that was ever set back."""
+
+    def tell(self, now_ns: int) -> float:
+        """The instant of a new cycle in s; where the clock was set back, the longest step goes on.
+
+        How long that step took nobody knows, but more would not have been a cycle.
+        """
+        now_s = now_ns * S_PER_NS + self._ahead_s
+        dt_s = now_s - self.now_s if self.begun else 0.0
+        self.steady = 0.0 <= dt_s <= STEADY_S
+        if dt_s < 0.0:
+            dt_s = STEADY_S
+            self._ahead_s += self.now_s + dt_s - now_s
+            now_s = self.now_s + dt_s
+        self.begun, self.now_s, self.dt_s = True, now_s, dt_s
+        return now_s
 
 
 class FrameClock:
@@ -66,11 +100,15 @@ class FrameClock:
 
     def sampled_ns(self, heard_ns: int, counter: int) -> int | None:
         """The instant of a frame that was heard now, never after it; None when it is too old."""
-        if not self._begun:
+        if self._anew(heard_ns):
             self._begin(heard_ns, counter, 0)
             return heard_ns
         steps = (counter - self._counter) % COUNTER_PERIOD
         return self._follow(heard_ns, counter, steps * self._period_ns)
+
+    def _anew(self, heard_ns: int) -> bool:
+        """No frame yet, or this board's clock was set back: what was learnt of it is void."""
+        return not self._begun or heard_ns < self._heard_ns
 
     def _begin(self, heard_ns: int, counter: int, sensor_ns: int) -> None:
         self._begun = True
@@ -124,7 +162,7 @@ class SampleClock(FrameClock):
         """
         stamp = int(stamp_ms)
         before, self._stamp_ms = self._stamp_ms, stamp
-        if not self._begun:
+        if self._anew(heard_ns):
             self._begin(heard_ns, counter, stamp * NS_PER_MS)
             return heard_ns
         counted_ms = (counter - self._counter) % COUNTER_PERIOD * TACHO_PERIOD_MS
