@@ -18,6 +18,7 @@ from vobc.atp.emergencies import (
     When,
     in_cause_words,
     latched_after,
+    released,
 )
 from vobc.atp.seen import Seen
 from vobc.config import load_config
@@ -90,6 +91,17 @@ THERE_AND_NOT: dict[Cause, list[tuple[dict[str, Any], dict[str, Any]]]] = {
             {"speed_mps": Interval(-13.0 + JUST, -9.5, -9.0)},
         ),
         ({"ceiling": replace(CEILING, emergency_mps=math.nan)}, {}),
+        ({"speed_mps": Interval(math.nan, 9.0, 9.2)}, {}),
+        ({"speed_mps": Interval(8.8, 9.0, math.nan)}, {}),
+        # The second computation alone is enough, but only where a place is supervised.
+        *(
+            (
+                {"mode": mode, "energy_exceeded": True},
+                {"mode": on_sight, "energy_exceeded": True},
+            )
+            for mode in (OperatingMode.AUTHORISED, OperatingMode.JOG)
+            for on_sight in (OperatingMode.RESTRICTED, OperatingMode.CREEP)
+        ),
     ],
     Cause.WRONG_DIRECTION: [
         ({"behind_jog_m": CONFIG.rollback_m}, {"behind_jog_m": CONFIG.rollback_m - JUST}),
@@ -206,13 +218,16 @@ def test_each_cause_is_released_only_at_standstill_and_only_by_whom_its_rule_nam
 ) -> None:
     named = WHO.get(cause, Reset.DESK | Reset.CENTRE)
 
-    for number, standstill in itertools.product(range(4), (False, True)):
-        seen = replace(STANDING, latched=(cause,), resets=number, standstill=standstill)
+    for number, standing, standstill in itertools.product(range(4), *[(False, True)] * 2):
+        seen = replace(
+            STANDING, latched=(cause,), resets=number, standing=standing, standstill=standstill
+        )
 
         left = latched_after(Supervision.EMERGENCY, seen)
 
-        free = standstill and bool(named & number)
+        free = standing and standstill and bool(named & number)
         assert left == (() if free else (cause,))
+        assert released(RULE_OF[cause], seen) is free
 
 
 @pytest.mark.parametrize("cause", [rule.cause for rule in RULES if rule.when is When.ALWAYS])
@@ -221,6 +236,16 @@ def test_no_reset_helps_while_the_cause_is_still_there(cause: Cause) -> None:
     seen = replace(STANDING, latched=(cause,), resets=3, **there)
 
     assert latched_after(Supervision.EMERGENCY, seen) == (cause,)
+
+
+@pytest.mark.parametrize("cause", [rule.cause for rule in RULES if rule.when is When.ALWAYS])
+def test_a_cause_that_is_still_there_keeps_its_place_before_later_ones(cause: Cause) -> None:
+    there, _ = THERE_AND_NOT[cause][0]
+    later = Cause.REMOTE if cause is not Cause.REMOTE else Cause.BUTTON
+    waits = int(Reset.DESK if later is Cause.REMOTE else Reset.CENTRE)
+    seen = replace(STANDING, latched=(cause, later), resets=waits, **there)
+
+    assert latched_after(Supervision.EMERGENCY, seen) == (cause, later)
 
 
 def test_every_cause_waits_for_its_own_release() -> None:

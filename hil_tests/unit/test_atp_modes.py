@@ -53,6 +53,7 @@ def test_an_order_to_sleep_waits_for_standstill(mode: OperatingMode) -> None:
 
     assert after(at_rest(mode, sleep_ordered=True)) is ASLEEP
     assert after(moving) is mode
+    assert after(replace(moving, standstill=True)) is mode
 
 
 def test_a_train_sleeps_until_it_is_woken_whatever_else_is_asked() -> None:
@@ -65,6 +66,7 @@ def test_a_train_sleeps_until_it_is_woken_whatever_else_is_asked() -> None:
 def test_with_everything_there_a_standing_train_is_authorised() -> None:
     assert after(at_rest(STANDBY)) is AUTHORISED
     assert after(at_rest(STANDBY, standstill=False)) is STANDBY
+    assert after(at_rest(STANDBY, standing=False)) is STANDBY
     assert after(at_rest(STANDBY, latched=(Cause.BUTTON,))) is STANDBY
 
 
@@ -114,6 +116,7 @@ def test_driving_on_sight_begins_only_when_asked_at_standstill_without_emergency
     assert after(seen) is mode
     assert after(at_rest(STANDBY, missing=UNPLACED)) is STANDBY
     assert after(replace(seen, standstill=False)) is STANDBY
+    assert after(replace(seen, standing=False)) is STANDBY
     assert after(replace(seen, latched=(Cause.REMOTE,))) is STANDBY
 
 

@@ -423,6 +423,23 @@ def test_an_order_to_stay_holds_a_standing_train_against_any_lever() -> None:
     assert verdict.emergency_released
 
 
+def test_a_mere_pulse_of_the_wheel_does_not_let_a_train_go_that_is_to_stay() -> None:
+    train = Train(STOP_M)
+    train.change(orders=replace(ORDERS, hold=True), desk=replace(MANUAL, lever_percent=100.0))
+    train.step(3)
+
+    train.speed_mps = 0.09 / CYCLE_S
+    pulse = train.step()
+    train.speed_mps = 0.02 / CYCLE_S
+    moved = train.step()
+
+    assert pulse.departure_inhibits == Inhibit.HOLD
+    assert pulse.hold
+    assert not pulse.traction_permitted
+    assert not moved.departure_inhibits
+    assert moved.traction_permitted
+
+
 def test_a_train_without_obstacle_detection_goes_on_to_the_next_station_and_stays() -> None:
     train = Train()
     assert not train.runs(5.0).stop_next

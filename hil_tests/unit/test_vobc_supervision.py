@@ -91,6 +91,13 @@ def test_reaching_a_limit_counts_as_exceeding_it(high: float, state: Supervision
     assert next_state(Supervision.NOMINAL, seen) is state
 
 
+@pytest.mark.parametrize("speed_mps", [Interval(math.nan, 9.0, 9.2), Interval(8.8, 9.0, math.nan)])
+def test_a_bound_that_is_no_number_reaches_every_limit(speed_mps: Interval) -> None:
+    seen = replace(RUNNING, speed_mps=speed_mps)
+
+    assert next_state(Supervision.NOMINAL, seen) is Supervision.SERVICE
+
+
 def test_a_speed_backwards_is_limited_as_well() -> None:
     under = replace(RUNNING, speed_mps=Interval(-11.999, -9.0, -8.0))
     over = replace(RUNNING, speed_mps=Interval(-12.0, -9.0, -8.0))
@@ -115,7 +122,9 @@ def test_the_warning_comes_with_the_best_estimate(best: float, state: Supervisio
 
 
 @pytest.mark.parametrize("state", [Supervision.WARNING, Supervision.SERVICE])
-@pytest.mark.parametrize(("best", "ends"), [(9.99, True), (10.0, False), (10.5, False)])
+@pytest.mark.parametrize(
+    ("best", "ends"), [(9.99, True), (10.0, False), (-9.99, True), (-10.0, False)]
+)
 def test_warning_and_service_last_until_the_speed_is_under_the_ceiling(
     state: Supervision, best: float, ends: bool
 ) -> None:

@@ -24,7 +24,6 @@ class When(enum.Enum):
 class Reset(enum.IntFlag):
     """Who lets the train go again, once it stands and the cause is gone."""
 
-    NOBODY = 0
     DESK = 1
     CENTRE = 2
 
@@ -38,14 +37,14 @@ def over_emergency(seen: Seen) -> bool:
     Under full supervision the second computation may say so first: either of the two is enough.
     """
     return not seen.standing and (
-        not fastest_mps(seen) < seen.ceiling.emergency_mps
+        not surely_slower(seen, seen.ceiling.emergency_mps)
         or (seen.mode in SUPERVISED and seen.energy_exceeded)
     )
 
 
-def fastest_mps(seen: Seen) -> float:
-    """The speed may be so high, forwards or backwards."""
-    return max(seen.speed_mps.high, -seen.speed_mps.low)
+def surely_slower(seen: Seen, limit_mps: float) -> bool:
+    """By both bounds of the speed, forwards and backwards; one that is no number is not."""
+    return -limit_mps < seen.speed_mps.low and seen.speed_mps.high < limit_mps
 
 
 def past_authority(seen: Seen) -> bool:
@@ -316,7 +315,7 @@ def latched_after(state: Supervision, seen: Seen) -> tuple[Cause, ...]:
 
 def released(rule: Rule, seen: Seen) -> bool:
     """The train stands, the cause is gone, and somebody who may has just reset it."""
-    if not seen.standstill or (rule.when is When.ALWAYS and rule.comes(seen)):
+    if not seen.at_rest or (rule.when is When.ALWAYS and rule.comes(seen)):
         return False
     return bool(seen.resets & rule.reset_by) or rule.by_itself(seen)
 

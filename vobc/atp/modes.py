@@ -49,7 +49,7 @@ UNHEEDED: Final[Mapping[OperatingMode, Inhibit]] = {
 
 
 def told_to_sleep(seen: Seen) -> bool:
-    return seen.sleep_ordered and seen.standstill
+    return seen.sleep_ordered and seen.at_rest
 
 
 def woken(seen: Seen) -> bool:
@@ -74,7 +74,7 @@ def sight_asked(seen: Seen) -> bool:
 
 
 def _may_begin(seen: Seen, mode: OperatingMode) -> bool:
-    return seen.standstill and not seen.latched and not seen.missing & NEEDED[mode]
+    return seen.at_rest and not seen.latched and not seen.missing & NEEDED[mode]
 
 
 def place_and_authority_found(seen: Seen) -> bool:

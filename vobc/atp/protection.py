@@ -49,7 +49,6 @@ class Protection:
         self, config: AtpConfig, line: LineMap, *, train_length_m: float, cycle_s: float
     ) -> None:
         self._config = config
-        self._length_m = train_length_m
         self._cycle_s = cycle_s
         braking = SafeBraking(
             guaranteed_decel_mps2=config.guaranteed_decel_mps2,
@@ -106,7 +105,7 @@ class Protection:
         full = self._full_ceiling(image, motion)
         self._look(image, motion, station, full)
         seen.mode = next_mode(seen.mode, seen)
-        back_m = self._jog(image, motion, station)
+        back_m = self._jog(motion, station)
         seen.ceiling = self._ceiling(image, motion, full)
         self._move_on(motion)
         return self._verdict(image, motion, station, back_m)
@@ -188,17 +187,13 @@ class Protection:
 
     # What follows from it.
 
-    def _jog(self, image: CycleInput, motion: Motion, station: StationVerdict) -> float:
+    def _jog(self, motion: Motion, station: StationVerdict) -> float:
         """How far back the train may jog from where it stands, its rear surely protected."""
         if self._seen.mode is not OperatingMode.JOG:
             self._movement.jogs_no_more(motion.travel_m)
             return 0.0
-        authority, back_m = image.authority, 0.0
-        if authority is not None and authority.rear_m is not None:
-            rear_m = motion.front_m.low - self._length_m
-            back_m = max(0.0, min(station.jog_back_m, rear_m - authority.rear_m))
-        self._movement.jogs(motion, back_m)
-        return back_m
+        self._movement.jogs(motion, station.jog_back_m)
+        return station.jog_back_m
 
     def _ceiling(self, image: CycleInput, motion: Motion, full: Ceiling) -> Ceiling:
         """What the mode permits: on sight a flat speed, and no more than is known to be ahead."""
@@ -263,7 +258,8 @@ class Protection:
         doors = image.doors
         locked = doors is not None and doors.closed_and_locked and not seen.silent & DOORS
         inhibits = self._inhibits(station)
-        kept = motion.standing and inhibits != 0
+        # Stations inhibit until the train has moved some way: a mere pulse does not let it go.
+        kept = inhibits != 0
         jogs = mode is OperatingMode.JOG and may_move and station.jog_permitted
         asleep = mode is OperatingMode.ASLEEP
         return Verdict(

@@ -79,3 +79,8 @@ class Seen:
     mode: OperatingMode = OperatingMode.STANDBY
     latched: tuple[Cause, ...] = ()
     """What keeps the emergency brake on, the first cause first."""
+
+    @property
+    def at_rest(self) -> bool:
+        """Proven, and without a pulse: a train that creeps may seem to have zero speed for long."""
+        return self.standstill and self.standing

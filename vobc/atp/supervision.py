@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 from typing import Final
 
 from can_dbc.vobc import OperatingMode, Supervision
-from vobc.atp.emergencies import fastest_mps
+from vobc.atp.emergencies import surely_slower
 from vobc.atp.modes import NEEDED, SUPERVISED
 from vobc.atp.seen import Seen
 
@@ -41,7 +41,7 @@ def service_needed(seen: Seen) -> bool:
 
 
 def over_service(seen: Seen) -> bool:
-    return not seen.standing and not fastest_mps(seen) < seen.ceiling.service_mps
+    return not seen.standing and not surely_slower(seen, seen.ceiling.service_mps)
 
 
 def authority_ages(seen: Seen) -> bool:
