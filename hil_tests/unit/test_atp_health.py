@@ -226,6 +226,42 @@ def test_how_far_back_is_settled_anew_whenever_the_jogging_train_stands() -> Non
     assert movement.jog_m == 1.5
 
 
+def test_a_jogging_train_that_rolls_back_bit_by_bit_gains_nothing_by_standing_between() -> None:
+    movement = Movement()
+    movement.jogs(motion(100.0, standing=True), 0.0)
+
+    behind = []
+    for travel_m in (99.75, 99.5, 99.25):
+        movement.look(travel_m)
+        movement.jogs(motion(travel_m, standing=True), 0.0)
+        behind.append(movement.behind_jog_m)
+
+    assert behind == [0.25, 0.5, 0.75]
+
+
+def test_while_it_moves_a_jogging_train_settles_nothing_anew() -> None:
+    movement = Movement()
+    movement.jogs(motion(100.0, standing=True), 0.0)
+    movement.jogs(motion(101.0), 0.0)
+
+    movement.look(100.5)
+
+    assert movement.behind_jog_m == -0.5
+
+
+def distances_m(movement: Movement) -> tuple[float, ...]:
+    return (movement.rollback_m, movement.held_m, movement.jog_m, movement.behind_jog_m)
+
+
+def test_a_train_that_never_moved_is_nowhere_else() -> None:
+    movement = Movement()
+    assert distances_m(movement) == (0.0, 0.0, 0.0, 0.0)
+
+    movement.look(-0.25)
+
+    assert distances_m(movement) == (0.25, 0.25, 0.0, 0.0)
+
+
 def test_after_a_jog_rolling_back_counts_from_where_it_ended() -> None:
     movement = Movement()
     movement.look(100.0)
