@@ -116,13 +116,16 @@ def effort(
 def manual_demand(
     desk: Desk, before_mps2: float, standing: bool, *, train: TrainBelief, jerk_mps: float
 ) -> AtoDemand:
-    """The lever as a demand, moved no faster than `jerk_mps` (change allowed in this cycle)."""
-    share_ratio = max(-1.0, min(1.0, desk.lever_percent / FULL_LEVER_PERCENT))
+    """The lever as a demand, moved no faster than `jerk_mps` (change allowed in this cycle).
+
+    A lever at no number asks for a demand that is none: of two, `min` and `max` keep the first.
+    """
+    share_ratio = max(min(desk.lever_percent / FULL_LEVER_PERCENT, 1.0), -1.0)
     full_mps2 = train.rated_force_n / (train.tare_kg * (1.0 + train.rotating_mass_ratio))
     if share_ratio < 0.0:
         full_mps2 = train.service_decel_max_mps2
     wanted_mps2 = share_ratio * full_mps2
-    accel_mps2 = max(before_mps2 - jerk_mps, min(before_mps2 + jerk_mps, wanted_mps2))
+    accel_mps2 = max(min(wanted_mps2, before_mps2 + jerk_mps), before_mps2 - jerk_mps)
     return AtoDemand(
         accel_mps2=accel_mps2,
         hold=standing and share_ratio <= 0.0,

@@ -90,3 +90,17 @@ def test_the_lever_asks_for_nothing_but_effort() -> None:
 
     assert (demand.open_doors, demand.target_mps) == (False, 0.0)
     assert math.isinf(demand.distance_to_stop_m)
+
+
+def test_a_lever_at_no_number_brings_the_safe_output_and_leaves_nothing_behind() -> None:
+    lever = replace(DESK, mode=CabMode.MANUAL, lever_percent=math.nan)
+
+    demand = manual_demand(lever, 0.2, False, train=TRAIN, jerk_mps=0.03)
+    output = decided(demand)
+    after = manual_demand(
+        replace(lever, lever_percent=0.0), demand.accel_mps2, False, train=TRAIN, jerk_mps=0.03
+    )
+
+    assert (output.force_n, output.emergency_released) == (0.0, False)
+    assert output.supervision is Supervision.EMERGENCY
+    assert after.accel_mps2 == 0.0
