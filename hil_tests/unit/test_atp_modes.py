@@ -187,6 +187,7 @@ def test_a_train_that_stands_is_within_every_limit(mode: OperatingMode) -> None:
 
 
 def test_a_jog_begins_and_ends_at_rest() -> None:
+    assert after(at_rest(AUTHORISED)) is AUTHORISED
     assert after(at_rest(AUTHORISED, jog_granted=True)) is JOG
     assert after(replace(RUNNING, jog_granted=True)) is AUTHORISED
     assert after(at_rest(JOG, jog_granted=True)) is JOG
@@ -195,7 +196,13 @@ def test_a_jog_begins_and_ends_at_rest() -> None:
 
 
 def test_only_what_a_mode_cannot_have_is_not_heeded_at_departure() -> None:
-    assert not UNHEEDED[AUTHORISED]
+    unheeded = {mode: flags for mode, flags in UNHEEDED.items() if flags}
+
+    assert unheeded == {
+        RESTRICTED: Inhibit.AUTHORITY | Inhibit.CENTRE_SILENT,
+        CREEP: Inhibit.AUTHORITY,
+        JOG: Inhibit.AUTHORITY | Inhibit.HOLD,
+    }
     for flags in UNHEEDED.values():
         assert not flags & (Inhibit.DOORS | Inhibit.OBSTACLE | Inhibit.EMERGENCY | Inhibit.ASLEEP)
 
