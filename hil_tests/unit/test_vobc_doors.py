@@ -13,15 +13,12 @@ from vobc.atp.doors import (
     DoorEnable,
     DoorTerms,
     enabled_doors,
-    platform_at,
+    is_aligned,
     withheld,
 )
 from vobc.vocabulary import Interval
 
-STATIONS = (
-    Station("A", 100.0, 20.0, 105.0, PlatformSide.LEFT),
-    Station("B", 600.0, 520.0, 605.0, PlatformSide.RIGHT),
-)
+STATION = Station("A", 100.0, 20.0, 105.0, PlatformSide.LEFT)
 SIDES = (None, PlatformSide.LEFT, PlatformSide.RIGHT)
 
 
@@ -67,38 +64,18 @@ def test_what_is_said_is_exactly_what_is_missing(values: list[bool]) -> None:
         assert (WITHHELD_WITHOUT[term] in said) is not value
 
 
-@pytest.mark.parametrize(
-    ("low_m", "high_m", "side"),
-    [
-        (99.7, 100.3, PlatformSide.LEFT),
-        (99.69, 100.0, None),
-        (100.0, 100.31, None),
-        (99.0, 101.0, None),
-        (599.7, 600.3, PlatformSide.RIGHT),
-        (350.0, 350.1, None),
-        (99.9, 600.1, None),
-    ],
-)
-def test_the_whole_interval_has_to_lie_in_the_window(
-    low_m: float, high_m: float, side: PlatformSide | None
-) -> None:
-    front_m = Interval(low_m, (low_m + high_m) / 2.0, high_m)
-
-    assert platform_at(STATIONS, front_m, window_m=0.3000001) is side
-
-
-def test_the_edges_of_the_window_belong_to_it() -> None:
-    """With numbers that a float holds exactly."""
-    assert platform_at(STATIONS, Interval(99.75, 100.0, 100.25), window_m=0.25) is not None
-
-
 @given(st.floats(0.0, 700.0), st.floats(0.0, 2.0))
 def test_no_place_outside_the_window_is_a_platform(best_m: float, half_m: float) -> None:
     front_m = Interval(best_m - half_m, best_m, best_m + half_m)
 
-    side = platform_at(STATIONS, front_m, window_m=0.3)
+    aligned = is_aligned(STATION, front_m, window_m=0.3)
 
-    distance_m = min(abs(best_m - station.stop_m) for station in STATIONS)
-    assert (side is not None) == (distance_m + half_m <= 0.3) or abs(
-        distance_m + half_m - 0.3
-    ) < 1e-9
+    reach_m = abs(best_m - STATION.stop_m) + half_m
+    assert aligned == (reach_m <= 0.3) or abs(reach_m - 0.3) < 1e-9
+
+
+def test_a_term_that_nobody_judged_is_an_error_and_no_leave_to_open() -> None:
+    too_few = (True,) * (len(DoorTerms._fields) - 1)
+
+    with pytest.raises(ValueError, match="longer"):
+        withheld(too_few)  # type: ignore[arg-type]

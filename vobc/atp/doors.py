@@ -1,6 +1,6 @@
 """Door enable: protection lets doors open only where and when nobody can fall out."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Final, NamedTuple
 
 from can_dbc.vobc import Withheld
@@ -68,9 +68,9 @@ def enabled_doors(reasons: Withheld, platform: PlatformSide | None) -> DoorEnabl
     """The side at the platform while nothing stands against it; it goes as soon as anything does.
 
     Args:
-        platform: side of the platform at which the train stands right.
+        platform: side of the platform at which the train stands right; None at none.
     """
-    if reasons or platform is None:
+    if reasons:
         return SHUT
     return DoorEnable(
         left=platform is PlatformSide.LEFT,
@@ -81,13 +81,3 @@ def enabled_doors(reasons: Withheld, platform: PlatformSide | None) -> DoorEnabl
 def is_aligned(station: Station, front_m: Interval, *, window_m: float) -> bool:
     """The front surely stands within ±window_m of the stopping point; the edges belong to it."""
     return station.stop_m - window_m <= front_m.low and front_m.high <= station.stop_m + window_m
-
-
-def platform_at(
-    stations: Sequence[Station], front_m: Interval, *, window_m: float
-) -> PlatformSide | None:
-    """The platform side if the front surely stands within ±window_m of a stopping point."""
-    for station in stations:
-        if is_aligned(station, front_m, window_m=window_m):
-            return station.side
-    return None

@@ -11,7 +11,8 @@ from vobc.atp.config import AtpConfig
 MOVED_M: Final = 0.1
 """More than a held train gives way, and than its pulses may say of one that stands."""
 FINEST_M: Final = 0.1
-"""A train that stands closer to its stopping point gains nothing by another jog."""
+"""A jog ends no closer to the stopping point than this; an interval that is too wide to lie in the
+window even then gains nothing by it."""
 
 
 class JogState(enum.Enum):
@@ -66,10 +67,8 @@ def stands_off(seen: JogFacts) -> bool:
     """Within reach of a jog that would help: no jog makes an interval narrower."""
     if not seen.standstill or seen.aligned or out_of_reach(seen):
         return False
-    if abs(seen.best_m) > seen.limits.door_window_m:
-        return True
-    narrow = seen.half_width_m + FINEST_M <= seen.limits.door_window_m
-    return narrow and abs(seen.best_m) > FINEST_M
+    window_m = seen.limits.door_window_m
+    return abs(seen.best_m) > window_m or seen.half_width_m + FINEST_M <= window_m
 
 
 def stands_off_for_the_last_time(seen: JogFacts) -> bool:
@@ -183,7 +182,7 @@ class JogGuard:
         None, while nobody heads for a stop, ends an attempt, but a stop that comes back after that
         finds its attempts again.
         """
-        same = stop_m is not None and stop_m == self._stop_m
+        same = stop_m == self._stop_m
         if stop_m is not None and not same:
             self._stop_m = stop_m
             self.attempts = 0
@@ -205,9 +204,8 @@ class JogGuard:
             emergency = Cause.JOG_EXCEEDED
         at_work = self.state in (JogState.READY, JogState.UNDER_WAY)
         room_m = back_m(seen)
-        past = seen.best_m > 0.0
         return JogVerdict(
-            permitted=at_work and (not past or room_m >= seen.best_m),
+            permitted=at_work and room_m >= seen.best_m,
             back_m=room_m if at_work else 0.0,
             attempts=self.attempts,
             emergency=emergency,
