@@ -370,6 +370,22 @@ def test_a_telegram_becomes_a_reading_with_its_age_at_the_antenna() -> None:
     assert inbox.image(161 * MS, dt_s=0.05, overruns=0).tags == ()
 
 
+def test_a_telegram_that_the_next_one_closes_is_as_old_as_its_first_byte() -> None:
+    """Frames may share a flag; the next one comes half a second later."""
+    inbox = Inbox(link())
+    first = encode(TagTelegram(1, 301, TagKind.T1, stamp_ms=1000.0, sent_ms=1030.0, pulses=4711))
+    second = encode(TagTelegram(2, 302, TagKind.T2, stamp_ms=1500.0, sent_ms=1530.0, pulses=4800))
+
+    inbox.take_serial([SerialChunk(100 * MS, first[:-1])])
+    inbox.take_serial([SerialChunk(600 * MS, second)])
+    late, whole = inbox.image(610 * MS, dt_s=0.05, overruns=0).tags
+
+    assert (late.tag_id, whole.tag_id) == (301, 302)
+    assert late.age_s == pytest.approx(0.030 + 0.510, abs=0.003)
+    assert whole.age_s == pytest.approx(0.030 + 0.002 + 0.010)
+    assert inbox.torn_telegrams == 0
+
+
 def test_a_torn_telegram_is_counted_and_a_repeated_one_is_no_second_tag() -> None:
     inbox = Inbox(link())
     data = encode(TagTelegram(1, 301, TagKind.T1, 1000.0, 1030.0, 4711))

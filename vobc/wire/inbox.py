@@ -52,6 +52,7 @@ TACHO_SAMPLES_MAX: Final = 64
 TAGS_MAX: Final = 32
 TELEGRAM_LINE_S: Final = 0.002
 """A telegram of a magnetic tag on the line at 115 200 baud."""
+TELEGRAM_LINE_NS: Final = 2_000_000
 
 
 class Inbox:
@@ -60,6 +61,8 @@ class Inbox:
     def __init__(self, radio: RadioLink) -> None:
         self._decoder = Decoder(HEARD_KINDS)
         self._parser = TelegramParser()
+        self._begun_ns = 0
+        """When what the parser holds back began on the line."""
         self._radio = radio
         self._latest: dict[type, tuple[Any, int, CanFrame]] = {}
         self._tachos: list[tuple[Tacho, int]] = []
@@ -114,11 +117,18 @@ class Inbox:
             del self._tachos[:-TACHO_SAMPLES_MAX]
 
     def take_serial(self, chunks: Iterable[SerialChunk]) -> None:
-        """What the tag reader's line delivered; a telegram may be spread over several chunks."""
+        """What the tag reader's line delivered; a telegram may be spread over several chunks.
+
+        It says how old it was when its first byte was sent, so its age counts from there: one that
+        lost its closing flag is closed by the next one's opening flag, and that comes much later.
+        """
         for chunk in chunks:
+            begun_ns = self._begun_ns if self._parser.pending_bytes else chunk.stamp_ns
             for heard in self._parser.feed(chunk.data):
                 if isinstance(heard, TagTelegram):
-                    self._tags.append((heard, chunk.stamp_ns))
+                    self._tags.append((heard, min(chunk.stamp_ns, begun_ns + TELEGRAM_LINE_NS)))
+                begun_ns = chunk.stamp_ns
+            self._begun_ns = begun_ns
         if len(self._tags) > TAGS_MAX:
             self.overflowed += len(self._tags) - TAGS_MAX
             del self._tags[:-TAGS_MAX]
