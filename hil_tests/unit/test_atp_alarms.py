@@ -1,0 +1,75 @@
+"""What is done about alarms: the whole of each table, stated here once more in other words."""
+
+from collections.abc import Mapping
+from typing import Final
+
+import pytest
+
+from can_dbc.vobc import Cause
+from vobc.atp.alarms import DOOR_UNLOCKED, FIRE, NOTHING, PASSENGER_ALARM, Answer, Situation
+from vobc.atp.place import Whereabouts
+
+UNKNOWN, BETWEEN, ARRIVING = Whereabouts.UNKNOWN, Whereabouts.BETWEEN, Whereabouts.ARRIVING
+NEAR, ALIGNED, PAST = Whereabouts.NEAR, Whereabouts.ALIGNED, Whereabouts.PAST
+
+# Each answer as: emergency brake, service brake at once, stop at the next station, stay there.
+ON: Final = (Cause.NONE, False, True, False)
+STAY: Final = (Cause.NONE, False, False, True)
+COME_TO_STAY: Final = (Cause.NONE, False, True, True)
+HERE: Final = (Cause.NONE, True, False, True)
+CAUGHT: Final = (Cause.PASSENGER_ALARM, False, False, True)
+OPEN: Final = (Cause.DOOR_UNLOCKED, False, False, False)
+
+
+def told(answer: Answer) -> tuple[Cause, bool, bool, bool]:
+    return answer.emergency, answer.stop_now, answer.stop_next, answer.stay
+
+
+@pytest.mark.parametrize(
+    ("table", "staying", "leaving"),
+    [
+        (
+            PASSENGER_ALARM,
+            {
+                UNKNOWN: ON,
+                BETWEEN: ON,
+                ARRIVING: ON,
+                NEAR: COME_TO_STAY,
+                ALIGNED: COME_TO_STAY,
+                PAST: STAY,
+            },
+            {ARRIVING: CAUGHT, NEAR: CAUGHT, ALIGNED: HERE, PAST: CAUGHT},
+        ),
+        (
+            FIRE,
+            {
+                UNKNOWN: ON,
+                BETWEEN: ON,
+                ARRIVING: ON,
+                NEAR: COME_TO_STAY,
+                ALIGNED: COME_TO_STAY,
+                PAST: ON,
+            },
+            {ARRIVING: ON, NEAR: ON, ALIGNED: HERE, PAST: ON},
+        ),
+        (
+            DOOR_UNLOCKED,
+            {UNKNOWN: OPEN, BETWEEN: ON, ARRIVING: ON, NEAR: ON, ALIGNED: ON, PAST: OPEN},
+            {ARRIVING: OPEN, NEAR: OPEN, ALIGNED: OPEN, PAST: OPEN},
+        ),
+    ],
+)
+def test_every_place_of_a_train_that_stays_or_leaves_has_its_answer(
+    table: Mapping[Situation, Answer],
+    staying: Mapping[Whereabouts, tuple[Cause, bool, bool, bool]],
+    leaving: Mapping[Whereabouts, tuple[Cause, bool, bool, bool]],
+) -> None:
+    """A train can only leave where a platform is."""
+    expected = {Situation(where, False): answer for where, answer in staying.items()}
+    expected |= {Situation(where, True): answer for where, answer in leaving.items()}
+
+    assert {situation: told(answer) for situation, answer in table.items()} == expected
+
+
+def test_where_nothing_is_wrong_nothing_is_asked() -> None:
+    assert told(NOTHING) == (Cause.NONE, False, False, False)
