@@ -7,7 +7,13 @@ import pytest
 
 from metro_tools.mutate.__main__ import main
 from metro_tools.mutate.mutations import mutants_of, mutated
-from metro_tools.mutate.targets import EQUIVALENTS_FILE, TARGETS_FILE, read_equivalents
+from metro_tools.mutate.result import PAGE_FILE
+from metro_tools.mutate.targets import (
+    EQUIVALENTS_FILE,
+    TARGETS_FILE,
+    read_equivalents,
+    read_groups,
+)
 
 SPEED = '''"""A planted module."""
 
@@ -124,12 +130,73 @@ def test_a_survivor_with_an_argument_counts_as_equivalent_and_a_stale_entry_is_a
 
     tests.write_text(GOOD_TESTS)
     (planted / EQUIVALENTS_FILE).write_text(named)
-    assert run(planted) == 1
+    assert run(planted, "--fresh") == 1
     assert "tests/test_speed.py::test_braking notices it" in capsys.readouterr().err
 
     (planted / EQUIVALENTS_FILE).write_text(named.replace("0 is 0", " "))
     assert run(planted) == 2
     assert "needs its argument" in capsys.readouterr().err
+
+
+def test_only_what_may_have_changed_is_tried_again(
+    planted: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    count = len(mutants_of(SPEED))
+    tests, module = planted / "tests/test_speed.py", planted / "planted/speed.py"
+    blind = GOOD_TESTS.replace("(4.9, 5.0, 5.1)", "(4.9, 5.1)").replace("False, True, True", "0, 1")
+
+    def tried(*args: str) -> int:
+        run(planted, *args)
+        return int(capsys.readouterr().err.split()[1])
+
+    assert tried() == count
+    assert tried() == 0
+    tests.write_text(GOOD_TESTS + "\ndef test_more():\n    assert limit\n")
+    assert tried() == 0
+    tests.write_text(blind)
+    by_over = tried()
+    assert 0 < by_over < count
+    assert tried() == 0
+    tests.write_text(GOOD_TESTS)
+    assert 0 < tried() <= by_over
+    module.write_text(SPEED + "\n# The same, but who knows.\n")
+    assert tried() == count
+    assert tried("--fresh") == count
+
+
+def test_the_score_is_written_only_of_all_modules_and_says_what_was_found(
+    planted: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    count = len(mutants_of(SPEED))
+    (planted / "docs").mkdir()
+
+    assert run(planted, "--write", "planted/speed.py") == 2
+    assert run(planted, "--write") == 0
+
+    page = (planted / PAGE_FILE).read_text()
+    assert f"**{count} of {count} mutants are noticed (100.0 %); 0 more are equivalent" in page
+    assert f"| `planted/speed.py` | {count} | {count} | 0 | 0 | 100.0 % |" in page
+    assert capsys.readouterr().err.startswith("mutate: --write is for all modules\n")
+
+
+def test_examples_are_few_whatever_a_test_asks_for(planted: Path) -> None:
+    tests = planted / "tests/test_speed.py"
+    tests.write_text(
+        GOOD_TESTS
+        + """
+from hypothesis import given, settings, strategies
+
+SEEN = []
+
+@settings(max_examples=1000)
+@given(strategies.integers())
+def test_each(number):
+    SEEN.append(number)
+    assert len(SEEN) < 100
+"""
+    )
+
+    assert run(planted) == 0
 
 
 def test_tests_that_fail_by_themselves_prove_nothing(
@@ -193,3 +260,14 @@ def test_every_mutant_compiles_differs_and_has_a_name_of_its_own() -> None:
 
 def test_the_list_of_equivalents_can_be_read(checkout: Path) -> None:
     assert all(entry.why.endswith(".") for entry in read_equivalents(checkout))
+
+
+def test_no_module_of_protection_and_odometry_is_left_out(checkout: Path) -> None:
+    meant = {
+        str(path.relative_to(checkout))
+        for folder in ("vobc/atp", "vobc/odometry")
+        for path in (checkout / folder).glob("*.py")
+        if path.name != "__init__.py"
+    }
+
+    assert meant <= {module for group in read_groups(checkout) for module in group.modules}

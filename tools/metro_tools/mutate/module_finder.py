@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 from importlib.abc import MetaPathFinder
 from pathlib import Path
 from types import CodeType, FunctionType, ModuleType
-from typing import Final
+from typing import Any, Final
 
 _CACHED: Final = type(functools.cache(lambda: None))
 
@@ -52,42 +52,49 @@ def install(name: str, path: Path, tree: ast.Module) -> None:
     sys.meta_path.insert(0, MutantFinder(name, path, tree))
 
 
-def swap(path: Path, tree: ast.Module) -> None:
-    """Give all functions of an imported module the code of the mistaken one.
+class Living:
+    """All functions and caches of some files, found once: to look for them takes a while."""
 
-    Whoever holds such a function runs the mistake from now on. Raises NotSwappableError for code
-    that holds other variables of functions around it, or cannot be told from its neighbour.
-    """
-    codes = list(_codes(compile(tree, str(path), "exec", dont_inherit=True)))
-    counted = Counter(_place(code) for code in codes)
-    by_place = {_place(code): code for code in codes}
-    for function in functions_of({str(path)}):
-        old = function.__code__
-        new = by_place.get(_place(old))
-        if new is None or counted[_place(old)] > 1:
-            raise NotSwappableError(f"{old.co_qualname} in line {old.co_firstlineno}")
-        if new == old:
-            continue
-        if new.co_freevars != old.co_freevars:
-            raise NotSwappableError(f"{old.co_qualname} holds other variables")
-        function.__code__ = new
-    forget({str(path)})
+    def __init__(self, paths: set[str]) -> None:
+        self._functions: dict[str, list[FunctionType]] = {path: [] for path in paths}
+        self._caches: list[Any] = []
+        for item in gc.get_objects():
+            if isinstance(item, FunctionType):
+                found = self._functions.get(item.__code__.co_filename)
+                if found is not None:
+                    found.append(item)
+            elif isinstance(item, _CACHED) and item.__wrapped__.__code__.co_filename in paths:
+                self._caches.append(item)
 
+    def swap(self, path: Path, tree: ast.Module) -> None:
+        """Give all functions of an imported module the code of the mistaken one.
 
-def forget(paths: set[str]) -> None:
-    """Empty the caches of functions from these files: the mistake is not in what they hold."""
-    for item in gc.get_objects():
-        if isinstance(item, _CACHED) and item.__wrapped__.__code__.co_filename in paths:
+        Whoever holds such a function runs the mistake from now on. Raises NotSwappableError for
+        code that holds other variables of functions around it, or cannot be told from its
+        neighbour, or is not imported yet.
+        """
+        codes = list(_codes(compile(tree, str(path), "exec", dont_inherit=True)))
+        counted = Counter(_place(code) for code in codes)
+        by_place = {_place(code): code for code in codes}
+        functions = self._functions[str(path)]
+        if codes and not functions:
+            raise NotSwappableError(f"{path} is not imported")
+        for function in functions:
+            old = function.__code__
+            new = by_place.get(_place(old))
+            if new is None or counted[_place(old)] > 1:
+                raise NotSwappableError(f"{old.co_qualname} in line {old.co_firstlineno}")
+            if new == old:
+                continue
+            if new.co_freevars != old.co_freevars:
+                raise NotSwappableError(f"{old.co_qualname} holds other variables")
+            function.__code__ = new
+        self.forget()
+
+    def forget(self) -> None:
+        """Empty all caches: the mistake is not in what they hold."""
+        for item in self._caches:
             item.cache_clear()
-
-
-def functions_of(paths: set[str]) -> list[FunctionType]:
-    """All functions that live and come from these files."""
-    return [
-        item
-        for item in gc.get_objects()
-        if isinstance(item, FunctionType) and item.__code__.co_filename in paths
-    ]
 
 
 def _codes(code: CodeType) -> Iterator[CodeType]:

@@ -8,8 +8,20 @@ from typing import Final
 from metro_tools.mutate.mutations import Mutant
 from metro_tools.mutate.targets import EQUIVALENTS_FILE, Equivalent
 
-NOT_NOTICED: Final = ("survived", "unreached")
+KILLED: Final = "killed"
+TIMED_OUT: Final = "timed out"
+SURVIVED: Final = "survived"
+UNREACHED: Final = "unreached"
+NOT_NOTICED: Final = (SURVIVED, UNREACHED)
 PERCENT: Final = 100.0
+PAGE_FILE: Final = "docs/mutation.md"
+TENTHS: Final = 10
+PAGE_HEAD: Final = f"""# Mutation score
+
+Written by `make mutate MUTATE_ARGS=--write`; [protection.md](protection.md#mutation) says what is
+changed and how it is tried. A mutant is noticed when a test fails, or never ends. An equivalent one
+has an argument in `{EQUIVALENTS_FILE}` why nobody can notice it.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,6 +111,37 @@ def table(of: dict[str, Score]) -> str:
         for name, s in of.items()
     ]
     return "\n".join((head, *lines))
+
+
+def as_page(of: dict[str, Score]) -> str:
+    """The table as a page of the documentation."""
+    total = of["all"]
+    head = ("module", "mutants", "killed", "survived", "equivalent", "score")
+    rows = [
+        (f"`{name}`", *map(str, (s.mutants, s.killed, s.survived, s.equivalent)), _share(s))
+        for name, s in of.items()
+        if name != "all" and s.mutants
+    ]
+    sums = (total.mutants, total.killed, total.survived, total.equivalent)
+    rows.append(("all", *map(str, sums), _share(total)))
+    lines = [
+        f"| {' | '.join(row)} |" for row in (head, ("---", *["---:"] * (len(head) - 1)), *rows)
+    ]
+    return f"{PAGE_HEAD}\n{score_line(total)}\n\n" + "\n".join(lines) + "\n"
+
+
+def score_line(total: Score) -> str:
+    """What the README says, word by word."""
+    wanted = total.mutants - total.equivalent
+    return (
+        f"**{total.killed} of {wanted} mutants are noticed ({_share(total)}); "
+        f"{total.equivalent} more are equivalent, each with its argument.**"
+    )
+
+
+def _share(score: Score) -> str:
+    """Rounded down, so that only all is 100 %."""
+    return f"{int(score.percent * TENTHS) / TENTHS:.1f} %"
 
 
 def as_difference(tried: Tried) -> str:

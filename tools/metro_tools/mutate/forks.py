@@ -1,0 +1,97 @@
+"""Children of a process: each runs something, tells a little, and ends in time."""
+
+import json
+import os
+import resource
+import signal
+import sys
+from collections.abc import Callable
+from typing import Final, TextIO
+
+from metro_tools.mutate.result import KILLED, SURVIVED, TIMED_OUT
+
+EXIT_KILLED: Final = 1
+EXIT_ANEW: Final = 77
+"""The mistake cannot be put into what lives already; it needs a process of its own."""
+CPU_FACTOR: Final = 5.0
+CPU_FLOOR_S: Final = 2.0
+"""A mutant may take this much longer than the tests without it, and then counts as noticed."""
+WALL_FACTOR: Final = 5.0
+MEMORY_BYTES: Final = 4 << 30
+
+
+class Pool:
+    """So many children at a time; what each told is given to `ended` with its name."""
+
+    def __init__(self, jobs: int, ended: Callable[[tuple[str, int], int, str], None]) -> None:
+        self._jobs, self._ended = jobs, ended
+        self._running: dict[int, tuple[tuple[str, int], TextIO]] = {}
+
+    def start(self, name: tuple[str, int], run: Callable[[TextIO], int], limit_s: float) -> None:
+        """Waits for a place. `limit_s` is the processor time that `run` needs without a mistake."""
+        while len(self._running) >= self._jobs:
+            self._reap()
+        pid, pipe = fork(run, limit_s)
+        self._running[pid] = name, pipe
+
+    def drain(self) -> None:
+        while self._running:
+            self._reap()
+
+    def _reap(self) -> None:
+        pid, status = os.wait()
+        if pid not in self._running:
+            return
+        name, pipe = self._running.pop(pid)
+        with pipe:
+            told = pipe.read()
+        self._ended(name, os.waitstatus_to_exitcode(status), told)
+
+
+def result_of(code: int) -> str:
+    """What became of a mutant whose tests ended like this."""
+    if code in (-signal.SIGPROF, -signal.SIGALRM):
+        return TIMED_OUT
+    return KILLED if code else SURVIVED
+
+
+def fork(run: Callable[[TextIO], int], limit_s: float = 0.0) -> tuple[int, TextIO]:
+    """A child that runs and ends, and what it tells; without a limit it may take for ever."""
+    read_fd, write_fd = os.pipe()
+    sys.stdout.flush()
+    pid = os.fork()
+    if pid:
+        os.close(write_fd)
+        return pid, os.fdopen(read_fd, encoding="utf-8")
+    status = EXIT_KILLED
+    try:
+        os.close(read_fd)
+        if limit_s:
+            _limit(limit_s)
+        with os.fdopen(write_fd, "w", encoding="utf-8") as told:
+            status = run(told)
+    except SystemExit:
+        status = EXIT_KILLED
+    finally:
+        os._exit(status)
+
+
+def write_line(report: TextIO, **entry: object) -> None:
+    report.write(json.dumps(entry) + "\n")
+    report.flush()
+
+
+def cpu_s() -> float:
+    """Processor time of this process so far."""
+    used = resource.getrusage(resource.RUSAGE_SELF)
+    return used.ru_utime + used.ru_stime
+
+
+def _limit(tests_s: float) -> None:
+    """The kernel ends what runs too long; by processor time, so that a busy machine does not."""
+    limit_s = CPU_FLOOR_S + CPU_FACTOR * tests_s
+    signal.signal(signal.SIGPROF, signal.SIG_DFL)
+    signal.signal(signal.SIGALRM, signal.SIG_DFL)
+    signal.setitimer(signal.ITIMER_PROF, limit_s)
+    signal.setitimer(signal.ITIMER_REAL, WALL_FACTOR * limit_s)
+    resource.setrlimit(resource.RLIMIT_AS, (MEMORY_BYTES, MEMORY_BYTES))

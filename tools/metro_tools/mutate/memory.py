@@ -1,0 +1,142 @@
+"""What became of each mutant the last time, for as long as it is still true.
+
+One file for each module, in a folder that is no part of the project. A module that changed, or
+a changed driver, is forgotten wholly. What a test noticed stays noticed while that test says the
+same; a survivor stays one while all its tests do. Whether a changed *other* module would hide it
+from its test is not asked: `--fresh` tries everything.
+"""
+
+import ast
+import hashlib
+import json
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final
+
+from metro_tools.mutate.result import NOT_NOTICED
+from metro_tools.mutate.targets import Group
+
+FOLDER: Final = ".mutation"
+DRIVER: Final = Path(__file__).parent
+_DIGITS: Final = 16
+
+
+@dataclass(frozen=True, slots=True)
+class Remembered:
+    """A result, and a digest of what it rests upon."""
+
+    result: str
+    by: str
+    rests_on: str
+
+
+@dataclass(slots=True)
+class Memory:
+    """The results of one module."""
+
+    path: Path
+    module: str
+    """Digest of the module and of the driver."""
+    tests: "Tests"
+    results: dict[int, Remembered] = field(default_factory=dict)
+
+    def holds(self, entry: Remembered) -> bool:
+        """The tests still say what the result rests upon."""
+        return entry.rests_on == self._rests_on(entry.result, entry.by)
+
+    def is_of(self, path: Path) -> bool:
+        """The module is still the one that the results are of."""
+        return self.module == module_digest(path)
+
+    def note(self, number: int, result: str, by: str) -> None:
+        self.results[number] = Remembered(result, by, self._rests_on(result, by))
+
+    def save(self) -> None:
+        entries = {
+            str(number): [entry.result, entry.by, entry.rests_on]
+            for number, entry in sorted(self.results.items())
+        }
+        self.path.parent.mkdir(exist_ok=True)
+        part = self.path.with_suffix(".part")
+        part.write_text(json.dumps({"module": self.module, "results": entries}), encoding="utf-8")
+        part.replace(self.path)
+
+    def _rests_on(self, result: str, by: str) -> str:
+        return self.tests.all if result in NOT_NOTICED else self.tests.of(by)
+
+
+class Tests:
+    """Digests of a group's tests: of each, and of all with what they import from beside them."""
+
+    def __init__(self, root: Path, group: Group) -> None:
+        self._root = root
+        self._of: dict[str, str] = {}
+        self._files: dict[str, Mapping[str, str]] = {}
+        beside = {
+            path
+            for name in group.tests
+            for path in (root / name).parent.glob("*.py")
+            if not path.name.startswith("test_")
+        }
+        self.all = _digest(
+            path.read_bytes() for path in (*(root / name for name in group.tests), *sorted(beside))
+        )
+
+    def of(self, name: str) -> str:
+        """Of one test, as pytest names it. One that is gone has a digest that no other has."""
+        if not name:
+            return ""
+        if name not in self._of:
+            path, *parts = name.split("[")[0].split("::")
+            tests = self._tests_of(path)
+            self._of[name] = tests.get(".".join(parts), tests[""])
+        return self._of[name]
+
+    def _tests_of(self, path: str) -> Mapping[str, str]:
+        if path not in self._files:
+            try:
+                source = (self._root / path).read_text(encoding="utf-8")
+                found = {name: _digest([text.encode()]) for name, text in _functions(source)}
+                found[""] = _digest([source.encode()])
+            except (OSError, SyntaxError):
+                found = {"": "gone"}
+            self._files[path] = found
+        return self._files[path]
+
+
+def recall(root: Path, module: str, tests: Tests, *, fresh: bool) -> Memory:
+    """What is still known of a module's mutants; nothing of a file that cannot be read."""
+    digest = module_digest(root / module)
+    memory = Memory(root / FOLDER / f"{module.replace('/', '.')}.json", digest, tests)
+    if fresh:
+        return memory
+    try:
+        told = json.loads(memory.path.read_text(encoding="utf-8"))
+        if told["module"] == digest:
+            memory.results = {int(n): Remembered(*entry) for n, entry in told["results"].items()}
+    except (OSError, ValueError, KeyError, TypeError):
+        pass
+    return memory
+
+
+def module_digest(path: Path) -> str:
+    """Of a module as it is now, and of the driver."""
+    return _digest(each.read_bytes() for each in (path, *sorted(DRIVER.glob("*.py"))))
+
+
+def _functions(source: str) -> Iterator[tuple[str, str]]:
+    """All tests of a file with their text, comments and places left out."""
+    for statement in ast.parse(source).body:
+        inner = statement.body if isinstance(statement, ast.ClassDef) else ()
+        outer = f"{statement.name}." if isinstance(statement, ast.ClassDef) else ""
+        for prefix, node in (("", statement), *((outer, part) for part in inner)):
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+                yield prefix + node.name, ast.dump(node)
+
+
+def _digest(parts: Iterable[bytes]) -> str:
+    whole = hashlib.sha256()
+    for part in parts:
+        whole.update(hashlib.sha256(part).digest())
+    return whole.hexdigest()[:_DIGITS]
