@@ -25,6 +25,7 @@ class SpeedTrack:
         "_window_s",
         "accel_pulses_per_s2",
         "at_pulses",
+        "begun",
         "rate_pulses_per_s",
         "stamp_s",
     )
@@ -34,21 +35,19 @@ class SpeedTrack:
         self._window_s = window_s
         self._counts: deque[tuple[float, int]] = deque()
         self._moved_s = -math.inf
+        self.begun = False
+        """At least one sample was taken."""
         self.stamp_s = -math.inf
         """Instant of the last sample."""
         self.at_pulses = HALF_PULSE
         self.rate_pulses_per_s = 0.0
         self.accel_pulses_per_s2 = 0.0
 
-    @property
-    def begun(self) -> bool:
-        """At least one sample was taken."""
-        return bool(self._counts)
-
     def add(self, stamp_s: float, count: int) -> None:
         """Take one sample; samples come in the order of their instants."""
         counts = self._counts
-        if not counts:
+        if not self.begun:
+            self.begun = True
             self._moved_s, self.at_pulses = stamp_s, count + HALF_PULSE
         else:
             if count != counts[-1][1]:

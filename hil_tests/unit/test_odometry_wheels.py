@@ -1,0 +1,417 @@
+"""Pulses, wheel scale and speed filter, reckoned by hand at each threshold."""
+
+import math
+from dataclasses import replace
+
+import pytest
+
+from can_dbc.nodes import Direction
+from can_dbc.odometer import Tacho
+from vobc.config import load_config
+from vobc.odometry.pulses import PulseCounter, signed_difference
+from vobc.odometry.scale import WheelScale
+from vobc.odometry.tracking import SpeedTrack
+
+CONFIG = replace(
+    load_config("florence4").odometry,
+    scale_error_low_ratio=-0.01,
+    scale_error_high_ratio=0.05,
+    scale_margin_ratio=0.002,
+    scale_base_m=20.0,
+)
+NOMINAL_M = 0.01
+DECLARED_M = (pytest.approx(0.01 / 1.05), pytest.approx(0.01 / 0.99))
+
+
+def bounds_m(scale: WheelScale) -> tuple[float, float]:
+    return scale.low_m, scale.high_m
+
+
+def between(base_m: float, counted: int, slack_m: float) -> tuple[float, float]:
+    """Of the distance behind one pulse, when either count may be off by one."""
+    return (
+        pytest.approx((base_m - slack_m) / (counted + 1) * 0.998, rel=1e-12),
+        pytest.approx((base_m + slack_m) / (counted - 1) * 1.002, rel=1e-12),
+    )
+
+
+def test_before_any_tag_a_pulse_stands_for_what_is_declared() -> None:
+    scale = WheelScale(CONFIG, NOMINAL_M)
+
+    assert bounds_m(scale) == scale.declared_m == DECLARED_M
+    assert scale.nearest(0.0098) == 0.0098
+    assert scale.nearest(0.005) == scale.low_m
+    assert scale.nearest(0.02) == scale.high_m
+
+
+def test_each_pair_of_tags_measures_the_wheel_from_where_the_pair_before_ended() -> None:
+    scale = WheelScale(CONFIG, NOMINAL_M)
+    scale.anchor(10.0, 100, 0.05)
+    scale.measure(60.0, 5100, 0.07)
+    assert bounds_m(scale) == between(50.0, 5000, 0.12)
+
+    scale.measure(160.0, 15100, 0.06)
+    assert bounds_m(scale) == between(100.0, 10000, 0.13)
+
+
+def test_bounds_of_the_wheel_never_grow_by_a_worse_measurement() -> None:
+    scale = WheelScale(CONFIG, NOMINAL_M)
+    scale.anchor(0.0, 0, 0.05)
+    scale.measure(200.0, 20000, 0.05)
+    best = bounds_m(scale)
+    scale.measure(225.0, 22500, 0.06)
+
+    assert bounds_m(scale) == best == between(200.0, 20000, 0.1)
+
+
+def test_the_first_tag_without_an_anchor_only_begins() -> None:
+    scale = WheelScale(CONFIG, NOMINAL_M)
+    scale.measure(10.0, 100, 0.05)
+    assert bounds_m(scale) == DECLARED_M
+    scale.measure(60.0, 5100, 0.07)
+    assert bounds_m(scale) == between(50.0, 5000, 0.12)
+
+    scale.forget_anchor()
+    scale.measure(1000.0, 3, 0.05)
+    assert bounds_m(scale) == between(50.0, 5000, 0.12)
+
+
+def test_tags_closer_than_the_base_measure_nothing_and_the_anchor_stays() -> None:
+    scale = WheelScale(CONFIG, NOMINAL_M)
+    scale.anchor(0.0, 0, 0.05)
+    scale.measure(19.99, 1999, 0.05)
+    assert bounds_m(scale) == DECLARED_M
+    scale.measure(20.0, 2000, 0.05)
+    assert bounds_m(scale) == between(20.0, 2000, 0.1)
+
+
+def test_a_single_pulse_measures_nothing_and_two_contradict() -> None:
+    """From the tag that contradicted, the wheel is measured anew."""
+    scale = WheelScale(CONFIG, NOMINAL_M)
+    scale.anchor(0.0, 0, 0.05)
+    scale.measure(50.0, 5000, 0.05)
+    known = bounds_m(scale)
+    scale.measure(100.0, 5001, 0.05)
+    assert bounds_m(scale) == known
+    scale.measure(100.0, 5002, 0.05)
+    assert bounds_m(scale) == DECLARED_M
+    scale.measure(150.0, 10002, 0.07)
+    assert bounds_m(scale) == between(50.0, 5000, 0.12)
+
+
+def test_bounds_that_meet_in_one_point_do_not_contradict() -> None:
+    config = replace(CONFIG, scale_error_low_ratio=0.0, scale_margin_ratio=0.0)
+    scale = WheelScale(config, 2.0**-7)
+    scale.anchor(0.0, 0, 0.0)
+    scale.measure(32.0, 4095, 0.0)
+
+    assert bounds_m(scale) == (2.0**-7, 2.0**-7)
+
+
+def test_what_was_measured_of_one_wheel_is_forgotten_for_another() -> None:
+    scale = WheelScale(CONFIG, NOMINAL_M)
+    scale.anchor(0.0, 0, 0.05)
+    scale.measure(50.0, 5000, 0.05)
+    scale.forget()
+    assert bounds_m(scale) == DECLARED_M
+    scale.measure(100.0, 10000, 0.05)
+    assert bounds_m(scale) == DECLARED_M
+
+
+# Pulses.
+
+
+def tacho(
+    a: int,
+    b: int,
+    way: Direction = Direction.FORWARD,
+    *,
+    healthy_a: bool = True,
+    healthy_b: bool = True,
+) -> Tacho:
+    return Tacho(a % 65536, b % 1024, way, healthy_a, healthy_b, 0.0)
+
+
+def counter(a: int = 0, b: int = 0) -> PulseCounter:
+    pulses = PulseCounter(4000.0)
+    assert pulses.step(tacho(a, b), 0.02) == 0
+    return pulses
+
+
+def test_half_a_turn_of_a_counter_counts_as_backwards() -> None:
+    assert signed_difference(32767, 0) == 32767
+    assert signed_difference(32768, 0) == -32768
+    assert signed_difference(0, 65535) == 1
+    assert signed_difference(511, 0, 1024) == 511
+    assert signed_difference(512, 0, 1024) == -512
+
+
+@pytest.mark.parametrize("healthy_a", [True, False])
+@pytest.mark.parametrize("healthy_b", [True, False])
+def test_the_first_sample_counts_nothing_if_an_axle_is_well(
+    *, healthy_a: bool, healthy_b: bool
+) -> None:
+    pulses = PulseCounter(4000.0)
+    assert pulses.since_latched(0) is None
+
+    first = pulses.step(tacho(7, 9, healthy_a=healthy_a, healthy_b=healthy_b), 0.02)
+
+    assert first == (0 if healthy_a or healthy_b else None)
+    assert (pulses.count, pulses.jumps, pulses.on_b) == (0, 0, False)
+    assert (pulses.axles_differ, pulses.contradicted) == (False, False)
+    assert pulses.since_latched(2) == 5
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_counter_steps_no_further_than_the_fastest_train_and_one_late_sample(sign: int) -> None:
+    """4000 pulses/s over 20 ms, and 20 ms more for a sample that was late: 160."""
+    way = Direction.FORWARD if sign > 0 else Direction.REVERSE
+    both, only_b, neither = counter(), counter(), counter()
+
+    assert both.step(tacho(sign * 160, sign * 160, way), 0.02) == sign * 160
+    assert (both.on_b, both.jumps) == (False, 0)
+    assert only_b.step(tacho(sign * 161, sign * 160, way), 0.02) == sign * 160
+    assert (only_b.on_b, only_b.jumps) == (True, 1)
+    assert only_b.since_latched(0) is None
+    assert not only_b.axles_differ
+    assert neither.step(tacho(sign * 161, sign * 161, way), 0.02) is None
+    assert (neither.count, neither.jumps) == (0, 2)
+
+
+def test_a_jump_of_b_is_counted_and_a_goes_on() -> None:
+    pulses = counter()
+
+    assert pulses.step(tacho(20, 400), 0.02) == 20
+    assert (pulses.on_b, pulses.jumps, pulses.axles_differ) == (False, 1, False)
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_axle_a_that_stands_for_25_pulses_of_b_counts_no_more(sign: int) -> None:
+    way = Direction.FORWARD if sign > 0 else Direction.REVERSE
+    pulses = counter()
+    assert pulses.step(tacho(0, sign * 12, way), 0.02) == 0
+    assert pulses.step(tacho(0, sign * 24, way), 0.02) == 0
+    assert not pulses.on_b
+    assert pulses.step(tacho(0, sign * 25, way), 0.02) == sign
+    assert pulses.on_b
+    assert pulses.count == sign
+    assert pulses.step(tacho(sign * 3, sign * 28, way), 0.02) == sign * 3
+    assert not pulses.on_b
+    assert pulses.step(tacho(sign * 3, sign * 52, way), 0.02) == 0
+    assert not pulses.on_b, "counted anew since it moved"
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_axle_b_that_stands_for_25_pulses_of_a_is_no_witness(sign: int) -> None:
+    """And where A is unwell then, nothing counts."""
+    way = Direction.FORWARD if sign > 0 else Direction.REVERSE
+    for stood, known in ((24, True), (25, False)):
+        pulses = counter()
+        pulses.step(tacho(sign * (stood - 1), 0, way), 0.02)
+        pulses.step(tacho(sign * stood, 0, way, healthy_a=False), 0.02)
+
+        assert (pulses.step(tacho(sign * stood, 0, way, healthy_a=False), 0.02) == 0) is known
+    apart = counter()
+    apart.step(tacho(sign * 24, 0, way), 0.02)
+    assert apart.axles_differ
+    apart.step(tacho(sign * 25, 0, way), 0.02)
+    assert not apart.axles_differ, "an axle that is out says nothing"
+
+
+@pytest.mark.parametrize(
+    ("step", "way", "against"),
+    [
+        (3, Direction.FORWARD, False),
+        (2, Direction.REVERSE, False),
+        (3, Direction.REVERSE, True),
+        (-3, Direction.REVERSE, False),
+        (-2, Direction.FORWARD, False),
+        (-3, Direction.FORWARD, True),
+        (-3, Direction.NEUTRAL, True),
+        (0, Direction.NEUTRAL, False),
+    ],
+)
+def test_more_than_two_pulses_against_the_direction_contradict_it(
+    step: int, way: Direction, *, against: bool
+) -> None:
+    pulses, on_b = counter(), counter()
+    pulses.step(tacho(step, step, way), 0.02)
+    on_b.step(tacho(step, step, way, healthy_a=False), 0.02)
+
+    assert pulses.contradicted is against
+    assert not on_b.contradicted, "the direction is that of A"
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize("ahead", ["a", "b"])
+def test_axles_part_once_their_difference_less_a_hundredth_of_the_way_passes_four_pulses(
+    sign: int, ahead: str
+) -> None:
+    """Of 100 and 98 pulses one counts a sample; the fifth is too much."""
+    pulses = counter()
+    behind = 102 if ahead == "b" else 98
+    differ = []
+    for sample in range(1, 7):
+        pulses.step(tacho(sign * 100 * sample, sign * behind * sample), 0.02)
+        differ.append(pulses.axles_differ)
+
+    assert differ == [False, False, False, False, True, True]
+    pulses.step(tacho(sign * 600, sign * behind * 6), 0.02)
+    assert not pulses.axles_differ, "what was told is told"
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_what_the_way_forgives_is_never_saved_for_later(sign: int) -> None:
+    pulses = counter()
+    pulses.step(tacho(sign * 150, sign * 149), 0.03)
+    pulses.step(tacho(sign * 150, sign * 153), 0.03)
+    assert not pulses.axles_differ
+    pulses.step(tacho(sign * 150, sign * 154), 0.03)
+    assert pulses.axles_differ
+
+
+# Speed.
+
+HALVING_RAD_S = math.log(2.0) / 0.02
+
+
+def track(*samples: tuple[float, int], bandwidth_rad_s: float = 8.0) -> SpeedTrack:
+    made = SpeedTrack(bandwidth_rad_s=bandwidth_rad_s, window_s=0.25)
+    for stamp_s, count in samples:
+        made.add(stamp_s, count)
+    return made
+
+
+def test_the_filter_halves_its_memory_as_reckoned_by_hand() -> None:
+    """theta = 1/2: gains 7/8, 9/16 and 1/8."""
+    first = track((0.0, 0), bandwidth_rad_s=HALVING_RAD_S)
+    assert (first.at_pulses, first.rate_pulses_per_s, first.accel_pulses_per_s2) == (0.5, 0.0, 0.0)
+    first.add(0.02, 10)
+    told = (first.at_pulses, first.rate_pulses_per_s, first.accel_pulses_per_s2)
+    assert told == pytest.approx((9.25, 281.25, 3125.0))
+    first.add(0.04, 20)
+    told = (first.at_pulses, first.rate_pulses_per_s, first.accel_pulses_per_s2)
+    assert told == pytest.approx((19.875, 484.375, 4687.5))
+    first.settle()
+    assert (first.rate_pulses_per_s, first.accel_pulses_per_s2) == (0.0, 0.0)
+
+
+def test_samples_closer_than_a_millisecond_are_taken_for_one_apart() -> None:
+    close = track((0.0, 0), (1e-5, 1), bandwidth_rad_s=math.log(2.0) / 1e-3)
+
+    assert close.rate_pulses_per_s == pytest.approx(0.5625 * 1.0 / 1e-3)
+
+
+def test_nothing_is_known_before_the_first_sample() -> None:
+    new = SpeedTrack(bandwidth_rad_s=8.0, window_s=0.25)
+    assert not new.begun
+    assert (new.stamp_s, new.at_pulses) == (-math.inf, 0.5)
+    assert (new.rate_pulses_per_s, new.accel_pulses_per_s2) == (0.0, 0.0)
+    new.add(3.0, 5)
+    assert new.begun
+    assert (new.stamp_s, new.at_pulses, new.still_s) == (3.0, 5.5, 0.0)
+
+
+def test_a_wheel_is_still_since_its_last_pulse_and_silence_adds_nothing() -> None:
+    still = track((1.0, 5), (1.5, 6), (2.0, 6), (2.75, 6))
+
+    assert still.still_s == 1.25
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_wheel_without_pulses_turns_slower_than_one_pulse_in_that_time(sign: float) -> None:
+    still = track((0.0, 0), (0.5, 0))
+    still.rate_pulses_per_s, still.accel_pulses_per_s2 = sign * 1.0, sign * 2.0
+
+    assert still.limited_rate_pulses_per_s(0.5) == sign * 1.0
+    assert still.limited_rate_pulses_per_s(0.75) == sign * 1.5
+    assert still.limited_rate_pulses_per_s(1.5) == sign * 2.0
+
+
+def test_the_rate_is_carried_on_by_the_acceleration_while_pulses_come() -> None:
+    moving = track((0.0, 0), (0.5, 7))
+    moving.rate_pulses_per_s, moving.accel_pulses_per_s2 = 10.0, 4.0
+
+    assert moving.limited_rate_pulses_per_s(0.75) == 11.0
+
+
+def test_the_window_holds_what_bounds_its_length_and_two_samples_at_least() -> None:
+    steady = track(*((number / 16.0, number) for number in range(20)))
+    assert steady.mean_rate(0.0)[2] == 0.25
+    sparse = track((0.0, 0), (1.0, 1), (2.0, 2), (3.0, 3))
+    assert sparse.mean_rate(0.0)[2] == 1.0
+
+
+@pytest.mark.parametrize(("end_s", "full"), [(0.25, True), (0.2499, False)])
+def test_a_window_is_full_at_its_very_length(end_s: float, *, full: bool) -> None:
+    assert track((0.0, 0), (0.125, 1), (end_s, 2)).window_full is full
+
+
+@pytest.mark.parametrize(
+    ("step", "low", "high"),
+    [
+        (9, 8 / 0.3125, 10 / 0.1875),
+        (-9, -10 / 0.1875, -8 / 0.3125),
+        (0, -1 / 0.1875, 1 / 0.1875),
+        (1, 0.0, 2 / 0.1875),
+        (-1, -2 / 0.1875, 0.0),
+    ],
+)
+def test_the_mean_rate_allows_for_a_pulse_and_the_jitter_either_way(
+    step: int, low: float, high: float
+) -> None:
+    mean = track((0.0, 100), (0.25, 100 + step)).mean_rate(0.0625)
+
+    assert mean == (pytest.approx(low), pytest.approx(high), 0.25)
+
+
+def test_samples_within_the_jitter_tell_no_rate() -> None:
+    samples = track((0.0, 0), (0.125, 9))
+
+    assert samples.mean_rate(0.0625) == (-math.inf, math.inf, 0.125)
+    assert math.isfinite(samples.mean_rate(0.0624)[0])
+    assert track((0.0, 0)).mean_rate(0.0)[0] == -math.inf
+
+
+SIXTEENTHS_S = (0.0, 1 / 16, 1 / 8, 3 / 16)
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_wheels_jump_when_no_train_could_change_its_speed_so(sign: int) -> None:
+    """By 1/8 s + 1/16 s of whole pulses and 768 pulses/s² over half of 3/16 s: 8 + 16 + 72 = 96."""
+    for last, jumped in ((6, False), (7, True)):
+        counts = (0, 0, 0, sign * last)
+        made = track(*zip(SIXTEENTHS_S, counts, strict=True))
+
+        assert made.jumped(768.0, 0.0) is jumped
+    steady = track(*zip(SIXTEENTHS_S, (0, sign * 50, sign * 100, sign * 150), strict=True))
+    assert not steady.jumped(0.0, 0.0)
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_what_the_instants_may_be_off_forgives_more_the_faster_the_wheels_turn(sign: int) -> None:
+    """512 pulses/s, then 800: (1 + 8) * 8 + (1 + 12.5) * 16 = 288 with 1/64 s of jitter."""
+    for after, jumped in ((50, False), (51, True)):
+        counts = (0, sign * 32, sign * 64, sign * (64 + after))
+        made = track(*zip(SIXTEENTHS_S, counts, strict=True))
+
+        assert made.jumped(0.0, 1 / 64) is jumped
+
+
+@pytest.mark.parametrize(
+    ("stamps_s", "jumped"),
+    [
+        ((0.0, 0.1, 0.2), False),
+        ((-0.1, -0.05, 0.0, 0.1), True),
+        ((-0.1, -0.05, 0.0, 0.035), False),
+        ((-0.035, -0.03, 0.0, 0.1), False),
+        ((-0.036, -0.03, 0.0, 0.1), True),
+        ((-0.1, -0.05, 0.0, 0.036), True),
+    ],
+)
+def test_a_jump_needs_four_samples_and_two_halves_that_are_long_enough(
+    stamps_s: tuple[float, ...], *, jumped: bool
+) -> None:
+    counts = [0] * (len(stamps_s) - 1) + [10_000]
+
+    assert track(*zip(stamps_s, counts, strict=True)).jumped(0.0, 0.0) is jumped
