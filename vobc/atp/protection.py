@@ -105,10 +105,10 @@ class Protection:
         full = self._full_ceiling(image, motion)
         self._look(image, motion, station, full)
         seen.mode = next_mode(seen.mode, seen)
-        back_m = self._jog(motion, station)
+        self._jog(motion, station)
         seen.ceiling = self._ceiling(image, motion, full)
         self._move_on(motion)
-        return self._verdict(image, motion, station, back_m)
+        return self._verdict(image, motion, station)
 
     # What is there.
 
@@ -122,10 +122,9 @@ class Protection:
         seen.resets = self._resets.step(desk, orders)
         seen.button_pressed = desk is not None and not desk.emergency_released
         seen.person_at_desk = desk is not None and desk.mode is CabMode.MANUAL
-        seen.sight_asked = seen.person_at_desk and (
-            (desk is not None and desk.restricted_requested)
-            or (orders is not None and orders.restricted)
-        )
+        asked = desk is not None and desk.restricted_requested
+        allowed = orders is not None and orders.restricted
+        seen.sight_asked = seen.person_at_desk and (asked or allowed)
         automatic = desk is not None and desk.mode is CabMode.AUTO
         seen.creep_ordered = automatic and orders is not None and orders.creep
         # What the centre said last holds on while it is silent, where that is the safe side.
@@ -180,20 +179,16 @@ class Protection:
         seen.jog_movement_m = movement.jog_m
         seen.behind_jog_m = movement.behind_jog_m
         seen.stop_by_mps = self._stop_watch.stop_by_mps(
-            station.stop_now and not motion.standing,
-            speed_mps=motion.speed_mps.best,
-            dt_s=image.dt_s,
+            station.stop_now, speed_mps=motion.speed_mps.best, dt_s=image.dt_s
         )
 
     # What follows from it.
 
-    def _jog(self, motion: Motion, station: StationVerdict) -> float:
-        """How far back the train may jog from where it stands, its rear surely protected."""
-        if self._seen.mode is not OperatingMode.JOG:
+    def _jog(self, motion: Motion, station: StationVerdict) -> None:
+        if self._seen.mode is OperatingMode.JOG:
+            self._movement.jogs(motion, station.jog_back_m)
+        else:
             self._movement.jogs_no_more(motion.travel_m)
-            return 0.0
-        self._movement.jogs(motion, station.jog_back_m)
-        return station.jog_back_m
 
     def _ceiling(self, image: CycleInput, motion: Motion, full: Ceiling) -> Ceiling:
         """What the mode permits: on sight a flat speed, and no more than is known to be ahead."""
@@ -249,9 +244,7 @@ class Protection:
             emergency_cause=self._cause,
         )
 
-    def _verdict(
-        self, image: CycleInput, motion: Motion, station: StationVerdict, back_m: float
-    ) -> Verdict:
+    def _verdict(self, image: CycleInput, motion: Motion, station: StationVerdict) -> Verdict:
         seen, state = self._seen, self._state
         mode, ceiling = seen.mode, seen.ceiling
         may_move = state in MOVING_STATES
@@ -261,6 +254,7 @@ class Protection:
         # Stations inhibit until the train has moved some way: a mere pulse does not let it go.
         kept = inhibits != 0
         jogs = mode is OperatingMode.JOG and may_move and station.jog_permitted
+        back_m = station.jog_back_m if jogs else 0.0
         asleep = mode is OperatingMode.ASLEEP
         return Verdict(
             supervision=state,
@@ -283,9 +277,9 @@ class Protection:
             emergency_cause=self._cause,
             departure_inhibits=INHIBITS[inhibits],
             doors_withheld=station.withheld,
-            reverse_permitted=jogs and back_m > 0.0,
+            reverse_permitted=back_m > 0.0,
             jog_permitted=jogs,
-            jog_back_m=back_m if jogs else 0.0,
+            jog_back_m=back_m,
             jog_attempts=station.jog_attempts,
             stop_now=station.stop_now,
             stop_next=station.stop_next or bool(seen.missing & ALARMS),
