@@ -235,7 +235,40 @@ def test_an_emergency_or_a_held_train_jogs_nowhere() -> None:
     assert bench.stands(0.6).jog_permitted
 
 
+def test_an_emergency_ends_the_leave_of_a_jog_that_is_under_way() -> None:
+    bench = Bench()
+    bench.stands(0.6)
+    assert bench.moves(0.45, -0.3).jog_permitted
+    bench.emergency = True
+
+    verdict = bench.moves(0.4, -0.3)
+
+    assert not verdict.jog_permitted
+    assert verdict.jog_back_m == 0.0
+
+
 # A jog under way.
+
+
+@pytest.mark.parametrize(
+    ("low_mps", "high_mps", "cause"),
+    [
+        (0.2, JOG_MPS - 0.001, Cause.NONE),
+        (0.2, JOG_MPS + 0.001, Cause.JOG_EXCEEDED),
+        (1.0 - JOG_MPS, 0.1, Cause.NONE),
+        (-JOG_MPS - 0.001, -0.2, Cause.JOG_EXCEEDED),
+    ],
+)
+def test_of_an_uncertain_speed_the_greatest_counts_either_way(
+    low_mps: float, high_mps: float, cause: Cause
+) -> None:
+    bench = Bench()
+    bench.stands(3.0)
+    runs = motion(2.0, 0.0, half_m=0.05, rests=False)
+
+    verdict = bench.step(replace(runs, speed_mps=Interval(low_mps, low_mps, high_mps)))
+
+    assert verdict.emergency is cause
 
 
 def test_a_jog_back_from_beyond_a_metre_is_no_overshoot() -> None:

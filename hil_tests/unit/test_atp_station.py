@@ -15,7 +15,7 @@ from can_dbc.cab import CabMode, Desk
 from can_dbc.doors import DoorState, DoorStatus
 from can_dbc.traction import TractionStatus
 from can_dbc.vobc import Cause, Inhibit, Missing, Withheld
-from firmware_py.trackdb import load_line
+from firmware_py.trackdb import LineMap, PlatformSide, load_line
 from vobc.atp import alarms
 from vobc.atp.departure import INHIBIT_WITHOUT, DepartureTerms, inhibits
 from vobc.atp.place import Whereabouts, place_of
@@ -101,8 +101,8 @@ def moving(front_m: float, speed_mps: float = 1.0, half_m: float = 0.0, **change
 class Bench:
     """One guard, and how it is stepped."""
 
-    def __init__(self) -> None:
-        self.guard = StationGuard(CONFIG, LINE, train_length_m=LENGTH_M)
+    def __init__(self, line: LineMap = LINE) -> None:
+        self.guard = StationGuard(CONFIG, line, train_length_m=LENGTH_M)
 
     def step(
         self,
@@ -193,6 +193,32 @@ def test_a_moving_train_says_nothing_about_doors_and_enables_none() -> None:
     assert verdict.withheld is Withheld.NONE
 
 
+def test_a_train_that_stands_between_stations_has_no_doors_to_speak_of() -> None:
+    assert Bench().step(standing(1000.0)).withheld is Withheld.NONE
+
+
+@pytest.mark.parametrize(
+    ("side", "left", "right", "doors"),
+    [
+        (PlatformSide.LEFT, True, False, (True, False)),
+        (PlatformSide.LEFT, False, True, (False, False)),
+        (PlatformSide.RIGHT, True, False, (False, False)),
+        (PlatformSide.RIGHT, False, True, (False, True)),
+    ],
+)
+def test_the_side_that_opens_is_the_one_of_the_map_and_of_the_centre(
+    side: PlatformSide, left: bool, right: bool, doors: tuple[bool, bool]
+) -> None:
+    line = replace(LINE, stations=tuple(replace(station, side=side) for station in LINE.stations))
+
+    verdict = Bench(line).step(
+        standing(STOP_M), ordered(doors_left=left, doors_right=right), stop_m=STOP_M
+    )
+
+    assert verdict.doors == doors
+    assert (verdict.withheld is Withheld.NONE) is any(doors)
+
+
 def test_a_train_that_does_not_know_its_place_opens_nothing() -> None:
     assert not any(Bench().step(standing(STOP_M, localised=False)).doors)
 
@@ -279,6 +305,30 @@ def test_between_stations_a_silent_centre_has_no_platform_doors() -> None:
     assert verdict.inhibits == Inhibit.CENTRE_SILENT
 
 
+def test_between_stations_a_centre_that_is_heard_still_has_its_say_on_platform_doors() -> None:
+    verdict = Bench().step(standing(1000.0), ordered(platform_doors_locked=False))
+
+    assert verdict.inhibits == Inhibit.PLATFORM_DOORS
+
+
+def test_room_to_the_end_of_authority_begins_at_the_foremost_front() -> None:
+    ends = replace(SEEN, authority=Authority(STOP_M + 0.05, 1, 1))
+
+    assert Bench().step(standing(STOP_M, half_m=0.1), ends).inhibits == Inhibit.AUTHORITY
+    assert Bench().step(standing(STOP_M, half_m=0.01), ends).inhibits is Inhibit.NONE
+
+
+def test_a_train_that_has_just_come_to_rest_has_not_departed() -> None:
+    """Its standstill is not proven yet, but its wheels are still: it is judged like one at rest."""
+    bench = Bench()
+    bench.step(standing(STOP_M))
+
+    verdict = bench.step(standing(1000.0, standstill=False), UNLOCKED)
+
+    assert verdict.emergency is Cause.NONE
+    assert verdict.inhibits == Inhibit.DOORS
+
+
 # Where the train is.
 
 
@@ -344,7 +394,7 @@ def departed(moved_m: float, seen: CycleInput) -> StationVerdict:
     return bench.step(moving(STOP_M + moved_m), seen, stop_m=3000.0)
 
 
-@pytest.mark.parametrize("moved_m", [0.2, 1.0, 5.0, 40.0, 5.0 + LENGTH_M])
+@pytest.mark.parametrize("moved_m", [-0.2, 0.2, 1.0, 5.0, 40.0, 5.0 + LENGTH_M])
 def test_a_door_that_unlocks_before_the_rear_is_clear_stops_the_train(moved_m: float) -> None:
     assert departed(moved_m, UNLOCKED).emergency is Cause.DOOR_UNLOCKED
 
@@ -367,6 +417,47 @@ def test_a_train_that_arrives_with_an_unlocked_door_stops_as_it_would() -> None:
 
 def test_a_held_train_that_gives_way_a_little_with_open_doors_needs_no_emergency_brake() -> None:
     assert departed(0.09, UNLOCKED).emergency is Cause.NONE
+
+
+@pytest.mark.parametrize(
+    ("travel_m", "cause"),
+    [(0.1, Cause.NONE), (math.nextafter(0.1, 1.0), Cause.DOOR_UNLOCKED)],
+)
+def test_ten_centimetres_by_the_pulses_are_the_most_that_a_held_train_gives_way(
+    travel_m: float, cause: Cause
+) -> None:
+    bench = Bench()
+    bench.step(standing(STOP_M, travel_m=0.0))
+
+    assert bench.step(moving(STOP_M, travel_m=travel_m), UNLOCKED).emergency is cause
+
+
+def test_wheels_that_pause_for_a_moment_are_no_stop() -> None:
+    """Moved counts from where standstill was proven last."""
+    bench = Bench()
+    bench.step(standing(STOP_M))
+    bench.step(standing(STOP_M + 0.2, standstill=False))
+
+    assert bench.step(moving(STOP_M + 0.25), UNLOCKED).emergency is Cause.DOOR_UNLOCKED
+
+
+@pytest.mark.parametrize("localised", [True, False])
+def test_open_doors_of_a_standing_train_ask_for_no_brake_and_no_stop(localised: bool) -> None:
+    verdict = Bench().step(standing(STOP_M, localised=localised), UNLOCKED)
+
+    assert verdict.emergency is Cause.NONE
+    assert not verdict.stop_next
+    assert not verdict.stop_now
+
+
+def test_with_the_sealed_switch_a_train_departs_with_a_door_that_is_not_locked() -> None:
+    bypassed = replace(UNLOCKED, desk=replace(DESK, door_bypass_requested=True))
+
+    verdict = departed(40.0, bypassed)
+
+    assert verdict.emergency is Cause.NONE
+    assert not verdict.stop_next
+    assert verdict.door_bypass
 
 
 def test_without_a_place_an_unlocked_door_stops_the_train() -> None:
@@ -415,6 +506,14 @@ def test_what_a_departing_train_does_about_an_alarm(
     )
 
 
+def test_an_alarm_in_a_train_that_runs_past_its_stop_brings_the_emergency_brake() -> None:
+    """It did not stand here, but people at the platform may have got hold of it."""
+    bench = Bench()
+    bench.step(standing(1000.0))
+
+    assert bench.step(moving(1520.0), ALARM).emergency is Cause.PASSENGER_ALARM
+
+
 def test_an_arriving_train_takes_an_alarm_to_its_stopping_point() -> None:
     bench = Bench()
     bench.step(standing(1000.0))
@@ -433,11 +532,16 @@ def test_the_stop_counts_as_ordered_until_the_train_stands_there(seen: CycleInpu
     assert not bench.step(standing(1500.0), seen).stop_next
 
 
-def test_a_short_alarm_on_the_way_is_kept_until_the_train_stood_at_a_platform() -> None:
+@pytest.mark.parametrize("alarm", [ALARM, FIRE])
+def test_a_short_alarm_on_the_way_is_kept_until_the_train_stood_at_a_platform(
+    alarm: CycleInput,
+) -> None:
     bench = Bench()
     bench.step(standing(1000.0))
-    bench.step(moving(1100.0), ALARM)
+    bench.step(moving(1100.0), alarm)
     assert bench.step(moving(1300.0)).stop_next
+    assert bench.step(moving(1460.0)).stop_next
+    assert bench.step(moving(1490.0)).alarm_raised
     assert bench.step(standing(1350.0)).stop_next
     assert bench.step(standing(1350.0)).inhibits is Inhibit.NONE
 

@@ -12,7 +12,8 @@ class DepartureTerms(NamedTuple):
     doors_locked: bool
     """Every door of the train, or the bypass stands in for the proof."""
     platform_doors_locked: bool
-    """The centre says so, no platform is near, or the bypass stands in for the proof."""
+    """The centre says so, or is silent while no platform is near, or the bypass stands in for the
+    proof."""
     authority_ahead: bool
     """Some room to the end of a fresh authority."""
     not_held: bool

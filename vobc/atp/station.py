@@ -10,7 +10,7 @@ from vobc.atp import alarms
 from vobc.atp.alarms import Answer, Situation
 from vobc.atp.config import AtpConfig
 from vobc.atp.departure import NOT_AGAINST_JOG, DepartureTerms, inhibits
-from vobc.atp.doors import SHUT, DoorEnable, DoorTerms, enabled_doors, withheld
+from vobc.atp.doors import DoorEnable, DoorTerms, enabled_doors, withheld
 from vobc.atp.heard import Heard, listen
 from vobc.atp.inputs import AUTHORITY, BRAKE, ODOMETER, TRACTION
 from vobc.atp.jog import MOVED_M, JogFacts, JogGuard, JogVerdict
@@ -25,24 +25,24 @@ NO_JOG: Final = JogVerdict()
 class StationVerdict:
     """What stations and passengers ask of the movement in one cycle."""
 
-    doors: DoorEnable = SHUT
-    withheld: Withheld = Withheld.NONE
+    doors: DoorEnable
+    withheld: Withheld
     """Why no side is enabled."""
-    inhibits: Inhibit = Inhibit.NONE
+    inhibits: Inhibit
     """Why the train must not set off."""
-    emergency: Cause = Cause.NONE
+    emergency: Cause
     """The emergency brake is needed, and why."""
-    stop_now: bool = False
-    stop_next: bool = False
-    keep_doors_open: bool = False
-    jog_back_m: float = 0.0
+    stop_now: bool
+    stop_next: bool
+    keep_doors_open: bool
+    jog_back_m: float
     """How far back a jog may go; 0 when it may not."""
-    jog_permitted: bool = False
-    alarm_raised: bool = False
-    door_bypass: bool = False
-    jog_attempts: int = 0
+    jog_permitted: bool
+    alarm_raised: bool
+    door_bypass: bool
+    jog_attempts: int
     """Made at this stop."""
-    self_release: bool = False
+    self_release: bool
     """The emergency brake of an overshoot may release itself at standstill: a jog mends it."""
 
 
@@ -270,10 +270,7 @@ def _door_terms(
     seen: CycleInput, motion: Motion, gone: int, place: Place, heard: Heard, *, emergency: bool
 ) -> DoorTerms:
     station, brake, traction = place.station, seen.brake, seen.traction
-    authorised = False
-    if station is not None:
-        left = station.side is PlatformSide.LEFT
-        authorised = heard.doors_left if left else heard.doors_right
+    side = None if station is None else station.side
     return DoorTerms(
         standstill=motion.standstill and not gone & ODOMETER,
         localised=motion.localised,
@@ -282,6 +279,9 @@ def _door_terms(
         holding_applied=brake is not None and brake.holding_applied and not gone & BRAKE,
         traction_cut=traction is not None and traction.traction_cut and not gone & TRACTION,
         no_emergency=not emergency,
-        authorised=authorised,
+        authorised=(
+            (side is PlatformSide.LEFT and heard.doors_left)
+            or (side is PlatformSide.RIGHT and heard.doors_right)
+        ),
         centre_heard=heard.centre,
     )
