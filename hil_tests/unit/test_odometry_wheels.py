@@ -72,7 +72,7 @@ def test_the_first_tag_without_an_anchor_only_begins() -> None:
     assert bounds_m(scale) == between(50.0, 5000, 0.12)
 
     scale.forget_anchor()
-    scale.measure(1000.0, 3, 0.05)
+    scale.measure(160.0, 15100, 0.06)
     assert bounds_m(scale) == between(50.0, 5000, 0.12)
 
 

@@ -1,0 +1,360 @@
+"""The two intervals of the place, reckoned by hand, and its best guess against a matrix filter."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from vobc.config import load_config
+from vobc.odometry.localisation import REACH_PLAY_M, Localisation
+from vobc.vocabulary import Interval, OdometryRecord
+
+BASE = load_config("florence4")
+CONFIG = replace(
+    BASE.odometry,
+    scale_error_low_ratio=-0.01,
+    scale_error_high_ratio=0.05,
+    scale_sigma_ratio=0.02,
+    scale_margin_ratio=0.002,
+    scale_base_m=20.0,
+    creep_sigma_m_per_sqrt_m=0.05,
+    tag_sigma_m=0.03,
+    ground_slack_m=0.04,
+)
+TRAIN = replace(
+    BASE.train, wheel_diameter_m=2.56 / math.pi, pulses_per_turn=256, antenna_offset_m=2.0
+)
+LEAST_M, MOST_M = 0.01 / 1.05, 0.01 / 0.99
+START_M, BOUND_M = 100.0, 0.5
+
+
+def place(bound_m: float = BOUND_M, m_per_pulse: float = 0.01) -> Localisation:
+    return Localisation(CONFIG, TRAIN, OdometryRecord(START_M, bound_m, m_per_pulse))
+
+
+def put(low_m: float, high_m: float, ground_low_m: float, ground_high_m: float) -> Localisation:
+    made = place()
+    made.low_m, made.high_m = low_m, high_m
+    made.ground_low_m, made.ground_high_m = ground_low_m, ground_high_m
+    return made
+
+
+def wheels_m(where: Localisation) -> tuple[float, float]:
+    return where.low_m, where.high_m
+
+
+def ground_m(where: Localisation) -> tuple[float, float]:
+    return where.ground_low_m, where.ground_high_m
+
+
+def near(low_m: float, high_m: float) -> tuple[float, float]:
+    return pytest.approx(low_m, abs=1e-9), pytest.approx(high_m, abs=1e-9)
+
+
+def test_at_the_start_the_place_is_known_to_its_bound_and_one_pulse() -> None:
+    where = place()
+
+    assert (where.at_m, where.m_per_pulse, where.pulses) == (START_M, pytest.approx(0.01), 0)
+    assert wheels_m(where) == near(99.5 - MOST_M, 100.5 + MOST_M)
+    assert ground_m(where) == near(99.46 - MOST_M, 100.54 + MOST_M)
+    assert place(m_per_pulse=1.0).m_per_pulse == pytest.approx(MOST_M)
+
+
+def test_the_wheel_is_measured_from_the_start_on() -> None:
+    """The antenna stood at 98 m, known to half a metre and a pulse."""
+    where = place()
+    where.measure(2098.0, 200_000, 0.07)
+
+    assert where.scale.low_m == pytest.approx((2000.0 - 0.57 - MOST_M) / 200_001 * 0.998, rel=1e-9)
+    assert where.scale.high_m == pytest.approx((2000.0 + 0.57 + MOST_M) / 199_999 * 1.002, rel=1e-9)
+
+
+@pytest.mark.parametrize("forgets", ["stretch", "follow_ground", "begin_anew", "widen"])
+def test_what_the_wheels_did_not_run_as_the_train_measures_no_wheel(forgets: str) -> None:
+    where = place()
+    if forgets == "widen":
+        where.widen(0.1)
+    else:
+        getattr(where, forgets)(0.1, 0.1)
+    where.measure(148.0, 5000, 0.07)
+
+    assert (where.scale.low_m, where.scale.high_m) == near(LEAST_M, MOST_M)
+
+
+def test_a_measured_wheel_holds_the_best_guess_of_it() -> None:
+    where = place(m_per_pulse=0.0097)
+    where.measure(148.0, 5000, 0.07)
+
+    assert where.m_per_pulse == where.scale.low_m > 0.0097
+
+
+def test_pulses_move_the_interval_by_the_least_and_the_most_that_they_stand_for() -> None:
+    where = place()
+    low_m, high_m = wheels_m(where)
+    where.advance(300)
+    assert wheels_m(where) == near(low_m + 300 * LEAST_M, high_m + 300 * MOST_M)
+    assert where.pulses == 300
+    where.advance(-100)
+    assert wheels_m(where) == near(
+        low_m + 300 * LEAST_M - 100 * MOST_M, high_m + 300 * MOST_M - 100 * LEAST_M
+    )
+    assert where.pulses == 200
+    assert ground_m(where) == near(99.46 - MOST_M, 100.54 + MOST_M)
+
+
+def test_the_way_over_ground_moves_the_other_interval() -> None:
+    where = put(10.0, 20.0, 11.0, 21.0)
+    where.move_over_ground(1.5, 2.5)
+
+    assert wheels_m(where) == (10.0, 20.0)
+    assert ground_m(where) == (12.5, 23.5)
+
+
+def test_wheels_in_doubt_stretch_their_interval_only_and_a_doubtful_train_both() -> None:
+    where = put(10.0, 20.0, 11.0, 21.0)
+    where.stretch(1.0, 2.0)
+    assert wheels_m(where) == (9.0, 22.0)
+    assert ground_m(where) == (11.0, 21.0)
+    where.widen(0.5)
+    assert wheels_m(where) == (8.5, 22.5)
+    assert ground_m(where) == (10.5, 21.5)
+
+
+@pytest.mark.parametrize(
+    ("low_mps", "high_mps", "window"),
+    [(2.0, 4.0, (9.0, 21.0)), (-4.0, -2.0, (11.0, 23.0)), (-2.0, 4.0, (9.0, 22.0))],
+)
+def test_the_place_over_ground_at_the_last_sample_is_that_of_now_less_what_was_run_since(
+    low_mps: float, high_mps: float, window: tuple[float, float]
+) -> None:
+    """11 to 21 m now, half a second after the sample; a train may have stood for part of it."""
+    where = put(15.0, 16.0, 11.0, 21.0)
+    assert where.window(low_mps, high_mps, 0.5) == window
+    assert wheels_m(where) == (15.0, 16.0)
+    where.trust_ground(low_mps, high_mps, 0.5)
+    assert wheels_m(where) == window
+    assert ground_m(where) == (11.0, 21.0)
+
+
+def test_the_window_of_a_tag_holds_the_place_by_the_wheels_too() -> None:
+    assert put(1.0, 31.0, 11.0, 21.0).window(-1.0, 1.0, 0.5) == (1.0, 31.0)
+
+
+@pytest.mark.parametrize(
+    ("bounds_m", "anew", "wheels", "ground"),
+    [
+        # The reference: wheels from 102.4 to 104.6, ground from 102.26 to 105.74.
+        ((90.0, 120.0, 90.0, 120.0), False, (102.4, 104.6), (102.26, 105.74)),
+        ((103.0, 120.0, 103.0, 120.0), False, (103.0, 104.6), (103.0, 105.74)),
+        ((90.0, 104.0, 90.0, 104.0), False, (102.4, 104.0), (102.26, 104.0)),
+        ((90.0, 104.0, 90.0, 104.0), True, (102.4, 104.6), (102.26, 105.74)),
+        ((103.0, 120.0, 103.0, 120.0), True, (102.4, 104.6), (102.26, 105.74)),
+        ((90.0, 102.3, 90.0, 102.2), False, (102.4, 104.6), (102.26, 105.74)),
+        ((104.7, 110.0, 105.8, 110.0), False, (102.4, 104.6), (102.26, 105.74)),
+    ],
+)
+def test_a_reference_narrows_each_interval_or_begins_it_anew(
+    bounds_m: tuple[float, float, float, float],
+    *,
+    anew: bool,
+    wheels: tuple[float, float],
+    ground: tuple[float, float],
+) -> None:
+    where = put(*bounds_m)
+    where.refer(100.0, (2.5, 3.0, 4.5), (2.4, 5.6), 0.1, anew=anew)
+
+    assert wheels_m(where) == near(*wheels)
+    assert ground_m(where) == near(*ground)
+
+
+def test_a_reference_that_touches_an_interval_narrows_it_to_that_point() -> None:
+    where = put(90.0, 102.0, 90.0, 101.96)
+    where.refer(100.0, (2.0, 2.0, 4.0), (2.0, 4.0), 0.0, anew=False)
+    assert wheels_m(where) == (102.0, 102.0)
+    assert ground_m(where) == near(101.96, 101.96)
+    where = put(104.0, 120.0, 104.04, 120.0)
+    where.refer(100.0, (2.0, 2.0, 4.0), (2.0, 4.0), 0.0, anew=False)
+    assert wheels_m(where) == (104.0, 104.0)
+    assert ground_m(where) == near(104.04, 104.04)
+
+
+def told(where: Localisation, low: float, best: float, high: float) -> tuple[float, float, float]:
+    front = where.never_narrower(Interval(low, best, high))
+    return front.low, front.best, front.high
+
+
+def test_what_is_told_never_comes_together_between_two_references() -> None:
+    """10 m wide and 5 m to either end; then it is kept so, about the same best guess."""
+    where = place()
+    assert told(where, 10.0, 15.0, 20.0) == (10.0, 15.0, 20.0)
+    assert told(where, 13.0, 16.0, 19.0) == pytest.approx((10.025, 16.0, 20.025))
+    assert told(where, 9.0, 15.0, 21.0) == (9.0, 15.0, 21.0)
+    assert told(where, 10.0, 15.0, 20.0) == pytest.approx((8.525, 15.0, 20.525))
+    where.refer(100.0, (0.0, 0.0, 0.0), (0.0, 0.0), 1.0, anew=True)
+    assert told(where, 14.0, 15.0, 16.0) == (14.0, 15.0, 16.0)
+
+
+@pytest.mark.parametrize("ahead", [1.0, -1.0])
+def test_the_further_end_stays_as_far_from_the_best_guess_but_for_its_play(ahead: float) -> None:
+    """The guess moved by 3 m within 10 m: the further end is 8 m away now, then 7 again."""
+    where = place()
+    told(where, -5.0, ahead * 3.0, 5.0)
+    low, best, high = told(where, -5.0, ahead * 2.0, 5.0)
+    reach_m = 8.0 - REACH_PLAY_M
+
+    assert best == ahead * 2.0
+    assert max(best - low, high - best) == pytest.approx(reach_m)
+    assert (high if ahead > 0 else low) == ahead * 5.0
+    assert told(where, -5.0, ahead * 2.96, 5.0)[1] == ahead * 2.96
+
+
+def test_a_best_guess_in_the_middle_gives_way_backwards() -> None:
+    where = place()
+    told(where, 0.0, 8.0, 10.0)
+    low, best, high = told(where, 3.0, 8.0, 13.0)
+
+    assert (best, high) == (8.0, 13.0)
+    assert low == pytest.approx(8.0 - (8.0 - REACH_PLAY_M))
+
+
+def test_within_the_play_what_is_told_is_what_is_known() -> None:
+    where = place()
+    told(where, 0.0, 6.0, 10.0)
+
+    assert told(where, 0.0, 5.96, 10.0) == (0.0, 5.96, 10.0)
+    low, _, high = told(where, 0.0, 5.94, 10.0)
+    assert (low, high) == pytest.approx((-0.01, 10.0))
+
+
+def test_the_width_that_was_told_is_kept_by_both_ends_alike() -> None:
+    where = place()
+    told(where, 0.0, 5.0, 10.0)
+    told(where, 0.0, 9.0, 9.98)
+    low, best, high = told(where, 1.0, 9.0, 9.99)
+
+    assert best == 9.0
+    assert high - low >= 10.0 - 1e-12
+    assert best - low >= 9.0 - REACH_PLAY_M - 0.02
+
+
+class Oracle:
+    """The textbook filter over (place, metres per pulse), by matrices."""
+
+    def __init__(self, bound_m: float) -> None:
+        self.state = np.array([START_M, 0.01])
+        self.spread = np.diag([(bound_m / 2.0) ** 2, (0.01 * 0.02) ** 2])
+
+    def wheels(self, pulses: int) -> None:
+        step = np.array([[1.0, pulses], [0.0, 1.0]])
+        moved_m = abs(pulses * self.state[1])
+        self.state = step @ self.state
+        self.spread = step @ self.spread @ step.T + np.diag([0.05**2 * moved_m, 0.0])
+
+    def ground(self, likely_m: float, spread_m: float) -> None:
+        self.state[0] += likely_m
+        self.spread[0, 0] += 0.05**2 * abs(likely_m) + spread_m**2
+
+    def tag(self, front_m: float, pulses_since: float, latch_m: float) -> None:
+        seen = np.array([1.0, -pulses_since])
+        noise = 0.03**2 + MOST_M**2 / 12.0 + latch_m**2 / 3.0
+        gain = self.spread @ seen / (seen @ self.spread @ seen + noise)
+        self.state = self.state + gain * (front_m - seen @ self.state)
+        self.spread = self.spread - np.outer(gain, seen @ self.spread)
+
+
+def assert_alike(where: Localisation, oracle: Oracle) -> None:
+    assert (where.at_m, where.m_per_pulse) == pytest.approx(tuple(oracle.state), rel=1e-12)
+
+
+def test_the_best_guess_is_that_of_a_filter_over_place_and_wheel() -> None:
+    where, oracle = place(bound_m=60.0), Oracle(60.0)
+
+    for pulses, tag_m, since, latch_m in (
+        (3000, 131.0, 40.0, 0.05), (2000, 150.4, 25.0, 0.2), (-500, 145.3, -10.0, 0.1)
+    ):  # fmt: skip
+        where.follow_wheels(pulses)
+        oracle.wheels(pulses)
+        assert_alike(where, oracle)
+        where.correct(tag_m, since, latch_m)
+        oracle.tag(tag_m, since, latch_m)
+        assert_alike(where, oracle)
+    assert where.m_per_pulse != 0.01
+
+
+def test_the_best_guess_over_ground_stretched_and_of_another_wheel() -> None:
+    """Each makes the filter less sure, as the next tag shows."""
+    where, oracle = place(bound_m=60.0), Oracle(60.0)
+    for each in (where.follow_wheels, oracle.wheels):
+        each(3000)
+    where.correct(130.5, 0.0, 0.0)
+    oracle.tag(130.5, 0.0, 0.0)
+
+    where.follow_ground(-4.0, 0.5)
+    oracle.ground(-4.0, 0.5)
+    where.follow_wheels(200)
+    oracle.wheels(200)
+    where.correct(128.2, 20.0, 0.1)
+    oracle.tag(128.2, 20.0, 0.1)
+    assert_alike(where, oracle)
+
+    where.stretch(0.1, 0.3)
+    oracle.spread[0, 0] += 0.4**2
+    where.forget_scale()
+    oracle.spread[1, 1] += (MOST_M * 0.02) ** 2
+    where.follow_wheels(900)
+    oracle.wheels(900)
+    where.correct(137.0, 5.0, 0.3)
+    oracle.tag(137.0, 5.0, 0.3)
+    assert_alike(where, oracle)
+
+
+def test_a_place_that_was_found_again_keeps_only_the_wheel() -> None:
+    where, oracle = place(bound_m=5000.0), Oracle(5000.0)
+    for each in (where.follow_wheels, oracle.wheels):
+        each(3000)
+    where.begin_anew(1000.0, 0.7)
+    oracle.state[0] = 1000.0
+    oracle.spread[0, 0] = 0.7**2
+    oracle.spread[0, 1] = oracle.spread[1, 0] = 0.0
+    where.correct(1000.4, 15.0, 0.1)
+    oracle.tag(1000.4, 15.0, 0.1)
+
+    assert_alike(where, oracle)
+
+
+def test_what_was_measured_of_the_first_wheel_says_nothing_of_another() -> None:
+    where = place()
+    where.measure(148.0, 5000, 0.07)
+    where.forget_scale()
+
+    assert (where.scale.low_m, where.scale.high_m) == near(LEAST_M, MOST_M)
+
+
+@pytest.mark.parametrize(
+    ("tag_m", "bounds_m", "at_m"),
+    [
+        (140.0, (90.0, 101.0, 90.0, 102.0), 102.0),
+        (140.0, (90.0, 102.0, 90.0, 101.0), 102.0),
+        (60.0, (98.0, 110.0, 99.0, 110.0), 98.0),
+        (60.0, (99.0, 110.0, 98.0, 110.0), 98.0),
+    ],
+)
+def test_the_best_guess_never_leaves_the_intervals(
+    tag_m: float, bounds_m: tuple[float, float, float, float], at_m: float
+) -> None:
+    where = put(*bounds_m)
+    where.correct(tag_m, 0.0, 0.0)
+
+    assert where.at_m == at_m
+
+
+def test_the_best_guess_of_the_wheel_stays_within_what_is_declared() -> None:
+    where = place(bound_m=60.0)
+    where.follow_wheels(3000)
+    where.correct(120.0, 0.0, 0.0)
+    where.follow_wheels(3000)
+    where.correct(190.0, 0.0, 0.0)
+
+    assert LEAST_M <= where.m_per_pulse <= where.scale.high_m
+    assert where.m_per_pulse == pytest.approx(MOST_M)
