@@ -57,8 +57,8 @@ def arbitrate(
         force_n = 0.0
     if demand.reverse and not verdict.reverse_permitted:
         permitted, force_n = False, 0.0
-    manual = desk is not None and desk.mode is CabMode.MANUAL
     left, right = verdict.doors
+    open_left, open_right = _doors_asked(demand, desk)
     return CycleOutput(
         force_n=force_n,
         direction=_direction(permitted, reverse=demand.reverse),
@@ -68,8 +68,8 @@ def arbitrate(
         holding_released=not hold,
         enable_left=left,
         enable_right=right,
-        open_left=left and (_asks_left(desk) if manual else demand.open_doors),
-        open_right=right and (_asks_right(desk) if manual else demand.open_doors),
+        open_left=left and open_left,
+        open_right=right and open_right,
         supervision=verdict.supervision,
         ato_phase=demand.phase,
         missing=verdict.missing,
@@ -88,6 +88,13 @@ def arbitrate(
         alarm_raised=verdict.alarm_raised or demand.jog_failed,
         door_bypass=verdict.door_bypass,
     )
+
+
+def _doors_asked(demand: AtoDemand, desk: Desk | None) -> tuple[bool, bool]:
+    """Left and right, by whoever drives."""
+    if desk is not None and desk.mode is CabMode.MANUAL:
+        return desk.open_left_requested, desk.open_right_requested
+    return demand.open_doors, demand.open_doors
 
 
 def _direction(permitted: bool, *, reverse: bool) -> Direction:
@@ -139,21 +146,21 @@ def manual_demand(
 def _finite(
     demand: AtoDemand, motion: Motion | None, ceiling: Ceiling | None, load_kg: float
 ) -> bool:
-    """No NaN and no infinity in anything that goes out; one sum finds any of them.
+    """No NaN and no infinity in anything that goes out.
 
     Nobody driving is minus infinity on purpose, and there may be no stop ahead.
     """
-    total = demand.target_mps + load_kg
+    numbers = [demand.target_mps, load_kg]
     if demand is not BRAKED_DEMAND:
-        total += demand.accel_mps2
+        numbers.append(demand.accel_mps2)
     if motion is not None:
         front, speed = motion.front_m, motion.speed_mps
-        total += front.low + front.best + front.high + speed.low + speed.best + speed.high
-        total += motion.accel_mps2 + motion.travel_m
+        numbers += (front.low, front.best, front.high, speed.low, speed.best, speed.high)
+        numbers += (motion.accel_mps2, motion.travel_m)
     if ceiling is not None:
-        total += ceiling.permitted_mps + ceiling.warning_mps + ceiling.service_mps
-        total += ceiling.emergency_mps + ceiling.distance_to_authority_m
-    return math.isfinite(total) and not math.isnan(demand.distance_to_stop_m)
+        numbers += (ceiling.permitted_mps, ceiling.warning_mps, ceiling.service_mps)
+        numbers += (ceiling.emergency_mps, ceiling.distance_to_authority_m)
+    return all(map(math.isfinite, numbers)) and not math.isnan(demand.distance_to_stop_m)
 
 
 def _not_finite(verdict: Verdict) -> CycleOutput:
@@ -165,11 +172,3 @@ def _not_finite(verdict: Verdict) -> CycleOutput:
         mode=verdict.mode,
         emergency_cause=Cause.NOT_FINITE,
     )
-
-
-def _asks_left(desk: Desk | None) -> bool:
-    return desk is not None and desk.open_left_requested
-
-
-def _asks_right(desk: Desk | None) -> bool:
-    return desk is not None and desk.open_right_requested
