@@ -113,6 +113,26 @@ def test_a_brake_that_was_asked_for_is_no_fault_and_the_time_begins_anew() -> No
     assert not watch.step(APPLIED, released=True, dt_s=DT_S)
 
 
+def test_after_a_brake_that_was_asked_for_the_unit_has_all_its_time_again() -> None:
+    watch = BrakeUnitWatch(CONFIG)
+    cycles = round(CONFIG.brake_unit_s / DT_S)
+    for _ in range(cycles):
+        watch.step(APPLIED, released=True, dt_s=DT_S)
+    assert watch.step(APPLIED, released=False, dt_s=DT_S) is False
+
+    again = [watch.step(APPLIED, released=True, dt_s=DT_S) for _ in range(cycles + 1)]
+
+    assert again == [False] * cycles + [True]
+
+
+def test_silence_between_makes_nobody_forget_that_the_unit_had_released() -> None:
+    watch = BrakeUnitWatch(CONFIG)
+    assert watch.step(RELEASED, released=True, dt_s=DT_S) is False
+    assert watch.step(None, released=True, dt_s=DT_S) is False
+
+    assert watch.step(APPLIED, released=True, dt_s=DT_S)
+
+
 def test_a_stop_that_is_asked_for_leaves_time_to_begin_and_then_asks_for_less_and_less() -> None:
     watch = StopWatch(CONFIG)
     patient = round(CONFIG.stop_patience_s / DT_S)
@@ -134,7 +154,9 @@ def test_a_stop_is_never_asked_for_below_standstill_and_is_forgotten_when_over()
 
     assert last_mps == 0.0
     assert watch.stop_by_mps(False, speed_mps=1.0, dt_s=DT_S) == math.inf
-    assert watch.stop_by_mps(True, speed_mps=1.0, dt_s=DT_S) == math.inf
+    patient = round(CONFIG.stop_patience_s / DT_S)
+    again = [watch.stop_by_mps(True, speed_mps=7.0, dt_s=DT_S) for _ in range(patient)]
+    assert again == [math.inf] * (patient - 1) + [7.0]
 
 
 @pytest.mark.parametrize(
@@ -159,6 +181,14 @@ def test_time_has_to_pass_as_cycles_and_missed_cycles_explain(
     dt_s: float, overruns: int, stepped: bool
 ) -> None:
     assert clock_stepped(dt_s, overruns, cycle_s=0.05, tolerance_s=0.25) is stepped
+
+
+def test_a_cycle_may_be_late_by_just_the_tolerance() -> None:
+    """Binary fractions, so that the edge is met exactly."""
+    edge_s = 0.0625 * 3 + 0.25
+
+    assert clock_stepped(edge_s, 2, cycle_s=0.0625, tolerance_s=0.25) is False
+    assert clock_stepped(edge_s + 2.0**-30, 2, cycle_s=0.0625, tolerance_s=0.25) is True
 
 
 def motion(travel_m: float, *, standing: bool = False) -> Motion:
@@ -247,6 +277,17 @@ def test_while_it_moves_a_jogging_train_settles_nothing_anew() -> None:
     movement.look(100.5)
 
     assert movement.behind_jog_m == -0.5
+
+
+def test_what_was_rolled_back_before_a_jog_does_not_count_in_it() -> None:
+    movement = Movement()
+    movement.look(100.0)
+    movement.look(99.75)
+    movement.jogs(motion(99.75, standing=True), 1.0)
+
+    movement.look(99.75)
+
+    assert movement.rollback_m == 0.0
 
 
 def distances_m(movement: Movement) -> tuple[float, ...]:

@@ -6,11 +6,14 @@ from typing import Any
 
 import pytest
 
+from can_dbc.brake import BrakeStatus
+from can_dbc.tags import TagReaderHealth
+from can_dbc.traction import TractionStatus
 from can_dbc.vobc import Missing, Supervision
 from firmware_py.trackdb import load_line
 from vobc.atp import Protection, Verdict
 from vobc.atp.braking import SafeBraking
-from vobc.atp.inputs import in_words, silent
+from vobc.atp.inputs import FLAGS, in_words, silent, unready
 from vobc.config import load_config
 from vobc.vocabulary import NEVER_S, Authority, CycleInput, Interval, Motion
 
@@ -113,6 +116,54 @@ def test_what_is_missing_is_said_in_a_fixed_order() -> None:
     words = in_words(Missing.LOCALISATION | Missing.BRAKE | Missing.DOORS)
 
     assert words == "brake unit, door unit, localisation"
+
+
+def test_everything_that_can_be_missing_has_its_words() -> None:
+    everything = Missing(511)
+
+    assert in_words(everything) == (
+        "brake unit, traction unit, odometer, door unit, desk, tag reader, movement authority, "
+        "localisation, obstacle and fire detection"
+    )
+    assert in_words(Missing.NOTHING) == ""
+
+
+def test_the_table_of_what_is_missing_holds_every_combination_at_its_number() -> None:
+    assert [int(flags) for flags in FLAGS] == list(range(2 ** len(Missing)))
+
+
+READY = replace(
+    SILENCE,
+    brake=BrakeStatus(0.0, 0.0, False, False, True, True),
+    traction=TractionStatus(0.0, 1.0, True, True),
+    tag_reader=TagReaderHealth(True, 0, 0.0),
+)
+LOST = replace(AT_300, localised=False)
+
+
+@pytest.mark.parametrize(
+    ("changes", "motion", "flags"),
+    [
+        ({}, AT_300, Missing.NOTHING),
+        ({"brake": None}, AT_300, Missing.BRAKE),
+        ({"brake": replace(READY.brake, ready=False)}, AT_300, Missing.BRAKE),
+        ({"traction": None}, AT_300, Missing.TRACTION),
+        ({"traction": replace(READY.traction, ready=False)}, AT_300, Missing.TRACTION),
+        ({"tag_reader": None}, AT_300, Missing.TAG_READER),
+        ({"tag_reader": replace(READY.tag_reader, antenna_ok=False)}, AT_300, Missing.TAG_READER),
+        ({}, LOST, Missing.LOCALISATION),
+        ({}, None, Missing.LOCALISATION),
+        (
+            {"brake": None, "tag_reader": None},
+            LOST,
+            Missing.BRAKE | Missing.TAG_READER | Missing.LOCALISATION,
+        ),
+    ],
+)
+def test_a_unit_that_says_it_is_not_ready_is_as_good_as_missing(
+    changes: dict[str, Any], motion: Motion | None, flags: Missing
+) -> None:
+    assert unready(replace(READY, **changes), motion) == flags
 
 
 def test_without_an_authority_nothing_is_permitted() -> None:

@@ -69,14 +69,14 @@ class StopWatch:
         self._patience_s = config.stop_patience_s
         self._decel_mps2 = config.stop_decel_mps2
         self._asked_s = 0.0
-        self._from_mps = 0.0
+        self._from_mps: float | None = None
 
     def stop_by_mps(self, asked: bool, *, speed_mps: float, dt_s: float) -> float:
         """The highest speed that the train may have by now; math.inf while nothing is asked."""
         if not asked:
-            self._asked_s = 0.0
+            self._asked_s, self._from_mps = 0.0, None
             return math.inf
-        if self._asked_s == 0.0:
+        if self._from_mps is None:
             self._from_mps = speed_mps
         self._asked_s += dt_s
         late_s = self._asked_s - self._patience_s
