@@ -45,6 +45,8 @@ class Context:
     takeover_s: float = 0.2
     """An emergency brake of the brake unit's own may be off for so long, until the controller has
     heard of it and asks for it, too."""
+    brake_unit_s: float = 3.0
+    """From the release of the emergency brake until its unit has to report it off."""
     reverse_s: float = 0.3
     """From the first effort backwards to the frame that says that the train jogs, or back."""
     reset_lifetime_s: float = 5.0

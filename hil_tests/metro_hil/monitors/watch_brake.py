@@ -4,7 +4,7 @@ from can_dbc.vobc import Cause, Supervision
 from metro_hil.monitors.context import Context
 from metro_hil.monitors.gauge import Gauge
 from metro_hil.monitors.place import Place
-from metro_hil.monitors.spoken import Spoken
+from metro_hil.monitors.spoken import NEVER_NS, Spoken
 from plant_emulator.truth import Truth
 
 NS_PER_S = 1_000_000_000
@@ -15,6 +15,8 @@ LEFT_MPS = 0.1
 COASTING_MPS = 0.5
 """A train that is slower may be taken to stand by who watches its wheels."""
 EMERGENCY = float(Supervision.EMERGENCY)
+RESTART_NS = NS_PER_S // 4
+"""So long no controller is silent between two VOBC_STATUS without missing a cycle."""
 OVERSHOT = float(Cause.OVERSHOT)
 """The only emergency that may release itself, at standstill: a jog is to mend it."""
 
@@ -30,12 +32,16 @@ class EmergencyWatch:
         "_latched",
         "_let_go_ns",
         "_pulled",
+        "_releasable_ns",
+        "_released_ns",
         "_releases",
         "_reset_lifetime_ns",
         "_reset_ns",
         "_reset_was_pressed",
         "_since_ns",
+        "_slips",
         "_start_ns",
+        "_status_ns",
         "_takeover_ns",
         "held",
         "ignored",
@@ -64,6 +70,12 @@ class EmergencyWatch:
         self._takeover_ns = round(context.takeover_s * NS_PER_S)
         self._let_go_ns = -1
         """The brake unit stopped wanting it then, and the train has moved since."""
+        self._releasable_ns = round(context.brake_unit_s * NS_PER_S)
+        self._released_ns = NEVER_NS
+        """The controller let go of it last."""
+        self._status_ns = context.start_ns
+        self._slips = 0.0
+        """As the last VOBC_STATUS had it."""
 
     def sample(self, truth: Truth, now_ns: int, spoken: Spoken) -> None:
         """To be told of every step while the brake unit wants the emergency brake."""
@@ -89,9 +101,13 @@ class EmergencyWatch:
             self.held.said(True, now_ns)
 
     def ended(self, truth: Truth, now_ns: int) -> None:
-        """The brake unit does not want it any more."""
+        """The brake unit does not want it any more.
+
+        One that it applied before it reported the last one off, nobody can tell from that.
+        """
         self._since_ns = -1
-        if abs(truth.speed_mps) > LEFT_MPS:
+        told = now_ns - self._released_ns > self._releasable_ns
+        if told and abs(truth.speed_mps) > LEFT_MPS:
             self._let_go_ns = now_ns
 
     def without(self, truth: Truth, now_ns: int) -> None:
@@ -117,8 +133,13 @@ class EmergencyWatch:
                 self._reset_ns = now_ns
         if commanded and moving:
             self._applied_moving = True
+        if self._began_anew(spoken):
+            # It knows nothing of what was latched before; that it brakes and knows no place is new.
+            self._latched = False
         told = spoken.supervision == EMERGENCY
         released = self._commanded and not commanded
+        if released:
+            self._released_ns = now_ns
         if (self._latched and not told) or (released and (self._latched or moving)):
             reset = self._reset_ns >= 0 and now_ns - self._reset_ns <= self._reset_lifetime_ns
             mended = self._cause == OVERSHOT
@@ -132,6 +153,13 @@ class EmergencyWatch:
             self._cause = 0.0
         self._latched = told
         self._commanded = commanded
+
+    def _began_anew(self, spoken: Spoken) -> bool:
+        """A controller that was silent and counts no missed cycles for it was started again."""
+        silent_ns = spoken.status_ns - self._status_ns
+        missed = spoken.cycle_slips > self._slips
+        self._status_ns, self._slips = spoken.status_ns, spoken.cycle_slips
+        return silent_ns > RESTART_NS and not missed
 
     def _follow_reset(self, now_ns: int, spoken: Spoken, *, standing: bool) -> None:
         pressed = spoken.reset_pressed > 0.0

@@ -71,6 +71,38 @@ def test_a_brake_unit_that_lets_go_of_its_own_emergency_is_taken_over_in_time(
     assert (rig.margin("inv-05-emergency-held") > 0.0) is held
 
 
+@pytest.mark.parametrize(("since_release_steps", "held"), [(280, True), (320, False)])
+def test_an_emergency_before_the_last_one_is_reported_off_is_not_told_from_it(
+    rig: Rig, since_release_steps: int, held: bool
+) -> None:
+    """The unit has 3 s, and lets go of its own one at a speed that nobody releases at."""
+    rig.emergency(True)
+    rig.step(100)
+    rig.emergency(False)
+    rig.step(20)
+    rig.step(since_release_steps - 40, speed_mps=5.0)
+    rig.step(20, emergency=1.0)
+    rig.step(40, emergency=0.0)
+
+    assert (rig.result("inv-05-emergency-held").verdict is Verdict.PASS) is held
+
+
+@pytest.mark.parametrize(
+    ("silent_steps", "missed", "held"), [(30, 0, True), (30, 6, False), (20, 0, False)]
+)
+def test_only_a_controller_that_was_started_again_has_forgotten_its_emergency(
+    rig: Rig, silent_steps: int, missed: int, held: bool
+) -> None:
+    latched_to_standstill(rig, Cause.OVERSPEED)
+    rig.silent |= {VobcStatus}
+    rig.step(silent_steps)
+    rig.silent -= {VobcStatus}
+    rig.say(VobcStatus, supervision=Supervision.NO_AUTHORITY, cycle_slips=missed)
+    rig.step(20)
+
+    assert (rig.margin("inv-05-emergency-held") > 0.0) is held
+
+
 def latched_to_standstill(rig: Rig, cause: Cause) -> None:
     say_mode(rig, OperatingMode.AUTHORISED, cause)
     rig.emergency(True)
