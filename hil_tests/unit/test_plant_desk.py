@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from can_dbc.cab import CabMode, Desk
+from can_dbc.doors import DoorCommand
 from can_dbc.vobc import (
     AtoPhase,
     Cause,
@@ -23,6 +24,7 @@ from can_dbc.vobc import (
     Withheld,
 )
 from firmware_py.settings import SettingsError
+from plant_emulator.cli.terminal import key_names
 from plant_emulator.desk.attendant import attendant
 from plant_emulator.desk.display import FRESH_NS, Display
 from plant_emulator.desk.drivers import DRIVERS, Driver, Trend
@@ -307,10 +309,66 @@ def test_the_screen_shows_what_the_controller_says() -> None:
     text = "\n".join(lines(display, replace(MANUAL, reset_requested=True), 0))
     for words in (
         *("36.0 km/h", "54.0 km/h", "61.2 km/h", "jog 2  ALARM", "nominal", "MANUAL"),
-        *("doors, authority", "permitted", "moving", "1234.5 m ± 2.5 m", "321 m", "reset"),
+        *("doors, authority", "moving", "1234.5 m ± 2.5 m", "321 m", "reset"),
     ):
         assert words in text
     assert all(words in text for _, words, _ in KEYS)
+
+
+@pytest.mark.parametrize(
+    ("speed_mps", "inhibits", "words"),
+    [
+        (0.0, Inhibit.NONE, "departure  permitted"),
+        (0.0, Inhibit.HOLD, "departure  hold"),
+        (0.5, Inhibit.NONE, "departure  --"),
+        (-0.5, Inhibit.HOLD, "departure  --"),
+    ],
+)
+def test_the_screen_tells_of_departure_only_to_who_stands(
+    speed_mps: float, inhibits: Inhibit, words: str
+) -> None:
+    display = shown(speed_mps, 15.0, 17.0)
+    display.hear(replace(MODE, departure_inhibits=inhibits), 0)
+    assert words in "\n".join(lines(display, MANUAL, 0))
+
+
+@pytest.mark.parametrize(
+    ("left", "right", "withheld", "words"),
+    [
+        (False, False, Withheld.NONE, "doors  --"),
+        (False, False, Withheld.MISALIGNED, "doors  misaligned"),
+        (True, False, Withheld.NONE, "doors  enabled left"),
+        (False, True, Withheld.NONE, "doors  enabled right"),
+        (True, True, Withheld.NONE, "doors  enabled left and right"),
+    ],
+)
+def test_the_screen_calls_doors_enabled_only_when_a_side_is(
+    left: bool, right: bool, withheld: Withheld, words: str
+) -> None:
+    display = shown(0.0, 15.0, 17.0)
+    display.hear(replace(MODE, doors_withheld=withheld), 0)
+    display.hear(DoorCommand(left, right, open_left=False, open_right=False), 0)
+    assert words in "\n".join(lines(display, MANUAL, 0)).splitlines()[10].strip()
+
+
+@pytest.mark.parametrize(
+    ("typed", "names"),
+    [
+        (b"d", ["d"]),
+        (b"M ", ["m", "space"]),
+        (b"\x1b[A\x1bOB", ["up", "down"]),
+        (b"\x1b[1;5D", []),
+        (b"\x1b[15~q", ["q"]),
+        (b"\x1bOPq", ["q"]),
+        (b"\x1bdq", ["q"]),
+        (b"\x1b", []),
+        (b"\x1b[", []),
+    ],
+)
+def test_what_follows_an_escape_is_one_key_and_never_a_letter_of_the_desk(
+    typed: bytes, names: list[str]
+) -> None:
+    assert list(key_names(typed)) == names
 
 
 @given(

@@ -21,7 +21,7 @@ from firmware_py.settings import SettingsError
 from plant_emulator.cli.bus_choice import chosen_bus
 from plant_emulator.cli.terminal import Terminal, open_terminal
 from plant_emulator.desk.attendant import Attendant, attendant
-from plant_emulator.desk.display import KINDS, Display
+from plant_emulator.desk.display import SCREEN_KINDS, Display
 from plant_emulator.desk.hands import Hands, press, unattended
 from plant_emulator.desk.recording import HEADER, change_line, load_recording
 from plant_emulator.desk.screen import lines
@@ -47,7 +47,10 @@ def attend(options: argparse.Namespace) -> int:
         spec = chosen_bus(options.bus)
         _refuse_second_desk(spec, clock)
         can = open_can(
-            spec, clock=clock, node="DESK", accept_ids=frozenset(can_id(kind) for kind in KINDS)
+            spec,
+            clock=clock,
+            node="DESK",
+            accept_ids=frozenset(can_id(kind) for kind in SCREEN_KINDS),
         )
         stack.callback(can.close)
         start_ns = clock.now_ns()
@@ -116,7 +119,7 @@ class DeskNode:
         """
         self._can, self._who, self._terminal, self._record = can, who, terminal, record
         self._start_ns = start_ns
-        self._decoder, self._encoder = Decoder(KINDS), Encoder()
+        self._decoder, self._encoder = Decoder(SCREEN_KINDS), Encoder()
         self._hands = Hands(unattended(mode))
         self._said: Desk | None = None
         self._life = NodeState.BOOT_UP

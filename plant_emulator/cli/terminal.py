@@ -2,7 +2,7 @@
 
 import curses
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Final
 
@@ -17,6 +17,10 @@ NAMES: Final = {
     ord(" "): "space",
 }
 ASCII_MAX: Final = 126
+ESCAPE: Final = 27
+ARROWS: Final = {"A": "up", "B": "down", "C": "right", "D": "left"}
+"""Last letter of an arrow key's bytes, for terminals that send other ones than they declare."""
+INTRODUCERS: Final = "[O"
 
 
 class Terminal:
@@ -27,11 +31,7 @@ class Terminal:
 
     def pressed(self) -> Iterator[str]:
         """Keys since the last call, by the names in `plant_emulator.desk.hands`."""
-        while (code := self._window.getch()) != NO_KEY:
-            if code in NAMES:
-                yield NAMES[code]
-            elif 0 < code <= ASCII_MAX:
-                yield chr(code).lower()
+        return key_names(iter(self._window.getch, NO_KEY))
 
     def show(self, lines: Sequence[str]) -> None:
         window = self._window
@@ -41,6 +41,36 @@ class Terminal:
             # The last cell of a window cannot be written without scrolling it.
             window.addnstr(row, 0, line, max(0, width - 1))
         window.refresh()
+
+
+def key_names(codes: Iterable[int]) -> Iterator[str]:
+    """Names of keys from the codes of the terminal's library.
+
+    What follows an escape that the library made no key of (a function key, an arrow with Control)
+    is one key, and none of the desk's: its letters must neither start the train nor change a mode.
+    """
+    rest = iter(codes)
+    for code in rest:
+        if code == ESCAPE:
+            sequence = _sequence(rest)
+            if sequence[:1] in INTRODUCERS and sequence[1:] in ARROWS:
+                yield ARROWS[sequence[1:]]
+        elif code in NAMES:
+            yield NAMES[code]
+        elif 0 < code <= ASCII_MAX:
+            yield chr(code).lower()
+
+
+def _sequence(rest: Iterator[int]) -> str:
+    """What belongs to an escape: an introducer, parameters, and a letter or `~`."""
+    text = ""
+    for code in rest:
+        text += chr(code)
+        last = text[-1]
+        introduces = len(text) == 1 and last in INTRODUCERS
+        if not introduces and (len(text) == 1 or last.isalpha() or last == "~"):
+            break
+    return text
 
 
 @contextmanager

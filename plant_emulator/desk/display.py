@@ -3,6 +3,7 @@
 from typing import Final
 
 from can_dbc.binding import Frame
+from can_dbc.doors import DoorCommand
 from can_dbc.vobc import VobcMode, VobcMotion, VobcPosition, VobcStatus, VobcTarget
 
 KINDS: Final[tuple[type[Frame], ...]] = (
@@ -12,7 +13,9 @@ KINDS: Final[tuple[type[Frame], ...]] = (
     VobcPosition,
     VobcTarget,
 )
-"""Frames that it hears."""
+"""Frames that a driver goes by."""
+SCREEN_KINDS: Final[tuple[type[Frame], ...]] = (*KINDS, DoorCommand)
+"""Frames that a person is shown."""
 FRESH_NS: Final = 500_000_000
 """Older speeds are not shown."""
 
@@ -20,7 +23,7 @@ FRESH_NS: Final = 500_000_000
 class Display:
     """The last of each frame; None before the first."""
 
-    __slots__ = ("_motion_ns", "mode", "motion", "position", "status", "target")
+    __slots__ = ("_motion_ns", "doors", "mode", "motion", "position", "status", "target")
 
     def __init__(self) -> None:
         self.status: VobcStatus | None = None
@@ -28,6 +31,7 @@ class Display:
         self.mode: VobcMode | None = None
         self.position: VobcPosition | None = None
         self.target: VobcTarget | None = None
+        self.doors: DoorCommand | None = None
         self._motion_ns = 0
 
     def hear(self, frame: Frame, now_ns: int) -> None:
@@ -43,6 +47,8 @@ class Display:
             self.position = frame
         elif isinstance(frame, VobcTarget):
             self.target = frame
+        elif isinstance(frame, DoorCommand):
+            self.doors = frame
 
     def speeds(self, now_ns: int) -> VobcMotion | None:
         """None when the display is dark."""

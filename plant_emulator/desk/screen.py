@@ -60,10 +60,8 @@ def _state(display: Display) -> Iterator[str]:
     yield f"{'cause':>10}  {cause:24}{'ATO':>12}  {phase}"
     missing = NOTHING if status is None else _flags(status.missing)
     yield f"{'missing':>10}  {missing}"
-    departure = NOTHING if mode is None else _inhibited(mode.departure_inhibits)
-    doors = NOTHING if mode is None else _withheld(mode.doors_withheld)
-    yield f"{'departure':>10}  {departure}"
-    yield f"{'doors':>10}  {doors}"
+    yield f"{'departure':>10}  {_departure(display)}"
+    yield f"{'doors':>10}  {_doors(display)}"
     yield f"{'front':>10}  {_place(display)}"
 
 
@@ -75,12 +73,23 @@ def _mode(mode: VobcMode | None) -> str:
     return f"{_words(mode.mode.name)}{attempts}{alarm}"
 
 
-def _inhibited(inhibits: Inhibit) -> str:
-    return "permitted" if not inhibits else _flags(inhibits)
+def _departure(display: Display) -> str:
+    """Nothing is said of it while the train is under way."""
+    mode, motion = display.mode, display.motion
+    if mode is None or motion is None or abs(motion.speed_mps) > 0.0:
+        return NOTHING
+    return _flags(mode.departure_inhibits) if mode.departure_inhibits else "permitted"
 
 
-def _withheld(withheld: Withheld) -> str:
-    return "enabled" if not withheld else _flags(withheld)
+def _doors(display: Display) -> str:
+    """The enabled sides, else what withholds them; away from platforms nothing does."""
+    mode, doors = display.mode, display.doors
+    if doors is not None and (doors.enable_left or doors.enable_right):
+        sides = (("left", doors.enable_left), ("right", doors.enable_right))
+        return "enabled " + " and ".join(name for name, enabled in sides if enabled)
+    if mode is None or not mode.doors_withheld:
+        return NOTHING
+    return _flags(mode.doors_withheld)
 
 
 def _place(display: Display) -> str:
