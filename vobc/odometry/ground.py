@@ -58,9 +58,9 @@ class Gradients:
             felt.append(0.0)
         self.lowest_mps2 = GRAVITY_MPS2 * min(felt) * PERMILLE
         self.highest_mps2 = GRAVITY_MPS2 * max(felt) * PERMILLE
-        self._reach(level_from_m)
+        self._reach()
 
-    def _reach(self, level_from_m: float) -> None:
+    def _reach(self) -> None:
         """On the level, or in the middle of one gradient, look again only where it may end."""
         edges_m = [edge for g in self._line.gradients for edge in (g.start_m, g.end_m)]
         behind_m = [edge for edge in edges_m if edge < self._from_m]
