@@ -65,6 +65,8 @@ class Controller:
         self._manual_mps2 = 0.0
         self._not_finite = False
         self._stopping_at_m: float | None = None
+        self.verdict: Verdict | None = None
+        """Of protection, in the last cycle."""
 
     @property
     def rejected_tags(self) -> int:
@@ -84,6 +86,7 @@ class Controller:
             not_finite=self._not_finite,
             stopping_at_m=self._stopping_at_m,
         )
+        self.verdict = verdict
         demand = self._demand(seen, motion, verdict)
         self._stopping_at_m = demand.stopping_at_m
         output = arbitrate(
@@ -151,6 +154,7 @@ class Controller:
             creep=verdict.creep,
             protection_brakes=verdict.service_brake,
             kept_at_platform=bool(int(verdict.departure_inhibits) & KEPT),
+            ahead_m=motion.front_m.high - front_m,
         )
 
     def _load_kg(self, seen: CycleInput) -> float:

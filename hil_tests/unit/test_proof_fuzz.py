@@ -1,6 +1,6 @@
 """The fuzzer: its attacks are what they claim, its judge is not asleep, and it finds nothing."""
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
@@ -8,10 +8,12 @@ import pytest
 from can_dbc.codec import Decoder
 from can_dbc.rejection import Reason, Rejected
 from can_dbc.vobc import Supervision
+from firmware_py.tag_reader.telegram import DuplicateTelegram, TelegramParser
 from metro_hil.proof.attacks import PROTECTED, Attacker, authentic
 from metro_hil.proof.fuzz import FORGED, NOISE, REPLAY, episode
 from metro_hil.proof.genuine import Genuine, ride
-from metro_hil.proof.judge import LAG_STEPS, Shadow, broken_rules, differences
+from metro_hil.proof.judge import LAG_NS, NOTHING, Shadow, broken_rules, differences, permits
+from vobc.config import load_config
 from vobc.vocabulary import SAFE_OUTPUT
 from vobc.wire.inbox import HEARD_KINDS
 
@@ -100,13 +102,45 @@ def test_the_judge_sees_what_may_not_be() -> None:
     ]
 
 
-def test_what_was_permitted_lately_may_be_held_but_no_longer() -> None:
-    released = replace(SAFE_OUTPUT, emergency_released=True)
-    shadow = Shadow()
-    assert list(shadow.more_permissive(released, released)) == []
+@pytest.mark.parametrize("part", ["released", "traction", "left", "right"])
+def test_what_was_permitted_lately_may_be_held_but_no_longer(part: str) -> None:
+    more, shadow = replace(NOTHING, **{part: True}), Shadow()
+    assert list(shadow.more_permissive(0, more, more)) == []
 
-    for _ in range(LAG_STEPS - 1):
-        assert list(shadow.more_permissive(released, SAFE_OUTPUT)) == []
+    assert list(shadow.more_permissive(LAG_NS, more, NOTHING)) == []
 
-    assert list(shadow.more_permissive(released, SAFE_OUTPUT)) != []
-    assert list(shadow.more_permissive(SAFE_OUTPUT, SAFE_OUTPUT)) == []
+    (words,) = shadow.more_permissive(LAG_NS + 1, more, NOTHING)
+    assert words.startswith(part)
+    assert list(shadow.more_permissive(LAG_NS + 2, NOTHING, NOTHING)) == []
+
+
+def test_the_longest_timeout_on_the_bus_is_within_the_lag() -> None:
+    config = load_config("florence4")
+    timeouts_s = asdict(config.atp.timeouts).values()
+
+    assert pytest.approx((max(timeouts_s) + 2.0 * config.cycle_ms / 1e3) * 1e9) == LAG_NS
+
+
+def test_what_protection_permits_is_seen_whatever_operation_asks_for(genuine: Genuine) -> None:
+    """While the train coasts or brakes traction is permitted and not asked for."""
+    both = list(zip(genuine.permits, genuine.outputs, strict=True))
+
+    assert permits(None) == NOTHING
+    assert any(each.traction and output.force_n == 0.0 for each, output in both)
+    assert any(not each.traction and each.released for each, _ in both)
+    assert all(each.released == output.emergency_released for each, output in both)
+
+
+def test_a_telegram_torn_of_its_closing_flag_alone_is_a_duplicate(genuine: Genuine) -> None:
+    """Of the last eight, as the parser knows them; the next telegram closes it."""
+    parser, drawing = TelegramParser(), attacker(genuine)
+    for chunk in genuine.chunks[:20]:
+        parser.feed(chunk.data)
+    known = {chunk.data[:-1] for chunk in genuine.chunks[12:20]}
+
+    torn = [drawing.garbage(20, 1).data for _ in range(200)]
+    whole = {data for data in torn if data in known}
+    heard = [each for data in whole for each in parser.feed(data + b"\x7e")]
+
+    assert len(whole) > 4
+    assert all(isinstance(each, DuplicateTelegram) for each in heard)

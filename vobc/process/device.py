@@ -12,6 +12,7 @@ from firmware_py.executive import Executive, Task
 from firmware_py.nvram import Nvram
 from firmware_py.ports import CanPort, RadioPort, SerialPort
 from firmware_py.trackdb import LineMap
+from vobc.atp import Verdict
 from vobc.config import VobcConfig
 from vobc.controller import Controller
 from vobc.events import controller_ends, events_between, memory_lost
@@ -125,6 +126,11 @@ class VobcDevice:
             yield Task("repeat", VITAL_MS, self.repeat_vital, budget_ms=VITAL_MS / 2.0)
         yield Task("report", config.report_ms, self.report_position, offset_ms=1.0)
         yield Task("life_sign", LIFE_SIGN_MS, self.life_sign, offset_ms=2.0)
+
+    @property
+    def verdict(self) -> Verdict | None:
+        """What protection said in the last cycle, before operation asked for less."""
+        return self._controller.verdict
 
     @property
     def slips(self) -> int:

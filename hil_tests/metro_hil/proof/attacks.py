@@ -19,6 +19,8 @@ FLIPS_MAX: Final = 3
 """So many flipped bits the CRC finds for certain."""
 GARBAGE_BYTES_MAX: Final = 64
 COUNTER_MASK: Final = 0xFF
+TELEGRAMS_KNOWN: Final = 8
+"""So many of the last a parser knows byte for byte."""
 
 _BOUND: Final = [binding_of(kind) for kind in HEARD_KINDS]
 PROTECTED: Final = {
@@ -109,18 +111,25 @@ class Attacker:
                 self._counters[frame.can_id] = frame.data[-TRAILER_BYTES]
                 self._payloads[frame.can_id] = frame.data[:-TRAILER_BYTES]
 
-    def garbage(self, now_ns: int) -> SerialChunk:
+    def garbage(self, before: int, now_ns: int) -> SerialChunk:
         """Random bytes, a torn telegram or one with flipped bits on the line of the tag reader.
 
-        Torn before its last byte: without its closing flag alone it is whole, for the flag that
-        opens the next one closes it, too.
+        Frames may share a flag, so one that is torn of nothing but its closing flag is whole once
+        the next one opens. It is drawn of those that the parser still knows, and so it is a
+        duplicate; older ones are replays, which are for their tag's window to judge.
+
+        Args:
+            before: how many pieces the line carried so far.
         """
         chunks = self._genuine.chunks
-        kind = int(self._draw.integers(0, 3))
-        if kind == 0 or not chunks:
+        kind = int(self._draw.integers(0, 4))
+        if kind == 0 or not before:
             return SerialChunk(now_ns, self._draw.bytes(self._up_to(GARBAGE_BYTES_MAX)))
-        data = chunks[int(self._draw.integers(0, len(chunks)))].data
         if kind == 1:
+            recent = chunks[max(0, before - TELEGRAMS_KNOWN) : before]
+            return SerialChunk(now_ns, recent[self._up_to(len(recent) - 1)].data[:-1])
+        data = chunks[int(self._draw.integers(0, len(chunks)))].data
+        if kind == 2:
             return SerialChunk(now_ns, data[: self._up_to(len(data) - 2)])
         return SerialChunk(now_ns, data[:1] + self._with_flips(data[1:-1]) + data[-1:])
 

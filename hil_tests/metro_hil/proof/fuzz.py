@@ -10,7 +10,7 @@ from firmware_py.handed_ports import HandedPorts
 from firmware_py.ports import CanFrame
 from metro_hil.proof.attacks import Attacker
 from metro_hil.proof.genuine import Genuine
-from metro_hil.proof.judge import Shadow, broken_rules, differences
+from metro_hil.proof.judge import Shadow, broken_rules, differences, permits
 from vobc.process.device import VobcDevice
 
 NOISE: Final = "noise"
@@ -53,7 +53,7 @@ def episode(genuine: Genuine, kind: str, seed: int, *, frames_max: int) -> Episo
     device = genuine.commission.device(can=ports.can, tags=ports.tags, radio=ports.radio)
     shadow = Shadow()
     busy = _busy_steps(genuine)
-    frames_before = messages_before = 0
+    frames_before = messages_before = chunks_before = 0
     # A latched emergency answers all that comes after it: each attack begins elsewhere on the way.
     first = 0 if kind == NOISE else int(generator.integers(0, len(genuine.steps)))
     for number, step in enumerate(genuine.steps):
@@ -67,7 +67,7 @@ def episode(genuine: Genuine, kind: str, seed: int, *, frames_max: int) -> Episo
         chunks, messages = list(step.chunks), list(step.messages)
         if generator.random() < LINE_RATIO:
             if number not in busy:
-                chunks.append(attacker.garbage(now_ns))
+                chunks.append(attacker.garbage(chunks_before, now_ns))
             messages.append(attacker.babble(messages_before, now_ns))
             told.frames += 2
         told.frames += len(attack)
@@ -82,9 +82,11 @@ def episode(genuine: Genuine, kind: str, seed: int, *, frames_max: int) -> Episo
         if kind == NOISE:
             problems += differences(output, genuine_output)
         elif kind == REPLAY:
-            problems += shadow.more_permissive(output, genuine_output)
+            got = permits(device.verdict)
+            problems += shadow.more_permissive(now_ns, got, genuine.permits[number])
         frames_before += len(step.frames)
         messages_before += len(step.messages)
+        chunks_before += len(step.chunks)
         if problems:
             told.problem = f"step {number} at {now_ns / 1e9:.3f} s: {'; '.join(problems)}"
             break

@@ -9,6 +9,7 @@ from firmware_py.ports import CanFrame, RadioMessage, SerialChunk
 from metro_hil.journey import plan_journey
 from metro_hil.lockstep import run_lockstep
 from metro_hil.options import parse
+from metro_hil.proof.judge import Permits, permits
 from metro_hil.replay.recording import STOP, Segment, Step, read_recording
 from metro_hil.run_folder import RunFolder
 from vobc.process import Commission
@@ -25,6 +26,8 @@ class Genuine:
     steps: tuple[Step, ...]
     outputs: tuple[CycleOutput, ...]
     """After each step."""
+    permits: tuple[Permits, ...]
+    """Of protection, after each step."""
     frames: tuple[CanFrame, ...]
     chunks: tuple[SerialChunk, ...]
     messages: tuple[RadioMessage, ...]
@@ -43,16 +46,18 @@ def _answered(segment: Segment) -> Genuine:
     steps = tuple(step for step in segment.steps if step.task != STOP)
     ports = HandedPorts()
     device = segment.commission.device(can=ports.can, tags=ports.tags, radio=ports.radio)
-    outputs = []
+    outputs, permitted = [], []
     for step in steps:
         ports.hand(step.frames, step.chunks, step.messages)
         device.executive.run_next(step.begin_ns, step.execution_ns)
         ports.take()
         outputs.append(device.output)
+        permitted.append(permits(device.verdict))
     return Genuine(
         commission=segment.commission,
         steps=steps,
         outputs=tuple(outputs),
+        permits=tuple(permitted),
         frames=tuple(frame for step in steps for frame in step.frames),
         chunks=tuple(chunk for step in steps for chunk in step.chunks),
         messages=tuple(message for step in steps for message in step.messages),

@@ -6,11 +6,12 @@ from dataclasses import dataclass
 from typing import Final
 
 from can_dbc.vobc import Supervision
+from vobc.atp import Verdict
 from vobc.vocabulary import CycleOutput
 
-LAG_STEPS: Final = 40
+LAG_NS: Final = 850_000_000
 """A fact that was withdrawn while its frame was lost may be held until it is too old: the longest
-timeout of an input is 1 s, and there are two steps in 50 ms."""
+timeout of an input on the bus is 0.75 s, and a cycle may pass before and after it."""
 FORCE_MAX_N: Final = 400_000.0
 BRAKED: Final = (Supervision.EMERGENCY, Supervision.NO_AUTHORITY)
 
@@ -20,12 +21,25 @@ class Permits:
     """The permissive parts of an answer."""
 
     released: bool
+    traction: bool
+    """By protection; what operation makes of it follows where it takes the train to be."""
     left: bool
     right: bool
 
 
-def permits(output: CycleOutput) -> Permits:
-    return Permits(output.emergency_released, output.enable_left, output.enable_right)
+NOTHING: Final = Permits(released=False, traction=False, left=False, right=False)
+
+
+def permits(verdict: Verdict | None) -> Permits:
+    """Of protection alone, so that operation hides nothing by asking for less."""
+    if verdict is None:
+        return NOTHING
+    return Permits(
+        verdict.emergency_released,
+        verdict.traction_permitted,
+        verdict.doors.left,
+        verdict.doors.right,
+    )
 
 
 def differences(output: CycleOutput, genuine: CycleOutput) -> Iterator[str]:
@@ -43,14 +57,16 @@ class Shadow:
     """Remembers what the undisturbed controller permitted lately."""
 
     def __init__(self) -> None:
-        self._lately: deque[Permits] = deque(maxlen=LAG_STEPS)
+        self._lately: deque[tuple[int, Permits]] = deque()
 
-    def more_permissive(self, output: CycleOutput, genuine: CycleOutput) -> Iterator[str]:
+    def more_permissive(self, now_ns: int, got: Permits, genuine: Permits) -> Iterator[str]:
         """What replays may not achieve: more than the undisturbed controller permitted lately."""
-        self._lately.append(permits(genuine))
-        got = permits(output)
-        for name in ("released", "left", "right"):
-            if getattr(got, name) and not any(getattr(each, name) for each in self._lately):
+        lately = self._lately
+        lately.append((now_ns, genuine))
+        while lately[0][0] < now_ns - LAG_NS:
+            lately.popleft()
+        for name in Permits.__dataclass_fields__:
+            if getattr(got, name) and not any(getattr(each, name) for _, each in lately):
                 yield f"{name}, which the undisturbed controller did not permit"
 
 
