@@ -1,0 +1,63 @@
+"""What protection takes for true before it has looked, and what a silent verdict means."""
+
+import itertools
+import math
+from dataclasses import MISSING, astuple, fields
+
+from can_dbc.vobc import Cause, Inhibit, OperatingMode, Withheld
+from vobc.atp.seen import NOWHERE, Seen
+from vobc.atp.verdict import Verdict
+from vobc.config import load_config
+from vobc.vocabulary import Interval
+
+CONFIG = load_config("florence4").atp
+
+
+def test_before_it_has_looked_protection_knows_nothing_and_is_asked_for_nothing() -> None:
+    seen = Seen(CONFIG)
+    told = {field.name: getattr(seen, field.name) for field in fields(Seen)}
+
+    assert told.pop("limits") is CONFIG
+    assert told.pop("speed_mps") == Interval(0.0, 0.0, 0.0)
+    assert told.pop("stop_by_mps") == math.inf
+    assert told.pop("ceiling") is NOWHERE
+    assert told.pop("mode") is OperatingMode.STANDBY
+    assert told.pop("station_cause") is Cause.NONE
+    assert told.pop("latched") == ()
+    assert {name: value for name, value in told.items() if value} == {}
+    assert all(type(value) in (bool, int, float) for value in told.values())
+
+
+def test_nowhere_means_that_no_speed_is_permitted() -> None:
+    assert astuple(NOWHERE) == (0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+def test_only_both_signs_together_prove_rest() -> None:
+    for standing, standstill in itertools.product((False, True), repeat=2):
+        seen = Seen(CONFIG, standing=standing, standstill=standstill)
+
+        assert seen.at_rest is (standing and standstill)
+
+
+def test_what_a_verdict_does_not_say_permits_nothing() -> None:
+    silent = {
+        field.name: field.default for field in fields(Verdict) if field.default is not MISSING
+    }
+
+    assert silent == {
+        "mode": OperatingMode.STANDBY,
+        "emergency_cause": Cause.NONE,
+        "departure_inhibits": Inhibit.NONE,
+        "doors_withheld": Withheld.NONE,
+        "reverse_permitted": False,
+        "jog_permitted": False,
+        "jog_back_m": 0.0,
+        "jog_attempts": 0,
+        "stop_now": False,
+        "stop_next": False,
+        "keep_doors_open": False,
+        "creep": False,
+        "replicas_agree": True,
+        "alarm_raised": False,
+        "door_bypass": False,
+    }
