@@ -270,6 +270,39 @@ def test_what_the_way_forgives_is_never_saved_for_later(sign: int) -> None:
     assert pulses.axles_differ
 
 
+@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize(("step_a", "differ"), [(200, False), (195, True)])
+def test_a_hundredth_of_the_way_and_four_pulses_are_forgiven_and_no_more(
+    sign: int, step_a: int, *, differ: bool
+) -> None:
+    """Six pulses apart: 2 of them, or 1.95, are for the wheels' diameters."""
+    pulses = counter()
+    pulses.step(tacho(sign * step_a, sign * (step_a - 6)), 0.03)
+
+    assert pulses.axles_differ is differ
+
+
+def test_half_a_pulse_each_time_adds_up() -> None:
+    pulses = counter()
+    differ = []
+    for sample in range(1, 11):
+        pulses.step(tacho(50 * sample, 49 * sample), 0.02)
+        differ.append(pulses.axles_differ)
+
+    assert differ == [False] * 8 + [True] * 2
+
+
+def test_an_axle_that_is_unwell_or_stood_neither_counts_nor_disagrees() -> None:
+    pulses = counter()
+    assert pulses.step(tacho(20, 60, healthy_a=False), 0.02) == 60
+    assert not pulses.axles_differ
+    assert pulses.step(tacho(20, 60, healthy_a=False, healthy_b=False), 0.02) is None
+    moved = counter()
+    moved.step(tacho(1, 1), 0.02)
+    moved.step(tacho(25, 1), 0.02)
+    assert moved.step(tacho(25, 1, healthy_a=False), 0.02) == 0
+
+
 # Speed.
 
 HALVING_RAD_S = math.log(2.0) / 0.02

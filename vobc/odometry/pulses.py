@@ -94,7 +94,7 @@ class PulseCounter:
         """Whether the axles moved further apart than honest ones do."""
         # B wraps so early that over a silence its step is known but for whole turns of its counter.
         apart = self._apart + signed_difference(step_a, step_b, WRAP_B)
-        back = APART_RATIO * (step_a if step_a >= 0 else -step_a)
+        back = APART_RATIO * abs(step_a)
         apart = max(0.0, apart - back) if apart > 0.0 else min(0.0, apart + back)
         far = max(-APART_PULSES, min(APART_PULSES, apart))
         self._apart = far
