@@ -40,6 +40,9 @@ BIT_RATE = 250_000
 BUS_NAME = "vcan0"
 LIMIT_S = 4.0 * 3600.0
 """A train that has not arrived after so long never will."""
+STANDS_S = 900.0
+"""Longer than anything holds a train of which nobody gave the duration."""
+STUCK = f"stands for good: not moved for {STANDS_S / 60.0:.0f} min"
 TIME_UP = f"not arrived within {LIMIT_S / 3600.0:.0f} h"
 WATCH_MS = 500.0
 BUS_FAULT_MS = 1.0
@@ -136,6 +139,7 @@ class Lockstep:
         )
         self._arrival = ArrivalWatch(journey.end.stop_m)
         self.arrived = False
+        self._moved_ns = self.clock.now_ns()
         """Whether the train has stood with open doors at its last station for a while."""
         self._executives.append(Executive([Task("watch", WATCH_MS, self._watch)], 0))
 
@@ -174,12 +178,17 @@ class Lockstep:
         self.plant.schedule.listen(listener)
 
     def run(self, duration_s: float | None = None) -> str:
-        """Until the train has arrived or time is over; says which."""
+        """Until it has arrived, stands for good or time is over; a given duration is waited for."""
         limit_s = LIMIT_S if duration_s is None else min(duration_s, LIMIT_S)
         end_ns = self.clock.now_ns() + int(limit_s * NS_PER_S)
-        self.run_until(lambda now_ns: now_ns >= end_ns or self.arrived)
+        stands_s = LIMIT_S if duration_s is not None else STANDS_S
+        self.run_until(
+            lambda now_ns: now_ns >= end_ns or self.arrived or self._stood_s(now_ns) >= stands_s
+        )
         if self.arrived:
             return ARRIVED
+        if self._stood_s(self.clock.now_ns()) >= stands_s:
+            return STUCK
         return DURATION if limit_s == duration_s else TIME_UP
 
     def run_until(self, over: Callable[[int], bool]) -> None:
@@ -217,10 +226,15 @@ class Lockstep:
         """Lines that the disk did not take so far."""
         return sum(log.lost_lines for log in self._logs)
 
+    def _stood_s(self, now_ns: int) -> float:
+        return (now_ns - self._moved_ns) / NS_PER_S
+
     def _watch(self, now_ns: int) -> None:
         motion = self.vobc.output.motion
         if motion is None:
             return
+        if not motion.standing:
+            self._moved_ns = now_ns
         if self._arrival.arrived(now_ns, self.vobc.output.ato_phase, motion.front_m.best):
             self.arrived = True
 
