@@ -24,6 +24,7 @@ def test_gravity_pulls_down_a_fall_and_less_the_more_of_the_train_turns(
     assert gradient_accel_mps2(
         gradient_permille, rotating_mass_ratio=rotating_mass_ratio
     ) == pytest.approx(accel_mps2, abs=1e-12)
+    assert gradient_accel_mps2(-30.0) == pytest.approx(0.2943), "without a word nothing turns"
 
 
 def test_from_20_to_12_metres_per_second_a_brake_of_four_fifths_needs_160_metres() -> None:
@@ -68,11 +69,13 @@ def test_a_train_in_traction_takes_longest_to_react_and_every_brake_builds_up_al
     assert (reaction.before_cut_s, reaction.build_up_s) == (before_cut_s, build_up_s)
 
 
-def test_half_a_metre_per_second_is_gained_in_the_first_second_of_reacting() -> None:
-    """17.5 to 18 m/s over 17.75 m, on at 18 m/s for 18 m, and 162 m of braking."""
-    speed_mps = v_top_mps(197.75, decel_mps2=1.0, accel_mps2=0.5, reaction=ReactionTimes(1.0, 1.0))
+def test_one_metre_per_second_is_gained_in_the_first_two_seconds_of_reacting() -> None:
+    """17 to 18 m/s over 35 m, on at 18 m/s for 18 m, and 200 m of braking to 2 m/s."""
+    speed_mps = v_top_mps(
+        253.0, decel_mps2=0.8, accel_mps2=0.5, reaction=ReactionTimes(2.0, 1.0), target_mps=2.0
+    )
 
-    assert speed_mps == pytest.approx(17.5)
+    assert speed_mps == pytest.approx(17.0)
 
 
 def test_a_quarter_of_a_metre_per_second_is_a_speed_too() -> None:

@@ -99,7 +99,10 @@ class BrakingCurve:
         lost_mps = self.decel_mps2 * time_s
         reach_m = distance_m - self.gain_m + self.gain_mps * time_s
         square = lost_mps * lost_mps + target_mps * target_mps + 2.0 * self.decel_mps2 * reach_m
-        if square <= 0.0:
-            return target_mps
-        speed_mps = math.sqrt(square) - lost_mps - self.gain_mps
-        return speed_mps if speed_mps > target_mps else target_mps
+        return max(target_mps, math.sqrt(max(0.0, square)) - lost_mps - self.gain_mps)
+
+    def stopping_m(self, speed_mps: float, *, lead_s: float = 0.0) -> float:
+        """Way to standstill: d as above, without a target."""
+        bites_mps = speed_mps + self.gain_mps
+        braked_m = bites_mps * bites_mps / (2.0 * self.decel_mps2)
+        return speed_mps * (lead_s + self.reaction_s) + self.gain_m + braked_m

@@ -106,8 +106,8 @@ class CeilingMap:
         """The least limit under a train that covers [rear, front]; sections are half-open."""
         limit_mps = self._line.least_limit_mps(rear_m, front_m)
         for under in restrictions:
-            if under.start_m <= front_m and rear_m < under.end_m and under.limit_mps < limit_mps:
-                limit_mps = under.limit_mps
+            if under.start_m <= front_m and rear_m < under.end_m:
+                limit_mps = min(limit_mps, under.limit_mps)
         return limit_mps
 
     def _lower(
@@ -153,8 +153,4 @@ class CeilingMap:
             ) from None
         top_mps = max(section.limit_mps for section in line.speed_sections)
         top_mps += self._margins_mps.emergency
-        lead_s = self._leads_s.permitted
-        distance_m = 100.0
-        while curve.speed_mps(distance_m, target_mps=0.0, lead_s=lead_s) < top_mps:
-            distance_m *= 1.25
-        return distance_m
+        return curve.stopping_m(top_mps, lead_s=self._leads_s.permitted)

@@ -15,13 +15,12 @@ import math
 from bisect import bisect_right
 from typing import Final
 
-from firmware_py.trackdb import GradientSection, LineMap
+from firmware_py.trackdb import LineMap
 from vobc.atp.braking import SafeBraking, fall_of_mps2
 
 CLOSE_MPS: Final = 1e-6
 """A speed that is found step by step lies at most so much under the exact one, never over it."""
-ROUNDS_MAX: Final = 60
-"""Halving alone would need 25 from any speed there is."""
+BEYOND_MPS: Final = 0.25 * CLOSE_MPS
 
 
 class BrakingProfile:
@@ -80,34 +79,43 @@ class BrakingProfile:
         speed_mps = curve.speed_mps(distance_m, target_mps=target_mps, lead_s=lead_s)
         begins_m = front_m + speed_mps * (lead_s + curve.reaction_s) + curve.gain_m
         if begins_m <= self._edges_m[index]:
-            return speed_mps if speed_mps < below_mps else below_mps
+            return min(speed_mps, below_mps)
         allowed = target_mps * target_mps + 2.0 * target_j_per_kg
-        return self._across(front_m, allowed, lead_s, low_mps=target_mps, high_mps=below_mps)
+        return self._across(
+            front_m, allowed, lead_s, guess_mps=speed_mps, low_mps=target_mps, high_mps=below_mps
+        )
 
     def _across(
-        self, front_m: float, allowed: float, lead_s: float, *, low_mps: float, high_mps: float
+        self,
+        front_m: float,
+        allowed: float,
+        lead_s: float,
+        *,
+        guess_mps: float,
+        low_mps: float,
+        high_mps: float,
     ) -> float:
-        """The same where the fall changes before the brake bites: found from both sides.
+        """The same where the fall changes before the brake bites: closed in from both sides.
 
         Of v**2 + 2 * work at the moment when the brake bites at most `allowed` may be there. It
         grows with the speed here, so the root is unique.
         """
         if self._excess(front_m, high_mps, lead_s, allowed)[0] <= 0.0:
             return high_mps
-        excess, slope = self._excess(front_m, low_mps, lead_s, allowed)
-        speed_mps = low_mps
-        for _ in range(ROUNDS_MAX):
-            if excess > 0.0:
-                high_mps = speed_mps
-            else:
-                low_mps = speed_mps
-            if low_mps >= high_mps or (excess <= 0.0 and -excess < CLOSE_MPS * slope):
-                break
-            # Newton's step, aimed a little under the root, so that it ends on the safe side.
-            speed_mps -= excess / slope + 0.5 * CLOSE_MPS
+        if self._excess(front_m, low_mps, lead_s, allowed)[0] >= 0.0:
+            return low_mps
+        speed_mps = guess_mps
+        while high_mps - low_mps > CLOSE_MPS:
             if not low_mps < speed_mps < high_mps:
                 speed_mps = 0.5 * (low_mps + high_mps)
             excess, slope = self._excess(front_m, speed_mps, lead_s, allowed)
+            # Newton's step to the root, and a little beyond it, so that the other side closes in.
+            if excess > 0.0:
+                high_mps = speed_mps
+                speed_mps -= excess / slope + BEYOND_MPS
+            else:
+                low_mps = speed_mps
+                speed_mps -= excess / slope - BEYOND_MPS
         return low_mps
 
     def _excess(
@@ -140,27 +148,24 @@ class BrakingProfile:
 
 
 def _worst_falls(line: LineMap, under_m: float) -> tuple[list[float], list[float]]:
-    """Edges, the last at infinity, and the fall before each."""
-    falling = [section for section in line.gradients if section.gradient_permille < 0.0]
-    changes_m = {section.start_m for section in falling}
-    changes_m |= {section.end_m + under_m for section in falling}
-    edges_m: list[float] = []
-    falls_mps2 = [0.0]
+    """Edges, the last at infinity, and the fall before each; before its start a line is level."""
+    changes_m = {section.start_m for section in line.gradients}
+    changes_m |= {section.end_m + under_m for section in line.gradients}
+    edges_m = [line.start_m]
+    falls_mps2 = [0.0, _worst_fall_mps2(line, line.start_m, under_m)]
     for at_m in sorted(changes_m):
-        fall_mps2 = _worst_fall_mps2(falling, at_m, under_m)
+        fall_mps2 = _worst_fall_mps2(line, at_m, under_m)
         if fall_mps2 != falls_mps2[-1]:
             edges_m.append(at_m)
             falls_mps2.append(fall_mps2)
-    return [*edges_m, math.inf] if edges_m else [line.start_m, math.inf], (
-        falls_mps2 if edges_m else [0.0, 0.0]
-    )
+    return [*edges_m, math.inf], falls_mps2
 
 
-def _worst_fall_mps2(falling: list[GradientSection], at_m: float, under_m: float) -> float:
+def _worst_fall_mps2(line: LineMap, at_m: float, under_m: float) -> float:
     """Of a train whose front is here and whose rear may be `under_m` behind."""
     falls_mps2 = [
         fall_of_mps2(section.gradient_permille)
-        for section in falling
+        for section in line.gradients
         if section.start_m <= at_m < section.end_m + under_m
     ]
     return max(falls_mps2, default=0.0)
