@@ -377,7 +377,7 @@ def test_the_window_holds_what_bounds_its_length_and_two_samples_at_least() -> N
 
 @pytest.mark.parametrize(("end_s", "full"), [(0.25, True), (0.2499, False)])
 def test_a_window_is_full_at_its_very_length(end_s: float, *, full: bool) -> None:
-    assert track((0.0, 0), (0.125, 1), (end_s, 2)).window_full is full
+    assert track((5.0, 7), (5.125, 8), (5.0 + end_s, 9)).window_full is full
 
 
 @pytest.mark.parametrize(
@@ -387,6 +387,8 @@ def test_a_window_is_full_at_its_very_length(end_s: float, *, full: bool) -> Non
         (-9, -10 / 0.1875, -8 / 0.3125),
         (0, -1 / 0.1875, 1 / 0.1875),
         (1, 0.0, 2 / 0.1875),
+        (2, 1 / 0.3125, 3 / 0.1875),
+        (-2, -3 / 0.1875, -1 / 0.3125),
         (-1, -2 / 0.1875, 0.0),
     ],
 )
@@ -412,11 +414,16 @@ SIXTEENTHS_S = (0.0, 1 / 16, 1 / 8, 3 / 16)
 @pytest.mark.parametrize("sign", [1, -1])
 def test_wheels_jump_when_no_train_could_change_its_speed_so(sign: int) -> None:
     """By 1/8 s + 1/16 s of whole pulses and 768 pulses/s² over half of 3/16 s: 8 + 16 + 72 = 96."""
-    for last, jumped in ((6, False), (7, True)):
-        counts = (0, 0, 0, sign * last)
-        made = track(*zip(SIXTEENTHS_S, counts, strict=True))
+    stamps_s = [3.0 + stamp_s for stamp_s in SIXTEENTHS_S]
+    for last, most, jumped in (
+        (6, 768.0, False),
+        (7, 768.0, True),
+        (7, 932.0, True),
+        (7, 940.0, False),
+    ):
+        made = track(*zip(stamps_s, (100, 100, 100, 100 + sign * last), strict=True))
 
-        assert made.jumped(768.0, 0.0) is jumped
+        assert made.jumped(most, 0.0) is jumped
     steady = track(*zip(SIXTEENTHS_S, (0, sign * 50, sign * 100, sign * 150), strict=True))
     assert not steady.jumped(0.0, 0.0)
 
