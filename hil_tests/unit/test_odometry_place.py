@@ -8,7 +8,7 @@ import pytest
 
 from vobc.config import load_config
 from vobc.odometry.localisation import REACH_PLAY_M, Localisation
-from vobc.vocabulary import Interval, OdometryRecord
+from vobc.vocabulary import OdometryRecord
 
 BASE = load_config("florence4")
 CONFIG = replace(
@@ -92,7 +92,9 @@ def test_a_measured_wheel_holds_the_best_guess_of_it() -> None:
 def test_pulses_move_the_interval_by_the_least_and_the_most_that_they_stand_for() -> None:
     where = place()
     low_m, high_m = wheels_m(where)
-    where.advance(300)
+    where.advance(1)
+    assert wheels_m(where) == near(low_m + LEAST_M, high_m + MOST_M)
+    where.advance(299)
     assert wheels_m(where) == near(low_m + 300 * LEAST_M, high_m + 300 * MOST_M)
     assert where.pulses == 300
     where.advance(-100)
@@ -180,19 +182,20 @@ def test_a_reference_that_touches_an_interval_narrows_it_to_that_point() -> None
 
 
 def told(where: Localisation, low: float, best: float, high: float) -> tuple[float, float, float]:
-    front = where.never_narrower(Interval(low, best, high))
+    front = where.never_narrower(low, best, high)
     return front.low, front.best, front.high
 
 
 def test_what_is_told_never_comes_together_between_two_references() -> None:
     """10 m wide and 5 m to either end; then it is kept so, about the same best guess."""
     where = place()
+    assert told(where, 14.9, 15.0, 15.1) == (14.9, 15.0, 15.1)
     assert told(where, 10.0, 15.0, 20.0) == (10.0, 15.0, 20.0)
     assert told(where, 13.0, 16.0, 19.0) == pytest.approx((10.025, 16.0, 20.025))
     assert told(where, 9.0, 15.0, 21.0) == (9.0, 15.0, 21.0)
     assert told(where, 10.0, 15.0, 20.0) == pytest.approx((8.525, 15.0, 20.525))
     where.refer(100.0, (0.0, 0.0, 0.0), (0.0, 0.0), 1.0, anew=True)
-    assert told(where, 14.0, 15.0, 16.0) == (14.0, 15.0, 16.0)
+    assert told(where, 14.9, 15.0, 15.1) == (14.9, 15.0, 15.1)
 
 
 @pytest.mark.parametrize("ahead", [1.0, -1.0])

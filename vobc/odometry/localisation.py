@@ -158,9 +158,8 @@ class Localisation:
         self.ground_low_m, self.ground_high_m = low_m, high_m
         self._width_m = self._reach_m = 0.0
 
-    def never_narrower(self, front_m: Interval) -> Interval:
+    def never_narrower(self, low_m: float, best_m: float, high_m: float) -> Interval:
         """What is told next: no two intervals come together again but at a reference."""
-        low_m, best_m, high_m = front_m.low, front_m.best, front_m.high
         back_m, ahead_m = best_m - low_m, high_m - best_m
         short_m = self._reach_m - REACH_PLAY_M - max(back_m, ahead_m)
         if short_m > 0.0:
@@ -171,8 +170,6 @@ class Localisation:
             low_m, high_m = low_m - half_m, high_m + half_m
         self._width_m = max(self._width_m, high_m - low_m)
         self._reach_m = max(self._reach_m, best_m - low_m, high_m - best_m)
-        if short_m <= 0.0 and half_m <= 0.0:
-            return front_m
         return Interval(low_m, best_m, high_m)
 
     def begin_anew(self, front_m: float, bound_m: float) -> None:

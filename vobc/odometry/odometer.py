@@ -359,9 +359,11 @@ class Odometry:
         best_m = where.at_m
         if not self._slip:
             best_m += self._ahead_m(now_s, speed.best)
-        front_m = _ordered(low_m, best_m, high_m)
+        best_m = min(max(best_m, low_m), high_m)
         if self._ground.begun:
-            front_m = where.never_narrower(front_m)
+            front_m = where.never_narrower(low_m, best_m, high_m)
+        else:
+            front_m = Interval(low_m, best_m, high_m)
         refer.watch(front_m.low - self._antenna_m, speed.best, front_m.high - front_m.low)
         return Motion(
             front_m=front_m,
