@@ -365,6 +365,7 @@ def test_wheels_that_are_not_heard_of_at_all_any_more_bring_the_emergency_brake(
     for verdict in (first, second):
         assert verdict.emergency_cause is Cause.VITAL_INPUT_LOST
         assert verdict.cause == "vital input lost while moving"
+        assert verdict.supervision is Supervision.EMERGENCY
         assert_held(verdict)
     assert train.step().emergency_cause is Cause.VITAL_INPUT_LOST
 

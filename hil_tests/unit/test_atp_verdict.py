@@ -59,6 +59,18 @@ def held() -> Verdict:
     return train.step()
 
 
+def met_in_motion() -> Verdict:
+    """By a controller that has just started."""
+    train = Train()
+    train.speed_mps = 5.0
+    train.stood_s = 0.0
+    return train.step()
+
+
+def may_set_off() -> Verdict:
+    return Train().step(2)
+
+
 def nominal() -> Verdict:
     return limited().runs(9.0)
 
@@ -86,6 +98,16 @@ def stands_in_emergency() -> Verdict:
     ("happens", "state", "released", "service", "traction", "hold", "words"),
     [
         (held, Supervision.NO_AUTHORITY, False, True, False, True, "waits for movement authority"),
+        (
+            met_in_motion,
+            Supervision.NO_AUTHORITY,
+            False,
+            True,
+            False,
+            True,
+            "waits until standstill is proven",
+        ),
+        (may_set_off, Supervision.NOMINAL, True, False, True, False, ""),
         (nominal, Supervision.NOMINAL, True, False, True, False, ""),
         (warned, Supervision.WARNING, True, False, True, False, "speed over the warning limit"),
         (
