@@ -234,7 +234,8 @@ class World:
             end_ns,
             speed_mps,
             emergency=brake.emergency_wanted,
-            doors_locked=self.doors.locked,
+            # The sealed switch bridges the loop of the door locks.
+            doors_locked=self.doors.locked or self.desk.door_bypass_requested,
         )
         self._press_on_rail(drive_n, speed_mps)
         if self.drive_n == 0.0 and brake.electric_n == 0.0:
