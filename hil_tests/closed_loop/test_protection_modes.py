@@ -1,74 +1,14 @@
 """People and centre against protection, in the whole loop: nobody gets the train over a limit."""
 
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
+from dataclasses import replace
 
 import pytest
 
 from can_dbc.cab import CabMode, Desk
 from can_dbc.vobc import Cause, OperatingMode, Supervision
-from metro_hil.journey import plan_journey
-from metro_hil.lockstep import Lockstep, Taps, config_of, scenario_of
-from metro_hil.options import parse
-from plant_emulator.faults.plan import read_faults
-from plant_emulator.truth import Truth
-from vobc.vocabulary import CycleOutput
+from metro_hil.rides import Ride, ride
 
-NS_PER_S = 1_000_000_000
 KMH = 1.0 / 3.6
-Hand = Callable[[Desk, float], Desk]
-
-
-class Instant(NamedTuple):
-    t_s: float
-    speed_mps: float
-    """True."""
-    output: CycleOutput
-
-
-@dataclass
-class Ride:
-    """What was true and what the controller said, every 10 ms."""
-
-    seen: list[Instant] = field(default_factory=list)
-
-    def within(self, mode: OperatingMode) -> list[Instant]:
-        return [each for each in self.seen if each.output.mode is mode]
-
-    def at(self, t_s: float) -> Instant:
-        return next(each for each in self.seen if each.t_s >= t_s)
-
-    @property
-    def causes(self) -> set[Cause]:
-        return {each.output.emergency_cause for each in self.seen}
-
-
-def ride(
-    *faults: dict[str, Any],
-    seconds: float,
-    end: str = "III",
-    hand: Hand | None = None,
-) -> Ride:
-    options = parse(["run", "--lockstep", "--from", "II", "--to", end, "--seed", "3"])
-    found = Ride()
-
-    def observe(truth: Truth, now_ns: int) -> None:
-        t_s = now_ns / NS_PER_S
-        found.seen.append(Instant(t_s, truth.speed_mps, bench.vobc.output))
-        if hand is not None:
-            bench.plant.world.put_desk(hand(bench.plant.world.desk, t_s))
-
-    bench = Lockstep(
-        config_of(options),
-        scenario_of(options),
-        plan_journey(options),
-        faults=read_faults(faults, "scenario"),
-        taps=Taps(truth=observe),
-    )
-    bench.run(seconds)
-    bench.close()
-    return found
 
 
 @pytest.fixture(scope="module")
