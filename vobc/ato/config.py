@@ -109,18 +109,22 @@ class AuthorityStop:
     than a stop at a platform needs where the authority reaches beyond.
     """
 
-    margin_m: float = 1.7
-    """From the front of the standing train to the end of authority."""
-    final_decel_mps2: float = 0.05
-    creep_ease_mps3: float = 0.02
+    margin_m: float = 2.1
+    """From the foremost front that the standing train may have to the end of authority. Protection
+    brakes a train that might creep there still: what it reckons with takes 0.6 m for a runaway
+    and the build-up of the brake, and more for the least speed that odometry can tell from none."""
+    final_decel_mps2: float = 0.04
+    creep_ease_mps3: float = 0.014
     knee_decel_mps2: float = 0.3
-    ease_mps3: float = 0.05
+    ease_mps3: float = 0.03
+    decel_mps2: float = 0.6
 
     def __post_init__(self) -> None:
         _positive(
             final_decel_mps2=self.final_decel_mps2,
             creep_ease_mps3=self.creep_ease_mps3,
             ease_mps3=self.ease_mps3,
+            decel_mps2=self.decel_mps2,
         )
         if self.margin_m < 0.0:
             raise ValueError(f"margin_m {self.margin_m} is negative")

@@ -27,6 +27,7 @@ HOLD_HELP_MPS2: Final = 0.02
 LEVEL_MPS2: Final = 0.01
 LEAST_CEILING_MPS: Final = 1.0
 """Under a lower ceiling nothing sets off."""
+AHEAD_STEP_M: Final = 0.1
 FINEST_JOG_M: Final = 0.1
 """No jog is worth its while for less."""
 JOG_PAST_M: Final = 0.05
@@ -231,7 +232,7 @@ class Ato:
         goal = self._plan.goal(working=self.phase is AtoPhase.DOORS_OPEN and self._seen.at_stop)
         if goal is None or goal.stop_m - seen.front_m <= work.jog_reach_m:
             return False
-        room_m = self._reach(goal.stop_m, seen.authority_end_m).at_m - seen.front_m
+        room_m = self._reach(goal.stop_m, seen).at_m - seen.front_m
         return room_m >= work.least_run_m
 
     def _may_jog(self, seen: AtoInput, to_stop_m: float) -> bool:
@@ -265,13 +266,18 @@ class Ato:
     def _target(self, seen: AtoInput) -> Target:
         stop = self.next_stop
         stop_m = self._line.end_m if stop is None else stop.stop_m
-        return self._reach(stop_m, seen.authority_end_m)
+        return self._reach(stop_m, seen)
 
-    def _reach(self, stop_m: float, authority_end_m: float) -> Target:
-        """The stop itself if the authority covers it, else a point short of the authority's end."""
-        if authority_end_m >= stop_m:
+    def _reach(self, stop_m: float, seen: AtoInput) -> Target:
+        """The stop itself if the authority covers it, else a point short of the authority's end.
+
+        The foremost front the train may have keeps the margin; it is looked at in steps, as each
+        new target is planned for anew.
+        """
+        if seen.authority_end_m >= stop_m:
             return Target(stop_m, True)
-        return Target(authority_end_m - self._config.authority.margin_m, False)
+        ahead_m = math.ceil(seen.ahead_m / AHEAD_STEP_M) * AHEAD_STEP_M
+        return Target(seen.authority_end_m - self._config.authority.margin_m - ahead_m, False)
 
     # What a change of phase brings.
 

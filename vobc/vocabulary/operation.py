@@ -51,6 +51,8 @@ class AtoInput:
     """The service brake comes from protection now, whatever is asked for."""
     kept_at_platform: bool = False
     """Something beside doors and authority stands against departure: the dwell goes on."""
+    ahead_m: float = 0.0
+    """The front may be so far ahead of `front_m`; protection looks from there."""
 
 
 @dataclass(frozen=True, slots=True)

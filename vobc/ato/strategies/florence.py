@@ -54,6 +54,7 @@ class Florence:
         "_peak_mps",
         "_pid",
         "_planned_for",
+        "_rejoin_m",
         "_slowing_to",
         "speed_mps",
     )
@@ -69,6 +70,7 @@ class Florence:
         self._curve = profile.curve_to_stop(config, line, line.end_m)
         self._planned_for: tuple[Target, float] | None = None
         self._peak_mps = 0.0
+        self._rejoin_m = REJOIN_M
         self._braking = False
         self._slowing_to = -1
         self._front = SmoothFront()
@@ -156,6 +158,8 @@ class Florence:
         self._planned_for = key
         curve_to = profile.curve_to_stop if target.at_station else profile.curve_to_authority
         self._curve = curve_to(config, self._line, target.at_m)
+        # A tag close to an end of authority gives some metres back; they are crept through.
+        self._rejoin_m = REJOIN_M if target.at_station else config.station.least_run_m
         self._peak_mps = profile.peak_speed_mps(
             max(0.0, self.speed_mps),
             target.at_m - front_m,
@@ -176,7 +180,7 @@ class Florence:
         point = self._curve.at_speed(ahead.speed_mps)
         spare_m = distance_m - point.distance_m
         correction_m = self._config.braking.correction_ratio * spare_m
-        if spare_m > REJOIN_M and correction_m > ahead.speed_mps * point.time_to_go_s:
+        if spare_m > self._rejoin_m and correction_m > ahead.speed_mps * point.time_to_go_s:
             self._braking = False
             self._planned_for = None
             self._resume_cruise(-self._model.brake_mps2)
@@ -272,7 +276,9 @@ class Florence:
         band_mps2 = 0.0 if self._model.brake_asked else config.speed.coast_band_mps2
         if -band_mps2 < demand_mps2 < 0.0:
             demand_mps2 = 0.0
-        return Drive(min(demand_mps2, available_mps2), governor.speed_mps, False)
+        # Where the ceiling leaves nothing the train rests instead of creeping on by noise.
+        most_mps2 = available_mps2 if target_mps > 0.0 else 0.0
+        return Drive(min(demand_mps2, most_mps2), governor.speed_mps, False)
 
     def _gains(self, reference_mps2: float) -> PidGains:
         speed = self._config.speed
