@@ -17,19 +17,7 @@ from plant_emulator.process import TRUTH_COLUMNS
 
 LEAST_SCENARIOS = 60
 ROWS = {f"{row:02d}" for row in (*range(1, 13), *range(25, 30))}
-NOT_MET = {
-    "felt-jerk",
-    "overshoot-jog",
-    "overshoot-emergency-jog",
-    "overshoot-too-far",
-    "slip-setting-off",
-    "doors-lock-lost-at-platform",
-    "bus-babbling-position",
-    "bus-emergency-brake-held",
-    "passenger-alarm-at-platform",
-    "passenger-alarm-leaving",
-    "voltage-920-late-friction",
-}
+NOT_MET = {"felt-jerk", "signalled-stop-gap"}
 """What the product does not do today; a scenario that joins or leaves them is noticed here."""
 PHASES = 10
 CYCLE_S = 0.05
@@ -137,6 +125,7 @@ def test_faults_of_the_bus_begin_everywhere_in_the_cycle(
         "overspeed-runaway/0001-s1",
         "false-tag/s1",
         "undershoot-jog/s1",
+        "overshoot-jog/s1",
         "slip-setting-off/0000-s1",
         "doors-lock-lost/s1",
         "doors-lock-lost-at-platform/s1",

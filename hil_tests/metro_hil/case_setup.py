@@ -35,7 +35,7 @@ def parts_of(case: Case, files: Files = NO_FILES) -> CaseParts:
     line = line_of(setup, files)
     mission = mission_of(setup, line)
     return CaseParts(
-        journey=Journey(line, mission),
+        journey=Journey(line, mission, setup.wakes_up),
         scenario=scenario_of(setup, line, mission, _first_seed(case), files),
         config=config_of(setup, files),
         faults=read_faults(case.faults, case.id),

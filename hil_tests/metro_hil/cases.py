@@ -54,6 +54,9 @@ class Setup(msgspec.Struct, frozen=True, kw_only=True):
     """A model of a driver at the desk: `obedient`, `reckless` or `late`; None for nobody."""
     desk_recording: str | None = None
     """A recording of a desk that is played; a file of the user's."""
+    wakes_up: bool = False
+    """The controller was switched off at `start` and remembers it; else the train was set up there.
+    What it remembers counts once the detector of cold movement bears it out."""
     stops: tuple[str, ...] | None = None
     """Stations to stop at, in running order; None for all between start and end."""
     dwell_s: dict[str, float] = {}

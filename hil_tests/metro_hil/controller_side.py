@@ -17,7 +17,7 @@ from metro_hil.granted import (
 from metro_hil.journey import Journey
 from metro_hil.process_faults import ControllerProcess, Device
 from vobc.config import VobcConfig
-from vobc.process import CycleLog, EventLog, unknown_start
+from vobc.process import CycleLog, EventLog, remembered_start, unknown_start
 from vobc.process.commission import Commission
 
 SHIPPED: Final = Controller()
@@ -25,6 +25,13 @@ NS_PER_S: Final = 1_000_000_000
 
 Heard = Callable[[int, int, bytes], None]
 """Told instant, identifier and data."""
+
+
+def memory_of(journey: Journey) -> NvramRecord:
+    """What the board holds before its first start in a run."""
+    if not journey.wakes_up:
+        return NvramRecord(boot_count=1)
+    return NvramRecord(boot_count=1, front_m=journey.start.stop_m, standing=True)
 
 
 class ControllerSide:
@@ -51,7 +58,7 @@ class ControllerSide:
         self._clock, self._cycle_log, self._port_log = clock, cycle_log, port_log
         self._said = said
         self._event_log = event_log
-        self._nvram = Nvram(None, NvramRecord(boot_count=1))
+        self._nvram = Nvram(None, memory_of(journey))
         self._granted: GrantedController | None = None
 
     def device(self, can: CanPort, tags: SerialPort, radio: RadioPort, *, faulty: bool) -> Device:
@@ -103,7 +110,9 @@ class ControllerSide:
     def _commission(self, now_ns: int, again: bool) -> Commission:
         # What the memory of the board held when it went down, it holds when it comes up.
         config, journey, record = self._config, self._journey, self._nvram.record
-        start = unknown_start(config, journey.line, record) if again else None
+        start = remembered_start(config, record) if journey.wakes_up else None
+        if again:
+            start = unknown_start(config, journey.line, record)
         return Commission(config, journey.line, journey.mission, record, now_ns, start)
 
     def _make(

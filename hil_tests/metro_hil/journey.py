@@ -15,6 +15,8 @@ class Journey:
 
     line: LineMap
     mission: Mission
+    wakes_up: bool = False
+    """The controller was switched off at the start and remembers it."""
 
     @property
     def start(self) -> Station:

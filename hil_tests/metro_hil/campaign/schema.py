@@ -95,6 +95,7 @@ class TrainKeys:
     desk_mode: CabMode = CabMode.AUTO
     driver: str | None = None
     desk_recording: str | None = None
+    wakes_up: bool = False
 
     def __post_init__(self) -> None:
         in_range(self, "load_ratio", 0.0, 1.0)

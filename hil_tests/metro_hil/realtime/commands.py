@@ -66,9 +66,16 @@ def controller_start(
     priority: int,
     nvram: Path,
     environment: Mapping[str, str],
+    wakes_up: bool = False,
 ) -> ControllerStart:
-    """Raises Blocked for a kind or a checkout that is not there."""
+    """Raises Blocked for a kind or a checkout that is not there.
+
+    Args:
+        wakes_up: `nvram` tells the controller where it stands, nobody else does.
+    """
     if controller.kind == "command":
+        if wakes_up:
+            raise Blocked("wakes_up: a program of another kind has no memory that could be filled")
         if places.stops and "{stops}" not in controller.command:
             raise Blocked(
                 "stops: the controller's command cannot pass stations; put {stops}, here "
@@ -86,7 +93,7 @@ def controller_start(
     base += ["--nvram", str(nvram)]
     if places.stops:
         base += ["--stops", places.stops]
-    first = (*base, "--from", places.start)
+    first = tuple(base) if wakes_up else (*base, "--from", places.start)
     return ControllerStart(first, tuple(base), environment, out=places.out)
 
 

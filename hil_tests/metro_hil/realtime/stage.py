@@ -12,10 +12,12 @@ from can_dbc.nodes import Node
 from firmware_py import rendezvous
 from firmware_py.buses import parse_spec
 from firmware_py.clock import Clock
+from firmware_py.nvram import Nvram
 from firmware_py.radio.zenoh_radio import DEFAULT_ENDPOINT, pick_endpoint
 from metro_hil.case_setup import CaseParts, Files
 from metro_hil.cases import BenchKind, Case
 from metro_hil.children import Process
+from metro_hil.controller_side import memory_of
 from metro_hil.realtime.actors import Cast, ControllerActor
 from metro_hil.realtime.commands import (
     Places,
@@ -229,6 +231,9 @@ class _Links:
         tags = wires.tags
         if tags == AUTO:
             tags = str(rendezvous.tags_link(parse_spec(self._segments.train).name))
+        nvram = self._folder.path / "nvram"
+        if journey.wakes_up:
+            Nvram(nvram).put(memory_of(journey))
         start = controller_start(
             self._case.controller,
             Places(
@@ -244,7 +249,8 @@ class _Links:
             ),
             cycle_ms=setup.cycle_ms,
             priority=wires.controller_priority,
-            nvram=self._folder.path / "nvram",
+            nvram=nvram,
             environment=os.environ,
+            wakes_up=journey.wakes_up,
         )
         return ControllerActor(self._cast, start)

@@ -24,6 +24,8 @@ from metro_hil.report.plot import (
     QUIET,
     TRAIN,
 )
+from plant_emulator.faults.declared_wayside import TemporaryRestriction
+from plant_emulator.faults.plan import read_faults
 
 NAME: Final = "case.png"
 MARGIN_RATIO: Final = 0.03
@@ -69,12 +71,12 @@ class Stretch:
 
 
 def stretches_of(faults: Sequence[Mapping[str, Any]]) -> tuple[Stretch, ...]:
-    """The temporary restrictions among the faults and orders of a case."""
-    keys = ("from_m", "to_m", "limit_mps")
+    """The temporary restrictions among the faults and orders of a case. Raises SettingsError."""
+    orders = (plan.parameters for plan in read_faults(faults, "faults"))
     return tuple(
-        Stretch(*(float(table[key]) for key in keys))
-        for table in faults
-        if all(key in table for key in keys)
+        Stretch(order.start_m, order.end_m, order.limit_mps)
+        for order in orders
+        if isinstance(order, TemporaryRestriction)
     )
 
 
