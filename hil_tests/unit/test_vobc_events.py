@@ -339,6 +339,45 @@ def test_departure_is_told_at_standstill_only() -> None:
     assert told(departure_inhibits=Inhibit.HOLD) == []
 
 
+def test_what_keeps_a_train_that_comes_to_rest_is_told_though_it_was_so_before() -> None:
+    held = replace(RUNNING, departure_inhibits=Inhibit.HOLD | Inhibit.DOORS)
+
+    event = only(told(held, motion=STANDING))
+
+    assert event.kind is EventKind.DEPARTURE_INHIBITED
+    assert event.words == "departure is not permitted: doors, hold"
+    assert told(RUNNING, motion=STANDING) == []
+    assert told(replace(held, motion=STANDING)) == []
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        (
+            {"supervision": Supervision.EMERGENCY, "emergency_cause": Cause.REMOTE},
+            " after the emergency brake (remote)",
+        ),
+        ({"missing": Missing.AUTHORITY | Missing.DESK}, " for lack of desk, authority"),
+        ({}, ""),
+    ],
+)
+def test_a_movement_that_is_over_says_why(changes: dict[str, Any], reason: str) -> None:
+    before = replace(RUNNING, **changes)
+
+    event = only(told(before, mode=OperatingMode.STANDBY))
+
+    assert event.words.startswith(f"mode goes from authorised to standby{reason}, at ")
+
+
+def test_orders_are_told_as_what_is_wanted_and_what_no_longer_is() -> None:
+    now = replace(ORDERS, hold=True, releases=ORDERS.releases + 1)
+    first = only(told(seen=replace(SEEN, orders=now)))
+    then = only(told(seen=SEEN, seen_before=replace(SEEN, orders=now)))
+
+    assert first.words == f"the centre orders: hold at the platform, reset {now.releases}"
+    assert "hold no more" in then.words
+
+
 def test_an_alarm_says_what_raised_it() -> None:
     pulled = replace(SEEN, desk=replace(DESK, no_passenger_alarm=False))
     burning = replace(SEEN, alarms=TrainAlarms(no_obstacle=False, no_fire=False))

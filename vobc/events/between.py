@@ -80,6 +80,7 @@ def events_between(
         or output.doors_withheld is not before.doors_withheld
         or output.enable_left is not before.enable_left
         or output.enable_right is not before.enable_right
+        or _stands(output) is not _stands(before)
     ):
         found.extend(_station(before, output))
     if (
@@ -166,8 +167,18 @@ def _mode(before: CycleOutput, output: CycleOutput) -> Iterator[Event]:
         words = f"put to sleep{place_words(output)}"
         yield Event(EventKind.PUT_TO_SLEEP, words, (Source.ORDERS,), number)
     elif mode is not OperatingMode.JOG:
-        words = f"mode goes from {name_words(old)} to {name_words(mode)}{place_words(output)}"
+        words = f"mode goes from {name_words(old)} to {name_words(mode)}{_why_over(output)}"
+        words += place_words(output)
         yield Event(EventKind.MODE, words, MODE_SOURCES.get(mode, (Source.TACHO,)), number)
+
+
+def _why_over(output: CycleOutput) -> str:
+    """What took the movement away, of a train that is back in standby."""
+    if output.mode is not OperatingMode.STANDBY:
+        return ""
+    if output.supervision is Supervision.EMERGENCY:
+        return f" after the emergency brake ({name_words(output.emergency_cause)})"
+    return f" for lack of {flag_words(output.missing)}" if output.missing else ""
 
 
 def _overrun(seen: CycleInput) -> Event:
@@ -176,14 +187,19 @@ def _overrun(seen: CycleInput) -> Event:
     return Event(EventKind.OVERRUN, words, (Source.CLOCK,), seen.overruns)
 
 
+def _stands(output: CycleOutput) -> bool:
+    return output.motion is not None and output.motion.standstill
+
+
 def _station(before: CycleOutput, output: CycleOutput) -> Iterator[Event]:
     enabled = (output.enable_left, output.enable_right)
     if enabled != (before.enable_left, before.enable_right):
         yield _doors_enabled(output) if any(enabled) else _doors_withheld(output)
     elif output.doors_withheld != before.doors_withheld and _at_platform(output):
         yield _doors_withheld(output)
-    motion, inhibits = output.motion, output.departure_inhibits
-    if inhibits == before.departure_inhibits or motion is None or not motion.standstill:
+    inhibits = output.departure_inhibits
+    news = inhibits != before.departure_inhibits or (inhibits and not _stands(before))
+    if not news or not _stands(output):
         return
     if inhibits == Inhibit.NONE:
         words = "nothing stands against departure any more"
@@ -191,16 +207,14 @@ def _station(before: CycleOutput, output: CycleOutput) -> Iterator[Event]:
         yield Event(EventKind.DEPARTURE_PERMITTED, words, sources)
         return
     words = f"departure is not permitted: {flag_words(inhibits)}"
-    gained = inhibits & ~before.departure_inhibits
+    gained = inhibits & ~before.departure_inhibits if _stands(before) else inhibits
     sources = _sources_of(gained or inhibits, INHIBIT_SOURCES)
     yield Event(EventKind.DEPARTURE_INHIBITED, words, sources, int(inhibits))
 
 
 def _at_platform(output: CycleOutput) -> bool:
-    motion = output.motion
     return (
-        motion is not None
-        and motion.standstill
+        _stands(output)
         and output.doors_withheld != Withheld.NONE
         and not output.doors_withheld & Withheld.NO_PLATFORM
     )

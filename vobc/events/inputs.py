@@ -58,32 +58,34 @@ def authority_changed(before: Authority | None, now: Authority | None) -> Iterat
     yield Event(EventKind.AUTHORITY_CHANGED, words, (Source.AUTHORITY,), now.term)
 
 
-ORDER_NAMES: Final = (
-    ("awake", "awake"),
-    ("hold", "hold"),
-    ("skip_next", "skip the next station"),
-    ("stop_next", "stop at the next station"),
-    ("emergency", "emergency brake"),
-    ("releases", "resets"),
-    ("creep", "creep"),
-    ("restricted", "restricted"),
-    ("doors_left", "doors on the left"),
-    ("doors_right", "doors on the right"),
-    ("platform_doors_locked", "platform doors locked"),
+ORDER_WORDS: Final = (
+    ("awake", "be awake", "sleep"),
+    ("hold", "hold at the platform", "hold no more"),
+    ("skip_next", "skip the next station", "skip no station"),
+    ("stop_next", "stop at the next station", "stop by the plan"),
+    ("emergency", "emergency brake", "emergency brake no more"),
+    ("creep", "creep", "creep no more"),
+    ("restricted", "drive on sight", "drive on sight no more"),
+    ("doors_left", "doors on the left may open", "doors on the left stay shut"),
+    ("doors_right", "doors on the right may open", "doors on the right stay shut"),
+    ("platform_doors_locked", "platform doors are locked", "platform doors are not locked"),
 )
+"""Field, and what it says when it is set and when it no longer is."""
 
 
 def orders_changed(before: Orders | None, now: Orders | None) -> Iterator[Event]:
     if now is None or now == before:
         return
     changes = [
-        f"{words} {_plain(getattr(now, name))}"
-        for name, words in ORDER_NAMES
-        if getattr(now, name) != (getattr(before, name) if before is not None else False)
+        yes if getattr(now, name) else no
+        for name, yes, no in ORDER_WORDS
+        if getattr(now, name) != (before is not None and getattr(before, name))
     ]
+    if now.releases != (0 if before is None else before.releases):
+        changes.append(f"reset {now.releases}")
     if now.restrictions != (before.restrictions if before is not None else ()):
         changes.append(_restrictions(now))
-    begin = "first orders of the centre" if before is None else "the centre orders"
+    begin = "the centre's first orders" if before is None else "the centre orders"
     words = f"{begin}: {', '.join(changes) or 'nothing special'}"
     yield Event(EventKind.ORDERS_CHANGED, words, (Source.ORDERS,))
 
@@ -95,9 +97,3 @@ def _restrictions(orders: Orders) -> str:
         f"{each.limit_mps:.2f} m/s from {each.start_m:.1f} m to {each.end_m:.1f} m"
         for each in orders.restrictions
     )
-
-
-def _plain(value: bool | int) -> str:
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    return str(value)
