@@ -88,7 +88,7 @@ CLIMBS = ((150.0, 300.0, 30.0), (300.0, 420.0, -25.0), (600.0, 610.0, 12.0))
 
 
 def felt_mps2(low_m: float, high_m: float) -> tuple[float, float]:
-    """From 25 m behind the lowest to the highest place of the front, and around each edge within."""
+    """From 25 m behind the lowest to the highest place of the front; and beside each edge."""
     edges_m = [edge_m for start_m, end_m, _ in CLIMBS for edge_m in (start_m, end_m)]
     beside_m = [edge_m + aside_m for edge_m in edges_m for aside_m in (-1e-6, 1e-6)]
     places_m = [low_m - 25.0, high_m, *(m for m in beside_m if low_m - 25.0 < m < high_m)]
