@@ -1,8 +1,15 @@
 """The bench of protection: that its figures are what they say; what a cycle costs is not judged."""
 
+from pathlib import Path
+
 import pytest
 
+from can_dbc.brake import BrakeCommand
+from can_dbc.codec import Encoder
+from firmware_py.recorder import CandumpWriter
 from metro_hil import protection_bench
+from metro_hil.curve_crossings import Crossing, crossing_of
+from metro_hil.run_folder import RunFolder
 from metro_hil.worst_motion import LINE_END_M, limits, sections, worst_stop_m
 
 
@@ -37,4 +44,57 @@ def test_lines_by_chance_keep_to_the_line() -> None:
         (0.0, 300.0, 20.0),
         (300.0, 500.0, 15.0),
         (500.0, LINE_END_M, 10.0),
+    )
+
+
+CYCLES = """\
+t_s,speed_high_mps,emergency_mps
+0.95,,
+1.0,19.9,20.0
+1.05,20.0,20.0
+1.1,20.4,20.0
+"""
+TRUTH = """\
+t_s,speed_mps
+1.05,19.2
+1.15,20.1
+"""
+
+
+def ride(folder: RunFolder, braked_from_s: float) -> None:
+    """Logs of a train whose speed may have reached its limit in the cycle at 1.05 s."""
+    folder.cycle_log.write_text(CYCLES, encoding="utf-8")
+    (folder.path / "truth.csv").write_text(TRUTH, encoding="utf-8")
+    bus, encoder = CandumpWriter(folder.bus_log, "vcan0"), Encoder()
+    for cycle in range(20, 24):
+        at_ns = cycle * 50_000_000 + 1_000_000
+        released = at_ns / 1e9 < braked_from_s
+        for identifier, data in encoder.encode(BrakeCommand(0.0, released, True)):
+            bus.frame(at_ns, identifier, data)
+            at_ns += 500_000
+    bus.close()
+
+
+@pytest.mark.parametrize(
+    ("braked_from_s", "commanded_s"), [(1.0, 1.0515), (1.06, 1.1015), (9.0, float("inf"))]
+)
+def test_the_delay_of_the_command_counts_from_the_cycle_that_found_the_curve_reached(
+    tmp_path: Path, braked_from_s: float, commanded_s: float
+) -> None:
+    ride(RunFolder(tmp_path), braked_from_s)
+
+    assert list(crossing_of("a", RunFolder(tmp_path))) == [Crossing("a", 1.05, commanded_s, 1.15)]
+
+
+def test_a_command_in_the_next_cycle_misses_its_bar(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = [Crossing("a", 1.05, 1.0515, 1.15), Crossing("b", 1.05, 1.1015, 1.1)]
+    monkeypatch.setattr(protection_bench, "crossings", lambda: iter(found))
+    (late,) = protection_bench.delay_of_the_command()
+    found.pop()
+    (prompt,) = protection_bench.delay_of_the_command()
+
+    assert not late.met
+    assert prompt.met
+    assert prompt.value == (
+        "1.50 ms at most, of 1 runs; in 1 before the true speed reached that limit"
     )

@@ -1,0 +1,103 @@
+"""How soon the emergency brake is commanded once the speed may have reached its curve."""
+
+import csv
+import math
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from can_dbc.brake import BrakeCommand
+from can_dbc.codec import Decoder
+from firmware_py.candump import read_candump
+from metro_hil.campaign.plan import plan_cases
+from metro_hil.campaign.scenarios import read_named
+from metro_hil.case_setup import Files
+from metro_hil.run_case import run_case
+from metro_hil.run_folder import RunFolder
+
+SCENARIOS: Final = (
+    "overspeed-runaway",
+    "overspeed-runaway-downhill",
+    "reckless-driver",
+    "late-driver",
+    "end-of-authority-downhill",
+    "end-of-authority-no-service-brake",
+)
+"""In each of them somebody or something drives the train onto the curve."""
+NS_PER_S: Final = 1_000_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class Crossing:
+    """One run in which the upper bound of the speed came to the emergency limit."""
+
+    case_id: str
+    bound_s: float
+    """Begin of the cycle that found it there."""
+    commanded_s: float
+    """When the command, with its twin, was on the bus; infinite when it never was."""
+    truth_s: float
+    """When the true speed came to the limit of that cycle; infinite when it never did."""
+
+
+def crossings(names: Sequence[str] = SCENARIOS) -> Iterator[Crossing]:
+    """Of every case of these scenarios, in virtual time; a case without a crossing gives none."""
+    for name in names:
+        campaign = read_named(name)
+        for case in plan_cases(campaign):
+            with tempfile.TemporaryDirectory() as scratch:
+                folder = RunFolder(Path(scratch) / "run")
+                folder.path.mkdir()
+                run_case(case, files=_written(campaign.files, Path(scratch)), folder=folder)
+                yield from crossing_of(case.id, folder)
+
+
+def _written(files: Mapping[str, str], folder: Path) -> Files:
+    """Lines and trains of the campaign, where the case finds them."""
+    places = {name: folder / str(number) / Path(name).name for number, name in enumerate(files)}
+    for name, place in places.items():
+        place.parent.mkdir()
+        place.write_text(files[name], encoding="utf-8")
+    return places
+
+
+def crossing_of(case_id: str, folder: RunFolder) -> Iterator[Crossing]:
+    """From the logs of a run in virtual time."""
+    for row in _rows(folder.cycle_log):
+        if not (row["speed_high_mps"] and row["emergency_mps"]):
+            continue
+        limit_mps = float(row["emergency_mps"])
+        if 0.0 < limit_mps <= float(row["speed_high_mps"]):
+            bound_s = float(row["t_s"])
+            yield Crossing(
+                case_id, bound_s, _commanded_s(folder, bound_s), _truth_s(folder, limit_mps)
+            )
+            return
+
+
+def _rows(path: Path) -> Iterator[dict[str, str]]:
+    with path.open(newline="", encoding="utf-8") as lines:
+        yield from csv.DictReader(lines)
+
+
+def _commanded_s(folder: RunFolder, bound_s: float) -> float:
+    """The first command from that cycle on that does not keep the emergency brake off."""
+    decoder, since_ns = Decoder([BrakeCommand]), round(bound_s * NS_PER_S)
+    for _, frame in read_candump(folder.bus_log):
+        # Frames of before are wanted, too: the decoder goes by their counters.
+        said = decoder.decode(frame.can_id, frame.data, frame.stamp_ns)
+        braked = isinstance(said, BrakeCommand) and not said.emergency_released
+        if braked and frame.stamp_ns >= since_ns:
+            return frame.stamp_ns / NS_PER_S
+    return math.inf
+
+
+def _truth_s(folder: RunFolder, limit_mps: float) -> float:
+    over = (
+        float(row["t_s"])
+        for row in _rows(folder.path / "truth.csv")
+        if float(row["speed_mps"]) >= limit_mps
+    )
+    return next(over, math.inf)
