@@ -4,6 +4,7 @@ import itertools
 import json
 import math
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -378,6 +379,25 @@ def test_a_train_that_has_left_is_not_remembered_to_stand_where_it_stood(tmp_pat
 
     assert not Nvram(path).record.standing
     assert remembered_start(load_config("florence4"), Nvram(path).record) is None
+
+
+def test_a_latched_emergency_does_not_end_by_switching_the_controller_off_and_on() -> None:
+    """What is latched is not stored; but the place is not known again until it is released."""
+    world = World()
+    world.run(3.0)
+    assert world.nvram.record.standing
+
+    world.desk = replace(world.desk, emergency_released=False)
+    world.run(1.0)
+    assert not world.nvram.record.standing
+
+    world.desk = replace(world.desk, emergency_released=True)
+    world.run(1.0)
+    assert not world.nvram.record.standing
+
+    world.desk = replace(world.desk, reset_requested=True)
+    world.run(0.5)
+    assert world.nvram.record.standing
 
 
 def test_the_cycle_log_has_a_row_for_each_cycle_and_no_torn_field(tmp_path: Path) -> None:

@@ -247,10 +247,12 @@ class VobcDevice:
         """Once after each run the wheel and the place are stored: at standstill, off the cycle.
 
         As soon as it moves again the place is taken back: a controller that is cut off on the way
-        must not find itself where it stood before.
+        must not find itself where it stood before. So it is in an emergency, at standstill too:
+        switched off and on again, the train has no place, and somebody has to let it go as well.
         """
         motion = output.motion
-        if motion is None or not motion.standstill:
+        latched = output.supervision is Supervision.EMERGENCY
+        if motion is None or not motion.standstill or latched:
             self._stored = motion is None
             if motion is not None and self._nvram.record.standing:
                 self._nvram.put_later(replace(self._nvram.record, standing=False))
