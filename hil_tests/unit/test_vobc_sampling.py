@@ -1,14 +1,20 @@
 """The odometer's clock as the controller sees it, against a sensor whose delays are known."""
 
+from dataclasses import replace
+
+import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
+from can_dbc.nodes import Direction
+from can_dbc.odometer import Doppler, Imu, Tacho
 from vobc.odometry.sampling import (
     DRIFT_RATIO,
     LATE_NS,
     PACED_FRAMES,
     STAMP_PLAY_MS,
     FrameClock,
+    OdometerClocks,
     SampleClock,
 )
 
@@ -161,3 +167,103 @@ def test_radar_and_accelerometer_are_as_old_as_their_counters_say() -> None:
     fresh_ns = clock.sampled_ns(2_001 * MS, 39)
     assert fresh_ns is not None
     assert abs(fresh_ns - 2_000 * MS) < MS
+
+
+# Each limit, to the nanosecond.
+
+
+def test_a_frame_of_its_counter_alone_is_timed_by_the_fastest_one() -> None:
+    """50 ms apart; the second came 7 ms late, and the drift allows 200 ppm of 57 ms."""
+    clock = FrameClock(50)
+    assert clock.sampled_ns(1_000 * MS, 250) == 1_000 * MS
+
+    assert clock.sampled_ns(1_057 * MS, 251) == 1_050 * MS + 11_400
+    assert clock.sampled_ns(1_100 * MS, 252) == 1_100 * MS
+    assert clock.refused == 0
+
+
+@pytest.mark.parametrize(("late_ns", "taken"), [(30 * MS, True), (30 * MS + 1, False)])
+def test_a_clock_may_be_told_how_late_is_too_late(late_ns: int, *, taken: bool) -> None:
+    clock = FrameClock(50, late_ns=30 * MS)
+    clock.sampled_ns(0, 0)
+    drift_ns = int(DRIFT_RATIO * (80 * MS + 16_003))
+
+    assert (clock.sampled_ns(50 * MS + late_ns + drift_ns, 1) is not None) is taken
+    assert clock.refused == (not taken)
+
+
+def test_a_silence_up_to_a_second_before_the_turn_of_the_counter_needs_no_pacing() -> None:
+    """256 frames of 50 ms: 12.8 s, less the second by which the first frame may have been late."""
+    for silent_ns, taken in ((11_800 * MS, True), (11_850 * MS, False)):
+        clock = FrameClock(50)
+        clock.sampled_ns(0, 0)
+        found_ns = clock.sampled_ns(silent_ns, silent_ns // (50 * MS) % 256)
+
+        assert (found_ns is not None) is taken
+
+
+def test_after_a_long_silence_five_frames_in_step_are_wanted() -> None:
+    clock = FrameClock(50)
+    clock.sampled_ns(0, 0)
+    heard = [clock.sampled_ns((20_000 + 50 * n) * MS, (400 + n) % 256) for n in range(8)]
+
+    assert [found_ns is not None for found_ns in heard] == [False] * 5 + [True] * 3
+    assert clock.refused == 5
+    assert heard[-1] == 20_350 * MS
+
+
+@pytest.mark.parametrize(("early_ms", "paced"), [(10, True), (11, False)])
+def test_a_frame_in_step_comes_no_more_than_ten_milliseconds_early(
+    early_ms: int, *, paced: bool
+) -> None:
+    clock = FrameClock(50)
+    clock.sampled_ns(0, 0)
+    clock.sampled_ns(20_050 * MS, 401 % 256)
+    early = clock.sampled_ns((20_100 - early_ms) * MS, 402 % 256)
+    later = [clock.sampled_ns((20_150 + 50 * n) * MS, (403 + n) % 256) for n in range(6)]
+
+    assert early is None
+    first = [found_ns is not None for found_ns in later].index(True)
+    assert first == (3 if paced else 4)
+
+
+@pytest.mark.parametrize("play_ms", [-6, -5, -1, 0, 5, 6])
+def test_a_stamp_out_of_step_with_its_counter_by_more_than_five_is_a_new_sensor(
+    play_ms: int,
+) -> None:
+    clock = SampleClock()
+    clock.sampled_ns(0, 255, 250)
+    found_ns = clock.sampled_ns(30 * MS, 0, (270 + play_ms) % 256)
+    anew = abs(play_ms) > STAMP_PLAY_MS
+
+    assert clock.restarts == anew
+    assert found_ns == (30 * MS if anew else (20 + play_ms) * MS + 6_000)
+
+
+def test_a_tacho_that_starts_anew_takes_radar_and_accelerometer_with_it() -> None:
+    clocks = OdometerClocks()
+    tacho = Tacho(0, 0, Direction.FORWARD, True, True, 100.0)
+    radar, imu = Doppler(0.0, 0.0, True), Imu(0.0, True)
+    for frame in (tacho, radar, imu):
+        assert clocks.sampled_ns(frame, 0, 0) == 0
+    for frame in (radar, imu):
+        assert clocks.sampled_ns(frame, 300 * MS, 1) is None
+    assert clocks.refused == 2
+    assert clocks.sampled_ns(tacho, 310 * MS, 70) == 310 * MS
+    assert clocks.refused == 0
+    for frame in (radar, imu):
+        assert clocks.sampled_ns(frame, 320 * MS, 1) == 320 * MS
+    assert clocks.sampled_ns(replace(tacho, stamp_ms=120.0), 480 * MS, 71) is None
+    assert clocks.sampled_ns(radar, 600 * MS, 2) is None
+    assert clocks.sampled_ns(imu, 600 * MS, 2) is None
+    assert clocks.refused == 3
+
+
+def test_radar_and_accelerometer_have_clocks_of_their_own() -> None:
+    clocks = OdometerClocks()
+    radar, imu = Doppler(0.0, 0.0, True), Imu(0.0, True)
+    clocks.sampled_ns(radar, 0, 0)
+    clocks.sampled_ns(imu, 30 * MS, 9)
+
+    assert clocks.sampled_ns(radar, 50 * MS, 1) == 50 * MS
+    assert clocks.sampled_ns(imu, 80 * MS, 10) == 80 * MS
