@@ -67,7 +67,8 @@ class EmergencyWatch:
         self._releases = 0.0
         self._cause = 0.0
         """Of the latched emergency, as last said."""
-        self._takeover_ns = round(context.takeover_s * NS_PER_S)
+        # The report and the answer may both be held up on the bus.
+        self._takeover_ns = round((context.takeover_s + context.input_age_s) * NS_PER_S)
         self._let_go_ns = -1
         """The brake unit stopped wanting it then, and the train has moved since."""
         self._releasable_ns = round(context.brake_unit_s * NS_PER_S)
