@@ -3,6 +3,7 @@
 import csv
 import math
 import tempfile
+from bisect import bisect_right
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -39,7 +40,7 @@ class Crossing:
     commanded_s: float
     """When the command, with its twin, was on the bus; infinite when it never was."""
     truth_s: float
-    """When the true speed came to the limit of that cycle; infinite when it never did."""
+    """When the true speed came to the limit there was just then; infinite when it never did."""
 
 
 def crossings(names: Sequence[str] = SCENARIOS) -> Iterator[Crossing]:
@@ -71,9 +72,7 @@ def crossing_of(case_id: str, folder: RunFolder) -> Iterator[Crossing]:
         limit_mps = float(row["emergency_mps"])
         if 0.0 < limit_mps <= float(row["speed_high_mps"]):
             bound_s = float(row["t_s"])
-            yield Crossing(
-                case_id, bound_s, _commanded_s(folder, bound_s), _truth_s(folder, limit_mps)
-            )
+            yield Crossing(case_id, bound_s, _commanded_s(folder, bound_s), _truth_s(folder))
             return
 
 
@@ -94,10 +93,16 @@ def _commanded_s(folder: RunFolder, bound_s: float) -> float:
     return math.inf
 
 
-def _truth_s(folder: RunFolder, limit_mps: float) -> float:
-    over = (
-        float(row["t_s"])
-        for row in _rows(folder.path / "truth.csv")
-        if float(row["speed_mps"]) >= limit_mps
-    )
-    return next(over, math.inf)
+def _truth_s(folder: RunFolder) -> float:
+    limits = [
+        (float(row["t_s"]), float(row["emergency_mps"]))
+        for row in _rows(folder.cycle_log)
+        if row["emergency_mps"] and float(row["emergency_mps"]) > 0.0
+    ]
+    starts_s = [start_s for start_s, _ in limits]
+    for row in _rows(folder.path / "truth.csv"):
+        at_s = float(row["t_s"])
+        cycle = bisect_right(starts_s, at_s) - 1
+        if cycle >= 0 and float(row["speed_mps"]) >= limits[cycle][1]:
+            return at_s
+    return math.inf
