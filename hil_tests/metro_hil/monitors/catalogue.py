@@ -87,9 +87,9 @@ INVARIANTS: Final[tuple[Invariant, ...]] = (
         "otherwise than at standstill within 5 s of a press of the reset or a release by the "
         "centre; an overshoot may release itself at standstill. One that the brake unit applies by "
         "itself counts as well, from 3 s after the last release on, when that has to be reported: "
-        "while the train moves it may be off for 0.2 s at most, and 0.25 s more where frames may be "
-        "held up, until the controller asks for it, too. A controller that was started again begins braked and knows "
-        "neither its place nor what was latched. Whether the cause is gone is not on the bus.",
+        "while the train moves it may be off for 0.2 s at most, and 0.25 s more where frames may "
+        "be held up, until the controller asks for it, too. A controller that was started again "
+        "begins braked and knows neither its place nor what was latched. Whether the cause is gone is not on the bus.",
     ),
     _watched(
         6,
