@@ -81,7 +81,7 @@ def test_each_of_the_four_is_down_to_a_lower_limit_and_its_own_margin(
 ) -> None:
     target_mps = 6.0 + MARGINS_MPS[index]
     at_m = 1000.0 + needed_m(12.0, target_mps=target_mps, lead_s=LEADS_S[index])
-    slow = Restriction(at_m, at_m + 100.0, 6.0)
+    slow = Restriction(at_m, 5000.0, 6.0)
     civil = map_of((0.0, at_m, 20.0), (at_m, 6000.0, 6.0))
 
     ceiling = (OPEN if temporary else civil).at(at(1000.0), FAR_M, (slow,) if temporary else ())
