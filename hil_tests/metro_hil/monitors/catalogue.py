@@ -89,7 +89,8 @@ INVARIANTS: Final[tuple[Invariant, ...]] = (
         "itself counts as well, from 3 s after the last release on, when that has to be reported: "
         "while the train moves it may be off for 0.2 s at most, and 0.25 s more where frames may "
         "be held up, until the controller asks for it, too. A controller that was started again "
-        "begins braked and knows neither its place nor what was latched. Whether the cause is gone is not on the bus.",
+        "begins braked and knows neither its place nor what was latched. Whether the cause is gone "
+        "is not on the bus.",
     ),
     _watched(
         6,
