@@ -69,7 +69,6 @@ class EnergyCheck:
             for g in line.gradients
             if g.gradient_permille < 0.0
         )
-        self._steepest_n_per_kg = max((fall.pull_n_per_kg for fall in self._falls), default=0.0)
         # The first and the last limit of a line hold beyond its ends, too.
         starts_m = [-math.inf, *(section.start_m for section in line.speed_sections[1:])]
         ends_m = [*starts_m[1:], math.inf]
@@ -107,53 +106,44 @@ class EnergyCheck:
                 tolerated_mps = limit.limit_mps + self._margin_mps
                 if speed_mps < tolerated_mps or limit.end_m <= rear_m:
                     continue
-                if limit.start_m <= front_m.high:
-                    return True
                 targets.append(_Target(limit.start_m, 0.5 * tolerated_mps * tolerated_mps))
         targets.sort()
-        if targets[0].at_m - front_m.high > self._way_at_most_m(speed_mps):
-            return False
         return self._arrives_with_too_much(front_m, 0.5 * speed_mps * speed_mps, targets)
-
-    def _way_at_most_m(self, speed_mps: float) -> float:
-        """To standstill, were the steepest fall of the line everywhere; a rough upper bound."""
-        pull_n_per_kg = self._steepest_n_per_kg
-        runaway, build_up, braking = self._phases
-        held_n_per_kg = -braking.push_n_per_kg - pull_n_per_kg
-        if held_n_per_kg <= 0.0:
-            return math.inf
-        reaction_s = runaway.lasts_s + build_up.lasts_s
-        top_mps = speed_mps + (runaway.push_n_per_kg + pull_n_per_kg) * reaction_s
-        return top_mps * reaction_s + 0.5 * top_mps * top_mps / held_n_per_kg
 
     def _arrives_with_too_much(
         self, front_m: Interval, energy_j_per_kg: float, targets: Sequence[_Target]
     ) -> bool:
-        """Follow the energy from target to target until one is missed or none is left to spend."""
+        """Follow the energy from target to target, in order, until one is missed or it is spent.
+
+        A limit that the train is under lies behind its front: there the energy now counts. At the
+        end of authority, which is one of the targets, any energy is too much.
+        """
         steps = math.ceil((front_m.high - front_m.low) / self._step_m)
         covered_m = self._length_m + steps * self._step_m
         at_m, phase, spent_s = front_m.high, 0, 0.0
-        for target in targets:
-            while at_m < target.at_m:
-                pull_n_per_kg, until_m = self._pull(at_m, covered_m)
-                push_n_per_kg, lasts_s = self._phases[phase]
-                force_n_per_kg = push_n_per_kg + pull_n_per_kg
-                room_m = min(until_m, target.at_m) - at_m
-                way_m = _way_m(energy_j_per_kg, force_n_per_kg, lasts_s - spent_s)
-                if way_m >= room_m:
-                    before_mps = math.sqrt(2.0 * energy_j_per_kg)
-                    energy_j_per_kg = max(0.0, energy_j_per_kg + force_n_per_kg * room_m)
-                    mean_mps = 0.5 * (before_mps + math.sqrt(2.0 * energy_j_per_kg))
-                    spent_s += room_m / mean_mps
-                    at_m = min(until_m, target.at_m)
-                elif lasts_s == math.inf:
-                    return False
-                else:
-                    energy_j_per_kg += force_n_per_kg * way_m
-                    at_m, phase, spent_s = at_m + way_m, phase + 1, 0.0
-            if energy_j_per_kg >= target.energy_j_per_kg:
-                return True
-        return False
+        ahead = iter(targets)
+        target = next(ahead)
+        while at_m < target.at_m or energy_j_per_kg < target.energy_j_per_kg:
+            if at_m >= target.at_m:
+                target = next(ahead)
+                continue
+            pull_n_per_kg, until_m = self._pull(at_m, covered_m)
+            push_n_per_kg, lasts_s = self._phases[phase]
+            force_n_per_kg = push_n_per_kg + pull_n_per_kg
+            room_m = min(until_m, target.at_m) - at_m
+            way_m = _way_m(energy_j_per_kg, force_n_per_kg, lasts_s - spent_s)
+            if way_m >= room_m:
+                before_mps = math.sqrt(2.0 * energy_j_per_kg)
+                energy_j_per_kg = max(0.0, energy_j_per_kg + force_n_per_kg * room_m)
+                mean_mps = 0.5 * (before_mps + math.sqrt(2.0 * energy_j_per_kg))
+                spent_s += room_m / mean_mps
+                at_m = min(until_m, target.at_m)
+            elif lasts_s == math.inf:
+                return False
+            else:
+                energy_j_per_kg += force_n_per_kg * way_m
+                at_m, phase, spent_s = at_m + way_m, phase + 1, 0.0
+        return True
 
     def _pull(self, at_m: float, covered_m: float) -> tuple[float, float]:
         """The greatest pull under the train with its front here, and where that may change."""
