@@ -15,6 +15,7 @@ from can_dbc.energy import LineSupply
 from can_dbc.nodes import Direction, Node
 from can_dbc.odometer import Doppler, Tacho
 from can_dbc.traction import TractionCommand, TractionStatus
+from can_dbc.trailer import opener
 from can_dbc.vobc import AtoPhase, Missing, Supervision, VobcMotion, VobcStatus
 
 MS = 1_000_000
@@ -552,3 +553,36 @@ def test_force_saturates_instead_of_wrapping() -> None:
     heard = [decoder.decode(can_id, data, 0) for can_id, data in sent][-1]
 
     assert heard == dataclasses.replace(command, force_n=400000.0)
+
+
+def test_the_first_frame_counts_whatever_its_bits_are() -> None:
+    """Nothing is taken for known before anything was heard, a payload of a single 1 included."""
+    least = VobcMotion(speed_mps=0.01, ceiling_mps=0.0, emergency_mps=0.0)
+    ((can_id, data),) = Encoder().encode(least)
+
+    assert int.from_bytes(data[:-3], "little") == 1
+    assert Decoder([VobcMotion]).decode(can_id, data, 0) == least
+
+
+def test_the_same_bits_again_are_the_same_frame_with_or_without_a_twin() -> None:
+    supply = LineSupply(line_voltage_v=750.0, line_current_a=0.0, breaker_closed=True)
+    for frame in (supply, RELEASED):
+        encoder, decoder = Encoder(), Decoder([type(frame)])
+
+        heard = [
+            [decoder.decode(can_id, data, 0) for can_id, data in encoder.encode(frame)][-1]
+            for _ in range(2)
+        ]
+
+        assert heard[0] == frame
+        assert heard[0] is heard[1]
+
+
+def test_a_broken_frame_opens_as_minus_one() -> None:
+    message = binding.binding_of(Tacho).message
+    data = picked(5)[0]
+    opened = opener(message)
+
+    assert opened(data) >> 8 * (len(data) - 3) == 5
+    assert opened(data[:-1]) == -1
+    assert opened(data[:-1] + bytes([data[-1] ^ 1])) == -1
