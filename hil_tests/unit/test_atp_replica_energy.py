@@ -249,14 +249,16 @@ def test_the_two_are_told_the_same_of_place_authority_and_restrictions() -> None
     slow = Restriction(1000.0, 1100.0, 6.0)
     replicas = Replicas(SET, check_of())
 
-    assert replicas.agree(8.0, at(1050.0), 7.9, FAR_M, (slow,))
-    assert not replicas.exceeded
-    assert replicas.agree(8.0, at(1050.0), 8.0, FAR_M, (slow,))
-    assert replicas.exceeded
-    assert replicas.agree(10.0, at(1000.0), 10.0, 1093.0)
-    assert replicas.exceeded
-    assert not replicas.agree(10.0, at(1000.0), 10.0, 1200.0)
-    assert not replicas.exceeded
+    def said(
+        emergency_mps: float, front_m: float, speed_mps: float, end_m: float, *extra: Restriction
+    ) -> tuple[bool, bool]:
+        agree = replicas.agree(emergency_mps, at(front_m), speed_mps, end_m, extra)
+        return agree, replicas.exceeded
+
+    assert said(8.0, 1050.0, 7.9, FAR_M, slow) == (True, False)
+    assert said(8.0, 1050.0, 8.0, FAR_M, slow) == (True, True)
+    assert said(10.0, 1000.0, 10.0, 1093.0) == (True, True)
+    assert said(10.0, 1000.0, 10.0, 1200.0) == (False, False)
 
 
 def test_two_cycles_of_difference_are_forgiven_only_if_so_it_is_set() -> None:
