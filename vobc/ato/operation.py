@@ -28,6 +28,8 @@ LEVEL_MPS2: Final = 0.01
 LEAST_CEILING_MPS: Final = 1.0
 """Under a lower ceiling nothing sets off."""
 AHEAD_STEP_M: Final = 0.1
+AHEAD_GROWS_RATIO: Final = 1.2
+"""On the way to the stop the train knows its place less and less well."""
 FINEST_JOG_M: Final = 0.1
 """No jog is worth its while for less."""
 JOG_PAST_M: Final = 0.05
@@ -276,7 +278,7 @@ class Ato:
         """
         if seen.authority_end_m >= stop_m:
             return Target(stop_m, True)
-        ahead_m = math.ceil(seen.ahead_m / AHEAD_STEP_M) * AHEAD_STEP_M
+        ahead_m = math.ceil(AHEAD_GROWS_RATIO * seen.ahead_m / AHEAD_STEP_M) * AHEAD_STEP_M
         return Target(seen.authority_end_m - self._config.authority.margin_m - ahead_m, False)
 
     # What a change of phase brings.
