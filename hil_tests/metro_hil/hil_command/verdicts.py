@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 CASES_TOLD_MAX: Final = 40
+PIECES_TOLD_MAX: Final = 8
 SEED_ALONE: Final = re.compile(r"(?P<scenario>[^/]+)/s(?P<seed>\d+)")
 """Id of a case that its scenario and its seed describe."""
 
@@ -94,3 +95,32 @@ def again(case_id: str, folder: Path) -> str:
     if found is not None and is_scenario(found["scenario"]):
         return f"hil run {found['scenario']} --seed {found['seed']}"
     return f"hil rerun {folder} {case_id}"
+
+
+def seeds_words(cases: Sequence[Case]) -> list[str]:
+    """Which seeds were run of each scenario whose cases are told apart by nothing else."""
+    from metro_hil.campaign.scenarios import is_scenario
+
+    seeds: dict[str, list[int]] = {}
+    for case in cases:
+        found = SEED_ALONE.fullmatch(case.id)
+        if found is not None and is_scenario(found["scenario"]):
+            seeds.setdefault(found["scenario"], []).append(int(found["seed"]))
+    return [
+        f"seeds of {name}: {_ranges(sorted(of))}; any of them again: hil run {name} --seed N"
+        for name, of in seeds.items()
+        if len(of) > 1
+    ]
+
+
+def _ranges(seeds: Sequence[int]) -> str:
+    """1, 2, 3, 7 as `1 to 3, 7`; of many pieces the ends and how many seeds there are."""
+    pieces: list[list[int]] = []
+    for seed in seeds:
+        if pieces and seed == pieces[-1][-1] + 1:
+            pieces[-1][1:] = [seed]
+        else:
+            pieces.append([seed])
+    if len(pieces) > PIECES_TOLD_MAX:
+        return f"{len(seeds)} of {seeds[0]} to {seeds[-1]}"
+    return ", ".join(" to ".join(map(str, piece)) for piece in pieces)

@@ -253,7 +253,7 @@ def say_end(
     console: "Console", folder: "CampaignFolder", end: "CampaignEnd", reports: "Sequence[Path]"
 ) -> None:
     from metro_hil.engine.totals import counts_words
-    from metro_hil.hil_command.verdicts import again
+    from metro_hil.hil_command.verdicts import again, seeds_words
 
     totals = end.totals
     print_layout(console, folder.manifest().layout, end.cases, end.results)
@@ -272,6 +272,8 @@ def say_end(
     wall_s = sum(result.host.wall_s for result in end.results)
     sim_s = sum(result.sim_s for result in end.results)
     counts = counts_words(totals.counts, len(totals.missing))
+    for words in seeds_words(end.cases):
+        say(words)
     say(f"{totals.done} of {totals.cases} cases: {counts}")
     if wall_s > 0.0 and sim_s > 0.0:
         say(f"{sim_s:.0f} s simulated in {wall_s:.1f} s of processors: {sim_s / wall_s:.0f} times")
