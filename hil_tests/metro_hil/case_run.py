@@ -90,7 +90,7 @@ class CaseRun:
         self._monitors = MonitorSet(
             read_monitors(case.monitors, case.id, case.invariants),
             Context(
-                line=parts.journey.line,
+                line=parts.scenario.line,
                 train=parts.scenario.train,
                 cycle_s=case.setup.cycle_ms / MS_PER_S,
                 input_age_s=input_age_s,
