@@ -138,8 +138,7 @@ class Lockstep:
             faulty=Place.PROCESS in places,
         )
         self._arrival = ArrivalWatch(journey.end.stop_m)
-        self.arrived = False
-        self._moved_ns = self.clock.now_ns()
+        self.arrived, self._moved_ns = False, self.clock.now_ns()
         """Whether the train has stood with open doors at its last station for a while."""
         self._executives.append(Executive([Task("watch", WATCH_MS, self._watch)], 0))
 
