@@ -103,6 +103,21 @@ def test_restrictions_count_in_any_order_and_the_first_that_is_missed_is_enough(
         assert exceeded_from(check_of(), at(1000.0), 10.0, 1093.0, (later, loose))
 
 
+def test_a_train_that_is_slower_than_a_limit_ahead_with_its_margin_needs_no_brake() -> None:
+    """Even if its runaway would take it over: 10.5 m ahead it might have 11 m/s."""
+    slow = Restriction(1010.5, 1100.0, 8.5)
+
+    assert check_of().exceeded(at(1000.0), 10.49, FAR_M, (slow,)) is False
+    assert check_of().exceeded(at(1000.0), 10.5, FAR_M, (slow,)) is True
+
+
+def test_a_train_that_stands_exactly_where_two_restrictions_begin_has_kept_both() -> None:
+    """From 10 m/s it stops after 93 m."""
+    two = (Restriction(1093.0, 1100.0, 5.0), Restriction(1093.0, 1200.0, 6.0))
+
+    assert check_of().exceeded(at(1000.0), 10.0, FAR_M, two) is False
+
+
 @pytest.mark.parametrize("front_m", [1000.0, 1050.0, 1163.999])
 def test_the_limit_that_the_train_is_under_counts_with_its_margin(front_m: float) -> None:
     slow = Restriction(1000.0, 1100.0, 6.0)
