@@ -7,7 +7,7 @@ import pytest
 from can_dbc.odometer import ColdMovement
 from firmware_py.trackdb import LineMap, SpeedSection, Station, TagSite
 from vobc.config import load_config
-from vobc.odometry.references import MOVED_PULSES, TURN_PULSES, Reading, References
+from vobc.odometry.references import Reading, References
 from vobc.vocabulary import PlaceProof, TagRefusal
 
 CONFIG = replace(
@@ -102,9 +102,12 @@ def test_a_tag_counts_as_missed_once_it_is_certainly_passed_and_its_reader_had_t
 
 def test_the_last_tag_of_the_line_is_missed_as_any_other_and_no_more_come() -> None:
     made = references()
+    made.turned(-100)
     made.accept(reading(3))
 
     assert passed(made, 800.0) == 1
+    made.accept(reading(4))
+    assert made.missed == 0
     assert made.lost_cause == ""
 
 
@@ -164,18 +167,18 @@ def test_a_place_that_is_lost_forgets_the_tag_that_was_read_before() -> None:
 @pytest.mark.parametrize(
     ("moved_m", "monitored", "pulses", "proven_m", "cause"),
     [
-        (2.0, True, MOVED_PULSES, 2.0, ""),
-        (-2.0, True, -MOVED_PULSES, 2.0, ""),
+        (2.0, True, 10, 2.0, ""),
+        (-2.0, True, -10, 2.0, ""),
         (0.0, True, 0, 0.0, ""),
         (2.25, True, 0, None, "moved by 2.2 m while it was off"),
         (-2.25, True, 0, None, "moved by -2.2 m while it was off"),
         (0.0, False, 0, None, "nobody watched whether the train was moved while it was off"),
         (
-            0.0, True, MOVED_PULSES + 1, None,
+            0.0, True, 11, None,
             "moved before it was proven to stand where it was switched off",
         ),
         (
-            0.0, True, -MOVED_PULSES - 1, None,
+            0.0, True, -11, None,
             "moved before it was proven to stand where it was switched off",
         ),
     ],
@@ -240,11 +243,11 @@ def test_two_tags_at_one_place_are_in_any_order() -> None:
 def test_how_far_a_train_went_back_counts_from_its_furthest_place_since_the_tag() -> None:
     """However it went on afterwards, and though the tag was read a little later than passed."""
     for pulses, again in (
-        ([1000, 1100, 1100 - TURN_PULSES], False),
-        ([1000, 1100, 1100 - TURN_PULSES - 1], True),
-        ([1000, 1000 - TURN_PULSES], False),
-        ([1000, 1000 - TURN_PULSES - 1], True),
-        ([1100, 1100 - TURN_PULSES - 1, 1100 - TURN_PULSES], True),
+        ([1000, 1100, 1100 - 4], False),
+        ([1000, 1100, 1100 - 5], True),
+        ([1000, 1000 - 4], False),
+        ([1000, 1000 - 5], True),
+        ([1100, 1100 - 5, 1100 - 4], True),
         ([1100, 1050, 1100, 1099], True),
         ([1100, 1098, 1096, 1200, 1197], False),
     ):
@@ -260,6 +263,7 @@ def test_how_far_a_train_went_back_counts_from_its_furthest_place_since_the_tag(
 def test_each_tag_that_is_accepted_starts_the_order_anew() -> None:
     made = references()
     made.accept(reading(1, pulses=1000))
+    made.turned(1000)
     made.turned(900)
     made.accept(reading(0, pulses=900))
     made.turned(903)

@@ -157,10 +157,9 @@ class References:
         if low_m <= apart_m <= high_m:
             self.lost_cause = ""
             self.waiting = False
-            self._witness = None
             self.begin(reading.site.position_m)
             return None
-        off_m = max(0.0, apart_m - high_m) or min(0.0, apart_m - low_m)
+        off_m = apart_m - high_m if apart_m > high_m else apart_m - low_m
         return RefusedTag(reading.site.tag_id, TagRefusal.OUTSIDE_WINDOW, off_m)
 
     def watch(self, antenna_low_m: float, speed_mps: float, width_m: float) -> None:
