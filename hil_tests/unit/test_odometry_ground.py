@@ -56,7 +56,7 @@ def moved_m(made: GroundSpeed) -> tuple[float, float]:
     return made.moved_low_m, made.moved_high_m
 
 
-def near(low: float, high: float) -> tuple[float, float]:
+def near(low: float, high: float) -> tuple[object, object]:
     return pytest.approx(low, abs=1e-9), pytest.approx(high, abs=1e-9)
 
 

@@ -48,7 +48,7 @@ def ground_m(where: Localisation) -> tuple[float, float]:
     return where.ground_low_m, where.ground_high_m
 
 
-def near(low_m: float, high_m: float) -> tuple[float, float]:
+def near(low_m: float, high_m: float) -> tuple[object, object]:
     return pytest.approx(low_m, abs=1e-9), pytest.approx(high_m, abs=1e-9)
 
 

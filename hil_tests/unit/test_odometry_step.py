@@ -116,7 +116,7 @@ def ends(interval: Interval) -> tuple[float, float]:
     return interval.low, interval.high
 
 
-def near(low: float, high: float) -> tuple[float, float]:
+def near(low: float, high: float) -> tuple[object, object]:
     return pytest.approx(low, abs=1e-9), pytest.approx(high, abs=1e-9)
 
 

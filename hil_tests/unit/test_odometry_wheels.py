@@ -27,7 +27,7 @@ def bounds_m(scale: WheelScale) -> tuple[float, float]:
     return scale.low_m, scale.high_m
 
 
-def between(base_m: float, counted: int, slack_m: float) -> tuple[float, float]:
+def between(base_m: float, counted: int, slack_m: float) -> tuple[object, object]:
     """Of the distance behind one pulse, when either count may be off by one."""
     return (
         pytest.approx((base_m - slack_m) / (counted + 1) * 0.998, rel=1e-12),
