@@ -439,7 +439,7 @@ def test_every_event_is_on_the_bus_and_in_the_log_under_the_same_number(tmp_path
     assert [frame.event.name for frame in on_bus if isinstance(frame, VobcEvent)] == [
         entry["kind"] for entry in told
     ]
-    held = next(entry for entry in told if "hold yes" in entry["words"])
+    held = next(entry for entry in told if "hold at the platform" in entry["words"])
     assert held["kind"] == "ORDERS_CHANGED"
     assert held["t_s"] >= 3.0
 
