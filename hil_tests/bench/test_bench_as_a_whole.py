@@ -88,7 +88,7 @@ SAMPLE: Final = (
     "false-t1-20m-early",
     "serial-cut",
     "brake-stuck-off",
-    "voltage-0",
+    "line-dead",
     "door-opens",
     "desk-lever",
     "radio-partition",

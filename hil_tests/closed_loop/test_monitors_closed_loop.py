@@ -41,8 +41,24 @@ def test_a_run_in_order_violates_nothing(
         "inv-06-traction-off",
         "inv-07-demand-ignored",
         "inv-08-rollback",
+        "inv-10-jog-attempts",
+        "inv-10-jog-covered",
+        "inv-10-jog-distance",
+        "inv-10-jog-speed",
+        "inv-12-restricted-speed",
+        "inv-15-refused-tag",
+        "inv-16-missed-tags",
+        "inv-24-authority-age",
         "inv-36-overrun",
     }
+
+
+@pytest.mark.parametrize("cycle_ms", [100.0, 200.0])
+def test_a_slow_controller_knows_its_place_and_arrives(cycle_ms: float) -> None:
+    result = run(Setup(start="II", end="III", cycle_ms=cycle_ms, duration_s=90.0))
+
+    assert {each.verdict for each in result.monitors} == {Verdict.PASS}
+    assert result.measures["arrived_count"] == 1.0
 
 
 def test_a_runaway_shows_what_the_emergency_brake_is_held_to() -> None:
@@ -60,7 +76,7 @@ def test_a_runaway_shows_what_the_emergency_brake_is_held_to() -> None:
     # Less was left than in a run in order, where the authority reaches 60 m past the stop.
     margin_m = seen["inv-01-stopping-distance"].margin
     assert margin_m is not None
-    assert 0.0 < margin_m < 50.0
+    assert 0.0 < margin_m < 60.0
 
 
 def test_the_run_ends_at_the_first_violation() -> None:
@@ -74,9 +90,13 @@ def test_the_run_ends_at_the_first_violation() -> None:
 
 
 def test_a_wheel_far_from_what_was_declared_puts_the_front_outside_its_interval() -> None:
-    """Pulses come 20 % too rarely; declared are 1 % too rarely to 5 % too often."""
+    """Pulses come 20 % too rarely; declared are 1 % too rarely to 5 % too often.
+
+    The radar alone would hold the place, so it errs alike.
+    """
     result = run(
         Setup(start="II", end="III", odometer_error=-0.2, duration_s=60.0),
+        faults=({"kind": "doppler_wrong", "error_ratio": -0.2, "start_s": 0.0},),
         invariants=("inv-13",),
     )
 

@@ -93,6 +93,8 @@ class Odometry:
 
     def step(self, seen: CycleInput) -> Motion | None:
         """The motion at `seen.now_ns`; None before the first tacho sample."""
+        if not self._time.begun:
+            self._time.expect(seen.dt_s)
         now_s = self._time.tell(seen.now_ns)
         samples = seen.tacho_samples
         last = len(samples) - 1

@@ -32,12 +32,14 @@ NS_PER_MS: Final = 1_000_000
 S_PER_NS: Final = 1e-9
 STEADY_S: Final = 0.1
 """Cycles further apart are not to be told from a clock that was set: the train may have stood."""
+CYCLES_STEADY: Final = 1.5
+"""The same for slow controllers, as a multiple of their cycle."""
 
 
 class OwnTime:
     """The time of odometry: this board's clock, but it never goes back."""
 
-    __slots__ = ("_ahead_s", "begun", "dt_s", "now_s", "steady")
+    __slots__ = ("_ahead_s", "_longest_s", "begun", "dt_s", "now_s", "steady")
 
     def __init__(self) -> None:
         self.begun = False
@@ -48,6 +50,11 @@ class OwnTime:
         """Nothing can have happened between the cycle before and this one."""
         self._ahead_s = 0.0
         """Of the board's clock, by as much as that was ever set back."""
+        self._longest_s = STEADY_S
+
+    def expect(self, cycle_s: float) -> None:
+        """How long a cycle is; one that is late by half is still no gap."""
+        self._longest_s = max(STEADY_S, CYCLES_STEADY * cycle_s)
 
     def tell(self, now_ns: int) -> float:
         """The instant of a new cycle in s; where the clock was set back, the longest step goes on.
@@ -56,9 +63,9 @@ class OwnTime:
         """
         now_s = now_ns * S_PER_NS + self._ahead_s
         dt_s = now_s - self.now_s if self.begun else 0.0
-        self.steady = 0.0 <= dt_s <= STEADY_S
+        self.steady = 0.0 <= dt_s <= self._longest_s
         if dt_s < 0.0:
-            dt_s = STEADY_S
+            dt_s = self._longest_s
             self._ahead_s += self.now_s + dt_s - now_s
             now_s = self.now_s + dt_s
         self.begun, self.now_s, self.dt_s = True, now_s, dt_s

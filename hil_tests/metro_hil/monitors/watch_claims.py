@@ -147,7 +147,7 @@ class ClaimWatch:
 
     def _check_tags(self, now_ns: int, spoken: Spoken) -> None:
         """A tag that was refused narrows nothing; two that were missed take the place away."""
-        if spoken.refused_ns > self._refused_ns:
+        if spoken.refused_ns > self._refused_ns and now_ns >= self._believed_ns:
             self._refused_ns, self._refused_m = spoken.refused_ns, max(self._two_claims_m)
         if self._refused_ns >= 0 and now_ns - self._refused_ns < REFUSED_NS:
             if spoken.accepted_ns >= self._refused_ns - REFUSED_NS:
