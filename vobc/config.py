@@ -49,17 +49,24 @@ class VobcConfig:
 
 
 def load_config(
-    name: str, *, cycle_ms: float | None = None, changes: Mapping[str, Any] = NOTHING
+    name: str,
+    *,
+    cycle_ms: float | None = None,
+    law: str | None = None,
+    changes: Mapping[str, Any] = NOTHING,
 ) -> VobcConfig:
     """Parameters by path or by the stem of a shipped file; raises SettingsError.
 
     What operation has to know of the train is what the whole controller believes of it.
 
     Args:
+        law: of the automatic operation, instead of that of the file and the changes.
         changes: of the file, by dotted key; see `firmware_py.settings.override`.
     """
     config = settings.load(VobcConfig, name, SHIPPED)
     config = settings.override(config, changes, name)
+    if law is not None:
+        config = settings.override(config, {"ato.strategy": law}, "--ato")
     train = config.train
     ato = replace(
         config.ato,

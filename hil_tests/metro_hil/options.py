@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from plant_emulator.desk.drivers import DRIVERS
+from vobc.ato.strategies import STRATEGIES
 
 DESCRIPTION = "The on-board controller of a metro train, on a bench or on a bus."
 
@@ -50,6 +51,8 @@ class RunOptions:
     """Mode of the plant's desk; external: `plant desk` is the desk; none: there is none."""
     driver: str | None = None
     desk_recording: str | None = None
+    ato: str | None = None
+    """Control law of the automatic operation, instead of that of the parameters."""
 
 
 def parser() -> argparse.ArgumentParser:
@@ -90,6 +93,11 @@ def _add_journey(run: argparse.ArgumentParser) -> None:
         default="florence4",
         metavar="NAME|FILE",
         help="what the controller believes of its train; default: florence4",
+    )
+    group.add_argument(
+        "--ato",
+        choices=sorted(STRATEGIES),
+        help="control law of the automatic operation; default: the parameters'",
     )
     group.add_argument(
         "--load-ratio", type=_ratio, metavar="0..1", help="passengers; default: the consist's"

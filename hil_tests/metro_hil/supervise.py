@@ -168,6 +168,8 @@ class RealtimeRun:
         arguments += ["--from", journey.start.name, "--to", journey.end.name]
         arguments += ["--cycle-ms", str(options.cycle_ms), "--priority", str(options.priority)]
         arguments += ["--out", str(self._folder.path)]
+        if options.ato is not None:
+            arguments += ["--ato", options.ato]
         self._adopt(stack, Child("controller", "vobc", arguments, self._log("vobc")))
 
     def _log(self, name: str) -> Path:

@@ -384,13 +384,13 @@ def test_without_line_supply_the_train_coasts_and_still_stops() -> None:
 
 
 def test_an_unknown_strategy_is_refused_with_the_nearest_name() -> None:
-    with pytest.raises(ValueError, match=r"florense is unknown; did you mean florence\?"):
-        Ato(AtoConfig(strategy="florense"), LINE, 0.0, LINE.stations)
+    with pytest.raises(ValueError, match=r"predictve is unknown; did you mean predictive\?"):
+        Ato(AtoConfig(strategy="predictve"), LINE, 0.0, LINE.stations)
 
 
 def test_a_tuning_table_is_read_and_its_mistakes_are_named() -> None:
     config = settings.build(
-        AtoConfig, {"strategy": "florence_printed", "braking": {"decel_mps2": 0.6}}, "x.toml"
+        AtoConfig, {"strategy": "pid_literal", "braking": {"decel_mps2": 0.6}}, "x.toml"
     )
     assert config.braking.decel_mps2 == 0.6
 

@@ -180,7 +180,7 @@ def test_the_train_does_not_roll_back_where_it_stops_uphill() -> None:
 
 def test_the_printed_scheme_misses_under_a_delayed_brake() -> None:
     """The demonstrated failing case, on the train on which the other law stops in time."""
-    config = AtoConfig(strategy="florence_printed")
+    config = AtoConfig(strategy="pid_literal")
     for seed in (1, 2):
         stops = quick_stops(LINE)
         rig = ato_rig.Rig(

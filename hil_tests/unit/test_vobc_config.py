@@ -87,7 +87,7 @@ def test_an_unknown_strategy_is_named_with_those_there_are(tmp_path: Path) -> No
     path = tmp_path / "mine.toml"
     path.write_text(shipped_text() + '\n[ato]\nstrategy = "bold"\n', encoding="utf-8")
 
-    with pytest.raises(SettingsError, match=r"strategy 'bold' is unknown; there is .*florence"):
+    with pytest.raises(SettingsError, match=r"strategy 'bold' is unknown; there is .*predictive"):
         load_config(str(path))
 
 

@@ -71,7 +71,8 @@ HOT: Final = (
 )
 """What a profile shows. Files of settings are not among them: they are read by their type hints,
 which a compiled class does not keep."""
-LEFT_OUT: Final = ("__init__.py", "config.py")
+LEFT_OUT: Final = ("/__init__.py", "config.py")
+"""Ends of the paths of modules that stay as they are."""
 COMMANDS: Final = {
     "vobc": "metro_hil.vobc_command",
     "plant": "plant_emulator",
@@ -102,7 +103,7 @@ def hot_modules(root: Path) -> list[str]:
         package, _, rest = pattern.partition("/")
         folder = root / package if (root / package).is_dir() else root / PACKAGES[package]
         found |= {f"{package}/{path.relative_to(folder)}" for path in folder.glob(rest)}
-    return sorted(name for name in found if Path(name).name not in LEFT_OUT)
+    return sorted(name for name in found if not name.endswith(LEFT_OUT))
 
 
 def copy_packages(source: Path, library: Path) -> None:

@@ -213,7 +213,7 @@ class StationWork:
 
 @dataclass(frozen=True, slots=True)
 class AtoConfig:
-    strategy: str = "florence"
+    strategy: str = "predictive"
     """A name from `vobc.ato.strategies.STRATEGIES`."""
     train_length_m: float = 68.59
     rotating_mass_percent: float = 8.0

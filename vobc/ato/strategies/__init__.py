@@ -6,13 +6,13 @@ from typing import Final
 
 from firmware_py.trackdb import LineMap
 from vobc.ato.config import AtoConfig
-from vobc.ato.strategies.florence import Florence
-from vobc.ato.strategies.florence_printed import FlorencePrinted
+from vobc.ato.strategies.pid_literal import PidLiteral
+from vobc.ato.strategies.predictive import Predictive
 from vobc.ato.strategies.strategy import Strategy
 
 STRATEGIES: Final[Mapping[str, Callable[[AtoConfig, LineMap, float], Strategy]]] = {
-    "florence": Florence,
-    "florence_printed": FlorencePrinted,
+    "predictive": Predictive,
+    "pid_literal": PidLiteral,
 }
 """From the line and the nominal cycle in seconds."""
 

@@ -38,7 +38,7 @@ LOOK_AHEAD_RATIO: Final = 1.3
 """Lower limits are looked for as far as the braking distance times this."""
 
 
-class Florence:
+class Predictive:
     __slots__ = (
         "_braking",
         "_ceiling",

@@ -17,7 +17,7 @@ from vobc.vocabulary import AtoInput
 FLAT_MPS2: Final = 0.02
 
 
-class FlorencePrinted:
+class PidLiteral:
     """Three sections before the stop: slow down from T1, creep from T2, then follow a position."""
 
     __slots__ = (
