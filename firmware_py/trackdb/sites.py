@@ -34,6 +34,8 @@ class Station:
     platform_end_m: float
     side: PlatformSide = PlatformSide.RIGHT
     dwell_s: float = 30.0
+    run_s: float = 0.0
+    """Planned from leaving the station before to standing here; 0: there is no plan."""
     platform_doors: bool = False
     """The platform has doors of its own, which open and close with the train's."""
 
@@ -42,6 +44,8 @@ class Station:
             raise ValueError(f"station {self.name}: stop_m {self.stop_m} is not along its platform")
         if not self.dwell_s >= 0.0:
             raise ValueError(f"station {self.name}: dwell_s {self.dwell_s} is negative")
+        if not self.run_s >= 0.0:
+            raise ValueError(f"station {self.name}: run_s {self.run_s} is negative")
 
 
 @dataclass(frozen=True, slots=True)

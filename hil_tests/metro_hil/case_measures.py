@@ -25,6 +25,7 @@ NAMES: Final[Mapping[str, str]] = {
     "speed_max_mps": "greatest speed",
     "distance_m": "from the front's first place to its last",
     "run_time_s": "duration of the run",
+    "punctuality_worst_s": "greatest difference from the planned running time to a station",
     "front_end_m": "chainage of the front at the end",
     "emergency_count": "how often the emergency brake came on",
     "emergency_speed_mps": "greatest speed at which the emergency brake came on",
@@ -39,6 +40,9 @@ NAMES: Final[Mapping[str, str]] = {
 }
 """Of every case. Beside them, for each station of the timetable: `stop_<name>_error_m`, positive
 beyond the stopping point, and `stop_<name>_run_s`, from leaving the stop before."""
+
+
+NO_PLAN: Final[Mapping[str, float]] = {}
 
 
 class MemoryLog:
@@ -64,8 +68,10 @@ def measure_names(stations: Sequence[Station]) -> tuple[str, ...]:
     return (*NAMES, *each)
 
 
-def motion_measures(truth: Columns, stops: Sequence[Station]) -> dict[str, float | None]:
-    """What the truth log alone tells: stops, ride, emergencies."""
+def motion_measures(
+    truth: Columns, stops: Sequence[Station], planned_run_s: Mapping[str, float] = NO_PLAN
+) -> dict[str, float | None]:
+    """What the truth log alone tells: stops, ride, emergencies, punctuality."""
     measured = measure_stops(truth, stops)
     ride = measure_ride(truth)
     front_m = truth.numbers("front_m")
@@ -81,6 +87,14 @@ def motion_measures(truth: Columns, stops: Sequence[Station]) -> dict[str, float
         "speed_max_mps": ride.top_speed_mps,
         "distance_m": ride.distance_m,
         "run_time_s": ride.duration_s,
+        "punctuality_worst_s": max(
+            (
+                abs(stop.run_time_s - planned_run_s[stop.station])
+                for stop in measured
+                if stop.run_time_s is not None and stop.station in planned_run_s
+            ),
+            default=None,
+        ),
         "front_end_m": float(front_m[-1]) if len(front_m) else None,
         "emergency_count": float(_risings(emergency)),
         **_emergency_measures(truth),

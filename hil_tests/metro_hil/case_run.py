@@ -304,7 +304,9 @@ class CaseRun:
 
     def _measures(self) -> dict[str, float | None]:
         bench, parts = self.bench, self.parts
-        measures = motion_measures(self._rows.columns(), parts.journey.stops)
+        measures = motion_measures(
+            self._rows.columns(), parts.journey.stops, parts.journey.planned_run_s
+        )
         power, elapsed_ns = bench.plant.world.power, bench.clock.now_ns()
         measures["arrived_count"] = float(bench.arrived)
         measures["energy_drawn_kwh"] = power.drawn_j / J_PER_KWH

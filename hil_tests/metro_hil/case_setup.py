@@ -7,7 +7,7 @@ from pathlib import Path
 from can_dbc.cab import CabMode
 from firmware_py.settings import SettingsError, nearest
 from firmware_py.trackdb import LineMap, load_line
-from metro_hil.cases import Case, Setup
+from metro_hil.cases import TIME_MAX_S, Case, Setup
 from metro_hil.journey import Journey
 from plant_emulator.faults.plan import FaultPlan, read_faults
 from plant_emulator.world import Scenario, plan_scenario
@@ -47,16 +47,21 @@ def _first_seed(case: Case) -> int:
 
 
 def line_of(setup: Setup, files: Files = NO_FILES) -> LineMap:
-    """The line's file with the timetable's dwell times."""
+    """The line's file with the times of the timetable."""
     line = load_line(file_name(setup.line, files))
     names = [station.name for station in line.stations]
-    for name, dwell_s in setup.dwell_s.items():
-        if name not in names:
-            raise SettingsError(f"dwell_s.{name}: no such station; {nearest(name, names)}")
-        if not 0.0 <= dwell_s <= 3600.0:
-            raise SettingsError(f"dwell_s.{name}: {dwell_s:g} is not within 0..3600")
+    for key, times_s in (("dwell_s", setup.dwell_s), ("run_s", setup.run_s)):
+        for name, time_s in times_s.items():
+            if name not in names:
+                raise SettingsError(f"{key}.{name}: no such station; {nearest(name, names)}")
+            if not 0.0 <= time_s <= TIME_MAX_S:
+                raise SettingsError(f"{key}.{name}: {time_s:g} is not within 0..{TIME_MAX_S:g}")
     stations = tuple(
-        replace(station, dwell_s=setup.dwell_s.get(station.name, station.dwell_s))
+        replace(
+            station,
+            dwell_s=setup.dwell_s.get(station.name, station.dwell_s),
+            run_s=setup.run_s.get(station.name, station.run_s),
+        )
         for station in line.stations
     )
     return replace(line, stations=stations)

@@ -1,7 +1,7 @@
 """The nouns of a campaign: case, result, verdict. Plain values that travel as JSON."""
 
 import enum
-from typing import Any
+from typing import Any, Final
 
 import msgspec
 
@@ -34,6 +34,10 @@ class BenchKind(enum.Enum):
     """A real CAN interface and serial line."""
 
 
+TIME_MAX_S: Final = 3600.0
+"""Bound on each time of a timetable."""
+
+
 class Setup(msgspec.Struct, frozen=True, kw_only=True):
     """One train on one line. None takes what the files say."""
 
@@ -61,6 +65,8 @@ class Setup(msgspec.Struct, frozen=True, kw_only=True):
     """Stations to stop at, in running order; None for all between start and end."""
     dwell_s: dict[str, float] = {}
     """By station; others dwell as the line's file says."""
+    run_s: dict[str, float] = {}
+    """Planned running times to stations, from the one before; others as the line's file says."""
     real: ConfigTable = {}
     """Overrides of the consist's file by dotted key, such as `brake.service.gain_ratio.low`."""
     believed: ConfigTable = {}

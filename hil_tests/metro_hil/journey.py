@@ -31,6 +31,18 @@ class Journey:
     def end(self) -> Station:
         return self.mission.stops[-1]
 
+    @property
+    def planned_run_s(self) -> dict[str, float]:
+        """Planned running times between stops, by the stop they lead to; where there is a plan."""
+        planned: dict[str, float] = {}
+        before_m = self.start.stop_m
+        for stop in self.stops:
+            times_s = [each.run_s for each in self.line.stations_between(before_m, stop.stop_m)]
+            if times_s and min(times_s) > 0.0:
+                planned[stop.name] = sum(times_s)
+            before_m = stop.stop_m
+        return planned
+
 
 def plan_journey(options: RunOptions) -> Journey:
     """Raises SettingsError when line and stations do not fit together."""

@@ -3,6 +3,8 @@
 from dataclasses import dataclass, field
 from typing import Final
 
+from vobc.ato.timing_config import Timing
+
 MAX_DEAD_TIMES: Final = 8
 """Bound on the hypotheses of brake delay, which keeps the cost of a cycle bounded."""
 
@@ -225,6 +227,7 @@ class AtoConfig:
     speed: SpeedControl = field(default_factory=SpeedControl)
     station: StationWork = field(default_factory=StationWork)
     printed: PrintedScheme = field(default_factory=PrintedScheme)
+    timing: Timing = field(default_factory=Timing)
 
     def __post_init__(self) -> None:
         _positive(train_length_m=self.train_length_m)

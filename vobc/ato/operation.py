@@ -16,6 +16,7 @@ from vobc.ato.strategies import make_strategy
 from vobc.ato.strategies.strategy import Drive, Strategy, Target
 from vobc.vocabulary import AtoDemand, AtoInput
 
+NS_PER_S: Final = 1_000_000_000
 UNDER_WAY_MPS: Final = 0.3
 """Over this a departing train is under way; well over speed noise and rollback."""
 MOVING_MPS: Final = 0.5
@@ -73,6 +74,8 @@ class Ato:
         self._released_s = config.station.release_s
         self._doors_wanted = False
         self._dt_s = 0.0
+        self._left: tuple[int, float] | None = None
+        """When and where the train set off from its last stop."""
         self._strategy: Strategy | None = None
         # Refuses an unknown name now; the real one is made when the cycle time is known.
         make_strategy(config, line, 1.0)
@@ -277,9 +280,17 @@ class Ato:
         new target is planned for anew.
         """
         if seen.authority_end_m >= stop_m:
-            return Target(stop_m, True)
+            return Target(stop_m, True, self._due_ns())
         ahead_m = math.ceil(AHEAD_GROWS_RATIO * seen.ahead_m / AHEAD_STEP_M) * AHEAD_STEP_M
         return Target(seen.authority_end_m - self._config.authority.margin_m - ahead_m, False)
+
+    def _due_ns(self) -> int | None:
+        """When the train shall stand at its next stop by the timetable."""
+        if self._left is None:
+            return None
+        left_ns, left_m = self._left
+        run_s = self._plan.run_s(left_m)
+        return None if run_s is None else left_ns + round(run_s * NS_PER_S)
 
     # What a change of phase brings.
 
@@ -290,8 +301,10 @@ class Ato:
             if self._plan.served:
                 self._dwelt_s, self._jogs = 0.0, 0
             self._plan.depart()
+            self._left = seen.now_ns, seen.front_m
             self._strategy.set_off(seen, self._shaper.demand_mps2)
         elif phase is AtoPhase.RUNNING and before in (AtoPhase.OFF, AtoPhase.CREEPING):
+            self._left = None
             self._hold = False
             self._strategy.set_off(seen, self._shaper.demand_mps2)
         elif phase is AtoPhase.JOGGING:

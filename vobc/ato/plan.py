@@ -19,6 +19,7 @@ class StopPlan:
         self, line: LineMap, start_m: float, stops: Sequence[Station], *, window_m: float
     ) -> None:
         self._line = line
+        self._window_m = window_m
         self._stops = tuple(stop for stop in stops if stop.stop_m >= start_m - window_m)
         self._index = 0
         self._skip_heard = False
@@ -37,6 +38,15 @@ class StopPlan:
         """Where the next movement leads: past the present stop if its work is begun or done."""
         index = self._after() if working or self.served else self._index
         return self._stops[index] if index < len(self._stops) else None
+
+    def run_s(self, front_m: float) -> float | None:
+        """Planned from here to the next stop, over stations that are passed; None: no plan."""
+        stop = self.next_stop
+        if stop is None:
+            return None
+        passed = self._line.stations_between(front_m + self._window_m, stop.stop_m)
+        times_s = [station.run_s for station in passed]
+        return sum(times_s) if times_s and min(times_s) > 0.0 else None
 
     def depart(self) -> None:
         """The train sets off; from a stop that was served, to the one after it."""

@@ -9,14 +9,13 @@ from typing import Any, Final
 from can_dbc.cab import CabMode
 from firmware_py.expression import ExpressionError, compile_expression
 from firmware_py.settings import nearest
-from metro_hil.cases import BenchKind, Controller, Verdict
+from metro_hil.cases import TIME_MAX_S, BenchKind, Controller, Verdict
 from plant_emulator.desk.drivers import DRIVERS
 from plant_emulator.truth import SIGNALS
 
 SEED_MAX: Final = 2**63 - 1
 SEEDS_MAX: Final = 10_000_000
 DURATION_MAX_S: Final = 86_400.0
-DWELL_MAX_S: Final = 3600.0
 LEASE_RANGE_S: Final = (0.01, 3600.0)
 STRENGTH_MAX: Final = 6
 POINTS_MAX: Final = 1_000_000
@@ -118,15 +117,18 @@ TRAIN: Final = (*TrainKeys.__dataclass_fields__, *OVERRIDES)
 class TimetableKeys:
     stops: tuple[str, ...] | None = None
     dwell_s: dict[str, float] | None = None
+    run_s: dict[str, float] | None = None
+    """Planned running times, by the station that they lead to."""
 
     def __post_init__(self) -> None:
         if self.stops == ():
             raise ValueError("stops [] names no station; leave it out to stop at all")
-        for station, dwell_s in (self.dwell_s or {}).items():
-            if not 0.0 <= dwell_s <= DWELL_MAX_S:
-                raise ValueError(
-                    f"dwell_s {station} = {dwell_s:g} is not within 0..{DWELL_MAX_S:g}"
-                )
+        for key, times_s in (("dwell_s", self.dwell_s), ("run_s", self.run_s)):
+            for station, time_s in (times_s or {}).items():
+                if not 0.0 <= time_s <= TIME_MAX_S:
+                    raise ValueError(
+                        f"{key} {station} = {time_s:g} is not within 0..{TIME_MAX_S:g}"
+                    )
 
 
 class ControllerKind(Enum):

@@ -101,6 +101,7 @@ def _check_stations(setup: Setup, line: LineMap, train: TrainConfig, findings: F
         "train.end": [] if setup.end is None else [setup.end],
         "timetable.stops": stops,
         "timetable.dwell_s": list(setup.dwell_s),
+        "timetable.run_s": list(setup.run_s),
     }
     unknown = False
     for key, stations in places.items():

@@ -27,7 +27,7 @@ def write_documents(case: Case, parts: CaseParts, files: Files, folder: Path) ->
     """Only for what the case changes, so that an older controller reads files of its own."""
     setup = case.setup
     line = file_name(setup.line, files)
-    if setup.dwell_s:
+    if setup.dwell_s or setup.run_s:
         line = _written(folder / "line.toml", plain(parts.journey.line))
     consist = file_name(setup.consist, files)
     if setup.real:

@@ -31,7 +31,7 @@ def realtime_measures(
     truth = _read(folder, "truth.csv") if truth_known else None
     if truth is not None:
         seen = up_to(truth, run.motion.t_s)
-        measures.update(motion_measures(seen, made.journey.stops))
+        measures.update(motion_measures(seen, made.journey.stops, made.journey.planned_run_s))
         measures["arrived_count"] = float(run.motion.arrived)
     measures["controller_slips_count"] = _last(_read(folder, "cycles.csv"), "slips")
     measures["rejected_frames_count"] = _refused(folder)

@@ -9,10 +9,12 @@ from vobc.ato.config import AtoConfig
 from vobc.ato.strategies.pid_literal import PidLiteral
 from vobc.ato.strategies.predictive import Predictive
 from vobc.ato.strategies.strategy import Strategy
+from vobc.ato.strategies.timing import TimedRun
 
 STRATEGIES: Final[Mapping[str, Callable[[AtoConfig, LineMap, float], Strategy]]] = {
     "predictive": Predictive,
     "pid_literal": PidLiteral,
+    "timing": TimedRun,
 }
 """From the line and the nominal cycle in seconds."""
 

@@ -5,6 +5,7 @@ the reference acceleration fed forward. From the start of braking to the stop on
 brake follows one curve, which is planned anew to the mark in each cycle.
 """
 
+import math
 from typing import Final
 
 from firmware_py.trackdb import LineMap
@@ -56,6 +57,7 @@ class Predictive:
         "_planned_for",
         "_rejoin_m",
         "_slowing_to",
+        "most_mps",
         "speed_mps",
     )
 
@@ -76,6 +78,8 @@ class Predictive:
         self._front = SmoothFront()
         self._ceiling = CeilingOutlook()
         self._gravity_mps2 = 0.0
+        self.most_mps = math.inf
+        """Another law's target speed; cruising stays at or under it."""
         self.speed_mps = 0.0
 
     @property
@@ -121,7 +125,7 @@ class Predictive:
         if not self._braking and slowing is None:
             margin_mps = self._config.speed.margin_mps
             top_mps = min(limit_mps, ceiling_mps) - margin_mps
-            target_mps = max(0.0, min(top_mps, self._peak_mps))
+            target_mps = max(0.0, min(top_mps, self._peak_mps, self.most_mps))
             return self._cruise(seen, target_mps)
         decel_mps2 = self._braking_decel_mps2(ahead, target_m, slowing)
         over_mps = ahead.speed_mps - ceiling_mps

@@ -11,6 +11,8 @@ class Target(NamedTuple):
     at_m: float
     at_station: bool
     """Otherwise before the end of authority."""
+    due_ns: int | None = None
+    """When the train shall stand there by its timetable."""
 
 
 class Drive(NamedTuple):
@@ -26,8 +28,9 @@ class Drive(NamedTuple):
 class Strategy(Protocol):
     """One control law. It is told what really left after each cycle, so that it can predict."""
 
-    speed_mps: float
-    """The speed it believes in."""
+    @property
+    def speed_mps(self) -> float:
+        """The speed it believes in."""
 
     def observe(self, seen: AtoInput, cycles: int) -> None:
         """Called first in every cycle, driving or not; `cycles` counts missed ones in."""
