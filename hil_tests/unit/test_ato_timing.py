@@ -219,7 +219,9 @@ def legs(strategy: str, run_s: dict[str, float]) -> list:
 
 
 @pytest.mark.parametrize("plan_s", [{"III": 66.0, "IV": 95.0}, {"III": 85.0, "IV": 130.0}])
-def test_trains_are_on_time_even_with_a_brake_that_bites_as_late_as_expected(plan_s: dict[str, float]) -> None:
+def test_trains_are_on_time_even_with_a_brake_that_bites_as_late_as_expected(
+    plan_s: dict[str, float],
+) -> None:
     made = legs("timing", plan_s)
 
     for stop, planned_s in zip(made, plan_s.values(), strict=True):
