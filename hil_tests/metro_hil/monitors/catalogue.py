@@ -302,7 +302,8 @@ INVARIANTS: Final[tuple[Invariant, ...]] = (
         "door-traction",
         "s",
         "A door that is not locked cuts traction.",
-        "0.30 s less the time for which effort acts after a door was unlocked.",
+        "0.30 s less the time for which effort acts after a door was unlocked or its bypass ended: "
+        "while DESK asks for one and VOBC_EVENT told that it was given, it may act.",
     ),
     _watched(
         32,
@@ -317,7 +318,7 @@ INVARIANTS: Final[tuple[Invariant, ...]] = (
         "1",
         "The train departs with its doors locked.",
         "1, or -1 when it passes 0.1 m/s after a standstill with a door not locked, unless "
-        "VOBC_EVENT told of a bypass since it stood.",
+        "VOBC_EVENT told of a bypass that lasts.",
     ),
     _watched(
         33,

@@ -170,7 +170,7 @@ class Invariants:
         busy = truth.doors_locked == 0.0
         if busy or self._doors_busy:
             self._doors_busy = busy
-            self._doors.sample(truth, now_ns)
+            self._doors.sample(truth, now_ns, spoken)
             if truth.left_open or truth.right_open:
                 # A lock that is lost on a door that is shut, no command brings back.
                 self._silence.open(now_ns, self._heard)

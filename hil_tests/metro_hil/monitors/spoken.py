@@ -73,7 +73,6 @@ class Spoken:
         "ato_phase",
         "brake_ns",
         "brake_status_ns",
-        "bypass_ns",
         "ceiling_mps",
         "claimed_front_m",
         "claimed_speed_mps",
@@ -86,6 +85,7 @@ class Spoken:
         "desk_ns",
         "direction",
         "door_bypass_pressed",
+        "door_bypassed",
         "doors_ns",
         "doors_withheld",
         "emergency_cause",
@@ -155,7 +155,7 @@ class Spoken:
         self.status_ns = self.motion_ns = self.position_ns = self.target_ns = start_ns
         self.mode_ns = start_ns
         # What never happened.
-        self.accepted_ns = self.refused_ns = self.bypass_ns = self.cold_ns = NEVER_NS
+        self.accepted_ns = self.refused_ns = self.cold_ns = NEVER_NS
         self.cold_moved_m = 0.0
         self.missed_tags = 0.0
         """In a row, as it said."""
@@ -197,7 +197,7 @@ class Spoken:
         self.open_right_commanded = 0.0
         self.reset_pressed = 0.0
         self.restricted_pressed = 0.0
-        self.door_bypass_pressed = 0.0
+        self.door_bypass_pressed = self.door_bypassed = 0.0
 
     def frame(self, stamp_ns: int, can_id: int, data: bytes) -> None:
         """One frame at the end of its transmission; its identifier is one of `wanted_ids`."""
@@ -289,7 +289,7 @@ class Spoken:
         elif said.event is EventKind.TAG_MISSED:
             self.missed_tags += 1.0
         elif said.event is EventKind.DOOR_BYPASS:
-            self.bypass_ns = stamp_ns
+            self.door_bypassed = 1.0 if said.cause else 0.0
 
     def _take_cold(self, said: ColdMovement, stamp_ns: int) -> None:
         """Only the first counts: it tells of the time before the controller was there."""

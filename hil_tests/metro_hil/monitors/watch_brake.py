@@ -240,24 +240,21 @@ class SilenceWatch:
 class DepartureWatch:
     """A train leaves its standstill with its doors and those of the platform locked."""
 
-    __slots__ = ("_place", "_rested_ns", "_standing", "locked", "platform")
+    __slots__ = ("_place", "_standing", "locked", "platform")
 
     def __init__(self, place: Place, *, locked: Gauge, platform: Gauge) -> None:
         self._place = place
         self.locked, self.platform = locked, platform
         self._standing = True
-        self._rested_ns = 0
 
     def sample(self, truth: Truth, now_ns: int, spoken: Spoken) -> None:
         """To be told of every step in which the train moves, and of the first at rest."""
         speed_mps = truth.speed_mps
         if speed_mps == 0.0:
-            if not self._standing:
-                self._rested_ns = now_ns
             self._standing = True
         elif self._standing and speed_mps > LEFT_MPS:
             self._standing = False
-            bypassed = spoken.bypass_ns >= self._rested_ns
+            bypassed = spoken.door_bypassed > 0.0
             self.locked.said(truth.doors_locked > 0.0 or bypassed, now_ns)
             if self._place.platform_doors(truth.front_m):
                 self.platform.said(truth.platform_doors_locked > 0.0 or bypassed, now_ns)

@@ -68,14 +68,16 @@ class DoorWatch:
         if margin_mps < self.enabled_speed.least:
             self.enabled_speed.see(margin_mps, now_ns)
 
-    def sample(self, truth: Truth, now_ns: int) -> None:
+    def sample(self, truth: Truth, now_ns: int, spoken: Spoken) -> None:
         left, right = truth.left_open > 0.0, truth.right_open > 0.0
         if left and not self._left_open:
             self.enable.said(now_ns - self._left_enabled_ns <= self._slack_ns, now_ns)
         if right and not self._right_open:
             self.enable.said(now_ns - self._right_enabled_ns <= self._slack_ns, now_ns)
         self._left_open, self._right_open = left, right
-        if truth.doors_locked > 0.0:
+        # It takes both: the person who answers for the doors, and the controller that logged it.
+        bypassed = spoken.door_bypassed > 0.0 and spoken.door_bypass_pressed > 0.0
+        if truth.doors_locked > 0.0 or bypassed:
             self._unlocked_ns = -1
         else:
             self._check_traction(truth, now_ns)

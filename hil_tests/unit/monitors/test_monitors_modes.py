@@ -45,8 +45,8 @@ def say_mode(rig: Rig, mode: OperatingMode, cause: Cause = Cause.NONE) -> None:
     )
 
 
-def tell_event(rig: Rig, event: EventKind, number: int = 1) -> None:
-    rig.tell(VobcEvent(event=event, cause=0, number=number, frame_a=0, frame_b=0))
+def tell_event(rig: Rig, event: EventKind, number: int = 1, *, cause: int = 0) -> None:
+    rig.tell(VobcEvent(event=event, cause=cause, number=number, frame_a=0, frame_b=0))
 
 
 def jogging(rig: Rig) -> None:
@@ -383,6 +383,53 @@ def test_under_the_emergency_brake_an_old_authority_is_answered(rig: Rig) -> Non
     assert rig.result("inv-24-authority-age").verdict is Verdict.PASS
 
 
+# 32: traction with doors that are bypassed.
+
+
+def pull_unlocked(rig: Rig, *, pressed: bool, given: bool) -> None:
+    """A second at rest with a door not locked, then half a second of effort."""
+    rig.say(Desk, door_bypass_requested=pressed)
+    rig.step(10, doors_locked=0.0)
+    if given:
+        tell_event(rig, EventKind.DOOR_BYPASS, cause=1)
+    rig.step(90)
+    rig.step(50, drive_n=1000.0, speed_mps=0.5)
+
+
+@pytest.mark.parametrize(
+    ("pressed", "given", "verdict"),
+    [
+        (True, True, Verdict.PASS),
+        (True, False, Verdict.FAIL),
+        (False, True, Verdict.FAIL),
+        (False, False, Verdict.FAIL),
+    ],
+)
+def test_effort_with_a_door_unlocked_takes_a_bypass_that_is_asked_for_and_given(
+    rig: Rig, pressed: bool, given: bool, verdict: Verdict
+) -> None:
+    pull_unlocked(rig, pressed=pressed, given=given)
+
+    assert rig.result("inv-32-door-traction").verdict is verdict
+
+
+@pytest.mark.parametrize(("steps", "verdict"), [(30, Verdict.PASS), (37, Verdict.FAIL)])
+@pytest.mark.parametrize("by_person", [True, False])
+def test_a_bypass_that_ends_cuts_traction_within_300_ms(
+    rig: Rig, by_person: bool, steps: int, verdict: Verdict
+) -> None:
+    """A release of the switch is heard with the next cycle, 50 ms later at most."""
+    pull_unlocked(rig, pressed=True, given=True)
+    if by_person:
+        rig.say(Desk, door_bypass_requested=False)
+    else:
+        tell_event(rig, EventKind.DOOR_BYPASS, 2, cause=0)
+    rig.step(steps)
+    rig.step(20, drive_n=0.0)
+
+    assert rig.result("inv-32-door-traction").verdict is verdict
+
+
 # 33: platform doors.
 
 
@@ -395,10 +442,20 @@ def test_a_train_departs_from_platform_doors_that_are_locked_or_bypassed(
     rig = rig_at_platform_doors
     rig.step(20, platform_doors_locked=locked)
     if bypassed:
-        tell_event(rig, EventKind.DOOR_BYPASS)
+        tell_event(rig, EventKind.DOOR_BYPASS, cause=1)
     rig.step(20, speed_mps=0.5)
 
     assert rig.margin("inv-33-platform-doors") == margin
+
+
+def test_a_bypass_that_ended_is_none_at_departure(rig_at_platform_doors: Rig) -> None:
+    rig = rig_at_platform_doors
+    rig.step(20, platform_doors_locked=0.0)
+    tell_event(rig, EventKind.DOOR_BYPASS, 1, cause=1)
+    tell_event(rig, EventKind.DOOR_BYPASS, 2, cause=0)
+    rig.step(20, speed_mps=0.5)
+
+    assert rig.margin("inv-33-platform-doors") == -1.0
 
 
 def test_platform_doors_of_other_platforms_do_not_matter(rig: Rig) -> None:
