@@ -231,6 +231,9 @@ class VobcMode:
     """Both computations of the protection core came to the same answer in this cycle."""
     alarm_raised: bool
     """A person has to come."""
+    speed_reach_mps: float = 0.0
+    """By so much the train may be faster, either way, than the `VobcMotion.speed_mps` told with it;
+    rounded up, and the largest value is that or more."""
 
 
 @frame("vobc.dbc", "VOBC_EVENT")

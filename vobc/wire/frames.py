@@ -1,5 +1,6 @@
 """The output of a cycle as frames for the bus."""
 
+import math
 from collections.abc import Sequence
 from typing import Final
 
@@ -38,6 +39,8 @@ SENT_KINDS: Final[tuple[type[Frame], ...]] = (
 )
 SLIPS_PERIOD: Final = 64
 EVENT_PERIOD: Final = 65536
+SPEED_REACH_STEP_MPS: Final = 0.05
+SPEED_REACH_MAX_MPS: Final = 1.55
 POSITION_STEP_M: Final = 0.01
 """Of front and uncertainty in their frame; each is rounded to the nearest."""
 PROTECTION_ERROR: Final = 0xFF01
@@ -125,7 +128,16 @@ def mode_frame(output: CycleOutput) -> Frame:
         jog_attempts=output.jog_attempts,
         replicas_agree=output.replicas_agree,
         alarm_raised=output.alarm_raised,
+        speed_reach_mps=0.0 if output.motion is None else _speed_reach_mps(output.motion.speed_mps),
     )
+
+
+def _speed_reach_mps(speed_mps: Interval) -> float:
+    """From the size of the best estimate to what neither direction exceeds, in whole steps."""
+    reach_mps = max(speed_mps.high, -speed_mps.low) - abs(speed_mps.best)
+    if not reach_mps < SPEED_REACH_MAX_MPS:
+        return SPEED_REACH_MAX_MPS
+    return math.ceil(reach_mps / SPEED_REACH_STEP_MPS) * SPEED_REACH_STEP_MPS
 
 
 def event_frame(event: Event, number: int) -> Frame:

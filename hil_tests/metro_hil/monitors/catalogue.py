@@ -65,9 +65,9 @@ INVARIANTS: Final[tuple[Invariant, ...]] = (
         "emergency-at-curve",
         "s",
         "At its own emergency curve the controller commands the emergency brake within one cycle.",
-        "One cycle and the bus (0.02 s) less the time from a VOBC_MOTION whose speed is over its "
-        "emergency limit to the command. The upper speed bound is on no frame, so the best "
-        "estimate stands for it.",
+        "One cycle and the bus (0.02 s) less the time from a VOBC_MOTION to the command, once its "
+        "speed and the reach in the VOBC_MODE of its cycle, less the 0.05 m/s that this is rounded "
+        "up by, are over its emergency limit.",
     ),
     _watched(
         4,

@@ -112,6 +112,7 @@ class Spoken:
         "restricted_pressed",
         "service_decel_mps2",
         "slip_detected",
+        "speed_reach_mps",
         "status_ns",
         "supervision",
         "tacho_ns",
@@ -182,7 +183,7 @@ class Spoken:
         self.doors_withheld = 0.0
         self.jog_attempts = 0.0
         self.replicas_agree = 1.0
-        self.alarm_raised = 0.0
+        self.alarm_raised = self.speed_reach_mps = 0.0
 
     def _command_nothing(self) -> None:
         self.service_decel_mps2 = 0.0
@@ -279,6 +280,7 @@ class Spoken:
         self.jog_attempts = float(said.jog_attempts)
         self.replicas_agree = 1.0 if said.replicas_agree else 0.0
         self.alarm_raised = 1.0 if said.alarm_raised else 0.0
+        self.speed_reach_mps = said.speed_reach_mps
 
     def _take_event(self, said: VobcEvent, stamp_ns: int) -> None:
         if said.event is EventKind.TAG_ACCEPTED:

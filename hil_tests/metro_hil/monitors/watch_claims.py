@@ -12,6 +12,8 @@ from plant_emulator.truth import Truth
 
 NS_PER_S = 1_000_000_000
 SPEED_BIT_MPS = 0.01
+REACH_STEP_MPS = 0.05
+"""What a bound of the speed is rounded up by at most."""
 CLAIM_PERIOD_S = period_s(VobcPosition)
 SETTLING_NS = 2 * NS_PER_S
 NARROWED_M = 0.2
@@ -50,9 +52,11 @@ class ClaimWatch:
         "_input_age_s",
         "_least_gap_ns",
         "_limit_m",
+        "_mode_ns",
         "_most_gap_ns",
         "_motion_ns",
         "_over_ns",
+        "_pair_ns",
         "_position_ns",
         "_refused_m",
         "_refused_ns",
@@ -101,6 +105,8 @@ class ClaimWatch:
         self._least_gap_ns = round(0.5 * rhythm_s * NS_PER_S)
         self._most_gap_ns = round((1.5 * rhythm_s + SLIPS_MAX * context.cycle_s) * NS_PER_S)
         self._limit_m = context.localisation_limit_m
+        self._mode_ns = context.start_ns
+        self._pair_ns = round(0.5 * context.cycle_s * NS_PER_S)
         self._curve_ns = round((context.cycle_s + context.slack_s) * NS_PER_S)
         self._position_ns = self._motion_ns = self._status_ns = context.start_ns
         self._over_ns = -1
@@ -136,9 +142,12 @@ class ClaimWatch:
         self._check_tags(now_ns, spoken)
         if spoken.motion_ns != self._motion_ns:
             self._motion_ns = spoken.motion_ns
-            over = spoken.claimed_speed_mps - spoken.emergency_limit_mps > SPEED_BIT_MPS
-            if over and self._over_ns < 0 and abs(truth.speed_mps) > MOVING_MPS:
-                self._over_ns = spoken.motion_ns
+            self._note_over(truth, spoken, 0.0)
+        if spoken.mode_ns != self._mode_ns:
+            self._mode_ns = spoken.mode_ns
+            # Sent right after the speed; one that waited for the bus may tell of another cycle.
+            if 0 <= spoken.mode_ns - spoken.motion_ns < self._pair_ns:
+                self._note_over(truth, spoken, spoken.speed_reach_mps - REACH_STEP_MPS)
         if self._over_ns >= 0:
             self._check_curve(now_ns, spoken)
         if spoken.status_ns != self._status_ns:
@@ -194,6 +203,13 @@ class ClaimWatch:
             widths_m.clear()
         widths_m.append(width_m)
         self._compared_ns = now_ns
+
+    def _note_over(self, truth: Truth, spoken: Spoken, reach_mps: float) -> None:
+        """The bound of the speed is at least `reach_mps` over its best estimate."""
+        bound_mps = abs(spoken.claimed_speed_mps) + max(0.0, reach_mps)
+        over = bound_mps - spoken.emergency_limit_mps > SPEED_BIT_MPS
+        if over and self._over_ns < 0 and abs(truth.speed_mps) > MOVING_MPS:
+            self._over_ns = spoken.motion_ns
 
     def _check_curve(self, now_ns: int, spoken: Spoken) -> None:
         if spoken.emergency_commanded > 0.0:

@@ -11,7 +11,17 @@ from can_dbc.doors import DoorCommand
 from can_dbc.nodes import Direction
 from can_dbc.odometer import Tacho
 from can_dbc.traction import TractionCommand
-from can_dbc.vobc import Supervision, VobcMotion, VobcPosition, VobcStatus
+from can_dbc.vobc import (
+    Cause,
+    Inhibit,
+    OperatingMode,
+    Supervision,
+    VobcMode,
+    VobcMotion,
+    VobcPosition,
+    VobcStatus,
+    Withheld,
+)
 from metro_hil.cases import Verdict
 from metro_hil.monitors.catalogue import WATCHED
 
@@ -123,6 +133,59 @@ def test_no_emergency_brake_at_the_curve_is_a_violation(rig: Rig) -> None:
     result = rig.result("inv-03-emergency-at-curve")
     assert result.verdict is Verdict.FAIL
     assert rig.monitors.violated.name == "inv-03-emergency-at-curve"
+
+
+def bound_at_curve(rig: Rig, *, reach_mps: float, later_s: float = 0.0) -> None:
+    """The best estimate is 0.5 m/s under the emergency limit; how much faster may it be?"""
+    rig.step(6, speed_mps=20.0)
+    rig.send_now(VobcMotion, speed_mps=20.0, emergency_mps=20.5)
+    rig.step(round(later_s / 0.01))
+    rig.tell(mode_told(speed_reach_mps=reach_mps))
+
+
+def mode_told(**changes: Any) -> VobcMode:
+    """That of a train under full supervision, with nothing to tell."""
+    nothing: dict[str, Any] = {
+        "mode": OperatingMode.AUTHORISED,
+        "cause": Cause.NONE,
+        "departure_inhibits": Inhibit.NONE,
+        "doors_withheld": Withheld.NONE,
+        "jog_attempts": 0,
+        "replicas_agree": True,
+        "alarm_raised": False,
+    }
+    return VobcMode(**(nothing | changes))
+
+
+def test_a_bound_of_the_speed_over_the_curve_without_emergency_brake_is_a_violation(
+    rig: Rig,
+) -> None:
+    bound_at_curve(rig, reach_mps=0.6)
+    rig.step(20)
+
+    assert rig.result("inv-03-emergency-at-curve").verdict is Verdict.FAIL
+
+
+def test_a_bound_of_the_speed_over_the_curve_is_answered_by_the_emergency_brake(rig: Rig) -> None:
+    bound_at_curve(rig, reach_mps=0.6)
+    rig.say(BrakeCommand, emergency_released=False)
+    rig.step(20)
+
+    assert rig.margin("inv-03-emergency-at-curve") > 0.0
+
+
+def test_a_bound_that_may_be_rounded_up_to_the_curve_is_not_over_it(rig: Rig) -> None:
+    bound_at_curve(rig, reach_mps=0.55)
+    rig.step(20)
+
+    assert rig.result("inv-03-emergency-at-curve").margin is None
+
+
+def test_a_bound_of_another_cycle_is_not_taken_for_that_of_the_speed(rig: Rig) -> None:
+    bound_at_curve(rig, reach_mps=0.6, later_s=0.03)
+    rig.step(20)
+
+    assert rig.result("inv-03-emergency-at-curve").margin is None
 
 
 def test_a_speed_that_may_be_rounded_up_to_the_curve_is_not_over_it(rig: Rig) -> None:
