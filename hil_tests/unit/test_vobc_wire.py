@@ -24,6 +24,7 @@ from can_dbc.vobc import (
     OperatingMode,
     Supervision,
     VobcEvent,
+    VobcMode,
     VobcMotion,
     VobcPosition,
     VobcStatus,
@@ -526,7 +527,36 @@ def test_what_is_told_of_the_controller() -> None:
     assert isinstance(heartbeat(NodeState.STOPPED), Heartbeat)
 
 
+@pytest.mark.parametrize(
+    ("low_mps", "best_mps", "high_mps", "told_mps"),
+    [
+        (9.9, 10.0, 10.29, 0.3),
+        (9.9, 10.0, 10.31, 0.35),
+        (9.0, 10.0, 10.02, 0.05),
+        (10.0, 10.0, 10.0, 0.0),
+        (-10.29, -10.0, -9.0, 0.3),
+        (-0.6, 0.1, 0.3, 0.5),
+        (0.0, 10.0, 11.5, 1.5),
+        (0.0, 10.0, 14.0, 1.55),
+        (-math.inf, 0.0, math.inf, 1.55),
+        (0.0, math.nan, 0.0, 1.55),
+    ],
+)
+def test_how_much_faster_the_train_may_be_than_told_is_rounded_up(
+    low_mps: float, best_mps: float, high_mps: float, told_mps: float
+) -> None:
+    """To steps of 0.05 m/s; the largest value is that or more, or not known."""
+    speed_mps = Interval(low_mps, best_mps, high_mps)
+    told = mode_frame(replace(DRIVING, motion=replace(MOTION, speed_mps=speed_mps)))
+
+    assert isinstance(told, VobcMode)
+    assert told.speed_reach_mps == pytest.approx(told_mps, abs=1e-9)
+
+
 def test_nothing_is_told_that_is_not_known() -> None:
+    mode = mode_frame(SAFE_OUTPUT)
+    assert isinstance(mode, VobcMode)
+    assert mode.speed_reach_mps == 0.0
     assert list(motion_frames(SAFE_OUTPUT)) == []
     assert list(target_frames(SAFE_OUTPUT)) == []
 
