@@ -6,6 +6,7 @@ nothing but a counter.
 
 from collections import Counter
 from collections.abc import Collection
+from dataclasses import dataclass
 from typing import Final
 
 from zenoh_config.messages import (
@@ -21,6 +22,36 @@ from zenoh_config.messages import (
 NS_PER_MS: Final = 1_000_000
 
 
+@dataclass(frozen=True, slots=True)
+class _Addressee:
+    """The train that an answer of the wayside is for, and how old one may be when it comes."""
+
+    train: int
+    boot: int
+    max_age_ns: int
+    sources: frozenset[int]
+
+    def __post_init__(self) -> None:
+        assert self.max_age_ns > 0
+
+    def objection(self, answer: MovementAuthority | TrainOrders, now_ns: int) -> Refused | None:
+        """To whom it is for, whom it is from and its age; not to its order."""
+        if answer.train != self.train:
+            detail = f"for train {answer.train}, this is train {self.train}"
+            return Refused(RefusedReason.WRONG_DESTINATION, detail)
+        if answer.source not in self.sources:
+            return Refused(RefusedReason.WRONG_SOURCE, f"from {answer.source}")
+        if answer.boot != self.boot:
+            detail = f"for incarnation {answer.boot}, this is {self.boot}"
+            return Refused(RefusedReason.WRONG_BOOT, detail)
+        age_ns = now_ns - answer.echo_stamp_ns
+        if age_ns < 0:
+            return Refused(RefusedReason.FROM_THE_FUTURE, f"by {-age_ns // NS_PER_MS} ms")
+        if age_ns > self.max_age_ns:
+            return Refused(RefusedReason.TOO_OLD, f"{age_ns // NS_PER_MS} ms")
+        return None
+
+
 class AuthorityGate:
     """A train's gate for movement authorities."""
 
@@ -34,13 +65,9 @@ class AuthorityGate:
         seen_term: int = 0,
     ) -> None:
         """`seen_term` is the highest term accepted before, across restarts; lower ones are void."""
-        assert max_age_ns > 0
         self.refusals: Counter[RefusedReason] = Counter()
         self.accepted = 0
-        self._train = train
-        self._boot = boot
-        self._max_age_ns = max_age_ns
-        self._sources = frozenset(sources)
+        self._addressee = _Addressee(train, boot, max_age_ns, frozenset(sources))
         self._newest = (seen_term, -1)
 
     @property
@@ -58,19 +85,9 @@ class AuthorityGate:
         return refused
 
     def _objection(self, authority: MovementAuthority, now_ns: int) -> Refused | None:
-        if authority.train != self._train:
-            detail = f"for train {authority.train}, this is train {self._train}"
-            return Refused(RefusedReason.WRONG_DESTINATION, detail)
-        if authority.source not in self._sources:
-            return Refused(RefusedReason.WRONG_SOURCE, f"from {authority.source}")
-        if authority.boot != self._boot:
-            detail = f"for incarnation {authority.boot}, this is {self._boot}"
-            return Refused(RefusedReason.WRONG_BOOT, detail)
-        age_ns = now_ns - authority.echo_stamp_ns
-        if age_ns < 0:
-            return Refused(RefusedReason.FROM_THE_FUTURE, f"by {-age_ns // NS_PER_MS} ms")
-        if age_ns > self._max_age_ns:
-            return Refused(RefusedReason.TOO_OLD, f"{age_ns // NS_PER_MS} ms")
+        refused = self._addressee.objection(authority, now_ns)
+        if refused is not None:
+            return refused
         if authority.term < self._newest[0]:
             detail = f"term {authority.term}, {self._newest[0]} was seen"
             return Refused(RefusedReason.OLD_TERM, detail)
@@ -87,13 +104,9 @@ class OrdersGate:
     def __init__(
         self, *, train: int, boot: int, max_age_ns: int, sources: Collection[int] = (WAYSIDE,)
     ) -> None:
-        assert max_age_ns > 0
         self.refusals: Counter[RefusedReason] = Counter()
         self.accepted = 0
-        self._train = train
-        self._boot = boot
-        self._max_age_ns = max_age_ns
-        self._sources = frozenset(sources)
+        self._addressee = _Addressee(train, boot, max_age_ns, frozenset(sources))
         self._newest = -1
 
     def check(self, orders: TrainOrders, now_ns: int) -> Refused | None:
@@ -107,19 +120,9 @@ class OrdersGate:
         return refused
 
     def _objection(self, orders: TrainOrders, now_ns: int) -> Refused | None:
-        if orders.train != self._train:
-            detail = f"for train {orders.train}, this is train {self._train}"
-            return Refused(RefusedReason.WRONG_DESTINATION, detail)
-        if orders.source not in self._sources:
-            return Refused(RefusedReason.WRONG_SOURCE, f"from {orders.source}")
-        if orders.boot != self._boot:
-            detail = f"for incarnation {orders.boot}, this is {self._boot}"
-            return Refused(RefusedReason.WRONG_BOOT, detail)
-        age_ns = now_ns - orders.echo_stamp_ns
-        if age_ns < 0:
-            return Refused(RefusedReason.FROM_THE_FUTURE, f"by {-age_ns // NS_PER_MS} ms")
-        if age_ns > self._max_age_ns:
-            return Refused(RefusedReason.TOO_OLD, f"{age_ns // NS_PER_MS} ms")
+        refused = self._addressee.objection(orders, now_ns)
+        if refused is not None:
+            return refused
         if orders.sequence <= self._newest:
             detail = f"sequence {orders.sequence}, {self._newest} is held"
             return Refused(RefusedReason.NOT_NEWER, detail)

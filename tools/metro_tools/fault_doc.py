@@ -1,11 +1,10 @@
 """Writes docs/faults.md from the catalogue of faults, or checks that it is what that says."""
 
-import argparse
 import sys
-from collections.abc import Iterable, Iterator, Sequence
-from pathlib import Path
+from collections.abc import Iterator, Sequence
 from typing import Final
 
+from metro_tools.generated_doc import markdown_table, write_or_check
 from plant_emulator.faults.described import (
     BY_KIND,
     BY_PLACE,
@@ -18,9 +17,6 @@ from plant_emulator.faults.kinds import Place
 from plant_emulator.truth import SIGNALS
 
 DEFAULT_PATH: Final = "docs/faults.md"
-EXIT_OK: Final = 0
-EXIT_OUTDATED: Final = 1
-EXIT_USAGE: Final = 2
 
 HEADER: Final = """\
 # Faults
@@ -126,7 +122,7 @@ def _benches() -> str:
         (f"`{name}`", each.lockstep, each.processes, each.hardware)
         for name, each in BY_KIND.items()
     ]
-    return "## Who brings it about\n\n" + _table(
+    return "## Who brings it about\n\n" + markdown_table(
         ("fault", "lockstep", "processes", "hardware"), rows
     )
 
@@ -136,7 +132,7 @@ def _overview() -> str:
         (f"[`{each.name}`](#{each.name})", PLACE_TITLES[each.place], "; ".join(each.hazards))
         for each in all_described()
     ]
-    return "## Kinds\n\n" + _table(("kind", "place", "what may come of it"), rows)
+    return "## Kinds\n\n" + markdown_table(("kind", "place", "what may come of it"), rows)
 
 
 def _kinds(place: Place) -> Iterator[str]:
@@ -150,7 +146,7 @@ def _kind(each: Described) -> str:
     if not each.parameters:
         return text
     heads = ("parameter", "value", "unit", "default", "range", "meaning")
-    return f"{text}\n{_table(heads, map(_row, each.parameters))}"
+    return f"{text}\n{markdown_table(heads, map(_row, each.parameters))}"
 
 
 def _row(parameter: Parameter) -> tuple[str, ...]:
@@ -165,28 +161,15 @@ def _row(parameter: Parameter) -> tuple[str, ...]:
     )
 
 
-def _table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    lines = [heads, ["---"] * len(heads), *rows]
-    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
-
-
 def main(argv: Sequence[str] | None = None) -> int:
     """Write the document, or with --check only say whether it is current."""
-    parser = argparse.ArgumentParser(prog="python -m metro_tools.fault_doc", description=__doc__)
-    parser.add_argument("path", nargs="?", default=DEFAULT_PATH, help="default: %(default)s")
-    parser.add_argument("--check", action="store_true", help="write nothing; exit 1 if outdated")
-    options = parser.parse_args(argv)
-    path, text = Path(options.path), document()
-    try:
-        if not options.check:
-            path.write_text(text, encoding="utf-8")
-        elif path.read_text(encoding="utf-8") != text:
-            print(f"{path}: outdated; run python -m metro_tools.fault_doc", file=sys.stderr)
-            return EXIT_OUTDATED
-    except OSError as error:
-        print(f"{path}: {error.strerror}", file=sys.stderr)
-        return EXIT_USAGE
-    return EXIT_OK
+    return write_or_check(
+        argv,
+        module="metro_tools.fault_doc",
+        description=__doc__,
+        default_path=DEFAULT_PATH,
+        document=document,
+    )
 
 
 if __name__ == "__main__":

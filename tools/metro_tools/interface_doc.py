@@ -1,11 +1,9 @@
 """Writes docs/can_interface.md from the DBC files, or checks that it is what they say."""
 
-import argparse
 import itertools
 import math
 import sys
 from collections.abc import Iterable, Iterator, Sequence
-from pathlib import Path
 from typing import Final
 
 from can_dbc import binding, dbc_file
@@ -15,11 +13,9 @@ from can_dbc.codec import TWIN_WITHIN_NS, Encoder
 from can_dbc.dbc_file import Message, Signal
 from can_dbc.nodes import Node
 from can_dbc.trailer import CRC_START, MAX_STEP
+from metro_tools.generated_doc import markdown_table, write_or_check
 
 DEFAULT_PATH: Final = "docs/can_interface.md"
-EXIT_OK: Final = 0
-EXIT_OUTDATED: Final = 1
-EXIT_USAGE: Final = 2
 BIT_RATE_BPS: Final = 250_000
 FRAME_BITS: Final = 47
 """Of a frame with 11-bit identifier and no data, interframe space included, without stuffing."""
@@ -141,7 +137,7 @@ def _nodes(bound: Sequence[Binding]) -> str:
         )
         for node in Node
     ]
-    return "## Nodes\n\n" + _table(("number", "name", "what it is", "sends"), rows)
+    return "## Nodes\n\n" + markdown_table(("number", "name", "what it is", "sends"), rows)
 
 
 def _example() -> str:
@@ -176,7 +172,7 @@ def _overview(bound: Sequence[Binding]) -> str:
         for message in each.messages
     ]
     heads = ("id", "message", "sender", "period", "timeout", "bytes", "protection", "data id")
-    return "## Messages\n\n" + _table((*heads, "file"), rows)
+    return "## Messages\n\n" + markdown_table((*heads, "file"), rows)
 
 
 def _timing(bound: Binding) -> tuple[str, str]:
@@ -237,7 +233,7 @@ def _signals(bound: Binding) -> str:
         for signal in bound.message.signals
     ]
     heads = ("signal", "bits", "value", "range", "unit", "value table", "meaning")
-    return _table(heads, rows)
+    return markdown_table(heads, rows)
 
 
 def _bits(signal: Signal) -> str:
@@ -265,30 +261,15 @@ def _joined(words: Iterable[str]) -> str:
     return ", ".join(words)
 
 
-def _table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    lines = [heads, ["---"] * len(heads), *rows]
-    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
-
-
 def main(argv: Sequence[str] | None = None) -> int:
     """Write the document, or with --check only say whether it is current."""
-    parser = argparse.ArgumentParser(
-        prog="python -m metro_tools.interface_doc", description=__doc__
+    return write_or_check(
+        argv,
+        module="metro_tools.interface_doc",
+        description=__doc__,
+        default_path=DEFAULT_PATH,
+        document=document,
     )
-    parser.add_argument("path", nargs="?", default=DEFAULT_PATH, help="default: %(default)s")
-    parser.add_argument("--check", action="store_true", help="write nothing; exit 1 if outdated")
-    options = parser.parse_args(argv)
-    path, text = Path(options.path), document()
-    try:
-        if not options.check:
-            path.write_text(text, encoding="utf-8")
-        elif path.read_text(encoding="utf-8") != text:
-            print(f"{path}: outdated; run python -m metro_tools.interface_doc", file=sys.stderr)
-            return EXIT_OUTDATED
-    except OSError as error:
-        print(f"{path}: {error.strerror}", file=sys.stderr)
-        return EXIT_USAGE
-    return EXIT_OK
 
 
 if __name__ == "__main__":

@@ -1,23 +1,19 @@
 """Writes docs/supervision.md from the tables that protection and operation decide by."""
 
-import argparse
 import enum
 import inspect
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from pathlib import Path
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Final
 
 from can_dbc.vobc import AtoPhase, Inhibit, Missing, OperatingMode, Supervision
+from metro_tools.generated_doc import markdown_table, write_or_check
 from vobc.ato import mode as ato_phases
 from vobc.atp import alarms, departure, doors, emergencies, jog, modes, supervision
 from vobc.atp.alarms import Answer
 from vobc.atp.emergencies import Reset, Rule
 
 DEFAULT_PATH: Final = "docs/supervision.md"
-EXIT_OK: Final = 0
-EXIT_OUTDATED: Final = 1
-EXIT_USAGE: Final = 2
 
 Table = Mapping[Any, Sequence[tuple[Callable[[Any], bool], Any]]]
 
@@ -100,13 +96,13 @@ def document() -> str:
             MODES,
             *_machine(modes.TRANSITIONS, OperatingMode.STANDBY),
             NEEDED,
-            _table(("mode", "needs"), _flag_rows(modes.NEEDED, Missing)),
+            markdown_table(("mode", "needs"), _flag_rows(modes.NEEDED, Missing)),
             UNHEEDED,
-            _table(("mode", "not heeded"), _flag_rows(modes.UNHEEDED, Inhibit)),
+            markdown_table(("mode", "not heeded"), _flag_rows(modes.UNHEEDED, Inhibit)),
             SUPERVISION,
             *_machine(supervision.TRANSITIONS, Supervision.NO_AUTHORITY),
             EMERGENCIES,
-            _table(
+            markdown_table(
                 (
                     "cause",
                     "comes when",
@@ -136,7 +132,7 @@ def _machine(table: Table, first: enum.Enum) -> Iterator[str]:
     for state, rows in table.items():
         lines += [f"    {state.name} --> {to.name}: {_words(guard)}" for guard, to in rows]
     yield "\n".join([*lines, "```", ""])
-    yield _table(
+    yield markdown_table(
         ("from", "when", "to"),
         [
             (state.name, _words(guard), to.name)
@@ -147,7 +143,7 @@ def _machine(table: Table, first: enum.Enum) -> Iterator[str]:
     guards = dict.fromkeys(guard for rows in table.values() for guard, _ in rows)
     told = [(_words(guard), _said(guard)) for guard in guards if _said(guard)]
     if told:
-        yield _table(("guard", "meaning"), told)
+        yield markdown_table(("guard", "meaning"), told)
 
 
 def _words(guard: Callable[[Any], bool]) -> str:
@@ -185,7 +181,7 @@ def _alarm_tables() -> Iterator[str]:
         ("Door not locked, in motion", alarms.DOOR_UNLOCKED),
     ):
         yield f"### {title}\n"
-        yield _table(
+        yield markdown_table(
             ("where", "leaving", "answer"),
             [
                 (place.where.value, "yes" if place.leaving else "no", _answer(answer))
@@ -204,31 +200,18 @@ def _answer(answer: Answer) -> str:
 
 def _terms(of: str, table: Mapping[str, enum.IntFlag]) -> str:
     rows = [(term.replace("_", " "), str(flag.name)) for term, flag in table.items()]
-    return f"For {of}:\n\n{_table(('term', 'else'), rows)}"
-
-
-def _table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    lines = [heads, ["---"] * len(heads), *rows]
-    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+    return f"For {of}:\n\n{markdown_table(('term', 'else'), rows)}"
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Write the document, or with --check only say whether it is current."""
-    parser = argparse.ArgumentParser(prog="python -m metro_tools.table_doc", description=__doc__)
-    parser.add_argument("path", nargs="?", default=DEFAULT_PATH, help="default: %(default)s")
-    parser.add_argument("--check", action="store_true", help="write nothing; exit 1 if outdated")
-    options = parser.parse_args(argv)
-    path, text = Path(options.path), document()
-    try:
-        if not options.check:
-            path.write_text(text, encoding="utf-8")
-        elif path.read_text(encoding="utf-8") != text:
-            print(f"{path}: outdated; run python -m metro_tools.table_doc", file=sys.stderr)
-            return EXIT_OUTDATED
-    except OSError as error:
-        print(f"{path}: {error.strerror}", file=sys.stderr)
-        return EXIT_USAGE
-    return EXIT_OK
+    return write_or_check(
+        argv,
+        module="metro_tools.table_doc",
+        description=__doc__,
+        default_path=DEFAULT_PATH,
+        document=document,
+    )
 
 
 if __name__ == "__main__":
