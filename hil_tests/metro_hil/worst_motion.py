@@ -20,8 +20,9 @@ CYCLE_S: Final = 0.05
 LINE_END_M: Final = 6000.0
 FAR_M: Final = 1e6
 KMH: Final = 1.0 / 3.6
-STEPS_A_PHASE: Final = 400
 STEP_S: Final = 0.005
+EDGE_S: Final = 1e-12
+"""A change of the fall is met so exactly. A step meets one at most: sections are longer."""
 GRAVITY_MPS2: Final = 9.81
 
 Section = tuple[float, float, float]
@@ -127,27 +128,56 @@ def worst_stop_m(
     target_mps: float = 0.0,
     lead_s: float = 0.0,
 ) -> float:
-    """How far the declared motion goes until it is down to the target speed, in small steps."""
+    """How far the declared motion goes until it is down to the target speed, in small steps.
+
+    A step has one acceleration, hence no error but that of rounding.
+    """
     at_m = front_m + speed_mps * lead_s
     for push_mps2, lasts_s in (
         (case.runaway_mps2, case.runaway_s),
         (0.0, case.build_up_s),
     ):
-        step_s = lasts_s / STEPS_A_PHASE
-        for _ in range(STEPS_A_PHASE):
-            gain_mps = (push_mps2 + declared_fall_mps2(line, at_m, reach_m)) * step_s
-            at_m += (speed_mps + 0.5 * gain_mps) * step_s
-            speed_mps += gain_mps
+        left_s = lasts_s
+        while left_s > 0.0:
+            accel_mps2 = push_mps2 + declared_fall_mps2(line, at_m, reach_m)
+            step_s = min(left_s, _clear_step_s(line, at_m, speed_mps, accel_mps2, reach_m))
+            at_m += (speed_mps + 0.5 * accel_mps2 * step_s) * step_s
+            speed_mps += accel_mps2 * step_s
+            left_s -= step_s
     while speed_mps > target_mps:
         decel_mps2 = case.guaranteed_decel_mps2 - declared_fall_mps2(line, at_m, reach_m)
-        step_s = min(STEP_S, (speed_mps - target_mps) / decel_mps2)
+        clear_s = _clear_step_s(line, at_m, speed_mps, -decel_mps2, reach_m)
+        rest_s = (speed_mps - target_mps) / decel_mps2
+        step_s = min(clear_s, rest_s)
         at_m += (speed_mps - 0.5 * decel_mps2 * step_s) * step_s
-        speed_mps = target_mps if step_s < STEP_S else speed_mps - decel_mps2 * step_s
+        speed_mps = target_mps if rest_s <= clear_s else speed_mps - decel_mps2 * step_s
     return at_m - front_m
 
 
+def _clear_step_s(
+    line: LineMap, at_m: float, speed_mps: float, accel_mps2: float, reach_m: float
+) -> float:
+    """A step in which the fall stays as it is, or one that ends just beyond where it changes."""
+    fall_mps2 = declared_fall_mps2(line, at_m, reach_m)
+
+    def changed(step_s: float) -> bool:
+        then_m = at_m + (speed_mps + 0.5 * accel_mps2 * step_s) * step_s
+        return declared_fall_mps2(line, then_m, reach_m) != fall_mps2
+
+    before_s, after_s = 0.0, STEP_S
+    if not changed(after_s):
+        return after_s
+    while after_s - before_s > EDGE_S:
+        middle_s = 0.5 * (before_s + after_s)
+        if changed(middle_s):
+            after_s = middle_s
+        else:
+            before_s = middle_s
+    return after_s
+
+
 def steps_blur_m(speed_mps: float) -> float:
-    """What the small steps may be off: each edge of a fall is met up to one step late.
+    """What steps of STEP_S may be off that meet each edge of a fall up to one step late.
 
     A fall of 0.4 m/s2 that is one step late changes the speed by 2 mm/s, and the distance by less
     than that times the braking time; a dozen edges at most.

@@ -7,10 +7,18 @@ import pytest
 from can_dbc.brake import BrakeCommand
 from can_dbc.codec import Encoder
 from firmware_py.recorder import CandumpWriter
-from metro_hil import protection_bench
+from metro_hil import protection_bench, worst_motion
 from metro_hil.curve_crossings import Crossing, crossing_of
 from metro_hil.run_folder import RunFolder
-from metro_hil.worst_motion import LINE_END_M, limits, sections, worst_stop_m
+from metro_hil.worst_motion import (
+    CONFIG,
+    LINE_END_M,
+    WorstCase,
+    limits,
+    line_of,
+    sections,
+    worst_stop_m,
+)
 
 
 def test_the_permitted_speed_is_not_lazy() -> None:
@@ -32,7 +40,37 @@ def test_distances_meet_their_bar_and_a_wrong_brake_rate_does_not(
     (wrong,) = protection_bench.error_of_distances()
 
     assert right.met
+    assert "never shorter" in right.value
     assert not wrong.met
+
+
+def test_a_distance_that_is_a_millionth_too_short_misses_the_bar(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(protection_bench, "LINES", 30)
+    monkeypatch.setattr(
+        protection_bench,
+        "worst_stop_m",
+        lambda *args, **more: 1.000001 * worst_stop_m(*args, **more),
+    )
+    (short,) = protection_bench.error_of_distances()
+
+    assert not short.met
+    assert "never" not in short.value
+
+
+@pytest.mark.parametrize("speed_mps", [0.5, 7.3, 24.0])
+def test_the_integration_has_no_error_of_its_steps(
+    monkeypatch: pytest.MonkeyPatch, speed_mps: float
+) -> None:
+    """Half as long a step comes to the same way, on a line whose fall changes every 30 m."""
+    line = line_of(sections((3.0, 30.0, (-35.0, 20.0, -10.0)[at % 3]) for at in range(60)))
+    whole_m = worst_stop_m(line, WorstCase.of(CONFIG), 301.7, speed_mps, reach_m=68.59)
+
+    monkeypatch.setattr(worst_motion, "STEP_S", 0.5 * worst_motion.STEP_S)
+    half_m = worst_stop_m(line, WorstCase.of(CONFIG), 301.7, speed_mps, reach_m=68.59)
+
+    assert half_m == pytest.approx(whole_m, rel=protection_bench.ROUNDING_RATIO)
 
 
 def test_lines_by_chance_keep_to_the_line() -> None:
