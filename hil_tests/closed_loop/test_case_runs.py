@@ -276,3 +276,23 @@ def test_a_fault_that_acts_is_not_planned_away(bench: Bench) -> None:
 
     with pytest.raises(SettingsError, match="brake_weak acts still"):
         run.plan_faults({"kind": "brake_late"})
+
+
+@pytest.mark.parametrize("memory_lost", [False, True])
+def test_the_centre_hears_a_controller_that_starts_again_with_or_without_its_memory(
+    memory_lost: bool,
+) -> None:
+    """Restarted at 6 s; 512 of what inhibits its departure is that the centre is silent."""
+    killed = {
+        "kind": "controller_killed",
+        "start_s": 5.0,
+        "end_s": 6.0,
+        "memory_lost": memory_lost,
+    }
+    heard = {"name": "heard", "stl": "always(t_s > 8 -> departure_inhibits < 512)"}
+    train = {"start": "II", "end": "III", "duration_s": 20.0}
+    (case,) = Scenario(name="lost", train=train, fault=[killed], monitor=[heard]).cases()
+
+    result = run_case(case)
+
+    assert {each.name: each.verdict for each in result.monitors}["heard"] is Verdict.PASS

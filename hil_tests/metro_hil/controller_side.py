@@ -22,6 +22,8 @@ from vobc.process.commission import Commission
 
 SHIPPED: Final = Controller()
 NS_PER_S: Final = 1_000_000_000
+DAY_S: Final = 1_700_000_000
+"""Time of day at which a run in virtual time begins, for a board that has lost its memory."""
 
 Heard = Callable[[int, int, bytes], None]
 """Told instant, identifier and data."""
@@ -80,8 +82,9 @@ class ControllerSide:
         )
 
     def _forget(self) -> None:
-        """The board's memory is that of a new one."""
-        self._nvram = Nvram(None, NvramRecord())
+        """The board's memory is that of a new one: it counts its starts from the time of day on."""
+        time_of_day_s = DAY_S + self._clock.now_ns() // NS_PER_S
+        self._nvram = Nvram(None, NvramRecord(boot_count=time_of_day_s))
 
     def _start(
         self, can: CanPort, tags: SerialPort, radio: RadioPort, now_ns: int, again: bool
