@@ -9,10 +9,12 @@ can check, order and age, is in sequencing.py.
 import hmac
 import struct
 from collections.abc import Callable, Mapping
+from functools import lru_cache
 from typing import Final, NamedTuple
 
 import msgspec
 
+from zenoh_config.bodies import AUTHORITY_BODY, ORDERS_BODY, REPORT_BODY, STATUS_BODY
 from zenoh_config.messages import (
     Message,
     MovementAuthority,
@@ -41,48 +43,6 @@ BENCH_KEY: Final = b"metro bench, public key of no use"
 """Shipped default. Everyone has it, so on a bench it finds accidents and not attackers; a network
 that others can reach needs a key of its own."""
 
-
-# In the order of the fields named in docs/radio_interface.md.
-_REPORT_BODY: Final = msgspec.msgpack.Decoder(tuple[int, float, float, float, float, bool])
-_AUTHORITY_BODY: Final = msgspec.msgpack.Decoder(tuple[int, int, int, float, float | None])
-
-
-class _StatusBody(msgspec.Struct, array_like=True, forbid_unknown_fields=True):
-    boot: int
-    mode: int
-    supervision: int
-    cause: int
-    localised: bool
-    standstill: bool
-    front_m: float
-    doors_locked: bool
-    open_left: bool
-    open_right: bool
-    passenger_alarm: bool
-    fire: bool
-    obstacle: bool
-    alarm_raised: bool
-
-
-class _OrdersBody(msgspec.Struct, array_like=True, forbid_unknown_fields=True):
-    boot: int
-    echo_stamp_ns: int
-    awake: bool
-    hold: bool
-    skip_next: bool
-    stop_next: bool
-    emergency: bool
-    releases: int
-    creep: bool
-    restricted: bool
-    doors_left: bool
-    doors_right: bool
-    platform_doors_locked: bool
-    restrictions: list[tuple[float, float, float]]
-
-
-_STATUS_BODY: Final = msgspec.msgpack.Decoder(_StatusBody)
-_ORDERS_BODY: Final = msgspec.msgpack.Decoder(_OrdersBody)
 _encode: Final = msgspec.msgpack.Encoder().encode
 
 
@@ -153,7 +113,7 @@ class _Head(NamedTuple):
 
 
 def _opened_report(head: _Head, body: bytes) -> Message:
-    boot, front_min_m, front_max_m, rear_min_m, speed_mps, standstill = _REPORT_BODY.decode(body)
+    boot, front_min_m, front_max_m, rear_min_m, speed_mps, standstill = REPORT_BODY.decode(body)
     return PositionReport(
         head.source,
         boot,
@@ -169,7 +129,7 @@ def _opened_report(head: _Head, body: bytes) -> Message:
 
 
 def _opened_authority(head: _Head, body: bytes) -> Message:
-    boot, term, echo_stamp_ns, end_m, rear_m = _AUTHORITY_BODY.decode(body)
+    boot, term, echo_stamp_ns, end_m, rear_m = AUTHORITY_BODY.decode(body)
     return MovementAuthority(
         head.destination,
         boot,
@@ -184,7 +144,7 @@ def _opened_authority(head: _Head, body: bytes) -> Message:
 
 
 def _opened_status(head: _Head, body: bytes) -> Message:
-    told = _STATUS_BODY.decode(body)
+    told = STATUS_BODY.decode(body)
     return TrainStatus(
         head.source,
         told.boot,
@@ -208,7 +168,7 @@ def _opened_status(head: _Head, body: bytes) -> Message:
 
 
 def _opened_orders(head: _Head, body: bytes) -> Message:
-    told = _ORDERS_BODY.decode(body)
+    told = ORDERS_BODY.decode(body)
     return TrainOrders(
         head.destination,
         told.boot,
@@ -334,5 +294,7 @@ def _packed_orders(orders: TrainOrders) -> bytes:
     )
 
 
+@lru_cache(maxsize=16)
 def _code(sealed: bytes, key: bytes) -> bytes:
+    """Where both ends share a process, what one has just sealed is opened by the other."""
     return hmac.digest(key, sealed, "sha256")[:CODE_BYTES]

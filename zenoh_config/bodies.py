@@ -1,0 +1,47 @@
+"""What stands between header and safety code of each message, as msgpack has it."""
+
+from typing import Final
+
+import msgspec
+
+# In the order of the fields named in docs/radio_interface.md.
+REPORT_BODY: Final = msgspec.msgpack.Decoder(tuple[int, float, float, float, float, bool])
+AUTHORITY_BODY: Final = msgspec.msgpack.Decoder(tuple[int, int, int, float, float | None])
+
+
+class StatusBody(msgspec.Struct, array_like=True, forbid_unknown_fields=True):
+    boot: int
+    mode: int
+    supervision: int
+    cause: int
+    localised: bool
+    standstill: bool
+    front_m: float
+    doors_locked: bool
+    open_left: bool
+    open_right: bool
+    passenger_alarm: bool
+    fire: bool
+    obstacle: bool
+    alarm_raised: bool
+
+
+class OrdersBody(msgspec.Struct, array_like=True, forbid_unknown_fields=True):
+    boot: int
+    echo_stamp_ns: int
+    awake: bool
+    hold: bool
+    skip_next: bool
+    stop_next: bool
+    emergency: bool
+    releases: int
+    creep: bool
+    restricted: bool
+    doors_left: bool
+    doors_right: bool
+    platform_doors_locked: bool
+    restrictions: list[tuple[float, float, float]]
+
+
+STATUS_BODY: Final = msgspec.msgpack.Decoder(StatusBody)
+ORDERS_BODY: Final = msgspec.msgpack.Decoder(OrdersBody)
