@@ -86,6 +86,9 @@ class PortLog:
     def line(self, text: str) -> None:
         self._lines.append(text)
 
+    def lines(self, texts: Sequence[str]) -> None:
+        self._lines.extend(texts)
+
     def flush(self) -> None:
         """Hand everything to the operating system, as is done each second and on closing."""
         if self._lines:
@@ -114,25 +117,34 @@ class _LoggedCan:
 
     def __init__(self, port: CanPort, log: PortLog) -> None:
         self._port, self._log = port, log
+        self._identifiers: dict[int, str] = {}
+        """As text, of frames with 11 bits."""
 
     @property
     def counters(self) -> LinkCounters:
         return self._port.counters
 
     def send(self, now_ns: int, can_id: int, data: bytes) -> None:
-        self._log.said(now_ns, f"tx can {can_id:03X} {_hex(data)}\n")
+        identifier = self._identifiers.get(can_id) or self._remember(can_id)
+        self._log.said(now_ns, f"tx can {identifier} {data.hex().upper() or '-'}\n")
         self._port.send(now_ns, can_id, data)
 
     def receive(self, now_ns: int) -> Sequence[CanFrame]:
         frames = self._port.receive(now_ns)
-        line = self._log.line
-        for frame in frames:
-            stamp_ns, can_id, data, extended, remote, error = frame
-            if extended or remote or error:
-                line(_unusual(frame))
-            else:
-                line(f"rx can {stamp_ns} {can_id:03X} {data.hex().upper() or '-'}\n")
+        if frames:
+            self._log.lines([self._heard(frame) for frame in frames])
         return frames
+
+    def _heard(self, frame: CanFrame) -> str:
+        stamp_ns, can_id, data, extended, remote, error = frame
+        if extended or remote or error:
+            return _unusual(frame)
+        identifier = self._identifiers.get(can_id) or self._remember(can_id)
+        return f"rx can {stamp_ns} {identifier} {data.hex().upper() or '-'}\n"
+
+    def _remember(self, can_id: int) -> str:
+        text = self._identifiers[can_id] = f"{can_id:03X}"
+        return text
 
     def close(self) -> None:
         self._port.close()
