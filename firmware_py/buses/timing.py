@@ -59,11 +59,11 @@ def frame_bits(can_id: int, data: bytes, extended: bool = False, remote: bool = 
         b = _STUFF_16[(a & 7) << 16 | second]
         c = _STUFF_16[(b & 7) << 16 | third]
         d = _STUFF_16[(c & 7) << 16 | fourth]
-        crc = _CRC_16[crc << 1 ^ first]
-        crc = _CRC_16[crc << 1 ^ second]
-        crc = _CRC_16[crc << 1 ^ third]
-        crc = _CRC_16[crc << 1 ^ fourth]
-        e = _STUFF_15[(d & 7) << 15 | crc]
+        word = crc << 1 ^ first
+        word = (_CRC_16_HIGH[word] << 9 | _CRC_16_LOW[word] << 1) ^ second
+        word = (_CRC_16_HIGH[word] << 9 | _CRC_16_LOW[word] << 1) ^ third
+        word = (_CRC_16_HIGH[word] << 9 | _CRC_16_LOW[word] << 1) ^ fourth
+        e = _STUFF_15[(d & 7) << 15 | _CRC_16_HIGH[word] << 8 | _CRC_16_LOW[word]]
         return bits + (a >> 3) + (b >> 3) + (c >> 3) + (d >> 3) + (e >> 3)
     return _finish(bits, state, crc, data)
 
@@ -76,7 +76,8 @@ def _finish(bits: int, shifted_state: int, crc: int, data: bytes) -> int:
         step = _STUFF_16[state << 16 | word]
         bits += step >> _COUNT_SHIFT
         state = step & _STATE_MASK
-        crc = _CRC_16[crc << 1 ^ word]
+        word ^= crc << 1
+        crc = _CRC_16_HIGH[word] << 8 | _CRC_16_LOW[word]
     if length & 1:
         byte = data[-1]
         step = _STUFF_8[state << 8 | byte]
@@ -202,6 +203,9 @@ _STUFF_15: Final = _join_stuff_tables(_STUFF_7, _STUFF_8, high_bits=7, low_bits=
 _STUFF_16: Final = _join_stuff_tables(_STUFF_8, _STUFF_8, high_bits=8, low_bits=8)
 _CRC_8: Final = _crc_table()
 _CRC_16: Final = _crc_table_16(_CRC_8)
+# Two tables of bytes stay in the processor's cache; one of number objects would not.
+_CRC_16_HIGH: Final = bytes(crc >> 8 for crc in _CRC_16)
+_CRC_16_LOW: Final = bytes(crc & 0xFF for crc in _CRC_16)
 _four_words: Final[Callable[[bytes], tuple[int, int, int, int]]] = struct.Struct(">4H").unpack
 _whole_words: Final[list[Callable[[bytes], tuple[int, ...]]]] = [
     struct.Struct(f">{n}H").unpack_from for n in range(5)
