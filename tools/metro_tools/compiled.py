@@ -2,7 +2,8 @@
 
 The sources stay plain Python and stay what is run by default: a compiled module that lies beside
 its source would go on being imported after the source was changed. So the copy has a folder and
-commands of its own, and is made anew by each call. It needs a C compiler and Python's headers.
+commands of its own, and is made anew by each call. It needs a C compiler and Python's headers. All
+that is compiled besides the sources is the constructors of dataclasses, written out.
 """
 
 import argparse
@@ -15,6 +16,7 @@ from pathlib import Path
 from typing import Final
 
 from firmware_py.assertions import require_assertions
+from metro_tools.written_inits import with_written_inits
 
 PACKAGES: Final = {
     "can_dbc": "can_dbc",
@@ -30,10 +32,14 @@ HOT: Final = (
     "can_dbc/trailer.py",
     "firmware_py/buses/inproc.py",
     "firmware_py/buses/timing.py",
+    "firmware_py/clock.py",
     "firmware_py/executive.py",
+    "firmware_py/port_log.py",
     "firmware_py/radio/inproc_radio.py",
+    "firmware_py/radio/recorded_radio.py",
     "firmware_py/recorder.py",
     "firmware_py/tag_reader/inproc_line.py",
+    "firmware_py/tag_reader/recorded_line.py",
     "metro_hil/monitors/gauge.py",
     "metro_hil/monitors/invariants.py",
     "metro_hil/monitors/monitor_set.py",
@@ -54,7 +60,7 @@ HOT: Final = (
     "plant_emulator/sensors/tacho.py",
     "plant_emulator/sensors/tag_reader.py",
     "plant_emulator/truth.py",
-    "plant_emulator/wayside/zone_controller.py",
+    "plant_emulator/wayside/*.py",
     "plant_emulator/wire.py",
     "plant_emulator/world.py",
     "vobc/arbitration.py",
@@ -68,6 +74,11 @@ HOT: Final = (
     "vobc/process/*.py",
     "vobc/vocabulary/*.py",
     "vobc/wire/*.py",
+    "zenoh_config/codec.py",
+    "zenoh_config/keys.py",
+    "zenoh_config/messages.py",
+    "zenoh_config/sequencing.py",
+    "zenoh_config/soundness.py",
 )
 """What a profile shows. Files of settings are not among them: they are read by their type hints,
 which a compiled class does not keep."""
@@ -83,7 +94,8 @@ SETUP: Final = """\
 from setuptools import setup
 from mypyc.build import mypycify
 
-setup(name="compiled", packages=[], ext_modules=mypycify({modules!r}, opt_level="2"))
+modules = mypycify({modules!r}, opt_level="2", debug_level="0")
+setup(name="compiled", packages=[], ext_modules=modules)
 """
 LAUNCHER: Final = """\
 #!/bin/sh
@@ -117,8 +129,12 @@ def copy_packages(source: Path, library: Path) -> None:
 
 def compile_into(library: Path) -> None:
     """Put a compiled module beside each hot one of the copy."""
+    modules = hot_modules(library)
+    sources = {name: (library / name).read_bytes() for name in modules}
+    for name, source in sources.items():
+        (library / name).write_text(with_written_inits(source.decode()), encoding="utf-8")
     setup = library / "setup.py"
-    setup.write_text(SETUP.format(modules=hot_modules(library)), encoding="utf-8")
+    setup.write_text(SETUP.format(modules=modules), encoding="utf-8")
     done = subprocess.run(  # noqa: S603 - our own interpreter and script
         [sys.executable, setup.name, "build_ext", "--inplace"],
         cwd=library,
@@ -128,6 +144,8 @@ def compile_into(library: Path) -> None:
         check=False,
     )
     setup.unlink()
+    for name, source in sources.items():
+        (library / name).write_bytes(source)
     shutil.rmtree(library / "build", ignore_errors=True)
     if done.returncode != 0:
         words = [*done.stdout.splitlines(), *done.stderr.splitlines()]

@@ -1,0 +1,95 @@
+"""Constructors that the compiled copy has written out: they make what dataclass's own make."""
+
+from typing import Any
+
+import pytest
+
+from metro_tools.written_inits import with_written_inits
+
+HEAD = "from dataclasses import dataclass, field\nfrom typing import ClassVar, Protocol\n"
+PLAIN = '''
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where."""
+
+    at_m: float
+    """Chainage."""
+    name: str | None = None
+    sides: tuple[int, ...] = ()
+
+    @property
+    def known(self) -> bool:
+        return self.name is not None
+'''
+CHECKED = """
+@dataclass(slots=True)
+class Checked:
+    least: int
+    most: int = 5
+
+    def __post_init__(self) -> None:
+        if self.least > self.most:
+            raise ValueError("none between")
+"""
+UNUSUAL = (
+    "@dataclass(frozen=True, kw_only=True)\nclass Unusual:\n    a: int\n",
+    "@dataclass(frozen=True)\nclass Unusual:\n    a: list[int] = field(default_factory=list)\n",
+    "@dataclass(frozen=True)\nclass Unusual:\n    a: ClassVar[int] = 1\n    b: int = 2\n",
+    "@dataclass(frozen=True)\nclass Unusual(Exception):\n    a: int\n",
+    "@dataclass\nclass Unusual:\n    a: int\n",
+    "@dataclass(frozen=True)\nclass Unusual:\n    pass\n",
+    "class Unusual(Protocol):\n    a: int\n",
+)
+
+
+def made(source: str, name: str) -> Any:
+    """The class as it is after the module has been run."""
+    space: dict[str, Any] = {"__name__": __name__}
+    exec(source, space)  # noqa: S102
+    return space[name]
+
+
+def test_a_plain_dataclass_gets_the_constructor_that_it_would_have_had() -> None:
+    written = with_written_inits(HEAD + PLAIN)
+
+    assert (
+        "def __init__(self, at_m: float, name: str | None = None, sides: tuple[int, ...] = ())"
+        in written
+    )
+    assert "self.at_m = at_m; self.name = name; self.sides = sides" in written
+    assert "return self.name is not None" in written
+
+
+def test_a_class_that_may_change_is_the_same_with_its_constructor_written_out() -> None:
+    plain, written = (
+        made(HEAD + CHECKED, "Checked"),
+        made(with_written_inits(HEAD + CHECKED), "Checked"),
+    )
+
+    assert repr(written(2)) == repr(plain(2)) == "Checked(least=2, most=5)"
+    assert written(1, most=3) == written(1, 3)
+    assert written.__init__.__code__.co_varnames == ("self", "least", "most")
+    for kind in (plain, written):
+        with pytest.raises(ValueError, match="none between"):
+            kind(6)
+
+
+@pytest.mark.parametrize("source", UNUSUAL)
+def test_what_is_not_plain_stays_as_it_is(source: str) -> None:
+    assert with_written_inits(HEAD + source) == HEAD + source
+
+
+def test_every_class_of_a_module_is_found() -> None:
+    written = with_written_inits(HEAD + PLAIN + CHECKED)
+
+    assert written.count("def __init__(") == 2
+    assert made(with_written_inits(HEAD + CHECKED + CHECKED), "Checked")(1).least == 1
+
+
+def test_every_other_line_keeps_its_number() -> None:
+    source = HEAD + PLAIN + CHECKED + "\nLAST = 1\n"
+
+    pairs = zip(source.splitlines(), with_written_inits(source).splitlines(), strict=True)
+
+    changed = [(one, other) for one, other in pairs if one != other]
+    assert [one for one, _ in changed] == ["", ""]

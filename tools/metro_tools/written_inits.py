@@ -1,0 +1,68 @@
+"""Writes out the constructors of dataclasses, so that mypyc can compile them.
+
+The one that `dataclass` makes when a module is imported stays interpreted, and of a frozen class it
+sets every field through `object.__setattr__`. One that stands in the class is compiled with it, and
+`dataclass` keeps it. Each takes the place of the empty line behind its class, so that all other
+lines keep their numbers in tracebacks.
+"""
+
+import ast
+from collections.abc import Sequence
+from typing import Final
+
+KEYWORDS: Final = {"frozen", "slots"}
+"""A dataclass that is told anything else is left as it is."""
+
+
+def with_written_inits(source: str) -> str:
+    """The same module with a constructor in each class that `dataclass` would give a plain one."""
+    lines = [*source.splitlines(), ""]
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.ClassDef) and _is_plain(node):
+            behind = node.body[-1].end_lineno
+            assert behind is not None
+            if not lines[behind].strip():
+                lines[behind] = _init(node)
+    return "\n".join(lines).rstrip("\n") + "\n"
+
+
+def _is_plain(node: ast.ClassDef) -> bool:
+    """Whether it is a dataclass without bases, with fields and nothing unusual about them."""
+    if node.bases or node.keywords or len(node.decorator_list) != 1:
+        return False
+    call = node.decorator_list[0]
+    if not isinstance(call, ast.Call) or ast.unparse(call.func) != "dataclass":
+        return False
+    if any(keyword.arg not in KEYWORDS for keyword in call.keywords):
+        return False
+    fields, methods = _fields(node), _methods(node)
+    unusual = any(_calls_or_class_variable(field) for field in fields)
+    return bool(fields) and "__init__" not in methods and not unusual
+
+
+def _fields(node: ast.ClassDef) -> Sequence[ast.AnnAssign]:
+    return [each for each in node.body if isinstance(each, ast.AnnAssign)]
+
+
+def _methods(node: ast.ClassDef) -> set[str]:
+    return {each.name for each in node.body if isinstance(each, ast.FunctionDef)}
+
+
+def _calls_or_class_variable(field: ast.AnnAssign) -> bool:
+    """A default that is a call may be `field(...)`, and one object that all instances share."""
+    kind = ast.unparse(field.annotation)
+    return isinstance(field.value, ast.Call) or "ClassVar" in kind or "InitVar" in kind
+
+
+def _init(node: ast.ClassDef) -> str:
+    parameters, statements = ["self"], []
+    for field in _fields(node):
+        name, kind = ast.unparse(field.target), ast.unparse(field.annotation)
+        default = "" if field.value is None else f" = {ast.unparse(field.value)}"
+        parameters.append(f"{name}: {kind}{default}")
+        statements.append(f"self.{name} = {name}")
+    if "__post_init__" in _methods(node):
+        statements.append("self.__post_init__()")
+    head = f"{' ' * node.body[0].col_offset}def __init__({', '.join(parameters)}) -> None: "
+    # Of a frozen class only the constructor may assign, and mypy knows of no exception.
+    return f"{head}{'; '.join(statements)}  # type: ignore[misc]"
