@@ -161,7 +161,93 @@ def test_what_was_found_is_kept_no_further_than_the_next_edge() -> None:
     assert back.highest_mps2 > 0.0
 
 
+def test_what_was_found_from_the_very_start_of_a_climb_on_is_not_kept_behind_it() -> None:
+    climb = Gradients(line((100.0, 200.0, 20.0)))
+    climb.look(100.0 + FIRST_CAR_M, 190.0)
+    assert climb.lowest_mps2 > 0.0
+    climb.look(99.0 + FIRST_CAR_M, 190.0)
+    assert climb.lowest_mps2 == 0.0
+
+
+class Watched:
+    """A line that counts how often its gradients are looked up."""
+
+    def __init__(self, *climbs: tuple[float, float, float]) -> None:
+        self._line = line(*climbs)
+        self.asked = 0
+
+    @property
+    def gradients(self) -> tuple[GradientSection, ...]:
+        self.asked += 1
+        return self._line.gradients
+
+
+@pytest.mark.parametrize(
+    ("low_m", "high_m", "anew"),
+    [
+        (100.0, 110.0, False),
+        (50.0, 160.0, False),
+        (49.9, 160.0, True),
+        (50.0, 160.1, True),
+        (51.0, 105.0, False),
+        (120.0, 159.0, False),
+    ],
+)
+def test_gradients_are_looked_up_again_after_fifty_metres_either_way(
+    low_m: float, high_m: float, *, anew: bool
+) -> None:
+    watched = Watched()
+    level = Gradients(watched)  # type: ignore[arg-type]
+    level.look(100.0, 110.0)
+    once = watched.asked
+    assert once > 0
+    level.look(low_m, high_m)
+
+    assert (watched.asked > once) is anew
+
+
+@pytest.mark.parametrize(
+    ("low_m", "high_m", "anew"),
+    [
+        (125.0, 200.0, False),
+        (124.9, 199.9, True),
+        (125.1, 200.1, True),
+    ],
+)
+def test_gradients_are_looked_up_again_where_one_ends(
+    low_m: float, high_m: float, *, anew: bool
+) -> None:
+    """Whether the first look came near to the ends, or just up to them."""
+    for first_low_m, first_high_m in ((130.0, 195.0), (125.0, 200.0)):
+        watched = Watched((100.0, 200.0, 20.0))
+        climb = Gradients(watched)  # type: ignore[arg-type]
+        climb.look(first_low_m, first_high_m)
+        once = watched.asked
+        climb.look(low_m, high_m)
+
+        assert (watched.asked > once) is anew
+
+
 # The accelerometer.
+
+
+def test_an_accelerometer_that_falls_silent_tells_nothing_more() -> None:
+    made = ground(10.0, 12.0, 1.0)
+    made.feel(None, FLAT)
+    made.step(0.5, None, NEVER_S, 0.0, 0.0)
+
+    assert speed_mps(made) == near(9.0, 13.0)
+
+
+def test_a_radar_that_falls_silent_is_not_seen_any_more() -> None:
+    made = shown(11.0, wheels=ELSEWHERE)
+    assert made.seen
+    made.step(0.5, None, NEVER_S, *ELSEWHERE)
+    assert not made.seen
+    made.step(0.0, 11.0, 0.0, *ELSEWHERE)
+    assert made.seen
+    made.step(0.0, 30.0, 0.0, *ELSEWHERE)
+    assert not made.seen
 
 
 def test_without_accelerometer_the_speed_may_change_as_much_as_a_train_can() -> None:

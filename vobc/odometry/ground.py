@@ -63,8 +63,8 @@ class Gradients:
     def _reach(self) -> None:
         """On the level, or in the middle of one gradient, look again only where it may end."""
         edges_m = [edge for g in self._line.gradients for edge in (g.start_m, g.end_m)]
-        behind_m = [edge for edge in edges_m if edge < self._from_m]
-        ahead_m = [edge for edge in edges_m if edge > self._to_m]
+        behind_m = [edge for edge in edges_m if edge <= self._from_m]
+        ahead_m = [edge for edge in edges_m if edge >= self._to_m]
         self._from_m = max([self._from_m - AHEAD_M, *behind_m])
         self._to_m = min([self._to_m + AHEAD_M, *ahead_m])
 
