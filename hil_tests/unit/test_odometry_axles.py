@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from can_dbc.nodes import Direction
 from can_dbc.odometer import Tacho
 from vobc.odometry.pulses import PulseCounter
-from vobc.odometry.sampling import STEADY_S, FrameClock, OwnTime, SampleClock
 
 _RIG = Path(__file__).with_name("odometry_rig.py")
 _SPEC = importlib.util.spec_from_file_location("odometry_rig", _RIG)
@@ -23,8 +22,6 @@ if not hasattr(rig, "Rig"):
     _SPEC.loader.exec_module(rig)
 
 Errors, Rig = rig.Errors, rig.Rig
-MS = 1_000_000
-S = 1_000_000_000
 
 
 def no_radar(time_s: float, speed_mps: float) -> None:
@@ -125,39 +122,3 @@ def test_a_clock_that_is_set_back_at_standstill_still_tells_when_the_train_start
     assert standing[-1].motion.standstill
     assert_true(standing + going)
     assert not going[-1].motion.standstill
-
-
-def test_own_time_goes_on_by_the_longest_step_when_the_clock_is_set_back() -> None:
-    time = OwnTime()
-    steps = [
-        (time.tell(now_ns), time.dt_s, time.steady)
-        for now_ns in (7 * S, 7 * S + 50 * MS, 2 * S, 2 * S + 50 * MS, 2 * S + 50 * MS)
-    ]
-
-    told_s = [7.0, 7.05, 7.05 + STEADY_S, 7.1 + STEADY_S, 7.1 + STEADY_S]
-    assert [step[0] for step in steps] == pytest.approx(told_s)
-    assert [step[1] for step in steps] == pytest.approx([0.0, 0.05, STEADY_S, 0.05, 0.0])
-    assert [step[2] for step in steps] == [True, True, False, True, True]
-
-
-def test_a_step_of_own_time_is_steady_up_to_its_longest() -> None:
-    for step_ns, steady in ((100 * MS, True), (100 * MS + 1, False), (-1, False)):
-        time = OwnTime()
-        time.tell(0)
-        time.tell(step_ns)
-
-        assert time.steady is steady
-        assert time.dt_s == pytest.approx(0.1)
-
-
-@pytest.mark.parametrize("back_ns", [1, 300 * MS, 3 * S, 3600 * S])
-def test_sensors_are_timed_anew_by_a_clock_that_was_set_back(back_ns: int) -> None:
-    tacho, radar = SampleClock(), FrameClock(50)
-    for number in range(5):
-        tacho.sampled_ns(7200 * S + number * 20 * MS, number, 20 * number)
-        radar.sampled_ns(7200 * S + number * 50 * MS, number)
-    now_ns = 7200 * S - back_ns
-    assert tacho.sampled_ns(now_ns, 5, 100) == now_ns
-    assert radar.sampled_ns(now_ns, 5) == now_ns
-    assert tacho.sampled_ns(now_ns + 20 * MS, 6, 120) == now_ns + 20 * MS
-    assert radar.sampled_ns(now_ns + 50 * MS, 6) == now_ns + 50 * MS

@@ -108,7 +108,7 @@ class FrameClock:
     def sampled_ns(self, heard_ns: int, counter: int) -> int | None:
         """The instant of a frame that was heard now, never after it; None when it is too old."""
         if self._anew(heard_ns):
-            self._begin(heard_ns, counter, 0)
+            self._begin(heard_ns, counter)
             return heard_ns
         steps = (counter - self._counter) % COUNTER_PERIOD
         return self._follow(heard_ns, counter, steps * self._period_ns)
@@ -117,12 +117,13 @@ class FrameClock:
         """No frame yet, or this board's clock was set back: what was learnt of it is void."""
         return not self._begun or heard_ns < self._heard_ns
 
-    def _begin(self, heard_ns: int, counter: int, sensor_ns: int) -> None:
+    def _begin(self, heard_ns: int, counter: int) -> None:
+        """The sensor's time counts from here."""
         self._begun = True
         self._counter = counter
         self._heard_ns = heard_ns
-        self._sensor_ns = sensor_ns
-        self._offset_ns = heard_ns - sensor_ns
+        self._sensor_ns = 0
+        self._offset_ns = heard_ns
 
     def _follow(self, heard_ns: int, counter: int, ahead_ns: int) -> int | None:
         """The youngest sample that fits is taken, but none from the future.
@@ -131,7 +132,7 @@ class FrameClock:
             ahead_ns: how far the sensor went on, less whole turns of its counter.
         """
         elapsed_ns = heard_ns - self._heard_ns
-        offset_ns = self._offset_ns + int(DRIFT_RATIO * max(0, elapsed_ns))
+        offset_ns = self._offset_ns + int(DRIFT_RATIO * elapsed_ns)
         sensor_ns = self._sensor_ns + ahead_ns
         turns = (heard_ns - sensor_ns - offset_ns + FASTER_NS) // self._turn_ns
         sensor_ns += turns * self._turn_ns
@@ -170,14 +171,14 @@ class SampleClock(FrameClock):
         stamp = int(stamp_ms)
         before, self._stamp_ms = self._stamp_ms, stamp
         if self._anew(heard_ns):
-            self._begin(heard_ns, counter, stamp * NS_PER_MS)
+            self._begin(heard_ns, counter)
             return heard_ns
         counted_ms = (counter - self._counter) % COUNTER_PERIOD * TACHO_PERIOD_MS
         half_ms = STAMP_PERIOD_MS // 2
         play_ms = (stamp - before - counted_ms + half_ms) % STAMP_PERIOD_MS - half_ms
         if abs(play_ms) > STAMP_PLAY_MS:
             self.restarts += 1
-            self._begin(heard_ns, counter, stamp * NS_PER_MS)
+            self._begin(heard_ns, counter)
             return heard_ns
         return self._follow(heard_ns, counter, (counted_ms + play_ms) * NS_PER_MS)
 
