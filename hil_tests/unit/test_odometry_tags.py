@@ -70,6 +70,10 @@ def test_a_train_that_is_set_up_knows_its_place_and_one_from_nowhere_does_not() 
     assert remembered.sites[12].position_m == 150.0
 
 
+def test_who_is_not_told_where_the_train_begins_expects_every_tag() -> None:
+    assert passed(References(CONFIG, LINE, PlaceProof.SET_UP), 60.0) == 1
+
+
 @pytest.mark.parametrize(("antenna_m", "missed"), [(49.9, 2), (50.0, 1), (100.0, 0)])
 def test_tags_that_the_antenna_may_stand_behind_need_not_be_read(
     antenna_m: float, missed: int
