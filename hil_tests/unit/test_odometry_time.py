@@ -149,6 +149,7 @@ def test_a_tacho_frame_that_tells_no_stamp_was_stamped_at_zero() -> None:
 def test_a_sensor_that_started_anew_is_timed_from_there_to_the_nanosecond(first_ns: int) -> None:
     clock = SampleClock()
     clock.sampled_ns(first_ns, 0, 0.0)
+    clock.sampled_ns(first_ns + 20 * MS, 1, 20.0)
     assert clock.sampled_ns(first_ns + 30 * MS, 70, 100.0) == first_ns + 30 * MS
     assert clock.restarts == 1
 
