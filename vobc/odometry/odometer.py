@@ -152,8 +152,8 @@ class Odometry:
         self._refer.turned(where.pulses)
         if pulses.contradicted:
             # Forwards or backwards: as much the other way is as true.
-            both_m = 2.0 * abs(step) * where.scale.declared_m[1]
-            where.stretch(max(0.0, math.copysign(both_m, step)), max(0.0, -step * both_m))
+            both_m = 2.0 * step * where.scale.declared_m[1]
+            where.stretch(max(0.0, both_m), max(0.0, -both_m))
         if not self._slip:
             where.follow_wheels(step)
             self._travel_m += step * where.m_per_pulse
