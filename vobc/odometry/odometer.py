@@ -195,10 +195,10 @@ class Odometry:
         self._gradients.look(
             min(where.low_m, where.ground_low_m), max(where.high_m, where.ground_high_m)
         )
-        imu = seen.imu
         # Of a gap between cycles the accelerometer tells only the end.
-        heard = imu is not None and imu.healthy and seen.imu_age_s <= config.imu_age_s and steady
-        ground.feel(imu.accel_mps2 if heard and imu is not None else None, self._gradients)
+        imu = seen.imu if steady and seen.imu_age_s <= config.imu_age_s else None
+        felt_mps2 = imu.accel_mps2 if imu is not None and imu.healthy else None
+        ground.feel(felt_mps2, self._gradients)
         ground.step(dt_s, radar_mps, seen.doppler_age_s, wheels.low, wheels.high)
         least_m, most_m = ground.moved_low_m, ground.moved_high_m
         # Wheels that may be slipping say nothing of the ground.
