@@ -254,7 +254,6 @@ class Odometry:
         if self._wheels_out:
             age_s = max(0.0, now_s - self._track.stamp_s) + config.stamp_jitter_s
             where.trust_ground(ground.low_mps, ground.high_mps, age_s)
-            where.scale.forget_anchor()
             self._wheels_out = self._slip
 
     def _offer(self, tag: TagReading) -> tuple[bool, RefusedTag | None]:
@@ -296,7 +295,7 @@ class Odometry:
         lost = bool(refer.lost_cause)
         if lost:
             refusal = refer.find_again(reading, *where.scale.declared_m)
-            if refusal is not None or refer.lost_cause:
+            if refer.lost_cause:
                 return False, refusal
             where.begin_anew(reading.claim_m, reading.bound_m)
         else:
