@@ -110,6 +110,7 @@ class Desk:
         cycle_s: float = 0.05,
         age_s: float = 0.0,
         apart_s: float = 0.02,
+        ages_s: tuple[float, ...] = (),
         way: Direction | None = None,
         healthy: tuple[bool, bool] = (True, True),
         tacho_age_s: float | None = None,
@@ -126,6 +127,7 @@ class Desk:
         Args:
             steps: pulses in each sample of tacho A, and of B unless `steps_b` says otherwise.
             age_s: of the last sample.
+            ages_s: of all of them, instead.
         """
         self.now_ns += round(dt_s * 1e9)
         samples = []
@@ -134,7 +136,8 @@ class Desk:
             self.pulses_b += step_b
             ahead = way or (Direction.REVERSE if step_a < 0 else Direction.FORWARD)
             frame = Tacho(self.pulses_a % 65536, self.pulses_b % 1024, ahead, *healthy, 0.0)
-            samples.append(TachoSample(frame, age_s + apart_s * (len(steps) - 1 - index)))
+            ago_s = ages_s[index] if ages_s else age_s + apart_s * (len(steps) - 1 - index)
+            samples.append(TachoSample(frame, ago_s))
         if tacho_age_s is None:
             tacho_age_s = age_s
         return self.odometry.step(
