@@ -354,6 +354,14 @@ def test_a_slow_controller_has_no_gaps_between_its_cycles() -> None:
     assert made.moved(40, 40, cycle_s=0.2, dt_s=0.2, apart_s=0.1, radar_mps=4.0)[0] > 0.7
 
 
+def test_how_long_a_cycle_is_counts_as_it_was_told_first() -> None:
+    """0.25 s are no gap for a controller that began with cycles of 0.2 s."""
+    made = Desk()
+    made.cycle(0, cycle_s=0.2, radar_mps=4.0)
+
+    assert made.moved(50, dt_s=0.25, cycle_s=0.05, radar_mps=4.0)[0] > 0.9
+
+
 def test_the_way_over_ground_adds_up_with_half_its_width() -> None:
     made = going()
     way_m, blur_m = made.odometry._over_m, made.odometry._over_blur_m

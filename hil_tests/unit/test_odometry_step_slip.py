@@ -232,13 +232,16 @@ def test_wheels_that_grip_again_are_asked_again() -> None:
     assert not made.odometry._wheels_out
 
 
-def test_wheels_are_out_only_as_long_as_they_slip() -> None:
+def test_wheels_are_out_only_as_long_as_they_slip(monkeypatch: pytest.MonkeyPatch) -> None:
     """Also when a jump was noticed in the meantime."""
+    trusted: list[tuple[float, float, float]] = []
+    monkeypatch.setattr(Localisation, "trust_ground", lambda self, *told: trusted.append(told))
     made = going()
     made.odometry._jumped_s = made.now_s
     made.cycle(8, 8, radar_mps=4.0)
     assert not made.odometry._wheels_out
     assert not made.cycle(8, 8, radar_mps=4.0).slip
+    assert trusted == []
 
 
 # Speed, while both may be right.
