@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from metro_tools.mutate.__main__ import main
+from metro_tools.mutate.forks import Pool
 from metro_tools.mutate.mutations import mutants_of, mutated
 from metro_tools.mutate.result import PAGE_FILE
 from metro_tools.mutate.targets import (
@@ -271,3 +272,13 @@ def test_no_module_of_protection_and_odometry_is_left_out(checkout: Path) -> Non
     }
 
     assert meant <= {module for group in read_groups(checkout) for module in group.modules}
+
+
+def test_a_child_that_tells_more_than_a_pipe_holds_comes_to_its_end() -> None:
+    told = "a long name of a test\n" * 20_000
+    ended: list[tuple[tuple[str, int], int, str]] = []
+    pool = Pool(2, lambda name, code, text: ended.append((name, code, text)))
+    for number in range(3):
+        pool.start(("speed.py", number), lambda pipe: 0 * pipe.write(told), 1.0)
+    pool.drain()
+    assert sorted(ended) == [(("speed.py", number), 0, told) for number in range(3)]

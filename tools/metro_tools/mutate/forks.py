@@ -3,9 +3,11 @@
 import json
 import os
 import resource
+import select
 import signal
 import sys
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Final, TextIO
 
 from metro_tools.mutate.result import KILLED, SURVIVED, TIMED_OUT
@@ -18,6 +20,7 @@ CPU_FLOOR_S: Final = 2.0
 """A mutant may take this much longer than the tests without it, and then counts as noticed."""
 WALL_FACTOR: Final = 5.0
 MEMORY_BYTES: Final = 4 << 30
+HEARD_BYTES: Final = 1 << 16
 
 
 class Pool:
@@ -25,27 +28,39 @@ class Pool:
 
     def __init__(self, jobs: int, ended: Callable[[tuple[str, int], int, str], None]) -> None:
         self._jobs, self._ended = jobs, ended
-        self._running: dict[int, tuple[tuple[str, int], TextIO]] = {}
+        self._running: dict[TextIO, _Child] = {}
 
     def start(self, name: tuple[str, int], run: Callable[[TextIO], int], limit_s: float) -> None:
         """Waits for a place. `limit_s` is the processor time that `run` needs without a mistake."""
         while len(self._running) >= self._jobs:
             self._reap()
         pid, pipe = fork(run, limit_s)
-        self._running[pid] = name, pipe
+        self._running[pipe] = _Child(name, pid)
 
     def drain(self) -> None:
         while self._running:
             self._reap()
 
     def _reap(self) -> None:
-        pid, status = os.wait()
-        if pid not in self._running:
-            return
-        name, pipe = self._running.pop(pid)
-        with pipe:
-            told = pipe.read()
-        self._ended(name, os.waitstatus_to_exitcode(status), told)
+        """Hear all of them for once: a child waits when it has told as much as a pipe holds."""
+        ready, _, _ = select.select(list(self._running), [], [])
+        for pipe in ready:
+            child = self._running[pipe]
+            heard = os.read(pipe.fileno(), HEARD_BYTES)
+            if heard:
+                child.told += heard
+                continue
+            del self._running[pipe]
+            pipe.close()
+            _, status = os.waitpid(child.pid, 0)
+            self._ended(child.name, os.waitstatus_to_exitcode(status), child.told.decode())
+
+
+@dataclass(slots=True)
+class _Child:
+    name: tuple[str, int]
+    pid: int
+    told: bytes = b""
 
 
 def result_of(code: int) -> str:
