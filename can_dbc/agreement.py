@@ -252,10 +252,10 @@ def _unit_faults(field: str, name: str, signal: Signal) -> Iterator[str]:
 
 
 def _whole_faults(field: str, signal: Signal) -> Iterator[str]:
-    if signal.scale != int(signal.scale) or signal.offset != int(signal.offset):
+    if signal.scale != 1 or signal.offset != int(signal.offset):
         yield (
-            f"scaling ({signal.scale},{signal.offset}) gives fractions but {field} is an int;"
-            " make it a float or the scaling whole"
+            f"scaling ({signal.scale},{signal.offset}) is no count but {field} is an int;"
+            " make it a float, or the scale 1 and the offset whole"
         )
     if signal.unit:
         yield f"has unit {signal.unit!r} but {field} is an int; make it a float or drop the unit"

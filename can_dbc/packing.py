@@ -139,7 +139,7 @@ def _unpack_lines(field: FieldLayout, index: int) -> list[str]:
         sign = 1 << field.length - 1
         raw = f"({raw} ^ {sign:#x}) - {sign:#x}"
     lines = [f" raw = {raw}"]
-    if (field.raw_minimum, field.raw_maximum) != _extremes(field):
+    if field.raw_maximum - field.raw_minimum < mask:
         lines += [f" if not {field.raw_minimum} <= raw <= {field.raw_maximum}: return None"]
     return [*lines, f" value{index} = {_scaled(field)}"]
 
@@ -155,18 +155,12 @@ def _unscaled(field: FieldLayout) -> str:
 
 
 def _scaled(field: FieldLayout) -> str:
-    scale, offset = (float, int)[field.kind is int](field.scale), field.offset
-    text = f"raw * {scale!r}" if field.kind is float or field.scale != 1 else "raw"
-    return f"{text} + {offset!r}" if offset else text
+    text = f"raw * {float(field.scale)!r}" if field.kind is float else "raw"
+    return f"{text} + {field.offset!r}" if field.offset else text
 
 
 def _bool_raws(field: FieldLayout) -> tuple[int, int]:
     return (TWO_BIT_TRUE, TWO_BIT_FALSE) if field.length > 1 else (1, 0)
-
-
-def _extremes(field: FieldLayout) -> tuple[int, int]:
-    half = 1 << field.length - 1
-    return (-half, half - 1) if field.signed else (0, 2 * half - 1)
 
 
 def _raw(field: FieldLayout, bits: int) -> int:

@@ -34,7 +34,7 @@ def mismatches(file: DbcFile, message: Message) -> Iterator[str]:
         found = _twin_has(twin)[name]
         if found != wanted:
             yield f"{twin.name}: {name} is {found}; the twin needs {wanted}"
-    if dbc_file.data_id(twin) in (0, dbc_file.data_id(message)):
+    if not dbc_file.data_id(twin):
         yield f"{twin.name}: needs a SafetyDataId of its own, 1..65535"
     yield from _twin_signal_faults(message, twin)
 
@@ -75,7 +75,7 @@ def _facts(signal: Signal) -> dict[str, object]:
         "scale": _rounded(signal.scale),
         "offset": _rounded(signal.offset),
         "range": (signal.minimum, signal.maximum),
-        "unit": signal.unit or "",
+        "unit": signal.unit,
         "value table": table_of(signal),
         "start value": signal.raw_initial or 0,
     }

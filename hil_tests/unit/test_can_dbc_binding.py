@@ -223,9 +223,10 @@ FIELD_FAULTS = {
     "unit of int": ('28|4@1+ (1,0) [0|15] ""', '28|4@1+ (1,0) [0|15] "m"',
                     "steps: has unit 'm' but GearCommand.steps is an int"),
     "fraction": ("28|4@1+ (1,0) [0|15]", "28|4@1+ (0.5,0) [0|7]",
-                 "steps: scaling (0.5,0) gives fractions"),
+                 "steps: scaling (0.5,0) is no count"),
+    "twos": ("28|4@1+ (1,0) [0|15]", "28|4@1+ (2,0) [0|30]", "steps: scaling (2,0) is no count"),
     "fractional offset": ("28|4@1+ (1,0) [0|15]", "28|4@1+ (1,0.5) [1|15]",
-                          "steps: scaling (1,0.5) gives fractions"),
+                          "steps: scaling (1,0.5) is no count"),
     "no range": ("(10,0) [0|400000]", "(10,0) [0|0]", "force_n: has no range"),
     "range wrong way": ("(10,0) [0|400000]", "(10,0) [9|1]", "force_n: has no range"),
     "range too high": ("(10,0) [0|400000]", "(10,0) [0|655360]",
@@ -440,6 +441,45 @@ def test_a_file_that_contradicts_itself_is_refused(
     assert text != GOOD
 
     assert words in complaint(text)
+
+
+class Ratio(enum.IntEnum):
+    LOW = 1
+    MIDDLE = 2
+    HIGH = 3
+
+
+@dataclass(frozen=True, slots=True)
+class RatioCommand:
+    force_n: float
+    accel_mps2: float
+    gear: Ratio
+    enabled: bool
+    steps: int
+
+
+def test_a_choice_that_begins_above_zero_has_a_twin_that_ends_below_the_top() -> None:
+    """Two bits: 1, 2 and 3 are 2, 1 and 0 with all bits inverted."""
+    text = GOOD
+    for old, new in (
+        ("gear : 24|2@1+ (1,0) [1|3]", "gear : 24|2@1+ (1,0) [0|02]"),
+        ("gear : 24|2@1+ (1,0) [0|2]", "gear : 24|2@1+ (1,0) [1|3]"),
+        ('gear 0 "NEUTRAL" 1 "FORWARD" 2 "REVERSE"', 'gear 1 "LOW" 2 "MIDDLE" 3 "HIGH"'),
+        ('gear 3 "NEUTRAL" 2 "FORWARD" 1 "REVERSE"', 'gear 2 "LOW" 1 "MIDDLE" 0 "HIGH"'),
+        ("SG_ 257 gear 3;", 'SG_ 257 gear 2;\nBA_ "GenSigStartValue" SG_ 256 gear 1;'),
+    ):
+        assert text.count(old) == 1, old
+        text = text.replace(old, new)
+
+    gear = bound(text, RatioCommand).fields[2]
+
+    assert (gear.raw_minimum, gear.raw_maximum) == (1, 3)
+
+
+def test_a_start_value_of_all_ones_has_a_twin_that_starts_with_none() -> None:
+    line = 'BA_ "GenSigStartValue" SG_ 257 force_n 65535;'
+    for instead in (line.replace("257", "256"), f"{line.replace('257', '256')}\n{line[:-6]}0;"):
+        assert bound(changed(line, instead)).twin is not None
 
 
 def test_a_class_is_bound_by_the_decorator_from_a_path(tmp_path: Path) -> None:
