@@ -1,18 +1,14 @@
 """`make mutate` of the data: wrong maps, beliefs and scales, and which scenario notices each.
 
 Both sides of a run read the same files, so that a mistake in a file would be shared and seen by
-nobody. Therefore only the controller has it. What no ride can show is held by a test of the file.
+nobody. Therefore only the controller has it.
 """
 
 import argparse
 import dataclasses
-import os
-import shutil
-import subprocess
 import sys
-import tempfile
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -23,12 +19,7 @@ from metro_hil.cases import CaseResult
 from metro_hil.proof.belief_rides import FRAMES, Ride, misread, notices, rides_of, run, with_line
 
 DATA_FILE: Final = "hil_tests/proof/data_mutants.toml"
-SIDES: Final = ("map", "belief", "frame", "file")
-COPIED: Final = (
-    *("can_dbc", "zenoh_config", "firmware_py", "vobc", "plant_emulator", "hil_tests", "tools"),
-    *("docs", "pyproject.toml", "README.md"),
-)
-NOT_COPIED: Final = shutil.ignore_patterns("__pycache__", "*.pyc")
+SIDES: Final = ("map", "belief", "frame")
 EXIT_OK: Final = 0
 EXIT_SURVIVORS: Final = 1
 EXIT_USAGE: Final = 2
@@ -40,23 +31,18 @@ class DataMutantError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class DataMutant:
-    """One wrong number or word."""
+    """One wrong number."""
 
     name: str
     side: str
-    """`map`, `belief` or `frame` of the controller alone, or `file`."""
+    """`map`, `belief` or `frame`, of the controller alone."""
     place: str
-    """Field path, such as tags.2.position_m, atp.rollback_m or Doppler.speed_mps; or the file."""
+    """Field path, such as tags.2.position_m, atp.rollback_m or Doppler.speed_mps."""
+    scenarios: tuple[str, ...]
+    """As `campaign: case`, where the begin of the case's id is enough; one of them must fail."""
     add_m: float = 0.0
     """Added to the number, whatever its unit."""
     factor_ratio: float = 1.0
-    scenarios: tuple[str, ...] = ()
-    """As `campaign: case`, where the begin of the case's id is enough; one of them must fail."""
-    old: str = ""
-    """In a file: what stands there, once."""
-    new: str = ""
-    tests: tuple[str, ...] = ()
-    """For a file: at least one of these fails."""
 
     def changed(self, value: float) -> float:
         return value * self.factor_ratio + self.add_m
@@ -73,9 +59,8 @@ def read_mutants(root: Path) -> list[DataMutant]:
         where = f"{DATA_FILE}: {mutant.name}"
         if mutant.side not in SIDES:
             raise DataMutantError(f"{where}: side: {mutant.side!r} is none of {', '.join(SIDES)}")
-        key = "tests" if mutant.side == "file" else "scenarios"
-        if not getattr(mutant, key):
-            raise DataMutantError(f"{where}: {key}: is empty; who is to notice it?")
+        if not mutant.scenarios:
+            raise DataMutantError(f"{where}: scenarios: is empty; who is to notice it?")
         for name in mutant.scenarios:
             try:
                 rides_of(name)
@@ -117,44 +102,12 @@ def ride_notices(mutant: DataMutant, known_good: set[str]) -> str:
     return notices(mutant.scenarios, mistaken, known_good)
 
 
-def file_notices(mutant: DataMutant, copy: Path) -> str:
-    """A named test that fails in a copy of the checkout with the wrong line in it."""
-    path = copy / mutant.place
-    text = path.read_text(encoding="utf-8")
-    if text.count(mutant.old) != 1:
-        raise DataMutantError(
-            f"{DATA_FILE}: {mutant.name}: old: {mutant.old!r} is {text.count(mutant.old)} times"
-            f" in {mutant.place}"
-        )
-    path.write_text(text.replace(mutant.old, mutant.new), encoding="utf-8")
-    try:
-        done = subprocess.run(
-            [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *mutant.tests],
-            cwd=copy,
-            env={**os.environ, **_paths(copy)},
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-    finally:
-        path.write_text(text, encoding="utf-8")
-    if done.returncode == 0:
-        return ""
-    failed = [line.split()[1] for line in done.stdout.splitlines() if line.startswith("FAILED ")]
-    return failed[0] if failed else "refused on loading"
-
-
-def _paths(copy: Path) -> Mapping[str, str]:
-    return {"PYTHONPATH": os.pathsep.join(str(copy / part) for part in ("", "hil_tests", "tools"))}
-
-
-def _copy_of(root: Path, copy: Path) -> None:
-    for name in COPIED:
-        source = root / name
-        if source.is_dir():
-            shutil.copytree(source, copy / name, ignore=NOT_COPIED)
-        else:
-            shutil.copy(source, copy / name)
+def _chosen(mutants: list[DataMutant], names: Sequence[str]) -> list[DataMutant]:
+    """Of these names, or all without any. Raises DataMutantError for a name that none has."""
+    for name in names:
+        if not any(mutant.name == name for mutant in mutants):
+            raise DataMutantError(f"{DATA_FILE}: {name!r} is the name of no mutant")
+    return [mutant for mutant in mutants if not names or mutant.name in names]
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -168,22 +121,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     options = parser.parse_args(argv)
     missed, known_good = 0, set[str]()
     try:
-        mutants = [
-            mutant
-            for mutant in read_mutants(options.root)
-            if not options.names or mutant.name in options.names
-        ]
-        with tempfile.TemporaryDirectory() as folder:
-            copy = Path(folder)
-            if any(mutant.side == "file" for mutant in mutants):
-                _copy_of(options.root, copy)
-            for mutant in mutants:
-                if mutant.side == "file":
-                    by = file_notices(mutant, copy)
-                else:
-                    by = ride_notices(mutant, known_good)
-                missed += not by
-                print(f"{mutant.name:44} {by or 'NOBODY NOTICES'}", flush=True)
+        mutants = _chosen(read_mutants(options.root), options.names)
+        for mutant in mutants:
+            by = ride_notices(mutant, known_good)
+            missed += not by
+            print(f"{mutant.name:44} {by or 'NOBODY NOTICES'}", flush=True)
     except (DataMutantError, SettingsError) as error:
         print(f"mutate: {error}", file=sys.stderr)
         return EXIT_USAGE
