@@ -32,7 +32,6 @@ HOT: Final = (
     "can_dbc/trailer.py",
     "firmware_py/buses/inproc.py",
     "firmware_py/buses/timing.py",
-    "firmware_py/clock.py",
     "firmware_py/executive.py",
     "firmware_py/port_log.py",
     "firmware_py/radio/inproc_radio.py",

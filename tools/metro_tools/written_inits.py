@@ -40,6 +40,10 @@ def _is_plain(node: ast.ClassDef) -> bool:
     return bool(fields) and "__init__" not in methods and not unusual
 
 
+def _is_frozen(node: ast.ClassDef) -> bool:
+    return "frozen=True" in ast.unparse(node.decorator_list[0])
+
+
 def _fields(node: ast.ClassDef) -> Sequence[ast.AnnAssign]:
     return [each for each in node.body if isinstance(each, ast.AnnAssign)]
 
@@ -65,4 +69,5 @@ def _init(node: ast.ClassDef) -> str:
         statements.append("self.__post_init__()")
     head = f"{' ' * node.body[0].col_offset}def __init__({', '.join(parameters)}) -> None: "
     # Of a frozen class only the constructor may assign, and mypy knows of no exception.
-    return f"{head}{'; '.join(statements)}  # type: ignore[misc]"
+    exception = "  # type: ignore[misc]" if _is_frozen(node) else ""
+    return f"{head}{'; '.join(statements)}{exception}"
