@@ -63,6 +63,7 @@ class Controller:
         )
         self._operation = operation or Ato(config.ato, line, mission.start.stop_m, mission.stops)
         self._manual_mps2 = 0.0
+        self._weighed_kg = config.train.full_load_kg
         self._not_finite = False
         self._stopping_at_m: float | None = None
         self.verdict: Verdict | None = None
@@ -158,8 +159,13 @@ class Controller:
         )
 
     def _load_kg(self, seen: CycleInput) -> float:
-        """Until the train has weighed its passengers it is taken to be full."""
-        return self._train.full_load_kg if seen.load is None else seen.load.load_kg
+        """What the train weighed last; until then it is taken to be full.
+
+        Nobody changes trains between stations, so a weight that is no longer told still counts.
+        """
+        if seen.load is not None:
+            self._weighed_kg = seen.load.load_kg
+        return self._weighed_kg
 
     def _platform_side_open(self, doors: DoorStatus | None, front_m: float) -> bool:
         if doors is None:

@@ -600,6 +600,18 @@ def test_until_the_train_is_weighed_it_is_full() -> None:
     assert bench.driver.seen[-1].load_kg == CONFIG.train.full_load_kg
 
 
+def test_a_weight_that_is_no_longer_told_still_counts() -> None:
+    bench = Bench()
+    bench.cycle()
+    weighed_kg = bench.driver.seen[-1].load_kg
+
+    bench.change(load=None, load_age_s=NEVER_S)
+    bench.cycle()
+
+    assert weighed_kg == 27_200.0
+    assert bench.driver.seen[-1].load_kg == 27_200.0
+
+
 def test_the_same_inputs_give_the_same_outputs() -> None:
     first, second = Bench(), Bench()
     first.set_off()
