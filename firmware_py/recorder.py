@@ -151,7 +151,7 @@ class LineLog:
     """A CSV log with a header line. Its first column is the time in seconds and sets the flushing.
 
     Numbers have nine significant digits, true and false are 1 and 0, a choice is its name in lower
-    case, and None is an empty field.
+    case, several values in one field have blanks between them, and None is an empty field.
     """
 
     def __init__(self, path: Path | str, columns: Sequence[str]) -> None:
@@ -268,6 +268,8 @@ def _field(value: object) -> str:
         # The attribute itself: the property over it costs three calls.
         name: str | None = value._name_
         return name.lower() if name is not None else str(value.value)
+    if isinstance(value, tuple):
+        return " ".join([_field(each) for each in value])
     text = f"{value:.9g}" if isinstance(value, float) else str(value)
     if "," in text or '"' in text or "\n" in text or "\r" in text:
         return '"' + text.replace('"', '""') + '"'

@@ -44,6 +44,7 @@ TRUTH_COLUMNS: Final = (
     "speed_mps",
     "accel_mps2",
     "accel_first_car_mps2",
+    "car_speeds_mps",
     "traction_force_n",
     "brake_force_n",
     "gradient_permille",
@@ -55,7 +56,8 @@ TRUTH_COLUMNS: Final = (
     "odometer_error_m",
     "tags_read",
 )
-"""Of the truth log. Speed and acceleration are the whole train's; speed is 0 only at standstill."""
+"""Of the truth log. Speed and acceleration are the whole train's; speed is 0 only at standstill.
+`car_speeds_mps` has one number for each car, from the front, with blanks between them."""
 
 TRUTH_STEPS: Final = 5
 """A row every 50 ms, and one whenever the train comes to rest or leaves it."""
@@ -330,6 +332,7 @@ class PlantDevice:
             consist.speed_mps,
             consist.accel_mps2,
             consist.car_accels_mps2[0],
+            tuple(consist.car_speeds_mps),
             world.drive_n,
             world.brake_n,
             world.gradient_permille,

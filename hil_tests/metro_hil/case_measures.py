@@ -11,6 +11,7 @@ import numpy.typing as npt
 from can_dbc.doors import DoorState
 from firmware_py.trackdb import Station
 from metro_hil.columns import Columns
+from metro_hil.comfort import felt_worst
 from metro_hil.measures import measure_ride, measure_stops
 from plant_emulator.process import TRUTH_COLUMNS
 
@@ -20,8 +21,13 @@ NAMES: Final[Mapping[str, str]] = {
     "stops_made_count": "stations near whose stopping point the train stood",
     "stops_missed_count": "stations of its timetable near which it never stood",
     "arrived_count": "1 when it stood with open doors at its last station, else 0",
-    "accel_max_mps2": "greatest acceleration either way, low-passed at 2 Hz",
-    "jerk_max_mps3": "greatest change of acceleration, low-passed at 2 Hz",
+    "accel_max_mps2": "greatest acceleration of the whole train either way, low-passed at 2 Hz",
+    "jerk_max_mps3": "greatest slope of that acceleration",
+    "felt_accel_max_mps2": "greatest acceleration of any car, low-passed at 2 Hz, no emergencies",
+    "felt_jerk_1s_mps3": "greatest change of that over 1 s",
+    "felt_jerk_2hz_mps3": "greatest slope of that, the jolt into standstill included",
+    "commanded_accel_max_mps2": "greatest acceleration that operation asked for, either way",
+    "commanded_jerk_max_mps3": "greatest change of that from one control cycle to the next",
     "speed_max_mps": "greatest speed",
     "distance_m": "from the front's first place to its last",
     "run_time_s": "duration of the run",
@@ -84,6 +90,7 @@ def motion_measures(
         "stops_missed_count": float(len(measured) - len(errors_m)),
         "accel_max_mps2": ride.max_accel_mps2,
         "jerk_max_mps3": ride.max_jerk_mps3,
+        **felt_worst(truth),
         "speed_max_mps": ride.top_speed_mps,
         "distance_m": ride.distance_m,
         "run_time_s": ride.duration_s,

@@ -10,8 +10,9 @@ from firmware_py.expression import compile_expression
 from firmware_py.settings import SettingsError
 from metro_hil.case_measures import MemoryLog, motion_measures
 from metro_hil.case_setup import NO_FILES, CaseParts, Files, parts_of
-from metro_hil.cases import Case, CaseResult, Event, Host, Verdict
+from metro_hil.cases import Case, CaseResult, Controller, Event, Host, Verdict
 from metro_hil.chain import FrameChain
+from metro_hil.comfort import CommandLog, inertia_of
 from metro_hil.ending import ARRIVED
 from metro_hil.granted import ControllerDiedError
 from metro_hil.judging import judge
@@ -85,6 +86,7 @@ class CaseRun:
         """What is true of the train, as of the last step of the plant."""
         self._chain = FrameChain()
         self._rows = MemoryLog()
+        self._commands = CommandLog(inertia_of(parts.scenario.train))
         own_port, input_age_s = hearing_of(parts.faults, places)
         places |= {plan.kind.place for plan in parts.faults}
         self._monitors = MonitorSet(
@@ -150,6 +152,7 @@ class CaseRun:
         output = self.bench.vobc.output
         if output is not self._output:
             self._output = output
+            self._commands.output(truth.t_s, output)
             self._tell(truth.t_s, output)
         if self._branch is not None and not self._branched and self._branch(truth):
             self._branched = True
@@ -308,6 +311,11 @@ class CaseRun:
             self._rows.columns(), parts.journey.stops, parts.journey.planned_run_s
         )
         power, elapsed_ns = bench.plant.world.power, bench.clock.now_ns()
+        if self.case.controller.kind == Controller().kind:
+            # What a controller in a process of its own asks for, its frames alone tell.
+            asked_mps2, asked_mps3 = self._commands.worst()
+            measures["commanded_accel_max_mps2"] = asked_mps2
+            measures["commanded_jerk_max_mps3"] = asked_mps3
         measures["arrived_count"] = float(bench.arrived)
         measures["energy_drawn_kwh"] = power.drawn_j / J_PER_KWH
         measures["energy_returned_kwh"] = power.returned_j / J_PER_KWH

@@ -56,6 +56,22 @@ class Columns:
         except (TypeError, ValueError) as error:
             raise LogError(f"{self._source}: column {name}: {error}") from error
 
+    def has(self, name: str) -> bool:
+        """Logs of older versions, or of others, may lack some."""
+        return name in self._values
+
+    def vectors(self, name: str) -> Numbers:
+        """Of a column with several numbers in a field: shape (n_rows, n_numbers).
+
+        Raises LogError for a row that has not as many as the others.
+        """
+        rows = [value.split() if isinstance(value, str) else value for value in self._column(name)]
+        try:
+            table = np.array(rows, dtype=np.float64)
+        except (TypeError, ValueError) as error:
+            raise LogError(f"{self._source}: column {name}: {error}") from error
+        return table.reshape(len(rows), -1)
+
 
 def read_columns(path: Path) -> Columns:
     """Raises LogError when the file is missing or has no header."""

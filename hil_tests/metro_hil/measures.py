@@ -11,6 +11,8 @@ from metro_hil.columns import Columns, Numbers
 
 CUT_OFF_HZ = 2.0
 """What a standing passenger feels of acceleration and jerk; coupler noise above it is left out."""
+RESPONSE_S = 2.5
+"""After so long nothing is left of an impulse."""
 NEAR_STOP_M = 50.0
 """A standstill farther than this from a stopping point is not a stop at that station."""
 ROWS_MIN = 8
@@ -94,7 +96,7 @@ def measure_ride(truth: Columns) -> Ride:
     grid_s = np.arange(time_s[0], time_s[-1], step_s)
     # From speeds, not from the logged acceleration, so that nothing between two rows is missed.
     speed_mps = np.interp(grid_s, time_s, truth.numbers("speed_mps"))
-    accel_mps2 = _low_pass(np.diff(speed_mps) / step_s, step_s)
+    accel_mps2 = low_pass(np.diff(speed_mps) / step_s, step_s)
     jerk_mps3 = np.diff(accel_mps2) / step_s
     return Ride(
         max_accel_mps2=float(np.max(np.abs(accel_mps2))),
@@ -105,19 +107,37 @@ def measure_ride(truth: Columns) -> Ride:
     )
 
 
-def _low_pass(samples: Numbers, step_s: float) -> Numbers:
-    """Second-order Butterworth at `CUT_OFF_HZ` by the bilinear transform, run once forwards."""
+def low_pass(samples: Numbers, step_s: float) -> Numbers:
+    """Second-order Butterworth at `CUT_OFF_HZ` by the bilinear transform, run once forwards.
+
+    Sums the impulse response as far as it is above 1e-8 of the input, in a fixed order, so that
+    every processor comes to the same bits.
+
+    Args:
+        samples: shape (n,), or (n, k) for k signals at once; before the first it was as there.
+    """
+    response = _impulse_response(step_s, max(2, math.ceil(RESPONSE_S / step_s)))
+    before = np.repeat(samples[:1], len(response) - 1, axis=0)
+    padded = np.concatenate((before, samples))
+    out = np.zeros_like(samples)
+    for index, weight in enumerate(reversed(response)):
+        out += weight * padded[index : index + len(samples)]
+    return out
+
+
+def _impulse_response(step_s: float, count: int) -> list[float]:
     warped = math.tan(math.pi * CUT_OFF_HZ * step_s)
     scale = 1.0 / (1.0 + math.sqrt(2.0) * warped + warped**2)
     b0 = warped**2 * scale
     a1 = 2.0 * (warped**2 - 1.0) * scale
     a2 = (1.0 - math.sqrt(2.0) * warped + warped**2) * scale
-    out = np.empty_like(samples)
-    x1 = x2 = y1 = y2 = float(samples[0])
-    for index, x0 in enumerate(samples.tolist()):
+    out: list[float] = []
+    x1 = x2 = y1 = y2 = 0.0
+    for index in range(count):
+        x0 = 1.0 if index == 0 else 0.0
         y0 = b0 * (x0 + 2.0 * x1 + x2) - a1 * y1 - a2 * y2
         x2, x1, y2, y1 = x1, x0, y1, y0
-        out[index] = y0
+        out.append(y0)
     return out
 
 

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
+from metro_hil.comfort import Comfort
 from metro_hil.measures import Cycles, Ride, Stop, SupervisionEvent
 
 BLOCK_BYTES = 1 << 20
@@ -27,6 +28,7 @@ class RunResults:
     real_time_factor: float | None = None
     """Virtual seconds per second; None in real time."""
     rejected_frames: Mapping[str, int] = field(default_factory=dict)
+    comfort: Comfort = field(default_factory=Comfort)
     truth_known: bool = True
     """Motion and stops are the plant's truth; else they are what the controller believes."""
     dropped_frames: int = 0
@@ -47,6 +49,7 @@ class RunResults:
                     "stops": [asdict(stop) for stop in self.stops],
                     "max_accel_mps2": self.ride.max_accel_mps2 if self.ride else None,
                     "max_jerk_mps3": self.ride.max_jerk_mps3 if self.ride else None,
+                    **self.comfort.measures(),
                     "frames": self.frames,
                     "frame_log_sha256": self.frame_log_sha256,
                     "slips": self.cycles.slips if self.cycles else None,

@@ -11,6 +11,7 @@ from firmware_py.clock import WallClock
 from firmware_py.settings import SettingsError
 from metro_hil.children import ChildError
 from metro_hil.columns import LogError, read_columns
+from metro_hil.comfort import comfort_of, inertia_of
 from metro_hil.ending import INTERRUPTED, Ending
 from metro_hil.explain import command as explain
 from metro_hil.journey import Journey, plan_journey
@@ -79,7 +80,7 @@ def _run(options: RunOptions, console: Console) -> int:
         except BusError:
             discard_unused(folder)
             raise
-    results = make_results(folder, journey, ending)
+    results = make_results(folder, journey, ending, inertia_of(scenario.train))
     report(folder, journey, results, ending, console)
     if options.json:
         print(results.to_json())
@@ -92,8 +93,14 @@ def _exit_code(ending: Ending) -> int:
     return EXIT_FAILED if ending.failed else EXIT_OK
 
 
-def make_results(folder: RunFolder, journey: Journey, ending: Ending) -> RunResults:
-    """Measure a run from its logs; what a run ended too early for is left out."""
+def make_results(
+    folder: RunFolder, journey: Journey, ending: Ending, inertia_kg: float
+) -> RunResults:
+    """Measure a run from its logs; what a run ended too early for is left out.
+
+    Args:
+        inertia_kg: of the emulated train; it counts only where that is the one that ran.
+    """
     truth = read_columns(folder.truth_log) if ending.truth_known else None
     cycles = read_columns(folder.cycle_log) if folder.cycle_log.exists() else None
     motion = truth or cycles
@@ -101,6 +108,7 @@ def make_results(folder: RunFolder, journey: Journey, ending: Ending) -> RunResu
         exit_reason=ending.exit_reason,
         stops=measure_stops(motion, journey.stops) if motion else (),
         ride=measure_ride(motion) if motion else None,
+        comfort=comfort_of(truth, cycles, inertia_kg=inertia_kg if truth else None),
         cycles=measure_cycles(cycles) if cycles else None,
         events=supervision_events(cycles) if cycles else (),
         frames=ending.frames,

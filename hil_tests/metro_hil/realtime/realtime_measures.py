@@ -8,6 +8,7 @@ import numpy as np
 from metro_hil.case_measures import motion_measures
 from metro_hil.case_setup import CaseParts
 from metro_hil.columns import Columns, LogError, read_columns
+from metro_hil.comfort import comfort_of, inertia_of
 from metro_hil.realtime.ends import Motion
 from metro_hil.realtime.hearing import Hearing
 from metro_hil.run_folder import RunFolder
@@ -33,13 +34,24 @@ def realtime_measures(
         seen = up_to(truth, run.motion.t_s)
         measures.update(motion_measures(seen, made.journey.stops, made.journey.planned_run_s))
         measures["arrived_count"] = float(run.motion.arrived)
-    measures["controller_slips_count"] = _last(_read(folder, "cycles.csv"), "slips")
+    cycles = _read(folder, "cycles.csv")
+    measures.update(_commanded(cycles, made))
+    measures["controller_slips_count"] = _last(cycles, "slips")
     measures["rejected_frames_count"] = _refused(folder)
     elapsed_s = run.motion.t_s
     if elapsed_s > 0.0:
         measures["bus_load_ratio"] = run.hearing.train.bits / (BIT_RATE * elapsed_s)
     measures.update(_gateway(folder))
     return measures
+
+
+def _commanded(cycles: Columns | None, made: CaseParts) -> dict[str, float | None]:
+    try:
+        comfort = comfort_of(None, cycles, inertia_kg=inertia_of(made.scenario.train))
+    except LogError:
+        return {}
+    asked = comfort.measures()
+    return {name: asked[name] for name in ("commanded_accel_max_mps2", "commanded_jerk_max_mps3")}
 
 
 def up_to(truth: Columns, end_s: float) -> Columns:

@@ -6,6 +6,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from metro_hil.comfort import Comfort
 from metro_hil.results import RunResults
 
 TOLERANCE_M = 0.10
@@ -57,6 +58,7 @@ def _rows(results: RunResults) -> list[tuple[str, str]]:
             ("max acceleration", _against(results.ride.max_accel_mps2, ACCEL_MPS2, "m/s²")),
             ("max jerk", _against(results.ride.max_jerk_mps3, JERK_MPS3, "m/s³")),
         ]
+    rows += _comfort(results.comfort)
     if results.cycles:
         rows += _rhythm(results)
     rows.append(("bus", f"{results.frames} frames, mean load {results.bus_load_ratio * 100:.1f} %"))
@@ -71,6 +73,27 @@ def _rows(results: RunResults) -> list[tuple[str, str]]:
             rows.append((name, str(count)))
     if results.real_time_factor is not None:
         rows.append(("real-time factor", f"{results.real_time_factor:.0f} times"))
+    return rows
+
+
+def _comfort(comfort: Comfort) -> list[tuple[str, str]]:
+    """What is known of it; nothing of a plant that tells no truth."""
+    asked = (
+        (comfort.commanded_accel_max_mps2, ACCEL_MPS2, "m/s²"),
+        (comfort.commanded_jerk_max_mps3, JERK_MPS3, "m/s³"),
+    )
+    felt = (
+        (comfort.felt_accel_max_mps2, "m/s²"),
+        (comfort.felt_jerk_1s_mps3, "m/s³ over 1 s"),
+        (comfort.felt_jerk_2hz_mps3, "m/s³ at 2 Hz"),
+    )
+    rows = []
+    words = [f"{v:.2f} {unit} (design {most} {unit})" for v, most, unit in asked if v is not None]
+    if words:
+        rows.append(("operation asked for", ", ".join(words)))
+    words = [f"{value:.2f} {unit}" for value, unit in felt if value is not None]
+    if words:
+        rows.append(("felt in the worst car", ", ".join(words)))
     return rows
 
 
