@@ -49,7 +49,7 @@ def over_time(times_s: list[float], accels_mps2: list[float]) -> np.ndarray:
 
 
 def sine(amplitude_mps2: float, frequency_hz: float) -> np.ndarray:
-    """Fades in from 5 s on; instants in the middle of each step, where its mean acceleration belongs."""
+    """Fades in from 5 s on; a mean acceleration belongs to the middle of its step."""
     times_s = np.arange(0.0, LONG_S, STEP_S) + 0.5 * STEP_S
     swing = amplitude_mps2 * np.sin(2.0 * np.pi * frequency_hz * (times_s - 5.0))
     return swing * np.clip((times_s - 5.0) / 10.0, 0.0, 1.0)

@@ -10,6 +10,7 @@ from firmware_py.settings import SettingsError, nearest
 from metro_hil.campaign.definition import Body, PointMaker
 from metro_hil.campaign.designs import Choice, design
 from metro_hil.campaign.drawn import FAULTS, FaultPool, draw, read_pool
+from metro_hil.campaign.each import EACH, scenarios_of
 from metro_hil.campaign.factors import Factor, Phase, read_factors, where
 from metro_hil.campaign.plan import Campaign, Point, ScenarioPlan
 from metro_hil.campaign.problems import CampaignError, Findings, attempt
@@ -123,15 +124,19 @@ class _Reader:
         above = shaped(table, findings, inside_scenario=False)
         head = attempt(lambda t: settings.build(HeadKeys, t, ""), _head(above), "", findings)
         self._take(findings, None)
-        own_tables: Sequence[Any] = above.pop("scenario", [None])
+        has_scenarios = "scenario" in above
+        own_tables = scenarios_of(above, findings) if has_scenarios else [(None, "", None)]
+        self._take(findings, None)
+        above.pop("scenario", None)
+        if above.pop(EACH, None) is not None and not has_scenarios:
+            self._say(EACH, "needs a [[scenario]] to be made for each")
         campaign_name = above.pop("name", name)
         layout = above.pop("layout", None)
         made = [
-            self._scenario(above, own, index, str(campaign_name))
-            for index, own in enumerate(own_tables)
+            self._scenario(above, own, index, str(campaign_name)) for index, _, own in own_tables
         ]
         read = [scenario for scenario in made if scenario is not None]
-        self._check_names(own_tables)
+        self._check_names([(index, own) for index, _, own in own_tables])
         if not own_tables:
             self._say("scenario", "[] has no scenario")
         if self._problems:
@@ -150,11 +155,11 @@ class _Reader:
         return Definition(campaign, bodies, factors)
 
     def _scenario(
-        self, above: ConfigTable, own: Mapping[str, Any] | None, index: int, name: str
+        self, above: ConfigTable, own: Mapping[str, Any] | None, index: int | None, name: str
     ) -> tuple[ScenarioPlan, Body, tuple[Factor, ...]] | None:
         shape = Findings()
         kept = {} if own is None else shaped(own, shape, inside_scenario=True)
-        place = Place(above, kept, None if own is None else index)
+        place = Place(above, kept, index)
         self._take(shape, f"scenario[{index}].")
         if own is not None and "name" not in kept and "name" not in own:
             self._say(f"scenario[{index}].name", "missing key")
@@ -213,11 +218,11 @@ class _Reader:
             if name not in known and note not in self._notes:
                 self._notes.append(note)
 
-    def _check_names(self, tables: Sequence[Mapping[str, Any] | None]) -> None:
+    def _check_names(self, tables: Sequence[tuple[int | None, Mapping[str, Any] | None]]) -> None:
         """Names of folders: they must differ where letters have no case as well."""
-        names = [str((table or {}).get("name", "")).lower() for table in tables]
-        for index, name in enumerate(names):
-            if name and names.index(name) != index:
+        names = [str((table or {}).get("name", "")).lower() for _, table in tables]
+        for number, ((index, _), name) in enumerate(zip(tables, names, strict=True)):
+            if name and names.index(name) != number:
                 self._say(f"scenario[{index}].name", f"{name!r} stands there twice")
 
     def _take(self, findings: Findings, prefix: str | None) -> None:

@@ -7,6 +7,7 @@ from typing import Any, Final
 
 from firmware_py import settings
 from firmware_py.settings import SettingsError
+from metro_hil.campaign.each import EACH, Numbered, scenarios_of
 from metro_hil.campaign.plan import Campaign
 from metro_hil.campaign.read import PACKAGE, define, read_campaign
 
@@ -34,12 +35,14 @@ def shipped_scenarios() -> tuple[Named, ...]:
         )
         for campaign in settings.shipped_names(PACKAGE)
         for table in (_shipped_table(campaign),)
-        for own in table.get("scenario", [{}])
+        for own in ([own for _, _, own in scenarios_of(table)] if "scenario" in table else [{}])
     )
 
 
 def read_named(name_or_path: str, seed: int | None = None) -> Campaign:
     """A campaign by its name or path, or a campaign of the one shipped scenario that is called so.
+
+    A scenario that is one for each of several values is meant with all of them by its own name.
 
     Args:
         seed: instead of all seeds; of a campaign, only its scenarios that have this one, or all of
@@ -56,12 +59,19 @@ def read_named(name_or_path: str, seed: int | None = None) -> Campaign:
         path = settings.find(name_or_path, PACKAGE)
         table = _with_seed(dict(settings.parse(path)), seed)
         return define(table, source=str(path), folder=path.parent, name=path.stem).campaign
-    holders = [each.campaign for each in shipped_scenarios() if each.name == name_or_path]
+    holders = [
+        campaign
+        for campaign in campaigns
+        if any(name_or_path in (base, own.get("name")) for _, base, own in _scenarios(campaign))
+    ]
     if not holders:
         raise SettingsError(f"{name_or_path}: no campaign and no scenario; {_hint(name_or_path)}")
     path = settings.find(holders[0], PACKAGE)
     table = _shipped_table(holders[0])
-    table["scenario"] = [own for own in table["scenario"] if own.get("name") == name_or_path]
+    table["scenario"] = [
+        own for _, base, own in _scenarios(holders[0]) if name_or_path in (base, own.get("name"))
+    ]
+    table.pop(EACH, None)
     title = table["scenario"][0].get("title")
     if title is not None:
         table["title"] = title
@@ -95,6 +105,10 @@ def _shipped_table(campaign: str) -> dict[str, Any]:
     path = Path(str(settings.find(campaign, PACKAGE)))
     table: Mapping[str, Any] = settings.parse(path)
     return dict(table)
+
+
+def _scenarios(campaign: str) -> list[Numbered]:
+    return scenarios_of(_shipped_table(campaign))
 
 
 def _hint(name: str) -> str:

@@ -26,7 +26,7 @@ CONTROL: Final = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")
 """All but tabs and ends of lines."""
 REQUIREMENT: Final = re.compile(r"[A-Z][A-Z0-9]*(?:-[A-Za-z0-9]+)+")
 
-TABLES: Final = ("train", "timetable", "controller", "branch", "sweep")
+TABLES: Final = ("train", "timetable", "controller", "branch", "sweep", "each")
 ARRAYS: Final = ("fault", "monitor", "scenario")
 SWEPT: Final = ("train", "timetable", "controller", "branch", "fault", "monitor")
 """What a sweep may change."""

@@ -1,6 +1,6 @@
 """Logs of the cases that people will want to look at: run once more, compared, kept."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from typing import Final
 
 import msgspec
@@ -24,8 +24,10 @@ def worth_keeping(
     results: Sequence[CaseResult],
     keep: int,
     keep_worst: int,
+    always: Collection[str] = (),
 ) -> list[Case]:
-    """The first `keep` cases that are not as expected, then the `keep_worst` least margins.
+    """The first `keep` cases that are not as expected, then the `keep_worst` least margins, and
+    those whose ids are in `always`.
 
     A function of the results, not of their order. What has its logs already is left out; so is real
     time, which cannot be repeated, and what would only hang again.
@@ -52,6 +54,7 @@ def worth_keeping(
         ),
     )[:keep_worst]
     ids = [*(result.case_id for result in failed), *(name for _, _, name in near)]
+    ids += [result.case_id for result in known if result.case_id in set(always) - set(ids)]
     return [by_id[name] for name in ids if not folder.kept(name).results.exists()]
 
 

@@ -1,6 +1,6 @@
 """One campaign from its folder to its totals: hand out, journal, try again, keep logs."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -31,6 +31,8 @@ class Wishes:
     """Cases that failed, of which the logs are kept."""
     keep_worst: int = 3
     """Further ones with the least margins."""
+    always: Collection[str] = ()
+    """Ids of cases whose logs are kept, however they come out."""
     fail_fast: bool = False
     repair: bool = False
 
@@ -76,7 +78,9 @@ def run_campaign(
     interrupted = stop.count > 0
     results = tuple(once_each(shift.results).values())
     if not interrupted:
-        chosen = worth_keeping(folder, cases, results, wishes.keep, wishes.keep_worst)
+        chosen = worth_keeping(
+            folder, cases, results, wishes.keep, wishes.keep_worst, wishes.always
+        )
         if chosen:
             keep_logs(folder, chosen, make_keeper, watcher, stop)
     return CampaignEnd(totals_of(folder, cases, shift.results, shift.sessions), cases, results,

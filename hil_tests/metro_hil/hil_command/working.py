@@ -142,6 +142,7 @@ def work_on(
     wishes = Wishes(
         keep=options.keep,
         keep_worst=options.keep_worst,
+        always=() if options.no_report else wanted_logs(folder),
         fail_fast=options.fail_fast,
         repair=getattr(options, "repair", False),
     )
@@ -164,6 +165,14 @@ def work_on(
         print(end_json(folder, end, reports))
     sys.stdout.flush()
     return exit_code(end)
+
+
+def wanted_logs(folder: "CampaignFolder") -> Sequence[str]:
+    """Ids of the cases from which the campaign's layout draws its figures."""
+    from metro_hil.report.layouts import LAYOUTS
+
+    layout = LAYOUTS.get(folder.manifest().layout or "")
+    return () if layout is None else layout.wants(folder.cases())
 
 
 def crews(

@@ -10,13 +10,13 @@ import numpy as np
 
 from metro_hil.cases import Case, CaseResult, Controller, Verdict
 from metro_hil.columns import Numbers
-from metro_hil.report.campaign.estimates import (
+from metro_hil.report.campaign.ledger import Entry, exercised, factors_text, join, known_margin
+from metro_hil.report.campaign.units import unit_of
+from metro_hil.report.estimates import (
     Interval,
     mean_with_interval,
     median_with_interval,
 )
-from metro_hil.report.campaign.ledger import Entry, exercised, factors_text, join, known_margin
-from metro_hil.report.campaign.units import unit_of
 
 SIGNIFICANT_RATIO: Final = 0.05
 """Of p after Holm's correction."""

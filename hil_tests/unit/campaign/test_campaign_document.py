@@ -43,8 +43,18 @@ def test_the_example_is_a_campaign() -> None:
     assert {case.faults[0]["kind"] for case in cases} == {"brake_late", "brake_weak"}
 
 
+def test_the_example_of_each_gives_the_names_that_stand_before_it() -> None:
+    _, text, _ = blocks("toml")
+
+    campaign = define(tomllib.loads(text), source="campaigns.md").campaign
+
+    names = {scenario.name for scenario in campaign.scenarios}
+    assert names == {"far-predictive", "far-pid_literal", "near"}
+    assert all(f"`{name}`" in TEXT for name in names)
+
+
 def test_the_example_of_random_faults_draws_cases() -> None:
-    _, text = blocks("toml")
+    _, _, text = blocks("toml")
 
     cases = plan_cases(define(tomllib.loads(text), source="campaigns.md").campaign)
 

@@ -6,7 +6,6 @@ from typing import Final
 from xml.etree import ElementTree as Tree
 
 from metro_hil.cases import Verdict
-from metro_hil.report.campaign.estimates import rounded
 from metro_hil.report.campaign.info import CampaignInfo
 from metro_hil.report.campaign.ledger import (
     LACKING_RESULT,
@@ -16,6 +15,7 @@ from metro_hil.report.campaign.ledger import (
     factor_text,
     known_margin,
 )
+from metro_hil.report.estimates import rounded
 
 NOT_XML: Final = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 """Characters that XML 1.0 cannot hold in any spelling."""

@@ -7,12 +7,12 @@ from typing import Any, Final
 import numpy as np
 
 from metro_hil.cases import Verdict
-from metro_hil.report.campaign.estimates import CONFIDENCE_RATIO, Interval, pass_share, rounded
 from metro_hil.report.campaign.info import CampaignInfo
 from metro_hil.report.campaign.ledger import Entry, Ledger, known_margin
 from metro_hil.report.campaign.tally import MeasureTally, MonitorTally, Seen
 from metro_hil.report.campaign.trace import Trace
 from metro_hil.report.campaign.units import unit_of
+from metro_hil.report.estimates import CONFIDENCE_RATIO, Interval, pass_share, rounded
 
 FORMAT: Final = 1
 QUANTILES: Final = (5.0, 25.0, 50.0, 75.0, 95.0)

@@ -9,7 +9,6 @@ from typing import Final
 import numpy as np
 
 from metro_hil.cases import MonitorResult, Verdict
-from metro_hil.report.campaign.estimates import Interval, mean_with_interval, pass_share
 from metro_hil.report.campaign.ledger import (
     Entry,
     Ledger,
@@ -17,6 +16,7 @@ from metro_hil.report.campaign.ledger import (
     factor_text,
     known_margin,
 )
+from metro_hil.report.estimates import Interval, mean_with_interval, pass_share
 
 LEVELS_MAX: Final = 12
 """A factor with more values than this is shown in bins."""

@@ -10,7 +10,7 @@ from metro_hil.report.campaign.info import CampaignInfo
 def write_reports(
     folder: Path, info: CampaignInfo, cases: Sequence[Case], results: Sequence[CaseResult]
 ) -> list[Path]:
-    """Write the reports and name them, in this order: page, JUnit, measures, requirements, summary.
+    """Write the reports and name them: page, JUnit, measures, requirements, summary, then figures.
 
     The same campaign gives the same bytes, in whatever order and on whatever host its results came.
 
@@ -36,9 +36,10 @@ def write_reports(
     traces = trace_requirements(shipped_requirements(), ledger)
     rows = requirement_rows(folder, traces)
     pairs = [(entry.case, entry.result) for entry in ledger.entries]
-    tables_of = LAYOUTS.get(info.layout or "")
-    layout = tables_of(pairs) if tables_of is not None else []
-    content = Content(info, ledger, monitors, measures, rows, layout)
+    layout = LAYOUTS.get(info.layout or "")
+    tables = [] if layout is None else layout.tables(pairs)
+    figures = [] if layout is None else layout.draw(folder, [case for case, _ in pairs])
+    content = Content(info, ledger, monitors, measures, rows, tables, figures)
     paths = [folder / name for name in FILES]
     page, junit, parquet, requirements, summary = paths
     page.write_text(render_page(folder, content), encoding="utf-8")
@@ -46,7 +47,7 @@ def write_reports(
     write_parquet(parquet, info, ledger)
     requirements.write_text(requirements_markdown(info, ledger, rows), encoding="utf-8")
     summary.write_text(summary_json(info, ledger, monitors, measures, traces), encoding="utf-8")
-    return paths
+    return [*paths, *(figure.path for figure in figures)]
 
 
 FILES = ("report.html", "junit.xml", "measures.parquet", "requirements.md", "summary.json")

@@ -1,28 +1,67 @@
-"""Tables of their own that a campaign with `layout = "..."` shows beside the common report.
+"""Tables and figures of their own that a campaign with `layout = "..."` shows beside the report.
 
-A layout is one module with one function, named in `LAYOUTS`.
+A layout is a module or two and its line in `LAYOUTS`.
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from metro_hil.cases import Case, CaseResult
 from metro_hil.report.layouts.florence import florence_tables
-from metro_hil.report.layouts.tables import LayoutTable, print_layout
+from metro_hil.report.layouts.tables import LayoutFigure, LayoutTable, print_layout
 
 if TYPE_CHECKING:
     from rich.console import Console
 
 Pairs = Sequence[tuple[Case, CaseResult | None]]
-LAYOUTS: Final[Mapping[str, Callable[[Pairs], list[LayoutTable]]]] = {"florence": florence_tables}
-"""By the name in the campaign's file: from cases, None where no result came back, to tables."""
+
+
+def _draws_nothing(folder: Path, cases: Sequence[Case]) -> list[LayoutFigure]:
+    return []
+
+
+def _wants_nothing(cases: Sequence[Case]) -> list[str]:
+    return []
+
+
+def _florence_figures(folder: Path, cases: Sequence[Case]) -> list[LayoutFigure]:
+    # Plots come with heavy libraries; who only prints tables does not wait for them.
+    from metro_hil.report.layouts.florence_figures import florence_figures
+
+    return florence_figures(folder, cases)
+
+
+def _florence_logs(cases: Sequence[Case]) -> list[str]:
+    from metro_hil.report.layouts.florence_figures import wanted_cases
+
+    return wanted_cases(cases)
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """What a layout makes of a campaign."""
+
+    tables: Callable[[Pairs], list[LayoutTable]]
+    """From cases, None where no result came back."""
+    draw: Callable[[Path, Sequence[Case]], list[LayoutFigure]] = _draws_nothing
+    """Writes pictures below the campaign's folder, of the cases whose logs were kept."""
+    wants: Callable[[Sequence[Case]], list[str]] = _wants_nothing
+    """Ids of the cases whose logs those pictures need."""
+
+
+LAYOUTS: Final[Mapping[str, Layout]] = {
+    "florence": Layout(florence_tables, _florence_figures, _florence_logs),
+}
+"""By the name in the campaign's file."""
 
 
 def show_layout(console: "Console", name: str, pairs: Pairs) -> None:
     """Print the tables of this layout; a name that is none says so."""
-    tables_of = LAYOUTS.get(name)
-    if tables_of is None:
+    layout = LAYOUTS.get(name)
+    if layout is None:
         words = f"no layout {name}; known are {', '.join(sorted(LAYOUTS))}"
         console.print(words, markup=False, soft_wrap=True)
         return
-    print_layout(console, tables_of(pairs))
+    print_layout(console, layout.tables(pairs))

@@ -1,17 +1,24 @@
-"""Tables 7, 8 and 9 of Allotta et al. 2013 beside the same figures of a campaign."""
+"""Tables 7, 8 and 9 of Allotta et al. 2013 beside the same figures of a campaign, law by law."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
 from metro_hil.cases import Case, CaseResult
+from metro_hil.report.law_figures import by_law, figures_of
+from metro_hil.report.layouts.florence_laws import (
+    interval_words,
+    of_scenario,
+    ride_words,
+    summary_table,
+)
 from metro_hil.report.layouts.tables import LayoutCell, LayoutTable, Mark
 
 STATIONS: Final = ("I", "II", "III", "IV")
-LOADS: Final = (0.0, 0.5, 1.0)
 CM_PER_M: Final = 100.0
 TOLERANCE_CM: Final = 10.0
 """Of the paper's table 1."""
+LOADS: Final = (0.0, 0.5, 1.0)
 ERRORS: Final = (-0.01, 0.0, 0.01, 0.02, 0.03, 0.04, 0.05)
 """Of the odometer: -1 to +5 %, as the paper has them in tables 8 and 9."""
 
@@ -57,21 +64,32 @@ class Mean:
 
 
 def florence_tables(pairs: Pairs) -> list[LayoutTable]:
-    """Of the scenarios `table-7`, `table-8` and `table-9`, those that the campaign has."""
-    of = {n: [pair for pair in pairs if pair[0].scenario == f"table-{n}"] for n in ("7", "8", "9")}
+    """For each control law those that the campaign has, then all laws side by side.
+
+    A table is of the scenario `table-7`, `table-8` or `table-9`, or one whose name begins so.
+    """
+    laws = by_law(pairs)
+    tables = [table for law, own in laws.items() for table in _tables_of(law, own)]
+    return [*tables, summary_table(laws)] if laws else []
+
+
+def _tables_of(law: str, pairs: Pairs) -> list[LayoutTable]:
+    of = {n: of_scenario(pairs, f"table-{n}") for n in ("7", "8", "9")}
     tables = []
     if of["7"]:
-        tables.append(_table_7(of["7"]))
+        title = f"{law}, table 7: stop error, ideal case, full load, cm"
+        tables.append(_table_7(title, of["7"]))
     if of["8"]:
-        title = "Table 8: stop error with a fixed brake delay of 1 s, mean over odometer errors, cm"
+        title = f"{law}, table 8: stop error with a fixed brake delay of 1 s, "
+        title += "mean over odometer errors, cm"
         tables.append(_table_by_load(title, of["8"], TABLE_8_CM, TABLE_8_LOAD_CM))
     if of["9"]:
-        title = "Table 9: stop error with random brake delay, mean over odometer errors, cm"
+        title = f"{law}, table 9: stop error with random brake delay, mean over odometer errors, cm"
         tables.append(_table_by_load(title, of["9"], TABLE_9_CM, TABLE_9_LOAD_CM))
     return tables
 
 
-def _table_7(pairs: Pairs) -> LayoutTable:
+def _table_7(title: str, pairs: Pairs) -> LayoutTable:
     """The paper's errors have signs and its mean has none; so have ours."""
     signed = [_mean(pairs, station, magnitude=False) for station in STATIONS]
     sizes = [_mean(pairs, station, magnitude=True) for station in STATIONS]
@@ -90,9 +108,9 @@ def _table_7(pairs: Pairs) -> LayoutTable:
         (f"station {station}", size, abs(paper))
         for station, size, paper in zip(STATIONS, sizes, TABLE_7_CM, strict=True)
     ]
-    remarks = (*_verdicts(compared, [("mean", overall, TABLE_7_MEAN_CM)]), *_worst(pairs))
+    verdicts = _verdicts(compared, [("mean", overall, TABLE_7_MEAN_CM)])
+    remarks = (*verdicts, *_worst(pairs), ride_words(pairs))
     head = (LayoutCell(""), *(LayoutCell(f"station {name}") for name in STATIONS))
-    title = "Table 7: stop error, ideal case, full load, cm"
     return LayoutTable(title, ((*head, LayoutCell("mean |error|")),), rows, remarks)
 
 
@@ -103,6 +121,7 @@ def _table_by_load(
     theirs: list[LayoutCell] = [LayoutCell("mean station, paper")]
     ours_load: list[LayoutCell] = [LayoutCell("mean load, this campaign")]
     theirs_load: list[LayoutCell] = [LayoutCell("mean load, paper")]
+    sure: list[LayoutCell] = [LayoutCell("mean load, 95 %")]
     stations: list[tuple[str, Mean, float]] = []
     loads: list[tuple[str, Mean, float]] = []
     for load_ratio in LOADS:
@@ -117,22 +136,32 @@ def _table_by_load(
         paper_cm = paper_load[load_ratio]
         ours_load.append(LayoutCell(_plain(overall), _mark(overall, paper_cm), len(STATIONS)))
         theirs_load.append(LayoutCell(f"{paper_cm:.2f}", span=len(STATIONS)))
+        sure.append(LayoutCell(interval_words(figures_of(loaded)), span=len(STATIONS)))
         loads.append((f"load {load_ratio * 100:.0f} %", overall, paper_cm))
     wide = (
         LayoutCell("passengers"),
         *(LayoutCell(f"{load_ratio * 100:.0f} %", span=len(STATIONS)) for load_ratio in LOADS),
     )
     narrow = (LayoutCell("station"), *(LayoutCell(name) for _ in LOADS for name in STATIONS))
-    remarks = (*_verdicts(stations, loads), *_worst(pairs), *_errors_covered(pairs))
-    rows = (tuple(ours), tuple(theirs), tuple(ours_load), tuple(theirs_load))
+    remarks = (
+        *_verdicts(stations, loads),
+        *_worst(pairs),
+        *_errors_covered(pairs),
+        ride_words(pairs),
+    )
+    rows = (tuple(ours), tuple(theirs), tuple(ours_load), tuple(sure), tuple(theirs_load))
     return LayoutTable(title, (wide, narrow), rows, remarks)
 
 
 def _mean(pairs: Pairs, station: str, *, magnitude: bool, lacking: int = 0) -> Mean:
     """With `lacking` stops more that should be in it and that no case was made for."""
     found = [_error_m(result, station) for _, result in pairs]
-    known = [abs(error_m) if magnitude else error_m for error_m in found if error_m is not None]
+    known = [abs(error) if magnitude else error for error in found if error is not None]
     return Mean(sum(known) / len(known) if known else None, len(found) + lacking, len(known))
+
+
+def _error_m(result: CaseResult | None, station: str) -> float | None:
+    return None if result is None else result.measures.get(f"stop_{station}_error_m")
 
 
 def _join(means: Sequence[Mean]) -> Mean:
@@ -141,10 +170,6 @@ def _join(means: Sequence[Mean]) -> Mean:
     if any(mean.error_m is None for mean in means):
         return Mean(None, stops, known)
     return Mean(sum(mean.error_m or 0.0 for mean in means) / len(means), stops, known)
-
-
-def _error_m(result: CaseResult | None, station: str) -> float | None:
-    return None if result is None else result.measures.get(f"stop_{station}_error_m")
 
 
 def _load_ratio(case: Case) -> float | None:
@@ -211,10 +236,10 @@ def _verdicts(
 def _worst(pairs: Pairs) -> list[str]:
     """A mean may hide one stop that is far off, so the farthest is named."""
     stops = [
-        (abs(error_m) * CM_PER_M, case.id, station, error_m * CM_PER_M)
+        (abs(error) * CM_PER_M, case.id, station, error * CM_PER_M)
         for case, result in pairs
         for station in STATIONS
-        if (error_m := _error_m(result, station)) is not None
+        if (error := _error_m(result, station)) is not None
     ]
     if not stops:
         return ["No stop is known."]

@@ -2,6 +2,7 @@
 
 import enum
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -35,6 +36,14 @@ class LayoutTable:
     head: tuple[tuple[LayoutCell, ...], ...]
     rows: tuple[tuple[LayoutCell, ...], ...]
     remarks: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class LayoutFigure:
+    """A picture beside the tables."""
+
+    caption: str
+    path: Path
 
 
 STYLES = {Mark.BETTER: "green", Mark.WORSE: "red", Mark.INCOMPLETE: "yellow", Mark.NONE: ""}

@@ -8,10 +8,10 @@ from typing import Final
 import numpy as np
 
 from metro_hil.cases import Verdict
-from metro_hil.report.campaign.estimates import Interval, pass_share
 from metro_hil.report.campaign.ledger import MISSING, Entry, factors_text, known_margin
 from metro_hil.report.campaign.tally import Factor, by_level, factors_of
 from metro_hil.report.campaign.units import with_unit
+from metro_hil.report.estimates import Interval, pass_share
 
 SQUARES_MAX: Final = 600
 """Up to so many cases each has a square of its own; more are counted."""

@@ -10,7 +10,6 @@ from jinja2 import DictLoader, Environment, StrictUndefined
 from markupsafe import Markup
 
 from metro_hil.campaign.coverage import Coverage, coverage
-from metro_hil.report.campaign.estimates import Interval, pass_share
 from metro_hil.report.campaign.info import CampaignInfo
 from metro_hil.report.campaign.ledger import Ledger
 from metro_hil.report.campaign.page.matrix import (
@@ -24,12 +23,14 @@ from metro_hil.report.campaign.page.sections import (
     failure_views,
     measure_views,
     monitor_views,
+    picture,
     worst_views,
 )
 from metro_hil.report.campaign.requirement_table import RequirementRow
 from metro_hil.report.campaign.tally import MeasureTally, MonitorTally
 from metro_hil.report.campaign.units import number_text, percent_text
-from metro_hil.report.layouts.tables import LayoutTable
+from metro_hil.report.estimates import Interval, pass_share
+from metro_hil.report.layouts.tables import LayoutFigure, LayoutTable
 
 TEMPLATES: Final = "metro_hil.report.campaign.templates"
 GAPS_SHOWN: Final = 15
@@ -45,6 +46,7 @@ class Content:
     measures: Sequence[MeasureTally]
     requirements: Sequence[RequirementRow]
     layout: Sequence[LayoutTable]
+    figures: Sequence[LayoutFigure] = ()
 
 
 def render_page(folder: Path, content: Content) -> str:
@@ -89,6 +91,7 @@ def _context(folder: Path, content: Content) -> dict[str, Any]:
         "requirements": [row for row in content.requirements if row.run],
         "open": [row for row in content.requirements if not row.passed and not row.failed],
         "layout": content.layout,
+        "figures": [(each.caption, picture(each.path, each.caption)) for each in content.figures],
     }
 
 

@@ -11,7 +11,6 @@ from markupsafe import Markup
 
 from metro_hil.cases import Case, MonitorResult, Verdict
 from metro_hil.columns import Columns, LogError, read_columns
-from metro_hil.report.campaign.estimates import Interval
 from metro_hil.report.campaign.evidence import Frames, frames_around, kept_run, rerun_command
 from metro_hil.report.campaign.ledger import Entry, Ledger, factors_text, known_margin
 from metro_hil.report.campaign.page.drawing import (
@@ -34,6 +33,7 @@ from metro_hil.report.campaign.tally import (
     worst_entries,
 )
 from metro_hil.report.campaign.units import unit_of, with_unit
+from metro_hil.report.estimates import Interval
 from metro_hil.run_folder import RunFolder
 
 WORST_MAX: Final = 20
@@ -239,19 +239,17 @@ def _plot(folder: Path, entry: Entry, nearest: MonitorResult | None) -> Markup |
     if run is None:
         return None
     if plot_of(run).is_file():
-        return _picture(plot_of(run), entry.case.id)
+        return picture(plot_of(run), f"plot of {entry.case.id}")
     try:
         return _draw(run, None if nearest is None else nearest.at_s)
     except LogError:
         return None
 
 
-def _picture(path: Path, name: str) -> Markup:
+def picture(path: Path, name: str) -> Markup:
     """Inline, so that the page stays one file."""
     data = b64encode(path.read_bytes()).decode("ascii")
-    return Markup('<img class="case" alt="plot of {}" src="data:image/png;base64,{}">').format(
-        name, data
-    )
+    return Markup('<img class="case" alt="{}" src="data:image/png;base64,{}">').format(name, data)
 
 
 def _draw(run: RunFolder, at_s: float | None) -> Markup | None:

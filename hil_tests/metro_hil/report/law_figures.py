@@ -1,0 +1,174 @@
+"""What a control law came to in some cases: stops with their confidence, time, comfort."""
+
+import re
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+import msgspec
+
+from metro_hil.cases import Case, CaseResult
+from metro_hil.report.estimates import Interval, mean_with_interval, pass_share
+
+LAW: Final = "ato.strategy"
+DEFAULT_LAW: Final = "predictive"
+STOP_ERROR: Final = re.compile(r"stop_.+_error_m")
+HOP: Final = re.compile(r"stop_.+_run_s")
+TOLERANCE_M: Final = 0.10
+"""Of table 1 of Allotta et al. 2013."""
+COMFORT: Final = (
+    "commanded_accel_max_mps2",
+    "commanded_jerk_max_mps3",
+    "felt_accel_max_mps2",
+    "felt_jerk_1s_mps3",
+    "felt_jerk_2hz_mps3",
+)
+
+Pairs = Sequence[tuple[Case, CaseResult | None]]
+RESULTS: Final = "law_results.json"
+"""Beside the campaigns: how each law came out in the scenarios that were last taken over."""
+
+
+class LawFigures(msgspec.Struct, frozen=True, kw_only=True):
+    """Of one law in some cases; None where no case tells."""
+
+    cases: int
+    lacking: int
+    """Of them without a result."""
+    stops: int
+    """That should have been made in the cases that came back."""
+    missed: int
+    """Stations of them near which the train never stood."""
+    mean_m: float | None
+    """Of |stop error|."""
+    mean_low_m: float | None
+    mean_high_m: float | None
+    """95 %, by drawing the runs again: the stops of one run hang together."""
+    worst_m: float | None
+    """Signed, positive beyond the stopping point."""
+    within_ratio: float | None
+    """Share of stops within 10 cm, a missed one counted as outside."""
+    within_low_ratio: float | None
+    """Its lower bound by Clopper–Pearson, two-sided 95 %."""
+    hop_s: float | None
+    """Mean from leaving one standstill to the next stop."""
+    comfort: dict[str, float | None]
+    """Greatest of all cases, by measure."""
+
+
+class ScenarioFigures(msgspec.Struct, frozen=True, kw_only=True):
+    """Of one law in one scenario of a campaign that was run."""
+
+    campaign: str
+    title: str
+    figures: LawFigures
+
+
+Results = dict[str, dict[str, ScenarioFigures]]
+"""By law and by scenario."""
+
+
+def law_of(case: Case) -> str:
+    """The control law that drives the train of a case."""
+    return str(case.setup.believed.get(LAW, DEFAULT_LAW))
+
+
+def by_law(pairs: Pairs) -> dict[str, Pairs]:
+    """In the order in which the campaign names them."""
+    laws: dict[str, list[tuple[Case, CaseResult | None]]] = {}
+    for case, result in pairs:
+        laws.setdefault(law_of(case), []).append((case, result))
+    return dict(laws)
+
+
+def figures_of(pairs: Pairs) -> LawFigures:
+    """Of all these cases together."""
+    stops = [at_m for _, result in pairs if result is not None for at_m in stops_m(result)]
+    known = [at_m for at_m in stops if at_m is not None]
+    mean = mean_error_m(pairs)
+    within = sum(abs(at_m) <= TOLERANCE_M for at_m in known)
+    share = pass_share(within, len(stops))
+    hops_s = _measured(pairs, HOP)
+    return LawFigures(
+        cases=len(pairs),
+        lacking=sum(result is None for _, result in pairs),
+        stops=len(stops),
+        missed=len(stops) - len(known),
+        mean_m=None if mean is None else mean.best,
+        mean_low_m=None if mean is None else mean.low,
+        mean_high_m=None if mean is None else mean.high,
+        worst_m=max(known, key=abs, default=None),
+        within_ratio=None if share is None else share.best,
+        within_low_ratio=None if share is None else share.low,
+        hop_s=sum(hops_s) / len(hops_s) if hops_s else None,
+        comfort={name: max(_measured(pairs, re.compile(name)), default=None) for name in COMFORT},
+    )
+
+
+def stops_m(result: CaseResult) -> list[float | None]:
+    """Of every station of its timetable; None for one that was missed."""
+    return [value for name, value in result.measures.items() if STOP_ERROR.fullmatch(name)]
+
+
+def mean_error_m(pairs: Pairs) -> Interval | None:
+    """Mean |stop error| of the stops that were made."""
+    runs = []
+    for _, result in pairs:
+        known = [abs(at_m) for at_m in (stops_m(result) if result else []) if at_m is not None]
+        if known:
+            runs.append(sum(known) / len(known))
+    return mean_with_interval(runs)
+
+
+def _measured(pairs: Pairs, name: re.Pattern[str]) -> list[float]:
+    return [
+        value
+        for _, result in pairs
+        if result is not None
+        for key, value in result.measures.items()
+        if value is not None and name.fullmatch(key)
+    ]
+
+
+def results_of(campaign: str, pairs: Pairs) -> Results:
+    """Of a campaign that was run, each scenario by itself."""
+    found: Results = {}
+    for law, own in by_law(pairs).items():
+        for scenario in dict.fromkeys(case.scenario for case, _ in own):
+            of = [pair for pair in own if pair[0].scenario == scenario]
+            found.setdefault(law, {})[scenario] = ScenarioFigures(
+                campaign=campaign, title="", figures=figures_of(of)
+            )
+    return found
+
+
+def merged_results(before: Results, news: Results) -> Results:
+    """The newer ones take the place of those of the same law and scenario."""
+    return {law: {**before.get(law, {}), **news.get(law, {})} for law in sorted({*before, *news})}
+
+
+def titled(results: Results, titles: Mapping[str, str]) -> Results:
+    """With titles by scenario; a scenario that is in none is not shipped any more and is left."""
+    return {
+        law: {
+            name: msgspec.structs.replace(each, title=titles[name])
+            for name, each in sorted(own.items())
+            if name in titles
+        }
+        for law, own in results.items()
+    }
+
+
+def read_results(text: str) -> Results:
+    return msgspec.json.decode(text, type=Results)
+
+
+def results_json(results: Results) -> str:
+    """Numbers of four digits; the same campaigns give the same bytes on any day."""
+    plain = _short(msgspec.to_builtins(results))
+    return msgspec.json.format(msgspec.json.encode(plain), indent=1).decode() + "\n"
+
+
+def _short(value: object) -> object:
+    if isinstance(value, dict):
+        return {name: _short(item) for name, item in value.items()}
+    return float(f"{value:.4g}") if isinstance(value, float) else value
