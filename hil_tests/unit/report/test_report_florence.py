@@ -126,15 +126,21 @@ def test_each_law_has_its_tables_and_all_stand_in_the_last(
     ]
     summary = tables[-1]
     assert len({sum(cell.span for cell in row) for row in (*summary.head, *summary.rows)}) == 1
-    shown = [text for text, _ in row(summary, "predictive")]
-    assert shown[0] == "–"
+    assert [cell.text for cell in summary.head[0][1:]] == ["predictive", "pid", "paper"]
+
+    def said(name: str) -> list[str]:
+        return [text for text, _ in row(summary, name)]
+
     # Stations 2.5 cm in the mean, and 5 cm more for each half load.
-    assert shown[1].startswith("7.50 [")
+    assert said("table 8, mean cm") == ["7.50", "–", "3.36"]
+    assert said("table 7, mean cm") == ["–", "2.00", "0.82"]
+    assert said("worst, cm") == ["-16.8", "+2.0", ""]
     # Within 10 cm: 28 without load, all but three of 10.8 cm with half of it, six with all of it.
-    assert shown[4].startswith(f"{(28 + 25 + 6) / 0.84:.1f} % of 84 [")
-    shown = [text for text, _ in row(summary, "pid")]
-    assert shown[:5] == ["2.00", "–", "–", "+2.0", "100.0 % of 4 [39.8 %]"]
-    assert shown[5:] == ["90.0", "–", "0.60", "–", "–", "0.70"]
+    assert said("within 10 cm") == [f"{(28 + 25 + 6) / 0.84:.1f} %", "100.0 %", "all"]
+    assert said("at least, 95 %")[1] == "39.8 %"
+    assert said("from stop to stop, s") == ["–", "90.0", ""]
+    assert said("asked for, m/s³") == ["–", "0.60", "0.60"]
+    assert said("felt at 2 Hz, m/s³") == ["–", "0.70", ""]
 
 
 def test_the_interval_of_a_mean_holds_it_and_grows_with_the_spread(
@@ -162,7 +168,8 @@ def test_a_station_that_was_missed_counts_as_outside(
 
     tables = florence_tables([(case, result)])
 
-    assert row(tables[-1], "predictive")[4][0].startswith("75.0 % of 4 [")
+    assert row(tables[-1], "within 10 cm")[0][0] == "75.0 %"
+    assert row(tables[-1], "stops")[0][0] == "4"
 
 
 def test_the_ideal_case_keeps_its_signs_and_its_mean_has_none(

@@ -8,9 +8,21 @@ from metro_hil.report.layouts.tables import LayoutCell, LayoutTable
 
 CM_PER_M: Final = 100.0
 TABLES: Final = ("table-7", "table-8", "table-9")
-HEADS: Final = ("worst, cm", "within 10 cm [at least]", "hop, s", "m/s²", "m/s³", "m/s²")
-HEADS_JERK: Final = ("m/s³, 1 s", "m/s³, 2 Hz")
-PAPER: Final = ("0.82", "3.36", "3.12", "", "all, on average", "", "0.80", "0.60", "", "", "")
+COMFORT_ROWS: Final = (
+    "asked for, m/s²",
+    "asked for, m/s³",
+    "felt in the worst car, m/s²",
+    "felt over 1 s, m/s³",
+    "felt at 2 Hz, m/s³",
+)
+PAPER: Final[Mapping[str, str]] = {
+    "table 7, mean cm": "0.82",
+    "table 8, mean cm": "3.36",
+    "table 9, mean cm": "3.12",
+    "within 10 cm": "all",
+    "asked for, m/s²": "0.80",
+    "asked for, m/s³": "0.60",
+}
 """Means of tables 8 and 9 over the three loads; acceleration and jerk are those it is held to."""
 
 
@@ -41,45 +53,50 @@ def ride_words(pairs: Pairs) -> str:
 
 
 def summary_table(laws: Mapping[str, Pairs]) -> LayoutTable:
-    """A row for each law: means of the tables, worst stop, share within 10 cm, time, comfort."""
-    blank = LayoutCell("")
-    wide = (
-        LayoutCell("law"),
-        LayoutCell("mean |stop error|, cm [95 %]", span=3),
-        *(blank, blank, blank),
-        LayoutCell("asked for", span=2),
-        LayoutCell("felt in the worst car", span=3),
+    """A column for each law: means, worst stop, share within 10 cm, time, comfort."""
+    columns = {law: _column(pairs) for law, pairs in laws.items()}
+    names = list(next(iter(columns.values())))
+    head = (LayoutCell("|stop error| and ride"), *(LayoutCell(law) for law in laws))
+    rows = tuple(
+        (
+            LayoutCell(name),
+            *(LayoutCell(column[name]) for column in columns.values()),
+            LayoutCell(PAPER.get(name, "")),
+        )
+        for name in names
     )
-    tables = (f"table {name[-1]}" for name in TABLES)
-    narrow = (blank, *(LayoutCell(text) for text in (*tables, *HEADS, *HEADS_JERK)))
-    paper = (LayoutCell("paper"), *(LayoutCell(text) for text in PAPER))
-    rows = (*(_row(law, pairs) for law, pairs in laws.items()), paper)
-    return LayoutTable("All laws", (wide, narrow), rows, tuple(_remarks(laws)))
+    return LayoutTable("All laws", ((*head, LayoutCell("paper")),), rows, tuple(_remarks(laws)))
 
 
-def _row(law: str, pairs: Pairs) -> tuple[LayoutCell, ...]:
+def _column(pairs: Pairs) -> dict[str, str]:
+    """What is said of one law, by the name of the row."""
+    said: dict[str, str] = {}
+    for table in TABLES:
+        figures = figures_of(of_scenario(pairs, table))
+        name = table.replace("-", " ")
+        said[f"{name}, mean cm"] = _number(figures.mean_m, ".2f", CM_PER_M)
+        said[f"{name}, 95 %"] = interval_words(figures)
     own = [pair for name in TABLES for pair in of_scenario(pairs, name)]
     # What is in no table, such as a law that is only shown failing, speaks for itself.
     figures = figures_of(own or pairs)
-    means = [_mean_words(figures_of(of_scenario(pairs, name))) for name in TABLES]
-    worst = "–" if figures.worst_m is None else f"{figures.worst_m * CM_PER_M:+.1f}"
-    hop = "–" if figures.hop_s is None else f"{figures.hop_s:.1f}"
-    texts = (law, *means, worst, _share_words(figures), hop, *_comfort(figures))
-    return tuple(LayoutCell(text) for text in texts)
+    said["stops"] = str(figures.stops)
+    said["worst, cm"] = _number(figures.worst_m, "+.1f", CM_PER_M)
+    said["within 10 cm"] = _percent(figures.within_ratio)
+    said["at least, 95 %"] = _percent(figures.within_low_ratio)
+    said["from stop to stop, s"] = _number(figures.hop_s, ".1f")
+    said.update(zip(COMFORT_ROWS, _comfort(figures), strict=True))
+    return said
 
 
-def _mean_words(figures: LawFigures) -> str:
-    if figures.mean_m is None:
+def _number(value: float | None, form: str, scale: float = 1.0) -> str:
+    return "–" if value is None else format(value * scale, form)
+
+
+def _percent(ratio: float | None) -> str:
+    """Never rounded up to all."""
+    if ratio is None:
         return "–"
-    sure = interval_words(figures)
-    return f"{figures.mean_m * CM_PER_M:.2f}" + ("" if sure == "–" else f" [{sure}]")
-
-
-def _share_words(figures: LawFigures) -> str:
-    share, low = figures.within_ratio, figures.within_low_ratio
-    if share is None or low is None:
-        return "–"
-    return f"{share * 100.0:.1f} % of {figures.stops} [{low * 100.0:.1f} %]"
+    return f"{ratio * 100.0:.1f} %" if ratio == 1.0 or ratio < 0.9995 else "> 99.9 %"
 
 
 def _comfort(figures: LawFigures) -> list[str]:
@@ -91,8 +108,8 @@ def _remarks(laws: Mapping[str, Pairs]) -> list[str]:
     lines = [
         "Intervals of means: bootstrap over runs, 95 %. Share within 10 cm: least share by "
         "Clopper–Pearson, two-sided 95 %, a missed station counted as outside.",
-        "Hop: mean time from standstill to standstill. Acceleration and jerk: the greatest of all "
-        "runs.",
+        "From stop to stop: mean time between standstills. Acceleration and jerk: the greatest of "
+        "all runs.",
     ]
     for law, pairs in laws.items():
         lacking = sum(result is None for _, result in pairs)
