@@ -178,6 +178,17 @@ def test_logs_are_kept_of_the_first_failures_and_the_least_margins(tmp_path: Pat
     assert folder.kept(cases[3].id).bus_log.read_text() == f"{cases[3].id}\n"
 
 
+def test_logs_that_are_wanted_are_kept_however_their_cases_come_out(tmp_path: Path) -> None:
+    cases = asking(trial_cases(6), 3, verdict="fail")
+    folder = folder_of(cases, tmp_path)
+    wanted = cases[3].id, cases[4].id
+
+    end = work(folder, wishes=Wishes(keep=1, keep_worst=0, always=wanted))
+
+    kept = [result.index for result in end.results if folder.kept(result.case_id).results.exists()]
+    assert kept == [3, 4]
+
+
 def test_a_case_that_gives_another_result_when_repeated_is_reported(tmp_path: Path) -> None:
     cases = asking(trial_cases(2), 0, fickle=True, verdict="fail")
     folder = folder_of(cases, tmp_path)

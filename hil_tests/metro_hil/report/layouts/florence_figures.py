@@ -29,6 +29,7 @@ REFERENCE: Final = "#2a9d6f"
 SIGNAL_M: Final = 450.0
 """Where the scenario has its signal at stop."""
 NEAR_END_RATIO: Final = 0.03
+TOP_KMH: Final = 88.0
 DRIVING: Final = ("departing", "running", "approaching", "stopping", "jogging", "creeping")
 Drawing = Callable[[Path, str, Case, Columns, Columns], bool]
 
@@ -145,7 +146,7 @@ def _draw_tracking(path: Path, title: str, case: Case, cycles: Columns, truth: C
         axes.plot(over_truth, speed_kmh, color=TRAIN, lw=1.4, label="speed of the train")
         axes.set_ylabel("speed, km/h")
         axes.set_xlim(float(over_truth[0]), float(over_truth[-1]))
-        axes.set_ylim(0.0, 85.0)
+        axes.set_ylim(0.0, TOP_KMH)
         _dress(axes)
     for mark_m, words in _marks(line, start_m, end_m).items():
         _mark(place, mark_m, words, to_left=mark_m > end_m - NEAR_END_RATIO * (end_m - start_m))
@@ -169,7 +170,7 @@ def _service_kmh(line: LineMap, at_m: Numbers) -> Numbers:
 
 
 def _marks(line: LineMap, start_m: float, end_m: float) -> dict[float, str]:
-    """What is where on the way, in words; what shares a place shares a line."""
+    """What is where on the way, in words."""
     found = {SIGNAL_M: ["signal at stop"]}
     for station in line.stations:
         if start_m < station.stop_m <= end_m + 1.0:
@@ -178,15 +179,14 @@ def _marks(line: LineMap, start_m: float, end_m: float) -> dict[float, str]:
         if start_m < section.start_m < end_m:
             limit = f"{section.limit_mps * KMH_PER_MPS:.0f} km/h from here"
             found.setdefault(section.start_m, []).append(limit)
-    return {at_m: ", ".join(words) for at_m, words in found.items()}
+    return {at_m: "\n".join(words) for at_m, words in found.items()}
 
 
 def _mark(axes: Axes, at_m: float, words: str, *, to_left: bool) -> None:
     axes.axvline(at_m, color=QUIET, lw=0.8, ls=":")
-    axes.annotate(words, (at_m, 0.03), xycoords=("data", "axes fraction"),
-                  xytext=(-4 if to_left else 3, 0), textcoords="offset points", rotation=90,
-                  va="bottom", ha="right" if to_left else "left", fontsize=8.5,
-                  color=INK)  # fmt: skip
+    axes.annotate(words, (at_m, 0.99), xycoords=("data", "axes fraction"),
+                  xytext=(-4 if to_left else 4, 0), textcoords="offset points", va="top",
+                  ha="right" if to_left else "left", fontsize=8.5, color=INK)  # fmt: skip
 
 
 def _figure(title: str, rows: int, heights: tuple[float, ...]) -> tuple[Figure, list[Axes]]:
