@@ -51,7 +51,7 @@ HEADS: Final = (
     "mean, cm [95 %]",
     "worst, cm",
     "within 10 cm [at least]",
-    "hop, s",
+    "run, s",
     "asked: m/s², m/s³",
     "felt: m/s², m/s³ over 1 s, m/s³ at 2 Hz",
 )
@@ -267,7 +267,7 @@ def _figure_row(name: str, each: Mapping[str, Any]) -> tuple[str, ...]:
         mean,
         _centimetres(of["worst_m"], "{:+.1f}"),
         share,
-        _number(of["hop_s"], 1),
+        _number(of["run_s"], 1),
         ", ".join(_number(of["comfort"].get(key), 2) for key in ASKED),
         ", ".join(_number(of["comfort"].get(key), 2) for key in FELT),
     )

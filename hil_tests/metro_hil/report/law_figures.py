@@ -12,7 +12,7 @@ from metro_hil.report.estimates import Interval, mean_with_interval, pass_share
 LAW: Final = "ato.strategy"
 DEFAULT_LAW: Final = "predictive"
 STOP_ERROR: Final = re.compile(r"stop_.+_error_m")
-HOP: Final = re.compile(r"stop_.+_run_s")
+RUN: Final = re.compile("run_time_s")
 TOLERANCE_M: Final = 0.10
 """Of table 1 of Allotta et al. 2013."""
 COMFORT: Final = (
@@ -49,8 +49,8 @@ class LawFigures(msgspec.Struct, frozen=True, kw_only=True):
     """Share of stops within 10 cm, a missed one counted as outside."""
     within_low_ratio: float | None
     """Its lower bound by Clopper–Pearson, two-sided 95 %."""
-    hop_s: float | None
-    """Mean from leaving one standstill to the next stop."""
+    run_s: float | None
+    """Mean duration of a run, with its dwells and what it takes to mend a stop."""
     comfort: dict[str, float | None]
     """Greatest of all cases, by measure."""
 
@@ -87,7 +87,7 @@ def figures_of(pairs: Pairs) -> LawFigures:
     mean = mean_error_m(pairs)
     within = sum(abs(at_m) <= TOLERANCE_M for at_m in known)
     share = pass_share(within, len(stops))
-    hops_s = _measured(pairs, HOP)
+    runs_s = _measured(pairs, RUN)
     return LawFigures(
         cases=len(pairs),
         lacking=sum(result is None for _, result in pairs),
@@ -99,7 +99,7 @@ def figures_of(pairs: Pairs) -> LawFigures:
         worst_m=max(known, key=abs, default=None),
         within_ratio=None if share is None else share.best,
         within_low_ratio=None if share is None else share.low,
-        hop_s=sum(hops_s) / len(hops_s) if hops_s else None,
+        run_s=sum(runs_s) / len(runs_s) if runs_s else None,
         comfort={name: max(_measured(pairs, re.compile(name)), default=None) for name in COMFORT},
     )
 

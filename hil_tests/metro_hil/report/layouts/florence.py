@@ -121,7 +121,7 @@ def _table_by_load(
     theirs: list[LayoutCell] = [LayoutCell("mean station, paper")]
     ours_load: list[LayoutCell] = [LayoutCell("mean load, this campaign")]
     theirs_load: list[LayoutCell] = [LayoutCell("mean load, paper")]
-    sure: list[LayoutCell] = [LayoutCell("mean load, 95 %")]
+    sure: list[str] = []
     stations: list[tuple[str, Mean, float]] = []
     loads: list[tuple[str, Mean, float]] = []
     for load_ratio in LOADS:
@@ -136,7 +136,7 @@ def _table_by_load(
         paper_cm = paper_load[load_ratio]
         ours_load.append(LayoutCell(_plain(overall), _mark(overall, paper_cm), len(STATIONS)))
         theirs_load.append(LayoutCell(f"{paper_cm:.2f}", span=len(STATIONS)))
-        sure.append(LayoutCell(interval_words(figures_of(loaded)), span=len(STATIONS)))
+        sure.append(f"{load_ratio * 100:.0f} % {interval_words(figures_of(loaded))}")
         loads.append((f"load {load_ratio * 100:.0f} %", overall, paper_cm))
     wide = (
         LayoutCell("passengers"),
@@ -145,11 +145,12 @@ def _table_by_load(
     narrow = (LayoutCell("station"), *(LayoutCell(name) for _ in LOADS for name in STATIONS))
     remarks = (
         *_verdicts(stations, loads),
+        f"Mean load, 95 %, cm: {', '.join(sure)}.",
         *_worst(pairs),
         *_errors_covered(pairs),
         ride_words(pairs),
     )
-    rows = (tuple(ours), tuple(theirs), tuple(ours_load), tuple(sure), tuple(theirs_load))
+    rows = (tuple(ours), tuple(theirs), tuple(ours_load), tuple(theirs_load))
     return LayoutTable(title, (wide, narrow), rows, remarks)
 
 

@@ -83,7 +83,7 @@ def _column(pairs: Pairs) -> dict[str, str]:
     said["worst, cm"] = _number(figures.worst_m, "+.1f", CM_PER_M)
     said["within 10 cm"] = _percent(figures.within_ratio)
     said["at least, 95 %"] = _percent(figures.within_low_ratio)
-    said["from stop to stop, s"] = _number(figures.hop_s, ".1f")
+    said["whole line, s"] = _number(figures.run_s, ".1f")
     said.update(zip(COMFORT_ROWS, _comfort(figures), strict=True))
     return said
 
@@ -108,8 +108,7 @@ def _remarks(laws: Mapping[str, Pairs]) -> list[str]:
     lines = [
         "Intervals of means: bootstrap over runs, 95 %. Share within 10 cm: least share by "
         "Clopper–Pearson, two-sided 95 %, a missed station counted as outside.",
-        "From stop to stop: mean time between standstills. Acceleration and jerk: the greatest of "
-        "all runs.",
+        "Whole line: mean, dwells included. Acceleration and jerk: the greatest of all runs.",
     ]
     for law, pairs in laws.items():
         lacking = sum(result is None for _, result in pairs)
