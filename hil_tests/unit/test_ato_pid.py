@@ -4,8 +4,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vobc.ato.config import Limits, PidGains
+from vobc.ato.config import Limits
 from vobc.ato.pid import Pid
+from vobc.ato.pid_config import PidGains
 from vobc.ato.shaper import Shaper
 
 GAINS = PidGains(0.7, 0.2, 0.3)
@@ -47,7 +48,7 @@ def test_the_output_never_leaves_its_bounds(errors: list[float]) -> None:
 def test_taking_over_continues_the_output(error: float, output: float) -> None:
     pid = Pid()
 
-    pid.take_over(GAINS, error_mps=error, output_mps2=output)
+    pid.take_over(GAINS, error=error, output_mps2=output)
 
     dt_s = 0.05
     given_back = pid.step(GAINS, error, dt_s, **WIDE)

@@ -3,23 +3,11 @@
 from dataclasses import dataclass, field
 from typing import Final
 
+from vobc.ato.pid_config import PidGains, PidScheme, PrintedScheme
 from vobc.ato.timing_config import Timing
 
 MAX_DEAD_TIMES: Final = 8
 """Bound on the hypotheses of brake delay, which keeps the cost of a cycle bounded."""
-
-
-@dataclass(frozen=True, slots=True)
-class PidGains:
-    """From a speed error to an acceleration; a position error takes one more power of a second."""
-
-    kp_per_s: float
-    ki_per_s2: float
-    kd_ratio: float
-
-    def __post_init__(self) -> None:
-        if min(self.kp_per_s, self.ki_per_s2, self.kd_ratio) < 0.0:
-            raise ValueError("a PID gain is negative")
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,9 +126,9 @@ class AuthorityStop:
 class SpeedControl:
     """PIDs on the predicted speed error, one for each direction of the reference."""
 
-    rising: PidGains = PidGains(0.6, 0.06, 0.0)
-    constant: PidGains = PidGains(0.4, 0.04, 0.0)
-    falling: PidGains = PidGains(0.3859, 0.0277, 0.0097)
+    rising: PidGains = field(default_factory=lambda: PidGains(0.6, 0.06, 0.0))
+    constant: PidGains = field(default_factory=lambda: PidGains(0.4, 0.04, 0.0))
+    falling: PidGains = field(default_factory=lambda: PidGains(0.3859, 0.0277, 0.0097))
     margin_mps: float = 0.5
     """Kept under the ceiling and the civil limits: room for odometry's uncertainty."""
     coast_band_mps2: float = 0.05
@@ -149,33 +137,6 @@ class SpeedControl:
     def __post_init__(self) -> None:
         if self.margin_mps < 0.0 or self.coast_band_mps2 < 0.0:
             raise ValueError("margin_mps or coast_band_mps2 is negative")
-
-
-@dataclass(frozen=True, slots=True)
-class PrintedScheme:
-    """Allotta et al. 2013, tables 5 and 6, and the three-tag speeds of section II."""
-
-    rising: PidGains = PidGains(5.4781, 0.0097, 0.0079)
-    falling: PidGains = PidGains(0.3859, 0.0277, 0.0097)
-    constant: PidGains = PidGains(0.6832, 0.2242, 0.2401)
-    position: PidGains = PidGains(0.7926, 0.2764, 0.7683)
-    feed_forward: bool = False
-    """Add the reference acceleration to the output of the PIDs; the paper does not mention one."""
-    t1_m: float = 50.0
-    t2_m: float = 10.0
-    t3_m: float = 1.5
-    t1_speed_mps: float = 15.0 / 3.6
-    creep_speed_mps: float = 0.67
-    """Constant between T2 and T3."""
-    decel_mps2: float = 0.6
-    """Down to the speed at T1."""
-
-    def __post_init__(self) -> None:
-        if not 0.0 < self.t3_m < self.t2_m < self.t1_m:
-            raise ValueError("not 0 < t3_m < t2_m < t1_m")
-        if not 0.0 < self.creep_speed_mps < self.t1_speed_mps:
-            raise ValueError("not 0 < creep_speed_mps < t1_speed_mps")
-        _positive(decel_mps2=self.decel_mps2)
 
 
 @dataclass(frozen=True, slots=True)
@@ -226,7 +187,8 @@ class AtoConfig:
     authority: AuthorityStop = field(default_factory=AuthorityStop)
     speed: SpeedControl = field(default_factory=SpeedControl)
     station: StationWork = field(default_factory=StationWork)
-    printed: PrintedScheme = field(default_factory=PrintedScheme)
+    pid: PidScheme = field(default_factory=PidScheme)
+    pid_literal: PrintedScheme = field(default_factory=PrintedScheme)
     timing: Timing = field(default_factory=Timing)
 
     def __post_init__(self) -> None:

@@ -1,38 +1,52 @@
 """A PID with anti-windup by conditional integration and bumpless hand-over."""
 
-from vobc.ato.config import PidGains
+from vobc.ato.pid_config import PidGains
 
 
 class Pid:
-    """Parallel form; the derivative is that of the given error over the given time step."""
+    """Parallel form; errors are in m/s, or in m for a position loop."""
 
-    __slots__ = ("_integral_mps2", "_last_error_mps")
+    __slots__ = ("_integral_mps2", "_last_error")
 
     def __init__(self) -> None:
         self._integral_mps2 = 0.0
-        self._last_error_mps: float | None = None
+        self._last_error: float | None = None
 
     def reset(self) -> None:
         self._integral_mps2 = 0.0
-        self._last_error_mps = None
+        self._last_error = None
 
-    def take_over(self, gains: PidGains, *, error_mps: float, output_mps2: float) -> None:
-        """Set the integral so that the next output at this error is `output_mps2`."""
-        self._integral_mps2 = output_mps2 - gains.kp_per_s * error_mps
-        self._last_error_mps = error_mps
+    def take_over(
+        self, gains: PidGains, *, error: float, output_mps2: float, slope: float = 0.0
+    ) -> None:
+        """Set the integral so that the next output at this error and slope is `output_mps2`."""
+        self._integral_mps2 = output_mps2 - gains.kp_per_s * error - gains.kd_ratio * slope
+        self._last_error = error
 
     def step(
-        self, gains: PidGains, error_mps: float, dt_s: float, *, low_mps2: float, high_mps2: float
+        self,
+        gains: PidGains,
+        error: float,
+        dt_s: float,
+        *,
+        low_mps2: float,
+        high_mps2: float,
+        slope: float | None = None,
     ) -> float:
-        """The output within the bounds; the integral never pushes further past one."""
-        last_mps = self._last_error_mps
-        slope_mps2 = 0.0 if last_mps is None else (error_mps - last_mps) / dt_s
-        self._last_error_mps = error_mps
-        direct_mps2 = gains.kp_per_s * error_mps + gains.kd_ratio * slope_mps2
-        grown_mps2 = self._integral_mps2 + gains.ki_per_s2 * error_mps * dt_s
+        """The output within the bounds; the integral never pushes further past one.
+
+        Args:
+            slope: of the error, a second, if it is known better than from two errors.
+        """
+        if slope is None:
+            last = self._last_error
+            slope = 0.0 if last is None else (error - last) / dt_s
+        self._last_error = error
+        direct_mps2 = gains.kp_per_s * error + gains.kd_ratio * slope
+        grown_mps2 = self._integral_mps2 + gains.ki_per_s2 * error * dt_s
         wanted_mps2 = direct_mps2 + grown_mps2
-        pushes_out = (wanted_mps2 > high_mps2 and error_mps > 0.0) or (
-            wanted_mps2 < low_mps2 and error_mps < 0.0
+        pushes_out = (wanted_mps2 > high_mps2 and error > 0.0) or (
+            wanted_mps2 < low_mps2 and error < 0.0
         )
         if not pushes_out:
             self._integral_mps2 = grown_mps2

@@ -6,6 +6,7 @@ from typing import Final
 
 from firmware_py.trackdb import LineMap
 from vobc.ato.config import AtoConfig
+from vobc.ato.strategies.pid import PidPredicted
 from vobc.ato.strategies.pid_literal import PidLiteral
 from vobc.ato.strategies.predictive import Predictive
 from vobc.ato.strategies.strategy import Strategy
@@ -13,6 +14,7 @@ from vobc.ato.strategies.timing import TimedRun
 
 STRATEGIES: Final[Mapping[str, Callable[[AtoConfig, LineMap, float], Strategy]]] = {
     "predictive": Predictive,
+    "pid": PidPredicted,
     "pid_literal": PidLiteral,
     "timing": TimedRun,
 }

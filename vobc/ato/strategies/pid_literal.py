@@ -8,9 +8,10 @@ from typing import Final
 
 from firmware_py.trackdb import LineMap
 from vobc.ato import profile
-from vobc.ato.config import AtoConfig, PidGains
+from vobc.ato.config import AtoConfig
 from vobc.ato.governor import Governor
 from vobc.ato.pid import Pid
+from vobc.ato.pid_config import PidGains
 from vobc.ato.strategies.strategy import Drive, Target
 from vobc.vocabulary import AtoInput
 
@@ -62,7 +63,7 @@ class PidLiteral:
 
     def drive(self, seen: AtoInput, target: Target) -> Drive:
         distance_m = target.at_m - seen.front_m
-        if distance_m <= self._config.printed.t3_m:
+        if distance_m <= self._config.pid_literal.t3_m:
             return self._follow_position(seen, distance_m)
         stop_mps, stop_mps2 = self._stop_reference(distance_m)
         limit_mps, limit_mps2 = self._signal_reference(seen)
@@ -75,13 +76,13 @@ class PidLiteral:
         braking = stop_mps < reference_mps
         if braking:
             reference_mps, reference_mps2 = stop_mps, stop_mps2
-        gains = self._gains_for(reference_mps2, in_zone=distance_m <= self._config.printed.t1_m)
+        gains = self._gains_for(reference_mps2, in_zone=distance_m <= self._config.pid_literal.t1_m)
         accel_mps2 = self._control(gains, reference_mps - seen.speed_mps, reference_mps2)
         return Drive(accel_mps2, reference_mps, braking)
 
     def _stop_reference(self, distance_m: float) -> tuple[float, float]:
         """Speed and acceleration of the paper's reference at this distance before the stop."""
-        scheme = self._config.printed
+        scheme = self._config.pid_literal
         creep_mps, t1_mps = scheme.creep_speed_mps, scheme.t1_speed_mps
         if distance_m <= scheme.t2_m:
             return creep_mps, 0.0
@@ -107,7 +108,7 @@ class PidLiteral:
         return max(0.0, limit_mps), 0.0
 
     def _gains_for(self, reference_mps2: float, *, in_zone: bool) -> PidGains:
-        scheme = self._config.printed
+        scheme = self._config.pid_literal
         if reference_mps2 < -FLAT_MPS2:
             return scheme.falling
         if reference_mps2 > FLAT_MPS2 or not in_zone:
@@ -116,7 +117,7 @@ class PidLiteral:
 
     def _follow_position(self, seen: AtoInput, distance_m: float) -> Drive:
         """From T3 on: x_ref = v2 * t - a3 * t**2 / 2, which ends at the stop at rest."""
-        scheme = self._config.printed
+        scheme = self._config.pid_literal
         creep_mps = scheme.creep_speed_mps
         decel_mps2 = creep_mps**2 / (2.0 * scheme.t3_m)
         self._since_t3_s += self._dt_s
@@ -128,10 +129,10 @@ class PidLiteral:
 
     def _control(self, gains: PidGains, error: float, reference_mps2: float) -> float:
         """One PID step; `error` is in m/s, or in m for the position loop."""
-        ahead_mps2 = reference_mps2 if self._config.printed.feed_forward else 0.0
+        ahead_mps2 = reference_mps2 if self._config.pid_literal.feed_forward else 0.0
         low_mps2, high_mps2 = -self._accel_max_mps2, self._accel_max_mps2
         if gains is not self._gains:
-            self._pid.take_over(gains, error_mps=error, output_mps2=self._demand_mps2 - ahead_mps2)
+            self._pid.take_over(gains, error=error, output_mps2=self._demand_mps2 - ahead_mps2)
             self._gains = gains
         return ahead_mps2 + self._pid.step(
             gains,

@@ -11,10 +11,11 @@ from typing import Final
 from firmware_py.trackdb import LineMap
 from vobc import vocabulary
 from vobc.ato import gradient, profile, trapezoid
-from vobc.ato.config import AtoConfig, PidGains
+from vobc.ato.config import AtoConfig
 from vobc.ato.governor import Governor
 from vobc.ato.outlook import CeilingOutlook, SmoothFront
 from vobc.ato.pid import Pid
+from vobc.ato.pid_config import PidGains
 from vobc.ato.predictor import Ahead
 from vobc.ato.strategies.strategy import Drive, Target
 from vobc.ato.train_model import TrainModel
