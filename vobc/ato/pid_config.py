@@ -1,5 +1,6 @@
 """Settings of both PID laws: gains as printed and as tuned, the sections before a stop."""
 
+import math
 from dataclasses import dataclass
 from typing import Final
 
@@ -25,7 +26,7 @@ class PidScheme:
     """Law `pid`: four PIDs on the state predicted past dead time and lag, with feed-forward.
 
     Sections and choice of gains are those of Allotta et al. 2013, section II. The speeds at the
-    tags make each section's deceleration: (v1² - v2²) / (2 * (d1 - d2)), and v3² / (2 * d3) at last.
+    tags make each section's deceleration: (v1² - v2²) / (2 * (d1 - d2)).
     """
 
     rising: PidGains = PidGains(0.6, 0.06, 0.0)
@@ -44,8 +45,11 @@ class PidScheme:
     t2_m: float = 10.0
     t3_m: float = 1.5
     t1_speed_mps: float = 15.0 / 3.6
-    t2_speed_mps: float = 1.2
-    t3_speed_mps: float = 0.55
+    t2_speed_mps: float = 1.3
+    t3_speed_mps: float = 0.75
+    """Much slower, and the place grows so uncertain before the stop that doors stay shut."""
+    last_decel_mps2: float = 0.09
+    """Of the deceleration, which falls from T3 to the stop; what the stop feels like."""
     decel_mps2: float = 0.6
     """Down to the speed at T1."""
     rise_jerk_mps3: float = 0.4
@@ -60,7 +64,12 @@ class PidScheme:
         _check_sections(self.t3_m, self.t2_m, self.t1_m)
         if not 0.0 < self.t3_speed_mps < self.t2_speed_mps < self.t1_speed_mps:
             raise ValueError("not 0 < t3_speed_mps < t2_speed_mps < t1_speed_mps")
-        sections = (self.section_decel_mps2, self.creep_decel_mps2, self.final_decel_mps2)
+        least_mps2 = self.t3_speed_mps**2 / (2.0 * self.t3_m)
+        if not 0.0 < self.last_decel_mps2 <= least_mps2:
+            raise ValueError(
+                f"last_decel_mps2 {self.last_decel_mps2} is not in 0..{least_mps2:.3g}"
+            )
+        sections = (self.section_decel_mps2, self.creep_decel_mps2, self.t3_decel_mps2)
         if max(sections) > CREEP_LIMIT_MPS2:
             raise ValueError(f"speeds at the tags ask for more than {CREEP_LIMIT_MPS2} m/s²")
         for name in ("decel_mps2", "rise_jerk_mps3", "ease_jerk_mps3", "least_decel_mps2"):
@@ -78,9 +87,25 @@ class PidScheme:
         return (self.t2_speed_mps**2 - self.t3_speed_mps**2) / (2.0 * (self.t2_m - self.t3_m))
 
     @property
-    def final_decel_mps2(self) -> float:
-        """From T3 to the stop."""
-        return self.t3_speed_mps**2 / (2.0 * self.t3_m)
+    def t3_decel_mps2(self) -> float:
+        """At T3, from where it falls."""
+        speed_mps = self.t3_speed_mps
+        return falling_decel(speed_mps, self.t3_m, self.last_decel_mps2)[0]
+
+
+def falling_decel(speed_mps: float, way_m: float, last_mps2: float) -> tuple[float, float]:
+    """Deceleration at first, and time to the stop, so that it falls steadily to `last_mps2` there.
+
+    v = (b0 + b1) T / 2 and d = v T / 3 + b1 T² / 6. A train too slow for that brakes steadily.
+    """
+    assert speed_mps > 0.0
+    assert way_m > 0.0
+    steady_mps2 = speed_mps * speed_mps / (2.0 * way_m)
+    if steady_mps2 <= last_mps2:
+        return steady_mps2, speed_mps / steady_mps2
+    root_mps = math.sqrt(speed_mps * speed_mps + 6.0 * last_mps2 * way_m)
+    stop_s = (root_mps - speed_mps) / last_mps2
+    return 2.0 * speed_mps / stop_s - last_mps2, stop_s
 
 
 @dataclass(frozen=True, slots=True)

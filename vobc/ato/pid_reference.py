@@ -11,6 +11,7 @@ from typing import Final, NamedTuple
 from firmware_py.trackdb import LineMap
 from vobc.ato import gradient, profile
 from vobc.ato.config import AtoConfig
+from vobc.ato.pid_config import falling_decel
 
 SOLVE_STEPS: Final = 60
 SOLVED_M: Final = 1e-9
@@ -136,7 +137,12 @@ def stop_at_platform(config: AtoConfig, line: LineMap, at_m: float, top_mps: flo
     jerk_mps3 = scheme.ease_jerk_mps3
     steady_mps2 = min(scheme.decel_mps2, profile.steady_decel_mps2(config, line, at_m))
     uphill_mps2 = max(0.0, gradient.decel_at_mps2(config, line, at_m))
-    curve = SpeedCurve(0.0, min(steady_mps2, scheme.final_decel_mps2 + uphill_mps2))
+    last_mps2 = min(steady_mps2, scheme.last_decel_mps2 + uphill_mps2)
+    t3_mps2, stop_s = falling_decel(scheme.t3_speed_mps, scheme.t3_m, scheme.last_decel_mps2)
+    curve = SpeedCurve(0.0, last_mps2)
+    t3_mps2 = min(steady_mps2, t3_mps2 + uphill_mps2)
+    if t3_mps2 > last_mps2:
+        curve.ramp(t3_mps2, (t3_mps2 - last_mps2) / stop_s)
     curve.keep_to_m(scheme.t3_m)
     curve.ramp(min(steady_mps2, scheme.creep_decel_mps2 + uphill_mps2), jerk_mps3)
     curve.keep_to_m(scheme.t2_m)

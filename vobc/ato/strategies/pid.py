@@ -14,7 +14,7 @@ from vobc.ato import gradient, pid_reference, profile
 from vobc.ato.config import AtoConfig
 from vobc.ato.outlook import CeilingOutlook, SmoothFront
 from vobc.ato.pid import Pid
-from vobc.ato.pid_config import PidGains
+from vobc.ato.pid_config import PidGains, falling_decel
 from vobc.ato.pid_reference import Point, SpeedCurve
 from vobc.ato.predictor import Ahead
 from vobc.ato.strategies.strategy import Drive, Target
@@ -53,24 +53,23 @@ class Fall:
 
 
 class PositionSection:
-    """From T3 to the stop: x = v * t - a * t² / 2, from the state in which T3 was met."""
+    """From T3 to the stop: x = v t - b t² / 2 + e t³ / 6, from the state in which T3 was met."""
 
-    __slots__ = ("_decel_mps2", "_since_s", "_start_mps", "_stop_s", "_way_m")
+    __slots__ = ("_decel_mps2", "_ease_mps3", "_since_s", "_start_mps", "_stop_s", "_way_m")
 
-    def __init__(self, speed_mps: float, way_m: float) -> None:
+    def __init__(self, speed_mps: float, way_m: float, last_mps2: float) -> None:
         self._start_mps = speed_mps
         self._way_m = way_m
-        self._decel_mps2 = speed_mps * speed_mps / (2.0 * way_m)
-        self._stop_s = speed_mps / self._decel_mps2
+        self._decel_mps2, self._stop_s = falling_decel(speed_mps, way_m, last_mps2)
+        self._ease_mps3 = max(0.0, self._decel_mps2 - last_mps2) / self._stop_s
         self._since_s = 0.0
 
     def step(self, dt_s: float) -> tuple[float, Point]:
         """What is left of the way, and the motion there."""
         self._since_s = min(self._stop_s, self._since_s + dt_s)
-        t_s = self._since_s
-        speed_mps = self._start_mps - self._decel_mps2 * t_s
-        left_m = self._way_m - t_s * (self._start_mps + speed_mps) / 2.0
-        return left_m, Point(speed_mps, self._decel_mps2, 0.0)
+        t, v, b, e = self._since_s, self._start_mps, self._decel_mps2, self._ease_mps3
+        left_m = self._way_m - t * (v - t * (b / 2.0 - t * e / 6.0))
+        return left_m, Point(max(0.0, v - t * (b - t * e / 2.0)), b - e * t, e)
 
 
 class PidPredicted:
@@ -334,7 +333,8 @@ class PidPredicted:
         if not self._t3_met or self._position is not None:
             return
         if 0.0 < to_go_m <= self._config.pid.t3_m + AT_T3_M and speed_mps > 0.0:
-            self._position = PositionSection(speed_mps, to_go_m)
+            last_mps2 = self._config.pid.last_decel_mps2
+            self._position = PositionSection(speed_mps, to_go_m, last_mps2)
 
     def _falling_gains(self, fall: Fall, to_go_m: float) -> PidGains:
         scheme = self._config.pid
