@@ -35,7 +35,7 @@ class PidScheme:
     """Reference falling, down to T2; as printed."""
     constant: PidGains = PidGains(0.4, 0.04, 0.0)
     """Reference constant, and between T2 and T3."""
-    position: PidGains = PidGains(0.12, 0.01, 0.5)
+    position: PidGains = PidGains(0.4, 0.03, 1.0)
     """From T3 to the stop."""
     identify_delay: bool = True
     """Take the dead time of the brake from how the present application answers; otherwise it is
@@ -46,9 +46,9 @@ class PidScheme:
     t3_m: float = 1.5
     t1_speed_mps: float = 15.0 / 3.6
     t2_speed_mps: float = 1.3
-    t3_speed_mps: float = 0.75
+    t3_speed_mps: float = 0.7
     """Much slower, and the place grows so uncertain before the stop that doors stay shut."""
-    last_decel_mps2: float = 0.09
+    last_decel_mps2: float = 0.08
     """Of the deceleration, which falls from T3 to the stop; what the stop feels like."""
     decel_mps2: float = 0.6
     """Down to the speed at T1."""
