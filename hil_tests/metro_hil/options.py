@@ -71,6 +71,9 @@ def parser() -> argparse.ArgumentParser:
         help="tell what the controller of a run decided, why, and from which frames",
         add_help=False,
     )
+    verbs.add_parser(
+        "tune", help="re-tune a control law and write a parameter file", add_help=False
+    )
     _add_journey(run)
     _add_desk(run)
     _add_wires(run)

@@ -1,4 +1,4 @@
-"""`vobc run`: parse, run in real time or in lockstep, report; `vobc explain` tells the story."""
+"""`vobc run`: parse, run in real time or in lockstep, report; `vobc explain` and `vobc tune`."""
 
 import sys
 from collections.abc import Sequence
@@ -50,6 +50,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     words = sys.argv[1:] if argv is None else argv
     if words[:1] == ["explain"]:
         return explain.main(words[1:])
+    if words[:1] == ["tune"]:
+        from metro_hil.tune import command as tune
+
+        return tune.main(words[1:])
     options = parse(words)
     console = Console(stderr=options.json)
     try:

@@ -1,5 +1,6 @@
 """Cases run by processes on this machine, for whoever has no better place."""
 
+import signal
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -14,6 +15,8 @@ _files: dict[str, Path] = {}
 
 def _begin(files: Files) -> None:
     _files.update(files)
+    # Ctrl-C is for the one who asks; what runs here is called off by it.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def _run(case: Case) -> CaseResult:
@@ -36,4 +39,8 @@ def local_crew(workers: int, files: Files) -> Iterator[Evaluate]:
         def evaluate(cases: Sequence[Case]) -> Sequence[CaseResult]:
             return list(pool.map(_run, cases))
 
-        yield evaluate
+        try:
+            yield evaluate
+        except BaseException:
+            pool.shutdown(cancel_futures=True)
+            raise
