@@ -16,7 +16,7 @@ from vobc.config import load_config
 LOADS: Final = (0.0, 0.5, 1.0)
 ODOMETER_ERRORS: Final = (0.05, -0.01, 0.02)
 TRAINING: Final = 6
-VALIDATION: Final = 18
+VALIDATION: Final = 12
 SEEDS_APART: Final = 100_000
 """Between seeds that are tuned on and those that are judged on."""
 DURATION_S: Final = 300.0
