@@ -35,7 +35,7 @@ class PidScheme:
     """Reference falling, down to T2; as printed."""
     constant: PidGains = PidGains(0.4, 0.04, 0.0)
     """Reference constant, and between T2 and T3."""
-    position: PidGains = PidGains(0.4, 0.03, 1.0)
+    position: PidGains = PidGains(0.2, 0.03, 1.8)
     """From T3 to the stop."""
     identify_delay: bool = True
     """Take the dead time of the brake from how the present application answers; otherwise it is

@@ -283,12 +283,8 @@ class PidPredicted:
             return fall
         self._planned_for = None
         self._fall, self._position = None, None
-        if fall.stops or self._stop.at_m > front_m:
-            self._replan_from_here(front_m)
-        return None
-
-    def _replan_from_here(self, front_m: float) -> None:
         self._start_rise(front_m, max(0.0, self.speed_mps))
+        return None
 
     def _falls_short(self, fall: Fall, ahead: Ahead) -> bool:
         if self._position is not None:
