@@ -39,6 +39,8 @@ UNIT_IS_ELSEWHERE: Final = frozenset(
         *("PhaseKeys.base", "RangeKeys.high", "RangeKeys.low", "RangeKeys.step"),
         *("Span.high", "Span.low", "Expression.value_of", "MonitorResult.margin"),
         *("Cell.margins", "Sought.margins", "Sought.value"),
+        # Of the setting that the key names.
+        *("Parameter.high", "Parameter.low", "Tuned.after", "Tuned.before"),
     }
 )
 

@@ -145,7 +145,7 @@ def _show(console: Console, tuned: Tuned, out: Path) -> None:
     for key in tuned.after:
         table.add_row(key, f"{tuned.before[key]:g}", f"{tuned.after[key]:g}")
     table.add_section()
-    table.add_row("cost in training", f"{tuned.cost_before_cm:.2f}", f"{tuned.cost_after_cm:.2f}")
+    table.add_row("cost in training", _cm(tuned.cost_before_m), _cm(tuned.cost_after_m))
     before, after = tuned.figures_before, tuned.figures_after
     if before is not None and after is not None:
         for name, one, other in zip(NAMES, _cells(before), _cells(after), strict=True):
@@ -177,7 +177,7 @@ def _cells(figures: Figures) -> tuple[str, ...]:
         f"{figures.accel_max_mps2:.2f} m/s²",
         f"{figures.jerk_max_mps3:.2f} m/s³",
         str(figures.emergencies),
-        "" if figures.demand_changes_mean is None else f"{figures.demand_changes_mean:.1f}",
+        "" if figures.notch_changes is None else str(figures.notch_changes),
     )
 
 

@@ -44,6 +44,7 @@ def write_parameters(path: Path, text: str) -> None:
 
 
 def _comment(ground: Ground, tuned: Tuned, head: Mapping[str, object]) -> list[str]:
+    costs = f"{tuned.cost_before_m * CM_PER_M:.3f} cm, then {tuned.cost_after_m * CM_PER_M:.3f} cm"
     said = {
         "law": ground.law,
         "line": ground.line,
@@ -51,7 +52,7 @@ def _comment(ground: Ground, tuned: Tuned, head: Mapping[str, object]) -> list[s
         "parameters": ground.params,
         **head,
         "runs": f"{tuned.runs} of training, {tuned.points} sets of settings",
-        "cost in training": f"{tuned.cost_before_cm:.3f} cm, then {tuned.cost_after_cm:.3f} cm",
+        "cost in training": costs,
     }
     lines = ["# Made by `vobc tune`."]
     lines += [f"# {name}: {value}" for name, value in said.items()]

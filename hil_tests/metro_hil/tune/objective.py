@@ -36,7 +36,7 @@ class Figures(msgspec.Struct, frozen=True, kw_only=True):
     jerk_max_mps3: float
     accel_max_mps2: float
     emergencies: int
-    demand_changes_mean: float | None = None
+    notch_changes: int | None = None
     """Changes of notch; only where an output stage counts them."""
 
 
@@ -52,7 +52,7 @@ def figures_of(results: Sequence[CaseResult]) -> Figures:
         jerk_max_mps3=max(_known(results, "jerk_max_mps3"), default=0.0),
         accel_max_mps2=max(_known(results, "accel_max_mps2"), default=0.0),
         emergencies=round(math.fsum(_known(results, "emergency_count"))),
-        demand_changes_mean=_mean(notches),
+        notch_changes=round(math.fsum(notches)) if notches else None,
     )
 
 

@@ -9,7 +9,7 @@ from metro_hil.cases import CaseResult
 from metro_hil.search.find import Evaluate
 from metro_hil.search.optimisers import OPTIMISERS, Optimiser, Shares
 from metro_hil.tune.nelder_mead import NelderMead
-from metro_hil.tune.objective import REFUSED_CM, Figures, cost_cm, figures_of
+from metro_hil.tune.objective import CM_PER_M, REFUSED_CM, Figures, cost_cm, figures_of
 from metro_hil.tune.parameters import Parameter
 from metro_hil.tune.training import TRAINING, VALIDATION, Ground
 
@@ -27,8 +27,8 @@ class Tuned(msgspec.Struct, frozen=True, kw_only=True):
 
     before: dict[str, float]
     after: dict[str, float]
-    cost_before_cm: float
-    cost_after_cm: float
+    cost_before_m: float
+    cost_after_m: float
     points: int
     """Sets of settings that were run."""
     runs: int
@@ -111,8 +111,8 @@ class Tuner:
         return Tuned(
             before=self._before,
             after=self._best_values(),
-            cost_before_cm=self._cost_before_cm,
-            cost_after_cm=cost_after_cm,
+            cost_before_m=self._cost_before_cm / CM_PER_M,
+            cost_after_m=cost_after_cm / CM_PER_M,
             points=self._points,
             runs=self._points * TRAINING,
             figures_before=self._judged.get("before"),

@@ -81,7 +81,7 @@ def test_the_best_settings_are_found(method: str) -> None:
     tuned = tuning.tuned
     assert tuned.after[KEYS[0]] == pytest.approx(0.2, rel=0.15)
     assert tuned.after[KEYS[1]] == pytest.approx(0.6, rel=0.15)
-    assert tuned.cost_after_cm < tuned.cost_before_cm
+    assert tuned.cost_after_m < tuned.cost_before_m
 
 
 @pytest.mark.parametrize("method", ["nelder-mead", "cma-es"])
@@ -115,7 +115,7 @@ def test_what_was_found_before_ctrl_c_is_kept() -> None:
         tuning.train()
 
     assert tuning.begun
-    assert tuning.tuned.cost_after_cm <= tuning.tuned.cost_before_cm
+    assert tuning.tuned.cost_after_m <= tuning.tuned.cost_before_m
     assert tuning.tuned.figures_after is None
 
 
@@ -132,8 +132,8 @@ def test_the_file_runs_and_says_what_made_it(tmp_path: Path) -> None:
     tuned = Tuned(
         before={KEYS[0]: 0.4, KEYS[1]: 1.0},
         after={KEYS[0]: 0.21, KEYS[1]: 1.7},
-        cost_before_cm=3.0,
-        cost_after_cm=2.0,
+        cost_before_m=0.03,
+        cost_after_m=0.02,
         points=4,
         runs=24,
     )
