@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from vobc.ato.pid_config import PidGains, PidScheme, PrintedScheme
+from vobc.ato.chasing_config import ChasingScheme
 from vobc.ato.output_config import OutputStage
 from vobc.ato.timing_config import Timing
 
@@ -191,6 +192,7 @@ class AtoConfig:
     pid: PidScheme = field(default_factory=PidScheme)
     pid_literal: PrintedScheme = field(default_factory=PrintedScheme)
     timing: Timing = field(default_factory=Timing)
+    chasing: ChasingScheme = field(default_factory=ChasingScheme)
     output: OutputStage = field(default_factory=OutputStage)
 
     def __post_init__(self) -> None:
