@@ -32,9 +32,9 @@ class ChasingScheme:
     blending_end_mps: float = 4.0 / KMH_PER_MPS
     blending_spread_ratio: float = 0.1
     """The band may begin so much sooner."""
-    last_speed_mps: float = 0.22
+    last_speed_mps: float = 0.17
     """From about here the last notch stays on."""
-    rolling_mps2: float = 0.015
+    rolling_mps2: float = 0.018
     """Resistance at low speed; every notch brakes by that much more."""
     chase_ratio: float = 0.27
     """Share of the time to the target within which the curve is to be caught."""
@@ -42,7 +42,7 @@ class ChasingScheme:
     """Time within which a constant speed is to be caught."""
     keep_band_mps: float = 0.25
     """A notch that closes the gap in time is kept as long as the gap is smaller than this."""
-    quiet_band_mps: float = 0.08
+    quiet_band_mps: float = 0.15
     """In a gap smaller than this no other notch is looked for."""
     guard_mps2: float = 0.01
     """A notch nearer to the curve's deceleration than this never catches it."""
@@ -54,8 +54,8 @@ class ChasingScheme:
     """Planned without traction and brake before a braking."""
     resume_band_mps: float = 0.8
     """So much under the curve a braking is given up."""
-    stop_tolerance_m: float = 0.05
-    """In the final chase a notch that would stop this near is kept."""
+    stop_tolerance_m: float = 0.06
+    """The last notch is given up for a stronger one when it would stop farther beyond than this."""
 
     def __post_init__(self) -> None:
         for name in ("dead_time_s", "early_s", "coast_s", "rolling_mps2", "stop_tolerance_m"):

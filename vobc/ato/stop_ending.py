@@ -1,8 +1,19 @@
 """The end of a stop with notches: a small brake through blending, then the chase to the mark."""
 
+from typing import Final
+
+from vobc.ato.chasing_config import ChasingScheme
 from vobc.ato.config import AtoConfig
 from vobc.ato.predictor import Ahead
 from vobc.ato.step_curve import StepCurve
+
+LAST_SOONER_RATIO: Final = 2.0
+LAST_LATER_RATIO: Final = 0.5
+"""Bounds, as shares of its planned speed, on where the last notch comes: as soon as it fits."""
+LEAST_ROOM_M: Final = 0.02
+ROLL_RATIO: Final = 0.3
+"""With less needed than this share of the last notch a train is let roll."""
+KEPT_RATIO: Final = 0.75
 
 
 def last_notch_mps2(config: AtoConfig, gravity_mps2: float) -> float:
@@ -18,6 +29,12 @@ def last_notch_mps2(config: AtoConfig, gravity_mps2: float) -> float:
     return config.output.brake_levels_mps2[-1]
 
 
+def chase_from_mps(scheme: ChasingScheme) -> float:
+    """The speed at which the first notch after blending bites; until then the small one does."""
+    late_mps = scheme.small_decel_mps2 * (scheme.dead_time_s + scheme.lag_s)
+    return max(scheme.last_speed_mps + 0.1, scheme.blending_end_mps - late_mps)
+
+
 class StopEnding:
     """Asked in every cycle of a braking to a stop; it answers once its part has come."""
 
@@ -27,6 +44,7 @@ class StopEnding:
         "_curve",
         "_last_m",
         "_last_mps2",
+        "_lasting",
         "_resistance_mps2",
         "_small_mps2",
     )
@@ -43,6 +61,7 @@ class StopEnding:
         self._small_mps2 = 0.0
         """The small brake while it is held."""
         self._chasing = False
+        self._lasting = False
 
     def plan(self, curve: StepCurve, gravity_mps2: float) -> None:
         """A new stop, on this gradient."""
@@ -75,7 +94,7 @@ class StopEnding:
             if self._small_mps2 == 0.0:
                 if not self._must_ease(ahead, now_mps2):
                     return None
-                self._small_mps2 = self._small_notch_mps2(ahead, distance_m)
+                self._small_mps2 = self._small_notch_mps2(ahead, distance_m, -now_mps2)
             if measured_mps > scheme.blending_end_mps:
                 return -self._small_mps2
             self._chasing = True
@@ -97,15 +116,24 @@ class StopEnding:
         lost_mps = self._eased_mps(-now_mps2, scheme.small_decel_mps2)
         return ahead.speed_mps - lost_mps <= begin_mps
 
-    def _small_notch_mps2(self, ahead: Ahead, distance_m: float) -> float:
-        """The notch that leads from here to the end of blending, within its bounds."""
+    def _small_notch_mps2(self, ahead: Ahead, distance_m: float, now_mps2: float) -> float:
+        """The notch that leads from here to the end of blending, within its bounds.
+
+        The brake first eases from the notch at work; what that takes is counted for the notch that
+        is planned.
+        """
         scheme = self._config.chasing
-        end = self._curve.at_speed(scheme.blending_end_mps)
-        room_m = max(0.1, distance_m - end.distance_m)
-        squares = ahead.speed_mps**2 - scheme.blending_end_mps**2
+        end_mps = chase_from_mps(scheme)
+        lost_mps = self._eased_mps(now_mps2, scheme.small_decel_mps2)
+        ease_s = max(0.0, now_mps2 - scheme.small_decel_mps2) / self._config.limits.jerk_mps3
+        begin_mps = ahead.speed_mps - lost_mps
+        distance_m -= (ahead.speed_mps + begin_mps) / 2.0 * ease_s
+        room_m = max(0.1, distance_m - self._curve.at_speed(end_mps).distance_m)
+        squares = begin_mps**2 - end_mps**2
         wanted_mps2 = squares / (2.0 * room_m) - self._resistance_mps2
-        low_mps2 = scheme.small_decel_min_mps2 - min(0.0, self._resistance_mps2)
-        high_mps2 = scheme.small_decel_max_mps2 - min(0.0, self._resistance_mps2)
+        fall_mps2 = max(0.0, -self._resistance_mps2)
+        low_mps2 = scheme.small_decel_min_mps2 + fall_mps2
+        high_mps2 = scheme.small_decel_max_mps2 + fall_mps2
         wanted_mps2 = min(high_mps2, max(low_mps2, wanted_mps2))
         levels_mps2 = self._config.output.brake_levels_mps2
         return min(levels_mps2, key=lambda level_mps2: abs(level_mps2 - wanted_mps2))
@@ -113,29 +141,38 @@ class StopEnding:
     def _final_mps2(
         self, ahead: Ahead, distance_m: float, now_mps2: float, *, rested: bool
     ) -> float:
-        """b = v**2 / 2d towards where the last notch begins; the next notch above it.
-
-        Taking the notch above lets what is needed fall until the next smaller one just fits, so the
-        train arrives with the last one.
-        """
+        """b = v**2 / 2d: first to where the last notch begins, then with that notch to the mark."""
         scheme = self._config.chasing
         if not rested:
             return -now_mps2
-        last_mps, last_m = scheme.last_speed_mps, self._last_m
         speed_mps = ahead.speed_mps
-        if speed_mps - self._eased_mps(now_mps2, self._last_mps2) <= last_mps:
-            last_mps, last_m = 0.0, 0.0
-        squares = max(0.0, speed_mps * speed_mps - last_mps * last_mps)
-        room_m = distance_m - last_m
-        held_mps2 = now_mps2 + self._resistance_mps2
-        beyond_m = squares / (2.0 * held_mps2) - room_m if held_mps2 > 0.0 else 1.0
-        if abs(beyond_m) <= scheme.stop_tolerance_m and now_mps2 >= self._last_mps2:
-            return -now_mps2
-        levels_mps2 = self._config.output.brake_levels_mps2
-        if room_m <= 0.0:
-            return -levels_mps2[-1] if squares > 0.01 else -max(now_mps2, self._last_mps2)
+        last_decel_mps2 = self._last_mps2 + self._resistance_mps2
+        eased_mps = max(0.0, speed_mps - self._eased_mps(now_mps2, self._last_mps2))
+        if self._lasting:
+            beyond_m = speed_mps * speed_mps / (2.0 * last_decel_mps2) - distance_m
+            if beyond_m <= scheme.stop_tolerance_m:
+                return -self._last_mps2
+        elif eased_mps <= scheme.last_speed_mps * LAST_SOONER_RATIO:
+            fits = eased_mps * eased_mps <= 2.0 * last_decel_mps2 * distance_m
+            if fits or eased_mps <= scheme.last_speed_mps * LAST_LATER_RATIO:
+                self._lasting = True
+                return -self._last_mps2
+        return -self._nearest_mps2(speed_mps, distance_m, now_mps2)
+
+    def _nearest_mps2(self, speed_mps: float, distance_m: float, now_mps2: float) -> float:
+        """The notch nearest to what is needed, with a hysteresis of three quarters of a step."""
+        scheme = self._config.chasing
+        last_mps = scheme.last_speed_mps
+        room_m = distance_m - self._last_m
+        squares = speed_mps * speed_mps - last_mps * last_mps
+        if self._lasting or squares <= 0.0 or room_m <= 0.0:
+            room_m, squares = max(LEAST_ROOM_M, distance_m), speed_mps * speed_mps
         needed_mps2 = squares / (2.0 * room_m) - self._resistance_mps2
-        for level_mps2 in levels_mps2:
-            if level_mps2 >= needed_mps2 and level_mps2 >= self._last_mps2:
-                return -level_mps2
-        return -levels_mps2[-1]
+        # A released brake answers with a new delay: only a train much too slow is let roll.
+        levels_mps2 = self._config.output.brake_levels_mps2
+        if not self._lasting and needed_mps2 < ROLL_RATIO * self._last_mps2:
+            return 0.0
+        best_mps2 = min(levels_mps2, key=lambda level_mps2: abs(level_mps2 - needed_mps2))
+        best_mps2 = max(best_mps2, self._last_mps2)
+        kept_mps2 = KEPT_RATIO * abs(best_mps2 - now_mps2)
+        return now_mps2 if abs(needed_mps2 - now_mps2) < kept_mps2 else best_mps2

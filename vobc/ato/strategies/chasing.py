@@ -13,9 +13,9 @@ from vobc.ato import catch_time, gradient, profile, trapezoid
 from vobc.ato.chasing_states import Chase, State, next_state
 from vobc.ato.config import AtoConfig
 from vobc.ato.outlook import CeilingOutlook, SmoothFront
-from vobc.ato.predictor import Ahead, Pipeline
+from vobc.ato.predictor import Ahead, Lag, Pipeline
 from vobc.ato.step_curve import StepCurve
-from vobc.ato.stop_ending import StopEnding, last_notch_mps2
+from vobc.ato.stop_ending import StopEnding, chase_from_mps, last_notch_mps2
 from vobc.ato.strategies.strategy import Drive, Target
 
 LEAST_SPEED_MPS: Final = 0.3
@@ -29,6 +29,9 @@ LOOK_AHEAD_RATIO: Final = 1.3
 JOIN_MAX_S: Final = 2.5
 """A notch that was taken early is held at most so long before it is judged like any other."""
 AT_TARGET_MPS: Final = 0.1
+SPEED_PULL_RATIO: Final = 0.2
+SPEED_JUMP_MPS: Final = 0.3
+"""Off by so much the measured speed is believed at once: somebody else brakes."""
 
 Curve = profile.BrakingCurve | StepCurve
 
@@ -49,6 +52,8 @@ class Aim(NamedTuple):
 class Chasing:
     __slots__ = (
         "_brake",
+        "_brake_lag",
+        "_brake_tap",
         "_ceiling",
         "_chase",
         "_config",
@@ -62,11 +67,13 @@ class Chasing:
         "_limits",
         "_line",
         "_planned_for",
+        "_pull_lag",
         "_rejoin_m",
         "_since_s",
         "_slowing_to",
         "_stopping",
         "_traction",
+        "_traction_tap",
         "notch_mps2",
         "speed_mps",
         "state",
@@ -79,6 +86,10 @@ class Chasing:
         self._dt_s = dt_s
         self._brake = Pipeline(dt_s, scheme.dead_time_s + scheme.lag_s + dt_s)
         self._traction = Pipeline(dt_s, traction.dead_time_s + traction.lag_s + dt_s)
+        self._brake_tap = self._brake.tap(scheme.dead_time_s)
+        self._traction_tap = self._traction.tap(traction.dead_time_s)
+        self._brake_lag = Lag(scheme.lag_s, dt_s)
+        self._pull_lag = Lag(traction.lag_s, dt_s)
         self._limits = profile.SpeedLimits(config, line)
         self._curve: Curve = StepCurve((scheme.decel_mps2,), ())
         self._ending = StopEnding(config)
@@ -99,18 +110,28 @@ class Chasing:
         self.speed_mps = 0.0
 
     def observe(self, seen: vocabulary.AtoInput, cycles: int) -> None:
+        self._gravity_mps2 = gradient.decel_on_mps2(self._config, seen.gradient_permille)
         for _ in range(cycles):
             self._brake.push(max(0.0, -self._demand_mps2))
             self._traction.push(max(0.0, self._demand_mps2))
+            self._move(seen.speed_mps)
         dt_s = self._dt_s * cycles
         self._since_s += dt_s
         self._joining_s = max(0.0, self._joining_s - dt_s)
-        self._gravity_mps2 = gradient.decel_on_mps2(self._config, seen.gradient_permille)
-        self.speed_mps = seen.speed_mps
         self._front.step(
             seen.front_m, moved_m=self.speed_mps * dt_s, at_tag=bool(seen.accepted_tag_ids)
         )
         self._ceiling.step(seen.ceiling_mps, dt_s)
+
+    def _move(self, measured_mps: float) -> None:
+        """One cycle under what the demands do by now, leaning on what is measured."""
+        pull_mps2 = self._pull_lag.step(self._traction.mean(self._traction_tap))
+        brake_mps2 = self._brake_lag.step(self._brake.mean(self._brake_tap))
+        steady_mps2 = self._gravity_mps2 + self._config.chasing.rolling_mps2
+        expected_mps = self.speed_mps + (pull_mps2 - brake_mps2 - steady_mps2) * self._dt_s
+        error_mps = measured_mps - expected_mps
+        share_ratio = SPEED_PULL_RATIO if abs(error_mps) < SPEED_JUMP_MPS else 1.0
+        self.speed_mps = max(0.0, expected_mps + share_ratio * error_mps)
 
     def rest(self) -> None:
         self.speed_mps = 0.0
@@ -189,7 +210,7 @@ class Chasing:
         if scheme.small_brake:
             decels_mps2 = (last_mps2, chase_mps2, small_mps2, steady_mps2)
             begin_mps = scheme.blending_begin_mps * (1.0 + scheme.blending_spread_ratio)
-            tops_mps = (scheme.last_speed_mps, scheme.blending_end_mps, begin_mps)
+            tops_mps = (scheme.last_speed_mps, chase_from_mps(scheme), begin_mps)
             self._curve = StepCurve(decels_mps2, tops_mps)
         else:
             self._curve = StepCurve((last_mps2, steady_mps2), (scheme.last_speed_mps,))
@@ -287,12 +308,12 @@ class Chasing:
 
     def _binding(self, stop: Aim, slowing: tuple[Aim, float, Curve] | None, free: Aim) -> Aim:
         """Of the references that are braked for, the one that the train is fastest against."""
-        aim = free
-        if slowing is not None and self._slowing_to >= 0 and slowing[0].error_mps > aim.error_mps:
-            aim = slowing[0]
-        if self._stopping and stop.error_mps > aim.error_mps:
-            aim = stop
-        return aim
+        aims = [free] if self._chase.too_fast or not self._chase.on_curve else []
+        if slowing is not None and self._slowing_to >= 0:
+            aims.append(slowing[0])
+        if self._stopping:
+            aims.append(stop)
+        return max(aims or [free], key=lambda aim: aim.error_mps)
 
     # Notches.
 
