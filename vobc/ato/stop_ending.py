@@ -14,6 +14,8 @@ LEAST_ROOM_M: Final = 0.02
 ROLL_RATIO: Final = 0.3
 """With less needed than this share of the last notch a train is let roll."""
 KEPT_RATIO: Final = 0.75
+STEP_UP_MPS2: Final = 0.1
+"""No notch is taken that is stronger than the one before by much more."""
 
 
 def last_notch_mps2(config: AtoConfig, gravity_mps2: float) -> float:
@@ -165,14 +167,14 @@ class StopEnding:
         last_mps = scheme.last_speed_mps
         room_m = distance_m - self._last_m
         squares = speed_mps * speed_mps - last_mps * last_mps
-        if self._lasting or squares <= 0.0 or room_m <= 0.0:
+        if speed_mps < LAST_SOONER_RATIO * last_mps or room_m <= 0.0:
             room_m, squares = max(LEAST_ROOM_M, distance_m), speed_mps * speed_mps
         needed_mps2 = squares / (2.0 * room_m) - self._resistance_mps2
         # A released brake answers with a new delay: only a train much too slow is let roll.
         levels_mps2 = self._config.output.brake_levels_mps2
         if not self._lasting and needed_mps2 < ROLL_RATIO * self._last_mps2:
             return 0.0
+        needed_mps2 = min(max(needed_mps2, self._last_mps2), now_mps2 + STEP_UP_MPS2)
         best_mps2 = min(levels_mps2, key=lambda level_mps2: abs(level_mps2 - needed_mps2))
-        best_mps2 = max(best_mps2, self._last_mps2)
         kept_mps2 = KEPT_RATIO * abs(best_mps2 - now_mps2)
         return now_mps2 if abs(needed_mps2 - now_mps2) < kept_mps2 else best_mps2
