@@ -24,7 +24,7 @@ class ChasingScheme:
     small_decel_min_mps2: float = 0.15
     small_decel_max_mps2: float = 0.4
     """The small notch lies within these, as the distance left asks for it."""
-    chase_decel_mps2: float = 0.12
+    chase_decel_mps2: float = 0.15
     """From the end of blending towards the last notch."""
     last_decel_mps2: float = 0.05
     """Of the last notch on the level; it exceeds the fall of the track."""

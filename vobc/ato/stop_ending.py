@@ -14,6 +14,11 @@ LEAST_ROOM_M: Final = 0.02
 ROLL_RATIO: Final = 0.3
 """With less needed than this share of the last notch a train is let roll."""
 KEPT_RATIO: Final = 0.75
+SMALL_STEP_MPS2: Final = 0.05
+"""The small notch is corrected for three quarters of this."""
+SMALL_SPARE_MPS2: Final = 0.01
+HOLD_LOOKS_MPS: Final = 0.2
+"""So close to the end of blending the small notch stays as it is."""
 STEP_UP_MPS2: Final = 0.1
 """No notch is taken that is stronger than the one before by much more."""
 
@@ -44,11 +49,11 @@ class StopEnding:
         "_chasing",
         "_config",
         "_curve",
+        "_holding",
         "_last_m",
         "_last_mps2",
         "_lasting",
         "_resistance_mps2",
-        "_small_mps2",
     )
 
     def __init__(self, config: AtoConfig) -> None:
@@ -60,8 +65,7 @@ class StopEnding:
         self.reset()
 
     def reset(self) -> None:
-        self._small_mps2 = 0.0
-        """The small brake while it is held."""
+        self._holding = False
         self._chasing = False
         self._lasting = False
 
@@ -93,12 +97,13 @@ class StopEnding:
         """
         scheme = self._config.chasing
         if scheme.small_brake and not self._chasing:
-            if self._small_mps2 == 0.0:
+            if not self._holding:
                 if not self._must_ease(ahead, now_mps2):
                     return None
-                self._small_mps2 = self._small_notch_mps2(ahead, distance_m, -now_mps2)
+                self._holding = True
+                return -self._small_notch_mps2(ahead, distance_m, -now_mps2)
             if measured_mps > scheme.blending_end_mps:
-                return -self._small_mps2
+                return -self._held_mps2(ahead, distance_m, measured_mps, -now_mps2, rested=rested)
             self._chasing = True
         elif not self._chasing:
             if ahead.speed_mps > scheme.blending_end_mps:
@@ -137,8 +142,33 @@ class StopEnding:
         low_mps2 = scheme.small_decel_min_mps2 + fall_mps2
         high_mps2 = scheme.small_decel_max_mps2 + fall_mps2
         wanted_mps2 = min(high_mps2, max(low_mps2, wanted_mps2))
+        if abs(wanted_mps2 - now_mps2) < KEPT_RATIO * SMALL_STEP_MPS2:
+            return now_mps2
+        # Room that is left over is soon chased; room that is lacking is not.
         levels_mps2 = self._config.output.brake_levels_mps2
-        return min(levels_mps2, key=lambda level_mps2: abs(level_mps2 - wanted_mps2))
+        fitting = [level for level in levels_mps2 if level >= wanted_mps2 - SMALL_SPARE_MPS2]
+        return fitting[0] if fitting else levels_mps2[-1]
+
+    def _held_mps2(
+        self,
+        ahead: Ahead,
+        distance_m: float,
+        measured_mps: float,
+        now_mps2: float,
+        *,
+        rested: bool,
+    ) -> float:
+        """The small notch may be corrected before blending; within it, it may only grow.
+
+        So there is no going back and forth while two brakes change over.
+        """
+        scheme = self._config.chasing
+        near = ahead.speed_mps <= chase_from_mps(scheme) + HOLD_LOOKS_MPS
+        if not rested or near:
+            return now_mps2
+        wanted_mps2 = self._small_notch_mps2(ahead, distance_m, now_mps2)
+        blends = measured_mps <= scheme.blending_begin_mps * (1.0 + scheme.blending_spread_ratio)
+        return max(now_mps2, wanted_mps2) if blends else wanted_mps2
 
     def _final_mps2(
         self, ahead: Ahead, distance_m: float, now_mps2: float, *, rested: bool

@@ -1,25 +1,33 @@
 """Control by chasing time as Wu 2022 prints it, which runs away; kept to show that it does."""
 
+from vobc import vocabulary
 from vobc.ato import catch_time
+from vobc.ato.predictor import Ahead
 from vobc.ato.strategies.chasing import Aim, Chasing
+from vobc.ato.strategies.strategy import Target
 
 
 class ChasingLiteral(Chasing):
-    """For a train that is too slow the notch that catches the curve only after the target."""
+    """The printed rule alone, down to the stop, over the whole time to the target.
+
+    Both sentences of the paper are for "the target speed is less than the present one", and the
+    second asks for a catch time greater than the time to the target: the notch that comes too late.
+    Hysteresis, dwell and the end of a stop are not printed and not here.
+    """
 
     __slots__ = ()
 
-    def _pick(self, aim: Aim, levels_mps2: list[float], resistance_mps2: float) -> float:
-        decels_mps2 = [resistance_mps2 - level_mps2 for level_mps2 in levels_mps2]
-        guard_mps2 = self._config.chasing.guard_mps2
-        rule = catch_time.gentlest if aim.error_mps > 0.0 else catch_time.first_too_late
-        index = rule(
+    def _brake_on(self, seen: vocabulary.AtoInput, ahead: Ahead, target: Target, aim: Aim) -> None:
+        self._take(self._chosen_brake_mps2(ahead, aim))
+
+    def _chosen_brake_mps2(self, ahead: Ahead, aim: Aim) -> float:
+        resistance_mps2 = self._resistance_mps2(ahead.front_m)
+        levels_mps2 = (0.0, *self._config.output.brake_levels_mps2)
+        index = catch_time.first_too_late(
             aim.error_mps,
-            decels_mps2,
+            [resistance_mps2 + level_mps2 for level_mps2 in levels_mps2],
             reference_mps2=aim.decel_mps2,
-            within_s=aim.run_s,
-            guard_mps2=guard_mps2,
+            within_s=aim.run_s / self._config.chasing.chase_ratio,
+            guard_mps2=self._config.chasing.guard_mps2,
         )
-        if index is not None:
-            return levels_mps2[index]
-        return levels_mps2[-1] if aim.error_mps > 0.0 else self.notch_mps2
+        return self.notch_mps2 if index is None else -levels_mps2[index]
