@@ -17,6 +17,8 @@ class ChasingScheme:
     """Of the brake, from the decision to the first bite; fixed, this law identifies nothing."""
     lag_s: float = 0.35
     """Of the brake's build-up after that; both together are what is predicted over."""
+    air_delay_s: float = 0.0
+    """Added below blending, where friction alone brakes and answers later than the motors."""
     decel_mps2: float = 0.6
     """Of the curve to a stop, down to the small brake."""
     small_decel_mps2: float = 0.25
@@ -58,14 +60,21 @@ class ChasingScheme:
     """The last notch is given up for a stronger one when it would stop farther beyond than this."""
 
     def __post_init__(self) -> None:
-        for name in ("dead_time_s", "early_s", "coast_s", "rolling_mps2", "stop_tolerance_m"):
+        for name in (
+            "dead_time_s",
+            "air_delay_s",
+            "early_s",
+            "coast_s",
+            "rolling_mps2",
+            "stop_tolerance_m",
+        ):
             if getattr(self, name) < 0.0:
                 raise ValueError(f"{name} {getattr(self, name)} is negative")
         for name in ("lag_s", "cruise_chase_s", "guard_mps2", "dwell_s", "last_speed_mps"):
             if getattr(self, name) <= 0.0:
                 raise ValueError(f"{name} {getattr(self, name)} is not positive")
-        if self.dead_time_s + self.lag_s > 3.0:
-            raise ValueError("dead_time_s and lag_s are more than 3 s together")
+        if self.dead_time_s + self.lag_s + self.air_delay_s > 4.0:
+            raise ValueError("dead_time_s, lag_s and air_delay_s are more than 4 s together")
         if not (
             0.0
             < self.last_decel_mps2

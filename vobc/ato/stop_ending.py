@@ -2,7 +2,6 @@
 
 from typing import Final
 
-from vobc.ato.chasing_config import ChasingScheme
 from vobc.ato.config import AtoConfig
 from vobc.ato.predictor import Ahead
 from vobc.ato.step_curve import StepCurve
@@ -36,16 +35,11 @@ def last_notch_mps2(config: AtoConfig, gravity_mps2: float) -> float:
     return config.output.brake_levels_mps2[-1]
 
 
-def chase_from_mps(scheme: ChasingScheme) -> float:
-    """The speed at which the first notch after blending bites; until then the small one does."""
-    late_mps = scheme.small_decel_mps2 * (scheme.dead_time_s + scheme.lag_s)
-    return max(scheme.last_speed_mps + 0.1, scheme.blending_end_mps - late_mps)
-
-
 class StopEnding:
     """Asked in every cycle of a braking to a stop; it answers once its part has come."""
 
     __slots__ = (
+        "_blending_change_mps2",
         "_chasing",
         "_config",
         "_curve",
@@ -68,6 +62,7 @@ class StopEnding:
         self._holding = False
         self._chasing = False
         self._lasting = False
+        self._blending_change_mps2 = 0.0
 
     def plan(self, curve: StepCurve, gravity_mps2: float) -> None:
         """A new stop, on this gradient."""
@@ -91,23 +86,41 @@ class StopEnding:
 
         Args:
             distance_m: from the predicted front to the stop.
-            measured_mps: the speed now; blending goes by it, whatever is predicted.
+            measured_mps: the speed now.
             now_mps2: the notch at work.
             rested: it has been at work long enough.
         """
+        wanted_mps2 = self._wanted_mps2(ahead, distance_m, now_mps2, rested=rested)
         scheme = self._config.chasing
-        if scheme.small_brake and not self._chasing:
-            if not self._holding:
+        if wanted_mps2 is None or not scheme.small_brake:
+            return wanted_mps2
+        begin_mps = scheme.blending_begin_mps * (1.0 + scheme.blending_spread_ratio)
+        change_mps2 = wanted_mps2 - now_mps2
+        if not scheme.blending_end_mps < measured_mps <= begin_mps or change_mps2 == 0.0:
+            return wanted_mps2
+        # While two brakes change over the notch moves one way or the other, never back.
+        if change_mps2 * self._blending_change_mps2 < 0.0:
+            return now_mps2
+        self._blending_change_mps2 = change_mps2
+        return wanted_mps2
+
+    def _wanted_mps2(
+        self, ahead: Ahead, distance_m: float, now_mps2: float, *, rested: bool
+    ) -> float | None:
+        scheme = self._config.chasing
+        if not self._chasing:
+            if scheme.small_brake and not self._holding:
                 if not self._must_ease(ahead, now_mps2):
                     return None
                 self._holding = True
                 return -self._small_notch_mps2(ahead, distance_m, -now_mps2)
-            if measured_mps > scheme.blending_end_mps:
-                return -self._held_mps2(ahead, distance_m, measured_mps, -now_mps2, rested=rested)
-            self._chasing = True
-        elif not self._chasing:
             if ahead.speed_mps > scheme.blending_end_mps:
-                return None
+                if not self._holding:
+                    return None
+                near = ahead.speed_mps <= scheme.blending_end_mps + HOLD_LOOKS_MPS
+                if not rested or near:
+                    return now_mps2
+                return -self._small_notch_mps2(ahead, distance_m, -now_mps2)
             self._chasing = True
         return self._final_mps2(ahead, distance_m, -now_mps2, rested=rested)
 
@@ -130,7 +143,7 @@ class StopEnding:
         is planned.
         """
         scheme = self._config.chasing
-        end_mps = chase_from_mps(scheme)
+        end_mps = scheme.blending_end_mps
         lost_mps = self._eased_mps(now_mps2, scheme.small_decel_mps2)
         ease_s = max(0.0, now_mps2 - scheme.small_decel_mps2) / self._config.limits.jerk_mps3
         begin_mps = ahead.speed_mps - lost_mps
@@ -148,27 +161,6 @@ class StopEnding:
         levels_mps2 = self._config.output.brake_levels_mps2
         fitting = [level for level in levels_mps2 if level >= wanted_mps2 - SMALL_SPARE_MPS2]
         return fitting[0] if fitting else levels_mps2[-1]
-
-    def _held_mps2(
-        self,
-        ahead: Ahead,
-        distance_m: float,
-        measured_mps: float,
-        now_mps2: float,
-        *,
-        rested: bool,
-    ) -> float:
-        """The small notch may be corrected before blending; within it, it may only grow.
-
-        So there is no going back and forth while two brakes change over.
-        """
-        scheme = self._config.chasing
-        near = ahead.speed_mps <= chase_from_mps(scheme) + HOLD_LOOKS_MPS
-        if not rested or near:
-            return now_mps2
-        wanted_mps2 = self._small_notch_mps2(ahead, distance_m, now_mps2)
-        blends = measured_mps <= scheme.blending_begin_mps * (1.0 + scheme.blending_spread_ratio)
-        return max(now_mps2, wanted_mps2) if blends else wanted_mps2
 
     def _final_mps2(
         self, ahead: Ahead, distance_m: float, now_mps2: float, *, rested: bool

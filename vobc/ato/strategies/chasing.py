@@ -15,7 +15,7 @@ from vobc.ato.config import AtoConfig
 from vobc.ato.outlook import CeilingOutlook, SmoothFront
 from vobc.ato.predictor import Ahead, Lag, Pipeline
 from vobc.ato.step_curve import StepCurve
-from vobc.ato.stop_ending import StopEnding, chase_from_mps, last_notch_mps2
+from vobc.ato.stop_ending import StopEnding, last_notch_mps2
 from vobc.ato.strategies.strategy import Drive, Target
 
 LEAST_SPEED_MPS: Final = 0.3
@@ -84,7 +84,8 @@ class Chasing:
         self._config = config
         self._line = line
         self._dt_s = dt_s
-        self._brake = Pipeline(dt_s, scheme.dead_time_s + scheme.lag_s + dt_s)
+        longest_s = scheme.dead_time_s + scheme.lag_s + scheme.air_delay_s
+        self._brake = Pipeline(dt_s, longest_s + dt_s)
         self._traction = Pipeline(dt_s, traction.dead_time_s + traction.lag_s + dt_s)
         self._brake_tap = self._brake.tap(scheme.dead_time_s)
         self._traction_tap = self._traction.tap(traction.dead_time_s)
@@ -178,6 +179,8 @@ class Chasing:
         """
         scheme, traction = self._config.chasing, self._config.traction
         horizon_s = scheme.dead_time_s + scheme.lag_s
+        if self._stopping and self.speed_mps <= scheme.blending_begin_mps:
+            horizon_s += scheme.air_delay_s
         pull_s = min(horizon_s, traction.dead_time_s + traction.lag_s)
         braked_mps, braked_m = self._brake.window(horizon_s)
         pulled_mps, pulled_m = self._traction.window(pull_s)
@@ -210,7 +213,7 @@ class Chasing:
         if scheme.small_brake:
             decels_mps2 = (last_mps2, chase_mps2, small_mps2, steady_mps2)
             begin_mps = scheme.blending_begin_mps * (1.0 + scheme.blending_spread_ratio)
-            tops_mps = (scheme.last_speed_mps, chase_from_mps(scheme), begin_mps)
+            tops_mps = (scheme.last_speed_mps, scheme.blending_end_mps, begin_mps)
             self._curve = StepCurve(decels_mps2, tops_mps)
         else:
             self._curve = StepCurve((last_mps2, steady_mps2), (scheme.last_speed_mps,))
