@@ -18,6 +18,7 @@ from metro_hil.granted import ControllerDiedError
 from metro_hil.judging import judge
 from metro_hil.lockstep import Lockstep, Taps
 from metro_hil.monitors import Context, MonitorSet, read_monitors
+from metro_hil.notches import NotchLog
 from metro_hil.run_folder import RunFolder
 from plant_emulator.faults.declared_process import ClockStep
 from plant_emulator.faults.kinds import BENCH_PLACES, Place
@@ -87,6 +88,7 @@ class CaseRun:
         self._chain = FrameChain()
         self._rows = MemoryLog()
         self._commands = CommandLog(inertia_of(parts.scenario.train))
+        self._notches = NotchLog()
         own_port, input_age_s = hearing_of(parts.faults, places)
         places |= {plan.kind.place for plan in parts.faults}
         self._monitors = MonitorSet(
@@ -137,6 +139,7 @@ class CaseRun:
     def _frame(self, stamp_ns: int, can_id: int, data: bytes) -> None:
         self._chain.frame(stamp_ns, can_id, data)
         self._monitors.frame(stamp_ns, can_id, data)
+        self._notches.frame(stamp_ns, can_id, data)
 
     def _truth(self, truth: Truth, now_ns: int) -> None:
         self.truth = truth
@@ -310,6 +313,8 @@ class CaseRun:
         measures = motion_measures(
             self._rows.columns(), parts.journey.stops, parts.journey.planned_run_s
         )
+        truth = self._rows.columns()
+        measures = motion_measures(truth, parts.journey.stops) | self._notches.measures(truth)
         power, elapsed_ns = bench.plant.world.power, bench.clock.now_ns()
         if self.case.controller.kind == Controller().kind:
             # What a controller in a process of its own asks for, its frames alone tell.

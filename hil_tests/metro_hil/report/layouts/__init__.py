@@ -55,6 +55,8 @@ LAYOUTS: Final[Mapping[str, Layout]] = {
     "florence": Layout(florence_tables, _florence_figures, _florence_logs),
 }
 """By the name in the campaign's file."""
+LAYOUTS: Final[Mapping[str, Callable[[Pairs], list[LayoutTable]]]] = {"florence": florence_tables, "hefei": florence_tables}
+"""By the name in the campaign's file: from cases, None where no result came back, to tables."""
 
 
 def show_layout(console: "Console", name: str, pairs: Pairs) -> None:
