@@ -21,10 +21,10 @@ class ChasingScheme:
     """Added below blending, where friction alone brakes and answers later than the motors."""
     decel_mps2: float = 0.6
     """Of the curve to a stop, down to the small brake."""
-    small_decel_mps2: float = 0.25
+    small_decel_mps2: float = 0.2
     """Through blending."""
-    small_decel_min_mps2: float = 0.15
-    small_decel_max_mps2: float = 0.4
+    small_decel_min_mps2: float = 0.1
+    small_decel_max_mps2: float = 0.35
     """The small notch lies within these, as the distance left asks for it."""
     chase_decel_mps2: float = 0.15
     """From the end of blending towards the last notch."""

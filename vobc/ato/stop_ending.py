@@ -2,6 +2,7 @@
 
 from typing import Final
 
+from vobc.ato.chasing_config import ChasingScheme
 from vobc.ato.config import AtoConfig
 from vobc.ato.predictor import Ahead
 from vobc.ato.step_curve import StepCurve
@@ -35,11 +36,17 @@ def last_notch_mps2(config: AtoConfig, gravity_mps2: float) -> float:
     return config.output.brake_levels_mps2[-1]
 
 
+def chase_from_mps(scheme: ChasingScheme) -> float:
+    """The speed at which the first notch after blending bites; until then the small one does."""
+    late_s = scheme.dead_time_s + scheme.lag_s + scheme.air_delay_s
+    late_mps = scheme.small_decel_mps2 * late_s
+    return max(2.0 * scheme.last_speed_mps, scheme.blending_end_mps - late_mps)
+
+
 class StopEnding:
     """Asked in every cycle of a braking to a stop; it answers once its part has come."""
 
     __slots__ = (
-        "_blending_change_mps2",
         "_chasing",
         "_config",
         "_curve",
@@ -62,7 +69,6 @@ class StopEnding:
         self._holding = False
         self._chasing = False
         self._lasting = False
-        self._blending_change_mps2 = 0.0
 
     def plan(self, curve: StepCurve, gravity_mps2: float) -> None:
         """A new stop, on this gradient."""
@@ -90,34 +96,37 @@ class StopEnding:
             now_mps2: the notch at work.
             rested: it has been at work long enough.
         """
-        wanted_mps2 = self._wanted_mps2(ahead, distance_m, now_mps2, rested=rested)
+        wanted_mps2 = self._wanted_mps2(ahead, distance_m, measured_mps, now_mps2, rested=rested)
         scheme = self._config.chasing
         if wanted_mps2 is None or not scheme.small_brake:
             return wanted_mps2
         begin_mps = scheme.blending_begin_mps * (1.0 + scheme.blending_spread_ratio)
-        change_mps2 = wanted_mps2 - now_mps2
-        if not scheme.blending_end_mps < measured_mps <= begin_mps or change_mps2 == 0.0:
+        if not scheme.blending_end_mps < measured_mps <= begin_mps:
             return wanted_mps2
-        # While two brakes change over the notch moves one way or the other, never back.
-        if change_mps2 * self._blending_change_mps2 < 0.0:
-            return now_mps2
-        self._blending_change_mps2 = change_mps2
-        return wanted_mps2
+        # While two brakes change over the notch may grow where room is lacking, and nothing else.
+        return min(now_mps2, wanted_mps2)
 
     def _wanted_mps2(
-        self, ahead: Ahead, distance_m: float, now_mps2: float, *, rested: bool
+        self,
+        ahead: Ahead,
+        distance_m: float,
+        measured_mps: float,
+        now_mps2: float,
+        *,
+        rested: bool,
     ) -> float | None:
         scheme = self._config.chasing
         if not self._chasing:
-            if scheme.small_brake and not self._holding:
+            if not scheme.small_brake:
+                if ahead.speed_mps > scheme.blending_end_mps:
+                    return None
+            elif not self._holding:
                 if not self._must_ease(ahead, now_mps2):
                     return None
                 self._holding = True
                 return -self._small_notch_mps2(ahead, distance_m, -now_mps2)
-            if ahead.speed_mps > scheme.blending_end_mps:
-                if not self._holding:
-                    return None
-                near = ahead.speed_mps <= scheme.blending_end_mps + HOLD_LOOKS_MPS
+            elif measured_mps > scheme.blending_end_mps:
+                near = ahead.speed_mps <= chase_from_mps(scheme) + HOLD_LOOKS_MPS
                 if not rested or near:
                     return now_mps2
                 return -self._small_notch_mps2(ahead, distance_m, -now_mps2)
@@ -143,7 +152,7 @@ class StopEnding:
         is planned.
         """
         scheme = self._config.chasing
-        end_mps = scheme.blending_end_mps
+        end_mps = chase_from_mps(scheme)
         lost_mps = self._eased_mps(now_mps2, scheme.small_decel_mps2)
         ease_s = max(0.0, now_mps2 - scheme.small_decel_mps2) / self._config.limits.jerk_mps3
         begin_mps = ahead.speed_mps - lost_mps

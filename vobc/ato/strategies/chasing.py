@@ -15,7 +15,7 @@ from vobc.ato.config import AtoConfig
 from vobc.ato.outlook import CeilingOutlook, SmoothFront
 from vobc.ato.predictor import Ahead, Lag, Pipeline
 from vobc.ato.step_curve import StepCurve
-from vobc.ato.stop_ending import StopEnding, last_notch_mps2
+from vobc.ato.stop_ending import StopEnding, chase_from_mps, last_notch_mps2
 from vobc.ato.strategies.strategy import Drive, Target
 
 LEAST_SPEED_MPS: Final = 0.3
@@ -213,7 +213,7 @@ class Chasing:
         if scheme.small_brake:
             decels_mps2 = (last_mps2, chase_mps2, small_mps2, steady_mps2)
             begin_mps = scheme.blending_begin_mps * (1.0 + scheme.blending_spread_ratio)
-            tops_mps = (scheme.last_speed_mps, scheme.blending_end_mps, begin_mps)
+            tops_mps = (scheme.last_speed_mps, chase_from_mps(scheme), begin_mps)
             self._curve = StepCurve(decels_mps2, tops_mps)
         else:
             self._curve = StepCurve((last_mps2, steady_mps2), (scheme.last_speed_mps,))
