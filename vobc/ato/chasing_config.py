@@ -42,8 +42,10 @@ class ChasingScheme:
     """Share of the time to the target within which the curve is to be caught."""
     cruise_chase_s: float = 6.0
     """Time within which a constant speed is to be caught."""
-    keep_band_mps: float = 0.25
+    keep_band_mps: float = 0.5
     """A notch that closes the gap in time is kept as long as the gap is smaller than this."""
+    cruise_band_mps: float = 0.25
+    """A constant speed is kept within this."""
     quiet_band_mps: float = 0.15
     """In a gap smaller than this no other notch is looked for."""
     guard_mps2: float = 0.01
@@ -56,7 +58,7 @@ class ChasingScheme:
     """Planned without traction and brake before a braking."""
     resume_band_mps: float = 0.8
     """So much under the curve a braking is given up."""
-    stop_tolerance_m: float = 0.06
+    stop_tolerance_m: float = 0.09
     """The last notch is given up for a stronger one when it would stop farther beyond than this."""
 
     def __post_init__(self) -> None:

@@ -14,9 +14,9 @@ LEAST_ROOM_M: Final = 0.02
 ROLL_RATIO: Final = 0.3
 """With less needed than this share of the last notch a train is let roll."""
 KEPT_RATIO: Final = 0.75
-SMALL_STEP_MPS2: Final = 0.05
+SMALL_STEP_MPS2: Final = 0.04
 """The small notch is corrected for three quarters of this."""
-SMALL_SPARE_MPS2: Final = 0.01
+SMALL_SPARE_MPS2: Final = 0.015
 HOLD_LOOKS_MPS: Final = 0.2
 """So close to the end of blending the small notch stays as it is."""
 STEP_UP_MPS2: Final = 0.1
@@ -166,7 +166,7 @@ class StopEnding:
         wanted_mps2 = min(high_mps2, max(low_mps2, wanted_mps2))
         if abs(wanted_mps2 - now_mps2) < KEPT_RATIO * SMALL_STEP_MPS2:
             return now_mps2
-        # Room that is left over is soon chased; room that is lacking is not.
+        # In blending it may still grow; so at most half a step too much is taken here.
         levels_mps2 = self._config.output.brake_levels_mps2
         fitting = [level for level in levels_mps2 if level >= wanted_mps2 - SMALL_SPARE_MPS2]
         return fitting[0] if fitting else levels_mps2[-1]

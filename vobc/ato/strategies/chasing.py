@@ -304,9 +304,9 @@ class Chasing:
         chase.near_curve = self._is_near(self._curve, ahead, target.at_m) or (
             slowing is not None and self._is_near(slowing[2], ahead, slowing[1])
         )
-        chase.too_fast = free.error_mps > scheme.keep_band_mps
+        chase.too_fast = free.error_mps > scheme.cruise_band_mps
         chase.at_target = free.error_mps > -AT_TARGET_MPS
-        chase.too_slow = free.error_mps < -scheme.keep_band_mps
+        chase.too_slow = free.error_mps < -scheme.cruise_band_mps
         chase.braked = free.error_mps <= 0.0
 
     def _binding(self, stop: Aim, slowing: tuple[Aim, float, Curve] | None, free: Aim) -> Aim:
