@@ -1,4 +1,4 @@
-"""How often the brake command changed its level on the way to each stop, from the frames on the bus.
+"""How often the brake command changed its level before each stop, from the frames on the bus.
 
 A level counts once it was held for a while, or where the command turned round on it; what a ramp
 passes through does not. So one notch is one change, however gently it is taken.

@@ -14,6 +14,8 @@ LEAST_ROOM_M: Final = 0.02
 ROLL_RATIO: Final = 0.3
 """With less needed than this share of the last notch a train is let roll."""
 KEPT_RATIO: Final = 0.75
+KEPT_LEAST_MPS2: Final = 0.03
+"""A notch is kept as long as what is needed differs from it by less than either."""
 SMALL_STEP_MPS2: Final = 0.04
 """The small notch is corrected for three quarters of this."""
 SMALL_SPARE_MPS2: Final = 0.015
@@ -207,5 +209,5 @@ class StopEnding:
             return 0.0
         needed_mps2 = min(max(needed_mps2, self._last_mps2), now_mps2 + STEP_UP_MPS2)
         best_mps2 = min(levels_mps2, key=lambda level_mps2: abs(level_mps2 - needed_mps2))
-        kept_mps2 = KEPT_RATIO * abs(best_mps2 - now_mps2)
+        kept_mps2 = max(KEPT_LEAST_MPS2, KEPT_RATIO * abs(best_mps2 - now_mps2))
         return now_mps2 if abs(needed_mps2 - now_mps2) < kept_mps2 else best_mps2

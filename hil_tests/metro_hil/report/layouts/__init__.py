@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Final
 
 from metro_hil.cases import Case, CaseResult
 from metro_hil.report.layouts.florence import florence_tables
+from metro_hil.report.layouts.hefei import hefei_tables
 from metro_hil.report.layouts.tables import LayoutFigure, LayoutTable, print_layout
 
 if TYPE_CHECKING:
@@ -56,7 +57,21 @@ LAYOUTS: Final[Mapping[str, Layout]] = {
 }
 """By the name in the campaign's file."""
 LAYOUTS: Final[Mapping[str, Callable[[Pairs], list[LayoutTable]]]] = {"florence": florence_tables, "hefei": florence_tables}
+LAYOUTS: Final[Mapping[str, Callable[[Pairs], list[LayoutTable]]]] = {
+    "florence": florence_tables,
+    "hefei": hefei_tables,
+}
 """By the name in the campaign's file: from cases, None where no result came back, to tables."""
+
+
+def draw_layout(folder: Path, name: str | None, pairs: Pairs) -> list[Path]:
+    """The pictures that belong to this layout, written below the campaign's folder."""
+    if name != "hefei":
+        return []
+    # matplotlib is heavy; who only wants the tables does not wait for it.
+    from metro_hil.report.layouts.hefei_plot import draw_hefei
+
+    return draw_hefei(folder, pairs)
 
 
 def show_layout(console: "Console", name: str, pairs: Pairs) -> None:
