@@ -162,9 +162,8 @@ class StopEnding:
         room_m = max(0.1, distance_m - self._curve.at_speed(end_mps).distance_m)
         squares = begin_mps**2 - end_mps**2
         wanted_mps2 = squares / (2.0 * room_m) - self._resistance_mps2
-        fall_mps2 = max(0.0, -self._resistance_mps2)
-        low_mps2 = scheme.small_decel_min_mps2 + fall_mps2
-        high_mps2 = scheme.small_decel_max_mps2 + fall_mps2
+        low_mps2 = max(self._last_mps2, scheme.small_decel_min_mps2 - self._resistance_mps2)
+        high_mps2 = scheme.small_decel_max_mps2 - min(0.0, self._resistance_mps2)
         wanted_mps2 = min(high_mps2, max(low_mps2, wanted_mps2))
         if abs(wanted_mps2 - now_mps2) < KEPT_RATIO * SMALL_STEP_MPS2:
             return now_mps2
