@@ -67,7 +67,7 @@ def notch_measures(changes: Sequence[Level], truth: Columns) -> dict[str, float 
     """
     counts, reversals = [], 0
     for begin_s, end_s, band_s in _brakings(truth):
-        levels = held_levels(changes, begin_s, end_s)
+        levels = held_levels(changes, begin_s, end_s, fast_until_s=band_s[0])
         if len(levels) < 2:
             continue
         counts.append(len(levels) - 1)
@@ -98,14 +98,22 @@ def _brakings(truth: Columns) -> list[tuple[float, float, tuple[float, float]]]:
     return found
 
 
-def held_levels(changes: Sequence[Level], begin_s: float, end_s: float) -> list[Level]:
+def held_levels(
+    changes: Sequence[Level], begin_s: float, end_s: float, *, fast_until_s: float
+) -> list[Level]:
     """Levels of the last braking in this time, the released brake first; each differs from the one
-    before."""
+    before.
+
+    Args:
+        fast_until_s: a release after this is one notch more and no new beginning.
+    """
     released = Level(begin_s, 0.0)
     within = [released, *(change for change in changes if begin_s < change.at_s < end_s)]
     ends_s = [*(change.at_s for change in within[1:]), end_s]
     start = 0
     for index, (level, until_s) in enumerate(zip(within, ends_s, strict=True)):
+        if level.at_s >= fast_until_s:
+            break
         if level.decel_mps2 == 0.0 and until_s - level.at_s >= RELEASED_S:
             start = index
     levels = [within[start]]
