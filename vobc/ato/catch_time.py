@@ -43,7 +43,7 @@ def gentlest(
     """Index of the notch with the largest catch time up to `within_s`; None when none is so fast.
 
     The same rule on both sides of the reference. The paper prints "greater than" for a train that
-    is too slow, with which no notch ever catches anything; see `first_too_late`.
+    is too slow, with which no notch ever catches anything; see `last_too_late`.
     """
     best: int | None = None
     best_s = 0.0
@@ -56,7 +56,7 @@ def gentlest(
     return best
 
 
-def first_too_late(
+def last_too_late(
     error_mps: float,
     decels_mps2: Sequence[float],
     *,
@@ -64,13 +64,13 @@ def first_too_late(
     within_s: float,
     guard_mps2: float,
 ) -> int | None:
-    """The printed choice: index of the notch with the least catch time over `within_s`."""
+    """The printed choice: index of the notch with the largest catch time over `within_s`."""
     best: int | None = None
-    best_s = math.inf
+    best_s = within_s
     for index, decel_mps2 in enumerate(decels_mps2):
         time_s = catch_s(
             error_mps, decel_mps2, reference_mps2=reference_mps2, guard_mps2=guard_mps2
         )
-        if within_s < time_s < best_s:
+        if best_s < time_s < math.inf:
             best, best_s = index, time_s
     return best

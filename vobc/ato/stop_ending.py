@@ -159,7 +159,8 @@ class StopEnding:
         ease_s = max(0.0, now_mps2 - scheme.small_decel_mps2) / self._config.limits.jerk_mps3
         begin_mps = ahead.speed_mps - lost_mps
         distance_m -= (ahead.speed_mps + begin_mps) / 2.0 * ease_s
-        room_m = max(0.1, distance_m - self._curve.at_speed(end_mps).distance_m)
+        after_m = self._curve.at_speed(end_mps).distance_m + scheme.blending_reserve_m
+        room_m = max(0.1, distance_m - after_m)
         squares = begin_mps**2 - end_mps**2
         wanted_mps2 = squares / (2.0 * room_m) - self._resistance_mps2
         low_mps2 = max(self._last_mps2, scheme.small_decel_min_mps2 - self._resistance_mps2)

@@ -23,7 +23,7 @@ class ChasingLiteral(Chasing):
     def _chosen_brake_mps2(self, ahead: Ahead, aim: Aim) -> float:
         resistance_mps2 = self._resistance_mps2(ahead.front_m)
         levels_mps2 = (0.0, *self._config.output.brake_levels_mps2)
-        index = catch_time.first_too_late(
+        index = catch_time.last_too_late(
             aim.error_mps,
             [resistance_mps2 + level_mps2 for level_mps2 in levels_mps2],
             reference_mps2=aim.decel_mps2,
