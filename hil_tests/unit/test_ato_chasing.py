@@ -218,6 +218,20 @@ def test_the_small_brake_is_held_from_eight_to_four_km_per_hour() -> None:
     assert min(held) >= -0.35
 
 
+def test_the_printed_rule_runs_past_the_stop() -> None:
+    config = AtoConfig(strategy="chasing_literal")
+    rig = ato_rig.Rig(
+        Ato(config, LINE, 3000.0, [LINE.station("III")]),
+        LINE,
+        ato_rig.RigSettings(seed=1, brake_delay_s=None),
+        3000.0,
+    )
+
+    rig.run(lambda rig: rig.now_s > 30.0 and rig.still_s > 1.0)
+
+    assert rig.front_m > 3501.0
+
+
 def test_it_stops_before_an_end_of_authority() -> None:
     config = AtoConfig(strategy="chasing")
     rig = ato_rig.Rig(

@@ -1,7 +1,11 @@
 """Control by chasing time as Wu 2022 prints it, which runs away; kept to show that it does."""
 
+from dataclasses import replace
+
+from firmware_py.trackdb import LineMap
 from vobc import vocabulary
 from vobc.ato import catch_time
+from vobc.ato.config import AtoConfig
 from vobc.ato.predictor import Ahead
 from vobc.ato.strategies.chasing import Aim, Chasing
 from vobc.ato.strategies.strategy import Target
@@ -12,10 +16,14 @@ class ChasingLiteral(Chasing):
 
     Both sentences of the paper are for "the target speed is less than the present one", and the
     second asks for a catch time greater than the time to the target: the notch that comes too late.
-    Hysteresis, dwell and the end of a stop are not printed and not here.
+    Hysteresis, dwell and the end of a stop are not printed and not here, nor are the two additions.
     """
 
     __slots__ = ()
+
+    def __init__(self, config: AtoConfig, line: LineMap, dt_s: float) -> None:
+        bare = replace(config.chasing, early_transition=False, small_brake=False)
+        super().__init__(replace(config, chasing=bare), line, dt_s)
 
     def _brake_on(self, seen: vocabulary.AtoInput, ahead: Ahead, target: Target, aim: Aim) -> None:
         self._take(self._chosen_brake_mps2(ahead, aim))
