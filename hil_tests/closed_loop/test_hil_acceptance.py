@@ -16,7 +16,7 @@ from metro_hil.run_case import run_case
 from plant_emulator.process import TRUTH_COLUMNS
 
 LEAST_SCENARIOS = 60
-ROWS = {f"{row:02d}" for row in (*range(1, 13), *range(25, 30))}
+ROWS = {f"{row:02d}" for row in (*range(1, 15), *range(25, 30))}
 NOT_MET = {"felt-jerk", "signalled-stop-gap"}
 """What the product does not do today; a scenario that joins or leaves them is noticed here."""
 PHASES = 10
