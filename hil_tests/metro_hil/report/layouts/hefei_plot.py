@@ -115,9 +115,11 @@ def _draw_errors(axes: Axes, pairs: Pairs, name: str, highest_cm: float) -> None
     axes.axhline(0.0, color=INK, lw=0.8)
     for place, platform in enumerate(names):
         found_cm = [error_m * CM_PER_M for error_m in errors_m(pairs, platform)]
-        spots = place + np.linspace(-SPREAD, SPREAD, len(found_cm))
+        share = np.arange(1, len(found_cm) + 1) / (len(found_cm) + 1)
+        spots = place + (2.0 * share - 1.0) * SPREAD
         axes.plot(spots, found_cm, ".", color=TRAIN, ms=6)
     axes.set_xticks(range(len(names)), names)
+    axes.set_xlim(-0.5, len(names) - 0.5)
     axes.set_ylim(-highest_cm, highest_cm)
     axes.set_ylabel("stop error, cm")
     axes.set_title(f"{name}: stop errors, shaded ±{WINDOW_M * CM_PER_M:.0f} cm")
