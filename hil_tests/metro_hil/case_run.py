@@ -310,11 +310,9 @@ class CaseRun:
 
     def _measures(self) -> dict[str, float | None]:
         bench, parts = self.bench, self.parts
-        measures = motion_measures(
-            self._rows.columns(), parts.journey.stops, parts.journey.planned_run_s
-        )
         truth = self._rows.columns()
-        measures = motion_measures(truth, parts.journey.stops) | self._notches.measures(truth)
+        measures = motion_measures(truth, parts.journey.stops, parts.journey.planned_run_s)
+        measures |= self._notches.measures(truth)
         power, elapsed_ns = bench.plant.world.power, bench.clock.now_ns()
         if self.case.controller.kind == Controller().kind:
             # What a controller in a process of its own asks for, its frames alone tell.

@@ -28,7 +28,7 @@ def write_reports(
     from metro_hil.report.campaign.summary import summary_json
     from metro_hil.report.campaign.tally import tally_measures, tally_monitors
     from metro_hil.report.campaign.trace import trace_requirements
-    from metro_hil.report.layouts import LAYOUTS, draw_layout
+    from metro_hil.report.layouts import LAYOUTS
     from metro_hil.requirements import shipped_requirements
 
     ledger = join(cases, results, expected_cases=info.expected_cases)
@@ -40,10 +40,6 @@ def write_reports(
     tables = [] if layout is None else layout.tables(pairs)
     figures = [] if layout is None else layout.draw(folder, [case for case, _ in pairs])
     content = Content(info, ledger, monitors, measures, rows, tables, figures)
-    tables_of = LAYOUTS.get(info.layout or "")
-    layout = tables_of(pairs) if tables_of is not None else []
-    pictures = draw_layout(folder, info.layout, pairs)
-    content = Content(info, ledger, monitors, measures, rows, layout, pictures)
     paths = [folder / name for name in FILES]
     page, junit, parquet, requirements, summary = paths
     page.write_text(render_page(folder, content), encoding="utf-8")

@@ -40,6 +40,18 @@ def _florence_logs(cases: Sequence[Case]) -> list[str]:
     return wanted_cases(cases)
 
 
+def _hefei_figures(folder: Path, cases: Sequence[Case]) -> list[LayoutFigure]:
+    from metro_hil.report.layouts.hefei_plot import draw_hefei
+
+    return draw_hefei(folder, cases)
+
+
+def _hefei_logs(cases: Sequence[Case]) -> list[str]:
+    from metro_hil.report.layouts.hefei_plot import wanted_cases
+
+    return wanted_cases(cases)
+
+
 @dataclass(frozen=True, slots=True)
 class Layout:
     """What a layout makes of a campaign."""
@@ -54,24 +66,9 @@ class Layout:
 
 LAYOUTS: Final[Mapping[str, Layout]] = {
     "florence": Layout(florence_tables, _florence_figures, _florence_logs),
+    "hefei": Layout(hefei_tables, _hefei_figures, _hefei_logs),
 }
 """By the name in the campaign's file."""
-LAYOUTS: Final[Mapping[str, Callable[[Pairs], list[LayoutTable]]]] = {"florence": florence_tables, "hefei": florence_tables}
-LAYOUTS: Final[Mapping[str, Callable[[Pairs], list[LayoutTable]]]] = {
-    "florence": florence_tables,
-    "hefei": hefei_tables,
-}
-"""By the name in the campaign's file: from cases, None where no result came back, to tables."""
-
-
-def draw_layout(folder: Path, name: str | None, pairs: Pairs) -> list[Path]:
-    """The pictures that belong to this layout, written below the campaign's folder."""
-    if name != "hefei":
-        return []
-    # matplotlib is heavy; who only wants the tables does not wait for it.
-    from metro_hil.report.layouts.hefei_plot import draw_hefei
-
-    return draw_hefei(folder, pairs)
 
 
 def show_layout(console: "Console", name: str, pairs: Pairs) -> None:

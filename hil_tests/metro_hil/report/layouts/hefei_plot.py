@@ -1,5 +1,6 @@
 """The paper's figures 5 to 8 from a campaign: speed curves and stop errors, before and after."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
@@ -9,15 +10,16 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from firmware_py.settings import SettingsError
-from metro_hil.case_run import run_alone
-from metro_hil.cases import BenchKind, Case
+from metro_hil.cases import Case
 from metro_hil.columns import LogError, Numbers, read_columns
-from metro_hil.engine.folder import CampaignFolder, empty_run_folder
+from metro_hil.engine.folder import CampaignFolder
+from metro_hil.engine.journal import read_journal
 from metro_hil.report.layouts.hefei import CM_PER_M, WINDOW_M, Pairs, errors_m, platforms
+from metro_hil.report.layouts.tables import LayoutFigure
 from metro_hil.report.plot import EMERGENCY, INK, KMH_PER_MPS, PERMITTED, QUIET, TRAIN
 
 NAME: Final = "hefei.png"
+CAPTION: Final = "Speed curves and stop errors before and after (the paper's figures 5 to 8)"
 SHOWN: Final = (("hefei-before", "before"), ("hefei-after", "after"))
 APPROACH_M: Final = 420.0
 LAST_M: Final = 20.0
@@ -25,12 +27,23 @@ SPREAD: Final = 0.28
 LEAST_ERROR_CM: Final = 40.0
 
 
-def draw_hefei(folder: Path, pairs: Pairs) -> list[Path]:
+def wanted_cases(cases: Sequence[Case]) -> list[str]:
+    """The first case of each scenario that is shown, by its id."""
+    firsts = (
+        next((case.id for case in cases if case.scenario == scenario), None)
+        for scenario, _ in SHOWN
+    )
+    return [name for name in firsts if name is not None]
+
+
+def draw_hefei(folder: Path, cases: Sequence[Case]) -> list[LayoutFigure]:
     """Write one picture below `folder`; none when no case is of those shown.
 
-    The curves are those of the first case of each scenario; it is run once more if its logs were
-    not kept.
+    The curves are those of the first case of each scenario, the stop errors those of the journal.
     """
+    journal = read_journal(CampaignFolder(folder).journal_path)
+    by_id = {result.case_id: result for result in journal.results}
+    pairs = [(case, by_id.get(case.id)) for case in cases]
     shown = [
         (name, [pair for pair in pairs if pair[0].scenario == scenario]) for scenario, name in SHOWN
     ]
@@ -56,7 +69,7 @@ def draw_hefei(folder: Path, pairs: Pairs) -> list[Path]:
             _draw_curves(axes[0][column], axes[1][column], folder, found, name)
             _draw_errors(axes[2][column], found, name, 1.08 * highest_cm)
         figure.savefig(path)
-    return [path]
+    return [LayoutFigure(CAPTION, path)]
 
 
 def _draw_curves(whole: Axes, last: Axes, folder: Path, pairs: Pairs, name: str) -> None:
@@ -88,12 +101,8 @@ def _logs(folder: CampaignFolder, case: Case) -> tuple[Numbers, ...] | None:
     """Distance to the stop, command and actual speed, demand: by cycle, while the train moves."""
     run = folder.kept(case.id)
     try:
-        if not run.cycle_log.is_file():
-            if case.bench is not BenchKind.LOCKSTEP:
-                return None
-            run_alone(case, files=folder.files(), folder=empty_run_folder(run))
         cycles, truth = read_columns(run.cycle_log), read_columns(run.truth_log)
-    except (LogError, SettingsError, OSError):
+    except (LogError, OSError):
         return None
     time_s = truth.numbers("t_s")
     moving = truth.numbers("speed_mps") != 0.0

@@ -1,6 +1,5 @@
 """One self-contained page from everything that is known of a campaign."""
 
-from base64 import b64encode
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.resources import files
@@ -48,8 +47,6 @@ class Content:
     requirements: Sequence[RequirementRow]
     layout: Sequence[LayoutTable]
     figures: Sequence[LayoutFigure] = ()
-    pictures: Sequence[Path] = ()
-    """PNG files that belong to the layout."""
 
 
 def render_page(folder: Path, content: Content) -> str:
@@ -95,7 +92,6 @@ def _context(folder: Path, content: Content) -> dict[str, Any]:
         "open": [row for row in content.requirements if not row.passed and not row.failed],
         "layout": content.layout,
         "figures": [(each.caption, picture(each.path, each.caption)) for each in content.figures],
-        "pictures": [b64encode(path.read_bytes()).decode() for path in content.pictures],
     }
 
 
