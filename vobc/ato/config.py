@@ -3,9 +3,9 @@
 from dataclasses import dataclass, field
 from typing import Final
 
-from vobc.ato.pid_config import PidGains, PidScheme, PrintedScheme
 from vobc.ato.chasing_config import ChasingScheme
 from vobc.ato.output_config import OutputStage
+from vobc.ato.pid_config import PidGains, PidScheme, PrintedScheme
 from vobc.ato.timing_config import Timing
 
 MAX_DEAD_TIMES: Final = 8

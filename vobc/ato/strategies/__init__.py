@@ -6,9 +6,9 @@ from typing import Final
 
 from firmware_py.trackdb import LineMap
 from vobc.ato.config import AtoConfig
-from vobc.ato.strategies.pid import PidPredicted
 from vobc.ato.strategies.chasing import Chasing
 from vobc.ato.strategies.chasing_literal import ChasingLiteral
+from vobc.ato.strategies.pid import PidPredicted
 from vobc.ato.strategies.pid_literal import PidLiteral
 from vobc.ato.strategies.predictive import Predictive
 from vobc.ato.strategies.strategy import Strategy
