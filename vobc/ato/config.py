@@ -8,7 +8,7 @@ from vobc.ato.output_config import OutputStage
 from vobc.ato.pid_config import PidGains, PidScheme, PrintedScheme
 from vobc.ato.timing_config import Timing
 
-MAX_DEAD_TIMES: Final = 8
+MAX_DEAD_TIMES: Final = 16
 """Bound on the hypotheses of brake delay, which keeps the cost of a cycle bounded."""
 
 
@@ -25,17 +25,29 @@ class Limits:
 
 @dataclass(frozen=True, slots=True)
 class BrakeBelief:
-    dead_times_s: tuple[float, ...] = (0.3, 0.48, 0.66, 0.84, 1.02, 1.2, 1.38, 1.56)
+    dead_times_s: tuple[float, ...] = (
+        *(0.05, 0.15, 0.25, 0.35, 0.45, 0.55, 0.65, 0.75),
+        *(0.85, 0.95, 1.05, 1.15, 1.25, 1.35, 1.45, 1.55),
+    )
     """Hypotheses, rising, from the demand leaving this cycle to the first bite."""
     expected_dead_time_s: float = 1.0
     """Until an application has shown its own. Too long a guess only starts the braking early."""
     lag_s: float = 0.35
-    """Of the first-order build-up after the dead time; an error in it is found as dead time."""
+    """Of the first-order build-up after the dead time; an error in it is found as dead time. A brake
+    that bites sooner than this is taken to build up as quickly."""
     speed_sigma_mps: float = 0.03
     """Spread of speed innovations on the true hypothesis, couplers included."""
+    fade_begin_mps: float = 8.0 / 3.6
+    """Under this speed motors hand their part of the braking over to friction."""
+    fade_end_mps: float = 3.0 / 3.6
+    """Under this they give nothing."""
+    air_delays_s: tuple[float, ...] = (0.0, 0.3, 0.6, 0.8, 1.0, 1.3)
+    """Hypotheses, rising from none, of how much later than the motors friction answers."""
+    air_lag_s: float = 0.2
+    """Of the build-up of friction that is late."""
 
     def __post_init__(self) -> None:
-        _positive(lag_s=self.lag_s, speed_sigma_mps=self.speed_sigma_mps)
+        _positive(lag_s=self.lag_s, speed_sigma_mps=self.speed_sigma_mps, air_lag_s=self.air_lag_s)
         if not 1 <= len(self.dead_times_s) <= MAX_DEAD_TIMES:
             raise ValueError(f"dead_times_s has not 1..{MAX_DEAD_TIMES} entries")
         if list(self.dead_times_s) != sorted(set(self.dead_times_s)):
@@ -44,6 +56,14 @@ class BrakeBelief:
             raise ValueError("dead_times_s are not within 0..3 s")
         if not self.dead_times_s[0] <= self.expected_dead_time_s <= self.dead_times_s[-1]:
             raise ValueError("expected_dead_time_s is not within dead_times_s")
+        if not 0.0 <= self.fade_end_mps < self.fade_begin_mps:
+            raise ValueError("not 0 <= fade_end_mps < fade_begin_mps")
+        if not 1 <= len(self.air_delays_s) <= MAX_DEAD_TIMES:
+            raise ValueError(f"air_delays_s has not 1..{MAX_DEAD_TIMES} entries")
+        if self.air_delays_s[0] != 0.0 or self.air_delays_s[-1] > 3.0:
+            raise ValueError("air_delays_s do not begin with 0 or are not within 0..3 s")
+        if list(self.air_delays_s) != sorted(set(self.air_delays_s)):
+            raise ValueError(f"air_delays_s {list(self.air_delays_s)} do not rise")
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,6 +81,25 @@ class TractionBelief:
             raise ValueError(f"dead_time_s {self.dead_time_s} is not within 0..3 s")
         if self.smoothing_s < 0.0:
             raise ValueError(f"smoothing_s {self.smoothing_s} is negative")
+
+
+@dataclass(frozen=True, slots=True)
+class RunningResistance:
+    """Davis formula a + b * v + c * v**2 in N for each kN of weight (Allotta et al. 2013)."""
+
+    a_n_per_kn: float = 2.0
+    b_n_per_kn_per_mps: float = 0.04
+    c_n_per_kn_per_mps2: float = 0.008
+
+    def __post_init__(self) -> None:
+        if min(self.a_n_per_kn, self.b_n_per_kn_per_mps, self.c_n_per_kn_per_mps2) < 0.0:
+            raise ValueError("a coefficient of the running resistance is negative")
+
+    def n_per_kn(self, speed_mps: float) -> float:
+        """At a speed of zero or more."""
+        return self.a_n_per_kn + speed_mps * (
+            self.b_n_per_kn_per_mps + speed_mps * self.c_n_per_kn_per_mps2
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -185,6 +224,7 @@ class AtoConfig:
     limits: Limits = field(default_factory=Limits)
     brake: BrakeBelief = field(default_factory=BrakeBelief)
     traction: TractionBelief = field(default_factory=TractionBelief)
+    resistance: RunningResistance = field(default_factory=RunningResistance)
     braking: Braking = field(default_factory=Braking)
     authority: AuthorityStop = field(default_factory=AuthorityStop)
     speed: SpeedControl = field(default_factory=SpeedControl)

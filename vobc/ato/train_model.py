@@ -1,24 +1,28 @@
 """What operation believes of the moving train: its speed, and how late its brake answers.
 
 The brake's dead time is drawn anew at each application, so each one starts a bank of hypotheses.
-Every hypothesis predicts the speed with its own dead time; how badly it does so is its cost, and
-the costs weigh the hypotheses. One filter of the motion is driven by what they agree on.
+Every hypothesis has its own dead time and a filter of speed, disturbance and gain; how badly it
+predicts the speed is its cost, and the costs weigh the hypotheses. When friction takes over from
+the motors a second bank does the same for how late that friction is.
 """
 
 import math
 from typing import Final
 
+from vobc.ato.bank import Bank
 from vobc.ato.config import BrakeBelief, TractionBelief
-from vobc.ato.motion_filter import MotionFilter
+from vobc.ato.handover import Handover
+from vobc.ato.motion_filter import SURPRISE_MPS, MotionFilter
 from vobc.ato.predictor import Ahead, Lag, Pipeline, response
 
-SPEED_PULL_PER_S: Final = 2.0
-DISTURBANCE_PULL_PER_S2: Final = 1.0
-"""Observer of a hypothesis, both poles at 1 rad/s: what it cannot explain quickly is cost."""
 SETTLE_LAGS: Final = 5.0
 """So many lags after the longest dead time a released brake is taken to be off."""
-NEVER_MATTERS: Final = 40.0
-"""A hypothesis that is worse by this cost weighs less than rounding."""
+DECIDED_S: Final = 3.0
+"""After so much of an application its dead time is known well enough to look at friction."""
+TRACTION_INSTANT_S: Final = 0.15
+"""By so much the traction may answer sooner or later than is believed of it."""
+FULL_MPS2: Final = 0.8
+"""Errors of an instant add up over a whole ramp of the demand, of about this height."""
 
 
 class TrainModel:
@@ -26,20 +30,21 @@ class TrainModel:
 
     __slots__ = (
         "_active",
+        "_active_s",
+        "_arrived",
+        "_bank",
         "_brake",
         "_brake_belief",
-        "_brake_keep_ratio",
-        "_brake_now",
-        "_cost",
-        "_count",
         "_demand_mps2",
-        "_disturbance",
         "_dt_s",
+        "_handover",
+        "_keep_ratios",
+        "_lags_s",
         "_motion",
+        "_no_costs",
         "_output",
         "_quiet_cycles",
         "_settle_cycles",
-        "_speed",
         "_taps",
         "_traction",
         "_traction_belief",
@@ -48,6 +53,8 @@ class TrainModel:
         "_traction_tap",
         "brake_mps2",
         "dead_time_s",
+        "lag_s",
+        "on_its_way_mps2",
     )
 
     def __init__(self, brake: BrakeBelief, traction: TractionBelief, dt_s: float) -> None:
@@ -55,28 +62,34 @@ class TrainModel:
         self._brake_belief = brake
         self._traction_belief = traction
         self._dt_s = dt_s
-        self._count = count
         self._brake = Pipeline(dt_s, brake.dead_times_s[-1] + dt_s)
         self._traction = Pipeline(dt_s, traction.dead_time_s + dt_s)
         self._taps = tuple(self._brake.tap(dead_time_s) for dead_time_s in brake.dead_times_s)
         self._traction_tap = self._traction.tap(traction.dead_time_s)
-        self._brake_now = Lag(brake.lag_s, dt_s)
-        """Driven without dead time: the output when all that is under way has arrived."""
         self._traction_now = Lag(traction.lag_s, dt_s)
         self._traction_late = Lag(traction.lag_s, dt_s)
-        self._brake_keep_ratio = math.exp(-dt_s / brake.lag_s)
+        # A brake that bites sooner than it is believed to build up also builds up sooner.
+        self._lags_s = tuple(max(dt_s, min(brake.lag_s, each_s)) for each_s in brake.dead_times_s)
+        self._keep_ratios = tuple(math.exp(-dt_s / lag_s) for lag_s in self._lags_s)
         self._settle_cycles = math.ceil((brake.dead_times_s[-1] + SETTLE_LAGS * brake.lag_s) / dt_s)
         self._demand_mps2 = 0.0
         self._motion = MotionFilter(dt_s)
+        """What the hypotheses agree on, and the only filter while the brake is off."""
+        self._bank = Bank(count, dt_s)
+        self._no_costs = (0.0,) * count
+        self._handover = Handover(brake, dt_s)
         self._output = [0.0] * count
-        self._speed = [0.0] * count
-        self._disturbance = [0.0] * count
-        self._cost = [0.0] * count
+        self._arrived = [0.0] * count
+        """Driven without dead time: the output when all that is under way has arrived."""
         self._active = False
+        self._active_s = 0.0
         self._quiet_cycles = 0
         self.brake_mps2 = 0.0
         """Deceleration that was asked for and has arrived, as believed; the gain is apart."""
+        self.on_its_way_mps2 = 0.0
+        """What it will be when all that is under way has arrived."""
         self.dead_time_s = brake.expected_dead_time_s
+        self.lag_s = brake.lag_s
 
     def issue(self, demand_mps2: float) -> None:
         """The demand that leaves now and stays until the next cycle."""
@@ -96,6 +109,21 @@ class TrainModel:
         """By how much the brake gives more than it was asked for, as believed."""
         return self._motion.gain_ratio
 
+    def gain_at(self, speed_mps: float) -> float:
+        """The same at this speed, where late friction may do a part of the braking."""
+        handover, motion = self._handover, self._motion
+        if not handover.late:
+            return motion.gain_ratio
+        return motion.gain_ratio + handover.friction_ratio(speed_mps) * motion.friction_ratio
+
+    def build_up_s(self, speed_mps: float) -> float:
+        """Lag of the brake at this speed."""
+        handover = self._handover
+        if not handover.late:
+            return self.lag_s
+        air_s = min(self._brake_belief.air_lag_s, handover.air_s)
+        return self.lag_s + air_s * handover.friction_ratio(speed_mps)
+
     @property
     def brake_asked(self) -> bool:
         return self._demand_mps2 < 0.0
@@ -113,7 +141,7 @@ class TrainModel:
         """Advance to now under the demand issued before, then lean towards the measured speed.
 
         Args:
-            gravity_mps2: deceleration by the gradient under the train.
+            gravity_mps2: deceleration by gradient and running resistance.
             cycles: since the step before; more than one after an overrun.
         """
         for _ in range(cycles):
@@ -126,42 +154,66 @@ class TrainModel:
         self._note_application(brake_mps2)
         self._brake.push(brake_mps2)
         self._traction.push(traction_mps2)
-        self._brake_now.step(brake_mps2)
         self._traction_now.step(traction_mps2)
         before_mps2 = self._traction_late.value
         mean_mps2 = self._traction.mean(self._traction_tap)
         after_mps2 = self._traction_late.step(mean_mps2)
         push_mps2 = (before_mps2 + after_mps2) / 2.0 - gravity_mps2
-        brake_before_mps2 = self.brake_mps2
+        blur_m2_per_s2 = TRACTION_INSTANT_S**2 * abs(after_mps2 - before_mps2) * FULL_MPS2
+        motion = self._motion
         if self._active:
-            self._advance_bank(speed_mps, push_mps2)
-            self._weigh()
-        self._motion.step(
-            speed_mps,
-            push_mps2=push_mps2,
-            braked_mps2=(brake_before_mps2 + self.brake_mps2) / 2.0,
-        )
+            self._advance_banks(speed_mps, push_mps2, blur_m2_per_s2)
+        else:
+            self._handover.note(0.0)
+            motion.step(
+                speed_mps, push_mps2=push_mps2, braked_mps2=0.0, blur_m2_per_s2=blur_m2_per_s2
+            )
+        if abs(speed_mps - motion.speed_mps) > SURPRISE_MPS:
+            motion.forget(speed_mps)
+            self._start_hypotheses()
 
-    def _advance_bank(self, speed_mps: float, push_mps2: float) -> None:
-        """One observer step of each hypothesis; the hot loop, kept flat."""
-        dt_s, keep_ratio = self._dt_s, self._brake_keep_ratio
-        pull, disturbance_pull = SPEED_PULL_PER_S * dt_s, DISTURBANCE_PULL_PER_S2 * dt_s
-        sigma_mps = self._brake_belief.speed_sigma_mps
-        per_square = 1.0 / (sigma_mps * sigma_mps)
-        mean, gain = self._brake.mean, 1.0 + self._motion.gain_ratio
-        outputs, speeds = self._output, self._speed
-        disturbances, costs = self._disturbance, self._cost
-        for index, tap in enumerate(self._taps):
-            mean_mps2 = mean(tap)
+    def _advance_banks(self, speed_mps: float, push_mps2: float, blur_m2_per_s2: float) -> None:
+        """One cycle of the brake under every hypothesis that is alive; the hot loop."""
+        handover, motion, bank = self._handover, self._motion, self._bank
+        asked_mps2 = max(0.0, -self._demand_mps2)
+        outputs, arrived, mean = self._output, self._arrived, self._brake.mean
+        learns = not handover.under_way
+        unit_mps2 = 0.0
+        for index in bank.alive:
+            keep_ratio = self._keep_ratios[index]
+            mean_mps2 = mean(self._taps[index])
+            arrived[index] = asked_mps2 + (arrived[index] - asked_mps2) * keep_ratio
             before_mps2 = outputs[index]
             after_mps2 = mean_mps2 + (before_mps2 - mean_mps2) * keep_ratio
             outputs[index] = after_mps2
-            braked_mps2 = (before_mps2 + after_mps2) / 2.0 * gain
-            predicted_mps = speeds[index] + (push_mps2 - braked_mps2 + disturbances[index]) * dt_s
-            error_mps = speed_mps - predicted_mps
-            speeds[index] = predicted_mps + pull * error_mps
-            disturbances[index] += disturbance_pull * error_mps
-            costs[index] += error_mps * error_mps * per_square
+            braked_mps2 = (before_mps2 + after_mps2) / 2.0
+            unit_mps2 += bank.weights[index] * braked_mps2
+            if learns:
+                bank.step(
+                    index,
+                    speed_mps,
+                    push_mps2=push_mps2,
+                    braked_mps2=braked_mps2,
+                    friction_mps2=0.0,
+                    blur_m2_per_s2=blur_m2_per_s2,
+                )
+        self._active_s += self._dt_s
+        for_friction_mps2 = unit_mps2 * handover.friction_ratio(motion.speed_mps)
+        handover.note(for_friction_mps2)
+        if learns:
+            bank.weigh()
+            bank.agree(motion)
+            if for_friction_mps2 > 0.0 and self._active_s > DECIDED_S:
+                handover.begin(motion)
+        else:
+            handover.step(
+                motion,
+                speed_mps,
+                push_mps2=push_mps2,
+                motors_mps2=unit_mps2 - for_friction_mps2,
+                blur_m2_per_s2=blur_m2_per_s2,
+            )
+        self._agree()
 
     def _note_application(self, brake_mps2: float) -> None:
         """Brake from nothing starts the bank; long enough without brake puts it to sleep."""
@@ -175,30 +227,30 @@ class TrainModel:
             self._quiet_cycles += 1
             if self._quiet_cycles > self._settle_cycles:
                 self._active = False
-                self._brake_now.value = self.brake_mps2 = 0.0
-                self._output = [0.0] * self._count
+                self.on_its_way_mps2 = self.brake_mps2 = 0.0
+                self._output = [0.0] * len(self._output)
+                self._arrived = [0.0] * len(self._output)
+                self._handover.end()
                 self.dead_time_s = self._brake_belief.expected_dead_time_s
+                self.lag_s = self._brake_belief.lag_s
 
     def _start_hypotheses(self) -> None:
         """All begin alike from the motion as it is believed now."""
-        count = self._count
-        self._speed = [self._motion.speed_mps] * count
-        self._disturbance = [self._motion.disturbance_mps2] * count
-        self._cost = [0.0] * count
+        self._active_s = 0.0
+        self._handover.end()
+        # One that was given up did not follow the demand.
+        for index in range(len(self._output)):
+            if self._active and index not in self._bank.alive:
+                self._output[index] = self.brake_mps2
+                self._arrived[index] = self.on_its_way_mps2
+        self._bank.begin(self._motion, self._no_costs)
 
-    def _weigh(self) -> None:
-        least = min(self._cost)
-        total = dead_time_s = brake_mps2 = 0.0
-        for index, cost in enumerate(self._cost):
-            worse = (cost - least) / 2.0
-            if worse > NEVER_MATTERS:
-                continue
-            weight = math.exp(-worse)
-            total += weight
-            dead_time_s += weight * self._brake_belief.dead_times_s[index]
-            brake_mps2 += weight * self._output[index]
-        self.dead_time_s = dead_time_s / total
-        self.brake_mps2 = brake_mps2 / total
+    def _agree(self) -> None:
+        bank, belief = self._bank, self._brake_belief
+        self.dead_time_s = bank.mean(belief.dead_times_s)
+        self.lag_s = bank.mean(self._lags_s)
+        self.brake_mps2 = bank.mean(self._output)
+        self.on_its_way_mps2 = bank.mean(self._arrived)
 
     def ahead_of_brake(self, front_m: float, gravity_mps2: float) -> Ahead:
         """Where and how fast the train will be when a brake demand given now begins to bite.
@@ -206,27 +258,48 @@ class TrainModel:
         The traction demand of now is taken to stay until then.
         """
         horizon_s = self.dead_time_s
+        steady_mps2 = self.disturbance_mps2 - gravity_mps2
+        if self._active and self._handover.late:
+            return self._ahead_of_friction(front_m, steady_mps2)
         single_mps, double_m = self._traction_response(horizon_s)
         if self._active:
             brake_mps, brake_m = response(
                 self._brake,
                 dead_time_s=horizon_s,
-                lag_s=self._brake_belief.lag_s,
+                lag_s=self.lag_s,
                 output_now=self.brake_mps2,
-                output_then=self._brake_now.value,
+                output_then=self.on_its_way_mps2,
             )
             single_mps -= brake_mps * (1.0 + self.gain_ratio)
             double_m -= brake_m * (1.0 + self.gain_ratio)
-        steady_mps2 = self.disturbance_mps2 - gravity_mps2
         speed_mps = self.speed_mps + single_mps + steady_mps2 * horizon_s
         travel_m = (self.speed_mps + steady_mps2 * horizon_s / 2.0) * horizon_s + double_m
         return Ahead(front_m + travel_m, max(0.0, speed_mps))
+
+    def _ahead_of_friction(self, front_m: float, steady_mps2: float) -> Ahead:
+        """Step by step, as what the speed will be decides who brakes; traction is taken as off."""
+        dt_s = self._dt_s
+        keep_ratio = math.exp(-dt_s / self.lag_s)
+        unit_mps2, asked_mps2 = self.brake_mps2, max(0.0, -self._demand_mps2)
+        units_mps2: list[float] = []
+        for step in range(math.ceil((self.dead_time_s + self._handover.air_s) / dt_s) + 1):
+            age_s = self.dead_time_s - (step + 1) * dt_s
+            mean_mps2 = asked_mps2
+            if age_s >= 0.0:
+                mean_mps2 = self._brake.mean(self._brake.tap(age_s))
+            after_mps2 = mean_mps2 + (unit_mps2 - mean_mps2) * keep_ratio
+            units_mps2.append((unit_mps2 + after_mps2) / 2.0)
+            unit_mps2 = after_mps2
+        travel_m, speed_mps = self._handover.walk(
+            self._motion, units_mps2, steady_mps2=steady_mps2, reach_s=self.dead_time_s
+        )
+        return Ahead(front_m + travel_m, speed_mps)
 
     def ahead_of_traction_mps(self, gravity_mps2: float) -> float:
         """The speed when a traction demand given now begins to act; the brake is taken to stay."""
         horizon_s = self._traction_belief.dead_time_s
         gained_mps, _ = self._traction_response(horizon_s)
-        braked_mps2 = self.brake_mps2 * (1.0 + self.gain_ratio)
+        braked_mps2 = self.brake_mps2 * (1.0 + self.gain_at(self.speed_mps))
         steady_mps2 = self.disturbance_mps2 - gravity_mps2 - braked_mps2
         return self.speed_mps + gained_mps + steady_mps2 * horizon_s
 

@@ -1,6 +1,6 @@
-"""The scheme of Allotta et al. 2013 made to work under brake delay.
+"""A law that identifies brake and train while it drives, predicts and plans anew in each cycle.
 
-Jerk-limited reference and PIDs as there, but on the speed predicted past dead time and lag, with
+Jerk-limited reference and PIDs as in Allotta et al. 2013, but on the speed predicted past dead time and lag, with
 the reference acceleration fed forward. From the start of braking to the stop one application of the
 brake follows one curve, which is planned anew to the mark in each cycle.
 """
@@ -90,6 +90,7 @@ class Predictive:
 
     def observe(self, seen: vocabulary.AtoInput, cycles: int) -> None:
         self._gravity_mps2 = gradient.decel_on_mps2(self._config, seen.gradient_permille)
+        self._gravity_mps2 += gradient.resistance_mps2(self._config, self._model.speed_mps)
         self._model.step(seen.speed_mps, self._gravity_mps2, cycles)
         if not seen.enabled:
             # Others brake now; what the speed does says nothing about our demands.
@@ -132,7 +133,7 @@ class Predictive:
         over_mps = ahead.speed_mps - ceiling_mps
         if over_mps > 0.0:
             decel_mps2 += OVER_CEILING_PER_S * over_mps
-        demand_mps2 = self._brake_demand_mps2(decel_mps2, ahead.front_m)
+        demand_mps2 = self._brake_demand_mps2(decel_mps2, ahead)
         reference_mps = self._reference_mps(self._front.front_m, target_m, slowing)
         return Drive(demand_mps2, reference_mps, self._braking)
 
@@ -244,16 +245,17 @@ class Predictive:
         room_m = max(LEAST_SPEED_MPS, ahead.speed_mps) * max(LEAST_TIME_TO_GO_S, point.time_to_go_s)
         share_ratio = 1.0 - self._config.braking.correction_ratio * spare_m / room_m
         share_ratio = min(MOST_SHARE, max(LEAST_SHARE, share_ratio))
-        led_mps2 = point.decel_mps2 - self._config.brake.lag_s * point.ease_mps3
+        led_mps2 = point.decel_mps2 - self._model.build_up_s(ahead.speed_mps) * point.ease_mps3
         return max(0.0, led_mps2) * share_ratio
 
-    def _brake_demand_mps2(self, decel_mps2: float, front_m: float) -> float:
+    def _brake_demand_mps2(self, decel_mps2: float, ahead: Ahead) -> float:
         """What to ask of the brake, after gradient and resistance; it is never released."""
-        gravity_mps2 = gradient.decel_at_mps2(self._config, self._line, front_m)
-        help_mps2 = gravity_mps2 - self._model.disturbance_mps2
-        asked_mps2 = decel_mps2 - help_mps2
-        asked_mps2 /= 1.0 + self._model.gain_ratio
-        return -max(self._config.braking.least_decel_mps2, asked_mps2)
+        config, model = self._config, self._model
+        gravity_mps2 = gradient.decel_at_mps2(config, self._line, ahead.front_m)
+        gravity_mps2 += gradient.resistance_mps2(config, ahead.speed_mps)
+        asked_mps2 = decel_mps2 - (gravity_mps2 - model.disturbance_mps2)
+        asked_mps2 /= 1.0 + model.gain_at(ahead.speed_mps)
+        return -max(config.braking.least_decel_mps2, asked_mps2)
 
     # Cruising.
 
