@@ -23,13 +23,16 @@ class Bank:
         self.alive = list(range(count))
         """Hypotheses that were not given up."""
 
-    def begin(self, motion: MotionFilter, costs: Sequence[float]) -> None:
-        """All go on from the same motion; `costs` are what is known beforehand."""
-        for each in self._filters:
-            each.copy(motion)
+    def know(self, costs: Sequence[float]) -> None:
+        """All come to life again; `costs` are what is known of them beforehand."""
         self._cost = list(costs)
         self.alive = list(range(len(self._cost)))
         self.weigh()
+
+    def begin(self, motion: MotionFilter) -> None:
+        """All go on from the same motion."""
+        for each in self._filters:
+            each.copy(motion)
 
     def costs(self, most: float) -> list[float]:
         """By how much each hypothesis is worse than the best, up to a bound."""

@@ -38,9 +38,11 @@ class BrakeBelief:
     speed_sigma_mps: float = 0.03
     """Spread of speed innovations on the true hypothesis, couplers included."""
     fade_begin_mps: float = 8.0 / 3.6
-    """Under this speed motors hand their part of the braking over to friction."""
+    """Under this speed the motors can do less and less of the braking."""
     fade_end_mps: float = 3.0 / 3.6
-    """Under this they give nothing."""
+    """Under this they do nothing of it."""
+    motors_mps2: float = 1.2
+    """What they can do before they begin to fade."""
     air_delays_s: tuple[float, ...] = (0.0, 0.3, 0.6, 0.8, 1.0, 1.3)
     """Hypotheses, rising from none, of how much later than the motors friction answers."""
     air_lag_s: float = 0.2
@@ -116,6 +118,11 @@ class Braking:
     application would let the next one draw another delay."""
     correction_ratio: float = 2.6
     """2 aims at the mark with a steady brake; more removes errors earlier than at the mark."""
+    late_plateau_decel_mps2: float = 0.2
+    late_plateau_speed_mps: float = 1.4
+    late_final_decel_mps2: float = 0.06
+    """The same three for a train whose friction may be late: at the handover from the motors a
+    part of the braking will be missing, and what is corrected after it comes late."""
     reserve_mps2: float = 0.05
     """Kept between the planned demand on the worst gradient and the limit, for corrections."""
 
@@ -130,6 +137,12 @@ class Braking:
         )
         if not self.final_decel_mps2 <= self.plateau_decel_mps2 <= self.decel_mps2:
             raise ValueError("not final_decel_mps2 <= plateau_decel_mps2 <= decel_mps2")
+        _positive(
+            late_plateau_speed_mps=self.late_plateau_speed_mps,
+            late_final_decel_mps2=self.late_final_decel_mps2,
+        )
+        if not self.late_final_decel_mps2 <= self.late_plateau_decel_mps2 <= self.decel_mps2:
+            raise ValueError("not late_final_decel_mps2 <= late_plateau_decel_mps2 <= decel_mps2")
 
 
 @dataclass(frozen=True, slots=True)

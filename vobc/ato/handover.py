@@ -17,7 +17,7 @@ from vobc.ato.predictor import Pipeline
 
 LATE_COST: Final = 4.0
 """Before anything was seen friction is taken to be in time: late needs such evidence."""
-KEPT_COST: Final = 8.0
+KEPT_COST: Final = 14.0
 """What one application has shown counts up to this in the next one."""
 LATE_FROM_RATIO: Final = 0.02
 """Friction that is less likely late is reckoned with as if it were in time."""
@@ -34,7 +34,6 @@ class Handover:
         "_output",
         "_pipeline",
         "_taps",
-        "_used",
         "air_s",
         "friction_mps2",
         "late_ratio",
@@ -50,7 +49,7 @@ class Handover:
         self._keep_ratios = tuple(self._keep_ratio(delay_s) for delay_s in delays_s)
         self._output = [0.0] * len(delays_s)
         self._bank = Bank(len(delays_s), dt_s)
-        self._used = False
+        self._bank.know([0.0 if delay_s == 0.0 else LATE_COST for delay_s in delays_s])
         self.under_way = False
         """The hypotheses of this part are at work."""
         self.air_s = 0.0
@@ -59,36 +58,57 @@ class Handover:
         """How likely it is late at all."""
         self.friction_mps2 = 0.0
         """What has arrived of it."""
+        self._agree()
+
+    @property
+    def may_be_late(self) -> bool:
+        return self.late_ratio > LATE_FROM_RATIO
 
     @property
     def late(self) -> bool:
         """It may be late, and does a part of the braking."""
-        return self.under_way and self.late_ratio > LATE_FROM_RATIO
+        return self.under_way and self.may_be_late
+
+    def gap_m(self, speed_mps: float, unit_mps2: float) -> float:
+        """Way without brake that is still to come when friction takes over, as expected."""
+        if not self.may_be_late:
+            return 0.0
+        belief = self._belief
+        share_ratio = unit_mps2 / belief.motors_mps2
+        fade_mps = belief.fade_begin_mps - belief.fade_end_mps
+        middle_mps = belief.fade_end_mps + share_ratio * fade_mps / 2.0
+        gap_s = self.air_s + self.late_ratio * belief.air_lag_s
+        return middle_mps * gap_s * (1.0 - self.friction_ratio(speed_mps, unit_mps2))
 
     def _keep_ratio(self, delay_s: float) -> float:
         """Friction that is hardly late builds up as quickly; none at all, at once."""
         lag_s = min(self._belief.air_lag_s, delay_s)
         return math.exp(-self._dt_s / lag_s) if lag_s > 0.0 else 0.0
 
-    def friction_ratio(self, speed_mps: float) -> float:
-        """Share of the braking that falls to friction at this speed."""
+    def friction_ratio(self, speed_mps: float, unit_mps2: float) -> float:
+        """Share of the braking that falls to friction: what is more than the motors still give."""
         belief = self._belief
-        faded = (belief.fade_begin_mps - speed_mps) / (belief.fade_begin_mps - belief.fade_end_mps)
-        return min(1.0, max(0.0, faded))
+        faded = (speed_mps - belief.fade_end_mps) / (belief.fade_begin_mps - belief.fade_end_mps)
+        most_mps2 = belief.motors_mps2 * min(1.0, max(0.0, faded))
+        return 0.0 if unit_mps2 <= most_mps2 else 1.0 - most_mps2 / unit_mps2
 
     def end(self) -> None:
-        """The application is over, or what was seen of it says nothing any more."""
+        """The application is over. What was seen in it counts, but not for ever."""
         self.under_way = False
-        self.friction_mps2 = 0.0
+        self._bank.know(self._bank.costs(KEPT_COST))
+        self._output = [0.0] * len(self._output)
+        self._agree()
 
     def begin(self, motion: MotionFilter) -> None:
-        """Friction takes over; what was seen before counts, but not for ever."""
-        costs = self._bank.costs(KEPT_COST)
-        if not self._used:
-            costs = [0.0 if delay_s == 0.0 else LATE_COST for delay_s in self._belief.air_delays_s]
-        self._used = self.under_way = True
-        self._output = [0.0] * len(self._output)
-        self._bank.begin(motion, costs)
+        """Friction takes over."""
+        self.under_way = True
+        self._bank.begin(motion)
+
+    def _agree(self) -> None:
+        bank = self._bank
+        self.air_s = bank.mean(self._belief.air_delays_s)
+        self.friction_mps2 = bank.mean(self._output)
+        self.late_ratio = 1.0 - bank.weights[0]
 
     def note(self, for_friction_mps2: float) -> None:
         """What falls to friction in this cycle."""
@@ -122,9 +142,7 @@ class Handover:
             )
         bank.weigh()
         bank.agree(motion)
-        self.air_s = bank.mean(self._belief.air_delays_s)
-        self.friction_mps2 = bank.mean(outputs)
-        self.late_ratio = 1.0 - bank.weights[0]
+        self._agree()
 
     def walk(
         self,
@@ -153,10 +171,10 @@ class Handover:
             0,
         )
         newer: list[float] = []
-        ratio = self.friction_ratio(speed_mps)
+        ratio = self.friction_ratio(speed_mps, units_mps2[0])
         while speed_mps > 0.0 and at_s < reach_s + air_s * ratio - dt_s / 2.0:
             unit_mps2 = units_mps2[min(step, len(units_mps2) - 1)]
-            ratio = self.friction_ratio(speed_mps)
+            ratio = self.friction_ratio(speed_mps, unit_mps2)
             newer.append(unit_mps2 * ratio)
             age_s = air_s - at_s - dt_s
             if age_s >= 0.0:

@@ -4,7 +4,7 @@ import itertools
 import math
 from bisect import bisect_right
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 from firmware_py.trackdb import LineMap
@@ -107,12 +107,25 @@ def stopping_curve(shape: Braking, *, steady_mps2: float, final_mps2: float) -> 
     )
 
 
-def curve_to_stop(config: AtoConfig, line: LineMap, at_m: float) -> BrakingCurve:
+def curve_to_stop(
+    config: AtoConfig, line: LineMap, at_m: float, *, late_friction: bool = False
+) -> BrakingCurve:
     """Uphill the last step is larger: the brake needs as much room to ease as on the level."""
+    shape = late_shape(config.braking) if late_friction else config.braking
     steady_mps2 = steady_decel_mps2(config, line, at_m)
     uphill_mps2 = max(0.0, gradient.decel_at_mps2(config, line, at_m))
-    final_mps2 = config.braking.final_decel_mps2 + uphill_mps2
-    return stopping_curve(config.braking, steady_mps2=steady_mps2, final_mps2=final_mps2)
+    final_mps2 = shape.final_decel_mps2 + uphill_mps2
+    return stopping_curve(shape, steady_mps2=steady_mps2, final_mps2=final_mps2)
+
+
+def late_shape(shape: Braking) -> Braking:
+    """The braking of a train whose friction may be late."""
+    return replace(
+        shape,
+        plateau_decel_mps2=shape.late_plateau_decel_mps2,
+        plateau_speed_mps=shape.late_plateau_speed_mps,
+        final_decel_mps2=shape.late_final_decel_mps2,
+    )
 
 
 def curve_to_authority(config: AtoConfig, line: LineMap, at_m: float) -> BrakingCurve:

@@ -114,7 +114,17 @@ class TrainModel:
         handover, motion = self._handover, self._motion
         if not handover.late:
             return motion.gain_ratio
-        return motion.gain_ratio + handover.friction_ratio(speed_mps) * motion.friction_ratio
+        share_ratio = handover.friction_ratio(speed_mps, self.on_its_way_mps2)
+        return motion.gain_ratio + share_ratio * motion.friction_ratio
+
+    @property
+    def friction_may_be_late(self) -> bool:
+        """At the next handover from the motors, or in the present one."""
+        return self._handover.may_be_late
+
+    def gap_m(self, speed_mps: float, decel_mps2: float) -> float:
+        """Way without brake that is still to come at a handover from motors to late friction."""
+        return self._handover.gap_m(speed_mps, decel_mps2)
 
     def build_up_s(self, speed_mps: float) -> float:
         """Lag of the brake at this speed."""
@@ -122,7 +132,7 @@ class TrainModel:
         if not handover.late:
             return self.lag_s
         air_s = min(self._brake_belief.air_lag_s, handover.air_s)
-        return self.lag_s + air_s * handover.friction_ratio(speed_mps)
+        return self.lag_s + air_s * handover.friction_ratio(speed_mps, self.on_its_way_mps2)
 
     @property
     def brake_asked(self) -> bool:
@@ -198,7 +208,7 @@ class TrainModel:
                     blur_m2_per_s2=blur_m2_per_s2,
                 )
         self._active_s += self._dt_s
-        for_friction_mps2 = unit_mps2 * handover.friction_ratio(motion.speed_mps)
+        for_friction_mps2 = unit_mps2 * handover.friction_ratio(motion.speed_mps, unit_mps2)
         handover.note(for_friction_mps2)
         if learns:
             bank.weigh()
@@ -243,7 +253,8 @@ class TrainModel:
             if self._active and index not in self._bank.alive:
                 self._output[index] = self.brake_mps2
                 self._arrived[index] = self.on_its_way_mps2
-        self._bank.begin(self._motion, self._no_costs)
+        self._bank.know(self._no_costs)
+        self._bank.begin(self._motion)
 
     def _agree(self) -> None:
         bank, belief = self._bank, self._brake_belief

@@ -160,10 +160,13 @@ class Predictive:
         key = (target, limit_mps)
         if key == self._planned_for:
             return
-        config = self._config
+        config, line = self._config, self._line
         self._planned_for = key
-        curve_to = profile.curve_to_stop if target.at_station else profile.curve_to_authority
-        self._curve = curve_to(config, self._line, target.at_m)
+        if target.at_station:
+            late = self._model.friction_may_be_late
+            self._curve = profile.curve_to_stop(config, line, target.at_m, late_friction=late)
+        else:
+            self._curve = profile.curve_to_authority(config, line, target.at_m)
         # A tag close to an end of authority gives some metres back; they are crept through.
         self._rejoin_m = REJOIN_M if target.at_station else config.station.least_run_m
         self._peak_mps = profile.peak_speed_mps(
@@ -179,7 +182,7 @@ class Predictive:
     # Braking.
 
     def _note_stop_braking(self, ahead: Ahead, target_m: float) -> None:
-        distance_m = target_m - ahead.front_m
+        distance_m = target_m - ahead.front_m - self._gap_m(self._curve, ahead)
         if not self._braking:
             self._braking = self._must_begin(self._curve, ahead, distance_m)
             return
@@ -241,12 +244,18 @@ class Predictive:
         curve's deceleration falls at a known rate, so the lag of the brake is led by just that.
         """
         point = curve.at_speed(ahead.speed_mps)
-        spare_m = end_m - ahead.front_m - point.distance_m
+        spare_m = end_m - ahead.front_m - self._gap_m(curve, ahead) - point.distance_m
         room_m = max(LEAST_SPEED_MPS, ahead.speed_mps) * max(LEAST_TIME_TO_GO_S, point.time_to_go_s)
         share_ratio = 1.0 - self._config.braking.correction_ratio * spare_m / room_m
         share_ratio = min(MOST_SHARE, max(LEAST_SHARE, share_ratio))
         led_mps2 = point.decel_mps2 - self._model.build_up_s(ahead.speed_mps) * point.ease_mps3
         return max(0.0, led_mps2) * share_ratio
+
+    def _gap_m(self, curve: profile.BrakingCurve, ahead: Ahead) -> float:
+        """Way without brake to reckon with before the end of a curve that ends in a standstill."""
+        if curve.end_mps > 0.0:
+            return 0.0
+        return self._model.gap_m(ahead.speed_mps, curve.at_speed(1.0).decel_mps2)
 
     def _brake_demand_mps2(self, decel_mps2: float, ahead: Ahead) -> float:
         """What to ask of the brake, after gradient and resistance; it is never released."""
