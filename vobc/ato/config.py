@@ -43,7 +43,7 @@ class BrakeBelief:
     """Under this they do nothing of it."""
     motors_mps2: float = 1.2
     """What they can do before they begin to fade."""
-    air_delays_s: tuple[float, ...] = (0.0, 0.3, 0.6, 0.8, 1.0, 1.3)
+    air_delays_s: tuple[float, ...] = (0.0, 0.45, 0.6, 0.7, 0.8, 0.9, 1.0, 1.15)
     """Hypotheses, rising from none, of how much later than the motors friction answers."""
     air_lag_s: float = 0.2
     """Of the build-up of friction that is late."""
@@ -118,9 +118,9 @@ class Braking:
     application would let the next one draw another delay."""
     correction_ratio: float = 2.6
     """2 aims at the mark with a steady brake; more removes errors earlier than at the mark."""
-    late_plateau_decel_mps2: float = 0.2
-    late_plateau_speed_mps: float = 1.4
-    late_final_decel_mps2: float = 0.06
+    late_plateau_decel_mps2: float = 0.15
+    late_plateau_speed_mps: float = 1.3
+    late_final_decel_mps2: float = 0.05
     """The same three for a train whose friction may be late: at the handover from the motors a
     part of the braking will be missing, and what is corrected after it comes late."""
     reserve_mps2: float = 0.05

@@ -15,7 +15,7 @@ from vobc.ato.config import BrakeBelief
 from vobc.ato.motion_filter import MotionFilter
 from vobc.ato.predictor import Pipeline
 
-LATE_COST: Final = 4.0
+LATE_COST: Final = 1.0
 """Before anything was seen friction is taken to be in time: late needs such evidence."""
 KEPT_COST: Final = 14.0
 """What one application has shown counts up to this in the next one."""

@@ -17,7 +17,7 @@ DISTURBANCE_RENEWED_MPS2: Final = 0.03
 GAIN_WALK: Final = 0.002**2
 GAIN_SIGMA_RATIO: Final = 0.08
 """Spread of the gain before it was ever seen."""
-FRICTION_SIGMA_RATIO: Final = 0.1
+FRICTION_SIGMA_RATIO: Final = 0.13
 """Spread of what friction gives more or less than the whole brake."""
 SURPRISE_MPS: Final = 0.25
 """A measured speed so far off is nothing the brake or the track could do: somebody else brakes."""
