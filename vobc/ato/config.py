@@ -30,7 +30,7 @@ class BrakeBelief:
         *(0.85, 0.95, 1.05, 1.15, 1.25, 1.35, 1.45, 1.55),
     )
     """Hypotheses, rising, from the demand leaving this cycle to the first bite."""
-    expected_dead_time_s: float = 1.0
+    expected_dead_time_s: float = 0.85
     """Until an application has shown its own. Too long a guess only starts the braking early."""
     lag_s: float = 0.35
     """Of the first-order build-up after the dead time; an error in it is found as dead time. A brake
@@ -74,7 +74,7 @@ class TractionBelief:
     lag_s: float = 0.3
     rated_accel_mps2: float = 1.0
     """What the full rated effort gives the loaded train on the level."""
-    smoothing_s: float = 1.4
+    smoothing_s: float = 1.2
     """Moving average over the reference acceleration; its first null is a coupler mode."""
 
     def __post_init__(self) -> None:
@@ -108,11 +108,11 @@ class RunningResistance:
 class Braking:
     """Shape of a braking: steady at speed, a low plateau at the end, a small last step."""
 
-    decel_mps2: float = 0.67
-    ease_jerk_mps3: float = 0.3
-    plateau_decel_mps2: float = 0.32
-    plateau_speed_mps: float = 1.8
-    final_decel_mps2: float = 0.08
+    decel_mps2: float = 0.76
+    ease_jerk_mps3: float = 0.4
+    plateau_decel_mps2: float = 0.5
+    plateau_speed_mps: float = 1.35
+    final_decel_mps2: float = 0.065
     least_decel_mps2: float = 0.03
     """The brake stays on with at least this from the start of braking to the stop: ending the
     application would let the next one draw another delay."""
@@ -123,7 +123,7 @@ class Braking:
     late_final_decel_mps2: float = 0.05
     """The same three for a train whose friction may be late: at the handover from the motors a
     part of the braking will be missing, and what is corrected after it comes late."""
-    reserve_mps2: float = 0.05
+    reserve_mps2: float = 0.02
     """Kept between the planned demand on the worst gradient and the limit, for corrections."""
 
     def __post_init__(self) -> None:

@@ -12,8 +12,8 @@ SPEED_SIGMA_MPS: Final = 0.03
 DISTURBANCE_WALK: Final = 0.004**2
 """Variance in (m/s²)² that the disturbance gains each second: resistance changes with the speed."""
 DISTURBANCE_SIGMA_MPS2: Final = 0.03
-DISTURBANCE_RENEWED_MPS2: Final = 0.03
-"""Least spread at the start of an application: before it the traction's errors were in it too."""
+DISTURBANCE_RENEWED_MPS2: Final = 0.015
+"""Spread at the start of an application: of resistance, wind and what the map does not know."""
 GAIN_WALK: Final = 0.002**2
 GAIN_SIGMA_RATIO: Final = 0.08
 """Spread of the gain before it was ever seen."""
@@ -91,7 +91,9 @@ class MotionFilter:
             self._gg = GAIN_SIGMA_RATIO**2
         self._gg = max(self._gg, GAIN_RENEWED_RATIO**2)
         self._hh = FRICTION_SIGMA_RATIO**2
-        self._dd = max(self._dd, DISTURBANCE_RENEWED_MPS2**2)
+        # While traction worked its errors were in the disturbance, too.
+        self.disturbance_mps2 = self._vd = self._dg = self._dh = 0.0
+        self._dd = DISTURBANCE_RENEWED_MPS2**2
 
     def step(
         self,

@@ -28,7 +28,7 @@ MOST_SHARE: Final = 2.5
 """Bounds on the corrected deceleration, as shares of the curve's."""
 REJOIN_M: Final = 1.0
 """With more than this to spare, a train too slow to reach the mark is accelerated again."""
-CHANGE_OVER_S: Final = 1.0
+CHANGE_OVER_S: Final = 0.3
 """Planned between the end of traction and the start of braking."""
 HOLD_BACK_MPS: Final = 0.5
 """How far the reference may run ahead of a train that cannot follow."""
