@@ -156,6 +156,7 @@ class Controller:
             protection_brakes=verdict.service_brake,
             kept_at_platform=bool(int(verdict.departure_inhibits) & KEPT),
             ahead_m=motion.front_m.high - front_m,
+            slips=motion.slip,
         )
 
     def _load_kg(self, seen: CycleInput) -> float:

@@ -1,4 +1,4 @@
-"""A bank of hypotheses, each with a filter of the motion of its own, weighed by how well it fits."""
+"""A bank of hypotheses, each with its own filter of the motion, weighed by how well it fits."""
 
 import math
 from collections.abc import Sequence

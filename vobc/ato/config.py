@@ -33,8 +33,8 @@ class BrakeBelief:
     expected_dead_time_s: float = 0.85
     """Until an application has shown its own. Too long a guess only starts the braking early."""
     lag_s: float = 0.35
-    """Of the first-order build-up after the dead time; an error in it is found as dead time. A brake
-    that bites sooner than this is taken to build up as quickly."""
+    """Of the first-order build-up after the dead time; an error in it is found as dead time. A
+    brake that bites sooner than this is taken to build up as quickly."""
     speed_sigma_mps: float = 0.03
     """Spread of speed innovations on the true hypothesis, couplers included."""
     fade_begin_mps: float = 8.0 / 3.6
@@ -109,6 +109,8 @@ class Braking:
     """Shape of a braking: steady at speed, a low plateau at the end, a small last step."""
 
     decel_mps2: float = 0.76
+    onset_jerk_mps3: float = 0.45
+    """Of the brake coming on: faster, and the couplers make more of it than was asked for."""
     ease_jerk_mps3: float = 0.4
     plateau_decel_mps2: float = 0.5
     plateau_speed_mps: float = 1.35
@@ -129,6 +131,7 @@ class Braking:
     def __post_init__(self) -> None:
         _positive(
             decel_mps2=self.decel_mps2,
+            onset_jerk_mps3=self.onset_jerk_mps3,
             ease_jerk_mps3=self.ease_jerk_mps3,
             plateau_speed_mps=self.plateau_speed_mps,
             final_decel_mps2=self.final_decel_mps2,
@@ -143,6 +146,23 @@ class Braking:
         )
         if not self.late_final_decel_mps2 <= self.late_plateau_decel_mps2 <= self.decel_mps2:
             raise ValueError("not late_final_decel_mps2 <= late_plateau_decel_mps2 <= decel_mps2")
+
+
+@dataclass(frozen=True, slots=True)
+class SlipperyRail:
+    """How the train is driven for a while after its wheels slipped or slid."""
+
+    from_start: bool = False
+    """The rail is known to be slippery before any wheel has shown it."""
+    decel_mps2: float = 0.45
+    """Braking is planned no harder: an adhesion of 0.06 bears 0.54 m/s² on all wheels."""
+    accel_mps2: float = 0.25
+    """On the wheels of the motor cars it bears 0.29 m/s²."""
+    memory_s: float = 900.0
+    """From the last slip on."""
+
+    def __post_init__(self) -> None:
+        _positive(decel_mps2=self.decel_mps2, accel_mps2=self.accel_mps2, memory_s=self.memory_s)
 
 
 @dataclass(frozen=True, slots=True)
@@ -239,6 +259,7 @@ class AtoConfig:
     traction: TractionBelief = field(default_factory=TractionBelief)
     resistance: RunningResistance = field(default_factory=RunningResistance)
     braking: Braking = field(default_factory=Braking)
+    slippery: SlipperyRail = field(default_factory=SlipperyRail)
     authority: AuthorityStop = field(default_factory=AuthorityStop)
     speed: SpeedControl = field(default_factory=SpeedControl)
     station: StationWork = field(default_factory=StationWork)

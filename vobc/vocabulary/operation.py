@@ -53,6 +53,8 @@ class AtoInput:
     """Something beside doors and authority stands against departure: the dwell goes on."""
     ahead_m: float = 0.0
     """The front may be so far ahead of `front_m`; protection looks from there."""
+    slips: bool = False
+    """Wheels slip or slide, or did a moment ago."""
 
 
 @dataclass(frozen=True, slots=True)

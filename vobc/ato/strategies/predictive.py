@@ -1,8 +1,8 @@
 """A law that identifies brake and train while it drives, predicts and plans anew in each cycle.
 
-Jerk-limited reference and PIDs as in Allotta et al. 2013, but on the speed predicted past dead time and lag, with
-the reference acceleration fed forward. From the start of braking to the stop one application of the
-brake follows one curve, which is planned anew to the mark in each cycle.
+Jerk-limited reference and PIDs as in Allotta et al. 2013, but on the speed predicted past dead time
+and lag, with the reference acceleration fed forward. From the start of braking to the stop one
+application of the brake follows one curve, which is planned anew to the mark in each cycle.
 """
 
 import math
@@ -17,6 +17,7 @@ from vobc.ato.outlook import CeilingOutlook, SmoothFront
 from vobc.ato.pid import Pid
 from vobc.ato.pid_config import PidGains
 from vobc.ato.predictor import Ahead
+from vobc.ato.rail import Rail
 from vobc.ato.strategies.strategy import Drive, Target
 from vobc.ato.train_model import TrainModel
 
@@ -46,16 +47,19 @@ class Predictive:
         "_ceiling",
         "_config",
         "_curve",
+        "_demand_mps2",
         "_dt_s",
         "_front",
         "_governor",
         "_gravity_mps2",
         "_limits",
         "_line",
+        "_manner",
         "_model",
         "_peak_mps",
         "_pid",
         "_planned_for",
+        "_rail",
         "_rejoin_m",
         "_slowing_to",
         "most_mps",
@@ -69,9 +73,12 @@ class Predictive:
         self._model = TrainModel(config.brake, config.traction, dt_s)
         self._governor = Governor(config.limits.jerk_mps3, config.traction.smoothing_s, dt_s)
         self._pid = Pid()
-        self._limits = profile.SpeedLimits(config, line)
+        self._rail = Rail(config, line)
+        self._manner = self._rail.manner
+        self._limits = self._manner.limits
+        self._demand_mps2 = 0.0
         self._curve = profile.curve_to_stop(config, line, line.end_m)
-        self._planned_for: tuple[Target, float] | None = None
+        self._planned_for: tuple[Target, float, bool] | None = None
         self._peak_mps = 0.0
         self._rejoin_m = REJOIN_M
         self._braking = False
@@ -92,8 +99,10 @@ class Predictive:
         self._gravity_mps2 = gradient.decel_on_mps2(self._config, seen.gradient_permille)
         self._gravity_mps2 += gradient.resistance_mps2(self._config, self._model.speed_mps)
         self._model.step(seen.speed_mps, self._gravity_mps2, cycles)
-        if not seen.enabled:
-            # Others brake now; what the speed does says nothing about our demands.
+        slips = self._rail.observe(seen.now_ns, seen.speed_mps, slips=seen.slips)
+        if not seen.enabled or seen.protection_brakes or slips:
+            # Others brake now, or the rail does not bear what is asked: what the speed does says
+            # nothing about our demands.
             self._model.meet(seen.speed_mps)
         self.speed_mps = self._model.speed_mps
         dt_s = self._dt_s * cycles
@@ -114,10 +123,14 @@ class Predictive:
         self._resume_cruise(demand_mps2)
 
     def issued(self, demand_mps2: float) -> None:
+        self._demand_mps2 = demand_mps2
         self._model.issue(demand_mps2)
 
     def drive(self, seen: vocabulary.AtoInput, target: Target) -> Drive:
         target_m = target.at_m
+        if not self._braking and self._slowing_to < 0:
+            self._manner = self._rail.manner
+            self._limits = self._manner.limits
         limit_mps = self._limits.under_train_mps(self._front.front_m)
         self._plan(self._front.front_m, target, limit_mps)
         ahead = self._model.ahead_of_brake(self._front.front_m, self._gravity_mps2)
@@ -134,6 +147,9 @@ class Predictive:
         if over_mps > 0.0:
             decel_mps2 += OVER_CEILING_PER_S * over_mps
         demand_mps2 = self._brake_demand_mps2(decel_mps2, ahead)
+        # Measured from what left last, so that the brake comes on as gently as it was planned to.
+        onset_mps2 = self._config.braking.onset_jerk_mps3 * seen.dt_s
+        demand_mps2 = max(demand_mps2, self._demand_mps2 - onset_mps2)
         reference_mps = self._reference_mps(self._front.front_m, target_m, slowing)
         return Drive(demand_mps2, reference_mps, self._braking)
 
@@ -157,10 +173,11 @@ class Predictive:
 
     def _plan(self, front_m: float, target: Target, limit_mps: float) -> None:
         """The curve to a target and the peak speed before it, whenever target or limit are new."""
-        key = (target, limit_mps)
+        manner = self._manner
+        key = (target, limit_mps, self._rail.slippery)
         if key == self._planned_for:
             return
-        config, line = self._config, self._line
+        config, line = manner.config, self._line
         self._planned_for = key
         if target.at_station:
             late = self._model.friction_may_be_late
@@ -173,7 +190,7 @@ class Predictive:
             max(0.0, self.speed_mps),
             target.at_m - front_m,
             self._curve,
-            accel_mps2=config.limits.accel_mps2,
+            accel_mps2=manner.accel_mps2,
             jerk_mps3=config.limits.jerk_mps3,
             change_over_s=CHANGE_OVER_S + config.traction.smoothing_s,
             limit_mps=limit_mps,
@@ -222,7 +239,7 @@ class Predictive:
             ahead.speed_mps,
             from_mps2=max(now_mps2, to_mps2),
             to_mps2=to_mps2,
-            jerk_mps3=self._config.limits.jerk_mps3,
+            jerk_mps3=self._config.braking.onset_jerk_mps3,
         )
         return distance_m - travel_m <= curve.at_speed(max(0.0, after_mps)).distance_m
 
@@ -276,7 +293,7 @@ class Predictive:
         config, governor = self._config, self._governor
         limit_mps2 = config.limits.accel_mps2
         available_mps2 = config.traction.rated_accel_mps2 * seen.traction_ratio
-        rise_mps2 = max(0.0, min(limit_mps2, available_mps2))
+        rise_mps2 = max(0.0, min(self._manner.accel_mps2, available_mps2))
         governor.step(target_mps, rise_mps2=rise_mps2, fall_mps2=limit_mps2)
         predicted_mps = self._model.ahead_of_traction_mps(self._gravity_mps2)
         governor.hold_back(predicted_mps + HOLD_BACK_MPS)
@@ -293,8 +310,12 @@ class Predictive:
         if -band_mps2 < demand_mps2 < 0.0:
             demand_mps2 = 0.0
         # Where the ceiling leaves nothing the train rests instead of creeping on by noise.
-        most_mps2 = available_mps2 if target_mps > 0.0 else 0.0
+        most_mps2 = min(available_mps2, self._most_traction_mps2()) if target_mps > 0.0 else 0.0
         return Drive(min(demand_mps2, most_mps2), governor.speed_mps, False)
+
+    def _most_traction_mps2(self) -> float:
+        """On a slippery rail a demand over what it bears only spins the wheels."""
+        return self._manner.accel_mps2 + (0.0 if self._rail.slippery else FLAT_MPS2)
 
     def _gains(self, reference_mps2: float) -> PidGains:
         speed = self._config.speed
