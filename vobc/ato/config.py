@@ -74,11 +74,15 @@ class TractionBelief:
     lag_s: float = 0.3
     rated_accel_mps2: float = 1.0
     """What the full rated effort gives the loaded train on the level."""
-    smoothing_s: float = 1.2
+    jerk_mps3: float = 0.52
+    """Of the reference: faster, and the couplers make more of it than was asked for."""
+    smoothing_s: float = 1.4
     """Moving average over the reference acceleration; its first null is a coupler mode."""
 
     def __post_init__(self) -> None:
-        _positive(lag_s=self.lag_s, rated_accel_mps2=self.rated_accel_mps2)
+        _positive(
+            lag_s=self.lag_s, rated_accel_mps2=self.rated_accel_mps2, jerk_mps3=self.jerk_mps3
+        )
         if self.dead_time_s < 0.0 or self.dead_time_s > 3.0:
             raise ValueError(f"dead_time_s {self.dead_time_s} is not within 0..3 s")
         if self.smoothing_s < 0.0:

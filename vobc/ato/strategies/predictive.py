@@ -71,7 +71,7 @@ class Predictive:
         self._line = line
         self._dt_s = dt_s
         self._model = TrainModel(config.brake, config.traction, dt_s)
-        self._governor = Governor(config.limits.jerk_mps3, config.traction.smoothing_s, dt_s)
+        self._governor = Governor(config.traction.jerk_mps3, config.traction.smoothing_s, dt_s)
         self._pid = Pid()
         self._rail = Rail(config, line)
         self._manner = self._rail.manner
@@ -293,7 +293,9 @@ class Predictive:
         config, governor = self._config, self._governor
         limit_mps2 = config.limits.accel_mps2
         available_mps2 = config.traction.rated_accel_mps2 * seen.traction_ratio
-        rise_mps2 = max(0.0, min(self._manner.accel_mps2, available_mps2))
+        # A reference that the demand can follow also while it eases off, resistance included.
+        uphill_mps2 = max(0.0, self._gravity_mps2 - self._model.disturbance_mps2)
+        rise_mps2 = max(0.0, min(self._manner.accel_mps2, available_mps2) - uphill_mps2)
         governor.step(target_mps, rise_mps2=rise_mps2, fall_mps2=limit_mps2)
         predicted_mps = self._model.ahead_of_traction_mps(self._gravity_mps2)
         governor.hold_back(predicted_mps + HOLD_BACK_MPS)
