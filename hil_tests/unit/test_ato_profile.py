@@ -208,9 +208,13 @@ def test_lower_limits_ahead_are_found_in_their_order() -> None:
 def test_a_stop_on_a_falling_gradient_is_planned_within_the_demand() -> None:
     line = load_line("florence")
 
-    def planned(at_m: float) -> float:
-        return profile.steady_decel_mps2(AtoConfig(), line, at_m)
+    def planned(at_m: float, gain_ratio: float | None = 0.0) -> float:
+        return profile.steady_decel_mps2(AtoConfig(), line, at_m, gain_ratio)
 
     assert planned(1500.0) == Braking().decel_mps2
     # On -30 per mille gravity takes 0.27 m/s2 of the 0.8 that may be asked.
-    assert planned(1890.0) == pytest.approx(0.8 - 0.05 - 9.81 * 0.03 / 1.08, abs=1e-6)
+    assert planned(1890.0) == pytest.approx(0.8 - 0.02 - 9.81 * 0.03 / 1.08, abs=1e-6)
+    # A brake that gives 0.85 of what it is asked for gives 0.68 of 0.8.
+    assert planned(1500.0, -0.15) == pytest.approx(0.68 - 0.02, abs=1e-6)
+    assert planned(1500.0, 0.1) == Braking().decel_mps2
+    assert planned(1500.0, None) == pytest.approx(0.8 * 0.84 - 0.02, abs=1e-6)

@@ -129,6 +129,8 @@ class Braking:
     late_final_decel_mps2: float = 0.05
     """The same three for a train whose friction may be late: at the handover from the motors a
     part of the braking will be missing, and what is corrected after it comes late."""
+    weak_ratio: float = -0.16
+    """Before a brake's gain was ever seen, braking is planned for one that much weaker."""
     reserve_mps2: float = 0.02
     """Kept between the planned demand on the worst gradient and the limit, for corrections."""
 
@@ -150,6 +152,8 @@ class Braking:
         )
         if not self.late_final_decel_mps2 <= self.late_plateau_decel_mps2 <= self.decel_mps2:
             raise ValueError("not late_final_decel_mps2 <= late_plateau_decel_mps2 <= decel_mps2")
+        if not -0.5 <= self.weak_ratio <= 0.0:
+            raise ValueError(f"weak_ratio {self.weak_ratio} is not within -0.5..0")
 
 
 @dataclass(frozen=True, slots=True)

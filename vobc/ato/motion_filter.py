@@ -5,6 +5,7 @@ demand changes, and what is known beforehand of both says how to share an error 
 that takes over from the motors has a gain of its own beside that of the whole brake.
 """
 
+import math
 from typing import Final
 
 SPEED_SIGMA_MPS: Final = 0.03
@@ -75,6 +76,11 @@ class MotionFilter:
         self._gg = GAIN_SIGMA_RATIO**2
         self._hh = FRICTION_SIGMA_RATIO**2
         self.start(speed_mps)
+
+    @property
+    def least_gain_ratio(self) -> float:
+        """Two standard deviations under what is believed of the gain."""
+        return self.gain_ratio - 2.0 * math.sqrt(max(self._gg, GAIN_RENEWED_RATIO**2))
 
     def copy(self, other: "MotionFilter") -> None:
         """Go on from what another one has found."""

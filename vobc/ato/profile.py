@@ -108,11 +108,16 @@ def stopping_curve(shape: Braking, *, steady_mps2: float, final_mps2: float) -> 
 
 
 def curve_to_stop(
-    config: AtoConfig, line: LineMap, at_m: float, *, late_friction: bool = False
+    config: AtoConfig,
+    line: LineMap,
+    at_m: float,
+    *,
+    gain_ratio: float | None = None,
+    late_friction: bool = False,
 ) -> BrakingCurve:
     """Uphill the last step is larger: the brake needs as much room to ease as on the level."""
     shape = late_shape(config.braking) if late_friction else config.braking
-    steady_mps2 = steady_decel_mps2(config, line, at_m)
+    steady_mps2 = steady_decel_mps2(config, line, at_m, gain_ratio)
     uphill_mps2 = max(0.0, gradient.decel_at_mps2(config, line, at_m))
     final_mps2 = shape.final_decel_mps2 + uphill_mps2
     return stopping_curve(shape, steady_mps2=steady_mps2, final_mps2=final_mps2)
@@ -147,17 +152,26 @@ def slowing_curve(shape: Braking, *, end_mps: float, steady_mps2: float) -> Brak
     )
 
 
-def steady_decel_mps2(config: AtoConfig, line: LineMap, at_m: float) -> float:
-    """The deceleration to plan towards `at_m`: less where the track falls, by the demand's limit.
+def steady_decel_mps2(
+    config: AtoConfig, line: LineMap, at_m: float, gain_ratio: float | None = None
+) -> float:
+    """The deceleration to plan towards `at_m`: less where the track falls or the brake is weak, by
+    the demand's limit.
 
     The whole braking from the speed limit there is looked at.
+
+    Args:
+        gain_ratio: the least by which the brake may give more than it is asked for; None where
+            nobody knows.
     """
     shape = config.braking
     top_mps = line.limit_mps(at_m - 1.0)
     reach_m = top_mps * top_mps / (2.0 * shape.decel_mps2) + 2.0 * top_mps
     worst_permille = min(0.0, line.worst_gradient_permille(at_m - reach_m, at_m))
     falling_mps2 = -gradient.decel_on_mps2(config, worst_permille)
-    room_mps2 = config.limits.accel_mps2 - shape.reserve_mps2 - falling_mps2
+    weak_ratio = shape.weak_ratio if gain_ratio is None else gain_ratio
+    most_mps2 = config.limits.accel_mps2 * (1.0 + min(0.0, weak_ratio))
+    room_mps2 = most_mps2 - shape.reserve_mps2 - falling_mps2
     return max(LEAST_DECEL_MPS2, min(shape.decel_mps2, room_mps2))
 
 

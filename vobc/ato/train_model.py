@@ -118,6 +118,11 @@ class TrainModel:
         return motion.gain_ratio + share_ratio * motion.friction_ratio
 
     @property
+    def least_gain_ratio(self) -> float:
+        """The brake is at least as strong, in all likelihood."""
+        return self._motion.least_gain_ratio
+
+    @property
     def friction_may_be_late(self) -> bool:
         """At the next handover from the motors, or in the present one."""
         return self._handover.may_be_late
@@ -145,7 +150,12 @@ class TrainModel:
     def meet(self, speed_mps: float) -> None:
         """Take the speed as it is, on taking over a train that moves."""
         self._motion.start(speed_mps)
-        self._start_hypotheses()
+        if self._active and self._active_s > DECIDED_S:
+            # How late this application is stays known, whoever braked meanwhile.
+            self._handover.end()
+            self._bank.begin(self._motion)
+        else:
+            self._start_hypotheses()
 
     def step(self, speed_mps: float, gravity_mps2: float, cycles: int) -> None:
         """Advance to now under the demand issued before, then lean towards the measured speed.

@@ -27,6 +27,9 @@ LEAST_TIME_TO_GO_S: Final = 0.8
 LEAST_SHARE: Final = 0.2
 MOST_SHARE: Final = 2.5
 """Bounds on the corrected deceleration, as shares of the curve's."""
+STEADY_FROM_MPS: Final = 0.1
+LEAST_LEFT_M: Final = 0.02
+"""What is corrected in the last moments, or so close to the mark, would only be felt."""
 REJOIN_M: Final = 1.0
 """With more than this to spare, a train too slow to reach the mark is accelerated again."""
 CHANGE_OVER_S: Final = 0.3
@@ -180,8 +183,13 @@ class Predictive:
         config, line = manner.config, self._line
         self._planned_for = key
         if target.at_station:
-            late = self._model.friction_may_be_late
-            self._curve = profile.curve_to_stop(config, line, target.at_m, late_friction=late)
+            self._curve = profile.curve_to_stop(
+                config,
+                line,
+                target.at_m,
+                gain_ratio=self._model.least_gain_ratio,
+                late_friction=self._model.friction_may_be_late,
+            )
         else:
             self._curve = profile.curve_to_authority(config, line, target.at_m)
         # A tag close to an end of authority gives some metres back; they are crept through.
@@ -261,12 +269,18 @@ class Predictive:
         curve's deceleration falls at a known rate, so the lag of the brake is led by just that.
         """
         point = curve.at_speed(ahead.speed_mps)
-        spare_m = end_m - ahead.front_m - self._gap_m(curve, ahead) - point.distance_m
+        left_m = end_m - ahead.front_m - self._gap_m(curve, ahead)
+        spare_m = left_m - point.distance_m
         room_m = max(LEAST_SPEED_MPS, ahead.speed_mps) * max(LEAST_TIME_TO_GO_S, point.time_to_go_s)
         share_ratio = 1.0 - self._config.braking.correction_ratio * spare_m / room_m
         share_ratio = min(MOST_SHARE, max(LEAST_SHARE, share_ratio))
         led_mps2 = point.decel_mps2 - self._model.build_up_s(ahead.speed_mps) * point.ease_mps3
-        return max(0.0, led_mps2) * share_ratio
+        decel_mps2 = max(0.0, led_mps2) * share_ratio
+        if curve.end_mps == 0.0 and ahead.speed_mps > STEADY_FROM_MPS:
+            # Far over the curve only a steady braking from now on still ends at the mark.
+            steady_mps2 = ahead.speed_mps**2 / (2.0 * max(LEAST_LEFT_M, left_m))
+            decel_mps2 = max(decel_mps2, steady_mps2)
+        return decel_mps2
 
     def _gap_m(self, curve: profile.BrakingCurve, ahead: Ahead) -> float:
         """Way without brake to reckon with before the end of a curve that ends in a standstill."""
