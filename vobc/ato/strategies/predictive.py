@@ -174,24 +174,28 @@ class Predictive:
 
     # Planning.
 
+    def curve_to(self, target: Target) -> profile.BrakingCurve:
+        """How a train like this one, on a rail like this one, would be braked to a target now."""
+        config, line = self._manner.config, self._line
+        if not target.at_station:
+            return profile.curve_to_authority(config, line, target.at_m)
+        return profile.curve_to_stop(
+            config,
+            line,
+            target.at_m,
+            gain_ratio=self._model.least_gain_ratio,
+            late_friction=self._model.friction_may_be_late,
+        )
+
     def _plan(self, front_m: float, target: Target, limit_mps: float) -> None:
         """The curve to a target and the peak speed before it, whenever target or limit are new."""
         manner = self._manner
         key = (target, limit_mps, self._rail.slippery)
         if key == self._planned_for:
             return
-        config, line = manner.config, self._line
+        config = manner.config
         self._planned_for = key
-        if target.at_station:
-            self._curve = profile.curve_to_stop(
-                config,
-                line,
-                target.at_m,
-                gain_ratio=self._model.least_gain_ratio,
-                late_friction=self._model.friction_may_be_late,
-            )
-        else:
-            self._curve = profile.curve_to_authority(config, line, target.at_m)
+        self._curve = self.curve_to(target)
         # A tag close to an end of authority gives some metres back; they are crept through.
         self._rejoin_m = REJOIN_M if target.at_station else config.station.least_run_m
         self._peak_mps = profile.peak_speed_mps(

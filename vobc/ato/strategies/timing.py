@@ -164,8 +164,7 @@ class TimedRun:
         self._target = target
         self._look_again_ns = 0
         self._time_mps = math.inf
-        curve_to = profile.curve_to_stop if target.at_station else profile.curve_to_authority
-        curve = curve_to(self._config, self._line, target.at_m)
+        curve = self._drives.curve_to(target)
         self._running = RunningTime(self._config, self._line, seen.front_m, target.at_m, curve)
 
     def _timing_mps(self, seen: AtoInput, target: Target) -> float:
