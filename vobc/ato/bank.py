@@ -35,9 +35,14 @@ class Bank:
             each.copy(motion)
 
     def costs(self, most: float) -> list[float]:
-        """By how much each hypothesis is worse than the best, up to a bound."""
-        least = min(self._cost)
-        return [min(most, cost - least) for cost in self._cost]
+        """By how much each hypothesis is worse than the best, up to a bound; one that was given up,
+        by that much.
+        """
+        least = min([self._cost[index] for index in self.alive])
+        worse = [most] * len(self._cost)
+        for index in self.alive:
+            worse[index] = min(most, self._cost[index] - least)
+        return worse
 
     def step(
         self,

@@ -29,6 +29,8 @@ BLIND_MPS: Final = 0.08
 held says nothing of its brake."""
 GAIN_MAX_RATIO: Final = 0.3
 DISTURBANCE_MAX_MPS2: Final = 0.5
+GAIN_REFUSED_RATIO: Final = 0.25
+"""A brake that is off by so much is faulty: what was learnt of it goes with the application."""
 GAIN_RENEWED_RATIO: Final = 0.02
 """Least spread at the start of an application: the train may have been loaded since."""
 
@@ -91,10 +93,13 @@ class MotionFilter:
         self._gg, self._gh, self._hh = other._gg, other._gh, other._hh
 
     def renew_gain(self) -> None:
-        """A new application begins. Gains at the end of their range were a fault's: they go."""
-        if max(abs(self.gain_ratio), abs(self.friction_ratio)) >= GAIN_MAX_RATIO:
-            self.gain_ratio = self.friction_ratio = 0.0
+        """A new application begins; what was learnt of a faulty brake goes."""
+        if abs(self.gain_ratio) >= GAIN_REFUSED_RATIO:
+            self.gain_ratio = 0.0
             self._gg = GAIN_SIGMA_RATIO**2
+        if abs(self.friction_ratio) >= GAIN_REFUSED_RATIO:
+            self.friction_ratio = 0.0
+        self._vh = self._dh = self._gh = 0.0
         self._gg = max(self._gg, GAIN_RENEWED_RATIO**2)
         self._hh = FRICTION_SIGMA_RATIO**2
         # While traction worked its errors were in the disturbance, too.
