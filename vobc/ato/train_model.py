@@ -42,6 +42,7 @@ class TrainModel:
         "_lags_s",
         "_motion",
         "_no_costs",
+        "_ours",
         "_output",
         "_quiet_cycles",
         "_settle_cycles",
@@ -83,6 +84,7 @@ class TrainModel:
         """Driven without dead time: the output when all that is under way has arrived."""
         self._active = False
         self._active_s = 0.0
+        self._ours = True
         self._quiet_cycles = 0
         self.brake_mps2 = 0.0
         """Deceleration that was asked for and has arrived, as believed; the gain is apart."""
@@ -157,15 +159,21 @@ class TrainModel:
         else:
             self._start_hypotheses()
 
-    def step(self, speed_mps: float, gravity_mps2: float, cycles: int) -> None:
+    def step(
+        self, speed_mps: float, gravity_mps2: float, cycles: int, *, ours: bool = True
+    ) -> None:
         """Advance to now under the demand issued before, then lean towards the measured speed.
 
         Args:
             gravity_mps2: deceleration by gradient and running resistance.
             cycles: since the step before; more than one after an overrun.
+            ours: it is our demands that move the train. Else nothing is learnt.
         """
+        self._ours = ours
         for _ in range(cycles):
             self._advance(speed_mps, gravity_mps2)
+        if not ours:
+            self.meet(speed_mps)
 
     def _advance(self, speed_mps: float, gravity_mps2: float) -> None:
         demand_mps2 = self._demand_mps2
@@ -185,10 +193,11 @@ class TrainModel:
             self._advance_banks(speed_mps, push_mps2, blur_m2_per_s2)
         else:
             self._handover.note(0.0)
-            motion.step(
-                speed_mps, push_mps2=push_mps2, braked_mps2=0.0, blur_m2_per_s2=blur_m2_per_s2
-            )
-        if abs(speed_mps - motion.speed_mps) > SURPRISE_MPS:
+            if self._ours:
+                motion.step(
+                    speed_mps, push_mps2=push_mps2, braked_mps2=0.0, blur_m2_per_s2=blur_m2_per_s2
+                )
+        if self._ours and abs(speed_mps - motion.speed_mps) > SURPRISE_MPS:
             motion.forget(speed_mps)
             self._start_hypotheses()
 
@@ -197,7 +206,7 @@ class TrainModel:
         handover, motion, bank = self._handover, self._motion, self._bank
         asked_mps2 = max(0.0, -self._demand_mps2)
         outputs, arrived, mean = self._output, self._arrived, self._brake.mean
-        learns = not handover.under_way
+        learns = self._ours and not handover.under_way
         unit_mps2 = 0.0
         for index in bank.alive:
             keep_ratio = self._keep_ratios[index]
@@ -225,7 +234,7 @@ class TrainModel:
             bank.agree(motion)
             if for_friction_mps2 > 0.0 and self._active_s > DECIDED_S:
                 handover.begin(motion)
-        else:
+        elif self._ours:
             handover.step(
                 motion,
                 speed_mps,

@@ -101,12 +101,11 @@ class Predictive:
     def observe(self, seen: vocabulary.AtoInput, cycles: int) -> None:
         self._gravity_mps2 = gradient.decel_on_mps2(self._config, seen.gradient_permille)
         self._gravity_mps2 += gradient.resistance_mps2(self._config, self._model.speed_mps)
-        self._model.step(seen.speed_mps, self._gravity_mps2, cycles)
         slips = self._rail.observe(seen.now_ns, seen.speed_mps, slips=seen.slips)
-        if not seen.enabled or seen.protection_brakes or slips:
-            # Others brake now, or the rail does not bear what is asked: what the speed does says
-            # nothing about our demands.
-            self._model.meet(seen.speed_mps)
+        # Where others brake, or the rail does not bear what is asked, what the speed does says
+        # nothing of our demands.
+        ours = seen.enabled and not seen.protection_brakes and not slips
+        self._model.step(seen.speed_mps, self._gravity_mps2, cycles, ours=ours)
         self.speed_mps = self._model.speed_mps
         dt_s = self._dt_s * cycles
         self._front.step(

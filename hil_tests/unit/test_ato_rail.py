@@ -1,0 +1,100 @@
+"""What the predictive law makes of slips, of others who brake and of brakes it does not know."""
+
+import dataclasses
+import importlib.util
+import sys
+from pathlib import Path
+
+import pytest
+
+from firmware_py.trackdb import load_line
+from vobc.ato import Ato, AtoConfig
+from vobc.ato.config import BrakeBelief, SlipperyRail
+from vobc.ato.rail import Rail
+
+_SPEC = importlib.util.spec_from_file_location("ato_rig", Path(__file__).with_name("ato_rig.py"))
+assert _SPEC is not None
+assert _SPEC.loader is not None
+ato_rig = sys.modules.setdefault("ato_rig", importlib.util.module_from_spec(_SPEC))
+if not hasattr(ato_rig, "Rig"):
+    _SPEC.loader.exec_module(ato_rig)
+
+LINE = load_line("florence")
+S = 1_000_000_000
+
+
+def rig_to_iii(config: AtoConfig | None = None, **settings: object):
+    stop = dataclasses.replace(LINE.station("III"), dwell_s=1.0)
+    ato = Ato(config or AtoConfig(), LINE, 3000.0, [stop, LINE.station("IV")])
+    return ato_rig.Rig(ato, LINE, ato_rig.RigSettings(start_scale_known=True, **settings), 3000.0)
+
+
+def hardest_mps2(rig: object) -> float:
+    return -min(demand.accel_mps2 for demand in rig.trace.demands)
+
+
+def test_a_rail_is_slippery_for_as_long_as_is_remembered_and_no_longer() -> None:
+    rail = Rail(AtoConfig(slippery=SlipperyRail(memory_s=100.0)), LINE)
+    assert not rail.slippery
+
+    assert rail.observe(10 * S, 12.0, slips=True)
+    assert rail.slippery
+    assert rail.manner.config.braking.decel_mps2 == SlipperyRail().decel_mps2
+    rail.observe(109 * S, 12.0, slips=False)
+    assert rail.slippery
+    rail.observe(110 * S, 12.0, slips=False)
+    assert not rail.slippery
+    assert rail.manner.config.braking.decel_mps2 == AtoConfig().braking.decel_mps2
+
+
+def test_a_jerk_while_setting_off_is_no_slip() -> None:
+    rail = Rail(AtoConfig(), LINE)
+
+    assert not rail.observe(10 * S, 1.5, slips=True)
+    assert not rail.slippery
+
+
+def test_on_a_rail_that_is_known_to_be_slippery_no_more_is_asked_than_it_bears() -> None:
+    rig = rig_to_iii(AtoConfig(slippery=SlipperyRail(from_start=True)), seed=3)
+    rig.run(ato_rig.served(1))
+
+    driving = [d.accel_mps2 for d in rig.trace.demands if d.target_mps > 0.0]
+    assert max(driving) <= SlipperyRail().accel_mps2 + 1e-9
+    assert -min(driving) <= 0.54
+    assert abs(rig.stops[0].error_m) <= 0.10
+
+
+def test_a_weak_brake_is_made_up_for_within_the_limit_of_the_demand() -> None:
+    """Of 0.8 m/s² a brake that gives 0.85 of it leaves 0.68."""
+    rig = rig_to_iii(brake_gain=0.85, seed=5)
+    rig.run(ato_rig.served(1))
+
+    assert hardest_mps2(rig) <= 0.8 + 1e-9
+    assert abs(rig.stops[0].error_m) <= 0.10
+
+
+def test_what_others_brake_is_not_learnt() -> None:
+    """Protection brakes twice as hard as was asked for two seconds: the gain stays."""
+    rig = rig_to_iii(seed=4, brake_gain=1.0)
+    rig.run(lambda rig: rig.front_m > 3330.0)
+    before = rig.ato.strategy._model.gain_ratio
+    rig.orders["protection_brakes"] = True
+    for _ in range(40):
+        rig.speed_mps -= 0.5 * rig.cycle_s
+        rig.step()
+    after = rig.ato.strategy._model.gain_ratio
+
+    assert after == pytest.approx(before, abs=1e-9)
+
+
+@pytest.mark.parametrize("delay_s", [0.05, 0.2, 0.4, 1.0, 1.4])
+def test_every_delay_of_a_brake_is_found_and_reckoned_with(delay_s: float) -> None:
+    belief = BrakeBelief(air_delays_s=(0.0,))
+    rig = rig_to_iii(AtoConfig(brake=belief), seed=7, brake_delay_s=delay_s, brake_gain=1.0)
+    rig.run(lambda rig: rig.front_m > 3400.0)
+    # The link and the cycle come on top, and an unknown lag is found as dead time.
+    found_s = rig.ato.strategy.brake_dead_time_s
+    rig.run(ato_rig.served(1))
+
+    assert found_s == pytest.approx(delay_s + 0.03, abs=0.2)
+    assert abs(rig.stops[0].error_m) <= 0.08
