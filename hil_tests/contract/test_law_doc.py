@@ -5,7 +5,7 @@ import re
 import shutil
 import tomllib
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import pytest
 
