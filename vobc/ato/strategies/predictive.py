@@ -30,6 +30,8 @@ MOST_SHARE: Final = 2.5
 STEADY_FROM_MPS: Final = 0.1
 LEAST_LEFT_M: Final = 0.02
 """What is corrected in the last moments, or so close to the mark, would only be felt."""
+SLOW_MPS: Final = 1.0
+"""About where motors hand over to friction."""
 REJOIN_M: Final = 1.0
 """With more than this to spare, a train too slow to reach the mark is accelerated again."""
 CHANGE_OVER_S: Final = 0.3
@@ -210,7 +212,7 @@ class Predictive:
     # Braking.
 
     def _note_stop_braking(self, ahead: Ahead, target_m: float) -> None:
-        distance_m = target_m - ahead.front_m - self._gap_m(self._curve, ahead)
+        distance_m = target_m - ahead.front_m - self._gap_m(self._curve, ahead, target_m)
         if not self._braking:
             self._braking = self._must_begin(self._curve, ahead, distance_m)
             return
@@ -272,7 +274,7 @@ class Predictive:
         curve's deceleration falls at a known rate, so the lag of the brake is led by just that.
         """
         point = curve.at_speed(ahead.speed_mps)
-        left_m = end_m - ahead.front_m - self._gap_m(curve, ahead)
+        left_m = end_m - ahead.front_m - self._gap_m(curve, ahead, end_m)
         spare_m = left_m - point.distance_m
         room_m = max(LEAST_SPEED_MPS, ahead.speed_mps) * max(LEAST_TIME_TO_GO_S, point.time_to_go_s)
         share_ratio = 1.0 - self._config.braking.correction_ratio * spare_m / room_m
@@ -285,11 +287,18 @@ class Predictive:
             decel_mps2 = max(decel_mps2, steady_mps2)
         return decel_mps2
 
-    def _gap_m(self, curve: profile.BrakingCurve, ahead: Ahead) -> float:
-        """Way without brake to reckon with before the end of a curve that ends in a standstill."""
+    def _gap_m(self, curve: profile.BrakingCurve, ahead: Ahead, end_m: float) -> float:
+        """Way without brake to reckon with before the end of a curve that ends in a standstill.
+
+        Uphill the brake does only a part of the braking, and only that part is missing.
+        """
         if curve.end_mps > 0.0:
             return 0.0
-        return self._model.gap_m(ahead.speed_mps, curve.at_speed(1.0).decel_mps2)
+        decel_mps2 = curve.at_speed(SLOW_MPS).decel_mps2
+        brake_mps2 = decel_mps2 - gradient.decel_at_mps2(self._config, self._line, end_m)
+        if brake_mps2 <= 0.0:
+            return 0.0
+        return self._model.gap_m(ahead.speed_mps, brake_mps2) * brake_mps2 / decel_mps2
 
     def _brake_demand_mps2(self, decel_mps2: float, ahead: Ahead) -> float:
         """What to ask of the brake, after gradient and resistance; it is never released."""
