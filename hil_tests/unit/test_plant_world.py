@@ -21,6 +21,8 @@ from plant_emulator.train_config import PACKAGE, TrainConfig, load_train, with_o
 from plant_emulator.world import STEP_NS, STEP_S, World, plan_scenario
 
 FLORENCE = load_line("florence")
+START_M = 2050.0
+"""Level under the longest train that ships."""
 TRAIN = load_train("florence4")
 EASY = replace(TRAIN.resistance, error_ratio=replace(TRAIN.resistance.error_ratio, low=0, high=0))
 RELEASED = BrakeCommand(service_decel_mps2=0.0, emergency_released=True, holding_released=True)
@@ -63,7 +65,7 @@ def drive(
 
 def running(speed_mps: float, train: TrainConfig = TRAIN, seed: int = 1) -> World:
     """A released train that has been let go at a speed, on the level."""
-    world = world_of(train, seed=seed, front_m=2000.0)
+    world = world_of(train, seed=seed, front_m=START_M)
     drive(world, 8.0)
     assert world.speed_mps == 0.0
     world.consist.car_speeds_mps[:] = [speed_mps] * len(world.consist.cars)
@@ -107,7 +109,7 @@ def test_losing_its_commands_a_running_train_stops_by_itself() -> None:
     drive(world, 20.0, brake=None, traction=None)
     assert world.speed_mps == 0.0
     # Silence of 0.15 s, dead time 0.3 s, build-up 0.4 s, then 1.2 m/s^2.
-    assert world.front_m - 2000.0 <= 15.0 * (0.15 + 0.3 + 0.4) + 15.0**2 / 2.4
+    assert world.front_m - START_M <= 15.0 * (0.15 + 0.3 + 0.4) + 15.0**2 / 2.4
     assert world.brake.losses == 1
     assert world.traction.losses == 1
 
@@ -137,7 +139,7 @@ def test_the_emergency_brake_keeps_what_protection_counts_on(name: str, load_rat
     world = running(22.0, train)
     drive(world, 30.0, EMERGENCY, driving(200_000.0))
     assert world.speed_mps == 0.0
-    assert world.front_m - 2000.0 <= 22.0 * 1.05 + 22.0**2 / 2.0
+    assert world.front_m - START_M <= 22.0 * 1.05 + 22.0**2 / 2.0
 
 
 @settings(max_examples=20)
@@ -181,7 +183,7 @@ def test_wheels_that_slide_count_less_than_the_way() -> None:
 
     decel_mps2 = 0.04 * 9.81 / 1.08
     assert world.speed_mps == pytest.approx(15.0 - decel_mps2 * 3.65, abs=0.4)
-    assert rolled_m < world.front_m - 2000.0 - 2.0
+    assert rolled_m < world.front_m - START_M - 2.0
 
 
 def test_adhesion_limits_the_brake_of_a_train_that_pulls_against_it() -> None:
@@ -196,7 +198,7 @@ def test_the_effort_at_the_rail_is_the_energy_of_the_train() -> None:
     """Level, no resistance: electrical energy times efficiency is kinetic and coupler energy."""
     free = replace(EASY, a_n_per_kn=0.0, b_n_per_kn_per_mps=0.0, c_n_per_kn_per_mps2=0.0)
     train = replace(TRAIN, resistance=free)
-    world = drive(world_of(train, front_m=2000.0), 8.0)
+    world = drive(world_of(train, front_m=START_M), 8.0)
     drive(world, 30.0, RELEASED, driving(80_000.0))
 
     mechanical_j = world.power.traction_j * train.traction.efficiency_ratio

@@ -74,7 +74,7 @@ PARAMETERS: Final[Mapping[str, tuple[Parameter, ...]]] = {
         Parameter("ato.braking.final_decel_mps2", 0.04, 0.15),
         Parameter("ato.braking.correction_ratio", 2.0, 4.0),
         Parameter("ato.braking.least_decel_mps2", 0.02, 0.06),
-        Parameter("ato.braking.decel_mps2", 0.5, 0.72),
+        Parameter("ato.braking.decel_mps2", 0.5, 0.78),
     ),
 }
 """By law; a new law adds its line."""

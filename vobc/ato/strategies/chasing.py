@@ -5,13 +5,14 @@ and the gradient; the time in which it closes the gap to the curve decides which
 additions of the paper can be switched off: to brake early, and a small brake through blending.
 """
 
-from typing import Final, NamedTuple
+from typing import Final
 
 from firmware_py.trackdb import LineMap
 from vobc import vocabulary
-from vobc.ato import catch_time, gradient, profile, trapezoid
+from vobc.ato import catch_time, gradient, notch_choice, profile, trapezoid
 from vobc.ato.chasing_states import Chase, State, next_state
 from vobc.ato.config import AtoConfig
+from vobc.ato.notch_choice import Aim
 from vobc.ato.outlook import CeilingOutlook, SmoothFront
 from vobc.ato.predictor import Ahead, Lag, Pipeline
 from vobc.ato.step_curve import StepCurve
@@ -34,19 +35,6 @@ SPEED_JUMP_MPS: Final = 0.3
 """Off by so much the measured speed is believed at once: somebody else brakes."""
 
 Curve = profile.BrakingCurve | StepCurve
-
-
-class Aim(NamedTuple):
-    """One reference as the predicted train sees it."""
-
-    error_mps: float
-    """Its speed less the reference's."""
-    decel_mps2: float
-    """Of the reference."""
-    run_s: float
-    """Time within which the reference is to be caught."""
-    spare_m: float
-    to_stop: bool = False
 
 
 class Chasing:
@@ -369,35 +357,8 @@ class Chasing:
         return self._pick(aim, levels_mps2, resistance_mps2)
 
     def _pick(self, aim: Aim, levels_mps2: list[float], resistance_mps2: float) -> float:
-        """Args:
-        levels_mps2: demands to choose from, from the strongest pull to the strongest brake.
-        """
-        if self._keeps(aim, levels_mps2, resistance_mps2):
-            return self.notch_mps2
-        index = catch_time.gentlest(
-            aim.error_mps,
-            [resistance_mps2 - level_mps2 for level_mps2 in levels_mps2],
-            reference_mps2=aim.decel_mps2,
-            within_s=aim.run_s,
-            guard_mps2=self._config.chasing.guard_mps2,
-        )
-        if index is not None:
-            return levels_mps2[index]
-        return levels_mps2[-1] if aim.error_mps > 0.0 else levels_mps2[0]
-
-    def _keeps(self, aim: Aim, levels_mps2: list[float], resistance_mps2: float) -> bool:
-        scheme = self._config.chasing
-        if self.notch_mps2 not in levels_mps2 or abs(aim.error_mps) >= scheme.keep_band_mps:
-            return False
-        if abs(aim.error_mps) < scheme.quiet_band_mps:
-            return True
-        time_s = catch_time.catch_s(
-            aim.error_mps,
-            resistance_mps2 - self.notch_mps2,
-            reference_mps2=aim.decel_mps2,
-            guard_mps2=scheme.guard_mps2,
-        )
-        return time_s <= aim.run_s
+        scheme, now_mps2 = self._config.chasing, self.notch_mps2
+        return notch_choice.picked(scheme, aim, now_mps2, levels_mps2, resistance_mps2)
 
     def _pull(self, seen: vocabulary.AtoInput, free: Aim) -> None:
         """Traction and cruising: the same rule towards a constant speed, without the brake."""

@@ -6,8 +6,9 @@ from firmware_py.trackdb import LineMap
 from vobc import vocabulary
 from vobc.ato import catch_time
 from vobc.ato.config import AtoConfig
+from vobc.ato.notch_choice import Aim
 from vobc.ato.predictor import Ahead
-from vobc.ato.strategies.chasing import Aim, Chasing
+from vobc.ato.strategies.chasing import Chasing
 from vobc.ato.strategies.strategy import Target
 
 
