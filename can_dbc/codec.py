@@ -232,7 +232,7 @@ def _safe_receiver(bound: Binding, alive: AliveCounter, reject: Reject) -> Hear:
         if crc_hqx(data[:crc_at], start) != word >> crc_shift:
             return reject(data, *damage(message, data))
         counter = data[counter_at]
-        if counter - alive.value & 0xFF != 1 or alive.doubtful:
+        if counter - alive.value & 0xFF != 1:
             fault = alive.fault(counter, heard_ns)
             if fault is not None:
                 return reject(data, *fault)

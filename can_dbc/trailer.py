@@ -54,34 +54,52 @@ class AliveCounter:
     """Follows the alive counter of one message.
 
     The first value after start, or after a silence longer than the timeout, is taken as it is. A
-    jump is believed only when the frame after it counts on from there.
+    stream of frames that is believed goes on being believed, whatever is heard between its frames:
+    another one takes its place only once it is silent for longer than the timeout, and by counting
+    on. So frames that somebody repeats do not get through beside a sender that still sends.
     """
 
-    __slots__ = ("_can_id", "_lost", "_silence_ns", "doubtful", "heard_ns", "value")
+    __slots__ = (
+        "_can_id",
+        "_candidate",
+        "_lost",
+        "_refused_ns",
+        "_silence_ns",
+        "heard_ns",
+        "value",
+    )
 
     def __init__(self, can_id: int, lost: Counter[int], silence_ns: int) -> None:
         self._can_id = can_id
         self._lost = lost
         self._silence_ns = silence_ns
         self.heard_ns = NEVER_NS
+        """When the believed stream was heard, counting on or stuck."""
         self.value = 0
-        self.doubtful = False
+        """Its last value."""
+        self._refused_ns = NEVER_NS
+        self._candidate = 0
+        """The last value that jumped, and when."""
 
     def fault(self, value: int, heard_ns: int) -> tuple[Reason, str] | None:
         """What is wrong with the counter of an intact frame; None when it may be believed."""
         step = value - self.value & 0xFF
         silent = heard_ns - self.heard_ns > self._silence_ns
-        # A refused frame breaks the silence too: a sender that is stuck never becomes new.
-        self.heard_ns = heard_ns
-        if step != 1 and not silent:
+        if not (silent and self._may_begin(value, heard_ns)):
             if step == 0:
+                # It breaks the silence: a sender that is stuck never becomes new.
+                self.heard_ns = heard_ns
                 return Reason.STUCK_COUNTER, f"counter is {value} again"
-            if self.doubtful or step > MAX_STEP:
-                detail = f"counter is {value} after {self.value}"
-                self.doubtful = True
-                self.value = value
-                return Reason.JUMPED_COUNTER, detail
+            if step > MAX_STEP:
+                self._candidate = value
+                self._refused_ns = heard_ns
+                return Reason.JUMPED_COUNTER, f"counter is {value} after {self.value}"
             self._lost[self._can_id] += step - 1
         self.value = value
-        self.doubtful = False
+        self.heard_ns = heard_ns
         return None
+
+    def _may_begin(self, value: int, heard_ns: int) -> bool:
+        """Nothing else was heard either, or the value counts on from the one that jumped."""
+        alone = heard_ns - self._refused_ns > self._silence_ns
+        return alone or value - self._candidate & 0xFF == 1

@@ -79,19 +79,28 @@ def test_the_first_counter_is_taken_as_it_is(first: int) -> None:
         ((5, 5), [None, STUCK], 0),
         ((5, 5, 5, 6, 7), [None, STUCK, STUCK, None, None], 0),
         ((5, 5, 7), [None, STUCK, None], 1),
-        ((5, 9, 10, 11), [None, JUMPED, None, None], 0),
-        ((5, 9, 11, 12), [None, JUMPED, JUMPED, None], 0),
-        ((5, 9, 9, 10), [None, JUMPED, STUCK, None], 0),
-        ((5, 9, 12, 15, 16), [None, JUMPED, JUMPED, JUMPED, None], 0),
-        ((5, 9, 20, 31, 42), [None, JUMPED, JUMPED, JUMPED, JUMPED], 0),
-        ((5, 9, 6, 7), [None, JUMPED, JUMPED, None], 0),
-        ((5, 9, 10, 12), [None, JUMPED, None, None], 1),
+        # 20 ms apart, with a timeout of 60 ms: the fourth frame after the believed one is too late.
+        ((5, 9, 10, 11, 12, 13), [None, JUMPED, JUMPED, JUMPED, None, None], 0),
+        ((5, 9, 10, 11, 13, 14), [None, JUMPED, JUMPED, JUMPED, JUMPED, None], 0),
+        ((5, 9, 9, 9, 9, 9, 10), [None, *[JUMPED] * 5, None], 0),
+        ((5, 9, 12, 15, 18, 21), [None] + [JUMPED] * 5, 0),
+        ((5, 9, 20, 31, 42), [None] + [JUMPED] * 4, 0),
+        ((5, 9, 6, 10, 7, 11, 8, 12), [None, JUMPED] * 4, 0),
+        ((5, 9, 10, 7, 11), [None, JUMPED, JUMPED, None, JUMPED], 1),
+        ((5, 9, 10, 11, 12, 15), [None, JUMPED, JUMPED, JUMPED, None, None], 2),
+        ((5, 9, 10, 11, 7, 12), [None, JUMPED, JUMPED, JUMPED, None, JUMPED], 1),
+        ((5, 9, 5, 5, 5, 10, 11, 12, 13), [None, JUMPED, *[STUCK] * 3, *[JUMPED] * 3, None], 0),
+        ((5, 5, 9, 10, 11, 12), [None, STUCK, JUMPED, JUMPED, JUMPED, None], 0),
+        ((5, 200, 201, 202, 203, 204), [None, JUMPED, JUMPED, JUMPED, None, None], 0),
+        ((9, 253, 254, 255, 0, 1), [None, JUMPED, JUMPED, JUMPED, None, None], 0),
     ],
 )
 def test_the_counter_decides_what_is_believed(
     counters: tuple[int, ...], expected: list[Reason | None], lost: int
 ) -> None:
-    """Up to two frames may be missing; a jump needs two frames in a row before it is believed."""
+    """Up to two frames may be missing. A stream that jumped is believed once the one that was
+    believed is silent for longer than the timeout, and then by counting on.
+    """
     decoder = Decoder([Tacho])
 
     assert outcomes(decoder, picked(*counters)) == expected
@@ -148,6 +157,60 @@ def test_a_sender_that_jumps_all_the_time_is_never_believed_again() -> None:
     found = outcomes(decoder, picked(*[number * 20 % 256 for number in range(50)]))
 
     assert found == [None] + [JUMPED] * 49
+
+
+def test_frames_repeated_beside_a_sender_that_still_sends_are_all_refused() -> None:
+    """Two or three of them in a row count on between two of the sender's, and are refused."""
+    payloads = tacho_payloads(256)
+    for behind in range(20, 250):
+        times = [(number * 45, "sender") for number in range(12)]
+        times += [(7 + number * 20, "repeated") for number in range(26)]
+        counters = {"sender": 100, "repeated": 100 - behind}
+        decoder = Decoder([Tacho])
+        for now_ms, source in sorted(times):
+            payload = payloads[counters[source] % 256]
+            counters[source] += 1
+
+            heard = decoder.decode(TACHO_ID, payload, now_ms * MS)
+
+            assert isinstance(heard, Tacho) == (source == "sender"), (behind, now_ms)
+
+
+@pytest.mark.parametrize(("late_ns", "expected"), [(0, Rejected), (1, Tacho)])
+def test_a_new_stream_is_believed_once_the_old_one_is_silent_for_too_long(
+    late_ns: int, expected: type
+) -> None:
+    """To the nanosecond: the refused frames before do not count as the old stream."""
+    timeout_ns = round(binding.timeout_s(Tacho) * 1e9)
+    decoder = Decoder([Tacho])
+    for counter, heard_ns in ((5, 0), (90, timeout_ns // 2)):
+        decoder.decode(TACHO_ID, picked(counter)[0], heard_ns)
+
+    heard = decoder.decode(TACHO_ID, picked(91)[0], timeout_ns + late_ns)
+
+    assert type(heard) is expected
+
+
+@pytest.mark.parametrize(("late_ns", "expected"), [(0, Rejected), (1, Tacho)])
+def test_any_counter_starts_anew_once_nothing_is_heard_not_even_what_is_refused(
+    late_ns: int, expected: type
+) -> None:
+    timeout_ns = round(binding.timeout_s(Tacho) * 1e9)
+    decoder = Decoder([Tacho])
+    for counter, heard_ns in ((5, 0), (90, timeout_ns // 2)):
+        decoder.decode(TACHO_ID, picked(counter)[0], heard_ns)
+
+    heard = decoder.decode(TACHO_ID, picked(150)[0], timeout_ns // 2 + timeout_ns + late_ns)
+
+    assert type(heard) is expected
+
+
+def test_the_stream_that_took_over_is_the_believed_one_from_then_on() -> None:
+    decoder = Decoder([Tacho])
+
+    found = outcomes(decoder, picked(5, 90, 91, 92, 93, 6, 94, 7, 95))
+
+    assert found == [None, JUMPED, JUMPED, JUMPED, None, JUMPED, None, JUMPED, None]
 
 
 def test_a_broken_frame_is_neither_heard_nor_counted() -> None:
@@ -334,7 +397,7 @@ def test_a_pair_counts_once() -> None:
 def test_a_pair_obeys_the_counter_like_any_frame() -> None:
     decoder = Decoder([BrakeCommand])
     found: list[Any] = []
-    for number in (0, 1, 9, 10, 11):
+    for number in (0, 1, 9, 10, 2):
         first, second = pair(RELEASED, number)
         found.append(decoder.decode(BRAKE_ID, first, 0))
         found.append(decoder.decode(BRAKE_TWIN_ID, second, 0))
@@ -342,8 +405,8 @@ def test_a_pair_obeys_the_counter_like_any_frame() -> None:
     kinds = [each.reason if isinstance(each, Rejected) else each for each in found]
     assert kinds == [
         *(None, RELEASED, None, RELEASED),
-        *(Reason.JUMPED_COUNTER, Reason.TWIN_MISMATCH),
-        *(None, RELEASED, None, RELEASED),
+        *(Reason.JUMPED_COUNTER, Reason.TWIN_MISMATCH) * 2,
+        *(None, RELEASED),
     ]
 
 

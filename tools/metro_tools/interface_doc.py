@@ -50,16 +50,19 @@ alive counter. The data id is not sent: a frame under a wrong identifier fails i
 combination of up to three wrong bits is found.
 
 A receiver judges the alive counter of a frame whose CRC is right by its step from the last such
-frame:
+frame that it believed:
 
 | step | verdict |
 |---|---|
-| first frame, or the last one is older than the timeout | believed, whatever the counter |
+| first frame, or all was silent for longer than the timeout | believed, whatever the counter |
 | 1 | believed |
 | 2 to {max_step} | believed; the frames between are counted as lost |
 | 0 | refused as stuck; since frames keep coming, the timeout never makes it believed |
-| anything else | refused as jumped, until a frame has step 1 from the one before it |
+| anything else | refused as jumped |
 
+A stream of frames that jumped is believed only once the frames that were believed, stuck ones
+among them, ceased for longer than the timeout, and only from a frame on that has step 1 from the
+refused one before it. So what somebody repeats is not believed beside a sender that still sends.
 Eight bits cannot tell a frame from one that is 256 transmissions older; the timeout has to.
 
 A protected boolean takes two bits: `10` is true, `01` is what a sender sends for false, and a
