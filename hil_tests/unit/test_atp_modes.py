@@ -70,6 +70,18 @@ def test_with_everything_there_a_standing_train_is_authorised() -> None:
     assert after(at_rest(STANDBY, latched=(Cause.BUTTON,))) is STANDBY
 
 
+@pytest.mark.parametrize(
+    ("age_s", "begins"),
+    [(0.0, True), (1.799, True), (1.8, False), (2.99, False), (math.nan, False)],
+)
+def test_nothing_begins_on_an_authority_that_asks_for_the_service_brake_already(
+    age_s: float, begins: bool
+) -> None:
+    """It lasts 3 s, and the service brake comes at 1.8 s; what is authorised stays so until 3 s."""
+    assert after(at_rest(STANDBY, authority_age_s=age_s)) is (AUTHORISED if begins else STANDBY)
+    assert after(at_rest(AUTHORISED, authority_age_s=age_s)) is AUTHORISED
+
+
 @pytest.mark.parametrize("flag", FLAGS)
 def test_whatever_is_missing_keeps_a_train_from_being_authorised(flag: Missing) -> None:
     assert after(at_rest(STANDBY, missing=int(flag))) is STANDBY

@@ -11,7 +11,7 @@ import pytest
 
 from can_dbc.alarms import TrainAlarms
 from can_dbc.tags import TagReaderHealth
-from can_dbc.vobc import Cause, Inhibit, OperatingMode, Supervision
+from can_dbc.vobc import Cause, Inhibit, Missing, OperatingMode, Supervision
 from vobc.atp import Verdict
 from vobc.atp.emergencies import in_cause_words
 from vobc.atp.energy_check import EnergyCheck, Replicas
@@ -165,10 +165,15 @@ def test_a_train_that_waits_says_for_what() -> None:
     train.change(doors_age_s=0.0, authority=rig.WELL.authority)
     train.stood_s = 0.6
     unproven = train.step()
+    train.change(authority_age_s=CONFIG.authority_age_max_s)
+    aged = train.step()
 
     assert lacks.cause == "waits for door unit, movement authority"
     assert unproven.supervision is Supervision.NO_AUTHORITY
     assert unproven.cause == "waits until standstill is proven"
+    assert aged.missing == Missing.NOTHING
+    assert aged.supervision is Supervision.NO_AUTHORITY
+    assert aged.cause == "waits for a fresh movement authority"
 
 
 def test_an_ageing_authority_brakes_and_says_so_and_a_new_one_frees() -> None:

@@ -35,7 +35,8 @@ MODES: Final = """\
 
 Which kind of movement is supervised (`vobc/atp/modes.py`). Modes change at rest, but for one way
 up: full supervision takes over from driving on sight once place and a fresh authority are there and
-the speed is well below what is then permitted.
+the speed is well below what is then permitted. No full supervision begins on an authority that is
+old enough to ask for the service brake.
 """
 
 NEEDED: Final = """\

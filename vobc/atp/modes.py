@@ -62,7 +62,8 @@ def emergency_at_rest(seen: Seen) -> bool:
 
 
 def ready_at_standstill(seen: Seen) -> bool:
-    return _may_begin(seen, OperatingMode.AUTHORISED)
+    """On an authority that the next moment makes too old nothing begins."""
+    return _may_begin(seen, OperatingMode.AUTHORISED) and authority_is_fresh(seen)
 
 
 def creep_ordered(seen: Seen) -> bool:
@@ -77,14 +78,20 @@ def _may_begin(seen: Seen, mode: OperatingMode) -> bool:
     return seen.at_rest and not seen.latched and not seen.missing & NEEDED[mode]
 
 
+def authority_is_fresh(seen: Seen) -> bool:
+    """Far from too old: it asks for no service brake yet."""
+    limits = seen.limits
+    return seen.authority_age_s < limits.authority_service_ratio * limits.authority_age_max_s
+
+
 def place_and_authority_found(seen: Seen) -> bool:
     """Full supervision takes over only from a train that is already well within it."""
-    limits = seen.limits
+    quick_mps = seen.speed_mps.high + seen.limits.takeover_margin_mps
     return (
         not seen.latched
         and not seen.missing & NEEDED[OperatingMode.AUTHORISED]
-        and seen.authority_age_s < limits.authority_service_ratio * limits.authority_age_max_s
-        and (seen.standing or seen.speed_mps.high + limits.takeover_margin_mps <= seen.full_mps)
+        and authority_is_fresh(seen)
+        and (seen.standing or quick_mps <= seen.full_mps)
     )
 
 

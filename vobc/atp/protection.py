@@ -26,7 +26,7 @@ from vobc.atp.inputs import (
     silent,
     unready,
 )
-from vobc.atp.modes import NEEDED, UNHEEDED, next_mode
+from vobc.atp.modes import NEEDED, UNHEEDED, authority_is_fresh, next_mode
 from vobc.atp.movement import Movement
 from vobc.atp.seen import NOWHERE, Seen
 from vobc.atp.station import StationGuard, StationVerdict
@@ -315,9 +315,11 @@ def _waiting(seen: Seen) -> str:
     if seen.mode is OperatingMode.ASLEEP:
         return "asleep"
     lacking = seen.missing & NEEDED[OperatingMode.AUTHORISED]
-    return (
-        f"waits for {in_words(FLAGS[lacking])}" if lacking else "waits until standstill is proven"
-    )
+    if lacking:
+        return f"waits for {in_words(FLAGS[lacking])}"
+    if not authority_is_fresh(seen):
+        return "waits for a fresh movement authority"
+    return "waits until standstill is proven"
 
 
 def _why_service(seen: Seen) -> str:

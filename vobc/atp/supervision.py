@@ -5,7 +5,7 @@ from typing import Final
 
 from can_dbc.vobc import OperatingMode, Supervision
 from vobc.atp.emergencies import surely_slower
-from vobc.atp.modes import NEEDED, SUPERVISED
+from vobc.atp.modes import NEEDED, SUPERVISED, authority_is_fresh
 from vobc.atp.seen import Seen
 
 Guard = Callable[[Seen], bool]
@@ -45,10 +45,7 @@ def over_service(seen: Seen) -> bool:
 
 
 def authority_ages(seen: Seen) -> bool:
-    limits = seen.limits
-    return seen.mode in SUPERVISED and not (
-        seen.authority_age_s < limits.authority_service_ratio * limits.authority_age_max_s
-    )
+    return seen.mode in SUPERVISED and not authority_is_fresh(seen)
 
 
 def permission_gone(seen: Seen) -> bool:
