@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from can_dbc.brake import BrakeStatus
 from can_dbc.nodes import Direction
 from can_dbc.odometer import ColdMovement, Doppler, Imu, Tacho
 from firmware_py.trackdb import GradientSection, LineMap, SpeedSection, Station, TagSite
@@ -121,6 +122,8 @@ class Desk:
         imu_healthy: bool = True,
         tags: tuple[TagReading, ...] = (),
         cold: ColdMovement | None = None,
+        brake: BrakeStatus | None = None,
+        brake_age_s: float = 0.0,
     ) -> Motion | None:
         """A cycle `dt_s` after the last one.
 
@@ -154,6 +157,8 @@ class Desk:
                 imu_age_s=imu_age_s,
                 tags=tags,
                 cold=cold,
+                brake=brake,
+                brake_age_s=NEVER_S if brake is None else brake_age_s,
                 cold_age_s=NEVER_S if cold is None else 0.0,
             )
         )

@@ -3,11 +3,13 @@
 import importlib.util
 import math
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from can_dbc.brake import BrakeStatus
 from can_dbc.nodes import Direction
 from firmware_py.trackdb import GradientSection
 
@@ -263,6 +265,99 @@ def test_a_train_that_stands_does_not_move_and_is_no_faster_than_two_centimetres
     made.over_ground(-0.01, 0.01)
     assert made.moved(tacho_age_s=0.151) == near(-0.04 * 0.04, 0.04 * 0.04)
     assert speeds(made) == near(-0.07, 0.07)
+
+
+# Wheels that stand while the train sets off.
+
+EASING = BrakeStatus(
+    applied_decel_mps2=0.6,
+    cylinder_pressure_kpa=150.0,
+    emergency_applied=True,
+    holding_applied=False,
+    released=False,
+    ready=True,
+)
+HOLDING = replace(EASING, holding_applied=True)
+PULLED = near(-0.02 + 0.75 * CYCLE_S, 0.02 + 1.25 * CYCLE_S)
+"""From rest, 2 cm/s either way, after a cycle of 1 ± 0.25 m/s²."""
+PULLED_M = near(CYCLE_S * (-0.02 + 0.375 * CYCLE_S), CYCLE_S * (0.02 + 0.625 * CYCLE_S))
+
+
+def stood(**changes: Any) -> Any:
+    """For 0.56 s, the last cycle with 1 m/s² felt already, so that it changes no more."""
+    made = Desk(**changes)
+    made.cycles(14, 0, 0)
+    made.cycle(0, 0, felt_mps2=1.0, brake=HOLDING)
+    assert speeds(made) == (-0.02, 0.02)
+    return made
+
+
+@pytest.mark.parametrize("brake", [None, EASING, replace(EASING, released=True)])
+def test_wheels_of_a_train_that_feels_as_if_it_went_do_not_tell_that_it_stands(brake: Any) -> None:
+    """Nobody holds it; a brake that eases proves nothing."""
+    made = stood()
+
+    assert made.moved(0, 0, felt_mps2=1.0, brake=brake) == PULLED_M
+    assert speeds(made) == PULLED
+
+
+def test_nor_do_they_narrow_what_is_known_too_badly() -> None:
+    made = stood()
+    made.over_ground(-0.4, 0.4)
+
+    assert made.moved(0, 0, felt_mps2=1.0, brake=EASING) == near(
+        CYCLE_S * (-0.4 + 0.375 * CYCLE_S), CYCLE_S * (0.4 + 0.625 * CYCLE_S)
+    )
+    assert speeds(made) == near(-0.4 + 0.75 * CYCLE_S, 0.4 + 1.25 * CYCLE_S)
+
+
+def test_a_train_that_is_held_stands_whatever_it_feels() -> None:
+    made = stood()
+
+    assert made.moved(0, 0, felt_mps2=1.0, brake=HOLDING) == (0.0, 0.0)
+    assert speeds(made) == (-0.02, 0.02)
+
+
+@pytest.mark.parametrize(("age_s", "holds"), [(0.15, True), (0.151, False)])
+def test_a_brake_that_was_heard_too_long_ago_holds_nothing(age_s: float, holds: bool) -> None:
+    made = stood()
+    made.cycle(0, 0, felt_mps2=1.0, brake=HOLDING, brake_age_s=age_s)
+
+    assert speeds(made) == ((-0.02, 0.02) if holds else PULLED)
+
+
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+@pytest.mark.parametrize(("felt_mps2", "stands"), [(0.25, True), (0.26, False), (0.0, True)])
+def test_wheels_tell_of_rest_while_the_accelerometer_does_not_exclude_it(
+    felt_mps2: float, sign: float, stands: bool
+) -> None:
+    """It may err by 0.25 m/s²."""
+    made = Desk()
+    made.cycles(14, 0, 0)
+    made.cycles(2, 0, 0, felt_mps2=sign * felt_mps2, brake=HOLDING)
+    made.cycle(0, 0, felt_mps2=sign * felt_mps2, brake=EASING)
+
+    assert (speeds(made) == (-0.02, 0.02)) is stands
+
+
+def test_a_train_that_felt_wrong_stands_again_once_it_is_held() -> None:
+    made = stood()
+    made.cycles(5, 0, 0, felt_mps2=1.0, brake=EASING)
+    assert speeds(made) != (-0.02, 0.02)
+
+    made.cycle(0, 0, felt_mps2=1.0, brake=HOLDING)
+
+    assert speeds(made) == (-0.02, 0.02)
+
+
+def test_wheels_that_stopped_a_moment_ago_are_asked_as_ever() -> None:
+    """They do not stand yet, and tell the way as slow wheels do: none."""
+    made = Desk()
+    made.cycles(11, 0, 0, felt_mps2=1.0, brake=EASING)
+    made.over_ground(-0.1, 0.1)
+
+    assert made.moved(0, 0, felt_mps2=1.0, brake=EASING) == near(0.0, 0.0)
+    assert 0.4 < made.track.still_s < 0.5
 
 
 @pytest.mark.parametrize(

@@ -182,5 +182,10 @@ class GroundSpeed:
         self.moved_high_m = (mean_mps + error_mps) * dt_s
 
     @property
+    def may_rest(self) -> bool:
+        """The accelerometer does not exclude that the speed stays as it is."""
+        return self._accel_low_mps2 <= 0.0 <= self._accel_high_mps2
+
+    @property
     def best_mps(self) -> float:
         return 0.5 * (self.low_mps + self.high_mps)

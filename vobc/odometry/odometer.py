@@ -205,16 +205,17 @@ class Odometry:
         gripping = not self._slip and not self._axles_differ
         if gripping and not ground.seen and self._wheels_agree(wheels):
             fresh = seen.tacho_age_s <= config.silence_s and self._usable
+            witness = fresh and not self._sets_off(seen)
             gentle = abs(track.accel_pulses_per_s2) * where.m_per_pulse <= config.gentle_mps2
             slip_ratio = config.gentle_slip_ratio if gentle else config.unseen_slip_ratio
             slack_mps = slip_ratio * abs(wheels.best)
-            if fresh and track.still_s >= config.standing_s:
+            if witness and track.still_s >= config.standing_s:
                 least_m = most_m = 0.0
                 ground.begin(-REST_MPS, REST_MPS)
-            elif fresh and abs(wheels.best) <= config.doppler_blind_mps:
+            elif witness and abs(wheels.best) <= config.doppler_blind_mps:
                 least_m = (wheels.best - slack_mps) * dt_s
                 most_m = (wheels.best + slack_mps) * dt_s
-            if fresh and ground.high_mps - ground.low_mps > 2.0 * (UNSURE_MPS + slack_mps):
+            if witness and ground.high_mps - ground.low_mps > 2.0 * (UNSURE_MPS + slack_mps):
                 ground.begin(
                     max(ground.low_mps, wheels.low - slack_mps),
                     min(ground.high_mps, wheels.high + slack_mps),
@@ -228,6 +229,17 @@ class Odometry:
             likely_m = 0.5 * (least_m + most_m)
             where.follow_ground(likely_m, most_m - least_m)
             self._travel_m += likely_m
+
+    def _sets_off(self, seen: CycleInput) -> bool:
+        """No wheel turns, but the train is not known to be held and feels as if it went.
+
+        Couplers stretch: the first car is ahead before the axle of the second has turned at all.
+        Other brakes are no proof: a train pulls while they still ease.
+        """
+        if self._track.still_s < self._config.standing_s or self._ground.may_rest:
+            return False
+        brake, heard = seen.brake, seen.brake_age_s <= self._config.silence_s
+        return brake is None or not (heard and brake.holding_applied)
 
     def _wheels_agree(self, wheels: Interval) -> bool:
         ground = self._ground
