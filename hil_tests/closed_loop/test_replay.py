@@ -61,7 +61,7 @@ def test_a_controller_that_was_killed_paused_and_started_again_is_said_again(
 
 def test_another_parameter_parts_in_the_cycle_in_which_it_first_matters(recorded: Path) -> None:
     """Oracle: the cycle whose frames first differ, found by running both and comparing files."""
-    change = {"ato.limits.accel_mps2": 0.7}
+    change = {"ato.limits.accel_mps2": 0.77}
     first_ns = None
     outputs = [
         [(step.begin_ns, output) for step in read_steps(recorded) for output in step.outputs],

@@ -12,6 +12,7 @@ from vobc.ato.motion_filter import GAIN_MAX_RATIO, MotionFilter
 from vobc.ato.train_model import TrainModel
 
 DT_S = 0.05
+MAY_BE_LATE = BrakeBelief(air_delays_s=(0.0, 0.45, 0.6, 0.7, 0.8, 0.9, 1.0, 1.15))
 FINE_S = 0.005
 DEAD_S, LAG_S, AIR_LAG_S = 0.4, 0.3, 0.2
 FADE_BEGIN_MPS, FADE_END_MPS, MOTORS_MPS2 = 8.0 / 3.6, 3.0 / 3.6, 1.2
@@ -48,7 +49,7 @@ def braked(
 ) -> tuple[TrainModel, list[tuple[float, float]]]:
     """One braking to 0.4 m/s; the predicted speeds beside those that came about."""
     draw = random.Random(3)
-    model = model or TrainModel(BrakeBelief(), TractionBelief(), DT_S)
+    model = model or TrainModel(MAY_BE_LATE, TractionBelief(), DT_S)
     train = BlendedTrain(7.0, air_s, friction_gain)
     model.meet(7.0)
     told: list[tuple[float, float]] = []
@@ -89,7 +90,7 @@ def test_the_speed_to_come_is_foretold_through_the_handover() -> None:
 
 
 def test_friction_in_time_is_known_after_one_braking_and_late_friction_remembered() -> None:
-    belief, traction = BrakeBelief(), TractionBelief()
+    belief, traction = MAY_BE_LATE, TractionBelief()
     assert TrainModel(belief, traction, DT_S).friction_may_be_late
 
     for air_s, expected in ((0.0, False), (0.8, True)):
@@ -152,7 +153,7 @@ def test_a_gain_that_no_brake_has_is_not_kept_for_the_next_application() -> None
 
 
 def test_a_speed_that_no_brake_can_explain_is_a_surprise_and_teaches_nothing() -> None:
-    model = TrainModel(BrakeBelief(), TractionBelief(), DT_S)
+    model = TrainModel(MAY_BE_LATE, TractionBelief(), DT_S)
     model.meet(15.0)
     model.issue(-0.5)
     for _ in range(40):

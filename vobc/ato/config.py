@@ -43,8 +43,9 @@ class BrakeBelief:
     """Under this they do nothing of it."""
     motors_mps2: float = 1.2
     """What they can do before they begin to fade."""
-    air_delays_s: tuple[float, ...] = (0.0, 0.45, 0.6, 0.7, 0.8, 0.9, 1.0, 1.15)
-    """Hypotheses, rising from none, of how much later than the motors friction answers."""
+    air_delays_s: tuple[float, ...] = (0.0,)
+    """Hypotheses, rising from none, of how much later than the motors friction answers. With more
+    than one the first stops are planned as if it might be late, which costs some seconds."""
     air_lag_s: float = 0.2
     """Of the build-up of friction that is late."""
 
