@@ -324,6 +324,7 @@ def test_an_emergency_of_its_own_is_told_as_long_as_it_is_coming_or_there() -> N
     """20 ms of silence beyond the timeout: no status in between says that nothing happened."""
     stand = released_stand(exact_brake())
     stand.unit.hear(RELEASED, stand.now_ns)
+    stand.speed_mps = 0.0
     stand.run(0.17, None)
     told = []
     for step in range(200):
@@ -344,6 +345,8 @@ def test_the_emergency_brake_lets_go_only_when_commanded_again() -> None:
     assert stand.decel_mps2 == pytest.approx(1.2, rel=1e-3)
     assert stand.unit.losses == 1
 
+    stand.speed_mps = 0.0
+    stand.step()
     stand.run(10.0, RELEASED)
 
     assert stand.decel_mps2 == 0.0

@@ -35,8 +35,10 @@ class BrakeUnit:
         "_inertia_kg",
         "_motor_ratio",
         "_release_extra_ns",
+        "_rolls",
         "_service_ratio",
         "_steady",
+        "_waits_for_brake",
         "_watch",
         "electric_n",
         "emergency_mps2",
@@ -64,6 +66,8 @@ class BrakeUnit:
         self._inertia_kg = inertia_kg
         self._motor_ratio = motor_ratio
         self._watch = Watch(timeout_ns)
+        self._waits_for_brake = False
+        self._rolls = False
         self._command = BrakeCommand(
             service_decel_mps2=0.0, emergency_released=False, holding_released=False
         )
@@ -109,8 +113,18 @@ class BrakeUnit:
         return self._watch.silent
 
     def hear(self, command: BrakeCommand, heard_ns: int) -> None:
-        """A valid pair has been received."""
+        """A valid pair has been received.
+
+        What silence asked for while the train rolls only a command to brake ends, or rest: old
+        commands that somebody repeats while the controller is gone release nothing. A controller
+        that is there asks for the brake as soon as it sees it on, and one that starts anew at once.
+        """
+        if heard_ns > self._watch.expires_ns:
+            self._fall_silent(self._watch.expires_ns)
         self._watch.heard(heard_ns)
+        if self._waits_for_brake and self._rolls and command.emergency_released:
+            return
+        self._waits_for_brake = False
         if command is not self._command:
             self._obey(command, heard_ns)
 
@@ -157,11 +171,12 @@ class BrakeUnit:
         Args:
             electric_limit_w: what line and resistor take from the motors, counted at the rail.
         """
+        speed_mps = abs(speed_mps)
+        self._rolls = speed_mps > 0.0
         if end_ns > self._watch.expires_ns:
             self._fall_silent(self._watch.expires_ns)
         if self._steady:
             return
-        speed_mps = abs(speed_mps)
         self._want_holding(start_ns, speed_mps)
         service, config = self.service, self._config
         service.step(start_ns, end_ns, speed_mps, electric_limit_w if electric_possible else 0.0)
@@ -235,6 +250,7 @@ class BrakeUnit:
             ),
             at_ns,
         )
+        self._waits_for_brake = True
         self._watch.lost()
 
     def status(self) -> BrakeStatus:
