@@ -53,6 +53,7 @@ def load_config(
     *,
     cycle_ms: float | None = None,
     law: str | None = None,
+    stage: str | None = None,
     changes: Mapping[str, Any] = NOTHING,
 ) -> VobcConfig:
     """Parameters by path or by the stem of a shipped file; raises SettingsError.
@@ -61,12 +62,15 @@ def load_config(
 
     Args:
         law: of the automatic operation, instead of that of the file and the changes.
+        stage: of its output, instead of that of the file and the changes.
         changes: of the file, by dotted key; see `firmware_py.settings.override`.
     """
     config = settings.load(VobcConfig, name, SHIPPED)
     config = settings.override(config, changes, name)
     if law is not None:
         config = settings.override(config, {"ato.strategy": law}, "--ato")
+    if stage is not None:
+        config = settings.override(config, {"ato.output.stage": stage}, "--output")
     train = config.train
     ato = replace(
         config.ato,

@@ -347,7 +347,9 @@ def scenario_of(options: RunOptions) -> Scenario:
 
 def config_of(options: RunOptions) -> VobcConfig:
     """The controller's side of a run; raises SettingsError."""
-    return load_config(options.params, cycle_ms=options.cycle_ms, law=options.ato)
+    return load_config(
+        options.params, cycle_ms=options.cycle_ms, law=options.ato, stage=options.output
+    )
 
 
 def run_lockstep(options: RunOptions, journey: Journey, folder: RunFolder | None) -> Ending:

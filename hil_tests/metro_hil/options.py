@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from plant_emulator.desk.drivers import DRIVERS
+from vobc.ato.output_config import STAGES
 from vobc.ato.strategies import STRATEGIES
 
 DESCRIPTION = "The on-board controller of a metro train, on a bench or on a bus."
@@ -53,6 +54,8 @@ class RunOptions:
     desk_recording: str | None = None
     ato: str | None = None
     """Control law of the automatic operation, instead of that of the parameters."""
+    output: str | None = None
+    """Its output stage, instead of that of the parameters."""
 
 
 def parser() -> argparse.ArgumentParser:
@@ -101,6 +104,11 @@ def _add_journey(run: argparse.ArgumentParser) -> None:
         "--ato",
         choices=sorted(STRATEGIES),
         help="control law of the automatic operation; default: the parameters'",
+    )
+    group.add_argument(
+        "--output",
+        choices=STAGES,
+        help="how its demand reaches the train; default: the parameters'",
     )
     group.add_argument(
         "--load-ratio", type=_ratio, metavar="0..1", help="passengers; default: the consist's"

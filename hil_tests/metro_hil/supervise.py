@@ -170,6 +170,8 @@ class RealtimeRun:
         arguments += ["--out", str(self._folder.path)]
         if options.ato is not None:
             arguments += ["--ato", options.ato]
+        if options.output is not None:
+            arguments += ["--output", options.output]
         self._adopt(stack, Child("controller", "vobc", arguments, self._log("vobc")))
 
     def _log(self, name: str) -> Path:

@@ -9,6 +9,7 @@ from firmware_py.trackdb import LineMap, Station
 from vobc.ato import gradient
 from vobc.ato.config import AtoConfig
 from vobc.ato.mode import DRIVING, SETTING_OFF, Situation, next_phase
+from vobc.ato.output import make_stage
 from vobc.ato.plan import StopPlan
 from vobc.ato.shaper import Shaper
 from vobc.ato.slow import SlowDrive
@@ -80,6 +81,8 @@ class Ato:
         # Refuses an unknown name now; the real one is made when the cycle time is known.
         make_strategy(config, line, 1.0)
         self._shaper = Shaper(config.limits)
+        self._stage = make_stage(config.output)
+        self._sent_mps2 = 0.0
         self._seen = Situation()
         self.phase = AtoPhase.OFF
 
@@ -105,7 +108,8 @@ class Ato:
             self._enter(before, seen)
         drive = self._drive(seen, strategy)
         self._decide_hold(seen, drive)
-        accel_mps2 = self._shape(seen, drive)
+        accel_mps2 = self._stage.step(self._shape(seen, drive), seen.dt_s)
+        self._sent_mps2 = accel_mps2
         reverse = self.phase is AtoPhase.JOGGING and self._reverse
         # Backwards the traction pulls against what the strategy takes for forwards.
         strategy.issued(-accel_mps2 if reverse and accel_mps2 > 0.0 else accel_mps2)
@@ -125,7 +129,7 @@ class Ato:
         if self._overruled:
             # Whoever braked meanwhile, the train does something else now than what was reckoned.
             self._overruled = False
-            strategy.set_off(seen, self._shaper.demand_mps2)
+            strategy.set_off(seen, self._sent_mps2)
             self._slow.begin(seen.speed_mps)
         if self.phase is AtoPhase.JOGGING:
             return self._jog(seen)
@@ -302,11 +306,11 @@ class Ato:
                 self._dwelt_s, self._jogs = 0.0, 0
             self._plan.depart()
             self._left = seen.now_ns, seen.front_m
-            self._strategy.set_off(seen, self._shaper.demand_mps2)
+            self._strategy.set_off(seen, self._sent_mps2)
         elif phase is AtoPhase.RUNNING and before in (AtoPhase.OFF, AtoPhase.CREEPING):
             self._left = None
             self._hold = False
-            self._strategy.set_off(seen, self._shaper.demand_mps2)
+            self._strategy.set_off(seen, self._sent_mps2)
         elif phase is AtoPhase.JOGGING:
             self._jogs += 1
             self._jog_s, self._jog_moved = 0.0, False
@@ -349,7 +353,7 @@ class Ato:
             uphill_mps2 = max(0.0, -gradient.decel_on_mps2(self._config, seen.gradient_permille))
         if self.phase is AtoPhase.DEPARTING or (self.phase in SETTING_OFF and not drive.braking):
             needed_mps2 = uphill_mps2 + HOLD_HELP_MPS2 if uphill_mps2 > LEVEL_MPS2 else 0.0
-            self._hold = self._hold and self._shaper.demand_mps2 < needed_mps2
+            self._hold = self._hold and self._sent_mps2 < needed_mps2
             return
         work = self._config.station
         speed_mps = self._strategy.speed_mps

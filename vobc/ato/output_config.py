@@ -4,6 +4,8 @@ from dataclasses import dataclass
 from typing import Final
 
 STAGES: Final = ("continuous", "notches", "current_loop")
+LOOP_BITS_MIN: Final = 8
+LOOP_BITS_MAX: Final = 24
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,6 +21,17 @@ class OutputStage:
         *(0.45, 0.5, 0.55, 0.6, 0.65, 0.7, 0.75, 0.8),
     )
     """Deceleration of each brake notch on the level, rising."""
+    hysteresis_ratio: float = 0.3
+    """So far into the step above a notch a demand has to be, as a share of it, for the notch to be
+    taken upwards (more traction or less brake)."""
+    dwell_s: float = 0.3
+    """After a step down (less traction or more brake) no step up for so long."""
+    loop_bits: int = 12
+    """Resolution of the converter that drives the current loops, over 0 to 20 mA."""
+    loop_traction_full_mps2: float = 1.0
+    """Acceleration at full current of the traction loop."""
+    loop_brake_full_mps2: float = 1.0
+    """Deceleration at full current of the brake loop."""
 
     def __post_init__(self) -> None:
         if self.stage not in STAGES:
@@ -31,3 +44,11 @@ class OutputStage:
                 raise ValueError(f"{name} is empty or begins with a level that is not positive")
             if list(levels_mps2) != sorted(set(levels_mps2)):
                 raise ValueError(f"{name} {list(levels_mps2)} do not rise")
+        if not 0.0 <= self.hysteresis_ratio < 1.0 or self.dwell_s < 0.0:
+            raise ValueError("hysteresis_ratio is not in 0..1, or dwell_s is negative")
+        if not LOOP_BITS_MIN <= self.loop_bits <= LOOP_BITS_MAX:
+            raise ValueError(
+                f"loop_bits {self.loop_bits} is not in {LOOP_BITS_MIN}..{LOOP_BITS_MAX}"
+            )
+        if self.loop_traction_full_mps2 <= 0.0 or self.loop_brake_full_mps2 <= 0.0:
+            raise ValueError("loop_traction_full_mps2 or loop_brake_full_mps2 is not positive")

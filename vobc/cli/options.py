@@ -9,6 +9,7 @@ from firmware_py.buses import BusError, parse_spec, resolve_auto
 from firmware_py.nvram import Nvram, NvramRecord, NvramState
 from firmware_py.radio.zenoh_radio import DEFAULT_ENDPOINT
 from firmware_py.trackdb import LineMap, load_line
+from vobc.ato.output_config import STAGES
 from vobc.ato.strategies import STRATEGIES
 from vobc.config import CYCLE_MS_MAX, CYCLE_MS_MIN, VobcConfig, load_config, plan_mission
 from vobc.process import remembered_start, unknown_start
@@ -47,6 +48,9 @@ def parser() -> argparse.ArgumentParser:
     top.add_argument(
         "--ato", choices=sorted(STRATEGIES), help="control law; default: the parameters'"
     )
+    top.add_argument(
+        "--output", choices=STAGES, help="how a demand reaches the train; default: the parameters'"
+    )
     top.add_argument("--from", dest="start", metavar="STATION", help="where the train stands")
     top.add_argument("--to", dest="end", metavar="STATION", help="default: the last of the line")
     top.add_argument("--stops", type=_names, metavar="A,B,...", help="default: all on the way")
@@ -79,7 +83,9 @@ def plan(options: argparse.Namespace, epoch_ns: int) -> Plan:
     A board without a memory takes the time of day for its boot count: it has to grow with each
     start, or the wayside would take the new incarnation for messages out of order.
     """
-    config = load_config(options.consist, cycle_ms=options.cycle_ms, law=options.ato)
+    config = load_config(
+        options.consist, cycle_ms=options.cycle_ms, law=options.ato, stage=options.output
+    )
     line = load_line(options.line)
     nvram = Nvram(options.nvram, NvramRecord(boot_count=epoch_ns // NS_PER_S))
     start, first = None, options.start
