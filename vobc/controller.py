@@ -63,6 +63,7 @@ class Controller:
         )
         self._operation = operation or Ato(config.ato, line, mission.start.stop_m, mission.stops)
         self._manual_mps2 = 0.0
+        self._weighed = False
         self._weighed_kg = config.train.full_load_kg
         self._not_finite = False
         self._stopping_at_m: float | None = None
@@ -80,6 +81,7 @@ class Controller:
     def step(self, seen: CycleInput) -> CycleOutput:
         """Decide once. Whatever is missing, stale or not finite ends restrictively."""
         motion = self._odometry.step(seen)
+        self._weigh(seen, motion)
         verdict = self._protection.step(
             seen,
             motion,
@@ -91,7 +93,7 @@ class Controller:
         demand = self._demand(seen, motion, verdict)
         self._stopping_at_m = demand.stopping_at_m
         output = arbitrate(
-            verdict, demand, motion, seen.desk, train=self._train, load_kg=self._load_kg(seen)
+            verdict, demand, motion, seen.desk, train=self._train, load_kg=self._weighed_kg
         )
         self._not_finite = output.motion is None and motion is not None
         return output
@@ -139,7 +141,7 @@ class Controller:
             ),
             ceiling_mps=verdict.ceiling.permitted_mps,
             authority_end_m=front_m if authority is None else authority.end_m,
-            load_kg=self._load_kg(seen),
+            load_kg=self._weighed_kg,
             traction_ratio=0.0 if traction is None else traction.effort_available_ratio,
             doors_locked=verdict.doors_locked or verdict.door_bypass,
             doors_open=not verdict.doors_locked and self._platform_side_open(doors, front_m),
@@ -159,14 +161,15 @@ class Controller:
             slips=motion.slip,
         )
 
-    def _load_kg(self, seen: CycleInput) -> float:
-        """What the train weighed last; until then it is taken to be full.
+    def _weigh(self, seen: CycleInput, motion: Motion | None) -> None:
+        """Passengers board a train that stands: what it weighs on the way is not believed.
 
-        Nobody changes trains between stations, so a weight that is no longer told still counts.
+        Until it was weighed once it is taken to be full.
         """
-        if seen.load is not None:
+        standing = motion is None or motion.standing
+        if seen.load is not None and (standing or not self._weighed):
+            self._weighed = True
             self._weighed_kg = seen.load.load_kg
-        return self._weighed_kg
 
     def _platform_side_open(self, doors: DoorStatus | None, front_m: float) -> bool:
         if doors is None:

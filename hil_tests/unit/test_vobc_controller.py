@@ -600,6 +600,19 @@ def test_until_the_train_is_weighed_it_is_full() -> None:
     assert bench.driver.seen[-1].load_kg == CONFIG.train.full_load_kg
 
 
+def test_on_the_way_a_train_is_not_weighed_anew() -> None:
+    bench = Bench()
+    bench.run(0.5)
+    bench.set_off()
+    bench.run(3.0)
+    assert bench.driver.seen[-1].speed_mps > 0.5
+
+    bench.change(load=TcmsStatus(10_816.0, 4))
+    bench.run(0.2)
+
+    assert bench.driver.seen[-1].load_kg == 27_200.0
+
+
 def test_a_weight_that_is_no_longer_told_still_counts() -> None:
     bench = Bench()
     bench.cycle()
