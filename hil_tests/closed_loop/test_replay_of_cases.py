@@ -110,10 +110,10 @@ def first_other_cycle(folder: Path) -> int | None:
     ("wanted", "first_cycle"),
     [
         (r"rx can \d+ 185 ", 300),
-        (r"rx can \d+ 189 ", 400),
+        (r"rx can \d+ 183 ", 400),
         (r"rx tags \d+ 7E0101", 200),
     ],
-    ids=("odometer", "supply", "tag"),
+    ids=("odometer", "traction", "tag"),
 )
 def test_one_digit_of_an_input_that_was_forged_is_found_in_its_cycle(
     plain: Path, tmp_path: Path, wanted: str, first_cycle: int
