@@ -11,6 +11,9 @@ from firmware_py.trackdb import load_line
 from vobc.ato import Ato, AtoConfig
 from vobc.ato.config import BrakeBelief, SlipperyRail
 from vobc.ato.rail import Rail
+from vobc.ato.strategies.predictive import Predictive
+from vobc.ato.strategies.strategy import Target
+from vobc.vocabulary import AtoInput
 
 _SPEC = importlib.util.spec_from_file_location("ato_rig", Path(__file__).with_name("ato_rig.py"))
 assert _SPEC is not None
@@ -52,6 +55,54 @@ def test_a_jerk_while_setting_off_is_no_slip() -> None:
 
     assert not rail.observe(10 * S, 1.5, slips=True)
     assert not rail.slippery
+
+
+SLIPPING = AtoInput(
+    now_ns=10 * S,
+    dt_s=0.05,
+    enabled=True,
+    front_m=3200.0,
+    speed_mps=12.0,
+    accel_mps2=-1.0,
+    standstill=False,
+    accepted_tag_ids=(),
+    gradient_permille=0.0,
+    ceiling_mps=19.0,
+    authority_end_m=4500.0,
+    load_kg=20_000.0,
+    traction_ratio=1.0,
+    doors_locked=True,
+    doors_open=False,
+    door_enabled=False,
+    holding_applied=False,
+    slips=True,
+)
+
+
+@pytest.mark.parametrize(
+    ("change", "is_believed"),
+    [({}, True), ({"enabled": False}, False), ({"protection_brakes": True}, False)],
+)
+def test_wheels_that_slip_while_others_brake_say_nothing_of_the_rail(
+    change: dict[str, bool], is_believed: bool
+) -> None:
+    """Oracle: the pull of 0.8 m/s² that a dry rail is asked for, and half of it at the most."""
+    law = Predictive(AtoConfig(), LINE, 0.05)
+    law.set_off(SLIPPING, 0.0)
+    law.observe(dataclasses.replace(SLIPPING, **change), 1)
+    law.set_off(dataclasses.replace(SLIPPING, slips=False, speed_mps=0.0), 0.0)
+    now_ns, speed_mps, hardest_pull_mps2 = 10 * S, 0.0, 0.0
+    for _ in range(120):
+        now_ns += S // 20
+        seen = dataclasses.replace(SLIPPING, now_ns=now_ns, speed_mps=speed_mps, slips=False)
+        law.observe(seen, 1)
+        pull_mps2 = law.drive(seen, Target(4500.0, True)).accel_mps2
+        law.issued(pull_mps2)
+        speed_mps += 0.05 * pull_mps2
+        hardest_pull_mps2 = max(hardest_pull_mps2, pull_mps2)
+
+    assert (hardest_pull_mps2 < 0.4) is is_believed
+    assert (hardest_pull_mps2 > 0.6) is not is_believed
 
 
 def test_on_a_rail_that_is_known_to_be_slippery_no_more_is_asked_than_it_bears() -> None:

@@ -103,11 +103,11 @@ class Predictive:
     def observe(self, seen: vocabulary.AtoInput, cycles: int) -> None:
         self._gravity_mps2 = gradient.decel_on_mps2(self._config, seen.gradient_permille)
         self._gravity_mps2 += gradient.resistance_mps2(self._config, self._model.speed_mps)
-        slips = self._rail.observe(seen.now_ns, seen.speed_mps, slips=seen.slips)
         # Where others brake, or the rail does not bear what is asked, what the speed does says
-        # nothing of our demands.
-        ours = seen.enabled and not seen.protection_brakes and not slips
-        self._model.step(seen.speed_mps, self._gravity_mps2, cycles, ours=ours)
+        # nothing of our demands; and wheels that slip under others' brakes say little of the rail.
+        ours = seen.enabled and not seen.protection_brakes
+        slips = self._rail.observe(seen.now_ns, seen.speed_mps, slips=seen.slips and ours)
+        self._model.step(seen.speed_mps, self._gravity_mps2, cycles, ours=ours and not slips)
         self.speed_mps = self._model.speed_mps
         dt_s = self._dt_s * cycles
         self._front.step(
