@@ -238,23 +238,37 @@ class SilenceWatch:
 
 
 class DepartureWatch:
-    """A train leaves its standstill with its doors and those of the platform locked."""
+    """A train leaves its standstill with its doors and those of the platform locked.
 
-    __slots__ = ("_place", "_standing", "locked", "platform")
+    What counts is how they were when it began to move; a lock that is lost later is not this rule's.
+    """
+
+    __slots__ = ("_locked", "_place", "_platform_locked", "_standing", "locked", "platform")
 
     def __init__(self, place: Place, *, locked: Gauge, platform: Gauge) -> None:
         self._place = place
         self.locked, self.platform = locked, platform
         self._standing = True
+        self._locked: bool | None = None
+        """As it was when the train began to move; None while it stands and once it has left."""
+        self._platform_locked: bool | None = None
+        """None: there are none."""
 
     def sample(self, truth: Truth, now_ns: int, spoken: Spoken) -> None:
         """To be told of every step in which the train moves, and of the first at rest."""
         speed_mps = truth.speed_mps
         if speed_mps == 0.0:
             self._standing = True
-        elif self._standing and speed_mps > LEFT_MPS:
+            return
+        if self._standing:
             self._standing = False
             bypassed = spoken.door_bypassed > 0.0
-            self.locked.said(truth.doors_locked > 0.0 or bypassed, now_ns)
+            self._locked = truth.doors_locked > 0.0 or bypassed
+            self._platform_locked = None
             if self._place.platform_doors(truth.front_m):
-                self.platform.said(truth.platform_doors_locked > 0.0 or bypassed, now_ns)
+                self._platform_locked = truth.platform_doors_locked > 0.0 or bypassed
+        if self._locked is not None and speed_mps > LEFT_MPS:
+            self.locked.said(self._locked, now_ns)
+            if self._platform_locked is not None:
+                self.platform.said(self._platform_locked, now_ns)
+            self._locked = None

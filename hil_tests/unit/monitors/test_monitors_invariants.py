@@ -547,6 +547,17 @@ def test_a_train_departs_with_its_doors_locked(rig: Rig, locked: float, margin: 
     assert rig.margin("inv-33-departure-locked") == margin
 
 
+@pytest.mark.parametrize(("first", "then", "margin"), [(1.0, 0.0, 1.0), (0.0, 1.0, -1.0)])
+def test_what_counts_is_how_the_doors_were_when_the_train_began_to_move(
+    rig: Rig, first: float, then: float, margin: float
+) -> None:
+    rig.step(10, doors_locked=first)
+    rig.step(10, speed_mps=0.05)
+    rig.step(10, speed_mps=0.5, doors_locked=then)
+
+    assert rig.margin("inv-33-departure-locked") == margin
+
+
 # 34, 36: silence.
 
 
