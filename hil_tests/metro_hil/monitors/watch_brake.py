@@ -240,7 +240,7 @@ class SilenceWatch:
 class DepartureWatch:
     """A train leaves its standstill with its doors and those of the platform locked.
 
-    What counts is how they were when it began to move; a lock that is lost later is not this rule's.
+    What counts is how they were when it began to move; a lock lost later breaks other rules.
     """
 
     __slots__ = ("_locked", "_place", "_platform_locked", "_standing", "locked", "platform")
