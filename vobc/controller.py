@@ -52,6 +52,7 @@ class Controller:
         strategy.
         """
         self._config = config
+        self._cycle_s = config.cycle_ms / 1000.0
         self._line = line
         self._train = config.train
         self._odometry = Odometry(config.odometry, config.train, line, start)
@@ -59,7 +60,7 @@ class Controller:
             config.atp,
             line,
             train_length_m=config.train.length_m,
-            cycle_s=config.cycle_ms / 1000.0,
+            cycle_s=self._cycle_s,
         )
         self._operation = operation or Ato(config.ato, line, mission.start.stop_m, mission.stops)
         self._manual_mps2 = 0.0
@@ -112,7 +113,9 @@ class Controller:
             self._manual_mps2,
             motion.standing,
             train=self._train,
-            jerk_mps=self._config.manual_jerk_mps3 * seen.dt_s,
+            # A clock that steps brings no jerk: never more than one cycle's change.
+            jerk_mps=self._config.manual_jerk_mps3
+            * min(seen.dt_s, self._cycle_s),
         )
         self._manual_mps2 = manual.accel_mps2
         return manual

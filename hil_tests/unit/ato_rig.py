@@ -149,6 +149,8 @@ class Rig:
         self.leg_start_s = 0.0
         self.zone_s = 0.0
         self.shift_m = 0.0
+        self.told_late_s = 0.0
+        """A clock that stepped: so much more than the cycle time the controller is told."""
 
     def _skip_tags(self) -> None:
         tags = self.line.tags
@@ -260,7 +262,7 @@ class Rig:
         limit = self.line.least_limit_mps(*train)
         seen = AtoInput(
             now_ns=round(self.now_s * 1e9),
-            dt_s=self.cycle_s,
+            dt_s=self.cycle_s + self.told_late_s,
             enabled=self.enabled and not self.emergency,
             front_m=self.located_m,
             speed_mps=speed,

@@ -365,6 +365,17 @@ def test_a_jump_of_the_position_does_not_step_the_demand() -> None:
     assert abs(after - before) <= JERK_STEP_MPS2
 
 
+def test_a_clock_that_steps_brings_no_jolt() -> None:
+    rig = hop()
+    while len(rig.stops) < 1:
+        rig.told_late_s = 0.08 if len(rig.trace.demands) % 20 == 10 else 0.0
+        rig.step()
+
+    asked_mps2 = [demand.accel_mps2 for demand in rig.trace.demands]
+    jolts = [abs(b - a) for a, b in itertools.pairwise(asked_mps2)]
+    assert max(jolts) <= JERK_STEP_MPS2
+
+
 def test_without_stops_the_train_stays() -> None:
     rig = ato_rig.Rig(Ato(AtoConfig(), LINE, 3000.0, []), LINE, ato_rig.RigSettings(), 3000.0)
     for _ in range(100):

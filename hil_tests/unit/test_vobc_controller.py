@@ -506,6 +506,18 @@ def test_the_lever_drives_in_manual_under_the_same_protection() -> None:
     assert braked.service_decel_mps2 >= 1.0
 
 
+def test_a_clock_that_steps_moves_the_lever_no_further_than_one_cycle_does() -> None:
+    bench = Bench()
+    bench.run(2.5)
+
+    bench.change(desk=replace(DESK, mode=CabMode.MANUAL, lever_percent=100.0))
+    steady = bench.cycle().force_n
+    bench.change(dt_s=0.13)
+    stepped = bench.cycle().force_n - steady
+
+    assert stepped == pytest.approx(steady)
+
+
 def at_platform(**changes: Any) -> Bench:
     bench = Bench("II", "III")
     bench.driver.demand = AtoDemand(0.0, True, True, AtoPhase.DOORS_OPEN, 0.0, 0.0)
