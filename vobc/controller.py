@@ -114,8 +114,7 @@ class Controller:
             motion.standing,
             train=self._train,
             # A clock that steps brings no jerk: never more than one cycle's change.
-            jerk_mps=self._config.manual_jerk_mps3
-            * min(seen.dt_s, self._cycle_s),
+            jerk_mps=self._config.manual_jerk_mps3 * min(seen.dt_s, self._cycle_s),
         )
         self._manual_mps2 = manual.accel_mps2
         return manual

@@ -370,7 +370,7 @@ class Ato:
             wanted_mps2 = min(wanted_mps2, 0.0)
             if not (seen.holding_applied and seen.standstill):
                 wanted_mps2 = -self._config.station.hold_decel_mps2
-        # Whether a cycle was missed or the clock stepped nobody can tell; one cycle's change is safe.
+        # A missed cycle and a clock that stepped look alike: never more than one cycle's change.
         accel_mps2 = self._shaper.step(wanted_mps2, min(seen.dt_s, self._dt_s))
         unready = self._hold and self.phase not in DRIVING | SETTING_OFF
         if accel_mps2 > 0.0 and (unready or (not seen.doors_locked and not self._seen.under_way)):
