@@ -134,6 +134,7 @@ class PidPredicted:
 
     def observe(self, seen: vocabulary.AtoInput, cycles: int) -> None:
         self._gravity_mps2 = gradient.decel_on_mps2(self._config, seen.gradient_permille)
+        self._gravity_mps2 += gradient.resistance_mps2(self._config, self._model.speed_mps)
         self._model.step(seen.speed_mps, self._gravity_mps2, cycles)
         if not seen.enabled:
             # Others brake now; what the speed does says nothing about our demands.
@@ -293,7 +294,7 @@ class PidPredicted:
         spare_m = to_go_m - fall.curve.place_of_m(ahead.speed_mps)
         if spare_m > REJOIN_M + REJOIN_S * ahead.speed_mps:
             return True
-        coast_mps2 = self._help_mps2(ahead.front_m) + self._config.pid.least_decel_mps2
+        coast_mps2 = self._help_mps2(ahead) + self._config.pid.least_decel_mps2
         coast_mps2 = max(LEAST_COAST_MPS2, coast_mps2)
         reach_m = ahead.speed_mps * ahead.speed_mps / (2.0 * coast_mps2)
         return to_go_m - reach_m > REJOIN_M
@@ -315,11 +316,12 @@ class PidPredicted:
             slope = None
         most_mps2 = self._config.limits.accel_mps2
         feedback_mps2 = self._feedback(gains, error, slope, -most_mps2, most_mps2)
-        decel_mps2 = point.accel_mps2 - self._config.brake.lag_s * point.jerk_mps3 - feedback_mps2
+        led_mps2 = self._model.build_up_s(ahead.speed_mps) * point.jerk_mps3
+        decel_mps2 = point.accel_mps2 - led_mps2 - feedback_mps2
         over_mps = ahead.speed_mps - self._ceiling.in_mps(self._model.dead_time_s)
         if over_mps > 0.0:
             decel_mps2 += OVER_CEILING_PER_S * over_mps
-        asked_mps2 = decel_mps2 - self._help_mps2(ahead.front_m)
+        asked_mps2 = decel_mps2 - self._help_mps2(ahead)
         asked_mps2 /= 1.0 + self._model.gain_ratio
         demand_mps2 = -max(self._config.pid.least_decel_mps2, asked_mps2)
         return Drive(demand_mps2, point.speed_mps, fall.stops)
@@ -336,9 +338,10 @@ class PidPredicted:
         scheme = self._config.pid
         return scheme.constant if fall.stops and to_go_m <= scheme.t2_m else scheme.falling
 
-    def _help_mps2(self, front_m: float) -> float:
+    def _help_mps2(self, ahead: Ahead) -> float:
         """Deceleration that comes without the brake."""
-        gravity_mps2 = gradient.decel_at_mps2(self._config, self._line, front_m)
+        gravity_mps2 = gradient.decel_at_mps2(self._config, self._line, ahead.front_m)
+        gravity_mps2 += gradient.resistance_mps2(self._config, ahead.speed_mps)
         return gravity_mps2 - self._model.disturbance_mps2
 
     # Rising and running: traction, and now and then a little brake.
