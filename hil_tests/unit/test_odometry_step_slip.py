@@ -10,6 +10,7 @@ import pytest
 
 from can_dbc.nodes import Direction
 from vobc.odometry.localisation import Localisation
+from vobc.odometry.tracking import SpeedTrack
 
 _PATH = Path(__file__).with_name("odometry_desk.py")
 _SPEC = importlib.util.spec_from_file_location("odometry_desk", _PATH)
@@ -84,6 +85,33 @@ def test_a_jump_makes_a_slip_of_the_six_tenths_of_a_second_after_it(
 
     assert told.slip
     assert (told.speed_mps.low > 8.0) is out
+
+
+@pytest.mark.parametrize(("before_s", "out"), [(0.6, False), (0.601, True), (0.1, False)])
+def test_a_jump_next_to_axles_that_differed_is_no_proof_since_a_tacho_may_be_broken(
+    monkeypatch: pytest.MonkeyPatch, before_s: float, *, out: bool
+) -> None:
+    """Reckoned while the clock shows so little that its differences are exact."""
+    made = going(cycles=12)
+    made.over_ground(9.0, 9.1)
+    made.odometry._differed_s = (made.now_ns + 40_000_000) * 1e-9 - before_s
+    monkeypatch.setattr(SpeedTrack, "jumped", lambda *_: True)
+    told = made.cycle(tacho_age_s=0.04)
+
+    assert told.slip
+    assert (told.speed_mps.low > 8.0) is out
+
+
+def test_an_axle_that_stops_beside_one_that_rolls_leaves_both_bounds() -> None:
+    """The radar says 4.5 m/s, the axle that rolls 4 m/s: which is wrong nobody can tell."""
+    made = going()
+    made.cycles(10, 8, 8, radar_mps=4.5)
+    told = made.cycle(0, 0, steps_b=(8, 8), radar_mps=4.5)
+    for _ in range(5):
+        told = made.cycle(0, 0, steps_b=(8, 8), radar_mps=4.5)
+
+    assert told.slip
+    assert not made.odometry._wheels_out
 
 
 def test_axles_that_disagree_slip_at_once_and_until_they_agreed_for_a_second() -> None:

@@ -25,14 +25,14 @@ from vobc.vocabulary import (
 )
 
 SPACING_S: Final = 0.008
-"""Samples closer than this were held up somewhere and came in a bunch; only the last of a bunch was
-taken near the instant at which it was heard, and it counts the pulses of all."""
+"""Samples closer than this came in a bunch; only the last is as old as told, and counts for all."""
 REST_MPS: Final = 0.02
 """A wheel of 256 pulses that gave none for half a second rolls slower than this."""
 UNSURE_MPS: Final = 0.3
 """Once the accelerometer alone knows the speed no better, the wheels are asked."""
 KIN_S: Final = 0.6
-"""A jump of the wheels and a contradiction to the ground this close together are one slip."""
+"""A jump of the wheels and a contradiction to the ground this close together are one slip, but not
+next to axles that differ."""
 
 
 class Odometry:
@@ -68,7 +68,8 @@ class Odometry:
         self._fast_s = 0.0
         """Last instant at which zero speed was not certain."""
         self._axles_differ = False
-        """In this cycle one axle was left behind by the other."""
+        """In this cycle one axle was left behind by the other: maybe a tacho that is broken."""
+        self._differed_s = -math.inf
         self._usable = False
         self._slow = False
         self._rejected = 0
@@ -250,7 +251,10 @@ class Odometry:
         config, where, ground = self._config, self._where, self._ground
         if not ground.begun:
             return
-        if self._track.jumped(self._jump_pulses_per_s2, config.stamp_jitter_s):
+        if self._axles_differ:
+            self._differed_s = now_s
+        jumped = self._track.jumped(self._jump_pulses_per_s2, config.stamp_jitter_s)
+        if jumped and now_s - self._differed_s > KIN_S:
             self._jumped_s = now_s
         apart = self._axles_differ or self._pulses.contradicted
         if apart or not self._wheels_agree(wheels):
@@ -341,11 +345,7 @@ class Odometry:
         return _ordered(min(wheels.low, ground.low_mps), best, max(wheels.high, ground.high_mps))
 
     def _standstill(self, now_s: float, tacho_age_s: float) -> bool:
-        """Zero speed is proven once both ends stayed under the limit for long enough.
-
-        What counts is the speed at the samples, as long as these come: the bounds of now breathe
-        with the age of the last one.
-        """
+        """Zero speed is proven once its ends, at the samples, were under the limit long enough."""
         silent = tacho_age_s > self._config.silence_s
         if not self._slow or self._slip or silent or not self._usable:
             self._fast_s = now_s
