@@ -1,0 +1,128 @@
+"""candump logs of can-utils, plain or compressed: `-l` and `-L` fast, what it prints strictly."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from metro_tools.canlog import kernel
+from metro_tools.canlog.damage import Damages, shown
+from metro_tools.canlog.formats import candump_line
+from metro_tools.canlog.formats.candump_columns import (
+    CHANNELS_MAX,
+    Block,
+    parse_block,
+    wide_enough,
+)
+from metro_tools.canlog.formats.candump_line import LOCAL, NONE, SINCE, Line
+from metro_tools.canlog.frames import CLASSIC_BYTES, Bools, Frames, Ints
+from metro_tools.canlog.options import DELTA, ReadOptions
+from metro_tools.canlog.source import lines_blocks
+
+
+def read(path: Path, options: ReadOptions, damages: Damages) -> Iterator[Frames]:
+    """The frames of a candump log in the order of its lines.
+
+    Lines that are no frame and a last line without an end are counted. Stamps of `candump -t z` and
+    `-t d` become nanoseconds since the start of the log; of `-t A`, which tells no time zone, since
+    1970 as if it were UTC.
+    """
+    channels: list[str] = []
+    stamps = _Stamps(options, damages)
+    width = CLASSIC_BYTES
+    for text, first_line in lines_blocks(path, damages):
+        if not text.endswith(b"\n"):
+            damages.add("torn line", "line", first_line, shown(text))
+            continue
+        width = wide_enough(text, width)
+        parse = kernel.parse_candump if options.compiled else None
+        block = (parse and parse(text, channels, width)) or parse_block(text, channels, width)
+        frames = _with_odd(block, text, first_line, channels, stamps, damages)
+        if len(frames):
+            yield frames
+
+
+def _with_odd(
+    block: Block,
+    text: bytes,
+    first_line: int,
+    channels: list[str],
+    stamps: "_Stamps",
+    damages: Damages,
+) -> Frames:
+    """The frames of a block, those of odd lines among them."""
+    frames = block.frames
+    if not len(block.odd):
+        return frames
+    keep = np.ones(len(frames), np.bool_)
+    since = np.zeros(len(frames), np.bool_)
+    rows = zip(
+        block.odd.tolist(),
+        block.starts[block.odd].tolist(),
+        block.ends[block.odd].tolist(),
+        strict=True,
+    )
+    for row, start, end in rows:
+        raw = text[start:end]
+        line = candump_line.parse(raw)
+        if line is None or (line.channel not in channels and len(channels) == CHANNELS_MAX):
+            keep[row] = False
+            number = first_line + int(block.lines[row])
+            damages.add("junk line", "line", number, shown(raw))
+            continue
+        if line.channel not in channels:
+            channels.append(line.channel)
+        _put(line, row, frames, channels)
+        since[row] = line.since == SINCE
+        stamps.note(line, first_line + int(block.lines[row]))
+    stamps.settle(frames.at_ns, since & keep)
+    return _renamed(frames, channels, keep)
+
+
+def _put(line: Line, row: int, frames: Frames, channels: list[str]) -> None:
+    frames.at_ns[row] = line.at_ns
+    frames.identifier[row] = line.identifier
+    frames.flags[row] = line.flags
+    frames.channel[row] = channels.index(line.channel)
+    frames.length[row] = line.length
+    if len(line.data) <= frames.data.shape[1]:
+        frames.data[row, : len(line.data)] = np.frombuffer(line.data, np.uint8)
+
+
+def _renamed(frames: Frames, channels: list[str], keep: Bools) -> Frames:
+    kept = frames if keep.all() else frames[keep]
+    return Frames(
+        kept.at_ns, kept.identifier, kept.flags, kept.channel, kept.length, kept.data,
+        tuple(channels),
+    )  # fmt: skip
+
+
+class _Stamps:
+    """Turns stamps that count from the start or from the frame before into one count."""
+
+    def __init__(self, options: ReadOptions, damages: Damages) -> None:
+        self._delta: bool | None = options.stamps == DELTA if options.stamps else None
+        self._damages = damages
+        self._last_ns = 0
+
+    def note(self, line: Line, number: int) -> None:
+        if line.since == NONE:
+            self._damages.add("no time stamps", "line", number, "frames without `-t` are at 0")
+        elif line.since == LOCAL:
+            self._damages.add(
+                "local time", "line", number, "`-t A` tells no time zone; taken for UTC"
+            )
+
+    def settle(self, at_ns: Ints, since: Bools) -> None:
+        """In place: `-t d` where stamps run backwards, which those of `-t z` never do."""
+        rows = np.flatnonzero(since)
+        if not len(rows):
+            return
+        told = at_ns[rows]
+        if self._delta is None:
+            self._delta = bool((np.diff(told) < 0).any())
+            kind = "the frame before (`-t d`)" if self._delta else "the start (`-t z`)"
+            self._damages.add("relative stamps", "frame", None, f"taken to count from {kind}")
+        if self._delta:
+            at_ns[rows] = self._last_ns + np.cumsum(told)
+            self._last_ns = int(at_ns[rows[-1]])

@@ -1,0 +1,24 @@
+"""What a reader may be told."""
+
+from dataclasses import dataclass
+from typing import Final
+
+ZERO: Final = "zero"
+DELTA: Final = "delta"
+BLOCK_FRAMES: Final = 262_144
+
+
+@dataclass(frozen=True, slots=True)
+class ReadOptions:
+    """How a log is read; the defaults are right for whole files."""
+
+    format: str | None = None
+    """Name of the format where neither name nor content of the file tell."""
+    stamps: str | None = None
+    """Of a candump log with short stamps: DELTA or ZERO; None finds out."""
+    utc_offset_s: int = 0
+    """East of Greenwich, of formats that tell local time without a zone."""
+    block_frames: int = BLOCK_FRAMES
+    """About so many frames come at a time."""
+    compiled: bool = True
+    """Use the compiled kernel where there is one."""

@@ -1,0 +1,138 @@
+"""Reads a log: as a whole with its messages as tables, or block by block with bounded memory."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from metro_tools.canlog.damage import Damage, Damages, LogError
+from metro_tools.canlog.database import Bus, MessageSpec, load_bus
+from metro_tools.canlog.formats.registry import format_of
+from metro_tools.canlog.frames import Frames, Ints, concat
+from metro_tools.canlog.options import ReadOptions
+from metro_tools.canlog.run import Run, bus_log_of, read_run
+from metro_tools.canlog.table import Groups, Table
+
+Dbc = Path | str | Sequence[Path | str] | Bus | None
+
+
+class Log:
+    """A log in memory."""
+
+    def __init__(
+        self,
+        path: Path,
+        frames: Frames,
+        bus: Bus,
+        warnings: tuple[Damage, ...] = (),
+        run: Run | None = None,
+    ) -> None:
+        self.path = path
+        self.frames = frames
+        self.bus = bus
+        self.warnings = warnings
+        """What was damaged or could not be told for certain."""
+        self.run = run
+        """What else a run folder holds; None for a log by itself."""
+        self._groups: Groups | None = None
+        self._tables: dict[str, Table] = {}
+
+    def __len__(self) -> int:
+        return len(self.frames)
+
+    @property
+    def groups(self) -> Groups:
+        if self._groups is None:
+            self._groups = Groups(self.frames)
+        return self._groups
+
+    @property
+    def start_ns(self) -> int:
+        """The earliest stamp; 0 of a log without frames."""
+        return int(self.frames.at_ns.min()) if len(self.frames) else 0
+
+    @property
+    def end_ns(self) -> int:
+        """The latest stamp."""
+        return int(self.frames.at_ns.max()) if len(self.frames) else 0
+
+    @property
+    def messages(self) -> Mapping[str, MessageSpec]:
+        """Messages of the DBC file that the log has data frames of, by name, in order of keys."""
+        by_key = self.bus.by_key
+        return {by_key[key].name: by_key[key] for key in self.groups.keys if key in by_key}
+
+    @property
+    def unknown(self) -> tuple[int, ...]:
+        """Keys of data frames that the DBC file does not know."""
+        return tuple(key for key in self.groups.keys if key not in self.bus.by_key)
+
+    def rows(self, key: int) -> Ints:
+        """Which frames have a key, rising."""
+        return self.groups.rows(key)
+
+    def table(self, name: str) -> Table:
+        """All data frames of a message; one of no rows for a message that the log lacks.
+
+        Raises:
+            LogError: when the DBC file does not know the message.
+        """
+        found = self._tables.get(name)
+        if found is None:
+            found = self._tables[name] = self.groups.table(self.bus.message(name))
+        return found
+
+    def signal(self, name: str) -> tuple[Ints, np.ndarray]:  # type: ignore[type-arg]
+        """Instants and physical values of `MESSAGE.signal`, where a frame carries it.
+
+        Raises:
+            LogError: for a name that is not `MESSAGE.signal` of the DBC file.
+        """
+        message, dot, signal = name.partition(".")
+        if not dot:
+            raise LogError(f"{name}: name a signal as MESSAGE.signal")
+        table = self.table(message)
+        valid = table.valid(signal)
+        if valid.all():
+            return table.at_ns, table[signal]
+        return table.at_ns[valid], table[signal][valid]
+
+
+class Stream:
+    """A log block by block. Iterate once; `warnings` is complete when that has ended."""
+
+    def __init__(self, path: Path | str, options: ReadOptions | None = None) -> None:
+        """Raises LogError for what cannot be opened or is of no known format."""
+        self.path = bus_log_of(Path(path))
+        self._options = options or ReadOptions()
+        self._format = format_of(self.path, self._options.format)
+        self._damages = Damages()
+
+    @property
+    def format(self) -> str:
+        return self._format.name
+
+    @property
+    def warnings(self) -> tuple[Damage, ...]:
+        return self._damages.all()
+
+    def __iter__(self) -> Iterator[Frames]:
+        return self._format.read(self.path, self._options, self._damages)
+
+
+def stream(path: Path | str, options: ReadOptions | None = None) -> Stream:
+    """The frames of a log of any size, a block at a time. Raises LogError."""
+    return Stream(path, options)
+
+
+def read(path: Path | str, dbc: Dbc = None, options: ReadOptions | None = None) -> Log:
+    """A whole log, or that of a run folder, with the bus of `dbc` (default: this project's).
+
+    Raises:
+        LogError: names the file that cannot be read.
+    """
+    bus = load_bus(dbc)
+    source = stream(path, options)
+    frames = concat(list(source))
+    run = read_run(Path(path)) if Path(path).is_dir() else None
+    return Log(source.path, frames, bus, source.warnings, run)

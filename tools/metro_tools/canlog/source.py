@@ -1,0 +1,115 @@
+"""Bytes of a log in bounded pieces, plain or compressed; a torn or broken end gives what came before."""
+
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final
+
+from metro_tools.canlog.damage import Damages, LogError
+
+PIECE_BYTES: Final = 1 << 22
+LINE_MAX: Final = 1 << 16
+"""A line longer than this is no line of any log; what it holds is dropped and counted."""
+GZIP: Final = b"\x1f\x8b"
+ZSTD: Final = b"\x28\xb5\x2f\xfd"
+_GZIP_WINDOW: Final = 31
+
+
+def head_of(path: Path, count: int = 4096) -> bytes:
+    """The first bytes, uncompressed; fewer when there are fewer. Raises LogError."""
+    quiet = Damages()
+    found = b""
+    for piece in pieces(path, quiet, piece_bytes=count):
+        found += piece
+        if len(found) >= count:
+            break
+    return found[:count]
+
+
+def pieces(path: Path, damages: Damages, piece_bytes: int = PIECE_BYTES) -> Iterator[bytes]:
+    """The content of a file, gzip and zstd undone, a few megabytes at a time.
+
+    Raises:
+        LogError: when the file cannot be opened or read.
+    """
+    try:
+        with path.open("rb") as file:
+            magic = file.read(4)
+            file.seek(0)
+            if magic.startswith(GZIP):
+                yield from _gunzipped(file, damages, piece_bytes)
+            elif magic == ZSTD:
+                yield from _unzstd(path, damages, piece_bytes)
+            else:
+                while piece := file.read(piece_bytes):
+                    yield piece
+    except OSError as error:
+        raise LogError(f"{path}: cannot be read: {error.strerror or error}") from error
+
+
+def _gunzipped(file: "object", damages: Damages, piece_bytes: int) -> Iterator[bytes]:
+    """Member after member; behind the last whole byte of a torn or broken one nothing is read."""
+    read = file.read  # type: ignore[attr-defined]
+    taken, waiting = 0, b""
+    undo = zlib.decompressobj(_GZIP_WINDOW)
+    fresh = True
+    while waiting or (waiting := read(piece_bytes)):
+        taken_before = taken
+        size = len(waiting)
+        try:
+            out = undo.decompress(waiting, 8 * piece_bytes)
+        except zlib.error as error:
+            if fresh and not waiting.strip(b"\0"):
+                waiting = b""
+                continue
+            damages.add("broken gzip stream", "byte", taken_before, str(error))
+            return
+        waiting = undo.unconsumed_tail or undo.unused_data
+        taken += size - len(waiting)
+        fresh = False
+        if out:
+            yield out
+        if undo.eof:
+            undo, fresh = zlib.decompressobj(_GZIP_WINDOW), True
+    if not fresh:
+        damages.add("torn gzip stream", "byte", taken, "the file ends inside it")
+
+
+def _unzstd(path: Path, damages: Damages, piece_bytes: int) -> Iterator[bytes]:
+    import pyarrow as pa
+
+    given = 0
+    with pa.OSFile(str(path)) as raw, pa.CompressedInputStream(raw, "zstd") as stream:
+        while True:
+            try:
+                piece = stream.read(piece_bytes)
+            except OSError as error:
+                # What was whole before the break is gone with the failed call: ask in small bites.
+                damages.add("broken zstd stream", "byte", given, str(error).splitlines()[0])
+                return
+            if not piece:
+                return
+            given += len(piece)
+            yield piece
+
+
+def lines_blocks(path: Path, damages: Damages) -> Iterator[tuple[bytes, int]]:
+    """Whole lines in blocks of some megabytes, each with the number of its first line, from 1.
+
+    The last line counts as whole even without its end; whoever parses it will see.
+    """
+    rest, number = b"", 1
+    for piece in pieces(path, damages):
+        cut = piece.rfind(b"\n") + 1
+        if not cut:
+            rest += piece
+            if len(rest) > LINE_MAX:
+                damages.add("endless line", "line", number, f"no end within {LINE_MAX} bytes")
+                rest = rest[:LINE_MAX]
+            continue
+        block = rest + piece[:cut] if rest else piece[:cut]
+        rest = piece[cut:]
+        yield block, number
+        number += block.count(b"\n")
+    if rest:
+        yield rest, number

@@ -1,0 +1,195 @@
+"""All frames of one message as columns of physical values, decoded when they are asked for."""
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from metro_tools.canlog.database import MessageSpec
+from metro_tools.canlog.frames import NOT_DATA, Bools, Frames, Ints
+from metro_tools.canlog.plan import Column, Payloads, Plan, Raws, signed_raw
+
+
+class Table:
+    """`n` frames of one message. `table["speed_mps"]` is a column (n,) of physical values.
+
+    Integers stay integers. Where a frame does not carry a signal, because it is short or its
+    multiplexer chooses others, `valid` is false and the value is NaN, or 0 of an integer.
+    """
+
+    def __init__(self, plan: Plan, at_ns: Ints, rows: Ints, payloads: Payloads) -> None:
+        self.spec: MessageSpec = plan.spec
+        self.at_ns = at_ns
+        """(n,) int64."""
+        self.rows = rows
+        """(n,) int64: which frames of the log these are."""
+        self.payloads = payloads
+        self._plan = plan
+        self._columns: dict[str, Column] = {}
+        self._valid: dict[str, Bools] = {}
+
+    def __len__(self) -> int:
+        return len(self.at_ns)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The signals, as the DBC file orders them."""
+        return tuple(self._plan.cuts)
+
+    @property
+    def units(self) -> Mapping[str, str]:
+        return {signal.name: signal.unit for signal in self.spec.signals}
+
+    @property
+    def choices(self) -> Mapping[str, Mapping[int, str]]:
+        """Value tables, by raw value, of the signals that have one."""
+        return {signal.name: signal.choices for signal in self.spec.signals if signal.choices}
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._plan.cuts
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.names)
+
+    def __getitem__(self, name: str) -> Column:
+        """(n,) physical values. Raises LogError for a name that the message does not have."""
+        found = self._columns.get(name)
+        if found is None:
+            self.spec.signal(name)
+            found = self._plan.physical(name, self.payloads)
+            absent = self._plan.valid(name, self.payloads)
+            if absent is not None:
+                found = np.where(absent, found, _nothing(found))
+            self._columns[name] = found
+        return found
+
+    def valid(self, name: str) -> Bools:
+        """(n,) whether the frame carries the signal."""
+        found = self._valid.get(name)
+        if found is None:
+            self.spec.signal(name)
+            found = self._plan.valid(name, self.payloads)
+            found = self._valid[name] = np.ones(len(self), np.bool_) if found is None else found
+        return found
+
+    def raw(self, name: str) -> Column:
+        """(n,) the bits as a number, int64 for a signed signal and uint64 for the others."""
+        spec = self.spec.signal(name)
+        bits: Raws = self._plan.raw(name, self.payloads)
+        return signed_raw(spec, bits)
+
+    def labels(self, name: str) -> "list[str | None]":
+        """Names of a signal's value table, None where the table has none or the frame no signal."""
+        choices = self.spec.signal(name).choices
+        pairs = zip(self.raw(name).tolist(), self.valid(name).tolist(), strict=True)
+        return [choices.get(raw) if valid else None for raw, valid in pairs]
+
+    @property
+    def undefined(self) -> Bools:
+        """(n,) frames with a multiplexer value that the DBC file does not know."""
+        found = self._plan.undefined(self.payloads)
+        return np.zeros(len(self), np.bool_) if found is None else found
+
+    def arrow(self) -> Any:
+        """A pyarrow.Table: `at_ns`, then each signal, null where a frame has none.
+
+        Units, value tables and the message's name are in the metadata of fields and schema.
+        """
+        import pyarrow as pa
+
+        fields, columns = [pa.field("at_ns", pa.int64())], [pa.array(self.at_ns)]
+        for signal in self.spec.signals:
+            values, valid = self[signal.name], self.valid(signal.name)
+            column = pa.array(values, mask=None if valid.all() else ~valid)
+            told = {"unit": signal.unit, **{f"value {r}": n for r, n in signal.choices.items()}}
+            fields.append(pa.field(signal.name, column.type, metadata=told))
+            columns.append(column)
+        schema = pa.schema(fields, metadata={"message": self.spec.name})
+        return pa.Table.from_arrays(columns, schema=schema)
+
+
+def _nothing(column: Column) -> Any:
+    return np.nan if column.dtype.kind == "f" else column.dtype.type(0)
+
+
+class Groups:
+    """Which frames belong to which message: sorted once for all of them."""
+
+    def __init__(self, frames: Frames) -> None:
+        self.frames = frames
+        key = frames.key
+        data = (frames.flags & np.uint8(NOT_DATA)) == 0
+        self._order, self._starts = _grouped(key, data)
+
+    @property
+    def keys(self) -> tuple[int, ...]:
+        """Of all data frames, sorted."""
+        return tuple(self._starts)
+
+    def rows(self, key: int) -> Ints:
+        """Indices of the data frames with this key, rising."""
+        start, stop = self._starts.get(key, (0, 0))
+        return self._order[start:stop]
+
+    def table(self, spec: MessageSpec) -> Table:
+        rows = self.rows(spec.key)
+        frames = self.frames
+        payloads = Payloads(_taken(frames, rows), frames.length[rows])
+        return Table(Plan(spec), frames.at_ns[rows], rows, payloads)
+
+
+def _taken(frames: Frames, rows: Ints) -> Any:
+    """Rows of the data; as whole words where they are, which is many times faster."""
+    data = frames.data
+    if data.shape[1] == 8 and data.flags.c_contiguous:
+        return data.view(np.uint64)[:, 0][rows].view(np.uint8).reshape(-1, 8)
+    return data[rows]
+
+
+def _grouped(key: Any, data: Bools) -> tuple[Ints, dict[int, tuple[int, int]]]:
+    """Order that puts frames of one key together, and where each key starts and ends in it."""
+    known = _distinct(key)
+    if len(known) <= 1 << 16:
+        number = _numbers(key, known)
+        if not data.all():
+            rows = np.flatnonzero(data)
+            order = rows[np.argsort(number[rows], kind="stable")]
+            counts = np.bincount(number[rows], minlength=len(known))
+        else:
+            order = np.argsort(number, kind="stable")
+            counts = np.bincount(number, minlength=len(known))
+        ends = np.cumsum(counts)
+        starts = ends - counts
+        spans = zip(known.tolist(), starts.tolist(), ends.tolist(), strict=True)
+        return order, {each: (start, end) for each, start, end in spans if end > start}
+    rows = np.flatnonzero(data)
+    order = rows[np.argsort(key[rows], kind="stable")]
+    values, firsts, counts = np.unique(key[order], return_index=True, return_counts=True)
+    spans = zip(values.tolist(), firsts.tolist(), counts.tolist(), strict=True)
+    return order, {each: (first, first + count) for each, first, count in spans}
+
+
+def _distinct(key: Any) -> Any:
+    """Sorted distinct keys; a table where all of them are short."""
+    if len(key) and int(key.max()) < 2048:
+        seen = np.zeros(2048, np.bool_)
+        seen[key] = True
+        return np.flatnonzero(seen).astype(np.uint32)
+    short = key < 2048
+    seen = np.zeros(2048, np.bool_)
+    seen[key[short]] = True
+    return np.concatenate([np.flatnonzero(seen).astype(np.uint32), np.unique(key[~short])])
+
+
+def _numbers(key: Any, known: Any) -> Any:
+    """Position of each key in `known`, in the smallest type, which sorts fastest."""
+    kind = np.uint8 if len(known) <= 256 else np.uint16
+    table = np.zeros(2048, kind)
+    short = known < 2048
+    table[known[short]] = np.arange(int(short.sum()), dtype=kind)
+    if short.all():
+        return table[key]
+    number = table[np.minimum(key, 2047)]
+    long = np.flatnonzero(key >= 2048)
+    number[long] = np.searchsorted(known, key[long]).astype(kind)
+    return number
