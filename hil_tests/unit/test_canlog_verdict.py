@@ -25,7 +25,9 @@ from metro_tools.canlog.verdict import (
 
 Row = tuple[int, int, int, str, bytes]
 KINDS = [kind for kind in kinds() if len(dataclasses.fields(kind))]
-VITAL = {each.message.frame_id: each.twin.frame_id for each in map(binding_of, kinds()) if each.twin}
+VITAL = {
+    each.message.frame_id: each.twin.frame_id for each in map(binding_of, kinds()) if each.twin
+}
 
 
 def traffic(seed: int, count: int, damaged_share: float) -> list[Row]:
@@ -52,7 +54,9 @@ def traffic(seed: int, count: int, damaged_share: float) -> list[Row]:
                 continue
             elif fault < 0.5 * damaged_share:
                 at = draw.randrange(len(data)) if data else 0
-                wrong = bytes(b ^ (1 << draw.randrange(8) if i == at else 0) for i, b in enumerate(data))
+                wrong = bytes(
+                    b ^ (1 << draw.randrange(8) if i == at else 0) for i, b in enumerate(data)
+                )
                 rows.append((now_ns, can_id, 0, "c", wrong))
             elif fault < 0.6 * damaged_share:
                 rows.append((now_ns, can_id, 0, "c", data[: draw.randrange(len(data) + 1)]))
@@ -118,8 +122,8 @@ def test_a_log_judged_in_blocks_is_judged_as_in_one_piece(seed: int, block: int)
 
     for start in range(0, len(frames), block):
         code += one.feed(frames[start : start + block]).tolist()
-        for row, late in one.late:
-            code[row] = late
+        for late in one.late:
+            code[late.row] = late.code
 
     assert code == judge(frames).code.tolist()
     assert {key: count for key, count in one.lost.items() if count} == judge(frames).lost

@@ -23,7 +23,7 @@ class SignalSpec:
 
     name: str
     start: int
-    """As in the DBC file: least significant bit, or the most significant one of a Motorola signal."""
+    """As in the DBC file: the lowest bit, or the highest one of a Motorola signal."""
     length: int
     big_endian: bool
     signed: bool

@@ -68,14 +68,15 @@ class Frames:
 
     @property
     def key(self) -> Words:
-        """(n,) uint32: identifier, with KEY_EXTENDED for 29 bits; what messages are told apart by."""
+        """(n,) uint32: identifier, with KEY_EXTENDED for 29 bits; it tells messages apart."""
         extended = (self.flags & np.uint8(EXTENDED)).astype(np.uint32)
         return self.identifier | extended << np.uint32(31)
 
     @property
     def is_data(self) -> Bools:
         """(n,) neither remote nor error frame."""
-        return (self.flags & np.uint8(NOT_DATA)) == 0
+        is_data: Bools = (self.flags & np.uint8(NOT_DATA)) == 0
+        return is_data
 
     def payload(self, row: int) -> bytes:
         """The data bytes of one frame; none for a remote frame."""

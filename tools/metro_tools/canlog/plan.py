@@ -38,7 +38,7 @@ class Payloads:
 
     @property
     def width(self) -> int:
-        return self.data.shape[1]
+        return int(self.data.shape[1])
 
     def word(self, first_byte: int, *, big_endian: bool) -> Raws:
         """(n,) eight bytes from `first_byte` on as one number, zeros behind the end of the data."""

@@ -3,13 +3,12 @@
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
-import numpy as np
-
 from metro_tools.canlog.damage import Damage, Damages, LogError
 from metro_tools.canlog.database import Bus, MessageSpec, load_bus
 from metro_tools.canlog.formats.registry import format_of
 from metro_tools.canlog.frames import Frames, Ints, concat
 from metro_tools.canlog.options import ReadOptions
+from metro_tools.canlog.plan import Column
 from metro_tools.canlog.run import Run, bus_log_of, read_run
 from metro_tools.canlog.table import Groups, Table
 
@@ -82,7 +81,7 @@ class Log:
             found = self._tables[name] = self.groups.table(self.bus.message(name))
         return found
 
-    def signal(self, name: str) -> tuple[Ints, np.ndarray]:  # type: ignore[type-arg]
+    def signal(self, name: str) -> tuple[Ints, Column]:
         """Instants and physical values of `MESSAGE.signal`, where a frame carries it.
 
         Raises:

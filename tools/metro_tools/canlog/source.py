@@ -1,4 +1,4 @@
-"""Bytes of a log in bounded pieces, plain or compressed; a torn or broken end gives what came before."""
+"""Bytes of a log in bounded pieces, plain or compressed, up to a torn or broken end."""
 
 import zlib
 from collections.abc import Iterator

@@ -134,11 +134,11 @@ class Groups:
     def table(self, spec: MessageSpec) -> Table:
         rows = self.rows(spec.key)
         frames = self.frames
-        payloads = Payloads(_taken(frames, rows), frames.length[rows])
+        payloads = Payloads(taken(frames, rows), frames.length[rows])
         return Table(Plan(spec), frames.at_ns[rows], rows, payloads)
 
 
-def _taken(frames: Frames, rows: Ints) -> Any:
+def taken(frames: Frames, rows: Ints) -> Any:
     """Rows of the data; as whole words where they are, which is many times faster."""
     data = frames.data
     if data.shape[1] == 8 and data.flags.c_contiguous:

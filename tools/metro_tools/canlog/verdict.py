@@ -1,12 +1,12 @@
 """What the project's own codec says of every frame of a log, for whole columns at once.
 
-`can_dbc.codec.Decoder` judges frame by frame on board; here the same rules run over columns, so that
-a log of millions of frames is judged in seconds. The codec is the oracle that tests hold this to.
+`can_dbc.codec.Decoder` judges frame by frame on board; here the same rules run over columns, so
+that a log of millions of frames is judged in seconds. Tests hold this to the codec.
 """
 
 from collections import Counter
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -78,6 +78,18 @@ class _Pair:
     """What waits for the second half: row, instant, payload and counter."""
 
     waiting: tuple[int, int, int] | None = None
+    late: list[tuple[int, int]] = field(default_factory=list)
+    """Row and code of the one that waited since an earlier block."""
+
+
+class Late(NamedTuple):
+    """What became of a frame of an earlier block."""
+
+    row: int
+    """In the whole log."""
+    code: int
+    channel: str
+    can_id: int
 
 
 @dataclass(slots=True)
@@ -85,8 +97,8 @@ class Judge:
     """Judges a log block by block. Every channel has receivers of its own."""
 
     lost: Counter[int] = field(default_factory=Counter)
-    late: list[tuple[int, int]] = field(default_factory=list)
-    """Row in the whole log, and code: of frames of earlier blocks, told by the last one."""
+    late: list[Late] = field(default_factory=list)
+    """Frames of earlier blocks that were UNCONFIRMED and that the last block has told about."""
     _fed: int = 0
     _alive: dict[tuple[str, int], AliveCounter] = field(default_factory=dict)
     _pairs: dict[tuple[str, int], _Pair] = field(default_factory=dict)
@@ -102,7 +114,10 @@ class Judge:
             rows = groups.rows(bound.message.frame_id)
             twins = groups.rows(bound.twin.frame_id) if bound.twin is not None else rows[:0]
             for channel, name in enumerate(frames.channels):
-                mine, other = _of_channel(frames, rows, channel), _of_channel(frames, twins, channel)
+                mine, other = (
+                    _of_channel(frames, rows, channel),
+                    _of_channel(frames, twins, channel),
+                )
                 if len(mine) or len(other):
                     self._judge(bound, name, frames, mine, other, code)
         self._fed += len(frames)
@@ -124,6 +139,11 @@ class Judge:
         heard = _checked(bound.twin, frames, twins, code)
         pair = self._pairs.setdefault((channel, bound.message.frame_id), _Pair())
         self._paired(bound, pair, frames, accepted, heard, code)
+        self.late += [
+            Late(row, told, channel, bound.message.frame_id)
+            for row, told in pair.late
+            if told != UNCONFIRMED
+        ]
 
     def _counted(
         self, bound: Binding, channel: str, frames: Frames, rows: Ints, code: Bytes
@@ -171,7 +191,7 @@ class Judge:
             pair.waiting = int(rows[-1]), int(at_ns[-1]), int(word[-1])
         mine = rows >= self._fed
         code[rows[mine] - self._fed] = told[mine]
-        self.late += [(int(r), int(c)) for r, c in zip(rows[~mine], told[~mine], strict=True)]
+        pair.late = [(int(r), int(c)) for r, c in zip(rows[~mine], told[~mine], strict=True)]
 
     def _halves(self, bound: Binding, is_first: Any, word: Any, at_ns: Ints) -> Bytes:
         """(n,) codes of believed first halves and intact twins in the order of the log."""
@@ -251,7 +271,8 @@ def _bindings() -> list[Binding]:
 def _of_channel(frames: Frames, rows: Ints, channel: int) -> Ints:
     if len(frames.channels) == 1:
         return rows
-    return rows[frames.channel[rows] == channel]
+    mine: Ints = rows[frames.channel[rows] == channel]
+    return mine
 
 
 def _words(frames: Frames, rows: Ints) -> Any:

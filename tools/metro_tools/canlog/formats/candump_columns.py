@@ -1,4 +1,4 @@
-"""A block of candump lines taken apart with numpy: lines of one shape at once, odd ones left over."""
+"""Candump lines taken apart with numpy: all lines of one shape at once, odd ones left over."""
 
 import re
 from dataclasses import dataclass

@@ -13,7 +13,7 @@ NS_PER_S: Final = 1_000_000_000
 SECONDS_MAX: Final = 9_223_372_035
 """Later instants do not fit into 64 bits of nanoseconds."""
 ABSOLUTE, SINCE, LOCAL, NONE = "absolute", "since", "local", "none"
-"""What a stamp counts from: 1970; the start or the frame before; local midnight of 1970; nothing."""
+"""What a stamp counts from: 1970; the start or the frame before; 1970 in local time; nothing."""
 SINCE_DIGITS_MAX: Final = 8
 """candump prints seconds since something with three digits, those since 1970 with ten."""
 

@@ -1,0 +1,114 @@
+"""Gaps between the frames of one message, gathered block by block in bounded memory."""
+
+from typing import Any, Final
+
+import numpy as np
+
+from metro_tools.canlog.frames import Ints
+
+EXACT_BITS: Final = 10
+"""Gaps below 1024 us have a bucket each; longer ones share buckets at most 1/512 of them wide."""
+HALF: Final = 1 << EXACT_BITS - 1
+VALUE_BITS: Final = 44
+BUCKETS: Final = HALF * (VALUE_BITS - EXACT_BITS + 2)
+NS_PER_US: Final = 1000
+LATE_FACTOR: Final = 1.5
+"""A gap of more than so many periods misses frames."""
+EARLY_FACTOR: Final = 0.5
+"""A frame that comes after less than this of its period is one too many."""
+
+
+class Gaps:
+    """Cycle times of one message on one channel."""
+
+    def __init__(self, period_ns: int, timeout_ns: int) -> None:
+        """0 where the DBC file tells no period, or no timeout."""
+        self.period_ns, self.timeout_ns = period_ns, timeout_ns
+        self.count = 0
+        """Gaps; one less than frames."""
+        self.least_ns, self.most_ns, self.most_at_ns = 0, 0, 0
+        self.missing = self.extra = self.late = self.backwards = self.stale = 0
+        self.stale_ns = 0
+        self.first_ns: int | None = None
+        self.last_ns = 0
+        self._sum_ns = 0
+        self._sum_squares_ns2 = 0.0
+        self._buckets: Any = np.zeros(BUCKETS, np.int64)
+
+    def feed(self, at_ns: Ints) -> None:
+        """The stamps of the next frames."""
+        if not len(at_ns):
+            return
+        if self.first_ns is None:
+            self.first_ns, gaps = int(at_ns[0]), np.diff(at_ns)
+            at_ns = at_ns[1:]
+        else:
+            gaps = np.diff(at_ns, prepend=self.last_ns)
+        if not len(gaps):
+            self.last_ns = self.first_ns
+            return
+        self.last_ns = int(at_ns[-1])
+        if int(gaps.min()) < 0:
+            forward = gaps >= 0
+            self.backwards += int(len(gaps) - forward.sum())
+            gaps, at_ns = gaps[forward], at_ns[forward]
+            if not len(gaps):
+                return
+        self._count(gaps, at_ns)
+
+    def _count(self, gaps: Ints, at_ns: Ints) -> None:
+        least, longest = int(gaps.min()), int(gaps.argmax())
+        self.least_ns = least if not self.count else min(self.least_ns, least)
+        if int(gaps[longest]) > self.most_ns:
+            self.most_ns, self.most_at_ns = int(gaps[longest]), int(at_ns[longest])
+        self.count += len(gaps)
+        self._sum_ns += int(gaps.sum())
+        deviation = (gaps - self.period_ns).astype(np.float64)
+        self._sum_squares_ns2 += float(np.dot(deviation, deviation))
+        self._buckets += np.bincount(_bucket(gaps // NS_PER_US), minlength=BUCKETS)
+        if self.period_ns:
+            late = gaps[gaps > LATE_FACTOR * self.period_ns]
+            self.late += len(late)
+            self.missing += int((np.rint(late / self.period_ns) - 1).sum())
+            self.extra += int((gaps < EARLY_FACTOR * self.period_ns).sum())
+        if self.timeout_ns and self.most_ns > self.timeout_ns:
+            stale = gaps[gaps > self.timeout_ns]
+            self.stale += len(stale)
+            self.stale_ns += int((stale - self.timeout_ns).sum())
+
+    @property
+    def mean_ns(self) -> float:
+        return self._sum_ns / self.count if self.count else 0.0
+
+    @property
+    def jitter_ns(self) -> float:
+        """Standard deviation of the gaps."""
+        if not self.count:
+            return 0.0
+        off_ns = self.mean_ns - self.period_ns
+        return float(max(0.0, self._sum_squares_ns2 / self.count - off_ns * off_ns) ** 0.5)
+
+    def percentile_us(self, percent: float) -> int:
+        """What so many percent of the gaps do not exceed, at most 1/512 too high."""
+        wanted = int(np.ceil(self.count * percent / 100.0))
+        if not wanted:
+            return 0
+        bucket = int(np.searchsorted(np.cumsum(self._buckets), wanted))
+        return min(_top(bucket), self.most_ns // NS_PER_US)
+
+    def histogram(self) -> list[tuple[int, int]]:
+        """Top of each bucket that is not empty, in us, and its count."""
+        filled = np.flatnonzero(self._buckets)
+        return [(_top(int(each)), int(self._buckets[each])) for each in filled]
+
+
+def _bucket(value: Ints) -> Any:
+    """As `firmware_py.histogram`: the leading bits and where they stand."""
+    exponent = np.frexp(value.astype(np.float64))[1]
+    shift = np.maximum(exponent - EXACT_BITS, 0)
+    return np.minimum(shift * HALF + (value >> shift), BUCKETS - 1)
+
+
+def _top(bucket: int) -> int:
+    shift = max(bucket // HALF - 1, 0)
+    return (bucket - shift * HALF + 1 << shift) - 1

@@ -1,0 +1,169 @@
+"""Statistics as rows of named numbers: what tables, JSON, CSV, JUnit and rules are made of."""
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+from can_dbc.rejection import Reason
+from metro_tools.canlog.frames import KEY_EXTENDED
+from metro_tools.canlog.gaps import Gaps
+from metro_tools.canlog.latency import Cyclic, longest_bits, response_ns
+from metro_tools.canlog.stats import NS_PER_MS, NS_PER_S, BusStats, MessageStats, Statistics
+
+COUNTER: Final = (Reason.STUCK_COUNTER, Reason.JUMPED_COUNTER)
+TWIN: Final = (Reason.TWIN_MISMATCH, Reason.TWIN_TIMEOUT)
+LEAST_GAPS: Final = 3
+"""So many gaps tell a period that the DBC file does not."""
+
+MESSAGE_NUMBERS: Final = (
+    *("frames", "rate_hz", "load_ratio", "period_ms", "gap_ms_mean", "gap_ms_min", "gap_ms_max"),
+    *("gap_ms_p50", "gap_ms_p99", "jitter_ms", "missing", "extra", "gaps", "backwards"),
+    *("stale", "stale_ms", "lost", "rejected", "crc_errors", "counter_errors", "twin_errors"),
+    *("invalid_values", "wrong_length", "unconfirmed", "short", "undefined", "out_of_range"),
+    *("latency_ms", "known"),
+)
+"""What a rule may say of a message."""
+BUS_NUMBERS: Final = (
+    *("bus_frames", "bus_load_ratio", "bus_load_ratio_max", "error_frames", "remote_frames"),
+    *("fd_frames", "unknown_frames", "bus_backwards", "span_s"),
+)
+"""What a rule may say of a bus."""
+
+Row = dict[str, Any]
+
+
+def message_rows(found: Statistics) -> list[Row]:
+    """One for each message and channel, by channel and key, with all of MESSAGE_NUMBERS."""
+    latencies = {channel: latencies_ms(found, channel) for channel in found.buses}
+    ordered = sorted(found.messages.values(), key=lambda one: (one.channel, one.key))
+    return [
+        _message_row(one, found.buses[one.channel], found, latencies[one.channel].get(one.name))
+        for one in ordered
+    ]
+
+
+def _message_row(
+    one: MessageStats, bus: BusStats, found: Statistics, latency_ms: float | None
+) -> Row:
+    gaps, refused = one.gaps, one.rejected
+    span_s = bus.span_ns / NS_PER_S
+    return {
+        "channel": one.channel,
+        "id": _id_text(one.key),
+        "message": one.name,
+        "known": int(one.spec is not None),
+        "frames": one.frames,
+        "rate_hz": round(one.frames / span_s, 3) if span_s else 0.0,
+        "load_ratio": round(one.bits / found.baudrate / span_s, 6) if span_s else 0.0,
+        **_gap_numbers(gaps),
+        "lost": one.lost,
+        "rejected": sum(refused.values()),
+        "crc_errors": refused.get(Reason.WRONG_CRC, 0),
+        "counter_errors": sum(refused.get(reason, 0) for reason in COUNTER),
+        "twin_errors": sum(refused.get(reason, 0) for reason in TWIN),
+        "invalid_values": refused.get(Reason.INVALID_VALUE, 0),
+        "wrong_length": refused.get(Reason.WRONG_LENGTH, 0),
+        "unconfirmed": one.unconfirmed,
+        "short": one.short,
+        "undefined": one.undefined,
+        "out_of_range": sum(signal.out_of_range for signal in one.signals.values()),
+        "latency_ms": latency_ms,
+    }
+
+
+def _gap_numbers(gaps: Gaps) -> Mapping[str, Any]:
+    def ms(ns: float) -> float:
+        return round(ns / NS_PER_MS, 6)
+
+    return {
+        "period_ms": ms(gaps.period_ns),
+        "gap_ms_mean": ms(gaps.mean_ns),
+        "gap_ms_min": ms(gaps.least_ns),
+        "gap_ms_p50": gaps.percentile_us(50) / 1000,
+        "gap_ms_p99": gaps.percentile_us(99) / 1000,
+        "gap_ms_max": ms(gaps.most_ns),
+        "jitter_ms": ms(gaps.jitter_ns),
+        "gaps": gaps.late,
+        "missing": gaps.missing,
+        "extra": gaps.extra,
+        "backwards": gaps.backwards,
+        "stale": gaps.stale,
+        "stale_ms": ms(gaps.stale_ns),
+    }
+
+
+def bus_rows(found: Statistics) -> list[Row]:
+    """One for each channel, with all of BUS_NUMBERS."""
+    return [
+        {
+            "channel": one.channel,
+            "bus_frames": one.frames,
+            "span_s": round(one.span_ns / NS_PER_S, 9),
+            "baudrate": found.baudrate,
+            "bus_load_ratio": round(one.load_ratio, 6),
+            "bus_load_ratio_max": round(one.load_ratio_max, 6),
+            "error_frames": one.error_frames,
+            "remote_frames": one.remote_frames,
+            "fd_frames": one.fd_frames,
+            "unknown_frames": one.unknown_frames,
+            "bus_backwards": one.backwards,
+        }
+        for one in found.buses.values()
+    ]
+
+
+def signal_rows(found: Statistics) -> list[Row]:
+    """Range of each signal that was seen."""
+    rows = []
+    for one in sorted(found.messages.values(), key=lambda each: (each.channel, each.key)):
+        for name, seen in one.signals.items():
+            rows.append(
+                {
+                    "channel": one.channel,
+                    "message": one.name,
+                    "signal": name,
+                    "unit": seen.spec.unit,
+                    "frames": seen.seen,
+                    "least": seen.least,
+                    "most": seen.most,
+                    "minimum": seen.spec.minimum,
+                    "maximum": seen.spec.maximum,
+                    "out_of_range": seen.out_of_range,
+                }
+            )
+    return rows
+
+
+def latencies_ms(found: Statistics, channel: str) -> dict[str, float | None]:
+    """Worst-case latency of each message of a channel that is sent with a period.
+
+    The period is that of the DBC file, else the median gap. Others only block: they are left out as
+    if they were rare. CAN FD is not covered: its messages are left out, too.
+    """
+    bit_ns = NS_PER_S // found.baudrate
+    known = sorted(
+        (one for one in found.messages.values() if one.channel == channel),
+        key=lambda one: _priority(one.key),
+    )
+    messages = []
+    for one in known:
+        period_ns = one.gaps.period_ns
+        if not period_ns and one.gaps.count >= LEAST_GAPS:
+            period_ns = one.gaps.percentile_us(50) * 1000
+        length = min(one.spec.length if one.spec else 8, 8)
+        if period_ns and not (one.spec and one.spec.is_fd):
+            bits = longest_bits(length, extended=bool(one.key & KEY_EXTENDED))
+            messages.append(Cyclic(one.name, period_ns, bits * bit_ns))
+    told = response_ns(messages, bit_ns)
+    return {name: None if ns is None else round(ns / NS_PER_MS, 6) for name, ns in told.items()}
+
+
+def _priority(key: int) -> tuple[int, int, int]:
+    """As arbitration decides: the first eleven bits, then 11 bits before 29, then the rest."""
+    if key & KEY_EXTENDED:
+        wide = key & ~KEY_EXTENDED
+        return wide >> 18, 1, wide & 0x3FFFF
+    return key, 0, 0
+
+
+def _id_text(key: int) -> str:
+    return f"{key & ~KEY_EXTENDED:08X}" if key & KEY_EXTENDED else f"{key:03X}"
