@@ -150,7 +150,7 @@ def test_values_that_no_class_knows_are_refused_as_the_codec_refuses_them() -> N
 
 
 def test_channels_have_receivers_of_their_own() -> None:
-    rows = [row for row in traffic(3, 60, 0.2)]
+    rows = traffic(3, 60, 0.2)
     two = [(*row[:3], name, row[4]) for row in rows for name in ("a", "b")]
 
     found = judge(from_rows(two)).code

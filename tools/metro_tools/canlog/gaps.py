@@ -6,10 +6,10 @@ import numpy as np
 
 from metro_tools.canlog.frames import Ints
 
-EXACT_BITS: Final = 10
-"""Gaps below 1024 us have a bucket each; longer ones share buckets at most 1/512 of them wide."""
+EXACT_BITS: Final = 12
+"""Gaps below 4096 us have a bucket each; longer ones share buckets at most 1/2048 of them wide."""
 HALF: Final = 1 << EXACT_BITS - 1
-VALUE_BITS: Final = 44
+VALUE_BITS: Final = 40
 BUCKETS: Final = HALF * (VALUE_BITS - EXACT_BITS + 2)
 NS_PER_US: Final = 1000
 LATE_FACTOR: Final = 1.5
@@ -65,7 +65,8 @@ class Gaps:
         self._sum_ns += int(gaps.sum())
         deviation = (gaps - self.period_ns).astype(np.float64)
         self._sum_squares_ns2 += float(np.dot(deviation, deviation))
-        self._buckets += np.bincount(_bucket(gaps // NS_PER_US), minlength=BUCKETS)
+        counts = np.bincount(_bucket(gaps // NS_PER_US))
+        self._buckets[: len(counts)] += counts
         if self.period_ns:
             late = gaps[gaps > LATE_FACTOR * self.period_ns]
             self.late += len(late)
@@ -89,7 +90,7 @@ class Gaps:
         return float(max(0.0, self._sum_squares_ns2 / self.count - off_ns * off_ns) ** 0.5)
 
     def percentile_us(self, percent: float) -> int:
-        """What so many percent of the gaps do not exceed, at most 1/512 too high."""
+        """What so many percent of the gaps do not exceed, at most 1/2048 too high."""
         wanted = int(np.ceil(self.count * percent / 100.0))
         if not wanted:
             return 0

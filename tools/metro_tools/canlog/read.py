@@ -105,7 +105,7 @@ class Stream:
         self.path = bus_log_of(Path(path))
         self._options = options or ReadOptions()
         self._format = format_of(self.path, self._options.format)
-        self._damages = Damages()
+        self.damages = Damages()
 
     @property
     def format(self) -> str:
@@ -113,10 +113,10 @@ class Stream:
 
     @property
     def warnings(self) -> tuple[Damage, ...]:
-        return self._damages.all()
+        return self.damages.all()
 
     def __iter__(self) -> Iterator[Frames]:
-        return self._format.read(self.path, self._options, self._damages)
+        return self._format.read(self.path, self._options, self.damages)
 
 
 def stream(path: Path | str, options: ReadOptions | None = None) -> Stream:
@@ -133,5 +133,7 @@ def read(path: Path | str, dbc: Dbc = None, options: ReadOptions | None = None) 
     bus = load_bus(dbc)
     source = stream(path, options)
     frames = concat(list(source))
-    run = read_run(Path(path)) if Path(path).is_dir() else None
+    run = None
+    if Path(path).is_dir():
+        run = read_run(Path(path), frames, bus, source.damages)
     return Log(source.path, frames, bus, source.warnings, run)
