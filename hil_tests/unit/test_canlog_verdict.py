@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from can_dbc.binding import binding_of, kinds
 from can_dbc.codec import Decoder, Encoder, Reason, Rejected
 from can_dbc.packing import unpacker
-from metro_tools.canlog.frames import ERROR, EXTENDED, REMOTE, Frames, from_rows
+from metro_tools.canlog.frames import ERROR, EXTENDED, REMOTE, Frames
+from metro_tools.canlog.rows import from_rows
 from metro_tools.canlog.verdict import (
     ACCEPTED,
     CODES,

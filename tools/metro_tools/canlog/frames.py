@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -136,25 +136,3 @@ def _renumbered(block: Frames, channels: list[str]) -> Bytes:
         return block.channel
     numbers = np.array([channels.index(name) for name in block.channels] or [0], np.uint8)
     return numbers[block.channel]
-
-
-def from_rows(rows: Sequence[tuple[int, int, int, str, bytes]], **counts: Any) -> Frames:
-    """Of (at_ns, identifier, flags, channel, data) each; for tests and slow paths.
-
-    Args:
-        counts: `lengths`, a sequence, where the length of a frame is not that of its data, as with
-            remote frames; `channels`, names that come first.
-    """
-    known: tuple[str, ...] = counts.get("channels", ())
-    channels = list(dict.fromkeys([*known, *(row[3] for row in rows)]))
-    width = FD_BYTES if any(len(row[4]) > CLASSIC_BYTES for row in rows) else CLASSIC_BYTES
-    made = blank(len(rows), width=width, channels=tuple(channels))
-    lengths = counts.get("lengths") or [len(row[4]) for row in rows]
-    for index, (at_ns, identifier, flags, channel, data) in enumerate(rows):
-        made.at_ns[index] = at_ns
-        made.identifier[index] = identifier
-        made.flags[index] = flags
-        made.channel[index] = channels.index(channel)
-        made.length[index] = lengths[index]
-        made.data[index, : len(data)] = np.frombuffer(data, np.uint8)
-    return made

@@ -20,5 +20,7 @@ class ReadOptions:
     """East of Greenwich, of formats that tell local time without a zone."""
     block_frames: int = BLOCK_FRAMES
     """About so many frames come at a time."""
+    inflater: str | None = None
+    """libdeflate, isal or zlib; None takes the fastest that is installed."""
     compiled: bool = True
     """Use the compiled kernel where there is one."""

@@ -1,9 +1,13 @@
 """Bytes of a log in bounded pieces, plain or compressed, up to a torn or broken end."""
 
+import mmap
+import tempfile
 import zlib
 from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from metro_tools.canlog.damage import Damages, LogError
 
@@ -47,9 +51,44 @@ def pieces(path: Path, damages: Damages, piece_bytes: int = PIECE_BYTES) -> Iter
         raise LogError(f"{path}: cannot be read: {error.strerror or error}") from error
 
 
-def _gunzipped(file: "object", damages: Damages, piece_bytes: int) -> Iterator[bytes]:
+@dataclass(frozen=True, slots=True)
+class Opened:
+    """A whole file that is looked at where it stands."""
+
+    data: Any
+    """As bytes: can be sliced and searched."""
+    size: int
+
+
+@contextmanager
+def opened(path: Path, damages: Damages) -> Iterator[Opened]:
+    """A file mapped into memory; one that is compressed is unpacked onto the disk first.
+
+    Raises:
+        LogError: when it cannot be read.
+    """
+    try:
+        with path.open("rb") as file, ExitStack() as stack:
+            source: Any = file
+            if file.read(4).startswith((GZIP, ZSTD)):
+                source = stack.enter_context(tempfile.TemporaryFile())
+                for piece in pieces(path, damages):
+                    source.write(piece)
+                source.flush()
+            size = source.seek(0, 2)
+            if not size:
+                yield Opened(b"", 0)
+                return
+            mapped = mmap.mmap(source.fileno(), 0, access=mmap.ACCESS_READ)
+            stack.callback(mapped.close)
+            yield Opened(mapped, size)
+    except OSError as error:
+        raise LogError(f"{path}: cannot be read: {error.strerror or error}") from error
+
+
+def _gunzipped(file: Any, damages: Damages, piece_bytes: int) -> Iterator[bytes]:
     """Member after member; behind the last whole byte of a torn or broken one nothing is read."""
-    read = file.read  # type: ignore[attr-defined]
+    read = file.read
     taken, waiting = 0, b""
     undo = zlib.decompressobj(_GZIP_WINDOW)
     fresh = True

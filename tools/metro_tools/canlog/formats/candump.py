@@ -15,9 +15,12 @@ from metro_tools.canlog.formats.candump_columns import (
     wide_enough,
 )
 from metro_tools.canlog.formats.candump_line import LOCAL, NONE, SINCE, Line
+from metro_tools.canlog.formats.candump_write import write
 from metro_tools.canlog.frames import CLASSIC_BYTES, Bools, Frames, Ints
 from metro_tools.canlog.options import DELTA, ReadOptions
 from metro_tools.canlog.source import lines_blocks
+
+__all__ = ["read", "write"]
 
 
 def read(path: Path, options: ReadOptions, damages: Damages) -> Iterator[Frames]:

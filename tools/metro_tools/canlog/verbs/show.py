@@ -16,9 +16,10 @@ from firmware_py.clock import WallClock
 from firmware_py.ports import CanFrame
 from metro_tools.canlog.damage import LogError
 from metro_tools.canlog.database import Bus, load_bus
-from metro_tools.canlog.frames import ERROR, EXTENDED, REMOTE, Frames, from_rows
+from metro_tools.canlog.frames import ERROR, EXTENDED, REMOTE, Frames
 from metro_tools.canlog.lines import Style, Writer
 from metro_tools.canlog.read import read, stream
+from metro_tools.canlog.rows import from_rows
 from metro_tools.canlog.run import Run
 from metro_tools.canlog.select import NS_PER_S, Selector, Wanted, around, parse_key
 from metro_tools.canlog.stats import JUDGED_BUS

@@ -1,0 +1,209 @@
+"""Vector's BLF: zlib containers of objects, read container by container with numpy."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from metro_tools.canlog.damage import Damages, LogError
+from metro_tools.canlog.formats.blf_objects import BASE, CONTAINER, SIGNATURE, columns, find
+from metro_tools.canlog.formats.blf_write import write
+from metro_tools.canlog.frames import Frames, widened
+from metro_tools.canlog.inflate import INFLATED_MAX, fastest, rescued
+from metro_tools.canlog.options import ReadOptions
+from metro_tools.canlog.source import opened
+
+__all__ = ["read", "write"]
+
+FILE_HEAD: Final = 144
+START_AT: Final = 40
+"""Of the instant of the start in the head of the file: eight 16-bit numbers."""
+JOINED_BYTES: Final = 1 << 21
+"""So much content is taken apart in one go."""
+NS_PER_S: Final = 1_000_000_000
+
+
+def read(path: Path, options: ReadOptions, damages: Damages) -> Iterator[Frames]:
+    """The frames of a BLF file; channel 1 is called `can1`.
+
+    The start of the log is taken for UTC, as python-can writes it; `options.utc_offset_s` says
+    otherwise. A container that is broken or torn gives what can be inflated of it and is counted.
+
+    Raises:
+        LogError: for a file that cannot be read or does not begin as a BLF file does.
+    """
+    with opened(path, damages) as file:
+        if file.size < FILE_HEAD or file.data[:4] != b"LOGG":
+            if file.size >= 4 and file.data[:4] == b"LOGG":
+                damages.add("torn file", "byte", file.size, "it ends inside its head")
+                return
+            raise LogError(f"{path}: no BLF file: it does not begin with LOGG")
+        start_ns = _start_ns(file.data) - options.utc_offset_s * NS_PER_S
+        head = int.from_bytes(file.data[4:8], "little")
+        first = head if FILE_HEAD <= head <= file.size else FILE_HEAD
+        yield from _frames(_contents(file.data, first, damages, options), start_ns, damages)
+
+
+def _start_ns(data: Any) -> int:
+    year, month, _weekday, day, hour, minute, second, ms = np.frombuffer(
+        data[START_AT : START_AT + 16], "<u2"
+    ).tolist()
+    try:
+        text = f"{year:04d}-{month:02d}-{day:02d}T{hour:02d}:{minute:02d}:{second:02d}.{ms:03d}"
+        return int(np.datetime64(text, "ns").astype(np.int64))
+    except ValueError:
+        return 0
+
+
+Content = tuple[bytes, int, bool]
+"""Bytes, where in the file they come from, and whether they go on where the last ones ended."""
+
+
+def _contents(data: Any, first: int, damages: Damages, options: ReadOptions) -> Iterator[Content]:
+    """What the containers hold, one after the other; objects outside of any as they stand."""
+    inflate = fastest(options.inflater)
+    at, end, whole = first, len(data), True
+    while end - at >= BASE.itemsize:
+        found = data.find(SIGNATURE, at, at + 8)
+        if found < 0:
+            found = data.find(SIGNATURE, at)
+            damages.add("corrupt block", "byte", at, "no object stands here")
+            whole = False
+            if found < 0:
+                return
+        at = found
+        size, kind = (int.from_bytes(data[at + i : at + i + 4], "little") for i in (8, 12))
+        if end - at < BASE.itemsize:
+            break
+        if size < BASE.itemsize or (kind == CONTAINER and size < BASE.itemsize + 16):
+            damages.add("corrupt block", "byte", at, f"an object of {size} bytes")
+            at, whole = at + 4, False
+            continue
+        torn = size > end - at
+        following = _container_after(data, at) if torn else -1
+        stop = following if following >= 0 else min(at + size, end)
+        if torn and following < 0:
+            damages.add("torn file", "byte", at, f"{end - at} of {size} bytes of its last block")
+        if kind == CONTAINER:
+            content, fault = _content(data[at + BASE.itemsize : stop], inflate)
+            yield content, at, whole
+            whole = not fault
+            if fault and not (torn and following < 0):
+                damages.add("corrupt container", "byte", at, fault)
+        else:
+            yield data[at:stop], at, whole
+            whole = not torn
+        at = stop if torn else stop + size % 4
+    if 0 < end - at < BASE.itemsize and data[at:end].strip(b"\0"):
+        damages.add("torn file", "byte", at, "it ends inside a block's head")
+
+
+def _container_after(data: Any, at: int) -> int:
+    """The next container behind a block that claims to reach beyond the end of the file."""
+    found = at
+    while (found := data.find(SIGNATURE, found + 4)) >= 0:
+        if int.from_bytes(data[found + 12 : found + 16], "little") == CONTAINER:
+            return int(found)
+    return -1
+
+
+def _content(block: bytes, inflate: Any) -> tuple[bytes, str]:
+    """Of a container, and what is wrong with it."""
+    if len(block) < 16:
+        return b"", "it ends inside its head"
+    method, size = int.from_bytes(block[:2], "little"), int.from_bytes(block[8:12], "little")
+    packed = memoryview(block)[16:]
+    if method == 0:
+        return bytes(packed[:size]), "" if len(packed) >= size else "it is shorter than it says"
+    if method != 2:
+        return b"", f"unknown compression {method}"
+    if size > INFLATED_MAX:
+        return rescued(packed)[0], f"claims {size} bytes"
+    try:
+        content: bytes = inflate(packed, size)
+    except Exception:
+        # Each library has an error of its own; what is wrong is found out by the standard one.
+        content, fault = rescued(packed)
+        return content, fault or f"{len(content)} bytes where it says {size}"
+    return content, "" if len(content) == size else f"{len(content)} bytes where it says {size}"
+
+
+def _frames(contents: Iterator[Content], start_ns: int, damages: Damages) -> Iterator[Frames]:
+    """Objects reach from one container into the next."""
+    names: list[str] = []
+    waiting: list[bytes] = []
+    waiting_bytes, place = 0, 0
+    for content, at, whole in contents:
+        if not whole and waiting:
+            rest, made = _take(b"".join(waiting), place, start_ns, names, damages)
+            if made is not None:
+                yield made
+            if rest:
+                damages.add("torn object", "byte", place, "its block is followed by a broken one")
+            waiting, waiting_bytes = [], 0
+        place = at
+        if not whole:
+            # The first object may have begun in what is lost.
+            content = content[max(content.find(SIGNATURE), 0) :]
+        waiting.append(content)
+        waiting_bytes += len(content)
+        if waiting_bytes >= JOINED_BYTES:
+            rest, made = _take(b"".join(waiting), place, start_ns, names, damages)
+            if made is not None:
+                yield made
+            waiting, waiting_bytes = [rest], len(rest)
+    rest, made = _take(b"".join(waiting), place, start_ns, names, damages)
+    if made is not None:
+        yield made
+    if rest.strip(b"\0"):
+        damages.add("torn object", "byte", place, f"{len(rest)} bytes at the end of the last block")
+
+
+def _take(
+    buffer: bytes, place: int, start_ns: int, names: list[str], damages: Damages
+) -> tuple[bytes, Frames | None]:
+    """What is left of the buffer, and the frames in it."""
+    objects = find(buffer)
+    for _spot, words in objects.damage:
+        damages.add("corrupt object", "byte", place, words)
+    parts = columns(buffer, objects)
+    rest = buffer[objects.consumed :]
+    count = sum(len(part.row) for part in parts)
+    if not count:
+        return rest, None
+    width = max(part.data.shape[1] for part in parts)
+    row = np.concatenate([part.row for part in parts])
+    order = np.argsort(row, kind="stable") if len(parts) > 1 else slice(None)
+
+    def joined(name: str) -> Any:
+        return np.concatenate([getattr(part, name) for part in parts])[order]
+
+    stamp_ns = joined("stamp_ns")
+    made = Frames(
+        stamp_ns + start_ns,
+        joined("identifier").astype(np.uint32),
+        joined("flags").astype(np.uint8),
+        _channels(joined("channel"), names),
+        joined("length").astype(np.uint8),
+        np.concatenate([widened(part.data, width) for part in parts])[order],
+        tuple(names),
+    )
+    bad = stamp_ns < 0
+    if bad.any():
+        damages.add("impossible stamp", "byte", place, "left out", int(bad.sum()))
+        made = made[~bad]
+    return rest, made if len(made) else None
+
+
+def _channels(numbers: Any, names: list[str]) -> Any:
+    """Index of each channel; new ones get a name."""
+    table = np.zeros(1 << 16, np.uint8)
+    seen = np.zeros(1 << 16, np.bool_)
+    seen[numbers] = True
+    for number in np.flatnonzero(seen).tolist():
+        name = f"can{number}"
+        if name not in names and len(names) < 256:
+            names.append(name)
+        table[number] = names.index(name) if name in names else 255
+    return table[numbers]
