@@ -59,7 +59,7 @@ KNOWN: Final = re.compile(
 )
 """Lines without a stamp that belong to the format."""
 OTHER_EVENT: Final = re.compile(
-    r"(?:start of measurement|log trigger|(?:canfd\s+)?\d{1,3}\s+statistic|can \d+ status|sv:|::|"
+    r"(?:log trigger|(?:canfd\s+)?\d{1,3}\s+statistic|can \d+ status|sv:|::|"
     r"tfs:|j1939|eth|lin|fr|error|trigger|overload|\d{1,3}\s+(?:overload|error))",
     re.IGNORECASE,
 )
@@ -130,6 +130,8 @@ class _Taker:
         match = ERRORS.fullmatch(rest)
         if match is not None:
             return None if rows.add(at_ns, 0, ERROR, f"can{match['channel']}", 0, b"") else JUNK
+        if rest.lower().startswith("start of measurement"):
+            return None
         return OTHER if OTHER_EVENT.match(rest) else JUNK
 
     def _identifier(self, match: re.Match[str]) -> tuple[int, int] | None:

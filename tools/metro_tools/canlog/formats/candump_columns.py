@@ -107,11 +107,13 @@ def _parse_equal(text: Bytes, rows: Any, made: Frames, odd: Any, channels: list[
         if shape is None:
             left = left[1:]
             continue
-        alike = _alike(text[left], shape)
-        chosen = left[alike]
-        good = _fill(text[chosen], shape, rows[chosen], made, channels)
-        odd[rows[chosen[good]]] = False
-        left = left[~alike]
+        alike = np.flatnonzero(_alike(text[left], shape))
+        good = _fill(text[left[alike]], shape, rows[left[alike]], made, channels)
+        odd[rows[left[alike[good]]]] = False
+        # What only looked alike may have another shape; the sample has been looked at either way.
+        done = np.zeros(len(left), np.bool_)
+        done[alike[good]] = done[0] = True
+        left = left[~done]
 
 
 def _alike(text: Bytes, shape: re.Match[bytes]) -> Any:
@@ -153,12 +155,13 @@ def _fill(text: Bytes, shape: re.Match[bytes], rows: Any, made: Frames, channels
         if len(channels) == CHANNELS_MAX:
             return np.zeros(len(rows), np.bool_)
         channels.append(channel)
-    made.at_ns[rows] = seconds * NS_PER_S + fraction
-    made.identifier[rows] = identifier
-    made.flags[rows] = flags
+    rows = rows[good]
+    made.at_ns[rows] = (seconds * NS_PER_S + fraction)[good]
+    made.identifier[rows] = identifier[good]
+    made.flags[rows] = flags[good]
     made.channel[rows] = channels.index(channel)
     made.length[rows] = length
-    made.data[rows, :length] = data
+    made.data[rows, :length] = data[good]
     return good
 
 
