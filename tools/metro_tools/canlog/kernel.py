@@ -1,9 +1,153 @@
-"""The compiled kernel for text and bits, where this machine has one; else numpy does the same."""
+"""The compiled kernel for text and objects, where there is a C compiler; else numpy does the same.
 
-from typing import Any
+`kernel.c` is compiled once for each version of it into the user's cache, and tests hold both ways
+to the same columns. CANLOG_KERNEL=off leaves it out.
+"""
+
+import ctypes
+import functools
+import hashlib
+import os
+import platform
+import shutil
+import subprocess
+import tempfile
+from importlib import resources
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from metro_tools.canlog.formats.candump_block import Block
+from metro_tools.canlog.frames import Frames, blank
+
+FLAGS: Final = ("-O3", "-shared", "-fPIC", "-std=c11")
+COMPILERS: Final = ("cc", "gcc", "clang")
+COMPILE_S: Final = 60
+NAME_BYTES: Final = 64
+NAMES_MAX: Final = 256
+LEAST_LINE: Final = 1
+SWITCH: Final = "CANLOG_KERNEL"
+BLF_OBJECT_BYTES: Final = 48
 
 
-def parse_candump(text: bytes, channels: list[str], width: int) -> Any:
-    """What `parse_block` gives, or None when there is no kernel."""
-    del text, channels, width
-    return None
+@functools.cache
+def library() -> Any:
+    """The loaded kernel, None where it cannot be had."""
+    if os.environ.get(SWITCH, "") == "off" or not np.little_endian:
+        return None
+    source = (resources.files("metro_tools.canlog") / "kernel.c").read_bytes()
+    compiler = next((found for name in COMPILERS if (found := shutil.which(name))), None)
+    mark = hashlib.sha256(source + platform.machine().encode() + " ".join(FLAGS).encode())
+    try:
+        folder = _cache_folder()
+        path = folder / f"kernel-{mark.hexdigest()[:16]}.so"
+        if not path.is_file():
+            if compiler is None:
+                return None
+            _compile(compiler, source, path)
+        return _declared(ctypes.CDLL(str(path)))
+    except (OSError, subprocess.SubprocessError):
+        return None
+
+
+def _cache_folder() -> Path:
+    """Ours alone: what is loaded from it runs as we do."""
+    base = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
+    folder = Path(base) / "canlog"
+    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    told = folder.stat()
+    if told.st_uid != os.getuid() or told.st_mode & 0o022:
+        raise OSError(f"{folder}: others may write to it")
+    return folder
+
+
+def _compile(compiler: str, source: bytes, path: Path) -> None:
+    """Into a name of its own first, so that two processes cannot see half a file."""
+    with tempfile.TemporaryDirectory(dir=path.parent) as folder:
+        text, made = Path(folder) / "kernel.c", Path(folder) / "kernel.so"
+        text.write_bytes(source)
+        subprocess.run(  # noqa: S603
+            [compiler, *FLAGS, str(text), "-o", str(made)],
+            check=True,
+            capture_output=True,
+            timeout=COMPILE_S,
+        )
+        made.replace(path)
+
+
+def _declared(found: Any) -> Any:
+    found.canlog_candump.restype = found.canlog_blf.restype = ctypes.c_int64
+    number, place = ctypes.c_int64, ctypes.c_void_p
+    found.canlog_candump.argtypes = [ctypes.c_char_p, number, number, *[place] * 11]
+    found.canlog_blf.argtypes = [ctypes.c_char_p, number, number, number, *[place] * 7]
+    return found
+
+
+def parse_candump(text: bytes, channels: list[str], width: int) -> Block | None:
+    """What `parse_block` gives; None when there is no kernel."""
+    kernel = library()
+    if kernel is None or any(len(name.encode()) >= NAME_BYTES for name in channels):
+        return None
+    count = text.count(b"\n") + 1
+    made = blank(count, width=width)
+    names, sizes, known = _names(channels)
+    odd, odd_count = np.empty((count, 4), np.int64), ctypes.c_int64()
+    rows = kernel.canlog_candump(
+        text, len(text), width, *_places(made), names.ctypes.data, sizes.ctypes.data,
+        ctypes.byref(known), odd.ctypes.data, ctypes.byref(odd_count),
+    )  # fmt: skip
+    for at in range(len(channels), known.value):
+        name = bytes(names[at, : sizes[at]])
+        channels.append(name.decode("ascii", "backslashreplace"))
+    odd = odd[: odd_count.value]
+    frames = made[:rows]
+    frames = Frames(
+        frames.at_ns, frames.identifier, frames.flags, frames.channel, frames.length, frames.data,
+        tuple(channels),
+    )  # fmt: skip
+    return Block(frames, odd[:, 0], odd[:, 1], odd[:, 2], odd[:, 3])
+
+
+def _places(made: Frames) -> list[int]:
+    columns = (made.at_ns, made.identifier, made.flags, made.channel, made.length, made.data)
+    return [int(column.ctypes.data) for column in columns]
+
+
+def _names(channels: list[str]) -> tuple[Any, Any, Any]:
+    """The table of names that the kernel looks up and adds to."""
+    names = np.zeros((NAMES_MAX, NAME_BYTES), np.uint8)
+    sizes = np.zeros(NAMES_MAX, np.int32)
+    for at, name in enumerate(channels):
+        # A name that was no ASCII was told with escapes, which no bytes of a log are equal to.
+        raw = name.encode("ascii", "replace")
+        names[at, : len(raw)], sizes[at] = np.frombuffer(raw, np.uint8), len(raw)
+    return names, sizes, ctypes.c_int32(len(channels))
+
+
+def take_blf(buffer: bytes, start_ns: int) -> tuple[Any, Any, int] | None:
+    """Frames with their channels' numbers, and where the first object that is not whole begins.
+
+    None when there is no kernel, or the buffer holds more than whole classic data frames.
+    """
+    kernel = library()
+    if kernel is None:
+        return None
+    most = len(buffer) // BLF_OBJECT_BYTES + 1
+    made = blank(0)
+    at_ns, identifier = np.empty(most, np.int64), np.empty(most, np.uint32)
+    flags, length = np.empty(most, np.uint8), np.empty(most, np.uint8)
+    channel, data = np.empty(most, np.uint16), np.empty(most, np.uint64)
+    consumed = ctypes.c_int64()
+    columns = (at_ns, identifier, flags, channel, length, data)
+    rows = kernel.canlog_blf(
+        buffer, len(buffer), start_ns, most, *(column.ctypes.data for column in columns),
+        ctypes.byref(consumed),
+    )  # fmt: skip
+    if rows < 0:
+        return None
+    made = Frames(
+        at_ns[:rows], identifier[:rows], flags[:rows], np.zeros(0, np.uint8), length[:rows],
+        data[:rows].view(np.uint8).reshape(-1, 8),
+    )  # fmt: skip
+    return made, channel[:rows], int(consumed.value)

@@ -6,6 +6,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from metro_tools.canlog import kernel
 from metro_tools.canlog.damage import Damages, LogError
 from metro_tools.canlog.formats.blf_objects import BASE, CONTAINER, SIGNATURE, columns, find
 from metro_tools.canlog.formats.blf_write import write
@@ -42,7 +43,8 @@ def read(path: Path, options: ReadOptions, damages: Damages) -> Iterator[Frames]
         start_ns = _start_ns(file.data) - options.utc_offset_s * NS_PER_S
         head = int.from_bytes(file.data[4:8], "little")
         first = head if FILE_HEAD <= head <= file.size else FILE_HEAD
-        yield from _frames(_contents(file.data, first, damages, options), start_ns, damages)
+        contents = _contents(file.data, first, damages, options)
+        yield from _frames(contents, start_ns, damages, compiled=options.compiled)
 
 
 def _start_ns(data: Any) -> int:
@@ -129,14 +131,18 @@ def _content(block: bytes, inflate: Any) -> tuple[bytes, str]:
     return content, "" if len(content) == size else f"{len(content)} bytes where it says {size}"
 
 
-def _frames(contents: Iterator[Content], start_ns: int, damages: Damages) -> Iterator[Frames]:
+def _frames(
+    contents: Iterator[Content], start_ns: int, damages: Damages, *, compiled: bool
+) -> Iterator[Frames]:
     """Objects reach from one container into the next."""
     names: list[str] = []
     waiting: list[bytes] = []
     waiting_bytes, place = 0, 0
     for content, at, whole in contents:
         if not whole and waiting:
-            rest, made = _take(b"".join(waiting), place, start_ns, names, damages)
+            rest, made = _take(
+                b"".join(waiting), place, start_ns, names, damages, compiled=compiled
+            )
             if made is not None:
                 yield made
             if rest:
@@ -149,11 +155,13 @@ def _frames(contents: Iterator[Content], start_ns: int, damages: Damages) -> Ite
         waiting.append(content)
         waiting_bytes += len(content)
         if waiting_bytes >= JOINED_BYTES:
-            rest, made = _take(b"".join(waiting), place, start_ns, names, damages)
+            rest, made = _take(
+                b"".join(waiting), place, start_ns, names, damages, compiled=compiled
+            )
             if made is not None:
                 yield made
             waiting, waiting_bytes = [rest], len(rest)
-    rest, made = _take(b"".join(waiting), place, start_ns, names, damages)
+    rest, made = _take(b"".join(waiting), place, start_ns, names, damages, compiled=compiled)
     if made is not None:
         yield made
     if rest.strip(b"\0"):
@@ -161,9 +169,23 @@ def _frames(contents: Iterator[Content], start_ns: int, damages: Damages) -> Ite
 
 
 def _take(
-    buffer: bytes, place: int, start_ns: int, names: list[str], damages: Damages
+    buffer: bytes,
+    place: int,
+    start_ns: int,
+    names: list[str],
+    damages: Damages,
+    *,
+    compiled: bool,
 ) -> tuple[bytes, Frames | None]:
     """What is left of the buffer, and the frames in it."""
+    fast = kernel.take_blf(buffer, start_ns) if compiled else None
+    if fast is not None:
+        frames, channel, consumed = fast
+        made = Frames(
+            frames.at_ns, frames.identifier, frames.flags, _channels(channel, names),
+            frames.length, frames.data, tuple(names),
+        )  # fmt: skip
+        return buffer[consumed:], made if len(made) else None
     objects = find(buffer)
     for _spot, words in objects.damage:
         damages.add("corrupt object", "byte", place, words)
@@ -180,7 +202,7 @@ def _take(
         return np.concatenate([getattr(part, name) for part in parts])[order]
 
     stamp_ns = joined("stamp_ns")
-    made = Frames(
+    found = Frames(
         stamp_ns + start_ns,
         joined("identifier").astype(np.uint32),
         joined("flags").astype(np.uint8),
@@ -192,8 +214,8 @@ def _take(
     bad = stamp_ns < 0
     if bad.any():
         damages.add("impossible stamp", "byte", place, "left out", int(bad.sum()))
-        made = made[~bad]
-    return rest, made if len(made) else None
+        found = found[~bad]
+    return rest, found if len(found) else None
 
 
 def _channels(numbers: Any, names: list[str]) -> Any:

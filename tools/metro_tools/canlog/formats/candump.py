@@ -8,9 +8,9 @@ import numpy as np
 from metro_tools.canlog import kernel
 from metro_tools.canlog.damage import Damages, shown
 from metro_tools.canlog.formats import candump_line
+from metro_tools.canlog.formats.candump_block import Block
 from metro_tools.canlog.formats.candump_columns import (
     CHANNELS_MAX,
-    Block,
     parse_block,
     wide_enough,
 )
@@ -39,7 +39,9 @@ def read(path: Path, options: ReadOptions, damages: Damages) -> Iterator[Frames]
             continue
         width = wide_enough(text, width)
         parse = kernel.parse_candump if options.compiled else None
-        block = (parse and parse(text, channels, width)) or parse_block(text, channels, width)
+        block = parse(text, channels, width) if parse is not None else None
+        if block is None:
+            block = parse_block(text, channels, width)
         frames = _with_odd(block, text, first_line, channels, stamps, damages)
         if len(frames):
             yield frames
@@ -59,25 +61,19 @@ def _with_odd(
         return frames
     keep = np.ones(len(frames), np.bool_)
     since = np.zeros(len(frames), np.bool_)
-    rows = zip(
-        block.odd.tolist(),
-        block.starts[block.odd].tolist(),
-        block.ends[block.odd].tolist(),
-        strict=True,
-    )
-    for row, start, end in rows:
+    odd = (block.odd, block.odd_starts, block.odd_ends, block.odd_lines)
+    for row, start, end, number in zip(*(each.tolist() for each in odd), strict=True):
         raw = text[start:end]
         line = candump_line.parse(raw)
         if line is None or (line.channel not in channels and len(channels) == CHANNELS_MAX):
             keep[row] = False
-            number = first_line + int(block.lines[row])
-            damages.add("junk line", "line", number, shown(raw))
+            damages.add("junk line", "line", first_line + number, shown(raw))
             continue
         if line.channel not in channels:
             channels.append(line.channel)
         _put(line, row, frames, channels)
         since[row] = line.since == SINCE
-        stamps.note(line, first_line + int(block.lines[row]))
+        stamps.note(line, first_line + number)
     stamps.settle(frames.at_ns, since & keep)
     return _renamed(frames, channels, keep)
 

@@ -1,11 +1,11 @@
 """Candump lines taken apart with numpy: all lines of one shape at once, odd ones left over."""
 
 import re
-from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
 
+from metro_tools.canlog.formats.candump_block import Block
 from metro_tools.canlog.formats.candump_line import NS_PER_S, SECONDS_MAX
 from metro_tools.canlog.frames import (
     BRS,
@@ -38,20 +38,6 @@ _HEX: Final = np.full(256, 255, np.uint8)
 for _digit in range(16):
     for _text in f"{_digit:x}", f"{_digit:X}":
         _HEX[ord(_text)] = _digit
-
-
-@dataclass(frozen=True, slots=True)
-class Block:
-    """What became of a block of lines, one row for each line that is not empty."""
-
-    frames: Frames
-    odd: Any
-    """(k,) rows that only the strict parser can tell; their frames are zeros yet."""
-    starts: Any
-    """(n,) where the line of each row begins in the block, and where it ends."""
-    ends: Any
-    lines: Any
-    """(n,) number of the line of each row in the block, from 0."""
 
 
 def line_spans(text: Bytes) -> tuple[Any, Any, Any]:
@@ -93,7 +79,8 @@ def parse_block(block: bytes, channels: list[str], width: int = CLASSIC_BYTES) -
         made.at_ns, made.identifier, made.flags, made.channel, made.length, made.data,
         tuple(channels),
     )  # fmt: skip
-    return Block(frames, np.flatnonzero(odd), starts, ends, lines)
+    left = np.flatnonzero(odd)
+    return Block(frames, left, starts[left], ends[left], lines[left])
 
 
 def _parse_equal(text: Bytes, rows: Any, made: Frames, odd: Any, channels: list[str]) -> None:

@@ -1,0 +1,266 @@
+/* What numpy does slowly: candump text and BLF objects to columns in one pass. See kernel.py. */
+
+#include <stdint.h>
+#include <string.h>
+
+#define NAME_BYTES 64
+#define NAMES_MAX 256
+#define NOT_HEX 0x80
+
+enum { EXTENDED = 1, REMOTE = 2, ERROR_FRAME = 4, FD = 8, BRS = 16, ESI = 32, TX = 64 };
+
+typedef struct {
+    int64_t *at_ns;
+    uint32_t *identifier;
+    uint8_t *flags, *channel, *length, *data;
+    int64_t width; /* columns of data */
+} Columns;
+
+static uint8_t hex_of[256];
+
+static void prepare(void)
+{
+    if (hex_of['1'] == 1)
+        return;
+    memset(hex_of, NOT_HEX, sizeof hex_of);
+    for (int digit = 0; digit < 10; digit++)
+        hex_of['0' + digit] = (uint8_t)digit;
+    for (int digit = 10; digit < 16; digit++)
+        hex_of['a' + digit - 10] = hex_of['A' + digit - 10] = (uint8_t)digit;
+}
+
+/* The number of so many decimal digits, -1 when one of them is none. */
+static int64_t decimal(const uint8_t *text, int count)
+{
+    int64_t value = 0;
+    unsigned bad = 0;
+    for (int at = 0; at < count; at++) {
+        unsigned digit = (unsigned)text[at] - '0';
+        bad |= digit > 9;
+        value = value * 10 + digit;
+    }
+    return bad ? -1 : value;
+}
+
+typedef struct {
+    char *names; /* NAMES_MAX * NAME_BYTES */
+    int32_t *sizes;
+    int32_t count, last;
+} Names;
+
+/* Index of a name that may be new, -1 when there is no room for it. */
+static int name_index(Names *known, const uint8_t *name, int64_t size)
+{
+    if (size >= NAME_BYTES)
+        return -1;
+    if (known->count && known->sizes[known->last] == size
+        && !memcmp(known->names + known->last * NAME_BYTES, name, (size_t)size))
+        return known->last;
+    for (int at = 0; at < known->count; at++)
+        if (known->sizes[at] == size && !memcmp(known->names + at * NAME_BYTES, name, (size_t)size))
+            return known->last = at;
+    if (known->count == NAMES_MAX)
+        return -1;
+    memcpy(known->names + known->count * NAME_BYTES, name, (size_t)size);
+    known->sizes[known->count] = (int32_t)size;
+    return known->last = known->count++;
+}
+
+static int fd_length(int64_t length)
+{
+    return length <= 8 || length == 12 || length == 16 || length == 20 || length == 24
+        || length == 32 || length == 48 || length == 64;
+}
+
+/* Hexadecimal pairs to bytes; 0 when a digit is none. */
+static int pairs(const uint8_t *text, int64_t count, uint8_t *out)
+{
+    unsigned bad = 0;
+    for (int64_t at = 0; at < count; at++) {
+        unsigned high = hex_of[text[2 * at]], low = hex_of[text[2 * at + 1]];
+        bad |= high | low;
+        out[at] = (uint8_t)(high << 4 | low);
+    }
+    return !(bad & NOT_HEX);
+}
+
+typedef struct {
+    uint8_t text[10];
+    int64_t value_ns;
+} Second;
+
+/* One line without its end into row `row`; 0 when only the strict parser can tell. */
+static int line_to_row(const uint8_t *p, const uint8_t *end, Columns *out, int64_t row,
+                       Names *names, Second *second)
+{
+    uint8_t bytes[64];
+    if (end - p < 25 || p[0] != '(' || p[11] != '.')
+        return 0;
+    if (memcmp(p + 1, second->text, 10)) {
+        int64_t value = decimal(p + 1, 10);
+        if (value < 0 || value > 9223372034LL)
+            return 0;
+        memcpy(second->text, p + 1, 10);
+        second->value_ns = value * 1000000000LL;
+    }
+    int digits = p[18] == ')' ? 6 : (end - p > 28 && p[21] == ')') ? 9 : 0;
+    if (!digits)
+        return 0;
+    int64_t past_ns = decimal(p + 12, digits);
+    if (past_ns < 0)
+        return 0;
+    past_ns *= digits == 6 ? 1000 : 1;
+    p += 13 + digits;
+    if (*p++ != ' ')
+        return 0;
+    const uint8_t *name = p;
+    while (p < end && *p > 32)
+        p++;
+    if (p == name || p >= end || *p != ' ')
+        return 0;
+    int64_t name_size = p - name;
+    p++;
+    unsigned flags = 0, bad = 0;
+    uint32_t identifier = 0;
+    int id_digits = (end - p > 3 && p[3] == '#') ? 3 : (end - p > 8 && p[8] == '#') ? 8 : 0;
+    if (!id_digits)
+        return 0;
+    for (int at = 0; at < id_digits; at++) {
+        unsigned digit = hex_of[p[at]];
+        bad |= digit;
+        identifier = identifier << 4 | (digit & 15);
+    }
+    if (bad & NOT_HEX)
+        return 0;
+    if (id_digits == 3) {
+        if (identifier > 0x7FF)
+            return 0;
+    } else if (identifier & 0x20000000u) {
+        if (identifier > 0x3FFFFFFFu)
+            return 0;
+        flags = ERROR_FRAME;
+        identifier &= 0x1FFFFFFFu;
+    } else if (identifier > 0x1FFFFFFFu)
+        return 0;
+    else
+        flags = EXTENDED;
+    p += id_digits + 1;
+    if (end - p >= 2 && end[-2] == ' ' && (end[-1] == 'R' || end[-1] == 'T')) {
+        flags |= end[-1] == 'T' ? TX : 0;
+        end -= 2;
+    }
+    int64_t most = 8;
+    if (p < end && *p == '#') {
+        if (end - p < 2 || hex_of[p[1]] & NOT_HEX || flags & ERROR_FRAME)
+            return 0;
+        unsigned bits = hex_of[p[1]];
+        flags |= FD | (bits & 1 ? BRS : 0) | (bits & 2 ? ESI : 0);
+        p += 2;
+        most = 64;
+    }
+    int64_t length = (end - p) / 2;
+    if ((end - p) & 1 || length > most || length > out->width || !fd_length(length))
+        return 0;
+    if (!pairs(p, length, bytes))
+        return 0;
+    int channel = name_index(names, name, name_size);
+    if (channel < 0)
+        return 0;
+    memcpy(out->data + row * out->width, bytes, (size_t)length);
+    out->at_ns[row] = second->value_ns + past_ns;
+    out->identifier[row] = identifier;
+    out->flags[row] = (uint8_t)flags;
+    out->channel[row] = (uint8_t)channel;
+    out->length[row] = (uint8_t)length;
+    return 1;
+}
+
+/* Number of rows: one for each line that is not empty. `odd` gets row, start, end and number of the
+   line of each row that is left to the strict parser; data has to be zero before. */
+int64_t canlog_candump(const uint8_t *text, int64_t size, int64_t width, int64_t *at_ns,
+                       uint32_t *identifier, uint8_t *flags, uint8_t *channel, uint8_t *length,
+                       uint8_t *data, char *name_texts, int32_t *name_sizes, int32_t *name_count,
+                       int64_t *odd, int64_t *odd_count)
+{
+    Columns out = {at_ns, identifier, flags, channel, length, data, width};
+    Names names = {name_texts, name_sizes, *name_count, 0};
+    Second second = {{0}, 0};
+    int64_t row = 0, odds = 0, number = 0;
+    prepare();
+    for (const uint8_t *p = text, *last = text + size; p < last; number++) {
+        const uint8_t *stop = memchr(p, '\n', (size_t)(last - p));
+        const uint8_t *next = stop ? stop + 1 : last, *end = stop ? stop : last;
+        if (end > p && end[-1] == '\r')
+            end--;
+        if (end > p) {
+            if (!line_to_row(p, end, &out, row, &names, &second)) {
+                int64_t *one = odd + 4 * odds++;
+                one[0] = row, one[1] = p - text, one[2] = end - text, one[3] = number;
+            }
+            row++;
+        }
+        p = next;
+    }
+    *name_count = names.count;
+    *odd_count = odds;
+    return row;
+}
+
+static uint32_t u32(const uint8_t *p)
+{
+    return (uint32_t)p[0] | (uint32_t)p[1] << 8 | (uint32_t)p[2] << 16 | (uint32_t)p[3] << 24;
+}
+
+static uint64_t u64(const uint8_t *p)
+{
+    return (uint64_t)u32(p) | (uint64_t)u32(p + 4) << 32;
+}
+
+/* Classic data frames of the BLF objects of a buffer, as long as it holds nothing else that is a
+   frame and nothing damaged: number of rows, or -1 where only the general reader can tell.
+   `consumed` is where the first object begins that is not whole. `channel` has 16 bits. */
+int64_t canlog_blf(const uint8_t *text, int64_t size, int64_t start_ns, int64_t most,
+                   int64_t *at_ns, uint32_t *identifier, uint8_t *flags, uint16_t *channel,
+                   uint8_t *length, uint64_t *data, int64_t *consumed)
+{
+    int64_t at = 0, row = 0;
+    while (size - at >= 16) {
+        const uint8_t *p = text + at;
+        int64_t skipped = 0;
+        while (memcmp(p + skipped, "LOBJ", 4))
+            if (++skipped > 4 || size - at - skipped < 16)
+                return -1;
+        p += skipped;
+        int64_t object = u32(p + 8);
+        uint32_t kind = u32(p + 12);
+        if (object < 16)
+            return -1;
+        if (object > size - at - skipped)
+            break;
+        if (kind == 1 || kind == 86) {
+            if (p[6] != 1 || p[7] || object < 48 || row == most)
+                return -1;
+            uint64_t stamp = u64(p + 24);
+            unsigned bits = p[34], code = p[35] < 8 ? p[35] : 8;
+            uint32_t wide = u32(p + 36);
+            int64_t factor = u32(p + 16) == 1 ? 10000 : 1;
+            if (stamp > (1ULL << 62) / 10000)
+                return -1;
+            unsigned shown = bits & 0x80 ? 0 : code;
+            uint64_t word = u64(p + 40);
+            at_ns[row] = start_ns + (int64_t)stamp * factor;
+            identifier[row] = wide & 0x1FFFFFFFu;
+            flags[row] = (uint8_t)((wide >> 31) | (bits & 0x80 ? REMOTE : 0) | (bits & 1 ? TX : 0));
+            channel[row] = (uint16_t)(p[32] | p[33] << 8);
+            length[row] = (uint8_t)code;
+            data[row] = shown == 8 ? word : word & ((1ULL << 8 * shown) - 1);
+            row++;
+        } else if (kind == 2 || kind == 73 || kind == 100 || kind == 101)
+            return -1;
+        at += skipped + object + object % 4;
+        if (at > size)
+            at = size;
+    }
+    *consumed = at;
+    return row;
+}
