@@ -1,4 +1,4 @@
-"""The log that readers are measured with: 12 identifiers, 79 signals, mixed byte order and length."""
+"""The log that readers are measured with: 12 identifiers, 79 signals, both byte orders."""
 
 from pathlib import Path
 from typing import Any

@@ -175,12 +175,13 @@ static int line_to_row(const uint8_t *p, const uint8_t *end, Columns *out, int64
     return 1;
 }
 
-/* Number of rows: one for each line that is not empty. `odd` gets row, start, end and number of the
-   line of each row that is left to the strict parser; data has to be zero before. */
-int64_t canlog_candump(const uint8_t *text, int64_t size, int64_t width, int64_t *at_ns,
+/* Number of rows: one for each line that is not empty; -1 when there are more than `most`. `odd`
+   gets row, start, end and number of the line of each row that is left to the strict parser, `told`
+   their number and that of all lines; data has to be zero before. */
+int64_t canlog_candump(const uint8_t *text, int64_t size, int64_t width, int64_t most, int64_t *at_ns,
                        uint32_t *identifier, uint8_t *flags, uint8_t *channel, uint8_t *length,
                        uint8_t *data, char *name_texts, int32_t *name_sizes, int32_t *name_count,
-                       int64_t *odd, int64_t *odd_count)
+                       int64_t *odd, int64_t *told)
 {
     Columns out = {at_ns, identifier, flags, channel, length, data, width};
     Names names = {name_texts, name_sizes, *name_count, 0};
@@ -193,6 +194,8 @@ int64_t canlog_candump(const uint8_t *text, int64_t size, int64_t width, int64_t
         if (end > p && end[-1] == '\r')
             end--;
         if (end > p) {
+            if (row == most)
+                return -1;
             if (!line_to_row(p, end, &out, row, &names, &second)) {
                 int64_t *one = odd + 4 * odds++;
                 one[0] = row, one[1] = p - text, one[2] = end - text, one[3] = number;
@@ -202,7 +205,8 @@ int64_t canlog_candump(const uint8_t *text, int64_t size, int64_t width, int64_t
         p = next;
     }
     *name_count = names.count;
-    *odd_count = odds;
+    told[0] = odds;
+    told[1] = number;
     return row;
 }
 

@@ -26,7 +26,8 @@ COMPILERS: Final = ("cc", "gcc", "clang")
 COMPILE_S: Final = 60
 NAME_BYTES: Final = 64
 NAMES_MAX: Final = 256
-LEAST_LINE: Final = 1
+USUAL_LINE: Final = 24
+"""Bytes; lines of frames have more, and room is made when others are shorter."""
 SWITCH: Final = "CANLOG_KERNEL"
 BLF_OBJECT_BYTES: Final = 48
 
@@ -79,7 +80,7 @@ def _compile(compiler: str, source: bytes, path: Path) -> None:
 def _declared(found: Any) -> Any:
     found.canlog_candump.restype = found.canlog_blf.restype = ctypes.c_int64
     number, place = ctypes.c_int64, ctypes.c_void_p
-    found.canlog_candump.argtypes = [ctypes.c_char_p, number, number, *[place] * 11]
+    found.canlog_candump.argtypes = [ctypes.c_char_p, *[number] * 3, *[place] * 11]
     found.canlog_blf.argtypes = [ctypes.c_char_p, number, number, number, *[place] * 7]
     return found
 
@@ -89,24 +90,27 @@ def parse_candump(text: bytes, channels: list[str], width: int) -> Block | None:
     kernel = library()
     if kernel is None or any(len(name.encode()) >= NAME_BYTES for name in channels):
         return None
-    count = text.count(b"\n") + 1
-    made = blank(count, width=width)
     names, sizes, known = _names(channels)
-    odd, odd_count = np.empty((count, 4), np.int64), ctypes.c_int64()
-    rows = kernel.canlog_candump(
-        text, len(text), width, *_places(made), names.ctypes.data, sizes.ctypes.data,
-        ctypes.byref(known), odd.ctypes.data, ctypes.byref(odd_count),
-    )  # fmt: skip
+    rows, most = -1, len(text) // USUAL_LINE + 1
+    while rows < 0:
+        made = blank(most, width=width)
+        odd, told = np.empty((most, 4), np.int64), np.zeros(2, np.int64)
+        rows = kernel.canlog_candump(
+            text, len(text), width, most, *_places(made), names.ctypes.data, sizes.ctypes.data,
+            ctypes.byref(known), odd.ctypes.data, told.ctypes.data,
+        )  # fmt: skip
+        # A line takes a byte and its end at the least.
+        most = len(text) // 2 + 1
     for at in range(len(channels), known.value):
         name = bytes(names[at, : sizes[at]])
         channels.append(name.decode("ascii", "backslashreplace"))
-    odd = odd[: odd_count.value]
+    odd = odd[: told[0]]
     frames = made[:rows]
     frames = Frames(
         frames.at_ns, frames.identifier, frames.flags, frames.channel, frames.length, frames.data,
         tuple(channels),
     )  # fmt: skip
-    return Block(frames, odd[:, 0], odd[:, 1], odd[:, 2], odd[:, 3])
+    return Block(frames, odd[:, 0], odd[:, 1], odd[:, 2], odd[:, 3], int(told[1]))
 
 
 def _places(made: Frames) -> list[int]:

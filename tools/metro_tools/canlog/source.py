@@ -132,23 +132,28 @@ def _unzstd(path: Path, damages: Damages, piece_bytes: int) -> Iterator[bytes]:
             yield piece
 
 
-def lines_blocks(path: Path, damages: Damages) -> Iterator[tuple[bytes, int]]:
-    """Whole lines in blocks of some megabytes, each with the number of its first line, from 1.
-
-    The last line counts as whole even without its end; whoever parses it will see.
-    """
-    rest, number = b"", 1
+def text_blocks(path: Path, damages: Damages) -> Iterator[bytes]:
+    """Whole lines in blocks of some megabytes; only the last one may end without a line's end."""
+    rest, taken = b"", 0
     for piece in pieces(path, damages):
         cut = piece.rfind(b"\n") + 1
+        taken += len(piece)
         if not cut:
             rest += piece
             if len(rest) > LINE_MAX:
-                damages.add("endless line", "line", number, f"no end within {LINE_MAX} bytes")
+                words = f"no end within {LINE_MAX} bytes"
+                damages.add("endless line", "byte", taken - len(rest), words)
                 rest = rest[:LINE_MAX]
             continue
-        block = rest + piece[:cut] if rest else piece[:cut]
+        yield rest + piece[:cut] if rest else piece[:cut]
         rest = piece[cut:]
+    if rest:
+        yield rest
+
+
+def lines_blocks(path: Path, damages: Damages) -> Iterator[tuple[bytes, int]]:
+    """The same, each with the number of its first line, from 1."""
+    number = 1
+    for block in text_blocks(path, damages):
         yield block, number
         number += block.count(b"\n")
-    if rest:
-        yield rest, number

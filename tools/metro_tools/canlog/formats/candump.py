@@ -18,7 +18,7 @@ from metro_tools.canlog.formats.candump_line import LOCAL, NONE, SINCE, Line
 from metro_tools.canlog.formats.candump_write import write
 from metro_tools.canlog.frames import CLASSIC_BYTES, Bools, Frames, Ints
 from metro_tools.canlog.options import DELTA, ReadOptions
-from metro_tools.canlog.source import lines_blocks
+from metro_tools.canlog.source import text_blocks
 
 __all__ = ["read", "write"]
 
@@ -32,19 +32,24 @@ def read(path: Path, options: ReadOptions, damages: Damages) -> Iterator[Frames]
     """
     channels: list[str] = []
     stamps = _Stamps(options, damages)
-    width = CLASSIC_BYTES
-    for text, first_line in lines_blocks(path, damages):
+    width, first_line = CLASSIC_BYTES, 1
+    for text in text_blocks(path, damages):
         if not text.endswith(b"\n"):
             damages.add("torn line", "line", first_line, shown(text))
             continue
-        width = wide_enough(text, width)
-        parse = kernel.parse_candump if options.compiled else None
-        block = parse(text, channels, width) if parse is not None else None
-        if block is None:
-            block = parse_block(text, channels, width)
+        block = _parse(text, channels, width, options)
+        if len(block.odd) and (wider := wide_enough(text, width)) != width:
+            width = wider
+            block = _parse(text, channels, width, options)
         frames = _with_odd(block, text, first_line, channels, stamps, damages)
+        first_line += block.lines
         if len(frames):
             yield frames
+
+
+def _parse(text: bytes, channels: list[str], width: int, options: ReadOptions) -> Block:
+    block = kernel.parse_candump(text, channels, width) if options.compiled else None
+    return block if block is not None else parse_block(text, channels, width)
 
 
 def _with_odd(

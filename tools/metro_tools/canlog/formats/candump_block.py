@@ -18,3 +18,5 @@ class Block:
     odd_ends: Any
     odd_lines: Any
     """(k,) number of the line of each odd row in the block, from 0."""
+    lines: int
+    """Of the block."""

@@ -40,8 +40,8 @@ for _digit in range(16):
         _HEX[ord(_text)] = _digit
 
 
-def line_spans(text: Bytes) -> tuple[Any, Any, Any]:
-    """Start, end without the line's end, and number of each line that is not empty."""
+def line_spans(text: Bytes) -> tuple[Any, Any, Any, int]:
+    """Start, end without the line's end, number of each line that is not empty; number of all."""
     breaks = np.flatnonzero(text == NEWLINE)
     if not len(text) or text[-1] != NEWLINE:
         breaks = np.append(breaks, len(text))
@@ -52,7 +52,7 @@ def line_spans(text: Bytes) -> tuple[Any, Any, Any]:
     full = ends > starts
     ends[full] -= text[ends[full] - 1] == RETURN
     full = ends > starts
-    return starts[full], ends[full], np.flatnonzero(full)
+    return starts[full], ends[full], np.flatnonzero(full), len(full)
 
 
 def parse_block(block: bytes, channels: list[str], width: int = CLASSIC_BYTES) -> Block:
@@ -61,7 +61,7 @@ def parse_block(block: bytes, channels: list[str], width: int = CLASSIC_BYTES) -
     Raises nothing: whatever has not exactly the shape of a logged data frame is in `odd`.
     """
     text = np.frombuffer(block, np.uint8)
-    starts, ends, lines = line_spans(text)
+    starts, ends, lines, count = line_spans(text)
     lengths = ends - starts
     made = blank(len(starts), width=width)
     odd = np.ones(len(starts), np.bool_)
@@ -80,7 +80,7 @@ def parse_block(block: bytes, channels: list[str], width: int = CLASSIC_BYTES) -
         tuple(channels),
     )  # fmt: skip
     left = np.flatnonzero(odd)
-    return Block(frames, left, starts[left], ends[left], lines[left])
+    return Block(frames, left, starts[left], ends[left], lines[left], count)
 
 
 def _parse_equal(text: Bytes, rows: Any, made: Frames, odd: Any, channels: list[str]) -> None:
