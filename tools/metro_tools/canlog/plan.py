@@ -203,6 +203,8 @@ class Plan:
                 if signal.multiplexer == name
                 for each in signal.multiplexer_ids
             }
+            if not known:
+                continue
             here = ~among(self.raw(name, payloads), tuple(sorted(known)), cut)
             there = self.valid(name, payloads)
             here = here if there is None else here & there

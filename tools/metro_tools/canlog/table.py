@@ -33,7 +33,7 @@ class Table:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The signals, as the DBC file orders them."""
+        """The signals, in the order of their bits."""
         return tuple(self._plan.cuts)
 
     @property
