@@ -43,7 +43,7 @@ def same(found: Any, wanted: Any) -> bool:
     return bool(found == wanted) and (isinstance(wanted, float) or isinstance(found, int))
 
 
-@settings(max_examples=120, deadline=None)
+@settings(max_examples=80, deadline=None)
 @given(st.integers(0, 1 << 40))
 def test_every_signal_is_what_cantools_decodes(seed: int) -> None:
     drawn = drawn_dbc(seed)
@@ -72,14 +72,17 @@ def test_every_signal_is_what_cantools_decodes(seed: int) -> None:
             if name in wanted and table.valid(name)[at]:
                 found = table[name][at].item()
                 exact = same(found, wanted[name])
-                assert exact or _beyond_64_bits(found, wanted[name]), (name, found, wanted[name])
+                assert exact or nearest_float(table, name, found, wanted[name]), (name, found, wanted[name])
 
 
-def _beyond_64_bits(found: Any, wanted: Any) -> bool:
-    return isinstance(found, float) and isinstance(wanted, int) and math.isclose(found, wanted)
+def nearest_float(table: Table, name: str, found: Any, wanted: Any) -> bool:
+    """Of a signal whose values do not all fit into 64 bits."""
+    signal = table.spec.signal(name)
+    most = abs(signal.scale) * 2.0**signal.length + abs(signal.offset)
+    return most >= 2.0**63 and math.isclose(found, wanted, rel_tol=1e-15)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(st.integers(0, 1 << 40))
 def test_raw_values_are_the_bits_that_the_dbc_names(seed: int) -> None:
     drawn = drawn_dbc(seed)

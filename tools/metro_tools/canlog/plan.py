@@ -112,20 +112,22 @@ def physical_of(spec: SignalSpec, raw: Raws) -> Column:
 
     An integer wherever scale and offset are integers: int64, or uint64 for what needs all 64 bits;
     float64 only where the range of the signal leaves both. Everything else is float64, rounded as
-    Python rounds `raw * scale + offset`.
+    Python rounds `raw * scale + offset` (products beyond 64 bits once more).
     """
     if spec.is_float:
         return _float_physical(spec, raw)
-    if float(spec.scale).is_integer() and float(spec.offset).is_integer():
-        kind = _integer_kind(spec)
+    if float(spec.scale).is_integer():
+        whole = float(spec.offset).is_integer()
+        offset = int(spec.offset) if whole else 0
+        kind = _integer_kind(spec, offset)
         if kind is not None:
             # Modulo 2**64 every step is exact, and the result is known to fit.
             value = signed_raw(spec, raw).view(np.uint64)
             if spec.scale != 1:
                 value = value * np.uint64(int(spec.scale) % (1 << WORD_BITS))
-            if spec.offset != 0:
-                value = value + np.uint64(int(spec.offset) % (1 << WORD_BITS))
-            return value.view(kind)
+            if offset:
+                value = value + np.uint64(offset % (1 << WORD_BITS))
+            return value.view(kind) if whole else value.view(kind) + np.float64(spec.offset)
     scaled: Column = signed_raw(spec, raw).astype(np.float64)
     scaled *= spec.scale
     if spec.offset:
@@ -150,8 +152,8 @@ def raw_limits(spec: SignalSpec) -> tuple[int, int]:
     return 0, (1 << spec.length) - 1
 
 
-def _integer_kind(spec: SignalSpec) -> Any:
-    ends = [raw * int(spec.scale) + int(spec.offset) for raw in raw_limits(spec)]
+def _integer_kind(spec: SignalSpec, offset: int) -> Any:
+    ends = [raw * int(spec.scale) + offset for raw in raw_limits(spec)]
     if min(ends) >= -(1 << 63) and max(ends) < 1 << 63:
         return np.int64
     if min(ends) >= 0 and max(ends) < 1 << 64:
