@@ -72,7 +72,11 @@ def test_every_signal_is_what_cantools_decodes(seed: int) -> None:
             if name in wanted and table.valid(name)[at]:
                 found = table[name][at].item()
                 exact = same(found, wanted[name])
-                assert exact or nearest_float(table, name, found, wanted[name]), (name, found, wanted[name])
+                assert exact or nearest_float(table, name, found, wanted[name]), (
+                    name,
+                    found,
+                    wanted[name],
+                )
 
 
 def nearest_float(table: Table, name: str, found: Any, wanted: Any) -> bool:

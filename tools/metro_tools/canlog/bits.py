@@ -6,6 +6,7 @@ the data; stuff count and CRC then have fixed stuff bits at fixed places.
 """
 
 import functools
+from itertools import pairwise
 from typing import Any, Final
 
 import numpy as np
@@ -171,7 +172,7 @@ def frame_bits(frames: Frames) -> tuple[Any, Any]:
     )
     order = np.argsort(kind, kind="stable")
     firsts = np.flatnonzero(np.diff(kind[order], prepend=np.uint64(1 << 63)))
-    for first, last in zip(firsts, [*firsts[1:], len(order)], strict=True):
+    for first, last in pairwise([*firsts.tolist(), len(order)]):
         rows = order[first:last]
         row = rows[0]
         nominal[rows], fast[rows] = equal_frame_bits(

@@ -1,6 +1,7 @@
 """Candump lines taken apart with numpy: all lines of one shape at once, odd ones left over."""
 
 import re
+from itertools import pairwise
 from typing import Any, Final
 
 import numpy as np
@@ -68,7 +69,7 @@ def parse_block(block: bytes, channels: list[str], width: int = CLASSIC_BYTES) -
     order = np.argsort(np.minimum(lengths, 0xFFFF).astype(np.uint16), kind="stable")
     sorted_lengths = lengths[order]
     firsts = np.flatnonzero(np.diff(sorted_lengths, prepend=-1))
-    for first, last in zip(firsts, [*firsts[1:], len(order)], strict=True):
+    for first, last in pairwise([*firsts.tolist(), len(order)]):
         length = int(sorted_lengths[first])
         if length > 256:
             break
