@@ -3,6 +3,10 @@
 from dataclasses import dataclass
 from typing import Final
 
+import numpy as np
+
+from metro_tools.canlog.frames import ERROR, EXTENDED, Frames
+
 PLACES_MAX: Final = 20
 """So many places of one kind of damage are remembered; all are counted."""
 SHOWN_MAX: Final = 60
@@ -56,6 +60,17 @@ class Damages:
             )
             for kind, count in self._counts.items()
         )
+
+
+def possible(frames: Frames, damages: Damages, place: int | None = None) -> Frames:
+    """Without frames whose identifier is longer than it says, which are counted."""
+    wide = np.where((frames.flags & np.uint8(EXTENDED | ERROR)) != 0, 0x1FFF_FFFF, 0x7FF)
+    good = frames.identifier <= wide
+    if good.all():
+        return frames
+    count = int(len(good) - good.sum())
+    damages.add("impossible identifier", "byte", place, "more than 11 bits; left out", count)
+    return frames[good]
 
 
 def shown(raw: bytes | str) -> str:

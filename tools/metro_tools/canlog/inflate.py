@@ -55,16 +55,16 @@ def fastest(name: str | None = None) -> Callable[[Any, int], bytes]:
 
 
 def rescued(data: Any) -> tuple[bytes, str]:
-    """What can be inflated of a block that is torn or broken, and what is wrong with it."""
+    """What a block gives that cannot be inflated as a whole, and what is wrong with it.
+
+    Of one that is torn everything before the end. Of one that is broken nothing: what comes before
+    the spot where that is noticed may be made up already.
+    """
     undo = zlib.decompressobj()
-    found = bytearray()
-    view = memoryview(data)
-    # In small bites: what stands before the break is then not lost with it.
-    for start in range(0, len(view), 512):
-        try:
-            found += undo.decompress(view[start : start + 512], INFLATED_MAX - len(found) or 1)
-        except zlib.error as error:
-            return bytes(found), str(error)
-        if len(found) >= INFLATED_MAX:
-            return bytes(found), f"more than {INFLATED_MAX} bytes"
-    return bytes(found), "" if undo.eof else "the block ends inside its content"
+    try:
+        found = undo.decompress(data, INFLATED_MAX)
+    except zlib.error as error:
+        return b"", str(error)
+    if undo.unconsumed_tail:
+        return b"", f"more than {INFLATED_MAX} bytes"
+    return found, "" if undo.eof else "the block ends inside its content"

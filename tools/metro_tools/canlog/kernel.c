@@ -250,6 +250,8 @@ int64_t canlog_blf(const uint8_t *text, int64_t size, int64_t start_ns, int64_t 
             int64_t factor = u32(p + 16) == 1 ? 10000 : 1;
             if (stamp > (1ULL << 62) / 10000)
                 return -1;
+            if (!(wide >> 31) && (wide & 0x1FFFFFFFu) > 0x7FF)
+                return -1;
             unsigned shown = bits & 0x80 ? 0 : code;
             uint64_t word = u64(p + 40);
             at_ns[row] = start_ns + (int64_t)stamp * factor;

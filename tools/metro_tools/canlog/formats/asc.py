@@ -38,7 +38,7 @@ DATE: Final = re.compile(
     re.IGNORECASE,
 )
 BASE: Final = re.compile(r"base\s+(hex|dec)(?:\s+timestamps\s+(absolute|relative))?", re.IGNORECASE)
-EVENT: Final = re.compile(r"(?P<stamp>\d{1,12}(?:\.\d{1,9})?)\s+(?P<rest>\S.*)")
+EVENT: Final = re.compile(r"(?P<stamp>\d{1,12}(?:\.\d{1,9})?)\s+(?P<rest>\S.*)", re.ASCII)
 CLASSIC: Final = re.compile(
     r"(?P<channel>\d{1,3})\s+(?P<id>[0-9A-Fa-f]{1,10})(?P<wide>x?)\s+(?P<way>Rx|Tx|TxRq)\s+"
     r"(?P<kind>[dr])(?:\s+(?P<dlc>[0-9A-Fa-f]))?(?P<data>(?:\s+[0-9A-Fa-f]{1,3})*)"
@@ -51,7 +51,9 @@ FAST: Final = re.compile(
     r"(?P<length>\d{1,2})(?P<rest>(?:\s+\S+)*)",
     re.ASCII,
 )
-ERRORS: Final = re.compile(r"(?:CANFD\s+)?(?P<channel>\d{1,3})\s+(?:Rx\s+|Tx\s+)?ErrorFrame\b.*")
+ERRORS: Final = re.compile(
+    r"(?:CANFD\s+)?(?P<channel>\d{1,3})\s+(?:Rx\s+|Tx\s+)?ErrorFrame\b.*", re.ASCII
+)
 KNOWN: Final = re.compile(
     r"//|(?:no )?internal events|begin triggerblock|end triggerblock|version|measurement|date\b|"
     r"base\b|split|previous|#|previous log file|[A-Z]\w*:",

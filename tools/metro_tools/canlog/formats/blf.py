@@ -7,7 +7,7 @@ from typing import Any, Final
 import numpy as np
 
 from metro_tools.canlog import kernel
-from metro_tools.canlog.damage import Damages, LogError
+from metro_tools.canlog.damage import Damages, LogError, possible
 from metro_tools.canlog.formats.blf_objects import BASE, CONTAINER, SIGNATURE, columns, find
 from metro_tools.canlog.formats.blf_write import write
 from metro_tools.canlog.frames import Frames, widened
@@ -215,6 +215,7 @@ def _take(
     if bad.any():
         damages.add("impossible stamp", "byte", place, "left out", int(bad.sum()))
         found = found[~bad]
+    found = possible(found, damages, place)
     return rest, found if len(found) else None
 
 

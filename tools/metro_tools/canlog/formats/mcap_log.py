@@ -9,7 +9,7 @@ import numpy as np
 
 from metro_tools.canlog.damage import Damages, LogError
 from metro_tools.canlog.database import Bus, MessageSpec, load_bus
-from metro_tools.canlog.frames import FD_BYTES, Frames
+from metro_tools.canlog.frames import ERROR, EXTENDED, FD_BYTES, Frames
 from metro_tools.canlog.options import ReadOptions
 from metro_tools.canlog.rows import Rows
 from metro_tools.canlog.table import Groups, Table
@@ -162,7 +162,8 @@ def _take(channel: str, content: bytes, rows: Rows) -> bool:
         numbers = (identifier, flags, length)
         if not all(type(each) is int for each in numbers) or len(data) > FD_BYTES:
             return False
-        if not (0 <= identifier < 1 << 29 and 0 <= flags < 128 and 0 <= length <= FD_BYTES):
+        limit = 1 << 29 if flags & (EXTENDED | ERROR) else 1 << 11
+        if not (0 <= identifier < limit and 0 <= flags < 128 and 0 <= length <= FD_BYTES):
             return False
         return rows.add(int(told["at_ns"]), identifier, flags, channel, length, data)
     except (ValueError, KeyError, TypeError):

@@ -6,7 +6,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from metro_tools.canlog.damage import Damages, LogError
+from metro_tools.canlog.damage import Damages, LogError, possible
 from metro_tools.canlog.formats.mf4_write import write
 from metro_tools.canlog.frames import (
     BRS,
@@ -95,7 +95,8 @@ def _group_blocks(
         size = min(options.block_frames, count - offset)
         try:
             told = file.get(name, group=index, raw=True, record_offset=offset, record_count=size)
-            yield _frames(told.samples, told.timestamps, name, start_ns, damages)
+            made = _frames(told.samples, told.timestamps, name, start_ns, damages)
+            yield possible(made, damages)
         except Exception as error:
             # Whatever asammdf meets in a damaged block; the blocks behind it may be whole.
             damages.add("broken block", "frame", offset + 1, f"{name}: {error!r}", size)

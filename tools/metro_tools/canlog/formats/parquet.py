@@ -6,7 +6,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from metro_tools.canlog.damage import Damages, LogError
+from metro_tools.canlog.damage import Damages, LogError, possible
 from metro_tools.canlog.frames import CLASSIC_BYTES, FD_BYTES, Bytes, Frames
 from metro_tools.canlog.options import ReadOptions
 
@@ -87,7 +87,7 @@ def _blocks(file: Any, options: ReadOptions, damages: Damages) -> Iterator[Frame
                 options.block_frames, row_groups=[group], columns=list(COLUMNS)
             ):
                 if batch.num_rows:
-                    yield _frames(batch, known)
+                    yield possible(_frames(batch, known), damages)
         except (pa.ArrowException, OSError, ValueError) as error:
             words = str(error).splitlines()[0] if str(error) else "cannot be read"
             damages.add("broken row group", "group", group, words)

@@ -52,7 +52,7 @@ def stamp_ns(text: str, digits: int = 9) -> int | None:
     """A decimal number of seconds, or with 6 digits of milliseconds, as exact nanoseconds."""
     whole, _, fraction = text.partition(".")
     sign = -1 if whole.startswith("-") else 1
-    if len(whole) > 12 or not fraction.isascii() or (fraction and not fraction.isdigit()):
+    if len(whole) > 12 or not text.isascii() or (fraction and not fraction.isdigit()):
         return None
     try:
         past = int(whole or "0") * int(10**digits)

@@ -58,7 +58,7 @@ TYPES: Final = {
     "ER": ERROR,
 }
 OTHER_TYPES: Final = frozenset({"ST", "EC", "EV"})
-NUMBER: Final = re.compile(r"\d+\)?")
+NUMBER: Final = re.compile(r"\d+\)?", re.ASCII)
 
 
 def read(path: Path, options: ReadOptions, damages: Damages) -> Iterator[Frames]:
@@ -123,7 +123,7 @@ class _Taker:
             return self._error(told, rows) if way.lower() == "error" else OTHER
         if way not in ("Rx", "Tx") or told["I"].upper() == "FFFFFFFF":
             return OTHER if told["I"].upper() == "FFFFFFFF" else JUNK
-        if not told["L"].isdigit():
+        if not _is_number(told["L"]):
             return JUNK
         length, flags = int(told["L"]), TX if way == "Tx" else 0
         if length > 8:
@@ -144,7 +144,7 @@ class _Taker:
             return self._error(told, rows)
         flags = TYPES[kind] | (TX if told.get("d") == "Tx" else 0)
         told_length = told.get("l", told.get("L", ""))
-        if not told_length.isdigit() or int(told_length) > 64:
+        if not _is_number(told_length) or int(told_length) > 64:
             return JUNK
         length = int(told_length)
         if "l" not in told:
@@ -182,6 +182,10 @@ class _Taker:
         channel = f"can{told.get('B', '1')}"
         added = rows.add(self._start_ns + past_ns, identifier, flags, channel, length, data)
         return None if added else JUNK
+
+
+def _is_number(text: str) -> bool:
+    return text.isascii() and text.isdigit()
 
 
 def write(path: Path, blocks: Iterable[Frames], losses: Damages) -> None:
