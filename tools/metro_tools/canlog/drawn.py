@@ -136,13 +136,13 @@ def drawn_frames(seed: int, count: int, *, fine: bool = False, classic: bool = F
         extended = draw.random() < 0.25
         identifier = draw.randrange(1 << 29) if extended else draw.randrange(1 << 11)
         flags, channel = EXTENDED * extended, f"can{draw.randrange(1, 3)}"
-        kind = draw.random()
-        if kind < 0.6 or (classic and kind < 0.9):
+        kind = draw.random() * (0.8 if classic else 1.0)
+        if kind < 0.6:
             length = draw.randrange(9)
             rows.add(at_ns, identifier, flags, channel, length, draw.randbytes(length))
         elif kind < 0.7:
             rows.add(at_ns, identifier, flags | REMOTE, channel, draw.randrange(9), b"")
-        elif kind < 0.8 or classic:
+        elif kind < 0.8:
             rows.add(at_ns, 0x4, ERROR, channel, 8, draw.randbytes(8))
         else:
             length = draw.choice(FD_LENGTHS)
