@@ -60,19 +60,8 @@ def test_show_decodes_frame_by_frame(log: Path, capsys: pytest.CaptureFixture[st
     lines = out(capsys, "show", log)
 
     assert len(lines) == 40
-    assert lines[2].split() == [
-        "0.050000000",
-        "vcan0",
-        "103",
-        "TRACTION_CMD",
-        "force_n",
-        "1000",
-        "N,",
-        "direction",
-        "FORWARD,",
-        "traction_permitted",
-        "TRUE",
-    ]
+    assert lines[2].split()[:4] == ["0.050000000", "vcan0", "103", "TRACTION_CMD"]
+    assert lines[2].endswith("  force_n 1000 N, direction FORWARD, traction_permitted TRUE")
 
 
 def test_show_tells_which_frames_are_rejected_and_why(
@@ -210,7 +199,7 @@ def test_a_rule_that_breaks_is_an_exit_code_and_a_failed_case(
     code = main(
         ["stats", str(log), "--as", "junit", "--fail-on", "crc_errors > 0", "--fail-on", "lost > 9"]
     )
-    suite = ElementTree.fromstring(capsys.readouterr().out)
+    suite = ElementTree.fromstring(capsys.readouterr().out)  # noqa: S314
 
     assert code == 1
     assert suite.attrib["failures"] == "1"
@@ -292,8 +281,9 @@ def test_mistakes_are_told_in_a_line(log: Path, capsys: pytest.CaptureFixture[st
     assert "--node TCX: the DBC file has" in error(capsys, "show", log, "--node", "TCX")
     assert "no message of can_dbc is called so" in error(capsys, "show", log, "--message", "X")
     assert "unknown signal force; nearest" in error(capsys, "show", log, "--where", "force > 1")
-    assert "TRACTION_CMD has no value" not in error(capsys, "show", log, "--where", "ON == 1")
-    assert "direction has no value ON" in error(capsys, "show", log, "--where", "direction == ON")
+    assert "direction has no value AUTO" in error(
+        capsys, "show", log, "--where", "direction == AUTO"
+    )
     assert "zz: no identifier" in error(capsys, "show", log, "--id", "zz")
     assert "is no run folder" in error(capsys, "show", log, "--around", "x")
     assert "--speed 0.0: has to be positive" in error(
