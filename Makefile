@@ -24,7 +24,7 @@ PROTECTION_TESTS = $(wildcard hil_tests/unit/test_atp_*.py) \
 	$(wildcard $(addprefix hil_tests/unit/test_vobc_,$(addsuffix .py,braking config doors protection supervision)))
 
 .DEFAULT_GOAL := help
-.PHONY: help setup run test check format-check lint types layers mutate fuzz coverage bench bench-hil bench-atp compiled docs format clean distclean
+.PHONY: help setup run test check format-check lint types layers mutate fuzz coverage bench bench-hil bench-atp bench-logs compiled docs format clean distclean
 
 help: ## show this list
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | while IFS='	' read -r name words; do \
@@ -80,6 +80,9 @@ bench-hil: compiled ## measure campaigns: overhead, seed 001's tables, kills, 10
 
 bench-atp: $(READY_TO_TEST) ## measure what protection costs a cycle, and its braking distances
 	$(BIN)/python -m metro_hil.protection_bench $(BENCH_ARGS)
+
+bench-logs: $(READY_TO_TEST) ## measure canlog against its peers on a log of 2 M frames
+	$(BIN)/python hil_tests/log_bench $(BENCH_ARGS)
 
 docs: $(READY_TO_TEST) ## write the generated documents anew
 	$(BIN)/python -m metro_tools.interface_doc

@@ -15,6 +15,7 @@ from metro_tools.canlog.damage import LogError
 from metro_tools.canlog.database import parse_bus
 from metro_tools.canlog.drawn import DrawnDbc, bit_order, drawn_dbc
 from metro_tools.canlog.frames import EXTENDED, FD
+from metro_tools.canlog.plan import Plan, physical_of
 from metro_tools.canlog.rows import from_rows
 from metro_tools.canlog.table import Groups, Table
 
@@ -105,6 +106,24 @@ def test_raw_values_are_the_bits_that_the_dbc_names(seed: int) -> None:
             if signal.signed and text[0] == "1":
                 wanted -= 1 << signal.length
             assert found == wanted
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 1 << 40))
+def test_the_kernel_and_numpy_give_the_same_values(seed: int) -> None:
+    drawn = drawn_dbc(seed)
+    payloads = payloads_of(drawn, seed, 4)
+    table = table_of(
+        drawn.text, payloads, drawn.frame_id,
+        (EXTENDED if drawn.extended else 0) | (FD if drawn.length > 8 else 0),
+    )  # fmt: skip
+    plan = Plan(table.spec)
+
+    for name in table.names:
+        compiled = plan.physical(name, table.payloads)
+        plain = physical_of(plan.cuts[name].spec, plan.raw(name, table.payloads))
+        assert compiled.dtype == plain.dtype
+        assert compiled.tobytes() == plain.tobytes()
 
 
 def test_numbers_near_two_to_the_64_keep_every_bit() -> None:

@@ -270,3 +270,50 @@ int64_t canlog_blf(const uint8_t *text, int64_t size, int64_t start_ns, int64_t 
     *consumed = at;
     return row;
 }
+
+/* One signal of a column of words: bits `down` to `down + length`, then raw * scale + offset, in
+   integers modulo 2**64, or in doubles as two roundings. */
+void canlog_integers(const uint64_t *words, int64_t count, int down, int length, int is_signed,
+                     uint64_t scale, uint64_t offset, uint64_t *out)
+{
+    int up = 64 - down - length, right = 64 - length;
+    if (is_signed)
+        for (int64_t at = 0; at < count; at++)
+            out[at] = (uint64_t)((int64_t)(words[at] << up) >> right) * scale + offset;
+    else
+        for (int64_t at = 0; at < count; at++)
+            out[at] = ((words[at] << up) >> right) * scale + offset;
+}
+
+void canlog_doubles(const uint64_t *words, int64_t count, int down, int length, int is_signed,
+                    double scale, double offset, double *out)
+{
+    int up = 64 - down - length, right = 64 - length;
+    if (is_signed)
+        for (int64_t at = 0; at < count; at++)
+            out[at] = (double)((int64_t)(words[at] << up) >> right) * scale + offset;
+    else if (length < 64)
+        for (int64_t at = 0; at < count; at++)
+            out[at] = (double)(int64_t)((words[at] << up) >> right) * scale + offset;
+    else
+        for (int64_t at = 0; at < count; at++)
+            out[at] = (double)words[at] * scale + offset;
+}
+
+/* A counting sort of frames by group, carrying their columns along. `at` has the place of the first
+   frame of each group, and is where the last one ends afterwards; frames of group `none` are left
+   out. */
+void canlog_group(const uint16_t *group, int64_t count, int none, int64_t *at,
+                  const int64_t *at_ns, const uint64_t *words, const uint8_t *lengths,
+                  int64_t *order, int64_t *out_ns, uint64_t *out_words, uint8_t *out_lengths)
+{
+    for (int64_t row = 0; row < count; row++) {
+        if (group[row] == none)
+            continue;
+        int64_t to = at[group[row]]++;
+        order[to] = row;
+        out_ns[to] = at_ns[row];
+        out_words[to] = words[row];
+        out_lengths[to] = lengths[row];
+    }
+}

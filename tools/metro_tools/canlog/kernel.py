@@ -21,10 +21,12 @@ import numpy as np
 from metro_tools.canlog.formats.candump_block import Block
 from metro_tools.canlog.frames import Frames, blank
 
-FLAGS: Final = ("-O3", "-shared", "-fPIC", "-std=c11")
+FLAGS: Final = ("-O3", "-shared", "-fPIC", "-std=c11", "-ffp-contract=off")
+"""Without contraction a product and a sum round twice, as they do in Python."""
 COMPILERS: Final = ("cc", "gcc", "clang")
 COMPILE_S: Final = 60
 NAME_BYTES: Final = 64
+WORD_BYTES: Final = 8
 NAMES_MAX: Final = 256
 USUAL_LINE: Final = 24
 """Bytes; lines of frames have more, and room is made when others are shorter."""
@@ -82,6 +84,16 @@ def _declared(found: Any) -> Any:
     number, place = ctypes.c_int64, ctypes.c_void_p
     found.canlog_candump.argtypes = [ctypes.c_char_p, *[number] * 3, *[place] * 11]
     found.canlog_blf.argtypes = [ctypes.c_char_p, number, number, number, *[place] * 7]
+    whole = ctypes.c_int
+    found.canlog_integers.restype = found.canlog_doubles.restype = None
+    found.canlog_group.restype = None
+    found.canlog_group.argtypes = [place, number, whole, *[place] * 8]
+    found.canlog_integers.argtypes = [
+        *[place, number, whole, whole, whole, ctypes.c_uint64, ctypes.c_uint64, place]
+    ]
+    found.canlog_doubles.argtypes = [
+        *[place, number, whole, whole, whole, ctypes.c_double, ctypes.c_double, place]
+    ]
     return found
 
 
@@ -155,3 +167,53 @@ def take_blf(buffer: bytes, start_ns: int) -> tuple[Any, Any, int] | None:
         data[:rows].view(np.uint8).reshape(-1, 8),
     )  # fmt: skip
     return made, channel[:rows], int(consumed.value)
+
+
+def scaled(
+    words: Any, bits: tuple[int, int, bool], scale: float, offset: float, out: Any
+) -> Any | None:
+    """(n,) raw * scale + offset of the signal with these bits; None when there is no kernel.
+
+    Args:
+        words: (n,) uint64.
+        bits: how many lie right of it, how many it has, whether it is signed.
+        out: (n,) to be filled: int64 or uint64 for whole scales and offsets whose results fit,
+            else float64.
+    """
+    kernel = library()
+    if kernel is None or not words.flags.c_contiguous:
+        return None
+    if out.dtype.kind == "f":
+        kernel.canlog_doubles(words.ctypes.data, len(words), *bits, scale, offset, out.ctypes.data)
+    else:
+        whole = (int(scale) % (1 << 64), int(offset) % (1 << 64))
+        kernel.canlog_integers(words.ctypes.data, len(words), *bits, *whole, out.ctypes.data)
+    return out
+
+
+def grouped(group: Any, none: int, starts: Any, frames: Frames) -> tuple[Any, ...] | None:
+    """Rows, stamps, data words and lengths of frames sorted by group; None without a kernel.
+
+    Args:
+        group: (n,) uint16, `none` for frames that are left out.
+        starts: place of the first frame of each group, int64.
+    """
+    kernel = library()
+    columns = (frames.at_ns, frames.data, frames.length)
+    if kernel is None or frames.data.shape[1] != WORD_BYTES:
+        return None
+    if not all(column.flags.c_contiguous for column in columns):
+        return None
+    count = int((group != none).sum())
+    out = (
+        np.empty(count, np.int64),
+        np.empty(count, np.int64),
+        np.empty(count, np.uint64),
+        np.empty(count, np.uint8),
+    )
+    places = starts.copy()
+    kernel.canlog_group(
+        group.ctypes.data, len(group), none, places.ctypes.data,
+        *(column.ctypes.data for column in columns), *(column.ctypes.data for column in out),
+    )  # fmt: skip
+    return out

@@ -6,6 +6,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from metro_tools.canlog import kernel
 from metro_tools.canlog.database import MessageSpec, SignalSpec
 from metro_tools.canlog.frames import Bools, Bytes
 
@@ -130,7 +131,8 @@ def physical_of(spec: SignalSpec, raw: Raws) -> Column:
             return value.view(kind) if whole else value.view(kind) + np.float64(spec.offset)
     scaled: Column = signed_raw(spec, raw).astype(np.float64)
     scaled *= spec.scale
-    if spec.offset:
+    if spec.offset or spec.scale < 0:
+        # Adding nothing turns -0.0 into 0.0, as it does in Python.
         scaled += spec.offset
     return scaled
 
@@ -161,6 +163,24 @@ def _integer_kind(spec: SignalSpec, offset: int) -> Any:
     return None
 
 
+def _compiled(cut: Cut, payloads: Payloads, room: Column) -> Column | None:
+    """What `physical_of` gives, by the kernel; None for what it does not do."""
+    spec = cut.spec
+    over = cut.skipped + spec.length - WORD_BITS
+    if spec.is_float or over > 0:
+        return None
+    kind: Any = np.float64
+    if float(spec.scale).is_integer():
+        if not float(spec.offset).is_integer():
+            return None
+        kind = _integer_kind(spec, int(spec.offset)) or np.float64
+    word = payloads.word(cut.first_byte, big_endian=spec.big_endian)
+    down = -over if spec.big_endian else cut.skipped
+    bits = (down, spec.length, spec.signed)
+    found: Column | None = kernel.scaled(word, bits, spec.scale, spec.offset, room.view(kind))
+    return found
+
+
 class Plan:
     """One message, ready to be decoded from columns."""
 
@@ -171,10 +191,16 @@ class Plan:
     def raw(self, name: str, payloads: Payloads) -> Raws:
         return raw_of(self.cuts[name], payloads)
 
-    def physical(self, name: str, payloads: Payloads) -> Column:
-        """(n,) values; those of frames that do not carry the signal mean nothing."""
+    def physical(self, name: str, payloads: Payloads, room: Column | None = None) -> Column:
+        """(n,) values; those of frames that do not carry the signal mean nothing.
+
+        Args:
+            room: (n,) of eight bytes each, where the values may be put.
+        """
         cut = self.cuts[name]
-        return physical_of(cut.spec, raw_of(cut, payloads))
+        room = np.empty(len(payloads), np.uint64) if room is None else room
+        fast = _compiled(cut, payloads, room)
+        return physical_of(cut.spec, raw_of(cut, payloads)) if fast is None else fast
 
     def valid(self, name: str, payloads: Payloads) -> Bools | None:
         """(n,) whether the frame is long enough and its multiplexers choose the signal.

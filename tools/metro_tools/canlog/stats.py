@@ -140,7 +140,7 @@ class Statistics:
             for number, channel in enumerate(frames.channels):
                 mine = rows if len(frames.channels) == 1 else rows[frames.channel[rows] == number]
                 if len(mine):
-                    self._feed_message(channel, key, frames, mine, nominal, fast, code)
+                    self._feed_message(channel, key, groups, mine, nominal, fast, code)
 
     def _feed_buses(self, frames: Frames, nominal: Any, fast: Any) -> None:
         for number, channel in enumerate(frames.channels):
@@ -177,16 +177,17 @@ class Statistics:
         self,
         channel: str,
         key: int,
-        frames: Frames,
+        groups: Groups,
         rows: Ints,
         nominal: Any,
         fast: Any,
         code: Any,
     ) -> None:
-        one = self._message(channel, key)
+        one, frames = self._message(channel, key), groups.frames
         one.frames += len(rows)
         one.bits += int(nominal[rows].sum()) + int(fast[rows].sum())
-        one.gaps.feed(frames.at_ns[rows])
+        whole = len(frames.channels) == 1
+        one.gaps.feed(groups.at_ns(key) if whole else frames.at_ns[rows])
         if code is not None:
             counts = np.bincount(code[rows], minlength=len(CODES) + 3)
             one.unconfirmed += int(counts[UNCONFIRMED])
@@ -196,7 +197,9 @@ class Statistics:
         if one.plan is None or one.spec is None:
             self.buses[channel].unknown_frames += len(rows)
             return
-        payloads = Payloads(taken(frames, rows), frames.length[rows])
+        payloads = groups.payloads(key)
+        if not whole:
+            payloads = Payloads(taken(frames, rows), frames.length[rows])
         if payloads.shortest < one.spec.length:
             one.short += int((payloads.length < one.spec.length).sum())
         undefined = one.plan.undefined(payloads)

@@ -1,13 +1,18 @@
 """All frames of one message as columns of physical values, decoded when they are asked for."""
 
 from collections.abc import Iterator, Mapping
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
+from metro_tools.canlog import kernel
 from metro_tools.canlog.database import MessageSpec
 from metro_tools.canlog.frames import NOT_DATA, Bools, Frames, Ints
 from metro_tools.canlog.plan import Column, Payloads, Plan, Raws, signed_raw
+
+SHORT: Final = 2048
+"""Keys below are identifiers of 11 bits, which are looked up."""
+NO_GROUP: Final = 0xFFFF
 
 
 class Table:
@@ -26,6 +31,7 @@ class Table:
         self.payloads = payloads
         self._plan = plan
         self._columns: dict[str, Column] = {}
+        self._block: Column | None = None
         self._valid: dict[str, Bools] = {}
 
     def __len__(self) -> int:
@@ -56,12 +62,19 @@ class Table:
         found = self._columns.get(name)
         if found is None:
             self.spec.signal(name)
-            found = self._plan.physical(name, self.payloads)
+            found = self._plan.physical(name, self.payloads, self._room(name))
             absent = self._plan.valid(name, self.payloads)
             if absent is not None:
                 found = np.where(absent, found, _nothing(found))
             self._columns[name] = found
         return found
+
+    def _room(self, name: str) -> Column:
+        """Its share of one block for all columns: large blocks cost the system fewer pages."""
+        if self._block is None:
+            self._block = np.empty((len(self._plan.cuts), len(self)), np.uint64)
+        room: Column = self._block[self.names.index(name)]
+        return room
 
     def valid(self, name: str) -> Bools:
         """(n,) whether the frame carries the signal."""
@@ -117,9 +130,10 @@ class Groups:
 
     def __init__(self, frames: Frames) -> None:
         self.frames = frames
-        key = frames.key
         data = (frames.flags & np.uint8(NOT_DATA)) == 0
-        self._order, self._starts = _grouped(key, data)
+        sorted_ = _grouped(frames, data)
+        self._order, self._starts = sorted_[0], sorted_[1]
+        self._columns: tuple[Any, ...] | None = sorted_[2]
 
     @property
     def keys(self) -> tuple[int, ...]:
@@ -131,11 +145,26 @@ class Groups:
         start, stop = self._starts.get(key, (0, 0))
         return self._order[start:stop]
 
+    def at_ns(self, key: int) -> Ints:
+        """(n,) stamps of the data frames with this key."""
+        if self._columns is None:
+            return self.frames.at_ns[self.rows(key)]
+        start, stop = self._starts.get(key, (0, 0))
+        stamps: Ints = self._columns[0][start:stop]
+        return stamps
+
+    def payloads(self, key: int) -> Payloads:
+        """Their data."""
+        if self._columns is None:
+            rows = self.rows(key)
+            return Payloads(taken(self.frames, rows), self.frames.length[rows])
+        start, stop = self._starts.get(key, (0, 0))
+        words, length = self._columns[1][start:stop], self._columns[2][start:stop]
+        return Payloads(words.view(np.uint8).reshape(-1, 8), length)
+
     def table(self, spec: MessageSpec) -> Table:
-        rows = self.rows(spec.key)
-        frames = self.frames
-        payloads = Payloads(taken(frames, rows), frames.length[rows])
-        return Table(Plan(spec), frames.at_ns[rows], rows, payloads)
+        key = spec.key
+        return Table(Plan(spec), self.at_ns(key), self.rows(key), self.payloads(key))
 
 
 def taken(frames: Frames, rows: Ints) -> Any:
@@ -146,50 +175,54 @@ def taken(frames: Frames, rows: Ints) -> Any:
     return data[rows]
 
 
-def _grouped(key: Any, data: Bools) -> tuple[Ints, dict[int, tuple[int, int]]]:
-    """Order that puts frames of one key together, and where each key starts and ends in it."""
+Spans = dict[int, tuple[int, int]]
+
+
+def _grouped(frames: Frames, data: Bools) -> tuple[Ints, Spans, tuple[Any, ...] | None]:
+    """Order that puts frames of one key together, where each key lies in it, sorted columns."""
+    key = frames.key
     known = _distinct(key)
-    if len(known) <= 1 << 16:
-        number = _numbers(key, known)
-        if not data.all():
-            rows = np.flatnonzero(data)
-            order = rows[np.argsort(number[rows], kind="stable")]
-            counts = np.bincount(number[rows], minlength=len(known))
-        else:
-            order = np.argsort(number, kind="stable")
-            counts = np.bincount(number, minlength=len(known))
-        ends = np.cumsum(counts)
-        starts = ends - counts
-        spans = zip(known.tolist(), starts.tolist(), ends.tolist(), strict=True)
-        return order, {each: (start, end) for each, start, end in spans if end > start}
+    if len(known) >= NO_GROUP:
+        rows = np.flatnonzero(data)
+        order = rows[np.argsort(key[rows], kind="stable")]
+        values, firsts, counts = np.unique(key[order], return_index=True, return_counts=True)
+        spans = zip(values.tolist(), firsts.tolist(), counts.tolist(), strict=True)
+        return order, {each: (first, first + count) for each, first, count in spans}, None
+    number = _numbers(key, known)
+    if not data.all():
+        number[~data] = NO_GROUP
+    counts = np.bincount(number, minlength=len(known))[: len(known)]
+    ends = np.cumsum(counts)
+    starts = (ends - counts).astype(np.int64)
+    spans = zip(known.tolist(), starts.tolist(), ends.tolist(), strict=True)
+    where = {each: (start, end) for each, start, end in spans if end > start}
+    sorted_ = kernel.grouped(number, NO_GROUP, starts, frames)
+    if sorted_ is not None:
+        return sorted_[0], where, sorted_[1:]
     rows = np.flatnonzero(data)
-    order = rows[np.argsort(key[rows], kind="stable")]
-    values, firsts, counts = np.unique(key[order], return_index=True, return_counts=True)
-    spans = zip(values.tolist(), firsts.tolist(), counts.tolist(), strict=True)
-    return order, {each: (first, first + count) for each, first, count in spans}
+    return rows[np.argsort(number[rows], kind="stable")], where, None
 
 
 def _distinct(key: Any) -> Any:
     """Sorted distinct keys; a table where all of them are short."""
-    if len(key) and int(key.max()) < 2048:
-        seen = np.zeros(2048, np.bool_)
+    if len(key) and int(key.max()) < SHORT:
+        seen = np.zeros(SHORT, np.bool_)
         seen[key] = True
         return np.flatnonzero(seen).astype(np.uint32)
-    short = key < 2048
-    seen = np.zeros(2048, np.bool_)
+    short = key < SHORT
+    seen = np.zeros(SHORT, np.bool_)
     seen[key[short]] = True
     return np.concatenate([np.flatnonzero(seen).astype(np.uint32), np.unique(key[~short])])
 
 
 def _numbers(key: Any, known: Any) -> Any:
-    """Position of each key in `known`, in the smallest type, which sorts fastest."""
-    kind = np.uint8 if len(known) <= 256 else np.uint16
-    table = np.zeros(2048, kind)
-    short = known < 2048
-    table[known[short]] = np.arange(int(short.sum()), dtype=kind)
+    """(n,) uint16 position of each key in `known`."""
+    table = np.zeros(SHORT, np.uint16)
+    short = known < SHORT
+    table[known[short]] = np.arange(int(short.sum()), dtype=np.uint16)
     if short.all():
         return table[key]
-    number = table[np.minimum(key, 2047)]
-    long = np.flatnonzero(key >= 2048)
-    number[long] = np.searchsorted(known, key[long]).astype(kind)
+    number = table[np.minimum(key, SHORT - 1)]
+    long = np.flatnonzero(key >= SHORT)
+    number[long] = np.searchsorted(known, key[long]).astype(np.uint16)
     return number

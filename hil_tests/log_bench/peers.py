@@ -1,0 +1,54 @@
+"""What users have today, each from a log to physical values, with the frames it got through."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import asammdf
+import can
+import cantools
+import hilspy
+
+
+def python_can_and_cantools(path: Path, dbc: Path, most: int) -> int:
+    """Of the first frames only: it is the same work for each."""
+    database = cantools.database.load_file(dbc)
+    readers: dict[str, Callable[..., Any]] = {
+        ".log": can.CanutilsLogReader,
+        ".blf": can.BLFReader,
+        ".mf4": can.MF4Reader,
+    }
+    frames = 0
+    for message in readers[path.suffix](str(path)):
+        database.decode_message(message.arbitration_id, message.data, decode_choices=False)
+        frames += 1
+        if frames == most:
+            break
+    return frames
+
+
+def hilspy_channel(path: Path, dbc: Path, most: int) -> int:
+    """Every value is read, as whoever decodes a log does."""
+    form = "?format=candump" if path.suffix == ".log" else ""
+    frames = 0
+    with hilspy.open(f"file://{path}{form}", f"dbc:{dbc}") as channel:
+        for message in channel:
+            for _ in message.fields.values():
+                pass
+            frames += 1
+            if frames == most:
+                break
+    return frames
+
+
+def asammdf_extract(path: Path, dbc: Path, most: int) -> int:
+    """The whole file, whatever `most` is: it does not stop before."""
+    del most
+    frames = 0
+    with asammdf.MDF(str(path)) as file:
+        out = file.extract_bus_logging({"CAN": [(str(dbc), 0)]})
+        for index, group in enumerate(out.groups):
+            frames += group.channel_group.cycles_nr
+            for channel in group.channels[1:]:
+                out.get(channel.name, group=index)
+    return frames
