@@ -12,13 +12,14 @@ from can_dbc.codec import Encoder
 from can_dbc.nodes import Direction
 from can_dbc.traction import TractionCommand
 from firmware_py.clock import LockstepClock
-from firmware_py.ports import LinkCounters
+from firmware_py.ports import CanFrame, LinkCounters
 from metro_tools.canlog import read
 from metro_tools.canlog.command import VERBS, main
 from metro_tools.canlog.damage import Damages
 from metro_tools.canlog.formats import candump
 from metro_tools.canlog.frames import EXTENDED, Frames
 from metro_tools.canlog.rows import from_rows
+from metro_tools.canlog.verbs import show
 from metro_tools.canlog.verbs.replay import Player
 
 MS = 1_000_000
@@ -244,7 +245,7 @@ class Paper:
     def send(self, now_ns: int, can_id: int, data: bytes) -> None:
         self.sent.append((now_ns, can_id, data))
 
-    def receive(self, now_ns: int) -> list[object]:
+    def receive(self, now_ns: int) -> list[CanFrame]:
         del now_ns
         return []
 
@@ -273,6 +274,29 @@ def test_replay_leaves_out_what_the_bus_of_the_train_does_not_carry() -> None:
     player.play(frames)
 
     assert (player.sent, player.unsent) == (1, 1)
+
+
+def test_a_live_bus_is_shown_until_somebody_interrupts(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    frames = traction_log(2)
+    heard = [
+        CanFrame(int(frames.at_ns[at]), int(frames.identifier[at]), frames.payload(at))
+        for at in range(4)
+    ]
+
+    class Live(Paper):
+        def receive(self, now_ns: int) -> list[CanFrame]:
+            if not heard:
+                raise KeyboardInterrupt
+            return [heard.pop(0)]
+
+    monkeypatch.setattr(show, "open_can", lambda *_, **__: Live())
+
+    assert main(["show", "--follow", "embedded:x", "--message", "TRACTION_CMD"]) == 130
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[1:4] for line in lines] == [["x", "103", "TRACTION_CMD"]] * 2
+    assert "direction FORWARD" in lines[1]
 
 
 def test_mistakes_are_told_in_a_line(log: Path, capsys: pytest.CaptureFixture[str]) -> None:

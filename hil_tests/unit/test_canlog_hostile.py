@@ -158,3 +158,15 @@ def test_damage_to_one_line_costs_no_other(tmp_path: Path, whole: Logs, seed: in
     assert after.frames.at_ns[others].tolist() == before.frames.at_ns[rest].tolist()
     if len(after) < len(before):
         assert [each.places for each in after.warnings] == [(at + 1,)]
+
+
+def test_a_file_that_only_begins_as_mf4_is_refused_in_a_line(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "x.mf4"
+    path.write_bytes(b"MDF     4.10    nonsense")
+
+    with pytest.raises(LogError, match=r"x\.mf4: no usable MDF 4 file"):
+        read(path)
+
+    assert "Traceback" not in capfd.readouterr().err

@@ -12,6 +12,7 @@ from typing import Any, Final
 from metro_tools.canlog.damage import Damages, LogError
 
 PIECE_BYTES: Final = 1 << 22
+BITE_BYTES: Final = 1 << 14
 LINE_MAX: Final = 1 << 16
 """A line longer than this is no line of any log; what it holds is dropped and counted."""
 GZIP: Final = b"\x1f\x8b"
@@ -120,16 +121,20 @@ def _unzstd(path: Path, damages: Damages, piece_bytes: int) -> Iterator[bytes]:
     given = 0
     with pa.OSFile(str(path)) as raw, pa.CompressedInputStream(raw, "zstd") as stream:
         while True:
+            gathered = bytearray()
             try:
-                piece = stream.read(piece_bytes)
+                # In small bites: what a failing call has undone already is lost with it.
+                while len(gathered) < piece_bytes and (bite := stream.read(BITE_BYTES)):
+                    gathered += bite
             except OSError as error:
-                # What was whole before the break is gone with the failed call: ask in small bites.
                 damages.add("broken zstd stream", "byte", given, str(error).splitlines()[0])
+                if gathered:
+                    yield bytes(gathered)
                 return
-            if not piece:
+            if not gathered:
                 return
-            given += len(piece)
-            yield piece
+            given += len(gathered)
+            yield bytes(gathered)
 
 
 def text_blocks(path: Path, damages: Damages) -> Iterator[bytes]:

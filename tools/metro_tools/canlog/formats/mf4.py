@@ -1,5 +1,7 @@
 """ASAM MDF 4 bus logging: the raw columns of its groups of CAN frames, by asammdf."""
 
+import gc
+import sys
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, Final
@@ -51,8 +53,9 @@ def read(path: Path, options: ReadOptions, damages: Damages) -> Iterator[Frames]
     Raises:
         LogError: for a file that asammdf cannot open.
     """
+    made = library().MDF
     try:
-        with library().MDF(str(path), memory="minimum") as file:
+        with made(str(path), memory="minimum") as file:
             start_ns = _start_ns(file.header)
             groups = [
                 (index, name, group.channel_group.cycles_nr)
@@ -72,7 +75,20 @@ def read(path: Path, options: ReadOptions, damages: Damages) -> Iterator[Frames]
         raise LogError(f"{path}: cannot be read: {error.strerror or error}") from error
     except Exception as error:
         # asammdf raises whatever its parsing meets in a damaged file.
-        raise LogError(f"{path}: no usable MDF 4 file: {error!r}") from error
+        words = f"{path}: no usable MDF 4 file: {error!r}"
+    else:
+        return
+    _forget()
+    raise LogError(words)
+
+
+def _forget() -> None:
+    """Let a file go that asammdf could not open: its finaliser fails, too, and would be shown."""
+    before, sys.unraisablehook = sys.unraisablehook, lambda _: None
+    try:
+        gc.collect()
+    finally:
+        sys.unraisablehook = before
 
 
 def _start_ns(header: Any) -> int:
