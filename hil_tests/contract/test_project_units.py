@@ -31,6 +31,7 @@ UNIT_IS_ELSEWHERE: Final = frozenset(
         *("_Four.emergency", "_Four.permitted", "_Four.service", "_Four.warning"),
         # Of the signal that the layout describes.
         *("FieldLayout.maximum", "FieldLayout.minimum", "FieldLayout.offset", "FieldLayout.scale"),
+        *("SignalSpec.maximum", "SignalSpec.minimum", "SignalSpec.offset", "SignalSpec.scale"),
         # A number of processes.
         "HostSample.runnable_mean",
         # Carries the name of its option or key, `--odometer-error 0.05`.

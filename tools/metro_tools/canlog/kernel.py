@@ -18,8 +18,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from metro_tools.canlog.formats.candump_block import Block
 from metro_tools.canlog.frames import Frames, blank
+from metro_tools.canlog.line_block import Block
 
 FLAGS: Final = ("-O3", "-shared", "-fPIC", "-std=c11", "-ffp-contract=off")
 """Without contraction a product and a sum round twice, as they do in Python."""

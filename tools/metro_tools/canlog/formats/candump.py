@@ -8,7 +8,6 @@ import numpy as np
 from metro_tools.canlog import kernel
 from metro_tools.canlog.damage import Damages, shown
 from metro_tools.canlog.formats import candump_line
-from metro_tools.canlog.formats.candump_block import Block
 from metro_tools.canlog.formats.candump_columns import (
     CHANNELS_MAX,
     parse_block,
@@ -17,6 +16,7 @@ from metro_tools.canlog.formats.candump_columns import (
 from metro_tools.canlog.formats.candump_line import LOCAL, NONE, SINCE, Line
 from metro_tools.canlog.formats.candump_write import write
 from metro_tools.canlog.frames import CLASSIC_BYTES, Bools, Frames, Ints
+from metro_tools.canlog.line_block import Block
 from metro_tools.canlog.options import DELTA, ReadOptions
 from metro_tools.canlog.source import text_blocks
 

@@ -6,7 +6,6 @@ from typing import Any, Final
 
 import numpy as np
 
-from metro_tools.canlog.formats.candump_block import Block
 from metro_tools.canlog.formats.candump_line import NS_PER_S, SECONDS_MAX
 from metro_tools.canlog.frames import (
     BRS,
@@ -22,6 +21,7 @@ from metro_tools.canlog.frames import (
     Frames,
     blank,
 )
+from metro_tools.canlog.line_block import Block
 
 SHAPES_MAX: Final = 40
 """Lines of one length may have so many shapes, such as names of channels; the rest are odd."""

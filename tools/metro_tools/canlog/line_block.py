@@ -1,4 +1,4 @@
-"""What a parser of candump blocks hands over, however it works."""
+"""What a parser of blocks of lines hands over, however it works."""
 
 from dataclasses import dataclass
 from typing import Any
