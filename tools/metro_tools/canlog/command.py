@@ -16,9 +16,14 @@ EXIT_FOUND: Final = 1
 EXIT_USAGE: Final = 2
 
 VERBS: Final = {
+    "browse": "metro_tools.canlog.verbs.browse",
     "convert": "metro_tools.canlog.verbs.convert",
+    "diff": "metro_tools.canlog.verbs.diff",
     "extract": "metro_tools.canlog.verbs.extract",
+    "open": "metro_tools.canlog.verbs.open",
+    "plot": "metro_tools.canlog.verbs.plot",
     "replay": "metro_tools.canlog.verbs.replay",
+    "report": "metro_tools.canlog.verbs.report",
     "show": "metro_tools.canlog.verbs.show",
     "stats": "metro_tools.canlog.verbs.stats",
 }

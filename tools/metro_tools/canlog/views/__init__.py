@@ -1,0 +1,1 @@
+"""Pictures of a log: traces of signals, plots, the page of `canlog report` and `canlog open`."""

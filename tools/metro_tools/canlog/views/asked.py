@@ -1,0 +1,90 @@
+"""What every view is asked for on the command line: a log, its DBC files, a span of time."""
+
+import argparse
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from metro_tools.canlog.damage import LogError
+from metro_tools.canlog.options import ReadOptions
+from metro_tools.canlog.read import Log, read
+from metro_tools.canlog.run import NS_PER_S
+
+EPOCH_FROM_NS = 10 * 365 * 86400 * NS_PER_S
+"""A log that begins later than this after 1970 tells the date; an earlier one counts from a start."""
+
+
+def log_options(parser: argparse.ArgumentParser, *, span: bool = True) -> None:
+    parser.add_argument("log", metavar="LOG", help="log of any format, or a run folder")
+    dbc_options(parser)
+    if span:
+        parser.add_argument(
+            "--from", dest="from_s", type=float, metavar="S", help="seconds since the log began"
+        )
+        parser.add_argument("--to", dest="to_s", type=float, metavar="S")
+
+
+def dbc_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--dbc", action="append", metavar="FILE", help="may be repeated; default: this project's"
+    )
+    parser.add_argument("--format", help="of the log, where neither name nor content tell")
+
+
+def read_asked(options: argparse.Namespace, path: str | None = None) -> Log:
+    """The log that was asked for; raises LogError for one without frames, too."""
+    log = read(path or options.log, options.dbc, ReadOptions(format=options.format))
+    if not len(log):
+        raise LogError(f"{log.path}: holds no frame")
+    return log
+
+
+@dataclass(frozen=True, slots=True)
+class Span:
+    """Instants of a log, and the one that is called zero."""
+
+    zero_ns: int
+    start_ns: int
+    end_ns: int
+
+    def seconds(self, at_ns: int) -> float:
+        return (at_ns - self.zero_ns) / NS_PER_S
+
+
+def span_asked(log: Log, options: argparse.Namespace) -> Span:
+    """Raises LogError for a span that is empty or outside of the log."""
+    zero_ns = zero_of(log)
+    start_ns, end_ns = log.start_ns, log.end_ns
+    if options.from_s is not None:
+        start_ns = max(start_ns, zero_ns + round(options.from_s * NS_PER_S))
+    if options.to_s is not None:
+        end_ns = min(end_ns, zero_ns + round(options.to_s * NS_PER_S))
+    if end_ns < start_ns:
+        there = f"{(log.start_ns - zero_ns) / NS_PER_S:g} to {(log.end_ns - zero_ns) / NS_PER_S:g}"
+        raise LogError(f"--from, --to: nothing between them; {log.path} goes from {there} s")
+    return Span(zero_ns, start_ns, end_ns)
+
+
+def zero_of(log: Log) -> int:
+    """What seconds are counted from: the start of the run, else the first frame of a dated log."""
+    if log.run is not None:
+        return log.run.start_ns
+    return log.start_ns if log.start_ns > EPOCH_FROM_NS else 0
+
+
+def date_text(at_ns: int) -> str:
+    """An instant as date and time in UTC, to the nanosecond; empty in a log without a date."""
+    if at_ns <= EPOCH_FROM_NS:
+        return ""
+    return str(np.datetime64(at_ns, "ns")).replace("T", " ") + " UTC"
+
+
+def output_path(text: str, suffixes: tuple[str, ...]) -> Path:
+    """Raises LogError for a file name of another kind, or in a folder that is not there."""
+    path = Path(text)
+    if path.suffix.lower() not in suffixes:
+        raise LogError(f"-o {path}: must end in {' or '.join(suffixes)}")
+    if not path.parent.is_dir():
+        raise LogError(f"-o {path}: there is no folder {path.parent}")
+    return path
