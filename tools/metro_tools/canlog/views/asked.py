@@ -3,6 +3,7 @@
 import argparse
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 
@@ -11,8 +12,8 @@ from metro_tools.canlog.options import ReadOptions
 from metro_tools.canlog.read import Log, read
 from metro_tools.canlog.run import NS_PER_S
 
-EPOCH_FROM_NS = 10 * 365 * 86400 * NS_PER_S
-"""A log that begins later than this after 1970 tells the date; an earlier one counts from a start."""
+EPOCH_FROM_NS: Final = 10 * 365 * 86400 * NS_PER_S
+"""A log that begins later than this after 1970 tells the date; others count from their start."""
 
 
 def log_options(parser: argparse.ArgumentParser, *, span: bool = True) -> None:

@@ -1,4 +1,4 @@
-"""Down-sampling that keeps extremes: per column of pixels the first, least, greatest and last sample."""
+"""Down-sampling that keeps extremes: of each column first, least, greatest and last sample."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -58,7 +58,7 @@ class Columns:
 
 
 class Pyramid:
-    """Least and greatest of blocks of samples, and of blocks of these: any span is summed up fast."""
+    """Least and greatest of blocks of samples, and of blocks of these."""
 
     def __init__(self, at_ns: Ints, values: Floats) -> None:
         self.at_ns = at_ns

@@ -1,0 +1,129 @@
+"""The frames of a log as one compressed block of bytes that a browser takes apart."""
+
+import base64
+import zlib
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from metro_tools.canlog.frames import ERROR, REMOTE, Frames, Ints
+
+LEVEL: Final = 6
+"""Of deflate; more gives a few percent for twice the time."""
+NOT_DATA: Final = REMOTE | ERROR
+LONG_NS: Final = (1 << 32) - 1
+"""A step of time that does not fit in 32 bits is told apart from the others."""
+
+
+class Block:
+    """Named pieces of bytes, one behind the other."""
+
+    def __init__(self) -> None:
+        self._pieces: list[bytes] = []
+        self._size = 0
+        self.index: dict[str, list[Any]] = {}
+        """Name to offset, number of items, and kind of item as the browser calls it."""
+
+    def add(self, name: str, column: "npt.NDArray[Any]") -> None:
+        """One column. Items of several bytes are laid apart, all first bytes first, which packs
+        smooth columns several times smaller.
+        """
+        kind = _KINDS[column.dtype.name]
+        plain = np.ascontiguousarray(column)
+        width = plain.dtype.itemsize
+        if width > 1:
+            apart = plain.view(np.uint8).reshape(-1, width).T
+            raw = np.ascontiguousarray(apart).tobytes()
+        else:
+            raw = plain.tobytes()
+        self.index[name] = [self._size, plain.size, kind]
+        self._pieces.append(raw)
+        self._size += len(raw)
+
+    def deflated(self) -> bytes:
+        """Raw deflate, as DecompressionStream("deflate-raw") takes it."""
+        packer = zlib.compressobj(LEVEL, zlib.DEFLATED, -15)
+        return b"".join([*map(packer.compress, self._pieces), packer.flush()])
+
+    def text(self) -> str:
+        return base64.b64encode(self.deflated()).decode("ascii")
+
+
+_KINDS: Final = {
+    "uint8": "u1",
+    "uint16": "u2",
+    "uint32": "u4",
+    "float32": "f4",
+    "float64": "f8",
+}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Group:
+    """Frames of one key; remote and error frames make groups of their own."""
+
+    key: int
+    flags: int
+    """REMOTE or ERROR of all of them, or 0."""
+    rows: Ints
+    """Which frames, in order of time."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Ordered:
+    """Frames in order of time, and of which group each is."""
+
+    frames: Frames
+    groups: tuple[Group, ...]
+    group: "npt.NDArray[np.uint16]"
+    """(n,) index into `groups`."""
+    was_in_order: bool = field(default=True)
+
+
+def ordered(frames: Frames) -> Ordered:
+    """Frames of one stamp stay as they are in the log."""
+    at_ns = frames.at_ns
+    in_order = len(at_ns) < 2 or bool((at_ns[1:] >= at_ns[:-1]).all())
+    if not in_order:
+        frames = frames[np.argsort(at_ns, kind="stable")]
+    kind = frames.key.astype(np.uint64) | (
+        (frames.flags & np.uint8(NOT_DATA)).astype(np.uint64) << np.uint64(32)
+    )
+    kinds, group = np.unique(kind, return_inverse=True)
+    assert len(kinds) <= 1 << 16
+    numbers = group.astype(np.uint16)
+    order = np.argsort(numbers, kind="stable")
+    ends = np.cumsum(np.bincount(numbers, minlength=len(kinds)))
+    groups = tuple(
+        Group(int(each) & 0xFFFFFFFF, int(each) >> 32, rows)
+        for each, rows in zip(kinds.tolist(), np.split(order, ends[:-1]), strict=True)
+    )
+    return Ordered(frames, groups, numbers, in_order)
+
+
+def add_frames(block: Block, log: Ordered, zero_ns: int) -> dict[str, Any]:
+    """Put all frames into the block; returns what the page has to know to read them."""
+    frames = log.frames
+    steps = np.diff(frames.at_ns, prepend=frames.at_ns[:1])
+    long = np.flatnonzero(steps >= LONG_NS)
+    block.add("step", np.minimum(steps, LONG_NS).astype(np.uint32))
+    block.add("group", log.group)
+    block.add("flags", frames.flags)
+    block.add("channel", frames.channel)
+    for number, group in enumerate(log.groups):
+        lengths = frames.length[group.rows]
+        data = frames.data[group.rows]
+        width = 0 if group.flags & REMOTE else int(lengths.max(initial=0))
+        if lengths.size and bool((lengths != lengths[0]).any()):
+            block.add(f"length {number}", lengths)
+        for byte in range(width):
+            block.add(f"byte {number} {byte}", data[:, byte])
+    return {
+        "count": len(frames),
+        "first": int(frames.at_ns[0]) - zero_ns if len(frames) else 0,
+        "long": [[int(row), int(steps[row])] for row in long],
+        "channels": list(frames.channels),
+        "lengths": [int(frames.length[group.rows[0]]) for group in log.groups],
+    }
