@@ -155,7 +155,7 @@ class Browser:
         return got["result"].get("value")
 
     def wait(self, script: str) -> Any:
-        """Until an expression is true, looked at after each frame; its value. Raises BrowserError."""
+        """Until an expression is true, looked at often; its value. Raises BrowserError."""
         return self.run(
             f"""new Promise((done, failed) => {{
               const end = performance.now() + {PATIENCE_S * 1000};
