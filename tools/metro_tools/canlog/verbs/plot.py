@@ -6,6 +6,7 @@ from typing import Final
 from metro_tools.canlog.views.asked import (
     date_text,
     log_options,
+    name_asked,
     output_path,
     read_asked,
     span_asked,
@@ -31,21 +32,21 @@ def options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--no-events", action="store_true", help="mark no events")
 
 
-def run(options: argparse.Namespace) -> int:
+def run(given: argparse.Namespace) -> int:
     """Raises LogError."""
-    path = output_path(options.out, (".png", ".svg"))
-    log = read_asked(options)
-    span = span_asked(log, options)
+    path = output_path(given.out, (".png", ".svg"))
+    log = read_asked(given)
+    span = span_asked(log, given)
     from metro_tools.canlog.views.happenings import happenings
     from metro_tools.canlog.views.place import place_of
     from metro_tools.canlog.views.plot import Picture, draw
     from metro_tools.canlog.views.traces import default_words, panels_of
 
-    panels = panels_of(log, options.signals or default_words(log))
-    place = place_of(log, options.distance) if options.x == "distance" else None
+    panels = panels_of(log, given.signals or default_words(log))
+    place = place_of(log, given.distance) if given.x == "distance" else None
     since = date_text(span.zero_ns)
-    title = f"{options.log.rstrip('/')}{f', from {since}' if since else ''}"
-    picture = Picture(title, panels, span, () if options.no_events else happenings(log), place)
+    title = f"{name_asked(given)}{f', from {since}' if since else ''}"
+    picture = Picture(title, panels, span, () if given.no_events else happenings(log), place)
     drawn = draw(picture, path)
     held = sum(len(trace) for panel in panels for trace in panel)
     print(f"{path}: {len(panels)} panels, {held} samples drawn as {drawn}")

@@ -4,7 +4,7 @@ import argparse
 from typing import Final
 
 from metro_tools.canlog.damage import LogError
-from metro_tools.canlog.views.asked import log_options, output_path, read_asked
+from metro_tools.canlog.views.asked import log_options, name_asked, output_path, read_asked
 
 SUMMARY: Final = "write one self-contained HTML page with plots, frames, events and statistics"
 FRAMES_MAX: Final = 8_000_000
@@ -18,10 +18,10 @@ def options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--title", help="default: the name of the log")
 
 
-def run(options: argparse.Namespace) -> int:
+def run(given: argparse.Namespace) -> int:
     """Raises LogError, too, for a log that `canlog open` has to serve."""
-    path = output_path(options.out, (".html", ".htm"))
-    log = read_asked(options)
+    path = output_path(given.out, (".html", ".htm"))
+    log = read_asked(given)
     if len(log) > FRAMES_MAX:
         raise LogError(
             f"{log.path}: {len(log)} frames are too many for one page; `canlog open` serves them"
@@ -30,8 +30,8 @@ def run(options: argparse.Namespace) -> int:
     from metro_tools.canlog.views.page_text import page_text
     from metro_tools.canlog.views.traces import default_words
 
-    words = options.signals or default_words(log)
-    data = page_data(log, options.title or options.log.rstrip("/"), words, with_frames=True)
+    words = given.signals or default_words(log)
+    data = page_data(log, given.title or name_asked(given), words, with_frames=True)
     try:
         path.write_text(page_text(data), encoding="utf-8")
     except OSError as error:

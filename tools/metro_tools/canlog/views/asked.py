@@ -8,17 +8,16 @@ from typing import Final
 import numpy as np
 
 from metro_tools.canlog.damage import LogError
-from metro_tools.canlog.options import ReadOptions
 from metro_tools.canlog.read import Log, read
 from metro_tools.canlog.run import NS_PER_S
+from metro_tools.canlog.verbs.common import add_log, read_options
 
 EPOCH_FROM_NS: Final = 10 * 365 * 86400 * NS_PER_S
 """A log that begins later than this after 1970 tells the date; others count from their start."""
 
 
 def log_options(parser: argparse.ArgumentParser, *, span: bool = True) -> None:
-    parser.add_argument("log", metavar="LOG", help="log of any format, or a run folder")
-    dbc_options(parser)
+    add_log(parser)
     if span:
         parser.add_argument(
             "--from", dest="from_s", type=float, metavar="S", help="seconds since the log began"
@@ -26,19 +25,18 @@ def log_options(parser: argparse.ArgumentParser, *, span: bool = True) -> None:
         parser.add_argument("--to", dest="to_s", type=float, metavar="S")
 
 
-def dbc_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--dbc", action="append", metavar="FILE", help="may be repeated; default: this project's"
-    )
-    parser.add_argument("--format", help="of the log, where neither name nor content tell")
-
-
-def read_asked(options: argparse.Namespace, path: str | None = None) -> Log:
+def read_asked(given: argparse.Namespace) -> Log:
     """The log that was asked for; raises LogError for one without frames, too."""
-    log = read(path or options.log, options.dbc, ReadOptions(format=options.format))
+    log = read(given.log, given.dbc, read_options(given))
     if not len(log):
         raise LogError(f"{log.path}: holds no frame")
     return log
+
+
+def name_asked(given: argparse.Namespace) -> str:
+    """What a picture of the log is headed with."""
+    path: Path = given.log
+    return path.name or str(path.resolve())
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,14 +51,14 @@ class Span:
         return (at_ns - self.zero_ns) / NS_PER_S
 
 
-def span_asked(log: Log, options: argparse.Namespace) -> Span:
+def span_asked(log: Log, given: argparse.Namespace) -> Span:
     """Raises LogError for a span that is empty or outside of the log."""
     zero_ns = zero_of(log)
     start_ns, end_ns = log.start_ns, log.end_ns
-    if options.from_s is not None:
-        start_ns = max(start_ns, zero_ns + round(options.from_s * NS_PER_S))
-    if options.to_s is not None:
-        end_ns = min(end_ns, zero_ns + round(options.to_s * NS_PER_S))
+    if given.from_s is not None:
+        start_ns = max(start_ns, zero_ns + round(given.from_s * NS_PER_S))
+    if given.to_s is not None:
+        end_ns = min(end_ns, zero_ns + round(given.to_s * NS_PER_S))
     if end_ns < start_ns:
         there = f"{(log.start_ns - zero_ns) / NS_PER_S:g} to {(log.end_ns - zero_ns) / NS_PER_S:g}"
         raise LogError(f"--from, --to: nothing between them; {log.path} goes from {there} s")

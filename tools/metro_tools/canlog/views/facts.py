@@ -1,38 +1,35 @@
-"""What the page says of each message beside its frames: how many, how regular, of which range."""
+"""What the page says of messages and buses: how to decode them, and how well they did."""
 
 from typing import Any, Final
 
-import numpy as np
-
 from metro_tools.canlog.database import MessageSpec
-from metro_tools.canlog.frames import KEY_EXTENDED, Ints
+from metro_tools.canlog.frames import KEY_EXTENDED
 from metro_tools.canlog.read import Log
-from metro_tools.canlog.run import NS_PER_S
+from metro_tools.canlog.stats import JUDGED_BUS, gather
+from metro_tools.canlog.stats_rows import bus_rows, message_rows
+from metro_tools.canlog.verdict import REASONS, UNCONFIRMED, judge
 from metro_tools.canlog.views.packed import Group
-from metro_tools.canlog.views.traces import NS_PER_MS
 
-LATE_RATIO: Final = 1.5
-"""A gap longer than so many periods counts as a missing frame."""
-DIGITS: Final = 4
+REFUSED_FROM: Final = UNCONFIRMED + 1
+"""Codes from this on are those of refused frames."""
 
 
-def message_facts(log: Log, group: Group, at_ns: Ints) -> dict[str, Any]:
-    """Counts, gaps in milliseconds, and frames that the period asks for and the log lacks."""
-    spec = log.bus.by_key.get(group.key) if not group.flags else None
-    gaps_ms = np.diff(at_ns) / NS_PER_MS
-    period_ms = spec.period_ms if spec is not None else 0
-    facts: dict[str, Any] = {"count": len(at_ns), "gap": None, "missing": None, "period": period_ms}
-    if len(gaps_ms):
-        span_s = float(at_ns[-1] - at_ns[0]) / NS_PER_S
-        low, middle, high = np.percentile(gaps_ms, (1, 50, 99))
-        facts["rate"] = round(len(gaps_ms) / span_s, DIGITS) if span_s > 0 else None
-        facts["gap"] = [
-            round(float(each), DIGITS) for each in (gaps_ms.min(), low, middle, high, gaps_ms.max())
-        ]
-        if period_ms:
-            late = gaps_ms[gaps_ms > LATE_RATIO * period_ms]
-            facts["missing"] = int(np.sum(np.rint(late / period_ms) - 1))
-    return facts
+def statistics(log: Log) -> dict[str, Any]:
+    """The rows of `canlog stats`."""
+    found = gather([log.frames], log.bus)
+    return {"messages": message_rows(found), "buses": bus_rows(found)}
+
+
+def verdict_codes(log: Log) -> Any:
+    """(n,) uint8: what the codec said of each frame; None for a bus that is not this project's."""
+    if log.bus.name != JUDGED_BUS:
+        return None
+    return judge(log.frames, log.groups).code
+
+
+def verdict_names() -> dict[str, str]:
+    """Code to why a frame was refused, for people."""
+    return {str(code): reason.name.lower().replace("_", " ") for code, reason in REASONS.items()}
 
 
 def message_head(group: Group, spec: MessageSpec | None, name: str) -> dict[str, Any]:
@@ -43,6 +40,8 @@ def message_head(group: Group, spec: MessageSpec | None, name: str) -> dict[str,
         "kind": group.flags,
         "name": name,
         "known": spec is not None and not group.flags,
+        "count": len(group.rows),
+        "period": 0,
         "signals": [],
     }
     if spec is not None and not group.flags:
@@ -50,6 +49,7 @@ def message_head(group: Group, spec: MessageSpec | None, name: str) -> dict[str,
             "senders": list(spec.senders),
             "comment": spec.comment,
             "timeout": spec.timeout_ms,
+            "period": spec.period_ms,
             "signals": [
                 {
                     "name": each.name,

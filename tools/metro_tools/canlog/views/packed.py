@@ -2,7 +2,7 @@
 
 import base64
 import zlib
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -79,15 +79,22 @@ class Ordered:
     groups: tuple[Group, ...]
     group: "npt.NDArray[np.uint16]"
     """(n,) index into `groups`."""
-    was_in_order: bool = field(default=True)
+    order: Ints | None
+    """(n,) the row of each frame in the log; None for the same."""
+
+    def taken(self, column: "npt.NDArray[Any]") -> "npt.NDArray[Any]":
+        """A column of the log in the order of time."""
+        return column if self.order is None else column[self.order]
 
 
 def ordered(frames: Frames) -> Ordered:
     """Frames of one stamp stay as they are in the log."""
     at_ns = frames.at_ns
     in_order = len(at_ns) < 2 or bool((at_ns[1:] >= at_ns[:-1]).all())
+    by_time = None
     if not in_order:
-        frames = frames[np.argsort(at_ns, kind="stable")]
+        by_time = np.argsort(at_ns, kind="stable")
+        frames = frames[by_time]
     kind = frames.key.astype(np.uint64) | (
         (frames.flags & np.uint8(NOT_DATA)).astype(np.uint64) << np.uint64(32)
     )
@@ -100,7 +107,7 @@ def ordered(frames: Frames) -> Ordered:
         Group(int(each) & 0xFFFFFFFF, int(each) >> 32, rows)
         for each, rows in zip(kinds.tolist(), np.split(order, ends[:-1]), strict=True)
     )
-    return Ordered(frames, groups, numbers, in_order)
+    return Ordered(frames, groups, numbers, by_time)
 
 
 def add_frames(block: Block, log: Ordered, zero_ns: int) -> dict[str, Any]:

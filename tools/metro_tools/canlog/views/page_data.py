@@ -10,7 +10,7 @@ import numpy as np
 from metro_tools.canlog.read import Log
 from metro_tools.canlog.views.asked import date_text, zero_of
 from metro_tools.canlog.views.extremes import kept
-from metro_tools.canlog.views.facts import message_facts, message_head
+from metro_tools.canlog.views.facts import message_head, statistics, verdict_codes, verdict_names
 from metro_tools.canlog.views.happenings import Happening, happenings
 from metro_tools.canlog.views.packed import NOT_DATA, Block, Group, Ordered, add_frames, ordered
 from metro_tools.canlog.views.place import journey_of
@@ -53,14 +53,18 @@ def page_data(log: Log, title: str, words: Sequence[str], *, with_frames: bool) 
         "date": date_text(zero_ns),
         "span": [log.start_ns - zero_ns, log.end_ns - zero_ns],
         "panels": panels,
-        "messages": [_message(log, in_order, group) for group in in_order.groups],
+        "messages": [_message(log, group) for group in in_order.groups],
         "events": [_event(each, zero_ns) for each in happenings(log)],
         "warnings": [str(each) for each in log.warnings],
-        "inOrder": in_order.was_in_order,
+        "inOrder": in_order.order is None,
+        "stats": statistics(log),
+        "verdicts": verdict_names(),
         "remote": not with_frames,
     }
     if with_frames:
         head["frames"] = add_frames(block, in_order, zero_ns)
+        for name, column in frame_columns(log).items():
+            block.add(name, in_order.taken(column))
     else:
         head["frames"] = {"count": len(log), "channels": list(log.frames.channels)}
     head["extras"] = _extras(block, log, zero_ns, with_columns=with_frames)
@@ -69,12 +73,24 @@ def page_data(log: Log, title: str, words: Sequence[str], *, with_frames: bool) 
     return PageData(head, block, in_order)
 
 
-def _message(log: Log, in_order: Ordered, group: Group) -> dict[str, Any]:
+def _message(log: Log, group: Group) -> dict[str, Any]:
     spec = log.bus.by_key.get(group.key)
     name = log.bus.name_of(group.key) if not group.flags & 4 else "error frame"
     name += KIND_NAMES.get(group.flags & NOT_DATA, "") if not group.flags & 4 else ""
-    head = message_head(group, spec, name)
-    return head | {"facts": message_facts(log, group, in_order.frames.at_ns[group.rows])}
+    return message_head(group, spec, name)
+
+
+def frame_columns(log: Log) -> dict[str, Any]:
+    """What is known of each frame beside itself, in the order of the log: `verdict`, as a code,
+    and `cycle` of the controller, from 1 on and 0 for none.
+    """
+    found = {}
+    codes = verdict_codes(log)
+    if codes is not None:
+        found["verdict"] = codes
+    if log.run is not None and len(log.run.cycle_ns):
+        found["cycle"] = (log.run.cycle_of + 1).astype(np.uint32)
+    return found
 
 
 def _event(each: Happening, zero_ns: int) -> dict[str, Any]:

@@ -173,14 +173,14 @@ def gap_of(spec: MessageSpec, at_ns: Ints) -> int:
 def _run_names(run: Run | None) -> Iterator[str]:
     if run is None:
         return
-    for group, columns in ((TRUTH, run.truth_columns), (CYCLES, run.cycle_columns)):
+    for group, columns in ((TRUTH, run.truth), (CYCLES, run.cycles)):
         for name, column in columns.items():
             if name != TIME_COLUMN and TIME_COLUMN in columns and column.dtype.kind == "f":
                 yield f"{group}.{name}"
 
 
 def _run_trace(run: Run, group: str, name: str) -> Trace:
-    columns = run.truth_columns if group == TRUTH else run.cycle_columns
+    columns = run.truth if group == TRUTH else run.cycles
     if name not in columns or TIME_COLUMN not in columns or columns[name].dtype.kind != "f":
         raise LogError(f"{group}.{name}: {run.folder} has no such column of numbers")
     values = columns[name]

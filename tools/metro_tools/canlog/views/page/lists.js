@@ -15,7 +15,7 @@ function eventList() {
     row.cells[2].textContent = event.words;
     for (const basis of event.basis) {
       const link = document.createElement("a");
-      link.className = "src"; link.textContent = basis.source.toLowerCase() === basis.source ? basis.source : basis.source;
+      link.className = "src"; link.textContent = basis.source;
       link.title = `${basis.payload ? `${basis.payload.toUpperCase()}, ` : ""}${basis.t === null ? "never heard" : `heard ${spanText(event.t - basis.t)} before`}`;
       link.onclick = click => { click.stopPropagation(); if (basis.t !== null) { showTab("frames"); goTo(basis.t); } };
       row.cells[3].append(link);
@@ -50,51 +50,55 @@ function announce(event) {
   announcing = setTimeout(showFacts, 6000);
 }
 
+// Columns of `canlog stats` that are shown: name of the number, heading, digits; bad from this on.
 const STATS = [
-  ["message", m => m.name], ["id", m => m.idText], ["from", m => (m.senders || []).join(", ")],
-  ["frames", m => m.facts.count, grouped], ["per second", m => m.facts.rate ?? null, value => value.toFixed(2)],
-  ["period, ms", m => m.facts.period || null], ["least gap", m => m.facts.gap?.[0] ?? null, ms], ["1 %", m => m.facts.gap?.[1] ?? null, ms],
-  ["median", m => m.facts.gap?.[2] ?? null, ms], ["99 %", m => m.facts.gap?.[3] ?? null, ms],
-  ["greatest gap", m => m.facts.gap?.[4] ?? null, ms], ["missing", m => m.facts.missing],
-  ...["counter errors", "CRC errors"].map(name => [name, m => m.facts[name] ?? null]),
+  ["channel", "bus"], ["id", "id"], ["message", "message"], ["frames", "frames", 0], ["rate_hz", "per second", 2], ["load_ratio", "load, %", 2],
+  ["period_ms", "period, ms", 0], ["gap_ms_min", "least gap", 3], ["gap_ms_p50", "median", 3], ["gap_ms_p99", "99 %", 3], ["gap_ms_max", "greatest", 3],
+  ["jitter_ms", "jitter", 3], ["missing", "missing", 0, 1], ["extra", "extra", 0], ["stale", "stale", 0, 1], ["lost", "lost", 0, 1], ["crc_errors", "CRC", 0, 1],
+  ["counter_errors", "counter", 0, 1], ["twin_errors", "twin", 0], ["invalid_values", "invalid", 0, 1], ["out_of_range", "out of range", 0, 1], ["latency_ms", "worst latency", 3],
 ];
-function ms(value) { return value.toFixed(3); }
+const ALWAYS = 8; // so many columns are shown even if they say nothing
 
 function statsList() {
-  const box = document.getElementById("tab-stats"), messages = [...view.head.messages];
-  document.getElementById("stats-count").textContent = grouped(messages.length);
-  const columns = STATS.filter(([, get]) => messages.some(message => get(message) !== null && get(message) !== ""));
+  const box = document.getElementById("tab-stats"), rows = [...view.head.stats.messages];
+  document.getElementById("stats-count").textContent = grouped(rows.length);
+  const buses = new Set(rows.map(row => row.channel));
+  const columns = STATS.filter(([name], at) => (name !== "channel" || buses.size > 1) && (at < ALWAYS || rows.some(row => row[name])));
   const table = document.createElement("table"), head = table.createTHead().insertRow(), body = table.createTBody();
-  const numeric = ([, get]) => messages.some(message => typeof get(message) === "number");
-  let order = null;
-  const fill = () => body.replaceChildren(...messages.map(message => {
-    const row = document.createElement("tr");
-    row.title = message.comment || "";
-    for (const column of columns) {
-      const cell = row.insertCell(), value = column[1](message);
-      if (numeric(column)) cell.className = "n";
-      cell.textContent = value === null ? "" : typeof value === "number" && column[2] ? column[2](value) : value;
-      const wrong = ["missing", "counter errors", "CRC errors"].includes(column[0]) && value > 0;
-      const late = column[0] === "greatest gap" && message.timeout && value > message.timeout;
-      if (wrong || late) cell.classList.add("bad");
-    }
-    row.onclick = () => { document.getElementById("filter").value = message.name; showTab("frames"); table_.filter(message.name); };
-    return row;
-  }));
-  for (const column of columns) {
+  const fill = () => body.replaceChildren(...rows.map(row => statsRow(row, columns)));
+  let sorted = null, sign = 1;
+  for (const [name, heading, digits] of columns) {
     const cell = document.createElement("th");
-    cell.textContent = column[0];
-    if (numeric(column)) cell.className = "n";
+    cell.textContent = heading;
+    if (digits !== undefined) cell.className = "n";
     cell.onclick = () => {
-      order = order === column ? null : column;
-      const sign = numeric(column) ? -1 : 1;
-      messages.sort((a, b) => { const x = column[1](a) ?? -Infinity, y = column[1](b) ?? -Infinity; return (x < y ? -1 : x > y ? 1 : 0) * sign * (order ? 1 : -1); });
+      sign = sorted === name ? -sign : digits === undefined ? 1 : -1;
+      sorted = name;
+      rows.sort((a, b) => { const x = a[name] ?? -Infinity, y = b[name] ?? -Infinity; return (x < y ? -1 : x > y ? 1 : 0) * sign; });
       fill();
     };
     head.append(cell);
   }
   fill();
-  box.replaceChildren(table);
+  const buses_ = document.createElement("p");
+  buses_.className = "buses";
+  buses_.textContent = view.head.stats.buses.map(bus =>
+    `${bus.channel || "bus"}: load ${(100 * bus.bus_load_ratio).toFixed(1)} % of ${bus.baudrate / 1000} kbit/s, ${(100 * bus.bus_load_ratio_max).toFixed(1)} % in the fullest 100 ms; ` +
+    `${bus.error_frames} error, ${bus.remote_frames} remote, ${bus.unknown_frames} unknown frames`).join("   ");
+  box.replaceChildren(buses_, table);
+}
+
+function statsRow(told, columns) {
+  const row = document.createElement("tr");
+  row.title = view.head.messages.find(message => message.name === told.message)?.comment || "";
+  for (const [name, , digits, bad] of columns) {
+    const cell = row.insertCell(), value = name === "load_ratio" ? 100 * told[name] : told[name];
+    if (digits !== undefined) cell.className = "n";
+    cell.textContent = value === null || value === undefined || (name === "period_ms" && !value) ? "" : digits === undefined ? value : digits ? value.toFixed(digits) : grouped(Math.round(value));
+    if (bad && value >= bad) cell.classList.add("bad");
+  }
+  row.onclick = () => { document.getElementById("filter").value = told.message; showTab("frames"); table_.filter(told.message); };
+  return row;
 }
 
 function showTab(name) {

@@ -66,10 +66,10 @@ class RemoteSource {
     return this.tiles.get(key);
   }
 
-  row([row, t, number, flags, channel, length, data, before, gap]) {
+  row([row, t, number, flags, channel, length, data, before, gap, verdict, cycle]) {
     return {
       row, t, message: this.head.messages[number], flags, channel: this.head.frames.channels[channel] ?? "", length,
-      data: bytesOf(data), before: before === null ? null : bytesOf(before), gap: gap ?? NaN,
+      data: bytesOf(data), before: before === null ? null : bytesOf(before), gap: gap ?? NaN, verdict, cycle,
     };
   }
 }

@@ -41,6 +41,8 @@ class LocalSource {
     this.group = block.column("group");
     this.flags = block.column("flags");
     this.channel = block.column("channel");
+    this.verdict = block.has("verdict") ? block.column("verdict") : null;
+    this.cycle = block.has("cycle") ? block.column("cycle") : null;
     this.index();
   }
 
@@ -137,6 +139,7 @@ class LocalSource {
       length: group.lengths ? group.lengths[rank] : group.length,
       data: bytes(rank), before: rank ? bytes(rank - 1) : null,
       gap: rank ? this.t[i] - this.t[group.rows[rank - 1]] : NaN,
+      verdict: this.verdict ? this.verdict[i] : 0, cycle: this.cycle ? this.cycle[i] : 0,
     };
   }
 }

@@ -11,7 +11,7 @@ class FrameTable {
     this.at = -1; this.selection = { rows: null, filter: "", count: 0 };
     this.drawn = 0;
     document.getElementById("frames-head").innerHTML =
-      ["time, s|n", "since last|n d", "bus", "id", "message", "len", "data", "signals"]
+      ["time, s|n", "since last|n d", "cycle|n d", "bus", "id", "message", "len", "data", "signals"]
         .map(each => each.split("|")).map(([text, kind = ""]) => `<span class="${kind}">${text}</span>`).join("");
     this.steer();
   }
@@ -69,11 +69,12 @@ class FrameTable {
   row(row, number) {
     const element = document.createElement("div"), { message } = row;
     element.className = "row" + (number === this.at ? " at" : "") + (row.flags & ERROR_FLAG ? " error" : "");
-    const period = message.facts.period;
+    const period = message.period;
     if (period && row.gap > LATE * period * 1e6) element.classList.add("late");
     const cell = (kind, text) => { const span = document.createElement("span"); span.className = kind; span.textContent = text; element.append(span); return span; };
     cell("n mono", timeText(row.t, 6)).title = dateText(row.t) || timeText(row.t, 9);
     cell("n d", Number.isNaN(row.gap) ? "" : gapText(row.gap)).title = period ? `every ${period} ms` : "";
+    cell("n d", row.cycle ? row.cycle - 1 : "").title = row.cycle ? `control cycle ${row.cycle - 1}` : "";
     cell("bus", row.channel + (row.flags & TX_FLAG ? " tx" : ""));
     cell("id mono", message.idText);
     cell("name", message.name).title = message.comment || "";
@@ -85,6 +86,8 @@ class FrameTable {
       if (changed) { const mark = document.createElement("b"); mark.textContent = text; hex.append(mark); } else hex.append(text);
     });
     const signals = cell("sig", "");
+    const refused = view.head.verdicts[row.verdict];
+    if (refused) { element.classList.add("refused"); const mark = document.createElement("em"); mark.textContent = refused; signals.append(mark, " "); }
     const told = decodedTexts(message, row.data);
     told.forEach(([name, text], k) => { if (k) signals.append("  "); signals.append(`${name} `); const value = document.createElement("b"); value.textContent = text; signals.append(value); });
     signals.title = told.map(([name, text]) => `${name}: ${text}`).join("\n");
