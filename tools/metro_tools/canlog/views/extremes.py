@@ -6,10 +6,14 @@ from typing import Final
 import numpy as np
 
 from metro_tools.canlog.frames import Ints
-from metro_tools.canlog.views.traces import Floats
+from metro_tools.canlog.views.traces import Floats, Trace
 
 BLOCK: Final = 256
 """Samples that one entry of the next level stands for."""
+RAW_PER_COLUMN: Final = 3
+"""Up to so many samples a column are given as they are."""
+AT_ONCE: Final = 1 << 20
+"""Up to so many samples are looked at one by one; more go by their blocks."""
 
 
 def kept(at_ns: Ints, values: Floats, *, start_ns: int, end_ns: int, columns: int) -> Ints:
@@ -46,44 +50,85 @@ def kept(at_ns: Ints, values: Floats, *, start_ns: int, end_ns: int, columns: in
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Columns:
-    """What a picture of `m` columns needs; columns without samples are left out."""
+class Window:
+    """What a picture of a span needs, with the neighbours outside of it.
 
-    column: Ints
-    """(k,) which of the columns, rising."""
-    first: Floats
-    low: Floats
-    high: Floats
-    last: Floats
+    Either the samples themselves, or first, least, greatest and last of each column of pixels. A
+    value that is NaN breaks the picture: nothing came for longer than the signal holds.
+    """
+
+    is_raw: bool
+    at_ns: Floats
+    """(k,) float64: exact up to 104 days from the zero that they count from."""
+    values: Floats
 
 
 class Pyramid:
     """Least and greatest of blocks of samples, and of blocks of these."""
 
-    def __init__(self, at_ns: Ints, values: Floats) -> None:
-        self.at_ns = at_ns
-        self.values = values
+    def __init__(self, trace: Trace, zero_ns: int) -> None:
+        """`zero_ns`: what instants are counted from in what `window` takes and gives."""
+        self.at_ns = trace.at_ns - zero_ns
+        self.values = trace.values
+        self.gap_ns = trace.gap_ns
         self._levels: list[tuple[Floats, Floats]] = []
-        low = high = values
+        low = high = trace.values
         while len(low) > BLOCK:
             begins = np.arange(0, len(low), BLOCK)
             low, high = np.fmin.reduceat(low, begins), np.fmax.reduceat(high, begins)
             self._levels.append((low, high))
 
-    def columns(self, start_ns: int, end_ns: int, count: int) -> Columns:
-        """The span from `start_ns` up to, not including, `end_ns` in `count` columns, exactly."""
-        width = (end_ns - start_ns) / count
-        cuts = start_ns + np.rint(np.arange(count + 1) * width).astype(np.int64)
-        cuts[-1] = end_ns
-        edges = np.searchsorted(self.at_ns, cuts, "left")
-        begins, ends = edges[:-1], edges[1:]
-        there = np.flatnonzero(ends > begins)
-        begins, ends = begins[there], ends[there]
-        low = np.empty(len(there))
-        high = np.empty(len(there))
-        for at in range(len(there)):
-            low[at], high[at] = self._span(int(begins[at]), int(ends[at]))
-        return Columns(there, self.values[begins], low, high, self.values[ends - 1])
+    def window(self, start_ns: float, end_ns: float, columns: int) -> Window:
+        """Of the span, in `columns` equal columns."""
+        begin = int(np.searchsorted(self.at_ns, start_ns, "left"))
+        end = int(np.searchsorted(self.at_ns, end_ns, "right"))
+        first, stop = max(0, begin - 1), min(len(self.at_ns), end + 1)
+        if stop - first <= RAW_PER_COLUMN * columns:
+            return self._raw(first, stop)
+        inside = self.at_ns[begin:end]
+        column = ((inside - start_ns) * (columns / (end_ns - start_ns))).astype(np.int64)
+        begins = begin + np.flatnonzero(np.append(True, column[1:] != column[:-1]))
+        ends = np.append(begins[1:], end)
+        low, high = self._extremes(begins, ends)
+        # Of each column: a break if nothing came for long, first, least, greatest, last.
+        at_ns = np.empty((len(begins), 5))
+        values = np.empty((len(begins), 5))
+        at_ns[:, 1:3] = self.at_ns[begins, None]
+        at_ns[:, 3:] = self.at_ns[ends - 1, None]
+        before = np.maximum(begins - 1, 0)
+        at_ns[:, 0] = self.at_ns[before]
+        values[:, 0] = np.nan
+        values[:, 1], values[:, 2] = self.values[begins], low
+        values[:, 3], values[:, 4] = high, self.values[ends - 1]
+        keep = np.ones(at_ns.shape, np.bool_)
+        silent = self.at_ns[begins] - self.at_ns[before] > self.gap_ns
+        keep[:, 0] = silent if self.gap_ns else False
+        edges = [self._raw(first, begin), self._raw(end, stop)]
+        return Window(
+            False,
+            np.concatenate([edges[0].at_ns, at_ns[keep], edges[1].at_ns]),
+            np.concatenate([edges[0].values, values[keep], edges[1].values]),
+        )
+
+    def _raw(self, first: int, stop: int) -> Window:
+        at_ns, values = self.at_ns[first:stop].astype(np.float64), self.values[first:stop]
+        if self.gap_ns:
+            where = np.flatnonzero(np.diff(at_ns) > self.gap_ns) + 1
+            at_ns = np.insert(at_ns, where, at_ns[where - 1] + self.gap_ns)
+            values = np.insert(values, where, np.nan)
+        return Window(True, at_ns, values)
+
+    def _extremes(self, begins: Ints, ends: Ints) -> tuple[Floats, Floats]:
+        """Of the samples of each piece; the pieces follow each other without a gap."""
+        first, stop = int(begins[0]), int(ends[-1])
+        if stop - first <= AT_ONCE or not self._levels:
+            inside = self.values[first:stop]
+            return np.fmin.reduceat(inside, begins - first), np.fmax.reduceat(
+                inside, begins - first
+            )
+        pairs = [self._span(int(begin), int(end)) for begin, end in zip(begins, ends, strict=True)]
+        low, high = np.array(pairs).T
+        return low, high
 
     def _span(self, begin: int, end: int) -> tuple[float, float]:
         low = high = float("nan")

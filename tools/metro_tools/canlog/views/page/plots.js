@@ -88,8 +88,13 @@ class Panel {
 
   limits() {
     let low = Infinity, high = -Infinity;
-    for (const signal of this.lines) for (const value of this.windows.get(signal)?.v ?? [])
-      if (Number.isFinite(value)) { if (value < low) low = value; if (value > high) high = value; }
+    for (const signal of this.lines) {
+      const { t, v } = this.windows.get(signal) ?? { t: [], v: [] };
+      // What is seen, and the neighbours whose lines come into the picture.
+      const stop = Math.min(t.length, upperBound(t, view.to) + 1);
+      for (let i = Math.max(0, lowerBound(t, view.from) - 1); i < stop; i++)
+        if (Number.isFinite(v[i])) { if (v[i] < low) low = v[i]; if (v[i] > high) high = v[i]; }
+    }
     if (low > high) return [0, 1];
     if (low === high) { const half = Math.abs(low) * 0.1 || 1; return [low - half, high + half]; }
     return [low, high];
