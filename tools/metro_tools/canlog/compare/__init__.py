@@ -1,0 +1,1 @@
+"""`canlog diff`: what differs between two logs, or between two DBC files."""
