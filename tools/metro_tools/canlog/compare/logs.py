@@ -199,13 +199,18 @@ def _bytes(
     if not len(where):
         return
     first = int(where[0])
-    texts = [
-        log.frames.payload(int(rows[first])).hex(" ").upper()
-        for log, rows in ((a, rows_a), (b, rows_b))
-    ]
     row_a, row_b = int(rows_a[first]), int(rows_b[first])
     yield SignalDifference(
-        BYTES, "", len(where), row_a, row_b, int(at_ns[first]), *texts, None, 0.0
+        signal=BYTES,
+        unit="",
+        frames=len(where),
+        first_a=row_a,
+        first_b=row_b,
+        at_ns=int(at_ns[first]),
+        value_a=a.frames.payload(row_a).hex(" ").upper(),
+        value_b=b.frames.payload(row_b).hex(" ").upper(),
+        most=None,
+        allowed=0.0,
     )
 
 
@@ -235,17 +240,18 @@ def _signals(
         if not len(where):
             continue
         first = int(where[0])
-        texts = [
-            value_text(table, signal, int(place[first]))
-            for table, place in zip(tables, places, strict=True)
-        ]
-        most = None if apart is None else float(np.nanmax(apart[where], initial=0.0))
-        row_a, row_b = (
-            int(table.rows[place[first]]) for table, place in zip(tables, places, strict=True)
-        )
-        at_ns = int(a_ns[pairs.a[first]])
+        place_a, place_b = (int(place[first]) for place in places)
         yield SignalDifference(
-            signal.name, signal.unit, len(where), row_a, row_b, at_ns, *texts, most, limit
+            signal=signal.name,
+            unit=signal.unit,
+            frames=len(where),
+            first_a=int(tables[0].rows[place_a]),
+            first_b=int(tables[1].rows[place_b]),
+            at_ns=int(a_ns[pairs.a[first]]),
+            value_a=value_text(tables[0], signal, place_a),
+            value_b=value_text(tables[1], signal, place_b),
+            most=None if apart is None else float(np.nanmax(apart[where], initial=0.0)),
+            allowed=limit,
         )
 
 

@@ -54,8 +54,9 @@ def run(given: argparse.Namespace) -> int:
 def _recorded(given: argparse.Namespace) -> "State":
     from metro_tools.canlog.browse.lanes import lanes_of
     from metro_tools.canlog.browse.state import NS_PER_S, State
-    from metro_tools.canlog.views.asked import name_asked, read_asked, zero_of
+    from metro_tools.canlog.verbs.asked import name_asked, read_asked
     from metro_tools.canlog.views.happenings import happenings
+    from metro_tools.canlog.views.span import zero_of
 
     log = read_asked(given)
     lanes = lanes_of(log.frames, log.bus)

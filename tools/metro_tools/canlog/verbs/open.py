@@ -4,7 +4,7 @@ import argparse
 import webbrowser
 from typing import Final
 
-from metro_tools.canlog.views.asked import log_options, name_asked, read_asked
+from metro_tools.canlog.verbs.asked import log_options, name_asked, read_asked
 
 SUMMARY: Final = "show a log of any size in a browser on this machine"
 

@@ -3,8 +3,7 @@
 import argparse
 from typing import Final
 
-from metro_tools.canlog.views.asked import (
-    date_text,
+from metro_tools.canlog.verbs.asked import (
     log_options,
     name_asked,
     output_path,
@@ -40,6 +39,7 @@ def run(given: argparse.Namespace) -> int:
     from metro_tools.canlog.views.happenings import happenings
     from metro_tools.canlog.views.place import place_of
     from metro_tools.canlog.views.plot import Picture, draw
+    from metro_tools.canlog.views.span import date_text
     from metro_tools.canlog.views.traces import default_words, panels_of
 
     panels = panels_of(log, given.signals or default_words(log))

@@ -4,7 +4,7 @@ import argparse
 from typing import Final
 
 from metro_tools.canlog.damage import LogError
-from metro_tools.canlog.views.asked import log_options, name_asked, output_path, read_asked
+from metro_tools.canlog.verbs.asked import log_options, name_asked, output_path, read_asked
 
 SUMMARY: Final = "write one self-contained HTML page with plots, frames, events and statistics"
 FRAMES_MAX: Final = 8_000_000

@@ -8,12 +8,12 @@ from typing import Any, Final
 import numpy as np
 
 from metro_tools.canlog.read import Log
-from metro_tools.canlog.views.asked import date_text, zero_of
 from metro_tools.canlog.views.extremes import kept
 from metro_tools.canlog.views.facts import message_head, statistics, verdict_codes, verdict_names
 from metro_tools.canlog.views.happenings import Happening, happenings
 from metro_tools.canlog.views.packed import NOT_DATA, Block, Group, Ordered, add_frames, ordered
 from metro_tools.canlog.views.place import journey_of
+from metro_tools.canlog.views.span import date_text, zero_of
 from metro_tools.canlog.views.traces import Trace, find_names, trace_names, trace_of
 
 KIND_NAMES: Final = {2: " (remote)", 4: " (error)", 6: " (error)"}

@@ -33,6 +33,10 @@ CURVES: Final = (
 RUN_CONFIG: Final = "run.toml"
 
 
+Pieces = tuple[tuple[float, float, float], ...]
+"""From, to, and what holds between them."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Curve:
     """One line of the picture, in order of time."""
@@ -52,11 +56,11 @@ class Journey:
     curves: tuple[Curve, ...]
     authority: Trace | None
     """Chainage of the end of authority over time."""
-    limits: tuple[tuple[float, float, float], ...] = ()
+    limits: Pieces = ()
     """From, to, and the speed of the line between them, m, m, m/s."""
     stations: tuple[tuple[str, float], ...] = ()
     """Name and stopping point, m."""
-    gradients: tuple[tuple[float, float, float], ...] = ()
+    gradients: Pieces = ()
     """From, to, m, and permille, rising positive."""
 
 
@@ -91,7 +95,8 @@ def journey_of(log: Log) -> Journey | None:
     curves = tuple(_curves(log, known))
     if not curves:
         return None
-    return Journey(curves, _authority(log, known), *_line(log))
+    limits, stations, gradients = _line(log)
+    return Journey(curves, _authority(log, known), limits, stations, gradients)
 
 
 def _curves(log: Log, known: set[str]) -> Iterator[Curve]:
@@ -124,7 +129,7 @@ def _authority(log: Log, known: set[str]) -> Trace | None:
     return None
 
 
-def _line(log: Log) -> tuple[tuple[tuple[float, float, float], ...], ...]:
+def _line(log: Log) -> tuple[Pieces, tuple[tuple[str, float], ...], Pieces]:
     """Limits, stations and gradients of run.toml; nothing where there is none that can be read."""
     if log.run is None:
         return (), (), ()

@@ -13,10 +13,10 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from metro_tools.canlog.run import NS_PER_S
-from metro_tools.canlog.views.asked import Span
 from metro_tools.canlog.views.extremes import kept
 from metro_tools.canlog.views.happenings import Happening
 from metro_tools.canlog.views.place import at_instants
+from metro_tools.canlog.views.span import Span
 from metro_tools.canlog.views.traces import Floats, Trace
 
 INK: Final = "#1d2733"
@@ -75,7 +75,7 @@ def draw(picture: Picture, path: Path) -> int:
     """
     rows = [row for panel in picture.panels for row in _rows(panel)]
     heights = [_height_in(row) for row in rows]
-    fonts: dict[str, Any] = {
+    look: Any = {
         "font.size": 9.5,
         "axes.edgecolor": QUIET,
         "text.color": INK,
@@ -84,7 +84,7 @@ def draw(picture: Picture, path: Path) -> int:
         "ytick.color": QUIET,
         "svg.hashsalt": "canlog",
     }
-    with mpl.rc_context(fonts):
+    with mpl.rc_context(look):
         figure = Figure(figsize=(WIDTH_IN, sum(heights) + MARGIN_IN), dpi=DPI, layout="constrained")
         FigureCanvasAgg(figure)
         grid = figure.subplots(

@@ -191,6 +191,7 @@ function showHelp() {
   $("help").onclick = () => $("help").close();
 }
 
+globalThis.canlog = { view, goTo, setSpan, setCursor, changePanels, decodedTexts };
 start().catch(error => {
   document.documentElement.dataset.ready = "failed";
   $("warnings").hidden = false;

@@ -1,19 +1,13 @@
-"""What every view is asked for on the command line: a log, its DBC files, a span of time."""
+"""What the subcommands that draw are asked for: a log, a span of time, a file to write."""
 
 import argparse
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
-
-import numpy as np
 
 from metro_tools.canlog.damage import LogError
 from metro_tools.canlog.read import Log, read
 from metro_tools.canlog.run import NS_PER_S
 from metro_tools.canlog.verbs.common import add_log, read_options
-
-EPOCH_FROM_NS: Final = 10 * 365 * 86400 * NS_PER_S
-"""A log that begins later than this after 1970 tells the date; others count from their start."""
+from metro_tools.canlog.views.span import Span, zero_of
 
 
 def log_options(parser: argparse.ArgumentParser, *, span: bool = True) -> None:
@@ -39,18 +33,6 @@ def name_asked(given: argparse.Namespace) -> str:
     return path.name or str(path.resolve())
 
 
-@dataclass(frozen=True, slots=True)
-class Span:
-    """Instants of a log, and the one that is called zero."""
-
-    zero_ns: int
-    start_ns: int
-    end_ns: int
-
-    def seconds(self, at_ns: int) -> float:
-        return (at_ns - self.zero_ns) / NS_PER_S
-
-
 def span_asked(log: Log, given: argparse.Namespace) -> Span:
     """Raises LogError for a span that is empty or outside of the log."""
     zero_ns = zero_of(log)
@@ -63,20 +45,6 @@ def span_asked(log: Log, given: argparse.Namespace) -> Span:
         there = f"{(log.start_ns - zero_ns) / NS_PER_S:g} to {(log.end_ns - zero_ns) / NS_PER_S:g}"
         raise LogError(f"--from, --to: nothing between them; {log.path} goes from {there} s")
     return Span(zero_ns, start_ns, end_ns)
-
-
-def zero_of(log: Log) -> int:
-    """What seconds are counted from: the start of the run, else the first frame of a dated log."""
-    if log.run is not None:
-        return log.run.start_ns
-    return log.start_ns if log.start_ns > EPOCH_FROM_NS else 0
-
-
-def date_text(at_ns: int) -> str:
-    """An instant as date and time in UTC, to the nanosecond; empty in a log without a date."""
-    if at_ns <= EPOCH_FROM_NS:
-        return ""
-    return str(np.datetime64(at_ns, "ns")).replace("T", " ") + " UTC"
 
 
 def output_path(text: str, suffixes: tuple[str, ...]) -> Path:
