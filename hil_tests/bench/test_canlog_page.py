@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 from metro_hil.vobc_command import main as vobc
+from metro_tools.browser import NAMES, Browser, browser_path
 from metro_tools.canlog import read
 from metro_tools.canlog.command import main as canlog
 from metro_tools.canlog.read import Log
@@ -56,19 +57,18 @@ def _rig(name: str, path: Path) -> ModuleType:
     return module
 
 
-browser_rig = _rig("browser", HERE.with_name("browser.py"))
 rig = _rig("canlog_rig", HERE.parents[1] / "unit" / "canlog_rig.py")
 
 
 @pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
+def browser() -> Iterator[Browser]:
     """One browser for all tests. Without one a test fails in CI, else it is left out."""
-    if browser_rig.browser_path() is None:
-        reason = f"no browser: none of {', '.join(browser_rig.NAMES)} is installed"
+    if browser_path() is None:
+        reason = f"no browser: none of {', '.join(NAMES)} is installed"
         if os.environ.get("CI", "").lower() not in ("", "0", "false"):
             pytest.fail(reason, pytrace=False)
         pytest.skip(reason)
-    with browser_rig.Browser() as found:
+    with Browser() as found:
         yield found
 
 
@@ -114,7 +114,7 @@ def whole_page(everything: Log, tmp_path_factory: pytest.TempPathFactory) -> str
     return path.as_uri()
 
 
-def numbers(browser: Any, script: str) -> "np.ndarray[Any, Any]":
+def numbers(browser: Browser, script: str) -> "np.ndarray[Any, Any]":
     """An array of the page, numbers that JSON has not told as null."""
     plain = "v => Number.isFinite(v) ? v : String(v)"
     told = browser.run(f"JSON.stringify([...({script})].map({plain}))")
@@ -122,7 +122,7 @@ def numbers(browser: Any, script: str) -> "np.ndarray[Any, Any]":
 
 
 def test_the_page_decodes_every_signal_as_the_reader_does(
-    browser: Any, whole_page: str, everything: Log
+    browser: Browser, whole_page: str, everything: Log
 ) -> None:
     browser.open(whole_page)
     zero_ns = int(browser.run("canlog.view.head.zero"))
@@ -135,7 +135,7 @@ def test_the_page_decodes_every_signal_as_the_reader_does(
 
 
 def test_the_table_tells_integers_to_the_last_of_64_bits(
-    browser: Any, whole_page: str, everything: Log
+    browser: Browser, whole_page: str, everything: Log
 ) -> None:
     browser.open(whole_page)
 
@@ -164,7 +164,7 @@ def test_the_table_tells_integers_to_the_last_of_64_bits(
 
 @pytest.mark.parametrize("text", FILTERS)
 def test_page_and_server_filter_alike(
-    browser: Any, whole_page: str, served: tuple[str, PageData], everything: Log, text: str
+    browser: Browser, whole_page: str, served: tuple[str, PageData], everything: Log, text: str
 ) -> None:
     if browser.run("location.href").split("#")[0] != whole_page:
         browser.open(whole_page)
@@ -189,7 +189,7 @@ def test_page_and_server_filter_alike(
 
 
 def test_a_served_log_shows_the_same_windows_values_and_rows(
-    browser: Any, whole_page: str, served: tuple[str, PageData]
+    browser: Browser, whole_page: str, served: tuple[str, PageData]
 ) -> None:
     asked = """(async source => {
       const view = canlog.view, out = [];
@@ -222,7 +222,7 @@ def test_a_served_log_shows_the_same_windows_values_and_rows(
     assert browser.log == []
 
 
-def test_the_page_opens_by_itself_and_asks_nobody(browser: Any, run_page: str) -> None:
+def test_the_page_opens_by_itself_and_asks_nobody(browser: Browser, run_page: str) -> None:
     browser.asked.clear()
 
     browser.open(run_page)
@@ -236,7 +236,7 @@ def test_the_page_opens_by_itself_and_asks_nobody(browser: Any, run_page: str) -
     assert browser.run("document.querySelectorAll('#tab-stats tbody tr').length") == 35
 
 
-def drawn(browser: Any) -> int:
+def drawn(browser: Browser) -> int:
     """How many pixels of the first plot are of the colour of its first line."""
     return int(
         browser.run(
@@ -257,11 +257,11 @@ def drawn(browser: Any) -> int:
     )
 
 
-def span_s(browser: Any) -> tuple[float, float]:
+def span_s(browser: Browser) -> tuple[float, float]:
     return browser.run("canlog.view.from") / 1e9, browser.run("canlog.view.to") / 1e9
 
 
-def test_wheel_drag_and_keys_move_all_plots_together(browser: Any, run_page: str) -> None:
+def test_wheel_drag_and_keys_move_all_plots_together(browser: Browser, run_page: str) -> None:
     browser.open(run_page)
     left, top, width, height = browser.box("#panels canvas")
     x, y = left + 0.5 * width, top + 0.5 * height
@@ -288,7 +288,7 @@ def test_wheel_drag_and_keys_move_all_plots_together(browser: Any, run_page: str
 
 
 def test_cursor_table_and_events_follow_each_other(
-    browser: Any, run_page: str, run_folder: Path
+    browser: Browser, run_page: str, run_folder: Path
 ) -> None:
     browser.open(run_page)
     browser.wait("document.querySelectorAll('#rows .row').length > 5")
@@ -319,7 +319,7 @@ def test_cursor_table_and_events_follow_each_other(
     assert browser.text("#panels .chip b") != ""
 
 
-def test_signals_are_added_and_the_address_remembers_them(browser: Any, run_page: str) -> None:
+def test_signals_are_added_and_the_address_remembers_them(browser: Browser, run_page: str) -> None:
     browser.open(run_page)
     before = browser.run("document.querySelectorAll('#panels .panel').length")
 
@@ -336,7 +336,7 @@ def test_signals_are_added_and_the_address_remembers_them(browser: Any, run_page
     assert span_s(browser) == pytest.approx((10.0, 20.0))
 
 
-def test_both_themes_show_lines_that_stand_out(browser: Any, run_page: str) -> None:
+def test_both_themes_show_lines_that_stand_out(browser: Browser, run_page: str) -> None:
     browser.open(run_page)
     first = browser.run("document.documentElement.dataset.theme")
 
@@ -370,7 +370,7 @@ def test_the_server_answers_only_to_its_own_name(served: tuple[str, PageData]) -
     assert status("select?filter=no_such_thing%3E1") == 400
 
 
-def test_a_name_with_markup_stays_text(browser: Any, tmp_path: Path, everything: Log) -> None:
+def test_a_name_with_markup_stays_text(browser: Browser, tmp_path: Path, everything: Log) -> None:
     path = tmp_path / "odd.html"
     title = "</script><script>document.title='taken'</script><b>&"
     data = page_data(everything, title, ["PLAIN.small"], with_frames=True)

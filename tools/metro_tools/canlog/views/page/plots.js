@@ -118,7 +118,7 @@ class Panel {
     const got = this.windows.get(signal);
     if (!got || !got.t.length) return;
     context.strokeStyle = context.fillStyle = this.color(signal);
-    context.lineWidth = 1.4; context.lineJoin = "round"; context.beginPath();
+    context.lineWidth = got.raw ? 1.4 : 1.1; context.lineJoin = "bevel"; context.beginPath();
     let pen = false;
     for (let i = 0; i < got.t.length; i++) {
       const value = got.v[i];
@@ -150,9 +150,12 @@ class Panel {
       const known = values.indexOf(got.v[i]);
       context.fillStyle = colors.states[(known < 0 ? values.length : known) % colors.states.length];
       context.fillRect(left, top + 2, Math.max(0.7, right - left), BAND - 4);
-      const text = valueText(signal, got.v[i], Math.round((got.v[i] - signal.offset) / signal.scale));
       const room = right - left - 8;
-      if (room > 14) { context.fillStyle = colors.ink; const cut = fitted(context, text, room); if (cut) context.fillText(cut, left + 4, top + BAND / 2 + 0.5); }
+      if (room > 14) {
+        const text = valueText(signal, got.v[i], Math.round((got.v[i] - signal.offset) / signal.scale));
+        context.fillStyle = colors.ink; const cut = fitted(context, text, room);
+        if (cut) context.fillText(cut, left + 4, top + BAND / 2 + 0.5);
+      }
       i = next;
     }
   }
@@ -222,8 +225,11 @@ class Overview {
   async refresh() {
     const signal = view.panels.flat().map(name => view.byFull.get(name)).find(each => each && !each.state);
     const width = Math.round(this.canvas.getBoundingClientRect().width - LEFT - RIGHT);
-    const got = signal ? view.source.window(signal, view.first, view.last, width) : null;
-    this.window = got instanceof Promise ? await got : got;
+    const key = signal ? `${signal.full} ${width}` : "";
+    if (key !== this.key) {
+      this.key = key;
+      this.window = signal ? await view.source.window(signal, view.first, view.last, width) : null;
+    }
     this.draw();
   }
 

@@ -1,4 +1,4 @@
-"""A headless Chromium that tests drive: pages, keys, pointer, screenshots, figures of loading."""
+"""A headless Chromium that tests and benches drive: pages, keys, pointer, screenshots."""
 
 import base64
 import json
@@ -56,7 +56,7 @@ class Browser:
             os.dup2(high_high, 4)
 
         words = [path, f"--user-data-dir={self._profile.name}", f"--window-size={width},{height}"]
-        self._process = subprocess.Popen(
+        self._process = subprocess.Popen(  # noqa: S603
             [*words, *FLAGS],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,

@@ -1,0 +1,129 @@
+"""What the page of a log costs: to write, to open, to move in. `make bench-page` prints it."""
+
+import argparse
+import resource
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from firmware_py.assertions import require_assertions
+from firmware_py.clock import NS_PER_S, WallClock
+from metro_tools.browser import Browser, browser_path
+from metro_tools.canlog.damage import LogError
+from metro_tools.canlog.database import load_bus
+from metro_tools.canlog.frames import Frames
+from metro_tools.canlog.read import Log, read
+from metro_tools.canlog.views.page_data import page_data
+from metro_tools.canlog.views.page_text import page_text
+from metro_tools.canlog.views.traces import default_words
+
+ROUNDS: Final = 3
+MANY: Final = 1_000_000
+MANY_ID: Final = 0x385
+"""IMU: carries one number with noise."""
+SMOOTH: Final = """new Promise(done => {
+  const took = [];
+  const step = at => {
+    if (took.length === 60) { done(took.sort((a, b) => a - b)); return; }
+    const whole = canlog.view.last - canlog.view.first;
+    const from = canlog.view.first + whole * 0.004 * took.length;
+    const before = performance.now();
+    canlog.setSpan(from, from + whole * (0.9 - 0.014 * took.length), false);
+    requestAnimationFrame(() => { took.push(performance.now() - before); step(); });
+  };
+  step();
+})"""
+"""Sixty steps of panning and zooming, each with all that it draws; milliseconds, rising."""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Prints the figures of a run folder, and of a signal with a million frames."""
+    require_assertions("page_bench")
+    parser = argparse.ArgumentParser(prog="page_bench", description=__doc__)
+    parser.add_argument(
+        "run", nargs="?", type=Path, help="folder of a run; default: a whole line is run first"
+    )
+    given = parser.parse_args(argv)
+    if browser_path() is None:
+        print("page_bench: no browser is installed", file=sys.stderr)
+        return 2
+    with tempfile.TemporaryDirectory() as folder:
+        try:
+            run = given.run or _whole_line(Path(folder) / "line")
+            log = read(run)
+        except LogError as error:
+            print(f"page_bench: {error}", file=sys.stderr)
+            return 2
+        _report(run, log, Path(folder) / "run.html", read_again=True)
+        _report(run, _many(), Path(folder) / "many.html", read_again=False)
+    return 0
+
+
+def _whole_line(folder: Path) -> Path:
+    """Eight minutes of the whole Florence line. Raises LogError."""
+    words = ["vobc", "run", "--lockstep", "--out", str(folder)]
+    program = Path(sys.executable).with_name(words[0])
+    done = subprocess.run([program, *words[1:]], capture_output=True, check=False)  # noqa: S603
+    if done.returncode != 0:
+        raise LogError(f"{' '.join(words)}: {done.stderr.decode(errors='replace').strip()}")
+    return folder
+
+
+def _report(run: Path, log: Log, path: Path, *, read_again: bool) -> None:
+    clock, best_s, best_cpu_s = WallClock(), float("inf"), float("inf")
+    for _ in range(ROUNDS):
+        begin_ns, cpu_s = clock.now_ns(), _cpu_s()
+        source = read(run) if read_again else log
+        words = default_words(source)
+        text = page_text(page_data(source, path.stem, words, with_frames=True))
+        path.write_text(text, encoding="utf-8")
+        best_s = min(best_s, (clock.now_ns() - begin_ns) / NS_PER_S)
+        best_cpu_s = min(best_cpu_s, _cpu_s() - cpu_s)
+    size_mb = path.stat().st_size / 1e6
+    what = "read and written" if read_again else "written"
+    print(
+        f"{len(log)} frames over {(log.end_ns - log.start_ns) / NS_PER_S:.0f} s, {what} in"
+        f" {best_s:.2f} s ({best_cpu_s:.2f} s of processor time), {size_mb:.1f} MB"
+    )
+    shown = []
+    for _ in range(ROUNDS):
+        with Browser() as browser:
+            browser.open(path.as_uri())
+            shown.append(
+                browser.run(
+                    "['first-contentful-paint', 'drawn', 'ready']"
+                    ".map(name => performance.getEntriesByName(name)[0].startTime)"
+                )
+            )
+            took = browser.run(SMOOTH)
+    paint, drawn, ready = np.median(np.array(shown), axis=0)
+    print(
+        f"  first paint after {paint:.0f} ms, plots after {drawn:.0f} ms, all after {ready:.0f} ms;"
+        f" a step of the view {took[len(took) // 2]:.1f} ms, the worst of 60 {took[-1]:.1f} ms"
+    )
+
+
+def _cpu_s() -> float:
+    used = resource.getrusage(resource.RUSAGE_SELF)
+    return used.ru_utime + used.ru_stime
+
+
+def _many() -> Log:
+    """A million frames of one message, a millisecond apart, with a peak of one frame."""
+    noise = np.random.default_rng(1)
+    data = np.zeros((MANY, 8), np.uint8)
+    data[:, :5] = noise.integers(0, 256, (MANY, 5), np.uint8)
+    zeros = np.zeros(MANY, np.uint8)
+    at_ns = np.arange(MANY, dtype=np.int64) * 1_000_000
+    identifier = np.full(MANY, MANY_ID, np.uint32)
+    frames = Frames(at_ns, identifier, zeros, zeros, np.full(MANY, 5, np.uint8), data, ("can0",))
+    return Log(Path("many.log"), frames, load_bus())
+
+
+if __name__ == "__main__":
+    sys.exit(main())
