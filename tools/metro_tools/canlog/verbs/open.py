@@ -23,9 +23,9 @@ def run(given: argparse.Namespace) -> int:
     from metro_tools.canlog.views.page_data import page_data
     from metro_tools.canlog.views.page_text import page_text
     from metro_tools.canlog.views.server import LogServer
-    from metro_tools.canlog.views.traces import default_words
+    from metro_tools.canlog.views.traces import default_words, trace_names
 
-    words = given.signals or default_words(log)
+    words = given.signals or (default_words(log) if trace_names(log) else [])
     data = page_data(log, name_asked(given), words, with_frames=False)
     with LogServer(given.port, page_text(data), Answers(log, data)) as server:
         print(f"{len(log)} frames at {server.address} (Ctrl-C ends)", flush=True)

@@ -28,9 +28,9 @@ def run(given: argparse.Namespace) -> int:
         )
     from metro_tools.canlog.views.page_data import page_data
     from metro_tools.canlog.views.page_text import page_text
-    from metro_tools.canlog.views.traces import default_words
+    from metro_tools.canlog.views.traces import default_words, trace_names
 
-    words = given.signals or default_words(log)
+    words = given.signals or (default_words(log) if trace_names(log) else [])
     data = page_data(log, given.title or name_asked(given), words, with_frames=True)
     try:
         path.write_text(page_text(data), encoding="utf-8")

@@ -175,35 +175,35 @@ def _states(axes: Axes, traces: Sequence[Trace], picture: Picture) -> int:
     for row, trace in enumerate(traces):
         x, values, _ = _sampled(trace, picture)
         drawn += len(values)
-        if not len(values):
-            continue
-        starts = np.flatnonzero(np.append(True, values[1:] != values[:-1]))
-        numbers = {value: n for n, value in enumerate(sorted(trace.choices))}
-        low, high = _limits(picture)
-        # A state holds until the next one; the last one to the end of the picture.
-        edges = np.append(x[starts], high)
-        for at, start in enumerate(starts.tolist()):
-            left, right = max(edges[at], low), min(edges[at + 1], high)
-            number = numbers.get(values[start], len(numbers))
-            color = STATES[number % len(STATES)]
-            axes.barh(-row, right - left, 0.8, left, color=color, edgecolor="white", lw=0.4)
-            text = trace.text_of(values[start])
-            if (right - left) / max(high - low, 1e-12) * (WIDTH_IN - 2) * LABEL_CHARS_IN > len(
-                text
-            ):
-                axes.text(
-                    (left + right) / 2,
-                    -row,
-                    text,
-                    ha="center",
-                    va="center",
-                    fontsize=7,
-                    clip_on=True,
-                )
+        if len(values):
+            _band(axes, -row, trace, x, values, _limits(picture))
     axes.set_yticks([-row for row in range(len(traces))], [_short(t.name) for t in traces])
     axes.set_ylim(-len(traces) + 0.5, 0.5)
     axes.tick_params(left=False)
     return drawn
+
+
+def _band(
+    axes: Axes, y: float, trace: Trace, x: Floats, values: Floats, limits: tuple[float, float]
+) -> None:
+    """A state holds until the next one; the last one to the end of the picture."""
+    low, high = limits
+    starts = np.flatnonzero(np.append(True, values[1:] != values[:-1]))
+    edges = np.clip(np.append(x[starts], high), low, high)
+    numbers = {value: n for n, value in enumerate(sorted(trace.choices))}
+    pieces: dict[str, list[tuple[float, float]]] = {}
+    for at, value in enumerate(values[starts].tolist()):
+        left, right = float(edges[at]), float(edges[at + 1])
+        color = STATES[numbers.get(value, len(numbers)) % len(STATES)]
+        pieces.setdefault(color, []).append((left, right - left))
+        text = trace.text_of(value)
+        room = (right - left) / max(high - low, 1e-12) * (WIDTH_IN - 2) * LABEL_CHARS_IN
+        if room > len(text):
+            axes.text(
+                (left + right) / 2, y, text, ha="center", va="center", fontsize=7, clip_on=True
+            )
+    for color, spans in pieces.items():
+        axes.broken_barh(spans, (y - 0.4, 0.8), facecolor=color, edgecolor="white", lw=0.4)
 
 
 def _short(name: str) -> str:

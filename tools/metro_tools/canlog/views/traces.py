@@ -206,13 +206,20 @@ PANELS_MAX: Final = 4
 
 
 def default_words(log: Log) -> list[str]:
-    """What to draw when nothing is asked for: of a train as above, else what moves the most."""
-    known = set(trace_names(log))
-    there = [[name for name in panel if name in known] for panel in PREFERRED]
+    """What to draw when nothing is asked for: of a train as above, else what moves the most.
+
+    Raises:
+        LogError: nothing of the log can be drawn.
+    """
+    names = trace_names(log)
+    if not names:
+        hint = "; --dbc takes the file that knows its messages" if log.unknown else ""
+        raise LogError(f"{log.path}: no message of {log.bus.name} is in it{hint}")
+    there = [[name for name in panel if name in names] for panel in PREFERRED]
     chosen = [",".join(panel) for panel in there if panel]
     if len(chosen) >= 2:
         return chosen
-    return [name for _, name in sorted(_liveliest(log))[:PANELS_MAX]]
+    return [name for _, name in sorted(_liveliest(log))[:PANELS_MAX]] or names[:PANELS_MAX]
 
 
 def _liveliest(log: Log) -> Iterator[tuple[int, str]]:
