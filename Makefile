@@ -24,7 +24,7 @@ PROTECTION_TESTS = $(wildcard hil_tests/unit/test_atp_*.py) \
 	$(wildcard $(addprefix hil_tests/unit/test_vobc_,$(addsuffix .py,braking config doors protection supervision)))
 
 .DEFAULT_GOAL := help
-.PHONY: help setup run test check format-check lint types layers mutate fuzz coverage bench bench-hil bench-atp bench-logs compiled docs format clean distclean
+.PHONY: help setup run test check format-check lint types layers mutate fuzz coverage bench bench-hil bench-atp bench-logs bench-page compiled docs format clean distclean
 
 help: ## show this list
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | while IFS='	' read -r name words; do \
@@ -77,6 +77,9 @@ bench: $(READY_TO_TEST) ## measure the figures that the README publishes; BENCH_
 
 bench-hil: compiled ## measure campaigns: overhead, seed 001's tables, kills, 10,000 stops; BENCH_ARGS=...
 	$(BIN)/python -m metro_hil.hil_benchmarks $(BENCH_ARGS)
+
+bench-page: $(READY_TO_TEST) ## measure what the page of a log costs to write, open and move in
+	$(BIN)/python -m metro_tools.page_bench $(BENCH_ARGS)
 
 bench-atp: $(READY_TO_TEST) ## measure what protection costs a cycle, and its braking distances
 	$(BIN)/python -m metro_hil.protection_bench $(BENCH_ARGS)

@@ -94,6 +94,8 @@ def trace_names(log: Log) -> list[str]:
 def find_names(log: Log, asked: str) -> list[str]:
     """The full names of what a user calls `asked`: full name, pattern, or a signal by itself.
 
+    By itself a signal of the bus goes before a column of the run folder.
+
     Raises:
         LogError: nothing of the log is called so, or several messages have a signal of the name.
     """
@@ -105,6 +107,8 @@ def find_names(log: Log, asked: str) -> list[str]:
         if found:
             return found
     by_signal = [name for name in known if name.partition(".")[2] == asked]
+    on_bus = [name for name in by_signal if name.partition(".")[0] not in (TRUTH, CYCLES)]
+    by_signal = on_bus or by_signal
     if len(by_signal) == 1:
         return by_signal
     if by_signal:
