@@ -4,12 +4,14 @@ import os
 import shutil
 import subprocess
 import sysconfig
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Final
 
 import pytest
 from hypothesis import HealthCheck, settings
+
+from metro_tools.browser import NAMES, Browser, browser_path
 
 ROOT: Final = Path(__file__).resolve().parent.parent
 IN_CI: Final = os.environ.get("CI", "").lower() not in ("", "0", "false")
@@ -80,6 +82,18 @@ def guest() -> Guest:
     if IN_CI or done.returncode != NO_GUEST_STATUS:
         pytest.fail(reason, pytrace=False)
     pytest.skip(reason)
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Browser]:
+    """One headless browser for all tests. Without one a test fails in CI, else it is left out."""
+    if browser_path() is None:
+        reason = f"no browser: none of {', '.join(NAMES)} is installed"
+        if IN_CI:
+            pytest.fail(reason, pytrace=False)
+        pytest.skip(reason)
+    with Browser() as found:
+        yield found
 
 
 @pytest.fixture(scope="session")

@@ -2,7 +2,6 @@
 
 import importlib.util
 import json
-import os
 import shutil
 import sys
 import threading
@@ -16,7 +15,7 @@ import numpy as np
 import pytest
 
 from metro_hil.vobc_command import main as vobc
-from metro_tools.browser import NAMES, Browser, browser_path
+from metro_tools.browser import Browser
 from metro_tools.canlog import read
 from metro_tools.canlog.command import main as canlog
 from metro_tools.canlog.read import Log
@@ -58,18 +57,6 @@ def _rig(name: str, path: Path) -> ModuleType:
 
 
 rig = _rig("canlog_rig", HERE.parents[1] / "unit" / "canlog_rig.py")
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    """One browser for all tests. Without one a test fails in CI, else it is left out."""
-    if browser_path() is None:
-        reason = f"no browser: none of {', '.join(NAMES)} is installed"
-        if os.environ.get("CI", "").lower() not in ("", "0", "false"):
-            pytest.fail(reason, pytrace=False)
-        pytest.skip(reason)
-    with Browser() as found:
-        yield found
 
 
 @pytest.fixture(scope="module")

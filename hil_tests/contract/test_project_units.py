@@ -42,6 +42,9 @@ UNIT_IS_ELSEWHERE: Final = frozenset(
         *("Cell.margins", "Sought.margins", "Sought.value"),
         # Of the setting that the key names.
         *("Parameter.high", "Parameter.low", "Tuned.after", "Tuned.before"),
+        # Of the signal of a log that is drawn or compared.
+        *("Allowed.physical", "SignalDifference.allowed", "SignalDifference.most"),
+        "Trace.choices",
     }
 )
 

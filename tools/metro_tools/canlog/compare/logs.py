@@ -17,7 +17,7 @@ from metro_tools.canlog.views.traces import TRAILER, flags_text
 
 START: Final = "start"
 ABSOLUTE: Final = "absolute"
-ONE_LSB: Final = 1.0
+ONE_LSB: Final = 1
 BYTES: Final = "data"
 """Called so where there is no signal: the payload of an unknown message, or its length."""
 
@@ -26,7 +26,7 @@ BYTES: Final = "data"
 class Allowed:
     """What may differ."""
 
-    lsb: float = ONE_LSB
+    lsb: int = ONE_LSB
     """Steps of the raw value; of a float signal steps of its last place. Names, flags and
     multiplexers have to be equal."""
     physical: Mapping[str, float] = field(default_factory=dict)

@@ -20,7 +20,7 @@ def options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("b", type=Path, metavar="B")
     add_reading(parser)
     parser.add_argument(
-        "--lsb", type=float, default=1.0, metavar="N", help="raw steps allowed; default: 1"
+        "--lsb", type=int, default=1, metavar="N", help="raw steps allowed; default: 1"
     )
     parser.add_argument(
         "--tolerance",
@@ -74,7 +74,7 @@ def _logs(given: argparse.Namespace) -> int:
     from metro_tools.canlog.database import load_bus
     from metro_tools.canlog.read import read
 
-    if not given.lsb >= 0.0 or given.context < 0:
+    if given.lsb < 0 or given.context < 0:
         raise LogError("--lsb, --context: 0 or more")
     allowed = Allowed(
         lsb=given.lsb,
