@@ -197,7 +197,7 @@ class Browser:
 
     def drag(self, points: list[tuple[float, float]], *, shift: bool = False) -> None:
         """Press at the first point, move along the others, let go at the last."""
-        more = {"button": "left", "modifiers": 8 if shift else 0}
+        more: dict[str, Any] = {"button": "left", "modifiers": 8 if shift else 0}
         self.mouse("mouseMoved", *points[0])
         self.mouse("mousePressed", *points[0], clickCount=1, buttons=1, **more)
         for x, y in points[1:]:
