@@ -67,6 +67,7 @@ def page_data(log: Log, title: str, words: Sequence[str], *, with_frames: bool) 
             block.add(name, in_order.taken(column))
     else:
         head["frames"] = {"count": len(log), "channels": list(log.frames.channels)}
+    head["cycles"] = log.run is not None and len(log.run.cycle_ns) > 0
     head["extras"] = _extras(block, log, zero_ns, with_columns=with_frames)
     head["journey"] = _journey(block, log, zero_ns)
     head["block"] = block.index

@@ -21,6 +21,7 @@ async function start() {
   if (view.last <= view.first) view.last = view.first + 1e6;
   view.from = view.first; view.to = view.last;
   view.panels = head.panels;
+  document.documentElement.classList.toggle("no-cycles", !head.cycles);
   const packed = $("block").textContent;
   $("block").remove();
   const bytes = head.remote ? await fetch("block").then(answer => answer.arrayBuffer()).then(got => inflateBytes(new Uint8Array(got))) : await inflate(packed);
@@ -110,7 +111,7 @@ async function showValues() {
 function showFacts() {
   const { head } = view, buses = head.frames.channels.length;
   $("facts").textContent = [
-    `${grouped(head.frames.count)} frames`, `${head.messages.length} messages`, spanText(head.span[1] - head.span[0]),
+    `${grouped(head.frames.count)} frames`, `${head.messages.filter(message => !message.kind).length} messages`, spanText(head.span[1] - head.span[0]),
     buses > 1 ? `${buses} buses` : head.frames.channels[0], head.date ? `from ${head.date.slice(0, 19)} UTC` : "",
     head.inOrder ? "" : "put in order of time",
   ].filter(Boolean).join(" · ");

@@ -146,6 +146,7 @@ function valueText(signal, value, raw) {
 
 function numberText(value, signal) {
   if (!Number.isFinite(value)) return String(value);
+  if (Math.abs(value) > Number.MAX_SAFE_INTEGER && !signal.float) return value.toPrecision(15); // more digits would be made up
   const steps = [signal.scale ?? 0, signal.offset ?? 0];
   if (signal.float || signal.extra || steps.some(step => decimals(step) > 6)) return String(Number(value.toPrecision(7)));
   return value.toFixed(Math.max(...steps.map(decimals)));

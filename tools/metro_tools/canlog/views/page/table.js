@@ -11,7 +11,7 @@ class FrameTable {
     this.at = -1; this.selection = { rows: null, filter: "", count: 0 };
     this.drawn = 0;
     document.getElementById("frames-head").innerHTML =
-      ["time, s|n", "since last|n d", "cycle|n d", "bus", "id", "message", "len", "data", "signals"]
+      ["time, s|n", "since last|n d", "cycle|n d cycle", "bus", "id", "message", "len", "data", "signals"]
         .map(each => each.split("|")).map(([text, kind = ""]) => `<span class="${kind}">${text}</span>`).join("");
     this.steer();
   }
@@ -74,7 +74,7 @@ class FrameTable {
     const cell = (kind, text) => { const span = document.createElement("span"); span.className = kind; span.textContent = text; element.append(span); return span; };
     cell("n mono", timeText(row.t, 6)).title = dateText(row.t) || timeText(row.t, 9);
     cell("n d", Number.isNaN(row.gap) ? "" : gapText(row.gap)).title = period ? `every ${period} ms` : "";
-    cell("n d", row.cycle ? row.cycle - 1 : "").title = row.cycle ? `control cycle ${row.cycle - 1}` : "";
+    cell("n d cycle", row.cycle ? row.cycle - 1 : "").title = row.cycle ? `control cycle ${row.cycle - 1}` : "";
     cell("bus", row.channel + (row.flags & TX_FLAG ? " tx" : ""));
     cell("id mono", message.idText);
     cell("name", message.name).title = message.comment || "";
