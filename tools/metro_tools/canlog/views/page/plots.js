@@ -118,7 +118,8 @@ class Panel {
     const got = this.windows.get(signal);
     if (!got || !got.t.length) return;
     context.strokeStyle = context.fillStyle = this.color(signal);
-    context.lineWidth = got.raw ? 1.4 : 1.1; context.lineJoin = "bevel"; context.beginPath();
+    if (!got.raw) { this.bars(context, got, width, yOf); return; }
+    context.lineWidth = 1.4; context.lineJoin = "bevel"; context.beginPath();
     let pen = false;
     for (let i = 0; i < got.t.length; i++) {
       const value = got.v[i];
@@ -128,9 +129,28 @@ class Panel {
       pen = true;
     }
     context.stroke();
-    if (got.raw && got.t.length < (width - LEFT) / 7)
+    if (got.t.length < (width - LEFT) / 7)
       for (let i = 0; i < got.t.length; i++)
         if (Number.isFinite(got.v[i])) { context.beginPath(); context.arc(xOf(got.t[i], width), yOf(got.v[i]), 2.2, 0, 7); context.fill(); }
+  }
+
+  // Where a column of pixels has many samples it is one bar from the least to the greatest, joined to the last one
+  // before: the same picture as a line through all, drawn many times faster.
+  bars(context, got, width, yOf) {
+    let column = null, top = 0, bottom = 0, last = NaN;
+    context.lineWidth = 1.2;
+    const bar = () => { if (column !== null) context.fillRect(column, top - 0.6, 1.2, bottom - top + 1.2); };
+    for (let i = 0; i < got.t.length; i++) {
+      if (!Number.isFinite(got.v[i])) { bar(); column = null; continue; }
+      const x = Math.floor(xOf(got.t[i], width)), y = yOf(got.v[i]);
+      if (x === column) { top = Math.min(top, y); bottom = Math.max(bottom, y); last = y; continue; }
+      bar();
+      const joined = column !== null && x - column === 1;
+      if (column !== null && !joined) { context.beginPath(); context.moveTo(column + 0.5, last); context.lineTo(x + 0.5, y); context.stroke(); }
+      top = joined ? Math.min(y, last) : y; bottom = joined ? Math.max(y, last) : y;
+      column = x; last = y;
+    }
+    bar();
   }
 
   band(context, signal, width, top) {
