@@ -4,25 +4,27 @@ import zlib
 from collections.abc import Callable
 from typing import Any, Final
 
+Content = bytes | bytearray
 INFLATED_MAX: Final = 1 << 28
 """A block that claims to hold more is broken."""
 
 
-def _libdeflate() -> Callable[[Any, int], bytes] | None:
+def _libdeflate() -> Callable[[Any, int], Content] | None:
     try:
         import deflate
     except ImportError:
         return None
     undo = deflate.zlib_decompress
 
-    def inflate(data: Any, size: int) -> bytes:
+    def inflate(data: Any, size: int) -> Content:
         # The library wants the size; it raises when that is wrong.
-        return bytes(undo(data, size)) if size else b""
+        found: Content = undo(data, size) if size else b""
+        return found
 
     return inflate
 
 
-def _isal() -> Callable[[Any, int], bytes] | None:
+def _isal() -> Callable[[Any, int], Content] | None:
     try:
         from isal import isal_zlib
     except ImportError:
@@ -35,7 +37,7 @@ def _isal() -> Callable[[Any, int], bytes] | None:
     return inflate
 
 
-def _standard() -> Callable[[Any, int], bytes]:
+def _standard() -> Callable[[Any, int], Content]:
     def inflate(data: Any, size: int) -> bytes:
         return zlib.decompress(data, bufsize=max(size, 1))
 
@@ -45,7 +47,7 @@ def _standard() -> Callable[[Any, int], bytes]:
 MAKERS: Final = {"libdeflate": _libdeflate, "isal": _isal, "zlib": _standard}
 
 
-def fastest(name: str | None = None) -> Callable[[Any, int], bytes]:
+def fastest(name: str | None = None) -> Callable[[Any, int], Content]:
     """The inflater of that name, else the fastest one that is there: data and size to content."""
     for each in [name] if name else MAKERS:
         found = MAKERS[each]()

@@ -23,6 +23,7 @@ START_AT: Final = 40
 JOINED_BYTES: Final = 1 << 21
 """So much content is taken apart in one go."""
 NS_PER_S: Final = 1_000_000_000
+CHANNELS_MAX: Final = 256
 
 
 def read(path: Path, options: ReadOptions, damages: Damages) -> Iterator[Frames]:
@@ -58,7 +59,7 @@ def _start_ns(data: Any) -> int:
         return 0
 
 
-Content = tuple[bytes, int, bool]
+Content = tuple[bytes | bytearray, int, bool]
 """Bytes, where in the file they come from, and whether they go on where the last ones ended."""
 
 
@@ -110,7 +111,7 @@ def _container_after(data: Any, at: int) -> int:
     return -1
 
 
-def _content(block: bytes, inflate: Any) -> tuple[bytes, str]:
+def _content(block: bytes, inflate: Any) -> tuple[bytes | bytearray, str]:
     """Of a container, and what is wrong with it."""
     if len(block) < 16:
         return b"", "it ends inside its head"
@@ -123,7 +124,7 @@ def _content(block: bytes, inflate: Any) -> tuple[bytes, str]:
     if size > INFLATED_MAX:
         return rescued(packed)[0], f"claims {size} bytes"
     try:
-        content: bytes = inflate(packed, size)
+        content: bytes | bytearray = inflate(packed, size)
     except Exception:
         # Each library has an error of its own; what is wrong is found out by the standard one.
         content, fault = rescued(packed)
@@ -136,7 +137,7 @@ def _frames(
 ) -> Iterator[Frames]:
     """Objects reach from one container into the next."""
     names: list[str] = []
-    waiting: list[bytes] = []
+    waiting: list[bytes | bytearray] = []
     waiting_bytes, place = 0, 0
     for content, at, whole in contents:
         if not whole and waiting:
@@ -182,7 +183,7 @@ def _take(
     if fast is not None:
         frames, channel, consumed = fast
         made = Frames(
-            frames.at_ns, frames.identifier, frames.flags, _channels(channel, names),
+            frames.at_ns, frames.identifier, frames.flags, _channels(channel, names, damages),
             frames.length, frames.data, tuple(names),
         )  # fmt: skip
         return buffer[consumed:], made if len(made) else None
@@ -206,7 +207,7 @@ def _take(
         stamp_ns + start_ns,
         joined("identifier").astype(np.uint32),
         joined("flags").astype(np.uint8),
-        _channels(joined("channel"), names),
+        _channels(joined("channel"), names, damages),
         joined("length").astype(np.uint8),
         np.concatenate([widened(part.data, width) for part in parts])[order],
         tuple(names),
@@ -219,14 +220,25 @@ def _take(
     return rest, found if len(found) else None
 
 
-def _channels(numbers: Any, names: list[str]) -> Any:
+def _channels(numbers: Any, names: list[str], damages: Damages) -> Any:
     """Index of each channel; new ones get a name."""
-    table = np.zeros(1 << 16, np.uint8)
-    seen = np.zeros(1 << 16, np.bool_)
+    least, most = int(numbers.min(initial=0xFFFF)), int(numbers.max(initial=0))
+    if least >= most:
+        return np.full(len(numbers), _index(most, names, damages), np.uint8)
+    table = np.zeros(most + 1, np.uint8)
+    seen = np.zeros(most + 1, np.bool_)
     seen[numbers] = True
     for number in np.flatnonzero(seen).tolist():
-        name = f"can{number}"
-        if name not in names and len(names) < 256:
-            names.append(name)
-        table[number] = names.index(name) if name in names else 255
+        table[number] = _index(number, names, damages)
     return table[numbers]
+
+
+def _index(number: int, names: list[str], damages: Damages) -> int:
+    name = f"can{number}"
+    if name not in names:
+        if len(names) == CHANNELS_MAX:
+            words = f"channel {number} is told as {names[-1]}"
+            damages.add("too many channels", "byte", None, words)
+            return CHANNELS_MAX - 1
+        names.append(name)
+    return names.index(name)
