@@ -64,8 +64,9 @@ class Damages:
 
 def possible(frames: Frames, damages: Damages, place: int | None = None) -> Frames:
     """Without frames whose identifier is longer than it says, which are counted."""
-    wide = np.where((frames.flags & np.uint8(EXTENDED | ERROR)) != 0, 0x1FFF_FFFF, 0x7FF)
-    good = frames.identifier <= wide
+    short = (frames.flags & np.uint8(EXTENDED | ERROR)) == 0
+    good = (frames.identifier <= 0x7FF) | ~short
+    good &= frames.identifier <= 0x1FFF_FFFF
     if good.all():
         return frames
     count = int(len(good) - good.sum())

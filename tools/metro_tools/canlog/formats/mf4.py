@@ -55,7 +55,8 @@ def read(path: Path, options: ReadOptions, damages: Damages) -> Iterator[Frames]
     """
     made = library().MDF
     try:
-        with made(str(path), memory="minimum") as file:
+        # Its own look at the frames would cost reading all of them once more.
+        with made(str(path), process_bus_logging=False) as file:
             start_ns = _start_ns(file.header)
             groups = [
                 (index, name, group.channel_group.cycles_nr)
