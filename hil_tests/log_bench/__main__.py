@@ -16,12 +16,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import cantools.database
 import peers
 import traffic
 from rich.console import Console
 from rich.table import Table
 
-from metro_tools.canlog import ReadOptions, kernel, read
+from metro_tools.canlog import Bus, ReadOptions, kernel, load_bus, read
 from metro_tools.canlog.damage import Damages
 from metro_tools.canlog.formats.registry import named
 
@@ -43,9 +44,9 @@ print(time.process_time(), most_kb / 1024, file=sys.stderr)
 """
 
 
-def canlog(path: Path, dbc: Path, **options: Any) -> int:
-    """Every signal of every message."""
-    log = read(path, dbc, ReadOptions(**options))
+def canlog(path: Path, bus: Bus, **options: Any) -> int:
+    """Every signal of every message. The DBC file is loaded before."""
+    log = read(path, bus, ReadOptions(**options))
     for name in log.messages:
         table = log.table(name)
         for signal in table.names:
@@ -72,10 +73,11 @@ def rate(work: Callable[[], int]) -> float:
 def reading(folder: Path, count: int) -> list[tuple[str, float, str, bool | None]]:
     """Figures with their bars, and whether they are met."""
     paths, dbc = traffic.write_logs(folder, count, FORMS), folder / "bench.dbc"
+    bus, database = load_bus(dbc), cantools.database.load_file(dbc)
     rows: list[tuple[str, float, str, bool | None]] = []
     usual, rival, ours = {}, {}, {}
     for form, path in paths.items():
-        usual[form] = rate(lambda p=path: peers.python_can_and_cantools(p, dbc, PEER_FRAMES))
+        usual[form] = rate(lambda p=path: peers.python_can_and_cantools(p, database, PEER_FRAMES))
         rows.append((f"{form}: python-can + cantools", usual[form], "", None))
         if form != "mf4":
             rival[form] = rate(lambda p=path: peers.hilspy_channel(p, dbc, 5 * PEER_FRAMES))
@@ -98,7 +100,7 @@ def reading(folder: Path, count: int) -> list[tuple[str, float, str, bool | None
         ("mf4", "canlog", {}, 3.0),
     ]
     for form, name, options, bar in ways:
-        found = rate(lambda p=paths[form], o=options: canlog(p, dbc, **o))
+        found = rate(lambda p=paths[form], o=options: canlog(p, bus, **o))
         ours[form] = max(found, ours.get(form, 0.0))
         met = None if bar is None else found >= bar
         rows.append((f"{form}: {name}", found, "" if bar is None else f">= {bar:g} M/s", met))

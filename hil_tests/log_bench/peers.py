@@ -6,13 +6,11 @@ from typing import Any
 
 import asammdf
 import can
-import cantools
 import hilspy
 
 
-def python_can_and_cantools(path: Path, dbc: Path, most: int) -> int:
-    """Of the first frames only: it is the same work for each."""
-    database = cantools.database.load_file(dbc)
+def python_can_and_cantools(path: Path, database: Any, most: int) -> int:
+    """Of the first frames only: it is the same work for each. The DBC file is loaded before."""
     readers: dict[str, Callable[..., Any]] = {
         ".log": can.CanutilsLogReader,
         ".blf": can.BLFReader,
