@@ -37,6 +37,7 @@ UNITS: Final[Mapping[str, str]] = {
     "kpa": "kPa",
     "v": "V",
     "a": "A",
+    "ma": "mA",
     "w": "W",
     "kw": "kW",
     "kwh": "kWh",

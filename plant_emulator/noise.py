@@ -26,6 +26,8 @@ class Source(enum.IntEnum):
     TAG_PLACE = 11
     TAG_TIME = 12
     TAG_LATENCY = 13
+    LOOP_ERROR = 14
+    LOOP_NOISE = 15
 
 
 class Generators:

@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Final, Protocol
 
 from can_dbc.alarms import TrainAlarms
+from can_dbc.analogue import AnalogueCommand
 from can_dbc.binding import Frame
 from can_dbc.brake import BrakeCommand, BrakeStatus
 from can_dbc.cab import Desk
@@ -267,6 +268,8 @@ class PlantDevice:
             world.traction.hear(command, heard_ns)
         elif isinstance(command, DoorCommand):
             world.doors.hear(command, heard_ns)
+        elif isinstance(command, AnalogueCommand):
+            world.hear_currents(command, heard_ns)
         else:
             self._display.hear(command, heard_ns)
 

@@ -5,6 +5,7 @@ from collections.abc import Callable, Collection, Mapping
 from typing import Final, NamedTuple, Protocol
 
 from can_dbc.alarms import TrainAlarms
+from can_dbc.analogue import AnalogueCommand
 from can_dbc.binding import Frame, binding_of, can_id, period_s, sender
 from can_dbc.brake import BrakeCommand, BrakeStatus
 from can_dbc.cab import Desk
@@ -22,7 +23,12 @@ GRID_MS: Final = 10
 """The nodes send on the grid of the plant's steps."""
 ROUND_MS: Final = 1000
 """The timetable repeats after this; every period divides it."""
-COMMANDS: Final[tuple[type[Frame], ...]] = (BrakeCommand, TractionCommand, DoorCommand)
+COMMANDS: Final[tuple[type[Frame], ...]] = (
+    BrakeCommand,
+    TractionCommand,
+    DoorCommand,
+    AnalogueCommand,
+)
 COMMAND_IDS: Final = frozenset(
     message.frame_id for kind in COMMANDS for message in binding_of(kind).messages
 )

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Final
 
 from can_dbc.alarms import TrainAlarms
+from can_dbc.analogue import AnalogueCommand
 from can_dbc.binding import timeout_s
 from can_dbc.brake import BrakeCommand
 from can_dbc.cab import CabMode, Desk
@@ -16,6 +17,8 @@ from firmware_py.trackdb import LineMap, Station, load_line
 from plant_emulator.actuators.adhesion import WheelSlip
 from plant_emulator.actuators.brake import BrakeUnit
 from plant_emulator.actuators.doors import DoorUnit
+from plant_emulator.actuators.loops import Loops
+from plant_emulator.actuators.response import FAR_NS
 from plant_emulator.actuators.traction import TractionUnit
 from plant_emulator.consist import Consist
 from plant_emulator.consist.track import GRAVITY_MPS2
@@ -186,6 +189,14 @@ class World:
             traction_efficiency_ratio=train.traction.efficiency_ratio,
             electric_efficiency_ratio=train.brake.service.electric.efficiency_ratio,
         )
+        self.loops: Loops | None = None
+        """None where traction and service brake take their reference from the bus."""
+        self._analogue_ns = round(timeout_s(AnalogueCommand) * 1e9)
+        self._unready_until_ns = FAR_NS
+        if train.loop.connected:
+            self.loops = Loops(train.loop, generators, timeout_ns=self._analogue_ns)
+            self.brake.refer(0.0, self.now_ns)
+            self.traction.refer(0.0, self.now_ns)
         self.motor_wheels = self._wheels(motor_kg)
         self.trailer_wheels = self._wheels(train.mass_kg - motor_kg)
 
@@ -221,6 +232,11 @@ class World:
         end_ns = start_ns + STEP_NS
         brake, consist = self.brake, self.consist
         speed_mps = consist.speed_mps
+        if self.loops is not None:
+            self._read_loops(self.loops, start_ns)
+        elif end_ns > self._unready_until_ns:
+            self._unready_until_ns = FAR_NS
+            brake.ready = self.traction.ready = True
         self.doors.step(end_ns)
         brake.step(
             start_ns,
@@ -248,6 +264,25 @@ class World:
         self.tachos.step(consist.car_fronts_m, self._wheels_a.slip_mps, self._wheels_b.slip_mps)
         self.tag_reader.step(consist.car_fronts_m[0], start_ns, end_ns, self.tachos)
         self.now_ns = end_ns
+
+    def hear_currents(self, command: AnalogueCommand, heard_ns: int) -> None:
+        """For the module; units without loops that hear it say as long that they are not ready.
+
+        A controller that sends it takes the train for another one than it is.
+        """
+        if self.loops is not None:
+            self.loops.hear(command, heard_ns)
+            return
+        self._unready_until_ns = heard_ns + self._analogue_ns
+        self.brake.ready = self.traction.ready = False
+
+    def _read_loops(self, loops: Loops, now_ns: int) -> None:
+        brake, traction = self.brake, self.traction
+        inertia_kg = self.consist.inertia_kg
+        loops.step(now_ns, traction_mps2=traction.said_n / inertia_kg, brake_mps2=brake.said_mps2)
+        brake.refer(loops.brake.reference_mps2, now_ns)
+        traction.refer(loops.traction.reference_mps2 * inertia_kg, now_ns)
+        brake.ready, traction.ready = loops.brake.trusted, loops.traction.trusted
 
     def reseed(self, seed: int) -> None:
         """From now on all that is drawn anew comes from another seed.

@@ -108,16 +108,20 @@ def effort(
 ) -> tuple[float, float]:
     """Force of traction in N and deceleration of the service brake in m/s², never both.
 
-    Rotating parts of the empty train count as mass, passengers do not rotate. What traction cannot
-    give at this speed is not asked of it.
+    What traction cannot give at this speed is not asked of it.
     """
     if accel_mps2 <= 0.0:
         return 0.0, min(-accel_mps2, train.service_decel_max_mps2)
-    mass_kg = train.tare_kg * (1.0 + train.rotating_mass_ratio) + load_kg
+    mass_kg = inertia_kg(train, load_kg)
     most_n = train.rated_force_n
     if speed_mps > 0.0:
         most_n = min(most_n, train.rated_power_w / speed_mps)
     return min(mass_kg * accel_mps2, most_n), 0.0
+
+
+def inertia_kg(train: TrainBelief, load_kg: float) -> float:
+    """Rotating parts of the empty train count, passengers do not rotate."""
+    return train.tare_kg * (1.0 + train.rotating_mass_ratio) + load_kg
 
 
 def manual_demand(

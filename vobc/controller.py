@@ -1,13 +1,14 @@
 """One control cycle on one page: motion, protection, operation, arbitration, in this order."""
 
+from dataclasses import replace
 from typing import Final, Protocol
 
 from can_dbc.cab import CabMode
 from can_dbc.doors import DoorState, DoorStatus
 from can_dbc.vobc import Inhibit, Missing, Supervision
 from firmware_py.trackdb import LineMap, PlatformSide
-from vobc.arbitration import BRAKED_DEMAND, arbitrate, manual_demand
-from vobc.ato import Ato
+from vobc.arbitration import BRAKED_DEMAND, arbitrate, inertia_kg, manual_demand
+from vobc.ato import Ato, current_loop
 from vobc.atp import Protection, Verdict
 from vobc.config import VobcConfig
 from vobc.odometry import Odometry
@@ -97,7 +98,20 @@ class Controller:
             verdict, demand, motion, seen.desk, train=self._train, load_kg=self._weighed_kg
         )
         self._not_finite = output.motion is None and motion is not None
-        return output
+        return self._with_currents(output)
+
+    def _with_currents(self, output: CycleOutput) -> CycleOutput:
+        """For a train that takes its reference from current loops; the safe output has none."""
+        stage = self._config.ato.output
+        if stage.stage != "current_loop" or output.motion is None:
+            return output
+        currents = current_loop.reference(
+            output.force_n,
+            output.service_decel_mps2,
+            inertia_kg=inertia_kg(self._train, self._weighed_kg),
+            config=stage,
+        )
+        return replace(output, currents=currents)
 
     def _demand(self, seen: CycleInput, motion: Motion | None, verdict: Verdict) -> AtoDemand:
         """Who drives: the automatic operation is always told, so that it can take over smoothly."""

@@ -33,6 +33,7 @@ class BrakeUnit:
         "_holding_lag",
         "_holding_on",
         "_inertia_kg",
+        "_loop_mps2",
         "_motor_ratio",
         "_release_extra_ns",
         "_rolls",
@@ -46,6 +47,7 @@ class BrakeUnit:
         "friction_n",
         "holding_mps2",
         "motor_n",
+        "ready",
         "service",
         "trailer_n",
         "working_ratio",
@@ -90,6 +92,10 @@ class BrakeUnit:
         self.working_ratio = 1.0
         """Share of all brakes that gives anything. Pressures are as if all did: the unit does not
         know; only the mean cylinder pressure shows it."""
+        self._loop_mps2: float | None = None
+        """Reference of the service brake; None where it comes with the command."""
+        self.ready = True
+        """The unit follows what it is told; it says so on the bus."""
         self._steady = False
         """No force will change before the command does, so there is nothing to compute."""
         self.emergency_wanted = True
@@ -131,8 +137,21 @@ class BrakeUnit:
     def _obey(self, command: BrakeCommand, at_ns: int) -> None:
         self._command = command
         self._steady = False
-        self.service.ask(command.service_decel_mps2, at_ns)
+        if self._loop_mps2 is None:
+            self.service.ask(command.service_decel_mps2, at_ns)
         self._want_emergency(not command.emergency_released, at_ns)
+
+    @property
+    def said_mps2(self) -> float:
+        """What the command asks of the service brake."""
+        return self._command.service_decel_mps2
+
+    def refer(self, decel_mps2: float, at_ns: int) -> None:
+        """The service brake's reference comes from a loop, and is this from now on."""
+        if decel_mps2 != self._loop_mps2:
+            self._loop_mps2 = decel_mps2
+            self._steady = False
+            self.service.ask(decel_mps2, at_ns)
 
     def _want_emergency(self, wanted: bool, at_ns: int) -> None:
         if wanted != self.emergency_wanted:
@@ -268,5 +287,5 @@ class BrakeUnit:
             or not self._emergency_dead.settled,
             holding_applied=self._holding_on and holding_ratio >= HOLDING_CONFIRMED,
             released=applied_mps2 <= OFF_MPS2 and not self.emergency_wanted,
-            ready=True,
+            ready=self.ready,
         )

@@ -32,6 +32,7 @@ class TractionUnit:
         "_hold",
         "_lag",
         "_late_ns",
+        "_loop_n",
         "_obeys_cut_off",
         "_permitted_until_ns",
         "_runaway_n",
@@ -43,12 +44,17 @@ class TractionUnit:
         "electric_brake_possible",
         "force_n",
         "powered",
+        "ready",
         "traction_cut",
     )
 
     def __init__(self, config: TractionConfig, *, step_s: float, timeout_ns: int) -> None:
         self._config = config
         self._command = SAFE_COMMAND
+        self._loop_n: float | None = None
+        """Amount of effort; None where it comes with the command."""
+        self.ready = True
+        """The unit follows what it is told; it says so on the bus."""
         self._watch = Watch(timeout_ns)
         self._dead_time = DeadTime()
         self._lag = Lag(config.lag_s, step_s)
@@ -92,8 +98,28 @@ class TractionUnit:
             self._obey(command, heard_ns)
 
     def _obey(self, command: TractionCommand, at_ns: int) -> None:
-        asked_n, was_n = _signed(command), _signed(self._command)
+        was_n = self._asked_n()
         self._command = command
+        self._ask(was_n, at_ns)
+
+    def refer(self, force_n: float, at_ns: int) -> None:
+        """The amount of effort comes from a loop, and is this from now on."""
+        if force_n != self._loop_n:
+            was_n = self._asked_n()
+            self._loop_n = force_n
+            self._ask(was_n, at_ns)
+
+    @property
+    def said_n(self) -> float:
+        """The amount of effort in the command."""
+        return self._command.force_n
+
+    def _asked_n(self) -> float:
+        amount_n = self._command.force_n if self._loop_n is None else self._loop_n
+        return amount_n * _SIGNS[self._command.direction]
+
+    def _ask(self, was_n: float, at_ns: int) -> None:
+        asked_n = self._asked_n()
         if asked_n != was_n:
             self._dead_time.ask(at_ns + round(self._config.dead_time_s * NS_PER_S), asked_n)
 
@@ -216,9 +242,5 @@ class TractionUnit:
             force_n=self.force_n - electric_brake_n,
             effort_available_ratio=self.effort_ratio,
             traction_cut=self.traction_cut,
-            ready=True,
+            ready=self.ready,
         )
-
-
-def _signed(command: TractionCommand) -> float:
-    return command.force_n * _SIGNS[command.direction]

@@ -16,6 +16,7 @@ from plant_emulator.train_config.equipment import (
     SupplyConfig,
     TractionConfig,
 )
+from plant_emulator.train_config.loops import LoopConfig
 from plant_emulator.train_config.ranges import Draws, Spread
 from plant_emulator.train_config.sensors import (
     NOMINAL_WHEEL_M,
@@ -45,6 +46,7 @@ __all__ = [
     "ElectricBrakeConfig",
     "EmergencyBrakeConfig",
     "HoldingBrakeConfig",
+    "LoopConfig",
     "NOMINAL_WHEEL_M",
     "PACKAGE",
     "PULSES_PER_TURN",

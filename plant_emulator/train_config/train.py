@@ -1,6 +1,6 @@
 """One consist file: the whole train."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from typing import Final
 
@@ -12,6 +12,7 @@ from plant_emulator.train_config.equipment import (
     SupplyConfig,
     TractionConfig,
 )
+from plant_emulator.train_config.loops import LoopConfig
 from plant_emulator.train_config.ranges import Spread, check, check_spread
 from plant_emulator.train_config.sensors import SensorConfig
 
@@ -94,6 +95,7 @@ class TrainConfig:
     description: str = ""
     load_report_ratio: float = 1.0
     """Load that the air springs report over the true one."""
+    loop: LoopConfig = field(default_factory=LoopConfig)
 
     def __post_init__(self) -> None:
         check(self, "rotating_mass_percent", 0.0, 50.0)

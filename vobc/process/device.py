@@ -33,6 +33,7 @@ from vobc.wire import (
     Inbox,
     RadioLink,
     Refusal,
+    analogue_frame,
     door_frame,
     emergency_message,
     heartbeat,
@@ -98,6 +99,7 @@ class VobcDevice:
         )
         self._inbox = Inbox(self._link)
         self._encoder = make_encoder()
+        self._by_loop = config.ato.output.stage == "current_loop"
         start = start or commissioned_start(config, mission, record)
         self._controller = Controller(config, line, mission, start)
         self._start_ns = start_ns
@@ -176,7 +178,7 @@ class VobcDevice:
 
     def _send_cycle(self, now_ns: int, output: CycleOutput) -> None:
         """Brake first. Slower frames go every so many cycles; a slow cycle sends them each time."""
-        self._send(now_ns, *vital_frames(output))
+        self._send_vital(now_ns, output)
         self._sent_ns = now_ns
         cycle_ms, count = self._config.cycle_ms, self._cycles
         self._cycles += 1
@@ -214,12 +216,17 @@ class VobcDevice:
             for can_id, payload in encode(frame):
                 send(now_ns, can_id, payload)
 
+    def _send_vital(self, now_ns: int, output: CycleOutput) -> None:
+        self._send(now_ns, *vital_frames(output))
+        if self._by_loop:
+            self._send(now_ns, analogue_frame(output))
+
     def repeat_vital(self, now_ns: int) -> None:
         """Between the cycles of a slow controller, while those come: units wait for no cycle."""
         if self._last_ns is None or now_ns - self._last_ns > STALE_CYCLES * self._cycle_ns:
             return
         if now_ns - self._sent_ns >= VITAL_MS / 2.0 * NS_PER_MS:
-            self._send(now_ns, *vital_frames(self.output))
+            self._send_vital(now_ns, self.output)
             self._sent_ns = now_ns
 
     def report_position(self, now_ns: int) -> None:
@@ -237,7 +244,8 @@ class VobcDevice:
     def stop(self, now_ns: int) -> None:
         """The last word on the bus: brake, whatever was said before."""
         self.output = replace(SAFE_OUTPUT, cause="controller ends")
-        self._send(now_ns, *vital_frames(self.output), door_frame(self.output))
+        self._send_vital(now_ns, self.output)
+        self._send(now_ns, door_frame(self.output))
         self._send(now_ns, status_frame(self.output, work_us=0.0, slips=self._slips))
         self._events.tell(now_ns, (controller_ends(),))
         self._send(now_ns, *self._events.due(), heartbeat(NodeState.STOPPED))

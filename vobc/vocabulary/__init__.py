@@ -15,13 +15,22 @@ from vobc.vocabulary.inputs import (
 )
 from vobc.vocabulary.motion import Ceiling, Interval, Motion, RefusedTag, TagRefusal
 from vobc.vocabulary.operation import AtoDemand, AtoInput
-from vobc.vocabulary.output import MAX_SERVICE_DECEL_MPS2, SAFE_OUTPUT, CycleOutput, Event, Source
+from vobc.vocabulary.output import (
+    MAX_SERVICE_DECEL_MPS2,
+    SAFE_CURRENTS,
+    SAFE_OUTPUT,
+    CurrentReference,
+    CycleOutput,
+    Event,
+    Source,
+)
 
 __all__ = [
     "AtoDemand",
     "AtoInput",
     "Authority",
     "Ceiling",
+    "CurrentReference",
     "CycleInput",
     "CycleOutput",
     "Event",
@@ -35,6 +44,7 @@ __all__ = [
     "PlaceProof",
     "RefusedTag",
     "Restriction",
+    "SAFE_CURRENTS",
     "SAFE_OUTPUT",
     "Source",
     "TachoSample",

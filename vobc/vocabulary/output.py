@@ -53,6 +53,14 @@ class Event:
 
 
 @dataclass(frozen=True, slots=True)
+class CurrentReference:
+    """What the output module shall put onto the current loops."""
+
+    traction_ma: float
+    brake_ma: float
+
+
+@dataclass(frozen=True, slots=True)
 class CycleOutput:
     """Everything the controller says in one cycle."""
 
@@ -86,10 +94,15 @@ class CycleOutput:
     """A person has to come: passenger alarm, fire, obstacle, or a stop that cannot be mended."""
     door_bypass: bool = False
     """The train may depart although its doors are not proven locked."""
+    currents: CurrentReference | None = None
+    """None where the train takes its reference from the bus, and of the safe output."""
 
 
 MAX_SERVICE_DECEL_MPS2: Final = 2.0
 """Largest demand the wire can carry; the brake unit limits it to what it has."""
+
+SAFE_CURRENTS: Final = CurrentReference(traction_ma=3.8, brake_ma=18.0)
+"""Go with the safe output: no traction, full service brake, both loops sound."""
 
 SAFE_OUTPUT: Final = CycleOutput(
     force_n=0.0,

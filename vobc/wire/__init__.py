@@ -2,6 +2,7 @@
 
 from vobc.wire.evidence import SOURCE_IDS, SOURCE_KINDS, Evidence
 from vobc.wire.frames import (
+    analogue_frame,
     door_frame,
     emergency_message,
     event_frame,
@@ -28,6 +29,7 @@ __all__ = [
     "SOURCE_KINDS",
     "TACHO_SAMPLES_MAX",
     "TAGS_MAX",
+    "analogue_frame",
     "door_frame",
     "emergency_message",
     "event_frame",

@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 from typing import Final
 
+from can_dbc.analogue import AnalogueCommand
 from can_dbc.binding import Frame
 from can_dbc.brake import BrakeCommand
 from can_dbc.codec import Encoder
@@ -21,13 +22,14 @@ from can_dbc.vobc import (
     VobcStatus,
     VobcTarget,
 )
-from vobc.vocabulary import CycleOutput, Event, Interval
+from vobc.vocabulary import SAFE_CURRENTS, CycleOutput, Event, Interval
 from vobc.wire.evidence import SOURCE_IDS
 
 SENT_KINDS: Final[tuple[type[Frame], ...]] = (
     BrakeCommand,
     TractionCommand,
     DoorCommand,
+    AnalogueCommand,
     VobcStatus,
     VobcMotion,
     VobcPosition,
@@ -62,6 +64,12 @@ def vital_frames(output: CycleOutput) -> tuple[Frame, Frame]:
             traction_permitted=output.traction_permitted,
         ),
     )
+
+
+def analogue_frame(output: CycleOutput) -> Frame:
+    """Only for a train that takes its reference from current loops."""
+    currents = output.currents or SAFE_CURRENTS
+    return AnalogueCommand(traction_ma=currents.traction_ma, brake_ma=currents.brake_ma)
 
 
 def door_frame(output: CycleOutput) -> Frame:
