@@ -280,9 +280,13 @@ class World:
         brake, traction = self.brake, self.traction
         inertia_kg = self.consist.inertia_kg
         loops.step(now_ns, traction_mps2=traction.said_n / inertia_kg, brake_mps2=brake.said_mps2)
-        brake.refer(loops.brake.reference_mps2, now_ns)
-        traction.refer(loops.traction.reference_mps2 * inertia_kg, now_ns)
         brake.ready, traction.ready = loops.brake.trusted, loops.traction.trusted
+        decel_mps2 = loops.brake.reference_mps2
+        if not brake.ready:
+            decel_mps2 = max(decel_mps2, brake.said_mps2)
+        brake.refer(decel_mps2, now_ns)
+        pull_mps2 = loops.traction.reference_mps2 if traction.ready else 0.0
+        traction.refer(pull_mps2 * inertia_kg, now_ns)
 
     def reseed(self, seed: int) -> None:
         """From now on all that is drawn anew comes from another seed.

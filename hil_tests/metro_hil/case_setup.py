@@ -9,6 +9,7 @@ from firmware_py.settings import SettingsError, nearest
 from firmware_py.trackdb import LineMap, load_line
 from metro_hil.cases import TIME_MAX_S, Case, Setup
 from metro_hil.journey import Journey
+from plant_emulator.faults.fitting import check_fitting
 from plant_emulator.faults.plan import FaultPlan, read_faults
 from plant_emulator.world import Scenario, plan_scenario
 from vobc.config import VobcConfig, load_config, plan_mission
@@ -34,11 +35,14 @@ def parts_of(case: Case, files: Files = NO_FILES) -> CaseParts:
     setup = case.setup
     line = line_of(setup, files)
     mission = mission_of(setup, line)
+    scenario = scenario_of(setup, line, mission, _first_seed(case), files)
+    faults = read_faults(case.faults, case.id)
+    check_fitting(faults, scenario.train, case.id)
     return CaseParts(
         journey=Journey(line, mission, setup.wakes_up),
-        scenario=scenario_of(setup, line, mission, _first_seed(case), files),
+        scenario=scenario,
         config=config_of(setup, files),
-        faults=read_faults(case.faults, case.id),
+        faults=faults,
     )
 
 

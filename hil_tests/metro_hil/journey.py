@@ -3,9 +3,11 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from firmware_py.settings import SettingsError
 from firmware_py.trackdb import LineMap, Station, load_line
 from metro_hil.options import RunOptions
-from vobc.config import plan_mission
+from plant_emulator.train_config import TrainConfig
+from vobc.config import VobcConfig, plan_mission
 from vobc.vocabulary import Mission
 
 
@@ -42,6 +44,21 @@ class Journey:
                 planned[stop.name] = sum(times_s)
             before_m = stop.stop_m
         return planned
+
+
+def check_reference(config: VobcConfig, train: TrainConfig) -> None:
+    """Raises SettingsError for a train that would not move, since it listens elsewhere."""
+    by_loop = config.ato.output.stage == "current_loop"
+    if by_loop and not train.loop.connected:
+        raise SettingsError(
+            f"--output current_loop: the train {train.name} takes traction and service brake from "
+            "the bus; choose one on current loops, such as --consist florence4_loop"
+        )
+    if train.loop.connected and not by_loop:
+        raise SettingsError(
+            f"--consist {train.name}: takes traction and service brake from current loops; it "
+            f"needs --output current_loop, not {config.ato.output.stage}"
+        )
 
 
 def plan_journey(options: RunOptions) -> Journey:

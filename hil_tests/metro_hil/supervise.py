@@ -19,7 +19,8 @@ from firmware_py.recorder import CandumpWriter
 from metro_hil.children import Child, ChildError
 from metro_hil.display import BusPicture, Display
 from metro_hil.ending import INTERRUPTED, Ending
-from metro_hil.journey import Journey
+from metro_hil.journey import Journey, check_reference
+from metro_hil.lockstep import config_of, scenario_of
 from metro_hil.options import RunOptions
 from metro_hil.run_folder import RunFolder
 from metro_hil.watch import Watch
@@ -102,6 +103,7 @@ class RealtimeRun:
             tags = str(folder / "tags") if options.tags == "auto" else options.tags
             radio = self._known_radio(spec) if options.radio == "auto" else options.radio
             return tags, radio, False
+        check_reference(config_of(options), scenario_of(options).train)
         radio = pick_endpoint() if options.radio == "auto" else options.radio
         self._display.say("plant: none answered within a second; starting the emulator beside")
         child = Child(

@@ -14,7 +14,7 @@ from metro_hil.columns import LogError, read_columns
 from metro_hil.comfort import comfort_of, inertia_of
 from metro_hil.ending import INTERRUPTED, Ending
 from metro_hil.explain import command as explain
-from metro_hil.journey import Journey, plan_journey
+from metro_hil.journey import Journey, check_reference, plan_journey
 from metro_hil.lockstep import config_of, run_lockstep, scenario_of
 from metro_hil.measures import (
     measure_cycles,
@@ -71,6 +71,8 @@ def _complain(error: Exception, code: int) -> int:
 
 def _run(options: RunOptions, console: Console) -> int:
     journey, scenario, config = plan_journey(options), scenario_of(options), config_of(options)
+    if options.lockstep:
+        check_reference(config, scenario.train)
     clock = WallClock()
     words = f"{journey.line.name}_{journey.start.name}-{journey.end.name}"
     folder = make_run_folder(options.out, clock.epoch_ns(), words)
@@ -81,7 +83,7 @@ def _run(options: RunOptions, console: Console) -> int:
     else:
         try:
             ending = RealtimeRun(options, journey, folder, console).run()
-        except BusError:
+        except (BusError, SettingsError):
             discard_unused(folder)
             raise
     results = make_results(folder, journey, ending, inertia_of(scenario.train))

@@ -3,7 +3,8 @@
 On loops a module on the bus sets the currents that the controller asks for, and each unit reads its
 own. What the protected commands say stays in force for all but the amount: emergency and holding
 brake, permission and direction of traction. The amount in them is what a unit holds its loop
-against.
+against. A unit that does not trust its loop says that it is not ready; the brake then gives the
+stronger of both, traction nothing.
 """
 
 from typing import Final
@@ -48,6 +49,7 @@ class Loop:
         "_short_ma",
         "_since_ns",
         "_step_ma",
+        "_waits_ns",
         "broken",
         "read_ma",
         "reference_mps2",
@@ -78,6 +80,8 @@ class Loop:
         self.trusted = False
         self._since_ns: int | None = None
         """Since when it has looked other than `trusted` says."""
+        self._waits_ns = round(config.patience_s * NS_PER_S)
+        """Until that is believed."""
 
     def disturb(self, *, offset_ma: float, short_ma: float | None, broken: bool) -> None:
         """Faults: a broken wire carries nothing, one shorted to a supply what that drives."""
@@ -115,8 +119,10 @@ class Loop:
             self._since_ns = None
         elif self._since_ns is None:
             self._since_ns = now_ns
-        elif now_ns - self._since_ns >= self._config.patience_s * NS_PER_S:
+        elif now_ns - self._since_ns >= self._waits_ns:
             self.trusted, self._since_ns = right, None
+            waits_s = self._config.patience_s if right else self._config.recovery_s
+            self._waits_ns = round(waits_s * NS_PER_S)
 
 
 class Loops:

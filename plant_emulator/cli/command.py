@@ -39,6 +39,7 @@ from plant_emulator.cli.options import AUTO, ELSEWHERE, parser
 from plant_emulator.cli.words import Words, say, summarise
 from plant_emulator.desk.display import KINDS as DISPLAYED
 from plant_emulator.faults.fault_file import load_faults
+from plant_emulator.faults.fitting import check_fitting
 from plant_emulator.faults.kinds import BENCH_PLACES
 from plant_emulator.faults.plan import FaultPlan
 from plant_emulator.process import TRUTH_COLUMNS, PlantDevice
@@ -82,6 +83,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             desk_elsewhere=elsewhere,
         )
         faults = () if options.faults is None else load_faults(options.faults)
+        check_fitting(faults, scenario.train, str(options.faults))
         return _serve(options, scenario, faults)
     except SettingsError as error:
         _complain(error)

@@ -2,6 +2,7 @@
 
 from plant_emulator.faults import (  # noqa: F401
     declared_bus,
+    declared_loops,
     declared_process,
     declared_train,
     declared_wayside,

@@ -18,6 +18,7 @@ UNITS: Final[Mapping[str, str]] = {
     "bytes_per_s": "bytes/s",
     "ratio_per_s": "1/s",
     "mps2": "m/s²",
+    "ma": "mA",
     "mps": "m/s",
     "percent": "%",
     "s": "s",

@@ -4,6 +4,13 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+from plant_emulator.faults.declared_loops import (
+    LOOP_FAULTS,
+    LoopBreak,
+    LoopOf,
+    LoopOffset,
+    LoopShort,
+)
 from plant_emulator.faults.declared_train import (
     BrakeLate,
     BrakeStuck,
@@ -20,10 +27,12 @@ from plant_emulator.faults.effects import Effect, Knob, Turned
 from plant_emulator.faults.plan import FaultPlan
 from plant_emulator.world import World
 
+LoopFault = LoopBreak | LoopOffset | LoopShort
+
 
 class ActuatorEffects:
-    """Delays add, shares multiply; of several runaways the strongest pushes, and it obeys the
-    cut-off only if all do."""
+    """Delays and offsets add, shares multiply; of several runaways the strongest pushes, and it
+    obeys the cut-off only if all do. Of several shorts to a supply the highest drives the wire."""
 
     def __init__(self, world: World) -> None:
         brake, traction = world.brake, world.traction
@@ -35,6 +44,7 @@ class ActuatorEffects:
                 obeys_cut_off=all(each.obeys_cut_off for each in found),
             )
 
+        self._loops = Knob[LoopFault](lambda found: _disturb_loops(world, found))
         self._late_s = Knob[float](lambda found: brake.delay_service(sum(found, 0.0)))
         self._weak_ratio = Knob[float](
             lambda found: brake.weaken_service(math.prod(found, start=1.0))
@@ -58,6 +68,8 @@ class ActuatorEffects:
         return Turned(plan.index, setting)
 
     def _setting(self, parameters: Any) -> tuple[Knob[Any], Any] | None:
+        if isinstance(parameters, LOOP_FAULTS):
+            return self._loops, parameters
         match parameters:
             case BrakeLate():
                 return self._late_s, parameters.delay_s
@@ -80,3 +92,15 @@ class ActuatorEffects:
             case TractionLate():
                 return self._traction_late_s, parameters.delay_s
         return None
+
+
+def _disturb_loops(world: World, found: Sequence[LoopFault]) -> None:
+    assert world.loops is not None, "faults of loops on a train without"
+    for which, loop in ((LoopOf.TRACTION, world.loops.traction), (LoopOf.BRAKE, world.loops.brake)):
+        here = [each for each in found if each.loop in (which, LoopOf.BOTH)]
+        shorts_ma = [each.current_ma for each in here if isinstance(each, LoopShort)]
+        loop.disturb(
+            offset_ma=sum(each.offset_ma for each in here if isinstance(each, LoopOffset)),
+            short_ma=max(shorts_ma, default=None),
+            broken=any(isinstance(each, LoopBreak) for each in here),
+        )

@@ -28,7 +28,9 @@ class LoopConfig:
     tolerance_mps2: float = 0.2
     """A loop that says more or less than the protected command by more than this is wrong."""
     patience_s: float = 0.3
-    """For so long, before the unit says that it is not ready; and right for so long until it is."""
+    """For so long, before the unit no longer trusts it; at the start so long until it does."""
+    recovery_s: float = 10.0
+    """A loop that was not trusted has to be right for so long."""
 
     def __post_init__(self) -> None:
         check(self, "traction_full_mps2", 0.1, 3.0)
@@ -40,3 +42,4 @@ class LoopConfig:
         check(self, "broken_ma", 0.0, 4.0)
         check(self, "tolerance_mps2", 0.0, 10.0)
         check(self, "patience_s", 0.0, 10.0)
+        check(self, "recovery_s", 0.0, 3600.0)

@@ -6,7 +6,12 @@ from typing import Final
 
 from can_dbc.vobc import EventKind, Inhibit, OperatingMode, Supervision, Withheld
 from vobc.events.causes import emergency_applied, emergency_released
-from vobc.events.inputs import authority_changed, inputs_changed, orders_changed
+from vobc.events.inputs import (
+    authority_changed,
+    inputs_changed,
+    orders_changed,
+    units_not_ready,
+)
 from vobc.events.movement import motion_changed
 from vobc.events.words import flag_words, name_words, place_words
 from vobc.vocabulary import CycleInput, CycleOutput, Event, Source
@@ -90,6 +95,8 @@ def events_between(
     ):
         found.extend(_alarms(before, seen, output))
     if seen_before is not None:
+        if seen_before.brake is None or seen_before.traction is None:
+            found.extend(units_not_ready(seen_before, seen))
         if seen.authority is not seen_before.authority:
             found.extend(authority_changed(seen_before.authority, seen.authority))
         if seen.orders is not seen_before.orders:

@@ -4,6 +4,8 @@ import math
 from collections.abc import Iterator
 from typing import Final
 
+from can_dbc.brake import BrakeStatus
+from can_dbc.traction import TractionStatus
 from can_dbc.vobc import EventKind, Missing
 from vobc.vocabulary import Authority, CycleInput, CycleOutput, Event, Orders, Source
 
@@ -20,6 +22,10 @@ INPUTS: Final = (
 """Flag, words, source and age of each input; that the place is lost is an event of its own."""
 
 
+UNITS: Final = {Missing.BRAKE: "brake", Missing.TRACTION: "traction"}
+"""Those that say on the bus whether they are ready, and the field with their status."""
+
+
 def inputs_changed(before: CycleOutput, seen: CycleInput, output: CycleOutput) -> Iterator[Event]:
     changed = output.missing ^ before.missing
     for flag, words, source, age in INPUTS:
@@ -27,13 +33,28 @@ def inputs_changed(before: CycleOutput, seen: CycleInput, output: CycleOutput) -
             continue
         if output.missing & flag:
             told = f"{words} lost: {_age_words(getattr(seen, age))}"
+            if flag in UNITS and _is_unready(getattr(seen, UNITS[flag])):
+                told = f"{words} says that it is not ready"
             yield Event(EventKind.INPUT_LOST, told, (source,), int(flag))
         else:
             yield Event(EventKind.INPUT_BACK, f"{words} is there", (source,), int(flag))
 
 
+def units_not_ready(before: CycleInput, seen: CycleInput) -> Iterator[Event]:
+    """Units that say so with the first word that is heard of them."""
+    for flag, words, source, _ in INPUTS:
+        name = UNITS.get(flag)
+        if name and getattr(before, name) is None and _is_unready(getattr(seen, name)):
+            yield Event(
+                EventKind.INPUT_LOST, f"{words} says that it is not ready", (source,), int(flag)
+            )
+
+
+def _is_unready(status: BrakeStatus | TractionStatus | None) -> bool:
+    return status is not None and not status.ready
+
+
 def _age_words(age_s: float) -> str:
-    """A fresh one says itself that it cannot do its work."""
     return "never heard" if math.isinf(age_s) else f"last heard {age_s:.2f} s ago"
 
 
