@@ -10,6 +10,7 @@ from metro_hil.chain import FrameChain
 from metro_hil.journey import plan_journey
 from metro_hil.lockstep import Lockstep, Taps, config_of, scenario_of
 from metro_hil.options import parse
+from plant_emulator.faults.declared_loops import LOOP_FAULTS
 from plant_emulator.faults.kinds import CATALOGUE, Place
 from plant_emulator.faults.plan import FaultPlan, read_faults
 from plant_emulator.truth import SIGNALS, Truth
@@ -17,8 +18,12 @@ from plant_emulator.truth import SIGNALS, Truth
 END_S = 25.0
 ARGUMENTS = ("run", "--lockstep", "--from", "II", "--to", "III")
 PLANT_KINDS = [
-    kind.name for kind in CATALOGUE.values() if kind.place not in (Place.BUS, Place.PROCESS)
+    kind.name
+    for kind in CATALOGUE.values()
+    if kind.place not in (Place.BUS, Place.PROCESS) and kind.parameters not in LOOP_FAULTS
 ]
+LOOP_KINDS = [kind.name for kind in CATALOGUE.values() if kind.parameters in LOOP_FAULTS]
+LOOPED = (*ARGUMENTS, "--consist", "florence4_loop", "--output", "current_loop")
 
 
 @dataclass
@@ -34,7 +39,11 @@ class Run:
 
 
 def run(
-    *faults: dict[str, Any], seed: int = 3, watched: bool = True, duration_s: float = END_S
+    *faults: dict[str, Any],
+    seed: int = 3,
+    watched: bool = True,
+    duration_s: float = END_S,
+    arguments: Sequence[str] = ARGUMENTS,
 ) -> Run:
     found, chain = Run(), FrameChain()
 
@@ -45,7 +54,7 @@ def run(
     def change(plan: FaultPlan, active: bool, now_ns: int) -> None:
         found.changes.append((plan.kind.name, active, now_ns / 1e9))
 
-    options = parse([*ARGUMENTS, "--seed", str(seed)])
+    options = parse([*arguments, "--seed", str(seed)])
     plans: Sequence[FaultPlan] = read_faults(faults, "scenario")
     bench = Lockstep(
         config_of(options),
@@ -100,6 +109,17 @@ def test_the_same_faults_give_the_same_frames_and_other_seeds_others() -> None:
     assert one.changes == again.changes
     assert one.chain != other.chain
     assert len(one.changes) > 50
+
+
+def test_faults_of_loops_give_the_same_frames_and_none_before_they_begin() -> None:
+    late = ({"kind": kind, "start_s": END_S + 1.0} for kind in LOOP_KINDS)
+    faults = [{"kind": kind, "start_s": 8.0, "duration_s": 2.0} for kind in LOOP_KINDS]
+    healthy, untouched = run(arguments=LOOPED), run(*late, arguments=LOOPED)
+    one, again = (run(*faults, arguments=LOOPED) for _ in range(2))
+
+    assert untouched.chain == healthy.chain
+    assert one.chain == again.chain != healthy.chain
+    assert len(one.changes) == 6
 
 
 def test_a_fault_begins_with_the_frames_of_its_instant_and_is_told_with_it() -> None:

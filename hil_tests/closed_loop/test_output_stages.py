@@ -14,6 +14,8 @@ from metro_hil.results import sha256_of
 from metro_hil.run_folder import RunFolder
 from vobc.ato.output_config import STAGES
 
+TRAINS = {"current_loop": ("--consist", "florence4_loop")}
+"""The stages that the default train would not follow."""
 WINDOW_M = 0.30
 JERK_MPS3 = 0.75
 """What a hop may feel like without notches; behind them no law promises the ride."""
@@ -32,7 +34,7 @@ def hop(folder: Path, *arguments: str) -> RunFolder:
 @pytest.fixture(scope="module")
 def hops(tmp_path_factory: pytest.TempPathFactory) -> dict[str, RunFolder]:
     top = tmp_path_factory.mktemp("stages")
-    return {stage: hop(top / stage, "--output", stage) for stage in STAGES}
+    return {stage: hop(top / stage, "--output", stage, *TRAINS.get(stage, ())) for stage in STAGES}
 
 
 @pytest.mark.parametrize("stage", STAGES)

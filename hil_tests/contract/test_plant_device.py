@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from can_dbc.analogue import AnalogueCommand
 from can_dbc.binding import Frame, can_id, kinds, period_s, sender
 from can_dbc.brake import BrakeCommand, BrakeStatus
 from can_dbc.cab import CabMode, Desk
@@ -450,4 +451,5 @@ def test_the_desk_is_in_the_mode_it_was_put_in() -> None:
 
 def test_a_filter_on_the_shared_port_lets_all_commands_through() -> None:
     assert {can_id(BrakeCommand), can_id(BrakeCommand) + 1} <= COMMAND_IDS
-    assert len(COMMAND_IDS) == 6
+    assert can_id(AnalogueCommand) in COMMAND_IDS
+    assert len(COMMAND_IDS) == 7

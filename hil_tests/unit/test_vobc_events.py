@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from can_dbc.alarms import TrainAlarms
+from can_dbc.brake import BrakeStatus
 from can_dbc.cab import CabMode, Desk
 from can_dbc.vobc import (
     Cause,
@@ -38,6 +39,7 @@ from vobc.vocabulary import (
     TagRefusal,
 )
 
+READY_BRAKE = BrakeStatus(0.0, 0.0, False, False, True, True)
 DESK = Desk(CabMode.AUTO, 0.0, True, True, False, False, False, False)
 ORDERS = Orders(
     awake=True, hold=False, skip_next=False, stop_next=False, emergency=False, releases=2,
@@ -255,6 +257,22 @@ def test_a_silent_input_is_told_with_its_age() -> None:
 
     assert words == "brake unit lost: last heard 0.17 s ago"
     assert never == "door unit lost: never heard"
+
+
+def test_a_unit_that_answers_and_is_not_ready_is_told_as_such() -> None:
+    unready = replace(READY_BRAKE, ready=False)
+    begun = replace(SEEN, brake=READY_BRAKE)
+    first = events_between(
+        RUNNING, replace(SEEN, brake=unready), RUNNING, replace(SEEN, brake=None)
+    )
+    later = events_between(
+        RUNNING, replace(begun, brake=unready), replace(RUNNING, missing=Missing.BRAKE), begun
+    )
+
+    for event in (only(list(first)), only(list(later))):
+        assert event.kind is EventKind.INPUT_LOST
+        assert event.words == "brake unit says that it is not ready"
+    assert not events_between(RUNNING, begun, RUNNING, replace(SEEN, brake=None))
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ from typing import Any, Final
 
 import pytest
 
+from can_dbc.analogue import AnalogueCommand
 from can_dbc.brake import BrakeCommand
 from can_dbc.doors import DoorCommand
 from can_dbc.nodes import Direction
@@ -42,6 +43,11 @@ QUIET: Final = override(
         "sensors.tachos.1.wheel_diameter_m": 0.86,
     },
     "quiet",
+)
+LOOPED: Final = override(
+    QUIET,
+    {"loop": {"connected": True, "offset_ma": 0.0, "gain_ratio": 1.0, "sigma_ma": 0.0}},
+    "looped",
 )
 LEVEL: Final[LineMap] = replace(load_line("florence"), gradients=(), curves=())
 START_M: Final = 2000.0
@@ -100,12 +106,23 @@ class Train:
         doors: DoorCommand | None,
     ) -> None:
         now_ns = self.world.now_ns
+        if self.world.loops is not None and brake is not None and traction is not None:
+            self.world.hear_currents(self._currents(brake, traction), now_ns)
         if brake is not None:
             self.world.brake.hear(brake, now_ns)
         if traction is not None:
             self.world.traction.hear(traction, now_ns)
         if doors is not None:
             self.world.doors.hear(doors, now_ns)
+
+    def _currents(self, brake: BrakeCommand, traction: TractionCommand) -> AnalogueCommand:
+        """What a controller for current loops sends beside these commands."""
+        pull_mps2 = traction.force_n / self.world.consist.inertia_kg
+        traction_ma, brake_ma = (
+            4.0 + 14.0 * min(1.0, amount_mps2) if amount_mps2 > 0.0 else 3.8
+            for amount_mps2 in (pull_mps2, brake.service_decel_mps2)
+        )
+        return AnalogueCommand(traction_ma=traction_ma, brake_ma=brake_ma)
 
     def each_step(
         self,
@@ -144,6 +161,12 @@ class Train:
 def a_train() -> Callable[..., Train]:
     """`a_train(fault, ..., speed_mps=10.0)`: released, faults as in a scenario."""
     return Train
+
+
+@pytest.fixture
+def looped() -> TrainConfig:
+    """The same train with its reference from current loops without error or scatter."""
+    return LOOPED
 
 
 @pytest.fixture

@@ -7,9 +7,11 @@ import pytest
 
 from can_dbc.doors import DoorCommand
 from firmware_py.ports import RadioMessage
+from firmware_py.settings import override
+from plant_emulator.faults.declared_loops import LOOP_FAULTS
 from plant_emulator.faults.kinds import CATALOGUE, Place
 from plant_emulator.faults.plan import read_faults
-from plant_emulator.train_config import load_train
+from plant_emulator.train_config import TrainConfig, load_train
 from plant_emulator.truth import SIGNALS
 from plant_emulator.world import STEP_NS
 from zenoh_config import keys
@@ -22,6 +24,14 @@ TRAIN_PLACES = (
     *(Place.WAYSIDE, Place.ALARMS),
 )
 KINDS = [kind.name for kind in CATALOGUE.values() if kind.place in TRAIN_PLACES]
+LOOP_KINDS = [kind.name for kind in CATALOGUE.values() if kind.parameters in LOOP_FAULTS]
+BUS_KINDS = [name for name in KINDS if name not in LOOP_KINDS]
+LOOPED = override(
+    load_train("florence4_loop"),
+    {"loop.recovery_s": 3.0, "brake.service.dead_time_s": 0.5},
+    "looped",
+)
+"""A short of its loop applies the brake, which draws a dead time where it is not fixed."""
 MILD = {"traction_runaway": {"accel_mps2": 0.2}}
 """So that the train stays where it is under its holding brake."""
 OPEN = DoorCommand(enable_left=True, enable_right=True, open_left=True, open_right=True)
@@ -80,9 +90,11 @@ def orders_to(train: Any, now_ns: int) -> tuple[bytes, ...]:
     return tuple(payload for _, payload in train.railway.answers(heard, now_ns))
 
 
-def after(a_train: ATrain, *faults: dict[str, Any]) -> list[object]:
+def after(
+    a_train: ATrain, *faults: dict[str, Any], consist: TrainConfig | None = None
+) -> list[object]:
     """What the train says from 12 s on, having stood before."""
-    train = a_train(*faults, train=load_train("florence4"), front_m=1350.0)
+    train = a_train(*faults, train=consist or load_train("florence4"), front_m=1350.0)
     for _ in train.each_step(12.0, train.HOLDING, train.FORBIDDEN, CLOSE):
         train.world.tag_reader.telegrams(train.world.now_ns)
     begun = [fault for fault in faults if fault["start_s"] < 12.0]
@@ -97,7 +109,16 @@ def untouched() -> list[list[object]]:
     return []
 
 
-@pytest.mark.parametrize("kind", KINDS)
+def test_after_its_end_nothing_of_a_fault_of_a_loop_is_left(a_train: ATrain) -> None:
+    untouched = after(a_train, consist=LOOPED)
+
+    for kind in LOOP_KINDS:
+        fault = {"kind": kind, "start_s": 2.0, "end_s": 4.0, "loop": "both"}
+        assert after(a_train, fault, consist=LOOPED) == untouched, kind
+    assert len(LOOP_KINDS) == 3
+
+
+@pytest.mark.parametrize("kind", BUS_KINDS)
 def test_after_its_end_nothing_of_a_fault_is_left(
     a_train: ATrain, untouched: list[list[object]], kind: str
 ) -> None:
@@ -116,13 +137,13 @@ def test_faults_that_have_not_begun_change_nothing(
     if not untouched:
         untouched.append(after(a_train))
 
-    assert after(a_train, *({"kind": k, "start_s": 1000.0} for k in KINDS)) == untouched[0]
+    assert after(a_train, *({"kind": k, "start_s": 1000.0} for k in BUS_KINDS)) == untouched[0]
 
 
-def test_every_kind_of_the_train_has_an_effect(a_train: ATrain) -> None:
+def test_every_kind_of_the_train_has_an_effect(a_train: ATrain, looped: TrainConfig) -> None:
     """Brought about one after the other on a running train, without an assertion of ours."""
     faults = [{"kind": kind, "start_s": 0.5 * i, "duration_s": 1.0} for i, kind in enumerate(KINDS)]
-    train = a_train(*faults, speed_mps=10.0)
+    train = a_train(*faults, speed_mps=10.0, train=looped)
     train.run(0.5 * len(KINDS) + 2.0)
 
     assert len(KINDS) > 30
