@@ -15,6 +15,7 @@ from cantools.database.can import Database, Message
 
 from can_dbc import binding
 from can_dbc.alarms import TrainAlarms
+from can_dbc.analogue import AnalogueCommand
 from can_dbc.brake import BrakeCommand, BrakeStatus
 from can_dbc.cab import Desk
 from can_dbc.diagnostics import EMERGENCIES, HEARTBEATS, TcmsStatus, TimeOfDay
@@ -42,6 +43,7 @@ AGREED = [
     (BrakeCommand, "VOBC", 0x101, 50),
     (TractionCommand, "VOBC", 0x103, 50),
     (DoorCommand, "VOBC", 0x105, 100),
+    (AnalogueCommand, "VOBC", 0x107, 50),
     (VobcStatus, "VOBC", 0x181, 50),
     (BrakeStatus, "BCU", 0x182, 50),
     (TractionStatus, "TCU", 0x183, 50),
@@ -157,7 +159,7 @@ def test_data_ids_are_unique_among_all_files_twins_included() -> None:
         if message.dbc is not None and "SafetyDataId" in message.dbc.attributes
     ]
 
-    assert len(ids) == 21
+    assert len(ids) == 22
     assert len(set(ids)) == len(ids)
 
 

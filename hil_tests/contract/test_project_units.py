@@ -14,7 +14,7 @@ UNITS: Final = frozenset(
     {
         *("m", "mm", "mps", "mps2", "mps3", "kmh", "rad"),
         *("s", "ms", "us", "ns", "hz"),
-        *("kg", "n", "nm", "pa", "kpa", "bar"),
+        *("kg", "n", "nm", "pa", "kpa", "ma", "bar"),
         *("w", "kw", "j", "kj", "kwh", "v", "a", "ohm"),
         *("percent", "permille", "ratio", "share", "factor"),
     }

@@ -1,6 +1,7 @@
 """A run in real time: controller and plant as processes on a bus, watched from a tap."""
 
 import json
+from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -19,8 +20,7 @@ from firmware_py.recorder import CandumpWriter
 from metro_hil.children import Child, ChildError
 from metro_hil.display import BusPicture, Display
 from metro_hil.ending import INTERRUPTED, Ending
-from metro_hil.journey import Journey, check_reference
-from metro_hil.lockstep import config_of, scenario_of
+from metro_hil.journey import Journey
 from metro_hil.options import RunOptions
 from metro_hil.run_folder import RunFolder
 from metro_hil.watch import Watch
@@ -37,9 +37,20 @@ class RealtimeRun:
     """Brings up what is missing, watches, and ends everything it started."""
 
     def __init__(
-        self, options: RunOptions, journey: Journey, folder: RunFolder, console: Console
+        self,
+        options: RunOptions,
+        journey: Journey,
+        folder: RunFolder,
+        console: Console,
+        *,
+        check_train: Callable[[], None],
     ) -> None:
+        """Args:
+        check_train: called before a plant of ours is started; raises SettingsError for a train that
+            does not go with the controller.
+        """
         self._options, self._journey, self._folder = options, journey, folder
+        self._check_train = check_train
         self._clock = WallClock()
         self._interrupts = Interrupts()
         self._picture = BusPicture(BIT_RATE)
@@ -103,7 +114,7 @@ class RealtimeRun:
             tags = str(folder / "tags") if options.tags == "auto" else options.tags
             radio = self._known_radio(spec) if options.radio == "auto" else options.radio
             return tags, radio, False
-        check_reference(config_of(options), scenario_of(options).train)
+        self._check_train()
         radio = pick_endpoint() if options.radio == "auto" else options.radio
         self._display.say("plant: none answered within a second; starting the emulator beside")
         child = Child(

@@ -82,7 +82,13 @@ def _run(options: RunOptions, console: Console) -> int:
         ending = run_lockstep(options, journey, folder)
     else:
         try:
-            ending = RealtimeRun(options, journey, folder, console).run()
+            ending = RealtimeRun(
+                options,
+                journey,
+                folder,
+                console,
+                check_train=lambda: check_reference(config, scenario.train),
+            ).run()
         except (BusError, SettingsError):
             discard_unused(folder)
             raise

@@ -166,5 +166,7 @@ class Loops:
             self._command = None
             self._watch.lost()
         command = self._command
-        self.traction.step(command and command.traction_ma, traction_mps2, now_ns)
-        self.brake.step(command and command.brake_ma, brake_mps2, now_ns)
+        traction_ma = None if command is None else command.traction_ma
+        brake_ma = None if command is None else command.brake_ma
+        self.traction.step(traction_ma, traction_mps2, now_ns)
+        self.brake.step(brake_ma, brake_mps2, now_ns)
