@@ -365,13 +365,16 @@ class Ato:
 
     def _shape(self, seen: AtoInput, drive: Drive) -> float:
         wanted_mps2 = drive.accel_mps2
+        drives = (self.phase in DRIVING or self.phase in SETTING_OFF) and not self._hold
         sets_off = self.phase in SETTING_OFF and wanted_mps2 >= 0.0
         if self._hold and not (sets_off or self.phase is AtoPhase.DEPARTING):
             wanted_mps2 = min(wanted_mps2, 0.0)
             if not (seen.holding_applied and seen.standstill):
                 wanted_mps2 = -self._config.station.hold_decel_mps2
+        firm = not drives or self._overruled
         # A missed cycle and a clock that stepped look alike: never more than one cycle's change.
-        accel_mps2 = self._shaper.step(wanted_mps2, min(seen.dt_s, self._dt_s))
+        dt_s = min(seen.dt_s, self._dt_s)
+        accel_mps2 = self._shaper.step(self._stage.pick(wanted_mps2, dt_s, firm=firm), dt_s)
         unready = self._hold and self.phase not in DRIVING | SETTING_OFF
         if accel_mps2 > 0.0 and (unready or (not seen.doors_locked and not self._seen.under_way)):
             accel_mps2 = self._shaper.drop_traction()

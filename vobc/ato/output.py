@@ -12,11 +12,20 @@ from vobc.ato.output_config import OutputStage
 
 SAME_MPS2: Final = 1e-9
 """A demand so close to a level is meant to be it."""
+FAR_NOTCHES: Final = 4
+"""A change over so many notches does not wait for the dwell time."""
 
 
 class Stage(Protocol):
+    def pick(self, wanted_mps2: float, dt_s: float, *, firm: bool) -> float:
+        """What the shaper shall head for, of what is wanted.
+
+        Args:
+            firm: no less brake than is wanted; else the nearest will do.
+        """
+
     def step(self, demand_mps2: float, dt_s: float) -> float:
-        """The demand that really leaves in this cycle."""
+        """The demand that really leaves in this cycle, of the shaped one."""
 
 
 class Continuous:
@@ -24,26 +33,23 @@ class Continuous:
 
     __slots__ = ()
 
+    def pick(self, wanted_mps2: float, dt_s: float, *, firm: bool) -> float:
+        return wanted_mps2
+
     def step(self, demand_mps2: float, dt_s: float) -> float:
         return demand_mps2
 
 
 class Notches:
-    """A master controller: notch by notch along the shaper's ramp, as the ramp reaches each one.
+    """A master controller: it rests on notches, and moves between them along the shaper's ramp.
 
-    Steps down are made at once. A step up waits for the dwell time after a step down, and until the
-    demand is well over the notch; more of them go out one a cycle. A demand that rests on a notch
-    has picked it, and gets it without waiting.
+    A notch stays for the dwell time, and until what is wanted is nearer to another one by the
+    hysteresis; a demand far off does not wait. Traction is never more than wanted, and any brake,
+    however small, keeps the least notch on. A demand that is a notch was picked by the law, and is
+    taken as it is.
     """
 
-    __slots__ = (
-        "_before_mps2",
-        "_dwell_s",
-        "_hysteresis_ratio",
-        "_index",
-        "_levels_mps2",
-        "_since_down_s",
-    )
+    __slots__ = ("_dwell_s", "_hysteresis_ratio", "_index", "_levels_mps2", "_since_s")
 
     def __init__(self, config: OutputStage) -> None:
         brakes_mps2 = [-level_mps2 for level_mps2 in reversed(config.brake_levels_mps2)]
@@ -51,38 +57,50 @@ class Notches:
         self._index = len(brakes_mps2)
         self._hysteresis_ratio = config.hysteresis_ratio
         self._dwell_s = config.dwell_s
-        self._since_down_s = math.inf
-        self._before_mps2 = 0.0
+        self._since_s = math.inf
+
+    def pick(self, wanted_mps2: float, dt_s: float, *, firm: bool) -> float:
+        self._since_s += dt_s
+        best = self._at_most(wanted_mps2) if firm else self._nearest(wanted_mps2)
+        picked = abs(self._levels_mps2[best] - wanted_mps2) <= SAME_MPS2
+        if best != self._index and (firm or picked or self._may_change(wanted_mps2, best)):
+            self._index, self._since_s = best, 0.0
+        return self._levels_mps2[self._index]
 
     def step(self, demand_mps2: float, dt_s: float) -> float:
-        self._since_down_s += dt_s
-        levels_mps2 = self._levels_mps2
-        at_most = self._highest_within(demand_mps2)
-        if at_most < self._index:
-            self._index = at_most
-            self._since_down_s = 0.0
-        elif at_most > self._index:
-            rests = abs(demand_mps2 - self._before_mps2) <= SAME_MPS2
-            if rests and abs(demand_mps2 - levels_mps2[at_most]) <= SAME_MPS2:
-                self._index += 1
-            elif self._since_down_s >= self._dwell_s:
-                self._index = min(self._index + 1, self._well_within(demand_mps2, at_most))
-        self._before_mps2 = demand_mps2
-        return levels_mps2[self._index]
+        return demand_mps2
 
-    def _highest_within(self, demand_mps2: float) -> int:
-        """The highest level at or under the demand; under all of them, the strongest brake."""
+    def _may_change(self, wanted_mps2: float, best: int) -> bool:
+        if abs(best - self._index) >= FAR_NOTCHES:
+            return True
+        if self._since_s < self._dwell_s:
+            return False
+        levels_mps2 = self._levels_mps2
+        here_mps2 = levels_mps2[self._index]
+        if here_mps2 < 0.0 <= levels_mps2[best] or levels_mps2[best] < 0.0 <= here_mps2:
+            return True
+        towards = self._index + (1 if best > self._index else -1)
+        gap_mps2 = abs(levels_mps2[towards] - here_mps2)
+        # Traction is never rounded up, so that its notches change where they are reached.
+        share_ratio = 0.5 if here_mps2 < 0.0 else 1.0 if best > self._index else 0.0
+        return abs(wanted_mps2 - here_mps2) >= (share_ratio + self._hysteresis_ratio) * gap_mps2
+
+    def _nearest(self, wanted_mps2: float) -> int:
+        """Of the brakes the nearest, and no release; of traction the next at or under it."""
+        below = self._at_most(wanted_mps2)
+        above = below + 1
+        levels_mps2 = self._levels_mps2
+        if wanted_mps2 >= -SAME_MPS2 or levels_mps2[above] >= 0.0:
+            return below
+        nearer = levels_mps2[above] - wanted_mps2 < wanted_mps2 - levels_mps2[below]
+        return above if nearer else below
+
+    def _at_most(self, wanted_mps2: float) -> int:
+        """The highest level at or under it; under all of them, the strongest brake."""
         index = len(self._levels_mps2) - 1
-        while index > 0 and self._levels_mps2[index] > demand_mps2 + SAME_MPS2:
+        while index > 0 and self._levels_mps2[index] > wanted_mps2 + SAME_MPS2:
             index -= 1
         return index
-
-    def _well_within(self, demand_mps2: float, at_most: int) -> int:
-        levels_mps2 = self._levels_mps2
-        above = min(at_most + 1, len(levels_mps2) - 1)
-        gap_mps2 = levels_mps2[above] - levels_mps2[above - 1]
-        enough_mps2 = levels_mps2[at_most] + self._hysteresis_ratio * gap_mps2
-        return at_most if demand_mps2 >= enough_mps2 else at_most - 1
 
 
 class CurrentLoop:
@@ -99,6 +117,9 @@ class CurrentLoop:
         self._brake_full_mps2 = config.loop_brake_full_mps2
         self.traction_ma = current_loop.current_ma(0.0, self._bits, up=False)
         self.brake_ma = self.traction_ma
+
+    def pick(self, wanted_mps2: float, dt_s: float, *, firm: bool) -> float:
+        return wanted_mps2
 
     def step(self, demand_mps2: float, dt_s: float) -> float:
         pull_ratio = max(0.0, demand_mps2) / self._traction_full_mps2

@@ -49,6 +49,7 @@ LOOK_AHEAD_RATIO: Final = 1.3
 class Predictive:
     __slots__ = (
         "_braking",
+        "_by_notches",
         "_ceiling",
         "_config",
         "_curve",
@@ -67,6 +68,7 @@ class Predictive:
         "_rail",
         "_rejoin_m",
         "_slowing_to",
+        "_wanted_mps2",
         "most_mps",
         "speed_mps",
     )
@@ -82,6 +84,9 @@ class Predictive:
         self._manner = self._rail.manner
         self._limits = self._manner.limits
         self._demand_mps2 = 0.0
+        self._by_notches = config.output.stage == "notches"
+        self._wanted_mps2: float | None = None
+        """Of the brake, in the cycle before; None while the train does not brake."""
         self._curve = profile.curve_to_stop(config, line, line.end_m)
         self._planned_for: tuple[Target, float, bool] | None = None
         self._peak_mps = 0.0
@@ -144,6 +149,7 @@ class Predictive:
         if not self._braking and slowing is None:
             margin_mps = self._config.speed.margin_mps
             top_mps = min(limit_mps, ceiling_mps) - margin_mps
+            self._wanted_mps2 = None
             target_mps = max(0.0, min(top_mps, self._peak_mps, self.most_mps))
             return self._cruise(seen, target_mps)
         decel_mps2 = self._braking_decel_mps2(ahead, target_m, slowing)
@@ -153,9 +159,16 @@ class Predictive:
         demand_mps2 = self._brake_demand_mps2(decel_mps2, ahead)
         # Measured from what left last, so that the brake comes on as gently as it was planned to.
         onset_mps2 = self._config.braking.onset_jerk_mps3 * seen.dt_s
-        demand_mps2 = max(demand_mps2, self._demand_mps2 - onset_mps2)
+        demand_mps2 = max(demand_mps2, self._onset_from_mps2() - onset_mps2)
+        self._wanted_mps2 = demand_mps2
         reference_mps = self._reference_mps(self._front.front_m, target_m, slowing)
         return Drive(demand_mps2, reference_mps, self._braking)
+
+    def _onset_from_mps2(self) -> float:
+        """Where notches leave, the ramp goes on from what was wanted: it would never reach one."""
+        if not self._by_notches or self._wanted_mps2 is None:
+            return self._demand_mps2
+        return min(self._demand_mps2, self._wanted_mps2)
 
     def _reference_mps(
         self, front_m: float, target_m: float, slowing: profile.LowerLimit | None
