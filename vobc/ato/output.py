@@ -12,6 +12,9 @@ from vobc.ato.output_config import OutputStage
 
 SAME_MPS2: Final = 1e-9
 """A demand so close to a level is meant to be it."""
+TREND_S: Final = 0.3
+TREND_MPS3: Final = 0.6
+"""The slope of what is wanted is smoothed over that time, and no steeper than that."""
 FAR_NOTCHES: Final = 4
 """A change over so many notches does not wait for the dwell time."""
 
@@ -49,7 +52,15 @@ class Notches:
     taken as it is.
     """
 
-    __slots__ = ("_dwell_s", "_hysteresis_ratio", "_index", "_levels_mps2", "_since_s")
+    __slots__ = (
+        "_before_mps2",
+        "_dwell_s",
+        "_hysteresis_ratio",
+        "_index",
+        "_levels_mps2",
+        "_since_s",
+        "_trend_mps3",
+    )
 
     def __init__(self, config: OutputStage) -> None:
         brakes_mps2 = [-level_mps2 for level_mps2 in reversed(config.brake_levels_mps2)]
@@ -58,17 +69,32 @@ class Notches:
         self._hysteresis_ratio = config.hysteresis_ratio
         self._dwell_s = config.dwell_s
         self._since_s = math.inf
+        self._before_mps2 = 0.0
+        self._trend_mps3 = 0.0
 
     def pick(self, wanted_mps2: float, dt_s: float, *, firm: bool) -> float:
         self._since_s += dt_s
-        best = self._at_most(wanted_mps2) if firm else self._nearest(wanted_mps2)
+        best = self._at_most(wanted_mps2)
         picked = abs(self._levels_mps2[best] - wanted_mps2) <= SAME_MPS2
+        self._follow_trend(wanted_mps2, dt_s)
+        if not (firm or picked):
+            # A notch that stays shall fit in the middle of its stay.
+            if wanted_mps2 < 0.0:
+                ahead_mps2 = wanted_mps2 + self._trend_mps3 * self._dwell_s / 2.0
+                wanted_mps2 = min(-SAME_MPS2, ahead_mps2)
+            best = self._nearest(wanted_mps2)
         if best != self._index and (firm or picked or self._may_change(wanted_mps2, best)):
             self._index, self._since_s = best, 0.0
         return self._levels_mps2[self._index]
 
     def step(self, demand_mps2: float, dt_s: float) -> float:
         return demand_mps2
+
+    def _follow_trend(self, wanted_mps2: float, dt_s: float) -> None:
+        slope_mps3 = (wanted_mps2 - self._before_mps2) / dt_s
+        self._before_mps2 = wanted_mps2
+        slope_mps3 = max(-TREND_MPS3, min(TREND_MPS3, slope_mps3))
+        self._trend_mps3 += (slope_mps3 - self._trend_mps3) * min(1.0, dt_s / TREND_S)
 
     def _may_change(self, wanted_mps2: float, best: int) -> bool:
         if abs(best - self._index) >= FAR_NOTCHES:
