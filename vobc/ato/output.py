@@ -15,6 +15,9 @@ SAME_MPS2: Final = 1e-9
 TREND_S: Final = 0.3
 TREND_MPS3: Final = 0.6
 """The slope of what is wanted is smoothed over that time, and no steeper than that."""
+LIGHT_MPS2: Final = 0.25
+LIGHT_RATIO: Final = 0.6
+"""Under so much brake the dwell time is shorter by this."""
 FAR_NOTCHES: Final = 4
 """A change over so many notches does not wait for the dwell time."""
 
@@ -57,6 +60,7 @@ class Notches:
         "_dwell_s",
         "_hysteresis_ratio",
         "_index",
+        "_least_brake_mps2",
         "_levels_mps2",
         "_since_s",
         "_trend_mps3",
@@ -68,6 +72,7 @@ class Notches:
         self._index = len(brakes_mps2)
         self._hysteresis_ratio = config.hysteresis_ratio
         self._dwell_s = config.dwell_s
+        self._least_brake_mps2 = -config.brake_levels_mps2[0]
         self._since_s = math.inf
         self._before_mps2 = 0.0
         self._trend_mps3 = 0.0
@@ -81,7 +86,7 @@ class Notches:
             # A notch that stays shall fit in the middle of its stay.
             if wanted_mps2 < 0.0:
                 ahead_mps2 = wanted_mps2 + self._trend_mps3 * self._dwell_s / 2.0
-                wanted_mps2 = min(-SAME_MPS2, ahead_mps2)
+                wanted_mps2 = min(self._least_brake_mps2, ahead_mps2)
             best = self._nearest(wanted_mps2)
         if best != self._index and (firm or picked or self._may_change(wanted_mps2, best)):
             self._index, self._since_s = best, 0.0
@@ -99,10 +104,12 @@ class Notches:
     def _may_change(self, wanted_mps2: float, best: int) -> bool:
         if abs(best - self._index) >= FAR_NOTCHES:
             return True
-        if self._since_s < self._dwell_s:
-            return False
         levels_mps2 = self._levels_mps2
         here_mps2 = levels_mps2[self._index]
+        # What brakes little, or shall, is about to stop: there a strong notch must not stay.
+        light = -LIGHT_MPS2 < wanted_mps2 < 0.0
+        if self._since_s < self._dwell_s * (LIGHT_RATIO if light else 1.0):
+            return False
         if here_mps2 < 0.0 <= levels_mps2[best] or levels_mps2[best] < 0.0 <= here_mps2:
             return True
         towards = self._index + (1 if best > self._index else -1)
