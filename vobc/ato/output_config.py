@@ -21,11 +21,11 @@ class OutputStage:
         *(0.45, 0.5, 0.55, 0.6, 0.65, 0.7, 0.75, 0.8),
     )
     """Deceleration of each brake notch on the level, rising."""
-    hysteresis_ratio: float = 0.3
-    """So far into the step above a notch a demand has to be, as a share of it, for the notch to be
-    taken upwards (more traction or less brake)."""
-    dwell_s: float = 0.3
-    """After a step down (less traction or more brake) no step up for so long."""
+    hysteresis_ratio: float = 0.4
+    """So far beyond the middle between two brake notches a demand has to be, as a share of the step
+    between them, for the other one to be taken; with traction, beyond the notch itself."""
+    dwell_s: float = 0.7
+    """A notch stays for so long, unless the demand is far off it; with little brake a part of it."""
     loop_bits: int = 12
     """Resolution of the converter that drives the current loops, over 0 to 20 mA."""
     loop_traction_full_mps2: float = 1.0
