@@ -1,9 +1,13 @@
 """One hop behind each output stage in virtual time: where it stops, what leaves, the same bytes."""
 
+import itertools
 from pathlib import Path
 
 import pytest
 
+from can_dbc.analogue import AnalogueCommand
+from can_dbc.brake import BrakeCommand
+from can_dbc.codec import Decoder
 from metro_hil.columns import read_columns
 from metro_hil.ending import ARRIVED
 from metro_hil.journey import plan_journey
@@ -12,13 +16,16 @@ from metro_hil.measures import measure_ride, measure_stops
 from metro_hil.options import parse
 from metro_hil.results import sha256_of
 from metro_hil.run_folder import RunFolder
+from metro_hil.vobc_command import EXIT_USAGE, main
 from vobc.ato.output_config import STAGES
 
 TRAINS = {"current_loop": ("--consist", "florence4_loop")}
 """The stages that the default train would not follow."""
 WINDOW_M = 0.30
 JERK_MPS3 = 0.75
-"""What a hop may feel like without notches; behind them no law promises the ride."""
+"""What a hop may feel like; behind notches the stop itself may jolt, what is commanded may not."""
+CHANGES_MAX = 15
+"""Of the notch of the brake, for a stop."""
 RESOLUTION_MPS2 = 1e-3
 """Of a demand on the bus."""
 
@@ -52,16 +59,69 @@ def test_behind_every_stage_the_train_stops_in_its_window(
         assert measure_ride(truth).max_jerk_mps3 <= JERK_MPS3
 
 
-def test_in_notches_nothing_but_notches_leaves(hops: dict[str, RunFolder]) -> None:
+def test_in_notches_the_demand_rests_on_notches_and_ramps_between_them(
+    hops: dict[str, RunFolder],
+) -> None:
     output = config_of(parse(["run", "--lockstep"])).ato.output
     levels = {0.0, *output.traction_levels_mps2}
     levels |= {-level_mps2 for level_mps2 in output.brake_levels_mps2}
-    sent = read_columns(hops["notches"].cycle_log).numbers("demand_mps2").tolist()
-    driven = [sent_mps2 for sent_mps2 in sent if abs(sent_mps2) <= 0.8]
+    log = read_columns(hops["notches"].cycle_log)
+    driven = [
+        sent_mps2
+        for sent_mps2, phase in zip(
+            log.numbers("demand_mps2").tolist(), log.texts("phase"), strict=True
+        )
+        if phase in ("departing", "running", "approaching", "stopping")
+    ]
+    rests = [value for value, stay in itertools.groupby(driven) if len(list(stay)) >= 4]
+    steps = [abs(after - before) for before, after in itertools.pairwise(driven)]
 
-    assert len(set(driven)) > 10
-    for sent_mps2 in set(driven):
+    assert len(rests) > 10
+    for sent_mps2 in rests:
         assert min(abs(sent_mps2 - level) for level in levels) <= RESOLUTION_MPS2, sent_mps2
+    assert max(steps) <= 0.6 * 0.05 + 1e-9
+    brakings = [value for value in rests[rests.index(max(rests)) :] if value < 0.0]
+    assert 3 < len(brakings) <= CHANGES_MAX
+
+
+def test_the_units_follow_their_loops_and_not_the_bus(hops: dict[str, RunFolder]) -> None:
+    """What the loops carry is a demand in mA beside each protected one, and never without it."""
+    decoder, shares = Decoder([AnalogueCommand, BrakeCommand]), []
+    # Its last word overtakes the currents of the cycle before by its identifier.
+    before_mps2, said_mps2 = 0.0, 0.0
+    with hops["current_loop"].bus_log.open(encoding="ascii") as lines:
+        for line in lines:
+            stamp, _, frame = line.split()
+            identifier, data = frame.split("#")
+            stamp_ns = round(float(stamp.strip("()")) * 1e9)
+            heard = decoder.decode(int(identifier, 16), bytes.fromhex(data), stamp_ns)
+            if isinstance(heard, BrakeCommand):
+                before_mps2, said_mps2 = said_mps2, heard.service_decel_mps2
+            elif isinstance(heard, AnalogueCommand):
+                share = max(0.0, (heard.brake_ma - 4.0) / 14.0)
+                shares.append(min(abs(share - min(1.0, x)) for x in (before_mps2, said_mps2)))
+
+    assert len(shares) > 1000
+    assert max(shares) <= 0.1 / 14.0 + 2.0 * RESOLUTION_MPS2
+    assert "0x107" not in {f"{number:#05x}" for number in _identifiers(hops["continuous"])}
+
+
+def _identifiers(run: RunFolder) -> set[int]:
+    with run.bus_log.open(encoding="ascii") as lines:
+        return {int(line.split()[2].partition("#")[0], 16) for line in lines}
+
+
+def test_a_train_that_takes_its_reference_from_elsewhere_is_refused_before_the_run(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    for words, told in (
+        (["--output", "current_loop"], "such as --consist florence4_loop"),
+        (["--consist", "florence4_loop"], "needs --output current_loop, not continuous"),
+    ):
+        out = tmp_path / "run"
+        assert main(["run", "--lockstep", "--out", str(out), *words]) == EXIT_USAGE
+        assert told in capsys.readouterr().err
+        assert not out.exists()
 
 
 def test_the_same_hop_in_notches_gives_the_same_frames(

@@ -13,7 +13,7 @@ from vobc.ato.output_config import OutputStage
 SAME_MPS2: Final = 1e-9
 """A demand so close to a level is meant to be it."""
 TREND_S: Final = 0.3
-TREND_MPS3: Final = 0.6
+TREND_MPS3: Final = 0.3
 """The slope of what is wanted is smoothed over that time, and no steeper than that."""
 LIGHT_MPS2: Final = 0.25
 LIGHT_RATIO: Final = 0.6
