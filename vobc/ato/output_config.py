@@ -25,7 +25,7 @@ class OutputStage:
     """So far beyond the middle between two brake notches a demand has to be, as a share of the step
     between them, for the other one to be taken; with traction, beyond the notch itself."""
     dwell_s: float = 0.7
-    """A notch stays for so long, unless the demand is far off it; with little brake a part of it."""
+    """A notch stays for so long, unless the demand is far off; with little brake a part of it."""
     loop_bits: int = 12
     """Resolution of the converter that drives the current loops, over 0 to 20 mA."""
     loop_traction_full_mps2: float = 1.0
