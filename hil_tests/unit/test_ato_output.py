@@ -165,6 +165,15 @@ def test_what_has_to_be_braked_firmly_does_not_wait() -> None:
     assert pick(stage, -0.65, firm=True) == -0.8
 
 
+def test_a_clock_that_stood_or_stepped_back_does_no_harm() -> None:
+    stage = Notches(FINE)
+    held_mps2(stage, -0.4)
+
+    assert stage.pick(-0.41, 0.0, firm=False) == -0.4
+    assert stage.pick(-0.41, -5.0, firm=False) == -0.4
+    assert held_mps2(stage, -0.47, cycles=200) == -0.45
+
+
 def test_between_notches_what_leaves_is_the_shaped_ramp() -> None:
     assert [Notches(CONFIG).step(demand_mps2, DT_S) for demand_mps2 in (0.13, -0.17)] == [
         0.13, -0.17,

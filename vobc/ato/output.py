@@ -96,8 +96,10 @@ class Notches:
         return demand_mps2
 
     def _follow_trend(self, wanted_mps2: float, dt_s: float) -> None:
-        slope_mps3 = (wanted_mps2 - self._before_mps2) / dt_s
-        self._before_mps2 = wanted_mps2
+        change_mps2, self._before_mps2 = wanted_mps2 - self._before_mps2, wanted_mps2
+        if dt_s <= 0.0:
+            return
+        slope_mps3 = change_mps2 / dt_s
         slope_mps3 = max(-TREND_MPS3, min(TREND_MPS3, slope_mps3))
         self._trend_mps3 += (slope_mps3 - self._trend_mps3) * min(1.0, dt_s / TREND_S)
 
