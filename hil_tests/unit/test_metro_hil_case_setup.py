@@ -1,5 +1,6 @@
 """From the keys of a scenario to line, mission, real train and believed train."""
 
+import msgspec
 import pytest
 
 from firmware_py.settings import SettingsError
@@ -77,3 +78,12 @@ def test_what_does_not_fit_is_named(keys: dict[str, object], words: str) -> None
         parts_of(case(**keys))
 
     assert words in str(raised.value)
+
+
+def test_a_fault_of_a_part_that_the_train_lacks_is_refused_with_its_case() -> None:
+    broken = msgspec.structs.replace(case(), faults=({"kind": "loop_break"},))
+    with pytest.raises(SettingsError, match=r"s/1: fault\[0\]\.kind: loop_break: the train"):
+        parts_of(broken)
+
+    looped = Setup(real={"loop.connected": True})
+    assert len(parts_of(msgspec.structs.replace(broken, setup=looped)).faults) == 1
