@@ -77,6 +77,9 @@ def parser() -> argparse.ArgumentParser:
     verbs.add_parser(
         "tune", help="re-tune a control law and write a parameter file", add_help=False
     )
+    verbs.add_parser(
+        "design-curve", help="design the power-limited running curve of one hop", add_help=False
+    )
     _add_journey(run)
     _add_desk(run)
     _add_wires(run)

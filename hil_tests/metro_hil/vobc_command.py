@@ -1,4 +1,4 @@
-"""`vobc run`: parse, run in real time or in lockstep, report; `vobc explain` and `vobc tune`."""
+"""`vobc run`: parse, run in real time or in lockstep, report; and the doors to its sister verbs."""
 
 import sys
 from collections.abc import Sequence
@@ -54,6 +54,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         from metro_hil.tune import command as tune
 
         return tune.main(words[1:])
+    if words[:1] == ["design-curve"]:
+        from metro_hil.running_curve import command as design_curve
+
+        return design_curve.main(words[1:])
     options = parse(words)
     console = Console(stderr=options.json)
     try:

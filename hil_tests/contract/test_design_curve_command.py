@@ -1,0 +1,53 @@
+"""`vobc design-curve` from the outside: what it prints, writes and refuses."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from metro_hil.vobc_command import main
+
+
+def test_the_answer_as_json_says_what_was_used_and_keeps_the_time(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    out = tmp_path / "page.png"
+    words = ["--line", "nanakuma", "--from", "Chayama", "--to", "Befu", "--eta", "5", "--json"]
+
+    assert main(["design-curve", *words, "--optimal", "--literal", "--out", str(out)]) == 0
+
+    told = json.loads(capsys.readouterr().out)
+    assert (told["from"], told["to"], told["length_m"]) == ("Chayama", "Befu", 1000.0)
+    assert told["train"]["name"] == "seed002"
+    assert told["curve"]["time_s"] == pytest.approx(72.5, abs=0.02)
+    assert told["optimum"]["above_ratio"] > 0.0
+    assert told["profile"]["speed_mps"][0] == 0.0
+    assert out.read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(
+    ("words", "complaint"),
+    [
+        (["--from", "Befuu"], "--from Befuu: no such station; nanakuma has Hashimoto"),
+        (["--from", "Befu", "--to", "Chayama"], "--to Chayama: not beyond Befu"),
+        (["--from", "Tenjin-Minami"], "--from Tenjin-Minami: is the last station"),
+        (["--time", "40"], "--time 40: the fastest run of seed002 takes"),
+        (["--time", "900"], "--time 900: with the least power limit"),
+        (["--train", "seed003"], "seed003"),
+        (["--out", "page.pdf"], "--out page.pdf: is not named .png"),
+    ],
+)
+def test_a_mistake_of_the_user_is_one_line(
+    words: list[str], complaint: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["design-curve", *words]) == 2
+
+    told = capsys.readouterr().err
+    assert complaint in told
+    assert told.count("\n") == 1
+
+
+@pytest.mark.parametrize("words", [["--eta", "-1"], ["--receptive", "2"], ["--time", "soon"]])
+def test_a_number_out_of_range_is_wrong_usage(words: list[str]) -> None:
+    with pytest.raises(SystemExit, match="2"):
+        main(["design-curve", *words])
