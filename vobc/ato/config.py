@@ -6,6 +6,7 @@ from typing import Final
 from vobc.ato.chasing_config import ChasingScheme
 from vobc.ato.output_config import OutputStage
 from vobc.ato.pid_config import PidGains, PidScheme, PrintedScheme
+from vobc.ato.power_limited_config import PowerLimited
 from vobc.ato.timing_config import Timing
 
 MAX_DEAD_TIMES: Final = 16
@@ -275,6 +276,7 @@ class AtoConfig:
     pid: PidScheme = field(default_factory=PidScheme)
     pid_literal: PrintedScheme = field(default_factory=PrintedScheme)
     timing: Timing = field(default_factory=Timing)
+    power_limited: PowerLimited = field(default_factory=PowerLimited)
     chasing: ChasingScheme = field(default_factory=ChasingScheme)
     output: OutputStage = field(default_factory=OutputStage)
 

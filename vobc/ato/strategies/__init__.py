@@ -10,6 +10,7 @@ from vobc.ato.strategies.chasing import Chasing
 from vobc.ato.strategies.chasing_literal import ChasingLiteral
 from vobc.ato.strategies.pid import PidPredicted
 from vobc.ato.strategies.pid_literal import PidLiteral
+from vobc.ato.strategies.power_limited import PowerLimitedRun
 from vobc.ato.strategies.predictive import Predictive
 from vobc.ato.strategies.strategy import Strategy
 from vobc.ato.strategies.timing import TimedRun
@@ -19,6 +20,7 @@ STRATEGIES: Final[Mapping[str, Callable[[AtoConfig, LineMap, float], Strategy]]]
     "pid": PidPredicted,
     "pid_literal": PidLiteral,
     "timing": TimedRun,
+    "power_limited": PowerLimitedRun,
     "chasing": Chasing,
     "chasing_literal": ChasingLiteral,
 }
