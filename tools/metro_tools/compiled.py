@@ -53,7 +53,7 @@ HOT: Final = (
     "plant_emulator/consist/motion.py",
     "plant_emulator/faults/schedule.py",
     "plant_emulator/noise.py",
-    "plant_emulator/power.py",
+    "plant_emulator/power/box.py",
     "plant_emulator/process.py",
     "plant_emulator/sensors/inertial.py",
     "plant_emulator/sensors/tacho.py",

@@ -1,0 +1,119 @@
+"""What the simulation of the line is told: train, line, power supply, timetable, law."""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plant_emulator.power.network import Network, Section, Substation, Voltages
+
+Numbers = NDArray[np.float64]
+TRAINS: Final = 7
+HEADWAY_S: Final = 180.0
+LEGS: Final = 6
+"""Three hops there, three back."""
+STOPS_M: Final = (0.0, 3799.0, 5824.0, 7788.0)
+SUBSTATIONS_M: Final = (0.0, 1900.0, 3799.0, 5824.0, 7788.0)
+RUNS_S: Final = (216.0, 130.0, 127.0, 127.0, 130.0, 216.0)
+DWELL_S: Final = 30.0
+DWELL_SPREAD_S: Final = 10.0
+TURNBACK_S: Final = 97.0
+TURNBACK_MIN_S: Final = 60.0
+LAP_S: Final = TRAINS * HEADWAY_S
+
+
+@dataclass(frozen=True, slots=True)
+class LineTrain:
+    """Type B as a point of mass; forces and powers at the wheel."""
+
+    mass_kg: float = 198000.0
+    """Rotating masses included."""
+    weight_kg: float = 190000.0
+    traction_force_n: float = 180000.0
+    traction_power_w: float = 2.0e6
+    brake_force_n: float = 180000.0
+    brake_power_w: float = 3.0e6
+    traction_efficiency_ratio: float = 0.86
+    regeneration_efficiency_ratio: float = 0.86
+    auxiliary_w: float = 120000.0
+    speed_max_mps: float = 80.0 / 3.6
+    jerk_mps3: float = 0.75
+    decel_mps2: float = 0.85
+    """Of parking; the motors' share of it shrinks over 17 m/s."""
+
+    def resistance_coefficients_n(self) -> tuple[float, float, float]:
+        """Table 2 of seed 000, N for each kN and km/h, as N over m/s."""
+        weight_kn = self.weight_kg * 9.81e-3
+        return (3.74 * weight_kn, 0.025 * 3.6 * weight_kn, 0.000792 * 3.6**2 * weight_kn)
+
+
+@dataclass(frozen=True, slots=True)
+class Supply:
+    name: str
+    no_load_v: float
+    source_ohm: float
+    ohm_per_km: float
+    voltages: Voltages
+
+    def network(self) -> Network:
+        names = [f"S{at_m:.0f}" for at_m in SUBSTATIONS_M]
+        sections = [
+            Section(near, far, near_m, far_m, self.ohm_per_km)
+            for near, far, near_m, far_m in zip(
+                names, names[1:], SUBSTATIONS_M, SUBSTATIONS_M[1:], strict=False
+            )
+        ]
+        stations = [Substation(name, self.no_load_v, self.source_ohm) for name in names]
+        return Network(sections, stations, self.voltages)
+
+
+STRONG: Final = Supply(
+    "strong", 836.0, 0.015, 0.020, Voltages(chops_from_v=880.0, chops_all_v=900.0)
+)
+WEAK: Final = Supply(
+    "weak", 850.0, 0.015, 0.030, Voltages(chops_from_v=860.0, chops_all_v=870.0)
+)
+SUPPLIES: Final = {supply.name: supply for supply in (STRONG, WEAK)}
+
+
+@dataclass(frozen=True, slots=True)
+class Timetable:
+    """`runs_s` (6,); trains leave one terminal every headway and the other `phase_s` later."""
+
+    runs_s: tuple[float, ...] = RUNS_S
+    phase_s: float = 630.0
+    """From leaving Zhuxinzhuang to leaving the far terminal: trip, dwells, turnback."""
+    hold_mps: tuple[float, ...] = (0.0,) * LEGS
+    coast_m: tuple[float, ...] = (0.0,) * LEGS
+    """Where coasting begins, from the start of each leg; only for the regime of hold and coast."""
+
+
+@dataclass(frozen=True, slots=True)
+class Law:
+    """How trains choose their speed between stations."""
+
+    name: str
+    alpha_ratio: float = 1.0
+    beta_ratio: float = 0.0
+    horizon_s: float = 1.0
+    constant_v: float = 0.0
+    """More than 0: the law is shown this voltage instead of the true one (ablation)."""
+    standard_v: float = 750.0
+    reversed_sign: bool = False
+    literal_time: bool = False
+    hold_and_coast: bool = False
+
+    def as_array(self) -> Numbers:
+        """In the order of `kernel`'s places."""
+        return np.array(
+            [
+                *(self.alpha_ratio, self.beta_ratio, self.horizon_s, self.constant_v),
+                *(self.standard_v, -1.0 if self.reversed_sign else 1.0),
+                *(float(self.literal_time), float(self.hold_and_coast)),
+            ]
+        )
+
+
+TRADITIONAL: Final = Law("traditional")
+HOLD_AND_COAST: Final = Law("hold and coast", hold_and_coast=True)

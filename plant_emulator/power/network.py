@@ -1,0 +1,377 @@
+"""The DC network of a line: substations, sections of feeder and rails, trains wherever they are.
+
+Sections join at named joints and make a tree, or several. A section with substations at both ends
+is fed bilaterally, with one at an end unilaterally; a joint without a substation is a place where
+sections meet. Trains are nodes of their own on the sections that they stand on.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plant_emulator.power import flow
+from plant_emulator.power.compiled import kernel
+
+Numbers = NDArray[np.float64]
+LEAST_M: Final = 0.1
+"""Two nodes on one section are at least so far apart: a short cut between trains has no less."""
+M_PER_KM: Final = 1000.0
+
+
+@dataclass(frozen=True, slots=True)
+class Substation:
+    """A rectifier: it takes nothing back."""
+
+    joint: str
+    no_load_v: float
+    source_ohm: float
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """Feeder and return together, from one joint to another."""
+
+    begin: str
+    end: str
+    begin_m: float
+    end_m: float
+    """Chainage of both ends; trains are found by it."""
+    ohm_per_km: float
+
+
+@dataclass(frozen=True, slots=True)
+class Voltages:
+    """Where trains begin to do with less, and where their resistors begin to take over."""
+
+    no_effort_v: float = 500.0
+    full_effort_v: float = 600.0
+    chops_from_v: float = 880.0
+    chops_all_v: float = 900.0
+    smooth_v: float = 2.0
+    """Of the rectifier's knee."""
+    floor_v: float = 100.0
+    ceiling_v: float = 1200.0
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.floor_v <= self.no_effort_v < self.full_effort_v:
+            raise ValueError("not 0 < floor_v <= no_effort_v < full_effort_v")
+        if not self.full_effort_v < self.chops_from_v < self.chops_all_v <= self.ceiling_v:
+            raise ValueError("not full_effort_v < chops_from_v < chops_all_v <= ceiling_v")
+        if not self.smooth_v > 0.0:
+            raise ValueError(f"smooth_v {self.smooth_v} is not positive")
+
+    def as_array(self) -> Numbers:
+        """In the order of `flow`'s places."""
+        return np.array(
+            [
+                *(self.no_effort_v, self.full_effort_v, self.chops_from_v, self.chops_all_v),
+                *(self.smooth_v, self.floor_v, self.ceiling_v),
+            ]
+        )
+
+
+class Load(NamedTuple):
+    """One train as the network sees it."""
+
+    at_m: float
+    wants_w: float
+    """Electrical traction power; zero or more."""
+    gives_w: float
+    """Regenerated power that it would feed; zero or more."""
+    auxiliary_w: float
+
+
+class Fed(NamedTuple):
+    """What became of one train's wishes."""
+
+    voltage_v: float
+    current_a: float
+    """Negative while it feeds."""
+    traction_w: float
+    regenerated_w: float
+    """Out of its inverters, whether line, auxiliaries or resistor take it."""
+    resistor_w: float
+
+
+@dataclass(frozen=True, slots=True)
+class Balance:
+    """Power of one solved instant; sources = rectifiers + stations + lines + trains."""
+
+    sources_w: float
+    """At the no-load voltage, behind the rectifiers' own resistance."""
+    rectifiers_w: float
+    stations_w: float
+    """Substations' own loads."""
+    lines_w: float
+    trains_w: float
+    """Net of what trains feed."""
+
+    @property
+    def error_w(self) -> float:
+        return self.sources_w - self.rectifiers_w - self.stations_w - self.lines_w - self.trains_w
+
+
+class NetworkError(ValueError):
+    """A network that is none; the text names the part."""
+
+
+@kernel
+def arrange(
+    order: Any,
+    joints_of: Any,
+    spans_m: Any,
+    ohms_per_m: Any,
+    train_section: Any,
+    train_m: Any,
+    parent: Any,
+    siemens: Any,
+    node_of_train: Any,
+    node_of_joint: Any,
+    sorted_trains: Any,
+) -> int:
+    """Numbers the nodes for trains at these places, in place; answers with how many there are.
+
+    Roots come first, then section by section from its earlier joint: trains by place, far joint.
+    """
+    n = 0
+    for joint in range(len(node_of_joint)):
+        if node_of_joint[joint] == -2:
+            parent[n], siemens[n] = -1, 0.0
+            node_of_joint[joint] = n
+            n += 1
+    for section in order:
+        near, far = joints_of[section, 0], joints_of[section, 1]
+        begin_m, end_m = spans_m[section, 0], spans_m[section, 1]
+        count = 0
+        for train in range(len(train_m)):
+            if train_section[train] != section:
+                continue
+            place = count
+            while place > 0 and abs(train_m[sorted_trains[place - 1]] - begin_m) > abs(
+                train_m[train] - begin_m
+            ):
+                sorted_trains[place] = sorted_trains[place - 1]
+                place -= 1
+            sorted_trains[place] = train
+            count += 1
+        last, at_m = node_of_joint[near], begin_m
+        for place in range(count):
+            train = sorted_trains[place]
+            gap_m = max(LEAST_M, abs(train_m[train] - at_m))
+            parent[n], siemens[n] = last, 1.0 / (ohms_per_m[section] * gap_m)
+            node_of_train[train] = n
+            last, at_m = n, train_m[train]
+            n += 1
+        gap_m = max(LEAST_M, abs(end_m - at_m))
+        parent[n], siemens[n] = last, 1.0 / (ohms_per_m[section] * gap_m)
+        node_of_joint[far] = n
+        n += 1
+    return n
+
+
+class Network:
+    """Solved instant by instant; the last voltages are where the next search begins.
+
+    `unconverged` counts instants without a solution. There are none as long as nobody finds one,
+    and whoever simulates has to look.
+    """
+
+    def __init__(
+        self,
+        sections: Sequence[Section],
+        substations: Sequence[Substation],
+        voltages: Voltages | None = None,
+    ) -> None:
+        self.voltages = voltages or Voltages()
+        self.sections = tuple(sections)
+        self.substations = tuple(substations)
+        self.joints = _joints(self.sections)
+        self.order, self.roots, self.turned = _tree(self.sections, self.joints)
+        self.joints_of = np.array(
+            [
+                (self.joints.index(far), self.joints.index(near))
+                if self.turned[index]
+                else (self.joints.index(near), self.joints.index(far))
+                for index, (near, far) in enumerate((s.begin, s.end) for s in self.sections)
+            ],
+            dtype=np.int64,
+        ).reshape(len(self.sections), 2)
+        self.spans_m = np.array(
+            [
+                (s.end_m, s.begin_m) if self.turned[index] else (s.begin_m, s.end_m)
+                for index, s in enumerate(self.sections)
+            ]
+        ).reshape(len(self.sections), 2)
+        self.ohms_per_m = np.array([s.ohm_per_km / M_PER_KM for s in self.sections])
+        self.sources = np.zeros((len(self.joints), 2))
+        for substation in self.substations:
+            self._add(substation)
+        self.limits = self.voltages.as_array()
+        self.unconverged = 0
+        self.solved = 0
+        self.iterations = 0
+        self._warm: dict[str | int, float] = {}
+
+    def _add(self, substation: Substation) -> None:
+        where = f"substation {substation.joint}"
+        if substation.joint not in self.joints:
+            raise NetworkError(f"{where}: no section begins or ends at it")
+        if not 0.0 < substation.source_ohm < math.inf:
+            raise NetworkError(f"{where}: source_ohm {substation.source_ohm} is not positive")
+        if not self.voltages.full_effort_v < substation.no_load_v < self.voltages.ceiling_v:
+            raise NetworkError(
+                f"{where}: no_load_v {substation.no_load_v} is not a working voltage"
+            )
+        index = self.joints.index(substation.joint)
+        if self.sources[index, 1] > 0.0:
+            raise NetworkError(f"{where}: is there twice")
+        self.sources[index] = substation.no_load_v, substation.source_ohm
+
+    def section_of(self, at_m: float) -> int:
+        """The first section that holds this chainage; raises NetworkError."""
+        for index, section in enumerate(self.sections):
+            low_m, high_m = sorted((section.begin_m, section.end_m))
+            if low_m <= at_m <= high_m:
+                return index
+        raise NetworkError(f"no section at {at_m:g} m")
+
+    def solve(self, trains: Sequence[Load]) -> tuple[list[Fed], Balance]:
+        """One instant; trains in the given order."""
+        nodes = len(self.joints) + len(trains)
+        parent, siemens = np.zeros(nodes, dtype=np.int64), np.zeros(nodes)
+        of_train = np.zeros(len(trains), dtype=np.int64)
+        of_joint = np.full(len(self.joints), -1, dtype=np.int64)
+        of_joint[self.roots] = -2
+        n = arrange(
+            self.order,
+            self.joints_of,
+            self.spans_m,
+            self.ohms_per_m,
+            np.array([self.section_of(train.at_m) for train in trains], dtype=np.int64),
+            np.array([train.at_m for train in trains], dtype=np.float64),
+            parent,
+            siemens,
+            of_train,
+            of_joint,
+            np.zeros(max(1, len(trains)), dtype=np.int64),
+        )
+        assert n == nodes
+        sources, loads = np.zeros((nodes, 2)), np.zeros((nodes, 3))
+        sources[of_joint] = self.sources
+        for train, load in enumerate(trains):
+            loads[of_train[train]] = load.wants_w, load.gives_w, load.auxiliary_w
+        volts = self._start(nodes, of_joint, of_train)
+        done = flow.solve(parent, siemens, sources, loads, self.limits, volts, np.zeros((4, nodes)))
+        self.solved += 1
+        if done < 0:
+            self.unconverged += 1
+        else:
+            self.iterations += done
+            self._keep(volts, of_joint, of_train)
+        fed = [self._fed(float(volts[of_train[train]]), load) for train, load in enumerate(trains)]
+        return fed, self._balance(parent, siemens, sources, volts, fed)
+
+    def _start(self, nodes: int, of_joint: Any, of_train: Any) -> Numbers:
+        volts = np.full(nodes, float(np.max(self.sources[:, 0])))
+        for index, name in enumerate(self.joints):
+            volts[of_joint[index]] = self._warm.get(name, volts[of_joint[index]])
+        for train in range(len(of_train)):
+            volts[of_train[train]] = self._warm.get(train, volts[of_train[train]])
+        return volts
+
+    def _keep(self, volts: Numbers, of_joint: Any, of_train: Any) -> None:
+        for index, name in enumerate(self.joints):
+            self._warm[name] = float(volts[of_joint[index]])
+        for train in range(len(of_train)):
+            self._warm[train] = float(volts[of_train[train]])
+
+    def _fed(self, voltage_v: float, load: Load) -> Fed:
+        effort, _ = flow.effort_share(voltage_v, self.limits)
+        chopped, _ = flow.chopped_share(voltage_v, self.limits)
+        net_w = load.wants_w * effort + load.auxiliary_w - load.gives_w * (1.0 - chopped)
+        return Fed(
+            voltage_v=voltage_v,
+            current_a=net_w / voltage_v,
+            traction_w=load.wants_w * effort,
+            regenerated_w=load.gives_w,
+            resistor_w=load.gives_w * chopped,
+        )
+
+    def _balance(
+        self, parent: Any, siemens: Numbers, sources: Numbers, volts: Numbers, fed: Sequence[Fed]
+    ) -> Balance:
+        sources_w = rectifiers_w = stations_w = 0.0
+        for node in range(len(volts)):
+            no_load_v, ohm, voltage_v = (
+                float(sources[node, 0]),
+                float(sources[node, 1]),
+                volts[node],
+            )
+            if ohm <= 0.0:
+                continue
+            fed_a, _ = flow.source_current(float(voltage_v), no_load_v, ohm, self.limits)
+            current_a = fed_a + flow.IDLE_S * float(voltage_v)
+            sources_w += no_load_v * current_a
+            rectifiers_w += (no_load_v - float(voltage_v)) * current_a
+            stations_w += flow.IDLE_S * float(voltage_v) ** 2
+        inner = parent >= 0
+        falls_v = volts[inner] - volts[parent[inner]]
+        return Balance(
+            sources_w=sources_w,
+            rectifiers_w=rectifiers_w,
+            stations_w=stations_w,
+            lines_w=float(np.sum(siemens[inner] * falls_v**2)),
+            trains_w=sum(train.voltage_v * train.current_a for train in fed),
+        )
+
+
+def _joints(sections: Sequence[Section]) -> list[str]:
+    names: list[str] = []
+    for section in sections:
+        where = f"section {section.begin}-{section.end}"
+        if section.begin == section.end or section.begin_m == section.end_m:
+            raise NetworkError(f"{where}: has no length")
+        if not 0.0 < section.ohm_per_km < math.inf:
+            raise NetworkError(f"{where}: ohm_per_km {section.ohm_per_km} is not positive")
+        for name in (section.begin, section.end):
+            if name not in names:
+                names.append(name)
+    if not names:
+        raise NetworkError("no section")
+    return names
+
+
+def _tree(
+    sections: Sequence[Section], joints: Sequence[str]
+) -> tuple[NDArray[np.int64], NDArray[np.int64], list[bool]]:
+    """Sections in an order in which the earlier joint of each is known, roots, and which sections
+    run against that order. Raises NetworkError for a ring."""
+    order: list[int] = []
+    roots: list[int] = []
+    turned = [False] * len(sections)
+    known: set[str] = set()
+    for root in joints:
+        if root in known:
+            continue
+        roots.append(joints.index(root))
+        known.add(root)
+        reached = [root]
+        while reached:
+            here = reached.pop(0)
+            for index, section in enumerate(sections):
+                if index in order or here not in (section.begin, section.end):
+                    continue
+                there = section.end if section.begin == here else section.begin
+                if there in known:
+                    raise NetworkError(
+                        f"section {section.begin}-{section.end}: closes a ring; a network is a tree"
+                    )
+                turned[index] = section.end == here
+                order.append(index)
+                known.add(there)
+                reached.append(there)
+    return np.array(order, dtype=np.int64), np.array(roots, dtype=np.int64), turned
