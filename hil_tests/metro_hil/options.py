@@ -78,6 +78,9 @@ def parser() -> argparse.ArgumentParser:
         "tune", help="re-tune a control law and write a parameter file", add_help=False
     )
     verbs.add_parser(
+        "timetable", help="find a timetable that saves energy on a whole line", add_help=False
+    )
+    verbs.add_parser(
         "design-curve", help="design the power-limited running curve of one hop", add_help=False
     )
     _add_journey(run)

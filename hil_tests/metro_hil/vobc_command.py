@@ -58,6 +58,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         from metro_hil.running_curve import command as design_curve
 
         return design_curve.main(words[1:])
+    if words[:1] == ["timetable"]:
+        from metro_hil.green import timetable_command as timetable
+
+        return timetable.main(words[1:])
     options = parse(words)
     console = Console(stderr=options.json)
     try:

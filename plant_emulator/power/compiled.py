@@ -23,9 +23,12 @@ COMPILED: Final = _there()
 
 
 def kernel(function: F) -> F:
-    """A function of floats, integers and arrays that calls only such functions."""
+    """A function of floats, integers and arrays that calls only such functions.
+
+    Nothing is kept on disk: numba would not notice a change in what a kept function calls.
+    """
     if not COMPILED:
         return function
     numba = importlib.import_module("numba")
-    compiled: F = numba.njit(cache=True, error_model="numpy")(function)
+    compiled: F = numba.njit(error_model="numpy")(function)
     return compiled

@@ -44,13 +44,15 @@ def effort_share(voltage_v: float, limits: Any) -> tuple[float, float]:
 
 @kernel
 def chopped_share(voltage_v: float, limits: Any) -> tuple[float, float]:
-    """Share of the regenerated power that goes into the train's resistor, and its slope."""
+    """Share of the regenerated power that goes into the train's resistor, and its slope.
+
+    It goes on beyond 1 for the search's sake: no solution lies there, because a train that took
+    more than it gave could not have the highest voltage, and nothing else feeds so high.
+    """
     span = limits[CHOPS_ALL] - limits[CHOPS_FROM]
     at = (voltage_v - limits[CHOPS_FROM]) / span
     if at <= 0.0:
         return 0.0, 0.0
-    if at >= 1.0:
-        return 1.0, 0.0
     return at * at, 2.0 * at / span
 
 
@@ -80,10 +82,16 @@ def load_power(
 
 @kernel
 def residuals(
-    parent: Any, siemens: Any, sources: Any, loads: Any, limits: Any, volts: Any, out: Any
+    parent: Any,
+    siemens: Any,
+    sources: Any,
+    loads: Any,
+    limits: Any,
+    volts: Any,
+    out: Any,
+    n: int,
 ) -> float:
     """Into `out` (n,): current that is missing at each node; answers with the greatest, in A."""
-    n = len(parent)
     for i in range(n):
         v = volts[i]
         gained, _ = source_current(v, sources[i, 0], sources[i, 1], limits)
@@ -110,9 +118,9 @@ def newton_step(
     volts: Any,
     out: Any,
     work: Any,
+    n: int,
 ) -> None:
     """Replaces the residuals in `out` by the change of voltages that would remove them."""
-    n = len(parent)
     for i in range(n):
         v = volts[i]
         _, gain = source_current(v, sources[i, 0], sources[i, 1], limits)
@@ -139,25 +147,24 @@ def newton_step(
 
 @kernel
 def newton(
-    parent: Any, siemens: Any, sources: Any, loads: Any, limits: Any, volts: Any, work: Any
+    parent: Any, siemens: Any, sources: Any, loads: Any, limits: Any, volts: Any, work: Any, n: int
 ) -> int:
     """Solves for `volts` (n,) in place, from what is in it. `work` is (4, n).
 
     Answers with the iterations taken, or -1 where it did not converge.
     """
-    n = len(parent)
-    worst = residuals(parent, siemens, sources, loads, limits, volts, work[0])
+    worst = residuals(parent, siemens, sources, loads, limits, volts, work[0], n)
     for iteration in range(ITERATIONS):
         if worst < TOLERANCE_A:
             return iteration
-        newton_step(parent, siemens, sources, loads, limits, volts, work[0], work[1])
+        newton_step(parent, siemens, sources, loads, limits, volts, work[0], work[1], n)
         factor = 1.0
         better = worst
         for _halving in range(HALVINGS):
             for i in range(n):
                 changed = volts[i] + factor * work[0, i]
                 work[2, i] = min(max(changed, limits[FLOOR]), limits[CEILING])
-            better = residuals(parent, siemens, sources, loads, limits, work[2], work[3])
+            better = residuals(parent, siemens, sources, loads, limits, work[2], work[3], n)
             if better < worst or (worst < CLOSE_A and better < CLOSE_A):
                 break
             factor *= 0.5
@@ -170,27 +177,27 @@ def newton(
 
 @kernel
 def solve(
-    parent: Any, siemens: Any, sources: Any, loads: Any, limits: Any, volts: Any, work: Any
+    parent: Any, siemens: Any, sources: Any, loads: Any, limits: Any, volts: Any, work: Any, n: int
 ) -> int:
     """As `newton`, which is tried from the last voltages, then from no load, then along loads that
     grow from nothing. `work` is (4, n), `volts` holds the solution."""
-    done = newton(parent, siemens, sources, loads, limits, volts, work)
+    done = newton(parent, siemens, sources, loads, limits, volts, work, n)
     if done >= 0:
         return done
     spent = ITERATIONS
     highest = 0.0
-    for i in range(len(parent)):
+    for i in range(n):
         highest = max(highest, sources[i, 0])
-    for i in range(len(parent)):
+    for i in range(n):
         volts[i] = highest
-    done = newton(parent, siemens, sources, loads, limits, volts, work)
+    done = newton(parent, siemens, sources, loads, limits, volts, work, n)
     if done >= 0:
         return spent + done
     spent += ITERATIONS
-    for i in range(len(parent)):
+    for i in range(n):
         volts[i] = highest
     for step in range(1, HOMOTOPY_STEPS + 1):
         part = loads * (step / HOMOTOPY_STEPS)
-        done = newton(parent, siemens, sources, part, limits, volts, work)
+        done = newton(parent, siemens, sources, part, limits, volts, work, n)
         spent += ITERATIONS
     return spent if done >= 0 else -1

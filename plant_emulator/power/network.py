@@ -265,7 +265,9 @@ class Network:
         for train, load in enumerate(trains):
             loads[of_train[train]] = load.wants_w, load.gives_w, load.auxiliary_w
         volts = self._start(nodes, of_joint, of_train)
-        done = flow.solve(parent, siemens, sources, loads, self.limits, volts, np.zeros((4, nodes)))
+        done = flow.solve(
+            parent, siemens, sources, loads, self.limits, volts, np.zeros((4, nodes)), nodes
+        )
         self.solved += 1
         if done < 0:
             self.unconverged += 1
@@ -274,6 +276,10 @@ class Network:
             self._keep(volts, of_joint, of_train)
         fed = [self._fed(float(volts[of_train[train]]), load) for train, load in enumerate(trains)]
         return fed, self._balance(parent, siemens, sources, volts, fed)
+
+    def joint_voltages_v(self) -> dict[str, float]:
+        """Of the last instant that had a solution; a joint is there once it was solved."""
+        return {name: self._warm[name] for name in self.joints if name in self._warm}
 
     def _start(self, nodes: int, of_joint: Any, of_train: Any) -> Numbers:
         volts = np.full(nodes, float(np.max(self.sources[:, 0])))

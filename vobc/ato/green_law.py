@@ -1,7 +1,7 @@
 """The target speeds of Green CBTC (seed 000, equations 3 to 12), as plain functions of numbers.
 
-None calls another, and none needs more than `math`: they drive the train here and can be compiled as
-they are for simulations of a whole line.
+None calls another, none needs more than `math`, and no argument is by keyword only, though callers
+name them: so they drive the train here and can be compiled as they are for simulations of a line.
 """
 
 import math
@@ -10,7 +10,6 @@ import math
 def arm_current_a(
     voltage_v: float,
     standard_v: float,
-    *,
     feed_factor: float,
     arm_ohm: float,
     train_count: float,
@@ -25,9 +24,8 @@ def arm_current_a(
         exponent: q: 1 agrees with a ladder of resistors for both ways to feed; the paper prints 2
             for unilateral feed, which comes out 12 to 20 % high.
     """
-    return (
-        (standard_v - voltage_v) * feed_factor / (arm_ohm * (1.0 + 1.0 / train_count**exponent))
-    )
+    spread = 1.0 + 1.0 / math.pow(train_count, exponent)
+    return (standard_v - voltage_v) * feed_factor / (arm_ohm * spread)
 
 
 def energy_speed_mps(
@@ -35,7 +33,6 @@ def energy_speed_mps(
     mass_kg: float,
     voltage_v: float,
     current_a: float,
-    *,
     standard_w: float,
     horizon_s: float,
 ) -> float:
@@ -69,7 +66,7 @@ def literal_timing_speed_mps(left_m: float, left_s: float, decel_mps2: float) ->
 
 
 def timing_speed_mps(
-    left_m: float, left_s: float, speed_mps: float, *, accel_mps2: float, decel_mps2: float
+    left_m: float, left_s: float, speed_mps: float, accel_mps2: float, decel_mps2: float
 ) -> float:
     """V_time with the time of gaining and losing speed, which (7) leaves out; inf when too late.
 
@@ -95,7 +92,7 @@ def timing_speed_mps(
 
 
 def target_speed_mps(
-    top_mps: float, timing_mps: float, energy_mps: float, *, alpha_ratio: float, beta_ratio: float
+    top_mps: float, timing_mps: float, energy_mps: float, alpha_ratio: float, beta_ratio: float
 ) -> float:
     """V_target, equation (12), with each speed bounded by V_top first.
 

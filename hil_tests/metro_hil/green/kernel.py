@@ -5,12 +5,11 @@ middle of the step (taken at its start they would be 0.6 to 0.8 % off at 0.2 s),
 solved with them, and what the voltage leaves of them moves the trains.
 """
 
-import math
 from typing import Any, Final
 
-from plant_emulator.power import flow
+import numpy as np
+
 from plant_emulator.power.compiled import kernel
-from plant_emulator.power.network import arrange
 from vobc.ato import green_law
 
 # State of a train.
@@ -70,7 +69,9 @@ FEED_FACTOR: Final = 4.0
 ARM_OHM: Final = 0.04
 """Of 2 km with 0.02 ohm/km; a train does not know the true ones."""
 ARM_TRAINS: Final = 2.0
-NEVER_S: Final = 1.0e12
+LOST_S: Final = 0.2
+"""By the jerk limit at both ends of a run."""
+RUN_MAX_S: Final = 900.0
 
 arm_current_a = kernel(green_law.arm_current_a)
 energy_speed_mps = kernel(green_law.energy_speed_mps)
@@ -88,12 +89,14 @@ def wanted_mps(now_s: float, state: Any, law: Any, train: Any, left_m: float) ->
         timing = literal_timing_speed_mps(left_m, left_s, train[DECEL])
     else:
         # What the motors give in the mean up to that speed, and the jerk's share of the end.
-        accel = min(train[FORCE] / train[MASS], 0.75 * train[POWER] / train[MASS] / max(speed, 12.0))
+        accel = min(
+            train[FORCE] / train[MASS], 0.75 * train[POWER] / train[MASS] / max(speed, 12.0)
+        )
         timing = timing_speed_mps(
-            left_m, left_s - 1.0, speed, accel_mps2=accel, decel_mps2=train[DECEL]
+            left_m, left_s - LOST_S, speed, accel_mps2=accel, decel_mps2=train[DECEL]
         )
     if law[BETA] <= 0.0:
-        return min(timing, train[TOP])
+        return float(min(timing, train[TOP]))
     volts = law[CONSTANT_V] if law[CONSTANT_V] > 0.0 else state[VOLTAGE]
     current = arm_current_a(
         volts,
@@ -117,11 +120,12 @@ def wanted_mps(now_s: float, state: Any, law: Any, train: Any, left_m: float) ->
 
 
 @kernel
-def decide_n(
-    now_s: float, step_s: float, state: Any, law: Any, train: Any, length_m: float,
-    hold_mps: float, coast_m: float,
-) -> float:
-    """Effort at the wheel for the next step: positive pulls, negative brakes."""
+def decide_n(now_s: float, step_s: float, state: Any, law: Any, train: Any, bounds: Any) -> float:
+    """Effort at the wheel for the next step: positive pulls, negative brakes.
+
+    `bounds` of the leg: its length, and hold speed and coasting point of hold and coast.
+    """
+    length_m, hold_mps, coast_m = bounds
     speed, left_m = state[SPEED], max(0.0, length_m - state[WAY])
     mass, jerk, decel = train[MASS], train[JERK], train[DECEL]
     drag = train[DRAG_A] + speed * (train[DRAG_B] + speed * train[DRAG_C])
@@ -149,7 +153,7 @@ def decide_n(
     # The end of a stop may be as abrupt as it is: it is a few cm/s.
     if speed > 1.0 or effort > 0.0:
         effort = min(max(effort, state[EFFORT] - bound), state[EFFORT] + bound)
-    return effort
+    return float(effort)
 
 
 @kernel
@@ -178,7 +182,9 @@ def demand(state: Any, train: Any, effort: float, step_s: float, load: Any, powe
 
 
 @kernel
-def move(state: Any, train: Any, share: float, power: Any, step_s: float, books: Any, counts: float) -> None:
+def move(
+    state: Any, train: Any, share: float, power: Any, step_s: float, books: Any, counts: float
+) -> None:
     """One step of motion with what the voltage leaves of the effort."""
     speed, mass = state[SPEED], train[MASS]
     drag = train[DRAG_A] + speed * (train[DRAG_B] + speed * train[DRAG_C])
@@ -199,8 +205,15 @@ def move(state: Any, train: Any, share: float, power: Any, step_s: float, books:
 
 @kernel
 def work_at_station(
-    now_s: float, state: Any, train: int, timetable: Any, dwells: Any, lengths: Any, books: Any,
-    counts: float, log: Any,
+    now_s: float,
+    state: Any,
+    train: int,
+    timetable: Any,
+    dwells: Any,
+    lengths: Any,
+    books: Any,
+    counts: float,
+    log: Any,
 ) -> None:
     """Arrive, stand, leave. `timetable`: headway, phase, lap, dwell minimum, runs from place 4."""
     if state[STANDS] > 0.0:
@@ -237,3 +250,28 @@ def work_at_station(
         state[LEAVES] = now_s + dwells[lap % len(dwells), train, stop]
     state[LEG] = (leg + 1) % 6
     state[WAY] = 0.0
+
+
+@kernel
+def run_leg(step_s: float, train: Any, law: Any, bounds: Any, state: Any, power: Any) -> Any:
+    """One run by itself with full voltage: its time, and its electrical traction and
+    regenerated energies. `state` (STATE,) and `power` (5,) are room to work in."""
+    for place in range(STATE):
+        state[place] = 0.0
+    state[DUE], state[VOLTAGE] = RUN_MAX_S, 800.0
+    books, load, now_s = (np.zeros(BOOKS)), np.zeros(3), 0.0
+    traction_j = regenerated_j = 0.0
+    while now_s < RUN_MAX_S:
+        left_m = bounds[0] - state[WAY]
+        if state[BRAKES] > 0.0 and (state[SPEED] <= STOPPED_MPS or left_m <= STOPPED_M):
+            break
+        effort = decide_n(now_s, step_s, state, law, train, bounds)
+        state[EFFORT] = effort
+        demand(state, train, effort, step_s, load, power)
+        traction_j += load[0] * step_s
+        regenerated_j += load[1] * step_s
+        move(state, train, 1.0, power, step_s, books, 0.0)
+        now_s += step_s
+        if state[COASTS] > 0.0 and state[SPEED] < 1.0 and left_m > 20.0:
+            return RUN_MAX_S, traction_j, regenerated_j
+    return now_s, traction_j, regenerated_j

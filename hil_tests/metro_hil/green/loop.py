@@ -1,4 +1,4 @@
-"""The loop over all steps of a simulated line, with its books; only numbers, compiled like `kernel`."""
+"""The loop over all steps of a simulated line, with its books; compiled like `kernel`."""
 
 from typing import Any, Final
 
@@ -38,8 +38,15 @@ RECORDED: Final = 6
 
 @kernel
 def book_network(
-    n: int, parent: Any, siemens: Any, sources: Any, volts: Any, limits: Any, step_s: float,
-    books: Any, powers: Any,
+    n: int,
+    parent: Any,
+    siemens: Any,
+    sources: Any,
+    volts: Any,
+    limits: Any,
+    step_s: float,
+    books: Any,
+    powers: Any,
 ) -> None:
     """What substations gave and what was lost on the way; `powers` (n,) of the substations."""
     for i in range(n):
@@ -57,7 +64,9 @@ def book_network(
 
 
 @kernel
-def place_trains(states: Any, starts: Any, signs: Any, lengths: Any, place: Any, section: Any, edges: Any) -> None:
+def place_trains(
+    states: Any, starts: Any, signs: Any, lengths: Any, place: Any, section: Any, edges: Any
+) -> None:
     """Chainage of each train and the section that holds it."""
     for i in range(len(states)):
         leg = int(states[i, LEG])
@@ -71,10 +80,9 @@ def place_trains(states: Any, starts: Any, signs: Any, lengths: Any, place: Any,
 
 @kernel
 def book_train(
-    i: int, state: Any, train: Any, load: Any, power: Any, limits: Any, step_s: float, books: Any,
-) -> float:
-    """One train's step in the books; answers with the share of traction that the voltage leaves."""
-    share, _ = flow.effort_share(state[VOLTAGE], limits)
+    state: Any, share: float, load: Any, power: Any, limits: Any, step_s: float, books: Any
+) -> None:
+    """One train's step in the books; `share` of its traction is what the voltage leaves."""
     chopped, _ = flow.chopped_share(state[VOLTAGE], limits)
     books[TRACTION] += step_s * load[0] * share
     books[WHEEL] += step_s * power[0] * share
@@ -85,73 +93,86 @@ def book_train(
     books[FRICTION] += step_s * power[2]
     books[LOWEST_V] = min(books[LOWEST_V], state[VOLTAGE])
     books[HIGHEST_V] = max(books[HIGHEST_V], state[VOLTAGE])
-    return share
+
+
+@kernel
+def set_nodes(states: Any, net: Any, room: Any) -> int:
+    """Numbers the nodes for trains where they are, with sources and the last voltages."""
+    order, joints_of, spans, ohms, joint_sources, _, _, roots = net
+    parent, siemens, of_train, of_joint, sorted_trains, section, place, sources, loads = room[:9]
+    volts, joint_volts = room[9], room[11]
+    for j in range(len(joint_sources)):
+        of_joint[j] = -1
+    for j in roots:
+        of_joint[j] = -2
+    n = arrange(
+        *(order, joints_of, spans, ohms, section, place, parent, siemens, of_train),
+        *(of_joint, sorted_trains),
+    )
+    for i in range(n):
+        sources[i, 0], sources[i, 1] = 0.0, 0.0
+        loads[i, 0], loads[i, 1], loads[i, 2] = 0.0, 0.0, 0.0
+    for j in range(len(joint_sources)):
+        k = of_joint[j]
+        sources[k, 0], sources[k, 1] = joint_sources[j, 0], joint_sources[j, 1]
+        volts[k] = joint_volts[j]
+    for i in range(len(states)):
+        volts[of_train[i]] = states[i, VOLTAGE]
+    return int(n)
 
 
 @kernel
 def run_line(
-    step_s: float, steps: int, warm: int, states: Any, train: Any, law: Any, timetable: Any,
-    dwells: Any, legs: Any, net: Any, books: Any, late: Any, every: int, record: Any, given: Any,
+    times: Any, states: Any, train: Any, law: Any, plan: Any, net: Any, room: Any, out: Any
 ) -> None:
-    """All steps. `legs` (5, 6): start, sign, length, hold speed, coasting point of each leg.
+    """All steps.
 
-    `net`: order, joints, spans, resistances, sources by joint, limits, edges of sections, roots.
-    `record` (rows, trains, RECORDED) and `given` (rows, joints) get each `every`-th step; 0: none.
+    Args:
+        times: (4,) step, steps, steps that do not count yet, every how many are recorded (0: none).
+        plan: timetable, dwells, and legs (5, 6): start, sign, length, hold speed, coasting point.
+        net: order, joints, spans, resistances, sources by joint, limits, edges of sections, roots.
+        room: arrays to work in.
+        out: books, lateness by leg, record (rows, trains, RECORDED), given (rows, joints).
     """
-    order, joints_of, spans, ohms, joint_sources, limits, edges, roots, room = net
-    (parent, siemens, of_train, of_joint, sorted_trains, section, place, sources, loads, volts,
-     work, joint_volts, powers, wheel) = room
-    trains, joints = len(states), len(joint_sources)
-    for step in range(steps):
+    timetable, dwells, legs = plan
+    books, late, record, given = out
+    of_train, of_joint, section, place = room[2], room[3], room[5], room[6]
+    loads, volts, work, joint_volts, powers, wheel = room[8:]
+    step_s, every, limits = times[0], int(times[3]), net[5]
+    for step in range(int(times[1])):
         now_s = step * step_s
-        counts = 1.0 if step >= warm else 0.0
-        for i in range(trains):
+        counts = 1.0 if step >= times[2] else 0.0
+        for i in range(len(states)):
             work_at_station(now_s, states[i], i, timetable, dwells, legs[2], books, counts, late)
-        place_trains(states, legs[0], legs[1], legs[2], place, section, edges)
-        for j in range(joints):
-            of_joint[j] = -1
-        for j in roots:
-            of_joint[j] = -2
-        n = arrange(order, joints_of, spans, ohms, section, place, parent, siemens, of_train,
-                    of_joint, sorted_trains)
-        for i in range(n):
-            sources[i, 0], sources[i, 1] = 0.0, 0.0
-            loads[i, 0], loads[i, 1], loads[i, 2] = 0.0, 0.0, 0.0
-        for j in range(joints):
-            k = of_joint[j]
-            sources[k, 0], sources[k, 1] = joint_sources[j, 0], joint_sources[j, 1]
-            volts[k] = joint_volts[j]
-        for i in range(trains):
-            k, leg = of_train[i], int(states[i, LEG])
-            effort = 0.0
+        place_trains(states, legs[0], legs[1], legs[2], place, section, net[6])
+        n = set_nodes(states, net, room)
+        for i in range(len(states)):
+            leg, effort = int(states[i, LEG]), 0.0
             if states[i, STANDS] == 0.0:
-                effort = decide_n(now_s, step_s, states[i], law, train, legs[2, leg],
-                                  legs[3, leg], legs[4, leg])
+                bounds = (legs[2, leg], legs[3, leg], legs[4, leg])
+                effort = decide_n(now_s, step_s, states[i], law, train, bounds)
             states[i, EFFORT] = effort
-            demand(states[i], train, effort, step_s, loads[k], wheel[i])
-            volts[k] = states[i, VOLTAGE]
-        done = flow.solve(parent, siemens, sources, loads, limits, volts, work)
-        if done < 0:
+            demand(states[i], train, effort, step_s, loads[of_train[i]], wheel[i])
+        if flow.solve(room[0], room[1], room[7], loads, limits, volts, work, n) < 0:
             books[UNCONVERGED] += 1.0
-        for j in range(joints):
+        for j in range(len(of_joint)):
             joint_volts[j] = volts[of_joint[j]]
         if counts > 0.0:
-            book_network(n, parent, siemens, sources, volts, limits, step_s, books, powers)
-        for i in range(trains):
-            k = of_train[i]
-            states[i, VOLTAGE] = volts[k]
-            share, _ = flow.effort_share(volts[k], limits)
+            book_network(n, room[0], room[1], room[7], volts, limits, step_s, books, powers)
+        for i in range(len(states)):
+            states[i, VOLTAGE] = volts[of_train[i]]
+            share, _ = flow.effort_share(states[i, VOLTAGE], limits)
             if counts > 0.0:
-                share = book_train(i, states[i], train, loads[k], wheel[i], limits, step_s, books)
+                load = loads[of_train[i]]
+                book_train(states[i], share, load, wheel[i], limits, step_s, books)
             if states[i, STANDS] == 0.0:
                 move(states[i], train, share, wheel[i], step_s, books, counts)
         if every > 0 and step % every == 0:
-            row = step // every
-            for i in range(trains):
-                keep(record[row, i], states[i], place[i], loads[of_train[i]], limits)
-            if counts > 0.0:
-                for j in range(joints):
-                    given[row, j] = powers[of_joint[j]]
+            for i in range(len(states)):
+                load = loads[of_train[i]]
+                keep(record[step // every, i], states[i], place[i], load, limits)
+            for j in range(len(of_joint)):
+                given[step // every, j] = powers[of_joint[j]]
 
 
 @kernel

@@ -71,9 +71,7 @@ class Supply:
 STRONG: Final = Supply(
     "strong", 836.0, 0.015, 0.020, Voltages(chops_from_v=880.0, chops_all_v=900.0)
 )
-WEAK: Final = Supply(
-    "weak", 850.0, 0.015, 0.030, Voltages(chops_from_v=860.0, chops_all_v=870.0)
-)
+WEAK: Final = Supply("weak", 850.0, 0.015, 0.030, Voltages(chops_from_v=860.0, chops_all_v=870.0))
 SUPPLIES: Final = {supply.name: supply for supply in (STRONG, WEAK)}
 
 

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from metro_hil.engine.folder import Plan
 
 BENCHES = ("lockstep", "processes", "hardware")
+GREEN = "green-cbtc"
 AUTO = "auto"
 PRESENCES = (AUTO, "ours", "elsewhere")
 
@@ -77,6 +78,11 @@ def run(options: argparse.Namespace) -> int:
     """Exit code 0 only when every case is as expected."""
     import sys
 
+    if options.campaign == GREEN:
+        # A whole line by points of mass: no cases of the bench, but the same door.
+        from metro_hil.green import command
+
+        return command.run(options)
     from metro_hil.engine.folder import make_folder
 
     folder = make_folder(plan_of(options), options.out)

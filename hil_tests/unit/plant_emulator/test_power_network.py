@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.optimize import root
 
 from plant_emulator.power.network import (
     Load,
@@ -61,9 +60,10 @@ def test_power_is_neither_made_nor_lost_and_every_instant_has_a_solution(
 
 @settings(max_examples=25, deadline=None)
 @given(trains=st.lists(loads, min_size=1, max_size=5))
-def test_a_general_solver_finds_the_same_voltages(trains: list[Load]) -> None:
-    """Kirchhoff's law written anew, on the whole conductance matrix, for scipy's root."""
-    fed, _ = line().solve(trains)
+def test_kirchhoffs_law_written_anew_holds_at_every_node(trains: list[Load]) -> None:
+    """On the whole conductance matrix, with rectifiers and trains as the text describes them."""
+    network = line()
+    fed, _ = network.solve(trains)
     places = [(at_m, -1) for at_m in AT_M] + [(t.at_m, k) for k, t in enumerate(trains)]
     places.sort(key=lambda place: place[0])
     n = len(places)
@@ -91,13 +91,12 @@ def test_a_general_solver_finds_the_same_voltages(trains: list[Load]) -> None:
                 out[i] -= power_w / volts[i]
         return out
 
-    start = np.array([fed[train].voltage_v + 3.0 if train >= 0 else 830.0 for _, train in places])
-    found = root(missing_a, start, tol=1e-10)
-    assert np.max(np.abs(found.fun)) < 0.05
-
-    for i, (_, train) in enumerate(places):
-        if train >= 0:
-            assert fed[train].voltage_v == pytest.approx(float(found.x[i]), abs=0.05)
+    at_joints_v = list(network.joint_voltages_v().values())
+    volts = [
+        fed[train].voltage_v if train >= 0 else at_joints_v[AT_M.index(at_m)]
+        for at_m, train in places
+    ]
+    assert np.max(np.abs(missing_a(np.array(volts)))) < 1e-2
 
 
 def test_one_train_under_one_substation_is_the_root_of_a_quadratic() -> None:
