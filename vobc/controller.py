@@ -26,10 +26,11 @@ ATO_STATES: Final = (Supervision.NOMINAL, Supervision.WARNING, Supervision.SERVI
 NOT_FOR_DRIVING: Final = int(Missing.DOORS | Missing.ALARMS)
 """Not needed to drive on: protection keeps a standing train, a moving one goes to the next stop."""
 
-
 KEPT: Final = ~int(Inhibit.DOORS | Inhibit.PLATFORM_DOORS | Inhibit.AUTHORITY)
 """Doors close only to depart, so neither their lock nor the authority may keep them open for ever;
 whatever else stands against departure keeps them open."""
+SUPPLY_AGE_MAX_S: Final = 0.5
+"""Five periods of the high-voltage box; an older voltage is none."""
 
 
 class Operation(Protocol):
@@ -175,6 +176,7 @@ class Controller:
             kept_at_platform=bool(int(verdict.departure_inhibits) & KEPT),
             ahead_m=motion.front_m.high - front_m,
             slips=motion.slip,
+            line_voltage_v=_line_voltage_v(seen),
         )
 
     def _weigh(self, seen: CycleInput, motion: Motion | None) -> None:
@@ -193,3 +195,10 @@ class Controller:
         station = min(self._line.stations, key=lambda station: abs(station.stop_m - front_m))
         state = doors.left if station.side is PlatformSide.LEFT else doors.right
         return state is DoorState.OPEN
+
+
+def _line_voltage_v(seen: CycleInput) -> float | None:
+    supply = seen.supply
+    if supply is None or not supply.breaker_closed or seen.supply_age_s > SUPPLY_AGE_MAX_S:
+        return None
+    return supply.line_voltage_v

@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from vobc.ato.chasing_config import ChasingScheme
+from vobc.ato.green_config import Green
 from vobc.ato.output_config import OutputStage
 from vobc.ato.pid_config import PidGains, PidScheme, PrintedScheme
 from vobc.ato.power_limited_config import PowerLimited
@@ -276,6 +277,7 @@ class AtoConfig:
     pid: PidScheme = field(default_factory=PidScheme)
     pid_literal: PrintedScheme = field(default_factory=PrintedScheme)
     timing: Timing = field(default_factory=Timing)
+    green: Green = field(default_factory=Green)
     power_limited: PowerLimited = field(default_factory=PowerLimited)
     chasing: ChasingScheme = field(default_factory=ChasingScheme)
     output: OutputStage = field(default_factory=OutputStage)

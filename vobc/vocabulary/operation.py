@@ -55,6 +55,8 @@ class AtoInput:
     """The front may be so far ahead of `front_m`; protection looks from there."""
     slips: bool = False
     """Wheels slip or slide, or did a moment ago."""
+    line_voltage_v: float | None = None
+    """At the pantograph; None when the high-voltage box is silent or its breaker open."""
 
 
 @dataclass(frozen=True, slots=True)

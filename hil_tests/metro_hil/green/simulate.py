@@ -165,6 +165,23 @@ def simulate(
     return Outcome(books, late / per_leg, laps, step_s, kept)
 
 
+def first_minutes(supply: Supply, *, step_s: float = 0.5, steps: int = 500) -> Numbers:
+    """Books of a line that fills under the law of half and half: short, to compare computers."""
+    books = np.zeros(kernel.BOOKS)
+    timetable, nothing = Timetable(), np.zeros((1, TRAINS, loop.RECORDED))
+    loop.run_line(
+        np.array([step_s, float(steps), float(steps // 5), 0.0]),
+        _states(supply),
+        train_array(LineTrain()),
+        Law("half", alpha_ratio=0.5, beta_ratio=0.5).as_array(),
+        (_timetable(timetable), dwells_of(1, 2), legs_of(timetable)),
+        _net(supply),
+        _room(supply),
+        (books, np.zeros(LEGS), nothing, np.zeros((1, len(SUBSTATIONS_M)))),
+    )
+    return books
+
+
 def _states(supply: Supply) -> Numbers:
     states = np.zeros((TRAINS, kernel.STATE))
     states[:, kernel.STANDS] = 1.0

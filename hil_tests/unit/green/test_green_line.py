@@ -20,7 +20,7 @@ from metro_hil.green.model import (
     Timetable,
 )
 from metro_hil.green.regimes import Runs, least_traction
-from metro_hil.green.simulate import Outcome, dwells_of, simulate
+from metro_hil.green.simulate import Outcome, dwells_of, first_minutes, simulate
 from metro_hil.green.synchronise import Search
 from metro_hil.green.table_four import PRINTED, paired, share_at_least
 from vobc.ato import green_law
@@ -104,28 +104,23 @@ def test_the_search_only_gets_better_and_keeps_trip_time_and_punctuality() -> No
     assert judged.on_time_ratio == 1.0
 
 
-def test_without_the_compiler_the_books_are_the_same() -> None:
-    code = (
-        "import sys\nif sys.argv[1] == 'plain': sys.modules['numba'] = None\n"
-        "import dataclasses, numpy as np\n"
-        "from metro_hil.green import simulate as s, model, kernel, loop\n"
-        "books = np.zeros(kernel.BOOKS)\n"
-        "loop.run_line(np.array([0.5, 500.0, 100.0, 0.0]), s._states(model.WEAK),"
-        " s.train_array(model.LineTrain()), model.Law('x', .5, .5).as_array(),"
-        " (s._timetable(model.Timetable()), s.dwells_of(1, 2), s.legs_of(model.Timetable())),"
-        " s._net(model.WEAK), s._room(model.WEAK), (books, np.zeros(6), np.zeros((1, 7, 6)),"
-        " np.zeros((1, 5))))\n"
-        "print(' '.join(repr(float(b)) for b in books))\n"
-    )
-    told = [
-        subprocess.run(
-            [sys.executable, "-c", code, how], capture_output=True, text=True, check=True
-        ).stdout.split()
-        for how in ("plain", "compiled")
-    ]
+PLAIN = """
+import sys
+sys.modules['numba'] = None
+from metro_hil.green import model, simulate
+from plant_emulator.power.compiled import COMPILED
+assert not COMPILED
+print(' '.join(repr(float(book)) for book in simulate.first_minutes(model.WEAK)))
+"""
 
-    plain, compiled = ([float(number) for number in numbers] for numbers in told)
-    assert compiled == pytest.approx(plain, rel=1e-6, abs=1.0)
+
+def test_without_the_compiler_the_books_are_the_same() -> None:
+    told = subprocess.run(
+        [sys.executable, "-c", PLAIN], capture_output=True, text=True, check=True
+    ).stdout.split()
+
+    compiled = first_minutes(WEAK)
+    assert [float(number) for number in told] == pytest.approx(list(compiled), rel=1e-6, abs=1.0)
 
 
 # The law's own functions.

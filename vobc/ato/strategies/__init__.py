@@ -8,6 +8,7 @@ from firmware_py.trackdb import LineMap
 from vobc.ato.config import AtoConfig
 from vobc.ato.strategies.chasing import Chasing
 from vobc.ato.strategies.chasing_literal import ChasingLiteral
+from vobc.ato.strategies.green import GreenRun
 from vobc.ato.strategies.pid import PidPredicted
 from vobc.ato.strategies.pid_literal import PidLiteral
 from vobc.ato.strategies.power_limited import PowerLimitedRun
@@ -20,6 +21,7 @@ STRATEGIES: Final[Mapping[str, Callable[[AtoConfig, LineMap, float], Strategy]]]
     "pid": PidPredicted,
     "pid_literal": PidLiteral,
     "timing": TimedRun,
+    "green": GreenRun,
     "power_limited": PowerLimitedRun,
     "chasing": Chasing,
     "chasing_literal": ChasingLiteral,

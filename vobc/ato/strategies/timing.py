@@ -158,7 +158,10 @@ class TimedRun:
         if self.state is State.AUTOMATIC and seen.now_ns >= self._look_again_ns:
             self._look_again_ns = seen.now_ns + round(self._config.timing.look_s * NS_PER_S)
             self._time_mps = self._timing_mps(seen, target)
-        return min(top_mps, self._time_mps)
+        return self._combined_mps(seen, top_mps, self._time_mps)
+
+    def _combined_mps(self, seen: AtoInput, top_mps: float, timing_mps: float) -> float:
+        return min(top_mps, timing_mps)
 
     def _plan(self, seen: AtoInput, target: Target) -> None:
         self._target = target
