@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.table import Table
 
 from firmware_py.clock import WallClock
+from metro_hil.engine.errors import UsageError
 from metro_hil.green import table_four
 from metro_hil.green.model import SUPPLIES, LineTrain, Supply, Timetable
 from metro_hil.green.simulate import Outcome, simulate
@@ -22,7 +23,10 @@ PERCENT: Final = 100.0
 
 
 def run(options: argparse.Namespace) -> int:
-    """The campaign of that name; raises RunFolderError."""
+    """The campaign of that name; raises RunFolderError, and UsageError for what it has no use for."""
+    for name in ("bench", "controller", "filter", "rerun"):
+        if getattr(options, name, None) is not None:
+            raise UsageError(f"--{name}: {NAME} has no cases, only seeds; there is --seed, --limit")
     folder = make_run_folder(options.out, WallClock().epoch_ns(), NAME).path
     console = Console(stderr=options.json)
     if not COMPILED:
@@ -33,7 +37,9 @@ def run(options: argparse.Namespace) -> int:
     _show_arithmetic(console)
     for supply in SUPPLIES.values():
         with console.status(f"{supply.name} network") as status:
-            table = table_four.table_four(supply, seeds=seeds, told=status.update)
+            table = table_four.table_four(
+                supply, seeds=seeds, budget=table_four.BUDGET, told=status.update
+            )
         _show(console, table)
         page = folder / f"green_{supply.name}.png"
         _draw(page, table)
