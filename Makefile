@@ -24,8 +24,7 @@ PROTECTION_TESTS = $(wildcard hil_tests/unit/test_atp_*.py) \
 	$(wildcard $(addprefix hil_tests/unit/test_vobc_,$(addsuffix .py,braking config doors protection supervision)))
 
 .DEFAULT_GOAL := help
-.PHONY: help setup run test check format-check lint types layers mutate fuzz coverage bench bench-hil bench-atp bench-logs bench-page compiled docs format clean distclean
-.PHONY: help setup run test check format-check lint types layers mutate fuzz coverage bench bench-hil bench-atp bench-energy compiled docs format clean distclean
+.PHONY: help setup run test check format-check lint types layers mutate fuzz coverage bench bench-hil bench-atp bench-logs bench-page bench-energy compiled docs format clean distclean
 
 help: ## show this list
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | while IFS='	' read -r name words; do \
@@ -87,6 +86,7 @@ bench-atp: $(READY_TO_TEST) ## measure what protection costs a cycle, and its br
 
 bench-logs: $(READY_TO_TEST) ## measure canlog against its peers on a log of 2 M frames
 	$(BIN)/python hil_tests/log_bench $(BENCH_ARGS)
+
 bench-energy: $(READY_TO_TEST) ## measure running curves, the DC network and the green line; BENCH_ARGS=...
 	$(BIN)/python -m metro_hil.energy_bench $(BENCH_ARGS)
 

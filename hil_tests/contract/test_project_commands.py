@@ -64,7 +64,7 @@ def fault_in(line: str) -> str | None:
         return f"no target {wanted - targets}" if wanted - targets else None
     if head not in SCRIPTS:
         return None if (BIN / head).exists() else f"no program {head}"
-    verbs = [word for word in words[1:2] if re.fullmatch(r"[a-z]+", word)]
+    verbs = [word for word in words[1:2] if re.fullmatch(r"[a-z]+(-[a-z]+)*", word)]
     said = help_text(head, verbs[0] if verbs else "")
     options = {word.partition("=")[0] for word in words if word.startswith("--")}
     unknown = {option for option in options if not re.search(rf"(?<!\S){option}\b", said)}

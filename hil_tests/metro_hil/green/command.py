@@ -23,7 +23,7 @@ PERCENT: Final = 100.0
 
 
 def run(options: argparse.Namespace) -> int:
-    """The campaign of that name; raises RunFolderError, and UsageError for what it has no use for."""
+    """The campaign of that name; raises RunFolderError, UsageError for what it has no use for."""
     for name in ("bench", "controller", "filter", "rerun"):
         if getattr(options, name, None) is not None:
             raise UsageError(f"--{name}: {NAME} has no cases, only seeds; there is --seed, --limit")
