@@ -156,7 +156,7 @@ def simulate(
     )
     kept = None
     if every:
-        time_s = np.arange(rows) * (every * step_s)
+        time_s = np.linspace(0.0, (rows - 1) * every * step_s, rows)
         place_m, speed_mps, voltage_v, current_a, gives_w, burns_w = (
             record[:, :, part] for part in range(loop.RECORDED)
         )
