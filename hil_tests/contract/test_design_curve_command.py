@@ -11,7 +11,7 @@ from metro_hil.vobc_command import main
 def test_the_answer_as_json_says_what_was_used_and_keeps_the_time(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
-    out = tmp_path / "page.png"
+    out = tmp_path / "curve"
     words = ["--line", "nanakuma", "--from", "Chayama", "--to", "Befu", "--eta", "5", "--json"]
 
     assert main(["design-curve", *words, "--optimal", "--literal", "--out", str(out)]) == 0
@@ -22,7 +22,8 @@ def test_the_answer_as_json_says_what_was_used_and_keeps_the_time(
     assert told["curve"]["time_s"] == pytest.approx(72.5, abs=0.02)
     assert told["optimum"]["above_ratio"] > 0.0
     assert told["profile"]["speed_mps"][0] == 0.0
-    assert out.read_bytes().startswith(b"\x89PNG")
+    assert (out / "curve.png").read_bytes().startswith(b"\x89PNG")
+    assert json.loads((out / "results.json").read_text(encoding="utf-8")) == told
 
 
 @pytest.mark.parametrize(
@@ -34,7 +35,7 @@ def test_the_answer_as_json_says_what_was_used_and_keeps_the_time(
         (["--time", "40"], "--time 40: the fastest run of seed002 takes"),
         (["--time", "900"], "--time 900: with the least power limit"),
         (["--train", "seed003"], "seed003"),
-        (["--out", "page.pdf"], "--out page.pdf: is not named .png"),
+        (["--out", "."], "--out .: not empty"),
     ],
 )
 def test_a_mistake_of_the_user_is_one_line(

@@ -11,9 +11,11 @@ from typing import Final
 from rich.console import Console
 from rich.table import Table
 
+from firmware_py.clock import WallClock
 from firmware_py.settings import SettingsError
 from firmware_py.trackdb import load_line
 from metro_hil.options import EXIT_OK, EXIT_USAGE
+from metro_hil.run_folder import RunFolderError, make_run_folder
 from metro_hil.running_curve import table_one
 from metro_hil.running_curve.answer import (
     OPTIMUM_CELL_M,
@@ -63,7 +65,9 @@ def parser() -> argparse.ArgumentParser:
         help="share of the regenerated energy that somebody uses; default: 1",
     )
     top.add_argument("--literal", action="store_true", help="equation (1) as printed, beside it")
-    top.add_argument("--out", metavar="FILE", help="the page of pictures, a PNG; default: none")
+    top.add_argument(
+        "--out", metavar="DIR", help="for picture and results; default: a folder below runs/"
+    )
     top.add_argument("--json", action="store_true", help="one JSON object on standard output")
     return top
 
@@ -73,17 +77,12 @@ def main(argv: Sequence[str]) -> int:
     options = parser().parse_args(argv)
     try:
         return _design(options)
-    except SettingsError as error:
+    except (SettingsError, RunFolderError) as error:
         print(f"vobc: {error}", file=sys.stderr)
         return EXIT_USAGE
 
 
 def _design(options: argparse.Namespace) -> int:
-    out = None if options.out is None else Path(options.out)
-    if out is not None and out.suffix != ".png":
-        raise SettingsError(f"--out {out}: is not named .png")
-    if out is not None and not out.parent.is_dir():
-        raise SettingsError(f"--out {out}: there is no folder {out.parent}")
     line, train = load_line(options.line), load_train(options.train)
     first, last, track = track_between(line, train, options.start, options.end)
     coarse = track_between(line, train, first, last, cell_m=OPTIMUM_CELL_M)[2]
@@ -103,11 +102,14 @@ def _design(options: argparse.Namespace) -> int:
     _show(console, title, found)
     if options.train == "seed002":
         _show_table_one(console, train)
-    if out is not None:
-        _draw(out, title, found)
-        console.print(f"picture: {out}", highlight=False, soft_wrap=True)
+    folder = make_run_folder(options.out, WallClock().epoch_ns(), f"curve_{first}-{last}").path
+    picture = folder / "curve.png"
+    _draw(picture, title, found)
+    told = json.dumps({"line": line.name, "from": first, "to": last, **as_document(found)})
+    (folder / "results.json").write_text(told + "\n", encoding="utf-8")
+    console.print(f"picture: {picture}", highlight=False, soft_wrap=True)
     if options.json:
-        print(json.dumps({"line": line.name, "from": first, "to": last, **as_document(found)}))
+        print(told)
     return EXIT_OK
 
 
