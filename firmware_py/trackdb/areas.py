@@ -1,0 +1,132 @@
+"""How a line is divided for trains that command themselves: areas, track sections, wayside objects."""
+
+import enum
+import itertools
+from bisect import bisect_right
+from dataclasses import dataclass
+from typing import Final
+
+AREA_MAX: Final = 255
+
+
+class ObjectKind(enum.IntEnum):
+    SWITCH = 1
+    CROSSING = 2
+    PLATFORM = 3
+    """A platform track that may be closed, for people on it or for doors that stand open."""
+
+
+@dataclass(frozen=True, slots=True)
+class Area:
+    """One stretch with one master at a time. Every metre of a line belongs to exactly one area."""
+
+    number: int
+    start_m: float
+    end_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class TrackSection:
+    """A stretch whose axles the wayside counts in and out."""
+
+    number: int
+    start_m: float
+    end_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class ObjectSite:
+    """What a train may pass only while it is locked for passing: anything in [start_m, end_m]."""
+
+    number: int
+    kind: ObjectKind
+    start_m: float
+    end_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class AreaMap:
+    """The division of one line. Raises ValueError where parts overlap, leave holes or lie off it."""
+
+    name: str
+    areas: tuple[Area, ...]
+    """In running order, each beginning where the one before ends."""
+    sections: tuple[TrackSection, ...] = ()
+    """In running order, without holes, from the start of the first area to the end of the last."""
+    objects: tuple[ObjectSite, ...] = ()
+    """In running order; each within one area."""
+    apply_m: float = 800.0
+    """So far before a border a train begins to report to the area behind it, too."""
+
+    def __post_init__(self) -> None:
+        if not self.areas:
+            raise ValueError(f"line {self.name}: areas: there is none")
+        _check_chain("areas", [(each.number, each.start_m, each.end_m) for each in self.areas])
+        for area in self.areas:
+            if not 0 < area.number <= AREA_MAX:
+                raise ValueError(f"areas: number {area.number} is not in 1..{AREA_MAX}")
+        if self.sections:
+            _check_chain("sections", [(s.number, s.start_m, s.end_m) for s in self.sections])
+            if (self.sections[0].start_m, self.sections[-1].end_m) != (self.start_m, self.end_m):
+                raise ValueError(
+                    f"sections: they do not reach from {self.start_m} m to {self.end_m} m"
+                )
+        for site in self.objects:
+            area = self.area_at(site.start_m)
+            if not area.start_m <= site.start_m < site.end_m <= area.end_m:
+                raise ValueError(f"objects: object {site.number} does not lie within one area")
+        if len({site.number for site in self.objects}) != len(self.objects):
+            raise ValueError("objects: a number occurs twice")
+        if not self.apply_m > 0.0:
+            raise ValueError(f"apply_m {self.apply_m} is not positive")
+
+    @property
+    def start_m(self) -> float:
+        return self.areas[0].start_m
+
+    @property
+    def end_m(self) -> float:
+        return self.areas[-1].end_m
+
+    def area(self, number: int) -> Area:
+        """Raises KeyError for a number that no area of the line has."""
+        for each in self.areas:
+            if each.number == number:
+                return each
+        raise KeyError(f"line {self.name} has no area {number}")
+
+    def area_at(self, at_m: float) -> Area:
+        """The one that owns this metre; before and behind the line, the nearest."""
+        starts_m = [each.start_m for each in self.areas]
+        return self.areas[max(0, bisect_right(starts_m, at_m) - 1)]
+
+    def following(self, number: int) -> Area | None:
+        """The area that begins where this one ends; None at the end of the line."""
+        after = False
+        for each in self.areas:
+            if after:
+                return each
+            after = each.number == number
+        return None
+
+    def objects_in(self, number: int) -> tuple[ObjectSite, ...]:
+        area = self.area(number)
+        return tuple([each for each in self.objects if area.start_m <= each.start_m < area.end_m])
+
+    def sections_in(self, number: int) -> tuple[TrackSection, ...]:
+        """Those that lie in the area at least in part."""
+        area = self.area(number)
+        return tuple(
+            [s for s in self.sections if s.start_m < area.end_m and area.start_m < s.end_m]
+        )
+
+
+def _check_chain(what: str, parts: list[tuple[int, float, float]]) -> None:
+    if len({number for number, _, _ in parts}) != len(parts):
+        raise ValueError(f"{what}: a number occurs twice")
+    for number, start_m, end_m in parts:
+        if not start_m < end_m:
+            raise ValueError(f"{what}: {number} from {start_m} m to {end_m} m is no stretch")
+    for (_, _, end_m), (number, start_m, _) in itertools.pairwise(parts):
+        if start_m != end_m:
+            raise ValueError(f"{what}: {number} starts at {start_m} m where {end_m} m is needed")
