@@ -1,0 +1,177 @@
+"""Bodies of train-to-train messages as msgpack, straight from their fields; and what is unsound."""
+
+import dataclasses
+import enum
+import math
+import typing
+from collections.abc import Callable
+from typing import Any, Final, NamedTuple
+
+import msgspec
+
+from zenoh_config.messages import MAX_ADDRESS, RESTRICTIONS_MAX, SpeedRestriction
+from zenoh_config.soundness import MAX_CHAINAGE_M, MAX_NUMBER, MAX_SPEED_MPS, MAX_STAMP_NS
+from zenoh_config.t2t import (
+    ROSTER_MAX,
+    SECTIONS_MAX,
+    T2T_TYPES,
+    AreaAuthority,
+    T2tMessage,
+    TrainReport,
+)
+
+FIRST_TYPE: Final = 16
+AREA_MAX: Final = 255
+AXLES_MAX: Final = 1000
+TYPE_NUMBERS: Final = {kind: FIRST_TYPE + at for at, kind in enumerate(T2T_TYPES)}
+HEADER_FIELDS: Final = ("source", "destination", "sequence", "stamp_ns")
+"""Of every message; they stand in the header of the envelope and not in the body."""
+_LENGTHS: Final = {
+    "roster": ROSTER_MAX,
+    "entries": ROSTER_MAX,
+    "sections": SECTIONS_MAX,
+    "restrictions": RESTRICTIONS_MAX,
+    "closed": RESTRICTIONS_MAX,
+}
+_ADDRESSES: Final = ("source", "destination", "successor", "holder", "standby", "train", "behind")
+_MOST: Final = {
+    **dict.fromkeys(_ADDRESSES, MAX_ADDRESS),
+    "waits_for": MAX_ADDRESS,
+    "area": AREA_MAX,
+    "comes_from": AREA_MAX,
+    "axles": AXLES_MAX,
+}
+"""The greatest whole number that a field may hold; others hold up to 2^32 - 1."""
+
+_encode: Final = msgspec.msgpack.Encoder().encode
+
+
+def body_fields(kind: type[T2tMessage]) -> tuple[str, ...]:
+    """Names, in the order of the body."""
+    return tuple([f.name for f in dataclasses.fields(kind) if f.name not in HEADER_FIELDS])
+
+
+class _Layout:
+    """How one kind of message is packed, opened and checked."""
+
+    def __init__(self, kind: type[T2tMessage]) -> None:
+        hints = typing.get_type_hints(kind)
+        self.kind = kind
+        self.body = body_fields(kind)
+        types = tuple([_wire_type(hints[name]) for name in self.body])
+        self.decoder = msgspec.msgpack.Decoder(tuple.__class_getitem__(types))
+        self.checks: tuple[tuple[str, Callable[[str, Any], str]], ...] = tuple(
+            [(name, _check_for(hints[name])) for name in hints]
+        )
+
+
+def _wire_type(hint: Any) -> Any:
+    return tuple[_Restriction, ...] if hint == tuple[SpeedRestriction, ...] else hint
+
+
+class _Restriction(NamedTuple):
+    start_m: float
+    end_m: float
+    limit_mps: float
+
+
+def packed_body(message: T2tMessage) -> bytes:
+    return _encode([_plain(getattr(message, name)) for name in _LAYOUTS[type(message)].body])
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, tuple) and value and isinstance(value[0], SpeedRestriction):
+        return [(each.start_m, each.end_m, each.limit_mps) for each in value]
+    return value
+
+
+def _inner(value: Any) -> Any:
+    if isinstance(value, tuple) and value and isinstance(value[0], _Restriction):
+        return tuple([SpeedRestriction(*each) for each in value])
+    return value
+
+
+def opened(
+    number: int, source: int, destination: int, sequence: int, stamp_ns: int, body: bytes
+) -> T2tMessage:
+    """Raises msgspec's errors for a body that is not of this type, KeyError for an unknown type."""
+    layout = _BY_NUMBER[number]
+    area, term, boot, *rest = map(_inner, layout.decoder.decode(body))
+    return layout.kind(source, destination, area, term, boot, sequence, stamp_ns, *rest)
+
+
+def knows(number: int) -> bool:
+    return number in _BY_NUMBER
+
+
+def problem_of_t2t(message: T2tMessage) -> str:
+    """What no honest sender says, by field; empty when there is nothing."""
+    for name, check in _LAYOUTS[type(message)].checks:
+        problem = check(name, getattr(message, name))
+        if problem:
+            return problem
+    if isinstance(message, TrainReport) and message.localised:
+        return _order_problem(message)
+    if isinstance(message, AreaAuthority) and not message.rear_m <= message.end_m:
+        return f"rear_m {message.rear_m} is beyond end_m {message.end_m}"
+    return ""
+
+
+def _order_problem(report: TrainReport) -> str:
+    if not report.rear_min_m <= report.front_min_m <= report.front_max_m <= report.latent_m:
+        return (
+            f"rear_min_m {report.rear_min_m}, front_min_m {report.front_min_m}, front_max_m "
+            f"{report.front_max_m} and latent_m {report.latent_m} are not in this order"
+        )
+    return ""
+
+
+def _check_for(hint: Any) -> Callable[[str, Any], str]:
+    if typing.get_origin(hint) is tuple:
+        return _many_problem
+    if hint is bool or (isinstance(hint, type) and issubclass(hint, enum.IntEnum)):
+        return _no_problem
+    return _number_problem
+
+
+def _no_problem(name: str, value: Any) -> str:
+    return ""
+
+
+def _many_problem(name: str, values: Any) -> str:
+    if len(values) > _LENGTHS[name]:
+        return f"{len(values)} {name}, at most {_LENGTHS[name]} fit"
+    for each in values:
+        if isinstance(each, SpeedRestriction):
+            problem = _restriction_problem(each)
+        else:
+            named = zip(each._fields, each, strict=True)
+            problem = next((text for n, v in named if (text := _number_problem(n, v))), "")
+        if problem:
+            return f"{name}: {problem}"
+    return ""
+
+
+def _restriction_problem(each: SpeedRestriction) -> str:
+    if not -MAX_CHAINAGE_M <= each.start_m <= each.end_m <= MAX_CHAINAGE_M:
+        return f"from {each.start_m} m to {each.end_m} m is no stretch of a line"
+    if not 0.0 < each.limit_mps <= MAX_SPEED_MPS:
+        return f"limit {each.limit_mps} m/s is not in 0..{MAX_SPEED_MPS}"
+    return ""
+
+
+def _number_problem(name: str, value: Any) -> str:
+    """Comparisons catch NaN."""
+    if isinstance(value, bool):
+        return ""
+    if isinstance(value, int) and not name.endswith(("_m", "_mps")):
+        most = MAX_STAMP_NS if name.endswith("_ns") else _MOST.get(name, MAX_NUMBER)
+        return "" if 0 <= value <= most else f"{name} {value} is not in 0..{most}"
+    most_of_unit = MAX_SPEED_MPS if name.endswith("_mps") else MAX_CHAINAGE_M
+    if not math.fabs(value) <= most_of_unit:
+        return f"{name} {value} is not in ±{most_of_unit}"
+    return ""
+
+
+_LAYOUTS: Final = {kind: _Layout(kind) for kind in T2T_TYPES}
+_BY_NUMBER: Final = {number: _LAYOUTS[kind] for kind, number in TYPE_NUMBERS.items()}
