@@ -113,6 +113,11 @@ class TrainReport(T2tMessage):
     latent_m: float
     """No authority of this area that the train holds, in force or not, and no braking from one
     that it gave up, takes its front beyond this."""
+    easy_m: float
+    """With the service brake it can still stop before this."""
+    held_term: int
+    """Of the newest authority of this area that it took; what is not newer it never takes."""
+    held_sequence: int
     member: bool
     """It holds an authority of this area, of whatever age; False while it applies."""
     behind: int

@@ -1,4 +1,4 @@
-"""The third party: grants the lease of each area to one train at a time, under terms that only grow."""
+"""The third party: grants each area's lease to one train at a time, under terms that only grow."""
 
 from plant_emulator.wayside.t2t_vocabulary import ArbiterMemory, WaysideStepped
 from zenoh_config.t2t import T2tMessage

@@ -28,6 +28,8 @@ class T2tConfig:
     """An object so near ahead of a train is claimed for it."""
     backoff_ms: int = 80
     """After a lost candidacy a train waits between one and two of these, drawn from its seed."""
+    overhang_m: float = 4.0
+    """From the last axle to the coupler behind it, at most: no counter sees what is beyond."""
     switch_ms: int = 1000
     """A planned switch that is not through by then is given up."""
 
@@ -57,6 +59,8 @@ class OwnTrain(NamedTuple):
     """Zero speed is proven."""
     reach_m: float
     """The front gets no farther if the emergency brake is commanded now; at least front_max_m."""
+    easy_m: float
+    """The front gets no farther with the service brake; at least reach_m."""
     axles: int
     out_of_service: bool = False
 

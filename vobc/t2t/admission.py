@@ -1,0 +1,84 @@
+"""Who comes onto the roster, and where: between whom a newcomer stands, and that nobody hides."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from firmware_py.trackdb.areas import Area
+from vobc.t2t.authority import Counted, Standing, explained
+from vobc.t2t.guards import InLine, MasterGuards, Neighbours
+from vobc.t2t.roster import Order, placed
+from vobc.t2t.table import Record
+from vobc.t2t.vocabulary import T2tConfig
+from zenoh_config.t2t import NOBODY, ROSTER_MAX, AdmissionState, RosterEntry, TrainReport
+
+
+class Scene(NamedTuple):
+    """What an admission is decided on."""
+
+    area: Area
+    before: Area | None
+    """The area that ends where this one begins."""
+    records: dict[int, Record]
+    reserved_m: dict[int, float]
+    """By train of the roster: the farthest that it may have been granted."""
+    counted: tuple[Counted, ...] | None
+    """Sections as last counted; None: this line counts no axles."""
+    standing: tuple[Standing, ...]
+    """Every train that says where it is, the newcomer not among them."""
+
+
+class Waiting(NamedTuple):
+    state: AdmissionState
+    waits_for: int = NOBODY
+
+
+def admitted(
+    order: Order, report: TrainReport, scene: Scene, config: T2tConfig, guards: MasterGuards
+) -> Order | Waiting:
+    """The order with the newcomer in it, or why it is not."""
+    if len(order) >= ROSTER_MAX:
+        return Waiting(AdmissionState.FULL)
+    at = sum(1 for _ in _ahead(order, report, scene))
+    ahead = order[at - 1].train if at else NOBODY
+    place = Neighbours(
+        behind_m=scene.reserved_m[order[at].train] if at < len(order) else -scene.area.end_m,
+        rear_m=report.rear_min_m - config.rollback_m,
+        front_m=report.front_max_m,
+        ahead_m=scene.records[ahead].rear_m - config.rollback_m if ahead else report.front_max_m,
+    )
+    if at == len(order):
+        place = place._replace(behind_m=place.rear_m)
+    if not guards.placed_apart(place):
+        return Waiting(AdmissionState.UNPLACED, order[at].train if at < len(order) else ahead)
+    over_border = scene.before is not None and report.front_max_m <= scene.area.start_m
+    line = InLine(
+        over_border,
+        scene.before is not None and report.comes_from == scene.before.number,
+        report.behind,
+        ahead,
+    )
+    if not guards.comes_in_line(line):
+        return Waiting(AdmissionState.WAITS, report.behind)
+    sieved = over_border or is_sieved(report, scene)
+    return placed(order, RosterEntry(report.source, report.rear_min_m, sieved), at)
+
+
+def _ahead(order: Sequence[RosterEntry], report: TrainReport, scene: Scene) -> Sequence[int]:
+    """Trains in front of the newcomer: the roster up to the first that is not."""
+    ahead = []
+    for entry in order:
+        if scene.records[entry.train].rear_m < report.front_max_m:
+            break
+        ahead.append(entry.train)
+    return ahead
+
+
+def is_sieved(report: TrainReport, scene: Scene) -> bool:
+    """All axles around a train that stands are those of trains that say that they are there."""
+    if scene.counted is None:
+        return True
+    return report.standstill and explained(scene.counted, standing_of(report), scene.standing)
+
+
+def standing_of(report: TrainReport) -> Standing:
+    return Standing(report.rear_min_m, report.front_max_m, report.axles)

@@ -1,0 +1,93 @@
+"""The first gate of everything heard: whom it is for, who can have said it, and in what order."""
+
+from collections import Counter
+from typing import Final
+
+from zenoh_config.messages import WAYSIDE, RefusedReason
+from zenoh_config.t2t import (
+    BROADCAST,
+    FIRST_ARBITER,
+    LAST_ARBITER,
+    LAST_TRAIN,
+    Admission,
+    AreaAuthority,
+    Heartbeat,
+    LeaseAnswer,
+    LineOrder,
+    ObjectClaim,
+    ObjectStatus,
+    RosterAck,
+    StandbySync,
+    SwitchStep,
+    SyncAck,
+    T2tMessage,
+    TrackStatus,
+    TrainReport,
+)
+
+SOURCES_MAX: Final = 4096
+"""Streams of messages that are kept in order; more are refused, so that memory stays bounded."""
+OF_TRAINS: Final = (
+    Heartbeat,
+    TrainReport,
+    AreaAuthority,
+    StandbySync,
+    SyncAck,
+    SwitchStep,
+    Admission,
+    ObjectClaim,
+)
+OF_ARBITERS: Final = (LeaseAnswer, RosterAck)
+OF_WAYSIDE: Final = (ObjectStatus, TrackStatus, LineOrder)
+
+Stream = tuple[type[T2tMessage], int, int, int]
+"""Kind, source, area and the number of the object that it speaks of."""
+
+
+class Hearing:
+    """Counts what it refuses by reason; a refused message changes nothing else."""
+
+    def __init__(self, address: int, boot: int) -> None:
+        self.refusals: Counter[RefusedReason | str] = Counter()
+        self.doubled = False
+        """Somebody else speaks under this train's address."""
+        self._address, self._boot = address, boot
+        self._newest: dict[Stream, tuple[int, int]] = {}
+
+    def admits(self, message: T2tMessage, own_sequence: int) -> bool:
+        reason = self._objection(message, own_sequence)
+        if reason is None:
+            return True
+        self.refusals[reason] += 1
+        return False
+
+    def _objection(self, message: T2tMessage, own_sequence: int) -> RefusedReason | None:
+        source = message.source
+        if source == self._address:
+            spoken = (self._boot, own_sequence)
+            self.doubled |= (message.boot, message.sequence) > spoken
+            return RefusedReason.WRONG_SOURCE
+        if message.destination not in (self._address, BROADCAST):
+            return RefusedReason.WRONG_DESTINATION
+        if not _may_say(source, message):
+            return RefusedReason.WRONG_SOURCE
+        if isinstance(message, AreaAuthority):
+            # The member's own guard keeps authorities in order, by term and across masters.
+            return None
+        number = message.number if isinstance(message, ObjectStatus) else 0
+        stream = (type(message), source, message.area, number)
+        newest = self._newest.get(stream)
+        if newest is None and len(self._newest) >= SOURCES_MAX:
+            return RefusedReason.WRONG_SOURCE
+        if newest is not None and (message.boot, message.sequence) <= newest:
+            return RefusedReason.WRONG_BOOT if message.boot < newest[0] else RefusedReason.NOT_NEWER
+        self._newest[stream] = (message.boot, message.sequence)
+        return None
+
+
+def _may_say(source: int, message: T2tMessage) -> bool:
+    if isinstance(message, OF_TRAINS):
+        return WAYSIDE < source <= LAST_TRAIN
+    if isinstance(message, OF_ARBITERS):
+        return FIRST_ARBITER <= source <= LAST_ARBITER
+    return isinstance(message, OF_WAYSIDE) and source == WAYSIDE

@@ -1,0 +1,26 @@
+"""The heads of everything that one train says: who, which incarnation, in what order, when."""
+
+from typing import NamedTuple
+
+
+class Head(NamedTuple):
+    """The first fields of every message, in their order."""
+
+    source: int
+    destination: int
+    area: int
+    term: int
+    boot: int
+    sequence: int
+    stamp_ns: int
+
+
+class Speaker:
+    def __init__(self, address: int, boot: int) -> None:
+        self.address, self.boot = address, boot
+        self.sequence = 0
+        """Of the last message."""
+
+    def head(self, now_ns: int, *, to: int, area: int, term: int) -> Head:
+        self.sequence += 1
+        return Head(self.address, to, area, term, self.boot, self.sequence, now_ns)

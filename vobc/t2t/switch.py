@@ -1,0 +1,95 @@
+"""A planned switch of the master, as the one who hands over sees it: prepare, ready, commit."""
+
+import enum
+from collections.abc import Callable, Mapping
+from typing import Final, NamedTuple
+
+from zenoh_config.t2t import NOBODY
+
+
+class SwitchState(enum.Enum):
+    IDLE = "idle"
+    PREPARING = "preparing"
+    """All are asked whether they are ready; nothing has changed."""
+    COMMITTED = "committed"
+    """The successor may acquire the lease; until it has, the old term stays in force."""
+
+
+class Look(NamedTuple):
+    """What decides about a switch."""
+
+    wanted: int
+    """Who shall be master; NOBODY: things stay as they are."""
+    successor_fit: bool
+    successor_ready: bool
+    all_ready: bool
+    """Every train of the roster that is heard of; the silent ones keep their reservation."""
+    timed_out: bool
+
+
+def asked_for(look: Look) -> bool:
+    return look.wanted != NOBODY and look.successor_fit
+
+
+def all_said_ready(look: Look) -> bool:
+    return look.successor_ready and look.all_ready
+
+
+def given_up(look: Look) -> bool:
+    return look.timed_out or not look.successor_fit
+
+
+Guard = Callable[[Look], bool]
+
+TRANSITIONS: Final[Mapping[SwitchState, tuple[tuple[Guard, SwitchState], ...]]] = {
+    SwitchState.IDLE: ((asked_for, SwitchState.PREPARING),),
+    SwitchState.PREPARING: (
+        (given_up, SwitchState.IDLE),
+        (all_said_ready, SwitchState.COMMITTED),
+    ),
+    SwitchState.COMMITTED: ((given_up, SwitchState.IDLE),),
+}
+"""Out of COMMITTED there is no success: the new term, once heard, ends the old master."""
+
+
+class PlannedSwitch:
+    def __init__(self, limit_ns: int) -> None:
+        self.state = SwitchState.IDLE
+        self.successor = NOBODY
+        self.nonce = 0
+        self.aborted = 0
+        """Nonce of the last switch that was given up."""
+        self.successor_ready = False
+        self._limit_ns = limit_ns
+        self._began_ns = 0
+
+    def step(
+        self, now_ns: int, *, wanted: int, fit: Callable[[int], bool], all_ready: Callable[[], bool]
+    ) -> None:
+        """One transition at most."""
+        target = wanted if self.state is SwitchState.IDLE else self.successor
+        running = self.state is not SwitchState.IDLE
+        look = Look(
+            wanted=wanted,
+            successor_fit=target != NOBODY and fit(target),
+            successor_ready=self.successor_ready,
+            all_ready=running and all_ready(),
+            timed_out=running and now_ns - self._began_ns >= self._limit_ns,
+        )
+        for guard, state in TRANSITIONS[self.state]:
+            if guard(look):
+                self._enter(state, now_ns, wanted)
+                return
+
+    def _enter(self, state: SwitchState, now_ns: int, wanted: int) -> None:
+        self.state = state
+        if state is SwitchState.PREPARING:
+            self.nonce += 1
+            self.successor, self.successor_ready = wanted, False
+            self._began_ns = now_ns
+        elif state is SwitchState.IDLE:
+            self.aborted, self.successor = self.nonce, NOBODY
+
+    def is_ready(self, train: int, nonce: int) -> None:
+        if self.state is SwitchState.PREPARING and (train, nonce) == (self.successor, self.nonce):
+            self.successor_ready = True

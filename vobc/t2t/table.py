@@ -1,0 +1,104 @@
+"""What a master knows of the trains of its area: where each surely is, and what it may hold."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from typing import Final
+
+from zenoh_config.t2t import SectionState, SyncEntry, TrainReport
+
+OUTSTANDING_MAX: Final = 8
+"""Authorities on their way to one train that are told apart; more are taken for one."""
+UNBOUNDED_M: Final = 1.0e6
+"""Reserved for a train of which nobody knows what it may hold."""
+
+
+@dataclass(slots=True)
+class Record:
+    """One train, as far as its master knows."""
+
+    train: int
+    rear_m: float
+    """Protected: the rear has been seen here or farther on, by the train or by detection."""
+    heard_ns: int
+    """When its newest report came; when the record was made, before."""
+    report: TrainReport | None = None
+    """The newest, from a time when the train knew where it was."""
+    term: int = 0
+    """That it promised last."""
+    stopped: bool = False
+    """Supervision has ordered its authority to end where it stands."""
+    sent: list[tuple[int, float]] = field(default_factory=list)
+    """Sequence and end of authorities that it may yet take, oldest first."""
+
+    def hears(self, report: TrainReport, now_ns: int, *, term: int) -> None:
+        """A report that came in order; `term` is the master's own."""
+        self.heard_ns = now_ns
+        self.term = report.term
+        if report.held_term == term:
+            self.sent = [each for each in self.sent if each[0] > report.held_sequence]
+        if not report.localised:
+            return
+        newborn = self.report is not None and report.boot != self.report.boot
+        self.rear_m = report.rear_min_m if newborn else max(self.rear_m, report.rear_min_m)
+        self.report = report
+
+    def issued(self, sequence: int, end_m: float) -> None:
+        self.sent.append((sequence, end_m))
+        if len(self.sent) > OUTSTANDING_MAX:
+            (_, first_m), (second, second_m), *rest = self.sent
+            self.sent = [(second, max(first_m, second_m)), *rest]
+
+    @property
+    def granted_m(self) -> float:
+        """The farthest its front may come by anything that it holds, may yet take or gave up."""
+        latent_m = UNBOUNDED_M if self.report is None else self.report.latent_m
+        return max([latent_m, *[end_m for _, end_m in self.sent]])
+
+
+class TrainTable:
+    """Records by train."""
+
+    def __init__(self) -> None:
+        self.records: dict[int, Record] = {}
+
+    def of(self, train: int, *, rear_m: float, now_ns: int) -> Record:
+        """The record of a train; a new one begins with this rear."""
+        found = self.records.get(train)
+        if found is None:
+            found = self.records[train] = Record(train, rear_m, now_ns)
+        return found
+
+    def forget_but(self, trains: Iterable[int]) -> None:
+        kept = set(trains)
+        self.records = {train: each for train, each in self.records.items() if train in kept}
+
+    def takes_sync(self, entries: Iterable[SyncEntry], now_ns: int) -> None:
+        """What a master left to its standby; a rear never goes back by it."""
+        for entry in entries:
+            record = self.of(entry.train, rear_m=entry.rear_m, now_ns=now_ns)
+            if record.report is None:
+                record.rear_m = max(record.rear_m, entry.rear_m)
+
+
+def cleared_to_m(
+    rear_m: float,
+    sections: Sequence[tuple[float, float, SectionState]],
+    *,
+    overhang_m: float,
+) -> float:
+    """How far forward a rear must be that stood at `rear_m` or beyond when all this was seen.
+
+    A train that moves forwards only is not in clear sections that begin where it was: it is past
+    them, but for what hangs over behind its last axle.
+
+    Args:
+        sections: start, end and state of each, in running order.
+    """
+    reached_m = rear_m
+    for start_m, end_m, state in sections:
+        if end_m <= reached_m:
+            continue
+        if start_m > reached_m or state.occupied:
+            break
+        reached_m = end_m
+    return max(rear_m, reached_m - overhang_m) if reached_m > rear_m else rear_m
