@@ -1,4 +1,4 @@
-"""How a line is divided for trains that command themselves: areas, track sections, wayside objects."""
+"""How a line is divided where trains command themselves: areas, track sections, objects."""
 
 import enum
 import itertools
@@ -46,7 +46,7 @@ class ObjectSite:
 
 @dataclass(frozen=True, slots=True)
 class AreaMap:
-    """The division of one line. Raises ValueError where parts overlap, leave holes or lie off it."""
+    """The division of one line. Raises ValueError where parts overlap or leave holes."""
 
     name: str
     areas: tuple[Area, ...]
@@ -113,12 +113,19 @@ class AreaMap:
         area = self.area(number)
         return tuple([each for each in self.objects if area.start_m <= each.start_m < area.end_m])
 
-    def sections_in(self, number: int) -> tuple[TrackSection, ...]:
-        """Those that lie in the area at least in part."""
+    def sections_told(self, number: int) -> tuple[TrackSection, ...]:
+        """What an area's master is told of: sections in it at least in part, and one behind each
+        of its borders, where trains come from and go to.
+        """
         area = self.area(number)
-        return tuple(
-            [s for s in self.sections if s.start_m < area.end_m and area.start_m < s.end_m]
-        )
+        inside = [
+            at
+            for at, s in enumerate(self.sections)
+            if s.start_m < area.end_m and area.start_m < s.end_m
+        ]
+        if not inside:
+            return ()
+        return self.sections[max(0, inside[0] - 1) : inside[-1] + 2]
 
 
 def _check_chain(what: str, parts: list[tuple[int, float, float]]) -> None:

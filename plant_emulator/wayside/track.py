@@ -3,16 +3,31 @@
 from collections.abc import Collection, Mapping
 
 from firmware_py.trackdb.areas import AreaMap
-from zenoh_config.messages import SpeedRestriction
-from zenoh_config.t2t import T2tMessage
-from zenoh_config.timers import LineTimers
+from zenoh_config.messages import WAYSIDE, SpeedRestriction
+from zenoh_config.t2t import (
+    LAST_TRAIN,
+    Heartbeat,
+    SectionState,
+    T2tMessage,
+    TrackStatus,
+)
+from zenoh_config.timers import NS_PER_MS, LineTimers
 
 
 class Track:
+    """Answers heartbeats; every answer echoes one, so that the master knows how old it is.
+
+    It answers any master, an outdated one, too: what it tells is true for whoever hears it.
+    """
+
     def __init__(self, timers: LineTimers, line: AreaMap, *, boot: int, start_ns: int) -> None:
         self.restrictions: tuple[SpeedRestriction, ...] = ()
         self.closed: tuple[SpeedRestriction, ...] = ()
-        raise NotImplementedError
+        self._line, self._boot = line, boot
+        self._period_ns = timers.heartbeat_ms * NS_PER_MS
+        self._masters: dict[int, Heartbeat] = {}
+        """By area: the newest heartbeat heard, of the highest term."""
+        self._sequence = 0
 
     def step(
         self,
@@ -22,10 +37,55 @@ class Track:
         axles: Mapping[int, int],
         disturbed: Collection[int] = (),
     ) -> tuple[T2tMessage, ...]:
-        """A status for each master heard of, every heartbeat period and at every change.
+        """One status to each master of which a newer heartbeat was heard.
 
         Args:
             axles: in each section, by its number; none where it is not named.
             disturbed: sections whose count is not to be trusted; they are told as occupied.
         """
-        raise NotImplementedError
+        answered = []
+        known = {area.number for area in self._line.areas}
+        for message in heard:
+            if not isinstance(message, Heartbeat) or message.area not in known:
+                continue
+            if not 0 < message.source <= LAST_TRAIN:
+                continue
+            newest = self._masters.get(message.area)
+            if newest is not None and _order(message) <= _order(newest):
+                continue
+            self._masters[message.area] = message
+            answered.append(message.area)
+        return tuple(
+            [self._status(now_ns, area, axles, disturbed) for area in dict.fromkeys(answered)]
+        )
+
+    def _status(
+        self, now_ns: int, area: int, axles: Mapping[int, int], disturbed: Collection[int]
+    ) -> TrackStatus:
+        self._sequence += 1
+        heartbeat = self._masters[area]
+        states = [
+            SectionState(
+                each.number,
+                axles.get(each.number, 0) != 0 or each.number in disturbed,
+                max(0, axles.get(each.number, 0)),
+            )
+            for each in self._line.sections_told(area)
+        ]
+        return TrackStatus(
+            WAYSIDE,
+            heartbeat.source,
+            area,
+            heartbeat.term,
+            self._boot,
+            self._sequence,
+            now_ns,
+            heartbeat.stamp_ns,
+            tuple(states),
+            self.restrictions,
+            self.closed,
+        )
+
+
+def _order(heartbeat: Heartbeat) -> tuple[int, int, int]:
+    return (heartbeat.term, heartbeat.boot, heartbeat.sequence)

@@ -48,7 +48,7 @@ class Hearing:
     """Counts what it refuses by reason; a refused message changes nothing else."""
 
     def __init__(self, address: int, boot: int) -> None:
-        self.refusals: Counter[RefusedReason | str] = Counter()
+        self.refusals: Counter[RefusedReason] = Counter()
         self.doubled = False
         """Somebody else speaks under this train's address."""
         self._address, self._boot = address, boot

@@ -2,31 +2,30 @@
 
 from typing import Final
 
-from firmware_py.trackdb.areas import AreaMap, ObjectSite
+from firmware_py.trackdb.areas import Area, AreaMap, ObjectSite
 from vobc.t2t.admission import Scene, Waiting, admitted, is_sieved, standing_of
-from vobc.t2t.authority import (
-    Counted,
-    Course,
-    Space,
-    Seen,
-    Stretch,
-    Bar,
-    end_of_authority_m,
-    unexplained,
-)
+from vobc.t2t.authority import Course, Space, Stretch, end_of_authority_m
 from vobc.t2t.guards import Freshness, MasterGuards, Promise, Reach
 from vobc.t2t.lease import Lease
 from vobc.t2t.objects import Objects
 from vobc.t2t.roster import Order, Roster
-from vobc.t2t.speaker import Speaker
-from vobc.t2t.switch import PlannedSwitch, SwitchState
-from vobc.t2t.table import UNBOUNDED_M, Record, TrainTable, cleared_to_m
+from vobc.t2t.speaker import Head, Speaker
+from vobc.t2t.succession import Succession
+from vobc.t2t.table import UNBOUNDED_M, Record, TrainTable
+from vobc.t2t.track_view import (
+    TrackView,
+    hidden_between,
+    moved_on_m,
+    restrictions_for,
+    view_of,
+)
 from vobc.t2t.vocabulary import T2tConfig
+from zenoh_config.messages import WAYSIDE
 from zenoh_config.t2t import (
     BROADCAST,
     NOBODY,
-    WAYSIDE_ADDRESS,
     Admission,
+    AdmissionState,
     AreaAuthority,
     Heartbeat,
     LineOrder,
@@ -40,7 +39,6 @@ from zenoh_config.t2t import (
     StandbySync,
     SwitchKind,
     SwitchStep,
-    SyncAck,
     SyncEntry,
     T2tMessage,
     TrackStatus,
@@ -49,6 +47,402 @@ from zenoh_config.t2t import (
 from zenoh_config.timers import NS_PER_MS
 
 APPLICANTS_MAX: Final = 64
-SPEED_MAX_MPS: Final = 40.0
-"""No train is faster; only bounds where one was when sections were seen."""
-S_PER_NS: Final = 1e-9
+
+
+class Master:
+    """From the grant of the lease to its end; under one term, with one order of trains."""
+
+    def __init__(
+        self,
+        config: T2tConfig,
+        guards: MasterGuards,
+        line: AreaMap,
+        area: int,
+        *,
+        speaker: Speaker,
+        lease: Lease,
+        table: TrainTable,
+        now_ns: int,
+    ) -> None:
+        """`table`: what a standby already knows; else an empty one."""
+        self.term = lease.term
+        self.succession = Succession(speaker.address, config.switch_ms * NS_PER_MS)
+        self.roster = Roster(lease.term, lease.adopted, config.majority, guards)
+        self._config, self._guards, self._line = config, guards, line
+        self._area, self._before = line.area(area), _before(line, area)
+        self._last = line.following(area) is None
+        self._speaker, self._lease, self._table = speaker, lease, table
+        self._objects = Objects(lease.term, line.objects_in(area), guards)
+        self._track: TrackView | None = None
+        self._applicants: dict[int, tuple[TrainReport, int]] = {}
+        self._unfit: set[int] = set()
+        """Out of service by order of supervision."""
+        self._left_ns = now_ns
+        """When the last train left the area, for what its sections may still show."""
+        self._beat_ns = now_ns
+        self._cycle_ns = now_ns
+        for entry in self.roster.proposed:
+            self._record(entry, now_ns)
+        self._table.forget_but([entry.train for entry in self.roster.proposed])
+
+    # What is heard.
+
+    def hears(self, message: T2tMessage, now_ns: int) -> None:
+        if isinstance(message, TrainReport):
+            self._hears_report(message, now_ns)
+        elif isinstance(message, RosterAck):
+            self.roster.hears(message)
+        elif isinstance(message, ObjectStatus):
+            self._objects.hears(message)
+        elif isinstance(message, TrackStatus):
+            if message.term == self.term:
+                self._track = view_of(message, self._line)
+        elif isinstance(message, SwitchStep):
+            if message.kind is SwitchKind.READY and message.term == self.term:
+                self.succession.switch.is_ready(message.source, message.nonce)
+        elif isinstance(message, LineOrder):
+            self._hears_order(message)
+
+    def _hears_report(self, report: TrainReport, now_ns: int) -> None:
+        train = report.source
+        if train in self._on_roster():
+            self._applicants.pop(train, None)
+            self._table.records[train].hears(report, now_ns, term=self.term)
+        elif self._has_passed(report.rear_min_m):
+            self._applicants.pop(train, None)
+        elif train in self._applicants or len(self._applicants) < APPLICANTS_MAX:
+            self._applicants[train] = (report, now_ns)
+
+    def _hears_order(self, order: LineOrder) -> None:
+        record = self._table.records.get(order.train)
+        if order.kind is OrderKind.SWITCH_MASTER:
+            self.succession.wanted = order.train
+        elif order.kind is OrderKind.OUT_OF_SERVICE:
+            self._unfit.add(order.train)
+        elif order.kind is OrderKind.IN_SERVICE:
+            self._unfit.discard(order.train)
+        elif record is not None:
+            record.stopped = order.kind is OrderKind.STOP
+
+    # What follows from it.
+
+    def next_due_ns(self) -> int:
+        return min(self._beat_ns, self._cycle_ns)
+
+    def step(self, now_ns: int, *, away: bool) -> list[T2tMessage]:
+        """Everything to say now. Nothing is, unless the lease still holds when it has left.
+
+        Args:
+            away: this train should not command much longer: it leaves, or cannot.
+        """
+        said: list[T2tMessage] = []
+        if not self._lease.runs(now_ns):
+            return said
+        if now_ns >= self._cycle_ns:
+            self._cycle_ns = _next(self._cycle_ns, now_ns, self._config.timers.cycle_ms)
+            said += self._cycle(now_ns, away=away)
+        if now_ns >= self._beat_ns:
+            self._beat_ns = _next(self._beat_ns, now_ns, self._config.timers.heartbeat_ms)
+            said += self._beat(now_ns)
+        return said
+
+    def _beat(self, now_ns: int) -> list[T2tMessage]:
+        phase = Phase.FENCING if self.roster.kept is None else Phase.ISSUING
+        said: list[T2tMessage] = [
+            Heartbeat(
+                *self._head(now_ns, BROADCAST), phase, self.succession.standby, self.roster.version
+            )
+        ]
+        if self.roster.pending:
+            said += [
+                RosterCommit(*self._head(now_ns, each), self.roster.version, self.roster.proposed)
+                for each in self.roster.missing(self._config.arbiters)
+            ]
+        return said + self.succession.steps(now_ns, self._head)
+
+    def _cycle(self, now_ns: int, *, away: bool) -> list[T2tMessage]:
+        if self._track is not None:
+            self._advance_silent(now_ns, self._track)
+        said: list[T2tMessage] = []
+        if self.roster.kept is not None and not self.roster.pending:
+            said += self._keep_roster(now_ns)
+        if self.roster.kept is None or not self._track_is_known(now_ns):
+            return said
+        self._succeed(now_ns, away=away)
+        said += self._claims(now_ns)
+        return said + self._authorities(now_ns)
+
+    # The roster.
+
+    def _keep_roster(self, now_ns: int) -> list[T2tMessage]:
+        """Departures and sieved trains first, then at most one newcomer after the other."""
+        said: list[T2tMessage] = []
+        records = self._table.records
+        order: Order = tuple(
+            [e for e in self.roster.proposed if not self._has_passed(records[e.train].rear_m)]
+        )
+        if len(order) < len(self.roster.proposed):
+            self._left_ns = now_ns
+        changed = len(order) < len(self.roster.proposed)
+        for train, (report, heard_ns) in sorted(self._applicants.items(), key=_foremost_first):
+            if not report.localised or not self._is_alive(heard_ns, now_ns):
+                continue
+            result = admitted(
+                order, report, self._scene(now_ns, report), self._config, self._guards
+            )
+            if isinstance(result, Waiting):
+                said.append(Admission(*self._head(now_ns, train), result.state, result.waits_for))
+                continue
+            order, changed = result, True
+            record = self._table.of(train, rear_m=report.rear_min_m, now_ns=heard_ns)
+            record.hears(report, heard_ns, term=self.term)
+            said.append(Admission(*self._head(now_ns, train), AdmissionState.COMMITTING, NOBODY))
+        order, sieved = self._sieve(order, now_ns)
+        if changed or sieved:
+            self.roster.propose([e._replace(rear_m=records[e.train].rear_m) for e in order])
+            self._table.forget_but([entry.train for entry in order])
+            self._beat_ns = now_ns
+        return said
+
+    def _has_passed(self, rear_m: float) -> bool:
+        """Out of the area for good, whatever it may roll or jog back."""
+        return not self._last and rear_m >= self._area.end_m + self._config.behind_rear_m
+
+    def _sieve(self, order: Order, now_ns: int) -> tuple[Order, bool]:
+        sieved = []
+        for entry in order:
+            report = self._table.records[entry.train].report
+            if not entry.sieved and report is not None:
+                entry = entry._replace(sieved=is_sieved(report, self._scene(now_ns, report)))
+            sieved.append(entry)
+        return tuple(sieved), tuple(sieved) != order
+
+    def _scene(self, now_ns: int, newcomer: TrainReport) -> Scene:
+        records = self._table.records
+        reports = [each.report for each in records.values() if each.report is not None]
+        reports += [report for report, _ in self._applicants.values() if report.localised]
+        counted = None if self._track is None else self._track.counted
+        return Scene(
+            area=self._area,
+            before=self._before,
+            records=records,
+            reserved_m={train: self._reserved_m(each) for train, each in records.items()},
+            counted=(counted or ()) if self._line.sections else None,
+            standing=tuple(
+                [standing_of(each) for each in reports if each.source != newcomer.source]
+            ),
+        )
+
+    def _advance_silent(self, now_ns: int, track: TrackView) -> None:
+        """A train that says nothing moves on as sections clear behind it."""
+        for record in self._table.records.values():
+            silent_ns = now_ns - record.heard_ns
+            seen_later = Freshness(track.seen_ns - record.heard_ns, 0)
+            if silent_ns > self._silence_ns() and self._guards.cleared_after(seen_later):
+                record.rear_m = moved_on_m(track, record, overhang_m=self._config.overhang_m)
+
+    # Objects.
+
+    def _claims(self, now_ns: int) -> list[T2tMessage]:
+        planned = self._objects.plan(needed=self._is_needed, reaches=self._reaches)
+        return [
+            ObjectClaim(*self._head(now_ns, WAYSIDE), site.number, claim.kind, claim.nonce)
+            for site, claim in planned
+        ]
+
+    def _is_needed(self, site: ObjectSite) -> bool:
+        ahead_m = self._config.claim_ahead_m
+        reports = [each.report for each in self._table.records.values() if each.report is not None]
+        return any(
+            each.rear_min_m < site.end_m and each.front_max_m + ahead_m >= site.start_m
+            for each in reports
+        )
+
+    def _reaches(self, site: ObjectSite) -> list[Reach]:
+        behind_m = self._config.behind_rear_m
+        return [
+            Reach(
+                promised=self._has_promised(each),
+                reserved_m=each.granted_m,
+                rear_m=each.rear_m - behind_m,
+                start_m=site.start_m,
+                end_m=site.end_m,
+            )
+            for each in self._table.records.values()
+        ]
+
+    # Authorities.
+
+    def _authorities(self, now_ns: int) -> list[T2tMessage]:
+        commanded = self.roster.may_be_commanded()
+        barred = [*self._objects.stretches(), *(self._track.closed if self._track else ())]
+        issued: list[T2tMessage] = []
+        ahead: Record | None = None
+        for rank, entry in enumerate(self.roster.proposed, start=1):
+            record = self._table.records[entry.train]
+            if (
+                entry.train in commanded
+                and self._guards.sieved(entry.sieved)
+                and self._has_promised(record)
+                and self._is_alive(record.heard_ns, now_ns)
+            ):
+                authority = self._authority(now_ns, record, ahead, barred, rank)
+                issued += [] if authority is None else [authority]
+            ahead = record
+        return [*self._sync(now_ns), *issued]
+
+    def _authority(
+        self, now_ns: int, record: Record, ahead: Record | None, barred: list[Stretch], rank: int
+    ) -> AreaAuthority | None:
+        report, config = record.report, self._config
+        if report is None:
+            return None
+        hidden = self._hidden(record, ahead)
+        stretches = sorted([*barred, *hidden], key=lambda each: (each.start_m, each.end_m))
+        course = Course(
+            rear_m=record.rear_m,
+            front_max_m=report.front_max_m,
+            easy_m=report.easy_m,
+            granted_m=record.granted_m,
+            ahead_m=None if ahead is None else ahead.rear_m,
+            stopped=record.stopped,
+        )
+        space = Space(
+            self._area.end_m, tuple(stretches), config.behind_rear_m, config.longest_authority_m
+        )
+        end_m = end_of_authority_m(course, space)
+        rear_m = record.rear_m - config.jog_m
+        if end_m is None or end_m < rear_m:
+            return None
+        head = self._head(now_ns, record.train)
+        record.issued(head.sequence, end_m)
+        return AreaAuthority(
+            *head,
+            report.boot,
+            report.stamp_ns,
+            end_m,
+            rear_m,
+            NOBODY if ahead is None else ahead.train,
+            rank,
+            restrictions_for(
+                self._track.restrictions if self._track else (), rear_m=rear_m, end_m=end_m
+            ),
+        )
+
+    def _hidden(self, record: Record, ahead: Record | None) -> list[Stretch]:
+        if self._track is None:
+            return []
+        before_m = self._area.end_m if ahead is None else ahead.rear_m - self._config.behind_rear_m
+        heard_ns = self._left_ns if ahead is None else ahead.heard_ns
+        found = hidden_between(
+            self._track, beyond_m=record.granted_m, before_m=before_m, ahead_ns=heard_ns
+        )
+        return [] if found is None else [found]
+
+    def _sync(self, now_ns: int) -> list[T2tMessage]:
+        """What the standby must know stands before what it is about."""
+        standby = self.succession.standby
+        if standby == NOBODY:
+            return []
+        entries = [
+            SyncEntry(each.train, each.rear_m, min(each.granted_m, UNBOUNDED_M))
+            for each in self._table.records.values()
+        ]
+        head = self._head(now_ns, standby)
+        return [StandbySync(*head, self.roster.version, tuple(entries))]
+
+    def is_fit(self, train: int, now_ns: int) -> bool:
+        """To be standby or master: heard of, committed, promised, in service, another than this."""
+        record = self._table.records.get(train)
+        if record is None or train == self._speaker.address or train in self._unfit:
+            return False
+        report = record.report
+        return (
+            report is not None
+            and not report.out_of_service
+            and train in self.roster.may_be_commanded()
+            and self._has_promised(record)
+            and self._is_alive(record.heard_ns, now_ns)
+        )
+
+    def _succeed(self, now_ns: int, *, away: bool) -> None:
+        """Standby and planned switch."""
+        succession, own = self.succession, self._speaker.address
+        heard = [
+            (each.train, each.report.ready_nonce)
+            for each in self._table.records.values()
+            if each.report is not None
+            and each.train != own
+            and self._is_alive(each.heard_ns, now_ns)
+        ]
+        succession.choose_standby(
+            [e.train for e in self.roster.proposed if self.is_fit(e.train, now_ns)]
+        )
+        changed = succession.step(
+            now_ns,
+            away=away or own in self._unfit,
+            fit=lambda train: self.is_fit(train, now_ns),
+            ready=heard,
+        )
+        if changed:
+            self._lease.successor = succession.named
+            self._beat_ns = now_ns
+
+    @property
+    def has_others(self) -> bool:
+        """Another train is on the roster, or wants to be."""
+        own = self._speaker.address
+        return bool((self._on_roster() | set(self._applicants)) - {own})
+
+    # Small words.
+
+    def _on_roster(self) -> set[int]:
+        return {entry.train for entry in self.roster.proposed}
+
+    def _record(self, entry: RosterEntry, now_ns: int) -> Record:
+        record = self._table.of(entry.train, rear_m=entry.rear_m, now_ns=now_ns)
+        if record.report is None:
+            record.rear_m = max(record.rear_m, entry.rear_m)
+        return record
+
+    def _reserved_m(self, record: Record) -> float:
+        return record.granted_m if self._has_promised(record) else UNBOUNDED_M
+
+    def _has_promised(self, record: Record) -> bool:
+        return self._guards.has_promised(Promise(record.term, self.term))
+
+    def _is_alive(self, heard_ns: int, now_ns: int) -> bool:
+        return self._guards.report_alive(Freshness(now_ns - heard_ns, self._silence_ns()))
+
+    def _silence_ns(self) -> int:
+        """After this a train is silent: what answers its last report would soon be too old."""
+        return self._config.timers.authority_ms * NS_PER_MS // 2
+
+    def _track_is_known(self, now_ns: int) -> bool:
+        if not self._line.sections:
+            return True
+        limit_ns = self._config.timers.authority_ms * NS_PER_MS
+        seen_ns = now_ns - limit_ns - 1 if self._track is None else self._track.seen_ns
+        return self._guards.track_known(Freshness(now_ns - seen_ns, limit_ns))
+
+    def _head(self, now_ns: int, to: int) -> Head:
+        return self._speaker.head(now_ns, to=to, area=self._area.number, term=self.term)
+
+
+def _foremost_first(item: tuple[int, tuple[TrainReport, int]]) -> tuple[float, int]:
+    train, (report, _) = item
+    return (-report.front_max_m, train)
+
+
+def _next(due_ns: int, now_ns: int, period_ms: int) -> int:
+    """The next instant of a rhythm; what was missed is not made up for."""
+    period_ns = period_ms * NS_PER_MS
+    return due_ns + (1 + (now_ns - due_ns) // period_ns) * period_ns
+
+
+def _before(line: AreaMap, area: int) -> Area | None:
+    for each in line.areas:
+        following = line.following(each.number)
+        if following is not None and following.number == area:
+            return each
+    return None

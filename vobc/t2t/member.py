@@ -80,6 +80,8 @@ class Member:
         if self.held is not None and own.standstill and not self.is_young(now_ns):
             self.held = None
         if not own.localised:
+            if self.held is not None and self.latent_m is not None:
+                self.latent_m = max(self.latent_m, self.held.end_m)
             return
         before_m = own.front_max_m if self.latent_m is None else self.latent_m
         end_m = None if self.held is None else self.held.end_m

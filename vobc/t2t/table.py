@@ -25,6 +25,8 @@ class Record:
     """The newest, from a time when the train knew where it was."""
     term: int = 0
     """That it promised last."""
+    latent_m: float = UNBOUNDED_M
+    """By its newest report, also of one that does not know where it is."""
     stopped: bool = False
     """Supervision has ordered its authority to end where it stands."""
     sent: list[tuple[int, float]] = field(default_factory=list)
@@ -34,6 +36,7 @@ class Record:
         """A report that came in order; `term` is the master's own."""
         self.heard_ns = now_ns
         self.term = report.term
+        self.latent_m = report.latent_m
         if report.held_term == term:
             self.sent = [each for each in self.sent if each[0] > report.held_sequence]
         if not report.localised:
@@ -51,8 +54,7 @@ class Record:
     @property
     def granted_m(self) -> float:
         """The farthest its front may come by anything that it holds, may yet take or gave up."""
-        latent_m = UNBOUNDED_M if self.report is None else self.report.latent_m
-        return max([latent_m, *[end_m for _, end_m in self.sent]])
+        return max([self.latent_m, *[end_m for _, end_m in self.sent]])
 
 
 class TrainTable:

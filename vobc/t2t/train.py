@@ -1,8 +1,29 @@
 """One train among trains that command themselves: the state machine that its process runs."""
 
-from firmware_py.trackdb.areas import AreaMap
-from vobc.t2t.vocabulary import OwnTrain, Stepped, T2tConfig, TrainMemory
-from zenoh_config.t2t import T2tMessage
+from collections import Counter
+from dataclasses import replace
+from typing import Final
+
+from firmware_py.trackdb.areas import Area, AreaMap
+from vobc.t2t.desk import AreaDesk, Chance
+from vobc.t2t.guards import TrainGuards
+from vobc.t2t.hearing import Hearing
+from vobc.t2t.roles import Standing, state_of
+from vobc.t2t.speaker import Speaker
+from vobc.t2t.vocabulary import (
+    HeldAuthority,
+    OwnTrain,
+    Role,
+    Stepped,
+    T2tConfig,
+    TrainMemory,
+)
+from zenoh_config.t2t import NOBODY, T2tMessage
+
+FAREWELL_M: Final = 150.0
+"""So far behind a border the rear goes on being told to the area before."""
+HEARD_MAX: Final = 1000
+"""Messages taken in one step; more are refused and counted."""
 
 
 class TrainCore:
@@ -14,17 +35,174 @@ class TrainCore:
         line: AreaMap,
         *,
         address: int,
-        memory: TrainMemory,
+        memory: TrainMemory | None,
         start_ns: int,
         seed: int = 0,
+        guards: TrainGuards | None = None,
     ) -> None:
-        """`memory` as it was stored; the first step hands out the one of this incarnation."""
-        raise NotImplementedError
+        """`memory` as it was stored; None: it cannot be read, and the train takes part in nothing.
+
+        The first step hands out the memory of this incarnation.
+        """
+        stored = memory or TrainMemory()
+        self.memory = replace(stored, boot=stored.boot + 1)
+        self.refusals: Counter[str] = Counter()
+        """Messages that were not acted on, by reason."""
+        self._forgotten = memory is None
+        self._config, self._line = config, line
+        self._guards = guards or TrainGuards()
+        self._speaker = Speaker(address, self.memory.boot)
+        self._hearing = Hearing(address, self.memory.boot)
+        self._chance = Chance(address * 0x10001 + seed)
+        self._desks: dict[int, AreaDesk] = {}
+        self._stored = False
+        self._due_ns = start_ns
+
+    @property
+    def address(self) -> int:
+        return self._speaker.address
+
+    def desk(self, area: int) -> AreaDesk | None:
+        """What the train has to do with an area, for displays; None: nothing."""
+        return self._desks.get(area)
 
     def next_due_ns(self) -> int:
         """When the next step is needed although nothing is heard."""
-        raise NotImplementedError
+        return self._due_ns
 
     def step(self, now_ns: int, heard: tuple[T2tMessage, ...], own: OwnTrain) -> Stepped:
         """Read all, decide once, say all."""
-        raise NotImplementedError
+        if self._silenced():
+            return self._takes_no_part(now_ns)
+        areas = self._concerned(own)
+        for area in areas:
+            self._desk(area, now_ns)
+        said = self._hear(now_ns, heard)
+        if self._silenced():
+            return self._takes_no_part(now_ns)
+        for desk in self._desks.values():
+            desk.member.settle(now_ns, own)
+        for number, desk in self._desks.items():
+            concerned = number in areas
+            relation = self._relation(desk.area, now_ns)
+            said += desk.step(now_ns, own, concerned=concerned, relation=relation)
+        for desk in self._desks.values():
+            self.refusals.update(desk.refused)
+            desk.refused.clear()
+            desk.member.settle(now_ns, own)
+        return self._stepped(now_ns, own, said)
+
+    def _silenced(self) -> bool:
+        """Without memory, or with a double, it cannot be told from what it was or is not."""
+        return self._forgotten or self._hearing.doubled
+
+    def _hear(self, now_ns: int, heard: tuple[T2tMessage, ...]) -> list[T2tMessage]:
+        said: list[T2tMessage] = []
+        if len(heard) > HEARD_MAX:
+            self.refusals["flood"] += len(heard) - HEARD_MAX
+        for message in heard[:HEARD_MAX]:
+            if not self._hearing.admits(message, self._speaker.sequence):
+                continue
+            desk = self._desks.get(message.area)
+            if desk is None:
+                self.refusals["area of no concern"] += 1
+            else:
+                said += desk.hears(message, now_ns)
+        self.refusals.update({r.value: n for r, n in self._hearing.refusals.items()})
+        self._hearing.refusals.clear()
+        return said
+
+    def _desk(self, area: int, now_ns: int) -> None:
+        if area not in self._desks:
+            self._desks[area] = AreaDesk(
+                self._config,
+                self._guards,
+                self._line,
+                area,
+                speaker=self._speaker,
+                memory=self.memory.of_area(area),
+                now_ns=now_ns,
+                chance=self._chance,
+            )
+
+    def _concerned(self, own: OwnTrain) -> set[int]:
+        """Areas that the train is in, has just left or comes to; while lost, those from before."""
+        if not own.localised:
+            return {number for number, each in self._desks.items() if each.role is not Role.OUTSIDE}
+        line = self._line
+        return {
+            area.number
+            for area in line.areas
+            if area.start_m - line.apply_m <= own.front_max_m
+            and own.rear_min_m <= area.end_m + FAREWELL_M
+        }
+
+    def _relation(self, area: Area, now_ns: int) -> tuple[int, int]:
+        """The area before, if its authority is held, and who is ahead by that."""
+        for number, desk in self._desks.items():
+            following = self._line.following(number)
+            if following is not None and following.number == area.number:
+                held = desk.member.held
+                if held is not None and desk.member.is_young(now_ns):
+                    return number, held.behind
+        return 0, NOBODY
+
+    def _authority(self, now_ns: int, own: OwnTrain) -> HeldAuthority | None:
+        """Area by area from where the front is: one that reaches its border is continued by the
+        next.
+        """
+        area: Area | None = self._line.area_at(own.front_min_m)
+        result: HeldAuthority | None = None
+        while area is not None:
+            desk = self._desks.get(area.number)
+            held = None if desk is None else desk.member.held
+            if desk is None or held is None:
+                break
+            if result is not None and not desk.member.is_young(now_ns):
+                break
+            result = HeldAuthority(
+                end_m=held.end_m,
+                rear_m=held.rear_m if result is None else result.rear_m,
+                echo_ns=held.echo_ns if result is None else min(result.echo_ns, held.echo_ns),
+                area=area.number,
+                term=held.term,
+                sequence=held.sequence,
+                restrictions=held.restrictions
+                if result is None
+                else (*result.restrictions, *held.restrictions),
+            )
+            if held.end_m < area.end_m:
+                break
+            area = self._line.following(area.number)
+        return result
+
+    def _takes_no_part(self, now_ns: int) -> Stepped:
+        """Nothing is said, nothing obeyed: others protect the train by what they know of it."""
+        self._due_ns = now_ns + 1_000_000_000
+        return Stepped(None, None, ())
+
+    def _stepped(self, now_ns: int, own: OwnTrain, said: list[T2tMessage]) -> Stepped:
+        memory = self.memory
+        for desk in self._desks.values():
+            if desk.member.memory != memory.of_area(desk.area.number):
+                memory = memory.with_area(desk.member.memory)
+        changed = memory is not self.memory or not self._stored
+        self.memory, self._stored = memory, True
+        active = [each for each in self._desks.values() if each.role is not Role.OUTSIDE]
+        due_ns = min([each.next_due_ns() for each in active], default=now_ns + 1_000_000_000)
+        self._due_ns = max(due_ns, now_ns + 1)
+        authority = self._authority(now_ns, own) if own.localised else None
+        age_max_ns = self._config.timers.authority_ms * 1_000_000
+        young = authority is not None and now_ns - authority.echo_ns <= age_max_ns
+        within = [
+            each
+            for each in self._line.areas
+            if each.start_m < own.front_max_m and own.rear_min_m < each.end_m
+        ]
+        return Stepped(
+            memory=memory if changed else None,
+            authority=authority,
+            out=tuple(said),
+            state=state_of(Standing(own.localised, young, len(within))),
+            roles=tuple([(each.area.number, each.role) for each in active]),
+        )

@@ -1,0 +1,323 @@
+"""All that a train has to do with one area: as its member, as candidate, and as its master."""
+
+from typing import Final
+
+from firmware_py.trackdb.areas import AreaMap
+from vobc.t2t.guards import TrainGuards
+from vobc.t2t.lease import Lease, LeaseState, Request
+from vobc.t2t.master import Master
+from vobc.t2t.member import Member
+from vobc.t2t.roles import Sight, next_role
+from vobc.t2t.speaker import Head, Speaker
+from vobc.t2t.table import UNBOUNDED_M, TrainTable
+from vobc.t2t.vocabulary import AreaMemory, OwnTrain, Role, T2tConfig
+from zenoh_config.t2t import (
+    BROADCAST,
+    AreaAuthority,
+    Heartbeat,
+    LeaseAnswer,
+    LeaseRequest,
+    StandbySync,
+    SwitchKind,
+    SwitchStep,
+    SyncAck,
+    T2tMessage,
+    TrainReport,
+)
+from zenoh_config.timers import NS_PER_MS
+
+COMMANDING: Final = (Role.FENCING, Role.MASTER)
+
+
+class AreaDesk:
+    def __init__(
+        self,
+        config: T2tConfig,
+        guards: TrainGuards,
+        line: AreaMap,
+        area: int,
+        *,
+        speaker: Speaker,
+        memory: AreaMemory,
+        now_ns: int,
+        chance: "Chance",
+    ) -> None:
+        self.role = Role.OUTSIDE
+        self.member = Member(
+            config.timers, guards.member, boot=speaker.boot, memory=memory, now_ns=now_ns
+        )
+        self.lease = Lease(config, guards.lease)
+        self.master: Master | None = None
+        self.area = line.area(area)
+        self.refused: list[str] = []
+        """Why authorities were not taken in this step."""
+        self.ready_nonce = 0
+        self._config, self._guards, self._line, self._speaker = config, guards, line, speaker
+        self._chance = chance
+        self._table = TrainTable()
+        """What a standby has been told; a master's own begins with it."""
+        self._report_ns = now_ns
+        self._quiet_until_ns = now_ns
+        """After a lost candidacy."""
+        self._called = False
+        self._fenced = False
+        self._own_report: TrainReport | None = None
+
+    # What is heard.
+
+    def hears(self, message: T2tMessage, now_ns: int) -> list[T2tMessage]:
+        """What has to be said to it at once."""
+        if isinstance(message, Heartbeat):
+            self._hears_heartbeat(message, now_ns)
+        elif isinstance(message, AreaAuthority):
+            refused = self.member.takes(message, now_ns)
+            self.refused += [refused] if refused else []
+        elif isinstance(message, LeaseAnswer):
+            self.lease.hears(message)
+        elif isinstance(message, StandbySync):
+            return self._hears_sync(message, now_ns)
+        elif isinstance(message, SwitchStep) and message.kind is not SwitchKind.READY:
+            return self._hears_switch(message, now_ns)
+        else:
+            self._passes_on(message, now_ns)
+        return []
+
+    def _hears_heartbeat(self, heartbeat: Heartbeat, now_ns: int) -> None:
+        heard = self.member.hears_heartbeat(heartbeat, now_ns)
+        self._fenced |= heard and heartbeat.term > self.lease.term
+
+    def _passes_on(self, message: T2tMessage, now_ns: int) -> None:
+        if isinstance(message, TrainReport):
+            self._fenced |= message.term > self.lease.term
+            if self.role is Role.STANDBY and message.localised:
+                record = self._table.of(message.source, rear_m=message.rear_min_m, now_ns=now_ns)
+                record.hears(message, now_ns, term=message.term)
+        if self.master is not None:
+            self.master.hears(message, now_ns)
+
+    def _hears_sync(self, sync: StandbySync, now_ns: int) -> list[T2tMessage]:
+        if not self.member.fences(sync):
+            return []
+        self._table.takes_sync(sync.entries, now_ns)
+        return [SyncAck(*self._head(now_ns, sync.source), sync.sequence)]
+
+    def _hears_switch(self, step: SwitchStep, now_ns: int) -> list[T2tMessage]:
+        if not self.member.fences(step):
+            return []
+        own = self._speaker.address
+        if step.kind is SwitchKind.ABORT:
+            self.ready_nonce, self._called = 0, False
+        elif step.kind is SwitchKind.PREPARE:
+            if self.ready_nonce != step.nonce:
+                self.ready_nonce = step.nonce
+                self._report_ns = now_ns
+            if step.successor == own and self.role is Role.STANDBY:
+                head = self._head(now_ns, step.source)
+                return [SwitchStep(*head, SwitchKind.READY, step.nonce, own)]
+        elif step.successor == own and step.nonce == self.ready_nonce:
+            self._called = True
+        return []
+
+    # What follows from it.
+
+    def next_due_ns(self) -> int:
+        dues = [self._report_ns]
+        if self.role in COMMANDING and self.master is not None:
+            dues += [self.master.next_due_ns(), self.lease.renewal_due_ns(), self.lease.until_ns]
+        elif self.role is Role.CANDIDATE:
+            dues.append(self.lease.attempt_ends_ns())
+        else:
+            dues.append(max(self._turn_ns(), self._quiet_until_ns))
+        return min(dues)
+
+    def step(
+        self, now_ns: int, own: OwnTrain, *, concerned: bool, relation: tuple[int, int]
+    ) -> list[T2tMessage]:
+        """Role first, then what the role has to say.
+
+        Args:
+            relation: area that the train comes from, and who is ahead of it there.
+        """
+        if concerned and self.role is Role.OUTSIDE:
+            self.member.master_heard_ns = now_ns
+        said = self._change_role(now_ns, own, concerned=concerned)
+        if self.role is Role.OUTSIDE:
+            return said
+        said += self._report(now_ns, own, relation)
+        if self.role in COMMANDING:
+            said += self._command(now_ns, own, concerned=concerned)
+        return said
+
+    def _change_role(self, now_ns: int, own: OwnTrain, *, concerned: bool) -> list[T2tMessage]:
+        said: list[T2tMessage] = []
+        # A lease granted at once, or a roster kept at once, needs no second step.
+        for _ in range(len(Role)):
+            sight = self._sight(now_ns, own, concerned=concerned)
+            role = next_role(self.role, sight)
+            if role is self.role:
+                break
+            before, self.role = self.role, role
+            said += self._leave(before, sight, now_ns)
+            said += self._enter(role, now_ns)
+        return said
+
+    def _sight(self, now_ns: int, own: OwnTrain, *, concerned: bool) -> Sight:
+        master = self.master
+        may_command = own.localised and not own.out_of_service and concerned
+        silent = now_ns >= max(self._turn_ns(), self._quiet_until_ns)
+        away = not may_command
+        return Sight(
+            concerned=concerned,
+            member=self.member.is_young(now_ns),
+            named_standby=self.member.standby == self._speaker.address,
+            apply_now=silent or self._called,
+            may_command=may_command,
+            candidacy_lost=self.lease.lost(now_ns) or (away and self.role is Role.CANDIDATE),
+            lease_granted=self.lease.state is LeaseState.HELD,
+            lease_runs=self.lease.runs(now_ns),
+            fenced=self._fenced or self.lease.beaten,
+            roster_kept=master is not None and master.roster.kept is not None,
+            relieved=away and master is not None and not master.has_others,
+        )
+
+    def _turn_ns(self) -> int:
+        """When the silence of the master has lasted long enough for this train to apply."""
+        timers = self._config.timers
+        rank = 0 if self.member.standby == self._speaker.address else self.member.rank
+        return self.member.master_heard_ns + (timers.silence_ms + rank * timers.rank_ms) * NS_PER_MS
+
+    def _leave(self, role: Role, sight: Sight, now_ns: int) -> list[T2tMessage]:
+        if role is Role.CANDIDATE and self.role is not Role.FENCING:
+            backoff_ns = self._config.backoff_ms * NS_PER_MS
+            self._quiet_until_ns = now_ns + backoff_ns + self._chance.below(backoff_ns)
+            return self._ask(now_ns, self.lease.give_back(now_ns))
+        if role in COMMANDING and self.role not in COMMANDING:
+            self.master = None
+            self.member.master_heard_ns = now_ns
+            return self._ask(now_ns, self.lease.give_back(now_ns))
+        return []
+
+    def _enter(self, role: Role, now_ns: int) -> list[T2tMessage]:
+        if role is Role.CANDIDATE:
+            return self._apply(now_ns)
+        if role is Role.FENCING:
+            self._take_command(now_ns)
+        elif role is not Role.STANDBY and role not in COMMANDING:
+            self._table = TrainTable()
+        return []
+
+    def _apply(self, now_ns: int) -> list[T2tMessage]:
+        memory = self.member.memory
+        request = self.lease.ask(now_ns, seen_term=memory.seen_term, tried_term=memory.tried_term)
+        self.member.memory = memory._replace(tried_term=request.term)
+        self._fenced = self._called = False
+        return self._ask(now_ns, request)
+
+    def _take_command(self, now_ns: int) -> None:
+        self.member.memory = self.member.memory._replace(
+            seen_term=self.lease.term, owner=self._speaker.address
+        )
+        self.ready_nonce = 0
+        self._report_ns = now_ns
+        self.master = Master(
+            self._config,
+            self._guards.master,
+            self._line,
+            self.area.number,
+            speaker=self._speaker,
+            lease=self.lease,
+            table=self._table,
+            now_ns=now_ns,
+        )
+        self._table = TrainTable()
+
+    def _ask(self, now_ns: int, request: Request) -> list[T2tMessage]:
+        """The same request to every arbiter."""
+        area = self.area.number
+        return [
+            LeaseRequest(
+                *self._speaker.head(now_ns, to=arbiter, area=area, term=request.term),
+                request.kind,
+                request.nonce,
+                request.successor,
+            )
+            for arbiter in self._config.arbiters
+        ]
+
+    def _command(self, now_ns: int, own: OwnTrain, *, concerned: bool) -> list[T2tMessage]:
+        assert self.master is not None
+        said: list[T2tMessage] = []
+        if self._own_report is not None:
+            self.master.hears(self._own_report, now_ns)
+            self._own_report = None
+        away = own.out_of_service or not own.localised or not concerned
+        successor = self.lease.successor
+        spoken = self.master.step(now_ns, away=away)
+        if now_ns >= self.lease.renewal_due_ns() or self.lease.successor != successor:
+            said += self._ask(now_ns, self.lease.renew(now_ns))
+        for message in spoken:
+            # The master obeys itself as everybody else does.
+            if message.destination in (BROADCAST, self._speaker.address):
+                self._obeys(message, now_ns)
+        return said + [m for m in spoken if m.destination != self._speaker.address]
+
+    def _obeys(self, message: T2tMessage, now_ns: int) -> None:
+        if isinstance(message, Heartbeat | AreaAuthority):
+            self.hears(message, now_ns)
+        elif isinstance(message, SwitchStep) and message.kind is not SwitchKind.COMMIT:
+            self._hears_switch(message, now_ns)
+
+    # Reports.
+
+    def _report(self, now_ns: int, own: OwnTrain, relation: tuple[int, int]) -> list[T2tMessage]:
+        if now_ns < self._report_ns and not self.member.promised_anew:
+            return []
+        self.member.promised_anew = False
+        period_ns = self._config.timers.cycle_ms * NS_PER_MS
+        self._report_ns = now_ns + period_ns
+        member = self.member
+        latent_m = UNBOUNDED_M if member.latent_m is None else member.latent_m
+        comes_from, behind = relation
+        report = TrainReport(
+            *self._speaker.head(
+                now_ns, to=BROADCAST, area=self.area.number, term=member.memory.seen_term
+            ),
+            own.localised,
+            own.front_min_m,
+            own.front_max_m,
+            own.rear_min_m,
+            own.speed_mps,
+            own.standstill,
+            latent_m,
+            own.easy_m,
+            member.newest[0],
+            max(member.newest[1], 0),
+            member.held is not None,
+            behind,
+            comes_from,
+            own.axles,
+            own.out_of_service,
+            self.ready_nonce,
+        )
+        self._own_report = report
+        return [report]
+
+    def _head(self, now_ns: int, to: int) -> Head:
+        term = self.member.memory.seen_term
+        return self._speaker.head(now_ns, to=to, area=self.area.number, term=term)
+
+
+class Chance:
+    """Numbers that differ from train to train and repeat from run to run (xorshift64*)."""
+
+    def __init__(self, seed: int) -> None:
+        self._state = (seed * 0x9E3779B97F4A7C15 + 0x2545F4914F6CDD1D) % 2**64 or 1
+
+    def below(self, limit: int) -> int:
+        """0 to `limit` - 1."""
+        state = self._state
+        state ^= state >> 12
+        state ^= (state << 25) % 2**64
+        state ^= state >> 27
+        self._state = state
+        return (state * 0x2545F4914F6CDD1D % 2**64 >> 16) % limit

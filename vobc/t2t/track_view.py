@@ -1,0 +1,63 @@
+"""What the wayside last told a master of its area's track, with the instant that it is true for."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from firmware_py.trackdb.areas import AreaMap
+from vobc.t2t.authority import Bar, Counted, Seen, Stretch, unexplained
+from vobc.t2t.table import Record, cleared_to_m
+from zenoh_config.messages import SpeedRestriction
+from zenoh_config.t2t import SectionState, TrackStatus
+
+SPEED_MAX_MPS = 40.0
+"""No train is faster; bounds where one was when the sections were seen."""
+S_PER_NS = 1e-9
+
+
+class TrackView(NamedTuple):
+    seen_ns: int
+    """By the master's clock; not before this the sections were as told."""
+    counted: tuple[Counted, ...]
+    """In running order."""
+    states: tuple[tuple[float, float, SectionState], ...]
+    restrictions: tuple[SpeedRestriction, ...]
+    closed: tuple[Stretch, ...]
+
+
+def view_of(status: TrackStatus, line: AreaMap) -> TrackView:
+    told = {each.section: each for each in status.sections}
+    states = [(s.start_m, s.end_m, told[s.number]) for s in line.sections if s.number in told]
+    return TrackView(
+        status.echo_ns,
+        tuple([Counted(start_m, end_m, s.occupied, s.axles) for start_m, end_m, s in states]),
+        tuple(states),
+        status.restrictions,
+        tuple([Stretch(each.start_m, each.end_m, Bar.SHUT) for each in status.closed]),
+    )
+
+
+def hidden_between(
+    view: TrackView, *, beyond_m: float, before_m: float, ahead_ns: int
+) -> Stretch | None:
+    """An occupied section between two neighbours that neither of them is in.
+
+    Args:
+        beyond_m: the one behind has never been granted more.
+        before_m: protected rear of the one ahead, heard at `ahead_ns`.
+    """
+    drift_m = max(0, ahead_ns - view.seen_ns) * S_PER_NS * SPEED_MAX_MPS
+    occupied = [Seen(each.start_m, each.end_m) for each in view.counted if each.occupied]
+    found = unexplained(occupied, beyond_m=beyond_m, before_m=before_m - drift_m)
+    return None if found is None else Stretch(found.start_m, found.end_m, Bar.SHUT)
+
+
+def moved_on_m(view: TrackView, record: Record, *, overhang_m: float) -> float:
+    """Where the rear of a silent train surely is by the sections that are clear behind it."""
+    return cleared_to_m(record.rear_m, view.states, overhang_m=overhang_m)
+
+
+def restrictions_for(
+    restrictions: Sequence[SpeedRestriction], *, rear_m: float, end_m: float
+) -> tuple[SpeedRestriction, ...]:
+    """Those that a train meets on the way to the end of its authority."""
+    return tuple([each for each in restrictions if each.end_m >= rear_m and each.start_m <= end_m])
