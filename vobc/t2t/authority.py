@@ -127,19 +127,19 @@ class Standing(NamedTuple):
 def explained(sections: Sequence[Counted], train: Standing, others: Sequence[Standing]) -> bool:
     """Whether all axles around a train are those of trains that say they are there.
 
-    The sections around it that are occupied without a gap are taken together, so that no train that
-    stands across a joint is counted in part.
+    The sections around it that are occupied without a gap are taken together. A train that has an
+    axle in them has all its axles in them, so that its middle tells whether it belongs there.
     """
-    run = [each for each in sections if _touch(each, train)]
-    if not run or not all(each.occupied for each in run):
+    run = [at for at, each in enumerate(sections) if each.occupied and _touch(each, train)]
+    if not run:
         return False
-    first, last = sections.index(run[0]), sections.index(run[-1])
+    first, last = run[0], run[-1]
     while first > 0 and sections[first - 1].occupied:
         first -= 1
     while last + 1 < len(sections) and sections[last + 1].occupied:
         last += 1
     start_m, end_m = sections[first].start_m, sections[last].end_m
-    there = [each for each in (train, *others) if each.front_m > start_m and each.rear_m < end_m]
+    there = [e for e in (train, *others) if start_m < (e.rear_m + e.front_m) / 2.0 < end_m]
     counted = sum(each.axles for each in sections[first : last + 1])
     return counted == sum(each.axles for each in there)
 
