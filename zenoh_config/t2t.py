@@ -73,6 +73,8 @@ class LeaseAnswer(T2tMessage):
     echo_ns: int
     """`stamp_ns` of the request: the lease is counted from there by the holder's clock."""
     holder: int
+    wait_ns: int
+    """With a refusal: so long until the lease that stands in the way has run out here."""
     roster_term: int
     roster_version: int
     roster: tuple[RosterEntry, ...]

@@ -113,7 +113,10 @@ class Arbiter:
         kept = (lease.roster_term, lease.roster_version, lease.roster)
         if not granted or request.kind is not LeaseKind.ACQUIRE:
             kept = (0, 0, ())
-        return LeaseAnswer(*head, granted, request.nonce, request.stamp_ns, lease.holder, *kept)
+        wait_ns = 0 if granted else max(0, self.expiry_ns(request.area) - now_ns)
+        return LeaseAnswer(
+            *head, granted, request.nonce, request.stamp_ns, lease.holder, wait_ns, *kept
+        )
 
     def _grants(self, request: LeaseRequest, now_ns: int) -> bool:
         area, lease = request.area, self.lease(request.area)

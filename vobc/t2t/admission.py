@@ -42,7 +42,7 @@ def admitted(
     ahead = order[at - 1].train if at else NOBODY
     place = Neighbours(
         behind_m=scene.reserved_m[order[at].train] if at < len(order) else -scene.area.end_m,
-        rear_m=report.rear_min_m - config.rollback_m,
+        rear_m=report.rear_min_m - config.behind_rear_m,
         front_m=report.front_max_m,
         ahead_m=scene.records[ahead].rear_m - config.rollback_m if ahead else report.front_max_m,
     )

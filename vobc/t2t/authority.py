@@ -19,7 +19,8 @@ class Bar(enum.Enum):
     UNSURE = "unsure"
     """No authority newly enters it; a train that has one over it gets no other for the moment."""
     CLOSING = "closing"
-    """As UNSURE, but a train that could stop before it only with the emergency brake may pass."""
+    """No authority newly enters it, and those that do are shortened where the service brake is
+    enough to stop before it."""
 
 
 class Stretch(NamedTuple):
@@ -75,7 +76,8 @@ def end_of_authority_m(course: Course, space: Space) -> float | None:
         granted_in = course.granted_m > stretch.start_m
         if stretch.bar is Bar.UNSURE and (inside or granted_in):
             return None
-        if stretch.bar is Bar.CLOSING and (inside or course.easy_m > stretch.start_m):
+        late = granted_in and course.easy_m > stretch.start_m
+        if stretch.bar is Bar.CLOSING and (inside or late):
             continue
         end_m = min(end_m, course.front_max_m if inside else stretch.start_m)
         break

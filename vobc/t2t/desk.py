@@ -73,7 +73,7 @@ class AreaDesk:
             refused = self.member.takes(message, now_ns)
             self.refused += [refused] if refused else []
         elif isinstance(message, LeaseAnswer):
-            self.lease.hears(message)
+            self.lease.hears(message, now_ns)
         elif isinstance(message, StandbySync):
             return self._hears_sync(message, now_ns)
         elif isinstance(message, SwitchStep) and message.kind is not SwitchKind.READY:
@@ -188,14 +188,23 @@ class AreaDesk:
 
     def _leave(self, role: Role, sight: Sight, now_ns: int) -> list[T2tMessage]:
         if role is Role.CANDIDATE and self.role is not Role.FENCING:
-            backoff_ns = self._config.backoff_ms * NS_PER_MS
-            self._quiet_until_ns = now_ns + backoff_ns + self._chance.below(backoff_ns)
+            self._quiet_until_ns = self._next_try_ns(now_ns)
             return self._ask(now_ns, self.lease.give_back(now_ns))
         if role in COMMANDING and self.role not in COMMANDING:
             self.master = None
             self.member.master_heard_ns = now_ns
             return self._ask(now_ns, self.lease.give_back(now_ns))
         return []
+
+    def _next_try_ns(self, now_ns: int) -> int:
+        """The standby asks again when the lease that stood in its way has run out; whoever lost
+        against another candidate, and everybody else, waits for a while that chance draws.
+        """
+        wait_ns = self.lease.wait_until_ns - now_ns
+        if wait_ns > 0 and self.member.standby == self._speaker.address:
+            return self.lease.wait_until_ns + NS_PER_MS
+        backoff_ns = self._config.backoff_ms * NS_PER_MS
+        return now_ns + max(0, wait_ns) + backoff_ns + self._chance.below(backoff_ns)
 
     def _enter(self, role: Role, now_ns: int) -> list[T2tMessage]:
         if role is Role.CANDIDATE:

@@ -54,6 +54,8 @@ class Lease:
         self.refused_term = 0
         """Highest that an arbiter has promised to somebody."""
         self.successor = NOBODY
+        self.wait_until_ns = 0
+        """Before this, by this train's clock, no majority of arbiters can grant what was asked."""
         self.beaten = False
         """An arbiter has promised a higher term: nobody will renew this one."""
         self._nonce = 0
@@ -68,6 +70,7 @@ class Lease:
         self.state = LeaseState.ASKED
         self.term = self._guards.unused_term(Terms(seen_term, self.refused_term, tried_term))
         self.adopted, self.successor, self.beaten = NOTHING_KEPT, NOBODY, False
+        self.wait_until_ns = 0
         self._asked, self._refusers = {}, set()
         self._asked_ns = now_ns
         self.until_ns = 0
@@ -96,12 +99,12 @@ class Lease:
                 del self._asked[next(iter(self._asked))]
         return Request(kind, self.term, self._nonce, self.successor)
 
-    def hears(self, answer: LeaseAnswer) -> None:
+    def hears(self, answer: LeaseAnswer, now_ns: int) -> None:
         """Count a vote, if it is one for what was asked."""
         if answer.source not in self._config.arbiters:
             return
         if not answer.granted:
-            self._hears_refusal(answer)
+            self._hears_refusal(answer, now_ns)
             return
         asked = self._asked.get(answer.nonce)
         nonce = answer.nonce if asked is not None else 0
@@ -115,9 +118,10 @@ class Lease:
             self.adopted = kept
         self._judge(answer.nonce)
 
-    def _hears_refusal(self, answer: LeaseAnswer) -> None:
+    def _hears_refusal(self, answer: LeaseAnswer, now_ns: int) -> None:
         self.refused_term = max(self.refused_term, answer.term)
         if answer.nonce in self._asked:
+            self.wait_until_ns = max(self.wait_until_ns, now_ns + answer.wait_ns)
             self._refusers.add(answer.source)
             self.beaten |= self.state is LeaseState.HELD and answer.term > self.term
 

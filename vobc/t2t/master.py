@@ -81,6 +81,7 @@ class Master:
         """When the last train left the area, for what its sections may still show."""
         self._beat_ns = now_ns
         self._cycle_ns = now_ns
+        self._was_ready = False
         for entry in self.roster.proposed:
             self._record(entry, now_ns)
         self._table.forget_but([entry.train for entry in self.roster.proposed])
@@ -107,7 +108,10 @@ class Master:
         train = report.source
         if train in self._on_roster():
             self._applicants.pop(train, None)
-            self._table.records[train].hears(report, now_ns, term=self.term)
+            record = self._table.records[train]
+            record.hears(report, now_ns, term=self.term)
+            if not record.served:
+                self._cycle_ns = min(self._cycle_ns, now_ns)
         elif self._has_passed(report.rear_min_m):
             self._applicants.pop(train, None)
         elif train in self._applicants or len(self._applicants) < APPLICANTS_MAX:
@@ -127,7 +131,7 @@ class Master:
     # What follows from it.
 
     def next_due_ns(self) -> int:
-        return min(self._beat_ns, self._cycle_ns)
+        return min(self._beat_ns, self._cycle_ns) if self._was_ready else self._beat_ns
 
     def step(self, now_ns: int, *, away: bool) -> list[T2tMessage]:
         """Everything to say now. Nothing is, unless the lease still holds when it has left.
@@ -138,13 +142,18 @@ class Master:
         said: list[T2tMessage] = []
         if not self._lease.runs(now_ns):
             return said
-        if now_ns >= self._cycle_ns:
+        if now_ns >= self._cycle_ns and self._is_ready(now_ns):
             self._cycle_ns = _next(self._cycle_ns, now_ns, self._config.timers.cycle_ms)
             said += self._cycle(now_ns, away=away)
         if now_ns >= self._beat_ns:
             self._beat_ns = _next(self._beat_ns, now_ns, self._config.timers.heartbeat_ms)
             said += self._beat(now_ns)
         return said
+
+    def _is_ready(self, now_ns: int) -> bool:
+        """Who is in the area and what its track is like is known; before, nothing is issued."""
+        self._was_ready = self.roster.kept is not None and self._track_is_known(now_ns)
+        return self._was_ready
 
     def _beat(self, now_ns: int) -> list[T2tMessage]:
         phase = Phase.FENCING if self.roster.kept is None else Phase.ISSUING
@@ -163,11 +172,10 @@ class Master:
     def _cycle(self, now_ns: int, *, away: bool) -> list[T2tMessage]:
         if self._track is not None:
             self._advance_silent(now_ns, self._track)
+        self._take_proofs()
         said: list[T2tMessage] = []
-        if self.roster.kept is not None and not self.roster.pending:
+        if not self.roster.pending:
             said += self._keep_roster(now_ns)
-        if self.roster.kept is None or not self._track_is_known(now_ns):
-            return said
         self._succeed(now_ns, away=away)
         said += self._claims(now_ns)
         return said + self._authorities(now_ns)
@@ -232,6 +240,16 @@ class Master:
                 [standing_of(each) for each in reports if each.source != newcomer.source]
             ),
         )
+
+    def _take_proofs(self) -> None:
+        """What a train was granted proves how far the train ahead of it had come."""
+        ahead: Record | None = None
+        for entry in self.roster.proposed:
+            record = self._table.records[entry.train]
+            if ahead is not None and self._has_promised(record):
+                proven_m = record.rear_ahead_m(self._config.behind_rear_m)
+                ahead.rear_m = max(ahead.rear_m, proven_m)
+            ahead = record
 
     def _advance_silent(self, now_ns: int, track: TrackView) -> None:
         """A train that says nothing moves on as sections clear behind it."""

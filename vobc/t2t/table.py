@@ -27,6 +27,8 @@ class Record:
     """That it promised last."""
     latent_m: float = UNBOUNDED_M
     """By its newest report, also of one that does not know where it is."""
+    served: bool = False
+    """It was given an authority under this master's term."""
     stopped: bool = False
     """Supervision has ordered its authority to end where it stands."""
     sent: list[tuple[int, float]] = field(default_factory=list)
@@ -46,10 +48,20 @@ class Record:
         self.report = report
 
     def issued(self, sequence: int, end_m: float) -> None:
+        self.served = True
         self.sent.append((sequence, end_m))
         if len(self.sent) > OUTSTANDING_MAX:
             (_, first_m), (second, second_m), *rest = self.sent
             self.sent = [(second, max(first_m, second_m)), *rest]
+
+    def rear_ahead_m(self, behind_rear_m: float) -> float:
+        """Where the rear of the next train ahead must at least be, for this one to have been
+        granted what it still may act upon. Only of a train that obeys no older term any more.
+        """
+        report = self.report
+        if report is None or self.latent_m <= report.front_max_m or self.latent_m >= UNBOUNDED_M:
+            return -UNBOUNDED_M
+        return self.latent_m + behind_rear_m
 
     @property
     def granted_m(self) -> float:
