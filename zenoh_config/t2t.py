@@ -115,6 +115,8 @@ class TrainReport(T2tMessage):
     latent_m: float
     """No authority of this area that the train holds, in force or not, and no braking from one
     that it gave up, takes its front beyond this."""
+    held_end_m: float
+    """End of the authority of this area that it holds; while it holds none, its front."""
     easy_m: float
     """With the service brake it can still stop before this."""
     held_term: int
