@@ -83,7 +83,8 @@ class Member:
             if self.held is not None and self.latent_m is not None:
                 self.latent_m = max(self.latent_m, self.held.end_m)
             return
-        before_m = own.front_max_m if self.latent_m is None else self.latent_m
+        # Of what an earlier life was granted nothing is known but how far that can carry the train.
+        before_m = own.reach_m if self.latent_m is None else self.latent_m
         end_m = None if self.held is None else self.held.end_m
         self.latent_m = self._guards.latent_authority_m(
             Latency(before_m, end_m, max(own.reach_m, own.front_max_m), own.front_max_m)

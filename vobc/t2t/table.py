@@ -59,9 +59,9 @@ class Record:
         granted what it still may act upon. Only of a train that obeys no older term any more.
         """
         report = self.report
-        if report is None or self.latent_m <= report.front_max_m or self.latent_m >= UNBOUNDED_M:
+        if report is None or not report.member:
             return -UNBOUNDED_M
-        return self.latent_m + behind_rear_m
+        return report.held_end_m + behind_rear_m
 
     @property
     def granted_m(self) -> float:
