@@ -109,6 +109,15 @@ class AreaMap:
             after = each.number == number
         return None
 
+    def preceding(self, number: int) -> Area | None:
+        """The area that ends where this one begins; None at the start of the line."""
+        before: Area | None = None
+        for each in self.areas:
+            if each.number == number:
+                return before
+            before = each
+        return None
+
     def objects_in(self, number: int) -> tuple[ObjectSite, ...]:
         area = self.area(number)
         return tuple([each for each in self.objects if area.start_m <= each.start_m < area.end_m])

@@ -3,6 +3,7 @@
 Truth is kept here: where trains are and what they may act upon is looked at, never asked.
 """
 
+import itertools
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
@@ -86,7 +87,7 @@ def line_of(
 ) -> AreaMap:
     """Areas between the borders; sections of one length, none for 0; objects numbered from 1."""
     areas = tuple(
-        [Area(n + 1, a, b) for n, (a, b) in enumerate(zip(borders_m, borders_m[1:], strict=False))]
+        [Area(n + 1, a, b) for n, (a, b) in enumerate(itertools.pairwise(borders_m))]
     )
     sections: list[TrackSection] = []
     at_m = borders_m[0]
@@ -94,9 +95,7 @@ def line_of(
         end_m = min(at_m + section_m, borders_m[-1])
         sections.append(TrackSection(len(sections) + 1, at_m, end_m))
         at_m = end_m
-    sites = tuple(
-        [ObjectSite(n + 1, ObjectKind.SWITCH, a, b) for n, (a, b) in enumerate(objects)]
-    )
+    sites = tuple([ObjectSite(n + 1, ObjectKind.SWITCH, a, b) for n, (a, b) in enumerate(objects)])
     return AreaMap("test", areas, tuple(sections), sites, apply_m)
 
 
@@ -303,7 +302,7 @@ class Rig:
             stop_m = train.front_m + train.speed_mps**2 / (2.0 * EMERGENCY_MPS2)
             train.latent_m = max(train.front_m, end_m, min(train.latent_m, stop_m))
         order = sorted(self.trains.values(), key=lambda each: each.front_m)
-        for behind, ahead in zip(order, order[1:], strict=False):
+        for behind, ahead in itertools.pairwise(order):
             assert behind.latent_m <= ahead.rear_m, (
                 f"{self.now_ns / 1e9} s: train {behind.address} may come to {behind.latent_m} m, "
                 f"the rear of train {ahead.address} is at {ahead.rear_m} m"

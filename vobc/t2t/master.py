@@ -2,20 +2,20 @@
 
 from typing import Final
 
-from firmware_py.trackdb.areas import Area, AreaMap, ObjectSite
+from firmware_py.trackdb.areas import AreaMap
 from vobc.t2t.admission import Scene, Waiting, admitted, is_sieved, standing_of
 from vobc.t2t.authority import Course, Space, Stretch, end_of_authority_m
-from vobc.t2t.guards import Freshness, MasterGuards, Promise, Reach
+from vobc.t2t.conclusions import Conclusions
+from vobc.t2t.guards import Freshness, MasterGuards
 from vobc.t2t.lease import Lease
 from vobc.t2t.objects import Objects
 from vobc.t2t.roster import Order, Roster
 from vobc.t2t.speaker import Head, Speaker
 from vobc.t2t.succession import Succession
-from vobc.t2t.table import UNBOUNDED_M, Record, TrainTable
+from vobc.t2t.table import Record, TrainTable
 from vobc.t2t.track_view import (
     TrackView,
     hidden_between,
-    moved_on_m,
     restrictions_for,
     view_of,
 )
@@ -35,11 +35,9 @@ from zenoh_config.t2t import (
     Phase,
     RosterAck,
     RosterCommit,
-    RosterEntry,
     StandbySync,
     SwitchKind,
     SwitchStep,
-    SyncEntry,
     T2tMessage,
     TrackStatus,
     TrainReport,
@@ -69,9 +67,10 @@ class Master:
         self.succession = Succession(speaker.address, config.switch_ms * NS_PER_MS)
         self.roster = Roster(lease.term, lease.adopted, config.majority, guards)
         self._config, self._guards, self._line = config, guards, line
-        self._area, self._before = line.area(area), _before(line, area)
+        self._area, self._before = line.area(area), line.preceding(area)
         self._last = line.following(area) is None
-        self._speaker, self._lease, self._table = speaker, lease, table
+        self._speaker, self._lease = speaker, lease
+        self._known = Conclusions(lease.term, table, config, guards)
         self._objects = Objects(lease.term, line.objects_in(area), guards)
         self._track: TrackView | None = None
         self._applicants: dict[int, tuple[TrainReport, int]] = {}
@@ -82,9 +81,7 @@ class Master:
         self._beat_ns = now_ns
         self._cycle_ns = now_ns
         self._was_ready = False
-        for entry in self.roster.proposed:
-            self._record(entry, now_ns)
-        self._table.forget_but([entry.train for entry in self.roster.proposed])
+        self._known.begin_with(self.roster.proposed, now_ns)
 
     # What is heard.
 
@@ -108,7 +105,7 @@ class Master:
         train = report.source
         if train in self._on_roster():
             self._applicants.pop(train, None)
-            record = self._table.records[train]
+            record = self._known.records[train]
             record.hears(report, now_ns, term=self.term)
             if not record.served:
                 self._cycle_ns = min(self._cycle_ns, now_ns)
@@ -118,7 +115,7 @@ class Master:
             self._applicants[train] = (report, now_ns)
 
     def _hears_order(self, order: LineOrder) -> None:
-        record = self._table.records.get(order.train)
+        record = self._known.records.get(order.train)
         if order.kind is OrderKind.SWITCH_MASTER:
             self.succession.wanted = order.train
         elif order.kind is OrderKind.OUT_OF_SERVICE:
@@ -171,8 +168,8 @@ class Master:
 
     def _cycle(self, now_ns: int, *, away: bool) -> list[T2tMessage]:
         if self._track is not None:
-            self._advance_silent(now_ns, self._track)
-        self._take_proofs()
+            self._known.advance_silent(now_ns, self._track)
+        self._known.take_proofs(self.roster.proposed)
         said: list[T2tMessage] = []
         if not self.roster.pending:
             said += self._keep_roster(now_ns)
@@ -185,15 +182,20 @@ class Master:
     def _keep_roster(self, now_ns: int) -> list[T2tMessage]:
         """Departures and sieved trains first, then at most one newcomer after the other."""
         said: list[T2tMessage] = []
-        records = self._table.records
+        records = self._known.records
         order: Order = tuple(
             [e for e in self.roster.proposed if not self._has_passed(records[e.train].rear_m)]
         )
         if len(order) < len(self.roster.proposed):
             self._left_ns = now_ns
         changed = len(order) < len(self.roster.proposed)
+        self._applicants = {
+            train: each
+            for train, each in self._applicants.items()
+            if self._known.is_alive(each[1], now_ns)
+        }
         for train, (report, heard_ns) in sorted(self._applicants.items(), key=_foremost_first):
-            if not report.localised or not self._is_alive(heard_ns, now_ns):
+            if not report.localised:
                 continue
             result = admitted(
                 order, report, self._scene(now_ns, report), self._config, self._guards
@@ -202,13 +204,13 @@ class Master:
                 said.append(Admission(*self._head(now_ns, train), result.state, result.waits_for))
                 continue
             order, changed = result, True
-            record = self._table.of(train, rear_m=report.rear_min_m, now_ns=heard_ns)
+            record = self._known.table.of(train, rear_m=report.rear_min_m, now_ns=heard_ns)
             record.hears(report, heard_ns, term=self.term)
             said.append(Admission(*self._head(now_ns, train), AdmissionState.COMMITTING, NOBODY))
         order, sieved = self._sieve(order, now_ns)
         if changed or sieved:
             self.roster.propose([e._replace(rear_m=records[e.train].rear_m) for e in order])
-            self._table.forget_but([entry.train for entry in order])
+            self._known.table.forget_but([entry.train for entry in order])
             self._beat_ns = now_ns
         return said
 
@@ -219,14 +221,14 @@ class Master:
     def _sieve(self, order: Order, now_ns: int) -> tuple[Order, bool]:
         sieved = []
         for entry in order:
-            report = self._table.records[entry.train].report
+            report = self._known.records[entry.train].report
             if not entry.sieved and report is not None:
                 entry = entry._replace(sieved=is_sieved(report, self._scene(now_ns, report)))
             sieved.append(entry)
         return tuple(sieved), tuple(sieved) != order
 
     def _scene(self, now_ns: int, newcomer: TrainReport) -> Scene:
-        records = self._table.records
+        records = self._known.records
         reports = [each.report for each in records.values() if each.report is not None]
         reports += [report for report, _ in self._applicants.values() if report.localised]
         counted = None if self._track is None else self._track.counted
@@ -234,59 +236,20 @@ class Master:
             area=self._area,
             before=self._before,
             records=records,
-            reserved_m={train: self._reserved_m(each) for train, each in records.items()},
+            reserved_m=self._known.reserved_m(),
             counted=(counted or ()) if self._line.sections else None,
             standing=tuple(
                 [standing_of(each) for each in reports if each.source != newcomer.source]
             ),
         )
 
-    def _take_proofs(self) -> None:
-        """What a train was granted proves how far the train ahead of it had come."""
-        ahead: Record | None = None
-        for entry in self.roster.proposed:
-            record = self._table.records[entry.train]
-            if ahead is not None and self._has_promised(record):
-                proven_m = record.rear_ahead_m(self._config.behind_rear_m)
-                ahead.rear_m = max(ahead.rear_m, proven_m)
-            ahead = record
-
-    def _advance_silent(self, now_ns: int, track: TrackView) -> None:
-        """A train that says nothing moves on as sections clear behind it."""
-        for record in self._table.records.values():
-            silent_ns = now_ns - record.heard_ns
-            seen_later = Freshness(track.seen_ns - record.heard_ns, 0)
-            if silent_ns > self._silence_ns() and self._guards.cleared_after(seen_later):
-                record.rear_m = moved_on_m(track, record, overhang_m=self._config.overhang_m)
-
     # Objects.
 
     def _claims(self, now_ns: int) -> list[T2tMessage]:
-        planned = self._objects.plan(needed=self._is_needed, reaches=self._reaches)
+        planned = self._objects.plan(needed=self._known.is_needed, reaches=self._known.reaches)
         return [
             ObjectClaim(*self._head(now_ns, WAYSIDE), site.number, claim.kind, claim.nonce)
             for site, claim in planned
-        ]
-
-    def _is_needed(self, site: ObjectSite) -> bool:
-        ahead_m = self._config.claim_ahead_m
-        reports = [each.report for each in self._table.records.values() if each.report is not None]
-        return any(
-            each.rear_min_m < site.end_m and each.front_max_m + ahead_m >= site.start_m
-            for each in reports
-        )
-
-    def _reaches(self, site: ObjectSite) -> list[Reach]:
-        behind_m = self._config.behind_rear_m
-        return [
-            Reach(
-                promised=self._has_promised(each),
-                reserved_m=each.granted_m,
-                rear_m=each.rear_m - behind_m,
-                start_m=site.start_m,
-                end_m=site.end_m,
-            )
-            for each in self._table.records.values()
         ]
 
     # Authorities.
@@ -297,12 +260,12 @@ class Master:
         issued: list[T2tMessage] = []
         ahead: Record | None = None
         for rank, entry in enumerate(self.roster.proposed, start=1):
-            record = self._table.records[entry.train]
+            record = self._known.records[entry.train]
             if (
                 entry.train in commanded
                 and self._guards.sieved(entry.sieved)
-                and self._has_promised(record)
-                and self._is_alive(record.heard_ns, now_ns)
+                and self._known.has_promised(record)
+                and self._known.is_alive(record.heard_ns, now_ns)
             ):
                 authority = self._authority(now_ns, record, ahead, barred, rank)
                 issued += [] if authority is None else [authority]
@@ -362,16 +325,12 @@ class Master:
         standby = self.succession.standby
         if standby == NOBODY:
             return []
-        entries = [
-            SyncEntry(each.train, each.rear_m, min(each.granted_m, UNBOUNDED_M))
-            for each in self._table.records.values()
-        ]
         head = self._head(now_ns, standby)
-        return [StandbySync(*head, self.roster.version, tuple(entries))]
+        return [StandbySync(*head, self.roster.version, self._known.sync_entries())]
 
     def is_fit(self, train: int, now_ns: int) -> bool:
         """To be standby or master: heard of, committed, promised, in service, another than this."""
-        record = self._table.records.get(train)
+        record = self._known.records.get(train)
         if record is None or train == self._speaker.address or train in self._unfit:
             return False
         report = record.report
@@ -379,8 +338,8 @@ class Master:
             report is not None
             and not report.out_of_service
             and train in self.roster.may_be_commanded()
-            and self._has_promised(record)
-            and self._is_alive(record.heard_ns, now_ns)
+            and self._known.has_promised(record)
+            and self._known.is_alive(record.heard_ns, now_ns)
         )
 
     def _succeed(self, now_ns: int, *, away: bool) -> None:
@@ -388,10 +347,10 @@ class Master:
         succession, own = self.succession, self._speaker.address
         heard = [
             (each.train, each.report.ready_nonce)
-            for each in self._table.records.values()
+            for each in self._known.records.values()
             if each.report is not None
             and each.train != own
-            and self._is_alive(each.heard_ns, now_ns)
+            and self._known.is_alive(each.heard_ns, now_ns)
         ]
         succession.choose_standby(
             [e.train for e in self.roster.proposed if self.is_fit(e.train, now_ns)]
@@ -417,25 +376,6 @@ class Master:
     def _on_roster(self) -> set[int]:
         return {entry.train for entry in self.roster.proposed}
 
-    def _record(self, entry: RosterEntry, now_ns: int) -> Record:
-        record = self._table.of(entry.train, rear_m=entry.rear_m, now_ns=now_ns)
-        if record.report is None:
-            record.rear_m = max(record.rear_m, entry.rear_m)
-        return record
-
-    def _reserved_m(self, record: Record) -> float:
-        return record.granted_m if self._has_promised(record) else UNBOUNDED_M
-
-    def _has_promised(self, record: Record) -> bool:
-        return self._guards.has_promised(Promise(record.term, self.term))
-
-    def _is_alive(self, heard_ns: int, now_ns: int) -> bool:
-        return self._guards.report_alive(Freshness(now_ns - heard_ns, self._silence_ns()))
-
-    def _silence_ns(self) -> int:
-        """After this a train is silent: what answers its last report would soon be too old."""
-        return self._config.timers.authority_ms * NS_PER_MS // 2
-
     def _track_is_known(self, now_ns: int) -> bool:
         if not self._line.sections:
             return True
@@ -456,11 +396,3 @@ def _next(due_ns: int, now_ns: int, period_ms: int) -> int:
     """The next instant of a rhythm; what was missed is not made up for."""
     period_ns = period_ms * NS_PER_MS
     return due_ns + (1 + (now_ns - due_ns) // period_ns) * period_ns
-
-
-def _before(line: AreaMap, area: int) -> Area | None:
-    for each in line.areas:
-        following = line.following(each.number)
-        if following is not None and following.number == area:
-            return each
-    return None

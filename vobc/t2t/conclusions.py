@@ -1,0 +1,100 @@
+"""What a master may conclude from what it knows of its trains, under its own term."""
+
+from collections.abc import Sequence
+
+from firmware_py.trackdb.areas import ObjectSite
+from vobc.t2t.guards import Freshness, MasterGuards, Promise, Reach
+from vobc.t2t.roster import Order
+from vobc.t2t.table import UNBOUNDED_M, Record, TrainTable
+from vobc.t2t.track_view import TrackView, moved_on_m
+from vobc.t2t.vocabulary import T2tConfig
+from zenoh_config.t2t import RosterEntry, SyncEntry
+from zenoh_config.timers import NS_PER_MS
+
+
+class Conclusions:
+    def __init__(
+        self, term: int, table: TrainTable, config: T2tConfig, guards: MasterGuards
+    ) -> None:
+        self.table = table
+        self._term, self._config, self._guards = term, config, guards
+        self._silence_ns = config.timers.authority_ms * NS_PER_MS // 2
+        """After this a train is silent: what answers its last report would soon be too old."""
+
+    @property
+    def records(self) -> dict[int, Record]:
+        return self.table.records
+
+    def begin_with(self, roster: Order, now_ns: int) -> None:
+        """Keep these trains and no others; a rear never goes back by what arbiters kept."""
+        for entry in roster:
+            self.add(entry, now_ns)
+        self.table.forget_but([entry.train for entry in roster])
+
+    def add(self, entry: RosterEntry, now_ns: int) -> Record:
+        record = self.table.of(entry.train, rear_m=entry.rear_m, now_ns=now_ns)
+        if record.report is None:
+            record.rear_m = max(record.rear_m, entry.rear_m)
+        return record
+
+    def has_promised(self, record: Record) -> bool:
+        """It obeys no older term any more."""
+        return self._guards.has_promised(Promise(record.term, self._term))
+
+    def is_alive(self, heard_ns: int, now_ns: int) -> bool:
+        return self._guards.report_alive(Freshness(now_ns - heard_ns, self._silence_ns))
+
+    def reserved_m(self) -> dict[int, float]:
+        """By train, the farthest that it may come by anything that it was or may be granted."""
+        return {
+            train: each.granted_m if self.has_promised(each) else UNBOUNDED_M
+            for train, each in self.records.items()
+        }
+
+    def reaches(self, site: ObjectSite) -> list[Reach]:
+        behind_m = self._config.behind_rear_m
+        return [
+            Reach(
+                promised=self.has_promised(each),
+                reserved_m=each.granted_m,
+                rear_m=each.rear_m - behind_m,
+                start_m=site.start_m,
+                end_m=site.end_m,
+            )
+            for each in self.records.values()
+        ]
+
+    def is_needed(self, site: ObjectSite) -> bool:
+        """A train comes near it."""
+        ahead_m = self._config.claim_ahead_m
+        reports = [each.report for each in self.records.values() if each.report is not None]
+        return any(
+            each.rear_min_m < site.end_m and each.front_max_m + ahead_m >= site.start_m
+            for each in reports
+        )
+
+    def take_proofs(self, order: Sequence[RosterEntry]) -> None:
+        """What a train was granted proves how far the train ahead of it had come."""
+        ahead: Record | None = None
+        for entry in order:
+            record = self.records[entry.train]
+            if ahead is not None and self.has_promised(record):
+                proven_m = record.rear_ahead_m(self._config.behind_rear_m)
+                ahead.rear_m = max(ahead.rear_m, proven_m)
+            ahead = record
+
+    def advance_silent(self, now_ns: int, track: TrackView) -> None:
+        """A train that says nothing moves on as sections clear behind it."""
+        for record in self.records.values():
+            silent_ns = now_ns - record.heard_ns
+            seen_later = Freshness(track.seen_ns - record.heard_ns, 0)
+            if silent_ns > self._silence_ns and self._guards.cleared_after(seen_later):
+                record.rear_m = moved_on_m(track, record, overhang_m=self._config.overhang_m)
+
+    def sync_entries(self) -> tuple[SyncEntry, ...]:
+        return tuple(
+            [
+                SyncEntry(r.train, r.rear_m, min(r.granted_m, UNBOUNDED_M))
+                for r in self.records.values()
+            ]
+        )
