@@ -3,8 +3,10 @@
 Truth is kept here: where trains are and what they may act upon is looked at, never asked.
 """
 
+import heapq
 import itertools
 import math
+from bisect import bisect_right
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
@@ -17,7 +19,7 @@ from vobc.t2t.guards import TrainGuards
 from vobc.t2t.train import TrainCore
 from vobc.t2t.vocabulary import HeldAuthority, OwnTrain, Role, T2tConfig, TrainMemory, TrainState
 from zenoh_config.messages import WAYSIDE
-from zenoh_config.t2t import BROADCAST, ObjectState, T2tMessage
+from zenoh_config.t2t import BROADCAST, Heartbeat, ObjectState, T2tMessage
 
 MS = 1_000_000
 TICK_MS = 5
@@ -86,9 +88,7 @@ def line_of(
     apply_m: float = 800.0,
 ) -> AreaMap:
     """Areas between the borders; sections of one length, none for 0; objects numbered from 1."""
-    areas = tuple(
-        [Area(n + 1, a, b) for n, (a, b) in enumerate(itertools.pairwise(borders_m))]
-    )
+    areas = tuple([Area(n + 1, a, b) for n, (a, b) in enumerate(itertools.pairwise(borders_m))])
     sections: list[TrackSection] = []
     at_m = borders_m[0]
     while section_m and at_m < borders_m[-1]:
@@ -137,6 +137,7 @@ class Rig:
         self.extra_axles: dict[int, int] = {}
         self._air: list[tuple[int, int, int, T2tMessage]] = []
         self._sent = 0
+        self._starts_m = [each.start_m for each in line.sections]
         self._boxes: dict[int, list[T2tMessage]] = {}
 
     # Who is there.
@@ -198,9 +199,8 @@ class Rig:
         return (self.now_ns - began_ns) // MS
 
     def _tick(self) -> None:
-        due = [each for each in self._air if each[0] <= self.now_ns]
-        self._air = [each for each in self._air if each[0] > self.now_ns]
-        for _, _, receiver, message in sorted(due, key=lambda each: each[:2]):
+        while self._air and self._air[0][0] <= self.now_ns:
+            _, _, receiver, message = heapq.heappop(self._air)
             if receiver in self.trains:
                 self.trains[receiver].inbox.append(message)
             else:
@@ -217,7 +217,8 @@ class Rig:
     def _wayside(self, heard: tuple[T2tMessage, ...]) -> None:
         if not self.wayside_alive:
             return
-        self._send(self.track.step(self.now_ns, heard, axles=self._axles()))
+        if any(isinstance(message, Heartbeat) for message in heard):
+            self._send(self.track.step(self.now_ns, heard, axles=self._axles()))
         for number, each in self.objects.items():
             inside = any(
                 t.front_m > each.site.start_m and t.rear_m < each.site.end_m
@@ -233,9 +234,9 @@ class Rig:
         for train in self.trains.values():
             for n in range(AXLES):
                 at_m = train.front_m - 2.0 - n * (LENGTH_M - 4.0) / (AXLES - 1)
-                for s in self.line.sections:
-                    if s.start_m <= at_m < s.end_m:
-                        counted[s.number] = counted.get(s.number, 0) + 1
+                at = bisect_right(self._starts_m, at_m)
+                if at:
+                    counted[at] = counted.get(at, 0) + 1
         return counted
 
     def _step(self, train: Train) -> None:
@@ -263,7 +264,7 @@ class Rig:
                 for delay_ms in self.spoil(message, receiver):
                     self._sent += 1
                     due_ns = self.now_ns + delay_ms * MS
-                    self._air.append((due_ns, self._sent, receiver, message))
+                    heapq.heappush(self._air, (due_ns, self._sent, receiver, message))
 
     def say(self, message: T2tMessage) -> None:
         """Something that no honest node of the rig says."""
