@@ -19,9 +19,11 @@ from vobc.t2t.vocabulary import (
     TrainMemory,
 )
 from zenoh_config.t2t import NOBODY, T2tMessage
+from zenoh_config.timers import NS_PER_MS
 
 FAREWELL_M: Final = 150.0
 """So far behind a border the rear goes on being told to the area before."""
+IDLE_NS: Final = 1000 * NS_PER_MS
 HEARD_MAX: Final = 1000
 """Messages taken in one step; more are refused and counted."""
 
@@ -158,7 +160,7 @@ class TrainCore:
             held = None if desk is None else desk.member.held
             if desk is None or held is None:
                 break
-            if result is not None and not desk.member.is_young(now_ns):
+            if result is not None and not self._continues(desk, held.echo_ns, now_ns, own):
                 break
             result = HeldAuthority(
                 end_m=held.end_m,
@@ -176,9 +178,20 @@ class TrainCore:
             area = self._line.following(area.number)
         return result
 
+    def _continues(self, desk: AreaDesk, echo_ns: int, now_ns: int, own: OwnTrain) -> bool:
+        """Whether the authority of the next area lengthens that of this one.
+
+        While the train stops before the border with ease, one that grows old is left out: it would
+        only make the whole look old.
+        """
+        if not desk.member.is_young(now_ns):
+            return False
+        old_ns = self._config.timers.authority_ms * NS_PER_MS // 2
+        return now_ns - echo_ns < old_ns or own.easy_m > desk.area.start_m
+
     def _takes_no_part(self, now_ns: int) -> Stepped:
         """Nothing is said, nothing obeyed: others protect the train by what they know of it."""
-        self._due_ns = now_ns + 1_000_000_000
+        self._due_ns = now_ns + IDLE_NS
         return Stepped(None, None, ())
 
     def _stepped(self, now_ns: int, own: OwnTrain, said: list[T2tMessage]) -> Stepped:
@@ -189,10 +202,10 @@ class TrainCore:
         changed = memory is not self.memory or not self._stored
         self.memory, self._stored = memory, True
         active = [each for each in self._desks.values() if each.role is not Role.OUTSIDE]
-        due_ns = min([each.next_due_ns() for each in active], default=now_ns + 1_000_000_000)
+        due_ns = min([each.next_due_ns() for each in active], default=now_ns + IDLE_NS)
         self._due_ns = max(due_ns, now_ns + 1)
         authority = self._authority(now_ns, own) if own.localised else None
-        age_max_ns = self._config.timers.authority_ms * 1_000_000
+        age_max_ns = self._config.timers.authority_ms * NS_PER_MS
         young = authority is not None and now_ns - authority.echo_ns <= age_max_ns
         within = [
             each
