@@ -1,0 +1,198 @@
+"""Switches, crossings, platform tracks: what they obey, and what a master makes of them."""
+
+import pytest
+
+from firmware_py.trackdb.areas import ObjectKind, ObjectSite
+from plant_emulator.wayside.line_object import LineObject
+from plant_emulator.wayside.t2t_vocabulary import ObjectMemory
+from vobc.t2t.authority import Bar
+from vobc.t2t.guards import MasterGuards, Reach, cannot_reach
+from vobc.t2t.objects import Objects
+from zenoh_config.t2t import (
+    BROADCAST,
+    ClaimKind,
+    Heartbeat,
+    ObjectClaim,
+    ObjectState,
+    ObjectStatus,
+    Phase,
+)
+from zenoh_config.timers import TIMERS_A
+
+SITE = ObjectSite(3, ObjectKind.CROSSING, 500.0, 520.0)
+
+
+class Crossing:
+    def __init__(self, memory: ObjectMemory | None = None) -> None:
+        self.memory = memory or ObjectMemory()
+        self.object = LineObject(TIMERS_A, SITE, 1, memory=self.memory, start_ns=0)
+        self.now_ns = 0
+
+    def hears(
+        self, *messages: ObjectClaim | Heartbeat, wanted: bool = False, occupied: bool = False
+    ) -> ObjectStatus | None:
+        self.now_ns += 1
+        stepped = self.object.step(self.now_ns, messages, release_wanted=wanted, occupied=occupied)
+        self.memory = stepped.memory or self.memory
+        (said,) = stepped.out or (None,)
+        assert said is None or isinstance(said, ObjectStatus)
+        return said
+
+    @property
+    def state(self) -> ObjectState:
+        return self.object.memory.state
+
+
+def claim(train: int, term: int, kind: ClaimKind, nonce: int) -> ObjectClaim:
+    return ObjectClaim(train, 0, 1, term, 1, nonce, 0, SITE.number, kind, nonce)
+
+
+LOCK, OPEN = ClaimKind.CLAIM, ClaimKind.RELEASE
+
+
+def test_it_locks_for_a_claim_and_says_for_which() -> None:
+    crossing = Crossing()
+
+    status = crossing.hears(claim(1, 4, LOCK, 9))
+
+    assert status is not None
+    assert (status.state, status.claim_term, status.nonce) == (ObjectState.LOCKED, 4, 9)
+    assert status.term == 4
+
+
+@pytest.mark.parametrize(
+    "late",
+    [
+        claim(1, 4, OPEN, 8),  # Said before the claim, heard after it.
+        claim(1, 4, OPEN, 9),  # Repeated under the claim's own number.
+        claim(1, 3, OPEN, 10),  # Of a former term.
+        claim(2, 4, OPEN, 10),  # Of somebody who does not own the term.
+    ],
+)
+def test_a_release_that_is_late_old_or_not_the_masters_opens_nothing(late: ObjectClaim) -> None:
+    crossing = Crossing()
+    crossing.hears(claim(1, 4, LOCK, 9))
+
+    crossing.hears(late)
+
+    assert crossing.state is ObjectState.LOCKED
+    assert crossing.object.refused == 1
+
+
+def test_a_heartbeat_alone_fences_it_off_from_the_old_master() -> None:
+    crossing = Crossing()
+    crossing.hears(claim(1, 4, LOCK, 9))
+
+    crossing.hears(Heartbeat(2, BROADCAST, 1, 5, 1, 1, 0, Phase.FENCING, 0, 1))
+    crossing.hears(claim(1, 4, OPEN, 10))
+
+    assert crossing.state is ObjectState.LOCKED
+
+
+def test_nothing_moves_under_a_train() -> None:
+    crossing = Crossing()
+    crossing.hears(claim(1, 4, LOCK, 9))
+
+    crossing.hears(claim(1, 4, OPEN, 10), occupied=True)
+    assert crossing.state is ObjectState.LOCKED
+    crossing.hears(claim(1, 4, OPEN, 11))
+
+    assert crossing.state is ObjectState.FREE
+
+
+def test_what_is_asked_to_open_is_not_locked_again() -> None:
+    crossing = Crossing()
+
+    crossing.hears(claim(1, 4, LOCK, 9), wanted=True)
+
+    assert crossing.state is ObjectState.FREE
+
+
+def test_it_remembers_over_a_restart_and_fails_safe_without_memory() -> None:
+    crossing = Crossing()
+    crossing.hears(claim(1, 4, LOCK, 9))
+    again = Crossing(crossing.memory)
+    again.hears(claim(2, 3, OPEN, 99))
+    assert again.state is ObjectState.LOCKED
+
+    lost = LineObject(TIMERS_A, SITE, 1, memory=None, start_ns=0)
+    lost.step(1, (claim(1, 9, LOCK, 1),), release_wanted=False, occupied=False)
+    assert lost.memory.state is ObjectState.FAILED
+
+
+def status(state: ObjectState, term: int, nonce: int, *, wanted: bool = False) -> ObjectStatus:
+    return ObjectStatus(0, BROADCAST, 1, term, 1, 1, 0, SITE.number, state, term, nonce, wanted)
+
+
+def far(train_reserved_m: float = 400.0, *, promised: bool = True, rear_m: float = 0.0) -> Reach:
+    return Reach(promised, train_reserved_m, rear_m, SITE.start_m, SITE.end_m)
+
+
+class TestMasterOfObjects:
+    def objects(self) -> Objects:
+        return Objects(5, (SITE,), MasterGuards())
+
+    def plan(self, objects: Objects, *reaches: Reach, needed: bool = True) -> list[ClaimKind]:
+        said = objects.plan(needed=lambda _: needed, reaches=lambda _: list(reaches))
+        return [each.kind for _, each in said]
+
+    def test_of_an_object_never_heard_of_nothing_is_passed_and_nothing_claimed(self) -> None:
+        objects = self.objects()
+
+        assert self.plan(objects, far()) == []
+        assert [each.bar for each in objects.stretches()] == [Bar.UNSURE]
+
+    def test_a_lock_of_an_earlier_claim_is_no_confirmation(self) -> None:
+        objects = self.objects()
+        objects.hears(status(ObjectState.LOCKED, 4, 1))
+
+        assert self.plan(objects, far()) == [LOCK]
+        assert [each.bar for each in objects.stretches()] == [Bar.UNSURE]
+
+    def test_its_own_lock_opens_the_way_until_a_release_is_wanted(self) -> None:
+        objects = self.objects()
+        objects.hears(status(ObjectState.LOCKED, 4, 1))
+        self.plan(objects, far())
+        objects.hears(status(ObjectState.LOCKED, 5, 1))
+        assert self.plan(objects, far()) == []
+        assert objects.stretches() == []
+
+        objects.hears(status(ObjectState.LOCKED, 5, 1, wanted=True))
+        assert [each.bar for each in objects.stretches()] == [Bar.CLOSING]
+
+    def test_it_is_released_only_when_no_train_can_reach_it_and_is_barred_at_once(self) -> None:
+        objects = self.objects()
+        objects.hears(status(ObjectState.LOCKED, 5, 1, wanted=True))
+        self.plan(objects, far(600.0))
+        assert self.plan(objects, far(600.0)) == []
+
+        assert self.plan(objects, far(), far(900.0, rear_m=530.0)) == [OPEN]
+        assert [each.bar for each in objects.stretches()] == [Bar.UNSURE]
+        objects.hears(status(ObjectState.FREE, 5, 2, wanted=True))
+        assert [each.bar for each in objects.stretches()] == [Bar.SHUT]
+
+    def test_after_a_release_the_lock_before_it_is_no_confirmation(self) -> None:
+        objects = self.objects()
+        objects.hears(status(ObjectState.LOCKED, 5, 1, wanted=True))
+        self.plan(objects, far(600.0))
+        self.plan(objects, far())
+        objects.hears(status(ObjectState.LOCKED, 5, 1))
+
+        assert [each.bar for each in objects.stretches()] == [Bar.UNSURE]
+        assert self.plan(objects, far()) == [LOCK]
+
+
+@pytest.mark.parametrize(
+    ("reach", "answer"),
+    [
+        (far(500.0), True),
+        (far(500.1), False),
+        (far(500.0, promised=False), False),
+        (far(900.0, promised=False, rear_m=520.0), True),
+        (far(900.0, promised=False, rear_m=519.9), False),
+    ],
+)
+def test_a_train_cannot_reach_what_is_behind_it_or_beyond_all_that_it_may_act_upon(
+    reach: Reach, answer: bool
+) -> None:
+    assert cannot_reach(reach) is answer
