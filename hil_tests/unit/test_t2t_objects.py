@@ -124,8 +124,8 @@ def status(state: ObjectState, term: int, nonce: int, *, wanted: bool = False) -
     return ObjectStatus(0, BROADCAST, 1, term, 1, 1, 0, SITE.number, state, term, nonce, wanted)
 
 
-def far(train_reserved_m: float = 400.0, *, promised: bool = True, rear_m: float = 0.0) -> Reach:
-    return Reach(promised, train_reserved_m, rear_m, SITE.start_m, SITE.end_m)
+def far(train_reserved_m: float = 400.0, *, rear_m: float = 0.0) -> Reach:
+    return Reach(train_reserved_m, rear_m, SITE.start_m, SITE.end_m)
 
 
 class TestMasterOfObjects:
@@ -187,9 +187,8 @@ class TestMasterOfObjects:
     [
         (far(500.0), True),
         (far(500.1), False),
-        (far(500.0, promised=False), False),
-        (far(900.0, promised=False, rear_m=520.0), True),
-        (far(900.0, promised=False, rear_m=519.9), False),
+        (far(900.0, rear_m=520.0), True),
+        (far(900.0, rear_m=519.9), False),
     ],
 )
 def test_a_train_cannot_reach_what_is_behind_it_or_beyond_all_that_it_may_act_upon(

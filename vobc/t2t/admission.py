@@ -7,7 +7,7 @@ from firmware_py.trackdb.areas import Area
 from vobc.t2t.authority import Counted, Standing, explained
 from vobc.t2t.guards import InLine, MasterGuards, Neighbours
 from vobc.t2t.roster import Order, placed
-from vobc.t2t.table import Record
+from vobc.t2t.table import UNBOUNDED_M, Record
 from vobc.t2t.vocabulary import T2tConfig
 from zenoh_config.t2t import NOBODY, ROSTER_MAX, AdmissionState, RosterEntry, TrainReport
 
@@ -41,7 +41,7 @@ def admitted(
     at = sum(1 for _ in _ahead(order, report, scene))
     ahead = order[at - 1].train if at else NOBODY
     place = Neighbours(
-        behind_m=scene.reserved_m[order[at].train] if at < len(order) else -scene.area.end_m,
+        behind_m=scene.reserved_m.get(order[at].train, UNBOUNDED_M) if at < len(order) else 0.0,
         rear_m=report.rear_min_m - config.behind_rear_m,
         front_m=report.front_max_m,
         ahead_m=scene.records[ahead].rear_m - config.rollback_m if ahead else report.front_max_m,

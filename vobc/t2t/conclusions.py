@@ -44,24 +44,26 @@ class Conclusions:
     def is_alive(self, heard_ns: int, now_ns: int) -> bool:
         return self._guards.report_alive(Freshness(now_ns - heard_ns, self._silence_ns))
 
-    def reserved_m(self) -> dict[int, float]:
-        """By train, the farthest that it may come by anything that it was or may be granted."""
-        return {
-            train: each.granted_m if self.has_promised(each) else UNBOUNDED_M
-            for train, each in self.records.items()
-        }
+    def reserved_m(self, order: Sequence[RosterEntry]) -> dict[int, float]:
+        """By train, the farthest that it may come by anything that it was granted.
 
-    def reaches(self, site: ObjectSite) -> list[Reach]:
+        What a train that has not promised holds is not known; but it was never granted more than
+        the way to the rear of the train ahead, and so no more than that one may come to.
+        """
+        reserved_m: dict[int, float] = {}
+        bound_m = UNBOUNDED_M
+        for entry in order:
+            record = self.records[entry.train]
+            if self.has_promised(record):
+                bound_m = min(bound_m, record.granted_m)
+            reserved_m[entry.train] = bound_m
+        return reserved_m
+
+    def reaches(self, site: ObjectSite, order: Sequence[RosterEntry]) -> list[Reach]:
         behind_m = self._config.behind_rear_m
         return [
-            Reach(
-                promised=self.has_promised(each),
-                reserved_m=each.granted_m,
-                rear_m=each.rear_m - behind_m,
-                start_m=site.start_m,
-                end_m=site.end_m,
-            )
-            for each in self.records.values()
+            Reach(reserved_m, self.records[train].rear_m - behind_m, site.start_m, site.end_m)
+            for train, reserved_m in self.reserved_m(order).items()
         ]
 
     def is_needed(self, site: ObjectSite) -> bool:

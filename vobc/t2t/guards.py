@@ -237,9 +237,8 @@ def object_confirmed(claimed: Claimed) -> bool:
 class Reach(NamedTuple):
     """One train of the roster beside an object that shall be released."""
 
-    promised: bool
     reserved_m: float
-    """The farthest that it may have been granted, ever."""
+    """The farthest that it may come by anything that it was granted, as far as that is known."""
     rear_m: float
     """Protected rear, less the allowance."""
     start_m: float
@@ -248,7 +247,7 @@ class Reach(NamedTuple):
 
 def cannot_reach(reach: Reach) -> bool:
     """It is past the object for good, or all that it may act upon ends before it."""
-    return reach.rear_m >= reach.end_m or (reach.promised and reach.reserved_m <= reach.start_m)
+    return reach.rear_m >= reach.end_m or reach.reserved_m <= reach.start_m
 
 
 @dataclasses.dataclass(frozen=True, slots=True)

@@ -83,8 +83,6 @@ class Master:
         self._was_ready = False
         self._known.begin_with(self.roster.proposed, now_ns)
 
-    # What is heard.
-
     def hears(self, message: T2tMessage, now_ns: int) -> None:
         if isinstance(message, TrainReport):
             self._hears_report(message, now_ns)
@@ -236,7 +234,7 @@ class Master:
             area=self._area,
             before=self._before,
             records=records,
-            reserved_m=self._known.reserved_m(),
+            reserved_m=self._known.reserved_m(self.roster.proposed),
             counted=(counted or ()) if self._line.sections else None,
             standing=tuple(
                 [standing_of(each) for each in reports if each.source != newcomer.source]
@@ -246,7 +244,10 @@ class Master:
     # Objects.
 
     def _claims(self, now_ns: int) -> list[T2tMessage]:
-        planned = self._objects.plan(needed=self._known.is_needed, reaches=self._known.reaches)
+        planned = self._objects.plan(
+            needed=self._known.is_needed,
+            reaches=lambda site: self._known.reaches(site, self.roster.proposed),
+        )
         return [
             ObjectClaim(*self._head(now_ns, WAYSIDE), site.number, claim.kind, claim.nonce)
             for site, claim in planned
@@ -370,8 +371,6 @@ class Master:
         """Another train is on the roster, or wants to be."""
         own = self._speaker.address
         return bool((self._on_roster() | set(self._applicants)) - {own})
-
-    # Small words.
 
     def _on_roster(self) -> set[int]:
         return {entry.train for entry in self.roster.proposed}
