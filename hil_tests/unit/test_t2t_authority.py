@@ -53,6 +53,7 @@ def between(start_m: float, end_m: float, bar: Bar) -> Space:
         (course(stopped=True, granted_m=900.0), 500.0),
         (course(ahead_m=505.0), None),  # Nothing to give, and nothing to take back.
         (course(ahead_m=505.0, granted_m=600.0), 498.0),
+        (course(2010.0), 2000.0),  # Over the border by what the next area granted.
     ],
 )
 def test_it_ends_behind_the_train_ahead_or_with_the_area(

@@ -82,7 +82,8 @@ def end_of_authority_m(course: Course, space: Space) -> float | None:
         end_m = min(end_m, course.front_max_m if inside else stretch.start_m)
         break
     if end_m < course.front_max_m and course.granted_m <= course.front_max_m:
-        return None
+        # Over the border of its area the train may be by what the next one granted.
+        return end_m if end_m == space.end_m else None
     return end_m
 
 

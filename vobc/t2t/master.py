@@ -227,8 +227,11 @@ class Master:
 
     def _scene(self, now_ns: int, newcomer: TrainReport) -> Scene:
         records = self._known.records
-        reports = [each.report for each in records.values() if each.report is not None]
-        reports += [report for report, _ in self._applicants.values() if report.localised]
+        # By train: one that has only just come onto the roster still stands among the applicants.
+        reports = {each.train: each.report for each in records.values() if each.report is not None}
+        for report, _ in self._applicants.values():
+            if report.localised:
+                reports[report.source] = report
         counted = None if self._track is None else self._track.counted
         return Scene(
             area=self._area,
@@ -237,7 +240,7 @@ class Master:
             reserved_m=self._known.reserved_m(self.roster.proposed),
             counted=(counted or ()) if self._line.sections else None,
             standing=tuple(
-                [standing_of(each) for each in reports if each.source != newcomer.source]
+                [standing_of(each) for each in reports.values() if each.source != newcomer.source]
             ),
         )
 
@@ -260,6 +263,7 @@ class Master:
         barred = [*self._objects.stretches(), *(self._track.closed if self._track else ())]
         issued: list[T2tMessage] = []
         ahead: Record | None = None
+        alone_there = True
         for rank, entry in enumerate(self.roster.proposed, start=1):
             record = self._known.records[entry.train]
             if (
@@ -268,9 +272,10 @@ class Master:
                 and self._known.has_promised(record)
                 and self._known.is_alive(record.heard_ns, now_ns)
             ):
-                authority = self._authority(now_ns, record, ahead, barred, rank)
+                hidden = self._hidden(record, ahead, alone_there)
+                authority = self._authority(now_ns, record, ahead, [*barred, *hidden], rank)
                 issued += [] if authority is None else [authority]
-            ahead = record
+            ahead, alone_there = record, self._guards.sieved(entry.sieved)
         return [*self._sync(now_ns), *issued]
 
     def _authority(
@@ -279,8 +284,7 @@ class Master:
         report, config = record.report, self._config
         if report is None:
             return None
-        hidden = self._hidden(record, ahead)
-        stretches = sorted([*barred, *hidden], key=lambda each: (each.start_m, each.end_m))
+        stretches = sorted(barred, key=lambda each: (each.start_m, each.end_m))
         course = Course(
             rear_m=record.rear_m,
             front_max_m=report.front_max_m,
@@ -311,15 +315,22 @@ class Master:
             ),
         )
 
-    def _hidden(self, record: Record, ahead: Record | None) -> list[Stretch]:
+    def _hidden(self, record: Record, ahead: Record | None, alone_there: bool) -> list[Stretch]:
+        """Occupied sections before the train ahead; its own, too, while others may hide in them."""
         if self._track is None:
             return []
-        before_m = self._area.end_m if ahead is None else ahead.rear_m - self._config.behind_rear_m
+        before_m = self._area.end_m
+        if ahead is not None and alone_there:
+            before_m = ahead.rear_m - self._config.behind_rear_m
         heard_ns = self._left_ns if ahead is None else ahead.heard_ns
         found = hidden_between(
             self._track, beyond_m=record.granted_m, before_m=before_m, ahead_ns=heard_ns
         )
-        return [] if found is None else [found]
+        if found is None:
+            return []
+        # What hides hangs over behind its last axle, and may roll back.
+        room_m = self._config.overhang_m + self._config.behind_rear_m
+        return [found._replace(start_m=found.start_m - room_m)]
 
     def _sync(self, now_ns: int) -> list[T2tMessage]:
         """What the standby must know stands before what it is about."""
