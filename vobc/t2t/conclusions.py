@@ -3,10 +3,11 @@
 from collections.abc import Sequence
 
 from firmware_py.trackdb.areas import ObjectSite
+from vobc.t2t.authority import Stretch
 from vobc.t2t.guards import Freshness, MasterGuards, Promise, Reach
 from vobc.t2t.roster import Order
 from vobc.t2t.table import UNBOUNDED_M, Record, TrainTable
-from vobc.t2t.track_view import TrackView, moved_on_m
+from vobc.t2t.track_view import TrackView, hidden_between, moved_on_m
 from vobc.t2t.vocabulary import T2tConfig
 from zenoh_config.t2t import RosterEntry, SyncEntry
 from zenoh_config.timers import NS_PER_MS
@@ -92,6 +93,33 @@ class Conclusions:
             seen_later = Freshness(track.seen_ns - record.heard_ns, 0)
             if silent_ns > self._silence_ns and self._guards.cleared_after(seen_later):
                 record.rear_m = moved_on_m(track, record, overhang_m=self._config.overhang_m)
+
+    def hidden_before(
+        self,
+        record: Record,
+        ahead: Record | None,
+        track: TrackView | None,
+        open_end: tuple[float, int],
+    ) -> list[Stretch]:
+        """An occupied section that none of the trains known can be in.
+
+        Args:
+            ahead: the next train, if nobody hides near it; else its own sections count, too.
+            open_end: without such a train, up to where, and since when that is so.
+        """
+        if track is None:
+            return []
+        before_m, since_ns = open_end
+        if ahead is not None:
+            before_m = ahead.rear_m - self._config.behind_rear_m
+        found = hidden_between(
+            track, beyond_m=record.granted_m, before_m=before_m, ahead_ns=since_ns
+        )
+        if found is None:
+            return []
+        # What hides hangs over behind its last axle, and may roll back.
+        room_m = self._config.overhang_m + self._config.behind_rear_m
+        return [found._replace(start_m=found.start_m - room_m)]
 
     def sync_entries(self) -> tuple[SyncEntry, ...]:
         return tuple(

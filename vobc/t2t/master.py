@@ -15,7 +15,6 @@ from vobc.t2t.succession import Succession
 from vobc.t2t.table import Record, TrainTable
 from vobc.t2t.track_view import (
     TrackView,
-    hidden_between,
     restrictions_for,
     view_of,
 )
@@ -272,7 +271,9 @@ class Master:
                 and self._known.has_promised(record)
                 and self._known.is_alive(record.heard_ns, now_ns)
             ):
-                hidden = self._hidden(record, ahead, alone_there)
+                hidden = self._known.hidden_before(
+                    record, ahead if alone_there else None, self._track, self._open_end(ahead)
+                )
                 authority = self._authority(now_ns, record, ahead, [*barred, *hidden], rank)
                 issued += [] if authority is None else [authority]
             ahead, alone_there = record, self._guards.sieved(entry.sieved)
@@ -315,22 +316,9 @@ class Master:
             ),
         )
 
-    def _hidden(self, record: Record, ahead: Record | None, alone_there: bool) -> list[Stretch]:
-        """Occupied sections before the train ahead; its own, too, while others may hide in them."""
-        if self._track is None:
-            return []
-        before_m = self._area.end_m
-        if ahead is not None and alone_there:
-            before_m = ahead.rear_m - self._config.behind_rear_m
-        heard_ns = self._left_ns if ahead is None else ahead.heard_ns
-        found = hidden_between(
-            self._track, beyond_m=record.granted_m, before_m=before_m, ahead_ns=heard_ns
-        )
-        if found is None:
-            return []
-        # What hides hangs over behind its last axle, and may roll back.
-        room_m = self._config.overhang_m + self._config.behind_rear_m
-        return [found._replace(start_m=found.start_m - room_m)]
+    def _open_end(self, ahead: Record | None) -> tuple[float, int]:
+        """The end of the area, and since when that alone has been before a train."""
+        return self._area.end_m, self._left_ns if ahead is None else ahead.heard_ns
 
     def _sync(self, now_ns: int) -> list[T2tMessage]:
         """What the standby must know stands before what it is about."""
