@@ -46,6 +46,8 @@ class AreaDesk:
         self.member = Member(
             config.timers, guards.member, boot=speaker.boot, memory=memory, now_ns=now_ns
         )
+        self.stored = memory
+        """Of this area, as it was handed out to be stored."""
         self.lease = Lease(config, guards.lease)
         self.master: Master | None = None
         self.area = line.area(area)

@@ -19,6 +19,7 @@ class TrackView(NamedTuple):
     """By the master's clock; not before this the sections were as told."""
     counted: tuple[Counted, ...]
     """In running order."""
+    occupied: tuple[Seen, ...]
     states: tuple[tuple[float, float, SectionState], ...]
     restrictions: tuple[SpeedRestriction, ...]
     closed: tuple[Stretch, ...]
@@ -30,6 +31,7 @@ def view_of(status: TrackStatus, line: AreaMap) -> TrackView:
     return TrackView(
         status.echo_ns,
         tuple([Counted(start_m, end_m, s.occupied, s.axles) for start_m, end_m, s in states]),
+        tuple([Seen(start_m, end_m) for start_m, end_m, s in states if s.occupied]),
         tuple(states),
         status.restrictions,
         tuple([Stretch(each.start_m, each.end_m, Bar.SHUT) for each in status.closed]),
@@ -46,8 +48,7 @@ def hidden_between(
         before_m: protected rear of the one ahead, heard at `ahead_ns`.
     """
     drift_m = max(0, ahead_ns - view.seen_ns) * S_PER_NS * SPEED_MAX_MPS
-    occupied = [Seen(each.start_m, each.end_m) for each in view.counted if each.occupied]
-    found = unexplained(occupied, beyond_m=beyond_m, before_m=before_m - drift_m)
+    found = unexplained(view.occupied, beyond_m=beyond_m, before_m=before_m - drift_m)
     return None if found is None else Stretch(found.start_m, found.end_m, Bar.SHUT)
 
 

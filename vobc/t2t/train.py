@@ -197,8 +197,9 @@ class TrainCore:
     def _stepped(self, now_ns: int, own: OwnTrain, said: list[T2tMessage]) -> Stepped:
         memory = self.memory
         for desk in self._desks.values():
-            if desk.member.memory != memory.of_area(desk.area.number):
-                memory = memory.with_area(desk.member.memory)
+            if desk.member.memory is not desk.stored:
+                desk.stored = desk.member.memory
+                memory = memory.with_area(desk.stored)
         changed = memory is not self.memory or not self._stored
         self.memory, self._stored = memory, True
         active = [each for each in self._desks.values() if each.role is not Role.OUTSIDE]
@@ -207,15 +208,17 @@ class TrainCore:
         authority = self._authority(now_ns, own) if own.localised else None
         age_max_ns = self._config.timers.authority_ms * NS_PER_MS
         young = authority is not None and now_ns - authority.echo_ns <= age_max_ns
-        within = [
-            each
-            for each in self._line.areas
-            if each.start_m < own.front_max_m and own.rear_min_m < each.end_m
-        ]
+        # Every area that the train is in has a desk.
+        within = sum(
+            [
+                desk.area.start_m < own.front_max_m and own.rear_min_m < desk.area.end_m
+                for desk in self._desks.values()
+            ]
+        )
         return Stepped(
             memory=memory if changed else None,
             authority=authority,
             out=tuple(said),
-            state=state_of(Standing(own.localised, young, len(within))),
+            state=state_of(Standing(own.localised, young, within)),
             roles=tuple([(each.area.number, each.role) for each in active]),
         )
