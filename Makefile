@@ -95,6 +95,7 @@ docs: $(READY_TO_TEST) ## write the generated documents anew
 	$(BIN)/python -m metro_tools.fault_doc
 	$(BIN)/python -m metro_tools.table_doc
 	$(BIN)/python -m metro_tools.law_doc
+	$(BIN)/python -m metro_tools.t2t_doc
 
 format: $(READY_TO_TEST) ## let ruff format and mend what it can
 	$(BIN)/ruff format .

@@ -95,13 +95,13 @@ def document() -> str:
         [
             HEADER,
             MODES,
-            *_machine(modes.TRANSITIONS, OperatingMode.STANDBY),
+            *machine(modes.TRANSITIONS, OperatingMode.STANDBY),
             NEEDED,
             markdown_table(("mode", "needs"), _flag_rows(modes.NEEDED, Missing)),
             UNHEEDED,
             markdown_table(("mode", "not heeded"), _flag_rows(modes.UNHEEDED, Inhibit)),
             SUPERVISION,
-            *_machine(supervision.TRANSITIONS, Supervision.NO_AUTHORITY),
+            *machine(supervision.TRANSITIONS, Supervision.NO_AUTHORITY),
             EMERGENCIES,
             markdown_table(
                 (
@@ -120,38 +120,38 @@ def document() -> str:
             _terms("doors are enabled on the platform side", doors.WITHHELD_WITHOUT),
             _terms("departure", departure.INHIBIT_WITHOUT),
             JOG,
-            *_machine(jog.TRANSITIONS, jog.JogState.NONE),
+            *machine(jog.TRANSITIONS, jog.JogState.NONE),
             PHASES,
-            *_machine(ato_phases.TRANSITIONS, AtoPhase.OFF),
+            *machine(ato_phases.TRANSITIONS, AtoPhase.OFF),
         ]
     )
 
 
-def _machine(table: Table, first: enum.Enum) -> Iterator[str]:
+def machine(table: Table, first: enum.Enum) -> Iterator[str]:
     """A state diagram, then its rows, then what the guards say of themselves."""
     lines = ["```mermaid", "stateDiagram-v2", f"    [*] --> {first.name}"]
     for state, rows in table.items():
-        lines += [f"    {state.name} --> {to.name}: {_words(guard)}" for guard, to in rows]
+        lines += [f"    {state.name} --> {to.name}: {words(guard)}" for guard, to in rows]
     yield "\n".join([*lines, "```", ""])
     yield markdown_table(
         ("from", "when", "to"),
         [
-            (state.name, _words(guard), to.name)
+            (state.name, words(guard), to.name)
             for state, rows in table.items()
             for guard, to in rows
         ],
     )
     guards = dict.fromkeys(guard for rows in table.values() for guard, _ in rows)
-    told = [(_words(guard), _said(guard)) for guard in guards if _said(guard)]
+    told = [(words(guard), said(guard)) for guard in guards if said(guard)]
     if told:
         yield markdown_table(("guard", "meaning"), told)
 
 
-def _words(guard: Callable[[Any], bool]) -> str:
+def words(guard: Callable[[Any], bool]) -> str:
     return guard.__name__.replace("_", " ")
 
 
-def _said(guard: Callable[[Any], bool]) -> str:
+def said(guard: Callable[[Any], bool]) -> str:
     return " ".join((inspect.getdoc(guard) or "").split())
 
 
@@ -168,9 +168,9 @@ def _names(flags: enum.IntFlag) -> str:
 
 
 def _rule_row(rule: Rule) -> tuple[str, ...]:
-    said = _said(rule.comes)
-    comes = _words(rule.comes) + (f": {said}" if said else "")
-    by_itself = "–" if rule.by_itself is emergencies.never else _words(rule.by_itself)
+    meaning = said(rule.comes)
+    comes = words(rule.comes) + (f": {meaning}" if meaning else "")
+    by_itself = "–" if rule.by_itself is emergencies.never else words(rule.by_itself)
     who = " or ".join(str(each.name).lower() for each in Reset if each & rule.reset_by)
     return rule.cause.name, comes, rule.when.value, who, by_itself, rule.words
 

@@ -250,6 +250,18 @@ def cannot_reach(reach: Reach) -> bool:
     return reach.rear_m >= reach.end_m or reach.reserved_m <= reach.start_m
 
 
+def cleared_after(freshness: Freshness) -> bool:
+    """Sections were seen clear after the silent train was heard; the age is that of its report at
+    that time.
+    """
+    return freshness.age_ns >= 0
+
+
+def sieved(shown: bool) -> bool:
+    """Secondary detection has shown that nothing hides near the train."""
+    return shown
+
+
 @dataclasses.dataclass(frozen=True, slots=True)
 class MasterGuards:
     """Of a train that commands."""
@@ -262,11 +274,8 @@ class MasterGuards:
     comes_in_line: Callable[[InLine], bool] = comes_in_line
     object_confirmed: Callable[[Claimed], bool] = object_confirmed
     cannot_reach: Callable[[Reach], bool] = cannot_reach
-    sieved: Callable[[bool], bool] = bool
-    """Secondary detection has shown that nothing hides near the train."""
-    cleared_after: Callable[[Freshness], bool] = lambda freshness: freshness.age_ns >= 0
-    """Sections were seen clear after the train whose reservation that frees was heard; the age is
-    that of the report when the sections were seen."""
+    sieved: Callable[[bool], bool] = sieved
+    cleared_after: Callable[[Freshness], bool] = cleared_after
 
 
 @dataclasses.dataclass(frozen=True, slots=True)

@@ -1,0 +1,89 @@
+"""Keys of train-to-train messages: `m/<line>/w/<writer>/<kind>/<area>/<reader>`, writer first."""
+
+from collections.abc import Iterable
+from typing import Final
+
+from zenoh_config.keys import line_chunk
+from zenoh_config.messages import WAYSIDE
+from zenoh_config.t2t import (
+    BROADCAST,
+    Admission,
+    AreaAuthority,
+    Heartbeat,
+    LeaseAnswer,
+    LeaseRequest,
+    LineOrder,
+    ObjectClaim,
+    ObjectStatus,
+    RosterAck,
+    RosterCommit,
+    StandbySync,
+    SwitchStep,
+    SyncAck,
+    T2tMessage,
+    TrackStatus,
+    TrainReport,
+)
+
+TO_ALL: Final = "all"
+"""The reader's chunk of what everybody in an area shall hear."""
+CHUNKS: Final[dict[type[T2tMessage], str]] = {
+    LeaseRequest: "acq",
+    LeaseAnswer: "gr",
+    Heartbeat: "hb",
+    TrainReport: "tr",
+    AreaAuthority: "aa",
+    StandbySync: "sy",
+    SyncAck: "sa",
+    RosterCommit: "rc",
+    RosterAck: "ra",
+    SwitchStep: "sw",
+    ObjectClaim: "cl",
+    ObjectStatus: "os",
+    TrackStatus: "tk",
+    LineOrder: "lo",
+    Admission: "ad",
+}
+
+
+def key_of(line: str, message: T2tMessage) -> str:
+    """Where a message is put; a reader refuses one that it finds elsewhere."""
+    reader = TO_ALL if message.destination == BROADCAST else str(message.destination)
+    kind = CHUNKS[type(message)]
+    return f"m/{line_chunk(line)}/w/{message.source}/{kind}/{message.area}/{reader}"
+
+
+def of_train(line: str, train: int) -> tuple[str, ...]:
+    """What a train listens to: what is for it in any area, and what is for all."""
+    kinds = (Heartbeat, TrainReport, SwitchStep, ObjectStatus)
+    own = (
+        LeaseAnswer,
+        AreaAuthority,
+        StandbySync,
+        SyncAck,
+        RosterAck,
+        SwitchStep,
+        TrackStatus,
+        LineOrder,
+        Admission,
+    )
+    return (*_keys(line, kinds, TO_ALL), *_keys(line, own, str(train)))
+
+
+def of_arbiter(line: str, arbiter: int) -> tuple[str, ...]:
+    """What an arbiter listens to."""
+    return _keys(line, (LeaseRequest, RosterCommit), str(arbiter))
+
+
+def of_wayside(line: str) -> tuple[str, ...]:
+    """What objects and track listen to."""
+    return (*_keys(line, (Heartbeat,), TO_ALL), *_keys(line, (ObjectClaim,), str(WAYSIDE)))
+
+
+def of_supervision(line: str) -> tuple[str, ...]:
+    """What a display listens to: who commands, and where everybody is."""
+    return _keys(line, (Heartbeat, TrainReport, ObjectStatus), TO_ALL)
+
+
+def _keys(line: str, kinds: Iterable[type[T2tMessage]], reader: str) -> tuple[str, ...]:
+    return tuple([f"m/{line_chunk(line)}/w/*/{CHUNKS[kind]}/*/{reader}" for kind in kinds])
