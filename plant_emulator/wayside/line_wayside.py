@@ -1,0 +1,127 @@
+"""The wayside where trains command themselves, on the radio: arbiters, objects and track."""
+
+from collections import Counter
+from collections.abc import Callable, Collection, Iterable, Mapping
+from typing import NamedTuple
+
+from firmware_py.ports import RadioMessage
+from firmware_py.trackdb.areas import AreaMap
+from plant_emulator.wayside.arbiter import Arbiter
+from plant_emulator.wayside.line_object import LineObject
+from plant_emulator.wayside.t2t_vocabulary import ArbiterMemory, ObjectMemory
+from plant_emulator.wayside.track import Track
+from zenoh_config import t2t_keys
+from zenoh_config.codec import BENCH_KEY, pack, unpack
+from zenoh_config.messages import WAYSIDE, Refused
+from zenoh_config.t2t import T2tMessage
+from zenoh_config.timers import LineTimers
+
+
+class Disks(NamedTuple):
+    """What was stored when the wayside started, and how to store; a store says whether it did."""
+
+    arbiters: Mapping[int, ArbiterMemory | None]
+    """By address; None: it cannot be read."""
+    objects: Mapping[int, ObjectMemory | None]
+    store_arbiter: Callable[[int, ArbiterMemory], bool]
+    store_object: Callable[[int, ObjectMemory], bool]
+
+
+class Truth(NamedTuple):
+    """What the wayside's own detectors and dispatchers see and want."""
+
+    axles: Mapping[int, int]
+    """By section."""
+    occupied: Collection[int] = ()
+    """Objects with a train in them."""
+    release_wanted: Collection[int] = ()
+    """Objects that shall move or open."""
+
+
+class LineWayside:
+    def __init__(
+        self,
+        timers: LineTimers,
+        line: AreaMap,
+        disks: Disks,
+        *,
+        boot: int,
+        start_ns: int,
+        key: bytes = BENCH_KEY,
+    ) -> None:
+        """`boot`: starts of this wayside so far; it must grow with every start."""
+        self.refusals: Counter[str] = Counter()
+        self.failed: list[str] = []
+        """Who fell silent because the disk did not take what it had to store."""
+        self.arbiters = {
+            address: Arbiter(timers, address=address, memory=memory, start_ns=start_ns)
+            for address, memory in disks.arbiters.items()
+        }
+        self.objects = {
+            site.number: LineObject(
+                timers,
+                site,
+                line.area_at(site.start_m).number,
+                memory=disks.objects.get(site.number, ObjectMemory()),
+                start_ns=start_ns,
+            )
+            for site in line.objects
+        }
+        self.track = Track(timers, line, boot=boot, start_ns=start_ns)
+        self.subscriptions = (
+            *t2t_keys.of_wayside(line.name),
+            *[
+                each
+                for address in self.arbiters
+                for each in t2t_keys.of_arbiter(line.name, address)
+            ],
+        )
+        self._line_name, self._disks, self._key = line.name, disks, key
+
+    def step(
+        self, now_ns: int, messages: Iterable[RadioMessage], truth: Truth
+    ) -> list[tuple[str, bytes]]:
+        """Key and payload of everything to send; what had to be stored is stored by then."""
+        heard = self._opened(messages)
+        out: list[T2tMessage] = []
+        for address, arbiter in list(self.arbiters.items()):
+            mine = tuple([each for each in heard if each.destination == address])
+            decided = arbiter.step(now_ns, mine)
+            if decided.memory is None or self._disks.store_arbiter(address, decided.memory):
+                out += decided.out
+            else:
+                self._fails(f"arbiter {address}")
+                del self.arbiters[address]
+        to_wayside = tuple([each for each in heard if each.destination not in self.arbiters])
+        for number, site in list(self.objects.items()):
+            moved = site.step(
+                now_ns,
+                to_wayside,
+                release_wanted=number in truth.release_wanted,
+                occupied=number in truth.occupied,
+            )
+            if moved.memory is None or self._disks.store_object(number, moved.memory):
+                out += moved.out
+            else:
+                self._fails(f"object {number}")
+                del self.objects[number]
+        out += self.track.step(now_ns, to_wayside, axles=truth.axles)
+        return [(t2t_keys.key_of(self._line_name, m), pack(m, self._key)) for m in out]
+
+    def _fails(self, who: str) -> None:
+        """Whoever cannot store moves and says nothing more: a restart finds it as it was."""
+        self.failed.append(who)
+
+    def _opened(self, messages: Iterable[RadioMessage]) -> list[T2tMessage]:
+        heard = []
+        for message in messages:
+            opened = unpack(message.payload, self._key)
+            if isinstance(opened, Refused):
+                self.refusals[opened.reason.value] += 1
+            elif not isinstance(opened, T2tMessage) or opened.source == WAYSIDE:
+                self.refusals["not for the wayside"] += 1
+            elif message.key != t2t_keys.key_of(self._line_name, opened):
+                self.refusals["wrong source"] += 1
+            else:
+                heard.append(opened)
+        return heard
