@@ -15,6 +15,7 @@ from vobc.config import VobcConfig
 from vobc.process.cycle_log import CycleLog
 from vobc.process.device import VobcDevice
 from vobc.process.event_log import EventLog
+from vobc.process.line_command import LineCommand
 from vobc.vocabulary import Mission, OdometryRecord
 
 
@@ -45,6 +46,7 @@ class Commission:
         nvram: Nvram | None = None,
         cycle_log: CycleLog | None = None,
         event_log: EventLog | None = None,
+        command: LineCommand | None = None,
     ) -> VobcDevice:
         """Without `nvram` what it remembers is forgotten with it."""
         device = VobcDevice(
@@ -60,6 +62,7 @@ class Commission:
             start=self.start,
             event_log=event_log,
             forgotten=self.forgotten,
+            command=command,
         )
         if self.grid_ns is not None:
             device.executive.start_at(self.grid_ns)

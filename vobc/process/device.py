@@ -18,6 +18,7 @@ from vobc.controller import Controller
 from vobc.events import controller_ends, events_between, memory_lost
 from vobc.process.cycle_log import CycleLog, cycle_row
 from vobc.process.event_log import EventDesk, EventLog
+from vobc.process.line_command import BEAT_MS, LineCommand, authority_of, restrictions_of
 from vobc.process.start import commissioned_start
 from vobc.vocabulary import (
     SAFE_OUTPUT,
@@ -77,16 +78,18 @@ class VobcDevice:
         start: OdometryRecord | None = None,
         event_log: EventLog | None = None,
         forgotten: bool = False,
+        command: LineCommand | None = None,
     ) -> None:
         """Counts this start in `nvram`, on the disk before anything is said on the radio.
 
         Args:
+            command: where trains command themselves; authorities then come by it alone.
             start: where the train stands; by default where its mission starts.
             forgotten: the memory of the board could not be read; it is told as the first event.
         """
         self._config = config
         self._can, self._tags, self._radio, self._nvram = can, tags, radio, nvram
-        self._log = cycle_log
+        self._log, self._command = cycle_log, command
         record = replace(nvram.record, boot_count=nvram.record.boot_count + 1, standing=False)
         nvram.put(record)
         self._link = RadioLink(
@@ -127,6 +130,8 @@ class VobcDevice:
         if config.cycle_ms > VITAL_MS:
             yield Task("repeat", VITAL_MS, self.repeat_vital, budget_ms=VITAL_MS / 2.0)
         yield Task("report", config.report_ms, self.report_position, offset_ms=1.0)
+        if self._command is not None:
+            yield Task("line", BEAT_MS, self.line_beat, offset_ms=3.0)
         yield Task("life_sign", LIFE_SIGN_MS, self.life_sign, offset_ms=2.0)
 
     @property
@@ -156,6 +161,8 @@ class VobcDevice:
         try:
             output = self._decide(now_ns, overruns)
             self._send_cycle(now_ns, output)
+            if self._command is not None:
+                self._command.send(now_ns)
             self._tell(now_ns, output)
         except Exception:
             self.stop(now_ns)
@@ -169,12 +176,29 @@ class VobcDevice:
         inbox.take_frames(self._can.receive(now_ns))
         inbox.take_serial(self._tags.receive(now_ns))
         self._link.take(now_ns, self._radio.receive(now_ns))
+        if self._command is not None:
+            self._obey(now_ns, self._command)
         last_ns = now_ns - self._cycle_ns if self._last_ns is None else self._last_ns
         self._last_ns = now_ns
         self._slips += overruns
         image = inbox.image(now_ns, dt_s=(now_ns - last_ns) / NS_PER_S, overruns=overruns)
         self._seen_before, self._seen = self._seen, image
         return self._controller.step(image)
+
+    def _obey(self, now_ns: int, command: LineCommand) -> None:
+        """What other trains let this one do, from this cycle on."""
+        command.apply(now_ns, self.output.motion)
+        held, link = command.held, self._link
+        if held is None:
+            link.hold(None, 0, ())
+            return
+        authority = authority_of(held, restrictions_heeded=link.orders is not None)
+        link.hold(authority, held.echo_ns, restrictions_of(held))
+
+    def line_beat(self, now_ns: int) -> None:
+        """Between two cycles: what other trains ask is answered, authorities wait."""
+        if self._command is not None:
+            self._command.beat(now_ns, self.output.motion)
 
     def _send_cycle(self, now_ns: int, output: CycleOutput) -> None:
         """Brake first. Slower frames go every so many cycles; a slow cycle sends them each time."""
@@ -230,7 +254,7 @@ class VobcDevice:
             self._sent_ns = now_ns
 
     def report_position(self, now_ns: int) -> None:
-        payload = self._link.report(now_ns, self.output)
+        payload = None if self._command else self._link.report(now_ns, self.output)
         if payload is not None:
             self._radio.send(now_ns, self._link.report_key, payload)
         status = self._link.status(now_ns, self.output, self._seen)

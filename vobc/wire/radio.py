@@ -1,6 +1,7 @@
 """The train on the radio: position reports out, movement authorities in."""
 
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import Final
 
 from firmware_py.ports import RadioMessage
@@ -62,6 +63,8 @@ class RadioLink:
         self.subscriptions = (keys.authorities(line_name, train), keys.orders(line_name, train))
         self.authority: Authority | None = None
         self.orders: Orders | None = None
+        self._told_orders: Orders | None = None
+        """As the centre said them."""
         self.authority_evidence: Evidence | None = None
         self.orders_evidence: Evidence | None = None
         self.refused = 0
@@ -80,6 +83,15 @@ class RadioLink:
     def orders_age_s(self, now_ns: int) -> float:
         """By this train's clock, since it sent the status that the held orders answer."""
         return NEVER_S if self.orders is None else (now_ns - self._orders_echo_ns) * S_PER_NS
+
+    def hold(
+        self, authority: Authority | None, echo_ns: int, restrictions: tuple[Restriction, ...]
+    ) -> None:
+        """What came by other ways than a zone controller's messages, with restrictions in it."""
+        self.authority, self._echo_ns = authority, echo_ns
+        if self._told_orders is not None:
+            joined = (*self._told_orders.restrictions, *restrictions)
+            self.orders = replace(self._told_orders, restrictions=joined)
 
     def take(self, now_ns: int, messages: Iterable[RadioMessage]) -> None:
         """Hold the newest authority and orders for this train and in order; count the rest."""
@@ -118,7 +130,7 @@ class RadioLink:
             Source.ORDERS, heard.sequence, message.payload, message.stamp_ns
         )
         self._orders_echo_ns = heard.echo_stamp_ns
-        self.orders = Orders(
+        self.orders = self._told_orders = Orders(
             awake=heard.awake,
             hold=heard.hold,
             skip_next=heard.skip_next,

@@ -1,0 +1,108 @@
+"""The train's part among trains that command themselves, on its own radio port and rhythm."""
+
+from dataclasses import replace
+from typing import Final
+
+from firmware_py.ports import RadioPort
+from firmware_py.trackdb import LineMap
+from vobc.atp.braking import SafeBraking
+from vobc.config import VobcConfig
+from vobc.t2t.vocabulary import HeldAuthority, OwnTrain
+from vobc.vocabulary import Authority, Motion, Restriction
+from vobc.wire.line_radio import LineRadio
+from zenoh_config.timers import LineTimers
+
+BEAT_MS: Final = 10.0
+"""So often what is heard is answered, beside the control cycle."""
+EASY_LEAD_S: Final = 3.0
+EASY_DECEL_MPS2: Final = 0.5
+"""A stop that passengers and punctuality bear: later than that, an object lets the train pass."""
+S_PER_MS: Final = 1e-3
+
+
+def commanded(config: VobcConfig, timers: LineTimers) -> VobcConfig:
+    """The same train, whose protection lets authorities get as old as the line has agreed on."""
+    age_max_s = timers.authority_ms * S_PER_MS
+    return replace(config, atp=replace(config.atp, authority_age_max_s=age_max_s))
+
+
+class LineCommand:
+    """Between the control cycles it answers; authorities it takes with them only."""
+
+    def __init__(
+        self, radio: LineRadio, port: RadioPort, config: VobcConfig, line: LineMap, *, axles: int
+    ) -> None:
+        self.radio = radio
+        self._port, self._length_m, self._axles = port, config.train.length_m, axles
+        atp = config.atp
+        braking = SafeBraking(
+            guaranteed_decel_mps2=atp.guaranteed_decel_mps2,
+            runaway_mps2=atp.runaway_mps2,
+            runaway_s=atp.runaway_s(config.cycle_ms * S_PER_MS),
+            build_up_s=atp.brake_build_up_s,
+        )
+        self._curve = braking.on(line.worst_gradient_permille(line.start_m, line.end_m))
+        self._cycle_s = config.cycle_ms * S_PER_MS
+        self._out: list[tuple[str, bytes]] = []
+        self.out_of_service = False
+
+    def apply(self, now_ns: int, motion: Motion | None) -> None:
+        """At the beginning of a control cycle, which is to act on what `authority` says then."""
+        self.radio.takes(self._port.receive(now_ns))
+        self._out += self.radio.step(now_ns, self._own(motion), apply=True)
+
+    def send(self, now_ns: int) -> None:
+        """When the cycle has told the brakes: now it may be acknowledged."""
+        for key, payload in self._out:
+            self._port.send(now_ns, key, payload)
+        self._out.clear()
+
+    def beat(self, now_ns: int, motion: Motion | None) -> None:
+        """Between two cycles."""
+        self.radio.takes(self._port.receive(now_ns))
+        if self.radio.is_due(now_ns):
+            self._out += self.radio.step(now_ns, self._own(motion), apply=False)
+            self.send(now_ns)
+
+    @property
+    def held(self) -> HeldAuthority | None:
+        return self.radio.authority
+
+    def _own(self, motion: Motion | None) -> OwnTrain:
+        if motion is None or not motion.localised:
+            return OwnTrain(
+                False, 0.0, 0.0, 0.0, 0.0, False, 0.0, 0.0, self._axles, self.out_of_service
+            )
+        front_m, speed_mps = motion.front_m, max(0.0, motion.speed_mps.high)
+        reach_m = front_m.high + self._curve.stopping_m(speed_mps, lead_s=self._cycle_s)
+        if motion.standstill:
+            reach_m = front_m.high
+        easy_m = front_m.high + speed_mps * EASY_LEAD_S + speed_mps**2 / (2.0 * EASY_DECEL_MPS2)
+        return OwnTrain(
+            True,
+            front_m.low,
+            front_m.high,
+            front_m.low - self._length_m,
+            motion.speed_mps.best,
+            motion.standstill,
+            reach_m,
+            max(reach_m, easy_m),
+            self._axles,
+            self.out_of_service,
+        )
+
+
+def authority_of(held: HeldAuthority, *, restrictions_heeded: bool) -> Authority:
+    """For the protection. Restrictions that it cannot be told of are met like the end of the way.
+
+    Args:
+        restrictions_heeded: there are orders to put them into.
+    """
+    end_m = held.end_m
+    if not restrictions_heeded:
+        end_m = min([end_m, *[each.start_m for each in held.restrictions]])
+    return Authority(end_m, held.term, held.sequence, held.rear_m)
+
+
+def restrictions_of(held: HeldAuthority) -> tuple[Restriction, ...]:
+    return tuple([Restriction(e.start_m, e.end_m, e.limit_mps) for e in held.restrictions])
