@@ -24,7 +24,7 @@ PROTECTION_TESTS = $(wildcard hil_tests/unit/test_atp_*.py) \
 	$(wildcard $(addprefix hil_tests/unit/test_vobc_,$(addsuffix .py,braking config doors protection supervision)))
 
 .DEFAULT_GOAL := help
-.PHONY: help setup run test check format-check lint types layers mutate fuzz coverage bench bench-hil bench-atp bench-logs bench-page bench-energy compiled docs format clean distclean
+.PHONY: help setup run test check format-check lint types layers mutate fuzz coverage bench bench-hil bench-atp bench-logs bench-page bench-energy bench-t2t compiled docs format clean distclean
 
 help: ## show this list
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | while IFS='	' read -r name words; do \
@@ -89,6 +89,10 @@ bench-logs: $(READY_TO_TEST) ## measure canlog against its peers on a log of 2 M
 
 bench-energy: $(READY_TO_TEST) ## measure running curves, the DC network and the green line; BENCH_ARGS=...
 	$(BIN)/python -m metro_hil.energy_bench $(BENCH_ARGS)
+
+bench-t2t: $(READY_TO_TEST) ## kill and stop masters over real zenoh and time the next; BENCH_ARGS="--trains N --timers B"
+	$(BIN)/python -m metro_hil.line_trial --fault kill $(BENCH_ARGS)
+	$(BIN)/python -m metro_hil.line_trial --fault stop $(BENCH_ARGS)
 
 docs: $(READY_TO_TEST) ## write the generated documents anew
 	$(BIN)/python -m metro_tools.interface_doc

@@ -1,0 +1,227 @@
+"""Kills and stops masters over real zenoh, and measures how long all others wait for the next."""
+
+import argparse
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from firmware_py.checked_store import CheckedStore
+from firmware_py.clock import WallClock
+from firmware_py.radio.zenoh_radio import Role, open_radio, pick_endpoint
+from metro_hil.line_seat import (
+    AXLES,
+    LENGTH_M,
+    LINE,
+    SECTION_M,
+    config_of,
+    front_of,
+)
+from plant_emulator.wayside.line_wayside import Disks, LineWayside, Truth
+from plant_emulator.wayside.t2t_vocabulary import ArbiterMemory
+from zenoh_config.timers import TIMER_SETS
+
+NS_PER_MS: Final = 1_000_000
+BEAT_NS: Final = 2 * NS_PER_MS
+SETTLE_MS: Final = 30_000
+LIMIT_MS: Final = 3000
+SERVICE_RATIO: Final = 0.6
+"""Of the greatest age: an older authority brakes the train."""
+FAULTS: Final = {"kill": signal.SIGKILL, "stop": signal.SIGSTOP}
+
+
+class Taken(NamedTuple):
+    """One authority that a train took."""
+
+    at_ns: int
+    term: int
+    echo_ns: int
+    role: str
+
+
+class Seat:
+    """A train's process and what it says."""
+
+    def __init__(self, address: int, endpoint: str, folder: Path, timers: str) -> None:
+        self.address = address
+        self.taken: list[Taken] = []
+        command = [sys.executable, "-m", "metro_hil.line_seat", str(address), endpoint]
+        self.process = subprocess.Popen(  # Its own module with its own words.
+            [*command, str(folder / f"train{address}"), "--timers", timers],
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    def _read(self) -> None:
+        assert self.process.stdout is not None
+        for line in self.process.stdout:
+            self.taken.append(Taken(*json.loads(line)))
+
+    @property
+    def last(self) -> Taken | None:
+        return self.taken[-1] if self.taken else None
+
+    def end(self) -> None:
+        self.process.kill()
+        self.process.wait()
+        self._reader.join()
+
+
+class Round(NamedTuple):
+    """What one fault came to; None where it never was."""
+
+    all_served_ms: float | None
+    """From the fault until every other train had an authority of a new term."""
+    oldest_ms: float
+    """Greatest age that any other train's authority reached meanwhile."""
+
+
+class Trial:
+    """A wayside in this process and trains in theirs, at rest on one area."""
+
+    def __init__(self, trains: int, timers: str, folder: Path) -> None:
+        self.clock = WallClock()
+        self.seats: dict[int, Seat] = {}
+        self._timers, self._folder = timers, folder
+        self._endpoint = pick_endpoint()
+        config = config_of(timers)
+        stores = {
+            each: CheckedStore(folder / f"arbiter{each}", ArbiterMemory) for each in config.arbiters
+        }
+        disks = Disks(
+            {each: store.value or ArbiterMemory() for each, store in stores.items()},
+            {},
+            lambda each, memory: stores[each].put(memory),
+            lambda _, memory: True,
+        )
+        self._wayside = LineWayside(
+            config.timers, LINE, disks, boot=1, start_ns=self.clock.now_ns()
+        )
+        self._truth = Truth(_axles(range(1, trains + 1)))
+        self._beat_ns = self.clock.now_ns()
+        self._port = open_radio(
+            Role.WAYSIDE, self._endpoint, self._wayside.subscriptions, self.clock
+        )
+        for address in range(1, trains + 1):
+            self.start(address)
+
+    def start(self, address: int) -> None:
+        self.seats[address] = Seat(address, self._endpoint, self._folder, self._timers)
+
+    def close(self) -> None:
+        for seat in self.seats.values():
+            seat.end()
+        self._port.close()
+
+    def run(self, ms: float) -> None:
+        """The wayside's part, for a while."""
+        end_ns = self.clock.now_ns() + round(ms * NS_PER_MS)
+        while self.clock.now_ns() < end_ns:
+            self._beat_ns = max(self._beat_ns + BEAT_NS, self.clock.now_ns() - BEAT_NS)
+            self.clock.wait_until(self._beat_ns)
+            now_ns = self.clock.now_ns()
+            for key, payload in self._wayside.step(now_ns, self._port.receive(now_ns), self._truth):
+                self._port.send(now_ns, key, payload)
+
+    def settle(self) -> int:
+        """Wait until all are commanded by one master; its address. Raises TimeoutError."""
+        for _ in range(SETTLE_MS // 100):
+            self.run(100)
+            last = [seat.last for seat in self.seats.values()]
+            taken = [each for each in last if each is not None]
+            fresh_ns = self.clock.now_ns() - 500 * NS_PER_MS
+            masters = [a for a, s in self.seats.items() if s.last and s.last.role == "master"]
+            if (
+                len(taken) == len(last)
+                and len({each.term for each in taken}) == 1
+                and min(each.at_ns for each in taken) > fresh_ns
+                and len(masters) == 1
+            ):
+                return masters[0]
+        raise TimeoutError("the trains did not settle under one master")
+
+    def fault(self, kind: str) -> Round:
+        """Strike the master, wait for the next, and bring the struck one back."""
+        master = self.settle()
+        seat = self.seats[master]
+        assert seat.last is not None
+        term = seat.last.term
+        at_ns = self.clock.now_ns()
+        os.kill(seat.process.pid, FAULTS[kind])
+        others = [each for a, each in self.seats.items() if a != master]
+        for _ in range(LIMIT_MS // 20):
+            self.run(20)
+            if all(_first_of(each, term) is not None for each in others):
+                break
+        self.run(200)
+        served = [_first_of(each, term) for each in others]
+        oldest_ns = max(_oldest_ns(each, at_ns, self.clock.now_ns()) for each in others)
+        seat.end()
+        self.start(master)
+        times_ms = [(each - at_ns) / NS_PER_MS for each in served if each is not None]
+        complete = len(times_ms) == len(served)
+        return Round(max(times_ms) if complete else None, oldest_ns / NS_PER_MS)
+
+
+def _axles(addresses: Sequence[int]) -> dict[int, int]:
+    counted: dict[int, int] = {}
+    for address in addresses:
+        section = int((front_of(address) - LENGTH_M / 2.0) // SECTION_M) + 1
+        counted[section] = counted.get(section, 0) + AXLES
+    return counted
+
+
+def _first_of(seat: Seat, term: int) -> int | None:
+    return next((each.at_ns for each in seat.taken if each.term > term), None)
+
+
+def _oldest_ns(seat: Seat, from_ns: int, to_ns: int) -> int:
+    """Greatest age of what a train held between two instants."""
+    oldest_ns = 0
+    following = [each.at_ns for each in seat.taken[1:]] + [to_ns]
+    for each, until_ns in zip(seat.taken, following, strict=True):
+        if until_ns > from_ns:
+            oldest_ns = max(oldest_ns, min(until_ns, to_ns) - each.echo_ns)
+    return oldest_ns
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Print the rounds and what they come to. Exit 1 when a train was left without authority."""
+    parser = argparse.ArgumentParser(prog="python -m metro_hil.line_trial", description=__doc__)
+    parser.add_argument("--trains", type=int, default=5)
+    parser.add_argument("--rounds", type=int, default=20)
+    parser.add_argument("--fault", choices=sorted(FAULTS), default="kill")
+    parser.add_argument("--timers", choices=sorted(TIMER_SETS), default="A")
+    options = parser.parse_args(argv)
+    with tempfile.TemporaryDirectory() as folder:
+        trial = Trial(options.trains, options.timers, Path(folder))
+        try:
+            rounds = [trial.fault(options.fault) for _ in range(options.rounds)]
+        finally:
+            trial.close()
+    service_ms = TIMER_SETS[options.timers].authority_ms * SERVICE_RATIO
+    served_ms = sorted([each.all_served_ms for each in rounds if each.all_served_ms is not None])
+    if len(served_ms) < len(rounds):
+        print(f"{len(rounds) - len(served_ms)} of {len(rounds)} rounds left a train without")
+        return 1
+    braked = sum(each.oldest_ms > service_ms for each in rounds)
+    print(
+        f"{options.fault} of the master, {options.trains} trains, timers {options.timers}, "
+        f"{len(rounds)} rounds: all others served after {served_ms[0]:.0f} to {served_ms[-1]:.0f} "
+        f"ms, median {served_ms[len(served_ms) // 2]:.0f}; oldest authority "
+        f"{max(each.oldest_ms for each in rounds):.0f} ms (brakes over {service_ms:.0f}); "
+        f"rounds that would have braked: {braked}"
+    )
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
