@@ -6,6 +6,8 @@ from bisect import bisect_right
 from dataclasses import dataclass
 from typing import Final
 
+from firmware_py import settings
+
 AREA_MAX: Final = 255
 
 
@@ -146,3 +148,53 @@ def _check_chain(what: str, parts: list[tuple[int, float, float]]) -> None:
     for (_, _, end_m), (number, start_m, _) in itertools.pairwise(parts):
         if start_m != end_m:
             raise ValueError(f"{what}: {number} starts at {start_m} m where {end_m} m is needed")
+
+
+@dataclass(frozen=True, slots=True)
+class Division:
+    """What a file says of how a line is divided. Raises ValueError where that makes no sense."""
+
+    name: str
+    """Of the line."""
+    borders_m: tuple[float, ...]
+    """Start of the line, borders of areas, end of the line; areas are numbered from 1."""
+    section_m: float
+    """Length of the sections that count axles; the last of a line may be shorter. 0: there are
+    none, and nobody notices a train that says nothing."""
+    apply_m: float
+    objects: tuple[ObjectSite, ...] = ()
+
+    def __post_init__(self) -> None:
+        if len(self.borders_m) < 2:
+            raise ValueError("borders_m: a line has a start and an end")
+        if not self.section_m >= 0.0:
+            raise ValueError(f"section_m {self.section_m} is negative")
+        if self.section_m and (self.borders_m[-1] - self.borders_m[0]) / self.section_m > 10_000:
+            raise ValueError(f"section_m {self.section_m} makes more than 10,000 sections")
+        self.area_map()
+
+    def area_map(self) -> AreaMap:
+        borders_m = self.borders_m
+        return AreaMap(
+            self.name,
+            tuple([Area(n, a, b) for n, (a, b) in enumerate(itertools.pairwise(borders_m), 1)]),
+            _sections(borders_m[0], borders_m[-1], self.section_m),
+            self.objects,
+            self.apply_m,
+        )
+
+
+def load_areas(name: str) -> AreaMap:
+    """The division of a line by path or by the stem of a shipped file; raises SettingsError."""
+    return settings.load(Division, name, "firmware_py.trackdb.division").area_map()
+
+
+def _sections(start_m: float, end_m: float, length_m: float) -> tuple[TrackSection, ...]:
+    sections: list[TrackSection] = []
+    at_m = start_m
+    while length_m and at_m < end_m:
+        number = len(sections) + 1
+        joint_m = min(start_m + number * length_m, end_m)
+        sections.append(TrackSection(number, at_m, joint_m))
+        at_m = joint_m
+    return tuple(sections)

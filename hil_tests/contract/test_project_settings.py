@@ -9,6 +9,7 @@ import pytest
 import tomli_w
 
 from firmware_py.settings import SettingsError, find, shipped_names
+from firmware_py.trackdb.areas import load_areas
 from firmware_py.trackdb.line_map import load_line
 from plant_emulator.train_config import load_train
 from vobc.config import load_config
@@ -16,6 +17,7 @@ from vobc.config import load_config
 ROOT: Final = Path(__file__).resolve().parents[2]
 READERS: Final[dict[str, Callable[[str], object]]] = {
     "firmware_py.trackdb": load_line,
+    "firmware_py.trackdb.division": load_areas,
     "plant_emulator.consists": load_train,
     "vobc.params": load_config,
 }

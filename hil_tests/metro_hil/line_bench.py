@@ -150,6 +150,11 @@ class LineBench:
         """The controller of a train is gone between two instructions; its plant goes on."""
         self._executives.remove(self.trains[address].vobc.executive)
 
+    @property
+    def behind_rear_m(self) -> float:
+        """No authority may come nearer to the train ahead."""
+        return self._t2t.behind_rear_m
+
     def masters(self, area: int) -> list[int]:
         return [
             address

@@ -1,0 +1,1 @@
+"""How the shipped lines are divided for trains that command themselves, one TOML file for each."""
