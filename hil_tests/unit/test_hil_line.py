@@ -6,7 +6,7 @@ from metro_hil.hil_command import main
 
 
 def test_it_says_who_commands_and_ends_with_a_table(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["line", "--line", "florence", "--trains", "2", "--for", "1.5"]) == 0
+    assert main(["line", "--line", "florence", "--trains", "2", "--for", "3.5"]) == 0
 
     told = capsys.readouterr().out
     assert "area 2: train 1 commands" in told
