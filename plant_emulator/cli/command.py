@@ -35,6 +35,7 @@ from firmware_py.trackdb import LineMap
 from plant_emulator.cli.bus_choice import chosen_bus
 from plant_emulator.cli.desk_command import attend
 from plant_emulator.cli.feed_sender import FeedSender
+from plant_emulator.cli.line_wayside import feed_of, serve_line
 from plant_emulator.cli.options import AUTO, ELSEWHERE, parser
 from plant_emulator.cli.words import Words, say, summarise
 from plant_emulator.desk.display import KINDS as DISPLAYED
@@ -68,6 +69,9 @@ def main(argv: Sequence[str] | None = None) -> int:
             return _list_consists()
         if options.verb == "desk":
             return attend(options)
+        if options.verb == "wayside":
+            serve_line(options)
+            return EXIT_OK
         elsewhere = options.desk in ELSEWHERE
         scenario = plan_scenario(
             line=options.line,
@@ -117,6 +121,8 @@ def _serve(options: argparse.Namespace, scenario: Scenario, faults: Sequence[Fau
             stack.callback(feed.close)
         plant = _device(options, scenario, faults, feed, out, clock, stack)
         executives = [plant.executive]
+        if options.line_radio is not None:
+            executives.append(feed_of(options, scenario.line.name, plant.world, clock, stack))
         if options.priority:
             enter_realtime(options.priority)
             garbage = Task("garbage", GARBAGE_MS, collect_garbage, offset_ms=GARBAGE_MS)

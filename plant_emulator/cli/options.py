@@ -6,8 +6,12 @@ from typing import Final
 from can_dbc.cab import CabMode
 from firmware_py.radio.zenoh_radio import DEFAULT_ENDPOINT
 from plant_emulator.desk.drivers import DRIVERS
+from zenoh_config.t2t import LAST_TRAIN
+from zenoh_config.timers import TIMER_SETS
 
 AUTO: Final = "auto"
+LINE_ENDPOINT: Final = "tcp/127.0.0.1:7448"
+"""Of the line's wayside, beside that of a single train's."""
 PRIORITY: Final = 70
 """Under the controller's: the train does not wait for its driver, but it may be a little late."""
 PRIORITY_MAX: Final = 99
@@ -45,8 +49,38 @@ def parser() -> argparse.ArgumentParser:
     _add_train(plant.add_argument_group("the train and its line"))
     _add_wires(plant.add_argument_group("the wires"))
     _add_faults(plant.add_argument_group("what goes wrong"))
+    _add_line(plant.add_argument_group("trains that command themselves"))
     _add_desk(verbs)
+    _add_wayside(verbs)
     return top
+
+
+def _add_line(group: argparse._ArgumentGroup) -> None:
+    group.add_argument(
+        "--line-radio", metavar="ENDPOINT", help="tell the axle counters of `plant wayside` there"
+    )
+    group.add_argument("--train", type=_train, default=1, metavar="N", help="which one it is")
+
+
+def _add_wayside(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    wayside = verbs.add_parser(
+        "wayside",
+        help="serve the wayside of a line whose trains command themselves",
+        description="Serve arbiters, objects and axle counters of a line whose trains command "
+        "themselves, in real time; says who is granted which area.",
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    wayside.add_argument("--line", default="loop", metavar="NAME|FILE", help="default: loop")
+    wayside.add_argument(
+        "--line-radio", default=LINE_ENDPOINT, metavar="ENDPOINT", help="default: %(default)s"
+    )
+    wayside.add_argument("--line-timers", choices=sorted(TIMER_SETS), default="A")
+    wayside.add_argument("--arbiters", type=int, choices=(1, 3, 5), default=1)
+    wayside.add_argument("--memory", metavar="FOLDER", help="what must survive a power cut")
+    wayside.add_argument(
+        "--duration", dest="duration_s", type=_seconds, metavar="SECONDS", help="end after so long"
+    )
 
 
 def _add_train(group: argparse._ArgumentGroup) -> None:
@@ -189,6 +223,13 @@ def _whole(text: str, most: int) -> int:
 
 def _seed(text: str) -> int:
     return _whole(text, 2**63 - 1)
+
+
+def _train(text: str) -> int:
+    number = _whole(text, LAST_TRAIN)
+    if not number:
+        raise argparse.ArgumentTypeError(f"0 is no train; they are 1..{LAST_TRAIN}")
+    return number
 
 
 def _priority(text: str) -> int:

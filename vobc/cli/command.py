@@ -41,8 +41,10 @@ from vobc.cli.host import (
     Words,
     say,
 )
+from vobc.cli.line import open_line
 from vobc.cli.options import Plan, parser, plan
 from vobc.process import CYCLE_COLUMNS, EVENTS_LOG, Commission, CycleLog, EventLines, VobcDevice
+from vobc.process.line_command import LineCommand
 from vobc.wire import HEARD_IDS
 from zenoh_config import keys
 
@@ -85,7 +87,11 @@ def _run(options: argparse.Namespace, planned: Plan) -> int:
         if recording is not None:
             stack.callback(recording.close)
         commission = _commission(planned, clock.now_ns())
-        vobc = _device(planned, commission, out, recording, clock, stack)
+        command = None
+        if planned.areas is not None:
+            parts = (planned.config, planned.line, planned.areas)
+            command = open_line(options, *parts, clock, stack)
+        vobc = _device(planned, commission, out, recording, clock, stack, command)
         executives = [vobc.executive]
         granted = None
         if options.priority:
@@ -138,6 +144,7 @@ def _device(
     recording: PortLog | None,
     clock: WallClock,
     stack: ExitStack,
+    command: LineCommand | None,
 ) -> VobcDevice:
     """Open everything. What is opened is closed by the stack, the bus last."""
     stack.callback(planned.nvram.close)
@@ -171,6 +178,7 @@ def _device(
         nvram=planned.nvram,
         cycle_log=log,
         event_log=events,
+        command=command,
     )
 
 

@@ -9,8 +9,10 @@ from firmware_py.buses import BusError, parse_spec, resolve_auto
 from firmware_py.nvram import Nvram, NvramRecord, NvramState
 from firmware_py.radio.zenoh_radio import DEFAULT_ENDPOINT
 from firmware_py.trackdb import LineMap, load_line
+from firmware_py.trackdb.areas import AreaMap
 from vobc.ato.output_config import STAGES
 from vobc.ato.strategies import STRATEGIES
+from vobc.cli import line as line_options
 from vobc.config import CYCLE_MS_MAX, CYCLE_MS_MIN, VobcConfig, load_config, plan_mission
 from vobc.process import remembered_start, unknown_start
 from vobc.vocabulary import Mission, OdometryRecord
@@ -60,6 +62,7 @@ def parser() -> argparse.ArgumentParser:
     top.add_argument("--out", metavar="FOLDER", help="for cycles.csv, events.jsonl and others")
     top.add_argument("--nvram", metavar="FILE", help="default: nothing survives a power cycle")
     top.add_argument("--parent", type=int, metavar="PID", help="end when that process ends")
+    line_options.add(top)
     return top
 
 
@@ -75,6 +78,8 @@ class Plan:
     bus: str
     tags: str
     radio: str
+    areas: AreaMap | None = None
+    """Where trains command themselves."""
 
 
 def plan(options: argparse.Namespace, epoch_ns: int) -> Plan:
@@ -86,6 +91,7 @@ def plan(options: argparse.Namespace, epoch_ns: int) -> Plan:
     config = load_config(
         options.consist, cycle_ms=options.cycle_ms, law=options.ato, stage=options.output
     )
+    config = line_options.addressed(config, options)
     line = load_line(options.line)
     nvram = Nvram(options.nvram, NvramRecord(boot_count=epoch_ns // NS_PER_S))
     start, first = None, options.start
@@ -105,7 +111,8 @@ def plan(options: argparse.Namespace, epoch_ns: int) -> Plan:
         tags = str(rendezvous.tags_link(name))
     if radio == AUTO:
         radio = rendezvous.read_radio(name) or DEFAULT_ENDPOINT
-    return Plan(config, line, mission, nvram, start, bus, tags, radio)
+    areas = line_options.areas_of(options, line)
+    return Plan(config, line, mission, nvram, start, bus, tags, radio, areas)
 
 
 def _nearest_station(line: LineMap, front_m: float) -> str:

@@ -1,0 +1,124 @@
+"""`plant wayside`: arbiters, objects, axle counters of a line whose trains command themselves."""
+
+import argparse
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Final, TypeVar
+
+from firmware_py.checked_store import CheckedStore
+from firmware_py.clock import WallClock
+from firmware_py.executive import Executive, Task, run
+from firmware_py.interrupts import Interrupts
+from firmware_py.nvram import NvramState
+from firmware_py.ports import RadioPort
+from firmware_py.radio.zenoh_radio import Role, open_radio
+from firmware_py.trackdb.areas import AreaMap, load_areas
+from plant_emulator.cli.words import say
+from plant_emulator.wayside.detection import Detection, Place, key_of, packed, subscription
+from plant_emulator.wayside.line_wayside import Disks, LineWayside, Truth
+from plant_emulator.wayside.t2t_vocabulary import ArbiterMemory, ObjectMemory
+from plant_emulator.world import World
+from zenoh_config.t2t import FIRST_ARBITER
+from zenoh_config.timers import TIMER_SETS
+
+BEAT_MS: Final = 5.0
+FEED_MS: Final = 20.0
+AXLES: Final = 16
+NS_PER_S: Final = 1_000_000_000
+M = TypeVar("M")
+
+
+def serve_line(options: argparse.Namespace) -> None:
+    """Until it is asked to end. Raises SettingsError, RadioError, OSError."""
+    areas = load_areas(options.line)
+    ending = Interrupts()
+    with ending.caught(), ExitStack() as stack:
+        clock = WallClock()
+        device = _Line(options, areas, clock, stack)
+        end_ns = None
+        if options.duration_s is not None:
+            end_ns = clock.now_ns() + round(options.duration_s * NS_PER_S)
+        say(f"wayside of {areas.name}: {len(areas.areas)} areas, {options.line_radio}")
+        run(
+            [Executive([Task("line", BEAT_MS, device.beat)], clock.now_ns())],
+            clock,
+            lambda now_ns: ending.asked or (end_ns is not None and now_ns >= end_ns),
+        )
+
+
+class _Line:
+    def __init__(
+        self, options: argparse.Namespace, areas: AreaMap, clock: WallClock, stack: ExitStack
+    ) -> None:
+        folder = None if options.memory is None else Path(options.memory)
+        if folder is not None:
+            folder.mkdir(parents=True, exist_ok=True)
+        arbiters = {
+            address: CheckedStore(folder and folder / f"arbiter{address}", ArbiterMemory)
+            for address in range(FIRST_ARBITER, FIRST_ARBITER + options.arbiters)
+        }
+        objects = {
+            site.number: CheckedStore(folder and folder / f"object{site.number}", ObjectMemory)
+            for site in areas.objects
+        }
+        boot = clock.epoch_ns() // NS_PER_S
+        disks = Disks(
+            {a: _found(each, ArbiterMemory(boot)) for a, each in arbiters.items()},
+            {n: _found(each, ObjectMemory(boot)) for n, each in objects.items()},
+            lambda address, memory: arbiters[address].put(memory),
+            lambda number, memory: objects[number].put(memory),
+        )
+        timers = TIMER_SETS[options.line_timers]
+        self._wayside = LineWayside(timers, areas, disks, boot=boot, start_ns=clock.now_ns())
+        self._detection = Detection(areas)
+        topics = (*self._wayside.subscriptions, subscription(areas.name))
+        self._port = open_radio(Role.WAYSIDE, options.line_radio, topics, clock)
+        stack.callback(self._port.close)
+        self._masters: dict[int, tuple[int, int]] = {}
+        self._failed = 0
+
+    def beat(self, now_ns: int) -> None:
+        heard = self._detection.hears(self._port.receive(now_ns))
+        truth = Truth(self._detection.axles() if heard else {}, self._detection.occupied())
+        for key, payload in self._wayside.step(now_ns, heard, truth):
+            self._port.send(now_ns, key, payload)
+        self._tell()
+
+    def _tell(self) -> None:
+        """Who was granted what, whenever that changes."""
+        for address, arbiter in self._wayside.arbiters.items():
+            for lease in arbiter.memory.areas:
+                now = (lease.holder, lease.promised)
+                if self._masters.get(lease.area) != now:
+                    self._masters[lease.area] = now
+                    say(
+                        f"arbiter {address}: area {lease.area} to train {lease.holder}, "
+                        f"term {lease.promised}"
+                    )
+        for who in self._wayside.failed[self._failed :]:
+            say(f"{who} is silent from now on: its memory cannot be written")
+        self._failed = len(self._wayside.failed)
+
+
+def _found(store: CheckedStore[M], fresh: M) -> M | None:
+    """A new one begins; one that cannot be read is None."""
+    if store.state is NvramState.ABSENT:
+        return fresh
+    if store.value is None:
+        say(store.detail)
+    return store.value
+
+
+def feed_of(
+    options: argparse.Namespace, line_name: str, world: World, clock: WallClock, stack: ExitStack
+) -> Executive:
+    """A train's plant tells the line's axle counters where it truly is."""
+    port: RadioPort = open_radio(Role.TRAIN, options.line_radio, (), clock)
+    stack.callback(port.close)
+    key = key_of(line_name, options.train)
+
+    def tell(now_ns: int) -> None:
+        place = Place(world.front_m, world.front_m - world.length_m, AXLES)
+        port.send(now_ns, key, packed(place))
+
+    return Executive([Task("rails", FEED_MS, tell)], clock.now_ns())

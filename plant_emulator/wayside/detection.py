@@ -1,0 +1,80 @@
+"""Where trains truly are, as the emulated rails tell the emulated axle counters; no radio message.
+
+Key `m/<line>/x/<train>`: chainages of front and rear, then the number of axles, in network order.
+"""
+
+import math
+import struct
+from collections.abc import Iterable
+from typing import Final, NamedTuple
+
+from firmware_py.ports import RadioMessage
+from firmware_py.trackdb.areas import AreaMap
+from zenoh_config.keys import line_chunk
+
+LAYOUT: Final = struct.Struct(">ddH")
+INSET_M: Final = 2.0
+"""From a coupler to the nearest axle."""
+TRAINS_MAX: Final = 512
+
+
+class Place(NamedTuple):
+    front_m: float
+    rear_m: float
+    axles: int
+
+
+def key_of(line: str, train: int) -> str:
+    return f"m/{line_chunk(line)}/x/{train}"
+
+
+def subscription(line: str) -> str:
+    return f"m/{line_chunk(line)}/x/*"
+
+
+def packed(place: Place) -> bytes:
+    return LAYOUT.pack(*place)
+
+
+class Detection:
+    """Sections and objects under the trains that were ever told of: what stands there stays."""
+
+    def __init__(self, areas: AreaMap) -> None:
+        self._areas = areas
+        self.places: dict[str, Place] = {}
+        """By key. A train that is told of no more stands where it was."""
+
+    def hears(self, messages: Iterable[RadioMessage]) -> list[RadioMessage]:
+        """Take what is for the rails; the rest comes back."""
+        prefix = subscription(self._areas.name).removesuffix("*")
+        others = []
+        for message in messages:
+            if not message.key.startswith(prefix):
+                others.append(message)
+            elif len(message.payload) == LAYOUT.size and len(self.places) < TRAINS_MAX:
+                place = Place(*LAYOUT.unpack(message.payload))
+                if math.isfinite(place.front_m) and place.rear_m < place.front_m:
+                    self.places[message.key] = place
+        return others
+
+    def axles(self) -> dict[int, int]:
+        """In each section that has any."""
+        counted: dict[int, int] = {}
+        for place in self.places.values():
+            first_m = place.front_m - INSET_M
+            step_m = (first_m - place.rear_m - INSET_M) / max(1, place.axles - 1)
+            for n in range(place.axles):
+                at_m = first_m - n * step_m
+                for section in self._areas.sections:
+                    if section.start_m <= at_m < section.end_m:
+                        counted[section.number] = counted.get(section.number, 0) + 1
+        return counted
+
+    def occupied(self) -> set[int]:
+        """Objects with a part of a train in them."""
+        return {
+            site.number
+            for site in self._areas.objects
+            for place in self.places.values()
+            if place.rear_m < site.end_m and site.start_m < place.front_m
+        }

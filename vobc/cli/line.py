@@ -1,0 +1,100 @@
+"""The controller's way to the other trains of its line: options, radio session, memory on disk."""
+
+import argparse
+from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
+from typing import Final
+
+from firmware_py.checked_store import CheckedStore
+from firmware_py.clock import WallClock
+from firmware_py.nvram import NvramState
+from firmware_py.radio.zenoh_radio import Role, open_radio
+from firmware_py.trackdb import LineMap
+from firmware_py.trackdb.areas import AreaMap, load_areas
+from vobc.config import VobcConfig
+from vobc.process.line_command import LineCommand, commanded
+from vobc.t2t.train import TrainCore
+from vobc.t2t.vocabulary import T2tConfig, TrainMemory
+from vobc.wire.line_radio import LineRadio
+from zenoh_config.t2t import FIRST_ARBITER, LAST_TRAIN
+from zenoh_config.timers import TIMER_SETS
+
+AXLES: Final = 16
+"""Of four cars."""
+NS_PER_S: Final = 1_000_000_000
+
+
+def add(top: argparse.ArgumentParser) -> None:
+    group = top.add_argument_group("trains that command themselves")
+    group.add_argument(
+        "--line-radio",
+        metavar="ENDPOINT",
+        help="where the line's wayside listens; without it a zone controller commands the train",
+    )
+    group.add_argument("--train", type=_address, metavar="N", help="address on the radio")
+    group.add_argument("--line-memory", metavar="FILE", help="terms and starts that must survive")
+    group.add_argument(
+        "--line-timers", choices=sorted(TIMER_SETS), default="A", help="default: %(default)s"
+    )
+    group.add_argument(
+        "--arbiters", type=_odd, default=1, metavar="1|3|5", help="of the line; default: 1"
+    )
+
+
+def addressed(config: VobcConfig, options: argparse.Namespace) -> VobcConfig:
+    """The train under the address that was asked for, obeying the line's ages of authorities."""
+    if options.train is not None:
+        config = replace(config, address=options.train)
+    if options.line_radio is not None:
+        config = commanded(config, TIMER_SETS[options.line_timers])
+    return config
+
+
+def areas_of(options: argparse.Namespace, line: LineMap) -> AreaMap | None:
+    """Raises SettingsError for a line of which nobody has said how it is divided."""
+    return None if options.line_radio is None else load_areas(line.name)
+
+
+def open_line(
+    options: argparse.Namespace,
+    config: VobcConfig,
+    line: LineMap,
+    areas: AreaMap,
+    clock: WallClock,
+    stack: ExitStack,
+) -> LineCommand:
+    """Open the session; the stack closes it. Raises RadioError for an endpoint that is none.
+
+    Without a memory the time of day counts the starts, and nothing that this train promised
+    outlives it.
+    """
+    path = None if options.line_memory is None else Path(options.line_memory)
+    store = CheckedStore(path, TrainMemory)
+    memory = store.value
+    if store.state is NvramState.ABSENT:
+        memory = TrainMemory(boot=clock.epoch_ns() // NS_PER_S if path is None else 0)
+    arbiters = tuple(range(FIRST_ARBITER, FIRST_ARBITER + options.arbiters))
+    core = TrainCore(
+        T2tConfig(timers=TIMER_SETS[options.line_timers], arbiters=arbiters),
+        areas,
+        address=config.address,
+        memory=memory,
+        start_ns=clock.now_ns(),
+    )
+    radio = LineRadio(core, line.name, store.put)
+    port = open_radio(Role.TRAIN, options.line_radio, radio.subscriptions, clock)
+    stack.callback(port.close)
+    return LineCommand(radio, port, config, line, axles=AXLES)
+
+
+def _address(text: str) -> int:
+    if not (text.isascii() and text.isdecimal()) or not 0 < int(text) <= LAST_TRAIN:
+        raise argparse.ArgumentTypeError(f"{text} is not in 1..{LAST_TRAIN}")
+    return int(text)
+
+
+def _odd(text: str) -> int:
+    if text not in ("1", "3", "5"):
+        raise argparse.ArgumentTypeError(f"{text} is not 1, 3 or 5")
+    return int(text)
