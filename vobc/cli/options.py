@@ -93,6 +93,7 @@ def plan(options: argparse.Namespace, epoch_ns: int) -> Plan:
     )
     config = line_options.addressed(config, options)
     line = load_line(options.line)
+    areas = line_options.areas_of(options, line)
     nvram = Nvram(options.nvram, NvramRecord(boot_count=epoch_ns // NS_PER_S))
     start, first = None, options.start
     if nvram.state is NvramState.CORRUPT:
@@ -111,7 +112,6 @@ def plan(options: argparse.Namespace, epoch_ns: int) -> Plan:
         tags = str(rendezvous.tags_link(name))
     if radio == AUTO:
         radio = rendezvous.read_radio(name) or DEFAULT_ENDPOINT
-    areas = line_options.areas_of(options, line)
     return Plan(config, line, mission, nvram, start, bus, tags, radio, areas)
 
 
