@@ -43,6 +43,9 @@ from metro_hil.run_folder import (
 )
 from metro_hil.supervise import RealtimeRun
 
+LINE_VERBS = ("line", "master", "switch-master", "out-of-service")
+"""Supervision of a line whose trains command themselves."""
+
 
 def main(argv: Sequence[str] | None = None) -> int:
     """The console script `vobc`. Whatever the user got wrong is one line, never a traceback."""
@@ -62,6 +65,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         from metro_hil.green import timetable_command as timetable
 
         return timetable.main(words[1:])
+    if words and words[0] in LINE_VERBS:
+        from metro_hil import line_supervision
+
+        return line_supervision.main(words)
     options = parse(words)
     console = Console(stderr=options.json)
     try:

@@ -189,6 +189,24 @@ def test_a_train_out_of_service_hands_its_command_over_and_is_not_chosen_again()
     assert len(rig.masters()) == 1
 
 
+def test_a_train_that_supervision_takes_out_of_service_gives_its_command_up() -> None:
+    rig = started()
+    (master,) = rig.masters()
+
+    def out(sequence: int) -> LineOrder:
+        head = (WAYSIDE, master, 1, 0, 1, sequence, rig.now_ns)
+        return LineOrder(*head, OrderKind.OUT_OF_SERVICE, master)
+
+    rig.say(out(1))
+    rig.run(2500)
+
+    assert rig.masters() != [master]
+    (successor,) = rig.masters()
+    rig.kill(successor)
+    rig.run(1500)
+    assert master not in rig.masters()
+
+
 def test_trains_pass_a_border_without_slowing_down_and_belong_to_both_areas_on_it() -> None:
     rig = Rig(line_of(0.0, 1200.0, 3000.0, section_m=100.0, apply_m=600.0))
     for n in range(2):

@@ -18,7 +18,7 @@ from vobc.t2t.vocabulary import (
     T2tConfig,
     TrainMemory,
 )
-from zenoh_config.t2t import NOBODY, T2tMessage
+from zenoh_config.t2t import NOBODY, LineOrder, OrderKind, T2tMessage
 from zenoh_config.timers import NS_PER_MS
 
 FAREWELL_M: Final = 150.0
@@ -58,6 +58,7 @@ class TrainCore:
         self._chance = Chance(address * 0x10001 + seed)
         self._desks: dict[int, AreaDesk] = {}
         self._stored = False
+        self._retired = False
         self._due_ns = start_ns
 
     @property
@@ -82,6 +83,8 @@ class TrainCore:
         said = self._hear(now_ns, heard)
         if self._silenced():
             return self._takes_no_part(now_ns)
+        if self._retired:
+            own = own._replace(out_of_service=True)
         for desk in self._desks.values():
             desk.member.settle(now_ns, own)
         for number, desk in self._desks.items():
@@ -105,6 +108,8 @@ class TrainCore:
         for message in heard[:HEARD_MAX]:
             if not self._hearing.admits(message, self._speaker.sequence):
                 continue
+            if isinstance(message, LineOrder) and message.train == self.address:
+                self._serve(message)
             desk = self._desks.get(message.area)
             if desk is None:
                 self.refusals["area of no concern"] += 1
@@ -113,6 +118,13 @@ class TrainCore:
         self.refusals.update({r.value: n for r, n in self._hearing.refusals.items()})
         self._hearing.refusals.clear()
         return said
+
+    def _serve(self, order: LineOrder) -> None:
+        """In or out of service by order: in every area, for as long as nobody says otherwise."""
+        if order.kind is OrderKind.OUT_OF_SERVICE:
+            self._retired = True
+        elif order.kind is OrderKind.IN_SERVICE:
+            self._retired = False
 
     def _desk(self, area: int, now_ns: int) -> None:
         if area not in self._desks:

@@ -1,0 +1,124 @@
+"""What supervision of a line shows and says, and to whom."""
+
+import dataclasses
+
+import pytest
+
+from firmware_py.ports import RadioMessage
+from firmware_py.trackdb.areas import load_areas
+from metro_hil.line_supervision import LineView, main, order
+from metro_hil.vobc_command import main as vobc
+from zenoh_config.codec import pack
+from zenoh_config.t2t import BROADCAST, Heartbeat, OrderKind, Phase, T2tMessage, TrainReport
+from zenoh_config.t2t_keys import key_of
+
+LOOP = load_areas("loop")
+MS = 1_000_000
+BEAT = Heartbeat(3, BROADCAST, 1, 7, 1, 1, 0, Phase.ISSUING, 5, 1)
+REPORT = TrainReport(
+    source=3,
+    destination=BROADCAST,
+    area=1,
+    term=7,
+    boot=1,
+    sequence=1,
+    stamp_ns=0,
+    localised=True,
+    front_min_m=998.0,
+    front_max_m=1000.0,
+    rear_min_m=930.0,
+    speed_mps=10.0,
+    standstill=False,
+    latent_m=1500.0,
+    held_end_m=1500.0,
+    easy_m=1200.0,
+    held_term=7,
+    held_sequence=1,
+    member=True,
+    behind=0,
+    comes_from=0,
+    axles=16,
+    out_of_service=False,
+    ready_nonce=0,
+)
+
+
+def view(*messages: T2tMessage, at_ms: int = 0) -> LineView:
+    shown = LineView(LOOP)
+    for message in messages:
+        shown.hears([said(message)], at_ms * MS)
+    return shown
+
+
+def said(message: T2tMessage) -> RadioMessage:
+    return RadioMessage(0, key_of("loop", message), pack(message))
+
+
+def test_it_says_who_commands_which_area_and_where_trains_are() -> None:
+    places_m = {"front_min_m": 400.0, "front_max_m": 402.0, "rear_min_m": 330.0}
+    behind = dataclasses.replace(REPORT, source=4, member=False, **places_m)
+
+    told = view(BEAT, behind, REPORT).words(100 * MS)
+
+    assert told[0] == "area 1: train 3 commands, term 7, standby train 5"
+    assert told[1] == "area 2: nobody commands"
+    assert [line.split()[0] for line in told[4:]] == ["3", "4"]
+    assert told[4].split() == ["3", "1000.0", "36.0", "1500.0", "7", "0.10"]
+    assert told[5].split()[3] == "–"
+
+
+def test_it_says_who_commanded_before_and_how_long_a_master_has_been_silent() -> None:
+    shown = view(BEAT, dataclasses.replace(BEAT, source=5, term=9, standby=0))
+
+    assert shown.words(2500 * MS)[0] == (
+        "area 1: train 5 commands, term 9, standby nobody; before, train 3 did; silent for 2.5 s"
+    )
+
+
+def test_a_master_of_a_former_term_is_not_shown() -> None:
+    shown = view(dataclasses.replace(BEAT, source=5, term=9), BEAT)
+
+    assert shown.commands[1].heartbeat.source == 5
+
+
+def test_what_is_damaged_or_under_a_wrong_key_is_not_shown() -> None:
+    shown = LineView(LOOP)
+    wrong = dataclasses.replace(BEAT, area=2)
+
+    shown.hears([said(BEAT)._replace(payload=pack(wrong)), said(BEAT)._replace(payload=b"x")], 0)
+
+    assert shown.commands == {}
+
+
+def test_an_order_goes_to_whoever_commands_now() -> None:
+    command = view(BEAT).commands[1]
+
+    told = order(OrderKind.SWITCH_MASTER, 5, command, boot=8, sequence=2, now_ns=9)
+
+    assert (told.source, told.destination, told.area, told.term) == (0, 3, 1, 7)
+    assert (told.kind, told.train) == (OrderKind.SWITCH_MASTER, 5)
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "complaint"),
+    [
+        (["line", "--line", "hefei"], 2, "hefei: "),
+        (["master", "--line-radio", "nowhere"], 2, "nowhere: not an endpoint"),
+    ],
+)
+def test_what_cannot_be_is_said_in_one_line(
+    words: list[str], code: int, complaint: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert vobc(words) == code
+
+    told = capsys.readouterr().err
+    assert complaint in told
+    assert len(told.splitlines()) == 1
+
+
+@pytest.mark.parametrize("train", ["T0", "x", "70000"])
+def test_what_is_no_train_is_refused(train: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["out-of-service", train])
+
+    assert f"{train} is no train" in capsys.readouterr().err
