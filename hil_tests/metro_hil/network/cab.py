@@ -1,0 +1,163 @@
+"""A train's controller in the simulation: the protocol under test, and what drives by it."""
+
+from collections.abc import Sequence
+from typing import Any, Final, Protocol
+
+from metro_hil.network.checker import Checker
+from metro_hil.network.driving import Aim, demand_mps2, must_trip
+from metro_hil.network.ground import Grant, Reading, TrueTrain
+from metro_hil.network.net import Network, Node, Turn
+
+CONTROL_NS: Final = 200_000_000
+SILENCE_NS: Final = 300_000_000
+"""A brake that hears nothing from its controller for so long applies itself."""
+STOPPING_MARGIN_M: Final = 2.0
+"""Operation stops so much before the end of authority."""
+SPEED_MAX_MPS: Final = 60.0 / 3.6
+RELEASE_M: Final = 5.0
+"""An emergency at standstill is released once there is so much authority again."""
+
+
+class Protocolled(Protocol):
+    """The protocol of one train, as the cab sees it."""
+
+    def step(self, now_ns: int, heard: Sequence[Any], reading: Reading) -> Turn: ...
+
+    @property
+    def grants(self) -> Sequence[Grant]:
+        """All must hold at once; none: the train must not move. The same object while unchanged."""
+
+
+class Cab:
+    """What runs on a train's node."""
+
+    __slots__ = ("_checker", "_grants", "_net", "_train", "protocol")
+
+    def __init__(
+        self, protocol: Protocolled, train: TrueTrain, net: Network, checker: Checker
+    ) -> None:
+        self.protocol = protocol
+        self._train, self._net, self._checker = train, net, checker
+        self._grants: Sequence[Grant] = ()
+
+    def step(self, now_ns: int, heard: Sequence[Any]) -> Turn:
+        self._train.motion.advance(self._net.now_ns)
+        turn = self.protocol.step(now_ns, heard, self._train.reading())
+        grants = self.protocol.grants
+        if grants is not self._grants:
+            self._changed(grants, now_ns)
+        return turn
+
+    def _changed(self, grants: Sequence[Grant], now_ns: int) -> None:
+        before, self._grants = self._grants, grants
+        address = self._train.address
+        areas = {grant.area for grant in grants}
+        for grant in before:
+            if grant.area not in areas:
+                self._checker.gave_up(address, grant.area)
+        for grant in grants:
+            if grant not in before:
+                self._net.trace.note(int(grant.end_m * 1000.0))
+                self._net.say(
+                    f"train {address}",
+                    f"may go to {grant.end_m:.2f} m: term {grant.term}, area {grant.area}, from "
+                    f"{grant.issuer}",
+                )
+                self._checker.accepted(address, grant, now_ns)
+
+
+class Driver:
+    """Every control cycle of one train: watchdog, supervision, operation, stops."""
+
+    __slots__ = ("_age_max_ns", "_checker", "_dwell_ns", "_net", "_node", "_stops_m", "train")
+
+    def __init__(
+        self,
+        train: TrueTrain,
+        node: Node,
+        net: Network,
+        checker: Checker,
+        *,
+        stops_m: Sequence[float],
+        dwell_ns: int,
+    ) -> None:
+        self.train = train
+        self._node, self._net, self._checker = node, net, checker
+        self._stops_m, self._dwell_ns = stops_m, dwell_ns
+        self._age_max_ns = checker.rules.age_max_ns
+
+    def cycle(self, _: object) -> None:
+        """Brings the motion forward, looks, and says what the train does until the next one."""
+        net, train = self._net, self.train
+        now_ns = net.now_ns
+        train.motion.advance(now_ns)
+        if train.on_line:
+            self._drive(now_ns)
+            self._checker.moved(train)
+        net.at(now_ns + CONTROL_NS, self.cycle)
+
+    def _drive(self, now_ns: int) -> None:
+        train, motion = self.train, self.train.motion
+        grants, age_ratio = self._in_force(now_ns)
+        if not grants:
+            self._trip(now_ns, "has no authority")
+            if self._node.machine is None:
+                self._checker.gave_up(train.address)
+            return
+        end_m = min(grant.end_m for grant in grants)
+        reading = train.reading()
+        if motion.emergency:
+            if motion.speed_mps == 0.0 and end_m > reading.front_max_m + RELEASE_M:
+                motion.release_emergency()
+                self._net.say(f"train {train.address}", "releases its emergency brake")
+            return
+        if must_trip(reading.front_max_m, motion.speed_mps, end_m, accel_mps2=motion.accel_mps2):
+            self._trip(now_ns, f"is too fast for its authority's end at {end_m:.2f} m")
+            return
+        if age_ratio > 0.6:
+            motion.demand(now_ns, -0.8)
+            return
+        motion.demand(now_ns, self._wanted_mps2(now_ns, reading, end_m))
+
+    def _in_force(self, now_ns: int) -> tuple[Sequence[Grant], float]:
+        """What may be acted on now, and the age of the oldest as a share of the limit."""
+        node, train = self._node, self.train
+        if self._net.runs(node.address):
+            train.heard_ns = now_ns
+        elif now_ns - train.heard_ns > SILENCE_NS:
+            return (), 0.0
+        machine = node.machine
+        if not isinstance(machine, Cab) or not machine.protocol.grants:
+            return (), 0.0
+        grants = machine.protocol.grants
+        local_ns = node.clock.local_ns(now_ns)
+        age_ns = max(local_ns - grant.stamp_ns for grant in grants)
+        if age_ns > self._age_max_ns:
+            self._checker.gave_up(train.address)
+            return (), 0.0
+        return grants, age_ns / self._age_max_ns
+
+    def _trip(self, now_ns: int, why: str) -> None:
+        train = self.train
+        if train.motion.emergency:
+            return
+        if train.motion.speed_mps > 0.0:
+            train.emergencies += 1
+            self._net.say(f"train {train.address}", f"{why}: emergency brake")
+        train.motion.apply_emergency(now_ns)
+
+    def _wanted_mps2(self, now_ns: int, reading: Reading, end_m: float) -> float:
+        train, motion = self.train, self.train.motion
+        stop_m = end_m - STOPPING_MARGIN_M - (reading.front_max_m - motion.front_m)
+        if train.next_stop < len(self._stops_m):
+            station_m = self._stops_m[train.next_stop]
+            if motion.speed_mps == 0.0 and abs(motion.front_m - station_m) < 3.0:
+                if train.dwell_until_ns == 0:
+                    train.dwell_until_ns = now_ns + self._dwell_ns
+                if now_ns < train.dwell_until_ns:
+                    return -0.8
+                train.dwell_until_ns = 0
+                train.next_stop += 1
+            else:
+                stop_m = min(stop_m, station_m)
+        return demand_mps2(motion.front_m, motion.speed_mps, Aim(SPEED_MAX_MPS, stop_m))

@@ -1,0 +1,83 @@
+"""Where trains truly are: what no protocol sees and every check looks at."""
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+from metro_hil.network.motion import Motion
+
+ROLL_BACK_MAX_M: Final = 2.0
+"""No train ever rolls back farther; the allowance that the protocol is told."""
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """What a train's own odometry tells its controller: intervals that hold the truth."""
+
+    front_min_m: float
+    front_max_m: float
+    rear_min_m: float
+    speed_mps: float
+    standstill: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Grant:
+    """What a train's brake loop goes by."""
+
+    end_m: float
+    term: int
+    sequence: int
+    issuer: int
+    area: int
+    stamp_ns: int
+    """The train's own clock at sending the report that this answers."""
+
+
+class TrueTrain:
+    """One train on the track, or away from the line."""
+
+    __slots__ = (
+        *("address", "dwell_until_ns", "emergencies", "half_width_m", "heard_ns", "lane"),
+        *("length_m", "motion", "next_stop", "on_line", "stop_wished"),
+    )
+
+    def __init__(
+        self, address: int, motion: Motion, *, length_m: float, half_width_m: float, lane: int = 0
+    ) -> None:
+        self.address, self.motion, self.length_m = address, motion, length_m
+        self.half_width_m = half_width_m
+        self.lane = lane
+        self.on_line = True
+        self.next_stop = 0
+        self.dwell_until_ns = 0
+        self.heard_ns = 0
+        """When its controller last showed a sign of life to its brake."""
+        self.emergencies = 0
+        self.stop_wished = False
+
+    @property
+    def front_m(self) -> float:
+        return self.motion.front_m
+
+    @property
+    def rear_m(self) -> float:
+        return self.motion.front_m - self.length_m
+
+    def reading(self) -> Reading:
+        """As of the instant to which the motion was brought forward.
+
+        The error depends on the place alone and so slightly that the reading of a train which
+        does not roll back never goes back.
+        """
+        motion = self.motion
+        front_m, half_m = motion.front_m, self.half_width_m
+        error_m = 0.9 * half_m * math.sin(front_m * 0.01 + self.address)
+        middle_m = front_m + error_m
+        return Reading(
+            middle_m - half_m,
+            middle_m + half_m,
+            middle_m - half_m - self.length_m,
+            motion.speed_mps,
+            motion.speed_mps == 0.0,
+        )

@@ -1,0 +1,369 @@
+"""One queue of events for all nodes and links, and the faults that they can suffer.
+
+A node is a machine that is told the time and what it heard and says what to store, what to send and
+when to wake it. What it stores is stored before anything goes out. Every draw comes from one
+generator, so a run is a function of its seed.
+"""
+
+import random
+from collections.abc import Callable, Iterable, Sequence
+from enum import Enum
+from heapq import heappop, heappush
+from typing import Any, Final, NamedTuple, Protocol
+
+from metro_hil.network.clocks import NodeClock
+from metro_hil.network.links import Link, Weather
+from metro_hil.network.trace import Teller, Trace
+
+NEVER: Final = 2**62
+ADDRESS_MAX: Final = 127
+INBOX_MAX: Final = 256
+"""A bounded inbox drops its oldest message."""
+TURN_NS: Final = 300_000
+"""From the arrival of a message to the step that reads it, at most; drawn for each."""
+LEAST_REST_NS: Final = 100_000
+"""A node that asks to be woken at once is woken so much later."""
+
+
+class Letter(NamedTuple):
+    """A message and the nodes that hear it."""
+
+    targets: Sequence[int]
+    message: Any
+
+
+class Turn(NamedTuple):
+    """What one step of a machine came to."""
+
+    letters: Sequence[Letter]
+    keep: object
+    """To be stored before the letters go out; the same object as before: nothing new."""
+    due_ns: int
+    """On the node's own clock: when to step again even if nothing is heard."""
+
+
+class Machine(Protocol):
+    """Whatever runs on a node."""
+
+    def step(self, now_ns: int, heard: Sequence[Any]) -> Turn: ...
+
+
+class Doom(Enum):
+    """Where in a step a node is to die."""
+
+    BEFORE_STORING = "before it stored"
+    BEFORE_SENDING = "after it stored, before it sent"
+    WHILE_SENDING = "after it sent half"
+
+
+class Node:
+    """One process: its machine while it runs, its disk, its clock, its inbox."""
+
+    __slots__ = (
+        *("address", "boots", "clock", "disk", "doom", "freeze_ns", "inbox", "links", "machine"),
+        *("name", "slow_ns", "start", "stopped_until_ns", "wake_ns"),
+    )
+
+    def __init__(
+        self, address: int, name: str, start: Callable[["Node", int], Machine], clock: NodeClock
+    ) -> None:
+        """`start` makes the machine from what is on the disk (None: empty), at a local instant."""
+        self.address, self.name, self.start, self.clock = address, name, start, clock
+        self.machine: Machine | None = None
+        self.disk: Any = None
+        self.boots = 0
+        self.inbox: list[Any] = []
+        self.links: dict[int, Link] = {}
+        self.wake_ns = NEVER
+        self.stopped_until_ns = 0
+        self.slow_ns = 0
+        self.doom: Doom | None = None
+        self.freeze_ns = 0
+        """Its next step is held up for so long between deciding and sending."""
+
+
+class Codec(Protocol):
+    """Values to bytes and back, for runs that go through the real codec."""
+
+    def seal(self, message: Any) -> bytes: ...
+
+    def open(self, payload: bytes) -> Any | None:
+        """None when it must not be believed."""
+
+
+class Network:
+    """Nodes, links and the queue."""
+
+    def __init__(self, seed: int, *, codec: Codec | None = None, tell: Teller | None = None):
+        self.now_ns = 0
+        self.random = random.Random(seed)
+        self.trace = Trace()
+        self.tell = tell
+        self.codec = codec
+        self.nodes: dict[int, Node] = {}
+        self.sent = self.delivered = self.lost = self.doubled = self.damaged = 0
+        self.steps = self.stored = self.fired = 0
+        self._heap: list[tuple[int, int, Callable[[Any], None], Any]] = []
+        self._number = 0
+        self._draw = self.random.random
+
+    @property
+    def events(self) -> int:
+        """Messages sent, messages that came or were lost on the way, and steps of nodes."""
+        return self.sent + self.delivered + self.lost + self.damaged + self.steps
+
+    # -- the queue ---------------------------------------------------------------------------------
+
+    def at(self, at_ns: int, call: Callable[[Any], None], argument: object = None) -> None:
+        """Call at a true instant, after everything that was queued for it before."""
+        self._number += 1
+        heappush(self._heap, (at_ns, self._number, call, argument))
+
+    def run(self, until_ns: int) -> None:
+        """Everything up to and including that instant."""
+        heap, trace = self._heap, self.trace
+        fired = 0
+        while heap and heap[0][0] <= until_ns:
+            self.now_ns, _, call, argument = heappop(heap)
+            call(argument)
+            fired += 1
+            if not fired & 0x3FF:
+                trace.spill()
+        self.now_ns = until_ns
+        self.fired += fired
+
+    # -- building ----------------------------------------------------------------------------------
+
+    def add(self, node: Node) -> None:
+        """Join a node to all others; it does not run yet. Addresses are 0 to 127."""
+        assert 0 <= node.address <= ADDRESS_MAX
+        assert node.address not in self.nodes
+        for other in self.nodes.values():
+            other.links[node.address] = Link(other.address, node.address)
+            node.links[other.address] = Link(node.address, other.address)
+        self.nodes[node.address] = node
+
+    def links(self) -> Iterable[Link]:
+        return (link for node in self.nodes.values() for link in node.links.values())
+
+    # -- nodes -------------------------------------------------------------------------------------
+
+    def boot(self, address: int) -> None:
+        """Start the process of a node; one that runs is left alone."""
+        node = self.nodes[address]
+        if node.machine is not None:
+            return
+        node.boots += 1
+        node.inbox = []
+        node.doom, node.freeze_ns, node.stopped_until_ns = None, 0, 0
+        self.say(node.name, f"starts, with {'what it had stored' if node.disk else 'nothing'}")
+        self.trace.note(self.now_ns ^ (node.address << 8) ^ 1)
+        node.machine = node.start(node, node.clock.local_ns(self.now_ns))
+        self._wake_at(node, self.now_ns)
+
+    def kill(self, address: int, *, why: str = "is killed", disk_lost: bool = False) -> None:
+        """The process ends. What it stored stays unless the disk goes with it."""
+        node = self.nodes[address]
+        if disk_lost:
+            node.disk = None
+        if node.machine is None:
+            return
+        self.say(node.name, f"{why}{', its disk is lost' if disk_lost else ''}")
+        self.trace.note(self.now_ns ^ (node.address << 8) ^ 2)
+        node.machine = None
+        node.inbox = []
+        node.wake_ns = NEVER
+
+    def stop(self, address: int, for_ns: int) -> None:
+        """SIGSTOP: neither reads nor sends; then it acts on what piled up."""
+        node = self.nodes[address]
+        if node.machine is not None and self.now_ns + for_ns > node.stopped_until_ns:
+            self.say(node.name, f"is stopped for {for_ns / 1e9:.3f} s")
+            self._hold(node, for_ns)
+
+    def _hold(self, node: Node, for_ns: int) -> None:
+        node.stopped_until_ns = self.now_ns + for_ns
+        node.wake_ns = NEVER
+        self._wake_at(node, node.stopped_until_ns)
+
+    def runs(self, address: int) -> bool:
+        """Whether the process of a node is there and not stopped."""
+        node = self.nodes[address]
+        return node.machine is not None and node.stopped_until_ns <= self.now_ns
+
+    def step_clock(self, address: int, by_ns: int) -> None:
+        node = self.nodes[address]
+        self.say(node.name, f"clock steps by {by_ns / 1e9:+.3f} s")
+        node.clock.step(self.now_ns, by_ns)
+        self._rouse(node)
+
+    def drift_clock(self, address: int, drift_ppm: int) -> None:
+        node = self.nodes[address]
+        self.say(node.name, f"clock drifts by {drift_ppm:+d} ppm")
+        node.clock.drift(self.now_ns, drift_ppm)
+        self._rouse(node)
+
+    def _rouse(self, node: Node) -> None:
+        if node.machine is not None and node.stopped_until_ns <= self.now_ns:
+            self._wake_at(node, self.now_ns + LEAST_REST_NS)
+
+    # -- links -------------------------------------------------------------------------------------
+
+    def cut(self, pairs: Iterable[tuple[int, int]], *, keeps: bool = False) -> None:
+        """From the first of each pair to the second nothing comes through any more."""
+        for source, target in pairs:
+            link = self.nodes[source].links[target]
+            link.cut += 1
+            link.keeps = keeps
+
+    def heal(self, pairs: Iterable[tuple[int, int]]) -> None:
+        """Undo one cut of each pair; what was kept comes now, in order and at once."""
+        for source, target in pairs:
+            link = self.nodes[source].links[target]
+            link.cut -= 1
+            if link.cut == 0 and link.kept:
+                kept, link.kept = link.kept, []
+                at_ns = self.now_ns + link.weather.delay_ns
+                for payload in kept:
+                    self.at(at_ns, self._deliver, (self.nodes[target], payload))
+
+    def weather(self, links: Iterable[Link], weather: Weather) -> None:
+        for link in links:
+            link.change(weather)
+
+    def say(self, who: str, what: str) -> None:
+        if self.tell is not None:
+            self.tell(self.now_ns, who, what)
+
+    # -- what happens ------------------------------------------------------------------------------
+
+    def _wake_at(self, node: Node, at_ns: int) -> None:
+        if at_ns < node.wake_ns:
+            node.wake_ns = at_ns
+            self._number += 1
+            heappush(self._heap, (at_ns, self._number, self._wake, node))
+
+    def _wake(self, node: Node) -> None:
+        if node.wake_ns != self.now_ns or node.machine is None:
+            return
+        node.wake_ns = NEVER
+        heard, node.inbox = node.inbox, []
+        if heard and self.codec is not None:
+            heard = self._opened(heard)
+        now_ns = self.now_ns
+        self.steps += 1
+        letters, keep, due_ns = node.machine.step(node.clock.local_ns(now_ns), heard)
+        self.trace.note(now_ns ^ (node.address << 56))
+        if node.doom is not None:
+            letters = self._dying(node, letters, keep)
+        elif keep is not node.disk:
+            self.stored += 1
+            node.disk = keep
+        if letters:
+            self._post(node, letters)
+        if node.machine is not None and node.stopped_until_ns <= now_ns:
+            due_ns = node.clock.true_ns(due_ns)
+            least_ns = now_ns + LEAST_REST_NS
+            self._wake_at(node, due_ns if due_ns > least_ns else least_ns)
+
+    def _dying(self, node: Node, letters: Sequence[Letter], keep: object) -> Sequence[Letter]:
+        """What still gets out of a node that dies in this step."""
+        doom = node.doom
+        assert doom is not None
+        if doom is not Doom.BEFORE_STORING:
+            node.disk = keep
+        sent = letters[: (len(letters) + 1) // 2] if doom is Doom.WHILE_SENDING else ()
+        if sent:
+            self._send((node, node.boots, sent))
+        self.kill(node.address, why=f"dies {doom.value}")
+        return ()
+
+    def _post(self, node: Node, letters: Sequence[Letter]) -> None:
+        if node.freeze_ns:
+            self.say(node.name, f"is stopped before it sends, for {node.freeze_ns / 1e9:.3f} s")
+            for_ns, node.freeze_ns = node.freeze_ns, 0
+            self.at(self.now_ns + for_ns, self._send, (node, node.boots, letters))
+            self._hold(node, for_ns)
+        elif node.slow_ns:
+            self.at(self.now_ns + node.slow_ns, self._send, (node, node.boots, letters))
+        else:
+            self._send((node, node.boots, letters))
+
+    def _send(self, what: tuple[Node, int, Sequence[Letter]]) -> None:
+        node, boots, letters = what
+        if node.boots != boots or node.machine is None:
+            return
+        if node.stopped_until_ns > self.now_ns:
+            self.at(node.stopped_until_ns, self._send, what)
+            return
+        codec, links = self.codec, node.links
+        for targets, message in letters:
+            if self.tell is not None and targets:
+                self.say(node.name, f"sends {message}")
+            payload = message if codec is None else codec.seal(message)
+            for target in targets:
+                link = links[target]
+                self.sent += 1
+                if link.cut:
+                    if link.keeps and len(link.kept) < INBOX_MAX:
+                        link.kept.append(payload)
+                    else:
+                        self.lost += 1
+                elif link.fair:
+                    weather = link.weather
+                    self._number += 1
+                    at_ns = self.now_ns + weather.delay_ns + int(self._draw() * weather.spread_ns)
+                    receiver = self.nodes[target]
+                    heappush(self._heap, (at_ns, self._number, self._deliver, (receiver, payload)))
+                else:
+                    self._send_foul(link, payload)
+
+    def _send_foul(self, link: Link, payload: Any) -> None:
+        weather, draw, receiver = link.weather, self._draw, self.nodes[link.target]
+        if draw() < weather.loss_share:
+            self.lost += 1
+            return
+        copies = 1
+        if draw() < weather.double_share:
+            self.doubled += 1
+            copies = 2
+        for _ in range(copies):
+            copy = payload
+            if draw() < weather.damage_share:
+                self.damaged += 1
+                if self.codec is None:
+                    # Values cannot be damaged; the code of a damaged message is found wrong.
+                    continue
+                copy = self._flipped(payload)
+            at_ns = self.now_ns + weather.delay_ns + int(draw() * weather.spread_ns)
+            if draw() < weather.late_share:
+                at_ns += int(draw() * weather.late_ns)
+            self.at(at_ns, self._deliver, (receiver, copy))
+
+    def _flipped(self, payload: bytes) -> bytes:
+        damaged = bytearray(payload)
+        for _ in range(1 + int(self._draw() * 3)):
+            at = int(self._draw() * len(damaged) * 8)
+            damaged[at // 8] ^= 1 << (at % 8)
+        return bytes(damaged)
+
+    def _opened(self, heard: list[Any]) -> list[Any]:
+        assert self.codec is not None
+        return [message for each in heard if (message := self.codec.open(each)) is not None]
+
+    def _deliver(self, what: tuple[Node, Any]) -> None:
+        node, payload = what
+        if node.machine is None:
+            self.lost += 1
+            return
+        self.delivered += 1
+        inbox = node.inbox
+        if len(inbox) >= INBOX_MAX:
+            del inbox[0]
+        inbox.append(payload)
+        if node.stopped_until_ns <= self.now_ns:
+            at_ns = self.now_ns + int(self._draw() * TURN_NS)
+            if at_ns < node.wake_ns:
+                node.wake_ns = at_ns
+                self._number += 1
+                heappush(self._heap, (at_ns, self._number, self._wake, node))

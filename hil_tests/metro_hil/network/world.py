@@ -1,0 +1,102 @@
+"""A line with trains on it, the wayside's nodes, a network between them, and their judge."""
+
+import random
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final, Protocol
+
+from metro_hil.network.cab import CONTROL_NS, Cab, Driver, Protocolled
+from metro_hil.network.checker import Checker, Rules
+from metro_hil.network.clocks import NodeClock
+from metro_hil.network.ground import TrueTrain
+from metro_hil.network.motion import Motion
+from metro_hil.network.net import Codec, Machine, Network, Node
+from metro_hil.network.trace import Teller
+
+NS_PER_S: Final = 1_000_000_000
+LOCAL_START_NS_MAX: Final = 3600 * NS_PER_S
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """Where trains start and what they drive to."""
+
+    fronts_m: Mapping[int, float]
+    """By train."""
+    stops_m: Sequence[float] = ()
+    dwell_s: float = 20.0
+    length_m: float = 80.0
+    drift_ppm: int = 100
+
+
+class Crew(Protocol):
+    """The protocol under test, as nodes."""
+
+    rules: Rules
+
+    def train(self, node: Node, now_ns: int) -> Protocolled: ...
+
+    def wayside(self) -> Mapping[int, tuple[str, Callable[[Node, int], Machine]]]:
+        """By address: name and start of everything that is no train."""
+
+
+class World:
+    """All of it, built and started at true instant 0."""
+
+    def __init__(
+        self,
+        seed: int,
+        setting: Setting,
+        crew: Crew,
+        *,
+        codec: Codec | None = None,
+        tell: Teller | None = None,
+    ) -> None:
+        self.setting, self.crew = setting, crew
+        self.rng = random.Random(seed ^ 0xA11)
+        self.net = Network(seed, codec=codec, tell=tell)
+        self.trains = {
+            address: TrueTrain(
+                address,
+                Motion(0, front_m, emergency_mps2=self.rng.uniform(1.0, 1.3)),
+                length_m=setting.length_m,
+                half_width_m=self.rng.uniform(0.5, 5.0),
+            )
+            for address, front_m in setting.fronts_m.items()
+        }
+        self.checker = Checker(self.trains.values(), crew.rules)
+        self.drivers: dict[int, Driver] = {}
+        for address, (name, start) in crew.wayside().items():
+            self._add(address, name, start)
+        for address in self.trains:
+            self._add(address, f"train {address}", self._start_train)
+            self._add_driver(address)
+
+    def boot_all(self) -> None:
+        for address in self.net.nodes:
+            self.net.boot(address)
+
+    def _start_train(self, node: Node, now_ns: int) -> Machine:
+        protocol = self.crew.train(node, now_ns)
+        return Cab(protocol, self.trains[node.address], self.net, self.checker)
+
+    def _add(self, address: int, name: str, start: Callable[[Node, int], Machine]) -> None:
+        drift = self.setting.drift_ppm
+        clock = NodeClock(
+            0, self.rng.randrange(LOCAL_START_NS_MAX), self.rng.randint(-drift, drift)
+        )
+        self.net.add(Node(address, name, start, clock))
+
+    def _add_driver(self, address: int) -> None:
+        train, stops_m = self.trains[address], self.setting.stops_m
+        train.next_stop = sum(stop_m < train.front_m for stop_m in stops_m)
+        driver = Driver(
+            train,
+            self.net.nodes[address],
+            self.net,
+            self.checker,
+            stops_m=stops_m,
+            dwell_ns=int(self.setting.dwell_s * NS_PER_S),
+        )
+        self.drivers[address] = driver
+        self.net.at(self.rng.randrange(CONTROL_NS), driver.cycle)
