@@ -31,25 +31,26 @@ class Protocolled(Protocol):
 class Cab:
     """What runs on a train's node."""
 
-    __slots__ = ("_checker", "_grants", "_net", "_train", "protocol")
+    __slots__ = ("_checker", "_net", "_train", "grants", "protocol")
 
     def __init__(
         self, protocol: Protocolled, train: TrueTrain, net: Network, checker: Checker
     ) -> None:
         self.protocol = protocol
         self._train, self._net, self._checker = train, net, checker
-        self._grants: Sequence[Grant] = ()
+        self.grants: Sequence[Grant] = ()
+        """What the brake loop goes by."""
 
     def step(self, now_ns: int, heard: Sequence[Any]) -> Turn:
         self._train.motion.advance(self._net.now_ns)
         turn = self.protocol.step(now_ns, heard, self._train.reading())
         grants = self.protocol.grants
-        if grants is not self._grants:
-            self._changed(grants, now_ns)
-        return turn
+        if grants is self.grants:
+            return turn
+        return turn._replace(apply=lambda: self._apply(grants, now_ns))
 
-    def _changed(self, grants: Sequence[Grant], now_ns: int) -> None:
-        before, self._grants = self._grants, grants
+    def _apply(self, grants: Sequence[Grant], now_ns: int) -> None:
+        before, self.grants = self.grants, grants
         address = self._train.address
         areas = {grant.area for grant in grants}
         for grant in before:
@@ -98,7 +99,7 @@ class Driver:
 
     def _drive(self, now_ns: int) -> None:
         train, motion = self.train, self.train.motion
-        grants, age_ratio = self._in_force(now_ns)
+        grants, age_ratio = self.in_force(now_ns)
         if not grants:
             self._trip(now_ns, "has no authority")
             if self._node.machine is None:
@@ -119,7 +120,7 @@ class Driver:
             return
         motion.demand(now_ns, self._wanted_mps2(now_ns, reading, end_m))
 
-    def _in_force(self, now_ns: int) -> tuple[Sequence[Grant], float]:
+    def in_force(self, now_ns: int) -> tuple[Sequence[Grant], float]:
         """What may be acted on now, and the age of the oldest as a share of the limit."""
         node, train = self._node, self.train
         if self._net.runs(node.address):
@@ -127,9 +128,9 @@ class Driver:
         elif now_ns - train.heard_ns > SILENCE_NS:
             return (), 0.0
         machine = node.machine
-        if not isinstance(machine, Cab) or not machine.protocol.grants:
+        if not isinstance(machine, Cab) or not machine.grants:
             return (), 0.0
-        grants = machine.protocol.grants
+        grants = machine.grants
         local_ns = node.clock.local_ns(now_ns)
         age_ns = max(local_ns - grant.stamp_ns for grant in grants)
         if age_ns > self._age_max_ns:

@@ -29,7 +29,7 @@ CLEAR: Final = Weather()
 class Link:
     """One direction between two nodes. A cut one loses messages, or keeps them until it heals."""
 
-    __slots__ = ("cut", "fair", "keeps", "kept", "source", "target", "weather")
+    __slots__ = ("_watched", "cut", "fair", "keeps", "kept", "source", "target", "weather")
 
     def __init__(self, source: int, target: int, weather: Weather = CLEAR) -> None:
         self.source, self.target = source, target
@@ -39,11 +39,17 @@ class Link:
         self.keeps = False
         """What is sent while it is cut comes in one burst after it heals, as TCP has it."""
         self.kept: list[object] = []
+        self._watched = False
         self.fair = _is_fair(weather)
 
     def change(self, weather: Weather) -> None:
         self.weather = weather
-        self.fair = _is_fair(weather)
+        self.fair = _is_fair(weather) and not self._watched
+
+    def watch(self, watched: bool) -> None:
+        """Nothing passes unseen while it is watched."""
+        self._watched = watched
+        self.change(self.weather)
 
 
 def _is_fair(weather: Weather) -> bool:

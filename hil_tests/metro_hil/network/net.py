@@ -16,7 +16,6 @@ from metro_hil.network.links import Link, Weather
 from metro_hil.network.trace import Teller, Trace
 
 NEVER: Final = 2**62
-ADDRESS_MAX: Final = 127
 INBOX_MAX: Final = 256
 """A bounded inbox drops its oldest message."""
 TURN_NS: Final = 300_000
@@ -40,6 +39,8 @@ class Turn(NamedTuple):
     """To be stored before the letters go out; the same object as before: nothing new."""
     due_ns: int
     """On the node's own clock: when to step again even if nothing is heard."""
+    apply: Callable[[], None] | None = None
+    """What is to be done after storing and before sending."""
 
 
 class Machine(Protocol):
@@ -54,6 +55,11 @@ class Doom(Enum):
     BEFORE_STORING = "before it stored"
     BEFORE_SENDING = "after it stored, before it sent"
     WHILE_SENDING = "after it sent half"
+
+
+Meddler = Callable[[int, int, Any], int | None]
+"""Takes source, target and message; None loses it, 0 leaves it to the weather, else it comes so
+many nanoseconds later."""
 
 
 class Node:
@@ -106,6 +112,7 @@ class Network:
         self._heap: list[tuple[int, int, Callable[[Any], None], Any]] = []
         self._number = 0
         self._draw = self.random.random
+        self._meddler: Meddler | None = None
 
     @property
     def events(self) -> int:
@@ -135,8 +142,7 @@ class Network:
     # -- building ----------------------------------------------------------------------------------
 
     def add(self, node: Node) -> None:
-        """Join a node to all others; it does not run yet. Addresses are 0 to 127."""
-        assert 0 <= node.address <= ADDRESS_MAX
+        """Join a node to all others; it does not run yet."""
         assert node.address not in self.nodes
         for other in self.nodes.values():
             other.links[node.address] = Link(other.address, node.address)
@@ -231,6 +237,12 @@ class Network:
         for link in links:
             link.change(weather)
 
+    def meddle(self, meddler: Meddler | None) -> None:
+        """Let someone see each message and lose it or hold it back, for directed scenarios."""
+        self._meddler = meddler
+        for link in self.links():
+            link.watch(meddler is not None)
+
     def say(self, who: str, what: str) -> None:
         if self.tell is not None:
             self.tell(self.now_ns, who, what)
@@ -252,31 +264,36 @@ class Network:
             heard = self._opened(heard)
         now_ns = self.now_ns
         self.steps += 1
-        letters, keep, due_ns = node.machine.step(node.clock.local_ns(now_ns), heard)
-        self.trace.note(now_ns ^ (node.address << 56))
+        letters, keep, due_ns, apply = node.machine.step(node.clock.local_ns(now_ns), heard)
+        self.trace.note(now_ns ^ ((node.address & 0x7F) << 56))
         if node.doom is not None:
-            letters = self._dying(node, letters, keep)
-        elif keep is not node.disk:
+            self._dying(node, letters, keep, apply)
+            return
+        if keep is not node.disk:
             self.stored += 1
             node.disk = keep
+        if apply is not None:
+            apply()
         if letters:
             self._post(node, letters)
-        if node.machine is not None and node.stopped_until_ns <= now_ns:
+        if node.stopped_until_ns <= now_ns:
             due_ns = node.clock.true_ns(due_ns)
             least_ns = now_ns + LEAST_REST_NS
             self._wake_at(node, due_ns if due_ns > least_ns else least_ns)
 
-    def _dying(self, node: Node, letters: Sequence[Letter], keep: object) -> Sequence[Letter]:
-        """What still gets out of a node that dies in this step."""
+    def _dying(
+        self, node: Node, letters: Sequence[Letter], keep: object, apply: Callable[[], None] | None
+    ) -> None:
+        """A step that is not carried out to its end."""
         doom = node.doom
         assert doom is not None
         if doom is not Doom.BEFORE_STORING:
             node.disk = keep
-        sent = letters[: (len(letters) + 1) // 2] if doom is Doom.WHILE_SENDING else ()
-        if sent:
-            self._send((node, node.boots, sent))
+        if doom is Doom.WHILE_SENDING:
+            if apply is not None:
+                apply()
+            self._send((node, node.boots, letters[: (len(letters) + 1) // 2]))
         self.kill(node.address, why=f"dies {doom.value}")
-        return ()
 
     def _post(self, node: Node, letters: Sequence[Letter]) -> None:
         if node.freeze_ns:
@@ -320,6 +337,14 @@ class Network:
 
     def _send_foul(self, link: Link, payload: Any) -> None:
         weather, draw, receiver = link.weather, self._draw, self.nodes[link.target]
+        if self._meddler is not None:
+            by_ns = self._meddler(link.source, link.target, payload)
+            if by_ns is None:
+                self.lost += 1
+                return
+            if by_ns:
+                self.at(self.now_ns + by_ns, self._deliver, (receiver, payload))
+                return
         if draw() < weather.loss_share:
             self.lost += 1
             return

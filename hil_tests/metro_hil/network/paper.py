@@ -6,12 +6,13 @@ moving authorization is safe"; a third party that finds two masters picks one of
 Nothing here has terms, leases or reservations, because the paper has none.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
+from metro_hil.network.checker import Rules
 from metro_hil.network.ground import Grant, Reading
-from metro_hil.network.net import NEVER, Letter, Node, Turn
+from metro_hil.network.net import NEVER, Letter, Machine, Node, Turn
 
 NS_PER_MS: Final = 1_000_000
 CYCLE_NS: Final = 200 * NS_PER_MS
@@ -161,6 +162,19 @@ class ThirdParty:
         return Turn([Letter(self.settings.trains, Ruling(min(masters)))], None, NEVER)
 
 
-def paper_train(settings: PaperSettings) -> Callable[[Node, int], PaperTrain]:
-    """Starts the protocol of a train on its node."""
-    return lambda node, now_ns: PaperTrain(node.address, settings)
+class PaperCrew:
+    """The paper's protocol on all nodes. It has no terms, so what is about terms is not judged."""
+
+    rules: Final = Rules(age_max_ns=1500 * NS_PER_MS, unjudged=frozenset({"19", "20", "29"}))
+
+    def __init__(self, settings: PaperSettings) -> None:
+        self._settings = settings
+
+    def train(self, node: Node, now_ns: int) -> PaperTrain:
+        return PaperTrain(node.address, self._settings)
+
+    def wayside(self) -> Mapping[int, tuple[str, Callable[[Node, int], Machine]]]:
+        def start(node: Node, now_ns: int) -> Machine:
+            return ThirdParty(self._settings)
+
+        return {self._settings.third_party: ("third party", start)}

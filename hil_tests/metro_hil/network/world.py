@@ -100,3 +100,11 @@ class World:
         )
         self.drivers[address] = driver
         self.net.at(self.rng.randrange(CONTROL_NS), driver.cycle)
+
+    def without_authority(self) -> list[int]:
+        """Trains on the line whose brake loop has no authority in force at this instant."""
+        return [
+            address
+            for address, driver in self.drivers.items()
+            if self.trains[address].on_line and not driver.in_force(self.net.now_ns)[0]
+        ]

@@ -1,0 +1,117 @@
+"""Many seeds on several processes: each is a run by itself, so they may run in any order."""
+
+import json
+import multiprocessing
+import resource
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from dataclasses import asdict, dataclass, field, fields
+from pathlib import Path
+from typing import Any, Final
+
+from metro_hil.network.run import RunResult
+
+NS_PER_S: Final = 1_000_000_000
+S_PER_H: Final = 3600.0
+AHEAD: Final = 2
+"""So many seeds for each process wait for their turn: enough that none is idle."""
+
+
+def cpu_ns() -> int:
+    """Processor time of this process so far."""
+    usage = resource.getrusage(resource.RUSAGE_SELF)
+    return int((usage.ru_utime + usage.ru_stime) * NS_PER_S)
+
+
+@dataclass(slots=True)
+class Total:
+    """Of all results so far."""
+
+    runs: int = 0
+    simulated_h: float = 0.0
+    train_h: float = 0.0
+    events: int = 0
+    cpu_s: float = 0.0
+    emergencies: int = 0
+    recovery_s_max: float = 0.0
+    broken: list[RunResult] = field(default_factory=list)
+    faults: Counter[str] = field(default_factory=Counter)
+    looked: Counter[str] = field(default_factory=Counter)
+    covered: Counter[str] = field(default_factory=Counter)
+    messages: Counter[str] = field(default_factory=Counter)
+
+    def add(self, result: RunResult) -> None:
+        self.runs += 1
+        self.simulated_h += result.simulated_s / S_PER_H
+        self.train_h += result.train_s / S_PER_H
+        self.events += result.events
+        self.cpu_s += result.cpu_s
+        self.emergencies += result.emergencies
+        self.recovery_s_max = max(self.recovery_s_max, result.recovery_s)
+        if result.invariant:
+            self.broken.append(result)
+        for name in ("faults", "looked", "covered", "messages"):
+            getattr(self, name).update(getattr(result, name))
+
+
+def run_many(
+    seeds: Iterable[int], run: Callable[[int], RunResult], *, workers: int
+) -> Iterator[RunResult]:
+    """Results as they come. With one worker all happens here, in the order of the seeds."""
+    if workers == 1:
+        yield from map(run, seeds)
+        return
+    pending: set[Future[RunResult]] = set()
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(workers, mp_context=context) as pool:
+        try:
+            for seed in seeds:
+                pending.add(pool.submit(run, seed))
+                if len(pending) >= AHEAD * workers:
+                    done, pending = wait(pending, return_when=FIRST_COMPLETED)
+                    yield from sorted((each.result() for each in done), key=_seed)
+            yield from sorted((each.result() for each in wait(pending).done), key=_seed)
+        finally:
+            pool.shutdown(cancel_futures=True)
+
+
+def _seed(result: RunResult) -> int:
+    return result.seed
+
+
+class Journal:
+    """Results as lines of JSON in a file: what is in it need not be run again."""
+
+    def __init__(self, path: Path) -> None:
+        """Raises OSError, and ValueError naming file and line for one that is none of ours."""
+        self._path = path
+        self.results = list(_read(path)) if path.exists() else []
+
+    def append(self, result: RunResult) -> None:
+        with self._path.open("a", encoding="utf-8") as file:
+            file.write(json.dumps(asdict(result)) + "\n")
+
+
+def _read(path: Path) -> Iterator[RunResult]:
+    names = {each.name for each in fields(RunResult)}
+    text = path.read_text(encoding="utf-8")
+    if not text.endswith("\n"):
+        # A killed program had not finished its last line.
+        text = text[: text.rfind("\n") + 1]
+        path.write_text(text, encoding="utf-8")
+    for number, line in enumerate(text.splitlines(), 1):
+        try:
+            told: dict[str, Any] = json.loads(line)
+            if set(told) != names:
+                raise ValueError(f"has not the fields of a result: {sorted(set(told) ^ names)}")
+        except ValueError as error:
+            raise ValueError(f"{path}:{number}: {error}") from None
+        for name in ("faults", "looked", "covered", "messages"):
+            told[name] = Counter(told[name])
+        yield RunResult(**told)
+
+
+def repeat_with(result: RunResult, options: Sequence[str] = ()) -> str:
+    """The one command that tells the story of a seed again."""
+    return " ".join(["hil simulate", f"--seed {result.seed}", *options, "--trace"])

@@ -1,0 +1,111 @@
+"""One seed, from the first start to the verdict: trouble for a while, then calm and a bound."""
+
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Final
+
+from metro_hil.network.checker import ViolationError
+from metro_hil.network.trouble import Scale, Trouble
+from metro_hil.network.world import World
+
+NS_PER_S: Final = 1_000_000_000
+LOOK_NS: Final = 100_000_000
+"""How often it is looked whether all trains have authority again."""
+
+
+@dataclass(frozen=True, slots=True)
+class Phases:
+    """What happens when."""
+
+    trouble_s: float = 300.0
+    calm_s: float = 30.0
+    """After all faults have ended every train on the line must hold an authority within this."""
+    start_s: float = 5.0
+    """Nodes start at any time within this."""
+
+
+@dataclass(slots=True)
+class RunResult:
+    """What one seed came to."""
+
+    seed: int
+    digest: str = ""
+    """Of the trace: the same for the same seed."""
+    invariant: str = ""
+    """That was broken; empty when none was."""
+    what: str = ""
+    simulated_s: float = 0.0
+    train_s: float = 0.0
+    """Simulated time of all trains together."""
+    events: int = 0
+    cpu_s: float = 0.0
+    recovery_s: float = 0.0
+    """From the end of all faults until the last train had authority."""
+    emergencies: int = 0
+    faults: Counter[str] = field(default_factory=Counter)
+    looked: Counter[str] = field(default_factory=Counter)
+    covered: Counter[str] = field(default_factory=Counter)
+    """What of the protocol was gone through, by name."""
+    messages: Counter[str] = field(default_factory=Counter)
+    """Sent, delivered, lost, doubled, damaged, and writes to disks."""
+
+
+def run_seed(
+    seed: int, world: World, scale: Scale, phases: Phases, cpu_ns: Callable[[], int]
+) -> RunResult:
+    """To the end or to the first broken invariant. `cpu_ns` reads a clock of the processor."""
+    trouble = Trouble(
+        world.net,
+        seed=seed,
+        victims=tuple(world.net.nodes),
+        revive=world.net.boot,
+        scale=scale,
+    )
+    result = RunResult(seed)
+    begun_ns = cpu_ns()
+    try:
+        _play(world, trouble, phases, result)
+    except ViolationError as error:
+        result.invariant, result.what = error.invariant, error.what
+        world.net.say("verdict", str(error))
+    result.cpu_s = (cpu_ns() - begun_ns) / NS_PER_S
+    _sum_up(world, trouble, result)
+    return result
+
+
+def _play(world: World, trouble: Trouble, phases: Phases, result: RunResult) -> None:
+    net = world.net
+    for address in net.nodes:
+        at_ns = int(world.rng.random() * phases.start_s * NS_PER_S)
+        net.at(at_ns, lambda _, address=address: net.boot(address))
+    trouble.begin()
+    net.run(int(phases.trouble_s * NS_PER_S))
+    trouble.calm()
+    calm_ns, end_ns = net.now_ns, net.now_ns + int(phases.calm_s * NS_PER_S)
+    while (waiting := world.without_authority()) and net.now_ns < end_ns:
+        net.run(net.now_ns + LOOK_NS)
+    result.recovery_s = (net.now_ns - calm_ns) / NS_PER_S
+    if waiting:
+        raise ViolationError(
+            "40", f"{phases.calm_s:.0f} s after the last fault trains {waiting} have no authority"
+        )
+
+
+def _sum_up(world: World, trouble: Trouble, result: RunResult) -> None:
+    net = world.net
+    result.digest = net.trace.digest()
+    result.simulated_s = net.now_ns / NS_PER_S
+    result.train_s = result.simulated_s * len(world.trains)
+    result.events = net.events
+    result.emergencies = sum(train.emergencies for train in world.trains.values())
+    result.faults.update(trouble.counts)
+    result.looked.update(world.checker.looked)
+    result.messages.update(
+        sent=net.sent,
+        delivered=net.delivered,
+        lost=net.lost,
+        doubled=net.doubled,
+        damaged=net.damaged,
+        stored=net.stored,
+    )
