@@ -17,7 +17,7 @@ from metro_hil.run_folder import RunFolderError
 VERBS: Final = (
     *("check", "run", "resume", "list", "show", "rerun"),
     *("compare", "report", "replay", "verify", "search", "scenarios", "faults", "monitors"),
-    *("requirements", "laws", "line"),
+    *("requirements", "laws", "line", "simulate"),
 )
 """In the order of the help; each is a module of this package with `add` and `run`."""
 EPILOG: Final = """\

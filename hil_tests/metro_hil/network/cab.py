@@ -6,7 +6,7 @@ from typing import Any, Final, Protocol
 from metro_hil.network.checker import Checker
 from metro_hil.network.driving import Aim, demand_mps2, must_trip
 from metro_hil.network.ground import Grant, Reading, TrueTrain
-from metro_hil.network.net import Network, Node, Turn
+from metro_hil.network.net import Letter, Network, Node, Turn
 
 CONTROL_NS: Final = 200_000_000
 SILENCE_NS: Final = 300_000_000
@@ -28,22 +28,35 @@ class Protocolled(Protocol):
         """All must hold at once; none: the train must not move. The same object while unchanged."""
 
 
+class Listener(Protocol):
+    """Judges what goes over the air."""
+
+    def stepped(
+        self, address: int, now_ns: int, heard: Sequence[Any], letters: Sequence[Letter]
+    ) -> None: ...
+
+    def holds(self, address: int, grant: Grant) -> None: ...
+
+
 class Cab:
     """What runs on a train's node."""
 
-    __slots__ = ("_checker", "_net", "_train", "grants", "protocol")
+    __slots__ = ("_checker", "_net", "_train", "grants", "listener", "protocol")
 
     def __init__(
         self, protocol: Protocolled, train: TrueTrain, net: Network, checker: Checker
     ) -> None:
         self.protocol = protocol
         self._train, self._net, self._checker = train, net, checker
+        self.listener: Listener | None = None
         self.grants: Sequence[Grant] = ()
         """What the brake loop goes by."""
 
     def step(self, now_ns: int, heard: Sequence[Any]) -> Turn:
         self._train.motion.advance(self._net.now_ns)
         turn = self.protocol.step(now_ns, heard, self._train.reading())
+        if self.listener is not None:
+            self.listener.stepped(self._train.address, now_ns, heard, turn.letters)
         grants = self.protocol.grants
         if grants is self.grants:
             return turn
@@ -65,6 +78,8 @@ class Cab:
                     f"{grant.issuer}",
                 )
                 self._checker.accepted(address, grant, now_ns)
+                if self.listener is not None:
+                    self.listener.holds(address, grant)
 
 
 class Driver:

@@ -36,7 +36,7 @@ class Rules:
 
 
 class Checker:
-    """Told of everything that concerns an invariant; raises ViolationError at the first broken one."""
+    """Told of all that concerns an invariant; raises ViolationError at the first broken one."""
 
     def __init__(self, trains: Iterable[TrueTrain], rules: Rules) -> None:
         self.trains = {train.address: train for train in trains}

@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 from metro_hil.network.motion import Motion
 
@@ -10,8 +10,7 @@ ROLL_BACK_MAX_M: Final = 2.0
 """No train ever rolls back farther; the allowance that the protocol is told."""
 
 
-@dataclass(frozen=True, slots=True)
-class Reading:
+class Reading(NamedTuple):
     """What a train's own odometry tells its controller: intervals that hold the truth."""
 
     front_min_m: float
@@ -19,6 +18,10 @@ class Reading:
     rear_min_m: float
     speed_mps: float
     standstill: bool
+    reach_m: float
+    """As far as it comes with the emergency brake commanded now."""
+    localised: bool = True
+    out_of_service: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +42,7 @@ class TrueTrain:
 
     __slots__ = (
         *("address", "dwell_until_ns", "emergencies", "half_width_m", "heard_ns", "lane"),
-        *("length_m", "motion", "next_stop", "on_line", "stop_wished"),
+        *("length_m", "localised", "motion", "next_stop", "on_line", "out_of_service"),
     )
 
     def __init__(
@@ -54,7 +57,8 @@ class TrueTrain:
         self.heard_ns = 0
         """When its controller last showed a sign of life to its brake."""
         self.emergencies = 0
-        self.stop_wished = False
+        self.localised = True
+        self.out_of_service = False
 
     @property
     def front_m(self) -> float:
@@ -80,4 +84,7 @@ class TrueTrain:
             middle_m - half_m - self.length_m,
             motion.speed_mps,
             motion.speed_mps == 0.0,
+            motion.farthest_m + error_m + half_m,
+            self.localised,
+            self.out_of_service,
         )

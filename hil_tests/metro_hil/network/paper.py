@@ -173,6 +173,9 @@ class PaperCrew:
     def train(self, node: Node, now_ns: int) -> PaperTrain:
         return PaperTrain(node.address, self._settings)
 
+    def installed(self, address: int) -> None:
+        return None
+
     def wayside(self) -> Mapping[int, tuple[str, Callable[[Node, int], Machine]]]:
         def start(node: Node, now_ns: int) -> Machine:
             return ThirdParty(self._settings)

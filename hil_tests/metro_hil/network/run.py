@@ -78,7 +78,7 @@ def _play(world: World, trouble: Trouble, phases: Phases, result: RunResult) -> 
     net = world.net
     for address in net.nodes:
         at_ns = int(world.rng.random() * phases.start_s * NS_PER_S)
-        net.at(at_ns, lambda _, address=address: net.boot(address))
+        net.at(at_ns, net.boot, address)
     trouble.begin()
     net.run(int(phases.trouble_s * NS_PER_S))
     trouble.calm()

@@ -32,9 +32,13 @@ class Setting:
 class Crew(Protocol):
     """The protocol under test, as nodes."""
 
-    rules: Rules
+    @property
+    def rules(self) -> Rules: ...
 
     def train(self, node: Node, now_ns: int) -> Protocolled: ...
+
+    def installed(self, address: int) -> object:
+        """What is on the disk of a new node."""
 
     def wayside(self) -> Mapping[int, tuple[str, Callable[[Node, int], Machine]]]:
         """By address: name and start of everything that is no train."""
@@ -85,7 +89,9 @@ class World:
         clock = NodeClock(
             0, self.rng.randrange(LOCAL_START_NS_MAX), self.rng.randint(-drift, drift)
         )
-        self.net.add(Node(address, name, start, clock))
+        node = Node(address, name, start, clock)
+        node.disk = self.crew.installed(address)
+        self.net.add(node)
 
     def _add_driver(self, address: int) -> None:
         train, stops_m = self.trains[address], self.setting.stops_m

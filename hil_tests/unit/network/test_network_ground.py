@@ -19,7 +19,9 @@ def train(address: int, front_m: float, speed_mps: float = 0.0) -> TrueTrain:
     return TrueTrain(address, motion, length_m=80.0, half_width_m=3.0)
 
 
-def grant(end_m: float, *, term: int = 1, sequence: int = 1, issuer: int = 9, area: int = 1) -> Grant:
+def grant(
+    end_m: float, *, term: int = 1, sequence: int = 1, issuer: int = 9, area: int = 1
+) -> Grant:
     return Grant(end_m, term, sequence, issuer, area, 0)
 
 

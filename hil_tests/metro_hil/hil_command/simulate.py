@@ -1,0 +1,178 @@
+"""`hil simulate`: trains that command themselves, in virtual time, under random faults."""
+
+import argparse
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from metro_hil.engine.errors import UsageError
+from metro_hil.hil_command.working import number
+from metro_hil.options import EXIT_FAILED, EXIT_OK
+
+if TYPE_CHECKING:
+    from collections import Counter
+
+    from metro_hil.network.many import Journal, Total
+    from metro_hil.network.run import RunResult
+    from metro_hil.network.simulate import Job
+
+SEEDS: Final = "1..20"
+
+
+def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    parser = verbs.add_parser(
+        "simulate",
+        help="trains that command themselves, in virtual time, under random network faults",
+        description="Each seed is a line with trains, a network and faults of its own. What must "
+        "never happen is judged by where the trains truly are. A seed that fails is repeated, with "
+        "its story, by `hil simulate --seed N --trace`.",
+    )
+    which = parser.add_mutually_exclusive_group()
+    which.add_argument("--seed", type=number(0), metavar="N", help="only this one")
+    which.add_argument(
+        "--seeds", type=seeds, metavar="A..B", help=f"from A to B, both included; default: {SEEDS}"
+    )
+    parser.add_argument(
+        "--hours",
+        type=_hours,
+        metavar="H",
+        help="go on from the first seed until trains have been simulated for so many hours",
+    )
+    parser.add_argument(
+        "--minutes", type=_hours, default=5.0, metavar="M", help="of trouble a seed; default: 5"
+    )
+    parser.add_argument(
+        "--protocol",
+        choices=("line", "paper"),
+        default="line",
+        help="paper: the rules of the paper, word by word, to see what becomes of them",
+    )
+    parser.add_argument("--bytes", action="store_true", help="every seed through the real codec")
+    parser.add_argument("--trace", action="store_true", help="tell what happens, event by event")
+    parser.add_argument(
+        "--workers", type=number(1), default=1, metavar="N", help="processes; default: 1"
+    )
+    parser.add_argument(
+        "--journal", metavar="FILE", help="append results here; seeds that it has are not run again"
+    )
+    parser.add_argument("--json", action="store_true", help="one JSON object on standard output")
+    parser.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Exit code 1 when an invariant was broken. Raises UsageError."""
+    from metro_hil.network.many import Total, run_many
+    from metro_hil.network.run import Phases
+    from metro_hil.network.simulate import Job
+
+    if options.trace and options.workers > 1:
+        raise UsageError("--trace tells one story: it takes one worker")
+    job = Job(
+        protocol=options.protocol,
+        phases=Phases(trouble_s=60.0 * options.minutes),
+        bytes_always=options.bytes,
+        told=options.trace,
+    )
+    journal = _journal(options)
+    total = Total()
+    known = set()
+    for result in journal.results if journal else ():
+        known.add(result.seed)
+        total.add(result)
+    todo = (seed for seed in _wanted(options, total) if seed not in known)
+    for result in run_many(todo, job, workers=options.workers):
+        total.add(result)
+        if journal:
+            journal.append(result)
+        if not options.json:
+            _tell_broken(result, job)
+        if sys.stderr.isatty():
+            print(f"\r{total.runs} seeds, {total.train_h:.1f} train hours", end="", file=sys.stderr)
+    print(_json(total) if options.json else "\n".join(lines(total)))
+    return EXIT_FAILED if total.broken else EXIT_OK
+
+
+def _journal(options: argparse.Namespace) -> "Journal | None":
+    from metro_hil.network.many import Journal
+
+    if options.journal is None:
+        return None
+    try:
+        return Journal(Path(options.journal))
+    except (OSError, ValueError) as error:
+        raise UsageError(f"--journal: {error}") from error
+
+
+def _wanted(options: argparse.Namespace, total: "Total") -> Iterator[int]:
+    if options.seed is not None:
+        yield options.seed
+        return
+    first, last = options.seeds or seeds(SEEDS)
+    if options.hours is None:
+        yield from range(first, last + 1)
+        return
+    seed = first
+    while total.train_h < options.hours:
+        yield seed
+        seed += 1
+
+
+def _tell_broken(result: "RunResult", job: "Job") -> None:
+    from metro_hil.network.many import repeat_with
+
+    if not result.invariant:
+        return
+    print(f"seed {result.seed}, {result.simulated_s:.3f} s: {result.invariant}: {result.what}")
+    print(f"  to repeat it: {repeat_with(result, job.options())}")
+
+
+def lines(total: "Total") -> list[str]:
+    """For a person."""
+    rate = total.events / total.cpu_s if total.cpu_s else 0.0
+    text = [
+        f"{total.runs} seeds: {total.simulated_h:.2f} h of lines, {total.train_h:.2f} h of trains, "
+        f"{total.events} protocol events",
+        f"{rate:,.0f} events a CPU second; {total.emergencies} emergency brakes; last authority "
+        f"back {total.recovery_s_max:.1f} s after the last fault, at most",
+        f"faults: {_counted(total.faults)}",
+        f"messages: {_counted(total.messages)}",
+        f"looked at: {_counted(total.looked)}",
+    ]
+    if total.covered:
+        text.append(f"gone through: {_counted(total.covered)}")
+    broken = len(total.broken)
+    return [*text, f"broken: {broken} seeds" if broken else "nothing broken"]
+
+
+def _counted(counts: "Counter[str]") -> str:
+    return ", ".join(f"{name} {count}" for name, count in sorted(counts.items())) or "none"
+
+
+def _json(total: "Total") -> str:
+    import json
+    from dataclasses import asdict
+
+    return json.dumps(asdict(total))
+
+
+def seeds(text: str) -> tuple[int, int]:
+    """`A..B` as two numbers."""
+    first, dots, last = text.partition("..")
+    try:
+        low, high = int(first), int(last if dots else first)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not A..B, two whole numbers") from None
+    if not 0 <= low <= high:
+        raise argparse.ArgumentTypeError(f"{text}: from 0 on, and the first is not beyond the last")
+    return low, high
+
+
+def _hours(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number") from None
+    if not 0.0 < value < 1e7:
+        raise argparse.ArgumentTypeError(f"{text} is not more than 0")
+    return value

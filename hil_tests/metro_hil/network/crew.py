@@ -1,0 +1,302 @@
+"""The protocol itself on the nodes of the simulation: trains, arbiters, objects and track."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+from firmware_py.trackdb.areas import AreaMap
+from metro_hil.network.cab import Protocolled
+from metro_hil.network.checker import Rules
+from metro_hil.network.ground import Grant, Reading
+from metro_hil.network.net import NEVER, Letter, Machine, Node, Turn
+from metro_hil.network.track import AXLES, TrueTrack
+from plant_emulator.wayside.arbiter import Arbiter
+from plant_emulator.wayside.line_object import LineObject
+from plant_emulator.wayside.t2t_vocabulary import ArbiterMemory, ObjectMemory, WaysideStepped
+from plant_emulator.wayside.track import Track
+from vobc.t2t.train import TrainCore
+from vobc.t2t.vocabulary import OwnTrain, T2tConfig, TrainMemory
+from zenoh_config.messages import WAYSIDE
+from zenoh_config.t2t import (
+    BROADCAST,
+    Heartbeat,
+    LineOrder,
+    ObjectClaim,
+    ObjectState,
+    ObjectStatus,
+    OrderKind,
+    T2tMessage,
+)
+
+NS_PER_MS: Final = 1_000_000
+ORDER_REPEATS: Final = 10
+
+
+@dataclass(frozen=True, slots=True)
+class Cast:
+    """Who takes part and what they believe."""
+
+    line: AreaMap
+    config: T2tConfig
+    trains: tuple[int, ...]
+
+
+WaysideDisk = tuple[int, tuple[tuple[int, ObjectMemory], ...]]
+"""Incarnation, and what each object stored."""
+
+
+class Routes:
+    """Which nodes hear a message, as the key expressions would have it."""
+
+    def __init__(self, trains: Sequence[int]) -> None:
+        self._others = {
+            source: tuple(each for each in trains if each != source) for source in trains
+        }
+        self._trains = tuple(trains)
+        self._heartbeat = {source: (*others, WAYSIDE) for source, others in self._others.items()}
+        self._one: dict[int, tuple[int, ...]] = {}
+
+    def letters(self, out: Sequence[T2tMessage]) -> list[Letter]:
+        return [Letter(self._targets(message), message) for message in out]
+
+    def _targets(self, message: T2tMessage) -> tuple[int, ...]:
+        destination = message.destination
+        if destination == BROADCAST:
+            if type(message) is Heartbeat:
+                return self._heartbeat[message.source]
+            return self._others.get(message.source, self._trains)
+        one = self._one.get(destination)
+        if one is None:
+            one = self._one[destination] = (destination,)
+        return one
+
+
+class TrainNode:
+    """A train's core with what it stored."""
+
+    __slots__ = ("_axles", "_held", "_keep", "_routes", "_seen", "core", "grants", "last")
+
+    def __init__(self, core: TrainCore, memory: TrainMemory, routes: Routes) -> None:
+        self.core = core
+        self._keep = memory
+        self._routes = routes
+        self._held: Any = None
+        self.grants: tuple[Grant, ...] = ()
+        self.last: Any = None
+        """What the latest step came to."""
+
+    def step(self, now_ns: int, heard: Sequence[Any], reading: Reading) -> Turn:
+        own = OwnTrain(
+            reading.localised,
+            reading.front_min_m,
+            reading.front_max_m,
+            reading.rear_min_m,
+            reading.speed_mps,
+            reading.standstill,
+            reading.reach_m,
+            AXLES,
+            reading.out_of_service,
+        )
+        stepped = self.core.step(now_ns, tuple(heard), own)
+        self.last = stepped
+        if stepped.memory is not None:
+            self._keep = stepped.memory
+        held = stepped.authority
+        if held is not self._held and held != self._held:
+            self._held = held
+            self.grants = () if held is None else (_grant(held, self._keep),)
+        return Turn(self._routes.letters(stepped.out), self._keep, self.core.next_due_ns())
+
+
+class Mute:
+    """A train whose memory cannot be read takes no part: somebody has to come."""
+
+    grants: tuple[Grant, ...] = ()
+
+    def step(self, now_ns: int, heard: Sequence[Any], reading: Reading) -> Turn:
+        return Turn((), None, NEVER)
+
+
+def _grant(held: Any, memory: TrainMemory) -> Grant:
+    issuer = memory.of_area(held.area).owner
+    return Grant(held.end_m, held.term, held.sequence, issuer, held.area, held.echo_ns)
+
+
+class ArbiterNode:
+    """One arbiter."""
+
+    def __init__(self, cast: Cast, routes: Routes, node: Node, now_ns: int) -> None:
+        self._core = Arbiter(
+            cast.config.timers,
+            address=node.address,
+            memory=node.disk,
+            start_ns=now_ns,
+        )
+        self._keep: ArbiterMemory | None = node.disk
+        self._routes = routes
+
+    def step(self, now_ns: int, heard: Sequence[Any]) -> Turn:
+        stepped = self._core.step(now_ns, tuple(heard))
+        if stepped.memory is not None:
+            self._keep = stepped.memory
+        return Turn(self._routes.letters(stepped.out), self._keep, NEVER)
+
+
+class WaysideNode:
+    """Interlocking and axle counters: all objects and the track in one process."""
+
+    def __init__(
+        self, cast: Cast, routes: Routes, track: TrueTrack, node: Node, now_ns: int, crew: "T2tCrew"
+    ) -> None:
+        timers = cast.config.timers
+        disk: WaysideDisk = node.disk if node.disk is not None else (1000 * node.boots, ())
+        kept = dict(disk[1])
+        self._boot = disk[0] + 1
+        self._routes, self._track, self._crew = routes, track, crew
+        self._objects = {
+            site.number: LineObject(
+                timers,
+                site,
+                cast.line.area_at(site.start_m).number,
+                memory=kept.get(site.number),
+                start_ns=now_ns,
+            )
+            for site in cast.line.objects
+        }
+        self._memories = kept
+        self._keep: WaysideDisk = (self._boot, tuple(kept.items()))
+        self.status = Track(timers, cast.line, boot=self._boot, start_ns=now_ns)
+        self._beat_ns = timers.heartbeat_ms * NS_PER_MS
+        self._masters: dict[int, int] = {}
+        self._sequence = 0
+
+    def step(self, now_ns: int, heard: Sequence[Any]) -> Turn:
+        out: list[T2tMessage] = []
+        due_ns = now_ns + self._beat_ns
+        moved: list[tuple[int, bool]] = []
+        changed = False
+        for number, thing in self._objects.items():
+            true = self._track.objects[number]
+            concerning = tuple([m for m in heard if _concerns(m, number, true.area)])
+            stepped: WaysideStepped[ObjectMemory] = thing.step(
+                now_ns,
+                concerning,
+                release_wanted=true.release_wanted,
+                occupied=self._track.occupied(true),
+            )
+            if stepped.memory is not None:
+                self._memories[number] = stepped.memory
+                changed = True
+            for message in stepped.out:
+                if isinstance(message, ObjectStatus) and message.state is not ObjectState.FAILED:
+                    moved.append((number, message.state is ObjectState.LOCKED))
+            out += stepped.out
+            due_ns = min(due_ns, thing.next_due_ns())
+        if changed:
+            self._keep = (self._boot, tuple(self._memories.items()))
+        for message in heard:
+            if type(message) is Heartbeat:
+                self._masters[message.area] = message.source
+        self.status.closed = self._crew.closed
+        self.status.restrictions = self._crew.restrictions
+        beats = tuple([m for m in heard if type(m) is Heartbeat])
+        out += self.status.step(now_ns, beats, axles=self._track.axles(self._crew.true_ns()))
+        out += self._orders(now_ns)
+        return Turn(
+            self._routes.letters(out),
+            self._keep,
+            due_ns,
+            (lambda: self._crew.move(moved)) if moved else None,
+        )
+
+    def _orders(self, now_ns: int) -> list[T2tMessage]:
+        """What supervision wants, to whoever commands the area at present."""
+        said: list[T2tMessage] = []
+        for order in self._crew.orders:
+            master = self._masters.get(order.area)
+            if master is not None and order.left > 0:
+                order.left -= 1
+                self._sequence += 1
+                said.append(
+                    LineOrder(
+                        WAYSIDE,
+                        master,
+                        order.area,
+                        0,
+                        self._boot,
+                        self._sequence,
+                        now_ns,
+                        order.kind,
+                        order.train,
+                    )
+                )
+        self._crew.orders = [order for order in self._crew.orders if order.left > 0]
+        return said
+
+
+def _concerns(message: T2tMessage, number: int, area: int) -> bool:
+    if type(message) is ObjectClaim:
+        return message.number == number
+    return message.area == area
+
+
+@dataclass(slots=True)
+class Order:
+    """What supervision wants of the master of an area."""
+
+    kind: OrderKind
+    area: int
+    train: int
+    left: int = ORDER_REPEATS
+
+
+class T2tCrew:
+    """All nodes of a line, started from what they stored."""
+
+    def __init__(self, cast: Cast, seed: int) -> None:
+        self.cast, self._seed = cast, seed
+        self.rules = Rules(
+            age_max_ns=cast.config.timers.authority_ms * NS_PER_MS,
+            roll_back_m=cast.config.rollback_m,
+        )
+        self._routes = Routes(cast.trains)
+        self.closed: tuple[Any, ...] = ()
+        self.restrictions: tuple[Any, ...] = ()
+        self.orders: list[Order] = []
+        self.track: TrueTrack | None = None
+        self.true_ns: Callable[[], int] = lambda: 0
+        self.move: Callable[[list[tuple[int, bool]]], None] = lambda moved: None
+
+    def train(self, node: Node, now_ns: int) -> Protocolled:
+        memory = node.disk
+        if memory is None:
+            return Mute()
+        core = TrainCore(
+            self.cast.config,
+            self.cast.line,
+            address=node.address,
+            memory=memory,
+            start_ns=now_ns,
+            seed=self._seed ^ (node.address << 8) ^ node.boots,
+        )
+        return TrainNode(core, memory, self._routes)
+
+    def installed(self, address: int) -> object:
+        if address in self.cast.config.arbiters:
+            return ArbiterMemory()
+        if address == WAYSIDE:
+            return 0, tuple((site.number, ObjectMemory()) for site in self.cast.line.objects)
+        return TrainMemory()
+
+    def wayside(self) -> Mapping[int, tuple[str, Callable[[Node, int], Machine]]]:
+        def arbiter(node: Node, now_ns: int) -> Machine:
+            return ArbiterNode(self.cast, self._routes, node, now_ns)
+
+        def wayside(node: Node, now_ns: int) -> Machine:
+            assert self.track is not None
+            return WaysideNode(self.cast, self._routes, self.track, node, now_ns, self)
+
+        arbiters = {
+            address: (f"arbiter {address % 100}", arbiter) for address in self.cast.config.arbiters
+        }
+        return {**arbiters, WAYSIDE: ("wayside", wayside)}

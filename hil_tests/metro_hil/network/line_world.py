@@ -1,0 +1,146 @@
+"""Trains that command themselves on a line of their own: areas, objects, supervision, depot."""
+
+import random
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+from firmware_py.trackdb.areas import Area, AreaMap, ObjectKind, ObjectSite, TrackSection
+from metro_hil.network.air import Air, LeaseRules
+from metro_hil.network.cab import Cab
+from metro_hil.network.checker import ViolationError
+from metro_hil.network.crew import Cast, T2tCrew
+from metro_hil.network.ground import Grant, TrueTrain
+from metro_hil.network.net import Codec, Letter, Machine, Node
+from metro_hil.network.trace import Teller
+from metro_hil.network.track import TrueTrack, stretch
+from metro_hil.network.world import Setting, World
+from vobc.t2t.vocabulary import T2tConfig
+from zenoh_config.timers import TIMERS_A, TIMERS_B
+
+NS_PER_S: Final = 1_000_000_000
+NS_PER_MS: Final = 1_000_000
+AREA_M: Final = 2000.0
+SECTION_PIECES: Final = 8
+"""In each area."""
+FIRST_ARBITER: Final = 65_001
+
+
+def line_of_areas(areas: int, *, objects: bool = True, area_m: float = AREA_M) -> AreaMap:
+    """Areas of one length; in each a switch and a platform track, when there are objects."""
+    length_m = areas * area_m
+    sites: list[ObjectSite] = []
+    for index in range(areas if objects else 0):
+        at_m = index * area_m
+        sites.append(
+            ObjectSite(2 * index + 1, ObjectKind.SWITCH, at_m + 0.35 * area_m, at_m + 0.37 * area_m)
+        )
+        sites.append(
+            ObjectSite(
+                2 * index + 2, ObjectKind.PLATFORM, at_m + 0.7 * area_m, at_m + 0.76 * area_m
+            )
+        )
+    return AreaMap(
+        "simulated",
+        tuple(Area(*each) for each in stretch(0.0, length_m, areas)),
+        tuple(TrackSection(*each) for each in stretch(0.0, length_m, SECTION_PIECES * areas)),
+        tuple(sites),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Draw:
+    """What a seed plays: everything that is no fault."""
+
+    cast: Cast
+    setting: Setting
+    supervises: bool
+    """Closures, restrictions, orders and objects that want to be released happen."""
+
+
+def draw(seed: int) -> Draw:
+    """Line, trains, arbiters and timers of a seed."""
+    rng = random.Random(seed ^ 0xD2A3)
+    line = line_of_areas(rng.choice((1, 1, 2, 2, 3)), objects=rng.random() < 0.7)
+    trains = tuple(range(1, rng.randint(2, 6) + 1))
+    arbiters = tuple(range(FIRST_ARBITER, FIRST_ARBITER + rng.choice((1, 1, 3))))
+    timers = TIMERS_A if rng.random() < 0.8 else TIMERS_B
+    spread_m = (line.end_m - 300.0) / len(trains)
+    fronts_m = {
+        train: 150.0 + spread_m * index + rng.uniform(0.0, max(0.0, spread_m - 120.0))
+        for index, train in enumerate(trains)
+    }
+    setting = Setting(
+        fronts_m,
+        stops_m=[area.start_m + at_m for area in line.areas for at_m in (500.0, 1500.0)],
+        dwell_s=rng.choice((5.0, 20.0)),
+    )
+    config = T2tConfig(timers=timers, arbiters=arbiters)
+    return Draw(Cast(line, config, trains), setting, rng.random() < 0.7)
+
+
+class LineWorld(World):
+    """With the protocol itself on all nodes."""
+
+    def __init__(
+        self, seed: int, drawn: Draw, *, codec: Codec | None = None, tell: Teller | None = None
+    ) -> None:
+        self.drawn = drawn
+        crew = T2tCrew(drawn.cast, seed)
+        super().__init__(seed, drawn.setting, crew, codec=codec, tell=tell)
+        self.t2t = crew
+        self.track = TrueTrack(drawn.cast.line, tuple(self.trains.values()))
+        crew.track = self.track
+        crew.true_ns = lambda: self.net.now_ns
+        crew.move = self._objects_move
+        timers = drawn.cast.config.timers
+        rules = LeaseRules(
+            timers.lease_ms * NS_PER_MS,
+            timers.drift_ratio,
+            timers.margin_ms * NS_PER_MS,
+            drawn.cast.config.majority,
+        )
+        self.air = Air(rules, self.checker.looked)
+
+    def _start_train(self, node: Node, now_ns: int) -> Machine:
+        self.air.booted(node.address)
+        machine = super()._start_train(node, now_ns)
+        assert isinstance(machine, Cab)
+        machine.listener = self
+        return machine
+
+    def stepped(
+        self, address: int, now_ns: int, heard: Sequence[Any], letters: Sequence[Letter]
+    ) -> None:
+        self.air.stepped(address, now_ns, heard, letters)
+
+    def holds(self, address: int, grant: Grant) -> None:
+        self.air.made_of(address, grant)
+        self.check_objects()
+
+    def _objects_move(self, moved: list[tuple[int, bool]]) -> None:
+        for number, locked in moved:
+            thing = self.track.objects[number]
+            if thing.locked is not locked:
+                self.net.say(f"object {number}", "is locked" if locked else "is free to move")
+                thing.locked = locked
+        self.check_objects()
+
+    def check_objects(self) -> None:
+        """23: over an object that may move, no train has authority and none stands."""
+        self.checker.looked["23"] += 1
+        for thing in self.track.objects.values():
+            if thing.locked:
+                continue
+            for train in self.trains.values():
+                if train.on_line and train.rear_m < thing.end_m:
+                    self._clear_of(train, thing.number, thing.start_m)
+
+    def _clear_of(self, train: TrueTrain, number: int, start_m: float) -> None:
+        reach_m = self.checker.reach_m(train)
+        if reach_m > start_m:
+            raise ViolationError(
+                "23",
+                f"object {number} at {start_m:.1f} m is not locked, and train {train.address}, "
+                f"front {train.front_m:.2f} m, may go to {reach_m:.2f} m",
+            )

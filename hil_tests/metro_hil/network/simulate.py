@@ -1,0 +1,53 @@
+"""What `hil simulate` runs for one seed, as one call that can go to another process."""
+
+import random
+from dataclasses import dataclass
+from typing import Final
+
+from metro_hil.network.many import cpu_ns
+from metro_hil.network.net import Codec
+from metro_hil.network.run import Phases, RunResult, run_seed
+from metro_hil.network.trace import Story, Teller
+from metro_hil.network.trouble import Scale
+from metro_hil.network.world import World
+
+PROTOCOLS: Final = ("line", "paper")
+BYTES_EVERY: Final = 8
+"""One seed in so many goes through the real codec, byte by byte."""
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """Runs seeds; travels to worker processes."""
+
+    phases: Phases
+    protocol: str = "line"
+    bytes_always: bool = False
+    told: bool = False
+
+    def __call__(self, seed: int) -> RunResult:
+        tell = Story(print) if self.told else None
+        world = self._world(seed, tell)
+        rng = random.Random(seed ^ 0x5CA1E)
+        scale = Scale(between_s_min=1.0, between_s_max=40.0, drift_ppm=rng.choice((0, 100, 1000)))
+        return run_seed(seed, world, scale, self.phases, cpu_ns)
+
+    def options(self) -> list[str]:
+        """What has to be typed to get the same run."""
+        words = [] if self.protocol == "line" else [f"--protocol {self.protocol}"]
+        words += ["--bytes"] if self.bytes_always else []
+        minutes = self.phases.trouble_s / 60.0
+        return words if minutes == 5.0 else [*words, f"--minutes {minutes:g}"]
+
+    def _world(self, seed: int, tell: Teller | None) -> World:
+        if self.protocol == "paper":
+            from metro_hil.network.paper_line import paper_world
+
+            return paper_world(seed, tell=tell)
+        from metro_hil.network.line_world import LineWorld, draw
+        from metro_hil.network.wire import RealCodec
+
+        codec: Codec | None = None
+        if self.bytes_always or seed % BYTES_EVERY == 0:
+            codec = RealCodec()
+        return LineWorld(seed, draw(seed), codec=codec, tell=tell)
