@@ -2,13 +2,13 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
 from firmware_py.trackdb.areas import AreaMap
 from metro_hil.network.cab import Protocolled
 from metro_hil.network.checker import Rules
 from metro_hil.network.ground import Grant, Reading
-from metro_hil.network.net import NEVER, Letter, Machine, Node, Turn
+from metro_hil.network.net import NEVER, Letter, Machine, Turn
 from metro_hil.network.track import AXLES, TrueTrack
 from plant_emulator.wayside.arbiter import Arbiter
 from plant_emulator.wayside.line_object import LineObject
@@ -43,6 +43,14 @@ class Cast:
 
 WaysideDisk = tuple[int, tuple[tuple[int, ObjectMemory], ...]]
 """Incarnation, and what each object stored."""
+
+
+class Seat(Protocol):
+    """What a machine is started on."""
+
+    address: int
+    boots: int
+    disk: Any
 
 
 class Routes:
@@ -87,15 +95,16 @@ class TrainNode:
 
     def step(self, now_ns: int, heard: Sequence[Any], reading: Reading) -> Turn:
         own = OwnTrain(
-            reading.localised,
-            reading.front_min_m,
-            reading.front_max_m,
-            reading.rear_min_m,
-            reading.speed_mps,
-            reading.standstill,
-            reading.reach_m,
-            AXLES,
-            reading.out_of_service,
+            localised=reading.localised,
+            front_min_m=reading.front_min_m,
+            front_max_m=reading.front_max_m,
+            rear_min_m=reading.rear_min_m,
+            speed_mps=reading.speed_mps,
+            standstill=reading.standstill,
+            reach_m=reading.reach_m,
+            easy_m=reading.easy_m,
+            axles=AXLES,
+            out_of_service=reading.out_of_service,
         )
         stepped = self.core.step(now_ns, tuple(heard), own)
         self.last = stepped
@@ -125,7 +134,7 @@ def _grant(held: Any, memory: TrainMemory) -> Grant:
 class ArbiterNode:
     """One arbiter."""
 
-    def __init__(self, cast: Cast, routes: Routes, node: Node, now_ns: int) -> None:
+    def __init__(self, cast: Cast, routes: Routes, node: Seat, now_ns: int) -> None:
         self._core = Arbiter(
             cast.config.timers,
             address=node.address,
@@ -146,7 +155,7 @@ class WaysideNode:
     """Interlocking and axle counters: all objects and the track in one process."""
 
     def __init__(
-        self, cast: Cast, routes: Routes, track: TrueTrack, node: Node, now_ns: int, crew: "T2tCrew"
+        self, cast: Cast, routes: Routes, track: TrueTrack, node: Seat, now_ns: int, crew: "T2tCrew"
     ) -> None:
         timers = cast.config.timers
         disk: WaysideDisk = node.disk if node.disk is not None else (1000 * node.boots, ())
@@ -267,7 +276,7 @@ class T2tCrew:
         self.true_ns: Callable[[], int] = lambda: 0
         self.move: Callable[[list[tuple[int, bool]]], None] = lambda moved: None
 
-    def train(self, node: Node, now_ns: int) -> Protocolled:
+    def train(self, node: Seat, now_ns: int) -> Protocolled:
         memory = node.disk
         if memory is None:
             return Mute()
@@ -288,11 +297,11 @@ class T2tCrew:
             return 0, tuple((site.number, ObjectMemory()) for site in self.cast.line.objects)
         return TrainMemory()
 
-    def wayside(self) -> Mapping[int, tuple[str, Callable[[Node, int], Machine]]]:
-        def arbiter(node: Node, now_ns: int) -> Machine:
+    def wayside(self) -> Mapping[int, tuple[str, Callable[[Seat, int], Machine]]]:
+        def arbiter(node: Seat, now_ns: int) -> Machine:
             return ArbiterNode(self.cast, self._routes, node, now_ns)
 
-        def wayside(node: Node, now_ns: int) -> Machine:
+        def wayside(node: Seat, now_ns: int) -> Machine:
             assert self.track is not None
             return WaysideNode(self.cast, self._routes, self.track, node, now_ns, self)
 

@@ -6,6 +6,8 @@ from typing import Final, NamedTuple
 
 from metro_hil.network.motion import Motion
 
+SERVICE_MPS2: Final = 0.6
+SERVICE_REACTION_S: Final = 2.0
 ROLL_BACK_MAX_M: Final = 2.0
 """No train ever rolls back farther; the allowance that the protocol is told."""
 
@@ -20,6 +22,8 @@ class Reading(NamedTuple):
     standstill: bool
     reach_m: float
     """As far as it comes with the emergency brake commanded now."""
+    easy_m: float
+    """As far as it comes with the service brake."""
     localised: bool = True
     out_of_service: bool = False
 
@@ -85,6 +89,7 @@ class TrueTrain:
             motion.speed_mps,
             motion.speed_mps == 0.0,
             motion.farthest_m + error_m + half_m,
+            motion.stop_m(SERVICE_MPS2, SERVICE_REACTION_S) + error_m + half_m,
             self.localised,
             self.out_of_service,
         )

@@ -90,6 +90,11 @@ class Motion:
         self.emergency = False
         self.demand_mps2 = self.accel_mps2 = 0.0
 
+    def stop_m(self, decel_mps2: float, reaction_s: float) -> float:
+        """Where the front comes to rest with such a brake."""
+        speed_mps = self.speed_mps
+        return self.front_m + speed_mps * reaction_s + speed_mps**2 / (2.0 * decel_mps2)
+
     @property
     def farthest_m(self) -> float:
         """Where the front comes to rest if the emergency brake is applied now, or already was."""
