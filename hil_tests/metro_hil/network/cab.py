@@ -13,7 +13,6 @@ SILENCE_NS: Final = 300_000_000
 """A brake that hears nothing from its controller for so long applies itself."""
 STOPPING_MARGIN_M: Final = 2.0
 """Operation stops so much before the end of authority."""
-SPEED_MAX_MPS: Final = 60.0 / 3.6
 RELEASE_M: Final = 5.0
 """An emergency at standstill is released once there is so much authority again."""
 
@@ -85,7 +84,10 @@ class Cab:
 class Driver:
     """Every control cycle of one train: watchdog, supervision, operation, stops."""
 
-    __slots__ = ("_age_max_ns", "_checker", "_dwell_ns", "_net", "_node", "_stops_m", "train")
+    __slots__ = (
+        *("_age_max_ns", "_checker", "_dwell_ns", "_net", "_node", "_speed_max_mps", "_stops_m"),
+        "train",
+    )
 
     def __init__(
         self,
@@ -96,10 +98,12 @@ class Driver:
         *,
         stops_m: Sequence[float],
         dwell_ns: int,
+        speed_max_mps: float,
     ) -> None:
         self.train = train
         self._node, self._net, self._checker = node, net, checker
         self._stops_m, self._dwell_ns = stops_m, dwell_ns
+        self._speed_max_mps = speed_max_mps
         self._age_max_ns = checker.rules.age_max_ns
 
     def cycle(self, _: object) -> None:
@@ -176,4 +180,4 @@ class Driver:
                 train.next_stop += 1
             else:
                 stop_m = min(stop_m, station_m)
-        return demand_mps2(motion.front_m, motion.speed_mps, Aim(SPEED_MAX_MPS, stop_m))
+        return demand_mps2(motion.front_m, motion.speed_mps, Aim(self._speed_max_mps, stop_m))

@@ -233,6 +233,10 @@ class Network:
                 for payload in kept:
                     self.at(at_ns, self._deliver, (self.nodes[target], payload))
 
+    def deliver(self, target: int, message: Any) -> None:
+        """A message from nowhere, for directed scenarios."""
+        self.at(self.now_ns, self._deliver, (self.nodes[target], message))
+
     def weather(self, links: Iterable[Link], weather: Weather) -> None:
         for link in links:
             link.change(weather)

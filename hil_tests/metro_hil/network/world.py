@@ -27,6 +27,7 @@ class Setting:
     dwell_s: float = 20.0
     length_m: float = 80.0
     drift_ppm: int = 100
+    speed_max_mps: float = 60.0 / 3.6
 
 
 class Crew(Protocol):
@@ -103,6 +104,7 @@ class World:
             self.checker,
             stops_m=stops_m,
             dwell_ns=int(self.setting.dwell_s * NS_PER_S),
+            speed_max_mps=self.setting.speed_max_mps,
         )
         self.drivers[address] = driver
         self.net.at(self.rng.randrange(CONTROL_NS), driver.cycle)
