@@ -39,6 +39,8 @@ class Cast:
     line: AreaMap
     config: T2tConfig
     trains: tuple[int, ...]
+    guards: Any = None
+    """Other ones than those of the protocol, to see that they are missed."""
 
 
 WaysideDisk = tuple[int, tuple[tuple[int, ObjectMemory], ...]]

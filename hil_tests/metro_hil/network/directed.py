@@ -158,17 +158,17 @@ def planned_switch_disturbed(make: Make) -> None:
         if lost is None:
             scene.net.weather(scene.net.links(), Weather(loss_share=0.2))
         else:
-            scene.rule(
-                lambda a, b, message, lost=lost: (
-                    None if isinstance(message, SwitchStep) and message.kind is lost else 0
-                )
-            )
+            scene.rule(_loses(lost))
         scene.order(OrderKind.SWITCH_MASTER, successor)
         scene.run(4.0)
         scene.expect("somebody commands", scene.master() is not None)
         scene.no_rules()
         scene.run(4.0)
         _no_emergency(scene)
+
+
+def _loses(kind: SwitchKind) -> Callable[[int, int, Any], int | None]:
+    return lambda a, b, m: None if isinstance(m, SwitchStep) and m.kind is kind else 0
 
 
 BORDER: Final = {1: 900.0, 2: 2700.0}
@@ -223,9 +223,8 @@ def hand_over_refused(make: Make) -> None:
 def leader_rolls_back(make: Make) -> None:
     for way_m in (1.5, 2.0):
         scene, _ = at_speed(make, trains=2)
-        leader = scene.world.trains[2]
-        leader.motion.apply_emergency(scene.net.now_ns)
-        scene.until("it stands", lambda: leader.motion.speed_mps == 0.0, within_s=60.0)
+        scene.world.trains[2].motion.apply_emergency(scene.net.now_ns)
+        scene.stands(2)
         scene.roll_back(2, way_m)
         scene.run(60.0)
 

@@ -110,7 +110,8 @@ class Scene:
         node = self.protocol(train)
         if node is None or node.last is None:
             return Role.OUTSIDE
-        return dict(node.last.roles).get(area, Role.OUTSIDE)
+        roles: dict[int, Role] = dict(node.last.roles)
+        return roles.get(area, Role.OUTSIDE)
 
     def master(self, area: int = 1) -> int | None:
         """Who takes itself for master and runs; the one with the highest term."""
@@ -214,6 +215,11 @@ class Scene:
 
     def order(self, kind: OrderKind, train: int, area: int = 1) -> None:
         self.world.t2t.orders.append(Order(kind, area, train))
+
+    def stands(self, train: int) -> float:
+        """Until it does; how long that took."""
+        motion = self.world.trains[train].motion
+        return self.until(f"{train} stands", lambda: motion.speed_mps == 0.0, within_s=120.0)
 
     def roll_back(self, train: int, way_m: float) -> None:
         motion = self.world.trains[train].motion
