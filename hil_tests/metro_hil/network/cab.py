@@ -119,8 +119,8 @@ class Driver:
     def _drive(self, now_ns: int) -> None:
         train, motion = self.train, self.train.motion
         grants, age_ratio = self.in_force(now_ns)
-        if not grants:
-            self._trip(now_ns, "has no authority")
+        if not grants or not train.localised:
+            self._trip(now_ns, "has no authority" if train.localised else "is lost")
             if self._node.machine is None:
                 self._checker.gave_up(train.address)
             return

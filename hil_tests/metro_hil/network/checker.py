@@ -31,6 +31,8 @@ class Rules:
     age_max_ns: int
     """An authority older than this by the train's own clock binds no more: the train brakes."""
     roll_back_m: float = ROLL_BACK_MAX_M
+    jog_m: float = 0.0
+    """So far a train may set back, where its authority allows it."""
     unjudged: frozenset[str] = frozenset()
     """Invariants that the protocol does not even try to keep: looked at, not judged."""
 
@@ -126,6 +128,15 @@ class Checker:
             return farthest_m
         return max(farthest_m, min(each.end_m for each in grants.values()))
 
+    def hindmost_m(self, train: TrueTrain) -> float:
+        """As far back as its minimum safe rear may come: by a jog that it is allowed, and then by
+        all that it may still roll back."""
+        rolled_m = train.motion.rolled_m
+        rear_m = train.reading().rear_min_m + rolled_m
+        allowed_m = [each.rear_m for each in self.held.get(train.address, {}).values()]
+        jog_m = min(self.rules.jog_m, rear_m - min(allowed_m)) if allowed_m else 0.0
+        return rear_m - max(jog_m, 0.0) - self.rules.roll_back_m
+
     def train_apart(self, train: TrueTrain) -> None:
         """21 and 22: no metre is two trains', and authorities end before the leader's rear."""
         if not train.on_line:
@@ -140,7 +151,7 @@ class Checker:
             else:
                 rear, ahead_m, name, who = other, self.reach_m(other), "21", train
             limit_m = who.reading().rear_min_m
-            if ahead_m > limit_m + who.motion.rolled_m + TOUCH_M:
+            if ahead_m > limit_m + TOUCH_M:
                 self._break(
                     name,
                     f"train {rear.address} may go to {ahead_m:.2f} m, and train {who.address} "
@@ -164,13 +175,13 @@ class Checker:
         for other in self.trains.values():
             if other is train or not other.on_line or other.front_m < train.front_m:
                 continue
-            room_m = self.rules.roll_back_m - other.motion.rolled_m
-            if end_m > other.reading().rear_min_m - room_m + TOUCH_M:
+            hindmost_m = self.hindmost_m(other)
+            if end_m > hindmost_m + TOUCH_M:
                 self._break(
                     "22",
                     f"the authority of train {train.address} ends at {end_m:.2f} m, and train "
-                    f"{other.address} with its rear at {other.reading().rear_min_m:.2f} m may "
-                    f"roll back {room_m:.2f} m",
+                    f"{other.address} with its minimum safe rear at "
+                    f"{other.reading().rear_min_m:.2f} m may come back to {hindmost_m:.2f} m",
                 )
 
     def _within_reach(self, train: TrueTrain) -> None:

@@ -130,7 +130,7 @@ class Mute:
 
 def _grant(held: Any, memory: TrainMemory) -> Grant:
     issuer = memory.of_area(held.area).owner
-    return Grant(held.end_m, held.term, held.sequence, issuer, held.area, held.echo_ns)
+    return Grant(held.end_m, held.term, held.sequence, issuer, held.area, held.echo_ns, held.rear_m)
 
 
 class ArbiterNode:
@@ -269,6 +269,7 @@ class T2tCrew:
         self.rules = Rules(
             age_max_ns=cast.config.timers.authority_ms * NS_PER_MS,
             roll_back_m=cast.config.rollback_m,
+            jog_m=cast.config.jog_m,
         )
         self._routes = Routes(cast.trains)
         self.closed: tuple[Any, ...] = ()

@@ -39,6 +39,8 @@ class Grant:
     area: int
     stamp_ns: int
     """The train's own clock at sending the report that this answers."""
+    rear_m: float = math.inf
+    """Its minimum safe rear may move back to here; by default not at all."""
 
 
 class TrueTrain:

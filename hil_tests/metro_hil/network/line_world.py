@@ -16,6 +16,7 @@ from metro_hil.network.trace import Teller
 from metro_hil.network.track import TrueTrack, stretch
 from metro_hil.network.world import Setting, World
 from vobc.t2t.vocabulary import T2tConfig
+from zenoh_config.messages import SpeedRestriction
 from zenoh_config.timers import TIMERS_A, TIMERS_B
 
 NS_PER_S: Final = 1_000_000_000
@@ -100,6 +101,7 @@ class LineWorld(World):
             timers.margin_ms * NS_PER_MS,
             drawn.cast.config.majority,
         )
+        self._closed: list[tuple[int, SpeedRestriction]] = []
         self.air = Air(rules, self.checker.looked)
 
     def _start_train(self, node: Node, now_ns: int) -> Machine:
@@ -116,7 +118,42 @@ class LineWorld(World):
 
     def holds(self, address: int, grant: Grant) -> None:
         self.air.made_of(address, grant)
+        self._in_its_area(address, grant)
+        self._stays_out(address, grant)
         self.check_objects()
+
+    def closes(self, closed: SpeedRestriction) -> None:
+        """23: from some time on no authority that is accepted enters a closed stretch any more.
+
+        That time is what the news may take to a master, and what an authority may be old.
+        """
+        age_max_ns = self.checker.rules.age_max_ns
+        self._closed.append((self.net.now_ns + 3 * age_max_ns, closed))
+
+    def _stays_out(self, address: int, grant: Grant) -> None:
+        train = self.trains[address]
+        closed_now = self.t2t.closed
+        self._closed = [each for each in self._closed if each[1] in closed_now]
+        for since_ns, closed in self._closed:
+            if self.net.now_ns < since_ns:
+                continue
+            self.checker.looked["23 closed"] += 1
+            if train.reading().front_max_m < closed.start_m < grant.end_m:
+                raise ViolationError(
+                    "23",
+                    f"train {address} may go to {grant.end_m:.1f} m, over what is closed from "
+                    f"{closed.start_m:.1f} m on",
+                )
+
+    def _in_its_area(self, address: int, grant: Grant) -> None:
+        """27: beyond a border only what the master behind it grants."""
+        area = self.drawn.cast.line.area(grant.area)
+        if not area.start_m <= grant.end_m <= area.end_m:
+            raise ViolationError(
+                "27",
+                f"train {address} may go to {grant.end_m:.1f} m by area {grant.area}, which is "
+                f"from {area.start_m:.1f} m to {area.end_m:.1f} m",
+            )
 
     def _objects_move(self, moved: list[tuple[int, bool]]) -> None:
         for number, locked in moved:

@@ -16,7 +16,7 @@ class Motion:
 
     __slots__ = (
         *("accel_mps2", "at_ns", "back_m", "demand_mps2", "due_ns", "front_m", "speed_mps"),
-        *("emergency", "emergency_mps2", "rolled_m"),
+        *("emergency", "emergency_mps2", "jogged_m", "most_m"),
     )
 
     def __init__(self, at_ns: int, front_m: float, *, emergency_mps2: float) -> None:
@@ -29,8 +29,10 @@ class Motion:
         self.emergency_mps2 = emergency_mps2
         self.back_m = 0.0
         """So much it is still to roll back."""
-        self.rolled_m = 0.0
-        """So much it has rolled back since it last moved forwards."""
+        self.most_m = front_m
+        """As far as the front ever came."""
+        self.jogged_m = 0.0
+        """So much of the way back was meant."""
 
     def advance(self, now_ns: int) -> None:
         """To an instant that is not in the past."""
@@ -47,18 +49,19 @@ class Motion:
             if self.back_m > 0.0:
                 way_m = min(self.back_m, ROLL_BACK_MPS * duration_s)
                 self.back_m -= way_m
-                self.rolled_m += way_m
                 self.front_m -= way_m
             return
         after_mps = speed_mps + accel_mps2 * duration_s
         if after_mps <= 0.0:
             self.front_m += speed_mps * speed_mps / (-2.0 * accel_mps2)
             self.speed_mps = 0.0
-            return
-        self.front_m += 0.5 * (speed_mps + after_mps) * duration_s
-        self.speed_mps = after_mps
-        if after_mps > 0.0:
-            self.rolled_m = self.back_m = 0.0
+        else:
+            self.front_m += 0.5 * (speed_mps + after_mps) * duration_s
+            self.speed_mps = after_mps
+            self.back_m = 0.0
+        if self.front_m > self.most_m:
+            self.most_m = self.front_m
+            self.jogged_m = 0.0
 
     def demand(self, now_ns: int, accel_mps2: float) -> None:
         """Traction and less brake act at once, more brake after its build-up. Not in emergency."""
@@ -89,6 +92,11 @@ class Motion:
         assert self.speed_mps == 0.0
         self.emergency = False
         self.demand_mps2 = self.accel_mps2 = 0.0
+
+    @property
+    def rolled_m(self) -> float:
+        """So much it has gone back since it was farthest."""
+        return self.most_m - self.front_m
 
     def stop_m(self, decel_mps2: float, reaction_s: float) -> float:
         """Where the front comes to rest with such a brake."""

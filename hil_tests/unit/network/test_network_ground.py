@@ -61,6 +61,8 @@ def test_a_train_rolls_back_only_while_it_stands_and_counts_it() -> None:
     assert motion.rolled_m == pytest.approx(1.5)
     motion.demand(20 * S, 0.5)
     motion.advance(21 * S)
+    assert motion.rolled_m == pytest.approx(1.25)
+    motion.advance(23 * S)
     assert motion.rolled_m == 0.0
 
 
@@ -175,7 +177,7 @@ def test_a_train_that_brakes_without_authority_keeps_what_it_needs_to_stop() -> 
     judge = checker(runaway, train(2, 785.0))
     runaway.motion.apply_emergency(0)
 
-    with pytest.raises(ViolationError):
+    with pytest.raises(ViolationError, match="21"):
         judge.moved(runaway)
 
 

@@ -1,0 +1,177 @@
+"""What happens on a railway besides faults.
+
+Objects want to move, people close track and give orders, trains roll back or lose their place.
+"""
+
+import random
+from collections.abc import Callable
+from typing import Final
+
+from metro_hil.network.crew import Order
+from metro_hil.network.line_world import LineWorld
+from zenoh_config.messages import SpeedRestriction
+from zenoh_config.t2t import OrderKind
+
+NS_PER_S: Final = 1_000_000_000
+BETWEEN_S: Final = 12.0
+"""Mean time from one thing to the next."""
+SLOW_MPS: Final = 4.0
+
+
+class Mischief:
+    """Begins things at random on a line world; `calm` undoes all and begins none any more."""
+
+    def __init__(self, world: LineWorld, seed: int) -> None:
+        self.world = world
+        self.counts: dict[str, int] = {}
+        self._rng = random.Random(seed ^ 0x315C)
+        self._over = False
+        self._things: list[tuple[str, Callable[[], None]]] = [
+            ("rolls back", self._roll_back),
+            ("rolls back", self._roll_back),
+            ("jog", self._jog),
+            ("loses its place", self._lose_place),
+            ("closure", self._close),
+            ("restriction", self._restrict),
+            ("stop order", self._stop_order),
+            ("switch order", self._switch_order),
+            ("out of service", self._out_of_service),
+        ]
+        if world.track.objects:
+            self._things += 4 * [("object wish", self._wish)]
+
+    def begin(self) -> None:
+        wait_s = self._rng.expovariate(1.0 / BETWEEN_S)
+        self.world.net.at(self.world.net.now_ns + int(wait_s * NS_PER_S), self._strike)
+
+    def calm(self) -> None:
+        """Nothing is wanted, closed or out of service any more."""
+        self._over = True
+        for thing in self.world.track.objects.values():
+            thing.release_wanted = False
+        for each in self.world.trains.values():
+            each.localised, each.out_of_service = True, False
+        crew = self.world.t2t
+        crew.closed, crew.restrictions, crew.orders = (), (), []
+        for train in self.world.trains:
+            for area in self.world.drawn.cast.line.areas:
+                crew.orders.append(Order(OrderKind.GO, area.number, train, left=20))
+
+    def _strike(self, _: object) -> None:
+        if self._over:
+            return
+        name, call = self._rng.choice(self._things)
+        self.counts[name] = self.counts.get(name, 0) + 1
+        call()
+        self.begin()
+
+    def _later(self, least_s: float, most_s: float, call: Callable[[], None]) -> None:
+        at_ns = self.world.net.now_ns + int(self._rng.uniform(least_s, most_s) * NS_PER_S)
+        self.world.net.at(at_ns, lambda _: None if self._over else call())
+
+    def _say(self, what: str) -> None:
+        self.world.net.say("railway", what)
+
+    # -- things ------------------------------------------------------------------------------------
+
+    def _roll_back(self) -> None:
+        """A brake applied too late after a stop."""
+        standing = [t for t in self.world.trains.values() if t.motion.speed_mps == 0.0]
+        if not standing:
+            return
+        train = self._rng.choice(standing)
+        motion = train.motion
+        room_m = self.world.checker.rules.roll_back_m - motion.rolled_m + motion.jogged_m
+        if motion.accel_mps2 <= 0.0 and room_m > 0.0:
+            motion.back_m = self._rng.uniform(0.0, room_m)
+            self._say(f"train {train.address} rolls back {motion.back_m:.2f} m")
+
+    def _jog(self) -> None:
+        """A train that stands sets back, as far as its authority allows."""
+        for train in self.world.trains.values():
+            held = self.world.checker.held.get(train.address)
+            motion = train.motion
+            if held and motion.speed_mps == 0.0 and motion.accel_mps2 <= 0.0:
+                rear_m = train.reading().rear_min_m
+                room_m = min(
+                    self.world.checker.rules.jog_m - motion.rolled_m,
+                    rear_m - min(grant.rear_m for grant in held.values()),
+                )
+                if room_m > 0.0:
+                    motion.back_m = self._rng.uniform(0.0, room_m)
+                    motion.jogged_m += motion.back_m
+                    self._say(f"train {train.address} sets back {motion.back_m:.2f} m")
+
+    def _lose_place(self) -> None:
+        train = self._rng.choice(list(self.world.trains.values()))
+        train.localised = False
+        self._say(f"train {train.address} loses its place")
+
+        def found() -> None:
+            train.localised = True
+            self._say(f"train {train.address} knows its place again")
+
+        self._later(0.2, 20.0, found)
+
+    def _wish(self) -> None:
+        thing = self._rng.choice(list(self.world.track.objects.values()))
+        thing.release_wanted = True
+        self._say(f"object {thing.number} wants to be released")
+
+        def content() -> None:
+            thing.release_wanted = False
+            self._say(f"object {thing.number} wants nothing any more")
+
+        self._later(0.3, 25.0, content)
+
+    def _stretch(self, speed_mps: float) -> SpeedRestriction:
+        end_m = self.world.drawn.cast.line.end_m
+        start_m = self._rng.uniform(0.0, end_m - 200.0)
+        return SpeedRestriction(start_m, start_m + self._rng.uniform(20.0, 200.0), speed_mps)
+
+    def _close(self) -> None:
+        closed, crew = self._stretch(1.0), self.world.t2t
+        crew.closed = (*crew.closed[-2:], closed)
+        self._say(f"closed from {closed.start_m:.0f} m to {closed.end_m:.0f} m")
+        self.world.closes(closed)
+
+        def opened() -> None:
+            crew.closed = tuple(each for each in crew.closed if each is not closed)
+
+        self._later(2.0, 30.0, opened)
+
+    def _restrict(self) -> None:
+        slow, crew = self._stretch(SLOW_MPS), self.world.t2t
+        crew.restrictions = (*crew.restrictions[-2:], slow)
+
+        def lifted() -> None:
+            crew.restrictions = tuple(each for each in crew.restrictions if each is not slow)
+
+        self._later(5.0, 40.0, lifted)
+
+    def _stop_order(self) -> None:
+        train = self._rng.choice(list(self.world.trains))
+        for area in self.world.drawn.cast.line.areas:
+            self.world.t2t.orders.append(Order(OrderKind.STOP, area.number, train))
+        self._say(f"supervision stops train {train}")
+
+        def go() -> None:
+            for area in self.world.drawn.cast.line.areas:
+                self.world.t2t.orders.append(Order(OrderKind.GO, area.number, train))
+
+        self._later(1.0, 15.0, go)
+
+    def _switch_order(self) -> None:
+        train = self._rng.choice(list(self.world.trains))
+        area = self._rng.choice(self.world.drawn.cast.line.areas).number
+        self.world.t2t.orders.append(Order(OrderKind.SWITCH_MASTER, area, train))
+        self._say(f"supervision wants train {train} to command area {area}")
+
+    def _out_of_service(self) -> None:
+        train = self._rng.choice(list(self.world.trains.values()))
+        train.out_of_service = True
+
+        def back() -> None:
+            train.out_of_service = False
+
+        self._later(2.0, 20.0, back)
