@@ -1,5 +1,6 @@
 """The protocol itself on the nodes of the simulation: trains, arbiters, objects and track."""
 
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, Protocol
@@ -7,6 +8,7 @@ from typing import Any, Final, Protocol
 from firmware_py.trackdb.areas import AreaMap
 from metro_hil.network.cab import Protocolled
 from metro_hil.network.checker import Rules
+from metro_hil.network.coverage import counted, told_kinds
 from metro_hil.network.ground import Grant, Reading
 from metro_hil.network.net import NEVER, Letter, Machine, Turn
 from metro_hil.network.track import AXLES, TrueTrack
@@ -14,8 +16,9 @@ from plant_emulator.wayside.arbiter import Arbiter
 from plant_emulator.wayside.line_object import LineObject
 from plant_emulator.wayside.t2t_vocabulary import ArbiterMemory, ObjectMemory, WaysideStepped
 from plant_emulator.wayside.track import Track
+from vobc.t2t.guards import TrainGuards
 from vobc.t2t.train import TrainCore
-from vobc.t2t.vocabulary import OwnTrain, T2tConfig, TrainMemory
+from vobc.t2t.vocabulary import OwnTrain, Role, Stepped, T2tConfig, TrainMemory, TrainState
 from zenoh_config.messages import WAYSIDE
 from zenoh_config.t2t import (
     BROADCAST,
@@ -84,10 +87,25 @@ class Routes:
 class TrainNode:
     """A train's core with what it stored."""
 
-    __slots__ = ("_axles", "_held", "_keep", "_routes", "_seen", "core", "grants", "last")
+    __slots__ = (
+        "_covered",
+        "_held",
+        "_keep",
+        "_roles",
+        "_routes",
+        "_state",
+        "core",
+        "grants",
+        "last",
+    )
 
-    def __init__(self, core: TrainCore, memory: TrainMemory, routes: Routes) -> None:
+    def __init__(
+        self, core: TrainCore, memory: TrainMemory, routes: Routes, covered: Counter[str]
+    ) -> None:
         self.core = core
+        self._covered = covered
+        self._state: TrainState | None = None
+        self._roles: tuple[tuple[int, Role], ...] = ()
         self._keep = memory
         self._routes = routes
         self._held: Any = None
@@ -110,6 +128,9 @@ class TrainNode:
         )
         stepped = self.core.step(now_ns, tuple(heard), own)
         self.last = stepped
+        if stepped.state is not self._state or stepped.roles != self._roles:
+            self._changes(stepped)
+        told_kinds(stepped.out, self._covered)
         if stepped.memory is not None:
             self._keep = stepped.memory
         held = stepped.authority
@@ -117,6 +138,20 @@ class TrainNode:
             self._held = held
             self.grants = () if held is None else (_grant(held, self._keep),)
         return Turn(self._routes.letters(stepped.out), self._keep, self.core.next_due_ns())
+
+    def _changes(self, stepped: Stepped) -> None:
+        covered = self._covered
+        if stepped.state is not self._state:
+            covered[f"state {stepped.state.value}"] += 1
+            if self._state is not None:
+                covered[f"from {self._state.value} to {stepped.state.value}"] += 1
+        before = dict(self._roles)
+        for area, role in stepped.roles:
+            if before.get(area) is not role:
+                covered[f"role {role.value}"] += 1
+                if area in before:
+                    covered[f"from {before[area].value} to {role.value}"] += 1
+        self._state, self._roles = stepped.state, stepped.roles
 
 
 class Mute:
@@ -213,6 +248,7 @@ class WaysideNode:
         beats = tuple([m for m in heard if type(m) is Heartbeat])
         out += self.status.step(now_ns, beats, axles=self._track.axles(self._crew.true_ns()))
         out += self._orders(now_ns)
+        told_kinds(out, self._crew.covered)
         return Turn(
             self._routes.letters(out),
             self._keep,
@@ -266,6 +302,8 @@ class T2tCrew:
 
     def __init__(self, cast: Cast, seed: int) -> None:
         self.cast, self._seed = cast, seed
+        self.covered = Counter[str]()
+        self._guards = counted(cast.guards or TrainGuards(), self.covered)
         self.rules = Rules(
             age_max_ns=cast.config.timers.authority_ms * NS_PER_MS,
             roll_back_m=cast.config.rollback_m,
@@ -290,8 +328,9 @@ class T2tCrew:
             memory=memory,
             start_ns=now_ns,
             seed=self._seed ^ (node.address << 8) ^ node.boots,
+            guards=self._guards,
         )
-        return TrainNode(core, memory, self._routes)
+        return TrainNode(core, memory, self._routes, self.covered)
 
     def installed(self, address: int) -> object:
         if address in self.cast.config.arbiters:

@@ -108,7 +108,7 @@ class Network:
         self.codec = codec
         self.nodes: dict[int, Node] = {}
         self.sent = self.delivered = self.lost = self.doubled = self.damaged = 0
-        self.steps = self.stored = self.fired = 0
+        self.steps = self.stored = self.fired = self.disks_lost = 0
         self._heap: list[tuple[int, int, Callable[[Any], None], Any]] = []
         self._number = 0
         self._draw = self.random.random
@@ -172,6 +172,7 @@ class Network:
         node = self.nodes[address]
         if disk_lost:
             node.disk = None
+            self.disks_lost += 1
         if node.machine is None:
             return
         self.say(node.name, f"{why}{', its disk is lost' if disk_lost else ''}")

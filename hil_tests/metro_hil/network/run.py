@@ -1,9 +1,9 @@
 """One seed, from the first start to the verdict: trouble for a while, then calm and a bound."""
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Final, Protocol
 
 from metro_hil.network.checker import ViolationError
 from metro_hil.network.trouble import Scale, Trouble
@@ -51,8 +51,23 @@ class RunResult:
     """Sent, delivered, lost, doubled, damaged, and writes to disks."""
 
 
+class Also(Protocol):
+    """What happens on the line besides faults."""
+
+    counts: dict[str, int]
+
+    def begin(self) -> None: ...
+
+    def calm(self) -> None: ...
+
+
 def run_seed(
-    seed: int, world: World, scale: Scale, phases: Phases, cpu_ns: Callable[[], int]
+    seed: int,
+    world: World,
+    scale: Scale,
+    phases: Phases,
+    cpu_ns: Callable[[], int],
+    also: Sequence[Also] = (),
 ) -> RunResult:
     """To the end or to the first broken invariant. `cpu_ns` reads a clock of the processor."""
     trouble = Trouble(
@@ -65,41 +80,45 @@ def run_seed(
     result = RunResult(seed)
     begun_ns = cpu_ns()
     try:
-        _play(world, trouble, phases, result)
+        _play(world, (trouble, *also), phases, result)
     except ViolationError as error:
         result.invariant, result.what = error.invariant, error.what
         world.net.say("verdict", str(error))
     result.cpu_s = (cpu_ns() - begun_ns) / NS_PER_S
-    _sum_up(world, trouble, result)
+    for each in (trouble, *also):
+        result.faults.update(each.counts)
+    _sum_up(world, result)
     return result
 
 
-def _play(world: World, trouble: Trouble, phases: Phases, result: RunResult) -> None:
+def _play(world: World, things: Sequence[Also], phases: Phases, result: RunResult) -> None:
     net = world.net
     for address in net.nodes:
         at_ns = int(world.rng.random() * phases.start_s * NS_PER_S)
         net.at(at_ns, net.boot, address)
-    trouble.begin()
+    for each in things:
+        each.begin()
     net.run(int(phases.trouble_s * NS_PER_S))
-    trouble.calm()
+    for each in things:
+        each.calm()
     calm_ns, end_ns = net.now_ns, net.now_ns + int(phases.calm_s * NS_PER_S)
     while (waiting := world.without_authority()) and net.now_ns < end_ns:
         net.run(net.now_ns + LOOK_NS)
     result.recovery_s = (net.now_ns - calm_ns) / NS_PER_S
-    if waiting:
+    if waiting and not net.disks_lost:
+        # Whoever lost its memory waits for a person, and others may wait for it.
         raise ViolationError(
             "40", f"{phases.calm_s:.0f} s after the last fault trains {waiting} have no authority"
         )
 
 
-def _sum_up(world: World, trouble: Trouble, result: RunResult) -> None:
+def _sum_up(world: World, result: RunResult) -> None:
     net = world.net
     result.digest = net.trace.digest()
     result.simulated_s = net.now_ns / NS_PER_S
     result.train_s = result.simulated_s * len(world.trains)
     result.events = net.events
     result.emergencies = sum(train.emergencies for train in world.trains.values())
-    result.faults.update(trouble.counts)
     result.looked.update(world.checker.looked)
     result.messages.update(
         sent=net.sent,

@@ -4,11 +4,15 @@ import random
 from dataclasses import dataclass
 from typing import Final
 
+from metro_hil.network.line_world import LineWorld, draw
 from metro_hil.network.many import cpu_ns
+from metro_hil.network.mischief import Mischief
 from metro_hil.network.net import Codec
+from metro_hil.network.paper_line import paper_world
 from metro_hil.network.run import Phases, RunResult, run_seed
 from metro_hil.network.trace import Story, Teller
 from metro_hil.network.trouble import Scale
+from metro_hil.network.wire import RealCodec
 from metro_hil.network.world import World
 
 PROTOCOLS: Final = ("line", "paper")
@@ -30,7 +34,11 @@ class Job:
         world = self._world(seed, tell)
         rng = random.Random(seed ^ 0x5CA1E)
         scale = Scale(between_s_min=1.0, between_s_max=40.0, drift_ppm=rng.choice((0, 100, 1000)))
-        return run_seed(seed, world, scale, self.phases, cpu_ns)
+        also = [Mischief(world, seed)] if isinstance(world, LineWorld) else []
+        result = run_seed(seed, world, scale, self.phases, cpu_ns, also)
+        if isinstance(world, LineWorld):
+            result.covered.update(world.t2t.covered)
+        return result
 
     def options(self) -> list[str]:
         """What has to be typed to get the same run."""
@@ -41,12 +49,7 @@ class Job:
 
     def _world(self, seed: int, tell: Teller | None) -> World:
         if self.protocol == "paper":
-            from metro_hil.network.paper_line import paper_world
-
             return paper_world(seed, tell=tell)
-        from metro_hil.network.line_world import LineWorld, draw
-        from metro_hil.network.wire import RealCodec
-
         codec: Codec | None = None
         if self.bytes_always or seed % BYTES_EVERY == 0:
             codec = RealCodec()

@@ -1,4 +1,4 @@
-"""True motion is that of the school book, readings hold the truth, and the judge sees what breaks."""
+"""True motion is that of the school book, readings hold the truth, the judge sees what breaks."""
 
 import pytest
 from hypothesis import given
