@@ -22,6 +22,7 @@ from zenoh_config.t2t import (
 )
 
 NS_PER_MS: Final = 1_000_000
+TOLD_MAX: Final = 256
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,6 +33,7 @@ class LeaseRules:
     drift_ratio: float
     margin_ns: int
     majority: int
+    age_max_ns: int
 
 
 class Air:
@@ -45,9 +47,12 @@ class Air:
         """By train and area: term of its lease, and until when by its own clock."""
         self._answers: dict[tuple[int, int, int], dict[int, int]] = {}
         """By train, area and nonce: stamp of the request that each arbiter granted."""
-        self._boots: dict[int, int] = {}
         self._told: dict[tuple[int, int], dict[tuple[int, int], float]] = {}
         """By train and area: ends of the authorities that came, by term and sequence."""
+        self._won: set[tuple[int, int, int]] = set()
+        """Train, area and term of every lease ever granted."""
+        self._stale: set[tuple[int, int, int, int]] = set()
+        """Train, area, term and sequence of authorities that were too old when they came."""
         self._ready: dict[tuple[int, int], int] = {}
         """By train and area: nonce of the planned switch that it last said it is ready for."""
 
@@ -58,7 +63,7 @@ class Air:
         for message in heard:
             kind = type(message)
             if kind is AreaAuthority:
-                self._note_authority(address, message)
+                self._note_authority(address, message, now_ns)
             elif kind is LeaseAnswer:
                 self._note_answer(address, message)
         for letter in letters:
@@ -69,20 +74,24 @@ class Air:
             elif kind is LeaseRequest and message.kind is LeaseKind.RELEASE:
                 self._until_ns.pop((address, message.area), None)
             elif kind is TrainReport:
-                self._ready[address, message.area] = message.ready_nonce
+                self._report(message)
 
     def booted(self, address: int) -> None:
         """A train begins a new life: what it was told before is void."""
-        for memory in (self._told, self._until_ns):
+        memories: tuple[dict[tuple[int, int], Any], ...] = (self._told, self._until_ns)
+        for memory in memories:
             for key in [key for key in memory if key[0] == address]:
                 del memory[key]
 
-    def _note_authority(self, address: int, message: AreaAuthority) -> None:
+    def _note_authority(self, address: int, message: AreaAuthority, now_ns: int) -> None:
         if message.destination == address:
-            ends_m = self._told.setdefault((address, message.area), {})
-            ends_m[message.term, message.sequence] = message.end_m
-            if len(ends_m) > 64:
-                del ends_m[next(iter(ends_m))]
+            told = self._told.setdefault((address, message.area), {})
+            number = message.term, message.sequence
+            told[number] = message.end_m
+            if now_ns - message.echo_ns > self.rules.age_max_ns:
+                self._stale.add((address, message.area, *number))
+            if len(told) > TOLD_MAX:
+                del told[next(iter(told))]
 
     def _note_answer(self, address: int, message: LeaseAnswer) -> None:
         if not message.granted or message.destination != address:
@@ -97,6 +106,7 @@ class Air:
         term, before_ns = self._until_ns.get(key, (0, 0))
         if message.term > term or until_ns > before_ns:
             self._until_ns[key] = message.term, until_ns
+            self._won.add((address, message.area, message.term))
         if len(self._answers) > 1000:
             del self._answers[next(iter(self._answers))]
 
@@ -119,12 +129,23 @@ class Air:
                 f"{late_ns / NS_PER_MS:.1f} ms after it had to stop, with a lease of term {term}",
             )
 
+    def _report(self, report: TrainReport) -> None:
+        """24, 29: what a train says that it holds was young when it came."""
+        self._ready[report.source, report.area] = report.ready_nonce
+        self.looked["24"] += 1
+        number = report.held_term, report.held_sequence
+        if self._stale and (report.source, report.area, *number) in self._stale:
+            raise ViolationError(
+                "24", f"train {report.source} took {number} in area {report.area}: too old it came"
+            )
+
     def made_of(self, address: int, grant: Grant) -> None:
-        """What a brake loop goes by was said to this train, in this life, by an issuer."""
+        """27: what a brake loop goes by was said to this train, in this life."""
         self.looked["27"] += 1
-        if grant.issuer == address:
+        if (address, grant.area, grant.term) in self._won:
             return
-        end_m = self._told.get((address, grant.area), {}).get((grant.term, grant.sequence))
+        key, number = (address, grant.area), (grant.term, grant.sequence)
+        end_m = self._told.get(key, {}).get(number)
         if end_m is None or grant.end_m > end_m:
             raise ViolationError(
                 "27",

@@ -76,7 +76,7 @@ class Cab:
                     f"may go to {grant.end_m:.2f} m: term {grant.term}, area {grant.area}, from "
                     f"{grant.issuer}",
                 )
-                self._checker.accepted(address, grant, now_ns)
+                self._checker.accepted(address, grant, now_ns, whole=self.listener is None)
                 if self.listener is not None:
                     self.listener.holds(address, grant)
 

@@ -12,6 +12,10 @@ from typing import Final
 from metro_hil.network.ground import ROLL_BACK_MAX_M, Grant, TrueTrain
 
 NS_PER_MS: Final = 1_000_000
+NOBODY: Final = 0
+"""The issuer of an authority whose term is no longer the newest that its train has seen."""
+CYCLE_M: Final = 4.0
+"""A train that is told to stop shorter notices it within a control cycle."""
 TOUCH_M: Final = 1e-6
 """Rounding."""
 
@@ -51,15 +55,21 @@ class Checker:
         """By area and term: whose authorities were accepted."""
         self._terms: dict[tuple[int, int], int] = {}
         """By train and area: the highest accepted term, over all its lives."""
+        self._excused_m: dict[int, float] = {}
+        """By train: as far as it may come although its authority was shortened."""
         self._newest: dict[tuple[int, int], tuple[int, int]] = {}
 
     # -- told --------------------------------------------------------------------------------------
 
-    def accepted(self, address: int, grant: Grant, now_ns: int) -> None:
-        """A train begins to act on an authority; `now_ns` is its own clock."""
+    def accepted(self, address: int, grant: Grant, now_ns: int, *, whole: bool = True) -> None:
+        """A train begins to act on an authority; `now_ns` is its own clock.
+
+        One that is not whole is put together of several, and as old as the oldest of them.
+        """
         self._one_issuer(address, grant)
-        self._term_never_falls(address, grant)
-        self._young(address, grant, now_ns)
+        if self._is_news(address, grant) and whole:
+            self._young(address, grant, now_ns)
+        self._excuse(self.trains[address], grant)
         self.held.setdefault(address, {})[grant.area] = grant
         self.train_apart(self.trains[address])
 
@@ -83,6 +93,8 @@ class Checker:
         self.looked[f"{invariant} broken"] += 1
 
     def _one_issuer(self, address: int, grant: Grant) -> None:
+        if grant.issuer == NOBODY:
+            return
         self.looked["19"] += 1
         issuer = self._issuers.setdefault((grant.area, grant.term), grant.issuer)
         if issuer != grant.issuer:
@@ -92,7 +104,8 @@ class Checker:
                 f"{grant.term}, in which {issuer} issued before",
             )
 
-    def _term_never_falls(self, address: int, grant: Grant) -> None:
+    def _is_news(self, address: int, grant: Grant) -> bool:
+        """And neither term nor number falls."""
         self.looked["20"] += 1
         key = address, grant.area
         before = self._terms.get(key, 0)
@@ -103,13 +116,15 @@ class Checker:
             )
         self._terms[key] = grant.term
         newest = self._newest.get(key, (-1, -1))
-        if (grant.term, grant.sequence) <= newest:
+        # The same one comes again when another area had the last word meanwhile.
+        if (grant.term, grant.sequence) < newest:
             self._break(
                 "29",
                 f"train {address} accepts {(grant.term, grant.sequence)} in area {grant.area} "
                 f"after {newest}",
             )
         self._newest[key] = grant.term, grant.sequence
+        return (grant.term, grant.sequence) > newest
 
     def _young(self, address: int, grant: Grant, now_ns: int) -> None:
         self.looked["24"] += 1
@@ -131,8 +146,7 @@ class Checker:
     def hindmost_m(self, train: TrueTrain) -> float:
         """As far back as its minimum safe rear may come: by a jog that it is allowed, and then by
         all that it may still roll back."""
-        rolled_m = train.motion.rolled_m
-        rear_m = train.reading().rear_min_m + rolled_m
+        rear_m = train.foremost_rear_m
         allowed_m = [each.rear_m for each in self.held.get(train.address, {}).values()]
         jog_m = min(self.rules.jog_m, rear_m - min(allowed_m)) if allowed_m else 0.0
         return rear_m - max(jog_m, 0.0) - self.rules.roll_back_m
@@ -184,13 +198,23 @@ class Checker:
                     f"{other.reading().rear_min_m:.2f} m may come back to {hindmost_m:.2f} m",
                 )
 
+    def _excuse(self, train: TrueTrain, grant: Grant) -> None:
+        """One that is shortened under a train that moves cannot be kept to the metre."""
+        if train.motion.speed_mps > 0.0 and train.motion.farthest_m > grant.end_m:
+            excused_m = max(train.motion.farthest_m, self._excused_m.get(train.address, 0.0))
+            self._excused_m[train.address] = excused_m + CYCLE_M
+
     def _within_reach(self, train: TrueTrain) -> None:
         """24, in the flesh: with or without radio no train passes what it was last granted."""
         grants = self.held.get(train.address)
         if not grants:
             return
+        if train.motion.speed_mps == 0.0:
+            self._excused_m.pop(train.address, None)
+            return
         end_m = min(each.end_m for each in grants.values())
-        if train.front_m > end_m + TOUCH_M and train.motion.speed_mps > 0.0:
+        end_m = max(end_m, self._excused_m.get(train.address, end_m))
+        if train.front_m > end_m + TOUCH_M:
             self._break(
                 "24",
                 f"train {train.address}, front {train.front_m:.2f} m, has passed its authority's "

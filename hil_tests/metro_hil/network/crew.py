@@ -23,6 +23,7 @@ from zenoh_config.messages import WAYSIDE
 from zenoh_config.t2t import (
     BROADCAST,
     Heartbeat,
+    NOBODY,
     LineOrder,
     ObjectClaim,
     ObjectState,
@@ -89,6 +90,7 @@ class TrainNode:
 
     __slots__ = (
         "_covered",
+        "_age_max_ns",
         "_held",
         "_keep",
         "_roles",
@@ -100,10 +102,16 @@ class TrainNode:
     )
 
     def __init__(
-        self, core: TrainCore, memory: TrainMemory, routes: Routes, covered: Counter[str]
+        self,
+        core: TrainCore,
+        memory: TrainMemory,
+        routes: Routes,
+        covered: Counter[str],
+        age_max_ns: int,
     ) -> None:
         self.core = core
         self._covered = covered
+        self._age_max_ns = age_max_ns
         self._state: TrainState | None = None
         self._roles: tuple[tuple[int, Role], ...] = ()
         self._keep = memory
@@ -134,6 +142,9 @@ class TrainNode:
         if stepped.memory is not None:
             self._keep = stepped.memory
         held = stepped.authority
+        if held is not None and now_ns - held.echo_ns > self._age_max_ns:
+            # The protection that this stands in for does not go by what has run out.
+            held = None
         if held is not self._held and held != self._held:
             self._held = held
             self.grants = () if held is None else (_grant(held, self._keep),)
@@ -164,7 +175,8 @@ class Mute:
 
 
 def _grant(held: Any, memory: TrainMemory) -> Grant:
-    issuer = memory.of_area(held.area).owner
+    seen = memory.of_area(held.area)
+    issuer = seen.owner if seen.seen_term == held.term else NOBODY
     return Grant(held.end_m, held.term, held.sequence, issuer, held.area, held.echo_ns, held.rear_m)
 
 
@@ -330,7 +342,7 @@ class T2tCrew:
             seed=self._seed ^ (node.address << 8) ^ node.boots,
             guards=self._guards,
         )
-        return TrainNode(core, memory, self._routes, self.covered)
+        return TrainNode(core, memory, self._routes, self.covered, self.rules.age_max_ns)
 
     def installed(self, address: int) -> object:
         if address in self.cast.config.arbiters:

@@ -74,6 +74,15 @@ class TrueTrain:
     def rear_m(self) -> float:
         return self.motion.front_m - self.length_m
 
+    def _error_m(self, front_m: float) -> float:
+        return 0.9 * self.half_width_m * math.sin(front_m * 0.01 + self.address)
+
+    @property
+    def foremost_rear_m(self) -> float:
+        """Its minimum safe rear when it was farthest."""
+        most_m = self.motion.most_m
+        return most_m + self._error_m(most_m) - self.half_width_m - self.length_m
+
     def reading(self) -> Reading:
         """As of the instant to which the motion was brought forward.
 
@@ -82,7 +91,7 @@ class TrueTrain:
         """
         motion = self.motion
         front_m, half_m = motion.front_m, self.half_width_m
-        error_m = 0.9 * half_m * math.sin(front_m * 0.01 + self.address)
+        error_m = self._error_m(front_m)
         middle_m = front_m + error_m
         return Reading(
             middle_m - half_m,

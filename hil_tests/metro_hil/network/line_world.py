@@ -100,6 +100,7 @@ class LineWorld(World):
             timers.drift_ratio,
             timers.margin_ms * NS_PER_MS,
             drawn.cast.config.majority,
+            crew.rules.age_max_ns,
         )
         self._closed: list[tuple[int, SpeedRestriction]] = []
         self.air = Air(rules, self.checker.looked)
@@ -148,7 +149,7 @@ class LineWorld(World):
     def _in_its_area(self, address: int, grant: Grant) -> None:
         """27: beyond a border only what the master behind it grants."""
         area = self.drawn.cast.line.area(grant.area)
-        if not area.start_m <= grant.end_m <= area.end_m:
+        if grant.end_m > area.end_m:
             raise ViolationError(
                 "27",
                 f"train {address} may go to {grant.end_m:.1f} m by area {grant.area}, which is "
@@ -174,8 +175,9 @@ class LineWorld(World):
                     self._clear_of(train, thing.number, thing.start_m)
 
     def _clear_of(self, train: TrueTrain, number: int, start_m: float) -> None:
+        """A train that stands in it keeps it from moving by that alone, and goes no farther."""
         reach_m = self.checker.reach_m(train)
-        if reach_m > start_m:
+        if reach_m > max(start_m, train.reading().front_max_m):
             raise ViolationError(
                 "23",
                 f"object {number} at {start_m:.1f} m is not locked, and train {train.address}, "

@@ -77,6 +77,7 @@ class LineStage:
                 timers.drift_ratio,
                 timers.margin_ms * MILLION,
                 cast.config.majority,
+                crew.rules.age_max_ns,
             ),
             self._checker.looked,
         )
@@ -143,7 +144,7 @@ class LineStage:
         if not place.grants:
             self._checker.gave_up(place.address)
         for grant in place.grants:
-            self._checker.accepted(place.address, grant, local_ns)
+            self._checker.accepted(place.address, grant, local_ns, whole=False)
             self._air.made_of(place.address, grant)
 
     def alive(self) -> bool:
