@@ -22,8 +22,8 @@ from vobc.t2t.vocabulary import OwnTrain, Role, Stepped, T2tConfig, TrainMemory,
 from zenoh_config.messages import WAYSIDE
 from zenoh_config.t2t import (
     BROADCAST,
-    Heartbeat,
     NOBODY,
+    Heartbeat,
     LineOrder,
     ObjectClaim,
     ObjectState,
@@ -89,8 +89,8 @@ class TrainNode:
     """A train's core with what it stored."""
 
     __slots__ = (
-        "_covered",
         "_age_max_ns",
+        "_covered",
         "_held",
         "_keep",
         "_roles",

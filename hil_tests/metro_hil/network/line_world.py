@@ -57,6 +57,8 @@ class Draw:
     setting: Setting
     supervises: bool
     """Closures, restrictions, orders and objects that want to be released happen."""
+    turn_ms: int = 3
+    """How long a process may take to look into its inbox."""
 
 
 def draw(seed: int) -> Draw:
@@ -77,7 +79,9 @@ def draw(seed: int) -> Draw:
         dwell_s=rng.choice((5.0, 20.0)),
     )
     config = T2tConfig(timers=timers, arbiters=arbiters)
-    return Draw(Cast(line, config, trains), setting, rng.random() < 0.7)
+    return Draw(
+        Cast(line, config, trains), setting, rng.random() < 0.7, rng.choice((1, 5, 10, 10))
+    )
 
 
 class LineWorld(World):
@@ -102,6 +106,7 @@ class LineWorld(World):
             drawn.cast.config.majority,
             crew.rules.age_max_ns,
         )
+        self.net.turn_ns = drawn.turn_ms * NS_PER_MS
         self._closed: list[tuple[int, SpeedRestriction]] = []
         self.air = Air(rules, self.checker.looked)
 

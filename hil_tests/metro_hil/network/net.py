@@ -18,8 +18,9 @@ from metro_hil.network.trace import Teller, Trace
 NEVER: Final = 2**62
 INBOX_MAX: Final = 256
 """A bounded inbox drops its oldest message."""
-TURN_NS: Final = 300_000
-"""From the arrival of a message to the step that reads it, at most; drawn for each."""
+TURN_NS: Final = 3_000_000
+"""From the arrival of a message to the step that reads it and all that came meanwhile, at most;
+drawn for each."""
 LEAST_REST_NS: Final = 100_000
 """A node that asks to be woken at once is woken so much later."""
 
@@ -102,6 +103,7 @@ class Network:
 
     def __init__(self, seed: int, *, codec: Codec | None = None, tell: Teller | None = None):
         self.now_ns = 0
+        self.turn_ns = TURN_NS
         self.random = random.Random(seed)
         self.trace = Trace()
         self.tell = tell
@@ -392,7 +394,7 @@ class Network:
             del inbox[0]
         inbox.append(payload)
         if node.stopped_until_ns <= self.now_ns:
-            at_ns = self.now_ns + int(self._draw() * TURN_NS)
+            at_ns = self.now_ns + int(self._draw() * self.turn_ns)
             if at_ns < node.wake_ns:
                 node.wake_ns = at_ns
                 self._number += 1
