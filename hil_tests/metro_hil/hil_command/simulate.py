@@ -151,9 +151,10 @@ def _counted(counts: "Counter[str]") -> str:
 
 def _json(total: "Total") -> str:
     import json
-    from dataclasses import asdict
 
-    return json.dumps(asdict(total))
+    from metro_hil.network.many import as_table
+
+    return json.dumps(as_table(total))
 
 
 def seeds(text: str) -> tuple[int, int]:

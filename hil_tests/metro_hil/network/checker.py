@@ -144,11 +144,13 @@ class Checker:
         return max(farthest_m, min(each.end_m for each in grants.values()))
 
     def hindmost_m(self, train: TrueTrain) -> float:
-        """As far back as its minimum safe rear may come: by a jog that it is allowed, and then by
-        all that it may still roll back."""
-        rear_m = train.foremost_rear_m
+        """As far back as its rear may come: by a jog that it is allowed, and then by all that it
+        may still roll back."""
         allowed_m = [each.rear_m for each in self.held.get(train.address, {}).values()]
-        jog_m = min(self.rules.jog_m, rear_m - min(allowed_m)) if allowed_m else 0.0
+        jog_m = 0.0
+        if allowed_m:
+            jog_m = min(self.rules.jog_m, train.foremost_rear_min_m - min(allowed_m))
+        rear_m = train.motion.most_m - train.length_m
         return rear_m - max(jog_m, 0.0) - self.rules.roll_back_m
 
     def train_apart(self, train: TrueTrain) -> None:
@@ -164,12 +166,12 @@ class Checker:
                 rear, ahead_m, name, who = train, reach_m, "21", other
             else:
                 rear, ahead_m, name, who = other, self.reach_m(other), "21", train
-            limit_m = who.reading().rear_min_m
+            limit_m = who.rear_m
             if ahead_m > limit_m + TOUCH_M:
                 self._break(
                     name,
                     f"train {rear.address} may go to {ahead_m:.2f} m, and train {who.address} "
-                    f"ahead of it has its minimum safe rear at {limit_m:.2f} m",
+                    f"ahead of it has its rear at {limit_m:.2f} m",
                 )
             if rear.front_m > who.rear_m:
                 self._break(
@@ -194,8 +196,8 @@ class Checker:
                 self._break(
                     "22",
                     f"the authority of train {train.address} ends at {end_m:.2f} m, and train "
-                    f"{other.address} with its minimum safe rear at "
-                    f"{other.reading().rear_min_m:.2f} m may come back to {hindmost_m:.2f} m",
+                    f"{other.address} with its rear at {other.rear_m:.2f} m may come back to "
+                    f"{hindmost_m:.2f} m",
                 )
 
     def _excuse(self, train: TrueTrain, grant: Grant) -> None:

@@ -78,7 +78,7 @@ class TrueTrain:
         return 0.9 * self.half_width_m * math.sin(front_m * 0.01 + self.address)
 
     @property
-    def foremost_rear_m(self) -> float:
+    def foremost_rear_min_m(self) -> float:
         """Its minimum safe rear when it was farthest."""
         most_m = self.motion.most_m
         return most_m + self._error_m(most_m) - self.half_width_m - self.length_m

@@ -79,9 +79,7 @@ def draw(seed: int) -> Draw:
         dwell_s=rng.choice((5.0, 20.0)),
     )
     config = T2tConfig(timers=timers, arbiters=arbiters)
-    return Draw(
-        Cast(line, config, trains), setting, rng.random() < 0.7, rng.choice((1, 5, 10, 10))
-    )
+    return Draw(Cast(line, config, trains), setting, rng.random() < 0.7, rng.choice((1, 5, 10, 10)))
 
 
 class LineWorld(World):

@@ -6,7 +6,7 @@ import resource
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, Final
 
@@ -86,11 +86,25 @@ class Journal:
     def __init__(self, path: Path) -> None:
         """Raises OSError, and ValueError naming file and line for one that is none of ours."""
         self._path = path
-        self.results = list(_read(path)) if path.exists() else []
+        path.open("a", encoding="utf-8").close()
+        self.results = list(_read(path))
 
     def append(self, result: RunResult) -> None:
         with self._path.open("a", encoding="utf-8") as file:
-            file.write(json.dumps(asdict(result)) + "\n")
+            file.write(json.dumps(as_table(result)) + "\n")
+
+
+def as_table(result: "RunResult | Total") -> dict[str, Any]:
+    """For JSON."""
+    table: dict[str, Any] = {}
+    for each in fields(result):
+        value = getattr(result, each.name)
+        if isinstance(value, Counter):
+            value = dict(value)
+        elif isinstance(value, list):
+            value = [as_table(item) for item in value]
+        table[each.name] = value
+    return table
 
 
 def _read(path: Path) -> Iterator[RunResult]:

@@ -119,13 +119,13 @@ def test_authority_into_the_train_ahead_is_seen() -> None:
     judge = checker(train(1, 500.0), train(2, 900.0))
 
     judge.accepted(1, grant(800.0), 0)
-    assert broken(judge, 1, grant(900.0, sequence=2)) == "21"
+    assert broken(judge, 1, grant(820.5, sequence=2)) == "21"
 
 
 def test_authority_that_leaves_no_room_to_roll_back_is_seen() -> None:
     ahead = train(2, 900.0)
     judge = checker(train(1, 500.0), ahead)
-    rear_m = ahead.reading().rear_min_m
+    rear_m = ahead.rear_m
 
     judge.accepted(1, grant(rear_m - 2.0), 0)
     assert broken(judge, 1, grant(rear_m - 1.5, sequence=2)) == "22"
@@ -134,7 +134,7 @@ def test_authority_that_leaves_no_room_to_roll_back_is_seen() -> None:
 def test_a_leader_that_uses_the_room_it_was_left_breaks_nothing() -> None:
     ahead = train(2, 900.0)
     judge = checker(train(1, 500.0), ahead)
-    judge.accepted(1, grant(ahead.reading().rear_min_m - 2.1), 0)
+    judge.accepted(1, grant(ahead.rear_m - 2.1), 0)
 
     ahead.motion.back_m = 2.0
     for tick in range(1, 60):
@@ -182,13 +182,26 @@ def test_a_train_that_brakes_without_authority_keeps_what_it_needs_to_stop() -> 
 
 
 def test_a_train_beyond_its_authority_is_seen() -> None:
-    runner = train(1, 500.0, speed_mps=20.0)
+    runner = train(1, 500.0)
     judge = checker(runner)
     judge.accepted(1, grant(510.0), 0)
+    runner.motion.speed_mps = 20.0
     runner.motion.advance(1 * S)
 
     with pytest.raises(ViolationError, match="24"):
         judge.moved(runner)
+
+
+def test_a_train_whose_authority_is_shortened_under_it_has_the_way_it_needs_to_stop() -> None:
+    runner = train(1, 500.0, speed_mps=20.0)
+    judge = checker(runner)
+    judge.accepted(1, grant(510.0), 0)
+    runner.motion.apply_emergency(0)
+    for tick in range(1, 300):
+        runner.motion.advance(tick * S // 10)
+        judge.moved(runner)
+
+    assert runner.front_m > 700.0
 
 
 def test_what_is_not_judged_is_still_counted() -> None:

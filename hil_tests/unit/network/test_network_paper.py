@@ -6,7 +6,6 @@ import pytest
 
 from metro_hil.hil_command import main
 from metro_hil.network.checker import ViolationError
-from metro_hil.network.links import CLEAR
 from metro_hil.network.many import Journal, Total, run_many
 from metro_hil.network.paper import PaperCrew, PaperSettings, PaperTrain
 from metro_hil.network.run import Phases, RunResult
@@ -76,37 +75,31 @@ def test_taking_over_at_once_from_a_master_that_was_only_stopped_makes_two() -> 
     line = world({2: 900.0, 1: 300.0})
     start(line, THIRD, 2, 1)
     line.net.stop(2, 3 * S)
-    line.net.run(line.net.now_ns + 4 * S)
+    line.net.run(line.net.now_ns + 2 * S)
 
-    assert line.checker.looked["19 broken"] > 0
+    assert sorted(masters(line)) == [1, 2]
 
 
 def test_two_that_enter_together_both_command() -> None:
     line = world({2: 900.0, 1: 300.0})
-    line.net.boot(THIRD)
     line.net.boot(1)
     line.net.boot(2)
+    line.net.run(2 * S)
 
-    with pytest.raises(ViolationError) as error:
-        line.net.run(3 * S)
-
-    assert error.value.invariant == "21"
-    assert masters(line)
+    assert sorted(masters(line)) == [1, 2]
+    assert line.checker.looked["19 broken"] > 0
 
 
 def test_an_authority_without_age_is_obeyed_however_old_it_is() -> None:
     line = world({2: 900.0, 1: 300.0})
     start(line, THIRD, 2, 1)
-    line.net.cut([(2, 1)], keeps=True)
-    line.net.run(line.net.now_ns + 700_000_000)
-    line.net.run(line.net.now_ns + 1 * S)
-    line.net.heal([(2, 1)])
+    line.net.cut([(1, 2)])
 
     with pytest.raises(ViolationError) as error:
-        line.net.run(line.net.now_ns + 1 * S)
+        line.net.run(line.net.now_ns + 4 * S)
 
-    assert error.value.invariant in ("21", "24")
-    assert all(link.weather == CLEAR for link in line.net.links())
+    assert error.value.invariant == "24"
+    assert "train 1 accepts an authority that is" in error.value.what
 
 
 PAPER = Job(Phases(trouble_s=30.0), protocol="paper")
@@ -138,7 +131,8 @@ def test_a_broken_seed_names_the_command_that_repeats_it(
     assert words[words.index("--seed") + 1] in ("1", "2", "3")
     instants = [float(line.split()[0]) for line in story[: story.index(verdict) + 1]]
     assert instants == sorted(instants)
-    assert len(instants) > 20
+    assert len(instants) > 5
+    assert any("sends" in line for line in story)
 
 
 def test_a_journal_spares_what_it_has_and_forgives_a_torn_last_line(tmp_path: Path) -> None:
