@@ -252,7 +252,7 @@ class Explorer:
         letters: list[Letter] = []
         try:
             for address in stage.addresses:
-                until, died = away.get(address, (0, False))
+                until, died = away.get(address, (slot, False))
                 if slot < until:
                     continue
                 if away.pop(address, None) is not None and died:
