@@ -16,6 +16,8 @@ from zenoh_config.t2t import (
     LeaseAnswer,
     LeaseKind,
     LeaseRequest,
+    RosterAck,
+    RosterCommit,
     SwitchKind,
     SwitchStep,
     TrainReport,
@@ -23,6 +25,8 @@ from zenoh_config.t2t import (
 
 NS_PER_MS: Final = 1_000_000
 TOLD_MAX: Final = 256
+TOLERANCE_NS: Final = 2 * NS_PER_MS
+"""What drift may do to a lease."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,11 +57,26 @@ class Air:
         """Train, area and term of every lease ever granted."""
         self._stale: set[tuple[int, int, int, int]] = set()
         """Train, area, term and sequence of authorities that were too old when they came."""
+        self._valid_ns: dict[int, dict[int, int]] = {}
+        """By area and train: until which true instant its lease holds."""
+        self._named: dict[tuple[int, int], int] = {}
+        """By train and area: the successor that it named last."""
+        self._rosters: dict[tuple[int, int, int, int], tuple[frozenset[int], set[int]]] = {}
+        """By train, area, term and version: who is on it, and which arbiters keep it."""
+        self._kept: dict[tuple[int, int], frozenset[int]] = {}
+        """By area and term: who is on the newest roster that a majority keeps."""
+        self.clocks_sound = True
+        """No clock was stepped: leases can be held against each other."""
         self._ready: dict[tuple[int, int], int] = {}
         """By train and area: nonce of the planned switch that it last said it is ready for."""
 
     def stepped(
-        self, address: int, now_ns: int, heard: Sequence[Any], letters: Sequence[Letter]
+        self,
+        address: int,
+        now_ns: int,
+        true_ns: int,
+        heard: Sequence[Any],
+        letters: Sequence[Letter],
     ) -> None:
         """A train read something and says something, at this instant of its own clock."""
         for message in heard:
@@ -65,14 +84,20 @@ class Air:
             if kind is AreaAuthority:
                 self._note_authority(address, message, now_ns)
             elif kind is LeaseAnswer:
-                self._note_answer(address, message)
+                self._note_answer(address, message, true_ns - now_ns)
+            elif kind is RosterAck:
+                self._note_ack(address, message)
         for letter in letters:
             message = letter.message
             kind = type(message)
             if kind is AreaAuthority:
                 self._issue(message, now_ns)
-            elif kind is LeaseRequest and message.kind is LeaseKind.RELEASE:
-                self._until_ns.pop((address, message.area), None)
+            elif kind is LeaseRequest:
+                self._note_request(message)
+            elif kind is RosterCommit:
+                key = (address, message.area, message.term, message.version)
+                names = frozenset(entry.train for entry in message.roster)
+                self._rosters.setdefault(key, (names, set()))
             elif kind is TrainReport:
                 self._report(message)
 
@@ -93,7 +118,35 @@ class Air:
             if len(told) > TOLD_MAX:
                 del told[next(iter(told))]
 
-    def _note_answer(self, address: int, message: LeaseAnswer) -> None:
+    def _note_request(self, message: LeaseRequest) -> None:
+        self._named[message.source, message.area] = message.successor
+        if message.kind is LeaseKind.RELEASE:
+            self._until_ns.pop((message.source, message.area), None)
+            self._valid_ns.get(message.area, {}).pop(message.source, None)
+
+    def _note_ack(self, address: int, message: RosterAck) -> None:
+        names, keepers = self._rosters.get(
+            (address, message.area, message.term, message.version), (frozenset(), set())
+        )
+        keepers.add(message.source)
+        if len(keepers) >= self.rules.majority:
+            self._kept[message.area, message.term] = names
+
+    def _alone(self, address: int, area: int, true_ns: int) -> None:
+        """19: nobody else's lease of the area runs, but for one who named this train."""
+        self.looked["19 lease"] += 1
+        for other, until_ns in self._valid_ns.get(area, {}).items():
+            if other == address or until_ns <= true_ns + TOLERANCE_NS:
+                continue
+            if self._named.get((other, area)) != address and self.clocks_sound:
+                raise ViolationError(
+                    "19",
+                    f"train {address} gets the lease of area {area}, and that of train {other} "
+                    f"runs for another {(until_ns - true_ns) / NS_PER_MS:.1f} ms",
+                )
+
+    def _note_answer(self, address: int, message: LeaseAnswer, ahead_ns: int) -> None:
+        """`ahead_ns` is what the true clock reads more than the train's."""
         if not message.granted or message.destination != address:
             return
         answers = self._answers.setdefault((address, message.area, message.nonce), {})
@@ -105,6 +158,9 @@ class Air:
         key = address, message.area
         term, before_ns = self._until_ns.get(key, (0, 0))
         if message.term > term or until_ns > before_ns:
+            if message.term > term:
+                self._alone(address, message.area, newest_ns + ahead_ns)
+            self._valid_ns.setdefault(message.area, {})[address] = until_ns + ahead_ns
             self._until_ns[key] = message.term, until_ns
             self._won.add((address, message.area, message.term))
         if len(self._answers) > 1000:
@@ -119,6 +175,12 @@ class Air:
                 "19",
                 f"train {message.source} issues in area {message.area}, term {message.term}, "
                 f"which is train {issuer}'s",
+            )
+        if message.destination not in self._kept.get((message.area, message.term), frozenset()):
+            raise ViolationError(
+                "roster",
+                f"train {message.source} issues to train {message.destination} in area "
+                f"{message.area}, which no majority of arbiters has on its roster",
             )
         term, until_ns = self._until_ns.get((message.source, message.area), (0, 0))
         late_ns = now_ns - (until_ns - self.rules.margin_ns)

@@ -31,7 +31,12 @@ class Listener(Protocol):
     """Judges what goes over the air."""
 
     def stepped(
-        self, address: int, now_ns: int, heard: Sequence[Any], letters: Sequence[Letter]
+        self,
+        address: int,
+        now_ns: int,
+        true_ns: int,
+        heard: Sequence[Any],
+        letters: Sequence[Letter],
     ) -> None: ...
 
     def holds(self, address: int, grant: Grant) -> None: ...
@@ -55,7 +60,9 @@ class Cab:
         self._train.motion.advance(self._net.now_ns)
         turn = self.protocol.step(now_ns, heard, self._train.reading())
         if self.listener is not None:
-            self.listener.stepped(self._train.address, now_ns, heard, turn.letters)
+            self.listener.stepped(
+                self._train.address, now_ns, self._net.now_ns, heard, turn.letters
+            )
         grants = self.protocol.grants
         if grants is self.grants:
             return turn

@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Final, Protocol
 
 from firmware_py.trackdb.areas import AreaMap
@@ -12,8 +12,8 @@ from metro_hil.network.coverage import counted, told_kinds
 from metro_hil.network.ground import Grant, Reading
 from metro_hil.network.net import NEVER, Letter, Machine, Turn
 from metro_hil.network.track import AXLES, TrueTrack
-from plant_emulator.wayside.arbiter import Arbiter
-from plant_emulator.wayside.line_object import LineObject
+from plant_emulator.wayside.arbiter import Arbiter, ArbiterGuards
+from plant_emulator.wayside.line_object import LineObject, ObjectGuards
 from plant_emulator.wayside.t2t_vocabulary import ArbiterMemory, ObjectMemory, WaysideStepped
 from plant_emulator.wayside.track import Track
 from vobc.t2t.guards import TrainGuards
@@ -37,14 +37,28 @@ ORDER_REPEATS: Final = 10
 
 
 @dataclass(frozen=True, slots=True)
+class Guards:
+    """Those of the protocol, or others, to see that they are missed."""
+
+    train: TrainGuards = field(default_factory=TrainGuards)
+    arbiter: ArbiterGuards = field(default_factory=ArbiterGuards)
+    thing: ObjectGuards = field(default_factory=ObjectGuards)
+    forget: frozenset[str] = frozenset()
+    """Whose memory is empty after a restart but for the number of its starts: train, arbiter,
+    object."""
+
+
+SAFE: Final = Guards()
+
+
+@dataclass(frozen=True, slots=True)
 class Cast:
     """Who takes part and what they believe."""
 
     line: AreaMap
     config: T2tConfig
     trains: tuple[int, ...]
-    guards: Any = None
-    """Other ones than those of the protocol, to see that they are missed."""
+    guards: Guards = SAFE
 
 
 WaysideDisk = tuple[int, tuple[tuple[int, ObjectMemory], ...]]
@@ -187,8 +201,11 @@ class ArbiterNode:
         self._core = Arbiter(
             cast.config.timers,
             address=node.address,
-            memory=node.disk,
+            memory=ArbiterMemory(node.disk.boot)
+            if node.disk is not None and "arbiter" in cast.guards.forget
+            else node.disk,
             start_ns=now_ns,
+            guards=cast.guards.arbiter,
         )
         self._keep: ArbiterMemory | None = node.disk
         self._routes = routes
@@ -209,6 +226,8 @@ class WaysideNode:
         timers = cast.config.timers
         disk: WaysideDisk = node.disk if node.disk is not None else (1000 * node.boots, ())
         kept = dict(disk[1])
+        if "object" in cast.guards.forget:
+            kept = {number: ObjectMemory(each.boot) for number, each in kept.items()}
         self._boot = disk[0] + 1
         self._routes, self._track, self._crew = routes, track, crew
         self._objects = {
@@ -218,6 +237,7 @@ class WaysideNode:
                 cast.line.area_at(site.start_m).number,
                 memory=kept.get(site.number),
                 start_ns=now_ns,
+                guards=cast.guards.thing,
             )
             for site in cast.line.objects
         }
@@ -315,7 +335,7 @@ class T2tCrew:
     def __init__(self, cast: Cast, seed: int) -> None:
         self.cast, self._seed = cast, seed
         self.covered = Counter[str]()
-        self._guards = counted(cast.guards or TrainGuards(), self.covered)
+        self._guards = counted(cast.guards.train, self.covered)
         self.rules = Rules(
             age_max_ns=cast.config.timers.authority_ms * NS_PER_MS,
             roll_back_m=cast.config.rollback_m,
@@ -333,6 +353,8 @@ class T2tCrew:
         memory = node.disk
         if memory is None:
             return Mute()
+        if "train" in self.cast.guards.forget:
+            memory = TrainMemory(memory.boot)
         core = TrainCore(
             self.cast.config,
             self.cast.line,

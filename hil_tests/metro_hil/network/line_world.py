@@ -116,9 +116,15 @@ class LineWorld(World):
         return machine
 
     def stepped(
-        self, address: int, now_ns: int, heard: Sequence[Any], letters: Sequence[Letter]
+        self,
+        address: int,
+        now_ns: int,
+        true_ns: int,
+        heard: Sequence[Any],
+        letters: Sequence[Letter],
     ) -> None:
-        self.air.stepped(address, now_ns, heard, letters)
+        self.air.clocks_sound = not self.net.clock_steps
+        self.air.stepped(address, now_ns, true_ns, heard, letters)
 
     def holds(self, address: int, grant: Grant) -> None:
         self.air.made_of(address, grant)

@@ -111,6 +111,7 @@ class Network:
         self.nodes: dict[int, Node] = {}
         self.sent = self.delivered = self.lost = self.doubled = self.damaged = 0
         self.steps = self.stored = self.fired = self.disks_lost = 0
+        self.clock_steps = 0
         self._heap: list[tuple[int, int, Callable[[Any], None], Any]] = []
         self._number = 0
         self._draw = self.random.random
@@ -203,6 +204,7 @@ class Network:
     def step_clock(self, address: int, by_ns: int) -> None:
         node = self.nodes[address]
         self.say(node.name, f"clock steps by {by_ns / 1e9:+.3f} s")
+        self.clock_steps += 1
         node.clock.step(self.now_ns, by_ns)
         self._rouse(node)
 

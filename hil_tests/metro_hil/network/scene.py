@@ -6,7 +6,7 @@ from typing import Any, Final
 
 from firmware_py.trackdb.areas import AreaMap
 from metro_hil.network.cab import Cab
-from metro_hil.network.crew import Cast, Order, TrainNode
+from metro_hil.network.crew import SAFE, Cast, Guards, Order, TrainNode
 from metro_hil.network.line_world import FIRST_ARBITER, Draw, LineWorld, line_of_areas
 from metro_hil.network.trace import Teller
 from metro_hil.network.world import Setting
@@ -33,7 +33,7 @@ class Plot:
     stops_m: Sequence[float] = ()
     dwell_s: float = 20.0
     timers: LineTimers = TIMERS_A
-    guards: Any = None
+    guards: Guards = SAFE
     line: AreaMap | None = None
     area_m: float = 2000.0
     seed: int = 1

@@ -126,7 +126,7 @@ class LineStage:
             for train in self._trains.values():
                 train.motion.advance(now_ns)
             turn = machine.step(local_ns, heard, self._trains[address].reading())
-            self._air.stepped(address, local_ns, heard, turn.letters)
+            self._air.stepped(address, local_ns, now_ns, heard, turn.letters)
         if doom is Doom.BEFORE_STORING:
             return ()
         place.disk = turn.keep
