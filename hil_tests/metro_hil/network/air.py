@@ -84,7 +84,7 @@ class Air:
             if kind is AreaAuthority:
                 self._note_authority(address, message, now_ns)
             elif kind is LeaseAnswer:
-                self._note_answer(address, message, true_ns - now_ns)
+                self._note_answer(address, message, now_ns, true_ns - now_ns)
             elif kind is RosterAck:
                 self._note_ack(address, message)
         for letter in letters:
@@ -145,7 +145,7 @@ class Air:
                     f"runs for another {(until_ns - true_ns) / NS_PER_MS:.1f} ms",
                 )
 
-    def _note_answer(self, address: int, message: LeaseAnswer, ahead_ns: int) -> None:
+    def _note_answer(self, address: int, message: LeaseAnswer, now_ns: int, ahead_ns: int) -> None:
         """`ahead_ns` is what the true clock reads more than the train's."""
         if not message.granted or message.destination != address:
             return
@@ -158,8 +158,8 @@ class Air:
         key = address, message.area
         term, before_ns = self._until_ns.get(key, (0, 0))
         if message.term > term or until_ns > before_ns:
-            if message.term > term:
-                self._alone(address, message.area, newest_ns + ahead_ns)
+            if message.term > term and until_ns > now_ns:
+                self._alone(address, message.area, now_ns + ahead_ns)
             self._valid_ns.setdefault(message.area, {})[address] = until_ns + ahead_ns
             self._until_ns[key] = message.term, until_ns
             self._won.add((address, message.area, message.term))

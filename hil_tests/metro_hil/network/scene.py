@@ -216,6 +216,9 @@ class Scene:
     def order(self, kind: OrderKind, train: int, area: int = 1) -> None:
         self.world.t2t.orders.append(Order(kind, area, train))
 
+    def commanded(self, *, within_s: float) -> float:
+        return self.until("somebody commands", lambda: self.master() is not None, within_s=within_s)
+
     def stands(self, train: int) -> float:
         """Until it does; how long that took."""
         motion = self.world.trains[train].motion
