@@ -170,6 +170,8 @@ class LineWorld(World):
             thing = self.track.objects[number]
             if thing.locked is not locked:
                 self.net.say(f"object {number}", "is locked" if locked else "is free to move")
+                if locked and thing.release_wanted:
+                    raise ViolationError("23", f"object {number} locks although it may stand open")
                 thing.locked = locked
         self.check_objects()
 

@@ -3,17 +3,17 @@
 Most hold back one message until it has become dangerous and then let it go.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, Final
 
 from metro_hil.network.directed import Make, Scenario, at_speed
-from metro_hil.network.scene import NS_PER_MS, Plot, Scene
+from metro_hil.network.scene import NS_PER_MS, NS_PER_S, Plot, Scene
 from vobc.t2t.vocabulary import Role
-from zenoh_config.messages import SpeedRestriction
+from zenoh_config.messages import WAYSIDE, SpeedRestriction
 from zenoh_config.t2t import (
     AreaAuthority,
     ClaimKind,
-    LeaseAnswer,
     LeaseKind,
     LeaseRequest,
     ObjectClaim,
@@ -22,7 +22,9 @@ from zenoh_config.t2t import (
     OrderKind,
     RosterCommit,
     TrackStatus,
+    TrainReport,
 )
+from zenoh_config.timers import LineTimers
 
 SWITCH: Final = 1
 SWITCH_M: Final = 700.0
@@ -71,21 +73,31 @@ def _until_taken_over(scene: Scene) -> None:
 
 
 def late_authority_after_takeover(make: Make) -> None:
-    """A long authority is on its way for 50 to 900 ms; meanwhile its master ends and the switch is
-    promised to somebody else."""
-    for late_ms in (0, 300):
-        scene = before_the_switch(make)
-        scene.expect("the switch is free", _free(scene))
-        scene.keep_back_authorities(1)
-        _wish(scene, False)
-        _until_granted(scene)
-        scene.net.kill(3)
-        _wish(scene, True)
-        _until_taken_over(scene)
-        scene.run(late_ms / 1000.0)
-        scene.no_rules()
-        scene.let_go()
-        scene.run(1.0)
+    """A long authority is on its way; meanwhile its master ends, and the next one lets the switch
+    move."""
+    scene = before_the_switch(make)
+    scene.expect("the switch is free", _free(scene))
+    scene.keep_back_authorities(1)
+    _wish(scene, False)
+    _until_granted(scene)
+    scene.net.kill(3)
+    _wish(scene, True)
+    _until_taken_over(scene)
+    scene.until("the switch is free", lambda: _free(scene), within_s=2.0)
+    scene.no_rules()
+    scene.let_go()
+    scene.run(1.0)
+
+
+def unpromised(make: Make) -> None:
+    """All that the next master knows of a train is from before its long authority."""
+    scene = before_the_switch(make)
+    scene.lose(TrainReport, source=1, target=2)
+    _wish(scene, False)
+    scene.until("train 1 may pass", lambda: (scene.end_m(1) or 0.0) > SWITCH_M, within_s=5.0)
+    scene.net.kill(3)
+    _wish(scene, True)
+    scene.run(2.0)
 
 
 def late_authority_of_the_same_master(make: Make) -> None:
@@ -240,55 +252,114 @@ def closed_unknown(make: Make) -> None:
     scene.run(6.0)
 
 
-def mixed_votes(make: Make) -> None:
-    """Of three arbiters one grants the first attempt, late, and another the second."""
-    scene = make(Plot({1: 560.0, 2: 1000.0}, arbiters=3))
-    one, _, three = scene.arbiters
-    for address in scene.others(1, 2, three):
-        scene.net.boot(address)
+def reused_term(make: Make) -> None:
+    """A candidacy fails; what gives its grants back comes when the next one has succeeded."""
+    for seed in range(1, 6):
+        scene = make(Plot({1: 560.0, 2: 1000.0}, arbiters=3, seed=seed))
+        for address in scene.others(1, 2):
+            scene.net.boot(address)
+        scene.run(0.5)
+        scene.rule(_first_attempt_fails(scene.arbiters[0]))
+        scene.net.cut([(1, 2)])
+        scene.net.boot(1)
+        scene.run(0.15)
+        scene.net.boot(2)
+        scene.run(2.0)
+
+
+def _first_attempt_fails(one: int) -> Callable[[int, int, Any], int | None]:
+    """Only one arbiter hears of it; releases come late and renewals never."""
     nonces: list[int] = []
 
     def rule(source: int, target: int, message: Any) -> int | None:
-        if not isinstance(message, LeaseAnswer) or not message.granted:
-            return 0
-        if message.nonce not in nonces:
-            nonces.append(message.nonce)
-        first = nonces.index(message.nonce) == 0
-        if source == one:
-            return 160 * NS_PER_MS if first else None
-        return None if first else 0
-
-    scene.run(0.5)
-    scene.rule(rule)
-    scene.net.boot(1)
-    scene.run(1.2)
-
-
-def reused_term(make: Make) -> None:
-    """A candidacy fails; what gives its grants back comes when the next one has succeeded."""
-    scene = make(Plot({1: 560.0, 2: 1000.0}, arbiters=3))
-    for address in scene.others(1, 2):
-        scene.net.boot(address)
-    scene.run(0.5)
-    first: list[int] = []
-
-    def rule(source: int, target: int, message: Any) -> int | None:
-        if not isinstance(message, LeaseRequest):
+        if source != 1 or not isinstance(message, LeaseRequest):
             return 0
         if message.kind is LeaseKind.RELEASE:
-            return 350 * NS_PER_MS
-        if message.kind is LeaseKind.ACQUIRE and source == 1:
-            if message.nonce not in first:
-                first.append(message.nonce)
-            if first.index(message.nonce) == 0:
-                return None
-        # Renewals do not come: the lease lives from its grant alone.
-        return None if message.kind is LeaseKind.RENEW and source == 1 else 0
+            return 300 * NS_PER_MS
+        if message.kind is LeaseKind.RENEW:
+            return None
+        if message.nonce not in nonces:
+            nonces.append(message.nonce)
+        return None if nonces.index(message.nonce) == 0 and target != one else 0
 
-    scene.rule(rule)
+    return rule
+
+
+def term_again(make: Make) -> None:
+    """Who has never heard of the terms that there were gets none of them again."""
+    for restarts in (False, True):
+        fronts_m = {1: 200.0, 2: 700.0, 3: 1200.0, 4: 1700.0}
+        scene = make(Plot(fronts_m, stops_m=tuple(fronts_m.values()), dwell_s=1000.0))
+        for address in scene.others(2, 4):
+            scene.net.boot(address)
+        scene.until_without([2, 4], within_s=20.0)
+        scene.net.kill(1)
+        scene.net.kill(3)
+        if restarts:
+            scene.net.kill(scene.arbiters[0])
+            scene.net.boot(scene.arbiters[0])
+        scene.run(1.0)
+        scene.net.boot(2)
+        scene.net.boot(4)
+        scene.run(5.0)
+
+
+def forgetful_train(make: Make) -> None:
+    """The arbiter's clock jumps, so that two leases run; a follower restarts between them."""
+    timers = LineTimers(lease_ms=3000, authority_ms=4000)
+    scene = before_the_switch(make, timers=timers)
+    away = [(3, other) for other in scene.others(3)]
+    scene.net.cut(away)
+    scene.net.step_clock(scene.arbiters[0], 4 * NS_PER_S)
+    old = scene.held_term(3)
+    scene.until("train 1 obeys the next", lambda: scene.held_term(1) > old, within_s=2.0)
+    scene.net.kill(1)
+    scene.net.cut([(2, 1)])
+    scene.net.heal([(3, 1)])
     scene.net.boot(1)
-    scene.net.boot(2)
-    scene.run(3.0)
+    scene.run(1.5)
+    scene.expect("it obeys no older one", scene.held_term(1) == 0)
+
+
+def object_restarts(make: Make) -> None:
+    """A switch that was locked is locked when its interlocking starts anew."""
+    scene = before_the_switch(make)
+    _wish(scene, False)
+    scene.until("train 1 may pass", lambda: (scene.end_m(1) or 0.0) > SWITCH_M, within_s=5.0)
+    scene.net.kill(WAYSIDE)
+    scene.net.boot(WAYSIDE)
+    scene.run(1.0)
+
+
+def late_claim(make: Make) -> None:
+    """A claim comes when the switch is asked to move and free to do so."""
+    scene = before_the_switch(make)
+    scene.keep_back(lambda source, target, message: isinstance(message, ObjectClaim))
+    _wish(scene, False)
+    scene.until("a claim is on its way", lambda: bool(scene.held), within_s=3.0)
+    _wish(scene, True)
+    scene.run(0.2)
+    scene.let_go()
+    scene.run(0.5)
+
+
+def out_of_line(make: Make) -> None:
+    """The second of two trains before a border is heard first; the first must not be shut out."""
+    fronts_m = {1: 1300.0, 2: 1700.0, 3: 3000.0}
+    scene = make(Plot(fronts_m, areas=2, stops_m=(3000.0,), dwell_s=1000.0))
+    scene.rule(
+        lambda source, target, message: (
+            None if source == 2 and isinstance(message, TrainReport) and message.area == 2 else 0
+        )
+    )
+    scene.world.boot_all()
+    scene.run(40.0)
+    scene.no_rules()
+    scene.until(
+        "the first is over the border",
+        lambda: scene.world.trains[2].rear_m > 2000.0,
+        within_s=60.0,
+    )
 
 
 def arbiter_restarts(make: Make) -> None:
@@ -376,8 +447,13 @@ LURES: Final[tuple[Scenario, ...]] = (
     Scenario(
         "closed-unknown", 0, "a closed stretch of which the master has not heard", closed_unknown
     ),
-    Scenario("mixed-votes", 0, "votes of two attempts", mixed_votes),
     Scenario("reused-term", 0, "a release of a failed candidacy comes late", reused_term),
+    Scenario("unpromised", 0, "a train that has not promised", unpromised),
+    Scenario("term-again", 0, "trains that know of no term", term_again),
+    Scenario("forgetful-train", 0, "a train restarts while two leases run", forgetful_train),
+    Scenario("object-restarts", 0, "an interlocking restarts", object_restarts),
+    Scenario("late-claim", 0, "a claim comes when the switch is to move", late_claim),
+    Scenario("out-of-line", 0, "the second in line is heard first", out_of_line),
     Scenario("arbiter-restarts", 0, "an arbiter forgets nothing", arbiter_restarts),
     Scenario("uncommitted", 0, "a roster that nobody keeps", uncommitted),
     Scenario("duelling-candidates", 0, "three candidates, three arbiters", duelling_candidates),

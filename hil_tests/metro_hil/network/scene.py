@@ -145,6 +145,10 @@ class Scene:
     def all_held(self) -> bool:
         return not self.world.without_authority()
 
+    def without(self) -> list[int]:
+        """Trains that have no authority in force."""
+        return self.world.without_authority()
+
     def emergencies(self) -> int:
         return sum(train.emergencies for train in self.world.trains.values())
 
@@ -218,6 +222,11 @@ class Scene:
 
     def commanded(self, *, within_s: float) -> float:
         return self.until("somebody commands", lambda: self.master() is not None, within_s=within_s)
+
+    def until_without(self, trains: list[int], *, within_s: float) -> float:
+        """Until just these have no authority."""
+        what = f"all but {trains} have authority"
+        return self.until(what, lambda: self.without() == trains, within_s=within_s)
 
     def stands(self, train: int) -> float:
         """Until it does; how long that took."""
