@@ -205,9 +205,10 @@ class Scene:
 
         self.rule(rule)
 
-    def let_go(self) -> int:
-        """All that is held comes now, in order; how many."""
-        held, self.held = self.held, []
+    def let_go(self, source: int | None = None) -> int:
+        """All that is held (of one source) comes now, in order; how many."""
+        held = [each for each in self.held if source in (None, each.source)]
+        self.held = [each for each in self.held if source not in (None, each.source)]
         for each in held:
             self.net.deliver(each.target, each.message)
         return len(held)
