@@ -349,6 +349,23 @@ class T2tCrew:
         self.true_ns: Callable[[], int] = lambda: 0
         self.move: Callable[[list[tuple[int, bool]]], None] = lambda moved: None
 
+    def constants(self) -> dict[str, object]:
+        """Parts that never change while all runs, by name."""
+        guards = self._guards
+        return {
+            "crew": self,
+            "line": self.cast.line,
+            "config": self.cast.config,
+            "timers": self.cast.config.timers,
+            "routes": self._routes,
+            "covered": self.covered,
+            "rules": self.rules,
+            "guards": guards,
+            "guards of members": guards.member,
+            "guards of leases": guards.lease,
+            "guards of masters": guards.master,
+        }
+
     def train(self, node: Seat, now_ns: int) -> Protocolled:
         memory = node.disk
         if memory is None:

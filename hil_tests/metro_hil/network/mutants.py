@@ -67,3 +67,71 @@ def noticed_by(scenario: Scenario, guards: Guards) -> str:
     except (ViolationError, UnexpectedError) as error:
         return str(error)
     return ""
+
+
+NOTICED: Final[Mapping[str, str]] = {
+    "member.for_this_incarnation": "unacceptable",
+    "member.young_enough": "unacceptable",
+    "member.newer_than_held": "late-authority",
+    "member.term_not_old": "late-authority-takeover",
+    "member.owner_of_term": "unacceptable",
+    "member.latent_authority_m": "shortened-at-speed",
+    "lease.granted_by_majority": "two-candidates",
+    "lease.lease_runs": "arbiter-restarts",
+    "master.has_promised": "unpromised",
+    "master.roster_kept": "uncommitted",
+    "master.track_known": "closed-unknown",
+    "master.placed_apart": "master-killed",
+    "master.comes_in_line": "out-of-line",
+    "master.object_confirmed": "late-release",
+    "master.cannot_reach": "late-release",
+    "master.sieved": "hidden-train",
+    "arbiter.lease_is_free": "arbiter-restarts",
+    "arbiter.waits_after_start": "arbiter-restarts",
+    "object.newer_claim": "late-release",
+    "object.free_to_lock": "late-claim",
+    "memory of train": "forgetful-train",
+    "memory of arbiter": "term-again",
+    "memory of object": "object-restarts",
+}
+"""By guard: the scenario that fails without it."""
+
+ARGUED: Final[Mapping[str, str]] = {
+    "lease.answers_this_attempt": (
+        "Votes are counted by nonce all the same, so that no two attempts make a majority "
+        "together; what one late grant lets a train believe of its lease, no arbiter "
+        "confirms by keeping its roster, and without that nothing is issued."
+    ),
+    "lease.unused_term": (
+        "An arbiter grants no term a second time (arbiter.term_is_new), so that the "
+        "second attempt under one term is refused by whoever granted the first."
+    ),
+    "master.report_alive": (
+        "An authority echoes the report that it answers. One that answers an old report "
+        "is too old when it comes (member.young_enough)."
+    ),
+    "master.cleared_after": (
+        "A view of the track is no older than an authority may be, and a silent train is "
+        "one that has not been heard for half of that: in the rest no train runs its own "
+        "length, which is what the sections behind it would have to miss."
+    ),
+    "arbiter.term_is_new": (
+        "A train asks above all terms that it saw, tried or was refused with; who knows "
+        "of none meets trains that do, and these obey only what is newer or the owner's."
+    ),
+    "arbiter.by_holder": (
+        "A renewal or a release under a term names its holder; another train would have "
+        "to ask under a term that it was never granted."
+    ),
+    "object.term_not_old": ("object.newer_claim orders claims by term first."),
+    "object.owner_of_term": (
+        "Terms have one owner each (arbiter.term_is_new); the envelope's code keeps out "
+        "whoever only pretends."
+    ),
+    "object.nobody_in_it": (
+        "The interlocking's own last look: masters release only what no train of the "
+        "roster can reach (master.cannot_reach), and none is within what nobody can "
+        "reach."
+    ),
+}
+"""By guard: why nothing that is judged goes wrong without it alone: another one stands behind."""

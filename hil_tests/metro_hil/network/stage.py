@@ -97,6 +97,10 @@ class LineStage:
     def looked(self) -> Counter[str]:
         return self._checker.looked
 
+    def constants(self) -> dict[str, object]:
+        """Parts that never change while all runs, by name."""
+        return {"looked": self.looked, "lease rules": self._air.rules}
+
     def exposed(self, message: Any) -> bool:
         return isinstance(message, self._exposed)
 
