@@ -140,7 +140,10 @@ def lines(total: "Total") -> list[str]:
         f"looked at: {_counted(total.looked)}",
     ]
     if total.covered:
+        from metro_hil.network.coverage import never
+
         text.append(f"gone through: {_counted(total.covered)}")
+        text.append(f"never gone through: {', '.join(never(total.covered)) or 'nothing'}")
     broken = len(total.broken)
     return [*text, f"broken: {broken} seeds" if broken else "nothing broken"]
 

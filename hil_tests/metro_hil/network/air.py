@@ -63,8 +63,10 @@ class Air:
         """By train and area: the successor that it named last."""
         self._rosters: dict[tuple[int, int, int, int], tuple[frozenset[int], set[int]]] = {}
         """By train, area, term and version: who is on it, and which arbiters keep it."""
-        self._kept: dict[tuple[int, int], frozenset[int]] = {}
-        """By area and term: who is on the newest roster that a majority keeps."""
+        self._kept: dict[tuple[int, int], tuple[int, frozenset[int]]] = {}
+        """By area and term: the newest roster that a majority keeps, by version and trains."""
+        self._given_back: set[tuple[int, int, int]] = set()
+        """Train, area and term of leases that their holder gave back."""
         self.clocks_sound = True
         """No clock was stepped: leases can be held against each other."""
         self._ready: dict[tuple[int, int], int] = {}
@@ -121,6 +123,7 @@ class Air:
     def _note_request(self, message: LeaseRequest) -> None:
         self._named[message.source, message.area] = message.successor
         if message.kind is LeaseKind.RELEASE:
+            self._given_back.add((message.source, message.area, message.term))
             self._until_ns.pop((message.source, message.area), None)
             self._valid_ns.get(message.area, {}).pop(message.source, None)
 
@@ -130,7 +133,9 @@ class Air:
         )
         keepers.add(message.source)
         if len(keepers) >= self.rules.majority:
-            self._kept[message.area, message.term] = names
+            key = message.area, message.term
+            if message.version >= self._kept.get(key, (0, names))[0]:
+                self._kept[key] = message.version, names
 
     def _alone(self, address: int, area: int, true_ns: int) -> None:
         """19: nobody else's lease of the area runs, but for one who named this train."""
@@ -148,6 +153,8 @@ class Air:
     def _note_answer(self, address: int, message: LeaseAnswer, now_ns: int, ahead_ns: int) -> None:
         """`ahead_ns` is what the true clock reads more than the train's."""
         if not message.granted or message.destination != address:
+            return
+        if (address, message.area, message.term) in self._given_back:
             return
         answers = self._answers.setdefault((address, message.area, message.nonce), {})
         answers[message.source] = message.echo_ns
@@ -176,7 +183,8 @@ class Air:
                 f"train {message.source} issues in area {message.area}, term {message.term}, "
                 f"which is train {issuer}'s",
             )
-        if message.destination not in self._kept.get((message.area, message.term), frozenset()):
+        _, kept = self._kept.get((message.area, message.term), (0, frozenset()))
+        if message.destination not in kept:
             raise ViolationError(
                 "roster",
                 f"train {message.source} issues to train {message.destination} in area "

@@ -367,7 +367,7 @@ def out_of_line(make: Make) -> None:
     scene.until(
         "the first is over the border",
         lambda: scene.world.trains[2].rear_m > 2000.0,
-        within_s=60.0,
+        within_s=40.0,
     )
 
 
@@ -403,22 +403,22 @@ def uncommitted(make: Make) -> None:
 
 
 def duelling_candidates(make: Make) -> None:
-    """Three arbiters, three trains that start at once again and again: somebody wins soon."""
+    """Three arbiters, four trains that start at once, again and again: somebody wins soon."""
     for seed in range(1, 6):
         scene = make(Plot(STANDS_M, arbiters=3, seed=seed))
-        for address in scene.others(1, 2, 3):
+        for address in scene.others(*STANDS_M):
             scene.net.boot(address)
         scene.run(0.5)
-        for train in (1, 2, 3):
+        for train in STANDS_M:
             scene.net.boot(train)
         scene.commanded(within_s=3.0)
-        roles = [scene.role(train) for train in (1, 2, 3)]
+        roles = [scene.role(train) for train in STANDS_M]
         scene.expect(f"one: {roles}", roles.count(Role.MASTER) == 1)
 
 
 def clock_steps(make: Make) -> None:
     """Clocks jump ahead at the master, a follower, the arbiter: nobody gets what is another's."""
-    for ahead_ms in (200, 900, 5000):
+    for ahead_ms in (900,):
         for who in range(3):
             scene, master = at_speed(make, trains=3, seed=ahead_ms + who)
             victims = (master, 1 if master != 1 else 2, scene.arbiters[0])

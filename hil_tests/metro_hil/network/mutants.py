@@ -72,7 +72,7 @@ def noticed_by(scenario: Scenario, guards: Guards) -> str:
 NOTICED: Final[Mapping[str, str]] = {
     "member.for_this_incarnation": "unacceptable",
     "member.young_enough": "unacceptable",
-    "member.newer_than_held": "late-authority",
+    "member.newer_than_held": "unacceptable",
     "member.term_not_old": "late-authority-takeover",
     "member.owner_of_term": "unacceptable",
     "member.latent_authority_m": "shortened-at-speed",

@@ -1,0 +1,87 @@
+"""Trains that command themselves on the simulated line: scenarios, missing guards, every schedule."""
+
+import pytest
+
+from metro_hil.hil_command import main
+from metro_hil.network.coverage import everything
+from metro_hil.network.directed import SCENARIOS
+from metro_hil.network.lures import LURES
+from metro_hil.network.many import run_many
+from metro_hil.network.model import MODELS, search
+from metro_hil.network.mutants import ALL_SCENARIOS, ARGUED, NOTICED, mutants, noticed_by
+from metro_hil.network.run import Phases
+from metro_hil.network.scene import Scene
+from metro_hil.network.simulate import Job
+
+QUICK = Job(Phases(trouble_s=15.0))
+SEEDS = (3, 8, 16)
+
+
+@pytest.mark.parametrize("name", sorted(ALL_SCENARIOS))
+def test_it_ends_well(name: str) -> None:
+    ALL_SCENARIOS[name].play(Scene)
+
+
+def test_every_acceptance_scenario_of_train_to_train_control_is_there() -> None:
+    assert {each.number for each in SCENARIOS} >= {17, 18, 19, 20, 21, 22, 23, 25}
+    assert len(ALL_SCENARIOS) == len(SCENARIOS) + len(LURES)
+
+
+MUTANTS = dict(mutants())
+
+
+@pytest.mark.parametrize("name", sorted(NOTICED))
+def test_without_this_guard_its_scenario_fails(name: str) -> None:
+    assert noticed_by(ALL_SCENARIOS[NOTICED[name]], MUTANTS[name]) != ""
+
+
+def test_each_guard_is_either_missed_or_argued_away() -> None:
+    assert set(NOTICED) | set(ARGUED) == set(MUTANTS)
+    assert not set(NOTICED) & set(ARGUED)
+
+
+def test_random_faults_break_nothing_and_come_out_the_same_again() -> None:
+    first = list(run_many(SEEDS, QUICK, workers=1))
+    again = list(run_many(SEEDS[:1], QUICK, workers=1))
+
+    assert [(each.invariant, each.what) for each in first] == [("", "")] * len(SEEDS)
+    assert first[0].digest == again[0].digest
+    assert len({each.digest for each in first}) == len(SEEDS)
+    assert all(each.looked["21"] > 100 and each.messages["lost"] > 0 for each in first)
+
+
+def test_through_the_real_codec_it_is_the_same_protocol() -> None:
+    result = Job(Phases(trouble_s=10.0), bytes_always=True)(5)
+
+    assert (result.invariant, result.what) == ("", "")
+    assert result.covered["AreaAuthority"] > 50
+
+
+def test_what_is_gone_through_is_named_and_what_is_not_is_known() -> None:
+    covered = Job(Phases(trouble_s=15.0))(12).covered
+
+    named = {name for name in covered if not name.startswith("from ")}
+    assert named <= everything()
+    assert covered["guard young_enough: yes"] > 0
+    assert any(name.startswith("from fencing to master") for name in covered)
+
+
+def test_every_schedule_with_one_fault_of_two_trains_and_an_arbiter_ends_well() -> None:
+    model = next(each for each in MODELS if each.name == "small")
+
+    found = search(model)
+
+    assert found.broken is None, (found.broken, found.story)
+    assert found.states > 100
+    assert found.ends > 20
+
+
+def test_the_command_says_what_was_looked_at_and_gone_through(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    code = main(["simulate", "--seed", "3", "--minutes", "0.1"])
+
+    said = capsys.readouterr().out
+    assert code == 0
+    for words in ("events a CPU second", "looked at: 19 ", "never gone through:", "nothing broken"):
+        assert words in said
