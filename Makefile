@@ -6,6 +6,8 @@ PYTEST_WORKERS ?= 2
 BENCH_ARGS ?=
 MUTATE_ARGS ?=
 FUZZ_ARGS ?=
+SIMULATE_ARGS ?= --hours 10000 --workers 2 --journal runs/simulate.jsonl
+EXPLORE_ARGS ?=
 PYTHON ?=
 
 VENV := .venv
@@ -24,7 +26,7 @@ PROTECTION_TESTS = $(wildcard hil_tests/unit/test_atp_*.py) \
 	$(wildcard $(addprefix hil_tests/unit/test_vobc_,$(addsuffix .py,braking config doors protection supervision)))
 
 .DEFAULT_GOAL := help
-.PHONY: help setup run test check format-check lint types layers mutate fuzz coverage bench bench-hil bench-atp bench-logs bench-page bench-energy bench-t2t compiled docs format clean distclean
+.PHONY: help setup run test check format-check lint types layers mutate fuzz coverage bench bench-hil bench-atp bench-logs bench-page bench-energy bench-t2t bench-simulator simulate explore compiled docs format clean distclean
 
 help: ## show this list
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | while IFS='	' read -r name words; do \
@@ -93,6 +95,16 @@ bench-energy: $(READY_TO_TEST) ## measure running curves, the DC network and the
 bench-t2t: $(READY_TO_TEST) ## kill and stop masters over real zenoh and time the next; BENCH_ARGS="--trains N --timers B"
 	$(BIN)/python -m metro_hil.line_trial --fault kill $(BENCH_ARGS)
 	$(BIN)/python -m metro_hil.line_trial --fault stop $(BENCH_ARGS)
+
+simulate: $(READY_TO_TEST) ## trains that command themselves under random faults, 10,000 hours; SIMULATE_ARGS=...
+	@mkdir -p runs
+	$(BIN)/hil simulate $(SIMULATE_ARGS)
+
+explore: $(READY_TO_TEST) ## every schedule of two trains and their arbiters with one or two faults; EXPLORE_ARGS=...
+	$(BIN)/python -m metro_hil.network.model $(EXPLORE_ARGS)
+
+bench-simulator: $(READY_TO_TEST) ## measure simulator, failover and headway in virtual time; BENCH_ARGS=...
+	$(BIN)/python -m metro_hil.simulator_bench $(BENCH_ARGS)
 
 docs: $(READY_TO_TEST) ## write the generated documents anew
 	$(BIN)/python -m metro_tools.interface_doc

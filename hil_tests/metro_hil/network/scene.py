@@ -38,6 +38,7 @@ class Plot:
     area_m: float = 2000.0
     seed: int = 1
     speed_max_mps: float = 60.0 / 3.6
+    length_m: float = 80.0
 
 
 @dataclass(slots=True)
@@ -61,6 +62,7 @@ class Scene:
             plot.fronts_m,
             plot.stops_m,
             plot.dwell_s,
+            plot.length_m,
             drift_ppm=0,
             speed_max_mps=plot.speed_max_mps,
         )

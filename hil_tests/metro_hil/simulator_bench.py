@@ -1,0 +1,127 @@
+"""Figures of trains that command themselves in virtual time: simulator, failover, headway."""
+
+import itertools
+import sys
+from collections.abc import Callable, Sequence
+from statistics import median
+from typing import Final
+
+from metro_hil.benchmarks import Figure, run_measures
+from metro_hil.network.directed import convoy
+from metro_hil.network.many import Total, run_many
+from metro_hil.network.run import Phases
+from metro_hil.network.scene import NS_PER_S, Plot, Scene
+from metro_hil.network.simulate import Job
+from zenoh_config.timers import TIMERS_A, TIMERS_B, LineTimers
+
+SEEDS: Final = range(1, 9)
+EVENTS_BAR_PER_S: Final = 100_000.0
+KILLS: Final = 20
+FAILOVER_BARS_MS: Final = {"A": 450.0, "B": 200.0}
+MS_PER_S: Final = 1000.0
+HEADWAY_TRAINS: Final = 10
+HEADWAY_BAR_S: Final = 72.0
+STATION_M: Final = 3000.0
+LENGTH_M: Final = 81.2
+
+
+def events() -> list[Figure]:
+    """Messages sent, come or lost, and steps of nodes, for each second of processor time."""
+    total = Total()
+    for result in run_many(SEEDS, Job(Phases(trouble_s=30.0)), workers=1):
+        total.add(result)
+    rate_per_s = total.events / total.cpu_s
+    return [
+        Figure(
+            "simulated protocol events a CPU second",
+            f"{rate_per_s:,.0f}, {total.train_h * 3600.0 / total.cpu_s:.0f} train seconds",
+            f"≥ {EVENTS_BAR_PER_S:,.0f}",
+            rate_per_s >= EVENTS_BAR_PER_S,
+        )
+    ]
+
+
+def failover() -> list[Figure]:
+    """From the death of a master to the last follower's authority of the next term."""
+    return [_failover(name, timers) for name, timers in (("A", TIMERS_A), ("B", TIMERS_B))]
+
+
+def _failover(name: str, timers: LineTimers) -> Figure:
+    took_ms = sorted(MS_PER_S * _one_failover_s(seed, timers) for seed in range(KILLS))
+    bar_ms = FAILOVER_BARS_MS[name]
+    return Figure(
+        f"master killed, timers {name}, virtual time",
+        f"median {median(took_ms):.0f} ms, worst {took_ms[-1]:.0f} ms of {KILLS}",
+        f"≤ {bar_ms:.0f} ms",
+        took_ms[-1] <= bar_ms,
+    )
+
+
+def _one_failover_s(seed: int, timers: LineTimers) -> float:
+    scene = Scene(Plot(convoy(5), area_m=4000.0, timers=timers, seed=seed))
+    scene.settle()
+    scene.until("there is a standby", lambda: scene.standby() is not None, within_s=5.0)
+    scene.run(1.0 + 0.013 * seed)
+    master = scene.master()
+    assert master is not None
+    old = scene.held_term(master)
+    followers = [train for train in scene.world.trains if train != master]
+    scene.net.kill(master)
+    return scene.until(
+        "the followers obey the next",
+        lambda: all(scene.held_term(train) > old for train in followers),
+        within_s=10.0,
+    )
+
+
+def headway() -> list[Figure]:
+    """Trains of 81.2 m at 60 km/h one after the other through a station, 30 s each."""
+    times_s, emergencies = headway_s(HEADWAY_TRAINS)
+    gaps_s = [b - a for a, b in itertools.pairwise(times_s)]
+    mean_s = sum(gaps_s) / len(gaps_s)
+    return [
+        Figure(
+            "headway, 60 km/h, dwell 30 s",
+            f"{mean_s:.1f} s, worst {max(gaps_s):.1f} s of {len(times_s)} trains, "
+            f"{emergencies} emergency brakes",
+            f"≤ {HEADWAY_BAR_S:.0f} s",
+            max(gaps_s) <= HEADWAY_BAR_S and not emergencies,
+        )
+    ]
+
+
+def headway_s(trains: int) -> tuple[list[float], int]:
+    """When each train has left the station behind it, and emergency brakes on the way."""
+    first_m = STATION_M - 200.0 - 250.0 * (trains - 1)
+    plot = Plot(
+        convoy(trains, first_m=max(100.0, first_m), gap_m=250.0),
+        area_m=6000.0,
+        stops_m=(STATION_M,),
+        dwell_s=30.0,
+        length_m=LENGTH_M,
+    )
+    scene = Scene(plot)
+    scene.settle()
+    left_s: dict[int, float] = {}
+    while len(left_s) < trains:
+        scene.run(0.2)
+        for train in scene.world.trains.values():
+            if train.rear_m > STATION_M:
+                left_s.setdefault(train.address, scene.net.now_ns / NS_PER_S)
+    return sorted(left_s.values()), scene.emergencies()
+
+
+MEASURES: Final[dict[str, Callable[[], list[Figure]]]] = {
+    "events": events,
+    "failover": failover,
+    "headway": headway,
+}
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Print the table; exit with 1 when a bar is missed."""
+    return run_measures(MEASURES, "python -m metro_hil.simulator_bench", str(__doc__), argv)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
