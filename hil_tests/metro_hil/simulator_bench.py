@@ -34,7 +34,7 @@ def events() -> list[Figure]:
     return [
         Figure(
             "simulated protocol events a CPU second",
-            f"{rate_per_s:,.0f}, {total.train_h * 3600.0 / total.cpu_s:.0f} train seconds",
+            f"{rate_per_s:,.0f}, {total.train_s / total.cpu_s:.0f} train seconds",
             f"≥ {EVENTS_BAR_PER_S:,.0f}",
             rate_per_s >= EVENTS_BAR_PER_S,
         )

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from metro_hil.network.simulate import Job
 
 SEEDS: Final = "1..20"
+S_PER_H: Final = 3600.0
 
 
 def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -88,7 +89,11 @@ def run(options: argparse.Namespace) -> int:
         if not options.json:
             _tell_broken(result, job)
         if sys.stderr.isatty():
-            print(f"\r{total.runs} seeds, {total.train_h:.1f} train hours", end="", file=sys.stderr)
+            print(
+                f"\r{total.runs} seeds, {total.train_s / S_PER_H:.1f} train hours",
+                end="",
+                file=sys.stderr,
+            )
     print(_json(total) if options.json else "\n".join(lines(total)))
     return EXIT_FAILED if total.broken else EXIT_OK
 
@@ -113,7 +118,7 @@ def _wanted(options: argparse.Namespace, total: "Total") -> Iterator[int]:
         yield from range(first, last + 1)
         return
     seed = first
-    while total.train_h < options.hours:
+    while total.train_s < options.hours * S_PER_H:
         yield seed
         seed += 1
 
@@ -131,8 +136,8 @@ def lines(total: "Total") -> list[str]:
     """For a person."""
     rate = total.events / total.cpu_s if total.cpu_s else 0.0
     text = [
-        f"{total.runs} seeds: {total.simulated_h:.2f} h of lines, {total.train_h:.2f} h of trains, "
-        f"{total.events} protocol events",
+        f"{total.runs} seeds: {total.simulated_s / S_PER_H:.2f} h of lines, "
+        f"{total.train_s / S_PER_H:.2f} h of trains, {total.events} protocol events",
         f"{rate:,.0f} events a CPU second; {total.emergencies} emergency brakes; last authority "
         f"back {total.recovery_s_max:.1f} s after the last fault, at most",
         f"faults: {_counted(total.faults)}",

@@ -10,7 +10,8 @@ from metro_hil.network.cab import Protocolled
 from metro_hil.network.checker import Rules
 from metro_hil.network.coverage import counted, told_kinds
 from metro_hil.network.ground import Grant, Reading
-from metro_hil.network.net import NEVER, Letter, Machine, Turn
+from metro_hil.network.net import NEVER, Machine, Turn
+from metro_hil.network.routes import Routes
 from metro_hil.network.track import AXLES, TrueTrack
 from plant_emulator.wayside.arbiter import Arbiter, ArbiterGuards
 from plant_emulator.wayside.line_object import LineObject, ObjectGuards
@@ -21,7 +22,6 @@ from vobc.t2t.train import TrainCore
 from vobc.t2t.vocabulary import OwnTrain, Role, Stepped, T2tConfig, TrainMemory, TrainState
 from zenoh_config.messages import WAYSIDE
 from zenoh_config.t2t import (
-    BROADCAST,
     NOBODY,
     Heartbeat,
     LineOrder,
@@ -71,32 +71,6 @@ class Seat(Protocol):
     address: int
     boots: int
     disk: Any
-
-
-class Routes:
-    """Which nodes hear a message, as the key expressions would have it."""
-
-    def __init__(self, trains: Sequence[int]) -> None:
-        self._others = {
-            source: tuple(each for each in trains if each != source) for source in trains
-        }
-        self._trains = tuple(trains)
-        self._heartbeat = {source: (*others, WAYSIDE) for source, others in self._others.items()}
-        self._one: dict[int, tuple[int, ...]] = {}
-
-    def letters(self, out: Sequence[T2tMessage]) -> list[Letter]:
-        return [Letter(self._targets(message), message) for message in out]
-
-    def _targets(self, message: T2tMessage) -> tuple[int, ...]:
-        destination = message.destination
-        if destination == BROADCAST:
-            if type(message) is Heartbeat:
-                return self._heartbeat[message.source]
-            return self._others.get(message.source, self._trains)
-        one = self._one.get(destination)
-        if one is None:
-            one = self._one[destination] = (destination,)
-        return one
 
 
 class TrainNode:

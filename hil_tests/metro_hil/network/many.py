@@ -13,7 +13,6 @@ from typing import Any, Final
 from metro_hil.network.run import RunResult
 
 NS_PER_S: Final = 1_000_000_000
-S_PER_H: Final = 3600.0
 AHEAD: Final = 2
 """So many seeds for each process wait for their turn: enough that none is idle."""
 
@@ -29,8 +28,8 @@ class Total:
     """Of all results so far."""
 
     runs: int = 0
-    simulated_h: float = 0.0
-    train_h: float = 0.0
+    simulated_s: float = 0.0
+    train_s: float = 0.0
     events: int = 0
     cpu_s: float = 0.0
     emergencies: int = 0
@@ -43,8 +42,8 @@ class Total:
 
     def add(self, result: RunResult) -> None:
         self.runs += 1
-        self.simulated_h += result.simulated_s / S_PER_H
-        self.train_h += result.train_s / S_PER_H
+        self.simulated_s += result.simulated_s
+        self.train_s += result.train_s
         self.events += result.events
         self.cpu_s += result.cpu_s
         self.emergencies += result.emergencies

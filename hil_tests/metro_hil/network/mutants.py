@@ -12,10 +12,11 @@ from metro_hil.network.crew import Guards
 from metro_hil.network.directed import SCENARIOS, Scenario
 from metro_hil.network.lures import LURES
 from metro_hil.network.scene import Scene, UnexpectedError
+from metro_hil.network.term_lures import TERM_LURES
 from vobc.t2t.guards import Latency, Terms
 
 PARTS: Final = ("member", "lease", "master")
-ALL_SCENARIOS: Final = {each.name: each for each in (*SCENARIOS, *LURES)}
+ALL_SCENARIOS: Final = {each.name: each for each in (*SCENARIOS, *LURES, *TERM_LURES)}
 
 
 def effective_authority_m(seen: Latency) -> float:

@@ -122,8 +122,6 @@ class Network:
         """Messages sent, messages that came or were lost on the way, and steps of nodes."""
         return self.sent + self.delivered + self.lost + self.damaged + self.steps
 
-    # -- the queue ---------------------------------------------------------------------------------
-
     def at(self, at_ns: int, call: Callable[[Any], None], argument: object = None) -> None:
         """Call at a true instant, after everything that was queued for it before."""
         self._number += 1
@@ -142,8 +140,6 @@ class Network:
         self.now_ns = until_ns
         self.fired += fired
 
-    # -- building ----------------------------------------------------------------------------------
-
     def add(self, node: Node) -> None:
         """Join a node to all others; it does not run yet."""
         assert node.address not in self.nodes
@@ -154,8 +150,6 @@ class Network:
 
     def links(self) -> Iterable[Link]:
         return (link for node in self.nodes.values() for link in node.links.values())
-
-    # -- nodes -------------------------------------------------------------------------------------
 
     def boot(self, address: int) -> None:
         """Start the process of a node; one that runs is left alone."""
@@ -218,8 +212,6 @@ class Network:
         if node.machine is not None and node.stopped_until_ns <= self.now_ns:
             self._wake_at(node, self.now_ns + LEAST_REST_NS)
 
-    # -- links -------------------------------------------------------------------------------------
-
     def cut(self, pairs: Iterable[tuple[int, int]], *, keeps: bool = False) -> None:
         """From the first of each pair to the second nothing comes through any more."""
         for source, target in pairs:
@@ -255,8 +247,6 @@ class Network:
     def say(self, who: str, what: str) -> None:
         if self.tell is not None:
             self.tell(self.now_ns, who, what)
-
-    # -- what happens ------------------------------------------------------------------------------
 
     def _wake_at(self, node: Node, at_ns: int) -> None:
         if at_ns < node.wake_ns:

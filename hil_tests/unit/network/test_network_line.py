@@ -1,4 +1,4 @@
-"""Trains that command themselves on the simulated line: scenarios, missing guards, every schedule."""
+"""Trains that command themselves on the simulated line: scenarios, lost guards, all schedules."""
 
 import pytest
 
@@ -12,6 +12,7 @@ from metro_hil.network.mutants import ALL_SCENARIOS, ARGUED, NOTICED, mutants, n
 from metro_hil.network.run import Phases
 from metro_hil.network.scene import Scene
 from metro_hil.network.simulate import Job
+from metro_hil.network.term_lures import TERM_LURES
 
 QUICK = Job(Phases(trouble_s=15.0))
 SEEDS = (3, 8, 16)
@@ -24,7 +25,7 @@ def test_it_ends_well(name: str) -> None:
 
 def test_every_acceptance_scenario_of_train_to_train_control_is_there() -> None:
     assert {each.number for each in SCENARIOS} >= {17, 18, 19, 20, 21, 22, 23, 25}
-    assert len(ALL_SCENARIOS) == len(SCENARIOS) + len(LURES)
+    assert len(ALL_SCENARIOS) == len(SCENARIOS) + len(LURES) + len(TERM_LURES)
 
 
 MUTANTS = dict(mutants())
