@@ -79,6 +79,7 @@ NOTICED: Final[Mapping[str, str]] = {
     "member.latent_authority_m": "shortened-at-speed",
     "lease.granted_by_majority": "two-candidates",
     "lease.lease_runs": "arbiter-restarts",
+    "lease.unused_term": "reused-term",
     "master.has_promised": "unpromised",
     "master.roster_kept": "uncommitted",
     "master.track_known": "closed-unknown",
@@ -102,10 +103,6 @@ ARGUED: Final[Mapping[str, str]] = {
         "Votes are counted by nonce all the same, so that no two attempts make a majority "
         "together; what one late grant lets a train believe of its lease, no arbiter "
         "confirms by keeping its roster, and without that nothing is issued."
-    ),
-    "lease.unused_term": (
-        "An arbiter grants no term a second time (arbiter.term_is_new), so that the "
-        "second attempt under one term is refused by whoever granted the first."
     ),
     "master.report_alive": (
         "An authority echoes the report that it answers. One that answers an old report "

@@ -20,7 +20,7 @@ def reused_term(make: Make) -> None:
         scene.rule(_first_attempt_fails(scene.arbiters[0]))
         scene.net.cut([(1, 2)])
         scene.net.boot(1)
-        scene.run(0.15)
+        scene.run(0.34 + 0.02 * seed)
         scene.net.boot(2)
         scene.run(2.0)
 
@@ -33,7 +33,7 @@ def _first_attempt_fails(one: int) -> Callable[[int, int, Any], int | None]:
         if source != 1 or not isinstance(message, LeaseRequest):
             return 0
         if message.kind is LeaseKind.RELEASE:
-            return 300 * NS_PER_MS
+            return 250 * NS_PER_MS
         if message.kind is LeaseKind.RENEW:
             return None
         if message.nonce not in nonces:
