@@ -2,7 +2,7 @@
 
 from collections.abc import Collection, Mapping
 
-from firmware_py.trackdb.areas import AreaMap
+from firmware_py.trackdb.areas import AreaMap, TrackSection
 from zenoh_config.messages import WAYSIDE, SpeedRestriction
 from zenoh_config.t2t import (
     LAST_TRAIN,
@@ -59,6 +59,26 @@ class Track:
             [self._status(now_ns, area, axles, disturbed) for area in dict.fromkeys(answered)]
         )
 
+    def _told(
+        self, area: int, axles: Mapping[int, int], disturbed: Collection[int]
+    ) -> tuple[TrackSection, ...]:
+        """Beyond the borders as far as it is occupied without a gap, so that no train is told of
+        in part: its axles could never be explained.
+        """
+        told, every = self._line.sections_told(area), self._line.sections
+        if not told:
+            return told
+        first, last = every.index(told[0]), every.index(told[-1])
+
+        def occupied(at: int) -> bool:
+            return axles.get(every[at].number, 0) != 0 or every[at].number in disturbed
+
+        while first > 0 and occupied(first):
+            first -= 1
+        while last + 1 < len(every) and occupied(last):
+            last += 1
+        return every[first : last + 1]
+
     def _status(
         self, now_ns: int, area: int, axles: Mapping[int, int], disturbed: Collection[int]
     ) -> TrackStatus:
@@ -70,7 +90,7 @@ class Track:
                 axles.get(each.number, 0) != 0 or each.number in disturbed,
                 max(0, axles.get(each.number, 0)),
             )
-            for each in self._line.sections_told(area)
+            for each in self._told(area, axles, disturbed)
         ]
         return TrackStatus(
             WAYSIDE,

@@ -254,6 +254,12 @@ def hidden_train(make: Make) -> None:
         scene.expect("somebody commands", scene.master() is not None)
 
 
+def close_at_a_border(make: Make) -> None:
+    """Two trains wake up on either side of a border, in sections without a clear one between."""
+    scene = make(Plot({1: 1782.0, 2: 2318.0}, areas=2, area_m=BORDER_M))
+    scene.settle(within_s=10.0)
+
+
 SCENARIOS: Final[tuple[Scenario, ...]] = (
     Scenario("two-candidates", 17, "two candidates within 5 ms in an empty area", two_candidates),
     Scenario("master-killed", 18, "the master dies at full speed", master_killed),
@@ -271,6 +277,7 @@ SCENARIOS: Final[tuple[Scenario, ...]] = (
     Scenario("hand-over-silent", 22, "nobody commands behind the border", hand_over_silent),
     Scenario("hand-over-refused", 22, "the stretch behind the border is closed", hand_over_refused),
     Scenario("leader-rolls-back", 23, "the train ahead stops and rolls back", leader_rolls_back),
+    Scenario("close-at-a-border", 0, "trains stand on either side of it", close_at_a_border),
     Scenario("hidden-train", 0, "a train stands there and says nothing", hidden_train),
     Scenario("radio-lost", 25, "a train is cut off and comes back", radio_lost),
 )
