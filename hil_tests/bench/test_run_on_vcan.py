@@ -2,9 +2,11 @@
 
 import json
 import sys
+from collections import defaultdict
 from pathlib import Path
 
 import cantools
+import numpy as np
 import pytest
 
 from firmware_py.candump import read_candump
@@ -14,6 +16,10 @@ pytestmark = [pytest.mark.guest, pytest.mark.slow]
 BIN = Path(sys.executable).parent
 TOLERANCE_M = 0.10
 HOP_S = 420
+TRIES = 3
+STALL_NS = 140_000_000
+"""Just less than the brake unit lets a command be old, before it brakes by itself."""
+FEW = 100
 DBC_FOLDER = Path(__file__).parents[2] / "can_dbc"
 
 SCRIPT = """
@@ -34,19 +40,34 @@ exit $status
 
 
 def test_one_station_hop_on_a_kernel_vcan_with_candump_listening(guest, tmp_path: Path) -> None:
-    script = SCRIPT.format(folder=tmp_path, bin=BIN)
+    script = SCRIPT.format(folder=tmp_path, bin=BIN, tries=TRIES)
 
     done = guest.run("bash", "-c", script, timeout_s=HOP_S, options=["--write", str(tmp_path)])
 
+    *disturbed, last = sorted(path.parent for path in tmp_path.glob("*/results.json"))
+    for folder in disturbed:
+        assert _host_stalled(folder), (folder / "results.json").read_text()
     assert done.returncode == 0, done.stdout + done.stderr
-    results = json.loads((tmp_path / "results.json").read_text())
+    results = json.loads((last / "results.json").read_text())
     assert results["exit_reason"] == "arrived"
     (stop,) = results["stops"]
     assert abs(stop["error_m"]) <= TOLERANCE_M
     assert results["rejected_frames"] == {}
     assert "starting the emulator" in done.stderr
     assert "+ ip link add dev vcan1 type vcan" in done.stdout
-    _check_candump(tmp_path)
+    _check_candump(last)
+
+
+def _host_stalled(folder: Path) -> bool:
+    """Whether a failed try was the host's: frames of a fast cycle stayed away for too long.
+
+    A fault of the product that silences a node comes again at the next try; the last one counts.
+    """
+    stamps_ns: dict[int, list[int]] = defaultdict(list)
+    for entry in read_candump(folder / "run/bus.log"):
+        stamps_ns[entry.frame.can_id].append(entry.frame.stamp_ns)
+    gaps_ns = [np.diff(stamps) for stamps in stamps_ns.values() if len(stamps) > FEW]
+    return any(np.median(gap) <= STALL_NS and gap.max() > STALL_NS for gap in gaps_ns)
 
 
 def _check_candump(folder: Path) -> None:

@@ -3,11 +3,14 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from can_dbc.vobc import AtoPhase
+from can_dbc.vobc import AtoPhase, Cause, Supervision
 
 NEAR_M = 5.0
 AFTER_ARRIVAL_S = 3.0
 """How long a run goes on with open doors at its last station."""
+UNATTENDED_S = 30.0
+"""How long a train may stand in emergency where nobody can let it go: longer than any release that
+comes by itself."""
 
 ARRIVED = "arrived"
 DURATION = "duration over"
@@ -48,3 +51,22 @@ class ArrivalWatch:
         if self._since_ns is None:
             self._since_ns = now_ns
         return now_ns - self._since_ns >= AFTER_ARRIVAL_S * 1e9
+
+
+@dataclass(slots=True)
+class EmergencyWatch:
+    """Says why a run is over whose train stands in emergency and has nobody to let it go."""
+
+    _since_ns: int | None = None
+
+    def stands_for_good(self, now_ns: int, supervision: Supervision, cause: Cause) -> str | None:
+        """The reason to end, or None; to be asked again and again."""
+        if supervision is not Supervision.EMERGENCY:
+            self._since_ns = None
+            return None
+        if self._since_ns is None:
+            self._since_ns = now_ns
+        if now_ns - self._since_ns < UNATTENDED_S * 1e9:
+            return None
+        words = cause.name.replace("_", " ").lower()
+        return f"in emergency for {UNATTENDED_S:.0f} s and nobody there to let go: {words}"

@@ -21,7 +21,7 @@ from metro_hil.children import Child, ChildError
 from metro_hil.display import BusPicture, Display
 from metro_hil.ending import INTERRUPTED, Ending
 from metro_hil.journey import Journey
-from metro_hil.options import RunOptions
+from metro_hil.options import EXTERNAL, RunOptions
 from metro_hil.run_folder import RunFolder
 from metro_hil.watch import Watch
 
@@ -82,6 +82,7 @@ class RealtimeRun:
                 self._journey.end.stop_m,
                 self._options.duration_s,
                 lambda: self._interrupts.asked,
+                unattended=emulated and self._nobody_at_the_desk(),
             )
             self._end_children(watch)
             return watch.ending(reason, truth_known=emulated, realtime=self._granted())
@@ -200,6 +201,12 @@ class RealtimeRun:
         for child in reversed(self._children):
             child.end()
             watch.drain(self._clock.now_ns())
+
+    def _nobody_at_the_desk(self) -> bool:
+        """A given duration is waited for; a desk that is worked may reset an emergency brake."""
+        options = self._options
+        worked = options.desk_recording or options.driver or options.desk in ("manual", EXTERNAL)
+        return options.duration_s is None and not worked
 
     def _granted(self) -> list[str]:
         """What the controller was granted for real time, as it wrote it down."""

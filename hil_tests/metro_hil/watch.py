@@ -5,7 +5,7 @@ from pathlib import Path
 
 from can_dbc.binding import can_id
 from can_dbc.brake import BrakeCommand
-from can_dbc.vobc import VobcPosition, VobcStatus
+from can_dbc.vobc import VobcMode, VobcPosition, VobcStatus
 from firmware_py.clock import Clock
 from firmware_py.executive import Executive, Task, run
 from firmware_py.ports import CanPort
@@ -14,7 +14,7 @@ from firmware_py.recorder import CandumpWriter, LineLog
 from firmware_py.watchdog import Watchdog
 from metro_hil.children import Child
 from metro_hil.display import BusPicture, Display
-from metro_hil.ending import ARRIVED, DURATION, INTERRUPTED, ArrivalWatch, Ending
+from metro_hil.ending import ARRIVED, DURATION, INTERRUPTED, ArrivalWatch, EmergencyWatch, Ending
 
 DRAIN_MS = 20.0
 DISPLAY_MS = 250.0
@@ -55,9 +55,16 @@ class Watch:
         stop_m: float,
         duration_s: float | None,
         interrupted: Callable[[], bool],
+        *,
+        unattended: bool,
     ) -> str:
-        """Until the train has arrived, time is over, somebody asks, or a child ends; says which."""
+        """Until the train has arrived, time is over, somebody asks, or a child ends; says which.
+
+        Args:
+            unattended: nobody is there who could reset an emergency brake.
+        """
         now_ns = self._clock.now_ns()
+        emergency = EmergencyWatch() if unattended else None
         arrival = ArrivalWatch(stop_m)
         end_ns = None if duration_s is None else now_ns + int(duration_s * NS_PER_S)
         reason = ""
@@ -75,6 +82,8 @@ class Watch:
                 reason = ARRIVED
             elif end_ns is not None and now_ns >= end_ns:
                 reason = DURATION
+            elif emergency is not None and (words := self._in_emergency(emergency, now_ns)):
+                reason = words
             return reason != ""
 
         tasks = [
@@ -125,6 +134,12 @@ class Watch:
         if not isinstance(status, VobcStatus) or not isinstance(position, VobcPosition):
             return False
         return arrival.arrived(now_ns, status.ato_phase, position.front_m)
+
+    def _in_emergency(self, emergency: EmergencyWatch, now_ns: int) -> str | None:
+        status, mode = self._picture.status, self._picture.latest.get(VobcMode)
+        if not isinstance(status, VobcStatus) or not isinstance(mode, VobcMode):
+            return None
+        return emergency.stands_for_good(now_ns, status.supervision, mode.cause)
 
     def ending(self, reason: str, *, truth_known: bool, realtime: Sequence[str] = ()) -> Ending:
         """What the tap knows of the run; closes its log."""

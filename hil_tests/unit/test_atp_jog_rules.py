@@ -87,10 +87,21 @@ def test_beyond_the_way_of_a_jog_none_begins(best_m: float, far: bool) -> None:
     assert stands_off(off(best_m)) is (not far and best_m != 0.0)
 
 
-@pytest.mark.parametrize("side", [-1.0, 1.0])
-def test_a_wide_interval_is_worth_a_jog_only_from_outside_the_window(side: float) -> None:
-    assert stands_off(off(side * 0.25, half_m=0.5)) is False
-    assert stands_off(off(side * math.nextafter(0.25, 1.0), half_m=0.5)) is True
+@pytest.mark.parametrize(
+    ("best_m", "worth"),
+    [
+        (math.nextafter(0.25, 1.0), True),
+        (0.25, False),
+        (0.0, False),
+        (math.nextafter(0.0, -1.0), True),
+        (-0.25, True),
+        (math.nextafter(-0.25, -1.0), True),
+    ],
+)
+def test_a_wide_interval_is_worth_a_jog_from_outside_the_window_or_on_to_the_tag_of_the_stop(
+    best_m: float, worth: bool
+) -> None:
+    assert stands_off(off(best_m, half_m=0.5)) is worth
 
 
 @pytest.mark.parametrize(
@@ -107,11 +118,11 @@ def test_inside_the_window_a_jog_is_worth_it_if_the_interval_fits_with_a_tenth_t
     assert stands_off(seen) is worth
 
 
-def test_the_wider_half_may_lie_behind_as_well() -> None:
-    seen = off(-0.125, low_m=-0.375, high_m=-0.125, limits=window(0.25 + FINEST_M))
+def test_past_the_stop_an_interval_that_reaches_out_behind_is_worth_no_jog() -> None:
+    seen = off(0.125, low_m=-0.375, high_m=0.125)
 
-    assert stands_off(seen) is True
-    assert stands_off(replace(seen, limits=window(0.249 + FINEST_M))) is False
+    assert not seen.aligned
+    assert stands_off(seen) is False
 
 
 @pytest.mark.parametrize(("attempts", "last"), [(1, False), (2, True), (3, True)])

@@ -93,7 +93,7 @@ SETUP: Final = """\
 from setuptools import setup
 from mypyc.build import mypycify
 
-modules = mypycify({modules!r}, opt_level="2", debug_level="0")
+modules = mypycify({modules!r}, opt_level={level!r}, debug_level="0")
 setup(name="compiled", packages=[], ext_modules=modules)
 """
 LAUNCHER: Final = """\
@@ -126,14 +126,14 @@ def copy_packages(source: Path, library: Path) -> None:
         shutil.copytree(source / place, library / name, ignore=skip)
 
 
-def compile_into(library: Path) -> None:
-    """Put a compiled module beside each hot one of the copy."""
+def compile_into(library: Path, level: str) -> None:
+    """Put a compiled module beside each hot one of the copy, with that much optimisation in C."""
     modules = hot_modules(library)
     sources = {name: (library / name).read_bytes() for name in modules}
     for name, source in sources.items():
         (library / name).write_text(with_written_inits(source.decode()), encoding="utf-8")
     setup = library / "setup.py"
-    setup.write_text(SETUP.format(modules=modules), encoding="utf-8")
+    setup.write_text(SETUP.format(modules=modules, level=level), encoding="utf-8")
     done = subprocess.run(  # noqa: S603 - our own interpreter and script
         [sys.executable, setup.name, "build_ext", "--inplace"],
         cwd=library,
@@ -167,6 +167,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m metro_tools.compiled", description=__doc__)
     parser.add_argument("--into", default=".compiled", metavar="FOLDER", help="default: .compiled")
     parser.add_argument("--source", default=".", metavar="FOLDER", help="the checkout; default: .")
+    parser.add_argument(
+        "--optimise",
+        default="2",
+        choices=("0", "1", "2", "3"),
+        help="the C compiler's level; 0 is made in a fraction of the time; default: 2",
+    )
     options = parser.parse_args(argv)
     folder, source = Path(options.into).resolve(), Path(options.source).resolve()
     try:
@@ -175,7 +181,7 @@ def main(argv: Sequence[str] | None = None) -> int:
                 raise CompileError(f"{folder}: is there and is no earlier copy of this program")
             shutil.rmtree(folder)
         copy_packages(source, folder / "lib")
-        compile_into(folder / "lib")
+        compile_into(folder / "lib", options.optimise)
     except (CompileError, OSError) as error:
         print(f"compiled: {error}", file=sys.stderr)
         return EXIT_ENVIRONMENT

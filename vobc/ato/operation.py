@@ -32,8 +32,8 @@ LEAST_CEILING_MPS: Final = 1.0
 AHEAD_STEP_M: Final = 0.1
 AHEAD_GROWS_RATIO: Final = 1.2
 """On the way to the stop the train knows its place less and less well."""
-FINEST_JOG_M: Final = 0.1
-"""No jog is worth its while for less."""
+FINEST_JOG_BACK_M: Final = 0.1
+"""No jog back is worth its while for less. One forward is for any way: it may lead onto a tag."""
 JOG_PAST_M: Final = 0.05
 """Jogs forward aim so far past the stopping point: there the antenna comes to the stop's tag."""
 JOG_BACK_PAST_M: Final = 0.12
@@ -252,9 +252,9 @@ class Ato:
             return False
         if to_stop_m < 0.0:
             back_m = -to_stop_m + JOG_BACK_PAST_M + JOG_SPREAD_M
-            return FINEST_JOG_M < -to_stop_m <= work.jog_reach_m and back_m <= seen.jog_back_m
+            return FINEST_JOG_BACK_M < -to_stop_m <= work.jog_reach_m and back_m <= seen.jog_back_m
         reachable = seen.authority_end_m >= seen.front_m + to_stop_m
-        return FINEST_JOG_M < to_stop_m <= work.jog_reach_m and reachable
+        return 0.0 < to_stop_m <= work.jog_reach_m and reachable
 
     def _watch_jog(self, seen: AtoInput) -> None:
         if self.phase is not AtoPhase.JOGGING:

@@ -64,11 +64,14 @@ def stands_aligned(seen: JogFacts) -> bool:
 
 
 def stands_off(seen: JogFacts) -> bool:
-    """Within reach of a jog that would help: no jog makes an interval narrower."""
+    """Within reach of a jog that would help: only one on to the stop's tag, which lies where the
+    stop does, makes an interval narrower.
+    """
     if not seen.standstill or seen.aligned or out_of_reach(seen):
         return False
     window_m = seen.limits.door_window_m
-    return abs(seen.best_m) > window_m or seen.half_width_m + FINEST_M <= window_m
+    fits = seen.half_width_m + FINEST_M <= window_m
+    return fits or seen.best_m < 0.0 or seen.best_m > window_m
 
 
 def stands_off_for_the_last_time(seen: JogFacts) -> bool:

@@ -104,12 +104,12 @@ def seeds_words(cases: Sequence[Case]) -> list[str]:
     seeds: dict[str, list[int]] = {}
     for case in cases:
         found = SEED_ALONE.fullmatch(case.id)
-        if found is not None and is_scenario(found["scenario"]):
+        if found is not None:
             seeds.setdefault(found["scenario"], []).append(int(found["seed"]))
     return [
         f"seeds of {name}: {_ranges(sorted(of))}; any of them again: hil run {name} --seed N"
         for name, of in seeds.items()
-        if len(of) > 1
+        if len(of) > 1 and is_scenario(name)
     ]
 
 
