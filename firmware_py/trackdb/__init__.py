@@ -1,6 +1,7 @@
 """Track database: what both the controller and the world know of the line, by chainage."""
 
-from firmware_py.trackdb.line_map import LineMap, load_line
+from firmware_py.trackdb.circuit import load_line
+from firmware_py.trackdb.line_map import LineMap
 from firmware_py.trackdb.sites import (
     CurveSection,
     GradientSection,

@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TypeVar
 
-from firmware_py import settings
 from firmware_py.trackdb.sites import (
     CurveSection,
     GradientSection,
@@ -202,11 +201,6 @@ class LineMap:
     def stations_between(self, after_m: float, up_to_m: float) -> Sequence[Station]:
         """Stations whose stopping point lies in (after_m, up_to_m], in running order."""
         return [s for s in self.stations if after_m < s.stop_m <= up_to_m]
-
-
-def load_line(name: str) -> LineMap:
-    """A line by path or by the stem of a shipped file; raises SettingsError."""
-    return settings.load(LineMap, name, "firmware_py.trackdb")
 
 
 def _pieces(

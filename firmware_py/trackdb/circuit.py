@@ -1,0 +1,97 @@
+"""Loads lines. One that trains run round is a lap in its file, written out lap behind lap."""
+
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+from firmware_py import settings
+from firmware_py.trackdb.line_map import LineMap
+from firmware_py.trackdb.sites import Station, TagSite
+
+LAPS_MAX: Final = 100
+TAG_IDS: Final = 100_000
+"""Tags of the next lap have numbers greater by this."""
+
+
+@dataclass(frozen=True, slots=True)
+class Circuit:
+    """How often the lap of the file is written out. All but the first have its number in names."""
+
+    laps: int
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.laps <= LAPS_MAX:
+            raise ValueError(f"laps {self.laps} is not in 1..{LAPS_MAX}")
+
+
+def load_line(name: str) -> LineMap:
+    """A line by path or by the stem of a shipped file; raises SettingsError."""
+    path = settings.find(name, "firmware_py.trackdb")
+    table = settings.parse(path)
+    circuit = table.pop("circuit", None)
+    line = settings.build(LineMap, table, str(path))
+    if circuit is None:
+        return line
+    if not isinstance(circuit, dict):
+        raise settings.SettingsError(f"{path}: circuit: {circuit!r} is not a table")
+    laps = settings.build(Circuit, circuit, str(path), "circuit")
+    try:
+        return written_out(line, laps)
+    except ValueError as error:
+        raise settings.SettingsError(f"{path}: circuit: {error}") from error
+
+
+def written_out(lap: LineMap, circuit: Circuit) -> LineMap:
+    """Lap behind lap; the second begins where the first ends. Raises ValueError for tags whose
+    numbers leave no room for another lap."""
+    highest = max((tag.tag_id for tag in lap.tags), default=0)
+    if highest >= TAG_IDS:
+        raise ValueError(f"tags: tag {highest}: on a circuit numbers are under {TAG_IDS}")
+    laps = range(circuit.laps)
+    length_m = lap.end_m - lap.start_m
+    return replace(
+        lap,
+        end_m=lap.start_m + circuit.laps * length_m,
+        stations=tuple(_station(s, n, n * length_m) for n in laps for s in lap.stations),
+        speed_sections=_shifted(lap.speed_sections, circuit.laps, length_m),
+        gradients=_shifted(lap.gradients, circuit.laps, length_m),
+        curves=_shifted(lap.curves, circuit.laps, length_m),
+        tags=tuple(_tag(tag, n, n * length_m) for n in laps for tag in lap.tags),
+    )
+
+
+def name_on_lap(name: str, lap: int) -> str:
+    """Of a station; laps are counted from 0."""
+    return name if lap == 0 else f"{name} {lap + 1}"
+
+
+def _station(station: Station, lap: int, by_m: float) -> Station:
+    return replace(
+        station,
+        name=name_on_lap(station.name, lap),
+        stop_m=station.stop_m + by_m,
+        platform_start_m=station.platform_start_m + by_m,
+        platform_end_m=station.platform_end_m + by_m,
+    )
+
+
+def _tag(tag: TagSite, lap: int, by_m: float) -> TagSite:
+    served = None if tag.station is None else name_on_lap(tag.station, lap)
+    return replace(
+        tag,
+        tag_id=tag.tag_id + lap * TAG_IDS,
+        position_m=tag.position_m + by_m,
+        station=served,
+    )
+
+
+def _shifted(sections: tuple[Any, ...], laps: int, length_m: float) -> tuple[Any, ...]:
+    """Sections of every lap; one that ends where the next lap begins is not joined with it."""
+    return tuple(
+        replace(
+            section,
+            start_m=section.start_m + lap * length_m,
+            end_m=section.end_m + lap * length_m,
+        )
+        for lap in range(laps)
+        for section in sections
+    )
