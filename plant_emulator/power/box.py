@@ -5,7 +5,7 @@ does not, the auxiliaries take what the motors brake, and a brake resistor the r
 """
 
 from math import exp, inf, sqrt
-from typing import Final
+from typing import Final, NamedTuple
 
 from can_dbc.energy import EnergyMeter, LineSupply
 from plant_emulator.train_config import SupplyConfig
@@ -16,6 +16,24 @@ COLD_J: Final = 1.0e3
 RECEPTIVE_RATIO: Final = 1.2
 """A line takes current back up to this share of its no-load voltage; EN 50163 allows as much."""
 
+RECOVERS_RATIO: Final = 0.1
+"""So much of the effort at most comes back with each answer of the network: a train that took all at
+once would pull the voltage down again."""
+
+LEAST_EFFORT_RATIO: Final = 0.05
+"""A train that fades away counts as wishing at most so many times what it takes."""
+Due = tuple[float, float, float, float]
+"""In J, since the last answer: traction at full voltage, traction, braking, auxiliaries."""
+NOTHING_DUE: Final[Due] = (0.0, 0.0, 0.0, 0.0)
+
+
+class Wish(NamedTuple):
+    """Mean powers of a train since it was asked last, as it would have them at full voltage."""
+
+    traction_w: float
+    regenerated_w: float
+    auxiliary_w: float
+
 
 class HighVoltageBox:
     """Books in joules; drawn - returned = traction - braking + auxiliary + resistor at any time."""
@@ -24,8 +42,10 @@ class HighVoltageBox:
         "_auxiliary_w",
         "_config",
         "_cool_ratio",
+        "_due_j",
         "_electric_ratio",
         "_no_load_v",
+        "_on_network",
         "_resting",
         "_step_s",
         "_traction_ratio",
@@ -38,6 +58,7 @@ class HighVoltageBox:
         "electric_limit_w",
         "heat_j",
         "live",
+        "networked",
         "receptive",
         "resistor_j",
         "returned_j",
@@ -78,6 +99,11 @@ class HighVoltageBox:
         self.electric_limit_w = inf
         """At the rail: what the electric brake may take from the train now; 0 is none at all."""
         self._resting = False
+        self._on_network = False
+        self.networked = False
+        """The network of a line feeds the train, as long as no fault puts another source there."""
+        self._due_j: Due = NOTHING_DUE
+        """Of traction at full voltage, traction, braking and auxiliaries: not booked yet."""
         self._no_load_v = config.no_load_v
         self._auxiliary_w = config.auxiliary_w
         self.breaker_closed = True
@@ -91,9 +117,11 @@ class HighVoltageBox:
 
         A source too weak for any effort feeds nothing, auxiliaries included: they live on the
         battery, which is not metered. One far above its rating takes nothing back; what the motors
-        brake goes into the resistor then.
+        brake goes into the resistor then. On a network only the breaker counts, and a source that
+        is given takes the train off it.
         """
         config = self._config
+        self._on_network = self.networked and no_load_v is None
         self._no_load_v = config.no_load_v if no_load_v is None else no_load_v
         self.breaker_closed = breaker_closed
         self.live = breaker_closed and self._no_load_v > config.no_effort_v
@@ -102,7 +130,7 @@ class HighVoltageBox:
         self._resting = not self.live
         if not self.live:
             self.voltage_v, self.current_a, self.effort_ratio = self._no_load_v, 0.0, 0.0
-        else:
+        elif not self._on_network:
             self._load_line(self._auxiliary_w * self._step_s)
         self._limit_electric()
 
@@ -132,7 +160,10 @@ class HighVoltageBox:
             return
         auxiliary_j = self._auxiliary_w * self._step_s
         self.auxiliary_j += auxiliary_j
-        self.drawn_j += auxiliary_j
+        if self._on_network:
+            self._owe(0.0, 0.0, auxiliary_j)
+        else:
+            self.drawn_j += auxiliary_j
         if self.heat_j > 0.0:
             self._cool()
 
@@ -155,6 +186,11 @@ class HighVoltageBox:
         self.traction_j += traction_j
         self.braking_j += braking_j
         self.auxiliary_j += auxiliary_j
+        if self._on_network:
+            self._owe(traction_j, braking_j, auxiliary_j)
+            if self.heat_j > 0.0:
+                self._cool()
+            return
         if net_j >= 0.0:
             self.drawn_j += net_j
         elif not self.receptive:
@@ -166,6 +202,67 @@ class HighVoltageBox:
         self._load_line(net_j)
         if self.heat_j > 0.0:
             self._cool()
+
+    # On the network of a line.
+
+    def join(self) -> None:
+        """From now on the network of a line feeds the train."""
+        self.networked = True
+        self.connect(None, breaker_closed=self.breaker_closed)
+
+    def _owe(self, traction_j: float, braking_j: float, auxiliary_j: float) -> None:
+        wished_j, pulled_j, braked_j, rest_j = self._due_j
+        if traction_j > 0.0:
+            wished_j += traction_j / max(LEAST_EFFORT_RATIO, self.effort_ratio)
+        self._due_j = (wished_j, pulled_j + traction_j, braked_j + braking_j, rest_j + auxiliary_j)
+
+    def take_load(self, interval_s: float) -> tuple[Wish, Due]:
+        """Of the steps since the last time, which took so long, and what is to be booked when the
+        network has answered. Off the network it is nothing."""
+        wished_j, _, braked_j, rest_j = due = self._due_j
+        self._due_j = NOTHING_DUE
+        return Wish(wished_j / interval_s, braked_j / interval_s, rest_j / interval_s), due
+
+    def fed(
+        self, voltage_v: float, chopped_ratio: float, effort_ratio: float, due: Due, interval_s: float
+    ) -> None:
+        """What the network answered to a load: book it, and obey the voltage.
+
+        Args:
+            chopped_ratio: share of the regenerated power that the voltage leaves to the resistor.
+            effort_ratio: share of traction's effort that it leaves.
+            due: as `take_load` gave it.
+        """
+        if not self._on_network:
+            return
+        _, pulled_j, braked_j, rest_j = due
+        chopped_j = min(1.0, chopped_ratio) * braked_j
+        net_j = pulled_j + rest_j - braked_j + chopped_j
+        if net_j >= 0.0:
+            self.drawn_j += net_j
+        else:
+            self.returned_j -= net_j
+        self.resistor_j += chopped_j
+        self.heat_j += chopped_j
+        self.voltage_v = voltage_v
+        self.current_a = net_j / interval_s / voltage_v
+        if not self.live:
+            return
+        self.effort_ratio = min(effort_ratio, self.effort_ratio + RECOVERS_RATIO)
+        self._bound_electric(chopped_ratio, braked_j / interval_s)
+
+    def _bound_electric(self, chopped_ratio: float, braked_w: float) -> None:
+        """What of the braking the line does not take has to find room in the resistor."""
+        resistor = self._config.resistor
+        borne_w = 0.0
+        if resistor is not None:
+            left_j = resistor.heat_max_j - self.heat_j
+            borne_w = max(0.0, min(resistor.max_power_w, left_j / resistor.fade_s))
+        if chopped_ratio * braked_w <= borne_w or self._electric_ratio == 0.0:
+            self.electric_limit_w = inf
+        else:
+            taken_w = (1.0 - min(1.0, chopped_ratio)) * braked_w
+            self.electric_limit_w = (taken_w + borne_w) / self._electric_ratio
 
     def _load_line(self, net_j: float) -> None:
         """Voltage, current and the effort that they leave, when a step takes so much."""

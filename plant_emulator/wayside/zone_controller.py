@@ -1,12 +1,13 @@
 """A zone controller for one train: every position report is answered with a movement authority.
 
-Nothing else is on the line, so the authority reaches to an overlap behind the destination, or to
-the end of the line where that comes first, unless a signal on the way shows stop. The track that
+The authority reaches to an overlap behind the destination, or to the end of the line where that
+comes first, unless a signal on the way shows stop or another train is ahead. The track that
 the train has just left stays its own for a few metres. It is pure: messages in, messages out.
 """
 
 from collections import Counter
 from collections.abc import Collection, Iterable
+from math import inf
 from typing import Final
 
 from firmware_py.ports import RadioMessage
@@ -37,6 +38,8 @@ class ZoneController:
     def __init__(self, line: LineMap, destination: Station) -> None:
         self.end_m = min(destination.stop_m + OVERLAP_M, line.end_m - BUFFER_M)
         """What no authority reaches beyond."""
+        self.limit_m = inf
+        """Of a train ahead: no authority reaches beyond it either."""
         self.refusals: Counter[RefusedReason] = Counter()
         self.answered = 0
         self.farthest_end_m: float | None = None
@@ -103,7 +106,7 @@ class ZoneController:
 
     def _end_m(self, report: PositionReport) -> float:
         """A signal that a train has passed before it showed stop does not concern that train."""
-        end_m = self.end_m
+        end_m = min(self.end_m, self.limit_m)
         for stop_m in self._stops_m:
             if self._concerned.setdefault((report.train, stop_m), report.front_min_m < stop_m):
                 end_m = min(end_m, stop_m)

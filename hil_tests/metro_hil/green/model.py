@@ -6,7 +6,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_emulator.power.network import Network, Section, Substation, Voltages
+from plant_emulator.power.supplies import SUBSTATIONS_M as SUBSTATIONS_M
+from plant_emulator.power.supplies import SUPPLIES as SUPPLIES
+from plant_emulator.power.supplies import Supply as Supply
 
 Numbers = NDArray[np.float64]
 TRAINS: Final = 7
@@ -14,7 +16,6 @@ HEADWAY_S: Final = 180.0
 LEGS: Final = 6
 """Three hops there, three back."""
 STOPS_M: Final = (0.0, 3799.0, 5824.0, 7788.0)
-SUBSTATIONS_M: Final = (0.0, 1900.0, 3799.0, 5824.0, 7788.0)
 RUNS_S: Final = (216.0, 130.0, 127.0, 127.0, 130.0, 216.0)
 DWELL_S: Final = 30.0
 DWELL_SPREAD_S: Final = 10.0
@@ -46,33 +47,6 @@ class LineTrain:
         """Table 2 of seed 000, N for each kN and km/h, as N over m/s."""
         weight_kn = self.weight_kg * 9.81e-3
         return (3.74 * weight_kn, 0.025 * 3.6 * weight_kn, 0.000792 * 3.6**2 * weight_kn)
-
-
-@dataclass(frozen=True, slots=True)
-class Supply:
-    name: str
-    no_load_v: float
-    source_ohm: float
-    ohm_per_km: float
-    voltages: Voltages
-
-    def network(self) -> Network:
-        names = [f"S{at_m:.0f}" for at_m in SUBSTATIONS_M]
-        sections = [
-            Section(near, far, near_m, far_m, self.ohm_per_km)
-            for near, far, near_m, far_m in zip(
-                names, names[1:], SUBSTATIONS_M, SUBSTATIONS_M[1:], strict=False
-            )
-        ]
-        stations = [Substation(name, self.no_load_v, self.source_ohm) for name in names]
-        return Network(sections, stations, self.voltages)
-
-
-STRONG: Final = Supply(
-    "strong", 836.0, 0.015, 0.020, Voltages(chops_from_v=880.0, chops_all_v=900.0)
-)
-WEAK: Final = Supply("weak", 850.0, 0.015, 0.030, Voltages(chops_from_v=860.0, chops_all_v=870.0))
-SUPPLIES: Final = {supply.name: supply for supply in (STRONG, WEAK)}
 
 
 @dataclass(frozen=True, slots=True)

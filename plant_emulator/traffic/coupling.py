@@ -1,0 +1,121 @@
+"""What ties the trains of a line together: the DC network, and authorities behind the leader.
+
+Each train says once an interval what it wanted of the network and how far back it reaches, and is
+answered with its voltage and the rear of the train ahead.
+"""
+
+from collections.abc import Sequence
+from typing import Final, NamedTuple
+
+from plant_emulator.power import flow
+from plant_emulator.power.network import Balance, Load
+from plant_emulator.power.supplies import Supply
+from plant_emulator.traffic.config import TrafficConfig
+
+INTERVAL_NS: Final = 200_000_000
+INTERVAL_S: Final = INTERVAL_NS / 1e9
+
+
+class Said(NamedTuple):
+    """By a train about the interval that is over; powers are means."""
+
+    front_m: float
+    speed_mps: float
+    rear_m: float
+    """How far back track is kept for it: no authority of a follower reaches beyond."""
+    traction_w: float
+    regenerated_w: float
+    auxiliary_w: float
+
+
+class Answer(NamedTuple):
+    """To a train, from which it drives on."""
+
+    voltage_v: float
+    current_a: float
+    """Negative while it feeds."""
+    chopped_ratio: float
+    effort_ratio: float
+    leader_rear_m: float
+    """In the train's own chainage; far away where nobody is ahead."""
+
+
+class Books:
+    """Energies of the network since its beginning, in J."""
+
+    def __init__(self) -> None:
+        self.sources_j = self.rectifiers_j = self.stations_j = self.lines_j = self.trains_j = 0.0
+        self.regenerated_j = self.resistor_j = self.traction_j = self.auxiliary_j = 0.0
+        self.lowest_v, self.highest_v = 1.0e9, 0.0
+
+    @property
+    def closure_ratio(self) -> float:
+        """What sources gave less all that became of it, over what they gave."""
+        became_j = self.rectifiers_j + self.stations_j + self.lines_j + self.trains_j
+        return (self.sources_j - became_j) / max(1.0, self.sources_j)
+
+
+class Coupling:
+    """Of all trains of a line, the foremost first."""
+
+    def __init__(self, config: TrafficConfig, supply: Supply, trains: int) -> None:
+        self.network = supply.network()
+        self.books = Books()
+        self.substations_w: tuple[float, ...] = ()
+        """Of each substation of the network, in the last interval."""
+        self._config, self._trains = config, trains
+        self._voltages_v = [supply.no_load_v] * trains
+
+    def answers(self, said: Sequence[Said]) -> list[Answer]:
+        """One interval of the whole line."""
+        loads = [
+            Load(
+                self._config.place_m(each.front_m),
+                each.traction_w,
+                each.regenerated_w,
+                each.auxiliary_w,
+            )
+            for each in said
+        ]
+        fed, balance = self.network.solve(loads)
+        self._book(loads, balance)
+        self.substations_w = self._given_w()
+        limits, found = self.network.limits, []
+        for train, each in enumerate(fed):
+            effort, _ = flow.effort_share(each.voltage_v, limits)
+            chopped, _ = flow.chopped_share(each.voltage_v, limits)
+            books, volts = self.books, each.voltage_v
+            books.lowest_v, books.highest_v = min(books.lowest_v, volts), max(books.highest_v, volts)
+            books.traction_j += each.traction_w * INTERVAL_S
+            books.regenerated_j += each.regenerated_w * INTERVAL_S
+            books.resistor_j += each.resistor_w * INTERVAL_S
+            rear_m = self._leader_rear_m(train, said)
+            found.append(Answer(volts, each.current_a, float(chopped), float(effort), rear_m))
+        return found
+
+    def _leader_rear_m(self, train: int, said: Sequence[Said]) -> float:
+        """The foremost follows the hindmost, which is a lap behind on paper."""
+        if train > 0:
+            return said[train - 1].rear_m
+        return said[-1].rear_m + self._config.lap_m
+
+    def _book(self, loads: Sequence[Load], balance: Balance) -> None:
+        books = self.books
+        books.sources_j += balance.sources_w * INTERVAL_S
+        books.rectifiers_j += balance.rectifiers_w * INTERVAL_S
+        books.stations_j += balance.stations_w * INTERVAL_S
+        books.lines_j += balance.lines_w * INTERVAL_S
+        books.trains_j += balance.trains_w * INTERVAL_S
+        books.auxiliary_j += sum(load.auxiliary_w for load in loads) * INTERVAL_S
+
+    def _given_w(self) -> tuple[float, ...]:
+        network = self.network
+        volts = network.joint_voltages_v()
+        given = []
+        for station in network.substations:
+            volt = volts.get(station.joint, station.no_load_v)
+            fed_a, _ = flow.source_current(
+                volt, station.no_load_v, station.source_ohm, network.limits
+            )
+            given.append(station.no_load_v * float(fed_a + flow.IDLE_S * volt))
+        return tuple(given)

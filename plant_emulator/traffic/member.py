@@ -1,0 +1,95 @@
+"""One train among others: its plant, its dispatcher, and its end of what ties the line together."""
+
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import replace
+from random import Random
+from typing import Final
+
+from plant_emulator.process import PlantDevice
+from plant_emulator.traffic.config import TrafficConfig
+from plant_emulator.traffic.coupling import INTERVAL_S, Answer, Said
+from plant_emulator.traffic.dispatcher import Dispatcher
+from plant_emulator.traffic.timetable import LapTimetable, Start
+
+NS_PER_S: Final = 1_000_000_000
+SPACE_M: Final = 10.0
+"""Between the end of an authority and the track kept for the train ahead, should that roll back."""
+REAR_M: Final = 12.0
+"""Kept behind a train that has not reported yet."""
+
+
+class Member:
+    """Asked once an interval; answers may come an interval late, in their order."""
+
+    def __init__(
+        self,
+        plant: PlantDevice,
+        config: TrafficConfig,
+        timetable: LapTimetable,
+        start: Start,
+        *,
+        seed: int,
+        start_ns: int,
+        leader_rear_m: float,
+    ) -> None:
+        """Args:
+        seed: of the dwells.
+        leader_rear_m: of the train ahead, in this one's chainage, as it stands at the beginning.
+        """
+        scenario = plant.scenario
+        self.plant = plant
+        self.train = start.train
+        self.dispatcher = Dispatcher(
+            config, timetable, scenario.line, start, _dwells_s(config, seed, start.train)
+        )
+        self._start_ns = start_ns
+        self._due: deque[tuple[float, float, float, float]] = deque()
+        plant.world.power.join()
+        plant.railway.zone.limit_m = leader_rear_m - SPACE_M
+
+    def says(self, now_ns: int) -> Said:
+        """At the end of an interval; the dispatcher looks at the train, too."""
+        plant, world = self.plant, self.plant.world
+        wish, due = world.power.take_load(INTERVAL_S)
+        self._due.append(due)
+        now_s = (now_ns - self._start_ns) / NS_PER_S
+        centre = plant.railway.centre
+        hold = self.dispatcher.holds(now_s, world.front_m, world.speed_mps)
+        if hold is not centre.standing.hold:
+            centre.standing = replace(centre.standing, hold=hold)
+        zone = plant.railway.zone
+        rear_m = zone.latest_rear_m
+        if zone.latest is None:
+            rear_m = first_rear_m(world.front_m, world.length_m)
+        return Said(
+            front_m=world.front_m,
+            speed_mps=world.speed_mps,
+            rear_m=rear_m,
+            traction_w=wish.traction_w,
+            regenerated_w=wish.regenerated_w,
+            auxiliary_w=wish.auxiliary_w,
+        )
+
+    def hears(self, answer: Answer) -> None:
+        """To the earliest interval that was not answered yet."""
+        self.plant.world.fed(
+            answer.voltage_v,
+            answer.chopped_ratio,
+            answer.effort_ratio,
+            self._due.popleft(),
+            INTERVAL_S,
+        )
+        self.plant.railway.zone.limit_m = answer.leader_rear_m - SPACE_M
+
+
+def first_rear_m(front_m: float, length_m: float) -> float:
+    """Of the track kept for a train that stands and has not reported yet."""
+    return front_m - length_m - REAR_M
+
+
+def _dwells_s(config: TrafficConfig, seed: int, train: int) -> Iterator[float]:
+    """Evenly drawn, each train's by itself: the same whatever the law."""
+    draws = Random(f"dwells {seed} {train}")
+    while True:
+        yield config.dwell_s + config.dwell_spread_s * (2.0 * draws.random() - 1.0)
