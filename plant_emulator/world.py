@@ -310,7 +310,12 @@ class World:
         self.traction.feed(self.power.effort_ratio)
 
     def fed(
-        self, voltage_v: float, chopped_ratio: float, effort_ratio: float, due: Due, interval_s: float
+        self,
+        voltage_v: float,
+        chopped_ratio: float,
+        effort_ratio: float,
+        due: Due,
+        interval_s: float,
     ) -> None:
         """The network of the line has answered; see `HighVoltageBox.fed`."""
         self.power.fed(voltage_v, chopped_ratio, effort_ratio, due, interval_s)

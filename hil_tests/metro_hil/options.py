@@ -14,6 +14,9 @@ EXTERNAL = "external"
 ELSEWHERE = (EXTERNAL, "none")
 DESKS = ("auto", "manual", "off", *ELSEWHERE)
 
+LINE_DEFAULTS = {"line": "changping", "consist": "typeB4", "params": "typeB4"}
+"""With --trains."""
+
 EXIT_OK = 0
 EXIT_FAILED = 1
 EXIT_USAGE = 2
@@ -56,6 +59,12 @@ class RunOptions:
     """Control law of the automatic operation, instead of that of the parameters."""
     output: str | None = None
     """Its output stage, instead of that of the parameters."""
+    trains: int | None = None
+    """So many on the line at once, in lockstep; None: one, without others."""
+    supply: str | None = None
+    """Network of the line that feeds them."""
+    logs: bool = True
+    """Of each train, when there are several."""
 
 
 def parser() -> argparse.ArgumentParser:
@@ -86,25 +95,30 @@ def parser() -> argparse.ArgumentParser:
     _add_journey(run)
     _add_desk(run)
     _add_wires(run)
+    _add_line(run)
     _add_rest(run)
     return top
 
 
 def _add_journey(run: argparse.ArgumentParser) -> None:
     group = run.add_argument_group("the journey")
-    group.add_argument("--line", default="florence", metavar="NAME|FILE", help="default: florence")
+    group.add_argument(
+        "--line", metavar="NAME|FILE", help="default: florence; changping with --trains"
+    )
     group.add_argument(
         "--from", dest="start", metavar="STATION", help="default: the first of the line"
     )
     group.add_argument("--to", dest="end", metavar="STATION", help="default: the last of the line")
     group.add_argument(
-        "--consist", default="florence4", metavar="NAME|FILE", help="the real train of the plant"
+        "--consist",
+        metavar="NAME|FILE",
+        help="the real train of the plant; default: florence4, with --trains that of the line",
     )
     group.add_argument(
         "--params",
-        default="florence4",
         metavar="NAME|FILE",
-        help="what the controller believes of its train; default: florence4",
+        help="what the controller believes of its train; default: florence4, with --trains as the "
+        "consist of the line",
     )
     group.add_argument(
         "--ato",
@@ -172,6 +186,17 @@ def _add_wires(run: argparse.ArgumentParser) -> None:
     )
 
 
+def _add_line(run: argparse.ArgumentParser) -> None:
+    group = run.add_argument_group("several trains on one line, with --lockstep")
+    group.add_argument(
+        "--trains", type=_trains, metavar="N", help="each on its bus, all on the line's network"
+    )
+    group.add_argument("--supply", choices=("strong", "weak"), help="default: the line's")
+    group.add_argument(
+        "--no-logs", dest="logs", action="store_false", help="no folder for each train: faster"
+    )
+
+
 def _add_rest(run: argparse.ArgumentParser) -> None:
     group = run.add_argument_group("the controller and the results")
     group.add_argument(
@@ -201,11 +226,36 @@ def parse(argv: Sequence[str]) -> RunOptions:
     top = parser()
     chosen = vars(top.parse_args(argv))
     del chosen["verb"]
+    several = chosen["trains"] is not None
+    for name, alone in (("line", "florence"), ("consist", "florence4"), ("params", "florence4")):
+        chosen[name] = chosen[name] or (LINE_DEFAULTS[name] if several else alone)
     options = RunOptions(**chosen)
-    problem = desk_problem(options)
+    problem = desk_problem(options) or trains_problem(options)
     if problem:
         top.error(problem)
     return options
+
+
+def trains_problem(options: RunOptions) -> str:
+    """What cannot be asked for with several trains, or only with them; empty when it can."""
+    if options.trains is None:
+        alone = {"--supply": options.supply is not None, "--no-logs": not options.logs}
+        asked = [name for name, given in alone.items() if given]
+        return f"{asked[0]}: only with --trains" if asked else ""
+    if not options.lockstep:
+        return (
+            "--trains: with --lockstep only; in real time `plant run --trains` serves the trains, "
+            "and each has a `vobc run --bus` of its own"
+        )
+    fixed = {
+        "--from": options.start is not None,
+        "--to": options.end is not None,
+        "--desk": options.desk != "auto",
+        "--driver": options.driver is not None,
+        "--desk-recording": options.desk_recording is not None,
+    }
+    asked = [name for name, given in fixed.items() if given]
+    return f"{asked[0]}: not with --trains; the line's traffic says it" if asked else ""
 
 
 def desk_problem(options: RunOptions) -> str:
@@ -262,3 +312,7 @@ def _seed(text: str) -> int:
 
 def _priority(text: str) -> int:
     return _whole(text, 0, 99)
+
+
+def _trains(text: str) -> int:
+    return _whole(text, 1, 99)

@@ -85,6 +85,11 @@ def _complain(error: Exception, code: int) -> int:
 
 
 def _run(options: RunOptions, console: Console) -> int:
+    if options.trains is not None:
+        # Only with several trains the network is there, which may bring a compiler along.
+        from metro_hil.line_run import command as line_run
+
+        return line_run.run(options, console)
     journey, scenario, config = plan_journey(options), scenario_of(options), config_of(options)
     if options.lockstep:
         check_reference(config, scenario.train)

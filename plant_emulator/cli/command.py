@@ -9,34 +9,27 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Final
 
-from can_dbc.binding import can_id, kinds, sender
+from can_dbc.binding import can_id
 from can_dbc.cab import CabMode
 from can_dbc.nodes import Node
 from firmware_py import rendezvous
 from firmware_py.assertions import require_assertions
 from firmware_py.buses import BusError, open_can, parse_spec
-from firmware_py.clock import Clock, WallClock
+from firmware_py.clock import WallClock
 from firmware_py.executive import Executive, Task, run
 from firmware_py.interrupts import Interrupts
-from firmware_py.ports import CanPort, SerialPort
-from firmware_py.radio.zenoh_radio import (
-    DEFAULT_ENDPOINT,
-    RadioError,
-    Role,
-    ZenohRadio,
-    open_radio,
-    pick_endpoint,
-)
+from firmware_py.ports import CanPort
+from firmware_py.radio.zenoh_radio import RadioError
 from firmware_py.realtime import collect_garbage, die_with_parent, enter_realtime
 from firmware_py.recorder import LineLog, RecorderError
 from firmware_py.settings import SettingsError, shipped_names
-from firmware_py.tag_reader.serial_line import SerialError, open_pty, open_serial
-from firmware_py.trackdb import LineMap
+from firmware_py.tag_reader.serial_line import SerialError
 from plant_emulator.cli.bus_choice import chosen_bus
 from plant_emulator.cli.desk_command import attend
 from plant_emulator.cli.feed_sender import FeedSender
 from plant_emulator.cli.line_wayside import feed_of, serve_line
-from plant_emulator.cli.options import AUTO, ELSEWHERE, parser
+from plant_emulator.cli.openers import open_tags, open_wayside, refuse_second_plant
+from plant_emulator.cli.options import ELSEWHERE, parser
 from plant_emulator.cli.words import Words, say, summarise
 from plant_emulator.desk.display import KINDS as DISPLAYED
 from plant_emulator.faults.fault_file import load_faults
@@ -45,7 +38,6 @@ from plant_emulator.faults.kinds import BENCH_PLACES
 from plant_emulator.faults.plan import FaultPlan
 from plant_emulator.process import TRUTH_COLUMNS, PlantDevice
 from plant_emulator.train_config import PACKAGE, load_train
-from plant_emulator.wayside.railway import subscriptions
 from plant_emulator.wire import COMMAND_IDS
 from plant_emulator.world import Scenario, plan_scenario
 
@@ -55,8 +47,6 @@ EXIT_USAGE: Final = 2
 EXIT_ENVIRONMENT: Final = 3
 
 NS_PER_S: Final = 1_000_000_000
-LISTEN_NS: Final = 250_000_000
-"""Longer than the slowest vital status of a plant that is there already."""
 GARBAGE_MS: Final = 10_000.0
 
 
@@ -72,10 +62,14 @@ def main(argv: Sequence[str] | None = None) -> int:
         if options.verb == "wayside":
             serve_line(options)
             return EXIT_OK
+        if options.trains is not None:
+            return _serve_trains(options)
+        if options.supply is not None:
+            raise SettingsError("--supply: only with --trains; one train has a source of its own")
         elsewhere = options.desk in ELSEWHERE
         scenario = plan_scenario(
-            line=options.line,
-            consist=options.consist,
+            line=options.line or "florence",
+            consist=options.consist or "florence4",
             seed=options.seed,
             start=options.start,
             end=options.end,
@@ -99,6 +93,17 @@ def main(argv: Sequence[str] | None = None) -> int:
         traceback.print_exc()
         _complain("the plant failed; the controller has to take it for a train that went silent")
         return EXIT_FAILED
+
+
+def _serve_trains(options: argparse.Namespace) -> int:
+    # Only with several trains the network is there, which may bring a compiler along.
+    from plant_emulator.cli.line_command import serve_trains
+
+    options.line = options.line or "changping"
+    if options.desk != "auto":
+        raise SettingsError("--desk: is for one train; not with --trains")
+    serve_trains(options)
+    return EXIT_OK
 
 
 def _list_consists() -> int:
@@ -156,7 +161,7 @@ def _device(
 ) -> PlantDevice:
     """Open everything, and say what is served. What is opened is closed by the stack."""
     spec = chosen_bus(options.bus)
-    _refuse_second_plant(spec, clock, desk_elsewhere=scenario.desk_elsewhere)
+    refuse_second_plant(spec, clock, desk_elsewhere=scenario.desk_elsewhere)
     can = open_can(spec, clock=clock, node="PLANT", accept_ids=_wanted_ids(scenario))
     stack.callback(can.close)
     truth = None
@@ -170,8 +175,8 @@ def _device(
     say(f"bus: {spec}")
     _say_what_is_told(faults, feed)
     stack.callback(rendezvous.withdraw, parse_spec(spec).name)
-    tags = _open_tags(options.tags, spec, stack)
-    radio = _open_radio(options.radio, scenario.line, spec, clock, stack)
+    tags = open_tags(options.tags, spec, stack)
+    radio = open_wayside(options.radio, scenario.line, spec, clock, stack)
 
     def shared_port(node: Node, ids: Collection[int]) -> CanPort:
         return can
@@ -205,49 +210,6 @@ def _wanted_ids(scenario: Scenario) -> frozenset[int]:
     if scenario.driver is None:
         return COMMAND_IDS
     return COMMAND_IDS | {can_id(kind) for kind in DISPLAYED}
-
-
-def _refuse_second_plant(spec: str, clock: Clock, *, desk_elsewhere: bool) -> None:
-    """Raises BusError when somebody already speaks for the train on this bus."""
-    others = {Node.VOBC.name, Node.DESK.name} if desk_elsewhere else {Node.VOBC.name}
-    ours = {can_id(kind): sender(kind) for kind in kinds() if sender(kind) not in others}
-    with ExitStack() as stack:
-        probe = open_can(spec, clock=clock, node="PLANT_PROBE", accept_ids=frozenset(ours))
-        stack.callback(probe.close)
-        clock.wait_until(clock.now_ns() + LISTEN_NS)
-        heard = {ours[frame.can_id] for frame in probe.receive(clock.now_ns())}
-    if heard:
-        raise BusError(f"{spec}: a train is there already; heard {', '.join(sorted(heard))}")
-
-
-def _open_tags(wanted: str, spec: str, stack: ExitStack) -> SerialPort:
-    tags: SerialPort
-    if wanted == AUTO:
-        tags, path = open_pty()
-        link = rendezvous.publish_tags(parse_spec(spec).name, path)
-        say(f"tags: {path}, linked from {link}")
-    else:
-        tags = open_serial(wanted)
-        say(f"tags: {wanted}")
-    stack.callback(tags.close)
-    return tags
-
-
-def _open_radio(
-    wanted: str, line: LineMap, spec: str, clock: Clock, stack: ExitStack
-) -> ZenohRadio:
-    topics = subscriptions(line.name)
-    if wanted != AUTO:
-        radio = open_radio(Role.WAYSIDE, wanted, topics, clock)
-    else:
-        try:
-            radio = open_radio(Role.WAYSIDE, DEFAULT_ENDPOINT, topics, clock)
-        except RadioError:
-            radio = open_radio(Role.WAYSIDE, pick_endpoint(), topics, clock)
-    stack.callback(radio.close)
-    rendezvous.publish_radio(parse_spec(spec).name, radio.endpoint)
-    say(f"wayside: {radio.endpoint}")
-    return radio
 
 
 def _folder(out: str | None) -> Path | None:

@@ -50,6 +50,7 @@ def parser() -> argparse.ArgumentParser:
     _add_wires(plant.add_argument_group("the wires"))
     _add_faults(plant.add_argument_group("what goes wrong"))
     _add_line(plant.add_argument_group("trains that command themselves"))
+    _add_trains(plant.add_argument_group("several trains on one line"))
     _add_desk(verbs)
     _add_wayside(verbs)
     return top
@@ -60,6 +61,17 @@ def _add_line(group: argparse._ArgumentGroup) -> None:
         "--line-radio", metavar="ENDPOINT", help="tell the axle counters of `plant wayside` there"
     )
     group.add_argument("--train", type=_train, default=1, metavar="N", help="which one it is")
+
+
+def _add_trains(group: argparse._ArgumentGroup) -> None:
+    group.add_argument(
+        "--trains",
+        type=_train,
+        metavar="N",
+        help="so many, each on a bus of its own (default: embedded:train#), all on the network of "
+        "the line, which says where they stand",
+    )
+    group.add_argument("--supply", choices=("strong", "weak"), help="network; default: the line's")
 
 
 def _add_wayside(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -84,9 +96,13 @@ def _add_wayside(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -
 
 
 def _add_train(group: argparse._ArgumentGroup) -> None:
-    group.add_argument("--line", default="florence", metavar="NAME|FILE", help="default: florence")
     group.add_argument(
-        "--consist", default="florence4", metavar="NAME|FILE", help="see `plant consists`"
+        "--line", metavar="NAME|FILE", help="default: florence; changping with --trains"
+    )
+    group.add_argument(
+        "--consist",
+        metavar="NAME|FILE",
+        help="see `plant consists`; default: florence4, with --trains that of the line",
     )
     group.add_argument("--seed", type=_seed, default=1, help="of all noise; default: 1")
     group.add_argument(

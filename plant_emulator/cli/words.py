@@ -14,8 +14,9 @@ def say(words: str) -> None:
 class Words:
     """Says what happens to the train: silence, emergency, standstill, doors, faults."""
 
-    def __init__(self, plant: PlantDevice) -> None:
-        self._plant = plant
+    def __init__(self, plant: PlantDevice, of: str = "") -> None:
+        """`of`: whose words they are, where there are several trains."""
+        self._plant, self._of = plant, f"{of}, " if of else ""
         self._facts = self._look()
         self._commanded = False
         plant.schedule.listen(self._fault)
@@ -57,7 +58,7 @@ class Words:
         )
 
     def _say(self, words: str) -> None:
-        say(f"{self._plant.elapsed_s:.2f} s: {words}")
+        say(f"{self._of}{self._plant.elapsed_s:.2f} s: {words}")
 
 
 def summarise(plant: PlantDevice, feed: FeedSender | None) -> dict[str, object]:

@@ -17,8 +17,8 @@ RECEPTIVE_RATIO: Final = 1.2
 """A line takes current back up to this share of its no-load voltage; EN 50163 allows as much."""
 
 RECOVERS_RATIO: Final = 0.1
-"""So much of the effort at most comes back with each answer of the network: a train that took all at
-once would pull the voltage down again."""
+"""So much of the effort at most comes back with each answer of the network: a train that took all
+at once would pull the voltage down again."""
 
 LEAST_EFFORT_RATIO: Final = 0.05
 """A train that fades away counts as wishing at most so many times what it takes."""
@@ -224,7 +224,12 @@ class HighVoltageBox:
         return Wish(wished_j / interval_s, braked_j / interval_s, rest_j / interval_s), due
 
     def fed(
-        self, voltage_v: float, chopped_ratio: float, effort_ratio: float, due: Due, interval_s: float
+        self,
+        voltage_v: float,
+        chopped_ratio: float,
+        effort_ratio: float,
+        due: Due,
+        interval_s: float,
     ) -> None:
         """What the network answered to a load: book it, and obey the voltage.
 

@@ -1,1 +1,1 @@
-"""Several trains on one line: timetable, dispatchers, authorities behind the leader, and the network."""
+"""Several trains on one line: timetable, dispatchers, authorities behind the leader, network."""

@@ -1,4 +1,4 @@
-"""What runs on a line: trains, headway, turnbacks, dwells, where the track lies along the network."""
+"""What runs on a line: trains, headway, turnbacks, dwells, and where track and network meet."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

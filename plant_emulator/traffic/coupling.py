@@ -63,8 +63,12 @@ class Coupling:
         self.books = Books()
         self.substations_w: tuple[float, ...] = ()
         """Of each substation of the network, in the last interval."""
-        self._config, self._trains = config, trains
-        self._voltages_v = [supply.no_load_v] * trains
+        self._config, self._supply, self._trains = config, supply, trains
+
+    def warm_up(self) -> None:
+        """Compile what is compiled at its first use, before time counts; leaves no trace."""
+        trains = [Load(0.0, 1.0e5, 0.0, 1.0e5)] * self._trains
+        self._supply.network().solve(trains)
 
     def answers(self, said: Sequence[Said]) -> list[Answer]:
         """One interval of the whole line."""
@@ -85,7 +89,10 @@ class Coupling:
             effort, _ = flow.effort_share(each.voltage_v, limits)
             chopped, _ = flow.chopped_share(each.voltage_v, limits)
             books, volts = self.books, each.voltage_v
-            books.lowest_v, books.highest_v = min(books.lowest_v, volts), max(books.highest_v, volts)
+            books.lowest_v, books.highest_v = (
+                min(books.lowest_v, volts),
+                max(books.highest_v, volts),
+            )
             books.traction_j += each.traction_w * INTERVAL_S
             books.regenerated_j += each.regenerated_w * INTERVAL_S
             books.resistor_j += each.resistor_w * INTERVAL_S

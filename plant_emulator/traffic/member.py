@@ -30,11 +30,12 @@ class Member:
         start: Start,
         *,
         seed: int,
-        start_ns: int,
+        start_ns: int | None,
         leader_rear_m: float,
     ) -> None:
         """Args:
         seed: of the dwells.
+        start_ns: when the timetable begins; None: not before `begin`.
         leader_rear_m: of the train ahead, in this one's chainage, as it stands at the beginning.
         """
         scenario = plant.scenario
@@ -48,14 +49,19 @@ class Member:
         plant.world.power.join()
         plant.railway.zone.limit_m = leader_rear_m - SPACE_M
 
+    def begin(self, now_ns: int) -> None:
+        """From now on the timetable counts."""
+        self._start_ns = now_ns
+
     def says(self, now_ns: int) -> Said:
         """At the end of an interval; the dispatcher looks at the train, too."""
         plant, world = self.plant, self.plant.world
         wish, due = world.power.take_load(INTERVAL_S)
         self._due.append(due)
-        now_s = (now_ns - self._start_ns) / NS_PER_S
-        centre = plant.railway.centre
-        hold = self.dispatcher.holds(now_s, world.front_m, world.speed_mps)
+        centre, hold = plant.railway.centre, True
+        if self._start_ns is not None:
+            now_s = (now_ns - self._start_ns) / NS_PER_S
+            hold = self.dispatcher.holds(now_s, world.front_m, world.speed_mps)
         if hold is not centre.standing.hold:
             centre.standing = replace(centre.standing, hold=hold)
         zone = plant.railway.zone

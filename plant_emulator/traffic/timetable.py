@@ -1,5 +1,6 @@
 """When trains leave which station, and where each stands when the emulation begins."""
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -80,7 +81,7 @@ def starts(config: TrafficConfig, line: LineMap, trains: int) -> tuple[Start, ..
 
 
 def _check_apart(config: TrafficConfig, placed: Sequence[Start]) -> None:
-    for ahead, behind in zip(placed, placed[1:], strict=False):
+    for ahead, behind in itertools.pairwise(placed):
         if behind.index >= ahead.index:
             raise SettingsError(
                 f"traffic {config.name}: trains {ahead.train} and {behind.train} both begin at "

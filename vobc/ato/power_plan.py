@@ -163,6 +163,14 @@ class PowerPlanner:
         """Power limit for a train that coasts from here: so that it arrives just in time."""
         return self._power_w(front_m, speed_mps, speed_mps, left_s)
 
+    def coasted_s(self, front_m: float, speed_mps: float, power_w: float) -> float:
+        """To standstill for a train that coasts from here and brakes with this limit; 0 for one
+        that is too near for such a brake, infinite for one that stalls."""
+        brake = self.brake(power_w)
+        if self._stop_m - front_m < brake.from_speed(max(speed_mps, LEAST_MPS)).way_m:
+            return 0.0
+        return self._time_s(front_m, speed_mps, speed_mps, brake)
+
     def _power_w(self, front_m: float, speed_mps: float, off_mps: float, left_s: float) -> float:
         settings = self._config.power_limited
         low_w, high_w = settings.power_min_w, settings.brake_power_w

@@ -1,1 +1,1 @@
-"""All trains of a line with their controllers, each on its bus, in virtual time: `vobc run --trains`."""
+"""All trains of a line with their controllers in virtual time: `vobc run --lockstep --trains`."""

@@ -5,6 +5,7 @@ for another: with a process for each, two processors are as busy as seven trains
 """
 
 import gc
+import itertools
 import multiprocessing
 import os
 import struct
@@ -72,7 +73,9 @@ class _Here:
 class _There:
     """A train in a process of its own, which runs ahead by itself."""
 
-    def __init__(self, plan: LinePlan, index: int, folder: RunFolder | None, intervals: int) -> None:
+    def __init__(
+        self, plan: LinePlan, index: int, folder: RunFolder | None, intervals: int
+    ) -> None:
         self._train = plan.starts[index].train
         context = multiprocessing.get_context("fork")
         self._pipe, theirs = context.Pipe()
@@ -173,7 +176,7 @@ def _tied(
         said = [train.said() for train in trains]
         answers = coupling.answers(said)
         waiting.append(answers)
-        for ahead, behind in zip(said, said[1:], strict=False):
+        for ahead, behind in itertools.pairwise(said):
             gap_m = ahead.front_m - length_m - behind.front_m
             record.least_gap_m = min(record.least_gap_m, gap_m)
         if interval % RECORD_EVERY == 0:

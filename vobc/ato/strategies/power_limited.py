@@ -2,8 +2,9 @@
 
 On setting off it plans notch-off speed and power limit for the time that the timetable leaves.
 While it coasts the limit follows the time that is left: late trains brake with more power, up to
-that of the motors; beyond that, and for the end of every stop, the predictive law brakes on its
-curve, which friction shares. Limits, ceiling and the stop itself are that law's, too.
+that of the motors. A train that is late even so leaves out the gentle brake, and the predictive law
+brakes it on its curve, which friction shares, as at the end of every stop; later still it does not
+coast either. Limits, ceiling and the stop itself are the predictive law's, too.
 """
 
 import math
@@ -13,7 +14,7 @@ from typing import Final
 from firmware_py.trackdb import LineMap
 from vobc.ato.config import AtoConfig
 from vobc.ato.power_plan import Plan, PowerBrake, PowerPlanner
-from vobc.ato.strategies.predictive import Predictive
+from vobc.ato.strategies.over_predictive import OverPredictive
 from vobc.ato.strategies.strategy import Drive, Target
 from vobc.vocabulary import AtoInput
 
@@ -22,6 +23,10 @@ CORRECTION_RATIO: Final = 2.0
 """Of the brake towards the stop, as in the predictive law."""
 LEAST_SHARE: Final = 0.3
 LEAST_SPEED_MPS: Final = 1.0
+LATE_S: Final = 0.5
+"""So much too late with all that the motors can brake, the train brakes with friction, too."""
+VERY_LATE_S: Final = 3.0
+"""So much too late it does not coast: friction saves two or three seconds of it."""
 NEAR_MPS: Final = 0.2
 """Speed is gained ever more slowly towards its end."""
 HOLDING_MPS2: Final = 0.1
@@ -36,13 +41,10 @@ class Stage(IntEnum):
     BRAKING = 3
 
 
-class PowerLimitedRun:
+class PowerLimitedRun(OverPredictive):
     __slots__ = (
         "_brake",
-        "_config",
-        "_demand_mps2",
-        "_drives",
-        "_line",
+        "_late",
         "_look_again_ns",
         "_planner",
         "_target",
@@ -51,37 +53,25 @@ class PowerLimitedRun:
     )
 
     def __init__(self, config: AtoConfig, line: LineMap, dt_s: float) -> None:
-        self._config = config
-        self._line = line
-        self._drives = Predictive(config, line, dt_s)
-        self._demand_mps2 = 0.0
+        super().__init__(config, line, dt_s)
         self._target: Target | None = None
         self._planner: PowerPlanner | None = None
         self._brake: PowerBrake | None = None
         self._look_again_ns = 0
+        self._late = False
+        """Even with all that the motors can brake."""
         self.plan: Plan | None = None
         """What is driven; None without a timetable."""
         self.stage = Stage.FREE
 
-    @property
-    def speed_mps(self) -> float:
-        return self._drives.speed_mps
-
-    def observe(self, seen: AtoInput, cycles: int) -> None:
-        self._drives.observe(seen, cycles)
-
     def rest(self) -> None:
-        self._drives.rest()
+        super().rest()
         self.stage = Stage.FREE
 
     def set_off(self, seen: AtoInput, demand_mps2: float) -> None:
-        self._drives.set_off(seen, demand_mps2)
+        super().set_off(seen, demand_mps2)
         self._target = None
         self.stage = Stage.FREE
-
-    def issued(self, demand_mps2: float) -> None:
-        self._demand_mps2 = demand_mps2
-        self._drives.issued(demand_mps2)
 
     def drive(self, seen: AtoInput, target: Target) -> Drive:
         if target != self._target:
@@ -107,6 +97,7 @@ class PowerLimitedRun:
         self._target = target
         self.plan = None
         self.stage = Stage.FREE
+        self._late = False
         self._drives.most_mps = math.inf
         if target.due_ns is None or not target.at_station:
             return
@@ -115,7 +106,11 @@ class PowerLimitedRun:
         left_s = (target.due_ns - seen.now_ns) / NS_PER_S
         top_mps = self._top_mps(seen.front_m, target.at_m)
         self._planner = planner
-        self.plan = planner.plan(seen.front_m, max(0.0, self.speed_mps), left_s, top_mps)
+        plan = planner.plan(seen.front_m, max(0.0, self.speed_mps), left_s, top_mps)
+        if plan.time_s > left_s + LATE_S:
+            # There is no curve of that time: as fast as the line allows.
+            return
+        self.plan = plan
         self._drives.most_mps = self.plan.notch_off_mps
         self._brake = planner.brake(self._planned_w)
         self._look_again_ns = seen.now_ns
@@ -149,7 +144,7 @@ class PowerLimitedRun:
             assert self._brake is not None
             delay_s = self._drives.brake_dead_time_s
             reach_m = target.at_m - seen.front_m - speed_mps * delay_s
-            if reach_m <= self._brake.from_speed(speed_mps).way_m:
+            if not self._late and reach_m <= self._brake.from_speed(speed_mps).way_m:
                 self.stage = Stage.BRAKING
 
     def _look_again(self, seen: AtoInput, target: Target) -> None:
@@ -159,6 +154,12 @@ class PowerLimitedRun:
         assert target.due_ns is not None
         left_s = (target.due_ns - seen.now_ns) / NS_PER_S
         power_w = self._planner.limit_w(seen.front_m, self.speed_mps, left_s)
+        late_s = self._planner.coasted_s(seen.front_m, self.speed_mps, power_w) - left_s
+        self._late = late_s > LATE_S
+        if late_s > VERY_LATE_S:
+            self.plan, self.stage = None, Stage.FREE
+            self._drives.most_mps = math.inf
+            return
         self.plan = self.plan._replace(power_w=power_w)
         self._brake = self._planner.brake(self._planned_w)
 

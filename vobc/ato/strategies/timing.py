@@ -14,7 +14,7 @@ from firmware_py.trackdb import LineMap
 from vobc.ato import gradient, profile
 from vobc.ato.config import AtoConfig
 from vobc.ato.running_time import RunningTime
-from vobc.ato.strategies.predictive import Predictive
+from vobc.ato.strategies.over_predictive import OverPredictive
 from vobc.ato.strategies.strategy import Drive, Target
 from vobc.kinematics import SERVICE_FROM_COAST_OR_BRAKE, SERVICE_FROM_TRACTION, v_top_mps
 from vobc.vocabulary import AtoInput
@@ -74,14 +74,10 @@ def next_state(state: State, holds: Mapping[Guard, bool]) -> State:
     return state
 
 
-class TimedRun:
+class TimedRun(OverPredictive):
     __slots__ = (
         "_braking",
-        "_config",
-        "_demand_mps2",
-        "_drives",
         "_limits",
-        "_line",
         "_look_again_ns",
         "_running",
         "_target",
@@ -90,11 +86,8 @@ class TimedRun:
     )
 
     def __init__(self, config: AtoConfig, line: LineMap, dt_s: float) -> None:
-        self._config = config
-        self._line = line
-        self._drives = Predictive(config, line, dt_s)
+        super().__init__(config, line, dt_s)
         self._limits = profile.SpeedLimits(config, line)
-        self._demand_mps2 = 0.0
         self._braking = False
         self._target: Target | None = None
         self._running: RunningTime | None = None
@@ -102,25 +95,14 @@ class TimedRun:
         self._time_mps = math.inf
         self.state = State.STATIONARY
 
-    @property
-    def speed_mps(self) -> float:
-        return self._drives.speed_mps
-
-    def observe(self, seen: AtoInput, cycles: int) -> None:
-        self._drives.observe(seen, cycles)
-
     def rest(self) -> None:
-        self._drives.rest()
+        super().rest()
         self.state = State.STATIONARY
 
     def set_off(self, seen: AtoInput, demand_mps2: float) -> None:
-        self._drives.set_off(seen, demand_mps2)
+        super().set_off(seen, demand_mps2)
         self._target = None
         self._braking = False
-
-    def issued(self, demand_mps2: float) -> None:
-        self._demand_mps2 = demand_mps2
-        self._drives.issued(demand_mps2)
 
     def drive(self, seen: AtoInput, target: Target) -> Drive:
         self.state = next_state(self.state, self._guards(seen, target))

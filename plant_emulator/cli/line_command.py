@@ -1,0 +1,269 @@
+"""`plant run --trains N`: all trains of a line in real time, each on its bus, and their network."""
+
+import argparse
+import json
+from collections.abc import Collection
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+from can_dbc.nodes import Node
+from firmware_py import rendezvous
+from firmware_py.buses import BusKind, open_can, parse_spec
+from firmware_py.buses.hub_control import hub_status, start_hub
+from firmware_py.clock import WallClock
+from firmware_py.executive import Executive, Task, run
+from firmware_py.interrupts import Interrupts
+from firmware_py.ports import CanPort, RadioPort, SerialPort
+from firmware_py.realtime import collect_garbage, die_with_parent, enter_realtime
+from firmware_py.recorder import LineLog
+from firmware_py.settings import SettingsError
+from firmware_py.trackdb import LineMap, load_line
+from plant_emulator.cli.openers import open_tags, open_wayside, refuse_second_plant
+from plant_emulator.cli.options import AUTO
+from plant_emulator.cli.words import Words, say, summarise
+from plant_emulator.power.supplies import SUPPLIES
+from plant_emulator.process import TRUTH_COLUMNS, PlantDevice
+from plant_emulator.traffic.config import TrafficConfig, traffic_of
+from plant_emulator.traffic.coupling import INTERVAL_NS, Coupling
+from plant_emulator.traffic.member import Member, first_rear_m
+from plant_emulator.traffic.timetable import Start, lap_timetable, starts
+from plant_emulator.wire import COMMAND_IDS
+from plant_emulator.world import Scenario, plan_scenario
+
+NUMBER: Final = "#"
+"""Stands in the name of a bus for the number of the train."""
+BUSES: Final = f"embedded:train{NUMBER}"
+GARBAGE_MS: Final = 10_000.0
+TELL_MS: Final = 10_000.0
+NS_PER_S: Final = 1_000_000_000
+NS_PER_MS: Final = 1_000_000
+J_PER_KWH: Final = 3.6e6
+SEEDS: Final = 1000
+ALONE: Final = {
+    "start": "--from",
+    "end": "--to",
+    "driver": "--driver",
+    "desk_recording": "--desk-recording",
+    "faults": "--faults",
+    "truth_feed": "--truth-feed",
+    "line_radio": "--line-radio",
+}
+"""Options that speak of one train."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Plan:
+    traffic: TrafficConfig
+    line: LineMap
+    starts: tuple[Start, ...]
+    scenarios: tuple[Scenario, ...]
+    buses: tuple[str, ...]
+
+
+def serve_trains(options: argparse.Namespace) -> None:
+    """Until asked to end. Raises SettingsError, BusError, RadioError, SerialError, OSError."""
+    plan = _plan(options)
+    if options.parent is not None:
+        die_with_parent(options.parent)
+    ending = Interrupts()
+    with ending.caught(), ExitStack() as stack:
+        clock = WallClock()
+        line = _Line(plan, options, clock, stack)
+        executives = [member.plant.executive for member in line.members]
+        executives.append(Executive(line.tasks(), clock.now_ns()))
+        if options.priority:
+            enter_realtime(options.priority)
+            garbage = Task("garbage", GARBAGE_MS, collect_garbage, offset_ms=GARBAGE_MS)
+            executives.append(Executive([garbage], clock.now_ns()))
+        end_ns = None
+        if options.duration_s is not None:
+            end_ns = clock.now_ns() + round(options.duration_s * NS_PER_S)
+        run(
+            executives,
+            clock,
+            lambda now_ns: ending.asked or (end_ns is not None and now_ns >= end_ns),
+        )
+        line.end(clock.now_ns())
+
+
+def _plan(options: argparse.Namespace) -> _Plan:
+    for name, option in ALONE.items():
+        if getattr(options, name) is not None:
+            raise SettingsError(f"{option}: is for one train; not with --trains")
+    if options.tags != AUTO or options.radio != AUTO:
+        raise SettingsError(
+            "--tags, --radio: each of several trains has its own; not with --trains"
+        )
+    traffic = traffic_of(options.line)
+    line = load_line(traffic.line)
+    placed = starts(traffic, line, options.trains)
+    pattern = BUSES if options.bus == AUTO else options.bus
+    if NUMBER not in pattern:
+        raise SettingsError(
+            f"--bus {pattern}: each train has a bus of its own; write {NUMBER} where its number "
+            f"stands, such as socketcan:vcan{NUMBER}"
+        )
+    scenarios = tuple(
+        plan_scenario(
+            line=traffic.line,
+            consist=options.consist or traffic.consist,
+            seed=options.seed * SEEDS + start.train,
+            start=start.station.name,
+            load_ratio=options.load_ratio,
+            odometer_error_ratio=options.odometer_error,
+        )
+        for start in placed
+    )
+    buses = tuple(pattern.replace(NUMBER, str(start.train)) for start in placed)
+    return _Plan(traffic, line, placed, scenarios, buses)
+
+
+class _Wires(NamedTuple):
+    """Of one train."""
+
+    can: CanPort
+    tags: SerialPort
+    radio: RadioPort
+    truth: LineLog | None
+
+
+class _Line:
+    def __init__(
+        self, plan: _Plan, options: argparse.Namespace, clock: WallClock, stack: ExitStack
+    ) -> None:
+        self._plan, self._stack, self._clock = plan, stack, clock
+        self._out = None if options.out is None else Path(options.out)
+        supply = SUPPLIES[options.supply or plan.traffic.supply]
+        self._coupling = Coupling(plan.traffic, supply, len(plan.starts))
+        self._began = False
+        self._coupling.warm_up()
+        say(
+            f"{len(plan.starts)} trains on {plan.line.name}, {supply.name} network, seed "
+            f"{options.seed}; they leave once each has a controller:"
+        )
+        wires = [self._wires(index) for index in range(len(plan.starts))]
+        consist = options.consist or plan.traffic.consist
+        for bus, start in zip(plan.buses, plan.starts, strict=True):
+            say(
+                f"  vobc run --bus {bus} --line {plan.line.name} --from "
+                f'"{start.station.name}" --params {consist} --ato green'
+            )
+        start_ns = clock.now_ns()
+        self.members = [
+            self._member(index, each, options.seed, start_ns) for index, each in enumerate(wires)
+        ]
+        self._words = [Words(member.plant, f"train {member.train}") for member in self.members]
+
+    def _wires(self, index: int) -> _Wires:
+        """On its bus, which is brought up if it is an embedded one that nobody serves."""
+        plan, clock, stack = self._plan, self._clock, self._stack
+        spec, train = plan.buses[index], plan.starts[index].train
+        bus = parse_spec(spec)
+        if bus.kind is BusKind.EMBEDDED and hub_status(bus.name) is None:
+            stack.callback(start_hub(bus.name, bound=True).stop)
+        refuse_second_plant(spec, clock, desk_elsewhere=False)
+        can = open_can(spec, clock=clock, node="PLANT", accept_ids=COMMAND_IDS)
+        stack.callback(can.close)
+        truth = None
+        if self._out is not None:
+            folder = self._out / f"train{train}"
+            folder.mkdir(parents=True, exist_ok=True)
+            truth = LineLog(folder / "truth.csv", TRUTH_COLUMNS)
+            stack.callback(truth.close)
+        stack.callback(rendezvous.withdraw, bus.name)
+        tags = open_tags(AUTO, spec, stack, quiet=True)
+        radio = open_wayside(AUTO, plan.line, spec, clock, stack, quiet=True)
+        return _Wires(can, tags, radio, truth)
+
+    def _member(self, index: int, wires: _Wires, seed: int, start_ns: int) -> Member:
+        plan = self._plan
+        scenario, ahead_m = plan.scenarios[index], plan.starts[index - 1].station.stop_m
+        if index == 0:
+            ahead_m += plan.traffic.lap_m
+
+        def shared_port(node: Node, ids: Collection[int]) -> CanPort:
+            return wires.can
+
+        plant = PlantDevice(
+            scenario,
+            open_port=shared_port,
+            tags=wires.tags,
+            radio=wires.radio,
+            truth=wires.truth,
+            start_ns=start_ns,
+            epoch_offset_ns=self._clock.epoch_offset_ns,
+        )
+        return Member(
+            plant,
+            plan.traffic,
+            lap_timetable(plan.traffic, plan.line),
+            plan.starts[index],
+            seed=seed,
+            start_ns=None,
+            leader_rear_m=first_rear_m(ahead_m, scenario.train.length_m),
+        )
+
+    def tasks(self) -> list[Task]:
+        interval_ms = INTERVAL_NS / NS_PER_MS
+        return [
+            Task("network", interval_ms, self.couple, offset_ms=interval_ms),
+            Task("words", TELL_MS, self.tell, offset_ms=TELL_MS),
+        ]
+
+    def couple(self, now_ns: int) -> None:
+        """Ask all trains, solve, answer all."""
+        if not self._began and all(member.plant.wire.commands for member in self.members):
+            self._began = True
+            say("every train has a controller: the timetable begins")
+            for member in self.members:
+                member.begin(now_ns)
+        said = [member.says(now_ns) for member in self.members]
+        for member, answer in zip(self.members, self._coupling.answers(said), strict=True):
+            member.hears(answer)
+        for words in self._words:
+            words.tell()
+
+    def tell(self, now_ns: int) -> None:
+        """What the network does, now and then."""
+        volts = [member.plant.world.power.voltage_v for member in self.members]
+        given_kw = sum(self._coupling.substations_w) / 1e3
+        moving = sum(member.plant.world.speed_mps != 0.0 for member in self.members)
+        say(
+            f"{self.members[0].plant.elapsed_s:.0f} s: {moving} of {len(volts)} trains move, "
+            f"{min(volts):.0f} to {max(volts):.0f} V, substations give {given_kw:.0f} kW"
+        )
+
+    def end(self, now_ns: int) -> None:
+        for member in self.members:
+            member.plant.stop(now_ns)
+        for words in self._words:
+            words.say_end()
+        books, network = self._coupling.books, self._coupling.network
+        say(
+            f"from the grid {books.sources_j / J_PER_KWH:.2f} kWh, regenerated "
+            f"{books.regenerated_j / J_PER_KWH:.2f}, burnt {books.resistor_j / J_PER_KWH:.2f}; "
+            f"{network.unconverged} of {network.solved} instants without a solution"
+        )
+        if self._out is not None:
+            text = json.dumps(self._summary(), indent=2)
+            (self._out / "line.json").write_text(text + "\n", encoding="utf-8")
+
+    def _summary(self) -> dict[str, Any]:
+        books, network = self._coupling.books, self._coupling.network
+        return {
+            "actual_kwh": books.sources_j / J_PER_KWH,
+            "regenerated_kwh": books.regenerated_j / J_PER_KWH,
+            "resistor_kwh": books.resistor_j / J_PER_KWH,
+            "closure_ratio": books.closure_ratio,
+            "unconverged": network.unconverged,
+            "solved": network.solved,
+            "trains": {
+                f"train{member.train}": {
+                    **summarise(member.plant, None),
+                    "runs": [run._asdict() for run in member.dispatcher.runs],
+                }
+                for member in self.members
+            },
+        }
