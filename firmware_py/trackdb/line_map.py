@@ -48,6 +48,7 @@ class LineMap:
     _height_at_edges_m: tuple[float, ...] = field(init=False, repr=False, compare=False, default=())
     _curve_edges_m: tuple[float, ...] = field(init=False, repr=False, compare=False, default=())
     _radii_m: tuple[float | None, ...] = field(init=False, repr=False, compare=False, default=())
+    _stops_m: tuple[float, ...] = field(init=False, repr=False, compare=False, default=())
 
     def __post_init__(self) -> None:
         if not self.start_m < self.end_m:
@@ -140,6 +141,7 @@ class LineMap:
             ("_height_at_edges_m", tuple(heights_m)),
             ("_curve_edges_m", curve_edges_m),
             ("_radii_m", radii_m),
+            ("_stops_m", tuple(station.stop_m for station in self.stations)),
         ):
             object.__setattr__(self, name, value)
 
@@ -200,7 +202,8 @@ class LineMap:
 
     def stations_between(self, after_m: float, up_to_m: float) -> Sequence[Station]:
         """Stations whose stopping point lies in (after_m, up_to_m], in running order."""
-        return [s for s in self.stations if after_m < s.stop_m <= up_to_m]
+        stops_m = self._stops_m
+        return self.stations[bisect_right(stops_m, after_m) : bisect_right(stops_m, up_to_m)]
 
 
 def _pieces(

@@ -9,8 +9,8 @@ import pytest
 import tomli_w
 
 from firmware_py.settings import SettingsError, find, shipped_names
-from firmware_py.trackdb.areas import load_areas
 from firmware_py.trackdb import load_line
+from firmware_py.trackdb.areas import load_areas
 from plant_emulator.train_config import load_train
 from vobc.config import load_config
 

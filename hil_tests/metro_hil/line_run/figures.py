@@ -24,7 +24,7 @@ Numbers = NDArray[np.float64]
 
 def draw(path: Path, plan: LinePlan, record: LineRecord, law: str) -> None:
     """Write a PNG."""
-    time_s = np.arange(len(record.rows)) * record.interval_s
+    time_s = np.array([n * record.interval_s for n in range(len(record.rows))])
     with mpl.rc_context({"font.size": 8, "axes.edgecolor": QUIET, "text.color": INK}):
         figure = Figure(figsize=(13.0, 14.0), dpi=100, layout="constrained")
         FigureCanvasAgg(figure)
@@ -59,7 +59,7 @@ def _diagram(axes: Axes, plan: LinePlan, record: LineRecord, time_s: Numbers) ->
             fontsize=7,
         )
     axes.set_ylabel("place in km")
-    axes.legend(fontsize=7, loc="upper right", ncols=4)
+    axes.legend(fontsize=7, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=7, frameon=False)
 
 
 def _voltages(axes: Axes, plan: LinePlan, record: LineRecord, time_s: Numbers) -> None:
@@ -80,6 +80,7 @@ def _substations(axes: Axes, record: LineRecord, time_s: Numbers) -> None:
     axes.stackplot(time_s, given_kw.T, labels=labels)
     axes.set_ylabel("substations in kW")
     axes.set_xlabel("time in s")
+    axes.margins(y=0.15)
     axes.legend(fontsize=7, loc="upper right", ncols=5)
 
 
@@ -92,6 +93,7 @@ def _regeneration(axes: Axes, record: LineRecord) -> None:
     axes.bar(places, burnt, bottom=braked - burnt, color=BURNT, label="braking resistors")
     axes.set_xticks(places, names)
     axes.set_ylabel("regenerated in kWh")
+    axes.margins(y=0.35)
     axes.legend(fontsize=7)
 
 
@@ -100,6 +102,10 @@ def _lateness(axes: Axes, record: LineRecord) -> None:
     axes.axvspan(-ON_TIME_S, ON_TIME_S, color=USED, alpha=0.12)
     if late_s:
         edge_s = max(5.0, float(np.ceil(np.max(np.abs(late_s)))))
-        axes.hist(late_s, bins=np.arange(-edge_s, edge_s + 0.26, 0.25), color="#0b62c4")
+        axes.hist(
+            late_s,
+            bins=[n * 0.25 for n in range(round(-4 * edge_s), round(4 * edge_s) + 1)],
+            color="#0b62c4",
+        )
     axes.set_xlabel("running time against plan in s")
     axes.set_ylabel("runs")

@@ -22,6 +22,8 @@ from vobc.vocabulary import AtoInput
 NS_PER_S: Final = 1_000_000_000
 LEAST_DECEL_MPS2: Final = 0.2
 """V_top reckons with at least this, however steeply the track falls."""
+FAR_S: Final = 10.0
+"""Longer than any reaction of the service brake."""
 AGAIN_FAR_M: Final = 20.0
 """A stopping point that moved so far beyond S_cfg is no longer parked for."""
 
@@ -77,6 +79,7 @@ def next_state(state: State, holds: Mapping[Guard, bool]) -> State:
 class TimedRun(OverPredictive):
     __slots__ = (
         "_braking",
+        "_far_m",
         "_limits",
         "_look_again_ns",
         "_running",
@@ -88,6 +91,9 @@ class TimedRun(OverPredictive):
     def __init__(self, config: AtoConfig, line: LineMap, dt_s: float) -> None:
         super().__init__(config, line, dt_s)
         self._limits = profile.SpeedLimits(config, line)
+        most_mps = max(section.limit_mps for section in line.speed_sections)
+        self._far_m = most_mps * (FAR_S + most_mps / (2.0 * LEAST_DECEL_MPS2))
+        """From any speed of the line the gentlest brake that is reckoned with ends before that."""
         self._braking = False
         self._target: Target | None = None
         self._running: RunningTime | None = None
@@ -175,7 +181,8 @@ class TimedRun(OverPredictive):
         reaction = SERVICE_FROM_TRACTION if pulls else SERVICE_FROM_COAST_OR_BRAKE
         top_mps = math.inf
         index = self._limits.next_lowering(seen.front_m)
-        while (lowering := self._limits.lowering(index)) is not None:
+        far_m = seen.front_m + self._far_m
+        while (lowering := self._limits.lowering(index)) is not None and lowering.at_m < far_m:
             index += 1
             end_mps = lowering.curve.end_mps
             to_limit_mps = v_top_mps(
