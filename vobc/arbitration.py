@@ -85,7 +85,7 @@ def arbitrate(
         doors_withheld=verdict.doors_withheld,
         jog_attempts=verdict.jog_attempts,
         replicas_agree=verdict.replicas_agree,
-        alarm_raised=verdict.alarm_raised or demand.jog_failed,
+        alarm_raised=verdict.alarm_raised or demand.calls_for_help,
         door_bypass=verdict.door_bypass,
     )
 

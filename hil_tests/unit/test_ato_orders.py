@@ -107,10 +107,10 @@ def test_a_train_that_is_not_permitted_to_jog_stays() -> None:
 def test_a_train_that_is_never_permitted_to_mend_its_stop_calls_for_a_person() -> None:
     rig = rig_at(3500.6)
     for _ in range(550):
-        assert not rig.step().jog_failed
+        assert not rig.step().calls_for_help
     for _ in range(100):
         demand = rig.step()
-    assert demand.jog_failed
+    assert demand.calls_for_help
 
 
 def test_a_jog_whose_permission_goes_is_braked_at_once() -> None:
@@ -131,12 +131,12 @@ def test_without_traction_three_attempts_time_out_and_then_a_person_is_called(
     rig.jog_back_m = 6.0
     rig.traction_ratio = 0.0
 
-    rig.run(lambda rig: rig.trace.demands[-1:] and rig.trace.demands[-1].jog_failed)
+    rig.run(lambda rig: rig.trace.demands[-1:] and rig.trace.demands[-1].calls_for_help)
     for _ in range(1000):
         demand = rig.step()
 
     assert attempts(rig) == 3
-    assert demand.jog_failed
+    assert demand.calls_for_help
     assert demand.hold
     assert rig.ato.phase is AtoPhase.HOLDING
 
@@ -144,14 +144,14 @@ def test_without_traction_three_attempts_time_out_and_then_a_person_is_called(
 def test_after_failed_jogs_an_order_to_skip_leads_on() -> None:
     rig = rig_at(3499.2)
     rig.traction_ratio = 0.0
-    rig.run(lambda rig: rig.trace.demands[-1:] and rig.trace.demands[-1].jog_failed)
+    rig.run(lambda rig: rig.trace.demands[-1:] and rig.trace.demands[-1].calls_for_help)
     rig.traction_ratio = 1.0
     rig.orders = {"skip_next": True}
 
     rig.run(ato_rig.served(1))
 
     assert rig.stops[0].station == "IV"
-    assert not rig.trace.demands[-1].jog_failed
+    assert not rig.trace.demands[-1].calls_for_help
 
 
 @pytest.mark.parametrize(("past_m", "station"), [(5.3, "IV"), (20.0, "IV")])
@@ -185,16 +185,33 @@ def test_it_says_which_stop_it_heads_for() -> None:
 
 def test_a_train_that_stands_right_but_may_not_open_its_doors_calls_for_a_person() -> None:
     rig = rig_at(3000.0)
-    rig.door_permission = False
+    rig.door_permission = rig.jog_permitted = False
     rig.run(ato_rig.served(1))
     for _ in range(580):
-        assert not rig.step().jog_failed
+        assert not rig.step().calls_for_help
     for _ in range(40):
         demand = rig.step()
-    assert demand.jog_failed
+    assert demand.calls_for_help
     rig.door_permission = True
     rig.run(doors_open)
-    assert not rig.step().jog_failed
+    assert not rig.step().calls_for_help
+
+
+@pytest.mark.parametrize("traction_ratio", [0.0, 0.01])
+def test_a_train_that_is_to_run_and_does_not_get_away_calls_for_a_person(
+    traction_ratio: float,
+) -> None:
+    rig = rig_at(3000.0)
+    rig.run(lambda rig: rig.ato.phase is AtoPhase.DEPARTING)
+    rig.traction_ratio = traction_ratio
+    for _ in range(590):
+        assert not rig.step().calls_for_help
+    for _ in range(100):
+        demand = rig.step()
+    assert demand.calls_for_help
+    rig.traction_ratio = 1.0
+    reached(rig, 3010.0)
+    assert not rig.step().calls_for_help
 
 
 # Orders.

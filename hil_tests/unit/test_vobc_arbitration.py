@@ -295,7 +295,7 @@ def test_a_driver_never_drives_backwards() -> None:
 def test_whoever_needs_a_person_is_heard(by_protection: bool, by_operation: bool) -> None:
     verdict = replace(FREE, alarm_raised=by_protection)
 
-    assert decided(verdict, replace(DRIVE, jog_failed=by_operation)).alarm_raised
+    assert decided(verdict, replace(DRIVE, calls_for_help=by_operation)).alarm_raised
     assert not decided().alarm_raised
 
 

@@ -134,10 +134,12 @@ def compile_into(library: Path, level: str) -> None:
         (library / name).write_text(with_written_inits(source.decode()), encoding="utf-8")
     setup = library / "setup.py"
     setup.write_text(SETUP.format(modules=modules, level=level), encoding="utf-8")
+    # To look for warnings in generated C takes the compiler several times as long as all the rest.
+    no_warnings = f"{os.environ.get('CFLAGS', '')} -w".strip()
     done = subprocess.run(  # noqa: S603 - our own interpreter and script
         [sys.executable, setup.name, "build_ext", "--inplace"],
         cwd=library,
-        env={**os.environ, "MYPYPATH": str(library)},
+        env={**os.environ, "MYPYPATH": str(library), "CFLAGS": no_warnings},
         capture_output=True,
         text=True,
         check=False,

@@ -41,8 +41,9 @@ JOG_BACK_PAST_M: Final = 0.12
 emergency brake the place would stay too uncertain for doors."""
 JOG_SPREAD_M: Final = 0.15
 """A jog may end so far from where it aims; no jog may be longer than its reach by that."""
-DOORS_MISSED_S: Final = 30.0
-"""Standing at or off a stop for so long without opening doors, the train calls for a person."""
+HELP_WAITS_S: Final = 30.0
+"""Standing for so long at or off a stop without opening doors, or on the way without getting away,
+the train calls for a person."""
 JOG_MOVED_MPS: Final = 0.05
 JOG_PATIENCE_S: Final = 12.0
 """A jog that does not get away in this time is over; it counts as an attempt."""
@@ -163,7 +164,7 @@ class Ato:
             target_mps=drive.reference_mps,
             distance_to_stop_m=math.inf if stop is None else stop.stop_m - seen.front_m,
             reverse=self._reverse and self.phase is AtoPhase.JOGGING,
-            jog_failed=self._jog_failed(),
+            calls_for_help=self._calls_for_help(),
             stopping_at_m=None if stop is None or seen.creep else stop.stop_m,
         )
 
@@ -203,7 +204,8 @@ class Ato:
         missed = self.phase is AtoPhase.HOLDING and not plan.served and not seen.creep
         missed = missed and abs(to_stop_m) <= work.jog_reach_m
         missed = missed and seen.authority_end_m >= seen.front_m + to_stop_m
-        waits = self.phase is AtoPhase.STOPPED or missed
+        stuck = self.phase in DRIVING and seen.standstill
+        waits = self.phase is AtoPhase.STOPPED or missed or stuck
         self._waits_s = self._waits_s + seen.dt_s if waits else 0.0
         situation.may_jog = self._may_jog(seen, to_stop_m)
         self._watch_jog(seen)
@@ -265,9 +267,9 @@ class Ato:
         ended = self._jog_moved or self._jog_s > JOG_PATIENCE_S
         self._seen.jog_over = self._seen.resting and ended
 
-    def _jog_failed(self) -> bool:
+    def _calls_for_help(self) -> bool:
         seen = self._seen
-        if self._waits_s > DOORS_MISSED_S:
+        if self._waits_s > HELP_WAITS_S:
             return True
         used_up = self._jogs >= self._config.station.jog_attempts > 0
         return used_up and seen.resting and not seen.at_stop and self.phase is not AtoPhase.JOGGING

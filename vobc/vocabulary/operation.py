@@ -80,8 +80,8 @@ class AtoDemand:
     """To the next stopping point; math.inf when there is none."""
     reverse: bool = False
     """Positive `accel_mps2` drives backwards; only for a jog."""
-    jog_failed: bool = False
-    """All attempts are used up and the train still does not stand right, or it does and its doors
-    are not enabled for long: a person has to come."""
+    calls_for_help: bool = False
+    """A person has to come: all attempts are used up and the train still does not stand right, or
+    it does and its doors are not enabled for long, or it is to run and does not get away."""
     stopping_at_m: float | None = None
     """Stopping point that the train heads for or stands at; None while it heads for none."""
