@@ -2,15 +2,20 @@
 
 import re
 import shutil
+import struct
 import subprocess
 import sys
+import tempfile
 import zlib
+from collections.abc import Sequence
 from pathlib import Path
 
 import asammdf
 import can
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from metro_tools.canlog import LogError, ReadOptions, read, stream
 from metro_tools.canlog.convert import convert
@@ -281,8 +286,6 @@ def test_all_ways_through_a_blf_give_the_same(
 
 def test_objects_of_every_kind_of_blf_are_read(tmp_path: Path) -> None:
     """An object of CAN FD as newer Vector programs write it, uncompressed, and one in 10 us."""
-    import struct
-
     head = bytearray(144)
     head[:4], head[4:8] = b"LOGG", (144).to_bytes(4, "little")
 
@@ -309,9 +312,51 @@ def test_objects_of_every_kind_of_blf_are_read(tmp_path: Path) -> None:
     assert [log.frames.channels[at] for at in log.frames.channel] == ["can2", "can1"]
 
 
-def test_a_container_that_claims_too_much_is_not_believed(tmp_path: Path) -> None:
-    import struct
+def contained(head: bytes, objects: bytes, sizes: Sequence[int]) -> bytes:
+    """A BLF file with these objects, cut into stored containers of these sizes and one more."""
+    out, at = head, 0
+    for size in (*sizes, len(objects)):
+        content, at = objects[at : at + size], at + size
+        out += struct.pack("<4sHHLL", b"LOBJ", 16, 1, 32 + len(content), 10)
+        out += struct.pack("<H6xL4x", 0, len(content)) + content + bytes(len(content) % 4)
+    return out
 
+
+@given(
+    st.lists(st.one_of(st.integers(1, 90), st.integers(1, 3_000)), max_size=40),
+    st.booleans(),
+    st.lists(st.tuples(st.integers(0, 5_000), st.integers(0, 255)), max_size=2),
+)
+@settings(max_examples=40, deadline=None)
+def test_the_kernel_and_numpy_take_the_same_wherever_containers_end(
+    sizes: list[int], classic: bool, damage: list[tuple[int, int]]
+) -> None:
+    """Frames, and where something is wrong; without damage also what was written."""
+    frames = drawn_frames(3, 120, classic=classic)
+    with tempfile.TemporaryDirectory() as scratch:
+        written = write(Path(scratch), "blf", frames)[0]
+        data = written.read_bytes()
+        packed = (data[at + 32 : at + size] for at, size in containers(written))
+        objects = bytearray(b"".join(zlib.decompress(each) for each in packed))
+        for at, value in damage:
+            objects[at % len(objects)] = value
+        path = Path(scratch) / "cut.blf"
+        path.write_bytes(contained(data[:144], bytes(objects), sizes))
+        one, other = (read(path, options=ReadOptions(compiled=each)) for each in (True, False))
+
+    for name in ("at_ns", "identifier", "flags", "length"):
+        assert (getattr(one.frames, name) == getattr(other.frames, name)).all()
+    width = min(one.frames.data.shape[1], other.frames.data.shape[1])
+    assert (one.frames.data[:, :width] == other.frames.data[:, :width]).all()
+    assert [(each.kind, each.count) for each in one.warnings] == [
+        (each.kind, each.count) for each in other.warnings
+    ]
+    if not damage:
+        assert one.warnings == ()
+        assert one.frames.at_ns.tolist() == frames.at_ns.tolist()
+
+
+def test_a_container_that_claims_too_much_is_not_believed(tmp_path: Path) -> None:
     packed = zlib.compress(b"\0" * 1000)
     head = bytearray(144)
     head[:4], head[4:8] = b"LOGG", (144).to_bytes(4, "little")

@@ -220,15 +220,49 @@ static uint64_t u64(const uint8_t *p)
     return (uint64_t)u32(p) | (uint64_t)u32(p + 4) << 32;
 }
 
-/* Classic data frames of the BLF objects of a buffer, as long as it holds nothing else that is a
-   frame and nothing damaged: number of rows, or -1 where only the general reader can tell.
-   `consumed` is where the first object begins that is not whole. `channel` has 16 bits. */
-int64_t canlog_blf(const uint8_t *text, int64_t size, int64_t start_ns, int64_t most,
-                   int64_t *at_ns, uint32_t *identifier, uint8_t *flags, uint16_t *channel,
-                   uint8_t *length, uint64_t *data, int64_t *consumed)
+/* What the objects of a BLF file are taken into; the same in kernel.py. */
+typedef struct {
+    int64_t start_ns, most, rows;
+    int64_t *at_ns;
+    uint64_t *data;
+    uint32_t *identifier;
+    uint16_t *channel;
+    uint8_t *flags, *length;
+} Taken;
+
+/* One object that is whole, `p` at its signature; 0 where only the general reader can tell. */
+static int take_object(const uint8_t *p, int64_t object, Taken *out)
 {
-    int64_t at = 0, row = 0;
-    while (size - at >= 16) {
+    uint32_t kind = u32(p + 12);
+    if (kind != 1 && kind != 86)
+        return kind != 2 && kind != 73 && kind != 100 && kind != 101;
+    if (p[6] != 1 || p[7] || object < 48 || out->rows == out->most)
+        return 0;
+    uint64_t stamp = u64(p + 24);
+    unsigned bits = p[34], code = p[35] < 8 ? p[35] : 8;
+    uint32_t wide = u32(p + 36);
+    int64_t factor = u32(p + 16) == 1 ? 10000 : 1;
+    if (stamp > (1ULL << 62) / 10000)
+        return 0;
+    if (!(wide >> 31) && (wide & 0x1FFFFFFFu) > 0x7FF)
+        return 0;
+    unsigned shown = bits & 0x80 ? 0 : code;
+    uint64_t word = u64(p + 40);
+    int64_t row = out->rows++;
+    out->at_ns[row] = out->start_ns + (int64_t)stamp * factor;
+    out->identifier[row] = wide & 0x1FFFFFFFu;
+    out->flags[row] = (uint8_t)((wide >> 31) | (bits & 0x80 ? REMOTE : 0) | (bits & 1 ? TX : 0));
+    out->channel[row] = (uint16_t)(p[32] | p[33] << 8);
+    out->length[row] = (uint8_t)code;
+    out->data[row] = shown == 8 ? word : word & ((1ULL << 8 * shown) - 1);
+    return 1;
+}
+
+/* Objects from `at` on, at most `limit` of them: where the first one begins that is not whole, -1
+   where only the general reader can tell. */
+static int64_t take_objects(const uint8_t *text, int64_t size, int64_t at, int64_t limit, Taken *out)
+{
+    for (; limit && size - at >= 16; limit--) {
         const uint8_t *p = text + at;
         int64_t skipped = 0;
         while (memcmp(p + skipped, "LOBJ", 4))
@@ -236,39 +270,48 @@ int64_t canlog_blf(const uint8_t *text, int64_t size, int64_t start_ns, int64_t 
                 return -1;
         p += skipped;
         int64_t object = u32(p + 8);
-        uint32_t kind = u32(p + 12);
         if (object < 16)
             return -1;
         if (object > size - at - skipped)
             break;
-        if (kind == 1 || kind == 86) {
-            if (p[6] != 1 || p[7] || object < 48 || row == most)
-                return -1;
-            uint64_t stamp = u64(p + 24);
-            unsigned bits = p[34], code = p[35] < 8 ? p[35] : 8;
-            uint32_t wide = u32(p + 36);
-            int64_t factor = u32(p + 16) == 1 ? 10000 : 1;
-            if (stamp > (1ULL << 62) / 10000)
-                return -1;
-            if (!(wide >> 31) && (wide & 0x1FFFFFFFu) > 0x7FF)
-                return -1;
-            unsigned shown = bits & 0x80 ? 0 : code;
-            uint64_t word = u64(p + 40);
-            at_ns[row] = start_ns + (int64_t)stamp * factor;
-            identifier[row] = wide & 0x1FFFFFFFu;
-            flags[row] = (uint8_t)((wide >> 31) | (bits & 0x80 ? REMOTE : 0) | (bits & 1 ? TX : 0));
-            channel[row] = (uint16_t)(p[32] | p[33] << 8);
-            length[row] = (uint8_t)code;
-            data[row] = shown == 8 ? word : word & ((1ULL << 8 * shown) - 1);
-            row++;
-        } else if (kind == 2 || kind == 73 || kind == 100 || kind == 101)
+        if (!take_object(p, object, out))
             return -1;
         at += skipped + object + object % 4;
-        if (at > size)
-            at = size;
     }
-    *consumed = at;
-    return row;
+    return at;
+}
+
+#define BORDER_BYTES 512
+
+/* Classic data frames of the objects of a container, as long as it holds nothing else that is a
+   frame and nothing damaged: where the first object begins that is not whole, or -1, with nothing
+   taken, where only the general reader can tell. `rest` is what the containers before it left. */
+int64_t canlog_blf(const uint8_t *rest, int64_t rest_size, const uint8_t *text, int64_t size,
+                   Taken *out)
+{
+    int64_t before = out->rows, at = 0;
+    if (rest_size) {
+        /* The object that begins in the rest, and what of the container may belong to it. */
+        uint8_t border[BORDER_BYTES];
+        if (rest_size > BORDER_BYTES / 2)
+            return -1;
+        int64_t more = size < BORDER_BYTES - rest_size ? size : BORDER_BYTES - rest_size;
+        memcpy(border, rest, (size_t)rest_size);
+        memcpy(border + rest_size, text, (size_t)more);
+        while (at < rest_size) {
+            int64_t next = take_objects(border, rest_size + more, at, 1, out);
+            if (next <= at) {
+                out->rows = before;
+                return -1;
+            }
+            at = next;
+        }
+        at -= rest_size;
+    }
+    at = take_objects(text, size, at, -1, out);
+    if (at < 0)
+        out->rows = before;
+    return at > size ? size : at;
 }
 
 /* One signal of a column of words: bits `down` to `down + length`, then raw * scale + offset, in
@@ -300,20 +343,59 @@ void canlog_doubles(const uint64_t *words, int64_t count, int down, int length, 
             out[at] = (double)words[at] * scale + offset;
 }
 
-/* A counting sort of frames by group, carrying their columns along. `at` has the place of the first
-   frame of each group, and is where the last one ends afterwards; frames of group `none` are left
-   out. */
-void canlog_group(const uint16_t *group, int64_t count, int none, int64_t *at,
-                  const int64_t *at_ns, const uint64_t *words, const uint8_t *lengths,
-                  int64_t *order, int64_t *out_ns, uint64_t *out_words, uint8_t *out_lengths)
+#define GROUPS_MAX 0xFFFF
+#define SLOTS (1 << 17) /* more than twice the groups */
+
+/* Numbers the keys of data frames (identifier, bit 31 for an extended one) as they first come:
+   their number, `known` of them from calls before, -1 when there are more than GROUPS_MAX - 1.
+   `group` gets the number of each frame, GROUPS_MAX of those that are no data; `keys` and `counts`
+   have GROUPS_MAX places, `slots` begins as SLOTS zeros. */
+int64_t canlog_number(const uint32_t *identifier, const uint8_t *flags, int64_t count,
+                      uint16_t *group, int64_t known, uint32_t *keys, int64_t *counts,
+                      uint16_t *slots)
 {
     for (int64_t row = 0; row < count; row++) {
-        if (group[row] == none)
+        if (flags[row] & (REMOTE | ERROR_FRAME)) {
+            group[row] = GROUPS_MAX;
+            continue;
+        }
+        uint32_t key = identifier[row] | (uint32_t)(flags[row] & EXTENDED) << 31;
+        uint32_t slot = key < 0x800 ? key : (key * 2654435761u) >> 15;
+        while (slots[slot] && keys[slots[slot] - 1] != key)
+            slot = (slot + 1) & (SLOTS - 1);
+        if (!slots[slot]) {
+            if (known == GROUPS_MAX - 1)
+                return -1;
+            keys[known] = key;
+            counts[known] = 0;
+            slots[slot] = (uint16_t)++known;
+        }
+        group[row] = (uint16_t)(slots[slot] - 1);
+        counts[group[row]]++;
+    }
+    return known;
+}
+
+/* A counting sort of frames by group, carrying their columns along. `at` has the place of the next
+   frame of each group; frames of group GROUPS_MAX are left out. */
+void canlog_group(const uint16_t *group, int64_t count, int64_t *at, const int64_t *at_ns,
+                  const uint64_t *words, const uint8_t *lengths, int64_t *out_ns,
+                  uint64_t *out_words, uint8_t *out_lengths)
+{
+    for (int64_t row = 0; row < count; row++) {
+        if (group[row] == GROUPS_MAX)
             continue;
         int64_t to = at[group[row]]++;
-        order[to] = row;
         out_ns[to] = at_ns[row];
         out_words[to] = words[row];
         out_lengths[to] = lengths[row];
     }
+}
+
+/* Which frames those are, `first` being the number of the first one. */
+void canlog_order(const uint16_t *group, int64_t count, int64_t first, int64_t *at, int64_t *order)
+{
+    for (int64_t row = 0; row < count; row++)
+        if (group[row] != GROUPS_MAX)
+            order[at[group[row]]++] = first + row;
 }

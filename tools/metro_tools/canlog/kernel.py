@@ -12,6 +12,8 @@ import platform
 import shutil
 import subprocess
 import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
 from typing import Any, Final
@@ -32,6 +34,9 @@ USUAL_LINE: Final = 24
 """Bytes; lines of frames have more, and room is made when others are shorter."""
 SWITCH: Final = "CANLOG_KERNEL"
 BLF_OBJECT_BYTES: Final = 48
+"""Of a classic frame, at the least."""
+NO_GROUP: Final = 0xFFFF
+SLOTS: Final = 1 << 17
 
 
 @functools.cache
@@ -83,11 +88,15 @@ def _declared(found: Any) -> Any:
     found.canlog_candump.restype = found.canlog_blf.restype = ctypes.c_int64
     number, place = ctypes.c_int64, ctypes.c_void_p
     found.canlog_candump.argtypes = [ctypes.c_char_p, *[number] * 3, *[place] * 11]
-    found.canlog_blf.argtypes = [ctypes.c_char_p, number, number, number, *[place] * 7]
+    found.canlog_blf.argtypes = [ctypes.c_char_p, number, place, number, place]
+    found.canlog_number.restype = number
+    found.canlog_number.argtypes = [place, place, number, place, number, *[place] * 3]
     whole = ctypes.c_int
     found.canlog_integers.restype = found.canlog_doubles.restype = None
     found.canlog_group.restype = None
-    found.canlog_group.argtypes = [place, number, whole, *[place] * 8]
+    found.canlog_group.argtypes = [place, number, *[place] * 7]
+    found.canlog_order.restype = None
+    found.canlog_order.argtypes = [place, number, number, place, place]
     found.canlog_integers.argtypes = [
         *[place, number, whole, whole, whole, ctypes.c_uint64, ctypes.c_uint64, place]
     ]
@@ -141,32 +150,69 @@ def _names(channels: list[str]) -> tuple[Any, Any, Any]:
     return names, sizes, ctypes.c_int32(len(channels))
 
 
-def take_blf(buffer: bytes, start_ns: int) -> tuple[Any, Any, int] | None:
-    """Frames with their channels' numbers, and where the first object that is not whole begins.
+class _Taken(ctypes.Structure):
+    """As in kernel.c."""
 
-    None when there is no kernel, or the buffer holds more than whole classic data frames.
-    """
-    kernel = library()
-    if kernel is None:
-        return None
-    most = len(buffer) // BLF_OBJECT_BYTES + 1
-    made = blank(0)
-    at_ns, identifier = np.empty(most, np.int64), np.empty(most, np.uint32)
-    flags, length = np.empty(most, np.uint8), np.empty(most, np.uint8)
-    channel, data = np.empty(most, np.uint16), np.empty(most, np.uint64)
-    consumed = ctypes.c_int64()
-    columns = (at_ns, identifier, flags, channel, length, data)
-    rows = kernel.canlog_blf(
-        buffer, len(buffer), start_ns, most, *(column.ctypes.data for column in columns),
-        ctypes.byref(consumed),
-    )  # fmt: skip
-    if rows < 0:
-        return None
-    made = Frames(
-        at_ns[:rows], identifier[:rows], flags[:rows], np.zeros(0, np.uint8), length[:rows],
-        data[:rows].view(np.uint8).reshape(-1, 8),
-    )  # fmt: skip
-    return made, channel[:rows], int(consumed.value)
+    _fields_ = (
+        *[(name, ctypes.c_int64) for name in ("start_ns", "most", "rows")],
+        *[(name, ctypes.c_void_p) for name in ("at_ns", "data", "identifier")],
+        *[(name, ctypes.c_void_p) for name in ("channel", "flags", "length")],
+    )
+
+
+def _columns(most: int, kinds: Sequence[Any]) -> list[Any]:
+    """Columns to be filled, the widest first, in one piece: the system gives that faster."""
+    room = np.empty(most * sum(np.dtype(kind).itemsize for kind in kinds), np.uint8)
+    found, at = [], 0
+    for kind in kinds:
+        stop = at + most * np.dtype(kind).itemsize
+        found.append(room[at:stop].view(kind))
+        at = stop
+    return found
+
+
+class BlfTaker:
+    """Takes containers of classic data frames one after the other into columns."""
+
+    def __init__(self, start_ns: int, most: int) -> None:
+        """Up to `most` frames. There has to be a kernel."""
+        self._take = library().canlog_blf
+        self._columns = _columns(
+            most, (np.int64, np.uint64, np.uint32, np.uint16, np.uint8, np.uint8)
+        )
+        places = (column.ctypes.data for column in self._columns)
+        self._state = _Taken(start_ns, most, 0, *places)
+        self._where = ctypes.byref(self._state)
+
+    @property
+    def room(self) -> int:
+        """Bytes of content that surely fit."""
+        return int(self._state.most - self._state.rows - 1) * BLF_OBJECT_BYTES
+
+    def take(self, rest: bytes, content: bytes | bytearray) -> int:
+        """Where the first object of `content` begins that is not whole.
+
+        -1, and nothing is taken, when there is more than whole classic data frames, or no room.
+
+        Args:
+            rest: the begin of an object that the last container ended in.
+            content: of the next one.
+        """
+        size = len(content)
+        given: Any = content
+        if isinstance(content, bytearray):
+            given = (ctypes.c_char * size).from_buffer(content)
+        return int(self._take(rest, len(rest), given, size, self._where))
+
+    def frames(self) -> tuple[Frames, Any] | None:
+        """What was taken, and the number of each frame's channel; None when that is nothing."""
+        rows = int(self._state.rows)
+        if not rows:
+            return None
+        at_ns, data, identifier, channel, flags, length = (each[:rows] for each in self._columns)
+        words = data.view(np.uint8).reshape(-1, 8)
+        made = Frames(at_ns, identifier, flags, np.zeros(0, np.uint8), length, words)
+        return made, channel
 
 
 def scaled(
@@ -191,29 +237,67 @@ def scaled(
     return out
 
 
-def grouped(group: Any, none: int, starts: Any, frames: Frames) -> tuple[Any, ...] | None:
-    """Rows, stamps, data words and lengths of frames sorted by group; None without a kernel.
+@dataclass(frozen=True, slots=True)
+class Numbered:
+    """Which frames of some blocks have which key."""
 
-    Args:
-        group: (n,) uint16, `none` for frames that are left out.
-        starts: place of the first frame of each group, int64.
-    """
+    groups: tuple[Any, ...]
+    """Of each block (n,) uint16: the place of the key, NO_GROUP of what is no data."""
+    keys: Any
+    """(k,) uint32, as they first come."""
+    counts: Any
+    """(k,) int64, frames of each."""
+
+    @property
+    def starts(self) -> Any:
+        """(k,) int64: where each key begins when the frames are sorted by this place."""
+        return np.cumsum(self.counts) - self.counts
+
+    def order(self) -> Any:
+        """(n,) int64: the rows of all blocks so sorted."""
+        out = np.empty(int(self.counts.sum()), np.int64)
+        places, first = self.starts, 0
+        for group in self.groups:
+            library().canlog_order(
+                group.ctypes.data, len(group), first, places.ctypes.data, out.ctypes.data
+            )
+            first += len(group)
+        return out
+
+
+def numbered(blocks: Sequence[Frames]) -> Numbered | None:
+    """None without a kernel, or when there are more keys than fit."""
     kernel = library()
-    columns = (frames.at_ns, frames.data, frames.length)
-    if kernel is None or frames.data.shape[1] != WORD_BYTES:
+    if kernel is None:
         return None
-    if not all(column.flags.c_contiguous for column in columns):
+    keys, counts = np.empty(NO_GROUP, np.uint32), np.empty(NO_GROUP, np.int64)
+    slots, groups, known = np.zeros(SLOTS, np.uint16), [], 0
+    for block in blocks:
+        identifier, flags = (
+            np.ascontiguousarray(column) for column in (block.identifier, block.flags)
+        )
+        group = np.empty(len(block), np.uint16)
+        known = kernel.canlog_number(
+            identifier.ctypes.data, flags.ctypes.data, len(block), group.ctypes.data, known,
+            *(column.ctypes.data for column in (keys, counts, slots)),
+        )  # fmt: skip
+        if known < 0:
+            return None
+        groups.append(group)
+    return Numbered(tuple(groups), keys[:known].copy(), counts[:known].copy())
+
+
+def grouped(told: Numbered, blocks: Sequence[Frames]) -> tuple[Any, ...] | None:
+    """Stamps, data words and lengths of the frames sorted by group; None for longer data."""
+    if any(block.data.shape[1] != WORD_BYTES for block in blocks):
         return None
-    count = int((group != none).sum())
-    out = (
-        np.empty(count, np.int64),
-        np.empty(count, np.int64),
-        np.empty(count, np.uint64),
-        np.empty(count, np.uint8),
-    )
-    places = starts.copy()
-    kernel.canlog_group(
-        group.ctypes.data, len(group), none, places.ctypes.data,
-        *(column.ctypes.data for column in columns), *(column.ctypes.data for column in out),
-    )  # fmt: skip
+    count = int(told.counts.sum())
+    out = np.empty(count, np.int64), np.empty(count, np.uint64), np.empty(count, np.uint8)
+    places = told.starts
+    for block, group in zip(blocks, told.groups, strict=True):
+        columns = [np.ascontiguousarray(each) for each in (block.at_ns, block.data, block.length)]
+        library().canlog_group(
+            group.ctypes.data, len(group), places.ctypes.data,
+            *(column.ctypes.data for column in (*columns, *out)),
+        )  # fmt: skip
     return out

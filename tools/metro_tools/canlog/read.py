@@ -1,6 +1,7 @@
 """Reads a log: as a whole with its messages as tables, or block by block with bounded memory."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from functools import cached_property
 from pathlib import Path
 
 from metro_tools.canlog.damage import Damage, Damages, LogError
@@ -21,39 +22,43 @@ class Log:
     def __init__(
         self,
         path: Path,
-        frames: Frames,
+        frames: Frames | Sequence[Frames],
         bus: Bus,
         warnings: tuple[Damage, ...] = (),
         run: Run | None = None,
     ) -> None:
+        """Blocks of frames are put together when somebody asks for them as a whole."""
         self.path = path
-        self.frames = frames
+        self._blocks = (frames,) if isinstance(frames, Frames) else tuple(frames)
         self.bus = bus
         self.warnings = warnings
         """What was damaged or could not be told for certain."""
         self.run = run
         """What else a run folder holds; None for a log by itself."""
-        self._groups: Groups | None = None
         self._tables: dict[str, Table] = {}
 
     def __len__(self) -> int:
-        return len(self.frames)
+        return sum(len(block) for block in self._blocks)
 
-    @property
+    @cached_property
+    def frames(self) -> Frames:
+        """All of them as columns."""
+        self._blocks = (concat(self._blocks),)
+        return self._blocks[0]
+
+    @cached_property
     def groups(self) -> Groups:
-        if self._groups is None:
-            self._groups = Groups(self.frames)
-        return self._groups
+        return Groups(self._blocks)
 
     @property
     def start_ns(self) -> int:
         """The earliest stamp; 0 of a log without frames."""
-        return int(self.frames.at_ns.min()) if len(self.frames) else 0
+        return min((int(each.at_ns.min()) for each in self._blocks if len(each)), default=0)
 
     @property
     def end_ns(self) -> int:
         """The latest stamp."""
-        return int(self.frames.at_ns.max()) if len(self.frames) else 0
+        return max((int(each.at_ns.max()) for each in self._blocks if len(each)), default=0)
 
     @property
     def messages(self) -> Mapping[str, MessageSpec]:
@@ -132,8 +137,9 @@ def read(path: Path | str, dbc: Dbc = None, options: ReadOptions | None = None) 
     """
     bus = load_bus(dbc)
     source = stream(path, options)
-    frames = concat(list(source))
+    blocks: Sequence[Frames] = list(source)
     run = None
     if Path(path).is_dir():
-        run = read_run(Path(path), frames, bus, source.damages)
-    return Log(source.path, frames, bus, source.warnings, run)
+        blocks = (concat(blocks),)
+        run = read_run(Path(path), blocks[0], bus, source.damages)
+    return Log(source.path, blocks, bus, source.warnings, run)

@@ -1,18 +1,19 @@
 """All frames of one message as columns of physical values, decoded when they are asked for."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import cached_property, partial
+from itertools import pairwise
 from typing import Any, Final
 
 import numpy as np
 
 from metro_tools.canlog import kernel
 from metro_tools.canlog.database import MessageSpec
-from metro_tools.canlog.frames import NOT_DATA, Bools, Frames, Ints
+from metro_tools.canlog.frames import Bools, Frames, Ints, concat
 from metro_tools.canlog.plan import Column, Payloads, Plan, Raws, signed_raw
 
 SHORT: Final = 2048
 """Keys below are identifiers of 11 bits, which are looked up."""
-NO_GROUP: Final = 0xFFFF
 
 
 class Table:
@@ -22,12 +23,13 @@ class Table:
     multiplexer chooses others, `valid` is false and the value is NaN, or 0 of an integer.
     """
 
-    def __init__(self, plan: Plan, at_ns: Ints, rows: Ints, payloads: Payloads) -> None:
+    def __init__(
+        self, plan: Plan, at_ns: Ints, rows: Callable[[], Ints], payloads: Payloads
+    ) -> None:
         self.spec: MessageSpec = plan.spec
         self.at_ns = at_ns
         """(n,) int64."""
-        self.rows = rows
-        """(n,) int64: which frames of the log these are."""
+        self._rows = rows
         self.payloads = payloads
         self._plan = plan
         self._columns: dict[str, Column] = {}
@@ -36,6 +38,11 @@ class Table:
 
     def __len__(self) -> int:
         return len(self.at_ns)
+
+    @property
+    def rows(self) -> Ints:
+        """(n,) which frames of the log these are."""
+        return self._rows()
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -128,28 +135,46 @@ def _nothing(column: Column) -> Any:
 class Groups:
     """Which frames belong to which message: sorted once for all of them."""
 
-    def __init__(self, frames: Frames) -> None:
-        self.frames = frames
-        data = (frames.flags & np.uint8(NOT_DATA)) == 0
-        sorted_ = _grouped(frames, data)
-        self._order, self._starts = sorted_[0], sorted_[1]
-        self._columns: tuple[Any, ...] | None = sorted_[2]
+    def __init__(self, frames: Frames | Sequence[Frames]) -> None:
+        """Of the blocks of one log, if there are several."""
+        self._blocks = (frames,) if isinstance(frames, Frames) else tuple(frames)
+        self._told = kernel.numbered(self._blocks)
+        self._columns: tuple[Any, ...] | None = None
+        self._order: Ints | None = None
+        if self._told is None:
+            key = self.frames.key
+            rows = np.flatnonzero(self.frames.is_data)
+            self._order = rows[np.argsort(_numbers(key[rows]), kind="stable")]
+            self._spans = _spans(key[self._order])
+            return
+        starts = self._told.starts
+        keys, ends = self._told.keys.tolist(), (starts + self._told.counts).tolist()
+        spans = sorted(zip(keys, starts.tolist(), ends, strict=True))
+        self._spans = {key: (start, end) for key, start, end in spans}
+        self._columns = kernel.grouped(self._told, self._blocks)
+
+    @cached_property
+    def frames(self) -> Frames:
+        return concat(self._blocks)
 
     @property
     def keys(self) -> tuple[int, ...]:
         """Of all data frames, sorted."""
-        return tuple(self._starts)
+        return tuple(self._spans)
 
     def rows(self, key: int) -> Ints:
         """Indices of the data frames with this key, rising."""
-        start, stop = self._starts.get(key, (0, 0))
+        if self._order is None:
+            assert self._told is not None
+            self._order = self._told.order()
+        start, stop = self._spans.get(key, (0, 0))
         return self._order[start:stop]
 
     def at_ns(self, key: int) -> Ints:
         """(n,) stamps of the data frames with this key."""
         if self._columns is None:
             return self.frames.at_ns[self.rows(key)]
-        start, stop = self._starts.get(key, (0, 0))
+        start, stop = self._spans.get(key, (0, 0))
         stamps: Ints = self._columns[0][start:stop]
         return stamps
 
@@ -158,13 +183,13 @@ class Groups:
         if self._columns is None:
             rows = self.rows(key)
             return Payloads(taken(self.frames, rows), self.frames.length[rows])
-        start, stop = self._starts.get(key, (0, 0))
+        start, stop = self._spans.get(key, (0, 0))
         words, length = self._columns[1][start:stop], self._columns[2][start:stop]
         return Payloads(words.view(np.uint8).reshape(-1, 8), length)
 
     def table(self, spec: MessageSpec) -> Table:
         key = spec.key
-        return Table(Plan(spec), self.at_ns(key), self.rows(key), self.payloads(key))
+        return Table(Plan(spec), self.at_ns(key), partial(self.rows, key), self.payloads(key))
 
 
 def taken(frames: Frames, rows: Ints) -> Any:
@@ -178,51 +203,21 @@ def taken(frames: Frames, rows: Ints) -> Any:
 Spans = dict[int, tuple[int, int]]
 
 
-def _grouped(frames: Frames, data: Bools) -> tuple[Ints, Spans, tuple[Any, ...] | None]:
-    """Order that puts frames of one key together, where each key lies in it, sorted columns."""
-    key = frames.key
-    known = _distinct(key)
-    if len(known) >= NO_GROUP:
-        rows = np.flatnonzero(data)
-        order = rows[np.argsort(key[rows], kind="stable")]
-        values, firsts, counts = np.unique(key[order], return_index=True, return_counts=True)
-        spans = zip(values.tolist(), firsts.tolist(), counts.tolist(), strict=True)
-        return order, {each: (first, first + count) for each, first, count in spans}, None
-    number = _numbers(key, known)
-    if not data.all():
-        number[~data] = NO_GROUP
-    counts = np.bincount(number, minlength=len(known))[: len(known)]
-    ends = np.cumsum(counts)
-    starts = (ends - counts).astype(np.int64)
-    spans = zip(known.tolist(), starts.tolist(), ends.tolist(), strict=True)
-    where = {each: (start, end) for each, start, end in spans if end > start}
-    sorted_ = kernel.grouped(number, NO_GROUP, starts, frames)
-    if sorted_ is not None:
-        return sorted_[0], where, sorted_[1:]
-    rows = np.flatnonzero(data)
-    return rows[np.argsort(number[rows], kind="stable")], where, None
+def _spans(key: Any) -> Spans:
+    """Where each of these sorted keys lies."""
+    cuts = [0, *(np.flatnonzero(np.diff(key)) + 1).tolist(), len(key)]
+    return {int(key[start]): (start, stop) for start, stop in pairwise(cuts) if stop > start}
 
 
-def _distinct(key: Any) -> Any:
-    """Sorted distinct keys; a table where all of them are short."""
-    if len(key) and int(key.max()) < SHORT:
-        seen = np.zeros(SHORT, np.bool_)
-        seen[key] = True
-        return np.flatnonzero(seen).astype(np.uint32)
+def _numbers(key: Any) -> Any:
+    """(n,) what sorts as the keys do: 16 bits where they can, which numpy sorts fastest."""
+    if not len(key) or int(key.max()) < SHORT:
+        return key.astype(np.uint16)
     short = key < SHORT
-    seen = np.zeros(SHORT, np.bool_)
-    seen[key[short]] = True
-    return np.concatenate([np.flatnonzero(seen).astype(np.uint32), np.unique(key[~short])])
-
-
-def _numbers(key: Any, known: Any) -> Any:
-    """(n,) uint16 position of each key in `known`."""
-    table = np.zeros(SHORT, np.uint16)
-    short = known < SHORT
-    table[known[short]] = np.arange(int(short.sum()), dtype=np.uint16)
-    if short.all():
-        return table[key]
-    number = table[np.minimum(key, SHORT - 1)]
-    long = np.flatnonzero(key >= SHORT)
-    number[long] = np.searchsorted(known, key[long]).astype(np.uint16)
+    long = np.flatnonzero(~short)
+    known = np.unique(key[long])
+    if len(known) + SHORT > 1 << 16:
+        return key
+    number = np.where(short, key, 0).astype(np.uint16)
+    number[long] = np.searchsorted(known, key[long]).astype(np.uint16) + np.uint16(SHORT)
     return number

@@ -106,7 +106,8 @@ class Lane:
             return None
         rows = slice(max(0, first), max(0, stop))
         payloads = Payloads(self._data[: self._n][rows], self._length[: self._n][rows])
-        return Table(Plan(self.spec), self.at_ns[rows], np.arange(self._n)[rows], payloads)
+        at_ns, numbers = self.at_ns[rows], np.arange(self._n, dtype=np.int64)[rows]
+        return Table(Plan(self.spec), at_ns, lambda: numbers, payloads)
 
 
 @dataclass(slots=True)

@@ -1,6 +1,8 @@
 """Vector's BLF: zlib containers of objects, read container by container with numpy."""
 
+from bisect import bisect_right
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -22,6 +24,8 @@ START_AT: Final = 40
 """Of the instant of the start in the head of the file: eight 16-bit numbers."""
 JOINED_BYTES: Final = 1 << 21
 """So much content is taken apart in one go."""
+TAKEN_BYTES: Final = 1 << 23
+"""So much content becomes one block of frames."""
 NS_PER_S: Final = 1_000_000_000
 CHANNELS_MAX: Final = 256
 
@@ -45,7 +49,7 @@ def read(path: Path, options: ReadOptions, damages: Damages) -> Iterator[Frames]
         head = int.from_bytes(file.data[4:8], "little")
         first = head if FILE_HEAD <= head <= file.size else FILE_HEAD
         contents = _contents(file.data, first, damages, options)
-        yield from _frames(contents, start_ns, damages, compiled=options.compiled)
+        yield from _Reader(start_ns, damages, compiled=options.compiled).frames(contents)
 
 
 def _start_ns(data: Any) -> int:
@@ -132,64 +136,131 @@ def _content(block: bytes, inflate: Any) -> tuple[bytes | bytearray, str]:
     return content, "" if len(content) == size else f"{len(content)} bytes where it says {size}"
 
 
-def _frames(
-    contents: Iterator[Content], start_ns: int, damages: Damages, *, compiled: bool
-) -> Iterator[Frames]:
-    """Objects reach from one container into the next."""
-    names: list[str] = []
-    waiting: list[bytes | bytearray] = []
-    waiting_bytes, place = 0, 0
-    for content, at, whole in contents:
-        if not whole and waiting:
-            rest, made = _take(
-                b"".join(waiting), place, start_ns, names, damages, compiled=compiled
+class _Joined:
+    """Content that is taken apart in one go, and where in the file each part of it comes from."""
+
+    def __init__(self) -> None:
+        self._parts: list[bytes | bytearray] = []
+        self._begins: list[int] = []
+        self._places: list[int] = []
+        self.size = 0
+
+    def add(self, content: bytes | bytearray, place: int) -> None:
+        if content:
+            self._parts.append(content)
+            self._begins.append(self.size)
+            self._places.append(place)
+            self.size += len(content)
+
+    @property
+    def buffer(self) -> bytes:
+        return b"".join(self._parts)
+
+    def place(self, spot: int) -> int:
+        """Of the container that holds a byte of the buffer."""
+        return self._places[max(bisect_right(self._begins, spot) - 1, 0)] if self._places else 0
+
+    def left(self, rest: bytes) -> "_Joined":
+        """With what waits for the next container."""
+        found = _Joined()
+        found.add(rest, self.place(self.size - len(rest)))
+        return found
+
+
+class _Reader:
+    """Objects of container after container; they reach from one into the next.
+
+    The kernel takes classic data frames as they come. Everything else is gathered until it is
+    worth the while and taken by numpy.
+    """
+
+    def __init__(self, start_ns: int, damages: Damages, *, compiled: bool) -> None:
+        self._start_ns = start_ns
+        self._damages = damages
+        self._compiled = compiled and kernel.library() is not None
+        self._names: list[str] = []
+        self._joined = _Joined()
+        self._taker: kernel.BlfTaker | None = None
+        self._rest = b""
+        """What the kernel left, and is in `_joined`, too."""
+
+    def frames(self, contents: Iterator[Content]) -> Iterator[Frames]:
+        for content, place, whole in contents:
+            if not whole:
+                yield from self.broken()
+                # The first object may have begun in what is lost.
+                content = content[max(content.find(SIGNATURE), 0) :]
+            if self._compiled and self._joined.size == len(self._rest):
+                if self._taker is not None and self._taker.room < len(content):
+                    yield from self._taken()
+                if self._take(content, place):
+                    continue
+                yield from self._taken()
+            self._joined.add(content, place)
+            if self._joined.size >= JOINED_BYTES:
+                yield from self._take_joined()
+        yield from self.end()
+
+    def _take(self, content: bytes | bytearray, place: int) -> bool:
+        """Whether the kernel could take a container."""
+        if self._taker is None:
+            most = max(TAKEN_BYTES, len(content)) // kernel.BLF_OBJECT_BYTES + 2
+            self._taker = kernel.BlfTaker(self._start_ns, most)
+        at = self._taker.take(self._rest, content)
+        if at < 0:
+            return False
+        self._rest = bytes(content[at:])
+        self._joined = _Joined()
+        self._joined.add(self._rest, place)
+        return True
+
+    def _taken(self) -> Iterator[Frames]:
+        """What the kernel has taken so far."""
+        found = self._taker.frames() if self._taker is not None else None
+        self._taker = None
+        if found is not None:
+            made, channel = found
+            yield replace(
+                made,
+                channel=_channels(channel, self._names, self._damages),
+                channels=tuple(self._names),
             )
-            if made is not None:
-                yield made
-            if rest:
-                damages.add("torn object", "byte", place, "its block is followed by a broken one")
-            waiting, waiting_bytes = [], 0
-        place = at
-        if not whole:
-            # The first object may have begun in what is lost.
-            content = content[max(content.find(SIGNATURE), 0) :]
-        waiting.append(content)
-        waiting_bytes += len(content)
-        if waiting_bytes >= JOINED_BYTES:
-            rest, made = _take(
-                b"".join(waiting), place, start_ns, names, damages, compiled=compiled
-            )
-            if made is not None:
-                yield made
-            waiting, waiting_bytes = [rest], len(rest)
-    rest, made = _take(b"".join(waiting), place, start_ns, names, damages, compiled=compiled)
-    if made is not None:
-        yield made
-    if rest.strip(b"\0"):
-        damages.add("torn object", "byte", place, f"{len(rest)} bytes at the end of the last block")
+
+    def _take_joined(self) -> Iterator[Frames]:
+        joined = self._joined
+        rest, made = _take(joined, self._start_ns, self._names, self._damages)
+        self._rest = rest
+        self._joined = joined.left(rest)
+        if made is not None:
+            yield made
+
+    def broken(self) -> Iterator[Frames]:
+        """What came before a spot where something is missing."""
+        yield from self._taken()
+        if self._joined.size:
+            yield from self._take_joined()
+        if self._rest:
+            words = "its block is followed by a broken one"
+            self._damages.add("torn object", "byte", self._joined.place(0), words)
+        self._joined, self._rest = _Joined(), b""
+
+    def end(self) -> Iterator[Frames]:
+        yield from self._taken()
+        if self._joined.size:
+            yield from self._take_joined()
+        if self._rest.strip(b"\0"):
+            words = f"{len(self._rest)} bytes at the end of the last block"
+            self._damages.add("torn object", "byte", self._joined.place(0), words)
 
 
 def _take(
-    buffer: bytes,
-    place: int,
-    start_ns: int,
-    names: list[str],
-    damages: Damages,
-    *,
-    compiled: bool,
+    joined: _Joined, start_ns: int, names: list[str], damages: Damages
 ) -> tuple[bytes, Frames | None]:
     """What is left of the buffer, and the frames in it."""
-    fast = kernel.take_blf(buffer, start_ns) if compiled else None
-    if fast is not None:
-        frames, channel, consumed = fast
-        made = Frames(
-            frames.at_ns, frames.identifier, frames.flags, _channels(channel, names, damages),
-            frames.length, frames.data, tuple(names),
-        )  # fmt: skip
-        return buffer[consumed:], made if len(made) else None
+    buffer = joined.buffer
     objects = find(buffer)
-    for _spot, words in objects.damage:
-        damages.add("corrupt object", "byte", place, words)
+    for spot, words in objects.damage:
+        damages.add("corrupt object", "byte", joined.place(spot), words)
     parts = columns(buffer, objects)
     rest = buffer[objects.consumed :]
     count = sum(len(part.row) for part in parts)
@@ -199,24 +270,24 @@ def _take(
     row = np.concatenate([part.row for part in parts])
     order = np.argsort(row, kind="stable") if len(parts) > 1 else slice(None)
 
-    def joined(name: str) -> Any:
+    def of_all(name: str) -> Any:
         return np.concatenate([getattr(part, name) for part in parts])[order]
 
-    stamp_ns = joined("stamp_ns")
+    stamp_ns = of_all("stamp_ns")
     found = Frames(
         stamp_ns + start_ns,
-        joined("identifier").astype(np.uint32),
-        joined("flags").astype(np.uint8),
-        _channels(joined("channel"), names, damages),
-        joined("length").astype(np.uint8),
+        of_all("identifier").astype(np.uint32),
+        of_all("flags").astype(np.uint8),
+        _channels(of_all("channel"), names, damages),
+        of_all("length").astype(np.uint8),
         np.concatenate([widened(part.data, width) for part in parts])[order],
         tuple(names),
     )
     bad = stamp_ns < 0
     if bad.any():
-        damages.add("impossible stamp", "byte", place, "left out", int(bad.sum()))
+        damages.add("impossible stamp", "byte", joined.place(0), "left out", int(bad.sum()))
         found = found[~bad]
-    found = possible(found, damages, place)
+    found = possible(found, damages, joined.place(0))
     return rest, found if len(found) else None
 
 
