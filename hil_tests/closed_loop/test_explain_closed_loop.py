@@ -10,6 +10,7 @@ import pytest
 from can_dbc import binding
 from can_dbc.codec import Decoder
 from can_dbc.vobc import EventKind, VobcEvent
+from metro_hil.explain.bus_log import located
 from metro_hil.explain.known import known_at
 from metro_hil.explain.story import read_story
 from metro_hil.run_folder import RunFolder
@@ -73,6 +74,24 @@ def test_every_frame_that_an_event_names_was_on_the_bus_before_it(folder: Path) 
             checked[source.source] += 1
 
     assert len(checked) >= 6
+
+
+def test_every_frame_that_an_event_names_is_found_in_the_bus_log(folder: Path) -> None:
+    lines = (folder / "bus.log").read_text(encoding="ascii").splitlines()
+    found = 0
+
+    for event in located(read_story(folder)).events:
+        for source in event.sources:
+            if source.number is None or not source.source.isupper():
+                continue
+            assert source.frame is not None
+            assert source.heard_s is not None
+            stamp, _, frame = lines[source.frame - 1].split(" ")
+            assert frame == f"{source.number:03X}#{source.payload.hex().upper()}"
+            assert abs(float(stamp.strip("()")) - source.heard_s) <= TICK_S
+            found += 1
+
+    assert found > 20
 
 
 def test_a_driverless_run_tells_its_whole_story(folder: Path) -> None:

@@ -9,14 +9,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+import numpy as np
+
+from can_dbc.binding import binding_of
 from can_dbc.brake import BrakeCommand
-from can_dbc.codec import Decoder
-from firmware_py.candump import read_candump
 from metro_hil.campaign.plan import plan_cases
 from metro_hil.campaign.scenarios import read_named
 from metro_hil.case_setup import Files
 from metro_hil.run_case import run_case
 from metro_hil.run_folder import RunFolder
+from metro_tools.canlog import ACCEPTED, judge, read
 
 SCENARIOS: Final = (
     "overspeed-runaway",
@@ -82,15 +84,22 @@ def _rows(path: Path) -> Iterator[dict[str, str]]:
 
 
 def _commanded_s(folder: RunFolder, bound_s: float) -> float:
-    """The first command from that cycle on that does not keep the emergency brake off."""
-    decoder, since_ns = Decoder([BrakeCommand]), round(bound_s * NS_PER_S)
-    for _, frame in read_candump(folder.bus_log):
-        # Frames of before are wanted, too: the decoder goes by their counters.
-        said = decoder.decode(frame.can_id, frame.data, frame.stamp_ns)
-        braked = isinstance(said, BrakeCommand) and not said.emergency_released
-        if braked and frame.stamp_ns >= since_ns:
-            return frame.stamp_ns / NS_PER_S
-    return math.inf
+    """The first command from that cycle on that does not keep the emergency brake off.
+
+    It counts once its twin has confirmed it, by the verdicts of all frames from the first on.
+    """
+    log = read(folder.bus_log)
+    bound = binding_of(BrakeCommand)
+    assert bound.twin is not None
+    accepted = judge(log.frames).code == ACCEPTED
+    said, twins = (log.table(each.name) for each in (bound.message, bound.twin))
+    braked = accepted[said.rows] & (np.array(said.labels("emergency_released")) == "FALSE")
+    confirmed = twins.at_ns[accepted[twins.rows]]
+    # An accepted twin follows its command: the first one behind it is its own.
+    own = np.searchsorted(confirmed, said.at_ns[braked], "right")
+    at_ns = confirmed[own[own < len(confirmed)]]
+    late_ns = at_ns[at_ns >= round(bound_s * NS_PER_S)]
+    return int(late_ns[0]) / NS_PER_S if len(late_ns) else math.inf
 
 
 def _truth_s(folder: RunFolder) -> float:

@@ -10,6 +10,7 @@ from pathlib import Path
 from rich.console import Console
 
 from firmware_py.settings import SettingsError
+from metro_hil.explain.bus_log import located
 from metro_hil.explain.choose import chosen, kinds_of
 from metro_hil.explain.known import known_at
 from metro_hil.explain.show import document, known_document, show_known, show_story
@@ -53,7 +54,7 @@ def main(argv: Sequence[str]) -> int:
 
 def _explain(options: argparse.Namespace) -> int:
     only = kinds_of(options.only)
-    story = read_story(Path(options.run))
+    story = located(read_story(Path(options.run)))
     console = Console()
     if options.at_s is not None:
         known = known_at(story.folder, options.at_s)

@@ -87,7 +87,8 @@ def _show_events(console: Console, events: Sequence[ToldEvent]) -> None:
 def _source_text(event: ToldEvent, source: ToldSource) -> Text:
     name, values = source_words(source)
     age = "" if source.heard_s is None else f", {1000.0 * (event.t_s - source.heard_s):.0f} ms old"
-    return Text(f"from {name}{age}{': ' if values else ''}{values}", "dim")
+    place = "" if source.frame is None else f", frame {source.frame}"
+    return Text(f"from {name}{age}{place}{': ' if values else ''}{values}", "dim")
 
 
 def _kind_words(kind: str) -> str:
@@ -167,4 +168,5 @@ def _source_table(source: ToldSource) -> dict[str, Any]:
         "id": source.number,
         "payload": source.payload.hex(),
         "heard_s": source.heard_s,
+        "frame": source.frame,
     }

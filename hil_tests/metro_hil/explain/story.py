@@ -28,6 +28,8 @@ class ToldSource:
     """Identifier of the frame, id of the tag, sequence of the message; None: never heard."""
     payload: bytes
     heard_s: float | None
+    frame: int | None = None
+    """Its number in the bus log, from 1; None where that is not known."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,6 +9,7 @@ from can_dbc.binding import binding_of, kinds
 from firmware_py.ports import CanFrame, RadioMessage, SerialChunk
 from firmware_py.tag_reader.telegram import TelegramParser
 from metro_hil.replay.recording import Output
+from metro_tools import canlog
 from zenoh_config.codec import unpack
 from zenoh_config.messages import Refused
 
@@ -19,26 +20,27 @@ CHECK_SIGNALS: Final = frozenset({"crc16"})
 """Follow from the others."""
 RATIO_UNIT: Final = "1"
 TWIN: Final = "the twin of "
+UNKNOWN: Final = "unknown identifier"
 
 Signals = dict[str, str]
 
 
 @cache
-def _messages() -> dict[str, tuple[str, Any]]:
-    """Name and message of cantools by identifier in hexadecimal; a twin is decoded as its first."""
-    found: dict[str, tuple[str, Any]] = {}
+def _names() -> dict[str, str]:
+    """By identifier in hexadecimal; a twin is told as its first."""
+    found: dict[str, str] = {}
     for kind in kinds():
         bound = binding_of(kind)
-        found[f"{bound.message.frame_id:03X}"] = (bound.message.name, bound.message)
+        found[f"{bound.message.frame_id:03X}"] = bound.message.name
         if bound.twin is not None:
-            found[f"{bound.twin.frame_id:03X}"] = (TWIN + bound.message.name, bound.twin)
+            found[f"{bound.twin.frame_id:03X}"] = TWIN + bound.message.name
     return found
 
 
 def name_of(output: Output) -> str:
     """Name of a message on the bus; what it is on the other wires."""
     if output.wire == "can":
-        return _messages().get(output.key, ("unknown identifier", None))[0]
+        return _names().get(output.key, UNKNOWN)
     if output.wire == "radio":
         return type(unpack(output.data)).__name__
     return "bytes"
@@ -54,12 +56,15 @@ def signals_of(output: Output) -> Signals:
 
 
 def _frame_signals(key: str, data: bytes) -> Signals:
-    _, message = _messages().get(key, ("", None))
-    if message is None or len(data) != message.length:
+    spec = canlog.load_bus().by_key.get(int(key, 16)) if key in _names() else None
+    if spec is None or len(data) != spec.length:
         return {}
-    units = {signal.name: signal.unit or "" for signal in message.signals}
-    values = message.decode(data, allow_truncated=False)
-    return {name: _value(value, units[name]) for name, value in values.items()}
+    table = canlog.table_of(spec, [data])
+    found = {}
+    for name in table.names:
+        (label,) = table.labels(name)
+        found[name] = _value(label or table[name].tolist()[0], table.units[name])
+    return found
 
 
 def _fields(message: Any) -> Signals:
@@ -91,7 +96,7 @@ def frame_words(frame: CanFrame) -> tuple[str, str]:
     if frame.error or frame.remote or frame.extended:
         return ("error frame" if frame.error else "no data frame of the bus"), frame.data.hex()
     key = f"{frame.can_id:03X}"
-    name = _messages().get(key, ("unknown identifier", None))[0]
+    name = _names().get(key, UNKNOWN)
     return f"{key} {name}", _joined(_frame_signals(key, frame.data)) or frame.data.hex().upper()
 
 

@@ -390,7 +390,7 @@ def test_links_lead_to_the_exact_frames_of_a_kept_run(
 
     page = write(tmp_path, made)["report.html"].decode()
 
-    found = re.search(r'<a href="([^"]*bus\.log)">[^<]*</a>, lines (\d+)–(\d+)', page)
+    found = re.search(r'<a href="([^"]*bus\.log)">[^<]*</a>, frames (\d+)–(\d+)', page)
     assert found is not None
     log = (tmp_path / found[1]).read_text().splitlines()
     at_s = worst.monitors[0].at_s

@@ -5,9 +5,11 @@ from metro_tools.canlog.database import Bus, MessageSpec, SignalSpec, load_bus, 
 from metro_tools.canlog.frames import Frames
 from metro_tools.canlog.options import ReadOptions
 from metro_tools.canlog.read import Log, Stream, read, stream
-from metro_tools.canlog.table import Table
+from metro_tools.canlog.table import Table, table_of
+from metro_tools.canlog.verdict import ACCEPTED, Verdicts, judge
 
 __all__ = [
+    "ACCEPTED",
     "Bus",
     "Damage",
     "Frames",
@@ -18,8 +20,11 @@ __all__ = [
     "SignalSpec",
     "Stream",
     "Table",
+    "Verdicts",
+    "judge",
     "load_bus",
     "parse_bus",
     "read",
     "stream",
+    "table_of",
 ]

@@ -9,7 +9,7 @@ import numpy as np
 
 from metro_tools.canlog import kernel
 from metro_tools.canlog.database import MessageSpec
-from metro_tools.canlog.frames import Bools, Frames, Ints, concat
+from metro_tools.canlog.frames import CLASSIC_BYTES, FD_BYTES, Bools, Frames, Ints, concat
 from metro_tools.canlog.plan import Column, Payloads, Plan, Raws, signed_raw
 
 SHORT: Final = 2048
@@ -126,6 +126,16 @@ class Table:
             columns.append(column)
         schema = pa.schema(fields, metadata={"message": self.spec.name})
         return pa.Table.from_arrays(columns, schema=schema)
+
+
+def table_of(spec: MessageSpec, data: Sequence[bytes]) -> Table:
+    """Of frames by themselves, such as those that an event names: one row each, stamps 0."""
+    width = FD_BYTES if any(len(each) > CLASSIC_BYTES for each in data) else CLASSIC_BYTES
+    joined = b"".join(each[:width].ljust(width, b"\0") for each in data)
+    length = np.array([min(len(each), width) for each in data], np.uint8)
+    payloads = Payloads(np.frombuffer(joined, np.uint8).reshape(-1, width), length)
+    rows = np.arange(len(data), dtype=np.int64)
+    return Table(Plan(spec), np.zeros(len(data), np.int64), lambda: rows, payloads)
 
 
 def _nothing(column: Column) -> Any:

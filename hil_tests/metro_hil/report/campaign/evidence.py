@@ -6,13 +6,17 @@ from pathlib import Path
 from typing import Final
 from urllib.parse import quote
 
+import numpy as np
+
 from metro_hil.engine.folder import CampaignFolder
 from metro_hil.report.campaign.ledger import Entry
 from metro_hil.run_folder import RunFolder
+from metro_tools import canlog
 
 BEFORE_S: Final = 1.0
 AFTER_S: Final = 0.5
-EPOCH_FROM_S: Final = 1e6
+NS_PER_S: Final = 1_000_000_000
+EPOCH_FROM_NS: Final = 1_000_000 * NS_PER_S
 """Stamps from here on are of the calendar, so that the first of them is the start of the run."""
 
 
@@ -24,8 +28,9 @@ class Frames:
     to_s: float
     path: str = ""
     """Relative to the campaign's folder; empty when the log of this run was not kept."""
-    first_line: int = 0
-    last_line: int = 0
+    first: int = 0
+    """Number in the log, from 1, of the first one; 0 when there is none."""
+    last: int = 0
 
     @property
     def href(self) -> str:
@@ -36,9 +41,9 @@ class Frames:
         span = f"{self.from_s:.2f}–{self.to_s:.2f}\u202fs"
         if not self.path:
             return span
-        if not self.last_line:
+        if not self.last:
             return f"{self.path}, {span}: no frame in it"
-        return f"{self.path} lines {self.first_line}–{self.last_line}, {span}"
+        return f"{self.path} frames {self.first}–{self.last}, {span}"
 
 
 def rerun_command(entry: Entry) -> str:
@@ -53,33 +58,24 @@ def kept_run(folder: Path, entry: Entry) -> RunFolder | None:
 
 
 def frames_around(folder: Path, entry: Entry, at_s: float) -> Frames:
-    """The interval around `at_s`, with the lines of the bus log if there is one."""
+    """The interval around `at_s`, with the frames of the bus log if there is one."""
     from_s, to_s = max(0.0, at_s - BEFORE_S), at_s + AFTER_S
     run = kept_run(folder, entry)
     if run is None or not run.bus_log.is_file():
         return Frames(from_s, to_s)
-    first, last = lines_between(run.bus_log, from_s, to_s)
+    first, last = numbers_between(run.bus_log, from_s, to_s)
     return Frames(from_s, to_s, run.bus_log.relative_to(folder).as_posix(), first, last)
 
 
-def lines_between(log: Path, from_s: float, to_s: float) -> tuple[int, int]:
-    """First and last line, from 1, of a can-utils log within the interval; (0, 0) if none is."""
-    first = last = 0
-    origin_s: float | None = None
-    with log.open(encoding="utf-8", errors="replace") as lines:
-        for number, line in enumerate(lines, start=1):
-            stamp, closed, _ = line.removeprefix("(").partition(")")
-            try:
-                at_s = float(stamp) if closed else None
-            except ValueError:
-                at_s = None
-            if at_s is None:
-                continue
-            if origin_s is None:
-                origin_s = at_s if at_s >= EPOCH_FROM_S else 0.0
-            since_s = at_s - origin_s
-            if since_s > to_s:
-                break
-            if since_s >= from_s:
-                first, last = first or number, number
-    return first, last
+def numbers_between(log: Path, from_s: float, to_s: float) -> tuple[int, int]:
+    """First and last frame, from 1, of a log within the interval; (0, 0) if none is."""
+    try:
+        frames = canlog.read(log).frames
+    except canlog.LogError:
+        return 0, 0
+    if not len(frames):
+        return 0, 0
+    since_ns = frames.at_ns - (frames.at_ns[0] if frames.at_ns[0] >= EPOCH_FROM_NS else 0)
+    inside = (since_ns >= round(from_s * NS_PER_S)) & (since_ns <= round(to_s * NS_PER_S))
+    rows = np.flatnonzero(inside)
+    return (int(rows[0]) + 1, int(rows[-1]) + 1) if len(rows) else (0, 0)
