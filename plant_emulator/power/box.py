@@ -24,7 +24,6 @@ LEAST_EFFORT_RATIO: Final = 0.05
 """A train that fades away counts as wishing at most so many times what it takes."""
 Due = tuple[float, float, float, float]
 """In J, since the last answer: traction at full voltage, traction, braking, auxiliaries."""
-NOTHING_DUE: Final[Due] = (0.0, 0.0, 0.0, 0.0)
 
 
 class Wish(NamedTuple):
@@ -102,7 +101,7 @@ class HighVoltageBox:
         self._on_network = False
         self.networked = False
         """The network of a line feeds the train, as long as no fault puts another source there."""
-        self._due_j: Due = NOTHING_DUE
+        self._due_j: Due = (0.0, 0.0, 0.0, 0.0)
         """Of traction at full voltage, traction, braking and auxiliaries: not booked yet."""
         self._no_load_v = config.no_load_v
         self._auxiliary_w = config.auxiliary_w
@@ -220,7 +219,7 @@ class HighVoltageBox:
         """Of the steps since the last time, which took so long, and what is to be booked when the
         network has answered. Off the network it is nothing."""
         wished_j, _, braked_j, rest_j = due = self._due_j
-        self._due_j = NOTHING_DUE
+        self._due_j = (0.0, 0.0, 0.0, 0.0)
         return Wish(wished_j / interval_s, braked_j / interval_s, rest_j / interval_s), due
 
     def fed(
