@@ -52,6 +52,11 @@ def install(name: str, path: Path, tree: ast.Module) -> None:
     sys.meta_path.insert(0, MutantFinder(name, path, tree))
 
 
+def _file_of(function: object) -> str | None:
+    """Where it is written; None for one of a compiled library."""
+    return function.__code__.co_filename if isinstance(function, FunctionType) else None
+
+
 class Living:
     """All functions and caches of some files, found once: to look for them takes a while."""
 
@@ -63,7 +68,7 @@ class Living:
                 found = self._functions.get(item.__code__.co_filename)
                 if found is not None:
                     found.append(item)
-            elif isinstance(item, _CACHED) and item.__wrapped__.__code__.co_filename in paths:
+            elif isinstance(item, _CACHED) and _file_of(item.__wrapped__) in paths:
                 self._caches.append(item)
 
     def swap(self, path: Path, tree: ast.Module) -> None:
