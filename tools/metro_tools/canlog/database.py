@@ -15,6 +15,8 @@ from metro_tools.canlog.frames import KEY_EXTENDED
 DEFAULT_BAUDRATE: Final = 500_000
 TIMEOUT_PERIODS: Final = 3
 """A message is stale after this many periods where the file has no TimeoutMs."""
+PROTECTION: Final = ("E2ECounterSignal", "E2ECrcSignal", "E2EProfile", "E2EDataId", "Protection")
+"""Attributes of messages that say how counters and CRCs are made."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +67,8 @@ class MessageSpec:
     is_fd: bool
     comment: str
     signals: tuple[SignalSpec, ...]
+    attributes: Mapping[str, Any] = field(default_factory=dict)
+    """Those of the DBC file that tell how the message is protected, by name."""
 
     @property
     def identifier(self) -> int:
@@ -94,6 +98,8 @@ class Bus:
     nodes: Mapping[str, str] = field(default_factory=dict)
     """Name and comment."""
     baudrate: int = DEFAULT_BAUDRATE
+    data_baudrate: int = 0
+    """Of the fast part of CAN FD frames; 0 where the files tell none."""
 
     def message(self, name: str) -> MessageSpec:
         """Raises LogError with what is near."""
@@ -157,26 +163,34 @@ def _own_bus() -> Bus:
 
 def bus_of(database: Any, name: str) -> Bus:
     """Of what cantools has parsed."""
-    specs = [_message(each) for each in database.messages]
+    definitions = database.dbc.attribute_definitions if database.dbc is not None else {}
+    defaults = {
+        name: definitions[name].default_value
+        for name in PROTECTION
+        if name in definitions and definitions[name].default_value not in (None, "")
+    }
+    specs = [_message(each, defaults) for each in database.messages]
     return Bus(
         name=name,
         messages={spec.name: spec for spec in specs},
         by_key={spec.key: spec for spec in specs},
         nodes={node.name: str(node.comment or "") for node in database.nodes},
-        baudrate=_baudrate(database),
+        baudrate=_rate(database, "Baudrate") or DEFAULT_BAUDRATE,
+        data_baudrate=_rate(database, "BaudrateCANFD"),
     )
 
 
-def _baudrate(database: Any) -> int:
+def _rate(database: Any, name: str) -> int:
     attributes = database.dbc.attributes if database.dbc is not None else {}
-    found = attributes.get("Baudrate")
-    return int(found.value) if found is not None and found.value else DEFAULT_BAUDRATE
+    found = attributes.get(name)
+    return int(found.value) if found is not None and found.value else 0
 
 
-def _message(message: Any) -> MessageSpec:
+def _message(message: Any, defaults: Mapping[str, Any]) -> MessageSpec:
     period_ms = int(message.cycle_time or 0)
     attributes = message.dbc.attributes if message.dbc is not None else {}
-    timeout = attributes.get("TimeoutMs")
+    timeout = attributes.get("TimeoutMs") or attributes.get("E2ETimeout")
+    protection = {name: attributes[name].value for name in PROTECTION if name in attributes}
     return MessageSpec(
         name=message.name,
         key=message.frame_id | (KEY_EXTENDED if message.is_extended_frame else 0),
@@ -187,6 +201,7 @@ def _message(message: Any) -> MessageSpec:
         is_fd=bool(message.is_fd),
         comment=str(message.comment or ""),
         signals=tuple(_signal(each) for each in message.signals),
+        attributes={**defaults, **protection},
     )
 
 

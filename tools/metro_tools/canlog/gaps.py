@@ -7,7 +7,8 @@ import numpy as np
 from metro_tools.canlog.frames import Ints
 
 EXACT_BITS: Final = 12
-"""Gaps below 4096 us have a bucket each; longer ones share buckets at most 1/2048 of them wide."""
+"""Distances from the period below 4096 us have a bucket each; longer ones share buckets at most
+1/2048 of them wide."""
 HALF: Final = 1 << EXACT_BITS - 1
 VALUE_BITS: Final = 40
 BUCKETS: Final = HALF * (VALUE_BITS - EXACT_BITS + 2)
@@ -16,6 +17,8 @@ LATE_FACTOR: Final = 1.5
 """A gap of more than so many periods misses frames."""
 EARLY_FACTOR: Final = 0.5
 """A frame that comes after less than this of its period is one too many."""
+MIDDLE_PERCENT: Final = (16, 84)
+"""Half of what lies between is the standard deviation of a normal distribution."""
 
 
 class Gaps:
@@ -32,8 +35,9 @@ class Gaps:
         self.first_ns: int | None = None
         self.last_ns = 0
         self._sum_ns = 0
-        self._sum_squares_ns2 = 0.0
-        self._buckets: Any = np.zeros(BUCKETS, np.int64)
+        self._below: Any = np.zeros(BUCKETS, np.int64)
+        """Gaps shorter than the period, by how much; without a period there are none."""
+        self._above: Any = np.zeros(BUCKETS, np.int64)
 
     def feed(self, at_ns: Ints) -> None:
         """The stamps of the next frames."""
@@ -63,10 +67,11 @@ class Gaps:
             self.most_ns, self.most_at_ns = int(gaps[longest]), int(at_ns[longest])
         self.count += len(gaps)
         self._sum_ns += int(gaps.sum())
-        deviation = (gaps - self.period_ns).astype(np.float64)
-        self._sum_squares_ns2 += float(np.dot(deviation, deviation))
-        counts = np.bincount(_bucket(gaps // NS_PER_US))
-        self._buckets[: len(counts)] += counts
+        off_ns = gaps - self.period_ns
+        below = off_ns < 0
+        for buckets, some_ns in ((self._below, -off_ns[below]), (self._above, off_ns[~below])):
+            counts = np.bincount(_bucket(some_ns // NS_PER_US))
+            buckets[: len(counts)] += counts
         if self.period_ns:
             late = gaps[gaps > LATE_FACTOR * self.period_ns]
             self.late += len(late)
@@ -82,25 +87,30 @@ class Gaps:
         return self._sum_ns / self.count if self.count else 0.0
 
     @property
-    def jitter_ns(self) -> float:
-        """Standard deviation of the gaps."""
-        if not self.count:
-            return 0.0
-        off_ns = self.mean_ns - self.period_ns
-        return float(max(0.0, self._sum_squares_ns2 / self.count - off_ns * off_ns) ** 0.5)
+    def jitter_ns(self) -> int:
+        """Half the width of the middle 68 % of the gaps.
+
+        That is the standard deviation of gaps with a normal distribution; a start, a stop or a few
+        missing frames do not count in it: they are told as extremes, missing and extra.
+        """
+        low_us, high_us = (self.percentile_us(percent) for percent in MIDDLE_PERCENT)
+        return (high_us - low_us) * NS_PER_US // 2
 
     def percentile_us(self, percent: float) -> int:
-        """What so many percent of the gaps do not exceed, at most 1/2048 too high."""
+        """What so many percent of the gaps do not exceed.
+
+        At most 1 us and 1/2048 of its distance from the period too high.
+        """
         wanted = int(np.ceil(self.count * percent / 100.0))
         if not wanted:
             return 0
-        bucket = int(np.searchsorted(np.cumsum(self._buckets), wanted))
-        return min(_top(bucket), self.most_ns // NS_PER_US)
-
-    def histogram(self) -> list[tuple[int, int]]:
-        """Top of each bucket that is not empty, in us, and its count."""
-        filled = np.flatnonzero(self._buckets)
-        return [(_top(int(each)), int(self._buckets[each])) for each in filled]
+        period_us = self.period_ns // NS_PER_US
+        shorter = np.cumsum(self._below[::-1])
+        if wanted <= int(shorter[-1]):
+            bucket = BUCKETS - 1 - int(np.searchsorted(shorter, wanted))
+            return period_us - (_top(bucket - 1) + 1 if bucket else 0)
+        bucket = int(np.searchsorted(np.cumsum(self._above), wanted - int(shorter[-1])))
+        return min(period_us + _top(bucket), self.most_ns // NS_PER_US)
 
 
 def _bucket(value: Ints) -> Any:

@@ -2,7 +2,8 @@
 
 "Controller Area Network (CAN) schedulability analysis: refuted, revisited and revised", Real-Time
 Systems 35, equations 3 to 9. A frame waits for at most one frame of lower priority that has begun,
-and for every frame of higher priority; every instance inside the busy period is looked at.
+and for every frame of higher priority; every instance inside the busy period is looked at. The
+analysis needs but the longest time of each frame, so it holds for CAN FD as well.
 """
 
 from collections.abc import Sequence
@@ -28,6 +29,27 @@ class Cyclic:
 def longest_bits(length: int, *, extended: bool) -> int:
     """A classic frame with as many stuff bits as can be, and its intermission: equations 1, 2."""
     return (80 if extended else 55) + 10 * length
+
+
+def longest_fd_bits(length: int, *, extended: bool, switched: bool) -> tuple[int, int]:
+    """Bits of a CAN FD frame at the nominal and at the fast rate, as many as can be.
+
+    Frame by ISO 11898-1: up to the end of the data a stuff bit may follow the first five bits and
+    then every fourth; stuff count and CRC have a fixed one before and after every fourth bit. Of
+    the stuff bits as many as can be are taken to be at the nominal rate, which is the slower one.
+
+    Args:
+        length: data bytes, one of those that a frame can have.
+        switched: whether it goes over to the fast rate behind its BRS bit.
+    """
+    head = 36 if extended else 17
+    rest = 5 + 8 * length
+    stuffed, slow = (head + rest - 1) // 4, (head - 1) // 4
+    checked = 4 + (17 if length <= 16 else 21)
+    fixed = -(-checked // 4)
+    after = 12
+    fast = rest + stuffed - slow + checked + fixed + 1
+    return (head + slow + after, fast) if switched else (head + slow + after + fast, 0)
 
 
 def response_ns(messages: Sequence[Cyclic], bit_ns: int) -> dict[str, int | None]:

@@ -9,8 +9,9 @@ from firmware_py.expression import Expression, ExpressionError, compile_expressi
 from metro_tools.canlog.damage import LogError
 from metro_tools.canlog.stats_rows import BUS_NUMBERS, MESSAGE_NUMBERS, Row
 
-LOG_NUMBERS = ("damaged",)
-"""What a rule may say of the log itself: places that could not be read."""
+LOG_NUMBERS = ("damaged", "absent")
+"""What a rule may say of the log itself: places that could not be read, cyclic messages of the DBC
+file that never came."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,27 +60,55 @@ def parse_rule(text: str) -> Rule:
     return Rule(text, only.strip(), compiled)
 
 
-def broken(
-    rules: Sequence[Rule], messages: Sequence[Row], buses: Sequence[Row], damaged: int
-) -> list[Broken]:
+@dataclass(frozen=True, slots=True)
+class Judged:
+    """What rules are held to: the rows of a log."""
+
+    messages: Sequence[Row]
+    buses: Sequence[Row]
+    damaged: int = 0
+    absent: int = 0
+
+    def rows(self, rule: Rule) -> list[tuple[str, Row]]:
+        """Those that a rule speaks of, each with its name."""
+        whole = [{"channel": "log", "damaged": self.damaged, "absent": self.absent}]
+        rows = {"message": self.messages, "bus": self.buses, "log": whole}[rule.scope]
+        named = ((str(row.get("message", row["channel"])), row) for row in rows)
+        return [(who, row) for who, row in named if fnmatch.fnmatchcase(who, rule.only)]
+
+
+def broken(rules: Sequence[Rule], judged: Judged) -> list[Broken]:
     """Every breach, rule by rule."""
     found = []
-    whole = [{"channel": "log", "damaged": damaged}]
     for rule in rules:
-        rows = {"message": messages, "bus": buses, "log": whole}[rule.scope]
-        for row in rows:
-            who = str(row.get("message", row["channel"]))
-            if fnmatch.fnmatchcase(who, rule.only) and _is_true(rule.expression, row):
+        for who, row in judged.rows(rule):
+            if _is_true(rule.expression, row):
                 told = ", ".join(f"{name} {row[name]}" for name in sorted(rule.expression.names))
                 found.append(Broken(rule.text, who, str(row["channel"]), told))
     return found
 
 
+def untold(rules: Sequence[Rule], judged: Judged) -> dict[str, str]:
+    """Rules that nothing could be held to, and why: they are neither kept nor broken."""
+    found = {}
+    for rule in rules:
+        rows = judged.rows(rule)
+        if not rows:
+            found[rule.text] = f"the log has no {rule.scope} {rule.only}"
+        elif all(_is_unknown(rule.expression, row) for _, row in rows):
+            found[rule.text] = f"cannot be judged of any of {len(rows)} {rule.scope}s"
+    return found
+
+
 def _is_true(expression: Expression, row: Row) -> bool:
-    if any(row[name] is None for name in expression.names):
+    if _is_unknown(expression, row):
         # Such as the latency of what is sent on occasion: nothing is known, nothing is broken.
         return False
     try:
         return bool(expression(SimpleNamespace(**row)))
     except ZeroDivisionError:
         return False
+
+
+def _is_unknown(expression: Expression, row: Row) -> bool:
+    return any(row[name] is None for name in expression.names)

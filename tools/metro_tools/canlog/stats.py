@@ -9,7 +9,8 @@ import numpy as np
 from can_dbc.rejection import Reason
 from metro_tools.canlog.bits import frame_bits
 from metro_tools.canlog.database import Bus, MessageSpec, SignalSpec
-from metro_tools.canlog.frames import ERROR, FD, REMOTE, Frames, Ints
+from metro_tools.canlog.declared import Follower
+from metro_tools.canlog.frames import BRS, ERROR, FD, REMOTE, Frames, Ints
 from metro_tools.canlog.gaps import Gaps
 from metro_tools.canlog.plan import Payloads, Plan, physical_of, signed_raw
 from metro_tools.canlog.table import Groups, taken
@@ -74,6 +75,14 @@ class MessageStats:
     """Frames that never came, by the alive counter."""
     signals: dict[str, SignalRange] = field(default_factory=dict)
     plan: Plan | None = None
+    follower: Follower | None = None
+    """Of a bus that this project's codec does not judge."""
+    fd_flags: int = 0
+    """FD where a frame was one, BRS where a frame switched to the fast rate."""
+    slow_fd: bool = False
+    """Whether an FD frame did not."""
+    longest: int = 0
+    """Data bytes of the longest frame."""
 
 
 @dataclass(slots=True)
@@ -117,14 +126,19 @@ class Statistics:
     def __init__(self, bus: Bus, *, baudrate: int = 0, data_baudrate: int = 0) -> None:
         """Args:
         baudrate: bits per second; 0 takes that of the DBC file.
-        data_baudrate: of the fast part of FD frames; 0 takes the same.
+        data_baudrate: of the fast part of FD frames; 0 takes that of the DBC file, else the same.
         """
         self.bus = bus
         self.baudrate = baudrate or bus.baudrate
-        self.data_baudrate = data_baudrate or self.baudrate
+        self.data_baudrate = data_baudrate or bus.data_baudrate or self.baudrate
         self.messages: dict[tuple[str, int], MessageStats] = {}
         self.buses: dict[str, BusStats] = {}
         self._judge = Judge() if bus.name == JUDGED_BUS else None
+
+    @property
+    def judged(self) -> bool:
+        """Whether this project's codec judges the frames."""
+        return self._judge is not None
 
     def feed(self, frames: Frames) -> None:
         """The next block of the log."""
@@ -169,6 +183,7 @@ class Statistics:
             found = MessageStats(channel, key, self.bus.name_of(key), spec, gaps)
             if spec is not None:
                 found.plan = Plan(spec)
+                found.follower = None if self.judged else Follower(spec, found.plan)
                 found.signals = {each.name: SignalRange(each) for each in spec.signals}
             self.messages[channel, key] = found
         return found
@@ -187,7 +202,9 @@ class Statistics:
         one.frames += len(rows)
         one.bits += int(nominal[rows].sum()) + int(fast[rows].sum())
         whole = len(frames.channels) == 1
-        one.gaps.feed(groups.at_ns(key) if whole else frames.at_ns[rows])
+        at_ns = groups.at_ns(key) if whole else frames.at_ns[rows]
+        one.gaps.feed(at_ns)
+        _feed_lengths(one, frames.flags[rows], frames.length[rows])
         if code is not None:
             counts = np.bincount(code[rows], minlength=len(CODES) + 3)
             one.unconfirmed += int(counts[UNCONFIRMED])
@@ -202,6 +219,8 @@ class Statistics:
             payloads = Payloads(taken(frames, rows), frames.length[rows])
         if payloads.shortest < one.spec.length:
             one.short += int((payloads.length < one.spec.length).sum())
+        if one.follower is not None:
+            one.follower.feed(payloads, at_ns)
         undefined = one.plan.undefined(payloads)
         one.undefined += int(undefined.sum()) if undefined is not None else 0
         for name, seen in one.signals.items():
@@ -218,10 +237,9 @@ class Statistics:
 
     def finish(self) -> None:
         """After the last block: what counters say was lost."""
-        if self._judge is None:
-            return
         for (_channel, key), one in self.messages.items():
-            one.lost = self._judge.lost.get(key, 0)
+            if self._judge is not None:
+                one.lost = self._judge.lost.get(key, 0)
 
 
 def gather(blocks: Iterable[Frames], bus: Bus, **rates: int) -> Statistics:
@@ -231,6 +249,14 @@ def gather(blocks: Iterable[Frames], bus: Bus, **rates: int) -> Statistics:
         found.feed(block)
     found.finish()
     return found
+
+
+def _feed_lengths(one: MessageStats, flags: Any, length: Any) -> None:
+    one.longest = max(one.longest, int(length.max()))
+    seen = int(np.bitwise_or.reduce(flags)) & (FD | BRS)
+    one.fd_flags |= seen
+    if seen & FD and not one.slow_fd:
+        one.slow_fd = bool((flags & np.uint8(FD | BRS) == FD).any())
 
 
 def _feed_bus(one: BusStats, frames: Frames, busy_ns: Ints) -> None:

@@ -4,9 +4,9 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 from can_dbc.rejection import Reason
-from metro_tools.canlog.frames import KEY_EXTENDED
+from metro_tools.canlog.frames import BRS, CLASSIC_BYTES, FD, FD_BYTES, FD_LENGTHS, KEY_EXTENDED
 from metro_tools.canlog.gaps import Gaps
-from metro_tools.canlog.latency import Cyclic, longest_bits, response_ns
+from metro_tools.canlog.latency import Cyclic, longest_bits, longest_fd_bits, response_ns
 from metro_tools.canlog.stats import NS_PER_MS, NS_PER_S, BusStats, MessageStats, Statistics
 
 COUNTER: Final = (Reason.STUCK_COUNTER, Reason.JUMPED_COUNTER)
@@ -44,7 +44,7 @@ def message_rows(found: Statistics) -> list[Row]:
 def _message_row(
     one: MessageStats, bus: BusStats, found: Statistics, latency_ms: float | None
 ) -> Row:
-    gaps, refused = one.gaps, one.rejected
+    gaps = one.gaps
     span_s = bus.span_ns / NS_PER_S
     return {
         "channel": one.channel,
@@ -55,19 +55,73 @@ def _message_row(
         "rate_hz": round(one.frames / span_s, 3) if span_s else 0.0,
         "load_ratio": round(one.bits / found.baudrate / span_s, 6) if span_s else 0.0,
         **_gap_numbers(gaps),
-        "lost": one.lost,
-        "rejected": sum(refused.values()),
-        "crc_errors": refused.get(Reason.WRONG_CRC, 0),
-        "counter_errors": sum(refused.get(reason, 0) for reason in COUNTER),
-        "twin_errors": sum(refused.get(reason, 0) for reason in TWIN),
-        "invalid_values": refused.get(Reason.INVALID_VALUE, 0),
-        "wrong_length": refused.get(Reason.WRONG_LENGTH, 0),
-        "unconfirmed": one.unconfirmed,
+        **_verdict_numbers(one, judged=found.judged),
         "short": one.short,
         "undefined": one.undefined,
         "out_of_range": sum(signal.out_of_range for signal in one.signals.values()),
         "latency_ms": latency_ms,
     }
+
+
+def _verdict_numbers(one: MessageStats, *, judged: bool) -> Mapping[str, Any]:
+    """None for what nothing tells how to judge; `unjudged` says why."""
+    if judged and one.spec is not None:
+        refused = one.rejected
+        return {
+            "lost": one.lost,
+            "rejected": sum(refused.values()),
+            "crc_errors": refused.get(Reason.WRONG_CRC, 0),
+            "counter_errors": sum(refused.get(reason, 0) for reason in COUNTER),
+            "twin_errors": sum(refused.get(reason, 0) for reason in TWIN),
+            "invalid_values": refused.get(Reason.INVALID_VALUE, 0),
+            "wrong_length": refused.get(Reason.WRONG_LENGTH, 0),
+            "unconfirmed": one.unconfirmed,
+        }
+    follower = one.follower
+    has_counter = follower is not None and follower.declared.counter is not None
+    has_crc = follower is not None and follower.declared.crc is not None
+    counter_errors = follower.counter_errors if follower and has_counter else None
+    crc_errors = follower.crc_errors if follower and has_crc else None
+    told = [each for each in (counter_errors, crc_errors) if each is not None]
+    return {
+        "lost": follower.lost if follower and has_counter else None,
+        "rejected": sum(told) if told else None,
+        "crc_errors": crc_errors,
+        "counter_errors": counter_errors,
+        "twin_errors": None,
+        "invalid_values": None,
+        "wrong_length": None,
+        "unconfirmed": None,
+    }
+
+
+def unjudged(found: Statistics) -> list[Row]:
+    """What could not be told of which message, and why; by channel, key and what."""
+    rows = []
+    for one in sorted(found.messages.values(), key=lambda each: (each.channel, each.key)):
+        why: dict[str, str] = {}
+        if one.spec is None:
+            why["signals, cycle time, counter, CRC"] = "no DBC file knows the identifier"
+        else:
+            if not one.gaps.period_ns:
+                why["missing and extra frames"] = "no cycle time (GenMsgCycleTime)"
+            if not one.gaps.timeout_ns:
+                why["stale times"] = "neither cycle time nor TimeoutMs or E2ETimeout"
+            why |= one.follower.why_not if one.follower is not None else {}
+            if one.follower is not None and one.spec.attributes.get("Protection"):
+                why["protection"] = "it is judged on this project's own bus only, without --dbc"
+        rows += [
+            {"channel": one.channel, "message": one.name, "what": what, "why": words}
+            for what, words in why.items()
+        ]
+    return rows
+
+
+def absent(found: Statistics) -> list[str]:
+    """Messages that the DBC file gives a cycle time and that no channel has a frame of."""
+    seen = {key for _, key in found.messages}
+    return [spec.name for key, spec in found.bus.by_key.items()
+            if spec.period_ms and key not in seen]  # fmt: skip
 
 
 def _gap_numbers(gaps: Gaps) -> Mapping[str, Any]:
@@ -82,12 +136,12 @@ def _gap_numbers(gaps: Gaps) -> Mapping[str, Any]:
         "gap_ms_p99": gaps.percentile_us(99) / 1000,
         "gap_ms_max": ms(gaps.most_ns),
         "jitter_ms": ms(gaps.jitter_ns),
-        "gaps": gaps.late,
-        "missing": gaps.missing,
-        "extra": gaps.extra,
+        "gaps": gaps.late if gaps.period_ns else None,
+        "missing": gaps.missing if gaps.period_ns else None,
+        "extra": gaps.extra if gaps.period_ns else None,
         "backwards": gaps.backwards,
-        "stale": gaps.stale,
-        "stale_ms": ms(gaps.stale_ns),
+        "stale": gaps.stale if gaps.timeout_ns else None,
+        "stale_ms": ms(gaps.stale_ns) if gaps.timeout_ns else None,
     }
 
 
@@ -137,7 +191,7 @@ def latencies_ms(found: Statistics, channel: str) -> dict[str, float | None]:
     """Worst-case latency of each message of a channel that is sent with a period.
 
     The period is that of the DBC file, else the median gap. Others only block: they are left out as
-    if they were rare. CAN FD is not covered: its messages are left out, too.
+    if they were rare. A frame is as long as the DBC file has it, or longer if it was.
     """
     bit_ns = NS_PER_S // found.baudrate
     known = sorted(
@@ -149,12 +203,22 @@ def latencies_ms(found: Statistics, channel: str) -> dict[str, float | None]:
         period_ns = one.gaps.period_ns
         if not period_ns and one.gaps.count >= LEAST_GAPS:
             period_ns = one.gaps.percentile_us(50) * 1000
-        length = min(one.spec.length if one.spec else 8, 8)
-        if period_ns and not (one.spec and one.spec.is_fd):
-            bits = longest_bits(length, extended=bool(one.key & KEY_EXTENDED))
-            messages.append(Cyclic(one.name, period_ns, bits * bit_ns))
+        if period_ns:
+            messages.append(Cyclic(one.name, period_ns, _longest_ns(one, found)))
     told = response_ns(messages, bit_ns)
     return {name: None if ns is None else round(ns / NS_PER_MS, 6) for name, ns in told.items()}
+
+
+def _longest_ns(one: MessageStats, found: Statistics) -> int:
+    extended = bool(one.key & KEY_EXTENDED)
+    told = one.spec.length if one.spec else 0
+    if not (one.fd_flags & FD or (one.spec and one.spec.is_fd)):
+        length = max(min(told, CLASSIC_BYTES), one.longest) if one.spec else CLASSIC_BYTES
+        return longest_bits(length, extended=extended) * NS_PER_S // found.baudrate
+    length = next(each for each in FD_LENGTHS if each >= min(max(told, one.longest), FD_BYTES))
+    switched = bool(one.fd_flags & BRS) and not one.slow_fd
+    nominal, fast = longest_fd_bits(length, extended=extended, switched=switched)
+    return nominal * NS_PER_S // found.baudrate + fast * NS_PER_S // found.data_baudrate
 
 
 def _priority(key: int) -> tuple[int, int, int]:

@@ -5,7 +5,8 @@ import csv
 import io
 import json
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, Final
 from xml.sax.saxutils import quoteattr
 
@@ -15,9 +16,9 @@ from rich.table import Table as TextTable
 from metro_tools.canlog.damage import Damage, LogError
 from metro_tools.canlog.database import load_bus
 from metro_tools.canlog.read import stream
-from metro_tools.canlog.rules import Broken, Rule, broken, parse_rule
+from metro_tools.canlog.rules import Broken, Judged, Rule, broken, parse_rule, untold
 from metro_tools.canlog.stats import Statistics, gather
-from metro_tools.canlog.stats_rows import Row, bus_rows, message_rows, signal_rows
+from metro_tools.canlog.stats_rows import Row, absent, bus_rows, message_rows, signal_rows, unjudged
 from metro_tools.canlog.verbs.common import add_log, read_options
 
 SUMMARY: Final = "what every message and the bus did: cycle times, gaps, errors, load, latency"
@@ -34,6 +35,7 @@ DETAILS: Final = (
 )
 """Said in a line of their own where there are any."""
 WIDE: Final = 200
+NAMES_SHOWN: Final = 8
 
 
 def options(parser: argparse.ArgumentParser) -> None:
@@ -59,36 +61,46 @@ def run(given: argparse.Namespace) -> int:
     source = stream(given.log, read_options(given))
     rates = {"baudrate": given.baudrate, "data_baudrate": given.data_baudrate}
     found = gather(source, load_bus(given.dbc), **rates)
-    warnings = source.warnings
-    messages, buses = message_rows(found), bus_rows(found)
-    breaches = broken(rules, messages, buses, sum(each.count for each in warnings))
-    _print(given, found, messages, buses, warnings, rules, breaches)
-    return EXIT_BROKEN if breaches else EXIT_OK
+    damaged = sum(each.count for each in source.warnings)
+    judged = Judged(message_rows(found), bus_rows(found), damaged, len(absent(found)))
+    held = Held(rules, broken(rules, judged), untold(rules, judged))
+    _print(given, found, judged, source.warnings, held)
+    return EXIT_BROKEN if held.breaches else EXIT_OK
+
+
+@dataclass(frozen=True, slots=True)
+class Held:
+    """Rules, who broke them, and those that nothing could be held to."""
+
+    rules: Sequence[Rule]
+    breaches: Sequence[Broken]
+    untold: Mapping[str, str]
 
 
 def _print(
     given: argparse.Namespace,
     found: Statistics,
-    messages: list[Row],
-    buses: list[Row],
-    warnings: tuple[Damage, ...],
-    rules: list[Rule],
-    breaches: list[Broken],
+    judged: Judged,
+    warnings: Sequence[Damage],
+    held: Held,
 ) -> None:
     if given.form == "json":
-        told: dict[str, Any] = {"log": str(given.log), "buses": buses, "messages": messages}
-        told["signals"] = signal_rows(found)
+        told: dict[str, Any] = {"log": str(given.log), "buses": judged.buses}
+        told |= {"messages": judged.messages, "signals": signal_rows(found)}
+        told |= {"absent": absent(found), "not_judged": unjudged(found)}
         told["warnings"] = [str(each) for each in warnings]
-        told["broken"] = [str(each) for each in breaches]
+        told["broken"] = [str(each) for each in held.breaches]
         print(json.dumps(told, indent=2))
     elif given.form == "csv":
-        sys.stdout.write(csv_text(signal_rows(found) if given.signals else messages))
+        sys.stdout.write(csv_text(signal_rows(found) if given.signals else judged.messages))
     elif given.form == "junit":
-        sys.stdout.write(junit_text(str(given.log), rules, breaches))
+        sys.stdout.write(junit_text(str(given.log), held))
     else:
-        _print_text(found, messages, buses, with_signals=given.signals)
-        for line in (*(f"warning: {each}" for each in warnings), *map(str, breaches)):
+        _print_text(found, judged, with_signals=given.signals)
+        for line in (*(f"warning: {each}" for each in warnings), *map(str, held.breaches)):
             print(line)
+    for rule, why in held.untold.items():
+        print(f"canlog: --fail-on {rule!r}: {why}", file=sys.stderr)
     if given.form != "text":
         for each in warnings:
             print(f"canlog: warning: {each}", file=sys.stderr)
@@ -104,26 +116,27 @@ def csv_text(rows: Sequence[Row]) -> str:
     return out.getvalue()
 
 
-def junit_text(log: str, rules: Sequence[Rule], breaches: Sequence[Broken]) -> str:
+def junit_text(log: str, held: Held) -> str:
     """A test suite with a case for each rule, for the reports of CI servers."""
-    failed = {each.rule for each in breaches}
+    failed = {each.rule for each in held.breaches}
     lines = [
         '<?xml version="1.0" encoding="UTF-8"?>',
-        f'<testsuite name={quoteattr("canlog " + log)} tests="{len(rules)}"'
-        f' failures="{len(failed)}">',
+        f'<testsuite name={quoteattr("canlog " + log)} tests="{len(held.rules)}"'
+        f' failures="{len(failed)}" skipped="{len(held.untold)}">',
     ]
-    for rule in rules:
-        mine = [str(each) for each in breaches if each.rule == rule.text]
+    for rule in held.rules:
+        mine = [str(each) for each in held.breaches if each.rule == rule.text]
         lines.append(f"  <testcase classname={quoteattr(log)} name={quoteattr(rule.text)}>")
         if mine:
             lines.append(f"    <failure message={quoteattr('; '.join(mine))}/>")
+        if rule.text in held.untold:
+            lines.append(f"    <skipped message={quoteattr(held.untold[rule.text])}/>")
         lines.append("  </testcase>")
     return "\n".join([*lines, "</testsuite>"]) + "\n"
 
 
-def _print_text(
-    found: Statistics, messages: list[Row], buses: list[Row], *, with_signals: bool
-) -> None:
+def _print_text(found: Statistics, judged: Judged, *, with_signals: bool) -> None:
+    messages, buses = judged.messages, judged.buses
     console = Console(highlight=False, width=None if sys.stdout.isatty() else WIDE)
     for bus in buses:
         console.print(
@@ -142,6 +155,18 @@ def _print_text(
     ]
     for message, name, count in shares:
         console.print(f"{message}: {name.replace('_', ' ')}: {count}", markup=False)
+    if names := absent(found):
+        console.print(f"never seen: {_listed(names)}", markup=False)
+    alike: dict[tuple[str, str], list[str]] = {}
+    for row in unjudged(found):
+        alike.setdefault((row["what"], row["why"]), []).append(row["message"])
+    for (what, why), names in alike.items():
+        console.print(f"not judged: {what} of {_listed(names)}: {why}", markup=False)
+
+
+def _listed(names: Sequence[str]) -> str:
+    shown = ", ".join(names[:NAMES_SHOWN])
+    return f"{shown} and {len(names) - NAMES_SHOWN} more" if len(names) > NAMES_SHOWN else shown
 
 
 def _print_table(console: Console, columns: Sequence[str], rows: Sequence[Row]) -> None:
