@@ -11,7 +11,10 @@ import pytest
 from firmware_py.buses import BusError, open_can
 from firmware_py.clock import WallClock
 
-CASES = Path(__file__).with_name("buses_socketcan_cases.py")
+CASES = (
+    Path(__file__).with_name("buses_socketcan_cases.py"),
+    Path(__file__).with_name("canlog_vcan_cases.py"),
+)
 ROOT = Path(__file__).resolve().parents[2]
 PROBE = "vcanprobe0"
 LIMIT_S = 300
@@ -40,11 +43,12 @@ def run_here(*command: str | Path) -> subprocess.CompletedProcess[str]:
 def test_every_case_holds_on_a_real_kernel_interface(request: pytest.FixtureRequest) -> None:
     run = run_here if kernel_makes_vcan() else request.getfixturevalue("guest").run
 
-    done = run(sys.executable, "-m", "pytest", "-p", "no:cacheprovider", CASES)
+    done = run(sys.executable, "-m", "pytest", "-p", "no:cacheprovider", *CASES)
 
     report = f"{done.stdout}\n{done.stderr}"
     assert done.returncode == 0, report
-    cases = len(re.findall(r"^def test_", CASES.read_text(encoding="utf-8"), re.MULTILINE))
+    text = "".join(path.read_text(encoding="utf-8") for path in CASES)
+    cases = len(re.findall(r"^def test_", text, re.MULTILINE))
     passed = re.search(r"(\d+) passed", done.stdout)
     assert passed is not None, report
     assert int(passed[1]) >= cases, report
