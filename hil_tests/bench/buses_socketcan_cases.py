@@ -28,9 +28,17 @@ def ip(words: str) -> None:
 
 
 @pytest.fixture(autouse=True)
-def interface() -> Iterator[None]:
-    ip(f"link add dev {NAME} type vcan")
-    ip(f"link set {NAME} up")
+def interface() -> None:
+    """There and up. It stays for the next test: `ip` takes most of a second in a guest."""
+    found = look_up(NAME)
+    if found is None:
+        ip(f"link add dev {NAME} type vcan")
+    if found is None or not found.is_up:
+        ip(f"link set {NAME} up")
+
+
+@pytest.fixture(autouse=True, scope="module")
+def leave_nothing() -> Iterator[None]:
     yield
     if look_up(NAME) is not None:
         ip(f"link del {NAME}")
