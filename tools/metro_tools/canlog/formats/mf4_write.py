@@ -1,6 +1,6 @@
 """Writes MDF 4 bus logging: a group each for data, error and remote frames, by asammdf."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, Final
 
@@ -10,6 +10,7 @@ from metro_tools.canlog.damage import Damages, LogError
 from metro_tools.canlog.formats.text import first_ns_of
 from metro_tools.canlog.frames import (
     BRS,
+    CLASSIC_BYTES,
     ERROR,
     ESI,
     EXTENDED,
@@ -18,7 +19,9 @@ from metro_tools.canlog.frames import (
     REMOTE,
     TX,
     Frames,
+    Ints,
     concat,
+    empty,
     widened,
 )
 from metro_tools.canlog.writing import Numbers, lost
@@ -31,45 +34,99 @@ BUS_EVENT: Final = 0x2 | 0x4
 _CODES: Final = np.array([min(c for c, n in enumerate(FD_LENGTHS) if n >= k) for k in range(65)])
 
 
+GROUPS: Final = (("CAN_DataFrame", 0), ("CAN_ErrorFrame", ERROR), ("CAN_RemoteFrame", REMOTE))
+
+
 def write(path: Path, blocks: Iterable[Frames], losses: Damages) -> None:
-    """All frames; the file is made in memory, so that a log has to fit into it."""
+    """All frames, a block at a time.
+
+    Stamps of a group must not run backwards, so frames are sorted over the length of a block. One
+    that comes even later begins another group, which readers merge by the stamps again.
+    """
     try:
-        from asammdf import MDF, Signal
-        from asammdf.blocks.source_utils import Source
+        from asammdf import MDF
     except ImportError:
         raise LogError("MF4 needs asammdf: pip install 'metro-vobc-bench[logs]'") from None
-    frames = concat(list(blocks))
-    start_ns = first_ns_of(frames) if len(frames) else 0
-    past_ns = frames.at_ns - start_ns
-    lost(losses, np.abs(past_ns) >= EXACT_NS, "nanoseconds", "so long a log rounds its stamps")
-    numbers = Numbers(losses).of(frames)
-    order = np.argsort(past_ns, kind="stable")
-    if (np.diff(past_ns) < 0).any():
-        losses.add("order", "frame", None, "the format sorts frames by their stamps")
-    source = Source(
-        name="CAN", path="CAN", comment="", source_type=SOURCE_BUS, bus_type=BUS_TYPE_CAN
-    )
     with MDF(version="4.10") as file:
-        # Whole milliseconds: what the head of the format is made from has no more.
-        file.header.abs_time = start_ns
-        for name, flag in (
-            ("CAN_DataFrame", 0),
-            ("CAN_ErrorFrame", ERROR),
-            ("CAN_RemoteFrame", REMOTE),
-        ):
-            mine = order[(frames.flags[order] & (ERROR | REMOTE)) == flag]
-            if len(mine):
-                samples = _samples(name, frames[mine], numbers[mine])
-                stamps_s = past_ns[mine] / NS_PER_S
-                file.append(
-                    [Signal(samples=samples, timestamps=stamps_s, name=name, source=source)],
-                    acq_source=source,
-                    common_timebase=True,
-                )
-                # A group of frames is told from one of signals by this flag of its head.
-                head: Any = file.groups[-1].channel_group
-                head.flags |= BUS_EVENT
+        file.header.abs_time = 0
+        out: _Writer | None = None
+        for frames in in_order(blocks, losses):
+            if out is None:
+                out = _Writer(file, first_ns_of(frames), losses)
+                # Whole milliseconds: what the head of the format is made from has no more.
+                file.header.abs_time = out.start_ns
+            out.add(frames)
         file.save(str(path), overwrite=True, compression=1)
+
+
+def in_order(blocks: Iterable[Frames], losses: Damages) -> Iterator[Frames]:
+    """The frames sorted by their stamps, as far as those of two blocks tell."""
+    waiting, last_ns, sorted_ = empty(), 0, True
+    for block in blocks:
+        if not len(block):
+            continue
+        before_ns = np.concatenate([[last_ns if len(waiting) else block.at_ns[0]], block.at_ns])
+        sorted_ &= bool((np.diff(before_ns) >= 0).all())
+        last_ns = int(block.at_ns[-1])
+        both = concat([waiting, block])
+        both = both[np.argsort(both.at_ns, kind="stable")]
+        if len(waiting):
+            yield both[: len(waiting)]
+        waiting = both[len(waiting) :]
+    if len(waiting):
+        yield waiting
+    if not sorted_:
+        losses.add("order", "frame", None, "the format sorts frames by their stamps")
+
+
+class _Writer:
+    """Puts blocks into groups of an open file: of each kind of frame, of short and of long data."""
+
+    def __init__(self, file: Any, start_ns: int, losses: Damages) -> None:
+        from asammdf.blocks.source_utils import Source
+
+        self.start_ns = start_ns
+        self._file, self._losses = file, losses
+        self._numbers = Numbers(losses)
+        self._source = Source(
+            name="CAN", path="CAN", comment="", source_type=SOURCE_BUS, bus_type=BUS_TYPE_CAN
+        )
+        self._groups: dict[tuple[str, bool], tuple[int, int]] = {}
+        """By name and whether data is long: index in the file, and the last stamp."""
+
+    def add(self, frames: Frames) -> None:
+        past_ns = frames.at_ns - self.start_ns
+        lost(
+            self._losses,
+            np.abs(past_ns) >= EXACT_NS,
+            "nanoseconds",
+            "so long a log rounds its stamps",
+        )
+        channel = self._numbers.of(frames)
+        for name, flag in GROUPS:
+            mine = np.flatnonzero((frames.flags & (ERROR | REMOTE)) == flag)
+            if len(mine):
+                self._extend(name, frames[mine], past_ns[mine], channel[mine])
+
+    def _extend(self, name: str, frames: Frames, past_ns: Ints, channel: Any) -> None:
+        from asammdf import Signal
+
+        samples, stamps_s = _samples(name, frames, channel), past_ns / NS_PER_S
+        place = name, frames.data.shape[1] > CLASSIC_BYTES
+        index, last_ns = self._groups.get(place, (None, 0))
+        if index is not None and last_ns <= int(past_ns[0]):
+            self._file.extend(index, [(stamps_s, None), (samples, None)])
+        else:
+            self._file.append(
+                [Signal(samples=samples, timestamps=stamps_s, name=name, source=self._source)],
+                acq_source=self._source,
+                common_timebase=True,
+            )
+            index = len(self._file.groups) - 1
+            # A group of frames is told from one of signals by this flag of its head.
+            head: Any = self._file.groups[index].channel_group
+            head.flags |= BUS_EVENT
+        self._groups[place] = index, int(past_ns[-1])
 
 
 def _samples(name: str, frames: Frames, channel: Any) -> Any:
