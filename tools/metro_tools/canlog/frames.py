@@ -115,7 +115,7 @@ def concat(blocks: Sequence[Frames]) -> Frames:
         np.concatenate([block.at_ns for block in blocks]),
         np.concatenate([block.identifier for block in blocks]),
         np.concatenate([block.flags for block in blocks]),
-        np.concatenate([_renumbered(block, channels) for block in blocks]),
+        np.concatenate([renumbered(block, channels) for block in blocks]),
         np.concatenate([block.length for block in blocks]),
         np.concatenate([widened(block.data, width) for block in blocks]),
         tuple(channels),
@@ -131,7 +131,8 @@ def widened(data: Bytes, width: int) -> Bytes:
     return wide
 
 
-def _renumbered(block: Frames, channels: list[str]) -> Bytes:
+def renumbered(block: Frames, channels: list[str]) -> Bytes:
+    """(n,) the channel of each frame as an index into other names, which hold all of its own."""
     if list(block.channels) == channels[: len(block.channels)]:
         return block.channel
     numbers = np.array([channels.index(name) for name in block.channels] or [0], np.uint8)

@@ -22,6 +22,7 @@ import numpy as np
 
 from metro_tools.canlog.frames import Frames, blank
 from metro_tools.canlog.line_block import Block
+from metro_tools.canlog.shelf import Room, in_memory
 
 FLAGS: Final = ("-O3", "-shared", "-fPIC", "-std=c11", "-ffp-contract=off")
 """Without contraction a product and a sum round twice, as they do in Python."""
@@ -253,9 +254,9 @@ class Numbered:
         """(k,) int64: where each key begins when the frames are sorted by this place."""
         return np.cumsum(self.counts) - self.counts
 
-    def order(self) -> Any:
+    def order(self, room: Room = in_memory) -> Any:
         """(n,) int64: the rows of all blocks so sorted."""
-        out = np.empty(int(self.counts.sum()), np.int64)
+        out = room(int(self.counts.sum()), np.int64)
         places, first = self.starts, 0
         for group in self.groups:
             library().canlog_order(
@@ -265,7 +266,7 @@ class Numbered:
         return out
 
 
-def numbered(blocks: Sequence[Frames]) -> Numbered | None:
+def numbered(blocks: Sequence[Frames], room: Room = in_memory) -> Numbered | None:
     """None without a kernel, or when there are more keys than fit."""
     kernel = library()
     if kernel is None:
@@ -276,7 +277,7 @@ def numbered(blocks: Sequence[Frames]) -> Numbered | None:
         identifier, flags = (
             np.ascontiguousarray(column) for column in (block.identifier, block.flags)
         )
-        group = np.empty(len(block), np.uint16)
+        group = room(len(block), np.uint16)
         known = kernel.canlog_number(
             identifier.ctypes.data, flags.ctypes.data, len(block), group.ctypes.data, known,
             *(column.ctypes.data for column in (keys, counts, slots)),
@@ -287,12 +288,14 @@ def numbered(blocks: Sequence[Frames]) -> Numbered | None:
     return Numbered(tuple(groups), keys[:known].copy(), counts[:known].copy())
 
 
-def grouped(told: Numbered, blocks: Sequence[Frames]) -> tuple[Any, ...] | None:
+def grouped(
+    told: Numbered, blocks: Sequence[Frames], room: Room = in_memory
+) -> tuple[Any, ...] | None:
     """Stamps, data words and lengths of the frames sorted by group; None for longer data."""
     if any(block.data.shape[1] != WORD_BYTES for block in blocks):
         return None
     count = int(told.counts.sum())
-    out = np.empty(count, np.int64), np.empty(count, np.uint64), np.empty(count, np.uint8)
+    out = room(count, np.int64), room(count, np.uint64), room(count, np.uint8)
     places = told.starts
     for block, group in zip(blocks, told.groups, strict=True):
         columns = [np.ascontiguousarray(each) for each in (block.at_ns, block.data, block.length)]

@@ -24,3 +24,5 @@ class ReadOptions:
     """libdeflate, isal or zlib; None takes the fastest that is installed."""
     compiled: bool = True
     """Use the compiled kernel where there is one."""
+    on_disk: bool = False
+    """Keep large columns in files without a name, so that a log need not fit into memory."""

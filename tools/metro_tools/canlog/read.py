@@ -11,6 +11,7 @@ from metro_tools.canlog.frames import Frames, Ints, concat
 from metro_tools.canlog.options import ReadOptions
 from metro_tools.canlog.plan import Column
 from metro_tools.canlog.run import Run, bus_log_of, read_run
+from metro_tools.canlog.shelf import Room, in_memory, on_disk, shelved
 from metro_tools.canlog.table import Groups, Table
 
 Dbc = Path | str | Sequence[Path | str] | Bus | None
@@ -26,8 +27,13 @@ class Log:
         bus: Bus,
         warnings: tuple[Damage, ...] = (),
         run: Run | None = None,
+        room: Room = in_memory,
     ) -> None:
-        """Blocks of frames are put together when somebody asks for them as a whole."""
+        """Blocks of frames are put together when somebody asks for them as a whole.
+
+        `room` gives what is sorted its place.
+        """
+        self.room = room
         self.path = path
         self._blocks = (frames,) if isinstance(frames, Frames) else tuple(frames)
         self.bus = bus
@@ -48,7 +54,7 @@ class Log:
 
     @cached_property
     def groups(self) -> Groups:
-        return Groups(self._blocks)
+        return Groups(self._blocks, self.room)
 
     @property
     def start_ns(self) -> int:
@@ -137,9 +143,10 @@ def read(path: Path | str, dbc: Dbc = None, options: ReadOptions | None = None) 
     """
     bus = load_bus(dbc)
     source = stream(path, options)
-    blocks: Sequence[Frames] = list(source)
+    far = options is not None and options.on_disk
+    blocks: Sequence[Frames] = (shelved(source),) if far else list(source)
     run = None
     if Path(path).is_dir():
         blocks = (concat(blocks),)
         run = read_run(Path(path), blocks[0], bus, source.damages)
-    return Log(source.path, blocks, bus, source.warnings, run)
+    return Log(source.path, blocks, bus, source.warnings, run, on_disk if far else in_memory)

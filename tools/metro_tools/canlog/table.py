@@ -11,6 +11,7 @@ from metro_tools.canlog import kernel
 from metro_tools.canlog.database import MessageSpec
 from metro_tools.canlog.frames import CLASSIC_BYTES, FD_BYTES, Bools, Frames, Ints, concat
 from metro_tools.canlog.plan import Column, Payloads, Plan, Raws, signed_raw
+from metro_tools.canlog.shelf import Room, in_memory
 
 SHORT: Final = 2048
 """Keys below are identifiers of 11 bits, which are looked up."""
@@ -145,10 +146,11 @@ def _nothing(column: Column) -> Any:
 class Groups:
     """Which frames belong to which message: sorted once for all of them."""
 
-    def __init__(self, frames: Frames | Sequence[Frames]) -> None:
-        """Of the blocks of one log, if there are several."""
+    def __init__(self, frames: Frames | Sequence[Frames], room: Room = in_memory) -> None:
+        """Of the blocks of one log, if there are several; `room` gives columns their place."""
         self._blocks = (frames,) if isinstance(frames, Frames) else tuple(frames)
-        self._told = kernel.numbered(self._blocks)
+        self._room = room
+        self._told = kernel.numbered(self._blocks, room)
         self._columns: tuple[Any, ...] | None = None
         self._order: Ints | None = None
         if self._told is None:
@@ -161,7 +163,7 @@ class Groups:
         keys, ends = self._told.keys.tolist(), (starts + self._told.counts).tolist()
         spans = sorted(zip(keys, starts.tolist(), ends, strict=True))
         self._spans = {key: (start, end) for key, start, end in spans}
-        self._columns = kernel.grouped(self._told, self._blocks)
+        self._columns = kernel.grouped(self._told, self._blocks, room)
 
     @cached_property
     def frames(self) -> Frames:
@@ -176,7 +178,7 @@ class Groups:
         """Indices of the data frames with this key, rising."""
         if self._order is None:
             assert self._told is not None
-            self._order = self._told.order()
+            self._order = self._told.order(self._room)
         start, stop = self._spans.get(key, (0, 0))
         return self._order[start:stop]
 

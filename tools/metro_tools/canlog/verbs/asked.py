@@ -1,6 +1,7 @@
 """What the subcommands that draw are asked for: a log, a span of time, a file to write."""
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 
 from metro_tools.canlog.damage import LogError
@@ -19,9 +20,9 @@ def log_options(parser: argparse.ArgumentParser, *, span: bool = True) -> None:
         parser.add_argument("--to", dest="to_s", type=float, metavar="S")
 
 
-def read_asked(given: argparse.Namespace) -> Log:
+def read_asked(given: argparse.Namespace, *, on_disk: bool = False) -> Log:
     """The log that was asked for; raises LogError for one without frames, too."""
-    log = read(given.log, given.dbc, read_options(given))
+    log = read(given.log, given.dbc, replace(read_options(given), on_disk=on_disk))
     if not len(log):
         raise LogError(f"{log.path}: holds no frame")
     return log

@@ -18,7 +18,7 @@ def options(parser: argparse.ArgumentParser) -> None:
 
 def run(given: argparse.Namespace) -> int:
     """Serves until it is interrupted. Raises LogError."""
-    log = read_asked(given)
+    log = read_asked(given, on_disk=True)
     from metro_tools.canlog.views.answers import Answers
     from metro_tools.canlog.views.page_data import page_data
     from metro_tools.canlog.views.page_text import page_text

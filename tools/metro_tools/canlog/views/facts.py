@@ -2,12 +2,15 @@
 
 from typing import Any, Final
 
+import numpy as np
+
 from metro_tools.canlog.database import MessageSpec
 from metro_tools.canlog.frames import KEY_EXTENDED
 from metro_tools.canlog.read import Log
+from metro_tools.canlog.shelf import in_pieces
 from metro_tools.canlog.stats import JUDGED_BUS, gather
 from metro_tools.canlog.stats_rows import bus_rows, message_rows
-from metro_tools.canlog.verdict import REASONS, UNCONFIRMED, judge
+from metro_tools.canlog.verdict import REASONS, UNCONFIRMED, Judge
 from metro_tools.canlog.views.packed import Group
 
 REFUSED_FROM: Final = UNCONFIRMED + 1
@@ -16,7 +19,7 @@ REFUSED_FROM: Final = UNCONFIRMED + 1
 
 def statistics(log: Log) -> dict[str, Any]:
     """The rows of `canlog stats`."""
-    found = gather([log.frames], log.bus)
+    found = gather((piece for _, piece in in_pieces(log.frames)), log.bus)
     return {"messages": message_rows(found), "buses": bus_rows(found)}
 
 
@@ -24,7 +27,12 @@ def verdict_codes(log: Log) -> Any:
     """(n,) uint8: what the codec said of each frame; None for a bus that is not this project's."""
     if log.bus.name != JUDGED_BUS:
         return None
-    return judge(log.frames, log.groups).code
+    one, codes = Judge(), log.room(len(log), np.uint8)
+    for at, piece in in_pieces(log.frames):
+        codes[at : at + len(piece)] = one.feed(piece)
+        for late in one.late:
+            codes[late.row] = late.code
+    return codes
 
 
 def verdict_names() -> dict[str, str]:

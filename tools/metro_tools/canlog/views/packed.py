@@ -8,7 +8,9 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from metro_tools.canlog import kernel
 from metro_tools.canlog.frames import ERROR, REMOTE, Frames, Ints
+from metro_tools.canlog.shelf import Room, in_memory, in_pieces, rearranged
 
 LEVEL: Final = 6
 """Of deflate; more gives a few percent for twice the time."""
@@ -87,27 +89,51 @@ class Ordered:
         return column if self.order is None else column[self.order]
 
 
-def ordered(frames: Frames) -> Ordered:
-    """Frames of one stamp stay as they are in the log."""
-    at_ns = frames.at_ns
-    in_order = len(at_ns) < 2 or bool((at_ns[1:] >= at_ns[:-1]).all())
+def ordered(frames: Frames, room: Room = in_memory) -> Ordered:
+    """Frames of one stamp stay as they are in the log. `room` gives columns their place."""
     by_time = None
-    if not in_order:
-        by_time = np.argsort(at_ns, kind="stable")
-        frames = frames[by_time]
-    kind = frames.key.astype(np.uint64) | (
-        (frames.flags & np.uint8(NOT_DATA)).astype(np.uint64) << np.uint64(32)
-    )
-    kinds, group = np.unique(kind, return_inverse=True)
+    if not _in_order(frames):
+        by_time = np.argsort(frames.at_ns, kind="stable")
+        frames = rearranged(frames, by_time, room)
+    seen = [np.unique(_kind(piece)) for _, piece in in_pieces(frames)]
+    kinds = np.unique(np.concatenate([np.zeros(0, np.uint64), *seen]))
     assert len(kinds) <= 1 << 16
-    numbers = group.astype(np.uint16)
-    order = np.argsort(numbers, kind="stable")
-    ends = np.cumsum(np.bincount(numbers, minlength=len(kinds)))
+    numbers, counts = room(len(frames), np.uint16), np.zeros(len(kinds), np.int64)
+    for at, piece in in_pieces(frames):
+        mine = np.searchsorted(kinds, _kind(piece))
+        numbers[at : at + len(piece)] = mine
+        counts += np.bincount(mine, minlength=len(kinds))
+    order = _sorted_rows(numbers, counts, room)
     groups = tuple(
         Group(int(each) & 0xFFFFFFFF, int(each) >> 32, rows)
-        for each, rows in zip(kinds.tolist(), np.split(order, ends[:-1]), strict=True)
+        for each, rows in zip(kinds.tolist(), np.split(order, np.cumsum(counts)[:-1]), strict=True)
     )
     return Ordered(frames, groups, numbers, by_time)
+
+
+def _in_order(frames: Frames) -> bool:
+    last_ns = None
+    for _, piece in in_pieces(frames):
+        at_ns = piece.at_ns
+        if (last_ns is not None and at_ns[0] < last_ns) or (np.diff(at_ns) < 0).any():
+            return False
+        last_ns = at_ns[-1]
+    return True
+
+
+def _kind(frames: Frames) -> Any:
+    """(n,) uint64: key, and whether it is a remote or an error frame."""
+    flags = (frames.flags & np.uint8(NOT_DATA)).astype(np.uint64)
+    return frames.key.astype(np.uint64) | flags << np.uint64(32)
+
+
+def _sorted_rows(numbers: Any, counts: Ints, room: Room) -> Ints:
+    """(n,) rows of the first group, of the second and so on, each rising."""
+    if kernel.library() is None or len(counts) > kernel.NO_GROUP:
+        found: Ints = np.argsort(numbers, kind="stable")
+        return found
+    rows: Ints = kernel.Numbered((numbers,), np.arange(len(counts)), counts).order(room)
+    return rows
 
 
 def add_frames(block: Block, log: Ordered, zero_ns: int) -> dict[str, Any]:

@@ -45,7 +45,7 @@ def page_data(log: Log, title: str, words: Sequence[str], *, with_frames: bool) 
     """
     panels = [[n for part in word.split(",") for n in find_names(log, part)] for word in words]
     zero_ns = zero_of(log)
-    in_order = ordered(log.frames)
+    in_order = ordered(log.frames, log.room)
     block = Block()
     head: dict[str, Any] = {
         "title": title,
