@@ -244,6 +244,29 @@ def drawn(browser: Browser) -> int:
     )
 
 
+def margin(browser: Browser) -> float:
+    """Left of the plots, where their axes and the names of bands stand."""
+    style = "getComputedStyle(document.documentElement).getPropertyValue('--left')"
+    return float(browser.run(f"parseFloat({style})"))
+
+
+def test_the_names_of_bands_stand_in_full(browser: Browser, run_page: str) -> None:
+    browser.open(run_page)
+
+    names = browser.run("canlog.view.panels.flat().map(name => name.split('.')[1])")
+    widths = browser.run(
+        """(() => {
+          const context = document.querySelector('#panels canvas').getContext('2d');
+          return canlog.view.panels.flat().filter(name => canlog.view.byFull.get(name).state)
+            .map(name => context.measureText(name.split('.')[1]).width);
+        })()"""
+    )
+
+    assert {"supervision", "ato_phase"} <= set(names)
+    assert widths
+    assert max(widths) + 10 <= margin(browser)
+
+
 def span_s(browser: Browser) -> tuple[float, float]:
     return browser.run("canlog.view.from") / 1e9, browser.run("canlog.view.to") / 1e9
 
@@ -266,7 +289,7 @@ def test_wheel_drag_and_keys_move_all_plots_together(browser: Browser, run_page:
     assert near[1] - near[0] < 0.6 * (whole[1] - whole[0])
     assert moved[1] - moved[0] == pytest.approx(near[1] - near[0])
     assert moved[0] > near[0]
-    ratio = 200 / (width - 74)
+    ratio = 200 / (width - margin(browser) - 10)
     assert chosen[1] - chosen[0] == pytest.approx(ratio * (moved[1] - moved[0]), rel=0.01)
     assert moved[0] < chosen[0] < chosen[1] < moved[1]
     assert span_s(browser) == pytest.approx(whole)

@@ -9,7 +9,7 @@ from metro_tools.canlog.frames import KEY_EXTENDED
 from metro_tools.canlog.read import Log
 from metro_tools.canlog.shelf import in_pieces
 from metro_tools.canlog.stats import JUDGED_BUS, gather
-from metro_tools.canlog.stats_rows import bus_rows, message_rows
+from metro_tools.canlog.stats_rows import absent, bus_rows, message_rows, unjudged
 from metro_tools.canlog.verdict import REASONS, UNCONFIRMED, Judge
 from metro_tools.canlog.views.packed import Group
 
@@ -20,7 +20,12 @@ REFUSED_FROM: Final = UNCONFIRMED + 1
 def statistics(log: Log) -> dict[str, Any]:
     """The rows of `canlog stats`."""
     found = gather((piece for _, piece in in_pieces(log.frames)), log.bus)
-    return {"messages": message_rows(found), "buses": bus_rows(found)}
+    return {
+        "messages": message_rows(found),
+        "buses": bus_rows(found),
+        "absent": absent(found),
+        "not_judged": unjudged(found),
+    }
 
 
 def verdict_codes(log: Log) -> Any:

@@ -47,6 +47,7 @@ async function start() {
 
 function layPanels() {
   panels = view.panels.map((names, number) => new Panel(names, number));
+  fitMargin(panels);
   $("panels").replaceChildren(...panels.map(panel => panel.element));
   if (!panels.length) $("panels").innerHTML = '<div class="panel empty">No signal chosen: press <kbd>s</kbd> to add one.</div>';
   for (const panel of panels) {

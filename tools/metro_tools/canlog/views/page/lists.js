@@ -85,8 +85,23 @@ function statsList() {
   buses_.textContent = view.head.stats.buses.map(bus =>
     `${bus.channel || "bus"}: load ${(100 * bus.bus_load_ratio).toFixed(1)} % of ${bus.baudrate / 1000} kbit/s, ${(100 * bus.bus_load_ratio_max).toFixed(1)} % in the fullest 100 ms; ` +
     `${bus.error_frames} error, ${bus.remote_frames} remote, ${bus.unknown_frames} unknown frames`).join("   ");
-  box.replaceChildren(buses_, table);
+  box.replaceChildren(buses_, table, ...remarks(view.head.stats));
 }
+
+// What never came, and what could not be judged, with why: alike remarks share a line.
+function remarks(stats) {
+  const lines = stats.absent.length ? [`Never seen: ${listed(stats.absent)}`] : [], alike = new Map();
+  for (const { message, what, why } of stats.not_judged) {
+    const text = `${what}|${why}`;
+    alike.set(text, [...alike.get(text) ?? [], message]);
+  }
+  for (const [text, names] of alike) {
+    const [what, why] = text.split("|");
+    lines.push(`Not judged: ${what} of ${listed(names)}: ${why}`);
+  }
+  return lines.map(text => { const line = document.createElement("p"); line.className = "buses"; line.textContent = text; return line; });
+}
+function listed(names) { return names.length > 8 ? `${names.slice(0, 8).join(", ")} and ${names.length - 8} more` : names.join(", "); }
 
 function statsRow(told, columns) {
   const row = document.createElement("tr");

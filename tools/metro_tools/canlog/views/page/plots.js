@@ -1,7 +1,18 @@
 // Panels of signals over time: lines with axes above, bands of states below, one cursor for all.
 
-const LEFT = 64, RIGHT = 10, BAND = 20, TOP = 6, HEAD = 26;
-const LINE_LEAST = 84, LINE_MOST = 240;
+const RIGHT = 10, BAND = 20, TOP = 6, HEAD = 26;
+const LEFT_LEAST = 64, LEFT_MOST = 168;
+const LINE_LEAST = 72, LINE_MOST = 240;
+let LEFT = LEFT_LEAST;
+
+// The margin of all plots, wide enough for the names of bands: they are read as one column.
+function fitMargin(panels) {
+  const context = document.createElement("canvas").getContext("2d");
+  context.font = FONT;
+  const widths = panels.flatMap(panel => panel.states.map(signal => context.measureText(signal.full.split(".")[1]).width + 12));
+  LEFT = Math.ceil(Math.min(LEFT_MOST, Math.max(LEFT_LEAST, ...widths)));
+  document.documentElement.style.setProperty("--left", `${LEFT}px`);
+}
 
 function xOf(t, width) { return LEFT + (t - view.from) / (view.to - view.from) * (width - LEFT - RIGHT); }
 function tOf(x, width) { return view.from + (x - LEFT) / (width - LEFT - RIGHT) * (view.to - view.from); }
