@@ -1,60 +1,66 @@
-"""Whole trains, controllers on their buses, that command each other in virtual time."""
+"""Whole trains with their controllers on one line: the same bytes anywhere, and room between."""
 
-import itertools
+from pathlib import Path
 
-from can_dbc.vobc import Supervision
-from firmware_py.trackdb.areas import Area, AreaMap, TrackSection
-from metro_hil.line_bench import LineBench, Run
-from vobc.config import load_config
+from metro_hil.line_run.conduct import conduct
+from metro_hil.line_run.seat import Seat, plan_line
+from plant_emulator.traffic.coupling import INTERVAL_S, Coupling
 
-EDGES_M = [-120.0, *range(100, 4700, 100), 4700.0]
-SECTIONS = tuple(
-    [TrackSection(n, a, b) for n, (a, b) in enumerate(itertools.pairwise(EDGES_M), start=1)]
-)
-FLORENCE = AreaMap("florence", (Area(1, -120.0, 2500.0), Area(2, 2500.0, 4700.0)), SECTIONS)
+LENGTH_M = 78.08
 
 
-class Line:
-    """Two trains, the second behind the first; what must hold is looked at all the time."""
+def test_one_process_for_each_train_changes_no_byte(tmp_path: Path) -> None:
+    """Logs are of one of the two only: they change nothing either."""
+    plan = plan_line(line="changping", trains=3, consist=None, params=None, seed=5, law="green")
+    folders = [tmp_path / f"train{start.train}" for start in plan.starts]
+    for folder in folders:
+        folder.mkdir()
 
-    def __init__(self) -> None:
-        ways = [Run("III", "IV"), Run("II", "III")]
-        self.bench = LineBench(load_config("florence4"), FLORENCE, ways)
-        self.smallest_gap_m = 1e9
-        self.emergencies = 0
+    here = conduct(plan, 15.0, folders=[None] * 3, processes=False)
+    there = conduct(plan, 15.0, folders=folders, processes=True)
 
-    def run(self, duration_s: float) -> None:
-        self.bench.run(duration_s, self.look)
-
-    def look(self) -> None:
-        """By the plants' truth: no train may go where another one is."""
-        ahead, behind = (self.bench.trains[n] for n in (1, 2))
-        held = behind.command.held
-        rear_m = ahead.plant.world.front_m - ahead.plant.world.length_m
-        if held is not None:
-            self.smallest_gap_m = min(self.smallest_gap_m, rear_m - held.end_m)
-        in_emergency = behind.vobc.output.supervision is Supervision.EMERGENCY
-        self.emergencies += in_emergency and behind.vobc.output.mode.name != "STANDBY"
+    assert here.reports == there.reports
+    assert here.rows == there.rows
+    assert here.unconverged == there.unconverged == 0
+    assert len({report.frame_chain for report in here.reports}) == 3
+    assert all((folder / "bus.log").stat().st_size > 10_000 for folder in folders)
+    metered_j = sum(report.drawn_j - report.returned_j for report in here.reports)
+    assert metered_j > 0.0
+    assert abs(metered_j / here.books.trains_j - 1.0) < 1e-9
 
 
-def test_a_train_follows_another_without_zone_controller_and_goes_on_without_its_master() -> None:
-    line = Line()
-    line.run(13.0)
-    bench, follower = line.bench, line.bench.trains[2]
-    assert bench.masters(2) == [1]
-    assert follower.plant.world.speed_mps > 4.0
-    held = follower.command.held
-    assert held is not None
-    term = held.term
+def test_the_voltage_at_the_pantograph_is_what_the_bus_says(tmp_path: Path) -> None:
+    """LINE_SUPPLY of one train, decoded from its log, against what the network answered."""
+    plan = plan_line(line="changping", trains=1, consist=None, params=None, seed=1)
+    (tmp_path / "train1").mkdir()
 
-    bench.kill(1)
-    line.run(0.6)
-    held = follower.command.held
+    record = conduct(plan, 40.0, folders=[tmp_path / "train1"], processes=False)
 
-    assert bench.masters(2) == [2]
-    assert held is not None
-    assert held.term > term
-    line.run(8.0)
-    assert bench.trains[1].plant.world.speed_mps == 0.0  # Its own plant braked it.
-    assert line.emergencies == 0
-    assert line.smallest_gap_m >= 7.0
+    rows = (tmp_path / "train1" / "bus.log").read_text().splitlines()
+    supplies = [row.split()[2].split("#")[1] for row in rows if " 188#" in row]
+    volts = [int.from_bytes(bytes.fromhex(text)[:2], "little") / 10.0 for text in supplies]
+    answered = [row.answers[0].voltage_v for row in record.rows]
+    assert min(answered) < 815.0 < 834.0 < max(answered)
+    assert all(any(abs(volt - each) < 0.06 for volt in volts) for each in answered[:-1])
+
+
+def test_a_train_stops_behind_one_that_is_kept_at_its_platform() -> None:
+    plan = plan_line(line="changping", trains=2, consist=None, params=None, seed=2, law="timing")
+    seats = [Seat(plan, index, None) for index in range(2)]
+    seats[0].member.dispatcher.holds = lambda *_: True  # type: ignore[method-assign]
+    coupling = Coupling(plan.traffic, plan.supply, 2)
+    gaps_m, speeds_mps = [], []
+
+    for _ in range(round(250.0 / INTERVAL_S)):
+        said = [seat.advance() for seat in seats]
+        gaps_m.append(said[0].front_m - LENGTH_M - said[1].front_m)
+        speeds_mps.append(said[1].speed_mps)
+        for seat, answer in zip(seats, coupling.answers(said), strict=True):
+            seat.hears(answer)
+    reports = [seat.close() for seat in seats]
+
+    assert max(speeds_mps) > 15.0
+    assert speeds_mps[-1] == 0.0
+    assert 10.0 < gaps_m[-1] < 40.0
+    assert min(gaps_m) == gaps_m[-1]
+    assert [report.emergencies for report in reports] == [0, 0]

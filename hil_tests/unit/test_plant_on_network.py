@@ -1,0 +1,128 @@
+"""The high-voltage box of a train that hangs on the network of its line."""
+
+import pytest
+
+from plant_emulator.power.box import HighVoltageBox
+from plant_emulator.train_config import load_train
+from plant_emulator.world import STEP_S
+
+STEPS = 20
+INTERVAL_S = STEPS * STEP_S
+TRAIN = load_train("typeB4")
+
+
+def box() -> HighVoltageBox:
+    made = HighVoltageBox(
+        TRAIN.supply,
+        step_s=STEP_S,
+        traction_efficiency_ratio=0.8,
+        electric_efficiency_ratio=0.5,
+    )
+    made.join()
+    return made
+
+
+def interval(power: HighVoltageBox, *, drive_w: float = 0.0, brake_w: float = 0.0) -> None:
+    for _ in range(STEPS):
+        if drive_w or brake_w:
+            power.step(drive_w * STEP_S, brake_w * STEP_S)
+        else:
+            power.rest()
+
+
+def test_what_a_train_takes_is_booked_when_the_network_has_answered() -> None:
+    power = box()
+    interval(power, drive_w=800_000.0)
+    wish, due = power.take_load(INTERVAL_S)
+
+    assert wish == pytest.approx((1_000_000.0, 0.0, 120_000.0))
+    assert power.drawn_j == 0.0
+
+    power.fed(700.0, 0.0, 1.0, due, INTERVAL_S)
+
+    assert power.drawn_j == pytest.approx(1_120_000.0 * INTERVAL_S)
+    assert power.voltage_v == 700.0
+    assert power.current_a == pytest.approx(1600.0)
+    assert power.supply().line_current_a == power.current_a
+
+
+def test_a_high_voltage_leaves_a_share_of_the_braking_to_the_resistor() -> None:
+    power = box()
+    interval(power, brake_w=1_000_000.0)
+    wish, due = power.take_load(INTERVAL_S)
+    power.fed(890.0, 0.25, 1.0, due, INTERVAL_S)
+
+    assert wish.regenerated_w == pytest.approx(500_000.0)
+    assert power.resistor_j == pytest.approx(125_000.0 * INTERVAL_S)
+    assert power.returned_j == pytest.approx((375_000.0 - 120_000.0) * INTERVAL_S)
+    assert power.current_a < 0.0
+    assert power.electric_limit_w == float("inf")
+
+
+def test_books_close_whatever_comes() -> None:
+    power = box()
+    for number in range(40):
+        interval(power, drive_w=4e5 * (number % 3), brake_w=3e5 * (number % 2))
+        _, due = power.take_load(INTERVAL_S)
+        power.fed(850.0, 0.1 * (number % 5), 1.0, due, INTERVAL_S)
+
+    became_j = power.traction_j - power.braking_j + power.auxiliary_j + power.resistor_j
+    assert power.drawn_j - power.returned_j == pytest.approx(became_j, rel=1e-12)
+
+
+def test_under_a_low_voltage_effort_goes_at_once_and_comes_back_by_and_by() -> None:
+    power = box()
+    nothing = (0.0, 0.0, 0.0, 0.0)
+    power.fed(550.0, 0.0, 0.5, nothing, INTERVAL_S)
+    assert power.effort_ratio == 0.5
+
+    seen = []
+    for _ in range(6):
+        power.fed(700.0, 0.0, 1.0, nothing, INTERVAL_S)
+        seen.append(power.effort_ratio)
+
+    assert seen == pytest.approx([0.6, 0.7, 0.8, 0.9, 1.0, 1.0])
+
+
+def test_what_a_train_wishes_does_not_shrink_with_what_it_gets() -> None:
+    """Else the voltage would come back, and with it all of the effort, and go again."""
+    power = box()
+    power.fed(550.0, 0.0, 0.5, (0.0, 0.0, 0.0, 0.0), INTERVAL_S)
+    interval(power, drive_w=400_000.0)
+
+    wish, _ = power.take_load(INTERVAL_S)
+
+    assert wish.traction_w == pytest.approx(1_000_000.0)
+
+
+def test_a_resistor_that_is_hot_leaves_the_rest_to_friction() -> None:
+    power = box()
+    resistor = TRAIN.supply.resistor
+    assert resistor is not None
+    limits_w = []
+    for _ in range(1500):
+        interval(power, brake_w=3_000_000.0)
+        _, due = power.take_load(INTERVAL_S)
+        power.fed(899.0, 0.9, 1.0, due, INTERVAL_S)
+        limits_w.append(power.electric_limit_w)
+
+    assert limits_w[0] == float("inf")
+    assert limits_w[-1] < 3_000_000.0
+
+
+def test_off_the_network_nothing_is_asked_of_it_and_the_breaker_ends_all() -> None:
+    power = box()
+    power.connect(None, breaker_closed=False)
+    interval(power)
+    wish, due = power.take_load(INTERVAL_S)
+    power.fed(830.0, 0.0, 1.0, due, INTERVAL_S)
+
+    assert wish == (0.0, 0.0, 0.0)
+    assert power.effort_ratio == 0.0
+    assert power.electric_limit_w == 0.0
+    assert not power.supply().breaker_closed
+
+    power.connect(920.0, breaker_closed=True)
+    interval(power, drive_w=800_000.0)
+    assert power.take_load(INTERVAL_S)[0] == (0.0, 0.0, 0.0)
+    assert 880.0 < power.voltage_v < 920.0

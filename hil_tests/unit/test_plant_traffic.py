@@ -1,0 +1,153 @@
+"""Several trains on a line: where they stand, when they leave, what ties them together."""
+
+import itertools
+from dataclasses import replace
+
+import pytest
+
+from firmware_py.settings import SettingsError
+from firmware_py.trackdb import load_line
+from plant_emulator.power.supplies import STRONG
+from plant_emulator.traffic.config import load_traffic, traffic_of
+from plant_emulator.traffic.coupling import INTERVAL_S, Coupling, Said
+from plant_emulator.traffic.dispatcher import LEAD_S, Dispatcher
+from plant_emulator.traffic.timetable import lap_timetable, starts
+
+TRAFFIC = load_traffic("changping")
+LINE = load_line("changping")
+TIMETABLE = lap_timetable(TRAFFIC, LINE)
+FAR_S = 1.0e6
+
+
+def test_a_lap_leaves_each_station_after_its_run_and_dwell() -> None:
+    """216, 130 and 127 s of running, 30 s of dwell, 97 s of turnback (seed 000)."""
+    leaves_s = TIMETABLE.leaves_s
+
+    assert leaves_s[1] == 216.0 + 30.0
+    assert leaves_s[2] == leaves_s[1] + 130.0 + 30.0
+    assert leaves_s[4] == leaves_s[2] + 127.0 + 97.0
+    assert leaves_s[6] == leaves_s[4] + 127.0 + 30.0 + 130.0 + 30.0
+    assert leaves_s[6] + 216.0 + 97.0 == TIMETABLE.lap_s == 7 * 180.0
+
+
+def test_a_headway_that_leaves_too_little_time_is_refused() -> None:
+    with pytest.raises(SettingsError, match="a lap takes 1260 s, 7 trains every 170 s leave 1190"):
+        lap_timetable(replace(TRAFFIC, headway_s=170.0), LINE)
+
+
+@pytest.mark.parametrize("trains", range(1, 8))
+def test_trains_begin_one_behind_the_other_and_leave_in_time(trains: int) -> None:
+    placed = starts(TRAFFIC, LINE, trains)
+
+    assert [start.train for start in placed] == list(range(1, trains + 1))
+    for ahead, behind in itertools.pairwise(placed):
+        assert ahead.station.stop_m - behind.station.stop_m > 250.0
+        assert ahead.phase_s - behind.phase_s == TRAFFIC.headway_s
+    assert all(TIMETABLE.leaves_s[start.index] >= start.phase_s for start in placed)
+
+
+@pytest.mark.parametrize("trains", [0, 8])
+def test_other_numbers_of_trains_are_refused(trains: int) -> None:
+    with pytest.raises(SettingsError, match="on changping there are 1 to 7"):
+        starts(TRAFFIC, LINE, trains)
+
+
+def test_a_line_without_traffic_is_refused_by_name() -> None:
+    with pytest.raises(SettingsError, match="traffic on florence; it is on changping"):
+        traffic_of("florence")
+
+
+@pytest.mark.parametrize(
+    ("front_m", "place_m"),
+    [
+        (0.0, 0.0),
+        (7000.0, 7000.0),
+        (7900.0, 7788.0),
+        (8088.0 + 1964.0, 5824.0),
+        (16000.0, 0.0),
+        (16176.0 + 3799.0, 3799.0),
+        (2 * 16176.0 - 300.0, 0.0),
+    ],
+)
+def test_both_tracks_and_all_laps_hang_on_one_feeder(front_m: float, place_m: float) -> None:
+    assert TRAFFIC.place_m(front_m) == pytest.approx(place_m)
+
+
+def dispatcher_of(index: int, dwell_s: float = 24.0) -> Dispatcher:
+    start = next(each for each in starts(TRAFFIC, LINE, 7) if each.index == index)
+    return Dispatcher(TRAFFIC, TIMETABLE, LINE, start, itertools.repeat(dwell_s))
+
+
+def test_a_train_is_held_until_shortly_before_it_leaves() -> None:
+    """At Gonghuacheng the timetable of train 6 is 180 s old, and it leaves at 246 s."""
+    dispatcher, stop_m = dispatcher_of(1), LINE.stations[1].stop_m
+
+    assert dispatcher.holds(0.0, stop_m, 0.0)
+    assert dispatcher.holds(66.0 - LEAD_S - 0.2, stop_m, 0.0)
+    assert not dispatcher.holds(66.0 - LEAD_S, stop_m, 0.0)
+
+
+def test_an_arrival_is_noted_and_the_dwell_begins() -> None:
+    dispatcher, stations = dispatcher_of(1), LINE.stations
+    for now_s in (60.0, 66.0):
+        dispatcher.holds(now_s, stations[1].stop_m, 0.0)
+    dispatcher.holds(80.0, stations[1].stop_m + 50.0, 10.0)
+    assert not dispatcher.holds(120.0, 5000.0, 20.0)
+
+    assert dispatcher.holds(197.0, stations[2].stop_m + 0.05, 0.0)
+    assert not dispatcher.holds(197.0 + 24.0 - LEAD_S, stations[2].stop_m + 0.05, 0.0)
+
+    run = dispatcher.runs[0]
+    assert (run.station, run.planned_s) == ("Shahe", 130.0)
+    assert run.late_s == pytest.approx(1.0)
+    assert run.error_m == pytest.approx(0.05)
+
+
+def test_a_terminal_is_left_at_once_and_the_platform_behind_it_by_the_clock() -> None:
+    dispatcher, stations = dispatcher_of(2), LINE.stations
+    dispatcher.holds(46.0, stations[2].stop_m, 0.0)
+    dispatcher.holds(60.0, stations[2].stop_m + 50.0, 10.0)
+    assert not dispatcher.holds(175.0, stations[3].stop_m, 0.0)
+
+    dispatcher.holds(200.0, stations[3].stop_m + 50.0, 10.0)
+    assert dispatcher.holds(246.0, stations[4].stop_m, 0.0)
+    leaves_s = TIMETABLE.leaves_s[4] - 360.0
+    assert dispatcher.holds(leaves_s - LEAD_S - 0.2, stations[4].stop_m, 0.0)
+    assert not dispatcher.holds(leaves_s - LEAD_S, stations[4].stop_m, 0.0)
+
+
+def said(front_m: float, *, wants_w: float = 0.0, gives_w: float = 0.0) -> Said:
+    return Said(front_m, 0.0, front_m - 90.0, wants_w, gives_w, 100_000.0)
+
+
+def test_each_train_hears_where_the_one_ahead_ends_and_the_foremost_the_hindmost() -> None:
+    coupling = Coupling(TRAFFIC, STRONG, 3)
+
+    answers = coupling.answers([said(9000.0), said(5000.0), said(1000.0)])
+
+    assert [answer.leader_rear_m for answer in answers] == [
+        *(1000.0 - 90.0 + TRAFFIC.lap_m, 9000.0 - 90.0, 5000.0 - 90.0)
+    ]
+
+
+def test_a_braking_train_feeds_an_accelerating_one_nearby() -> None:
+    apart, near = (Coupling(TRAFFIC, STRONG, 2) for _ in range(2))
+    apart.answers([said(7700.0, gives_w=1.5e6), said(100.0, wants_w=1.5e6)])
+    near.answers([said(4000.0, gives_w=1.5e6), said(3900.0, wants_w=1.5e6)])
+
+    assert near.books.sources_j < 0.5 * apart.books.sources_j
+    for coupling in (apart, near):
+        books = coupling.books
+        trains_j = books.traction_j + books.auxiliary_j - books.regenerated_j + books.resistor_j
+        assert books.trains_j == pytest.approx(trains_j, rel=1e-6)
+        assert abs(books.closure_ratio) < 1e-6
+        assert sum(coupling.substations_w) * INTERVAL_S == pytest.approx(books.sources_j)
+
+
+def test_warming_up_leaves_no_trace() -> None:
+    warm, cold = (Coupling(TRAFFIC, STRONG, 2) for _ in range(2))
+    warm.warm_up()
+
+    trains = [said(4000.0, wants_w=2e6), said(3000.0, gives_w=1e6)]
+    assert warm.answers(trains) == cold.answers(trains)
+    assert warm.network.solved == cold.network.solved == 1
