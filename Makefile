@@ -89,7 +89,7 @@ bench-atp: $(READY_TO_TEST) ## measure what protection costs a cycle, and its br
 bench-logs: $(READY_TO_TEST) ## measure canlog against its peers on a log of 2 M frames
 	$(BIN)/python hil_tests/log_bench $(BENCH_ARGS)
 
-bench-energy: $(READY_TO_TEST) ## measure running curves, the DC network and the green line; BENCH_ARGS=...
+bench-energy: compiled ## measure running curves, the DC network, the green line, seven whole trains; BENCH_ARGS=...
 	$(BIN)/python -m metro_hil.energy_bench $(BENCH_ARGS)
 
 bench-t2t: $(READY_TO_TEST) ## kill and stop masters over real zenoh and time the next; BENCH_ARGS="--trains N --timers B"

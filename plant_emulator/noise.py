@@ -28,6 +28,7 @@ class Source(enum.IntEnum):
     TAG_LATENCY = 13
     LOOP_ERROR = 14
     LOOP_NOISE = 15
+    DWELL = 16
 
 
 class Generators:

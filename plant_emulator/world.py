@@ -27,7 +27,6 @@ from plant_emulator.desk.hands import unattended as unattended
 from plant_emulator.desk.recording import DeskRecording, load_recording
 from plant_emulator.noise import Generators, Source
 from plant_emulator.power import HighVoltageBox
-from plant_emulator.power.box import Due
 from plant_emulator.sensors.cold import ColdDetector
 from plant_emulator.sensors.inertial import Accelerometer, DopplerRadar
 from plant_emulator.sensors.tacho import Tachos
@@ -307,18 +306,6 @@ class World:
         """A fault: another source behind the line, or an open breaker; None is the own source."""
         self.power.connect(no_load_v, breaker_closed=breaker_closed)
         self.traction.powered = self.power.live
-        self.traction.feed(self.power.effort_ratio)
-
-    def fed(
-        self,
-        voltage_v: float,
-        chopped_ratio: float,
-        effort_ratio: float,
-        due: Due,
-        interval_s: float,
-    ) -> None:
-        """The network of the line has answered; see `HighVoltageBox.fed`."""
-        self.power.fed(voltage_v, chopped_ratio, effort_ratio, due, interval_s)
         self.traction.feed(self.power.effort_ratio)
 
     def put_desk(self, desk: Desk) -> None:

@@ -2,7 +2,7 @@
 
 import pytest
 
-from plant_emulator.power.box import HighVoltageBox
+from plant_emulator.power.box import Due, HighVoltageBox
 from plant_emulator.train_config import load_train
 from plant_emulator.world import STEP_S
 
@@ -72,7 +72,7 @@ def test_books_close_whatever_comes() -> None:
 
 def test_under_a_low_voltage_effort_goes_at_once_and_comes_back_by_and_by() -> None:
     power = box()
-    nothing = (0.0, 0.0, 0.0, 0.0)
+    nothing = Due()
     power.fed(550.0, 0.0, 0.5, nothing, INTERVAL_S)
     assert power.effort_ratio == 0.5
 
@@ -87,7 +87,7 @@ def test_under_a_low_voltage_effort_goes_at_once_and_comes_back_by_and_by() -> N
 def test_what_a_train_wishes_does_not_shrink_with_what_it_gets() -> None:
     """Else the voltage would come back, and with it all of the effort, and go again."""
     power = box()
-    power.fed(550.0, 0.0, 0.5, (0.0, 0.0, 0.0, 0.0), INTERVAL_S)
+    power.fed(550.0, 0.0, 0.5, Due(), INTERVAL_S)
     interval(power, drive_w=400_000.0)
 
     wish, _ = power.take_load(INTERVAL_S)

@@ -27,10 +27,10 @@ from plant_emulator.power.supplies import SUPPLIES
 from plant_emulator.process import TRUTH_COLUMNS, PlantDevice
 from plant_emulator.traffic.config import TrafficConfig, traffic_of
 from plant_emulator.traffic.coupling import INTERVAL_NS, Coupling
-from plant_emulator.traffic.member import Member, first_rear_m
+from plant_emulator.traffic.member import Member, leader_rear_m, scenarios_of
 from plant_emulator.traffic.timetable import Start, lap_timetable, starts
 from plant_emulator.wire import COMMAND_IDS
-from plant_emulator.world import Scenario, plan_scenario
+from plant_emulator.world import Scenario
 
 NUMBER: Final = "#"
 """Stands in the name of a bus for the number of the train."""
@@ -40,7 +40,6 @@ TELL_MS: Final = 10_000.0
 NS_PER_S: Final = 1_000_000_000
 NS_PER_MS: Final = 1_000_000
 J_PER_KWH: Final = 3.6e6
-SEEDS: Final = 1000
 ALONE: Final = {
     "start": "--from",
     "end": "--to",
@@ -71,7 +70,7 @@ def serve_trains(options: argparse.Namespace) -> None:
     with ending.caught(), ExitStack() as stack:
         clock = WallClock()
         line = _Line(plan, options, clock, stack)
-        executives = [member.plant.executive for member in line.members]
+        executives = [plant.executive for plant in line.plants]
         executives.append(Executive(line.tasks(), clock.now_ns()))
         if options.priority:
             enter_realtime(options.priority)
@@ -105,16 +104,13 @@ def _plan(options: argparse.Namespace) -> _Plan:
             f"--bus {pattern}: each train has a bus of its own; write {NUMBER} where its number "
             f"stands, such as socketcan:vcan{NUMBER}"
         )
-    scenarios = tuple(
-        plan_scenario(
-            line=traffic.line,
-            consist=options.consist or traffic.consist,
-            seed=options.seed * SEEDS + start.train,
-            start=start.station.name,
-            load_ratio=options.load_ratio,
-            odometer_error_ratio=options.odometer_error,
-        )
-        for start in placed
+    scenarios = scenarios_of(
+        traffic,
+        placed,
+        consist=options.consist,
+        seed=options.seed,
+        load_ratio=options.load_ratio,
+        odometer_error_ratio=options.odometer_error,
     )
     buses = tuple(pattern.replace(NUMBER, str(start.train)) for start in placed)
     return _Plan(traffic, line, placed, scenarios, buses)
@@ -151,10 +147,15 @@ class _Line:
                 f'"{start.station.name}" --params {consist} --ato green'
             )
         start_ns = clock.now_ns()
-        self.members = [
-            self._member(index, each, options.seed, start_ns) for index, each in enumerate(wires)
+        self.plants = [
+            self._plant(scenario, each, start_ns)
+            for scenario, each in zip(plan.scenarios, wires, strict=True)
         ]
-        self._words = [Words(member.plant, f"train {member.train}") for member in self.members]
+        self.members = [self._member(index) for index in range(len(wires))]
+        self._words = [
+            Words(plant, f"train {start.train}")
+            for plant, start in zip(self.plants, plan.starts, strict=True)
+        ]
 
     def _wires(self, index: int) -> _Wires:
         """On its bus, which is brought up if it is an embedded one that nobody serves."""
@@ -177,16 +178,11 @@ class _Line:
         radio = open_wayside(AUTO, plan.line, spec, clock, stack, quiet=True)
         return _Wires(can, tags, radio, truth)
 
-    def _member(self, index: int, wires: _Wires, seed: int, start_ns: int) -> Member:
-        plan = self._plan
-        scenario, ahead_m = plan.scenarios[index], plan.starts[index - 1].station.stop_m
-        if index == 0:
-            ahead_m += plan.traffic.lap_m
-
+    def _plant(self, scenario: Scenario, wires: _Wires, start_ns: int) -> PlantDevice:
         def shared_port(node: Node, ids: Collection[int]) -> CanPort:
             return wires.can
 
-        plant = PlantDevice(
+        return PlantDevice(
             scenario,
             open_port=shared_port,
             tags=wires.tags,
@@ -195,14 +191,16 @@ class _Line:
             start_ns=start_ns,
             epoch_offset_ns=self._clock.epoch_offset_ns,
         )
+
+    def _member(self, index: int) -> Member:
+        plan, length_m = self._plan, self._plan.scenarios[index].train.length_m
         return Member(
-            plant,
+            self.plants[index],
             plan.traffic,
             lap_timetable(plan.traffic, plan.line),
             plan.starts[index],
-            seed=seed,
             start_ns=None,
-            leader_rear_m=first_rear_m(ahead_m, scenario.train.length_m),
+            leader_rear_m=leader_rear_m(plan.traffic, plan.starts, index, length_m),
         )
 
     def tasks(self) -> list[Task]:
@@ -214,7 +212,7 @@ class _Line:
 
     def couple(self, now_ns: int) -> None:
         """Ask all trains, solve, answer all."""
-        if not self._began and all(member.plant.wire.commands for member in self.members):
+        if not self._began and all(plant.wire.commands for plant in self.plants):
             self._began = True
             say("every train has a controller: the timetable begins")
             for member in self.members:
@@ -227,17 +225,17 @@ class _Line:
 
     def tell(self, now_ns: int) -> None:
         """What the network does, now and then."""
-        volts = [member.plant.world.power.voltage_v for member in self.members]
+        volts = [plant.world.power.voltage_v for plant in self.plants]
         given_kw = sum(self._coupling.substations_w) / 1e3
-        moving = sum(member.plant.world.speed_mps != 0.0 for member in self.members)
+        moving = sum(plant.world.speed_mps != 0.0 for plant in self.plants)
         say(
-            f"{self.members[0].plant.elapsed_s:.0f} s: {moving} of {len(volts)} trains move, "
+            f"{self.plants[0].elapsed_s:.0f} s: {moving} of {len(volts)} trains move, "
             f"{min(volts):.0f} to {max(volts):.0f} V, substations give {given_kw:.0f} kW"
         )
 
     def end(self, now_ns: int) -> None:
-        for member in self.members:
-            member.plant.stop(now_ns)
+        for plant in self.plants:
+            plant.stop(now_ns)
         for words in self._words:
             words.say_end()
         books, network = self._coupling.books, self._coupling.network
@@ -261,9 +259,9 @@ class _Line:
             "solved": network.solved,
             "trains": {
                 f"train{member.train}": {
-                    **summarise(member.plant, None),
+                    **summarise(plant, None),
                     "runs": [run._asdict() for run in member.dispatcher.runs],
                 }
-                for member in self.members
+                for plant, member in zip(self.plants, self.members, strict=True)
             },
         }

@@ -22,8 +22,16 @@ at once would pull the voltage down again."""
 
 LEAST_EFFORT_RATIO: Final = 0.05
 """A train that fades away counts as wishing at most so many times what it takes."""
-Due = tuple[float, float, float, float]
-"""In J, since the last answer: traction at full voltage, traction, braking, auxiliaries."""
+
+
+class Due(NamedTuple):
+    """Of steps that the network has not answered yet, in J."""
+
+    wished_j: float = 0.0
+    """Of traction, at full voltage."""
+    pulled_j: float = 0.0
+    braked_j: float = 0.0
+    auxiliary_j: float = 0.0
 
 
 class Wish(NamedTuple):
@@ -41,7 +49,7 @@ class HighVoltageBox:
         "_auxiliary_w",
         "_config",
         "_cool_ratio",
-        "_due_j",
+        "_due",
         "_electric_ratio",
         "_no_load_v",
         "_on_network",
@@ -101,7 +109,7 @@ class HighVoltageBox:
         self._on_network = False
         self.networked = False
         """The network of a line feeds the train, as long as no fault puts another source there."""
-        self._due_j: Due = (0.0, 0.0, 0.0, 0.0)
+        self._due = Due()
         """Of traction at full voltage, traction, braking and auxiliaries: not booked yet."""
         self._no_load_v = config.no_load_v
         self._auxiliary_w = config.auxiliary_w
@@ -210,16 +218,16 @@ class HighVoltageBox:
         self.connect(None, breaker_closed=self.breaker_closed)
 
     def _owe(self, traction_j: float, braking_j: float, auxiliary_j: float) -> None:
-        wished_j, pulled_j, braked_j, rest_j = self._due_j
+        wished_j, pulled_j, braked_j, rest_j = self._due
         if traction_j > 0.0:
             wished_j += traction_j / max(LEAST_EFFORT_RATIO, self.effort_ratio)
-        self._due_j = (wished_j, pulled_j + traction_j, braked_j + braking_j, rest_j + auxiliary_j)
+        self._due = Due(wished_j, pulled_j + traction_j, braked_j + braking_j, rest_j + auxiliary_j)
 
     def take_load(self, interval_s: float) -> tuple[Wish, Due]:
         """Of the steps since the last time, which took so long, and what is to be booked when the
         network has answered. Off the network it is nothing."""
-        wished_j, _, braked_j, rest_j = due = self._due_j
-        self._due_j = (0.0, 0.0, 0.0, 0.0)
+        wished_j, _, braked_j, rest_j = due = self._due
+        self._due = Due()
         return Wish(wished_j / interval_s, braked_j / interval_s, rest_j / interval_s), due
 
     def fed(

@@ -1,22 +1,39 @@
 """One train among others: its plant, its dispatcher, and its end of what ties the line together."""
 
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from random import Random
-from typing import Final
+from typing import Final, Protocol
 
-from plant_emulator.process import PlantDevice
+from plant_emulator.noise import Generators, Source, Uniform
+from plant_emulator.power.box import Due
 from plant_emulator.traffic.config import TrafficConfig
 from plant_emulator.traffic.coupling import INTERVAL_S, Answer, Said
 from plant_emulator.traffic.dispatcher import Dispatcher
 from plant_emulator.traffic.timetable import LapTimetable, Start
+from plant_emulator.wayside.railway import Railway
+from plant_emulator.world import Scenario, World, plan_scenario
 
 NS_PER_S: Final = 1_000_000_000
+SEEDS: Final = 1000
+"""Seeds of one line's trains lie between two seeds of lines."""
 SPACE_M: Final = 10.0
 """Between the end of an authority and the track kept for the train ahead, should that roll back."""
 REAR_M: Final = 12.0
 """Kept behind a train that has not reported yet."""
+
+
+class Plant(Protocol):
+    """A train's plant, as far as the line has to do with it."""
+
+    @property
+    def scenario(self) -> Scenario: ...
+
+    @property
+    def world(self) -> World: ...
+
+    @property
+    def railway(self) -> Railway: ...
 
 
 class Member:
@@ -24,17 +41,15 @@ class Member:
 
     def __init__(
         self,
-        plant: PlantDevice,
+        plant: Plant,
         config: TrafficConfig,
         timetable: LapTimetable,
         start: Start,
         *,
-        seed: int,
         start_ns: int | None,
         leader_rear_m: float,
     ) -> None:
         """Args:
-        seed: of the dwells.
         start_ns: when the timetable begins; None: not before `begin`.
         leader_rear_m: of the train ahead, in this one's chainage, as it stands at the beginning.
         """
@@ -42,10 +57,10 @@ class Member:
         self.plant = plant
         self.train = start.train
         self.dispatcher = Dispatcher(
-            config, timetable, scenario.line, start, _dwells_s(config, seed, start.train)
+            config, timetable, scenario.line, start, _dwells_s(config, scenario.seed)
         )
         self._start_ns = start_ns
-        self._due: deque[tuple[float, float, float, float]] = deque()
+        self._due: deque[Due] = deque()
         plant.world.power.join()
         plant.railway.zone.limit_m = leader_rear_m - SPACE_M
 
@@ -79,13 +94,15 @@ class Member:
 
     def hears(self, answer: Answer) -> None:
         """To the earliest interval that was not answered yet."""
-        self.plant.world.fed(
+        world = self.plant.world
+        world.power.fed(
             answer.voltage_v,
             answer.chopped_ratio,
             answer.effort_ratio,
             self._due.popleft(),
             INTERVAL_S,
         )
+        world.traction.feed(world.power.effort_ratio)
         self.plant.railway.zone.limit_m = answer.leader_rear_m - SPACE_M
 
 
@@ -94,8 +111,41 @@ def first_rear_m(front_m: float, length_m: float) -> float:
     return front_m - length_m - REAR_M
 
 
-def _dwells_s(config: TrafficConfig, seed: int, train: int) -> Iterator[float]:
+def leader_rear_m(
+    config: TrafficConfig, placed: Sequence[Start], index: int, length_m: float
+) -> float:
+    """The same of the train ahead, in the chainage of this one; the foremost follows the last."""
+    front_m = placed[index - 1].station.stop_m + (config.lap_m if index == 0 else 0.0)
+    return first_rear_m(front_m, length_m)
+
+
+def scenarios_of(
+    config: TrafficConfig,
+    placed: Sequence[Start],
+    *,
+    consist: str | None,
+    seed: int,
+    load_ratio: float | None = None,
+    odometer_error_ratio: float | None = None,
+) -> tuple[Scenario, ...]:
+    """Of each train; all draw from seeds of their own. Raises SettingsError."""
+    return tuple(
+        plan_scenario(
+            line=config.line,
+            consist=consist or config.consist,
+            seed=seed * SEEDS + start.train,
+            start=start.station.name,
+            load_ratio=load_ratio,
+            odometer_error_ratio=odometer_error_ratio,
+        )
+        for start in placed
+    )
+
+
+def _dwells_s(config: TrafficConfig, seed: int) -> Iterator[float]:
     """Evenly drawn, each train's by itself: the same whatever the law."""
-    draws = Random(f"dwells {seed} {train}")
+    generator = Generators(seed).of(Source.DWELL)
+    low_s, high_s = config.dwell_s - config.dwell_spread_s, config.dwell_s + config.dwell_spread_s
+    draws = Uniform(generator, low=low_s, high=high_s)
     while True:
-        yield config.dwell_s + config.dwell_spread_s * (2.0 * draws.random() - 1.0)
+        yield draws.draw()

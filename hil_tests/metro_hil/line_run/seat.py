@@ -1,7 +1,7 @@
 """One train of a line in virtual time: controller, plant and bus, run on interval by interval."""
 
 from dataclasses import dataclass, field, replace
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 from can_dbc.vobc import Supervision
 from firmware_py.settings import SettingsError
@@ -14,14 +14,10 @@ from plant_emulator.power.supplies import SUPPLIES, Supply
 from plant_emulator.traffic.config import TrafficConfig, traffic_of
 from plant_emulator.traffic.coupling import INTERVAL_NS, Answer, Said
 from plant_emulator.traffic.dispatcher import Run
-from plant_emulator.traffic.member import Member, first_rear_m
+from plant_emulator.traffic.member import Member, leader_rear_m, scenarios_of
 from plant_emulator.traffic.timetable import LapTimetable, Start, lap_timetable, starts
-from plant_emulator.world import Scenario, plan_scenario
+from plant_emulator.world import Scenario
 from vobc.config import VobcConfig, load_config, plan_mission
-
-SEEDS: Final = 1000
-"""Trains of one line draw from seeds of their own."""
-NS_PER_S: Final = 1_000_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,16 +54,13 @@ def plan_line(
     if supply is not None and supply not in SUPPLIES:
         raise SettingsError(f"--supply {supply}: there is {', '.join(sorted(SUPPLIES))}")
     placed = starts(traffic, track, trains)
-    scenarios = tuple(
-        plan_scenario(
-            line=traffic.line,
-            consist=consist or traffic.consist,
-            seed=seed * SEEDS + start.train,
-            start=start.station.name,
-            load_ratio=load_ratio,
-            odometer_error_ratio=odometer_error_ratio,
-        )
-        for start in placed
+    scenarios = scenarios_of(
+        traffic,
+        placed,
+        consist=consist,
+        seed=seed,
+        load_ratio=load_ratio,
+        odometer_error_ratio=odometer_error_ratio,
     )
     config = load_config(params or traffic.consist, cycle_ms=cycle_ms, law=law, stage=stage)
     check_reference(config, scenarios[0].train)
@@ -108,17 +101,13 @@ class Seat:
             folder,
             taps=Taps(frame=self.chain.frame),
         )
-        ahead = plan.starts[index - 1].station.stop_m
-        if index == 0:
-            ahead += plan.traffic.lap_m
         self.member = Member(
             self._bench.plant,
             plan.traffic,
             plan.timetable,
             start,
-            seed=plan.seed,
             start_ns=0,
-            leader_rear_m=first_rear_m(ahead, scenario.train.length_m),
+            leader_rear_m=leader_rear_m(plan.traffic, plan.starts, index, scenario.train.length_m),
         )
         self._intervals = 0
         self._emergency = False
