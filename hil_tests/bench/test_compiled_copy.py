@@ -69,6 +69,19 @@ def copy(checkout: Path, c_compiler: str, tmp_path_factory: pytest.TempPathFacto
     return place
 
 
+def test_every_module_of_the_copy_can_be_imported(copy: Path) -> None:
+    names = [name.removesuffix(".py").replace("/", ".") for name in hot_modules(copy / "lib")]
+    done = subprocess.run(
+        [sys.executable, "-c", "".join(f"import {name}\n" for name in names)],
+        env=worker_environment(os.environ, copy / "lib"),
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+    assert done.returncode == 0, done.stderr
+
+
 def test_the_compiled_copy_gives_the_same_bytes(copy: Path, tmp_path: Path) -> None:
     compiled = results(copy / "bin/vobc", *HOP, "--out", tmp_path / "compiled")
     plain = results(

@@ -81,8 +81,9 @@ HOT: Final = (
 )
 """What a profile shows. Files of settings are not among them: they are read by their type hints,
 which a compiled class does not keep."""
-LEFT_OUT: Final = ("/__init__.py", "config.py")
-"""Ends of the paths of modules that stay as they are."""
+LEFT_OUT: Final = ("/__init__.py", "config.py", "t2t_vocabulary.py")
+"""Ends of the paths of modules that stay as they are; the last has a generic dataclass, which mypyc
+makes something of that cannot be imported."""
 COMMANDS: Final = {
     "vobc": "metro_hil.vobc_command",
     "plant": "plant_emulator",
