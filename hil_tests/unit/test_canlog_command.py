@@ -45,10 +45,14 @@ def log(tmp_path: Path) -> Path:
     return path
 
 
-def out(capsys: pytest.CaptureFixture[str], *words: object) -> list[str]:
+TORN = "1 x torn line of events.jsonl at line 2"
+
+
+def out(capsys: pytest.CaptureFixture[str], *words: object, warned: str = "") -> list[str]:
     code = main([str(word) for word in words])
     told = capsys.readouterr()
-    assert (code, told.err) == (0, ""), told.err
+    assert code == 0
+    assert told.err.startswith(f"canlog: warning: {warned}") if warned else not told.err, told.err
     return told.out.splitlines()
 
 
@@ -149,7 +153,7 @@ def test_a_run_names_the_cycle_that_each_frame_fed_or_came_from(
     assert log.run.cycles["speed_mps"][0] == 1.5
     assert np.isnan(log.run.cycles["speed_mps"][1])
     assert [each.kind for each in log.warnings] == ["torn line of events.jsonl"]
-    lines = [line for line in out(capsys, "show", tmp_path / "run") if "warning" not in line]
+    lines = out(capsys, "show", tmp_path / "run", warned=TORN)
     assert [line.split()[4:6] for line in lines[:3]] == [["from", "0"], ["from", "0"], ["to", "1"]]
 
 
@@ -170,9 +174,10 @@ def test_show_finds_what_was_around_an_event(
 ) -> None:
     folder = run_folder(tmp_path / "run")
 
-    lines = out(capsys, "show", folder, "--around", "emergency", "--within", 0.015)
+    words = ("--around", "emergency", "--within", 0.015)
+    lines = out(capsys, "show", folder, *words, warned=TORN)
 
-    assert [line.split()[3] for line in lines if "warning" not in line] == [
+    assert [line.split()[3] for line in lines] == [
         *("TRACTION_STATUS", "TRACTION_CMD", "TRACTION_CMD_INV"),
     ]
     assert "no such event; the run has EMERGENCY_APPLIED" in error(
@@ -322,3 +327,45 @@ def test_every_verb_says_what_it_is_for(capsys: pytest.CaptureFixture[str]) -> N
             main([verb, "--help"])
         assert ended.value.code == 0
         assert "usage: canlog" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("show", "--from", "nan"), "'nan' is no number of seconds of a log"),
+        (("show", "--to", "1e300"), "'1e300' is no number of seconds of a log"),
+        (("show", "--limit", "-1"), "'-1' is no whole number from 0 on"),
+        (("show", "--utc-offset-s", "1e3"), "'1e3' is no offset within a day"),
+        (("plot", "--from", "x"), "'x' is no number of seconds of a log"),
+        (("stats", "--baudrate", "-5"), "'-5' is no whole number from 0 on"),
+    ],
+)
+def test_numbers_that_are_none_are_refused(
+    log: Path, capsys: pytest.CaptureFixture[str], words: tuple[str, ...], said: str
+) -> None:
+    with pytest.raises(SystemExit) as left:
+        main([words[0], str(log), *words[1:]])
+
+    assert left.value.code == 2
+    assert said in capsys.readouterr().err
+
+
+def test_a_span_without_an_instant_and_a_port_that_is_none_are_refused(
+    log: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert "nothing lies between" in error(capsys, "show", log, "--from", 5, "--to", 1)
+    for port in (-4, 99_999):
+        said = error(capsys, "open", log, "--no-browser", "--port", port)
+        assert f"--port {port}: has to be from 0 to 65535" in said
+
+
+def test_a_text_that_no_line_of_is_a_frame_is_no_log(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "README.md"
+    path.write_text("# A headline\n\nSee issue #12 [1] and (1.5) other things.\n", encoding="utf-8")
+
+    assert "of no known format" in error(capsys, "stats", path)
+    path.with_suffix(".log").write_text("junk#\n", encoding="utf-8")
+    assert main(["stats", str(path.with_suffix(".log"))]) == 0
+    assert "1 x junk line at line 1" in capsys.readouterr().out

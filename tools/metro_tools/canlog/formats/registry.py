@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from metro_tools.canlog.damage import Damages, LogError
+from metro_tools.canlog.formats.candump_line import parse
 from metro_tools.canlog.frames import Frames
 from metro_tools.canlog.options import ReadOptions
 from metro_tools.canlog.source import GZIP, ZSTD, head_of
@@ -48,7 +49,8 @@ def _trc(head: bytes) -> bool:
 
 
 def _candump(head: bytes) -> bool:
-    return head.lstrip()[:1] == b"(" or b"#" in head or b"  [" in head
+    """Whether a line is a frame, as candump writes it into files or onto a terminal."""
+    return any(parse(line.rstrip(b"\r")) is not None for line in head.split(b"\n"))
 
 
 FORMATS: Final = (

@@ -7,7 +7,7 @@ from pathlib import Path
 from metro_tools.canlog.damage import LogError
 from metro_tools.canlog.read import Log, read
 from metro_tools.canlog.run import NS_PER_S
-from metro_tools.canlog.verbs.common import add_log, read_options
+from metro_tools.canlog.verbs.common import add_log, read_options, seconds
 from metro_tools.canlog.views.span import Span, zero_of
 
 
@@ -15,9 +15,9 @@ def log_options(parser: argparse.ArgumentParser, *, span: bool = True) -> None:
     add_log(parser)
     if span:
         parser.add_argument(
-            "--from", dest="from_s", type=float, metavar="S", help="seconds since the log began"
+            "--from", dest="from_s", type=seconds, metavar="S", help="seconds since the log began"
         )
-        parser.add_argument("--to", dest="to_s", type=float, metavar="S")
+        parser.add_argument("--to", dest="to_s", type=seconds, metavar="S")
 
 
 def read_asked(given: argparse.Namespace, *, on_disk: bool = False) -> Log:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 
 from firmware_py.clock import WallClock
 from metro_tools.canlog.damage import LogError
-from metro_tools.canlog.verbs.common import add_reading
+from metro_tools.canlog.verbs.common import add_reading, seconds
 
 if TYPE_CHECKING:
     from firmware_py.ports import CanPort
@@ -25,7 +25,7 @@ def options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("log", nargs="?", type=Path, metavar="LOG", help="a log, or a run folder")
     parser.add_argument("--follow", metavar="BUS", help="a live bus, such as socketcan:can0")
     add_reading(parser)
-    parser.add_argument("--at", type=float, metavar="S", help="begin at this second")
+    parser.add_argument("--at", type=seconds, metavar="S", help="begin at this second")
     parser.add_argument("--ascii", action="store_true", help="plain characters only")
 
 

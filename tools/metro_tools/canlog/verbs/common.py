@@ -1,10 +1,45 @@
 """Options that several subcommands share."""
 
 import argparse
+import math
 from pathlib import Path
+from typing import Final
 
 from metro_tools.canlog.formats.registry import FORMATS
 from metro_tools.canlog.options import DELTA, ZERO, ReadOptions
+
+SECONDS_MAX: Final = 9.0e9
+"""Stamps of 64 bits reach so far."""
+DAY_S: Final = 86_400
+
+
+def seconds(text: str) -> float:
+    """Of an option. Raises ArgumentTypeError for what is no instant or duration of a log."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not abs(value) <= SECONDS_MAX:
+        raise argparse.ArgumentTypeError(f"{text!r} is no number of seconds of a log")
+    return value
+
+
+def count(text: str) -> int:
+    """Of an option; not negative. Raises ArgumentTypeError."""
+    if not text.isascii() or not text.isdigit():
+        raise argparse.ArgumentTypeError(f"{text!r} is no whole number from 0 on")
+    return int(text)
+
+
+def offset_s(text: str) -> int:
+    """East of Greenwich. Raises ArgumentTypeError for more than a day."""
+    try:
+        value = int(text)
+    except ValueError:
+        value = DAY_S
+    if abs(value) >= DAY_S:
+        raise argparse.ArgumentTypeError(f"{text!r} is no offset within a day, in seconds")
+    return value
 
 
 def add_log(parser: argparse.ArgumentParser) -> None:
@@ -22,7 +57,7 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
         "--stamps", choices=(DELTA, ZERO), help="what `candump -t d` or `-t z` wrote"
     )
     parser.add_argument(
-        "--utc-offset-s", type=int, default=0, help="of formats with local time, east positive"
+        "--utc-offset-s", type=offset_s, default=0, help="of formats with local time, east positive"
     )
 
 

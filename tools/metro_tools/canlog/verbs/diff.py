@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Final
 
 from metro_tools.canlog.damage import LogError
-from metro_tools.canlog.verbs.common import add_reading, read_options
+from metro_tools.canlog.verbs.common import add_reading, count, read_options, seconds
 
 SUMMARY: Final = "compare two logs signal by signal, or two DBC files"
 SAME: Final = 0
@@ -20,7 +20,7 @@ def options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("b", type=Path, metavar="B")
     add_reading(parser)
     parser.add_argument(
-        "--lsb", type=int, default=1, metavar="N", help="raw steps allowed; default: 1"
+        "--lsb", type=count, default=1, metavar="N", help="raw steps allowed; default: 1"
     )
     parser.add_argument(
         "--tolerance",
@@ -34,7 +34,7 @@ def options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--trailer", action="store_true", help="compare counters and CRCs, too")
     parser.add_argument(
-        "--timing-ms", type=float, help="how far apart two frames of a pair may lie"
+        "--timing-ms", type=seconds, help="how far apart two frames of a pair may lie"
     )
     parser.add_argument(
         "--align",
@@ -42,7 +42,7 @@ def options(parser: argparse.ArgumentParser) -> None:
         metavar="HOW",
         help="start (of the run or log), absolute, or a message whose first frame is zero",
     )
-    parser.add_argument("--context", type=int, default=5, help="frames around; default: 5")
+    parser.add_argument("--context", type=count, default=5, help="frames around; default: 5")
     parser.add_argument("--comments", action="store_true", help="of DBC files, too")
     parser.add_argument("--json", action="store_true")
 

@@ -24,7 +24,7 @@ from metro_tools.canlog.run import Run
 from metro_tools.canlog.select import NS_PER_S, Selector, Wanted, around, parse_key
 from metro_tools.canlog.stats import JUDGED_BUS
 from metro_tools.canlog.table import Groups
-from metro_tools.canlog.verbs.common import add_reading, read_options
+from metro_tools.canlog.verbs.common import add_reading, count, read_options, seconds
 from metro_tools.canlog.verdict import Judge
 from metro_tools.canlog.where import Where
 
@@ -42,14 +42,14 @@ def options(parser: argparse.ArgumentParser) -> None:
     choose.add_argument("--id", action="append", default=[], metavar="HEX")
     choose.add_argument("--node", action="append", default=[], metavar="SENDER")
     choose.add_argument("--where", metavar="CONDITION", help="such as 'speed_mps > 10'")
-    choose.add_argument("--from", dest="from_s", type=float, help="seconds since the start")
-    choose.add_argument("--to", dest="to_s", type=float)
+    choose.add_argument("--from", dest="from_s", type=seconds, help="seconds since the start")
+    choose.add_argument("--to", dest="to_s", type=seconds)
     choose.add_argument("--around", metavar="EVENT", help="part of an event's kind or words")
-    choose.add_argument("--within", type=float, default=1.0, metavar="S", help="of --around")
+    choose.add_argument("--within", type=seconds, default=1.0, metavar="S", help="of --around")
     choose.add_argument("--rate", type=float, metavar="HZ", help="at most, of each message")
     choose.add_argument("--rejected", action="store_true", help="only what the codec refuses")
     choose.add_argument("--changed", action="store_true", help="only with other data than before")
-    choose.add_argument("--limit", type=int, metavar="N", help="at most so many lines")
+    choose.add_argument("--limit", type=count, metavar="N", help="at most so many lines")
     look = parser.add_argument_group("how they look")
     look.add_argument("--absolute", action="store_true", help="date and time in UTC")
     look.add_argument("--raw", action="store_true", help="data in hexadecimal, too")
@@ -90,7 +90,11 @@ def _style(given: argparse.Namespace, bus: Bus, start_ns: int) -> Style:
 
 def _wanted(given: argparse.Namespace, bus: Bus, start_ns: int, run_: Run | None) -> Wanted:
     spans: tuple[tuple[int, int], ...] | None = None
+    if given.within < 0.0:
+        raise LogError(f"--within {given.within:g}: is not negative")
     if given.from_s is not None or given.to_s is not None:
+        if None not in (given.from_s, given.to_s) and given.to_s < given.from_s:
+            raise LogError(f"--from {given.from_s:g} --to {given.to_s:g}: nothing lies between")
         first_s = given.from_s if given.from_s is not None else -1e9
         last_s = given.to_s if given.to_s is not None else 1e9
         spans = ((start_ns + round(first_s * NS_PER_S), start_ns + round(last_s * NS_PER_S)),)
@@ -149,7 +153,7 @@ def _logged(given: argparse.Namespace, bus: Bus) -> Iterator[str]:
         cycle, sent = (run_.cycle_of, run_.sent) if run_ else (None, None)
         yield from writer.lines(frames, rows, code, cycle, sent)
     for each in log.warnings if log is not None else source.warnings if source else ():
-        yield f"warning: {each}"
+        print(f"canlog: warning: {each}", file=sys.stderr)
 
 
 def _followed(given: argparse.Namespace, bus: Bus) -> Iterator[str]:

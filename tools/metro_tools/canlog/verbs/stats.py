@@ -13,13 +13,13 @@ from xml.sax.saxutils import quoteattr
 from rich.console import Console
 from rich.table import Table as TextTable
 
-from metro_tools.canlog.damage import Damage, LogError
+from metro_tools.canlog.damage import Damage
 from metro_tools.canlog.database import load_bus
 from metro_tools.canlog.read import stream
 from metro_tools.canlog.rules import Broken, Judged, Rule, broken, parse_rule, untold
 from metro_tools.canlog.stats import Statistics, gather
 from metro_tools.canlog.stats_rows import Row, absent, bus_rows, message_rows, signal_rows, unjudged
-from metro_tools.canlog.verbs.common import add_log, read_options
+from metro_tools.canlog.verbs.common import add_log, count, read_options
 
 SUMMARY: Final = "what every message and the bus did: cycle times, gaps, errors, load, latency"
 FORMATS: Final = ("text", "json", "csv", "junit")
@@ -50,14 +50,12 @@ def options(parser: argparse.ArgumentParser) -> None:
         "'bus_load_ratio_max > 0.7' or 'damaged > 0'",
     )
     parser.add_argument("--signals", action="store_true", help="ranges of all signals, too")
-    parser.add_argument("--baudrate", type=int, default=0, help="bits/s; default: the DBC file's")
-    parser.add_argument("--data-baudrate", type=int, default=0, help="of the fast part of CAN FD")
+    parser.add_argument("--baudrate", type=count, default=0, help="bits/s; default: the DBC file's")
+    parser.add_argument("--data-baudrate", type=count, default=0, help="of the fast part of CAN FD")
 
 
 def run(given: argparse.Namespace) -> int:
     rules = [parse_rule(text) for text in given.fail_on]
-    if given.baudrate < 0 or given.data_baudrate < 0:
-        raise LogError("--baudrate and --data-baudrate are not negative")
     source = stream(given.log, read_options(given))
     rates = {"baudrate": given.baudrate, "data_baudrate": given.data_baudrate}
     found = gather(source, load_bus(given.dbc), **rates)
@@ -153,8 +151,8 @@ def _print_text(found: Statistics, judged: Judged, *, with_signals: bool) -> Non
     shares = [
         (row["message"], name, row[name]) for row in messages for name in DETAILS if row[name]
     ]
-    for message, name, count in shares:
-        console.print(f"{message}: {name.replace('_', ' ')}: {count}", markup=False)
+    for message, name, number in shares:
+        console.print(f"{message}: {name.replace('_', ' ')}: {number}", markup=False)
     if names := absent(found):
         console.print(f"never seen: {_listed(names)}", markup=False)
     alike: dict[tuple[str, str], list[str]] = {}

@@ -32,6 +32,8 @@ class LogServer(ThreadingHTTPServer):
             super().__init__((LOOPBACK, port), _Request)
         except OSError as error:
             raise LogError(f"--port {port}: {error.strerror}") from error
+        except OverflowError as error:
+            raise LogError(f"--port {port}: has to be from 0 to 65535") from error
 
     @property
     def address(self) -> str:
