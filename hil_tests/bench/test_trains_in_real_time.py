@@ -7,8 +7,9 @@ import sys
 import time
 from pathlib import Path
 
-PATIENCE_S = 60.0
-PLANT = [sys.executable, "-m", "plant_emulator", "run", "--trains", "2", "--duration", "40"]
+PATIENCE_S = 300.0
+"""Far longer than anything takes; only a hang lasts so long."""
+PLANT = [sys.executable, "-m", "plant_emulator", "run", "--trains", "2", "--duration", "600"]
 
 
 def wait_for(log: Path, words: str) -> None:
