@@ -12,9 +12,10 @@ import pytest
 from firmware_py import settings
 from firmware_py.settings import SettingsError
 from firmware_py.trackdb import load_line
-from vobc.ato import Ato, AtoConfig, catch_time
+from vobc.ato import Ato, AtoConfig, catch_time, notch_choice
 from vobc.ato.chasing_config import ChasingScheme
 from vobc.ato.chasing_states import TRANSITIONS, Chase, State, next_state
+from vobc.ato.notch_choice import Aim
 from vobc.ato.output_config import OutputStage
 from vobc.ato.step_curve import StepCurve
 from vobc.ato.stop_ending import last_notch_mps2
@@ -28,6 +29,7 @@ if not hasattr(ato_rig, "Rig"):
 
 LINE = load_line("florence")
 DECELS_MPS2 = [0.0, 0.2, 0.4, 0.6, 0.8]
+LEVELS_MPS2 = [-0.05 * notch for notch in range(17)]
 
 
 def gap_after_mps(error_mps: float, decel_mps2: float, reference_mps2: float, t_s: float) -> float:
@@ -68,6 +70,23 @@ def test_the_gentlest_notch_that_makes_it_is_taken(error_mps: float) -> None:
     milder_mps2 = 0.6 if error_mps > 0.0 else 0.4
     left_mps = gap_after_mps(error_mps, milder_mps2, 0.5, 2.0)
     assert left_mps * error_mps > 0.0
+
+
+def kept(error_mps: float, run_s: float, now_mps2: float, *, to_stop: bool = True) -> bool:
+    """Whether a notch weaker than the curve of 0.6 m/s² is left in place."""
+    aim = Aim(error_mps, 0.6, run_s, 0.0, to_stop)
+    return notch_choice.picked(ChasingScheme(), aim, now_mps2, LEVELS_MPS2, 0.018) == now_mps2
+
+
+def test_a_gap_that_there_is_time_to_close_changes_no_notch() -> None:
+    assert kept(0.3, 8.0, -0.5)
+    assert not kept(0.3, 2.0, -0.5)
+    assert not kept(0.3, 8.0, -0.5, to_stop=False)
+
+
+def test_on_the_curve_to_a_stop_a_released_brake_waits_for_no_gap() -> None:
+    assert not kept(0.01, 8.0, 0.0)
+    assert kept(0.01, 8.0, 0.0, to_stop=False)
 
 
 def test_without_a_notch_that_is_fast_enough_there_is_none() -> None:

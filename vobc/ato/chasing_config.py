@@ -50,6 +50,8 @@ class ChasingScheme:
     """A constant speed is kept within this."""
     quiet_band_mps: float = 0.15
     """In a gap smaller than this no other notch is looked for."""
+    quiet_growth_mps2: float = 0.05
+    """Before a stop that gap grows by this for each second that there is to close it."""
     guard_mps2: float = 0.01
     """A notch nearer to the curve's deceleration than this never catches it."""
     dwell_s: float = 0.4
@@ -69,6 +71,7 @@ class ChasingScheme:
             "air_delay_s",
             "early_s",
             "coast_s",
+            "quiet_growth_mps2",
             "rolling_mps2",
             "stop_tolerance_m",
         ):

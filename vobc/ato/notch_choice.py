@@ -58,8 +58,9 @@ def keeps(
     """Whether the notch at work still catches the reference in time, near enough to it."""
     if now_mps2 not in levels_mps2 or abs(aim.error_mps) >= scheme.keep_band_mps:
         return False
-    if abs(aim.error_mps) < scheme.quiet_band_mps:
-        return True
+    if abs(aim.error_mps) < quiet_mps(scheme, aim):
+        # On a curve to a stop a released brake waits for no gap: it would only open.
+        return now_mps2 < 0.0 or not aim.to_stop
     time_s = catch_time.catch_s(
         aim.error_mps,
         resistance_mps2 - now_mps2,
@@ -67,3 +68,12 @@ def keeps(
         guard_mps2=scheme.guard_mps2,
     )
     return time_s <= aim.run_s
+
+
+def quiet_mps(scheme: ChasingScheme, aim: Aim) -> float:
+    """The gap in which no other notch is looked for; wider while there is time to close it."""
+    if not aim.to_stop:
+        return scheme.quiet_band_mps
+    return max(
+        scheme.quiet_band_mps, min(scheme.keep_band_mps, scheme.quiet_growth_mps2 * aim.run_s)
+    )

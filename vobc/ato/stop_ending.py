@@ -11,14 +11,14 @@ LAST_SOONER_RATIO: Final = 2.0
 LAST_LATER_RATIO: Final = 0.5
 """Bounds, as shares of its planned speed, on where the last notch comes: as soon as it fits."""
 LEAST_ROOM_M: Final = 0.02
-ROLL_RATIO: Final = 0.3
+ROLL_RATIO: Final = 0.6
 """With less needed than this share of the last notch a train is let roll."""
 KEPT_RATIO: Final = 0.75
 KEPT_LEAST_MPS2: Final = 0.03
 """A notch is kept as long as what is needed differs from it by less than either."""
 SMALL_STEP_MPS2: Final = 0.04
 """The small notch is corrected for three quarters of this."""
-SMALL_SPARE_MPS2: Final = 0.015
+SMALL_SPARE_MPS2: Final = 0.035
 HOLD_LOOKS_MPS: Final = 0.2
 """So close to the end of blending the small notch stays as it is."""
 STEP_UP_MPS2: Final = 0.1
@@ -168,7 +168,8 @@ class StopEnding:
         wanted_mps2 = min(high_mps2, max(low_mps2, wanted_mps2))
         if abs(wanted_mps2 - now_mps2) < KEPT_RATIO * SMALL_STEP_MPS2:
             return now_mps2
-        # In blending it may still grow; so at most half a step too much is taken here.
+        # In blending it may still grow, and nothing mends a train that is too slow behind it: so
+        # little too much is taken here.
         levels_mps2 = self._config.output.brake_levels_mps2
         fitting = [level for level in levels_mps2 if level >= wanted_mps2 - SMALL_SPARE_MPS2]
         return fitting[0] if fitting else levels_mps2[-1]
@@ -203,6 +204,10 @@ class StopEnding:
         if speed_mps < LAST_SOONER_RATIO * last_mps or room_m <= 0.0:
             room_m, squares = max(LEAST_ROOM_M, distance_m), speed_mps * speed_mps
         needed_mps2 = squares / (2.0 * room_m) - self._resistance_mps2
+        if speed_mps < LAST_SOONER_RATIO * last_mps:
+            # What is on when the train comes to rest is felt as a jolt.
+            most_mps2 = scheme.chase_decel_mps2 - min(0.0, self._resistance_mps2)
+            needed_mps2 = min(needed_mps2, max(most_mps2, self._last_mps2))
         # A released brake answers with a new delay: only a train much too slow is let roll.
         levels_mps2 = self._config.output.brake_levels_mps2
         if not self._lasting and needed_mps2 < ROLL_RATIO * self._last_mps2:
