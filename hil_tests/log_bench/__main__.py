@@ -106,8 +106,7 @@ def reading(folder: Path, count: int) -> list[tuple[str, float, str, bool | None
         rows.append((f"{form}: {name}", found, "" if bar is None else f">= {bar:g} M/s", met))
     for form in FORMS:
         ratio = ours[form] / usual[form]
-        # Of MF4 the library that reads the columns is the limit; its bar is the absolute one.
-        met = ratio >= PEER_BAR if form != "mf4" else None
+        met = ratio >= PEER_BAR
         rows.append((f"{form}: canlog / python-can + cantools", ratio, f">= {PEER_BAR:g} x", met))
     for form, found in rival.items():
         ratio = ours[form] / found
