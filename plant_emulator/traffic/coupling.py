@@ -4,6 +4,7 @@ Each train says once an interval what it wanted of the network and how far back 
 answered with its voltage and the rear of the train ahead.
 """
 
+import math
 from collections.abc import Sequence
 from typing import Final, NamedTuple
 
@@ -14,6 +15,8 @@ from plant_emulator.traffic.config import TrafficConfig
 
 INTERVAL_NS: Final = 200_000_000
 INTERVAL_S: Final = INTERVAL_NS / 1e9
+REAR_STEP_M: Final = 25.0
+"""Followers are told of so much at once: each authority that changes is an event on board."""
 
 
 class Said(NamedTuple):
@@ -102,9 +105,8 @@ class Coupling:
 
     def _leader_rear_m(self, train: int, said: Sequence[Said]) -> float:
         """The foremost follows the hindmost, which is a lap behind on paper."""
-        if train > 0:
-            return said[train - 1].rear_m
-        return said[-1].rear_m + self._config.lap_m
+        behind_m = said[train - 1].rear_m + (self._config.lap_m if train == 0 else 0.0)
+        return math.floor(behind_m / REAR_STEP_M) * REAR_STEP_M
 
     def _book(self, loads: Sequence[Load], balance: Balance) -> None:
         books = self.books

@@ -68,6 +68,12 @@ def run(options: RunOptions, console: Console) -> int:
     return EXIT_OK if sound else EXIT_FAILED
 
 
+def _on_time(document: dict[str, Any]) -> str:
+    if not document["runs"]:
+        return "no run came to its end"
+    return f"{document['on_time_ratio']:.1%} of {document['runs']} runs within {ON_TIME_S:g} s"
+
+
 def _train_folder(path: Path, plan: LinePlan, index: int, logs: bool) -> Path | None:
     if not logs:
         return None
@@ -149,15 +155,16 @@ def _show(console: Console, record: LineRecord, document: dict[str, Any], factor
         )
     console.print(table)
     gap = document["least_gap_m"]
-    console.print(
+    parts = [
         f"from the grid {document['actual_kwh']:.1f} kWh, regeneration used "
-        f"{document['use_ratio']:.1%} of traction; {document['on_time_ratio']:.1%} of "
-        f"{document['runs']} runs within {ON_TIME_S:g} s; {document['emergencies']} emergency "
-        f"brakes; "
-        + (f"least gap {gap:.0f} m; " if gap is not None else "")
-        + f"pantographs {document['lowest_v']:.0f} to {document['highest_v']:.0f} V; "
-        f"{document['unconverged']} of {document['solved']} instants without a solution, books "
-        f"close within {PERCENT * abs(document['closure_ratio']):.4f} %, meters within "
-        f"{PERCENT * abs(document['metered_ratio']):.3f} %; {factor:.0f} times real time",
-        highlight=False,
-    )
+        f"{document['use_ratio']:.1%} of traction",
+        _on_time(document),
+        f"{document['emergencies']} emergency brakes",
+        *([] if gap is None else [f"least gap {gap:.0f} m"]),
+        f"pantographs {document['lowest_v']:.0f} to {document['highest_v']:.0f} V",
+        f"{document['unconverged']} of {document['solved']} instants without a solution",
+        f"books close within {PERCENT * abs(document['closure_ratio']):.4f} %",
+        f"meters within {PERCENT * abs(document['metered_ratio']):.3f} %",
+        f"{factor:.0f} times real time",
+    ]
+    console.print("; ".join(parts), highlight=False)
