@@ -96,15 +96,15 @@ bench-t2t: $(READY_TO_TEST) ## kill and stop masters over real zenoh and time th
 	$(BIN)/python -m metro_hil.line_trial --fault kill $(BENCH_ARGS)
 	$(BIN)/python -m metro_hil.line_trial --fault stop $(BENCH_ARGS)
 
-simulate: $(READY_TO_TEST) ## trains that command themselves under random faults, 10,000 hours; SIMULATE_ARGS=...
+simulate: compiled ## trains that command themselves under random faults, 10,000 hours; SIMULATE_ARGS=...
 	@mkdir -p runs
-	$(BIN)/hil simulate $(SIMULATE_ARGS)
+	.compiled/bin/hil simulate $(SIMULATE_ARGS)
 
 explore: $(READY_TO_TEST) ## every schedule of two trains and their arbiters with one or two faults; EXPLORE_ARGS=...
 	$(BIN)/python -m metro_hil.network.model $(EXPLORE_ARGS)
 
-bench-simulator: $(READY_TO_TEST) ## measure simulator, failover and headway in virtual time; BENCH_ARGS=...
-	$(BIN)/python -m metro_hil.simulator_bench $(BENCH_ARGS)
+bench-simulator: compiled ## measure simulator, failover and headway in virtual time; BENCH_ARGS=...
+	PYTHONSAFEPATH=1 PYTHONPATH=$(CURDIR)/.compiled/lib $(BIN)/python -m metro_hil.simulator_bench $(BENCH_ARGS)
 
 docs: $(READY_TO_TEST) ## write the generated documents anew
 	$(BIN)/python -m metro_tools.interface_doc

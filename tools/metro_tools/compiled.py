@@ -46,6 +46,7 @@ HOT: Final = (
     "metro_hil/monitors/s*.py",
     "metro_hil/monitors/terms.py",
     "metro_hil/monitors/watch_*.py",
+    "metro_hil/network/*.py",
     "metro_hil/chain.py",
     "metro_hil/lockstep.py",
     "metro_hil/case_run.py",
@@ -71,19 +72,19 @@ HOT: Final = (
     "vobc/kinematics.py",
     "vobc/odometry/*.py",
     "vobc/process/*.py",
+    "vobc/t2t/*.py",
     "vobc/vocabulary/*.py",
     "vobc/wire/*.py",
-    "zenoh_config/codec.py",
-    "zenoh_config/keys.py",
-    "zenoh_config/messages.py",
-    "zenoh_config/sequencing.py",
-    "zenoh_config/soundness.py",
+    "zenoh_config/*.py",
 )
 """What a profile shows. Files of settings are not among them: they are read by their type hints,
 which a compiled class does not keep."""
-LEFT_OUT: Final = ("/__init__.py", "config.py", "t2t_vocabulary.py")
-"""Ends of the paths of modules that stay as they are; the last has a generic dataclass, which mypyc
-makes something of that cannot be imported."""
+LEFT_OUT: Final = (
+    *("/__init__.py", "config.py", "sessions.py", "secured.py", "t2t_vocabulary.py"),
+    *(f"network/{name}.py" for name in ("explore", "many", "model", "mutants", "simulate")),
+)
+"""Ends of the paths of modules that stay as they are: they read settings, start processes or are
+seldom run. Of the generic dataclass in `t2t_vocabulary` mypyc makes what cannot be imported."""
 COMMANDS: Final = {
     "vobc": "metro_hil.vobc_command",
     "plant": "plant_emulator",

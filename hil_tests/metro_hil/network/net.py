@@ -36,7 +36,7 @@ class Turn(NamedTuple):
     """What one step of a machine came to."""
 
     letters: Sequence[Letter]
-    keep: object
+    keep: Any
     """To be stored before the letters go out; the same object as before: nothing new."""
     due_ns: int
     """On the node's own clock: when to step again even if nothing is heard."""
