@@ -3,6 +3,7 @@
 import argparse
 import json
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -84,7 +85,8 @@ def _logs(given: argparse.Namespace) -> int:
         timing_ms=given.timing_ms,
     )
     bus = load_bus(given.dbc)
-    a, b = (read(path, bus, read_options(given)) for path in (given.a, given.b))
+    options = replace(read_options(given), on_disk=True)
+    a, b = (read(path, bus, options) for path in (given.a, given.b))
     found = compare(a, b, allowed, given.align)
     if given.json:
         print(json.dumps(difference_json(found, a, b, given.context), indent=1))

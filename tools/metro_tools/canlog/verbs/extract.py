@@ -2,6 +2,7 @@
 
 import argparse
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -24,12 +25,13 @@ def options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(given: argparse.Namespace) -> int:
-    log = read(given.log, given.dbc, read_options(given))
+    log = read(given.log, given.dbc, replace(read_options(given), on_disk=True))
     names = given.message or list(log.messages)
     try:
         given.out.mkdir(parents=True, exist_ok=True)
         for name in names:
-            table = log.table(name)
+            # Not that of the log, which keeps what it has decoded.
+            table = log.groups.table(log.bus.message(name))
             path = given.out / f"{name}.{given.form}"
             _write(table, path, given.form)
             print(f"{path}: {len(table)} rows")
