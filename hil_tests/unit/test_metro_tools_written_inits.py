@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from metro_tools.written_inits import with_written_inits
+from metro_tools.written_inits import bases_in, with_written_inits
 
 HEAD = "from dataclasses import dataclass, field\nfrom typing import ClassVar, Protocol\n"
 PLAIN = '''
@@ -93,3 +93,13 @@ def test_every_other_line_keeps_its_number() -> None:
 
     changed = [(one, other) for one, other in pairs if one != other]
     assert [one for one, _ in changed] == ["", ""]
+
+
+def test_a_class_that_others_inherit_from_stays_as_it_is() -> None:
+    heir = "@dataclass(slots=True)\nclass Heir(module.Base):\n    two: int\n"
+    base = "@dataclass(slots=True)\nclass Base:\n    one: int\n"
+
+    assert bases_in(base) == set()
+    assert bases_in(heir) == {"Base"}
+    assert with_written_inits(base, bases_in(heir)) == base
+    assert "__init__" in with_written_inits(base)

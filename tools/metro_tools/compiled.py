@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Final
 
 from firmware_py.assertions import require_assertions
-from metro_tools.written_inits import with_written_inits
+from metro_tools.written_inits import bases_in, with_written_inits
 
 PACKAGES: Final = {
     "can_dbc": "can_dbc",
@@ -132,8 +132,10 @@ def compile_into(library: Path, level: str) -> None:
     """Put a compiled module beside each hot one of the copy, with that much optimisation in C."""
     modules = hot_modules(library)
     sources = {name: (library / name).read_bytes() for name in modules}
+    bases = set[str]().union(*(bases_in(source.decode()) for source in sources.values()))
     for name, source in sources.items():
-        (library / name).write_text(with_written_inits(source.decode()), encoding="utf-8")
+        text = with_written_inits(source.decode(), bases)
+        (library / name).write_text(text, encoding="utf-8")
     setup = library / "setup.py"
     setup.write_text(SETUP.format(modules=modules, level=level), encoding="utf-8")
     # To look for warnings in generated C takes the compiler several times as long as all the rest.

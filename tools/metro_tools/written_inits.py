@@ -7,23 +7,38 @@ lines keep their numbers in tracebacks.
 """
 
 import ast
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Final
 
 KEYWORDS: Final = {"frozen", "slots"}
 """A dataclass that is told anything else is left as it is."""
 
 
-def with_written_inits(source: str) -> str:
-    """The same module with a constructor in each class that `dataclass` would give a plain one."""
+def bases_in(source: str) -> set[str]:
+    """Names of all classes that others of a module inherit from."""
+    classes = _classes(source)
+    return {ast.unparse(base).split(".")[-1] for node in classes for base in node.bases}
+
+
+def with_written_inits(source: str, bases: Collection[str] = ()) -> str:
+    """The same module with a constructor in each class that `dataclass` would give a plain one.
+
+    Args:
+        bases: names of classes that any module inherits from. They are left as they are: a
+            constructor that stands in a base hides from mypyc the one that the heir is given.
+    """
     lines = [*source.splitlines(), ""]
-    for node in ast.walk(ast.parse(source)):
-        if isinstance(node, ast.ClassDef) and _is_plain(node):
+    for node in _classes(source):
+        if _is_plain(node) and node.name not in bases:
             behind = node.body[-1].end_lineno
             assert behind is not None
             if not lines[behind].strip():
                 lines[behind] = _init(node)
     return "\n".join(lines).rstrip("\n") + "\n"
+
+
+def _classes(source: str) -> list[ast.ClassDef]:
+    return [node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.ClassDef)]
 
 
 def _is_plain(node: ast.ClassDef) -> bool:
