@@ -12,7 +12,9 @@ LAST_TRAIN: Final = 64_999
 """Trains that take part have the addresses 1..LAST_TRAIN."""
 FIRST_ARBITER: Final = 65_001
 LAST_ARBITER: Final = 65_099
-"""Arbiters of a line; interlocking, track sections and supervision speak as WAYSIDE, 0."""
+"""Arbiters of a line; interlocking, track sections and the line's centre speak as WAYSIDE, 0."""
+SUPERVISION: Final = 65_100
+"""Whoever sits at a desk of supervision; there may be several, one after the other."""
 ROSTER_MAX: Final = 128
 """Trains in one area."""
 SECTIONS_MAX: Final = 256
@@ -308,6 +310,107 @@ class Admission(T2tMessage):
     """The train that has to come first; NOBODY: none in particular."""
 
 
+class DecreeKind(enum.IntEnum):
+    HOLD = 1
+    """The train stays at the present or next platform."""
+    LET_GO = 2
+    SKIP = 3
+    """It passes the next station."""
+    CALL = 4
+    """It stops there after all."""
+    EMERGENCY = 5
+    """Remote emergency brake: it is applied and stays."""
+    RELEASE = 6
+    RESTRICT = 7
+    """No train is faster than `limit_mps` from `start_m` to `end_m`."""
+    LIFT = 8
+    CLOSE = 9
+    """No train enters what lies between `start_m` and `end_m`."""
+    OPEN = 10
+
+
+@dataclass(frozen=True, slots=True)
+class Decree(T2tMessage):
+    """Supervision to the wayside: let this be so from now on. Said again until it is answered."""
+
+    echo_ns: int
+    """`stamp_ns` of a LineState: a decree that was long on its way is refused."""
+    kind: DecreeKind
+    train: int
+    """NOBODY where it is about a stretch."""
+    start_m: float
+    end_m: float
+    limit_mps: float
+
+
+class DecreeAnswer(enum.IntEnum):
+    NONE = 0
+    """None was heard yet."""
+    DONE = 1
+    UNKNOWN_TRAIN = 2
+    """It never told its status."""
+    NO_STRETCH = 3
+    """Off the line, without length, or with a limit that is none."""
+    FULL = 4
+    NOT_THERE = 5
+    """What is to be taken back was never decreed."""
+    NOT_STORED = 6
+    """The disk did not take it, so it is not so."""
+    TOO_OLD = 7
+
+
+class TrainDecree(NamedTuple):
+    """What supervision wants of one train."""
+
+    train: int
+    hold: bool
+    skip: bool
+    emergency: bool
+    releases: int
+    """How often an emergency was reset."""
+
+
+class LeaseReason(enum.IntEnum):
+    """Why a train was granted an area."""
+
+    FIRST = 1
+    """Nobody had it."""
+    RAN_OUT = 2
+    """The lease of the one before had run out: it died, hung or was cut off."""
+    HANDED_OVER = 3
+    """The one before had named it."""
+    AGAIN = 4
+    """It had it before, gave it up or lost it, and asked under a new term."""
+
+
+class LeaseNote(NamedTuple):
+    """What the wayside saw its arbiters grant last in one area."""
+
+    area: int
+    train: int
+    granted_term: int
+    before: int
+    """Who had it before; NOBODY: nobody."""
+    reason: LeaseReason
+    since_ns: int
+    """By the wayside's clock, as its `stamp_ns` is."""
+
+
+@dataclass(frozen=True, slots=True)
+class LineState(T2tMessage):
+    """The wayside to all, at once and every half second: what is decreed, and the last answer."""
+
+    answered_boot: int
+    """Boot and sequence of the decree that `answer` is for."""
+    answered: int
+    answer: DecreeAnswer
+    trains: tuple[TrainDecree, ...]
+    """All that ever told their status."""
+    leases: tuple[LeaseNote, ...]
+    restrictions: tuple[SpeedRestriction, ...]
+    closed: tuple[SpeedRestriction, ...]
+
+
 T2T_TYPES: Final[tuple[type[T2tMessage], ...]] = (
     LeaseRequest,
     LeaseAnswer,
@@ -324,5 +427,7 @@ T2T_TYPES: Final[tuple[type[T2tMessage], ...]] = (
     TrackStatus,
     LineOrder,
     Admission,
+    Decree,
+    LineState,
 )
 """In the order of their type numbers; additions go to the end."""

@@ -32,6 +32,8 @@ _LENGTHS: Final = {
     "sections": SECTIONS_MAX,
     "restrictions": RESTRICTIONS_MAX,
     "closed": RESTRICTIONS_MAX,
+    "trains": ROSTER_MAX,
+    "leases": AREA_MAX,
 }
 _ADDRESSES: Final = ("source", "destination", "successor", "holder", "standby", "train", "behind")
 _MOST: Final = {

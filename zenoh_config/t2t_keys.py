@@ -3,16 +3,18 @@
 from collections.abc import Iterable
 from typing import Final
 
-from zenoh_config.keys import line_chunk
+from zenoh_config.keys import line_chunk, statuses
 from zenoh_config.messages import WAYSIDE
 from zenoh_config.t2t import (
     BROADCAST,
     Admission,
     AreaAuthority,
+    Decree,
     Heartbeat,
     LeaseAnswer,
     LeaseRequest,
     LineOrder,
+    LineState,
     ObjectClaim,
     ObjectStatus,
     RosterAck,
@@ -43,6 +45,8 @@ CHUNKS: Final[dict[type[T2tMessage], str]] = {
     TrackStatus: "tk",
     LineOrder: "lo",
     Admission: "ad",
+    Decree: "de",
+    LineState: "ls",
 }
 
 
@@ -76,13 +80,22 @@ def of_arbiter(line: str, arbiter: int) -> tuple[str, ...]:
 
 
 def of_wayside(line: str) -> tuple[str, ...]:
-    """What objects and track listen to."""
-    return (*_keys(line, (Heartbeat,), TO_ALL), *_keys(line, (ObjectClaim,), str(WAYSIDE)))
+    """What objects, track and centre listen to."""
+    return (
+        *_keys(line, (Heartbeat,), TO_ALL),
+        *_keys(line, (ObjectClaim, Decree), str(WAYSIDE)),
+        statuses(line),
+    )
 
 
 def of_supervision(line: str) -> tuple[str, ...]:
-    """What a display listens to: who commands, and where everybody is."""
-    return _keys(line, (Heartbeat, TrainReport, ObjectStatus), TO_ALL)
+    """What a display listens to: who commands, where everybody is, and what is decreed."""
+    return (*_keys(line, (Heartbeat, TrainReport, ObjectStatus, LineState), TO_ALL), statuses(line))
+
+
+def of_line(line: str) -> tuple[str, ...]:
+    """What a recorder listens to: everything."""
+    return (f"m/{line_chunk(line)}/**",)
 
 
 def _keys(line: str, kinds: Iterable[type[T2tMessage]], reader: str) -> tuple[str, ...]:

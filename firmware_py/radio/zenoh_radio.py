@@ -44,18 +44,24 @@ class Instants(Protocol):
 
 
 def open_radio(
-    role: Role, endpoint: str, subscriptions: Collection[str], clock: Instants
+    role: Role,
+    endpoint: str,
+    subscriptions: Collection[str],
+    clock: Instants,
+    *,
+    inbox_messages: int = INBOX_MESSAGES,
 ) -> "ZenohRadio":
     """A wayside listens at once, or RadioError says why it cannot.
 
     A train's radio comes back at once too, connected or not: it goes on trying in the background,
-    now and whenever the wayside goes away. RadioError is only for an endpoint that is none.
+    now and whenever the wayside goes away. RadioError is only for an endpoint that is none. Of more
+    than `inbox_messages` that nobody fetches the oldest are lost, and counted.
     """
     try:
         settings = session_settings(role, endpoint)
     except ValueError as error:
         raise RadioError(str(error)) from error
-    return ZenohRadio(role, endpoint, settings, subscriptions, clock)
+    return ZenohRadio(role, endpoint, settings, subscriptions, clock, inbox_messages)
 
 
 def pick_endpoint() -> str:
@@ -75,6 +81,7 @@ class ZenohRadio:
         settings: str,
         subscriptions: Collection[str],
         clock: Instants,
+        inbox_messages: int = INBOX_MESSAGES,
     ) -> None:
         # Imported here because lockstep has no use for it and should not wait for it.
         import zenoh
@@ -84,7 +91,7 @@ class ZenohRadio:
         self._zenoh = zenoh
         self._config = zenoh.Config.from_json5(settings)
         self._subscriptions = [zenoh.KeyExpr(wanted) for wanted in subscriptions]
-        self._clock = clock
+        self._clock, self._inbox_messages = clock, inbox_messages
         self._session: zenoh.Session | None = None
         self._publishers: OrderedDict[str, zenoh.Publisher] = OrderedDict()
         self._inbox: deque[RadioMessage] = deque()
@@ -187,7 +194,7 @@ class ZenohRadio:
             self._clock.now_ns(), str(sample.key_expr), sample.payload.to_bytes()
         )
         with self._lock:
-            if len(self._inbox) >= INBOX_MESSAGES:
+            if len(self._inbox) >= self._inbox_messages:
                 self._inbox.popleft()
                 self.counters.dropped_in += 1
             self._inbox.append(message)

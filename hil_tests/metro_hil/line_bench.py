@@ -76,16 +76,14 @@ class LineBench:
         self._seed = seed
         self._executives: list[Executive] = []
         stores = {address: CheckedStore(None, ArbiterMemory) for address in self._t2t.arbiters}
-        disks = Disks(
-            {address: ArbiterMemory() for address in stores},
-            {site.number: ObjectMemory() for site in areas.objects},
-            lambda address, memory: stores[address].put(memory),
-            lambda number, memory: True,
-        )
-        self.wayside = LineWayside(self._t2t.timers, areas, disks, boot=1, start_ns=0)
+        self._stores = stores
+        self._objects = {site.number: ObjectMemory() for site in areas.objects}
+        self._wayside_starts = 0
+        self.wayside = self._new_wayside(0)
         self.release_wanted: set[int] = set()
         """Objects that shall open."""
         self._port = self.air.port("wayside", self.wayside.subscriptions)
+        self._crashed = False
         for number, way in enumerate(runs, start=1):
             self._add(number, way)
         self._executives.append(Executive([Task("wayside", WAYSIDE_MS, self._wayside)], 0))
@@ -150,6 +148,40 @@ class LineBench:
         """The controller of a train is gone between two instructions; its plant goes on."""
         self._executives.remove(self.trains[address].vobc.executive)
 
+    def stop(self, address: int) -> Executive:
+        """The controller of a train hangs, until `go_on`."""
+        executive = self.trains[address].vobc.executive
+        self._executives.remove(executive)
+        return executive
+
+    def go_on(self, executive: Executive) -> None:
+        self._executives.append(executive)
+
+    def crash_wayside(self) -> None:
+        """All that it did not store is gone."""
+        self._crashed = True
+
+    def restart_wayside(self) -> None:
+        self.wayside = self._new_wayside(self.clock.now_ns())
+        self._crashed = False
+
+    def _new_wayside(self, now_ns: int) -> LineWayside:
+        self._wayside_starts += 1
+
+        def store_object(number: int, memory: ObjectMemory) -> bool:
+            self._objects[number] = memory
+            return True
+
+        disks = Disks(
+            {address: store.value or ArbiterMemory() for address, store in self._stores.items()},
+            dict(self._objects),
+            lambda address, memory: self._stores[address].put(memory),
+            store_object,
+        )
+        return LineWayside(
+            self._t2t.timers, self.areas, disks, boot=self._wayside_starts, start_ns=now_ns
+        )
+
     @property
     def behind_rear_m(self) -> float:
         """No authority may come nearer to the train ahead."""
@@ -165,6 +197,8 @@ class LineBench:
 
     def _wayside(self, now_ns: int) -> None:
         heard = self._port.receive(now_ns)
+        if self._crashed:
+            return
         for key, payload in self.wayside.step(now_ns, heard, self._truth()):
             self._port.send(now_ns, key, payload)
 

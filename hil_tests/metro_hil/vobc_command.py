@@ -43,7 +43,10 @@ from metro_hil.run_folder import (
 )
 from metro_hil.supervise import RealtimeRun
 
-LINE_VERBS = ("line", "master", "switch-master", "out-of-service")
+LINE_VERBS = (
+    *("line", "master", "switch-master", "out-of-service"),
+    *("hold", "skip", "emergency-brake", "restrict", "close"),
+)
 """Supervision of a line whose trains command themselves."""
 
 
@@ -66,9 +69,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 
         return timetable.main(words[1:])
     if words and words[0] in LINE_VERBS:
-        from metro_hil import line_supervision
+        from metro_hil.line_desk import command as line_desk
 
-        return line_supervision.main(words)
+        return line_desk.main(words)
     options = parse(words)
     console = Console(stderr=options.json)
     try:

@@ -6,7 +6,9 @@ import pytest
 
 from firmware_py.ports import RadioMessage
 from firmware_py.trackdb.areas import load_areas
-from metro_hil.line_supervision import LineView, main, order
+from metro_hil.line_desk.command import main
+from metro_hil.line_desk.desk import order
+from metro_hil.line_desk.view import LineView
 from metro_hil.vobc_command import main as vobc
 from zenoh_config.codec import pack
 from zenoh_config.t2t import BROADCAST, Heartbeat, OrderKind, Phase, T2tMessage, TrainReport
@@ -62,9 +64,10 @@ def test_it_says_who_commands_which_area_and_where_trains_are() -> None:
 
     assert told[0] == "area 1: train 3 commands, term 7, standby train 5"
     assert told[1] == "area 2: nobody commands"
-    assert [line.split()[0] for line in told[4:]] == ["3", "4"]
-    assert told[4].split() == ["3", "1000.0", "36.0", "1500.0", "7", "0.10"]
-    assert told[5].split()[3] == "–"
+    assert told[3] == "the wayside is not heard: nothing can be decreed"
+    assert [line.split()[0] for line in told[5:]] == ["3", "4"]
+    assert told[5].split() == ["3", "1000.0", "36.0", "1500.0", "7", "0.10"]
+    assert told[6].split()[3] == "–"
 
 
 def test_it_says_who_commanded_before_and_how_long_a_master_has_been_silent() -> None:
@@ -95,7 +98,7 @@ def test_an_order_goes_to_whoever_commands_now() -> None:
 
     told = order(OrderKind.SWITCH_MASTER, 5, command, boot=8, sequence=2, now_ns=9)
 
-    assert (told.source, told.destination, told.area, told.term) == (0, 3, 1, 7)
+    assert (told.source, told.destination, told.area, told.term) == (65_100, 3, 1, 7)
     assert (told.kind, told.train) == (OrderKind.SWITCH_MASTER, 5)
 
 

@@ -23,11 +23,17 @@ from zenoh_config.t2t import (
     AdmissionState,
     AreaAuthority,
     ClaimKind,
+    Decree,
+    DecreeAnswer,
+    DecreeKind,
     Heartbeat,
     LeaseAnswer,
     LeaseKind,
+    LeaseNote,
+    LeaseReason,
     LeaseRequest,
     LineOrder,
+    LineState,
     ObjectClaim,
     ObjectState,
     ObjectStatus,
@@ -44,6 +50,7 @@ from zenoh_config.t2t import (
     SyncEntry,
     T2tMessage,
     TrackStatus,
+    TrainDecree,
     TrainReport,
 )
 from zenoh_config.timers import TIMERS_A
@@ -52,6 +59,7 @@ MS = 1_000_000
 OWN, PEER, ARBITER = 4, 9, 65_001
 TRAIN = (PEER, OWN, 1, 7, 2, 100, 5000 * MS)
 WAYSIDE = (0, OWN, 1, 7, 2, 100, 5000 * MS)
+DESK = (65_100, OWN, 1, 7, 2, 100, 5000 * MS)
 WITNESS = (ARBITER, OWN, 1, 7, 2, 100, 5000 * MS)
 LIMIT = (SpeedRestriction(10.0, 20.0, 5.0),)
 ROSTER = (RosterEntry(9, 410.5, True), RosterEntry(4, 10.0, False))
@@ -77,14 +85,22 @@ EVERY: dict[type[T2tMessage], T2tMessage] = {
         ObjectClaim(PEER, 0, 1, 7, 2, 100, 0, 3, ClaimKind.CLAIM, 8),
         ObjectStatus(*WAYSIDE, 3, ObjectState.LOCKED, 7, 8, False),
         TrackStatus(*WAYSIDE, 4950 * MS, (SectionState(1, True, 16),), LIMIT, ()),
-        LineOrder(*WAYSIDE, OrderKind.STOP, 4),
+        LineOrder(*DESK, OrderKind.STOP, 4),
         Admission(*TRAIN, AdmissionState.WAITS, 3),
+        Decree(65_100, 0, 0, 0, 2, 100, 0, 4900 * MS, DecreeKind.RESTRICT, 0, 10.0, 20.0, 5.0),
+        LineState(
+            *(0, 65_535, 0, 0, 2, 100, 5000 * MS, 2, 99, DecreeAnswer.DONE),
+            (TrainDecree(4, True, False, False, 2),),
+            (LeaseNote(1, 4, 7, 9, LeaseReason.RAN_OUT, 4000 * MS),),
+            LIMIT,
+            (),
+        ),
     )
 }
 TO_TRAINS = [
     each
     for each in EVERY.values()
-    if not isinstance(each, LeaseRequest | RosterCommit | ObjectClaim)
+    if not isinstance(each, LeaseRequest | RosterCommit | ObjectClaim | Decree | LineState)
 ]
 kinds = pytest.mark.parametrize("message", EVERY.values(), ids=lambda m: type(m).__name__)
 heard = pytest.mark.parametrize("message", TO_TRAINS, ids=lambda m: type(m).__name__)

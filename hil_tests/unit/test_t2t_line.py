@@ -8,8 +8,9 @@ import pytest
 
 from vobc.t2t.train import TrainCore
 from vobc.t2t.vocabulary import Role, T2tConfig, TrainState
-from zenoh_config.messages import WAYSIDE, SpeedRestriction
+from zenoh_config.messages import SpeedRestriction
 from zenoh_config.t2t import (
+    SUPERVISION,
     AreaAuthority,
     Heartbeat,
     LineOrder,
@@ -54,7 +55,7 @@ def emergencies(rig: Rig) -> int:
 
 
 def order(rig: Rig, kind: OrderKind, train: int, sequence: int) -> LineOrder:
-    return LineOrder(WAYSIDE, 65_535, 1, 0, 1, sequence, rig.now_ns, kind, train)
+    return LineOrder(SUPERVISION, 65_535, 1, 0, 1, sequence, rig.now_ns, kind, train)
 
 
 def test_the_first_train_becomes_master_another_stands_by_and_all_get_authorities() -> None:
@@ -194,7 +195,7 @@ def test_a_train_that_supervision_takes_out_of_service_gives_its_command_up() ->
     (master,) = rig.masters()
 
     def out(sequence: int) -> LineOrder:
-        head = (WAYSIDE, master, 1, 0, 1, sequence, rig.now_ns)
+        head = (SUPERVISION, master, 1, 0, 1, sequence, rig.now_ns)
         return LineOrder(*head, OrderKind.OUT_OF_SERVICE, master)
 
     rig.say(out(1))

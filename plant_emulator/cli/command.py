@@ -18,7 +18,8 @@ from firmware_py.buses import BusError, open_can, parse_spec
 from firmware_py.clock import WallClock
 from firmware_py.executive import Executive, Task, run
 from firmware_py.interrupts import Interrupts
-from firmware_py.ports import CanPort
+from firmware_py.ports import CanPort, RadioPort
+from firmware_py.radio.silent_radio import SilentRadio
 from firmware_py.radio.zenoh_radio import RadioError
 from firmware_py.realtime import collect_garbage, die_with_parent, enter_realtime
 from firmware_py.recorder import LineLog, RecorderError
@@ -53,7 +54,10 @@ GARBAGE_MS: Final = 10_000.0
 def main(argv: Sequence[str] | None = None) -> int:
     """Whatever the user got wrong is one line, never a traceback."""
     require_assertions("plant")
-    options = parser().parse_args(argv)
+    words = list(sys.argv[1:] if argv is None else argv)
+    if words[:2] == ["run", "--wayside"]:
+        words[:2] = ["wayside"]
+    options = parser().parse_args(words)
     try:
         if options.verb == "consists":
             return _list_consists()
@@ -176,7 +180,9 @@ def _device(
     _say_what_is_told(faults, feed)
     stack.callback(rendezvous.withdraw, parse_spec(spec).name)
     tags = open_tags(options.tags, spec, stack)
-    radio = open_wayside(options.radio, scenario.line, spec, clock, stack)
+    radio: RadioPort = SilentRadio()
+    if options.radio != AUTO or options.line_radio is None:
+        radio = open_wayside(options.radio, scenario.line, spec, clock, stack)
 
     def shared_port(node: Node, ids: Collection[int]) -> CanPort:
         return can

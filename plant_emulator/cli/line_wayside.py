@@ -12,17 +12,25 @@ from firmware_py.interrupts import Interrupts
 from firmware_py.nvram import NvramState
 from firmware_py.ports import RadioPort
 from firmware_py.radio.zenoh_radio import Role, open_radio
+from firmware_py.realtime import die_with_parent
+from firmware_py.settings import SettingsError
+from firmware_py.trackdb import load_line
 from firmware_py.trackdb.areas import AreaMap, load_areas
 from plant_emulator.cli.words import say
 from plant_emulator.wayside.detection import Detection, Place, key_of, packed, subscription
+from plant_emulator.wayside.line_centre import LineCentre
 from plant_emulator.wayside.line_wayside import Disks, LineWayside, Truth
-from plant_emulator.wayside.t2t_vocabulary import ArbiterMemory, ObjectMemory
+from plant_emulator.wayside.t2t_vocabulary import ArbiterMemory, CentreMemory, ObjectMemory
 from plant_emulator.world import World
 from zenoh_config.t2t import FIRST_ARBITER
 from zenoh_config.timers import TIMER_SETS
 
 BEAT_MS: Final = 5.0
 FEED_MS: Final = 20.0
+DOORS_MS: Final = 10.0
+ORDERS_PER_S: Final = 10
+"""At most, to one train: orders are numbered on from the time of day, above all said before."""
+ORDERS_SPAN_S: Final = 2**28
 AXLES: Final = 16
 NS_PER_S: Final = 1_000_000_000
 M = TypeVar("M")
@@ -30,6 +38,8 @@ M = TypeVar("M")
 
 def serve_line(options: argparse.Namespace) -> None:
     """Until it is asked to end. Raises SettingsError, RadioError, OSError."""
+    if options.parent is not None:
+        die_with_parent(options.parent)
     areas = load_areas(options.line)
     ending = Interrupts()
     with ending.caught(), ExitStack() as stack:
@@ -39,8 +49,9 @@ def serve_line(options: argparse.Namespace) -> None:
         if options.duration_s is not None:
             end_ns = clock.now_ns() + round(options.duration_s * NS_PER_S)
         say(f"wayside of {areas.name}: {len(areas.areas)} areas, {options.line_radio}")
+        tasks = [Task("line", BEAT_MS, device.beat), Task("doors", DOORS_MS, device.doors)]
         run(
-            [Executive([Task("line", BEAT_MS, device.beat)], clock.now_ns())],
+            [Executive(tasks, clock.now_ns())],
             clock,
             lambda now_ns: ending.asked or (end_ns is not None and now_ns >= end_ns),
         )
@@ -62,19 +73,31 @@ class _Line:
             for site in areas.objects
         }
         boot = clock.epoch_ns() // NS_PER_S
+        decrees = CheckedStore(folder and folder / "decrees", CentreMemory)
+        centre = LineCentre(
+            load_line(options.line),
+            boot=boot,
+            memory=_readable(decrees, CentreMemory()),
+            first_sequence=boot % ORDERS_SPAN_S * ORDERS_PER_S,
+        )
         disks = Disks(
             {a: _found(each, ArbiterMemory(boot)) for a, each in arbiters.items()},
             {n: _found(each, ObjectMemory(boot)) for n, each in objects.items()},
             lambda address, memory: arbiters[address].put(memory),
             lambda number, memory: objects[number].put(memory),
+            decrees.put,
         )
         timers = TIMER_SETS[options.line_timers]
-        self._wayside = LineWayside(timers, areas, disks, boot=boot, start_ns=clock.now_ns())
+        self._wayside = LineWayside(
+            timers, areas, disks, boot=boot, start_ns=clock.now_ns(), centre=centre
+        )
+        self._centre = centre
         self._detection = Detection(areas)
         topics = (*self._wayside.subscriptions, subscription(areas.name))
         self._port = open_radio(Role.WAYSIDE, options.line_radio, topics, clock)
         stack.callback(self._port.close)
-        self._masters: dict[int, tuple[int, int]] = {}
+        self._masters: dict[tuple[int, int], tuple[int, int]] = {}
+        """By arbiter and area: holder and term."""
         self._failed = 0
 
     def beat(self, now_ns: int) -> None:
@@ -84,13 +107,16 @@ class _Line:
             self._port.send(now_ns, key, payload)
         self._tell()
 
+    def doors(self, now_ns: int) -> None:
+        self._centre.step_doors(now_ns)
+
     def _tell(self) -> None:
         """Who was granted what, whenever that changes."""
         for address, arbiter in self._wayside.arbiters.items():
             for lease in arbiter.memory.areas:
                 now = (lease.holder, lease.promised)
-                if self._masters.get(lease.area) != now:
-                    self._masters[lease.area] = now
+                if self._masters.get((address, lease.area)) != now:
+                    self._masters[address, lease.area] = now
                     say(
                         f"arbiter {address}: area {lease.area} to train {lease.holder}, "
                         f"term {lease.promised}"
@@ -98,6 +124,14 @@ class _Line:
         for who in self._wayside.failed[self._failed :]:
             say(f"{who} is silent from now on: its memory cannot be written")
         self._failed = len(self._wayside.failed)
+
+
+def _readable(store: CheckedStore[M], fresh: M) -> M:
+    """Raises SettingsError for what was decreed and cannot be read: nobody may forget it."""
+    found = _found(store, fresh)
+    if found is None:
+        raise SettingsError(f"{store.detail}; decree anew after removing it")
+    return found
 
 
 def _found(store: CheckedStore[M], fresh: M) -> M | None:

@@ -78,8 +78,8 @@ def _add_wayside(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -
     wayside = verbs.add_parser(
         "wayside",
         help="serve the wayside of a line whose trains command themselves",
-        description="Serve arbiters, objects and axle counters of a line whose trains command "
-        "themselves, in real time; says who is granted which area.",
+        description="Serve arbiters, objects, axle counters and centre of a line whose trains "
+        "command themselves, in real time; says who is granted which area.",
         epilog=EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -89,6 +89,7 @@ def _add_wayside(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -
     )
     wayside.add_argument("--line-timers", choices=sorted(TIMER_SETS), default="A")
     wayside.add_argument("--arbiters", type=int, choices=(1, 3, 5), default=1)
+    wayside.add_argument("--parent", type=int, metavar="PID", help="end when that process ends")
     wayside.add_argument("--memory", metavar="FOLDER", help="what must survive a power cut")
     wayside.add_argument(
         "--duration", dest="duration_s", type=_seconds, metavar="SECONDS", help="end after so long"
@@ -180,7 +181,8 @@ def _add_wires(group: argparse._ArgumentGroup) -> None:
         "--radio",
         default=AUTO,
         metavar="ENDPOINT",
-        help=f"where the wayside listens; auto: {DEFAULT_ENDPOINT}, or a free port",
+        help=f"where this train's wayside listens; auto: {DEFAULT_ENDPOINT}, or a free port; "
+        "with --line-radio nowhere, since the line's wayside does",
     )
     group.add_argument("--out", metavar="FOLDER", help="for truth.csv and plant.json")
     group.add_argument(
@@ -242,10 +244,10 @@ def _seed(text: str) -> int:
 
 
 def _train(text: str) -> int:
-    number = _whole(text, LAST_TRAIN)
-    if not number:
-        raise argparse.ArgumentTypeError(f"0 is no train; they are 1..{LAST_TRAIN}")
-    return number
+    number = text.removeprefix("T")
+    if not (number.isascii() and number.isdecimal()) or not 0 < int(number) <= LAST_TRAIN:
+        raise argparse.ArgumentTypeError(f"{text} is no train; they are 1..{LAST_TRAIN}, or T1 ...")
+    return int(number)
 
 
 def _priority(text: str) -> int:

@@ -13,7 +13,7 @@ from firmware_py.ports import RadioMessage
 from firmware_py.trackdb import LineMap, PlatformSide, Station
 from plant_emulator.wayside.platform_doors import PlatformDoors
 from zenoh_config import keys
-from zenoh_config.codec import pack, unpack
+from zenoh_config.codec import BENCH_KEY, pack, unpack
 from zenoh_config.messages import (
     RESTRICTIONS_MAX,
     Refused,
@@ -55,7 +55,15 @@ NORMAL: Final = StandingOrders()
 class Centre:
     """Counts what it refuses by reason; it never answers anything else than a sound status."""
 
-    def __init__(self, line: LineMap, doors: PlatformDoors) -> None:
+    def __init__(
+        self,
+        line: LineMap,
+        doors: PlatformDoors,
+        *,
+        first_sequence: int = 0,
+        key: bytes = BENCH_KEY,
+    ) -> None:
+        """`first_sequence`: of its orders; above everything that an earlier one said."""
         self.refusals: Counter[RefusedReason] = Counter()
         self.answered = 0
         self.standing = NORMAL
@@ -67,7 +75,7 @@ class Centre:
         """What was said last."""
         self._line, self._doors = line, doors
         self._gate = ReportGate()
-        self._sequence = 0
+        self._sequence, self._key = first_sequence, key
 
     def answers(self, heard: Iterable[RadioMessage], now_ns: int) -> list[tuple[str, bytes]]:
         """Key and payload of everything that is to be said to what was heard."""
@@ -84,7 +92,7 @@ class Centre:
         self.answered += 1
         orders = self._orders(status, now_ns)
         self.latest = orders
-        return keys.order(self._line.name, orders.source, status.train), pack(orders)
+        return keys.order(self._line.name, orders.source, status.train), pack(orders, self._key)
 
     def _orders(self, status: TrainStatus, now_ns: int) -> TrainOrders:
         self._sequence += 1
@@ -132,7 +140,7 @@ class Centre:
         self._doors.ask(station, wanted=wanted, now_ns=now_ns)
 
     def _believed(self, message: RadioMessage) -> TrainStatus | RefusedReason:
-        status = unpack(message.payload)
+        status = unpack(message.payload, self._key)
         if isinstance(status, Refused):
             return status.reason
         if not isinstance(status, TrainStatus):

@@ -7,12 +7,13 @@ from typing import NamedTuple
 from firmware_py.ports import RadioMessage
 from firmware_py.trackdb.areas import AreaMap
 from plant_emulator.wayside.arbiter import Arbiter
+from plant_emulator.wayside.line_centre import LineCentre
 from plant_emulator.wayside.line_object import LineObject
-from plant_emulator.wayside.t2t_vocabulary import ArbiterMemory, ObjectMemory
+from plant_emulator.wayside.t2t_vocabulary import ArbiterMemory, CentreMemory, ObjectMemory
 from plant_emulator.wayside.track import Track
 from zenoh_config import t2t_keys
 from zenoh_config.codec import BENCH_KEY, pack, unpack
-from zenoh_config.messages import WAYSIDE, Refused
+from zenoh_config.messages import WAYSIDE, Refused, TrainStatus
 from zenoh_config.t2t import T2tMessage
 from zenoh_config.timers import LineTimers
 
@@ -25,6 +26,7 @@ class Disks(NamedTuple):
     objects: Mapping[int, ObjectMemory | None]
     store_arbiter: Callable[[int, ArbiterMemory], bool]
     store_object: Callable[[int, ObjectMemory], bool]
+    store_centre: Callable[[CentreMemory], bool] = lambda _: True
 
 
 class Truth(NamedTuple):
@@ -47,9 +49,13 @@ class LineWayside:
         *,
         boot: int,
         start_ns: int,
+        centre: LineCentre | None = None,
         key: bytes = BENCH_KEY,
     ) -> None:
-        """`boot`: starts of this wayside so far; it must grow with every start."""
+        """Args:
+        boot: starts of this wayside so far; it must grow with every start.
+        centre: where decrees of supervision are kept; without one nobody hears them.
+        """
         self.refusals: Counter[str] = Counter()
         self.failed: list[str] = []
         """Who fell silent because the disk did not take what it had to store."""
@@ -68,6 +74,7 @@ class LineWayside:
             for site in line.objects
         }
         self.track = Track(timers, line, boot=boot, start_ns=start_ns)
+        self.centre = centre
         self.subscriptions = (
             *t2t_keys.of_wayside(line.name),
             *[
@@ -82,11 +89,14 @@ class LineWayside:
         self, now_ns: int, messages: Iterable[RadioMessage], truth: Truth
     ) -> list[tuple[str, bytes]]:
         """Key and payload of everything to send; what had to be stored is stored by then."""
-        heard = self._opened(messages)
+        heard, orders = self._opened(messages, now_ns)
         out: list[T2tMessage] = []
         for address, arbiter in list(self.arbiters.items()):
             mine = tuple([each for each in heard if each.destination == address])
+            before = arbiter.memory
             decided = arbiter.step(now_ns, mine)
+            if self.centre is not None and decided.memory is not None:
+                self._note(before, decided.memory, now_ns)
             if decided.memory is None or self._disks.store_arbiter(address, decided.memory):
                 out += decided.out
             else:
@@ -105,23 +115,51 @@ class LineWayside:
             else:
                 self._fails(f"object {number}")
                 del self.objects[number]
+        out += self._decreed(now_ns, to_wayside)
         out += self.track.step(now_ns, to_wayside, axles=truth.axles)
-        return [(t2t_keys.key_of(self._line_name, m), pack(m, self._key)) for m in out]
+        return orders + [(t2t_keys.key_of(self._line_name, m), pack(m, self._key)) for m in out]
+
+    def _note(self, before: ArbiterMemory, after: ArbiterMemory, now_ns: int) -> None:
+        """Whom an arbiter granted what, for displays."""
+        assert self.centre is not None
+        known = {each.area: each for each in before.areas}
+        for each in after.areas:
+            self.centre.granted(known.get(each.area), each, now_ns)
+
+    def _decreed(self, now_ns: int, heard: tuple[T2tMessage, ...]) -> list[T2tMessage]:
+        """Stored first; what the disk does not take is not decreed."""
+        centre = self.centre
+        if centre is None:
+            return []
+        before = centre.memory
+        stepped = centre.step(now_ns, heard)
+        out = list(stepped.out)
+        if stepped.memory is not None and not self._disks.store_centre(stepped.memory):
+            out = [centre.not_stored(before, now_ns)]
+        self.track.restrictions, self.track.closed = centre.restrictions, centre.closed
+        return out
 
     def _fails(self, who: str) -> None:
         """Whoever cannot store moves and says nothing more: a restart finds it as it was."""
         self.failed.append(who)
 
-    def _opened(self, messages: Iterable[RadioMessage]) -> list[T2tMessage]:
-        heard = []
+    def _opened(
+        self, messages: Iterable[RadioMessage], now_ns: int
+    ) -> tuple[list[T2tMessage], list[tuple[str, bytes]]]:
+        """What is of this protocol, and the centre's answers to statuses of trains."""
+        heard: list[T2tMessage] = []
+        orders: list[tuple[str, bytes]] = []
         for message in messages:
             opened = unpack(message.payload, self._key)
             if isinstance(opened, Refused):
                 self.refusals[opened.reason.value] += 1
+            elif isinstance(opened, TrainStatus) and self.centre is not None:
+                answer = self.centre.answer(message, opened, now_ns)
+                orders += [] if answer is None else [answer]
             elif not isinstance(opened, T2tMessage) or opened.source == WAYSIDE:
                 self.refusals["not for the wayside"] += 1
             elif message.key != t2t_keys.key_of(self._line_name, opened):
                 self.refusals["wrong source"] += 1
             else:
                 heard.append(opened)
-        return heard
+        return heard, orders

@@ -3,7 +3,8 @@
 from dataclasses import dataclass, field
 from typing import Generic, NamedTuple, TypeVar
 
-from zenoh_config.t2t import ObjectState, RosterEntry, T2tMessage
+from zenoh_config.messages import SpeedRestriction
+from zenoh_config.t2t import ObjectState, RosterEntry, T2tMessage, TrainDecree
 
 M = TypeVar("M")
 
@@ -46,3 +47,12 @@ class ObjectMemory:
     state: ObjectState = ObjectState.FREE
     claim_term: int = 0
     nonce: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class CentreMemory:
+    """What supervision decreed and has not taken back."""
+
+    trains: tuple[TrainDecree, ...] = ()
+    restrictions: tuple[SpeedRestriction, ...] = ()
+    closed: tuple[SpeedRestriction, ...] = ()

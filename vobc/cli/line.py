@@ -89,9 +89,10 @@ def open_line(
 
 
 def _address(text: str) -> int:
-    if not (text.isascii() and text.isdecimal()) or not 0 < int(text) <= LAST_TRAIN:
-        raise argparse.ArgumentTypeError(f"{text} is not in 1..{LAST_TRAIN}")
-    return int(text)
+    number = text.removeprefix("T")
+    if not (number.isascii() and number.isdecimal()) or not 0 < int(number) <= LAST_TRAIN:
+        raise argparse.ArgumentTypeError(f"{text} is no train; they are 1..{LAST_TRAIN}, or T1 ...")
+    return int(number)
 
 
 def _odd(text: str) -> int:

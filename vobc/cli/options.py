@@ -110,7 +110,10 @@ def plan(options: argparse.Namespace, epoch_ns: int) -> Plan:
     tags, radio = options.tags, options.radio
     if tags == AUTO:
         tags = str(rendezvous.tags_link(name))
-    if radio == AUTO:
+    if radio == AUTO and options.line_radio is not None:
+        # The centre of such a line sits in its wayside.
+        radio = options.line_radio
+    elif radio == AUTO:
         radio = rendezvous.read_radio(name) or DEFAULT_ENDPOINT
     return Plan(config, line, mission, nvram, start, bus, tags, radio, areas)
 

@@ -9,6 +9,7 @@ from zenoh_config.t2t import (
     FIRST_ARBITER,
     LAST_ARBITER,
     LAST_TRAIN,
+    SUPERVISION,
     Admission,
     AreaAuthority,
     Heartbeat,
@@ -38,7 +39,7 @@ OF_TRAINS: Final = (
     ObjectClaim,
 )
 OF_ARBITERS: Final = (LeaseAnswer, RosterAck)
-OF_WAYSIDE: Final = (ObjectStatus, TrackStatus, LineOrder)
+OF_WAYSIDE: Final = (ObjectStatus, TrackStatus)
 
 Stream = tuple[type[T2tMessage], int, int, int]
 """Kind, source, area and the number of the object that it speaks of."""
@@ -90,4 +91,6 @@ def _may_say(source: int, message: T2tMessage) -> bool:
         return WAYSIDE < source <= LAST_TRAIN
     if isinstance(message, OF_ARBITERS):
         return FIRST_ARBITER <= source <= LAST_ARBITER
+    if isinstance(message, LineOrder):
+        return source == SUPERVISION
     return isinstance(message, OF_WAYSIDE) and source == WAYSIDE

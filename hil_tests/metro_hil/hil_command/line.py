@@ -1,146 +1,150 @@
-"""`hil line`: several trains that command themselves on one line, in virtual time."""
+"""`hil run line`: trains that command themselves on one line, struck by faults and watched."""
 
 import argparse
+from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from metro_hil.engine.errors import UsageError
-from metro_hil.options import EXIT_OK
+from metro_hil.engine.errors import EngineError, UsageError
+from metro_hil.t2t_run.plan import HELP, Strike, faults_of, second, train_at, ways_of
+from metro_hil.options import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_OK
 
 if TYPE_CHECKING:
-    from metro_hil.line_bench import BenchTrain, LineBench
+    from metro_hil.t2t_run.real import Settings
 
-EXIT_VIOLATED: Final = 1
-LOOK_S: Final = 0.05
-NS_PER_S: Final = 1e9
+BENCHES: Final = ("processes", "lockstep")
+EPILOG: Final = """\
+Faults may be asked for several times. What is killed, stopped or cut stays away for --down-for
+seconds; in lockstep a killed controller stays dead. The folder keeps what was said on the line's
+radio (`vobc line-log FOLDER`) and the logs of every train.
+exit codes: 0 nobody came too near and nobody braked by emergency without need; 1 somebody did;
+2 wrong usage; 3 bus, radio or a process missing; 130 ended by Ctrl-C
+"""
 
 
 def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     parser = verbs.add_parser(
         "line",
-        help="run several trains that command themselves",
-        description="Run several trains that command themselves on one line, in virtual time: "
-        "whole controllers and plants, the foremost first, each on its way to the second station "
-        "ahead. Tells what happens and ends with a table; exit 1 when an authority came nearer to "
-        "the train ahead than it may, or a train that is controlled had to brake by emergency.",
+        help="run several trains that command themselves; the same as `hil run line`",
+        description="Run several trains that command themselves on one line, the foremost first, "
+        "each on its way to the second station ahead: real processes, one controller, plant and "
+        "bus for each train and one wayside, over real zenoh; or whole trains in virtual time. "
+        "Tells what happens, strikes as asked, and ends with a table.",
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("--line", default="loop", metavar="NAME", help="default: %(default)s")
+    parser.add_argument("--line", default="loop", metavar="NAME|FILE", help="default: %(default)s")
     parser.add_argument("--trains", type=int, default=4, metavar="N", help="default: %(default)s")
     parser.add_argument("--for", type=float, default=90.0, dest="duration_s", metavar="SECONDS")
-    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--bench", choices=BENCHES, default="processes", help="default: processes")
+    parser.add_argument("--seed", type=int, default=1, help="in lockstep; default: 1")
+    parser.add_argument("--line-timers", choices=("A", "B"), default="A", help="default: A")
+    parser.add_argument("--arbiters", type=int, choices=(1, 3, 5), default=1, help="default: 1")
     parser.add_argument(
-        "--kill-master-at",
-        type=float,
-        metavar="SECONDS",
-        help="the controller of the train that commands the rearmost area dies",
+        "--line-radio", metavar="ENDPOINT", help="of the wayside; default: a free port"
     )
+    parser.add_argument(
+        "--priority",
+        type=int,
+        choices=range(100),
+        default=40,
+        metavar="0..99",
+        help="of controllers, SCHED_FIFO where the rights allow it; 0: none; default: 40",
+    )
+    parser.add_argument("--out", metavar="FOLDER", help="default: a new one below runs/")
+    group = parser.add_argument_group("what goes wrong")
+    for strike, words in HELP.items():
+        of_train = strike is Strike.RESTART_TRAIN
+        group.add_argument(
+            f"--{strike.value}",
+            action="append",
+            type=train_at if of_train else second,
+            metavar="TRAIN@SECONDS" if of_train else "SECONDS",
+            help=words,
+        )
+    group.add_argument("--down-for", type=second, default=4.0, dest="down_s", metavar="SECONDS")
     parser.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> int:
     """Raises UsageError and SettingsError for what does not fit together."""
+    from firmware_py.buses import BusError
+    from firmware_py.clock import WallClock
+    from firmware_py.radio.zenoh_radio import RadioError
+    from metro_hil.children import ChildError
+    from metro_hil.run_folder import make_run_folder
+
+    settings = _settings(options)
+    folder = make_run_folder(options.out, WallClock().epoch_ns(), f"line_{settings.areas.name}")
+    try:
+        return _run(options, settings, folder.path)
+    except (BusError, RadioError, ChildError) as error:
+        raise EngineError(str(error)) from error
+
+
+def _settings(options: argparse.Namespace) -> "Settings":
+    from firmware_py.radio.zenoh_radio import pick_endpoint
     from firmware_py.trackdb import load_line
     from firmware_py.trackdb.areas import load_areas
-    from metro_hil.line_bench import LineBench, Run
-    from vobc.config import load_config
+    from metro_hil.t2t_run.real import Settings
+    from metro_hil.t2t_run.virtual import NOT_HERE
+    from zenoh_config.sessions import check_endpoint
 
     areas, line = load_areas(options.line), load_line(options.line)
-    stations = [each.name for each in line.stations]
-    if not 1 <= options.trains <= len(stations) - 2:
-        raise UsageError(
-            f"--trains {options.trains}: the line {line.name} has room for 1 to "
-            f"{len(stations) - 2}, each at a station with two more ahead of the foremost"
-        )
+    faults = faults_of(options)
+    try:
+        ways = ways_of(line, options.trains)
+        if options.line_radio is not None:
+            check_endpoint(options.line_radio)
+    except ValueError as error:
+        raise UsageError(str(error)) from error
     if not options.duration_s > 0.0:
         raise UsageError(f"--for {options.duration_s:g}: not a duration")
-    ways = [
-        Run(stations[at], stations[at + 2])
-        for at in range(len(stations) - 3, len(stations) - 3 - options.trains, -1)
-    ]
-    bench = LineBench(load_config("florence4"), areas, ways, seed=options.seed)
-    return _Watch(bench, options.kill_master_at).run(options.duration_s)
+    for each in faults:
+        if each.train > options.trains:
+            raise UsageError(f"--{each.strike.value} T{each.train}: there is no such train")
+        if options.bench == "lockstep" and each.strike in NOT_HERE:
+            raise UsageError(f"--{each.strike.value}: not in lockstep")
+    return Settings(
+        line=line,
+        areas=areas,
+        line_name=options.line,
+        ways=ways,
+        endpoint=options.line_radio or pick_endpoint(),
+        timers=options.line_timers,
+        arbiters=options.arbiters,
+        faults=faults,
+        down_s=options.down_s,
+        duration_s=options.duration_s,
+        priority=options.priority,
+    )
 
 
-class _Watch:
-    """Looks at the plants' truth and tells what changes."""
+def _run(options: argparse.Namespace, settings: "Settings", folder: Path) -> int:
+    from metro_hil.t2t_run.real import RealLine
+    from metro_hil.t2t_run.verdict import areas_words, complaints, show
+    from metro_hil.t2t_run.virtual import VirtualLine
+    from vobc.t2t.vocabulary import T2tConfig
 
-    def __init__(self, bench: "LineBench", kill_at_s: float | None) -> None:
-        self._bench, self._kill_at_s = bench, kill_at_s
-        self._killed = 0
-        self._masters: dict[int, list[int]] = {}
-        self._least_m: dict[int, float] = {}
-        self._oldest_s: dict[int, float] = {}
-        self._emergencies: set[int] = set()
+    def say(at_s: float, words: str) -> None:
+        print(f"{at_s:8.2f} s  {words}", flush=True)
 
-    def run(self, duration_s: float) -> int:
-        end_ns = self._bench.clock.now_ns() + round(duration_s * NS_PER_S)
-        while self._bench.clock.now_ns() < end_ns:
-            self._bench.run(LOOK_S)
-            self._look()
-        self._table()
-        margin_m = self._bench.behind_rear_m
-        near = [n for n, gap_m in self._least_m.items() if gap_m < margin_m]
-        for number in near:
-            print(f"train {number}: authority only {self._least_m[number]:.2f} m behind the next")
-        for number in sorted(self._emergencies):
-            print(f"train {number}: emergency brake although it was controlled")
-        return EXIT_VIOLATED if near or self._emergencies else EXIT_OK
-
-    def _look(self) -> None:
-        from can_dbc.vobc import Supervision
-
-        bench, at_s = self._bench, self._bench.clock.now_ns() / NS_PER_S
-        for area in bench.areas.areas:
-            masters = bench.masters(area.number)
-            if masters != self._masters.get(area.number, []):
-                self._masters[area.number] = masters
-                who = f"train {masters[0]} commands" if masters else "nobody commands"
-                print(f"{at_s:8.2f} s  area {area.number}: {who}")
-        if self._kill_at_s is not None and at_s >= self._kill_at_s and not self._killed:
-            self._kill(at_s)
-        ahead: BenchTrain | None = None
-        for number, train in bench.trains.items():
-            held = train.command.held
-            if held is not None and number != self._killed:
-                age_s = at_s - held.echo_ns / NS_PER_S
-                self._oldest_s[number] = max(age_s, self._oldest_s.get(number, 0.0))
-                if train.vobc.output.supervision is Supervision.EMERGENCY:
-                    self._emergencies.add(number)
-                if ahead is not None:
-                    world = ahead.plant.world
-                    gap_m = world.front_m - world.length_m - held.end_m
-                    self._least_m[number] = min(gap_m, self._least_m.get(number, gap_m))
-            ahead = train
-
-    def _kill(self, at_s: float) -> None:
-        for area in self._bench.areas.areas:
-            masters = self._bench.masters(area.number)
-            if masters:
-                self._killed = masters[0]
-                self._bench.kill(masters[0])
-                print(f"{at_s:8.2f} s  the controller of train {masters[0]} dies")
-                return
-
-    def _table(self) -> None:
-        from rich.console import Console
-        from rich.table import Table
-
-        table = Table(box=None)
-        for head in ("train", "front m", "km/h", "authority to m", "term", "state", "is"):
-            table.add_column(head, justify="left" if head in ("state", "is") else "right")
-        table.add_column("oldest ms", justify="right")
-        table.add_column("least gap m", justify="right")
-        for number, train in self._bench.trains.items():
-            held, radio = train.command.held, train.command.radio
-            roles = ", ".join(f"{role.value} of {area}" for area, role in radio.roles.items())
-            table.add_row(
-                str(number),
-                f"{train.plant.world.front_m:.1f}",
-                f"{train.plant.world.speed_mps * 3.6:.1f}",
-                "–" if held is None else f"{held.end_m:.1f}",
-                "–" if held is None else str(held.term),
-                "dead" if number == self._killed else radio.state.value,
-                roles,
-                f"{self._oldest_s.get(number, 0.0) * 1000.0:.0f}",
-                f"{self._least_m[number]:.1f}" if number in self._least_m else "–",
-            )
-        Console(highlight=False, width=140).print(table)
+    line: RealLine | VirtualLine
+    if options.bench == "lockstep":
+        line = VirtualLine(settings, folder, say, seed=options.seed)
+    else:
+        print(f"line radio: {settings.endpoint}; look with `vobc line --watch --line-radio ...`")
+        line = RealLine(settings, folder, say)
+    over = line.run()
+    trains = len(settings.ways)
+    show(line.story, trains)
+    for words in areas_words(line.story):
+        print(words)
+    if line.dropped:
+        print(f"the recorder missed {line.dropped} messages")
+    wrong = complaints(line.story, trains, behind_rear_m=T2tConfig().behind_rear_m)
+    for words in wrong:
+        print(words)
+    print(f"run folder: {folder}")
+    if not over:
+        return EXIT_INTERRUPTED
+    return EXIT_FAILED if wrong else EXIT_OK

@@ -23,6 +23,7 @@ from vobc.t2t.vocabulary import OwnTrain, Role, Stepped, T2tConfig, TrainMemory,
 from zenoh_config.messages import WAYSIDE
 from zenoh_config.t2t import (
     NOBODY,
+    SUPERVISION,
     Heartbeat,
     LineOrder,
     ObjectClaim,
@@ -272,7 +273,7 @@ class WaysideNode:
                 self._sequence += 1
                 said.append(
                     LineOrder(
-                        WAYSIDE,
+                        SUPERVISION,
                         master,
                         order.area,
                         0,

@@ -1,0 +1,145 @@
+"""`vobc line`, `master`, `hold`, `restrict` and others: supervision of a line over zenoh."""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from typing import Final
+
+from firmware_py.clock import WallClock
+from firmware_py.radio.zenoh_radio import RadioError, Role, open_radio
+from firmware_py.settings import SettingsError
+from firmware_py.trackdb.areas import AreaMap, load_areas
+from metro_hil.line_desk.desk import Desk
+from metro_hil.line_desk.view import KMH, LineView
+from metro_hil.options import EXIT_OK, EXIT_USAGE
+from zenoh_config import t2t_keys
+from zenoh_config.soundness import MAX_CHAINAGE_M, MAX_SPEED_MPS
+from zenoh_config.t2t import LAST_TRAIN, DecreeKind
+
+ENDPOINT: Final = "tcp/127.0.0.1:7448"
+LOOK_S: Final = 1.5
+"""So long is listened before anything is said."""
+OF_TRAIN: Final = {
+    "hold": (DecreeKind.HOLD, DecreeKind.LET_GO, "keep a train at the present or next platform"),
+    "skip": (DecreeKind.SKIP, DecreeKind.CALL, "let a train pass the next station"),
+    "emergency-brake": (DecreeKind.EMERGENCY, DecreeKind.RELEASE, "brake a train and keep it"),
+}
+"""What is decreed, what takes it back, and the help."""
+OF_TRACK: Final = {
+    "restrict": (
+        DecreeKind.RESTRICT,
+        DecreeKind.LIFT,
+        "limit all trains on a stretch",
+    ),
+    "close": (DecreeKind.CLOSE, DecreeKind.OPEN, "let no train enter a stretch"),
+}
+VERBS: Final = ("line", "master", "switch-master", "out-of-service", *OF_TRAIN, *OF_TRACK)
+
+
+def main(words: Sequence[str]) -> int:
+    """Exit 2 for what is no train, line or endpoint; 3 when nobody does what was asked."""
+    options = parser().parse_args(words)
+    try:
+        return _supervise(options, load_areas(options.line))
+    except (SettingsError, RadioError) as error:
+        print(f"vobc: {error}", file=sys.stderr)
+        return EXIT_USAGE
+    except KeyboardInterrupt:
+        return EXIT_OK
+
+
+def _supervise(options: argparse.Namespace, areas: AreaMap) -> int:
+    if options.verb == "switch-master" and options.area not in {a.number for a in areas.areas}:
+        raise SettingsError(f"--area {options.area}: {areas.name} has no such area")
+    if options.verb == "restrict" and not options.end and options.limit_kmh is None:
+        raise SettingsError("restrict: --limit KMH is missing; --end takes one back")
+    clock, view = WallClock(), LineView(areas)
+    topics = t2t_keys.of_supervision(areas.name)
+    with open_radio(Role.TRAIN, options.line_radio, topics, clock) as port:
+        desk = Desk(clock, view, port)
+        desk.listen(LOOK_S)
+        return _obey(options, desk, view, clock)
+
+
+def _obey(options: argparse.Namespace, desk: Desk, view: LineView, clock: WallClock) -> int:
+    verb = options.verb
+    if verb == "line":
+        while options.watch:
+            desk.say(view.words(clock.now_ns()), over=True)
+            desk.listen(0.5)
+        desk.say(view.words(clock.now_ns()))
+        return EXIT_OK if view.commands else desk.nobody()
+    if verb == "master":
+        desk.say(view.reasons(clock.now_ns()))
+        return EXIT_OK if view.commands else desk.nobody()
+    if verb == "switch-master":
+        return desk.switch(options.area, options.to)
+    if verb == "out-of-service":
+        return desk.retire(options.number, end=options.end)
+    if verb in OF_TRAIN:
+        wanted, back, _ = OF_TRAIN[verb]
+        return desk.decree(back if options.end else wanted, train=options.number)
+    wanted, back, _ = OF_TRACK[verb]
+    limit_mps = (getattr(options, "limit_kmh", None) or 0.0) / KMH
+    return desk.decree(
+        back if options.end else wanted,
+        start_m=options.start_m,
+        end_m=options.end_m,
+        limit_mps=limit_mps,
+    )
+
+
+def parser() -> argparse.ArgumentParser:
+    top = argparse.ArgumentParser(prog="vobc", description=__doc__)
+    verbs = top.add_subparsers(dest="verb", required=True, metavar="VERB")
+    line = verbs.add_parser("line", help="show areas, track and trains of a line")
+    line.add_argument("--watch", action="store_true", help="go on until Ctrl-C")
+    master = verbs.add_parser("master", help="who commands which area, and why")
+    switch = verbs.add_parser("switch-master", help="let another train command an area")
+    switch.add_argument("--area", type=int, required=True)
+    switch.add_argument("--to", type=_train, required=True, metavar="TRAIN")
+    retire = verbs.add_parser("out-of-service", help="let a train command nothing any more")
+    chosen = [line, master, switch, retire]
+    of_trains = [retire]
+    for verb, (_, _, words) in OF_TRAIN.items():
+        of_trains.append(verbs.add_parser(verb, help=words, description=f"{words.capitalize()}."))
+    for parsed in of_trains:
+        parsed.add_argument("number", type=_train, metavar="TRAIN")
+        parsed.add_argument("--end", action="store_true", help="take it back")
+    for verb, (_, _, words) in OF_TRACK.items():
+        parsed = verbs.add_parser(verb, help=words, description=f"{words.capitalize()}.")
+        parsed.add_argument("start_m", type=_chainage_m, metavar="START", help="metres of the line")
+        parsed.add_argument("end_m", type=_chainage_m, metavar="END")
+        if verb == "restrict":
+            parsed.add_argument("--limit", dest="limit_kmh", type=_speed_kmh, metavar="KMH")
+        parsed.add_argument("--end", action="store_true", help="take it back; the same stretch")
+        chosen.append(parsed)
+    for parsed in (*chosen, *of_trains[1:]):
+        parsed.add_argument("--line", default="loop", metavar="NAME|FILE", help="default: loop")
+        parsed.add_argument("--line-radio", default=ENDPOINT, metavar="ENDPOINT")
+    return top
+
+
+def _train(text: str) -> int:
+    number = text.removeprefix("T")
+    if not (number.isascii() and number.isdecimal()) or not 0 < int(number) <= LAST_TRAIN:
+        raise argparse.ArgumentTypeError(f"{text} is no train; they are 1..{LAST_TRAIN}, or T1 ...")
+    return int(number)
+
+
+def _chainage_m(text: str) -> float:
+    return _number(text, -MAX_CHAINAGE_M, MAX_CHAINAGE_M)
+
+
+def _speed_kmh(text: str) -> float:
+    return _number(text, 1.0, MAX_SPEED_MPS * KMH)
+
+
+def _number(text: str, least: float, most: float) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = float("nan")
+    if not least <= value <= most:
+        raise argparse.ArgumentTypeError(f"{text} is not a number in {least:g}..{most:g}")
+    return value

@@ -1,0 +1,191 @@
+"""A desk of supervision: listens, says what is wanted until it is so, tells what came of it."""
+
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Final
+
+from can_dbc.vobc import Supervision
+from firmware_py.clock import WallClock
+from firmware_py.ports import RadioPort
+from metro_hil.line_desk.view import Command, LineView, protection_words
+from metro_hil.options import EXIT_ENVIRONMENT, EXIT_OK
+from zenoh_config import t2t_keys
+from zenoh_config.codec import BENCH_KEY, pack
+from zenoh_config.messages import WAYSIDE
+from zenoh_config.t2t import (
+    NOBODY,
+    SUPERVISION,
+    Decree,
+    DecreeAnswer,
+    DecreeKind,
+    LineOrder,
+    LineState,
+    OrderKind,
+    T2tMessage,
+)
+
+NS_PER_S: Final = 1_000_000_000
+NS_PER_US: Final = 1000
+BEAT_NS: Final = 50_000_000
+ORDER_S: Final = 3.0
+REFUSALS: Final = {
+    DecreeAnswer.UNKNOWN_TRAIN: "no such train tells its status to the wayside",
+    DecreeAnswer.NO_STRETCH: "no such stretch on this line, no station ahead, or no limit",
+    DecreeAnswer.FULL: "no room for another one; take one back first",
+    DecreeAnswer.NOT_THERE: "nothing of the kind was decreed",
+    DecreeAnswer.NOT_STORED: "the wayside cannot store it, so it is not decreed",
+    DecreeAnswer.TOO_OLD: "it came too late; the radio is too slow",
+}
+
+
+class Desk:
+    def __init__(
+        self, clock: WallClock, view: LineView, port: RadioPort, key: bytes = BENCH_KEY
+    ) -> None:
+        self._clock, self._view, self._port, self._key = clock, view, port, key
+        epoch_ns = clock.epoch_ns()
+        self._boot = epoch_ns // NS_PER_S
+        # Two desks within one second number their messages on.
+        self._sequence = epoch_ns % NS_PER_S // NS_PER_US
+
+    def listen(self, duration_s: float, until: Callable[[], bool] = lambda: False) -> bool:
+        """Whether what is waited for came."""
+        end_ns = self._clock.now_ns() + round(duration_s * NS_PER_S)
+        while self._clock.now_ns() < end_ns:
+            self._clock.wait_until(self._clock.now_ns() + BEAT_NS)
+            now_ns = self._clock.now_ns()
+            self._view.hears(self._port.receive(now_ns), now_ns)
+            if until():
+                return True
+        return False
+
+    def say(self, lines: Sequence[str], *, over: bool = False) -> None:
+        clear = "\033[2J\033[H" if over and sys.stdout.isatty() else ""
+        print(clear + "\n".join(lines), flush=True)
+
+    # To masters and trains.
+
+    def switch(self, area: int, to: int) -> int:
+        """Ask until another commands, or it is clear that none will."""
+        if area not in self._view.commands:
+            return self.nobody()
+
+        def switched() -> bool:
+            now = self._view.commands[area]
+            if now.heartbeat.source == to:
+                return True
+            self._order(OrderKind.SWITCH_MASTER, to, now)
+            return False
+
+        if self.listen(ORDER_S, switched):
+            print(f"area {area}: train {to} commands")
+            return EXIT_OK
+        return _failed(f"train {to} did not take area {area} over; is it there?")
+
+    def retire(self, train: int, *, end: bool) -> int:
+        """Tell every master, for as long as it takes the train to command nothing."""
+        if not self._view.commands:
+            return self.nobody()
+        kind = OrderKind.IN_SERVICE if end else OrderKind.OUT_OF_SERVICE
+
+        def done() -> bool:
+            for command in self._view.commands.values():
+                self._order(kind, train, command)
+                # And the train itself, which says so to every master there will be.
+                itself = command._replace(heartbeat=replace(command.heartbeat, source=train))
+                self._order(kind, train, itself)
+            report, _ = self._view.reports.get(train, (None, 0))
+            if end:
+                return report is not None and not report.out_of_service
+            commands = [each.heartbeat for each in self._view.commands.values()]
+            return all(train not in (each.source, each.standby) for each in commands)
+
+        if self.listen(ORDER_S, done):
+            now = "is in service again" if end else "commands nothing and stands by for nobody"
+            print(f"train {train} {now}")
+            return EXIT_OK
+        if end:
+            return _failed(f"train {train} does not say that it is in service")
+        return _failed(f"nobody could take over from train {train}")
+
+    def _order(self, kind: OrderKind, train: int, command: Command) -> None:
+        self._sequence += 1
+        sequence, now_ns = self._sequence, self._clock.now_ns()
+        self._send(order(kind, train, command, boot=self._boot, sequence=sequence, now_ns=now_ns))
+
+    # To the wayside.
+
+    def decree(
+        self,
+        kind: DecreeKind,
+        *,
+        train: int = NOBODY,
+        start_m: float = 0.0,
+        end_m: float = 0.0,
+        limit_mps: float = 0.0,
+    ) -> int:
+        """The same decree again and again until it is answered."""
+        if self._view.state is None:
+            return _failed("the wayside of the line is not heard: nothing can be decreed")
+        self._sequence += 1
+        head = (SUPERVISION, WAYSIDE, 0, 0, self._boot, self._sequence, self._clock.now_ns())
+        stretch = (start_m, end_m, limit_mps)
+        decree = Decree(*head, self._view.state.stamp_ns, kind, train, *stretch)
+
+        def answered() -> bool:
+            state = self._view.state
+            if state is not None and _answers(state, decree):
+                return True
+            self._send(decree)
+            return False
+
+        if not self.listen(ORDER_S, answered):
+            return _failed("the wayside does not answer; nobody knows whether it is decreed")
+        answer = self._view.state.answer
+        if answer is not DecreeAnswer.DONE:
+            return _failed(REFUSALS[answer])
+        return self._shown(kind, train)
+
+    def _shown(self, kind: DecreeKind, train: int) -> int:
+        """A brake that is decreed has to be on; one that is released may have other reasons."""
+        print("decreed, and stored by the wayside")
+        if kind not in (DecreeKind.EMERGENCY, DecreeKind.RELEASE):
+            return EXIT_OK
+        wanted = kind is DecreeKind.EMERGENCY
+
+        def shown() -> bool:
+            status = self._view.statuses.get(train)
+            return status is not None and wanted is (status.supervision == Supervision.EMERGENCY)
+
+        if self.listen(ORDER_S, shown):
+            print(f"train {train}: emergency brake {'applied' if wanted else 'released'}")
+            return EXIT_OK
+        status = self._view.statuses.get(train)
+        told = "it is silent" if status is None else protection_words(status) or "nominal"
+        return _failed(f"train {train} does not show it yet: {told}")
+
+    def _send(self, message: T2tMessage) -> None:
+        key = t2t_keys.key_of(self._view.areas.name, message)
+        self._port.send(self._clock.now_ns(), key, pack(message, self._key))
+
+    def nobody(self) -> int:
+        return _failed(f"nobody is heard on {self._view.areas.name}")
+
+
+def order(
+    kind: OrderKind, train: int, command: Command, *, boot: int, sequence: int, now_ns: int
+) -> LineOrder:
+    """To whoever commands the area now, the source of its heartbeat."""
+    heartbeat = command.heartbeat
+    area, term = heartbeat.area, heartbeat.term
+    return LineOrder(SUPERVISION, heartbeat.source, area, term, boot, sequence, now_ns, kind, train)
+
+
+def _answers(state: LineState, decree: Decree) -> bool:
+    return (state.answered_boot, state.answered) == (decree.boot, decree.sequence)
+
+
+def _failed(words: str) -> int:
+    print(f"vobc: {words}", file=sys.stderr)
+    return EXIT_ENVIRONMENT

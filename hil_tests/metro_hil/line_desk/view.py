@@ -1,0 +1,189 @@
+"""What supervision of a line has heard, and the words for it."""
+
+from collections.abc import Iterable
+from typing import Final, NamedTuple
+
+from can_dbc.vobc import Cause, OperatingMode, Supervision
+from firmware_py.ports import RadioMessage
+from firmware_py.trackdb.areas import AreaMap
+from zenoh_config import keys, t2t_keys
+from zenoh_config.codec import BENCH_KEY, unpack
+from zenoh_config.messages import SpeedRestriction, TrainStatus
+from zenoh_config.t2t import (
+    NOBODY,
+    Heartbeat,
+    LeaseReason,
+    LineState,
+    ObjectStatus,
+    Phase,
+    T2tMessage,
+    TrainDecree,
+    TrainReport,
+)
+
+NS_PER_S: Final = 1e9
+SILENT_S: Final = 1.0
+KMH: Final = 3.6
+WHY: Final = {
+    LeaseReason.FIRST: "the first that asked",
+    LeaseReason.RAN_OUT: "the lease of train {before} had run out",
+    LeaseReason.HANDED_OVER: "train {before} handed over",
+    LeaseReason.AGAIN: "it had it before",
+}
+
+
+class Command(NamedTuple):
+    """Who commands an area, as last heard."""
+
+    heartbeat: Heartbeat
+    heard_ns: int
+    since_ns: int
+    """When this term was heard first."""
+    before: int
+    """Who commanded before; NOBODY: nobody was heard."""
+
+
+class LineView:
+    """The newest of each, whoever else may have said what."""
+
+    def __init__(self, areas: AreaMap, key: bytes = BENCH_KEY) -> None:
+        self.areas = areas
+        self.commands: dict[int, Command] = {}
+        self.reports: dict[int, tuple[TrainReport, int]] = {}
+        """By train: of the area that it last reported to as a member."""
+        self.statuses: dict[int, TrainStatus] = {}
+        self.objects: dict[int, ObjectStatus] = {}
+        self.state: LineState | None = None
+        """What the wayside said last; None: it was not heard."""
+        self.refused = 0
+        """Messages that were damaged, of another key, or under the key of another."""
+        self._key = key
+
+    def hears(self, messages: Iterable[RadioMessage], now_ns: int) -> None:
+        for message in messages:
+            heard = unpack(message.payload, self._key)
+            line = self.areas.name
+            if isinstance(heard, TrainStatus) and message.key == keys.status(line, heard.train):
+                self.statuses[heard.train] = heard
+            elif not isinstance(heard, T2tMessage) or message.key != t2t_keys.key_of(line, heard):
+                self.refused += 1
+            elif isinstance(heard, Heartbeat):
+                self._hears_heartbeat(heard, now_ns)
+            elif isinstance(heard, TrainReport):
+                self._hears_report(heard, now_ns)
+            elif isinstance(heard, ObjectStatus):
+                self.objects[heard.number] = heard
+            elif isinstance(heard, LineState):
+                self.state = heard
+
+    def _hears_heartbeat(self, heartbeat: Heartbeat, now_ns: int) -> None:
+        known = self.commands.get(heartbeat.area)
+        if known is None:
+            self.commands[heartbeat.area] = Command(heartbeat, now_ns, now_ns, NOBODY)
+        elif heartbeat.term > known.heartbeat.term:
+            before = known.heartbeat.source
+            self.commands[heartbeat.area] = Command(heartbeat, now_ns, now_ns, before)
+        elif heartbeat.term == known.heartbeat.term:
+            self.commands[heartbeat.area] = known._replace(heartbeat=heartbeat, heard_ns=now_ns)
+
+    def _hears_report(self, report: TrainReport, now_ns: int) -> None:
+        known = self.reports.get(report.source)
+        owner = self.areas.area_at(report.front_min_m).number
+        if known is None or report.area == owner or known[0].area != owner:
+            self.reports[report.source] = (report, now_ns)
+
+    # In words.
+
+    def words(self, now_ns: int) -> list[str]:
+        """Areas, what is decreed of the track, then trains, the foremost first."""
+        said = [self._area_words(area.number, now_ns) for area in self.areas.areas]
+        trains = sorted(self.reports.values(), key=lambda each: -each[0].front_max_m)
+        head = f"train {'front m':>9} {'km/h':>6} {'authority to m':>15} {'term':>5} {'age s':>6}"
+        rows = [self._train_words(report, now_ns - at) for report, at in trains]
+        return [*said, *self._track_words(), f"{head}  is", *rows]
+
+    def reasons(self, now_ns: int) -> list[str]:
+        """Who commands each area, and why."""
+        said = []
+        leases = {} if self.state is None else {each.area: each for each in self.state.leases}
+        for area in self.areas.areas:
+            words, lease = self._area_words(area.number, now_ns), leases.get(area.number)
+            command = self.commands.get(area.number)
+            if self.state is not None and lease is not None and command is not None:
+                since_s = (self.state.stamp_ns - lease.since_ns) / NS_PER_S
+                why = WHY[lease.reason].format(before=lease.before)
+                if lease.granted_term == command.heartbeat.term:
+                    words += f"; for {since_s:.1f} s, because {why}"
+            said.append(words)
+        return said
+
+    def _area_words(self, area: int, now_ns: int) -> str:
+        command = self.commands.get(area)
+        if command is None:
+            return f"area {area}: nobody commands"
+        heartbeat, silent_s = command.heartbeat, (now_ns - command.heard_ns) / NS_PER_S
+        doing = "commands" if heartbeat.phase is Phase.ISSUING else "takes over"
+        standby = f"train {heartbeat.standby}" if heartbeat.standby else "nobody"
+        words = f"area {area}: train {heartbeat.source} {doing}, term {heartbeat.term}"
+        words += f", standby {standby}"
+        if command.before != NOBODY:
+            words += f"; before, train {command.before} did"
+        if silent_s > SILENT_S:
+            words += f"; silent for {silent_s:.1f} s"
+        return words
+
+    def _track_words(self) -> list[str]:
+        said = []
+        for each in self.objects.values():
+            wanted = ", is to be released" if each.release_wanted else ""
+            said.append(f"object {each.number}: {each.state.name.lower()}{wanted}")
+        if self.state is None:
+            return [*sorted(said), "the wayside is not heard: nothing can be decreed"]
+        for each in self.state.restrictions:
+            said.append(f"at most {each.limit_mps * KMH:g} km/h {stretch_words(each)}")
+        return [*said, *[f"closed {stretch_words(each)}" for each in self.state.closed]]
+
+    def _train_words(self, report: TrainReport, age_ns: int) -> str:
+        end = f"{report.held_end_m:.1f}" if report.member else "–"
+        front = f"{report.front_max_m:.1f}" if report.localised else "lost"
+        return (
+            f"{report.source:>5} {front:>9} {report.speed_mps * KMH:>6.1f} {end:>15} "
+            f"{report.term:>5} {age_ns / NS_PER_S:>6.2f}  {self._state_words(report)}"
+        ).rstrip()
+
+    def _state_words(self, report: TrainReport) -> str:
+        """Mode, what its protection does, and what is decreed of it."""
+        said = []
+        status = self.statuses.get(report.source)
+        if status is not None:
+            said += [_name(OperatingMode, status.mode), protection_words(status)]
+        if report.out_of_service:
+            said.append("out of service")
+        decree = self.decree(report.source)
+        if decree is not None:
+            said += [name for name in ("hold", "skip") if getattr(decree, name)]
+            said += ["remote emergency brake"] if decree.emergency else []
+        return ", ".join([each for each in said if each])
+
+    def decree(self, train: int) -> TrainDecree | None:
+        trains = () if self.state is None else self.state.trains
+        return next((each for each in trains if each.train == train), None)
+
+
+def protection_words(status: TrainStatus) -> str:
+    if status.supervision == Supervision.NOMINAL:
+        return ""
+    words = _name(Supervision, status.supervision)
+    return f"{words}: {_name(Cause, status.cause)}" if status.cause else words
+
+
+def stretch_words(stretch: SpeedRestriction) -> str:
+    return f"from {stretch.start_m:g} to {stretch.end_m:g} m"
+
+
+def _name(kind: type[OperatingMode] | type[Supervision] | type[Cause], number: int) -> str:
+    """A number that this program does not know is told as it is."""
+    try:
+        return kind(number).name.lower().replace("_", " ")
+    except ValueError:
+        return str(number)

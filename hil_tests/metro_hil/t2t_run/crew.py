@@ -1,0 +1,134 @@
+"""All programs of a line as processes: a wayside, and bus, plant and controller of each train."""
+
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Final
+
+from firmware_py.buses.hub_control import start_hub
+from metro_hil.children import Child
+from metro_hil.t2t_run.plan import Way
+
+WAYSIDE: Final = "wayside"
+BEHIND: Final = 10
+"""The train does not wait for its driver, but it may be a little late."""
+
+
+class LineCrew:
+    """Starts them, strikes them, starts them again; all end with the stack."""
+
+    def __init__(
+        self,
+        folder: Path,
+        line: str,
+        endpoint: str,
+        stack: ExitStack,
+        *,
+        timers: str = "A",
+        arbiters: int = 1,
+        relayed: bool = False,
+        trains: int = 0,
+        priority: int = 0,
+    ) -> None:
+        """Args:
+        relayed: trains reach the wayside over a relay that can be cut.
+        priority: of controllers, by SCHED_FIFO where the rights allow it; plants are a little
+            behind, and 0 is none.
+        """
+        self.children: dict[str, Child] = {}
+        self._folder, self._line, self._endpoint, self._stack = folder, line, endpoint, stack
+        self._of_line = ["--line-timers", timers, "--arbiters", str(arbiters)]
+        self._priority = priority
+        self._ways: dict[int, Way] = {}
+        self._lives: dict[int, int] = {}
+        self._relay: subprocess.Popen[str] | None = None
+        self._endpoints: dict[int, str] = {}
+        if relayed:
+            self._start_relay(range(1, trains + 1))
+
+    def start_wayside(self) -> None:
+        arguments = ["wayside", "--line", self._line, "--line-radio", self._endpoint]
+        arguments += [*self._of_line, "--memory", str(self._folder / "wayside")]
+        self._adopt(WAYSIDE, "plant_emulator", arguments, self._folder / "wayside.log")
+
+    def start_plant(self, train: int, way: Way) -> None:
+        """Raises BusError when its bus cannot be brought up."""
+        self._ways[train] = way
+        hub = start_hub(_bus(train), bound=True)
+        self._stack.callback(hub.stop)
+        folder = self._folder_of(train)
+        arguments = ["run", "--line", self._line, "--bus", f"embedded:{_bus(train)}"]
+        arguments += ["--from", way.start, "--to", way.end, "--seed", str(train)]
+        arguments += ["--train", str(train), "--line-radio", self._endpoint]
+        arguments += ["--priority", str(max(0, self._priority - BEHIND))]
+        arguments += ["--out", str(folder)]
+        self._adopt(f"plant {train}", "plant_emulator", arguments, folder / "plant.log")
+
+    def start_controller(self, train: int) -> None:
+        """Anew it goes by its memory: where it stands, what it promised, which start this is."""
+        life = self._lives[train] = self._lives.get(train, 0) + 1
+        folder, way = self._folder_of(train), self._ways[train]
+        out = folder if life == 1 else folder / f"life{life}"
+        arguments = ["run", "--line", self._line, "--bus", f"embedded:{_bus(train)}"]
+        arguments += ["--train", str(train), "--out", str(out)]
+        arguments += ["--priority", str(self._priority)]
+        arguments += ["--line-radio", self._endpoints.get(train, self._endpoint), *self._of_line]
+        arguments += ["--nvram", str(folder / "nvram"), "--line-memory", str(folder / "promises")]
+        arguments += ["--to", way.end]
+        if life == 1:
+            arguments += ["--from", way.start]
+        self._adopt(f"controller {train}", "vobc", arguments, folder / "vobc.log")
+
+    def strike(self, name: str, number: signal.Signals) -> None:
+        self.children[name].signal_group(number)
+
+    def cut(self, train: int, *, cut: bool) -> None:
+        assert self._relay is not None
+        assert self._relay.stdin is not None
+        self._relay.stdin.write(f"{'cut' if cut else 'heal'} T{train}\n")
+        self._relay.stdin.flush()
+
+    def ended(self) -> list[Child]:
+        return [each for each in self.children.values() if each.ended]
+
+    def _start_relay(self, trains: Sequence[int]) -> None:
+        host, _, port = self._endpoint.removeprefix("tcp/").rpartition(":")
+        words = [sys.executable, "-m", "metro_hil.t2t_run.relay", host, port]
+        words += [*[f"T{each}" for each in trains], "--parent", str(os.getpid())]
+        self._relay = subprocess.Popen(
+            words,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+        )
+        self._stack.callback(self._end_relay)
+        assert self._relay.stdout is not None
+        for train in trains:
+            self._endpoints[train] = f"tcp/127.0.0.1:{self._relay.stdout.readline().split()[1]}"
+
+    def _end_relay(self) -> None:
+        assert self._relay is not None
+        self._relay.kill()
+        self._relay.communicate()
+
+    def _folder_of(self, train: int) -> Path:
+        folder = self._folder / f"train{train}"
+        folder.mkdir(exist_ok=True)
+        return folder
+
+    def _adopt(self, name: str, module: str, arguments: list[str], log: Path) -> None:
+        before = self.children.get(name)
+        if before is not None:
+            before.end()
+        child = self.children[name] = Child(name, module, arguments, log)
+        self._stack.callback(child.end)
+
+
+def _bus(train: int) -> str:
+    """Of this run and no other on this machine."""
+    return f"r{os.getpid()}t{train}"

@@ -1,0 +1,257 @@
+"""What happened on a line, from what was said on its radio and where trains truly were. Pure."""
+
+import itertools
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from typing import Final, NamedTuple
+
+from can_dbc.vobc import Cause, Supervision
+from firmware_py.ports import RadioMessage
+from firmware_py.trackdb import LineMap
+from firmware_py.trackdb.areas import Area, AreaMap
+from plant_emulator.wayside.detection import LAYOUT, Place, subscription
+from zenoh_config import keys, t2t_keys
+from zenoh_config.codec import BENCH_KEY, unpack
+from zenoh_config.messages import TrainStatus
+from zenoh_config.t2t import AreaAuthority, Heartbeat, T2tMessage, TrainReport
+
+NS_PER_S: Final = 1e9
+NS_PER_MS: Final = 1e6
+STOPPED_M: Final = 2.0
+"""A train that stands so near to a stopping point has stopped there."""
+YOUNG_NS: Final = 1_000_000_000
+MOVED_M: Final = 0.01
+
+
+class Stop(NamedTuple):
+    station: str
+    error_m: float
+
+
+class Given(NamedTuple):
+    """An authority as it was heard, or as a train that commands itself says that it holds it."""
+
+    at_ns: int
+    term: int
+    end_m: float
+    echo_ns: int
+
+
+@dataclass(slots=True)
+class TrainStory:
+    place: Place | None = None
+    given: dict[int, Given] = field(default_factory=dict)
+    """By area, the newest."""
+    report: TrainReport | None = None
+    supervision: int = Supervision.NO_AUTHORITY
+    stops: list[Stop] = field(default_factory=list)
+    emergencies: list[str] = field(default_factory=list)
+    """While it was commanded and nothing had been done to it: causes."""
+    service_brakes: int = 0
+    least_gap_m: float = float("inf")
+    """From the end of its authority to the true rear of the train ahead."""
+    oldest_ms: float = 0.0
+    """Greatest age of its authority until a newer one came."""
+    latencies_ms: list[float] = field(default_factory=list)
+    """From the report until the authority that answers it."""
+    struck: bool = False
+    """Something was done to it: what becomes of it is not counted against anybody."""
+    standing: bool = False
+
+
+@dataclass(slots=True)
+class AreaStory:
+    heartbeat: Heartbeat
+    heard_ns: int
+    waiting: set[int] = field(default_factory=set)
+    """Trains that have no authority of this term yet."""
+    since_ns: int = 0
+    """When the last heartbeat of the term before was heard."""
+    terms: int = 1
+
+
+class LineStory:
+    """Is told everything in order; says through `say` what a person wants to know at once."""
+
+    def __init__(
+        self,
+        line: LineMap,
+        areas: AreaMap,
+        say: Callable[[int, str], None],
+        key: bytes = BENCH_KEY,
+    ) -> None:
+        self.trains: dict[int, TrainStory] = {}
+        self.areas: dict[int, AreaStory] = {}
+        self.collisions: list[str] = []
+        self.refused = 0
+        self._line, self._map, self._say, self._key = line, areas, say, key
+        self._rails = subscription(areas.name).removesuffix("*")
+
+    def train(self, number: int) -> TrainStory:
+        return self.trains.setdefault(number, TrainStory())
+
+    # Told.
+
+    def hears(self, messages: Iterable[RadioMessage]) -> None:
+        for message in messages:
+            if message.key.startswith(self._rails):
+                if len(message.payload) == LAYOUT.size:
+                    number = int(message.key.removeprefix(self._rails))
+                    self.stands(number, Place(*LAYOUT.unpack(message.payload)))
+                continue
+            heard = unpack(message.payload, self._key)
+            name = self._map.name
+            if isinstance(heard, TrainStatus) and message.key == keys.status(name, heard.train):
+                self.tells(heard.train, heard.supervision, heard.cause, message.stamp_ns)
+            elif isinstance(heard, T2tMessage) and message.key == t2t_keys.key_of(name, heard):
+                self._hears(heard, message.stamp_ns)
+            elif not message.key.startswith(f"m/{keys.line_chunk(name)}/w/0/or/"):
+                self.refused += 1
+
+    def stands(self, number: int, place: Place) -> None:
+        """Where a train truly is."""
+        train = self.train(number)
+        before, train.place = train.place, place
+        standing = before is not None and abs(place.front_m - before.front_m) < MOVED_M
+        if standing and not train.standing:
+            self._stopped(train, place.front_m)
+        train.standing = standing
+        self._compare(number)
+
+    def tells(self, number: int, supervision: int, cause: int, now_ns: int) -> None:
+        """What the protection of a train does."""
+        train = self.train(number)
+        before, train.supervision = train.supervision, supervision
+        if supervision == before or train.struck:
+            return
+        if supervision == Supervision.SERVICE:
+            train.service_brakes += 1
+        if supervision == Supervision.EMERGENCY and self._is_commanded(train, now_ns):
+            words = Cause(cause).name.lower().replace("_", " ")
+            train.emergencies.append(words)
+            self._say(now_ns, f"train {number} applies its emergency brake: {words}")
+
+    def strikes(self, number: int) -> None:
+        self.train(number).struck = True
+
+    # What follows from it.
+
+    def _hears(self, message: T2tMessage, now_ns: int) -> None:
+        if isinstance(message, Heartbeat):
+            self._hears_heartbeat(message, now_ns)
+        elif isinstance(message, AreaAuthority):
+            self._hears_authority(message, now_ns)
+        elif isinstance(message, TrainReport):
+            self._hears_report(message, now_ns)
+
+    def _hears_report(self, report: TrainReport, now_ns: int) -> None:
+        train, known = self.train(report.source), self.train(report.source).report
+        owner = self._map.area_at(report.front_min_m).number
+        if known is None or report.area == owner or known.area != owner:
+            train.report = report
+        story = self.areas.get(report.area)
+        if report.member and story is not None and story.heartbeat.source == report.source:
+            # What a master grants itself is not on the air.
+            given = Given(now_ns, report.held_term, report.held_end_m, report.stamp_ns)
+            train.given[report.area] = given
+
+    def _hears_heartbeat(self, heartbeat: Heartbeat, now_ns: int) -> None:
+        area, who = heartbeat.area, heartbeat.source
+        known = self.areas.get(area)
+        if known is None:
+            self.areas[area] = AreaStory(heartbeat, now_ns, since_ns=now_ns)
+            self._say(now_ns, f"area {area}: train {who} commands, term {heartbeat.term}")
+            return
+        if heartbeat.term < known.heartbeat.term:
+            return
+        if heartbeat.term > known.heartbeat.term:
+            before, quiet_s = known.heartbeat.source, (now_ns - known.heard_ns) / NS_PER_S
+            known.waiting = {
+                number
+                for number, train in self.trains.items()
+                if number not in (who, before) and _holds(train, area, now_ns)
+            }
+            known.since_ns, known.terms = known.heard_ns, known.terms + 1
+            self._say(
+                now_ns,
+                f"area {area}: train {who} commands, term {heartbeat.term}; train {before} was "
+                f"heard last {quiet_s:.2f} s before",
+            )
+        known.heartbeat, known.heard_ns = heartbeat, now_ns
+
+    def _hears_authority(self, authority: AreaAuthority, now_ns: int) -> None:
+        train = self.train(authority.destination)
+        before = train.given.get(authority.area)
+        if before is not None and authority.term < before.term:
+            return
+        train.latencies_ms.append((now_ns - authority.echo_ns) / NS_PER_MS)
+        if before is not None and self._is_here(train, authority.area) and not train.struck:
+            age_ms = (now_ns - before.echo_ns) / NS_PER_MS
+            train.oldest_ms = max(train.oldest_ms, age_ms)
+        given = Given(now_ns, authority.term, authority.end_m, authority.echo_ns)
+        train.given[authority.area] = given
+        story = self.areas.get(authority.area)
+        if story is not None and authority.term == story.heartbeat.term and story.waiting:
+            story.waiting.discard(authority.destination)
+            if not story.waiting:
+                after_s = (now_ns - story.since_ns) / NS_PER_S
+                self._say(
+                    now_ns,
+                    f"area {authority.area}: every train has an authority of term "
+                    f"{authority.term}, {after_s:.2f} s after the last heartbeat before it",
+                )
+
+    def _is_here(self, train: TrainStory, area: int) -> bool:
+        here = None if train.place is None else self._map.area_at(train.place.front_m)
+        return here is not None and here.number == area
+
+    def _is_commanded(self, train: TrainStory, now_ns: int) -> bool:
+        return any(_holds(train, area, now_ns) for area in train.given)
+
+    def _stopped(self, train: TrainStory, front_m: float) -> None:
+        for station in self._line.stations:
+            stop = Stop(station.name, front_m - station.stop_m)
+            if abs(stop.error_m) > STOPPED_M:
+                continue
+            if train.stops and train.stops[-1].station == station.name:
+                train.stops[-1] = stop
+            else:
+                train.stops.append(stop)
+
+    def _compare(self, number: int) -> None:
+        """With the trains ahead and behind: what the one behind may, and where it is."""
+        placed = sorted(
+            [(t.place.front_m, n) for n, t in self.trains.items() if t.place is not None]
+        )
+        for (_, behind), (_, ahead) in itertools.pairwise(placed):
+            if number in (behind, ahead):
+                self._between(behind, ahead)
+
+    def _between(self, behind: int, ahead: int) -> None:
+        train, rear = self.trains[behind], self.trains[ahead].place
+        assert train.place is not None
+        assert rear is not None
+        if train.place.front_m > rear.rear_m:
+            words = f"train {behind} stands in train {ahead}"
+            if words not in self.collisions:
+                self.collisions.append(words)
+        end_m = self._reach_m(train)
+        if end_m is not None:
+            train.least_gap_m = min(train.least_gap_m, rear.rear_m - end_m)
+
+    def _reach_m(self, train: TrainStory) -> float | None:
+        """To where the authorities of all areas together let it go."""
+        assert train.place is not None
+        area: Area | None = self._map.area_at(train.place.front_m)
+        end_m = None
+        while area is not None and (given := train.given.get(area.number)) is not None:
+            end_m = given.end_m
+            if end_m < area.end_m:
+                break
+            area = self._map.following(area.number)
+        return end_m
+
+
+def _holds(train: TrainStory, area: int, now_ns: int) -> bool:
+    given = train.given.get(area)
+    return given is not None and now_ns - given.echo_ns < YOUNG_NS

@@ -1,0 +1,67 @@
+"""How a run of a line ended: what must not have happened, and a table of its trains."""
+
+import math
+from typing import Final
+
+from rich.console import Console
+from rich.table import Table
+
+from can_dbc.vobc import Cause
+from metro_hil.t2t_run.story import LineStory
+
+KMH: Final = 3.6
+REMOTE: Final = Cause.REMOTE.name.lower()
+"""Ordered, and no failure."""
+
+
+def complaints(story: LineStory, trains: int, *, behind_rear_m: float) -> list[str]:
+    """Sentences; none when everything was as it should be."""
+    said = list(story.collisions)
+    for number in range(1, trains + 1):
+        train = story.train(number)
+        if train.least_gap_m < behind_rear_m:
+            said.append(f"train {number}: authority only {train.least_gap_m:.2f} m behind the next")
+        said += [
+            f"train {number}: emergency brake although it was commanded: {cause}"
+            for cause in train.emergencies
+            if cause != REMOTE
+        ]
+        if not train.given:
+            said.append(f"train {number}: it never had an authority")
+    return said
+
+
+def show(story: LineStory, trains: int) -> None:
+    """The trains, the foremost first, as a table."""
+    table = Table(box=None)
+    for head in ("train", "front m", "km/h", "authority to m", "term"):
+        table.add_column(head, justify="right")
+    for head in ("oldest ms", "latency ms", "least gap m", "service", "emergency"):
+        table.add_column(head, justify="right")
+    table.add_column("stops, m from the stopping point")
+    for number in range(1, trains + 1):
+        train = story.train(number)
+        newest = max(train.given.values(), default=None, key=lambda each: each.at_ns)
+        latencies_ms = sorted(train.latencies_ms)
+        table.add_row(
+            str(number),
+            "–" if train.place is None else f"{train.place.front_m:.1f}",
+            "–" if train.report is None else f"{train.report.speed_mps * KMH:.1f}",
+            "–" if newest is None else f"{newest.end_m:.1f}",
+            "–" if newest is None else str(newest.term),
+            f"{train.oldest_ms:.0f}",
+            f"{latencies_ms[len(latencies_ms) // 2]:.0f}" if latencies_ms else "–",
+            "–" if math.isinf(train.least_gap_m) else f"{train.least_gap_m:.1f}",
+            str(train.service_brakes),
+            ", ".join(train.emergencies) or ("struck" if train.struck else "none"),
+            ", ".join([f"{stop.station} {stop.error_m:+.2f}" for stop in train.stops]) or "–",
+        )
+    Console(highlight=False, width=140).print(table)
+
+
+def areas_words(story: LineStory) -> list[str]:
+    return [
+        f"area {number}: train {area.heartbeat.source} commands, term {area.heartbeat.term}, "
+        f"{area.terms} {'term' if area.terms == 1 else 'terms'} seen"
+        for number, area in sorted(story.areas.items())
+    ]
