@@ -12,7 +12,7 @@ from firmware_py.interrupts import Interrupts
 from firmware_py.nvram import NvramState
 from firmware_py.ports import RadioPort
 from firmware_py.radio.zenoh_radio import Role, open_radio
-from firmware_py.realtime import die_with_parent
+from firmware_py.realtime import collect_garbage, die_with_parent, enter_realtime
 from firmware_py.settings import SettingsError
 from firmware_py.trackdb import load_line
 from firmware_py.trackdb.areas import AreaMap, load_areas
@@ -28,6 +28,7 @@ from zenoh_config.timers import TIMER_SETS
 BEAT_MS: Final = 5.0
 FEED_MS: Final = 20.0
 DOORS_MS: Final = 10.0
+GARBAGE_MS: Final = 1000.0
 ORDERS_PER_S: Final = 10
 """At most, to one train: orders are numbered on from the time of day, above all said before."""
 ORDERS_SPAN_S: Final = 2**28
@@ -45,11 +46,14 @@ def serve_line(options: argparse.Namespace) -> None:
     with ending.caught(), ExitStack() as stack:
         clock = WallClock()
         device = _Line(options, areas, clock, stack)
+        tasks = [Task("line", BEAT_MS, device.beat), Task("doors", DOORS_MS, device.doors)]
+        if options.priority:
+            enter_realtime(options.priority)
+            tasks.append(Task("garbage", GARBAGE_MS, collect_garbage, offset_ms=GARBAGE_MS))
         end_ns = None
         if options.duration_s is not None:
             end_ns = clock.now_ns() + round(options.duration_s * NS_PER_S)
         say(f"wayside of {areas.name}: {len(areas.areas)} areas, {options.line_radio}")
-        tasks = [Task("line", BEAT_MS, device.beat), Task("doors", DOORS_MS, device.doors)]
         run(
             [Executive(tasks, clock.now_ns())],
             clock,

@@ -89,6 +89,13 @@ def _add_wayside(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -
     )
     wayside.add_argument("--line-timers", choices=sorted(TIMER_SETS), default="A")
     wayside.add_argument("--arbiters", type=int, choices=(1, 3, 5), default=1)
+    wayside.add_argument(
+        "--priority",
+        type=_priority,
+        default=0,
+        metavar="0..99",
+        help="SCHED_FIFO where the rights allow it; 0, the default: none",
+    )
     wayside.add_argument("--parent", type=int, metavar="PID", help="end when that process ends")
     wayside.add_argument("--memory", metavar="FOLDER", help="what must survive a power cut")
     wayside.add_argument(

@@ -29,7 +29,7 @@ configuration; 3 disk, workers, bus or rights missing; 130 ended by Ctrl-C (`hil
 def main(argv: Sequence[str] | None = None) -> int:
     """The console script `hil`. Whatever the user got wrong is one line, never a traceback."""
     require_assertions("hil")
-    words = list(sys.argv[1:] if argv is None else argv)
+    words = [*(sys.argv[1:] if argv is None else argv)]
     if words[:2] == ["run", "line"]:
         # A line is no campaign and has options of its own.
         del words[0]

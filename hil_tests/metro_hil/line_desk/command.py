@@ -57,7 +57,8 @@ def _supervise(options: argparse.Namespace, areas: AreaMap) -> int:
     topics = t2t_keys.of_supervision(areas.name)
     with open_radio(Role.TRAIN, options.line_radio, topics, clock) as port:
         desk = Desk(clock, view, port)
-        desk.listen(LOOK_S)
+        displays = options.verb in ("line", "master")
+        desk.listen(LOOK_S, lambda: not displays and view.complete)
         return _obey(options, desk, view, clock)
 
 

@@ -59,6 +59,13 @@ class LineView:
         """Messages that were damaged, of another key, or under the key of another."""
         self._key = key
 
+    @property
+    def complete(self) -> bool:
+        """The wayside and all masters that its arbiters know of were heard."""
+        if self.state is None:
+            return False
+        return all(each.area in self.commands for each in self.state.leases)
+
     def hears(self, messages: Iterable[RadioMessage], now_ns: int) -> None:
         for message in messages:
             heard = unpack(message.payload, self._key)
@@ -134,9 +141,9 @@ class LineView:
 
     def _track_words(self) -> list[str]:
         said = []
-        for each in self.objects.values():
-            wanted = ", is to be released" if each.release_wanted else ""
-            said.append(f"object {each.number}: {each.state.name.lower()}{wanted}")
+        for site in self.objects.values():
+            wanted = ", is to be released" if site.release_wanted else ""
+            said.append(f"object {site.number}: {site.state.name.lower()}{wanted}")
         if self.state is None:
             return [*sorted(said), "the wayside is not heard: nothing can be decreed"]
         for each in self.state.restrictions:

@@ -14,6 +14,8 @@ from metro_hil.children import Child
 from metro_hil.t2t_run.plan import Way
 
 WAYSIDE: Final = "wayside"
+BEFORE: Final = 5
+"""All trains wait for the wayside."""
 BEHIND: Final = 10
 """The train does not wait for its driver, but it may be a little late."""
 
@@ -53,6 +55,8 @@ class LineCrew:
     def start_wayside(self) -> None:
         arguments = ["wayside", "--line", self._line, "--line-radio", self._endpoint]
         arguments += [*self._of_line, "--memory", str(self._folder / "wayside")]
+        if self._priority:
+            arguments += ["--priority", str(min(99, self._priority + BEFORE))]
         self._adopt(WAYSIDE, "plant_emulator", arguments, self._folder / "wayside.log")
 
     def start_plant(self, train: int, way: Way) -> None:

@@ -6,6 +6,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Final, NamedTuple
 
+from can_dbc.vobc import Cause
 from firmware_py.clock import WallClock
 from firmware_py.interrupts import Interrupts
 from firmware_py.radio.zenoh_radio import Role, open_radio
@@ -24,6 +25,8 @@ NS_PER_S: Final = 1_000_000_000
 START_S: Final = 60.0
 INBOX_MESSAGES: Final = 1 << 16
 LINE_LOG: Final = "line.log"
+OLD: Final = Cause.AUTHORITY_OLD.name.lower().replace("_", " ")
+"""Without arbiters nobody may command, and authorities grow old: trains brake, as they must."""
 
 
 class Settings(NamedTuple):
@@ -141,6 +144,7 @@ class RealLine:
         strike = fault.strike
         if strike is Strike.CRASH_WAYSIDE:
             self._tell(now_ns, "the wayside with its arbiters is killed")
+            self.story.excused.add(OLD)
             self._away(crew, WAYSIDE, signal.SIGKILL, crew.start_wayside)
             return
         train = fault.train if strike is Strike.RESTART_TRAIN else self._master()

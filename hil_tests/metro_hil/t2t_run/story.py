@@ -83,6 +83,8 @@ class LineStory:
         self.trains: dict[int, TrainStory] = {}
         self.areas: dict[int, AreaStory] = {}
         self.collisions: list[str] = []
+        self.excused: set[str] = set()
+        """Causes of emergencies that what was done to the line calls for."""
         self.refused = 0
         self._line, self._map, self._say, self._key = line, areas, say, key
         self._rails = subscription(areas.name).removesuffix("*")

@@ -24,7 +24,7 @@ def complaints(story: LineStory, trains: int, *, behind_rear_m: float) -> list[s
         said += [
             f"train {number}: emergency brake although it was commanded: {cause}"
             for cause in train.emergencies
-            if cause != REMOTE
+            if cause != REMOTE and cause not in story.excused
         ]
         if not train.given:
             said.append(f"train {number}: it never had an authority")
@@ -36,7 +36,7 @@ def show(story: LineStory, trains: int) -> None:
     table = Table(box=None)
     for head in ("train", "front m", "km/h", "authority to m", "term"):
         table.add_column(head, justify="right")
-    for head in ("oldest ms", "latency ms", "least gap m", "service", "emergency"):
+    for head in ("oldest ms", "latency ms", "p99", "least gap m", "service", "emergency"):
         table.add_column(head, justify="right")
     table.add_column("stops, m from the stopping point")
     for number in range(1, trains + 1):
@@ -51,12 +51,13 @@ def show(story: LineStory, trains: int) -> None:
             "–" if newest is None else str(newest.term),
             f"{train.oldest_ms:.0f}",
             f"{latencies_ms[len(latencies_ms) // 2]:.0f}" if latencies_ms else "–",
+            f"{latencies_ms[len(latencies_ms) * 99 // 100]:.0f}" if latencies_ms else "–",
             "–" if math.isinf(train.least_gap_m) else f"{train.least_gap_m:.1f}",
             str(train.service_brakes),
             ", ".join(train.emergencies) or ("struck" if train.struck else "none"),
             ", ".join([f"{stop.station} {stop.error_m:+.2f}" for stop in train.stops]) or "–",
         )
-    Console(highlight=False, width=140).print(table)
+    Console(highlight=False, width=150).print(table)
 
 
 def areas_words(story: LineStory) -> list[str]:

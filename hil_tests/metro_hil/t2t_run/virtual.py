@@ -8,7 +8,7 @@ from firmware_py.executive import Executive
 from firmware_py.recorder import RadioLog, SerialDirection
 from metro_hil.line_bench import AXLES, LineBench, Run
 from metro_hil.t2t_run.plan import Fault, Strike
-from metro_hil.t2t_run.real import LINE_LOG, Settings
+from metro_hil.t2t_run.real import LINE_LOG, OLD, Settings
 from metro_hil.t2t_run.story import LineStory
 from plant_emulator.wayside.detection import Place
 from vobc.config import load_config
@@ -80,6 +80,7 @@ class VirtualLine:
         bench, now_ns = self.bench, self.bench.clock.now_ns()
         if fault.strike is Strike.CRASH_WAYSIDE:
             self._tell(now_ns, "the wayside with its arbiters dies")
+            self.story.excused.add(OLD)
             bench.crash_wayside()
             self._in(bench.restart_wayside)
             return

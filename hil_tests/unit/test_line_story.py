@@ -1,0 +1,121 @@
+"""What a run of a line is judged by: true places, authorities as they were given, and terms."""
+
+from dataclasses import replace
+
+from can_dbc.vobc import Cause, Supervision
+from firmware_py.ports import RadioMessage
+from firmware_py.trackdb import load_line
+from firmware_py.trackdb.areas import load_areas
+from metro_hil.t2t_run.story import LineStory
+from metro_hil.t2t_run.verdict import complaints
+from plant_emulator.wayside.detection import Place
+from zenoh_config.codec import pack
+from zenoh_config.t2t import BROADCAST, AreaAuthority, Heartbeat, Phase, T2tMessage
+from zenoh_config.t2t_keys import key_of
+
+MS = 1_000_000
+BEAT = Heartbeat(1, BROADCAST, 1, 7, 1, 1, 0, Phase.ISSUING, 2, 1)
+GIVEN = AreaAuthority(1, 2, 1, 7, 1, 2, 0, 1, 0, 900.0, 80.0, 1, 2, ())
+
+
+class Told:
+    def __init__(self) -> None:
+        self.said: list[str] = []
+        self.story = LineStory(
+            load_line("loop"), load_areas("loop"), lambda _, words: self.said.append(words)
+        )
+        self.story.stands(1, Place(1080.0, 1000.0, 16))
+        self.story.stands(2, Place(180.0, 100.0, 16))
+
+    def hears(self, message: T2tMessage, at_ms: int) -> None:
+        self.story.hears([RadioMessage(at_ms * MS, key_of("loop", message), pack(message))])
+
+
+def test_the_gap_is_that_from_an_authority_to_the_true_rear_ahead() -> None:
+    told = Told()
+    told.hears(BEAT, 0)
+    told.hears(GIVEN, 50)
+
+    told.story.stands(1, Place(1080.5, 1000.5, 16))
+
+    assert told.story.train(2).least_gap_m == 100.5
+    told.story.train(1).given = dict(told.story.train(2).given)
+    assert complaints(told.story, 2, behind_rear_m=7.0) == []
+    assert complaints(told.story, 2, behind_rear_m=101.0) == [
+        "train 2: authority only 100.50 m behind the next"
+    ]
+
+
+def test_an_authority_reaches_into_the_next_area_only_by_that_areas_own() -> None:
+    told = Told()
+    told.story.stands(1, Place(3080.0, 3000.0, 16))
+    told.hears(replace(GIVEN, end_m=2800.0), 50)
+    told.story.stands(1, Place(3080.5, 3000.5, 16))
+    assert told.story.train(2).least_gap_m == 200.5
+
+    told.hears(replace(GIVEN, area=2, end_m=2950.0, rear_m=0.0), 60)
+    told.story.stands(1, Place(3081.0, 3001.0, 16))
+
+    assert told.story.train(2).least_gap_m == 51.0
+
+
+def test_a_new_term_is_told_with_how_long_the_last_was_silent_and_when_all_are_served() -> None:
+    told = Told()
+    told.hears(BEAT, 0)
+    told.hears(GIVEN, 50)
+    told.hears(replace(BEAT, stamp_ns=60 * MS, sequence=3), 60)
+
+    told.hears(replace(BEAT, source=3, term=9), 360)
+    told.hears(replace(GIVEN, source=3, term=9, echo_ns=380 * MS), 400)
+
+    assert told.said == [
+        "area 1: train 1 commands, term 7",
+        "area 1: train 3 commands, term 9; train 1 was heard last 0.30 s before",
+        "area 1: every train has an authority of term 9, 0.34 s after the last heartbeat before it",
+    ]
+    assert told.story.train(2).oldest_ms == 400.0
+    assert told.story.train(2).latencies_ms == [50.0, 20.0]
+
+
+def test_an_emergency_brake_counts_while_the_train_is_commanded_and_nothing_was_done_to_it() -> (
+    None
+):
+    told = Told()
+    told.story.tells(2, Supervision.EMERGENCY, Cause.BRAKE_UNIT, 10 * MS)
+    told.hears(GIVEN, 50)
+    told.story.tells(2, Supervision.NOMINAL, Cause.NONE, 60 * MS)
+    told.story.tells(2, Supervision.EMERGENCY, Cause.OVERSPEED, 70 * MS)
+    told.story.strikes(2)
+    told.story.tells(2, Supervision.NOMINAL, Cause.NONE, 80 * MS)
+    told.story.tells(2, Supervision.EMERGENCY, Cause.BUTTON, 90 * MS)
+
+    assert told.story.train(2).emergencies == ["overspeed"]
+    assert "train 2: emergency brake although it was commanded: overspeed" in complaints(
+        told.story, 2, behind_rear_m=7.0
+    )
+
+
+def test_a_train_in_another_is_a_collision_whatever_the_authorities() -> None:
+    told = Told()
+
+    told.story.stands(2, Place(1000.5, 920.5, 16))
+
+    assert "train 2 stands in train 1" in complaints(told.story, 2, behind_rear_m=7.0)
+
+
+def test_a_stop_is_told_with_its_distance_and_passing_through_is_none() -> None:
+    told = Told()
+    for front_m in (795.0, 799.0, 800.3, 800.3, 1599.0, 1610.0):
+        told.story.stands(2, Place(front_m, front_m - 80.0, 16))
+
+    (stop,) = told.story.train(2).stops
+    assert stop.station == "S2"
+    assert abs(stop.error_m - 0.3) < 1e-9
+
+
+def test_what_is_under_the_key_of_another_is_not_believed() -> None:
+    told = Told()
+    told.story.hears([RadioMessage(0, key_of("loop", replace(BEAT, source=4)), pack(BEAT))])
+
+    assert told.said == []
+    assert told.story.refused == 1
