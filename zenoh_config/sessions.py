@@ -7,6 +7,8 @@ from typing import Final
 
 DEFAULT_ENDPOINT: Final = "tcp/127.0.0.1:7447"
 """What the shipped settings name, so that they work as they are."""
+LINE_ENDPOINT: Final = "tcp/127.0.0.1:7448"
+"""Of a whole line's wayside, beside that of a single train's."""
 
 _ENDPOINT: Final = re.compile(
     r"tcp/(?P<host>\[[0-9a-fA-F:.]+\]|[A-Za-z0-9._-]+):(?P<port>[0-9]{1,5})"

@@ -2,11 +2,13 @@
 
 import argparse
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from plant_emulator.desk.drivers import DRIVERS
 from vobc.ato.output_config import STAGES
 from vobc.ato.strategies import STRATEGIES
+from zenoh_config.sessions import LINE_ENDPOINT
+from zenoh_config.t2t import LAST_TRAIN
 
 DESCRIPTION = "The on-board controller of a metro train, on a bench or on a bus."
 
@@ -65,6 +67,10 @@ class RunOptions:
     """Network of the line that feeds them."""
     logs: bool = True
     """Of each train, when there are several."""
+    train: int | None = None
+    """Its number among trains that command themselves."""
+    line_radio: str | None = None
+    """Where the wayside of such a line listens."""
 
 
 def parser() -> argparse.ArgumentParser:
@@ -96,6 +102,7 @@ def parser() -> argparse.ArgumentParser:
     _add_desk(run)
     _add_wires(run)
     _add_line(run)
+    _add_t2t(run)
     _add_rest(run)
     return top
 
@@ -197,6 +204,17 @@ def _add_line(run: argparse.ArgumentParser) -> None:
     )
 
 
+def _add_t2t(run: argparse.ArgumentParser) -> None:
+    group = run.add_argument_group(
+        "trains that command themselves",
+        "The wayside of the line is `plant wayside`; the train gets a bus of its own.",
+    )
+    group.add_argument("--train", type=train_number, metavar="TRAIN", help="such as T1")
+    group.add_argument(
+        "--line-radio", metavar="ENDPOINT", help=f"with --train; default: {LINE_ENDPOINT}"
+    )
+
+
 def _add_rest(run: argparse.ArgumentParser) -> None:
     group = run.add_argument_group("the controller and the results")
     group.add_argument(
@@ -230,7 +248,9 @@ def parse(argv: Sequence[str]) -> RunOptions:
     for name, alone in (("line", "florence"), ("consist", "florence4"), ("params", "florence4")):
         chosen[name] = chosen[name] or (LINE_DEFAULTS[name] if several else alone)
     options = RunOptions(**chosen)
-    problem = desk_problem(options) or trains_problem(options)
+    if options.train is not None and options.line_radio is None:
+        options = replace(options, line_radio=LINE_ENDPOINT)
+    problem = desk_problem(options) or line_problem(options) or trains_problem(options)
     if problem:
         top.error(problem)
     return options
@@ -268,6 +288,23 @@ def desk_problem(options: RunOptions) -> str:
         asked = "--driver" if options.driver else "--desk-recording"
         return f"{asked}: there is no desk of the plant's with --desk {options.desk}"
     return ""
+
+
+def line_problem(options: RunOptions) -> str:
+    """What does not go with trains that command themselves; empty when it does."""
+    if options.line_radio is not None and options.train is None:
+        return "--line-radio: which train is it? --train T1 says so"
+    if options.train is not None and options.lockstep:
+        return "--train: in virtual time `hil run line --bench lockstep` runs a whole line"
+    return ""
+
+
+def train_number(text: str) -> int:
+    """`T3` or `3`, for argparse."""
+    number = text.removeprefix("T")
+    if not (number.isascii() and number.isdecimal()) or not 0 < int(number) <= LAST_TRAIN:
+        raise argparse.ArgumentTypeError(f"{text} is no train; they are 1..{LAST_TRAIN}, or T1 ...")
+    return int(number)
 
 
 def _number(text: str, low: float, high: float, what: str) -> float:

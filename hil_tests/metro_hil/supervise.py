@@ -11,7 +11,7 @@ from can_dbc.binding import can_id, kinds, sender
 from can_dbc.nodes import Node
 from firmware_py import rendezvous
 from firmware_py.buses import BusError, is_virtual, open_can, resolve_auto
-from firmware_py.buses.hub_control import start_hub
+from firmware_py.buses.hub_control import hub_status, start_hub
 from firmware_py.clock import WallClock
 from firmware_py.interrupts import Interrupts
 from firmware_py.ports import CanPort
@@ -90,6 +90,8 @@ class RealtimeRun:
     def _choose_bus(self, stack: ExitStack) -> str:
         if self._options.bus != "auto":
             return self._options.bus
+        if self._options.train is not None:
+            return self._own_bus(f"train{self._options.train}", stack)
         choice = resolve_auto(AUTO_NAME)
         if choice.spec is not None:
             self._display.say(f"bus: {choice.spec}")
@@ -98,6 +100,14 @@ class RealtimeRun:
         stack.callback(hub.stop)
         self._display.say(f"bus: embedded:{AUTO_NAME}, started for this run ({choice.reason})")
         return f"embedded:{AUTO_NAME}"
+
+    def _own_bus(self, name: str, stack: ExitStack) -> str:
+        """Of a train among others: the one of its name, started for this run if it is not there."""
+        if hub_status(name) is None:
+            hub = start_hub(name, bound=True)
+            stack.callback(hub.stop)
+            self._display.say(f"bus: embedded:{name}, started for this run")
+        return f"embedded:{name}"
 
     def _find_or_start_plant(
         self, stack: ExitStack, spec: str, tap: CanPort
@@ -113,10 +123,14 @@ class RealtimeRun:
         if foreign:
             self._display.say(self._foreign_words(spec, heard))
             tags = str(folder / "tags") if options.tags == "auto" else options.tags
-            radio = self._known_radio(spec) if options.radio == "auto" else options.radio
+            radio = options.radio
+            if radio == "auto" and options.train is None:
+                radio = self._known_radio(spec)
             return tags, radio, False
         self._check_train()
-        radio = pick_endpoint() if options.radio == "auto" else options.radio
+        radio = options.radio
+        if radio == "auto" and options.train is None:
+            radio = pick_endpoint()
         self._display.say("plant: none answered within a second; starting the emulator beside")
         child = Child(
             "plant", "plant_emulator", self._plant_arguments(spec, radio), self._log("plant")
@@ -164,6 +178,7 @@ class RealtimeRun:
         arguments = ["run", "--bus", spec, "--line", options.line, "--consist", options.consist]
         arguments += ["--seed", str(options.seed), "--from", journey.start.name]
         arguments += ["--to", journey.end.name, "--radio", radio, "--out", str(self._folder.path)]
+        arguments += self._line_arguments()
         if options.load_ratio is not None:
             arguments += ["--load-ratio", str(options.load_ratio)]
         if options.odometer_error is not None:
@@ -175,13 +190,20 @@ class RealtimeRun:
             arguments += ["--desk-recording", options.desk_recording]
         return arguments
 
+    def _line_arguments(self) -> list[str]:
+        """Among trains that command themselves."""
+        options = self._options
+        if options.train is None or options.line_radio is None:
+            return []
+        return ["--train", str(options.train), "--line-radio", options.line_radio]
+
     def _start_controller(self, stack: ExitStack, spec: str, tags: str, radio: str) -> None:
         options, journey = self._options, self._journey
         arguments = ["run", "--bus", spec, "--tags", tags, "--radio", radio]
         arguments += ["--line", options.line, "--consist", options.params]
         arguments += ["--from", journey.start.name, "--to", journey.end.name]
         arguments += ["--cycle-ms", str(options.cycle_ms), "--priority", str(options.priority)]
-        arguments += ["--out", str(self._folder.path)]
+        arguments += ["--out", str(self._folder.path), *self._line_arguments()]
         if options.ato is not None:
             arguments += ["--ato", options.ato]
         if options.output is not None:

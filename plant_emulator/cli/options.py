@@ -6,12 +6,11 @@ from typing import Final
 from can_dbc.cab import CabMode
 from firmware_py.radio.zenoh_radio import DEFAULT_ENDPOINT
 from plant_emulator.desk.drivers import DRIVERS
+from zenoh_config.sessions import LINE_ENDPOINT
 from zenoh_config.t2t import LAST_TRAIN
 from zenoh_config.timers import TIMER_SETS
 
 AUTO: Final = "auto"
-LINE_ENDPOINT: Final = "tcp/127.0.0.1:7448"
-"""Of the line's wayside, beside that of a single train's."""
 PRIORITY: Final = 70
 """Under the controller's: the train does not wait for its driver, but it may be a little late."""
 PRIORITY_MAX: Final = 99

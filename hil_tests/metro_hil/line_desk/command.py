@@ -11,12 +11,12 @@ from firmware_py.settings import SettingsError
 from firmware_py.trackdb.areas import AreaMap, load_areas
 from metro_hil.line_desk.desk import Desk
 from metro_hil.line_desk.view import KMH, LineView
-from metro_hil.options import EXIT_OK, EXIT_USAGE
+from metro_hil.options import EXIT_OK, EXIT_USAGE, train_number
 from zenoh_config import t2t_keys
+from zenoh_config.sessions import LINE_ENDPOINT
 from zenoh_config.soundness import MAX_CHAINAGE_M, MAX_SPEED_MPS
-from zenoh_config.t2t import LAST_TRAIN, DecreeKind
+from zenoh_config.t2t import DecreeKind
 
-ENDPOINT: Final = "tcp/127.0.0.1:7448"
 LOOK_S: Final = 1.5
 """So long is listened before anything is said."""
 OF_TRAIN: Final = {
@@ -98,14 +98,14 @@ def parser() -> argparse.ArgumentParser:
     master = verbs.add_parser("master", help="who commands which area, and why")
     switch = verbs.add_parser("switch-master", help="let another train command an area")
     switch.add_argument("--area", type=int, required=True)
-    switch.add_argument("--to", type=_train, required=True, metavar="TRAIN")
+    switch.add_argument("--to", type=train_number, required=True, metavar="TRAIN")
     retire = verbs.add_parser("out-of-service", help="let a train command nothing any more")
     chosen = [line, master, switch, retire]
     of_trains = [retire]
     for verb, (_, _, words) in OF_TRAIN.items():
         of_trains.append(verbs.add_parser(verb, help=words, description=f"{words.capitalize()}."))
     for parsed in of_trains:
-        parsed.add_argument("number", type=_train, metavar="TRAIN")
+        parsed.add_argument("number", type=train_number, metavar="TRAIN")
         parsed.add_argument("--end", action="store_true", help="take it back")
     for verb, (_, _, words) in OF_TRACK.items():
         parsed = verbs.add_parser(verb, help=words, description=f"{words.capitalize()}.")
@@ -117,15 +117,8 @@ def parser() -> argparse.ArgumentParser:
         chosen.append(parsed)
     for parsed in (*chosen, *of_trains[1:]):
         parsed.add_argument("--line", default="loop", metavar="NAME|FILE", help="default: loop")
-        parsed.add_argument("--line-radio", default=ENDPOINT, metavar="ENDPOINT")
+        parsed.add_argument("--line-radio", default=LINE_ENDPOINT, metavar="ENDPOINT")
     return top
-
-
-def _train(text: str) -> int:
-    number = text.removeprefix("T")
-    if not (number.isascii() and number.isdecimal()) or not 0 < int(number) <= LAST_TRAIN:
-        raise argparse.ArgumentTypeError(f"{text} is no train; they are 1..{LAST_TRAIN}, or T1 ...")
-    return int(number)
 
 
 def _chainage_m(text: str) -> float:
