@@ -11,14 +11,8 @@ import msgspec
 
 from zenoh_config.messages import MAX_ADDRESS, RESTRICTIONS_MAX, SpeedRestriction
 from zenoh_config.soundness import MAX_CHAINAGE_M, MAX_NUMBER, MAX_SPEED_MPS, MAX_STAMP_NS
-from zenoh_config.t2t import (
-    ROSTER_MAX,
-    SECTIONS_MAX,
-    T2T_TYPES,
-    AreaAuthority,
-    T2tMessage,
-    TrainReport,
-)
+from zenoh_config.t2t import ROSTER_MAX, SECTIONS_MAX, AreaAuthority, T2tMessage, TrainReport
+from zenoh_config.t2t_types import T2T_TYPES
 
 FIRST_TYPE: Final = 16
 AREA_MAX: Final = 255

@@ -9,12 +9,10 @@ from zenoh_config.t2t import (
     BROADCAST,
     Admission,
     AreaAuthority,
-    Decree,
     Heartbeat,
     LeaseAnswer,
     LeaseRequest,
     LineOrder,
-    LineState,
     ObjectClaim,
     ObjectStatus,
     RosterAck,
@@ -26,6 +24,7 @@ from zenoh_config.t2t import (
     TrackStatus,
     TrainReport,
 )
+from zenoh_config.t2t_supervision import Decree, LineState
 
 TO_ALL: Final = "all"
 """The reader's chunk of what everybody in an area shall hear."""

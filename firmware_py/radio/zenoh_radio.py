@@ -14,7 +14,9 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Final, Protocol, Self
 
 from firmware_py.ports import LinkCounters, RadioMessage
-from zenoh_config.sessions import DEFAULT_ENDPOINT, Role, session_settings
+from firmware_py.radio.credentials import Credentials
+from zenoh_config.secured import at_endpoint
+from zenoh_config.sessions import DEFAULT_ENDPOINT, Role, check_endpoint, session_settings
 
 if TYPE_CHECKING:
     import zenoh
@@ -50,15 +52,21 @@ def open_radio(
     clock: Instants,
     *,
     inbox_messages: int = INBOX_MESSAGES,
+    secure: Credentials | None = None,
 ) -> "ZenohRadio":
     """A wayside listens at once, or RadioError says why it cannot.
 
     A train's radio comes back at once too, connected or not: it goes on trying in the background,
     now and whenever the wayside goes away. RadioError is only for an endpoint that is none. Of more
-    than `inbox_messages` that nobody fetches the oldest are lost, and counted.
+    than `inbox_messages` that nobody fetches the oldest are lost, and counted. With credentials the
+    session is one by TLS, whatever the endpoint begins with.
     """
     try:
-        settings = session_settings(role, endpoint)
+        check_endpoint(endpoint)
+        if secure is None:
+            settings = session_settings(role, endpoint)
+        else:
+            settings = at_endpoint(secure.settings, endpoint)
     except ValueError as error:
         raise RadioError(str(error)) from error
     return ZenohRadio(role, endpoint, settings, subscriptions, clock, inbox_messages)
@@ -173,6 +181,7 @@ class ZenohRadio:
             try:
                 session = self._opened()
             except self._zenoh.ZError:
+                self.counters.errors += 1
                 self._closing.wait(RETRY_S)
                 continue
             self._session = session

@@ -7,7 +7,8 @@ import zenoh
 
 from metro_tools import t2t_doc
 from zenoh_config import keys, t2t_keys
-from zenoh_config.t2t import BROADCAST, T2T_TYPES, AreaAuthority, Heartbeat, Phase, RosterAck
+from zenoh_config.t2t import BROADCAST, AreaAuthority, Heartbeat, Phase, RosterAck
+from zenoh_config.t2t_types import T2T_TYPES
 
 ROOT = Path(__file__).parents[2]
 DOCUMENT = ROOT / "docs" / "train_to_train.md"

@@ -71,6 +71,8 @@ class RunOptions:
     """Its number among trains that command themselves."""
     line_radio: str | None = None
     """Where the wayside of such a line listens."""
+    secure: str | None = None
+    """Certificates and keys of a secured line."""
 
 
 def parser() -> argparse.ArgumentParser:
@@ -213,6 +215,7 @@ def _add_t2t(run: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--line-radio", metavar="ENDPOINT", help=f"with --train; default: {LINE_ENDPOINT}"
     )
+    group.add_argument("--secure", metavar="FOLDER", help="certificates; see `vobc demo-ca`")
 
 
 def _add_rest(run: argparse.ArgumentParser) -> None:

@@ -195,7 +195,8 @@ class RealtimeRun:
         options = self._options
         if options.train is None or options.line_radio is None:
             return []
-        return ["--train", str(options.train), "--line-radio", options.line_radio]
+        secure = [] if options.secure is None else ["--secure", options.secure]
+        return ["--train", str(options.train), "--line-radio", options.line_radio, *secure]
 
     def _start_controller(self, stack: ExitStack, spec: str, tags: str, radio: str) -> None:
         options, journey = self._options, self._journey

@@ -13,19 +13,9 @@ from plant_emulator.wayside.t2t_vocabulary import ArbiterMemory, CentreMemory, L
 from zenoh_config import keys
 from zenoh_config.codec import pack, unpack
 from zenoh_config.messages import SpeedRestriction, TrainOrders, TrainStatus
-from zenoh_config.t2t import (
-    BROADCAST,
-    Decree,
-    DecreeAnswer,
-    DecreeKind,
-    Heartbeat,
-    LeaseReason,
-    LineState,
-    Phase,
-    T2tMessage,
-    TrackStatus,
-)
+from zenoh_config.t2t import BROADCAST, Heartbeat, Phase, T2tMessage, TrackStatus
 from zenoh_config.t2t_keys import key_of
+from zenoh_config.t2t_supervision import Decree, DecreeAnswer, DecreeKind, LeaseReason, LineState
 from zenoh_config.timers import TIMERS_A
 
 MS = 1_000_000

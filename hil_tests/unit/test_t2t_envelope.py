@@ -18,22 +18,15 @@ from zenoh_config.messages import Refused, RefusedReason, SpeedRestriction
 from zenoh_config.t2t import (
     BROADCAST,
     ROSTER_MAX,
-    T2T_TYPES,
     Admission,
     AdmissionState,
     AreaAuthority,
     ClaimKind,
-    Decree,
-    DecreeAnswer,
-    DecreeKind,
     Heartbeat,
     LeaseAnswer,
     LeaseKind,
-    LeaseNote,
-    LeaseReason,
     LeaseRequest,
     LineOrder,
-    LineState,
     ObjectClaim,
     ObjectState,
     ObjectStatus,
@@ -50,9 +43,18 @@ from zenoh_config.t2t import (
     SyncEntry,
     T2tMessage,
     TrackStatus,
-    TrainDecree,
     TrainReport,
 )
+from zenoh_config.t2t_supervision import (
+    Decree,
+    DecreeAnswer,
+    DecreeKind,
+    LeaseNote,
+    LeaseReason,
+    LineState,
+    TrainDecree,
+)
+from zenoh_config.t2t_types import T2T_TYPES
 from zenoh_config.timers import TIMERS_A
 
 MS = 1_000_000

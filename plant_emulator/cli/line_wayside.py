@@ -11,6 +11,7 @@ from firmware_py.executive import Executive, Task, run
 from firmware_py.interrupts import Interrupts
 from firmware_py.nvram import NvramState
 from firmware_py.ports import RadioPort
+from firmware_py.radio.credentials import load_credentials
 from firmware_py.radio.zenoh_radio import Role, open_radio
 from firmware_py.realtime import collect_garbage, die_with_parent, enter_realtime
 from firmware_py.settings import SettingsError
@@ -22,6 +23,8 @@ from plant_emulator.wayside.line_centre import LineCentre
 from plant_emulator.wayside.line_wayside import Disks, LineWayside, Truth
 from plant_emulator.wayside.t2t_vocabulary import ArbiterMemory, CentreMemory, ObjectMemory
 from plant_emulator.world import World
+from zenoh_config.codec import BENCH_KEY, safety_key
+from zenoh_config.secured import WAYSIDE_NAME, train_name
 from zenoh_config.t2t import FIRST_ARBITER
 from zenoh_config.timers import TIMER_SETS
 
@@ -76,13 +79,17 @@ class _Line:
             site.number: CheckedStore(folder and folder / f"object{site.number}", ObjectMemory)
             for site in areas.objects
         }
-        boot = clock.epoch_ns() // NS_PER_S
+        boot, key, secure = clock.epoch_ns() // NS_PER_S, BENCH_KEY, None
+        if options.secure is not None:
+            secure = load_credentials(options.secure, WAYSIDE_NAME, clock.epoch_ns())
+            key = safety_key(secure.key_hex)
         decrees = CheckedStore(folder and folder / "decrees", CentreMemory)
         centre = LineCentre(
             load_line(options.line),
             boot=boot,
             memory=_readable(decrees, CentreMemory()),
             first_sequence=boot % ORDERS_SPAN_S * ORDERS_PER_S,
+            key=key,
         )
         disks = Disks(
             {a: _found(each, ArbiterMemory(boot)) for a, each in arbiters.items()},
@@ -93,12 +100,12 @@ class _Line:
         )
         timers = TIMER_SETS[options.line_timers]
         self._wayside = LineWayside(
-            timers, areas, disks, boot=boot, start_ns=clock.now_ns(), centre=centre
+            timers, areas, disks, boot=boot, start_ns=clock.now_ns(), centre=centre, key=key
         )
         self._centre = centre
         self._detection = Detection(areas)
         topics = (*self._wayside.subscriptions, subscription(areas.name))
-        self._port = open_radio(Role.WAYSIDE, options.line_radio, topics, clock)
+        self._port = open_radio(Role.WAYSIDE, options.line_radio, topics, clock, secure=secure)
         stack.callback(self._port.close)
         self._masters: dict[tuple[int, int], tuple[int, int]] = {}
         """By arbiter and area: holder and term."""
@@ -151,7 +158,10 @@ def feed_of(
     options: argparse.Namespace, line_name: str, world: World, clock: WallClock, stack: ExitStack
 ) -> Executive:
     """A train's plant tells the line's axle counters where it truly is."""
-    port: RadioPort = open_radio(Role.TRAIN, options.line_radio, (), clock)
+    secure = None
+    if options.secure is not None:
+        secure = load_credentials(options.secure, train_name(options.train), clock.epoch_ns())
+    port: RadioPort = open_radio(Role.TRAIN, options.line_radio, (), clock, secure=secure)
     stack.callback(port.close)
     key = key_of(line_name, options.train)
 

@@ -59,6 +59,7 @@ def _add_line(group: argparse._ArgumentGroup) -> None:
     group.add_argument(
         "--line-radio", metavar="ENDPOINT", help="tell the axle counters of `plant wayside` there"
     )
+    group.add_argument("--secure", metavar="FOLDER", help="certificates of a secured line")
     group.add_argument("--train", type=_train, default=1, metavar="N", help="which one it is")
 
 
@@ -85,6 +86,9 @@ def _add_wayside(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -
     wayside.add_argument("--line", default="loop", metavar="NAME|FILE", help="default: loop")
     wayside.add_argument(
         "--line-radio", default=LINE_ENDPOINT, metavar="ENDPOINT", help="default: %(default)s"
+    )
+    wayside.add_argument(
+        "--secure", metavar="FOLDER", help="certificates and keys; see `vobc demo-ca`"
     )
     wayside.add_argument("--line-timers", choices=sorted(TIMER_SETS), default="A")
     wayside.add_argument("--arbiters", type=int, choices=(1, 3, 5), default=1)

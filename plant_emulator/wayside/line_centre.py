@@ -24,19 +24,14 @@ from zenoh_config.messages import (
     SpeedRestriction,
     TrainStatus,
 )
-from zenoh_config.t2t import (
-    BROADCAST,
-    LAST_TRAIN,
-    NOBODY,
-    ROSTER_MAX,
-    SUPERVISION,
+from zenoh_config.t2t import BROADCAST, LAST_TRAIN, NOBODY, ROSTER_MAX, SUPERVISION, T2tMessage
+from zenoh_config.t2t_supervision import (
     Decree,
     DecreeAnswer,
     DecreeKind,
     LeaseNote,
     LeaseReason,
     LineState,
-    T2tMessage,
     TrainDecree,
 )
 from zenoh_config.timers import NS_PER_MS

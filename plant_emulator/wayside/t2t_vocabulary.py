@@ -4,7 +4,8 @@ from dataclasses import dataclass, field
 from typing import Generic, NamedTuple, TypeVar
 
 from zenoh_config.messages import SpeedRestriction
-from zenoh_config.t2t import ObjectState, RosterEntry, T2tMessage, TrainDecree
+from zenoh_config.t2t import ObjectState, RosterEntry, T2tMessage
+from zenoh_config.t2t_supervision import TrainDecree
 
 M = TypeVar("M")
 

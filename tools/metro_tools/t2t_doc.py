@@ -16,9 +16,9 @@ from vobc.t2t.guards import LeaseGuards, MasterGuards, MemberGuards
 from vobc.t2t.literal import RULES
 from vobc.t2t.roles import ROLES, STATES
 from vobc.t2t.vocabulary import Role
-from zenoh_config.t2t import T2T_TYPES
 from zenoh_config.t2t_codec import TYPE_NUMBERS, body_fields
 from zenoh_config.t2t_keys import CHUNKS
+from zenoh_config.t2t_types import T2T_TYPES
 from zenoh_config.timers import TIMER_SETS
 
 DEFAULT_PATH: Final = "docs/train_to_train.md"

@@ -90,7 +90,7 @@ def _run(options: argparse.Namespace, planned: Plan) -> int:
         command = None
         if planned.areas is not None:
             parts = (planned.config, planned.line, planned.areas)
-            command = open_line(options, *parts, clock, stack)
+            command = open_line(options, *parts, clock, stack, planned.secure)
         vobc = _device(planned, commission, out, recording, clock, stack, command)
         executives = [vobc.executive]
         granted = None
@@ -167,7 +167,8 @@ def _device(
         keys.authorities(planned.line.name, train),
         keys.orders(planned.line.name, train),
     )
-    radio: RadioPort = open_radio(Role.TRAIN, planned.radio, topics, clock)
+    secure = planned.secure if planned.radio == planned.line_radio else None
+    radio: RadioPort = open_radio(Role.TRAIN, planned.radio, topics, clock, secure=secure)
     if out is not None:
         radio = RecordedRadio(radio, RadioLog(out / "radio.log", commission.start_ns))
     stack.callback(radio.close)

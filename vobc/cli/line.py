@@ -9,6 +9,7 @@ from typing import Final
 from firmware_py.checked_store import CheckedStore
 from firmware_py.clock import WallClock
 from firmware_py.nvram import NvramState
+from firmware_py.radio.credentials import Credentials, load_credentials
 from firmware_py.radio.zenoh_radio import Role, open_radio
 from firmware_py.trackdb import LineMap
 from firmware_py.trackdb.areas import AreaMap, load_areas
@@ -17,6 +18,8 @@ from vobc.process.line_command import LineCommand, commanded
 from vobc.t2t.train import TrainCore
 from vobc.t2t.vocabulary import T2tConfig, TrainMemory
 from vobc.wire.line_radio import LineRadio
+from zenoh_config.codec import BENCH_KEY, safety_key
+from zenoh_config.secured import train_name
 from zenoh_config.t2t import FIRST_ARBITER, LAST_TRAIN
 from zenoh_config.timers import TIMER_SETS
 
@@ -31,6 +34,9 @@ def add(top: argparse.ArgumentParser) -> None:
         "--line-radio",
         metavar="ENDPOINT",
         help="where the line's wayside listens; without it a zone controller commands the train",
+    )
+    group.add_argument(
+        "--secure", metavar="FOLDER", help="certificates and keys; see `vobc demo-ca`"
     )
     group.add_argument("--train", type=_address, metavar="N", help="address on the radio")
     group.add_argument("--line-memory", metavar="FILE", help="terms and starts that must survive")
@@ -63,6 +69,7 @@ def open_line(
     areas: AreaMap,
     clock: WallClock,
     stack: ExitStack,
+    secure: Credentials | None,
 ) -> LineCommand:
     """Open the session; the stack closes it. Raises RadioError for an endpoint that is none.
 
@@ -82,10 +89,20 @@ def open_line(
         memory=memory,
         start_ns=clock.now_ns(),
     )
-    radio = LineRadio(core, line.name, store.put)
-    port = open_radio(Role.TRAIN, options.line_radio, radio.subscriptions, clock)
+    key = BENCH_KEY if secure is None else safety_key(secure.key_hex)
+    radio = LineRadio(core, line.name, store.put, key=key)
+    port = open_radio(Role.TRAIN, options.line_radio, radio.subscriptions, clock, secure=secure)
     stack.callback(port.close)
     return LineCommand(radio, port, config, line, axles=AXLES)
+
+
+def credentials_of(
+    options: argparse.Namespace, config: VobcConfig, epoch_ns: int
+) -> Credentials | None:
+    """Who this train is on a secured line. Raises SettingsError."""
+    if options.secure is None:
+        return None
+    return load_credentials(options.secure, train_name(config.address), epoch_ns)
 
 
 def _address(text: str) -> int:

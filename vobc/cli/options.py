@@ -7,6 +7,7 @@ from typing import Final
 from firmware_py import rendezvous
 from firmware_py.buses import BusError, parse_spec, resolve_auto
 from firmware_py.nvram import Nvram, NvramRecord, NvramState
+from firmware_py.radio.credentials import Credentials
 from firmware_py.radio.zenoh_radio import DEFAULT_ENDPOINT
 from firmware_py.trackdb import LineMap, load_line
 from firmware_py.trackdb.areas import AreaMap
@@ -80,6 +81,9 @@ class Plan:
     radio: str
     areas: AreaMap | None = None
     """Where trains command themselves."""
+    line_radio: str | None = None
+    secure: Credentials | None = None
+    """Who the train is on a secured line."""
 
 
 def plan(options: argparse.Namespace, epoch_ns: int) -> Plan:
@@ -115,7 +119,12 @@ def plan(options: argparse.Namespace, epoch_ns: int) -> Plan:
         radio = options.line_radio
     elif radio == AUTO:
         radio = rendezvous.read_radio(name) or DEFAULT_ENDPOINT
-    return Plan(config, line, mission, nvram, start, bus, tags, radio, areas)
+    secure = line_options.credentials_of(options, config, epoch_ns)
+    return Plan(
+        *(config, line, mission, nvram, start, bus, tags, radio, areas),
+        line_radio=options.line_radio,
+        secure=secure,
+    )
 
 
 def _nearest_station(line: LineMap, front_m: float) -> str:

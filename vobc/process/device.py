@@ -45,6 +45,7 @@ from vobc.wire import (
     target_frames,
     vital_frames,
 )
+from zenoh_config.codec import BENCH_KEY
 
 VITAL_MS: Final = 50.0
 """At this period the units wait for vital commands, whatever the cycle."""
@@ -99,6 +100,7 @@ class VobcDevice:
             max_age_s=config.atp.authority_age_max_s,
             train_length_m=config.train.length_m,
             seen_term=record.highest_term,
+            key=BENCH_KEY if command is None else command.radio.key,
         )
         self._inbox = Inbox(self._link)
         self._encoder = make_encoder()

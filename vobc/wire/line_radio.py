@@ -35,7 +35,7 @@ class LineRadio:
         self.refusals: Counter[str] = Counter()
         """By reason: of the envelope and the key; the core counts its own."""
         self.subscriptions = t2t_keys.of_train(line_name, core.address)
-        self._core, self._line_name, self._store, self._key = core, line_name, store, key
+        self._core, self._line_name, self._store, self.key = core, line_name, store, key
         self._heard: list[T2tMessage] = []
         self._authorities: list[T2tMessage] = []
         self._unstored: TrainMemory | None = None
@@ -44,7 +44,7 @@ class LineRadio:
         """Keep what is of this protocol for the next step; the rest comes back."""
         others = []
         for message in messages:
-            heard = unpack(message.payload, self._key)
+            heard = unpack(message.payload, self.key)
             if isinstance(heard, Refused):
                 self.refusals[heard.reason.value] += 1
             elif not isinstance(heard, T2tMessage):
@@ -82,6 +82,6 @@ class LineRadio:
         self.authority, self.state = stepped.authority, stepped.state
         self.roles = dict(stepped.roles)
         return [
-            (t2t_keys.key_of(self._line_name, message), pack(message, self._key))
+            (t2t_keys.key_of(self._line_name, message), pack(message, self.key))
             for message in stepped.out
         ]

@@ -17,7 +17,7 @@ from vobc.vocabulary import (
 from vobc.wire.evidence import Evidence
 from vobc.wire.refusals import Refusals
 from zenoh_config import keys
-from zenoh_config.codec import pack, unpack
+from zenoh_config.codec import BENCH_KEY, pack, unpack
 from zenoh_config.messages import (
     MovementAuthority,
     PositionReport,
@@ -44,7 +44,9 @@ class RadioLink:
         max_age_s: float,
         train_length_m: float,
         seen_term: int = 0,
+        key: bytes = BENCH_KEY,
     ) -> None:
+        self._key = key
         self._train = train
         self._boot = boot
         self._length_m = train_length_m
@@ -96,7 +98,7 @@ class RadioLink:
     def take(self, now_ns: int, messages: Iterable[RadioMessage]) -> None:
         """Hold the newest authority and orders for this train and in order; count the rest."""
         for message in messages:
-            heard = unpack(message.payload)
+            heard = unpack(message.payload, self._key)
             refused: Refused | None
             if isinstance(heard, MovementAuthority):
                 refused = self._gate.check(heard, now_ns)
@@ -177,7 +179,8 @@ class RadioLink:
                 fire=alarms is not None and not alarms.no_fire,
                 obstacle=alarms is not None and not alarms.no_obstacle,
                 alarm_raised=output.alarm_raised,
-            )
+            ),
+            self._key,
         )
 
     def report(self, now_ns: int, output: CycleOutput) -> bytes | None:
@@ -197,5 +200,6 @@ class RadioLink:
                 rear_min_m=motion.front_m.low - self._length_m,
                 speed_mps=motion.speed_mps.best,
                 standstill=motion.standstill,
-            )
+            ),
+            self._key,
         )

@@ -50,6 +50,9 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
         metavar="0..99",
         help="of controllers, SCHED_FIFO where the rights allow it; 0: none; default: 40",
     )
+    parser.add_argument(
+        "--secure", type=Path, metavar="FOLDER", help="certificates and keys by `vobc demo-ca`"
+    )
     parser.add_argument("--out", metavar="FOLDER", help="default: a new one below runs/")
     group = parser.add_argument_group("what goes wrong")
     for strike, words in HELP.items():
@@ -116,6 +119,7 @@ def _settings(options: argparse.Namespace) -> "Settings":
         down_s=options.down_s,
         duration_s=options.duration_s,
         priority=options.priority,
+        secure=options.secure,
     )
 
 

@@ -6,16 +6,19 @@ from collections.abc import Sequence
 from typing import Final
 
 from firmware_py.clock import WallClock
+from firmware_py.radio.credentials import load_credentials
 from firmware_py.radio.zenoh_radio import RadioError, Role, open_radio
 from firmware_py.settings import SettingsError
 from firmware_py.trackdb.areas import AreaMap, load_areas
 from metro_hil.line_desk.desk import Desk
 from metro_hil.line_desk.view import KMH, LineView
-from metro_hil.options import EXIT_OK, EXIT_USAGE, train_number
+from metro_hil.options import EXIT_ENVIRONMENT, EXIT_OK, EXIT_USAGE, train_number
 from zenoh_config import t2t_keys
+from zenoh_config.codec import BENCH_KEY, safety_key
+from zenoh_config.secured import SUPERVISION_NAME
 from zenoh_config.sessions import LINE_ENDPOINT
 from zenoh_config.soundness import MAX_CHAINAGE_M, MAX_SPEED_MPS
-from zenoh_config.t2t import DecreeKind
+from zenoh_config.t2t_supervision import DecreeKind
 
 LOOK_S: Final = 1.5
 """So long is listened before anything is said."""
@@ -53,12 +56,23 @@ def _supervise(options: argparse.Namespace, areas: AreaMap) -> int:
         raise SettingsError(f"--area {options.area}: {areas.name} has no such area")
     if options.verb == "restrict" and not options.end and options.limit_kmh is None:
         raise SettingsError("restrict: --limit KMH is missing; --end takes one back")
-    clock, view = WallClock(), LineView(areas)
+    clock, key, secure = WallClock(), BENCH_KEY, None
+    if options.secure is not None:
+        secure = load_credentials(options.secure, SUPERVISION_NAME, clock.epoch_ns())
+        key = safety_key(secure.key_hex)
+    view = LineView(areas, key)
     topics = t2t_keys.of_supervision(areas.name)
-    with open_radio(Role.TRAIN, options.line_radio, topics, clock) as port:
-        desk = Desk(clock, view, port)
+    with open_radio(Role.TRAIN, options.line_radio, topics, clock, secure=secure) as port:
+        desk = Desk(clock, view, port, key)
         displays = options.verb in ("line", "master")
         desk.listen(LOOK_S, lambda: not displays and view.complete)
+        if not port.connected:
+            also = "" if secure is None else ", and of the same authority"
+            print(
+                f"vobc: {options.line_radio}: no session; is a wayside there{also}?",
+                file=sys.stderr,
+            )
+            return EXIT_ENVIRONMENT
         return _obey(options, desk, view, clock)
 
 
@@ -118,6 +132,7 @@ def parser() -> argparse.ArgumentParser:
     for parsed in (*chosen, *of_trains[1:]):
         parsed.add_argument("--line", default="loop", metavar="NAME|FILE", help="default: loop")
         parsed.add_argument("--line-radio", default=LINE_ENDPOINT, metavar="ENDPOINT")
+        parsed.add_argument("--secure", metavar="FOLDER", help="certificates; see `vobc demo-ca`")
     return top
 
 

@@ -13,17 +13,8 @@ from metro_hil.options import EXIT_ENVIRONMENT, EXIT_OK
 from zenoh_config import t2t_keys
 from zenoh_config.codec import BENCH_KEY, pack
 from zenoh_config.messages import WAYSIDE
-from zenoh_config.t2t import (
-    NOBODY,
-    SUPERVISION,
-    Decree,
-    DecreeAnswer,
-    DecreeKind,
-    LineOrder,
-    LineState,
-    OrderKind,
-    T2tMessage,
-)
+from zenoh_config.t2t import NOBODY, SUPERVISION, LineOrder, OrderKind, T2tMessage
+from zenoh_config.t2t_supervision import Decree, DecreeAnswer, DecreeKind, LineState
 
 NS_PER_S: Final = 1_000_000_000
 NS_PER_US: Final = 1000

@@ -9,17 +9,8 @@ from firmware_py.trackdb.areas import AreaMap
 from zenoh_config import keys, t2t_keys
 from zenoh_config.codec import BENCH_KEY, unpack
 from zenoh_config.messages import SpeedRestriction, TrainStatus
-from zenoh_config.t2t import (
-    NOBODY,
-    Heartbeat,
-    LeaseReason,
-    LineState,
-    ObjectStatus,
-    Phase,
-    T2tMessage,
-    TrainDecree,
-    TrainReport,
-)
+from zenoh_config.t2t import NOBODY, Heartbeat, ObjectStatus, Phase, T2tMessage, TrainReport
+from zenoh_config.t2t_supervision import LeaseReason, LineState, TrainDecree
 
 NS_PER_S: Final = 1e9
 SILENT_S: Final = 1.0

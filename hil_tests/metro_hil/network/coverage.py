@@ -9,7 +9,6 @@ from typing import Any, Final
 from vobc.t2t.guards import TrainGuards
 from vobc.t2t.vocabulary import Role, TrainState
 from zenoh_config.t2t import (
-    T2T_TYPES,
     Admission,
     AdmissionState,
     Heartbeat,
@@ -22,6 +21,7 @@ from zenoh_config.t2t import (
     SwitchStep,
     T2tMessage,
 )
+from zenoh_config.t2t_types import T2T_TYPES
 
 KINDS: Final[dict[type[T2tMessage], tuple[str, type[enum.IntEnum]]]] = {
     LeaseRequest: ("kind", LeaseKind),

@@ -35,16 +35,19 @@ class LineCrew:
         relayed: bool = False,
         trains: int = 0,
         priority: int = 0,
+        secure: Path | None = None,
     ) -> None:
         """Args:
         relayed: trains reach the wayside over a relay that can be cut.
         priority: of controllers, by SCHED_FIFO where the rights allow it; plants are a little
             behind, and 0 is none.
+        secure: certificates and keys of all of them.
         """
         self.children: dict[str, Child] = {}
         self._folder, self._line, self._endpoint, self._stack = folder, line, endpoint, stack
         self._of_line = ["--line-timers", timers, "--arbiters", str(arbiters)]
         self._priority = priority
+        self._secure = [] if secure is None else ["--secure", str(secure)]
         self._ways: dict[int, Way] = {}
         self._lives: dict[int, int] = {}
         self._relay: subprocess.Popen[str] | None = None
@@ -54,7 +57,7 @@ class LineCrew:
 
     def start_wayside(self) -> None:
         arguments = ["wayside", "--line", self._line, "--line-radio", self._endpoint]
-        arguments += [*self._of_line, "--memory", str(self._folder / "wayside")]
+        arguments += [*self._of_line, *self._secure, "--memory", str(self._folder / "wayside")]
         if self._priority:
             arguments += ["--priority", str(min(99, self._priority + BEFORE))]
         self._adopt(WAYSIDE, "plant_emulator", arguments, self._folder / "wayside.log")
@@ -69,7 +72,7 @@ class LineCrew:
         arguments += ["--from", way.start, "--to", way.end, "--seed", str(train)]
         arguments += ["--train", str(train), "--line-radio", self._endpoint]
         arguments += ["--priority", str(max(0, self._priority - BEHIND))]
-        arguments += ["--out", str(folder)]
+        arguments += ["--out", str(folder), *self._secure]
         self._adopt(f"plant {train}", "plant_emulator", arguments, folder / "plant.log")
 
     def start_controller(self, train: int) -> None:
@@ -82,7 +85,7 @@ class LineCrew:
         arguments += ["--priority", str(self._priority)]
         arguments += ["--line-radio", self._endpoints.get(train, self._endpoint), *self._of_line]
         arguments += ["--nvram", str(folder / "nvram"), "--line-memory", str(folder / "promises")]
-        arguments += ["--to", way.end]
+        arguments += ["--to", way.end, *self._secure]
         if life == 1:
             arguments += ["--from", way.start]
         self._adopt(f"controller {train}", "vobc", arguments, folder / "vobc.log")

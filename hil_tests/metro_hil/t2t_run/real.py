@@ -9,6 +9,7 @@ from typing import Final, NamedTuple
 from can_dbc.vobc import Cause
 from firmware_py.clock import WallClock
 from firmware_py.interrupts import Interrupts
+from firmware_py.radio.credentials import load_credentials
 from firmware_py.radio.zenoh_radio import Role, open_radio
 from firmware_py.recorder import RadioLog, SerialDirection
 from firmware_py.trackdb import LineMap
@@ -18,6 +19,8 @@ from metro_hil.t2t_run.crew import WAYSIDE, LineCrew
 from metro_hil.t2t_run.plan import Fault, Strike, Way
 from metro_hil.t2t_run.story import LineStory
 from zenoh_config import t2t_keys
+from zenoh_config.codec import BENCH_KEY, safety_key
+from zenoh_config.secured import SUPERVISION_NAME
 from zenoh_config.t2t import NOBODY
 
 POLL_NS: Final = 20_000_000
@@ -43,6 +46,8 @@ class Settings(NamedTuple):
     """So long a program that was struck stays away."""
     duration_s: float
     priority: int
+    secure: Path | None = None
+    """Certificates and keys; None: the line is open."""
 
 
 class RealLine:
@@ -52,7 +57,13 @@ class RealLine:
         self._settings, self._folder, self._say = settings, folder, say
         self._clock = WallClock()
         self._start_ns = self._clock.now_ns()
-        self.story = LineStory(settings.line, settings.areas, self._tell)
+        self._secure, key = None, BENCH_KEY
+        if settings.secure is not None:
+            self._secure = load_credentials(
+                settings.secure, SUPERVISION_NAME, self._clock.epoch_ns()
+            )
+            key = safety_key(self._secure.key_hex)
+        self.story = LineStory(settings.line, settings.areas, self._tell, key)
         self.dropped = 0
         """Messages that the recorder missed."""
         self._faults = list(settings.faults)
@@ -74,6 +85,7 @@ class RealLine:
                 relayed=any(each.strike is Strike.CUT_MASTER for each in settings.faults),
                 trains=len(settings.ways),
                 priority=settings.priority,
+                secure=settings.secure,
             )
             crew.start_wayside()
             log = RadioLog(self._folder / LINE_LOG, self._start_ns)
@@ -82,6 +94,7 @@ class RealLine:
             port = open_radio(
                 *(Role.TRAIN, settings.endpoint, topics, self._clock),
                 inbox_messages=INBOX_MESSAGES,
+                secure=self._secure,
             )
             stack.callback(port.close)
             for number, way in enumerate(settings.ways, start=1):

@@ -1,0 +1,69 @@
+"""Who a program is on a secured line: certificate, key of safety codes, settings of its session."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from firmware_py.settings import SettingsError
+
+if TYPE_CHECKING:
+    from cryptography import x509
+
+NS_PER_S: Final = 1_000_000_000
+ADVICE: Final = "make new ones with `vobc demo-ca`"
+
+
+@dataclass(frozen=True, slots=True)
+class Credentials:
+    settings: str
+    """JSON5 for zenoh."""
+    key_hex: str
+    """Of the safety codes, in hexadecimal."""
+
+
+def load_credentials(folder: Path | str, name: str, epoch_ns: int) -> Credentials:
+    """Of the program `name`, from what `vobc demo-ca` or another authority put into a folder.
+
+    Raises SettingsError naming the file for what is missing, expired, not valid yet, of another
+    name or of another authority: a session would only fail without saying why.
+    """
+    folder = Path(folder)
+    authority = _certificate(folder / "ca.pem", epoch_ns)
+    path = folder / f"{name}.pem"
+    own = _certificate(path, epoch_ns)
+    if f"CN={name}" not in own.subject.rfc4514_string().split(","):
+        raise SettingsError(f"{path}: it is of {own.subject.rfc4514_string()}, not of {name}")
+    try:
+        own.verify_directly_issued_by(authority)
+    except Exception as error:  # Whatever a damaged signature makes of the library.
+        raise SettingsError(f"{path}: not issued by {folder / 'ca.pem'}; {ADVICE}") from error
+    _text(folder / f"{name}.key")
+    return Credentials(_text(folder / f"{name}.json5"), _text(folder / "line.key").strip())
+
+
+def _certificate(path: Path, epoch_ns: int) -> "x509.Certificate":
+    # Imported here because only a secured line has use for it.
+    from cryptography import x509
+
+    text = _text(path)
+    try:
+        found = x509.load_pem_x509_certificate(text.encode())
+    except ValueError as error:
+        raise SettingsError(f"{path}: no certificate: {error}") from error
+    now_s = epoch_ns / NS_PER_S
+    since, until = found.not_valid_before_utc, found.not_valid_after_utc
+    if now_s > until.timestamp():
+        raise SettingsError(f"{path}: expired on {until:%Y-%m-%d %H:%M} UTC; {ADVICE}")
+    if now_s < since.timestamp():
+        raise SettingsError(
+            f"{path}: not valid before {since:%Y-%m-%d %H:%M} UTC; is the clock wrong?"
+        )
+    return found
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "no text"
+        raise SettingsError(f"{path}: cannot be read: {reason}; {ADVICE}") from error

@@ -1,0 +1,71 @@
+"""Settings of zenoh sessions with mutual TLS and access control, written for one line. Pure."""
+
+import re
+from importlib import resources
+from typing import Final
+
+from zenoh_config.keys import line_chunk
+from zenoh_config.sessions import DEFAULT_ENDPOINT
+
+ENDPOINT: Final = "tls/127.0.0.1:7448"
+"""What secure.json5 names, and what stands in everything that is made from it."""
+WAYSIDE_NAME: Final = "wayside"
+SUPERVISION_NAME: Final = "supervision"
+"""Of the certificates; a train's is T1, T2, ..."""
+_FOLDER: Final = '"secure/'
+_EACH: Final = re.compile(
+    r" *// begin of each train\n(?P<one>.*?) *// end of each train\n", re.DOTALL
+)
+
+
+def train_name(train: int) -> str:
+    return f"T{train}"
+
+
+def wayside_settings(folder: str, line: str, trains: int) -> str:
+    """secure.json5 for certificates in `folder`, for trains 1 to `trains` of a line."""
+    text = _shipped("secure")
+    assert text.count(ENDPOINT) == 1
+    assert len(_EACH.findall(text)) == 3
+    text = _EACH.sub(lambda found: _for_each(found["one"], trains), text)
+    return text.replace(_FOLDER, f'"{folder}/').replace('"m/loop/', f'"m/{line_chunk(line)}/')
+
+
+def client_settings(folder: str, name: str) -> str:
+    """train.json5 with the identity of a train or of supervision."""
+    text = _shipped("train")
+    link = "    link: {\n"
+    assert text.count(link) == 1
+    assert text.count(DEFAULT_ENDPOINT) == 1
+    tls = (
+        '      protocols: ["tls"],\n'
+        "      tls: {\n"
+        f'        root_ca_certificate: "{folder}/ca.pem",\n'
+        f'        connect_certificate: "{folder}/{name}.pem",\n'
+        f'        connect_private_key: "{folder}/{name}.key",\n'
+        "        enable_mtls: true,\n"
+        "        verify_name_on_connect: true,\n"
+        "        close_link_on_expiration: true,\n"
+        "      },\n"
+    )
+    # A handshake with certificates takes longer than one without.
+    text = text.replace("open_timeout: 200, accept_timeout: 200", "open_timeout: 1000")
+    text = text.replace("timeout_ms: 500", "timeout_ms: 2000")
+    return text.replace(link, link + tls).replace(DEFAULT_ENDPOINT, ENDPOINT)
+
+
+def at_endpoint(settings: str, endpoint: str) -> str:
+    """The same settings for `tcp/HOST:PORT` or `tls/HOST:PORT`, by TLS either way."""
+    return settings.replace(ENDPOINT, "tls/" + endpoint.partition("/")[2])
+
+
+def _for_each(one: str, trains: int) -> str:
+    said = []
+    for train in range(1, trains + 1):
+        text = one.replace("T1", train_name(train)).replace("/w/1/", f"/w/{train}/")
+        said.append(text.replace('/x/1"', f'/x/{train}"').replace('/*/1"', f'/*/{train}"'))
+    return "".join(said)
+
+
+def _shipped(stem: str) -> str:
+    return (resources.files("zenoh_config") / f"{stem}.json5").read_text(encoding="utf-8")
