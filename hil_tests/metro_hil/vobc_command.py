@@ -68,6 +68,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         from metro_hil.green import timetable_command as timetable
 
         return timetable.main(words[1:])
+    if words[:1] == ["line-log"]:
+        from metro_hil.line_desk import log_command
+
+        return log_command.main(words[1:])
     if words[:1] == ["demo-ca"]:
         from metro_hil.line_desk import demo_ca
 

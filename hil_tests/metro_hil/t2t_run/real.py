@@ -88,7 +88,8 @@ class RealLine:
                 secure=settings.secure,
             )
             crew.start_wayside()
-            log = RadioLog(self._folder / LINE_LOG, self._start_ns)
+            # By the clock that is echoed in messages, so that latencies can be read off it.
+            log = RadioLog(self._folder / LINE_LOG)
             stack.callback(log.close)
             topics = t2t_keys.of_line(settings.areas.name)
             port = open_radio(
