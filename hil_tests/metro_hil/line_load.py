@@ -1,0 +1,140 @@
+"""One master with many trains: how long it takes over a cycle, packing and unpacking included."""
+
+from typing import Final
+
+from firmware_py.checked_store import CheckedStore
+from firmware_py.clock import WallClock
+from firmware_py.ports import RadioMessage
+from firmware_py.trackdb.areas import Area, AreaMap, TrackSection
+from plant_emulator.wayside.line_wayside import Disks, LineWayside, Truth
+from plant_emulator.wayside.t2t_vocabulary import ArbiterMemory
+from vobc.t2t.train import TrainCore
+from vobc.t2t.vocabulary import OwnTrain, T2tConfig, TrainMemory
+from vobc.wire.line_radio import LineRadio
+from zenoh_config import t2t_keys
+from zenoh_config.codec import pack, unpack
+from zenoh_config.t2t import BROADCAST, AreaAuthority, Heartbeat, TrainReport
+
+GAP_M: Final = 300.0
+LENGTH_M: Final = 80.0
+SECTION_M: Final = 150.0
+AXLES: Final = 16
+STEP_NS: Final = 10_000_000
+REPORT_NS: Final = 100_000_000
+NS_PER_MS: Final = 1e6
+SETTLE_STEPS: Final = 6000
+CYCLES: Final = 50
+
+
+class _Others:
+    """Trains at rest that report as they must, and nothing else."""
+
+    def __init__(self, fronts_m: dict[int, float]) -> None:
+        self._fronts_m = fronts_m
+        self._given: dict[int, tuple[int, int, float]] = {}
+        """By train: term, number and end of the newest authority."""
+        self._term = 0
+        self._sequence = 0
+
+    def hears(self, payload: bytes) -> None:
+        heard = unpack(payload)
+        if isinstance(heard, Heartbeat):
+            self._term = max(self._term, heard.term)
+        elif isinstance(heard, AreaAuthority):
+            self._given[heard.destination] = (heard.term, heard.sequence, heard.end_m)
+
+    @property
+    def commanded(self) -> int:
+        return len(self._given)
+
+    def reports(self, now_ns: int) -> list[RadioMessage]:
+        said = []
+        for train, front_m in self._fronts_m.items():
+            self._sequence += 1
+            term, sequence, end_m = self._given.get(train, (0, 0, front_m))
+            report = TrainReport(
+                *(train, BROADCAST, 1, self._term, 1, self._sequence, now_ns),
+                localised=True,
+                front_min_m=front_m,
+                front_max_m=front_m,
+                rear_min_m=front_m - LENGTH_M,
+                speed_mps=0.0,
+                standstill=True,
+                latent_m=max(end_m, front_m),
+                held_end_m=end_m,
+                easy_m=front_m,
+                held_term=term,
+                held_sequence=sequence,
+                member=term > 0,
+                behind=0,
+                comes_from=0,
+                axles=AXLES,
+                out_of_service=False,
+                ready_nonce=0,
+            )
+            topic = t2t_keys.key_of("load", report)
+            said.append(RadioMessage(now_ns, topic, pack(report)))
+        return said
+
+
+def cycle_ms(trains: int) -> list[float]:
+    """Of each cycle in which the master issues to all others: from the last report to the bytes of
+    the last authority. Raises TimeoutError when they are not all commanded in time.
+    """
+    fronts_m = {n: GAP_M * (trains + 1 - n) for n in range(1, trains + 1)}
+    length_m = GAP_M * (trains + 2)
+    sections = tuple(
+        [
+            TrackSection(n + 1, n * SECTION_M, (n + 1) * SECTION_M)
+            for n in range(round(length_m / SECTION_M))
+        ]
+    )
+    line = AreaMap("load", (Area(1, 0.0, length_m),), sections)
+    config = T2tConfig()
+    store = CheckedStore(None, ArbiterMemory)
+    arbiter = config.arbiters[0]
+    disks = Disks({arbiter: ArbiterMemory()}, {}, lambda _, m: store.put(m), lambda _, __: True)
+    wayside = LineWayside(config.timers, line, disks, boot=1, start_ns=0)
+    core = TrainCore(config, line, address=1, memory=TrainMemory(), start_ns=0)
+    radio = LineRadio(core, "load", lambda _: True)
+    front_m = fronts_m.pop(1)
+    own = OwnTrain(True, front_m, front_m, front_m - LENGTH_M, 0.0, True, front_m, front_m, AXLES)
+    return _run(wayside, radio, own, _Others(fronts_m), _axles([front_m, *fronts_m.values()]))
+
+
+def _run(
+    wayside: LineWayside, radio: LineRadio, own: OwnTrain, others: _Others, truth: Truth
+) -> list[float]:
+    clock, took_ms = WallClock(), list[float]()
+    to_train: list[RadioMessage] = []
+    wanted = len(truth.axles) and len(others.reports(0))
+    for step in range(1, SETTLE_STEPS):
+        now_ns = step * STEP_NS
+        if now_ns % REPORT_NS == 0:
+            to_train += others.reports(now_ns)
+        begun_ns = clock.now_ns()
+        radio.takes(to_train)
+        said = radio.step(now_ns, own, apply=True)
+        spent_ms = (clock.now_ns() - begun_ns) / NS_PER_MS
+        heard = [RadioMessage(now_ns, key, payload) for key, payload in said]
+        authorities = sum("/aa/" in each.key for each in heard)
+        for each in heard:
+            others.hears(each.payload)
+        if authorities >= wanted and others.commanded >= wanted:
+            took_ms.append(spent_ms)
+            if len(took_ms) >= CYCLES:
+                return took_ms
+        to_train = [
+            RadioMessage(now_ns, key, payload)
+            for key, payload in wayside.step(now_ns, heard, truth)
+        ]
+    raise TimeoutError(f"only {others.commanded} of {wanted} trains are commanded")
+
+
+def _axles(fronts_m: list[float]) -> Truth:
+    """All axles of a train under its middle."""
+    counted: dict[int, int] = {}
+    for front_m in fronts_m:
+        section = int((front_m - LENGTH_M / 2.0) // SECTION_M) + 1
+        counted[section] = counted.get(section, 0) + AXLES
+    return Truth(counted)
