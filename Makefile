@@ -95,6 +95,8 @@ bench-energy: compiled ## measure running curves, the DC network, the green line
 bench-t2t: $(READY_TO_TEST) ## kill and stop masters over real zenoh and time the next; BENCH_ARGS="--trains N --timers B"
 	$(BIN)/python -m metro_hil.line_trial --fault kill $(BENCH_ARGS)
 	$(BIN)/python -m metro_hil.line_trial --fault stop $(BENCH_ARGS)
+	$(BIN)/python -m metro_hil.line_trial --fault switch $(BENCH_ARGS)
+	$(BIN)/python -m metro_hil.line_sessions
 
 simulate: compiled ## trains that command themselves under random faults, 10,000 hours; SIMULATE_ARGS=...
 	@mkdir -p runs

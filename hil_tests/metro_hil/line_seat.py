@@ -12,6 +12,7 @@ from firmware_py.clock import WallClock
 from firmware_py.nvram import NvramState
 from firmware_py.ports import RadioPort
 from firmware_py.radio.zenoh_radio import Role, open_radio
+from firmware_py.realtime import collect_garbage, enter_realtime
 from firmware_py.trackdb.areas import Area, AreaMap, TrackSection
 from vobc.t2t.train import TrainCore
 from vobc.t2t.vocabulary import OwnTrain, T2tConfig, TrainMemory
@@ -19,6 +20,7 @@ from vobc.wire.line_radio import LineRadio
 from zenoh_config.timers import TIMER_SETS
 
 BEAT_NS: Final = 2_000_000
+GARBAGE_NS: Final = 1_000_000_000
 CYCLE_NS: Final = 50_000_000
 """As a controller's: authorities are applied with it only."""
 HEADWAY_M: Final = 300.0
@@ -54,6 +56,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("endpoint")
     parser.add_argument("memory", type=Path, help="file that survives the process")
     parser.add_argument("--timers", choices=sorted(TIMER_SETS), default="A")
+    parser.add_argument("--priority", type=int, default=0, help="SCHED_FIFO; default: none")
     options = parser.parse_args(argv)
     store = CheckedStore(options.memory, TrainMemory)
     found = TrainMemory() if store.state is NvramState.ABSENT else store.value
@@ -67,6 +70,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     radio = LineRadio(core, LINE.name, store.put)
     with open_radio(Role.TRAIN, options.endpoint, radio.subscriptions, clock) as port:
+        if options.priority:
+            enter_realtime(options.priority)
         _run(options.address, clock, radio, port)
     return 0
 
@@ -76,7 +81,11 @@ def _run(address: int, clock: WallClock, radio: LineRadio, port: RadioPort) -> N
     own = OwnTrain(True, front_m, front_m, front_m - LENGTH_M, 0.0, True, front_m, front_m, AXLES)
     beat_ns = cycle_ns = clock.now_ns()
     told = (0, 0)
+    garbage_ns = beat_ns
     while True:
+        if beat_ns >= garbage_ns:
+            garbage_ns = beat_ns + GARBAGE_NS
+            collect_garbage(beat_ns)
         beat_ns = max(beat_ns + BEAT_NS, clock.now_ns() - BEAT_NS)
         clock.wait_until(beat_ns)
         now_ns = clock.now_ns()
