@@ -25,6 +25,7 @@ HEADWAY_BAR_S: Final = 72.0
 HEADWAY_FEW: Final = 4
 HEADWAY_STEP_S: Final = 1.0
 DELAY_MAX_S: Final = 0.5
+LOOK_S: Final = 0.05
 SPEED_MPS: Final = 60.0 / 3.6
 BEFORE_M: Final = 1000.0
 RUN_UP_M: Final = 1500.0
@@ -138,7 +139,7 @@ def approach(trains: int, interval_s: float) -> Approach:
     came_s: dict[int, float] = {}
     took_s: dict[int, float] = {}
     while len(took_s) < trains:
-        scene.run(0.2)
+        scene.run(LOOK_S)
         at_s = scene.net.now_ns / NS_PER_S
         for train in scene.world.trains.values():
             if train.front_m > station_m - BEFORE_M:

@@ -6,7 +6,7 @@ It reads messages and knows none of the machines: it reckons leases anew from re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from metro_hil.network.checker import ViolationError
 from metro_hil.network.ground import Grant
@@ -25,6 +25,8 @@ from zenoh_config.t2t import (
 
 NS_PER_MS: Final = 1_000_000
 TOLD_MAX: Final = 256
+HEARD_NS: Final = 200 * NS_PER_MS
+"""Whoever was heard so lately is heard, whatever the timers are."""
 TOLERANCE_NS: Final = 2 * NS_PER_MS
 """What drift may do to a lease."""
 
@@ -38,6 +40,23 @@ class LeaseRules:
     margin_ns: int
     majority: int
     age_max_ns: int
+
+
+class Readiness(NamedTuple):
+    """What a master last heard of a train since it prepares a switch."""
+
+    number: tuple[int, int]
+    """Boot and sequence of the report."""
+    nonce: int
+    at_ns: int
+
+
+class Switch(NamedTuple):
+    """A planned switch that is being prepared."""
+
+    term: int
+    nonce: int
+    heard: dict[int, Readiness]
 
 
 class Air:
@@ -69,8 +88,10 @@ class Air:
         """Train, area and term of leases that their holder gave back."""
         self.clocks_sound = True
         """No clock was stepped: leases can be held against each other."""
-        self._ready: dict[tuple[int, int], int] = {}
-        """By train and area: nonce of the planned switch that it last said it is ready for."""
+        self._switches: dict[tuple[int, int], Switch] = {}
+        """By master and area: the planned switch that it prepares."""
+        self._ready: set[tuple[int, int, int, int]] = set()
+        """Successor, master, area and nonce of what successors said they are ready for."""
 
     def stepped(
         self,
@@ -89,6 +110,8 @@ class Air:
                 self._note_answer(address, message, now_ns, true_ns - now_ns)
             elif kind is RosterAck:
                 self._note_ack(address, message)
+            elif kind is TrainReport and self._switches:
+                self._note_readiness(address, message, now_ns)
         for letter in letters:
             message = letter.message
             kind = type(message)
@@ -102,6 +125,8 @@ class Air:
                 self._rosters.setdefault(key, (names, set()))
             elif kind is TrainReport:
                 self._report(message)
+            elif kind is SwitchStep:
+                self._switch(message, now_ns)
 
     def booted(self, address: int) -> None:
         """A train begins a new life: what it was told before is void."""
@@ -201,7 +226,6 @@ class Air:
 
     def _report(self, report: TrainReport) -> None:
         """24, 29: what a train says that it holds was young when it came."""
-        self._ready[report.source, report.area] = report.ready_nonce
         self.looked["24"] += 1
         number = report.held_term, report.held_sequence
         if self._stale and (report.source, report.area, *number) in self._stale:
@@ -223,10 +247,39 @@ class Air:
                 f"{grant.term}, number {grant.sequence}; it was told {end_m}",
             )
 
-    def ready_for(self, address: int, area: int) -> int:
-        """The planned switch for which a train last said that it is ready; 0: none."""
-        return self._ready.get((address, area), 0)
+    def _switch(self, step: SwitchStep, now_ns: int) -> None:
+        """What a master or a successor says of a planned switch."""
+        key = step.source, step.area
+        if step.kind is SwitchKind.READY:
+            self._ready.add((step.source, step.destination, step.area, step.nonce))
+        elif step.kind is SwitchKind.PREPARE:
+            known = self._switches.get(key)
+            if known is None or (known.term, known.nonce) != (step.term, step.nonce):
+                self._switches[key] = Switch(step.term, step.nonce, {})
+        else:
+            switch = self._switches.pop(key, None)
+            if switch is not None and step.kind is SwitchKind.COMMIT:
+                self._commit(step, switch, now_ns)
 
+    def _note_readiness(self, master: int, report: TrainReport, now_ns: int) -> None:
+        switch = self._switches.get((master, report.area))
+        if switch is None:
+            return
+        number = report.boot, report.sequence
+        known = switch.heard.get(report.source)
+        if known is None or number > known.number:
+            switch.heard[report.source] = Readiness(number, report.ready_nonce, now_ns)
 
-def is_commit(message: object) -> bool:
-    return isinstance(message, SwitchStep) and message.kind is SwitchKind.COMMIT
+    def _commit(self, step: SwitchStep, switch: "Switch", now_ns: int) -> None:
+        """26: the successor is ready, and so is every train on the kept roster that the master
+        hears; of one that it does not hear the way is reserved."""
+        self.looked["26"] += 1
+        words = f"train {step.source} commits switch {step.nonce} of area {step.area}"
+        if (step.successor, step.source, step.area, step.nonce) not in self._ready:
+            raise ViolationError("26", f"{words}; its successor {step.successor} is not ready")
+        _, kept = self._kept.get((step.area, switch.term), (0, frozenset()))
+        for train in sorted(kept - {step.source}):
+            heard = switch.heard.get(train)
+            if heard is None or now_ns - heard.at_ns > HEARD_NS or heard.nonce == step.nonce:
+                continue
+            raise ViolationError("26", f"{words}; train {train} is ready for {heard.nonce}")

@@ -1,10 +1,13 @@
 """Trains that command themselves on the simulated line: scenarios, lost guards, all schedules."""
 
+from collections.abc import Callable
+
 import pytest
 
 from metro_hil.hil_command import main
+from metro_hil.network.checker import ViolationError
 from metro_hil.network.coverage import everything
-from metro_hil.network.directed import SCENARIOS
+from metro_hil.network.directed import SCENARIOS, at_speed
 from metro_hil.network.lures import LURES
 from metro_hil.network.many import run_many
 from metro_hil.network.model import MODELS, search
@@ -13,6 +16,8 @@ from metro_hil.network.run import Phases
 from metro_hil.network.scene import Scene
 from metro_hil.network.simulate import Job
 from metro_hil.network.term_lures import TERM_LURES
+from vobc.t2t import switch
+from zenoh_config.t2t import OrderKind, SwitchKind, SwitchStep
 
 QUICK = Job(Phases(trouble_s=15.0))
 SEEDS = (3, 8, 16)
@@ -65,6 +70,48 @@ def test_what_is_gone_through_is_named_and_what_is_not_is_known() -> None:
     assert named <= everything()
     assert covered["guard young_enough: yes"] > 0
     assert any(name.startswith("from fencing to master") for name in covered)
+
+
+@pytest.mark.parametrize(
+    ("rash", "successor_unasked", "complaint"),
+    [
+        (lambda look: look.successor_ready, False, r"^26: .*; train \d is ready for 0"),
+        (lambda look: True, True, r"^26: .*; its successor \d is not ready"),
+    ],
+)
+def test_a_switch_that_is_committed_before_all_are_ready_is_noticed(
+    rash: Callable[[switch.Look], bool],
+    successor_unasked: bool,
+    complaint: str,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    state = switch.SwitchState
+    steps = {
+        **switch.TRANSITIONS,
+        state.PREPARING: ((switch.given_up, state.IDLE), (rash, state.COMMITTED)),
+    }
+    monkeypatch.setattr(switch, "TRANSITIONS", steps)
+    scene, master = at_speed(Scene, trains=4)
+    successor, third, _ = (train for train in scene.world.trains if train != master)
+
+    def unasked(source: int, target: int, message: object) -> int | None:
+        asks = isinstance(message, SwitchStep) and message.kind is SwitchKind.PREPARE
+        return None if asks and target == (successor if successor_unasked else third) else 0
+
+    scene.rule(unasked)
+    scene.order(OrderKind.SWITCH_MASTER, successor)
+
+    with pytest.raises(ViolationError, match=complaint):
+        scene.run(3.0)
+
+
+def test_readiness_is_looked_at_in_every_planned_switch() -> None:
+    scene, master = at_speed(Scene, trains=4)
+    successor = next(train for train in scene.world.trains if train != master)
+    scene.order(OrderKind.SWITCH_MASTER, successor)
+    scene.run(3.0)
+
+    assert scene.world.checker.looked["26"] == 1
 
 
 def test_every_schedule_with_one_fault_of_two_trains_and_an_arbiter_ends_well() -> None:
