@@ -24,7 +24,8 @@ HEADWAY_TRAINS: Final = 10
 HEADWAY_BAR_S: Final = 72.0
 HEADWAY_FEW: Final = 4
 HEADWAY_STEP_S: Final = 1.0
-DELAY_MAX_S: Final = 0.5
+DELAY_MAX_S: Final = 1.0
+GROWTH_MAX_S: Final = 0.1
 LOOK_S: Final = 0.05
 SPEED_MPS: Final = 60.0 / 3.6
 BEFORE_M: Final = 1000.0
@@ -116,11 +117,15 @@ class Approach(NamedTuple):
     delay_s: float
     """The most by which one took longer than the first, from 1000 m before the station until it
     had left it."""
+    growth_s: float
+    """How much more the last one was delayed than the one before it."""
     emergencies: int
 
     @property
     def undisturbed(self) -> bool:
-        return self.delay_s <= DELAY_MAX_S and not self.emergencies
+        """Each loses hardly a second, and none more than the one before: it can go on for ever."""
+        steady = self.growth_s <= GROWTH_MAX_S
+        return self.delay_s <= DELAY_MAX_S and steady and not self.emergencies
 
 
 def approach(trains: int, interval_s: float) -> Approach:
@@ -147,8 +152,9 @@ def approach(trains: int, interval_s: float) -> Approach:
             if train.rear_m > station_m:
                 took_s.setdefault(train.address, at_s - came_s[train.address])
     # Those that came first were in nobody's way.
-    first_s = took_s[min(came_s, key=lambda train: came_s[train])]
-    return Approach(max(took_s.values()) - first_s, scene.emergencies())
+    in_order_s = [took_s[train] for train in sorted(came_s, key=lambda train: came_s[train])]
+    delay_s = max(in_order_s) - in_order_s[0]
+    return Approach(delay_s, in_order_s[-1] - in_order_s[-2], scene.emergencies())
 
 
 def headway_s(trains: int) -> tuple[list[float], int]:
