@@ -55,8 +55,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Whatever the user got wrong is one line, never a traceback."""
     require_assertions("plant")
     words = list(sys.argv[1:] if argv is None else argv)
-    if words[:2] == ["run", "--wayside"]:
-        words[:2] = ["wayside"]
+    if words[:1] == ["run"] and "--wayside" in words:
+        words.remove("--wayside")
+        words[0] = "wayside"
     options = parser().parse_args(words)
     try:
         if options.verb == "consists":

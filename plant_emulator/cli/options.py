@@ -50,6 +50,11 @@ def parser() -> argparse.ArgumentParser:
     _add_faults(plant.add_argument_group("what goes wrong"))
     _add_line(plant.add_argument_group("trains that command themselves"))
     _add_trains(plant.add_argument_group("several trains on one line"))
+    plant.add_argument(
+        "--wayside",
+        action="store_true",
+        help="no train but the wayside of a line, with the options of `plant wayside`",
+    )
     _add_desk(verbs)
     _add_wayside(verbs)
     return top

@@ -15,6 +15,11 @@ from metro_hil.hil_command.working import (
 if TYPE_CHECKING:
     from metro_hil.engine.folder import Plan
 
+LINE_WORDS = """\
+`hil run line` is no campaign but a whole line of trains that command themselves, in processes or in
+virtual time. It has options of its own, such as --trains 8, --for 60, --kill-master-at 20 and
+--secure FOLDER; `hil line --help` has them all.
+"""
 BENCHES = ("lockstep", "processes", "hardware")
 GREEN = "green-cbtc"
 AUTO = "auto"
@@ -27,6 +32,8 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
         help="run a campaign, or one scenario by its name",
         description="Run all cases of a campaign. Ctrl-C, and even kill -9, lose nothing: "
         "`hil resume` goes on.",
+        epilog=LINE_WORDS,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument(
         "campaign", metavar="NAME", help="of a shipped campaign or scenario, or a file"
