@@ -54,7 +54,7 @@ def seat(address: int, endpoint: str, statuses: int, parent: int) -> None:
         now_ns = clock.now_ns()
         for message in port.receive(now_ns):
             heard = unpack(message.payload)
-            if isinstance(heard, TrainOrders) and echoes.pop(heard.echo_stamp_ns, None):
+            if isinstance(heard, TrainOrders) and echoes.pop(heard.echo_stamp_ns, 0):
                 latencies_ms.append((message.stamp_ns - heard.echo_stamp_ns) / NS_PER_MS)
 
     with open_radio(Role.TRAIN, endpoint, (keys.orders(LINE, address),), clock) as port:

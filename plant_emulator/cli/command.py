@@ -30,7 +30,7 @@ from plant_emulator.cli.desk_command import attend
 from plant_emulator.cli.feed_sender import FeedSender
 from plant_emulator.cli.line_wayside import feed_of, serve_line
 from plant_emulator.cli.openers import open_tags, open_wayside, refuse_second_plant
-from plant_emulator.cli.options import ELSEWHERE, parser
+from plant_emulator.cli.options import AUTO, ELSEWHERE, parser
 from plant_emulator.cli.words import Words, say, summarise
 from plant_emulator.desk.display import KINDS as DISPLAYED
 from plant_emulator.faults.fault_file import load_faults

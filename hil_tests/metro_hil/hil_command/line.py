@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from metro_hil.engine.errors import EngineError, UsageError
-from metro_hil.t2t_run.plan import HELP, Strike, faults_of, second, train_at, ways_of
 from metro_hil.options import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_OK
+from metro_hil.t2t_run.plan import HELP, Strike, faults_of, second, train_at, ways_of
 
 if TYPE_CHECKING:
     from metro_hil.t2t_run.real import Settings
