@@ -149,6 +149,19 @@ def test_a_train_that_runs_the_curve_stops_at_its_end(speed_mps: float) -> None:
     assert curve.speed_at_mps(-1.0) == 0.0
 
 
+def test_a_reserve_moves_the_fast_part_of_the_curve_away_from_the_stop() -> None:
+    plain = StepCurve((0.07, 0.6), (0.17,))
+    kept = StepCurve((0.07, 0.6), (0.17,), 3.0)
+
+    for speed_mps in (0.1, 0.17):
+        assert kept.at_speed(speed_mps).distance_m == plain.at_speed(speed_mps).distance_m
+    for speed_mps in (0.5, 15.0):
+        away_m = kept.at_speed(speed_mps).distance_m - plain.at_speed(speed_mps).distance_m
+        assert away_m == pytest.approx(3.0)
+        room_m = kept.at_speed(speed_mps).distance_m
+        assert kept.speed_at_mps(room_m) == pytest.approx(speed_mps)
+
+
 def test_the_last_notch_exceeds_the_fall_of_the_track() -> None:
     config = AtoConfig()
 

@@ -33,7 +33,8 @@ class ChasingScheme:
     blending_begin_mps: float = 8.0 / KMH_PER_MPS
     blending_end_mps: float = 4.0 / KMH_PER_MPS
     blending_reserve_m: float = 0.0
-    """Kept behind blending for what friction lacks while the motors fade faster than it follows."""
+    """Kept behind blending for what friction lacks while the motors fade faster than it follows;
+    without the small brake, by the one curve."""
     blending_spread_ratio: float = 0.1
     """The band may begin so much sooner."""
     last_speed_mps: float = 0.17

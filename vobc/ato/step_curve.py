@@ -19,12 +19,15 @@ class _Step(NamedTuple):
 class StepCurve:
     """Down to a stop; `tops_mps` are the speeds at which one deceleration gives way to the next.
 
-    Both are counted from the stop; the last deceleration has no top.
+    Both are counted from the stop; the last deceleration has no top. `reserve_m` is way that the
+    curve leaves over before its first top, for the train to run at about that speed.
     """
 
     __slots__ = ("_steps", "end_mps", "steady_decel_mps2")
 
-    def __init__(self, decels_mps2: Sequence[float], tops_mps: Sequence[float]) -> None:
+    def __init__(
+        self, decels_mps2: Sequence[float], tops_mps: Sequence[float], reserve_m: float = 0.0
+    ) -> None:
         assert len(tops_mps) == len(decels_mps2) - 1
         assert min(decels_mps2) > 0.0
         self.end_mps = 0.0
@@ -39,6 +42,7 @@ class StepCurve:
             assert top_mps > speed_mps
             time_s += (top_mps - speed_mps) / decel_mps2
             distance_m += (top_mps * top_mps - speed_mps * speed_mps) / (2.0 * decel_mps2)
+            distance_m += reserve_m if index == 0 else 0.0
             speed_mps = top_mps
         self._steps = tuple(reversed(steps))
 

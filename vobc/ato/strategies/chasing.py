@@ -204,7 +204,8 @@ class Chasing:
             tops_mps = (scheme.last_speed_mps, chase_from_mps(scheme), begin_mps)
             self._curve = StepCurve(decels_mps2, tops_mps)
         else:
-            self._curve = StepCurve((last_mps2, steady_mps2), (scheme.last_speed_mps,))
+            two_mps2, reserve_m = (last_mps2, steady_mps2), scheme.blending_reserve_m
+            self._curve = StepCurve(two_mps2, (scheme.last_speed_mps,), reserve_m)
         self._ending.plan(self._curve, gravity_mps2)
 
     def _aim(self, curve: Curve, ahead: Ahead, end_m: float, *, to_stop: bool) -> Aim:
