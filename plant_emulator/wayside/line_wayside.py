@@ -18,6 +18,11 @@ from zenoh_config.t2t import T2tMessage
 from zenoh_config.timers import LineTimers
 
 
+def _kept(_: CentreMemory) -> bool:
+    """Where there is no centre, or no disk."""
+    return True
+
+
 class Disks(NamedTuple):
     """What was stored when the wayside started, and how to store; a store says whether it did."""
 
@@ -26,7 +31,7 @@ class Disks(NamedTuple):
     objects: Mapping[int, ObjectMemory | None]
     store_arbiter: Callable[[int, ArbiterMemory], bool]
     store_object: Callable[[int, ObjectMemory], bool]
-    store_centre: Callable[[CentreMemory], bool] = lambda _: True
+    store_centre: Callable[[CentreMemory], bool] = _kept
 
 
 class Truth(NamedTuple):
