@@ -27,13 +27,19 @@ set -e
 cd {folder}
 {bin}/vcan up vcan1
 {bin}/vcan status vcan1
-candump -L vcan1 >candump.log &
-for _ in $(seq 400); do grep -q vcan1 /proc/net/can/rcvlist_all && break; sleep 0.02; done
-{bin}/vobc run --bus socketcan:vcan1 --from II --to III --cycle-ms 100 --json --out run \\
-    >results.json
-status=$?
-sleep 0.5
-kill %1
+status=1
+for try in $(seq {tries}); do
+    mkdir $try
+    candump -L vcan1 >$try/candump.log &
+    for _ in $(seq 400); do grep -q vcan1 /proc/net/can/rcvlist_all && break; sleep 0.02; done
+    status=0
+    {bin}/vobc run --bus socketcan:vcan1 --from II --to III --cycle-ms 100 --json \\
+        --out $try/run >$try/results.json || status=$?
+    sleep 0.5
+    kill $!
+    wait || true
+    [ $status = 0 ] && break
+done
 {bin}/vcan down vcan1
 exit $status
 """

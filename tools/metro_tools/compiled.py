@@ -81,10 +81,12 @@ HOT: Final = (
 which a compiled class does not keep."""
 LEFT_OUT: Final = (
     *("/__init__.py", "config.py", "sessions.py", "secured.py", "t2t_vocabulary.py"),
+    *(f"zenoh_config/{name}.py" for name in ("bodies", "t2t", "t2t_supervision", "t2t_types")),
     *(f"network/{name}.py" for name in ("explore", "many", "model", "mutants", "simulate")),
 )
-"""Ends of the paths of modules that stay as they are: they read settings, start processes or are
-seldom run. Of the generic dataclass in `t2t_vocabulary` mypyc makes what cannot be imported."""
+"""Ends of the paths of modules that stay as they are: they read settings or the types of their
+fields, which a compiled class does not keep, start processes, or are seldom run. Of the generic
+dataclass in `t2t_vocabulary` mypyc makes what cannot be imported."""
 COMMANDS: Final = {
     "vobc": "metro_hil.vobc_command",
     "plant": "plant_emulator",

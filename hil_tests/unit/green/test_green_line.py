@@ -12,9 +12,7 @@ from hypothesis import strategies as st
 from metro_hil.green.model import (
     HOLD_AND_COAST,
     RUNS_S,
-    STRONG,
     TRADITIONAL,
-    WEAK,
     Law,
     LineTrain,
     Timetable,
@@ -23,6 +21,7 @@ from metro_hil.green.regimes import Runs, least_traction
 from metro_hil.green.simulate import Outcome, dwells_of, first_minutes, simulate
 from metro_hil.green.synchronise import Search
 from metro_hil.green.table_four import PRINTED, paired, share_at_least
+from plant_emulator.power.supplies import STRONG, WEAK
 from vobc.ato import green_law
 
 TRAIN = LineTrain()
@@ -107,10 +106,11 @@ def test_the_search_only_gets_better_and_keeps_trip_time_and_punctuality() -> No
 PLAIN = """
 import sys
 sys.modules['numba'] = None
-from metro_hil.green import model, simulate
+from metro_hil.green import simulate
+from plant_emulator.power import supplies
 from plant_emulator.power.compiled import COMPILED
 assert not COMPILED
-print(' '.join(repr(float(book)) for book in simulate.first_minutes(model.WEAK)))
+print(' '.join(repr(float(book)) for book in simulate.first_minutes(supplies.WEAK)))
 """
 
 
