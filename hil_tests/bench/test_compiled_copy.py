@@ -32,6 +32,8 @@ FAULTS: list[dict[str, object]] = [
     {"kind": "passenger_alarm", "when": "front_m > 3100"},
 ]
 """Of each place where faults act one."""
+ENVELOPES = ("test_t2t_envelope.py", "test_zenoh_config_codec.py")
+"""Tests of what is said by radio, which is read by the types of its fields."""
 GROUP = """\
 import sys
 import msgspec
@@ -80,6 +82,22 @@ def test_every_module_of_the_copy_can_be_imported(copy: Path) -> None:
     )
 
     assert done.returncode == 0, done.stderr
+
+
+def test_what_trains_and_wayside_say_is_packed_and_read_by_the_copy(
+    copy: Path, checkout: Path
+) -> None:
+    tests = [checkout / "hil_tests/unit" / name for name in ENVELOPES]
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-n", "0", "-p", "no:cacheprovider", *tests],
+        env=worker_environment(os.environ, copy / "lib"),
+        cwd=checkout,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+    assert done.returncode == 0, done.stdout
 
 
 def test_the_compiled_copy_gives_the_same_bytes(copy: Path, tmp_path: Path) -> None:
