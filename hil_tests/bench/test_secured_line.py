@@ -191,5 +191,7 @@ def test_the_command_makes_them_once_and_says_what_to_do_next(
 
     assert vobc(["demo-ca", folder]) == 2
     assert "ca.pem: is there already" in capsys.readouterr().err
+    assert vobc(["demo-ca", str(tmp_path)]) == 2
+    assert f"{tmp_path}: not empty" in capsys.readouterr().err
     assert vobc(["line", "--secure", str(tmp_path)]) == 2
     assert "ca.pem: cannot be read" in capsys.readouterr().err

@@ -64,12 +64,14 @@ def make(
 ) -> None:
     """Certificates, keys, session settings and the key of safety codes.
 
-    Raises SettingsError for a folder that has an authority already; OSError.
+    Raises SettingsError for a folder that has an authority or anything else in it; OSError.
     """
     folder.mkdir(parents=True, exist_ok=True)
     folder = folder.resolve()
     if (folder / "ca.pem").exists():
         raise SettingsError(f"{folder}/ca.pem: is there already; take another folder or remove it")
+    if any(folder.iterdir()):
+        raise SettingsError(f"{folder}: not empty; keys want a folder of their own")
     span_s = (epoch_s - EARLIER_S, epoch_s + round(days * DAY_S))
     authority_key = ec.generate_private_key(ec.SECP256R1())
     authority = _authority(authority_key, span_s)
