@@ -220,6 +220,8 @@ class PlantDevice:
         wire, world, frames = self.wire, self.world, self._frames
         if self._stage is not None:
             self._attend_faults(self._stage, now_ns)
+        if (held_up_ns := now_ns - world.now_ns - STEP_NS) >= STEP_NS:
+            world.excuse(held_up_ns)
         wire.hear(now_ns, self._take)
         for kind, node in self._catch_up(now_ns):
             wire.send(now_ns, node, frames[kind](world.now_ns))

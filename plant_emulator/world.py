@@ -320,6 +320,13 @@ class World:
         self._desk_faults = changes
         self.put_desk(self._untouched_desk)
 
+    def excuse(self, held_up_ns: int) -> None:
+        """What the units did not hear while the bench stood still is nobody's silence."""
+        for unit in (self.brake, self.traction, self.doors):
+            unit.excuse(held_up_ns)
+        if self.loops is not None:
+            self.loops.excuse(held_up_ns)
+
     def pass_over(self, steps: int) -> None:
         """Let time go by in which nothing moves, for a process that was held up for too long."""
         self.now_ns += steps * STEP_NS

@@ -423,6 +423,40 @@ def test_late_steps_are_made_up_for_and_their_frames_sent_once() -> None:
     assert plant.late_steps == 29
 
 
+@pytest.mark.parametrize("held_up_s", [0.11, 0.155, 0.4, 5.0])
+def test_no_command_is_missing_because_the_plant_stood_still_itself(held_up_s: float) -> None:
+    """A host that stops all processes must not look like a controller that fell silent."""
+    stand = Stand().run(12.0, GO)
+
+    stand.clock.wait_until(stand.clock.now_ns() + round(held_up_s * 1e9))
+    stand.run(1.0, GO)
+
+    assert stand.plant.command_losses == {"BCU": 0, "TCU": 0, "DCU": 0}
+    assert not stand.plant.world.brake.emergency_wanted
+
+
+@pytest.mark.parametrize("held_up_s", [0.155, 0.4])
+def test_a_command_that_stays_away_after_a_hold_up_is_missing_as_ever(held_up_s: float) -> None:
+    stand = Stand().run(12.0, GO)
+
+    stand.clock.wait_until(stand.clock.now_ns() + round(held_up_s * 1e9))
+    stand.run(0.19)
+
+    assert stand.plant.command_losses == {"BCU": 1, "TCU": 1, "DCU": 0}
+    assert stand.plant.world.brake.emergency_wanted
+
+
+def test_steps_that_are_a_little_late_put_nothing_off() -> None:
+    plant, _ = process_plant()
+    plant.step(0)
+    plant.world.brake.hear(RELEASED, 0)
+    for step in range(1, 16):
+        plant.step(step * STEP_NS + STEP_NS - 1)
+    assert plant.command_losses["BCU"] == 0
+    plant.step(17 * STEP_NS - 1)
+    assert plant.command_losses["BCU"] == 1
+
+
 def test_a_plant_that_was_stopped_for_minutes_gives_up_and_goes_on_from_now() -> None:
     plant, _ = process_plant()
     plant.step(0)

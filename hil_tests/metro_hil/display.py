@@ -15,6 +15,7 @@ from can_dbc.traction import TractionStatus
 from can_dbc.vobc import (
     Missing,
     Supervision,
+    VobcMode,
     VobcMotion,
     VobcPosition,
     VobcStatus,
@@ -25,6 +26,7 @@ from firmware_py.ports import CanFrame
 
 SEEN = (
     VobcStatus,
+    VobcMode,
     VobcMotion,
     VobcPosition,
     VobcTarget,
@@ -128,7 +130,7 @@ def _rows(picture: BusPicture) -> list[tuple[str, RenderableType]]:
     else:
         rows += _motion_rows(motion)
         rows += _target_rows(picture)
-        rows += _state_rows(status)
+        rows += _state_rows(status, _why(picture))
     rows += _train_rows(picture)
     load = Text(f"{picture.load_ratio * 100.0:5.1f} %  of {picture.bit_rate // 1000} kbit/s")
     load.append(f"   {picture.frames_per_s:4.0f} frames/s   {picture.frames} in all", style="dim")
@@ -178,9 +180,18 @@ def _target_rows(picture: BusPicture) -> list[tuple[str, RenderableType]]:
     return rows
 
 
-def _state_rows(status: VobcStatus) -> list[tuple[str, RenderableType]]:
+def _why(picture: BusPicture) -> str:
+    """What the emergency brake is for, as the controller says; empty while it is off."""
+    status, mode = picture.status, picture.latest.get(VobcMode)
+    emergency = status is not None and status.supervision is Supervision.EMERGENCY
+    if not emergency or not isinstance(mode, VobcMode):
+        return ""
+    return f" ({mode.cause.name.replace('_', ' ').lower()})"
+
+
+def _state_rows(status: VobcStatus, why: str) -> list[tuple[str, RenderableType]]:
     mode = Text(status.ato_phase.name.lower().replace("_", " "))
-    state = Text(status.supervision.name, style=STATE_STYLE[status.supervision])
+    state = Text(status.supervision.name + why, style=STATE_STYLE[status.supervision])
     if status.missing:
         state.append(f"  waits for: {missing_words(status.missing)}", style="yellow")
     cycle = Text(f"{status.work_us / 1000.0:5.2f} ms work")
@@ -257,7 +268,7 @@ def plain_line(picture: BusPicture, elapsed_s: float) -> str:
     )
     if isinstance(target, VobcTarget) and target.distance_to_stop_m < FAR_M:
         line += f"  stop in {target.distance_to_stop_m:7.2f} m"
-    line += f"  {status.supervision.name}  {status.ato_phase.name.lower()}"
+    line += f"  {status.supervision.name}{_why(picture)}  {status.ato_phase.name.lower()}"
     line += f"  bus {picture.load_ratio * 100.0:.0f} %  work {status.work_us / 1000.0:.2f} ms"
     return line + (f"  waits for: {missing_words(status.missing)}" if status.missing else "")
 

@@ -28,6 +28,12 @@ MEASURES = [
 
 
 @pytest.fixture
+def bare_metal(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(realtime, "CPU_INFO", tmp_path / "no cpuinfo")
+    monkeypatch.setattr(realtime, "IDLE_DRIVER", tmp_path / "no driver")
+
+
+@pytest.fixture
 def thawed() -> Any:
     """Gives the collector of this test process back as it was."""
     yield
@@ -86,7 +92,7 @@ print(json.dumps({
         assert f"{name}: {'' if given else 'not granted, '}{detail}" in told["lines"]
 
 
-@pytest.mark.usefixtures("thawed")
+@pytest.mark.usefixtures("thawed", "bare_metal")
 def test_a_host_that_refuses_everything_is_reported_with_its_reasons(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
@@ -113,7 +119,57 @@ def test_a_host_that_refuses_everything_is_reported_with_its_reasons(
     assert "SCHED_FIFO: not granted, Operation not permitted" in report.lines()[0]
 
 
+@pytest.mark.parametrize(
+    ("cpu_info", "idle_driver", "virtual"),
+    [
+        ("vendor_id : X\nflags\t: fpu hypervisor lm\n", "acpi_idle\n", True),
+        ("vendor_id : X\nflags\t: fpu lm\n", "haltpoll\n", True),
+        ("vendor_id : X\nflags\t: fpu lm\nname : hypervisor\n", "acpi_idle\n", False),
+        ("processor : 0\n", None, False),
+        (None, "haltpoll\n", True),
+        (None, None, False),
+    ],
+)
+def test_a_virtual_machine_is_told_by_its_processor_or_its_idle_driver(
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+    cpu_info: str | None,
+    idle_driver: str | None,
+    virtual: bool,
+) -> None:
+    for name, words in (("CPU_INFO", cpu_info), ("IDLE_DRIVER", idle_driver)):
+        path = tmp_path / name
+        monkeypatch.setattr(realtime, name, path)
+        if words is not None:
+            path.write_text(words)
+
+    assert realtime.in_virtual_machine() is virtual
+
+
 @pytest.mark.usefixtures("thawed")
+@pytest.mark.parametrize("virtual", [True, False])
+def test_idle_processors_are_kept_awake_on_bare_metal_only(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, virtual: bool
+) -> None:
+    request = tmp_path / "cpu_dma_latency"
+    request.write_bytes(b"")
+    monkeypatch.setattr(realtime, "PM_QOS", request)
+    monkeypatch.setattr(realtime, "_awake_file", None)
+    monkeypatch.setattr(realtime, "in_virtual_machine", lambda: virtual)
+    for name in ("_mlockall", "_prctl"):
+        monkeypatch.setattr(realtime, name, refuse(errno.EPERM))
+    monkeypatch.setattr(os, "sched_setscheduler", refuse(errno.EPERM))
+
+    *_, measure = realtime.enter_realtime(80).measures
+    if realtime._awake_file is not None:
+        os.close(realtime._awake_file)
+
+    assert measure.granted is not virtual
+    assert request.read_bytes() == (b"" if virtual else bytes(4))
+    assert ("virtual machine" in measure.detail) is virtual
+
+
+@pytest.mark.usefixtures("thawed", "bare_metal")
 def test_a_system_without_any_of_it_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delattr(os, "sched_setscheduler")
     monkeypatch.setattr(sys, "platform", "darwin")

@@ -118,6 +118,10 @@ class BrakeUnit:
         """The command was there and is missing now."""
         return self._watch.silent
 
+    def excuse(self, held_up_ns: int) -> None:
+        """The bench stood still for so long; that is not the controller's silence."""
+        self._watch.excuse(held_up_ns)
+
     def hear(self, command: BrakeCommand, heard_ns: int) -> None:
         """A valid pair has been received.
 

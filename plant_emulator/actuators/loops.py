@@ -152,6 +152,10 @@ class Loops:
             noise=noise,
         )
 
+    def excuse(self, held_up_ns: int) -> None:
+        """The bench stood still for so long; that is not the controller's silence."""
+        self._watch.excuse(held_up_ns)
+
     def hear(self, command: AnalogueCommand, heard_ns: int) -> None:
         self._command = command
         self._watch.heard(heard_ns)

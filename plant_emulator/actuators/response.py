@@ -134,6 +134,11 @@ class Watch:
         self.expires_ns = heard_ns + self._timeout_ns
         self.silent = False
 
+    def excuse(self, held_up_ns: int) -> None:
+        """Who was held up itself heard nothing in that time, and it counts as nobody's silence."""
+        if self.expires_ns != FAR_NS:
+            self.expires_ns += held_up_ns
+
     def lost(self) -> None:
         """The silence has been acted upon."""
         self.losses += 1

@@ -1,0 +1,108 @@
+"""What the tap of a run in real time sees, shows and ends by."""
+
+import io
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from can_dbc.codec import Encoder
+from can_dbc.vobc import (
+    AtoPhase,
+    Cause,
+    Inhibit,
+    Missing,
+    OperatingMode,
+    Supervision,
+    VobcMode,
+    VobcMotion,
+    VobcStatus,
+    Withheld,
+)
+from firmware_py.buses.inproc import InprocBus
+from firmware_py.clock import LockstepClock
+from firmware_py.recorder import CandumpWriter
+from metro_hil.display import BusPicture, Display
+from metro_hil.ending import DURATION, UNATTENDED_S
+from metro_hil.watch import Watch
+
+S = 1_000_000_000
+BIT_RATE = 250_000
+STATUS = VobcStatus(
+    supervision=Supervision.EMERGENCY,
+    ato_phase=AtoPhase.OFF,
+    missing=Missing(0),
+    localised=True,
+    slip_detected=False,
+    work_us=900.0,
+    cycle_slips=0,
+)
+MODE = VobcMode(
+    mode=OperatingMode.AUTHORISED,
+    cause=Cause.BRAKE_UNIT,
+    departure_inhibits=Inhibit(0),
+    doors_withheld=Withheld(0),
+    jog_attempts=0,
+    replicas_agree=True,
+    alarm_raised=False,
+)
+MOTION = VobcMotion(speed_mps=0.0, ceiling_mps=5.0, emergency_mps=6.0)
+
+
+class Bench:
+    """A controller that says the same for ever, and the tap beside it."""
+
+    def __init__(self, folder: Path, status: VobcStatus) -> None:
+        self.clock = LockstepClock()
+        self.printed = io.StringIO()
+        bus = InprocBus("vcan0", BIT_RATE)
+        self._port, tap = bus.port("VOBC", frozenset()), bus.port("TAP", None)
+        self._encoder, self._said = Encoder(), (status, MODE, MOTION)
+        picture = BusPicture(BIT_RATE)
+        console = Console(file=self.printed, width=200)
+        self.watch = Watch(
+            tap,
+            CandumpWriter(folder / "bus.log", "vcan0"),
+            folder / "host.csv",
+            picture,
+            Display(console, picture, "a run"),
+            self.clock,
+        )
+
+    def run(self, *, unattended: bool) -> tuple[str, float]:
+        """Why it ended, and when; s."""
+
+        def speak() -> bool:
+            now_ns = self.clock.now_ns()
+            for frame in self._said:
+                for identifier, data in self._encoder.encode(frame):
+                    self._port.send(now_ns, identifier, data)
+            return False
+
+        reason = self.watch.run([], 3500.0, 100.0, speak, unattended=unattended)
+        return reason, self.clock.now_ns() / S
+
+
+def test_a_train_in_emergency_that_nobody_can_let_go_ends_the_run(tmp_path: Path) -> None:
+    reason, at_s = Bench(tmp_path, STATUS).run(unattended=True)
+
+    assert "brake unit" in reason
+    assert at_s == pytest.approx(UNATTENDED_S, abs=1.0)
+
+
+@pytest.mark.parametrize(
+    ("supervision", "unattended"),
+    [(Supervision.EMERGENCY, False), (Supervision.NO_AUTHORITY, True)],
+)
+def test_one_that_somebody_may_let_go_or_that_only_waits_does_not(
+    tmp_path: Path, supervision: Supervision, unattended: bool
+) -> None:
+    bench = Bench(tmp_path, replace(STATUS, supervision=supervision))
+    assert bench.run(unattended=unattended) == (DURATION, 100.0)
+
+
+def test_what_is_shown_names_the_reason_of_an_emergency(tmp_path: Path) -> None:
+    bench = Bench(tmp_path, STATUS)
+    bench.run(unattended=True)
+    assert "EMERGENCY (brake unit)  off" in bench.printed.getvalue()
