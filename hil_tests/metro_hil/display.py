@@ -142,9 +142,9 @@ def _motion_rows(motion: VobcMotion) -> list[tuple[str, RenderableType]]:
     speed_kmh, ceiling_kmh = motion.speed_mps * 3.6, motion.ceiling_mps * 3.6
     emergency_kmh = motion.emergency_mps * 3.6
     return [
-        ("speed", Text.assemble((f"{speed_kmh:5.1f} km/h  ", "bold"), _bar(motion))),
+        ("speed", Text.assemble((f"{speed_kmh:z5.1f} km/h  ", "bold"), _bar(motion))),
         ("ceiling", Text(f"{ceiling_kmh:5.1f} km/h")),
-        ("emergency margin", Text(f"{emergency_kmh - speed_kmh:5.1f} km/h")),
+        ("emergency margin", Text(f"{emergency_kmh - speed_kmh:z5.1f} km/h")),
     ]
 
 
@@ -263,7 +263,7 @@ def plain_line(picture: BusPicture, elapsed_s: float) -> str:
             f"{elapsed_s:6.1f} s  controller not heard yet, bus {picture.frames_per_s:.0f} frames/s"
         )
     line = (
-        f"{elapsed_s:6.1f} s  {motion.speed_mps * 3.6:5.1f} km/h"
+        f"{elapsed_s:6.1f} s  {motion.speed_mps * 3.6:z5.1f} km/h"
         f"  ceiling {motion.ceiling_mps * 3.6:5.1f}"
     )
     if isinstance(target, VobcTarget) and target.distance_to_stop_m < FAR_M:
