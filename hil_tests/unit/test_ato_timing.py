@@ -235,3 +235,35 @@ def test_without_a_plan_or_when_late_it_is_as_fast_as_without_the_law(
 ) -> None:
     for timed, free in itertools.zip_longest(legs("timing", plan_s), legs("predictive", {})):
         assert timed.leg_s == pytest.approx(free.leg_s, abs=1.0)
+
+
+def test_who_was_halted_on_the_way_makes_up_for_it() -> None:
+    """The plan counts from the station; a halt between is lost time, not a new beginning."""
+    planned_s, halts_s = 130.0, 30.0
+    line = line_with(III=planned_s, IV=90.0)
+    config = AtoConfig(strategy="timing")
+    stops = [line.station("III"), line.station("IV")]
+    rig = ato_rig.Rig(
+        Ato(config, line, 3000.0, stops),
+        line,
+        ato_rig.RigSettings(seed=3, start_scale_known=True),
+        3000.0,
+    )
+    rig.run(lambda rig: rig.front_m > 3150.0)
+    left_s = rig.leg_start_s
+    rig.orders = {"stop_now": True}
+    rig.run(lambda rig: rig.speed_mps == 0.0)
+    for _ in range(round(halts_s / 0.05)):
+        rig.step()
+    assert rig.front_m < 3400.0
+    rig.orders = {}
+
+    rig.run(ato_rig.served(1))
+
+    stop = rig.stops[0]
+    assert rig.leg_start_s + stop.leg_s - left_s == pytest.approx(planned_s, abs=4.0)
+
+
+@pytest.mark.parametrize(("front_m", "there"), [(2999.71, True), (3000.29, True), (3000.4, False)])
+def test_a_train_is_at_a_station_within_its_window(front_m: float, there: bool) -> None:
+    assert StopPlan(LINE, 3000.0, [], window_m=0.3).at_station(front_m) is there

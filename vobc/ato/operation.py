@@ -306,8 +306,10 @@ class Ato:
         if phase is AtoPhase.DEPARTING:
             if self._plan.served:
                 self._dwelt_s, self._jogs = 0.0, 0
+            # A timetable runs from station to station: who halts between keeps the time lost.
+            if self._plan.served or self._plan.at_station(seen.front_m):
+                self._left = seen.now_ns, seen.front_m
             self._plan.depart()
-            self._left = seen.now_ns, seen.front_m
             self._strategy.set_off(seen, self._sent_mps2)
         elif phase is AtoPhase.RUNNING and before in (AtoPhase.OFF, AtoPhase.CREEPING):
             self._left = None

@@ -39,8 +39,13 @@ class StopPlan:
         index = self._after() if working or self.served else self._index
         return self._stops[index] if index < len(self._stops) else None
 
+    def at_station(self, front_m: float) -> bool:
+        """Whether the front stands where one of the line's stations wants it."""
+        before_m, after_m = front_m - self._window_m, front_m + self._window_m
+        return len(self._line.stations_between(before_m, after_m)) > 0
+
     def run_s(self, front_m: float) -> float | None:
-        """Planned from here to the next stop, over stations that are passed; None: no plan."""
+        """Planned from the station here to the next stop, over those passed; None: no plan."""
         stop = self.next_stop
         if stop is None:
             return None

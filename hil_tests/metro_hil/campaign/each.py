@@ -3,10 +3,12 @@
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
+from firmware_py.settings import nearest
 from metro_hil.campaign.problems import Findings
 from metro_hil.campaign.schema import NAME
 
 EACH: Final = "each"
+WITH: Final = "with"
 Numbered = tuple[int, str, Mapping[str, Any]]
 """Place in the file, name in the file, and the scenario itself."""
 
@@ -15,7 +17,8 @@ def scenarios_of(table: Mapping[str, Any], findings: Findings | None = None) -> 
     """All scenarios that a file's table makes, value by value, then those that stand alone.
 
     A scenario takes `each` from above unless it has one of its own; an empty one keeps it single.
-    The value is a factor of its sweep with one level, and ends its name.
+    The value is a factor of its sweep with one level, and ends its name. `with` says what else is
+    to hold for a value: further factors of one level each.
 
     Args:
         table: of a whole file; what is wrong with it otherwise does not matter here.
@@ -36,32 +39,38 @@ def scenarios_of(table: Mapping[str, Any], findings: Findings | None = None) -> 
         if each is None or "name" not in own:
             alone.append((index, base, bare))
             continue
-        key, levels = each
+        key, levels, more = each
         sweep = own.get("sweep", table.get("sweep", {}))
         for level in levels:
-            made = {**bare, "name": f"{base}-{level}", "sweep": _with_factor(sweep, key, level)}
+            factors = {key: level, **more.get(str(level), {})}
+            made = {**bare, "name": f"{base}-{level}", "sweep": _with_factors(sweep, factors)}
             values.setdefault(level, []).append((index, base, made))
     return [*(one for group in values.values() for one in group), *alone]
 
 
-def _with_factor(sweep: Any, key: str, level: Any) -> Any:
+def _with_factors(sweep: Any, added: Mapping[str, Any]) -> Any:
     """First of all factors, so that points keep their order."""
     if not isinstance(sweep, Mapping):
         return sweep
     factors = sweep.get("factors", {})
-    return (
-        {**sweep, "factors": {key: [level], **factors}} if isinstance(factors, Mapping) else sweep
-    )
+    if not isinstance(factors, Mapping):
+        return sweep
+    single = {key: [level] for key, level in added.items()}
+    return {**sweep, "factors": {**single, **factors}}
 
 
-def _checked(each: Any, where: str, findings: Findings) -> tuple[str, Sequence[Any]] | None:
-    """The key and its values; None where there is none, or where they are wrong."""
+def _checked(
+    each: Any, where: str, findings: Findings
+) -> tuple[str, Sequence[Any], Mapping[str, Mapping[str, Any]]] | None:
+    """Key, values, and what else holds for some; None where there is none, or where it is wrong."""
     if each == {}:
         return None
-    if not isinstance(each, Mapping) or len(each) != 1:
+    keys = [key for key in each if key != WITH] if isinstance(each, Mapping) else []
+    if len(keys) != 1:
         findings.add(where, f"{each!r} is not a table of one key with a list of values")
         return None
-    ((key, levels),) = each.items()
+    (key,) = keys
+    levels, more = each[key], each.get(WITH, {})
     if not isinstance(levels, list) or not levels or len(set(map(str, levels))) < len(levels):
         findings.add(f"{where}.{key}", f"{levels!r} is not a list of different values")
         return None
@@ -69,4 +78,12 @@ def _checked(each: Any, where: str, findings: Findings) -> tuple[str, Sequence[A
         if not NAME.fullmatch(str(level)):
             findings.add(f"{where}.{key}", f"{level!r} cannot end the name of a scenario")
             return None
-    return key, levels
+    if not isinstance(more, Mapping) or not all(isinstance(t, Mapping) for t in more.values()):
+        findings.add(f"{where}.{WITH}", f"{more!r} is not a table of tables, one for a value")
+        return None
+    known = [str(level) for level in levels]
+    for level in more:
+        if level not in known:
+            findings.add(f"{where}.{WITH}.{level}", nearest(level, known))
+            return None
+    return key, levels, more

@@ -57,9 +57,28 @@ def test_a_scenario_may_stand_alone_or_have_values_of_its_own() -> None:
     assert own[-1].scenario == "near-florence"
 
 
+def test_what_else_holds_for_one_value_holds_for_that_alone() -> None:
+    monitor = {"name": "near", "measure": "stop_error_worst_m", "max": 0.10}
+    more = {"pid_literal": {"monitor.0.max": 0.30, "train.end": "III"}}
+    table = {
+        "each": {LAW: ["predictive", "pid_literal"], "with": more},
+        "monitor": [monitor],
+        "scenario": [{"name": "far"}],
+    }
+
+    found = {case.scenario: (case.monitors[0]["max"], case.setup.end) for case in cases_of(table)}
+
+    assert found == {"far-predictive": (0.10, None), "far-pid_literal": (0.30, "III")}
+
+
 @pytest.mark.parametrize(
     ("each", "words"),
     [
+        ({LAW: ["pid"], "with": {"pit": {}}}, "each.with.pit: "),
+        ({LAW: ["pid"], "with": {"pid": 3}}, "is not a table of tables"),
+        ({LAW: ["pid"], "with": {"pid": {"nonsense.x": 1}}}, "cannot be swept"),
+        ({LAW: ["pid"], "with": {"pid": {"monitor.7.max": 1.0}}}, "monitor.7"),
+        ({"with": {}}, "is not a table of one key"),
         ({LAW: []}, f"each.{LAW}: [] is not a list of different values"),
         ({LAW: ["pid", "pid"]}, "is not a list of different values"),
         ({LAW: ["no such/name"]}, "'no such/name' cannot end the name of a scenario"),
