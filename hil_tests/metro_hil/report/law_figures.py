@@ -2,12 +2,15 @@
 
 import re
 from collections.abc import Mapping, Sequence
+from functools import cache
 from typing import Final
 
 import msgspec
 
+from firmware_py.settings import SettingsError
 from metro_hil.cases import Case, CaseResult
 from metro_hil.report.estimates import Interval, mean_with_interval, pass_share
+from vobc.config import load_config
 
 LAW: Final = "ato.strategy"
 DEFAULT_LAW: Final = "predictive"
@@ -68,8 +71,18 @@ Results = dict[str, dict[str, ScenarioFigures]]
 
 
 def law_of(case: Case) -> str:
-    """The control law that drives the train of a case."""
-    return str(case.setup.believed.get(LAW, DEFAULT_LAW))
+    """The control law that drives the train of a case: as told, or that of its parameters."""
+    told = case.setup.believed.get(LAW)
+    return _law_of_parameters(case.setup.params) if told is None else str(told)
+
+
+@cache
+def _law_of_parameters(name: str) -> str:
+    """Of a shipped file; a file of the user's own is not at hand when a result is looked at."""
+    try:
+        return load_config(name).ato.strategy
+    except SettingsError:
+        return DEFAULT_LAW
 
 
 def by_law(pairs: Pairs) -> dict[str, Pairs]:

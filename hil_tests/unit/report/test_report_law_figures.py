@@ -8,6 +8,7 @@ import pytest
 from metro_hil.cases import Case, CaseResult
 from metro_hil.report.law_figures import (
     figures_of,
+    law_of,
     merged_results,
     read_results,
     results_json,
@@ -48,6 +49,23 @@ def test_all_stops_of_all_runs_are_in_the_figures(
     assert figures.run_s == pytest.approx(90.0)
     assert figures.comfort["felt_jerk_2hz_mps3"] == 0.9
     assert figures.comfort["commanded_jerk_max_mps3"] is None
+
+
+@pytest.mark.parametrize(
+    ("params", "believed", "law"),
+    [
+        ("florence4", {}, "predictive"),
+        ("hefei6", {}, "chasing"),
+        ("hefei6", {"ato.strategy": "pid"}, "pid"),
+        ("somebody's own.toml", {}, "predictive"),
+    ],
+)
+def test_a_case_is_driven_by_the_law_it_is_told_or_by_that_of_its_parameters(
+    case_of: Callable[..., Case], params: str, believed: dict[str, str], law: str
+) -> None:
+    case = case_of(0, "any", error=0.0, load=0.5, seed=1)
+    setup = msgspec.structs.replace(case.setup, params=params, believed=believed)
+    assert law_of(msgspec.structs.replace(case, setup=setup)) == law
 
 
 def test_nothing_came_back_says_nothing() -> None:
