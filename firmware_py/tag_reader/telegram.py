@@ -146,6 +146,8 @@ class TelegramParser:
         """Telegrams that are missing in the sequence."""
         self.jumps = 0
         """Steps back in the sequence: the reader was restarted, or an old telegram was replayed."""
+        self.gaps = 0
+        """How often telegrams are missing, or may be, before one that was heard; once at first."""
         self.torn: Counter[TornReason] = Counter()
         self._piece = bytearray()
         self._too_long = False
@@ -189,11 +191,15 @@ class TelegramParser:
 
     def _sequenced(self, telegram: TagTelegram | HealthTelegram, stuffed: bytes) -> Heard:
         sequence, last = telegram.sequence, self._last_sequence
-        if sequence == last or stuffed in self._recent:
+        said_before = stuffed in self._recent
+        if sequence == last or said_before:
             self.duplicates += 1
+            # Another telegram of the same sequence says something that is not delivered.
+            self.gaps += not said_before
             return DuplicateTelegram(telegram)
+        step = 0 if last is None else (sequence - last) % SEQUENCE_PERIOD
+        self.gaps += step != 1
         if last is not None:
-            step = (sequence - last) % SEQUENCE_PERIOD
             if step < _FORWARD_STEPS:
                 self.lost += step - 1
             else:

@@ -26,6 +26,8 @@ CONFIG = load_config("florence4")
 NOMINAL_M = math.pi * CONFIG.train.wheel_diameter_m / CONFIG.train.pulses_per_turn
 ANTENNA_M = CONFIG.train.antenna_offset_m
 STEP_S = 0.005
+HEALTH_STEPS = 100
+"""The reader says that it lives every half a second."""
 NS = 1_000_000_000
 TAGS = tuple(TagSite(100 + index, 60.0 + 110.0 * index) for index in range(24))
 LINE = LineMap(
@@ -63,6 +65,10 @@ class Errors:
     """Time to a tag that is read then, wherever the train is."""
     repeat_tags: bool = False
     """Each tag is read again half a second later."""
+    again_m: dict[int, float] = field(default_factory=dict)
+    """Tag to how far behind it, at the most, it is read a second time."""
+    untold: frozenset[int] = frozenset()
+    """Tags whose first telegram is lost on the reader's line."""
     radar: Callable[[float, float], float | None] = lambda time_s, speed_mps: speed_mps
     """What the radar would show without its own errors; None for nothing."""
 
@@ -103,6 +109,10 @@ class Rig:
         self.latest: dict[type, tuple[object, int]] = {}
         self.samples: list[tuple[Tacho, int]] = []
         self.tags: list[tuple[float, float, int, int]] = []
+        self.second_m: dict[int, float] = {}
+        """Where the front will be when a tag is read again."""
+        self.telegram_lost = True
+        """Since the reader was heard last; nobody heard it before."""
         self.clocks = OdometerClocks()
         self.cold: ColdMovement | None = None
         self.felt_m = {t.tag_id: t.position_m + self.rng.uniform(-0.05, 0.05) for t in TAGS}
@@ -219,9 +229,17 @@ class Rig:
                 part = (place_m + ANTENNA_M - before_m) / (self.front_m - before_m)
                 pulses = before + (self._count(0) - before) * part
                 pulses += late_s * self.speed_mps / self.pulse_m
-                self._tell_tag(tag_id, math.floor(pulses))
+                if tag_id in errors.untold:
+                    self.telegram_lost = True
+                else:
+                    self._tell_tag(tag_id, math.floor(pulses))
+                if tag_id in errors.again_m:
+                    self.second_m[tag_id] = self.front_m + errors.again_m[tag_id]
                 if errors.repeat_tags:
                     errors.false_tags[self.time_s + 0.5] = tag_id
+        for tag_id in [i for i, at_m in self.second_m.items() if at_m <= self.front_m]:
+            del self.second_m[tag_id]
+            self._tell_tag(tag_id, self._count(0))
         for at_s in [at_s for at_s in errors.false_tags if at_s <= self.time_s]:
             self._tell_tag(errors.false_tags.pop(at_s), self._count(0))
 
@@ -246,9 +264,12 @@ class Rig:
             if due_s <= self.time_s
         )
         self.tags = [tag for tag in self.tags if tag[0] > self.time_s]
+        tag_gap = self.telegram_lost and bool(tags or self.step_number % HEALTH_STEPS == 0)
+        self.telegram_lost = self.telegram_lost and not tag_gap
         return CycleInput(
             now_ns, 0.05, 0, *tacho, samples, *radar, *imu,
             None, NEVER_S, None, NEVER_S, None, NEVER_S, None, NEVER_S, None, NEVER_S,
             None, NEVER_S, None, NEVER_S, tags, None, NEVER_S,
             cold=self.cold, cold_age_s=0.1 if self.cold else NEVER_S,
+            tag_gap=tag_gap,
         )  # fmt: skip

@@ -228,6 +228,73 @@ def test_a_train_that_went_back_over_a_tag_may_pass_it_again() -> None:
     assert told.accepted_tag_ids == (7,)
 
 
+# A reading that may be a second one.
+
+
+@pytest.mark.parametrize("gap", ["with the tag", "before", "left behind", "never"])
+def test_a_tag_after_missing_telegrams_was_read_anywhere_within_its_reach(
+    judged: Judged, monkeypatch: pytest.MonkeyPatch, gap: str
+) -> None:
+    """Half a metre to either side; and it measures no wheel."""
+    told: list[float] = []
+    corrected: list[tuple[float, float, float]] = []
+    measured: list[int] = []
+    monkeypatch.setattr(
+        Localisation, "refer", lambda self, front, since, over, bound_m, anew: told.append(bound_m)
+    )
+    monkeypatch.setattr(Localisation, "correct", lambda self, *args: corrected.append(args))
+    monkeypatch.setattr(Localisation, "measure", lambda self, *args: measured.append(1))
+    cycles_since = {"before": 2, "left behind": 15}.get(gap)
+    made = going(front_m=52.4 - 0.16 * (0 if cycles_since is None else 1 + cycles_since))
+    if cycles_since is not None:
+        made.cycle(8, 8, radar_mps=4.0, tag_gap=True)
+        made.cycles(cycles_since, 8, 8, radar_mps=4.0)
+    made.over_ground(4.0, 4.0)
+    made.track.rate_pulses_per_s = 400.0
+    tag = read(made, since=20, age_s=0.05)
+    accepted = made.cycle(dt_s=0.0, tags=(tag,), tag_gap=gap == "with the tag").accepted_tag_ids
+
+    off_m = 0.5 if gap in ("with the tag", "before") else 0.0
+    assert accepted == (7,)
+    assert judged.readings[0].bound_m == pytest.approx(0.06 + off_m + 0.024 + PULSE_M)
+    assert told == near(0.06 + off_m + 0.024 + PULSE_M)
+    assert corrected == [near(62.0, 20.0, 0.024 + off_m)]
+    assert len(measured) == (0 if off_m else 1)
+
+
+def test_a_second_reading_after_a_first_that_was_not_believed_is_taken_for_one(
+    judged: Judged,
+) -> None:
+    """The first was outside of its window; 30 cm on, the second is no centre either."""
+    made = going(front_m=40.0)
+    first = made.cycle(8, 8, radar_mps=4.0, tags=(read(made, since=0, age_s=0.05),))
+    made.cycle(8, 8, radar_mps=4.0, tags=(read(made, since=0, age_s=0.05),))
+
+    assert [refused.reason for refused in first.refused_tags] == [TagRefusal.OUTSIDE_WINDOW]
+    bounds_m = [reading.bound_m for reading in judged.readings]
+    assert bounds_m[1] - bounds_m[0] == pytest.approx(0.5, abs=0.01)
+
+
+def test_what_is_read_while_nobody_counts_yet_is_not_forgotten(judged: Judged) -> None:
+    """The controller began next to a tag; whether its reader told of it before nobody knows."""
+    made = Desk(front_m=61.9)
+    made.cycles(2, 8, 8, radar_mps=4.0)
+    made.cycle(8, 8, radar_mps=4.0, tags=(read(made, since=0, age_s=0.05),))
+
+    assert judged.readings[0].bound_m > 0.56
+
+
+def test_a_tag_that_is_passed_again_within_its_reach_keeps_what_was_known(judged: Judged) -> None:
+    """Back by 22 pulses, and the same tag once more: from where in its reach nobody can tell."""
+    made = going(2, front_m=59.9)
+    before = made.cycle(dt_s=0.0, tags=(read(made, since=20, age_s=0.05),)).front_m
+    again = made.cycle(-22, dt_s=0.05, tags=(read(made, since=20, age_s=0.01),))
+
+    assert again.accepted_tag_ids == (7,)
+    assert judged.readings[1].bound_m - judged.readings[0].bound_m >= 0.5
+    assert again.front_m.high - again.front_m.low < before.high - before.low + 0.2
+
+
 # A place that is lost.
 
 

@@ -179,6 +179,44 @@ def test_each_tag_is_believed_once_however_often_it_is_read() -> None:
     assert_true(history)
 
 
+@settings(max_examples=60, deadline=None)
+@given(
+    honest, phases,
+    st.dictionaries(st.sampled_from([tag.tag_id for tag in TAGS]), st.floats(0.0, 0.5)),
+    st.frozensets(st.sampled_from([tag.tag_id for tag in TAGS])),
+)  # fmt: skip
+def test_second_readings_of_tags_whose_first_telegram_may_be_lost(
+    errors: rig.Errors, way: list[tuple[float, float]], again_m: dict[int, float],
+    untold: frozenset[int],
+) -> None:  # fmt: skip
+    errors.again_m, errors.untold = again_m, untold
+    history = Rig(errors).run(45.0, along(setting_off + way))
+
+    assert_true(history)
+    assert_narrows_at_tags_only(history)
+
+
+@pytest.mark.parametrize("mps", [0.4, 2.0, 9.0, 19.0])
+@pytest.mark.parametrize("scale_ratio", [-0.0099, 0.0499])
+def test_the_place_holds_where_every_tag_is_heard_of_at_the_end_of_its_reach(
+    mps: float, scale_ratio: float
+) -> None:
+    """First telegrams are lost, second ones come 0.5 m on; the nearest tag is 62 m ahead."""
+    every = {tag.tag_id: 0.5 for tag in TAGS}
+    errors = Errors(scale_ratio=scale_ratio, again_m=every, untold=frozenset(every))
+    start_m = 62.0 - 1.5 * mps - 0.6 * mps * mps
+    made = Rig(errors, front_m=start_m, believed_m=start_m)
+    history = made.run(
+        40.0, lambda time_s, speed_mps: 1.0 if speed_mps < mps else 0.0,
+    )  # fmt: skip
+
+    accepted = [moment for moment in history if moment.motion.accepted_tag_ids]
+    assert accepted, "they still correct the place"
+    for moment in accepted:
+        assert moment.motion.front_m.high - moment.front_m < 1.7
+    assert_true(history)
+
+
 @pytest.mark.parametrize("share", [-1.0, -0.5, -0.3, 0.2, 0.5, 1.0])
 @pytest.mark.parametrize("axles", [1, 2, 3])
 @pytest.mark.parametrize("from_s", [3.0, 8.0, 20.0])

@@ -282,6 +282,39 @@ def test_an_old_telegram_played_again_is_not_delivered() -> None:
 
 
 @pytest.mark.parametrize(
+    ("sequences", "gaps"),
+    [
+        ((), 0),
+        ((7,), 1),  # What came before it nobody heard.
+        ((7, 8, 9), 1),
+        ((254, 255, 0, 1), 1),
+        ((7, 9), 2),
+        ((7, 9, 10, 13), 3),
+        ((0, 128), 2),
+        ((100, 0, 1), 2),
+        ((3, 3, 4), 2),  # Two that differ: one of them is not delivered.
+    ],
+)
+def test_each_place_where_a_telegram_may_be_missing_is_counted(
+    sequences: tuple[int, ...], gaps: int
+) -> None:
+    assert numbered(*sequences)[0].gaps == gaps
+
+
+def test_a_telegram_that_is_said_twice_leaves_no_gap_and_a_torn_one_does() -> None:
+    parser, frames = TelegramParser(), [encode(replace(TAG, sequence=s)) for s in range(9)]
+    parser.feed(b"".join([*frames[:5], frames[2], frames[4]]))
+    assert (parser.gaps, parser.duplicates) == (1, 2)
+    parser.feed(frames[5])
+    assert parser.gaps == 1
+
+    parser.feed(frames[6][:7] + frames[6][8:])
+    assert parser.gaps == 1, "until the next one shows what it was"
+    parser.feed(frames[7])
+    assert parser.gaps == 2
+
+
+@pytest.mark.parametrize(
     ("sequences", "lost", "jumps"),
     [
         ((254, 255, 0, 1), 0, 0),

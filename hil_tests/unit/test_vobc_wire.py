@@ -31,7 +31,7 @@ from can_dbc.vobc import (
     VobcTarget,
 )
 from firmware_py.ports import CanFrame, RadioMessage, SerialChunk
-from firmware_py.tag_reader.telegram import TagTelegram, encode
+from firmware_py.tag_reader.telegram import HealthTelegram, TagTelegram, encode
 from firmware_py.trackdb import TagKind
 from vobc.vocabulary import (
     NEVER_S,
@@ -396,6 +396,77 @@ def test_a_torn_telegram_is_counted_and_a_repeated_one_is_no_second_tag() -> Non
 
     assert len(inbox.image(MS, dt_s=0.05, overruns=0).tags) == 1
     assert inbox.torn_telegrams == 1
+
+
+def told(sequence: int, at_ms: int) -> SerialChunk:
+    data = encode(HealthTelegram(sequence % 256, 10.0 * at_ms, True, 0, 0, at_ms // 1000))
+    return SerialChunk(at_ms * MS, data)
+
+
+def gap_seen(inbox: Inbox, *chunks: SerialChunk) -> bool:
+    inbox.take_serial(chunks)
+    seen = inbox.image(chunks[-1].stamp_ns + MS, dt_s=0.05, overruns=0)
+    again = inbox.image(chunks[-1].stamp_ns + 51 * MS, dt_s=0.05, overruns=0)
+    assert not again.tag_gap, "it is told once"
+    return seen.tag_gap
+
+
+def test_what_the_reader_may_have_told_besides_is_told_with_what_was_heard() -> None:
+    inbox = Inbox(link())
+
+    assert gap_seen(inbox, told(1, 100)), "nobody heard what came before"
+    assert not gap_seen(inbox, told(2, 600))
+    assert not gap_seen(inbox, told(3, 1100), told(4, 1110))
+    assert gap_seen(inbox, told(6, 1600))
+    assert not gap_seen(inbox, told(7, 2100))
+    assert gap_seen(inbox, told(9, 2600), told(10, 2610)), "also before the last one"
+
+
+@pytest.mark.parametrize(("silent_ms", "gap"), [(500, False), (1000, False), (1001, True)])
+def test_over_a_silence_the_sequence_may_have_come_round(silent_ms: int, *, gap: bool) -> None:
+    inbox = Inbox(link())
+    inbox.take_serial([told(1, 100), told(2, 600)])
+    inbox.image(700 * MS, dt_s=0.05, overruns=0)
+
+    assert gap_seen(inbox, told(3, 600 + silent_ms)) is gap
+    assert not gap_seen(inbox, told(4, 900 + silent_ms))
+
+
+def test_tags_are_as_good_a_sign_of_life_of_their_reader_as_any() -> None:
+    inbox = Inbox(link())
+    inbox.take_serial([told(1, 100)])
+    tag = TagTelegram(2, 301, TagKind.T1, stamp_ms=1000.0, sent_ms=1030.0, pulses=4711)
+    inbox.take_serial([SerialChunk(900 * MS, encode(tag))])
+    inbox.image(950 * MS, dt_s=0.05, overruns=0)
+
+    assert not gap_seen(inbox, told(3, 1700))
+
+
+def test_a_reader_that_says_the_same_again_and_again_is_no_sign_of_life() -> None:
+    inbox = Inbox(link())
+    inbox.take_serial([told(1, 100)])
+    inbox.image(150 * MS, dt_s=0.05, overruns=0)
+    same = told(1, 100).data
+    assert not gap_seen(inbox, SerialChunk(600 * MS, same), SerialChunk(1000 * MS, same))
+
+    assert gap_seen(inbox, told(2, 1101))
+
+
+def test_tags_that_one_cycle_cannot_take_are_missing() -> None:
+    inbox = Inbox(link())
+    inbox.take_serial([told(255, 50)])
+    inbox.image(60 * MS, dt_s=0.05, overruns=0)
+    many = [
+        encode(TagTelegram(sequence, 301, TagKind.T1, 1000.0, 1030.0, sequence))
+        for sequence in range(TAGS_MAX + 1)
+    ]
+
+    assert not gap_seen(inbox, SerialChunk(100 * MS, b"".join(many[:TAGS_MAX])))
+    inbox = Inbox(link())
+    inbox.take_serial([told(255, 50)])
+    inbox.image(60 * MS, dt_s=0.05, overruns=0)
+    assert gap_seen(inbox, SerialChunk(100 * MS, b"".join(many)))
+    assert inbox.overflowed == 1
 
 
 def authority(**changes: int | float) -> MovementAuthority:

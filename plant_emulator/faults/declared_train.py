@@ -157,13 +157,16 @@ class TagDisplaced:
 @fault("tag_duplicate", Place.SENSOR, Hazard.MISLOCATED)
 @dataclass(frozen=True, slots=True)
 class TagDuplicate:
-    """Tags are read twice, the second time so much later, as at that place."""
+    """Tags are read twice, the second time so much later and so far off, as at that place."""
 
     gap_s: float = 0.1
+    gap_m: float = 0.0
+    """At least, from the tag to the centre of the antenna, on either side."""
     tag_id: int | None = None
 
     def __post_init__(self) -> None:
         check_range(self, "gap_s", 0.0, 60.0)
+        check_range(self, "gap_m", 0.0, 100.0)
 
 
 @fault("tag_false", Place.SENSOR, Hazard.MISLOCATED)

@@ -1,6 +1,5 @@
 """Faults of tags, their antenna and their reader."""
 
-from collections import deque
 from collections.abc import Sequence
 from typing import Final
 
@@ -16,7 +15,7 @@ from plant_emulator.faults.declared_train import (
 )
 from plant_emulator.faults.effects import Effect, Knob, Turned
 from plant_emulator.faults.plan import FaultPlan
-from plant_emulator.sensors.tag_reader import TagPass, TagReader
+from plant_emulator.sensors.tag_reader import FAR_NS, TagPass, TagReader
 from plant_emulator.world import STEP_NS, World
 
 NS_PER_S: Final = 1_000_000_000
@@ -115,7 +114,7 @@ class Doubling:
         self._reader, self._parameters = world.tag_reader, parameters
         self._reading = Reading(world, generator)
         self._gap_ns = round(parameters.gap_s * NS_PER_S)
-        self._waiting: deque[tuple[int, TagSite]] = deque()
+        self._waiting: list[_Second] = []
 
     def begin(self, now_ns: int) -> None:
         self._reader.witnesses.append(self._see)
@@ -124,14 +123,43 @@ class Doubling:
         self._reader.witnesses.remove(self._see)
 
     def step(self, now_ns: int) -> bool:
-        while self._waiting and self._waiting[0][0] <= now_ns:
-            at_ns, site = self._waiting.popleft()
-            self._reading.read(site, at_ns)
-        return bool(self._waiting)
+        waiting: list[_Second] = []
+        for second in self._waiting:
+            second.follow(now_ns, self._reader.antenna_m)
+            if second.due_ns <= now_ns:
+                self._reading.read(second.site, second.due_ns)
+            else:
+                waiting.append(second)
+        self._waiting = waiting
+        return bool(waiting)
 
     def _see(self, passed: TagPass) -> None:
-        if _concerns(self._parameters.tag_id, passed.site.tag_id):
-            self._waiting.append((passed.true_ns + self._gap_ns, passed.site))
+        tag_id = passed.site.tag_id
+        if _concerns(self._parameters.tag_id, tag_id):
+            soonest_ns, felt_m = passed.true_ns + self._gap_ns, self._reader.felt_m(tag_id)
+            self._waiting.append(_Second(passed, soonest_ns, felt_m, self._parameters.gap_m))
+
+
+class _Second:
+    """A reading that is to come: late enough, and once the antenna was far enough from the tag."""
+
+    def __init__(self, first: TagPass, soonest_ns: int, felt_m: float, gap_m: float) -> None:
+        self.site = first.site
+        self.due_ns = FAR_NS
+        self._soonest_ns, self._felt_m, self._gap_m = soonest_ns, felt_m, gap_m
+        self._was_ns, self._was_off_m = first.true_ns, 0.0
+        """When the antenna was how far off, lately."""
+
+    def follow(self, now_ns: int, antenna_m: float) -> None:
+        if self.due_ns < FAR_NS:
+            return
+        off_m, was_ns, was_off_m = abs(antenna_m - self._felt_m), self._was_ns, self._was_off_m
+        self._was_ns, self._was_off_m = now_ns, off_m
+        if off_m >= self._gap_m:
+            ahead_m = self._gap_m - was_off_m
+            share_ratio = ahead_m / (off_m - was_off_m) if ahead_m > 0.0 else 0.0
+            there_ns = was_ns + round(share_ratio * (now_ns - was_ns))
+            self.due_ns = max(self._soonest_ns, there_ns)
 
 
 class Inventing:

@@ -190,6 +190,15 @@ class TagReader:
         self.due_ns = min(self.due_ns, passed.due_ns)
         self.tags_read += 1
 
+    @property
+    def antenna_m(self) -> float:
+        """Where its centre is."""
+        return self._at_m
+
+    def felt_m(self, tag_id: int) -> float:
+        """Where the antenna's centre is when it feels that of a tag of the line."""
+        return self._own_felt_m[tag_id] + self._offsets_m.get(tag_id, 0.0)
+
     def site_of(self, tag_id: int) -> TagSite | None:
         """The tag of this number on the line."""
         return next((site for site in self.tags if site.tag_id == tag_id), None)

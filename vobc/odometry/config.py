@@ -25,6 +25,8 @@ class OdometryConfig:
     tag_sigma_m: float
     tag_stamp_s: float
     """Hard bound of the instant at which the reader latches the pulses."""
+    tag_reach_m: float
+    """A tag may be read again while its centre is this near to the antenna's."""
     tag_silence_s: float
     """After this a passed tag that nobody reported counts as missed."""
     missed_tags_max: int
@@ -86,6 +88,7 @@ _POSITIVE = (
     "start_bound_m",
     "tag_bound_m",
     "tag_sigma_m",
+    "tag_reach_m",
     "missed_tags_max",
     "localisation_limit_m",
     "tracking_rad_s",

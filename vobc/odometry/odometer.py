@@ -6,6 +6,7 @@ from typing import Final
 from can_dbc.odometer import Tacho
 from firmware_py.trackdb import LineMap
 from vobc.odometry.config import OdometryConfig
+from vobc.odometry.contacts import Way
 from vobc.odometry.ground import Gradients, GroundSpeed, believable_mps
 from vobc.odometry.localisation import Localisation
 from vobc.odometry.pulses import PulseCounter
@@ -112,6 +113,8 @@ class Odometry:
             moved_m = self._refer.check_cold(seen.cold, self._where.pulses)
             if moved_m is not None:
                 self._where.widen(moved_m)
+        way = Way(self._where.pulses, self._over_m, self._over_blur_m)
+        self._refer.follow(way, self._where.scale.declared_m[0], gap=seen.tag_gap)
         accepted: tuple[int, ...] = ()
         refused: tuple[RefusedTag, ...] = ()
         for tag in seen.tags:
@@ -281,10 +284,7 @@ class Odometry:
         age_s = tag.age_s
         grow_mps = config.max_accel_mps2 * age_s
         ground = self._ground
-        over_m = (
-            (ground.low_mps - grow_mps) * age_s,
-            (ground.high_mps + grow_mps) * age_s,
-        )
+        over_m = ((ground.low_mps - grow_mps) * age_s, (ground.high_mps + grow_mps) * age_s)
         rate = track.rate_pulses_per_s
         speed_mps = max(abs(rate) * where.m_per_pulse, abs(ground.best_mps))
         latch_m = config.tag_stamp_s * speed_mps
@@ -298,7 +298,8 @@ class Odometry:
         counted = round(rate * age_s) if since is None else since
         rough_m = 0.0 if honest else 0.5 * (over_m[1] - over_m[0])
         front_m = site.position_m + self._antenna_m
-        bound_m = config.tag_bound_m + latch_m + where.scale.declared_m[1]
+        off_m = refer.off_centre_m(tag.tag_id)
+        bound_m = config.tag_bound_m + off_m + latch_m + where.scale.declared_m[1]
         reading = Reading(
             site,
             front_m,
@@ -308,6 +309,7 @@ class Odometry:
             self._over_m - 0.5 * (over_m[0] + over_m[1]),
             self._over_blur_m,
         )
+        refer.read(reading)
         lost = bool(refer.lost_cause)
         if lost:
             refusal = refer.find_again(reading, *where.scale.declared_m)
@@ -315,17 +317,16 @@ class Odometry:
                 return False, refusal
             where.begin_anew(reading.claim_m, reading.bound_m)
         else:
-            low_m, high_m = where.window(
-                ground.low_mps, ground.high_mps, max(0.0, self._time.now_s - track.stamp_s)
-            )
+            since_s = max(0.0, self._time.now_s - track.stamp_s)
+            low_m, high_m = where.window(ground.low_mps, ground.high_mps, since_s)
             refusal = refer.judge(reading, low_m, high_m)
             if refusal is not None:
                 return False, refusal
         refer.accept(reading)
         refer.turned(where.pulses)
         where.refer(front_m, since_m, over_m, bound_m, anew=lost)
-        where.correct(front_m, since_m[1] / where.m_per_pulse, latch_m + rough_m)
-        if honest:
+        where.correct(front_m, since_m[1] / where.m_per_pulse, latch_m + rough_m + off_m)
+        if honest and not off_m:
             where.measure(site.position_m, reading.pulses, bound_m)
         return True, None
 

@@ -7,6 +7,7 @@ from typing import Final
 from can_dbc.odometer import ColdMovement
 from firmware_py.trackdb import LineMap, TagSite
 from vobc.odometry.config import OdometryConfig
+from vobc.odometry.contacts import ANY_TAG, Contacts, Way
 from vobc.vocabulary import PlaceProof, RefusedTag, TagRefusal
 
 TURN_PULSES: Final = 4
@@ -39,6 +40,7 @@ class References:
     __slots__ = (
         "_backed",
         "_config",
+        "_contacts",
         "_furthest",
         "_last",
         "_next",
@@ -52,6 +54,7 @@ class References:
 
     def __init__(self, config: OdometryConfig, line: LineMap, proof: PlaceProof) -> None:
         self._config = config
+        self._contacts = Contacts(config)
         self._tags: Sequence[TagSite] = line.tags
         self.sites = {tag.tag_id: tag for tag in line.tags}
         self.lost_cause = ""
@@ -97,6 +100,21 @@ class References:
             self.lost_cause = ""
             return abs(cold.moved_m)
         return None
+
+    def follow(self, way: Way, least_m_per_pulse: float, *, gap: bool) -> None:
+        """Follow the train, and hear whether telegrams of the reader may be missing up to here."""
+        self._contacts.move(way, least_m_per_pulse)
+        if gap:
+            self._contacts.touch(ANY_TAG, way)
+
+    def off_centre_m(self, tag_id: int) -> float:
+        """How far from the tag the antenna may have been when it was read just now."""
+        return self._contacts.off_m(tag_id)
+
+    def read(self, reading: Reading) -> None:
+        """Keep in mind that a tag was read, whatever becomes of it."""
+        way = Way(reading.pulses, reading.ground_m, reading.ground_bound_m)
+        self._contacts.touch(reading.site.tag_id, way)
 
     def turned(self, pulses: int) -> None:
         """Follow the wheels, in pulses since start."""

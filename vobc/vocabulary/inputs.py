@@ -200,3 +200,5 @@ class CycleInput:
     orders: Orders | None = None
     orders_age_s: float = NEVER_S
     """By the train's own clock: since the status that the orders answer was sent."""
+    tag_gap: bool = False
+    """Telegrams of the tag reader are missing, or may be, since the cycle before."""

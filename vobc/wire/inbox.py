@@ -16,7 +16,13 @@ from can_dbc.rejection import Reason, Rejected
 from can_dbc.tags import TagReaderHealth
 from can_dbc.traction import TractionStatus
 from firmware_py.ports import CanFrame, SerialChunk
-from firmware_py.tag_reader.telegram import TagTelegram, TelegramParser, encode
+from firmware_py.tag_reader.telegram import (
+    HEALTH_PERIOD_S,
+    HealthTelegram,
+    TagTelegram,
+    TelegramParser,
+    encode,
+)
 from vobc.odometry.sampling import OdometerClocks
 from vobc.vocabulary import (
     NEVER_S,
@@ -53,6 +59,8 @@ TAGS_MAX: Final = 32
 TELEGRAM_LINE_S: Final = 0.002
 """A telegram of a magnetic tag on the line at 115 200 baud."""
 TELEGRAM_LINE_NS: Final = 2_000_000
+READER_SILENCE_NS: Final = round(2 * HEALTH_PERIOD_S * 1e9)
+"""A reader that was not heard for longer has told something that is missing."""
 
 
 class Inbox:
@@ -63,6 +71,10 @@ class Inbox:
         self._parser = TelegramParser()
         self._begun_ns = 0
         """When what the parser holds back began on the line."""
+        self._reader_ns = 0
+        """When the tag reader was heard last."""
+        self._gaps = 0
+        self._tag_gap = False
         self._radio = radio
         self._latest: dict[type, tuple[Any, int, CanFrame]] = {}
         self._tachos: list[tuple[Tacho, int]] = []
@@ -127,11 +139,23 @@ class Inbox:
             for heard in self._parser.feed(chunk.data):
                 if isinstance(heard, TagTelegram):
                     self._tags.append((heard, min(chunk.stamp_ns, begun_ns + TELEGRAM_LINE_NS)))
+                if isinstance(heard, TagTelegram | HealthTelegram):
+                    self._watch_silence(chunk.stamp_ns)
                 begun_ns = chunk.stamp_ns
             self._begun_ns = begun_ns
         if len(self._tags) > TAGS_MAX:
             self.overflowed += len(self._tags) - TAGS_MAX
+            self._tag_gap = True
             del self._tags[:-TAGS_MAX]
+        if self._parser.gaps != self._gaps:
+            self._gaps = self._parser.gaps
+            self._tag_gap = True
+
+    def _watch_silence(self, stamp_ns: int) -> None:
+        """Over a long one the sequence may have come round to where it was."""
+        if stamp_ns - self._reader_ns > READER_SILENCE_NS:
+            self._tag_gap = True
+        self._reader_ns = stamp_ns
 
     def image(self, now_ns: int, *, dt_s: float, overruns: int) -> CycleInput:
         """Everything heard up to now, frozen; tacho samples and tags are handed over once."""
@@ -155,6 +179,7 @@ class Inbox:
         if self._tags:
             tags = tuple([_reading(tag, now_ns - stamp_ns) for tag, stamp_ns in self._tags])
             self._last_tags, self._tags = self._tags, []
+        tag_gap, self._tag_gap = self._tag_gap, False
         return CycleInput(
             now_ns,
             dt_s,
@@ -189,6 +214,7 @@ class Inbox:
             cold_age_s,
             self._radio.orders,
             self._radio.orders_age_s(now_ns),
+            tag_gap,
         )
 
     def evidence(self, source: Source, number: int = 0) -> Evidence | None:

@@ -121,6 +121,47 @@ def test_a_doubled_tag_is_read_again_where_the_train_is_then(a_train: ATrain) ->
     assert ids(others) == expected_ids(300.0)[1:], "once each after the fault"
 
 
+@pytest.mark.parametrize("gap_m", [0.01, 0.25, 0.5, 3.0])
+def test_a_doubled_tag_is_read_again_so_far_on(a_train: ATrain, gap_m: float) -> None:
+    """The train does 20 m/s, 0.2 m in a step of the plant."""
+    fault = {"kind": "tag_duplicate", "gap_s": 0.0, "gap_m": gap_m, "end_s": 0.65}
+    train = fast(a_train, fault)
+    once, twice, *others = passes(train, 15.0)
+
+    assert once.site == twice.site == TAGS[FIRST]
+    assert (twice.true_ns - once.true_ns) / 1e9 == pytest.approx(gap_m / 20.0, abs=1e-4)
+    pulses_per_m = 256 / (3.14159265 * 0.86)
+    assert twice.pulses - once.pulses == pytest.approx(gap_m * pulses_per_m, abs=1.1)
+    assert ids(others) == expected_ids(300.0)[1:]
+
+
+def test_of_way_and_time_to_the_second_reading_the_longer_one_counts(a_train: ATrain) -> None:
+    fault = {"kind": "tag_duplicate", "gap_m": 0.5, "end_s": 0.65}
+    once, soon, *_ = passes(fast(a_train, {**fault, "gap_s": 0.02}), 5.0)
+    again, late, *_ = passes(fast(a_train, {**fault, "gap_s": 0.1}), 5.0)
+
+    assert once.true_ns == again.true_ns
+    assert (soon.true_ns - once.true_ns) / 1e9 == pytest.approx(0.025, abs=1e-4)
+    assert late.true_ns - again.true_ns == 100_000_000
+
+
+def test_a_train_that_stays_near_a_tag_does_not_read_it_again(a_train: ATrain) -> None:
+    fault = {"kind": "tag_duplicate", "gap_s": 0.0, "gap_m": 100.0, "end_s": 0.65}
+    assert ids(passes(fast(a_train, fault), 4.0)) == expected_ids(80.0)
+
+
+def test_a_doubled_tag_is_also_read_again_by_a_train_that_backs(a_train: ATrain) -> None:
+    tag = TAGS[FIRST]
+    train = a_train(
+        {"kind": "tag_duplicate", "gap_s": 0.0, "gap_m": 0.3}, speed_mps=-1.0,
+        front_m=tag.position_m + 2.5,
+    )  # fmt: skip
+    once, twice = passes(train, 2.0)
+
+    assert (twice.true_ns - once.true_ns) / 1e9 == pytest.approx(0.3, abs=0.01)
+    assert twice.pulses < once.pulses
+
+
 def test_a_false_tag_is_read_once_wherever_the_train_is(a_train: ATrain) -> None:
     train = fast(a_train, {"kind": "tag_false", "tag_id": 4_000_000, "start_s": 0.2, "end_s": 9.0})
     begin_ns = train.world.now_ns
