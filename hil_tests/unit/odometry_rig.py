@@ -244,7 +244,9 @@ class Rig:
             self._tell_tag(errors.false_tags.pop(at_s), self._count(0))
 
     def _tell_tag(self, tag_id: int, pulses: int) -> None:
+        """A reader tells of tags in the order in which it read them."""
         due_s = self.time_s + self.rng.uniform(0.005, 0.05)
+        due_s = max([due_s, *(tag[0] for tag in self.tags)])
         self.tags.append((due_s, self.time_s, tag_id, pulses % 65536))
 
     def _heard(self, kind: type) -> tuple[Any, float]:

@@ -179,7 +179,7 @@ def test_each_tag_is_believed_once_however_often_it_is_read() -> None:
     assert_true(history)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(
     honest, phases,
     st.dictionaries(st.sampled_from([tag.tag_id for tag in TAGS]), st.floats(0.0, 0.5)),

@@ -1,12 +1,10 @@
 """Which readings of a tag may be second ones, taken anywhere within reach of the tag."""
 
 from dataclasses import dataclass
-from typing import Final
+from math import inf
 
+from firmware_py.trackdb import TagSite
 from vobc.odometry.config import OdometryConfig
-
-ANY_TAG: Final = 0
-"""No tag has this number: telegrams are missing, of whichever tag they were."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,35 +26,71 @@ class Contacts:
     other of this passage can have come before it, neither one that was heard nor a lost one.
     """
 
-    __slots__ = ("_leave_m", "_open", "_reach_m")
+    __slots__ = (
+        "_bound_m",
+        "_furthest_m",
+        "_gap",
+        "_gap_furthest_m",
+        "_gap_is_new",
+        "_leave_m",
+        "_reach_m",
+        "_read",
+    )
 
     def __init__(self, config: OdometryConfig) -> None:
         self._reach_m = config.tag_reach_m
+        self._bound_m = config.tag_bound_m
         # Both readings lie within reach, on either side: this far from one, the tag is left.
         self._leave_m = 2.0 * (config.tag_reach_m + config.tag_bound_m)
+        self._read: dict[int, Way] = {}
+        """Tags that may not have been left yet, and where they were read last."""
+        self._furthest_m = inf
+        """So far ahead the antenna may have been; nobody knows while the place is lost."""
         # Of what was read before the start nobody told.
-        self._open: dict[int, Way] = {ANY_TAG: Way(0, 0.0, 0.0)}
+        self._gap: Way | None = Way(0, 0.0, 0.0)
+        """Where it was found out that telegrams are missing, until that is left."""
+        self._gap_furthest_m = inf
+        """Tags further on had not been reached by then."""
+        self._gap_is_new = True
 
-    def touch(self, tag_id: int, way: Way) -> None:
-        """A tag was read there, or may have been (ANY_TAG)."""
-        self._open[tag_id] = way
+    def read(self, tag_id: int, way: Way) -> None:
+        """A tag was read there, and that was told."""
+        self._read[tag_id] = way
+
+    def miss(self, way: Way) -> None:
+        """Telegrams are missing up to here, of whichever tags they were."""
+        self._gap, self._gap_furthest_m, self._gap_is_new = way, inf, True
 
     def move(self, way: Way, least_m_per_pulse: float) -> None:
         """Forget what the train has left for certain, by its wheels and over ground."""
-        if self._open:
-            self._open = {
-                tag_id: touched
-                for tag_id, touched in self._open.items()
-                if not self._left(touched, way, least_m_per_pulse)
+        if self._gap is not None and self._left(self._gap, way, least_m_per_pulse):
+            self._gap = None
+        if self._read:
+            self._read = {
+                tag_id: read
+                for tag_id, read in self._read.items()
+                if not self._left(read, way, least_m_per_pulse)
             }
 
-    def off_m(self, tag_id: int) -> float:
-        """How far from the tag's centre the antenna may have been at a reading of it now."""
-        return self._reach_m if tag_id in self._open or ANY_TAG in self._open else 0.0
+    def look(self, ahead_m: float) -> None:
+        """The antenna is no further on than that, now; infinity while its place is lost."""
+        if self._furthest_m < inf:
+            ahead_m = max(ahead_m, self._furthest_m)
+        self._furthest_m = ahead_m
+        if self._gap_is_new:
+            self._gap_furthest_m, self._gap_is_new = ahead_m, False
 
-    def _left(self, touched: Way, way: Way, least_m_per_pulse: float) -> bool:
+    def off_m(self, site: TagSite) -> float:
+        """How far from the tag the antenna's centre may have been when it was read just now."""
+        if site.tag_id in self._read:
+            return self._reach_m
+        if self._gap is not None and site.position_m - self._bound_m <= self._gap_furthest_m:
+            return self._reach_m
+        return 0.0
+
+    def _left(self, there: Way, way: Way, least_m_per_pulse: float) -> bool:
         # Pulses tell the way between two counts within one.
-        rolled_m = (abs(way.pulses - touched.pulses) - 1) * least_m_per_pulse
-        blur_m = abs(way.ground_bound_m - touched.ground_bound_m)
-        over_m = abs(way.ground_m - touched.ground_m) - blur_m
+        rolled_m = (abs(way.pulses - there.pulses) - 1) * least_m_per_pulse
+        blur_m = abs(way.ground_bound_m - there.ground_bound_m)
+        over_m = abs(way.ground_m - there.ground_m) - blur_m
         return min(rolled_m, over_m) > self._leave_m

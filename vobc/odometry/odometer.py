@@ -298,7 +298,7 @@ class Odometry:
         counted = round(rate * age_s) if since is None else since
         rough_m = 0.0 if honest else 0.5 * (over_m[1] - over_m[0])
         front_m = site.position_m + self._antenna_m
-        off_m = refer.off_centre_m(tag.tag_id)
+        off_m = refer.off_centre_m(site)
         bound_m = config.tag_bound_m + off_m + latch_m + where.scale.declared_m[1]
         reading = Reading(
             site,

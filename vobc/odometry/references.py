@@ -1,5 +1,6 @@
 """Which tags are believed, which are missed, and whether the train knows where it is."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -7,7 +8,7 @@ from typing import Final
 from can_dbc.odometer import ColdMovement
 from firmware_py.trackdb import LineMap, TagSite
 from vobc.odometry.config import OdometryConfig
-from vobc.odometry.contacts import ANY_TAG, Contacts, Way
+from vobc.odometry.contacts import Contacts, Way
 from vobc.vocabulary import PlaceProof, RefusedTag, TagRefusal
 
 TURN_PULSES: Final = 4
@@ -105,16 +106,16 @@ class References:
         """Follow the train, and hear whether telegrams of the reader may be missing up to here."""
         self._contacts.move(way, least_m_per_pulse)
         if gap:
-            self._contacts.touch(ANY_TAG, way)
+            self._contacts.miss(way)
 
-    def off_centre_m(self, tag_id: int) -> float:
+    def off_centre_m(self, site: TagSite) -> float:
         """How far from the tag the antenna may have been when it was read just now."""
-        return self._contacts.off_m(tag_id)
+        return self._contacts.off_m(site)
 
     def read(self, reading: Reading) -> None:
         """Keep in mind that a tag was read, whatever becomes of it."""
         way = Way(reading.pulses, reading.ground_m, reading.ground_bound_m)
-        self._contacts.touch(reading.site.tag_id, way)
+        self._contacts.read(reading.site.tag_id, way)
 
     def turned(self, pulses: int) -> None:
         """Follow the wheels, in pulses since start."""
@@ -183,6 +184,7 @@ class References:
     def watch(self, antenna_low_m: float, speed_mps: float, width_m: float) -> None:
         """Count the tags that the antenna has certainly passed, and say when that is too much."""
         config, tags = self._config, self._tags
+        self._contacts.look(math.inf if self.lost_cause else antenna_low_m + width_m)
         late_m = max(0.0, speed_mps) * config.tag_silence_s + config.tag_bound_m
         certain_m = antenna_low_m - late_m
         while self._next < len(tags) and tags[self._next].position_m < certain_m:
