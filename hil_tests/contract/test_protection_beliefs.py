@@ -1,6 +1,8 @@
 """What protection believes of its train is never bolder than what its sources allow."""
 
+import tomllib
 from operator import attrgetter
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -11,6 +13,7 @@ from can_dbc.packing import packer
 from vobc.config import load_config
 
 KMH = 1.0 / 3.6
+CAMPAIGNS = Path(__file__).parents[1] / "metro_hil" / "campaigns"
 
 AT_MOST = {
     # Seed 001: warning 3 km/h over the segment's speed, emergency 8 km/h.
@@ -50,6 +53,8 @@ AT_LEAST = {
     "atp.runaway_mps2": 1.0,
     "odometry.scale_error_high_ratio": 0.05,
     "odometry.zero_speed_s": 2.0,
+    # docs/serial_interface.md: so far from a tag its reader may read it again.
+    "odometry.tag_reach_m": 0.5,
     "odometry.cold_movement_m": 2.0,
 }
 
@@ -62,6 +67,19 @@ def test_no_limit_is_wider_than_its_source_allows(name: str, most: float) -> Non
 @pytest.mark.parametrize(("name", "least"), AT_LEAST.items())
 def test_no_allowance_is_smaller_than_its_source_demands(name: str, least: float) -> None:
     assert attrgetter(name)(load_config("florence4")) >= least
+
+
+def test_random_runs_read_tags_a_second_time_up_to_the_reach_that_is_believed_in() -> None:
+    campaign = tomllib.loads((CAMPAIGNS / "protection.toml").read_text(encoding="utf-8"))
+    drawn = [
+        fault["gap_m"]
+        for scenario in campaign["scenario"]
+        for fault in scenario["sweep"]["fault"]
+        if fault["kind"] == "tag_duplicate"
+    ]
+
+    reach_m = load_config("florence4").odometry.tag_reach_m
+    assert drawn == [{"low": 0.0, "high": reach_m}] * len(campaign["scenario"])
 
 
 @pytest.mark.parametrize(

@@ -13,9 +13,9 @@ CONFIG = load_config("florence4").odometry
     "name",
     [
         "scale_sigma_ratio", "scale_base_m", "start_bound_m", "tag_bound_m", "tag_sigma_m",
-        "missed_tags_max", "localisation_limit_m", "tracking_rad_s", "window_s", "max_accel_mps2",
-        "max_speed_mps", "standing_s", "silence_s", "zero_speed_mps", "zero_speed_s",
-        "doppler_error_mps", "imu_error_mps2", "unseen_slip_ratio", "slip_hold_s",
+        "tag_reach_m", "missed_tags_max", "localisation_limit_m", "tracking_rad_s", "window_s",
+        "max_accel_mps2", "max_speed_mps", "standing_s", "silence_s", "zero_speed_mps",
+        "zero_speed_s", "doppler_error_mps", "imu_error_mps2", "unseen_slip_ratio", "slip_hold_s",
     ],
 )  # fmt: skip
 def test_what_must_be_positive_is_refused_at_zero_and_below(name: str) -> None:

@@ -10,6 +10,8 @@ import pytest
 
 from can_dbc.nodes import Direction
 from can_dbc.odometer import ColdMovement, Tacho
+from firmware_py.trackdb import TagSite
+from vobc.odometry.contacts import Way
 from vobc.odometry.pulses import APART_PULSES, PLAY_PULSES, PulseCounter
 from vobc.odometry.references import MOVED_PULSES, TURN_PULSES, Reading, References
 from vobc.odometry.scale import WheelScale
@@ -72,6 +74,45 @@ def test_a_train_that_went_back_may_pass_a_tag_again(back: int, *, believed: boo
     order.turned(100 - back)
 
     assert (order.judge(reading(1, 15.0), 10.0, 20.0) is None) is believed
+
+
+def test_telegrams_that_are_missing_cost_tags_that_the_antenna_may_have_come_to() -> None:
+    """Between 5 m and 13 m when it was found out; gone by 20 m later on."""
+    order = references()
+    near, far = TagSite(91, 13.0), TagSite(92, 13.2)
+    order.follow(Way(0, 0.0, 0.0), NOMINAL_M, gap=False)
+    order.watch(0.0, 0.0, 1.0)
+    order.follow(Way(5000, 20.0, 0.0), NOMINAL_M, gap=False)
+    assert (order.off_centre_m(near), order.off_centre_m(far)) == (0.0, 0.0)
+
+    order.follow(Way(5000, 20.0, 0.0), NOMINAL_M, gap=True)
+    assert order.off_centre_m(near) == order.off_centre_m(far) == CONFIG.tag_reach_m
+    order.watch(5.0, 0.0, 8.0)
+    assert (order.off_centre_m(near), order.off_centre_m(far)) == (CONFIG.tag_reach_m, 0.0)
+    order.follow(Way(10000, 40.0, 0.0), NOMINAL_M, gap=False)
+    assert order.off_centre_m(near) == 0.0
+
+
+def test_missing_telegrams_cost_any_tag_while_the_place_is_lost() -> None:
+    order = references(PlaceProof.UNKNOWN)
+    order.follow(Way(5000, 50.0, 0.0), NOMINAL_M, gap=True)
+    order.watch(5.0, 0.0, 8.0)
+
+    assert order.off_centre_m(TagSite(92, 500.0)) == CONFIG.tag_reach_m
+
+
+def test_a_tag_that_was_read_may_be_read_again_until_it_is_left() -> None:
+    order = references()
+    order.follow(Way(5000, 50.0, 0.0), NOMINAL_M, gap=False)
+    first = replace(reading(1, 15.0), pulses=5000, ground_m=50.0)
+    order.read(first)
+    assert order.off_centre_m(first.site) == CONFIG.tag_reach_m
+    order.follow(Way(6000, 60.0, 0.0), NOMINAL_M, gap=False)
+    assert order.off_centre_m(first.site) == 0.0
+
+    order.read(replace(first, pulses=6000, ground_m=60.0, ground_bound_m=10.0))
+    order.follow(Way(7000, 70.0, 19.5), NOMINAL_M, gap=False)
+    assert order.off_centre_m(first.site) == CONFIG.tag_reach_m
 
 
 @pytest.mark.parametrize(("width_m", "lost"), [(LIMIT_M, False), (LIMIT_M + 0.001, True)])
