@@ -16,6 +16,11 @@ from firmware_py.checked_store import CheckedStore
 from firmware_py.clock import WallClock
 from firmware_py.radio.zenoh_radio import Role, open_radio, pick_endpoint
 from firmware_py.realtime import enter_realtime
+from metro_hil.children import ChildError
+from metro_hil.line_networks.apart import become_apart, words_in
+from metro_hil.line_networks.carrier import Carrier
+from metro_hil.line_networks.ether_process import OWN_ENDPOINT
+from metro_hil.line_networks.options import OwnNetworks, add_options, networks_of
 from metro_hil.line_seat import (
     AXLES,
     LENGTH_M,
@@ -24,6 +29,7 @@ from metro_hil.line_seat import (
     config_of,
     front_of,
 )
+from metro_hil.options import EXIT_ENVIRONMENT
 from plant_emulator.wayside.line_wayside import Disks, LineWayside, Truth
 from plant_emulator.wayside.t2t_vocabulary import ArbiterMemory
 from zenoh_config import t2t_keys
@@ -40,7 +46,13 @@ SERVICE_RATIO: Final = 0.6
 """Of the greatest age: an older authority brakes the train."""
 SIGNALS: Final = {"kill": signal.SIGKILL, "stop": signal.SIGSTOP}
 SWITCH: Final = "switch"
-FAULTS: Final = (*SIGNALS, SWITCH)
+ORDERS: Final = ("cut", "mute", "deafen")
+"""For what carries packets: nothing comes through either way, or one way."""
+NONE: Final = "none"
+FAULTS: Final = (*SIGNALS, *ORDERS, SWITCH, NONE)
+LATENCY_BAR_MS: Final = 100.0
+"""And one cycle of the master."""
+MS_PER_S: Final = 1000.0
 BEFORE: Final = 5
 """All trains wait for the wayside."""
 SWITCH_MS: Final = 50
@@ -59,11 +71,21 @@ class Seat:
     """A train's process and what it says."""
 
     def __init__(
-        self, address: int, endpoint: str, folder: Path, timers: str, priority: int
+        self,
+        address: int,
+        endpoint: str,
+        folder: Path,
+        timers: str,
+        priority: int,
+        network: str | None = None,
     ) -> None:
+        """`network`: the file of the one that it is to be in; None: this program's."""
         self.address = address
         self.taken: list[Taken] = []
-        command = [sys.executable, "-m", "metro_hil.line_seat", str(address), endpoint]
+        module, first = "metro_hil.line_seat", list[str]()
+        if network is not None:
+            module, first = words_in(network, module)
+        command = [sys.executable, "-m", module, *first, str(address), endpoint]
         self.process = subprocess.Popen(  # Its own module with its own words.
             [
                 *(*command, str(folder / f"train{address}"), "--timers", timers),
@@ -102,12 +124,24 @@ class Round(NamedTuple):
 class Trial:
     """A wayside in this process and trains in theirs, at rest on one area."""
 
-    def __init__(self, trains: int, timers: str, folder: Path, priority: int = 0) -> None:
+    def __init__(
+        self,
+        trains: int,
+        timers: str,
+        folder: Path,
+        priority: int = 0,
+        networks: OwnNetworks | None = None,
+    ) -> None:
+        """Raises ChildError when trains cannot have networks of their own."""
         self.clock = WallClock()
         self.seats: dict[int, Seat] = {}
         self._timers, self._folder, self._priority = timers, folder, priority
         self._asked = 0
-        self._endpoint = pick_endpoint()
+        self._carrier: Carrier | None = None
+        self._endpoint = pick_endpoint() if networks is None else OWN_ENDPOINT
+        if networks is not None:
+            before = priority + BEFORE if priority else 0
+            self._carrier = Carrier(range(1, trains + 1), networks, priority=before)
         config = config_of(timers)
         stores = {
             each: CheckedStore(folder / f"arbiter{each}", ArbiterMemory) for each in config.arbiters
@@ -130,14 +164,21 @@ class Trial:
             self.start(address)
 
     def start(self, address: int) -> None:
+        network = None if self._carrier is None else self._carrier.namespaces[address]
         self.seats[address] = Seat(
-            *(address, self._endpoint, self._folder, self._timers, self._priority)
+            *(address, self._endpoint, self._folder, self._timers, self._priority, network)
         )
 
     def close(self) -> None:
         for seat in self.seats.values():
             seat.end()
         self._port.close()
+        if self._carrier is not None:
+            self._carrier.end()
+
+    def carried(self) -> dict[str, dict[str, int]]:
+        """What became of packets by direction, where trains have networks of their own."""
+        return {} if self._carrier is None else self._carrier.counts()
 
     def run(self, ms: float) -> None:
         """The wayside's part, for a while."""
@@ -175,7 +216,11 @@ class Trial:
         assert seat.last is not None
         term = seat.last.term
         at_ns = self.clock.now_ns()
-        os.kill(seat.process.pid, SIGNALS[kind])
+        if kind in SIGNALS:
+            os.kill(seat.process.pid, SIGNALS[kind])
+        else:
+            assert self._carrier is not None
+            self._carrier.order(kind, master)
         others = [each for a, each in self.seats.items() if a != master]
         for _ in range(LIMIT_MS // 20):
             self.run(20)
@@ -184,8 +229,12 @@ class Trial:
         self.run(200)
         served = [_first_of(each, term) for each in others]
         oldest_ns = max(_oldest_ns(each, at_ns, self.clock.now_ns()) for each in others)
-        seat.end()
-        self.start(master)
+        if kind in SIGNALS:
+            seat.end()
+            self.start(master)
+        else:
+            assert self._carrier is not None
+            self._carrier.order("heal", master)
         times_ms = [(each - at_ns) / NS_PER_MS for each in served if each is not None]
         complete = len(times_ms) == len(served)
         return Round(max(times_ms) if complete else None, oldest_ns / NS_PER_MS)
@@ -246,24 +295,70 @@ def _p99(values_ms: Sequence[float]) -> float:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Print the rounds and what they come to. Exit 1 when a train was left without authority."""
+    """Print what it comes to. Exit 1 when a train was left without authority, or got it too late;
+    3 when trains cannot have networks of their own.
+    """
     parser = argparse.ArgumentParser(prog="python -m metro_hil.line_trial", description=__doc__)
     parser.add_argument("--trains", type=int, default=5)
     parser.add_argument("--rounds", type=int, default=20)
     parser.add_argument("--fault", choices=sorted(FAULTS), default="kill")
+    parser.add_argument(
+        "--seconds", type=float, default=20.0, help="of watching, without a fault; default: 20"
+    )
     parser.add_argument("--timers", choices=sorted(TIMER_SETS), default="A")
     parser.add_argument(
         "--priority", type=int, default=40, help="of trains, SCHED_FIFO; 0: none; default: 40"
     )
-    options = parser.parse_args(argv)
+    parser.add_argument("--seed", type=int, default=1, help="of packets' fates; default: 1")
+    add_options(parser)
+    words = [*(sys.argv[1:] if argv is None else argv)]
+    options = parser.parse_args(words)
+    networks = networks_of(options, needed=options.fault in ORDERS)
+    if networks is not None and not options.apart:
+        become_apart("metro_hil.line_trial", [*words, "--apart"])
     with tempfile.TemporaryDirectory() as folder:
-        trial = Trial(options.trains, options.timers, Path(folder), options.priority)
+        try:
+            trial = Trial(options.trains, options.timers, Path(folder), options.priority, networks)
+        except ChildError as error:
+            print(error, file=sys.stderr)
+            return EXIT_ENVIRONMENT
         if options.priority:
             enter_realtime(options.priority + BEFORE)
         try:
-            rounds = [trial.fault(options.fault) for _ in range(options.rounds)]
+            told = _watch(trial, options) if options.fault == NONE else _strike(trial, options)
+            for way, counts in trial.carried().items():
+                print(f"{way}: {counts}")
         finally:
             trial.close()
+    return told
+
+
+def _watch(trial: Trial, options: argparse.Namespace) -> int:
+    """Nothing goes wrong: how long after a train's report it has the authority that answers it."""
+    trial.settle()
+    from_ns = trial.clock.now_ns()
+    trial.run(options.seconds * MS_PER_S)
+    # The master's own authority takes no radio.
+    taken = [
+        each
+        for seat in trial.seats.values()
+        for each in seat.taken
+        if each.at_ns > from_ns and each.role != "master"
+    ]
+    latencies_ms = sorted([(each.at_ns - each.echo_ns) / NS_PER_MS for each in taken])
+    bar_ms = LATENCY_BAR_MS + TIMER_SETS[options.timers].cycle_ms
+    p99_ms = _p99(latencies_ms)
+    print(
+        f"position to authority, {options.trains} trains, timers {options.timers}, "
+        f"{options.seconds:g} s: {len(latencies_ms)} authorities, "
+        f"{latencies_ms[len(latencies_ms) // 2]:.0f} ms (p50), {p99_ms:.0f} ms (p99), "
+        f"{latencies_ms[-1]:.0f} ms at most; bar: p99 of {bar_ms:.0f} ms"
+    )
+    return 0 if p99_ms <= bar_ms else 1
+
+
+def _strike(trial: Trial, options: argparse.Namespace) -> int:
+    rounds = [trial.fault(options.fault) for _ in range(options.rounds)]
     service_ms = TIMER_SETS[options.timers].authority_ms * SERVICE_RATIO
     latencies_ms = sorted(
         [(each.at_ns - each.echo_ns) / NS_PER_MS for s in trial.seats.values() for each in s.taken]

@@ -5,8 +5,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from metro_hil.engine.errors import EngineError, UsageError
+from metro_hil.line_networks.apart import become_apart
+from metro_hil.line_networks.options import add_options, networks_of
 from metro_hil.options import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_OK
-from metro_hil.t2t_run.plan import HELP, Strike, faults_of, second, train_at, ways_of
+from metro_hil.t2t_run.plan import HELP, ONE_WAY, Strike, faults_of, second, train_at, ways_of
 
 if TYPE_CHECKING:
     from metro_hil.t2t_run.real import Settings
@@ -17,7 +19,7 @@ Faults may be asked for several times. What is killed, stopped or cut stays away
 seconds; in lockstep a killed controller stays dead. The folder keeps what was said on the line's
 radio (`vobc line-log FOLDER`) and the logs of every train.
 exit codes: 0 nobody came too near and nobody braked by emergency without need; 1 somebody did;
-2 wrong usage; 3 bus, radio or a process missing; 130 ended by Ctrl-C
+2 wrong usage; 3 bus, radio, rights or a process missing; 130 ended by Ctrl-C
 """
 
 
@@ -36,7 +38,9 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     parser.add_argument("--trains", type=int, default=4, metavar="N", help="default: %(default)s")
     parser.add_argument("--for", type=float, default=90.0, dest="duration_s", metavar="SECONDS")
     parser.add_argument("--bench", choices=BENCHES, default="processes", help="default: processes")
-    parser.add_argument("--seed", type=int, default=1, help="in lockstep; default: 1")
+    parser.add_argument(
+        "--seed", type=int, default=1, help="in lockstep, and of packets' fates; default: 1"
+    )
     parser.add_argument("--line-timers", choices=("A", "B"), default="A", help="default: A")
     parser.add_argument("--arbiters", type=int, choices=(1, 3, 5), default=1, help="default: 1")
     parser.add_argument(
@@ -64,6 +68,7 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
             metavar="TRAIN@SECONDS" if of_train else "SECONDS",
             help=words,
         )
+    add_options(parser)
     group.add_argument("--down-for", type=second, default=4.0, dest="down_s", metavar="SECONDS")
     parser.set_defaults(run=run)
 
@@ -77,6 +82,8 @@ def run(options: argparse.Namespace) -> int:
     from metro_hil.run_folder import make_run_folder
 
     settings = _settings(options)
+    if settings.networks is not None and not options.apart:
+        become_apart("metro_hil.hil_command", [*options.words, "--apart"])
     folder = make_run_folder(options.out, WallClock().epoch_ns(), f"line_{settings.areas.name}")
     try:
         return _run(options, settings, folder.path)
@@ -88,6 +95,7 @@ def _settings(options: argparse.Namespace) -> "Settings":
     from firmware_py.radio.zenoh_radio import pick_endpoint
     from firmware_py.trackdb import load_line
     from firmware_py.trackdb.areas import load_areas
+    from metro_hil.line_networks.ether_process import OWN_ENDPOINT
     from metro_hil.t2t_run.real import Settings
     from metro_hil.t2t_run.virtual import NOT_HERE
     from zenoh_config.sessions import check_endpoint
@@ -107,12 +115,21 @@ def _settings(options: argparse.Namespace) -> "Settings":
             raise UsageError(f"--{each.strike.value} T{each.train}: there is no such train")
         if options.bench == "lockstep" and each.strike in NOT_HERE:
             raise UsageError(f"--{each.strike.value}: not in lockstep")
+    networks = networks_of(options, needed=any(each.strike in ONE_WAY for each in faults))
+    if networks is not None:
+        for given, words in (
+            (options.bench == "lockstep", "--bench lockstep has no network"),
+            (options.line_radio is not None, "--line-radio does not go with networks of their own"),
+            (options.secure is not None, "--secure does not go with networks of their own"),
+        ):
+            if given:
+                raise UsageError(words)
     return Settings(
         line=line,
         areas=areas,
         line_name=options.line,
         ways=ways,
-        endpoint=options.line_radio or pick_endpoint(),
+        endpoint=options.line_radio or (pick_endpoint() if networks is None else OWN_ENDPOINT),
         timers=options.line_timers,
         arbiters=options.arbiters,
         faults=faults,
@@ -120,12 +137,13 @@ def _settings(options: argparse.Namespace) -> "Settings":
         duration_s=options.duration_s,
         priority=options.priority,
         secure=options.secure,
+        networks=networks,
     )
 
 
 def _run(options: argparse.Namespace, settings: "Settings", folder: Path) -> int:
     from metro_hil.t2t_run.real import RealLine
-    from metro_hil.t2t_run.verdict import areas_words, complaints, show
+    from metro_hil.t2t_run.verdict import areas_words, carried_words, complaints, show
     from metro_hil.t2t_run.virtual import VirtualLine
     from vobc.t2t.vocabulary import T2tConfig
 
@@ -143,6 +161,8 @@ def _run(options: argparse.Namespace, settings: "Settings", folder: Path) -> int
     show(line.story, trains)
     for words in areas_words(line.story):
         print(words)
+    for way, counts in line.carried.items():
+        print(f"{way}: {counts['sent']} packets, " + carried_words(counts))
     if line.dropped:
         print(f"the recorder missed {line.dropped} messages")
     wrong = complaints(line.story, trains, behind_rear_m=T2tConfig().behind_rear_m)

@@ -11,6 +11,9 @@ from typing import Final
 
 from firmware_py.buses.hub_control import start_hub
 from metro_hil.children import Child
+from metro_hil.line_networks.apart import words_in
+from metro_hil.line_networks.carrier import Carrier
+from metro_hil.line_networks.options import OwnNetworks
 from metro_hil.t2t_run.plan import Way
 
 WAYSIDE: Final = "wayside"
@@ -33,12 +36,15 @@ class LineCrew:
         timers: str = "A",
         arbiters: int = 1,
         relayed: bool = False,
+        networks: OwnNetworks | None = None,
         trains: int = 0,
         priority: int = 0,
         secure: Path | None = None,
     ) -> None:
         """Args:
         relayed: trains reach the wayside over a relay that can be cut.
+        networks: controllers have networks of their own, which can be cut one way, too; then this
+            program has one of its own as well.
         priority: of controllers, by SCHED_FIFO where the rights allow it; plants are a little
             behind, and 0 is none.
         secure: certificates and keys of all of them.
@@ -52,8 +58,14 @@ class LineCrew:
         self._lives: dict[int, int] = {}
         self._relay: subprocess.Popen[str] | None = None
         self._endpoints: dict[int, str] = {}
-        if relayed:
-            self._start_relay(range(1, trains + 1))
+        self._carrier: Carrier | None = None
+        numbers = range(1, trains + 1)
+        if networks is not None:
+            before = min(99, priority + BEFORE) if priority else 0
+            self._carrier = Carrier(numbers, networks, priority=before)
+            stack.callback(self._carrier.end)
+        elif relayed:
+            self._start_relay(numbers)
 
     def start_wayside(self) -> None:
         arguments = ["wayside", "--line", self._line, "--line-radio", self._endpoint]
@@ -88,16 +100,28 @@ class LineCrew:
         arguments += ["--to", way.end, *self._secure]
         if life == 1:
             arguments += ["--from", way.start]
-        self._adopt(f"controller {train}", "vobc", arguments, folder / "vobc.log")
+        module = "vobc"
+        if self._carrier is not None:
+            module, first = words_in(self._carrier.namespaces[train], module)
+            arguments = [*first, *arguments]
+        self._adopt(f"controller {train}", module, arguments, folder / "vobc.log")
 
     def strike(self, name: str, number: signal.Signals) -> None:
         self.children[name].signal_group(number)
 
-    def cut(self, train: int, *, cut: bool) -> None:
+    def order(self, order: str, train: int) -> None:
+        """`cut`, `heal`; with networks of their own also `mute` and `deafen`."""
+        if self._carrier is not None:
+            self._carrier.order(order, train)
+            return
         assert self._relay is not None
         assert self._relay.stdin is not None
-        self._relay.stdin.write(f"{'cut' if cut else 'heal'} T{train}\n")
+        self._relay.stdin.write(f"{order} T{train}\n")
         self._relay.stdin.flush()
+
+    def carried(self) -> dict[str, dict[str, int]]:
+        """What became of packets by direction; empty without networks of their own."""
+        return {} if self._carrier is None else self._carrier.counts()
 
     def ended(self) -> list[Child]:
         return [each for each in self.children.values() if each.ended]

@@ -42,6 +42,10 @@ class Strike(enum.Enum):
     """SIGSTOP for it; it goes on where it was."""
     CUT_MASTER = "cut-master-at"
     """Its radio carries nothing either way."""
+    MUTE_MASTER = "mute-master-at"
+    """Nothing that it sends comes through; what is sent to it does."""
+    DEAFEN_MASTER = "deafen-master-at"
+    """Nothing that is sent to it comes through; what it sends does."""
     CRASH_WAYSIDE = "crash-arbiter-at"
     """SIGKILL for the wayside with all arbiters; it comes back."""
     RESTART_TRAIN = "restart-train-at"
@@ -52,9 +56,15 @@ HELP: Final = {
     Strike.KILL_MASTER: "kill -9 the controller of the train that commands the rearmost area",
     Strike.STOP_MASTER: "SIGSTOP it",
     Strike.CUT_MASTER: "cut its radio both ways",
+    Strike.MUTE_MASTER: "let nothing through that it sends; it gets a network of its own",
+    Strike.DEAFEN_MASTER: "let nothing through that is sent to it; likewise",
     Strike.CRASH_WAYSIDE: "kill -9 the wayside, arbiters and all",
     Strike.RESTART_TRAIN: "end the controller of a train, such as T3@20",
 }
+
+
+ONE_WAY: Final = (Strike.MUTE_MASTER, Strike.DEAFEN_MASTER)
+"""What takes networks of their own."""
 
 
 @dataclass(frozen=True, slots=True)

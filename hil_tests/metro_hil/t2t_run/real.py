@@ -15,6 +15,7 @@ from firmware_py.recorder import RadioLog, SerialDirection
 from firmware_py.trackdb import LineMap
 from firmware_py.trackdb.areas import AreaMap
 from metro_hil.children import ChildError
+from metro_hil.line_networks.options import OwnNetworks
 from metro_hil.t2t_run.crew import WAYSIDE, LineCrew
 from metro_hil.t2t_run.plan import Fault, Strike, Way
 from metro_hil.t2t_run.story import LineStory
@@ -30,6 +31,14 @@ INBOX_MESSAGES: Final = 1 << 16
 LINE_LOG: Final = "line.log"
 OLD: Final = Cause.AUTHORITY_OLD.name.lower().replace("_", " ")
 """Without arbiters nobody may command, and authorities grow old: trains brake, as they must."""
+
+
+CUTS: Final = {
+    Strike.CUT_MASTER: ("cut", "is cut"),
+    Strike.MUTE_MASTER: ("mute", "lets nothing out"),
+    Strike.DEAFEN_MASTER: ("deafen", "lets nothing in"),
+}
+"""What the carrier of packets is told, and what the story says."""
 
 
 class Settings(NamedTuple):
@@ -48,6 +57,8 @@ class Settings(NamedTuple):
     priority: int
     secure: Path | None = None
     """Certificates and keys; None: the line is open."""
+    networks: OwnNetworks | None = None
+    """None: all programs share one network."""
 
 
 class RealLine:
@@ -66,6 +77,8 @@ class RealLine:
         self.story = LineStory(settings.line, settings.areas, self._tell, key)
         self.dropped = 0
         """Messages that the recorder missed."""
+        self.carried: dict[str, dict[str, int]] = {}
+        """What became of packets by direction, where trains had networks of their own."""
         self._faults = list(settings.faults)
         self._later: list[tuple[int, Callable[[], None]]] = []
         self._absent: set[str] = set()
@@ -86,6 +99,7 @@ class RealLine:
                 trains=len(settings.ways),
                 priority=settings.priority,
                 secure=settings.secure,
+                networks=settings.networks,
             )
             crew.start_wayside()
             # By the clock that is echoed in messages, so that latencies can be read off it.
@@ -116,6 +130,7 @@ class RealLine:
                     began_ns = self._beginning(now_ns)
                     continue
                 if now_ns - began_ns >= settings.duration_s * NS_PER_S:
+                    self.carried = crew.carried()
                     return True
                 self._strike(crew, now_ns, began_ns)
         return False
@@ -167,9 +182,10 @@ class RealLine:
             return
         self.story.strikes(train)
         name = f"controller {train}"
-        if strike is Strike.CUT_MASTER:
-            self._tell(now_ns, f"the radio of train {train} is cut")
-            crew.cut(train, cut=True)
+        if strike in CUTS:
+            order, words = CUTS[strike]
+            self._tell(now_ns, f"the radio of train {train} {words}")
+            crew.order(order, train)
             self._in(lambda: self._heal(crew, train))
         elif strike is Strike.STOP_MASTER:
             self._tell(now_ns, f"the controller of train {train} is stopped by SIGSTOP")
@@ -206,7 +222,7 @@ class RealLine:
 
     def _heal(self, crew: LineCrew, train: int) -> None:
         self._tell(self._clock.now_ns(), f"the radio of train {train} works again")
-        crew.cut(train, cut=False)
+        crew.order("heal", train)
 
     def _master(self) -> int:
         """Of the rearmost area that is commanded."""

@@ -1,6 +1,7 @@
 """How a run of a line ended: what must not have happened, and a table of its trains."""
 
 import math
+from collections.abc import Mapping
 from typing import Final
 
 from rich.console import Console
@@ -66,3 +67,8 @@ def areas_words(story: LineStory) -> list[str]:
         f"{area.terms} {'term' if area.terms == 1 else 'terms'} seen"
         for number, area in sorted(story.areas.items())
     ]
+
+
+def carried_words(counts: Mapping[str, int]) -> str:
+    """What became of the packets of one direction."""
+    return f"{counts['lost']} lost, {counts['doubled']} doubled, {counts['cut']} cut off"

@@ -7,7 +7,7 @@ from typing import Final
 from firmware_py.executive import Executive
 from firmware_py.recorder import RadioLog, SerialDirection
 from metro_hil.line_bench import AXLES, LineBench, Run
-from metro_hil.t2t_run.plan import Fault, Strike
+from metro_hil.t2t_run.plan import ONE_WAY, Fault, Strike
 from metro_hil.t2t_run.real import LINE_LOG, OLD, Settings
 from metro_hil.t2t_run.story import LineStory
 from plant_emulator.wayside.detection import Place
@@ -19,8 +19,8 @@ from zenoh_config.timers import TIMER_SETS
 
 LOOK_S: Final = 0.05
 NS_PER_S: Final = 1_000_000_000
-NOT_HERE: Final = (Strike.RESTART_TRAIN,)
-"""What takes processes."""
+NOT_HERE: Final = (Strike.RESTART_TRAIN, *ONE_WAY)
+"""What takes processes, or networks of their own."""
 
 
 class VirtualLine:
@@ -36,6 +36,8 @@ class VirtualLine:
         )
         self.story = LineStory(settings.line, settings.areas, self._tell)
         self.dropped = 0
+        self.carried: dict[str, dict[str, int]] = {}
+        """Nothing is carried between networks here."""
         self._settings, self._folder, self._say = settings, folder, say
         self._tap = self.bench.air.port("tap", t2t_keys.of_line(settings.areas.name))
         self._faults = list(settings.faults)
