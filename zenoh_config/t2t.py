@@ -64,6 +64,8 @@ class RosterEntry(NamedTuple):
     """Its rear is not behind this, for as long as it does not reverse; less the allowances."""
     sieved: bool
     """Secondary detection has shown that no other train hides near it."""
+    boot: int = 0
+    """The incarnation of the train that this is about; another gets nothing by it. 0: unknown."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,6 +168,8 @@ class SyncEntry(NamedTuple):
     rear_m: float
     end_m: float
     """The farthest that it may have been granted."""
+    boot: int = 0
+    """As in the roster."""
 
 
 @dataclass(frozen=True, slots=True)

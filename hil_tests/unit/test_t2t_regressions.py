@@ -224,7 +224,7 @@ class TestCandidate:
         assert any(isinstance(m, LeaseRequest) and m.kind is LeaseKind.RELEASE for _, m in rig.log)
 
 
-ROSTER = (RosterEntry(1, 820.0, True), RosterEntry(2, 420.0, True))
+ROSTER = (RosterEntry(1, 820.0, True, 1), RosterEntry(2, 420.0, True, 1))
 
 
 class Command:
@@ -367,7 +367,7 @@ def test_a_train_over_the_border_by_less_than_it_may_roll_back_stays_on_the_rost
 
 def test_who_comes_over_the_border_comes_in_line() -> None:
     """Train 4 follows train 3 and applies first; nobody but train 3 can be ahead of it."""
-    lease_area_two = Command(roster=(RosterEntry(1, 2500.0, True),))
+    lease_area_two = Command(roster=(RosterEntry(1, 2500.0, True, 1),))
     command = lease_area_two
     command.master = _second_area(command)
     command.step()
@@ -383,7 +383,7 @@ def test_who_comes_over_the_border_comes_in_line() -> None:
 
 
 def test_who_comes_over_the_border_without_authority_there_waits() -> None:
-    command = Command(roster=(RosterEntry(1, 2500.0, True),))
+    command = Command(roster=(RosterEntry(1, 2500.0, True, 1),))
     command.master = _second_area(command)
     command.step()
 
@@ -407,7 +407,7 @@ def _second_area(command: Command) -> Master:
 
 
 def test_a_newcomer_gets_nothing_before_its_place_on_the_roster_is_kept() -> None:
-    command = Command(roster=(RosterEntry(1, 820.0, True),))
+    command = Command(roster=(RosterEntry(1, 820.0, True, 1),))
     command.step()
     command.hears(1, 900.0)
     command.hears(3, 500.0)

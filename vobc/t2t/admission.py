@@ -60,7 +60,7 @@ def admitted(
     if not guards.comes_in_line(line):
         return Waiting(AdmissionState.WAITS, report.behind)
     sieved = over_border or is_sieved(report, scene)
-    return placed(order, RosterEntry(report.source, report.rear_min_m, sieved), at)
+    return placed(order, RosterEntry(report.source, report.rear_min_m, sieved, report.boot), at)
 
 
 def _ahead(order: Sequence[RosterEntry], report: TrainReport, scene: Scene) -> Sequence[int]:

@@ -9,7 +9,7 @@ from vobc.t2t.roster import Order
 from vobc.t2t.table import UNBOUNDED_M, Record, TrainTable
 from vobc.t2t.track_view import TrackView, hidden_between, moved_on_m
 from vobc.t2t.vocabulary import T2tConfig
-from zenoh_config.t2t import RosterEntry, SyncEntry
+from zenoh_config.t2t import RosterEntry, SyncEntry, TrainReport
 from zenoh_config.timers import NS_PER_MS
 
 
@@ -34,13 +34,38 @@ class Conclusions:
 
     def add(self, entry: RosterEntry, now_ns: int) -> Record:
         record = self.table.of(entry.train, rear_m=entry.rear_m, now_ns=now_ns)
+        if record.boot != entry.boot:
+            # What was heard of another life says nothing of the one that arbiters kept.
+            record = Record(entry.train, entry.rear_m, now_ns, boot=entry.boot)
+            self.records[entry.train] = record
         if record.report is None:
             record.rear_m = max(record.rear_m, entry.rear_m)
         return record
 
+    def reborn(self, report: TrainReport, heard_ns: int) -> None:
+        """A train is where it was and begins anew; of authorities of its former life it takes none
+        any more.
+        """
+        former = self.records[report.source]
+        record = Record(report.source, report.rear_min_m, heard_ns)
+        record.hears(report, heard_ns, term=self._term)
+        record.stopped = former.stopped
+        self.records[report.source] = record
+
     def has_promised(self, record: Record) -> bool:
         """It obeys no older term any more."""
         return self._guards.has_promised(Promise(record.term, self._term))
+
+    def is_fit(self, train: int, now_ns: int) -> bool:
+        """Heard of, promised, and in service by its own word."""
+        record = self.records.get(train)
+        return (
+            record is not None
+            and record.report is not None
+            and not record.report.out_of_service
+            and self.has_promised(record)
+            and self.is_alive(record.heard_ns, now_ns)
+        )
 
     def is_alive(self, heard_ns: int, now_ns: int) -> bool:
         return self._guards.report_alive(Freshness(now_ns - heard_ns, self._silence_ns))
@@ -124,7 +149,7 @@ class Conclusions:
     def sync_entries(self) -> tuple[SyncEntry, ...]:
         return tuple(
             [
-                SyncEntry(r.train, r.rear_m, min(r.granted_m, UNBOUNDED_M))
+                SyncEntry(r.train, r.rear_m, min(r.granted_m, UNBOUNDED_M), r.boot)
                 for r in self.records.values()
             ]
         )

@@ -8,6 +8,7 @@ from vobc.t2t.authority import Course, Space, Stretch, end_of_authority_m
 from vobc.t2t.conclusions import Conclusions
 from vobc.t2t.guards import Freshness, MasterGuards
 from vobc.t2t.lease import Lease
+from vobc.t2t.newborn import Newborns
 from vobc.t2t.objects import Objects
 from vobc.t2t.roster import Order, Roster
 from vobc.t2t.speaker import Head, Speaker
@@ -67,7 +68,6 @@ class Master:
         self.roster = Roster(lease.term, lease.adopted, config.majority, guards)
         self._config, self._guards, self._line = config, guards, line
         self._area, self._before = line.area(area), line.preceding(area)
-        self._last = line.following(area) is None
         self._speaker, self._lease = speaker, lease
         self._known = Conclusions(lease.term, table, config, guards)
         self._objects = Objects(lease.term, line.objects_in(area), guards)
@@ -80,6 +80,7 @@ class Master:
         self._beat_ns = now_ns
         self._cycle_ns = now_ns
         self._was_ready = False
+        self._newborns = Newborns(config, guards)
         self._known.begin_with(self.roster.proposed, now_ns)
 
     def hears(self, message: T2tMessage, now_ns: int) -> None:
@@ -100,7 +101,11 @@ class Master:
 
     def _hears_report(self, report: TrainReport, now_ns: int) -> None:
         train = report.source
-        if train in self._on_roster():
+        boot = self.roster.boots().get(train)
+        if boot is not None and boot != report.boot:
+            self._newborns.hears(report, now_ns)
+        elif boot is not None:
+            self._newborns.forgets(train)
             self._applicants.pop(train, None)
             record = self._known.records[train]
             record.hears(report, now_ns, term=self.term)
@@ -183,9 +188,13 @@ class Master:
         order: Order = tuple(
             [e for e in self.roster.proposed if not self._has_passed(records[e.train].rear_m)]
         )
+        order, gone = self._newborns.settle(
+            order, lambda report: self._scene(now_ns, report), self._known, now_ns
+        )
         if len(order) < len(self.roster.proposed):
             self._left_ns = now_ns
-        changed = len(order) < len(self.roster.proposed)
+        changed = order != self.roster.proposed
+        self._applicants.update({report.source: (report, at_ns) for report, at_ns in gone})
         self._applicants = {
             train: each
             for train, each in self._applicants.items()
@@ -213,7 +222,7 @@ class Master:
 
     def _has_passed(self, rear_m: float) -> bool:
         """Out of the area for good, whatever it may roll or jog back."""
-        return not self._last and rear_m >= self._area.end_m + self._config.behind_rear_m
+        return rear_m >= self._area.end_m + self._config.behind_rear_m
 
     def _sieve(self, order: Order, now_ns: int) -> tuple[Order, bool]:
         sieved = []
@@ -228,7 +237,7 @@ class Master:
         records = self._known.records
         # By train: one that has only just come onto the roster still stands among the applicants.
         reports = {each.train: each.report for each in records.values() if each.report is not None}
-        for report, _ in self._applicants.values():
+        for report, _ in [*self._applicants.values(), *self._newborns.told()]:
             if report.localised:
                 reports[report.source] = report
         counted = None if self._track is None else self._track.counted
@@ -236,7 +245,9 @@ class Master:
             area=self._area,
             before=self._before,
             records=records,
-            reserved_m=self._known.reserved_m(self.roster.proposed),
+            reserved_m=self._known.reserved_m(
+                [each for each in self.roster.proposed if each.train in records]
+            ),
             counted=(counted or ()) if self._line.sections else None,
             standing=tuple(
                 [standing_of(each) for each in reports.values() if each.source != newcomer.source]
@@ -330,17 +341,9 @@ class Master:
 
     def is_fit(self, train: int, now_ns: int) -> bool:
         """To be standby or master: heard of, committed, promised, in service, another than this."""
-        record = self._known.records.get(train)
-        if record is None or train == self._speaker.address or train in self._unfit:
+        if train in self._unfit or train == self._speaker.address:
             return False
-        report = record.report
-        return (
-            report is not None
-            and not report.out_of_service
-            and train in self.roster.may_be_commanded()
-            and self._known.has_promised(record)
-            and self._known.is_alive(record.heard_ns, now_ns)
-        )
+        return train in self.roster.may_be_commanded() and self._known.is_fit(train, now_ns)
 
     def _succeed(self, now_ns: int, *, away: bool) -> None:
         """Standby and planned switch."""
@@ -352,6 +355,7 @@ class Master:
             and each.train != own
             and self._known.is_alive(each.heard_ns, now_ns)
         ]
+        heard += self._newborns.ready(self._known, now_ns)
         succession.choose_standby(
             [e.train for e in self.roster.proposed if self.is_fit(e.train, now_ns)]
         )

@@ -49,8 +49,13 @@ class Roster:
             self.kept = self.proposed
 
     def may_be_commanded(self) -> set[int]:
-        """Trains that whoever commands next will know of."""
-        return {entry.train for entry in self.kept or ()}
+        """Trains that whoever commands next will know of, in this very incarnation."""
+        boots = self.boots()
+        return {e.train for e in self.kept or () if boots.get(e.train) == e.boot}
+
+    def boots(self) -> dict[int, int]:
+        """By train of the newest order, the incarnation that it is about."""
+        return {entry.train: entry.boot for entry in self.proposed}
 
 
 def placed(order: Sequence[RosterEntry], entry: RosterEntry, at: int) -> Order:

@@ -21,6 +21,8 @@ class Record:
     """Protected: the rear has been seen here or farther on, by the train or by detection."""
     heard_ns: int
     """When its newest report came; when the record was made, before."""
+    boot: int = 0
+    """Of the train's incarnation; 0: unknown."""
     report: TrainReport | None = None
     """The newest, from a time when the train knew where it was."""
     term: int = 0
@@ -43,9 +45,9 @@ class Record:
             self.sent = [each for each in self.sent if each[0] > report.held_sequence]
         if not report.localised:
             return
-        newborn = self.report is not None and report.boot != self.report.boot
+        newborn = report.boot != self.boot and self.boot != 0
         self.rear_m = report.rear_min_m if newborn else max(self.rear_m, report.rear_min_m)
-        self.report = report
+        self.report, self.boot = report, report.boot
 
     def issued(self, sequence: int, end_m: float) -> None:
         self.served = True
@@ -90,7 +92,10 @@ class TrainTable:
         """What a master left to its standby; a rear never goes back by it."""
         for entry in entries:
             record = self.of(entry.train, rear_m=entry.rear_m, now_ns=now_ns)
-            if record.report is None:
+            if record.boot < entry.boot:
+                record = Record(entry.train, entry.rear_m, now_ns, boot=entry.boot)
+                self.records[entry.train] = record
+            if record.report is None and record.boot == entry.boot:
                 record.rear_m = max(record.rear_m, entry.rear_m)
 
 

@@ -10,6 +10,7 @@ from vobc.t2t.guards import TrainGuards
 from vobc.t2t.hearing import Hearing
 from vobc.t2t.roles import Standing, state_of
 from vobc.t2t.speaker import Speaker
+from vobc.t2t.table import UNBOUNDED_M
 from vobc.t2t.vocabulary import (
     HeldAuthority,
     OwnTrain,
@@ -59,6 +60,11 @@ class TrainCore:
         self._desks: dict[int, AreaDesk] = {}
         self._stored = False
         self._retired = False
+        self._void = False
+        """Its clock or its place went back: nothing that it said or was told holds any more."""
+        self._newest_ns = start_ns
+        self._rear_m = -UNBOUNDED_M
+        """Its rear was surely here or farther on."""
         self._due_ns = start_ns
 
     @property
@@ -75,6 +81,7 @@ class TrainCore:
 
     def step(self, now_ns: int, heard: tuple[T2tMessage, ...], own: OwnTrain) -> Stepped:
         """Read all, decide once, say all."""
+        self._look_back(now_ns, own)
         if self._silenced():
             return self._takes_no_part(now_ns)
         areas = self._concerned(own)
@@ -99,7 +106,24 @@ class TrainCore:
 
     def _silenced(self) -> bool:
         """Without memory, or with a double, it cannot be told from what it was or is not."""
-        return self._forgotten or self._hearing.doubled
+        return self._forgotten or self._void or self._hearing.doubled
+
+    def _look_back(self, now_ns: int, own: OwnTrain) -> None:
+        """Neither time nor a train goes back; what seems to has to begin anew, with the next start.
+
+        A train that went round by a depot, or was towed, is not where its authority was.
+        """
+        if not self._void and now_ns < self._newest_ns:
+            self.refusals["clock went back"] += 1
+            self._void = True
+        self._newest_ns = now_ns
+        if not own.localised:
+            return
+        unsure_m = own.front_max_m - own.front_min_m
+        if not self._void and own.rear_min_m + unsure_m < self._rear_m - self._config.behind_rear_m:
+            self.refusals["place went back"] += 1
+            self._void = True
+        self._rear_m = max(self._rear_m, own.rear_min_m)
 
     def _hear(self, now_ns: int, heard: tuple[T2tMessage, ...]) -> list[T2tMessage]:
         said: list[T2tMessage] = []

@@ -13,6 +13,8 @@ SILENCE_NS: Final = 300_000_000
 """A brake that hears nothing from its controller for so long applies itself."""
 STOPPING_MARGIN_M: Final = 2.0
 """Operation stops so much before the end of authority."""
+SHUNTING_MPS: Final = 5.0
+SHUNTING_MPS2: Final = 0.5
 RELEASE_M: Final = 5.0
 """An emergency at standstill is released once there is so much authority again."""
 
@@ -118,10 +120,19 @@ class Driver:
         net, train = self._net, self.train
         now_ns = net.now_ns
         train.motion.advance(now_ns)
-        if train.on_line:
+        if train.shunts:
+            self._shunt(now_ns)
+        elif train.on_line:
             self._drive(now_ns)
             self._checker.moved(train)
         net.at(now_ns + CONTROL_NS, self.cycle)
+
+    def _shunt(self, now_ns: int) -> None:
+        motion = self.train.motion
+        self.train.heard_ns = now_ns
+        if motion.emergency and motion.speed_mps == 0.0:
+            motion.release_emergency()
+        motion.demand(now_ns, SHUNTING_MPS2 if motion.speed_mps < SHUNTING_MPS else 0.0)
 
     def _drive(self, now_ns: int) -> None:
         train, motion = self.train, self.train.motion

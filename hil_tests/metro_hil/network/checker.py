@@ -209,7 +209,7 @@ class Checker:
     def _within_reach(self, train: TrueTrain) -> None:
         """24, in the flesh: with or without radio no train passes what it was last granted."""
         grants = self.held.get(train.address)
-        if not grants:
+        if not grants or train.shunts:
             return
         if train.motion.speed_mps == 0.0:
             self._excused_m.pop(train.address, None)

@@ -49,6 +49,7 @@ class TrueTrain:
     __slots__ = (
         *("address", "dwell_until_ns", "emergencies", "half_width_m", "heard_ns", "lane"),
         *("length_m", "localised", "motion", "next_stop", "on_line", "out_of_service"),
+        "shunts",
     )
 
     def __init__(
@@ -65,6 +66,13 @@ class TrueTrain:
         self.emergencies = 0
         self.localised = True
         self.out_of_service = False
+        self.shunts = False
+        """Driven by hand off the line, whatever its authority is."""
+
+    @property
+    def rolls(self) -> bool:
+        """It is still to roll or set back."""
+        return self.motion.back_m > 0.0
 
     @property
     def front_m(self) -> float:

@@ -132,6 +132,23 @@ class LineWorld(World):
         self._stays_out(address, grant)
         self.check_objects()
 
+    def without_authority(self) -> list[int]:
+        """But for those that have closed up: a leader that rolled back into the room that it has to
+        leave behind it takes from the next train what it could be given, until it moves on.
+        """
+        return [each for each in super().without_authority() if not self._closed_up(each)]
+
+    def _closed_up(self, address: int) -> bool:
+        train, rules = self.trains[address], self.checker.rules
+        others = [e for e in self.trains.values() if e.on_line and e.front_m > train.front_m]
+        leader = min(others, key=lambda each: each.front_m, default=None)
+        if leader is None or train.motion.speed_mps > 0.0:
+            return False
+        room_m = rules.roll_back_m + rules.jog_m
+        closed_up = train.reading().front_max_m > leader.reading().rear_min_m - room_m
+        self.checker.looked["40 closed up"] += closed_up
+        return closed_up
+
     def closes(self, closed: SpeedRestriction) -> None:
         """23: from some time on no authority that is accepted enters a closed stretch any more.
 

@@ -1,6 +1,7 @@
 """What happens on a railway besides faults.
 
-Objects want to move, people close track and give orders, trains roll back or lose their place.
+Objects want to move, people close track and give orders, trains roll back, lose their place, or
+leave the line at its end and come back at its beginning.
 """
 
 import random
@@ -8,6 +9,7 @@ from collections.abc import Callable
 from typing import Final
 
 from metro_hil.network.crew import Order
+from metro_hil.network.depot import Depot
 from metro_hil.network.line_world import LineWorld
 from zenoh_config.messages import SpeedRestriction
 from zenoh_config.t2t import OrderKind
@@ -26,7 +28,7 @@ class Mischief:
         self.counts: dict[str, int] = {}
         self._rng = random.Random(seed ^ 0x315C)
         self._over = False
-        self._things: list[tuple[str, Callable[[], None]]] = [
+        self._things: list[tuple[str, Callable[[], object]]] = [
             ("rolls back", self._roll_back),
             ("rolls back", self._roll_back),
             ("jog", self._jog),
@@ -37,6 +39,8 @@ class Mischief:
             ("switch order", self._switch_order),
             ("out of service", self._out_of_service),
         ]
+        depot = Depot(world, self._rng)
+        self._things += 3 * [("leaves the line", depot.leaves)]
         if world.track.objects:
             self._things += 4 * [("object wish", self._wish)]
 
@@ -50,7 +54,7 @@ class Mischief:
         for thing in self.world.track.objects.values():
             thing.release_wanted = False
         for each in self.world.trains.values():
-            each.localised, each.out_of_service = True, False
+            each.localised, each.out_of_service = each.on_line, False
         crew = self.world.t2t
         crew.closed, crew.restrictions, crew.orders = (), (), []
         for train in self.world.trains:
@@ -61,8 +65,9 @@ class Mischief:
         if self._over:
             return
         name, call = self._rng.choice(self._things)
-        self.counts[name] = self.counts.get(name, 0) + 1
-        call()
+        # What says False did not come about.
+        if call() is not False:
+            self.counts[name] = self.counts.get(name, 0) + 1
         self.begin()
 
     def _later(self, least_s: float, most_s: float, call: Callable[[], None]) -> None:
@@ -76,7 +81,11 @@ class Mischief:
 
     def _roll_back(self) -> None:
         """A brake applied too late after a stop."""
-        standing = [t for t in self.world.trains.values() if t.motion.speed_mps == 0.0]
+        standing = [
+            t
+            for t in self.world.trains.values()
+            if t.motion.speed_mps == 0.0 and t.on_line and not t.shunts
+        ]
         if not standing:
             return
         train = self._rng.choice(standing)
@@ -91,7 +100,8 @@ class Mischief:
         for train in self.world.trains.values():
             held = self.world.checker.held.get(train.address)
             motion = train.motion
-            if held and motion.speed_mps == 0.0 and motion.accel_mps2 <= 0.0:
+            stands = motion.speed_mps == 0.0 and motion.accel_mps2 <= 0.0
+            if held and stands and train.on_line and not train.shunts:
                 rear_m = train.reading().rear_min_m
                 room_m = min(
                     self.world.checker.rules.jog_m - motion.rolled_m,
@@ -108,7 +118,7 @@ class Mischief:
         self._say(f"train {train.address} loses its place")
 
         def found() -> None:
-            train.localised = True
+            train.localised = train.on_line
             self._say(f"train {train.address} knows its place again")
 
         self._later(0.2, 20.0, found)

@@ -92,7 +92,6 @@ NOTICED: Final[Mapping[str, str]] = {
     "arbiter.waits_after_start": "arbiter-restarts",
     "object.newer_claim": "late-release",
     "object.free_to_lock": "late-claim",
-    "memory of train": "forgetful-train",
     "memory of arbiter": "term-again",
     "memory of object": "object-restarts",
 }
@@ -103,6 +102,10 @@ ARGUED: Final[Mapping[str, str]] = {
         "Votes are counted by nonce all the same, so that no two attempts make a majority "
         "together; what one late grant lets a train believe of its lease, no arbiter "
         "confirms by keeping its roster, and without that nothing is issued."
+    ),
+    "memory of train": (
+        "Who begins anew gets nothing before its master has renewed its roster entry at a "
+        "majority of arbiters, and these keep nothing under an older term than they promised."
     ),
     "master.report_alive": (
         "An authority echoes the report that it answers. One that answers an old report "

@@ -25,7 +25,7 @@ class Scale:
     drift_ppm: int = 200
     """What the protocol is told that clocks may drift; a run stays within."""
     steps: bool = True
-    """Clocks may jump forwards, which their owner cannot know."""
+    """Clocks may jump forwards, which their owner cannot know, or back, which it can."""
     disks: bool = True
     """Disks may be lost."""
 
@@ -49,6 +49,8 @@ class Trouble:
         self._over = False
         self._cuts: dict[int, list[tuple[int, int]]] = {}
         self._cut_number = 0
+        self._void: set[int] = set()
+        """Nodes whose clocks went back and that have not been started anew since."""
         self._usual = CLEAR
         rng = self._rng
         kinds: list[tuple[str, Callable[[], None], int]] = [
@@ -66,6 +68,7 @@ class Trouble:
         ]
         if scale.steps:
             kinds.append(("clock step", self._clock_step, 1))
+            kinds.append(("clock back", self._clock_back, 1))
         if scale.disks:
             kinds.append(("crash with its disk", self._crash_disk, 1))
         chosen = [each for each in kinds if rng.random() < 0.6] or [rng.choice(kinds)]
@@ -89,6 +92,8 @@ class Trouble:
             self.net.nodes[address].slow_ns = 0
             self.net.nodes[address].doom = None
             self.net.nodes[address].freeze_ns = 0
+            if address in self._void:
+                self.net.kill(address, why="is ended, as its clock went back")
             self.revive(address)
         self.net.say("faults", "all over")
 
@@ -233,6 +238,18 @@ class Trouble:
 
     def _clock_step(self) -> None:
         self.net.step_clock(self._victim(), self._span_ns(1.0, 5000.0))
+
+    def _clock_back(self) -> None:
+        """Which no sound monotonic clock does; somebody starts that node anew after a while."""
+        address = self._victim()
+        self.net.step_clock(address, -self._span_ns(1.0, 5000.0))
+        self._void.add(address)
+
+        def anew(_: object) -> None:
+            self._void.discard(address)
+            self._kill(address)
+
+        self._later(self._span_ns(500.0, 10000.0), anew)
 
 
 def _ways(pairs: Sequence[tuple[int, int]]) -> str:

@@ -114,5 +114,7 @@ class World:
         return [
             address
             for address, driver in self.drivers.items()
-            if self.trains[address].on_line and not driver.in_force(self.net.now_ns)[0]
+            if self.trains[address].on_line
+            and not self.trains[address].shunts
+            and not driver.in_force(self.net.now_ns)[0]
         ]

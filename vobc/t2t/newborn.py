@@ -1,0 +1,153 @@
+"""Trains of the roster that began anew: whether one is still where it was, or left and came back.
+
+A roster entry is for one incarnation of its train. Who begins anew gets nothing by it: nobody knows
+what became of the train meanwhile. If it is where it was, the entry is renewed; if it is not, the
+entry ends, and the train applies as a stranger does.
+"""
+
+import enum
+from collections.abc import Callable, Sequence
+from typing import Final, NamedTuple
+
+from vobc.t2t.admission import Scene, is_sieved
+from vobc.t2t.authority import Counted
+from vobc.t2t.conclusions import Conclusions
+from vobc.t2t.guards import InLine, MasterGuards
+from vobc.t2t.roster import Order
+from vobc.t2t.table import Record
+from vobc.t2t.vocabulary import T2tConfig
+from zenoh_config.t2t import NOBODY, RosterEntry, TrainReport
+
+RECENT_NS: Final = 10_000_000_000
+"""No train leaves the line and comes back within this."""
+
+
+class Whereabouts(enum.Enum):
+    IN_PLACE = "in place"
+    GONE = "gone"
+    UNSURE = "unsure"
+    """It keeps its place on the roster, as an obstacle, and gets nothing."""
+
+
+class Former(NamedTuple):
+    """What is known of the life before, and of those behind it."""
+
+    record: Record
+    behind: Sequence[Record]
+    """Of trains behind it on the roster."""
+
+
+class Evidence(NamedTuple):
+    sieved: bool
+    """It stands, and all axles around are those of trains that say they are there."""
+    clear: bool
+    """All sections from where its rear was up to the end of the area are seen clear."""
+    recent: bool
+    """This very master heard of its former life so lately that it cannot have been away."""
+
+
+def whereabouts(
+    former: Former, report: TrainReport, evidence: Evidence, *, behind_rear_m: float
+) -> Whereabouts:
+    """The report is of the new life, and knows its place."""
+    # The rear that it tells is behind the true one by what the front is unsure of, at most.
+    rear_max_m = report.rear_min_m + (report.front_max_m - report.front_min_m)
+    gone_back = rear_max_m < former.record.rear_m - behind_rear_m
+    overtaken = any(each.rear_m > report.front_max_m for each in former.behind)
+    if gone_back or overtaken:
+        # One word alone may be old; what is counted on the track is not.
+        return Whereabouts.GONE if evidence.sieved or evidence.clear else Whereabouts.UNSURE
+    unheard = not evidence.recent and any(each.report is None for each in former.behind)
+    return Whereabouts.UNSURE if unheard else Whereabouts.IN_PLACE
+
+
+def is_clear(counted: Sequence[Counted] | None, from_m: float) -> bool:
+    """Nothing is in any section that reaches beyond this; where none are counted, unknown."""
+    return bool(counted) and not any(
+        each.occupied and each.end_m > from_m for each in counted or ()
+    )
+
+
+class Newborns:
+    """What they told since they began anew, by train."""
+
+    def __init__(self, config: T2tConfig, guards: MasterGuards) -> None:
+        self._config, self._guards = config, guards
+        self._told: dict[int, tuple[TrainReport, int]] = {}
+
+    def hears(self, report: TrainReport, now_ns: int) -> None:
+        self._told[report.source] = report, now_ns
+
+    def forgets(self, train: int) -> None:
+        self._told.pop(train, None)
+
+    def told(self) -> list[tuple[TrainReport, int]]:
+        """The newest of each, and when it came."""
+        return list(self._told.values())
+
+    def ready(self, known: Conclusions, now_ns: int) -> list[tuple[int, int]]:
+        """Of those that are heard: who, and for which switch it is ready."""
+        return [
+            (report.source, report.ready_nonce)
+            for report, heard_ns in self._told.values()
+            if known.is_alive(heard_ns, now_ns)
+        ]
+
+    def settle(
+        self,
+        order: Order,
+        scene_of: Callable[[TrainReport], Scene],
+        known: Conclusions,
+        now_ns: int,
+    ) -> tuple[Order, list[tuple[TrainReport, int]]]:
+        """The order without those that are gone, those in place renewed; and who is gone."""
+        settled, gone = list[RosterEntry](), list[tuple[TrainReport, int]]()
+        for at, entry in enumerate(order):
+            report, heard_ns = self._told.get(entry.train, (None, now_ns))
+            if report is None or not report.localised or not known.is_alive(heard_ns, now_ns):
+                settled.append(entry)
+                continue
+            scene = scene_of(report)
+            former = known.records[entry.train]
+            recent = former.report is not None and now_ns - former.heard_ns <= RECENT_NS
+            found = self._find(order, at, report, scene, recent=recent)
+            if found is Whereabouts.UNSURE:
+                settled.append(entry)
+                continue
+            del self._told[entry.train]
+            if found is Whereabouts.GONE:
+                del known.records[entry.train]
+                gone.append((report, heard_ns))
+            else:
+                sieved = (recent and entry.sieved) or _is_over_border(report, scene)
+                sieved = sieved or is_sieved(report, scene)
+                settled.append(RosterEntry(entry.train, report.rear_min_m, sieved, report.boot))
+                known.reborn(report, heard_ns)
+        return tuple(settled), gone
+
+    def _find(
+        self, order: Order, at: int, report: TrainReport, scene: Scene, *, recent: bool
+    ) -> Whereabouts:
+        records = scene.records
+        record = records[report.source]
+        over_border = _is_over_border(report, scene)
+        evidence = Evidence(
+            sieved=not over_border and scene.counted is not None and is_sieved(report, scene),
+            clear=is_clear(scene.counted, record.rear_m - self._config.overhang_m),
+            recent=recent,
+        )
+        behind = [records[each.train] for each in order[at + 1 :] if each.train in records]
+        found = whereabouts(
+            Former(record, behind), report, evidence, behind_rear_m=self._config.behind_rear_m
+        )
+        if found is not Whereabouts.IN_PLACE or not over_border:
+            return found
+        # As for any other that comes over the border.
+        comes_from = scene.before is not None and report.comes_from == scene.before.number
+        ahead = order[at - 1].train if at else NOBODY
+        in_line = self._guards.comes_in_line(InLine(True, comes_from, report.behind, ahead))
+        return found if in_line else Whereabouts.UNSURE
+
+
+def _is_over_border(report: TrainReport, scene: Scene) -> bool:
+    return scene.before is not None and report.front_max_m <= scene.area.start_m
