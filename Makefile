@@ -96,6 +96,7 @@ bench-t2t: $(READY_TO_TEST) ## kill and stop masters over real zenoh and time th
 	$(BIN)/python -m metro_hil.line_trial --fault kill $(BENCH_ARGS)
 	$(BIN)/python -m metro_hil.line_trial --fault stop $(BENCH_ARGS)
 	$(BIN)/python -m metro_hil.line_trial --fault switch $(BENCH_ARGS)
+	$(BIN)/python -m metro_hil.line_trial --fault none --trains 8 $(BENCH_ARGS)
 	$(BIN)/python -m metro_hil.line_sessions
 
 simulate: compiled ## trains that command themselves under random faults, 10,000 hours; SIMULATE_ARGS=...

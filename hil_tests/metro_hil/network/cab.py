@@ -139,7 +139,9 @@ class Driver:
         grants, age_ratio = self.in_force(now_ns)
         if not grants or not train.localised:
             self._trip(now_ns, "has no authority" if train.localised else "is lost")
-            if self._node.machine is None:
+            machine = self._node.machine
+            if machine is None or (isinstance(machine, Cab) and not machine.grants):
+                # A new life goes by nothing of what its former one held.
                 self._checker.gave_up(train.address)
             return
         end_m = min(grant.end_m for grant in grants)
