@@ -55,6 +55,7 @@ def orders(line: str, train: int) -> str:
     return f"m/{line_chunk(line)}/w/*/or/*/{train}"
 
 
+@lru_cache(maxsize=64)
 def line_chunk(name: str) -> str:
     """A line's name as one chunk of a key: lower case, everything unusual a hyphen."""
     return _UNUSUAL.sub("-", name.lower()).strip("-") or "line"

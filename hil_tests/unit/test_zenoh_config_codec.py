@@ -443,3 +443,12 @@ def test_a_key_is_read_as_hexadecimal() -> None:
 def test_a_key_that_is_none_says_why(text: str, words: str) -> None:
     with pytest.raises(ValueError, match=words):
         safety_key(text)
+
+
+@pytest.mark.parametrize("length", [16, 63, 64, 65, 200])
+def test_the_safety_code_is_the_standard_one_for_a_key_of_any_length(length: int) -> None:
+    key = bytes(range(length))
+
+    for message in (REPORT, ORDERS):
+        payload = pack(message, key)
+        assert payload[-16:] == hmac.digest(key, payload[:-16], hashlib.sha256)[:16]
