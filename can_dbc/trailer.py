@@ -94,7 +94,8 @@ class AliveCounter:
                 self._candidate = value
                 self._refused_ns = heard_ns
                 return Reason.JUMPED_COUNTER, f"counter is {value} after {self.value}"
-            self._lost[self._can_id] += step - 1
+            if step > 1:
+                self._lost[self._can_id] += step - 1
         self.value = value
         self.heard_ns = heard_ns
         return None

@@ -72,18 +72,21 @@ def _finish(bits: int, shifted_state: int, crc: int, data: bytes) -> int:
     """Bits of a frame, given those up to the data field and both states there."""
     length = len(data)
     state = shifted_state >> 16
-    for word in _whole_words[length >> 1](data):
+    for at in range(1, length, 2):
+        word = data[at - 1] << 8 | data[at]
         step = _STUFF_16[state << 16 | word]
         bits += step >> _COUNT_SHIFT
         state = step & _STATE_MASK
         word ^= crc << 1
         crc = _CRC_16_HIGH[word] << 8 | _CRC_16_LOW[word]
     if length & 1:
-        byte = data[-1]
+        byte = data[length - 1]
         step = _STUFF_8[state << 8 | byte]
         bits += step >> _COUNT_SHIFT
         state = step & _STATE_MASK
-        crc = (crc << 8 ^ _CRC_8[crc >> 7 ^ byte]) & _CRC_MASK
+        # Zeros before it leave the CRC of a byte as it is, so a table of words has it, too.
+        byte ^= crc >> 7
+        crc = (crc << 8 & _CRC_MASK) ^ (_CRC_16_HIGH[byte] << 8 | _CRC_16_LOW[byte])
     return bits + (_STUFF_15[state << _CRC_BITS | crc] >> _COUNT_SHIFT)
 
 
@@ -207,7 +210,3 @@ _CRC_16: Final = _crc_table_16(_CRC_8)
 _CRC_16_HIGH: Final = bytes(crc >> 8 for crc in _CRC_16)
 _CRC_16_LOW: Final = bytes(crc & 0xFF for crc in _CRC_16)
 _four_words: Final[Callable[[bytes], tuple[int, int, int, int]]] = struct.Struct(">4H").unpack
-_whole_words: Final[list[Callable[[bytes], tuple[int, ...]]]] = [
-    struct.Struct(f">{n}H").unpack_from for n in range(5)
-]
-"""By number of words; an odd last byte is left over."""

@@ -317,6 +317,16 @@ def test_a_pair_gives_its_command_with_the_second_half() -> None:
     assert not decoder.rejections
 
 
+def test_pairs_that_follow_each_other_lose_none() -> None:
+    decoder = Decoder([BrakeCommand])
+
+    for number in range(3):
+        first, second = pair(RELEASED, number)
+        decoder.decode(BRAKE_ID, first, 40 * number * MS)
+        assert decoder.decode(BRAKE_TWIN_ID, second, (40 * number + 1) * MS) == RELEASED
+    assert not decoder.lost
+
+
 @pytest.mark.parametrize(
     ("gap_ns", "expected"), [(0, None), (20_000_000, None), (20_000_001, "late")]
 )

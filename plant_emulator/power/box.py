@@ -47,15 +47,18 @@ class HighVoltageBox:
 
     __slots__ = (
         "_auxiliary_w",
+        "_braked_j",
         "_config",
         "_cool_ratio",
-        "_due",
         "_electric_ratio",
         "_no_load_v",
         "_on_network",
+        "_pulled_j",
+        "_rest_j",
         "_resting",
         "_step_s",
         "_traction_ratio",
+        "_wished_j",
         "auxiliary_j",
         "braking_j",
         "breaker_closed",
@@ -109,8 +112,8 @@ class HighVoltageBox:
         self._on_network = False
         self.networked = False
         """The network of a line feeds the train, as long as no fault puts another source there."""
-        self._due = Due()
-        """Of traction at full voltage, traction, braking and auxiliaries: not booked yet."""
+        self._wished_j = self._pulled_j = self._braked_j = self._rest_j = 0.0
+        """What is due and was not asked for yet, as in `Due`."""
         self._no_load_v = config.no_load_v
         self._auxiliary_w = config.auxiliary_w
         self.breaker_closed = True
@@ -218,17 +221,21 @@ class HighVoltageBox:
         self.connect(None, breaker_closed=self.breaker_closed)
 
     def _owe(self, traction_j: float, braking_j: float, auxiliary_j: float) -> None:
-        wished_j, pulled_j, braked_j, rest_j = self._due
         if traction_j > 0.0:
-            wished_j += traction_j / max(LEAST_EFFORT_RATIO, self.effort_ratio)
-        self._due = Due(wished_j, pulled_j + traction_j, braked_j + braking_j, rest_j + auxiliary_j)
+            self._wished_j += traction_j / max(LEAST_EFFORT_RATIO, self.effort_ratio)
+        self._pulled_j += traction_j
+        self._braked_j += braking_j
+        self._rest_j += auxiliary_j
 
     def take_load(self, interval_s: float) -> tuple[Wish, Due]:
         """Of the steps since the last time, which took so long, and what is to be booked when the
         network has answered. Off the network it is nothing."""
-        wished_j, _, braked_j, rest_j = due = self._due
-        self._due = Due()
-        return Wish(wished_j / interval_s, braked_j / interval_s, rest_j / interval_s), due
+        due = Due(self._wished_j, self._pulled_j, self._braked_j, self._rest_j)
+        self._wished_j = self._pulled_j = self._braked_j = self._rest_j = 0.0
+        wish = Wish(
+            due.wished_j / interval_s, due.braked_j / interval_s, due.auxiliary_j / interval_s
+        )
+        return wish, due
 
     def fed(
         self,

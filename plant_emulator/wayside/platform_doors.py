@@ -78,6 +78,8 @@ class PlatformDoors:
 
     def ask(self, station: Station | None, *, wanted: bool, now_ns: int) -> None:
         """What the train at this platform demands; it demands of no other platform anything."""
+        if self.resting and not (wanted and station is not None):
+            return
         for name, row in self._rows.items():
             at_train = station is not None and name == station.name
             if at_train and wanted:

@@ -51,6 +51,8 @@ HEARD_KINDS: Final[tuple[type[Frame], ...]] = (
 )
 HEARD_IDS: Final = Decoder(HEARD_KINDS).ids
 """For acceptance filters."""
+ODOMETER_KINDS: Final = (Tacho, Doppler, Imu)
+"""Their age counts from the stamp of their sensor."""
 S_PER_NS: Final = 1e-9
 ALIVE_COUNTER_BYTE: Final = -3
 """Before the two bytes of the CRC."""
@@ -115,7 +117,7 @@ class Inbox:
                 assert isinstance(heard, Rejected)
                 self._refuse(heard.can_id, heard.reason, f"{heard.detail} [{heard.data.hex(' ')}]")
                 continue
-            if isinstance(heard, Tacho | Doppler | Imu):
+            if isinstance(heard, ODOMETER_KINDS):
                 counter = frame.data[ALIVE_COUNTER_BYTE]
                 sampled_ns = self._odometer_clocks.sampled_ns(heard, stamp_ns, counter)
                 if sampled_ns is None:
