@@ -1,7 +1,7 @@
 """What protection hears of others at stations: each word of theirs by itself, and silence."""
 
 import math
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any, Final
 
 import pytest
@@ -45,7 +45,7 @@ CALM: Final = replace(
     orders=ORDERS,
     orders_age_s=0.0,
 )
-NOTHING: Final = Heard(*(False,) * len(Heard._fields))
+NOTHING: Final = Heard(*(False,) * len(fields(Heard)))
 
 
 def ordered(**orders: bool) -> dict[str, Any]:
@@ -75,9 +75,9 @@ def ordered(**orders: bool) -> dict[str, Any]:
     ],
 )
 def test_each_word_means_one_thing(said: dict[str, Any], understood: dict[str, bool]) -> None:
-    calm = NOTHING._replace(centre=True, no_obstacle=True)
+    calm = replace(NOTHING, centre=True, no_obstacle=True)
 
-    assert listen(replace(CALM, **said), CONFIG, 0) == calm._replace(**understood)
+    assert listen(replace(CALM, **said), CONFIG, 0) == replace(calm, **understood)
 
 
 ALL_SAID: Final = replace(
@@ -96,7 +96,7 @@ ALL_SAID: Final = replace(
     desk=replace(DESK, door_bypass_requested=True, no_passenger_alarm=False),
     alarms=TrainAlarms(no_obstacle=False, no_fire=False),
 )
-ALL_HEARD: Final = Heard(*(True,) * len(Heard._fields))._replace(no_obstacle=False)
+ALL_HEARD: Final = replace(Heard(*(True,) * len(fields(Heard))), no_obstacle=False)
 NO_CENTRE: Final = dict.fromkeys(
     (
         "centre",
@@ -138,7 +138,7 @@ LATE: Final = 1.000001
 def test_who_is_not_heard_says_nothing(
     silent: dict[str, Any], gone: int, lost: dict[str, bool]
 ) -> None:
-    assert listen(replace(ALL_SAID, **silent), CONFIG, gone) == ALL_HEARD._replace(**lost)
+    assert listen(replace(ALL_SAID, **silent), CONFIG, gone) == replace(ALL_HEARD, **lost)
 
 
 def test_detectors_that_are_not_heard_do_not_say_that_the_way_is_clear() -> None:

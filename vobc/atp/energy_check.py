@@ -9,6 +9,7 @@ does not also hide in the other. `Replicas` watches that they say the same.
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 from firmware_py.trackdb import LineMap
@@ -27,7 +28,8 @@ class _Phase(NamedTuple):
     lasts_s: float
 
 
-class _Target(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class _Target:
     """A place ahead and the kinetic energy that may be left there."""
 
     at_m: float
@@ -107,7 +109,7 @@ class EnergyCheck:
                 if speed_mps < tolerated_mps or limit.end_m <= rear_m:
                     continue
                 targets.append(_Target(limit.start_m, 0.5 * tolerated_mps * tolerated_mps))
-        targets.sort()
+        targets.sort(key=lambda target: target.at_m)
         return self._arrives_with_too_much(front_m, 0.5 * speed_mps * speed_mps, targets)
 
     def _arrives_with_too_much(

@@ -1,13 +1,14 @@
 """What others say that matters at stations; what is not heard is read to the safe side."""
 
-from typing import NamedTuple
+from dataclasses import dataclass
 
 from vobc.atp.config import AtpConfig
 from vobc.atp.inputs import DESK, DOORS
 from vobc.vocabulary import CycleInput
 
 
-class Heard(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class Heard:
     centre: bool
     """The orders are fresh. All that the centre permits is false while they are not."""
     doors_left: bool

@@ -54,7 +54,8 @@ class _Answers(NamedTuple):
     fire: Answer
 
 
-class _Found(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class _Found:
     """All that a cycle has found out, before it becomes one verdict."""
 
     heard: Heard
