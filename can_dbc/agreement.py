@@ -103,7 +103,8 @@ def mismatches(kind: type[Frame], file: DbcFile, message: Message) -> Iterator[s
 def field_types(kind: type[Frame]) -> dict[str, type[Any]]:
     """The fields of a frame class in their order, with their types."""
     hints = typing.get_type_hints(kind)
-    return {field.name: hints[field.name] for field in dataclasses.fields(kind)}
+    # A compiled class has its types in its fields only.
+    return {field.name: hints.get(field.name, field.type) for field in dataclasses.fields(kind)}
 
 
 def layouts(kind: type[Frame], message: Message) -> tuple[FieldLayout, ...]:

@@ -6,6 +6,7 @@ plain Python statements with the numbers in them cost, so these are generated on
 
 import enum
 import functools
+import importlib
 import operator
 from collections.abc import Callable
 from typing import Any, Final
@@ -18,6 +19,8 @@ Pack = Callable[[Any], int]
 Unpack = Callable[[int], Frame | None]
 """Payload bits to frame; None when a value is outside its range or table."""
 
+WRITTEN: Final = "can_dbc.written_packing"
+"""The same functions written out and compiled; only the copy of `make compiled` has it."""
 TWO_BIT_TRUE: Final = 2
 TWO_BIT_FALSE: Final = 1
 
@@ -29,10 +32,13 @@ class EncodeError(ValueError):
 @functools.cache
 def packer(kind: type[Frame]) -> Pack:
     """The function from a frame of this class to its payload bits."""
+    written: Pack | None = _written("pack", kind)
+    if written is not None:
+        return written
     bound = binding_of(kind)
     lines = ["def pack(frame):", " try:"]
     names: dict[str, object] = {
-        "refuse": functools.partial(_refuse, bound),
+        "refuse": functools.partial(refusal, kind),
         "bad": _bad,
         "index": operator.index,
     }
@@ -49,6 +55,9 @@ def packer(kind: type[Frame]) -> Pack:
 @functools.cache
 def unpacker(kind: type[Frame]) -> Unpack:
     """The function from payload bits to a frame of this class."""
+    written: Unpack | None = _written("unpack", kind)
+    if written is not None:
+        return written
     bound = binding_of(kind)
     names: dict[str, object] = {"kind": kind, "draft": _draft_of(bound)}
     lines = ["def unpack(bits):"]
@@ -104,7 +113,7 @@ def _compiled(lines: list[str], names: dict[str, object], kind: type[Frame]) -> 
 def _pack_lines(field: FieldLayout, index: int) -> list[str]:
     add = "bits +=" if index else "bits ="
     if field.kind is bool:
-        true, false = (hex(raw << field.start) for raw in _bool_raws(field))
+        true, false = (hex(raw << field.start) for raw in bool_raws(field))
         return [f"{add} {true} if value is True else {false} if value is False else bad()"]
     if issubclass(field.kind, enum.Enum):
         return [
@@ -131,7 +140,7 @@ def _unpack_lines(field: FieldLayout, index: int) -> list[str]:
     mask = (1 << field.length) - 1
     raw = f"bits{_shift('>>', field.start)} & {mask:#x}"
     if field.kind is bool:
-        true, _ = _bool_raws(field)
+        true, _ = bool_raws(field)
         return [f" value{index} = bits & {mask << field.start:#x} == {true << field.start:#x}"]
     if issubclass(field.kind, enum.Enum):
         return [f" value{index} = table{index}[{raw}]", f" if value{index} is None: return None"]
@@ -159,7 +168,17 @@ def _scaled(field: FieldLayout) -> str:
     return f"{text} + {field.offset!r}" if field.offset else text
 
 
-def _bool_raws(field: FieldLayout) -> tuple[int, int]:
+def _written(what: str, kind: type[Frame]) -> Any:
+    """One of "pack" and "unpack" of this class where they were written out, else None."""
+    try:
+        functions = importlib.import_module(WRITTEN).FUNCTIONS
+    except ModuleNotFoundError:
+        return None
+    return functions.get((what, kind))
+
+
+def bool_raws(field: FieldLayout) -> tuple[int, int]:
+    """What stands for true, and for false."""
     return (TWO_BIT_TRUE, TWO_BIT_FALSE) if field.length > 1 else (1, 0)
 
 
@@ -179,8 +198,9 @@ def _bad() -> int:
     raise ValueError
 
 
-def _refuse(bound: Binding, frame: Frame) -> EncodeError:
+def refusal(kind: type[Frame], frame: Frame) -> EncodeError:
     """The error for the first field whose value is none."""
+    bound = binding_of(kind)
     where = bound.message.name
     for field in bound.fields:
         value = getattr(frame, field.name)

@@ -3,7 +3,8 @@
 The sources stay plain Python and stay what is run by default: a compiled module that lies beside
 its source would go on being imported after the source was changed. So the copy has a folder and
 commands of its own, and is made anew by each call. It needs a C compiler and Python's headers. All
-that is compiled besides the sources is the constructors of dataclasses, written out.
+that is compiled besides the sources is the constructors of dataclasses and the packing functions of
+frames, written out.
 """
 
 import argparse
@@ -16,7 +17,7 @@ from pathlib import Path
 from typing import Final
 
 from firmware_py.assertions import require_assertions
-from metro_tools.written_inits import bases_in, with_written_inits
+from metro_tools.written_inits import bases_in, with_bound_frames, with_written_inits
 
 PACKAGES: Final = {
     "can_dbc": "can_dbc",
@@ -27,7 +28,16 @@ PACKAGES: Final = {
     "metro_hil": "hil_tests/metro_hil",
     "metro_tools": "tools/metro_tools",
 }
+FRAMES: Final = (
+    *("can_dbc/alarms.py", "can_dbc/analogue.py", "can_dbc/brake.py", "can_dbc/cab.py"),
+    *("can_dbc/doors.py", "can_dbc/energy.py", "can_dbc/odometer.py", "can_dbc/tags.py"),
+    *("can_dbc/traction.py", "can_dbc/vobc.py"),
+)
+"""Modules whose frame classes are compiled, with their packing functions written out beside them;
+the classes of `diagnostics` are made while it is imported."""
+WRITTEN: Final = "can_dbc/written_packing.py"
 HOT: Final = (
+    *FRAMES,
     "can_dbc/codec.py",
     "can_dbc/trailer.py",
     "firmware_py/buses/inproc.py",
@@ -48,6 +58,7 @@ HOT: Final = (
     "metro_hil/monitors/watch_*.py",
     "metro_hil/network/*.py",
     "metro_hil/chain.py",
+    "metro_hil/line_run/seat.py",
     "metro_hil/lockstep.py",
     "metro_hil/case_run.py",
     "plant_emulator/actuators/*.py",
@@ -59,6 +70,9 @@ HOT: Final = (
     "plant_emulator/sensors/inertial.py",
     "plant_emulator/sensors/tacho.py",
     "plant_emulator/sensors/tag_reader.py",
+    "plant_emulator/traffic/coupling.py",
+    "plant_emulator/traffic/dispatcher.py",
+    "plant_emulator/traffic/member.py",
     "plant_emulator/truth.py",
     "plant_emulator/wayside/*.py",
     "plant_emulator/wire.py",
@@ -100,6 +114,10 @@ from mypyc.build import mypycify
 modules = mypycify({modules!r}, opt_level={level!r}, debug_level="0")
 setup(name="compiled", packages=[], ext_modules=modules)
 """
+PACKING: Final = """\
+from metro_tools.written_packing import written
+print(written({names!r}), end="")
+"""
 LAUNCHER: Final = """\
 #!/bin/sh
 PYTHONSAFEPATH=1 PYTHONPATH="{library}" exec "{python}" -m {module} "$@"
@@ -135,11 +153,13 @@ def compile_into(library: Path, level: str) -> None:
     modules = hot_modules(library)
     sources = {name: (library / name).read_bytes() for name in modules}
     bases = set[str]().union(*(bases_in(source.decode()) for source in sources.values()))
+    (library / WRITTEN).write_text(_packing(library), encoding="utf-8")
     for name, source in sources.items():
-        text = with_written_inits(source.decode(), bases)
+        text = with_written_inits(with_bound_frames(source.decode()), bases)
         (library / name).write_text(text, encoding="utf-8")
     setup = library / "setup.py"
-    setup.write_text(SETUP.format(modules=modules, level=level), encoding="utf-8")
+    text = SETUP.format(modules=[*modules, WRITTEN], level=level)
+    setup.write_text(text, encoding="utf-8")
     # To look for warnings in generated C takes the compiler several times as long as all the rest.
     no_warnings = f"{os.environ.get('CFLAGS', '')} -w".strip()
     done = subprocess.run(  # noqa: S603 - our own interpreter and script
@@ -151,6 +171,7 @@ def compile_into(library: Path, level: str) -> None:
         check=False,
     )
     setup.unlink()
+    (library / WRITTEN).unlink()
     for name, source in sources.items():
         (library / name).write_bytes(source)
     shutil.rmtree(library / "build", ignore_errors=True)
@@ -158,6 +179,21 @@ def compile_into(library: Path, level: str) -> None:
         words = [*done.stdout.splitlines(), *done.stderr.splitlines()]
         faults = [line for line in words if "error" in line.lower()] or words
         raise CompileError("\n".join(["mypyc or the C compiler failed:", *faults[-8:]]))
+
+
+def _packing(library: Path) -> str:
+    """The text of the module of packing functions, by the DBC files of the copy."""
+    names = [name.removesuffix(".py").replace("/", ".") for name in FRAMES]
+    done = subprocess.run(  # noqa: S603 - our own interpreter and module
+        [sys.executable, "-c", PACKING.format(names=names)],
+        env={**os.environ, "PYTHONPATH": str(library), "PYTHONSAFEPATH": "1"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if done.returncode != 0:
+        raise CompileError(f"the packing functions cannot be written:\n{done.stderr}")
+    return done.stdout
 
 
 def write_commands(folder: Path) -> None:
