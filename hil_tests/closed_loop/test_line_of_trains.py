@@ -1,10 +1,13 @@
 """Whole trains with their controllers on one line: the same bytes anywhere, and room between."""
 
+import os
 from pathlib import Path
 
-from metro_hil.line_run.conduct import conduct
+import pytest
+
+from metro_hil.line_run.conduct import TrainDiedError, conduct
 from metro_hil.line_run.seat import Seat, plan_line
-from plant_emulator.traffic.coupling import INTERVAL_S, Coupling
+from plant_emulator.traffic.coupling import INTERVAL_S, Coupling, Said
 
 LENGTH_M = 78.08
 
@@ -64,3 +67,21 @@ def test_a_train_stops_behind_one_that_is_kept_at_its_platform() -> None:
     assert 10.0 < gaps_m[-1] < 65.0
     assert min(gaps_m) == gaps_m[-1]
     assert [report.emergencies for report in reports] == [0, 0]
+
+
+def test_a_train_whose_process_ends_is_named_with_its_exit_code(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    plan = plan_line(line="changping", trains=2, consist=None, params=None, seed=5)
+    advance = Seat.advance
+
+    def dying(seat: Seat) -> Said:
+        said = advance(seat)
+        if seat.member.train == 2 and seat.member.plant.world.now_ns >= 10**9:
+            os._exit(7)
+        return said
+
+    monkeypatch.setattr(Seat, "advance", dying)
+
+    with pytest.raises(TrainDiedError, match="train 2: its process ended with 7"):
+        conduct(plan, 5.0, folders=[None] * 2, processes=True)

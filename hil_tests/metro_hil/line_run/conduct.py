@@ -26,6 +26,8 @@ RECORD_EVERY: Final = 5
 COLLECT_AFTER: Final = 50_000
 SAID: Final = struct.Struct("<6d")
 ANSWER: Final = struct.Struct("<5d")
+GONE: Final = (EOFError, BrokenPipeError, ConnectionResetError)
+"""What tells that the process at the other end has ended."""
 
 
 class Row(NamedTuple):
@@ -86,30 +88,49 @@ class _There:
         theirs.close()
 
     def said(self) -> Said:
-        return Said(*SAID.unpack(self._hear()))
+        try:
+            return Said(*SAID.unpack(_read(self._pipe, SAID.size)))
+        except GONE as error:
+            raise self._died() from error
 
     def answer(self, answer: Answer) -> None:
-        self._pipe.send_bytes(ANSWER.pack(*answer))
+        try:
+            _write(self._pipe, ANSWER.pack(*answer))
+        except GONE as error:
+            raise self._died() from error
 
     def report(self) -> TrainReport:
         try:
             report: TrainReport = self._pipe.recv()
-        except EOFError as error:
+        except GONE as error:
             raise self._died() from error
         self.process.join()
         return report
-
-    def _hear(self) -> bytes:
-        try:
-            return self._pipe.recv_bytes()
-        except EOFError as error:
-            raise self._died() from error
 
     def _died(self) -> TrainDiedError:
         self.process.join()
         return TrainDiedError(
             f"train {self._train}: its process ended with {self.process.exitcode}, see above"
         )
+
+
+def _read(pipe: Connection, size: int) -> bytes:
+    """Exactly so much, a message of a known size; raises EOFError when the other end is gone.
+
+    A connection's own messages begin with their length, which is one call of the system more.
+    """
+    found = b""
+    while len(found) < size:
+        more = os.read(pipe.fileno(), size - len(found))
+        if not more:
+            raise EOFError
+        found += more
+    return found
+
+
+def _write(pipe: Connection, data: bytes) -> None:
+    while data:
+        data = data[os.write(pipe.fileno(), data) :]
 
 
 def _serve(
@@ -121,10 +142,10 @@ def _serve(
     seat = Seat(plan, index, folder)
     for interval in range(intervals):
         if interval >= AHEAD:
-            seat.hears(Answer(*ANSWER.unpack(pipe.recv_bytes())))
-        pipe.send_bytes(SAID.pack(*seat.advance()))
+            seat.hears(Answer(*ANSWER.unpack(_read(pipe, ANSWER.size))))
+        _write(pipe, SAID.pack(*seat.advance()))
     for _ in range(min(AHEAD, intervals)):
-        seat.hears(Answer(*ANSWER.unpack(pipe.recv_bytes())))
+        seat.hears(Answer(*ANSWER.unpack(_read(pipe, ANSWER.size))))
     pipe.send(seat.close())
 
 
