@@ -6,7 +6,6 @@ docs/radio_interface.md has the layout and the table of threats and defences; wh
 can check, order and age, is in sequencing.py.
 """
 
-import hashlib
 import hmac
 import struct
 from collections.abc import Callable, Mapping
@@ -38,10 +37,6 @@ TYPE_TRAIN_ORDERS: Final = 4
 HEADER: Final = struct.Struct(">BBHHIQ")
 """Version, type, source, destination, sequence, stamp in ns of the sender's clock."""
 CODE_BYTES: Final = 16
-HASH_BLOCK_BYTES: Final = 64
-"""Of SHA-256."""
-INNER_PAD: Final = 0x36
-OUTER_PAD: Final = 0x5C
 MAX_BYTES: Final = 4096
 """Longer ones are refused before anything is computed."""
 MIN_KEY_BYTES: Final = 16
@@ -325,19 +320,12 @@ def _packed_orders(orders: TrainOrders) -> bytes:
 @lru_cache(maxsize=16)
 def _code(sealed: bytes, key: bytes) -> bytes:
     """Where both ends share a process, what one has just sealed is opened by the other."""
-    # HMAC as RFC 2104 has it; what depends on the key alone is hashed once for all messages.
-    inner, outer = (begun.copy() for begun in _begun(key))
-    inner.update(sealed)
-    outer.update(inner.digest())
-    return outer.digest()[:CODE_BYTES]
+    code = _begun(key).copy()
+    code.update(sealed)
+    return code.digest()[:CODE_BYTES]
 
 
 @lru_cache(maxsize=16)
-def _begun(key: bytes) -> "tuple[hashlib._Hash, hashlib._Hash]":
-    """Inner and outer hash with the key's block run in."""
-    short = hashlib.sha256(key).digest() if len(key) > HASH_BLOCK_BYTES else key
-    block = short.ljust(HASH_BLOCK_BYTES, b"\0")
-    return (
-        hashlib.sha256(bytes(byte ^ INNER_PAD for byte in block)),
-        hashlib.sha256(bytes(byte ^ OUTER_PAD for byte in block)),
-    )
+def _begun(key: bytes) -> hmac.HMAC:
+    """With the key run in, once for all messages."""
+    return hmac.new(key, digestmod="sha256")
