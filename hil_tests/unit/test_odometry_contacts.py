@@ -15,6 +15,8 @@ REACH_M, BOUND_M = 0.5, 0.06
 """Two readings of a passage are no further apart than twice both: 1.12 m."""
 CONFIG = replace(load_config("florence4").odometry, tag_reach_m=REACH_M, tag_bound_m=BOUND_M)
 PULSE_M = 0.01
+FAR = 1_000_000
+"""Pulses that tell nothing of being near to where a tag was read before."""
 SEVEN, EIGHT = TagSite(7, 20.0), TagSite(8, 21.5)
 
 
@@ -33,29 +35,29 @@ def settled() -> Contacts:
 
 def test_of_a_train_that_has_just_started_nobody_knows_what_it_read_before() -> None:
     contacts = Contacts(CONFIG)
-    assert contacts.off_m(SEVEN) == REACH_M
+    assert contacts.off_m(SEVEN, FAR, PULSE_M) == REACH_M
 
     contacts.move(gone(0, 0.0), PULSE_M)
     contacts.look(inf)
-    assert contacts.off_m(SEVEN) == REACH_M
+    assert contacts.off_m(SEVEN, FAR, PULSE_M) == REACH_M
     contacts.move(gone(1000, 10.0), PULSE_M)
-    assert contacts.off_m(SEVEN) == 0.0
+    assert contacts.off_m(SEVEN, FAR, PULSE_M) == 0.0
 
 
 def test_a_tag_is_read_at_its_centre_the_first_time_and_anywhere_within_reach_after() -> None:
     contacts = settled()
-    assert contacts.off_m(SEVEN) == 0.0
-    contacts.read(7, gone(1000, 10.0))
+    assert contacts.off_m(SEVEN, FAR, PULSE_M) == 0.0
+    contacts.read(7, gone(1000, 10.0), 0.1)
 
-    assert contacts.off_m(SEVEN) == REACH_M
-    assert contacts.off_m(EIGHT) == 0.0, "another tag is none the worse"
+    assert contacts.off_m(SEVEN, FAR, PULSE_M) == REACH_M
+    assert contacts.off_m(EIGHT, FAR, PULSE_M) == 0.0, "another tag is none the worse"
 
 
 def test_telegrams_that_are_found_missing_just_now_may_be_those_of_any_tag() -> None:
     contacts = settled()
     contacts.miss(gone(1000, 10.0))
 
-    assert contacts.off_m(SEVEN) == contacts.off_m(EIGHT) == REACH_M
+    assert contacts.off_m(SEVEN, FAR, PULSE_M) == contacts.off_m(EIGHT, FAR, PULSE_M) == REACH_M
 
 
 @pytest.mark.parametrize(
@@ -70,18 +72,21 @@ def test_a_tag_that_was_still_ahead_when_telegrams_were_found_missing_is_none_of
     contacts.look(ahead_m)
     contacts.look(20.5)
 
-    assert contacts.off_m(SEVEN) == off_m
+    assert contacts.off_m(SEVEN, FAR, PULSE_M) == off_m
 
 
 def test_each_time_that_telegrams_are_found_missing_counts_anew() -> None:
     contacts = settled()
     contacts.miss(gone(1000, 10.0))
     contacts.look(15.0)
-    assert contacts.off_m(SEVEN) == 0.0
+    assert contacts.off_m(SEVEN, FAR, PULSE_M) == 0.0
 
     contacts.miss(gone(1050, 10.5))
     contacts.look(20.5)
-    assert (contacts.off_m(SEVEN), contacts.off_m(EIGHT)) == (REACH_M, 0.0)
+    assert (contacts.off_m(SEVEN, FAR, PULSE_M), contacts.off_m(EIGHT, FAR, PULSE_M)) == (
+        REACH_M,
+        0.0,
+    )
 
 
 def test_a_train_that_rolled_back_had_reached_what_it_reached() -> None:
@@ -91,7 +96,10 @@ def test_a_train_that_rolled_back_had_reached_what_it_reached() -> None:
     contacts.miss(gone(1000, 10.0))
     contacts.look(19.0)
 
-    assert (contacts.off_m(SEVEN), contacts.off_m(EIGHT)) == (REACH_M, 0.0)
+    assert (contacts.off_m(SEVEN, FAR, PULSE_M), contacts.off_m(EIGHT, FAR, PULSE_M)) == (
+        REACH_M,
+        0.0,
+    )
 
 
 def test_a_train_whose_place_is_lost_may_have_reached_any_tag() -> None:
@@ -101,7 +109,7 @@ def test_a_train_whose_place_is_lost_may_have_reached_any_tag() -> None:
     contacts.look(inf)
     contacts.look(12.0)
 
-    assert contacts.off_m(SEVEN) == contacts.off_m(EIGHT) == REACH_M
+    assert contacts.off_m(SEVEN, FAR, PULSE_M) == contacts.off_m(EIGHT, FAR, PULSE_M) == REACH_M
 
 
 def test_a_place_that_is_found_again_is_as_good_as_any() -> None:
@@ -111,7 +119,7 @@ def test_a_place_that_is_found_again_is_as_good_as_any() -> None:
     contacts.miss(gone(1000, 10.0))
     contacts.look(12.1)
 
-    assert contacts.off_m(SEVEN) == 0.0
+    assert contacts.off_m(SEVEN, FAR, PULSE_M) == 0.0
 
 
 @pytest.mark.parametrize("missing", [True, False])
@@ -138,37 +146,71 @@ def test_a_tag_is_left_once_wheels_and_ground_both_say_so(
     if missing:
         contacts.miss(there)
     else:
-        contacts.read(7, there)
+        contacts.read(7, there, 0.1)
     contacts.move(gone(1000 + sign * pulses, sign * ground_m, 3.0 + blur_m), PULSE_M)
 
-    assert contacts.off_m(SEVEN) == off_m
+    assert contacts.off_m(SEVEN, FAR, PULSE_M) == off_m
+
+
+@pytest.mark.parametrize(
+    ("pulses", "off_m"), [(0, 0.11), (10, 0.21), (-10, 0.21), (38, 0.49), (39, 0.5), (-90, 0.5)]
+)
+def test_wheels_tell_how_far_a_tag_that_was_read_is_read_again(pulses: int, off_m: float) -> None:
+    """The first time within 10 cm, and a pulse."""
+    contacts = settled()
+    contacts.read(7, gone(1000, 10.0), 0.1)
+
+    assert contacts.off_m(SEVEN, 1000 + pulses, PULSE_M) == pytest.approx(off_m)
+    assert contacts.off_m(SEVEN, 1000 + pulses, inf) == REACH_M, "bad wheels tell nothing"
+
+
+def test_once_the_wheels_slipped_they_do_not_tell_it_any_more() -> None:
+    contacts = settled()
+    contacts.read(7, gone(1000, 10.0), 0.1)
+    contacts.doubt()
+    assert contacts.off_m(SEVEN, 1000, PULSE_M) == REACH_M
+    assert contacts.off_m(EIGHT, 1000, PULSE_M) == 0.0
+
+    contacts.move(gone(2000, 20.0), PULSE_M)
+    assert contacts.off_m(SEVEN, 1000, PULSE_M) == 0.0, "but it is left all the same"
+
+
+def test_of_missing_telegrams_wheels_tell_nothing() -> None:
+    contacts = settled()
+    contacts.read(7, gone(1000, 10.0), 0.1)
+    contacts.miss(gone(1000, 10.0))
+
+    assert contacts.off_m(SEVEN, 1000, PULSE_M) == REACH_M
 
 
 def test_a_train_that_comes_back_to_a_tag_that_it_had_left_reads_its_centre() -> None:
     contacts = settled()
-    contacts.read(7, gone(1000, 10.0))
+    contacts.read(7, gone(1000, 10.0), 0.1)
     contacts.move(gone(1300, 13.0), PULSE_M)
     contacts.move(gone(1000, 10.0), PULSE_M)
 
-    assert contacts.off_m(SEVEN) == 0.0
+    assert contacts.off_m(SEVEN, FAR, PULSE_M) == 0.0
 
 
 def test_what_was_read_is_forgotten_one_by_one() -> None:
     contacts = settled()
-    contacts.read(7, gone(1000, 10.0))
-    contacts.read(8, gone(1100, 11.0))
+    contacts.read(7, gone(1000, 10.0), 0.1)
+    contacts.read(8, gone(1100, 11.0), 0.1)
     contacts.move(gone(1150, 11.5), PULSE_M)
 
-    assert (contacts.off_m(SEVEN), contacts.off_m(EIGHT)) == (0.0, REACH_M)
+    assert (contacts.off_m(SEVEN, FAR, PULSE_M), contacts.off_m(EIGHT, FAR, PULSE_M)) == (
+        0.0,
+        REACH_M,
+    )
 
 
 def test_a_reading_counts_from_its_latest() -> None:
     contacts = settled()
-    contacts.read(7, gone(1000, 10.0))
-    contacts.read(7, gone(1050, 10.5))
+    contacts.read(7, gone(1000, 10.0), 0.1)
+    contacts.read(7, gone(1050, 10.5), 0.1)
     contacts.move(gone(1150, 11.5), PULSE_M)
 
-    assert contacts.off_m(SEVEN) == REACH_M
+    assert contacts.off_m(SEVEN, FAR, PULSE_M) == REACH_M
 
 
 @given(
@@ -198,12 +240,15 @@ def test_however_the_train_turns_no_second_reading_within_reach_is_taken_for_the
     for move_m in (5.0, 5.0, 15.0, 5.0 + felt_off_m):
         go(move_m)
     if found_after is None:
-        contacts.read(7, way())
+        contacts.read(7, way(), 0.1)
     for number, move_m in enumerate(moves_m):
         if number == found_after:
             contacts.miss(way())
         go(move_m)
         if abs(at_m - tag_m) > REACH_M:
             break
-        if found_after is None or number >= found_after:
-            assert contacts.off_m(site) == REACH_M
+        off_m = contacts.off_m(site, way().pulses, PULSE_M / 0.99)
+        if found_after is None:
+            assert off_m >= min(REACH_M, abs(at_m - tag_m))
+        elif number >= found_after:
+            assert off_m == REACH_M

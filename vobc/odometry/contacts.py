@@ -23,7 +23,8 @@ class Contacts:
 
     The first telegram of a passage is of the tag's centre. While the antenna stays within reach of
     the tag, it may be read again, at any place there. So a reading tells the centre only if no
-    other of this passage can have come before it, neither one that was heard nor a lost one.
+    other of this passage can have come before it, neither one that was heard nor a lost one. Of one
+    that was heard, wheels that have not slipped since tell how far away the next one is.
     """
 
     __slots__ = (
@@ -42,8 +43,8 @@ class Contacts:
         self._bound_m = config.tag_bound_m
         # Both readings lie within reach, on either side: this far from one, the tag is left.
         self._leave_m = 2.0 * (config.tag_reach_m + config.tag_bound_m)
-        self._read: dict[int, Way] = {}
-        """Tags that may not have been left yet, and where they were read last."""
+        self._read: dict[int, tuple[Way, float]] = {}
+        """Tags that may not have been left yet; where they were read last, and within what."""
         self._furthest_m = inf
         """So far ahead the antenna may have been; nobody knows while the place is lost."""
         # Of what was read before the start nobody told.
@@ -53,9 +54,17 @@ class Contacts:
         """Tags further on had not been reached by then."""
         self._gap_is_new = True
 
-    def read(self, tag_id: int, way: Way) -> None:
-        """A tag was read there, and that was told."""
-        self._read[tag_id] = way
+    def read(self, tag_id: int, way: Way, bound_m: float) -> None:
+        """A tag was read there, and that was told.
+
+        Args:
+            bound_m: of the way from the tag to the antenna's centre; infinity for bad wheels.
+        """
+        self._read[tag_id] = (way, bound_m)
+
+    def doubt(self) -> None:
+        """The wheels slip: they do not tell any more how far it is from where a tag was read."""
+        self._read = {tag_id: (way, inf) for tag_id, (way, _) in self._read.items()}
 
     def miss(self, way: Way) -> None:
         """Telegrams are missing up to here, of whichever tags they were."""
@@ -67,9 +76,9 @@ class Contacts:
             self._gap = None
         if self._read:
             self._read = {
-                tag_id: read
-                for tag_id, read in self._read.items()
-                if not self._left(read, way, least_m_per_pulse)
+                tag_id: (there, bound_m)
+                for tag_id, (there, bound_m) in self._read.items()
+                if not self._left(there, way, least_m_per_pulse)
             }
 
     def look(self, ahead_m: float) -> None:
@@ -80,13 +89,15 @@ class Contacts:
         if self._gap_is_new:
             self._gap_furthest_m, self._gap_is_new = ahead_m, False
 
-    def off_m(self, site: TagSite) -> float:
+    def off_m(self, site: TagSite, pulses: int, most_m_per_pulse: float) -> float:
         """How far from the tag the antenna's centre may have been when it was read just now."""
-        if site.tag_id in self._read:
-            return self._reach_m
         if self._gap is not None and site.position_m - self._bound_m <= self._gap_furthest_m:
             return self._reach_m
-        return 0.0
+        before = self._read.get(site.tag_id)
+        if before is None:
+            return 0.0
+        way, bound_m = before
+        return min(self._reach_m, bound_m + (abs(pulses - way.pulses) + 1) * most_m_per_pulse)
 
     def _left(self, there: Way, way: Way, least_m_per_pulse: float) -> bool:
         # Pulses tell the way between two counts within one.

@@ -114,7 +114,7 @@ class Odometry:
             if moved_m is not None:
                 self._where.widen(moved_m)
         way = Way(self._where.pulses, self._over_m, self._over_blur_m)
-        self._refer.follow(way, self._where.scale.declared_m[0], gap=seen.tag_gap)
+        self._refer.follow(way, self._where.scale.declared_m[0], gap=seen.tag_gap, slip=self._slip)
         accepted: tuple[int, ...] = ()
         refused: tuple[RefusedTag, ...] = ()
         for tag in seen.tags:
@@ -298,18 +298,19 @@ class Odometry:
         counted = round(rate * age_s) if since is None else since
         rough_m = 0.0 if honest else 0.5 * (over_m[1] - over_m[0])
         front_m = site.position_m + self._antenna_m
-        off_m = refer.off_centre_m(site)
+        read_at = where.pulses - counted
+        off_m = refer.off_centre_m(site, read_at, where.scale.declared_m[1] if honest else math.inf)
         bound_m = config.tag_bound_m + off_m + latch_m + where.scale.declared_m[1]
         reading = Reading(
             site,
             front_m,
             front_m + since_m[1],
             bound_m + rough_m + 0.5 * (since_m[2] - since_m[0]),
-            where.pulses - counted,
+            read_at,
             self._over_m - 0.5 * (over_m[0] + over_m[1]),
             self._over_blur_m,
         )
-        refer.read(reading)
+        refer.read(reading, honest=honest)
         lost = bool(refer.lost_cause)
         if lost:
             refusal = refer.find_again(reading, *where.scale.declared_m)
@@ -318,8 +319,7 @@ class Odometry:
             where.begin_anew(reading.claim_m, reading.bound_m)
         else:
             since_s = max(0.0, self._time.now_s - track.stamp_s)
-            low_m, high_m = where.window(ground.low_mps, ground.high_mps, since_s)
-            refusal = refer.judge(reading, low_m, high_m)
+            refusal = refer.judge(reading, *where.window(ground.low_mps, ground.high_mps, since_s))
             if refusal is not None:
                 return False, refusal
         refer.accept(reading)

@@ -102,20 +102,22 @@ class References:
             return abs(cold.moved_m)
         return None
 
-    def follow(self, way: Way, least_m_per_pulse: float, *, gap: bool) -> None:
+    def follow(self, way: Way, least_m_per_pulse: float, *, gap: bool, slip: bool) -> None:
         """Follow the train, and hear whether telegrams of the reader may be missing up to here."""
         self._contacts.move(way, least_m_per_pulse)
+        if slip:
+            self._contacts.doubt()
         if gap:
             self._contacts.miss(way)
 
-    def off_centre_m(self, site: TagSite) -> float:
-        """How far from the tag the antenna may have been when it was read just now."""
-        return self._contacts.off_m(site)
+    def off_centre_m(self, site: TagSite, pulses: int, most_m_per_pulse: float) -> float:
+        """How far from the tag the antenna may have been when it was read, at so many pulses."""
+        return self._contacts.off_m(site, pulses, most_m_per_pulse)
 
-    def read(self, reading: Reading) -> None:
-        """Keep in mind that a tag was read, whatever becomes of it."""
+    def read(self, reading: Reading, *, honest: bool) -> None:
+        """Keep in mind that a tag was read, by honest wheels or not, whatever becomes of it."""
         way = Way(reading.pulses, reading.ground_m, reading.ground_bound_m)
-        self._contacts.read(reading.site.tag_id, way)
+        self._contacts.read(reading.site.tag_id, way, reading.bound_m if honest else math.inf)
 
     def turned(self, pulses: int) -> None:
         """Follow the wheels, in pulses since start."""
