@@ -44,6 +44,35 @@ def test_of_a_train_that_has_just_started_nobody_knows_what_it_read_before() -> 
     assert contacts.off_m(SEVEN, FAR, PULSE_M) == 0.0
 
 
+@pytest.mark.parametrize(
+    ("way", "off_m"),
+    [
+        (gone(113, 5.0), REACH_M),
+        (gone(114, 5.0), 0.0),
+        (gone(-113, -5.0), REACH_M),
+        (gone(500, 1.12), REACH_M),
+        (gone(500, 1.13), 0.0),
+        (gone(-500, -1.12), REACH_M),
+        (gone(500, 1.63, 0.52), REACH_M),
+        (gone(500, 1.63, 0.5), 0.0),
+    ],
+)
+def test_a_start_is_left_as_any_other_place_is(way: Way, off_m: float) -> None:
+    contacts = Contacts(CONFIG)
+    contacts.look(inf)
+    contacts.move(way, PULSE_M)
+
+    assert contacts.off_m(SEVEN, FAR, PULSE_M) == off_m
+
+
+def test_a_tag_that_is_ahead_at_the_start_was_not_read_before() -> None:
+    contacts = Contacts(CONFIG)
+    contacts.look(19.9)
+    contacts.look(20.5)
+
+    assert contacts.off_m(SEVEN, FAR, PULSE_M) == 0.0
+
+
 def test_a_tag_is_read_at_its_centre_the_first_time_and_anywhere_within_reach_after() -> None:
     contacts = settled()
     assert contacts.off_m(SEVEN, FAR, PULSE_M) == 0.0
