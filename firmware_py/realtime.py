@@ -236,7 +236,7 @@ def _keep_processor_awake() -> str:
     if in_virtual_machine():
         raise OSError(
             errno.EPERM,
-            "not asked for in a virtual machine: the host takes time from a guest that never idles",
+            "left alone in a virtual machine: its host takes time from a guest that never idles",
         )
     if _awake_file is None:
         file = os.open(PM_QOS, os.O_WRONLY | os.O_CLOEXEC)
