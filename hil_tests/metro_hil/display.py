@@ -23,6 +23,7 @@ from can_dbc.vobc import (
 )
 from firmware_py.buses.timing import frame_bits
 from firmware_py.ports import CanFrame
+from metro_hil.ending import cause_words
 
 SEEN = (
     VobcStatus,
@@ -186,7 +187,7 @@ def _why(picture: BusPicture) -> str:
     emergency = status is not None and status.supervision is Supervision.EMERGENCY
     if not emergency or not isinstance(mode, VobcMode):
         return ""
-    return f" ({mode.cause.name.replace('_', ' ').lower()})"
+    return f" ({cause_words(mode.cause)})"
 
 
 def _state_rows(status: VobcStatus, why: str) -> list[tuple[str, RenderableType]]:

@@ -68,5 +68,10 @@ class EmergencyWatch:
             self._since_ns = now_ns
         if now_ns - self._since_ns < UNATTENDED_S * 1e9:
             return None
-        words = cause.name.replace("_", " ").lower()
-        return f"in emergency for {UNATTENDED_S:.0f} s and nobody there to let go: {words}"
+        words = f"in emergency for {UNATTENDED_S:.0f} s and nobody there to let go"
+        return f"{words}: {cause_words(cause)}"
+
+
+def cause_words(cause: Cause) -> str:
+    """What the emergency brake is for, as short as the bus tells it."""
+    return cause.name.replace("_", " ").lower()
