@@ -31,7 +31,7 @@ status=1
 for try in $(seq {tries}); do
     mkdir $try
     candump -L vcan1 >$try/candump.log &
-    for _ in $(seq 400); do grep -q vcan1 /proc/net/can/rcvlist_all && break; sleep 0.02; done
+    until grep -Eq '^ *vcan1 .*raw' /proc/net/can/rcvlist_all; do sleep 0.02; done
     status=0
     {bin}/vobc run --bus socketcan:vcan1 --from II --to III --cycle-ms 100 --json \\
         --out $try/run >$try/results.json || status=$?

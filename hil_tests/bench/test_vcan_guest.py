@@ -16,7 +16,7 @@ LAUNCHER = "tools/vcan-guest"
 PATIENCE_S = 60.0
 
 RECEIVER_IS_THERE = """
-for _ in $(seq 400); do grep -q vcan0 /proc/net/can/rcvlist_all && break; sleep 0.02; done
+until grep -Eq '^ *vcan0 .*raw' /proc/net/can/rcvlist_all; do sleep 0.02; done
 """
 
 PYTHON_CAN_ROUND_TRIP = """
