@@ -31,6 +31,9 @@ COMPUTING: Final = frozenset(
     }
 )
 """Of the tests with processes, those that do not wait for a real clock."""
+REALTIME: Final = "realtime"
+NICE: Final = os.getpriority(os.PRIO_PROCESS, 0)
+COMPUTING_NICE: Final = 5
 
 # No deadlines: a busy machine is no fault of the code. Where nobody looks, the examples are always
 # the same; on a developer's machine they are new ones every time, and what fails is remembered.
@@ -108,7 +111,16 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Tests in real time run one after the other, however many workers there are."""
     for item in items:
         if item.path.parent.name == "bench" and item.path.stem not in COMPUTING:
-            item.add_marker(pytest.mark.xdist_group("realtime"))
+            item.add_marker(pytest.mark.xdist_group(REALTIME))
+
+
+@pytest.hookimpl(wrapper=True, tryfirst=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
+    """What only computes makes way for what runs by the real clock on the same processors."""
+    if os.geteuid() == 0:  # anybody else could make way, but not take it back
+        realtime = any(mark.args == (REALTIME,) for mark in item.iter_markers("xdist_group"))
+        os.setpriority(os.PRIO_PROCESS, 0, NICE if realtime else NICE + COMPUTING_NICE)
+    return (yield)
 
 
 def pytest_configure() -> None:
