@@ -164,7 +164,7 @@ NAMES: Final = (
     "greatest acceleration felt",
     "greatest jerk felt",
     "emergency brakes",
-    "notch changes",
+    "most notch changes in a braking",
 )
 
 

@@ -17,6 +17,9 @@ NOT_ARRIVED_CM: Final = 200.0
 JERK_MPS3: Final = 0.75
 JERK_CM_PER_MPS3: Final = 20.0
 """For felt jerk over that."""
+NOTCH_CHANGES: Final = 15.0
+NOTCH_CM: Final = 0.5
+"""For each change of notch beyond so many in a braking, where there are notches."""
 SLOW_CM_PER_S: Final = 0.1
 """For each second a run takes longer than with the settings of before; faster is no merit."""
 EMERGENCY_CM: Final = 100.0
@@ -37,12 +40,12 @@ class Figures(msgspec.Struct, frozen=True, kw_only=True):
     accel_max_mps2: float
     emergencies: int
     notch_changes: int | None = None
-    """Changes of notch; only where an output stage counts them."""
+    """The most in one braking; None where there are no notches."""
 
 
 def figures_of(results: Sequence[CaseResult]) -> Figures:
     errors_m = _known(results, "stop_error_worst_m")
-    notches = _known(results, "notch_changes_count")
+    notches = _known(results, "notch_changes_max_count")
     return Figures(
         runs=len(results),
         stops_missed=sum(map(_missed, results)),
@@ -52,7 +55,7 @@ def figures_of(results: Sequence[CaseResult]) -> Figures:
         jerk_max_mps3=max(_known(results, "jerk_max_mps3"), default=0.0),
         accel_max_mps2=max(_known(results, "accel_max_mps2"), default=0.0),
         emergencies=round(math.fsum(_known(results, "emergency_count"))),
-        notch_changes=round(math.fsum(notches)) if notches else None,
+        notch_changes=round(max(notches)) if notches else None,
     )
 
 
@@ -72,6 +75,8 @@ def _cost_of_run(result: CaseResult, usual_s: float | None) -> float:
     error_cm = (measures.get("stop_error_mean_m") or 0.0) * CM_PER_M
     cost += error_cm + OUTSIDE_RATIO * max(0.0, error_cm - TOLERANCE_CM)
     cost += JERK_CM_PER_MPS3 * max(0.0, (measures.get("jerk_max_mps3") or 0.0) - JERK_MPS3)
+    notches = measures.get("notch_changes_max_count") or 0.0
+    cost += NOTCH_CM * max(0.0, notches - NOTCH_CHANGES)
     cost += EMERGENCY_CM * (measures.get("emergency_count") or 0.0)
     if usual_s is not None:
         for run_s in _run_times_s([result]):

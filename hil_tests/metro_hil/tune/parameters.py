@@ -46,7 +46,32 @@ def _gains(prefix: str, kp: tuple[float, float], ki: tuple[float, float]) -> tup
     )
 
 
+STOPPING: Final = (
+    Parameter("ato.braking.ease_jerk_mps3", 0.15, 0.55),
+    Parameter("ato.braking.plateau_decel_mps2", 0.2, 0.5),
+    Parameter("ato.braking.plateau_speed_mps", 1.0, 3.0),
+    Parameter("ato.braking.final_decel_mps2", 0.04, 0.15),
+    Parameter("ato.braking.correction_ratio", 2.0, 4.0),
+    Parameter("ato.braking.least_decel_mps2", 0.02, 0.06),
+    Parameter("ato.braking.decel_mps2", 0.5, 0.78),
+)
+"""The braking of the predictive law, and of those that choose a speed and leave it the rest."""
+
 PARAMETERS: Final[Mapping[str, tuple[Parameter, ...]]] = {
+    "chasing": (
+        Parameter("ato.chasing.dead_time_s", 0.3, 1.4),
+        Parameter("ato.chasing.lag_s", 0.15, 0.7, logarithmic=True),
+        Parameter("ato.chasing.chase_ratio", 0.1, 0.6, logarithmic=True),
+        Parameter("ato.chasing.small_decel_mps2", 0.15, 0.35),
+        Parameter("ato.chasing.chase_decel_mps2", 0.08, 0.15),
+        Parameter("ato.chasing.last_decel_mps2", 0.03, 0.08),
+        Parameter("ato.chasing.last_speed_mps", 0.08, 0.4),
+        Parameter("ato.chasing.decel_mps2", 0.4, 0.7),
+        Parameter("ato.chasing.dwell_s", 0.2, 1.2),
+        Parameter("ato.chasing.early_s", 0.0, 1.2),
+        Parameter("ato.chasing.quiet_band_mps", 0.05, 0.3),
+    ),
+    "green": STOPPING,
     "pid": (
         *_gains("ato.pid.rising", (0.1, 1.5), (0.001, 0.3)),
         *_gains("ato.pid.falling", (0.05, 1.2), (0.001, 0.2)),
@@ -67,15 +92,9 @@ PARAMETERS: Final[Mapping[str, tuple[Parameter, ...]]] = {
         *_gains("ato.pid_literal.position", (0.02, 1.5), (0.001, 0.4)),
         Parameter("ato.pid_literal.position.kd_ratio", 0.05, 2.5, logarithmic=True),
     ),
-    "predictive": (
-        Parameter("ato.braking.ease_jerk_mps3", 0.15, 0.55),
-        Parameter("ato.braking.plateau_decel_mps2", 0.2, 0.5),
-        Parameter("ato.braking.plateau_speed_mps", 1.0, 3.0),
-        Parameter("ato.braking.final_decel_mps2", 0.04, 0.15),
-        Parameter("ato.braking.correction_ratio", 2.0, 4.0),
-        Parameter("ato.braking.least_decel_mps2", 0.02, 0.06),
-        Parameter("ato.braking.decel_mps2", 0.5, 0.78),
-    ),
+    "power_limited": STOPPING,
+    "predictive": STOPPING,
+    "timing": STOPPING,
 }
 """By law; a new law adds its line."""
 
@@ -87,7 +106,11 @@ DEFAULTS: Final[Mapping[str, tuple[str, ...]]] = {
         and not parameter.key.startswith("ato.pid.falling.kd")
     ),
     "pid_literal": tuple(parameter.key for parameter in PARAMETERS["pid_literal"]),
-    "predictive": tuple(parameter.key for parameter in PARAMETERS["predictive"][:5]),
+    **{
+        law: tuple(parameter.key for parameter in PARAMETERS[law][:5])
+        for law in ("green", "power_limited", "predictive", "timing")
+    },
+    "chasing": tuple(parameter.key for parameter in PARAMETERS["chasing"][:7]),
 }
 """What is tuned when nothing is named: gains, or the shape of the last metres."""
 
@@ -101,7 +124,8 @@ def chosen_parameters(law: str, keys: Sequence[str]) -> tuple[Parameter, ...]:
         raise SettingsError(f"--law {law}: {nearest(law, sorted(STRATEGIES), 'law')}")
     table = PARAMETERS.get(law)
     if table is None:
-        raise SettingsError(f"--law {law}: nothing of it can be tuned yet")
+        others = ", ".join(sorted(PARAMETERS))
+        raise SettingsError(f"--law {law}: nothing of it can be tuned; it can of {others}")
     known = [parameter.key for parameter in table]
     for key in keys:
         if key not in known:

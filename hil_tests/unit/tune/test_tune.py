@@ -185,6 +185,13 @@ def test_a_missed_stop_outweighs_centimetres() -> None:
     assert cost_cm([result_of(case, stop_III_run_s=60.0)], 80.0) == pytest.approx(2.0)
 
 
+def test_notches_count_only_beyond_fifteen_changes() -> None:
+    case = GROUND.training({}, 1)[0]
+
+    assert cost_cm([result_of(case, notch_changes_max_count=15.0)], 80.0) == pytest.approx(2.0)
+    assert cost_cm([result_of(case, notch_changes_max_count=19.0)], 80.0) == pytest.approx(4.0)
+
+
 @pytest.mark.parametrize("law", sorted(PARAMETERS))
 def test_every_setting_of_the_table_exists_and_lies_within_its_bounds(law: str) -> None:
     config = load_config("florence4")
@@ -237,6 +244,8 @@ def test_a_file_is_never_overwritten(tmp_path: Path, capsys: pytest.CaptureFixtu
 def test_a_law_without_a_table_is_said() -> None:
     with pytest.raises(SettingsError, match="--law nothing"):
         chosen_parameters("nothing", ())
+    with pytest.raises(SettingsError, match="nothing of it can be tuned"):
+        chosen_parameters("chasing_literal", ())
 
 
 @pytest.mark.parametrize("ends_after", [None, 20])
