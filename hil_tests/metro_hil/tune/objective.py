@@ -43,9 +43,13 @@ class Figures(msgspec.Struct, frozen=True, kw_only=True):
     """The most in one braking; None where there are no notches."""
 
 
-def figures_of(results: Sequence[CaseResult]) -> Figures:
+def figures_of(results: Sequence[CaseResult], *, notches: bool) -> Figures:
+    """
+    Args:
+        notches: the train is driven by notches; without them every cycle changes the command.
+    """
     errors_m = _known(results, "stop_error_worst_m")
-    notches = _known(results, "notch_changes_max_count")
+    changes = _known(results, "notch_changes_max_count") if notches else []
     return Figures(
         runs=len(results),
         stops_missed=sum(map(_missed, results)),
@@ -55,18 +59,22 @@ def figures_of(results: Sequence[CaseResult]) -> Figures:
         jerk_max_mps3=max(_known(results, "jerk_max_mps3"), default=0.0),
         accel_max_mps2=max(_known(results, "accel_max_mps2"), default=0.0),
         emergencies=round(math.fsum(_known(results, "emergency_count"))),
-        notch_changes=round(max(notches)) if notches else None,
+        notch_changes=round(max(changes)) if changes else None,
     )
 
 
-def cost_cm(results: Sequence[CaseResult], usual_s: float | None) -> float:
+def cost_cm(results: Sequence[CaseResult], usual_s: float | None, *, notches: bool) -> float:
     """Mean over the runs, in cm; less is better.
 
     Args:
         usual_s: mean running time with the settings of before; None for no comparison.
+        notches: the train is driven by notches.
     """
     costs = [_cost_of_run(result, usual_s) for result in results]
-    return math.fsum(costs) / len(costs)
+    if notches:
+        changes = _known(results, "notch_changes_max_count")
+        costs += [NOTCH_CM * max(0.0, each - NOTCH_CHANGES) for each in changes]
+    return math.fsum(costs) / len(results)
 
 
 def _cost_of_run(result: CaseResult, usual_s: float | None) -> float:
@@ -75,8 +83,6 @@ def _cost_of_run(result: CaseResult, usual_s: float | None) -> float:
     error_cm = (measures.get("stop_error_mean_m") or 0.0) * CM_PER_M
     cost += error_cm + OUTSIDE_RATIO * max(0.0, error_cm - TOLERANCE_CM)
     cost += JERK_CM_PER_MPS3 * max(0.0, (measures.get("jerk_max_mps3") or 0.0) - JERK_MPS3)
-    notches = measures.get("notch_changes_max_count") or 0.0
-    cost += NOTCH_CM * max(0.0, notches - NOTCH_CHANGES)
     cost += EMERGENCY_CM * (measures.get("emergency_count") or 0.0)
     if usual_s is not None:
         for run_s in _run_times_s([result]):

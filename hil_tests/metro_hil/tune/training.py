@@ -37,6 +37,12 @@ class Ground:
         load_config(self.params, law=self.law)
         self._hop()
 
+    @property
+    def by_notches(self) -> bool:
+        """Whether notches drive the train: the law picks them, or the output stage does."""
+        stage = load_config(self.params, law=self.law).ato.output.stage
+        return self.law.startswith("chasing") or stage == "notches"
+
     def _hop(self) -> tuple[str, str]:
         """Two neighbouring stations, the nearest to each other that have a stop to make."""
         stations = load_line(self.line).stations

@@ -97,7 +97,7 @@ class Tuner:
                 self._judged[which] = self._judged["before"]
             else:
                 results = self._evaluate(self._ground.validation(values, self._seed))
-                self._judged[which] = figures_of(results)
+                self._judged[which] = figures_of(results, notches=self._ground.by_notches)
             heard(which)
 
     @property
@@ -152,9 +152,9 @@ class Tuner:
 
     def _note(self, values: dict[str, float], results: Sequence[CaseResult]) -> None:
         if self._points == 0:
-            self._usual_s = figures_of(results).run_time_mean_s
+            self._usual_s = figures_of(results, notches=self._ground.by_notches).run_time_mean_s
         self._points += 1
-        cost = cost_cm(results, self._usual_s)
+        cost = cost_cm(results, self._usual_s, notches=self._ground.by_notches)
         self._costs[tuple(values.values())] = cost
         if self._best is None or cost < self._best[0]:
             self._best = (cost, values)

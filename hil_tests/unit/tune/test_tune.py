@@ -1,5 +1,6 @@
 """Tuning: its searches on functions with a known least value, its rules, the file it leaves."""
 
+import dataclasses
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -179,17 +180,27 @@ def test_a_missed_stop_outweighs_centimetres() -> None:
     case = GROUND.training({}, 1)[0]
     made, missed = result_of(case), result_of(case, arrived_count=0.0)
 
-    assert cost_cm([made], 80.0) == pytest.approx(2.0)
-    assert cost_cm([missed], 80.0) > 100.0
-    assert cost_cm([result_of(case, stop_III_run_s=90.0)], 80.0) == pytest.approx(3.0)
-    assert cost_cm([result_of(case, stop_III_run_s=60.0)], 80.0) == pytest.approx(2.0)
+    assert cost_cm([made], 80.0, notches=False) == pytest.approx(2.0)
+    assert cost_cm([missed], 80.0, notches=False) > 100.0
+    assert cost_cm([result_of(case, stop_III_run_s=90.0)], 80.0, notches=False) == pytest.approx(
+        3.0
+    )
+    assert cost_cm([result_of(case, stop_III_run_s=60.0)], 80.0, notches=False) == pytest.approx(
+        2.0
+    )
 
 
 def test_notches_count_only_beyond_fifteen_changes() -> None:
     case = GROUND.training({}, 1)[0]
 
-    assert cost_cm([result_of(case, notch_changes_max_count=15.0)], 80.0) == pytest.approx(2.0)
-    assert cost_cm([result_of(case, notch_changes_max_count=19.0)], 80.0) == pytest.approx(4.0)
+    few = result_of(case, notch_changes_max_count=15.0)
+    many = result_of(case, notch_changes_max_count=19.0)
+
+    assert cost_cm([few], 80.0, notches=True) == pytest.approx(2.0)
+    assert cost_cm([many], 80.0, notches=True) == pytest.approx(4.0)
+    assert cost_cm([many], 80.0, notches=False) == pytest.approx(2.0)
+    assert not GROUND.by_notches
+    assert dataclasses.replace(GROUND, law="chasing").by_notches
 
 
 @pytest.mark.parametrize("law", sorted(PARAMETERS))
@@ -275,4 +286,4 @@ def test_a_run_of_the_training_stops_on_the_bench() -> None:
     result = run_case(case)
 
     assert result.measures["arrived_count"] == 1.0
-    assert cost_cm([result], None) < 20.0
+    assert cost_cm([result], None, notches=False) < 20.0
