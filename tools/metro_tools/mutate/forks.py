@@ -82,7 +82,7 @@ def fork(run: Callable[[TextIO], int], limit_s: float = 0.0) -> tuple[int, TextI
     try:
         os.close(read_fd)
         if limit_s:
-            _limit(limit_s)
+            limit(limit_s)
         with os.fdopen(write_fd, "w", encoding="utf-8") as told:
             status = run(told)
     except SystemExit:
@@ -102,8 +102,9 @@ def cpu_s() -> float:
     return used.ru_utime + used.ru_stime
 
 
-def _limit(tests_s: float) -> None:
-    """The kernel ends what runs too long; by processor time, so that a busy machine does not."""
+def limit(tests_s: float) -> None:
+    """The kernel ends what runs too long from now on; by processor time, so that a busy machine
+    does not. `tests_s` is what it needs without a mistake."""
     limit_s = CPU_FLOOR_S + CPU_FACTOR * tests_s
     signal.signal(signal.SIGPROF, signal.SIG_DFL)
     signal.signal(signal.SIGALRM, signal.SIG_DFL)

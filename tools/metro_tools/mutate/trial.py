@@ -24,6 +24,7 @@ from metro_tools.mutate.forks import (
     Pool,
     cpu_s,
     fork,
+    limit,
     result_of,
     write_line,
 )
@@ -155,7 +156,10 @@ class Trials:
                 if everywhere:
                     self._anew.append(self._orders[name])
                 else:
-                    trial = _Trial(self, self._task, living, module, source, mutant, picked, folder)
+                    mine_s = [baseline.duration_s[item.nodeid] for item in picked]
+                    trial = _Trial(
+                        self, self._task, living, module, source, mutant, picked, mine_s, folder
+                    )
                     pool.start(name, trial.run, limit_s)
         pool.drain()
 
@@ -188,6 +192,8 @@ class _Trial:
     source: str
     mutant: Mutant
     picked: Sequence[pytest.Item]
+    durations_s: Sequence[float]
+    """Of the picked ones, without a mistake."""
     folder: str
 
     def run(self, told: TextIO) -> int:
@@ -200,8 +206,10 @@ class _Trial:
         own = Path(self.folder) / f"{Path(self.module).stem}-{self.mutant.number}"
         own.mkdir()
         os.environ["PYTEST_DEBUG_TEMPROOT"] = str(own)
-        for item, after in _pairs(self.picked):
+        for (item, after), duration_s in zip(_pairs(self.picked), self.durations_s, strict=True):
             tell_test(told, item.nodeid)
+            # One that never ends is found by the first quick test that runs into it.
+            limit(duration_s)
             item.config.hook.pytest_runtest_protocol(item=item, nextitem=after)
             if self.trials.failed is not None:
                 return EXIT_KILLED
