@@ -184,7 +184,7 @@ class AuthorityStop:
     than a stop at a platform needs where the authority reaches beyond.
     """
 
-    margin_m: float = 1.95
+    margin_m: float = 2.2
     """From the foremost front that the standing train may have to the end of authority. Protection
     brakes a train that might creep there still: what it reckons with takes 0.6 m for a runaway
     and the build-up of the brake, and more for the least speed that odometry can tell from none."""
