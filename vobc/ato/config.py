@@ -39,6 +39,9 @@ class BrakeBelief:
     brake that bites sooner than this is taken to build up as quickly."""
     speed_sigma_mps: float = 0.03
     """Spread of speed innovations on the true hypothesis, couplers included."""
+    speed_filter_rad_s: float = 8.0
+    """Bandwidth of the filter that odometry takes the speed by; behind a braking that grows or eases
+    off it lags, which is reckoned with."""
     fade_begin_mps: float = 8.0 / 3.6
     """Under this speed the motors can do less and less of the braking."""
     fade_end_mps: float = 3.0 / 3.6
@@ -52,7 +55,12 @@ class BrakeBelief:
     """Of the build-up of friction that is late."""
 
     def __post_init__(self) -> None:
-        _positive(lag_s=self.lag_s, speed_sigma_mps=self.speed_sigma_mps, air_lag_s=self.air_lag_s)
+        _positive(
+            lag_s=self.lag_s,
+            speed_sigma_mps=self.speed_sigma_mps,
+            speed_filter_rad_s=self.speed_filter_rad_s,
+            air_lag_s=self.air_lag_s,
+        )
         if not 1 <= len(self.dead_times_s) <= MAX_DEAD_TIMES:
             raise ValueError(f"dead_times_s has not 1..{MAX_DEAD_TIMES} entries")
         if list(self.dead_times_s) != sorted(set(self.dead_times_s)):

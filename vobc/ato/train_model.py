@@ -19,6 +19,10 @@ SETTLE_LAGS: Final = 5.0
 """So many lags after the longest dead time a released brake is taken to be off."""
 DECIDED_S: Final = 3.0
 """After so much of an application its dead time is known well enough to look at friction."""
+FILTER_ORDER: Final = 3.0
+FILTER_TIME_RATIO: Final = 8.0 / 3.0
+"""A filter of second order with all three poles at w takes a speed of steady jerk J for 3 J / w² less
+than it is; that error builds up within about 8 / (3 w)."""
 TRACTION_INSTANT_S: Final = 0.15
 """By so much the traction may answer sooner or later than is believed of it."""
 FULL_MPS2: Final = 0.8
@@ -40,6 +44,7 @@ class TrainModel:
         "_handover",
         "_keep_ratios",
         "_lags_s",
+        "_late_s",
         "_motion",
         "_no_costs",
         "_ours",
@@ -52,6 +57,8 @@ class TrainModel:
         "_traction_late",
         "_traction_now",
         "_traction_tap",
+        "_trail",
+        "_trail_ratio",
         "brake_mps2",
         "dead_time_s",
         "lag_s",
@@ -82,6 +89,11 @@ class TrainModel:
         self._output = [0.0] * count
         self._arrived = [0.0] * count
         """Driven without dead time: the output when all that is under way has arrived."""
+        filter_s = FILTER_TIME_RATIO / brake.speed_filter_rad_s
+        self._trail_ratio = 1.0 - math.exp(-dt_s / filter_s)
+        self._late_s = FILTER_ORDER / (brake.speed_filter_rad_s**2 * filter_s)
+        self._trail = [0.0] * count
+        """The output as late as the filter of the speed takes it."""
         self._active = False
         self._active_s = 0.0
         self._ours = True
@@ -206,8 +218,9 @@ class TrainModel:
         handover, motion, bank = self._handover, self._motion, self._bank
         asked_mps2 = max(0.0, -self._demand_mps2)
         outputs, arrived, mean = self._output, self._arrived, self._brake.mean
+        trail, trail_ratio, late_s = self._trail, self._trail_ratio, self._late_s
         learns = self._ours and not handover.under_way
-        unit_mps2 = 0.0
+        unit_mps2 = lag_mps = 0.0
         for index in bank.alive:
             keep_ratio = self._keep_ratios[index]
             mean_mps2 = mean(self._taps[index])
@@ -217,10 +230,13 @@ class TrainModel:
             outputs[index] = after_mps2
             braked_mps2 = (before_mps2 + after_mps2) / 2.0
             unit_mps2 += bank.weights[index] * braked_mps2
+            trail[index] += trail_ratio * (after_mps2 - trail[index])
+            behind_mps = late_s * (after_mps2 - trail[index])
+            lag_mps += bank.weights[index] * behind_mps
             if learns:
                 bank.step(
                     index,
-                    speed_mps,
+                    speed_mps - behind_mps,
                     push_mps2=push_mps2,
                     braked_mps2=braked_mps2,
                     friction_mps2=0.0,
@@ -237,7 +253,7 @@ class TrainModel:
         elif self._ours:
             handover.step(
                 motion,
-                speed_mps,
+                speed_mps - lag_mps,
                 push_mps2=push_mps2,
                 motors_mps2=unit_mps2 - for_friction_mps2,
                 blur_m2_per_s2=blur_m2_per_s2,
@@ -259,6 +275,7 @@ class TrainModel:
                 self.on_its_way_mps2 = self.brake_mps2 = 0.0
                 self._output = [0.0] * len(self._output)
                 self._arrived = [0.0] * len(self._output)
+                self._trail = [0.0] * len(self._output)
                 self._handover.end()
                 self.dead_time_s = self._brake_belief.expected_dead_time_s
                 self.lag_s = self._brake_belief.lag_s
@@ -272,6 +289,7 @@ class TrainModel:
             if self._active and index not in self._bank.alive:
                 self._output[index] = self.brake_mps2
                 self._arrived[index] = self.on_its_way_mps2
+                self._trail[index] = self.brake_mps2
         self._bank.know(self._no_costs)
         self._bank.begin(self._motion)
 

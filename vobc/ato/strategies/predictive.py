@@ -113,11 +113,10 @@ class Predictive:
         ours = seen.enabled and not seen.protection_brakes
         slips = self._rail.observe(seen.now_ns, seen.speed_mps, slips=seen.slips and ours)
         self._model.step(seen.speed_mps, self._gravity_mps2, cycles, ours=ours and not slips)
-        self.speed_mps = self._model.speed_mps
+        before_mps, self.speed_mps = self.speed_mps, self._model.speed_mps
         dt_s = self._dt_s * cycles
-        self._front.step(
-            seen.front_m, moved_m=self.speed_mps * dt_s, at_tag=bool(seen.accepted_tag_ids)
-        )
+        moved_m = (before_mps + self.speed_mps) / 2.0 * dt_s
+        self._front.step(seen.front_m, moved_m=moved_m, at_tag=bool(seen.accepted_tag_ids))
         self._ceiling.step(seen.ceiling_mps, dt_s)
 
     def rest(self) -> None:
