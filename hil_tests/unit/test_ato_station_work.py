@@ -178,7 +178,7 @@ def test_a_train_without_authority_stays() -> None:
 @pytest.mark.parametrize("seed", [1, 2, 3])
 @pytest.mark.parametrize("end_m", [3060.0, 3200.0, 3450.0, 3499.0])
 def test_an_authority_short_of_the_stop_is_respected(end_m: float, seed: int) -> None:
-    """The front never passes the end, gets within two and a half metres of it, and goes on when it may."""
+    """The front never passes the end, gets within 2.5 m of it, and goes on when it may."""
     rig = hop(seed=seed, brake_delay_s=None)
     rig.authority_end_m = end_m
     rig.run(at_rest)

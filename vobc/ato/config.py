@@ -40,8 +40,8 @@ class BrakeBelief:
     speed_sigma_mps: float = 0.03
     """Spread of speed innovations on the true hypothesis, couplers included."""
     speed_filter_rad_s: float = 8.0
-    """Bandwidth of the filter that odometry takes the speed by; behind a braking that grows or eases
-    off it lags, which is reckoned with."""
+    """Bandwidth of the filter that odometry takes the speed by; behind a braking that grows or
+    eases off it lags, which is reckoned with."""
     fade_begin_mps: float = 8.0 / 3.6
     """Under this speed the motors can do less and less of the braking."""
     fade_end_mps: float = 3.0 / 3.6

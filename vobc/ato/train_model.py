@@ -21,8 +21,8 @@ DECIDED_S: Final = 3.0
 """After so much of an application its dead time is known well enough to look at friction."""
 FILTER_ORDER: Final = 3.0
 FILTER_TIME_RATIO: Final = 8.0 / 3.0
-"""A filter of second order with all three poles at w takes a speed of steady jerk J for 3 J / w² less
-than it is; that error builds up within about 8 / (3 w)."""
+"""A filter of second order with all three poles at w takes a speed of steady jerk J for 3 J / w²
+less than it is; that error builds up within about 8 / (3 w)."""
 TRACTION_INSTANT_S: Final = 0.15
 """By so much the traction may answer sooner or later than is believed of it."""
 FULL_MPS2: Final = 0.8
