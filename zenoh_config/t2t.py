@@ -54,6 +54,9 @@ class LeaseRequest(T2tMessage):
     """Comes back in the answer, so that an answer to another attempt is none to this one."""
     successor: int
     """In a renewal: who may acquire although this lease runs; NOBODY takes that back."""
+    less_ns: int = 0
+    """The grant of this request lasts so much less than a whole lease: a holder that has heard no
+    answer for longer than usual asks for no more than that."""
 
 
 class RosterEntry(NamedTuple):
@@ -209,6 +212,8 @@ class SwitchKind(enum.IntEnum):
     """By the successor; other trains say it in their reports."""
     COMMIT = 3
     ABORT = 4
+    RESIGN = 5
+    """The master has given its lease back, and its standby shall apply at once."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -40,16 +40,29 @@ class Desk:
         return stepped.out
 
     def request(
-        self, train: int, term: int, kind: LeaseKind = LeaseKind.ACQUIRE, *, successor: int = 0
+        self,
+        train: int,
+        term: int,
+        kind: LeaseKind = LeaseKind.ACQUIRE,
+        *,
+        successor: int = 0,
+        less_ms: int = 0,
     ) -> LeaseRequest:
         self.sequence += 1
         head = (train, ADDRESS, 1, term, 1, self.sequence, self.now_ms * MS)
-        return LeaseRequest(*head, kind, self.sequence, successor)
+        return LeaseRequest(*head, kind, self.sequence, successor, less_ms * MS)
 
     def ask(
-        self, train: int, term: int, kind: LeaseKind = LeaseKind.ACQUIRE, *, successor: int = 0
+        self,
+        train: int,
+        term: int,
+        kind: LeaseKind = LeaseKind.ACQUIRE,
+        *,
+        successor: int = 0,
+        less_ms: int = 0,
     ) -> LeaseAnswer:
-        (answer,) = self.says(self.request(train, term, kind, successor=successor))
+        request = self.request(train, term, kind, successor=successor, less_ms=less_ms)
+        (answer,) = self.says(request)
         assert isinstance(answer, LeaseAnswer)
         return answer
 
@@ -93,6 +106,33 @@ def test_a_holder_renews_for_as_long_as_it_likes() -> None:
         desk.now_ms += TIMERS_A.renew_ms
         assert desk.ask(1, 1, LeaseKind.RENEW).granted
         assert not desk.ask(2, 2).granted
+
+
+@pytest.mark.parametrize("less_ms", [0, 1, 120])
+def test_a_grant_for_less_than_a_lease_is_waited_out_and_no_tick_longer(less_ms: int) -> None:
+    desk = Desk()
+    desk.ask(1, 1)
+    desk.now_ms += LEASE_MS
+    desk.ask(1, 1, LeaseKind.RENEW, less_ms=less_ms)
+
+    # Of a whole lease of 300.6 ms.
+    desk.now_ms += 300 - less_ms
+    assert not desk.ask(2, 2).granted
+    desk.now_ms += 1
+    assert desk.ask(2, 2).granted
+
+
+@pytest.mark.parametrize("less_ms", [150, 300, 100_000])
+def test_no_renewal_shortens_what_was_granted_before(less_ms: int) -> None:
+    desk = Desk()
+    desk.ask(1, 1)
+    desk.now_ms += 100
+    assert desk.ask(1, 1, LeaseKind.RENEW, less_ms=less_ms).granted
+
+    desk.now_ms += LEASE_MS - 100
+    assert not desk.ask(2, 2).granted
+    desk.now_ms += 1
+    assert desk.ask(2, 2).granted
 
 
 def test_nobody_renews_another_ones_lease_or_a_former_term() -> None:

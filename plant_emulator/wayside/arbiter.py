@@ -136,7 +136,9 @@ class Arbiter:
             return False
         elif lease.successor != request.successor:
             self._keep(lease._replace(successor=request.successor))
-        self._expiries_ns[area] = now_ns + self._timers.arbiter_lease_ns
+        # Never shorter than what was granted before: its holder may count on that.
+        granted_ns = now_ns + self._timers.arbiter_lease_ns - request.less_ns
+        self._expiries_ns[area] = max(expiry_ns, granted_ns)
         return True
 
     def _keeps(self, commit: RosterCommit) -> bool:

@@ -67,6 +67,18 @@ class Conclusions:
             and self.is_alive(record.heard_ns, now_ns)
         )
 
+    def all_silent(self, own: int, now_ns: int) -> bool:
+        """Several others were heard under this command, and none of them for two silences: rather
+        the master's ear than all their voices.
+        """
+        heard_ns = [
+            each.heard_ns
+            for each in self.records.values()
+            if each.report is not None and each.train != own
+        ]
+        limit_ns = 2 * self._config.timers.silence_ms * NS_PER_MS
+        return len(heard_ns) > 1 and now_ns - max(heard_ns) >= limit_ns
+
     def is_alive(self, heard_ns: int, now_ns: int) -> bool:
         return self._guards.report_alive(Freshness(now_ns - heard_ns, self._silence_ns))
 

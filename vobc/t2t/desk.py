@@ -13,6 +13,7 @@ from vobc.t2t.table import UNBOUNDED_M, TrainTable
 from vobc.t2t.vocabulary import AreaMemory, OwnTrain, Role, T2tConfig
 from zenoh_config.t2t import (
     BROADCAST,
+    NOBODY,
     AreaAuthority,
     Heartbeat,
     LeaseAnswer,
@@ -63,12 +64,18 @@ class AreaDesk:
         """After a lost candidacy."""
         self._called = False
         self._fenced = False
+        self._heard_ns = now_ns
+        """When anything was heard of the area from anybody else."""
         self._own_report: TrainReport | None = None
 
     # What is heard.
 
     def hears(self, message: T2tMessage, now_ns: int) -> list[T2tMessage]:
         """What has to be said to it at once."""
+        self._heard_ns = now_ns
+        return self._takes(message, now_ns)
+
+    def _takes(self, message: T2tMessage, now_ns: int) -> list[T2tMessage]:
         if isinstance(message, Heartbeat):
             self._hears_heartbeat(message, now_ns)
         elif isinstance(message, AreaAuthority):
@@ -116,6 +123,8 @@ class AreaDesk:
             if step.successor == own and self.role is Role.STANDBY:
                 head = self._head(now_ns, step.source)
                 return [SwitchStep(*head, SwitchKind.READY, step.nonce, own)]
+        elif step.kind is SwitchKind.RESIGN:
+            self._called |= self.role is Role.STANDBY
         elif step.successor == own and step.nonce == self.ready_nonce:
             self._called = True
         return []
@@ -126,6 +135,7 @@ class AreaDesk:
         dues = [self._report_ns]
         if self.role in COMMANDING and self.master is not None:
             dues += [self.master.next_due_ns(), self.lease.renewal_due_ns(), self.lease.until_ns]
+            dues.append(self._deaf_ns())
         elif self.role is Role.CANDIDATE:
             dues.append(self.lease.attempt_ends_ns())
         else:
@@ -180,7 +190,17 @@ class AreaDesk:
             fenced=self._fenced or self.lease.beaten,
             roster_kept=master is not None and master.roster.kept is not None,
             relieved=away and master is not None and not master.has_others,
+            deaf=master is not None and self._is_deaf(master, now_ns),
         )
+
+    def _deaf_ns(self) -> int:
+        return self._heard_ns + self._config.timers.silence_ms * NS_PER_MS
+
+    def _is_deaf(self, master: Master, now_ns: int) -> bool:
+        """Nothing comes from anybody, or nothing from any train: what it says may still come
+        through, so that the others would go on waiting for it.
+        """
+        return master.has_others and (now_ns >= self._deaf_ns() or master.hears_no_train(now_ns))
 
     def _turn_ns(self) -> int:
         """When the silence of the master has lasted long enough for this train to apply."""
@@ -193,9 +213,16 @@ class AreaDesk:
             self._quiet_until_ns = self._next_try_ns(now_ns)
             return self._ask(now_ns, self.lease.give_back(now_ns))
         if role in COMMANDING and self.role not in COMMANDING:
+            standby = NOBODY if self.master is None else self.master.succession.standby
             self.master = None
             self.member.master_heard_ns = now_ns
-            return self._ask(now_ns, self.lease.give_back(now_ns))
+            if now_ns >= self._deaf_ns():
+                # As its arbiters hear it, it would only be in the way of whoever hears them, too.
+                self._quiet_until_ns = now_ns + 2 * self._config.timers.lease_ms * NS_PER_MS
+            said = self._ask(now_ns, self.lease.give_back(now_ns))
+            if standby != NOBODY and not sight.fenced:
+                said.append(SwitchStep(*self._head(now_ns, standby), SwitchKind.RESIGN, 0, standby))
+            return said
         return []
 
     def _next_try_ns(self, now_ns: int) -> int:
@@ -251,6 +278,7 @@ class AreaDesk:
                 request.kind,
                 request.nonce,
                 request.successor,
+                request.less_ns,
             )
             for arbiter in self._config.arbiters
         ]
@@ -274,7 +302,7 @@ class AreaDesk:
 
     def _obeys(self, message: T2tMessage, now_ns: int) -> None:
         if isinstance(message, Heartbeat | AreaAuthority):
-            self.hears(message, now_ns)
+            self._takes(message, now_ns)
         elif isinstance(message, SwitchStep) and message.kind is not SwitchKind.COMMIT:
             self._hears_switch(message, now_ns)
 

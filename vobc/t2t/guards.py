@@ -108,6 +108,21 @@ def lease_runs(clock: Clock) -> bool:
     return clock.now_ns + clock.margin_ns < clock.until_ns
 
 
+class Granted(NamedTuple):
+    """One request that a majority granted, by the holder's clock."""
+
+    sent_ns: int
+    whole_ns: int
+    """A whole lease, as its holder may count on it."""
+    less_ns: int
+    """As the request said."""
+
+
+def granted_until_ns(granted: Granted) -> int:
+    """Arbiters keep to what was asked for, and so does the holder."""
+    return granted.sent_ns + granted.whole_ns - granted.less_ns
+
+
 class Attempt(NamedTuple):
     """An arbiter's answer beside the request it should answer."""
 
@@ -142,6 +157,8 @@ class LeaseGuards:
     answers_this_attempt: Callable[[Attempt], bool] = answers_this_attempt
     unused_term: Callable[[Terms], int] = unused_term
     """A formula, as `latent_authority_m` is."""
+    granted_until_ns: Callable[[Granted], int] = granted_until_ns
+    """A formula, too."""
 
 
 class Promise(NamedTuple):

@@ -3,7 +3,7 @@
 import enum
 from typing import Final, NamedTuple
 
-from vobc.t2t.guards import Attempt, Clock, LeaseGuards, Terms, Votes
+from vobc.t2t.guards import Attempt, Clock, Granted, LeaseGuards, Terms, Votes
 from vobc.t2t.vocabulary import T2tConfig
 from zenoh_config.t2t import NOBODY, LeaseAnswer, LeaseKind, RosterEntry
 from zenoh_config.timers import NS_PER_MS
@@ -27,6 +27,16 @@ class Request(NamedTuple):
     term: int
     nonce: int
     successor: int
+    less_ns: int
+
+
+class Asked(NamedTuple):
+    """A request on its way."""
+
+    sent_ns: int
+    less_ns: int
+    voters: set[int]
+    """Arbiters that granted it."""
 
 
 class Kept(NamedTuple):
@@ -59,11 +69,15 @@ class Lease:
         self.beaten = False
         """An arbiter has promised a higher term: nobody will renew this one."""
         self._nonce = 0
-        self._asked: dict[int, tuple[int, set[int]]] = {}
-        """By nonce: when it was sent, and who granted it."""
+        self._asked: dict[int, Asked] = {}
+        """By nonce."""
         self._refusers: set[int] = set()
         self._renewed_ns = 0
         self._asked_ns = 0
+        self._confirmed_ns = 0
+        """When the newest request was sent that a majority granted,"""
+        self._answer_ns = 0
+        """and how long that took."""
 
     def ask(self, now_ns: int, *, seen_term: int, tried_term: int) -> Request:
         """Apply for the area. The term of the request must be stored as tried before it goes."""
@@ -74,15 +88,25 @@ class Lease:
         self._asked, self._refusers = {}, set()
         self._asked_ns = now_ns
         self.until_ns = 0
+        self._confirmed_ns = 0
         request = self._request(LeaseKind.ACQUIRE, now_ns)
-        self._judge(request.nonce)
+        self._judge(request.nonce, now_ns)
         return request
 
     def renewal_due_ns(self) -> int:
         return self._renewed_ns + self._config.timers.renew_ms * NS_PER_MS
 
     def renew(self, now_ns: int) -> Request:
-        return self._request(LeaseKind.RENEW, now_ns)
+        return self._request(LeaseKind.RENEW, now_ns, self._less_ns(now_ns))
+
+    def _less_ns(self, now_ns: int) -> int:
+        """How much longer than usual no answer was heard, so that the lease of a holder that hears
+        nothing any more runs out at the arbiters, too, although they go on hearing it.
+        """
+        timers = self._config.timers
+        usual_ns = (timers.renew_ms + timers.margin_ms) * NS_PER_MS + self._answer_ns
+        unheard_ns = now_ns - self._confirmed_ns - usual_ns
+        return min(max(unheard_ns, 0), timers.holder_lease_ns)
 
     def give_back(self, now_ns: int) -> Request:
         """Also what was granted in part."""
@@ -90,14 +114,14 @@ class Lease:
         self.state = LeaseState.NONE
         return request
 
-    def _request(self, kind: LeaseKind, now_ns: int) -> Request:
+    def _request(self, kind: LeaseKind, now_ns: int, less_ns: int = 0) -> Request:
         self._nonce += 1
         self._renewed_ns = now_ns
         if kind is not LeaseKind.RELEASE:
-            self._asked[self._nonce] = (now_ns, set())
+            self._asked[self._nonce] = Asked(now_ns, less_ns, set())
             if len(self._asked) > REQUESTS_KEPT:
                 del self._asked[next(iter(self._asked))]
-        return Request(kind, self.term, self._nonce, self.successor)
+        return Request(kind, self.term, self._nonce, self.successor, less_ns)
 
     def hears(self, answer: LeaseAnswer, now_ns: int) -> None:
         """Count a vote, if it is one for what was asked."""
@@ -111,12 +135,13 @@ class Lease:
         attempt = Attempt(answer.term, answer.nonce, self.term, nonce)
         if self.state is LeaseState.NONE or not self._guards.answers_this_attempt(attempt):
             return
-        _, voters = asked or self._asked.setdefault(answer.nonce, (answer.echo_ns, set()))
-        voters.add(answer.source)
+        if asked is None:
+            asked = self._asked.setdefault(answer.nonce, Asked(answer.echo_ns, 0, set()))
+        asked.voters.add(answer.source)
         kept = Kept(answer.roster_term, answer.roster_version, answer.roster)
         if self.state is LeaseState.ASKED and kept[:2] > self.adopted[:2]:
             self.adopted = kept
-        self._judge(answer.nonce)
+        self._judge(answer.nonce, now_ns)
 
     def _hears_refusal(self, answer: LeaseAnswer, now_ns: int) -> None:
         self.refused_term = max(self.refused_term, answer.term)
@@ -125,12 +150,15 @@ class Lease:
             self._refusers.add(answer.source)
             self.beaten |= self.state is LeaseState.HELD and answer.term > self.term
 
-    def _judge(self, nonce: int) -> None:
-        sent_ns, voters = self._asked[nonce]
-        votes = Votes(len(voters), self._config.majority)
+    def _judge(self, nonce: int, now_ns: int) -> None:
+        asked = self._asked[nonce]
+        votes = Votes(len(asked.voters), self._config.majority)
         if self.state is LeaseState.NONE or not self._guards.granted_by_majority(votes):
             return
-        self.until_ns = max(self.until_ns, sent_ns + self._config.timers.holder_lease_ns)
+        granted = Granted(asked.sent_ns, self._config.timers.holder_lease_ns, asked.less_ns)
+        self.until_ns = max(self.until_ns, self._guards.granted_until_ns(granted))
+        if asked.sent_ns > self._confirmed_ns:
+            self._confirmed_ns, self._answer_ns = asked.sent_ns, now_ns - asked.sent_ns
         self.state = LeaseState.HELD
 
     def lost(self, now_ns: int) -> bool:

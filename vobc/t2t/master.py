@@ -14,11 +14,7 @@ from vobc.t2t.roster import Order, Roster
 from vobc.t2t.speaker import Head, Speaker
 from vobc.t2t.succession import Succession
 from vobc.t2t.table import Record, TrainTable
-from vobc.t2t.track_view import (
-    TrackView,
-    restrictions_for,
-    view_of,
-)
+from vobc.t2t.track_view import TrackView, restrictions_for, view_of
 from vobc.t2t.vocabulary import T2tConfig
 from zenoh_config.messages import WAYSIDE
 from zenoh_config.t2t import (
@@ -374,6 +370,10 @@ class Master:
         """Another train is on the roster, or wants to be."""
         own = self._speaker.address
         return bool((self._on_roster() | set(self._applicants)) - {own})
+
+    def hears_no_train(self, now_ns: int) -> bool:
+        """Of several others none."""
+        return self._known.all_silent(self._speaker.address, now_ns)
 
     def _on_roster(self) -> set[int]:
         return {entry.train for entry in self.roster.proposed}

@@ -25,6 +25,8 @@ class Sight(NamedTuple):
     roster_kept: bool
     relieved: bool
     """There is nobody left to command, and this train leaves."""
+    deaf: bool
+    """It commands, and hears nothing of those whom it commands."""
 
 
 def not_concerned(sight: Sight) -> bool:
@@ -64,7 +66,7 @@ def granted(sight: Sight) -> bool:
 
 
 def command_over(sight: Sight) -> bool:
-    return sight.fenced or not sight.lease_runs or sight.relieved
+    return sight.fenced or not sight.lease_runs or sight.relieved or sight.deaf
 
 
 def roster_kept(sight: Sight) -> bool:

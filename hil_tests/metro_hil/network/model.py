@@ -11,7 +11,7 @@ from metro_hil.network.crew import Cast, T2tCrew
 from metro_hil.network.explore import Bounds, Explorer, Found
 from metro_hil.network.line_world import FIRST_ARBITER, line_of_areas
 from metro_hil.network.many import cpu_ns
-from metro_hil.network.stage import EXPOSED, EXPOSED_ALL, LineStage, begin
+from metro_hil.network.stage import EXPOSED, EXPOSED_ALL, EXPOSED_DEAF, LineStage, begin
 from vobc.t2t.vocabulary import T2tConfig
 
 SLOT_NS: Final = 25_000_000
@@ -35,6 +35,8 @@ class Model:
     faults: int
     everything: bool = False
     """Reports and authorities are exposed to faults, too, not only what the election is made of."""
+    deaf_slots: int = 0
+    """The master hears nothing for so long; what it says of that is exposed, too."""
 
 
 MODELS: Final = (
@@ -44,6 +46,11 @@ MODELS: Final = (
     Model("majority", trains=2, arbiters=3, warm=True, slots=16, faults=1, everything=True),
     Model("majority-start", trains=2, arbiters=3, warm=False, slots=40, faults=1),
     Model("two-faults", trains=2, arbiters=1, warm=True, slots=10, faults=2),
+    Model("deaf-for-long", trains=2, arbiters=1, warm=True, slots=24, faults=1, deaf_slots=24),
+    Model("deaf-for-a-lease", trains=2, arbiters=3, warm=True, slots=20, faults=1, deaf_slots=12),
+    Model(
+        "deaf-for-two-answers", trains=2, arbiters=1, warm=True, slots=24, faults=1, deaf_slots=6
+    ),
 )
 """`small` runs with the tests, all with `make explore`."""
 
@@ -55,11 +62,14 @@ def search(model: Model) -> Found:
     config = T2tConfig(arbiters=arbiters)
     fronts_m = {n + 1: 300.0 + 600.0 * n for n in range(model.trains)}
     crew = T2tCrew(Cast(line, config, tuple(fronts_m)), 1)
+    exposed: tuple[type, ...] = EXPOSED_DEAF if model.deaf_slots else EXPOSED
+    if model.everything:
+        exposed = EXPOSED_ALL
     stage = LineStage(
         crew,
         fronts_m,
         drifts_ppm={1: SKEW_PPM, 2: -SKEW_PPM},
-        exposed=EXPOSED_ALL if model.everything else EXPOSED,
+        exposed=exposed,
     )
     explorer = Explorer(
         Bounds(model.slots, model.faults, SLOT_NS, calm_slots=120),
@@ -67,7 +77,10 @@ def search(model: Model) -> Found:
     )
     warm_slots = WARM_SLOTS if model.warm else 0
     start = begin(stage, -warm_slots * SLOT_NS)
-    return explorer.search(explorer.warm_up(start, warm_slots))
+    warm = explorer.warm_up(start, warm_slots)
+    if model.deaf_slots and isinstance(warm.stage, LineStage):
+        warm.stage.deafen_master(model.deaf_slots * SLOT_NS)
+    return explorer.search(warm)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -9,14 +9,15 @@ from typing import Any, Final
 
 from metro_hil.network.checker import ViolationError
 from metro_hil.network.crew import Guards
+from metro_hil.network.deaf_lures import DEAF_LURES
 from metro_hil.network.directed import SCENARIOS, Scenario
 from metro_hil.network.lures import LURES
 from metro_hil.network.scene import Scene, UnexpectedError
 from metro_hil.network.term_lures import TERM_LURES
-from vobc.t2t.guards import Latency, Terms
+from vobc.t2t.guards import Granted, Latency, Terms
 
 PARTS: Final = ("member", "lease", "master")
-ALL_SCENARIOS: Final = {each.name: each for each in (*SCENARIOS, *LURES, *TERM_LURES)}
+ALL_SCENARIOS: Final = {each.name: each for each in (*SCENARIOS, *LURES, *TERM_LURES, *DEAF_LURES)}
 
 
 def effective_authority_m(seen: Latency) -> float:
@@ -28,9 +29,14 @@ def term_without_tried(terms: Terms) -> int:
     return max(terms.seen, terms.refused) + 1
 
 
+def whole_lease_ns(granted: Granted) -> int:
+    return granted.sent_ns + granted.whole_ns
+
+
 FORMULAS: Final[Mapping[str, Callable[[Any], Any]]] = {
     "latent_authority_m": effective_authority_m,
     "unused_term": term_without_tried,
+    "granted_until_ns": whole_lease_ns,
 }
 """What stands in the place of those that are no yes or no."""
 
@@ -80,6 +86,7 @@ NOTICED: Final[Mapping[str, str]] = {
     "lease.granted_by_majority": "two-candidates",
     "lease.lease_runs": "arbiter-restarts",
     "lease.unused_term": "reused-term",
+    "lease.granted_until_ns": "shortened-lease",
     "master.has_promised": "unpromised",
     "master.roster_kept": "uncommitted",
     "master.track_known": "closed-unknown",

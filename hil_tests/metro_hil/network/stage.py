@@ -12,6 +12,7 @@ from metro_hil.network.ground import Grant, TrueTrain
 from metro_hil.network.motion import Motion
 from metro_hil.network.net import Doom, Letter
 from metro_hil.network.track import TrueTrack
+from vobc.t2t.vocabulary import Role
 from zenoh_config.messages import WAYSIDE
 from zenoh_config.t2t import (
     AreaAuthority,
@@ -20,12 +21,15 @@ from zenoh_config.t2t import (
     LeaseRequest,
     RosterAck,
     RosterCommit,
+    SwitchStep,
     TrainReport,
 )
 
 MILLION: Final = 1_000_000
 EXPOSED: Final = (LeaseRequest, LeaseAnswer, Heartbeat, RosterCommit, RosterAck)
 """What the election is made of."""
+EXPOSED_DEAF: Final = (*EXPOSED, SwitchStep)
+"""With what a master says when it gives up."""
 EXPOSED_ALL: Final = (*EXPOSED, AreaAuthority, TrainReport)
 """With what fences and promises travel in, too."""
 
@@ -60,6 +64,7 @@ class LineStage:
         cast = crew.cast
         self._crew = crew
         self._exposed = exposed
+        self._deaf, self._deaf_until_ns = 0, 0
         self.now_ns = 0
         trains = [
             TrueTrain(
@@ -93,6 +98,14 @@ class LineStage:
             for index, address in enumerate(self.addresses)
         }
 
+    def deafen_master(self, until_ns: int) -> None:
+        """Who commands now hears nothing before that instant."""
+        for address in self._trains:
+            machine = self._places[address].machine
+            last = machine.last if isinstance(machine, TrainNode) else None
+            if last is not None and Role.MASTER in dict(last.roles).values():
+                self._deaf, self._deaf_until_ns = address, until_ns
+
     @property
     def looked(self) -> Counter[str]:
         return self._checker.looked
@@ -124,6 +137,8 @@ class LineStage:
         self.now_ns = now_ns
         local_ns = place.local_ns(now_ns)
         machine = place.machine
+        if address == self._deaf and now_ns < self._deaf_until_ns:
+            heard = ()
         if address not in self._trains:
             turn = machine.step(local_ns, heard)
         else:

@@ -7,6 +7,7 @@ import pytest
 from metro_hil.hil_command import main
 from metro_hil.network.checker import ViolationError
 from metro_hil.network.coverage import everything
+from metro_hil.network.deaf_lures import DEAF_LURES
 from metro_hil.network.directed import SCENARIOS, at_speed
 from metro_hil.network.lures import LURES
 from metro_hil.network.many import run_many
@@ -30,7 +31,7 @@ def test_it_ends_well(name: str) -> None:
 
 def test_every_acceptance_scenario_of_train_to_train_control_is_there() -> None:
     assert {each.number for each in SCENARIOS} >= {17, 18, 19, 20, 21, 22, 23, 25}
-    assert len(ALL_SCENARIOS) == len(SCENARIOS) + len(LURES) + len(TERM_LURES)
+    assert len(ALL_SCENARIOS) == len((*SCENARIOS, *LURES, *TERM_LURES, *DEAF_LURES))
 
 
 MUTANTS = dict(mutants())
