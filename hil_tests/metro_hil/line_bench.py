@@ -41,6 +41,8 @@ class Run(NamedTuple):
 
     start: str
     end: str
+    stops: tuple[str, ...] | None = None
+    """Where it stops, the end included; None: at all stations on the way."""
 
 
 class BenchTrain(NamedTuple):
@@ -65,8 +67,11 @@ class LineBench:
         *,
         t2t: T2tConfig | None = None,
         seed: int = 1,
+        line: str | None = None,
     ) -> None:
-        """Raises SettingsError where line and stations do not fit together."""
+        """`line`: by path; None: that of the areas. Raises SettingsError where line and stations do
+        not fit together.
+        """
         self.clock = LockstepClock()
         self.air = InprocRadio(0.005)
         self.areas = areas
@@ -74,6 +79,7 @@ class LineBench:
         self._t2t = t2t or T2tConfig()
         self._config = commanded(config, self._t2t.timers)
         self._seed = seed
+        self._line = line or areas.name
         self._executives: list[Executive] = []
         stores = {address: CheckedStore(None, ArbiterMemory) for address in self._t2t.arbiters}
         self._stores = stores
@@ -89,10 +95,10 @@ class LineBench:
         self._executives.append(Executive([Task("wayside", WAYSIDE_MS, self._wayside)], 0))
 
     def _add(self, address: int, way: Run) -> None:
-        line = load_line(self.areas.name)
+        line = load_line(self._line)
         config = replace(self._config, address=address)
         scenario = plan_scenario(
-            line=self.areas.name,
+            line=self._line,
             consist=config.name,
             start=way.start,
             end=way.end,
@@ -121,7 +127,7 @@ class LineBench:
         vobc = VobcDevice(
             config,
             line,
-            plan_mission(line, way.start, way.end),
+            plan_mission(line, way.start, way.end, way.stops),
             can=bus.port(Node.VOBC.name, HEARD_IDS),
             tags=controller_end,
             radio=radio.port("train", (keys.orders(line.name, address),)),

@@ -13,6 +13,7 @@ from metro_hil.network.many import Total, run_many
 from metro_hil.network.run import Phases
 from metro_hil.network.scene import NS_PER_S, Plot, Scene
 from metro_hil.network.simulate import Job
+from metro_hil.whole_headway import passages
 from zenoh_config.timers import TIMERS_A, TIMERS_B, LineTimers
 
 SEEDS: Final = range(1, 9)
@@ -23,6 +24,10 @@ MS_PER_S: Final = 1000.0
 HEADWAY_TRAINS: Final = 10
 HEADWAY_BAR_S: Final = 72.0
 HEADWAY_FEW: Final = 4
+WHOLE_TRAINS: Final = 4
+WHOLE_S: Final = 76.0
+WHOLE_EARLIER_M: Final = 15.0
+"""What odometry and an application of the brake that draws its delay make of where it begins."""
 HEADWAY_STEP_S: Final = 1.0
 DELAY_MAX_S: Final = 0.5
 GROWTH_MAX_S: Final = 0.1
@@ -182,6 +187,25 @@ def approach(trains: int, interval_s: float) -> Approach:
     return Approach(delay_s, in_order_s[-1] - in_order_s[-2], scene.emergencies(), disturbed)
 
 
+def whole_headway() -> list[Figure]:
+    """The same with whole controllers and plants, of the control law that is the default."""
+    told = passages(WHOLE_TRAINS, WHOLE_S)
+    usual_m = told[0].braked_m - WHOLE_EARLIER_M
+    disturbed = sum(each.braked_m < usual_m for each in told[1:])
+    gaps_s = [b.stopped_s - a.stopped_s for a, b in itertools.pairwise(told)]
+    ways_s = [each.stopped_s - each.came_s for each in told]
+    return [
+        Figure(
+            f"headway of {WHOLE_TRAINS} whole trains at 60 km/h, {told[0].dwell_s:.1f} s at rest",
+            f"every {WHOLE_S:.0f} s: {min(gaps_s):.1f} to {max(gaps_s):.1f} s from stop to stop, "
+            f"{disturbed} brake for the train ahead, at most {max(ways_s) - ways_s[0]:.1f} s lost, "
+            f"{sum(each.emergencies for each in told)} emergency brakes",
+            f"≤ {HEADWAY_BAR_S:.0f} s",
+            not disturbed and max(gaps_s) <= HEADWAY_BAR_S,
+        )
+    ]
+
+
 def headway_s(trains: int) -> tuple[list[float], int]:
     """When each train has left the station behind it, and emergency brakes on the way."""
     first_m = STATION_M - 200.0 - 250.0 * (trains - 1)
@@ -220,6 +244,7 @@ MEASURES: Final[dict[str, Callable[[], list[Figure]]]] = {
     "events": events,
     "failover": failover,
     "headway": headway,
+    "whole-headway": whole_headway,
     "computation": computation,
 }
 

@@ -200,7 +200,7 @@ class AuthorityStop:
     creep_ease_mps3: float = 0.014
     knee_decel_mps2: float = 0.3
     ease_mps3: float = 0.03
-    decel_mps2: float = 0.6
+    decel_mps2: float = 0.76
 
     def __post_init__(self) -> None:
         _positive(

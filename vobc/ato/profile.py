@@ -133,10 +133,15 @@ def late_shape(shape: Braking) -> Braking:
     )
 
 
-def curve_to_authority(config: AtoConfig, line: LineMap, at_m: float) -> BrakingCurve:
-    """To a standstill before the end of authority, under protection's own curve."""
+def curve_to_authority(
+    config: AtoConfig, line: LineMap, at_m: float, *, gain_ratio: float | None = None
+) -> BrakingCurve:
+    """To a standstill before the end of authority, under protection's own curve.
+
+    `gain_ratio` is as for `steady_decel_mps2`.
+    """
     shape = config.authority
-    steady_mps2 = min(shape.decel_mps2, steady_decel_mps2(config, line, at_m))
+    steady_mps2 = min(shape.decel_mps2, steady_decel_mps2(config, line, at_m, gain_ratio))
     uphill_mps2 = max(0.0, gradient.decel_at_mps2(config, line, at_m))
     final_mps2 = min(shape.final_decel_mps2 + uphill_mps2, steady_mps2)
     knee_mps2 = min(max(shape.knee_decel_mps2, final_mps2), steady_mps2)

@@ -191,7 +191,8 @@ class Predictive:
         """How a train like this one, on a rail like this one, would be braked to a target now."""
         config, line = self._manner.config, self._line
         if not target.at_station:
-            return profile.curve_to_authority(config, line, target.at_m)
+            gain_ratio = self._model.least_gain_ratio
+            return profile.curve_to_authority(config, line, target.at_m, gain_ratio=gain_ratio)
         return profile.curve_to_stop(
             config,
             line,
