@@ -69,6 +69,8 @@ class RosterEntry(NamedTuple):
     """Secondary detection has shown that no other train hides near it."""
     boot: int = 0
     """The incarnation of the train that this is about; another gets nothing by it. 0: unknown."""
+    stopped: bool = False
+    """Supervision has ordered it to stop; whoever commands next holds it, too."""
 
 
 @dataclass(frozen=True, slots=True)

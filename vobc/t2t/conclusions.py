@@ -38,6 +38,7 @@ class Conclusions:
             # What was heard of another life says nothing of the one that arbiters kept.
             record = Record(entry.train, entry.rear_m, now_ns, boot=entry.boot)
             self.records[entry.train] = record
+        record.stopped = entry.stopped
         if record.report is None:
             record.rear_m = max(record.rear_m, entry.rear_m)
         return record

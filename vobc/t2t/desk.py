@@ -200,7 +200,8 @@ class AreaDesk:
         """Nothing comes from anybody, or nothing from any train: what it says may still come
         through, so that the others would go on waiting for it.
         """
-        return master.has_others and (now_ns >= self._deaf_ns() or master.hears_no_train(now_ns))
+        somebody_waits = master.succession.standby != NOBODY
+        return somebody_waits and (now_ns >= self._deaf_ns() or master.hears_no_train(now_ns))
 
     def _turn_ns(self) -> int:
         """When the silence of the master has lasted long enough for this train to apply."""

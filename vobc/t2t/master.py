@@ -223,7 +223,8 @@ class Master:
     def _sieve(self, order: Order, now_ns: int) -> tuple[Order, bool]:
         sieved = []
         for entry in order:
-            report = self._known.records[entry.train].report
+            record = self._known.records[entry.train]
+            report, entry = record.report, entry._replace(stopped=record.stopped)
             if not entry.sieved and report is not None:
                 entry = entry._replace(sieved=is_sieved(report, self._scene(now_ns, report)))
             sieved.append(entry)
@@ -261,8 +262,6 @@ class Master:
             ObjectClaim(*self._head(now_ns, WAYSIDE), site.number, claim.kind, claim.nonce)
             for site, claim in planned
         ]
-
-    # Authorities.
 
     def _authorities(self, now_ns: int) -> list[T2tMessage]:
         commanded = self.roster.may_be_commanded()

@@ -99,8 +99,9 @@ class TrainCore:
             relation = self._relation(desk.area, now_ns)
             said += desk.step(now_ns, own, concerned=concerned, relation=relation)
         for desk in self._desks.values():
-            self.refusals.update(desk.refused)
-            desk.refused.clear()
+            if desk.refused:
+                self.refusals.update(desk.refused)
+                desk.refused.clear()
             desk.member.settle(now_ns, own)
         return self._stepped(now_ns, own, said)
 
@@ -139,8 +140,9 @@ class TrainCore:
                 self.refusals["area of no concern"] += 1
             else:
                 said += desk.hears(message, now_ns)
-        self.refusals.update({r.value: n for r, n in self._hearing.refusals.items()})
-        self._hearing.refusals.clear()
+        if self._hearing.refusals:
+            self.refusals.update({r.value: n for r, n in self._hearing.refusals.items()})
+            self._hearing.refusals.clear()
         return said
 
     def _serve(self, order: LineOrder) -> None:
@@ -231,30 +233,28 @@ class TrainCore:
         return Stepped(None, None, ())
 
     def _stepped(self, now_ns: int, own: OwnTrain, said: list[T2tMessage]) -> Stepped:
-        memory = self.memory
-        for desk in self._desks.values():
+        memory, due_ns = self.memory, now_ns + IDLE_NS
+        roles: list[tuple[int, Role]] = []
+        within = 0
+        for number, desk in self._desks.items():
             if desk.member.memory is not desk.stored:
                 desk.stored = desk.member.memory
                 memory = memory.with_area(desk.stored)
+            if desk.role is not Role.OUTSIDE:
+                due_ns = min(due_ns, desk.next_due_ns())
+                roles.append((number, desk.role))
+            # Every area that the train is in has a desk.
+            within += desk.area.start_m < own.front_max_m and own.rear_min_m < desk.area.end_m
         changed = memory is not self.memory or not self._stored
         self.memory, self._stored = memory, True
-        active = [each for each in self._desks.values() if each.role is not Role.OUTSIDE]
-        due_ns = min([each.next_due_ns() for each in active], default=now_ns + IDLE_NS)
         self._due_ns = max(due_ns, now_ns + 1)
         authority = self._authority(now_ns, own) if own.localised else None
         age_max_ns = self._config.timers.authority_ms * NS_PER_MS
         young = authority is not None and now_ns - authority.echo_ns <= age_max_ns
-        # Every area that the train is in has a desk.
-        within = sum(
-            [
-                desk.area.start_m < own.front_max_m and own.rear_min_m < desk.area.end_m
-                for desk in self._desks.values()
-            ]
-        )
         return Stepped(
             memory=memory if changed else None,
             authority=authority,
             out=tuple(said),
             state=state_of(Standing(own.localised, young, within)),
-            roles=tuple([(each.area.number, each.role) for each in active]),
+            roles=tuple(roles),
         )

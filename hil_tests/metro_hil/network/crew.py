@@ -31,10 +31,13 @@ from zenoh_config.t2t import (
     ObjectStatus,
     OrderKind,
     T2tMessage,
+    TrainReport,
 )
 
 NS_PER_MS: Final = 1_000_000
 ORDER_REPEATS: Final = 10
+FOLLOWING: Final = frozenset((Role.OUTSIDE, Role.APPLICANT, Role.MEMBER))
+FOR_MASTERS: Final = frozenset((TrainReport, ObjectStatus))
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,6 +83,7 @@ class TrainNode:
     __slots__ = (
         "_age_max_ns",
         "_covered",
+        "_follows",
         "_held",
         "_keep",
         "_roles",
@@ -103,6 +107,7 @@ class TrainNode:
         self._age_max_ns = age_max_ns
         self._state: TrainState | None = None
         self._roles: tuple[tuple[int, Role], ...] = ()
+        self._follows = False
         self._keep = memory
         self._routes = routes
         self._held: Any = None
@@ -112,22 +117,23 @@ class TrainNode:
 
     def step(self, now_ns: int, heard: Sequence[Any], reading: Reading) -> Turn:
         own = OwnTrain(
-            localised=reading.localised,
-            front_min_m=reading.front_min_m,
-            front_max_m=reading.front_max_m,
-            rear_min_m=reading.rear_min_m,
-            speed_mps=reading.speed_mps,
-            standstill=reading.standstill,
-            reach_m=reading.reach_m,
-            easy_m=reading.easy_m,
-            axles=AXLES,
-            out_of_service=reading.out_of_service,
+            reading.localised,
+            reading.front_min_m,
+            reading.front_max_m,
+            reading.rear_min_m,
+            reading.speed_mps,
+            reading.standstill,
+            reading.reach_m,
+            reading.easy_m,
+            AXLES,
+            reading.out_of_service,
         )
         stepped = self.core.step(now_ns, tuple(heard), own)
         self.last = stepped
         if stepped.state is not self._state or stepped.roles != self._roles:
             self._changes(stepped)
-        told_kinds(stepped.out, self._covered)
+        if stepped.out:
+            told_kinds(stepped.out, self._covered)
         if stepped.memory is not None:
             self._keep = stepped.memory
         held = stepped.authority
@@ -152,6 +158,13 @@ class TrainNode:
                 if area in before:
                     covered[f"from {before[area].value} to {role.value}"] += 1
         self._state, self._roles = stepped.state, stepped.roles
+        self._follows = all(role in FOLLOWING for _, role in stepped.roles)
+
+    def waits_for(self, message: Any) -> bool:
+        """Whether to look at it at once. What concerns only those who command, or are about to, a
+        train that follows looks at when it has something to do anyway.
+        """
+        return not self._follows or type(message) not in FOR_MASTERS
 
 
 class Mute:

@@ -6,7 +6,14 @@ from typing import Any, Final
 from metro_hil.network.directed import FAILOVER_S, Make, Scenario, at_speed
 from metro_hil.network.scene import NS_PER_MS, Scene
 from vobc.t2t.vocabulary import Role
-from zenoh_config.t2t import LeaseAnswer, LeaseKind, LeaseRequest, SwitchKind, SwitchStep
+from zenoh_config.t2t import (
+    LeaseAnswer,
+    LeaseKind,
+    LeaseRequest,
+    OrderKind,
+    SwitchKind,
+    SwitchStep,
+)
 
 
 def _deafen(scene: Scene, master: int, to: Sequence[int] | None = None) -> list[tuple[int, int]]:
@@ -131,10 +138,32 @@ def resignation_late(make: Make) -> None:
     scene.expect("under the same term", scene.held_term(master) == term)
 
 
+def stop_outlives_master(make: Make) -> None:
+    """Whom supervision stopped, the next master does not let go, nor the one after it."""
+    scene, first = at_speed(make, trains=4)
+    stopped = next(train for train in scene.world.trains if train not in (first, scene.standby()))
+    scene.order(OrderKind.STOP, stopped)
+    scene.stands(stopped)
+    where_m = scene.world.trains[stopped].front_m
+    for _ in range(2):
+        master = scene.master()
+        assert master is not None
+        old = scene.held_term(stopped)
+        scene.net.kill(master)
+        scene.until("there is a new term", lambda: scene.held_term(stopped) > old, within_s=5.0)
+        scene.net.boot(master)
+        scene.run(20.0)
+        scene.expect("it stands", scene.world.trains[stopped].front_m <= where_m)
+    scene.order(OrderKind.GO, stopped)
+    scene.run(10.0)
+    scene.expect("it goes on", scene.world.trains[stopped].front_m > where_m + 5.0)
+
+
 DEAF_LURES: Final[tuple[Scenario, ...]] = (
     Scenario("deaf-master", 0, "the master is heard and hears nothing", deaf_master),
     Scenario("deaf-to-trains", 0, "the master hears arbiters and no train", deaf_to_trains),
     Scenario("deaf-then-mute", 0, "it cannot say that it is deaf", deaf_then_mute),
     Scenario("shortened-lease", 0, "a grant for less than a whole lease", shortened_lease),
+    Scenario("stop-outlives-master", 0, "a stop is kept with the roster", stop_outlives_master),
     Scenario("resignation-late", 0, "a resignation comes when it is over", resignation_late),
 )

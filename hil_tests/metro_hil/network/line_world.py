@@ -9,7 +9,7 @@ from firmware_py.trackdb.areas import Area, AreaMap, ObjectKind, ObjectSite, Tra
 from metro_hil.network.air import Air, LeaseRules
 from metro_hil.network.cab import Cab
 from metro_hil.network.checker import ViolationError
-from metro_hil.network.crew import Cast, T2tCrew
+from metro_hil.network.crew import Cast, T2tCrew, TrainNode
 from metro_hil.network.ground import Grant, TrueTrain
 from metro_hil.network.net import Codec, Letter, Machine, Node
 from metro_hil.network.trace import Teller
@@ -59,6 +59,9 @@ class Draw:
     """Closures, restrictions, orders and objects that want to be released happen."""
     turn_ms: int = 3
     """How long a process may take to look into its inbox."""
+    leisurely: bool = False
+    """A train that follows leaves what concerns masters only in its inbox until it has something to
+    do: nearly the same run in fewer steps."""
 
 
 def draw(seed: int) -> Draw:
@@ -79,7 +82,9 @@ def draw(seed: int) -> Draw:
         dwell_s=rng.choice((5.0, 20.0)),
     )
     config = T2tConfig(timers=timers, arbiters=arbiters)
-    return Draw(Cast(line, config, trains), setting, rng.random() < 0.7, rng.choice((1, 5, 10, 10)))
+    supervises, turn_ms = rng.random() < 0.7, rng.choice((1, 5, 10, 10))
+    leisurely = rng.random() < 0.8
+    return Draw(Cast(line, config, trains), setting, supervises, turn_ms, leisurely)
 
 
 class LineWorld(World):
@@ -113,6 +118,9 @@ class LineWorld(World):
         machine = super()._start_train(node, now_ns)
         assert isinstance(machine, Cab)
         machine.listener = self
+        leisurely = self.drawn.leisurely and self.net.codec is None
+        if leisurely and isinstance(machine.protocol, TrainNode):
+            node.minds = machine.protocol.waits_for
         return machine
 
     def stepped(

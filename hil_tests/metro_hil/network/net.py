@@ -68,6 +68,7 @@ class Node:
 
     __slots__ = (
         *("address", "boots", "clock", "disk", "doom", "freeze_ns", "inbox", "links", "machine"),
+        "minds",
         *("name", "slow_ns", "start", "stopped_until_ns", "wake_ns"),
     )
 
@@ -77,6 +78,9 @@ class Node:
         """`start` makes the machine from what is on the disk (None: empty), at a local instant."""
         self.address, self.name, self.start, self.clock = address, name, start, clock
         self.machine: Machine | None = None
+        self.minds: Callable[[Any], bool] | None = None
+        """Whether it looks at once at a message that comes; the others wait in the inbox until it
+        steps for another reason. None: at all. For the life of its machine."""
         self.disk: Any = None
         self.boots = 0
         self.inbox: list[Any] = []
@@ -161,6 +165,7 @@ class Network:
         node.doom, node.freeze_ns, node.stopped_until_ns = None, 0, 0
         self.say(node.name, f"starts, with {'what it had stored' if node.disk else 'nothing'}")
         self.trace.note(self.now_ns ^ (node.address << 8) ^ 1)
+        node.minds = None
         node.machine = node.start(node, node.clock.local_ns(self.now_ns))
         self._wake_at(node, self.now_ns)
 
@@ -385,6 +390,8 @@ class Network:
         if len(inbox) >= INBOX_MAX:
             del inbox[0]
         inbox.append(payload)
+        if node.minds is not None and not node.minds(payload):
+            return
         if node.stopped_until_ns <= self.now_ns:
             at_ns = self.now_ns + int(self._draw() * self.turn_ns)
             if at_ns < node.wake_ns:
