@@ -32,7 +32,7 @@ KINDS: Final[dict[type[T2tMessage], tuple[str, type[enum.IntEnum]]]] = {
     Admission: ("state", AdmissionState),
 }
 """Messages of which each kind counts by itself."""
-FORMULAS: Final = frozenset({"latent_authority_m", "unused_term"})
+FORMULAS: Final = frozenset({"latent_authority_m", "unused_term", "granted_until_ns"})
 """Among the guards, but not true or false."""
 
 
