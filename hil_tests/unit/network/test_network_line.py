@@ -1,12 +1,14 @@
 """Trains that command themselves on the simulated line: scenarios, lost guards, all schedules."""
 
 from collections.abc import Callable
+from dataclasses import fields
+from typing import Any, get_type_hints
 
 import pytest
 
 from metro_hil.hil_command import main
 from metro_hil.network.checker import ViolationError
-from metro_hil.network.coverage import everything
+from metro_hil.network.coverage import FORMULAS, everything
 from metro_hil.network.deaf_lures import DEAF_LURES
 from metro_hil.network.directed import SCENARIOS, at_speed
 from metro_hil.network.lures import LURES
@@ -18,6 +20,7 @@ from metro_hil.network.scene import Scene
 from metro_hil.network.simulate import Job
 from metro_hil.network.term_lures import TERM_LURES
 from vobc.t2t import switch
+from vobc.t2t.guards import LeaseGuards, MasterGuards, MemberGuards
 from zenoh_config.t2t import OrderKind, SwitchKind, SwitchStep
 
 QUICK = Job(Phases(trouble_s=15.0))
@@ -45,6 +48,13 @@ def test_without_this_guard_its_scenario_fails(name: str) -> None:
 def test_each_guard_is_either_missed_or_argued_away() -> None:
     assert set(NOTICED) | set(ARGUED) == set(MUTANTS)
     assert not set(NOTICED) & set(ARGUED)
+
+
+@pytest.mark.parametrize("guards", [MemberGuards(), LeaseGuards(), MasterGuards()])
+def test_what_is_no_yes_or_no_is_known_as_a_formula_and_not_counted(guards: Any) -> None:
+    for each in fields(guards):
+        answers = get_type_hints(getattr(guards, each.name))["return"]
+        assert (answers is bool) == (each.name not in FORMULAS), each.name
 
 
 def test_random_faults_break_nothing_and_come_out_the_same_again() -> None:
