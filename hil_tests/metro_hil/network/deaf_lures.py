@@ -138,6 +138,12 @@ def resignation_late(make: Make) -> None:
     scene.expect("under the same term", scene.held_term(master) == term)
 
 
+def _newer(scene: Scene, train: int) -> Callable[[], bool]:
+    """Whether it goes by a later term than now."""
+    old = scene.held_term(train)
+    return lambda: scene.held_term(train) > old
+
+
 def stop_outlives_master(make: Make) -> None:
     """Whom supervision stopped, the next master does not let go, nor the one after it."""
     scene, first = at_speed(make, trains=4)
@@ -148,9 +154,9 @@ def stop_outlives_master(make: Make) -> None:
     for _ in range(2):
         master = scene.master()
         assert master is not None
-        old = scene.held_term(stopped)
+        newer = _newer(scene, stopped)
         scene.net.kill(master)
-        scene.until("there is a new term", lambda: scene.held_term(stopped) > old, within_s=5.0)
+        scene.until("there is a new term", newer, within_s=5.0)
         scene.net.boot(master)
         scene.run(20.0)
         scene.expect("it stands", scene.world.trains[stopped].front_m <= where_m)
