@@ -5,22 +5,22 @@ from pathlib import Path
 
 import pytest
 
-from metro_hil.line_run.conduct import TrainDiedError, conduct
+from metro_hil.line_run.conduct import TrainDiedError, conduct, groups
 from metro_hil.line_run.seat import Seat, plan_line
 from plant_emulator.traffic.coupling import INTERVAL_S, Coupling, Said
 
 LENGTH_M = 78.08
 
 
-def test_one_process_for_each_train_changes_no_byte(tmp_path: Path) -> None:
+def test_processes_change_no_byte(tmp_path: Path) -> None:
     """Logs are of one of the two only: they change nothing either."""
     plan = plan_line(line="changping", trains=3, consist=None, params=None, seed=5, law="green")
     folders = [tmp_path / f"train{start.train}" for start in plan.starts]
     for folder in folders:
         folder.mkdir()
 
-    here = conduct(plan, 15.0, folders=[None] * 3, processes=False)
-    there = conduct(plan, 15.0, folders=folders, processes=True)
+    here = conduct(plan, 15.0, folders=[None] * 3, processors=1)
+    there = conduct(plan, 15.0, folders=folders, processors=2)
 
     assert here.reports == there.reports
     assert here.rows == there.rows
@@ -37,7 +37,7 @@ def test_the_voltage_at_the_pantograph_is_what_the_bus_says(tmp_path: Path) -> N
     plan = plan_line(line="changping", trains=1, consist=None, params=None, seed=1)
     (tmp_path / "train1").mkdir()
 
-    record = conduct(plan, 40.0, folders=[tmp_path / "train1"], processes=False)
+    record = conduct(plan, 40.0, folders=[tmp_path / "train1"])
 
     rows = (tmp_path / "train1" / "bus.log").read_text().splitlines()
     supplies = [row.split()[2].split("#")[1] for row in rows if " 188#" in row]
@@ -77,11 +77,24 @@ def test_a_train_whose_process_ends_is_named_with_its_exit_code(
 
     def dying(seat: Seat) -> Said:
         said = advance(seat)
-        if seat.member.train == 2 and seat.member.plant.world.now_ns >= 10**9:
+        if seat.member.train == 1 and seat.member.plant.world.now_ns >= 10**9:
             os._exit(7)
         return said
 
     monkeypatch.setattr(Seat, "advance", dying)
 
-    with pytest.raises(TrainDiedError, match="train 2: its process ended with 7"):
-        conduct(plan, 5.0, folders=[None] * 2, processes=True)
+    with pytest.raises(TrainDiedError, match="train 1: its process ended with 7"):
+        conduct(plan, 5.0, folders=[None] * 2, processors=2)
+
+
+@pytest.mark.parametrize(
+    ("trains", "processors", "sizes"),
+    [(7, 1, [7]), (7, 2, [4, 3]), (7, 4, [2, 2, 2, 1]), (7, 16, [1] * 7), (1, 2, [1])],
+)
+def test_no_processor_has_more_trains_than_it_must(
+    trains: int, processors: int, sizes: list[int]
+) -> None:
+    found = groups(trains, processors)
+
+    assert [len(group) for group in found] == sizes
+    assert [train for group in found for train in group] == list(range(trains))
