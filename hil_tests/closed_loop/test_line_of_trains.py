@@ -51,7 +51,7 @@ def test_a_train_stops_behind_one_that_is_kept_at_its_platform() -> None:
     plan = plan_line(line="changping", trains=2, consist=None, params=None, seed=2, law="timing")
     seats = [Seat(plan, index, None) for index in range(2)]
     seats[0].member.dispatcher.holds = lambda *_: True  # type: ignore[method-assign]
-    coupling = Coupling(plan.traffic, plan.supply, 2)
+    coupling = Coupling(plan.traffic, plan.supply)
     gaps_m, speeds_mps = [], []
 
     for _ in range(round(250.0 / INTERVAL_S)):

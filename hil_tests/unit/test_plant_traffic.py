@@ -121,7 +121,7 @@ def said(front_m: float, *, wants_w: float = 0.0, gives_w: float = 0.0) -> Said:
 
 
 def test_each_train_hears_where_the_one_ahead_ends_and_the_foremost_the_hindmost() -> None:
-    coupling = Coupling(TRAFFIC, STRONG, 3)
+    coupling = Coupling(TRAFFIC, STRONG)
 
     answers = coupling.answers([said(9000.0), said(5000.0), said(1000.0)])
 
@@ -129,7 +129,7 @@ def test_each_train_hears_where_the_one_ahead_ends_and_the_foremost_the_hindmost
 
 
 def test_a_braking_train_feeds_an_accelerating_one_nearby() -> None:
-    apart, near = (Coupling(TRAFFIC, STRONG, 2) for _ in range(2))
+    apart, near = (Coupling(TRAFFIC, STRONG) for _ in range(2))
     apart.answers([said(7700.0, gives_w=1.5e6), said(100.0, wants_w=1.5e6)])
     near.answers([said(4000.0, gives_w=1.5e6), said(3900.0, wants_w=1.5e6)])
 
@@ -140,12 +140,3 @@ def test_a_braking_train_feeds_an_accelerating_one_nearby() -> None:
         assert books.trains_j == pytest.approx(trains_j, rel=1e-6)
         assert abs(books.closure_ratio) < 1e-6
         assert sum(coupling.substations_w) * INTERVAL_S == pytest.approx(books.sources_j)
-
-
-def test_warming_up_leaves_no_trace() -> None:
-    warm, cold = (Coupling(TRAFFIC, STRONG, 2) for _ in range(2))
-    warm.warm_up()
-
-    trains = [said(4000.0, wants_w=2e6), said(3000.0, gives_w=1e6)]
-    assert warm.answers(trains) == cold.answers(trains)
-    assert warm.network.solved == cold.network.solved == 1

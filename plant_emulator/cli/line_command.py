@@ -132,9 +132,8 @@ class _Line:
         self._plan, self._stack, self._clock = plan, stack, clock
         self._out = None if options.out is None else Path(options.out)
         supply = SUPPLIES[options.supply or plan.traffic.supply]
-        self._coupling = Coupling(plan.traffic, supply, len(plan.starts))
+        self._coupling = Coupling(plan.traffic, supply)
         self._began = False
-        self._coupling.warm_up()
         say(
             f"{len(plan.starts)} trains on {plan.line.name}, {supply.name} network, seed "
             f"{options.seed}; they leave once each has a controller:"

@@ -10,12 +10,17 @@ still gives far above V0 goes into a small load of the substation's own. A train
 takes its power at whatever voltage there is, less of it under a low voltage; what it regenerates
 goes into its own resistor the more, the higher the voltage. Newton's matrix has the tree's
 structure, so that elimination from the leaves is exact and costs a few operations a node.
+
+Vectors are lists here, so that one line of trains is solved instant by instant without any help;
+they may as well be arrays for the copy of this module that numba compiles (`compiled.jitted`).
 """
 
 import math
-from typing import Any, Final
+from typing import Final
 
-from plant_emulator.power.compiled import kernel
+Numbers = list[float]
+Indices = list[int]
+Rows = list[list[float]]
 
 NO_EFFORT, FULL_EFFORT, CHOPS_FROM, CHOPS_ALL, SMOOTH, FLOOR, CEILING = range(7)
 """Places in `limits`, all in V."""
@@ -28,10 +33,64 @@ HOMOTOPY_STEPS: Final = 20
 LEAST_DIAGONAL_S: Final = 1.0e-9
 CLOSE_A: Final = 0.5
 """From here on steps that do not lessen the greatest residual are taken nevertheless."""
+LEAST_M: Final = 0.1
+"""Two nodes on one section are at least so far apart: a short cut between trains has no less."""
 
 
-@kernel
-def effort_share(voltage_v: float, limits: Any) -> tuple[float, float]:
+def arrange(
+    order: Indices,
+    joints_of: list[Indices],
+    spans_m: Rows,
+    ohms_per_m: Numbers,
+    train_section: Indices,
+    train_m: Numbers,
+    parent: Indices,
+    siemens: Numbers,
+    node_of_train: Indices,
+    node_of_joint: Indices,
+    sorted_trains: Indices,
+) -> int:
+    """Numbers the nodes for trains at these places, in place; answers with how many there are.
+
+    Roots come first, then section by section from its earlier joint: trains by place, far joint.
+    """
+    n = 0
+    for joint in range(len(node_of_joint)):
+        if node_of_joint[joint] == -2:
+            parent[n], siemens[n] = -1, 0.0
+            node_of_joint[joint] = n
+            n += 1
+    for section in order:
+        near, far = joints_of[section][0], joints_of[section][1]
+        begin_m, end_m = spans_m[section][0], spans_m[section][1]
+        count = 0
+        for train in range(len(train_m)):
+            if train_section[train] != section:
+                continue
+            place = count
+            while place > 0 and abs(train_m[sorted_trains[place - 1]] - begin_m) > abs(
+                train_m[train] - begin_m
+            ):
+                sorted_trains[place] = sorted_trains[place - 1]
+                place -= 1
+            sorted_trains[place] = train
+            count += 1
+        last, at_m = node_of_joint[near], begin_m
+        for place in range(count):
+            train = sorted_trains[place]
+            gap_m = max(LEAST_M, abs(train_m[train] - at_m))
+            parent[n], siemens[n] = last, 1.0 / (ohms_per_m[section] * gap_m)
+            node_of_train[train] = n
+            last, at_m = n, train_m[train]
+            n += 1
+        gap_m = max(LEAST_M, abs(end_m - at_m))
+        parent[n], siemens[n] = last, 1.0 / (ohms_per_m[section] * gap_m)
+        node_of_joint[far] = n
+        n += 1
+    return n
+
+
+def effort_share(voltage_v: float, limits: Numbers) -> tuple[float, float]:
     """Share of the wanted traction power that the voltage leaves, and its slope."""
     at = (voltage_v - limits[NO_EFFORT]) / (limits[FULL_EFFORT] - limits[NO_EFFORT])
     if at <= 0.0:
@@ -42,8 +101,7 @@ def effort_share(voltage_v: float, limits: Any) -> tuple[float, float]:
     return at * at * (3.0 - 2.0 * at), slope
 
 
-@kernel
-def chopped_share(voltage_v: float, limits: Any) -> tuple[float, float]:
+def chopped_share(voltage_v: float, limits: Numbers) -> tuple[float, float]:
     """Share of the regenerated power that goes into the train's resistor, and its slope.
 
     It goes on beyond 1 for the search's sake: no solution lies there, because a train that took
@@ -56,9 +114,8 @@ def chopped_share(voltage_v: float, limits: Any) -> tuple[float, float]:
     return at * at, 2.0 * at / span
 
 
-@kernel
 def source_current(
-    voltage_v: float, no_load_v: float, ohm: float, limits: Any
+    voltage_v: float, no_load_v: float, ohm: float, limits: Numbers
 ) -> tuple[float, float]:
     """Of a rectifier less the substation's own load, and its slope over the voltage."""
     if ohm <= 0.0:
@@ -69,9 +126,8 @@ def source_current(
     return current, -(1.0 + lack / root) / (2.0 * ohm) - IDLE_S
 
 
-@kernel
 def load_power(
-    voltage_v: float, wants_w: float, gives_w: float, auxiliary_w: float, limits: Any
+    voltage_v: float, wants_w: float, gives_w: float, auxiliary_w: float, limits: Numbers
 ) -> tuple[float, float]:
     """What a train takes from the line (negative: it feeds), and its slope over the voltage."""
     effort, effort_slope = effort_share(voltage_v, limits)
@@ -80,22 +136,26 @@ def load_power(
     return power, wants_w * effort_slope + gives_w * chopped_slope
 
 
-@kernel
 def residuals(
-    parent: Any,
-    siemens: Any,
-    sources: Any,
-    loads: Any,
-    limits: Any,
-    volts: Any,
-    out: Any,
+    parent: Indices,
+    siemens: Numbers,
+    sources: Rows,
+    loads: Rows,
+    share: float,
+    limits: Numbers,
+    volts: Numbers,
+    out: Numbers,
     n: int,
 ) -> float:
     """Into `out` (n,): current that is missing at each node; answers with the greatest, in A."""
+    no_load_v, ohms = sources[0], sources[1]
+    wants_w, gives_w, auxiliary_w = loads[0], loads[1], loads[2]
     for i in range(n):
         v = volts[i]
-        gained, _ = source_current(v, sources[i, 0], sources[i, 1], limits)
-        power, _ = load_power(v, loads[i, 0], loads[i, 1], loads[i, 2], limits)
+        gained, _ = source_current(v, no_load_v[i], ohms[i], limits)
+        power, _ = load_power(
+            v, share * wants_w[i], share * gives_w[i], share * auxiliary_w[i], limits
+        )
         out[i] = gained - power / v
     for i in range(n):
         if parent[i] >= 0:
@@ -108,23 +168,27 @@ def residuals(
     return worst
 
 
-@kernel
 def newton_step(
-    parent: Any,
-    siemens: Any,
-    sources: Any,
-    loads: Any,
-    limits: Any,
-    volts: Any,
-    out: Any,
-    work: Any,
+    parent: Indices,
+    siemens: Numbers,
+    sources: Rows,
+    loads: Rows,
+    share: float,
+    limits: Numbers,
+    volts: Numbers,
+    out: Numbers,
+    work: Numbers,
     n: int,
 ) -> None:
     """Replaces the residuals in `out` by the change of voltages that would remove them."""
+    no_load_v, ohms = sources[0], sources[1]
+    wants_w, gives_w, auxiliary_w = loads[0], loads[1], loads[2]
     for i in range(n):
         v = volts[i]
-        _, gain = source_current(v, sources[i, 0], sources[i, 1], limits)
-        power, slope = load_power(v, loads[i, 0], loads[i, 1], loads[i, 2], limits)
+        _, gain = source_current(v, no_load_v[i], ohms[i], limits)
+        power, slope = load_power(
+            v, share * wants_w[i], share * gives_w[i], share * auxiliary_w[i], limits
+        )
         work[i] = -gain + slope / v - power / (v * v) + siemens[i]
     for i in range(n):
         if parent[i] >= 0:
@@ -136,68 +200,88 @@ def newton_step(
         if abs(work[i]) < LEAST_DIAGONAL_S:
             work[i] = LEAST_DIAGONAL_S
         if parent[i] >= 0:
-            share = siemens[i] / work[i]
-            work[parent[i]] -= share * siemens[i]
-            out[parent[i]] += share * out[i]
+            part = siemens[i] / work[i]
+            work[parent[i]] -= part * siemens[i]
+            out[parent[i]] += part * out[i]
     for i in range(n):
         if parent[i] >= 0:
             out[i] += siemens[i] * out[parent[i]]
         out[i] /= work[i]
 
 
-@kernel
 def newton(
-    parent: Any, siemens: Any, sources: Any, loads: Any, limits: Any, volts: Any, work: Any, n: int
+    parent: Indices,
+    siemens: Numbers,
+    sources: Rows,
+    loads: Rows,
+    share: float,
+    limits: Numbers,
+    volts: Numbers,
+    work: Rows,
+    n: int,
 ) -> int:
-    """Solves for `volts` (n,) in place, from what is in it. `work` is (4, n).
+    """Solves for `volts` (n,) in place, from what is in it, under that share of the loads.
 
-    Answers with the iterations taken, or -1 where it did not converge.
+    Answers with the iterations taken, or -1 where it did not converge. `work` is (4, n).
     """
-    worst = residuals(parent, siemens, sources, loads, limits, volts, work[0], n)
+    missing_a, diagonal, tried_v, then_a = work[0], work[1], work[2], work[3]
+    worst = residuals(parent, siemens, sources, loads, share, limits, volts, missing_a, n)
     for iteration in range(ITERATIONS):
         if worst < TOLERANCE_A:
             return iteration
-        newton_step(parent, siemens, sources, loads, limits, volts, work[0], work[1], n)
+        newton_step(parent, siemens, sources, loads, share, limits, volts, missing_a, diagonal, n)
         factor = 1.0
         better = worst
         for _halving in range(HALVINGS):
             for i in range(n):
-                changed = volts[i] + factor * work[0, i]
-                work[2, i] = min(max(changed, limits[FLOOR]), limits[CEILING])
-            better = residuals(parent, siemens, sources, loads, limits, work[2], work[3], n)
+                changed = volts[i] + factor * missing_a[i]
+                tried_v[i] = min(max(changed, limits[FLOOR]), limits[CEILING])
+            better = residuals(parent, siemens, sources, loads, share, limits, tried_v, then_a, n)
             if better < worst or (worst < CLOSE_A and better < CLOSE_A):
                 break
             factor *= 0.5
         for i in range(n):
-            volts[i] = work[2, i]
-            work[0, i] = work[3, i]
+            volts[i] = tried_v[i]
+            missing_a[i] = then_a[i]
         worst = better
     return ITERATIONS if worst < TOLERANCE_A else -1
 
 
-@kernel
 def solve(
-    parent: Any, siemens: Any, sources: Any, loads: Any, limits: Any, volts: Any, work: Any, n: int
+    parent: Indices,
+    siemens: Numbers,
+    sources: Rows,
+    loads: Rows,
+    limits: Numbers,
+    volts: Numbers,
+    work: Rows,
+    n: int,
 ) -> int:
     """As `newton`, which is tried from the last voltages, then from no load, then along loads that
-    grow from nothing. `work` is (4, n), `volts` holds the solution."""
-    done = newton(parent, siemens, sources, loads, limits, volts, work, n)
+    grow from nothing. `volts` holds the solution.
+
+    Args:
+        sources: (2, n): voltage without load, and resistance, 0 where there is no substation.
+        loads: (3, n): traction that is wanted, regeneration that is given, auxiliaries.
+        work: (4, n), room to work in.
+    """
+    done = newton(parent, siemens, sources, loads, 1.0, limits, volts, work, n)
     if done >= 0:
         return done
     spent = ITERATIONS
     highest = 0.0
     for i in range(n):
-        highest = max(highest, sources[i, 0])
+        highest = max(highest, sources[0][i])
     for i in range(n):
         volts[i] = highest
-    done = newton(parent, siemens, sources, loads, limits, volts, work, n)
+    done = newton(parent, siemens, sources, loads, 1.0, limits, volts, work, n)
     if done >= 0:
         return spent + done
     spent += ITERATIONS
     for i in range(n):
         volts[i] = highest
     for step in range(1, HOMOTOPY_STEPS + 1):
-        part = loads * (step / HOMOTOPY_STEPS)
-        done = newton(parent, siemens, sources, part, limits, volts, work, n)
+        share = step / HOMOTOPY_STEPS
+        done = newton(parent, siemens, sources, loads, share, limits, volts, work, n)
         spent += ITERATIONS
     return spent if done >= 0 else -1

@@ -8,17 +8,10 @@ sections meet. Trains are nodes of their own on the sections that they stand on.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Final, NamedTuple
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import Final, NamedTuple
 
 from plant_emulator.power import flow
-from plant_emulator.power.compiled import kernel
 
-Numbers = NDArray[np.float64]
-LEAST_M: Final = 0.1
-"""Two nodes on one section are at least so far apart: a short cut between trains has no less."""
 M_PER_KM: Final = 1000.0
 
 
@@ -64,14 +57,12 @@ class Voltages:
         if not self.smooth_v > 0.0:
             raise ValueError(f"smooth_v {self.smooth_v} is not positive")
 
-    def as_array(self) -> Numbers:
+    def listed(self) -> list[float]:
         """In the order of `flow`'s places."""
-        return np.array(
-            [
-                *(self.no_effort_v, self.full_effort_v, self.chops_from_v, self.chops_all_v),
-                *(self.smooth_v, self.floor_v, self.ceiling_v),
-            ]
-        )
+        return [
+            *(self.no_effort_v, self.full_effort_v, self.chops_from_v, self.chops_all_v),
+            *(self.smooth_v, self.floor_v, self.ceiling_v),
+        ]
 
 
 class Load(NamedTuple):
@@ -119,60 +110,6 @@ class NetworkError(ValueError):
     """A network that is none; the text names the part."""
 
 
-@kernel
-def arrange(
-    order: Any,
-    joints_of: Any,
-    spans_m: Any,
-    ohms_per_m: Any,
-    train_section: Any,
-    train_m: Any,
-    parent: Any,
-    siemens: Any,
-    node_of_train: Any,
-    node_of_joint: Any,
-    sorted_trains: Any,
-) -> int:
-    """Numbers the nodes for trains at these places, in place; answers with how many there are.
-
-    Roots come first, then section by section from its earlier joint: trains by place, far joint.
-    """
-    n = 0
-    for joint in range(len(node_of_joint)):
-        if node_of_joint[joint] == -2:
-            parent[n], siemens[n] = -1, 0.0
-            node_of_joint[joint] = n
-            n += 1
-    for section in order:
-        near, far = joints_of[section, 0], joints_of[section, 1]
-        begin_m, end_m = spans_m[section, 0], spans_m[section, 1]
-        count = 0
-        for train in range(len(train_m)):
-            if train_section[train] != section:
-                continue
-            place = count
-            while place > 0 and abs(train_m[sorted_trains[place - 1]] - begin_m) > abs(
-                train_m[train] - begin_m
-            ):
-                sorted_trains[place] = sorted_trains[place - 1]
-                place -= 1
-            sorted_trains[place] = train
-            count += 1
-        last, at_m = node_of_joint[near], begin_m
-        for place in range(count):
-            train = sorted_trains[place]
-            gap_m = max(LEAST_M, abs(train_m[train] - at_m))
-            parent[n], siemens[n] = last, 1.0 / (ohms_per_m[section] * gap_m)
-            node_of_train[train] = n
-            last, at_m = n, train_m[train]
-            n += 1
-        gap_m = max(LEAST_M, abs(end_m - at_m))
-        parent[n], siemens[n] = last, 1.0 / (ohms_per_m[section] * gap_m)
-        node_of_joint[far] = n
-        n += 1
-    return n
-
-
 class Network:
     """Solved instant by instant; the last voltages are where the next search begins.
 
@@ -191,26 +128,20 @@ class Network:
         self.substations = tuple(substations)
         self.joints = _joints(self.sections)
         self.order, self.roots, self.turned = _tree(self.sections, self.joints)
-        self.joints_of = np.array(
-            [
-                (self.joints.index(far), self.joints.index(near))
-                if self.turned[index]
-                else (self.joints.index(near), self.joints.index(far))
-                for index, (near, far) in enumerate((s.begin, s.end) for s in self.sections)
-            ],
-            dtype=np.int64,
-        ).reshape(len(self.sections), 2)
-        self.spans_m = np.array(
-            [
-                (s.end_m, s.begin_m) if self.turned[index] else (s.begin_m, s.end_m)
-                for index, s in enumerate(self.sections)
-            ]
-        ).reshape(len(self.sections), 2)
-        self.ohms_per_m = np.array([s.ohm_per_km / M_PER_KM for s in self.sections])
-        self.sources = np.zeros((len(self.joints), 2))
+        self.joints_of = [
+            [self.joints.index(name) for name in (s.begin, s.end)[:: -1 if turned else 1]]
+            for s, turned in zip(self.sections, self.turned, strict=True)
+        ]
+        self.spans_m = [
+            [s.end_m, s.begin_m] if turned else [s.begin_m, s.end_m]
+            for s, turned in zip(self.sections, self.turned, strict=True)
+        ]
+        self.ohms_per_m = [s.ohm_per_km / M_PER_KM for s in self.sections]
+        self.sources = [[0.0] * len(self.joints), [0.0] * len(self.joints)]
+        """Voltage without load and resistance, by joint."""
         for substation in self.substations:
             self._add(substation)
-        self.limits = self.voltages.as_array()
+        self.limits = self.voltages.listed()
         self.unconverged = 0
         self.solved = 0
         self.iterations = 0
@@ -227,9 +158,10 @@ class Network:
                 f"{where}: no_load_v {substation.no_load_v} is not a working voltage"
             )
         index = self.joints.index(substation.joint)
-        if self.sources[index, 1] > 0.0:
+        if self.sources[1][index] > 0.0:
             raise NetworkError(f"{where}: is there twice")
-        self.sources[index] = substation.no_load_v, substation.source_ohm
+        self.sources[0][index] = substation.no_load_v
+        self.sources[1][index] = substation.source_ohm
 
     def section_of(self, at_m: float) -> int:
         """The first section that holds this chainage; raises NetworkError."""
@@ -242,31 +174,35 @@ class Network:
     def solve(self, trains: Sequence[Load]) -> tuple[list[Fed], Balance]:
         """One instant; trains in the given order."""
         nodes = len(self.joints) + len(trains)
-        parent, siemens = np.zeros(nodes, dtype=np.int64), np.zeros(nodes)
-        of_train = np.zeros(len(trains), dtype=np.int64)
-        of_joint = np.full(len(self.joints), -1, dtype=np.int64)
-        of_joint[self.roots] = -2
-        n = arrange(
+        parent, siemens = [0] * nodes, [0.0] * nodes
+        of_train, of_joint = [0] * len(trains), [-1] * len(self.joints)
+        for root in self.roots:
+            of_joint[root] = -2
+        n = flow.arrange(
             self.order,
             self.joints_of,
             self.spans_m,
             self.ohms_per_m,
-            np.array([self.section_of(train.at_m) for train in trains], dtype=np.int64),
-            np.array([train.at_m for train in trains], dtype=np.float64),
+            [self.section_of(train.at_m) for train in trains],
+            [train.at_m for train in trains],
             parent,
             siemens,
             of_train,
             of_joint,
-            np.zeros(max(1, len(trains)), dtype=np.int64),
+            [0] * len(trains),
         )
         assert n == nodes
-        sources, loads = np.zeros((nodes, 2)), np.zeros((nodes, 3))
-        sources[of_joint] = self.sources
-        for train, load in enumerate(trains):
-            loads[of_train[train]] = load.wants_w, load.gives_w, load.auxiliary_w
+        sources, loads = _rows(2, nodes), _rows(3, nodes)
+        for joint, node in enumerate(of_joint):
+            sources[0][node] = self.sources[0][joint]
+            sources[1][node] = self.sources[1][joint]
+        for node, load in zip(of_train, trains, strict=True):
+            loads[0][node] = load.wants_w
+            loads[1][node] = load.gives_w
+            loads[2][node] = load.auxiliary_w
         volts = self._start(nodes, of_joint, of_train)
         done = flow.solve(
-            parent, siemens, sources, loads, self.limits, volts, np.zeros((4, nodes)), nodes
+            parent, siemens, sources, loads, self.limits, volts, _rows(4, nodes), nodes
         )
         self.solved += 1
         if done < 0:
@@ -274,26 +210,26 @@ class Network:
         else:
             self.iterations += done
             self._keep(volts, of_joint, of_train)
-        fed = [self._fed(float(volts[of_train[train]]), load) for train, load in enumerate(trains)]
+        fed = [self._fed(volts[node], load) for node, load in zip(of_train, trains, strict=True)]
         return fed, self._balance(parent, siemens, sources, volts, fed)
 
     def joint_voltages_v(self) -> dict[str, float]:
         """Of the last instant that had a solution; a joint is there once it was solved."""
         return {name: self._warm[name] for name in self.joints if name in self._warm}
 
-    def _start(self, nodes: int, of_joint: Any, of_train: Any) -> Numbers:
-        volts = np.full(nodes, float(np.max(self.sources[:, 0])))
-        for index, name in enumerate(self.joints):
-            volts[of_joint[index]] = self._warm.get(name, volts[of_joint[index]])
-        for train in range(len(of_train)):
-            volts[of_train[train]] = self._warm.get(train, volts[of_train[train]])
+    def _start(self, nodes: int, of_joint: list[int], of_train: list[int]) -> list[float]:
+        volts = [max(self.sources[0])] * nodes
+        for name, node in zip(self.joints, of_joint, strict=True):
+            volts[node] = self._warm.get(name, volts[node])
+        for train, node in enumerate(of_train):
+            volts[node] = self._warm.get(train, volts[node])
         return volts
 
-    def _keep(self, volts: Numbers, of_joint: Any, of_train: Any) -> None:
-        for index, name in enumerate(self.joints):
-            self._warm[name] = float(volts[of_joint[index]])
-        for train in range(len(of_train)):
-            self._warm[train] = float(volts[of_train[train]])
+    def _keep(self, volts: list[float], of_joint: list[int], of_train: list[int]) -> None:
+        for name, node in zip(self.joints, of_joint, strict=True):
+            self._warm[name] = volts[node]
+        for train, node in enumerate(of_train):
+            self._warm[train] = volts[node]
 
     def _fed(self, voltage_v: float, load: Load) -> Fed:
         effort, _ = flow.effort_share(voltage_v, self.limits)
@@ -308,31 +244,37 @@ class Network:
         )
 
     def _balance(
-        self, parent: Any, siemens: Numbers, sources: Numbers, volts: Numbers, fed: Sequence[Fed]
+        self,
+        parent: list[int],
+        siemens: list[float],
+        sources: list[list[float]],
+        volts: list[float],
+        fed: Sequence[Fed],
     ) -> Balance:
-        sources_w = rectifiers_w = stations_w = 0.0
-        for node in range(len(volts)):
-            no_load_v, ohm, voltage_v = (
-                float(sources[node, 0]),
-                float(sources[node, 1]),
-                volts[node],
-            )
+        sources_w = rectifiers_w = stations_w = lines_w = 0.0
+        for node, voltage_v in enumerate(volts):
+            if parent[node] >= 0:
+                fall_v = voltage_v - volts[parent[node]]
+                lines_w += siemens[node] * fall_v * fall_v
+            no_load_v, ohm = sources[0][node], sources[1][node]
             if ohm <= 0.0:
                 continue
-            fed_a, _ = flow.source_current(float(voltage_v), no_load_v, ohm, self.limits)
-            current_a = fed_a + flow.IDLE_S * float(voltage_v)
+            fed_a, _ = flow.source_current(voltage_v, no_load_v, ohm, self.limits)
+            current_a = fed_a + flow.IDLE_S * voltage_v
             sources_w += no_load_v * current_a
-            rectifiers_w += (no_load_v - float(voltage_v)) * current_a
-            stations_w += flow.IDLE_S * float(voltage_v) ** 2
-        inner = parent >= 0
-        falls_v = volts[inner] - volts[parent[inner]]
+            rectifiers_w += (no_load_v - voltage_v) * current_a
+            stations_w += flow.IDLE_S * voltage_v * voltage_v
         return Balance(
             sources_w=sources_w,
             rectifiers_w=rectifiers_w,
             stations_w=stations_w,
-            lines_w=float(np.sum(siemens[inner] * falls_v**2)),
-            trains_w=sum(train.voltage_v * train.current_a for train in fed),
+            lines_w=lines_w,
+            trains_w=sum([train.voltage_v * train.current_a for train in fed]),
         )
+
+
+def _rows(count: int, nodes: int) -> list[list[float]]:
+    return [[0.0] * nodes for _ in range(count)]
 
 
 def _joints(sections: Sequence[Section]) -> list[str]:
@@ -353,7 +295,7 @@ def _joints(sections: Sequence[Section]) -> list[str]:
 
 def _tree(
     sections: Sequence[Section], joints: Sequence[str]
-) -> tuple[NDArray[np.int64], NDArray[np.int64], list[bool]]:
+) -> tuple[list[int], list[int], list[bool]]:
     """Sections in an order in which the earlier joint of each is known, roots, and which sections
     run against that order. Raises NetworkError for a ring."""
     order: list[int] = []
@@ -380,4 +322,4 @@ def _tree(
                 order.append(index)
                 known.add(there)
                 reached.append(there)
-    return np.array(order, dtype=np.int64), np.array(roots, dtype=np.int64), turned
+    return order, roots, turned

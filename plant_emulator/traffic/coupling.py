@@ -61,17 +61,12 @@ class Books:
 class Coupling:
     """Of all trains of a line, the foremost first."""
 
-    def __init__(self, config: TrafficConfig, supply: Supply, trains: int) -> None:
+    def __init__(self, config: TrafficConfig, supply: Supply) -> None:
         self.network = supply.network()
         self.books = Books()
         self.substations_w: tuple[float, ...] = ()
         """Of each substation of the network, in the last interval."""
-        self._config, self._supply, self._trains = config, supply, trains
-
-    def warm_up(self) -> None:
-        """Compile what is compiled at its first use, before time counts; leaves no trace."""
-        trains = [Load(0.0, 1.0e5, 0.0, 1.0e5)] * self._trains
-        self._supply.network().solve(trains)
+        self._config = config
 
     def answers(self, said: Sequence[Said]) -> list[Answer]:
         """One interval of the whole line."""
@@ -100,7 +95,7 @@ class Coupling:
             books.regenerated_j += each.regenerated_w * INTERVAL_S
             books.resistor_j += each.resistor_w * INTERVAL_S
             rear_m = self._leader_rear_m(train, said)
-            found.append(Answer(volts, each.current_a, float(chopped), float(effort), rear_m))
+            found.append(Answer(volts, each.current_a, chopped, effort, rear_m))
         return found
 
     def _leader_rear_m(self, train: int, said: Sequence[Said]) -> float:
@@ -126,5 +121,5 @@ class Coupling:
             fed_a, _ = flow.source_current(
                 volt, station.no_load_v, station.source_ohm, network.limits
             )
-            given.append(station.no_load_v * float(fed_a + flow.IDLE_S * volt))
+            given.append(station.no_load_v * (fed_a + flow.IDLE_S * volt))
         return tuple(given)

@@ -66,6 +66,8 @@ HOT: Final = (
     "plant_emulator/faults/schedule.py",
     "plant_emulator/noise.py",
     "plant_emulator/power/box.py",
+    "plant_emulator/power/flow.py",
+    "plant_emulator/power/network.py",
     "plant_emulator/process.py",
     "plant_emulator/sensors/inertial.py",
     "plant_emulator/sensors/tacho.py",

@@ -9,8 +9,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from plant_emulator.power.compiled import kernel
-from vobc.ato import green_law
+from plant_emulator.power.compiled import jitted, kernel
+from vobc.ato import green_law as plain_law
 
 # State of a train.
 LEG, WAY, SPEED, EFFORT, LEAVES, DUE, BRAKES, VOLTAGE, LAP, STANDS, COASTS = range(11)
@@ -73,11 +73,12 @@ LOST_S: Final = 0.2
 """By the jerk limit at both ends of a run."""
 RUN_MAX_S: Final = 900.0
 
-arm_current_a = kernel(green_law.arm_current_a)
-energy_speed_mps = kernel(green_law.energy_speed_mps)
-timing_speed_mps = kernel(green_law.timing_speed_mps)
-literal_timing_speed_mps = kernel(green_law.literal_timing_speed_mps)
-target_speed_mps = kernel(green_law.target_speed_mps)
+green_law: Final = jitted(plain_law)
+arm_current_a = green_law.arm_current_a
+energy_speed_mps = green_law.energy_speed_mps
+timing_speed_mps = green_law.timing_speed_mps
+literal_timing_speed_mps = green_law.literal_timing_speed_mps
+target_speed_mps = green_law.target_speed_mps
 
 
 @kernel
@@ -114,9 +115,10 @@ def wanted_mps(now_s: float, state: Any, law: Any, train: Any, left_m: float) ->
         standard_w=0.0,
         horizon_s=law[HORIZON],
     )
-    return target_speed_mps(
+    target = target_speed_mps(
         train[TOP], timing, energy, alpha_ratio=law[ALPHA], beta_ratio=law[BETA]
     )
+    return float(target)
 
 
 @kernel

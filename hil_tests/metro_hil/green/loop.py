@@ -28,10 +28,10 @@ from metro_hil.green.kernel import (
     move,
     work_at_station,
 )
-from plant_emulator.power import flow
-from plant_emulator.power.compiled import kernel
-from plant_emulator.power.network import arrange
+from plant_emulator.power import flow as plain_flow
+from plant_emulator.power.compiled import jitted, kernel
 
+flow: Final = jitted(plain_flow)
 RECORDED: Final = 6
 """For each train: place, speed, voltage, net current, regenerated power, resistor power."""
 
@@ -51,12 +51,12 @@ def book_network(
     """What substations gave and what was lost on the way; `powers` (n,) of the substations."""
     for i in range(n):
         powers[i] = 0.0
-        if sources[i, 1] > 0.0:
-            fed, _ = flow.source_current(volts[i], sources[i, 0], sources[i, 1], limits)
+        if sources[1, i] > 0.0:
+            fed, _ = flow.source_current(volts[i], sources[0, i], sources[1, i], limits)
             current = fed + flow.IDLE_S * volts[i]
-            powers[i] = sources[i, 0] * current
+            powers[i] = sources[0, i] * current
             books[SOURCES] += step_s * powers[i]
-            books[RECTIFIERS] += step_s * (sources[i, 0] - volts[i]) * current
+            books[RECTIFIERS] += step_s * (sources[0, i] - volts[i]) * current
             books[STATIONS] += step_s * flow.IDLE_S * volts[i] * volts[i]
         if parent[i] >= 0:
             fall = volts[i] - volts[parent[i]]
@@ -101,20 +101,20 @@ def set_nodes(states: Any, net: Any, room: Any) -> int:
     order, joints_of, spans, ohms, joint_sources, _, _, roots = net
     parent, siemens, of_train, of_joint, sorted_trains, section, place, sources, loads = room[:9]
     volts, joint_volts = room[9], room[11]
-    for j in range(len(joint_sources)):
+    for j in range(len(of_joint)):
         of_joint[j] = -1
     for j in roots:
         of_joint[j] = -2
-    n = arrange(
+    n = flow.arrange(
         *(order, joints_of, spans, ohms, section, place, parent, siemens, of_train),
         *(of_joint, sorted_trains),
     )
     for i in range(n):
-        sources[i, 0], sources[i, 1] = 0.0, 0.0
-        loads[i, 0], loads[i, 1], loads[i, 2] = 0.0, 0.0, 0.0
-    for j in range(len(joint_sources)):
+        sources[0, i], sources[1, i] = 0.0, 0.0
+        loads[0, i], loads[1, i], loads[2, i] = 0.0, 0.0, 0.0
+    for j in range(len(of_joint)):
         k = of_joint[j]
-        sources[k, 0], sources[k, 1] = joint_sources[j, 0], joint_sources[j, 1]
+        sources[0, k], sources[1, k] = joint_sources[0, j], joint_sources[1, j]
         volts[k] = joint_volts[j]
     for i in range(len(states)):
         volts[of_train[i]] = states[i, VOLTAGE]
@@ -152,7 +152,7 @@ def run_line(
                 bounds = (legs[2, leg], legs[3, leg], legs[4, leg])
                 effort = decide_n(now_s, step_s, states[i], law, train, bounds)
             states[i, EFFORT] = effort
-            demand(states[i], train, effort, step_s, loads[of_train[i]], wheel[i])
+            demand(states[i], train, effort, step_s, loads[:, of_train[i]], wheel[i])
         if flow.solve(room[0], room[1], room[7], loads, limits, volts, work, n) < 0:
             books[UNCONVERGED] += 1.0
         for j in range(len(of_joint)):
@@ -163,13 +163,13 @@ def run_line(
             states[i, VOLTAGE] = volts[of_train[i]]
             share, _ = flow.effort_share(states[i, VOLTAGE], limits)
             if counts > 0.0:
-                load = loads[of_train[i]]
+                load = loads[:, of_train[i]]
                 book_train(states[i], share, load, wheel[i], limits, step_s, books)
             if states[i, STANDS] == 0.0:
                 move(states[i], train, share, wheel[i], step_s, books, counts)
         if every > 0 and step % every == 0:
             for i in range(len(states)):
-                load = loads[of_train[i]]
+                load = loads[:, of_train[i]]
                 keep(record[step // every, i], states[i], place[i], load, limits)
             for j in range(len(of_joint)):
                 given[step // every, j] = powers[of_joint[j]]

@@ -223,14 +223,14 @@ def legs_of(timetable: Timetable) -> Numbers:
 def _net(supply: Supply) -> tuple[Any, ...]:
     network = supply.network()
     return (
-        network.order,
-        network.joints_of,
-        network.spans_m,
-        network.ohms_per_m,
-        network.sources,
-        network.limits,
+        np.array(network.order),
+        np.array(network.joints_of),
+        np.array(network.spans_m),
+        np.array(network.ohms_per_m),
+        np.array(network.sources),
+        np.array(network.limits),
         np.array(SUBSTATIONS_M),
-        network.roots,
+        np.array(network.roots),
     )
 
 
@@ -240,7 +240,7 @@ def _room(supply: Supply) -> tuple[Any, ...]:
     return (
         *(np.zeros(nodes, dtype=whole), np.zeros(nodes), np.zeros(TRAINS, dtype=whole)),
         *(np.zeros(joints, dtype=whole), np.zeros(TRAINS, dtype=whole)),
-        *(np.zeros(TRAINS, dtype=whole), np.zeros(TRAINS), np.zeros((nodes, 2))),
-        *(np.zeros((nodes, 3)), np.zeros(nodes), np.zeros((4, nodes))),
+        *(np.zeros(TRAINS, dtype=whole), np.zeros(TRAINS), np.zeros((2, nodes))),
+        *(np.zeros((3, nodes)), np.zeros(nodes), np.zeros((4, nodes))),
         *(np.full(joints, supply.no_load_v), np.zeros(nodes), np.zeros((TRAINS, 5))),
     )

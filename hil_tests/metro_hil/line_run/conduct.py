@@ -235,7 +235,7 @@ def _tied(
     intervals: int,
     told: Callable[[float], None],
 ) -> LineRecord:
-    coupling = Coupling(plan.traffic, plan.supply, len(plan.starts))
+    coupling = Coupling(plan.traffic, plan.supply)
     record = LineRecord(books=coupling.books)
     length_m = plan.scenarios[0].train.length_m
     for interval in range(intervals):
