@@ -2,12 +2,11 @@
 
 From the start of frame to the end of the CRC the sender inserts a bit of opposite value after five
 equal ones. How many depends on every bit sent before, the CRC among them, so the exact length needs
-both. The frame is taken 16 bits at a time: one table answers how many stuff bits a word brings and
-in which state it leaves the stuffing, a second one carries the CRC on.
+both. The frame is taken byte by byte: one table answers how many stuff bits a byte brings and in
+which state it leaves the stuffing, a second one carries the CRC on. Tables of longer words would
+need fewer steps, but they alone fill a processor's cache, and each step would wait for memory.
 """
 
-import struct
-from collections.abc import Callable, Sequence
 from functools import lru_cache
 from typing import Final
 
@@ -52,42 +51,20 @@ def frame_bits(can_id: int, data: bytes, extended: bool = False, remote: bool = 
     if head is None or length > MAX_DATA_BYTES:
         head = _remember_head(can_id, length)
     bits, state, crc = head
-    if length == MAX_DATA_BYTES:
-        # The usual frame, unrolled: this is the innermost work of a lockstep run.
-        first, second, third, fourth = _four_words(data)
-        a = _STUFF_16[state | first]
-        b = _STUFF_16[(a & 7) << 16 | second]
-        c = _STUFF_16[(b & 7) << 16 | third]
-        d = _STUFF_16[(c & 7) << 16 | fourth]
-        word = crc << 1 ^ first
-        word = (_CRC_16_HIGH[word] << 9 | _CRC_16_LOW[word] << 1) ^ second
-        word = (_CRC_16_HIGH[word] << 9 | _CRC_16_LOW[word] << 1) ^ third
-        word = (_CRC_16_HIGH[word] << 9 | _CRC_16_LOW[word] << 1) ^ fourth
-        e = _STUFF_15[(d & 7) << 15 | _CRC_16_HIGH[word] << 8 | _CRC_16_LOW[word]]
-        return bits + (a >> 3) + (b >> 3) + (c >> 3) + (d >> 3) + (e >> 3)
     return _finish(bits, state, crc, data)
 
 
-def _finish(bits: int, shifted_state: int, crc: int, data: bytes) -> int:
+def _finish(bits: int, state: int, crc: int, data: bytes) -> int:
     """Bits of a frame, given those up to the data field and both states there."""
-    length = len(data)
-    state = shifted_state >> 16
-    for at in range(1, length, 2):
-        word = data[at - 1] << 8 | data[at]
-        step = _STUFF_16[state << 16 | word]
+    for byte in data:
+        step = _STUFF_8[(state & _STATE_MASK) << 8 | byte]
         bits += step >> _COUNT_SHIFT
-        state = step & _STATE_MASK
-        word ^= crc << 1
-        crc = _CRC_16_HIGH[word] << 8 | _CRC_16_LOW[word]
-    if length & 1:
-        byte = data[length - 1]
-        step = _STUFF_8[state << 8 | byte]
-        bits += step >> _COUNT_SHIFT
-        state = step & _STATE_MASK
-        # Zeros before it leave the CRC of a byte as it is, so a table of words has it, too.
-        byte ^= crc >> 7
-        crc = (crc << 8 & _CRC_MASK) ^ (_CRC_16_HIGH[byte] << 8 | _CRC_16_LOW[byte])
-    return bits + (_STUFF_15[state << _CRC_BITS | crc] >> _COUNT_SHIFT)
+        state = step
+        top = crc >> 7 ^ byte
+        crc = (crc << 8 & _CRC_MASK) ^ (_CRC_8_HIGH[top] << 8 | _CRC_8_LOW[top])
+    high = _STUFF_7[(state & _STATE_MASK) << 7 | crc >> 8]
+    low = _STUFF_8[(high & _STATE_MASK) << 8 | crc & 0xFF]
+    return bits + (high >> _COUNT_SHIFT) + (low >> _COUNT_SHIFT)
 
 
 def _uncommon_frame_bits(can_id: int, data: bytes, extended: bool, remote: bool) -> int:
@@ -106,8 +83,8 @@ def _head(can_id: int, length: int, extended: bool, remote: bool) -> tuple[int, 
     """What is known before the data field.
 
     Returns:
-        The frame's length without the stuff bits that data and CRC will bring; the stuffing state,
-        shifted to index a table of 16-bit words; the CRC so far.
+        The frame's length without the stuff bits that data and CRC will bring; the stuffing state;
+        the CRC so far.
     """
     header = _header_bits(can_id, length, extended, remote)
     state, stuffed, crc = _STATE_AFTER_START, 0, 0
@@ -118,7 +95,7 @@ def _head(can_id: int, length: int, extended: bool, remote: bool) -> tuple[int, 
     payload_bits = 0 if remote else 8 * length
     start_bits = 1
     bits = start_bits + len(header) + stuffed + payload_bits + _CRC_BITS + TRAILER_BITS
-    return bits, state << 16, crc
+    return bits, state, crc
 
 
 def _header_bits(can_id: int, length: int, extended: bool, remote: bool) -> list[int]:
@@ -170,16 +147,6 @@ def _stuff_table(width: int) -> bytes:
     return bytes(table)
 
 
-def _join_stuff_tables(high: bytes, low: bytes, *, high_bits: int, low_bits: int) -> bytes:
-    """The table of words made of `high_bits` followed by `low_bits`, from the tables of both."""
-    rows = [low[state << low_bits : (state + 1) << low_bits] for state in range(_STATES)]
-    most = max(high) >> _COUNT_SHIFT
-    # Adding n stuff bits to every entry of a row is a translation of bytes.
-    more = [bytes((v + (n << _COUNT_SHIFT)) & 0xFF for v in range(256)) for n in range(most + 1)]
-    assert len(high) == _STATES << high_bits
-    return b"".join(rows[v & _STATE_MASK].translate(more[v >> _COUNT_SHIFT]) for v in high)
-
-
 def _crc_table() -> list[int]:
     """CRC of one byte, started from zero."""
     table = []
@@ -191,22 +158,9 @@ def _crc_table() -> list[int]:
     return table
 
 
-def _crc_table_16(table_8: Sequence[int]) -> list[int]:
-    """CRC of two bytes; being linear, the sum of what each of them contributes."""
-    shifted = [(crc << 8 ^ table_8[crc >> 7]) & _CRC_MASK for crc in table_8]
-    return [first ^ second for first in shifted for second in table_8]
-
-
 _HEADS: Final[dict[int, tuple[int, int, int]]] = {}
 """Of 11-bit data frames; at most 2048 identifiers times nine lengths."""
-_STUFF_4: Final = _stuff_table(4)
-_STUFF_7: Final = _join_stuff_tables(_stuff_table(3), _STUFF_4, high_bits=3, low_bits=4)
-_STUFF_8: Final = _join_stuff_tables(_STUFF_4, _STUFF_4, high_bits=4, low_bits=4)
-_STUFF_15: Final = _join_stuff_tables(_STUFF_7, _STUFF_8, high_bits=7, low_bits=8)
-_STUFF_16: Final = _join_stuff_tables(_STUFF_8, _STUFF_8, high_bits=8, low_bits=8)
-_CRC_8: Final = _crc_table()
-_CRC_16: Final = _crc_table_16(_CRC_8)
-# Two tables of bytes stay in the processor's cache; one of number objects would not.
-_CRC_16_HIGH: Final = bytes(crc >> 8 for crc in _CRC_16)
-_CRC_16_LOW: Final = bytes(crc & 0xFF for crc in _CRC_16)
-_four_words: Final[Callable[[bytes], tuple[int, int, int, int]]] = struct.Struct(">4H").unpack
+_STUFF_7: Final = _stuff_table(7)
+_STUFF_8: Final = _stuff_table(8)
+_CRC_8_HIGH: Final = bytes(crc >> 8 for crc in _crc_table())
+_CRC_8_LOW: Final = bytes(crc & 0xFF for crc in _crc_table())
