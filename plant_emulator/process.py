@@ -205,8 +205,8 @@ class PlantDevice:
         return self.world.desk
 
     def _heartbeat_of(self, node: Node) -> Callable[[int], Frame]:
-        kind = HEARTBEATS[node]
-        return lambda now_ns: kind(self._life)
+        said = {life: HEARTBEATS[node](life) for life in NodeState}
+        return lambda now_ns: said[self._life]
 
     def _time_of_day(self, now_ns: int) -> Frame:
         days, since_midnight_ms = divmod((now_ns + self._epoch_offset_ns) / NS_PER_MS, MS_PER_DAY)

@@ -278,7 +278,7 @@ class BrakeUnit:
 
     def status(self) -> BrakeStatus:
         config = self._config
-        applied_mps2 = max(self.service.decel_mps2, self.emergency_mps2, self.holding_mps2)
+        applied_mps2 = max(max(self.service.decel_mps2, self.emergency_mps2), self.holding_mps2)
         full_n = self._inertia_kg * config.emergency.decel_mps2
         emergency_ratio = self.emergency_mps2 / config.emergency.decel_mps2
         holding_ratio = self.holding_mps2 / config.holding.decel_mps2

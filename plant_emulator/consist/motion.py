@@ -34,6 +34,7 @@ class Consist:
         "_curve_n_per_m",
         "_damping_ns_per_m",
         "_drive_n",
+        "_drive_shares",
         "_driven",
         "_gravity_n",
         "_gravity_n_per_m",
@@ -41,12 +42,14 @@ class Consist:
         "_inertia_kg",
         "_loads_n",
         "_low_m",
+        "_motor_shares",
         "_quadratic",
         "_speed_gain",
         "_stiffness_n_per_m",
         "_sub_step_s",
         "_sub_steps",
         "_tracks",
+        "_trailer_shares",
         "_viscous",
         "accel_mps2",
         "car_accels_mps2",
@@ -80,6 +83,9 @@ class Consist:
         self._driven = [
             (index, car.drive_share) for index, car in enumerate(self.cars) if car.drive_share > 0.0
         ]
+        self._drive_shares = [car.drive_share for car in self.cars]
+        self._motor_shares = [car.motor_brake_share for car in self.cars]
+        self._trailer_shares = [car.trailer_brake_share for car in self.cars]
         count = len(self.cars)
         self.car_fronts_m = [front_m] * count
         """Where the front would be by each car, were the couplers slack; [0] is the front."""
@@ -146,7 +152,10 @@ class Consist:
     def motor_m(self) -> float:
         """Mean of where the motor cars are; drive times its change is the work of the motors."""
         fronts_m = self.car_fronts_m
-        return sum([share * fronts_m[index] for index, share in self._driven])
+        mean_m = 0.0
+        for index, share in self._driven:
+            mean_m += share * fronts_m[index]
+        return mean_m
 
     @property
     def slope_mps2(self) -> float:
@@ -167,13 +176,12 @@ class Consist:
     def load(self, drive_n: float, motor_brake_n: float, trailer_brake_n: float) -> None:
         """Set what acts from now on: tractive effort, signed, and brake force, never negative."""
         if drive_n != self._loads_n[0]:
-            for index, car in enumerate(self.cars):
-                self._drive_n[index] = drive_n * car.drive_share
+            for index, share in enumerate(self._drive_shares):
+                self._drive_n[index] = drive_n * share
         if (drive_n, motor_brake_n, trailer_brake_n) != self._loads_n:
-            for index, car in enumerate(self.cars):
+            for index, share in enumerate(self._motor_shares):
                 self._brake_n[index] = (
-                    motor_brake_n * car.motor_brake_share
-                    + trailer_brake_n * car.trailer_brake_share
+                    motor_brake_n * share + trailer_brake_n * self._trailer_shares[index]
                 )
             self._loads_n = (drive_n, motor_brake_n, trailer_brake_n)
 

@@ -49,6 +49,8 @@ HOT: Final = (
     "firmware_py/recorder.py",
     "firmware_py/tag_reader/inproc_line.py",
     "firmware_py/tag_reader/recorded_line.py",
+    "firmware_py/tag_reader/stuffing.py",
+    "firmware_py/tag_reader/telegram.py",
     "metro_hil/monitors/gauge.py",
     "metro_hil/monitors/invariants.py",
     "metro_hil/monitors/monitor_set.py",

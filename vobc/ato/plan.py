@@ -22,6 +22,8 @@ class StopPlan:
         self._window_m = window_m
         self._stops = tuple(stop for stop in stops if stop.stop_m >= start_m - window_m)
         self._index = 0
+        self._run: tuple[float, int, float | None] | None = None
+        """The last plan asked for: from where, to which stop, and its time."""
         self._skip_heard = False
         self._skipped: Station | None = None
         self._stay_heard = False
@@ -46,6 +48,11 @@ class StopPlan:
 
     def run_s(self, front_m: float) -> float | None:
         """Planned from the station here to the next stop, over those passed; None: no plan."""
+        if self._run is None or self._run[0] != front_m or self._run[1] != self._index:
+            self._run = front_m, self._index, self._planned_s(front_m)
+        return self._run[2]
+
+    def _planned_s(self, front_m: float) -> float | None:
         stop = self.next_stop
         if stop is None:
             return None

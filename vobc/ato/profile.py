@@ -19,7 +19,8 @@ SEARCH_STEPS: Final = 40
 """Halvings of a range of speeds; far finer than a millimetre a second."""
 
 
-class CurvePoint(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class CurvePoint:
     """Where on a braking curve a speed lies."""
 
     time_to_go_s: float

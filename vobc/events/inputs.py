@@ -95,7 +95,7 @@ ORDER_WORDS: Final = (
 
 
 def orders_changed(before: Orders | None, now: Orders | None) -> Iterator[Event]:
-    if now is None or now == before:
+    if now is None or now is before or now == before:
         return
     changes = [
         yes if getattr(now, name) else no

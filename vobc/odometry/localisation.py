@@ -169,7 +169,7 @@ class Localisation:
         if half_m > 0.0:
             low_m, high_m = low_m - half_m, high_m + half_m
         self._width_m = max(self._width_m, high_m - low_m)
-        self._reach_m = max(self._reach_m, best_m - low_m, high_m - best_m)
+        self._reach_m = max(max(self._reach_m, best_m - low_m), high_m - best_m)
         return Interval(low_m, best_m, high_m)
 
     def begin_anew(self, front_m: float, bound_m: float) -> None:

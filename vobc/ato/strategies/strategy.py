@@ -1,11 +1,13 @@
 """What every control law of the automatic operation offers."""
 
-from typing import NamedTuple, Protocol
+from dataclasses import dataclass
+from typing import Protocol
 
 from vobc.vocabulary import AtoInput
 
 
-class Target(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class Target:
     """Where the front shall come to a stand next."""
 
     at_m: float
@@ -15,7 +17,8 @@ class Target(NamedTuple):
     """When the train shall stand there by its timetable."""
 
 
-class Drive(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class Drive:
     """A strategy's answer while the train drives."""
 
     accel_mps2: float
