@@ -3,6 +3,7 @@
 import dataclasses
 import importlib.util
 import sys
+from collections import deque
 from pathlib import Path
 
 import pytest
@@ -103,6 +104,34 @@ def test_wheels_that_slip_while_others_brake_say_nothing_of_the_rail(
 
     assert (hardest_pull_mps2 < 0.4) is is_believed
     assert (hardest_pull_mps2 > 0.6) is not is_believed
+
+
+@pytest.mark.parametrize(("slows_m", "lets_go"), [(300.0, False), (400.0, True)])
+def test_a_brake_that_is_on_shortly_before_the_stops_is_not_let_go(
+    slows_m: float, lets_go: bool
+) -> None:
+    """Another law wants the train at 11 m/s from there on; the stop's braking begins at 110 m."""
+    law, target = Predictive(AtoConfig(), LINE, 0.05), Target(4500.0, True)
+    seen = dataclasses.replace(SLIPPING, slips=False, front_m=3900.0, speed_mps=14.0)
+    law.set_off(seen, 0.0)
+    under_way, demands_mps2 = deque([0.0] * 12), [0.0]
+    while seen.speed_mps > 0.5:
+        if target.at_m - seen.front_m <= slows_m:
+            law.most_mps = 11.0
+        law.observe(seen, 1)
+        demands_mps2.append(law.drive(seen, target).accel_mps2)
+        law.issued(demands_mps2[-1])
+        under_way.append(demands_mps2[-1])
+        speed_mps = max(0.0, seen.speed_mps + 0.05 * under_way.popleft())
+        seen = dataclasses.replace(
+            seen,
+            now_ns=seen.now_ns + S // 20,
+            front_m=seen.front_m + 0.05 * speed_mps,
+            speed_mps=speed_mps,
+        )
+
+    first = next(n for n, demand_mps2 in enumerate(demands_mps2) if demand_mps2 < -0.1)
+    assert (max(demands_mps2[first:]) >= 0.0) is lets_go
 
 
 def test_on_a_rail_that_is_known_to_be_slippery_no_more_is_asked_than_it_bears() -> None:

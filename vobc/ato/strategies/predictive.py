@@ -42,6 +42,8 @@ OVER_CEILING_PER_S: Final = 0.8
 """Deceleration for each m/s over the ceiling expected when the brake bites."""
 FLAT_MPS2: Final = 0.02
 """A reference acceleration within this counts as constant speed."""
+KEPT_ON_S: Final = 3.0
+"""So long before the stop's braking another one goes over into it."""
 LOOK_AHEAD_RATIO: Final = 1.3
 """Lower limits are looked for as far as the braking distance times this."""
 
@@ -150,7 +152,7 @@ class Predictive:
             top_mps = min(limit_mps, ceiling_mps) - margin_mps
             self._wanted_mps2 = None
             target_mps = max(0.0, min(top_mps, self._peak_mps, self.most_mps))
-            return self._cruise(seen, target_mps)
+            return self._kept_on(self._cruise(seen, target_mps), ahead, target_m)
         decel_mps2 = self._braking_decel_mps2(ahead, target_m, slowing)
         over_mps = ahead.speed_mps - ceiling_mps
         if over_mps > 0.0:
@@ -353,6 +355,18 @@ class Predictive:
         # Where the ceiling leaves nothing the train rests instead of creeping on by noise.
         most_mps2 = min(available_mps2, self._most_traction_mps2()) if target_mps > 0.0 else 0.0
         return Drive(min(demand_mps2, most_mps2), governor.speed_mps, False)
+
+    def _kept_on(self, drive: Drive, ahead: Ahead, target_m: float) -> Drive:
+        """A brake that is on shortly before the stop's is not released: applied again, it would
+        answer with another dead time than the one that has been learnt."""
+        least_mps2 = -self._config.braking.least_decel_mps2
+        if self._demand_mps2 >= 0.0 or drive.accel_mps2 <= least_mps2:
+            return drive
+        curve_m = self._curve.at_speed(ahead.speed_mps).distance_m
+        spare_m = target_m - ahead.front_m - self._gap_m(self._curve, ahead, target_m) - curve_m
+        if spare_m > KEPT_ON_S * ahead.speed_mps:
+            return drive
+        return Drive(least_mps2, drive.reference_mps, False)
 
     def _most_traction_mps2(self) -> float:
         """On a slippery rail a demand over what it bears only spins the wheels."""
