@@ -36,6 +36,10 @@ def draw(path: Path, table: TableFour, before: Record, after: Record) -> None:
             _diagram(rows[0][column], name, record, part)
             _voltages(rows[1][column], record, part)
             _substations(rows[2][column], record, part)
+        for one, other in rows[:3]:
+            # Both sides are there to be compared.
+            other.sharey(one)
+            one.autoscale(axis="y")
         _regeneration(rows[3][0], table)
         _changes(rows[3][1], table)
         figure.savefig(path)
@@ -64,11 +68,12 @@ def _substations(axes: Axes, record: Record, part: slice) -> None:
     axes.stackplot(time_s, given_kw.T, labels=[f"{at / KW:.1f} km" for at in SUBSTATIONS_M])
     axes.set_ylabel("substations in kW")
     axes.set_xlabel("time in s")
-    axes.legend(fontsize=7, loc="upper right")
+    axes.margins(y=0.15)
+    axes.legend(fontsize=7, loc="upper right", ncols=5)
 
 
 def _regeneration(axes: Axes, table: TableFour) -> None:
-    names = [row.name.strip() for row in table.rows]
+    names = _names(table)
     used = [row.mean(lambda outcome: outcome.used_kwh) for row in table.rows]
     burnt = [row.mean(lambda outcome: outcome.burnt_kwh) for row in table.rows]
     places = np.arange(len(names))
@@ -81,7 +86,7 @@ def _regeneration(axes: Axes, table: TableFour) -> None:
 
 
 def _changes(axes: Axes, table: TableFour) -> None:
-    names: Sequence[str] = [row.name.strip() for row in table.rows]
+    names = _names(table)
     places = np.arange(len(names))
     means = np.array([100.0 * row.change.mean_ratio for row in table.rows])
     halves = np.array([100.0 * row.change.half_ratio for row in table.rows])
@@ -89,3 +94,13 @@ def _changes(axes: Axes, table: TableFour) -> None:
     axes.set_yticks(places, names)
     axes.invert_yaxis()
     axes.set_xlabel("actual energy against traditional in %, 95 % interval")
+
+
+def _names(table: TableFour) -> Sequence[str]:
+    """Of the laws; what is indented belongs to the one above it."""
+    names: list[str] = []
+    law = ""
+    for row in table.rows:
+        law = law if row.name.startswith(" ") else row.name
+        names.append(row.name if row.name == law else f"{law}, {row.name.strip()}")
+    return names
