@@ -45,7 +45,7 @@ run: $(READY_TO_RUN) ## bring a bus up and drive one station hop; RUN_ARGS="--fr
 	exit $$status
 
 test: $(READY_TO_TEST) ## run all tests; PYTEST_ARGS="-k name"
-	$(BIN)/python -m pytest -n $(PYTEST_WORKERS) --dist loadgroup $(PYTEST_ARGS)
+	$(BIN)/python -m pytest -n $(PYTEST_WORKERS) $(PYTEST_ARGS)
 
 check: format-check lint types layers test ## all that continuous integration runs
 

@@ -10,6 +10,8 @@ from typing import Final
 
 import pytest
 from hypothesis import HealthCheck, settings
+from xdist.remote import Producer
+from xdist.scheduler import LoadScopeScheduling
 
 from metro_tools.browser import NAMES, Browser, browser_path
 
@@ -107,19 +109,31 @@ def c_compiler() -> str:
     return name
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Tests in real time run one after the other, however many workers there are."""
-    for item in items:
-        if item.path.parent.name == "bench" and item.path.stem not in COMPUTING:
-            item.add_marker(pytest.mark.xdist_group(REALTIME))
+def is_realtime(path: Path) -> bool:
+    """Whether the tests of a file run by the real clock."""
+    return path.parent.name == "bench" and path.stem not in COMPUTING
+
+
+class ByFile(LoadScopeScheduling):  # type: ignore[misc] # xdist says nothing of its types
+    """Each file to one worker, and all that run by the real clock to the same one: one after the
+    other, however many workers there are. (Marks of xdist's own do nothing under pytest 9.)"""
+
+    def _split_scope(self, nodeid: str) -> str:
+        file = nodeid.split("::", 1)[0]
+        return REALTIME if is_realtime(Path(file)) else file
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> ByFile:
+    return ByFile(config, log)
 
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)
 def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
     """What only computes makes way for what runs by the real clock on the same processors."""
     if os.geteuid() == 0:  # anybody else could make way, but not take it back
-        realtime = any(mark.args == (REALTIME,) for mark in item.iter_markers("xdist_group"))
-        os.setpriority(os.PRIO_PROCESS, 0, NICE if realtime else NICE + COMPUTING_NICE)
+        nice = NICE if is_realtime(item.path) else NICE + COMPUTING_NICE
+        os.setpriority(os.PRIO_PROCESS, 0, nice)
     return (yield)
 
 

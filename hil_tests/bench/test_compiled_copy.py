@@ -15,8 +15,7 @@ from metro_hil.compiled_copy import worker_environment
 from metro_hil.run_case import run_case
 from metro_tools.compiled import HOT, hot_modules
 
-pytestmark = [pytest.mark.slow, pytest.mark.xdist_group("compiled copy")]
-"""One worker makes the copy, for all of them."""
+pytestmark = pytest.mark.slow
 
 HOP = ["run", "--lockstep", "--from", "II", "--to", "III", "--json"]
 MODULES = 40

@@ -58,9 +58,9 @@ _FLAGS: Final = tuple(Withheld(number) for number in range(sum(_WITHOUT) + 1))
 def withheld(terms: DoorTerms) -> Withheld:
     """What stands against enabling doors; NONE only if every single term is true."""
     number = 0
-    for index, term in enumerate(terms):
+    for term, flag in zip(terms, _WITHOUT, strict=True):
         if not term:
-            number |= _WITHOUT[index]
+            number |= flag
     return _FLAGS[number]
 
 

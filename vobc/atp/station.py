@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 from can_dbc.vobc import Cause, Inhibit, Withheld
 from firmware_py.trackdb import LineMap, PlatformSide, Station
@@ -46,17 +46,12 @@ class StationVerdict:
     """The emergency brake of an overshoot may release itself at standstill: a jog mends it."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Answers:
+class _Answers(NamedTuple):
     """To everything that is wrong on board, the weightiest first."""
 
     lock: Answer
     passenger_alarm: Answer
     fire: Answer
-
-    @property
-    def all(self) -> tuple[Answer, Answer, Answer]:
-        return self.lock, self.passenger_alarm, self.fire
 
 
 @dataclass(frozen=True, slots=True)
@@ -205,7 +200,7 @@ class StationGuard:
 
 
 def _verdict(found: _Found) -> StationVerdict:
-    heard, answers, jog = found.heard, found.answers.all, found.jog
+    heard, answers, jog = found.heard, found.answers, found.jog
     side = None if found.place.station is None else found.place.station.side
     return StationVerdict(
         doors=enabled_doors(found.reasons, side),
