@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from can_dbc.vobc import AtoPhase
 from firmware_py.trackdb import LineMap
 from vobc.ato import Ato
+from vobc.odometry.tracking import SpeedTrack
 from vobc.vocabulary import AtoDemand, AtoInput
 
 STEP_S = 0.01
@@ -21,6 +22,9 @@ TRAIN_LENGTH_M = 68.59
 ANTENNA_M = 2.0
 PULSE_M = math.pi * 0.860 / 256.0
 ROTATING_RATIO = 0.08
+FILTER_RAD_S = 8.0
+FINE_M = 1e-4
+"""The noise of whole pulses is in `speed_sigma_mps`; this is for the lag of odometry's filter."""
 
 
 @dataclass
@@ -118,6 +122,7 @@ class Rig:
         self.speed_mps = 0.0
         self.accel_mps2 = 0.0
         self.counted_m = 0.0
+        self._track = SpeedTrack(bandwidth_rad_s=FILTER_RAD_S, window_s=0.2)
         self.still_s = 10.0
         self.enabled = True
         self.emergency = False
@@ -253,10 +258,13 @@ class Rig:
 
     def step(self) -> AtoDemand:
         accepted = self._localise()
-        true_scale = self.scale * (1.0 + self.odometer_error)
         noise = self.draw.gauss(0.0, self.settings.speed_sigma_mps)
         moving = abs(self.speed_mps) > 1e-3
-        speed = self.speed_mps * true_scale + noise if moving else 0.0
+        self._track.add(self.now_s, round(self.counted_m / FINE_M))
+        if not moving:
+            self._track.settle()
+        filtered = self._track.rate_pulses_per_s * FINE_M
+        speed = filtered * self.scale + noise if moving else 0.0
         standstill = self.still_s >= 2.0
         train = (self.front_m - TRAIN_LENGTH_M, self.front_m)
         limit = self.line.least_limit_mps(*train)
