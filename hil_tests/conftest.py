@@ -35,7 +35,7 @@ COMPUTING: Final = frozenset(
 """Of the tests with processes, those that do not wait for a real clock."""
 REALTIME: Final = "realtime"
 NICE: Final = os.getpriority(os.PRIO_PROCESS, 0)
-COMPUTING_NICE: Final = 5
+COMPUTING_NICE: Final = 15
 
 # No deadlines: a busy machine is no fault of the code. Where nobody looks, the examples are always
 # the same; on a developer's machine they are new ones every time, and what fails is remembered.
@@ -125,6 +125,8 @@ class ByFile(LoadScopeScheduling):  # type: ignore[misc] # xdist says nothing of
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> ByFile:
+    # In the order of the folders: files of few but long tests come first, not last.
+    config.option.loadscopereorder = False
     return ByFile(config, log)
 
 

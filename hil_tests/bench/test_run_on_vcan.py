@@ -15,6 +15,9 @@ pytestmark = [pytest.mark.guest, pytest.mark.slow]
 
 BIN = Path(sys.executable).parent
 TOLERANCE_M = 0.10
+WINDOW_M = 0.3
+"""Of the doors: a controller that the host held up for half a cycle still has to open them."""
+HALF_CYCLE_US = 50_000.0
 HOP_S = 420
 TRIES = 3
 STALL_NS = 140_000_000
@@ -57,7 +60,8 @@ def test_one_station_hop_on_a_kernel_vcan_with_candump_listening(guest, tmp_path
     results = json.loads((last / "results.json").read_text())
     assert results["exit_reason"] == "arrived"
     (stop,) = results["stops"]
-    assert abs(stop["error_m"]) <= TOLERANCE_M
+    late = results["cycles"]["lateness_us_max"] > HALF_CYCLE_US
+    assert abs(stop["error_m"]) <= (WINDOW_M if late else TOLERANCE_M)
     assert results["rejected_frames"] == {}
     assert "starting the emulator" in done.stderr
     assert "+ ip link add dev vcan1 type vcan" in done.stdout

@@ -57,7 +57,6 @@ class TrainModel:
         "_traction_late",
         "_traction_now",
         "_traction_tap",
-        "_traction_trail",
         "_trail",
         "_trail_ratio",
         "brake_mps2",
@@ -95,7 +94,6 @@ class TrainModel:
         self._late_s = FILTER_ORDER / (brake.speed_filter_rad_s**2 * filter_s)
         self._trail = [0.0] * count
         """The output as late as the filter of the speed takes it."""
-        self._traction_trail = 0.0
         self._active = False
         self._active_s = 0.0
         self._ours = True
@@ -202,8 +200,6 @@ class TrainModel:
         after_mps2 = self._traction_late.step(mean_mps2)
         push_mps2 = (before_mps2 + after_mps2) / 2.0 - gravity_mps2
         blur_m2_per_s2 = TRACTION_INSTANT_S**2 * abs(after_mps2 - before_mps2) * FULL_MPS2
-        self._traction_trail += self._trail_ratio * (after_mps2 - self._traction_trail)
-        speed_mps += self._late_s * (after_mps2 - self._traction_trail)
         motion = self._motion
         if self._active:
             self._advance_banks(speed_mps, push_mps2, blur_m2_per_s2)
