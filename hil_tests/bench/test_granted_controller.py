@@ -258,7 +258,7 @@ def test_a_real_time_recording_is_said_again(tmp_path: Path) -> None:
     runtime.mkdir(mode=0o700)
     words = ["-m", "metro_hil.vobc_command", "run", "--from", "II", "--to", "III"]
     done = subprocess.run(
-        [sys.executable, *words, "--duration", "5", "--out", str(out)],
+        [sys.executable, *words, "--duration", "8", "--out", str(out)],
         env={**os.environ, "XDG_RUNTIME_DIR": str(runtime)},
         capture_output=True,
         text=True,
@@ -272,8 +272,7 @@ def test_a_real_time_recording_is_said_again(tmp_path: Path) -> None:
 
     assert here.identical, here.first
     assert there.identical, there.first
-    # A machine short of time says less in five seconds; each word was compared all the same.
-    assert here.compared > 60
+    assert here.compared > 300
     assert sum(each.masked for each in here.counts) == 0
     assert here.heard_messages > 5
     assert not here.notes

@@ -216,7 +216,7 @@ def test_without_a_plant_it_stays_braked_and_says_what_it_waits_for(
 ) -> None:
     out = tmp_path / "run"
 
-    done = run(place, "--plant", "none", "--duration", "4", "--out", str(out))
+    done = run(place, "--plant", "none", "--duration", "8", "--out", str(out))
 
     assert done.returncode == 0, done.stderr
     assert "waits for" in done.stdout
@@ -229,7 +229,7 @@ def test_without_a_plant_it_stays_braked_and_says_what_it_waits_for(
             brakes += 1
             assert not frame.emergency_released
             assert not frame.holding_released
-    assert brakes > 3
+    assert brakes > 20
 
 
 def test_a_second_controller_on_the_bus_is_refused(place: dict[str, str], tmp_path: Path) -> None:

@@ -15,8 +15,6 @@ pytestmark = [pytest.mark.guest, pytest.mark.slow]
 
 BIN = Path(sys.executable).parent
 TOLERANCE_M = 0.10
-WINDOW_M = 0.3
-"""Of the doors: a controller that the host held up for half a cycle still has to open them."""
 HALF_CYCLE_US = 50_000.0
 HOP_S = 420
 TRIES = 3
@@ -41,31 +39,52 @@ for try in $(seq {tries}); do
     sleep 0.5
     kill $!
     wait || true
-    [ $status = 0 ] && break
+    [ $status = 0 ] && {python} {judge} $try/results.json && break
 done
 {bin}/vcan down vcan1
 exit $status
 """
 
 
+JUDGE = f"""
+import json, sys
+results = json.load(open(sys.argv[1]))
+off = any(abs(stop["error_m"]) > {TOLERANCE_M} for stop in results["stops"])
+late = results["cycles"]["lateness_us_max"] > {HALF_CYCLE_US}
+sys.exit(off and late)
+"""
+"""Another try is for a stop beyond the tolerance of a train whose controller was held up."""
+
+
 def test_one_station_hop_on_a_kernel_vcan_with_candump_listening(guest, tmp_path: Path) -> None:
-    script = SCRIPT.format(folder=tmp_path, bin=BIN, tries=TRIES)
+    judge = tmp_path / "judge.py"
+    judge.write_text(JUDGE)
+    script = SCRIPT.format(
+        folder=tmp_path, bin=BIN, tries=TRIES, python=sys.executable, judge=judge
+    )
 
     done = guest.run("bash", "-c", script, timeout_s=HOP_S, options=["--write", str(tmp_path)])
 
     *disturbed, last = sorted(path.parent for path in tmp_path.glob("*/results.json"))
     for folder in disturbed:
-        assert _host_stalled(folder), (folder / "results.json").read_text()
+        assert _held_up(folder) or _host_stalled(folder), (folder / "results.json").read_text()
     assert done.returncode == 0, done.stdout + done.stderr
     results = json.loads((last / "results.json").read_text())
     assert results["exit_reason"] == "arrived"
     (stop,) = results["stops"]
-    late = results["cycles"]["lateness_us_max"] > HALF_CYCLE_US
-    assert abs(stop["error_m"]) <= (WINDOW_M if late else TOLERANCE_M)
+    assert abs(stop["error_m"]) <= TOLERANCE_M
     assert results["rejected_frames"] == {}
     assert "starting the emulator" in done.stderr
     assert "+ ip link add dev vcan1 type vcan" in done.stdout
     _check_candump(last)
+
+
+def _held_up(folder: Path) -> bool:
+    """Whether a try that arrived was disturbed: its controller was half a cycle late."""
+    results = json.loads((folder / "results.json").read_text())
+    cycles = results["cycles"]
+    arrived = results["exit_reason"] == "arrived"
+    return arrived and cycles is not None and cycles["lateness_us_max"] > HALF_CYCLE_US
 
 
 def _host_stalled(folder: Path) -> bool:

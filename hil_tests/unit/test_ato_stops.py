@@ -92,6 +92,43 @@ def test_a_wrong_belief_costs_little(settings: dict[str, object]) -> None:
     assert max(abs(stop.error_m) for stop in rig.stops) <= 0.10
 
 
+@pytest.mark.parametrize(
+    "lowered",
+    [
+        [(480.0, 430.0, 18.3), (375.0, 330.0, 17.8)],
+        [(430.0, 410.0, 18.0), (380.0, 330.0, 17.0)],
+        [(500.0, 470.0, 18.3), (410.0, 380.0, 17.8), (345.0, 320.0, 17.4)],
+    ],
+)
+@pytest.mark.parametrize("seed", [0, 4, 6, 7])
+def test_a_train_that_was_braked_before_still_stops_at_the_mark(
+    seed: int, lowered: list[tuple[float, float, float]]
+) -> None:
+    """As behind another train: the ceiling falls and rises, each application with its own delay.
+
+    `lowered`: from and to how far before the mark, m, and how low, m/s.
+    """
+    stop = quick_stops(LINE)[0]
+    settings = ato_rig.RigSettings(seed=seed, brake_delay_s=None, brake_delays_s=(0.5, 1.5))
+    rig = ato_rig.Rig(Ato(AtoConfig(), LINE, 0.0, [stop]), LINE, settings, 0.0)
+    applications = 0
+
+    def served(rig) -> bool:
+        nonlocal applications
+        asked = [-demand.accel_mps2 > 0.0 for demand in rig.trace.demands[-2:]]
+        applications += asked == [False, True]
+        left_m = stop.stop_m - rig.front_m
+        rig.ceiling_mps = min(
+            [100.0, *(low_mps for begin_m, end_m, low_mps in lowered if begin_m >= left_m > end_m)]
+        )
+        return bool(rig.stops)
+
+    rig.run(served)
+
+    assert applications >= len(lowered)
+    assert abs(rig.stops[0].error_m) <= 0.10
+
+
 def test_legs_are_short_and_the_last_fifty_metres_do_not_dawdle() -> None:
     rig = run_line(seed=3, odometer_error=0.02)
 

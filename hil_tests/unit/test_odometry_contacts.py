@@ -181,6 +181,15 @@ def test_a_tag_is_left_once_wheels_and_ground_both_say_so(
     assert contacts.off_m(SEVEN, FAR, PULSE_M) == off_m
 
 
+def test_two_ways_over_ground_are_told_apart_within_their_bounds_whichever_is_wider() -> None:
+    contacts = settled()
+    contacts.read(7, gone(2000, 20.0, 0.5), inf)
+
+    contacts.move(gone(2130, 21.15, 0.4), PULSE_M)
+
+    assert contacts.off_m(SEVEN, FAR, PULSE_M) == REACH_M
+
+
 @pytest.mark.parametrize(
     ("pulses", "off_m"), [(0, 0.11), (10, 0.21), (-10, 0.21), (38, 0.49), (39, 0.5), (-90, 0.5)]
 )

@@ -5,6 +5,8 @@ the integrals over the past are exact, also for dead times that are no multiple 
 """
 
 import math
+from collections.abc import Sequence
+from itertools import zip_longest
 from typing import Final, NamedTuple
 
 TIME_EPSILON_S: Final = 1e-9
@@ -45,6 +47,18 @@ class Pipeline:
         self._second[new] = self._second[old] + dt_s * (self._first[old] + value * dt_s / 2.0)
         self.head += 1
 
+    def clear(self) -> None:
+        """As if nothing had ever been demanded."""
+        for integral in (self._first, self._second, self._value):
+            integral[:] = [0.0] * self._size
+
+    def to_come(self, dead_time_s: float) -> list[float]:
+        """Means over the cycles from now on of what is under way, if nothing more is demanded."""
+        cycles = math.floor(dead_time_s / self._dt_s + TIME_EPSILON_S)
+        return [
+            self.mean(self.tap(dead_time_s - (cycle + 1) * self._dt_s)) for cycle in range(cycles)
+        ]
+
     def window(self, age_s: float) -> tuple[float, float]:
         """Single and double integral of the demand since `age_s` ago, both from zero there."""
         first_then, second_then = self._at(age_s)
@@ -82,6 +96,45 @@ class Pipeline:
         )
 
 
+class Remains:
+    """What is still under way of earlier applications, each of which had a dead time of its own."""
+
+    __slots__ = ("_dt_s", "_means")
+
+    def __init__(self, dt_s: float) -> None:
+        self._dt_s = dt_s
+        self._means: list[float] = []
+        """Over the cycles from now on."""
+
+    def clear(self) -> None:
+        self._means = []
+
+    def add(self, means: Sequence[float]) -> None:
+        """Another application has ended; `means` are what it sends in the cycles from now on."""
+        self._means = [sum(both) for both in zip_longest(self._means, means, fillvalue=0.0)]
+
+    def step(self) -> None:
+        """A cycle has passed."""
+        del self._means[:1]
+
+    def after(self, time_s: float) -> float:
+        """Mean over the cycle that begins so long from now."""
+        cycle = round(time_s / self._dt_s)
+        return self._means[cycle] if cycle < len(self._means) else 0.0
+
+    def window(self, horizon_s: float) -> tuple[float, float]:
+        """Single and double integral from now until then."""
+        single = double = 0.0
+        for cycle, mean in enumerate(self._means):
+            left_s = horizon_s - cycle * self._dt_s
+            if left_s <= 0.0:
+                break
+            share_s = min(self._dt_s, left_s)
+            single += mean * share_s
+            double += mean * share_s * (left_s - share_s / 2.0)
+        return single, double
+
+
 class Ahead(NamedTuple):
     """The predicted state when a demand given now begins to bite."""
 
@@ -105,7 +158,13 @@ class Lag:
 
 
 def response(
-    pipeline: Pipeline, *, dead_time_s: float, lag_s: float, output_now: float, output_then: float
+    pipeline: Pipeline,
+    *,
+    dead_time_s: float,
+    lag_s: float,
+    output_now: float,
+    output_then: float,
+    remains: Remains | None = None,
 ) -> tuple[float, float]:
     """Single and double integral of an actuator's output from now until the dead time has passed.
 
@@ -115,8 +174,13 @@ def response(
     Args:
         output_now: the lag's output now, driven by the delayed demand.
         output_then: its output when the dead time has passed, driven by all that is under way.
+        remains: of earlier demands, which is under way beside the pipeline.
     """
     single_in, double_in = pipeline.window(dead_time_s)
+    if remains is not None:
+        more_single, more_double = remains.window(dead_time_s)
+        single_in += more_single
+        double_in += more_double
     single = single_in - lag_s * (output_then - output_now)
     double = double_in - lag_s * (single - output_now * dead_time_s)
     return single, double

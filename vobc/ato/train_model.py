@@ -1,6 +1,7 @@
 """What operation believes of the moving train: its speed, and how late its brake answers.
 
-The brake's dead time is drawn anew at each application, so each one starts a bank of hypotheses.
+The brake's dead time is drawn anew at each application, so each one starts a bank of hypotheses;
+what is still under way of the one before keeps the dead time that was found for that one.
 Every hypothesis has its own dead time and a filter of speed, disturbance and gain; how badly it
 predicts the speed is its cost, and the costs weigh the hypotheses. When friction takes over from
 the motors a second bank does the same for how late that friction is.
@@ -13,7 +14,7 @@ from vobc.ato.bank import Bank
 from vobc.ato.config import BrakeBelief, TractionBelief
 from vobc.ato.handover import Handover
 from vobc.ato.motion_filter import SURPRISE_MPS, MotionFilter
-from vobc.ato.predictor import Ahead, Lag, Pipeline, response
+from vobc.ato.predictor import Ahead, Lag, Pipeline, Remains, response
 
 SETTLE_LAGS: Final = 5.0
 """So many lags after the longest dead time a released brake is taken to be off."""
@@ -50,6 +51,7 @@ class TrainModel:
         "_ours",
         "_output",
         "_quiet_cycles",
+        "_remains",
         "_settle_cycles",
         "_taps",
         "_traction",
@@ -94,6 +96,7 @@ class TrainModel:
         self._late_s = FILTER_ORDER / (brake.speed_filter_rad_s**2 * filter_s)
         self._trail = [0.0] * count
         """The output as late as the filter of the speed takes it."""
+        self._remains = Remains(dt_s)
         self._active = False
         self._active_s = 0.0
         self._ours = True
@@ -220,11 +223,14 @@ class TrainModel:
         outputs, arrived, mean = self._output, self._arrived, self._brake.mean
         trail, trail_ratio, late_s = self._trail, self._trail_ratio, self._late_s
         learns = self._ours and not handover.under_way
+        remains, dead_times_s = self._remains, self._brake_belief.dead_times_s
+        remain_mps2 = remains.after(0.0)
         unit_mps2 = lag_mps = 0.0
         for index in bank.alive:
             keep_ratio = self._keep_ratios[index]
-            mean_mps2 = mean(self._taps[index])
-            arrived[index] = asked_mps2 + (arrived[index] - asked_mps2) * keep_ratio
+            mean_mps2 = mean(self._taps[index]) + remain_mps2
+            then_mps2 = asked_mps2 + remains.after(dead_times_s[index])
+            arrived[index] = then_mps2 + (arrived[index] - then_mps2) * keep_ratio
             before_mps2 = outputs[index]
             after_mps2 = mean_mps2 + (before_mps2 - mean_mps2) * keep_ratio
             outputs[index] = after_mps2
@@ -242,6 +248,7 @@ class TrainModel:
                     friction_mps2=0.0,
                     blur_m2_per_s2=blur_m2_per_s2,
                 )
+        remains.step()
         self._active_s += self._dt_s
         for_friction_mps2 = unit_mps2 * handover.friction_ratio(motion.speed_mps, unit_mps2)
         handover.note(for_friction_mps2)
@@ -267,6 +274,8 @@ class TrainModel:
                 self._active = True
                 self._motion.renew_gain()
                 self._start_hypotheses()
+            elif self._quiet_cycles:
+                self._begin_again()
             self._quiet_cycles = 0
         elif self._active:
             self._quiet_cycles += 1
@@ -276,9 +285,25 @@ class TrainModel:
                 self._output = [0.0] * len(self._output)
                 self._arrived = [0.0] * len(self._output)
                 self._trail = [0.0] * len(self._output)
+                self._remains.clear()
                 self._handover.end()
                 self.dead_time_s = self._brake_belief.expected_dead_time_s
                 self.lag_s = self._brake_belief.lag_s
+
+    def _begin_again(self) -> None:
+        """Another application while the one before still works: nothing is known of how late."""
+        self._remains.add(self._brake.to_come(self.dead_time_s))
+        self._brake.clear()
+        trail_mps2 = self._bank.mean(self._trail)
+        for index, dead_time_s in enumerate(self._brake_belief.dead_times_s):
+            self._output[index] = then_mps2 = self.brake_mps2
+            self._trail[index] = trail_mps2
+            for cycle in range(round(dead_time_s / self._dt_s)):
+                mean_mps2 = self._remains.after(cycle * self._dt_s)
+                then_mps2 = mean_mps2 + (then_mps2 - mean_mps2) * self._keep_ratios[index]
+            self._arrived[index] = then_mps2
+        self._bank.know(self._no_costs)
+        self._start_hypotheses()
 
     def _start_hypotheses(self) -> None:
         """All begin alike from the motion as it is believed now."""
@@ -317,6 +342,7 @@ class TrainModel:
                 lag_s=self.lag_s,
                 output_now=self.brake_mps2,
                 output_then=self.on_its_way_mps2,
+                remains=self._remains,
             )
             single_mps -= brake_mps * (1.0 + self.gain_ratio)
             double_m -= brake_m * (1.0 + self.gain_ratio)
@@ -335,6 +361,7 @@ class TrainModel:
             mean_mps2 = asked_mps2
             if age_s >= 0.0:
                 mean_mps2 = self._brake.mean(self._brake.tap(age_s))
+            mean_mps2 += self._remains.after(step * dt_s)
             after_mps2 = mean_mps2 + (unit_mps2 - mean_mps2) * keep_ratio
             units_mps2.append((unit_mps2 + after_mps2) / 2.0)
             unit_mps2 = after_mps2
