@@ -78,12 +78,13 @@ def test_without_noise_the_stops_are_a_centimetre_or_better() -> None:
         {"brake_gain": 1.15},
         {"brake_lag_s": 0.7},
         {"brake_delays_s": (0.5, 1.5)},
+        {"brake_delays_s": (1.5, 1.5), "brake_lag_s": 0.7, "brake_gain": 0.89},
         {"cycle_s": 0.1},
         {"cycle_s": 0.02},
         {"missed_tags": frozenset({103, 203, 303, 403})},
         {"missed_tags": frozenset({101, 201, 301, 401, 102, 202, 302, 402})},
     ],
-    ids=["weak", "strong", "slow", "late", "100ms", "20ms", "no T3", "only T3"],
+    ids=["weak", "strong", "slow", "late", "late and weak", "100ms", "20ms", "no T3", "only T3"],
 )
 def test_a_wrong_belief_costs_little(settings: dict[str, object]) -> None:
     """What the controller does not know: gain ±15 %, twice the lag, 1.5 s delay; missed tags."""

@@ -10,7 +10,7 @@ from vobc.ato.pid_config import PidGains, PidScheme, PrintedScheme
 from vobc.ato.power_limited_config import PowerLimited
 from vobc.ato.timing_config import Timing
 
-MAX_DEAD_TIMES: Final = 16
+MAX_DEAD_TIMES: Final = 20
 """Bound on the hypotheses of brake delay, which keeps the cost of a cycle bounded."""
 
 
@@ -29,11 +29,13 @@ class Limits:
 class BrakeBelief:
     dead_times_s: tuple[float, ...] = (
         *(0.05, 0.15, 0.25, 0.35, 0.45, 0.55, 0.65, 0.75),
-        *(0.85, 0.95, 1.05, 1.15, 1.25, 1.35, 1.45, 1.55),
+        *(0.85, 0.95, 1.05, 1.15, 1.25, 1.35, 1.45, 1.55, 1.7, 1.85),
     )
-    """Hypotheses, rising, from the demand leaving this cycle to the first bite."""
-    expected_dead_time_s: float = 0.85
-    """Until an application has shown its own. Too long a guess only starts the braking early."""
+    """Hypotheses, rising, from the demand leaving this cycle to the first bite; the last are for a
+    late brake that also builds up slowly."""
+    expected_dead_time_s: float = 1.1
+    """Until an application has shown its own. Too long a guess only starts the braking early; too
+    short a one has to be made up for by a brake that may be weak."""
     lag_s: float = 0.35
     """Of the first-order build-up after the dead time; an error in it is found as dead time. A
     brake that bites sooner than this is taken to build up as quickly."""
