@@ -127,7 +127,7 @@ def test_each_application_has_a_dead_time_of_its_own(
 
 @pytest.mark.parametrize("released_s", [0.4, 1.0])
 def test_what_is_under_way_of_the_application_before_is_reckoned_with(released_s: float) -> None:
-    train = Again(1.05, 0.85, released_s)
+    train = Again(1.05, 0.95, released_s)
     train.run(LIGHT_S + released_s + 2 * CYCLE_S)
 
     ahead = train.model.ahead_of_brake(train.front_m, 0.0)
