@@ -276,6 +276,21 @@ def test_a_second_reading_after_a_first_that_was_not_believed_is_taken_for_one(
     assert bounds_m[1] - bounds_m[0] == pytest.approx(0.17 + bounds_m[0], abs=0.01)
 
 
+def test_a_tag_counts_as_left_by_the_least_way_that_a_pulse_may_stand_for(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Of all wheels that are declared, not of the one that was measured."""
+    told_m: list[float] = []
+    monkeypatch.setattr(
+        References, "follow", lambda self, way, least_m, gap, slip: told_m.append(least_m)
+    )
+    made = going(cycles=2)
+
+    least_m, most_m = made.where.scale.declared_m
+    assert told_m == [least_m] * 2
+    assert least_m < most_m
+
+
 def test_what_is_read_while_nobody_counts_yet_is_not_forgotten(judged: Judged) -> None:
     """The controller began next to a tag; whether its reader told of it before nobody knows."""
     made = Desk(front_m=61.9)
