@@ -284,7 +284,7 @@ def test_a_tag_counts_as_left_by_the_least_way_that_a_pulse_may_stand_for(
     monkeypatch.setattr(
         References, "follow", lambda self, way, least_m, gap, slip: told_m.append(least_m)
     )
-    made = going(cycles=2)
+    made = going(cycles=2, scale_error_low_ratio=-0.01, scale_error_high_ratio=0.03)
 
     least_m, most_m = made.where.scale.declared_m
     assert told_m == [least_m] * 2
