@@ -1,8 +1,10 @@
 """Fields of every shape between a frame and its bits: the numbers are worked out by hand."""
 
 import enum
+import sys
 from dataclasses import dataclass
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import pytest
@@ -11,7 +13,7 @@ from can_dbc import dbc_file
 from can_dbc.agreement import FieldLayout, layouts
 from can_dbc.binding import frame
 from can_dbc.odometer import Doppler
-from can_dbc.packing import EncodeError, invalid_values, packer, unpacker, value_table
+from can_dbc.packing import WRITTEN, EncodeError, invalid_values, packer, unpacker, value_table
 
 ODD = """
 VERSION ""
@@ -175,3 +177,19 @@ def test_a_number_that_cannot_be_compared_is_refused_with_its_frame() -> None:
 
     with pytest.raises(EncodeError, match=r"^DOPPLER: cannot be encoded: .*speed_mps=1.5"):
         packer(kind)(doppler)
+
+
+def test_functions_that_were_written_out_are_taken_and_others_made(
+    odd: type[Odd], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As the compiled copy has them: both of one frame, none of another."""
+    module: Any = ModuleType(WRITTEN)
+    module.FUNCTIONS = {("pack", odd): lambda _frame: 4711, ("unpack", odd): lambda _bits: "odd"}
+    monkeypatch.setitem(sys.modules, WRITTEN, module)
+    for made in (packer, unpacker):
+        made.cache_clear()
+
+    assert packer(odd)(Odd(5, 0, 10, 0, 0, Gear.NEUTRAL, slipping=False)) == 4711
+    assert unpacker(odd)(0) == "odd"
+    doppler = Doppler(1.5, 50.0, healthy=True)
+    assert unpacker(Doppler)(packer(Doppler)(doppler)) == doppler
