@@ -2,6 +2,7 @@
 
 import enum
 import sys
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
@@ -179,6 +180,17 @@ def test_a_number_that_cannot_be_compared_is_refused_with_its_frame() -> None:
         packer(kind)(doppler)
 
 
+@pytest.fixture
+def nothing_made() -> Iterator[None]:
+    """No function is known from before, nor afterwards."""
+    for made in (packer, unpacker):
+        made.cache_clear()
+    yield
+    for made in (packer, unpacker):
+        made.cache_clear()
+
+
+@pytest.mark.usefixtures("nothing_made")
 def test_functions_that_were_written_out_are_taken_and_others_made(
     odd: type[Odd], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -186,8 +198,6 @@ def test_functions_that_were_written_out_are_taken_and_others_made(
     module: Any = ModuleType(WRITTEN)
     module.FUNCTIONS = {("pack", odd): lambda _frame: 4711, ("unpack", odd): lambda _bits: "odd"}
     monkeypatch.setitem(sys.modules, WRITTEN, module)
-    for made in (packer, unpacker):
-        made.cache_clear()
 
     assert packer(odd)(Odd(5, 0, 10, 0, 0, Gear.NEUTRAL, slipping=False)) == 4711
     assert unpacker(odd)(0) == "odd"
