@@ -106,6 +106,9 @@ class Remains:
         self._means: list[float] = []
         """Over the cycles from now on."""
 
+    def __bool__(self) -> bool:
+        return bool(self._means)
+
     def clear(self) -> None:
         self._means = []
 

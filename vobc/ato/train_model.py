@@ -224,12 +224,14 @@ class TrainModel:
         trail, trail_ratio, late_s = self._trail, self._trail_ratio, self._late_s
         learns = self._ours and not handover.under_way
         remains, dead_times_s = self._remains, self._brake_belief.dead_times_s
-        remain_mps2 = remains.after(0.0)
+        remain_mps2, any_remains = remains.after(0.0), bool(remains)
         unit_mps2 = lag_mps = 0.0
         for index in bank.alive:
             keep_ratio = self._keep_ratios[index]
             mean_mps2 = mean(self._taps[index]) + remain_mps2
-            then_mps2 = asked_mps2 + remains.after(dead_times_s[index])
+            then_mps2 = asked_mps2
+            if any_remains:
+                then_mps2 += remains.after(dead_times_s[index])
             arrived[index] = then_mps2 + (arrived[index] - then_mps2) * keep_ratio
             before_mps2 = outputs[index]
             after_mps2 = mean_mps2 + (before_mps2 - mean_mps2) * keep_ratio
