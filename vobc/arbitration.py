@@ -46,8 +46,7 @@ def arbitrate(
     """
     if not _finite(demand, motion, verdict.ceiling, load_kg):
         return _not_finite(verdict)
-    speed_mps = 0.0 if motion is None else motion.speed_mps.best
-    force_n, decel_mps2 = effort(demand.accel_mps2, speed_mps, train=train, load_kg=load_kg)
+    force_n, decel_mps2 = effort(demand.accel_mps2, train=train, load_kg=load_kg)
     if verdict.service_brake:
         decel_mps2 = train.service_decel_max_mps2
     hold = demand.hold or verdict.hold
@@ -103,20 +102,23 @@ def _direction(permitted: bool, *, reverse: bool) -> Direction:
     return Direction.REVERSE if reverse else Direction.FORWARD
 
 
-def effort(
-    accel_mps2: float, speed_mps: float, *, train: TrainBelief, load_kg: float
-) -> tuple[float, float]:
+def effort(accel_mps2: float, *, train: TrainBelief, load_kg: float) -> tuple[float, float]:
     """Force of traction in N and deceleration of the service brake in m/s², never both.
 
-    What traction cannot give at this speed is not asked of it.
+    The force ends at the rated one. The rated power is for the motors to keep: a limit that follows
+    the measured speed would pass on each jump that a tag makes in it.
     """
     if accel_mps2 <= 0.0:
         return 0.0, min(-accel_mps2, train.service_decel_max_mps2)
-    mass_kg = inertia_kg(train, load_kg)
+    return min(inertia_kg(train, load_kg) * accel_mps2, train.rated_force_n), 0.0
+
+
+def most_accel_mps2(speed_mps: float, *, train: TrainBelief, load_kg: float) -> float:
+    """What traction in full order gives at this speed, before gradient and resistance."""
     most_n = train.rated_force_n
     if speed_mps > 0.0:
         most_n = min(most_n, train.rated_power_w / speed_mps)
-    return min(mass_kg * accel_mps2, most_n), 0.0
+    return most_n / inertia_kg(train, load_kg)
 
 
 def inertia_kg(train: TrainBelief, load_kg: float) -> float:

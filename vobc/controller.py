@@ -7,7 +7,7 @@ from can_dbc.cab import CabMode
 from can_dbc.doors import DoorState, DoorStatus
 from can_dbc.vobc import Inhibit, Missing, Supervision
 from firmware_py.trackdb import LineMap, PlatformSide
-from vobc.arbitration import BRAKED_DEMAND, arbitrate, inertia_kg, manual_demand
+from vobc.arbitration import BRAKED_DEMAND, arbitrate, inertia_kg, manual_demand, most_accel_mps2
 from vobc.ato import Ato, current_loop
 from vobc.atp import Protection, Verdict
 from vobc.config import VobcConfig
@@ -144,6 +144,10 @@ class Controller:
             and verdict.supervision in ATO_STATES
             and (verdict.creep or not int(verdict.missing) & ~NOT_FOR_DRIVING)
         )
+        traction_ratio = 0.0 if traction is None else traction.effort_available_ratio
+        most_mps2 = most_accel_mps2(
+            motion.speed_mps.best, train=self._train, load_kg=self._weighed_kg
+        )
         return AtoInput(
             now_ns=seen.now_ns,
             dt_s=seen.dt_s,
@@ -159,7 +163,8 @@ class Controller:
             ceiling_mps=verdict.ceiling.permitted_mps,
             authority_end_m=front_m if authority is None else authority.end_m,
             load_kg=self._weighed_kg,
-            traction_ratio=0.0 if traction is None else traction.effort_available_ratio,
+            traction_ratio=traction_ratio,
+            traction_mps2=traction_ratio * most_mps2,
             doors_locked=verdict.doors_locked or verdict.door_bypass,
             doors_open=not verdict.doors_locked and self._platform_side_open(doors, front_m),
             door_enabled=verdict.doors.left or verdict.doors.right,

@@ -129,6 +129,7 @@ class Rig:
         self.authority_end_m = line.end_m
         self.ceiling_mps = 100.0
         self.traction_ratio = 1.0
+        self.traction_most_mps2 = 2.0
         self.holding_s = 10.0
         self.held = True
         self.hold_asked = True
@@ -282,6 +283,7 @@ class Rig:
             authority_end_m=self.authority_end_m,
             load_kg=self.load_kg,
             traction_ratio=self.traction_ratio,
+            traction_mps2=self.traction_ratio * self.traction_most_mps2,
             doors_locked=self.doors_position == 0.0,
             doors_open=self.doors_position == 1.0,
             door_enabled=self.door_permission and standstill and self.held,

@@ -410,3 +410,40 @@ def test_a_creeping_train_heads_for_no_stop() -> None:
     reached(rig, 3020.0)
 
     assert rig.trace.demands[-1].stopping_at_m is None
+
+
+# What traction can give.
+
+
+@pytest.mark.parametrize("strategy", ["predictive", "pid", "chasing", "timing", "pid_literal"])
+def test_no_more_is_asked_than_traction_gives_and_a_jump_of_it_is_no_jolt(strategy: str) -> None:
+    """The limit of power follows the measured speed, which jumps where a tag tells the wheels."""
+    config = AtoConfig(strategy=strategy)
+    stops = [dataclasses.replace(LINE.station("III"), dwell_s=2.0)]
+    settings = ato_rig.RigSettings(seed=1, start_scale_known=True)
+    rig = ato_rig.Rig(Ato(config, LINE, 3000.0, stops), LINE, settings, 3000.0)
+    rig.traction_most_mps2 = 0.60
+    rig.run(lambda rig: rig.speed_mps > 4.0)
+    before = len(rig.trace.demands)
+
+    for most_mps2 in (0.60, 0.30, 0.45, 0.50):
+        rig.traction_most_mps2 = most_mps2
+        for _ in range(14):
+            rig.step()
+        assert rig.trace.demands[-1].accel_mps2 <= most_mps2 + 1e-9
+
+    asked_mps2 = [demand.accel_mps2 for demand in rig.trace.demands]
+    assert min(asked_mps2[before:]) > 0.2
+    changes_mps2 = [abs(after - this) for this, after in itertools.pairwise(asked_mps2)]
+    assert max(changes_mps2) <= config.limits.jerk_mps3 * rig.cycle_s + 1e-9
+
+
+def test_without_traction_none_is_asked() -> None:
+    rig = rig_at(3000.0)
+    rig.run(lambda rig: rig.speed_mps > 4.0)
+    rig.traction_ratio = 0.0
+
+    for _ in range(60):
+        rig.step()
+
+    assert rig.trace.demands[-1].accel_mps2 <= 0.0

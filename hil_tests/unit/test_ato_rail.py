@@ -72,6 +72,7 @@ SLIPPING = AtoInput(
     authority_end_m=4500.0,
     load_kg=20_000.0,
     traction_ratio=1.0,
+    traction_mps2=2.0,
     doors_locked=True,
     doors_open=False,
     door_enabled=False,

@@ -643,3 +643,17 @@ def test_the_same_inputs_give_the_same_outputs() -> None:
     second.set_off()
 
     assert [first.cycle() for _ in range(50)] == [second.cycle() for _ in range(50)]
+
+
+@pytest.mark.parametrize("ratio", [0.0, 0.5, 1.0])
+def test_operation_is_told_what_traction_gives_at_this_speed(ratio: float) -> None:
+    bench = Bench()
+    bench.run(5)
+    bench.change(traction=TractionStatus(0.0, ratio, True, True))
+    bench.speed_mps = 2.0
+    bench.run(5)
+
+    seen = bench.driver.seen[-1]
+    train = CONFIG.train
+    mass_kg = train.tare_kg * (1.0 + train.rotating_mass_ratio) + seen.load_kg
+    assert seen.traction_mps2 == pytest.approx(ratio * train.rated_force_n / mass_kg)

@@ -378,7 +378,9 @@ class Ato:
         firm = not drives or self._overruled
         # A missed cycle and a clock that stepped look alike: never more than one cycle's change.
         dt_s = min(seen.dt_s, self._dt_s)
-        accel_mps2 = self._shaper.step(self._stage.pick(wanted_mps2, dt_s, firm=firm), dt_s)
+        picked_mps2 = self._stage.pick(wanted_mps2, dt_s, firm=firm)
+        # More would arrive by itself, and at no jerk of ours, as soon as the motors can.
+        accel_mps2 = self._shaper.step(min(picked_mps2, seen.traction_mps2), dt_s)
         unready = self._hold and self.phase not in DRIVING | SETTING_OFF
         if accel_mps2 > 0.0 and (unready or (not seen.doors_locked and not self._seen.under_way)):
             accel_mps2 = self._shaper.drop_traction()

@@ -25,6 +25,8 @@ class AtoInput:
     load_kg: float
     traction_ratio: float
     """Share of the rated effort that is available."""
+    traction_mps2: float
+    """Acceleration that this share gives at the present speed, before gradient and resistance."""
     doors_locked: bool
     doors_open: bool
     """The platform side is fully open."""
