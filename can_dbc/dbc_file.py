@@ -12,6 +12,7 @@ from typing import Final
 import cantools.database
 
 # Named here so that no other package needs to meet the library for its types.
+from cantools.database.can import Database as Database
 from cantools.database.can import Message as Message
 from cantools.database.can import Signal as Signal
 

@@ -13,7 +13,6 @@ from metro_hil.children import ChildError
 from metro_hil.columns import LogError, read_columns
 from metro_hil.comfort import comfort_of, inertia_of
 from metro_hil.ending import INTERRUPTED, Ending
-from metro_hil.explain import command as explain
 from metro_hil.journey import Journey, check_reference, plan_journey
 from metro_hil.lockstep import config_of, run_lockstep, scenario_of
 from metro_hil.measures import (
@@ -31,7 +30,6 @@ from metro_hil.options import (
     RunOptions,
     parse,
 )
-from metro_hil.report.plot import draw_run
 from metro_hil.report.table import print_results
 from metro_hil.results import RunResults, sha256_of
 from metro_hil.run_folder import (
@@ -55,6 +53,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     require_assertions("vobc")
     words = sys.argv[1:] if argv is None else argv
     if words[:1] == ["explain"]:
+        from metro_hil.explain import command as explain
+
         return explain.main(words[1:])
     if words[:1] == ["tune"]:
         from metro_hil.tune import command as tune
@@ -174,6 +174,8 @@ def report(
     folder.results.write_text(results.to_json() + "\n", encoding="utf-8")
     print_results(console, results)
     if results.cycles and results.cycles.cycles > 1:
+        from metro_hil.report.plot import draw_run
+
         truth = read_columns(folder.truth_log) if ending.truth_known else None
         title = f"{journey.line.name}: {journey.start.name} to {journey.end.name}"
         cycles = read_columns(folder.cycle_log)

@@ -6,9 +6,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
-import cantools.database
-
 from can_dbc import merged
+from can_dbc.dbc_file import Database
 from metro_tools.canlog.damage import LogError
 from metro_tools.canlog.frames import KEY_EXTENDED
 
@@ -131,7 +130,7 @@ def load_bus(dbc: "Path | str | Sequence[Path | str] | Bus | None" = None) -> Bu
     if dbc is None:
         return _own_bus()
     paths = [Path(dbc)] if isinstance(dbc, str | Path) else [Path(each) for each in dbc]
-    database = cantools.database.Database(strict=False)
+    database = Database(strict=False)
     for path in paths:
         try:
             text = path.read_bytes().decode("cp1252", "replace")
@@ -143,7 +142,7 @@ def load_bus(dbc: "Path | str | Sequence[Path | str] | Bus | None" = None) -> Bu
 
 def parse_bus(text: str, name: str = "DBC") -> Bus:
     """The bus of the text of a DBC file. Raises LogError."""
-    database = cantools.database.Database(strict=False)
+    database = Database(strict=False)
     _add(database, text, name)
     return bus_of(database, name)
 
