@@ -3,8 +3,9 @@
 import ast
 import dataclasses
 import enum
+import functools
 import inspect
-import textwrap
+import sys
 import types
 import typing
 from collections.abc import Iterator, Mapping
@@ -147,6 +148,7 @@ def described(kind: Kind) -> Described:
     return Described(kind.name, kind.place, hazards, story, tuple(_parameters(kind)), benches)
 
 
+@functools.cache
 def all_described() -> tuple[Described, ...]:
     """The whole catalogue by place, in the order in which the kinds are declared."""
     kinds = list(CATALOGUE.values())
@@ -184,10 +186,16 @@ def _choices(hint: Any) -> tuple[str, str]:
     return plain.get(hint, "table of numbers"), ""
 
 
+@functools.cache
+def _classes(module: str) -> dict[str, ast.ClassDef]:
+    """The classes of a module by name, as they are written."""
+    tree = ast.parse(inspect.getsource(sys.modules[module]))
+    return {each.name: each for each in tree.body if isinstance(each, ast.ClassDef)}
+
+
 def _read_source(owner: type) -> tuple[dict[str, str], dict[str, str]]:
     """The strings behind the fields of a class, and the ranges that it checks."""
-    tree = ast.parse(textwrap.dedent(inspect.getsource(owner))).body[0]
-    assert isinstance(tree, ast.ClassDef)
+    tree = _classes(owner.__module__)[owner.__name__]
     stories: dict[str, str] = {}
     name = ""
     for line in tree.body:
