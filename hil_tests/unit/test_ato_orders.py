@@ -11,6 +11,7 @@ import pytest
 from can_dbc.vobc import AtoPhase
 from firmware_py.trackdb import load_line
 from vobc.ato import Ato, AtoConfig
+from vobc.ato.output_config import OutputStage
 
 _SPEC = importlib.util.spec_from_file_location("ato_rig", Path(__file__).with_name("ato_rig.py"))
 assert _SPEC is not None
@@ -21,6 +22,7 @@ if not hasattr(ato_rig, "Rig"):
 
 LINE = load_line("florence")
 JOG_MPS = 5.0 / 3.6
+JERK_MPS3 = AtoConfig().limits.jerk_mps3
 HELD = {"departure_permitted": False, "kept_at_platform": True}
 
 
@@ -447,3 +449,21 @@ def test_without_traction_none_is_asked() -> None:
         rig.step()
 
     assert rig.trace.demands[-1].accel_mps2 <= 0.0
+
+
+@pytest.mark.parametrize("seed", range(1, 7))
+def test_notches_of_traction_do_not_dwell_where_the_brake_shall_come_on(seed: int) -> None:
+    """Each dwell is way; with a brake that is weak, too, the platform was overrun by a metre."""
+    notches = OutputStage(stage="notches")
+    stops = [dataclasses.replace(LINE.station("III"), dwell_s=2.0)]
+    settings = ato_rig.RigSettings(seed=seed, start_scale_known=True)
+    rig = ato_rig.Rig(Ato(AtoConfig(output=notches), LINE, 3000.0, stops), LINE, settings, 3000.0)
+
+    rig.run(ato_rig.served(1))
+
+    phases = [demand.phase for demand in rig.trace.demands]
+    began = phases.index(AtoPhase.APPROACHING)
+    asked_mps2 = [demand.accel_mps2 for demand in rig.trace.demands[began:]]
+    coming_off_mps2 = list(itertools.takewhile(lambda asked: asked > 0.0, asked_mps2))
+    assert coming_off_mps2[0] > 0.3, "the brake comes on straight after traction"
+    assert len(coming_off_mps2) * rig.cycle_s <= coming_off_mps2[0] / JERK_MPS3 + 0.2

@@ -375,7 +375,9 @@ class Ato:
             wanted_mps2 = min(wanted_mps2, 0.0)
             if not (seen.holding_applied and seen.standstill):
                 wanted_mps2 = -self._config.station.hold_decel_mps2
-        firm = not drives or self._overruled
+        # A notch of traction that dwells is way that the brake is begun too late for.
+        coming_off = drive.braking and self._sent_mps2 >= 0.0
+        firm = not drives or self._overruled or coming_off
         # A missed cycle and a clock that stepped look alike: never more than one cycle's change.
         dt_s = min(seen.dt_s, self._dt_s)
         picked_mps2 = self._stage.pick(wanted_mps2, dt_s, firm=firm)
