@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Final
 
 from firmware_py.buses.errors import BusError
 from firmware_py.buses.interfaces import look_up
+from firmware_py.buses.lean_can import put_off_mf4
 from firmware_py.clock import Clock
 from firmware_py.ports import CanFrame, LinkCounters
 
@@ -156,6 +157,7 @@ def open_socketcan(
             may not be used.
     """
     _check(interface)
+    put_off_mf4()
     from can.interfaces.socketcan import SocketcanBus
 
     try:
