@@ -371,6 +371,62 @@ def test_a_creep_that_seems_to_have_zero_speed_is_no_end_of_an_attempt() -> None
     assert bench.step(replace(creeping, travel_m=STOP_M - 0.5)).jog_attempts == 1
 
 
+# How far it went, once wheels have slipped: its pulses and an accelerometer tell no more than the
+# bounds of its place.
+
+
+def jogs_back(*, slips: tuple[bool, ...]) -> list[Cause]:
+    """From 4.6 m past the stop, known within 0.2 m; all the time it seems to be at 4.4 m, while the
+    rearmost place it may be at goes back to 4.6 + 0.2 - 5 m and a hair beyond."""
+    bench = Bench()
+    bench.stands(4.6, half_m=0.2)
+    found = []
+    for low_m, slip in zip((3.0, -0.2, -0.201, -0.201), slips, strict=True):
+        at = replace(motion(4.4, -0.3, half_m=0.0, rests=False), slip=slip)
+        low = Interval(STOP_M + low_m, STOP_M + 4.4, STOP_M + 4.6)
+        found.append(bench.step(replace(at, front_m=low)).emergency)
+    return found
+
+
+def test_a_jog_whose_wheels_slip_ends_where_it_may_have_gone_too_far() -> None:
+    over = Cause.JOG_EXCEEDED
+
+    assert jogs_back(slips=(True, True, True, True)) == [Cause.NONE, Cause.NONE, over, over]
+    # What slipped once was counted wrong, whatever the wheels do afterwards.
+    assert jogs_back(slips=(True, False, False, False)) == [Cause.NONE, Cause.NONE, over, over]
+    assert jogs_back(slips=(False, False, False, True)) == [Cause.NONE] * 3 + [over]
+
+
+def test_wheels_that_grip_tell_how_far_a_jog_went() -> None:
+    assert jogs_back(slips=(False,) * 4) == [Cause.NONE] * 4
+
+
+def test_a_slip_forwards_counts_by_the_foremost_place_and_the_pulses_still_count() -> None:
+    bench = Bench()
+    bench.stands(-4.6, half_m=0.2)
+    at = replace(motion(-4.4, 0.3, half_m=0.0, rests=False), slip=True)
+
+    def may_be_at(high_m: float, travel_m: float) -> Cause:
+        where = Interval(STOP_M - 4.6, STOP_M - 4.4, STOP_M + high_m)
+        return bench.step(replace(at, front_m=where, travel_m=STOP_M + travel_m)).emergency
+
+    assert may_be_at(0.2 - 1e-6, -4.4) is Cause.NONE
+    assert may_be_at(0.2 - 1e-6, 0.4 + 1e-6) is Cause.JOG_EXCEEDED
+    assert may_be_at(0.2 + 1e-6, -4.4) is Cause.JOG_EXCEEDED
+
+
+def test_a_slip_is_forgotten_where_the_train_stands_again() -> None:
+    bench = Bench()
+    bench.stands(4.6, half_m=0.2)
+    bench.step(replace(motion(4.4, -0.3, half_m=0.2, rests=False), slip=True))
+    bench.stands(4.4, half_m=0.2)
+    wide = replace(motion(4.2, -0.3, half_m=0.0, rests=False))
+
+    verdict = bench.step(replace(wide, front_m=Interval(STOP_M - 1.0, STOP_M + 4.2, STOP_M + 4.4)))
+
+    assert verdict.emergency is Cause.NONE
+
+
 # The table.
 
 
@@ -385,6 +441,7 @@ def facts(**changes: float | bool) -> JogFacts:
         "back_room_m": 10.0,
         "attempts": 0,
     }
+    known["most_moved_m"] = abs(changes.get("moved_m", 0.0))
     return JogFacts(limits=CONFIG, **{**known, **changes})  # type: ignore[arg-type]
 
 

@@ -53,6 +53,7 @@ def off(best_m: float, half_m: float = 0.0, **changes: Any) -> JogFacts:
         "back_room_m": 10.0,
         "attempts": 0,
     }
+    known["most_moved_m"] = abs(changes.get("moved_m", 0.0))
     return JogFacts(**{**known, **changes})
 
 
@@ -191,6 +192,9 @@ def test_where_each_state_leads(state: JogState, after: tuple[JogState, ...]) ->
         ({"moved_m": -4.0}, False),
         ({"moved_m": math.nextafter(4.0, 5.0)}, True),
         ({"moved_m": -math.nextafter(4.0, 5.0)}, True),
+        # The most that it may have gone counts, where that is more than what is likely.
+        ({"moved_m": -1.0, "most_moved_m": 4.0}, False),
+        ({"moved_m": -1.0, "most_moved_m": math.nextafter(4.0, 5.0)}, True),
         ({"moved_m": -0.5, "back_room_m": 0.0}, False),
         ({"moved_m": -0.5, "back_room_m": -0.001}, True),
         ({"moved_m": -MOVED_M, "back_room_m": -0.001}, False),

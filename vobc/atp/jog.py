@@ -34,6 +34,8 @@ class JogFacts:
     standstill: bool
     moved_m: float
     """Since the train last stood, signed."""
+    most_moved_m: float
+    """The most that it may be, either way."""
     speed_high_mps: float
     """Most that it may run, either way."""
     back_room_m: float
@@ -128,7 +130,7 @@ def exceeded(state: JogState, seen: JogFacts) -> bool:
     limits = seen.limits
     return (
         seen.speed_high_mps > limits.jog_mps
-        or abs(seen.moved_m) > limits.jog_m
+        or seen.most_moved_m > limits.jog_m
         or (seen.moved_m < -MOVED_M and seen.back_room_m < 0.0)
     )
 

@@ -15,7 +15,7 @@ from vobc.atp.heard import Heard, listen
 from vobc.atp.inputs import AUTHORITY, BRAKE, ODOMETER, TRACTION
 from vobc.atp.jog import MOVED_M, JogFacts, JogGuard, JogVerdict
 from vobc.atp.place import UNKNOWN, Place, Whereabouts, place_of
-from vobc.vocabulary import CycleInput, Motion
+from vobc.vocabulary import CycleInput, Interval, Motion
 
 _AGAINST_JOG: Final = ~int(NOT_AGAINST_JOG)
 NO_JOG: Final = JogVerdict()
@@ -82,6 +82,10 @@ class StationGuard:
         """The platform at which the train last stood."""
         self._stood_m: float | None = None
         """Distance by pulses where it last stood; None before it ever did."""
+        self._stood_front_m: Interval | None = None
+        """Where its front was then."""
+        self._slipped = False
+        """Wheels slipped or slid since then."""
         self._passenger_alarm = False
         self._fire = False
         self._jogs = JogGuard()
@@ -151,7 +155,16 @@ class StationGuard:
         """Since the train last stood. One that was met in motion has moved for ever."""
         if _rests(motion):
             self._stood_m, self._stood_at = motion.travel_m, place.station
+            self._stood_front_m, self._slipped = motion.front_m, False
+        self._slipped = self._slipped or motion.slip
         return math.inf if self._stood_m is None else motion.travel_m - self._stood_m
+
+    def _most_moved_m(self, motion: Motion, moved_m: float) -> float:
+        """Once wheels have slipped only the bounds of the place still tell how far it came."""
+        stood_m, front_m = self._stood_front_m, motion.front_m
+        if stood_m is None or not self._slipped:
+            return abs(moved_m)
+        return max(abs(moved_m), front_m.high - stood_m.low, stood_m.high - front_m.low)
 
     def _answers(self, heard: Heard, place: Place, motion: Motion, *, moving: bool) -> _Answers:
         """An alarm counts until it is over and the train has stood at a platform, the lost lock of
@@ -192,6 +205,7 @@ class StationGuard:
             high_m=front_m.high - stop_m,
             standstill=_rests(motion),
             moved_m=moved_m,
+            most_moved_m=self._most_moved_m(motion, moved_m),
             speed_high_mps=max(motion.speed_mps.high, -motion.speed_mps.low),
             back_room_m=back_room_m,
             attempts=self._jogs.attempts,
