@@ -401,18 +401,26 @@ def test_wheels_that_grip_tell_how_far_a_jog_went() -> None:
     assert jogs_back(slips=(False,) * 4) == [Cause.NONE] * 4
 
 
-def test_a_slip_forwards_counts_by_the_foremost_place_and_the_pulses_still_count() -> None:
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_a_slip_counts_by_the_farthest_place_and_the_pulses_still_count(way: float) -> None:
     bench = Bench()
-    bench.stands(-4.6, half_m=0.2)
-    at = replace(motion(-4.4, 0.3, half_m=0.0, rests=False), slip=True)
+    bench.stands(-4.6 * way, half_m=0.2)
+    at = replace(motion(-4.4 * way, 0.3 * way, half_m=0.0, rests=False), slip=True)
 
-    def may_be_at(high_m: float, travel_m: float) -> Cause:
-        where = Interval(STOP_M - 4.6, STOP_M - 4.4, STOP_M + high_m)
-        return bench.step(replace(at, front_m=where, travel_m=STOP_M + travel_m)).emergency
+    def may_be_at(farthest_m: float, travel_m: float) -> Cause:
+        ends_m = sorted((STOP_M - 4.6 * way, STOP_M + farthest_m * way))
+        where = Interval(ends_m[0], STOP_M - 4.4 * way, ends_m[1])
+        return bench.step(replace(at, front_m=where, travel_m=STOP_M + travel_m * way)).emergency
 
     assert may_be_at(0.2 - 1e-6, -4.4) is Cause.NONE
     assert may_be_at(0.2 - 1e-6, 0.4 + 1e-6) is Cause.JOG_EXCEEDED
     assert may_be_at(0.2 + 1e-6, -4.4) is Cause.JOG_EXCEEDED
+
+
+def test_a_train_that_slips_and_never_stood_makes_no_jog() -> None:
+    verdict = Bench().step(replace(motion(4.4, -0.3, half_m=0.1, rests=False), slip=True))
+
+    assert (verdict.jog_attempts, verdict.jog_permitted) == (0, False)
 
 
 def test_a_slip_is_forgotten_where_the_train_stands_again() -> None:
