@@ -41,8 +41,8 @@ class Motion:
     accel_mps2: float
     """Smoothed, signed."""
     travel_m: float
-    """Distance by pulses since start, signed; no tag makes it jump. While wheels slip it follows what
-    else is believed of the ground, and is no bound."""
+    """Distance by pulses since start, signed; no tag makes it jump. While wheels slip it follows
+    what else is believed of the ground, and is no bound."""
     standing: bool
     """Half a second of samples without a pulse: a quick sign, but no proof of standstill."""
     standstill: bool
