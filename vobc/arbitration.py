@@ -162,7 +162,7 @@ def _finite(
     if motion is not None:
         front, speed = motion.front_m, motion.speed_mps
         numbers += (front.low, front.best, front.high, speed.low, speed.best, speed.high)
-        numbers += (motion.accel_mps2, motion.travel_m)
+        numbers += (motion.accel_mps2, motion.travel_m, motion.pulses_m)
     if ceiling is not None:
         numbers += (ceiling.permitted_mps, ceiling.warning_mps, ceiling.service_mps)
         numbers += (ceiling.emergency_mps, ceiling.distance_to_authority_m)

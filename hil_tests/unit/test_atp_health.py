@@ -1,6 +1,7 @@
 """Edges and durations that protection remembers: resets, brake unit, stops asked, clock, way."""
 
 import math
+from dataclasses import replace
 
 import pytest
 
@@ -8,7 +9,7 @@ from can_dbc.brake import BrakeStatus
 from can_dbc.cab import CabMode, Desk
 from vobc.atp.emergencies import Reset
 from vobc.atp.health import BrakeUnitWatch, Resets, StopWatch, clock_stepped
-from vobc.atp.movement import Movement
+from vobc.atp.movement import Movement, Movements
 from vobc.config import load_config
 from vobc.vocabulary import Interval, Motion, Orders
 
@@ -326,3 +327,66 @@ def test_a_way_that_is_no_number_makes_every_distance_one_that_is_none() -> None
     assert math.isnan(movement.held_m)
     movement.look(5.0)
     assert movement.rollback_m == 0.0
+
+
+def two_ways(counted_m: float, believed_m: float, *, standing: bool = False) -> Motion:
+    return replace(motion(believed_m, standing=standing), pulses_m=counted_m)
+
+
+WAYS = pytest.mark.parametrize("counts", [True, False], ids=["pulses", "belief"])
+
+
+def on_way(counts: bool, at_m: float, other_m: float = 0.0, *, standing: bool = False) -> Motion:
+    """Either way says the one, and the other the other."""
+    ends_m = (at_m, other_m) if counts else (other_m, at_m)
+    return two_ways(*ends_m, standing=standing)
+
+
+@WAYS
+def test_of_two_ways_the_one_that_rolled_back_farther_counts(counts: bool) -> None:
+    movements = Movements()
+    movements.look(on_way(counts, 3.0, 5.0))
+    movements.look(on_way(counts, 2.0, 4.75))
+
+    assert movements.rollback_m == 1.0
+
+
+@WAYS
+def test_of_two_ways_the_one_that_left_its_place_farther_counts(counts: bool) -> None:
+    movements = Movements()
+    movements.look(on_way(counts, 10.0, 20.0))
+    movements.begin_anew(on_way(counts, 10.0, 20.0))
+    movements.look(on_way(counts, 10.5, 20.25))
+    ahead_m = movements.held_m
+    movements.held_here(on_way(counts, 10.5, 20.25))
+    movements.look(on_way(counts, 10.5, 20.25))
+
+    assert (ahead_m, movements.held_m, movements.rollback_m) == (0.5, 0.0, 0.0)
+    movements.look(on_way(counts, 9.75, 20.25))
+    assert movements.rollback_m == 0.75
+    movements.begin_anew(on_way(counts, 9.75, 20.25))
+    movements.look(on_way(counts, 9.75, 20.25))
+    assert (movements.held_m, movements.rollback_m) == (0.0, 0.0)
+
+
+@WAYS
+def test_of_two_ways_the_one_that_jogged_farther_counts(counts: bool) -> None:
+    movements = Movements()
+    movements.look(on_way(counts, 100.0, 50.0))
+    movements.jogs(on_way(counts, 100.0, 50.0, standing=True), 2.0)
+    movements.look(on_way(counts, 97.5, 49.5))
+
+    assert (movements.jog_m, movements.behind_jog_m, movements.rollback_m) == (2.5, 0.5, 0.0)
+    movements.jogs(on_way(counts, 97.5, 49.5, standing=True), 1.0)
+    movements.look(on_way(counts, 97.0, 49.5))
+    assert (movements.jog_m, movements.behind_jog_m) == (3.0, 1.0)
+    movements.jogs_no_more(on_way(counts, 97.0, 49.5))
+    movements.look(on_way(counts, 96.5, 49.25))
+    assert (movements.jog_m, movements.behind_jog_m, movements.rollback_m) == (0.0, 0.0, 0.5)
+
+
+def test_before_anything_is_seen_nothing_has_moved() -> None:
+    movements = Movements()
+
+    moved = (movements.rollback_m, movements.held_m, movements.jog_m, movements.behind_jog_m)
+    assert moved == (0.0, 0.0, 0.0, 0.0)

@@ -194,12 +194,15 @@ def test_while_wheels_slip_place_and_travel_follow_the_ground(
     monkeypatch.setattr(Localisation, "follow_ground", follow)
     made = spinning()
     before = made.cycle(16, 16, radar_mps=4.0)
-    at_m = made.where.at_m
+    at_m, pulses = made.where.at_m, made.where.pulses
     followed.clear()
     told = made.cycle(16, 16, radar_mps=4.0)
 
     assert followed == [near(0.16, 0.1 * 0.04)]
     assert told.travel_m - before.travel_m == pytest.approx(0.16)
+    counted_m = (made.where.pulses - pulses) * made.where.m_per_pulse
+    assert told.pulses_m - before.pulses_m == pytest.approx(counted_m)
+    assert counted_m == pytest.approx(0.32, rel=0.02)
     assert made.where.at_m - at_m == pytest.approx(0.16)
     assert told.front_m.best == pytest.approx(made.where.at_m)
 

@@ -209,6 +209,7 @@ def test_a_motion_that_is_no_number_ends_in_the_safe_output(
 def test_an_acceleration_or_load_that_is_no_number_ends_in_the_safe_output(bad: float) -> None:
     assert_safe(decided(motion=replace(MOTION, accel_mps2=bad)))
     assert_safe(decided(motion=replace(MOTION, travel_m=bad)))
+    assert_safe(decided(motion=replace(MOTION, pulses_m=bad)))
     assert_safe(decided(load_kg=bad))
 
 

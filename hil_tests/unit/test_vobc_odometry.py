@@ -453,6 +453,7 @@ def test_rolling_back_is_seen_with_its_sign() -> None:
     assert_holds(history)
     assert history[-1].motion.speed_mps.best == pytest.approx(-1.5, abs=0.1)
     assert history[-1].motion.travel_m == pytest.approx(-3.75, abs=0.2)
+    assert history[-1].motion.pulses_m == history[-1].motion.travel_m
 
 
 def test_travel_never_jumps_at_a_tag() -> None:

@@ -27,7 +27,7 @@ from vobc.atp.inputs import (
     unready,
 )
 from vobc.atp.modes import NEEDED, UNHEEDED, authority_is_fresh, next_mode
-from vobc.atp.movement import Movement
+from vobc.atp.movement import Movements
 from vobc.atp.seen import NOWHERE, Seen
 from vobc.atp.station import StationGuard, StationVerdict
 from vobc.atp.supervision import authority_ages, next_state, permission_gone, stops_not
@@ -64,7 +64,7 @@ class Protection:
         self._resets = Resets()
         self._brake_unit = BrakeUnitWatch(config)
         self._stop_watch = StopWatch(config)
-        self._movement = Movement()
+        self._movement = Movements()
         self._bypass = False
         self._state = Supervision.NO_AUTHORITY
         self._seen = Seen(config)
@@ -173,7 +173,7 @@ class Protection:
         self._bypass = station.door_bypass and (self._bypass or motion.standing)
         if self._bypass:
             seen.missing &= ~DOORS
-        movement.look(motion.travel_m)
+        movement.look(motion)
         seen.rollback_m = movement.rollback_m
         seen.held_movement_m = movement.held_m
         seen.jog_movement_m = movement.jog_m
@@ -188,7 +188,7 @@ class Protection:
         if self._seen.mode is OperatingMode.JOG:
             self._movement.jogs(motion, station.jog_back_m)
         else:
-            self._movement.jogs_no_more(motion.travel_m)
+            self._movement.jogs_no_more(motion)
 
     def _ceiling(self, image: CycleInput, motion: Motion, full: Ceiling) -> Ceiling:
         """What the mode permits: on sight a flat speed, and no more than is known to be ahead."""
@@ -217,9 +217,9 @@ class Protection:
         self._state = next_state(before, seen)
         if self._state is Supervision.EMERGENCY:
             # Where it comes to rest is where it is to be held.
-            self._movement.held_here(motion.travel_m)
+            self._movement.held_here(motion)
         elif self._state is not before and self._state is Supervision.NO_AUTHORITY:
-            self._movement.begin_anew(motion.travel_m)
+            self._movement.begin_anew(motion)
 
     # What goes out.
 

@@ -55,17 +55,15 @@ class Odometry:
         self._jump_pulses_per_s2 = config.max_accel_mps2 / where.scale.low_m
         self._track = SpeedTrack(bandwidth_rad_s=config.tracking_rad_s, window_s=config.window_s)
         self._time = OwnTime()
-        self._travel_m = 0.0
-        self._over_m = 0.0
-        self._over_blur_m = 0.0
+        self._travel_m = self._pulses_m = 0.0
+        self._over_m = self._over_blur_m = 0.0
         """Way over ground since start and half the width of its bounds."""
         self._slip_until_s = 0.0
         self._slip = False
-        self._jumped_s = -math.inf
+        self._sampled_s = self._jumped_s = -math.inf
         """Last instant at which the wheels changed their speed as no train can."""
         self._wheels_out = False
         """The wheels are proven to slip or slide: their interval follows the ground."""
-        self._sampled_s = -math.inf
         self._fast_s = 0.0
         """Last instant at which zero speed was not certain."""
         self._axles_differ = False
@@ -153,6 +151,7 @@ class Odometry:
         if step == 0:
             return
         where.advance(step)
+        self._pulses_m += step * where.m_per_pulse
         self._refer.turned(where.pulses)
         if pulses.contradicted:
             # Forwards or backwards: as much the other way is as true.
@@ -393,6 +392,7 @@ class Odometry:
             missed_tags=refer.missed,
             lost_cause=refer.lost_cause,
             wheel_diameter_m=where.m_per_pulse * self._train.pulses_per_turn / math.pi,
+            pulses_m=self._pulses_m,
         )
 
 

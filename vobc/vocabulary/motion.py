@@ -59,6 +59,8 @@ class Motion:
     """Why the train does not know where it is; empty while it does."""
     wheel_diameter_m: float = 0.0
     """As last calibrated."""
+    pulses_m: float = 0.0
+    """Distance by pulses alone since start, signed, also while wheels slip."""
 
 
 @dataclass(frozen=True, slots=True)
