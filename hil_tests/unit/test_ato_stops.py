@@ -130,6 +130,33 @@ def test_a_train_that_was_braked_before_still_stops_at_the_mark(
     assert abs(rig.stops[0].error_m) <= 0.10
 
 
+@pytest.mark.parametrize("freed_m", [130.0, 140.0, 150.0])
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_a_train_that_drew_up_to_an_authority_and_got_a_longer_one_stops_at_the_mark(
+    seed: int, freed_m: float
+) -> None:
+    """It brakes for an end 30 m before the mark, is let go so far before the mark that it gets away
+    with traction, and brakes again with another delay while the brake before has just come off."""
+    stop = quick_stops(LINE)[0]
+    settings = ato_rig.RigSettings(seed=seed, brake_delay_s=None, brake_delays_s=(0.5, 1.5))
+    rig = ato_rig.Rig(Ato(AtoConfig(), LINE, 0.0, [stop]), LINE, settings, 0.0)
+    pulled_again = False
+
+    def served(rig) -> bool:
+        nonlocal pulled_again
+        left_m = stop.stop_m - rig.front_m
+        rig.authority_end_m = LINE.end_m if left_m < freed_m else stop.stop_m - 30.0
+        pulled_again = pulled_again or (
+            0.0 < left_m < freed_m and rig.trace.demands[-1].accel_mps2 > 0.0
+        )
+        return bool(rig.stops)
+
+    rig.run(served)
+
+    assert pulled_again
+    assert abs(rig.stops[0].error_m) <= 0.10
+
+
 def test_legs_are_short_and_the_last_fifty_metres_do_not_dawdle() -> None:
     rig = run_line(seed=3, odometer_error=0.02)
 

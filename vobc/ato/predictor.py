@@ -187,3 +187,13 @@ def response(
     single = single_in - lag_s * (output_then - output_now)
     double = double_in - lag_s * (single - output_now * dead_time_s)
     return single, double
+
+
+def settling(
+    time_s: float, *, lag_s: float, output_now: float, asked: float
+) -> tuple[float, float]:
+    """The same of a lag of which nothing is under way any more, and that is asked for one value."""
+    output_then = asked + (output_now - asked) * math.exp(-time_s / lag_s)
+    single = asked * time_s - lag_s * (output_then - output_now)
+    double = asked * time_s**2 / 2.0 - lag_s * (single - output_now * time_s)
+    return single, double

@@ -14,7 +14,7 @@ from vobc.ato.bank import Bank
 from vobc.ato.config import BrakeBelief, TractionBelief
 from vobc.ato.handover import Handover
 from vobc.ato.motion_filter import SURPRISE_MPS, MotionFilter
-from vobc.ato.predictor import Ahead, Lag, Pipeline, Remains, response
+from vobc.ato.predictor import Ahead, Lag, Pipeline, Remains, response, settling
 
 SETTLE_LAGS: Final = 5.0
 """So many lags after the longest dead time a released brake is taken to be off."""
@@ -34,37 +34,11 @@ class TrainModel:
     """All of it is per unit of mass: demands and disturbance are accelerations of the train."""
 
     __slots__ = (
-        "_active",
-        "_active_s",
-        "_arrived",
-        "_bank",
-        "_brake",
-        "_brake_belief",
-        "_demand_mps2",
-        "_dt_s",
-        "_handover",
-        "_keep_ratios",
-        "_lags_s",
-        "_late_s",
-        "_motion",
-        "_no_costs",
-        "_ours",
-        "_output",
-        "_quiet_cycles",
-        "_remains",
-        "_settle_cycles",
-        "_taps",
-        "_traction",
-        "_traction_belief",
-        "_traction_late",
-        "_traction_now",
-        "_traction_tap",
-        "_trail",
-        "_trail_ratio",
-        "brake_mps2",
-        "dead_time_s",
-        "lag_s",
-        "on_its_way_mps2",
+        *("_active", "_active_s", "_arrived", "_bank", "_brake", "_brake_belief", "_demand_mps2"),
+        *("_dt_s", "_found_s", "_handover", "_keep_ratios", "_lags_s", "_late_s", "_motion"),
+        *("_no_costs", "_ours", "_output", "_quiet_cycles", "_remains", "_settle_cycles"),
+        *("_taps", "_traction", "_traction_belief", "_traction_late", "_traction_now"),
+        *("_traction_tap", "_trail", "_trail_ratio", "brake_mps2", "lag_s", "on_its_way_mps2"),
     )
 
     def __init__(self, brake: BrakeBelief, traction: TractionBelief, dt_s: float) -> None:
@@ -105,12 +79,20 @@ class TrainModel:
         """Deceleration that was asked for and has arrived, as believed; the gain is apart."""
         self.on_its_way_mps2 = 0.0
         """What it will be when all that is under way has arrived."""
-        self.dead_time_s = brake.expected_dead_time_s
+        self._found_s = brake.expected_dead_time_s
+        """Dead time of the present application, or of the last one while it still works."""
         self.lag_s = brake.lag_s
 
     def issue(self, demand_mps2: float) -> None:
         """The demand that leaves now and stays until the next cycle."""
         self._demand_mps2 = demand_mps2
+
+    @property
+    def dead_time_s(self) -> float:
+        """Of a demand that is given now: a brake that was released draws another."""
+        if not self._quiet_cycles:
+            return self._found_s
+        return max(self._found_s, self._brake_belief.expected_dead_time_s)
 
     @property
     def speed_mps(self) -> float:
@@ -289,12 +271,12 @@ class TrainModel:
                 self._trail = [0.0] * len(self._output)
                 self._remains.clear()
                 self._handover.end()
-                self.dead_time_s = self._brake_belief.expected_dead_time_s
+                self._found_s = self._brake_belief.expected_dead_time_s
                 self.lag_s = self._brake_belief.lag_s
 
     def _begin_again(self) -> None:
         """Another application while the one before still works: nothing is known of how late."""
-        self._remains.add(self._brake.to_come(self.dead_time_s))
+        self._remains.add(self._brake.to_come(self._found_s))
         self._brake.clear()
         trail_mps2 = self._bank.mean(self._trail)
         for index, dead_time_s in enumerate(self._brake_belief.dead_times_s):
@@ -322,7 +304,7 @@ class TrainModel:
 
     def _agree(self) -> None:
         bank, belief = self._bank, self._brake_belief
-        self.dead_time_s = bank.mean(belief.dead_times_s)
+        self._found_s = bank.mean(belief.dead_times_s)
         self.lag_s = bank.mean(self._lags_s)
         self.brake_mps2 = bank.mean(self._output)
         self.on_its_way_mps2 = bank.mean(self._arrived)
@@ -338,14 +320,7 @@ class TrainModel:
             return self._ahead_of_friction(front_m, steady_mps2)
         single_mps, double_m = self._traction_response(horizon_s)
         if self._active:
-            brake_mps, brake_m = response(
-                self._brake,
-                dead_time_s=horizon_s,
-                lag_s=self.lag_s,
-                output_now=self.brake_mps2,
-                output_then=self.on_its_way_mps2,
-                remains=self._remains,
-            )
+            brake_mps, brake_m = self._brake_response(horizon_s)
             single_mps -= brake_mps * (1.0 + self.gain_ratio)
             double_m -= brake_m * (1.0 + self.gain_ratio)
         speed_mps = self.speed_mps + single_mps + steady_mps2 * horizon_s
@@ -358,8 +333,9 @@ class TrainModel:
         keep_ratio = math.exp(-dt_s / self.lag_s)
         unit_mps2, asked_mps2 = self.brake_mps2, max(0.0, -self._demand_mps2)
         units_mps2: list[float] = []
-        for step in range(math.ceil((self.dead_time_s + self._handover.air_s) / dt_s) + 1):
-            age_s = self.dead_time_s - (step + 1) * dt_s
+        horizon_s = self.dead_time_s
+        for step in range(math.ceil((horizon_s + self._handover.air_s) / dt_s) + 1):
+            age_s = self._found_s - (step + 1) * dt_s
             mean_mps2 = asked_mps2
             if age_s >= 0.0:
                 mean_mps2 = self._brake.mean(self._brake.tap(age_s))
@@ -368,7 +344,7 @@ class TrainModel:
             units_mps2.append((unit_mps2 + after_mps2) / 2.0)
             unit_mps2 = after_mps2
         travel_m, speed_mps = self._handover.walk(
-            self._motion, units_mps2, steady_mps2=steady_mps2, reach_s=self.dead_time_s
+            self._motion, units_mps2, steady_mps2=steady_mps2, reach_s=horizon_s
         )
         return Ahead(front_m + travel_m, speed_mps)
 
@@ -379,6 +355,23 @@ class TrainModel:
         braked_mps2 = self.brake_mps2 * (1.0 + self.gain_at(self.speed_mps))
         steady_mps2 = self.disturbance_mps2 - gravity_mps2 - braked_mps2
         return self.speed_mps + gained_mps + steady_mps2 * horizon_s
+
+    def _brake_response(self, horizon_s: float) -> tuple[float, float]:
+        """Single and double integral of the deceleration until then."""
+        single, double = response(
+            self._brake,
+            dead_time_s=self._found_s,
+            lag_s=self.lag_s,
+            output_now=self.brake_mps2,
+            output_then=self.on_its_way_mps2,
+            remains=self._remains,
+        )
+        rest_s = horizon_s - self._found_s
+        if rest_s <= 0.0:
+            return single, double
+        then_mps2 = self.on_its_way_mps2
+        later, later_double = settling(rest_s, lag_s=self.lag_s, output_now=then_mps2, asked=0.0)
+        return single + later, double + single * rest_s + later_double
 
     def _traction_response(self, horizon_s: float) -> tuple[float, float]:
         belief = self._traction_belief
@@ -394,7 +387,7 @@ class TrainModel:
         if rest_s <= 0.0:
             return single, double
         held_mps2 = max(0.0, self._demand_mps2)
-        end_mps2 = held_mps2 + (then_mps2 - held_mps2) * math.exp(-rest_s / belief.lag_s)
-        later = held_mps2 * rest_s - belief.lag_s * (end_mps2 - then_mps2)
-        later_double = held_mps2 * rest_s**2 / 2.0 - belief.lag_s * (later - then_mps2 * rest_s)
+        later, later_double = settling(
+            rest_s, lag_s=belief.lag_s, output_now=then_mps2, asked=held_mps2
+        )
         return single + later, double + single * rest_s + later_double
