@@ -25,7 +25,7 @@ HEADWAY_TRAINS: Final = 10
 HEADWAY_BAR_S: Final = 72.0
 HEADWAY_FEW: Final = 4
 WHOLE_TRAINS: Final = 4
-WHOLE_S: Final = 76.0
+WHOLE_S: Final = 74.0
 WHOLE_EARLIER_M: Final = 15.0
 """What odometry and an application of the brake that draws its delay make of where it begins."""
 HEADWAY_STEP_S: Final = 1.0

@@ -6,6 +6,7 @@ knows its brake as in service, reach their speed, and come through one station.
 
 import tempfile
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from itertools import pairwise
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -60,19 +61,7 @@ class _Track(NamedTuple):
 
 def passages(trains: int, interval_s: float) -> list[Passage]:
     """Of each train, the foremost first. Raises TimeoutError when one does not come through."""
-    gap_m = interval_s * SPEED_MPS
-    starts_m = [EDGE_M + gap_m * n for n in reversed(range(trains))]
-    stop_m = starts_m[0] + WARM_M + RUN_UP_M
-    track = _Track(starts_m, stop_m, stop_m + RUN_OUT_M)
-    edge_m = track.end_m + EDGE_M
-    joints_m = [*_steps(0.0, edge_m, SECTION_M), edge_m]
-    sections = [TrackSection(n + 1, a, b) for n, (a, b) in enumerate(pairwise(joints_m))]
-    areas = AreaMap("headway", (Area(1, 0.0, edge_m),), tuple(sections))
-    runs = [Run(f"H{n}", "END", (f"W{n}", "STOP", "END")) for n in range(trains)]
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "headway.toml"
-        path.write_text("\n".join(_line(track)), encoding="utf-8")
-        bench = LineBench(load_config("florence4"), areas, runs, line=str(path))
+    with approach(trains, interval_s) as (bench, stop_m):
         watches = {number: _Watch() for number in bench.trains}
         while not all(watch.gone for watch in watches.values()):
             if bench.clock.now_ns() > LIMIT_S * NS_PER_S:
@@ -89,6 +78,24 @@ def passages(trains: int, interval_s: float) -> list[Passage]:
                     emergency=output.emergency_cause != 0,
                 )
     return [watches[number].passage() for number in sorted(watches)]
+
+
+@contextmanager
+def approach(trains: int, interval_s: float) -> Iterator[tuple[LineBench, float]]:
+    """The bench before it ran, the foremost train first, and where the station's stop is."""
+    gap_m = interval_s * SPEED_MPS
+    starts_m = [EDGE_M + gap_m * n for n in reversed(range(trains))]
+    stop_m = starts_m[0] + WARM_M + RUN_UP_M
+    track = _Track(starts_m, stop_m, stop_m + RUN_OUT_M)
+    edge_m = track.end_m + EDGE_M
+    joints_m = [*(at_m for at_m in _steps(0.0, edge_m, SECTION_M) if at_m < edge_m), edge_m]
+    sections = [TrackSection(n + 1, a, b) for n, (a, b) in enumerate(pairwise(joints_m))]
+    areas = AreaMap("headway", (Area(1, 0.0, edge_m),), tuple(sections))
+    runs = [Run(f"H{n}", "END", (f"W{n}", "STOP", "END")) for n in range(trains)]
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "headway.toml"
+        path.write_text("\n".join(_line(track)), encoding="utf-8")
+        yield LineBench(load_config("florence4"), areas, runs, line=str(path)), stop_m
 
 
 class _Watch:

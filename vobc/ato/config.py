@@ -203,6 +203,15 @@ class AuthorityStop:
     knee_decel_mps2: float = 0.3
     ease_mps3: float = 0.03
     decel_mps2: float = 0.76
+    leader_decel_mps2: float = 0.8
+    """A train ahead is braked no harder in service: so much way it still makes at least when the
+    end of authority moves away with it."""
+    leader_onset_s: float = 1.3
+    """From traction to that brake, within the jerk of service, a train takes twice this, and makes
+    the way of its speed in this."""
+    closer_s: float = 2.4
+    """Of that way, no more is reckoned with than the train itself makes in this time. At 60 km/h it
+    would brake 248 m before the end, and protection begins to slow it 199 m before."""
 
     def __post_init__(self) -> None:
         _positive(
@@ -210,9 +219,11 @@ class AuthorityStop:
             creep_ease_mps3=self.creep_ease_mps3,
             ease_mps3=self.ease_mps3,
             decel_mps2=self.decel_mps2,
+            leader_decel_mps2=self.leader_decel_mps2,
         )
-        if self.margin_m < 0.0:
-            raise ValueError(f"margin_m {self.margin_m} is negative")
+        for name in ("margin_m", "leader_onset_s", "closer_s"):
+            if getattr(self, name) < 0.0:
+                raise ValueError(f"{name} {getattr(self, name)} is negative")
         if self.knee_decel_mps2 < self.final_decel_mps2:
             raise ValueError("knee_decel_mps2 is under final_decel_mps2")
 

@@ -11,6 +11,7 @@ from vobc.ato.config import AtoConfig
 from vobc.ato.mode import DRIVING, SETTING_OFF, Situation, next_phase
 from vobc.ato.output import make_stage
 from vobc.ato.plan import StopPlan
+from vobc.ato.receding import RecedingEnd
 from vobc.ato.shaper import Shaper
 from vobc.ato.slow import SlowDrive
 from vobc.ato.strategies import make_strategy
@@ -69,6 +70,7 @@ class Ato:
         self._reverse = False
         self._overruled = False
         self._slow = SlowDrive(config)
+        self._receding = RecedingEnd(config.authority)
         self._dwelt_s = 0.0
         self._asked_open_s = 0.0
         self._hold = True
@@ -102,6 +104,7 @@ class Ato:
         strategy = self._strategy or self._begin(seen)
         cycles = max(1, round(seen.dt_s / self._dt_s))
         strategy.observe(seen, cycles)
+        self._receding.step(seen.authority_end_m, speed_mps=seen.speed_mps, dt_s=seen.dt_s)
         before = self.phase
         self._look(seen)
         self.phase = next_phase(before, self._seen)
@@ -280,15 +283,16 @@ class Ato:
         return self._reach(stop_m, seen)
 
     def _reach(self, stop_m: float, seen: AtoInput) -> Target:
-        """The stop itself if the authority covers it, else a point short of the authority's end.
+        """The stop itself if the authority is going to cover it, else a point short of its end.
 
         The foremost front the train may have keeps the margin; it is looked at in steps, as each
         new target is planned for anew.
         """
-        if seen.authority_end_m >= stop_m:
+        end_m = self._receding.at_least_m
+        if end_m >= stop_m:
             return Target(stop_m, True, self._due_ns())
         ahead_m = math.ceil(AHEAD_GROWS_RATIO * seen.ahead_m / AHEAD_STEP_M) * AHEAD_STEP_M
-        return Target(seen.authority_end_m - self._config.authority.margin_m - ahead_m, False)
+        return Target(end_m - self._config.authority.margin_m - ahead_m, False)
 
     def _due_ns(self) -> int | None:
         """When the train shall stand at its next stop by the timetable."""

@@ -1,0 +1,45 @@
+"""Whole trains one behind the other into a station, and what if the one ahead is braked."""
+
+from collections.abc import Iterator
+
+import pytest
+
+from can_dbc.vobc import Supervision
+from metro_hil.line_bench import BenchTrain
+from metro_hil.whole_headway import LOOK_S, approach
+
+INTERVAL_S = 73.0
+LENGTH_M = 68.6
+LEFT_S = 45.0
+"""In which the train behind has been braked for good."""
+
+
+def after_the_kill(at_m: float) -> Iterator[tuple[BenchTrain, BenchTrain]]:
+    """Both trains, again and again, from when the one behind is so far before the stop; the
+    controller of the one ahead is killed there."""
+    with approach(2, INTERVAL_S) as (bench, stop_m):
+        ahead, follower = (bench.trains[number] for number in sorted(bench.trains))
+        while follower.plant.world.front_m < stop_m - at_m:
+            bench.run(LOOK_S)
+        bench.kill(min(bench.trains))
+        for _ in range(round(LEFT_S / LOOK_S)):
+            bench.run(LOOK_S)
+            yield ahead, follower
+
+
+@pytest.mark.parametrize("at_m", [260.0, 220.0])
+def test_a_train_ahead_that_is_braked_hard_costs_the_one_behind_no_emergency_brake(
+    at_m: float,
+) -> None:
+    """Operation reckons with the way that the train ahead still makes, and that one makes less."""
+    closest_m = 1000.0
+    states: set[Supervision] = set()
+    for ahead, follower in after_the_kill(at_m):
+        room_m = ahead.plant.world.front_m - LENGTH_M - follower.plant.world.front_m
+        closest_m = min(closest_m, room_m)
+        states.add(follower.vobc.output.supervision)
+
+    assert follower.plant.world.speed_mps < 3.0
+    assert ahead.plant.world.speed_mps == 0.0
+    assert closest_m > 0.0
+    assert states == {Supervision.NOMINAL}
