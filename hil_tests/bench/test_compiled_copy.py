@@ -32,8 +32,11 @@ FAULTS: list[dict[str, object]] = [
     {"kind": "passenger_alarm", "when": "front_m > 3100"},
 ]
 """Of each place where faults act one."""
-ENVELOPES = ("test_t2t_envelope.py", "test_zenoh_config_codec.py")
-"""Tests of what is said by radio, which is read by the types of its fields."""
+BY_TYPES = (
+    *("test_t2t_envelope.py", "test_zenoh_config_codec.py"),
+    *("test_vobc_config.py", "test_firmware_trackdb.py", "test_trackdb_circuit.py"),
+)
+"""Tests of what is said by radio and of settings, which are read by the types of their fields."""
 GROUP = """\
 import sys
 import msgspec
@@ -84,10 +87,10 @@ def test_every_module_of_the_copy_can_be_imported(copy: Path) -> None:
     assert done.returncode == 0, done.stderr
 
 
-def test_what_trains_and_wayside_say_is_packed_and_read_by_the_copy(
+def test_what_is_read_by_the_types_of_fields_is_read_by_the_copy(
     copy: Path, checkout: Path
 ) -> None:
-    tests = [checkout / "hil_tests/unit" / name for name in ENVELOPES]
+    tests = [checkout / "hil_tests/unit" / name for name in BY_TYPES]
     done = subprocess.run(
         [sys.executable, "-m", "pytest", "-q", "-n", "0", "-p", "no:cacheprovider", *tests],
         env=worker_environment(os.environ, copy / "lib"),
@@ -142,7 +145,7 @@ def test_every_pattern_of_hot_modules_finds_some(checkout: Path) -> None:
 
     for pattern in HOT:
         assert any(Path(name).match(pattern) for name in found), pattern
-    assert "vobc/ato/config.py" not in found
+    assert "zenoh_config/sessions.py" not in found
 
 
 def test_a_folder_that_is_something_else_is_left_alone(checkout: Path, tmp_path: Path) -> None:

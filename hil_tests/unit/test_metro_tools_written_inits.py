@@ -1,10 +1,10 @@
 """Constructors that the compiled copy has written out: they make what dataclass's own make."""
 
-from typing import Any
+from typing import Any, get_type_hints
 
 import pytest
 
-from metro_tools.written_inits import bases_in, with_written_inits
+from metro_tools.written_inits import bases_in, with_kept_types, with_written_inits
 
 HEAD = "from dataclasses import dataclass, field\nfrom typing import ClassVar, Protocol\n"
 PLAIN = '''
@@ -103,3 +103,26 @@ def test_a_class_that_others_inherit_from_stays_as_it_is() -> None:
     assert bases_in(heir) == {"Base"}
     assert with_written_inits(base, bases_in(heir)) == base
     assert "__init__" in with_written_inits(base)
+
+
+def test_types_of_fields_are_kept_at_the_end_of_the_module() -> None:
+    source = HEAD + CHECKED + PLAIN + "class Other:\n    a: int = 1\n"
+    kept = with_kept_types(source)
+
+    assert kept.startswith(source)
+    assert kept[len(source) :].splitlines() == [
+        "setattr(Checked, '__annotations__', {'least': int, 'most': int})",
+        "setattr(Place, '__annotations__', "
+        "{'at_m': float, 'name': str | None, 'sides': tuple[int, ...]})",
+    ]
+
+
+def test_types_that_were_lost_are_found_again() -> None:
+    """As by mypyc, of which every field is an object."""
+    lost = 'Place.__annotations__ = {"at_m": object, "name": object, "sides": object}\n'
+    without = get_type_hints(made(HEAD + PLAIN + lost, "Place"))
+    line = with_kept_types(HEAD + PLAIN)[len(HEAD + PLAIN) :]
+    with_them = get_type_hints(made(HEAD + PLAIN + lost + line, "Place"))
+
+    assert without["at_m"] is object
+    assert with_them == {"at_m": float, "name": str | None, "sides": tuple[int, ...]}

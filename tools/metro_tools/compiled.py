@@ -4,7 +4,7 @@ The sources stay plain Python and stay what is run by default: a compiled module
 its source would go on being imported after the source was changed. So the copy has a folder and
 commands of its own, and is made anew by each call. It needs a C compiler and Python's headers. All
 that is compiled besides the sources is the constructors of dataclasses and the packing functions of
-frames, written out.
+frames, written out, and the types of fields, by which settings are read.
 """
 
 import argparse
@@ -17,7 +17,12 @@ from pathlib import Path
 from typing import Final
 
 from firmware_py.assertions import require_assertions
-from metro_tools.written_inits import bases_in, with_bound_frames, with_written_inits
+from metro_tools.written_inits import (
+    bases_in,
+    with_bound_frames,
+    with_kept_types,
+    with_written_inits,
+)
 
 PACKAGES: Final = {
     "can_dbc": "can_dbc",
@@ -51,6 +56,7 @@ HOT: Final = (
     "firmware_py/tag_reader/recorded_line.py",
     "firmware_py/tag_reader/stuffing.py",
     "firmware_py/tag_reader/telegram.py",
+    "firmware_py/trackdb/*.py",
     "metro_hil/monitors/gauge.py",
     "metro_hil/monitors/invariants.py",
     "metro_hil/monitors/monitor_set.py",
@@ -74,6 +80,7 @@ HOT: Final = (
     "plant_emulator/sensors/inertial.py",
     "plant_emulator/sensors/tacho.py",
     "plant_emulator/sensors/tag_reader.py",
+    "plant_emulator/train_config/*.py",
     "plant_emulator/traffic/coupling.py",
     "plant_emulator/traffic/dispatcher.py",
     "plant_emulator/traffic/member.py",
@@ -82,6 +89,7 @@ HOT: Final = (
     "plant_emulator/wire.py",
     "plant_emulator/world.py",
     "vobc/arbitration.py",
+    "vobc/config.py",
     "vobc/ato/*.py",
     "vobc/ato/strategies/*.py",
     "vobc/atp/*.py",
@@ -95,22 +103,24 @@ HOT: Final = (
     "vobc/wire/*.py",
     "zenoh_config/*.py",
 )
-"""What a profile shows. Files of settings are not among them: they are read by their type hints,
-which a compiled class does not keep."""
+"""What a profile shows."""
 LEFT_OUT: Final = (
-    *("/__init__.py", "config.py", "sessions.py", "secured.py", "t2t_vocabulary.py"),
+    *("/__init__.py", "sessions.py", "secured.py", "t2t_vocabulary.py"),
     *(f"zenoh_config/{name}.py" for name in ("bodies", "t2t", "t2t_supervision", "t2t_types")),
     *(f"network/{name}.py" for name in ("explore", "many", "model", "mutants", "simulate")),
 )
-"""Ends of the paths of modules that stay as they are: they read settings or the types of their
-fields, which a compiled class does not keep, start processes, or are seldom run. Of the generic
-dataclass in `t2t_vocabulary` mypyc makes what cannot be imported."""
+"""Ends of the paths of modules that stay as they are: they start processes, are seldom run, or hold
+classes that others inherit from, whose constructors cannot be written out. Of the generic dataclass
+in `t2t_vocabulary` mypyc makes what cannot be imported."""
 COMMANDS: Final = {
     "vobc": "metro_hil.vobc_command",
     "plant": "plant_emulator",
     "vcan": "metro_tools.vcan",
     "hil": "metro_hil.hil_command",
 }
+FLAGS: Final = "-w -fvisibility=hidden -fno-semantic-interposition"
+"""To look for warnings in generated C takes the compiler several times as long as all the rest. And
+what nobody outside the library can call is called directly or put in line: a fifth less time."""
 SETUP: Final = """\
 from setuptools import setup
 from mypyc.build import mypycify
@@ -160,16 +170,16 @@ def compile_into(library: Path, level: str) -> None:
     (library / WRITTEN).write_text(_packing(library), encoding="utf-8")
     for name, source in sources.items():
         text = with_written_inits(with_bound_frames(source.decode()), bases)
+        text = with_kept_types(text)
         (library / name).write_text(text, encoding="utf-8")
     setup = library / "setup.py"
     text = SETUP.format(modules=[*modules, WRITTEN], level=level)
     setup.write_text(text, encoding="utf-8")
-    # To look for warnings in generated C takes the compiler several times as long as all the rest.
-    no_warnings = f"{os.environ.get('CFLAGS', '')} -w".strip()
+    flags = f"{os.environ.get('CFLAGS', '')} {FLAGS}".strip()
     done = subprocess.run(  # noqa: S603 - our own interpreter and script
         [sys.executable, setup.name, "build_ext", "--inplace"],
         cwd=library,
-        env={**os.environ, "MYPYPATH": str(library), "CFLAGS": no_warnings},
+        env={**os.environ, "MYPYPATH": str(library), "CFLAGS": flags},
         capture_output=True,
         text=True,
         check=False,

@@ -37,6 +37,22 @@ def with_written_inits(source: str, bases: Collection[str] = ()) -> str:
     return "\n".join(lines).rstrip("\n") + "\n"
 
 
+def with_kept_types(source: str) -> str:
+    """The same module that at its end gives each dataclass the types of its fields once more.
+
+    What reads settings goes by them, and mypyc keeps only the names.
+    """
+    kept: list[str] = []
+    for node in ast.parse(source).body:
+        if isinstance(node, ast.ClassDef) and _is_dataclass(node) and _fields(node):
+            types = ", ".join(
+                f"{ast.unparse(each.target)!r}: {ast.unparse(each.annotation)}"
+                for each in _fields(node)
+            )
+            kept.append(f"setattr({node.name}, '__annotations__', {{{types}}})")
+    return "\n".join([source.rstrip("\n"), *kept]) + "\n"
+
+
 def with_bound_frames(source: str) -> str:
     """The same module with `@frame(...)` over a class as a call behind it.
 
@@ -60,6 +76,10 @@ def with_bound_frames(source: str) -> str:
 
 def _classes(source: str) -> list[ast.ClassDef]:
     return [node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.ClassDef)]
+
+
+def _is_dataclass(node: ast.ClassDef) -> bool:
+    return any(ast.unparse(each).startswith("dataclass") for each in node.decorator_list)
 
 
 def _is_plain(node: ast.ClassDef) -> bool:

@@ -1,6 +1,6 @@
 """What protection is set to: margins, the worst case it reckons with, how long silence may last."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 
 @dataclass(frozen=True, slots=True)
@@ -16,7 +16,7 @@ class Timeouts:
     alarms_s: float
 
     def __post_init__(self) -> None:
-        for name in self.__slots__:
+        for name in [each.name for each in fields(self)]:
             if getattr(self, name) <= 0.0:
                 raise ValueError(f"{name} {getattr(self, name)} is not positive")
 
