@@ -1,18 +1,21 @@
 """Headway of whole trains: each with its controller, plant and bus, one behind the other.
 
-All start at once from places as far apart as they go in one interval, stop once, so that operation
-knows its brake as in service, reach their speed, and come through one station.
+All start at once from places as far apart as they go in one interval, and stop once, so that
+operation knows its brake as in service. There they are held until the last one stands, are let go
+together, reach their speed, and come through one station.
 """
 
 import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Final, NamedTuple
 
 from firmware_py.trackdb.areas import Area, AreaMap, TrackSection
 from metro_hil.line_bench import LineBench, Run
+from plant_emulator.wayside.centre import NORMAL
 from vobc.config import load_config
 
 SPEED_MPS: Final = 60.0 / 3.6
@@ -28,6 +31,7 @@ SECTION_M: Final = 100.0
 TAG_M: Final = 200.0
 CLEAR_OF_STOP_M: Final = 60.0
 LOOK_S: Final = 0.1
+SETTLED_S: Final = 5.0
 BEFORE_M: Final = 1000.0
 GONE_M: Final = 100.0
 LIMIT_S: Final = 1200.0
@@ -62,6 +66,7 @@ class _Track(NamedTuple):
 def passages(trains: int, interval_s: float) -> list[Passage]:
     """Of each train, the foremost first. Raises TimeoutError when one does not come through."""
     with approach(trains, interval_s) as (bench, stop_m):
+        _let_go_together(bench, interval_s)
         watches = {number: _Watch() for number in bench.trains}
         while not all(watch.gone for watch in watches.values()):
             if bench.clock.now_ns() > LIMIT_S * NS_PER_S:
@@ -80,11 +85,35 @@ def passages(trains: int, interval_s: float) -> list[Passage]:
     return [watches[number].passage() for number in sorted(watches)]
 
 
+def _let_go_together(bench: LineBench, interval_s: float) -> None:
+    """Runs until all stand where they stop first, and ends their holding."""
+    plants = [train.plant for train in bench.trains.values()]
+    starts_m = _starts_m(len(plants), interval_s)
+    while any(
+        plant.world.speed_mps > 0.0 or plant.world.front_m < start_m + WARM_M - AT_STOP_M
+        for plant, start_m in zip(plants, starts_m, strict=True)
+    ):
+        if bench.clock.now_ns() > LIMIT_S * NS_PER_S:
+            raise TimeoutError("a train did not come to where it stops first")
+        bench.run(LOOK_S)
+        for plant, start_m in zip(plants, starts_m, strict=True):
+            # Before, it would be held where it starts.
+            if plant.world.front_m > start_m + WARM_M / 2.0:
+                plant.railway.centre.standing = replace(NORMAL, hold=True)
+    bench.run(SETTLED_S)
+    for plant in plants:
+        plant.railway.centre.standing = NORMAL
+
+
+def _starts_m(trains: int, interval_s: float) -> list[float]:
+    """Foremost first."""
+    return [EDGE_M + interval_s * SPEED_MPS * n for n in reversed(range(trains))]
+
+
 @contextmanager
 def approach(trains: int, interval_s: float) -> Iterator[tuple[LineBench, float]]:
     """The bench before it ran, the foremost train first, and where the station's stop is."""
-    gap_m = interval_s * SPEED_MPS
-    starts_m = [EDGE_M + gap_m * n for n in reversed(range(trains))]
+    starts_m = _starts_m(trains, interval_s)
     stop_m = starts_m[0] + WARM_M + RUN_UP_M
     track = _Track(starts_m, stop_m, stop_m + RUN_OUT_M)
     edge_m = track.end_m + EDGE_M
