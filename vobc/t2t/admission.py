@@ -1,10 +1,10 @@
 """Who comes onto the roster, and where: between whom a newcomer stands, and that nobody hides."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Iterable, Sequence
 from typing import NamedTuple
 
 from firmware_py.trackdb.areas import Area
-from vobc.t2t.authority import Counted, Standing, explained
+from vobc.t2t.authority import Bar, Counted, Standing, Stretch, explained
 from vobc.t2t.guards import InLine, MasterGuards, Neighbours
 from vobc.t2t.roster import Order, placed
 from vobc.t2t.table import UNBOUNDED_M, Record
@@ -24,7 +24,8 @@ class Scene(NamedTuple):
     counted: tuple[Counted, ...] | None
     """Sections as last counted; None: this line counts no axles."""
     standing: tuple[Standing, ...]
-    """Every train that says where it is, the newcomer not among them."""
+    """Trains that say where they are, the newcomer not among them: of the roster, and outside of
+    the area. Another may be forgotten while it stands in the way, and explains no axles."""
 
 
 class Waiting(NamedTuple):
@@ -78,6 +79,27 @@ def is_sieved(report: TrainReport, scene: Scene) -> bool:
     if scene.counted is None:
         return True
     return report.standstill and explained(scene.counted, standing_of(report), scene.standing)
+
+
+def kept_free(
+    applicants: Iterable[tuple[TrainReport, int]], roster: Collection[int], config: T2tConfig
+) -> list[Stretch]:
+    """Where trains say that they are that are not on the roster yet: nobody comes any nearer.
+
+    Args:
+        applicants: each with the instant at which it was heard.
+    """
+    return [
+        Stretch(each.rear_min_m - config.behind_rear_m, each.front_max_m, Bar.CLOSING)
+        for each, _ in applicants
+        if each.localised and each.source not in roster
+    ]
+
+
+def may_explain(report: TrainReport, roster: Collection[int], area: Area) -> bool:
+    """Whether its axles may explain what was counted near another train; see `Scene.standing`."""
+    outside = report.rear_min_m >= area.end_m or report.front_max_m <= area.start_m
+    return report.localised and (report.source in roster or outside)
 
 
 def standing_of(report: TrainReport) -> Standing:

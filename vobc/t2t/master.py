@@ -3,6 +3,7 @@
 from typing import Final
 
 from firmware_py.trackdb.areas import AreaMap
+from vobc.t2t import admission
 from vobc.t2t.admission import Scene, Waiting, admitted, is_sieved, standing_of
 from vobc.t2t.authority import Course, Space, Stretch, end_of_authority_m
 from vobc.t2t.conclusions import Conclusions
@@ -235,9 +236,8 @@ class Master:
         # By train: one that has only just come onto the roster still stands among the applicants.
         reports = {each.train: each.report for each in records.values() if each.report is not None}
         for report, _ in [*self._applicants.values(), *self._newborns.told()]:
-            if report.localised:
+            if admission.may_explain(report, records, self._area):
                 reports[report.source] = report
-        counted = None if self._track is None else self._track.counted
         return Scene(
             area=self._area,
             before=self._before,
@@ -245,7 +245,7 @@ class Master:
             reserved_m=self._known.reserved_m(
                 [each for each in self.roster.proposed if each.train in records]
             ),
-            counted=(counted or ()) if self._line.sections else None,
+            counted=(self._track.counted if self._track else ()) if self._line.sections else None,
             standing=tuple(
                 [standing_of(each) for each in reports.values() if each.source != newcomer.source]
             ),
@@ -266,6 +266,7 @@ class Master:
     def _authorities(self, now_ns: int) -> list[T2tMessage]:
         commanded = self.roster.may_be_commanded()
         barred = [*self._objects.stretches(), *(self._track.closed if self._track else ())]
+        barred += admission.kept_free(self._applicants.values(), self._known.records, self._config)
         issued: list[T2tMessage] = []
         ahead: Record | None = None
         alone_there = True

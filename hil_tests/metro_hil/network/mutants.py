@@ -91,7 +91,6 @@ NOTICED: Final[Mapping[str, str]] = {
     "master.roster_kept": "uncommitted",
     "master.track_known": "closed-unknown",
     "master.placed_apart": "master-killed",
-    "master.comes_in_line": "out-of-line",
     "master.object_confirmed": "late-release",
     "master.cannot_reach": "late-release",
     "master.sieved": "hidden-train",
@@ -105,6 +104,10 @@ NOTICED: Final[Mapping[str, str]] = {
 """By guard: the scenario that fails without it."""
 
 ARGUED: Final[Mapping[str, str]] = {
+    "master.comes_in_line": (
+        "A train that is heard after the one behind it was admitted is kept free of it, and "
+        "finds its place as soon as that one's authority has been shortened (out-of-line)."
+    ),
     "lease.answers_this_attempt": (
         "Votes are counted by nonce all the same, so that no two attempts make a majority "
         "together; what one late grant lets a train believe of its lease, no arbiter "

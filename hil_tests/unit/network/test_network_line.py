@@ -67,6 +67,15 @@ def test_random_faults_break_nothing_and_come_out_the_same_again() -> None:
     assert all(each.looked["21"] > 100 and each.messages["lost"] > 0 for each in first)
 
 
+@pytest.mark.parametrize("seed", [42, 57])
+def test_a_train_that_has_no_place_on_the_roster_yet_is_in_nobodys_authority(seed: int) -> None:
+    """In 42 its axles made the train ahead of it sieved, and the one behind was let through it; in
+    57 it stood just beyond a border. Both trains were too near to what others had been granted."""
+    result = Job(Phases(trouble_s=10.0))(seed)
+
+    assert (result.invariant, result.what) == ("", "")
+
+
 def test_through_the_real_codec_it_is_the_same_protocol() -> None:
     result = Job(Phases(trouble_s=10.0), bytes_always=True)(5)
 
