@@ -9,7 +9,6 @@ from metro_hil.line_bench import BenchTrain
 from metro_hil.whole_headway import LOOK_S, approach
 
 INTERVAL_S = 73.0
-LENGTH_M = 68.6
 LEFT_S = 45.0
 """In which the train behind has been braked for good."""
 
@@ -35,7 +34,8 @@ def test_a_train_ahead_that_is_braked_hard_costs_the_one_behind_no_emergency_bra
     closest_m = 1000.0
     states: set[Supervision] = set()
     for ahead, follower in after_the_kill(at_m):
-        room_m = ahead.plant.world.front_m - LENGTH_M - follower.plant.world.front_m
+        leader = ahead.plant.world
+        room_m = leader.front_m - leader.length_m - follower.plant.world.front_m
         closest_m = min(closest_m, room_m)
         states.add(follower.vobc.output.supervision)
 

@@ -16,9 +16,9 @@ class Timeouts:
     alarms_s: float
 
     def __post_init__(self) -> None:
-        for name in [each.name for each in fields(self)]:
-            if getattr(self, name) <= 0.0:
-                raise ValueError(f"{name} {getattr(self, name)} is not positive")
+        for each in fields(self):
+            if getattr(self, each.name) <= 0.0:
+                raise ValueError(f"{each.name} {getattr(self, each.name)} is not positive")
 
 
 @dataclass(frozen=True, slots=True)
