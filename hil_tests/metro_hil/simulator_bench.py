@@ -25,8 +25,8 @@ HEADWAY_TRAINS: Final = 10
 HEADWAY_BAR_S: Final = 72.0
 HEADWAY_FEW: Final = 4
 WHOLE_TRAINS: Final = 6
-WHOLE_S: Final = 71.7
-"""At 60 km/h; operation runs at 59.8, so that trains follow each other at 71.9 s."""
+WHOLE_S: Final = 72.3
+"""At 60 km/h; operation runs at 59.8, so that trains follow each other at 72.5 s."""
 WHOLE_EARLIER_M: Final = 15.0
 """What odometry and an application of the brake that draws its delay make of where it begins."""
 HEADWAY_STEP_S: Final = 1.0
