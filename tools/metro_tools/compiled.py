@@ -19,6 +19,7 @@ from typing import Final
 from firmware_py.assertions import require_assertions
 from metro_tools.written_inits import (
     bases_in,
+    heads_in,
     with_bound_frames,
     with_kept_types,
     with_written_inits,
@@ -106,7 +107,7 @@ HOT: Final = (
 """What a profile shows."""
 LEFT_OUT: Final = (
     *("/__init__.py", "sessions.py", "secured.py", "t2t_vocabulary.py"),
-    *(f"zenoh_config/{name}.py" for name in ("bodies", "t2t", "t2t_supervision", "t2t_types")),
+    *(f"zenoh_config/{name}.py" for name in ("bodies", "t2t_types")),
     *(f"network/{name}.py" for name in ("explore", "many", "model", "mutants", "simulate")),
 )
 """Ends of the paths of modules that stay as they are: they start processes, are seldom run, or hold
@@ -118,6 +119,8 @@ COMMANDS: Final = {
     "vcan": "metro_tools.vcan",
     "hil": "metro_hil.hil_command",
 }
+HEADS: Final = "zenoh_config/t2t.py"
+"""The module of the dataclass that all kinds of messages inherit from."""
 FLAGS: Final = "-w -fvisibility=hidden -fno-semantic-interposition"
 """To look for warnings in generated C takes the compiler several times as long as all the rest. And
 what nobody outside the library can call is called directly or put in line: a fifth less time."""
@@ -167,9 +170,12 @@ def compile_into(library: Path, level: str) -> None:
     modules = hot_modules(library)
     sources = {name: (library / name).read_bytes() for name in modules}
     bases = set[str]().union(*(bases_in(source.decode()) for source in sources.values()))
+    heads = {
+        name: each for name, each in heads_in(sources[HEADS].decode()).items() if name in bases
+    }
     (library / WRITTEN).write_text(_packing(library), encoding="utf-8")
     for name, source in sources.items():
-        text = with_written_inits(with_bound_frames(source.decode()), bases)
+        text = with_written_inits(with_bound_frames(source.decode()), bases, heads)
         text = with_kept_types(text)
         (library / name).write_text(text, encoding="utf-8")
     setup = library / "setup.py"

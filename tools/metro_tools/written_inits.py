@@ -7,8 +7,11 @@ lines keep their numbers in tracebacks.
 """
 
 import ast
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Final
+
+Heads = Mapping[str, Sequence[ast.AnnAssign]]
+"""Fields by class."""
 
 KEYWORDS: Final = {"frozen", "slots"}
 """A dataclass that is told anything else is left as it is."""
@@ -20,20 +23,30 @@ def bases_in(source: str) -> set[str]:
     return {ast.unparse(base).split(".")[-1] for node in classes for base in node.bases}
 
 
-def with_written_inits(source: str, bases: Collection[str] = ()) -> str:
+def heads_in(source: str) -> Heads:
+    """Plain dataclasses of a module that inherit from nothing, with their fields: the head of what
+    inherits from them."""
+    return {node.name: _fields(node) for node in _classes(source) if _is_plain(node)}
+
+
+def with_written_inits(source: str, bases: Collection[str] = (), heads: Heads | None = None) -> str:
     """The same module with a constructor in each class that `dataclass` would give a plain one.
 
     Args:
         bases: names of classes that any module inherits from. They are left as they are: a
             constructor that stands in a base hides from mypyc the one that the heir is given.
+        heads: of these bases all heirs are plain dataclasses but for their base, in modules that
+            are written like this one; so they get constructors as their heirs do.
     """
+    heads = heads or {}
     lines = [*source.splitlines(), ""]
     for node in _classes(source):
-        if _is_plain(node) and node.name not in bases:
+        head = _head_of(node, heads)
+        if head is not None and (node.name not in bases or node.name in heads):
             behind = node.body[-1].end_lineno
             assert behind is not None
             if not lines[behind].strip():
-                lines[behind] = _init(node)
+                lines[behind] = _init(node, head)
     return "\n".join(lines).rstrip("\n") + "\n"
 
 
@@ -82,9 +95,17 @@ def _is_dataclass(node: ast.ClassDef) -> bool:
     return any(ast.unparse(each).startswith("dataclass") for each in node.decorator_list)
 
 
-def _is_plain(node: ast.ClassDef) -> bool:
+def _head_of(node: ast.ClassDef, heads: Heads) -> Sequence[ast.AnnAssign] | None:
+    """The fields that a plain class inherits; None of a class that is not plain."""
+    if _is_plain(node):
+        return ()
+    head = heads.get(ast.unparse(node.bases[0])) if len(node.bases) == 1 else None
+    return head if head is not None and _is_plain(node, heir=True) else None
+
+
+def _is_plain(node: ast.ClassDef, *, heir: bool = False) -> bool:
     """Whether it is a dataclass without bases, with fields and nothing unusual about them."""
-    if node.bases or node.keywords or len(node.decorator_list) != 1:
+    if (node.bases and not heir) or node.keywords or len(node.decorator_list) != 1:
         return False
     call = node.decorator_list[0]
     if not isinstance(call, ast.Call) or ast.unparse(call.func) != "dataclass":
@@ -114,16 +135,16 @@ def _calls_or_class_variable(field: ast.AnnAssign) -> bool:
     return isinstance(field.value, ast.Call) or "ClassVar" in kind or "InitVar" in kind
 
 
-def _init(node: ast.ClassDef) -> str:
+def _init(node: ast.ClassDef, head: Sequence[ast.AnnAssign]) -> str:
     parameters, statements = ["self"], []
-    for field in _fields(node):
+    for field in (*head, *_fields(node)):
         name, kind = ast.unparse(field.target), ast.unparse(field.annotation)
         default = "" if field.value is None else f" = {ast.unparse(field.value)}"
         parameters.append(f"{name}: {kind}{default}")
         statements.append(f"self.{name} = {name}")
     if "__post_init__" in _methods(node):
         statements.append("self.__post_init__()")
-    head = f"{' ' * node.body[0].col_offset}def __init__({', '.join(parameters)}) -> None: "
+    line = f"{' ' * node.body[0].col_offset}def __init__({', '.join(parameters)}) -> None: "
     # Of a frozen class only the constructor may assign, and mypy knows of no exception.
     exception = "  # type: ignore[misc]" if _is_frozen(node) else ""
-    return f"{head}{'; '.join(statements)}{exception}"
+    return f"{line}{'; '.join(statements)}{exception}"
