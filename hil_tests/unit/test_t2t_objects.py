@@ -116,8 +116,9 @@ def test_it_remembers_over_a_restart_and_fails_safe_without_memory() -> None:
     assert again.state is ObjectState.LOCKED
 
     lost = LineObject(TIMERS_A, SITE, 1, memory=None, start_ns=0)
-    lost.step(1, (claim(1, 9, LOCK, 1),), release_wanted=False, occupied=False)
+    stepped = lost.step(1, (claim(1, 9, LOCK, 1),), release_wanted=False, occupied=False)
     assert lost.memory.state is ObjectState.FAILED
+    assert stepped.memory is None, "the next start would take it for its own"
 
 
 def status(state: ObjectState, term: int, nonce: int, *, wanted: bool = False) -> ObjectStatus:

@@ -63,7 +63,9 @@ class Arbiter:
         start_ns: int,
         guards: ArbiterGuards | None = None,
     ) -> None:
-        """`memory` as stored; None when it cannot be read: then it never grants anything."""
+        """`memory` as stored; None when it cannot be read: then it never grants anything. It stores
+        nothing either, so that it is the same at the next start until a person has seen to it.
+        """
         stored = memory or ArbiterMemory()
         self.memory = replace(stored, boot=stored.boot + 1)
         self.gate = OrderGate(address)
@@ -104,6 +106,9 @@ class Arbiter:
                 out.append(RosterAck(*self._head(now_ns, message, message.term), message.version))
         changed = self.memory is not before or not self._stored
         self._stored = True
+        if self._forgotten:
+            # Else the next start would find a memory in which nothing was ever promised.
+            return WaysideStepped(None, ())
         return WaysideStepped(self.memory if changed else None, tuple(out))
 
     def _answer(self, request: LeaseRequest, now_ns: int) -> LeaseAnswer:

@@ -87,7 +87,7 @@ class LineObject:
         start_ns: int,
         guards: ObjectGuards | None = None,
     ) -> None:
-        """`memory` as stored; None when it cannot be read: then it stays FAILED."""
+        """`memory` as stored; None when it cannot be read: it stays FAILED and stores nothing."""
         stored = memory or ObjectMemory(state=ObjectState.FAILED)
         self.memory = replace(stored, boot=stored.boot + 1)
         self.site = site
@@ -128,6 +128,8 @@ class LineObject:
             self._due_ns = now_ns + self._period_ns
             self._said = (self.memory, release_wanted)
             out = (self._status(now_ns, release_wanted=release_wanted),)
+        # What was forgotten stays forgotten, over the next start, too.
+        changed = changed and not self._forgotten
         return WaysideStepped(self.memory if changed else None, out)
 
     def _hears(self, message: T2tMessage, *, release_wanted: bool, occupied: bool) -> bool:
