@@ -168,6 +168,21 @@ def test_what_others_brake_is_not_learnt() -> None:
     assert after == pytest.approx(before, abs=1e-9)
 
 
+def test_a_brake_of_others_goes_on_working_after_they_let_go_and_is_not_learnt_either() -> None:
+    """Taken for a brake of its own that is stronger by a third, it had the next one begun too late:
+    behind another train one overran the mark by 2.4 m."""
+    rig = rig_to_iii(seed=4, brake_gain=1.0)
+    rig.run(lambda rig: rig.front_m > 3330.0)
+    before = rig.ato.strategy._model.gain_ratio
+    for cycle in range(80):
+        rig.orders["protection_brakes"] = cycle < 40
+        rig.speed_mps -= 0.5 * rig.cycle_s if cycle < 65 else 0.0
+        rig.step()
+    after = rig.ato.strategy._model.gain_ratio
+
+    assert after == pytest.approx(before, abs=1e-9)
+
+
 @pytest.mark.parametrize("delay_s", [0.05, 0.2, 0.4, 1.0, 1.4])
 def test_every_delay_of_a_brake_is_found_and_reckoned_with(delay_s: float) -> None:
     belief = BrakeBelief(air_delays_s=(0.0,))

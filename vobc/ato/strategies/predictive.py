@@ -44,6 +44,8 @@ FLAT_MPS2: Final = 0.02
 """A reference acceleration within this counts as constant speed."""
 KEPT_ON_S: Final = 3.0
 """So long before the stop's braking another one goes over into it."""
+RELEASE_LAGS: Final = 2.0
+"""So many lags after the longest dead time a brake that others released is off."""
 LOOK_AHEAD_RATIO: Final = 1.3
 """Lower limits are looked for as far as the braking distance times this."""
 
@@ -69,6 +71,8 @@ class Predictive:
         "_planned_for",
         "_rail",
         "_rejoin_m",
+        "_release_s",
+        "_released_s",
         "_slowing_to",
         "_wanted_mps2",
         "most_mps",
@@ -98,6 +102,10 @@ class Predictive:
         self._front = SmoothFront()
         self._ceiling = CeilingOutlook()
         self._gravity_mps2 = 0.0
+        brake = config.brake
+        self._release_s = brake.dead_times_s[-1] + RELEASE_LAGS * brake.lag_s
+        """So long the brake of protection goes on working after it let go."""
+        self._released_s = math.inf
         self.most_mps = math.inf
         """Another law's target speed; cruising stays at or under it."""
         self.speed_mps = 0.0
@@ -112,7 +120,10 @@ class Predictive:
         self._gravity_mps2 += gradient.resistance_mps2(self._config, self._model.speed_mps)
         # Where others brake, or the rail does not bear what is asked, what the speed does says
         # nothing of our demands; and wheels that slip under others' brakes say little of the rail.
-        ours = seen.enabled and not seen.protection_brakes
+        self._released_s += self._dt_s * cycles
+        if seen.protection_brakes:
+            self._released_s = 0.0
+        ours = seen.enabled and self._released_s >= self._release_s
         slips = self._rail.observe(seen.now_ns, seen.speed_mps, slips=seen.slips and ours)
         self._model.step(seen.speed_mps, self._gravity_mps2, cycles, ours=ours and not slips)
         before_mps, self.speed_mps = self.speed_mps, self._model.speed_mps
