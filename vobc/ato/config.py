@@ -206,12 +206,12 @@ class AuthorityStop:
     leader_decel_mps2: float = 0.8
     """A train ahead is braked no harder in service: so much way it still makes at least when the
     end of authority moves away with it."""
-    leader_onset_s: float = 1.3
-    """From traction to that brake, within the jerk of service, a train takes twice this, and makes
-    the way of its speed in this."""
-    closer_s: float = 2.4
+    leader_jerk_mps3: float = 0.6
+    """With which it goes over to that brake, from what it does now."""
+    closer_s: float = 3.4
     """Of that way, no more is reckoned with than the train itself makes in this time. At 60 km/h it
-    would brake 248 m before the end, and protection begins to slow it 199 m before."""
+    would brake 248 m before an end that stands, protection permits that speed up to 199 m before,
+    and stops for a platform begin farther from an end that moves away than both."""
 
     def __post_init__(self) -> None:
         _positive(
@@ -220,8 +220,9 @@ class AuthorityStop:
             ease_mps3=self.ease_mps3,
             decel_mps2=self.decel_mps2,
             leader_decel_mps2=self.leader_decel_mps2,
+            leader_jerk_mps3=self.leader_jerk_mps3,
         )
-        for name in ("margin_m", "leader_onset_s", "closer_s"):
+        for name in ("margin_m", "closer_s"):
             if getattr(self, name) < 0.0:
                 raise ValueError(f"{name} {getattr(self, name)} is negative")
         if self.knee_decel_mps2 < self.final_decel_mps2:
