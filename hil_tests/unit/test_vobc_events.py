@@ -115,7 +115,7 @@ def test_the_first_cycle_tells_where_the_controller_begins() -> None:
     assert "waits for desk" in events[0].words
 
 
-@pytest.mark.parametrize(("old", "new"), itertools.permutations(Supervision, 2))
+@pytest.mark.parametrize(("old", "new"), [*itertools.permutations(Supervision, 2)])
 def test_each_change_of_supervision_is_exactly_one_event(
     old: Supervision, new: Supervision
 ) -> None:
@@ -134,7 +134,7 @@ def test_each_change_of_supervision_is_exactly_one_event(
     assert event.kind in OF_SUPERVISION
 
 
-@pytest.mark.parametrize(("old", "new"), itertools.permutations(OperatingMode, 2))
+@pytest.mark.parametrize(("old", "new"), [*itertools.permutations(OperatingMode, 2)])
 def test_each_change_of_mode_is_exactly_one_event(old: OperatingMode, new: OperatingMode) -> None:
     event = only(told(replace(RUNNING, mode=old), mode=new))
 
