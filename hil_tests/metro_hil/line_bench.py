@@ -1,8 +1,8 @@
 """Several trains that command themselves, each with controller, plant and bus, in virtual time."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 from can_dbc.nodes import Node
 from firmware_py.buses.inproc import InprocBus
@@ -19,7 +19,7 @@ from plant_emulator.process import PlantDevice
 from plant_emulator.wayside.line_wayside import Disks, LineWayside, Truth
 from plant_emulator.wayside.railway import subscriptions
 from plant_emulator.wayside.t2t_vocabulary import ArbiterMemory, ObjectMemory
-from plant_emulator.world import plan_scenario
+from plant_emulator.world import NOTHING, plan_scenario
 from vobc.config import VobcConfig, plan_mission
 from vobc.process import VobcDevice
 from vobc.process.line_command import LineCommand, commanded
@@ -68,9 +68,10 @@ class LineBench:
         t2t: T2tConfig | None = None,
         seed: int = 1,
         line: str | None = None,
+        real: Mapping[str, Any] = NOTHING,
     ) -> None:
-        """`line`: by path; None: that of the areas. Raises SettingsError where line and stations do
-        not fit together.
+        """`line`: by path; None: that of the areas. `real`: as for `plan_scenario`. Raises
+        SettingsError where line and stations do not fit together.
         """
         self.clock = LockstepClock()
         self.air = InprocRadio(0.005)
@@ -79,7 +80,7 @@ class LineBench:
         self._t2t = t2t or T2tConfig()
         self._config = commanded(config, self._t2t.timers)
         self._seed = seed
-        self._line = line or areas.name
+        self._line, self._real = line or areas.name, real
         self._executives: list[Executive] = []
         stores = {address: CheckedStore(None, ArbiterMemory) for address in self._t2t.arbiters}
         self._stores = stores
@@ -103,6 +104,7 @@ class LineBench:
             start=way.start,
             end=way.end,
             seed=self._seed + address,
+            real=self._real,
         )
         bus = InprocBus(f"train{address}", BIT_RATE, None)
         radio = InprocRadio()
@@ -191,7 +193,7 @@ class LineBench:
     @property
     def behind_rear_m(self) -> float:
         """No authority may come nearer to the train ahead."""
-        return self._t2t.behind_rear_m
+        return self._t2t.rollback_m
 
     def masters(self, area: int) -> list[int]:
         return [

@@ -24,11 +24,12 @@ MS_PER_S: Final = 1000.0
 HEADWAY_TRAINS: Final = 10
 HEADWAY_BAR_S: Final = 72.0
 HEADWAY_FEW: Final = 4
-WHOLE_TRAINS: Final = 6
-WHOLE_S: Final = 72.3
-"""At 60 km/h; operation runs at 59.8, so that trains follow each other at 72.5 s."""
-WHOLE_EARLIER_M: Final = 15.0
-"""What odometry and an application of the brake that draws its delay make of where it begins."""
+WHOLE_TRAINS: Final = 10
+WHOLE_S: Final = 71.65
+"""At 60 km/h; operation runs at 59.8, so that trains follow each other at 71.9 s."""
+WHOLE_LOST_S: Final = 1.0
+"""Odometry, and brakes that draw their delays, take up to 0.7 s from trains that come at 85 s, and
+have them begin to brake up to 14 m before the first."""
 HEADWAY_STEP_S: Final = 1.0
 DELAY_MAX_S: Final = 0.5
 GROWTH_MAX_S: Final = 0.1
@@ -191,19 +192,20 @@ def approach(trains: int, interval_s: float) -> Approach:
 def whole_headway() -> list[Figure]:
     """The same with whole controllers and plants, of the control law that is the default."""
     told = passages(WHOLE_TRAINS, WHOLE_S)
-    usual_m = told[0].braked_m - WHOLE_EARLIER_M
-    disturbed = sum(each.braked_m < usual_m for each in told[1:])
     gaps_s = [b.stopped_s - a.stopped_s for a, b in itertools.pairwise(told)]
+    mean_s = sum(gaps_s) / len(gaps_s)
     ways_s = [each.stopped_s - each.came_s for each in told]
+    lost_s = max(ways_s) - ways_s[0]
+    protected = sum(each.protected for each in told)
     return [
         Figure(
             f"headway of {WHOLE_TRAINS} whole trains at 60 km/h, {told[0].dwell_s:.1f} s at rest",
-            f"{sum(gaps_s) / len(gaps_s):.1f} s from stop to stop, {min(gaps_s):.1f} to "
-            f"{max(gaps_s):.1f} s, "
-            f"{disturbed} brake for the train ahead, at most {max(ways_s) - ways_s[0]:.1f} s lost, "
-            f"{sum(each.emergencies for each in told)} emergency brakes",
+            f"{mean_s:.1f} s from stop to stop, {min(gaps_s):.1f} to {max(gaps_s):.1f} s, "
+            f"at most {lost_s:.1f} s lost, {protected} braked by protection; they begin to brake "
+            f"up to {told[0].braked_m - min(each.braked_m for each in told):.0f} m before the "
+            f"place where the first one does",
             f"≤ {HEADWAY_BAR_S:.0f} s",
-            not disturbed and sum(gaps_s) / len(gaps_s) <= HEADWAY_BAR_S,
+            mean_s <= HEADWAY_BAR_S and lost_s <= WHOLE_LOST_S and not protected,
         )
     ]
 

@@ -13,16 +13,22 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Final, NamedTuple
 
+from can_dbc.vobc import Supervision
 from firmware_py.trackdb.areas import Area, AreaMap, TrackSection
 from metro_hil.line_bench import LineBench, Run
 from plant_emulator.wayside.centre import NORMAL
 from vobc.config import load_config
+from vobc.t2t.vocabulary import T2tConfig
+from zenoh_config.timers import TIMERS_B
 
 SPEED_MPS: Final = 60.0 / 3.6
 LIMIT_MPS: Final = 17.12
 """Operation keeps under it by what makes it run at 60 km/h."""
-DOORS_S: Final = 22.0
+DOORS_S: Final = 21.65
 """Doors stay open so long; with all that is done before and after a train stands for 30 s."""
+CARS: Final = 4
+LENGTH_M: Final = 81.2
+"""Of the trains; it is the cars that are longer than those of `florence4`."""
 WARM_M: Final = 350.0
 RUN_UP_M: Final = 1500.0
 RUN_OUT_M: Final = 1200.0
@@ -39,6 +45,7 @@ BRAKES_MPS2: Final = 0.05
 AT_STOP_M: Final = 2.0
 STANDS_MPS: Final = 0.01
 STOP_TAGS: Final = ((-52.0, "t1"), (-12.0, "t2"), (-3.5, "t3"), (-2.0, "stop"))
+PROTECTED: Final = (Supervision.SERVICE, Supervision.EMERGENCY)
 NS_PER_S: Final = 1e9
 
 
@@ -53,7 +60,8 @@ class Passage(NamedTuple):
     """Where it first braked after that, from the stop."""
     short_m: float
     """Where it stood, from the stop."""
-    emergencies: int
+    protected: bool
+    """Protection braked it, in service or by emergency."""
 
 
 class _Track(NamedTuple):
@@ -80,7 +88,7 @@ def passages(trains: int, interval_s: float) -> list[Passage]:
                     world.front_m - stop_m,
                     world.speed_mps,
                     output.accel_demand_mps2,
-                    emergency=output.emergency_cause != 0,
+                    protected=output.supervision in PROTECTED,
                 )
     return [watches[number].passage() for number in sorted(watches)]
 
@@ -124,7 +132,11 @@ def approach(trains: int, interval_s: float) -> Iterator[tuple[LineBench, float]
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "headway.toml"
         path.write_text("\n".join(_line(track)), encoding="utf-8")
-        yield LineBench(load_config("florence4"), areas, runs, line=str(path)), stop_m
+        config = load_config("florence4")
+        config = replace(config, train=replace(config.train, length_m=LENGTH_M))
+        cars = {f"cars.{n}.length_m": LENGTH_M / CARS for n in range(CARS)}
+        t2t = T2tConfig(timers=TIMERS_B)
+        yield LineBench(config, areas, runs, line=str(path), real=cars, t2t=t2t), stop_m
 
 
 class _Watch:
@@ -137,17 +149,15 @@ class _Watch:
         self._stopped_s: float | None = None
         self._went_s: float | None = None
         self._short_m = 0.0
-        self._emergencies = 0
-        self._emergency = False
+        self._protected = False
 
     def looks(
-        self, at_s: float, place_m: float, speed_mps: float, demand_mps2: float, *, emergency: bool
+        self, at_s: float, place_m: float, speed_mps: float, demand_mps2: float, *, protected: bool
     ) -> None:
-        self._emergencies += emergency and not self._emergency
-        self._emergency = emergency
         self.gone = place_m > GONE_M
         if place_m < -BEFORE_M:
             return
+        self._protected |= protected and speed_mps > STANDS_MPS
         if self._came_s is None:
             self._came_s = at_s
         if self._braked_m is None and demand_mps2 < -BRAKES_MPS2:
@@ -170,7 +180,7 @@ class _Watch:
             self._went_s - self._stopped_s,
             self._braked_m,
             self._short_m,
-            self._emergencies,
+            self._protected,
         )
 
 
