@@ -4,7 +4,7 @@ from typing import Any, get_type_hints
 
 import pytest
 
-from metro_tools.written_inits import bases_in, with_kept_types, with_written_inits
+from metro_tools.written_inits import bases_in, heads_in, with_kept_types, with_written_inits
 
 HEAD = "from dataclasses import dataclass, field\nfrom typing import ClassVar, Protocol\n"
 PLAIN = '''
@@ -103,6 +103,20 @@ def test_a_class_that_others_inherit_from_stays_as_it_is() -> None:
     assert bases_in(heir) == {"Base"}
     assert with_written_inits(base, bases_in(heir)) == base
     assert "__init__" in with_written_inits(base)
+
+
+def test_heirs_of_a_plain_dataclass_get_its_fields_first() -> None:
+    base = "@dataclass(slots=True)\nclass Base:\n    one: int\n\n"
+    heir = "@dataclass(slots=True)\nclass Heir(Base):\n    two: int = 2\n\n"
+    other = "@dataclass(slots=True)\nclass Other(Unknown):\n    two: int = 2\n"
+    heads = heads_in(HEAD + base)
+
+    written = with_written_inits(HEAD + base + heir, bases_in(base + heir), heads)
+
+    assert "def __init__(self, one: int, two: int = 2)" in written
+    assert repr(made(written, "Heir")(1)) == repr(made(HEAD + base + heir, "Heir")(1))
+    assert repr(made(written, "Base")(1)) == "Base(one=1)"
+    assert with_written_inits(other, {"Unknown"}, heads) == other
 
 
 def test_types_of_fields_are_kept_at_the_end_of_the_module() -> None:
