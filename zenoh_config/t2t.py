@@ -119,6 +119,9 @@ class TrainReport(T2tMessage):
     """The front coupler stands in [front_min_m, front_max_m]."""
     rear_min_m: float
     """The rear coupler stands nowhere behind this."""
+    protected_m: float
+    """And comes to rest nowhere behind this, unless it rolls or jogs back then: in front of
+    `rear_min_m` for a train that moves, but by no more than a jog."""
     speed_mps: float
     standstill: bool
     latent_m: float

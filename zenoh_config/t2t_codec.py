@@ -119,6 +119,11 @@ def _order_problem(report: TrainReport) -> str:
             f"rear_min_m {report.rear_min_m}, front_min_m {report.front_min_m}, front_max_m "
             f"{report.front_max_m} and latent_m {report.latent_m} are not in this order"
         )
+    if not report.rear_min_m <= report.protected_m <= report.front_max_m:
+        return (
+            f"protected_m {report.protected_m} is not between rear_min_m {report.rear_min_m} and "
+            f"front_max_m {report.front_max_m}"
+        )
     return ""
 
 

@@ -58,6 +58,7 @@ class _Others:
                 front_min_m=front_m,
                 front_max_m=front_m,
                 rear_min_m=front_m - LENGTH_M,
+                protected_m=front_m - LENGTH_M,
                 speed_mps=0.0,
                 standstill=True,
                 latent_m=max(end_m, front_m),
@@ -98,7 +99,8 @@ def cycle_ms(trains: int) -> list[float]:
     core = TrainCore(config, line, address=1, memory=TrainMemory(), start_ns=0)
     radio = LineRadio(core, "load", lambda _: True)
     front_m = fronts_m.pop(1)
-    own = OwnTrain(True, front_m, front_m, front_m - LENGTH_M, 0.0, True, front_m, front_m, AXLES)
+    rear_m = front_m - LENGTH_M
+    own = OwnTrain(True, front_m, front_m, rear_m, rear_m, 0.0, True, front_m, front_m, AXLES)
     return _run(wayside, radio, own, _Others(fronts_m), _axles([front_m, *fronts_m.values()]))
 
 

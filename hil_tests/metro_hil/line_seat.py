@@ -78,7 +78,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _run(address: int, clock: WallClock, radio: LineRadio, port: RadioPort) -> None:
     front_m = front_of(address)
-    own = OwnTrain(True, front_m, front_m, front_m - LENGTH_M, 0.0, True, front_m, front_m, AXLES)
+    rear_m = front_m - LENGTH_M
+    own = OwnTrain(True, front_m, front_m, rear_m, rear_m, 0.0, True, front_m, front_m, AXLES)
     beat_ns = cycle_ns = clock.now_ns()
     told = (0, 0)
     garbage_ns = beat_ns

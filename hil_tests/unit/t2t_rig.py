@@ -27,6 +27,7 @@ LENGTH_M = 80.0
 AXLES = 16
 BRAKE_MPS2 = 0.8
 EMERGENCY_MPS2 = 1.0
+HARDEST_MPS2 = 10.0
 ACCEL_MPS2 = 1.0
 UNCERTAIN_M = 2.0
 ARBITER = 65_001
@@ -72,6 +73,7 @@ class Train:
             front_min_m=self.front_m - UNCERTAIN_M,
             front_max_m=high_m,
             rear_min_m=self.rear_m - UNCERTAIN_M,
+            rests_m=self.rear_m - UNCERTAIN_M + v * v / (2.0 * HARDEST_MPS2),
             speed_mps=v,
             standstill=v == 0.0,
             reach_m=high_m + v * 0.5 + v * v / (2.0 * EMERGENCY_MPS2),

@@ -29,6 +29,7 @@ REPORT = TrainReport(
     front_min_m=998.0,
     front_max_m=1000.0,
     rear_min_m=930.0,
+    protected_m=935.0,
     speed_mps=10.0,
     standstill=False,
     latent_m=1500.0,
@@ -57,7 +58,12 @@ def said(message: T2tMessage) -> RadioMessage:
 
 
 def test_it_says_who_commands_which_area_and_where_trains_are() -> None:
-    places_m = {"front_min_m": 400.0, "front_max_m": 402.0, "rear_min_m": 330.0}
+    places_m = {
+        "front_min_m": 400.0,
+        "front_max_m": 402.0,
+        "rear_min_m": 330.0,
+        "protected_m": 330.0,
+    }
     behind = dataclasses.replace(REPORT, source=4, member=False, **places_m)
 
     told = view(BEAT, behind, REPORT).words(100 * MS)

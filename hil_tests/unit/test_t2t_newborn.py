@@ -24,7 +24,8 @@ BEHIND_M = 7.0
 def report_at(rear_m: float, *, train: int = 1, unsure_m: float = 4.0) -> TrainReport:
     front_m = rear_m + 80.0
     return TrainReport(
-        *(train, 65_535, 1, 5, 2, 1, 0, True, front_m, front_m + unsure_m, rear_m, 0.0, True),
+        *(train, 65_535, 1, 5, 2, 1, 0, True, front_m, front_m + unsure_m, rear_m, rear_m, 0.0),
+        True,
         *(front_m + unsure_m, front_m + unsure_m, front_m + unsure_m, 0, 0, False, 0, 0, 16),
         *(False, 0),
     )
@@ -94,7 +95,7 @@ def test_a_master_gives_nothing_by_an_entry_of_another_life_until_it_is_renewed(
 def own_train(rear_m: float) -> OwnTrain:
     front_m = rear_m + 80.0
     return OwnTrain(
-        True, front_m, front_m + 2.0, rear_m, 0.0, True, front_m + 2.0, front_m + 2.0, 16
+        True, front_m, front_m + 2.0, rear_m, rear_m, 0.0, True, front_m + 2.0, front_m + 2.0, 16
     )
 
 

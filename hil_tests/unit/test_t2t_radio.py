@@ -30,7 +30,9 @@ ARBITER = 65_001
 
 
 def standing(front_m: float) -> OwnTrain:
-    return OwnTrain(True, front_m, front_m, front_m - 80.0, 0.0, True, front_m, front_m, 16)
+    return OwnTrain(
+        *(True, front_m, front_m, front_m - 80.0, front_m - 80.0, 0.0, True, front_m, front_m, 16)
+    )
 
 
 class Net:

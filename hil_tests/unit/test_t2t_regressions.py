@@ -43,7 +43,8 @@ def own(front_m: float = 500.0, *, speed_mps: float = 0.0, reach_m: float = 0.0)
     reach_m = max(front_m, reach_m)
     standing = speed_mps == 0.0
     return OwnTrain(
-        True, front_m, front_m, front_m - 80.0, speed_mps, standing, reach_m, reach_m, 16
+        *(True, front_m, front_m, front_m - 80.0, front_m - 80.0, speed_mps, standing, reach_m),
+        *(reach_m, 16),
     )
 
 
@@ -265,6 +266,7 @@ class Command:
                 front_min_m=front_m,
                 front_max_m=front_m,
                 rear_min_m=front_m - 80.0,
+                protected_m=front_m - 80.0,
                 speed_mps=0.0,
                 standstill=True,
                 latent_m=latent_m,
@@ -458,3 +460,16 @@ def test_a_report_that_is_too_old_to_be_answered_is_not_answered() -> None:
     assert 1 in command.step()
 
     assert command.step(500) == {}
+
+
+@pytest.mark.parametrize(("front_m", "told"), [(4283.9, True), (4284.1, False)])
+def test_a_train_tells_where_it_is_as_far_as_sections_are_told(front_m: float, told: bool) -> None:
+    """Else nothing explained its axles behind the border, and a train that stood just before it
+    never got an authority again (seed 232)."""
+    line = line_of(0.0, 4000.0, 8000.0, section_m=150.0)
+    core = TrainCore(T2tConfig(), line, address=5, memory=TrainMemory(), start_ns=0)
+
+    core.step(0, (), own(front_m))
+
+    assert line.sections_told(1)[-1].end_m == 4200.0
+    assert bool(reports(core.step(100 * MS, (), own(front_m)).out, area=1)) is told

@@ -17,6 +17,8 @@ BEAT_MS: Final = 10.0
 EASY_LEAD_S: Final = 3.0
 EASY_DECEL_MPS2: Final = 0.5
 """A stop that passengers and punctuality bear: later than that, an object lets the train pass."""
+HARDEST_DECEL_MPS2: Final = 10.0
+"""No brake of a train slows it so hard: it would take an adhesion of more than one."""
 S_PER_MS: Final = 1e-3
 
 
@@ -71,18 +73,21 @@ class LineCommand:
     def _own(self, motion: Motion | None) -> OwnTrain:
         if motion is None or not motion.localised:
             return OwnTrain(
-                False, 0.0, 0.0, 0.0, 0.0, False, 0.0, 0.0, self._axles, self.out_of_service
+                *(False, 0.0, 0.0, 0.0, 0.0, 0.0, False, 0.0, 0.0, self._axles),
+                self.out_of_service,
             )
         front_m, speed_mps = motion.front_m, max(0.0, motion.speed_mps.high)
         reach_m = front_m.high + self._curve.stopping_m(speed_mps, lead_s=self._cycle_s)
         if motion.standstill:
             reach_m = front_m.high
         easy_m = front_m.high + speed_mps * EASY_LEAD_S + speed_mps**2 / (2.0 * EASY_DECEL_MPS2)
+        rear_m, least_mps = front_m.low - self._length_m, max(0.0, motion.speed_mps.low)
         return OwnTrain(
             True,
             front_m.low,
             front_m.high,
-            front_m.low - self._length_m,
+            rear_m,
+            rear_m + least_mps**2 / (2.0 * HARDEST_DECEL_MPS2),
             motion.speed_mps.best,
             motion.standstill,
             reach_m,

@@ -49,7 +49,7 @@ class Conclusions:
         """
         former = self.records[report.source]
         record = Record(report.source, report.rear_min_m, heard_ns)
-        record.hears(report, heard_ns, term=self._term)
+        record.hears(report, heard_ns, term=self._term, jog_m=self._config.jog_m)
         record.stopped = former.stopped
         self.records[report.source] = record
 

@@ -54,7 +54,8 @@ class AreaDesk:
         self.area = line.area(area)
         self.refused: list[str] = []
         """Why authorities were not taken in this step."""
-        self.ready_nonce = 0
+        self._ready = (0, 0)
+        """Term and nonce of the planned switch that it is ready for."""
         self._config, self._guards, self._line, self._speaker = config, guards, line, speaker
         self._chance = chance
         self._table = TrainTable()
@@ -100,7 +101,7 @@ class AreaDesk:
             self._fenced |= message.term > self.lease.term
             if self.role is Role.STANDBY and message.localised:
                 record = self._table.of(message.source, rear_m=message.rear_min_m, now_ns=now_ns)
-                record.hears(message, now_ns, term=message.term)
+                record.hears(message, now_ns, term=message.term, jog_m=self._config.jog_m)
         if self.master is not None:
             self.master.hears(message, now_ns)
 
@@ -115,17 +116,17 @@ class AreaDesk:
             return []
         own = self._speaker.address
         if step.kind is SwitchKind.ABORT:
-            self.ready_nonce, self._called = 0, False
+            self._ready, self._called = (0, 0), False
         elif step.kind is SwitchKind.PREPARE:
-            if self.ready_nonce != step.nonce:
-                self.ready_nonce = step.nonce
+            if self._ready != (step.term, step.nonce):
+                self._ready = step.term, step.nonce
                 self._report_ns = now_ns
             if step.successor == own and self.role is Role.STANDBY:
                 head = self._head(now_ns, step.source)
                 return [SwitchStep(*head, SwitchKind.READY, step.nonce, own)]
         elif step.kind is SwitchKind.RESIGN:
             self._called |= self.role is Role.STANDBY
-        elif step.successor == own and step.nonce == self.ready_nonce:
+        elif step.successor == own and (step.term, step.nonce) == self._ready:
             self._called = True
         return []
 
@@ -256,7 +257,6 @@ class AreaDesk:
         self.member.memory = self.member.memory._replace(
             seen_term=self.lease.term, owner=self._speaker.address
         )
-        self.ready_nonce = 0
         self._report_ns = now_ns
         self.master = Master(
             self._config,
@@ -318,6 +318,8 @@ class AreaDesk:
         member = self.member
         latent_m = UNBOUNDED_M if member.latent_m is None else member.latent_m
         comes_from, behind = relation
+        # What another master prepared is nothing to the one of this term.
+        ready_nonce = self._ready[1] if self._ready[0] == member.memory.seen_term else 0
         report = TrainReport(
             *self._speaker.head(
                 now_ns, to=BROADCAST, area=self.area.number, term=member.memory.seen_term
@@ -326,6 +328,7 @@ class AreaDesk:
             front_min_m=own.front_min_m,
             front_max_m=own.front_max_m,
             rear_min_m=own.rear_min_m,
+            protected_m=min(own.rests_m, own.rear_min_m + self._config.jog_m),
             speed_mps=own.speed_mps,
             standstill=own.standstill,
             latent_m=latent_m,
@@ -338,7 +341,7 @@ class AreaDesk:
             comes_from=comes_from,
             axles=own.axles,
             out_of_service=own.out_of_service,
-            ready_nonce=self.ready_nonce,
+            ready_nonce=ready_nonce,
         )
         self._own_report = report
         return [report]

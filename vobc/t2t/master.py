@@ -105,7 +105,7 @@ class Master:
             self._newborns.forgets(train)
             self._applicants.pop(train, None)
             record = self._known.records[train]
-            record.hears(report, now_ns, term=self.term)
+            record.hears(report, now_ns, term=self.term, jog_m=self._config.jog_m)
             if not record.served:
                 self._cycle_ns = min(self._cycle_ns, now_ns)
         elif self._has_passed(report.rear_min_m):
@@ -208,7 +208,7 @@ class Master:
                 continue
             order, changed = result, True
             record = self._known.table.of(train, rear_m=report.rear_min_m, now_ns=heard_ns)
-            record.hears(report, heard_ns, term=self.term)
+            record.hears(report, heard_ns, term=self.term, jog_m=self._config.jog_m)
             said.append(Admission(*self._head(now_ns, train), AdmissionState.COMMITTING, NOBODY))
         order, sieved = self._sieve(order, now_ns)
         if changed or sieved:
@@ -345,9 +345,9 @@ class Master:
         """Standby and planned switch."""
         succession, own = self.succession, self._speaker.address
         heard = [
-            (each.train, each.report.ready_nonce)
+            (each.train, each.ready_nonce)
             for each in self._known.records.values()
-            if each.report is not None
+            if each.ready_nonce is not None
             and each.train != own
             and self._known.is_alive(each.heard_ns, now_ns)
         ]

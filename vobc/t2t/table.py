@@ -18,7 +18,8 @@ class Record:
 
     train: int
     rear_m: float
-    """Protected: the rear has been seen here or farther on, by the train or by detection."""
+    """Protected: the rear has been seen here or farther on, by the train or by detection, or comes
+    to rest here or farther on."""
     heard_ns: int
     """When its newest report came; when the record was made, before."""
     boot: int = 0
@@ -27,6 +28,8 @@ class Record:
     """The newest, from a time when the train knew where it was."""
     term: int = 0
     """That it promised last."""
+    ready_nonce: int | None = None
+    """Of the planned switch that it said last it is ready for; None: it has not been heard."""
     latent_m: float = UNBOUNDED_M
     """By its newest report, also of one that does not know where it is."""
     served: bool = False
@@ -36,17 +39,23 @@ class Record:
     sent: list[tuple[int, float]] = field(default_factory=list)
     """Sequence and end of authorities that it may yet take, oldest first."""
 
-    def hears(self, report: TrainReport, now_ns: int, *, term: int) -> None:
-        """A report that came in order; `term` is the master's own."""
+    def hears(self, report: TrainReport, now_ns: int, *, term: int, jog_m: float) -> None:
+        """A report that came in order; `term` is the master's own.
+
+        While a train moves it cannot jog back; it has to come to rest first, and that is farther
+        on. So what a jog needs counts from there, and nobody is let nearer than it may roll back.
+        """
         self.heard_ns = now_ns
         self.term = report.term
+        self.ready_nonce = report.ready_nonce
         self.latent_m = report.latent_m
         if report.held_term == term:
             self.sent = [each for each in self.sent if each[0] > report.held_sequence]
         if not report.localised:
             return
+        rear_m = min(max(report.protected_m, report.rear_min_m), report.rear_min_m + jog_m)
         newborn = report.boot != self.boot and self.boot != 0
-        self.rear_m = report.rear_min_m if newborn else max(self.rear_m, report.rear_min_m)
+        self.rear_m = rear_m if newborn else max(self.rear_m, rear_m)
         self.report, self.boot = report, report.boot
 
     def issued(self, sequence: int, end_m: float) -> None:

@@ -23,7 +23,8 @@ from zenoh_config.t2t import NOBODY, LineOrder, OrderKind, T2tMessage
 from zenoh_config.timers import NS_PER_MS
 
 FAREWELL_M: Final = 150.0
-"""So far behind a border the rear goes on being told to the area before."""
+"""So far behind a border the rear goes on being told to the area before, and as far as its master
+is told of sections there: what it says explains the axles in them."""
 IDLE_NS: Final = 1000 * NS_PER_MS
 HEARD_MAX: Final = 1000
 """Messages taken in one step; more are refused and counted."""
@@ -53,6 +54,14 @@ class TrainCore:
         """Messages that were not acted on, by reason."""
         self._forgotten = memory is None
         self._config, self._line = config, line
+        self._told_to_m = {
+            area.number: max(
+                [area.end_m + FAREWELL_M]
+                + [s.end_m + config.overhang_m for s in line.sections_told(area.number)]
+            )
+            for area in line.areas
+        }
+        """By area: a train whose rear is beyond this is no concern of it any more."""
         self._guards = guards or TrainGuards()
         self._speaker = Speaker(address, self.memory.boot)
         self._hearing = Hearing(address, self.memory.boot)
@@ -174,7 +183,7 @@ class TrainCore:
             area.number
             for area in line.areas
             if area.start_m - line.apply_m <= own.front_max_m
-            and own.rear_min_m <= area.end_m + FAREWELL_M
+            and own.rear_min_m <= self._told_to_m[area.number]
         }
 
     def _relation(self, area: Area, now_ns: int) -> tuple[int, int]:

@@ -54,6 +54,9 @@ class OwnTrain(NamedTuple):
     front_min_m: float
     front_max_m: float
     rear_min_m: float
+    rests_m: float
+    """The rear comes to rest nowhere behind this, however hard it is braked; at standstill
+    rear_min_m."""
     speed_mps: float
     standstill: bool
     """Zero speed is proven."""

@@ -165,7 +165,7 @@ def _run(options: argparse.Namespace, settings: "Settings", folder: Path) -> int
         print(f"{way}: {counts['sent']} packets, " + carried_words(counts))
     if line.dropped:
         print(f"the recorder missed {line.dropped} messages")
-    wrong = complaints(line.story, trains, behind_rear_m=T2tConfig().behind_rear_m)
+    wrong = complaints(line.story, trains, behind_rear_m=T2tConfig().rollback_m)
     for words in wrong:
         print(words)
     print(f"run folder: {folder}")

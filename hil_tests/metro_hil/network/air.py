@@ -26,6 +26,7 @@ from zenoh_config.t2t import (
 NS_PER_MS: Final = 1_000_000
 TOLD_MAX: Final = 256
 LESS_MAX: Final = 1000
+ANSWERS_MAX: Final = 1000
 HEARD_NS: Final = 200 * NS_PER_MS
 """Whoever was heard so lately is heard, whatever the timers are."""
 TOLERANCE_NS: Final = 2 * NS_PER_MS
@@ -69,10 +70,10 @@ class Air:
         """By area and term: who issues."""
         self._until_ns: dict[tuple[int, int], tuple[int, int]] = {}
         """By train and area: term of its lease, and until when by its own clock."""
-        self._answers: dict[tuple[int, int, int], dict[int, int]] = {}
-        """By train, area and nonce: stamp of the request that each arbiter granted."""
-        self._less_ns: dict[tuple[int, int, int], int] = {}
-        """By train, area and nonce: how much less than a whole lease was asked for."""
+        self._answers: dict[tuple[int, int, int, int], dict[int, int]] = {}
+        """By train, area, term and nonce: stamp of the request that each arbiter granted."""
+        self._less_ns: dict[tuple[int, int, int, int], int] = {}
+        """By train, area, term and nonce: how much less than a whole lease was asked for."""
         self._told: dict[tuple[int, int], dict[tuple[int, int], float]] = {}
         """By train and area: ends of the authorities that came, by term and sequence."""
         self._won: set[tuple[int, int, int]] = set()
@@ -150,7 +151,8 @@ class Air:
 
     def _note_request(self, message: LeaseRequest) -> None:
         self._named[message.source, message.area] = message.successor
-        self._less_ns[message.source, message.area, message.nonce] = message.less_ns
+        asked = (message.source, message.area, message.term, message.nonce)
+        self._less_ns[asked] = message.less_ns
         if len(self._less_ns) > LESS_MAX:
             del self._less_ns[next(iter(self._less_ns))]
         if message.kind is LeaseKind.RELEASE:
@@ -187,13 +189,14 @@ class Air:
             return
         if (address, message.area, message.term) in self._given_back:
             return
-        answers = self._answers.setdefault((address, message.area, message.nonce), {})
+        asked = (address, message.area, message.term, message.nonce)
+        answers = self._answers.setdefault(asked, {})
         answers[message.source] = message.echo_ns
         if len(answers) < self.rules.majority:
             return
         newest_ns = sorted(answers.values(), reverse=True)[self.rules.majority - 1]
         until_ns = newest_ns + round(self.rules.lease_ns * (1.0 - self.rules.drift_ratio))
-        until_ns -= self._less_ns.get((address, message.area, message.nonce), 0)
+        until_ns -= self._less_ns.get(asked, 0)
         key = address, message.area
         term, before_ns = self._until_ns.get(key, (0, 0))
         if message.term > term or until_ns > before_ns:
@@ -202,7 +205,7 @@ class Air:
             self._valid_ns.setdefault(message.area, {})[address] = until_ns + ahead_ns
             self._until_ns[key] = message.term, until_ns
             self._won.add((address, message.area, message.term))
-        if len(self._answers) > 1000:
+        if len(self._answers) > ANSWERS_MAX:
             del self._answers[next(iter(self._answers))]
 
     def _issue(self, message: AreaAuthority, now_ns: int) -> None:

@@ -145,13 +145,21 @@ class Checker:
 
     def hindmost_m(self, train: TrueTrain) -> float:
         """As far back as its rear may come: by a jog that it is allowed, and then by all that it
-        may still roll back."""
+        may still roll back.
+
+        No train jogs before it stands, and that is farther on for one that moves, by what its
+        brake needs.
+        """
         allowed_m = [each.rear_m for each in self.held.get(train.address, {}).values()]
         jog_m = 0.0
         if allowed_m:
             jog_m = min(self.rules.jog_m, train.foremost_rear_min_m - min(allowed_m))
-        rear_m = train.motion.most_m - train.length_m
-        return rear_m - max(jog_m, 0.0) - self.rules.roll_back_m
+        motion = train.motion
+        most_m = motion.most_m
+        if motion.speed_mps > 0.0:
+            rests_m = motion.front_m + motion.speed_mps**2 / (2.0 * motion.emergency_mps2)
+            most_m = max(most_m, min(rests_m, motion.most_m + max(jog_m, 0.0)))
+        return most_m - train.length_m - max(jog_m, 0.0) - self.rules.roll_back_m
 
     def train_apart(self, train: TrueTrain) -> None:
         """21 and 22: no metre is two trains', and authorities end before the leader's rear."""

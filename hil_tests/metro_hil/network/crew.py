@@ -121,6 +121,7 @@ class TrainNode:
             reading.front_min_m,
             reading.front_max_m,
             reading.rear_min_m,
+            reading.rests_m,
             reading.speed_mps,
             reading.standstill,
             reading.reach_m,

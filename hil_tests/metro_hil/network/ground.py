@@ -8,6 +8,8 @@ from metro_hil.network.motion import Motion
 
 SERVICE_MPS2: Final = 0.6
 SERVICE_REACTION_S: Final = 2.0
+HARDEST_MPS2: Final = 10.0
+"""What trains believe of the hardest brake that there is."""
 ROLL_BACK_MAX_M: Final = 2.0
 """No train ever rolls back farther; the allowance that the protocol is told."""
 
@@ -18,6 +20,8 @@ class Reading(NamedTuple):
     front_min_m: float
     front_max_m: float
     rear_min_m: float
+    rests_m: float
+    """Its rear comes to rest nowhere behind this."""
     speed_mps: float
     standstill: bool
     reach_m: float
@@ -105,6 +109,7 @@ class TrueTrain:
             middle_m - half_m,
             middle_m + half_m,
             middle_m - half_m - self.length_m,
+            middle_m - half_m - self.length_m + motion.speed_mps**2 / (2.0 * HARDEST_MPS2),
             motion.speed_mps,
             motion.speed_mps == 0.0,
             motion.farthest_m + error_m + half_m,
