@@ -121,9 +121,10 @@ class Predictive:
         # Where others brake, or the rail does not bear what is asked, what the speed does says
         # nothing of our demands; and wheels that slip under others' brakes say little of the rail.
         self._released_s += self._dt_s * cycles
-        if seen.protection_brakes:
+        if seen.protection_brakes and not seen.standstill:
             self._released_s = 0.0
-        ours = seen.enabled and self._released_s >= self._release_s
+        released = not seen.protection_brakes and self._released_s >= self._release_s
+        ours = seen.enabled and released
         slips = self._rail.observe(seen.now_ns, seen.speed_mps, slips=seen.slips and ours)
         self._model.step(seen.speed_mps, self._gravity_mps2, cycles, ours=ours and not slips)
         before_mps, self.speed_mps = self.speed_mps, self._model.speed_mps
