@@ -473,3 +473,24 @@ def test_a_train_tells_where_it_is_as_far_as_sections_are_told(front_m: float, t
 
     assert line.sections_told(1)[-1].end_m == 4200.0
     assert bool(reports(core.step(100 * MS, (), own(front_m)).out, area=1)) is told
+
+
+def test_a_train_that_has_left_the_area_still_explains_its_axles_for_as_long_as_it_says_so() -> (
+    None
+):
+    """One that began anew just before the border waited for ever for them (seed 2113)."""
+    command = Command()
+    command.step()
+    command.hears(3, 2100.0)
+    command.hears(1, 1990.0)
+    newcomer = command.master._known.records[1].report
+    assert newcomer is not None
+
+    def standing_m() -> list[float]:
+        scene = command.master._scene(command.now_ns, newcomer)
+        return [each.rear_m for each in scene.standing]
+
+    assert command.order() == [1, 2]
+    assert 2020.0 in standing_m()
+    command.now_ns += 1000 * MS
+    assert 2020.0 not in standing_m()

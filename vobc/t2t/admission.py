@@ -104,3 +104,9 @@ def may_explain(report: TrainReport, roster: Collection[int], area: Area) -> boo
 
 def standing_of(report: TrainReport) -> Standing:
     return Standing(report.rear_min_m, report.front_max_m, report.axles)
+
+
+def foremost_first(item: tuple[int, tuple[TrainReport, int]]) -> tuple[float, int]:
+    """Sorts applicants, given by train with what they report and when, for their admission."""
+    train, (report, _) = item
+    return (-report.front_max_m, train)

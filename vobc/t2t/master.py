@@ -4,7 +4,7 @@ from typing import Final
 
 from firmware_py.trackdb.areas import AreaMap
 from vobc.t2t import admission
-from vobc.t2t.admission import Scene, Waiting, admitted, is_sieved, standing_of
+from vobc.t2t.admission import Scene, Waiting, admitted, foremost_first, is_sieved, standing_of
 from vobc.t2t.authority import Course, Space, Stretch, end_of_authority_m
 from vobc.t2t.conclusions import Conclusions
 from vobc.t2t.guards import Freshness, MasterGuards
@@ -70,6 +70,8 @@ class Master:
         self._objects = Objects(lease.term, line.objects_in(area), guards)
         self._track: TrackView | None = None
         self._applicants: dict[int, tuple[TrainReport, int]] = {}
+        self._passed: dict[int, tuple[TrainReport, int]] = {}
+        """Out of the area for good; they explain axles behind its border."""
         self._unfit: set[int] = set()
         """Out of service by order of supervision."""
         self._left_ns = now_ns
@@ -110,6 +112,7 @@ class Master:
                 self._cycle_ns = min(self._cycle_ns, now_ns)
         elif self._has_passed(report.rear_min_m):
             self._applicants.pop(train, None)
+            self._passed[train] = report, now_ns
         elif train in self._applicants or len(self._applicants) < APPLICANTS_MAX:
             self._applicants[train] = (report, now_ns)
 
@@ -197,7 +200,7 @@ class Master:
             for train, each in self._applicants.items()
             if self._known.is_alive(each[1], now_ns)
         }
-        for train, (report, heard_ns) in sorted(self._applicants.items(), key=_foremost_first):
+        for train, (report, heard_ns) in sorted(self._applicants.items(), key=foremost_first):
             if not report.localised:
                 continue
             result = admitted(
@@ -235,7 +238,9 @@ class Master:
         records = self._known.records
         # By train: one that has only just come onto the roster still stands among the applicants.
         reports = {each.train: each.report for each in records.values() if each.report is not None}
-        for report, _ in [*self._applicants.values(), *self._newborns.told()]:
+        alive = {t: e for t, e in self._passed.items() if self._known.is_alive(e[1], now_ns)}
+        self._passed = alive
+        for report, _ in [*self._applicants.values(), *self._newborns.told(), *alive.values()]:
             if admission.may_explain(report, records, self._area):
                 reports[report.source] = report
         return Scene(
@@ -387,11 +392,6 @@ class Master:
 
     def _head(self, now_ns: int, to: int) -> Head:
         return self._speaker.head(now_ns, to=to, area=self._area.number, term=self.term)
-
-
-def _foremost_first(item: tuple[int, tuple[TrainReport, int]]) -> tuple[float, int]:
-    train, (report, _) = item
-    return (-report.front_max_m, train)
 
 
 def _next(due_ns: int, now_ns: int, period_ms: int) -> int:

@@ -213,7 +213,11 @@ class LineWorld(World):
     def _clear_of(self, train: TrueTrain, number: int, start_m: float) -> None:
         """A train that stands in it keeps it from moving by that alone, and goes no farther."""
         reach_m = self.checker.reach_m(train)
-        if reach_m > max(start_m, train.reading().front_max_m):
+        stood_m = train.reading().front_max_m
+        if train.front_m > start_m:
+            # Where it stood before it rolled back it may come again.
+            stood_m += train.motion.rolled_m
+        if reach_m > max(start_m, stood_m):
             raise ViolationError(
                 "23",
                 f"object {number} at {start_m:.1f} m is not locked, and train {train.address}, "

@@ -76,6 +76,16 @@ def test_a_train_that_has_no_place_on_the_roster_yet_is_in_nobodys_authority(see
     assert (result.invariant, result.what) == ("", "")
 
 
+@pytest.mark.parametrize("seed", [310, 1206, 2099, 2113])
+def test_what_seeds_once_broke_they_break_no_more(seed: int) -> None:
+    """310: an arbiter without memory stored an empty one. 1206: a train without a place was not
+    asked before a switch. 2099: the judge took a train's way back into an object that it had
+    rolled back in for another's. 2113: nobody explained the axles of a train that had passed."""
+    result = Job(Phases())(seed)
+
+    assert (result.invariant, result.what) == ("", "")
+
+
 def test_through_the_real_codec_it_is_the_same_protocol() -> None:
     result = Job(Phases(trouble_s=10.0), bytes_always=True)(5)
 

@@ -121,7 +121,7 @@ class Predictive:
         # Where others brake, or the rail does not bear what is asked, what the speed does says
         # nothing of our demands; and wheels that slip under others' brakes say little of the rail.
         self._released_s += self._dt_s * cycles
-        if seen.protection_brakes and not seen.standstill:
+        if seen.protection_brakes and seen.speed_mps > SLOW_MPS:
             self._released_s = 0.0
         released = not seen.protection_brakes and self._released_s >= self._release_s
         ours = seen.enabled and released
