@@ -210,8 +210,8 @@ class AuthorityStop:
     """With which it goes over to that brake, from what it does now."""
     closer_s: float = 3.4
     """Of that way, no more is reckoned with than the train itself makes in this time. At 60 km/h it
-    would brake 248 m before an end that stands, protection permits that speed up to 199 m before,
-    and stops for a platform begin farther from an end that moves away than both."""
+    would brake 248 m before an end that stands; protection permits that speed up to 199 m before.
+    """
 
     def __post_init__(self) -> None:
         _positive(
