@@ -161,3 +161,20 @@ def test_a_folder_that_is_something_else_is_left_alone(checkout: Path, tmp_path:
     assert done.returncode == 3
     assert "Traceback" not in done.stderr
     assert (tmp_path / "precious").read_text() == "kept"
+
+
+def test_seeds_of_the_line_simulator_come_to_the_same_in_compiled_workers(
+    copy: Path, tmp_path: Path
+) -> None:
+    seeds = ["simulate", "--seeds", "1..3", "--minutes", "0.2", "--workers"]
+    journal = ("--journal", tmp_path / "compiled.jsonl")
+    results(copy / "bin/hil", *seeds, "2", *journal, "--json")
+    journal = ("--journal", tmp_path / "plain.jsonl")
+    results(sys.executable, "-m", "metro_hil.hil_command", *seeds, "1", *journal, "--json")
+
+    compiled, plain = (
+        [json.loads(line) for line in (tmp_path / name).read_text().splitlines()]
+        for name in ("compiled.jsonl", "plain.jsonl")
+    )
+    assert [each["seed"] for each in plain] == [1, 2, 3]
+    assert [each["digest"] for each in compiled] == [each["digest"] for each in plain]

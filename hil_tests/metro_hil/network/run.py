@@ -24,6 +24,10 @@ class Phases:
     start_s: float = 5.0
     """Nodes start at any time within this."""
 
+    def __reduce__(self) -> tuple[object, ...]:
+        """To worker processes; compiled, nothing else would fill in what is frozen."""
+        return Phases, (self.trouble_s, self.calm_s, self.start_s)
+
 
 @dataclass(slots=True)
 class RunResult:

@@ -29,6 +29,9 @@ class Job:
     bytes_always: bool = False
     told: bool = False
 
+    def __reduce__(self) -> tuple[object, ...]:
+        return Job, (self.phases, self.protocol, self.bytes_always, self.told)
+
     def __call__(self, seed: int) -> RunResult:
         tell = Story(print) if self.told else None
         world = self._world(seed, tell)
