@@ -236,3 +236,15 @@ def test_a_train_that_loses_its_odometer_on_the_way_is_stopped_and_kept(
     assert bench.plant.world.speed_mps == 0.0
     assert bench.vobc.output.supervision is Supervision.EMERGENCY
     assert "input" in bench.vobc.output.cause
+
+
+@pytest.mark.parametrize("seed", ["89", "109"])
+def test_doors_open_where_the_last_tag_before_the_mark_was_told_late(
+    tmp_path: Path, seed: str
+) -> None:
+    """A cycle of 100 ms, tags that lie 4 cm off, and the one at the mark is not reached."""
+    run = lockstep(tmp_path / "run", *HOP, "--cycle-ms", "100", "--seed", seed)
+
+    cycles = read_columns(run.cycle_log)
+    assert cycles.texts("doors_enabled")[-1] == "1"
+    assert 3500.0 - cycles.numbers("front_low_m")[-1] > 0.2

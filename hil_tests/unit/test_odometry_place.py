@@ -107,10 +107,28 @@ def test_pulses_move_the_interval_by_the_least_and_the_most_that_they_stand_for(
 
 def test_the_way_over_ground_moves_the_other_interval() -> None:
     where = put(10.0, 20.0, 11.0, 21.0)
-    where.move_over_ground(1.5, 2.5)
+    where.move_over_ground(1.5, 2.5, 0.1, steady=True)
 
     assert wheels_m(where) == (10.0, 20.0)
     assert ground_m(where) == (12.5, 23.5)
+
+
+def test_the_way_over_ground_is_known_for_a_while_unless_nobody_knows_how_it_went() -> None:
+    where = put(10.0, 20.0, 11.0, 21.0)
+    assert where.lately_m(0.0) is None
+    where.move_over_ground(1.5, 2.5, 0.1, steady=True)
+    where.move_over_ground(0.5, 1.0, 0.1, steady=True)
+    way_m = where.lately_m(0.15)
+    assert way_m is not None
+    assert way_m == near(1.25 - 0.5 * 1.7 * 0.05 * 0.05, 2.25 + 0.5 * 1.7 * 0.05 * 0.05)
+    where.stretch(1.0, 1.0)
+    assert where.lately_m(0.15) == way_m
+    where.widen(0.5)
+    assert where.lately_m(0.0) is None
+    where.move_over_ground(1.5, 2.5, 0.1, steady=True)
+    where.move_over_ground(0.0, 2.5, 0.1, steady=False)
+    assert where.lately_m(0.0) is None
+    assert ground_m(where) == near(11.0 + 1.5 + 0.5 - 0.5 + 1.5, 21.0 + 2.5 + 1.0 + 0.5 + 2.5 + 2.5)
 
 
 def test_wheels_in_doubt_stretch_their_interval_only_and_a_doubtful_train_both() -> None:

@@ -104,11 +104,14 @@ def test_the_instant_of_a_tag_is_worth_more_the_faster_wheels_or_ground_go(
     assert judged.readings[0].bound_m == pytest.approx(0.06 + 0.006 * speed_mps + PULSE_M)
 
 
+@pytest.mark.parametrize("age_s", [0.05, 9.0])
 @pytest.mark.parametrize("since", [20, -20])
 def test_the_pulses_since_a_tag_are_worth_what_the_scale_is_known_to(
-    monkeypatch: pytest.MonkeyPatch, since: int
+    monkeypatch: pytest.MonkeyPatch, since: int, age_s: float
 ) -> None:
-    """Also backwards, and also the way over ground as the train may have gone: 1.5 m/s²."""
+    """Also backwards. The way over ground is that of the last cycles, but of a tag from before
+    them it is what the train may have gone since by its speed and 1.5 m/s².
+    """
     told: list[tuple[Any, ...]] = []
     corrected: list[tuple[float, float, float]] = []
     measured: list[tuple[float, int, float]] = []
@@ -120,13 +123,16 @@ def test_the_pulses_since_a_tag_are_worth_what_the_scale_is_known_to(
     made.track.rate_pulses_per_s = 400.0
     m_per_pulse = made.where.m_per_pulse
     bound_m = 0.06 + 0.006 * max(400.0 * m_per_pulse, 3.9) + MOST_M
-    made.cycle(dt_s=0.0, tags=(read(made, since=since, age_s=0.05),))
+    lately_m = made.where.lately_m(age_s)
+    made.cycle(dt_s=0.0, tags=(read(made, since=since, age_s=age_s),))
 
     ((front_m, since_m, over_m, refer_bound_m, anew),) = told
     ends_m = sorted((since * made.where.scale.low_m, since * made.where.scale.high_m))
     assert (front_m, anew) == (62.0, False)
     assert since_m == near(ends_m[0], since * m_per_pulse, ends_m[1])
-    assert over_m == near((3.8 - 0.075) * 0.05, (4.0 + 0.075) * 0.05)
+    assert (lately_m is None) == (age_s == 9.0)
+    by_speed_m = near((3.8 - 1.5 * age_s) * age_s, (4.0 + 1.5 * age_s) * age_s)
+    assert over_m == (by_speed_m if lately_m is None else lately_m)
     assert refer_bound_m == pytest.approx(bound_m)
     assert corrected == [near(62.0, since, bound_m - 0.06 - MOST_M)]
     assert measured == [(60.0, 960 - 8 - since, pytest.approx(bound_m))]
@@ -177,7 +183,9 @@ def test_a_tag_that_wheels_counted_which_are_out_is_placed_by_the_ground_alone(
     assert reading.claim_m == pytest.approx(62.0 + 0.395)
     assert reading.bound_m == pytest.approx(0.06 + 0.006 * 3.95 + PULSE_M + 0.03 + 0.03)
     assert told[0][1] == near(over_m[0], 0.395, over_m[1])
-    assert told[0][2] == near(*over_m)
+    lately_m = made.where.lately_m(0.1)
+    assert told[0][2] == lately_m
+    assert over_m[0] < lately_m[0] < lately_m[1] < over_m[1]
     assert made.where.scale._anchor is None
 
 

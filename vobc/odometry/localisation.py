@@ -3,6 +3,7 @@
 from typing import Final
 
 from vobc.odometry.config import OdometryConfig
+from vobc.odometry.recent_way import RecentWay
 from vobc.odometry.scale import WheelScale
 from vobc.vocabulary import Interval, OdometryRecord, TrainBelief
 
@@ -24,6 +25,7 @@ class Localisation:
         "_config",
         "_pulse_m",
         "_reach_m",
+        "_recent",
         "_var_pp",
         "_var_ps",
         "_var_ss",
@@ -53,6 +55,7 @@ class Localisation:
         self.ground_low_m = self.low_m - config.ground_slack_m
         self.ground_high_m = self.high_m + config.ground_slack_m
         """Over ground, now."""
+        self._recent = RecentWay(config.max_accel_mps2)
         self._width_m = 0.0
         self._reach_m = 0.0
         """Of what was told last, from end to end and from the best guess to the further end."""
@@ -84,9 +87,18 @@ class Localisation:
         self._var_pp += spread_m * spread_m
         self.scale.forget_anchor()
 
-    def move_over_ground(self, least_m: float, most_m: float) -> None:
+    def move_over_ground(self, least_m: float, most_m: float, dt_s: float, *, steady: bool) -> None:
+        """So far in this cycle; of one that was not steady nobody knows when it went how far."""
         self.ground_low_m += least_m
         self.ground_high_m += most_m
+        if steady:
+            self._recent.add(dt_s, least_m, most_m)
+        else:
+            self._recent.forget()
+
+    def lately_m(self, age_s: float) -> tuple[float, float] | None:
+        """Least and most way over ground since then, within `ground_slack_m`, if it is known."""
+        return self._recent.since(age_s)
 
     def stretch(self, back_m: float, ahead_m: float) -> None:
         """The wheels may have told too much or too little by so much."""
@@ -100,6 +112,7 @@ class Localisation:
         self.stretch(by_m, by_m)
         self.ground_low_m -= by_m
         self.ground_high_m += by_m
+        self._recent.forget()
 
     def trust_ground(self, low_mps: float, high_mps: float, age_s: float) -> None:
         """Take the place over ground for that by the wheels, at a sample `age_s` ago."""

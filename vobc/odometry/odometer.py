@@ -225,7 +225,7 @@ class Odometry:
                 )
         if not steady:
             least_m, most_m = min(0.0, least_m), max(0.0, most_m)
-        where.move_over_ground(least_m, most_m)
+        where.move_over_ground(least_m, most_m, dt_s, steady=steady)
         self._over_m += 0.5 * (least_m + most_m)
         self._over_blur_m += 0.5 * (most_m - least_m)
         if self._slip:
@@ -323,7 +323,7 @@ class Odometry:
                 return False, refusal
         refer.accept(reading)
         refer.turned(where.pulses)
-        where.refer(front_m, since_m, over_m, bound_m, anew=lost)
+        where.refer(front_m, since_m, where.lately_m(age_s) or over_m, bound_m, anew=lost)
         where.correct(front_m, since_m[1] / where.m_per_pulse, latch_m + rough_m + off_m)
         if honest and not off_m:
             where.measure(site.position_m, reading.pulses, bound_m)
