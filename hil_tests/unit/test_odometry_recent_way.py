@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vobc.odometry.recent_way import KEPT, RecentWay
+from vobc.odometry.recent_way import RecentWay
 
 MOST_MPS2 = 1.7
 PARTS = 20
@@ -52,10 +52,11 @@ def test_nothing_is_known_of_what_was_before_the_first_cycle_or_was_forgotten() 
 
 
 def test_only_so_many_cycles_are_kept() -> None:
-    made = way(*[(0.125, 1.0, 1.0)] * (3 * KEPT))
+    """64 of an eighth of a second: 8 s."""
+    made = way(*[(0.125, 1.0, 1.0)] * 200)
 
-    assert made.since(0.125 * KEPT - 0.0625) is not None
-    assert made.since(0.125 * KEPT) is None
+    assert made.since(7.95) is not None
+    assert made.since(8.0) is None
 
 
 def test_a_cycle_that_took_no_time_adds_its_way_and_divides_by_nothing() -> None:

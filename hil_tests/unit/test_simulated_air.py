@@ -2,7 +2,10 @@
 
 from collections import Counter
 
+import pytest
+
 from metro_hil.network.air import ANSWERS_MAX, Air, LeaseRules
+from metro_hil.network.checker import ViolationError
 from metro_hil.network.net import Letter
 from zenoh_config.t2t import (
     AreaAuthority,
@@ -12,6 +15,7 @@ from zenoh_config.t2t import (
     RosterAck,
     RosterCommit,
     RosterEntry,
+    TrainReport,
 )
 
 MS = 1_000_000
@@ -50,6 +54,18 @@ class Line:
         authority = AreaAuthority(*head, 1, self.now_ns, 100.0, 0.0, 0, 1, ())
         self._stepped(train, [], [Letter((train,), authority)])
 
+    def hears_authority(self, train: int, term: int, sequence: int, echo_ns: int) -> None:
+        head = (2, train, train, term, 1, sequence, self.now_ns)
+        authority = AreaAuthority(*head, 1, echo_ns, 100.0, 0.0, 0, 1, ())
+        self._stepped(train, [authority], [])
+
+    def holds(self, train: int, term: int, sequence: int) -> None:
+        """It says which authority it holds."""
+        head = (train, 2, train, term, 1, sequence, self.now_ns)
+        place = (True, 50.0, 51.0, 0.0, 0.0, 0.0, True, 100.0, 100.0, 60.0)
+        report = TrainReport(*head, *place, term, sequence, True, 0, 0, 4, False, 0)
+        self._stepped(train, [], [Letter((2,), report)])
+
     def _stepped(self, train: int, heard: list[object], letters: list[Letter]) -> None:
         self.judge.stepped(train, self.now_ns, self.now_ns, heard, letters)
 
@@ -68,3 +84,18 @@ def test_numbers_of_requests_begin_anew_with_every_life_and_are_not_taken_for_ol
         line.asks(2, 5, nonce, ARBITERS)
         line.answers(1, 6, nonce, ARBITERS[1])
         line.issues(1, 6)
+
+
+def test_a_second_copy_that_comes_too_late_says_nothing_of_the_first_that_was_taken() -> None:
+    """Seed 2314: doubled, and held up for more than a second."""
+    line = Line()
+    line.now_ns = 5000 * MS
+    line.hears_authority(1, 6, 1, echo_ns=4000 * MS)
+    line.holds(1, 6, 1)
+    line.now_ns += 1
+    line.hears_authority(1, 6, 1, echo_ns=4000 * MS)
+    line.holds(1, 6, 1)
+
+    line.hears_authority(1, 6, 2, echo_ns=4000 * MS)
+    with pytest.raises(ViolationError, match="too old it came"):
+        line.holds(1, 6, 2)

@@ -143,9 +143,10 @@ class Air:
         if message.destination == address:
             told = self._told.setdefault((address, message.area), {})
             number = message.term, message.sequence
-            told[number] = message.end_m
-            if now_ns - message.echo_ns > self.rules.age_max_ns:
+            # A second copy may come too late; the train took the first one.
+            if number not in told and now_ns - message.echo_ns > self.rules.age_max_ns:
                 self._stale.add((address, message.area, *number))
+            told[number] = message.end_m
             if len(told) > TOLD_MAX:
                 del told[next(iter(told))]
 
