@@ -2,13 +2,17 @@
 
 import enum
 import itertools
+import math
 from bisect import bisect_right
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
 from firmware_py import settings
 
 AREA_MAX: Final = 255
+ROUNDING: Final = 1e-9
+"""Of a section's length: a shorter piece at the end of an area is none."""
 
 
 class ObjectKind(enum.IntEnum):
@@ -54,7 +58,8 @@ class AreaMap:
     areas: tuple[Area, ...]
     """In running order, each beginning where the one before ends."""
     sections: tuple[TrackSection, ...] = ()
-    """In running order, without holes, from the start of the first area to the end of the last."""
+    """In running order, without holes, from the start of the first area to the end of the last.
+    Each lies within one area: who hides in one that is of two areas would be missed by both."""
     objects: tuple[ObjectSite, ...] = ()
     """In running order; each within one area."""
     apply_m: float = 800.0
@@ -73,6 +78,12 @@ class AreaMap:
                 raise ValueError(
                     f"sections: they do not reach from {self.start_m} m to {self.end_m} m"
                 )
+            joints_m = {section.start_m for section in self.sections}
+            for area in self.areas:
+                if area.start_m not in joints_m:
+                    raise ValueError(
+                        f"sections: none begins at {area.start_m} m, where area {area.number} does"
+                    )
         for site in self.objects:
             area = self.area_at(site.start_m)
             if not area.start_m <= site.start_m < site.end_m <= area.end_m:
@@ -159,7 +170,7 @@ class Division:
     borders_m: tuple[float, ...]
     """Start of the line, borders of areas, end of the line; areas are numbered from 1."""
     section_m: float
-    """Length of the sections that count axles; the last of a line may be shorter. 0: there are
+    """Length of the sections that count axles; the last of an area may be shorter. 0: there are
     none, and nobody notices a train that says nothing."""
     apply_m: float
     objects: tuple[ObjectSite, ...] = ()
@@ -178,7 +189,7 @@ class Division:
         return AreaMap(
             self.name,
             tuple([Area(n, a, b) for n, (a, b) in enumerate(itertools.pairwise(borders_m), 1)]),
-            _sections(borders_m[0], borders_m[-1], self.section_m),
+            _sections(borders_m, self.section_m),
             self.objects,
             self.apply_m,
         )
@@ -189,12 +200,11 @@ def load_areas(name: str) -> AreaMap:
     return settings.load(Division, name, "firmware_py.trackdb.division").area_map()
 
 
-def _sections(start_m: float, end_m: float, length_m: float) -> tuple[TrackSection, ...]:
-    sections: list[TrackSection] = []
-    at_m = start_m
-    while length_m and at_m < end_m:
-        number = len(sections) + 1
-        joint_m = min(start_m + number * length_m, end_m)
-        sections.append(TrackSection(number, at_m, joint_m))
-        at_m = joint_m
-    return tuple(sections)
+def _sections(borders_m: Sequence[float], length_m: float) -> tuple[TrackSection, ...]:
+    """Sections end where areas do."""
+    ends_m: list[float] = []
+    for start_m, end_m in itertools.pairwise(borders_m if length_m else ()):
+        pieces = math.ceil((end_m - start_m) / length_m - ROUNDING)
+        ends_m += [start_m + n * length_m for n in range(1, pieces)] + [end_m]
+    joints_m = itertools.pairwise([borders_m[0], *ends_m])
+    return tuple([TrackSection(n, a, b) for n, (a, b) in enumerate(joints_m, 1)])

@@ -466,7 +466,7 @@ def test_a_report_that_is_too_old_to_be_answered_is_not_answered() -> None:
 def test_a_train_tells_where_it_is_as_far_as_sections_are_told(front_m: float, told: bool) -> None:
     """Else nothing explained its axles behind the border, and a train that stood just before it
     never got an authority again (seed 232)."""
-    line = line_of(0.0, 4000.0, 8000.0, section_m=150.0)
+    line = line_of(0.0, 4050.0, 8100.0, section_m=150.0)
     core = TrainCore(T2tConfig(), line, address=5, memory=TrainMemory(), start_ns=0)
 
     core.step(0, (), own(front_m))

@@ -75,7 +75,7 @@ class Master:
         self._unfit: set[int] = set()
         """Out of service by order of supervision."""
         self._left_ns = now_ns
-        """When the last train left the area, for what its sections may still show."""
+        """When the last train left the area near which nobody hid; its axles may still show."""
         self._beat_ns = now_ns
         self._cycle_ns = now_ns
         self._was_ready = False
@@ -185,13 +185,12 @@ class Master:
         """Departures and sieved trains first, then at most one newcomer after the other."""
         said: list[T2tMessage] = []
         records = self._known.records
-        order: Order = tuple(
-            [e for e in self.roster.proposed if not self._has_passed(records[e.train].rear_m)]
-        )
+        left = [e for e in self.roster.proposed if self._has_passed(records[e.train].rear_m)]
+        order: Order = tuple([e for e in self.roster.proposed if e not in left])
         order, gone = self._newborns.settle(
             order, lambda report: self._scene(now_ns, report), self._known, now_ns
         )
-        if len(order) < len(self.roster.proposed):
+        if any(self._guards.sieved(each.sieved) for each in left):
             self._left_ns = now_ns
         changed = order != self.roster.proposed
         self._applicants.update({report.source: (report, at_ns) for report, at_ns in gone})
@@ -283,9 +282,9 @@ class Master:
                 and self._known.has_promised(record)
                 and self._known.is_alive(record.heard_ns, now_ns)
             ):
-                hidden = self._known.hidden_before(
-                    record, ahead if alone_there else None, self._track, self._open_end(ahead)
-                )
+                alone = ahead if alone_there else None
+                open_end = self._open_end(alone)
+                hidden = self._known.hidden_before(record, alone, self._track, open_end)
                 authority = self._authority(now_ns, record, ahead, [*barred, *hidden], rank)
                 issued += [] if authority is None else [authority]
             ahead, alone_there = record, self._guards.sieved(entry.sieved)
