@@ -152,7 +152,7 @@ class AreaAuthority(T2tMessage):
     """The master to one train: the front must never pass `end_m`.
 
     It covers the metres of its area only. Where it reaches the area's end, the authority of the
-    area that follows says how much farther; without one the border is the end.
+    area that follows says how much farther; without one it ends some metres before the border.
     """
 
     to_boot: int

@@ -235,7 +235,7 @@ def test_without_a_permit_of_the_area_behind_the_border_a_train_stops_before_it(
 
     rig.run(60_000)
 
-    assert 1190.0 < train.front_m < 1200.0
+    assert 1180.0 < train.front_m < 1189.0
     assert train.speed_mps < 1.0
     assert train.emergencies == 0
 

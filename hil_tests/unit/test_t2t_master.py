@@ -2,6 +2,7 @@
 
 import pytest
 
+from firmware_py.trackdb.areas import ObjectKind, ObjectSite
 from hil_tests.unit.t2t_chair import (
     ARBITERS,
     LENGTH_M,
@@ -22,6 +23,9 @@ from zenoh_config.t2t import (
     AdmissionState,
     AreaAuthority,
     Heartbeat,
+    ObjectClaim,
+    ObjectState,
+    ObjectStatus,
     OrderKind,
     Phase,
     RosterCommit,
@@ -42,6 +46,17 @@ class TestBefore:
             assert (commit.source, commit.area, commit.term, commit.boot) == (OWN, 1, TERM, 9)
         assert [each.sequence for each in commits] == [2, 3, 4]
         assert chair.master.next_due_ns() == 50 * MS
+
+    def test_it_is_to_be_asked_at_once_and_claims_nothing(self) -> None:
+        site = ObjectSite(3, ObjectKind.CROSSING, 1500.0, 1520.0)
+        chair = Chair(kept=False, objects=(site,))
+        assert chair.master.next_due_ns() == 0
+        chair.reports(1, 900.0)
+        head = (0, BROADCAST, 1, TERM, 1, 1, 0)
+        chair.hears(ObjectStatus(*head, site.number, ObjectState.FREE, 0, 0, False))
+        assert of(ObjectClaim, chair.step(0)) == []
+        chair.keeps()
+        assert len(of(ObjectClaim, chair.step(0))) == 1
 
     def test_only_those_are_asked_again_that_have_not_answered(self) -> None:
         chair = Chair(kept=False)
@@ -185,7 +200,8 @@ class TestTrack:
         self, seen_ms: int, end_m: float
     ) -> None:
         """It left at 0.1 s; in a millisecond a train comes 4 cm nearer to the end at the most."""
-        chair = Chair(sections=True, now_ms=100)
+        chair = Chair(sections=True)
+        chair.now_ns = 100 * MS
         chair.track(axles={1: 16, 4: 4}, seen_ms=seen_ms)
         chair.reports(1, 2090.0)
         chair.step(0)
@@ -193,7 +209,6 @@ class TestTrack:
         chair.keeps()
         chair.reports(2, 500.0)
         assert authorities(chair.step())[2].end_m == end_m
-
 
     @pytest.mark.parametrize("heard_ms", [100, 110, 600])
     def test_what_stands_near_an_unsieved_train_ahead_is_no_less_in_the_way_by_what_that_says(
@@ -217,6 +232,7 @@ class TestTrack:
         chair.keeps()
         chair.reports(2, 500.0)
         assert authorities(chair.step())[2].end_m == 1489.0
+
 
 class TestAuthority:
     def test_it_answers_the_report_and_reaches_to_the_end_of_the_area(self) -> None:
@@ -296,12 +312,27 @@ class TestAuthority:
         """The train ahead rolled back nearer than it may: 7 m behind its rear is behind 415 m."""
         chair = Chair()
         chair.reports(1, 501.0)
-        chair.reports(2, 500.0, rear_min_m=420.0, protected_m=420.0)
-        chair.master._known.records[1].rear_m = 421.0
+        chair.reports(2, 500.0, latent_m=501.0)
+        chair.master._known.records[1].rear_m = 421.9
         assert 2 not in authorities(chair.step(0))
         chair.master._known.records[1].rear_m = 422.0
-        chair.reports(2, 500.0, latent_m=501.0)
         assert authorities(chair.step())[2].end_m == 415.0
+
+    @pytest.mark.parametrize(
+        ("shut_m", "end_m"), [((1490.0, 1600.0), 1490.0), ((1500.0, 1510.0), 1500.0)]
+    )
+    def test_of_several_things_in_the_way_the_nearest_counts_and_of_two_there_the_shorter(
+        self, shut_m: tuple[float, float], end_m: float
+    ) -> None:
+        """What is only unsure of would have left the train what it was granted."""
+        site = ObjectSite(3, ObjectKind.CROSSING, 1500.0, 1520.0)
+        chair = Chair((entry(1, 900.0),), sections=True, objects=(site,))
+        head = (0, BROADCAST, 1, TERM, 1, 1, 0)
+        chair.hears(ObjectStatus(*head, site.number, ObjectState.LOCKED, 0, 0, False))
+        chair.track(axles={2: 16}, closed=(SpeedRestriction(*shut_m, 0.0),))
+        chair.reports(1, 900.0, latent_m=1900.0)
+
+        assert authorities(chair.step(0))[1].end_m == end_m
 
     def test_a_stopped_train_gets_no_farther_than_it_is(self) -> None:
         chair = Chair()
@@ -329,9 +360,9 @@ class TestRoster:
     def test_a_newcomer_is_proposed_told_and_committed_at_once(self) -> None:
         chair = Chair()
         chair.reports(1, 950.0)
-        chair.reports(3, 200.0)
+        told, heard_ns = chair.reports(3, 200.0), chair.now_ns
 
-        said = chair.step(0)
+        said = chair.step(20)
 
         assert chair.order() == [1, 2, 3]
         assert [each.rear_m for each in chair.master.roster.proposed] == [870.0, 420.0, 120.0]
@@ -345,6 +376,8 @@ class TestRoster:
         assert {each.version for each in of(RosterCommit, said)} == {2}
         assert [each.roster_version for each in of(Heartbeat, said)] == [2]
         assert 3 not in authorities(said)
+        assert chair.master._known.records[3].report is told
+        assert chair.master._known.records[3].heard_ns == heard_ns
         chair.keeps()
         chair.reports(3, 200.0)
         assert 3 in authorities(chair.step())
@@ -354,11 +387,14 @@ class TestRoster:
         chair.step(0)
         chair.step(60)
         chair.reports(3, 200.0)
-        assert len(of(RosterCommit, chair.step(40))) == 3
+        chair.reports(1, 900.0)
+        said = chair.step(10)
+        assert list(authorities(said)) == [1], "it is due, as it had not been granted anything"
+        assert len(of(RosterCommit, said)) == 3
         chair.keeps()
         chair.reports(4, 100.0, rear_min_m=20.0)
         assert of(RosterCommit, chair.step(20)) == []
-        assert chair.master.next_due_ns() == 150 * MS
+        assert chair.master.next_due_ns() == 120 * MS
 
     def test_one_change_is_kept_before_the_next_is_made(self) -> None:
         chair = Chair()

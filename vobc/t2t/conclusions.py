@@ -156,8 +156,7 @@ class Conclusions:
         if found is None:
             return []
         # What hides hangs over behind its last axle, and may roll back.
-        room_m = self._config.overhang_m + self._config.behind_rear_m
-        return [found._replace(start_m=found.start_m - room_m)]
+        return [found._replace(start_m=found.start_m - self._config.behind_axle_m)]
 
     def sync_entries(self) -> tuple[SyncEntry, ...]:
         return tuple(

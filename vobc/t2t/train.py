@@ -198,7 +198,8 @@ class TrainCore:
 
     def _authority(self, now_ns: int, own: OwnTrain) -> HeldAuthority | None:
         """Area by area from where the front is: one that reaches its border is continued by the
-        next.
+        next. Without that it ends before the border: somebody may hide just beyond it, with axles
+        that only the next area counts.
         """
         area: Area | None = self._line.area_at(own.front_min_m)
         result: HeldAuthority | None = None
@@ -221,20 +222,24 @@ class TrainCore:
                 else (*result.restrictions, *held.restrictions),
             )
             if held.end_m < area.end_m:
-                break
+                return result
             area = self._line.following(area.number)
-        return result
+        if result is None or area is None:
+            return result
+        before_m = area.start_m - self._config.behind_axle_m
+        return result._replace(end_m=max(before_m, min(result.end_m, own.front_max_m)))
 
     def _continues(self, desk: AreaDesk, echo_ns: int, now_ns: int, own: OwnTrain) -> bool:
         """Whether the authority of the next area lengthens that of this one.
 
-        While the train stops before the border with ease, one that grows old is left out: it would
-        only make the whole look old.
+        While the train stops before it with ease, one that grows old is left out: it would only
+        make the whole look old.
         """
         if not desk.member.is_young(now_ns):
             return False
         old_ns = self._config.timers.authority_ms * NS_PER_MS // 2
-        return now_ns - echo_ns < old_ns or own.easy_m > desk.area.start_m
+        before_m = desk.area.start_m - self._config.behind_axle_m
+        return now_ns - echo_ns < old_ns or own.easy_m > before_m
 
     def _takes_no_part(self, now_ns: int) -> Stepped:
         """Nothing is said, nothing obeyed: others protect the train by what they know of it."""

@@ -46,6 +46,11 @@ class T2tConfig:
         """No authority of a train behind comes nearer to the protected rear of the one ahead."""
         return self.rollback_m + self.jog_m
 
+    @property
+    def behind_axle_m(self) -> float:
+        """No train comes nearer to the last axle of one that says nothing."""
+        return self.overhang_m + self.behind_rear_m
+
 
 class OwnTrain(NamedTuple):
     """What the train's own controller knows in this step."""
