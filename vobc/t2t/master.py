@@ -273,7 +273,7 @@ class Master:
         barred += admission.kept_free(self._applicants.values(), self._known.records, self._config)
         issued: list[T2tMessage] = []
         ahead: Record | None = None
-        alone_there = True
+        alone: Record | None = None
         for rank, entry in enumerate(self.roster.proposed, start=1):
             record = self._known.records[entry.train]
             if (
@@ -282,12 +282,12 @@ class Master:
                 and self._known.has_promised(record)
                 and self._known.is_alive(record.heard_ns, now_ns)
             ):
-                alone = ahead if alone_there else None
+                # Near one that is not sieved somebody may hide: it tells nothing of its sections.
                 open_end = self._open_end(alone)
                 hidden = self._known.hidden_before(record, alone, self._track, open_end)
                 authority = self._authority(now_ns, record, ahead, [*barred, *hidden], rank)
                 issued += [] if authority is None else [authority]
-            ahead, alone_there = record, self._guards.sieved(entry.sieved)
+            ahead, alone = record, record if self._guards.sieved(entry.sieved) else None
         return [*self._sync(now_ns), *issued]
 
     def _authority(
