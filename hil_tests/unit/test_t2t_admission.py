@@ -1,16 +1,29 @@
-"""What trains mean to others while they have no place on the roster."""
+"""Who gets a place on the roster and where, and what trains mean to others that have none yet."""
 
 from dataclasses import replace
 
 import pytest
 
 from firmware_py.trackdb.areas import Area
-from vobc.t2t.admission import kept_free, may_explain
-from vobc.t2t.authority import Bar, Stretch
+from vobc.t2t.admission import (
+    Scene,
+    Waiting,
+    admitted,
+    foremost_first,
+    is_sieved,
+    kept_free,
+    may_explain,
+    standing_of,
+)
+from vobc.t2t.authority import Bar, Counted, Standing, Stretch
+from vobc.t2t.guards import MasterGuards
+from vobc.t2t.roster import Order
+from vobc.t2t.table import Record
 from vobc.t2t.vocabulary import T2tConfig
-from zenoh_config.t2t import TrainReport
+from zenoh_config.t2t import AdmissionState, RosterEntry, TrainReport
 
 AREA = Area(1, 1000.0, 2000.0)
+BEFORE = Area(4, 0.0, 1000.0)
 CONFIG = T2tConfig(rollback_m=2.0, jog_m=5.0)
 
 
@@ -53,3 +66,184 @@ def test_who_has_no_place_on_the_roster_explains_axles_from_outside_of_the_area_
     assert may_explain(told, {1, 2}, AREA) is explains
     assert may_explain(told, {1, 2, 3}, AREA)
     assert not may_explain(replace(told, localised=False), {1, 2, 3}, AREA)
+
+
+def order_of(*trains: tuple[int, float]) -> Order:
+    return tuple([RosterEntry(train, rear_m, True, 1) for train, rear_m in trains])
+
+
+def scene_of(order: Order, reserved_m: dict[int, float] | None = None) -> Scene:
+    """At the start of a line that counts no axles."""
+    records = {each.train: Record(each.train, each.rear_m, 0, boot=1) for each in order}
+    return Scene(AREA, None, records, reserved_m or {}, None, ())
+
+
+def admit(
+    order: Order, told: TrainReport, scene: Scene, config: T2tConfig = CONFIG
+) -> Order | Waiting:
+    return admitted(order, told, scene, config, MasterGuards())
+
+
+THREE = order_of((7, 1800.0), (8, 1600.0), (9, 1400.0))
+THREE_RESERVED_M = {7: 1810.0, 8: 1610.0, 9: 1410.0}
+
+
+@pytest.mark.parametrize(
+    ("rear_m", "trains"),
+    [
+        (1850.0, [3, 7, 8, 9]),
+        (1650.0, [7, 3, 8, 9]),
+        (1450.0, [7, 8, 3, 9]),
+        (1200.0, [7, 8, 9, 3]),
+    ],
+)
+def test_a_newcomer_joins_the_roster_where_it_stands_and_nobody_else_moves(
+    rear_m: float, trains: list[int]
+) -> None:
+    told = report(rear_m, rear_m + 85.0)
+
+    order = admit(THREE, told, scene_of(THREE, THREE_RESERVED_M))
+
+    assert isinstance(order, tuple)
+    assert [each.train for each in order if isinstance(each, RosterEntry)] == trains
+    assert order[trains.index(3)] == RosterEntry(3, rear_m, True, 1)
+    assert tuple(each for each in order if each != order[trains.index(3)]) == THREE
+
+
+def test_the_first_train_of_an_area_meets_nobody_and_joins() -> None:
+    assert admit((), report(1500.0, 1585.0), scene_of(())) == (RosterEntry(3, 1500.0, True, 1),)
+
+
+@pytest.mark.parametrize("rear_m", [-300.0, 3.0, 7.5])
+def test_whoever_has_nobody_behind_it_may_stand_wherever_a_line_begins(rear_m: float) -> None:
+    order = order_of((1, 1700.0))
+
+    result = admit(order, report(rear_m, rear_m + 85.0), scene_of(order))
+
+    assert result == (*order, RosterEntry(3, rear_m, True, 1))
+
+
+@pytest.mark.parametrize(("reserved_m", "joins"), [(1493.0, True), (1493.1, False)])
+def test_the_train_behind_must_not_reach_where_a_newcomer_may_set_back_to(
+    reserved_m: float, *, joins: bool
+) -> None:
+    order = order_of((1, 1700.0), (2, 1200.0))
+
+    result = admit(order, report(1500.0, 1585.0), scene_of(order, {1: 1900.0, 2: reserved_m}))
+
+    assert (result == Waiting(AdmissionState.UNPLACED, 2)) is not joins
+
+
+def test_before_a_train_of_which_nobody_knows_what_it_holds_nobody_joins() -> None:
+    order = order_of((1, 1700.0), (2, 1200.0))
+
+    result = admit(order, report(1500.0, 1585.0), scene_of(order))
+
+    assert result == Waiting(AdmissionState.UNPLACED, 2)
+
+
+@pytest.mark.parametrize(("ahead_m", "joins"), [(1587.0, True), (1586.9, False)])
+def test_a_newcomer_must_not_stand_where_the_train_ahead_may_roll_back_to(
+    ahead_m: float, *, joins: bool
+) -> None:
+    order = order_of((6, 1900.0), (1, ahead_m))
+
+    result = admit(order, report(1500.0, 1585.0), scene_of(order))
+
+    assert (result == Waiting(AdmissionState.UNPLACED, 1)) is not joins
+
+
+def test_whose_front_touches_a_rear_stands_behind_it() -> None:
+    order = order_of((1, 1585.0))
+    rigid = T2tConfig(rollback_m=0.0, jog_m=5.0)
+
+    result = admit(order, report(1500.0, 1585.0), scene_of(order), rigid)
+
+    assert result == (*order, RosterEntry(3, 1500.0, True, 1))
+
+
+def test_a_newcomer_stands_before_the_first_train_that_is_not_ahead_of_it() -> None:
+    """The roster knows the order better than places do that are bounds only."""
+    order = order_of((1, 1200.0), (2, 1900.0))
+
+    result = admit(order, report(1500.0, 1585.0), scene_of(order, {1: 1300.0, 2: 1300.0}))
+
+    assert result == (RosterEntry(3, 1500.0, True, 1), *order)
+
+
+@pytest.mark.parametrize(("trains", "full"), [(127, False), (128, True), (129, True)])
+def test_a_roster_of_128_trains_takes_nobody_any_more(trains: int, *, full: bool) -> None:
+    order = order_of(*[(10 + at, 1990.0) for at in range(trains)])
+
+    result = admit(order, report(1500.0, 1585.0), scene_of(order))
+
+    assert (result == Waiting(AdmissionState.FULL, 0)) is full
+
+
+@pytest.mark.parametrize(
+    ("comes_from", "behind", "joins"),
+    [(4, 0, True), (4, 1, True), (4, 6, False), (4, 2, False), (0, 0, False), (1, 1, False)],
+)
+def test_over_the_border_only_comes_who_is_commanded_there_behind_who_is_last_here(
+    comes_from: int, behind: int, *, joins: bool
+) -> None:
+    order = order_of((6, 1800.0), (1, 1400.0), (2, 500.0))
+    told = replace(report(915.0, 1000.0), comes_from=comes_from, behind=behind)
+    scene = scene_of(order, {2: 600.0})._replace(before=BEFORE)
+
+    result = admit(order, told, scene)
+
+    came = (*order[:2], RosterEntry(3, 915.0, True, 1), order[2])
+    assert result == (came if joins else Waiting(AdmissionState.WAITS, behind))
+
+
+AXLES = (Counted(900.0, 1000.0, True, 16), Counted(1000.0, 1100.0, True, 16))
+"""Of one train more than the newcomer."""
+
+
+@pytest.mark.parametrize(
+    ("front_m", "before", "sieved"),
+    [(1000.0, BEFORE, True), (1000.1, BEFORE, False), (1000.0, None, False), (990.0, None, False)],
+)
+def test_whoever_is_commanded_up_to_the_border_needs_no_counting_and_all_others_do(
+    front_m: float, before: Area | None, *, sieved: bool
+) -> None:
+    told = replace(report(915.0, front_m), comes_from=4)
+
+    result = admit((), told, scene_of(())._replace(before=before, counted=AXLES))
+
+    assert result == (RosterEntry(3, 915.0, sieved, 1),)
+
+
+def test_within_an_area_nobody_needs_to_come_from_another() -> None:
+    scene = scene_of(())._replace(before=BEFORE)
+
+    assert admit((), replace(report(1500.0, 1585.0), behind=9), scene) == (
+        RosterEntry(3, 1500.0, True, 1),
+    )
+
+
+def test_nothing_hides_near_a_train_that_stands_where_as_many_axles_are_as_it_has() -> None:
+    told = report(1005.0, 1090.0)
+    alone = scene_of(())._replace(counted=(Counted(1000.0, 1100.0, True, 16),))
+    crowded = alone._replace(counted=(Counted(1000.0, 1100.0, True, 32),))
+
+    assert is_sieved(told, alone) is True
+    assert is_sieved(told, crowded) is False
+    assert is_sieved(told, crowded._replace(standing=(Standing(1010.0, 1080.0, 16),))) is True
+    assert is_sieved(told, alone._replace(counted=())) is False
+    assert is_sieved(replace(told, standstill=False), alone) is False
+
+
+def test_on_a_line_that_counts_no_axles_everybody_is_believed() -> None:
+    assert is_sieved(replace(report(1005.0, 1090.0), standstill=False), scene_of(())) is True
+
+
+def test_a_newcomer_stands_with_all_its_axles_between_its_bounds() -> None:
+    assert standing_of(report(1500.0, 1585.0)) == Standing(1500.0, 1585.0, 16)
+
+
+def test_applicants_are_taken_from_the_foremost_back_and_side_by_side_by_their_number() -> None:
+    told = {train: (report(0.0, at_m), 7) for train, at_m in ((1, 900.0), (9, 950.0), (4, 950.0))}
+
+    assert [train for train, _ in sorted(told.items(), key=foremost_first)] == [4, 9, 1]

@@ -10,11 +10,13 @@ from vobc.t2t.authority import (
     Bar,
     Counted,
     Course,
+    Seen,
     Space,
     Standing,
     Stretch,
     end_of_authority_m,
     explained,
+    unexplained,
 )
 from vobc.t2t.table import cleared_to_m
 from zenoh_config.t2t import SectionState
@@ -88,6 +90,80 @@ def test_what_lies_behind_a_train_does_not_concern_it() -> None:
     assert end_of_authority_m(course(granted_m=900.0), between(400.0, 421.0, Bar.SHUT)) == 500.0
 
 
+def test_an_authority_is_never_longer_than_the_line_allows() -> None:
+    assert end_of_authority_m(course(), SPACE._replace(longest_m=1499.0)) == 1999.0
+    assert end_of_authority_m(course(), SPACE._replace(longest_m=1501.0)) == 2000.0
+
+
+def test_a_train_that_shall_stop_where_it_stands_is_told_so_even_if_it_holds_no_more() -> None:
+    assert end_of_authority_m(course(stopped=True), SPACE) == 500.0
+
+
+def test_a_train_that_shall_stop_keeps_its_distance_all_the_same() -> None:
+    bound = course(stopped=True, granted_m=900.0, ahead_m=505.0)
+
+    assert end_of_authority_m(bound, SPACE) == 498.0
+
+
+@pytest.mark.parametrize("bar", list(Bar))
+@pytest.mark.parametrize("ahead_m", [807.0, 800.0])
+def test_what_begins_where_an_authority_ends_anyway_does_not_concern_it(
+    bar: Bar, ahead_m: float
+) -> None:
+    bound = course(granted_m=900.0, easy_m=900.0, ahead_m=ahead_m)
+
+    assert end_of_authority_m(bound, between(800.0, 840.0, bar)) == ahead_m - 7.0
+
+
+def test_what_an_authority_would_end_in_shortens_it_to_its_start() -> None:
+    bound = course(ahead_m=827.0)
+
+    assert end_of_authority_m(bound, between(800.0, 840.0, Bar.SHUT)) == 800.0
+
+
+@pytest.mark.parametrize("bar", list(Bar))
+def test_a_train_that_touches_the_start_of_something_is_not_in_it(bar: Bar) -> None:
+    assert end_of_authority_m(course(), between(500.0, 540.0, bar)) == 500.0
+
+
+@pytest.mark.parametrize("granted_m", [480.0, 500.0, 900.0])
+@pytest.mark.parametrize(
+    ("bar", "end_m"), [(Bar.SHUT, 500.0), (Bar.UNSURE, None), (Bar.CLOSING, 2000.0)]
+)
+def test_a_train_that_stands_in_something_stops_there_or_waits_or_leaves_it(
+    bar: Bar, granted_m: float, end_m: float | None
+) -> None:
+    """Whatever it was granted: it may have come by an authority of the area before."""
+    bound = course(granted_m=granted_m)
+
+    assert end_of_authority_m(bound, between(490.0, 540.0, bar)) == end_m
+
+
+@pytest.mark.parametrize("bar", [Bar.SHUT, Bar.UNSURE])
+def test_beyond_what_closes_too_late_for_a_train_the_next_thing_stops_it(bar: Bar) -> None:
+    space = SPACE._replace(
+        stretches=(Stretch(700.0, 720.0, Bar.CLOSING), Stretch(900.0, 920.0, bar))
+    )
+
+    assert end_of_authority_m(course(granted_m=800.0, easy_m=750.0), space) == 900.0
+
+
+def test_behind_a_train_nothing_hides_what_lies_ahead() -> None:
+    space = SPACE._replace(
+        stretches=(Stretch(300.0, 320.0, Bar.SHUT), Stretch(900.0, 920.0, Bar.SHUT))
+    )
+
+    assert end_of_authority_m(course(), space) == 900.0
+
+
+def test_a_train_in_a_shut_stretch_is_stopped_whatever_else_begins_there() -> None:
+    space = SPACE._replace(
+        stretches=(Stretch(480.0, 540.0, Bar.SHUT), Stretch(490.0, 540.0, Bar.UNSURE))
+    )
+
+    assert end_of_authority_m(course(granted_m=900.0), space) == 500.0
+
+
 METRES = st.floats(0.0, 1900.0)
 
 
@@ -132,6 +208,14 @@ def sections(*axles: int) -> list[Counted]:
         ((0, 16, 16), [Standing(1210.0, 1290.0, 16)], False),
         ((16, 16, 0), [Standing(199.0, 279.0, 16)], False),  # That one only looks in.
         ((0, 0, 0), [], False),  # It says it is where nobody is.
+        ((16, 0, 16), [], False),
+        ((0, 0, 16), [Standing(210.0, 290.0, 16)], False),
+        ((16, 16), [Standing(10.0, 90.0, 16)], True),  # Up to either end of what is counted.
+        ((16, 16, 16), [Standing(10.0, 90.0, 16), Standing(210.0, 290.0, 16)], True),
+        ((0, 16, 0), [Standing(160.0, 240.0, 16)], True),  # With its middle at the joint.
+        ((0, 32, 0), [Standing(160.0, 239.8, 16)], True),
+        ((0, 16, 0), [Standing(60.0, 140.0, 16)], True),
+        ((0, 32, 0), [Standing(60.2, 140.0, 16)], True),
     ],
 )
 def test_axles_around_a_train_are_explained_by_trains_that_say_they_are_there(
@@ -157,3 +241,75 @@ def test_a_silent_train_is_past_the_clear_sections_behind_it_but_for_its_overhan
     told = [(n * 100.0, n * 100.0 + 100.0, SectionState(n, o, 0)) for n, o in enumerate(occupied)]
 
     assert cleared_to_m(rear_m, told, overhang_m=4.0) == to_m
+
+
+@pytest.mark.parametrize(
+    ("axles", "rear_m", "front_m", "answer"),
+    [
+        ((16, 0, 16), 5.0, 95.0, True),
+        ((16, 0, 16), 205.0, 295.0, True),
+        ((16, 0, 0, 16), 50.0, 148.0, True),  # Its front hangs over into a clear section.
+        ((0, 16, 0, 16), 115.0, 210.0, True),
+        ((16, 0, 16), 100.0, 200.0, False),  # Only the neighbours' sections are occupied.
+        ((16, 0, 16), 99.9, 190.0, False),  # It cannot be there with that little of it.
+        ((8, 8), 60.0, 140.0, True),
+    ],
+)
+def test_only_sections_that_it_is_in_and_those_that_hang_together_with_them_are_counted(
+    axles: tuple[int, ...], rear_m: float, front_m: float, *, answer: bool
+) -> None:
+    assert explained(sections(*axles), Standing(rear_m, front_m, 16), []) is answer
+
+
+@pytest.mark.parametrize(("rear_m", "front_m"), [(115.0, 200.0), (200.0, 285.0)])
+def test_a_train_up_to_a_joint_is_not_behind_it_and_another_there_does_not_explain_it(
+    rear_m: float, front_m: float
+) -> None:
+    there = (0, 16) if rear_m >= 200.0 else (0, 0, 16)
+    other = Standing(110.0, 190.0, 16) if rear_m >= 200.0 else Standing(210.0, 290.0, 16)
+
+    assert explained(sections(*there, 0), Standing(rear_m, front_m, 16), [other]) is False
+
+
+def test_a_section_that_is_seen_clear_counts_for_nothing() -> None:
+    told = sections(0, 16, 0)
+    told[2] = Counted(200.0, 300.0, False, 4)
+
+    assert explained(told, Standing(115.0, 198.0, 16), []) is True
+
+
+@pytest.mark.parametrize(
+    ("start_m", "end_m", "hides"),
+    [
+        (500.0, 800.0, True),
+        (499.9, 800.0, False),  # The one behind may have come so far.
+        (500.0, 800.1, False),  # The one ahead may have been there.
+        (500.1, 799.9, True),
+        (100.0, 200.0, False),
+        (900.0, 950.0, False),
+    ],
+)
+def test_between_500_and_800_m_an_occupied_section_is_of_somebody_unknown(
+    start_m: float, end_m: float, *, hides: bool
+) -> None:
+    section = Seen(start_m, end_m)
+
+    found = unexplained([section], beyond_m=500.0, before_m=800.0)
+
+    assert found == (section if hides else None)
+
+
+def test_the_first_section_that_nobody_can_be_in_is_the_one_that_is_told() -> None:
+    seen = [Seen(400.0, 500.0), Seen(500.0, 600.0), Seen(600.0, 700.0)]
+
+    assert unexplained(seen, beyond_m=450.0, before_m=800.0) == Seen(500.0, 600.0)
+    assert unexplained([], beyond_m=450.0, before_m=800.0) is None
+
+
+@pytest.mark.parametrize("begins_m", [490.0, 600.0])
+def test_doubt_does_not_keep_a_train_going_that_supervision_stops(begins_m: float) -> None:
+    doubt = Stretch(begins_m, 640.0, Bar.UNSURE)
+    space = SPACE._replace(stretches=(doubt,))
+
+    assert end_of_authority_m(course(granted_m=900.0), space) is None
+    assert end_of_authority_m(course(granted_m=900.0, stopped=True), space) == 500.0

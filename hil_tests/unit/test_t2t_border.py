@@ -28,9 +28,16 @@ def test_an_authority_to_the_border_ends_before_whoever_may_hide_just_beyond_it(
     assert end_m(own(1500.0), authority(BORDER_M, 1)) == BORDER_M - ROOM_M
 
 
-@pytest.mark.parametrize("short_m", [1200.0, 1989.5, 1999.9])
-def test_one_that_ends_before_it_by_itself_is_left_as_it_is(short_m: float) -> None:
-    """Its master knows why, and by the protected rear of whom."""
+@pytest.mark.parametrize("end", [1989.1, 1995.0, 1999.9])
+def test_one_that_ends_close_to_the_border_by_itself_ends_there_too(end: float) -> None:
+    """Unless the next area has a say, which then knows of nobody there."""
+    assert end_m(own(1500.0), authority(end, 1)) == BORDER_M - ROOM_M
+    assert end_m(own(1500.0), authority(end, 1), authority(3000.0, 1, area=2)) == end
+    assert end_m(own(1500.0), authority(end, 1), borders_m=(0.0, BORDER_M)) == end
+
+
+@pytest.mark.parametrize("short_m", [1200.0, 1988.9, 1989.0])
+def test_one_that_ends_farther_from_it_is_left_as_it_is(short_m: float) -> None:
     assert end_m(own(1100.0), authority(short_m, 1)) == short_m
 
 

@@ -28,6 +28,7 @@ from zenoh_config.t2t import (
     ObjectStatus,
     OrderKind,
     Phase,
+    RosterAck,
     RosterCommit,
 )
 
@@ -75,6 +76,12 @@ class TestBefore:
         chair = Chair(kept=False)
         chair.keeps(version, term=term)
 
+        assert [each.phase for each in of(Heartbeat, chair.step())] == [Phase.FENCING]
+
+    def test_an_arbiter_of_another_line_is_none_of_the_majority(self) -> None:
+        chair = Chair(kept=False)
+        for arbiter in (65_001, 65_004, 65_005):
+            chair.hears(RosterAck(*chair.head(arbiter), 1))
         assert [each.phase for each in of(Heartbeat, chair.step())] == [Phase.FENCING]
 
     def test_nothing_is_said_once_the_lease_does_not_outlast_the_saying(self) -> None:

@@ -5,17 +5,22 @@ import dataclasses
 
 import pytest
 
+from firmware_py.trackdb.areas import Area
 from hil_tests.unit.test_t2t_regressions import ROSTER, Command
 from metro_hil.network.crew import Cast
 from metro_hil.network.depot import Depot
 from metro_hil.network.line_world import LineWorld, draw, line_of_areas
 from metro_hil.network.world import Setting
+from vobc.t2t.admission import Scene
 from vobc.t2t.authority import Counted
-from vobc.t2t.newborn import Evidence, Former, Whereabouts, is_clear, whereabouts
-from vobc.t2t.table import Record
+from vobc.t2t.conclusions import Conclusions
+from vobc.t2t.guards import MasterGuards
+from vobc.t2t.newborn import Evidence, Former, Newborns, Whereabouts, is_clear, whereabouts
+from vobc.t2t.roster import Order
+from vobc.t2t.table import Record, TrainTable
 from vobc.t2t.train import TrainCore
 from vobc.t2t.vocabulary import OwnTrain, T2tConfig, TrainMemory
-from zenoh_config.t2t import TrainReport
+from zenoh_config.t2t import RosterEntry, TrainReport
 
 NOTHING = Evidence(sieved=False, clear=False, recent=False)
 BEHIND_M = 7.0
@@ -36,7 +41,7 @@ def found(rear_m: float, evidence: Evidence = NOTHING, *behind: Record) -> Where
     return whereabouts(former, report_at(rear_m), evidence, behind_rear_m=BEHIND_M)
 
 
-@pytest.mark.parametrize("rear_m", [1000.0, 1300.0, 996.0, 989.1])
+@pytest.mark.parametrize("rear_m", [1000.0, 1300.0, 996.0, 989.1, 989.0])
 def test_whoever_can_still_be_where_it_was_is_taken_to_be_there(rear_m: float) -> None:
     assert found(rear_m) is Whereabouts.IN_PLACE
 
@@ -58,6 +63,27 @@ def test_whoever_is_behind_a_train_that_was_behind_it_has_been_away() -> None:
     assert found(1000.0, NOTHING._replace(sieved=True), heard) is Whereabouts.GONE
 
 
+def test_whoever_touches_a_train_that_was_behind_it_has_not_been_away() -> None:
+    heard = Record(2, 1084.0, 0, report=report_at(1084.0, train=2), boot=1)
+
+    assert found(1000.0, NOTHING, heard) is Whereabouts.IN_PLACE
+
+
+def test_one_train_of_those_behind_is_enough_to_show_that_it_has_been_away() -> None:
+    ahead = Record(2, 1085.0, 0, report=report_at(1085.0, train=2), boot=1)
+    behind = Record(3, 400.0, 0, report=report_at(400.0, train=3), boot=1)
+
+    assert found(1000.0, NOTHING, ahead, behind) is Whereabouts.UNSURE
+
+
+def test_all_trains_behind_must_have_been_heard_for_their_order_to_be_known() -> None:
+    heard = Record(2, 400.0, 0, report=report_at(400.0, train=2), boot=1)
+    unheard = Record(3, 200.0, 0, boot=1)
+
+    assert found(1000.0, NOTHING, heard) is Whereabouts.IN_PLACE
+    assert found(1000.0, NOTHING, heard, unheard) is Whereabouts.UNSURE
+
+
 def test_as_long_as_a_train_behind_was_never_heard_nobody_knows_their_order() -> None:
     unheard = Record(2, 400.0, 0, boot=1)
 
@@ -68,10 +94,343 @@ def test_as_long_as_a_train_behind_was_never_heard_nobody_knows_their_order() ->
 def test_only_sections_that_were_counted_show_that_a_place_is_empty() -> None:
     sections = [Counted(0.0, 500.0, True, 16), Counted(500.0, 1000.0, False, 0)]
 
-    assert is_clear(sections, 500.0)
-    assert not is_clear(sections, 499.0)
-    assert not is_clear([], 499.0)
-    assert not is_clear(None, 499.0)
+    assert is_clear(sections, 500.0) is True
+    assert is_clear(sections, 499.0) is False
+    assert is_clear(sections[:1], 499.0) is False
+    assert is_clear([], 499.0) is False
+    assert is_clear(None, 499.0) is False
+
+
+NOW_NS = 60_000_000_000
+ANEW = (1, 900.0)
+"""The train that begins anew in what follows, where nothing else is said, and its former rear."""
+
+
+class OneArea:
+    """A master's area from 0 to 3000 m, behind another one where one is said to be before it."""
+
+    def __init__(
+        self,
+        *trains: tuple[int, float],
+        counted: tuple[Counted, ...] | None = None,
+        before: Area | None = None,
+        start_m: float = 0.0,
+        sieved: bool = False,
+    ) -> None:
+        self.order: Order = tuple([RosterEntry(train, at, sieved, 1) for train, at in trains])
+        self.known = Conclusions(5, TrainTable(), T2tConfig(), MasterGuards())
+        self.known.begin_with(self.order, 0)
+        self.newborns = Newborns(T2tConfig(), MasterGuards())
+        self._area, self._before, self._counted = Area(1, start_m, 3000.0), before, counted
+
+    def heard_of_life_before(self, train: int, *, age_ns: int) -> None:
+        record = self.known.records[train]
+        former = report_at(record.rear_m, train=train)
+        record.hears(former, NOW_NS - age_ns, term=5, jog_m=5.0)
+
+    def hears(self, report: TrainReport, *, age_ns: int = 0) -> None:
+        self.newborns.hears(report, NOW_NS - age_ns)
+
+    def settles(self) -> tuple[Order, list[tuple[TrainReport, int]]]:
+        return self.newborns.settle(self.order, self._scene_of, self.known, NOW_NS)
+
+    def _scene_of(self, _: TrainReport) -> Scene:
+        return Scene(self._area, self._before, self.known.records, {}, self._counted, ())
+
+
+def anew(
+    rear_m: float,
+    *,
+    train: int = 1,
+    localised: bool = True,
+    standstill: bool = True,
+    comes_from: int = 0,
+    behind: int = 0,
+) -> TrainReport:
+    """Of the second life, with a front that is known to 4 m."""
+    return dataclasses.replace(
+        report_at(rear_m, train=train),
+        boot=2,
+        localised=localised,
+        standstill=standstill,
+        comes_from=comes_from,
+        behind=behind,
+        ready_nonce=40 + train,
+    )
+
+
+def test_what_a_train_tells_anew_is_kept_until_it_is_forgotten() -> None:
+    area = OneArea()
+    area.hears(anew(900.0))
+    area.hears(anew(901.0), age_ns=-3)
+    area.hears(anew(500.0, train=2))
+
+    assert area.newborns.told() == [(anew(901.0), NOW_NS + 3), (anew(500.0, train=2), NOW_NS)]
+
+    area.newborns.forgets(1)
+    area.newborns.forgets(7)
+    assert area.newborns.told() == [(anew(500.0, train=2), NOW_NS)]
+
+
+def test_for_a_switch_those_are_ready_that_said_so_within_half_the_life_of_an_authority() -> None:
+    area = OneArea()
+    area.hears(anew(900.0), age_ns=500_000_000)
+    area.hears(anew(500.0, train=2), age_ns=500_000_001)
+
+    assert area.newborns.ready(area.known, NOW_NS) == [(1, 41)]
+
+
+def test_a_train_that_is_where_it_was_is_renewed_in_its_place_and_begins_with_nothing() -> None:
+    area = OneArea((6, 1500.0), ANEW, (2, 400.0))
+    area.heard_of_life_before(1, age_ns=0)
+    area.known.records[1].issued(7, 1400.0)
+    area.hears(anew(898.0), age_ns=20)
+
+    order, gone = area.settles()
+
+    assert order == (area.order[0], RosterEntry(1, 898.0, True, 2), area.order[2])
+    assert gone == []
+    assert area.newborns.told() == []
+    record = area.known.records[1]
+    assert (record.boot, record.rear_m, record.heard_ns) == (2, 898.0, NOW_NS - 20)
+    assert record.sent == []
+
+
+@pytest.mark.parametrize(("age_ns", "renewed"), [(500_000_000, True), (500_000_001, False)])
+def test_what_a_train_told_too_long_ago_settles_nothing(age_ns: int, *, renewed: bool) -> None:
+    area = OneArea(ANEW)
+    area.hears(anew(900.0), age_ns=age_ns)
+
+    order, gone = area.settles()
+
+    assert [entry.boot for entry in order] == [2 if renewed else 1]
+    assert (gone, len(area.newborns.told())) == ([], 0 if renewed else 1)
+
+
+def test_whoever_does_not_know_where_it_is_or_says_nothing_keeps_its_place_as_it_was() -> None:
+    area = OneArea((6, 1500.0), ANEW)
+    area.hears(anew(900.0, localised=False))
+
+    assert area.settles() == (area.order, [])
+    assert area.newborns.told() == [(anew(900.0, localised=False), NOW_NS)]
+    assert [record.boot for record in area.known.records.values()] == [1, 1]
+
+
+def test_whoever_may_have_been_away_keeps_its_place_and_gets_nothing() -> None:
+    area = OneArea(ANEW)
+    area.hears(anew(100.0))
+
+    assert area.settles() == (area.order, [])
+    assert area.newborns.told() == [(anew(100.0), NOW_NS)]
+    assert area.known.records[1] == Record(1, 900.0, 0, boot=1)
+
+
+CLEAR = (Counted(0.0, 896.0, True, 32), Counted(896.0, 3000.0, False, 0))
+"""From where the rear was, less what hangs over behind the last axle."""
+
+
+def test_whoever_left_is_off_the_roster_and_applies_as_a_stranger() -> None:
+    area = OneArea((6, 1500.0), ANEW, (2, 400.0), counted=CLEAR)
+    area.hears(anew(100.0), age_ns=20)
+
+    order, gone = area.settles()
+
+    assert order == (area.order[0], area.order[2])
+    assert gone == [(anew(100.0), NOW_NS - 20)]
+    assert area.newborns.told() == []
+    assert list(area.known.records) == [6, 2]
+
+
+@pytest.mark.parametrize(
+    "counted",
+    [
+        None,
+        (Counted(0.0, 896.1, True, 32), Counted(896.1, 3000.0, False, 0)),
+        (Counted(0.0, 903.0, True, 32), Counted(903.0, 3000.0, False, 0)),
+        (Counted(0.0, 500.0, True, 32), Counted(500.0, 3000.0, True, 16)),
+    ],
+)
+def test_one_word_of_a_train_that_went_back_is_not_believed_while_it_may_be_where_it_was(
+    counted: tuple[Counted, ...] | None,
+) -> None:
+    area = OneArea(ANEW, counted=counted)
+    area.hears(anew(100.0))
+
+    assert area.settles() == (area.order, [])
+
+
+@pytest.mark.parametrize(
+    ("axles", "standstill", "left"), [(16, True, True), (32, True, False), (16, False, False)]
+)
+def test_that_a_train_left_is_believed_if_it_stands_with_its_axles_where_it_says(
+    axles: int, *, standstill: bool, left: bool
+) -> None:
+    """Although somebody is where it was."""
+    counted = (Counted(0.0, 500.0, True, axles), Counted(500.0, 800.0, False, 0))
+    area = OneArea(ANEW, counted=(*counted, Counted(800.0, 3000.0, True, 16)))
+    area.hears(anew(100.0, standstill=standstill))
+
+    _, gone = area.settles()
+
+    assert bool(gone) is left
+
+
+@pytest.mark.parametrize(
+    ("age_ns", "renewed"), [(10_000_000_000, True), (10_000_000_001, False), (0, True)]
+)
+def test_nobody_leaves_the_line_and_comes_back_within_ten_seconds(
+    age_ns: int, *, renewed: bool
+) -> None:
+    """So that it does not matter that trains behind were not heard yet."""
+    area = OneArea(ANEW, (2, 400.0))
+    area.heard_of_life_before(1, age_ns=age_ns)
+    area.hears(anew(900.0))
+
+    order, _ = area.settles()
+
+    assert [entry.boot for entry in order] == [2 if renewed else 1, 1]
+
+
+def test_a_life_that_this_master_never_heard_of_is_not_recent_however_young_its_record() -> None:
+    area = OneArea(ANEW, (2, 400.0))
+    area.known.records[1].heard_ns = NOW_NS
+    area.hears(anew(900.0))
+
+    assert area.settles() == (area.order, [])
+
+
+def test_trains_ahead_say_nothing_of_whether_a_train_has_been_away() -> None:
+    area = OneArea((7, 2000.0), (6, 1500.0), ANEW)
+    area.hears(anew(900.0))
+
+    order, _ = area.settles()
+
+    assert order[2].boot == 2
+
+
+def test_the_foremost_train_is_unsure_of_the_very_next_one_behind_it() -> None:
+    area = OneArea(ANEW, (2, 700.0), (3, 400.0))
+    area.heard_of_life_before(3, age_ns=0)
+    area.hears(anew(900.0))
+
+    assert area.settles() == (area.order, [])
+
+
+def test_several_trains_are_settled_at_once_each_by_what_it_told() -> None:
+    area = OneArea((6, 1500.0), ANEW, (2, 400.0), (3, 200.0))
+    area.hears(anew(100.0, train=6))
+    area.hears(anew(900.0))
+    area.hears(anew(380.0, train=2))
+    area.hears(anew(200.0, train=3))
+    for train in (1, 2, 3):
+        area.heard_of_life_before(train, age_ns=0)
+
+    order, gone = area.settles()
+
+    assert [entry.boot for entry in order] == [1, 2, 1, 2]
+    assert gone == []
+
+
+OCCUPIED = (Counted(0.0, 3000.0, True, 32),)
+"""By more than one train of 16 axles."""
+
+
+@pytest.mark.parametrize(
+    ("was", "age_ns", "axles", "sieved"),
+    [
+        (True, 10_000_000_000, 32, True),
+        (True, 10_000_000_001, 32, False),
+        (False, 0, 32, False),
+        (False, 10_000_000_001, 16, True),
+        (True, 0, 16, True),
+    ],
+)
+def test_nothing_hides_near_a_train_if_that_was_so_lately_or_is_seen_again(
+    age_ns: int, axles: int, *, was: bool, sieved: bool
+) -> None:
+    area = OneArea(ANEW, counted=(Counted(0.0, 3000.0, True, axles),), sieved=was)
+    area.heard_of_life_before(1, age_ns=age_ns)
+    area.hears(anew(900.0))
+
+    order, _ = area.settles()
+
+    assert order == (RosterEntry(1, 900.0, sieved, 2),)
+
+
+# Over the border of the area, where another one commands it.
+
+AREA_4 = Area(4, 0.0, 1000.0)
+
+
+@pytest.mark.parametrize(
+    ("comes_from", "behind", "renewed"),
+    [(4, 6, True), (4, 0, True), (4, 7, False), (4, 2, False), (3, 6, False), (0, 0, False)],
+)
+def test_over_the_border_a_train_is_renewed_only_in_line_as_it_was_admitted(
+    comes_from: int, behind: int, *, renewed: bool
+) -> None:
+    area = OneArea((7, 2000.0), (6, 1500.0), ANEW, (2, 400.0), before=AREA_4, start_m=1000.0)
+    area.heard_of_life_before(1, age_ns=0)
+    area.hears(anew(900.0, comes_from=comes_from, behind=behind))
+
+    order, gone = area.settles()
+
+    kept = RosterEntry(1, 900.0, True, 2) if renewed else area.order[2]
+    assert order == (*area.order[:2], kept, area.order[3])
+    assert gone == []
+
+
+@pytest.mark.parametrize(("behind", "renewed"), [(0, True), (2, False), (1, False)])
+def test_over_the_border_the_foremost_train_has_nobody_ahead_of_it(
+    behind: int, *, renewed: bool
+) -> None:
+    area = OneArea(ANEW, (2, 400.0), before=AREA_4, start_m=1000.0)
+    area.heard_of_life_before(1, age_ns=0)
+    area.hears(anew(900.0, comes_from=4, behind=behind))
+
+    order, _ = area.settles()
+
+    assert order[0].boot == (2 if renewed else 1)
+
+
+@pytest.mark.parametrize(
+    ("rear_m", "before", "sieved"),
+    [
+        (916.0, AREA_4, True),  # Its front may be at the border, but no farther.
+        (916.1, AREA_4, False),
+        (916.0, None, False),
+        (900.0, None, False),
+    ],
+)
+def test_who_is_in_the_area_needs_no_line_but_has_to_be_counted(
+    rear_m: float, before: Area | None, *, sieved: bool
+) -> None:
+    comes_from = 4 if sieved else 0
+    area = OneArea(ANEW, before=before, start_m=1000.0, counted=OCCUPIED)
+    area.hears(anew(rear_m, comes_from=comes_from))
+
+    order, _ = area.settles()
+
+    assert order == (RosterEntry(1, rear_m, sieved, 2),)
+
+
+def test_axles_before_the_border_do_not_show_that_a_train_left() -> None:
+    """They are of the area before, of which a master is told one section only."""
+    counted = (Counted(0.0, 500.0, True, 16), Counted(500.0, 800.0, False, 0))
+    stays = (*counted, Counted(800.0, 3000.0, True, 16))
+    area = OneArea(ANEW, before=AREA_4, start_m=1000.0, counted=stays)
+    area.hears(anew(100.0, comes_from=4))
+
+    assert area.settles() == (area.order, [])
+
+
+def test_whoever_left_need_not_stand_in_line_to_be_off_the_roster() -> None:
+    area = OneArea(ANEW, before=AREA_4, start_m=1000.0, counted=CLEAR)
+    area.hears(anew(100.0, comes_from=0, behind=8))
+
+    order, gone = area.settles()
+
+    assert (order, len(gone)) == ((), 1)
 
 
 def test_a_master_gives_nothing_by_an_entry_of_another_life_until_it_is_renewed() -> None:
@@ -146,3 +505,20 @@ def test_trains_that_leave_at_the_end_come_back_at_the_beginning_and_run_on() ->
     # Each was commanded from the beginning on to the end again.
     assert world.without_authority() == []
     assert min(train.front_m for train in world.trains.values() if train.on_line) > 150.0
+
+
+def test_who_came_behind_one_that_has_left_the_roster_keeps_its_place_and_gets_nothing_by_it() -> (
+    None
+):
+    """The one ahead went back over the border; who is ahead now is not whom it says to follow."""
+    counted = (Counted(0.0, 1496.0, True, 48), Counted(1496.0, 3000.0, False, 0))
+    trains = ((7, 2000.0), (5, 1500.0), (1, 800.0))
+    area = OneArea(*trains, before=AREA_4, start_m=1000.0, counted=counted)
+    area.heard_of_life_before(1, age_ns=0)
+    area.hears(anew(900.0, train=5, comes_from=4))
+    area.hears(anew(800.0, comes_from=4, behind=5))
+
+    order, gone = area.settles()
+
+    assert [report.source for report, _ in gone] == [5]
+    assert [(entry.train, entry.boot) for entry in order] == [(7, 1), (1, 1)]

@@ -1,13 +1,15 @@
 """Switches, crossings, platform tracks: what they obey, and what a master makes of them."""
 
+from dataclasses import replace
+
 import pytest
 
 from firmware_py.trackdb.areas import ObjectKind, ObjectSite
 from plant_emulator.wayside.line_object import LineObject
 from plant_emulator.wayside.t2t_vocabulary import ObjectMemory
-from vobc.t2t.authority import Bar
-from vobc.t2t.guards import MasterGuards, Reach, cannot_reach
-from vobc.t2t.objects import Objects
+from vobc.t2t.authority import Bar, Stretch
+from vobc.t2t.guards import MasterGuards, Reach, cannot_reach, without
+from vobc.t2t.objects import Claim, Objects
 from zenoh_config.t2t import (
     BROADCAST,
     ClaimKind,
@@ -133,6 +135,12 @@ class TestMasterOfObjects:
     def objects(self) -> Objects:
         return Objects(5, (SITE,), MasterGuards())
 
+    def fresh(self, *heard: ObjectStatus) -> Objects:
+        objects = self.objects()
+        for each in heard:
+            objects.hears(each)
+        return objects
+
     def plan(self, objects: Objects, *reaches: Reach, needed: bool = True) -> list[ClaimKind]:
         said = objects.plan(needed=lambda _: needed, reaches=lambda _: list(reaches))
         return [each.kind for _, each in said]
@@ -181,6 +189,129 @@ class TestMasterOfObjects:
 
         assert [each.bar for each in objects.stretches()] == [Bar.UNSURE]
         assert self.plan(objects, far()) == [LOCK]
+
+    def bars(self, objects: Objects) -> list[Bar]:
+        return [each.bar for each in objects.stretches()]
+
+    def test_claims_and_releases_are_numbered_from_1_and_repeated_until_carried_out(self) -> None:
+        objects = self.fresh(status(ObjectState.FREE, 0, 0))
+        said = []
+        for wanted in (False, False, True, True, False, False):
+            objects.hears(status(ObjectState.LOCKED, 0, 0, wanted=wanted))
+            said += objects.plan(needed=lambda _: True, reaches=lambda _: [far()])
+
+        numbers = [(LOCK, 1), (LOCK, 1), (OPEN, 2), (OPEN, 2), (LOCK, 3), (LOCK, 3)]
+        assert said == [(SITE, Claim(kind, nonce)) for kind, nonce in numbers]
+
+    @pytest.mark.parametrize(
+        ("term", "nonce", "said"), [(5, 1, []), (5, 2, [LOCK]), (4, 1, [LOCK]), (1, 5, [LOCK])]
+    )
+    def test_a_claim_is_carried_out_when_its_term_and_number_come_back(
+        self, term: int, nonce: int, said: list[ClaimKind]
+    ) -> None:
+        objects = self.fresh(status(ObjectState.FREE, 4, 1))
+        self.plan(objects)
+
+        objects.hears(status(ObjectState.LOCKED, term, nonce))
+
+        assert self.plan(objects) == said
+
+    def test_an_object_that_no_train_comes_near_is_not_claimed(self) -> None:
+        objects = self.fresh(status(ObjectState.FREE, 0, 0))
+
+        assert self.plan(objects, needed=False) == []
+        assert self.plan(objects, needed=True) == [LOCK]
+
+    def test_a_claim_once_made_is_held_when_no_train_is_near_any_more(self) -> None:
+        objects = self.fresh(status(ObjectState.FREE, 0, 0))
+        self.plan(objects)
+
+        assert self.plan(objects, needed=False) == [LOCK]
+
+    def test_a_release_is_not_taken_back_for_a_train_that_is_not_there(self) -> None:
+        objects = self.fresh(status(ObjectState.LOCKED, 0, 0, wanted=True))
+        assert self.plan(objects, far()) == [OPEN]
+        objects.hears(status(ObjectState.LOCKED, 0, 0))
+
+        assert self.plan(objects, needed=False) == []
+        assert self.plan(objects, needed=True) == [LOCK]
+
+    def test_a_release_that_is_wanted_of_a_free_object_needs_no_words(self) -> None:
+        objects = self.fresh(status(ObjectState.FREE, 0, 0, wanted=True))
+
+        assert self.plan(objects, far()) == []
+
+    def test_one_train_that_can_reach_it_holds_a_release_back(self) -> None:
+        objects = self.fresh(status(ObjectState.LOCKED, 0, 0, wanted=True))
+
+        assert self.plan(objects, far(), far(600.0), needed=False) == [LOCK]
+
+    def test_without_any_train_it_is_released(self) -> None:
+        objects = self.fresh(status(ObjectState.LOCKED, 0, 0, wanted=True))
+
+        assert self.plan(objects) == [OPEN]
+
+    def test_a_release_that_was_said_stands_when_a_train_comes(self) -> None:
+        """It may have opened already; the train is barred from it."""
+        objects = self.fresh(status(ObjectState.LOCKED, 0, 0, wanted=True))
+        self.plan(objects, far())
+
+        assert self.plan(objects, far(600.0)) == [OPEN]
+
+    def test_to_an_object_that_failed_nothing_is_said_and_nobody_passes(self) -> None:
+        objects = self.fresh(status(ObjectState.FAILED, 0, 0))
+
+        assert self.plan(objects, far()) == []
+        assert self.bars(objects) == [Bar.SHUT]
+
+    def test_a_free_object_is_shut_while_its_lock_is_on_the_way(self) -> None:
+        objects = self.fresh(status(ObjectState.FREE, 0, 0))
+        self.plan(objects)
+
+        assert objects.stretches() == [Stretch(500.0, 520.0, Bar.SHUT)]
+
+    @pytest.mark.parametrize("nonce", [0, 1])
+    def test_a_lock_under_its_own_term_that_it_never_asked_for_is_no_confirmation(
+        self, nonce: int
+    ) -> None:
+        assert self.bars(self.fresh(status(ObjectState.LOCKED, 5, nonce))) == [Bar.UNSURE]
+
+    def test_a_lock_by_the_number_of_a_release_is_no_confirmation(self) -> None:
+        objects = self.fresh(status(ObjectState.LOCKED, 0, 0, wanted=True))
+        self.plan(objects)
+
+        objects.hears(status(ObjectState.LOCKED, 5, 1))
+
+        assert self.bars(objects) == [Bar.UNSURE]
+
+    def test_objects_of_other_areas_are_not_heard(self) -> None:
+        objects = Objects(5, (), MasterGuards())
+        objects.hears(status(ObjectState.LOCKED, 5, 1))
+
+        assert objects.statuses == {}
+        assert objects.stretches() == []
+
+    def test_each_of_several_objects_is_claimed_by_its_own_number(self) -> None:
+        other = ObjectSite(4, ObjectKind.SWITCH, 700.0, 710.0)
+        objects = Objects(5, (SITE, other), MasterGuards())
+        silent = ObjectSite(9, ObjectKind.SWITCH, 800.0, 810.0)
+        objects.hears(status(ObjectState.FREE, 0, 0))
+        objects.hears(replace(status(ObjectState.FREE, 0, 0), number=other.number))
+        objects.hears(replace(status(ObjectState.FREE, 0, 0), number=silent.number))
+
+        said = objects.plan(needed=lambda _: True, reaches=lambda _: [])
+
+        assert said == [(SITE, Claim(LOCK, 1)), (other, Claim(LOCK, 2))]
+        assert set(objects.statuses) == {3, 4}
+        objects.hears(replace(status(ObjectState.LOCKED, 5, 2), number=other.number))
+        assert objects.stretches() == [Stretch(500.0, 520.0, Bar.SHUT)]
+
+    def test_without_the_guard_of_objects_even_one_never_heard_of_bars_nothing(self) -> None:
+        objects = Objects(5, (SITE,), without(MasterGuards(), "object_confirmed"))
+        assert objects.stretches() == []
+
+        objects.hears(status(ObjectState.FREE, 0, 0, wanted=True))
+        assert self.bars(objects) == [Bar.CLOSING]
 
 
 @pytest.mark.parametrize(

@@ -136,8 +136,9 @@ class Arbiter:
         elif not guards.by_holder(plea):
             return False
         elif request.kind is LeaseKind.RELEASE:
-            # Whoever was displaced by a successor that gives up may still command.
-            self._expiries_ns[area] = max(now_ns, self._displaced_ns.get(area, now_ns))
+            # Whoever was displaced by a successor that gives up may still command; if that was
+            # before the start, for as long as anything that was granted then.
+            self._expiries_ns[area] = max(now_ns, self._displaced_ns.get(area, self._free_ns))
             return False
         elif lease.successor != request.successor:
             self._keep(lease._replace(successor=request.successor))

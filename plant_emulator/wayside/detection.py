@@ -51,11 +51,14 @@ class Detection:
         for message in messages:
             if not message.key.startswith(prefix):
                 others.append(message)
-            elif len(message.payload) == LAYOUT.size and len(self.places) < TRAINS_MAX:
+            elif len(message.payload) == LAYOUT.size and self._has_room(message.key):
                 place = Place(*LAYOUT.unpack(message.payload))
-                if math.isfinite(place.front_m) and place.rear_m < place.front_m:
+                if -math.inf < place.rear_m < place.front_m < math.inf:
                     self.places[message.key] = place
         return others
+
+    def _has_room(self, key: str) -> bool:
+        return key in self.places or len(self.places) < TRAINS_MAX
 
     def axles(self) -> dict[int, int]:
         """In each section that has any."""

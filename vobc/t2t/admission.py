@@ -41,26 +41,18 @@ def admitted(
         return Waiting(AdmissionState.FULL)
     at = sum(1 for _ in _ahead(order, report, scene))
     ahead = order[at - 1].train if at else NOBODY
+    rear_m = report.rear_min_m - config.behind_rear_m
     place = Neighbours(
-        behind_m=scene.reserved_m.get(order[at].train, UNBOUNDED_M) if at < len(order) else 0.0,
-        rear_m=report.rear_min_m - config.behind_rear_m,
+        behind_m=scene.reserved_m.get(order[at].train, UNBOUNDED_M) if at < len(order) else rear_m,
+        rear_m=rear_m,
         front_m=report.front_max_m,
         ahead_m=scene.records[ahead].rear_m - config.rollback_m if ahead else report.front_max_m,
     )
-    if at == len(order):
-        place = place._replace(behind_m=place.rear_m)
     if not guards.placed_apart(place):
         return Waiting(AdmissionState.UNPLACED, order[at].train if at < len(order) else ahead)
-    over_border = scene.before is not None and report.front_max_m <= scene.area.start_m
-    line = InLine(
-        over_border,
-        scene.before is not None and report.comes_from == scene.before.number,
-        report.behind,
-        ahead,
-    )
-    if not guards.comes_in_line(line):
+    if not guards.comes_in_line(line_of(report, scene, ahead)):
         return Waiting(AdmissionState.WAITS, report.behind)
-    sieved = over_border or is_sieved(report, scene)
+    sieved = is_over_border(report, scene) or is_sieved(report, scene)
     return placed(order, RosterEntry(report.source, report.rear_min_m, sieved, report.boot), at)
 
 
@@ -72,6 +64,17 @@ def _ahead(order: Sequence[RosterEntry], report: TrainReport, scene: Scene) -> S
             break
         ahead.append(entry.train)
     return ahead
+
+
+def is_over_border(report: TrainReport, scene: Scene) -> bool:
+    """It is still wholly in the area before, and commanded there."""
+    return scene.before is not None and report.front_max_m <= scene.area.start_m
+
+
+def line_of(report: TrainReport, scene: Scene, ahead: int) -> InLine:
+    before = scene.before
+    comes_from = before is not None and report.comes_from == before.number
+    return InLine(is_over_border(report, scene), comes_from, report.behind, ahead)
 
 
 def is_sieved(report: TrainReport, scene: Scene) -> bool:

@@ -60,7 +60,7 @@ def end_of_authority_m(course: Course, space: Space) -> float | None:
     """Where the front must stop at the latest; None: issue nothing, let the train keep what it has.
 
     What is barred by doubt alone shortens nothing: an authority that reaches into it stays as it is
-    and grows old while the doubt lasts.
+    and grows old while the doubt lasts, unless supervision wants the train to stop.
     """
     end_m = min(space.end_m, course.front_max_m + space.longest_m)
     if course.ahead_m is not None:
@@ -74,7 +74,7 @@ def end_of_authority_m(course: Course, space: Space) -> float | None:
             continue
         inside = course.front_max_m > stretch.start_m
         granted_in = course.granted_m > stretch.start_m
-        if stretch.bar is Bar.UNSURE and (inside or granted_in):
+        if stretch.bar is Bar.UNSURE and (inside or granted_in) and not course.stopped:
             return None
         late = granted_in and course.easy_m > stretch.start_m
         if stretch.bar is Bar.CLOSING and (inside or late):

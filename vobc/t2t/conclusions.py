@@ -128,8 +128,8 @@ class Conclusions:
         """A train that says nothing moves on as sections clear behind it."""
         for record in self.records.values():
             silent_ns = now_ns - record.heard_ns
-            seen_later = Freshness(track.seen_ns - record.heard_ns, 0)
-            if silent_ns > self._silence_ns and self._guards.cleared_after(seen_later):
+            later_ns = track.seen_ns - record.heard_ns
+            if silent_ns > self._silence_ns and self._guards.cleared_after(later_ns):
                 record.rear_m = moved_on_m(track, record, overhang_m=self._config.overhang_m)
 
     def hidden_before(

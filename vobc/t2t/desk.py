@@ -1,5 +1,6 @@
 """All that a train has to do with one area: as its member, as candidate, and as its master."""
 
+from collections.abc import Sequence
 from typing import Final
 
 from firmware_py.trackdb.areas import AreaMap
@@ -28,6 +29,8 @@ from zenoh_config.t2t import (
 from zenoh_config.timers import NS_PER_MS
 
 COMMANDING: Final = (Role.FENCING, Role.MASTER)
+FOR_NONE: Final = (0, 0)
+"""Ready for no switch: neither terms nor switches are numbered 0."""
 
 
 class AreaDesk:
@@ -54,7 +57,7 @@ class AreaDesk:
         self.area = line.area(area)
         self.refused: list[str] = []
         """Why authorities were not taken in this step."""
-        self._ready = (0, 0)
+        self._ready = FOR_NONE
         """Term and nonce of the planned switch that it is ready for."""
         self._config, self._guards, self._line, self._speaker = config, guards, line, speaker
         self._chance = chance
@@ -65,9 +68,9 @@ class AreaDesk:
         """After a lost candidacy."""
         self._called = False
         self._fenced = False
+        """Somebody reported a higher term than that of the newest candidacy."""
         self._heard_ns = now_ns
         """When anything was heard of the area from anybody else."""
-        self._own_report: TrainReport | None = None
 
     # What is heard.
 
@@ -93,8 +96,7 @@ class AreaDesk:
         return []
 
     def _hears_heartbeat(self, heartbeat: Heartbeat, now_ns: int) -> None:
-        heard = self.member.hears_heartbeat(heartbeat, now_ns)
-        self._fenced |= heard and heartbeat.term > self.lease.term
+        self.member.hears_heartbeat(heartbeat, now_ns)
 
     def _passes_on(self, message: T2tMessage, now_ns: int) -> None:
         if isinstance(message, TrainReport):
@@ -116,7 +118,7 @@ class AreaDesk:
             return []
         own = self._speaker.address
         if step.kind is SwitchKind.ABORT:
-            self._ready, self._called = (0, 0), False
+            self._ready, self._called = FOR_NONE, False
         elif step.kind is SwitchKind.PREPARE:
             if self._ready != (step.term, step.nonce):
                 self._ready = step.term, step.nonce
@@ -134,7 +136,7 @@ class AreaDesk:
 
     def next_due_ns(self) -> int:
         dues = [self._report_ns]
-        if self.role in COMMANDING and self.master is not None:
+        if self.master is not None:
             dues += [self.master.next_due_ns(), self.lease.renewal_due_ns(), self.lease.until_ns]
             dues.append(self._deaf_ns())
         elif self.role is Role.CANDIDATE:
@@ -151,14 +153,15 @@ class AreaDesk:
         Args:
             relation: area that the train comes from, and who is ahead of it there.
         """
-        if concerned and self.role is Role.OUTSIDE:
+        if self.role is Role.OUTSIDE:
             self.member.master_heard_ns = now_ns
         said = self._change_role(now_ns, own, concerned=concerned)
         if self.role is Role.OUTSIDE:
             return said
-        said += self._report(now_ns, own, relation)
-        if self.role in COMMANDING:
-            said += self._command(now_ns, own, concerned=concerned)
+        reports = self._report(now_ns, own, relation)
+        said += reports
+        if self.master is not None:
+            said += self._command(self.master, now_ns, own, reports, concerned=concerned)
         return said
 
     def _change_role(self, now_ns: int, own: OwnTrain, *, concerned: bool) -> list[T2tMessage]:
@@ -185,10 +188,10 @@ class AreaDesk:
             named_standby=self.member.standby == self._speaker.address,
             apply_now=silent or self._called,
             may_command=may_command,
-            candidacy_lost=self.lease.lost(now_ns) or (away and self.role is Role.CANDIDATE),
+            candidacy_lost=self.lease.lost(now_ns) or away,
             lease_granted=self.lease.state is LeaseState.HELD,
             lease_runs=self.lease.runs(now_ns),
-            fenced=self._fenced or self.lease.beaten,
+            fenced=self._is_fenced(),
             roster_kept=master is not None and master.roster.kept is not None,
             relieved=away and master is not None and not master.has_others,
             deaf=master is not None and self._is_deaf(master, now_ns),
@@ -227,6 +230,11 @@ class AreaDesk:
             return said
         return []
 
+    def _is_fenced(self) -> bool:
+        """Something of a higher term than its own was heard, or somebody else heard it."""
+        newer = self.member.memory.seen_term > self.lease.term
+        return newer or self._fenced or self.lease.beaten
+
     def _next_try_ns(self, now_ns: int) -> int:
         """The standby asks again when the lease that stood in its way has run out; whoever lost
         against another candidate, and everybody else, waits for a while that chance draws.
@@ -242,7 +250,7 @@ class AreaDesk:
             return self._apply(now_ns)
         if role is Role.FENCING:
             self._take_command(now_ns)
-        elif role is not Role.STANDBY and role not in COMMANDING:
+        elif role is not Role.STANDBY:
             self._table = TrainTable()
         return []
 
@@ -284,15 +292,21 @@ class AreaDesk:
             for arbiter in self._config.arbiters
         ]
 
-    def _command(self, now_ns: int, own: OwnTrain, *, concerned: bool) -> list[T2tMessage]:
-        assert self.master is not None
+    def _command(
+        self,
+        master: Master,
+        now_ns: int,
+        own: OwnTrain,
+        reports: Sequence[TrainReport],
+        *,
+        concerned: bool,
+    ) -> list[T2tMessage]:
         said: list[T2tMessage] = []
-        if self._own_report is not None:
-            self.master.hears(self._own_report, now_ns)
-            self._own_report = None
+        for report in reports:
+            master.hears(report, now_ns)
         away = own.out_of_service or not own.localised or not concerned
         successor = self.lease.successor
-        spoken = self.master.step(now_ns, away=away)
+        spoken = master.step(now_ns, away=away)
         if now_ns >= self.lease.renewal_due_ns() or self.lease.successor != successor:
             said += self._ask(now_ns, self.lease.renew(now_ns))
         for message in spoken:
@@ -309,7 +323,7 @@ class AreaDesk:
 
     # Reports.
 
-    def _report(self, now_ns: int, own: OwnTrain, relation: tuple[int, int]) -> list[T2tMessage]:
+    def _report(self, now_ns: int, own: OwnTrain, relation: tuple[int, int]) -> list[TrainReport]:
         if now_ns < self._report_ns and not self.member.promised_anew:
             return []
         self.member.promised_anew = False
@@ -343,7 +357,6 @@ class AreaDesk:
             out_of_service=own.out_of_service,
             ready_nonce=ready_nonce,
         )
-        self._own_report = report
         return [report]
 
     def _head(self, now_ns: int, to: int) -> Head:

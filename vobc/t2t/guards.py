@@ -129,7 +129,8 @@ class Attempt(NamedTuple):
     term: int
     nonce: int
     asked_term: int
-    asked_nonce: int
+    asked_nonce: int | None
+    """None: no such request is on its way."""
 
 
 def answers_this_attempt(attempt: Attempt) -> bool:
@@ -267,11 +268,9 @@ def cannot_reach(reach: Reach) -> bool:
     return reach.rear_m >= reach.end_m or reach.reserved_m <= reach.start_m
 
 
-def cleared_after(freshness: Freshness) -> bool:
-    """Sections were seen clear after the silent train was heard; the age is that of its report at
-    that time.
-    """
-    return freshness.age_ns >= 0
+def cleared_after(later_ns: int) -> bool:
+    """Sections were seen clear when the silent train had been heard already, so much later."""
+    return later_ns >= 0
 
 
 def sieved(shown: bool) -> bool:
@@ -292,7 +291,7 @@ class MasterGuards:
     object_confirmed: Callable[[Claimed], bool] = object_confirmed
     cannot_reach: Callable[[Reach], bool] = cannot_reach
     sieved: Callable[[bool], bool] = sieved
-    cleared_after: Callable[[Freshness], bool] = cleared_after
+    cleared_after: Callable[[int], bool] = cleared_after
 
 
 @dataclasses.dataclass(frozen=True, slots=True)

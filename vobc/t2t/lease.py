@@ -131,7 +131,7 @@ class Lease:
             self._hears_refusal(answer, now_ns)
             return
         asked = self._asked.get(answer.nonce)
-        nonce = answer.nonce if asked is not None else 0
+        nonce = None if asked is None else answer.nonce
         attempt = Attempt(answer.term, answer.nonce, self.term, nonce)
         if self.state is LeaseState.NONE or not self._guards.answers_this_attempt(attempt):
             return
@@ -139,7 +139,8 @@ class Lease:
             asked = self._asked.setdefault(answer.nonce, Asked(answer.echo_ns, 0, set()))
         asked.voters.add(answer.source)
         kept = Kept(answer.roster_term, answer.roster_version, answer.roster)
-        if self.state is LeaseState.ASKED and kept[:2] > self.adopted[:2]:
+        newer = (kept.term, kept.version) > (self.adopted.term, self.adopted.version)
+        if self.state is LeaseState.ASKED and newer:
             self.adopted = kept
         self._judge(answer.nonce, now_ns)
 
@@ -153,7 +154,7 @@ class Lease:
     def _judge(self, nonce: int, now_ns: int) -> None:
         asked = self._asked[nonce]
         votes = Votes(len(asked.voters), self._config.majority)
-        if self.state is LeaseState.NONE or not self._guards.granted_by_majority(votes):
+        if not self._guards.granted_by_majority(votes):
             return
         granted = Granted(asked.sent_ns, self._config.timers.holder_lease_ns, asked.less_ns)
         self.until_ns = max(self.until_ns, self._guards.granted_until_ns(granted))

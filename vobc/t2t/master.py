@@ -86,7 +86,8 @@ class Master:
         if isinstance(message, TrainReport):
             self._hears_report(message, now_ns)
         elif isinstance(message, RosterAck):
-            self.roster.hears(message)
+            if message.source in self._config.arbiters:
+                self.roster.hears(message)
         elif isinstance(message, ObjectStatus):
             self._objects.hears(message)
         elif isinstance(message, TrackStatus):

@@ -77,7 +77,7 @@ class Member:
 
     def settle(self, now_ns: int, own: OwnTrain) -> None:
         """Once a step, after everything heard: drop what ran out, and see what is still latent."""
-        if self.held is not None and own.standstill and not self.is_young(now_ns):
+        if own.standstill and not self.is_young(now_ns):
             self.held = None
         if not own.localised:
             if self.held is not None and self.latent_m is not None:

@@ -9,10 +9,10 @@ import enum
 from collections.abc import Callable, Sequence
 from typing import Final, NamedTuple
 
-from vobc.t2t.admission import Scene, is_sieved
+from vobc.t2t.admission import Scene, is_over_border, is_sieved, line_of
 from vobc.t2t.authority import Counted
 from vobc.t2t.conclusions import Conclusions
-from vobc.t2t.guards import InLine, MasterGuards
+from vobc.t2t.guards import MasterGuards
 from vobc.t2t.roster import Order
 from vobc.t2t.table import Record
 from vobc.t2t.vocabulary import T2tConfig
@@ -63,9 +63,9 @@ def whereabouts(
 
 def is_clear(counted: Sequence[Counted] | None, from_m: float) -> bool:
     """Nothing is in any section that reaches beyond this; where none are counted, unknown."""
-    return bool(counted) and not any(
-        each.occupied and each.end_m > from_m for each in counted or ()
-    )
+    if not counted:
+        return False
+    return not any(each.occupied and each.end_m > from_m for each in counted)
 
 
 class Newborns:
@@ -110,7 +110,8 @@ class Newborns:
             scene = scene_of(report)
             former = known.records[entry.train]
             recent = former.report is not None and now_ns - former.heard_ns <= RECENT_NS
-            found = self._find(order, at, report, scene, recent=recent)
+            ahead = settled[-1].train if settled else NOBODY
+            found = self._find(ahead, order[at + 1 :], report, scene, recent=recent)
             if found is Whereabouts.UNSURE:
                 settled.append(entry)
                 continue
@@ -119,35 +120,32 @@ class Newborns:
                 del known.records[entry.train]
                 gone.append((report, heard_ns))
             else:
-                sieved = (recent and entry.sieved) or _is_over_border(report, scene)
+                sieved = (recent and entry.sieved) or is_over_border(report, scene)
                 sieved = sieved or is_sieved(report, scene)
                 settled.append(RosterEntry(entry.train, report.rear_min_m, sieved, report.boot))
                 known.reborn(report, heard_ns)
         return tuple(settled), gone
 
     def _find(
-        self, order: Order, at: int, report: TrainReport, scene: Scene, *, recent: bool
+        self, ahead: int, followers: Order, report: TrainReport, scene: Scene, *, recent: bool
     ) -> Whereabouts:
         records = scene.records
         record = records[report.source]
-        over_border = _is_over_border(report, scene)
         evidence = Evidence(
-            sieved=not over_border and scene.counted is not None and is_sieved(report, scene),
+            sieved=(
+                not is_over_border(report, scene)
+                and scene.counted is not None
+                and is_sieved(report, scene)
+            ),
             clear=is_clear(scene.counted, record.rear_m - self._config.overhang_m),
             recent=recent,
         )
-        behind = [records[each.train] for each in order[at + 1 :] if each.train in records]
+        behind = [records[each.train] for each in followers if each.train in records]
         found = whereabouts(
             Former(record, behind), report, evidence, behind_rear_m=self._config.behind_rear_m
         )
-        if found is not Whereabouts.IN_PLACE or not over_border:
+        if found is not Whereabouts.IN_PLACE:
             return found
-        # As for any other that comes over the border.
-        comes_from = scene.before is not None and report.comes_from == scene.before.number
-        ahead = order[at - 1].train if at else NOBODY
-        in_line = self._guards.comes_in_line(InLine(True, comes_from, report.behind, ahead))
+        # Over the border, as for any other that comes over it.
+        in_line = self._guards.comes_in_line(line_of(report, scene, ahead))
         return found if in_line else Whereabouts.UNSURE
-
-
-def _is_over_border(report: TrainReport, scene: Scene) -> bool:
-    return scene.before is not None and report.front_max_m <= scene.area.start_m

@@ -49,7 +49,7 @@ class Succession:
         if wanted == self._own:
             wanted = self.wanted = NOBODY
         switch = self.switch
-        if wanted != NOBODY and wanted != self.standby and fit(wanted):
+        if wanted != NOBODY and fit(wanted):
             # The successor has to know what a standby knows.
             self.standby = wanted
         before = switch.state

@@ -74,7 +74,7 @@ class PlannedSwitch:
             successor_fit=target != NOBODY and fit(target),
             successor_ready=self.successor_ready,
             all_ready=running and all_ready(),
-            timed_out=running and now_ns - self._began_ns >= self._limit_ns,
+            timed_out=now_ns - self._began_ns >= self._limit_ns,
         )
         for guard, state in TRANSITIONS[self.state]:
             if guard(look):

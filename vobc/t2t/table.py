@@ -129,4 +129,4 @@ def cleared_to_m(
         if start_m > reached_m or state.occupied:
             break
         reached_m = end_m
-    return max(rear_m, reached_m - overhang_m) if reached_m > rear_m else rear_m
+    return max(rear_m, reached_m - overhang_m)

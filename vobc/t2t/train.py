@@ -19,7 +19,7 @@ from vobc.t2t.vocabulary import (
     T2tConfig,
     TrainMemory,
 )
-from zenoh_config.t2t import NOBODY, LineOrder, OrderKind, T2tMessage
+from zenoh_config.t2t import NOBODY, AreaAuthority, LineOrder, OrderKind, T2tMessage
 from zenoh_config.timers import NS_PER_MS
 
 FAREWELL_M: Final = 150.0
@@ -198,18 +198,15 @@ class TrainCore:
 
     def _authority(self, now_ns: int, own: OwnTrain) -> HeldAuthority | None:
         """Area by area from where the front is: one that reaches its border is continued by the
-        next. Without that it ends before the border: somebody may hide just beyond it, with axles
-        that only the next area counts.
+        next. Where that has no say, somebody may hide just beyond the border, with axles that only
+        the next area counts: nobody goes nearer.
         """
         area: Area | None = self._line.area_at(own.front_min_m)
         result: HeldAuthority | None = None
-        while area is not None:
-            desk = self._desks.get(area.number)
-            held = None if desk is None else desk.member.held
-            if desk is None or held is None:
-                break
-            if result is not None and not self._continues(desk, held.echo_ns, now_ns, own):
-                break
+        reaches = True
+        while area is not None and (held := self._held(area, result, now_ns, own)) is not None:
+            if not reaches:
+                return result
             result = HeldAuthority(
                 end_m=held.end_m,
                 rear_m=held.rear_m if result is None else result.rear_m,
@@ -221,25 +218,28 @@ class TrainCore:
                 if result is None
                 else (*result.restrictions, *held.restrictions),
             )
-            if held.end_m < area.end_m:
-                return result
+            reaches = held.end_m >= area.end_m
             area = self._line.following(area.number)
         if result is None or area is None:
             return result
         before_m = area.start_m - self._config.behind_axle_m
-        return result._replace(end_m=max(before_m, min(result.end_m, own.front_max_m)))
+        return result._replace(end_m=min(result.end_m, max(before_m, own.front_max_m)))
 
-    def _continues(self, desk: AreaDesk, echo_ns: int, now_ns: int, own: OwnTrain) -> bool:
-        """Whether the authority of the next area lengthens that of this one.
+    def _held(
+        self, area: Area, before: HeldAuthority | None, now_ns: int, own: OwnTrain
+    ) -> AreaAuthority | None:
+        """What an area has granted: the first one of whatever age, the next one while it is young.
 
         While the train stops before it with ease, one that grows old is left out: it would only
         make the whole look old.
         """
-        if not desk.member.is_young(now_ns):
-            return False
-        old_ns = self._config.timers.authority_ms * NS_PER_MS // 2
-        before_m = desk.area.start_m - self._config.behind_axle_m
-        return now_ns - echo_ns < old_ns or own.easy_m > before_m
+        desk = self._desks.get(area.number)
+        held = None if desk is None else desk.member.held
+        if held is None or before is None:
+            return held
+        age_ns, age_max_ns = now_ns - held.echo_ns, self._config.timers.authority_ms * NS_PER_MS
+        easy = own.easy_m <= area.start_m - self._config.behind_axle_m
+        return held if age_ns < age_max_ns // 2 or (age_ns <= age_max_ns and not easy) else None
 
     def _takes_no_part(self, now_ns: int) -> Stepped:
         """Nothing is said, nothing obeyed: others protect the train by what they know of it."""
