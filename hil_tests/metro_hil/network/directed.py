@@ -254,6 +254,22 @@ def hidden_train(make: Make) -> None:
         scene.expect("somebody commands", scene.master() is not None)
 
 
+def hidden_beyond_a_border(make: Make) -> None:
+    """All its axles are counted behind the border, and it hangs over; then it rolls back."""
+    for commanded in (True, False):
+        scene = make(Plot({1: 1400.0, 2: BORDER_M + 79.0}, areas=2, area_m=BORDER_M))
+        if not commanded:
+            scene.rule(lambda a, b, m: None if isinstance(m, LeaseAnswer) and m.area == 2 else 0)
+        for address in scene.others(2):
+            scene.net.boot(address)
+        scene.until("train 1 has authority", lambda: scene.end_m(1) is not None, within_s=20.0)
+        scene.run(60.0)
+        front_m = scene.world.trains[1].front_m
+        scene.expect(f"it drew up to it: {front_m:.1f} m", front_m > BORDER_M - 30.0)
+        scene.roll_back(2, 2.0)
+        scene.run(10.0)
+
+
 def close_at_a_border(make: Make) -> None:
     """Two trains wake up on either side of a border, in sections without a clear one between."""
     scene = make(Plot({1: 1782.0, 2: 2318.0}, areas=2, area_m=BORDER_M))
@@ -279,5 +295,11 @@ SCENARIOS: Final[tuple[Scenario, ...]] = (
     Scenario("leader-rolls-back", 23, "the train ahead stops and rolls back", leader_rolls_back),
     Scenario("close-at-a-border", 0, "trains stand on either side of it", close_at_a_border),
     Scenario("hidden-train", 0, "a train stands there and says nothing", hidden_train),
+    Scenario(
+        "hidden-beyond-a-border",
+        0,
+        "a train hangs over a border and says nothing",
+        hidden_beyond_a_border,
+    ),
     Scenario("radio-lost", 25, "a train is cut off and comes back", radio_lost),
 )
