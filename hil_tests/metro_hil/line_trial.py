@@ -40,6 +40,8 @@ from zenoh_config.timers import TIMER_SETS
 NS_PER_MS: Final = 1_000_000
 NS_PER_S: Final = 1_000_000_000
 BEAT_NS: Final = 2 * NS_PER_MS
+FRESH_MS: Final = 200
+"""No train holds an older authority when the master is struck."""
 SETTLE_MS: Final = 30_000
 LIMIT_MS: Final = 3000
 SERVICE_RATIO: Final = 0.6
@@ -196,12 +198,13 @@ class Trial:
             self.run(100)
             last = [seat.last for seat in self.seats.values()]
             taken = [each for each in last if each is not None]
-            fresh_ns = self.clock.now_ns() - 500 * NS_PER_MS
+            # Who was struck last answers for an old authority until it takes its next.
+            fresh_ns = self.clock.now_ns() - FRESH_MS * NS_PER_MS
             masters = [a for a, s in self.seats.items() if s.last and s.last.role == "master"]
             if (
                 len(taken) == len(last)
                 and len({each.term for each in taken}) == 1
-                and min(each.at_ns for each in taken) > fresh_ns
+                and min(each.echo_ns for each in taken) > fresh_ns
                 and len(masters) == 1
             ):
                 return masters[0]

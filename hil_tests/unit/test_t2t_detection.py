@@ -150,6 +150,7 @@ def test_the_newest_place_of_a_train_counts() -> None:
         (10.1, 10.0),
         (10.0, math.inf),
         (10.0, -math.inf),
+        (-math.inf, 40.0),
         (10.0, math.nan),
         (math.nan, 10.0),
     ],
@@ -176,7 +177,9 @@ def test_what_is_not_for_the_rails_of_this_line_comes_back_in_its_order() -> Non
     assert detecting.places == {"m/line-9/x/1": Place(40.0, 10.0, 16)}
 
 
-def test_no_more_than_512_trains_are_kept() -> None:
+def test_no_more_than_512_trains_are_kept_and_these_are_followed() -> None:
     flood = detection(*[told(n, 10.0, 40.0) for n in range(1, 600)])
-
     assert list(flood.places) == [f"m/line-9/x/{n}" for n in range(1, 513)]
+
+    flood.hears([told(7, 310.0, 340.0)])
+    assert flood.places["m/line-9/x/7"] == Place(340.0, 310.0, 16)
