@@ -257,17 +257,22 @@ def hidden_train(make: Make) -> None:
 def hidden_beyond_a_border(make: Make) -> None:
     """All its axles are counted behind the border, and it hangs over; then it rolls back."""
     for commanded in (True, False):
-        scene = make(Plot({1: 1400.0, 2: BORDER_M + 79.0}, areas=2, area_m=BORDER_M))
-        if not commanded:
-            scene.rule(lambda a, b, m: None if isinstance(m, LeaseAnswer) and m.area == 2 else 0)
-        for address in scene.others(2):
-            scene.net.boot(address)
-        scene.until("train 1 has authority", lambda: scene.end_m(1) is not None, within_s=20.0)
-        scene.run(60.0)
-        front_m = scene.world.trains[1].front_m
-        scene.expect(f"it drew up to it: {front_m:.1f} m", front_m > BORDER_M - 30.0)
-        scene.roll_back(2, 2.0)
-        scene.run(10.0)
+        _draw_up_to_a_border(make, commanded=commanded)
+
+
+def _draw_up_to_a_border(make: Make, *, commanded: bool) -> None:
+    """`commanded`: somebody has the lease of the area behind it."""
+    scene = make(Plot({1: 1400.0, 2: BORDER_M + 79.0}, areas=2, area_m=BORDER_M))
+    if not commanded:
+        scene.rule(lambda a, b, m: None if isinstance(m, LeaseAnswer) and m.area == 2 else 0)
+    for address in scene.others(2):
+        scene.net.boot(address)
+    scene.until("train 1 has authority", lambda: scene.end_m(1) is not None, within_s=20.0)
+    scene.run(60.0)
+    front_m = scene.world.trains[1].front_m
+    scene.expect(f"it drew up to it: {front_m:.1f} m", front_m > BORDER_M - 30.0)
+    scene.roll_back(2, 2.0)
+    scene.run(10.0)
 
 
 def close_at_a_border(make: Make) -> None:
