@@ -14,6 +14,7 @@ from vobc.t2t.authority import (
     Space,
     Standing,
     Stretch,
+    back_to_m,
     end_of_authority_m,
     explained,
     unexplained,
@@ -313,3 +314,33 @@ def test_doubt_does_not_keep_a_train_going_that_supervision_stops(begins_m: floa
 
     assert end_of_authority_m(course(granted_m=900.0), space) is None
     assert end_of_authority_m(course(granted_m=900.0, stopped=True), space) == 500.0
+    assert end_of_authority_m(course(granted_m=500.1, stopped=True), space) == 500.0
+
+
+def test_nor_does_the_order_to_stop_give_anything_to_a_train_in_doubt_that_holds_nothing() -> None:
+    """Who begins over an open switch may not even go as far as its place is unsure (seed 2685)."""
+    space = SPACE._replace(stretches=(Stretch(490.0, 640.0, Bar.UNSURE),))
+
+    assert end_of_authority_m(course(granted_m=500.0, stopped=True), space) is None
+
+
+@pytest.mark.parametrize(
+    ("start_m", "end_m", "bar", "told_m"),
+    [
+        (410.0, 450.0, Bar.SHUT, 420.0),
+        (410.0, 450.0, Bar.UNSURE, 420.0),
+        (410.0, 450.0, Bar.CLOSING, 415.0),
+        (400.0, 418.0, Bar.SHUT, 418.0),
+        (400.0, 414.0, Bar.SHUT, 415.0),
+        (499.9, 600.0, Bar.SHUT, 420.0),
+        (500.0, 600.0, Bar.SHUT, 415.0),
+        (420.0, 420.0, Bar.SHUT, 420.0),
+    ],
+)
+def test_a_train_jogs_back_5_m_but_over_nothing_that_may_not_be_passed(
+    start_m: float, end_m: float, bar: Bar, told_m: float
+) -> None:
+    """From 420 m with its front at 500; a failed switch may lie under it (seed 2685)."""
+    seen = course()._replace(rear_m=420.0, front_max_m=500.0)
+
+    assert back_to_m(seen, (Stretch(start_m, end_m, bar),), jog_m=5.0) == told_m

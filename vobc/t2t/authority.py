@@ -74,7 +74,8 @@ def end_of_authority_m(course: Course, space: Space) -> float | None:
             continue
         inside = course.front_max_m > stretch.start_m
         granted_in = course.granted_m > stretch.start_m
-        if stretch.bar is Bar.UNSURE and (inside or granted_in) and not course.stopped:
+        shortened = course.stopped and course.granted_m > course.front_max_m
+        if stretch.bar is Bar.UNSURE and (inside or granted_in) and not shortened:
             return None
         late = granted_in and course.easy_m > stretch.start_m
         if stretch.bar is Bar.CLOSING and (inside or late):
@@ -85,6 +86,17 @@ def end_of_authority_m(course: Course, space: Space) -> float | None:
         # Over the border of its area the train may be by what the next one granted.
         return end_m if end_m == space.end_m else None
     return end_m
+
+
+def back_to_m(course: Course, stretches: Sequence[Stretch], *, jog_m: float) -> float:
+    """Where the rear may jog back to: onto nothing, and within nothing, that may not be passed."""
+    least_m = course.rear_m - jog_m
+    behind_m = [
+        min(each.end_m, course.rear_m)
+        for each in stretches
+        if each.start_m < course.front_max_m and each.bar is not Bar.CLOSING
+    ]
+    return max([least_m, *behind_m])
 
 
 class Seen(NamedTuple):

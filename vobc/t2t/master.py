@@ -5,7 +5,7 @@ from typing import Final
 from firmware_py.trackdb.areas import AreaMap
 from vobc.t2t import admission
 from vobc.t2t.admission import Scene, Waiting, admitted, foremost_first, is_sieved, standing_of
-from vobc.t2t.authority import Course, Space, Stretch, end_of_authority_m
+from vobc.t2t.authority import Course, Space, Stretch, back_to_m, end_of_authority_m
 from vobc.t2t.conclusions import Conclusions
 from vobc.t2t.guards import Freshness, MasterGuards
 from vobc.t2t.lease import Lease
@@ -310,7 +310,7 @@ class Master:
             self._area.end_m, tuple(stretches), config.behind_rear_m, config.longest_authority_m
         )
         end_m = end_of_authority_m(course, space)
-        rear_m = record.rear_m - config.jog_m
+        rear_m = back_to_m(course, stretches, jog_m=config.jog_m)
         if end_m is None or end_m < rear_m:
             return None
         head = self._head(now_ns, record.train)
