@@ -19,12 +19,13 @@ FAST_MPS = 40.0
 
 def rest_m(speed_mps: float, accel_mps2: float = 0.0) -> float:
     """What a train still makes that goes over to the brake at its jerk, step by step."""
-    way_m, dt_s = 0.0, 0.001
-    while speed_mps > 0.0:
-        accel_mps2 = max(-SHAPE.leader_decel_mps2, accel_mps2 - SHAPE.leader_jerk_mps3 * dt_s)
-        way_m += (speed_mps + accel_mps2 * dt_s / 2.0) * dt_s
-        speed_mps += accel_mps2 * dt_s
-    return way_m
+    way_m, dt_s, brakes_mps2 = 0.0, 0.01, -SHAPE.leader_decel_mps2
+    while speed_mps > 0.0 and accel_mps2 > brakes_mps2:
+        next_mps2 = max(brakes_mps2, accel_mps2 - SHAPE.leader_jerk_mps3 * dt_s)
+        after_mps = speed_mps + (accel_mps2 + next_mps2) / 2.0 * dt_s
+        way_m += (speed_mps + after_mps) / 2.0 * dt_s
+        speed_mps, accel_mps2 = after_mps, next_mps2
+    return way_m + max(0.0, speed_mps) ** 2 / (2.0 * SHAPE.leader_decel_mps2)
 
 
 class Leader:
