@@ -274,6 +274,7 @@ class SectionState(NamedTuple):
     occupied: bool
     """True also when it is disturbed."""
     axles: int
+    """0 of an occupied one: its count is not to be trusted."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,6 +7,7 @@ from zenoh_config.keys import line_chunk, statuses
 from zenoh_config.messages import WAYSIDE
 from zenoh_config.t2t import (
     BROADCAST,
+    SUPERVISION,
     Admission,
     AreaAuthority,
     Heartbeat,
@@ -24,7 +25,7 @@ from zenoh_config.t2t import (
     TrackStatus,
     TrainReport,
 )
-from zenoh_config.t2t_supervision import Decree, LineState
+from zenoh_config.t2t_supervision import Decree, LineState, Removal, RemovalAnswer
 
 TO_ALL: Final = "all"
 """The reader's chunk of what everybody in an area shall hear."""
@@ -46,6 +47,8 @@ CHUNKS: Final[dict[type[T2tMessage], str]] = {
     Admission: "ad",
     Decree: "de",
     LineState: "ls",
+    Removal: "rm",
+    RemovalAnswer: "rn",
 }
 
 
@@ -69,6 +72,7 @@ def of_train(line: str, train: int) -> tuple[str, ...]:
         TrackStatus,
         LineOrder,
         Admission,
+        Removal,
     )
     return (*_keys(line, kinds, TO_ALL), *_keys(line, own, str(train)))
 
@@ -89,7 +93,11 @@ def of_wayside(line: str) -> tuple[str, ...]:
 
 def of_supervision(line: str) -> tuple[str, ...]:
     """What a display listens to: who commands, where everybody is, and what is decreed."""
-    return (*_keys(line, (Heartbeat, TrainReport, ObjectStatus, LineState), TO_ALL), statuses(line))
+    return (
+        *_keys(line, (Heartbeat, TrainReport, ObjectStatus, LineState), TO_ALL),
+        *_keys(line, (RemovalAnswer,), str(SUPERVISION)),
+        statuses(line),
+    )
 
 
 def of_line(line: str) -> tuple[str, ...]:

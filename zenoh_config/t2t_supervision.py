@@ -41,6 +41,36 @@ class Decree(T2tMessage):
     limit_mps: float
 
 
+@dataclass(frozen=True, slots=True)
+class Removal(T2tMessage):
+    """Supervision to the master of an area: a person has seen that this train is not there any
+    more, so that nobody need wait behind it. Said again until it is answered.
+    """
+
+    echo_ns: int
+    """`stamp_ns` of the newest heartbeat of `destination`: what was long on its way is refused."""
+    train: int
+
+
+class RemovalState(enum.IntEnum):
+    GONE = 1
+    """It is not on the roster, and that is kept."""
+    COMMITTING = 2
+    HEARD = 3
+    """It was heard lately, or may still hold an authority that is young enough."""
+    AXLES = 4
+    """Axles are counted where it may be, and no train that stands there explains them."""
+    TOO_OLD = 5
+
+
+@dataclass(frozen=True, slots=True)
+class RemovalAnswer(T2tMessage):
+    """The master to supervision: what came of a removal."""
+
+    train: int
+    state: RemovalState
+
+
 class DecreeAnswer(enum.IntEnum):
     NONE = 0
     """None was heard yet."""

@@ -20,7 +20,7 @@ from zenoh_config.t2t import (
     TrackStatus,
     TrainReport,
 )
-from zenoh_config.t2t_supervision import Decree, LineState
+from zenoh_config.t2t_supervision import Decree, LineState, Removal, RemovalAnswer
 
 T2T_TYPES: Final[tuple[type[T2tMessage], ...]] = (
     LeaseRequest,
@@ -40,5 +40,7 @@ T2T_TYPES: Final[tuple[type[T2tMessage], ...]] = (
     Admission,
     Decree,
     LineState,
+    Removal,
+    RemovalAnswer,
 )
 """In the order of their type numbers; additions go to the end."""

@@ -52,6 +52,9 @@ from zenoh_config.t2t_supervision import (
     LeaseNote,
     LeaseReason,
     LineState,
+    Removal,
+    RemovalAnswer,
+    RemovalState,
     TrainDecree,
 )
 from zenoh_config.t2t_types import T2T_TYPES
@@ -98,12 +101,16 @@ EVERY: dict[type[T2tMessage], T2tMessage] = {
             LIMIT,
             (),
         ),
+        Removal(*DESK, 4900 * MS, 3),
+        RemovalAnswer(PEER, 65_100, 1, 7, 2, 100, 0, 3, RemovalState.AXLES),
     )
 }
 TO_TRAINS = [
     each
     for each in EVERY.values()
-    if not isinstance(each, LeaseRequest | RosterCommit | ObjectClaim | Decree | LineState)
+    if not isinstance(
+        each, LeaseRequest | RosterCommit | ObjectClaim | Decree | LineState | RemovalAnswer
+    )
 ]
 kinds = pytest.mark.parametrize("message", EVERY.values(), ids=lambda m: type(m).__name__)
 heard = pytest.mark.parametrize("message", TO_TRAINS, ids=lambda m: type(m).__name__)

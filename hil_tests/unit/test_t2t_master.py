@@ -485,19 +485,19 @@ class TestRoster:
         chair.track()
         chair.reports(9, 2500.0)
         chair.reports(9, 2087.1 + LENGTH_M)
-        assert list(chair.master._passed) == [9]
+        assert list(chair.master._around._passed) == [9]
         assert chair.master._applicants == {}
         chair.reports(8, 2000.0)
         chair.reports(8, 2100.0)
-        assert list(chair.master._passed) == [9, 8]
+        assert list(chair.master._around._passed) == [9, 8]
         assert chair.master._applicants == {}
         chair.step(0)
-        assert list(chair.master._passed) == [9, 8]
+        assert list(chair.master._around._passed) == [9, 8]
         chair.reports(3, 200.0)
         chair.step(500)
-        assert list(chair.master._passed) == [9, 8]
+        assert list(chair.master._around._passed) == [9, 8]
         chair.track()
         chair.keeps()
         chair.reports(4, 100.0)
         chair.step(100)
-        assert list(chair.master._passed) == []
+        assert list(chair.master._around._passed) == []

@@ -88,7 +88,7 @@ class Track:
             SectionState(
                 each.number,
                 axles.get(each.number, 0) != 0 or each.number in disturbed,
-                max(0, axles.get(each.number, 0)),
+                0 if each.number in disturbed else max(0, axles.get(each.number, 0)),
             )
             for each in self._told(area, axles, disturbed)
         ]

@@ -7,7 +7,8 @@ this rule, objects and newcomers, waits for promises.
 """
 
 import enum
-from collections.abc import Sequence
+import itertools
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 
@@ -137,6 +138,12 @@ class Standing(NamedTuple):
     rear_m: float
     front_m: float
     axles: int
+    farther_m: float = 0.0
+    """By now it may be so much farther on: it has not been heard for a while."""
+
+    @property
+    def middle_m(self) -> float:
+        return (self.rear_m + self.front_m) / 2.0
 
 
 def explained(sections: Sequence[Counted], train: Standing, others: Sequence[Standing]) -> bool:
@@ -153,10 +160,44 @@ def explained(sections: Sequence[Counted], train: Standing, others: Sequence[Sta
         first -= 1
     while last + 1 < len(sections) and sections[last + 1].occupied:
         last += 1
-    start_m, end_m = sections[first].start_m, sections[last].end_m
-    there = [e for e in (train, *others) if start_m < (e.rear_m + e.front_m) / 2.0 < end_m]
-    counted = sum(each.axles for each in sections[first : last + 1])
-    return counted == sum(each.axles for each in there)
+    return _explained(sections[first : last + 1], sections[last + 1 :], (train, *others))
+
+
+def all_explained(
+    sections: Sequence[Counted], standing: Sequence[Standing], *, from_m: float, to_m: float
+) -> bool:
+    """Whether all axles between these two are those of trains that say that they stand there."""
+    first = 0
+    for occupied, group in itertools.groupby(sections, key=lambda each: each.occupied):
+        run = list(group)
+        first += len(run)
+        concerns = run[0].start_m < to_m and run[-1].end_m > from_m
+        if occupied and concerns and not _explained(run, sections[first:], standing):
+            return False
+    return True
+
+
+def _explained(
+    run: Sequence[Counted], beyond: Sequence[Counted], trains: Iterable[Standing]
+) -> bool:
+    """Whether what is counted in sections without a gap are the trains that surely are there."""
+    if any(each.occupied and each.axles == 0 for each in run):
+        # Its count is not to be trusted.
+        return False
+    start_m, end_m = run[0].start_m, run[-1].end_m
+    there = [each for each in trains if start_m < each.middle_m < end_m]
+    if any(_may_have_left(each, end_m, beyond) for each in there):
+        return False
+    return sum(each.axles for each in run) == sum(each.axles for each in there)
+
+
+def _may_have_left(train: Standing, end_m: float, beyond: Sequence[Counted]) -> bool:
+    """Unless all is clear as far as it may have come."""
+    if train.middle_m + train.farther_m < end_m:
+        return False
+    reach_m = train.front_m + train.farther_m
+    seen_to_m = beyond[-1].end_m if beyond else end_m
+    return reach_m > seen_to_m or any(e.occupied and e.start_m < reach_m for e in beyond)
 
 
 def _touch(section: Counted, train: Standing) -> bool:

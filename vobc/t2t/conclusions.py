@@ -83,6 +83,12 @@ class Conclusions:
     def is_alive(self, heard_ns: int, now_ns: int) -> bool:
         return self._guards.report_alive(Freshness(now_ns - heard_ns, self._silence_ns))
 
+    def farther_m(self, record: Record, report: TrainReport, now_ns: int) -> float:
+        """How much farther than it said last a train may be that has not been heard for a while."""
+        if self.is_alive(record.heard_ns, now_ns):
+            return 0.0
+        return (record.granted_m if self.has_promised(record) else UNBOUNDED_M) - report.front_max_m
+
     def reserved_m(self, order: Sequence[RosterEntry]) -> dict[int, float]:
         """By train, the farthest that it may come by anything that it was granted.
 

@@ -273,6 +273,20 @@ def cleared_after(later_ns: int) -> bool:
     return later_ns >= 0
 
 
+class Vanished(NamedTuple):
+    """A train that a person says is not there any more."""
+
+    silent_ns: int
+    age_max_ns: int
+    """An authority is obeyed no longer than this."""
+    explained: bool
+    """All axles where it may be are those of trains that say that they stand there."""
+
+
+def vanished(seen: Vanished) -> bool:
+    return seen.silent_ns > seen.age_max_ns and seen.explained
+
+
 def sieved(shown: bool) -> bool:
     """Secondary detection has shown that nothing hides near the train."""
     return shown
@@ -292,6 +306,7 @@ class MasterGuards:
     cannot_reach: Callable[[Reach], bool] = cannot_reach
     sieved: Callable[[bool], bool] = sieved
     cleared_after: Callable[[int], bool] = cleared_after
+    vanished: Callable[[Vanished], bool] = vanished
 
 
 @dataclasses.dataclass(frozen=True, slots=True)

@@ -25,6 +25,7 @@ from zenoh_config.t2t import (
     TrackStatus,
     TrainReport,
 )
+from zenoh_config.t2t_supervision import Removal
 
 SOURCES_MAX: Final = 4096
 """Streams of messages that are kept in order; more are refused, so that memory stays bounded."""
@@ -40,6 +41,7 @@ OF_TRAINS: Final = (
 )
 OF_ARBITERS: Final = (LeaseAnswer, RosterAck)
 OF_WAYSIDE: Final = (ObjectStatus, TrackStatus)
+OF_SUPERVISION: Final = (LineOrder, Removal)
 
 Stream = tuple[type[T2tMessage], int, int, int]
 """Kind, source, area and the number of the object that it speaks of."""
@@ -91,6 +93,6 @@ def _may_say(source: int, message: T2tMessage) -> bool:
         return WAYSIDE < source <= LAST_TRAIN
     if isinstance(message, OF_ARBITERS):
         return FIRST_ARBITER <= source <= LAST_ARBITER
-    if isinstance(message, LineOrder):
+    if isinstance(message, OF_SUPERVISION):
         return source == SUPERVISION
     return isinstance(message, OF_WAYSIDE) and source == WAYSIDE

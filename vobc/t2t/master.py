@@ -4,16 +4,18 @@ from typing import Final
 
 from firmware_py.trackdb.areas import AreaMap
 from vobc.t2t import admission
-from vobc.t2t.admission import Scene, Waiting, admitted, foremost_first, is_sieved, standing_of
+from vobc.t2t.admission import Scene, Waiting, admitted, foremost_first, is_sieved
 from vobc.t2t.authority import Course, Space, Stretch, back_to_m, end_of_authority_m
 from vobc.t2t.conclusions import Conclusions
 from vobc.t2t.guards import Freshness, MasterGuards
 from vobc.t2t.lease import Lease
 from vobc.t2t.newborn import Newborns
 from vobc.t2t.objects import Objects
+from vobc.t2t.removals import Removals, Sight
 from vobc.t2t.roster import Order, Roster
 from vobc.t2t.speaker import Head, Speaker
 from vobc.t2t.succession import Succession
+from vobc.t2t.surroundings import Surroundings
 from vobc.t2t.table import Record, TrainTable
 from vobc.t2t.track_view import TrackView, restrictions_for, view_of
 from vobc.t2t.vocabulary import T2tConfig
@@ -21,6 +23,7 @@ from zenoh_config.messages import WAYSIDE
 from zenoh_config.t2t import (
     BROADCAST,
     NOBODY,
+    SUPERVISION,
     Admission,
     AdmissionState,
     AreaAuthority,
@@ -39,6 +42,7 @@ from zenoh_config.t2t import (
     TrackStatus,
     TrainReport,
 )
+from zenoh_config.t2t_supervision import Removal, RemovalAnswer
 from zenoh_config.timers import NS_PER_MS
 
 APPLICANTS_MAX: Final = 64
@@ -64,14 +68,14 @@ class Master:
         self.succession = Succession(speaker.address, config.switch_ms * NS_PER_MS)
         self.roster = Roster(lease.term, lease.adopted, config.majority, guards)
         self._config, self._guards, self._line = config, guards, line
-        self._area, self._before = line.area(area), line.preceding(area)
+        self._area = line.area(area)
         self._speaker, self._lease = speaker, lease
         self._known = Conclusions(lease.term, table, config, guards)
         self._objects = Objects(lease.term, line.objects_in(area), guards)
         self._track: TrackView | None = None
         self._applicants: dict[int, tuple[TrainReport, int]] = {}
-        self._passed: dict[int, tuple[TrainReport, int]] = {}
-        """Out of the area for good; they explain axles behind its border."""
+        self._around = Surroundings(self._known, line, area)
+        self._removals = Removals(config, guards, self._known)
         self._unfit: set[int] = set()
         """Out of service by order of supervision."""
         self._left_ns = now_ns
@@ -98,6 +102,8 @@ class Master:
                 self.succession.switch.is_ready(message.source, message.nonce)
         elif isinstance(message, LineOrder):
             self._hears_order(message)
+        elif isinstance(message, Removal):
+            self._removals.hears(message, now_ns)
 
     def _hears_report(self, report: TrainReport, now_ns: int) -> None:
         train = report.source
@@ -113,7 +119,7 @@ class Master:
                 self._cycle_ns = min(self._cycle_ns, now_ns)
         elif self._has_passed(report.rear_min_m):
             self._applicants.pop(train, None)
-            self._passed[train] = report, now_ns
+            self._around.passes(report, now_ns)
         elif train in self._applicants or len(self._applicants) < APPLICANTS_MAX:
             self._applicants[train] = (report, now_ns)
 
@@ -176,6 +182,10 @@ class Master:
         said: list[T2tMessage] = []
         if not self.roster.pending:
             said += self._keep_roster(now_ns)
+        said += [
+            RemovalAnswer(*self._head(now_ns, SUPERVISION), train, state)
+            for train, state in self._removals.answers(self.roster)
+        ]
         self._succeed(now_ns, away=away)
         said += self._claims(now_ns)
         return said + self._authorities(now_ns)
@@ -186,15 +196,17 @@ class Master:
         """Departures and sieved trains first, then at most one newcomer after the other."""
         said: list[T2tMessage] = []
         records = self._known.records
-        left = [e for e in self.roster.proposed if self._has_passed(records[e.train].rear_m)]
-        order: Order = tuple([e for e in self.roster.proposed if e not in left])
-        order, gone = self._newborns.settle(
+        gone = self._removals.gone(self.roster, self._sight, now_ns)
+        order: Order = self.roster.proposed
+        left = [e for e in order if e.train in gone or self._has_passed(records[e.train].rear_m)]
+        order = tuple([each for each in order if each not in left])
+        order, elsewhere = self._newborns.settle(
             order, lambda report: self._scene(now_ns, report), self._known, now_ns
         )
         if any(self._guards.sieved(each.sieved) for each in left):
             self._left_ns = now_ns
         changed = order != self.roster.proposed
-        self._applicants.update({report.source: (report, at_ns) for report, at_ns in gone})
+        self._applicants.update({report.source: (report, at_ns) for report, at_ns in elsewhere})
         self._applicants = {
             train: each
             for train, each in self._applicants.items()
@@ -203,9 +215,8 @@ class Master:
         for train, (report, heard_ns) in sorted(self._applicants.items(), key=foremost_first):
             if not report.localised:
                 continue
-            result = admitted(
-                order, report, self._scene(now_ns, report), self._config, self._guards
-            )
+            scene = self._scene(now_ns, report)
+            result = admitted(order, report, scene, self._config, self._guards)
             if isinstance(result, Waiting):
                 said.append(Admission(*self._head(now_ns, train), result.state, result.waits_for))
                 continue
@@ -235,26 +246,14 @@ class Master:
         return tuple(sieved), tuple(sieved) != order
 
     def _scene(self, now_ns: int, newcomer: TrainReport) -> Scene:
-        records = self._known.records
-        # By train: one that has only just come onto the roster still stands among the applicants.
-        reports = {each.train: each.report for each in records.values() if each.report is not None}
-        alive = {t: e for t, e in self._passed.items() if self._known.is_alive(e[1], now_ns)}
-        self._passed = alive
-        for report, _ in [*self._applicants.values(), *self._newborns.told(), *alive.values()]:
-            if admission.may_explain(report, records, self._area):
-                reports[report.source] = report
-        return Scene(
-            area=self._area,
-            before=self._before,
-            records=records,
-            reserved_m=self._known.reserved_m(
-                [each for each in self.roster.proposed if each.train in records]
-            ),
-            counted=(self._track.counted if self._track else ()) if self._line.sections else None,
-            standing=tuple(
-                [standing_of(each) for each in reports.values() if each.source != newcomer.source]
-            ),
-        )
+        strangers, order = self._strangers(), self.roster.proposed
+        return self._around.scene(newcomer.source, order, strangers, self._track, now_ns)
+
+    def _sight(self, now_ns: int) -> Sight:
+        return self._around.sight(self._strangers(), self._track, now_ns)
+
+    def _strangers(self) -> list[tuple[TrainReport, int]]:
+        return [*self._applicants.values(), *self._newborns.told()]
 
     # Objects.
 

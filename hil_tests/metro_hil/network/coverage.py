@@ -21,7 +21,7 @@ from zenoh_config.t2t import (
     SwitchStep,
     T2tMessage,
 )
-from zenoh_config.t2t_supervision import Decree, LineState
+from zenoh_config.t2t_supervision import Decree, LineState, RemovalAnswer, RemovalState
 from zenoh_config.t2t_types import T2T_TYPES
 
 KINDS: Final[dict[type[T2tMessage], tuple[str, type[enum.IntEnum]]]] = {
@@ -30,6 +30,7 @@ KINDS: Final[dict[type[T2tMessage], tuple[str, type[enum.IntEnum]]]] = {
     SwitchStep: ("kind", SwitchKind),
     LineOrder: ("kind", OrderKind),
     Admission: ("state", AdmissionState),
+    RemovalAnswer: ("state", RemovalState),
 }
 """Messages of which each kind counts by itself."""
 FORMULAS: Final = frozenset({"latent_authority_m", "unused_term", "granted_until_ns"})

@@ -33,6 +33,7 @@ from zenoh_config.t2t import (
     T2tMessage,
     TrainReport,
 )
+from zenoh_config.t2t_supervision import Removal, RemovalAnswer, RemovalState
 
 NS_PER_MS: Final = 1_000_000
 ORDER_REPEATS: Final = 10
@@ -234,7 +235,7 @@ class WaysideNode:
         self._keep: WaysideDisk = (self._boot, tuple(kept.items()))
         self.status = Track(timers, cast.line, boot=self._boot, start_ns=now_ns)
         self._beat_ns = timers.heartbeat_ms * NS_PER_MS
-        self._masters: dict[int, int] = {}
+        self._masters: dict[int, Heartbeat] = {}
         self._sequence = 0
 
     def step(self, now_ns: int, heard: Sequence[Any]) -> Turn:
@@ -262,8 +263,10 @@ class WaysideNode:
         if changed:
             self._keep = (self._boot, tuple(self._memories.items()))
         for message in heard:
-            if type(message) is Heartbeat:
-                self._masters[message.area] = message.source
+            if type(message) is RemovalAnswer:
+                self._crew.removals[message.area, message.train] = message.state
+            elif type(message) is Heartbeat:
+                self._masters[message.area] = message
         self.status.closed = self._crew.closed
         self.status.restrictions = self._crew.restrictions
         beats = tuple([m for m in heard if type(m) is Heartbeat])
@@ -285,19 +288,12 @@ class WaysideNode:
             if master is not None and order.left > 0:
                 order.left -= 1
                 self._sequence += 1
-                said.append(
-                    LineOrder(
-                        SUPERVISION,
-                        master,
-                        order.area,
-                        0,
-                        self._boot,
-                        self._sequence,
-                        now_ns,
-                        order.kind,
-                        order.train,
-                    )
-                )
+                head = (SUPERVISION, master.source, order.area, 0)
+                count = (self._boot, self._sequence, now_ns)
+                if order.kind is None:
+                    said.append(Removal(*head, *count, master.stamp_ns, order.train))
+                else:
+                    said.append(LineOrder(*head, *count, order.kind, order.train))
         self._crew.orders = [order for order in self._crew.orders if order.left > 0]
         return said
 
@@ -305,14 +301,15 @@ class WaysideNode:
 def _concerns(message: T2tMessage, number: int, area: int) -> bool:
     if type(message) is ObjectClaim:
         return message.number == number
-    return message.area == area
+    return message.area == area and type(message) is not RemovalAnswer
 
 
 @dataclass(slots=True)
 class Order:
     """What supervision wants of the master of an area."""
 
-    kind: OrderKind
+    kind: OrderKind | None
+    """None: take it off the roster."""
     area: int
     train: int
     left: int = ORDER_REPEATS
@@ -334,6 +331,8 @@ class T2tCrew:
         self.closed: tuple[Any, ...] = ()
         self.restrictions: tuple[Any, ...] = ()
         self.orders: list[Order] = []
+        self.removals: dict[tuple[int, int], RemovalState] = {}
+        """By area and train: what supervision was answered last."""
         self.track: TrueTrack | None = None
         self.true_ns: Callable[[], int] = lambda: 0
         self.move: Callable[[list[tuple[int, bool]]], None] = lambda moved: None

@@ -13,6 +13,7 @@ NEAR_M: Final = 60.0
 BEYOND_M: Final = 20.0
 """So far behind the end its rear is in the depot, and its controller is switched off."""
 LOOK_NS: Final = 500_000_000
+SEEN_NS: Final = 4_000_000_000
 AWAY_S: Final = (5.0, 60.0)
 ROOM_M: Final = 40.0
 """Free track ahead of a train that is set onto the line."""
@@ -51,6 +52,13 @@ class Depot:
         net.kill(train.address, why="is switched off in the depot")
         away_ns = int(self._rng.uniform(*AWAY_S) * NS_PER_S)
         net.at(net.now_ns + away_ns, self._enters, train)
+        self._seen_gone(train)
+
+    def _seen_gone(self, train: TrueTrain) -> None:
+        """By a person, who takes it off the roster: its master may not have heard of it."""
+        if not train.on_line:
+            self.world.removes(train.address)
+            self.world.net.at(self.world.net.now_ns + SEEN_NS, self._seen_gone, train)
 
     def _enters(self, train: TrueTrain) -> None:
         """When there is room: its place is nobody's, as none is behind it."""

@@ -9,7 +9,7 @@ from firmware_py.trackdb.areas import Area, AreaMap, ObjectKind, ObjectSite, Tra
 from metro_hil.network.air import Air, LeaseRules
 from metro_hil.network.cab import Cab
 from metro_hil.network.checker import ViolationError
-from metro_hil.network.crew import Cast, T2tCrew, TrainNode
+from metro_hil.network.crew import Cast, Order, T2tCrew, TrainNode
 from metro_hil.network.ground import Grant, TrueTrain
 from metro_hil.network.net import Codec, Letter, Machine, Node
 from metro_hil.network.trace import Teller
@@ -156,6 +156,12 @@ class LineWorld(World):
         closed_up = train.reading().front_max_m > leader.reading().rear_min_m - room_m
         self.checker.looked["40 closed up"] += closed_up
         return closed_up
+
+    def removes(self, train: int) -> None:
+        """Supervision takes it off every roster."""
+        self.net.say("railway", f"supervision takes train {train} off the rosters")
+        for area in self.drawn.cast.line.areas:
+            self.t2t.orders.append(Order(None, area.number, train))
 
     def closes(self, closed: SpeedRestriction) -> None:
         """23: from some time on no authority that is accepted enters a closed stretch any more.

@@ -19,6 +19,7 @@ from zenoh_config.t2t import (
     OrderKind,
     TrackStatus,
 )
+from zenoh_config.t2t_supervision import RemovalState
 from zenoh_config.timers import LineTimers
 
 SWITCH: Final = 1
@@ -294,6 +295,51 @@ def late_claim(make: Make) -> None:
     scene.run(0.5)
 
 
+def removed_in_error(make: Make) -> None:
+    """A person takes a train for gone that stands there and says nothing: one with a train close
+    behind it, and one that is heard.
+    """
+    for silent in (True, False):
+        scene = make(Plot({1: 560.0, 2: 680.0}, stops_m=(3000.0,)))
+        scene.settle()
+        if silent:
+            scene.net.kill(2)
+        scene.world.trains[2].motion.apply_emergency(scene.net.now_ns)
+        scene.stands(2)
+        scene.stands(1)
+        for _ in range(10):
+            scene.world.removes(2)
+            scene.run(1.0)
+        answer = scene.world.t2t.removals[1, 2]
+        wanted = RemovalState.AXLES if silent else RemovalState.HEARD
+        scene.expect(f"it is refused: {answer.name}", answer is wanted)
+        scene.run(30.0)
+
+
+def removed_from_the_end(make: Make) -> None:
+    """A train is driven off the line unheard, close before one that stands in the last section:
+    who comes next waits for a person's word, and then is no more in its way.
+    """
+    end_m = 4000.0
+    scene = make(Plot({1: end_m - 150.0, 2: end_m - 30.0}, area_m=end_m, stops_m=(end_m - 30.0,)))
+    scene.settle()
+    gone = scene.world.trains[2]
+    scene.net.kill(2)
+    scene.run(10.0)
+    gone.shunts = True
+    scene.until("it is off the line", lambda: gone.rear_m > end_m + 20.0, within_s=120.0)
+    gone.on_line = gone.localised = gone.shunts = False
+    scene.run(30.0)
+    waits_m = scene.world.trains[1].front_m
+    scene.expect(f"the other waits: {waits_m:.1f} m", waits_m < end_m - 100.0)
+    scene.world.removes(2)
+    scene.run(60.0)
+    answer = scene.world.t2t.removals[1, 2]
+    scene.expect(f"it was told: {answer.name}", answer is RemovalState.GONE)
+    runs_m = scene.world.trains[1].front_m
+    scene.expect(f"the other runs on: {runs_m:.1f} m", runs_m > end_m - 35.0)
+
+
 LURES: Final[tuple[Scenario, ...]] = (
     Scenario(
         "late-authority-takeover",
@@ -327,4 +373,6 @@ LURES: Final[tuple[Scenario, ...]] = (
     Scenario("forgetful-train", 0, "a train restarts while two leases run", forgetful_train),
     Scenario("object-restarts", 0, "an interlocking restarts", object_restarts),
     Scenario("late-claim", 0, "a claim comes when the switch is to move", late_claim),
+    Scenario("removed-in-error", 0, "a train that is there is taken for gone", removed_in_error),
+    Scenario("removed-from-the-end", 0, "a train leaves the line unheard", removed_from_the_end),
 )

@@ -38,6 +38,7 @@ class Mischief:
             ("stop order", self._stop_order),
             ("switch order", self._switch_order),
             ("out of service", self._out_of_service),
+            ("removal in error", self._remove_in_error),
         ]
         depot = Depot(world, self._rng)
         self._things += 3 * [("leaves the line", depot.leaves)]
@@ -170,6 +171,14 @@ class Mischief:
                 self.world.t2t.orders.append(Order(OrderKind.GO, area.number, train))
 
         self._later(1.0, 15.0, go)
+
+    def _remove_in_error(self) -> bool:
+        """Somebody takes a train that is there for one that is not."""
+        there = [t for t in self.world.trains.values() if t.on_line and not t.shunts]
+        if not there:
+            return False
+        self.world.removes(self._rng.choice(there).address)
+        return True
 
     def _switch_order(self) -> None:
         train = self._rng.choice(list(self.world.trains))

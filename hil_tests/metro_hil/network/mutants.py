@@ -94,6 +94,7 @@ NOTICED: Final[Mapping[str, str]] = {
     "master.object_confirmed": "late-release",
     "master.cannot_reach": "late-release",
     "master.sieved": "hidden-train",
+    "master.vanished": "removed-in-error",
     "arbiter.lease_is_free": "arbiter-restarts",
     "arbiter.waits_after_start": "arbiter-restarts",
     "object.newer_claim": "late-release",

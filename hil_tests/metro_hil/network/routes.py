@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from metro_hil.network.net import Letter
 from zenoh_config.messages import WAYSIDE
-from zenoh_config.t2t import BROADCAST, Heartbeat, T2tMessage
+from zenoh_config.t2t import BROADCAST, SUPERVISION, Heartbeat, T2tMessage
 
 
 class Routes:
@@ -16,7 +16,8 @@ class Routes:
         }
         self._trains = tuple(trains)
         self._heartbeat = {source: (*others, WAYSIDE) for source, others in self._others.items()}
-        self._one: dict[int, tuple[int, ...]] = {}
+        # Whoever sits at a desk sits with the wayside.
+        self._one: dict[int, tuple[int, ...]] = {SUPERVISION: (WAYSIDE,)}
 
     def letters(self, out: Sequence[T2tMessage]) -> list[Letter]:
         return [Letter(self._targets(message), message) for message in out]

@@ -78,12 +78,11 @@ def test_a_train_that_has_no_place_on_the_roster_yet_is_in_nobodys_authority(see
 
 @pytest.mark.parametrize(
     ("seed", "trouble_s"),
-    [(310, 300.0), (1206, 300.0), (2099, 300.0), (2113, 300.0), (2414, 10.0), (2685, 30.0)],
+    [(2414, 10.0), (2685, 30.0)],
 )
 def test_what_seeds_once_broke_they_break_no_more(seed: int, trouble_s: float) -> None:
-    """310: an arbiter without memory stored an empty one. 1206: a train without a place was not
-    asked before a switch. 2099: the judge took a train's way back into an object that it had
-    rolled back in for another's. 2113: nobody explained the axles of a train that had passed.
+    """What a seed brings about changes with every message that is added, so that those of longer
+    runs are no longer here: the fault that each showed has a test of its own.
     2414: who hid beside an unsieved train was let through to, by a few milliseconds. 2685: a
     train that began over a failed switch was allowed to jog back over it."""
     result = Job(Phases(trouble_s=trouble_s))(seed)

@@ -1,0 +1,104 @@
+"""What a master sees around a train: what is counted, and whose axles explain it."""
+
+from collections.abc import Iterable
+from typing import NamedTuple
+
+from firmware_py.trackdb.areas import AreaMap
+from vobc.t2t.admission import Scene, may_explain
+from vobc.t2t.authority import Counted, Standing
+from vobc.t2t.conclusions import Conclusions
+from vobc.t2t.removals import Sight
+from vobc.t2t.roster import Order
+from vobc.t2t.track_view import TrackView
+from zenoh_config.t2t import TrainReport
+
+Heard = tuple[TrainReport, int]
+"""A report and when it came."""
+
+
+class Witness(NamedTuple):
+    report: TrainReport
+    heard_ns: int
+    farther_m: float = 0.0
+    """It may be so much farther on by now."""
+
+    @property
+    def standing(self) -> Standing:
+        report = self.report
+        return Standing(report.rear_min_m, report.front_max_m, report.axles, self.farther_m)
+
+
+class Surroundings:
+    """In one area, as its master knows it."""
+
+    def __init__(self, known: Conclusions, line: AreaMap, area: int) -> None:
+        self._known, self._counts = known, bool(line.sections)
+        self._area, self._before = line.area(area), line.preceding(area)
+        self._passed: dict[int, Heard] = {}
+
+    def passes(self, report: TrainReport, now_ns: int) -> None:
+        """It is out of the area for good, and may explain axles behind its border."""
+        self._passed[report.source] = report, now_ns
+
+    def scene(
+        self,
+        but: int,
+        order: Order,
+        strangers: Iterable[Heard],
+        track: TrackView | None,
+        now_ns: int,
+    ) -> Scene:
+        """What the admission of a train is decided on.
+
+        Args:
+            but: this train itself.
+            strangers: trains that are not on the roster in this incarnation.
+        """
+        records = self._known.records
+        told = self._witnesses(strangers, now_ns)
+        return Scene(
+            area=self._area,
+            before=self._before,
+            records=records,
+            reserved_m=self._known.reserved_m([each for each in order if each.train in records]),
+            counted=self._counted(track),
+            standing=tuple([each.standing for train, each in told.items() if train != but]),
+        )
+
+    def sight(self, strangers: Iterable[Heard], track: TrackView | None, now_ns: int) -> Sight:
+        """What the removal of a train is decided on."""
+        others = list(strangers)
+        heard = [
+            each
+            for each in self._witnesses(others, now_ns).values()
+            if self._known.is_alive(each.heard_ns, now_ns)
+        ]
+        anew = {e.source for e, heard_ns in others if self._known.is_alive(heard_ns, now_ns)}
+        return Sight(
+            self._counted(track),
+            track.seen_ns if track else 0,
+            tuple([each.standing for each in heard if each.report.standstill]),
+            anew,
+        )
+
+    def _counted(self, track: TrackView | None) -> tuple[Counted, ...] | None:
+        if not self._counts:
+            return None
+        return track.counted if track else ()
+
+    def _witnesses(self, strangers: Iterable[Heard], now_ns: int) -> dict[int, Witness]:
+        """By train: of the roster, and of all others those that may explain anything."""
+        known = self._known
+        told = {
+            each.train: Witness(
+                each.report, each.heard_ns, known.farther_m(each, each.report, now_ns)
+            )
+            for each in known.records.values()
+            if each.report is not None
+        }
+        self._passed = {t: e for t, e in self._passed.items() if known.is_alive(e[1], now_ns)}
+        for report, heard_ns in [*strangers, *self._passed.values()]:
+            # One that has only just come onto the roster still stands among the applicants.
+            if may_explain(report, known.records, self._area):
+                told[report.source] = Witness(report, heard_ns)
+        return told
