@@ -23,6 +23,7 @@ from zenoh_config.t2t import (
     TrackStatus,
     TrainReport,
 )
+from zenoh_config.t2t_supervision import Removal
 
 MS = 1_000_000
 OWN = 7
@@ -126,6 +127,10 @@ class Chair:
 
     def orders(self, kind: OrderKind, train: int) -> None:
         self.hears(LineOrder(*self.head(65_100, term=0), kind, train))
+
+    def removes(self, train: int, *, echo_ms: int | None = None) -> None:
+        echo_ns = self.now_ns if echo_ms is None else echo_ms * MS
+        self.hears(Removal(*self.head(65_100, term=0), echo_ns, train))
 
     def track(self, *, seen_ms: int | None = None, term: int = TERM, **told: Any) -> None:
         """All sections clear of axles but those of given numbers."""

@@ -14,6 +14,7 @@ from vobc.t2t.authority import (
     Space,
     Standing,
     Stretch,
+    all_explained,
     back_to_m,
     end_of_authority_m,
     explained,
@@ -277,6 +278,81 @@ def test_a_section_that_is_seen_clear_counts_for_nothing() -> None:
     told[2] = Counted(200.0, 300.0, False, 4)
 
     assert explained(told, Standing(115.0, 198.0, 16), []) is True
+
+
+@pytest.mark.parametrize(
+    ("axles", "farther_m", "answer"),
+    [
+        ((0, 32, 0, 0), 0.0, True),
+        ((0, 32, 0, 0), 50.0, True),  # Its middle at 145 m is in there at the most.
+        ((0, 32, 0, 0), 54.9, True),
+        ((0, 32, 0, 16), 55.0, True),  # So far its front does not come to what is occupied there.
+        ((0, 32, 0, 16), 114.9, True),
+        ((0, 32, 0, 16), 115.1, False),
+        ((0, 32, 0, 16), 54.0, True),
+        ((0, 32, 0, 0), 215.0, True),  # Clear as far as it may be.
+        ((0, 32, 0, 0), 215.1, False),  # Nobody tells of what is beyond 400 m.
+        ((0, 32), 54.9, True),
+        ((0, 32), 55.0, False),
+    ],
+)
+def test_who_has_not_been_heard_for_a_while_explains_axles_only_where_it_surely_is(
+    axles: tuple[int, ...], farther_m: float, *, answer: bool
+) -> None:
+    other = Standing(105.0, 185.0, 16, farther_m)
+
+    assert explained(sections(*axles), Standing(115.0, 198.0, 16), [other]) is answer
+
+
+@pytest.mark.parametrize("beside", [0, 2])
+def test_a_count_that_is_not_to_be_trusted_is_explained_by_nobody(beside: int) -> None:
+    told = sections(0, 16, 0)
+    assert explained(told, Standing(115.0, 198.0, 16), [])
+
+    told[beside] = told[beside]._replace(occupied=True)
+    assert not explained(told, Standing(115.0, 198.0, 16), [])
+    assert not all_explained(told, [Standing(115.0, 198.0, 16)], from_m=0.0, to_m=300.0)
+
+
+HERE, THERE = Standing(110.0, 190.0, 16), Standing(310.0, 390.0, 24)
+
+
+@pytest.mark.parametrize(
+    ("axles", "standing", "answer"),
+    [
+        ((0, 0, 0, 0, 0), [], True),
+        ((0, 16, 0, 0, 0), [], False),
+        ((0, 16, 0, 0, 0), [HERE], True),
+        ((0, 16, 0, 24, 0), [HERE], False),
+        ((0, 16, 0, 24, 0), [HERE, THERE], True),
+        ((0, 24, 0, 16, 0), [HERE, THERE], False),  # Not where they say.
+        ((16, 0, 0, 0, 0), [], True),  # Behind where it may be.
+        ((0, 0, 0, 0, 16), [], True),  # Before it.
+        ((16, 16, 0, 0, 0), [HERE], False),  # Hangs together with what is there.
+        ((0, 16, 0, 24, 16), [HERE, THERE], False),
+    ],
+)
+def test_all_axles_between_two_places_are_those_of_trains_that_stand_there(
+    axles: tuple[int, ...], standing: list[Standing], *, answer: bool
+) -> None:
+    assert all_explained(sections(*axles), standing, from_m=100.0, to_m=400.0) is answer
+
+
+@pytest.mark.parametrize(
+    ("from_m", "to_m", "answer"),
+    [(200.0, 400.0, True), (199.9, 400.0, False), (0.0, 100.0, True), (0.0, 100.1, False)],
+)
+def test_a_section_counts_when_any_of_it_lies_between(
+    from_m: float, to_m: float, *, answer: bool
+) -> None:
+    assert all_explained(sections(0, 16, 0, 0), [], from_m=from_m, to_m=to_m) is answer
+
+
+def test_who_may_have_left_leaves_what_is_counted_unexplained() -> None:
+    gone = HERE._replace(farther_m=200.0)
+
+    assert all_explained(sections(0, 16, 0, 0), [gone], from_m=0.0, to_m=200.0)
+    assert not all_explained(sections(0, 16, 0, 16), [gone], from_m=0.0, to_m=200.0)
 
 
 @pytest.mark.parametrize(

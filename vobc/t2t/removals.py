@@ -79,10 +79,9 @@ class Removals:
         record = self._known.records[train]
         silent_ns = 0 if train in sight.heard else now_ns - record.heard_ns
         age_max_ns = self._config.timers.authority_ms * NS_PER_MS
-        from_m = record.rear_m - self._config.behind_axle_m
         explained = sight.counted is None or (
             sight.seen_ns >= echo_ns
-            and all_explained(sight.counted, sight.standing, from_m=from_m, to_m=reserved_m)
+            and all_explained(sight.counted, sight.standing, from_m=record.rear_m, to_m=reserved_m)
         )
         if self._guards.vanished(Vanished(silent_ns, age_max_ns, explained)):
             return RemovalState.COMMITTING
