@@ -42,7 +42,7 @@ from metro_hil.run_folder import (
 from metro_hil.supervise import RealtimeRun
 
 LINE_VERBS = (
-    *("line", "master", "switch-master", "out-of-service"),
+    *("line", "master", "switch-master", "out-of-service", "remove-train"),
     *("hold", "skip", "emergency-brake", "restrict", "close"),
 )
 """Supervision of a line whose trains command themselves."""

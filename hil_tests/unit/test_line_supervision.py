@@ -7,12 +7,13 @@ import pytest
 from firmware_py.ports import RadioMessage
 from firmware_py.trackdb.areas import load_areas
 from metro_hil.line_desk.command import main
-from metro_hil.line_desk.desk import order
+from metro_hil.line_desk.desk import Desk, order
 from metro_hil.line_desk.view import LineView
 from metro_hil.vobc_command import main as vobc
-from zenoh_config.codec import pack
+from zenoh_config.codec import pack, unpack
 from zenoh_config.t2t import BROADCAST, Heartbeat, OrderKind, Phase, T2tMessage, TrainReport
 from zenoh_config.t2t_keys import key_of
+from zenoh_config.t2t_supervision import Removal, RemovalAnswer, RemovalState
 
 LOOP = load_areas("loop")
 MS = 1_000_000
@@ -131,3 +132,118 @@ def test_what_is_no_train_is_refused(train: str, capsys: pytest.CaptureFixture[s
         main(["out-of-service", train])
 
     assert f"{train} is no train" in capsys.readouterr().err
+
+
+class Ticking:
+    """A clock that runs as soon as somebody waits."""
+
+    def __init__(self) -> None:
+        self.ns = 5 * 10**9
+
+    def now_ns(self) -> int:
+        return self.ns
+
+    def epoch_ns(self) -> int:
+        return 10**18
+
+    def wait_until(self, deadline_ns: int) -> None:
+        self.ns = deadline_ns
+
+
+class Masters:
+    """A radio on which masters of two areas beat and answer removals, each in its own way."""
+
+    connected = True
+
+    def __init__(self, states: dict[int, RemovalState | None]) -> None:
+        self.states = states
+        self.heard: list[Removal] = []
+        self._said: list[T2tMessage] = []
+
+    def receive(self, now_ns: int) -> list[RadioMessage]:
+        beats = [dataclasses.replace(BEAT, area=a, stamp_ns=now_ns) for a in self.states]
+        told, self._said = [*beats, *self._said], []
+        return [said(each) for each in told]
+
+    def send(self, now_ns: int, key: str, payload: bytes) -> None:
+        removal = unpack(payload)
+        assert isinstance(removal, Removal)
+        assert key == key_of("loop", removal)
+        self.heard.append(removal)
+        state = self.states[removal.area]
+        if state is not None:
+            head = (removal.destination, removal.source, removal.area, removal.term)
+            self._said.append(RemovalAnswer(*head, 1, 1, 0, removal.train, state))
+
+
+def remove(states: dict[int, RemovalState | None], train: int = 4) -> tuple[int, Masters]:
+    clock, masters = Ticking(), Masters(states)
+    desk = Desk(clock, LineView(LOOP), masters)  # type: ignore[arg-type]
+    desk.listen(0.2)
+    return desk.remove(train), masters
+
+
+def test_a_train_is_removed_when_every_master_has_taken_it_off(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    code, masters = remove({1: RemovalState.GONE, 2: RemovalState.GONE})
+
+    assert code == 0
+    assert capsys.readouterr().out == "train 4 is on no roster any more\n"
+    first = masters.heard[0]
+    assert (first.source, first.destination, first.area, first.term) == (65_100, 3, 1, 7)
+    assert {each.area for each in masters.heard} == {1, 2}
+    assert first.echo_ns == first.stamp_ns
+    assert [each.sequence for each in masters.heard] == sorted(
+        {each.sequence for each in masters.heard}
+    )
+
+
+@pytest.mark.parametrize(
+    ("states", "words"),
+    [
+        (
+            {1: RemovalState.GONE, 2: RemovalState.AXLES},
+            "area 2 keeps train 4: where it may be axles are counted",
+        ),
+        ({1: RemovalState.HEARD}, "area 1 keeps train 4: it is heard, or was until just now"),
+        ({1: RemovalState.COMMITTING}, "area 1 keeps train 4: its arbiters do not keep"),
+        ({1: RemovalState.TOO_OLD}, "area 1 keeps train 4: the order came too late"),
+        (
+            {1: None, 2: RemovalState.HEARD},
+            "area 1: train 3 does not answer; area 2 keeps train 4: it is heard",
+        ),
+        ({}, "nobody is heard on loop"),
+    ],
+)
+def test_who_keeps_a_train_and_why_is_said(
+    states: dict[int, RemovalState | None], words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, _ = remove(states)
+
+    assert code == 3
+    complaint = capsys.readouterr().err
+    assert complaint.startswith(f"vobc: {words}")
+    assert len(complaint.splitlines()) == 1
+
+
+def test_what_was_answered_before_it_was_asked_does_not_count() -> None:
+    clock, masters = Ticking(), Masters({1: RemovalState.GONE})
+    desk = Desk(clock, LineView(LOOP), masters)  # type: ignore[arg-type]
+    desk.listen(0.2)
+    assert desk.remove(4) == 0
+
+    masters.states[1] = None
+    desk.listen(0.2)
+    assert desk.remove(4) == 3
+
+
+def test_whoever_waits_behind_a_silent_train_says_so() -> None:
+    waits = dataclasses.replace(REPORT, source=4, behind=9)
+    ahead = dataclasses.replace(REPORT, source=9, front_max_m=1400.0)
+
+    assert "behind train 9, which is silent" in view(waits).words(0)[-1]
+    shown = view(waits, ahead)
+    assert "silent" not in "".join(shown.words(900 * MS))
+    shown.hears([said(waits)], 1100 * MS)
+    assert shown.words(1100 * MS)[-1].endswith("behind train 9, which is silent")

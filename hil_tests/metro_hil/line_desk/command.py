@@ -36,7 +36,11 @@ OF_TRACK: Final = {
     ),
     "close": (DecreeKind.CLOSE, DecreeKind.OPEN, "let no train enter a stretch"),
 }
-VERBS: Final = ("line", "master", "switch-master", "out-of-service", *OF_TRAIN, *OF_TRACK)
+VERBS: Final = (
+    *("line", "master", "switch-master", "out-of-service", "remove-train"),
+    *OF_TRAIN,
+    *OF_TRACK,
+)
 
 
 def main(words: Sequence[str]) -> int:
@@ -91,6 +95,8 @@ def _obey(options: argparse.Namespace, desk: Desk, view: LineView, clock: WallCl
         return desk.switch(options.area, options.to)
     if verb == "out-of-service":
         return desk.retire(options.number, end=options.end)
+    if verb == "remove-train":
+        return desk.remove(options.number)
     if verb in OF_TRAIN:
         wanted, back, _ = OF_TRAIN[verb]
         return desk.decree(back if options.end else wanted, train=options.number)
@@ -114,7 +120,16 @@ def parser() -> argparse.ArgumentParser:
     switch.add_argument("--area", type=int, required=True)
     switch.add_argument("--to", type=train_number, required=True, metavar="TRAIN")
     retire = verbs.add_parser("out-of-service", help="let a train command nothing any more")
-    chosen = [line, master, switch, retire]
+    words = "say that a silent train is gone, so that nobody waits behind it"
+    remove = verbs.add_parser(
+        "remove-train",
+        help=words,
+        description=f"{words.capitalize()}: somebody has seen that it left the line or was taken "
+        "off it. It is refused while the train is heard, or axles are counted where it may be that "
+        "no other train explains.",
+    )
+    remove.add_argument("number", type=train_number, metavar="TRAIN")
+    chosen = [line, master, switch, retire, remove]
     of_trains = [retire]
     for verb, (_, _, words) in OF_TRAIN.items():
         of_trains.append(verbs.add_parser(verb, help=words, description=f"{words.capitalize()}."))

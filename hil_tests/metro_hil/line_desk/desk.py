@@ -14,7 +14,15 @@ from zenoh_config import t2t_keys
 from zenoh_config.codec import BENCH_KEY, pack
 from zenoh_config.messages import WAYSIDE
 from zenoh_config.t2t import NOBODY, SUPERVISION, LineOrder, OrderKind, T2tMessage
-from zenoh_config.t2t_supervision import Decree, DecreeAnswer, DecreeKind, LineState
+from zenoh_config.t2t_supervision import (
+    Decree,
+    DecreeAnswer,
+    DecreeKind,
+    LineState,
+    Removal,
+    RemovalAnswer,
+    RemovalState,
+)
 
 NS_PER_S: Final = 1_000_000_000
 NS_PER_US: Final = 1000
@@ -27,6 +35,12 @@ REFUSALS: Final = {
     DecreeAnswer.NOT_THERE: "nothing of the kind was decreed",
     DecreeAnswer.NOT_STORED: "the wayside cannot store it, so it is not decreed",
     DecreeAnswer.TOO_OLD: "it came too late; the radio is too slow",
+}
+KEPT: Final = {
+    RemovalState.COMMITTING: "its arbiters do not keep the roster without it",
+    RemovalState.HEARD: "it is heard, or was until just now; only who is silent can be taken off",
+    RemovalState.AXLES: "where it may be axles are counted that no train standing there explains",
+    RemovalState.TOO_OLD: "the order came too late; the radio is too slow",
 }
 
 
@@ -99,6 +113,40 @@ class Desk:
         if end:
             return _failed(f"train {train} does not say that it is in service")
         return _failed(f"nobody could take over from train {train}")
+
+    def remove(self, train: int) -> int:
+        """Tell every master that it is gone, until all have taken it off their rosters."""
+        if not self._view.commands:
+            return self.nobody()
+        asked_ns = self._clock.now_ns()
+
+        def answers() -> dict[int, RemovalAnswer]:
+            told = self._view.removals.items()
+            return {n: e for n, (e, at) in told if at >= asked_ns and e.train == train}
+
+        def done() -> bool:
+            for command in self._view.commands.values():
+                self._remove(train, command)
+            states = {area: each.state for area, each in answers().items()}
+            return all(states.get(area) is RemovalState.GONE for area in self._view.commands)
+
+        if self.listen(ORDER_S, done):
+            print(f"train {train} is on no roster any more")
+            return EXIT_OK
+        told, words = answers(), []
+        for area, command in sorted(self._view.commands.items()):
+            if area not in told:
+                words.append(f"area {area}: train {command.heartbeat.source} does not answer")
+            elif told[area].state is not RemovalState.GONE:
+                words.append(f"area {area} keeps train {train}: {KEPT[told[area].state]}")
+        return _failed("; ".join(words))
+
+    def _remove(self, train: int, command: Command) -> None:
+        self._sequence += 1
+        beat = command.heartbeat
+        head = (SUPERVISION, beat.source, beat.area, beat.term)
+        count = (self._boot, self._sequence, self._clock.now_ns())
+        self._send(Removal(*head, *count, beat.stamp_ns, train))
 
     def _order(self, kind: OrderKind, train: int, command: Command) -> None:
         self._sequence += 1

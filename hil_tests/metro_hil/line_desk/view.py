@@ -10,7 +10,7 @@ from zenoh_config import keys, t2t_keys
 from zenoh_config.codec import BENCH_KEY, unpack
 from zenoh_config.messages import SpeedRestriction, TrainStatus
 from zenoh_config.t2t import NOBODY, Heartbeat, ObjectStatus, Phase, T2tMessage, TrainReport
-from zenoh_config.t2t_supervision import LeaseReason, LineState, TrainDecree
+from zenoh_config.t2t_supervision import LeaseReason, LineState, RemovalAnswer, TrainDecree
 
 NS_PER_S: Final = 1e9
 SILENT_S: Final = 1.0
@@ -46,6 +46,8 @@ class LineView:
         self.objects: dict[int, ObjectStatus] = {}
         self.state: LineState | None = None
         """What the wayside said last; None: it was not heard."""
+        self.removals: dict[int, tuple[RemovalAnswer, int]] = {}
+        """By area: what its master said last of a removal, and when."""
         self.refused = 0
         """Messages that were damaged, of another key, or under the key of another."""
         self._key = key
@@ -73,6 +75,8 @@ class LineView:
                 self.objects[heard.number] = heard
             elif isinstance(heard, LineState):
                 self.state = heard
+            elif isinstance(heard, RemovalAnswer):
+                self.removals[heard.area] = heard, now_ns
 
     def _hears_heartbeat(self, heartbeat: Heartbeat, now_ns: int) -> None:
         known = self.commands.get(heartbeat.area)
@@ -97,7 +101,7 @@ class LineView:
         said = [self._area_words(area.number, now_ns) for area in self.areas.areas]
         trains = sorted(self.reports.values(), key=lambda each: -each[0].front_max_m)
         head = f"train {'front m':>9} {'km/h':>6} {'authority to m':>15} {'term':>5} {'age s':>6}"
-        rows = [self._train_words(report, now_ns - at) for report, at in trains]
+        rows = [self._train_words(report, at, now_ns) for report, at in trains]
         return [*said, *self._track_words(), f"{head}  is", *rows]
 
     def reasons(self, now_ns: int) -> list[str]:
@@ -141,20 +145,28 @@ class LineView:
             said.append(f"at most {each.limit_mps * KMH:g} km/h {stretch_words(each)}")
         return [*said, *[f"closed {stretch_words(each)}" for each in self.state.closed]]
 
-    def _train_words(self, report: TrainReport, age_ns: int) -> str:
+    def _train_words(self, report: TrainReport, at_ns: int, now_ns: int) -> str:
         end = f"{report.held_end_m:.1f}" if report.member else "–"
         front = f"{report.front_max_m:.1f}" if report.localised else "lost"
         return (
             f"{report.source:>5} {front:>9} {report.speed_mps * KMH:>6.1f} {end:>15} "
-            f"{report.term:>5} {age_ns / NS_PER_S:>6.2f}  {self._state_words(report)}"
+            f"{report.term:>5} {(now_ns - at_ns) / NS_PER_S:>6.2f}  "
+            f"{self._state_words(report, now_ns)}"
         ).rstrip()
 
-    def _state_words(self, report: TrainReport) -> str:
-        """Mode, what its protection does, and what is decreed of it."""
+    def is_silent(self, train: int, now_ns: int) -> bool:
+        """It does not report, as far as this view has listened."""
+        _, at_ns = self.reports.get(train, (None, None))
+        return at_ns is None or (now_ns - at_ns) / NS_PER_S > SILENT_S
+
+    def _state_words(self, report: TrainReport, now_ns: int) -> str:
+        """Mode, what its protection does, whom it waits for, and what is decreed of it."""
         said = []
         status = self.statuses.get(report.source)
         if status is not None:
             said += [_name(OperatingMode, status.mode), protection_words(status)]
+        if report.behind != NOBODY and self.is_silent(report.behind, now_ns):
+            said.append(f"behind train {report.behind}, which is silent")
         if report.out_of_service:
             said.append("out of service")
         decree = self.decree(report.source)
