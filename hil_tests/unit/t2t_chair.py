@@ -128,9 +128,9 @@ class Chair:
     def orders(self, kind: OrderKind, train: int) -> None:
         self.hears(LineOrder(*self.head(65_100, term=0), kind, train))
 
-    def removes(self, train: int, *, echo_ms: int | None = None) -> None:
+    def removes(self, train: int, *, echo_ms: int | None = None, term: int = TERM) -> None:
         echo_ns = self.now_ns if echo_ms is None else echo_ms * MS
-        self.hears(Removal(*self.head(65_100, term=0), echo_ns, train))
+        self.hears(Removal(*self.head(65_100, term=term), echo_ns, train))
 
     def track(self, *, seen_ms: int | None = None, term: int = TERM, **told: Any) -> None:
         """All sections clear of axles but those of given numbers."""

@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from hil_tests.unit.t2t_chair import MS, OWN, Chair, authorities, entry, of
+from hil_tests.unit.t2t_chair import MS, OWN, TERM, Chair, authorities, entry, of
 from vobc.t2t.guards import Vanished, vanished
 from zenoh_config.t2t import SUPERVISION, RosterEntry
 from zenoh_config.t2t_supervision import RemovalAnswer, RemovalState
@@ -179,6 +179,16 @@ def test_a_removal_counts_for_three_seconds_and_the_newest_of_them() -> None:
     chair.track(axles={2: 32})
     assert answers(chair.step(0)) == {GONE: RemovalState.AXLES}
     assert answers(chair.step(100)) == {}
+
+
+@pytest.mark.parametrize("term", [TERM - 1, TERM + 1, 0])
+def test_what_was_said_to_another_command_does_not_count(term: int) -> None:
+    chair = scene()
+    chair.track(axles={2: 16})
+    chair.removes(GONE, term=term)
+
+    assert answers(chair.step(0)) == {}
+    assert chair.order() == [GONE, NEXT]
 
 
 def test_who_is_not_on_the_roster_is_gone() -> None:

@@ -18,7 +18,7 @@ class Conclusions:
         self, term: int, table: TrainTable, config: T2tConfig, guards: MasterGuards
     ) -> None:
         self.table = table
-        self._term, self._config, self._guards = term, config, guards
+        self.term, self._config, self._guards = term, config, guards
         self._silence_ns = config.timers.authority_ms * NS_PER_MS // 2
         """After this a train is silent: what answers its last report would soon be too old."""
 
@@ -49,13 +49,13 @@ class Conclusions:
         """
         former = self.records[report.source]
         record = Record(report.source, report.rear_min_m, heard_ns)
-        record.hears(report, heard_ns, term=self._term, jog_m=self._config.jog_m)
+        record.hears(report, heard_ns, term=self.term, jog_m=self._config.jog_m)
         record.stopped = former.stopped
         self.records[report.source] = record
 
     def has_promised(self, record: Record) -> bool:
         """It obeys no older term any more."""
-        return self._guards.has_promised(Promise(record.term, self._term))
+        return self._guards.has_promised(Promise(record.term, self.term))
 
     def is_fit(self, train: int, now_ns: int) -> bool:
         """Heard of, promised, and in service by its own word."""

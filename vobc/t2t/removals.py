@@ -48,6 +48,8 @@ class Removals:
 
     def hears(self, removal: Removal, now_ns: int) -> None:
         train = removal.train
+        if removal.term != self._known.term:
+            return
         if train not in self._wanted and len(self._wanted) >= REMOVALS_MAX:
             return
         if self._is_good(removal.echo_ns, now_ns):

@@ -288,7 +288,7 @@ class WaysideNode:
             if master is not None and order.left > 0:
                 order.left -= 1
                 self._sequence += 1
-                head = (SUPERVISION, master.source, order.area, 0)
+                head = (SUPERVISION, master.source, order.area, master.term)
                 count = (self._boot, self._sequence, now_ns)
                 if order.kind is None:
                     said.append(Removal(*head, *count, master.stamp_ns, order.train))
