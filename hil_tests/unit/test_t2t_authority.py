@@ -218,6 +218,8 @@ def sections(*axles: int) -> list[Counted]:
         ((0, 32, 0), [Standing(160.0, 239.8, 16)], True),
         ((0, 16, 0), [Standing(60.0, 140.0, 16)], True),
         ((0, 32, 0), [Standing(60.2, 140.0, 16)], True),
+        ((0, 32), [Standing(159.5, 239.5, 16)], True),
+        ((0, 16, 16, 0), [Standing(210.0, 290.0, 16), Standing(310.0, 390.0, 16)], True),
     ],
 )
 def test_axles_around_a_train_are_explained_by_trains_that_say_they_are_there(
@@ -255,6 +257,7 @@ def test_a_silent_train_is_past_the_clear_sections_behind_it_but_for_its_overhan
         ((16, 0, 16), 100.0, 200.0, False),  # Only the neighbours' sections are occupied.
         ((16, 0, 16), 99.9, 190.0, False),  # It cannot be there with that little of it.
         ((8, 8), 60.0, 140.0, True),
+        ((8, 0, 8), 60.0, 240.0, True),  # Between its bogies.
     ],
 )
 def test_only_sections_that_it_is_in_and_those_that_hang_together_with_them_are_counted(
@@ -292,6 +295,9 @@ def test_a_section_that_is_seen_clear_counts_for_nothing() -> None:
         ((0, 32, 0, 16), 54.0, True),
         ((0, 32, 0, 0), 215.0, True),  # Clear as far as it may be.
         ((0, 32, 0, 0), 215.1, False),  # Nobody tells of what is beyond 400 m.
+        ((0, 32, 0, 16), 115.0, True),
+        ((0, 32, 0), 60.0, True),
+        ((0, 32, 0, 0, 0), 250.0, True),
         ((0, 32), 54.9, True),
         ((0, 32), 55.0, False),
     ],
@@ -310,8 +316,8 @@ def test_a_count_that_is_not_to_be_trusted_is_explained_by_nobody(beside: int) -
     assert explained(told, Standing(115.0, 198.0, 16), [])
 
     told[beside] = told[beside]._replace(occupied=True)
-    assert not explained(told, Standing(115.0, 198.0, 16), [])
-    assert not all_explained(told, [Standing(115.0, 198.0, 16)], from_m=0.0, to_m=300.0)
+    assert explained(told, Standing(115.0, 198.0, 16), []) is False
+    assert all_explained(told, [Standing(115.0, 198.0, 16)], from_m=0.0, to_m=300.0) is False
 
 
 HERE, THERE = Standing(110.0, 190.0, 16), Standing(310.0, 390.0, 24)
@@ -330,6 +336,7 @@ HERE, THERE = Standing(110.0, 190.0, 16), Standing(310.0, 390.0, 24)
         ((0, 0, 0, 0, 16), [], True),  # Before it.
         ((16, 16, 0, 0, 0), [HERE], False),  # Hangs together with what is there.
         ((0, 16, 0, 24, 16), [HERE, THERE], False),
+        ((0, 0, 0, 24, 0), [HERE, THERE], False),  # One that is there is not counted.
     ],
 )
 def test_all_axles_between_two_places_are_those_of_trains_that_stand_there(
@@ -353,6 +360,9 @@ def test_who_may_have_left_leaves_what_is_counted_unexplained() -> None:
 
     assert all_explained(sections(0, 16, 0, 0), [gone], from_m=0.0, to_m=200.0)
     assert not all_explained(sections(0, 16, 0, 16), [gone], from_m=0.0, to_m=200.0)
+    assert not all_explained(sections(0, 16, 0, 16, 0, 0), [gone], from_m=0.0, to_m=200.0)
+    near = HERE._replace(farther_m=60.0)
+    assert all_explained(sections(0, 16, 0), [near], from_m=0.0, to_m=200.0)
 
 
 @pytest.mark.parametrize(

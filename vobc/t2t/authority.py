@@ -166,13 +166,15 @@ def explained(sections: Sequence[Counted], train: Standing, others: Sequence[Sta
 def all_explained(
     sections: Sequence[Counted], standing: Sequence[Standing], *, from_m: float, to_m: float
 ) -> bool:
-    """Whether all axles between these two are those of trains that say that they stand there."""
+    """Whether what is counted between these two is what trains say that stand there: nothing where
+    they say nothing.
+    """
     first = 0
-    for occupied, group in itertools.groupby(sections, key=lambda each: each.occupied):
+    for _, group in itertools.groupby(sections, key=lambda each: each.occupied):
         run = list(group)
         first += len(run)
         concerns = run[0].start_m < to_m and run[-1].end_m > from_m
-        if occupied and concerns and not _explained(run, sections[first:], standing):
+        if concerns and not _explained(run, sections[first:], standing):
             return False
     return True
 
@@ -193,11 +195,10 @@ def _explained(
 
 def _may_have_left(train: Standing, end_m: float, beyond: Sequence[Counted]) -> bool:
     """Unless all is clear as far as it may have come."""
-    if train.middle_m + train.farther_m < end_m:
-        return False
     reach_m = train.front_m + train.farther_m
     seen_to_m = beyond[-1].end_m if beyond else end_m
-    return reach_m > seen_to_m or any(e.occupied and e.start_m < reach_m for e in beyond)
+    seen = reach_m > seen_to_m or any(e.occupied and e.start_m < reach_m for e in beyond)
+    return seen and train.middle_m + train.farther_m >= end_m
 
 
 def _touch(section: Counted, train: Standing) -> bool:
