@@ -206,6 +206,14 @@ def test_who_is_not_on_a_roster_that_is_not_kept_is_not_surely_gone() -> None:
     assert answers(chair.step(100))[5] is RemovalState.COMMITTING
 
 
+def test_who_just_comes_onto_the_roster_was_heard() -> None:
+    chair = scene()
+    chair.reports(5, 300.0)
+
+    assert judged(chair, 5, axles={1: 16, 2: 32}) is RemovalState.HEARD
+    assert chair.order() == [GONE, NEXT, 5]
+
+
 def test_sixteen_are_answered_at_a_time() -> None:
     chair = scene()
     chair.track(axles={2: 16})

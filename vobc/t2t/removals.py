@@ -94,7 +94,9 @@ class Removals:
         on_roster = {entry.train for entry in roster.proposed}
         kept = RemovalState.COMMITTING if roster.pending else RemovalState.GONE
         for train in self._wanted:
-            yield train, self._states.get(train, kept) if train in on_roster else kept
+            # One that has only just come onto the roster was heard.
+            judged = self._states.get(train, RemovalState.HEARD)
+            yield train, judged if train in on_roster else kept
         for train in sorted(self._late):
             yield train, RemovalState.TOO_OLD
         self._late.clear()
