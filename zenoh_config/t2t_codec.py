@@ -17,6 +17,8 @@ from zenoh_config.t2t_types import T2T_TYPES
 FIRST_TYPE: Final = 16
 AREA_MAX: Final = 255
 AXLES_MAX: Final = 1000
+ROSTERS_MAX: Final = 2 * ROSTER_MAX
+"""Places on all rosters of a line together that one message tells."""
 TYPE_NUMBERS: Final = {kind: FIRST_TYPE + at for at, kind in enumerate(T2T_TYPES)}
 HEADER_FIELDS: Final = ("source", "destination", "sequence", "stamp_ns")
 """Of every message; they stand in the header of the envelope and not in the body."""
@@ -28,6 +30,7 @@ _LENGTHS: Final = {
     "closed": RESTRICTIONS_MAX,
     "trains": ROSTER_MAX,
     "leases": AREA_MAX,
+    "rosters": ROSTERS_MAX,
 }
 _ADDRESSES: Final = ("source", "destination", "successor", "holder", "standby", "train", "behind")
 _MOST: Final = {

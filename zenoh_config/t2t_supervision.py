@@ -124,6 +124,13 @@ class LeaseNote(NamedTuple):
     """By the wayside's clock, as its `stamp_ns` is."""
 
 
+class RosterPlace(NamedTuple):
+    """A train that arbiters keep on the roster of an area."""
+
+    area: int
+    train: int
+
+
 @dataclass(frozen=True, slots=True)
 class LineState(T2tMessage):
     """The wayside to all, at once and every half second: what is decreed, and the last answer."""
@@ -137,3 +144,5 @@ class LineState(T2tMessage):
     leases: tuple[LeaseNote, ...]
     restrictions: tuple[SpeedRestriction, ...]
     closed: tuple[SpeedRestriction, ...]
+    rosters: tuple[RosterPlace, ...] = ()
+    """Foremost train of each area first."""

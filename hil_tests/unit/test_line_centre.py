@@ -13,7 +13,7 @@ from plant_emulator.wayside.t2t_vocabulary import ArbiterMemory, CentreMemory, L
 from zenoh_config import keys
 from zenoh_config.codec import pack, unpack
 from zenoh_config.messages import SpeedRestriction, TrainOrders, TrainStatus
-from zenoh_config.t2t import BROADCAST, Heartbeat, Phase, T2tMessage, TrackStatus
+from zenoh_config.t2t import BROADCAST, Heartbeat, Phase, RosterEntry, T2tMessage, TrackStatus
 from zenoh_config.t2t_keys import key_of
 from zenoh_config.t2t_supervision import Decree, DecreeAnswer, DecreeKind, LeaseReason, LineState
 from zenoh_config.timers import TIMERS_A
@@ -229,6 +229,42 @@ def test_a_repeated_decree_is_carried_out_once() -> None:
         site.step(said(release))
 
     assert site.stored.trains[0].releases == 1
+
+
+def keeps(version: tuple[int, int], *trains: int, area: int = 1) -> LeaseMemory:
+    roster = tuple(RosterEntry(train, 100.0, True, 1) for train in trains)
+    return LeaseMemory(area, 5, 4, 0, *version, roster)
+
+
+def test_it_tells_who_is_on_the_newest_roster_that_any_arbiter_keeps() -> None:
+    site = known()
+    centre = site.wayside.centre
+    assert centre is not None
+    for kept in (keeps((5, 2), 4, 3), keeps((5, 1), 9), keeps((4, 7), 8), keeps((5, 2), 4, 3)):
+        centre.granted(None, kept, site.now_ns)
+    centre.granted(None, keeps((1, 1), 2, area=2), site.now_ns)
+    site.now_ns += 600 * MS
+    site.step()
+    assert site.state is not None
+    assert site.state.rosters == ((1, 4), (1, 3), (2, 2))
+
+    centre.granted(None, keeps((5, 3), 3), site.now_ns)
+    site.now_ns += 600 * MS
+    site.step()
+    assert site.state.rosters == ((1, 3), (2, 2))
+
+
+def test_more_than_can_be_told_of_rosters_is_left_out() -> None:
+    site = known()
+    centre = site.wayside.centre
+    assert centre is not None
+    for area in (1, 2, 3):
+        centre.granted(None, keeps((5, 1), *range(1, 101), area=area), site.now_ns)
+    site.step()
+
+    assert site.state is not None
+    assert len(site.state.rosters) == 256
+    assert isinstance(unpack(pack(site.state)), LineState)
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,14 @@ from metro_hil.vobc_command import main as vobc
 from zenoh_config.codec import pack, unpack
 from zenoh_config.t2t import BROADCAST, Heartbeat, OrderKind, Phase, T2tMessage, TrainReport
 from zenoh_config.t2t_keys import key_of
-from zenoh_config.t2t_supervision import Removal, RemovalAnswer, RemovalState
+from zenoh_config.t2t_supervision import (
+    DecreeAnswer,
+    LineState,
+    Removal,
+    RemovalAnswer,
+    RemovalState,
+    RosterPlace,
+)
 
 LOOP = load_areas("loop")
 MS = 1_000_000
@@ -238,12 +245,14 @@ def test_what_was_answered_before_it_was_asked_does_not_count() -> None:
     assert desk.remove(4) == 3
 
 
-def test_whoever_waits_behind_a_silent_train_says_so() -> None:
-    waits = dataclasses.replace(REPORT, source=4, behind=9)
-    ahead = dataclasses.replace(REPORT, source=9, front_max_m=1400.0)
+def test_who_is_on_a_roster_and_says_nothing_is_shown() -> None:
+    places = tuple(RosterPlace(*each) for each in ((1, 9), (1, 3), (2, 9)))
+    nothing = (0, 0, DecreeAnswer.NONE, (), (), (), ())
+    state = LineState(0, BROADCAST, 0, 0, 2, 1, 0, *nothing, places)
+    words = "train 9 is silent, on the roster of area 1 and 2: others wait behind it"
 
-    assert "behind train 9, which is silent" in view(waits).words(0)[-1]
-    shown = view(waits, ahead)
-    assert "silent" not in "".join(shown.words(900 * MS))
-    shown.hears([said(waits)], 1100 * MS)
-    assert shown.words(1100 * MS)[-1].endswith("behind train 9, which is silent")
+    assert [each for each in view(state, REPORT).words(0) if "silent" in each] == [words]
+    shown = view(state, REPORT, dataclasses.replace(REPORT, source=9))
+    assert "silent" not in "".join(shown.words(1000 * MS))
+    shown.hears([said(REPORT)], 1000 * MS)
+    assert shown.words(1001 * MS)[-1] == words

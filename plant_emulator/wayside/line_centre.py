@@ -25,6 +25,7 @@ from zenoh_config.messages import (
     TrainStatus,
 )
 from zenoh_config.t2t import BROADCAST, LAST_TRAIN, NOBODY, ROSTER_MAX, SUPERVISION, T2tMessage
+from zenoh_config.t2t_codec import ROSTERS_MAX
 from zenoh_config.t2t_supervision import (
     Decree,
     DecreeAnswer,
@@ -32,6 +33,7 @@ from zenoh_config.t2t_supervision import (
     LeaseNote,
     LeaseReason,
     LineState,
+    RosterPlace,
     TrainDecree,
 )
 from zenoh_config.timers import NS_PER_MS
@@ -75,6 +77,8 @@ class LineCentre:
         """Of statuses and decrees."""
         self.leases: dict[int, LeaseNote] = {}
         """By area, as arbiters were seen to grant them."""
+        self._rosters: dict[int, LeaseMemory] = {}
+        """By area, where arbiters were seen to keep the newest roster."""
         self._line, self._boot, self._key = line, boot, key
         self._first_sequence = first_sequence
         self._gate = OrderGate(WAYSIDE)
@@ -147,6 +151,10 @@ class LineCentre:
 
     def granted(self, before: LeaseMemory | None, now: LeaseMemory, now_ns: int) -> None:
         """What an arbiter keeps of an area, and what it kept before; the first to say so counts."""
+        kept = self._rosters.get(now.area, now)
+        version = (now.roster_term, now.roster_version)
+        if version >= (kept.roster_term, kept.roster_version):
+            self._rosters[now.area] = now
         known = self.leases.get(now.area)
         if not now.holder or (known is not None and known.granted_term >= now.promised):
             return
@@ -240,4 +248,10 @@ class LineCentre:
         head = (WAYSIDE, BROADCAST, 0, 0, self._boot, self._sequence, now_ns)
         trains = tuple([self._of(train) for train in sorted(self._centres)])
         stretches = self.memory.restrictions, self.memory.closed
-        return LineState(*head, *self._answered, trains, tuple(self.leases.values()), *stretches)
+        places = [
+            RosterPlace(area, entry.train)
+            for area, each in sorted(self._rosters.items())
+            for entry in each.roster
+        ]
+        leases, rosters = tuple(self.leases.values()), tuple(places[:ROSTERS_MAX])
+        return LineState(*head, *self._answered, trains, leases, *stretches, rosters)

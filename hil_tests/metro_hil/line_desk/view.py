@@ -1,6 +1,6 @@
 """What supervision of a line has heard, and the words for it."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Final, NamedTuple
 
 from can_dbc.vobc import Cause, OperatingMode, Supervision
@@ -101,8 +101,22 @@ class LineView:
         said = [self._area_words(area.number, now_ns) for area in self.areas.areas]
         trains = sorted(self.reports.values(), key=lambda each: -each[0].front_max_m)
         head = f"train {'front m':>9} {'km/h':>6} {'authority to m':>15} {'term':>5} {'age s':>6}"
-        rows = [self._train_words(report, at, now_ns) for report, at in trains]
-        return [*said, *self._track_words(), f"{head}  is", *rows]
+        rows = [self._train_words(report, now_ns - at) for report, at in trains]
+        silent = [self._silent_words(*each) for each in self.silent(now_ns).items()]
+        return [*said, *self._track_words(), f"{head}  is", *rows, *silent]
+
+    def silent(self, now_ns: int) -> dict[int, list[int]]:
+        """Trains that are on rosters and do not report, with the areas; others wait behind them."""
+        found = dict[int, list[int]]()
+        for place in () if self.state is None else self.state.rosters:
+            _, at_ns = self.reports.get(place.train, (None, None))
+            if at_ns is None or (now_ns - at_ns) / NS_PER_S > SILENT_S:
+                found.setdefault(place.train, []).append(place.area)
+        return found
+
+    def _silent_words(self, train: int, areas: Sequence[int]) -> str:
+        where = " and ".join([str(area) for area in areas])
+        return f"train {train} is silent, on the roster of area {where}: others wait behind it"
 
     def reasons(self, now_ns: int) -> list[str]:
         """Who commands each area, and why."""
@@ -145,28 +159,20 @@ class LineView:
             said.append(f"at most {each.limit_mps * KMH:g} km/h {stretch_words(each)}")
         return [*said, *[f"closed {stretch_words(each)}" for each in self.state.closed]]
 
-    def _train_words(self, report: TrainReport, at_ns: int, now_ns: int) -> str:
+    def _train_words(self, report: TrainReport, age_ns: int) -> str:
         end = f"{report.held_end_m:.1f}" if report.member else "–"
         front = f"{report.front_max_m:.1f}" if report.localised else "lost"
         return (
             f"{report.source:>5} {front:>9} {report.speed_mps * KMH:>6.1f} {end:>15} "
-            f"{report.term:>5} {(now_ns - at_ns) / NS_PER_S:>6.2f}  "
-            f"{self._state_words(report, now_ns)}"
+            f"{report.term:>5} {age_ns / NS_PER_S:>6.2f}  {self._state_words(report)}"
         ).rstrip()
 
-    def is_silent(self, train: int, now_ns: int) -> bool:
-        """It does not report, as far as this view has listened."""
-        _, at_ns = self.reports.get(train, (None, None))
-        return at_ns is None or (now_ns - at_ns) / NS_PER_S > SILENT_S
-
-    def _state_words(self, report: TrainReport, now_ns: int) -> str:
-        """Mode, what its protection does, whom it waits for, and what is decreed of it."""
+    def _state_words(self, report: TrainReport) -> str:
+        """Mode, what its protection does, and what is decreed of it."""
         said = []
         status = self.statuses.get(report.source)
         if status is not None:
             said += [_name(OperatingMode, status.mode), protection_words(status)]
-        if report.behind != NOBODY and self.is_silent(report.behind, now_ns):
-            said.append(f"behind train {report.behind}, which is silent")
         if report.out_of_service:
             said.append("out of service")
         decree = self.decree(report.source)
