@@ -154,6 +154,19 @@ def test_a_report_counts_for_half_the_life_of_an_authority(age_ns: int, *, alive
     assert known.is_fit(1, NOW_NS + age_ns) is alive
 
 
+def test_who_has_not_been_heard_for_a_while_may_have_come_as_far_as_it_was_granted() -> None:
+    told = report(1, rear_m=120.0, held_end_m=900.0)
+    known = conclusions(told)
+    record = known.records[1]
+
+    assert known.farther_m(record, told, NOW_NS + SILENT_NS) == 0.0
+    assert known.farther_m(record, told, NOW_NS + SILENT_NS + 1) == 900.0 - told.front_max_m
+    record.issued(8, 1200.0)
+    assert known.farther_m(record, told, NOW_NS + 2 * SILENT_NS) == 1200.0 - told.front_max_m
+    record.term = TERM - 1
+    assert known.farther_m(record, told, NOW_NS + 2 * SILENT_NS) == 1.0e6 - told.front_max_m
+
+
 def test_whoever_is_unknown_unheard_out_of_service_or_of_an_older_term_shall_not_command() -> None:
     out_of_service = replace(report(3, 400.0), out_of_service=True)
     known = conclusions(report(1, 900.0), report(2, 500.0, term=4), out_of_service)

@@ -5,9 +5,8 @@ from typing import Any
 import pytest
 
 from hil_tests.unit.t2t_chair import MS, OWN, TERM, Chair, authorities, entry, of
-from vobc.t2t.guards import Vanished, vanished
 from zenoh_config.t2t import SUPERVISION, RosterEntry
-from zenoh_config.t2t_supervision import RemovalAnswer, RemovalState
+from zenoh_config.t2t_supervision import Removal, RemovalAnswer, RemovalState
 
 GONE, NEXT = 1, 2
 ROSTER = (entry(GONE, 900.0), entry(NEXT, 780.0))
@@ -191,6 +190,16 @@ def test_what_was_said_to_another_command_does_not_count(term: int) -> None:
     assert chair.order() == [GONE, NEXT]
 
 
+def test_three_seconds_are_three_seconds() -> None:
+    for late_ns in (0, 1):
+        chair = scene(silent_ms=4000)
+        chair.track(axles={2: 16})
+        echo_ns = chair.now_ns - 3_000_000_000 - late_ns
+        chair.hears(Removal(*chair.head(65_100), echo_ns, GONE))
+        wanted = RemovalState.TOO_OLD if late_ns else RemovalState.COMMITTING
+        assert answers(chair.step(0)) == {GONE: wanted}
+
+
 def test_who_is_not_on_the_roster_is_gone() -> None:
     chair = scene()
 
@@ -206,12 +215,33 @@ def test_who_is_not_on_a_roster_that_is_not_kept_is_not_surely_gone() -> None:
     assert answers(chair.step(100))[5] is RemovalState.COMMITTING
 
 
-def test_who_just_comes_onto_the_roster_was_heard() -> None:
+def test_as_long_as_a_roster_is_not_kept_nothing_is_said_of_any_train() -> None:
     chair = scene()
     chair.reports(5, 300.0)
 
-    assert judged(chair, 5, axles={1: 16, 2: 32}) is RemovalState.HEARD
+    assert judged(chair, 5, axles={1: 16, 2: 32}) is RemovalState.COMMITTING
     assert chair.order() == [GONE, NEXT, 5]
+    chair.keeps()
+    chair.now_ns += 200 * MS
+    chair.reports(5, 300.0)
+    assert judged(chair, 5, axles={1: 16, 2: 32}) is RemovalState.HEARD
+
+
+def test_a_seventeenth_is_not_heard_of_but_those_that_are_go_on() -> None:
+    chair = scene()
+    chair.track(axles={2: 16})
+    for train in range(101, 117):
+        chair.removes(train)
+    chair.step(0)
+    chair.now_ns += 3000 * MS
+    chair.removes(101)
+    chair.removes(117)
+    chair.track(axles={2: 16})
+    chair.step(0)
+    chair.now_ns += MS
+    chair.track(axles={2: 16})
+
+    assert list(answers(chair.step(200))) == [101]
 
 
 def test_sixteen_are_answered_at_a_time() -> None:
@@ -259,14 +289,6 @@ def test_its_axles_may_still_show_beyond_who_comes_next() -> None:
     judged(chair)
 
     assert chair.master._left_ns == chair.now_ns
-
-
-@pytest.mark.parametrize(
-    ("silent_ns", "explained", "gone"),
-    [(101, True, True), (100, True, False), (101, False, False)],
-)
-def test_the_guard(silent_ns: int, *, explained: bool, gone: bool) -> None:
-    assert vanished(Vanished(silent_ns, 100, explained)) is gone
 
 
 def test_a_train_that_fell_silent_and_ran_on_hides_nobody() -> None:

@@ -276,15 +276,14 @@ def cleared_after(later_ns: int) -> bool:
 class Vanished(NamedTuple):
     """A train that a person says is not there any more."""
 
-    silent_ns: int
-    age_max_ns: int
-    """An authority is obeyed no longer than this."""
+    silent: bool
+    """For longer than any authority is obeyed."""
     explained: bool
     """All axles where it may be are those of trains that say that they stand there."""
 
 
 def vanished(seen: Vanished) -> bool:
-    return seen.silent_ns > seen.age_max_ns and seen.explained
+    return seen.silent and seen.explained
 
 
 def sieved(shown: bool) -> bool:

@@ -9,10 +9,11 @@ against any word.
 from collections.abc import Callable, Iterable
 from typing import Final, NamedTuple
 
-from vobc.t2t.authority import Counted, Standing, all_explained
+from vobc.t2t.authority import Standing, all_explained
 from vobc.t2t.conclusions import Conclusions
 from vobc.t2t.guards import MasterGuards, Vanished
 from vobc.t2t.roster import Roster
+from vobc.t2t.track_view import TrackView
 from vobc.t2t.vocabulary import T2tConfig
 from zenoh_config.t2t_supervision import Removal, RemovalState
 from zenoh_config.timers import NS_PER_MS
@@ -26,14 +27,19 @@ REMOVALS_MAX: Final = 16
 class Sight(NamedTuple):
     """What the area's track and trains tell."""
 
-    counted: tuple[Counted, ...] | None
-    """Sections as last counted; None: this line counts no axles."""
-    seen_ns: int
-    """Not before this they were so."""
+    counts: bool
+    """This line counts axles."""
+    track: TrackView | None
     standing: tuple[Standing, ...]
     """Trains that are heard, and say that they stand."""
     heard: set[int]
     """Trains that were heard just now and are not on the roster in this incarnation."""
+
+
+class Wanted(NamedTuple):
+    echo_ns: int
+    """Own stamp of the heartbeat that the newest removal answers."""
+    state: RemovalState = RemovalState.HEARD
 
 
 class Removals:
@@ -41,10 +47,9 @@ class Removals:
 
     def __init__(self, config: T2tConfig, guards: MasterGuards, known: Conclusions) -> None:
         self._config, self._guards, self._known = config, guards, known
-        self._wanted: dict[int, int] = {}
-        """By train: own stamp of the heartbeat that the newest removal answers."""
+        self._wanted: dict[int, Wanted] = {}
+        """By train."""
         self._late: set[int] = set()
-        self._states: dict[int, RemovalState] = {}
 
     def hears(self, removal: Removal, now_ns: int) -> None:
         train = removal.train
@@ -52,51 +57,52 @@ class Removals:
             return
         if train not in self._wanted and len(self._wanted) >= REMOVALS_MAX:
             return
-        if self._is_good(removal.echo_ns, now_ns):
-            self._wanted[train] = max(removal.echo_ns, self._wanted.get(train, removal.echo_ns))
+        if _is_good(removal.echo_ns, now_ns):
+            known = self._wanted.get(train, Wanted(removal.echo_ns))
+            self._wanted[train] = known._replace(echo_ns=max(removal.echo_ns, known.echo_ns))
         elif len(self._late) < REMOVALS_MAX:
             self._late.add(train)
 
-    @staticmethod
-    def _is_good(echo_ns: int, now_ns: int) -> bool:
-        return 0 <= now_ns - echo_ns <= GOOD_FOR_NS
-
     def gone(self, roster: Roster, look: Callable[[int], Sight], now_ns: int) -> set[int]:
         """Trains that are wanted off the roster and surely hold and occupy nothing."""
-        self._wanted = {t: e for t, e in self._wanted.items() if self._is_good(e, now_ns)}
-        if not self._wanted:
+        wanted = {t: e for t, e in self._wanted.items() if _is_good(e.echo_ns, now_ns)}
+        self._wanted = wanted
+        concerned = wanted.keys() & roster.boots().keys()
+        if not concerned:
             return set()
-        sight, on_roster = look(now_ns), {entry.train for entry in roster.proposed}
-        reserved_m = self._known.reserved_m(roster.proposed)
-        self._states = {
-            train: self._judged(train, echo_ns, reserved_m[train], sight, now_ns)
-            for train, echo_ns in self._wanted.items()
-            if train in on_roster
-        }
-        return {t for t, state in self._states.items() if state is RemovalState.COMMITTING}
+        sight, reserved_m = look(now_ns), self._known.reserved_m(roster.proposed)
+        for train in concerned:
+            state = self._judged(train, wanted[train].echo_ns, reserved_m[train], sight, now_ns)
+            wanted[train] = wanted[train]._replace(state=state)
+        return {train for train in concerned if wanted[train].state is RemovalState.COMMITTING}
 
     def _judged(
         self, train: int, echo_ns: int, reserved_m: float, sight: Sight, now_ns: int
     ) -> RemovalState:
-        record = self._known.records[train]
-        silent_ns = 0 if train in sight.heard else now_ns - record.heard_ns
+        record, track = self._known.records[train], sight.track
         age_max_ns = self._config.timers.authority_ms * NS_PER_MS
-        explained = sight.counted is None or (
-            sight.seen_ns >= echo_ns
-            and all_explained(sight.counted, sight.standing, from_m=record.rear_m, to_m=reserved_m)
+        silent = train not in sight.heard and now_ns - record.heard_ns > age_max_ns
+        explained = not sight.counts or (
+            track is not None
+            and track.seen_ns >= echo_ns
+            and all_explained(track.counted, sight.standing, from_m=record.rear_m, to_m=reserved_m)
         )
-        if self._guards.vanished(Vanished(silent_ns, age_max_ns, explained)):
+        if self._guards.vanished(Vanished(silent, explained)):
             return RemovalState.COMMITTING
-        return RemovalState.HEARD if silent_ns <= age_max_ns else RemovalState.AXLES
+        return RemovalState.AXLES if silent else RemovalState.HEARD
 
     def answers(self, roster: Roster) -> Iterable[tuple[int, RemovalState]]:
         """What to tell supervision, by train."""
-        on_roster = {entry.train for entry in roster.proposed}
-        kept = RemovalState.COMMITTING if roster.pending else RemovalState.GONE
-        for train in self._wanted:
-            # One that has only just come onto the roster was heard.
-            judged = self._states.get(train, RemovalState.HEARD)
-            yield train, judged if train in on_roster else kept
+        on_roster = roster.boots()
+        for train, wanted in self._wanted.items():
+            if roster.pending:
+                yield train, RemovalState.COMMITTING
+            else:
+                yield train, wanted.state if train in on_roster else RemovalState.GONE
         for train in sorted(self._late):
             yield train, RemovalState.TOO_OLD
         self._late.clear()
+
+
+def _is_good(echo_ns: int, now_ns: int) -> bool:
+    return 0 <= now_ns - echo_ns <= GOOD_FOR_NS

@@ -4,8 +4,8 @@ from collections.abc import Iterable
 from typing import NamedTuple
 
 from firmware_py.trackdb.areas import AreaMap
-from vobc.t2t.admission import Scene, may_explain
-from vobc.t2t.authority import Counted, Standing
+from vobc.t2t.admission import Scene, may_explain, standing_of
+from vobc.t2t.authority import Standing
 from vobc.t2t.conclusions import Conclusions
 from vobc.t2t.removals import Sight
 from vobc.t2t.roster import Order
@@ -19,13 +19,7 @@ Heard = tuple[TrainReport, int]
 class Witness(NamedTuple):
     report: TrainReport
     heard_ns: int
-    farther_m: float = 0.0
-    """It may be so much farther on by now."""
-
-    @property
-    def standing(self) -> Standing:
-        report = self.report
-        return Standing(report.rear_min_m, report.front_max_m, report.axles, self.farther_m)
+    standing: Standing
 
 
 class Surroundings:
@@ -61,7 +55,7 @@ class Surroundings:
             before=self._before,
             records=records,
             reserved_m=self._known.reserved_m([each for each in order if each.train in records]),
-            counted=self._counted(track),
+            counted=(track.counted if track else ()) if self._counts else None,
             standing=tuple([each.standing for train, each in told.items() if train != but]),
         )
 
@@ -75,23 +69,22 @@ class Surroundings:
         ]
         anew = {e.source for e, heard_ns in others if self._known.is_alive(heard_ns, now_ns)}
         return Sight(
-            self._counted(track),
-            track.seen_ns if track else 0,
+            self._counts,
+            track,
             tuple([each.standing for each in heard if each.report.standstill]),
             anew,
         )
-
-    def _counted(self, track: TrackView | None) -> tuple[Counted, ...] | None:
-        if not self._counts:
-            return None
-        return track.counted if track else ()
 
     def _witnesses(self, strangers: Iterable[Heard], now_ns: int) -> dict[int, Witness]:
         """By train: of the roster, and of all others those that may explain anything."""
         known = self._known
         told = {
             each.train: Witness(
-                each.report, each.heard_ns, known.farther_m(each, each.report, now_ns)
+                each.report,
+                each.heard_ns,
+                standing_of(each.report)._replace(
+                    farther_m=known.farther_m(each, each.report, now_ns)
+                ),
             )
             for each in known.records.values()
             if each.report is not None
@@ -100,5 +93,5 @@ class Surroundings:
         for report, heard_ns in [*strangers, *self._passed.values()]:
             # One that has only just come onto the roster still stands among the applicants.
             if may_explain(report, known.records, self._area):
-                told[report.source] = Witness(report, heard_ns)
+                told[report.source] = Witness(report, heard_ns, standing_of(report))
         return told
