@@ -5,6 +5,7 @@ from typing import Any
 import pytest
 
 from hil_tests.unit.t2t_chair import MS, OWN, TERM, Chair, authorities, entry, of
+from vobc.t2t.removals import Sight
 from zenoh_config.t2t import SUPERVISION, RosterEntry
 from zenoh_config.t2t_supervision import Removal, RemovalAnswer, RemovalState
 
@@ -305,3 +306,13 @@ def test_a_train_that_fell_silent_and_ran_on_hides_nobody() -> None:
 
         assert chair.order() == [GONE, NEXT]
         assert chair.master.roster.proposed[1].sieved is not gone_on
+
+
+def test_where_axles_are_counted_and_none_were_told_yet_nobody_goes() -> None:
+    chair = scene()
+    chair.removes(GONE)
+    unseen = Sight(True, None, (), set())
+
+    removals, roster = chair.master._removals, chair.master.roster
+    assert removals.gone(roster, lambda _: unseen, chair.now_ns) == set()
+    assert dict(removals.answers(roster)) == {GONE: RemovalState.AXLES}
