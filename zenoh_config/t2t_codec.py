@@ -1,7 +1,6 @@
 """Bodies of train-to-train messages as msgpack, straight from their fields; and what is unsound."""
 
 import dataclasses
-import enum
 import math
 import typing
 from collections.abc import Callable
@@ -17,8 +16,9 @@ from zenoh_config.t2t_types import T2T_TYPES
 FIRST_TYPE: Final = 16
 AREA_MAX: Final = 255
 AXLES_MAX: Final = 1000
-ROSTERS_MAX: Final = 2 * ROSTER_MAX
-"""Places on all rosters of a line together that one message tells."""
+LEASES_MAX: Final = 64
+SILENT_MAX: Final = 64
+"""More than that of either would not fit into one message beside all else that it tells."""
 TYPE_NUMBERS: Final = {kind: FIRST_TYPE + at for at, kind in enumerate(T2T_TYPES)}
 HEADER_FIELDS: Final = ("source", "destination", "sequence", "stamp_ns")
 """Of every message; they stand in the header of the envelope and not in the body."""
@@ -29,10 +29,12 @@ _LENGTHS: Final = {
     "restrictions": RESTRICTIONS_MAX,
     "closed": RESTRICTIONS_MAX,
     "trains": ROSTER_MAX,
-    "leases": AREA_MAX,
-    "rosters": ROSTERS_MAX,
+    "leases": LEASES_MAX,
+    "silent": SILENT_MAX,
 }
-_ADDRESSES: Final = ("source", "destination", "successor", "holder", "standby", "train", "behind")
+_ADDRESSES: Final = (
+    *("source", "destination", "successor", "holder", "standby", "train", "behind", "before"),
+)
 _MOST: Final = {
     **dict.fromkeys(_ADDRESSES, MAX_ADDRESS),
     "waits_for": MAX_ADDRESS,
@@ -131,50 +133,37 @@ def _order_problem(report: TrainReport) -> str:
 
 
 def _check_for(hint: Any) -> Callable[[str, Any], str]:
-    if typing.get_origin(hint) is tuple:
-        return _many_problem
-    if hint is bool or (isinstance(hint, type) and issubclass(hint, enum.IntEnum)):
-        return _no_problem
-    return _number_problem
-
-
-def _no_problem(name: str, value: Any) -> str:
-    return ""
+    return _many_problem if typing.get_origin(hint) is tuple else _number_problem
 
 
 def _many_problem(name: str, values: Any) -> str:
     if len(values) > _LENGTHS[name]:
         return f"{len(values)} {name}, at most {_LENGTHS[name]} fit"
-    for each in values:
-        if isinstance(each, SpeedRestriction):
-            problem = _restriction_problem(each)
-        else:
-            named = zip(each._fields, each, strict=True)
-            problem = next((text for n, v in named if (text := _number_problem(n, v))), "")
-        if problem:
-            return f"{name}: {problem}"
-    return ""
+    problem = next(filter(None, map(_entry_problem, values)), "")
+    return f"{name}: {problem}" if problem else ""
+
+
+def _entry_problem(each: Any) -> str:
+    if isinstance(each, SpeedRestriction):
+        return _restriction_problem(each)
+    return next(filter(None, map(_number_problem, each._fields, each)), "")
 
 
 def _restriction_problem(each: SpeedRestriction) -> str:
     if not -MAX_CHAINAGE_M <= each.start_m <= each.end_m <= MAX_CHAINAGE_M:
         return f"from {each.start_m} m to {each.end_m} m is no stretch of a line"
-    if not 0.0 < each.limit_mps <= MAX_SPEED_MPS:
-        return f"limit {each.limit_mps} m/s is not in 0..{MAX_SPEED_MPS}"
-    return ""
+    sound = 0.0 < each.limit_mps <= MAX_SPEED_MPS
+    return "" if sound else f"limit {each.limit_mps} m/s is not in 0..{MAX_SPEED_MPS}"
 
 
 def _number_problem(name: str, value: Any) -> str:
-    """Comparisons catch NaN."""
-    if isinstance(value, bool):
-        return ""
-    if isinstance(value, int) and not name.endswith(("_m", "_mps")):
-        most = MAX_STAMP_NS if name.endswith("_ns") else _MOST.get(name, MAX_NUMBER)
-        return "" if 0 <= value <= most else f"{name} {value} is not in 0..{most}"
-    most_of_unit = MAX_SPEED_MPS if name.endswith("_mps") else MAX_CHAINAGE_M
-    if not math.fabs(value) <= most_of_unit:
-        return f"{name} {value} is not in ±{most_of_unit}"
-    return ""
+    """Of yes and no and of enumerations, too: they are small numbers. Comparisons catch NaN."""
+    if name.endswith(("_m", "_mps")):
+        most_of_unit = MAX_SPEED_MPS if name.endswith("_mps") else MAX_CHAINAGE_M
+        sound = math.fabs(value) <= most_of_unit
+        return "" if sound else f"{name} {value} is not in ±{most_of_unit}"
+    most = MAX_STAMP_NS if name.endswith("_ns") else _MOST.get(name, MAX_NUMBER)
+    return "" if 0 <= value <= most else f"{name} {value} is not in 0..{most}"
 
 
 _LAYOUTS: Final = {kind: _Layout(kind) for kind in T2T_TYPES}

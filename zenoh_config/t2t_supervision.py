@@ -144,5 +144,7 @@ class LineState(T2tMessage):
     leases: tuple[LeaseNote, ...]
     restrictions: tuple[SpeedRestriction, ...]
     closed: tuple[SpeedRestriction, ...]
-    rosters: tuple[RosterPlace, ...] = ()
-    """Foremost train of each area first."""
+    silent: tuple[RosterPlace, ...] = ()
+    """Trains on rosters of which the wayside has heard nothing for a second; others wait behind
+    them. Foremost first, area by area.
+    """

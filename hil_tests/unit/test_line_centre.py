@@ -236,34 +236,48 @@ def keeps(version: tuple[int, int], *trains: int, area: int = 1) -> LeaseMemory:
     return LeaseMemory(area, 5, 4, 0, *version, roster)
 
 
-def test_it_tells_who_is_on_the_newest_roster_that_any_arbiter_keeps() -> None:
+def silent(site: Site, after_ms: int = 1001) -> tuple[tuple[int, int], ...]:
+    """Who is told to be, so much later."""
+    site.now_ns += after_ms * MS
+    site.step()
+    assert site.state is not None
+    return site.state.silent
+
+
+def test_it_tells_who_is_silent_on_the_newest_roster_that_any_arbiter_keeps() -> None:
     site = known()
     centre = site.wayside.centre
     assert centre is not None
-    for kept in (keeps((5, 2), 4, 3), keeps((5, 1), 9), keeps((4, 7), 8), keeps((5, 2), 4, 3)):
+    for kept in (keeps((5, 2), 4, 5), keeps((5, 1), 9), keeps((4, 7), 8), keeps((5, 2), 4, 5)):
         centre.granted(None, kept, site.now_ns)
     centre.granted(None, keeps((1, 1), 2, area=2), site.now_ns)
-    site.now_ns += 600 * MS
-    site.step()
-    assert site.state is not None
-    assert site.state.rosters == ((1, 4), (1, 3), (2, 2))
+    assert silent(site, 990) == ()
+    assert silent(site) == ((1, 4), (1, 5), (2, 2))
 
-    centre.granted(None, keeps((5, 3), 3), site.now_ns)
-    site.now_ns += 600 * MS
-    site.step()
-    assert site.state.rosters == ((1, 3), (2, 2))
+    centre.granted(None, keeps((5, 3), 5), site.now_ns)
+    assert silent(site) == ((1, 5), (2, 2))
 
 
-def test_more_than_can_be_told_of_rosters_is_left_out() -> None:
+def test_who_tells_its_status_is_not_silent_for_a_second() -> None:
+    site = known()
+    assert site.wayside.centre is not None
+    site.wayside.centre.granted(None, keeps((5, 2), 3), site.now_ns)
+    assert silent(site) == ((1, 3),)
+    site.tells(1500.0)
+    assert silent(site, 900) == ()
+    assert silent(site, 600) == ((1, 3),)
+
+
+def test_what_does_not_fit_into_one_message_is_left_out() -> None:
     site = known()
     centre = site.wayside.centre
     assert centre is not None
-    for area in (1, 2, 3):
+    for area in range(1, 101):
         centre.granted(None, keeps((5, 1), *range(1, 101), area=area), site.now_ns)
-    site.step()
 
+    assert len(silent(site)) == 64
     assert site.state is not None
-    assert len(site.state.rosters) == 256
+    assert len(site.state.leases) == 64
     assert isinstance(unpack(pack(site.state)), LineState)
 
 

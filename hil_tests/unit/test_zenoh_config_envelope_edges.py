@@ -23,7 +23,7 @@ from zenoh_config.sequencing import AuthorityGate, OrdersGate, ReportGate
 
 MS = 1_000_000
 NOW_NS = 10_000 * MS
-HEADER_BYTES, CODE_BYTES = 20, 16
+HEADER_BYTES, CODE_BYTES = 18, 16
 REPORT = PositionReport(7, 3, 50, NOW_NS, 10.0, 11.0, -60.0, 1.0, False)
 AUTHORITY = MovementAuthority(7, 3, 2, 50, NOW_NS - 300 * MS, 900.0, 0, 99)
 STATUS = TrainStatus(
@@ -67,12 +67,252 @@ def check(answer: MovementAuthority | TrainOrders, now_ns: int = NOW_NS) -> Refu
 def test_what_holds_no_more_than_a_header_is_too_short_even_under_a_right_code(
     length: int,
 ) -> None:
-    header = struct.pack(">BBHHIQ", 2, 2, 0, 7, 5, 6) + b"\x00\x00"
-    payload = with_code(header[:length][: len(header) - 2])
+    payload = with_code(struct.pack(">BBHHIQ", 2, 2, 0, 7, 5, 6)[:length])
 
-    assert refused(payload) == Refused(RefusedReason.TOO_SHORT, f"{len(payload)} bytes")
+    assert refused(payload) == Refused(RefusedReason.TOO_SHORT, f"{length + 16} bytes")
 
 
 @pytest.mark.parametrize("length", range(CODE_BYTES))
 def test_what_is_shorter_than_a_code_is_too_short(length: int) -> None:
     assert refused(bytes(length)) == Refused(RefusedReason.TOO_SHORT, f"{length} bytes")
+
+
+def test_one_byte_of_a_body_is_enough_to_be_read() -> None:
+    assert refused(headed(b"\x90")).reason is RefusedReason.WRONG_FIELDS
+    assert refused(bytes(35)).reason is RefusedReason.WRONG_CODE
+
+
+@pytest.mark.parametrize(
+    ("length", "reason"),
+    [
+        (4095, RefusedReason.WRONG_FIELDS),
+        (4096, RefusedReason.WRONG_FIELDS),
+        (4097, RefusedReason.TOO_LONG),
+        (5000, RefusedReason.TOO_LONG),
+    ],
+)
+def test_a_genuine_envelope_of_4096_bytes_is_read_and_a_longer_one_is_not(
+    length: int, reason: RefusedReason
+) -> None:
+    payload = headed(bytes(length - HEADER_BYTES - CODE_BYTES))
+
+    assert len(payload) == length
+    assert refused(payload).reason is reason
+
+
+def test_how_long_a_long_one_was_is_said() -> None:
+    assert refused(bytes(4097)) == Refused(RefusedReason.TOO_LONG, "4097 bytes")
+
+
+# Keys.
+
+
+@pytest.mark.parametrize("length", [16, 17, 64, 65])
+def test_a_key_of_sixteen_bytes_or_more_seals_and_opens(length: int) -> None:
+    key = safety_key("ab" * length)
+
+    assert key == bytes([0xAB] * length)
+    assert unpack(pack(AUTHORITY, key), key) == AUTHORITY
+
+
+def test_a_key_of_fifteen_bytes_is_none() -> None:
+    with pytest.raises(ValueError, match="15 bytes, at least 16 are needed"):
+        safety_key("ab" * 15)
+
+
+def test_many_keys_in_turn_are_never_taken_for_each_other() -> None:
+    keys = [bytes([number] * 16) for number in range(40)]
+    payloads = [pack(AUTHORITY, key) for key in keys]
+
+    for key, payload in zip(keys, payloads, strict=True):
+        sealed = payload[:-CODE_BYTES]
+        assert payload == with_code(sealed, key)
+        assert unpack(payload, key) == AUTHORITY
+        for other in (keys[0], keys[-1]):
+            if other != key:
+                assert isinstance(unpack(payload, other), Refused)
+
+
+# Version, then type, then fields.
+
+
+@pytest.mark.parametrize("version", [0, 1, 3, 255])
+def test_of_another_version_nothing_else_is_judged(version: int) -> None:
+    payload = headed(b"\xc1", version=version, kind=200)
+
+    words = f"version {version}, known is 2"
+    assert refused(payload) == Refused(RefusedReason.UNKNOWN_VERSION, words)
+
+
+@pytest.mark.parametrize("kind", [0, *range(5, 16), *range(35, 256)])
+def test_a_type_that_nobody_sends_is_unknown(kind: int) -> None:
+    payload = headed(b"\xc1", kind=kind)
+
+    assert refused(payload) == Refused(RefusedReason.UNKNOWN_TYPE, f"type {kind}")
+
+
+@pytest.mark.parametrize("kind", [*range(1, 5), *range(16, 35)])
+@pytest.mark.parametrize(
+    "body",
+    [
+        b"\xc1",
+        b"\x91" * 4000,
+        b"\x9f" + b"\x91" * 4000,
+        b"\x81" * 4000,
+        b"\xdd\xff\xff\xff\xff\x01\x01",
+        b"\xa4\xff\xff\xff\xff",
+        b"\xd6\xff\x00\x00\x00\x00",
+        b"\x95\x03",
+    ],
+    ids=["no msgpack", "deep", "deep in an array", "maps", "endless", "text", "time", "cut off"],
+)
+def test_a_hostile_body_of_a_known_type_has_wrong_fields(kind: int, body: bytes) -> None:
+    assert refused(headed(body, kind=kind)).reason is RefusedReason.WRONG_FIELDS
+
+
+wild_m = st.floats() | st.sampled_from([-1e6, 0.0, 1e6])
+wild_numbers = st.integers(-(2**63), 2**64 - 1) | st.sampled_from([0, 2**32 - 1, 2**32, 2**63])
+
+
+@given(wild_numbers, wild_numbers, wild_numbers, wild_m, st.none() | wild_m)
+def test_receivers_judge_an_authority_as_its_sender_should_have(
+    boot: int, term: int, echo_stamp_ns: int, end_m: float, rear_m: float | None
+) -> None:
+    sent = MovementAuthority(7, boot, term, 5, echo_stamp_ns, end_m, 0, 6, rear_m)
+    payload = headed(msgspec.msgpack.encode([boot, term, echo_stamp_ns, end_m, rear_m]))
+
+    try:
+        assert pack(sent) == payload
+    except ValueError:
+        assert refused(payload).reason is RefusedReason.INVALID_VALUE
+    else:
+        assert unpack(payload) == sent
+
+
+@pytest.mark.parametrize(
+    ("message", "words"),
+    [
+        (replace(REPORT, train=0), "PositionReport: train 0 is not in 1..65535"),
+        (replace(AUTHORITY, term=-1), "MovementAuthority: term -1 is not in 0..4294967295"),
+        (replace(STATUS, cause=256), "TrainStatus: cause 256 is not in 0..255"),
+        (replace(ORDERS, source=-1), "TrainOrders: source -1 is not in 0..65535"),
+    ],
+)
+def test_what_must_not_be_sent_is_named_by_message_and_field(message: Message, words: str) -> None:
+    with pytest.raises(ValueError, match=f"^{words}$"):
+        pack(message)
+
+
+# Gates.
+
+
+@ANSWERS
+def test_the_first_number_of_the_first_term_is_newer_than_nothing(
+    answer: MovementAuthority | TrainOrders,
+) -> None:
+    first = replace(answer, sequence=0)
+
+    assert check(replace(first, term=0) if isinstance(first, MovementAuthority) else first) is None
+
+
+@ANSWERS
+def test_what_is_numbered_below_all_numbers_is_not_newer_than_nothing(
+    answer: MovementAuthority | TrainOrders,
+) -> None:
+    below = replace(answer, sequence=-1)
+    if isinstance(below, MovementAuthority):
+        below = replace(below, term=0)
+
+    objection = check(below)
+
+    assert objection == Refused(RefusedReason.NOT_NEWER, "sequence -1, -1 is held")
+
+
+@ANSWERS
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        ({"train": 8}, Refused(RefusedReason.WRONG_DESTINATION, "for train 8, this is train 7")),
+        ({"source": 10}, Refused(RefusedReason.WRONG_SOURCE, "from 10")),
+        ({"boot": 4}, Refused(RefusedReason.WRONG_BOOT, "for incarnation 4, this is 3")),
+        (
+            {"echo_stamp_ns": NOW_NS + 2 * MS - 1},
+            Refused(RefusedReason.FROM_THE_FUTURE, "by 1 ms"),
+        ),
+        (
+            {"echo_stamp_ns": NOW_NS + 5000 * MS},
+            Refused(RefusedReason.FROM_THE_FUTURE, "by 5000 ms"),
+        ),
+        ({"echo_stamp_ns": NOW_NS - 1001 * MS}, Refused(RefusedReason.TOO_OLD, "1001 ms")),
+        ({"echo_stamp_ns": NOW_NS - 1002 * MS + 1}, Refused(RefusedReason.TOO_OLD, "1001 ms")),
+        ({"source": 0}, None),
+        ({"source": 9}, None),
+        ({"source": 12}, None),
+    ],
+)
+def test_a_refusal_says_what_was_wrong_and_by_how_much(
+    answer: MovementAuthority | TrainOrders, change: dict[str, int], expected: Refused | None
+) -> None:
+    assert check(replace(answer, **change)) == expected  # type: ignore[arg-type]
+
+
+def test_an_authority_that_is_not_newer_says_what_is_held() -> None:
+    gate = AuthorityGate(train=7, boot=3, max_age_ns=1000 * MS)
+    gate.check(AUTHORITY, NOW_NS)
+
+    old_term = gate.check(replace(AUTHORITY, term=1, sequence=60), NOW_NS)
+    repeated = gate.check(replace(AUTHORITY, sequence=49), NOW_NS)
+
+    assert old_term == Refused(RefusedReason.OLD_TERM, "term 1, 2 was seen")
+    assert repeated == Refused(RefusedReason.NOT_NEWER, "sequence 49, 50 is held")
+    assert gate.refusals == {RefusedReason.OLD_TERM: 1, RefusedReason.NOT_NEWER: 1}
+
+
+def test_orders_that_are_not_newer_say_what_is_held() -> None:
+    gate = OrdersGate(train=7, boot=3, max_age_ns=1000 * MS)
+    gate.check(ORDERS, NOW_NS)
+
+    repeated = gate.check(replace(ORDERS, sequence=49), NOW_NS)
+
+    assert repeated == Refused(RefusedReason.NOT_NEWER, "sequence 49, 50 is held")
+
+
+@REPORTS
+def test_a_report_that_is_not_taken_says_whose_it_is_and_what_was_heard(
+    report: PositionReport | TrainStatus,
+) -> None:
+    gate = ReportGate()
+    gate.check(report)
+
+    elsewhere = gate.check(replace(report, destination=5, sequence=51))
+    earlier_life = gate.check(replace(report, boot=2, sequence=51))
+    repeated = gate.check(replace(report, sequence=49))
+
+    assert elsewhere == Refused(RefusedReason.WRONG_DESTINATION, "for 5, this is 0")
+    assert earlier_life == Refused(
+        RefusedReason.WRONG_BOOT, "incarnation 2 of train 7, 3 was heard"
+    )
+    assert repeated == Refused(RefusedReason.NOT_NEWER, "sequence 49 of train 7, 50 was heard")
+
+
+@REPORTS
+def test_a_gate_for_reports_counts_what_it_took_and_what_it_did_not(
+    report: PositionReport | TrainStatus,
+) -> None:
+    gate = ReportGate()
+    assert (gate.accepted, gate.refusals.total()) == (0, 0)
+
+    for sequence in (50, 51, 51, 52, 40, 53):
+        gate.check(replace(report, sequence=sequence))
+
+    assert (gate.accepted, gate.refusals) == (4, {RefusedReason.NOT_NEWER: 2})
+
+
+@REPORTS
+def test_a_gate_with_an_address_takes_what_is_for_it_and_nothing_for_the_wayside(
+    report: PositionReport | TrainStatus,
+) -> None:
+    gate = ReportGate(address=5)
+
+    assert gate.check(replace(report, destination=5)) is None
+    assert gate.check(report) == Refused(RefusedReason.WRONG_DESTINATION, "for 0, this is 5")

@@ -25,7 +25,7 @@ from zenoh_config.messages import (
     TrainStatus,
 )
 from zenoh_config.t2t import BROADCAST, LAST_TRAIN, NOBODY, ROSTER_MAX, SUPERVISION, T2tMessage
-from zenoh_config.t2t_codec import ROSTERS_MAX
+from zenoh_config.t2t_codec import LEASES_MAX, SILENT_MAX
 from zenoh_config.t2t_supervision import (
     Decree,
     DecreeAnswer,
@@ -39,6 +39,7 @@ from zenoh_config.t2t_supervision import (
 from zenoh_config.timers import NS_PER_MS
 
 TELL_NS: Final = 500 * NS_PER_MS
+SILENT_NS: Final = 1000 * NS_PER_MS
 DECREE_AGE_NS: Final = 3000 * NS_PER_MS
 """From what the desk heard of the line until its decree is heard here, at most."""
 PASSED_M: Final = 20.0
@@ -77,6 +78,8 @@ class LineCentre:
         """Of statuses and decrees."""
         self.leases: dict[int, LeaseNote] = {}
         """By area, as arbiters were seen to grant them."""
+        self._heard_ns: dict[int, int] = {}
+        """By train: when it told its status last; before, when it was seen on a roster first."""
         self._rosters: dict[int, LeaseMemory] = {}
         """By area, where arbiters were seen to keep the newest roster."""
         self._line, self._boot, self._key = line, boot, key
@@ -122,6 +125,7 @@ class LineCentre:
         answer = centre.answer(message, now_ns)
         if answer is not None:
             self._statuses[train] = status
+            self._heard_ns[train] = now_ns
         return answer
 
     def step_doors(self, now_ns: int) -> None:
@@ -155,6 +159,8 @@ class LineCentre:
         version = (now.roster_term, now.roster_version)
         if version >= (kept.roster_term, kept.roster_version):
             self._rosters[now.area] = now
+            for entry in now.roster:
+                self._heard_ns.setdefault(entry.train, now_ns)
         known = self.leases.get(now.area)
         if not now.holder or (known is not None and known.granted_term >= now.promised):
             return
@@ -248,10 +254,16 @@ class LineCentre:
         head = (WAYSIDE, BROADCAST, 0, 0, self._boot, self._sequence, now_ns)
         trains = tuple([self._of(train) for train in sorted(self._centres)])
         stretches = self.memory.restrictions, self.memory.closed
-        places = [
-            RosterPlace(area, entry.train)
-            for area, each in sorted(self._rosters.items())
-            for entry in each.roster
-        ]
-        leases, rosters = tuple(self.leases.values()), tuple(places[:ROSTERS_MAX])
-        return LineState(*head, *self._answered, trains, leases, *stretches, rosters)
+        leases = tuple(self.leases.values())[:LEASES_MAX]
+        silent = self._silent(now_ns)[:SILENT_MAX]
+        return LineState(*head, *self._answered, trains, leases, *stretches, silent)
+
+    def _silent(self, now_ns: int) -> tuple[RosterPlace, ...]:
+        return tuple(
+            [
+                RosterPlace(area, entry.train)
+                for area, each in sorted(self._rosters.items())
+                for entry in each.roster
+                if now_ns - self._heard_ns[entry.train] > SILENT_NS
+            ]
+        )

@@ -102,16 +102,14 @@ class LineView:
         trains = sorted(self.reports.values(), key=lambda each: -each[0].front_max_m)
         head = f"train {'front m':>9} {'km/h':>6} {'authority to m':>15} {'term':>5} {'age s':>6}"
         rows = [self._train_words(report, now_ns - at) for report, at in trains]
-        silent = [self._silent_words(*each) for each in self.silent(now_ns).items()]
+        silent = [self._silent_words(*each) for each in self.silent().items()]
         return [*said, *self._track_words(), f"{head}  is", *rows, *silent]
 
-    def silent(self, now_ns: int) -> dict[int, list[int]]:
-        """Trains that are on rosters and do not report, with the areas; others wait behind them."""
+    def silent(self) -> dict[int, list[int]]:
+        """Trains that are on rosters and say nothing, with the areas."""
         found = dict[int, list[int]]()
-        for place in () if self.state is None else self.state.rosters:
-            _, at_ns = self.reports.get(place.train, (None, None))
-            if at_ns is None or (now_ns - at_ns) / NS_PER_S > SILENT_S:
-                found.setdefault(place.train, []).append(place.area)
+        for place in () if self.state is None else self.state.silent:
+            found.setdefault(place.train, []).append(place.area)
         return found
 
     def _silent_words(self, train: int, areas: Sequence[int]) -> str:
