@@ -6,6 +6,7 @@ import dataclasses
 import pytest
 
 from firmware_py.trackdb.areas import Area
+from hil_tests.unit.t2t_chair import MS, TERM, Chair, entry
 from hil_tests.unit.test_t2t_regressions import ROSTER, Command
 from metro_hil.network.crew import Cast
 from metro_hil.network.depot import Depot
@@ -522,3 +523,41 @@ def test_who_came_behind_one_that_has_left_the_roster_keeps_its_place_and_gets_n
 
     assert [report.source for report, _ in gone] == [5]
     assert [(entry.train, entry.boot) for entry in order] == [(7, 1), (1, 1)]
+
+
+@pytest.mark.parametrize("promised", [True, False])
+def test_all_trains_that_began_anew_around_one_that_comes_in_between_find_their_places(
+    *, promised: bool
+) -> None:
+    """The first waited for a word of those behind it, the one in between for room behind it, and
+    the last, over the border, for the one that is ahead of it there. What the last one held in its
+    former life bounds it no longer.
+    """
+    first, between, last = 4, 3, 2
+    chair = Chair((entry(first, 3445.0), entry(last, 1249.0)), area=2, sections=True)
+    for _ in range(4):
+        chair.now_ns += 200 * MS
+        chair.reports(first, 3856.0, boot=8)
+        chair.reports(between, 2044.0, boot=6, comes_from=1)
+        anew = {"boot": 3, "comes_from": 1, "behind": between}
+        chair.reports(last, 1947.0, **anew, term=TERM if promised else TERM - 1)
+        chair.track(axles={4: 23, 5: 9, 8: 16})
+        chair.step(0)
+        chair.keeps()
+
+    assert chair.order() == ([first, between, last] if promised else [first, last])
+
+
+@pytest.mark.parametrize(
+    ("told", "bound_m"),
+    [
+        ({"boot": 3, "term": TERM}, 1947.0),
+        ({"boot": 3, "term": TERM - 1}, 1.0e6),
+        ({"boot": 1, "term": TERM}, 1.0e6),
+    ],
+)
+def test_what_bounds_a_train_that_began_anew(told: dict[str, int], bound_m: float) -> None:
+    chair = Chair((entry(2, 1249.0, boot=2),))
+    chair.reports(2, 1940.0, latent_m=1947.0, **told)
+
+    assert chair.master._known.reserved_m(chair.master.roster.proposed) == {2: bound_m}

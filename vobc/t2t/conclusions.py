@@ -53,6 +53,12 @@ class Conclusions:
         record.stopped = former.stopped
         self.records[report.source] = record
 
+    def hears_newborn(self, report: TrainReport) -> None:
+        """Of authorities of the life that arbiters kept it takes none any more."""
+        record = self.records[report.source]
+        if report.term == self.term and report.boot > record.boot:
+            record.anew_m = report.latent_m
+
     def has_promised(self, record: Record) -> bool:
         """It obeys no older term any more."""
         return self._guards.has_promised(Promise(record.term, self.term))
@@ -101,6 +107,8 @@ class Conclusions:
             record = self.records[entry.train]
             if self.has_promised(record):
                 bound_m = min(bound_m, record.granted_m)
+            elif record.anew_m is not None:
+                bound_m = min(bound_m, record.anew_m)
             reserved_m[entry.train] = bound_m
         return reserved_m
 

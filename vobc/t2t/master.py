@@ -110,6 +110,7 @@ class Master:
         boot = self.roster.boots().get(train)
         if boot is not None and boot != report.boot:
             self._newborns.hears(report, now_ns)
+            self._known.hears_newborn(report)
         elif boot is not None:
             self._newborns.forgets(train)
             self._applicants.pop(train, None)

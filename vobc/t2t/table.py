@@ -34,6 +34,9 @@ class Record:
     """By its newest report, also of one that does not know where it is."""
     served: bool = False
     """It was given an authority under this master's term."""
+    anew_m: float | None = None
+    """It began anew since, and obeys no older term: by all that it holds now it comes no farther.
+    None: nothing of that was heard."""
     stopped: bool = False
     """Supervision has ordered its authority to end where it stands."""
     sent: list[tuple[int, float]] = field(default_factory=list)
