@@ -321,6 +321,7 @@ def test_a_count_that_is_not_to_be_trusted_is_explained_by_nobody(beside: int) -
 
 
 HERE, THERE = Standing(110.0, 190.0, 16), Standing(310.0, 390.0, 24)
+OVER, BESIDE, AHEAD = Standing(60.0, 139.0, 16), Standing(5.0, 58.0, 16), Standing(361.0, 441.0, 16)
 
 
 @pytest.mark.parametrize(
@@ -334,8 +335,15 @@ HERE, THERE = Standing(110.0, 190.0, 16), Standing(310.0, 390.0, 24)
         ((0, 24, 0, 16, 0), [HERE, THERE], False),  # Not where they say.
         ((16, 0, 0, 0, 0), [], True),  # Behind where it may be.
         ((0, 0, 0, 0, 16), [], True),  # Before it.
-        ((16, 16, 0, 0, 0), [HERE], False),  # Hangs together with what is there.
-        ((0, 16, 0, 24, 16), [HERE, THERE], False),
+        ((16, 16, 0, 0, 0), [HERE], True),
+        ((0, 16, 0, 24, 16), [HERE, THERE], True),
+        ((8, 8, 0, 0, 0), [OVER], True),
+        ((8, 8, 0, 0, 0), [], False),
+        ((24, 8, 0, 0, 0), [OVER], False),  # Beside it, where it stands, too.
+        ((24, 8, 0, 0, 0), [OVER, BESIDE], True),  # And that one is counted with it.
+        ((0, 0, 0, 8, 8), [AHEAD], True),
+        ((0, 0, 0, 8, 24), [AHEAD], False),
+        ((16, 8, 8, 0, 0), [Standing(160.0, 240.0, 16)], True),
         ((0, 0, 0, 24, 0), [HERE, THERE], False),  # One that is there is not counted.
     ],
 )
@@ -353,16 +361,6 @@ def test_a_section_counts_when_any_of_it_lies_between(
     from_m: float, to_m: float, *, answer: bool
 ) -> None:
     assert all_explained(sections(0, 16, 0, 0), [], from_m=from_m, to_m=to_m) is answer
-
-
-def test_who_may_have_left_leaves_what_is_counted_unexplained() -> None:
-    gone = HERE._replace(farther_m=200.0)
-
-    assert all_explained(sections(0, 16, 0, 0), [gone], from_m=0.0, to_m=200.0)
-    assert not all_explained(sections(0, 16, 0, 16), [gone], from_m=0.0, to_m=200.0)
-    assert not all_explained(sections(0, 16, 0, 16, 0, 0), [gone], from_m=0.0, to_m=200.0)
-    near = HERE._replace(farther_m=60.0)
-    assert all_explained(sections(0, 16, 0), [near], from_m=0.0, to_m=200.0)
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from hil_tests.unit.t2t_chair import MS, OWN, TERM, Chair, authorities, entry, of
+from hil_tests.unit.t2t_chair import LENGTH_M, MS, OWN, TERM, Chair, authorities, entry, of
 from vobc.t2t.removals import Sight
 from zenoh_config.t2t import SUPERVISION, RosterEntry
 from zenoh_config.t2t_supervision import Removal, RemovalAnswer, RemovalState
@@ -96,7 +96,8 @@ def test_who_is_heard_stays_also_when_it_began_anew(*, lost: bool) -> None:
         ({2: 32}, RemovalState.AXLES),
         ({2: 16, 3: 16}, RemovalState.AXLES),
         ({2: 16, 5: 16}, RemovalState.AXLES),  # Nobody knows what it was granted: it may be there.
-        ({1: 16, 2: 16}, RemovalState.AXLES),
+        ({1: 16, 2: 16}, RemovalState.COMMITTING),  # Behind where it was.
+        ({1: 16, 2: 24}, RemovalState.AXLES),  # Somebody comes nearer.
         ({}, RemovalState.COMMITTING),
         ({2: 0}, RemovalState.AXLES),
     ],
@@ -119,6 +120,17 @@ def test_axles_before_all_that_it_was_granted_are_no_matter() -> None:
     chair.now_ns = SILENT_MS * MS
     chair.reports(NEXT, 780.0)
     assert judged(chair, axles={2: 16, 4: 16}) is RemovalState.AXLES
+
+
+@pytest.mark.parametrize(
+    ("rear_m", "state"), [(1007.0, RemovalState.COMMITTING), (1006.9, RemovalState.AXLES)]
+)
+def test_it_may_have_rolled_and_jogged_back(rear_m: float, state: RemovalState) -> None:
+    chair = Chair((entry(GONE, rear_m + LENGTH_M), entry(NEXT, 1200.0)), sections=True)
+    chair.now_ns = SILENT_MS * MS
+    chair.reports(NEXT, 1200.0)
+
+    assert judged(chair, axles={2: 8, 3: 16}) is state
 
 
 def test_axles_behind_where_its_rear_has_been_are_no_matter() -> None:

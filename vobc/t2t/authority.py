@@ -166,17 +166,22 @@ def explained(sections: Sequence[Counted], train: Standing, others: Sequence[Sta
 def all_explained(
     sections: Sequence[Counted], standing: Sequence[Standing], *, from_m: float, to_m: float
 ) -> bool:
-    """Whether what is counted between these two is what trains say that stand there: nothing where
-    they say nothing.
+    """Whether all axles between these two are those of trains that stand there.
+
+    Whoever stands in one of these sections and in the next counts with both of them.
     """
-    first = 0
-    for _, group in itertools.groupby(sections, key=lambda each: each.occupied):
-        run = list(group)
-        first += len(run)
-        concerns = run[0].start_m < to_m and run[-1].end_m > from_m
-        if concerns and not _explained(run, sections[first:], standing):
-            return False
-    return True
+    concerned: list[Counted] = []
+    there: list[Standing] = []
+    while True:
+        known = len(there)
+        concerned = [each for each in sections if each.end_m > from_m and each.start_m < to_m]
+        there = [t for t in standing if any(_touch(each, t) for each in concerned)]
+        if len(there) == known:
+            break
+        from_m = min([from_m, *[each.rear_m for each in there]])
+        to_m = max([to_m, *[each.front_m for each in there]])
+    runs = [list(run) for _, run in itertools.groupby(concerned, key=lambda each: each.occupied)]
+    return all(_explained(run, (), there) for run in runs)
 
 
 def _explained(

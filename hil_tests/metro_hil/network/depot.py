@@ -6,6 +6,7 @@ from typing import Final
 from metro_hil.network.ground import TrueTrain
 from metro_hil.network.line_world import LineWorld
 from metro_hil.network.motion import Motion
+from zenoh_config.t2t_supervision import RemovalState
 
 NS_PER_S: Final = 1_000_000_000
 NEAR_M: Final = 60.0
@@ -52,13 +53,24 @@ class Depot:
         net.kill(train.address, why="is switched off in the depot")
         away_ns = int(self._rng.uniform(*AWAY_S) * NS_PER_S)
         net.at(net.now_ns + away_ns, self._enters, train)
+        for area in self.world.drawn.cast.line.areas:
+            self.world.t2t.removals.pop((area.number, train.address), None)
         self._seen_gone(train)
 
     def _seen_gone(self, train: TrueTrain) -> None:
-        """By a person, who takes it off the roster: its master may not have heard of it."""
-        if not train.on_line:
-            self.world.removes(train.address)
-            self.world.net.at(self.world.net.now_ns + SEEN_NS, self._seen_gone, train)
+        """By a person, who asks every master to take it off its roster until all have: theirs may
+        not have heard of it. Where it is again by then it is seen, too.
+        """
+        world, told = self.world, self.world.t2t.removals
+        left = [
+            area.number
+            for area in world.drawn.cast.line.areas
+            if told.get((area.number, train.address)) is not RemovalState.GONE
+            and not (train.on_line and train.rear_m < area.end_m and train.front_m > area.start_m)
+        ]
+        if left:
+            world.removes(train.address, left)
+            world.net.at(world.net.now_ns + SEEN_NS, self._seen_gone, train)
 
     def _enters(self, train: TrueTrain) -> None:
         """When there is room: its place is nobody's, as none is behind it."""

@@ -157,11 +157,11 @@ class LineWorld(World):
         self.checker.looked["40 closed up"] += closed_up
         return closed_up
 
-    def removes(self, train: int) -> None:
-        """Supervision takes it off every roster."""
-        self.net.say("railway", f"supervision takes train {train} off the rosters")
-        for area in self.drawn.cast.line.areas:
-            self.t2t.orders.append(Order(None, area.number, train))
+    def removes(self, train: int, areas: Sequence[int] = ()) -> None:
+        """Supervision takes it off the rosters of these areas; of all, if none is named."""
+        wanted = areas or [area.number for area in self.drawn.cast.line.areas]
+        self.net.say("railway", f"supervision takes train {train} off rosters {wanted}")
+        self.t2t.orders += [Order(None, area, train) for area in wanted]
 
     def closes(self, closed: SpeedRestriction) -> None:
         """23: from some time on no authority that is accepted enters a closed stretch any more.
