@@ -560,4 +560,13 @@ def test_what_bounds_a_train_that_began_anew(told: dict[str, int], bound_m: floa
     chair = Chair((entry(2, 1249.0, boot=2),))
     chair.reports(2, 1940.0, latent_m=1947.0, **told)
 
-    assert chair.master._known.reserved_m(chair.master.roster.proposed) == {2: bound_m}
+    known, order = chair.master._known, chair.master.roster.proposed
+    assert known.reserved_m(order) == {2: bound_m}
+
+
+def test_what_arbiters_keep_of_a_life_is_not_of_one_that_began_since() -> None:
+    chair = Chair((entry(2, 1249.0, boot=2),))
+    told = chair.reports(2, 1940.0, boot=3, term=TERM - 1)
+    chair.master._known.hears_newborn(dataclasses.replace(told, boot=2, term=TERM))
+
+    assert chair.master._known.reserved_m(chair.master.roster.proposed) == {2: 1.0e6}

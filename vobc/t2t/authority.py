@@ -170,7 +170,6 @@ def all_explained(
 
     Whoever stands in one of these sections and in the next counts with both of them.
     """
-    concerned: list[Counted] = []
     there: list[Standing] = []
     while True:
         known = len(there)
