@@ -25,6 +25,28 @@ EXIT_USAGE = 2
 EXIT_ENVIRONMENT = 3
 EXIT_INTERRUPTED = 130
 
+OTHER_VERBS = {
+    "explain": "tell what the controller of a run decided, why, and from which frames",
+    "tune": "re-tune a control law and write a parameter file",
+    "timetable": "find a timetable that saves energy on a whole line",
+    "design-curve": "design the power-limited running curve of one hop",
+    "line-log": "what trains and wayside of a line said: frame by frame, counted, drawn",
+    "demo-ca": "make certificates and all else that a secured line needs, for demonstrations",
+}
+"""With the help; each has a program of its own."""
+LINE_VERBS = {
+    "line": "show areas, track and trains of a line",
+    "master": "tell who commands which area, and why",
+    "switch-master": "let another train command an area",
+    "out-of-service": "let a train command nothing any more",
+    "remove-train": "say that a silent train is gone, so that nobody waits behind it",
+    "hold": "keep a train at the present or next platform",
+    "skip": "let a train pass the next station",
+    "emergency-brake": "brake a train and keep it",
+    "restrict": "limit all trains on a stretch",
+    "close": "let no train enter a stretch",
+}
+"""Supervision of a line whose trains command themselves."""
 EPILOG = """\
 exit codes: 0 the train arrived, or the given duration is over; 1 the run failed; 2 wrong usage or
 configuration; 3 bus, rights or a process missing; 130 ended by Ctrl-C (the report is still written)
@@ -86,20 +108,8 @@ def parser() -> argparse.ArgumentParser:
         epilog=EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    verbs.add_parser(
-        "explain",
-        help="tell what the controller of a run decided, why, and from which frames",
-        add_help=False,
-    )
-    verbs.add_parser(
-        "tune", help="re-tune a control law and write a parameter file", add_help=False
-    )
-    verbs.add_parser(
-        "timetable", help="find a timetable that saves energy on a whole line", add_help=False
-    )
-    verbs.add_parser(
-        "design-curve", help="design the power-limited running curve of one hop", add_help=False
-    )
+    for verb, words in {**OTHER_VERBS, **LINE_VERBS}.items():
+        verbs.add_parser(verb, help=words, add_help=False)
     _add_journey(run)
     _add_desk(run)
     _add_wires(run)

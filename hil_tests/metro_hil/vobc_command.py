@@ -27,6 +27,7 @@ from metro_hil.options import (
     EXIT_INTERRUPTED,
     EXIT_OK,
     EXIT_USAGE,
+    LINE_VERBS,
     RunOptions,
     parse,
 )
@@ -40,12 +41,6 @@ from metro_hil.run_folder import (
     write_config,
 )
 from metro_hil.supervise import RealtimeRun
-
-LINE_VERBS = (
-    *("line", "master", "switch-master", "out-of-service", "remove-train"),
-    *("hold", "skip", "emergency-brake", "restrict", "close"),
-)
-"""Supervision of a line whose trains command themselves."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -9,6 +9,7 @@ from firmware_py.trackdb.areas import load_areas
 from metro_hil.line_desk.command import main
 from metro_hil.line_desk.desk import Desk, order
 from metro_hil.line_desk.view import LineView
+from metro_hil.options import LINE_VERBS, OTHER_VERBS
 from metro_hil.vobc_command import main as vobc
 from zenoh_config.codec import pack, unpack
 from zenoh_config.t2t import BROADCAST, Heartbeat, OrderKind, Phase, T2tMessage, TrainReport
@@ -131,6 +132,14 @@ def test_what_cannot_be_is_said_in_one_line(
     told = capsys.readouterr().err
     assert complaint in told
     assert len(told.splitlines()) == 1
+
+
+def test_the_program_names_every_verb(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        vobc(["--help"])
+
+    told = capsys.readouterr().out.split()
+    assert {*LINE_VERBS, *OTHER_VERBS, "run"} <= set(told)
 
 
 @pytest.mark.parametrize("train", ["T0", "x", "70000"])

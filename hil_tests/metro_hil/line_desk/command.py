@@ -12,7 +12,7 @@ from firmware_py.settings import SettingsError
 from firmware_py.trackdb.areas import AreaMap, load_areas
 from metro_hil.line_desk.desk import Desk
 from metro_hil.line_desk.view import KMH, LineView
-from metro_hil.options import EXIT_ENVIRONMENT, EXIT_OK, EXIT_USAGE, train_number
+from metro_hil.options import EXIT_ENVIRONMENT, EXIT_OK, EXIT_USAGE, LINE_VERBS, train_number
 from zenoh_config import t2t_keys
 from zenoh_config.codec import BENCH_KEY, safety_key
 from zenoh_config.secured import SUPERVISION_NAME
@@ -23,24 +23,15 @@ from zenoh_config.t2t_supervision import DecreeKind
 LOOK_S: Final = 1.5
 """So long is listened before anything is said."""
 OF_TRAIN: Final = {
-    "hold": (DecreeKind.HOLD, DecreeKind.LET_GO, "keep a train at the present or next platform"),
-    "skip": (DecreeKind.SKIP, DecreeKind.CALL, "let a train pass the next station"),
-    "emergency-brake": (DecreeKind.EMERGENCY, DecreeKind.RELEASE, "brake a train and keep it"),
+    "hold": (DecreeKind.HOLD, DecreeKind.LET_GO),
+    "skip": (DecreeKind.SKIP, DecreeKind.CALL),
+    "emergency-brake": (DecreeKind.EMERGENCY, DecreeKind.RELEASE),
 }
-"""What is decreed, what takes it back, and the help."""
+"""What is decreed, and what takes it back."""
 OF_TRACK: Final = {
-    "restrict": (
-        DecreeKind.RESTRICT,
-        DecreeKind.LIFT,
-        "limit all trains on a stretch",
-    ),
-    "close": (DecreeKind.CLOSE, DecreeKind.OPEN, "let no train enter a stretch"),
+    "restrict": (DecreeKind.RESTRICT, DecreeKind.LIFT),
+    "close": (DecreeKind.CLOSE, DecreeKind.OPEN),
 }
-VERBS: Final = (
-    *("line", "master", "switch-master", "out-of-service", "remove-train"),
-    *OF_TRAIN,
-    *OF_TRACK,
-)
 
 
 def main(words: Sequence[str]) -> int:
@@ -98,9 +89,9 @@ def _obey(options: argparse.Namespace, desk: Desk, view: LineView, clock: WallCl
     if verb == "remove-train":
         return desk.remove(options.number)
     if verb in OF_TRAIN:
-        wanted, back, _ = OF_TRAIN[verb]
+        wanted, back = OF_TRAIN[verb]
         return desk.decree(back if options.end else wanted, train=options.number)
-    wanted, back, _ = OF_TRACK[verb]
+    wanted, back = OF_TRACK[verb]
     limit_mps = (getattr(options, "limit_kmh", None) or 0.0) / KMH
     return desk.decree(
         back if options.end else wanted,
@@ -113,38 +104,31 @@ def _obey(options: argparse.Namespace, desk: Desk, view: LineView, clock: WallCl
 def parser() -> argparse.ArgumentParser:
     top = argparse.ArgumentParser(prog="vobc", description=__doc__)
     verbs = top.add_subparsers(dest="verb", required=True, metavar="VERB")
-    line = verbs.add_parser("line", help="show areas, track and trains of a line")
+    parsers = {
+        verb: verbs.add_parser(verb, help=words, description=f"{words.capitalize()}.")
+        for verb, words in LINE_VERBS.items()
+    }
+    line, switch, remove = (parsers[verb] for verb in ("line", "switch-master", "remove-train"))
     line.add_argument("--watch", action="store_true", help="go on until Ctrl-C")
-    master = verbs.add_parser("master", help="who commands which area, and why")
-    switch = verbs.add_parser("switch-master", help="let another train command an area")
     switch.add_argument("--area", type=int, required=True)
     switch.add_argument("--to", type=train_number, required=True, metavar="TRAIN")
-    retire = verbs.add_parser("out-of-service", help="let a train command nothing any more")
-    words = "say that a silent train is gone, so that nobody waits behind it"
-    remove = verbs.add_parser(
-        "remove-train",
-        help=words,
-        description=f"{words.capitalize()}: somebody has seen that it left the line or was taken "
-        "off it. It is refused while the train is heard, or axles are counted where it may be that "
-        "no other train explains.",
+    remove.description = (
+        "Say that a silent train is gone, so that nobody waits behind it: somebody has seen that "
+        "it left the line or was taken off it. It is refused while the train is heard, or axles "
+        "are counted where it may be that are not those of trains standing there."
     )
     remove.add_argument("number", type=train_number, metavar="TRAIN")
-    chosen = [line, master, switch, retire, remove]
-    of_trains = [retire]
-    for verb, (_, _, words) in OF_TRAIN.items():
-        of_trains.append(verbs.add_parser(verb, help=words, description=f"{words.capitalize()}."))
-    for parsed in of_trains:
-        parsed.add_argument("number", type=train_number, metavar="TRAIN")
-        parsed.add_argument("--end", action="store_true", help="take it back")
-    for verb, (_, _, words) in OF_TRACK.items():
-        parsed = verbs.add_parser(verb, help=words, description=f"{words.capitalize()}.")
+    for verb in ("out-of-service", *OF_TRAIN):
+        parsers[verb].add_argument("number", type=train_number, metavar="TRAIN")
+        parsers[verb].add_argument("--end", action="store_true", help="take it back")
+    for verb in OF_TRACK:
+        parsed = parsers[verb]
         parsed.add_argument("start_m", type=_chainage_m, metavar="START", help="metres of the line")
         parsed.add_argument("end_m", type=_chainage_m, metavar="END")
         if verb == "restrict":
             parsed.add_argument("--limit", dest="limit_kmh", type=_speed_kmh, metavar="KMH")
         parsed.add_argument("--end", action="store_true", help="take it back; the same stretch")
-        chosen.append(parsed)
-    for parsed in (*chosen, *of_trains[1:]):
+    for parsed in parsers.values():
         parsed.add_argument("--line", default="loop", metavar="NAME|FILE", help="default: loop")
         parsed.add_argument("--line-radio", default=LINE_ENDPOINT, metavar="ENDPOINT")
         parsed.add_argument("--secure", metavar="FOLDER", help="certificates; see `vobc demo-ca`")
