@@ -154,6 +154,21 @@ def test_axles_are_explained_only_by_who_stands_there(told: dict[str, Any]) -> N
     assert judged(chair) is RemovalState.AXLES
 
 
+def test_who_came_to_stand_after_all_was_counted_explains_nothing() -> None:
+    for late_ms in (0, 1):
+        chair = Chair(ROSTER, sections=True)
+        chair.now_ns = SILENT_MS * MS
+        chair.reports(NEXT, 780.0, standstill=False, speed_mps=0.1)
+        chair.removes(GONE)
+        chair.now_ns += 10 * MS
+        chair.track(axles={2: 16})
+        chair.now_ns += late_ms * MS
+        chair.reports(NEXT, 780.0)
+
+        state = RemovalState.AXLES if late_ms else RemovalState.COMMITTING
+        assert answers(chair.step(0)) == {GONE: state}
+
+
 def test_who_has_not_been_heard_lately_explains_nothing() -> None:
     chair = scene()
     chair.now_ns += 500 * MS

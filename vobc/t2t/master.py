@@ -108,6 +108,7 @@ class Master:
     def _hears_report(self, report: TrainReport, now_ns: int) -> None:
         train = report.source
         boot = self.roster.boots().get(train)
+        self._around.hears(report, now_ns)
         if boot is not None and boot != report.boot:
             self._newborns.hears(report, now_ns)
             self._known.hears_newborn(report)
@@ -284,7 +285,7 @@ class Master:
                 and self._known.is_alive(record.heard_ns, now_ns)
             ):
                 # Near one that is not sieved somebody may hide: it tells nothing of its sections.
-                open_end = self._open_end(alone)
+                open_end = (self._area.end_m, self._left_ns if alone is None else alone.heard_ns)
                 hidden = self._known.hidden_before(record, alone, self._track, open_end)
                 authority = self._authority(now_ns, record, ahead, [*barred, *hidden], rank)
                 issued += [] if authority is None else [authority]
@@ -327,10 +328,6 @@ class Master:
                 self._track.restrictions if self._track else (), rear_m=rear_m, end_m=end_m
             ),
         )
-
-    def _open_end(self, ahead: Record | None) -> tuple[float, int]:
-        """The end of the area, and since when that alone has been before a train."""
-        return self._area.end_m, self._left_ns if ahead is None else ahead.heard_ns
 
     def _sync(self, now_ns: int) -> list[T2tMessage]:
         """What the standby must know stands before what it is about."""

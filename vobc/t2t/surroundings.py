@@ -22,6 +22,12 @@ class Witness(NamedTuple):
     standing: Standing
 
 
+class Halt(NamedTuple):
+    boot: int
+    since_ns: int
+    """When the first report came that says so."""
+
+
 class Surroundings:
     """In one area, as its master knows it."""
 
@@ -29,6 +35,16 @@ class Surroundings:
         self._known, self._counts = known, bool(line.sections)
         self._area, self._before = line.area(area), line.preceding(area)
         self._passed: dict[int, Heard] = {}
+        self._halts: dict[int, Halt] = {}
+        """By train that stands."""
+
+    def hears(self, report: TrainReport, now_ns: int) -> None:
+        """Since when it stands: what was counted before that says nothing of what is near it."""
+        known = self._halts.pop(report.source, None)
+        if report.standstill and report.localised:
+            if known is None or known.boot != report.boot:
+                known = Halt(report.boot, now_ns)
+            self._halts[report.source] = known
 
     def passes(self, report: TrainReport, now_ns: int) -> None:
         """It is out of the area for good, and may explain axles behind its border."""
@@ -55,7 +71,9 @@ class Surroundings:
             before=self._before,
             records=records,
             reserved_m=self._known.reserved_m([each for each in order if each.train in records]),
-            counted=(track.counted if track else ()) if self._counts else None,
+            counted=(track.counted if track and self._stood(but, track) else ())
+            if self._counts
+            else None,
             standing=tuple([each.standing for train, each in told.items() if train != but]),
         )
 
@@ -71,9 +89,20 @@ class Surroundings:
         return Sight(
             self._counts,
             track,
-            tuple([each.standing for each in heard if each.report.standstill]),
+            tuple(
+                [
+                    each.standing
+                    for each in heard
+                    if each.report.standstill and track and self._stood(each.report.source, track)
+                ]
+            ),
             anew,
         )
+
+    def _stood(self, train: int, track: TrackView) -> bool:
+        """It stood there already when all this was seen."""
+        halt = self._halts.get(train)
+        return halt is not None and halt.since_ns <= track.seen_ns
 
     def _witnesses(self, strangers: Iterable[Heard], now_ns: int) -> dict[int, Witness]:
         """By train: of the roster, and of all others those that may explain anything."""
