@@ -75,7 +75,7 @@ def order_of(*trains: tuple[int, float]) -> Order:
 def scene_of(order: Order, reserved_m: dict[int, float] | None = None) -> Scene:
     """At the start of a line that counts no axles."""
     records = {each.train: Record(each.train, each.rear_m, 0, boot=1) for each in order}
-    return Scene(AREA, None, records, reserved_m or {}, None, ())
+    return Scene(AREA, None, records, reserved_m or {}, None, True, ())
 
 
 def admit(
@@ -233,6 +233,7 @@ def test_nothing_hides_near_a_train_that_stands_where_as_many_axles_are_as_it_ha
     assert is_sieved(told, crowded._replace(standing=(Standing(1010.0, 1080.0, 16),))) is True
     assert is_sieved(told, alone._replace(counted=())) is False
     assert is_sieved(replace(told, standstill=False), alone) is False
+    assert is_sieved(told, alone._replace(stood=False)) is False
 
 
 def test_on_a_line_that_counts_no_axles_everybody_is_believed() -> None:

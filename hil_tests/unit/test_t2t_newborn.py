@@ -136,7 +136,7 @@ class OneArea:
         return self.newborns.settle(self.order, self._scene_of, self.known, NOW_NS)
 
     def _scene_of(self, _: TrainReport) -> Scene:
-        return Scene(self._area, self._before, self.known.records, {}, self._counted, ())
+        return Scene(self._area, self._before, self.known.records, {}, self._counted, True, ())
 
 
 def anew(

@@ -75,3 +75,13 @@ def test_a_train_of_the_roster_is_sieved_by_the_same_measure() -> None:
     chair.reports(1, 300.0)
     cycle(chair, axles={1: 16}, seen_ms=1000)
     assert sieved(chair, 1) is True
+
+
+def test_as_long_as_nothing_was_counted_nothing_is_shown() -> None:
+    chair = Chair((), sections=True, now_ms=1000)
+    told = chair.reports(STRANGER, 300.0)
+    around, strangers = chair.master._around, [(told, chair.now_ns)]
+
+    scene = around.scene(STRANGER, (), strangers, None, chair.now_ns)
+    assert (scene.counted, scene.stood) == ((), False)
+    assert around.sight(strangers, None, chair.now_ns).standing == ()

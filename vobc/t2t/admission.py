@@ -23,6 +23,8 @@ class Scene(NamedTuple):
     """By train of the roster: the farthest that it may have been granted."""
     counted: tuple[Counted, ...] | None
     """Sections as last counted; None: this line counts no axles."""
+    stood: bool
+    """The newcomer stood already where it is when they were counted."""
     standing: tuple[Standing, ...]
     """Trains that say where they are, the newcomer not among them: of the roster, and outside of
     the area. Another may be forgotten while it stands in the way, and explains no axles."""
@@ -81,7 +83,11 @@ def is_sieved(report: TrainReport, scene: Scene) -> bool:
     """All axles around a train that stands are those of trains that say that they are there."""
     if scene.counted is None:
         return True
-    return report.standstill and explained(scene.counted, standing_of(report), scene.standing)
+    return (
+        report.standstill
+        and scene.stood
+        and explained(scene.counted, standing_of(report), scene.standing)
+    )
 
 
 def kept_free(

@@ -71,9 +71,8 @@ class Surroundings:
             before=self._before,
             records=records,
             reserved_m=self._known.reserved_m([each for each in order if each.train in records]),
-            counted=(track.counted if track and self._stood(but, track) else ())
-            if self._counts
-            else None,
+            counted=(track.counted if track else ()) if self._counts else None,
+            stood=self._stood(but, track),
             standing=tuple([each.standing for train, each in told.items() if train != but]),
         )
 
@@ -89,20 +88,14 @@ class Surroundings:
         return Sight(
             self._counts,
             track,
-            tuple(
-                [
-                    each.standing
-                    for each in heard
-                    if each.report.standstill and track and self._stood(each.report.source, track)
-                ]
-            ),
+            tuple([each.standing for each in heard if self._stood(each.report.source, track)]),
             anew,
         )
 
-    def _stood(self, train: int, track: TrackView) -> bool:
-        """It stood there already when all this was seen."""
+    def _stood(self, train: int, track: TrackView | None) -> bool:
+        """It stood where it is already when all this was counted."""
         halt = self._halts.get(train)
-        return halt is not None and halt.since_ns <= track.seen_ns
+        return halt is not None and track is not None and halt.since_ns <= track.seen_ns
 
     def _witnesses(self, strangers: Iterable[Heard], now_ns: int) -> dict[int, Witness]:
         """By train: of the roster, and of all others those that may explain anything."""
