@@ -91,7 +91,7 @@ NOTICED: Final[Mapping[str, str]] = {
     "master.roster_kept": "uncommitted",
     "master.track_known": "closed-unknown",
     "master.placed_apart": "master-killed",
-    "master.object_confirmed": "late-release",
+    "master.object_confirmed": "stale-status",
     "master.cannot_reach": "late-release",
     "master.sieved": "hidden-train",
     "master.vanished": "removed-in-error",
