@@ -145,6 +145,9 @@ class TrainReport(T2tMessage):
     """It must not become master or standby."""
     ready_nonce: int
     """Of the planned switch that it is ready for; 0: none."""
+    echo_ns: int
+    """`stamp_ns` of the newest heartbeat of this term that it has heard: by the master's clock, it
+    was not sent before that; 0: it has heard none."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -34,12 +34,14 @@ class _Others:
         self._given: dict[int, tuple[int, int, float]] = {}
         """By train: term, number and end of the newest authority."""
         self._term = 0
+        self._beat_ns = 0
         self._sequence = 0
 
     def hears(self, payload: bytes) -> None:
         heard = unpack(payload)
         if isinstance(heard, Heartbeat):
             self._term = max(self._term, heard.term)
+            self._beat_ns = heard.stamp_ns
         elif isinstance(heard, AreaAuthority):
             self._given[heard.destination] = (heard.term, heard.sequence, heard.end_m)
 
@@ -72,6 +74,7 @@ class _Others:
                 axles=AXLES,
                 out_of_service=False,
                 ready_nonce=0,
+                echo_ns=self._beat_ns,
             )
             topic = t2t_keys.key_of("load", report)
             said.append(RadioMessage(now_ns, topic, pack(report)))

@@ -120,6 +120,7 @@ class Chair:
             "axles": 16,
             "out_of_service": False,
             "ready_nonce": 0,
+            "echo_ns": self.now_ns,
         }
         report = TrainReport(**{**fields, **told})
         self.hears(report)

@@ -52,6 +52,7 @@ REPORT = TrainReport(
     axles=16,
     out_of_service=False,
     ready_nonce=0,
+    echo_ns=0,
 )
 
 

@@ -63,7 +63,7 @@ class Line:
         """It says which authority it holds."""
         head = (train, 2, train, term, 1, sequence, self.now_ns)
         place = (True, 50.0, 51.0, 0.0, 0.0, 0.0, True, 100.0, 100.0, 60.0)
-        report = TrainReport(*head, *place, term, sequence, True, 0, 0, 4, False, 0)
+        report = TrainReport(*head, *place, term, sequence, True, 0, 0, 4, False, 0, 0)
         self._stepped(train, [], [Letter((2,), report)])
 
     def _stepped(self, train: int, heard: list[object], letters: list[Letter]) -> None:

@@ -28,7 +28,7 @@ def report(
     held_m = max(front_m, held_end_m)
     return TrainReport(
         *(train, 65_535, 1, term, boot, 1, 0, True, front_m, front_m, rear_m, rear_m, 0.0, True),
-        *(held_m, held_m, front_m, term, 1, held_end_m > 0.0, 0, 0, 16, False, 0),
+        *(held_m, held_m, front_m, term, 1, held_end_m > 0.0, 0, 0, 16, False, 0, NOW_NS),
     )
 
 
@@ -152,6 +152,18 @@ def test_a_report_counts_for_half_the_life_of_an_authority(age_ns: int, *, alive
 
     assert known.is_alive(NOW_NS, NOW_NS + age_ns) is alive
     assert known.is_fit(1, NOW_NS + age_ns) is alive
+
+
+@pytest.mark.parametrize(
+    ("age_ns", "recent"), [(-1, False), (0, True), (SILENT_NS, True), (SILENT_NS + 1, False)]
+)
+def test_how_old_a_report_is_shows_by_the_heartbeat_that_it_echoes(
+    age_ns: int, *, recent: bool
+) -> None:
+    known = conclusions()
+
+    assert known.is_recent(report(1, 400.0), NOW_NS + age_ns) is recent
+    assert known.is_recent(report(1, 400.0, term=TERM - 1), NOW_NS + age_ns) is False
 
 
 def test_who_has_not_been_heard_for_a_while_may_have_come_as_far_as_it_was_granted() -> None:

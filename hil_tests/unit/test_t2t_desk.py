@@ -199,6 +199,7 @@ class Scene:
             axles=16,
             out_of_service=False,
             ready_nonce=0,
+            echo_ns=0,
         )
         assert self.desk.hears(message, ns(at_ms)) == []
         return message

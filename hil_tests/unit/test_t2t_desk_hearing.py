@@ -312,7 +312,18 @@ def test_a_report_says_all_that_the_train_knows_of_itself() -> None:
         axles=16,
         out_of_service=False,
         ready_nonce=0,
+        echo_ns=0,
     )
+
+
+def test_a_report_echoes_the_newest_heartbeat() -> None:
+    scene = Scene()
+    scene.step(0)
+    scene.beats(50)
+
+    (report,) = reports(scene.step(100))
+
+    assert (report.term, report.echo_ns) == (4, 77)
 
 
 def test_a_members_report_says_what_it_holds() -> None:

@@ -70,7 +70,7 @@ LIMIT = (SpeedRestriction(10.0, 20.0, 5.0),)
 ROSTER = (RosterEntry(9, 410.5, True), RosterEntry(4, 10.0, False))
 REPORT = TrainReport(
     *(*TRAIN, True, 98.0, 102.0, 20.0, 21.5, 3.0, False, 300.0, 300.0, 140.0, 7, 3, True, 0, 0, 16),
-    *(False, 0),
+    *(False, 0, 4950 * MS),
 )
 AUTHORITY = AreaAuthority(*TRAIN, 1, 4900 * MS, 800.0, 15.0, 3, 2, LIMIT)
 HEARTBEAT = Heartbeat(*TRAIN, Phase.ISSUING, 4, 3)

@@ -76,6 +76,7 @@ def report(told: Head7) -> T2tMessage:
         axles=16,
         out_of_service=False,
         ready_nonce=0,
+        echo_ns=0,
     )
 
 

@@ -23,8 +23,10 @@ def member(*, seen_term: int = 4, owner: int = MASTER, now_ns: int = 0) -> Membe
     return Member(TIMERS_A, MemberGuards(), boot=BOOT, memory=memory, now_ns=now_ns)
 
 
-def heartbeat(term: int = 4, source: int = MASTER, *, standby: int = 0) -> Heartbeat:
-    return Heartbeat(source, BROADCAST, 1, term, 1, 1, 0, Phase.ISSUING, standby, 1)
+def heartbeat(
+    term: int = 4, source: int = MASTER, *, standby: int = 0, stamp_ns: int = 0
+) -> Heartbeat:
+    return Heartbeat(source, BROADCAST, 1, term, 1, 1, stamp_ns, Phase.ISSUING, standby, 1)
 
 
 def authority(
@@ -53,6 +55,31 @@ def own(
     speed_mps = 0.0 if standstill else 5.0
     place = (localised, front_m - 1.0, front_m, rear_m, rear_m, speed_mps, standstill)
     return OwnTrain(*place, reach_m, reach_m, 16)
+
+
+def test_it_echoes_the_newest_heartbeat_of_the_term_that_it_obeys() -> None:
+    obeys = member()
+    assert obeys.beat_ns == 0
+
+    obeys.hears_heartbeat(heartbeat(stamp_ns=70), 1)
+    assert obeys.beat_ns == 70
+    obeys.hears_heartbeat(heartbeat(term=3, stamp_ns=90), 2)
+    obeys.hears_heartbeat(heartbeat(source=RIVAL, stamp_ns=95), 3)
+    assert obeys.beat_ns == 70
+    assert obeys.takes(authority(), 4) == ""
+    assert obeys.beat_ns == 70
+
+
+@pytest.mark.parametrize("first", [heartbeat(term=5, source=RIVAL, stamp_ns=8), None])
+def test_of_a_new_term_it_echoes_nothing_that_another_said(first: Heartbeat | None) -> None:
+    obeys = member()
+    obeys.hears_heartbeat(heartbeat(stamp_ns=70), 1)
+    if first is None:
+        assert obeys.takes(authority(term=5, source=RIVAL), 2) == ""
+        assert obeys.beat_ns == 0
+    else:
+        obeys.hears_heartbeat(first, 2)
+        assert obeys.beat_ns == 8
 
 
 def test_a_member_begins_with_what_it_remembers_and_holds_nothing() -> None:

@@ -10,7 +10,8 @@ from hil_tests.unit.t2t_chair import MS, TERM, Chair, entry
 from hil_tests.unit.test_t2t_regressions import ROSTER, Command
 from metro_hil.network.crew import Cast
 from metro_hil.network.depot import Depot
-from metro_hil.network.line_world import LineWorld, draw, line_of_areas
+from metro_hil.network.drawing import draw, line_of_areas
+from metro_hil.network.line_world import LineWorld
 from metro_hil.network.world import Setting
 from vobc.t2t.admission import Scene
 from vobc.t2t.authority import Counted
@@ -33,7 +34,7 @@ def report_at(rear_m: float, *, train: int = 1, unsure_m: float = 4.0) -> TrainR
         *(train, 65_535, 1, 5, 2, 1, 0, True, front_m, front_m + unsure_m, rear_m, rear_m, 0.0),
         True,
         *(front_m + unsure_m, front_m + unsure_m, front_m + unsure_m, 0, 0, False, 0, 0, 16),
-        *(False, 0),
+        *(False, 0, 0),
     )
 
 

@@ -280,6 +280,7 @@ class Command:
                 axles=16,
                 out_of_service=False,
                 ready_nonce=0,
+                echo_ns=self.now_ns,
             ),
             self.now_ns,
         )

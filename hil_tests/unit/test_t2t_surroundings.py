@@ -1,10 +1,11 @@
 """Whose axles explain what was counted: of trains that stood there already when it was."""
 
+from dataclasses import replace
 from typing import Any
 
 import pytest
 
-from hil_tests.unit.t2t_chair import MS, Chair, entry
+from hil_tests.unit.t2t_chair import MS, TERM, Chair, entry
 
 STRANGER = 3
 
@@ -75,6 +76,84 @@ def test_a_train_of_the_roster_is_sieved_by_the_same_measure() -> None:
     chair.reports(1, 300.0)
     cycle(chair, axles={1: 16}, seen_ms=1000)
     assert sieved(chair, 1) is True
+
+
+@pytest.mark.parametrize(
+    ("told", "shown"),
+    [
+        ({"echo_ns": 500 * MS}, True),
+        ({"echo_ns": 500 * MS - 1}, False),
+        ({"echo_ns": 1001 * MS}, False),
+        ({"echo_ns": 0}, False),
+    ],
+)
+def test_what_was_long_on_its_way_does_not_say_that_a_train_stands_there_now(
+    told: dict[str, Any], *, shown: bool
+) -> None:
+    chair = Chair((), sections=True, now_ms=1000)
+    chair.reports(STRANGER, 300.0, **told)
+    cycle(chair, axles={1: 16}, seen_ms=1000)
+
+    assert sieved(chair) is shown
+
+
+def test_what_a_train_says_to_the_master_before_is_of_no_known_age() -> None:
+    chair = Chair((), sections=True, now_ms=1000)
+    told = chair.reports(STRANGER, 300.0, term=TERM - 1)
+    chair.track(axles={1: 16}, seen_ms=1000)
+
+    around, view = chair.master._around, chair.master._track
+    scene = around.scene(STRANGER, (), [(told, chair.now_ns)], view, chair.now_ns)
+    assert scene.stood is False
+
+
+@pytest.mark.parametrize(
+    ("told", "shown"),
+    [
+        ({}, True),
+        ({"echo_ns": 499 * MS, "latent_m": 1900.0}, False),
+    ],
+)
+def test_a_train_that_may_have_run_on_since_its_last_word_explains_no_axles(
+    told: dict[str, Any], *, shown: bool
+) -> None:
+    """Its word has only just come: how old it is shows by what it echoes."""
+    chair = Chair((entry(1, 320.0),), sections=True, now_ms=1000)
+    chair.reports(1, 400.0, **told)
+    chair.reports(STRANGER, 300.0)
+    cycle(chair, axles={1: 32, 3: 16}, seen_ms=1000)
+
+    assert sieved(chair) is shown
+
+
+def test_where_a_train_was_before_it_lost_its_place_explains_no_axles() -> None:
+    chair = Chair((entry(1, 320.0),), sections=True, now_ms=1000)
+    chair.reports(1, 400.0, latent_m=1900.0)
+    chair.now_ns += 501 * MS
+    chair.reports(1, 400.0, latent_m=1900.0, localised=False)
+    chair.reports(STRANGER, 300.0)
+    cycle(chair, axles={1: 32, 3: 16}, seen_ms=1501)
+    assert sieved(chair) is False
+
+    chair.now_ns += 200 * MS
+    chair.reports(1, 400.0)
+    chair.reports(STRANGER, 300.0)
+    cycle(chair, axles={1: 32})
+    assert sieved(chair) is True
+
+
+def test_one_outside_the_area_explains_axles_while_its_word_is_young() -> None:
+    chair = Chair((), sections=True, now_ms=1000)
+    inside = chair.reports(STRANGER, 1990.0)
+    behind = chair.reports(4, 2085.0)
+    chair.track(axles={8: 32}, seen_ms=1000)
+    around, view = chair.master._around, chair.master._track
+
+    young = [(inside, chair.now_ns), (behind, chair.now_ns)]
+    scene = around.scene(STRANGER, (), young, view, chair.now_ns)
+    assert [each.axles for each in scene.standing] == [16]
+    old = [young[0], (replace(behind, echo_ns=0), chair.now_ns)]
+    assert around.scene(STRANGER, (), old, view, chair.now_ns).standing == ()
 
 
 def test_as_long_as_nothing_was_counted_nothing_is_shown() -> None:

@@ -67,7 +67,7 @@ SLOW = SpeedRestriction(10.5, 20.5, 5.5)
 SHUT = SpeedRestriction(30.5, 40.5, 6.5)
 REPORT = TrainReport(
     *HEAD, True, 98.5, 102.5, 20.5, 21.5, 3.5, False, 310.5, 300.5, 140.5, 7, 3, True, 11, 2, 16,
-    False, 12,
+    False, 12, 4930,
 )  # fmt: skip
 AUTHORITY = AreaAuthority(*HEAD, 5, 4900, 800.5, 15.5, 3, 6, (SLOW, SHUT))
 EXAMPLES: list[tuple[int, T2tMessage, list[object]]] = [
@@ -83,7 +83,7 @@ EXAMPLES: list[tuple[int, T2tMessage, list[object]]] = [
         REPORT,
         [
             *(True, 98.5, 102.5, 20.5, 21.5, 3.5, False, 310.5, 300.5, 140.5),
-            *(7, 3, True, 11, 2, 16, False, 12),
+            *(7, 3, True, 11, 2, 16, False, 12, 4930),
         ],
     ),
     (

@@ -89,9 +89,14 @@ class Conclusions:
     def is_alive(self, heard_ns: int, now_ns: int) -> bool:
         return self._guards.report_alive(Freshness(now_ns - heard_ns, self._silence_ns))
 
+    def is_recent(self, report: TrainReport, now_ns: int) -> bool:
+        """By this master's own clock, which it echoes; one of another term echoes none."""
+        sent_ns = report.echo_ns if report.term == self.term else 0
+        return self._guards.report_recent(Freshness(now_ns - sent_ns, self._silence_ns))
+
     def farther_m(self, record: Record, report: TrainReport, now_ns: int) -> float:
-        """How much farther than it said last a train may be that has not been heard for a while."""
-        if self.is_alive(record.heard_ns, now_ns):
+        """How much farther than it said last a train may be if it said so a while ago."""
+        if self.is_recent(report, now_ns):
             return 0.0
         return (record.granted_m if self.has_promised(record) else UNBOUNDED_M) - report.front_max_m
 

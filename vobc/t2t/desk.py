@@ -356,6 +356,7 @@ class AreaDesk:
             axles=own.axles,
             out_of_service=own.out_of_service,
             ready_nonce=ready_nonce,
+            echo_ns=member.beat_ns,
         )
         return [report]
 

@@ -193,6 +193,13 @@ def report_alive(freshness: Freshness) -> bool:
     return 0 <= freshness.age_ns <= freshness.age_max_ns
 
 
+def report_recent(freshness: Freshness) -> bool:
+    """Since the heartbeat that it echoes: what a train says of its place has not been long on its
+    way, so that it is not far from there.
+    """
+    return 0 <= freshness.age_ns <= freshness.age_max_ns
+
+
 def track_known(freshness: Freshness) -> bool:
     """What supervision closed and what is occupied is known from the time of this very term."""
     return 0 <= freshness.age_ns <= freshness.age_max_ns
@@ -298,6 +305,7 @@ class MasterGuards:
     has_promised: Callable[[Promise], bool] = has_promised
     roster_kept: Callable[[Commitment], bool] = roster_kept
     report_alive: Callable[[Freshness], bool] = report_alive
+    report_recent: Callable[[Freshness], bool] = report_recent
     track_known: Callable[[Freshness], bool] = track_known
     placed_apart: Callable[[Neighbours], bool] = placed_apart
     comes_in_line: Callable[[InLine], bool] = comes_in_line

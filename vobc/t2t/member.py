@@ -32,6 +32,8 @@ class Member:
         """As told last; None before the train first knew where it is."""
         self.master_heard_ns = now_ns
         """When the master was last heard, or when listening began."""
+        self.beat_ns = 0
+        """`stamp_ns` of the newest heartbeat of the term that was seen last; 0: none was heard."""
         self.standby = NOBODY
         self.rank = RANK_OF_A_STRANGER
         self.promised_anew = False
@@ -46,12 +48,14 @@ class Member:
         if message.term > memory.seen_term:
             self.memory = memory._replace(seen_term=message.term, owner=message.source)
             self.promised_anew = True
+            self.beat_ns = 0
         return True
 
     def hears_heartbeat(self, heartbeat: Heartbeat, now_ns: int) -> bool:
         if not self.fences(heartbeat):
             return False
         self.master_heard_ns = now_ns
+        self.beat_ns = heartbeat.stamp_ns
         self.standby = heartbeat.standby
         return True
 

@@ -16,16 +16,11 @@ Heard = tuple[TrainReport, int]
 """A report and when it came."""
 
 
-class Witness(NamedTuple):
-    report: TrainReport
-    heard_ns: int
-    standing: Standing
-
-
 class Halt(NamedTuple):
-    boot: int
     since_ns: int
     """When the first report came that says so."""
+    report: TrainReport
+    """The newest that does."""
 
 
 class Surroundings:
@@ -42,9 +37,9 @@ class Surroundings:
         """Since when it stands: what was counted before that says nothing of what is near it."""
         known = self._halts.pop(report.source, None)
         if report.standstill and report.localised:
-            if known is None or known.boot != report.boot:
-                known = Halt(report.boot, now_ns)
-            self._halts[report.source] = known
+            same = known is not None and known.report.boot == report.boot
+            since_ns = known.since_ns if known is not None and same else now_ns
+            self._halts[report.source] = Halt(since_ns, report)
 
     def passes(self, report: TrainReport, now_ns: int) -> None:
         """It is out of the area for good, and may explain axles behind its border."""
@@ -72,48 +67,44 @@ class Surroundings:
             records=records,
             reserved_m=self._known.reserved_m([each for each in order if each.train in records]),
             counted=(track.counted if track else ()) if self._counts else None,
-            stood=self._stood(but, track),
-            standing=tuple([each.standing for train, each in told.items() if train != but]),
+            stood=self._stood(but, track, now_ns),
+            standing=tuple([each for train, each in told.items() if train != but]),
         )
 
     def sight(self, strangers: Iterable[Heard], track: TrackView | None, now_ns: int) -> Sight:
         """What the removal of a train is decided on."""
         others = list(strangers)
-        heard = [
-            each
-            for each in self._witnesses(others, now_ns).values()
-            if self._known.is_alive(each.heard_ns, now_ns)
-        ]
+        witnesses = self._witnesses(others, now_ns)
+        # Also one whose word was long on its way is there.
         anew = {e.source for e, heard_ns in others if self._known.is_alive(heard_ns, now_ns)}
         return Sight(
             self._counts,
             track,
-            tuple([each.standing for each in heard if self._stood(each.report.source, track)]),
+            tuple([e for train, e in witnesses.items() if self._stood(train, track, now_ns)]),
             anew,
         )
 
-    def _stood(self, train: int, track: TrackView | None) -> bool:
-        """It stood where it is already when all this was counted."""
+    def _stood(self, train: int, track: TrackView | None, now_ns: int) -> bool:
+        """It stood where it is already when all this was counted, and says so still."""
         halt = self._halts.get(train)
-        return halt is not None and track is not None and halt.since_ns <= track.seen_ns
+        if halt is None or track is None or not self._known.is_recent(halt.report, now_ns):
+            return False
+        return halt.since_ns <= track.seen_ns
 
-    def _witnesses(self, strangers: Iterable[Heard], now_ns: int) -> dict[int, Witness]:
+    def _witnesses(self, strangers: Iterable[Heard], now_ns: int) -> dict[int, Standing]:
         """By train: of the roster, and of all others those that may explain anything."""
         known = self._known
         told = {
-            each.train: Witness(
-                each.report,
-                each.heard_ns,
-                standing_of(each.report)._replace(
-                    farther_m=known.farther_m(each, each.report, now_ns)
-                ),
+            each.train: standing_of(each.report)._replace(
+                farther_m=known.farther_m(each, each.report, now_ns)
             )
             for each in known.records.values()
             if each.report is not None
         }
         self._passed = {t: e for t, e in self._passed.items() if known.is_alive(e[1], now_ns)}
-        for report, heard_ns in [*strangers, *self._passed.values()]:
+        for report, _ in [*strangers, *self._passed.values()]:
             # One that has only just come onto the roster still stands among the applicants.
-            if may_explain(report, known.records, self._area):
-                told[report.source] = Witness(report, heard_ns, standing_of(report))
+            recent = known.is_recent(report, now_ns)
+            if recent and may_explain(report, known.records, self._area):
+                told[report.source] = standing_of(report)
         return told

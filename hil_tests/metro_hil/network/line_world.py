@@ -1,90 +1,22 @@
 """Trains that command themselves on a line of their own: areas, objects, supervision, depot."""
 
-import random
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any, Final
 
-from firmware_py.trackdb.areas import Area, AreaMap, ObjectKind, ObjectSite, TrackSection
 from metro_hil.network.air import Air, LeaseRules
 from metro_hil.network.cab import Cab
 from metro_hil.network.checker import ViolationError
-from metro_hil.network.crew import Cast, Order, T2tCrew, TrainNode
+from metro_hil.network.crew import Order, T2tCrew, TrainNode
+from metro_hil.network.drawing import Draw
 from metro_hil.network.ground import Grant, TrueTrain
 from metro_hil.network.net import Codec, Letter, Machine, Node
 from metro_hil.network.trace import Teller
-from metro_hil.network.track import TrueTrack, stretch
-from metro_hil.network.world import Setting, World
-from vobc.t2t.vocabulary import T2tConfig
+from metro_hil.network.track import TrueTrack
+from metro_hil.network.world import World
 from zenoh_config.messages import SpeedRestriction
-from zenoh_config.timers import TIMERS_A, TIMERS_B
 
 NS_PER_S: Final = 1_000_000_000
 NS_PER_MS: Final = 1_000_000
-AREA_M: Final = 2000.0
-SECTION_PIECES: Final = 8
-"""In each area."""
-FIRST_ARBITER: Final = 65_001
-
-
-def line_of_areas(areas: int, *, objects: bool = True, area_m: float = AREA_M) -> AreaMap:
-    """Areas of one length; in each a switch and a platform track, when there are objects."""
-    length_m = areas * area_m
-    sites: list[ObjectSite] = []
-    for index in range(areas if objects else 0):
-        at_m = index * area_m
-        sites.append(
-            ObjectSite(2 * index + 1, ObjectKind.SWITCH, at_m + 0.35 * area_m, at_m + 0.37 * area_m)
-        )
-        sites.append(
-            ObjectSite(
-                2 * index + 2, ObjectKind.PLATFORM, at_m + 0.7 * area_m, at_m + 0.76 * area_m
-            )
-        )
-    return AreaMap(
-        "simulated",
-        tuple(Area(*each) for each in stretch(0.0, length_m, areas)),
-        tuple(TrackSection(*each) for each in stretch(0.0, length_m, SECTION_PIECES * areas)),
-        tuple(sites),
-    )
-
-
-@dataclass(frozen=True, slots=True)
-class Draw:
-    """What a seed plays: everything that is no fault."""
-
-    cast: Cast
-    setting: Setting
-    supervises: bool
-    """Closures, restrictions, orders and objects that want to be released happen."""
-    turn_ms: int = 3
-    """How long a process may take to look into its inbox."""
-    leisurely: bool = False
-    """A train that follows leaves what concerns masters only in its inbox until it has something to
-    do: nearly the same run in fewer steps."""
-
-
-def draw(seed: int) -> Draw:
-    """Line, trains, arbiters and timers of a seed."""
-    rng = random.Random(seed ^ 0xD2A3)
-    line = line_of_areas(rng.choice((1, 1, 2, 2, 3)), objects=rng.random() < 0.7)
-    trains = tuple(range(1, rng.randint(2, 6) + 1))
-    arbiters = tuple(range(FIRST_ARBITER, FIRST_ARBITER + rng.choice((1, 1, 3))))
-    timers = TIMERS_A if rng.random() < 0.8 else TIMERS_B
-    spread_m = (line.end_m - 300.0) / len(trains)
-    fronts_m = {
-        train: 150.0 + spread_m * index + rng.uniform(0.0, max(0.0, spread_m - 120.0))
-        for index, train in enumerate(trains)
-    }
-    setting = Setting(
-        fronts_m,
-        stops_m=[area.start_m + at_m for area in line.areas for at_m in (500.0, 1500.0)],
-        dwell_s=rng.choice((5.0, 20.0)),
-    )
-    config = T2tConfig(timers=timers, arbiters=arbiters)
-    supervises, turn_ms = rng.random() < 0.7, rng.choice((1, 5, 10, 10))
-    leisurely = rng.random() < 0.8
-    return Draw(Cast(line, config, trains), setting, supervises, turn_ms, leisurely)
 
 
 class LineWorld(World):

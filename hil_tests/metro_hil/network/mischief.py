@@ -15,8 +15,6 @@ from zenoh_config.messages import SpeedRestriction
 from zenoh_config.t2t import OrderKind
 
 NS_PER_S: Final = 1_000_000_000
-BETWEEN_S: Final = 12.0
-"""Mean time from one thing to the next."""
 SLOW_MPS: Final = 4.0
 
 
@@ -46,7 +44,7 @@ class Mischief:
             self._things += 4 * [("object wish", self._wish)]
 
     def begin(self) -> None:
-        wait_s = self._rng.expovariate(1.0 / BETWEEN_S)
+        wait_s = self._rng.expovariate(1.0 / self.world.drawn.between_s)
         self.world.net.at(self.world.net.now_ns + int(wait_s * NS_PER_S), self._strike)
 
     def calm(self) -> None:

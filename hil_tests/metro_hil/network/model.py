@@ -8,8 +8,8 @@ from typing import Final
 
 from firmware_py.assertions import require_assertions
 from metro_hil.network.crew import Cast, T2tCrew
+from metro_hil.network.drawing import FIRST_ARBITER, line_of_areas
 from metro_hil.network.explore import Bounds, Explorer, Found
-from metro_hil.network.line_world import FIRST_ARBITER, line_of_areas
 from metro_hil.network.many import cpu_ns
 from metro_hil.network.stage import EXPOSED, EXPOSED_ALL, EXPOSED_DEAF, LineStage, begin
 from vobc.t2t.vocabulary import T2tConfig

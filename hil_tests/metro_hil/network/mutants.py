@@ -11,13 +11,16 @@ from metro_hil.network.checker import ViolationError
 from metro_hil.network.crew import Guards
 from metro_hil.network.deaf_lures import DEAF_LURES
 from metro_hil.network.directed import SCENARIOS, Scenario
+from metro_hil.network.hidden_lures import HIDDEN_LURES
 from metro_hil.network.lures import LURES
 from metro_hil.network.scene import Scene, UnexpectedError
 from metro_hil.network.term_lures import TERM_LURES
 from vobc.t2t.guards import Granted, Latency, Terms
 
 PARTS: Final = ("member", "lease", "master")
-ALL_SCENARIOS: Final = {each.name: each for each in (*SCENARIOS, *LURES, *TERM_LURES, *DEAF_LURES)}
+ALL_SCENARIOS: Final = {
+    each.name: each for each in (*SCENARIOS, *LURES, *TERM_LURES, *DEAF_LURES, *HIDDEN_LURES)
+}
 
 
 def effective_authority_m(seen: Latency) -> float:
@@ -89,6 +92,7 @@ NOTICED: Final[Mapping[str, str]] = {
     "lease.granted_until_ns": "shortened-lease",
     "master.has_promised": "unpromised",
     "master.roster_kept": "uncommitted",
+    "master.report_recent": "late-report",
     "master.track_known": "closed-unknown",
     "master.placed_apart": "master-killed",
     "master.object_confirmed": "stale-status",

@@ -7,7 +7,8 @@ from typing import Any, Final
 from firmware_py.trackdb.areas import AreaMap
 from metro_hil.network.cab import Cab
 from metro_hil.network.crew import SAFE, Cast, Guards, Order, TrainNode
-from metro_hil.network.line_world import FIRST_ARBITER, Draw, LineWorld, line_of_areas
+from metro_hil.network.drawing import FIRST_ARBITER, SECTION_PIECES, Draw, line_of_areas
+from metro_hil.network.line_world import LineWorld
 from metro_hil.network.trace import Teller
 from metro_hil.network.world import Setting
 from vobc.t2t.vocabulary import Role, T2tConfig, TrainMemory
@@ -36,6 +37,8 @@ class Plot:
     guards: Guards = SAFE
     line: AreaMap | None = None
     area_m: float = 2000.0
+    pieces: int = SECTION_PIECES
+    """Sections in each area."""
     seed: int = 1
     speed_max_mps: float = 60.0 / 3.6
     length_m: float = 80.0
@@ -54,7 +57,9 @@ class Scene:
     """The world and the words to direct it."""
 
     def __init__(self, plot: Plot, tell: Teller | None = None) -> None:
-        line = plot.line or line_of_areas(plot.areas, objects=plot.objects, area_m=plot.area_m)
+        line = plot.line or line_of_areas(
+            plot.areas, objects=plot.objects, area_m=plot.area_m, pieces=plot.pieces
+        )
         arbiters = tuple(range(FIRST_ARBITER, FIRST_ARBITER + plot.arbiters))
         config = T2tConfig(timers=plot.timers, arbiters=arbiters)
         cast = Cast(line, config, tuple(plot.fronts_m), plot.guards)
@@ -66,7 +71,7 @@ class Scene:
             drift_ppm=0,
             speed_max_mps=plot.speed_max_mps,
         )
-        self.world = LineWorld(plot.seed, Draw(cast, setting, False), tell=tell)
+        self.world = LineWorld(plot.seed, Draw(cast, setting), tell=tell)
         self.net = self.world.net
         self.arbiters = arbiters
         self.held: list[Held] = []

@@ -4,7 +4,8 @@ import random
 from dataclasses import dataclass
 from typing import Final
 
-from metro_hil.network.line_world import LineWorld, draw
+from metro_hil.network.drawing import draw
+from metro_hil.network.line_world import LineWorld
 from metro_hil.network.many import cpu_ns
 from metro_hil.network.mischief import Mischief
 from metro_hil.network.net import Codec

@@ -1,0 +1,89 @@
+"""Scenarios of a train that hides beside a newcomer, where a third one said that it is itself.
+
+The third one has long run on. What it said is old: it was long on its way, or it has lost its place
+since. It has as many axles as the one that hides.
+"""
+
+from typing import Final
+
+from metro_hil.network.directed import Make, Scenario
+from metro_hil.network.motion import Motion
+from metro_hil.network.scene import Held, Plot, Scene
+from zenoh_config.t2t import TrainReport
+
+RUNS_ON: Final = 1
+NEWCOMER: Final = 2
+HIDES: Final = 3
+COMMANDS: Final = 4
+SAID_M: Final = 830.0
+"""Where its front was when it said so, in the section from 600 m to 800 m with its middle."""
+AWAY_M: Final = 1000.0
+"""Its rear has left the section that follows, too."""
+NEWCOMER_M: Final = 690.0
+HIDES_M: Final = 780.0
+
+
+def _on_its_way(make: Make) -> Scene:
+    """Two trains run; two are not on the line yet, and nobody has ever heard of them."""
+    fronts_m = {RUNS_ON: 100.0, NEWCOMER: 300.0, HIDES: 400.0, COMMANDS: 1980.0}
+    scene = make(Plot(fronts_m, pieces=10, stops_m=(1980.0,), speed_max_mps=25.0))
+    for address in (NEWCOMER, HIDES):
+        train = scene.world.trains[address]
+        train.on_line = train.localised = False
+    for address in scene.others(RUNS_ON, NEWCOMER, HIDES):
+        scene.net.boot(address)
+    scene.run(2.0)
+    scene.net.boot(RUNS_ON)
+    train = scene.world.trains[RUNS_ON]
+    scene.until("it runs", lambda: train.front_m > SAID_M, within_s=120.0)
+    scene.expect("fast", train.motion.speed_mps > 20.0)
+    scene.expect("the one ahead commands", scene.master() == COMMANDS)
+    return scene
+
+
+def _set_on(scene: Scene) -> None:
+    """Once it is away, by hand, from a siding: the one that hides is switched off."""
+    train = scene.world.trains[RUNS_ON]
+    scene.until("it is away", lambda: train.rear_m > AWAY_M, within_s=60.0)
+    for address, front_m in ((NEWCOMER, NEWCOMER_M), (HIDES, HIDES_M)):
+        each = scene.world.trains[address]
+        each.motion = Motion(scene.net.now_ns, front_m, emergency_mps2=1.0)
+        each.on_line = each.localised = True
+    scene.net.boot(NEWCOMER)
+    scene.run(3.0)
+
+
+def _stays(scene: Scene) -> None:
+    scene.run(20.0)
+    scene.expect("the newcomer gets nothing", scene.end_m(NEWCOMER) is None)
+
+
+def late_report(make: Make) -> None:
+    """One report is long on its way, and those that follow are lost."""
+    scene = _on_its_way(make)
+
+    def hold_the_first(source: int, target: int, message: object) -> int | None:
+        if source == RUNS_ON and isinstance(message, TrainReport):
+            if target == COMMANDS and not scene.held:
+                scene.held.append(Held(source, target, message))
+            return None
+        return 0
+
+    scene.rule(hold_the_first)
+    _set_on(scene)
+    scene.let_go()
+    _stays(scene)
+
+
+def lost_on_its_way(make: Make) -> None:
+    """It does not know where it is any more, and says so ever since."""
+    scene = _on_its_way(make)
+    scene.world.trains[RUNS_ON].localised = False
+    _set_on(scene)
+    _stays(scene)
+
+
+HIDDEN_LURES: Final[tuple[Scenario, ...]] = (
+    Scenario("late-report", 0, "a report comes when its train is elsewhere", late_report),
+    Scenario("lost-on-its-way", 0, "a train runs on after it lost its place", lost_on_its_way),
+)

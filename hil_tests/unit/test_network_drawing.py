@@ -1,0 +1,60 @@
+"""What a seed plays is a line that can be played, and lines differ."""
+
+import itertools
+
+import pytest
+
+from metro_hil.network.drawing import EVEN_BELOW, Draw, draw
+
+ANY = [draw(seed) for seed in range(EVEN_BELOW, EVEN_BELOW + 300)]
+
+
+def _even(drawn: Draw) -> bool:
+    return len({area.end_m - area.start_m for area in drawn.cast.line.areas}) == 1
+
+
+def test_the_same_seed_plays_the_same() -> None:
+    assert [draw(seed) for seed in range(EVEN_BELOW, EVEN_BELOW + 20)] == ANY[:20]
+
+
+@pytest.mark.parametrize("seed", [1, 42, 3794, EVEN_BELOW - 1])
+def test_below_areas_have_one_length(seed: int) -> None:
+    drawn = draw(seed)
+    assert drawn.cast.line.areas[0].end_m == 2000.0
+    assert _even(drawn)
+    assert (drawn.setting.length_m, drawn.between_s) == (80.0, 12.0)
+
+
+def test_all_trains_stand_on_the_line_apart() -> None:
+    for drawn in ANY:
+        line, length_m = drawn.cast.line, drawn.setting.length_m
+        fronts_m = [drawn.setting.fronts_m[train] for train in drawn.cast.trains]
+        assert len(fronts_m) >= 2
+        assert fronts_m[0] - length_m >= 15.0
+        assert fronts_m[-1] <= line.end_m - 15.0
+        for behind_m, ahead_m in itertools.pairwise(fronts_m):
+            assert ahead_m - length_m >= behind_m + 39.9
+
+
+def test_lines_differ() -> None:
+    lines = [drawn.cast.line for drawn in ANY]
+    assert {len(line.areas) for line in lines} == {1, 2, 3, 4}
+    assert {line.apply_m for line in lines} == {400.0, 800.0, 1200.0}
+    assert {len(drawn.cast.trains) for drawn in ANY} == {2, 3, 4, 5, 6, 7}
+    assert len({len(line.sections) for line in lines}) > 30
+    assert len({drawn.setting.length_m for drawn in ANY}) == 4
+    assert not all(_even(drawn) for drawn in ANY)
+
+
+def test_objects_lie_at_borders_too() -> None:
+    sites = [(site, drawn.cast.line) for drawn in ANY for site in drawn.cast.line.objects]
+    assert any(site.end_m == line.area_at(site.start_m).end_m for site, line in sites)
+    assert any(site.start_m == line.area_at(site.start_m).start_m for site, line in sites)
+    assert {site.kind for site, _ in sites} == {1, 2, 3}
+
+
+def test_stops_are_on_the_line() -> None:
+    for drawn in ANY:
+        stops_m = list(drawn.setting.stops_m)
+        assert stops_m == sorted(stops_m)
+        assert all(0.0 < stop_m < drawn.cast.line.end_m for stop_m in stops_m)
