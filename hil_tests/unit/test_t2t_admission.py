@@ -25,6 +25,7 @@ from zenoh_config.t2t import AdmissionState, RosterEntry, TrainReport
 AREA = Area(1, 1000.0, 2000.0)
 BEFORE = Area(4, 0.0, 1000.0)
 CONFIG = T2tConfig(rollback_m=2.0, jog_m=5.0)
+ROOM_M = 11.0
 
 
 def report(rear_m: float, front_m: float, *, train: int = 3, localised: bool = True) -> TrainReport:
@@ -228,16 +229,111 @@ def test_nothing_hides_near_a_train_that_stands_where_as_many_axles_are_as_it_ha
     alone = scene_of(())._replace(counted=(Counted(1000.0, 1100.0, True, 16),))
     crowded = alone._replace(counted=(Counted(1000.0, 1100.0, True, 32),))
 
-    assert is_sieved(told, alone) is True
-    assert is_sieved(told, crowded) is False
-    assert is_sieved(told, crowded._replace(standing=(Standing(1010.0, 1080.0, 16),))) is True
-    assert is_sieved(told, alone._replace(counted=())) is False
-    assert is_sieved(replace(told, standstill=False), alone) is False
-    assert is_sieved(told, alone._replace(stood=False)) is False
+    assert is_sieved(told, alone, ROOM_M) is True
+    assert is_sieved(told, crowded, ROOM_M) is False
+    assert (
+        is_sieved(told, crowded._replace(standing=(Standing(1010.0, 1080.0, 16),)), ROOM_M) is True
+    )
+    assert is_sieved(told, alone._replace(counted=()), ROOM_M) is False
+    assert is_sieved(replace(told, standstill=False), alone, ROOM_M) is False
+    assert is_sieved(told, alone._replace(stood=False), ROOM_M) is False
+
+
+# A newcomer at 1300 m to 1385 m; sections of 100 m, the area ends at 2000 m.
+NEWCOMER = report(1300.0, 1385.0)
+AHEAD = Standing(1410.0, 1490.0, 16)
+
+
+def counted(from_m: float = 1000.0, to_m: float = 2200.0, **axles: int) -> tuple[Counted, ...]:
+    """Sections of 100 m; `at_1300=16` for that from 1300 m on."""
+    told = {int(name.removeprefix("at_")): count for name, count in axles.items()}
+    starts = range(int(from_m), int(to_m), 100)
+    return tuple([Counted(at, at + 100.0, at in told, told.get(at, 0)) for at in starts])
+
+
+def near(*at_rest: Standing, **axles: int) -> Scene:
+    """Somebody moves who says that it is everywhere: nothing is known of a whole run of sections."""
+    return scene_of(())._replace(
+        counted=counted(**axles),
+        standing=(Standing(1000.0, 1700.0, 1), Standing(1600.0, 2300.0, 1)),
+        at_rest=at_rest,
+        line_m=(0.0, 4000.0),
+    )
+
+
+@pytest.mark.parametrize(
+    ("at_rest", "axles", "shown"),
+    [
+        ((), {"at_1300": 16}, True),
+        ((), {"at_1300": 32}, False),
+        # It looks ahead without a gap, and no farther than a gap.
+        ((), {"at_1300": 16, "at_1400": 16}, False),
+        ((AHEAD,), {"at_1300": 16, "at_1400": 16}, True),
+        ((AHEAD,), {"at_1300": 16, "at_1400": 32}, False),
+        ((AHEAD,), {"at_1300": 16, "at_1400": 16, "at_1500": 1}, False),
+        ((), {"at_1300": 16, "at_1500": 32}, True),
+        # Behind only as far as a coupler hangs over and the train may come back.
+        ((), {"at_1300": 16, "at_1200": 4}, False),
+        ((), {"at_1300": 16, "at_1100": 16}, True),
+    ],
+)
+def test_near_a_train_all_axles_are_of_trains_at_rest(
+    at_rest: tuple[Standing, ...], axles: dict[str, int], *, shown: bool
+) -> None:
+    assert is_sieved(NEWCOMER, near(*at_rest, **axles), ROOM_M) is shown
+
+
+def test_behind_a_train_a_section_that_it_keeps_clear_of_may_be_occupied() -> None:
+    axles = {"at_1300": 16, "at_1200": 16}
+
+    assert is_sieved(report(1310.9, 1390.0), near(**axles), ROOM_M) is False
+    assert is_sieved(report(1311.0, 1389.0), near(**axles), ROOM_M) is True
+
+
+def test_where_it_may_still_come_counts_as_where_it_stands() -> None:
+    latent = replace(report(1310.0, 1385.0), latent_m=1450.0)
+    behind_a_gap = {"at_1300": 16, "at_1500": 16}
+
+    assert is_sieved(latent, near(**behind_a_gap), ROOM_M) is True
+    assert is_sieved(replace(latent, latent_m=1489.1), near(**behind_a_gap), ROOM_M) is False
+
+
+def test_whoever_stands_beyond_the_area_need_not_be_heard() -> None:
+    """Its master commands nobody there; that it can look so far it owes to a gap that is not."""
+    beyond = {"at_1900": 16, "at_2000": 16, "at_2100": 16}
+    told = report(1900.0, 1985.0)
+
+    assert is_sieved(told, near(**beyond), ROOM_M) is True
+    assert is_sieved(told, near(**{**beyond, "at_1900": 32}), ROOM_M) is False
+    # It hangs over the border.
+    assert is_sieved(report(1911.0, 1995.0), near(**beyond), ROOM_M) is False
+    # And as far as the whole area is occupied without a gap.
+    whole = {f"at_{at}": 16 for at in range(1800, 2200, 100)}
+    back = report(1800.0, 1885.0)
+    assert is_sieved(back, near(Standing(1905.0, 1985.0, 16), **whole), ROOM_M) is True
+    assert is_sieved(back, near(**whole), ROOM_M) is False
+
+
+def test_of_sections_that_were_not_told_nothing_is_known() -> None:
+    alone = near(at_1300=16)
+    for first_m, last_m, known in ((1200.0, 1500.0, True), (1300.0, 1500.0, False)):
+        told = alone._replace(counted=counted(first_m, last_m, at_1300=16))
+        assert is_sieved(NEWCOMER, told, ROOM_M) is known
+    told = alone._replace(counted=counted(1200.0, 1400.0, at_1300=16))
+    assert is_sieved(report(1311.0, 1389.0), told, ROOM_M) is True
+    assert is_sieved(report(1311.0, 1389.1), told, ROOM_M) is False
+    # Beyond the ends of the line nobody is.
+    line = told._replace(line_m=(1305.0, 1400.0))
+    assert is_sieved(report(1310.0, 1395.0), line, ROOM_M) is True
+    assert (
+        is_sieved(report(1400.0, 1485.0), line._replace(counted=counted(at_1900=1)), 1.0) is False
+    )
 
 
 def test_on_a_line_that_counts_no_axles_everybody_is_believed() -> None:
-    assert is_sieved(replace(report(1005.0, 1090.0), standstill=False), scene_of(())) is True
+    assert (
+        is_sieved(replace(report(1005.0, 1090.0), standstill=False), scene_of(()), ROOM_M) is True
+    )
 
 
 def test_a_newcomer_stands_with_all_its_axles_between_its_bounds() -> None:

@@ -4,7 +4,7 @@ from collections.abc import Collection, Iterable, Sequence
 from typing import NamedTuple
 
 from firmware_py.trackdb.areas import Area
-from vobc.t2t.authority import Bar, Counted, Standing, Stretch, explained
+from vobc.t2t.authority import Bar, Counted, Standing, Stretch, all_explained, explained
 from vobc.t2t.guards import InLine, MasterGuards, Neighbours
 from vobc.t2t.roster import Order, placed
 from vobc.t2t.table import UNBOUNDED_M, Record
@@ -28,6 +28,10 @@ class Scene(NamedTuple):
     standing: tuple[Standing, ...]
     """Trains that say where they are, the newcomer not among them: of the roster, and outside of
     the area. Another may be forgotten while it stands in the way, and explains no axles."""
+    at_rest: tuple[Standing, ...] = ()
+    """Those of them that stood already where they are when sections were counted."""
+    line_m: tuple[float, float] = (-UNBOUNDED_M, UNBOUNDED_M)
+    """Where the line begins and ends: nobody hides beyond."""
 
 
 class Waiting(NamedTuple):
@@ -54,7 +58,7 @@ def admitted(
         return Waiting(AdmissionState.UNPLACED, order[at].train if at < len(order) else ahead)
     if not guards.comes_in_line(line_of(report, scene, ahead)):
         return Waiting(AdmissionState.WAITS, report.behind)
-    sieved = is_over_border(report, scene) or is_sieved(report, scene)
+    sieved = is_over_border(report, scene) or is_sieved(report, scene, config.behind_axle_m)
     return placed(order, RosterEntry(report.source, report.rear_min_m, sieved, report.boot), at)
 
 
@@ -79,15 +83,41 @@ def line_of(report: TrainReport, scene: Scene, ahead: int) -> InLine:
     return InLine(is_over_border(report, scene), comes_from, report.behind, ahead)
 
 
-def is_sieved(report: TrainReport, scene: Scene) -> bool:
-    """All axles around a train that stands are those of trains that say that they are there."""
+def is_sieved(report: TrainReport, scene: Scene, room_m: float) -> bool:
+    """All axles around a train that stands are those of trains that say that they are there.
+
+    Args:
+        room_m: kept free of an axle that nobody explains.
+    """
     if scene.counted is None:
         return True
-    return (
-        report.standstill
-        and scene.stood
-        and explained(scene.counted, standing_of(report), scene.standing)
-    )
+    if not (report.standstill and scene.stood):
+        return False
+    if explained(scene.counted, standing_of(report), scene.standing):
+        return True
+    return _is_known_within(report, scene, scene.counted, room_m)
+
+
+def _is_known_within(
+    report: TrainReport, scene: Scene, counted: Sequence[Counted], room_m: float
+) -> bool:
+    """Whether all axles from the train's rear on, as far as there is no gap and to the end of the
+    area, are of trains at rest. Those farther on may be of trains that this master does not hear.
+    """
+    front_m, border_m = max(report.front_max_m, report.latent_m), scene.area.end_m
+    from_m, to_m = report.rear_min_m - room_m, front_m + room_m
+    for each in counted:
+        if each.start_m >= max(border_m, front_m) or (each.end_m > front_m and not each.occupied):
+            break
+        to_m = max(to_m, each.end_m)
+    start_m, end_m = scene.line_m
+    from_m, to_m = max(from_m, start_m), min(to_m, end_m)
+    if not counted or from_m < counted[0].start_m or to_m > counted[-1].end_m:
+        return False
+    if to_m <= report.rear_min_m:
+        return False
+    at_rest = (standing_of(report), *scene.at_rest)
+    return all_explained(counted, at_rest, from_m=from_m, to_m=to_m)
 
 
 def kept_free(

@@ -243,9 +243,12 @@ class Master:
             record = self._known.records[entry.train]
             report, entry = record.report, entry._replace(stopped=record.stopped)
             if not entry.sieved and report is not None:
-                entry = entry._replace(sieved=is_sieved(report, self._scene(now_ns, report)))
+                entry = entry._replace(sieved=self._is_sieved(report, now_ns))
             sieved.append(entry)
         return tuple(sieved), tuple(sieved) != order
+
+    def _is_sieved(self, report: TrainReport, now_ns: int) -> bool:
+        return is_sieved(report, self._scene(now_ns, report), self._config.behind_axle_m)
 
     def _scene(self, now_ns: int, newcomer: TrainReport) -> Scene:
         strangers, order = self._strangers(), self.roster.proposed

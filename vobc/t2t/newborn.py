@@ -121,7 +121,7 @@ class Newborns:
                 gone.append((report, heard_ns))
             else:
                 sieved = (recent and entry.sieved) or is_over_border(report, scene)
-                sieved = sieved or is_sieved(report, scene)
+                sieved = sieved or is_sieved(report, scene, self._config.behind_axle_m)
                 settled.append(RosterEntry(entry.train, report.rear_min_m, sieved, report.boot))
                 known.reborn(report, heard_ns)
         return tuple(settled), gone
@@ -135,7 +135,7 @@ class Newborns:
             sieved=(
                 not is_over_border(report, scene)
                 and scene.counted is not None
-                and is_sieved(report, scene)
+                and is_sieved(report, scene, self._config.behind_axle_m)
             ),
             clear=is_clear(scene.counted, record.rear_m - self._config.overhang_m),
             recent=recent,

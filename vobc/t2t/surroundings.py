@@ -1,6 +1,6 @@
 """What a master sees around a train: what is counted, and whose axles explain it."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
 from firmware_py.trackdb.areas import AreaMap
@@ -28,6 +28,7 @@ class Surroundings:
 
     def __init__(self, known: Conclusions, line: AreaMap, area: int) -> None:
         self._known, self._counts = known, bool(line.sections)
+        self._line_m = line.start_m, line.end_m
         self._area, self._before = line.area(area), line.preceding(area)
         self._passed: dict[int, Heard] = {}
         self._halts: dict[int, Halt] = {}
@@ -61,6 +62,7 @@ class Surroundings:
         """
         records = self._known.records
         told = self._witnesses(strangers, now_ns)
+        others = {train: each for train, each in told.items() if train != but}
         return Scene(
             area=self._area,
             before=self._before,
@@ -68,7 +70,9 @@ class Surroundings:
             reserved_m=self._known.reserved_m([each for each in order if each.train in records]),
             counted=(track.counted if track else ()) if self._counts else None,
             stood=self._stood(but, track, now_ns),
-            standing=tuple([each for train, each in told.items() if train != but]),
+            standing=tuple(others.values()),
+            at_rest=self._at_rest(others, track, now_ns),
+            line_m=self._line_m,
         )
 
     def sight(self, strangers: Iterable[Heard], track: TrackView | None, now_ns: int) -> Sight:
@@ -80,9 +84,14 @@ class Surroundings:
         return Sight(
             self._counts,
             track,
-            tuple([e for train, e in witnesses.items() if self._stood(train, track, now_ns)]),
+            self._at_rest(witnesses, track, now_ns),
             anew,
         )
+
+    def _at_rest(
+        self, told: Mapping[int, Standing], track: TrackView | None, now_ns: int
+    ) -> tuple[Standing, ...]:
+        return tuple([each for train, each in told.items() if self._stood(train, track, now_ns)])
 
     def _stood(self, train: int, track: TrackView | None, now_ns: int) -> bool:
         """It stood where it is already when all this was counted, and says so still."""
