@@ -1,7 +1,7 @@
-"""Scenarios of a train that hides beside a newcomer, where a third one said that it is itself.
+"""Scenarios of who may hide, and of who does not.
 
-The third one has long run on. What it said is old: it was long on its way, or it has lost its place
-since. It has as many axles as the one that hides.
+A train hides beside a newcomer, where a third one said that it is itself, which has as many axles
+and has long run on. What it said is old: it was long on its way, or it has lost its place since.
 """
 
 from typing import Final
@@ -83,7 +83,17 @@ def lost_on_its_way(make: Make) -> None:
     _stays(scene)
 
 
+def full_line(make: Make) -> None:
+    """All of two areas is occupied without a gap when all trains begin: the rearmost is never heard
+    in the area ahead, and nobody hides.
+    """
+    fronts_m = {train: 220.0 * train for train in range(1, 11)}
+    scene = make(Plot(fronts_m, areas=2, area_m=1400.0, pieces=4, length_m=160.0))
+    scene.settle(within_s=10.0)
+
+
 HIDDEN_LURES: Final[tuple[Scenario, ...]] = (
     Scenario("late-report", 0, "a report comes when its train is elsewhere", late_report),
     Scenario("lost-on-its-way", 0, "a train runs on after it lost its place", lost_on_its_way),
+    Scenario("full-line", 0, "trains stand everywhere, and all begin", full_line),
 )
