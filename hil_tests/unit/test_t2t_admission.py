@@ -298,6 +298,15 @@ def test_where_it_may_still_come_counts_as_where_it_stands() -> None:
     assert is_sieved(replace(latent, latent_m=1489.1), near(**behind_a_gap), ROOM_M) is False
 
 
+def test_a_clear_piece_that_ends_where_it_stands_is_no_gap_ahead_of_it() -> None:
+    pieces = ((1200.0, 1298.0, 16), (1298.0, 1300.0, 0), (1300.0, 1400.0, 1))
+    told = tuple([Counted(start_m, end_m, n > 0, n) for start_m, end_m, n in pieces])
+    scene = near()._replace(counted=told, standing=(Standing(1240.0, 1260.0, 1),))
+
+    assert is_sieved(report(1215.0, 1300.0), scene, 0.0) is False
+    assert is_sieved(report(1215.0, 1299.9), scene, 0.0) is True
+
+
 def test_whoever_stands_beyond_the_area_need_not_be_heard() -> None:
     """Its master commands nobody there; that it can look so far it owes to a gap that is not."""
     beyond = {"at_1900": 16, "at_2000": 16, "at_2100": 16}
@@ -316,9 +325,14 @@ def test_whoever_stands_beyond_the_area_need_not_be_heard() -> None:
 
 def test_of_sections_that_were_not_told_nothing_is_known() -> None:
     alone = near(at_1300=16)
-    for first_m, last_m, known in ((1200.0, 1500.0, True), (1300.0, 1500.0, False)):
-        told = alone._replace(counted=counted(first_m, last_m, at_1300=16))
-        assert is_sieved(NEWCOMER, told, ROOM_M) is known
+    for first_m, rear_m, known in (
+        (1200.0, 1300.0, True),
+        (1300.0, 1300.0, False),
+        (1300.0, 1311.0, True),
+        (1300.0, 1310.9, False),
+    ):
+        told = alone._replace(counted=counted(first_m, 1500.0, at_1300=16))
+        assert is_sieved(report(rear_m, 1385.0), told, ROOM_M) is known
     told = alone._replace(counted=counted(1200.0, 1400.0, at_1300=16))
     assert is_sieved(report(1311.0, 1389.0), told, ROOM_M) is True
     assert is_sieved(report(1311.0, 1389.1), told, ROOM_M) is False

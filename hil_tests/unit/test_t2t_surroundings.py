@@ -156,6 +156,15 @@ def test_one_outside_the_area_explains_axles_while_its_word_is_young() -> None:
     assert around.scene(STRANGER, (), old, view, chair.now_ns).standing == ()
 
 
+def test_beyond_the_end_of_the_line_nobody_hides() -> None:
+    """Farther back others stand whom this master does not hear."""
+    chair = Chair((), area=2, sections=True, now_ms=1000)
+    chair.reports(STRANGER, 3995.0)
+    cycle(chair, axles={7: 16, 8: 16}, seen_ms=1000)
+
+    assert sieved(chair) is True
+
+
 def test_as_long_as_nothing_was_counted_nothing_is_shown() -> None:
     chair = Chair((), sections=True, now_ms=1000)
     told = chair.reports(STRANGER, 300.0)

@@ -38,8 +38,9 @@ class Surroundings:
         """Since when it stands: what was counted before that says nothing of what is near it."""
         known = self._halts.pop(report.source, None)
         if report.standstill and report.localised:
-            same = known is not None and known.report.boot == report.boot
-            since_ns = known.since_ns if known is not None and same else now_ns
+            since_ns = now_ns
+            if known is not None and known.report.boot == report.boot:
+                since_ns = known.since_ns
             self._halts[report.source] = Halt(since_ns, report)
 
     def passes(self, report: TrainReport, now_ns: int) -> None:
