@@ -252,7 +252,7 @@ def counted(from_m: float = 1000.0, to_m: float = 2200.0, **axles: int) -> tuple
 
 
 def near(*at_rest: Standing, **axles: int) -> Scene:
-    """Somebody moves who says that it is everywhere: nothing is known of a whole run of sections."""
+    """Somebody moves who says that it is everywhere: of a whole run nothing is known."""
     return scene_of(())._replace(
         counted=counted(**axles),
         standing=(Standing(1000.0, 1700.0, 1), Standing(1600.0, 2300.0, 1)),

@@ -158,6 +158,7 @@ def anew(
         comes_from=comes_from,
         behind=behind,
         ready_nonce=40 + train,
+        echo_ns=NOW_NS,
     )
 
 
@@ -200,8 +201,9 @@ def test_a_train_that_is_where_it_was_is_renewed_in_its_place_and_begins_with_no
 
 @pytest.mark.parametrize(("age_ns", "renewed"), [(500_000_000, True), (500_000_001, False)])
 def test_what_a_train_told_too_long_ago_settles_nothing(age_ns: int, *, renewed: bool) -> None:
+    """However late that came."""
     area = OneArea(ANEW)
-    area.hears(anew(900.0), age_ns=age_ns)
+    area.hears(dataclasses.replace(anew(900.0), echo_ns=NOW_NS - age_ns))
 
     order, gone = area.settles()
 

@@ -215,7 +215,7 @@ class Master:
             if self._known.is_alive(each[1], now_ns)
         }
         for train, (report, heard_ns) in sorted(self._applicants.items(), key=foremost_first):
-            if not report.localised:
+            if not (report.localised and self._known.is_recent(report, now_ns)):
                 continue
             scene = self._scene(now_ns, report)
             result = admitted(order, report, scene, self._config, self._guards)

@@ -104,7 +104,7 @@ class Newborns:
         settled, gone = list[RosterEntry](), list[tuple[TrainReport, int]]()
         for at, entry in enumerate(order):
             report, heard_ns = self._told.get(entry.train, (None, now_ns))
-            if report is None or not report.localised or not known.is_alive(heard_ns, now_ns):
+            if report is None or not report.localised or not known.is_recent(report, now_ns):
                 settled.append(entry)
                 continue
             scene = scene_of(report)

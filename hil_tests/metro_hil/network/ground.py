@@ -95,6 +95,12 @@ class TrueTrain:
         most_m = self.motion.most_m
         return most_m + self._error_m(most_m) - self.half_width_m - self.length_m
 
+    @property
+    def foremost_front_max_m(self) -> float:
+        """Where its front may have been at most when it was farthest."""
+        most_m = self.motion.most_m
+        return most_m + self._error_m(most_m) + self.half_width_m
+
     def reading(self) -> Reading:
         """As of the instant to which the motion was brought forward.
 

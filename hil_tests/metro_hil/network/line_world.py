@@ -154,7 +154,7 @@ class LineWorld(World):
         stood_m = train.reading().front_max_m
         if train.front_m > start_m:
             # Where it stood before it rolled back it may come again.
-            stood_m += train.motion.rolled_m
+            stood_m = max(stood_m, train.foremost_front_max_m)
         if reach_m > max(start_m, stood_m):
             raise ViolationError(
                 "23",
