@@ -81,6 +81,7 @@ def test_whoever_is_granted_the_lease_speaks_under_its_term_in_the_same_step() -
     (beat,) = [each for each in said if isinstance(each, Heartbeat)]
     (commit,) = [each for each in said if isinstance(each, RosterCommit)]
     assert (report.term, report.stamp_ns) == (1, ns(405)), "though it reported 5 ms ago"
+    assert report.echo_ns == ns(405), "it is on its way to itself for no time"
     assert (beat.term, beat.phase) == (1, Phase.FENCING)
     assert (commit.term, commit.destination) == (1, ARBITER)
     assert scene.desk.member.memory == AreaMemory(AREA, seen_term=1, owner=OWN, tried_term=1)

@@ -356,7 +356,8 @@ class AreaDesk:
             axles=own.axles,
             out_of_service=own.out_of_service,
             ready_nonce=ready_nonce,
-            echo_ns=member.beat_ns,
+            # What it says to itself is on its way for no time.
+            echo_ns=member.beat_ns if self.master is None else now_ns,
         )
         return [report]
 

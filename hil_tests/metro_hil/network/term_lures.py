@@ -13,7 +13,7 @@ from zenoh_config.t2t import LeaseKind, LeaseRequest, RosterCommit, TrainReport
 def reused_term(make: Make) -> None:
     """A candidacy fails; what gives its grants back comes when the next one has succeeded."""
     for seed in range(1, 6):
-        scene = make(Plot({1: 560.0, 2: 1000.0}, arbiters=3, seed=seed))
+        scene = make(Plot({1: 560.0, 2: 1240.0}, arbiters=3, seed=seed))
         for address in scene.others(1, 2):
             scene.net.boot(address)
         scene.run(0.5)

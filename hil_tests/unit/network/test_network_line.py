@@ -11,6 +11,7 @@ from metro_hil.network.checker import ViolationError
 from metro_hil.network.coverage import FORMULAS, everything
 from metro_hil.network.deaf_lures import DEAF_LURES
 from metro_hil.network.directed import SCENARIOS, at_speed
+from metro_hil.network.hidden_lures import HIDDEN_LURES
 from metro_hil.network.lures import LURES
 from metro_hil.network.many import run_many
 from metro_hil.network.model import MODELS, search
@@ -34,7 +35,7 @@ def test_it_ends_well(name: str) -> None:
 
 def test_every_acceptance_scenario_of_train_to_train_control_is_there() -> None:
     assert {each.number for each in SCENARIOS} >= {17, 18, 19, 20, 21, 22, 23, 25}
-    assert len(ALL_SCENARIOS) == len((*SCENARIOS, *LURES, *TERM_LURES, *DEAF_LURES))
+    assert len(ALL_SCENARIOS) == len((*SCENARIOS, *LURES, *TERM_LURES, *DEAF_LURES, *HIDDEN_LURES))
 
 
 MUTANTS = dict(mutants())
