@@ -164,6 +164,16 @@ def test_how_old_a_report_is_shows_by_the_heartbeat_that_it_echoes(
 
     assert known.is_recent(report(1, 400.0), NOW_NS + age_ns) is recent
     assert known.is_recent(report(1, 400.0, term=TERM - 1), NOW_NS + age_ns) is False
+    assert known.is_recent(report(1, 400.0, term=TERM + 1), NOW_NS + age_ns) is False
+
+
+@pytest.mark.parametrize(("echo_ns", "recent"), [(0, False), (1, True)])
+def test_who_has_heard_no_heartbeat_echoes_none_however_young_the_clock_is(
+    echo_ns: int, *, recent: bool
+) -> None:
+    told = replace(report(1, 400.0), echo_ns=echo_ns)
+
+    assert conclusions().is_recent(told, 100) is recent
 
 
 def test_who_has_not_been_heard_for_a_while_may_have_come_as_far_as_it_was_granted() -> None:

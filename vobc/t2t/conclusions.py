@@ -91,8 +91,9 @@ class Conclusions:
 
     def is_recent(self, report: TrainReport, now_ns: int) -> bool:
         """By this master's own clock, which it echoes; one of another term echoes none."""
-        sent_ns = report.echo_ns if report.term == self.term else 0
-        return self._guards.report_recent(Freshness(now_ns - sent_ns, self._silence_ns))
+        if report.term != self.term or report.echo_ns == 0:
+            return False
+        return self._guards.report_recent(Freshness(now_ns - report.echo_ns, self._silence_ns))
 
     def farther_m(self, record: Record, report: TrainReport, now_ns: int) -> float:
         """How much farther than it said last a train may be if it said so a while ago."""
