@@ -120,7 +120,8 @@ class Chair:
             "axles": 16,
             "out_of_service": False,
             "ready_nonce": 0,
-            "echo_ns": self.now_ns,
+            # 0 says that none was heard.
+            "echo_ns": self.now_ns or -1,
         }
         report = TrainReport(**{**fields, **told})
         self.hears(report)
