@@ -444,7 +444,7 @@ class TestRoster:
     def test_an_applicant_that_fell_silent_is_forgotten(
         self, age_ms: int, order: list[int]
     ) -> None:
-        chair = Chair()
+        chair = Chair(now_ms=1000)
         chair.reports(3, 200.0)
         chair.step(age_ms)
         assert chair.order() == order
