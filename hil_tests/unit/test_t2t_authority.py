@@ -310,6 +310,17 @@ def test_who_has_not_been_heard_for_a_while_explains_axles_only_where_it_surely_
     assert explained(sections(*axles), Standing(115.0, 198.0, 16), [other]) is answer
 
 
+@pytest.mark.parametrize(("behind_m", "answer"), [(0.0, True), (44.9, True), (45.0, False)])
+def test_who_may_have_come_since_the_count_explains_no_axles(
+    behind_m: float, *, answer: bool
+) -> None:
+    """Over a section that is clear and may be short; its middle is at 145 m."""
+    other = Standing(105.0, 185.0, 16, behind_m=behind_m)
+
+    assert explained(sections(0, 32, 0), Standing(115.0, 198.0, 16), [other]) is answer
+    assert explained(sections(16, 16, 0), Standing(5.0, 95.0, 16), [other]) is True
+
+
 @pytest.mark.parametrize("beside", [0, 2])
 def test_a_count_that_is_not_to_be_trusted_is_explained_by_nobody(beside: int) -> None:
     told = sections(0, 16, 0)

@@ -181,7 +181,8 @@ def test_who_has_not_been_heard_for_a_while_may_have_come_as_far_as_it_was_grant
     known = conclusions(told)
     record = known.records[1]
 
-    assert known.farther_m(record, told, NOW_NS + SILENT_NS) == 0.0
+    assert known.farther_m(record, told, NOW_NS) == 0.0
+    assert known.farther_m(record, told, NOW_NS + SILENT_NS) == 20.0, "at 40 m/s"
     assert known.farther_m(record, told, NOW_NS + SILENT_NS + 1) == 900.0 - told.front_max_m
     record.issued(8, 1200.0)
     assert known.farther_m(record, told, NOW_NS + 2 * SILENT_NS) == 1200.0 - told.front_max_m

@@ -6,6 +6,7 @@ from typing import Any
 import pytest
 
 from hil_tests.unit.t2t_chair import MS, TERM, Chair, entry
+from vobc.t2t.authority import Standing
 
 STRANGER = 3
 
@@ -158,6 +159,42 @@ def test_one_outside_the_area_explains_axles_while_its_word_is_young() -> None:
     assert [each.axles for each in scene.standing] == [16]
     old = [young[0], (replace(behind, echo_ns=0), chair.now_ns)]
     assert around.scene(STRANGER, (), old, view, chair.now_ns).standing == ()
+
+
+def test_who_says_that_it_is_near_may_not_have_been_there_when_all_was_counted() -> None:
+    chair = Chair((), sections=True, now_ms=1000)
+    inside = chair.reports(STRANGER, 1990.0)
+    behind = replace(chair.reports(4, 2085.0), echo_ns=950 * MS)
+    chair.track(axles={8: 32}, seen_ms=900)
+    around, view = chair.master._around, chair.master._track
+
+    told = [(inside, chair.now_ns), (behind, chair.now_ns)]
+    (other,) = around.scene(STRANGER, (), told, view, chair.now_ns).standing
+    assert (other.farther_m, other.behind_m) == (2.0, 4.0)
+
+
+def test_a_train_of_the_roster_may_not_have_been_there_either() -> None:
+    chair = Chair((entry(1, 320.0),), sections=True, now_ms=1000)
+    chair.reports(1, 400.0, echo_ns=950 * MS)
+    chair.track(axles={1: 32}, seen_ms=900)
+    around, view = chair.master._around, chair.master._track
+
+    (other,) = around.scene(STRANGER, (), [], view, chair.now_ns).standing
+    assert (other.farther_m, other.behind_m) == (2.0, 4.0)
+    assert around.scene(STRANGER, (), [], None, chair.now_ns).standing[0].behind_m == 0.0
+
+
+def test_who_stood_before_and_after_was_there_just_so() -> None:
+    chair = Chair((entry(1, 320.0),), sections=True, now_ms=1000)
+    chair.reports(1, 400.0)
+    chair.now_ns += 200 * MS
+    chair.reports(1, 400.0)
+    chair.track(axles={1: 16}, seen_ms=1100)
+    around, view = chair.master._around, chair.master._track
+
+    scene = around.scene(STRANGER, (), [], view, chair.now_ns)
+    assert scene.at_rest == (Standing(320.0, 400.0, 16),)
+    assert around.scene(STRANGER, (), [], view, chair.now_ns + 1000 * MS).at_rest == ()
 
 
 def test_beyond_the_end_of_the_line_nobody_hides() -> None:

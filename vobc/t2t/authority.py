@@ -139,7 +139,9 @@ class Standing(NamedTuple):
     front_m: float
     axles: int
     farther_m: float = 0.0
-    """By now it may be so much farther on: it has not been heard for a while."""
+    """By now it may be so much farther on than it said."""
+    behind_m: float = 0.0
+    """When sections were counted it may have been so much farther back."""
 
     @property
     def middle_m(self) -> float:
@@ -192,6 +194,9 @@ def _explained(
         return False
     start_m, end_m = run[0].start_m, run[-1].end_m
     there = [each for each in trains if start_m < each.middle_m < end_m]
+    if any(each.middle_m - each.behind_m <= start_m for each in there):
+        # It may have come since.
+        return False
     if any(_may_have_left(each, end_m, beyond) for each in there):
         return False
     return sum(each.axles for each in run) == sum(each.axles for each in there)

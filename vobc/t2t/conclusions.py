@@ -7,7 +7,7 @@ from vobc.t2t.authority import Stretch
 from vobc.t2t.guards import Freshness, MasterGuards, Promise, Reach
 from vobc.t2t.roster import Order
 from vobc.t2t.table import UNBOUNDED_M, Record, TrainTable
-from vobc.t2t.track_view import TrackView, hidden_between, moved_on_m
+from vobc.t2t.track_view import TrackView, hidden_between, moved_on_m, way_m
 from vobc.t2t.vocabulary import T2tConfig
 from zenoh_config.t2t import RosterEntry, SyncEntry, TrainReport
 from zenoh_config.timers import NS_PER_MS
@@ -98,7 +98,7 @@ class Conclusions:
     def farther_m(self, record: Record, report: TrainReport, now_ns: int) -> float:
         """How much farther than it said last a train may be if it said so a while ago."""
         if self.is_recent(report, now_ns):
-            return 0.0
+            return way_m(now_ns - report.echo_ns)
         return (record.granted_m if self.has_promised(record) else UNBOUNDED_M) - report.front_max_m
 
     def reserved_m(self, order: Sequence[RosterEntry]) -> dict[int, float]:

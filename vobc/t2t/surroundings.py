@@ -9,7 +9,7 @@ from vobc.t2t.authority import Standing
 from vobc.t2t.conclusions import Conclusions
 from vobc.t2t.removals import Sight
 from vobc.t2t.roster import Order
-from vobc.t2t.track_view import TrackView
+from vobc.t2t.track_view import TrackView, way_m
 from zenoh_config.t2t import TrainReport
 
 Heard = tuple[TrainReport, int]
@@ -62,7 +62,7 @@ class Surroundings:
             strangers: trains that are not on the roster in this incarnation.
         """
         records = self._known.records
-        told = self._witnesses(strangers, now_ns)
+        told = self._witnesses(strangers, track, now_ns)
         others = {train: each for train, each in told.items() if train != but}
         return Scene(
             area=self._area,
@@ -79,7 +79,7 @@ class Surroundings:
     def sight(self, strangers: Iterable[Heard], track: TrackView | None, now_ns: int) -> Sight:
         """What the removal of a train is decided on."""
         others = list(strangers)
-        witnesses = self._witnesses(others, now_ns)
+        witnesses = self._witnesses(others, track, now_ns)
         # Also one whose word was long on its way is there.
         anew = {e.source for e, heard_ns in others if self._known.is_alive(heard_ns, now_ns)}
         return Sight(
@@ -92,7 +92,13 @@ class Surroundings:
     def _at_rest(
         self, told: Mapping[int, Standing], track: TrackView | None, now_ns: int
     ) -> tuple[Standing, ...]:
-        return tuple([each for train, each in told.items() if self._stood(train, track, now_ns)])
+        return tuple(
+            [
+                Standing(each.rear_m, each.front_m, each.axles)
+                for train, each in told.items()
+                if self._stood(train, track, now_ns)
+            ]
+        )
 
     def _stood(self, train: int, track: TrackView | None, now_ns: int) -> bool:
         """It stood where it is already when all this was counted, and says so still."""
@@ -101,12 +107,15 @@ class Surroundings:
             return False
         return halt.since_ns <= track.seen_ns
 
-    def _witnesses(self, strangers: Iterable[Heard], now_ns: int) -> dict[int, Standing]:
+    def _witnesses(
+        self, strangers: Iterable[Heard], track: TrackView | None, now_ns: int
+    ) -> dict[int, Standing]:
         """By train: of the roster, and of all others those that may explain anything."""
         known = self._known
+        behind_m = 0.0 if track is None else way_m(now_ns - track.seen_ns)
         told = {
             each.train: standing_of(each.report)._replace(
-                farther_m=known.farther_m(each, each.report, now_ns)
+                farther_m=known.farther_m(each, each.report, now_ns), behind_m=behind_m
             )
             for each in known.records.values()
             if each.report is not None
@@ -116,5 +125,7 @@ class Surroundings:
             # One that has only just come onto the roster still stands among the applicants.
             recent = known.is_recent(report, now_ns)
             if recent and may_explain(report, known.records, self._area):
-                told[report.source] = standing_of(report)
+                told[report.source] = standing_of(report)._replace(
+                    farther_m=way_m(now_ns - report.echo_ns), behind_m=behind_m
+                )
         return told

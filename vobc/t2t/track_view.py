@@ -38,6 +38,11 @@ def view_of(status: TrackStatus, line: AreaMap) -> TrackView:
     )
 
 
+def way_m(duration_ns: int) -> float:
+    """No train comes farther meanwhile."""
+    return max(0, duration_ns) * S_PER_NS * SPEED_MAX_MPS
+
+
 def hidden_between(
     view: TrackView, *, beyond_m: float, before_m: float, ahead_ns: int
 ) -> Stretch | None:
@@ -47,7 +52,7 @@ def hidden_between(
         beyond_m: the one behind has never been granted more.
         before_m: protected rear of the one ahead, heard at `ahead_ns`.
     """
-    drift_m = max(0, ahead_ns - view.seen_ns) * S_PER_NS * SPEED_MAX_MPS
+    drift_m = way_m(ahead_ns - view.seen_ns)
     found = unexplained(view.occupied, beyond_m=beyond_m, before_m=before_m - drift_m)
     return None if found is None else Stretch(found.start_m, found.end_m, Bar.SHUT)
 
