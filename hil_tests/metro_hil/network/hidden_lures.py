@@ -1,9 +1,11 @@
 """Scenarios of who may hide, and of who does not.
 
 A train hides beside a newcomer, where a third one said that it is itself, which has as many axles
-and has long run on. What it said is old: it was long on its way, or it has lost its place since.
+and has long run on. What it said is old: it was long on its way, it has lost its place since, or
+died.
 """
 
+from collections.abc import Sequence
 from typing import Final
 
 from metro_hil.network.directed import Make, Scenario
@@ -23,10 +25,10 @@ NEWCOMER_M: Final = 690.0
 HIDES_M: Final = 780.0
 
 
-def _on_its_way(make: Make) -> Scene:
+def _on_its_way(make: Make, stops_m: Sequence[float] = (1980.0,)) -> Scene:
     """Two trains run; two are not on the line yet, and nobody has ever heard of them."""
     fronts_m = {RUNS_ON: 100.0, NEWCOMER: 300.0, HIDES: 400.0, COMMANDS: 1980.0}
-    scene = make(Plot(fronts_m, pieces=10, stops_m=(1980.0,), speed_max_mps=25.0))
+    scene = make(Plot(fronts_m, pieces=10, stops_m=stops_m, dwell_s=100.0, speed_max_mps=25.0))
     for address in (NEWCOMER, HIDES):
         train = scene.world.trains[address]
         train.on_line = train.localised = False
@@ -35,8 +37,7 @@ def _on_its_way(make: Make) -> Scene:
     scene.run(2.0)
     scene.net.boot(RUNS_ON)
     train = scene.world.trains[RUNS_ON]
-    scene.until("it runs", lambda: train.front_m > SAID_M, within_s=120.0)
-    scene.expect("fast", train.motion.speed_mps > 20.0)
+    scene.until("it is there", lambda: train.front_m > SAID_M - 1.0, within_s=120.0)
     scene.expect("the one ahead commands", scene.master() == COMMANDS)
     return scene
 
@@ -83,6 +84,20 @@ def lost_on_its_way(make: Make) -> None:
     _stays(scene)
 
 
+def towed_away(make: Make) -> None:
+    """It stood there when it died, and was driven on by hand."""
+    scene = _on_its_way(make, stops_m=(SAID_M, 1980.0))
+    train = scene.world.trains[RUNS_ON]
+    scene.stands(RUNS_ON)
+    scene.run(1.0)
+    scene.net.kill(RUNS_ON)
+    train.shunts = True
+    scene.until("it is away", lambda: train.rear_m > AWAY_M, within_s=120.0)
+    train.shunts = False
+    _set_on(scene)
+    _stays(scene)
+
+
 def full_line(make: Make) -> None:
     """All of two areas is occupied without a gap when all trains begin: the rearmost is never heard
     in the area ahead, and nobody hides.
@@ -95,5 +110,6 @@ def full_line(make: Make) -> None:
 HIDDEN_LURES: Final[tuple[Scenario, ...]] = (
     Scenario("late-report", 0, "a report comes when its train is elsewhere", late_report),
     Scenario("lost-on-its-way", 0, "a train runs on after it lost its place", lost_on_its_way),
+    Scenario("towed-away", 0, "a train that stood is driven on by hand", towed_away),
     Scenario("full-line", 0, "trains stand everywhere, and all begin", full_line),
 )

@@ -92,7 +92,7 @@ NOTICED: Final[Mapping[str, str]] = {
     "lease.granted_until_ns": "shortened-lease",
     "master.has_promised": "unpromised",
     "master.roster_kept": "uncommitted",
-    "master.report_recent": "late-report",
+    "master.report_recent": "towed-away",
     "master.track_known": "closed-unknown",
     "master.placed_apart": "master-killed",
     "master.object_confirmed": "stale-status",
