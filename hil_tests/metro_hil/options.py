@@ -263,10 +263,29 @@ def parse(argv: Sequence[str]) -> RunOptions:
     options = RunOptions(**chosen)
     if options.train is not None and options.line_radio is None:
         options = replace(options, line_radio=LINE_ENDPOINT)
-    problem = desk_problem(options) or line_problem(options) or trains_problem(options)
+    problem = (
+        wires_problem(options)
+        or desk_problem(options)
+        or line_problem(options)
+        or trains_problem(options)
+    )
     if problem:
         top.error(problem)
     return options
+
+
+def wires_problem(options: RunOptions) -> str:
+    """Which wire of a real-time run was asked for in virtual time; empty when none was."""
+    wires = {
+        "--bus": options.bus,
+        "--plant": options.plant,
+        "--tags": options.tags,
+        "--radio": options.radio,
+    }
+    asked = [name for name, wire in wires.items() if wire != "auto"]
+    if not (options.lockstep and asked):
+        return ""
+    return f"{asked[0]}: not with --lockstep, which runs controller and train in one process"
 
 
 def trains_problem(options: RunOptions) -> str:

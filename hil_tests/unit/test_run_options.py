@@ -1,4 +1,4 @@
-"""The options of `vobc run` about the desk: what goes together, what does not, where it goes."""
+"""The options of `vobc run` about desk and wires: what goes together, and where it goes."""
 
 import pytest
 
@@ -11,6 +11,10 @@ from metro_hil.options import parse
     ("words", "said"),
     [
         (["--lockstep", "--desk", "external"], "nobody can drive by hand in virtual time"),
+        (["--lockstep", "--bus", "nosuch"], "--bus: not with --lockstep"),
+        (["--lockstep", "--plant", "none"], "--plant: not with --lockstep"),
+        (["--lockstep", "--tags", "/dev/ttyUSB0"], "--tags: not with --lockstep"),
+        (["--lockstep", "--radio", "tcp/127.0.0.1:7447"], "--radio: not with --lockstep"),
         (["--driver", "late", "--desk-recording", "x.desk"], "cannot be played beside --driver"),
         (["--desk", "none", "--driver", "late"], "--driver: there is no desk"),
         (["--desk", "external", "--desk-recording", "x"], "--desk-recording: there is no desk"),
@@ -18,7 +22,7 @@ from metro_hil.options import parse
         (["--desk", "crew"], "invalid choice"),
     ],
 )
-def test_what_cannot_be_asked_of_a_desk_is_said(
+def test_what_cannot_be_asked_for_is_said(
     words: list[str], said: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(SystemExit) as ended:
