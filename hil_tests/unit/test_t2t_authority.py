@@ -141,6 +141,37 @@ def test_a_train_that_stands_in_something_stops_there_or_waits_or_leaves_it(
     assert end_of_authority_m(bound, between(490.0, 540.0, bar)) == end_m
 
 
+@pytest.mark.parametrize(
+    ("bar", "front_max_m", "end_m"),
+    [
+        (Bar.SHUT, 2000.0, 2000.0),
+        (Bar.SHUT, 2000.1, None),
+        (Bar.UNSURE, 2000.1, None),
+        (Bar.CLOSING, 2000.1, 2000.0),
+    ],
+)
+@pytest.mark.parametrize("granted_m", [2000.0, 2100.0])
+def test_a_train_in_something_is_not_let_go_by_the_next_area_either(
+    bar: Bar, front_max_m: float, end_m: float | None, granted_m: float
+) -> None:
+    """What ends at the border is continued there; a train that gets nothing stays where it is."""
+    bound = course(front_max_m, granted_m=granted_m)
+
+    assert end_of_authority_m(bound, between(1910.0, 1940.0, bar)) == end_m
+    assert end_of_authority_m(bound, between(1890.0, 1920.0, bar)) == 2000.0
+    assert end_of_authority_m(bound, between(2050.0, 2060.0, bar)) == 2000.0
+
+
+@pytest.mark.parametrize(("front_max_m", "end_m"), [(2000.0, 2000.0), (2000.1, None)])
+@pytest.mark.parametrize("granted_m", [2000.0, 2100.0])
+def test_nor_is_one_that_supervision_stops(
+    front_max_m: float, end_m: float | None, granted_m: float
+) -> None:
+    bound = course(front_max_m, granted_m=granted_m, stopped=True)
+
+    assert end_of_authority_m(bound, SPACE) == end_m
+
+
 @pytest.mark.parametrize("bar", [Bar.SHUT, Bar.UNSURE])
 def test_beyond_what_closes_too_late_for_a_train_the_next_thing_stops_it(bar: Bar) -> None:
     space = SPACE._replace(

@@ -547,16 +547,58 @@ def test_an_authority_of_the_next_area_alone_is_none() -> None:
     assert ride.step(100, authority(2, 2500.0, 80), front_m=1900.0).authority is None
 
 
-@pytest.mark.parametrize(("front_min_m", "end_m"), [(1999.9, 2500.0), (2000.0, 2500.0)])
-def test_it_begins_where_the_front_is_surely_past(front_min_m: float, end_m: float) -> None:
+@pytest.mark.parametrize(("rear_m", "of_the_first"), [(1999.9, True), (2000.0, False)])
+def test_it_begins_where_the_rear_may_be(rear_m: float, *, of_the_first: bool) -> None:
+    """What the area behind knows of its objects and restrictions holds until the rear has left."""
     ride = Ride()
-    heard = (authority(1, 2000.0, 80, rear_m=1.0), authority(2, 2500.0, 80, rear_m=2.0))
+    one = authority(1, 2000.0, 80, rear_m=1.0, restrictions=(SLOW,))
+    two = authority(2, 2500.0, 90, rear_m=2.0, restrictions=(SLOWER,))
 
-    held = ride.step(100, *heard, front_m=front_min_m, front_max_m=2010.0).authority
+    held = ride.step(100, one, two, front_m=rear_m + 80.0, rear_min_m=rear_m).authority
 
     assert held is not None
-    assert held.end_m == end_m
-    assert held.rear_m == (1.0 if front_min_m < 2000.0 else 2.0)
+    assert held.end_m == 2500.0
+    assert held.rear_m == (1.0 if of_the_first else 2.0)
+    assert held.echo_ns == ns(80 if of_the_first else 90)
+    assert held.restrictions == ((SLOW, SLOWER) if of_the_first else (SLOWER,))
+
+
+@pytest.mark.parametrize("area", [1, 2])
+def test_a_train_in_two_areas_is_not_let_go_by_one_alone(area: int) -> None:
+    ride = Ride()
+    heard = authority(area, 2000.0 if area == 1 else 2500.0, 80)
+
+    assert ride.step(100, heard, front_m=2040.0, rear_min_m=1960.0).authority is None
+
+
+def test_in_two_areas_it_goes_no_farther_than_the_first_lets_it() -> None:
+    ride = Ride()
+    heard = (authority(1, 1990.0, 80), authority(2, 2500.0, 80))
+
+    assert ride.held_m(ride.step(100, *heard, front_m=2040.0, rear_min_m=1960.0)) == 1990.0
+
+
+@pytest.mark.parametrize(
+    ("front_min_m", "end_m", "of_ms"), [(1999.9, 2000.0, 3500), (2000.0, 2500.0, 2000)]
+)
+def test_one_of_an_area_that_the_front_is_surely_in_counts_whatever_its_age(
+    front_min_m: float, end_m: float, of_ms: int
+) -> None:
+    """Left out it would move the end to behind the front; the whole is as old as it is."""
+    ride = Ride()
+    ride.step(2000, authority(2, 2500.0, 2000), front_m=1990.0)
+
+    stepped = ride.step(
+        3500,
+        authority(1, 2000.0, 3500),
+        front_m=front_min_m,
+        front_max_m=2010.0,
+        rear_min_m=1930.0,
+    )
+
+    assert ride.held_m(stepped) == end_m
+    assert stepped.authority is not None
+    assert stepped.authority.echo_ns == ns(of_ms)
 
 
 @pytest.mark.parametrize(

@@ -62,7 +62,13 @@ def end_of_authority_m(course: Course, space: Space) -> float | None:
 
     What is barred by doubt alone shortens nothing: an authority that reaches into it stays as it is
     and grows old while the doubt lasts, unless supervision wants the train to stop.
+
+    Of a train over the border of its area nothing is shortened either, as what ends there is
+    continued by the next area: one that is to stay where it is gets nothing.
     """
+    over = course.front_max_m > space.end_m
+    if over and course.stopped:
+        return None
     end_m = min(space.end_m, course.front_max_m + space.longest_m)
     if course.ahead_m is not None:
         end_m = min(end_m, course.ahead_m - space.behind_rear_m)
@@ -81,6 +87,8 @@ def end_of_authority_m(course: Course, space: Space) -> float | None:
         late = granted_in and course.easy_m > stretch.start_m
         if stretch.bar is Bar.CLOSING and (inside or late):
             continue
+        if inside and over:
+            return None
         end_m = min(end_m, course.front_max_m if inside else stretch.start_m)
         break
     if end_m < course.front_max_m and course.granted_m <= course.front_max_m:

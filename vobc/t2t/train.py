@@ -197,11 +197,12 @@ class TrainCore:
         return 0, NOBODY
 
     def _authority(self, now_ns: int, own: OwnTrain) -> HeldAuthority | None:
-        """Area by area from where the front is: one that reaches its border is continued by the
-        next. Where that has no say, somebody may hide just beyond the border, with axles that only
-        the next area counts: nobody goes nearer.
+        """Area by area from where the rear is: one that reaches its border is continued by the
+        next, and every one that the train stands in has its say, as only that one knows of its
+        objects. Where the next one has none, somebody may hide just beyond the border, with axles
+        that only it counts: nobody goes nearer.
         """
-        area: Area | None = self._line.area_at(own.front_min_m)
+        area: Area | None = self._line.area_at(own.rear_min_m)
         result: HeldAuthority | None = None
         reaches = True
         while area is not None and (held := self._held(area, result, now_ns, own)) is not None:
@@ -222,20 +223,23 @@ class TrainCore:
             area = self._line.following(area.number)
         if result is None or area is None:
             return result
+        if area.start_m <= own.front_min_m:
+            return None
         before_m = area.start_m - self._config.behind_axle_m
         return result._replace(end_m=min(result.end_m, max(before_m, own.front_max_m)))
 
     def _held(
         self, area: Area, before: HeldAuthority | None, now_ns: int, own: OwnTrain
     ) -> AreaAuthority | None:
-        """What an area has granted: the first one of whatever age, the next one while it is young.
+        """What an area has granted: one that the train is in of whatever age, the next one while
+        it is young.
 
         While the train stops before it with ease, one that grows old is left out: it would only
         make the whole look old.
         """
         desk = self._desks.get(area.number)
         held = None if desk is None else desk.member.held
-        if held is None or before is None:
+        if held is None or before is None or area.start_m <= own.front_min_m:
             return held
         age_ns, age_max_ns = now_ns - held.echo_ns, self._config.timers.authority_ms * NS_PER_MS
         easy = own.easy_m <= area.start_m - self._config.behind_axle_m

@@ -104,7 +104,7 @@ def full_line(make: Make) -> None:
     """
     fronts_m = {train: 220.0 * train for train in range(1, 11)}
     scene = make(Plot(fronts_m, areas=2, area_m=1400.0, pieces=4, length_m=160.0))
-    scene.settle(within_s=10.0)
+    scene.settle(within_s=30.0)
 
 
 HIDDEN_LURES: Final[tuple[Scenario, ...]] = (

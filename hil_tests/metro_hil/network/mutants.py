@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import fields, replace
 from typing import Any, Final
 
+from metro_hil.network.border_lures import BORDER_LURES
 from metro_hil.network.checker import ViolationError
 from metro_hil.network.crew import Guards
 from metro_hil.network.deaf_lures import DEAF_LURES
@@ -19,7 +20,8 @@ from vobc.t2t.guards import Granted, Latency, Terms
 
 PARTS: Final = ("member", "lease", "master")
 ALL_SCENARIOS: Final = {
-    each.name: each for each in (*SCENARIOS, *LURES, *TERM_LURES, *DEAF_LURES, *HIDDEN_LURES)
+    each.name: each
+    for each in (*SCENARIOS, *LURES, *TERM_LURES, *DEAF_LURES, *HIDDEN_LURES, *BORDER_LURES)
 }
 
 

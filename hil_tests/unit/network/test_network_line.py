@@ -7,6 +7,7 @@ from typing import Any, get_type_hints
 import pytest
 
 from metro_hil.hil_command import main
+from metro_hil.network.border_lures import BORDER_LURES
 from metro_hil.network.checker import ViolationError
 from metro_hil.network.coverage import FORMULAS, everything
 from metro_hil.network.deaf_lures import DEAF_LURES
@@ -35,7 +36,8 @@ def test_it_ends_well(name: str) -> None:
 
 def test_every_acceptance_scenario_of_train_to_train_control_is_there() -> None:
     assert {each.number for each in SCENARIOS} >= {17, 18, 19, 20, 21, 22, 23, 25}
-    assert len(ALL_SCENARIOS) == len((*SCENARIOS, *LURES, *TERM_LURES, *DEAF_LURES, *HIDDEN_LURES))
+    lures = (*LURES, *TERM_LURES, *DEAF_LURES, *HIDDEN_LURES, *BORDER_LURES)
+    assert len(ALL_SCENARIOS) == len((*SCENARIOS, *lures))
 
 
 MUTANTS = dict(mutants())

@@ -1,0 +1,73 @@
+"""Scenarios of a train that stands, or runs, with its front in one area and its rear in another."""
+
+from collections.abc import Callable
+from typing import Final
+
+from firmware_py.trackdb.areas import Area, AreaMap, ObjectKind, ObjectSite, TrackSection
+from metro_hil.network.directed import Make, Scenario
+from metro_hil.network.scene import NS_PER_S, Plot, Scene
+from zenoh_config.t2t import ObjectClaim, OrderKind
+
+BORDER_M: Final = 2000.0
+SWITCH: Final = 1
+SECTION_M: Final = 250.0
+LINE: Final = AreaMap(
+    "two areas and a switch before the border",
+    (Area(1, 0.0, BORDER_M), Area(2, BORDER_M, 2.0 * BORDER_M)),
+    tuple([TrackSection(n, n * SECTION_M, (n + 1) * SECTION_M) for n in range(16)]),
+    (ObjectSite(SWITCH, ObjectKind.SWITCH, BORDER_M - 50.0, BORDER_M - 20.0),),
+)
+BEHIND: Final = 1
+OVER: Final = 2
+AHEAD: Final = 3
+OVER_M: Final = BORDER_M + 30.0
+"""The train is 80 m long: its rear is on the switch."""
+
+
+def over_a_free_switch(make: Make) -> None:
+    """It begins there, and the switch is not locked: the area of its front knows of no switch."""
+    scene = make(Plot({BEHIND: 1000.0, OVER: OVER_M, AHEAD: 3000.0}, line=LINE))
+    scene.world.track.objects[SWITCH].locked = False
+    scene.lose(ObjectClaim)
+    scene.world.boot_all()
+    scene.run(10.0)
+    for area in (1, 2):
+        scene.expect(f"somebody commands area {area}", scene.master(area) is not None)
+    scene.expect("the one ahead goes on", AHEAD not in scene.without())
+    scene.expect("it stays where it is", scene.world.trains[OVER].motion.speed_mps == 0.0)
+    scene.no_rules()
+    scene.until("all trains have authority", scene.all_held, within_s=10.0)
+
+
+def master_left_behind(make: Make) -> None:
+    """Who commands the area of its rear dies while it runs over the border: it goes on."""
+    losses: tuple[Callable[[Scene], object], ...] = (
+        lambda scene: scene.net.kill(BEHIND),
+        lambda scene: scene.net.stop(BEHIND, 20 * NS_PER_S),
+        lambda scene: scene.cut_off(BEHIND),
+    )
+    for lose in losses:
+        _goes_on(make, lose)
+
+
+def _goes_on(make: Make, lose: Callable[[Scene], object]) -> None:
+    scene = make(Plot({BEHIND: 700.0, OVER: 1100.0}, line=LINE))
+    scene.settle()
+    scene.until("there is a standby", lambda: scene.standby() is not None, within_s=5.0)
+    if scene.master() == OVER:
+        scene.order(OrderKind.SWITCH_MASTER, BEHIND)
+    over = scene.world.trains[OVER]
+    scene.until("its front is over", lambda: over.front_m > BORDER_M + 10.0, within_s=120.0)
+    scene.expect("the one behind commands", scene.master() == BEHIND)
+    lose(scene)
+    while over.rear_m < BORDER_M + 20.0:
+        scene.run(0.1)
+        mps = over.motion.speed_mps
+        scene.expect(f"it keeps its speed: {mps:.1f} m/s", mps > 16.0)
+    scene.expect("no emergency brake", over.emergencies == 0)
+
+
+BORDER_LURES: Final[tuple[Scenario, ...]] = (
+    Scenario("over-a-free-switch", 0, "a train begins in two areas", over_a_free_switch),
+    Scenario("master-left-behind", 0, "the master of the rear's area is lost", master_left_behind),
+)
