@@ -87,7 +87,7 @@ def end_of_authority_m(course: Course, space: Space) -> float | None:
         late = granted_in and course.easy_m > stretch.start_m
         if stretch.bar is Bar.CLOSING and (inside or late):
             continue
-        if inside and over:
+        if over:
             return None
         end_m = min(end_m, course.front_max_m if inside else stretch.start_m)
         break
