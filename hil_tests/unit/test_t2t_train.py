@@ -563,12 +563,26 @@ def test_it_begins_where_the_rear_may_be(rear_m: float, *, of_the_first: bool) -
     assert held.restrictions == ((SLOW, SLOWER) if of_the_first else (SLOWER,))
 
 
-@pytest.mark.parametrize("area", [1, 2])
-def test_a_train_in_two_areas_is_not_let_go_by_one_alone(area: int) -> None:
+@pytest.mark.parametrize("front_m", [2000.0, 2040.0])
+@pytest.mark.parametrize(("area", "end_m"), [(1, 2000.0), (2, 2500.0)])
+def test_a_train_in_two_areas_is_not_let_go_by_one_alone(
+    area: int, end_m: float, front_m: float
+) -> None:
     ride = Ride()
-    heard = authority(area, 2000.0 if area == 1 else 2500.0, 80)
 
-    assert ride.step(100, heard, front_m=2040.0, rear_min_m=1960.0).authority is None
+    stepped = ride.step(100, authority(area, end_m, 80), front_m=front_m, rear_min_m=1960.0)
+
+    assert stepped.authority is None
+
+
+def test_before_the_line_a_train_goes_by_its_first_area_whatever_the_age() -> None:
+    ride = Ride()
+    before = {"front_m": -10.0, "rear_min_m": -90.0}
+    assert ride.step(0, **before).authority is None
+
+    ride.step(100, authority(1, 900.0, 80), **before)
+
+    assert ride.held_m(ride.step(1500, **before)) == 900.0
 
 
 def test_in_two_areas_it_goes_no_farther_than_the_first_lets_it() -> None:
