@@ -23,7 +23,7 @@ from vobc.t2t.authority import (
 from vobc.t2t.table import cleared_to_m
 from zenoh_config.t2t import SectionState
 
-SPACE = Space(end_m=2000.0, stretches=(), behind_rear_m=7.0, longest_m=5000.0)
+SPACE = Space(end_m=2000.0, stretches=(), rollback_m=2.0, jog_m=5.0, longest_m=5000.0)
 
 
 def course(
@@ -86,10 +86,10 @@ def test_what_lies_ahead_is_met_as_it_deserves(
     assert end_of_authority_m(bound, between(800.0, 840.0, bar)) == end_m
 
 
-def test_what_lies_behind_a_train_does_not_concern_it() -> None:
-    assert end_of_authority_m(course(), between(400.0, 420.0, Bar.SHUT)) == 2000.0
-    assert end_of_authority_m(course(), between(400.0, 421.0, Bar.SHUT)) == 500.0
-    assert end_of_authority_m(course(granted_m=900.0), between(400.0, 421.0, Bar.SHUT)) == 500.0
+def test_what_lies_behind_all_that_a_train_may_roll_back_does_not_concern_it() -> None:
+    assert end_of_authority_m(course(), between(400.0, 418.0, Bar.SHUT)) == 2000.0
+    assert end_of_authority_m(course(), between(400.0, 419.0, Bar.SHUT)) == 500.0
+    assert end_of_authority_m(course(granted_m=900.0), between(400.0, 419.0, Bar.SHUT)) == 500.0
 
 
 def test_an_authority_is_never_longer_than_the_line_allows() -> None:
@@ -158,7 +158,7 @@ def test_a_train_in_something_is_not_let_go_by_the_next_area_either(
     bound = course(front_max_m, granted_m=granted_m)
 
     assert end_of_authority_m(bound, between(1910.0, 1940.0, bar)) == end_m
-    assert end_of_authority_m(bound, between(1890.0, 1920.0, bar)) == 2000.0
+    assert end_of_authority_m(bound, between(1890.0, 1918.0, bar)) == 2000.0
     assert end_of_authority_m(bound, between(2050.0, 2060.0, bar)) == 2000.0
 
 
@@ -456,8 +456,10 @@ def test_nor_does_the_order_to_stop_give_anything_to_a_train_in_doubt_that_holds
         (410.0, 450.0, Bar.SHUT, 420.0),
         (410.0, 450.0, Bar.UNSURE, 420.0),
         (410.0, 450.0, Bar.CLOSING, 415.0),
-        (400.0, 418.0, Bar.SHUT, 418.0),
-        (400.0, 414.0, Bar.SHUT, 415.0),
+        (400.0, 418.0, Bar.SHUT, 420.0),
+        (400.0, 417.0, Bar.SHUT, 419.0),
+        (400.0, 413.0, Bar.SHUT, 415.0),
+        (400.0, 412.0, Bar.SHUT, 415.0),
         (499.9, 600.0, Bar.SHUT, 420.0),
         (500.0, 600.0, Bar.SHUT, 415.0),
         (420.0, 420.0, Bar.SHUT, 420.0),
@@ -466,7 +468,8 @@ def test_nor_does_the_order_to_stop_give_anything_to_a_train_in_doubt_that_holds
 def test_a_train_jogs_back_5_m_but_over_nothing_that_may_not_be_passed(
     start_m: float, end_m: float, bar: Bar, told_m: float
 ) -> None:
-    """From 420 m with its front at 500; a failed switch may lie under it (seed 2685)."""
+    """From 420 m with its front at 500; a failed switch may lie under it (seed 2685), or so that
+    it would roll back onto it from there."""
     seen = course()._replace(rear_m=420.0, front_max_m=500.0)
 
-    assert back_to_m(seen, (Stretch(start_m, end_m, bar),), jog_m=5.0) == told_m
+    assert back_to_m(seen, between(start_m, end_m, bar)) == told_m

@@ -291,9 +291,9 @@ def test_before_an_object_is_released_every_train_of_the_roster_is_held_against_
 
 @pytest.mark.parametrize(
     ("rear_m", "needed"),
-    [(-580.1, False), (-580.0, True), (0.0, True), (710.0, True), (719.9, True), (720.0, False)],
+    [(-580.1, False), (-580.0, True), (0.0, True), (710.0, True), (726.9, True), (727.0, False)],
 )
-def test_an_object_is_needed_from_1200_m_before_it_until_a_train_has_left_it(
+def test_an_object_is_needed_from_1200_m_before_it_until_no_train_can_come_back_to_it(
     rear_m: float, *, needed: bool
 ) -> None:
     known = conclusions(report(1, rear_m))

@@ -14,17 +14,17 @@ from metro_hil.network.drawing import draw, line_of_areas
 from metro_hil.network.line_world import LineWorld
 from metro_hil.network.world import Setting
 from vobc.t2t.admission import Scene
-from vobc.t2t.authority import Counted
+from vobc.t2t.authority import Counted, Standing
 from vobc.t2t.conclusions import Conclusions
 from vobc.t2t.guards import MasterGuards
-from vobc.t2t.newborn import Evidence, Former, Newborns, Whereabouts, is_clear, whereabouts
+from vobc.t2t.newborn import Evidence, Former, Newborns, Whereabouts, whereabouts
 from vobc.t2t.roster import Order
 from vobc.t2t.table import Record, TrainTable
 from vobc.t2t.train import TrainCore
 from vobc.t2t.vocabulary import OwnTrain, T2tConfig, TrainMemory
 from zenoh_config.t2t import RosterEntry, TrainReport
 
-NOTHING = Evidence(sieved=False, clear=False, recent=False)
+NOTHING = Evidence(sieved=False, left=False, recent=False)
 BEHIND_M = 7.0
 
 
@@ -55,7 +55,7 @@ def test_whoever_is_farther_back_than_it_may_roll_is_not_believed_by_one_word(
     assert found(rear_m) is Whereabouts.UNSURE
     assert found(rear_m, NOTHING._replace(recent=True)) is Whereabouts.UNSURE
     assert found(rear_m, NOTHING._replace(sieved=True)) is Whereabouts.GONE
-    assert found(rear_m, NOTHING._replace(clear=True)) is Whereabouts.GONE
+    assert found(rear_m, NOTHING._replace(left=True)) is Whereabouts.GONE
 
 
 def test_whoever_is_behind_a_train_that_was_behind_it_has_been_away() -> None:
@@ -93,16 +93,6 @@ def test_as_long_as_a_train_behind_was_never_heard_nobody_knows_their_order() ->
     assert found(1000.0, NOTHING._replace(recent=True), unheard) is Whereabouts.IN_PLACE
 
 
-def test_only_sections_that_were_counted_show_that_a_place_is_empty() -> None:
-    sections = [Counted(0.0, 500.0, True, 16), Counted(500.0, 1000.0, False, 0)]
-
-    assert is_clear(sections, 500.0) is True
-    assert is_clear(sections, 499.0) is False
-    assert is_clear(sections[:1], 499.0) is False
-    assert is_clear([], 499.0) is False
-    assert is_clear(None, 499.0) is False
-
-
 NOW_NS = 60_000_000_000
 ANEW = (1, 900.0)
 """The train that begins anew in what follows, where nothing else is said, and its former rear."""
@@ -124,6 +114,7 @@ class OneArea:
         self.known.begin_with(self.order, 0)
         self.newborns = Newborns(T2tConfig(), MasterGuards())
         self._area, self._before, self._counted = Area(1, start_m, 3000.0), before, counted
+        self.at_rest: tuple[Standing, ...] = ()
 
     def heard_of_life_before(self, train: int, *, age_ns: int) -> None:
         record = self.known.records[train]
@@ -137,7 +128,8 @@ class OneArea:
         return self.newborns.settle(self.order, self._scene_of, self.known, NOW_NS)
 
     def _scene_of(self, _: TrainReport) -> Scene:
-        return Scene(self._area, self._before, self.known.records, {}, self._counted, True, ())
+        scene = Scene(self._area, self._before, self.known.records, {}, self._counted, True, ())
+        return scene._replace(at_rest=self.at_rest, line_m=(0.0, 4000.0))
 
 
 def anew(
@@ -160,6 +152,10 @@ def anew(
         ready_nonce=40 + train,
         echo_ns=NOW_NS,
     )
+
+
+OCCUPIED = (Counted(0.0, 3000.0, True, 32),)
+"""By more than one train of 16 axles."""
 
 
 def test_what_a_train_tells_anew_is_kept_until_it_is_forgotten() -> None:
@@ -221,7 +217,7 @@ def test_whoever_does_not_know_where_it_is_or_says_nothing_keeps_its_place_as_it
 
 
 def test_whoever_may_have_been_away_keeps_its_place_and_gets_nothing() -> None:
-    area = OneArea(ANEW)
+    area = OneArea(ANEW, counted=OCCUPIED)
     area.hears(anew(100.0))
 
     assert area.settles() == (area.order, [])
@@ -248,19 +244,46 @@ def test_whoever_left_is_off_the_roster_and_applies_as_a_stranger() -> None:
 @pytest.mark.parametrize(
     "counted",
     [
-        None,
+        (),
         (Counted(0.0, 896.1, True, 32), Counted(896.1, 3000.0, False, 0)),
         (Counted(0.0, 903.0, True, 32), Counted(903.0, 3000.0, False, 0)),
         (Counted(0.0, 500.0, True, 32), Counted(500.0, 3000.0, True, 16)),
     ],
 )
 def test_one_word_of_a_train_that_went_back_is_not_believed_while_it_may_be_where_it_was(
-    counted: tuple[Counted, ...] | None,
+    counted: tuple[Counted, ...],
 ) -> None:
     area = OneArea(ANEW, counted=counted)
     area.hears(anew(100.0))
 
     assert area.settles() == (area.order, [])
+
+
+def test_where_no_axles_are_counted_the_word_of_a_train_that_went_back_is_all_there_is() -> None:
+    area = OneArea(ANEW)
+    area.hears(anew(100.0))
+
+    assert area.settles() == ((), [(anew(100.0), NOW_NS)])
+
+
+@pytest.mark.parametrize(
+    ("ahead_m", "axles", "left"),
+    [(None, 16, True), (None, 32, False), (2000.0, 16, True), (2000.1, 16, False)],
+)
+def test_that_a_train_left_is_seen_where_all_axles_are_of_one_that_waits_behind_it(
+    ahead_m: float | None, axles: int, *, left: bool
+) -> None:
+    """Up to the next train ahead (seed 10570). Here it runs on elsewhere."""
+    there = (Counted(0.0, 500.0, True, 16), Counted(500.0, 2000.0, True, axles))
+    beyond = Counted(2000.0, 3000.0, ahead_m is not None, 0 if ahead_m is None else 16)
+    trains = [ANEW, (2, 700.0)] if ahead_m is None else [(6, ahead_m), ANEW, (2, 700.0)]
+    area = OneArea(*trains, counted=(*there, beyond))
+    area.at_rest = (Standing(700.0, 784.0, 16), Standing(100.0, 184.0, 16))
+    area.hears(anew(100.0, standstill=False))
+
+    _, gone = area.settles()
+
+    assert bool(gone) is left
 
 
 @pytest.mark.parametrize(
@@ -321,7 +344,7 @@ def test_the_foremost_train_is_unsure_of_the_very_next_one_behind_it() -> None:
 
 
 def test_several_trains_are_settled_at_once_each_by_what_it_told() -> None:
-    area = OneArea((6, 1500.0), ANEW, (2, 400.0), (3, 200.0))
+    area = OneArea((6, 1500.0), ANEW, (2, 400.0), (3, 200.0), counted=OCCUPIED)
     area.hears(anew(100.0, train=6))
     area.hears(anew(900.0))
     area.hears(anew(380.0, train=2))
@@ -333,10 +356,6 @@ def test_several_trains_are_settled_at_once_each_by_what_it_told() -> None:
 
     assert [entry.boot for entry in order] == [1, 2, 1, 2]
     assert gone == []
-
-
-OCCUPIED = (Counted(0.0, 3000.0, True, 32),)
-"""By more than one train of 16 axles."""
 
 
 @pytest.mark.parametrize(

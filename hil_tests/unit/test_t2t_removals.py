@@ -79,12 +79,17 @@ def test_who_is_heard_stays_also_when_it_began_anew(*, lost: bool) -> None:
     chair.reports(GONE, 900.0, boot=1, localised=not lost)
     assert judged(chair, axles={2: 32}) is RemovalState.HEARD
 
+    # Somebody is where it was, and may be it.
     chair = scene()
     chair.reports(GONE, 300.0, boot=2, localised=not lost)
-    assert judged(chair) is RemovalState.HEARD
+    assert judged(chair, axles={2: 32}) is RemovalState.HEARD
     assert chair.order() == [GONE, NEXT]
 
     chair.now_ns += 501 * MS
+    chair.reports(NEXT, 780.0)
+    assert judged(chair, axles={2: 32}) is RemovalState.AXLES
+
+    chair.now_ns += 100 * MS
     chair.reports(NEXT, 780.0)
     assert judged(chair) is RemovalState.COMMITTING
 

@@ -547,8 +547,8 @@ def test_an_authority_of_the_next_area_alone_is_none() -> None:
     assert ride.step(100, authority(2, 2500.0, 80), front_m=1900.0).authority is None
 
 
-@pytest.mark.parametrize(("rear_m", "of_the_first"), [(1999.9, True), (2000.0, False)])
-def test_it_begins_where_the_rear_may_be(rear_m: float, *, of_the_first: bool) -> None:
+@pytest.mark.parametrize(("rear_m", "of_the_first"), [(2001.9, True), (2002.0, False)])
+def test_it_begins_where_the_rear_may_roll_back_to(rear_m: float, *, of_the_first: bool) -> None:
     """What the area behind knows of its objects and restrictions holds until the rear has left."""
     ride = Ride()
     one = authority(1, 2000.0, 80, rear_m=1.0, restrictions=(SLOW,))
@@ -558,7 +558,7 @@ def test_it_begins_where_the_rear_may_be(rear_m: float, *, of_the_first: bool) -
 
     assert held is not None
     assert held.end_m == 2500.0
-    assert held.rear_m == (1.0 if of_the_first else 2.0)
+    assert held.rear_m == (1.0 if of_the_first else 2002.0)
     assert held.echo_ns == ns(80 if of_the_first else 90)
     assert held.restrictions == ((SLOW, SLOWER) if of_the_first else (SLOWER,))
 
@@ -573,6 +573,19 @@ def test_a_train_in_two_areas_is_not_let_go_by_one_alone(
     stepped = ride.step(100, authority(area, end_m, 80), front_m=front_m, rear_min_m=1960.0)
 
     assert stepped.authority is None
+
+
+@pytest.mark.parametrize(("told_m", "back_m"), [(-3, -3), (2001.9, 2002), (2002.1, 2002.1)])
+def test_a_rear_jogs_back_over_no_border_also_if_it_rolls_back_from_there(
+    told_m: float, back_m: float
+) -> None:
+    """What lies there only the area before could tell. The line begins without one before."""
+    told = authority(1 if told_m < 0.0 else 2, 2000.0, 80, rear_m=told_m)
+
+    held = Ride().step(100, told, front_m=told_m + 84.0, rear_min_m=told_m + 4.0).authority
+
+    assert held is not None
+    assert held.rear_m == back_m
 
 
 def test_before_the_line_a_train_goes_by_its_first_area_whatever_the_age() -> None:

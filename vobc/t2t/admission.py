@@ -110,13 +110,24 @@ def _is_known_within(
         if each.start_m >= max(border_m, front_m) or (each.end_m > front_m and not each.occupied):
             break
         to_m = max(to_m, each.end_m)
+    beyond = report.rear_min_m >= scene.line_m[1]
+    return not beyond and are_known(report, scene, counted, from_m=from_m, to_m=to_m)
+
+
+def are_known(
+    report: TrainReport, scene: Scene, counted: Sequence[Counted], *, from_m: float, to_m: float
+) -> bool:
+    """Whether all axles between these two are counted, and of trains at rest: the newcomer, if it
+    stands, and others.
+    """
     start_m, end_m = scene.line_m
     from_m, to_m = max(from_m, start_m), min(to_m, end_m)
-    if not counted or from_m < counted[0].start_m or to_m > counted[-1].end_m:
+    if to_m <= from_m or not counted:
         return False
-    if to_m <= report.rear_min_m:
+    if from_m < counted[0].start_m or to_m > counted[-1].end_m:
         return False
-    at_rest = (standing_of(report), *scene.at_rest)
+    stands = report.standstill and scene.stood
+    at_rest = (standing_of(report), *scene.at_rest) if stands else scene.at_rest
     return all_explained(counted, at_rest, from_m=from_m, to_m=to_m)
 
 

@@ -52,9 +52,16 @@ class Space(NamedTuple):
     end_m: float
     stretches: tuple[Stretch, ...]
     """By start."""
-    behind_rear_m: float
-    """Kept free behind every protected rear."""
+    rollback_m: float
+    """So far a train may roll back; what it may roll onto is still under it."""
+    jog_m: float
+    """So far it may be let back."""
     longest_m: float
+
+    @property
+    def behind_rear_m(self) -> float:
+        """Kept free behind every protected rear."""
+        return self.rollback_m + self.jog_m
 
 
 def end_of_authority_m(course: Course, space: Space) -> float | None:
@@ -77,7 +84,7 @@ def end_of_authority_m(course: Course, space: Space) -> float | None:
     for stretch in space.stretches:
         if stretch.start_m >= end_m:
             break
-        if stretch.end_m <= course.rear_m:
+        if stretch.end_m <= course.rear_m - space.rollback_m:
             continue
         inside = course.front_max_m > stretch.start_m
         granted_in = course.granted_m > stretch.start_m
@@ -97,12 +104,14 @@ def end_of_authority_m(course: Course, space: Space) -> float | None:
     return end_m
 
 
-def back_to_m(course: Course, stretches: Sequence[Stretch], *, jog_m: float) -> float:
-    """Where the rear may jog back to: onto nothing, and within nothing, that may not be passed."""
-    least_m = course.rear_m - jog_m
+def back_to_m(course: Course, space: Space) -> float:
+    """Where the rear may jog back to: onto nothing, and within nothing, that may not be passed,
+    also if it rolls back from there.
+    """
+    least_m = course.rear_m - space.jog_m
     behind_m = [
-        min(each.end_m, course.rear_m)
-        for each in stretches
+        min(each.end_m + space.rollback_m, course.rear_m)
+        for each in space.stretches
         if each.start_m < course.front_max_m and each.bar is not Bar.CLOSING
     ]
     return max([least_m, *behind_m])

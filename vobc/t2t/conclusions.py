@@ -126,11 +126,11 @@ class Conclusions:
         ]
 
     def is_needed(self, site: ObjectSite) -> bool:
-        """A train comes near it."""
-        ahead_m = self._config.claim_ahead_m
+        """A train comes near it, or might come back to it."""
+        ahead_m, behind_m = self._config.claim_ahead_m, self._config.behind_rear_m
         reports = [each.report for each in self.records.values() if each.report is not None]
         return any(
-            each.rear_min_m < site.end_m and each.front_max_m + ahead_m >= site.start_m
+            each.rear_min_m - behind_m < site.end_m and each.front_max_m + ahead_m >= site.start_m
             for each in reports
         )
 

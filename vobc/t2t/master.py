@@ -69,6 +69,9 @@ class Master:
         self.roster = Roster(lease.term, lease.adopted, config.majority, guards)
         self._config, self._guards, self._line = config, guards, line
         self._area = line.area(area)
+        self._space = Space(
+            self._area.end_m, (), config.rollback_m, config.jog_m, config.longest_authority_m
+        )
         self._speaker, self._lease = speaker, lease
         self._known = Conclusions(lease.term, table, config, guards)
         self._objects = Objects(lease.term, line.objects_in(area), guards)
@@ -298,10 +301,9 @@ class Master:
     def _authority(
         self, now_ns: int, record: Record, ahead: Record | None, barred: list[Stretch], rank: int
     ) -> AreaAuthority | None:
-        report, config = record.report, self._config
+        report = record.report
         if report is None:
             return None
-        stretches = sorted(barred, key=lambda each: (each.start_m, each.end_m))
         course = Course(
             rear_m=record.rear_m,
             front_max_m=report.front_max_m,
@@ -310,11 +312,9 @@ class Master:
             ahead_m=None if ahead is None else ahead.rear_m,
             stopped=record.stopped,
         )
-        space = Space(
-            self._area.end_m, tuple(stretches), config.behind_rear_m, config.longest_authority_m
-        )
+        space = self._space._replace(stretches=tuple(sorted(barred, key=lambda each: each[:2])))
         end_m = end_of_authority_m(course, space)
-        rear_m = back_to_m(course, stretches, jog_m=config.jog_m)
+        rear_m = back_to_m(course, space)
         if end_m is None or end_m < rear_m:
             return None
         head = self._head(now_ns, record.train)

@@ -9,8 +9,7 @@ import enum
 from collections.abc import Callable, Sequence
 from typing import Final, NamedTuple
 
-from vobc.t2t.admission import Scene, is_over_border, is_sieved, line_of
-from vobc.t2t.authority import Counted
+from vobc.t2t.admission import Scene, are_known, is_over_border, is_sieved, line_of
 from vobc.t2t.conclusions import Conclusions
 from vobc.t2t.guards import MasterGuards
 from vobc.t2t.roster import Order
@@ -40,8 +39,9 @@ class Former(NamedTuple):
 class Evidence(NamedTuple):
     sieved: bool
     """It stands, and all axles around are those of trains that say they are there."""
-    clear: bool
-    """All sections from where its rear was up to the end of the area are seen clear."""
+    left: bool
+    """All axles from where its rear was up to the train ahead, or the end of the area, are of
+    others at rest; or no axles are counted on this line, and its word is all there is."""
     recent: bool
     """This very master heard of its former life so lately that it cannot have been away."""
 
@@ -55,17 +55,10 @@ def whereabouts(
     gone_back = rear_max_m < former.record.rear_m - behind_rear_m
     overtaken = any(each.rear_m > report.front_max_m for each in former.behind)
     if gone_back or overtaken:
-        # One word alone may be old; what is counted on the track is not.
-        return Whereabouts.GONE if evidence.sieved or evidence.clear else Whereabouts.UNSURE
+        # A word may be of somebody else by the same name; what is counted on the track is not.
+        return Whereabouts.GONE if evidence.sieved or evidence.left else Whereabouts.UNSURE
     unheard = not evidence.recent and any(each.report is None for each in former.behind)
     return Whereabouts.UNSURE if unheard else Whereabouts.IN_PLACE
-
-
-def is_clear(counted: Sequence[Counted] | None, from_m: float) -> bool:
-    """Nothing is in any section that reaches beyond this; where none are counted, unknown."""
-    if not counted:
-        return False
-    return not any(each.occupied and each.end_m > from_m for each in counted)
 
 
 class Newborns:
@@ -129,20 +122,26 @@ class Newborns:
     def _find(
         self, ahead: int, followers: Order, report: TrainReport, scene: Scene, *, recent: bool
     ) -> Whereabouts:
-        records = scene.records
+        records, config = scene.records, self._config
         record = records[report.source]
+        ahead_m = scene.area.end_m if ahead == NOBODY else records[ahead].rear_m
+        to_m = max(ahead_m, record.rear_m + config.overhang_m)
+        from_m = record.rear_m - config.overhang_m
         evidence = Evidence(
             sieved=(
                 not is_over_border(report, scene)
                 and scene.counted is not None
-                and is_sieved(report, scene, self._config.behind_axle_m)
+                and is_sieved(report, scene, config.behind_axle_m)
             ),
-            clear=is_clear(scene.counted, record.rear_m - self._config.overhang_m),
+            left=(
+                scene.counted is None
+                or are_known(report, scene, scene.counted, from_m=from_m, to_m=to_m)
+            ),
             recent=recent,
         )
         behind = [records[each.train] for each in followers if each.train in records]
         found = whereabouts(
-            Former(record, behind), report, evidence, behind_rear_m=self._config.behind_rear_m
+            Former(record, behind), report, evidence, behind_rear_m=config.behind_rear_m
         )
         if found is not Whereabouts.IN_PLACE:
             return found

@@ -83,10 +83,12 @@ class Removals:
         age_max_ns = self._config.timers.authority_ms * NS_PER_MS
         from_m = record.rear_m - self._config.behind_rear_m
         silent = train not in sight.heard and now_ns - record.heard_ns > age_max_ns
+        # What it tells in another life, and from elsewhere, bounds nothing here.
+        to_m = max(reserved_m, record.rear_m + self._config.overhang_m)
         explained = not sight.counts or (
             track is not None
             and track.seen_ns >= echo_ns
-            and all_explained(track.counted, sight.standing, from_m=from_m, to_m=reserved_m)
+            and all_explained(track.counted, sight.standing, from_m=from_m, to_m=to_m)
         )
         if self._guards.vanished(Vanished(silent, explained)):
             return RemovalState.COMMITTING

@@ -197,12 +197,14 @@ class TrainCore:
         return 0, NOBODY
 
     def _authority(self, now_ns: int, own: OwnTrain) -> HeldAuthority | None:
-        """Area by area from where the rear is: one that reaches its border is continued by the
-        next, and every one that the train stands in has its say, as only that one knows of its
-        objects. Where the next one has none, somebody may hide just beyond the border, with axles
-        that only it counts: nobody goes nearer.
+        """Area by area from where the rear may roll back to: one that reaches its border is
+        continued by the next, and every one that the train stands in has its say, as only that one
+        knows of its objects. Where the next one has none, somebody may hide just beyond the border,
+        with axles that only it counts: nobody goes nearer.
         """
-        area: Area | None = self._line.area_at(own.rear_min_m)
+        hindmost = self._line.area_at(own.rear_min_m - self._config.rollback_m)
+        back_m = self._back_m(hindmost)
+        area: Area | None = hindmost
         result: HeldAuthority | None = None
         reaches = True
         while area is not None and (held := self._held(area, result, now_ns, own)) is not None:
@@ -210,7 +212,7 @@ class TrainCore:
                 return result
             result = HeldAuthority(
                 end_m=held.end_m,
-                rear_m=held.rear_m if result is None else result.rear_m,
+                rear_m=max(held.rear_m, back_m) if result is None else result.rear_m,
                 echo_ns=held.echo_ns if result is None else min(result.echo_ns, held.echo_ns),
                 area=area.number,
                 term=held.term,
@@ -227,6 +229,11 @@ class TrainCore:
             return None
         before_m = area.start_m - self._config.behind_axle_m
         return result._replace(end_m=min(result.end_m, max(before_m, own.front_max_m)))
+
+    def _back_m(self, area: Area) -> float:
+        """The rear jogs back over no border, also if it rolls back from there."""
+        first = self._line.preceding(area.number) is None
+        return -UNBOUNDED_M if first else area.start_m + self._config.rollback_m
 
     def _held(
         self, area: Area, before: HeldAuthority | None, now_ns: int, own: OwnTrain

@@ -1,6 +1,6 @@
 """Scenarios of a train that stands, or runs, with its front in one area and its rear in another."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Final
 
 from firmware_py.trackdb.areas import Area, AreaMap, ObjectKind, ObjectSite, TrackSection
@@ -11,25 +11,40 @@ from zenoh_config.t2t import ObjectClaim, OrderKind
 BORDER_M: Final = 2000.0
 SWITCH: Final = 1
 SECTION_M: Final = 250.0
-LINE: Final = AreaMap(
-    "two areas and a switch before the border",
-    (Area(1, 0.0, BORDER_M), Area(2, BORDER_M, 2.0 * BORDER_M)),
-    tuple([TrackSection(n, n * SECTION_M, (n + 1) * SECTION_M) for n in range(16)]),
-    (ObjectSite(SWITCH, ObjectKind.SWITCH, BORDER_M - 50.0, BORDER_M - 20.0),),
-)
+SWITCH_M: Final = 30.0
 BEHIND: Final = 1
 OVER: Final = 2
 AHEAD: Final = 3
 OVER_M: Final = BORDER_M + 30.0
-"""The train is 80 m long: its rear is on the switch."""
+"""The train is 80 m long: its rear is on the switch that ends 20 m before the border."""
+ROLLS_M: Final = 2.0
+
+
+def _line(switch_ends_m: float) -> AreaMap:
+    return AreaMap(
+        "two areas and a switch in the first",
+        (Area(1, 0.0, BORDER_M), Area(2, BORDER_M, 2.0 * BORDER_M)),
+        tuple([TrackSection(n, n * SECTION_M, (n + 1) * SECTION_M) for n in range(16)]),
+        (ObjectSite(SWITCH, ObjectKind.SWITCH, switch_ends_m - SWITCH_M, switch_ends_m),),
+    )
+
+
+def _on_a_free_switch(
+    make: Make, front_m: float, switch_ends_m: float, stops_m: Sequence[float] = ()
+) -> Scene:
+    """It cannot be locked, as nobody hears what is said to it."""
+    fronts_m = {BEHIND: 1000.0, OVER: front_m, AHEAD: 3000.0}
+    line = _line(switch_ends_m)
+    scene = make(Plot(fronts_m, line=line, stops_m=stops_m, dwell_s=100.0))
+    scene.world.track.objects[SWITCH].locked = False
+    scene.lose(ObjectClaim)
+    scene.world.boot_all()
+    return scene
 
 
 def over_a_free_switch(make: Make) -> None:
     """It begins there, and the switch is not locked: the area of its front knows of no switch."""
-    scene = make(Plot({BEHIND: 1000.0, OVER: OVER_M, AHEAD: 3000.0}, line=LINE))
-    scene.world.track.objects[SWITCH].locked = False
-    scene.lose(ObjectClaim)
-    scene.world.boot_all()
+    scene = _on_a_free_switch(make, OVER_M, BORDER_M - 20.0)
     scene.run(10.0)
     for area in (1, 2):
         scene.expect(f"somebody commands area {area}", scene.master(area) is not None)
@@ -37,6 +52,21 @@ def over_a_free_switch(make: Make) -> None:
     scene.expect("it stays where it is", scene.world.trains[OVER].motion.speed_mps == 0.0)
     scene.no_rules()
     scene.until("all trains have authority", scene.all_held, within_s=10.0)
+
+
+def back_onto_a_free_switch(make: Make) -> None:
+    """It begins a little beyond, within an area or with a border between, and rolls back."""
+    for switch_ends_m in (1750.0, BORDER_M):
+        front_m = switch_ends_m + 80.0 + 0.95 * ROLLS_M
+        scene = _on_a_free_switch(make, front_m, switch_ends_m, stops_m=(front_m,))
+        over = scene.world.trains[OVER]
+        scene.expect("it is surely beyond", over.reading().rear_min_m > switch_ends_m)
+        scene.run(3.0)
+        scene.roll_back(OVER, ROLLS_M)
+        scene.run(10.0)
+        scene.expect("it is not any more", over.rear_m < switch_ends_m)
+        scene.no_rules()
+        scene.until("all trains have authority", scene.all_held, within_s=10.0)
 
 
 def master_left_behind(make: Make) -> None:
@@ -51,7 +81,7 @@ def master_left_behind(make: Make) -> None:
 
 
 def _goes_on(make: Make, lose: Callable[[Scene], object]) -> None:
-    scene = make(Plot({BEHIND: 700.0, OVER: 1100.0}, line=LINE))
+    scene = make(Plot({BEHIND: 700.0, OVER: 1100.0}, line=_line(BORDER_M - 20.0)))
     scene.settle()
     scene.until("there is a standby", lambda: scene.standby() is not None, within_s=5.0)
     if scene.master() == OVER:
@@ -69,5 +99,6 @@ def _goes_on(make: Make, lose: Callable[[Scene], object]) -> None:
 
 BORDER_LURES: Final[tuple[Scenario, ...]] = (
     Scenario("over-a-free-switch", 0, "a train begins in two areas", over_a_free_switch),
+    Scenario("back-onto-a-switch", 0, "a train just beyond rolls back", back_onto_a_free_switch),
     Scenario("master-left-behind", 0, "the master of the rear's area is lost", master_left_behind),
 )

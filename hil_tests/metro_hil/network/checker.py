@@ -4,6 +4,7 @@ It shares nothing with the protocol: it sees true motion, what each train's brak
 what is on the air and what arbiters stored. Numbers are those of the safety invariants 19 to 29.
 """
 
+import math
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -137,11 +138,13 @@ class Checker:
 
     def reach_m(self, train: TrueTrain) -> float:
         """As far as its front may come before it can be told otherwise."""
-        grants = self.held.get(train.address)
         farthest_m = train.motion.farthest_m if train.motion.speed_mps > 0.0 else train.front_m
-        if not grants:
-            return farthest_m
-        return max(farthest_m, min(each.end_m for each in grants.values()))
+        return max(farthest_m, self.granted_m(train))
+
+    def granted_m(self, train: TrueTrain) -> float:
+        """As far as its front may come by what it holds."""
+        grants = self.held.get(train.address, {})
+        return min([each.end_m for each in grants.values()], default=-math.inf)
 
     def hindmost_m(self, train: TrueTrain) -> float:
         """As far back as its rear may come: by a jog that it is allowed, and then by all that it

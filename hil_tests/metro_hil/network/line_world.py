@@ -149,8 +149,10 @@ class LineWorld(World):
                     self._clear_of(train, thing.number, thing.start_m)
 
     def _clear_of(self, train: TrueTrain, number: int, start_m: float) -> None:
-        """A train that stands in it keeps it from moving by that alone, and goes no farther."""
-        reach_m = self.checker.reach_m(train)
+        """A train that stands in it keeps it from moving by that alone, and goes no farther. Who
+        drives by hand looks at it himself, and is bound by nothing but that.
+        """
+        reach_m = self.checker.granted_m(train) if train.shunts else self.checker.reach_m(train)
         stood_m = train.reading().front_max_m
         if train.front_m > start_m:
             # Where it stood before it rolled back it may come again.
