@@ -323,6 +323,18 @@ class AreaDesk:
 
     # Reports.
 
+    def vouch(self, now_ns: int, own: OwnTrain) -> tuple[list[TrainReport], int]:
+        """What it tells the master of an area that is no concern of it, half as often as members,
+        and when it has to be asked again.
+        """
+        period_ns = self._config.timers.cycle_ms * NS_PER_MS
+        if self.role is not Role.OUTSIDE or self.member.beat_ns == 0:
+            return [], now_ns + period_ns
+        said = self._report(now_ns, own, (0, NOBODY))
+        if said:
+            self._report_ns += period_ns
+        return said, self._report_ns
+
     def _report(self, now_ns: int, own: OwnTrain, relation: tuple[int, int]) -> list[TrainReport]:
         if now_ns < self._report_ns and not self.member.promised_anew:
             return []

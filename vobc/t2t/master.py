@@ -122,7 +122,7 @@ class Master:
             record.hears(report, now_ns, term=self.term, jog_m=self._config.jog_m)
             if not record.served:
                 self._cycle_ns = min(self._cycle_ns, now_ns)
-        elif self._has_passed(report.rear_min_m):
+        elif self._has_passed(report.rear_min_m) or self._around.is_far(report):
             self._applicants.pop(train, None)
             self._around.passes(report, now_ns)
         elif train in self._applicants or len(self._applicants) < APPLICANTS_MAX:

@@ -28,7 +28,7 @@ class Surroundings:
 
     def __init__(self, known: Conclusions, line: AreaMap, area: int) -> None:
         self._known, self._counts = known, bool(line.sections)
-        self._line_m = line.start_m, line.end_m
+        self._line_m, self._apply_m = (line.start_m, line.end_m), line.apply_m
         self._area, self._before = line.area(area), line.preceding(area)
         self._passed: dict[int, Heard] = {}
         self._halts: dict[int, Halt] = {}
@@ -43,8 +43,12 @@ class Surroundings:
                 since_ns = known.since_ns
             self._halts[report.source] = Halt(since_ns, report)
 
+    def is_far(self, report: TrainReport) -> bool:
+        """It stands so far before the area that it does not come to it yet."""
+        return report.front_max_m < self._area.start_m - self._apply_m
+
     def passes(self, report: TrainReport, now_ns: int) -> None:
-        """It is out of the area for good, and may explain axles behind its border."""
+        """It is out of the area, and may explain axles beyond its borders."""
         self._passed[report.source] = report, now_ns
 
     def scene(

@@ -26,6 +26,8 @@ FAREWELL_M: Final = 150.0
 """So far behind a border the rear goes on being told to the area before, and as far as its master
 is told of sections there: what it says explains the axles in them."""
 IDLE_NS: Final = 1000 * NS_PER_MS
+VOUCHES_NS: Final = 20_000 * NS_PER_MS
+"""A train that has stood for so long tells the areas next to its own where."""
 HEARD_MAX: Final = 1000
 """Messages taken in one step; more are refused and counted."""
 
@@ -72,6 +74,8 @@ class TrainCore:
         self._void = False
         """Its clock or its place went back: nothing that it said or was told holds any more."""
         self._newest_ns = start_ns
+        self._moved_ns = start_ns
+        """Until then it moved, or was lost."""
         self._rear_m = -UNBOUNDED_M
         """Its rear was surely here or farther on."""
         self._due_ns = start_ns
@@ -94,7 +98,8 @@ class TrainCore:
         if self._silenced():
             return self._takes_no_part(now_ns)
         areas = self._concerned(own)
-        for area in areas:
+        beside = self._beside(areas, now_ns, own)
+        for area in areas | beside:
             self._desk(area, now_ns)
         said = self._hear(now_ns, heard)
         if self._silenced():
@@ -103,16 +108,21 @@ class TrainCore:
             own = own._replace(out_of_service=True)
         for desk in self._desks.values():
             desk.member.settle(now_ns, own)
+        due_ns = now_ns + IDLE_NS
         for number, desk in self._desks.items():
             concerned = number in areas
             relation = self._relation(desk.area, now_ns)
             said += desk.step(now_ns, own, concerned=concerned, relation=relation)
+            if number in beside:
+                vouched, vouch_ns = desk.vouch(now_ns, own)
+                said += vouched
+                due_ns = min(due_ns, vouch_ns)
         for desk in self._desks.values():
             if desk.refused:
                 self.refusals.update(desk.refused)
                 desk.refused.clear()
             desk.member.settle(now_ns, own)
-        return self._stepped(now_ns, own, said)
+        return self._stepped(now_ns, own, said, due_ns)
 
     def _silenced(self) -> bool:
         """Without memory, or with a double, it cannot be told from what it was or is not."""
@@ -186,6 +196,18 @@ class TrainCore:
             and own.rear_min_m <= self._told_to_m[area.number]
         }
 
+    def _beside(self, areas: set[int], now_ns: int, own: OwnTrain) -> set[int]:
+        """Areas next to those: their masters may see its axles in sections that are occupied
+        without a gap, and all would wait for ever for somebody who explains them.
+        """
+        if not (own.localised and own.standstill):
+            self._moved_ns = now_ns
+        if now_ns - self._moved_ns < VOUCHES_NS:
+            return set()
+        line = self._line
+        sides = [side(number) for number in areas for side in (line.preceding, line.following)]
+        return {each.number for each in sides if each is not None} - areas
+
     def _relation(self, area: Area, now_ns: int) -> tuple[int, int]:
         """The area before, if its authority is held, and who is ahead by that."""
         for number, desk in self._desks.items():
@@ -257,8 +279,8 @@ class TrainCore:
         self._due_ns = now_ns + IDLE_NS
         return Stepped(None, None, ())
 
-    def _stepped(self, now_ns: int, own: OwnTrain, said: list[T2tMessage]) -> Stepped:
-        memory, due_ns = self.memory, now_ns + IDLE_NS
+    def _stepped(self, now_ns: int, own: OwnTrain, said: list[T2tMessage], due_ns: int) -> Stepped:
+        memory = self.memory
         roles: list[tuple[int, Role]] = []
         within = 0
         for number, desk in self._desks.items():

@@ -8,6 +8,7 @@ died.
 from collections.abc import Sequence
 from typing import Final
 
+from firmware_py.trackdb.areas import Division
 from metro_hil.network.directed import Make, Scenario
 from metro_hil.network.motion import Motion
 from metro_hil.network.scene import Held, Plot, Scene
@@ -107,9 +108,20 @@ def full_line(make: Make) -> None:
     scene.settle(within_s=30.0)
 
 
+def packed_line(make: Make) -> None:
+    """At every joint of sections a train stands on it, so that all axles hang together, and the
+    rearmost and the foremost are never heard in each other's area unless they tell next to it.
+    """
+    fronts_m = dict(enumerate((205.0, 408.0, 658.0, 859.0, 1076.0, 1310.0, 1556.0), start=1))
+    line = Division("packed", (0.0, 760.0, 1660.0), 400.0, 400.0, ()).area_map()
+    scene = make(Plot(fronts_m, line=line, length_m=160.0))
+    scene.settle(within_s=40.0)
+
+
 HIDDEN_LURES: Final[tuple[Scenario, ...]] = (
     Scenario("late-report", 0, "a report comes when its train is elsewhere", late_report),
     Scenario("lost-on-its-way", 0, "a train runs on after it lost its place", lost_on_its_way),
     Scenario("towed-away", 0, "a train that stood is driven on by hand", towed_away),
+    Scenario("packed-line", 0, "trains stand on every joint, and all begin", packed_line),
     Scenario("full-line", 0, "trains stand everywhere, and all begin", full_line),
 )

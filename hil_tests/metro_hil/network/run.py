@@ -12,6 +12,9 @@ from metro_hil.network.world import World
 NS_PER_S: Final = 1_000_000_000
 LOOK_NS: Final = 100_000_000
 """How often it is looked whether all trains have authority again."""
+BY_HAND_BOUNDS: Final = 10
+"""Behind a train that is driven off by hand others wait until it is gone, at most so many bounds
+altogether."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,9 +108,12 @@ def _play(world: World, things: Sequence[Also], phases: Phases, result: RunResul
     net.run(int(phases.trouble_s * NS_PER_S))
     for each in things:
         each.calm()
-    calm_ns, end_ns = net.now_ns, net.now_ns + int(phases.calm_s * NS_PER_S)
+    calm_ns, bound_ns = net.now_ns, int(phases.calm_s * NS_PER_S)
+    end_ns, last_ns = calm_ns + bound_ns, calm_ns + BY_HAND_BOUNDS * bound_ns
     while (waiting := world.without_authority()) and net.now_ns < end_ns:
         net.run(net.now_ns + LOOK_NS)
+        if any(each.shunts for each in world.trains.values()):
+            end_ns = min(net.now_ns + bound_ns, last_ns)
     result.recovery_s = (net.now_ns - calm_ns) / NS_PER_S
     if waiting and not net.disks_lost:
         # Whoever lost its memory waits for a person, and others may wait for it.
