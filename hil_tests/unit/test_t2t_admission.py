@@ -9,6 +9,7 @@ from vobc.t2t.admission import (
     Scene,
     Waiting,
     admitted,
+    are_known,
     foremost_first,
     is_sieved,
     kept_free,
@@ -342,6 +343,33 @@ def test_of_sections_that_were_not_told_nothing_is_known() -> None:
     assert (
         is_sieved(report(1400.0, 1485.0), line._replace(counted=counted(at_1900=1)), 1.0) is False
     )
+
+
+@pytest.mark.parametrize(
+    ("from_m", "to_m", "known"),
+    [(1100.0, 1200.0, True), (1150.0, 1150.0, False), (1160.0, 1150.0, False)],
+)
+def test_between_two_places_that_are_none_nothing_is_known(
+    from_m: float, to_m: float, *, known: bool
+) -> None:
+    clear = counted()
+    scene = near()
+
+    assert are_known(NEWCOMER, scene, clear, from_m=from_m, to_m=to_m) is known
+
+
+@pytest.mark.parametrize(
+    ("standstill", "stood", "known"),
+    [(True, True, True), (True, False, False), (False, True, False), (False, False, False)],
+)
+def test_a_newcomer_explains_axles_if_it_stood_there_when_they_were_counted(
+    *, standstill: bool, stood: bool, known: bool
+) -> None:
+    told = replace(NEWCOMER, standstill=standstill)
+    scene = near(at_1300=16)._replace(stood=stood)
+
+    found = are_known(told, scene, counted(at_1300=16), from_m=1310.0, to_m=1350.0)
+    assert found is known
 
 
 def test_on_a_line_that_counts_no_axles_everybody_is_believed() -> None:

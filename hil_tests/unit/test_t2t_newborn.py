@@ -286,6 +286,22 @@ def test_that_a_train_left_is_seen_where_all_axles_are_of_one_that_waits_behind_
     assert bool(gone) is left
 
 
+def test_nobody_left_before_whom_somebody_may_be_it_up_to_the_end_of_the_area() -> None:
+    counted = (Counted(0.0, 2000.0, False, 0), Counted(2000.0, 3000.0, True, 16))
+    area = OneArea(ANEW, counted=counted)
+    area.hears(anew(100.0, standstill=False))
+
+    assert area.settles() == (area.order, [])
+
+
+def test_its_last_axle_may_stand_4_m_before_its_rear_however_near_the_next_train_is() -> None:
+    counted = (Counted(0.0, 903.0, False, 0), Counted(903.0, 3000.0, True, 16))
+    area = OneArea((6, 902.0), ANEW, counted=counted)
+    area.hears(anew(100.0, standstill=False))
+
+    assert area.settles() == (area.order, [])
+
+
 @pytest.mark.parametrize(
     ("axles", "standstill", "left"), [(16, True, True), (32, True, False), (16, False, False)]
 )

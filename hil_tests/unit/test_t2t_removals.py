@@ -94,6 +94,16 @@ def test_who_is_heard_stays_also_when_it_began_anew(*, lost: bool) -> None:
     assert judged(chair) is RemovalState.COMMITTING
 
 
+def test_its_last_axle_may_stand_4_m_before_its_rear_wherever_its_new_life_was() -> None:
+    chair = scene((entry(GONE, 1078.0), entry(NEXT, 780.0)))
+    chair.reports(GONE, 300.0, boot=2)
+    assert judged(chair, axles={2: 16, 3: 16}) is RemovalState.HEARD
+
+    chair.now_ns += 501 * MS
+    chair.reports(NEXT, 780.0)
+    assert judged(chair, axles={2: 16, 3: 16}) is RemovalState.AXLES
+
+
 @pytest.mark.parametrize(
     ("axles", "state"),
     [

@@ -129,9 +129,7 @@ class Newborns:
         from_m = record.rear_m - config.overhang_m
         evidence = Evidence(
             sieved=(
-                not is_over_border(report, scene)
-                and scene.counted is not None
-                and is_sieved(report, scene, config.behind_axle_m)
+                not is_over_border(report, scene) and is_sieved(report, scene, config.behind_axle_m)
             ),
             left=(
                 scene.counted is None
