@@ -74,7 +74,8 @@ def test_half_as_often_as_a_member_and_in_time() -> None:
     while not found and at_ns < ns(LONG_MS + 1000):
         at_ns = ride.core.next_due_ns()
         found += [at_ns] if told(ride, at_ns / 1e6, 500.0, 2) else []
-    assert found == [ns(LONG_MS + PERIOD_MS)]
+    # Its own area wakes it up every 100 ms.
+    assert ns(LONG_MS + PERIOD_MS) <= found[0] < ns(LONG_MS + PERIOD_MS + 100)
 
 
 def test_an_area_in_which_nobody_commands_is_told_nothing_and_nobody_hurries_for_it() -> None:

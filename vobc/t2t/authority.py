@@ -63,6 +63,10 @@ class Space(NamedTuple):
         """Kept free behind every protected rear."""
         return self.rollback_m + self.jog_m
 
+    def barred_by(self, stretches: Iterable[Stretch]) -> "Space":
+        ordered = sorted(stretches, key=lambda each: (each.start_m, each.end_m))
+        return self._replace(stretches=tuple(ordered))
+
 
 def end_of_authority_m(course: Course, space: Space) -> float | None:
     """Where the front must stop at the latest; None: issue nothing, let the train keep what it has.

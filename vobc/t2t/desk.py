@@ -323,17 +323,17 @@ class AreaDesk:
 
     # Reports.
 
-    def vouch(self, now_ns: int, own: OwnTrain) -> tuple[list[TrainReport], int]:
-        """What it tells the master of an area that is no concern of it, half as often as members,
-        and when it has to be asked again.
+    def vouch(self, now_ns: int, own: OwnTrain) -> list[TrainReport]:
+        """What it tells the master of an area that is no concern of it, half as often as members.
+
+        Whoever is one somewhere is asked often enough.
         """
-        period_ns = self._config.timers.cycle_ms * NS_PER_MS
-        if self.role is not Role.OUTSIDE or self.member.beat_ns == 0:
-            return [], now_ns + period_ns
+        if self.member.beat_ns == 0:
+            return []
         said = self._report(now_ns, own, (0, NOBODY))
         if said:
-            self._report_ns += period_ns
-        return said, self._report_ns
+            self._report_ns += self._config.timers.cycle_ms * NS_PER_MS
+        return said
 
     def _report(self, now_ns: int, own: OwnTrain, relation: tuple[int, int]) -> list[TrainReport]:
         if now_ns < self._report_ns and not self.member.promised_anew:

@@ -312,7 +312,7 @@ class Master:
             ahead_m=None if ahead is None else ahead.rear_m,
             stopped=record.stopped,
         )
-        space = self._space._replace(stretches=tuple(sorted(barred, key=lambda each: each[:2])))
+        space = self._space.barred_by(barred)
         end_m = end_of_authority_m(course, space)
         rear_m = back_to_m(course, space)
         if end_m is None or end_m < rear_m:

@@ -108,21 +108,18 @@ class TrainCore:
             own = own._replace(out_of_service=True)
         for desk in self._desks.values():
             desk.member.settle(now_ns, own)
-        due_ns = now_ns + IDLE_NS
         for number, desk in self._desks.items():
             concerned = number in areas
             relation = self._relation(desk.area, now_ns)
             said += desk.step(now_ns, own, concerned=concerned, relation=relation)
             if number in beside:
-                vouched, vouch_ns = desk.vouch(now_ns, own)
-                said += vouched
-                due_ns = min(due_ns, vouch_ns)
+                said += desk.vouch(now_ns, own)
         for desk in self._desks.values():
             if desk.refused:
                 self.refusals.update(desk.refused)
                 desk.refused.clear()
             desk.member.settle(now_ns, own)
-        return self._stepped(now_ns, own, said, due_ns)
+        return self._stepped(now_ns, own, said)
 
     def _silenced(self) -> bool:
         """Without memory, or with a double, it cannot be told from what it was or is not."""
@@ -279,8 +276,8 @@ class TrainCore:
         self._due_ns = now_ns + IDLE_NS
         return Stepped(None, None, ())
 
-    def _stepped(self, now_ns: int, own: OwnTrain, said: list[T2tMessage], due_ns: int) -> Stepped:
-        memory = self.memory
+    def _stepped(self, now_ns: int, own: OwnTrain, said: list[T2tMessage]) -> Stepped:
+        memory, due_ns = self.memory, now_ns + IDLE_NS
         roles: list[tuple[int, Role]] = []
         within = 0
         for number, desk in self._desks.items():
