@@ -3,6 +3,7 @@
 import dataclasses
 import difflib
 import enum
+import functools
 import os
 import sys
 import tomllib
@@ -11,9 +12,12 @@ import typing
 from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
-from typing import Any, TypeVar, Union, get_args, get_origin
+from typing import Any, Final, TypeVar, Union, get_args, get_origin
 
 T = TypeVar("T")
+
+KEPT_MAX: Final = 64
+"""Files whose settings are not made anew while their text is the same."""
 
 
 class SettingsError(Exception):
@@ -33,30 +37,51 @@ def find(name: str, package: str) -> Path:
     """The file called `name`: a path if it looks like one, else a stem shipped with `package`."""
     if name.endswith(".toml") or "/" in name or os.sep in name:
         return Path(name)
-    shipped = shipped_names(package)
-    if name not in shipped:
-        raise SettingsError(f"{name}: {nearest(name, shipped, 'shipped name')}")
-    return Path(str(resources.files(package) / f"{name}.toml"))
+    shipped = resources.files(package) / f"{name}.toml"
+    if not shipped.is_file():
+        raise SettingsError(f"{name}: {nearest(name, shipped_names(package), 'shipped name')}")
+    return Path(str(shipped))
 
 
 def load(kind: type[T], name: str, package: str) -> T:
     """Read the file called `name` (see `find`) into `kind`."""
     path = find(name, package)
-    return build(kind, parse(path), str(path))
+    hashable: Any = kind
+    loaded: T = _loaded(hashable, text_of(path), str(path))
+    return loaded
+
+
+@functools.lru_cache(maxsize=KEPT_MAX)
+def _loaded(kind: type[Any], text: str, source: str) -> Any:
+    """Frozen, so that whoever loads the same text may have the same."""
+    return build(kind, tables_of(text, source), source)
 
 
 def parse(path: Path) -> dict[str, Any]:
     """The tables of one TOML file."""
+    return tables_of(text_of(path), str(path))
+
+
+def text_of(path: Path) -> str:
+    """Raises SettingsError for a file that cannot be read."""
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        return path.read_text(encoding="utf-8")
     except FileNotFoundError as error:
         raise SettingsError(f"{path}: no such file") from error
     except OSError as error:
         raise SettingsError(f"{path}: cannot be read: {error.strerror}") from error
+    except ValueError as error:
+        raise SettingsError(f"{path}: not TOML: {error}") from error
+
+
+def tables_of(text: str, source: str) -> dict[str, Any]:
+    """The tables of a TOML file with this text. Raises SettingsError."""
+    try:
+        return tomllib.loads(text)
     # Besides its own errors the parser lets through those of numbers and dates that are too large,
     # and of brackets too deeply nested.
     except (ValueError, RecursionError) as error:
-        raise SettingsError(f"{path}: not TOML: {error}") from error
+        raise SettingsError(f"{source}: not TOML: {error}") from error
 
 
 def build(kind: type[T], table: Mapping[str, Any], source: str, key: str = "") -> T:
@@ -67,7 +92,7 @@ def build(kind: type[T], table: Mapping[str, Any], source: str, key: str = "") -
             dataclass itself refuses with ValueError in `__post_init__`.
     """
     assert dataclasses.is_dataclass(kind)
-    hints = typing.get_type_hints(kind)
+    hints = _hints(kind)
     fields = {field.name: field for field in dataclasses.fields(kind) if field.init}
     for name in table:
         if name not in fields:
@@ -85,6 +110,11 @@ def build(kind: type[T], table: Mapping[str, Any], source: str, key: str = "") -
     except ValueError as error:
         where = f"{source}: {key}" if key else source
         raise SettingsError(f"{where}: {error}") from error
+
+
+@functools.cache
+def _hints(kind: type[Any]) -> Mapping[str, Any]:
+    return typing.get_type_hints(kind)
 
 
 def override(value: T, changes: Mapping[str, Any], source: str) -> T:
@@ -140,8 +170,8 @@ def _changed(hint: Any, value: Any, change: Any, source: str, key: str) -> Any:
 
 
 def _changed_fields(value: Any, change: dict[str, Any], source: str, key: str) -> Any:
-    kind = type(value)
-    hints = typing.get_type_hints(kind)
+    kind: Any = type(value)
+    hints = _hints(kind)
     names = [field.name for field in dataclasses.fields(kind) if field.init]
     new: dict[str, Any] = {}
     for name, part in change.items():

@@ -1,5 +1,6 @@
 """Loads lines. One that trains run round is a lap in its file, written out lap behind lap."""
 
+import functools
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
@@ -26,14 +27,19 @@ class Circuit:
 def load_line(name: str) -> LineMap:
     """A line by path or by the stem of a shipped file; raises SettingsError."""
     path = settings.find(name, "firmware_py.trackdb")
-    table = settings.parse(path)
+    return _loaded(settings.text_of(path), str(path))
+
+
+@functools.lru_cache(maxsize=settings.KEPT_MAX)
+def _loaded(text: str, path: str) -> LineMap:
+    table = settings.tables_of(text, path)
     circuit = table.pop("circuit", None)
-    line = settings.build(LineMap, table, str(path))
+    line = settings.build(LineMap, table, path)
     if circuit is None:
         return line
     if not isinstance(circuit, dict):
         raise settings.SettingsError(f"{path}: circuit: {circuit!r} is not a table")
-    laps = settings.build(Circuit, circuit, str(path), "circuit")
+    laps = settings.build(Circuit, circuit, path, "circuit")
     try:
         return written_out(line, laps)
     except ValueError as error:

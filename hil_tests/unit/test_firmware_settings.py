@@ -90,6 +90,27 @@ def test_a_table_becomes_a_dataclass_with_every_value_of_its_type() -> None:
         assert isinstance(number, float)
 
 
+def test_a_file_that_changed_is_read_anew_and_one_that_is_wrong_is_refused_each_time(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "axle.toml"
+    loads = []
+    for load_kg in (1.0, 1.0, 2.0, 1.0):
+        path.write_text(f"load_kg = {load_kg}")
+        loads.append(settings.load(Axle, str(path), "firmware_py"))
+    assert [each.load_kg for each in loads] == [1.0, 1.0, 2.0, 1.0]
+    assert loads[0] is loads[1]
+
+    path.write_text("load_kg = -1.0")
+    for _ in range(2):
+        with pytest.raises(SettingsError, match="is negative"):
+            settings.load(Axle, str(path), "firmware_py")
+    other = tmp_path / "other.toml"
+    other.write_text("load_kg = -1.0")
+    with pytest.raises(SettingsError, match="other.toml"):
+        settings.load(Axle, str(other), "firmware_py")
+
+
 def test_what_has_a_default_may_be_left_out() -> None:
     wagon = settings.build(Wagon, {"name": "A", "seats": 1, "mass_kg": 1, "axles": []}, "w.toml")
 
