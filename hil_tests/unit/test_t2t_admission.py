@@ -352,10 +352,8 @@ def test_of_sections_that_were_not_told_nothing_is_known() -> None:
 def test_between_two_places_that_are_none_nothing_is_known(
     from_m: float, to_m: float, *, known: bool
 ) -> None:
-    clear = counted()
-    scene = near()
-
-    assert are_known(NEWCOMER, scene, clear, from_m=from_m, to_m=to_m) is known
+    for scene in (near(), scene_of(())):
+        assert are_known(NEWCOMER, scene, counted(), from_m=from_m, to_m=to_m) is known
 
 
 @pytest.mark.parametrize(

@@ -259,8 +259,11 @@ def test_one_word_of_a_train_that_went_back_is_not_believed_while_it_may_be_wher
     assert area.settles() == (area.order, [])
 
 
-def test_where_no_axles_are_counted_the_word_of_a_train_that_went_back_is_all_there_is() -> None:
-    area = OneArea(ANEW)
+@pytest.mark.parametrize("before", [None, Area(4, 0.0, 1000.0)])
+def test_where_no_axles_are_counted_the_word_of_a_train_that_went_back_is_all_there_is(
+    before: Area | None,
+) -> None:
+    area = OneArea(ANEW, before=before, start_m=0.0 if before is None else 1000.0)
     area.hears(anew(100.0))
 
     assert area.settles() == ((), [(anew(100.0), NOW_NS)])
