@@ -107,7 +107,7 @@ def test_a_file_that_changed_is_read_anew_and_one_that_is_wrong_is_refused_each_
             settings.load(Axle, str(path), "firmware_py")
     other = tmp_path / "other.toml"
     other.write_text("load_kg = -1.0")
-    with pytest.raises(SettingsError, match="other.toml"):
+    with pytest.raises(SettingsError, match=r"other\.toml"):
         settings.load(Axle, str(other), "firmware_py")
 
 

@@ -61,11 +61,7 @@ def test_it_tells_where_it_stands_what_it_promises_and_nothing_of_those_around_i
 
 def test_half_as_often_as_a_member_and_in_time() -> None:
     ride = standing(500.0, 2)
-    due_ms = [
-        at_ms
-        for at_ms in range(round(LONG_MS) + 1, round(LONG_MS) + 501)
-        if told(ride, at_ms, 500.0, 2)
-    ]
+    due_ms = [at_ms for at_ms in range(LONG_MS + 1, LONG_MS + 501) if told(ride, at_ms, 500.0, 2)]
     assert due_ms == [LONG_MS + PERIOD_MS, LONG_MS + 2 * PERIOD_MS]
 
     ride = standing(500.0, 2)
