@@ -81,7 +81,7 @@ def master_left_behind(make: Make) -> None:
 
 
 def _goes_on(make: Make, lose: Callable[[Scene], object]) -> None:
-    scene = make(Plot({BEHIND: 700.0, OVER: 1100.0}, line=_line(BORDER_M - 20.0)))
+    scene = make(Plot({BEHIND: 1450.0, OVER: 1700.0}, line=_line(BORDER_M - 20.0)))
     scene.settle()
     scene.until("there is a standby", lambda: scene.standby() is not None, within_s=5.0)
     if scene.master() == OVER:
