@@ -26,21 +26,24 @@ class SettingsError(Exception):
 
 def shipped_names(package: str) -> list[str]:
     """Stems of the TOML files that ship with a package, sorted."""
-    return sorted(
-        entry.name.removesuffix(".toml")
-        for entry in resources.files(package).iterdir()
-        if entry.name.endswith(".toml")
-    )
+    return list(_shipped(package))
+
+
+@functools.cache
+def _shipped(package: str) -> tuple[str, ...]:
+    """Looked up once: what ships does not change while a process runs."""
+    entries = [entry.name for entry in resources.files(package).iterdir()]
+    return tuple(sorted(name.removesuffix(".toml") for name in entries if name.endswith(".toml")))
 
 
 def find(name: str, package: str) -> Path:
     """The file called `name`: a path if it looks like one, else a stem shipped with `package`."""
     if name.endswith(".toml") or "/" in name or os.sep in name:
         return Path(name)
-    shipped = resources.files(package) / f"{name}.toml"
-    if not shipped.is_file():
-        raise SettingsError(f"{name}: {nearest(name, shipped_names(package), 'shipped name')}")
-    return Path(str(shipped))
+    shipped = shipped_names(package)
+    if name not in shipped:
+        raise SettingsError(f"{name}: {nearest(name, shipped, 'shipped name')}")
+    return Path(str(resources.files(package) / f"{name}.toml"))
 
 
 def load(kind: type[T], name: str, package: str) -> T:
