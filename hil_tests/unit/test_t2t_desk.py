@@ -258,7 +258,7 @@ def test_it_begins_outside_with_what_was_stored_and_is_due_at_once() -> None:
     assert (desk.role, desk.master, desk.refused, desk.area.number) == (Role.OUTSIDE, None, [], 2)
     assert desk.stored is memory
     assert desk.member.memory is memory
-    assert desk.next_due_ns() == BEGAN_NS
+    assert desk.next_due_ns(BEGAN_NS) == BEGAN_NS
 
 
 def test_outside_of_an_area_it_says_nothing_there() -> None:
@@ -514,4 +514,6 @@ def test_a_lease_that_needs_no_answer_makes_a_master_in_the_same_step() -> None:
 
     assert scene.role() is Role.FENCING
     assert any(isinstance(each, Heartbeat) for each in said)
-    assert scene.desk.next_due_ns() == ns(160), "when it would have been deaf"
+    scene.desk.lease.until_ns = ns(9000)
+    assert scene.desk.next_due_ns(ns(159)) == ns(160), "when it would be deaf"
+    assert scene.desk.next_due_ns(ns(160)) == ns(450), "nobody waits for it: to beat"

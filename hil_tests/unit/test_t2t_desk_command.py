@@ -189,13 +189,13 @@ def test_a_master_is_due_when_it_has_to_renew() -> None:
     scene, _ = played()
     scene.report(450)
 
-    assert scene.desk.next_due_ns() == ns(475)
+    assert scene.desk.next_due_ns(ns(450)) == ns(475)
 
 
 def test_a_master_is_due_when_what_it_commands_wants_it() -> None:
     scene, _ = played(due_ns=ns(440))
 
-    assert scene.desk.next_due_ns() == ns(440)
+    assert scene.desk.next_due_ns(ns(410)) == ns(440)
 
 
 def test_a_master_is_due_when_it_would_be_deaf() -> None:
@@ -206,7 +206,7 @@ def test_a_master_is_due_when_it_would_be_deaf() -> None:
     scene.step(550)
     scene.step(565)
 
-    assert scene.desk.next_due_ns() == ns(410 + 160)
+    assert scene.desk.next_due_ns(ns(565)) == ns(410 + 160)
 
 
 def test_a_master_is_due_when_its_lease_runs_out() -> None:
@@ -215,7 +215,7 @@ def test_a_master_is_due_when_its_lease_runs_out() -> None:
         scene.step(at_ms)
     scene.report(660, term=1)
 
-    assert scene.desk.next_due_ns() == ns(400 + 300 * 0.998)
+    assert scene.desk.next_due_ns(ns(660)) == ns(400 + 300 * 0.998)
 
 
 # What it obeys of itself.
@@ -252,6 +252,7 @@ def test_a_master_that_prepares_a_switch_is_ready_for_it_itself() -> None:
     step = SwitchStep(*own_head(scene), SwitchKind.PREPARE, 4, 2)
     puppet.says = [step]
     assert scene.step(420) == [step]
+    assert scene.desk.next_due_ns(ns(420)) == ns(420)
 
     (report,) = reports(scene.step(421))
     assert report.ready_nonce == 4

@@ -392,16 +392,27 @@ def test_the_standby_is_due_when_its_turn_comes_before_its_next_report() -> None
     scene = standby()
     scene.step(100)
 
-    assert scene.desk.next_due_ns() == ns(160)
+    assert scene.desk.next_due_ns(ns(100)) == ns(160)
     scene.beats(100, standby=OWN)
-    assert scene.desk.next_due_ns() == ns(200)
+    assert scene.desk.next_due_ns(ns(100)) == ns(200)
+
+
+@pytest.mark.parametrize("told", [{"out_of_service": True}, {"localised": False}])
+def test_whoever_may_not_take_its_turn_is_due_for_its_next_report(told: dict[str, bool]) -> None:
+    """It would be stepped as fast as can be, and nothing would come of it."""
+    scene = standby()
+    scene.step(160, **told)
+    assert scene.role() is Role.STANDBY
+
+    assert scene.desk.next_due_ns(ns(159)) == ns(160)
+    assert scene.desk.next_due_ns(ns(160)) == ns(260)
 
 
 def test_whoever_lost_is_not_due_before_it_may_try_again() -> None:
     scene = candidate()
     scene.step(500)
 
-    assert scene.desk.next_due_ns() == ns(580) + Chance(SEED).below(80 * MS)
+    assert scene.desk.next_due_ns(ns(500)) == ns(580) + Chance(SEED).below(80 * MS)
 
 
 def test_a_candidate_is_due_when_its_attempt_ends() -> None:
@@ -410,7 +421,7 @@ def test_a_candidate_is_due_when_its_attempt_ends() -> None:
     scene.switch(200, SwitchKind.PREPARE, successor=7)
     scene.step(200)
 
-    assert scene.desk.next_due_ns() == ns(260)
+    assert scene.desk.next_due_ns(ns(200)) == ns(260)
 
 
 # Chance.

@@ -134,16 +134,20 @@ class AreaDesk:
 
     # What follows from it.
 
-    def next_due_ns(self) -> int:
-        dues = [self._report_ns]
+    def next_due_ns(self, now_ns: int) -> int:
+        """When time alone makes a difference next. A turn that is over, or a silence that has
+        lasted long enough, and came to nothing waits for something else.
+        """
+        due_ns = self._report_ns
         if self.master is not None:
-            dues += [self.master.next_due_ns(), self.lease.renewal_due_ns(), self.lease.until_ns]
-            dues.append(self._deaf_ns())
+            lease = self.lease
+            due_ns = min(due_ns, self.master.next_due_ns(), lease.renewal_due_ns(), lease.until_ns)
+            turn_ns = self._deaf_ns()
         elif self.role is Role.CANDIDATE:
-            dues.append(self.lease.attempt_ends_ns())
+            turn_ns = self.lease.attempt_ends_ns()
         else:
-            dues.append(max(self._turn_ns(), self._quiet_until_ns))
-        return min(dues)
+            turn_ns = max(self._turn_ns(), self._quiet_until_ns)
+        return min(due_ns, turn_ns) if turn_ns > now_ns else due_ns
 
     def step(
         self, now_ns: int, own: OwnTrain, *, concerned: bool, relation: tuple[int, int]

@@ -285,13 +285,13 @@ class TrainCore:
                 desk.stored = desk.member.memory
                 memory = memory.with_area(desk.stored)
             if desk.role is not Role.OUTSIDE:
-                due_ns = min(due_ns, desk.next_due_ns())
+                due_ns = min(due_ns, desk.next_due_ns(now_ns))
                 roles.append((number, desk.role))
             # Every area that the train is in has a desk.
             within += desk.area.start_m < own.front_max_m and own.rear_min_m < desk.area.end_m
         changed = memory is not self.memory or not self._stored
         self.memory, self._stored = memory, True
-        self._due_ns = max(due_ns, now_ns + 1)
+        self._due_ns = due_ns
         authority = self._authority(now_ns, own) if own.localised else None
         age_max_ns = self._config.timers.authority_ms * NS_PER_MS
         young = authority is not None and now_ns - authority.echo_ns <= age_max_ns
