@@ -11,6 +11,7 @@ from metro_hil.network.checker import Rules
 from metro_hil.network.coverage import counted, told_kinds
 from metro_hil.network.ground import Grant, Reading
 from metro_hil.network.net import NEVER, Machine, Turn
+from metro_hil.network.orders import Desk, Order
 from metro_hil.network.routes import Routes
 from metro_hil.network.track import AXLES, TrueTrack
 from plant_emulator.wayside.arbiter import Arbiter, ArbiterGuards
@@ -23,20 +24,16 @@ from vobc.t2t.vocabulary import OwnTrain, Role, Stepped, T2tConfig, TrainMemory,
 from zenoh_config.messages import WAYSIDE
 from zenoh_config.t2t import (
     NOBODY,
-    SUPERVISION,
     Heartbeat,
-    LineOrder,
     ObjectClaim,
     ObjectState,
     ObjectStatus,
-    OrderKind,
     T2tMessage,
     TrainReport,
 )
-from zenoh_config.t2t_supervision import Removal, RemovalAnswer, RemovalState
+from zenoh_config.t2t_supervision import RemovalAnswer, RemovalState
 
 NS_PER_MS: Final = 1_000_000
-ORDER_REPEATS: Final = 10
 FOLLOWING: Final = frozenset((Role.OUTSIDE, Role.APPLICANT, Role.MEMBER))
 FOR_MASTERS: Final = frozenset((TrainReport, ObjectStatus))
 
@@ -187,7 +184,9 @@ def _grant(held: Any, memory: TrainMemory) -> Grant:
 class ArbiterNode:
     """One arbiter."""
 
-    def __init__(self, cast: Cast, routes: Routes, node: Seat, now_ns: int) -> None:
+    def __init__(
+        self, cast: Cast, routes: Routes, node: Seat, now_ns: int, covered: Counter[str]
+    ) -> None:
         self._core = Arbiter(
             cast.config.timers,
             address=node.address,
@@ -198,12 +197,13 @@ class ArbiterNode:
             guards=cast.guards.arbiter,
         )
         self._keep: ArbiterMemory | None = node.disk
-        self._routes = routes
+        self._routes, self._covered = routes, covered
 
     def step(self, now_ns: int, heard: Sequence[Any]) -> Turn:
         stepped = self._core.step(now_ns, tuple(heard))
         if stepped.memory is not None:
             self._keep = stepped.memory
+        told_kinds(stepped.out, self._covered)
         return Turn(self._routes.letters(stepped.out), self._keep, NEVER)
 
 
@@ -235,8 +235,7 @@ class WaysideNode:
         self._keep: WaysideDisk = (self._boot, tuple(kept.items()))
         self.status = Track(timers, cast.line, boot=self._boot, start_ns=now_ns)
         self._beat_ns = timers.heartbeat_ms * NS_PER_MS
-        self._masters: dict[int, Heartbeat] = {}
-        self._sequence = 0
+        self._desk = Desk(self._boot)
 
     def step(self, now_ns: int, heard: Sequence[Any]) -> Turn:
         out: list[T2tMessage] = []
@@ -266,12 +265,13 @@ class WaysideNode:
             if type(message) is RemovalAnswer:
                 self._crew.removals[message.area, message.train] = message.state
             elif type(message) is Heartbeat:
-                self._masters[message.area] = message
+                self._desk.masters[message.area] = message
         self.status.closed = self._crew.closed
         self.status.restrictions = self._crew.restrictions
         beats = tuple([m for m in heard if type(m) is Heartbeat])
         out += self.status.step(now_ns, beats, axles=self._track.axles(self._crew.true_ns()))
-        out += self._orders(now_ns)
+        out += self._desk.says(self._crew.orders, now_ns)
+        self._crew.orders = [order for order in self._crew.orders if order.left > 0]
         told_kinds(out, self._crew.covered)
         return Turn(
             self._routes.letters(out),
@@ -280,39 +280,11 @@ class WaysideNode:
             (lambda: self._crew.move(moved)) if moved else None,
         )
 
-    def _orders(self, now_ns: int) -> list[T2tMessage]:
-        """What supervision wants, to whoever commands the area at present."""
-        said: list[T2tMessage] = []
-        for order in self._crew.orders:
-            master = self._masters.get(order.area)
-            if master is not None and order.left > 0:
-                order.left -= 1
-                self._sequence += 1
-                head = (SUPERVISION, master.source, order.area, master.term)
-                count = (self._boot, self._sequence, now_ns)
-                if order.kind is None:
-                    said.append(Removal(*head, *count, master.stamp_ns, order.train))
-                else:
-                    said.append(LineOrder(*head, *count, order.kind, order.train))
-        self._crew.orders = [order for order in self._crew.orders if order.left > 0]
-        return said
-
 
 def _concerns(message: T2tMessage, number: int, area: int) -> bool:
     if type(message) is ObjectClaim:
         return message.number == number
     return message.area == area and type(message) is not RemovalAnswer
-
-
-@dataclass(slots=True)
-class Order:
-    """What supervision wants of the master of an area."""
-
-    kind: OrderKind | None
-    """None: take it off the roster."""
-    area: int
-    train: int
-    left: int = ORDER_REPEATS
 
 
 class T2tCrew:
@@ -380,7 +352,7 @@ class T2tCrew:
 
     def wayside(self) -> Mapping[int, tuple[str, Callable[[Seat, int], Machine]]]:
         def arbiter(node: Seat, now_ns: int) -> Machine:
-            return ArbiterNode(self.cast, self._routes, node, now_ns)
+            return ArbiterNode(self.cast, self._routes, node, now_ns, self.covered)
 
         def wayside(node: Seat, now_ns: int) -> Machine:
             assert self.track is not None

@@ -27,6 +27,8 @@ FIRST_ARBITER: Final = 65_001
 EVEN_BELOW: Final = 10_000
 """Seeds below have areas of one length, trains of one length, and objects at the same places of
 each; from this one on all of that is drawn, too."""
+ORDERED_FROM: Final = 20_000
+"""From this seed on supervision takes trains out of service by order, too."""
 PLACES_M: Final = 10.0
 """Borders and objects lie at whole multiples of this."""
 
@@ -92,6 +94,8 @@ class Draw:
     do: nearly the same run in fewer steps."""
     between_s: float = 12.0
     """Mean time from one thing that happens on the railway to the next."""
+    ordered: bool = False
+    """Trains are taken out of service by order, too."""
 
 
 def draw(seed: int) -> Draw:
@@ -143,6 +147,7 @@ def _draw_any(seed: int) -> Draw:
         turn_ms=rng.choice((1, 5, 10, 10)),
         leisurely=rng.random() < 0.8,
         between_s=rng.choice((3.0, 6.0, 12.0, 12.0, 24.0)),
+        ordered=seed >= ORDERED_FROM,
     )
 
 

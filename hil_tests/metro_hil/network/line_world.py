@@ -6,10 +6,11 @@ from typing import Any, Final
 from metro_hil.network.air import Air, LeaseRules
 from metro_hil.network.cab import Cab
 from metro_hil.network.checker import ViolationError
-from metro_hil.network.crew import Order, T2tCrew, TrainNode
+from metro_hil.network.crew import T2tCrew, TrainNode
 from metro_hil.network.drawing import Draw
 from metro_hil.network.ground import Grant, TrueTrain
 from metro_hil.network.net import Codec, Letter, Machine, Node
+from metro_hil.network.orders import Order
 from metro_hil.network.trace import Teller
 from metro_hil.network.track import TrueTrack
 from metro_hil.network.world import World

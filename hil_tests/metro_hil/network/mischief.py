@@ -8,9 +8,9 @@ import random
 from collections.abc import Callable
 from typing import Final
 
-from metro_hil.network.crew import Order
 from metro_hil.network.depot import Depot
 from metro_hil.network.line_world import LineWorld
+from metro_hil.network.orders import ORDER_REPEATS, Order
 from zenoh_config.messages import SpeedRestriction
 from zenoh_config.t2t import OrderKind
 
@@ -40,6 +40,8 @@ class Mischief:
         ]
         depot = Depot(world, self._rng)
         self._things += 3 * [("leaves the line", depot.leaves)]
+        if world.drawn.ordered:
+            self._things.append(("out of service by order", self._retire))
         if world.track.objects:
             self._things += 4 * [("object wish", self._wish)]
 
@@ -57,8 +59,9 @@ class Mischief:
         crew = self.world.t2t
         crew.closed, crew.restrictions, crew.orders = (), (), []
         for train in self.world.trains:
-            for area in self.world.drawn.cast.line.areas:
-                crew.orders.append(Order(OrderKind.GO, area.number, train, left=20))
+            self._order(OrderKind.GO, train, left=20)
+            if self.world.drawn.ordered:
+                self._order(OrderKind.IN_SERVICE, train, left=20)
 
     def _strike(self, _: object) -> None:
         if self._over:
@@ -160,15 +163,14 @@ class Mischief:
 
     def _stop_order(self) -> None:
         train = self._rng.choice(list(self.world.trains))
-        for area in self.world.drawn.cast.line.areas:
-            self.world.t2t.orders.append(Order(OrderKind.STOP, area.number, train))
+        self._order(OrderKind.STOP, train)
         self._say(f"supervision stops train {train}")
+        self._later(1.0, 15.0, lambda: self._order(OrderKind.GO, train))
 
-        def go() -> None:
-            for area in self.world.drawn.cast.line.areas:
-                self.world.t2t.orders.append(Order(OrderKind.GO, area.number, train))
-
-        self._later(1.0, 15.0, go)
+    def _order(self, kind: OrderKind, train: int, left: int = ORDER_REPEATS) -> None:
+        """In every area."""
+        for area in self.world.drawn.cast.line.areas:
+            self.world.t2t.orders.append(Order(kind, area.number, train, left))
 
     def _remove_in_error(self) -> bool:
         """Somebody takes a train that is there for one that is not."""
@@ -192,3 +194,10 @@ class Mischief:
             train.out_of_service = False
 
         self._later(2.0, 20.0, back)
+
+    def _retire(self) -> None:
+        """Supervision takes a train out of service, which obeys in whatever area it is."""
+        train = self._rng.choice(list(self.world.trains))
+        self._order(OrderKind.OUT_OF_SERVICE, train)
+        self._say(f"supervision takes train {train} out of service")
+        self._later(2.0, 60.0, lambda: self._order(OrderKind.IN_SERVICE, train))

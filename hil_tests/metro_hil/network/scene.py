@@ -6,9 +6,10 @@ from typing import Any, Final
 
 from firmware_py.trackdb.areas import AreaMap
 from metro_hil.network.cab import Cab
-from metro_hil.network.crew import SAFE, Cast, Guards, Order, TrainNode
+from metro_hil.network.crew import SAFE, Cast, Guards, TrainNode
 from metro_hil.network.drawing import FIRST_ARBITER, SECTION_PIECES, Draw, line_of_areas
 from metro_hil.network.line_world import LineWorld
+from metro_hil.network.orders import Order
 from metro_hil.network.trace import Teller
 from metro_hil.network.world import Setting
 from vobc.t2t.vocabulary import Role, T2tConfig, TrainMemory
