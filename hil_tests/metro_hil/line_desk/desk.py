@@ -2,7 +2,6 @@
 
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from typing import Final
 
 from can_dbc.vobc import Supervision
@@ -80,7 +79,8 @@ class Desk:
             now = self._view.commands[area]
             if now.heartbeat.source == to:
                 return True
-            self._order(OrderKind.SWITCH_MASTER, to, now)
+            heartbeat = now.heartbeat
+            self._order(OrderKind.SWITCH_MASTER, to, heartbeat.source, area, heartbeat.term)
             return False
 
         if self.listen(ORDER_S, switched):
@@ -89,18 +89,26 @@ class Desk:
         return _failed(f"train {to} did not take area {area} over; is it there?")
 
     def retire(self, train: int, *, end: bool) -> int:
-        """Tell every master, for as long as it takes the train to command nothing."""
-        if not self._view.commands:
+        """Tell every master, for as long as it takes the train to command nothing.
+
+        One that is to come back is told also where nobody commands: none may be left that could.
+        """
+        heard = self._view.commands or (end and train in self._view.reports)
+        if not heard:
             return self.nobody()
         kind = OrderKind.IN_SERVICE if end else OrderKind.OUT_OF_SERVICE
 
         def done() -> bool:
-            for command in self._view.commands.values():
-                self._order(kind, train, command)
-                # And the train itself, which says so to every master there will be.
-                itself = command._replace(heartbeat=replace(command.heartbeat, source=train))
-                self._order(kind, train, itself)
+            terms: dict[int, int] = {}
             report, _ = self._view.reports.get(train, (None, 0))
+            if report is not None:
+                terms[report.area] = report.term
+            for area, command in self._view.commands.items():
+                terms[area] = command.heartbeat.term
+                self._order(kind, train, command.heartbeat.source, area, terms[area])
+            # And the train itself, which says so to every master there will be.
+            for area, term in terms.items():
+                self._order(kind, train, train, area, term)
             if end:
                 return report is not None and not report.out_of_service
             commands = [each.heartbeat for each in self._view.commands.values()]
@@ -148,10 +156,11 @@ class Desk:
         count = (self._boot, self._sequence, self._clock.now_ns())
         self._send(Removal(*head, *count, beat.stamp_ns, train))
 
-    def _order(self, kind: OrderKind, train: int, command: Command) -> None:
+    def _order(self, kind: OrderKind, train: int, to: int, area: int, term: int) -> None:
+        """That train, said to this one."""
         self._sequence += 1
-        sequence, now_ns = self._sequence, self._clock.now_ns()
-        self._send(order(kind, train, command, boot=self._boot, sequence=sequence, now_ns=now_ns))
+        head = (SUPERVISION, to, area, term, self._boot, self._sequence, self._clock.now_ns())
+        self._send(LineOrder(*head, kind, train))
 
     # To the wayside.
 
@@ -210,15 +219,6 @@ class Desk:
 
     def nobody(self) -> int:
         return _failed(f"nobody is heard on {self._view.areas.name}")
-
-
-def order(
-    kind: OrderKind, train: int, command: Command, *, boot: int, sequence: int, now_ns: int
-) -> LineOrder:
-    """To whoever commands the area now, the source of its heartbeat."""
-    heartbeat = command.heartbeat
-    area, term = heartbeat.area, heartbeat.term
-    return LineOrder(SUPERVISION, heartbeat.source, area, term, boot, sequence, now_ns, kind, train)
 
 
 def _answers(state: LineState, decree: Decree) -> bool:
