@@ -2,11 +2,13 @@
 
 import dataclasses
 import enum
+import itertools
 from collections import Counter
 from collections.abc import Callable, Iterable
 from typing import Any, Final
 
 from vobc.t2t.guards import TrainGuards
+from vobc.t2t.roles import ROLES
 from vobc.t2t.vocabulary import Role, TrainState
 from zenoh_config.t2t import (
     Admission,
@@ -83,9 +85,13 @@ def never(counts: Counter[str]) -> list[str]:
 
 
 def everything() -> set[str]:
-    """States, roles, both answers of every guard, all kinds of message."""
+    """States and roles, every way from one to another, both answers of every guard, all kinds of
+    message.
+    """
     found = {f"state {state.value}" for state in TrainState}
+    found |= {f"from {a.value} to {b.value}" for a, b in itertools.permutations(TrainState, 2)}
     found |= {f"role {role.value}" for role in Role}
+    found |= {f"from {role.value} to {to.value}" for role, ways in ROLES.items() for _, to in ways}
     found |= set(_guard_names(TrainGuards()))
     for kind in T2T_TYPES:
         if kind in (Decree, LineState):

@@ -150,12 +150,13 @@ class TrainNode:
             covered[f"state {stepped.state.value}"] += 1
             if self._state is not None:
                 covered[f"from {self._state.value} to {stepped.state.value}"] += 1
-        before = dict(self._roles)
-        for area, role in stepped.roles:
-            if before.get(area) is not role:
+        before, after = dict(self._roles), dict(stepped.roles)
+        for area in before.keys() | after.keys():
+            # Of areas that it has nothing to do with a train says nothing.
+            was, role = before.get(area, Role.OUTSIDE), after.get(area, Role.OUTSIDE)
+            if was is not role:
                 covered[f"role {role.value}"] += 1
-                if area in before:
-                    covered[f"from {before[area].value} to {role.value}"] += 1
+                covered[f"from {was.value} to {role.value}"] += 1
         self._state, self._roles = stepped.state, stepped.roles
         self._follows = all(role in FOLLOWING for _, role in stepped.roles)
 

@@ -18,7 +18,7 @@ from metro_hil.network.many import run_many
 from metro_hil.network.model import MODELS, search
 from metro_hil.network.mutants import ALL_SCENARIOS, ARGUED, NOTICED, mutants, noticed_by
 from metro_hil.network.run import Phases
-from metro_hil.network.scene import Scene
+from metro_hil.network.scene import Plot, Scene
 from metro_hil.network.simulate import Job
 from metro_hil.network.term_lures import TERM_LURES
 from vobc.t2t import switch
@@ -103,10 +103,24 @@ def test_through_the_real_codec_it_is_the_same_protocol() -> None:
 def test_what_is_gone_through_is_named_and_what_is_not_is_known() -> None:
     covered = Job(Phases(trouble_s=15.0))(12).covered
 
+    # One step may go several ways, which then count as one.
     named = {name for name in covered if not name.startswith("from ")}
     assert named <= everything()
-    assert covered["guard young_enough: yes"] > 0
-    assert any(name.startswith("from fencing to master") for name in covered)
+    for name in ("guard young_enough: yes", "from fencing to master", "LeaseAnswer", "RosterAck"):
+        assert covered[name] > 0
+    assert covered["from outside to applicant"] > 0
+    assert "from master to applicant" in everything()
+
+
+def test_whoever_leaves_an_area_behind_is_outside_of_it() -> None:
+    scene = Scene(Plot({1: 1900.0}, areas=2))
+    scene.settle()
+    covered = scene.world.t2t.covered
+    assert (covered["from outside to applicant"], covered["role outside"]) == (2, 0)
+
+    scene.run(60.0)
+
+    assert covered["role outside"] == 1
 
 
 @pytest.mark.parametrize(
