@@ -269,7 +269,7 @@ def test_a_master_never_calls_itself() -> None:
     scene.step(420)
     puppet.says = [SwitchStep(*own_head(scene, OWN), SwitchKind.COMMIT, 4, OWN)]
     scene.step(420)
-    scene.step(421, out_of_service=True)
+    scene.step(421, localised=False)
     assert scene.role() is Role.APPLICANT
 
     scene.step(422)
@@ -314,9 +314,7 @@ def test_a_master_that_should_not_command_much_longer_knows_it(
     assert scene.role() is Role.MASTER, "for as long as others are there"
 
 
-@pytest.mark.parametrize(
-    "told", [{"localised": False}, {"out_of_service": True}, {"concerned": False}]
-)
+@pytest.mark.parametrize("told", [{"localised": False}, {"concerned": False}])
 def test_a_master_that_leaves_nobody_behind_gives_the_area_back(told: dict[str, Any]) -> None:
     scene, _ = played(has_others=False)
     scene.step(419)
@@ -361,10 +359,19 @@ def steps_of_a_switch(said: list[T2tMessage]) -> list[T2tMessage]:
 def test_a_master_without_standby_calls_nobody() -> None:
     scene, _ = played(has_others=False)
 
-    said = scene.step(420, out_of_service=True)
+    said = scene.step(420, localised=False)
 
     assert scene.role() is Role.APPLICANT
     assert steps_of_a_switch(said) == []
+
+
+def test_a_train_out_of_service_commands_itself_until_another_takes_over() -> None:
+    """It would brake for want of an authority that it can give to itself."""
+    scene, puppet = played(has_others=False)
+    scene.step(420, out_of_service=True)
+
+    assert scene.role() is Role.MASTER
+    assert puppet.away == [True], "whoever comes is to take over"
 
 
 @pytest.mark.parametrize("fence", ["heartbeat", "report", "refusal"])
@@ -485,7 +492,7 @@ def test_a_master_that_was_not_deaf_waits_for_its_turn_only() -> None:
 
 def test_the_next_command_of_the_same_train_is_of_a_higher_term() -> None:
     scene, _ = played(has_others=False)
-    scene.step(420, out_of_service=True)
+    scene.step(420, localised=False)
 
     said = scene.step(820)
 

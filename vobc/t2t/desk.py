@@ -183,7 +183,8 @@ class AreaDesk:
 
     def _sight(self, now_ns: int, own: OwnTrain, *, concerned: bool) -> Sight:
         master = self.master
-        may_command = own.localised and not own.out_of_service and concerned
+        gone = not own.localised or not concerned
+        may_command = not gone and not own.out_of_service
         silent = now_ns >= max(self._turn_ns(), self._quiet_until_ns)
         away = not may_command
         return Sight(
@@ -197,7 +198,8 @@ class AreaDesk:
             lease_runs=self.lease.runs(now_ns),
             fenced=self._is_fenced(),
             roster_kept=master is not None and master.roster.kept is not None,
-            relieved=away and master is not None and not master.has_others,
+            # Out of service it commands itself for as long as nobody takes over.
+            relieved=gone and master is not None and not master.has_others,
             deaf=master is not None and self._is_deaf(master, now_ns),
         )
 
