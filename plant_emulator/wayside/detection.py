@@ -33,7 +33,7 @@ def subscription(line: str) -> str:
 
 
 def packed(place: Place) -> bytes:
-    return LAYOUT.pack(*place)
+    return LAYOUT.pack(place.front_m, place.rear_m, place.axles)
 
 
 class Detection:

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from firmware_py.trackdb.areas import ObjectSite
 from plant_emulator.wayside.t2t_vocabulary import ObjectMemory, WaysideStepped
@@ -18,6 +18,8 @@ from zenoh_config.t2t import (
     T2tMessage,
 )
 from zenoh_config.timers import NS_PER_MS, LineTimers
+
+NOTHING: Final[WaysideStepped[ObjectMemory]] = WaysideStepped(None, ())
 
 
 class Demand(NamedTuple):
@@ -130,7 +132,7 @@ class LineObject:
             out = (self._status(now_ns, release_wanted=release_wanted),)
         # What was forgotten stays forgotten, over the next start, too.
         changed = changed and not self._forgotten
-        return WaysideStepped(self.memory if changed else None, out)
+        return WaysideStepped(self.memory if changed else None, out) if changed or out else NOTHING
 
     def _hears(self, message: T2tMessage, *, release_wanted: bool, occupied: bool) -> bool:
         if not isinstance(message, Heartbeat | ObjectClaim) or message.area != self._area:

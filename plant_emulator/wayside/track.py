@@ -27,6 +27,8 @@ class Track:
         self._period_ns = timers.heartbeat_ms * NS_PER_MS
         self._masters: dict[int, Heartbeat] = {}
         """By area: the newest heartbeat heard, of the highest term."""
+        self._known = {area.number for area in line.areas}
+        self._told_at = {area: _span(line, area) for area in self._known}
         self._sequence = 0
 
     def step(
@@ -44,9 +46,8 @@ class Track:
             disturbed: sections whose count is not to be trusted; they are told as occupied.
         """
         answered = []
-        known = {area.number for area in self._line.areas}
         for message in heard:
-            if not isinstance(message, Heartbeat) or message.area not in known:
+            if not isinstance(message, Heartbeat) or message.area not in self._known:
                 continue
             if not 0 < message.source <= LAST_TRAIN:
                 continue
@@ -65,10 +66,9 @@ class Track:
         """Beyond the borders as far as it is occupied without a gap, so that no train is told of
         in part: its axles could never be explained.
         """
-        told, every = self._line.sections_told(area), self._line.sections
-        if not told:
-            return told
-        first, last = every.index(told[0]), every.index(told[-1])
+        every, (first, last) = self._line.sections, self._told_at[area]
+        if first > last:
+            return ()
 
         def occupied(at: int) -> bool:
             return axles.get(every[at].number, 0) != 0 or every[at].number in disturbed
@@ -109,3 +109,9 @@ class Track:
 
 def _order(heartbeat: Heartbeat) -> tuple[int, int, int]:
     return (heartbeat.term, heartbeat.boot, heartbeat.sequence)
+
+
+def _span(line: AreaMap, area: int) -> tuple[int, int]:
+    """First and last of the sections that an area's master is told of; of none: (0, -1)."""
+    told = line.sections_told(area)
+    return (line.sections.index(told[0]), line.sections.index(told[-1])) if told else (0, -1)

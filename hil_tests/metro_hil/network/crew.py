@@ -270,7 +270,9 @@ class WaysideNode:
         self.status.closed = self._crew.closed
         self.status.restrictions = self._crew.restrictions
         beats = tuple([m for m in heard if type(m) is Heartbeat])
-        out += self.status.step(now_ns, beats, axles=self._track.axles(self._crew.true_ns()))
+        self._track.advance(self._crew.true_ns())
+        if beats:
+            out += self.status.step(now_ns, beats, axles=self._track.axles())
         out += self._desk.says(self._crew.orders, now_ns)
         self._crew.orders = [order for order in self._crew.orders if order.left > 0]
         told_kinds(out, self._crew.covered)

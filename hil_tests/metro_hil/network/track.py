@@ -39,13 +39,18 @@ class TrueTrack:
         }
         self._sections = [(s.number, s.start_m, s.end_m) for s in line.sections]
 
-    def axles(self, now_ns: int) -> dict[int, int]:
+    def advance(self, now_ns: int) -> None:
+        """Bring all trains to where they are now."""
+        for train in self.trains:
+            if train.on_line:
+                train.motion.advance(now_ns)
+
+    def axles(self) -> dict[int, int]:
         """How many axles stand in each section that is not empty."""
         counts: dict[int, int] = {}
         for train in self.trains:
             if not train.on_line:
                 continue
-            train.motion.advance(now_ns)
             rear_m, front_m = train.rear_m, train.front_m
             pitch_m = (train.length_m - 2.0 * AXLE_INSET_M) / (AXLES - 1)
             for number, start_m, end_m in self._sections:
