@@ -4,7 +4,13 @@ from typing import Any, get_type_hints
 
 import pytest
 
-from metro_tools.written_inits import bases_in, heads_in, with_kept_types, with_written_inits
+from metro_tools.written_inits import (
+    bases_in,
+    heads_in,
+    with_kept_types,
+    with_native_records,
+    with_written_inits,
+)
 
 HEAD = "from dataclasses import dataclass, field\nfrom typing import ClassVar, Protocol\n"
 PLAIN = '''
@@ -31,6 +37,33 @@ class Checked:
         if self.least > self.most:
             raise ValueError("none between")
 """
+RECORDS = '''
+from typing import (
+    Final,
+    NamedTuple,
+)
+
+LEAST: Final = 1
+
+
+class Spot(NamedTuple):
+    """Where, and of what kind: words
+    over two lines."""
+
+    at_m: float
+    """Chainage."""
+    kind: str | None = None
+    """Of the thing."""
+
+    @property
+    def known(self) -> bool:
+        return self.kind is not None
+
+
+class Pair(NamedTuple):
+    left: int
+    right: int
+'''
 UNUSUAL = (
     "@dataclass(frozen=True, kw_only=True)\nclass Unusual:\n    a: int\n",
     "@dataclass(frozen=True)\nclass Unusual:\n    a: list[int] = field(default_factory=list)\n",
@@ -77,6 +110,42 @@ def test_a_class_that_may_change_is_the_same_with_its_constructor_written_out() 
 @pytest.mark.parametrize("source", UNUSUAL)
 def test_what_is_not_plain_stays_as_it_is(source: str) -> None:
     assert with_written_inits(HEAD + source) == HEAD + source
+
+
+def test_a_record_keeps_its_fields_and_makes_changed_copies() -> None:
+    plain, written = made(RECORDS, "Spot"), made(with_native_records(RECORDS), "Spot")
+
+    assert repr(written(2.0)) == repr(plain(2.0)) == "Spot(at_m=2.0, kind=None)"
+    assert written(2.0)._replace(kind="balise") == written(2.0, "balise")
+    assert written(2.0, "balise")._replace(kind=None) == written(2.0)
+    assert written(2.0, "balise").known
+    assert written(2.0) != written(3.0)
+    assert written(2.0) != (2.0, None)
+    assert hash(written(2.0)) == hash(written(2.0))
+
+
+def test_a_record_gets_a_constructor_like_any_frozen_class() -> None:
+    written = with_written_inits(with_native_records(RECORDS))
+
+    assert "def __init__(self, left: int, right: int) -> None: " in written
+    assert "def __init__(self, at_m: float, kind: str | None = None) -> None: " in written
+
+
+def test_what_is_used_as_a_tuple_stays_one() -> None:
+    written = with_native_records(RECORDS, ["Pair"])
+
+    left, right = made(written, "Pair")(1, 2)
+    assert (left, right) == (1, 2)
+    assert not isinstance(made(written, "Spot")(2.0), tuple)
+    assert with_native_records(RECORDS, ["Pair", "Spot"]) == RECORDS
+
+
+def test_of_records_every_other_line_keeps_its_number() -> None:
+    before, after = RECORDS.splitlines(), with_native_records(RECORDS).splitlines()
+
+    assert len(after) == len(before)
+    for line in ("LEAST: Final = 1", "    at_m: float", "        return self.kind is not None"):
+        assert after.index(line) == before.index(line)
 
 
 def test_every_class_of_a_module_is_found() -> None:

@@ -22,6 +22,7 @@ from metro_tools.written_inits import (
     heads_in,
     with_bound_frames,
     with_kept_types,
+    with_native_records,
     with_written_inits,
 )
 
@@ -113,6 +114,21 @@ LEFT_OUT: Final = (
 """Ends of the paths of modules that stay as they are: they start processes, are seldom run, or hold
 classes that others inherit from, whose constructors cannot be written out. Of the generic dataclass
 in `t2t_vocabulary` mypyc makes what cannot be imported."""
+RECORDS: Final = (
+    "metro_hil/network/",
+    "plant_emulator/power/",
+    "plant_emulator/wayside/",
+    "vobc/ato/",
+    "vobc/atp/",
+    "vobc/t2t/",
+)
+"""In these folders classes of named tuples become native ones; elsewhere they are packed as tuples,
+or asked for the names of their fields."""
+TUPLES: Final = (
+    *("AreaMemory", "DepartureTerms", "DoorEnable", "DoorTerms", "Due", "Grain", "Head", "Tap"),
+    *("_Answers", "_Four", "_Phase", "_Piece", "_Step"),
+)
+"""But for these, which are unpacked, sorted or counted there; mypyc refuses any other that is."""
 COMMANDS: Final = {
     "vobc": "metro_hil.vobc_command",
     "plant": "plant_emulator",
@@ -175,7 +191,10 @@ def compile_into(library: Path, level: str) -> None:
     }
     (library / WRITTEN).write_text(_packing(library), encoding="utf-8")
     for name, source in sources.items():
-        text = with_written_inits(with_bound_frames(source.decode()), bases, heads)
+        text = source.decode()
+        if name.startswith(RECORDS):
+            text = with_native_records(text, TUPLES)
+        text = with_written_inits(with_bound_frames(text), bases, heads)
         text = with_kept_types(text)
         (library / name).write_text(text, encoding="utf-8")
     setup = library / "setup.py"

@@ -50,6 +50,41 @@ def with_written_inits(source: str, bases: Collection[str] = (), heads: Heads | 
     return "\n".join(lines).rstrip("\n") + "\n"
 
 
+def with_native_records(source: str, tuples: Collection[str] = ()) -> str:
+    """The same module with a frozen dataclass for each class of named tuples.
+
+    Of named tuples mypyc knows nothing: each is made by the interpreter, and each field is looked
+    up by its name. The decorator takes the place of the empty line before the class; what makes a
+    changed copy, and where there are three such lines what compares two, and the hash that belongs
+    to that, that of words about the class and its fields.
+
+    Args:
+        tuples: names of classes that somebody unpacks, orders or counts. They are left as they are.
+    """
+    lines = source.splitlines()
+    records = [each for each in _classes(source) if _is_record(each) and each.name not in tuples]
+    for node in records:
+        before = node.lineno - 2
+        assert not lines[before].strip()
+        lines[before] = f"{' ' * node.col_offset}@dataclass(frozen=True, slots=True)"
+        lines[node.lineno - 1] = lines[node.lineno - 1].replace("(NamedTuple)", "", 1)
+        said = [each for each in node.body if isinstance(each, ast.Expr)]
+        methods = [_replacing(node), _equality(node), _hash(node)]
+        for words, method in zip(said, methods[: 3 if len(said) > 2 else 1], strict=False):
+            first, behind = words.lineno - 1, words.end_lineno
+            assert behind is not None
+            lines[first:behind] = [method, *[""] * (behind - first - 1)]
+    if records:
+        (taken,) = (
+            each
+            for each in ast.parse(source).body
+            if isinstance(each, ast.ImportFrom) and "NamedTuple" in ast.unparse(each)
+        )
+        at = taken.lineno - 1
+        lines[at] = f"from dataclasses import dataclass; {lines[at]}"
+    return "\n".join(lines) + "\n"
+
+
 def with_kept_types(source: str) -> str:
     """The same module that at its end gives each dataclass the types of its fields once more.
 
@@ -89,6 +124,30 @@ def with_bound_frames(source: str) -> str:
 
 def _classes(source: str) -> list[ast.ClassDef]:
     return [node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.ClassDef)]
+
+
+def _is_record(node: ast.ClassDef) -> bool:
+    return [ast.unparse(base) for base in node.bases] == ["NamedTuple"]
+
+
+def _hash(node: ast.ClassDef) -> str:
+    values = ", ".join(f"self.{ast.unparse(field.target)}" for field in _fields(node))
+    return f"{_margin(node)}def __hash__(self) -> int: return hash(({values},))"
+
+
+def _equality(node: ast.ClassDef) -> str:
+    """Of a dataclass it is interpreted, and makes a tuple of either side."""
+    names = [ast.unparse(field.target) for field in _fields(node)]
+    values = " and ".join(f"self.{name} == other.{name}" for name in names)
+    head = f"{_margin(node)}def __eq__(self, other: object) -> bool"
+    return f"{head}: return isinstance(other, {node.name}) and {values}"
+
+
+def _replacing(node: ast.ClassDef) -> str:
+    names = [ast.unparse(field.target) for field in _fields(node)]
+    values = ", ".join(f"changes.get({name!r}, self.{name})" for name in names)
+    head = f"{_margin(node)}def _replace(self, **changes: object)"
+    return f'{head} -> "{node.name}": return {node.name}({values})  # type: ignore[arg-type]'
 
 
 def _is_dataclass(node: ast.ClassDef) -> bool:
@@ -135,6 +194,10 @@ def _calls_or_class_variable(field: ast.AnnAssign) -> bool:
     return isinstance(field.value, ast.Call) or "ClassVar" in kind or "InitVar" in kind
 
 
+def _margin(node: ast.ClassDef) -> str:
+    return " " * node.body[0].col_offset
+
+
 def _init(node: ast.ClassDef, head: Sequence[ast.AnnAssign]) -> str:
     parameters, statements = ["self"], []
     for field in (*head, *_fields(node)):
@@ -144,7 +207,7 @@ def _init(node: ast.ClassDef, head: Sequence[ast.AnnAssign]) -> str:
         statements.append(f"self.{name} = {name}")
     if "__post_init__" in _methods(node):
         statements.append("self.__post_init__()")
-    line = f"{' ' * node.body[0].col_offset}def __init__({', '.join(parameters)}) -> None: "
+    line = f"{_margin(node)}def __init__({', '.join(parameters)}) -> None: "
     # Of a frozen class only the constructor may assign, and mypy knows of no exception.
     exception = "  # type: ignore[misc]" if _is_frozen(node) else ""
     return f"{line}{'; '.join(statements)}{exception}"

@@ -25,6 +25,8 @@ class Bar(enum.Enum):
 
 
 class Stretch(NamedTuple):
+    """Track that bars a train's way."""
+
     start_m: float
     end_m: float
     bar: Bar
@@ -156,6 +158,8 @@ class Counted(NamedTuple):
 
 
 class Standing(NamedTuple):
+    """A train among sections whose axles are counted."""
+
     rear_m: float
     front_m: float
     axles: int

@@ -8,7 +8,7 @@ from vobc.t2t.guards import TrainGuards
 from vobc.t2t.lease import Lease, LeaseState, Request
 from vobc.t2t.master import Master
 from vobc.t2t.member import Member
-from vobc.t2t.roles import Sight, next_role
+from vobc.t2t.roles import ROLES, Sight, next_role
 from vobc.t2t.speaker import Head, Speaker
 from vobc.t2t.table import UNBOUNDED_M, TrainTable
 from vobc.t2t.vocabulary import AreaMemory, OwnTrain, Role, T2tConfig
@@ -171,7 +171,7 @@ class AreaDesk:
     def _change_role(self, now_ns: int, own: OwnTrain, *, concerned: bool) -> list[T2tMessage]:
         said: list[T2tMessage] = []
         # A lease granted at once, or a roster kept at once, needs no second step.
-        for _ in range(len(Role)):
+        for _ in range(len(ROLES)):
             sight = self._sight(now_ns, own, concerned=concerned)
             role = next_role(self.role, sight)
             if role is self.role:

@@ -37,6 +37,8 @@ class Sight(NamedTuple):
 
 
 class Wanted(NamedTuple):
+    """A removal that supervision asks for, and how far it has come."""
+
     echo_ns: int
     """Own stamp of the heartbeat that the newest removal answers."""
     state: RemovalState = RemovalState.HEARD

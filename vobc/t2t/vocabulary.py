@@ -1,7 +1,7 @@
 """The nouns of train-to-train control on board: what goes into a step and what comes out of it."""
 
 import enum
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 from zenoh_config.messages import SpeedRestriction
@@ -130,7 +130,7 @@ class TrainState(enum.Enum):
     """Between its front's entry into one area and its rear's exit from another."""
 
 
-class Role(enum.Enum):
+class Role(enum.StrEnum):
     """What the train is in one area."""
 
     OUTSIDE = "outside"
@@ -155,5 +155,5 @@ class Stepped:
     """For the train's protection, before anything is sent: what goes out acknowledges it."""
     out: tuple[T2tMessage, ...]
     state: TrainState = TrainState.LOST
-    roles: tuple[tuple[int, Role], ...] = field(default=())
+    roles: tuple[tuple[int, Role], ...] = ()
     """By area, of those that the train has to do with."""

@@ -268,35 +268,34 @@ class Network:
             heard = self._opened(heard)
         now_ns = self.now_ns
         self.steps += 1
-        letters, keep, due_ns, apply = node.machine.step(node.clock.local_ns(now_ns), heard)
+        turn = node.machine.step(node.clock.local_ns(now_ns), heard)
         self.trace.note(now_ns ^ ((node.address & 0x7F) << 56))
         if node.doom is not None:
-            self._dying(node, letters, keep, apply)
+            self._dying(node, turn)
             return
-        if keep is not node.disk:
+        if turn.keep is not node.disk:
             self.stored += 1
-            node.disk = keep
-        if apply is not None:
-            apply()
-        if letters:
-            self._post(node, letters)
+            node.disk = turn.keep
+        if turn.apply is not None:
+            turn.apply()
+        if turn.letters:
+            self._post(node, turn.letters)
         if node.stopped_until_ns <= now_ns:
-            due_ns = node.clock.true_ns(due_ns)
+            due_ns = node.clock.true_ns(turn.due_ns)
             least_ns = now_ns + LEAST_REST_NS
             self._wake_at(node, due_ns if due_ns > least_ns else least_ns)
 
-    def _dying(
-        self, node: Node, letters: Sequence[Letter], keep: object, apply: Callable[[], None] | None
-    ) -> None:
+    def _dying(self, node: Node, turn: Turn) -> None:
         """A step that is not carried out to its end."""
         doom = node.doom
         assert doom is not None
         if doom is not Doom.BEFORE_STORING:
-            node.disk = keep
+            node.disk = turn.keep
         if doom is Doom.WHILE_SENDING:
-            if apply is not None:
-                apply()
-            self._send((node, node.boots, letters[: (len(letters) + 1) // 2]))
+            if turn.apply is not None:
+                turn.apply()
+            half = (len(turn.letters) + 1) // 2
+            self._send((node, node.boots, turn.letters[:half]))
         self.kill(node.address, why=f"dies {doom.value}")
 
     def _post(self, node: Node, letters: Sequence[Letter]) -> None:
@@ -318,7 +317,8 @@ class Network:
             self.at(node.stopped_until_ns, self._send, what)
             return
         codec, links = self.codec, node.links
-        for targets, message in letters:
+        for letter in letters:
+            targets, message = letter.targets, letter.message
             if self.tell is not None and targets:
                 self.say(node.name, f"sends {message}")
             payload = message if codec is None else codec.seal(message)
