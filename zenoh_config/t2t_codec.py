@@ -1,7 +1,7 @@
 """Bodies of train-to-train messages as msgpack, straight from their fields; and what is unsound."""
 
 import dataclasses
-import math
+import operator
 import typing
 from collections.abc import Callable
 from typing import Any, Final, NamedTuple
@@ -44,6 +44,11 @@ _MOST: Final = {
 }
 """The greatest whole number that a field may hold; others hold up to 2^32 - 1."""
 
+_STRETCHES: Final = tuple[SpeedRestriction, ...]
+
+Bounds = tuple[str, Any, Any]
+"""Name of a field, least and greatest number that it may hold."""
+
 _encode: Final = msgspec.msgpack.Encoder().encode
 
 
@@ -53,21 +58,47 @@ def body_fields(kind: type[T2tMessage]) -> tuple[str, ...]:
 
 
 class _Layout:
-    """How one kind of message is packed, opened and checked."""
+    """How one kind of message is packed, opened and checked; worked out once."""
 
     def __init__(self, kind: type[T2tMessage]) -> None:
         hints = typing.get_type_hints(kind)
         self.kind = kind
-        self.body = body_fields(kind)
-        types = tuple([_wire_type(hints[name]) for name in self.body])
+        body = body_fields(kind)
+        types = tuple([_wire_type(hints[name]) for name in body])
         self.decoder = msgspec.msgpack.Decoder(tuple.__class_getitem__(types))
-        self.checks: tuple[tuple[str, Callable[[str, Any], str]], ...] = tuple(
-            [(name, _check_for(hints[name])) for name in hints]
+        self.body: Callable[[T2tMessage], tuple[Any, ...]] = operator.attrgetter(*body)
+        self.restrictions = tuple([at for at, name in enumerate(body) if hints[name] == _STRETCHES])
+        """Where in the body they stand."""
+        numbers = [name for name in hints if typing.get_origin(hints[name]) is not tuple]
+        self.numbers: Callable[[T2tMessage], tuple[Any, ...]] = operator.attrgetter(*numbers)
+        self.bounds = tuple([_bounds(name) for name in numbers])
+        self.lists = tuple(
+            [_List(name, hints[name]) for name in hints if typing.get_origin(hints[name]) is tuple]
         )
 
 
+class _List:
+    """How many entries fit into a field, and what each of their fields may hold."""
+
+    def __init__(self, name: str, hint: Any) -> None:
+        entry: Any = typing.get_args(hint)[0]
+        self.name = name
+        self.most = _LENGTHS[name]
+        self.bounds = (
+            () if entry is SpeedRestriction else tuple([_bounds(each) for each in entry._fields])
+        )
+
+
+def _bounds(name: str) -> Bounds:
+    """Of yes and no and of enumerations, too: they are small numbers."""
+    if name.endswith(("_m", "_mps")):
+        most_of_unit = MAX_SPEED_MPS if name.endswith("_mps") else MAX_CHAINAGE_M
+        return name, -most_of_unit, most_of_unit
+    return name, 0, MAX_STAMP_NS if name.endswith("_ns") else _MOST.get(name, MAX_NUMBER)
+
+
 def _wire_type(hint: Any) -> Any:
-    return tuple[_Restriction, ...] if hint == tuple[SpeedRestriction, ...] else hint
+    return tuple[_Restriction, ...] if hint == _STRETCHES else hint
 
 
 class _Restriction(NamedTuple):
@@ -77,19 +108,14 @@ class _Restriction(NamedTuple):
 
 
 def packed_body(message: T2tMessage) -> bytes:
-    return _encode([_plain(getattr(message, name)) for name in _LAYOUTS[type(message)].body])
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, tuple) and value and isinstance(value[0], SpeedRestriction):
-        return [(each.start_m, each.end_m, each.limit_mps) for each in value]
-    return value
-
-
-def _inner(value: Any) -> Any:
-    if isinstance(value, tuple) and value and isinstance(value[0], _Restriction):
-        return tuple([SpeedRestriction(*each) for each in value])
-    return value
+    layout = _LAYOUTS[type(message)]
+    values = layout.body(message)
+    if not layout.restrictions:
+        return _encode(values)
+    plain = list(values)
+    for at in layout.restrictions:
+        plain[at] = [(each.start_m, each.end_m, each.limit_mps) for each in values[at]]
+    return _encode(plain)
 
 
 def opened(
@@ -97,7 +123,12 @@ def opened(
 ) -> T2tMessage:
     """Raises msgspec's errors for a body that is not of this type, KeyError for an unknown type."""
     layout = _BY_NUMBER[number]
-    area, term, boot, *rest = map(_inner, layout.decoder.decode(body))
+    told: Any = layout.decoder.decode(body)
+    if layout.restrictions:
+        told = list(told)
+        for at in layout.restrictions:
+            told[at] = tuple([SpeedRestriction(*each) for each in told[at]])
+    area, term, boot, *rest = told
     return layout.kind(source, destination, area, term, boot, sequence, stamp_ns, *rest)
 
 
@@ -107,8 +138,12 @@ def knows(number: int) -> bool:
 
 def problem_of_t2t(message: T2tMessage) -> str:
     """What no honest sender says, by field; empty when there is nothing."""
-    for name, check in _LAYOUTS[type(message)].checks:
-        problem = check(name, getattr(message, name))
+    layout = _LAYOUTS[type(message)]
+    problem = _number_problem(layout.bounds, layout.numbers(message))
+    if problem:
+        return problem
+    for each in layout.lists:
+        problem = _list_problem(each, getattr(message, each.name))
         if problem:
             return problem
     if isinstance(message, TrainReport) and message.localised:
@@ -132,21 +167,17 @@ def _order_problem(report: TrainReport) -> str:
     return ""
 
 
-def _check_for(hint: Any) -> Callable[[str, Any], str]:
-    return _many_problem if typing.get_origin(hint) is tuple else _number_problem
-
-
-def _many_problem(name: str, values: Any) -> str:
-    if len(values) > _LENGTHS[name]:
-        return f"{len(values)} {name}, at most {_LENGTHS[name]} fit"
-    problem = next(filter(None, map(_entry_problem, values)), "")
-    return f"{name}: {problem}" if problem else ""
-
-
-def _entry_problem(each: Any) -> str:
-    if isinstance(each, SpeedRestriction):
-        return _restriction_problem(each)
-    return next(filter(None, map(_number_problem, each._fields, each)), "")
+def _list_problem(known: _List, values: Any) -> str:
+    if len(values) > known.most:
+        return f"{len(values)} {known.name}, at most {known.most} fit"
+    for each in values:
+        if isinstance(each, SpeedRestriction):
+            problem = _restriction_problem(each)
+        else:
+            problem = _number_problem(known.bounds, each)
+        if problem:
+            return f"{known.name}: {problem}"
+    return ""
 
 
 def _restriction_problem(each: SpeedRestriction) -> str:
@@ -156,14 +187,13 @@ def _restriction_problem(each: SpeedRestriction) -> str:
     return "" if sound else f"limit {each.limit_mps} m/s is not in 0..{MAX_SPEED_MPS}"
 
 
-def _number_problem(name: str, value: Any) -> str:
-    """Of yes and no and of enumerations, too: they are small numbers. Comparisons catch NaN."""
-    if name.endswith(("_m", "_mps")):
-        most_of_unit = MAX_SPEED_MPS if name.endswith("_mps") else MAX_CHAINAGE_M
-        sound = math.fabs(value) <= most_of_unit
-        return "" if sound else f"{name} {value} is not in ±{most_of_unit}"
-    most = MAX_STAMP_NS if name.endswith("_ns") else _MOST.get(name, MAX_NUMBER)
-    return "" if 0 <= value <= most else f"{name} {value} is not in 0..{most}"
+def _number_problem(bounds: tuple[Bounds, ...], values: Any) -> str:
+    """Comparisons catch NaN."""
+    for (name, least, most), value in zip(bounds, values, strict=True):
+        if not least <= value <= most:
+            span = f"±{most}" if least else f"0..{most}"
+            return f"{name} {value} is not in {span}"
+    return ""
 
 
 _LAYOUTS: Final = {kind: _Layout(kind) for kind in T2T_TYPES}
