@@ -189,7 +189,8 @@ def _restriction_problem(each: SpeedRestriction) -> str:
 
 def _number_problem(bounds: tuple[Bounds, ...], values: Any) -> str:
     """Comparisons catch NaN."""
-    for (name, least, most), value in zip(bounds, values, strict=True):
+    for at, (name, least, most) in enumerate(bounds):
+        value = values[at]
         if not least <= value <= most:
             span = f"±{most}" if least else f"0..{most}"
             return f"{name} {value} is not in {span}"
