@@ -1,5 +1,6 @@
 """One seed, from the first start to the verdict: trouble for a while, then calm and a bound."""
 
+import gc
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -15,6 +16,8 @@ LOOK_NS: Final = 100_000_000
 BY_HAND_BOUNDS: Final = 10
 """Behind a train that is driven off by hand others wait until it is gone, at most so many bounds
 altogether."""
+COLLECT_AFTER: Final = 50_000
+"""New objects after which cycles are looked for while a seed runs: running leaves none behind."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,11 +89,15 @@ def run_seed(
     )
     result = RunResult(seed)
     begun_ns = cpu_ns()
+    usual = gc.get_threshold()
+    gc.set_threshold(COLLECT_AFTER, usual[1], usual[2])
     try:
         _play(world, (trouble, *also), phases, result)
     except ViolationError as error:
         result.invariant, result.what = error.invariant, error.what
         world.net.say("verdict", str(error))
+    finally:
+        gc.set_threshold(*usual)
     result.cpu_s = (cpu_ns() - begun_ns) / NS_PER_S
     for each in (trouble, *also):
         result.faults.update(each.counts)
