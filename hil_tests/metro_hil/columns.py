@@ -3,6 +3,7 @@
 import csv
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -20,6 +21,8 @@ class Columns:
     def __init__(self, source: str, values: Mapping[str, Sequence[object]], torn_rows: int) -> None:
         self._source = source
         self._values = values
+        self._numbers: dict[str, Numbers] = {}
+        """Those that were asked for; nobody may write to them."""
         self.torn_rows = torn_rows
 
     @classmethod
@@ -45,16 +48,20 @@ class Columns:
         return [value in (True, "1") for value in self._column(name)]
 
     def numbers(self, name: str) -> Numbers:
-        """Shape (n_rows,); an empty field is NaN."""
+        """Shape (n_rows,), read-only; an empty field is NaN."""
+        known = self._numbers.get(name)
+        if known is not None:
+            return known
+        column: Sequence[Any] = self._column(name)
+        if "" in column:
+            column = [np.nan if value == "" else value for value in column]
         try:
-            return np.array(
-                [
-                    float(value) if value != "" and value is not None else np.nan  # type: ignore[arg-type]
-                    for value in self._column(name)
-                ]
-            )
+            numbers = np.array(column, np.float64)
         except (TypeError, ValueError) as error:
             raise LogError(f"{self._source}: column {name}: {error}") from error
+        numbers.flags.writeable = False
+        self._numbers[name] = numbers
+        return numbers
 
     def has(self, name: str) -> bool:
         """Logs of older versions, or of others, may lack some."""

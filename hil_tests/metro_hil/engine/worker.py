@@ -1,6 +1,7 @@
 """A worker process: runs the cases that it is given, one at a time, until its master is gone."""
 
 import argparse
+import gc
 import importlib
 import os
 import sys
@@ -34,6 +35,9 @@ RUNNER: Final = "metro_hil.run_case:run_case"
 GROUP_FUNCTION: Final = "run_group"
 """Beside the runner; takes the cases of one branch and yields their results in order."""
 NS_PER_S: Final = 1_000_000_000
+COLLECT_AFTER: Final = 50_000
+"""New objects after which cycles are looked for. That is once in several cases, and the few that a
+case leaves behind are no hurry; by default it would be as soon as the next one begins."""
 
 Files = Mapping[str, Path]
 
@@ -51,6 +55,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     # What a runner prints must not get between the messages.
     to_master = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
+    gc.set_threshold(COLLECT_AFTER)
     serve(cast(BinaryIO, sys.stdin.buffer), cast(BinaryIO, to_master))
     # Taking down everything that was imported would cost more than many a case.
     sys.stderr.flush()
@@ -69,6 +74,8 @@ def serve(incoming: BinaryIO, outgoing: BinaryIO) -> None:
         message = read_for_worker(body)
         if isinstance(message, Hello):
             bench = Runner(message.runner, {key: Path(at) for key, at in message.files.items()})
+            # What was imported stays, and is not looked through again.
+            gc.freeze()
             say(Ready())
             continue
         assert bench is not None, "a job before the greeting"
