@@ -90,6 +90,16 @@ class LineWorld(World):
         self.checker.looked["40 closed up"] += closed_up
         return closed_up
 
+    def unsettled(self, waiting: Sequence[int]) -> bool:
+        """Also while a train moves between which and one of these no section is empty: who begins
+        anew waits until others stand, and tell its area where.
+        """
+        return super().unsettled(waiting) or any(
+            other.motion.speed_mps > 0.0
+            for each in waiting
+            for other in self.track.joined_to(self.trains[each])
+        )
+
     def removes(self, train: int, areas: Sequence[int] = ()) -> None:
         """Supervision takes it off the rosters of these areas; of all, if none is named."""
         wanted = areas or [area.number for area in self.drawn.cast.line.areas]
@@ -112,7 +122,9 @@ class LineWorld(World):
             if self.net.now_ns < since_ns:
                 continue
             self.checker.looked["23 closed"] += 1
-            if train.reading().front_max_m < closed.start_m < grant.end_m:
+            # Where it stood before it rolled back it may come again.
+            least_m = max(closed.start_m, train.foremost_front_max_m)
+            if train.reading().front_max_m < closed.start_m and grant.end_m > least_m:
                 raise ViolationError(
                     "23",
                     f"train {address} may go to {grant.end_m:.1f} m, over what is closed from "

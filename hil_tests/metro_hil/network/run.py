@@ -13,9 +13,9 @@ from metro_hil.network.world import World
 NS_PER_S: Final = 1_000_000_000
 LOOK_NS: Final = 100_000_000
 """How often it is looked whether all trains have authority again."""
-BY_HAND_BOUNDS: Final = 10
-"""Behind a train that is driven off by hand others wait until it is gone, at most so many bounds
-altogether."""
+UNSETTLED_BOUNDS: Final = 10
+"""While something goes on behind which trains have to wait the bound begins anew, up to so many of
+them altogether."""
 COLLECT_AFTER: Final = 50_000
 """New objects after which cycles are looked for while a seed runs: running leaves none behind."""
 
@@ -116,10 +116,10 @@ def _play(world: World, things: Sequence[Also], phases: Phases, result: RunResul
     for each in things:
         each.calm()
     calm_ns, bound_ns = net.now_ns, int(phases.calm_s * NS_PER_S)
-    end_ns, last_ns = calm_ns + bound_ns, calm_ns + BY_HAND_BOUNDS * bound_ns
+    end_ns, last_ns = calm_ns + bound_ns, calm_ns + UNSETTLED_BOUNDS * bound_ns
     while (waiting := world.without_authority()) and net.now_ns < end_ns:
         net.run(net.now_ns + LOOK_NS)
-        if any(each.shunts for each in world.trains.values()):
+        if world.unsettled(waiting):
             end_ns = min(net.now_ns + bound_ns, last_ns)
     result.recovery_s = (net.now_ns - calm_ns) / NS_PER_S
     if waiting and not net.disks_lost:

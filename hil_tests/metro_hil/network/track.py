@@ -1,5 +1,6 @@
 """The true track: what stands on it, which sections it occupies, what objects are locked."""
 
+import itertools
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -62,12 +63,28 @@ class TrueTrack:
                         counts[number] = counts.get(number, 0) + inside
         return counts
 
+    def joined_to(self, train: TrueTrain) -> list[TrueTrain]:
+        """Trains between which and this one, which is among them, no section is empty."""
+        axles = self.axles()
+        for taken, sections in itertools.groupby(self._sections, lambda each: each[0] in axles):
+            spans = [(start_m, end_m) for _, start_m, end_m in sections]
+            joined = [e for e in self.trains if _has_axles(e, spans[0][0], spans[-1][1])]
+            if taken and train in joined:
+                return joined
+        return []
+
     def occupied(self, thing: TrueObject) -> bool:
         return any(_touches(train, thing.start_m, thing.end_m) for train in self.trains)
 
 
 def _axles_before(at_m: float, first_m: float, pitch_m: float) -> int:
     return min(AXLES, max(0, -int((first_m - at_m) // pitch_m)))
+
+
+def _has_axles(train: TrueTrain, start_m: float, end_m: float) -> bool:
+    """On this stretch, at least one."""
+    first_m, last_m = train.rear_m + AXLE_INSET_M, train.front_m - AXLE_INSET_M
+    return train.on_line and first_m < end_m and start_m <= last_m
 
 
 def _touches(train: TrueTrain, start_m: float, end_m: float) -> bool:

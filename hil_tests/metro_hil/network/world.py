@@ -118,3 +118,7 @@ class World:
             and not self.trains[address].shunts
             and not driver.in_force(self.net.now_ns)[0]
         ]
+
+    def unsettled(self, waiting: Sequence[int]) -> bool:
+        """Whether something goes on now behind which these trains have to wait."""
+        return any(each.shunts for each in self.trains.values())

@@ -1,0 +1,86 @@
+"""The line's own judge: what it lets pass because the trains' true places say why."""
+
+import pytest
+
+from metro_hil.network.air import Air
+from metro_hil.network.checker import ViolationError
+from metro_hil.network.ground import Grant
+from metro_hil.network.line_world import LineWorld
+from metro_hil.network.scene import Plot, Scene
+from zenoh_config.messages import SpeedRestriction
+
+CLOSED = SpeedRestriction(600.0, 700.0, 0.1)
+
+
+def world(*fronts_m: float) -> LineWorld:
+    """Trains of 80 m, axles from 2 m behind the front on, in sections of 250 m."""
+    return Scene(Plot(dict(enumerate(fronts_m, start=1)))).world
+
+
+def joined(of: LineWorld, train: int) -> list[int]:
+    return [each.address for each in of.track.joined_to(of.trains[train])]
+
+
+def test_trains_are_joined_where_no_section_between_them_is_empty() -> None:
+    # The second stands over the joint at 250 m, the third in the section behind the next joint.
+    line = world(100.0, 300.0, 560.0, 1100.0)
+
+    assert joined(line, 1) == joined(line, 2) == joined(line, 3) == [1, 2, 3]
+    assert joined(line, 4) == [4]
+
+
+@pytest.mark.parametrize(("front_m", "together"), [(502.1, [1, 2]), (501.9, [1])])
+def test_only_axles_join_and_not_the_ends_of_cars(front_m: float, together: list[int]) -> None:
+    # The other stands behind the joint at 750 m: one section is between them, from 500 m on.
+    assert joined(world(front_m, 835.0), 1) == together
+
+
+def test_who_is_gone_joins_nobody() -> None:
+    line = world(100.0, 400.0, 600.0)
+    assert joined(line, 1) == [1, 2, 3]
+    line.trains[2].on_line = False
+
+    assert joined(line, 1) == [1]
+    assert joined(line, 2) == []
+
+
+def test_a_train_waits_while_one_moves_that_it_is_joined_to() -> None:
+    line = world(100.0, 300.0, 900.0)
+    assert not line.unsettled([1])
+
+    line.trains[3].motion.speed_mps = 1.0
+    assert not line.unsettled([1, 2])
+    line.trains[2].motion.speed_mps = 0.1
+    assert line.unsettled([1])
+    assert not line.unsettled([])
+
+
+def test_a_train_waits_for_one_that_is_driven_by_hand_wherever_it_is() -> None:
+    line = world(100.0, 900.0)
+    line.trains[2].shunts = True
+
+    assert line.unsettled([1])
+
+
+@pytest.mark.parametrize(("was_at_m", "end_m"), [(590.0, 600.1), (605.0, 0.1)])
+def test_into_a_closed_stretch_nobody_is_let_but_to_where_it_has_stood(
+    was_at_m: float, end_m: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The second rolled back out of it, and may come to where it was but no farther."""
+    monkeypatch.setattr(Air, "made_of", lambda *_: None)
+    line = world(590.0)
+    train = line.trains[1]
+    train.motion.most_m = was_at_m
+    if was_at_m > CLOSED.start_m:
+        end_m += train.foremost_front_max_m
+    line.t2t.closed = (CLOSED,)
+    line.closes(CLOSED)
+    line.net.run(10_000_000_000)
+
+    line.holds(1, grant(end_m - 0.2))
+    with pytest.raises(ViolationError, match=r"^23: .* over what is closed from 600.0 m on"):
+        line.holds(1, grant(end_m))
+
+
+def grant(end_m: float) -> Grant:
+    return Grant(end_m, term=1, sequence=1, issuer=1, area=1, stamp_ns=0)
