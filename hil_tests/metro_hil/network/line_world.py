@@ -1,5 +1,6 @@
 """Trains that command themselves on a line of their own: areas, objects, supervision, depot."""
 
+from collections import deque
 from collections.abc import Sequence
 from typing import Any, Final
 
@@ -44,6 +45,8 @@ class LineWorld(World):
         )
         self.net.turn_ns = drawn.turn_ms * NS_PER_MS
         self._closed: list[tuple[int, SpeedRestriction]] = []
+        self._places: dict[int, deque[tuple[int, float]]] = {each: deque() for each in self.trains}
+        """By train: when and where its front was at most, those that nothing later exceeds."""
         self.air = Air(rules, self.checker.looked)
 
     def _start_train(self, node: Node, now_ns: int) -> Machine:
@@ -122,14 +125,26 @@ class LineWorld(World):
             if self.net.now_ns < since_ns:
                 continue
             self.checker.looked["23 closed"] += 1
-            # Where it stood before it rolled back it may come again.
-            least_m = max(closed.start_m, train.foremost_front_max_m)
+            least_m = max(closed.start_m, self._lately_m(train))
             if train.reading().front_max_m < closed.start_m and grant.end_m > least_m:
                 raise ViolationError(
                     "23",
                     f"train {address} may go to {grant.end_m:.1f} m, over what is closed from "
                     f"{closed.start_m:.1f} m on",
                 )
+
+    def _lately_m(self, train: TrueTrain) -> float:
+        """Where its front may have been at most for as long as an authority is obeyed: a train that
+        rolls back is told to stay where it was when it said so.
+        """
+        now_ns, front_max_m = self.net.now_ns, train.reading().front_max_m
+        places = self._places[train.address]
+        while places and places[-1][1] <= front_max_m:
+            places.pop()
+        places.append((now_ns, front_max_m))
+        while places[0][0] < now_ns - self.checker.rules.age_max_ns:
+            places.popleft()
+        return places[0][1]
 
     def _in_its_area(self, address: int, grant: Grant) -> None:
         """27: beyond a border only what the master behind it grants."""
@@ -162,11 +177,11 @@ class LineWorld(World):
                     self._clear_of(train, thing.number, thing.start_m)
 
     def _clear_of(self, train: TrueTrain, number: int, start_m: float) -> None:
-        """A train that stands in it keeps it from moving by that alone, and goes no farther. Who
-        drives by hand looks at it himself, and is bound by nothing but that.
+        """A train that stands in it, or did lately, keeps it from moving by that alone, and goes no
+        farther. Who drives by hand looks at it himself, and is bound by nothing but that.
         """
         reach_m = self.checker.granted_m(train) if train.shunts else self.checker.reach_m(train)
-        stood_m = train.reading().front_max_m
+        stood_m = self._lately_m(train)
         if train.front_m > start_m:
             # Where it stood before it rolled back it may come again.
             stood_m = max(stood_m, train.foremost_front_max_m)

@@ -9,6 +9,7 @@ from metro_hil.network.line_world import LineWorld
 from metro_hil.network.scene import Plot, Scene
 from zenoh_config.messages import SpeedRestriction
 
+AGE_MAX_NS = 1_000_000_000
 CLOSED = SpeedRestriction(600.0, 700.0, 0.1)
 
 
@@ -62,24 +63,67 @@ def test_a_train_waits_for_one_that_is_driven_by_hand_wherever_it_is() -> None:
     assert line.unsettled([1])
 
 
-@pytest.mark.parametrize(("was_at_m", "end_m"), [(590.0, 600.1), (605.0, 0.1)])
-def test_into_a_closed_stretch_nobody_is_let_but_to_where_it_has_stood(
-    was_at_m: float, end_m: float, monkeypatch: pytest.MonkeyPatch
+def test_into_a_closed_stretch_nobody_is_let(monkeypatch: pytest.MonkeyPatch) -> None:
+    line = closed_in_front_of(590.0, monkeypatch)
+
+    line.holds(1, grant(CLOSED.start_m))
+    with pytest.raises(ViolationError, match=r"^23: .* over what is closed from 600.0 m on"):
+        line.holds(1, grant(CLOSED.start_m + 0.01))
+
+
+def test_who_rolls_back_out_of_it_may_stay_where_it_was_a_moment_before(
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """The second rolled back out of it, and may come to where it was but no farther."""
-    monkeypatch.setattr(Air, "made_of", lambda *_: None)
-    line = world(590.0)
+    line = closed_in_front_of(605.0, monkeypatch)
+    was_m = line.trains[1].reading().front_max_m
+    line.holds(1, grant(was_m))
+    line.trains[1].motion.front_m = 590.0
+
+    line.holds(1, grant(was_m))
+    with pytest.raises(ViolationError, match=r"^23: "):
+        line.holds(1, grant(was_m + 0.01))
+    line.net.run(line.net.now_ns + AGE_MAX_NS)
+    line.holds(1, grant(was_m))
+    line.net.run(line.net.now_ns + 1)
+    with pytest.raises(ViolationError, match=r"^23: "):
+        line.holds(1, grant(was_m))
+
+
+@pytest.mark.parametrize("rolls_m", [0.5, 3.0])
+def test_an_object_in_which_a_train_stood_a_moment_ago_is_not_entered_by_its_last_authority(
+    rolls_m: float,
+) -> None:
+    """It is not locked; the train's front stands 2 m in it and rolls back, out of it or not."""
+    line = Scene(Plot({1: 702.0}, objects=True)).world
     train = line.trains[1]
-    train.motion.most_m = was_at_m
-    if was_at_m > CLOSED.start_m:
-        end_m += train.foremost_front_max_m
+
+    def holds(end_m: float) -> None:
+        line.checker.accepted(1, grant(end_m), 0)
+        line.check_objects()
+
+    was_m = train.reading().front_max_m
+    holds(was_m)
+    train.motion.front_m -= rolls_m
+    line.net.run(AGE_MAX_NS)
+    holds(was_m)
+    line.net.run(AGE_MAX_NS + 1)
+    stays_in_it = rolls_m < 2.0
+    if stays_in_it:
+        # And so it keeps it from moving.
+        holds(was_m)
+
+    with pytest.raises(ViolationError, match=r"^23: object 1 at 700.0 m is not locked, and train"):
+        holds(was_m + 0.01 if stays_in_it else was_m)
+
+
+def closed_in_front_of(front_m: float, monkeypatch: pytest.MonkeyPatch) -> LineWorld:
+    """600 m to 700 m, long ago."""
+    monkeypatch.setattr(Air, "made_of", lambda *_: None)
+    line = world(front_m)
     line.t2t.closed = (CLOSED,)
     line.closes(CLOSED)
-    line.net.run(10_000_000_000)
-
-    line.holds(1, grant(end_m - 0.2))
-    with pytest.raises(ViolationError, match=r"^23: .* over what is closed from 600.0 m on"):
-        line.holds(1, grant(end_m))
+    line.net.run(10 * AGE_MAX_NS)
+    return line
 
 
 def grant(end_m: float) -> Grant:
