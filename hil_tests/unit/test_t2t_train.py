@@ -339,51 +339,6 @@ def test_each_area_hears_its_own_messages_only() -> None:
     assert not ride.core.refusals
 
 
-# In and out of service.
-
-
-def out_of_service(ride: Ride, at_ms: float, *heard: T2tMessage, **told: Any) -> bool:
-    """As it says in all areas alike."""
-    (said,) = {
-        m.out_of_service
-        for m in ride.step(at_ms, *heard, front_m=1900.0, **told).out
-        if isinstance(m, TrainReport)
-    }
-    return said
-
-
-def test_a_train_is_out_of_service_by_order_until_another_says_otherwise() -> None:
-    ride = Ride()
-
-    assert not out_of_service(ride, 0)
-    assert out_of_service(ride, 100, order(OrderKind.OUT_OF_SERVICE))
-    assert out_of_service(ride, 200, order(OrderKind.STOP))
-    assert out_of_service(ride, 300)
-    assert not out_of_service(ride, 400, order(OrderKind.IN_SERVICE))
-    assert not out_of_service(ride, 500, order(OrderKind.GO))
-
-
-def test_no_order_brings_a_train_into_service_that_says_itself_that_it_is_out() -> None:
-    ride = Ride()
-
-    assert out_of_service(ride, 0, order(OrderKind.IN_SERVICE), out_of_service=True)
-
-
-def test_orders_to_other_trains_change_nothing() -> None:
-    ride = Ride()
-    assert not out_of_service(ride, 0, order(OrderKind.OUT_OF_SERVICE, 6))
-    ride.step(50, order(OrderKind.OUT_OF_SERVICE), front_m=1900.0)
-
-    assert out_of_service(ride, 100, order(OrderKind.IN_SERVICE, 6))
-
-
-def test_an_order_counts_although_it_came_by_an_area_of_no_concern() -> None:
-    ride = Ride()
-
-    assert out_of_service(ride, 0, order(OrderKind.OUT_OF_SERVICE, area=3))
-    assert ride.core.refusals == {"area of no concern": 1}
-
-
 # Areas.
 
 

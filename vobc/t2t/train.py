@@ -70,7 +70,6 @@ class TrainCore:
         self._chance = Chance(address * 0x10001 + seed)
         self._desks: dict[int, AreaDesk] = {}
         self._stored = False
-        self._retired = False
         self._void = False
         """Its clock or its place went back: nothing that it said or was told holds any more."""
         self._newest_ns = start_ns
@@ -104,7 +103,7 @@ class TrainCore:
         said = self._hear(now_ns, heard)
         if self._silenced():
             return self._takes_no_part(now_ns)
-        if self._retired:
+        if self.memory.out_of_service:
             own = own._replace(out_of_service=True)
         for desk in self._desks.values():
             desk.member.settle(now_ns, own)
@@ -162,11 +161,14 @@ class TrainCore:
         return said
 
     def _serve(self, order: LineOrder) -> None:
-        """In or out of service by order: in every area, for as long as nobody says otherwise."""
-        if order.kind is OrderKind.OUT_OF_SERVICE:
-            self._retired = True
-        elif order.kind is OrderKind.IN_SERVICE:
-            self._retired = False
+        """In or out of service by order: in every area, for as long as nobody says otherwise, and
+        over the next start, too.
+        """
+        kinds = (OrderKind.IN_SERVICE, OrderKind.OUT_OF_SERVICE)
+        out_of_service = order.kind is OrderKind.OUT_OF_SERVICE
+        if order.kind in kinds and out_of_service is not self.memory.out_of_service:
+            self.memory = replace(self.memory, out_of_service=out_of_service)
+            self._stored = False
 
     def _desk(self, area: int, now_ns: int) -> None:
         if area not in self._desks:

@@ -92,6 +92,8 @@ class TrainMemory:
     boot: int = 0
     """Incarnations so far."""
     areas: tuple[AreaMemory, ...] = ()
+    out_of_service: bool = False
+    """By order of supervision, until it says otherwise."""
 
     def of_area(self, area: int) -> AreaMemory:
         for each in self.areas:
@@ -101,7 +103,7 @@ class TrainMemory:
 
     def with_area(self, changed: AreaMemory) -> "TrainMemory":
         kept = [each for each in self.areas if each.area != changed.area]
-        return TrainMemory(self.boot, tuple(sorted([*kept, changed])))
+        return TrainMemory(self.boot, tuple(sorted([*kept, changed])), self.out_of_service)
 
 
 class HeldAuthority(NamedTuple):
