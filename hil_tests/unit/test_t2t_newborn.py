@@ -17,7 +17,7 @@ from vobc.t2t.admission import Scene
 from vobc.t2t.authority import Counted, Standing
 from vobc.t2t.conclusions import Conclusions
 from vobc.t2t.guards import MasterGuards
-from vobc.t2t.newborn import Evidence, Former, Newborns, Whereabouts, whereabouts
+from vobc.t2t.newborn import Behind, Evidence, Former, Newborns, Whereabouts, whereabouts
 from vobc.t2t.roster import Order
 from vobc.t2t.table import Record, TrainTable
 from vobc.t2t.train import TrainCore
@@ -39,7 +39,8 @@ def report_at(rear_m: float, *, train: int = 1, unsure_m: float = 4.0) -> TrainR
 
 
 def found(rear_m: float, evidence: Evidence = NOTHING, *behind: Record) -> Whereabouts:
-    former = Former(Record(1, 1000.0, 0, boot=1), behind)
+    others = [Behind(each.rear_m, heard=each.report is not None) for each in behind]
+    former = Former(Record(1, 1000.0, 0, boot=1), others)
     return whereabouts(former, report_at(rear_m), evidence, behind_rear_m=BEHIND_M)
 
 
@@ -94,6 +95,7 @@ def test_as_long_as_a_train_behind_was_never_heard_nobody_knows_their_order() ->
 
 
 NOW_NS = 60_000_000_000
+AREA_4 = Area(4, 0.0, 1000.0)
 ANEW = (1, 900.0)
 """The train that begins anew in what follows, where nothing else is said, and its former rear."""
 
@@ -345,6 +347,38 @@ def test_a_life_that_this_master_never_heard_of_is_not_recent_however_young_its_
     assert area.settles() == (area.order, [])
 
 
+def settled(behind: TrainReport, *, kept_m: float = 400.0) -> list[int]:
+    """Incarnations on the roster after the first train told of its new life, and this one that is
+    behind it and cannot be renewed itself: it follows one that is not on the roster.
+    """
+    area = OneArea((1, 1900.0), (2, kept_m), before=AREA_4, start_m=1000.0, counted=OCCUPIED)
+    area.hears(anew(1900.0))
+    area.hears(dataclasses.replace(behind, comes_from=4, behind=3))
+    return [entry.boot for entry in area.settles()[0]]
+
+
+def test_trains_that_began_anew_one_behind_the_other_do_not_wait_for_each_other() -> None:
+    """In seed 21751 two trains in the area, the next one before its border, and behind a train that
+    was not on the roster yet the last one of it: all four had begun anew, and nobody moved on."""
+    assert settled(anew(900.0, train=2)) == [2, 1]
+
+
+def test_where_a_train_behind_is_counts_only_if_it_said_so_lately_and_knows_it() -> None:
+    lately = dataclasses.replace(anew(900.0, train=2), echo_ns=NOW_NS - 500_000_000)
+    assert settled(lately) == [2, 1]
+    assert settled(dataclasses.replace(lately, echo_ns=NOW_NS - 500_000_001)) == [1, 1]
+    assert settled(anew(900.0, train=2, localised=False)) == [1, 1]
+
+
+@pytest.mark.parametrize(("rear_m", "kept_m"), [(1984.1, 400.0), (900.0, 1984.1)])
+def test_a_train_behind_that_is_ahead_by_either_of_its_lives_shows_that_one_was_away(
+    rear_m: float, kept_m: float
+) -> None:
+    """By its new word, or by where it was seen before. The front is at 1984 m at most."""
+    assert settled(anew(rear_m - 0.1, train=2), kept_m=kept_m - 0.1)[0] == 2
+    assert settled(anew(rear_m, train=2), kept_m=kept_m)[0] == 1
+
+
 def test_trains_ahead_say_nothing_of_whether_a_train_has_been_away() -> None:
     area = OneArea((7, 2000.0), (6, 1500.0), ANEW)
     area.hears(anew(900.0))
@@ -400,8 +434,6 @@ def test_nothing_hides_near_a_train_if_that_was_so_lately_or_is_seen_again(
 
 
 # Over the border of the area, where another one commands it.
-
-AREA_4 = Area(4, 0.0, 1000.0)
 
 
 @pytest.mark.parametrize(

@@ -28,12 +28,20 @@ class Whereabouts(enum.Enum):
     """It keeps its place on the roster, as an obstacle, and gets nothing."""
 
 
+class Behind(NamedTuple):
+    """A train behind it on the roster."""
+
+    rear_m: float
+    """It was there, or is farther on."""
+    heard: bool
+    """Where it is, in the life that arbiters kept, or lately in a new one."""
+
+
 class Former(NamedTuple):
     """What is known of the life before, and of those behind it."""
 
     record: Record
-    behind: Sequence[Record]
-    """Of trains behind it on the roster."""
+    behind: Sequence[Behind]
 
 
 class Evidence(NamedTuple):
@@ -57,7 +65,7 @@ def whereabouts(
     if gone_back or overtaken:
         # A word may be of somebody else by the same name; what is counted on the track is not.
         return Whereabouts.GONE if evidence.sieved or evidence.left else Whereabouts.UNSURE
-    unheard = not evidence.recent and any(each.report is None for each in former.behind)
+    unheard = not evidence.recent and not all(each.heard for each in former.behind)
     return Whereabouts.UNSURE if unheard else Whereabouts.IN_PLACE
 
 
@@ -104,7 +112,9 @@ class Newborns:
             former = known.records[entry.train]
             recent = former.report is not None and now_ns - former.heard_ns <= RECENT_NS
             ahead = settled[-1].train if settled else NOBODY
-            found = self._find(ahead, order[at + 1 :], report, scene, recent=recent)
+            followers = [each for each in order[at + 1 :] if each.train in known.records]
+            behind = [self._behind(each, known, now_ns) for each in followers]
+            found = self._find(ahead, Former(former, behind), report, scene, recent=recent)
             if found is Whereabouts.UNSURE:
                 settled.append(entry)
                 continue
@@ -119,12 +129,23 @@ class Newborns:
                 known.reborn(report, heard_ns)
         return tuple(settled), gone
 
+    def _behind(self, entry: RosterEntry, known: Conclusions, now_ns: int) -> Behind:
+        """Trains that began anew one behind the other would wait for each other if only the life
+        that arbiters kept counted. No train passes another: where they are is their order.
+        """
+        record = known.records[entry.train]
+        if record.report is not None:
+            return Behind(record.rear_m, heard=True)
+        report, _ = self._told.get(entry.train, (None, now_ns))
+        if report is None or not report.localised or not known.is_recent(report, now_ns):
+            return Behind(record.rear_m, heard=False)
+        return Behind(max(record.rear_m, report.rear_min_m), heard=True)
+
     def _find(
-        self, ahead: int, followers: Order, report: TrainReport, scene: Scene, *, recent: bool
+        self, ahead: int, former: Former, report: TrainReport, scene: Scene, *, recent: bool
     ) -> Whereabouts:
-        records, config = scene.records, self._config
-        record = records[report.source]
-        ahead_m = scene.area.end_m if ahead == NOBODY else records[ahead].rear_m
+        config, record = self._config, former.record
+        ahead_m = scene.area.end_m if ahead == NOBODY else scene.records[ahead].rear_m
         to_m = max(ahead_m, record.rear_m + config.overhang_m)
         from_m = record.rear_m - config.overhang_m
         evidence = Evidence(
@@ -137,10 +158,7 @@ class Newborns:
             ),
             recent=recent,
         )
-        behind = [records[each.train] for each in followers if each.train in records]
-        found = whereabouts(
-            Former(record, behind), report, evidence, behind_rear_m=config.behind_rear_m
-        )
+        found = whereabouts(former, report, evidence, behind_rear_m=config.behind_rear_m)
         if found is not Whereabouts.IN_PLACE:
             return found
         # Over the border, as for any other that comes over it.
