@@ -363,6 +363,16 @@ def test_trains_that_began_anew_one_behind_the_other_do_not_wait_for_each_other(
     assert settled(anew(900.0, train=2)) == [2, 1]
 
 
+def test_a_train_behind_that_is_heard_in_the_life_that_arbiters_kept_need_not_begin_anew() -> None:
+    area = OneArea(ANEW, (2, 400.0))
+    area.heard_of_life_before(2, age_ns=20_000_000_000)
+    area.hears(anew(900.0))
+
+    order, _ = area.settles()
+
+    assert [entry.boot for entry in order] == [2, 1]
+
+
 def test_where_a_train_behind_is_counts_only_if_it_said_so_lately_and_knows_it() -> None:
     lately = dataclasses.replace(anew(900.0, train=2), echo_ns=NOW_NS - 500_000_000)
     assert settled(lately) == [2, 1]

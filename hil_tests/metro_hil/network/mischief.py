@@ -111,7 +111,8 @@ class Mischief:
                 )
                 if room_m > 0.0:
                     motion.back_m = self._rng.uniform(0.0, room_m)
-                    motion.jogged_m += motion.back_m
+                    # Instead of what was still to come of the last one.
+                    motion.jogged_m = min(motion.jogged_m, motion.rolled_m) + motion.back_m
                     self._say(f"train {train.address} sets back {motion.back_m:.2f} m")
 
     def _lose_place(self) -> None:

@@ -32,7 +32,7 @@ class Motion:
         self.most_m = front_m
         """As far as the front ever came."""
         self.jogged_m = 0.0
-        """So much of the way back was meant."""
+        """So much of the way back was meant, or is to be; what it went forwards again is less."""
 
     def advance(self, now_ns: int) -> None:
         """To an instant that is not in the past."""
@@ -62,6 +62,8 @@ class Motion:
         if self.front_m > self.most_m:
             self.most_m = self.front_m
             self.jogged_m = 0.0
+        elif self.jogged_m > self.rolled_m:
+            self.jogged_m = self.rolled_m
 
     def demand(self, now_ns: int, accel_mps2: float) -> None:
         """Traction and less brake act at once, more brake after its build-up. Not in emergency."""

@@ -51,6 +51,30 @@ def test_an_emergency_stop_ends_where_it_was_foreseen_however_finely_it_is_stepp
     assert foreseen_m == pytest.approx(by_hand_m)
 
 
+def test_what_a_train_set_back_is_less_by_what_it_goes_forwards_again() -> None:
+    motion = Motion(0, 100.0, emergency_mps2=1.0)
+    motion.back_m = motion.jogged_m = 3.0
+    motion.advance(10 * S)
+    assert (motion.front_m, motion.jogged_m) == (97.0, 3.0)
+
+    motion.demand(10 * S, 1.0)
+    motion.advance(12 * S)
+    assert (motion.front_m, motion.jogged_m) == (99.0, 1.0)
+    motion.advance(13 * S)
+    assert (motion.front_m, motion.jogged_m) == (101.5, 0.0)
+
+
+def test_a_train_that_sets_off_while_it_sets_back_has_set_back_no_farther() -> None:
+    motion = Motion(0, 100.0, emergency_mps2=1.0)
+    motion.back_m = motion.jogged_m = 4.0
+    motion.advance(5 * S)
+    motion.demand(5 * S, 1.0)
+    motion.advance(6 * S)
+
+    assert motion.jogged_m == pytest.approx(1.5)
+    assert motion.rolled_m == pytest.approx(1.5)
+
+
 def test_a_train_rolls_back_only_while_it_stands_and_counts_it() -> None:
     motion = Motion(0, 100.0, emergency_mps2=1.0)
     motion.back_m = 1.5

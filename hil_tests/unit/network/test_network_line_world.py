@@ -6,6 +6,7 @@ from metro_hil.network.air import Air
 from metro_hil.network.checker import ViolationError
 from metro_hil.network.ground import Grant
 from metro_hil.network.line_world import LineWorld
+from metro_hil.network.mischief import Mischief
 from metro_hil.network.scene import Plot, Scene
 from zenoh_config.messages import SpeedRestriction
 
@@ -114,6 +115,20 @@ def test_an_object_in_which_a_train_stood_a_moment_ago_is_not_entered_by_its_las
 
     with pytest.raises(ViolationError, match=r"^23: object 1 at 700.0 m is not locked, and train"):
         holds(was_m + 0.01 if stays_in_it else was_m)
+
+
+def test_one_jog_takes_the_place_of_another_that_was_not_over() -> None:
+    """Once they had added up, and a train rolled back 14 m (seed 22784)."""
+    scene = Scene(Plot({1: 700.0}))
+    scene.settle()
+    motion = scene.world.trains[1].motion
+    motion.advance(scene.net.now_ns)
+    mischief = Mischief(scene.world, seed=1)
+    jog = dict(mischief._things)["jog"]
+
+    for _ in range(3):
+        jog()
+        assert 0.0 < motion.jogged_m == motion.back_m <= scene.world.checker.rules.jog_m
 
 
 def closed_in_front_of(front_m: float, monkeypatch: pytest.MonkeyPatch) -> LineWorld:
