@@ -16,6 +16,8 @@ from zenoh_config.t2t import OrderKind
 
 NS_PER_S: Final = 1_000_000_000
 SLOW_MPS: Final = 4.0
+ALL_CLEAR_NS: Final = (0, 4 * NS_PER_S, 9 * NS_PER_S)
+"""Not all hear it the first time: a process may stand for 8 s yet."""
 
 
 class Mischief:
@@ -58,6 +60,10 @@ class Mischief:
             each.localised, each.out_of_service = each.on_line, False
         crew = self.world.t2t
         crew.closed, crew.restrictions, crew.orders = (), (), []
+        for wait_ns in ALL_CLEAR_NS:
+            self.world.net.at(self.world.net.now_ns + wait_ns, self._all_clear)
+
+    def _all_clear(self, _: object) -> None:
         for train in self.world.trains:
             self._order(OrderKind.GO, train, left=20)
             if self.world.drawn.ordered:

@@ -33,21 +33,25 @@ class Desk:
     _sequence: int = 0
 
     def says(self, orders: Iterable[Order], now_ns: int) -> list[T2tMessage]:
-        """To whoever commands each area at present."""
+        """To whoever commands each area at present, and to a train that has to know it itself: also
+        where nobody commands if it may do so again.
+        """
         said: list[T2tMessage] = []
         for order in orders:
             master = self.masters.get(order.area)
-            if master is None or order.left <= 0:
+            if order.left <= 0 or (master is None and order.kind is not OrderKind.IN_SERVICE):
                 continue
             order.left -= 1
-            said.append(self._said(order, master, master.source, now_ns))
+            if master is not None:
+                said.append(self._said(order, master.term, master.source, now_ns, master.stamp_ns))
             if order.kind in SERVICE:
-                said.append(self._said(order, master, order.train, now_ns))
+                term = 0 if master is None else master.term
+                said.append(self._said(order, term, order.train, now_ns))
         return said
 
-    def _said(self, order: Order, master: Heartbeat, to: int, now_ns: int) -> T2tMessage:
+    def _said(self, order: Order, term: int, to: int, now_ns: int, echo_ns: int = 0) -> T2tMessage:
         self._sequence += 1
-        head = (SUPERVISION, to, order.area, master.term, self.boot, self._sequence, now_ns)
+        head = (SUPERVISION, to, order.area, term, self.boot, self._sequence, now_ns)
         if order.kind is None:
-            return Removal(*head, master.stamp_ns, order.train)
+            return Removal(*head, echo_ns, order.train)
         return LineOrder(*head, order.kind, order.train)

@@ -7,8 +7,10 @@ from metro_hil.network.checker import ViolationError
 from metro_hil.network.ground import Grant
 from metro_hil.network.line_world import LineWorld
 from metro_hil.network.mischief import Mischief
+from metro_hil.network.orders import Desk, Order
 from metro_hil.network.scene import Plot, Scene
 from zenoh_config.messages import SpeedRestriction
+from zenoh_config.t2t import OrderKind
 
 AGE_MAX_NS = 1_000_000_000
 CLOSED = SpeedRestriction(600.0, 700.0, 0.1)
@@ -129,6 +131,19 @@ def test_one_jog_takes_the_place_of_another_that_was_not_over() -> None:
     for _ in range(3):
         jog()
         assert 0.0 < motion.jogged_m == motion.back_m <= scene.world.checker.rules.jog_m
+
+
+@pytest.mark.parametrize("kind", [*OrderKind, None])
+def test_where_nobody_commands_only_the_order_back_into_service_is_said(
+    kind: OrderKind | None,
+) -> None:
+    """To its train, in whatever area: all others would hear it from their master."""
+    desk, wanted = Desk(boot=3), Order(kind, 2, 7, left=1)
+    said = desk.says([wanted], 50)
+
+    goes_out = kind is OrderKind.IN_SERVICE
+    assert [(each.destination, each.area, each.term) for each in said] == [(7, 2, 0)] * goes_out
+    assert (wanted.left, desk.says([wanted], 60)) == (1 - goes_out, [])
 
 
 def closed_in_front_of(front_m: float, monkeypatch: pytest.MonkeyPatch) -> LineWorld:
