@@ -27,6 +27,7 @@ NS_PER_MS: Final = 1_000_000
 TOLD_MAX: Final = 256
 LESS_MAX: Final = 1000
 ANSWERS_MAX: Final = 1000
+LET_IN_MAX: Final = 1000
 HEARD_NS: Final = 200 * NS_PER_MS
 """Whoever was heard so lately is heard, whatever the timers are."""
 TOLERANCE_NS: Final = 2 * NS_PER_MS
@@ -61,6 +62,15 @@ class Switch(NamedTuple):
     heard: dict[int, Readiness]
 
 
+class Lease(NamedTuple):
+    """What a train holds."""
+
+    until_ns: int
+    """By the true clock."""
+    arbiters: frozenset[int]
+    """That majority which granted it."""
+
+
 class Air:
     """One for all nodes; raises ViolationError."""
 
@@ -80,10 +90,13 @@ class Air:
         """Train, area and term of every lease ever granted."""
         self._stale: set[tuple[int, int, int, int]] = set()
         """Train, area, term and sequence of authorities that were too old when they came."""
-        self._valid_ns: dict[int, dict[int, int]] = {}
-        """By area and train: until which true instant its lease holds."""
-        self._named: dict[tuple[int, int], int] = {}
-        """By train and area: the successor that it named last."""
+        self._leases: dict[int, dict[int, Lease]] = {}
+        """By area and train."""
+        self._named: dict[tuple[int, int], dict[int, tuple[int, int, int]]] = {}
+        """By arbiter and area, by train: boot, sequence and successor of the newest that it said
+        there."""
+        self._let_in: dict[tuple[int, int, int, int], frozenset[int]] = {}
+        """By arbiter, train, area and term of a lease granted: which trains had named this one."""
         self._rosters: dict[tuple[int, int, int, int], tuple[frozenset[int], set[int]]] = {}
         """By train, area, term and version: who is on it, and which arbiters keep it."""
         self._kept: dict[tuple[int, int], tuple[int, frozenset[int]]] = {}
@@ -132,6 +145,29 @@ class Air:
             elif kind is SwitchStep:
                 self._switch(message, now_ns)
 
+    def answered(self, arbiter: int, heard: Sequence[Any], letters: Sequence[Letter]) -> None:
+        """An arbiter read requests, and answers: whom it lets in, and who had named that train."""
+        asked: dict[tuple[int, int, int], frozenset[int]] = {}
+        for message in heard:
+            if type(message) is not LeaseRequest:
+                continue
+            named = self._named.setdefault((arbiter, message.area), {})
+            if message.kind is LeaseKind.ACQUIRE:
+                by = frozenset([each for each in named if named[each][2] == message.source])
+                asked[message.source, message.area, message.nonce] = by
+            number = message.boot, message.sequence
+            if number > named.get(message.source, (0, 0, 0))[:2]:
+                named[message.source] = (*number, message.successor)
+        for letter in letters if asked else ():
+            answer = letter.message
+            if type(answer) is LeaseAnswer and answer.granted:
+                by_whom = asked.get((answer.destination, answer.area, answer.nonce))
+                if by_whom is not None:
+                    key = arbiter, answer.destination, answer.area, answer.term
+                    self._let_in[key] = by_whom
+                    if len(self._let_in) > LET_IN_MAX:
+                        del self._let_in[next(iter(self._let_in))]
+
     def booted(self, address: int) -> None:
         """A train begins a new life: what it was told before is void."""
         memories: tuple[dict[tuple[int, int], Any], ...] = (self._told, self._until_ns)
@@ -151,7 +187,6 @@ class Air:
                 del told[next(iter(told))]
 
     def _note_request(self, message: LeaseRequest) -> None:
-        self._named[message.source, message.area] = message.successor
         asked = (message.source, message.area, message.term, message.nonce)
         self._less_ns[asked] = message.less_ns
         if len(self._less_ns) > LESS_MAX:
@@ -159,7 +194,7 @@ class Air:
         if message.kind is LeaseKind.RELEASE:
             self._given_back.add((message.source, message.area, message.term))
             self._until_ns.pop((message.source, message.area), None)
-            self._valid_ns.get(message.area, {}).pop(message.source, None)
+            self._leases.get(message.area, {}).pop(message.source, None)
 
     def _note_ack(self, address: int, message: RosterAck) -> None:
         names, keepers = self._rosters.get(
@@ -171,17 +206,23 @@ class Air:
             if message.version >= self._kept.get(key, (0, names))[0]:
                 self._kept[key] = message.version, names
 
-    def _alone(self, address: int, area: int, true_ns: int) -> None:
-        """19: nobody else's lease of the area runs, but for one who named this train."""
+    def _alone(
+        self, address: int, area: int, term: int, true_ns: int, arbiters: frozenset[int]
+    ) -> None:
+        """19: nobody else's lease of the area runs, but for one whose holder had named this train,
+        as far as those arbiters had heard that granted both.
+        """
         self.looked["19 lease"] += 1
-        for other, until_ns in self._valid_ns.get(area, {}).items():
-            if other == address or until_ns <= true_ns + TOLERANCE_NS:
+        for other, lease in self._leases.get(area, {}).items():
+            if other == address or lease.until_ns <= true_ns + TOLERANCE_NS:
                 continue
-            if self._named.get((other, area)) != address and self.clocks_sound:
+            both = lease.arbiters & arbiters
+            named = [other in self._let_in.get((e, address, area, term), ()) for e in both]
+            if not (named and all(named)) and self.clocks_sound:
                 raise ViolationError(
                     "19",
                     f"train {address} gets the lease of area {area}, and that of train {other} "
-                    f"runs for another {(until_ns - true_ns) / NS_PER_MS:.1f} ms",
+                    f"runs for another {(lease.until_ns - true_ns) / NS_PER_MS:.1f} ms",
                 )
 
     def _note_answer(self, address: int, message: LeaseAnswer, now_ns: int, ahead_ns: int) -> None:
@@ -201,9 +242,12 @@ class Air:
         key = address, message.area
         term, before_ns = self._until_ns.get(key, (0, 0))
         if message.term > term or until_ns > before_ns:
+            arbiters = frozenset([each for each in answers if answers[each] >= newest_ns])
             if message.term > term and until_ns > now_ns:
-                self._alone(address, message.area, now_ns + ahead_ns)
-            self._valid_ns.setdefault(message.area, {})[address] = until_ns + ahead_ns
+                self._alone(address, message.area, message.term, now_ns + ahead_ns, arbiters)
+            self._leases.setdefault(message.area, {})[address] = Lease(
+                until_ns + ahead_ns, arbiters
+            )
             self._until_ns[key] = message.term, until_ns
             self._won.add((address, message.area, message.term))
         if len(self._answers) > ANSWERS_MAX:

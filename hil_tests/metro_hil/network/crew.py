@@ -10,7 +10,7 @@ from metro_hil.network.cab import Protocolled
 from metro_hil.network.checker import Rules
 from metro_hil.network.coverage import counted, told_kinds
 from metro_hil.network.ground import Grant, Reading
-from metro_hil.network.net import NEVER, Machine, Turn
+from metro_hil.network.net import NEVER, Letter, Machine, Turn
 from metro_hil.network.orders import Desk, Order
 from metro_hil.network.routes import Routes
 from metro_hil.network.track import AXLES, TrueTrack
@@ -186,8 +186,9 @@ class ArbiterNode:
     """One arbiter."""
 
     def __init__(
-        self, cast: Cast, routes: Routes, node: Seat, now_ns: int, covered: Counter[str]
+        self, cast: Cast, routes: Routes, node: Seat, now_ns: int, crew: "T2tCrew"
     ) -> None:
+        self._address, self._crew = node.address, crew
         self._core = Arbiter(
             cast.config.timers,
             address=node.address,
@@ -198,14 +199,16 @@ class ArbiterNode:
             guards=cast.guards.arbiter,
         )
         self._keep: ArbiterMemory | None = node.disk
-        self._routes, self._covered = routes, covered
+        self._routes = routes
 
     def step(self, now_ns: int, heard: Sequence[Any]) -> Turn:
         stepped = self._core.step(now_ns, tuple(heard))
         if stepped.memory is not None:
             self._keep = stepped.memory
-        told_kinds(stepped.out, self._covered)
-        return Turn(self._routes.letters(stepped.out), self._keep, NEVER)
+        told_kinds(stepped.out, self._crew.covered)
+        letters = self._routes.letters(stepped.out)
+        self._crew.answered(self._address, heard, letters)
+        return Turn(letters, self._keep, NEVER)
 
 
 class WaysideNode:
@@ -311,6 +314,8 @@ class T2tCrew:
         self.track: TrueTrack | None = None
         self.true_ns: Callable[[], int] = lambda: 0
         self.move: Callable[[list[tuple[int, bool]]], None] = lambda moved: None
+        self.answered: Callable[[int, Sequence[Any], Sequence[Letter]], None] = lambda *_: None
+        """Told what an arbiter read, and what it says to that."""
 
     def constants(self) -> dict[str, object]:
         """Parts that never change while all runs, by name."""
@@ -355,7 +360,7 @@ class T2tCrew:
 
     def wayside(self) -> Mapping[int, tuple[str, Callable[[Seat, int], Machine]]]:
         def arbiter(node: Seat, now_ns: int) -> Machine:
-            return ArbiterNode(self.cast, self._routes, node, now_ns, self.covered)
+            return ArbiterNode(self.cast, self._routes, node, now_ns, self)
 
         def wayside(node: Seat, now_ns: int) -> Machine:
             assert self.track is not None

@@ -48,6 +48,7 @@ class LineWorld(World):
         self._places: dict[int, deque[tuple[int, float]]] = {each: deque() for each in self.trains}
         """By train: when and where its front was at most, those that nothing later exceeds."""
         self.air = Air(rules, self.checker.looked)
+        crew.answered = self.air.answered
 
     def _start_train(self, node: Node, now_ns: int) -> Machine:
         self.air.booted(node.address)

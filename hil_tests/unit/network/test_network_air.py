@@ -1,0 +1,149 @@
+"""What the judge of the messages on the air lets pass of a planned switch that is given up."""
+
+from collections import Counter
+
+import pytest
+
+from metro_hil.network.air import Air, LeaseRules
+from metro_hil.network.checker import ViolationError
+from metro_hil.network.net import Letter
+from zenoh_config.t2t import NOBODY, LeaseAnswer, LeaseKind, LeaseRequest, T2tMessage
+
+NS_PER_MS = 1_000_000
+AREA = 2
+HOLDER, SUCCESSOR = 1, 3
+ARBITERS = (65_001, 65_002, 65_003)
+
+
+class Line:
+    """Two trains that take the command of one area from each other, and three arbiters. All clocks
+    read the same; whatever an arbiter is asked it grants, at once."""
+
+    def __init__(self) -> None:
+        rules = LeaseRules(
+            lease_ns=500 * NS_PER_MS,
+            drift_ratio=0.0,
+            margin_ns=20 * NS_PER_MS,
+            majority=2,
+            age_max_ns=1000 * NS_PER_MS,
+        )
+        self.air = Air(rules, Counter())
+        self.now_ns = 0
+        self._sequence = 0
+
+    def ask(self, train: int, term: int, kind: LeaseKind, successor: int = NOBODY) -> LeaseRequest:
+        self._sequence += 1
+        self.now_ns += NS_PER_MS
+        head = train, 0, AREA, term, 1, self._sequence, self.now_ns
+        request = LeaseRequest(*head, kind, self._sequence, successor)
+        self._said(train, (), request)
+        return request
+
+    def hears(self, arbiter: int, *requests: LeaseRequest) -> None:
+        """And answers the last of them to whom it came from, who hears that."""
+        request = requests[-1]
+        self._sequence += 1
+        head = arbiter, request.source, AREA, request.term, 1, self._sequence, self.now_ns
+        answer = LeaseAnswer(
+            *head, True, request.nonce, request.stamp_ns, request.source, 0, 0, 0, ()
+        )
+        self.air.answered(arbiter, requests, (Letter((request.source,), answer),))
+        self._said(request.source, (answer,))
+
+    def _said(self, train: int, heard: tuple[T2tMessage, ...], *out: T2tMessage) -> None:
+        letters = [Letter(ARBITERS, each) for each in out]
+        self.air.stepped(train, self.now_ns, self.now_ns, heard, letters)
+
+
+@pytest.fixture
+def line() -> Line:
+    """The holder has its lease from the first two arbiters."""
+    line = Line()
+    acquired = line.ask(HOLDER, 1, LeaseKind.ACQUIRE)
+    for arbiter in ARBITERS[:2]:
+        line.hears(arbiter, acquired)
+    return line
+
+
+def test_nobody_gets_the_lease_of_another_that_runs(line: Line) -> None:
+    asked = line.ask(SUCCESSOR, 2, LeaseKind.ACQUIRE)
+    line.hears(ARBITERS[0], asked)
+
+    with pytest.raises(ViolationError, match=r"^19: train 3 gets the lease of area 2, and that of"):
+        line.hears(ARBITERS[2], asked)
+
+
+def test_it_does_once_that_has_run_out(line: Line) -> None:
+    line.now_ns += 500 * NS_PER_MS
+    asked = line.ask(SUCCESSOR, 2, LeaseKind.ACQUIRE)
+    for arbiter in ARBITERS:
+        line.hears(arbiter, asked)
+    assert line.air.looked["19 lease"] == 2
+
+
+def test_the_one_whom_the_holder_named_does(line: Line) -> None:
+    named = line.ask(HOLDER, 1, LeaseKind.RENEW, SUCCESSOR)
+    for arbiter in ARBITERS[:2]:
+        line.hears(arbiter, named)
+
+    asked = line.ask(SUCCESSOR, 2, LeaseKind.ACQUIRE)
+    for arbiter in ARBITERS[:2]:
+        line.hears(arbiter, asked)
+
+
+def test_the_holder_s_change_of_mind_counts_where_it_was_heard(line: Line) -> None:
+    """On its way it is none: the arbiters let in whom the last request names that they heard (seed
+    24471).
+    """
+    named = line.ask(HOLDER, 1, LeaseKind.RENEW, SUCCESSOR)
+    for arbiter in ARBITERS[:2]:
+        line.hears(arbiter, named)
+    asked = line.ask(SUCCESSOR, 2, LeaseKind.ACQUIRE)
+    line.ask(HOLDER, 1, LeaseKind.RENEW)
+
+    for arbiter in ARBITERS[:2]:
+        line.hears(arbiter, asked)
+
+
+@pytest.mark.parametrize("together", [True, False])
+def test_where_it_was_heard_nobody_is_let_in_any_more(line: Line, *, together: bool) -> None:
+    named = line.ask(HOLDER, 1, LeaseKind.RENEW, SUCCESSOR)
+    for arbiter in ARBITERS[:2]:
+        line.hears(arbiter, named)
+    back = line.ask(HOLDER, 1, LeaseKind.RENEW)
+    asked = line.ask(SUCCESSOR, 2, LeaseKind.ACQUIRE)
+    line.hears(ARBITERS[0], asked)
+
+    if not together:
+        line.hears(ARBITERS[1], back)
+
+    with pytest.raises(ViolationError, match=r"^19: "):
+        line.hears(ARBITERS[1], *((back, asked) if together else (asked,)))
+
+
+def test_an_old_request_that_comes_late_names_nobody(line: Line) -> None:
+    named = line.ask(HOLDER, 1, LeaseKind.RENEW, SUCCESSOR)
+    back = line.ask(HOLDER, 1, LeaseKind.RENEW)
+    for arbiter in ARBITERS[:2]:
+        line.hears(arbiter, back)
+    asked = line.ask(SUCCESSOR, 2, LeaseKind.ACQUIRE)
+    line.hears(ARBITERS[0], named, asked)
+
+    with pytest.raises(ViolationError, match=r"^19: "):
+        line.hears(ARBITERS[1], named, asked)
+
+
+def test_an_arbiter_that_has_no_part_in_the_lease_that_runs_needs_no_name(line: Line) -> None:
+    named = line.ask(HOLDER, 1, LeaseKind.RENEW, SUCCESSOR)
+    line.hears(ARBITERS[0], named)
+    asked = line.ask(SUCCESSOR, 2, LeaseKind.ACQUIRE)
+
+    for arbiter in (ARBITERS[0], ARBITERS[2]):
+        line.hears(arbiter, asked)
+
+
+def test_where_clocks_were_stepped_leases_are_not_held_against_each_other(line: Line) -> None:
+    line.air.clocks_sound = False
+    asked = line.ask(SUCCESSOR, 2, LeaseKind.ACQUIRE)
+    for arbiter in ARBITERS[:2]:
+        line.hears(arbiter, asked)
