@@ -1,6 +1,6 @@
 """What a device may hold of the world: a CAN, a serial and a radio port, and what comes of them."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
@@ -87,3 +87,11 @@ class RadioPort(Protocol):
     def receive(self, now_ns: int) -> Sequence[RadioMessage]: ...
 
     def close(self) -> None: ...
+
+
+class TunableRadioPort(RadioPort, Protocol):
+    """One whose keys may be changed while it is open."""
+
+    def listen(self, subscriptions: Collection[str]) -> None:
+        """Hear what others send under these keys from now on, and nothing else."""
+        ...

@@ -59,8 +59,10 @@ def key_of(line: str, message: T2tMessage) -> str:
     return f"m/{line_chunk(line)}/w/{message.source}/{kind}/{message.area}/{reader}"
 
 
-def of_train(line: str, train: int) -> tuple[str, ...]:
-    """What a train listens to: what is for it in any area, and what is for all."""
+def of_train(line: str, train: int, areas: Iterable[int] = ()) -> tuple[str, ...]:
+    """What a train listens to: what is for it wherever that is said, what is for all in the areas
+    that concern it, and what is said anywhere under its own address, which is somebody else's.
+    """
     kinds = (Heartbeat, TrainReport, SwitchStep, ObjectStatus)
     own = (
         LeaseAnswer,
@@ -74,7 +76,12 @@ def of_train(line: str, train: int) -> tuple[str, ...]:
         Admission,
         Removal,
     )
-    return (*_keys(line, kinds, TO_ALL), *_keys(line, own, str(train)))
+    root = f"m/{line_chunk(line)}/w"
+    return (
+        *_keys(line, own, str(train)),
+        *[f"{root}/{train}/{CHUNKS[kind]}/*/{TO_ALL}" for kind in (Heartbeat, TrainReport)],
+        *[f"{root}/*/{CHUNKS[kind]}/{area}/{TO_ALL}" for area in areas for kind in kinds],
+    )
 
 
 def of_arbiter(line: str, arbiter: int) -> tuple[str, ...]:

@@ -109,6 +109,9 @@ class InprocRadioPort:
         """Heap by instant, then by the order of sending: the same order in every run."""
         self._closed = False
 
+    def listen(self, subscriptions: Collection[str]) -> None:
+        self._subscriptions = tuple(subscriptions)
+
     def hears(self, key: str) -> bool:
         return not self._closed and any(keys.matches(wanted, key) for wanted in self._subscriptions)
 

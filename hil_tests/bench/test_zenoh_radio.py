@@ -155,6 +155,50 @@ def test_a_train_finds_a_wayside_that_was_restarted(radio: Opener) -> None:
     assert hears(wayside, train, keys.authority(LINE, 0, 7), b"again").payload == b"again"
 
 
+def test_a_train_tuned_to_other_keys_hears_those_and_no_others(radio: Opener) -> None:
+    endpoint = pick_endpoint()
+    wayside, train = radio(Role.WAYSIDE, endpoint), radio(Role.TRAIN, endpoint)
+    hears(wayside, train, keys.authority(LINE, 0, 7), b"before")
+
+    train.listen([keys.authorities(LINE, 8), keys.authorities(LINE, 9)])
+    hears(wayside, train, keys.authority(LINE, 0, 8), b"one")
+    train.listen([keys.authorities(LINE, 9)])
+    hears(wayside, train, keys.authority(LINE, 0, 9), b"other")
+
+    for other, said in ((7, b"7"), (8, b"8"), (9, b"last")):
+        wayside.send(CLOCK.now_ns(), keys.authority(LINE, 0, other), said)
+    heard = all_until(train, b"last", CLOCK.now_ns())
+    assert {each.payload for each in heard} <= {b"one", b"other", b"last"}
+    assert train.counters.errors == 0
+
+
+def test_what_a_train_is_tuned_to_outlives_its_wayside_and_need_not_wait_for_it(
+    radio: Opener,
+) -> None:
+    endpoint = pick_endpoint()
+    train = radio(Role.TRAIN, endpoint)
+    train.listen([keys.authorities(LINE, 8)])
+
+    for _ in range(2):
+        wayside = radio(Role.WAYSIDE, endpoint)
+        assert hears(wayside, train, keys.authority(LINE, 0, 8), b"x").payload == b"x"
+        wayside.send(CLOCK.now_ns(), keys.authority(LINE, 0, 7), b"for another")
+        wayside.close()
+        until(lambda: not train.connected)
+    assert {each.payload for each in train.receive(CLOCK.now_ns())} <= {b"x"}
+
+
+def test_a_closed_radio_may_be_tuned_all_the_same(radio: Opener) -> None:
+    endpoint = pick_endpoint()
+    wayside, train = radio(Role.WAYSIDE, endpoint), radio(Role.TRAIN, endpoint)
+    hears(wayside, train, keys.authority(LINE, 0, 7), b"x")
+    train.close()
+    train.listen([keys.authorities(LINE, 7)])
+    wayside.send(CLOCK.now_ns(), keys.authority(LINE, 0, 7), b"y")
+    assert list(train.receive(CLOCK.now_ns())) == []
+    assert train.counters.errors == 0
+
+
 def test_an_inbox_that_nobody_empties_is_bounded_and_counts(radio: Opener) -> None:
     endpoint = pick_endpoint()
     wayside, train = radio(Role.WAYSIDE, endpoint), radio(Role.TRAIN, endpoint)

@@ -10,7 +10,7 @@ from typing import Final
 from firmware_py.checked_store import CheckedStore
 from firmware_py.clock import WallClock
 from firmware_py.nvram import NvramState
-from firmware_py.ports import RadioPort
+from firmware_py.ports import TunableRadioPort
 from firmware_py.radio.zenoh_radio import Role, open_radio
 from firmware_py.realtime import collect_garbage, enter_realtime
 from firmware_py.trackdb.areas import Area, AreaMap, TrackSection
@@ -76,12 +76,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _run(address: int, clock: WallClock, radio: LineRadio, port: RadioPort) -> None:
+def _run(address: int, clock: WallClock, radio: LineRadio, port: TunableRadioPort) -> None:
     front_m = front_of(address)
     rear_m = front_m - LENGTH_M
     own = OwnTrain(True, front_m, front_m, rear_m, rear_m, 0.0, True, front_m, front_m, AXLES)
     beat_ns = cycle_ns = clock.now_ns()
     told = (0, 0)
+    tuned = radio.subscriptions
     garbage_ns = beat_ns
     while True:
         if beat_ns >= garbage_ns:
@@ -98,6 +99,9 @@ def _run(address: int, clock: WallClock, radio: LineRadio, port: RadioPort) -> N
             continue
         for key, payload in radio.step(now_ns, own, apply=apply):
             port.send(now_ns, key, payload)
+        if radio.subscriptions is not tuned:
+            tuned = radio.subscriptions
+            port.listen(tuned)
         held = radio.authority
         role = radio.roles.get(1)
         if held is not None and (held.term, held.sequence) != told:

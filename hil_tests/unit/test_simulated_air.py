@@ -6,7 +6,7 @@ import pytest
 
 from metro_hil.network.air import ANSWERS_MAX, Air, LeaseRules
 from metro_hil.network.checker import ViolationError
-from metro_hil.network.net import Letter
+from metro_hil.network.node import Letter
 from zenoh_config.t2t import (
     AreaAuthority,
     LeaseAnswer,

@@ -285,16 +285,16 @@ def test_authorities_are_kept_in_order_by_the_member_who_takes_them() -> None:
         assert why_not(hearing, authority(head(9, sequence=sequence))) is None
 
 
-def test_4096_streams_are_kept_and_a_flood_of_new_speakers_silences_nobody_known() -> None:
+def test_16384_streams_are_kept_and_a_flood_of_new_speakers_silences_nobody_known() -> None:
     hearing = fresh()
-    trains = [train for train in range(1, 5000) if train != OWN]
+    trains = [train for train in range(1, 20_000) if train != OWN]
     sample = report(head(trains[0]))
-    for train in trains[:4096]:
+    for train in trains[:16_384]:
         assert hearing.admits(replace(sample, source=train), SPOKEN)
 
-    assert why_not(hearing, report(head(trains[4096]))) is WRONG_SOURCE
-    assert why_not(hearing, report(head(trains[4096]))) is WRONG_SOURCE
-    assert why_not(hearing, report(head(trains[4095], sequence=21))) is None
+    assert why_not(hearing, report(head(trains[16_384]))) is WRONG_SOURCE
+    assert why_not(hearing, report(head(trains[16_384]))) is WRONG_SOURCE
+    assert why_not(hearing, report(head(trains[16_383], sequence=21))) is None
     assert why_not(hearing, report(head(trains[0], sequence=21))) is None
     assert why_not(hearing, report(head(trains[0], sequence=21))) is NOT_NEWER
 

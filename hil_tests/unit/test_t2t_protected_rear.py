@@ -1,7 +1,7 @@
 """How near to a train that moves the next one is let: it has to stand before it can jog back."""
 
 import dataclasses
-from typing import Any, cast
+from unittest.mock import Mock
 
 import pytest
 from hypothesis import given
@@ -91,7 +91,7 @@ def test_a_train_says_where_it_comes_to_rest_by_the_least_speed_that_it_may_have
     low_mps: float,
 ) -> None:
     config = load_config("florence4")
-    nobody = cast(Any, None)
+    nobody = Mock(subscriptions=())
     command = LineCommand(nobody, nobody, config, load_line("florence"), axles=16)
     motion = Motion(
         front_m=Interval(998.0, 1000.0, 1003.0),

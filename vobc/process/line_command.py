@@ -3,7 +3,7 @@
 from dataclasses import replace
 from typing import Final
 
-from firmware_py.ports import RadioPort
+from firmware_py.ports import TunableRadioPort
 from firmware_py.trackdb import LineMap
 from vobc.atp.braking import SafeBraking
 from vobc.config import VobcConfig
@@ -32,9 +32,17 @@ class LineCommand:
     """Between the control cycles it answers; authorities it takes with them only."""
 
     def __init__(
-        self, radio: LineRadio, port: RadioPort, config: VobcConfig, line: LineMap, *, axles: int
+        self,
+        radio: LineRadio,
+        port: TunableRadioPort,
+        config: VobcConfig,
+        line: LineMap,
+        *,
+        axles: int,
     ) -> None:
+        """`port` listens to the radio's subscriptions already."""
         self.radio = radio
+        self._tuned = radio.subscriptions
         self._port, self._length_m, self._axles = port, config.train.length_m, axles
         atp = config.atp
         braking = SafeBraking(
@@ -58,6 +66,9 @@ class LineCommand:
         for key, payload in self._out:
             self._port.send(now_ns, key, payload)
         self._out.clear()
+        if self.radio.subscriptions is not self._tuned:
+            self._tuned = self.radio.subscriptions
+            self._port.listen(self._tuned)
 
     def beat(self, now_ns: int, motion: Motion | None) -> None:
         """Between two cycles."""

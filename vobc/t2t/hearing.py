@@ -27,8 +27,10 @@ from zenoh_config.t2t import (
 )
 from zenoh_config.t2t_supervision import Removal
 
-SOURCES_MAX: Final = 4096
-"""Streams of messages that are kept in order; more are refused, so that memory stays bounded."""
+SOURCES_MAX: Final = 16_384
+"""Streams of messages that are kept in order; more are refused, so that memory stays bounded. All
+trains of a line may come through the areas that a train has to do with, and say four kinds there.
+"""
 OF_TRAINS: Final = (
     Heartbeat,
     TrainReport,
@@ -63,6 +65,16 @@ class Hearing:
             return True
         self.refusals[reason] += 1
         return False
+
+    def forget(self, area: int) -> None:
+        """What trains say there is no concern any more. What the wayside and supervision say is
+        kept in order all the same: those streams are few.
+        """
+        self._newest = {
+            stream: newest
+            for stream, newest in self._newest.items()
+            if stream[2] != area or not WAYSIDE < stream[1] <= LAST_TRAIN
+        }
 
     def _objection(self, message: T2tMessage, own_sequence: int) -> RefusedReason | None:
         source = message.source

@@ -26,6 +26,9 @@ FAREWELL_M: Final = 150.0
 """So far behind a border the rear goes on being told to the area before, and as far as its master
 is told of sections there: what it says explains the axles in them."""
 IDLE_NS: Final = 1000 * NS_PER_MS
+LISTENS_NS: Final = 10_000 * NS_PER_MS
+"""For so long it goes on listening in an area that has been no concern of it any more: longer than
+anything lives that is said there, and than its bounds of place waver around a border."""
 VOUCHES_NS: Final = 20_000 * NS_PER_MS
 """A train that has stood for so long tells the areas next to its own where."""
 HEARD_MAX: Final = 1000
@@ -69,6 +72,10 @@ class TrainCore:
         self._hearing = Hearing(address, self.memory.boot)
         self._chance = Chance(address * 0x10001 + seed)
         self._desks: dict[int, AreaDesk] = {}
+        self.listens: frozenset[int] = frozenset()
+        """Areas of which it wants to hear what is said to all; another object when it changes."""
+        self._concerned_ns: dict[int, int] = {}
+        """By area: when it was a concern of the train last."""
         self._stored = False
         self._void = False
         """Its clock or its place went back: nothing that it said or was told holds any more."""
@@ -98,8 +105,12 @@ class TrainCore:
             return self._takes_no_part(now_ns)
         areas = self._concerned(own)
         beside = self._beside(areas, now_ns, own)
-        for area in areas | beside:
+        known = areas | beside
+        for area in known:
             self._desk(area, now_ns)
+            self._concerned_ns[area] = now_ns
+        if not len(known) == len(self._concerned_ns) == len(self.listens):
+            self._listen(now_ns)
         said = self._hear(now_ns, heard)
         if self._silenced():
             return self._takes_no_part(now_ns)
@@ -119,6 +130,17 @@ class TrainCore:
                 desk.refused.clear()
             desk.member.settle(now_ns, own)
         return self._stepped(now_ns, own, said)
+
+    def _listen(self, now_ns: int) -> None:
+        """A line has many areas, and more trains than one of them: what is said to all in those
+        that are no concern of this train any more it does not want to hear, nor to keep in order.
+        """
+        for area, last_ns in list(self._concerned_ns.items()):
+            if now_ns - last_ns > LISTENS_NS and self._desks[area].role is Role.OUTSIDE:
+                del self._concerned_ns[area]
+                self._hearing.forget(area)
+        if self.listens != self._concerned_ns.keys():
+            self.listens = frozenset(self._concerned_ns)
 
     def _silenced(self) -> bool:
         """Without memory, or with a double, it cannot be told from what it was or is not."""

@@ -35,6 +35,8 @@ class LineRadio:
         self.refusals: Counter[str] = Counter()
         """By reason: of the envelope and the key; the core counts its own."""
         self.subscriptions = t2t_keys.of_train(line_name, core.address)
+        """Key expressions to listen to now; another object when they are others."""
+        self._listens = core.listens
         self._core, self._line_name, self._store, self.key = core, line_name, store, key
         self._heard: list[T2tMessage] = []
         self._authorities: list[T2tMessage] = []
@@ -79,6 +81,10 @@ class LineRadio:
                 self.authority = None
                 return []
             self._unstored = None
+        if self._core.listens is not self._listens:
+            self._listens = self._core.listens
+            areas = sorted(self._listens)
+            self.subscriptions = t2t_keys.of_train(self._line_name, self._core.address, areas)
         self.authority, self.state = stepped.authority, stepped.state
         self.roles = dict(stepped.roles)
         return [

@@ -10,7 +10,7 @@ from typing import Any, Final, NamedTuple
 
 from metro_hil.network.checker import ViolationError
 from metro_hil.network.ground import Grant
-from metro_hil.network.net import Letter
+from metro_hil.network.node import Letter
 from zenoh_config.t2t import (
     AreaAuthority,
     LeaseAnswer,

@@ -6,7 +6,8 @@ from typing import Any, Final, Protocol
 from metro_hil.network.checker import Checker
 from metro_hil.network.driving import Aim, demand_mps2, must_trip
 from metro_hil.network.ground import Grant, Reading, TrueTrain
-from metro_hil.network.net import Letter, Network, Node, Turn
+from metro_hil.network.net import Network
+from metro_hil.network.node import Letter, Node, Turn
 
 CONTROL_NS: Final = 200_000_000
 SILENCE_NS: Final = 300_000_000

@@ -1,7 +1,7 @@
 """The protocol itself on the nodes of the simulation: trains, arbiters, objects and track."""
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final, Protocol
 
@@ -10,7 +10,7 @@ from metro_hil.network.cab import Protocolled
 from metro_hil.network.checker import Rules
 from metro_hil.network.coverage import counted, told_kinds
 from metro_hil.network.ground import Grant, Reading
-from metro_hil.network.net import NEVER, Letter, Machine, Turn
+from metro_hil.network.node import NEVER, Letter, Machine, Turn
 from metro_hil.network.orders import Desk, Order
 from metro_hil.network.routes import Routes
 from metro_hil.network.track import AXLES, TrueTrack
@@ -73,6 +73,8 @@ class Seat(Protocol):
     address: int
     boots: int
     disk: Any
+    tuned: Collection[int] | None
+    """Areas of which it wants to hear what is said to all."""
 
 
 class TrainNode:
@@ -86,6 +88,7 @@ class TrainNode:
         "_keep",
         "_roles",
         "_routes",
+        "_seat",
         "_state",
         "core",
         "grants",
@@ -99,8 +102,11 @@ class TrainNode:
         routes: Routes,
         covered: Counter[str],
         age_max_ns: int,
+        seat: Seat,
     ) -> None:
         self.core = core
+        self._seat = seat
+        seat.tuned = core.listens
         self._covered = covered
         self._age_max_ns = age_max_ns
         self._state: TrainState | None = None
@@ -129,6 +135,8 @@ class TrainNode:
         )
         stepped = self.core.step(now_ns, tuple(heard), own)
         self.last = stepped
+        if self.core.listens is not self._seat.tuned:
+            self._seat.tuned = self.core.listens
         if stepped.state is not self._state or stepped.roles != self._roles:
             self._changes(stepped)
         if stepped.out:
@@ -349,7 +357,7 @@ class T2tCrew:
             seed=self._seed ^ (node.address << 8) ^ node.boots,
             guards=self._guards,
         )
-        return TrainNode(core, memory, self._routes, self.covered, self.rules.age_max_ns)
+        return TrainNode(core, memory, self._routes, self.covered, self.rules.age_max_ns, node)
 
     def installed(self, address: int) -> object:
         if address in self.cast.config.arbiters:

@@ -17,7 +17,7 @@ from hashlib import blake2b
 from typing import Any, Final, NamedTuple, Protocol
 
 from metro_hil.network.checker import ViolationError
-from metro_hil.network.net import Doom, Letter
+from metro_hil.network.node import Doom, Letter
 
 
 class Flight(NamedTuple):

@@ -10,7 +10,8 @@ from metro_hil.network.checker import ViolationError
 from metro_hil.network.crew import T2tCrew, TrainNode
 from metro_hil.network.drawing import Draw
 from metro_hil.network.ground import Grant, TrueTrain
-from metro_hil.network.net import Codec, Letter, Machine, Node
+from metro_hil.network.net import Codec
+from metro_hil.network.node import Letter, Machine, Node
 from metro_hil.network.orders import Order
 from metro_hil.network.trace import Teller
 from metro_hil.network.track import TrueTrack

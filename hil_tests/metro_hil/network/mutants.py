@@ -89,7 +89,7 @@ NOTICED: Final[Mapping[str, str]] = {
     "member.owner_of_term": "unacceptable",
     "member.latent_authority_m": "shortened-at-speed",
     "lease.granted_by_majority": "two-candidates",
-    "lease.lease_runs": "arbiter-restarts",
+    "lease.lease_runs": "shortened-lease",
     "lease.unused_term": "reused-term",
     "lease.granted_until_ns": "shortened-lease",
     "master.has_promised": "unpromised",

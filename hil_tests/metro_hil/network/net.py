@@ -7,15 +7,13 @@ generator, so a run is a function of its seed.
 
 import random
 from collections.abc import Callable, Iterable, Sequence
-from enum import Enum
 from heapq import heappop, heappush
-from typing import Any, Final, NamedTuple, Protocol
+from typing import Any, Final, Protocol
 
-from metro_hil.network.clocks import NodeClock
 from metro_hil.network.links import Link, Weather
+from metro_hil.network.node import NEVER, Doom, Letter, Node, Turn
 from metro_hil.network.trace import Teller, Trace
 
-NEVER: Final = 2**62
 INBOX_MAX: Final = 256
 """A bounded inbox drops its oldest message."""
 TURN_NS: Final = 3_000_000
@@ -25,72 +23,9 @@ LEAST_REST_NS: Final = 100_000
 """A node that asks to be woken at once is woken so much later."""
 
 
-class Letter(NamedTuple):
-    """A message and the nodes that hear it."""
-
-    targets: Sequence[int]
-    message: Any
-
-
-class Turn(NamedTuple):
-    """What one step of a machine came to."""
-
-    letters: Sequence[Letter]
-    keep: Any
-    """To be stored before the letters go out; the same object as before: nothing new."""
-    due_ns: int
-    """On the node's own clock: when to step again even if nothing is heard."""
-    apply: Callable[[], None] | None = None
-    """What is to be done after storing and before sending."""
-
-
-class Machine(Protocol):
-    """Whatever runs on a node."""
-
-    def step(self, now_ns: int, heard: Sequence[Any]) -> Turn: ...
-
-
-class Doom(Enum):
-    """Where in a step a node is to die."""
-
-    BEFORE_STORING = "before it stored"
-    BEFORE_SENDING = "after it stored, before it sent"
-    WHILE_SENDING = "after it sent half"
-
-
 Meddler = Callable[[int, int, Any], int | None]
 """Takes source, target and message; None loses it, 0 leaves it to the weather, else it comes so
 many nanoseconds later."""
-
-
-class Node:
-    """One process: its machine while it runs, its disk, its clock, its inbox."""
-
-    __slots__ = (
-        *("address", "boots", "clock", "disk", "doom", "freeze_ns", "inbox", "links", "machine"),
-        "minds",
-        *("name", "slow_ns", "start", "stopped_until_ns", "wake_ns"),
-    )
-
-    def __init__(
-        self, address: int, name: str, start: Callable[["Node", int], Machine], clock: NodeClock
-    ) -> None:
-        """`start` makes the machine from what is on the disk (None: empty), at a local instant."""
-        self.address, self.name, self.start, self.clock = address, name, start, clock
-        self.machine: Machine | None = None
-        self.minds: Callable[[Any], bool] | None = None
-        """Whether it looks at once at a message that comes; the others wait in the inbox until it
-        steps for another reason. None: at all. For the life of its machine."""
-        self.disk: Any = None
-        self.boots = 0
-        self.inbox: list[Any] = []
-        self.links: dict[int, Link] = {}
-        self.wake_ns = NEVER
-        self.stopped_until_ns = 0
-        self.slow_ns = 0
-        self.doom: Doom | None = None
-        self.freeze_ns = 0
-        """Its next step is held up for so long between deciding and sending."""
 
 
 class Codec(Protocol):
@@ -165,7 +100,7 @@ class Network:
         node.doom, node.freeze_ns, node.stopped_until_ns = None, 0, 0
         self.say(node.name, f"starts, with {'what it had stored' if node.disk else 'nothing'}")
         self.trace.note(self.now_ns ^ (node.address << 8) ^ 1)
-        node.minds = None
+        node.minds = node.tuned = None
         node.machine = node.start(node, node.clock.local_ns(self.now_ns))
         self._wake_at(node, self.now_ns)
 
@@ -318,11 +253,14 @@ class Network:
             return
         codec, links = self.codec, node.links
         for letter in letters:
-            targets, message = letter.targets, letter.message
+            targets, message, topic = letter
             if self.tell is not None and targets:
                 self.say(node.name, f"sends {message}")
             payload = message if codec is None else codec.seal(message)
             for target in targets:
+                receiver = self.nodes[target]
+                if topic is not None and receiver.tuned is not None and topic not in receiver.tuned:
+                    continue
                 link = links[target]
                 self.sent += 1
                 if link.cut:
@@ -334,7 +272,6 @@ class Network:
                     weather = link.weather
                     self._number += 1
                     at_ns = self.now_ns + weather.delay_ns + int(self._draw() * weather.spread_ns)
-                    receiver = self.nodes[target]
                     heappush(self._heap, (at_ns, self._number, self._deliver, (receiver, payload)))
                 else:
                     self._send_foul(link, payload)

@@ -12,7 +12,7 @@ from typing import Any, Final
 
 from metro_hil.network.checker import Rules
 from metro_hil.network.ground import Grant, Reading
-from metro_hil.network.net import NEVER, Letter, Machine, Node, Turn
+from metro_hil.network.node import NEVER, Letter, Machine, Node, Turn
 
 NS_PER_MS: Final = 1_000_000
 CYCLE_NS: Final = 200 * NS_PER_MS

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from metro_hil.network.net import Letter
+from metro_hil.network.node import Letter
 from zenoh_config.messages import WAYSIDE
 from zenoh_config.t2t import BROADCAST, SUPERVISION, Heartbeat, T2tMessage
 
@@ -20,7 +20,14 @@ class Routes:
         self._one: dict[int, tuple[int, ...]] = {SUPERVISION: (WAYSIDE,)}
 
     def letters(self, out: Sequence[T2tMessage]) -> list[Letter]:
-        return [Letter(self._targets(message), message) for message in out]
+        return [
+            Letter(
+                self._targets(message),
+                message,
+                message.area if message.destination == BROADCAST else None,
+            )
+            for message in out
+        ]
 
     def _targets(self, message: T2tMessage) -> tuple[int, ...]:
         destination = message.destination

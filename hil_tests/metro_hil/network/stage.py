@@ -1,7 +1,7 @@
 """The protocol itself on a handful of nodes that stand still, for the explicit-state search."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Any, Final
 
 from metro_hil.network.air import Air, LeaseRules
@@ -10,7 +10,7 @@ from metro_hil.network.crew import Mute, T2tCrew, TrainNode
 from metro_hil.network.explore import State
 from metro_hil.network.ground import Grant, TrueTrain
 from metro_hil.network.motion import Motion
-from metro_hil.network.net import Doom, Letter
+from metro_hil.network.node import Doom, Letter
 from metro_hil.network.track import TrueTrack
 from vobc.t2t.vocabulary import Role
 from zenoh_config.messages import WAYSIDE
@@ -37,7 +37,7 @@ EXPOSED_ALL: Final = (*EXPOSED, AreaAuthority, TrainReport)
 class Place:
     """One node: what runs there, and its disk."""
 
-    __slots__ = ("address", "boots", "disk", "drift_ppm", "grants", "machine", "offset_ns")
+    __slots__ = ("address", "boots", "disk", "drift_ppm", "grants", "machine", "offset_ns", "tuned")
 
     def __init__(self, address: int, disk: Any, offset_ns: int, drift_ppm: int) -> None:
         self.address, self.disk = address, disk
@@ -45,6 +45,8 @@ class Place:
         self.boots = 0
         self.machine: Any = None
         self.grants: tuple[Grant, ...] = ()
+        self.tuned: Collection[int] | None = None
+        """All are in one area."""
 
     def local_ns(self, true_ns: int) -> int:
         return self.offset_ns + true_ns + true_ns * self.drift_ppm // MILLION

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 from typing import Final
 
 from metro_hil.network.links import CLEAR, Weather
-from metro_hil.network.net import Doom, Network
+from metro_hil.network.net import Network
+from metro_hil.network.node import Doom
 
 NS_PER_S: Final = 1_000_000_000
 NS_PER_MS: Final = 1_000_000

@@ -10,7 +10,8 @@ from metro_hil.network.checker import Checker, Rules
 from metro_hil.network.clocks import NodeClock
 from metro_hil.network.ground import TrueTrain
 from metro_hil.network.motion import Motion
-from metro_hil.network.net import Codec, Machine, Network, Node
+from metro_hil.network.net import Codec, Network
+from metro_hil.network.node import Machine, Node
 from metro_hil.network.trace import Teller
 
 NS_PER_S: Final = 1_000_000_000

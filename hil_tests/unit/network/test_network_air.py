@@ -6,7 +6,7 @@ import pytest
 
 from metro_hil.network.air import Air, LeaseRules
 from metro_hil.network.checker import ViolationError
-from metro_hil.network.net import Letter
+from metro_hil.network.node import Letter
 from zenoh_config.t2t import NOBODY, LeaseAnswer, LeaseKind, LeaseRequest, T2tMessage
 
 NS_PER_MS = 1_000_000

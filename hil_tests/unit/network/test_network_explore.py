@@ -6,7 +6,7 @@ from typing import Any
 
 from metro_hil.network.checker import ViolationError
 from metro_hil.network.explore import Bounds, Explorer, State
-from metro_hil.network.net import Doom, Letter
+from metro_hil.network.node import Doom, Letter
 
 SLOT_NS = 1_000_000
 

@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 
 from metro_hil.network.clocks import NodeClock
 from metro_hil.network.links import Weather
-from metro_hil.network.net import NEVER, Doom, Letter, Network, Node, Turn
+from metro_hil.network.net import Network
+from metro_hil.network.node import NEVER, Doom, Letter, Node, Turn
 
 MS = 1_000_000
 S = 1_000_000_000
