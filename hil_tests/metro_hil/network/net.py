@@ -253,7 +253,7 @@ class Network:
             return
         codec, links = self.codec, node.links
         for letter in letters:
-            targets, message, topic = letter
+            targets, message, topic = letter.targets, letter.message, letter.topic
             if self.tell is not None and targets:
                 self.say(node.name, f"sends {message}")
             payload = message if codec is None else codec.seal(message)
