@@ -9,6 +9,7 @@ from typing import Final, NamedTuple
 from metro_hil.benchmarks import Figure, run_measures
 from metro_hil.line_load import cycle_ms
 from metro_hil.network.directed import convoy
+from metro_hil.network.long_line import play
 from metro_hil.network.many import Total, run_many
 from metro_hil.network.run import Phases
 from metro_hil.network.scene import NS_PER_S, Plot, Scene
@@ -42,6 +43,10 @@ BEFORE_M: Final = 1000.0
 RUN_UP_M: Final = 1500.0
 COMMANDED: Final = 100
 CYCLE_BAR_MS: Final = 200.0
+LINE_AREAS: Final = 10
+LINE_EACH: Final = 50
+LINE_S: Final = 10.0
+HEARD_BAR: Final = 1.5
 STATION_M: Final = 3000.0
 LENGTH_M: Final = 81.2
 
@@ -244,12 +249,43 @@ def computation() -> list[Figure]:
     ]
 
 
+def long_line() -> list[Figure]:
+    """500 trains on a line of ten areas: what each hears grows with its area, not with the line."""
+    one = play(1, LINE_EACH, seconds=LINE_S)
+    many = play(LINE_AREAS, LINE_EACH, seconds=LINE_S)
+    ratio = many.heard_per_s / one.heard_per_s
+    bar_ms = FAILOVER_BARS_MS["A"]
+    return [
+        Figure(
+            f"{many.trains} trains in {LINE_AREAS} areas: messages that come to each in a second",
+            f"{many.heard_per_s:.0f}, {ratio:.2f} times those of {one.trains} trains in one area; "
+            f"all had authority {many.held_s:.2f} s after their programs began",
+            f"≤ {HEARD_BAR} times",
+            ratio <= HEARD_BAR,
+        ),
+        Figure(
+            f"the oldest authority of {many.trains} trains that drive on, timers A",
+            f"{many.oldest_ms:.0f} ms; of {one.trains} trains in one area {one.oldest_ms:.0f} ms",
+            "–",
+            True,
+        ),
+        Figure(
+            "a master in the middle of them killed, timers A",
+            f"followed after {many.followed_ms:.0f} ms; {many.other_terms} other areas disturbed, "
+            f"{many.emergencies} emergency brakes",
+            f"≤ {bar_ms:.0f} ms, 0, 0",
+            many.followed_ms <= bar_ms and not (many.other_terms or many.emergencies),
+        ),
+    ]
+
+
 MEASURES: Final[dict[str, Callable[[], list[Figure]]]] = {
     "events": events,
     "failover": failover,
     "headway": headway,
     "whole-headway": whole_headway,
     "computation": computation,
+    "long-line": long_line,
 }
 
 
