@@ -105,15 +105,22 @@ class InprocRadioPort:
         self.name = name
         self._radio = radio
         self._subscriptions = subscriptions
+        self._hears: dict[str, bool] = {}
+        """By key; a line has few, and says all of them again and again."""
         self._inbox: list[tuple[int, int, str, bytes]] = []
         """Heap by instant, then by the order of sending: the same order in every run."""
         self._closed = False
 
     def listen(self, subscriptions: Collection[str]) -> None:
         self._subscriptions = tuple(subscriptions)
+        self._hears.clear()
 
     def hears(self, key: str) -> bool:
-        return not self._closed and any(keys.matches(wanted, key) for wanted in self._subscriptions)
+        hears = self._hears.get(key)
+        if hears is None:
+            hears = any(keys.matches(wanted, key) for wanted in self._subscriptions)
+            self._hears[key] = hears
+        return hears and not self._closed
 
     def hear(self, due_ns: int, number: int, key: str, payload: bytes) -> None:
         heapq.heappush(self._inbox, (due_ns, number, key, payload))
