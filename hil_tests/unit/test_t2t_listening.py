@@ -15,11 +15,14 @@ from zenoh_config.codec import pack
 from zenoh_config.messages import WAYSIDE
 from zenoh_config.t2t import (
     BROADCAST,
+    FIRST_ARBITER,
+    LAST_TRAIN,
     SUPERVISION,
     LineOrder,
     ObjectState,
     ObjectStatus,
     OrderKind,
+    RosterAck,
     T2tMessage,
 )
 
@@ -149,12 +152,15 @@ def test_what_trains_said_in_an_area_that_is_left_is_not_kept_in_order_any_more(
     here, there = report(head(7, area=1)), report(head(7, area=2))
     order = LineOrder(*head(SUPERVISION, area=1), OrderKind.STOP, OWN)
     switch = ObjectStatus(*head(WAYSIDE, area=1), 3, ObjectState.FREE, 0, 0, 0)
-    said = (here, there, order, switch)
-    assert [why_not(hearing, each) for each in said] == [None] * 4
+    first, last = report(head(1)), report(head(LAST_TRAIN))
+    ack = RosterAck(*head(FIRST_ARBITER), 1)
+    forgotten, kept = (here, first, last), (there, order, switch, ack)
+    assert [why_not(hearing, each) for each in (*forgotten, *kept)] == [None] * 7
 
     hearing.forget(1)
 
-    assert [why_not(hearing, each) for each in said] == [None, NOT_NEWER, NOT_NEWER, NOT_NEWER]
+    assert [why_not(hearing, each) for each in forgotten] == [None] * 3
+    assert [why_not(hearing, each) for each in kept] == [NOT_NEWER] * 4
 
 
 def test_a_train_hears_more_trains_pass_than_it_can_keep_in_order() -> None:
