@@ -1,4 +1,4 @@
-"""One master with many trains: how long it takes over a cycle, packing and unpacking included."""
+"""What many trains cost a master and the wayside, packing and unpacking included."""
 
 from typing import Final
 
@@ -9,7 +9,7 @@ from firmware_py.trackdb.areas import Area, AreaMap, TrackSection
 from plant_emulator.wayside.line_wayside import Disks, LineWayside, Truth
 from plant_emulator.wayside.t2t_vocabulary import ArbiterMemory
 from vobc.t2t.train import TrainCore
-from vobc.t2t.vocabulary import OwnTrain, T2tConfig, TrainMemory
+from vobc.t2t.vocabulary import OwnTrain, Role, T2tConfig, TrainMemory
 from vobc.wire.line_radio import LineRadio
 from zenoh_config import t2t_keys
 from zenoh_config.codec import pack, unpack
@@ -24,6 +24,7 @@ REPORT_NS: Final = 100_000_000
 NS_PER_MS: Final = 1e6
 SETTLE_STEPS: Final = 6000
 CYCLES: Final = 50
+SHARE_STEPS: Final = 500
 
 
 class _Others:
@@ -94,17 +95,66 @@ def cycle_ms(trains: int) -> list[float]:
         ]
     )
     line = AreaMap("load", (Area(1, 0.0, length_m),), sections)
+    core = TrainCore(T2tConfig(), line, address=1, memory=TrainMemory(), start_ns=0)
+    radio = LineRadio(core, "load", lambda _: True)
+    axles = _axles(list(fronts_m.values()))
+    own = _at_rest(fronts_m.pop(1))
+    return _run(_wayside_of(line), radio, own, _Others(fronts_m), axles)
+
+
+def _wayside_of(line: AreaMap) -> LineWayside:
     config = T2tConfig()
     store = CheckedStore(None, ArbiterMemory)
     arbiter = config.arbiters[0]
     disks = Disks({arbiter: ArbiterMemory()}, {}, lambda _, m: store.put(m), lambda _, __: True)
-    wayside = LineWayside(config.timers, line, disks, boot=1, start_ns=0)
-    core = TrainCore(config, line, address=1, memory=TrainMemory(), start_ns=0)
-    radio = LineRadio(core, "load", lambda _: True)
-    front_m = fronts_m.pop(1)
+    return LineWayside(config.timers, line, disks, boot=1, start_ns=0)
+
+
+def _at_rest(front_m: float) -> OwnTrain:
     rear_m = front_m - LENGTH_M
-    own = OwnTrain(True, front_m, front_m, rear_m, rear_m, 0.0, True, front_m, front_m, AXLES)
-    return _run(wayside, radio, own, _Others(fronts_m), _axles([front_m, *fronts_m.values()]))
+    return OwnTrain(True, front_m, front_m, rear_m, rear_m, 0.0, True, front_m, front_m, AXLES)
+
+
+def wayside_share(areas: int, trains_each: int) -> float:
+    """Of a processor, that arbiters, track and centre of a line take: each area has a master, which
+    renews its lease and asks for the state of its sections, and axles of so many trains in them.
+    """
+    area_m = GAP_M * trains_each
+    line = AreaMap(
+        "load",
+        tuple([Area(n + 1, n * area_m, (n + 1) * area_m) for n in range(areas)]),
+        tuple(
+            [
+                TrackSection(n + 1, n * SECTION_M, (n + 1) * SECTION_M)
+                for n in range(round(areas * area_m / SECTION_M))
+            ]
+        ),
+    )
+    wayside = _wayside_of(line)
+    masters, own = [], []
+    for area in line.areas:
+        front_m = (area.start_m + area.end_m) / 2.0
+        core = TrainCore(T2tConfig(), line, address=area.number, memory=TrainMemory(), start_ns=0)
+        masters.append(LineRadio(core, "load", lambda _: True))
+        own.append(_at_rest(front_m))
+    alone = _axles([each.front_max_m for each in own])
+    crowd = _axles([GAP_M * (n + 0.5) for n in range(areas * trains_each)])
+    clock, spent_ns = WallClock(), 0
+    to_trains: list[RadioMessage] = []
+    for step in range(1, 3 * SHARE_STEPS):
+        now_ns = step * STEP_NS
+        said: list[RadioMessage] = []
+        for radio, train in zip(masters, own, strict=True):
+            radio.takes(to_trains)
+            said += [RadioMessage(now_ns, *e) for e in radio.step(now_ns, train, apply=True)]
+        begun_ns = clock.now_ns()
+        measured = step >= 2 * SHARE_STEPS
+        answers = wayside.step(now_ns, said, crowd if measured else alone)
+        spent_ns += (clock.now_ns() - begun_ns) * measured
+        to_trains = [RadioMessage(now_ns, key, payload) for key, payload in answers]
+    if not all(Role.MASTER in radio.roles.values() for radio in masters):
+        raise TimeoutError("not every area has a master")
+    return spent_ns / (SHARE_STEPS * STEP_NS)
 
 
 def _run(

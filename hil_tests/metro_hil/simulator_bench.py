@@ -7,7 +7,7 @@ from statistics import median
 from typing import Final, NamedTuple
 
 from metro_hil.benchmarks import Figure, run_measures
-from metro_hil.line_load import cycle_ms
+from metro_hil.line_load import cycle_ms, wayside_share
 from metro_hil.network.directed import convoy
 from metro_hil.network.long_line import play
 from metro_hil.network.many import Total, run_many
@@ -245,7 +245,13 @@ def computation() -> list[Figure]:
             f"median {median(took_ms):.1f} ms, worst {max(took_ms):.1f} ms of {len(took_ms)}",
             f"≤ {CYCLE_BAR_MS:.0f} ms",
             max(took_ms) <= CYCLE_BAR_MS,
-        )
+        ),
+        Figure(
+            f"the wayside of {LINE_AREAS} areas with {LINE_EACH} trains each, plain Python",
+            f"{100.0 * wayside_share(LINE_AREAS, LINE_EACH):.1f} % of a processor",
+            "–",
+            True,
+        ),
     ]
 
 
