@@ -71,6 +71,21 @@ def test_it_goes_on_listening_for_ten_seconds_where_it_is_no_concern_any_more() 
     assert ride.at(gone_m) == {6}
 
 
+def test_who_still_commands_an_area_that_it_has_left_goes_on_listening_there() -> None:
+    """A master stays with its trains until another has taken over."""
+    ride = Ride()
+    ride.at(BORDER_M)
+    gone_m = BORDER_M + LENGTH_M + FAREWELL_M + 0.1
+    ride.at(gone_m, for_s=10)
+    desk = ride.core.desk(5)
+    assert desk is not None
+    desk.role = Role.MASTER
+
+    assert ride.at(gone_m) == {5, 6}
+    # Without a lease it is one no more.
+    assert ride.at(gone_m, for_s=2) == {6}
+
+
 def test_bounds_that_waver_around_a_border_change_nothing() -> None:
     ride = Ride()
     before_m = BORDER_M - LINE.apply_m
