@@ -6,6 +6,7 @@ from can_dbc.vobc import Cause, Supervision
 from firmware_py.ports import RadioMessage
 from firmware_py.trackdb import load_line
 from firmware_py.trackdb.areas import load_areas
+from hil_tests.unit.test_t2t_envelope import REPORT
 from metro_hil.t2t_run.story import LineStory
 from metro_hil.t2t_run.verdict import complaints
 from plant_emulator.wayside.detection import Place
@@ -44,6 +45,37 @@ def test_the_gap_is_that_from_an_authority_to_the_true_rear_ahead() -> None:
     assert complaints(told.story, 2, behind_rear_m=101.0) == [
         "train 2: authority only 100.50 m behind the next"
     ]
+
+
+def test_a_place_that_waited_on_its_way_says_nothing_of_a_younger_authority() -> None:
+    """The train ahead had moved on when it was said: by 10 m in 500 ms."""
+    told = Told()
+    told.story.stands(1, Place(1080.0, 1000.0, 16, 100 * MS))
+    told.hears(replace(GIVEN, end_m=1000.5, stamp_ns=350 * MS), 360)
+
+    for late_ms, rear_m in ((200, 1002.0), (300, 1004.0)):
+        told.story.stands(1, Place(rear_m + 80.0, rear_m, 16, late_ms * MS))
+        told.story.stands(2, Place(180.0, 100.0, 16, 500 * MS))
+        assert told.story.train(2).least_gap_m == float("inf")
+    told.story.stands(1, Place(1086.0, 1006.0, 16, 400 * MS))
+
+    # It was half way between these two places when the authority was said.
+    assert told.story.train(2).least_gap_m == 1005.0 - 1000.5
+    told.story.stands(1, Place(1084.5, 1004.5, 16, 500 * MS))
+    assert told.story.train(2).least_gap_m == 1004.5 - 1000.5
+
+
+def test_what_a_master_grants_itself_counts_from_its_report_on() -> None:
+    told = Told()
+    told.hears(replace(BEAT, source=2), 0)
+    held = replace(REPORT, source=2, stamp_ns=350 * MS, front_min_m=180.0, front_max_m=181.0)
+    held = replace(held, easy_m=181.0, latent_m=1000.5, held_term=7, held_end_m=1000.5, area=1)
+    told.hears(held, 360)
+    told.story.stands(1, Place(1084.0, 1004.0, 16, 300 * MS))
+    assert told.story.train(2).least_gap_m == float("inf")
+
+    told.story.stands(1, Place(1085.0, 1005.0, 16, 350 * MS))
+    assert told.story.train(2).least_gap_m == 4.5
 
 
 def test_an_authority_reaches_into_the_next_area_only_by_that_areas_own() -> None:

@@ -42,8 +42,10 @@ def axles(rear_m: float, front_m: float, count: int) -> dict[int, int]:
     return detection(told(1, rear_m, front_m, axles=count)).axles()
 
 
-def test_a_place_is_told_by_front_rear_and_axles_in_network_order() -> None:
-    assert packed(Place(90.5, 10.25, 16)) == struct.pack(">ddH", 90.5, 10.25, 16)
+def test_a_place_is_told_by_front_rear_axles_and_instant_in_network_order() -> None:
+    place = Place(90.5, 10.25, 16, 77)
+    assert packed(place) == struct.pack(">ddHQ", 90.5, 10.25, 16, 77)
+    assert packed(Place(90.5, 10.25, 16)) == struct.pack(">ddHQ", 90.5, 10.25, 16, 0)
     assert key_of("Line 9", 7) == "m/line-9/x/7"
     assert matches(subscription("Line 9"), key_of("Line 9", 7))
 
@@ -60,6 +62,11 @@ def test_a_place_is_told_by_front_rear_and_axles_in_network_order() -> None:
         (97.9, 150.0, {1: 1, 2: 1}),
         (198.0, 302.0, {3: 1, 4: 1}),
         (197.9, 301.9, {2: 1, 3: 1}),
+        # What is beyond the last joint is counted by nobody.
+        (350.0, 402.0, {4: 1}),
+        (350.0, 401.9, {4: 2}),
+        (-2.0, 30.0, {1: 2}),
+        (-2.1, 30.0, {1: 1}),
     ],
 )
 def test_the_outer_axles_are_2_m_from_the_couplers(
@@ -143,6 +150,39 @@ def test_the_newest_place_of_a_train_counts() -> None:
     assert moved.axles() == {2: 3}
 
 
+@given(
+    st.lists(
+        st.tuples(st.integers(1, 3), st.floats(-50.0, 450.0), st.floats(5.0, 100.0)), max_size=12
+    )
+)
+def test_however_trains_have_moved_only_where_they_are_now_is_counted(
+    moves: list[tuple[int, float, float]],
+) -> None:
+    detecting = detection()
+    newest: dict[int, RadioMessage] = {}
+    for train, rear_m, long_m in moves:
+        newest[train] = told(train, rear_m, rear_m + long_m)
+        detecting.hears([newest[train]])
+
+        assert detecting.axles() == detection(*newest.values()).axles()
+
+
+def test_a_train_that_only_says_the_same_anew_is_counted_once() -> None:
+    detecting = detection(told(1, 10.0, 40.0, axles=3))
+    again = Place(40.0, 10.0, 3, 50)
+    detecting.hears([RadioMessage(0, key_of("Line 9", 1), packed(again))])
+
+    assert detecting.axles() == {1: 3}
+    assert detecting.places == {"m/line-9/x/1": again}
+
+
+def test_on_a_line_without_counters_nothing_is_counted() -> None:
+    detecting = Detection(AreaMap("Line 9", (Area(1, 0.0, 400.0),)))
+    detecting.hears([told(1, 10.0, 40.0)])
+
+    assert detecting.axles() == {}
+
+
 @pytest.mark.parametrize(
     ("rear_m", "front_m"),
     [
@@ -159,7 +199,7 @@ def test_what_is_no_stretch_of_the_line_is_no_place(rear_m: float, front_m: floa
     assert detection(told(1, rear_m, front_m)).places == {}
 
 
-@pytest.mark.parametrize("payload", [b"", bytes(17), bytes(19)])
+@pytest.mark.parametrize("payload", [b"", bytes(18), bytes(25), bytes(27)])
 def test_a_message_of_a_wrong_length_is_taken_and_passed_over(payload: bytes) -> None:
     assert detection(RadioMessage(0, "m/line-9/x/1", payload)).places == {}
 

@@ -166,7 +166,7 @@ def feed_of(
     key = key_of(line_name, options.train)
 
     def tell(now_ns: int) -> None:
-        place = Place(world.front_m, world.front_m - world.length_m, AXLES)
+        place = Place(world.front_m, world.front_m - world.length_m, AXLES, now_ns)
         port.send(now_ns, key, packed(place))
 
     return Executive([Task("rails", FEED_MS, tell)], clock.now_ns())

@@ -1,10 +1,13 @@
 """Where trains truly are, as the emulated rails tell the emulated axle counters; no radio message.
 
-Key `m/<line>/x/<train>`: chainages of front and rear, then the number of axles, in network order.
+Key `m/<line>/x/<train>`: chainages of front and rear, the number of axles, and the instant by the
+monotonic clock of the train's emulator, in network order.
 """
 
 import math
 import struct
+from bisect import bisect_right
+from collections import Counter
 from collections.abc import Iterable
 from typing import Final, NamedTuple
 
@@ -12,7 +15,7 @@ from firmware_py.ports import RadioMessage
 from firmware_py.trackdb.areas import AreaMap
 from zenoh_config.keys import line_chunk
 
-LAYOUT: Final = struct.Struct(">ddH")
+LAYOUT: Final = struct.Struct(">ddHQ")
 INSET_M: Final = 2.0
 """From a coupler to the nearest axle."""
 TRAINS_MAX: Final = 512
@@ -22,6 +25,8 @@ class Place(NamedTuple):
     front_m: float
     rear_m: float
     axles: int
+    stamp_ns: int = 0
+    """Messages wait on their way: then this is not when they come."""
 
 
 def key_of(line: str, train: int) -> str:
@@ -33,7 +38,7 @@ def subscription(line: str) -> str:
 
 
 def packed(place: Place) -> bytes:
-    return LAYOUT.pack(place.front_m, place.rear_m, place.axles)
+    return LAYOUT.pack(*place)
 
 
 class Detection:
@@ -43,6 +48,10 @@ class Detection:
         self._areas = areas
         self.places: dict[str, Place] = {}
         """By key. A train that is told of no more stands where it was."""
+        self._starts_m = [section.start_m for section in areas.sections]
+        self._under: dict[str, dict[int, int]] = {}
+        """By key: axles in each section."""
+        self._axles: Counter[int] = Counter()
 
     def hears(self, messages: Iterable[RadioMessage]) -> list[RadioMessage]:
         """Take what is for the rails; the rest comes back."""
@@ -54,24 +63,35 @@ class Detection:
             elif len(message.payload) == LAYOUT.size and self._has_room(message.key):
                 place = Place(*LAYOUT.unpack(message.payload))
                 if -math.inf < place.rear_m < place.front_m < math.inf:
-                    self.places[message.key] = place
+                    self._moves(message.key, place)
         return others
 
     def _has_room(self, key: str) -> bool:
         return key in self.places or len(self.places) < TRAINS_MAX
 
+    def _moves(self, key: str, place: Place) -> None:
+        self.places[key] = place
+        counted = self._under_train(place)
+        self._axles.update(counted)
+        self._axles.subtract(self._under.get(key, {}))
+        self._under[key] = counted
+
+    def _under_train(self, place: Place) -> dict[int, int]:
+        """Sections follow each other without a gap."""
+        counted: dict[int, int] = {}
+        sections, starts_m = self._areas.sections, self._starts_m
+        first_m = place.front_m - INSET_M
+        step_m = (first_m - place.rear_m - INSET_M) / max(1, place.axles - 1)
+        for n in range(place.axles if sections else 0):
+            at_m = first_m - n * step_m
+            section = sections[max(0, bisect_right(starts_m, at_m) - 1)]
+            if section.start_m <= at_m < section.end_m:
+                counted[section.number] = counted.get(section.number, 0) + 1
+        return counted
+
     def axles(self) -> dict[int, int]:
         """In each section that has any."""
-        counted: dict[int, int] = {}
-        for place in self.places.values():
-            first_m = place.front_m - INSET_M
-            step_m = (first_m - place.rear_m - INSET_M) / max(1, place.axles - 1)
-            for n in range(place.axles):
-                at_m = first_m - n * step_m
-                for section in self._areas.sections:
-                    if section.start_m <= at_m < section.end_m:
-                        counted[section.number] = counted.get(section.number, 0) + 1
-        return counted
+        return {number: count for number, count in self._axles.items() if count}
 
     def occupied(self) -> set[int]:
         """Objects with a part of a train in them."""

@@ -35,6 +35,8 @@ class Given(NamedTuple):
     term: int
     end_m: float
     echo_ns: int
+    said_ns: int
+    """When its master said it, or the train that it holds it, by their clocks."""
 
 
 @dataclass(slots=True)
@@ -118,7 +120,11 @@ class LineStory:
         if standing and not train.standing:
             self._stopped(train, place.front_m)
         train.standing = standing
-        self._compare(number)
+        for behind, ahead in self._neighbours():
+            if number in (behind, ahead):
+                self._collide(behind, ahead)
+            if number == ahead:
+                self._keep_apart(self.trains[behind], before, place)
 
     def tells(self, number: int, supervision: int, cause: int, now_ns: int) -> None:
         """What the protection of a train does."""
@@ -154,7 +160,11 @@ class LineStory:
         story = self.areas.get(report.area)
         if report.member and story is not None and story.heartbeat.source == report.source:
             # What a master grants itself is not on the air.
-            given = Given(now_ns, report.held_term, report.held_end_m, report.stamp_ns)
+            given = Given(
+                *(now_ns, report.held_term, report.held_end_m),
+                echo_ns=report.stamp_ns,
+                said_ns=report.stamp_ns,
+            )
             train.given[report.area] = given
 
     def _hears_heartbeat(self, heartbeat: Heartbeat, now_ns: int) -> None:
@@ -190,7 +200,10 @@ class LineStory:
         if before is not None and self._is_here(train, authority.area) and not train.struck:
             age_ms = (now_ns - before.echo_ns) / NS_PER_MS
             train.oldest_ms = max(train.oldest_ms, age_ms)
-        given = Given(now_ns, authority.term, authority.end_m, authority.echo_ns)
+        given = Given(
+            *(now_ns, authority.term, authority.end_m, authority.echo_ns),
+            said_ns=authority.stamp_ns,
+        )
         train.given[authority.area] = given
         story = self.areas.get(authority.area)
         if story is not None and authority.term == story.heartbeat.term and story.waiting:
@@ -220,38 +233,46 @@ class LineStory:
             else:
                 train.stops.append(stop)
 
-    def _compare(self, number: int) -> None:
-        """With the trains ahead and behind: what the one behind may, and where it is."""
+    def _neighbours(self) -> Iterable[tuple[int, int]]:
+        """Each train and the one ahead of it."""
         placed = sorted(
             [(t.place.front_m, n) for n, t in self.trains.items() if t.place is not None]
         )
-        for (_, behind), (_, ahead) in itertools.pairwise(placed):
-            if number in (behind, ahead):
-                self._between(behind, ahead)
+        return [(behind, ahead) for (_, behind), (_, ahead) in itertools.pairwise(placed)]
 
-    def _between(self, behind: int, ahead: int) -> None:
-        train, rear = self.trains[behind], self.trains[ahead].place
-        assert train.place is not None
+    def _collide(self, behind: int, ahead: int) -> None:
+        train, rear = self.trains[behind].place, self.trains[ahead].place
+        assert train is not None
         assert rear is not None
-        if train.place.front_m > rear.rear_m:
+        if train.front_m > rear.rear_m:
             words = f"train {behind} stands in train {ahead}"
             if words not in self.collisions:
                 self.collisions.append(words)
-        end_m = self._reach_m(train)
-        if end_m is not None:
-            train.least_gap_m = min(train.least_gap_m, rear.rear_m - end_m)
 
-    def _reach_m(self, train: TrainStory) -> float | None:
-        """To where the authorities of all areas together let it go."""
+    def _keep_apart(self, train: TrainStory, before: Place | None, ahead: Place) -> None:
+        """From where its authority ends to where the rear ahead was when that was said, or is now:
+        a place that waited on its way is from before that, and its train has moved on since.
+        """
+        reach = self._reach(train)
+        if reach is None or ahead.stamp_ns < reach.said_ns:
+            return
+        rear_m = ahead.rear_m
+        if before is not None and before.stamp_ns < reach.said_ns:
+            share = (reach.said_ns - before.stamp_ns) / (ahead.stamp_ns - before.stamp_ns)
+            rear_m = before.rear_m + share * (ahead.rear_m - before.rear_m)
+        train.least_gap_m = min(train.least_gap_m, rear_m - reach.end_m)
+
+    def _reach(self, train: TrainStory) -> Given | None:
+        """The one of its authorities that ends where all of them together let it go."""
         assert train.place is not None
         area: Area | None = self._map.area_at(train.place.front_m)
-        end_m = None
+        last = None
         while area is not None and (given := train.given.get(area.number)) is not None:
-            end_m = given.end_m
-            if end_m < area.end_m:
+            last = given
+            if given.end_m < area.end_m:
                 break
             area = self._map.following(area.number)
-        return end_m
+        return last
 
 
 def _holds(train: TrainStory, area: int, now_ns: int) -> bool:

@@ -66,7 +66,8 @@ class VirtualLine:
         self.dropped = self._tap.counters.dropped_in
         for number, train in self.bench.trains.items():
             world, output = train.plant.world, train.vobc.output
-            self.story.stands(number, Place(world.front_m, world.front_m - world.length_m, AXLES))
+            rear_m = world.front_m - world.length_m
+            self.story.stands(number, Place(world.front_m, rear_m, AXLES, now_ns))
             self.story.tells(number, output.supervision, output.emergency_cause, now_ns)
 
     def _strike(self) -> None:
