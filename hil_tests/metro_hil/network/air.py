@@ -3,9 +3,11 @@
 It reads messages and knows none of the machines: it reckons leases anew from requests and answers.
 """
 
+import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any, Final, NamedTuple
 
 from metro_hil.network.checker import ViolationError
@@ -24,6 +26,7 @@ from zenoh_config.t2t import (
 )
 
 NS_PER_MS: Final = 1_000_000
+NO_ENDS: Final[Mapping[int, float]] = MappingProxyType({})
 TOLD_MAX: Final = 256
 LESS_MAX: Final = 1000
 ANSWERS_MAX: Final = 1000
@@ -52,6 +55,8 @@ class Readiness(NamedTuple):
     """Boot and sequence of the report."""
     nonce: int
     at_ns: int
+    rear_m: float
+    """It is not farther back, as far as it knows."""
 
 
 class Switch(NamedTuple):
@@ -74,8 +79,11 @@ class Lease(NamedTuple):
 class Air:
     """One for all nodes; raises ViolationError."""
 
-    def __init__(self, rules: LeaseRules, looked: Counter[str]) -> None:
-        self.rules, self.looked = rules, looked
+    def __init__(
+        self, rules: LeaseRules, looked: Counter[str], ends_m: Mapping[int, float] = NO_ENDS
+    ) -> None:
+        """`ends_m`: of areas; of one that is not there nobody knows."""
+        self.rules, self.looked, self._ends_m = rules, looked, ends_m
         self._issuers: dict[tuple[int, int], int] = {}
         """By area and term: who issues."""
         self._until_ns: dict[tuple[int, int], tuple[int, int]] = {}
@@ -323,11 +331,13 @@ class Air:
         number = report.boot, report.sequence
         known = switch.heard.get(report.source)
         if known is None or number > known.number:
-            switch.heard[report.source] = Readiness(number, report.ready_nonce, now_ns)
+            rear_m = report.rear_min_m if report.localised else -math.inf
+            switch.heard[report.source] = Readiness(number, report.ready_nonce, now_ns, rear_m)
 
     def _commit(self, step: SwitchStep, switch: "Switch", now_ns: int) -> None:
         """26: the successor is ready, and so is every train on the kept roster that the master
-        hears; of one that it does not hear the way is reserved."""
+        hears; of one that it does not hear the way is reserved, and who has left the area is about
+        to leave the roster."""
         self.looked["26"] += 1
         words = f"train {step.source} commits switch {step.nonce} of area {step.area}"
         if (step.successor, step.source, step.area, step.nonce) not in self._ready:
@@ -336,5 +346,7 @@ class Air:
         for train in sorted(kept - {step.source}):
             heard = switch.heard.get(train)
             if heard is None or now_ns - heard.at_ns > HEARD_NS or heard.nonce == step.nonce:
+                continue
+            if heard.rear_m >= self._ends_m.get(step.area, math.inf):
                 continue
             raise ViolationError("26", f"{words}; train {train} is ready for {heard.nonce}")

@@ -48,7 +48,8 @@ class LineWorld(World):
         self._closed: list[tuple[int, SpeedRestriction]] = []
         self._places: dict[int, deque[tuple[int, float]]] = {each: deque() for each in self.trains}
         """By train: when and where its front was at most, those that nothing later exceeds."""
-        self.air = Air(rules, self.checker.looked)
+        ends_m = {area.number: area.end_m for area in drawn.cast.line.areas}
+        self.air = Air(rules, self.checker.looked, ends_m)
         crew.answered = self.air.answered
 
     def _start_train(self, node: Node, now_ns: int) -> Machine:

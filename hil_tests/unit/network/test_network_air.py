@@ -1,17 +1,33 @@
-"""What the judge of the messages on the air lets pass of a planned switch that is given up."""
+"""What the judge of the messages on the air lets pass of planned switches, and what it does not."""
 
 from collections import Counter
+from dataclasses import replace
 
 import pytest
 
+from hil_tests.unit.test_t2t_envelope import REPORT
 from metro_hil.network.air import Air, LeaseRules
 from metro_hil.network.checker import ViolationError
 from metro_hil.network.node import Letter
-from zenoh_config.t2t import NOBODY, LeaseAnswer, LeaseKind, LeaseRequest, T2tMessage
+from zenoh_config.t2t import (
+    NOBODY,
+    LeaseAnswer,
+    LeaseKind,
+    LeaseRequest,
+    RosterAck,
+    RosterCommit,
+    RosterEntry,
+    SwitchKind,
+    SwitchStep,
+    T2tMessage,
+    TrainReport,
+)
 
 NS_PER_MS = 1_000_000
 AREA = 2
-HOLDER, SUCCESSOR = 1, 3
+NONCE = 9
+HOLDER, SUCCESSOR, THIRD = 1, 3, 4
+END_M = 2000.0
 ARBITERS = (65_001, 65_002, 65_003)
 
 
@@ -27,7 +43,7 @@ class Line:
             majority=2,
             age_max_ns=1000 * NS_PER_MS,
         )
-        self.air = Air(rules, Counter())
+        self.air = Air(rules, Counter(), {AREA: END_M})
         self.now_ns = 0
         self._sequence = 0
 
@@ -49,6 +65,21 @@ class Line:
         )
         self.air.answered(arbiter, requests, (Letter((request.source,), answer),))
         self._said(request.source, (answer,))
+
+    def switches(self, *reports: TrainReport) -> None:
+        """The holder prepares a switch, hears its successor and these, and commits."""
+        head = HOLDER, SUCCESSOR, AREA, 1, 1, 1, self.now_ns
+        trains = (HOLDER, SUCCESSOR, THIRD)
+        roster = tuple([RosterEntry(train, 0.0, True, 1) for train in trains])
+        self._said(HOLDER, (), RosterCommit(*head, 1, roster))
+        for arbiter in ARBITERS:
+            ack = RosterAck(arbiter, HOLDER, AREA, 1, 1, 1, 0, 1)
+            self._said(HOLDER, (ack,))
+        self._said(HOLDER, (), SwitchStep(*head, SwitchKind.PREPARE, NONCE, SUCCESSOR))
+        back = SUCCESSOR, HOLDER, AREA, 1, 1, 1, self.now_ns
+        self._said(SUCCESSOR, (), SwitchStep(*back, SwitchKind.READY, NONCE, SUCCESSOR))
+        self._said(HOLDER, reports)
+        self._said(HOLDER, (), SwitchStep(*head, SwitchKind.COMMIT, NONCE, SUCCESSOR))
 
     def _said(self, train: int, heard: tuple[T2tMessage, ...], *out: T2tMessage) -> None:
         letters = [Letter(ARBITERS, each) for each in out]
@@ -147,3 +178,32 @@ def test_where_clocks_were_stepped_leases_are_not_held_against_each_other(line: 
     asked = line.ask(SUCCESSOR, 2, LeaseKind.ACQUIRE)
     for arbiter in ARBITERS[:2]:
         line.hears(arbiter, asked)
+
+
+def ready(train: int, nonce: int, rear_m: float = 100.0, *, localised: bool = True) -> TrainReport:
+    told = replace(REPORT, source=train, area=AREA, boot=1, ready_nonce=nonce, rear_min_m=rear_m)
+    return replace(told, localised=localised)
+
+
+def test_a_switch_is_committed_when_all_on_the_roster_are_ready(line: Line) -> None:
+    line.switches(ready(SUCCESSOR, NONCE), ready(THIRD, NONCE))
+    assert line.air.looked["26"] == 1
+
+
+@pytest.mark.parametrize(("rear_m", "localised"), [(END_M - 0.1, True), (END_M, False)])
+def test_it_is_not_while_one_that_is_heard_is_not(
+    line: Line, rear_m: float, *, localised: bool
+) -> None:
+    report = ready(THIRD, NONCE - 1, rear_m, localised=localised)
+
+    with pytest.raises(ViolationError, match=r"^26: .* train 4 is ready for 8"):
+        line.switches(ready(SUCCESSOR, NONCE), report)
+
+
+def test_who_has_left_the_area_need_not_be_ready(line: Line) -> None:
+    """Its master takes it off the roster in that very step (seed 32420)."""
+    line.switches(ready(SUCCESSOR, NONCE), ready(THIRD, NONCE - 1, END_M))
+
+
+def test_who_is_not_heard_need_not_be_ready(line: Line) -> None:
+    line.switches(ready(SUCCESSOR, NONCE))
