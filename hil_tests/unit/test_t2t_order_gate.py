@@ -95,13 +95,13 @@ def test_order_is_kept_by_sender_area_and_kind(other: T2tMessage) -> None:
     assert not gate.admits(other)
 
 
-def test_no_more_than_4096_streams_are_kept_and_those_go_on() -> None:
+def test_no_more_than_32768_streams_are_kept_and_those_go_on() -> None:
     gate = OrderGate(HERE)
 
-    admitted = [gate.admits(heartbeat(1, 1, source=n)) for n in range(1, 4098)]
+    admitted = [gate.admits(heartbeat(1, 1, source=n)) for n in range(1, 32_770)]
 
-    assert admitted == [True] * 4096 + [False]
+    assert admitted == [True] * 32_768 + [False]
     assert gate.refusals == {RefusedReason.WRONG_SOURCE: 1}
     assert gate.admits(heartbeat(1, 2, source=1))
-    assert gate.admits(heartbeat(1, 2, source=4096))
-    assert not gate.admits(heartbeat(1, 2, source=4097))
+    assert gate.admits(heartbeat(1, 2, source=32_768))
+    assert not gate.admits(heartbeat(1, 2, source=32_769))

@@ -36,6 +36,8 @@ ORDERS_PER_S: Final = 10
 """At most, to one train: orders are numbered on from the time of day, above all said before."""
 ORDERS_SPAN_S: Final = 2**28
 AXLES: Final = 16
+INBOX_MESSAGES: Final = 8192
+"""Heard between two looks: each train tells the rails where it is 50 times a second."""
 NS_PER_S: Final = 1_000_000_000
 M = TypeVar("M")
 
@@ -105,7 +107,14 @@ class _Line:
         self._centre = centre
         self._detection = Detection(areas)
         topics = (*self._wayside.subscriptions, subscription(areas.name))
-        self._port = open_radio(Role.WAYSIDE, options.line_radio, topics, clock, secure=secure)
+        self._port = open_radio(
+            Role.WAYSIDE,
+            options.line_radio,
+            topics,
+            clock,
+            inbox_messages=INBOX_MESSAGES,
+            secure=secure,
+        )
         stack.callback(self._port.close)
         self._masters: dict[tuple[int, int], tuple[int, int]] = {}
         """By arbiter and area: holder and term."""
