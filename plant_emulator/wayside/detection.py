@@ -38,7 +38,7 @@ def subscription(line: str) -> str:
 
 
 def packed(place: Place) -> bytes:
-    return LAYOUT.pack(*place)
+    return LAYOUT.pack(place.front_m, place.rear_m, place.axles, place.stamp_ns)
 
 
 class Detection:

@@ -7,7 +7,6 @@ import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import Any, Final, NamedTuple
 
 from metro_hil.network.checker import ViolationError
@@ -26,7 +25,6 @@ from zenoh_config.t2t import (
 )
 
 NS_PER_MS: Final = 1_000_000
-NO_ENDS: Final[Mapping[int, float]] = MappingProxyType({})
 TOLD_MAX: Final = 256
 LESS_MAX: Final = 1000
 ANSWERS_MAX: Final = 1000
@@ -80,10 +78,10 @@ class Air:
     """One for all nodes; raises ViolationError."""
 
     def __init__(
-        self, rules: LeaseRules, looked: Counter[str], ends_m: Mapping[int, float] = NO_ENDS
+        self, rules: LeaseRules, looked: Counter[str], ends_m: Mapping[int, float] | None = None
     ) -> None:
         """`ends_m`: of areas; of one that is not there nobody knows."""
-        self.rules, self.looked, self._ends_m = rules, looked, ends_m
+        self.rules, self.looked, self._ends_m = rules, looked, ends_m or {}
         self._issuers: dict[tuple[int, int], int] = {}
         """By area and term: who issues."""
         self._until_ns: dict[tuple[int, int], tuple[int, int]] = {}
