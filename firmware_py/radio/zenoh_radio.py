@@ -151,9 +151,7 @@ class ZenohRadio:
         ]
 
     def listen(self, subscriptions: Collection[str]) -> None:
-        """As for any port; a session that is not there yet begins with these. What is added or left
-        out takes some 30 µs each.
-        """
+        """As for any port; a session that is not there yet begins with these."""
         expression = self._zenoh.KeyExpr
         with self._tuning:
             self._wanted = {wanted: expression(wanted) for wanted in subscriptions}
