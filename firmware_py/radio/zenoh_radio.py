@@ -204,7 +204,13 @@ class ZenohRadio:
     def _begin(self) -> None:
         session = self._zenoh.open(self._config)
         with self._tuning:
-            self._tune(session)
+            try:
+                self._tune(session)
+            except self._zenoh.ZError:
+                # What was declared goes with it; the next session begins with nothing.
+                self._subscribers.clear()
+                session.close()  # type: ignore[no-untyped-call]
+                raise
             self._session = session
 
     def _tune(self, session: "zenoh.Session") -> None:

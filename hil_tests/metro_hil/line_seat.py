@@ -82,7 +82,6 @@ def _run(address: int, clock: WallClock, radio: LineRadio, port: TunableRadioPor
     own = OwnTrain(True, front_m, front_m, rear_m, rear_m, 0.0, True, front_m, front_m, AXLES)
     beat_ns = cycle_ns = clock.now_ns()
     told = (0, 0)
-    tuned = radio.subscriptions
     garbage_ns = beat_ns
     while True:
         if beat_ns >= garbage_ns:
@@ -99,9 +98,7 @@ def _run(address: int, clock: WallClock, radio: LineRadio, port: TunableRadioPor
             continue
         for key, payload in radio.step(now_ns, own, apply=apply):
             port.send(now_ns, key, payload)
-        if radio.subscriptions is not tuned:
-            tuned = radio.subscriptions
-            port.listen(tuned)
+        radio.tune(port)
         held = radio.authority
         role = radio.roles.get(1)
         if held is not None and (held.term, held.sequence) != told:

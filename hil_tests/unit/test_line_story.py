@@ -65,6 +65,17 @@ def test_a_place_that_waited_on_its_way_says_nothing_of_a_younger_authority() ->
     assert told.story.train(2).least_gap_m == 1004.5 - 1000.5
 
 
+def test_places_that_always_come_late_are_held_against_what_was_said_before_them() -> None:
+    """By 400 ms, while a new authority is said every 100 ms; the third goes too far."""
+    told = Told()
+    for n in range(12):
+        end_m = 990.0 if n != 3 else 1002.0
+        told.hears(replace(GIVEN, end_m=end_m, sequence=3 + n, stamp_ns=n * 100 * MS), n * 100)
+        told.story.stands(1, Place(1080.0, 1000.0, 16, max(0, n - 4) * 100 * MS))
+
+    assert told.story.train(2).least_gap_m == -2.0
+
+
 def test_what_a_master_grants_itself_counts_from_its_report_on() -> None:
     told = Told()
     told.hears(replace(BEAT, source=2), 0)

@@ -1,6 +1,7 @@
 """Where a train listens: in the areas that concern it; what is said elsewhere costs nothing."""
 
 from dataclasses import replace
+from unittest.mock import Mock
 
 import pytest
 
@@ -114,10 +115,10 @@ def key(message: T2tMessage) -> str:
     return t2t_keys.key_of(LINE.name, message)
 
 
-def test_the_radio_follows_the_train_and_says_so_by_another_object() -> None:
+def test_the_radio_tunes_its_port_when_the_train_comes_to_listen_elsewhere() -> None:
     ride = Ride()
     radio = LineRadio(ride.core, LINE.name, lambda _: True)
-    first = radio.subscriptions
+    port = Mock(listen=Mock())
 
     def hears(area: int) -> bool:
         said = key(report(head(7, to=BROADCAST, area=area)))
@@ -127,14 +128,14 @@ def test_the_radio_follows_the_train_and_says_so_by_another_object() -> None:
         ride.now_ns += 1000 * MS
         own = OwnTrain(*(True, 500.0, 500.0, 420.0, 420.0, 2.0, False, 500.0, 500.0, 16))
         radio.step(ride.now_ns, own, apply=True)
+        radio.tune(port)
 
     assert not hears(1)
     steps()
-    assert radio.subscriptions is not first
     assert [area for area in range(1, 11) if hears(area)] == [1]
-    second = radio.subscriptions
+    port.listen.assert_called_once_with(radio.subscriptions)
     steps()
-    assert radio.subscriptions is second
+    port.listen.assert_called_once()
 
 
 @pytest.mark.parametrize("areas", [(), (4,)])

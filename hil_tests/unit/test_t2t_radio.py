@@ -74,7 +74,7 @@ class Net:
                 apply = self.now_ns % (50 * MS) == 0
                 for key, payload in line_radio.step(self.now_ns, own, apply=apply):
                     port.send(self.now_ns, key, payload)
-                port.listen(line_radio.subscriptions)
+                line_radio.tune(port)
             axles: dict[int, int] = {}
             for front_m in self.fronts_m.values():
                 section = int((front_m - 40.0) // 200.0) + 1

@@ -42,7 +42,6 @@ class LineCommand:
     ) -> None:
         """`port` listens to the radio's subscriptions already."""
         self.radio = radio
-        self._tuned = radio.subscriptions
         self._port, self._length_m, self._axles = port, config.train.length_m, axles
         atp = config.atp
         braking = SafeBraking(
@@ -66,9 +65,7 @@ class LineCommand:
         for key, payload in self._out:
             self._port.send(now_ns, key, payload)
         self._out.clear()
-        if self.radio.subscriptions is not self._tuned:
-            self._tuned = self.radio.subscriptions
-            self._port.listen(self._tuned)
+        self.radio.tune(self._port)
 
     def beat(self, now_ns: int, motion: Motion | None) -> None:
         """Between two cycles."""

@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable
 from typing import Final
 
-from firmware_py.ports import RadioMessage
+from firmware_py.ports import RadioMessage, TunableRadioPort
 from vobc.t2t.train import TrainCore
 from vobc.t2t.vocabulary import HeldAuthority, OwnTrain, Role, TrainMemory, TrainState
 from zenoh_config import t2t_keys
@@ -35,7 +35,7 @@ class LineRadio:
         self.refusals: Counter[str] = Counter()
         """By reason: of the envelope and the key; the core counts its own."""
         self.subscriptions = t2t_keys.of_train(line_name, core.address)
-        """Key expressions to listen to now; another object when they are others."""
+        """Key expressions that its port listens to, at first and as `tune` has left it."""
         self._listens = core.listens
         self._core, self._line_name, self._store, self.key = core, line_name, store, key
         self._heard: list[T2tMessage] = []
@@ -66,6 +66,14 @@ class LineRadio:
         """A step would have something to do."""
         return bool(self._heard) or now_ns >= self._core.next_due_ns()
 
+    def tune(self, port: TunableRadioPort) -> None:
+        """Have the port, which listens to `subscriptions`, listen where the train is now."""
+        if self._core.listens is not self._listens:
+            self._listens = self._core.listens
+            areas = sorted(self._listens)
+            self.subscriptions = t2t_keys.of_train(self._line_name, self._core.address, areas)
+            port.listen(self.subscriptions)
+
     def step(self, now_ns: int, own: OwnTrain, *, apply: bool) -> list[tuple[str, bytes]]:
         """Key and payload of everything to send, after what was to be applied is applied.
 
@@ -81,10 +89,6 @@ class LineRadio:
                 self.authority = None
                 return []
             self._unstored = None
-        if self._core.listens is not self._listens:
-            self._listens = self._core.listens
-            areas = sorted(self._listens)
-            self.subscriptions = t2t_keys.of_train(self._line_name, self._core.address, areas)
         self.authority, self.state = stepped.authority, stepped.state
         self.roles = dict(stepped.roles)
         return [

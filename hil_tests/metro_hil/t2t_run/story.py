@@ -1,6 +1,7 @@
 """What happened on a line, from what was said on its radio and where trains truly were. Pure."""
 
 import itertools
+from collections import deque
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple
@@ -21,6 +22,7 @@ STOPPED_M: Final = 2.0
 """A train that stands so near to a stopping point has stopped there."""
 YOUNG_NS: Final = 1_000_000_000
 MOVED_M: Final = 0.01
+REACHES: Final = 32
 
 
 class Stop(NamedTuple):
@@ -44,6 +46,8 @@ class TrainStory:
     place: Place | None = None
     given: dict[int, Given] = field(default_factory=dict)
     """By area, the newest."""
+    reaches: deque[Given] = field(default_factory=lambda: deque(maxlen=REACHES))
+    """The last that let it go as far as it may, for places that come late."""
     report: TrainReport | None = None
     supervision: int = Supervision.NO_AUTHORITY
     stops: list[Stop] = field(default_factory=list)
@@ -253,9 +257,15 @@ class LineStory:
         """From where its authority ends to where the rear ahead was when that was said, or is now:
         a place that waited on its way is from before that, and its train has moved on since.
         """
-        reach = self._reach(train)
-        if reach is None or ahead.stamp_ns < reach.said_ns:
+        newest = self._reach(train)
+        if newest is None:
+            train.reaches.clear()
+        elif not train.reaches or newest != train.reaches[-1]:
+            train.reaches.append(newest)
+        older = [each for each in train.reaches if each.said_ns <= ahead.stamp_ns]
+        if not older:
             return
+        reach = older[-1]
         rear_m = ahead.rear_m
         if before is not None and before.stamp_ns < reach.said_ns:
             share = (reach.said_ns - before.stamp_ns) / (ahead.stamp_ns - before.stamp_ns)
