@@ -87,19 +87,22 @@ def cycle_ms(trains: int) -> list[float]:
     the last authority. Raises TimeoutError when they are not all commanded in time.
     """
     fronts_m = {n: GAP_M * (trains + 1 - n) for n in range(1, trains + 1)}
-    length_m = GAP_M * (trains + 2)
-    sections = tuple(
-        [
-            TrackSection(n + 1, n * SECTION_M, (n + 1) * SECTION_M)
-            for n in range(round(length_m / SECTION_M))
-        ]
-    )
-    line = AreaMap("load", (Area(1, 0.0, length_m),), sections)
+    line = _line(1, GAP_M * (trains + 2))
     core = TrainCore(T2tConfig(), line, address=1, memory=TrainMemory(), start_ns=0)
     radio = LineRadio(core, "load", lambda _: True)
     axles = _axles(list(fronts_m.values()))
     own = _at_rest(fronts_m.pop(1))
     return _run(_wayside_of(line), radio, own, _Others(fronts_m), axles)
+
+
+def _line(areas: int, area_m: float) -> AreaMap:
+    """Areas one behind the other, and sections from its begin to its end."""
+    sections = round(areas * area_m / SECTION_M)
+    return AreaMap(
+        "load",
+        tuple([Area(n + 1, n * area_m, (n + 1) * area_m) for n in range(areas)]),
+        tuple([TrackSection(n + 1, n * SECTION_M, (n + 1) * SECTION_M) for n in range(sections)]),
+    )
 
 
 def _wayside_of(line: AreaMap) -> LineWayside:
@@ -119,17 +122,7 @@ def wayside_share(areas: int, trains_each: int) -> float:
     """Of a processor, that arbiters, track and centre of a line take: each area has a master, which
     renews its lease and asks for the state of its sections, and axles of so many trains in them.
     """
-    area_m = GAP_M * trains_each
-    line = AreaMap(
-        "load",
-        tuple([Area(n + 1, n * area_m, (n + 1) * area_m) for n in range(areas)]),
-        tuple(
-            [
-                TrackSection(n + 1, n * SECTION_M, (n + 1) * SECTION_M)
-                for n in range(round(areas * area_m / SECTION_M))
-            ]
-        ),
-    )
+    line = _line(areas, GAP_M * trains_each)
     wayside = _wayside_of(line)
     masters, own = [], []
     for area in line.areas:

@@ -1,6 +1,5 @@
 """Controller and plant in one process in virtual time: same code, same frames, no waiting."""
 
-import gc
 from collections.abc import Callable, Collection, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -18,6 +17,7 @@ from firmware_py.tag_reader.inproc_line import inproc_line
 from firmware_py.tag_reader.recorded_line import RecordedLine
 from metro_hil.bus_faults import BusFaults, FaultyPort
 from metro_hil.cases import Controller
+from metro_hil.collecting import rarely_collected
 from metro_hil.controller_side import SHIPPED, ControllerSide
 from metro_hil.ending import ARRIVED, DURATION, ArrivalWatch, Ending
 from metro_hil.frame_faults import FrameFaults
@@ -48,8 +48,6 @@ TIME_UP = f"not arrived within {LIMIT_S / 3600.0:.0f} h"
 WATCH_MS = 500.0
 BUS_FAULT_MS = 1.0
 NS_PER_S = 1_000_000_000
-COLLECT_AFTER = 50_000
-"""New objects after which cycles are looked for while a train runs: running leaves none behind."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,13 +193,8 @@ class Lockstep:
 
     def run_until(self, over: Callable[[int], bool]) -> None:
         """Run on; `over` is asked before each release. Runs in pieces equal one in a single one."""
-        usual = gc.get_threshold()
-        if 0 < usual[0] < COLLECT_AFTER:
-            gc.set_threshold(COLLECT_AFTER, usual[1], usual[2])
-        try:
+        with rarely_collected():
             run(self._executives, self.clock, over)
-        finally:
-            gc.set_threshold(*usual)
 
     def reseed(self, seed: int) -> None:
         """From now on everything that is drawn comes from another seed."""

@@ -16,6 +16,7 @@ from firmware_py.assertions import require_assertions
 from firmware_py.clock import WallClock
 from firmware_py.realtime import die_with_parent
 from metro_hil.cases import Case, CaseResult
+from metro_hil.collecting import collect_rarely
 from metro_hil.engine.messages import (
     LENGTH_BYTES,
     Done,
@@ -35,9 +36,6 @@ RUNNER: Final = "metro_hil.run_case:run_case"
 GROUP_FUNCTION: Final = "run_group"
 """Beside the runner; takes the cases of one branch and yields their results in order."""
 NS_PER_S: Final = 1_000_000_000
-COLLECT_AFTER: Final = 50_000
-"""New objects after which cycles are looked for. That is once in several cases, and the few that a
-case leaves behind are no hurry; by default it would be as soon as the next one begins."""
 
 Files = Mapping[str, Path]
 
@@ -55,7 +53,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     # What a runner prints must not get between the messages.
     to_master = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
-    gc.set_threshold(COLLECT_AFTER)
+    # The few cycles that a case leaves behind are no hurry: once in several cases.
+    collect_rarely()
     serve(cast(BinaryIO, sys.stdin.buffer), cast(BinaryIO, to_master))
     # Taking down everything that was imported would cost more than many a case.
     sys.stderr.flush()

@@ -18,6 +18,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Final, NamedTuple
 
+from metro_hil.collecting import collect_rarely
 from metro_hil.line_run.seat import LinePlan, Seat, TrainReport
 from metro_hil.run_folder import RunFolder
 from plant_emulator.traffic.coupling import INTERVAL_S, Answer, Books, Coupling, Said
@@ -26,7 +27,6 @@ AHEAD: Final = 2
 """Intervals that a train runs before it needs an answer."""
 RECORD_EVERY: Final = 5
 """Intervals: a row of the record each second."""
-COLLECT_AFTER: Final = 50_000
 SAID_NUMBERS: Final = len(Said._fields)
 ANSWER_NUMBERS: Final = len(Answer._fields)
 GONE: Final = (EOFError, BrokenPipeError, ConnectionResetError)
@@ -173,7 +173,7 @@ def _write(pipe: Connection, data: bytes) -> None:
 
 def _serve(plan: LinePlan, members: Sequence[Member], intervals: int, pipe: Connection) -> None:
     """Some trains from beginning to end, in a process of their own."""
-    gc.set_threshold(COLLECT_AFTER)
+    collect_rarely()
     gc.freeze()
     says, answered = _packing(len(members))
     trains = _Here(plan, members)

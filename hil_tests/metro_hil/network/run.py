@@ -1,11 +1,11 @@
 """One seed, from the first start to the verdict: trouble for a while, then calm and a bound."""
 
-import gc
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Final, Protocol
 
+from metro_hil.collecting import rarely_collected
 from metro_hil.network.checker import ViolationError
 from metro_hil.network.trouble import Scale, Trouble
 from metro_hil.network.world import World
@@ -16,8 +16,6 @@ LOOK_NS: Final = 100_000_000
 UNSETTLED_BOUNDS: Final = 10
 """While something goes on behind which trains have to wait the bound begins anew, up to so many of
 them altogether."""
-COLLECT_AFTER: Final = 50_000
-"""New objects after which cycles are looked for while a seed runs: running leaves none behind."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,15 +87,12 @@ def run_seed(
     )
     result = RunResult(seed)
     begun_ns = cpu_ns()
-    usual = gc.get_threshold()
-    gc.set_threshold(COLLECT_AFTER, usual[1], usual[2])
     try:
-        _play(world, (trouble, *also), phases, result)
+        with rarely_collected():
+            _play(world, (trouble, *also), phases, result)
     except ViolationError as error:
         result.invariant, result.what = error.invariant, error.what
         world.net.say("verdict", str(error))
-    finally:
-        gc.set_threshold(*usual)
     result.cpu_s = (cpu_ns() - begun_ns) / NS_PER_S
     for each in (trouble, *also):
         result.faults.update(each.counts)
