@@ -98,7 +98,7 @@ bench-atp: $(READY_TO_TEST) ## measure what protection costs a cycle, and its br
 	$(BIN)/python -m metro_hil.protection_bench $(BENCH_ARGS)
 
 bench-logs: $(READY_TO_TEST) ## measure canlog against its peers on a log of 2 M frames
-	$(BIN)/python hil_tests/log_bench $(BENCH_ARGS)
+	$(BIN)/python -m hil_tests.log_bench $(BENCH_ARGS)
 
 bench-energy: compiled ## measure running curves, the DC network, the green line, seven whole trains; BENCH_ARGS=...
 	$(BIN)/python -m metro_hil.energy_bench $(BENCH_ARGS)

@@ -1,19 +1,17 @@
 """The page of a log in a real browser: what it decodes, draws and follows."""
 
-import importlib.util
 import json
 import shutil
-import sys
 import threading
 from collections.abc import Iterator
 from pathlib import Path
-from types import ModuleType
 from typing import Any, Final
 from urllib.request import Request, urlopen
 
 import numpy as np
 import pytest
 
+from hil_tests.unit import canlog_rig as rig
 from metro_hil.vobc_command import main as vobc
 from metro_tools.browser import Browser
 from metro_tools.canlog import read
@@ -45,18 +43,6 @@ FILTERS: Final = (
     "second<0",
     "-always>1 CHOSEN",
 )
-
-
-def _rig(name: str, path: Path) -> ModuleType:
-    spec = importlib.util.spec_from_file_location(name, path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = sys.modules.setdefault(name, importlib.util.module_from_spec(spec))
-    spec.loader.exec_module(module)
-    return module
-
-
-rig = _rig("canlog_rig", HERE.parents[1] / "unit" / "canlog_rig.py")
 
 
 @pytest.fixture(scope="module")

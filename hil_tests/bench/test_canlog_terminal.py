@@ -1,7 +1,6 @@
 """`canlog browse` on a real pseudo-terminal, of a log and of a live bus."""
 
 import fcntl
-import importlib.util
 import os
 import pty
 import re
@@ -13,8 +12,6 @@ import tempfile
 import termios
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from pathlib import Path
-from types import ModuleType
 from typing import Final
 
 import pytest
@@ -22,6 +19,7 @@ import pytest
 from firmware_py.buses import open_can
 from firmware_py.buses.embedded import start_hub
 from firmware_py.clock import NS_PER_S, WallClock
+from hil_tests.unit import canlog_rig as rig
 
 BUS: Final = "browse0"
 ROWS: Final = 30
@@ -29,19 +27,6 @@ COLUMNS: Final = 110
 PATIENCE_S: Final = 60
 DRAWN: Final = re.compile(r"\x1b\[(\d+);1H(.*?)\x1b\[K", re.DOTALL)
 CODES: Final = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")
-
-
-def _rig() -> ModuleType:
-    path = Path(__file__).parents[1] / "unit" / "canlog_rig.py"
-    spec = importlib.util.spec_from_file_location("canlog_rig", path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = sys.modules.setdefault("canlog_rig", importlib.util.module_from_spec(spec))
-    spec.loader.exec_module(module)
-    return module
-
-
-rig = _rig()
 
 
 class Screen:

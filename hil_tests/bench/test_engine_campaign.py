@@ -1,9 +1,7 @@
 """Campaigns on real worker processes: what dies, hangs or is stopped costs no result."""
 
-import importlib.util
 import os
 import signal
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -11,6 +9,7 @@ import msgspec
 import pytest
 
 from firmware_py.clock import WallClock
+from hil_tests.bench.engine_rig import Listener, asking, folder_of, local, plain, trial_cases, work
 from metro_hil.cases import BenchKind, Branch, Case, CaseResult, Verdict
 from metro_hil.engine.crew import Outcome
 from metro_hil.engine.errors import EngineError
@@ -19,16 +18,6 @@ from metro_hil.engine.kill_trial import RUNNER, Trial, plan_of
 from metro_hil.engine.local_crew import LocalCrew
 from metro_hil.engine.run_campaign import Wishes
 from metro_hil.engine.stopping import StopWish
-
-_SPEC = importlib.util.spec_from_file_location(
-    "engine_rig", Path(__file__).with_name("engine_rig.py")
-)
-assert _SPEC is not None
-assert _SPEC.loader is not None
-engine_rig = sys.modules.setdefault("engine_rig", importlib.util.module_from_spec(_SPEC))
-if not hasattr(engine_rig, "Listener"):
-    _SPEC.loader.exec_module(engine_rig)
-from engine_rig import Listener, asking, folder_of, local, plain, trial_cases, work  # noqa: E402
 
 NS_PER_S = 1_000_000_000
 WAIT_S = 30.0

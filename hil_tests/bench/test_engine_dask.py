@@ -1,28 +1,12 @@
 """A campaign on a Dask cluster: the same results bit for bit, whoever dies meanwhile."""
 
-import importlib.util
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from metro_hil.engine import dask_crew
-from metro_hil.engine.dask_crew import DaskCrew
-from metro_hil.engine.errors import EngineError
-from metro_hil.engine.journal import read_journal
-from metro_hil.engine.program import program_version
-
-_SPEC = importlib.util.spec_from_file_location(
-    "engine_rig", Path(__file__).with_name("engine_rig.py")
-)
-assert _SPEC is not None
-assert _SPEC.loader is not None
-engine_rig = sys.modules.setdefault("engine_rig", importlib.util.module_from_spec(_SPEC))
-if not hasattr(engine_rig, "Listener"):
-    _SPEC.loader.exec_module(engine_rig)
-from engine_rig import (  # noqa: E402
+from hil_tests.bench.engine_rig import (
     RUNNER,
     Listener,
     asking,
@@ -32,6 +16,11 @@ from engine_rig import (  # noqa: E402
     trial_cases,
     work,
 )
+from metro_hil.engine import dask_crew
+from metro_hil.engine.dask_crew import DaskCrew
+from metro_hil.engine.errors import EngineError
+from metro_hil.engine.journal import read_journal
+from metro_hil.engine.program import program_version
 
 
 @pytest.fixture(scope="module")

@@ -17,11 +17,10 @@ from pathlib import Path
 from typing import Any
 
 import cantools.database
-import peers
-import traffic
 from rich.console import Console
 from rich.table import Table
 
+from hil_tests.log_bench import peers, traffic
 from metro_tools.canlog import Bus, ReadOptions, kernel, load_bus, read
 from metro_tools.canlog.damage import Damages
 from metro_tools.canlog.formats.registry import named

@@ -1,6 +1,6 @@
 """Prints stop accuracy of the automatic operation over the Florence line, per delay kind and load.
 
-Run it as a script: `python hil_tests/unit/ato_accuracy.py SEEDS`.
+Run it as a script: `python -m hil_tests.unit.ato_accuracy SEEDS`.
 """
 
 import argparse
@@ -8,9 +8,8 @@ import dataclasses
 import statistics
 from collections.abc import Iterable
 
-from ato_rig import Rig, RigSettings, Stop, served
-
 from firmware_py.trackdb import LineMap, load_line
+from hil_tests.unit.ato_rig import Rig, RigSettings, Stop, served
 from vobc.ato import Ato, AtoConfig
 
 LOADS = (0.0, 0.5, 1.0)

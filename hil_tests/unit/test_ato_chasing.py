@@ -1,17 +1,15 @@
 """Control by chasing time: the rule, its states, its curve, and stops in closed loop."""
 
 import dataclasses
-import importlib.util
 import itertools
 import math
-import sys
-from pathlib import Path
 
 import pytest
 
 from firmware_py import settings
 from firmware_py.settings import SettingsError
 from firmware_py.trackdb import load_line
+from hil_tests.unit import ato_rig
 from vobc.ato import Ato, AtoConfig, catch_time, notch_choice
 from vobc.ato.chasing_config import ChasingScheme
 from vobc.ato.chasing_states import TRANSITIONS, Chase, State, next_state
@@ -19,13 +17,6 @@ from vobc.ato.notch_choice import Aim
 from vobc.ato.output_config import OutputStage
 from vobc.ato.step_curve import StepCurve
 from vobc.ato.stop_ending import last_notch_mps2
-
-_SPEC = importlib.util.spec_from_file_location("ato_rig", Path(__file__).with_name("ato_rig.py"))
-assert _SPEC is not None
-assert _SPEC.loader is not None
-ato_rig = sys.modules.setdefault("ato_rig", importlib.util.module_from_spec(_SPEC))
-if not hasattr(ato_rig, "Rig"):
-    _SPEC.loader.exec_module(ato_rig)
 
 LINE = load_line("florence")
 DECELS_MPS2 = [0.0, 0.2, 0.4, 0.6, 0.8]

@@ -1,22 +1,13 @@
 """The law of Green CBTC on one train: what its weights and the voltage do to its runs."""
 
 import dataclasses
-import importlib.util
-import sys
-from pathlib import Path
 
 import pytest
 
 from firmware_py.trackdb import load_line
+from hil_tests.unit import ato_rig
 from vobc.ato import Ato, AtoConfig
 from vobc.ato.green_config import Green
-
-_SPEC = importlib.util.spec_from_file_location("ato_rig", Path(__file__).with_name("ato_rig.py"))
-assert _SPEC is not None
-assert _SPEC.loader is not None
-ato_rig = sys.modules.setdefault("ato_rig", importlib.util.module_from_spec(_SPEC))
-if not hasattr(ato_rig, "Rig"):
-    _SPEC.loader.exec_module(ato_rig)
 
 LINE = load_line("florence")
 RUN_S = 105.0

@@ -1,24 +1,15 @@
 """Jogs, and what the centre orders: hold, skip, stop next, stop now, help, creep."""
 
 import dataclasses
-import importlib.util
 import itertools
-import sys
-from pathlib import Path
 
 import pytest
 
 from can_dbc.vobc import AtoPhase
 from firmware_py.trackdb import load_line
+from hil_tests.unit import ato_rig
 from vobc.ato import Ato, AtoConfig
 from vobc.ato.output_config import OutputStage
-
-_SPEC = importlib.util.spec_from_file_location("ato_rig", Path(__file__).with_name("ato_rig.py"))
-assert _SPEC is not None
-assert _SPEC.loader is not None
-ato_rig = sys.modules.setdefault("ato_rig", importlib.util.module_from_spec(_SPEC))
-if not hasattr(ato_rig, "Rig"):
-    _SPEC.loader.exec_module(ato_rig)
 
 LINE = load_line("florence")
 JOG_MPS = 5.0 / 3.6

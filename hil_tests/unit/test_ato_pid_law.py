@@ -1,11 +1,8 @@
 """The PID law and its printed original: delay margins, references over the place, stops."""
 
 import dataclasses
-import importlib.util
 import itertools
 import statistics
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,17 +10,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_py.trackdb import LineMap, load_line
+from hil_tests.unit import ato_rig
 from vobc.ato import Ato, AtoConfig
 from vobc.ato.pid_config import PidGains, PidScheme, PrintedScheme, falling_decel
 from vobc.ato.pid_reference import SpeedCurve, rise, slow_down, stop_at_platform
 from vobc.ato.strategies.pid import PidPredicted
-
-_SPEC = importlib.util.spec_from_file_location("ato_rig", Path(__file__).with_name("ato_rig.py"))
-assert _SPEC is not None
-assert _SPEC.loader is not None
-ato_rig = sys.modules.setdefault("ato_rig", importlib.util.module_from_spec(_SPEC))
-if not hasattr(ato_rig, "Rig"):
-    _SPEC.loader.exec_module(ato_rig)
 
 LINE = load_line("florence")
 LAG_S = 0.3

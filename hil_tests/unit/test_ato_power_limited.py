@@ -1,26 +1,17 @@
 """The law of power-limited running curves: its plans against small steps, its runs against time."""
 
 import dataclasses
-import importlib.util
 import math
-import sys
-from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from firmware_py.trackdb import LineMap, load_line
+from hil_tests.unit import ato_rig
 from vobc.ato import Ato, AtoConfig, profile
 from vobc.ato.power_plan import PowerPlanner
 from vobc.ato.strategies.power_limited import PowerLimitedRun, Stage
-
-_SPEC = importlib.util.spec_from_file_location("ato_rig", Path(__file__).with_name("ato_rig.py"))
-assert _SPEC is not None
-assert _SPEC.loader is not None
-ato_rig = sys.modules.setdefault("ato_rig", importlib.util.module_from_spec(_SPEC))
-if not hasattr(ato_rig, "Rig"):
-    _SPEC.loader.exec_module(ato_rig)
 
 LINE = load_line("florence")
 CONFIG = AtoConfig()

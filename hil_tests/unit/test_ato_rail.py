@@ -1,27 +1,18 @@
 """What the predictive law makes of slips, of others who brake and of brakes it does not know."""
 
 import dataclasses
-import importlib.util
-import sys
 from collections import deque
-from pathlib import Path
 
 import pytest
 
 from firmware_py.trackdb import load_line
+from hil_tests.unit import ato_rig
 from vobc.ato import Ato, AtoConfig
 from vobc.ato.config import BrakeBelief, SlipperyRail
 from vobc.ato.rail import Rail
 from vobc.ato.strategies.predictive import Predictive
 from vobc.ato.strategies.strategy import Target
 from vobc.vocabulary import AtoInput
-
-_SPEC = importlib.util.spec_from_file_location("ato_rig", Path(__file__).with_name("ato_rig.py"))
-assert _SPEC is not None
-assert _SPEC.loader is not None
-ato_rig = sys.modules.setdefault("ato_rig", importlib.util.module_from_spec(_SPEC))
-if not hasattr(ato_rig, "Rig"):
-    _SPEC.loader.exec_module(ato_rig)
 
 LINE = load_line("florence")
 S = 1_000_000_000

@@ -1,25 +1,16 @@
 """Doors, dwell, departure, authority, ceiling: what operation does with others' decisions."""
 
 import dataclasses
-import importlib.util
 import itertools
 import math
-import sys
-from pathlib import Path
 
 import pytest
 
 from can_dbc.vobc import AtoPhase
 from firmware_py import settings
 from firmware_py.trackdb import Station, load_line
+from hil_tests.unit import ato_rig
 from vobc.ato import Ato, AtoConfig
-
-_SPEC = importlib.util.spec_from_file_location("ato_rig", Path(__file__).with_name("ato_rig.py"))
-assert _SPEC is not None
-assert _SPEC.loader is not None
-ato_rig = sys.modules.setdefault("ato_rig", importlib.util.module_from_spec(_SPEC))
-if not hasattr(ato_rig, "Rig"):
-    _SPEC.loader.exec_module(ato_rig)
 
 LINE = load_line("florence")
 JERK_STEP_MPS2 = 0.6 * 0.05 + 1e-9

@@ -1,24 +1,15 @@
 """Stop accuracy and comfort in closed loop, with noise, loads and both kinds of brake delay."""
 
 import dataclasses
-import importlib.util
 import itertools
 import statistics
-import sys
-from pathlib import Path
 
 import pytest
 
 from can_dbc.vobc import AtoPhase
 from firmware_py.trackdb import LineMap, load_line
+from hil_tests.unit import ato_rig
 from vobc.ato import Ato, AtoConfig
-
-_SPEC = importlib.util.spec_from_file_location("ato_rig", Path(__file__).with_name("ato_rig.py"))
-assert _SPEC is not None
-assert _SPEC.loader is not None
-ato_rig = sys.modules.setdefault("ato_rig", importlib.util.module_from_spec(_SPEC))
-if not hasattr(ato_rig, "Rig"):
-    _SPEC.loader.exec_module(ato_rig)
 
 LINE = load_line("florence")
 CYCLE_S = 0.05

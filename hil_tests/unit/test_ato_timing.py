@@ -1,11 +1,8 @@
 """The law of the timetable: the time of a way, the speed for a time, its states, its runs."""
 
 import dataclasses
-import importlib.util
 import itertools
 import math
-import sys
-from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -13,18 +10,12 @@ from hypothesis import strategies as st
 
 from firmware_py import settings
 from firmware_py.trackdb import LineMap, load_line
+from hil_tests.unit import ato_rig
 from vobc.ato import Ato, AtoConfig, profile
 from vobc.ato.plan import StopPlan
 from vobc.ato.running_time import RunningTime
 from vobc.ato.strategies.timing import TRANSITIONS, Guard, State, next_state
 from vobc.ato.timing_config import Timing
-
-_SPEC = importlib.util.spec_from_file_location("ato_rig", Path(__file__).with_name("ato_rig.py"))
-assert _SPEC is not None
-assert _SPEC.loader is not None
-ato_rig = sys.modules.setdefault("ato_rig", importlib.util.module_from_spec(_SPEC))
-if not hasattr(ato_rig, "Rig"):
-    _SPEC.loader.exec_module(ato_rig)
 
 LINE = load_line("florence")
 CONFIG = AtoConfig()

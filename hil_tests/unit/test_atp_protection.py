@@ -1,43 +1,31 @@
 """Protection as a whole: modes, ceilings, jogs, bypass, orders, one after the other."""
 
-import importlib.util
 import math
-import sys
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import pytest
 
 from can_dbc.tags import TagReaderHealth
 from can_dbc.vobc import Cause, Inhibit, Missing, OperatingMode, Supervision
+from hil_tests.unit.protection_rig import (
+    BETWEEN_M,
+    CONFIG,
+    CYCLE_S,
+    DESK,
+    FREE_BRAKE,
+    KMH,
+    MANUAL,
+    ORDERS,
+    STOP_M,
+    UNLOCKED,
+    WHOLE,
+    Train,
+)
 from vobc.atp import Verdict
 from vobc.atp.energy_check import Replicas
 from vobc.vocabulary import Authority, Restriction
-
-# The tests are imported file by file, so that a helper beside them has to be found by its place.
-_SPEC = importlib.util.spec_from_file_location(
-    "protection_rig", Path(__file__).with_name("protection_rig.py")
-)
-assert _SPEC is not None
-assert _SPEC.loader is not None
-rig = sys.modules.setdefault("protection_rig", importlib.util.module_from_spec(_SPEC))
-if not hasattr(rig, "Train"):
-    _SPEC.loader.exec_module(rig)
-
-WHOLE = rig.WHOLE
-CONFIG = rig.CONFIG
-CYCLE_S = rig.CYCLE_S
-BETWEEN_M = rig.BETWEEN_M
-STOP_M = rig.STOP_M
-KMH = rig.KMH
-DESK = rig.DESK
-MANUAL = rig.MANUAL
-ORDERS = rig.ORDERS
-UNLOCKED = rig.UNLOCKED
-FREE_BRAKE = rig.FREE_BRAKE
-Train = rig.Train
 
 
 def assert_held(verdict: Verdict) -> None:

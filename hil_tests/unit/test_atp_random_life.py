@@ -1,10 +1,7 @@
 """Random lives of a train: whatever people, centre and wires do, protection keeps its promises."""
 
-import importlib.util
 import math
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 from hypothesis import settings
 from hypothesis import strategies as st
@@ -14,28 +11,9 @@ from can_dbc.alarms import TrainAlarms
 from can_dbc.cab import CabMode
 from can_dbc.doors import DoorStatus
 from can_dbc.vobc import AtoPhase, Cause, OperatingMode, Supervision
+from hil_tests.unit.protection_rig import CONFIG, DESK, KMH, LOCKED, STOP_M, UNLOCKED, WHOLE, Train
 from vobc.arbitration import arbitrate
 from vobc.vocabulary import AtoDemand, Authority, CycleOutput, Motion
-
-# The tests are imported file by file, so that a helper beside them has to be found by its place.
-_SPEC = importlib.util.spec_from_file_location(
-    "protection_rig", Path(__file__).with_name("protection_rig.py")
-)
-assert _SPEC is not None
-assert _SPEC.loader is not None
-rig = sys.modules.setdefault("protection_rig", importlib.util.module_from_spec(_SPEC))
-if not hasattr(rig, "Train"):
-    _SPEC.loader.exec_module(rig)
-
-WHOLE = rig.WHOLE
-CONFIG = rig.CONFIG
-STOP_M = rig.STOP_M
-KMH = rig.KMH
-DESK = rig.DESK
-LOCKED = rig.LOCKED
-UNLOCKED = rig.UNLOCKED
-Train = rig.Train
-
 
 MOVING_STATES = (Supervision.NOMINAL, Supervision.WARNING, Supervision.SERVICE)
 FULL_LEVER = AtoDemand(5.0, False, True, AtoPhase.RUNNING, 20.0, 100.0)

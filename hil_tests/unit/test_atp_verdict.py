@@ -1,10 +1,7 @@
 """What protection says in each of its states, and that nothing it is told gets lost on the way."""
 
-import importlib.util
-import sys
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -12,33 +9,25 @@ import pytest
 from can_dbc.alarms import TrainAlarms
 from can_dbc.tags import TagReaderHealth
 from can_dbc.vobc import Cause, Inhibit, Missing, OperatingMode, Supervision
+from hil_tests.unit import protection_rig as rig
+from hil_tests.unit.protection_rig import (
+    BETWEEN_M,
+    CONFIG,
+    CYCLE_S,
+    DESK,
+    FREE_BRAKE,
+    MANUAL,
+    ORDERS,
+    STOP_M,
+    UNLOCKED,
+    WHOLE,
+    Train,
+)
 from vobc.atp import Verdict
 from vobc.atp.emergencies import in_cause_words
 from vobc.atp.energy_check import EnergyCheck, Replicas
 from vobc.atp.protection import INHIBITS
 from vobc.vocabulary import NEVER_S, Authority, Restriction
-
-# The tests are imported file by file, so that a helper beside them has to be found by its place.
-_SPEC = importlib.util.spec_from_file_location(
-    "protection_rig", Path(__file__).with_name("protection_rig.py")
-)
-assert _SPEC is not None
-assert _SPEC.loader is not None
-rig = sys.modules.setdefault("protection_rig", importlib.util.module_from_spec(_SPEC))
-if not hasattr(rig, "Train"):
-    _SPEC.loader.exec_module(rig)
-
-WHOLE = rig.WHOLE
-CONFIG = rig.CONFIG
-CYCLE_S = rig.CYCLE_S
-BETWEEN_M = rig.BETWEEN_M
-STOP_M = rig.STOP_M
-DESK = rig.DESK
-MANUAL = rig.MANUAL
-ORDERS = rig.ORDERS
-UNLOCKED = rig.UNLOCKED
-FREE_BRAKE = rig.FREE_BRAKE
-Train = rig.Train
 
 LIMITED = Restriction(BETWEEN_M - 100.0, BETWEEN_M + 100.0, 10.0)
 COVERED_M = STOP_M - WHOLE.train.length_m - 20.0

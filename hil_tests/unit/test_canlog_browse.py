@@ -1,8 +1,5 @@
 """The terminal browser without a terminal: what keys do, what the screen says, what is heard."""
 
-import importlib.util
-import sys
-from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -10,20 +7,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from hil_tests.unit import canlog_rig as rig
 from metro_tools.canlog.browse.lanes import KEPT_MAX, Lanes, lanes_of
 from metro_tools.canlog.browse.screen import Style, screen
 from metro_tools.canlog.browse.spark import BLOCKS, BRAILLE, field, line, spans
 from metro_tools.canlog.browse.state import ACTIONS, Order, State, advance, press, shown
 from metro_tools.canlog.browse.terminal import key_names, styled
 from metro_tools.canlog.views.happenings import Happening
-
-_SPEC = importlib.util.spec_from_file_location(
-    "canlog_rig", Path(__file__).with_name("canlog_rig.py")
-)
-assert _SPEC is not None
-assert _SPEC.loader is not None
-rig = sys.modules.setdefault("canlog_rig", importlib.util.module_from_spec(_SPEC))
-_SPEC.loader.exec_module(rig)
 
 MS: Final = 1_000_000
 SECOND: Final = 1_000 * MS

@@ -1,9 +1,7 @@
 """What two logs or two DBC files differ in is found, and nothing else."""
 
-import importlib.util
 import json
 import struct
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from hil_tests.unit import canlog_rig as rig
+from hil_tests.unit.canlog_rig import EVERYTHING, MS, log_of, random_frames, write_candump
 from metro_tools.canlog.command import main
 from metro_tools.canlog.compare.dbcs import Weight, compare_buses
 from metro_tools.canlog.compare.logs import Allowed, compare
@@ -19,16 +19,6 @@ from metro_tools.canlog.damage import LogError
 from metro_tools.canlog.database import parse_bus
 from metro_tools.canlog.read import Log
 from metro_tools.canlog.rows import from_rows
-
-_SPEC = importlib.util.spec_from_file_location(
-    "canlog_rig", Path(__file__).with_name("canlog_rig.py")
-)
-assert _SPEC is not None
-assert _SPEC.loader is not None
-rig = sys.modules.setdefault("canlog_rig", importlib.util.module_from_spec(_SPEC))
-_SPEC.loader.exec_module(rig)
-EVERYTHING, MS, log_of = rig.EVERYTHING, rig.MS, rig.log_of
-random_frames, write_candump = rig.random_frames, rig.write_candump
 
 instants = st.lists(st.integers(0, 500), max_size=40).map(sorted)
 

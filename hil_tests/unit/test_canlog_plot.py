@@ -1,7 +1,5 @@
 """`canlog plot`: which signals are drawn, where they break, and that no peak is lost on the way."""
 
-import importlib.util
-import sys
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -9,6 +7,7 @@ import matplotlib.image
 import numpy as np
 import pytest
 
+from hil_tests.unit import canlog_rig as rig
 from metro_tools.canlog.command import main
 from metro_tools.canlog.damage import LogError
 from metro_tools.canlog.read import Log, read
@@ -25,14 +24,6 @@ from metro_tools.canlog.views.traces import (
     panels_of,
     trace_of,
 )
-
-_SPEC = importlib.util.spec_from_file_location(
-    "canlog_rig", Path(__file__).with_name("canlog_rig.py")
-)
-assert _SPEC is not None
-assert _SPEC.loader is not None
-rig = sys.modules.setdefault("canlog_rig", importlib.util.module_from_spec(_SPEC))
-_SPEC.loader.exec_module(rig)
 
 MS = 1_000_000
 

@@ -5,10 +5,10 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
-import canlog_rig as rig
 import numpy as np
 import pytest
 
+from hil_tests.unit import canlog_rig as rig
 from metro_tools.canlog import shelf
 from metro_tools.canlog.damage import Damages, LogError
 from metro_tools.canlog.drawn import drawn_frames

@@ -1,9 +1,6 @@
 """One axle that slips while the radar is out, and clocks that are set back: the hull stays true."""
 
-import importlib.util
-import sys
 from collections.abc import Callable
-from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
@@ -11,17 +8,9 @@ from hypothesis import strategies as st
 
 from can_dbc.nodes import Direction
 from can_dbc.odometer import Tacho
+from hil_tests.unit import odometry_rig as rig
+from hil_tests.unit.odometry_rig import Errors, Rig
 from vobc.odometry.pulses import PulseCounter
-
-_RIG = Path(__file__).with_name("odometry_rig.py")
-_SPEC = importlib.util.spec_from_file_location("odometry_rig", _RIG)
-assert _SPEC is not None
-assert _SPEC.loader is not None
-rig = sys.modules.setdefault("odometry_rig", importlib.util.module_from_spec(_SPEC))
-if not hasattr(rig, "Rig"):
-    _SPEC.loader.exec_module(rig)
-
-Errors, Rig = rig.Errors, rig.Rig
 
 
 def no_radar(time_s: float, speed_mps: float) -> None:

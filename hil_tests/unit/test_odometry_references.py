@@ -1,29 +1,19 @@
 """Which tags are believed, how a place is lost, proven and found again; each limit both ways."""
 
-import importlib.util
 import math
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 
 from can_dbc.nodes import Direction
 from can_dbc.odometer import ColdMovement, Tacho
 from firmware_py.trackdb import TagSite
+from hil_tests.unit import odometry_rig as rig
 from vobc.odometry.contacts import Way
 from vobc.odometry.pulses import APART_PULSES, PLAY_PULSES, PulseCounter
 from vobc.odometry.references import MOVED_PULSES, TURN_PULSES, Reading, References
 from vobc.odometry.scale import WheelScale
 from vobc.vocabulary import PlaceProof, TagRefusal
-
-_RIG = Path(__file__).with_name("odometry_rig.py")
-_SPEC = importlib.util.spec_from_file_location("odometry_rig", _RIG)
-assert _SPEC is not None
-assert _SPEC.loader is not None
-rig = sys.modules.setdefault("odometry_rig", importlib.util.module_from_spec(_SPEC))
-if not hasattr(rig, "Rig"):
-    _SPEC.loader.exec_module(rig)
 
 CONFIG, TAGS, LINE, NOMINAL_M = rig.CONFIG.odometry, rig.TAGS, rig.LINE, rig.NOMINAL_M
 LIMIT_M = CONFIG.localisation_limit_m

@@ -1,10 +1,7 @@
 """What one cycle of the odometer makes of the speed over ground, and of the way: by hand."""
 
-import importlib.util
 import math
-import sys
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -12,16 +9,8 @@ import pytest
 from can_dbc.brake import BrakeStatus
 from can_dbc.nodes import Direction
 from firmware_py.trackdb import GradientSection
+from hil_tests.unit.odometry_desk import PULSE_M, Desk, near
 
-_PATH = Path(__file__).with_name("odometry_desk.py")
-_SPEC = importlib.util.spec_from_file_location("odometry_desk", _PATH)
-assert _SPEC is not None
-assert _SPEC.loader is not None
-desk = sys.modules.setdefault("odometry_desk", importlib.util.module_from_spec(_SPEC))
-if not hasattr(desk, "Desk"):
-    _SPEC.loader.exec_module(desk)
-
-Desk, near, PULSE_M = desk.Desk, desk.near, desk.PULSE_M
 CYCLE_S = 0.04
 CARRIED_M = near(0.5 * (3.9 + 3.84) * CYCLE_S, 0.5 * (4.1 + 4.16) * CYCLE_S)
 """4 m/s by radar, ±0.1 m/s, carried on for a cycle by 1.5 m/s² either way."""

@@ -1,26 +1,14 @@
 """How the odometer tells that wheels slip or slide, for how long, and what it believes then."""
 
-import importlib.util
 import math
-import sys
-from pathlib import Path
 from typing import Any
 
 import pytest
 
 from can_dbc.nodes import Direction
+from hil_tests.unit.odometry_desk import Desk, near
 from vobc.odometry.localisation import Localisation
 from vobc.odometry.tracking import SpeedTrack
-
-_PATH = Path(__file__).with_name("odometry_desk.py")
-_SPEC = importlib.util.spec_from_file_location("odometry_desk", _PATH)
-assert _SPEC is not None
-assert _SPEC.loader is not None
-desk = sys.modules.setdefault("odometry_desk", importlib.util.module_from_spec(_SPEC))
-if not hasattr(desk, "Desk"):
-    _SPEC.loader.exec_module(desk)
-
-Desk, near, PULSE_M = desk.Desk, desk.near, desk.PULSE_M
 
 
 def going(step: int = 8, cycles: int = 60, **changes: Any) -> Any:

@@ -1,26 +1,15 @@
 """What the odometer makes of one tag: where it puts the train, and by which bounds."""
 
-import importlib.util
-import sys
-from pathlib import Path
 from typing import Any
 
 import pytest
 
 from can_dbc.odometer import ColdMovement
+from hil_tests.unit.odometry_desk import PULSE_M, Desk, near
 from vobc.odometry.localisation import Localisation
 from vobc.odometry.references import Reading, References
 from vobc.vocabulary import PlaceProof, RefusedTag, TagReading, TagRefusal
 
-_PATH = Path(__file__).with_name("odometry_desk.py")
-_SPEC = importlib.util.spec_from_file_location("odometry_desk", _PATH)
-assert _SPEC is not None
-assert _SPEC.loader is not None
-desk = sys.modules.setdefault("odometry_desk", importlib.util.module_from_spec(_SPEC))
-if not hasattr(desk, "Desk"):
-    _SPEC.loader.exec_module(desk)
-
-Desk, near, PULSE_M = desk.Desk, desk.near, desk.PULSE_M
 LEAST_M, MOST_M = 0.01 / 1.05, 0.01 / 0.99
 SCALE = {"scale_error_low_ratio": -0.01, "scale_error_high_ratio": 0.05}
 

@@ -1,24 +1,13 @@
 """Single samples, standstill and the very ends of the place, as one cycle of the odometer tells."""
 
-import importlib.util
 import math
-import sys
-from pathlib import Path
 from typing import Any
 
 import pytest
 
 from can_dbc.nodes import Direction
+from hil_tests.unit.odometry_desk import PULSE_M, Desk, near
 
-_PATH = Path(__file__).with_name("odometry_desk.py")
-_SPEC = importlib.util.spec_from_file_location("odometry_desk", _PATH)
-assert _SPEC is not None
-assert _SPEC.loader is not None
-desk = sys.modules.setdefault("odometry_desk", importlib.util.module_from_spec(_SPEC))
-if not hasattr(desk, "Desk"):
-    _SPEC.loader.exec_module(desk)
-
-Desk, near, PULSE_M = desk.Desk, desk.near, desk.PULSE_M
 LEAST_M, MOST_M = 0.01 / 1.05, 0.01 / 0.99
 SCALE = {"scale_error_low_ratio": -0.01, "scale_error_high_ratio": 0.05}
 

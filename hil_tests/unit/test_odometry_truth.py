@@ -1,25 +1,16 @@
 """The intervals of place and speed hold the truth, whatever one sensor does wrong."""
 
-import importlib.util
 import math
-import sys
 from collections.abc import Callable
 from itertools import pairwise
-from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-_RIG = Path(__file__).with_name("odometry_rig.py")
-_SPEC = importlib.util.spec_from_file_location("odometry_rig", _RIG)
-assert _SPEC is not None
-assert _SPEC.loader is not None
-rig = sys.modules.setdefault("odometry_rig", importlib.util.module_from_spec(_SPEC))
-if not hasattr(rig, "Rig"):
-    _SPEC.loader.exec_module(rig)
+from hil_tests.unit import odometry_rig as rig
+from hil_tests.unit.odometry_rig import TAGS, Errors, Rig
 
-TAGS, Errors, Rig = rig.TAGS, rig.Errors, rig.Rig
 Slip = tuple[float, float, float, int]
 
 

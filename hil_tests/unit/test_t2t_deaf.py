@@ -1,24 +1,15 @@
 """A holder that hears nothing: what it asks for, how long it counts on it, when it gives up."""
 
-import importlib.util
-import sys
 from fractions import Fraction
-from pathlib import Path
 
 import pytest
 
+from hil_tests.unit.t2t_rig import MS, Rig, line_of
 from vobc.t2t.guards import LeaseGuards
 from vobc.t2t.lease import Lease, Request
 from vobc.t2t.vocabulary import T2tConfig
 from zenoh_config.t2t import LeaseAnswer, LeaseKind, LeaseRequest, SwitchKind, SwitchStep
 from zenoh_config.timers import TIMER_SETS, TIMERS_A
-
-_SPEC = importlib.util.spec_from_file_location("t2t_rig", Path(__file__).with_name("t2t_rig.py"))
-assert _SPEC is not None
-assert _SPEC.loader is not None
-_rig = sys.modules.setdefault("t2t_rig", importlib.util.module_from_spec(_SPEC))
-_SPEC.loader.exec_module(_rig)
-MS, Rig, line_of = _rig.MS, _rig.Rig, _rig.line_of
 
 ANSWER_MS = 5
 

@@ -1,11 +1,8 @@
 """Trains that command themselves, together on a small railway: what a passenger would notice."""
 
-import importlib.util
-import sys
-from pathlib import Path
-
 import pytest
 
+from hil_tests.unit.t2t_rig import ARBITER, MS, Rig, line_of
 from vobc.t2t.train import TrainCore
 from vobc.t2t.vocabulary import Role, T2tConfig, TrainState
 from zenoh_config.messages import SpeedRestriction
@@ -20,13 +17,6 @@ from zenoh_config.t2t import (
     T2tMessage,
 )
 from zenoh_config.timers import TIMERS_B
-
-_SPEC = importlib.util.spec_from_file_location("t2t_rig", Path(__file__).with_name("t2t_rig.py"))
-assert _SPEC is not None
-assert _SPEC.loader is not None
-_rig = sys.modules.setdefault("t2t_rig", importlib.util.module_from_spec(_SPEC))
-_SPEC.loader.exec_module(_rig)
-ARBITER, MS, Rig, line_of = _rig.ARBITER, _rig.MS, _rig.Rig, _rig.line_of
 
 THREE = T2tConfig(arbiters=(65_001, 65_002, 65_003))
 

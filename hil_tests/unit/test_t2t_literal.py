@@ -1,22 +1,11 @@
 """Rules of seed 003 that are unsafe, each in the situation that shows it, beside the safe ones."""
 
-import importlib.util
-import sys
-from pathlib import Path
-
 import pytest
 
+from hil_tests.unit.t2t_rig import MS, Rig, line_of
 from vobc.t2t.guards import TrainGuards
 from vobc.t2t.literal import ANY_AUTHORITY_IS_SAFE, RULES, SAFE, SILENCE_MEANS_NO_MASTER
 from zenoh_config.t2t import AreaAuthority, ObjectState, T2tMessage
-
-_SPEC = importlib.util.spec_from_file_location("t2t_rig", Path(__file__).with_name("t2t_rig.py"))
-assert _SPEC is not None
-assert _SPEC.loader is not None
-_rig = sys.modules.setdefault("t2t_rig", importlib.util.module_from_spec(_SPEC))
-if not hasattr(_rig, "Rig"):
-    _SPEC.loader.exec_module(_rig)
-MS, Rig, line_of = _rig.MS, _rig.Rig, _rig.line_of
 
 
 def two_that_do_not_hear_each_other(guards: TrainGuards) -> None:

@@ -1,11 +1,8 @@
 """Mistakes that this kind of protocol has been built with before, each in a scene of its own."""
 
-import importlib.util
-import sys
-from pathlib import Path
-
 import pytest
 
+from hil_tests.unit.t2t_rig import MS, Rig, line_of
 from vobc.t2t.guards import LeaseGuards, MasterGuards
 from vobc.t2t.lease import Lease, LeaseState
 from vobc.t2t.master import Master
@@ -27,14 +24,6 @@ from zenoh_config.t2t import (
     T2tMessage,
     TrainReport,
 )
-
-_SPEC = importlib.util.spec_from_file_location("t2t_rig", Path(__file__).with_name("t2t_rig.py"))
-assert _SPEC is not None
-assert _SPEC.loader is not None
-_rig = sys.modules.setdefault("t2t_rig", importlib.util.module_from_spec(_SPEC))
-if not hasattr(_rig, "Rig"):
-    _SPEC.loader.exec_module(_rig)
-MS, Rig, line_of = _rig.MS, _rig.Rig, _rig.line_of
 
 THREE = T2tConfig(arbiters=(65_001, 65_002, 65_003))
 
