@@ -49,8 +49,6 @@ class LeaseRules:
 class Readiness(NamedTuple):
     """What a master last heard of a train since it prepares a switch."""
 
-    number: tuple[int, int]
-    """Boot and sequence of the report."""
     nonce: int
     at_ns: int
     rear_m: float
@@ -113,6 +111,8 @@ class Air:
         """No clock was stepped: leases can be held against each other."""
         self._switches: dict[tuple[int, int], Switch] = {}
         """By master and area: the planned switch that it prepares."""
+        self._newest: dict[tuple[int, int, int], tuple[int, int]] = {}
+        """By train that heard it, area and train that said it: boot and sequence of a report."""
         self._ready: set[tuple[int, int, int, int]] = set()
         """Successor, master, area and nonce of what successors said they are ready for."""
 
@@ -133,7 +133,7 @@ class Air:
                 self._note_answer(address, message, now_ns, true_ns - now_ns)
             elif kind is RosterAck:
                 self._note_ack(address, message)
-            elif kind is TrainReport and self._switches:
+            elif kind is TrainReport:
                 self._note_readiness(address, message, now_ns)
         for letter in letters:
             message = letter.message
@@ -176,7 +176,7 @@ class Air:
 
     def booted(self, address: int) -> None:
         """A train begins a new life: what it was told before is void."""
-        memories: tuple[dict[tuple[int, int], Any], ...] = (self._told, self._until_ns)
+        memories: tuple[dict[Any, Any], ...] = (self._told, self._until_ns, self._newest)
         for memory in memories:
             for key in [key for key in memory if key[0] == address]:
                 del memory[key]
@@ -322,15 +322,16 @@ class Air:
             if switch is not None and step.kind is SwitchKind.COMMIT:
                 self._commit(step, switch, now_ns)
 
-    def _note_readiness(self, master: int, report: TrainReport, now_ns: int) -> None:
-        switch = self._switches.get((master, report.area))
-        if switch is None:
+    def _note_readiness(self, address: int, report: TrainReport, now_ns: int) -> None:
+        """A copy that comes late, after a newer report, tells nobody anything."""
+        stream, number = (address, report.area, report.source), (report.boot, report.sequence)
+        if number <= self._newest.get(stream, (0, 0)):
             return
-        number = report.boot, report.sequence
-        known = switch.heard.get(report.source)
-        if known is None or number > known.number:
+        self._newest[stream] = number
+        switch = self._switches.get((address, report.area)) if self._switches else None
+        if switch is not None:
             rear_m = report.rear_min_m if report.localised else -math.inf
-            switch.heard[report.source] = Readiness(number, report.ready_nonce, now_ns, rear_m)
+            switch.heard[report.source] = Readiness(report.ready_nonce, now_ns, rear_m)
 
     def _commit(self, step: SwitchStep, switch: "Switch", now_ns: int) -> None:
         """26: the successor is ready, and so is every train on the kept roster that the master

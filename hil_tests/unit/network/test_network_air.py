@@ -66,8 +66,10 @@ class Line:
         self.air.answered(arbiter, requests, (Letter((request.source,), answer),))
         self._said(request.source, (answer,))
 
-    def switches(self, *reports: TrainReport) -> None:
-        """The holder prepares a switch, hears its successor and these, and commits."""
+    def switches(self, *reports: TrainReport, before: tuple[TrainReport, ...] = ()) -> None:
+        """The holder hears some reports, prepares a switch, hears its successor and the others, and
+        commits."""
+        self.hears_reports(*before)
         head = HOLDER, SUCCESSOR, AREA, 1, 1, 1, self.now_ns
         trains = (HOLDER, SUCCESSOR, THIRD)
         roster = tuple([RosterEntry(train, 0.0, True, 1) for train in trains])
@@ -80,6 +82,10 @@ class Line:
         self._said(SUCCESSOR, (), SwitchStep(*back, SwitchKind.READY, NONCE, SUCCESSOR))
         self._said(HOLDER, reports)
         self._said(HOLDER, (), SwitchStep(*head, SwitchKind.COMMIT, NONCE, SUCCESSOR))
+
+    def hears_reports(self, *reports: TrainReport) -> None:
+        """The holder does."""
+        self._said(HOLDER, reports)
 
     def _said(self, train: int, heard: tuple[T2tMessage, ...], *out: T2tMessage) -> None:
         letters = [Letter(ARBITERS, each) for each in out]
@@ -207,3 +213,32 @@ def test_who_has_left_the_area_need_not_be_ready(line: Line) -> None:
 
 def test_who_is_not_heard_need_not_be_ready(line: Line) -> None:
     line.switches(ready(SUCCESSOR, NONCE))
+
+
+@pytest.mark.parametrize("sequence", [6, 7])
+def test_a_copy_that_comes_after_what_was_heard_before_says_nothing(
+    line: Line, sequence: int
+) -> None:
+    """The train was killed meanwhile, and is not heard any more (seed 43352)."""
+    before = replace(ready(THIRD, 0), sequence=7)
+    line.switches(ready(SUCCESSOR, NONCE), replace(before, sequence=sequence), before=(before,))
+
+
+def test_what_is_newer_than_what_was_heard_before_counts(line: Line) -> None:
+    before = replace(ready(THIRD, 0), sequence=7)
+
+    with pytest.raises(ViolationError, match=r"^26: .* train 4 is ready for 0"):
+        line.switches(
+            ready(SUCCESSOR, NONCE),
+            *(replace(before, sequence=n) for n in (8, 6)),
+            before=(before,),
+        )
+
+
+def test_who_begins_anew_hears_all_reports_anew(line: Line) -> None:
+    before = replace(ready(THIRD, 0), sequence=7)
+    line.hears_reports(before)
+    line.air.booted(HOLDER)
+
+    with pytest.raises(ViolationError, match=r"^26: .* train 4 is ready for 0"):
+        line.switches(ready(SUCCESSOR, NONCE), before)
