@@ -31,7 +31,7 @@ PROTECTION_TESTS = $(wildcard hil_tests/unit/test_atp_*.py) \
 	$(wildcard $(addprefix hil_tests/unit/test_vobc_,$(addsuffix .py,braking config doors protection supervision)))
 
 .DEFAULT_GOAL := help
-.PHONY: help setup run test check collected format-check lint types layers mutate fuzz coverage bench bench-hil bench-atp bench-logs bench-page bench-energy bench-t2t bench-simulator simulate explore compiled docs format clean distclean
+.PHONY: help setup run test check collected format-check lint types types-of-packages types-of-tests layers mutate fuzz coverage bench bench-hil bench-atp bench-logs bench-page bench-energy bench-t2t bench-simulator simulate explore compiled docs format clean distclean
 
 help: ## show this list
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | while IFS='	' read -r name words; do \
@@ -52,7 +52,7 @@ test: $(READY_TO_TEST) ## run all tests; PYTEST_ARGS="-k name"
 	$(BIN)/python -m pytest -n $(PYTEST_WORKERS) $(PYTEST_ARGS)
 
 check: format-check lint ## all that continuous integration runs
-	@# Types are checked on one processor; meanwhile another has the test files' bytecode made, once for all.
+	@# Two at a time; test files' bytecode is made once for all.
 	@$(MAKE) --no-print-directory --output-sync --jobs 2 types layers collected
 	@$(MAKE) --no-print-directory test
 
@@ -65,8 +65,13 @@ format-check: $(READY_TO_TEST)
 lint: $(READY_TO_TEST)
 	$(BIN)/ruff check .
 
-types: $(READY_TO_TEST)
+types: types-of-packages types-of-tests
+
+types-of-packages: $(READY_TO_TEST)
 	$(BIN)/mypy
+
+types-of-tests: $(READY_TO_TEST)
+	$(BIN)/mypy --config-file hil_tests/mypy.ini
 
 layers: $(READY_TO_TEST)
 	$(BIN)/lint-imports

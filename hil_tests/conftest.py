@@ -2,9 +2,8 @@
 
 import os
 import shutil
-import subprocess
 import sysconfig
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
@@ -13,13 +12,12 @@ from hypothesis import HealthCheck, settings
 from xdist.remote import Producer
 from xdist.scheduler import LoadScopeScheduling
 
+from hil_tests.guest_rig import Guest
 from metro_tools.browser import NAMES, Browser, browser_path
 
 ROOT: Final = Path(__file__).resolve().parent.parent
 IN_CI: Final = os.environ.get("CI", "").lower() not in ("", "0", "false")
 NO_GUEST_STATUS: Final = 125
-GUEST_TIMEOUT_S: Final = 300
-HANG_MARGIN_S: Final = 120
 COMPUTING: Final = frozenset(
     {
         "test_bench_as_a_whole",
@@ -43,31 +41,6 @@ QUIET: Final = [HealthCheck.too_slow]
 settings.register_profile("ci", deadline=None, derandomize=True, suppress_health_check=QUIET)
 settings.register_profile("local", deadline=None, suppress_health_check=QUIET)
 settings.load_profile("ci" if IN_CI else "local")
-
-
-class Guest:
-    """Runs commands on a Linux that has SocketCAN and an interface vcan0."""
-
-    def run(
-        self, *command: str | Path, timeout_s: int = GUEST_TIMEOUT_S, options: Sequence[str] = ()
-    ) -> subprocess.CompletedProcess[str]:
-        """The command's status and output. Its working directory is the checkout.
-
-        Args:
-            command: as typed; nothing is added.
-            timeout_s: for the command; the guest's boot comes on top.
-            options: of vcan-guest.
-        """
-        launcher = [str(ROOT / "tools/vcan-guest"), "--timeout", str(timeout_s), *options, "--"]
-        return subprocess.run(
-            [*launcher, *(str(word) for word in command)],
-            cwd=ROOT,
-            stdin=subprocess.DEVNULL,
-            capture_output=True,
-            text=True,
-            timeout=timeout_s + HANG_MARGIN_S,
-            check=False,
-        )
 
 
 @pytest.fixture(scope="session")

@@ -18,7 +18,7 @@ RADIO = "tcp/127.0.0.1:17447"
 TRAIN_START_S = 60.0
 SETUP = Setup(start="II", end="III", duration_s=12.0, cycle_ms=100.0)
 
-MONITORS = (
+MONITORS: tuple[dict[str, object], ...] = (
     {"name": "said on the bus", "stl": "always(ceiling_mps <= 30.0)", "unit": "m/s"},
     {"name": "true of the train", "stl": "always(speed_mps <= 30.0)", "unit": "m/s"},
 )

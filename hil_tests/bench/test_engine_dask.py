@@ -30,9 +30,8 @@ def cluster() -> Iterator[Any]:
 
     program_version.cache_clear()
 
-    with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
-    ) as made:
+    cluster: Any = distributed.LocalCluster
+    with cluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None) as made:
         yield made
 
 

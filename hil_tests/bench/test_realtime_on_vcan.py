@@ -9,6 +9,7 @@ import pytest
 from can_dbc.binding import can_id
 from can_dbc.brake import BrakeCommand
 from firmware_py.candump import read_candump
+from hil_tests.guest_rig import Guest
 
 pytestmark = [pytest.mark.guest, pytest.mark.slow]
 
@@ -25,7 +26,7 @@ set -e
 
 
 @pytest.fixture(scope="module")
-def folder(guest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(guest: Guest, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Of both cases, with what came of them."""
     folder = tmp_path_factory.mktemp("vcan")
     script = SCRIPT.format(bin=BIN, cases=CASES, folder=folder)

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from firmware_py.candump import read_candump
+from hil_tests.guest_rig import Guest
 
 pytestmark = [pytest.mark.guest, pytest.mark.slow]
 
@@ -58,7 +59,9 @@ sys.exit(off and late)
 """Another try is for a stop beyond the tolerance of a train whose controller was held up."""
 
 
-def test_one_station_hop_on_a_kernel_vcan_with_candump_listening(guest, tmp_path: Path) -> None:
+def test_one_station_hop_on_a_kernel_vcan_with_candump_listening(
+    guest: Guest, tmp_path: Path
+) -> None:
     judge = tmp_path / "judge.py"
     judge.write_text(JUDGE)
     script = SCRIPT.format(

@@ -61,6 +61,11 @@ class Line:
             radio.close()
 
 
+def errors_of(radio: ZenohRadio) -> Callable[[], bool]:
+    """Whether it has any."""
+    return lambda: radio.counters.errors > 0
+
+
 def until(done: Callable[[], bool]) -> bool:
     end_ns = CLOCK.now_ns() + round(PATIENCE_S * NS_PER_S)
     while CLOCK.now_ns() < end_ns:
@@ -127,7 +132,7 @@ def test_whoever_has_no_certificate_or_one_of_another_authority_gets_no_session(
     heard(line.wayside, first, ACK_TO_1)
 
     for intruder in (plain, masked):
-        assert until(lambda each=intruder: each.counters.errors > 0)
+        assert until(errors_of(intruder))
         intruder.send(0, t2t_keys.key_of("loop", TO_1), pack(TO_1))
         assert not intruder.connected
         assert intruder.receive(CLOCK.now_ns()) == ()

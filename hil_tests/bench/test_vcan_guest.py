@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from hil_tests.guest_rig import Guest
+
 pytestmark = pytest.mark.guest
 
 LAUNCHER = "tools/vcan-guest"
@@ -34,7 +36,7 @@ print("heard all")
 """
 
 
-def test_candump_hears_what_cansend_sends(guest) -> None:
+def test_candump_hears_what_cansend_sends(guest: Guest) -> None:
     script = f"""
         candump -L -n 2 vcan0 >/tmp/heard & {RECEIVER_IS_THERE}
         cansend vcan0 101#0102A0; cansend vcan0 702#
@@ -46,14 +48,14 @@ def test_candump_hears_what_cansend_sends(guest) -> None:
     assert done.stdout.splitlines() == ["vcan0 101#0102A0", "vcan0 702#"]
 
 
-def test_python_can_makes_the_round_trip(guest) -> None:
+def test_python_can_makes_the_round_trip(guest: Guest) -> None:
     done = guest.run(sys.executable, "-c", PYTHON_CAN_ROUND_TRIP)
 
     assert (done.returncode, done.stdout) == (0, "heard all\n"), done.stderr
 
 
 def test_the_command_keeps_its_status_streams_directory_and_environment(
-    guest, checkout: Path, monkeypatch: pytest.MonkeyPatch
+    guest: Guest, checkout: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("ODD", 'a "quoted" $value\nof two lines')
     script = 'printf "%s|%s" "$PWD" "$ODD"; printf complaint >&2; exit 7'
@@ -65,7 +67,9 @@ def test_the_command_keeps_its_status_streams_directory_and_environment(
     assert done.stderr == "complaint"
 
 
-def test_writes_reach_the_host_only_where_they_are_let_through(guest, tmp_path: Path) -> None:
+def test_writes_reach_the_host_only_where_they_are_let_through(
+    guest: Guest, tmp_path: Path
+) -> None:
     through, memory = tmp_path / "through", tmp_path / "memory"
     through.mkdir()
     memory.mkdir()
@@ -78,14 +82,14 @@ def test_writes_reach_the_host_only_where_they_are_let_through(guest, tmp_path: 
     assert not (memory / "file").exists()
 
 
-def test_a_command_out_of_time_ends_with_124(guest) -> None:
+def test_a_command_out_of_time_ends_with_124(guest: Guest) -> None:
     done = guest.run("sleep", "600", timeout_s=1)
 
     assert done.returncode == 124
     assert "--timeout" in done.stderr
 
 
-def test_the_named_interfaces_are_up_and_no_others(guest) -> None:
+def test_the_named_interfaces_are_up_and_no_others(guest: Guest) -> None:
     done = guest.run(
         "sh",
         "-c",
@@ -97,7 +101,7 @@ def test_the_named_interfaces_are_up_and_no_others(guest) -> None:
 
 
 @pytest.fixture
-def sleeper(guest, checkout: Path) -> Iterator[subprocess.Popen[str]]:
+def sleeper(guest: Guest, checkout: Path) -> Iterator[subprocess.Popen[str]]:
     """A launcher whose command runs, says how it was interrupted, and would run for long."""
     program = (
         "import time\n"
@@ -163,7 +167,7 @@ def _session(leader: int) -> list[int]:
     return found
 
 
-def test_vcan_makes_shows_and_removes_a_kernel_interface(guest) -> None:
+def test_vcan_makes_shows_and_removes_a_kernel_interface(guest: Guest) -> None:
     vcan = Path(sys.executable).with_name("vcan")
     script = f"""
         set -e
@@ -191,7 +195,7 @@ def test_vcan_makes_shows_and_removes_a_kernel_interface(guest) -> None:
     assert "nothing to do" in lines[-1]
 
 
-def test_vcan_leaves_alone_what_it_did_not_make(guest) -> None:
+def test_vcan_leaves_alone_what_it_did_not_make(guest: Guest) -> None:
     vcan = Path(sys.executable).with_name("vcan")
 
     done = guest.run("bash", "-c", f"{vcan} down; echo $?; test -e /sys/class/net/vcan0")
@@ -201,7 +205,7 @@ def test_vcan_leaves_alone_what_it_did_not_make(guest) -> None:
     assert "ip link delete dev vcan0" in done.stderr
 
 
-def test_a_guest_inside_a_guest_is_refused(guest, checkout: Path) -> None:
+def test_a_guest_inside_a_guest_is_refused(guest: Guest, checkout: Path) -> None:
     done = guest.run(checkout / LAUNCHER, "true", options=["--no-vcan"])
 
     assert done.returncode == 125

@@ -16,8 +16,9 @@ from metro_hil.measures import measure_ride, measure_stops
 from metro_hil.options import parse
 from metro_hil.results import sha256_of
 from metro_hil.run_folder import RunFolder
-from metro_hil.vobc_command import EXIT_USAGE, main
+from metro_hil.vobc_command import main
 from vobc.ato.output_config import STAGES
+from vobc.cli import EXIT_USAGE
 
 TRAINS = {"current_loop": ("--consist", "florence4_loop")}
 """The stages that the default train would not follow."""

@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from can_dbc.agreement import Frame
 from can_dbc.nodes import Direction
 from can_dbc.odometer import ColdMovement, Doppler, Imu, Tacho
 from can_dbc.packing import packer
@@ -96,4 +97,5 @@ def test_what_motion_is_measured_by_has_the_scale_that_the_sensors_have(
     frame: Any, bits: int, raw: int
 ) -> None:
     """By hand: 5 mm/s, 1 mm/s², 1 cm and one pulse a bit."""
-    assert packer(type(frame))(frame) % (1 << bits) == raw
+    kind: type[Frame] = type(frame)
+    assert packer(kind)(frame) % (1 << bits) == raw

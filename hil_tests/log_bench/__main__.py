@@ -13,6 +13,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -74,12 +75,12 @@ def reading(folder: Path, count: int) -> list[tuple[str, float, str, bool | None
     paths, dbc = traffic.write_logs(folder, count, FORMS), folder / "bench.dbc"
     bus, database = load_bus(dbc), cantools.database.load_file(dbc)
     rows: list[tuple[str, float, str, bool | None]] = []
-    usual, rival, ours = {}, {}, {}
+    usual, rival, ours = dict[str, float](), dict[str, float](), dict[str, float]()
     for form, path in paths.items():
-        usual[form] = rate(lambda p=path: peers.python_can_and_cantools(p, database, PEER_FRAMES))
+        usual[form] = rate(partial(peers.python_can_and_cantools, path, database, PEER_FRAMES))
         rows.append((f"{form}: python-can + cantools", usual[form], "", None))
         if form != "mf4":
-            rival[form] = rate(lambda p=path: peers.hilspy_channel(p, dbc, 5 * PEER_FRAMES))
+            rival[form] = rate(partial(peers.hilspy_channel, path, dbc, 5 * PEER_FRAMES))
             rows.append((f"{form}: hilspy", rival[form], "", None))
     rows.append(
         (
@@ -99,7 +100,7 @@ def reading(folder: Path, count: int) -> list[tuple[str, float, str, bool | None
         ("mf4", "canlog", {}, 3.0),
     ]
     for form, name, options, bar in ways:
-        found = rate(lambda p=paths[form], o=options: canlog(p, bus, **o))
+        found = rate(partial(canlog, paths[form], bus, **options))
         ours[form] = max(found, ours.get(form, 0.0))
         met = None if bar is None else found >= bar
         rows.append((f"{form}: {name}", found, "" if bar is None else f">= {bar:g} M/s", met))

@@ -44,7 +44,7 @@ def asammdf_extract(path: Path, dbc: Path, most: int) -> int:
     del most
     frames = 0
     with asammdf.MDF(str(path)) as file:
-        out = file.extract_bus_logging({"CAN": [(str(dbc), 0)]})
+        out: Any = file.extract_bus_logging({"CAN": [(str(dbc), 0)]})
         for index, group in enumerate(out.groups):
             frames += group.channel_group.cycles_nr
             for channel in group.channels[1:]:

@@ -319,6 +319,9 @@ class Rig:
                 )
                 assert clear, f"train {train.address} may enter object {each.site.number}"
 
+    def is_commanded(self) -> bool:
+        return bool(self.masters())
+
     def masters(self, area: int = 1) -> list[int]:
         return [
             t.address

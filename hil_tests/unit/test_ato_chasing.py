@@ -3,6 +3,7 @@
 import dataclasses
 import itertools
 import math
+from typing import Any
 
 import pytest
 
@@ -165,7 +166,9 @@ def test_the_last_notch_exceeds_the_fall_of_the_track() -> None:
 # In closed loop.
 
 
-def run(strategy: str = "chasing", *, scheme: ChasingScheme | None = None, **given: object):
+def run(
+    strategy: str = "chasing", *, scheme: ChasingScheme | None = None, **given: Any
+) -> ato_rig.Rig:
     config = AtoConfig(strategy=strategy, chasing=scheme or ChasingScheme())
     stops = [dataclasses.replace(one, dwell_s=1.0) for one in LINE.stations if one.dwell_s > 0.0]
     wanted = {"brake_delay_s": None, "odometer_error": None, **given}

@@ -1,6 +1,7 @@
 """The law of Green CBTC on one train: what its weights and the voltage do to its runs."""
 
 import dataclasses
+from typing import Any
 
 import pytest
 
@@ -22,7 +23,7 @@ class Powered(Ato):
         return super().step(dataclasses.replace(seen, line_voltage_v=self.voltage_v))
 
 
-def ride(law: str, voltage_v: float | None, **green: object):  # type: ignore[no-untyped-def]
+def ride(law: str, voltage_v: float | None, **green: Any):  # type: ignore[no-untyped-def]
     """III to IV, 1 km level; the stop, and its speeds cycle by cycle."""
     stations = tuple(
         dataclasses.replace(station, run_s=RUN_S if station.name == "IV" else 0.0)
@@ -90,6 +91,6 @@ def test_the_printed_target_gives_all_when_the_energy_reaches_it() -> None:
 @pytest.mark.parametrize(
     "wrong", [{"alpha_ratio": 0.9}, {"horizon_s": 0.0}, {"constant_v": -1.0}, {"arm_ohm": 0.0}]
 )
-def test_settings_that_contradict_each_other_are_refused(wrong: dict[str, float]) -> None:
+def test_settings_that_contradict_each_other_are_refused(wrong: dict[str, Any]) -> None:
     with pytest.raises(ValueError, match=next(iter(wrong))):
         dataclasses.replace(Green(), **wrong)

@@ -2,6 +2,7 @@
 
 import dataclasses
 import itertools
+from typing import Any
 
 import pytest
 
@@ -17,7 +18,7 @@ JERK_MPS3 = AtoConfig().limits.jerk_mps3
 HELD = {"departure_permitted": False, "kept_at_platform": True}
 
 
-def rig_at(start_m: float, names: str = "III IV", **settings: object):
+def rig_at(start_m: float, names: str = "III IV", **settings: Any) -> ato_rig.Rig:
     stops = [dataclasses.replace(LINE.station(name), dwell_s=2.0) for name in names.split()]
     given = {"seed": 1, "start_scale_known": True, "brake_delay_s": None, **settings}
     # The mission knows the stop although the train already stands past it.
@@ -29,7 +30,7 @@ def rig_at(start_m: float, names: str = "III IV", **settings: object):
     )
 
 
-def attempts(rig) -> int:
+def attempts(rig: ato_rig.Rig) -> int:
     demands = rig.trace.demands
     return sum(
         before.phase is not AtoPhase.JOGGING and after.phase is AtoPhase.JOGGING
@@ -37,15 +38,15 @@ def attempts(rig) -> int:
     )
 
 
-def reached(rig, front_m: float) -> None:
+def reached(rig: ato_rig.Rig, front_m: float) -> None:
     rig.run(lambda rig: rig.front_m > front_m, limit_s=300.0)
 
 
-def at_rest(rig) -> bool:
+def at_rest(rig: ato_rig.Rig) -> bool:
     return rig.still_s > 5.0 and rig.held
 
 
-def doors_open(rig) -> bool:
+def doors_open(rig: ato_rig.Rig) -> bool:
     return rig.doors_position == 1.0
 
 
@@ -124,7 +125,7 @@ def test_without_traction_three_attempts_time_out_and_then_a_person_is_called(
     rig.jog_back_m = 6.0
     rig.traction_ratio = 0.0
 
-    rig.run(lambda rig: rig.trace.demands[-1:] and rig.trace.demands[-1].calls_for_help)
+    rig.run(lambda rig: any(each.calls_for_help for each in rig.trace.demands[-1:]))
     for _ in range(1000):
         demand = rig.step()
 
@@ -137,7 +138,7 @@ def test_without_traction_three_attempts_time_out_and_then_a_person_is_called(
 def test_after_failed_jogs_an_order_to_skip_leads_on() -> None:
     rig = rig_at(3499.2)
     rig.traction_ratio = 0.0
-    rig.run(lambda rig: rig.trace.demands[-1:] and rig.trace.demands[-1].calls_for_help)
+    rig.run(lambda rig: any(each.calls_for_help for each in rig.trace.demands[-1:]))
     rig.traction_ratio = 1.0
     rig.orders = {"skip_next": True}
 

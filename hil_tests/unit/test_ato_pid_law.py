@@ -3,13 +3,14 @@
 import dataclasses
 import itertools
 import statistics
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firmware_py.trackdb import LineMap, load_line
+from firmware_py.trackdb import LineMap, Station, load_line
 from hil_tests.unit import ato_rig
 from vobc.ato import Ato, AtoConfig
 from vobc.ato.pid_config import PidGains, PidScheme, PrintedScheme, falling_decel
@@ -21,7 +22,7 @@ LAG_S = 0.3
 """Of the brake that the margins are told for."""
 
 
-def quick_stops(line: LineMap) -> list:
+def quick_stops(line: LineMap) -> list[Station]:
     return [
         dataclasses.replace(station, dwell_s=1.0)
         for station in line.stations
@@ -29,7 +30,7 @@ def quick_stops(line: LineMap) -> list:
     ]
 
 
-def run_line(config: AtoConfig, line: LineMap = LINE, **settings: object):
+def run_line(config: AtoConfig, line: LineMap = LINE, **settings: Any) -> ato_rig.Rig:
     stops = quick_stops(line)
     rig = ato_rig.Rig(Ato(config, line, 0.0, stops), line, ato_rig.RigSettings(**settings), 0.0)
     rig.run(ato_rig.served(len(stops)))
@@ -239,6 +240,6 @@ def test_the_dead_time_is_found_while_braking() -> None:
         {"decel_mps2": 0.0},
     ],
 )
-def test_sections_that_cannot_be_are_refused(settings: dict[str, float]) -> None:
+def test_sections_that_cannot_be_are_refused(settings: dict[str, Any]) -> None:
     with pytest.raises(ValueError, match=r"t2_m|t3_speed_mps|last_decel_mps2|tags|decel_mps2"):
         PidScheme(**settings)

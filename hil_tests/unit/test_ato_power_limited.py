@@ -14,6 +14,8 @@ from vobc.ato.power_plan import PowerPlanner
 from vobc.ato.strategies.power_limited import PowerLimitedRun, Stage
 
 LINE = load_line("florence")
+LOAD_KG = 27_200.0
+"""Half of all who find room, as the rig has it."""
 CONFIG = AtoConfig()
 LOAD_KG = 27200.0
 
@@ -121,17 +123,16 @@ def ride(run_s: float | None, config: AtoConfig, seed: int = 3):  # type: ignore
     powers_w: list[float] = []
     stages: set[Stage] = set()
 
-    def watch(now) -> bool:  # type: ignore[no-untyped-def]
+    def watch(now: ato_rig.Rig) -> bool:
         law = ato.strategy
         if isinstance(law, PowerLimitedRun):
             stages.add(law.stage)
             if law.stage is Stage.BRAKING and law.plan is not None:
                 asked_mps2 = max(0.0, -law._demand_mps2)
-                mass_kg = 130000.0 * 1.08 + now.settings_load_kg
+                mass_kg = 130000.0 * 1.08 + LOAD_KG
                 powers_w.append(asked_mps2 * mass_kg * law.speed_mps / law.plan.power_w)
         return len(now.stops) >= 1
 
-    rig.settings_load_kg = 27200.0
     rig.run(watch)
     return rig.stops[0], powers_w, stages
 

@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections import deque
+from typing import Any
 
 import pytest
 
@@ -18,13 +19,19 @@ LINE = load_line("florence")
 S = 1_000_000_000
 
 
-def rig_to_iii(config: AtoConfig | None = None, **settings: object):
+def rig_to_iii(config: AtoConfig | None = None, **settings: Any) -> ato_rig.Rig:
     stop = dataclasses.replace(LINE.station("III"), dwell_s=1.0)
     ato = Ato(config or AtoConfig(), LINE, 3000.0, [stop, LINE.station("IV")])
     return ato_rig.Rig(ato, LINE, ato_rig.RigSettings(start_scale_known=True, **settings), 3000.0)
 
 
-def hardest_mps2(rig: object) -> float:
+def law_of(rig: ato_rig.Rig) -> Predictive:
+    law = rig.ato.strategy
+    assert isinstance(law, Predictive)
+    return law
+
+
+def hardest_mps2(rig: ato_rig.Rig) -> float:
     return -min(demand.accel_mps2 for demand in rig.trace.demands)
 
 
@@ -77,7 +84,7 @@ SLIPPING = AtoInput(
     [({}, True), ({"enabled": False}, False), ({"protection_brakes": True}, False)],
 )
 def test_wheels_that_slip_while_others_brake_say_nothing_of_the_rail(
-    change: dict[str, bool], is_believed: bool
+    change: dict[str, Any], is_believed: bool
 ) -> None:
     """Oracle: the pull of 0.8 m/s² that a dry rail is asked for, and half of it at the most."""
     law = Predictive(AtoConfig(), LINE, 0.05)
@@ -149,12 +156,12 @@ def test_what_others_brake_is_not_learnt() -> None:
     """Protection brakes twice as hard as was asked for two seconds: the gain stays."""
     rig = rig_to_iii(seed=4, brake_gain=1.0)
     rig.run(lambda rig: rig.front_m > 3330.0)
-    before = rig.ato.strategy._model.gain_ratio
+    before = law_of(rig)._model.gain_ratio
     rig.orders["protection_brakes"] = True
     for _ in range(40):
         rig.speed_mps -= 0.5 * rig.cycle_s
         rig.step()
-    after = rig.ato.strategy._model.gain_ratio
+    after = law_of(rig)._model.gain_ratio
 
     assert after == pytest.approx(before, abs=1e-9)
 
@@ -164,12 +171,12 @@ def test_a_brake_of_others_goes_on_working_after_they_let_go_and_is_not_learnt_e
     behind another train one overran the mark by 2.4 m."""
     rig = rig_to_iii(seed=4, brake_gain=1.0)
     rig.run(lambda rig: rig.front_m > 3330.0)
-    before = rig.ato.strategy._model.gain_ratio
+    before = law_of(rig)._model.gain_ratio
     for cycle in range(80):
         rig.orders["protection_brakes"] = cycle < 40
         rig.speed_mps -= 0.5 * rig.cycle_s if cycle < 65 else 0.0
         rig.step()
-    after = rig.ato.strategy._model.gain_ratio
+    after = law_of(rig)._model.gain_ratio
 
     assert after == pytest.approx(before, abs=1e-9)
 
@@ -180,7 +187,7 @@ def test_every_delay_of_a_brake_is_found_and_reckoned_with(delay_s: float) -> No
     rig = rig_to_iii(AtoConfig(brake=belief), seed=7, brake_delay_s=delay_s, brake_gain=1.0)
     rig.run(lambda rig: rig.front_m > 3400.0)
     # The link and the cycle come on top, and an unknown lag is found as dead time.
-    found_s = rig.ato.strategy.brake_dead_time_s
+    found_s = law_of(rig).brake_dead_time_s
     rig.run(ato_rig.served(1))
 
     assert found_s == pytest.approx(delay_s + 0.03, abs=0.2)

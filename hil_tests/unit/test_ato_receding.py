@@ -1,5 +1,7 @@
 """How far the end of authority comes at least, behind trains that draw away, and others."""
 
+from collections.abc import Iterator
+
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -45,7 +47,9 @@ class Leader:
         return self.rear_m + rest_m(self.speed_mps, self.accel_mps2)
 
 
-def follow(leader: Leader, accels_mps2: list[float], *, speed_mps: float = FAST_MPS):
+def follow(
+    leader: Leader, accels_mps2: list[float], *, speed_mps: float = FAST_MPS
+) -> Iterator[tuple[float, float, float]]:
     """Every cycle: the end that was told, where it will be at least, where it truly will."""
     end = RecedingEnd(SHAPE)
     told_m = leader.rear_m

@@ -3,11 +3,12 @@
 import dataclasses
 import itertools
 import statistics
+from typing import Any
 
 import pytest
 
 from can_dbc.vobc import AtoPhase
-from firmware_py.trackdb import LineMap, load_line
+from firmware_py.trackdb import LineMap, Station, load_line
 from hil_tests.unit import ato_rig
 from vobc.ato import Ato, AtoConfig
 
@@ -15,7 +16,7 @@ LINE = load_line("florence")
 CYCLE_S = 0.05
 
 
-def quick_stops(line: LineMap) -> list:
+def quick_stops(line: LineMap) -> list[Station]:
     return [
         dataclasses.replace(station, dwell_s=1.0)
         for station in line.stations
@@ -23,7 +24,7 @@ def quick_stops(line: LineMap) -> list:
     ]
 
 
-def run_line(config: AtoConfig | None = None, line: LineMap = LINE, **settings: object):
+def run_line(config: AtoConfig | None = None, line: LineMap = LINE, **settings: Any) -> ato_rig.Rig:
     stops = quick_stops(line)
     ato = Ato(config or AtoConfig(), line, 0.0, stops)
     rig = ato_rig.Rig(ato, line, ato_rig.RigSettings(**settings), 0.0)
@@ -77,9 +78,9 @@ def test_without_noise_the_stops_are_a_centimetre_or_better() -> None:
     ],
     ids=["weak", "strong", "slow", "late", "late and weak", "100ms", "20ms", "no T3", "only T3"],
 )
-def test_a_wrong_belief_costs_little(settings: dict[str, object]) -> None:
+def test_a_wrong_belief_costs_little(settings: dict[str, Any]) -> None:
     """What the controller does not know: gain ±15 %, twice the lag, 1.5 s delay; missed tags."""
-    rig = run_line(**{"seed": 5, "brake_delay_s": None, "odometer_error": 0.02, **settings})
+    rig = run_line(**{"seed": 5, "brake_delay_s": None, "odometer_error": 0.02} | settings)
 
     assert max(abs(stop.error_m) for stop in rig.stops) <= 0.10
 
@@ -105,7 +106,7 @@ def test_a_train_that_was_braked_before_still_stops_at_the_mark(
     rig = ato_rig.Rig(Ato(AtoConfig(), LINE, 0.0, [stop]), LINE, settings, 0.0)
     applications = 0
 
-    def served(rig) -> bool:
+    def served(rig: ato_rig.Rig) -> bool:
         nonlocal applications
         asked = [-demand.accel_mps2 > 0.0 for demand in rig.trace.demands[-2:]]
         applications += asked == [False, True]
@@ -133,7 +134,7 @@ def test_a_train_that_drew_up_to_an_authority_and_got_a_longer_one_stops_at_the_
     rig = ato_rig.Rig(Ato(AtoConfig(), LINE, 0.0, [stop]), LINE, settings, 0.0)
     pulled_again = False
 
-    def served(rig) -> bool:
+    def served(rig: ato_rig.Rig) -> bool:
         nonlocal pulled_again
         left_m = stop.stop_m - rig.front_m
         rig.authority_end_m = LINE.end_m if left_m < freed_m else stop.stop_m - 30.0
@@ -223,7 +224,7 @@ def test_the_train_does_not_roll_back_where_it_stops_uphill() -> None:
 
     lowest_mps = 0.0
 
-    def away(rig: object) -> bool:
+    def away(rig: ato_rig.Rig) -> bool:
         nonlocal lowest_mps
         lowest_mps = min(lowest_mps, rig.speed_mps)
         return rig.front_m > 760.0
@@ -254,6 +255,7 @@ def test_the_shipped_tags_lead_the_stop() -> None:
     expected = {"t1": 50.0, "t2": 10.0, "t3": 1.5}
     for tag in LINE.tags:
         if tag.kind.value in expected:
+            assert tag.station is not None
             stop_m = LINE.station(tag.station).stop_m
             distance_m = stop_m - (tag.position_m + ato_rig.ANTENNA_M)
             assert distance_m == pytest.approx(expected[tag.kind.value])

@@ -194,7 +194,7 @@ def test_a_way_with_a_gap_in_its_plan_has_none() -> None:
 # Runs.
 
 
-def legs(strategy: str, run_s: dict[str, float]) -> list:
+def legs(strategy: str, run_s: dict[str, float]) -> list[ato_rig.Stop]:
     """From station II over III to IV; each stop with its running time and error."""
     line = line_with(**run_s)
     stops = [dataclasses.replace(line.station(name), dwell_s=2.0) for name in ("III", "IV")]

@@ -5,7 +5,6 @@ from dataclasses import replace
 import pytest
 
 from metro_hil.worst_motion import CONFIG, FAR_M, GRAVITY_MPS2, Section, line_of
-from vobc.atp import ceiling as under_test
 from vobc.atp.braking import SafeBraking
 from vobc.atp.ceiling import CeilingMap
 from vobc.atp.profile import BrakingProfile
@@ -56,8 +55,9 @@ def needed_m(speed_mps: float, *, target_mps: float, lead_s: float) -> float:
     return speed_mps * (lead_s + 3.0) + 2.5 + braked_m
 
 
-def uniform(limit_mps: float) -> tuple[float, ...]:
-    return tuple(limit_mps + margin_mps for margin_mps in MARGINS_MPS)
+def uniform(limit_mps: float) -> tuple[float, float, float, float]:
+    permitted, warning, service, emergency = MARGINS_MPS
+    return limit_mps + permitted, limit_mps + warning, limit_mps + service, limit_mps + emergency
 
 
 OPEN = map_of((0.0, 6000.0, 20.0))
@@ -186,8 +186,8 @@ class Counted:
             self.made += 1
             made(*args, **named)  # type: ignore[arg-type]
 
-        patch.setattr(under_test.BrakingProfile, "speed_mps", count_asked)
-        patch.setattr(under_test.BrakingProfile, "__init__", count_made)
+        patch.setattr(BrakingProfile, "speed_mps", count_asked)
+        patch.setattr(BrakingProfile, "__init__", count_made)
 
 
 def test_what_cannot_bind_yet_costs_nothing(monkeypatch: pytest.MonkeyPatch) -> None:

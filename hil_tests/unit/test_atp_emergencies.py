@@ -218,7 +218,7 @@ def test_each_cause_is_released_only_at_standstill_and_only_by_whom_its_rule_nam
 ) -> None:
     named = WHO.get(cause, Reset.DESK | Reset.CENTRE)
 
-    for number, standing, standstill in itertools.product(range(4), *[(False, True)] * 2):
+    for number, standing, standstill in itertools.product(range(4), (False, True), (False, True)):
         seen = replace(
             STANDING, latched=(cause,), resets=number, standing=standing, standstill=standstill
         )

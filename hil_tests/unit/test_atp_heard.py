@@ -48,7 +48,7 @@ CALM: Final = replace(
 NOTHING: Final = Heard(*(False,) * len(fields(Heard)))
 
 
-def ordered(**orders: bool) -> dict[str, Any]:
+def ordered(**orders: Any) -> dict[str, Any]:
     return {"orders": replace(ORDERS, **orders)}
 
 

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from typing import Any
 
 from hypothesis import settings
 from hypothesis import strategies as st
@@ -114,7 +115,7 @@ class Life(RuleBasedStateMachine):
     def order(self, name: str) -> None:
         orders = self.train.image.orders
         assert orders is not None
-        changed = {name: not getattr(orders, name)}
+        changed: dict[str, Any] = {name: not getattr(orders, name)}
         self.train.change(orders=replace(orders, **changed))
         self.go()
 

@@ -293,18 +293,24 @@ def test_both_computations_are_made_of_the_same_and_of_the_highest_speed(
     told: list[tuple[Any, ...]] = []
     train = limited()
     train.runs(5.0)
-    monkeypatch.setattr(Replicas, "agree", lambda _self, *args: told.append(args) or True)
+
+    def agree(_: Replicas, *args: Any) -> bool:
+        told.append(args)
+        return True
+
+    monkeypatch.setattr(Replicas, "agree", agree)
 
     verdict = train.step()
 
-    motion = train.motion()
+    motion, authority = train.motion(), rig.WELL.authority
     assert verdict.ceiling is not None
+    assert authority is not None
     assert told == [
         (
             verdict.ceiling.emergency_mps,
             motion.front_m,
             motion.speed_mps.high,
-            rig.WELL.authority.end_m,
+            authority.end_m,
             (LIMITED,),
         )
     ]

@@ -110,7 +110,7 @@ def test_nothing_is_different_before_the_fault_begins() -> None:
     direct.port.faults.offer = None  # type: ignore[assignment,method-assign]
     direct.port.send = direct.port._port.send  # type: ignore[method-assign]
     direct.port.poll = lambda now_ns: None  # type: ignore[method-assign]
-    direct.port.receive = direct.port._port.receive  # type: ignore[method-assign,assignment]
+    direct.port.receive = direct.port._port.receive  # type: ignore[method-assign]
     direct.run(plan("frame_drop"), begin_ns=-1, end_ns=-1, until_ns=S)
 
     assert plain.log == faulty.log == direct.log

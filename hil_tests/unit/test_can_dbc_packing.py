@@ -192,7 +192,7 @@ def nothing_made() -> Iterator[None]:
 
 @pytest.mark.usefixtures("nothing_made")
 def test_functions_that_were_written_out_are_taken_and_others_made(
-    odd: type[Odd], monkeypatch: pytest.MonkeyPatch
+    odd: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """As the compiled copy has them: both of one frame, none of another."""
     module: Any = ModuleType(WRITTEN)

@@ -274,7 +274,7 @@ def test_plain_lines_are_not_left_to_the_strict_parser() -> None:
         for at, (identifier, flags, data) in enumerate(
             (int(frames.identifier[row]) | (0x20000000 if frames.flags[row] & ERROR else 0),
              int(frames.flags[row]), frames.payload(row))
-            for row in np.flatnonzero(keep)
+            for row in np.flatnonzero(keep).tolist()
         )
     )  # fmt: skip
 

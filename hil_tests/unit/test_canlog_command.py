@@ -262,7 +262,7 @@ class Paper:
 def test_replay_keeps_the_times_of_the_log(speed: float, gap_ns: int) -> None:
     frames = traction_log(3)
     port, clock = Paper(), LockstepClock(start_ns=7_000)
-    player = Player(port, clock, speed)  # type: ignore[arg-type]
+    player = Player(port, clock, speed)
 
     player.play(frames[:3])
     player.play(frames[3:])
@@ -274,7 +274,7 @@ def test_replay_keeps_the_times_of_the_log(speed: float, gap_ns: int) -> None:
 
 def test_replay_leaves_out_what_the_bus_of_the_train_does_not_carry() -> None:
     frames = from_rows([(0, 1, EXTENDED, "c", b""), (1, 2, 0, "c", b"")])
-    player = Player(Paper(), LockstepClock())  # type: ignore[arg-type]
+    player = Player(Paper(), LockstepClock())
 
     player.play(frames)
 

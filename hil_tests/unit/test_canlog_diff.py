@@ -57,6 +57,11 @@ def test_frames_that_one_log_lacks_do_not_shift_the_others() -> None:
     assert found.differs
 
 
+def both(logs: list[Log]) -> tuple[Log, Log]:
+    first, second = logs
+    return first, second
+
+
 @pytest.mark.parametrize(("steps", "differing"), [(0, 0), (1, 0), (2, 1), (-1, 0), (-5, 1)])
 def test_one_step_of_the_raw_value_is_allowed(steps: int, differing: int) -> None:
     """`motorola` lies in bytes 2 and 3, its last bit is the seventh of byte 3."""
@@ -65,7 +70,7 @@ def test_one_step_of_the_raw_value_is_allowed(steps: int, differing: int) -> Non
         log_of([(0, 256, bytes([0, 0, raw >> 2, raw << 6 & 0xFF, 0, 0, 0, 0]))]) for raw in raws
     ]
 
-    found = compare(*logs, Allowed())
+    found = compare(*both(logs), Allowed())
 
     assert [each.signal for each in found.messages[0].signals] == ["motorola"] * differing
     if differing:
@@ -75,7 +80,7 @@ def test_one_step_of_the_raw_value_is_allowed(steps: int, differing: int) -> Non
 def test_names_and_flags_have_to_be_equal() -> None:
     logs = [log_of([(0, 256, bytes([0, 0, 0, 0, 0, 0, byte, 0]))]) for byte in (0x11, 0x32)]
 
-    found = compare(*logs, Allowed(lsb=5))
+    found = compare(*both(logs), Allowed(lsb=5))
 
     texts = {each.signal: (each.value_a, each.value_b) for each in found.messages[0].signals}
     assert texts == {"state": ("READY", "RUNNING"), "flags": ("DOORS", "DOORS|BRAKE")}
@@ -85,8 +90,8 @@ def test_the_last_of_64_bits_counts() -> None:
     raws = (2**64 - 1, 2**64 - 3)
     logs = [log_of([(0, 257, struct.pack("<Q", raw))]) for raw in raws]
 
-    assert not compare(*logs, Allowed(lsb=2)).differs
-    (one,) = compare(*logs, Allowed(lsb=1)).messages[0].signals
+    assert not compare(*both(logs), Allowed(lsb=2)).differs
+    (one,) = compare(*both(logs), Allowed(lsb=1)).messages[0].signals
     assert (one.value_a, one.value_b) == tuple(map(str, raws))
 
 
@@ -96,9 +101,8 @@ def test_floats_may_differ_in_their_last_place_and_nan_is_nan() -> None:
     nan = float("nan")
 
     def differ(a: float, b: float) -> bool:
-        return compare(
-            *(log_of([(0, 259, struct.pack("<f", x) + bytes(4))]) for x in (a, b)), Allowed()
-        ).differs
+        logs = [log_of([(0, 259, struct.pack("<f", x) + bytes(4))]) for x in (a, b)]
+        return compare(*both(logs), Allowed()).differs
 
     assert not differ(1.5, float(near))
     assert differ(1.5, float(far))
@@ -115,7 +119,7 @@ def test_a_signal_that_one_frame_does_not_carry_differs() -> None:
         frames = from_rows([(0, rig.EXTENDED_ID, 1, "can0", data)])
         logs.append(Log(base.path, frames, base.bus))
 
-    found = {each.signal: each for each in compare(*logs, Allowed()).messages[0].signals}
+    found = {each.signal: each for each in compare(*both(logs), Allowed()).messages[0].signals}
 
     assert set(found) == {"which", "first", "second"}
     assert (found["first"].value_a, found["first"].value_b) == ("5", "not there")
@@ -125,18 +129,18 @@ def test_tolerances_of_a_signal_go_before_steps() -> None:
     logs = [log_of([(0, 256, bytes([0, byte, 0, 0, 0, 0, 0, 0]))]) for byte in (0, 2)]
     apart_mps = 2 * 16 * 0.05
 
-    assert compare(*logs, Allowed()).differs
-    assert not compare(*logs, Allowed(physical={"PLAIN.signed_mps": apart_mps})).differs
-    assert compare(*logs, Allowed(physical={"signed_*": apart_mps - 0.01})).differs
-    assert not compare(*logs, Allowed(ignored=("PLAIN",))).differs
+    assert compare(*both(logs), Allowed()).differs
+    assert not compare(*both(logs), Allowed(physical={"PLAIN.signed_mps": apart_mps})).differs
+    assert compare(*both(logs), Allowed(physical={"signed_*": apart_mps - 0.01})).differs
+    assert not compare(*both(logs), Allowed(ignored=("PLAIN",))).differs
     with pytest.raises(LogError, match="--tolerance nonsense"):
-        compare(*logs, Allowed(physical={"nonsense": 1.0}))
+        compare(*both(logs), Allowed(physical={"nonsense": 1.0}))
 
 
 def test_unknown_messages_are_compared_byte_by_byte() -> None:
     logs = [log_of([(0, 0x7FF, b"\1\2"), (MS, 0x7FF, data)]) for data in (b"\3\4", b"\3\5")]
 
-    (one,) = compare(*logs, Allowed()).messages[0].signals
+    (one,) = compare(*both(logs), Allowed()).messages[0].signals
 
     assert (one.frames, one.at_ns, one.value_a, one.value_b) == (1, MS, "03 04", "03 05")
 

@@ -1,6 +1,7 @@
 """Down-sampled pictures keep what a person would see in all samples."""
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -18,7 +19,7 @@ samples = st.lists(
 
 def columns_of(
     drawn: list[tuple[int, float]],
-) -> tuple["np.ndarray[int, np.dtype[np.int64]]", "np.ndarray[int, np.dtype[np.float64]]"]:
+) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64]]:
     steps, values = zip(*drawn, strict=True)
     return np.cumsum(np.array(steps, np.int64)), np.array(values, np.float64)
 

@@ -49,6 +49,7 @@ def same(found: Any, wanted: Any) -> bool:
 def test_every_signal_is_what_cantools_decodes(seed: int) -> None:
     drawn = drawn_dbc(seed)
     database = cantools.database.load_string(drawn.text, "dbc", strict=False)
+    assert isinstance(database, cantools.database.Database)
     message = database.get_message_by_name("M")
     payloads = payloads_of(drawn, seed, 6)
     flags = (EXTENDED if drawn.extended else 0) | (FD if drawn.length > 8 else 0)
@@ -60,7 +61,7 @@ def test_every_signal_is_what_cantools_decodes(seed: int) -> None:
     undefined = table.undefined
     for at, data in enumerate(payloads):
         try:
-            wanted = message.decode(data, decode_choices=False, allow_truncated=True)
+            wanted: Any = message.decode(data, decode_choices=False, allow_truncated=True)
         except cantools.database.DecodeError:
             assert undefined[at] or len(data) < drawn.length
             continue

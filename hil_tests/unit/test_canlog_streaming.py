@@ -1,5 +1,6 @@
 """Logs of any size go through in a stream: nothing holds on to what it has done with."""
 
+import tempfile
 import weakref
 from collections.abc import Iterator
 from dataclasses import replace
@@ -104,7 +105,7 @@ def test_a_full_disk_is_told_and_named(monkeypatch: pytest.MonkeyPatch) -> None:
     def full(**_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(shelf.tempfile, "TemporaryFile", full)
+    monkeypatch.setattr(tempfile, "TemporaryFile", full)
 
     with pytest.raises(LogError, match="no room for the columns of the log: No space left"):
         shelf.on_disk(shelf.ON_DISK_BYTES, np.uint8)

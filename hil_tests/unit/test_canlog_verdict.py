@@ -36,7 +36,7 @@ def traffic(seed: int, count: int, damaged_share: float) -> list[Row]:
     draw = random.Random(seed)
     encoder = Encoder()
     chosen = draw.sample(KINDS, 4)
-    now_ns, rows, past = 0, [], []
+    now_ns, rows, past = 0, list[Row](), list[tuple[int, int, str, bytes]]()
     while len(rows) < count:
         now_ns += draw.choice([1_000_000, 10_000_000, 50_000_000, 700_000_000])
         kind = draw.choice(chosen)
@@ -83,8 +83,7 @@ def oracle(rows: list[Row]) -> tuple[list[int], Decoder]:
         heard = decoder.decode(can_id, data, at_ns)
         first = twins.get(can_id)
         if can_id in VITAL:
-            refused_now = isinstance(heard, Rejected) and heard.reason is not Reason.TWIN_TIMEOUT
-            if refused_now:
+            if isinstance(heard, Rejected) and heard.reason is not Reason.TWIN_TIMEOUT:
                 told[at] = CODES[heard.reason]
                 continue
             if isinstance(heard, Rejected):

@@ -1,6 +1,7 @@
 """The clocks: instants that never run backwards, waits that never end early."""
 
 import signal
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -55,7 +56,7 @@ def test_without_the_kernels_absolute_sleep_a_wait_is_as_long(
 
 
 def test_on_another_system_there_is_no_absolute_sleep(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(clock_module.sys, "platform", "darwin")
+    monkeypatch.setattr(sys, "platform", "darwin")
 
     assert clock_module._absolute_sleep() is None
 

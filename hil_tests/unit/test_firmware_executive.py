@@ -74,7 +74,7 @@ def rhythm_by_hand(plans: list[Plan], end_ms: int, wake_ns: int) -> list[Began]:
     # No work that begins before the end reaches a second beyond it.
     grids = [list(range(plan.offset_ms, end_ms + 1000, plan.period_ms)) for plan in plans]
     runs = [0] * len(plans)
-    now_ns, began = 0, []
+    now_ns, began = 0, list[Began]()
     while True:
         order = min(range(len(plans)), key=lambda order: (grids[order][0], order))
         release_ns = grids[order][0] * NS_PER_MS
@@ -203,8 +203,12 @@ def test_nothing_runs_at_or_after_the_end() -> None:
 def test_a_task_that_wants_the_end_has_the_last_word() -> None:
     """Others due at the same instant are left for whoever runs the executive again."""
     order: list[str] = []
+
+    def said(name: str) -> Callable[[int], None]:
+        return lambda _: order.append(name)
+
     executive = Executive(
-        [Task(name, 10, lambda now_ns, name=name: order.append(name)) for name in ("a", "b", "c")],
+        [Task(name, 10, said(name)) for name in ("a", "b", "c")],
         0,
     )
 

@@ -69,7 +69,11 @@ def before_each_step(
     patch = with_context.__enter__()
     for step in STEPS:
         patch.setattr(os, step, watched(step, getattr(os, step)))
-    return lambda: with_context.__exit__(None, None, None)
+
+    def undo() -> None:
+        with_context.__exit__(None, None, None)
+
+    return undo
 
 
 @given(RECORDS)

@@ -65,7 +65,9 @@ def lines_and_stretches(draw: st.DrawFn) -> tuple[LineMap, float, float]:
     """A line and a train on it, at its edges, or partly or wholly off it."""
     line = draw(lines())
     edges_m = [line.start_m, line.end_m]
-    for section in (*line.speed_sections, *line.gradients, *line.curves):
+    sections: list[SpeedSection | GradientSection | CurveSection] = []
+    sections += [*line.speed_sections, *line.gradients, *line.curves]
+    for section in sections:
         edges_m += [section.start_m, section.end_m]
     place = st.one_of(st.sampled_from(edges_m), st.floats(line.start_m - 100.0, line.end_m + 100.0))
     rear_m, front_m = sorted((draw(place), draw(place)))
@@ -109,7 +111,8 @@ def least_by_hand(
 ) -> float:
     """The least at both ends, at every edge between them and at points sampled between them."""
     places_m = [rear_m, front_m]
-    for section in (*line.speed_sections, *line.gradients):
+    sections: list[SpeedSection | GradientSection] = [*line.speed_sections, *line.gradients]
+    for section in sections:
         places_m += [m for m in (section.start_m, section.end_m) if rear_m <= m <= front_m]
     places_m += [rear_m + (front_m - rear_m) * k / SAMPLES for k in range(SAMPLES)]
     return min(value(line, at_m) for at_m in places_m)

@@ -1,6 +1,7 @@
 """What supervision of a line shows and says, and to whom."""
 
 import dataclasses
+from typing import Any
 
 import pytest
 
@@ -76,7 +77,7 @@ def said(message: T2tMessage) -> RadioMessage:
 
 
 def test_it_says_who_commands_which_area_and_where_trains_are() -> None:
-    places_m = {
+    places_m: dict[str, Any] = {
         "front_min_m": 400.0,
         "front_max_m": 402.0,
         "rear_min_m": 330.0,

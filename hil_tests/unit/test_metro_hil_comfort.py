@@ -1,6 +1,7 @@
 """Comfort of a run, against motions whose answer is known beforehand."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -45,7 +46,7 @@ def log_of(*accels_mps2: np.ndarray, emergency: np.ndarray | None = None) -> Col
 
 def over_time(times_s: list[float], accels_mps2: list[float]) -> np.ndarray:
     """Straight lines between these; what is to jump stands twice."""
-    return np.interp(np.arange(0.0, LONG_S, STEP_S), times_s, accels_mps2)
+    return np.asarray(np.interp(np.arange(0.0, LONG_S, STEP_S), times_s, accels_mps2))
 
 
 def sine(amplitude_mps2: float, frequency_hz: float) -> np.ndarray:
@@ -103,7 +104,10 @@ def test_the_jolt_into_the_standstill_is_felt() -> None:
     )
     slow = felt_worst(log_of(over_time([5, 15, 20.0, 30, 35.0, 60], [0.1, 0.1, -0.1, -0.1, 0, 0])))
 
-    assert soft["felt_jerk_2hz_mps3"] > 5.0 * slow["felt_jerk_2hz_mps3"]
+    soft_mps3, slow_mps3 = soft["felt_jerk_2hz_mps3"], slow["felt_jerk_2hz_mps3"]
+    assert soft_mps3 is not None
+    assert slow_mps3 is not None
+    assert soft_mps3 > 5.0 * slow_mps3
 
 
 def test_an_emergency_brake_and_what_it_shakes_are_left_out() -> None:
@@ -163,7 +167,7 @@ def test_what_was_asked_for_is_effort_over_inertia_less_brake() -> None:
         {"holding_released": False},
     ],
 )
-def test_what_operation_is_not_master_of_is_not_its_command(change: dict[str, object]) -> None:
+def test_what_operation_is_not_master_of_is_not_its_command(change: dict[str, Any]) -> None:
     log = CommandLog(inertia_kg=100_000.0)
 
     for cycle in range(9):

@@ -1,6 +1,7 @@
 """What `vcan` plans works on a machine as it was told of; where nothing would, it plans nothing."""
 
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import pytest
 from hypothesis import given
@@ -149,7 +150,7 @@ def test_down_never_removes_what_up_did_not_make(kernel: Kernel, kind: str, is_u
         ({"support": CanSupport.LOADABLE, "may_load": False}, "CAP_SYS_MODULE"),
     ],
 )
-def test_it_is_said_exactly_what_is_missing(lacking: dict[str, object], words: str) -> None:
+def test_it_is_said_exactly_what_is_missing(lacking: dict[str, Any], words: str) -> None:
     step = plan_up("vcan0", replace(ALL, **lacking), None)
 
     assert isinstance(step, Missing)

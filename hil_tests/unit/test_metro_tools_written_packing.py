@@ -78,7 +78,8 @@ def _least(kind: Any) -> Any:
         if field.kind in (int, float):
             values[field.name] = field.kind(field.minimum)
         else:
-            values[field.name] = False if field.kind is bool else next(iter(field.kind))
+            choices: Any = (False, True) if field.kind is bool else field.kind
+            values[field.name] = next(iter(choices))
     return kind(**values)
 
 
@@ -97,7 +98,7 @@ def test_written_functions_are_taken_where_there_are_any(monkeypatch: pytest.Mon
         return 7
 
     module = SimpleNamespace(FUNCTIONS={("pack", Doppler): pack})
-    monkeypatch.setitem(sys.modules, packing.WRITTEN, module)  # type: ignore[arg-type]
+    monkeypatch.setitem(sys.modules, packing.WRITTEN, module)
 
     assert packer.__wrapped__(Doppler) is pack
     assert packer.__wrapped__(Tacho) is not pack

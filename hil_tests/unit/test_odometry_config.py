@@ -21,8 +21,8 @@ CONFIG = load_config("florence4").odometry
 def test_what_must_be_positive_is_refused_at_zero_and_below(name: str) -> None:
     for value in (0, -1):
         with pytest.raises(ValueError, match=f"^{name} {value} is not positive$"):
-            replace(CONFIG, **{name: value})  # type: ignore[arg-type]
-    assert getattr(replace(CONFIG, **{name: 1}), name) == 1  # type: ignore[arg-type]
+            replace(CONFIG, **{name: value})
+    assert getattr(replace(CONFIG, **{name: 1}), name) == 1
 
 
 @pytest.mark.parametrize(

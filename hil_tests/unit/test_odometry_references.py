@@ -273,11 +273,13 @@ def test_axles_that_move_apart_are_noticed(ahead: int, *, differ: bool) -> None:
     assert pulses.axles_differ is differ
 
 
-def test_contradicting_directions_make_the_odometer_unusable_and_the_interval_two_sided() -> None:
+def test_contradicting_directions_make_the_odometer_unusable_and_the_interval_two_sided(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     ride = rig.Rig(rig.Errors())
     ride.run(10.0, cruise)
     honest = ride._tacho
-    ride._tacho = lambda: replace(honest(), direction=Direction.REVERSE)
+    monkeypatch.setattr(ride, "_tacho", lambda: replace(honest(), direction=Direction.REVERSE))
     before_m = ride.front_m
     last = ride.run(1.0, cruise)[-1]
 

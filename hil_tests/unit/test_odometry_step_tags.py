@@ -11,7 +11,7 @@ from vobc.odometry.references import Reading, References
 from vobc.vocabulary import PlaceProof, RefusedTag, TagReading, TagRefusal
 
 LEAST_M, MOST_M = 0.01 / 1.05, 0.01 / 0.99
-SCALE = {"scale_error_low_ratio": -0.01, "scale_error_high_ratio": 0.05}
+SCALE: dict[str, Any] = {"scale_error_low_ratio": -0.01, "scale_error_high_ratio": 0.05}
 
 
 class Judged:

@@ -9,7 +9,7 @@ from can_dbc.nodes import Direction
 from hil_tests.unit.odometry_desk import PULSE_M, Desk, near
 
 LEAST_M, MOST_M = 0.01 / 1.05, 0.01 / 0.99
-SCALE = {"scale_error_low_ratio": -0.01, "scale_error_high_ratio": 0.05}
+SCALE: dict[str, Any] = {"scale_error_low_ratio": -0.01, "scale_error_high_ratio": 0.05}
 
 
 def going(step: int = 8, cycles: int = 60, **changes: Any) -> Any:

@@ -62,8 +62,9 @@ class Line:
     def holds(self, train: int, term: int, sequence: int) -> None:
         """It says which authority it holds."""
         head = (train, 2, train, term, 1, sequence, self.now_ns)
-        place = (True, 50.0, 51.0, 0.0, 0.0, 0.0, True, 100.0, 100.0, 60.0)
-        report = TrainReport(*head, *place, term, sequence, True, 0, 0, 4, False, 0, 0)
+        place = (50.0, 51.0, 0.0, 0.0, 0.0)
+        ends = (100.0, 100.0, 60.0, term, sequence)
+        report = TrainReport(*head, True, *place, True, *ends, True, 0, 0, 4, False, 0, 0)
         self._stepped(train, [], [Letter((2,), report)])
 
     def _stepped(self, train: int, heard: list[object], letters: list[Letter]) -> None:

@@ -31,8 +31,9 @@ ROOM_M = 11.0
 
 def report(rear_m: float, front_m: float, *, train: int = 3, localised: bool = True) -> TrainReport:
     head = (train, 65_535, 1, 0, 1, 1, 0)
-    place = (localised, front_m - 1.0, front_m, rear_m, rear_m, 0.0, True, *[front_m] * 3)
-    return TrainReport(*head, *place, 0, 0, False, 0, 0, 16, False, 0, 0)
+    place = (front_m - 1.0, front_m, rear_m, rear_m, 0.0)
+    ends = (front_m, front_m, front_m, 0, 0)
+    return TrainReport(*head, localised, *place, True, *ends, False, 0, 0, 16, False, 0, 0)
 
 
 def test_nobody_comes_nearer_to_it_than_to_a_train_that_may_set_back() -> None:

@@ -2,7 +2,8 @@
 
 import pytest
 
-from hil_tests.unit.test_t2t_regressions import MS, authority, own, train
+from hil_tests.unit.t2t_rig import MS
+from hil_tests.unit.test_t2t_regressions import authority, own, train
 from vobc.t2t.vocabulary import OwnTrain
 from zenoh_config.t2t import AreaAuthority
 

@@ -1,5 +1,7 @@
 """A train in one area that does not command it: what it hears, promises and reports, and when."""
 
+from typing import Any
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -398,7 +400,7 @@ def test_the_standby_is_due_when_its_turn_comes_before_its_next_report() -> None
 
 
 @pytest.mark.parametrize("told", [{"out_of_service": True}, {"localised": False}])
-def test_whoever_may_not_take_its_turn_is_due_for_its_next_report(told: dict[str, bool]) -> None:
+def test_whoever_may_not_take_its_turn_is_due_for_its_next_report(told: dict[str, Any]) -> None:
     """It would be stepped as fast as can be, and nothing would come of it."""
     scene = standby()
     scene.step(160, **told)

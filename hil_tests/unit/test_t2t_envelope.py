@@ -3,6 +3,7 @@
 import dataclasses
 import hmac
 import math
+from typing import Any
 
 import msgspec
 import pytest
@@ -208,6 +209,7 @@ def test_what_was_said_before_is_not_taken_after(message: T2tMessage) -> None:
 
 @heard
 def test_what_an_earlier_life_of_its_sender_said_is_not_taken(message: T2tMessage) -> None:
+    earlier: T2tMessage
     if isinstance(message, AreaAuthority):
         # A new life has a new term: that is the order that counts.
         message = dataclasses.replace(message, term=8)
@@ -238,7 +240,7 @@ def test_an_authority_is_as_old_as_the_report_that_it_answers(age_ms: int, refus
     ],
 )
 def test_an_authority_is_for_this_life_and_of_the_owner_of_the_newest_term(
-    changed: dict[str, int], refused: str
+    changed: dict[str, Any], refused: str
 ) -> None:
     offered = dataclasses.replace(AUTHORITY, **changed)
 

@@ -12,6 +12,7 @@ from zenoh_config.t2t import (
     Heartbeat,
     LineOrder,
     OrderKind,
+    Phase,
     SwitchKind,
     SwitchStep,
     T2tMessage,
@@ -63,7 +64,7 @@ def test_two_candidates_within_5_ms_in_an_empty_area_end_in_one_grant() -> None:
         rig.start_train(1, 1500.0, seed=seed)
         rig.start_train(2, 1000.0, seed=seed)
 
-        rig.run_until(lambda rig=rig: bool(rig.masters()), 5000)
+        rig.run_until(rig.is_commanded, 5000)
         rig.run(1000)
 
         assert len(rig.masters()) == 1
@@ -98,7 +99,9 @@ def test_a_master_that_is_cut_off_stops_before_its_lease_ends_and_is_not_obeyed_
     cut_ns = rig.now_ns
     rig.spoil = lambda message, to: [] if old in (message.source, to) else [5]
 
-    rig.run_until(lambda: all(t.held.term > term for a, t in rig.trains.items() if a != old))
+    rig.run_until(
+        lambda: all(t.held and t.held.term > term for a, t in rig.trains.items() if a != old)
+    )
     rig.run(10_000)
 
     late = [
@@ -388,7 +391,7 @@ def test_a_restarted_train_is_commanded_again_and_its_old_master_is_not_obeyed()
 
 def test_two_trains_under_one_address_are_both_out_of_it() -> None:
     rig = started(2)
-    twin = Heartbeat(2, 65_535, 1, 99, 77, 1, rig.now_ns, 2, 0, 1)
+    twin = Heartbeat(2, 65_535, 1, 99, 77, 1, rig.now_ns, Phase.ISSUING, 0, 1)
 
     rig._boxes.clear()
     rig.trains[2].inbox.append(twin)

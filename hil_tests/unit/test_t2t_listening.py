@@ -167,7 +167,7 @@ def test_what_trains_said_in_an_area_that_is_left_is_not_kept_in_order_any_more(
     hearing = fresh()
     here, there = report(head(7, area=1)), report(head(7, area=2))
     order = LineOrder(*head(SUPERVISION, area=1), OrderKind.STOP, OWN)
-    switch = ObjectStatus(*head(WAYSIDE, area=1), 3, ObjectState.FREE, 0, 0, 0)
+    switch = ObjectStatus(*head(WAYSIDE, area=1), 3, ObjectState.FREE, 0, 0, False)
     first, last = report(head(1)), report(head(LAST_TRAIN))
     ack = RosterAck(*head(FIRST_ARBITER), 1)
     forgotten, kept = (here, first, last), (there, order, switch, ack)

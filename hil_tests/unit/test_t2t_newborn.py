@@ -22,7 +22,7 @@ from vobc.t2t.roster import Order
 from vobc.t2t.table import Record, TrainTable
 from vobc.t2t.train import TrainCore
 from vobc.t2t.vocabulary import OwnTrain, T2tConfig, TrainMemory
-from zenoh_config.t2t import RosterEntry, TrainReport
+from zenoh_config.t2t import AreaAuthority, RosterEntry, TrainReport
 
 NOTHING = Evidence(sieved=False, left=False, recent=False)
 BEHIND_M = 7.0
@@ -526,7 +526,7 @@ def test_a_master_gives_nothing_by_an_entry_of_another_life_until_it_is_renewed(
     assert command.step(acks=False) == {}
 
     # Both are where they were, and all are heard: the entries are renewed, kept, and then used.
-    issued = {}
+    issued: dict[int, AreaAuthority] = {}
     for _ in range(5):
         command.hears(1, 900.0)
         command.hears(2, 500.0)

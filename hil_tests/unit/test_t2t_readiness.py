@@ -2,6 +2,8 @@
 
 import dataclasses
 
+import pytest
+
 from hil_tests.unit.test_t2t_regressions import Command, own, reports, train
 from vobc.t2t.switch import SwitchState
 from zenoh_config.t2t import (
@@ -35,9 +37,9 @@ class HandOver(Command):
     def says(self, source: int, *, ready_nonce: int, localised: bool = True) -> None:
         """A report, of a place that never changes."""
         heard: list[TrainReport] = []
-        master, self.master = self.master, _Catch(heard)
-        self.hears(source, 900.0 if source == SUCCESSOR else 500.0)
-        self.master = master
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(self.master, "hears", lambda report, now_ns: heard.append(report))
+            self.hears(source, 900.0 if source == SUCCESSOR else 500.0)
         report = dataclasses.replace(heard[0], localised=localised, ready_nonce=ready_nonce)
         self.master.hears(report, self.now_ns)
 
@@ -50,14 +52,6 @@ class HandOver(Command):
     @property
     def state(self) -> SwitchState:
         return self.master.succession.switch.state
-
-
-class _Catch:
-    def __init__(self, heard: list[TrainReport]) -> None:
-        self._heard = heard
-
-    def hears(self, report: TrainReport, now_ns: int) -> None:
-        self._heard.append(report)
 
 
 def test_a_train_that_lost_its_place_is_waited_for_like_any_other_that_is_heard() -> None:

@@ -209,7 +209,7 @@ class TestCandidate:
             rig = Rig(line_of(0.0, 4000.0), config=THREE)
             for n in range(3):
                 rig.start_train(n + 1, 1500.0 - 300.0 * n, seed=seed)
-            took_ms = rig.run_until(lambda rig=rig: bool(rig.masters()), 3000)
+            took_ms = rig.run_until(rig.is_commanded, 3000)
             assert took_ms < 1500
         assert any(isinstance(m, LeaseRequest) and m.kind is LeaseKind.RELEASE for _, m in rig.log)
 

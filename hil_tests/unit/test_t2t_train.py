@@ -545,7 +545,7 @@ def test_a_rear_jogs_back_over_no_border_also_if_it_rolls_back_from_there(
 
 def test_before_the_line_a_train_goes_by_its_first_area_whatever_the_age() -> None:
     ride = Ride()
-    before = {"front_m": -10.0, "rear_min_m": -90.0}
+    before: dict[str, Any] = {"front_m": -10.0, "rear_min_m": -90.0}
     assert ride.step(0, **before).authority is None
 
     ride.step(100, authority(1, 900.0, 80), **before)

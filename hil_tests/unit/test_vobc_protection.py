@@ -132,12 +132,10 @@ def test_the_table_of_what_is_missing_holds_every_combination_at_its_number() ->
     assert [int(flags) for flags in FLAGS] == list(range(2 ** len(Missing)))
 
 
-READY = replace(
-    SILENCE,
-    brake=BrakeStatus(0.0, 0.0, False, False, True, True),
-    traction=TractionStatus(0.0, 1.0, True, True),
-    tag_reader=TagReaderHealth(True, 0, 0.0),
-)
+BRAKE = BrakeStatus(0.0, 0.0, False, False, True, True)
+TRACTION = TractionStatus(0.0, 1.0, True, True)
+TAG_READER = TagReaderHealth(True, 0, 0.0)
+READY = replace(SILENCE, brake=BRAKE, traction=TRACTION, tag_reader=TAG_READER)
 LOST = replace(AT_300, localised=False)
 
 
@@ -146,11 +144,11 @@ LOST = replace(AT_300, localised=False)
     [
         ({}, AT_300, Missing.NOTHING),
         ({"brake": None}, AT_300, Missing.BRAKE),
-        ({"brake": replace(READY.brake, ready=False)}, AT_300, Missing.BRAKE),
+        ({"brake": replace(BRAKE, ready=False)}, AT_300, Missing.BRAKE),
         ({"traction": None}, AT_300, Missing.TRACTION),
-        ({"traction": replace(READY.traction, ready=False)}, AT_300, Missing.TRACTION),
+        ({"traction": replace(TRACTION, ready=False)}, AT_300, Missing.TRACTION),
         ({"tag_reader": None}, AT_300, Missing.TAG_READER),
-        ({"tag_reader": replace(READY.tag_reader, antenna_ok=False)}, AT_300, Missing.TAG_READER),
+        ({"tag_reader": replace(TAG_READER, antenna_ok=False)}, AT_300, Missing.TAG_READER),
         ({}, LOST, Missing.LOCALISATION),
         ({}, None, Missing.LOCALISATION),
         (

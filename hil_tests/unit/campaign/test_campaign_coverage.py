@@ -101,7 +101,7 @@ def test_the_least_margin_of_each_pair_of_levels_is_told() -> None:
         ("b", 1): [-0.1, 0.4],
         ("b", 2): [0.3, 0.6],
     }
-    cases, results = [], []
+    cases, results = list[Case](), list[CaseResult]()
     for (x, y), margins_m in values.items():
         for margin_m in margins_m:
             case = case_of(len(cases), {"x": x, "y": y})

@@ -67,7 +67,7 @@ def problems_of(text: str) -> tuple[str, ...]:
 def believed_key() -> str:
     """Some number that the shipped parameters have, by dotted key."""
     path = resources.files("vobc.params") / "florence4.toml"
-    table = tomllib.loads(path.read_text(encoding="utf-8"))["atp"]
+    table: dict[str, object] = tomllib.loads(path.read_text(encoding="utf-8"))["atp"]
     return "atp." + next(name for name, value in table.items() if isinstance(value, float))
 
 

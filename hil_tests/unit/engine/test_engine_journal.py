@@ -1,6 +1,7 @@
 """The journal: whatever is cut off, damaged or written twice, no result is invented or lost."""
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import given, settings
@@ -49,7 +50,7 @@ RESULTS = st.builds(
 )
 
 
-def result(number: int, verdict: Verdict = Verdict.PASS, **more: str) -> CaseResult:
+def result(number: int, verdict: Verdict = Verdict.PASS, **more: Any) -> CaseResult:
     return CaseResult(case_id=f"a/s{number}", index=number, verdict=verdict, **more)
 
 

@@ -72,7 +72,7 @@ class Rig:
     def say(self, kind: type[Frame], **changes: Any) -> None:
         """From the next cycle on. A place that was said once is no longer the true one."""
         self._tracks = self._tracks and kind is not VobcPosition
-        self.said[kind] = replace(self.said[kind], **changes)  # type: ignore[type-var]
+        self.said[kind] = replace(self.said[kind], **changes)
 
     def send_now(self, kind: type[Frame], **changes: Any) -> None:
         self.say(kind, **changes)

@@ -35,7 +35,9 @@ def test_the_first_violation_is_the_one_that_ends_the_run(rig_for: type[Rig]) ->
     rig.step(1, speed_mps=2.5)
     rig.step(1, speed_mps=3.5)
 
-    assert rig.monitors.violated.name == "always(speed_mps <= 2)"
+    violated = rig.monitors.violated
+    assert violated is not None
+    assert violated.name == "always(speed_mps <= 2)"
     assert rig.monitors.violated_at_s == pytest.approx(0.11)
 
 

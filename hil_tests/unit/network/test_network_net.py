@@ -242,7 +242,7 @@ class Sealed:
     refused = 0
 
     def seal(self, message: Any) -> bytes:
-        body = message.to_bytes(4, "big")
+        body: bytes = message.to_bytes(4, "big")
         return body + zlib.crc32(body).to_bytes(4, "big")
 
     def open(self, payload: bytes) -> Any:

@@ -21,7 +21,7 @@ START_M = TAGS[FIRST].position_m - 10.0
 
 
 def passes(train: Any, duration_s: float) -> list[TagPass]:
-    reader, found = train.world.tag_reader, []
+    reader, found = train.world.tag_reader, list[TagPass]()
     for _ in train.each_step(duration_s):
         if reader.last is not None and (not found or reader.last is not found[-1]):
             found.append(reader.last)

@@ -23,7 +23,7 @@ def driven(
 ) -> tuple[World, list[tuple[Any, ...]], list[TagPass]]:
     """Start, run, brake, run on, brake again; a row of all noise every 50 ms, and all tags."""
     world = World(TRAIN, LINE, seed=seed, front_m=1100.0)
-    rows, tags = [], []
+    rows, tags = list[tuple[Any, ...]](), list[TagPass]()
     for step in range(round(60.0 / STEP_S)):
         t_s = step * STEP_S
         if step == round(BRANCH_S / STEP_S) and reseed is not None:

@@ -78,7 +78,7 @@ def test_kirchhoffs_law_written_anew_holds_at_every_node(trains: list[Load]) -> 
         matrix[i + 1, i] -= siemens
 
     def missing_a(volts: np.ndarray) -> np.ndarray:
-        out = -matrix @ volts
+        out: np.ndarray = -matrix @ volts
         for i, (_, train) in enumerate(places):
             if train < 0:
                 lack = 836.0 - volts[i]

@@ -21,7 +21,7 @@ PNG = b"\x89PNG"
 @pytest.fixture
 def cases(case_of: Callable[..., Case]) -> list[Case]:
     """Two laws, each with the ideal run, the signalling scenario and a case of table 8."""
-    made = []
+    made: list[Case] = []
     for law in ("predictive", "pid"):
         for name in ("table-7", "table-8", "signalling"):
             case = case_of(len(made), f"{name}-{law}", error=0.0, load=1.0, seed=1)

@@ -213,15 +213,18 @@ def dynamic_programme(
         square[cell + 1] = after_mps[best, 0] ** 2
         total_j += float(cost_j[best, 0])
     last_mps = math.sqrt(square[-2])
-    need_n = mass_kg * square[-2] / (2.0 * step_m) - float(
+    last_n = mass_kg * float(square[-2]) / (2.0 * step_m) - float(
         train.resistance_at_n(np.array(last_mps))
     )
     electric_n = float(
         train.braking_at_n(np.array([last_mps / math.sqrt(2.0)]), train.brake_power_w)[0]
     )
-    assert need_n <= train.service_force_n * 1.001
-    regained_n = min(max(need_n, 0.0), electric_n)
-    return square, total_j - use_ratio * regained_n * train.regeneration_efficiency_ratio * step_m
+    assert last_n <= train.service_force_n * 1.001
+    last_regained_n = min(max(last_n, 0.0), electric_n)
+    return (
+        square,
+        total_j - use_ratio * last_regained_n * train.regeneration_efficiency_ratio * step_m,
+    )
 
 
 @settings(max_examples=4, deadline=None)
