@@ -9,14 +9,16 @@ import math
 import random
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 from can_dbc.vobc import AtoPhase
-from firmware_py.trackdb import LineMap
-from vobc.ato import Ato
+from firmware_py.trackdb import LineMap, Station, load_line
+from vobc.ato import Ato, AtoConfig
 from vobc.odometry.tracking import SpeedTrack
 from vobc.vocabulary import AtoDemand, AtoInput
 
+LINE = load_line("florence")
 STEP_S = 0.01
 TRAIN_LENGTH_M = 68.59
 ANTENNA_M = 2.0
@@ -349,3 +351,23 @@ class Rig:
 def served(count: int) -> Callable[[Rig], bool]:
     """Until so many stops were made."""
     return lambda rig: len(rig.stops) >= count
+
+
+def line_with(**run_s: float) -> LineMap:
+    """Florence with these running times to stations, and none to others."""
+    stations = [replace(each, run_s=run_s.get(each.name, 0.0)) for each in LINE.stations]
+    return replace(LINE, stations=tuple(stations))
+
+
+def quick_stops() -> list[Station]:
+    """All stations of Florence at which it stops, with short dwells."""
+    return [replace(each, dwell_s=1.0) for each in LINE.stations if each.dwell_s > 0.0]
+
+
+def run_line(config: AtoConfig | None = None, **settings: Any) -> Rig:
+    """From chainage zero over all stations of Florence."""
+    stops = quick_stops()
+    ato = Ato(config or AtoConfig(), LINE, 0.0, stops)
+    rig = Rig(ato, LINE, RigSettings(**settings), 0.0)
+    rig.run(served(len(stops)))
+    return rig

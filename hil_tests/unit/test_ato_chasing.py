@@ -1,6 +1,5 @@
 """Control by chasing time: the rule, its states, its curve, and stops in closed loop."""
 
-import dataclasses
 import itertools
 import math
 from typing import Any
@@ -170,11 +169,7 @@ def run(
     strategy: str = "chasing", *, scheme: ChasingScheme | None = None, **given: Any
 ) -> ato_rig.Rig:
     config = AtoConfig(strategy=strategy, chasing=scheme or ChasingScheme())
-    stops = [dataclasses.replace(one, dwell_s=1.0) for one in LINE.stations if one.dwell_s > 0.0]
-    wanted = {"brake_delay_s": None, "odometer_error": None, **given}
-    rig = ato_rig.Rig(Ato(config, LINE, 0.0, stops), LINE, ato_rig.RigSettings(**wanted), 0.0)
-    rig.run(ato_rig.served(len(stops)))
-    return rig
+    return ato_rig.run_line(config, **{"brake_delay_s": None, "odometer_error": None} | given)
 
 
 def test_the_whole_line_is_driven_and_every_stop_is_within_thirty_centimetres() -> None:

@@ -1,6 +1,5 @@
 """The PID law and its printed original: delay margins, references over the place, stops."""
 
-import dataclasses
 import itertools
 import statistics
 from typing import Any
@@ -10,8 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firmware_py.trackdb import LineMap, Station, load_line
+from firmware_py.trackdb import load_line
 from hil_tests.unit import ato_rig
+from hil_tests.unit.ato_rig import quick_stops, run_line
 from vobc.ato import Ato, AtoConfig
 from vobc.ato.pid_config import PidGains, PidScheme, PrintedScheme, falling_decel
 from vobc.ato.pid_reference import SpeedCurve, rise, slow_down, stop_at_platform
@@ -20,21 +20,6 @@ from vobc.ato.strategies.pid import PidPredicted
 LINE = load_line("florence")
 LAG_S = 0.3
 """Of the brake that the margins are told for."""
-
-
-def quick_stops(line: LineMap) -> list[Station]:
-    return [
-        dataclasses.replace(station, dwell_s=1.0)
-        for station in line.stations
-        if station.dwell_s > 0.0
-    ]
-
-
-def run_line(config: AtoConfig, line: LineMap = LINE, **settings: Any) -> ato_rig.Rig:
-    stops = quick_stops(line)
-    rig = ato_rig.Rig(Ato(config, line, 0.0, stops), line, ato_rig.RigSettings(**settings), 0.0)
-    rig.run(ato_rig.served(len(stops)))
-    return rig
 
 
 def delay_margin_s(gains: PidGains, integrators: int) -> float:
@@ -208,7 +193,7 @@ def test_a_delay_that_is_only_believed_misses_where_the_identified_one_does_not(
     for identify in (True, False):
         config = AtoConfig(strategy="pid", pid=PidScheme(identify_delay=identify))
         rig = ato_rig.Rig(
-            Ato(config, LINE, 0.0, quick_stops(LINE)),
+            Ato(config, LINE, 0.0, quick_stops()),
             LINE,
             ato_rig.RigSettings(seed=2, brake_delay_s=0.4, brake_lag_s=0.35),
             0.0,
@@ -221,7 +206,7 @@ def test_a_delay_that_is_only_believed_misses_where_the_identified_one_does_not(
 
 
 def test_the_dead_time_is_found_while_braking() -> None:
-    ato = Ato(AtoConfig(strategy="pid"), LINE, 0.0, quick_stops(LINE))
+    ato = Ato(AtoConfig(strategy="pid"), LINE, 0.0, quick_stops())
     settings = ato_rig.RigSettings(seed=1, brake_delay_s=0.6, brake_lag_s=0.35)
     rig = ato_rig.Rig(ato, LINE, settings, 0.0)
     rig.run(lambda rig: rig.front_m > 1480.0)

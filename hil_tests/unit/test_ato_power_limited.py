@@ -7,8 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from firmware_py.trackdb import LineMap, load_line
+from firmware_py.trackdb import load_line
 from hil_tests.unit import ato_rig
+from hil_tests.unit.ato_rig import line_with
 from vobc.ato import Ato, AtoConfig, profile
 from vobc.ato.power_plan import PowerPlanner
 from vobc.ato.strategies.power_limited import PowerLimitedRun, Stage
@@ -103,14 +104,6 @@ def test_without_enough_time_the_plan_is_the_fastest_there_is() -> None:
 
 
 # Runs.
-
-
-def line_with(**run_s: float) -> LineMap:
-    stations = tuple(
-        dataclasses.replace(station, run_s=run_s.get(station.name, 0.0))
-        for station in LINE.stations
-    )
-    return dataclasses.replace(LINE, stations=stations)
 
 
 def ride(run_s: float | None, config: AtoConfig, seed: int = 3):  # type: ignore[no-untyped-def]

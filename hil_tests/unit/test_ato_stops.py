@@ -8,28 +8,13 @@ from typing import Any
 import pytest
 
 from can_dbc.vobc import AtoPhase
-from firmware_py.trackdb import LineMap, Station, load_line
+from firmware_py.trackdb import load_line
 from hil_tests.unit import ato_rig
+from hil_tests.unit.ato_rig import quick_stops, run_line
 from vobc.ato import Ato, AtoConfig
 
 LINE = load_line("florence")
 CYCLE_S = 0.05
-
-
-def quick_stops(line: LineMap) -> list[Station]:
-    return [
-        dataclasses.replace(station, dwell_s=1.0)
-        for station in line.stations
-        if station.dwell_s > 0.0
-    ]
-
-
-def run_line(config: AtoConfig | None = None, line: LineMap = LINE, **settings: Any) -> ato_rig.Rig:
-    stops = quick_stops(line)
-    ato = Ato(config or AtoConfig(), line, 0.0, stops)
-    rig = ato_rig.Rig(ato, line, ato_rig.RigSettings(**settings), 0.0)
-    rig.run(ato_rig.served(len(stops)))
-    return rig
 
 
 @pytest.mark.parametrize("delay_s", [1.0, None], ids=["fixed", "drawn"])
@@ -101,7 +86,7 @@ def test_a_train_that_was_braked_before_still_stops_at_the_mark(
 
     `lowered`: from and to how far before the mark, m, and how low, m/s.
     """
-    stop = quick_stops(LINE)[0]
+    stop = quick_stops()[0]
     settings = ato_rig.RigSettings(seed=seed, brake_delay_s=None, brake_delays_s=(0.5, 1.5))
     rig = ato_rig.Rig(Ato(AtoConfig(), LINE, 0.0, [stop]), LINE, settings, 0.0)
     applications = 0
@@ -129,7 +114,7 @@ def test_a_train_that_drew_up_to_an_authority_and_got_a_longer_one_stops_at_the_
 ) -> None:
     """It brakes for an end 30 m before the mark, is let go so far before the mark that it gets away
     with traction, and brakes again with another delay while the brake before has just come off."""
-    stop = quick_stops(LINE)[0]
+    stop = quick_stops()[0]
     settings = ato_rig.RigSettings(seed=seed, brake_delay_s=None, brake_delays_s=(0.5, 1.5))
     rig = ato_rig.Rig(Ato(AtoConfig(), LINE, 0.0, [stop]), LINE, settings, 0.0)
     pulled_again = False
@@ -239,7 +224,7 @@ def test_the_printed_scheme_misses_under_a_delayed_brake() -> None:
     """The demonstrated failing case, on the train on which the other law stops in time."""
     config = AtoConfig(strategy="pid_literal")
     for seed in (1, 2):
-        stops = quick_stops(LINE)
+        stops = quick_stops()
         rig = ato_rig.Rig(
             Ato(config, LINE, 0.0, stops),
             LINE,

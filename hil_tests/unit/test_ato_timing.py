@@ -9,8 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_py import settings
-from firmware_py.trackdb import LineMap, load_line
+from firmware_py.trackdb import load_line
 from hil_tests.unit import ato_rig
+from hil_tests.unit.ato_rig import line_with
 from vobc.ato import Ato, AtoConfig, profile
 from vobc.ato.plan import StopPlan
 from vobc.ato.running_time import RunningTime
@@ -165,14 +166,6 @@ def test_guards_that_contradict_are_refused() -> None:
 
 
 # Plans.
-
-
-def line_with(**run_s: float) -> LineMap:
-    stations = tuple(
-        dataclasses.replace(station, run_s=run_s.get(station.name, 0.0))
-        for station in LINE.stations
-    )
-    return dataclasses.replace(LINE, stations=stations)
 
 
 def test_a_station_that_is_passed_adds_its_running_time() -> None:
