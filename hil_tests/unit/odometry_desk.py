@@ -10,11 +10,11 @@ from can_dbc.brake import BrakeStatus
 from can_dbc.nodes import Direction
 from can_dbc.odometer import ColdMovement, Doppler, Imu, Tacho
 from firmware_py.trackdb import GradientSection, LineMap, SpeedSection, Station, TagSite
+from hil_tests.unit.heard_rig import SILENCE
 from vobc.config import load_config
 from vobc.odometry import Odometry
 from vobc.vocabulary import (
     NEVER_S,
-    CycleInput,
     Motion,
     OdometryRecord,
     PlaceProof,
@@ -59,10 +59,6 @@ TRAIN = replace(
     BASE.train, wheel_diameter_m=2.56 / math.pi, pulses_per_turn=256, antenna_offset_m=2.0
 )
 TAGS = (TagSite(7, 60.0), TagSite(8, 90.0))
-NOTHING_HEARD = CycleInput(
-    0, 0.05, 0, None, NEVER_S, (), None, NEVER_S, None, NEVER_S, None, NEVER_S, None, NEVER_S,
-    None, NEVER_S, None, NEVER_S, None, NEVER_S, None, NEVER_S, None, NEVER_S, (), None, NEVER_S,
-)  # fmt: skip
 
 
 class Desk:
@@ -147,7 +143,7 @@ class Desk:
             tacho_age_s = age_s
         return self.odometry.step(
             replace(
-                NOTHING_HEARD,
+                SILENCE,
                 now_ns=self.now_ns,
                 dt_s=cycle_s,
                 tacho=samples[-1].frame if samples else None,

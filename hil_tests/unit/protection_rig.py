@@ -5,12 +5,13 @@ from typing import Any
 
 from can_dbc.alarms import TrainAlarms
 from can_dbc.brake import BrakeStatus
-from can_dbc.cab import CabMode, Desk
+from can_dbc.cab import CabMode
 from can_dbc.doors import DoorState, DoorStatus
 from can_dbc.tags import TagReaderHealth
 from can_dbc.traction import TractionStatus
 from can_dbc.vobc import Supervision
 from firmware_py.trackdb import load_line
+from hil_tests.unit.heard_rig import DESK
 from vobc.atp import Protection, Verdict
 from vobc.config import load_config
 from vobc.vocabulary import NEVER_S, Authority, CycleInput, Interval, Motion, Orders
@@ -24,7 +25,6 @@ BETWEEN_M = 3250.0
 STOP_M = LINE.station("II").stop_m
 KMH = 1.0 / 3.6
 
-DESK = Desk(CabMode.AUTO, 0.0, True, True, False, False, False, False)
 MANUAL = replace(DESK, mode=CabMode.MANUAL)
 ORDERS = Orders(True, False, False, False, False, 0, False, False, True, True, True)
 LOCKED = DoorStatus(True, DoorState.LOCKED, DoorState.LOCKED, True)

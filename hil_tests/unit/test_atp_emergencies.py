@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from can_dbc.vobc import Cause, Missing, OperatingMode, Supervision
+from hil_tests.unit.seen_rig import CEILING, CONFIG, MOVING, RUNNING, STANDING
 from vobc.atp.emergencies import (
     LOOKED_AT,
     RULE_OF,
@@ -21,21 +22,8 @@ from vobc.atp.emergencies import (
     released,
 )
 from vobc.atp.seen import Seen
-from vobc.config import load_config
-from vobc.vocabulary import Ceiling, Interval
+from vobc.vocabulary import Interval
 
-CONFIG = load_config("florence4").atp
-CEILING = Ceiling(10.0, 11.0, 12.0, 13.0, 500.0)
-RUNNING = Seen(
-    CONFIG,
-    speed_mps=Interval(8.8, 9.0, 9.2),
-    ceiling=CEILING,
-    full_mps=10.0,
-    authority_age_s=0.2,
-    mode=OperatingMode.AUTHORISED,
-)
-STANDING = replace(RUNNING, speed_mps=Interval(-0.2, 0.0, 0.2), standing=True, standstill=True)
-MOVING = (Supervision.NOMINAL, Supervision.WARNING, Supervision.SERVICE)
 HELD = (Supervision.NO_AUTHORITY, Supervision.EMERGENCY)
 CAUSES = [cause for cause in Cause if cause]
 

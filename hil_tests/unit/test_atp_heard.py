@@ -7,33 +7,15 @@ from typing import Any, Final
 import pytest
 
 from can_dbc.alarms import TrainAlarms
-from can_dbc.cab import CabMode, Desk
 from can_dbc.doors import DoorState, DoorStatus
 from can_dbc.vobc import Missing
+from hil_tests.unit.heard_rig import DESK, NO_ORDERS, SILENCE
 from vobc.atp.heard import Heard, listen
 from vobc.config import load_config
-from vobc.vocabulary import NEVER_S, CycleInput, Orders
 
 CONFIG: Final = load_config("florence4").atp
-ORDERS: Final = Orders(
-    awake=False,
-    hold=False,
-    skip_next=False,
-    stop_next=False,
-    emergency=False,
-    releases=0,
-    creep=False,
-    restricted=False,
-    doors_left=False,
-    doors_right=False,
-    platform_doors_locked=False,
-)
-DESK: Final = Desk(CabMode.AUTO, 0.0, True, True, False, False, False, False)
+ORDERS: Final = NO_ORDERS
 UNLOCKED: Final = DoorStatus(False, DoorState.LOCKED, DoorState.LOCKED, True)
-SILENCE: Final = CycleInput(
-    0, 0.05, 0, None, NEVER_S, (), None, NEVER_S, None, NEVER_S, None, NEVER_S, None, NEVER_S,
-    None, NEVER_S, None, NEVER_S, None, NEVER_S, None, NEVER_S, None, NEVER_S, (), None, NEVER_S,
-)  # fmt: skip
 CALM: Final = replace(
     SILENCE,
     doors=UNLOCKED,

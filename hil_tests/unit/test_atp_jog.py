@@ -12,10 +12,11 @@ from can_dbc.cab import CabMode, Desk
 from can_dbc.doors import DoorState, DoorStatus
 from can_dbc.vobc import Cause
 from firmware_py.trackdb import load_line
+from hil_tests.unit.heard_rig import DESK, NO_ORDERS, SILENCE
 from vobc.atp.jog import TRANSITIONS, JogFacts, JogState, next_state
 from vobc.atp.station import StationGuard, StationVerdict
 from vobc.config import load_config
-from vobc.vocabulary import NEVER_S, Authority, CycleInput, Interval, Motion, Orders
+from vobc.vocabulary import Authority, CycleInput, Interval, Motion
 
 LINE = load_line("florence")
 CONFIG = load_config("florence4").atp
@@ -23,32 +24,16 @@ LENGTH_M = 68.59
 STOP_M = 1500.0
 JOG_MPS = 5.0 / 3.6
 SEEN = replace(
-    CycleInput(
-        0, 0.05, 0, None, NEVER_S, (), None, NEVER_S, None, NEVER_S, None, NEVER_S, None,
-        NEVER_S, None, NEVER_S, None, NEVER_S, None, NEVER_S, None, NEVER_S, None, NEVER_S, (),
-        None, NEVER_S,
-    ),
+    SILENCE,
     doors=DoorStatus(True, DoorState.LOCKED, DoorState.LOCKED, True),
     doors_age_s=0.0,
-    desk=Desk(CabMode.AUTO, 0.0, True, True, False, False, False, False),
+    desk=DESK,
     desk_age_s=0.0,
     authority=Authority(1560.0, 1, 1, rear_m=STOP_M - LENGTH_M - 10.0),
     authority_age_s=0.0,
     alarms=TrainAlarms(True, True),
     alarms_age_s=0.0,
-    orders=Orders(
-        awake=True,
-        hold=False,
-        skip_next=False,
-        stop_next=False,
-        emergency=False,
-        releases=0,
-        creep=False,
-        restricted=False,
-        doors_left=False,
-        doors_right=True,
-        platform_doors_locked=True,
-    ),
+    orders=replace(NO_ORDERS, awake=True, doors_right=True, platform_doors_locked=True),
     orders_age_s=0.0,
 )  # fmt: skip
 ALARM = replace(SEEN, desk=Desk(CabMode.AUTO, 0.0, True, False, False, False, False, False))

@@ -9,11 +9,11 @@ import pytest
 
 from can_dbc.tags import TagReaderHealth
 from can_dbc.vobc import Cause, Inhibit, Missing, OperatingMode, Supervision
+from hil_tests.unit.heard_rig import DESK
 from hil_tests.unit.protection_rig import (
     BETWEEN_M,
     CONFIG,
     CYCLE_S,
-    DESK,
     FREE_BRAKE,
     KMH,
     MANUAL,

@@ -12,7 +12,8 @@ from can_dbc.alarms import TrainAlarms
 from can_dbc.cab import CabMode
 from can_dbc.doors import DoorStatus
 from can_dbc.vobc import AtoPhase, Cause, OperatingMode, Supervision
-from hil_tests.unit.protection_rig import CONFIG, DESK, KMH, LOCKED, STOP_M, UNLOCKED, WHOLE, Train
+from hil_tests.unit.heard_rig import DESK
+from hil_tests.unit.protection_rig import CONFIG, KMH, LOCKED, STOP_M, UNLOCKED, WHOLE, Train
 from vobc.arbitration import arbitrate
 from vobc.vocabulary import AtoDemand, Authority, CycleOutput, Motion
 

@@ -11,41 +11,24 @@ from hypothesis import strategies as st
 
 from can_dbc.alarms import TrainAlarms
 from can_dbc.brake import BrakeStatus
-from can_dbc.cab import CabMode, Desk
 from can_dbc.doors import DoorState, DoorStatus
 from can_dbc.traction import TractionStatus
 from can_dbc.vobc import Cause, Inhibit, Missing, Withheld
 from firmware_py.trackdb import LineMap, PlatformSide, load_line
+from hil_tests.unit.heard_rig import DESK, NO_ORDERS, SILENCE
 from vobc.atp import alarms
 from vobc.atp.departure import INHIBIT_WITHOUT, DepartureTerms, inhibits
 from vobc.atp.place import Whereabouts, place_of
 from vobc.atp.station import StationGuard, StationVerdict
 from vobc.config import load_config
-from vobc.vocabulary import NEVER_S, Authority, CycleInput, Interval, Motion, Orders
+from vobc.vocabulary import Authority, CycleInput, Interval, Motion
 
 LINE = load_line("florence")
 CONFIG = load_config("florence4").atp
 LENGTH_M = 68.59
 STOP_M = 1500.0
 """Station I; its platform is on the right and reaches from 1420 m to 1505 m."""
-NOBODY = CycleInput(
-    0, 0.05, 0, None, NEVER_S, (), None, NEVER_S, None, NEVER_S, None, NEVER_S, None, NEVER_S,
-    None, NEVER_S, None, NEVER_S, None, NEVER_S, None, NEVER_S, None, NEVER_S, (), None, NEVER_S,
-)  # fmt: skip
-ORDERS = Orders(
-    awake=True,
-    hold=False,
-    skip_next=False,
-    stop_next=False,
-    emergency=False,
-    releases=0,
-    creep=False,
-    restricted=False,
-    doors_left=False,
-    doors_right=True,
-    platform_doors_locked=True,
-)
-DESK = Desk(CabMode.AUTO, 0.0, True, True, False, False, False, False)
+ORDERS = replace(NO_ORDERS, awake=True, doors_right=True, platform_doors_locked=True)
 
 
 def made(cls: type, **known: Any) -> Any:
@@ -55,7 +38,7 @@ def made(cls: type, **known: Any) -> Any:
 
 
 SEEN = replace(
-    NOBODY,
+    SILENCE,
     brake=made(BrakeStatus, holding_applied=True),
     brake_age_s=0.0,
     traction=made(TractionStatus, traction_cut=True),

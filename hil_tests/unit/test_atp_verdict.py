@@ -10,11 +10,11 @@ from can_dbc.alarms import TrainAlarms
 from can_dbc.tags import TagReaderHealth
 from can_dbc.vobc import Cause, Inhibit, Missing, OperatingMode, Supervision
 from hil_tests.unit import protection_rig as rig
+from hil_tests.unit.heard_rig import DESK
 from hil_tests.unit.protection_rig import (
     BETWEEN_M,
     CONFIG,
     CYCLE_S,
-    DESK,
     FREE_BRAKE,
     MANUAL,
     ORDERS,

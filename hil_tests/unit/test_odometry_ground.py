@@ -7,9 +7,10 @@ import pytest
 
 from can_dbc.odometer import Doppler
 from firmware_py.trackdb import GradientSection, LineMap, SpeedSection, Station
+from hil_tests.unit.heard_rig import SILENCE
 from vobc.config import load_config
 from vobc.odometry.ground import FIRST_CAR_M, Gradients, GroundSpeed, believable_mps
-from vobc.vocabulary import NEVER_S, CycleInput
+from vobc.vocabulary import NEVER_S
 
 CONFIG = replace(
     load_config("florence4").odometry,
@@ -24,10 +25,6 @@ CONFIG = replace(
     doppler_age_s=0.15,
 )
 STATION = Station("A", 0.0, -80.0, 5.0)
-NOTHING_HEARD = CycleInput(
-    0, 0.05, 0, None, NEVER_S, (), None, NEVER_S, None, NEVER_S, None, NEVER_S, None, NEVER_S,
-    None, NEVER_S, None, NEVER_S, None, NEVER_S, None, NEVER_S, None, NEVER_S, (), None, NEVER_S,
-)  # fmt: skip
 
 
 def line(*climbs: tuple[float, float, float]) -> LineMap:
@@ -76,10 +73,10 @@ def test_a_radar_is_believed_while_it_is_well_sure_and_fresh(
     quality: float, *, healthy: bool, age_s: float, believed: bool
 ) -> None:
     radar = Doppler(7.5, quality, healthy)
-    seen = replace(NOTHING_HEARD, doppler=radar, doppler_age_s=age_s)
+    seen = replace(SILENCE, doppler=radar, doppler_age_s=age_s)
 
     assert believable_mps(seen, CONFIG) == (7.5 if believed else None)
-    assert believable_mps(NOTHING_HEARD, CONFIG) is None
+    assert believable_mps(SILENCE, CONFIG) is None
 
 
 # Gradients.

@@ -8,11 +8,11 @@ import pytest
 from can_dbc.nodes import Direction
 from can_dbc.odometer import Doppler, Imu, Tacho
 from firmware_py.trackdb import LineMap, SpeedSection, Station, TagSite
+from hil_tests.unit.heard_rig import SILENCE
 from vobc.config import load_config
 from vobc.odometry import Odometry
 from vobc.vocabulary import (
     NEVER_S,
-    CycleInput,
     Interval,
     Motion,
     OdometryRecord,
@@ -50,10 +50,6 @@ LINE = LineMap(
     "flat", -100.0, 900.0, (Station("A", 0.0, -80.0, 5.0),), (SpeedSection(-100.0, 900.0, 20.0),),
     tags=TAGS,
 )  # fmt: skip
-NOTHING_HEARD = CycleInput(
-    0, 0.05, 0, None, NEVER_S, (), None, NEVER_S, None, NEVER_S, None, NEVER_S, None, NEVER_S,
-    None, NEVER_S, None, NEVER_S, None, NEVER_S, None, NEVER_S, None, NEVER_S, (), None, NEVER_S,
-)  # fmt: skip
 CYCLE_NS = 40_000_000
 
 
@@ -90,7 +86,7 @@ class Bench:
         imu = None if felt_mps2 is None else Imu(felt_mps2, True)
         motion = self.odometry.step(
             replace(
-                NOTHING_HEARD,
+                SILENCE,
                 now_ns=self.cycles * CYCLE_NS,
                 tacho=samples[-1].frame if samples else None,
                 tacho_age_s=NEVER_S if silent else age_s,
@@ -190,7 +186,7 @@ def test_bunches_of_samples_count_once_by_the_last_of_them() -> None:
     for apart_s, jumps in ((0.0079, 0), (0.008, 0)):
         odometry = Bench().odometry
         seen = replace(
-            NOTHING_HEARD, now_ns=0, tacho=tachos[1], tacho_age_s=0.0,
+            SILENCE, now_ns=0, tacho=tachos[1], tacho_age_s=0.0,
             tacho_samples=(TachoSample(tachos[0], apart_s), TachoSample(tachos[1], 0.0)),
         )  # fmt: skip
         motion = odometry.step(seen)
@@ -293,7 +289,7 @@ def test_a_tacho_that_is_silent_for_too_long_proves_no_standstill(
     for _ in range(70):
         motion = bench.cycle(0)
     assert motion.standstill
-    seen = replace(NOTHING_HEARD, now_ns=71 * CYCLE_NS, tacho_age_s=age_s)
+    seen = replace(SILENCE, now_ns=71 * CYCLE_NS, tacho_age_s=age_s)
     after = bench.odometry.step(seen)
 
     assert after is not None
@@ -333,7 +329,7 @@ def test_two_sick_tachos_widen_the_place_by_all_that_a_train_may_have_run() -> N
     tacho = Tacho(0, 0, Direction.FORWARD, False, False, 0.0)
     after = bench.odometry.step(
         replace(
-            NOTHING_HEARD, now_ns=31 * CYCLE_NS, tacho=tacho, tacho_age_s=0.004,
+            SILENCE, now_ns=31 * CYCLE_NS, tacho=tacho, tacho_age_s=0.004,
             tacho_samples=(TachoSample(tacho, 0.004),),
         )
     )  # fmt: skip

@@ -19,6 +19,7 @@ from can_dbc.vobc import (
     Supervision,
     Withheld,
 )
+from hil_tests.unit.heard_rig import DESK
 from vobc.arbitration import (
     BRAKED_DEMAND,
     arbitrate,
@@ -61,7 +62,6 @@ FREE = Verdict(
     mode=OperatingMode.AUTHORISED,
 )
 DRIVE = AtoDemand(0.5, False, False, AtoPhase.RUNNING, 12.0, 300.0)
-DESK = Desk(CabMode.AUTO, 0.0, True, True, False, False, False, False)
 
 
 def decided(

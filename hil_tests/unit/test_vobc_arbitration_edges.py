@@ -8,6 +8,7 @@ import pytest
 from can_dbc.cab import CabMode, Desk
 from can_dbc.nodes import Direction
 from can_dbc.vobc import AtoPhase, Missing, Supervision
+from hil_tests.unit.heard_rig import DESK
 from vobc.arbitration import (
     BRAKED_DEMAND,
     arbitrate,
@@ -35,7 +36,6 @@ FREE = Verdict(
     doors=DoorEnable(True, False),
 )
 DRIVE = AtoDemand(0.5, False, False, AtoPhase.RUNNING, 12.0, 300.0)
-DESK = Desk(CabMode.AUTO, 0.0, True, True, False, False, False, False)
 
 
 def decided(

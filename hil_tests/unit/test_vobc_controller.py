@@ -9,7 +9,7 @@ import pytest
 
 from can_dbc.alarms import TrainAlarms
 from can_dbc.brake import BrakeStatus
-from can_dbc.cab import CabMode, Desk
+from can_dbc.cab import CabMode
 from can_dbc.diagnostics import TcmsStatus
 from can_dbc.doors import DoorState, DoorStatus
 from can_dbc.nodes import Direction
@@ -18,6 +18,7 @@ from can_dbc.tags import TagReaderHealth
 from can_dbc.traction import TractionStatus
 from can_dbc.vobc import AtoPhase, Missing, Supervision
 from firmware_py.trackdb import load_line
+from hil_tests.unit.heard_rig import DESK, NO_ORDERS, SILENCE
 from vobc.config import load_config, plan_mission
 from vobc.controller import Controller
 from vobc.vocabulary import (
@@ -25,10 +26,8 @@ from vobc.vocabulary import (
     AtoDemand,
     AtoInput,
     Authority,
-    CycleInput,
     CycleOutput,
     OdometryRecord,
-    Orders,
     TachoSample,
 )
 
@@ -39,24 +38,9 @@ BLIND_MPS = 0.5
 """The radar sees nothing that is slower."""
 NOMINAL_M = CONFIG.train.nominal_m_per_pulse
 
-SILENCE = CycleInput(
-    0, CYCLE_S, 0, None, NEVER_S, (), None, NEVER_S, None, NEVER_S, None, NEVER_S, None, NEVER_S,
-    None, NEVER_S, None, NEVER_S, None, NEVER_S, None, NEVER_S, None, NEVER_S, (), None, NEVER_S,
-)  # fmt: skip
 
-DESK = Desk(CabMode.AUTO, 0.0, True, True, False, False, False, False)
-ORDERS = Orders(
-    awake=True,
-    hold=False,
-    skip_next=False,
-    stop_next=False,
-    emergency=False,
-    releases=0,
-    creep=False,
-    restricted=False,
-    doors_left=True,
-    doors_right=True,
-    platform_doors_locked=True,
+ORDERS = replace(
+    NO_ORDERS, awake=True, doors_left=True, doors_right=True, platform_doors_locked=True
 )
 
 

@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 
 from can_dbc.alarms import TrainAlarms
 from can_dbc.brake import BrakeStatus
-from can_dbc.cab import CabMode, Desk
 from can_dbc.vobc import (
     Cause,
     EventKind,
@@ -20,6 +19,7 @@ from can_dbc.vobc import (
     Supervision,
     Withheld,
 )
+from hil_tests.unit.heard_rig import DESK
 from vobc.events import controller_ends, events_between, memory_lost
 from vobc.events.causes import CAUSE_SOURCES
 from vobc.vocabulary import (
@@ -40,7 +40,6 @@ from vobc.vocabulary import (
 )
 
 READY_BRAKE = BrakeStatus(0.0, 0.0, False, False, True, True)
-DESK = Desk(CabMode.AUTO, 0.0, True, True, False, False, False, False)
 ORDERS = Orders(
     awake=True, hold=False, skip_next=False, stop_next=False, emergency=False, releases=2,
     creep=False, restricted=False, doors_left=False, doors_right=True, platform_doors_locked=True,

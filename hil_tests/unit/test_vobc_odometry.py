@@ -12,11 +12,12 @@ from hypothesis import strategies as st
 from can_dbc.nodes import Direction
 from can_dbc.odometer import Doppler, Tacho
 from firmware_py.trackdb import LineMap, SpeedSection, Station, TagSite
+from hil_tests.unit.heard_rig import SILENCE
 from vobc.config import load_config
 from vobc.odometry import Odometry, OdometryConfig
 from vobc.odometry.pulses import PulseCounter, signed_difference
 from vobc.odometry.tracking import SpeedTrack
-from vobc.vocabulary import NEVER_S, CycleInput, Motion, OdometryRecord, TachoSample, TagReading
+from vobc.vocabulary import Motion, OdometryRecord, TachoSample, TagReading
 
 CONFIG = load_config("florence4")
 TRAIN = CONFIG.train
@@ -28,10 +29,6 @@ LINE = LineMap(
     tags=TAGS,
 )  # fmt: skip
 
-NOTHING_HEARD = CycleInput(
-    0, 0.05, 0, None, NEVER_S, (), None, NEVER_S, None, NEVER_S, None, NEVER_S, None, NEVER_S,
-    None, NEVER_S, None, NEVER_S, None, NEVER_S, None, NEVER_S, None, NEVER_S, (), None, NEVER_S,
-)  # fmt: skip
 
 STEP_S = 0.005
 Drive = Callable[[float, float], float]
@@ -163,7 +160,7 @@ class Ride:
         radar_s, radar_mps = self.radar
         fast = abs(self.speed_mps) > 0.5
         seen = replace(
-            NOTHING_HEARD,
+            SILENCE,
             now_ns=round(self.time_s * 1e9),
             tacho=self.last,
             tacho_age_s=self.time_s - self.heard_s,
@@ -276,9 +273,7 @@ def test_a_false_tag_twenty_metres_off_is_refused() -> None:
     line = replace(LINE, tags=(TAGS[0], near, *TAGS[1:]))
     odometry = Odometry(CONFIG.odometry, TRAIN, line, OdometryRecord(151.9, 0.5, NOMINAL_M))
     tacho = Tacho(0, 0, Direction.NEUTRAL, True, True, 0)
-    seen = replace(
-        NOTHING_HEARD, tacho=tacho, tacho_age_s=0.0, tacho_samples=(TachoSample(tacho, 0.0),)
-    )
+    seen = replace(SILENCE, tacho=tacho, tacho_age_s=0.0, tacho_samples=(TachoSample(tacho, 0.0),))
 
     refused = odometry.step(replace(seen, tags=(TagReading(77, 0, 0.01),)))
     accepted = odometry.step(replace(seen, now_ns=1, tags=(TagReading(100, 0, 0.01),)))
@@ -467,7 +462,7 @@ def test_travel_never_jumps_at_a_tag() -> None:
 def test_before_the_first_sample_there_is_no_motion() -> None:
     odometry = Odometry(CONFIG.odometry, TRAIN, LINE, OdometryRecord(0.0, 0.5, NOMINAL_M))
 
-    assert odometry.step(NOTHING_HEARD) is None
+    assert odometry.step(SILENCE) is None
     assert not odometry.usable
 
 
@@ -479,7 +474,7 @@ def test_two_unhealthy_axles_are_no_odometer_from_the_first_sample_on() -> None:
     motions: list[Motion | None] = []
     for number, tacho in enumerate((sick, well, sick)):
         seen = replace(
-            NOTHING_HEARD,
+            SILENCE,
             now_ns=number * 50_000_000,
             tacho=tacho,
             tacho_age_s=0.0,

@@ -39,6 +39,7 @@ from firmware_py.radio.inproc_radio import InprocRadio
 from firmware_py.recorder import LineLog
 from firmware_py.tag_reader.inproc_line import inproc_line
 from firmware_py.trackdb import load_line
+from hil_tests.unit.heard_rig import DESK
 from vobc.config import load_config, plan_mission
 from vobc.process import (
     CYCLE_COLUMNS,
@@ -83,7 +84,7 @@ class World:
         controller_end, self.reader = inproc_line()
         self.encoder, self.decoder = Encoder(), Decoder(SENT)
         self.pulses = 0
-        self.desk = Desk(CabMode.AUTO, 0.0, True, True, False, False, False, False)
+        self.desk = DESK
         self.heard: list[tuple[int, object]] = []
         self.reports: list[PositionReport] = []
         self.statuses: list[TrainStatus] = []

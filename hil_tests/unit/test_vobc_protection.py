@@ -11,18 +11,15 @@ from can_dbc.tags import TagReaderHealth
 from can_dbc.traction import TractionStatus
 from can_dbc.vobc import Missing, Supervision
 from firmware_py.trackdb import load_line
+from hil_tests.unit.heard_rig import SILENCE
 from vobc.atp import Protection, Verdict
 from vobc.atp.braking import SafeBraking
 from vobc.atp.inputs import FLAGS, in_words, silent, unready
 from vobc.config import load_config
-from vobc.vocabulary import NEVER_S, Authority, CycleInput, Interval, Motion
+from vobc.vocabulary import Authority, CycleInput, Interval, Motion
 
 LINE = load_line("florence")
 CONFIG = load_config("florence4").atp
-SILENCE = CycleInput(
-    0, 0.05, 0, None, NEVER_S, (), None, NEVER_S, None, NEVER_S, None, NEVER_S, None, NEVER_S,
-    None, NEVER_S, None, NEVER_S, None, NEVER_S, None, NEVER_S, None, NEVER_S, (), None, NEVER_S,
-)  # fmt: skip
 AT_300 = Motion(
     Interval(299.0, 300.0, 301.0),
     Interval(9.9, 10.0, 10.1),

@@ -8,7 +8,6 @@ import pytest
 
 from can_dbc.alarms import TrainAlarms
 from can_dbc.brake import BrakeCommand, BrakeStatus
-from can_dbc.cab import CabMode, Desk
 from can_dbc.codec import Encoder
 from can_dbc.diagnostics import EMERGENCIES, HEARTBEATS, Heartbeat, NodeState
 from can_dbc.doors import DoorCommand, DoorState, DoorStatus
@@ -33,6 +32,7 @@ from can_dbc.vobc import (
 from firmware_py.ports import CanFrame, RadioMessage, SerialChunk
 from firmware_py.tag_reader.telegram import HealthTelegram, TagTelegram, encode
 from firmware_py.trackdb import TagKind
+from hil_tests.unit.heard_rig import DESK
 from vobc.vocabulary import (
     NEVER_S,
     SAFE_OUTPUT,
@@ -105,7 +105,7 @@ SAMPLES: dict[Source, Any] = {
     Source.BRAKE: BrakeStatus(0.1, 0.0, False, True, False, True),
     Source.TRACTION: TractionStatus(0.0, 1.0, True, True),
     Source.DOORS: DoorStatus(True, DoorState.LOCKED, DoorState.LOCKED, True),
-    Source.DESK: Desk(CabMode.AUTO, 0.0, True, True, False, False, False, False),
+    Source.DESK: DESK,
     Source.TAG_READER: TagReaderHealth(True, 0, 0.0),
     Source.ALARMS: TrainAlarms(True, True),
     Source.SUPPLY: LineSupply(750.0, 100.0, True),

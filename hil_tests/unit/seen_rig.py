@@ -1,0 +1,21 @@
+"""What protection goes by, of a train that runs and of one that stands, for tests to change."""
+
+from dataclasses import replace
+
+from can_dbc.vobc import OperatingMode, Supervision
+from vobc.atp.seen import Seen
+from vobc.config import load_config
+from vobc.vocabulary import Ceiling, Interval
+
+CONFIG = load_config("florence4").atp
+CEILING = Ceiling(10.0, 11.0, 12.0, 13.0, 500.0)
+RUNNING = Seen(
+    CONFIG,
+    speed_mps=Interval(8.8, 9.0, 9.2),
+    ceiling=CEILING,
+    full_mps=10.0,
+    authority_age_s=0.2,
+    mode=OperatingMode.AUTHORISED,
+)
+STANDING = replace(RUNNING, speed_mps=Interval(-0.2, 0.0, 0.2), standing=True, standstill=True)
+MOVING = (Supervision.NOMINAL, Supervision.WARNING, Supervision.SERVICE)
