@@ -1,5 +1,6 @@
 """Where a train listens: in the areas that concern it; what is said elsewhere costs nothing."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from unittest.mock import Mock
 
@@ -13,7 +14,7 @@ from vobc.t2t.vocabulary import OwnTrain, Role, T2tConfig, TrainMemory
 from vobc.wire.line_radio import LineRadio
 from zenoh_config import keys, t2t_keys
 from zenoh_config.codec import pack
-from zenoh_config.messages import WAYSIDE
+from zenoh_config.messages import WAYSIDE, RefusedReason
 from zenoh_config.t2t import (
     BROADCAST,
     FIRST_ARBITER,
@@ -24,6 +25,8 @@ from zenoh_config.t2t import (
     ObjectStatus,
     OrderKind,
     RosterAck,
+    SwitchKind,
+    SwitchStep,
     T2tMessage,
 )
 
@@ -42,14 +45,21 @@ class Ride:
         self.core = TrainCore(T2tConfig(), LINE, address=OWN, memory=TrainMemory(2), start_ns=0)
         self.now_ns = 0
 
-    def at(self, front_m: float, *, localised: bool = True, for_s: int = 1) -> frozenset[int]:
+    def at(
+        self,
+        front_m: float,
+        *,
+        localised: bool = True,
+        for_s: int = 1,
+        heard: Sequence[T2tMessage] = (),
+    ) -> frozenset[int]:
         rear_m = front_m - LENGTH_M
         own = OwnTrain(
             *(localised, front_m, front_m, rear_m, rear_m, 2.0, False, front_m, front_m, 16)
         )
         for _ in range(for_s):
             self.now_ns += 1000 * MS
-            self.core.step(self.now_ns, (), own)
+            self.core.step(self.now_ns, tuple(heard), own)
         return self.core.listens
 
 
@@ -189,3 +199,21 @@ def test_a_train_hears_more_trains_pass_than_it_can_keep_in_order() -> None:
             said = replace(report(head(source, to=BROADCAST, area=area)), sequence=1)
             assert ride.core._hearing.admits(said, SPOKEN)
         assert len(ride.core._hearing._newest) <= 1400
+
+
+@pytest.mark.parametrize("area", [0, 11, 255])
+def test_of_areas_that_the_line_has_not_nothing_is_heard(area: int) -> None:
+    ride = Ride()
+    step = SwitchStep(*head(7, area=area), SwitchKind.PREPARE, 1, OWN)
+
+    ride.at(500.0, heard=[step, step, report(head(8, area=area))])
+
+    assert ride.core.refusals == {"unknown area": 3}
+
+
+def test_whoever_speaks_under_its_address_is_noticed_wherever_that_is_said() -> None:
+    ride = Ride()
+
+    ride.at(500.0, heard=[report(head(OWN, area=11, boot=9))])
+
+    assert ride.core.refusals == {RefusedReason.WRONG_SOURCE.value: 1}

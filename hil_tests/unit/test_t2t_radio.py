@@ -15,8 +15,9 @@ from plant_emulator.wayside.t2t_vocabulary import ArbiterMemory, ObjectMemory
 from vobc.t2t.train import TrainCore
 from vobc.t2t.vocabulary import AreaMemory, OwnTrain, Role, T2tConfig, TrainMemory
 from vobc.wire.line_radio import LineRadio
+from zenoh_config import t2t_keys
 from zenoh_config.codec import pack, unpack
-from zenoh_config.t2t import TrainReport
+from zenoh_config.t2t import LeaseKind, LeaseRequest, TrainReport
 from zenoh_config.timers import TIMERS_A
 
 MS = 1_000_000
@@ -119,6 +120,24 @@ def test_an_arbiter_whose_disk_is_full_grants_nothing(tmp_path: Path) -> None:
 
     assert net.wayside.failed == [f"arbiter {ARBITER}"]
     assert net.trains[1][0].roles[1] is not Role.MASTER
+
+
+def asks(area: int) -> RadioMessage:
+    """Train 5 wants to command an area."""
+    head = (5, ARBITER, area, 1, 1, 1, 0)
+    request = LeaseRequest(*head, LeaseKind.ACQUIRE, 1, 0, 0)
+    return RadioMessage(0, t2t_keys.key_of(LINE.name, request), pack(request))
+
+
+@pytest.mark.parametrize(("area", "refused"), [(0, 1), (1, 0), (2, 1), (255, 1)])
+def test_only_areas_of_the_line_are_granted(tmp_path: Path, area: int, refused: int) -> None:
+    wayside = Net(tmp_path, {}).wayside
+
+    wayside.step(TIMERS_A.arbiter_lease_ns, [asks(area)], Truth({}))
+
+    assert wayside.refusals["unknown area"] == refused
+    (arbiter,) = wayside.arbiters.values()
+    assert [each.area for each in arbiter.memory.areas] == [area] * (1 - refused)
 
 
 def line_radio(stored: list[TrainMemory], *, works: bool = True) -> LineRadio:

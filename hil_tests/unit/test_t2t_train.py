@@ -283,14 +283,14 @@ def test_a_train_that_hears_its_own_address_speak_is_silent_in_that_very_step() 
 @pytest.mark.parametrize(("count", "refused"), [(1000, 0), (1001, 1), (1234, 234)])
 def test_of_a_flood_it_takes_the_first_1000_messages(count: int, refused: int) -> None:
     ride = Ride()
-    orders = [order(OrderKind.STOP, 77, area=9) for _ in range(count)]
+    orders = [order(OrderKind.STOP, 77, area=3) for _ in range(count)]
 
     ride.step(0, *orders)
 
     flood = {"flood": refused} if refused else {}
     assert dict(ride.core.refusals) == {"area of no concern": 1000, **flood}
-    ride.step(10, order(OrderKind.STOP, 77, area=9))
-    ride.step(20, *[order(OrderKind.STOP, 77, area=9) for _ in range(1002)])
+    ride.step(10, order(OrderKind.STOP, 77, area=3))
+    ride.step(20, *[order(OrderKind.STOP, 77, area=3) for _ in range(1002)])
     assert ride.core.refusals["flood"] == refused + 2
 
 

@@ -15,6 +15,7 @@ from zenoh_config import t2t_keys
 from zenoh_config.codec import BENCH_KEY, pack, unpack
 from zenoh_config.messages import WAYSIDE, Refused, TrainStatus
 from zenoh_config.t2t import T2tMessage
+from zenoh_config.t2t_supervision import Decree
 from zenoh_config.timers import LineTimers
 
 
@@ -89,6 +90,7 @@ class LineWayside:
             ],
         )
         self._line_name, self._disks, self._key = line.name, disks, key
+        self._areas = frozenset([area.number for area in line.areas])
 
     def step(
         self, now_ns: int, messages: Iterable[RadioMessage], truth: Truth
@@ -165,6 +167,9 @@ class LineWayside:
                 self.refusals["not for the wayside"] += 1
             elif message.key != t2t_keys.key_of(self._line_name, opened):
                 self.refusals["wrong source"] += 1
+            elif opened.area not in self._areas and not isinstance(opened, Decree):
+                # It must not be granted, stored and shown as if somebody could command there.
+                self.refusals["unknown area"] += 1
             else:
                 heard.append(opened)
         return heard, orders

@@ -168,6 +168,10 @@ class TrainCore:
         if len(heard) > HEARD_MAX:
             self.refusals["flood"] += len(heard) - HEARD_MAX
         for message in heard[:HEARD_MAX]:
+            # Not even kept in order: that place is for somebody who is there.
+            if message.area not in self._told_to_m and message.source != self.address:
+                self.refusals["unknown area"] += 1
+                continue
             if not self._hearing.admits(message, self._speaker.sequence):
                 continue
             if isinstance(message, LineOrder) and message.train == self.address:
