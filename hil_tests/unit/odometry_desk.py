@@ -35,6 +35,7 @@ CONFIG = replace(
     localisation_limit_m=300.0,
     window_s=0.2,
     stamp_jitter_s=0.001,
+    learn_s=0.0,
     max_accel_mps2=1.5,
     max_speed_mps=40.0,
     standing_s=0.5,

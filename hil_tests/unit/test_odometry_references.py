@@ -204,7 +204,7 @@ def test_after_wake_up_the_train_is_localised_by_the_proof_and_its_interval_is_w
     None
 ):
     ride = rig.Rig(rig.Errors(start_off_m=1.9), bound_m=0.5, proof=PlaceProof.REMEMBERED)
-    before = ride.run(1.0, lambda time_s, mps: 0.0)
+    before = ride.run(1.5, lambda time_s, mps: 0.0)
     ride.cold = ColdMovement(1.9, True)
     after = ride.run(1.0, lambda time_s, mps: 0.0)
 

@@ -10,6 +10,7 @@ from can_dbc.brake import BrakeStatus
 from can_dbc.nodes import Direction
 from firmware_py.trackdb import GradientSection
 from hil_tests.unit.odometry_desk import PULSE_M, Desk, near
+from vobc.vocabulary import Interval
 
 CYCLE_S = 0.04
 CARRIED_M = near(0.5 * (3.9 + 3.84) * CYCLE_S, 0.5 * (4.1 + 4.16) * CYCLE_S)
@@ -51,16 +52,37 @@ def test_without_radar_it_begins_with_the_first_full_window_of_the_wheels() -> N
     assert new.ground.begun
     assert speeds(new) == new.wheels()[::2]
     assert (told.speed_mps.low, told.speed_mps.high) == speeds(new)
-    assert new.where.ground_low_m == pytest.approx(new.where.low_m - 0.03)
-    assert new.where.ground_high_m == pytest.approx(new.where.high_m + 0.03)
+    assert over_ground(new) == by_wheels(new)
 
 
 def test_until_it_begins_the_place_over_ground_follows_the_wheels() -> None:
     new = Desk()
     for _ in range(4):
         new.cycle(8, 8)
-        assert new.where.ground_low_m == pytest.approx(new.where.low_m - 0.03)
-        assert new.where.ground_high_m == pytest.approx(new.where.high_m + 0.03)
+        assert over_ground(new) == by_wheels(new)
+
+
+def test_until_it_begins_the_place_over_ground_is_that_of_now_and_not_of_the_last_sample() -> None:
+    """8 pulses of 0.01 m in 20 ms are 4 m/s: since a sample 16 ms ago it went 64 mm on."""
+    new = Desk()
+    for _ in range(4):
+        new.cycle(8, 8, age_s=0.016)
+        low_m, high_m = over_ground(new)
+        assert by_wheels(new, age_s=0.016) == (low_m, high_m)
+    least, _, most = new.wheels()
+    assert low_m == pytest.approx(new.where.low_m + 0.015 * least - 0.03)
+    assert high_m == pytest.approx(new.where.high_m + 0.017 * most + 0.03)
+    assert least < 4.0 < most
+
+
+def over_ground(desk: Desk) -> tuple[float, float]:
+    return desk.where.ground_low_m, desk.where.ground_high_m
+
+
+def by_wheels(desk: Desk, age_s: float = 0.0) -> Any:
+    """The place now, less what the radar may be wrong in sum."""
+    low_m, high_m = desk.where.by_wheels(Interval(*desk.wheels()), age_s)
+    return pytest.approx((low_m - 0.03, high_m + 0.03))
 
 
 def test_a_train_of_which_two_far_samples_show_that_it_stands_begins_at_rest() -> None:

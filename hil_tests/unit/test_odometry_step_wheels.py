@@ -228,7 +228,7 @@ def test_the_ends_go_on_from_the_last_sample_and_one_that_is_long_ago_only_outwa
     """1 ms of jitter either way; the clock shows so little that 0.1 s is exactly that."""
     made = Desk()
     made.cycle(sign * 40, radar_mps=sign * 20.0)
-    made.cycle(sign * 40, sign * 40, radar_mps=sign * 20.0)
+    made.cycles(3, sign * 40, sign * 40, radar_mps=sign * 20.0)
     made.over_ground(sign * 20.0 - 0.1, sign * 20.0 + 0.1)
     alone(made)
     made.track.stamp_s = (made.now_ns + 40_000_000) * 1e-9 - ago_s

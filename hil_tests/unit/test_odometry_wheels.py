@@ -375,6 +375,11 @@ def test_the_window_holds_what_bounds_its_length_and_two_samples_at_least() -> N
     assert sparse.mean_rate(0.0)[2] == 1.0
 
 
+def test_what_was_heard_counts_from_the_first_sample_to_the_last() -> None:
+    assert track((5.0, 7)).heard_s == 0.0
+    assert track((5.0, 7), (5.125, 8), (7.0, 9)).heard_s == 2.0
+
+
 @pytest.mark.parametrize(("end_s", "full"), [(0.25, True), (0.2499, False)])
 def test_a_window_is_full_at_its_very_length(end_s: float, *, full: bool) -> None:
     assert track((5.0, 7), (5.125, 8), (5.0 + end_s, 9)).window_full is full

@@ -34,7 +34,7 @@ def test_one_that_ends_close_to_the_border_by_itself_ends_there_too(end: float) 
     """Unless the next area has a say, which then knows of nobody there."""
     assert end_m(own(1500.0), authority(end, 1)) == BORDER_M - ROOM_M
     assert end_m(own(1500.0), authority(end, 1), authority(3000.0, 1, area=2)) == end
-    assert end_m(own(1500.0), authority(end, 1), borders_m=(0.0, BORDER_M)) == end
+    assert end_m(own(1500.0), authority(end, 1), borders_m=(0.0, BORDER_M)) == BORDER_M - ROOM_M
 
 
 @pytest.mark.parametrize("short_m", [1200.0, 1988.9, 1989.0])
@@ -42,7 +42,7 @@ def test_one_that_ends_farther_from_it_is_left_as_it_is(short_m: float) -> None:
     assert end_m(own(1100.0), authority(short_m, 1)) == short_m
 
 
-@pytest.mark.parametrize("far_m", [BORDER_M, 2000.1, 3000.0, 4000.0])
+@pytest.mark.parametrize("far_m", [BORDER_M, 2000.1, 3000.0, 4000.0 - ROOM_M])
 def test_the_next_area_vouches_for_what_is_beyond(far_m: float) -> None:
     assert end_m(own(1500.0), authority(BORDER_M, 1), authority(far_m, 1, area=2)) == far_m
 
@@ -51,8 +51,17 @@ def test_the_next_area_may_stop_it_before_the_border_too() -> None:
     assert end_m(own(1500.0), authority(BORDER_M, 1), authority(1980.0, 1, area=2)) == 1980.0
 
 
-def test_at_the_end_of_the_line_there_is_nobody_beyond() -> None:
-    assert end_m(own(1500.0), authority(BORDER_M, 1), borders_m=(0.0, BORDER_M)) == BORDER_M
+def test_beyond_the_end_of_the_line_nobody_counts_who_hangs_over_it() -> None:
+    line_m = (0.0, BORDER_M)
+    assert end_m(own(1500.0), authority(BORDER_M, 1), borders_m=line_m) == BORDER_M - ROOM_M
+    assert end_m(own(1500.0), authority(1989.0, 1), borders_m=line_m) == 1989.0
+    assert end_m(own(1500.0), authority(1988.9, 1), borders_m=line_m) == 1988.9
+
+
+@pytest.mark.parametrize("front_m", [1989.1, 2000.0, 2050.0])
+def test_who_is_nearer_to_the_end_of_the_line_stays_where_it_is(front_m: float) -> None:
+    at, granted_m = own(front_m)._replace(front_min_m=front_m - 1.0), max(front_m, BORDER_M)
+    assert end_m(at, authority(granted_m, 1), borders_m=(0.0, BORDER_M)) == front_m
 
 
 @pytest.mark.parametrize(

@@ -91,7 +91,7 @@ def test_trains_find_each_other_over_the_radio_and_get_their_authorities(tmp_pat
     net.run(2000)
 
     ends_m = {a: line.authority and line.authority.end_m for a, (line, _) in net.trains.items()}
-    assert ends_m == {1: 4000.0, 2: 2103.0, 3: 1103.0}
+    assert ends_m == {1: 3989.0, 2: 2103.0, 3: 1103.0}
     roles = [line.roles[1] for line, _ in net.trains.values()]
     assert sorted(each.name for each in roles) == ["MASTER", "MEMBER", "STANDBY"]
     assert all(not line.refusals for line, _ in net.trains.values())

@@ -493,7 +493,7 @@ def test_without_an_authority_of_the_next_area_it_ends_11_m_before_the_border(
 def test_the_end_of_the_line_is_the_end() -> None:
     ride = Ride()
 
-    assert ride.held_m(ride.step(100, authority(3, 6000.0, 80), front_m=5000.0)) == 6000.0
+    assert ride.held_m(ride.step(100, authority(3, 6000.0, 80), front_m=5000.0)) == 5989.0
 
 
 def test_an_authority_of_the_next_area_alone_is_none() -> None:

@@ -34,6 +34,7 @@ from vobc.vocabulary import (
 LINE = load_line("florence")
 CONFIG = load_config("florence4")
 CYCLE_S = 0.05
+LEARN_S = CONFIG.odometry.learn_s
 BLIND_MPS = 0.5
 """The radar sees nothing that is slower."""
 NOMINAL_M = CONFIG.train.nominal_m_per_pulse
@@ -125,6 +126,10 @@ class Bench:
             imu_age_s=0.02,
         )
         return self.controller.step(image)
+
+    def learn(self) -> None:
+        """Until just before odometry tells of the train for the first time."""
+        self.run(LEARN_S)
 
     def run(self, seconds: float) -> CycleOutput:
         for _ in range(round(seconds / CYCLE_S)):
@@ -578,6 +583,7 @@ def test_a_lost_radio_leaves_the_doors_to_the_passengers() -> None:
 
 def test_the_operation_sees_the_true_state_of_its_platform_side() -> None:
     bench = at_platform(doors=DoorStatus(False, DoorState.OPEN, DoorState.OPENING, True))
+    bench.learn()
     bench.run(0.1)
 
     bench.change(doors=DoorStatus(False, DoorState.LOCKED, DoorState.OPEN, True))
@@ -590,6 +596,7 @@ def test_the_operation_sees_the_true_state_of_its_platform_side() -> None:
 def test_until_the_train_is_weighed_it_is_full() -> None:
     bench = Bench()
     bench.change(load=None, load_age_s=NEVER_S)
+    bench.learn()
 
     bench.run(0.2)
 
@@ -611,6 +618,7 @@ def test_on_the_way_a_train_is_not_weighed_anew() -> None:
 
 def test_a_weight_that_is_no_longer_told_still_counts() -> None:
     bench = Bench()
+    bench.learn()
     bench.cycle()
     weighed_kg = bench.driver.seen[-1].load_kg
 

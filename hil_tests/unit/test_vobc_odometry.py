@@ -21,6 +21,8 @@ from vobc.vocabulary import Motion, OdometryRecord, TachoSample, TagReading
 
 CONFIG = load_config("florence4")
 TRAIN = CONFIG.train
+AT_ONCE = replace(CONFIG.odometry, learn_s=0.0)
+"""Tells of the first sample, too."""
 NOMINAL_M = math.pi * 0.86 / 256.0
 ANTENNA_M = 2.0
 TAGS = tuple(TagSite(100 + index, 150.0 + 200.0 * index) for index in range(6))
@@ -271,7 +273,7 @@ def test_a_tag_that_claims_another_place_changes_nothing(claimed: int) -> None:
 def test_a_false_tag_twenty_metres_off_is_refused() -> None:
     near = replace(TAGS[0], tag_id=77, position_m=TAGS[0].position_m + 20.0)
     line = replace(LINE, tags=(TAGS[0], near, *TAGS[1:]))
-    odometry = Odometry(CONFIG.odometry, TRAIN, line, OdometryRecord(151.9, 0.5, NOMINAL_M))
+    odometry = Odometry(AT_ONCE, TRAIN, line, OdometryRecord(151.9, 0.5, NOMINAL_M))
     tacho = Tacho(0, 0, Direction.NEUTRAL, True, True, 0)
     seen = replace(SILENCE, tacho=tacho, tacho_age_s=0.0, tacho_samples=(TachoSample(tacho, 0.0),))
 
@@ -467,7 +469,7 @@ def test_before_the_first_sample_there_is_no_motion() -> None:
 
 
 def test_two_unhealthy_axles_are_no_odometer_from_the_first_sample_on() -> None:
-    odometry = Odometry(CONFIG.odometry, TRAIN, LINE, OdometryRecord(0.0, 0.5, NOMINAL_M))
+    odometry = Odometry(AT_ONCE, TRAIN, LINE, OdometryRecord(0.0, 0.5, NOMINAL_M))
     sick = Tacho(5, 5, Direction.NEUTRAL, False, False, 0)
     well = Tacho(5, 5, Direction.NEUTRAL, True, True, 0)
 
@@ -554,7 +556,7 @@ def test_the_mean_rate_bounds_hold_for_any_constant_rate(rate: float, part: floa
 @pytest.mark.parametrize("samples", [1, 3])
 def test_what_a_controller_hears_first_is_finite(samples: int) -> None:
     """It may join a bus just as a sample passes, or read several at the same instant."""
-    ride = Ride(Sensors())
+    ride = Ride(Sensors(), AT_ONCE)
     for _ in range(samples):
         ride.sample_tacho()
 

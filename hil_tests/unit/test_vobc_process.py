@@ -55,6 +55,7 @@ from zenoh_config.codec import pack, unpack
 from zenoh_config.messages import MovementAuthority, PositionReport, TrainOrders, TrainStatus
 
 LINE = load_line("florence")
+LEARN_S = load_config("florence4").odometry.learn_s
 NS_PER_MS = 1_000_000
 BABBLE_ID = 0x7F0
 SENT = (
@@ -225,8 +226,10 @@ def test_from_the_first_cycle_on_the_train_is_braked_until_it_may_go() -> None:
 def test_every_frame_has_its_rhythm_whatever_the_cycle(
     cycle_ms: float, expected: dict[type, int]
 ) -> None:
-    """In three seconds; one more or less for the edges, and nothing is told before it is known."""
+    """In three seconds; one more or less for the edges, once it is known how the train moves."""
     world = World(cycle_ms=cycle_ms)
+    world.run(LEARN_S)
+    world.heard.clear()
 
     world.run(3.0)
 
@@ -324,6 +327,7 @@ def test_life_signs_come_every_second_and_begin_with_the_boot_up() -> None:
 
 def test_position_reports_come_five_times_a_second_with_the_incarnation_of_this_start() -> None:
     world = World(nvram=Nvram(None, NvramRecord(boot_count=41)))
+    world.run(LEARN_S)
 
     world.run(2.1)
 

@@ -38,6 +38,9 @@ class OdometryConfig:
     """Pulses are counted over this time for the hard bounds of speed."""
     stamp_jitter_s: float
     """How much the delay between sampling a tacho and hearing its frame may vary."""
+    learn_s: float
+    """Of the tacho frames of so long a time one comes without delay. Before, the first ones may all
+    have been held up, and show a train that sets off as one that stands: nothing is told yet."""
     max_accel_mps2: float
     """No train changes its speed faster, either way, gradient included."""
     max_speed_mps: float
@@ -77,6 +80,8 @@ class OdometryConfig:
                 f"scale_error_low_ratio {self.scale_error_low_ratio} and scale_error_high_ratio "
                 f"{self.scale_error_high_ratio} must enclose 0 within ±0.2"
             )
+        if self.learn_s < 0.0:
+            raise ValueError(f"learn_s {self.learn_s} is negative")
         for name in _POSITIVE:
             if getattr(self, name) <= 0:
                 raise ValueError(f"{name} {getattr(self, name)} is not positive")

@@ -4,6 +4,7 @@ from typing import Final
 
 from vobc.odometry.config import OdometryConfig
 from vobc.odometry.recent_way import RecentWay
+from vobc.odometry.sampling import STEADY_S
 from vobc.odometry.scale import WheelScale
 from vobc.vocabulary import Interval, OdometryRecord, TrainBelief
 
@@ -76,6 +77,23 @@ class Localisation:
         else:
             self.low_m += pulses * scale.high_m
             self.high_m += pulses * scale.low_m
+
+    def by_wheels(self, speed_mps: Interval, since_s: float) -> tuple[float, float]:
+        """Least and most, now: the last sample, `since_s` ago, carried on by the speed since."""
+        jitter_s = self._config.stamp_jitter_s
+        long_s = since_s + jitter_s
+        short_s = max(0.0, since_s - jitter_s) if since_s <= STEADY_S else 0.0
+        low_mps, high_mps = speed_mps.low, speed_mps.high
+        return (
+            self.low_m + low_mps * (short_s if low_mps > 0.0 else long_s),
+            self.high_m + high_mps * (long_s if high_mps > 0.0 else short_s),
+        )
+
+    def begin_ground(self, speed_mps: Interval, since_s: float) -> None:
+        """Over ground the train is where it is by the wheels, the last sample `since_s` ago."""
+        low_m, high_m = self.by_wheels(speed_mps, since_s)
+        self.ground_low_m = low_m - self._config.ground_slack_m
+        self.ground_high_m = high_m + self._config.ground_slack_m
 
     def follow_wheels(self, pulses: int) -> None:
         """The best estimate goes with the wheels."""

@@ -11,7 +11,7 @@ from vobc.odometry.ground import Gradients, GroundSpeed, believable_mps
 from vobc.odometry.localisation import Localisation
 from vobc.odometry.pulses import PulseCounter
 from vobc.odometry.references import Reading, References
-from vobc.odometry.sampling import STEADY_S, OwnTime
+from vobc.odometry.sampling import OwnTime
 from vobc.odometry.tracking import HALF_PULSE, SpeedTrack
 from vobc.vocabulary import (
     CycleInput,
@@ -92,7 +92,7 @@ class Odometry:
         return OdometryRecord(where.at_m, half_m, where.m_per_pulse, proof)
 
     def step(self, seen: CycleInput) -> Motion | None:
-        """The motion at `seen.now_ns`; None before the first tacho sample."""
+        """The motion at `seen.now_ns`; None before samples over `learn_s` were heard."""
         if not self._time.begun:
             self._time.expect(seen.dt_s)
         now_s = self._time.tell(seen.now_ns)
@@ -124,7 +124,8 @@ class Odometry:
                 self._rejected += 1
         speed = self._speed(wheels)
         standstill = self._standstill(now_s, seen.tacho_age_s)
-        return self._motion(now_s, speed, accepted, refused, standstill=standstill)
+        motion = self._motion(now_s, speed, accepted, refused, standstill=standstill)
+        return motion if self._track.heard_s >= self._config.learn_s else None
 
     def _take(self, tacho: Tacho, stamp_s: float) -> None:
         """One tacho sample: count, track, move."""
@@ -188,11 +189,11 @@ class Odometry:
         dt_s, steady = self._time.dt_s, self._time.steady
         radar_mps = believable_mps(seen, config)
         if not ground.begun:
-            if radar_mps is None and track.still_s < config.standing_s:
-                if track.window_full:
+            learns = track.heard_s < config.learn_s
+            if learns or (radar_mps is None and track.still_s < config.standing_s):
+                if track.window_full and not learns:
                     ground.begin(wheels.low, wheels.high)
-                where.ground_low_m = where.low_m - config.ground_slack_m
-                where.ground_high_m = where.high_m + config.ground_slack_m
+                where.begin_ground(wheels, max(0.0, now_s - track.stamp_s))
                 return
             ground.begin(wheels.low, wheels.high)
         self._gradients.look(
@@ -362,11 +363,7 @@ class Odometry:
     ) -> Motion:
         """The position at this instant: the last sample carried on by the speed since."""
         config, where, track, refer = self._config, self._where, self._track, self._refer
-        since_s = max(0.0, now_s - track.stamp_s)
-        long_s = since_s + config.stamp_jitter_s
-        short_s = max(0.0, since_s - config.stamp_jitter_s) if since_s <= STEADY_S else 0.0
-        low_m = where.low_m + speed.low * (short_s if speed.low > 0.0 else long_s)
-        high_m = where.high_m + speed.high * (long_s if speed.high > 0.0 else short_s)
+        low_m, high_m = where.by_wheels(speed, max(0.0, now_s - track.stamp_s))
         low_m, high_m = min(low_m, where.ground_low_m), max(high_m, where.ground_high_m)
         standing = track.still_s >= config.standing_s and not self._slip
         best_m = where.at_m

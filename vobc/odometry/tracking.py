@@ -21,6 +21,7 @@ class SpeedTrack:
     __slots__ = (
         "_bandwidth_rad_s",
         "_counts",
+        "_first_s",
         "_moved_s",
         "_window_s",
         "accel_pulses_per_s2",
@@ -34,7 +35,7 @@ class SpeedTrack:
         self._bandwidth_rad_s = bandwidth_rad_s
         self._window_s = window_s
         self._counts: deque[tuple[float, int]] = deque()
-        self._moved_s = -math.inf
+        self._first_s = self._moved_s = -math.inf
         self.begun = False
         """At least one sample was taken."""
         self.stamp_s = -math.inf
@@ -48,7 +49,8 @@ class SpeedTrack:
         counts = self._counts
         if not self.begun:
             self.begun = True
-            self._moved_s, self.at_pulses = stamp_s, count + HALF_PULSE
+            self._first_s = self._moved_s = stamp_s
+            self.at_pulses = count + HALF_PULSE
         else:
             if count != counts[-1][1]:
                 self._moved_s = stamp_s
@@ -92,6 +94,11 @@ class SpeedTrack:
     def window_full(self) -> bool:
         """Samples of a whole window were taken."""
         return self.stamp_s - self._counts[0][0] >= self._window_s
+
+    @property
+    def heard_s(self) -> float:
+        """From the first sample to the last."""
+        return self.stamp_s - self._first_s
 
     def jumped(self, most_pulses_per_s2: float, jitter_s: float) -> bool:
         """The rate changed from the first half of the window to the second as no train can."""

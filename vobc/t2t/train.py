@@ -246,8 +246,8 @@ class TrainCore:
     def _authority(self, now_ns: int, own: OwnTrain) -> HeldAuthority | None:
         """Area by area from where the rear may roll back to: one that reaches its border is
         continued by the next, and every one that the train stands in has its say, as only that one
-        knows of its objects. Where the next one has none, somebody may hide just beyond the border,
-        with axles that only it counts: nobody goes nearer.
+        knows of its objects. Where the next one has none, or the line ends, somebody may hide just
+        beyond, with axles that only others count or nobody does: nobody goes nearer.
         """
         hindmost = self._line.area_at(own.rear_min_m - self._config.rollback_m)
         back_m = self._back_m(hindmost)
@@ -270,11 +270,10 @@ class TrainCore:
             )
             reaches = held.end_m >= area.end_m
             area = self._line.following(area.number)
-        if result is None or area is None:
-            return result
-        if area.start_m <= own.front_min_m:
+        if result is None or (area is not None and area.start_m <= own.front_min_m):
             return None
-        before_m = area.start_m - self._config.behind_axle_m
+        known_m = self._line.end_m if area is None else area.start_m
+        before_m = known_m - self._config.behind_axle_m
         return result._replace(end_m=min(result.end_m, max(before_m, own.front_max_m)))
 
     def _back_m(self, area: Area) -> float:

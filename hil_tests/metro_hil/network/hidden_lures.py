@@ -118,10 +118,32 @@ def packed_line(make: Make) -> None:
     scene.settle(within_s=40.0)
 
 
+def hangs_over(make: Make) -> None:
+    """One that nobody has ever heard of leaves the line by hand, and stands with its last axle off
+    the last section, but for its overhang: that section is clear, and nothing counts beyond.
+    """
+    line_m = 2000.0
+    scene = make(Plot({RUNS_ON: 600.0, HIDES: 1700.0}, area_m=line_m, pieces=10))
+    hides = scene.world.trains[HIDES]
+    for address in scene.others(HIDES):
+        scene.net.boot(address)
+    scene.run(10.0)
+    first_m = scene.end_m(RUNS_ON)
+    scene.expect("its axles keep the other away", first_m is not None and first_m < hides.rear_m)
+    hides.shunts = True
+    scene.until("its last axle is off", lambda: hides.rear_m > line_m - 1.99, within_s=120.0)
+    hides.shunts = False
+    hides.motion = Motion(scene.net.now_ns, hides.front_m, emergency_mps2=1.0)
+    scene.run(20.0)
+    scene.expect("it still hangs over the line", hides.rear_m < line_m)
+    scene.expect("the other comes no nearer", scene.end_m(RUNS_ON) == line_m - 11.0)
+
+
 HIDDEN_LURES: Final[tuple[Scenario, ...]] = (
     Scenario("late-report", 0, "a report comes when its train is elsewhere", late_report),
     Scenario("lost-on-its-way", 0, "a train runs on after it lost its place", lost_on_its_way),
     Scenario("towed-away", 0, "a train that stood is driven on by hand", towed_away),
+    Scenario("hangs-over", 0, "one that nobody hears leaves the line at its end", hangs_over),
     Scenario("packed-line", 0, "trains stand on every joint, and all begin", packed_line),
     Scenario("full-line", 0, "trains stand everywhere, and all begin", full_line),
 )
