@@ -11,6 +11,7 @@ from firmware_py.clock import WallClock
 from firmware_py.nvram import NvramState
 from firmware_py.radio.credentials import Credentials, load_credentials
 from firmware_py.radio.zenoh_radio import Role, open_radio
+from firmware_py.settings import SettingsError
 from firmware_py.trackdb import LineMap
 from firmware_py.trackdb.areas import AreaMap, load_areas
 from vobc.config import VobcConfig
@@ -58,8 +59,20 @@ def addressed(config: VobcConfig, options: argparse.Namespace) -> VobcConfig:
 
 
 def areas_of(options: argparse.Namespace, line: LineMap) -> AreaMap | None:
-    """Raises SettingsError for a line of which nobody has said how it is divided."""
-    return None if options.line_radio is None else load_areas(line.name)
+    """Raises SettingsError for a line of which nobody has said how it is divided, or that is divided
+    so that no authority reaches one of its stops.
+    """
+    if options.line_radio is None:
+        return None
+    areas, room_m = load_areas(line.name), T2tConfig().behind_axle_m
+    for station in line.stations:
+        if not areas.start_m <= station.stop_m <= areas.end_m - room_m:
+            raise SettingsError(
+                f"line {line.name}: station {station.name}: stop_m {station.stop_m:g} is out of "
+                f"reach: its areas begin at {areas.start_m:g} m and end at {areas.end_m:g} m, and "
+                f"no authority comes nearer to that end than {room_m:g} m"
+            )
+    return areas
 
 
 def open_line(
