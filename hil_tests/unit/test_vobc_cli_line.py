@@ -53,7 +53,7 @@ def test_a_stop_before_the_first_area_is_refused(stop_m: float, *, reached: bool
     if reached:
         assert areas_of(BY_RADIO, line) is not None
         return
-    with pytest.raises(SettingsError, match=r"station I: stop_m -120\.1 is out of reach"):
+    with pytest.raises(SettingsError, match=r"station Start: stop_m -120\.1 is out of reach"):
         areas_of(BY_RADIO, line)
 
 

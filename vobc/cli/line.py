@@ -59,8 +59,8 @@ def addressed(config: VobcConfig, options: argparse.Namespace) -> VobcConfig:
 
 
 def areas_of(options: argparse.Namespace, line: LineMap) -> AreaMap | None:
-    """Raises SettingsError for a line of which nobody has said how it is divided, or that is divided
-    so that no authority reaches one of its stops.
+    """Raises SettingsError for a line of which nobody has said how it is divided, or of which no
+    authority reaches one of the stops.
     """
     if options.line_radio is None:
         return None
