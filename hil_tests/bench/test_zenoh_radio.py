@@ -195,7 +195,8 @@ def test_a_closed_radio_may_be_tuned_all_the_same(radio: Opener) -> None:
     train.close()
     train.listen([keys.authorities(LINE, 7)])
     wayside.send(CLOCK.now_ns(), keys.authority(LINE, 0, 7), b"y")
-    assert list(train.receive(CLOCK.now_ns())) == []
+    # One that was sent before it was closed may have come.
+    assert {each.payload for each in train.receive(CLOCK.now_ns())} <= {b"x"}
     assert train.counters.errors == 0
 
 
