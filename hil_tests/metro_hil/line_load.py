@@ -13,7 +13,7 @@ from vobc.t2t.vocabulary import OwnTrain, Role, T2tConfig, TrainMemory
 from vobc.wire.line_radio import LineRadio
 from zenoh_config import t2t_keys
 from zenoh_config.codec import pack, unpack
-from zenoh_config.t2t import BROADCAST, AreaAuthority, Heartbeat, TrainReport
+from zenoh_config.t2t import BROADCAST, AreaAuthority, Heartbeat, RosterCommit, TrainReport
 
 GAP_M: Final = 300.0
 LENGTH_M: Final = 80.0
@@ -23,6 +23,7 @@ STEP_NS: Final = 10_000_000
 REPORT_NS: Final = 100_000_000
 NS_PER_MS: Final = 1e6
 SETTLE_STEPS: Final = 6000
+WAITING_STEPS: Final = 1500
 CYCLES: Final = 50
 SHARE_STEPS: Final = 500
 
@@ -93,6 +94,43 @@ def cycle_ms(trains: int) -> list[float]:
     axles = _axles(list(fronts_m.values()))
     own = _at_rest(fronts_m.pop(1))
     return _run(_wayside_of(line), radio, own, _Others(fronts_m), axles)
+
+
+def waiting_cycle_ms(trains: int) -> list[float]:
+    """Of each step of the master in which all others report, while one stands on every joint
+    of sections, and somebody hides behind the last: nobody can be let go, and each is looked at
+    anew whenever it says something. Raises TimeoutError when they do not come onto the roster.
+    """
+    fronts_m = {n: SECTION_M * (trains + 1 - n) + LENGTH_M / 2.0 for n in range(1, trains + 1)}
+    line = _line(1, SECTION_M * (trains + 2))
+    core = TrainCore(T2tConfig(), line, address=1, memory=TrainMemory(), start_ns=0)
+    radio, wayside = LineRadio(core, "load", lambda _: True), _wayside_of(line)
+    truth = _axles([*fronts_m.values(), SECTION_M - LENGTH_M])
+    own = _at_rest(fronts_m.pop(1))
+    others, clock = _Others(fronts_m), WallClock()
+    took_ms, on_roster = list[float](), 0
+    to_train: list[RadioMessage] = []
+    for step in range(1, WAITING_STEPS):
+        now_ns = step * STEP_NS
+        reports = others.reports(now_ns) if now_ns % REPORT_NS == 0 else []
+        begun_ns = clock.now_ns()
+        radio.takes(to_train + reports)
+        said = radio.step(now_ns, own, apply=True)
+        if reports and on_roster == trains:
+            took_ms.append((clock.now_ns() - begun_ns) / NS_PER_MS)
+        heard = [RadioMessage(now_ns, key, payload) for key, payload in said]
+        for each in heard:
+            others.hears(each.payload)
+            message = unpack(each.payload)
+            if isinstance(message, RosterCommit):
+                on_roster = len(message.roster)
+        to_train = [
+            RadioMessage(now_ns, key, payload)
+            for key, payload in wayside.step(now_ns, heard, truth)
+        ]
+    if len(took_ms) < CYCLES or others.commanded:
+        raise TimeoutError(f"{on_roster} of {trains} are on the roster, {others.commanded} let go")
+    return took_ms[-CYCLES:]
 
 
 def _line(areas: int, area_m: float) -> AreaMap:

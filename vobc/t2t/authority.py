@@ -8,6 +8,7 @@ this rule, objects and newcomers, waits for promises.
 
 import enum
 import itertools
+from bisect import bisect_left, bisect_right
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
@@ -197,17 +198,33 @@ def all_explained(
 
     Whoever stands in one of these sections and in the next counts with both of them.
     """
+    starts_m, ends_m = [each.start_m for each in sections], [each.end_m for each in sections]
+    first, beyond = bisect_right(ends_m, from_m), bisect_left(starts_m, to_m)
     there: list[Standing] = []
+    waiting = sorted(standing, key=lambda each: each.rear_m)
     while True:
-        known = len(there)
-        concerned = [each for each in sections if each.end_m > from_m and each.start_m < to_m]
-        there = [t for t in standing if any(_touch(each, t) for each in concerned)]
-        if len(there) == known:
+        elsewhere: list[Standing] = []
+        for each in waiting:
+            at = bisect_right(ends_m, each.rear_m)
+            least = max(first, at)
+            if least < beyond and starts_m[least] < each.front_m:
+                there.append(each)
+                first, beyond = min(first, at), max(beyond, bisect_left(starts_m, each.front_m))
+            else:
+                elsewhere.append(each)
+        if len(elsewhere) == len(waiting):
             break
-        from_m = min([from_m, *[each.rear_m for each in there]])
-        to_m = max([to_m, *[each.front_m for each in there]])
-    runs = [list(run) for _, run in itertools.groupby(concerned, key=lambda each: each.occupied)]
-    return all(_explained(run, (), there) for run in runs)
+        # From the rear on it grew towards the front, and grows the other way now.
+        waiting = elsewhere[::-1]
+    there.sort(key=lambda each: each.middle_m)
+    middles_m = [each.middle_m for each in there]
+    for _, group in itertools.groupby(sections[first:beyond], key=lambda each: each.occupied):
+        run = list(group)
+        behind = bisect_right(middles_m, run[0].start_m)
+        ahead = bisect_left(middles_m, run[-1].end_m)
+        if not _explained(run, (), there[behind:ahead]):
+            return False
+    return True
 
 
 def _explained(
@@ -229,10 +246,12 @@ def _explained(
 
 def _may_have_left(train: Standing, end_m: float, beyond: Sequence[Counted]) -> bool:
     """Unless all is clear as far as it may have come."""
+    if train.middle_m + train.farther_m < end_m:
+        return False
     reach_m = train.front_m + train.farther_m
+    near = itertools.takewhile(lambda each: each.start_m < reach_m, beyond)
     seen_to_m = beyond[-1].end_m if beyond else end_m
-    seen = reach_m > seen_to_m or any(e.occupied and e.start_m < reach_m for e in beyond)
-    return seen and train.middle_m + train.farther_m >= end_m
+    return reach_m > seen_to_m or any(each.occupied for each in near)
 
 
 def _touch(section: Counted, train: Standing) -> bool:

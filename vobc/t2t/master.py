@@ -15,7 +15,7 @@ from vobc.t2t.removals import Removals, Sight
 from vobc.t2t.roster import Order, Roster
 from vobc.t2t.speaker import Head, Speaker
 from vobc.t2t.succession import Succession
-from vobc.t2t.surroundings import Surroundings
+from vobc.t2t.surroundings import Look, Surroundings
 from vobc.t2t.table import Record, TrainTable
 from vobc.t2t.track_view import TrackView, restrictions_for, view_of
 from vobc.t2t.vocabulary import T2tConfig
@@ -241,21 +241,22 @@ class Master:
         return rear_m >= self._area.end_m + self._config.behind_rear_m
 
     def _sieve(self, order: Order, now_ns: int) -> tuple[Order, bool]:
-        sieved = []
+        sieved, look = [], None
         for entry in order:
             record = self._known.records[entry.train]
             report, entry = record.report, entry._replace(stopped=record.stopped)
             if not entry.sieved and report is not None:
-                entry = entry._replace(sieved=self._is_sieved(report, now_ns))
+                look = look or self._look(now_ns)
+                scene = self._around.scene(entry.train, look)
+                entry = entry._replace(sieved=is_sieved(report, scene, self._config.behind_axle_m))
             sieved.append(entry)
         return tuple(sieved), tuple(sieved) != order
 
-    def _is_sieved(self, report: TrainReport, now_ns: int) -> bool:
-        return is_sieved(report, self._scene(now_ns, report), self._config.behind_axle_m)
+    def _look(self, now_ns: int) -> Look:
+        return self._around.look(self.roster.proposed, self._strangers(), self._track, now_ns)
 
     def _scene(self, now_ns: int, newcomer: TrainReport) -> Scene:
-        strangers, order = self._strangers(), self.roster.proposed
-        return self._around.scene(newcomer.source, order, strangers, self._track, now_ns)
+        return self._around.scene(newcomer.source, self._look(now_ns))
 
     def _sight(self, now_ns: int) -> Sight:
         return self._around.sight(self._strangers(), self._track, now_ns)

@@ -23,6 +23,18 @@ class Halt(NamedTuple):
     """The newest that does."""
 
 
+class Look(NamedTuple):
+    """What is seen and heard at one instant, whoever it is needed for."""
+
+    told: Mapping[int, Standing]
+    """By train that says where it is."""
+    at_rest: Mapping[int, Standing]
+    """Those of them that stood already where they are when sections were counted."""
+    reserved_m: dict[int, float]
+    track: TrackView | None
+    now_ns: int
+
+
 class Surroundings:
     """In one area, as its master knows it."""
 
@@ -51,32 +63,35 @@ class Surroundings:
         """It is out of the area, and may explain axles beyond its borders."""
         self._passed[report.source] = report, now_ns
 
-    def scene(
-        self,
-        but: int,
-        order: Order,
-        strangers: Iterable[Heard],
-        track: TrackView | None,
-        now_ns: int,
-    ) -> Scene:
-        """What the admission of a train is decided on.
+    def look(
+        self, order: Order, strangers: Iterable[Heard], track: TrackView | None, now_ns: int
+    ) -> Look:
+        """Around at one instant.
 
         Args:
-            but: this train itself.
             strangers: trains that are not on the roster in this incarnation.
         """
         records = self._known.records
         told = self._witnesses(strangers, track, now_ns)
-        others = {train: each for train, each in told.items() if train != but}
+        reserved_m = self._known.reserved_m([each for each in order if each.train in records])
+        return Look(told, self._at_rest(told, track, now_ns), reserved_m, track, now_ns)
+
+    def scene(self, but: int, look: Look) -> Scene:
+        """What the admission of a train is decided on.
+
+        Args:
+            but: this train itself.
+        """
+        track = look.track
         return Scene(
             area=self._area,
             before=self._before,
-            records=records,
-            reserved_m=self._known.reserved_m([each for each in order if each.train in records]),
+            records=self._known.records,
+            reserved_m=look.reserved_m,
             counted=(track.counted if track else ()) if self._counts else None,
-            stood=self._stood(but, track, now_ns),
-            standing=tuple(others.values()),
-            at_rest=self._at_rest(others, track, now_ns),
+            stood=self._stood(but, track, look.now_ns),
+            standing=_of_others(look.told, but),
+            at_rest=_of_others(look.at_rest, but),
             line_m=self._line_m,
         )
 
@@ -89,20 +104,18 @@ class Surroundings:
         return Sight(
             self._counts,
             track,
-            self._at_rest(witnesses, track, now_ns),
+            tuple(self._at_rest(witnesses, track, now_ns).values()),
             anew,
         )
 
     def _at_rest(
         self, told: Mapping[int, Standing], track: TrackView | None, now_ns: int
-    ) -> tuple[Standing, ...]:
-        return tuple(
-            [
-                Standing(each.rear_m, each.front_m, each.axles)
-                for train, each in told.items()
-                if self._stood(train, track, now_ns)
-            ]
-        )
+    ) -> dict[int, Standing]:
+        return {
+            train: Standing(each.rear_m, each.front_m, each.axles)
+            for train, each in told.items()
+            if self._stood(train, track, now_ns)
+        }
 
     def _stood(self, train: int, track: TrackView | None, now_ns: int) -> bool:
         """It stood where it is already when all this was counted, and says so still."""
@@ -133,3 +146,7 @@ class Surroundings:
                     farther_m=way_m(now_ns - report.echo_ns), behind_m=behind_m
                 )
         return told
+
+
+def _of_others(standing: Mapping[int, Standing], but: int) -> tuple[Standing, ...]:
+    return tuple([each for train, each in standing.items() if train != but])
