@@ -108,7 +108,7 @@ def test_what_a_train_says_to_the_master_before_is_of_no_known_age() -> None:
     chair.track(axles={1: 16}, seen_ms=1000)
 
     around, view = chair.master._around, chair.master._track
-    scene = around.scene(STRANGER, (), [(told, chair.now_ns)], view, chair.now_ns)
+    scene = around.scene(STRANGER, around.look((), [(told, chair.now_ns)], view, chair.now_ns))
     assert scene.stood is False
 
 
@@ -155,10 +155,10 @@ def test_one_outside_the_area_explains_axles_while_its_word_is_young() -> None:
     around, view = chair.master._around, chair.master._track
 
     young = [(inside, chair.now_ns), (behind, chair.now_ns)]
-    scene = around.scene(STRANGER, (), young, view, chair.now_ns)
+    scene = around.scene(STRANGER, around.look((), young, view, chair.now_ns))
     assert [each.axles for each in scene.standing] == [16]
     old = [young[0], (replace(behind, echo_ns=0), chair.now_ns)]
-    assert around.scene(STRANGER, (), old, view, chair.now_ns).standing == ()
+    assert around.scene(STRANGER, around.look((), old, view, chair.now_ns)).standing == ()
 
 
 def test_who_says_that_it_is_near_may_not_have_been_there_when_all_was_counted() -> None:
@@ -169,7 +169,7 @@ def test_who_says_that_it_is_near_may_not_have_been_there_when_all_was_counted()
     around, view = chair.master._around, chair.master._track
 
     told = [(inside, chair.now_ns), (behind, chair.now_ns)]
-    (other,) = around.scene(STRANGER, (), told, view, chair.now_ns).standing
+    (other,) = around.scene(STRANGER, around.look((), told, view, chair.now_ns)).standing
     assert (other.farther_m, other.behind_m) == (2.0, 4.0)
 
 
@@ -179,9 +179,11 @@ def test_a_train_of_the_roster_may_not_have_been_there_either() -> None:
     chair.track(axles={1: 32}, seen_ms=900)
     around, view = chair.master._around, chair.master._track
 
-    (other,) = around.scene(STRANGER, (), [], view, chair.now_ns).standing
+    (other,) = around.scene(STRANGER, around.look((), [], view, chair.now_ns)).standing
     assert (other.farther_m, other.behind_m) == (2.0, 4.0)
-    assert around.scene(STRANGER, (), [], None, chair.now_ns).standing[0].behind_m == 0.0
+    assert (
+        around.scene(STRANGER, around.look((), [], None, chair.now_ns)).standing[0].behind_m == 0.0
+    )
 
 
 def test_who_stood_before_and_after_was_there_just_so() -> None:
@@ -192,9 +194,9 @@ def test_who_stood_before_and_after_was_there_just_so() -> None:
     chair.track(axles={1: 16}, seen_ms=1100)
     around, view = chair.master._around, chair.master._track
 
-    scene = around.scene(STRANGER, (), [], view, chair.now_ns)
+    scene = around.scene(STRANGER, around.look((), [], view, chair.now_ns))
     assert scene.at_rest == (Standing(320.0, 400.0, 16),)
-    assert around.scene(STRANGER, (), [], view, chair.now_ns + 1000 * MS).at_rest == ()
+    assert around.scene(STRANGER, around.look((), [], view, chair.now_ns + 1000 * MS)).at_rest == ()
 
 
 def test_beyond_the_end_of_the_line_nobody_hides() -> None:
@@ -211,6 +213,6 @@ def test_as_long_as_nothing_was_counted_nothing_is_shown() -> None:
     told = chair.reports(STRANGER, 300.0)
     around, strangers = chair.master._around, [(told, chair.now_ns)]
 
-    scene = around.scene(STRANGER, (), strangers, None, chair.now_ns)
+    scene = around.scene(STRANGER, around.look((), strangers, None, chair.now_ns))
     assert (scene.counted, scene.stood) == ((), False)
     assert around.sight(strangers, None, chair.now_ns).standing == ()
