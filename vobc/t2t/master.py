@@ -246,8 +246,7 @@ class Master:
             record = self._known.records[entry.train]
             report, entry = record.report, entry._replace(stopped=record.stopped)
             if not entry.sieved and report is not None:
-                look = look or self._look(now_ns)
-                scene = self._around.scene(entry.train, look)
+                scene = self._around.scene(entry.train, look := look or self._look(now_ns))
                 entry = entry._replace(sieved=is_sieved(report, scene, self._config.behind_axle_m))
             sieved.append(entry)
         return tuple(sieved), tuple(sieved) != order
