@@ -16,6 +16,7 @@ from metro_hil.engine.errors import EngineError
 from metro_hil.engine.journal import Journal, read_journal
 from metro_hil.engine.kill_trial import RUNNER, Trial, plan_of
 from metro_hil.engine.local_crew import LocalCrew
+from metro_hil.engine.queue import Batch
 from metro_hil.engine.run_campaign import Wishes
 from metro_hil.engine.stopping import StopWish
 
@@ -205,18 +206,20 @@ def test_real_time_runs_alone_and_last_with_its_logs_from_the_beginning(tmp_path
     for index in (1, 3):
         cases[index] = msgspec.structs.replace(cases[index], bench=BenchKind.PROCESSES)
     folder, listener = folder_of(cases, tmp_path), Listener()
-    most_at_once: list[int] = []
+    handed: list[tuple[bool, int]] = []
+    """Of every batch: whether it is to be alone, and how many are out when it is handed out."""
 
     class Watched(LocalCrew):
-        def wait(self, timeout_s: float) -> list[Outcome]:
-            if any(one.index in (1, 3) for one in listener.results) or len(listener.results) == 4:
-                most_at_once.append(self.busy)
-            return list(super().wait(timeout_s))
+        def hand(self, batch: Batch) -> None:
+            handed.append((batch.alone, self.busy))
+            super().hand(batch)
 
     work(folder, lambda: Watched(2, {}, runner=RUNNER), listener=listener)
 
     assert [result.index for result in listener.results][-2:] == [1, 3]
-    assert max(most_at_once) == 1
+    assert handed[-2:] == [(True, 0), (True, 0)]
+    assert not any(alone for alone, _ in handed[:-2])
+    assert max(out for _, out in handed[:-2]) > 0
     assert folder.kept(cases[1].id).bus_log.exists()
 
 
@@ -255,7 +258,6 @@ def test_what_waits_at_a_worker_comes_back_unblamed_when_the_worker_dies(
     hanging_crew: LocalCrew,
 ) -> None:
     from metro_hil.engine.crew import Gone
-    from metro_hil.engine.queue import Batch
 
     cases = asking(trial_cases(2), 0, hang=True)
     hanging_crew.hand(Batch(1, cases[:1]))
