@@ -13,6 +13,7 @@ from can_dbc.codec import Decoder, Rejected
 from can_dbc.doors import DoorState, DoorStatus
 from can_dbc.traction import TractionStatus
 from can_dbc.vobc import (
+    AtoPhase,
     Missing,
     Supervision,
     VobcMode,
@@ -23,7 +24,7 @@ from can_dbc.vobc import (
 )
 from firmware_py.buses.timing import frame_bits
 from firmware_py.ports import CanFrame
-from metro_hil.ending import cause_words
+from metro_hil.ending import cause_words, withheld_words
 
 SEEN = (
     VobcStatus,
@@ -131,7 +132,7 @@ def _rows(picture: BusPicture) -> list[tuple[str, RenderableType]]:
     else:
         rows += _motion_rows(motion)
         rows += _target_rows(picture)
-        rows += _state_rows(status, _why(picture))
+        rows += _state_rows(status, _operation(picture, status), _why(picture))
     rows += _train_rows(picture)
     load = Text(f"{picture.load_ratio * 100.0:5.1f} %  of {picture.bit_rate // 1000} kbit/s")
     load.append(f"   {picture.frames_per_s:4.0f} frames/s   {picture.frames} in all", style="dim")
@@ -190,8 +191,16 @@ def _why(picture: BusPicture) -> str:
     return f" ({cause_words(mode.cause)})"
 
 
-def _state_rows(status: VobcStatus, why: str) -> list[tuple[str, RenderableType]]:
-    mode = Text(status.ato_phase.name.lower().replace("_", " "))
+def _operation(picture: BusPicture, status: VobcStatus) -> str:
+    """What operation is about; at a stop, why its doors stay shut."""
+    words, mode = status.ato_phase.name.lower().replace("_", " "), picture.latest.get(VobcMode)
+    if status.ato_phase is not AtoPhase.STOPPED or not isinstance(mode, VobcMode):
+        return words
+    shut = withheld_words(mode.doors_withheld)
+    return words + (f" (doors shut: {shut})" if shut else "")
+
+
+def _state_rows(status: VobcStatus, mode: str, why: str) -> list[tuple[str, RenderableType]]:
     state = Text(status.supervision.name + why, style=STATE_STYLE[status.supervision])
     if status.missing:
         state.append(f"  waits for: {missing_words(status.missing)}", style="yellow")
@@ -199,7 +208,7 @@ def _state_rows(status: VobcStatus, why: str) -> list[tuple[str, RenderableType]
     cycle.append(
         f"   {status.cycle_slips} slips", style="bold red" if status.cycle_slips else "dim"
     )
-    return [("operation", mode), ("protection", state), ("cycle", cycle)]
+    return [("operation", Text(mode)), ("protection", state), ("cycle", cycle)]
 
 
 def _train_rows(picture: BusPicture) -> list[tuple[str, RenderableType]]:
@@ -269,7 +278,7 @@ def plain_line(picture: BusPicture, elapsed_s: float) -> str:
     )
     if isinstance(target, VobcTarget) and target.distance_to_stop_m < FAR_M:
         line += f"  stop in {target.distance_to_stop_m:7.2f} m"
-    line += f"  {status.supervision.name}{_why(picture)}  {status.ato_phase.name.lower()}"
+    line += f"  {status.supervision.name}{_why(picture)}  {_operation(picture, status)}"
     line += f"  bus {picture.load_ratio * 100.0:.0f} %  work {status.work_us / 1000.0:.2f} ms"
     return line + (f"  waits for: {missing_words(status.missing)}" if status.missing else "")
 

@@ -3,14 +3,16 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from can_dbc.vobc import AtoPhase, Cause, Supervision
+from can_dbc.vobc import AtoPhase, Cause, Supervision, Withheld
 
 NEAR_M = 5.0
 AFTER_ARRIVAL_S = 3.0
 """How long a run goes on with open doors at its last station."""
 UNATTENDED_S = 30.0
-"""How long a train may stand in emergency where nobody can let it go: longer than any release that
-comes by itself."""
+"""How long a train may stand in emergency where nobody can let it go, or behind doors that nobody
+can open by hand: longer than any release, or jog, that comes by itself."""
+MENDED_BY_MOVING = Withheld.NOT_LOCALISED | Withheld.NO_PLATFORM | Withheld.MISALIGNED
+"""What stands against doors as long as the train stands where it does."""
 
 ARRIVED = "arrived"
 DURATION = "duration over"
@@ -70,6 +72,36 @@ class EmergencyWatch:
             return None
         words = f"in emergency for {UNATTENDED_S:.0f} s and nobody there to let go"
         return f"{words}: {cause_words(cause)}"
+
+
+@dataclass(slots=True)
+class DoorWatch:
+    """Says why a run is over whose train has stopped where its doors stay shut, with nobody there.
+
+    After a stop the place may be known too roughly for doors, say because the machine was held up
+    on the last metres; a tag would mend it, but a train at its stop passes none.
+    """
+
+    _since_ns: int | None = None
+
+    def shut_for_good(self, now_ns: int, phase: AtoPhase, withheld: Withheld) -> str | None:
+        """The reason to end, or None; to be asked again and again."""
+        reasons = withheld & MENDED_BY_MOVING
+        if phase is not AtoPhase.STOPPED or not reasons:
+            self._since_ns = None
+            return None
+        if self._since_ns is None:
+            self._since_ns = now_ns
+        if now_ns - self._since_ns < UNATTENDED_S * 1e9:
+            return None
+        words = f"doors shut for {UNATTENDED_S:.0f} s at a stop and nobody there to open them"
+        return f"{words}: {withheld_words(reasons)}"
+
+
+def withheld_words(withheld: Withheld) -> str:
+    """What stands against doors, as short as the bus tells it."""
+    names = [flag.name for flag in Withheld if flag in withheld and flag.name is not None]
+    return ", ".join(names).replace("_", " ").lower()
 
 
 def cause_words(cause: Cause) -> str:

@@ -14,7 +14,15 @@ from firmware_py.recorder import CandumpWriter, LineLog
 from firmware_py.watchdog import Watchdog
 from metro_hil.children import Child
 from metro_hil.display import BusPicture, Display
-from metro_hil.ending import ARRIVED, DURATION, INTERRUPTED, ArrivalWatch, EmergencyWatch, Ending
+from metro_hil.ending import (
+    ARRIVED,
+    DURATION,
+    INTERRUPTED,
+    ArrivalWatch,
+    DoorWatch,
+    EmergencyWatch,
+    Ending,
+)
 
 DRAIN_MS = 20.0
 DISPLAY_MS = 250.0
@@ -61,10 +69,10 @@ class Watch:
         """Until the train has arrived, time is over, somebody asks, or a child ends; says which.
 
         Args:
-            unattended: nobody is there who could reset an emergency brake.
+            unattended: nobody is there who could reset an emergency brake or open doors by hand.
         """
         now_ns = self._clock.now_ns()
-        emergency = EmergencyWatch() if unattended else None
+        alone = (EmergencyWatch(), DoorWatch()) if unattended else None
         arrival = ArrivalWatch(stop_m)
         end_ns = None if duration_s is None else now_ns + int(duration_s * NS_PER_S)
         reason = ""
@@ -82,7 +90,7 @@ class Watch:
                 reason = ARRIVED
             elif end_ns is not None and now_ns >= end_ns:
                 reason = DURATION
-            elif emergency is not None and (words := self._in_emergency(emergency, now_ns)):
+            elif alone is not None and (words := self._needs_a_hand(*alone, now_ns)):
                 reason = words
             return reason != ""
 
@@ -135,11 +143,12 @@ class Watch:
             return False
         return arrival.arrived(now_ns, status.ato_phase, position.front_m)
 
-    def _in_emergency(self, emergency: EmergencyWatch, now_ns: int) -> str | None:
+    def _needs_a_hand(self, emergency: EmergencyWatch, doors: DoorWatch, now_ns: int) -> str | None:
         status, mode = self._picture.status, self._picture.latest.get(VobcMode)
         if not isinstance(status, VobcStatus) or not isinstance(mode, VobcMode):
             return None
-        return emergency.stands_for_good(now_ns, status.supervision, mode.cause)
+        shut = doors.shut_for_good(now_ns, status.ato_phase, mode.doors_withheld)
+        return emergency.stands_for_good(now_ns, status.supervision, mode.cause) or shut
 
     def ending(self, reason: str, *, truth_known: bool, realtime: Sequence[str] = ()) -> Ending:
         """What the tap knows of the run; closes its log."""

@@ -53,12 +53,12 @@ MOTION = VobcMotion(speed_mps=0.0, ceiling_mps=5.0, emergency_mps=6.0)
 class Bench:
     """A controller that says the same for ever, and the tap beside it."""
 
-    def __init__(self, folder: Path, status: VobcStatus) -> None:
+    def __init__(self, folder: Path, status: VobcStatus, mode: VobcMode = MODE) -> None:
         self.clock = LockstepClock()
         self.printed = io.StringIO()
         bus = InprocBus("vcan0", BIT_RATE)
         self._port, tap = bus.port("VOBC", frozenset()), bus.port("TAP", None)
-        self._encoder, self._said = Encoder(), (status, MODE, MOTION)
+        self._encoder, self._said = Encoder(), (status, mode, MOTION)
         picture = BusPicture(BIT_RATE)
         console = Console(file=self.printed, width=200)
         self.watch = Watch(
@@ -106,3 +106,20 @@ def test_what_is_shown_names_the_reason_of_an_emergency(tmp_path: Path) -> None:
     bench = Bench(tmp_path, STATUS)
     bench.run(unattended=True)
     assert "EMERGENCY (brake unit)  off" in bench.printed.getvalue()
+
+
+STOPPED = replace(STATUS, supervision=Supervision.NOMINAL, ato_phase=AtoPhase.STOPPED)
+MISALIGNED = replace(MODE, cause=Cause.NONE, doors_withheld=Withheld.MISALIGNED)
+
+
+def test_a_train_that_stopped_where_its_doors_stay_shut_ends_the_run(tmp_path: Path) -> None:
+    bench = Bench(tmp_path, STOPPED, MISALIGNED)
+    reason, at_s = bench.run(unattended=True)
+
+    assert "misaligned" in reason
+    assert at_s == pytest.approx(UNATTENDED_S, abs=1.0)
+    assert "NOMINAL  stopped (doors shut: misaligned)  bus" in bench.printed.getvalue()
+
+
+def test_where_somebody_may_open_them_it_does_not(tmp_path: Path) -> None:
+    assert Bench(tmp_path, STOPPED, MISALIGNED).run(unattended=False) == (DURATION, 100.0)
