@@ -68,6 +68,35 @@ def test_a_missed_stop_within_reach_is_mended_by_one_slow_jog(off_m: float, seed
     assert reverse == {off_m > 0.0}
 
 
+@pytest.mark.parametrize("seed", [1, 2, 3, 4])
+@pytest.mark.parametrize("off_m", [0.0, 0.01, 0.04])
+def test_a_stop_whose_tag_may_be_just_ahead_is_mended_by_going_on_a_little(
+    off_m: float, seed: int
+) -> None:
+    """Protection permits it while the place is known too roughly for doors."""
+    rig = rig_at(3500.0 + off_m, seed=seed)
+    rig.door_permission = False
+    rig.run(lambda rig: rig.front_m > 3500.0 + off_m + 0.02 and rig.held, limit_s=60.0)
+    rig.door_permission, rig.jog_permitted = True, False
+    rig.run(doors_open, limit_s=30.0)
+
+    assert rig.front_m - 3500.0 <= 0.20
+    assert attempts(rig) == 1
+    assert not any(demand.reverse for demand in rig.trace.demands)
+
+
+@pytest.mark.parametrize(("off_m", "back_m", "goes"), [(0.09, 0.0, True), (0.11, 0.0, False)])
+def test_a_tenth_past_the_stop_nothing_goes_on_any_more(
+    off_m: float, back_m: float, goes: bool
+) -> None:
+    rig = rig_at(3500.0 + off_m)
+    rig.door_permission, rig.jog_back_m = False, back_m
+    for _ in range(400):
+        rig.step()
+
+    assert (attempts(rig) > 0) is goes
+
+
 @pytest.mark.parametrize("delay_s", [0.4, 1.0])
 @pytest.mark.parametrize("off_m", [-4.9, -0.6, 0.6, 4.9])
 def test_a_jog_ends_in_the_window_whatever_the_brake_delay(off_m: float, delay_s: float) -> None:

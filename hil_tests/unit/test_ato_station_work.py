@@ -92,7 +92,7 @@ def test_a_start_point_without_dwell_is_passed_and_one_with_dwell_is_served() ->
 
 def test_doors_are_not_asked_to_open_before_protection_enables_them() -> None:
     rig = hop()
-    rig.door_permission = False
+    rig.door_permission = rig.jog_permitted = False
     rig.run(ato_rig.served(1))
     for _ in range(100):
         assert not rig.step().open_doors

@@ -176,6 +176,17 @@ def test_no_jog_makes_an_interval_narrower() -> None:
     assert not Bench().stands(0.25, half_m=1.0).jog_permitted
 
 
+@pytest.mark.parametrize(
+    ("off_m", "permitted"), [(-0.04, True), (0.0, True), (0.04, True), (0.06, False)]
+)
+@pytest.mark.parametrize("seen", [SEEN, replace(SEEN, authority=Authority(1560.0, 1, 1))])
+def test_a_little_past_the_stop_its_tag_may_still_be_ahead(
+    seen: CycleInput, off_m: float, permitted: bool
+) -> None:
+    """Too wide for doors, and nothing has to be free behind."""
+    assert Bench(seen).stands(off_m, half_m=0.31).jog_permitted is permitted
+
+
 @pytest.mark.parametrize(("rear_off_m", "permitted"), [(0.56, False), (0.54, True)])
 def test_a_jog_back_needs_protection_behind_the_rearmost_place_of_the_rear(
     rear_off_m: float, permitted: bool

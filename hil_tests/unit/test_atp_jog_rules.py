@@ -38,6 +38,7 @@ LIMITS: Final = replace(
 MOVED_M: Final = 0.1
 """What counts as a movement, stated here once more."""
 FINEST_M: Final = 0.1
+TAG_AHEAD_M: Final = 0.05
 
 
 def off(best_m: float, half_m: float = 0.0, **changes: Any) -> JogFacts:
@@ -93,8 +94,9 @@ def test_beyond_the_way_of_a_jog_none_begins(best_m: float, far: bool) -> None:
     [
         (math.nextafter(0.25, 1.0), True),
         (0.25, False),
-        (0.0, False),
-        (math.nextafter(0.0, -1.0), True),
+        (math.nextafter(TAG_AHEAD_M, 1.0), False),
+        (TAG_AHEAD_M, True),
+        (0.0, True),
         (-0.25, True),
         (math.nextafter(-0.25, -1.0), True),
     ],
@@ -327,6 +329,19 @@ def test_a_jog_back_is_permitted_if_its_whole_way_is_covered(
     guard.heads_for(STOP_M)
 
     assert guard.step(off(best_m, back_room_m=room_m), standing=True).permitted is permitted
+
+
+def test_a_jog_on_needs_no_room_behind_wherever_it_has_come_to() -> None:
+    guard = JogGuard()
+    guard.heads_for(STOP_M)
+    wide = off(TAG_AHEAD_M, half_m=0.5, back_room_m=-math.inf)
+
+    at_rest = guard.step(wide, standing=True)
+    assert (at_rest.permitted, at_rest.back_m) == (True, 0.0)
+    under_way = replace(wide, standstill=False, best_m=0.25, moved_m=0.25)
+    assert guard.step(under_way, standing=False).permitted
+    stands = off(0.5, back_room_m=-math.inf, attempts=1)
+    assert not guard.step(stands, standing=True).permitted
 
 
 def test_a_jog_ends_when_nobody_heads_for_a_stop_and_its_attempts_stay_counted() -> None:

@@ -34,7 +34,8 @@ AHEAD_STEP_M: Final = 0.1
 AHEAD_GROWS_RATIO: Final = 1.2
 """On the way to the stop the train knows its place less and less well."""
 FINEST_JOG_BACK_M: Final = 0.1
-"""No jog back is worth its while for less. One forward is for any way: it may lead onto a tag."""
+"""No jog back is worth its while for less. One forward is for any way: it may lead onto a tag, also
+from a little past the stopping point."""
 JOG_PAST_M: Final = 0.05
 """Jogs forward aim so far past the stopping point: there the antenna comes to the stop's tag."""
 JOG_BACK_PAST_M: Final = 0.12
@@ -255,11 +256,11 @@ class Ato:
             return False
         if self._jogs >= work.jog_attempts or not self._seen.resting:
             return False
-        if to_stop_m < 0.0:
+        if to_stop_m < -FINEST_JOG_BACK_M:
             back_m = -to_stop_m + JOG_BACK_PAST_M + JOG_SPREAD_M
-            return FINEST_JOG_BACK_M < -to_stop_m <= work.jog_reach_m and back_m <= seen.jog_back_m
-        reachable = seen.authority_end_m >= seen.front_m + to_stop_m
-        return 0.0 < to_stop_m <= work.jog_reach_m and reachable
+            return -to_stop_m <= work.jog_reach_m and back_m <= seen.jog_back_m
+        reachable = seen.authority_end_m >= seen.front_m + max(0.0, to_stop_m)
+        return to_stop_m <= work.jog_reach_m and reachable
 
     def _watch_jog(self, seen: AtoInput) -> None:
         if self.phase is not AtoPhase.JOGGING:
@@ -323,11 +324,11 @@ class Ato:
             self._jogs += 1
             self._jog_s, self._jog_moved = 0.0, False
             stop = self.next_stop
-            self._reverse = stop is not None and stop.stop_m < seen.front_m
-            past_m = JOG_BACK_PAST_M if self._reverse else JOG_PAST_M
-            off_m = 0.0 if stop is None else abs(stop.stop_m - seen.front_m)
-            spare_m = self._config.station.jog_reach_m - JOG_SPREAD_M - off_m
-            self._jog_past_m = min(past_m, max(0.0, spare_m))
+            past_m = 0.0 if stop is None else seen.front_m - stop.stop_m
+            self._reverse = past_m > FINEST_JOG_BACK_M
+            beyond_m = JOG_BACK_PAST_M if self._reverse else JOG_PAST_M + max(0.0, past_m)
+            spare_m = self._config.station.jog_reach_m - JOG_SPREAD_M - abs(past_m)
+            self._jog_past_m = min(beyond_m, max(0.0, spare_m))
             self._slow.begin(0.0)
         elif phase is AtoPhase.CREEPING:
             self._hold = self._hold and before is not AtoPhase.OFF

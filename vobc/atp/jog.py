@@ -14,6 +14,10 @@ FINEST_M: Final = 0.1
 """A jog ends no closer to the stopping point than this; an interval that is too wide to lie in the
 window even then gains nothing by it."""
 
+TAG_AHEAD_M: Final = 0.05
+"""A front that is believed so far past the stopping point at most may still have the stop's tag
+ahead of it: where tags lie and what is believed are off by centimetres."""
+
 
 class JogState(enum.Enum):
     NONE = "nothing to mend"
@@ -73,7 +77,7 @@ def stands_off(seen: JogFacts) -> bool:
         return False
     window_m = seen.limits.door_window_m
     fits = seen.half_width_m + FINEST_M <= window_m
-    return fits or seen.best_m < 0.0 or seen.best_m > window_m
+    return fits or seen.best_m <= TAG_AHEAD_M or seen.best_m > window_m
 
 
 def stands_off_for_the_last_time(seen: JogFacts) -> bool:
@@ -210,7 +214,7 @@ class JogGuard:
         at_work = self.state in (JogState.READY, JogState.UNDER_WAY)
         room_m = back_m(seen)
         return JogVerdict(
-            permitted=at_work and room_m >= seen.best_m,
+            permitted=at_work and (self._began_m <= TAG_AHEAD_M or room_m >= seen.best_m),
             back_m=room_m if at_work else 0.0,
             attempts=self.attempts,
             emergency=emergency,
