@@ -10,11 +10,15 @@ from can_dbc.nodes import Direction
 from can_dbc.odometer import Doppler, Imu, Tacho
 from vobc.odometry.sampling import (
     DRIFT_RATIO,
+    FASTER_NS,
     LATE_NS,
     PACED_FRAMES,
+    READER_LATE_NS,
+    READER_PLAY_NS,
     STAMP_PLAY_MS,
     FrameClock,
     OdometerClocks,
+    ReaderClock,
     SampleClock,
 )
 
@@ -267,3 +271,106 @@ def test_radar_and_accelerometer_have_clocks_of_their_own() -> None:
 
     assert clocks.sampled_ns(radar, 50 * MS, 1) == 50 * MS
     assert clocks.sampled_ns(imu, 80 * MS, 10) == 80 * MS
+
+
+# The tag reader's clock.
+
+READER_PERIOD_MS = 1000.0 * 3600.0
+
+
+def told(clock: ReaderClock, sent_ns: int, late_ns: int, *, starts_ms: float = 0.0) -> int:
+    """What is said of a telegram that is sent at an instant and heard later."""
+    sent_ms = (starts_ms + sent_ns / MS) % READER_PERIOD_MS
+    return clock.late_ns(sent_ns + late_ns, sent_ms)
+
+
+@given(
+    st.lists(
+        st.tuples(st.integers(0, 2_000 * MS), st.integers(0, READER_LATE_NS - 2 * MS)),
+        min_size=1,
+        max_size=100,
+    ),
+    st.floats(0.0, READER_PERIOD_MS, exclude_max=True),
+    st.floats(-1e-4, 1e-4),
+)
+def test_a_telegram_that_waited_is_as_old_as_it_was_sent(
+    steps_ns: list[tuple[int, int]], starts_ms: float, drift: float
+) -> None:
+    """The first one is as fast as any; clocks wrap round and part."""
+    sent_ns, at_ns = [0], 0
+    for step_ns, _ in steps_ns:
+        at_ns += step_ns
+        sent_ns.append(at_ns)
+    heard_ns = in_order(sent_ns, [0, *[late_ns for _, late_ns in steps_ns]])
+    assume(all(h - s < READER_LATE_NS - 2 * MS for s, h in zip(sent_ns, heard_ns, strict=True)))
+    clock = ReaderClock(READER_PERIOD_MS)
+
+    for send_ns, hear_ns in zip(sent_ns, heard_ns, strict=True):
+        sent_ms = (starts_ms + send_ns / MS * (1.0 + drift)) % READER_PERIOD_MS
+        late_ns = clock.late_ns(hear_ns, sent_ms)
+
+        assert late_ns >= 0
+        allowed_ns = READER_PLAY_NS + MS + (abs(drift) + DRIFT_RATIO) * hear_ns
+        assert abs(hear_ns - late_ns - send_ns) <= allowed_ns
+
+
+def test_a_first_one_that_waited_itself_is_found_out_by_the_next_that_did_not() -> None:
+    clock = ReaderClock(READER_PERIOD_MS)
+
+    assert told(clock, 0, 80 * MS) == 0
+    assert told(clock, 500 * MS, 80 * MS) == 0
+    assert told(clock, 1000 * MS, 10 * MS) == 0
+    assert told(clock, 1500 * MS, 80 * MS) == pytest.approx(70 * MS, abs=0.2 * MS)
+
+
+@pytest.mark.parametrize(
+    ("late_ns", "said_ns", "again_ns"),
+    [
+        (READER_PLAY_NS, 0, 0),
+        (READER_PLAY_NS + 1, READER_PLAY_NS + 1, 0),
+        (READER_LATE_NS, READER_LATE_NS, READER_LATE_NS),
+        (READER_LATE_NS + 1, 0, 0),
+    ],
+)
+def test_what_is_told_apart_and_what_another_clock_says(
+    late_ns: int, said_ns: int, again_ns: int
+) -> None:
+    """Two telegrams leave at one instant by the reader's clock; its drift is allowed for."""
+    clock = ReaderClock(READER_PERIOD_MS)
+    clock.late_ns(0, 7.0)
+    heard_ns = late_ns
+    while heard_ns - int(DRIFT_RATIO * heard_ns) < late_ns:
+        heard_ns += 1
+
+    assert clock.late_ns(heard_ns, 7.0) == said_ns
+    # Where it began anew, that telegram is the one that the next is compared with.
+    assert clock.late_ns(heard_ns + 300 * MS, 307.0) == pytest.approx(again_ns, abs=0.1 * MS)
+
+
+@pytest.mark.parametrize(("early_ns", "anew"), [(FASTER_NS, False), (FASTER_NS + MS, True)])
+def test_one_that_comes_too_early_tells_of_another_clock(early_ns: int, *, anew: bool) -> None:
+    """Faster by no more than that it only shows how late the first one was."""
+    clock = ReaderClock(READER_PERIOD_MS)
+    clock.late_ns(2 * FASTER_NS, 0.0)
+    clock.late_ns(2 * FASTER_NS, early_ns / MS)
+
+    late_ns = clock.late_ns(2 * FASTER_NS + 20 * MS, early_ns / MS)
+    assert late_ns == pytest.approx(20 * MS, abs=MS)
+    back_ns = clock.late_ns(2 * FASTER_NS + 20 * MS, READER_PERIOD_MS - 1.0)
+    assert back_ns == 0
+
+
+def test_a_board_whose_clock_is_set_back_learns_anew() -> None:
+    clock = ReaderClock(READER_PERIOD_MS)
+    clock.late_ns(900 * MS, 100.0)
+
+    assert clock.late_ns(899 * MS, 600.0) == 0
+    assert clock.late_ns(1429 * MS, 1100.0) == pytest.approx(30 * MS, abs=MS)
+
+
+def test_the_reader_s_clock_comes_round() -> None:
+    clock = ReaderClock(READER_PERIOD_MS)
+    starts_ms = READER_PERIOD_MS - 100.0
+
+    assert told(clock, 0, 0, starts_ms=starts_ms) == 0
+    assert told(clock, 500 * MS, 60 * MS, starts_ms=starts_ms) == pytest.approx(60 * MS, abs=MS)

@@ -371,6 +371,49 @@ def test_a_telegram_becomes_a_reading_with_its_age_at_the_antenna() -> None:
     assert inbox.image(161 * MS, dt_s=0.05, overruns=0).tags == ()
 
 
+def sent(sequence: int, at_ms: float, fetched_ms: int) -> SerialChunk:
+    """A sign of life that leaves the reader at an instant, and the line when somebody asks."""
+    data = encode(HealthTelegram(sequence % 256, at_ms, True, 0, 0, 0))
+    return SerialChunk(fetched_ms * MS, data)
+
+
+@pytest.mark.parametrize("first_ms", [100, 160])
+def test_a_telegram_that_waited_on_the_line_is_as_old_as_the_reader_s_clock_says(
+    first_ms: int,
+) -> None:
+    """Any telegram that was fetched at once shows how late the others were."""
+    inbox = Inbox(link())
+    tag = TagTelegram(3, 301, TagKind.T1, stamp_ms=1070.0, sent_ms=1100.0, pulses=4711)
+
+    inbox.take_serial([sent(1, 0.0, first_ms), sent(2, 500.0, 600)])
+    inbox.take_serial([SerialChunk(1290 * MS, encode(tag))])
+    (reading,) = inbox.image(1300 * MS, dt_s=0.1, overruns=0).tags
+
+    assert reading.age_s == pytest.approx(0.030 + 0.002 + 0.100, abs=0.001)
+    evidence = inbox.evidence(Source.TAG)
+    assert evidence is not None
+    assert evidence.heard_ns == pytest.approx(1200 * MS, abs=MS)
+
+
+def test_a_reader_that_started_anew_has_another_clock() -> None:
+    inbox = Inbox(link())
+    tag = TagTelegram(0, 301, TagKind.T1, stamp_ms=570.0, sent_ms=600.0, pulses=4711)
+
+    inbox.take_serial([sent(200, 0.0, 100)])
+    inbox.take_serial([SerialChunk(900 * MS, encode(tag))])
+    (reading,) = inbox.image(900 * MS, dt_s=0.1, overruns=0).tags
+    assert reading.age_s == pytest.approx(0.030 + 0.002 + 0.200, abs=0.001), "in sequence"
+
+    inbox.take_serial([SerialChunk(1400 * MS, encode(replace(tag, sequence=100, sent_ms=800.0)))])
+    (reading,) = inbox.image(1400 * MS, dt_s=0.1, overruns=0).tags
+    assert reading.age_s == pytest.approx(0.230 + 0.002 + 0.500, abs=0.001), "in sequence"
+
+    anew = replace(tag, sequence=90, stamp_ms=1170.0, sent_ms=1200.0)
+    inbox.take_serial([SerialChunk(2100 * MS, encode(anew))])
+    (reading,) = inbox.image(2100 * MS, dt_s=0.1, overruns=0).tags
+    assert reading.age_s == pytest.approx(0.030 + 0.002, abs=0.001), "back in the sequence"
+
+
 def test_a_telegram_that_the_next_one_closes_is_as_old_as_its_first_byte() -> None:
     """Frames may share a flag; the next one comes half a second later."""
     inbox = Inbox(link())

@@ -28,6 +28,10 @@ PACED_FRAMES: Final = 5
 """After a silence that the counter cannot measure so many frames have to come in step."""
 PACE_NS: Final = 10_000_000
 """What comes faster than it was sent by more than this comes out of a queue."""
+READER_PLAY_NS: Final = 5_000_000
+"""Telegrams differ in length, and a stamp is not known better."""
+READER_LATE_NS: Final = 1_000_000_000
+"""By no more a telegram of the tag reader is held up; beyond, its clock is another one."""
 NS_PER_MS: Final = 1_000_000
 S_PER_NS: Final = 1e-9
 STEADY_S: Final = 0.1
@@ -181,6 +185,45 @@ class SampleClock(FrameClock):
             self._begin(heard_ns, counter)
             return heard_ns
         return self._follow(heard_ns, counter, (counted_ms + play_ms) * NS_PER_MS)
+
+
+class ReaderClock:
+    """Follows the tag reader's clock, which every telegram tells.
+
+    A serial line says only when it was asked, and bytes wait there for the next cycle, or for a
+    process that is held up. Of all telegrams the one that came through fastest shows how far the
+    two clocks are apart; every other one was sent as much earlier as it came later.
+    """
+
+    __slots__ = ("_begun", "_heard_ns", "_offset_ns", "_period_ns", "_reader_ns", "_sent_ns")
+
+    def __init__(self, period_ms: float) -> None:
+        """Args: period_ms: after so long the reader's clock begins at 0 again."""
+        self._period_ns = round(period_ms * NS_PER_MS)
+        self._begun = False
+        self._heard_ns = self._sent_ns = self._reader_ns = self._offset_ns = 0
+
+    def late_ns(self, heard_ns: int, sent_ms: float) -> int:
+        """How much later than the fastest one a telegram came; 0 within what is not told apart."""
+        sent_ns = round(sent_ms * NS_PER_MS)
+        if not self._begun or heard_ns < self._heard_ns:
+            return self._begin(heard_ns, sent_ns)
+        self._reader_ns += (sent_ns - self._sent_ns) % self._period_ns
+        offset_ns = self._offset_ns + int(DRIFT_RATIO * (heard_ns - self._heard_ns))
+        self._heard_ns, self._sent_ns = heard_ns, sent_ns
+        apart_ns = heard_ns - self._reader_ns
+        late_ns = apart_ns - offset_ns
+        if not -FASTER_NS <= late_ns <= READER_LATE_NS:
+            return self._begin(heard_ns, sent_ns)
+        self._offset_ns = min(apart_ns, offset_ns)
+        return late_ns if late_ns > READER_PLAY_NS else 0
+
+    def _begin(self, heard_ns: int, sent_ns: int) -> int:
+        """The reader's time counts from here; this telegram is taken for prompt."""
+        self._begun = True
+        self._heard_ns = self._offset_ns = heard_ns
+        self._sent_ns, self._reader_ns = sent_ns, 0
+        return 0
 
 
 class OdometerClocks:

@@ -17,13 +17,14 @@ from can_dbc.tags import TagReaderHealth
 from can_dbc.traction import TractionStatus
 from firmware_py.ports import CanFrame, SerialChunk
 from firmware_py.tag_reader.telegram import (
+    CLOCK_PERIOD_MS,
     HEALTH_PERIOD_S,
     HealthTelegram,
     TagTelegram,
     TelegramParser,
     encode,
 )
-from vobc.odometry.sampling import OdometerClocks
+from vobc.odometry.sampling import OdometerClocks, ReaderClock
 from vobc.vocabulary import (
     NEVER_S,
     CycleInput,
@@ -75,7 +76,8 @@ class Inbox:
         """When what the parser holds back began on the line."""
         self._reader_ns = 0
         """When the tag reader was heard last."""
-        self._gaps = 0
+        self._gaps = self._jumps = 0
+        self._reader_clock = ReaderClock(CLOCK_PERIOD_MS)
         self._tag_gap = False
         self._radio = radio
         self._latest: dict[type, tuple[Any, int, CanFrame]] = {}
@@ -139,9 +141,11 @@ class Inbox:
         for chunk in chunks:
             begun_ns = self._begun_ns if self._parser.pending_bytes else chunk.stamp_ns
             for heard in self._parser.feed(chunk.data):
-                if isinstance(heard, TagTelegram):
-                    self._tags.append((heard, min(chunk.stamp_ns, begun_ns + TELEGRAM_LINE_NS)))
                 if isinstance(heard, TagTelegram | HealthTelegram):
+                    came_ns = min(chunk.stamp_ns, begun_ns + TELEGRAM_LINE_NS)
+                    came_ns -= self._late_ns(came_ns, heard.sent_ms)
+                    if isinstance(heard, TagTelegram):
+                        self._tags.append((heard, came_ns))
                     self._watch_silence(chunk.stamp_ns)
                 begun_ns = chunk.stamp_ns
             self._begun_ns = begun_ns
@@ -152,6 +156,13 @@ class Inbox:
         if self._parser.gaps != self._gaps:
             self._gaps = self._parser.gaps
             self._tag_gap = True
+
+    def _late_ns(self, came_ns: int, sent_ms: float) -> int:
+        """How long a telegram waited to be fetched; one that started anew has another clock."""
+        if self._parser.jumps != self._jumps:
+            self._jumps = self._parser.jumps
+            self._reader_clock = ReaderClock(CLOCK_PERIOD_MS)
+        return self._reader_clock.late_ns(came_ns, sent_ms)
 
     def _watch_silence(self, stamp_ns: int) -> None:
         """Over a long one the sequence may have come round to where it was."""
