@@ -3,6 +3,7 @@
 import itertools
 from collections.abc import Sequence
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -82,3 +83,33 @@ def test_a_chain_reaches_as_far_as_trains_stand_on_joints_either_way() -> None:
     assert all_explained(sections, standing, **middle)
     assert not all_explained([*sections[:-1], more], standing, **middle), "19 axles are not 18"
     assert not all_explained(sections, standing[1:], **middle), "one at the rear is not told of"
+
+
+@pytest.mark.parametrize(
+    ("sections", "standing", "between_m"),
+    [
+        # It ends where the first of them begins: the axles behind are no concern of theirs.
+        (
+            [Counted(0.0, 2.0, True, 4), Counted(2.0, 4.0, False, 0)],
+            [Standing(0.0, 2.0, 2)],
+            (2.0, 4.0),
+        ),
+        # Behind a section that says that it is free stands the last one that is found.
+        (
+            [
+                Counted(0.0, 2.0, True, 2),
+                Counted(2.0, 4.0, False, 0),
+                Counted(4.0, 6.0, True, 2),
+                Counted(6.0, 8.0, True, 2),
+            ],
+            [Standing(0.5, 2.5, 2), Standing(3.5, 5.5, 2), Standing(5.5, 6.5, 2)],
+            (4.5, 5.5),
+        ),
+    ],
+)
+def test_in_whatever_order_they_are_found_all_axles_are_theirs(
+    sections: list[Counted], standing: list[Standing], between_m: tuple[float, float]
+) -> None:
+    from_m, to_m = between_m
+    assert step_by_step(sections, standing, from_m, to_m)
+    assert all_explained(sections, standing, from_m=from_m, to_m=to_m)

@@ -10,11 +10,8 @@ from can_dbc.nodes import Direction
 from can_dbc.odometer import Doppler, Imu, Tacho
 from vobc.odometry.sampling import (
     DRIFT_RATIO,
-    FASTER_NS,
     LATE_NS,
     PACED_FRAMES,
-    READER_LATE_NS,
-    READER_PLAY_NS,
     STAMP_PLAY_MS,
     FrameClock,
     OdometerClocks,
@@ -276,6 +273,8 @@ def test_radar_and_accelerometer_have_clocks_of_their_own() -> None:
 # The tag reader's clock.
 
 READER_PERIOD_MS = 1000.0 * 3600.0
+READER_PLAY_NS = 5 * MS
+READER_LATE_NS = 1000 * MS
 
 
 def told(clock: ReaderClock, sent_ns: int, late_ns: int, *, starts_ms: float = 0.0) -> int:
@@ -347,17 +346,15 @@ def test_what_is_told_apart_and_what_another_clock_says(
     assert clock.late_ns(heard_ns + 300 * MS, 307.0) == pytest.approx(again_ns, abs=0.1 * MS)
 
 
-@pytest.mark.parametrize(("early_ns", "anew"), [(FASTER_NS, False), (FASTER_NS + MS, True)])
-def test_one_that_comes_too_early_tells_of_another_clock(early_ns: int, *, anew: bool) -> None:
-    """Faster by no more than that it only shows how late the first one was."""
+@pytest.mark.parametrize("early_ms", [1.0, 999.0, 5000.0, READER_PERIOD_MS - 20.0])
+def test_one_that_comes_too_early_is_what_the_next_are_compared_with(early_ms: float) -> None:
+    """The first one was late, or the reader started anew."""
     clock = ReaderClock(READER_PERIOD_MS)
-    clock.late_ns(2 * FASTER_NS, 0.0)
-    clock.late_ns(2 * FASTER_NS, early_ns / MS)
+    clock.late_ns(2000 * MS, 7.0)
 
-    late_ns = clock.late_ns(2 * FASTER_NS + 20 * MS, early_ns / MS)
+    assert clock.late_ns(2000 * MS, (7.0 + early_ms) % READER_PERIOD_MS) == 0
+    late_ns = clock.late_ns(2020 * MS, (7.0 + early_ms) % READER_PERIOD_MS)
     assert late_ns == pytest.approx(20 * MS, abs=MS)
-    back_ns = clock.late_ns(2 * FASTER_NS + 20 * MS, READER_PERIOD_MS - 1.0)
-    assert back_ns == 0
 
 
 def test_a_board_whose_clock_is_set_back_learns_anew() -> None:

@@ -195,35 +195,33 @@ class ReaderClock:
     two clocks are apart; every other one was sent as much earlier as it came later.
     """
 
-    __slots__ = ("_begun", "_heard_ns", "_offset_ns", "_period_ns", "_reader_ns", "_sent_ns")
+    __slots__ = ("_fastest", "_period_ns", "_reader_ns", "_sent_ns")
 
     def __init__(self, period_ms: float) -> None:
         """Args: period_ms: after so long the reader's clock begins at 0 again."""
         self._period_ns = round(period_ms * NS_PER_MS)
-        self._begun = False
-        self._heard_ns = self._sent_ns = self._reader_ns = self._offset_ns = 0
+        self._reader_ns = self._sent_ns = 0
+        self._fastest: tuple[int, int] | None = None
+        """When the last telegram was heard, and how far the clocks are apart by the fastest."""
 
     def late_ns(self, heard_ns: int, sent_ms: float) -> int:
-        """How much later than the fastest one a telegram came; 0 within what is not told apart."""
-        sent_ns = round(sent_ms * NS_PER_MS)
-        if not self._begun or heard_ns < self._heard_ns:
-            return self._begin(heard_ns, sent_ns)
-        self._reader_ns += (sent_ns - self._sent_ns) % self._period_ns
-        offset_ns = self._offset_ns + int(DRIFT_RATIO * (heard_ns - self._heard_ns))
-        self._heard_ns, self._sent_ns = heard_ns, sent_ns
-        apart_ns = heard_ns - self._reader_ns
-        late_ns = apart_ns - offset_ns
-        if not -FASTER_NS <= late_ns <= READER_LATE_NS:
-            return self._begin(heard_ns, sent_ns)
-        self._offset_ns = min(apart_ns, offset_ns)
-        return late_ns if late_ns > READER_PLAY_NS else 0
+        """How much later than the fastest one a telegram came; 0 within what is not told apart.
 
-    def _begin(self, heard_ns: int, sent_ns: int) -> int:
-        """The reader's time counts from here; this telegram is taken for prompt."""
-        self._begun = True
-        self._heard_ns = self._offset_ns = heard_ns
-        self._sent_ns, self._reader_ns = sent_ns, 0
-        return 0
+        One that seems to have come through faster than any, be it for a clock that was set, is what
+        the next are compared with; so is one that is too late to be of the same clock.
+        """
+        sent_ns = round(sent_ms * NS_PER_MS)
+        self._reader_ns += (sent_ns - self._sent_ns) % self._period_ns
+        self._sent_ns = sent_ns
+        apart_ns = offset_ns = heard_ns - self._reader_ns
+        if self._fastest is not None:
+            before_ns, fastest_ns = self._fastest
+            drifted_ns = fastest_ns + int(DRIFT_RATIO * (heard_ns - before_ns))
+            if apart_ns <= drifted_ns + READER_LATE_NS:
+                offset_ns = min(apart_ns, drifted_ns)
+        self._fastest = heard_ns, offset_ns
+        late_ns = apart_ns - offset_ns
+        return late_ns if late_ns > READER_PLAY_NS else 0
 
 
 class OdometerClocks:
