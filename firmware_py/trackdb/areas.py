@@ -3,7 +3,6 @@
 import enum
 import itertools
 import math
-from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -110,8 +109,10 @@ class AreaMap:
 
     def area_at(self, at_m: float) -> Area:
         """The one that owns this metre; before and behind the line, the nearest."""
-        starts_m = [each.start_m for each in self.areas]
-        return self.areas[max(0, bisect_right(starts_m, at_m) - 1)]
+        for each in reversed(self.areas):
+            if each.start_m <= at_m:
+                return each
+        return self.areas[0]
 
     def following(self, number: int) -> Area | None:
         """The area that begins where this one ends; None at the end of the line."""

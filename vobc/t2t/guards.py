@@ -69,7 +69,7 @@ def latent_authority_m(seen: Latency) -> float:
     """A shorter authority binds at once, but the train still has to stop for it."""
     still_m = min(seen.before_m, seen.reach_m)
     held_m = seen.front_max_m if seen.held_end_m is None else seen.held_end_m
-    return max(held_m, still_m, seen.front_max_m)
+    return max(max(held_m, still_m), seen.front_max_m)
 
 
 @dataclasses.dataclass(frozen=True, slots=True)

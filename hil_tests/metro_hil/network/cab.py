@@ -81,14 +81,18 @@ class Cab:
         for grant in grants:
             if grant not in before:
                 self._net.trace.note(int(grant.end_m * 1000.0))
-                self._net.say(
-                    f"train {address}",
-                    f"may go to {grant.end_m:.2f} m: term {grant.term}, area {grant.area}, from "
-                    f"{grant.issuer}",
-                )
+                if self._net.tell is not None:
+                    self._tell(grant)
                 self._checker.accepted(address, grant, now_ns, whole=self.listener is None)
                 if self.listener is not None:
                     self.listener.holds(address, grant)
+
+    def _tell(self, grant: Grant) -> None:
+        self._net.say(
+            f"train {self._train.address}",
+            f"may go to {grant.end_m:.2f} m: term {grant.term}, area {grant.area}, from "
+            f"{grant.issuer}",
+        )
 
 
 class Driver:

@@ -143,8 +143,13 @@ class Checker:
 
     def granted_m(self, train: TrueTrain) -> float:
         """As far as its front may come by what it holds."""
-        grants = self.held.get(train.address, {})
-        return min([each.end_m for each in grants.values()], default=-math.inf)
+        grants = self.held.get(train.address)
+        if not grants:
+            return -math.inf
+        end_m = math.inf
+        for grant in grants.values():
+            end_m = min(end_m, grant.end_m)
+        return end_m
 
     def hindmost_m(self, train: TrueTrain) -> float:
         """As far back as its rear may come: by a jog that it is allowed, and then by all that it

@@ -1,4 +1,7 @@
-"""The monotonic clock of one node: it starts anywhere, drifts, and may be stepped."""
+"""The monotonic clock of one node: it starts anywhere, drifts, and may be stepped.
+
+What is multiplied stays below 2**31, as products of more are made of objects in compiled code.
+"""
 
 from typing import Final
 
@@ -16,11 +19,15 @@ class NodeClock:
 
     def local_ns(self, true_ns: int) -> int:
         """What the node reads at a true instant."""
-        return self._local_ns + (true_ns - self._true_ns) * self._rate // MILLION
+        since_ns = true_ns - self._true_ns
+        whole, rest = since_ns // MILLION, since_ns % MILLION
+        return self._local_ns + whole * self._rate + rest * self._rate // MILLION
 
     def true_ns(self, local_ns: int) -> int:
         """The first true instant at which the node reads so much or more."""
-        return self._true_ns + -((self._local_ns - local_ns) * MILLION // self._rate)
+        until_ns = self._local_ns - local_ns
+        whole, rest = until_ns // self._rate, until_ns % self._rate
+        return self._true_ns - (whole * MILLION + rest * MILLION // self._rate)
 
     def drift(self, true_ns: int, drift_ppm: int) -> None:
         """From now on it gains so many parts in a million; what it reads now stays."""

@@ -4,7 +4,7 @@ import dataclasses
 import enum
 import itertools
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, Final
 
 from vobc.t2t.guards import TrainGuards
@@ -35,48 +35,65 @@ KINDS: Final[dict[type[T2tMessage], tuple[str, type[enum.IntEnum]]]] = {
     RemovalAnswer: ("state", RemovalState),
 }
 """Messages of which each kind counts by itself."""
+PLAIN: Final = {kind: kind.__name__ for kind in T2T_TYPES if kind not in KINDS}
+NAMES: Final = {
+    (kind, value): f"{kind.__name__} {value.name}"
+    for kind, (_, values) in KINDS.items()
+    for value in values
+}
+"""Of those, by type and kind."""
 FORMULAS: Final = frozenset({"latent_authority_m", "unused_term", "granted_until_ns"})
 """Among the guards, but not true or false."""
 
 
-def counted(guards: Any, counts: Counter[str]) -> Any:
-    """The same guards; each answer of each is counted."""
+def counted(guards: Any, counting: "list[Counting]") -> Any:
+    """The same guards; each counts its answers, and is added to the list."""
     changed: dict[str, Any] = {}
     for each in dataclasses.fields(guards):
         value = getattr(guards, each.name)
         if dataclasses.is_dataclass(value):
-            changed[each.name] = counted(value, counts)
+            changed[each.name] = counted(value, counting)
         elif each.name not in FORMULAS:
-            changed[each.name] = _Counting(value, each.name, counts)
+            changed[each.name] = Counting(value, each.name)
+            counting.append(changed[each.name])
     return dataclasses.replace(guards, **changed)
 
 
-class _Counting:
-    __slots__ = ("_call", "_counts", "_names")
+class Counting:
+    """A guard, and what it answered so far."""
 
-    def __init__(self, call: Callable[[Any], bool], name: str, counts: Counter[str]) -> None:
-        self._call, self._counts = call, counts
-        self._names = (f"guard {name}: no", f"guard {name}: yes")
+    __slots__ = ("_call", "name", "no", "yes")
+
+    def __init__(self, call: Callable[[Any], bool], name: str) -> None:
+        self._call, self.name = call, name
+        self.no = self.yes = 0
 
     def __call__(self, seen: Any) -> bool:
         answer = self._call(seen)
-        self._counts[self._names[1 if answer else 0]] += 1
+        if answer:
+            self.yes += 1
+        else:
+            self.no += 1
         return answer
+
+
+def answers(counting: Sequence[Counting]) -> Counter[str]:
+    """What guards have answered, by name; those of one name together."""
+    counts = Counter[str]()
+    for each in counting:
+        counts.update({f"guard {each.name}: no": each.no, f"guard {each.name}: yes": each.yes})
+    return +counts
 
 
 def told_kinds(messages: Iterable[T2tMessage], counts: Counter[str]) -> None:
     """Count what is said, by kind."""
     for message in messages:
-        counts[_kind(message)] += 1
-
-
-def _kind(message: T2tMessage) -> str:
-    kind = type(message)
-    finer = KINDS.get(kind)
-    if finer is None:
-        return kind.__name__
-    value: enum.IntEnum = getattr(message, finer[0])
-    return f"{kind.__name__} {value.name}"
+        kind = type(message)
+        finer = KINDS.get(kind)
+        if finer is None:
+            counts[PLAIN[kind]] += 1
+        else:
+            counts[NAMES[kind, getattr(message, finer[0])]] += 1
 
 
 def never(counts: Counter[str]) -> list[str]:

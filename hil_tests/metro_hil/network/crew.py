@@ -8,7 +8,7 @@ from typing import Any, Final, Protocol
 from firmware_py.trackdb.areas import AreaMap
 from metro_hil.network.cab import Protocolled
 from metro_hil.network.checker import Rules
-from metro_hil.network.coverage import counted, told_kinds
+from metro_hil.network.coverage import Counting, answers, counted, told_kinds
 from metro_hil.network.ground import Grant, Reading
 from metro_hil.network.node import NEVER, Letter, Machine, Turn
 from metro_hil.network.orders import Desk, Order
@@ -213,7 +213,7 @@ class ArbiterNode:
         stepped = self._core.step(now_ns, tuple(heard))
         if stepped.memory is not None:
             self._keep = stepped.memory
-        told_kinds(stepped.out, self._crew.covered)
+        told_kinds(stepped.out, self._crew.said)
         letters = self._routes.letters(stepped.out)
         self._crew.answered(self._address, heard, letters)
         return Turn(letters, self._keep, NEVER)
@@ -286,7 +286,7 @@ class WaysideNode:
             out += self.status.step(now_ns, beats, axles=self._track.axles())
         out += self._desk.says(self._crew.orders, now_ns)
         self._crew.orders = [order for order in self._crew.orders if order.left > 0]
-        told_kinds(out, self._crew.covered)
+        told_kinds(out, self._crew.said)
         return Turn(
             self._routes.letters(out),
             self._keep,
@@ -306,8 +306,10 @@ class T2tCrew:
 
     def __init__(self, cast: Cast, seed: int) -> None:
         self.cast, self._seed = cast, seed
-        self.covered = Counter[str]()
-        self._guards = counted(cast.guards.train, self.covered)
+        self.said = Counter[str]()
+        """What of the protocol nodes said and went through, by name, but for guards."""
+        self._counting: list[Counting] = []
+        self._guards = counted(cast.guards.train, self._counting)
         self.rules = Rules(
             age_max_ns=cast.config.timers.authority_ms * NS_PER_MS,
             roll_back_m=cast.config.rollback_m,
@@ -325,6 +327,11 @@ class T2tCrew:
         self.answered: Callable[[int, Sequence[Any], Sequence[Letter]], None] = lambda *_: None
         """Told what an arbiter read, and what it says to that."""
 
+    @property
+    def covered(self) -> Counter[str]:
+        """What of the protocol was gone through so far, by name."""
+        return self.said + answers(self._counting)
+
     def constants(self) -> dict[str, object]:
         """Parts that never change while all runs, by name."""
         guards = self._guards
@@ -334,7 +341,7 @@ class T2tCrew:
             "config": self.cast.config,
             "timers": self.cast.config.timers,
             "routes": self._routes,
-            "covered": self.covered,
+            "said": self.said,
             "rules": self.rules,
             "guards": guards,
             "guards of members": guards.member,
@@ -357,7 +364,7 @@ class T2tCrew:
             seed=self._seed ^ (node.address << 8) ^ node.boots,
             guards=self._guards,
         )
-        return TrainNode(core, memory, self._routes, self.covered, self.rules.age_max_ns, node)
+        return TrainNode(core, memory, self._routes, self.said, self.rules.age_max_ns, node)
 
     def installed(self, address: int) -> object:
         if address in self.cast.config.arbiters:

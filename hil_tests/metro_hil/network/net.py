@@ -54,6 +54,8 @@ class Network:
         self._heap: list[tuple[int, int, Callable[[Any], None], Any]] = []
         self._number = 0
         self._draw = self.random.random
+        self._delivers: Callable[[Any], None] = self._deliver
+        self._wakes: Callable[[Any], None] = self._wake
         self._meddler: Meddler | None = None
 
     @property
@@ -168,11 +170,11 @@ class Network:
                 kept, link.kept = link.kept, []
                 at_ns = self.now_ns + link.weather.delay_ns
                 for payload in kept:
-                    self.at(at_ns, self._deliver, (self.nodes[target], payload))
+                    self.at(at_ns, self._delivers, (self.nodes[target], payload))
 
     def deliver(self, target: int, message: Any) -> None:
         """A message from nowhere, for directed scenarios."""
-        self.at(self.now_ns, self._deliver, (self.nodes[target], message))
+        self.at(self.now_ns, self._delivers, (self.nodes[target], message))
 
     def weather(self, links: Iterable[Link], weather: Weather) -> None:
         for link in links:
@@ -192,7 +194,7 @@ class Network:
         if at_ns < node.wake_ns:
             node.wake_ns = at_ns
             self._number += 1
-            heappush(self._heap, (at_ns, self._number, self._wake, node))
+            heappush(self._heap, (at_ns, self._number, self._wakes, node))
 
     def _wake(self, node: Node) -> None:
         if node.wake_ns != self.now_ns or node.machine is None:
@@ -272,7 +274,7 @@ class Network:
                     weather = link.weather
                     self._number += 1
                     at_ns = self.now_ns + weather.delay_ns + int(self._draw() * weather.spread_ns)
-                    heappush(self._heap, (at_ns, self._number, self._deliver, (receiver, payload)))
+                    heappush(self._heap, (at_ns, self._number, self._delivers, (receiver, payload)))
                 else:
                     self._send_foul(link, payload)
 
@@ -284,7 +286,7 @@ class Network:
                 self.lost += 1
                 return
             if by_ns:
-                self.at(self.now_ns + by_ns, self._deliver, (receiver, payload))
+                self.at(self.now_ns + by_ns, self._delivers, (receiver, payload))
                 return
         if draw() < weather.loss_share:
             self.lost += 1
@@ -304,7 +306,7 @@ class Network:
             at_ns = self.now_ns + weather.delay_ns + int(draw() * weather.spread_ns)
             if draw() < weather.late_share:
                 at_ns += int(draw() * weather.late_ns)
-            self.at(at_ns, self._deliver, (receiver, copy))
+            self.at(at_ns, self._delivers, (receiver, copy))
 
     def _flipped(self, payload: bytes) -> bytes:
         damaged = bytearray(payload)
@@ -334,4 +336,4 @@ class Network:
             if at_ns < node.wake_ns:
                 node.wake_ns = at_ns
                 self._number += 1
-                heappush(self._heap, (at_ns, self._number, self._wake, node))
+                heappush(self._heap, (at_ns, self._number, self._wakes, node))

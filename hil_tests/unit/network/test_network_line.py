@@ -115,7 +115,7 @@ def test_what_is_gone_through_is_named_and_what_is_not_is_known() -> None:
 def test_whoever_leaves_an_area_behind_is_outside_of_it() -> None:
     scene = Scene(Plot({1: 1900.0}, areas=2))
     scene.settle()
-    covered = scene.world.t2t.covered
+    covered = scene.world.t2t.said
     assert (covered["from outside to applicant"], covered["role outside"]) == (2, 0)
 
     scene.run(60.0)
