@@ -120,6 +120,15 @@ class Driver:
         self._speed_max_mps = speed_max_mps
         self._age_max_ns = checker.rules.age_max_ns
 
+    def begins_anew(self) -> None:
+        """A new life goes by nothing of what its former one held: it brakes from its first output
+        on, before it says how far that lets it come.
+        """
+        self._checker.gave_up(self.train.address)
+        if self.train.on_line and not self.train.shunts:
+            self.train.motion.advance(self._net.now_ns)
+            self._trip(self._net.now_ns, "begins anew")
+
     def cycle(self, _: object) -> None:
         """Brings the motion forward, looks, and says what the train does until the next one."""
         net, train = self._net, self.train
@@ -146,7 +155,6 @@ class Driver:
             self._trip(now_ns, "has no authority" if train.localised else "is lost")
             machine = self._node.machine
             if machine is None or (isinstance(machine, Cab) and not machine.grants):
-                # A new life goes by nothing of what its former one held.
                 self._checker.gave_up(train.address)
             return
         end_m = min(grant.end_m for grant in grants)

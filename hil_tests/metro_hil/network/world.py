@@ -83,6 +83,7 @@ class World:
             self.net.boot(address)
 
     def _start_train(self, node: Node, now_ns: int) -> Machine:
+        self.drivers[node.address].begins_anew()
         protocol = self.crew.train(node, now_ns)
         return Cab(protocol, self.trains[node.address], self.net, self.checker)
 

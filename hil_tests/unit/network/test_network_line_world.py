@@ -133,6 +133,29 @@ def test_one_jog_takes_the_place_of_another_that_was_not_over() -> None:
         assert 0.0 < motion.jogged_m == motion.back_m <= scene.world.checker.rules.jog_m
 
 
+@pytest.mark.parametrize("shunts", [False, True])
+def test_a_new_life_brakes_from_its_first_output_and_goes_by_nothing_that_was_held(
+    shunts: bool,
+) -> None:
+    """Its brake once waited for up to a control cycle, while it said how far it comes with it, and
+    an object was released 190 m ahead of it: within what its former life held (seed 60368)."""
+    scene = Scene(Plot({1: 200.0, 2: 1500.0}))
+    scene.settle()
+    scene.run(5.0)
+    train, checker = scene.world.trains[1], scene.world.checker
+    train.shunts = shunts
+    assert train.motion.speed_mps > 1.0
+    assert checker.held[1]
+
+    scene.net.kill(1)
+    assert checker.held[1]
+    scene.net.boot(1)
+
+    assert not checker.held.get(1)
+    assert train.motion.emergency is not shunts
+    assert checker.reach_m(train) == train.motion.farthest_m
+
+
 @pytest.mark.parametrize("kind", [*OrderKind, None])
 def test_where_nobody_commands_only_the_order_back_into_service_is_said(
     kind: OrderKind | None,
