@@ -9,6 +9,7 @@ MUTATE_ARGS ?=
 FUZZ_ARGS ?=
 SIMULATE_ARGS ?= --hours 10000 --workers 2 --journal runs/simulate.jsonl
 EXPLORE_ARGS ?=
+COMPILED_ARGS ?=
 PYTHON ?=
 
 # Images for containers often forbid bytecode; without it each of the hundreds of programs that tests
@@ -136,8 +137,8 @@ format: $(READY_TO_TEST) ## let ruff format and mend what it can
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 
-compiled: $(READY_TO_TEST) ## copy of the programs with compiled hot modules, in .compiled
-	$(BIN)/python -m metro_tools.compiled
+compiled: $(READY_TO_TEST) ## copy of the programs with compiled hot modules, in .compiled; COMPILED_ARGS=--trained
+	$(BIN)/python -m metro_tools.compiled $(COMPILED_ARGS)
 
 clean: ## remove caches and build results; runs/ and .venv stay
 	rm -rf build dist .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis

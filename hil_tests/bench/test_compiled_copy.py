@@ -13,7 +13,8 @@ from metro_hil.campaign.builder import Scenario
 from metro_hil.cases import CaseResult, Host
 from metro_hil.compiled_copy import worker_environment
 from metro_hil.run_case import run_case
-from metro_tools.compiled import HOT, hot_modules
+from metro_tools import compiled
+from metro_tools.compiled import HOT, CompileError, compile_into, copy_packages, hot_modules
 
 pytestmark = pytest.mark.slow
 
@@ -138,6 +139,77 @@ def test_cases_with_faults_in_a_group_come_to_the_same_compiled(copy: Path) -> N
     assert [msgspec.structs.replace(one, host=Host()) for one in grouped] == [
         msgspec.structs.replace(one, host=Host()) for one in alone
     ]
+
+
+FEW = (compiled.HEADS, "firmware_py/trackdb/areas.py")
+SETUP = """\
+from setuptools import Extension, setup
+# {modules} {level}
+setup(name="compiled", packages=[], ext_modules=[Extension("firmware_py.spare", ["spare.c"])])
+"""
+SPARE = """\
+#include <Python.h>
+static struct PyModuleDef spare = {PyModuleDef_HEAD_INIT, "spare", 0, -1};
+PyMODINIT_FUNC PyInit_spare(void) { return PyModule_Create(&spare); }
+"""
+"""One module in C in the place of all that mypyc would make, which takes it a minute."""
+
+
+@pytest.fixture
+def library(
+    checkout: Path, c_compiler: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> Path:
+    """Of which few modules are hot, and one is compiled."""
+    assert c_compiler
+    monkeypatch.setattr(compiled, "HOT", FEW)
+    monkeypatch.setattr(compiled, "SETUP", SETUP)
+    copy_packages(checkout, tmp_path / "lib")
+    (tmp_path / "lib/spare.c").write_text(SPARE)
+    return tmp_path / "lib"
+
+
+def test_a_trained_copy_is_compiled_by_what_its_training_showed(
+    checkout: Path, library: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen = library.parent / "seen"
+    trains = (
+        "from pathlib import Path; from firmware_py import spare; "
+        f"Path({str(seen)!r}).write_text(spare.__file__)"
+    )
+    flags: list[str] = []
+    build = compiled._build
+
+    def watched(setup: Path, more: str) -> None:
+        flags.append(more)
+        build(setup, more)
+
+    monkeypatch.setattr(compiled, "TRAINING", (("-c", trains),))
+    monkeypatch.setattr(compiled, "_build", watched)
+
+    compile_into(library, "0", trained=True)
+
+    assert flags == [compiled.WATCHED, compiled.TRAINED]
+    # What was trained is what was compiled, and is not what stays: that writes no profile.
+    assert Path(seen.read_text()).suffix == ".so"
+    (made,) = library.rglob("*.so")
+    assert str(made) == seen.read_text()
+    assert b"gcda" not in made.read_bytes()
+    assert not (library / "build").exists()
+    for name in FEW:
+        assert (library / name).read_bytes() == (checkout / name).read_bytes()
+
+
+def test_training_that_fails_and_a_compiler_that_writes_no_profile_are_told(
+    library: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(compiled, "_build", lambda setup, more: None)
+    monkeypatch.setattr(compiled, "TRAINING", (("-c", "raise SystemExit('out of coal')"),))
+    with pytest.raises(CompileError, match=r"training with -c .* failed:\nout of coal"):
+        compile_into(library, "0", trained=True)
+
+    monkeypatch.setattr(compiled, "TRAINING", (("-c", "pass"),))
+    with pytest.raises(CompileError, match="no profile was written: training needs gcc"):
+        compile_into(library, "0", trained=True)
 
 
 def test_every_pattern_of_hot_modules_finds_some(checkout: Path) -> None:
