@@ -7,13 +7,14 @@ import sys
 import time
 from pathlib import Path
 
+from hil_tests.bench.process_rig import PATIENCE_S, alive, until_gone
 from metro_hil.realtime.actors import Cast, ControllerActor
 from metro_hil.realtime.commands import ControllerStart
 
-PATIENCE_S = 20.0
 BENCH = """
 import signal, sys
 from pathlib import Path
+from hil_tests.bench.process_rig import PATIENCE_S, alive, until_gone
 from metro_hil.realtime.actors import Cast
 meeting = Path("meeting")
 (meeting / "sockets").mkdir(parents=True)
@@ -24,21 +25,6 @@ still.signal_group(signal.SIGSTOP)
 print(shell.pid, still.pid, flush=True)
 sys.stdin.read()
 """
-
-
-def alive(pid: int) -> bool:
-    try:
-        state = (Path("/proc") / str(pid) / "stat").read_text().rpartition(")")[2].split()[0]
-    except OSError:
-        return False
-    return state not in ("Z", "X")
-
-
-def until_gone(pids: list[int]) -> list[int]:
-    end = time.monotonic() + PATIENCE_S
-    while (left := [pid for pid in pids if alive(pid)]) and time.monotonic() < end:
-        time.sleep(0.05)
-    return left
 
 
 def test_when_the_bench_is_killed_its_processes_their_children_and_its_folders_go(

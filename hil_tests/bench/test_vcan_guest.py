@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from hil_tests.bench.process_rig import children
 from hil_tests.guest_rig import Guest
 
 pytestmark = pytest.mark.guest
@@ -133,7 +134,7 @@ def test_an_interrupt_lets_the_command_end_by_itself(sleeper: subprocess.Popen[s
 
 def test_a_killed_launcher_leaves_nothing(sleeper: subprocess.Popen[str]) -> None:
     before = set(Path("/tmp").glob("vcan-guest.*"))
-    leaders = _children(sleeper.pid)
+    leaders = children(sleeper.pid)
     assert any(_session(leader) for leader in leaders)
 
     sleeper.kill()
@@ -146,10 +147,6 @@ def test_a_killed_launcher_leaves_nothing(sleeper: subprocess.Popen[str]) -> Non
         left = [process for leader in leaders for process in _session(leader)]
     assert left == []
     assert len(before & set(Path("/tmp").glob("vcan-guest.*"))) < len(before)
-
-
-def _children(pid: int) -> list[int]:
-    return [int(word) for word in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
 
 
 def _session(leader: int) -> list[int]:

@@ -1,6 +1,8 @@
 """`hil simulate`: trains that command themselves, in virtual time, under random faults."""
 
 import argparse
+import contextlib
+import signal
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -8,7 +10,7 @@ from typing import TYPE_CHECKING, Final
 
 from metro_hil.engine.errors import UsageError
 from metro_hil.hil_command.working import number
-from metro_hil.options import EXIT_FAILED, EXIT_OK
+from metro_hil.options import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_OK
 
 if TYPE_CHECKING:
     from collections import Counter
@@ -63,7 +65,7 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Exit code 1 when an invariant was broken. Raises UsageError."""
-    from metro_hil.network.many import Total, run_many
+    from metro_hil.network.many import Total
     from metro_hil.network.run import Phases
     from metro_hil.network.simulate import Job
 
@@ -82,20 +84,42 @@ def run(options: argparse.Namespace) -> int:
         known.add(result.seed)
         total.add(result)
     todo = (seed for seed in _wanted(options, total) if seed not in known)
-    for result in run_many(todo, job, workers=options.workers):
-        total.add(result)
-        if journal:
-            journal.append(result)
-        if not options.json:
-            _tell_broken(result, job)
-        if sys.stderr.isatty():
-            print(
-                f"\r{total.runs} seeds, {total.train_s / S_PER_H:.1f} train hours",
-                end="",
-                file=sys.stderr,
-            )
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    interrupted = False
+    try:
+        _run(todo, job, options, total, journal)
+    except KeyboardInterrupt:
+        interrupted = True
+    finally:
+        signal.signal(signal.SIGTERM, before)
     print(_json(total) if options.json else "\n".join(lines(total)))
+    if interrupted:
+        more = f"; the same command goes on from {options.journal}" if journal else ""
+        print(f"hil: interrupted, this is what was run until then{more}", file=sys.stderr)
+        return EXIT_INTERRUPTED
     return EXIT_FAILED if total.broken else EXIT_OK
+
+
+def _run(
+    todo: Iterator[int],
+    job: "Job",
+    options: argparse.Namespace,
+    total: "Total",
+    journal: "Journal | None",
+) -> None:
+    """Adds to total and journal what each seed came to, as soon as it is known."""
+    from metro_hil.network.many import run_many
+
+    with contextlib.closing(run_many(todo, job, workers=options.workers)) as results:
+        for result in results:
+            total.add(result)
+            if journal:
+                journal.append(result)
+            if not options.json:
+                _tell_broken(result, job)
+            if sys.stderr.isatty():
+                hours = total.train_s / S_PER_H
+                print(f"\r{total.runs} seeds, {hours:.1f} train hours", end="", file=sys.stderr)
 
 
 def _journal(options: argparse.Namespace) -> "Journal | None":

@@ -2,14 +2,17 @@
 
 import json
 import multiprocessing
+import os
 import resource
+import signal
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, Final
 
+from firmware_py.realtime import die_with_parent
 from metro_hil.network.run import RunResult
 
 NS_PER_S: Final = 1_000_000_000
@@ -56,14 +59,20 @@ class Total:
 
 def run_many(
     seeds: Iterable[int], run: Callable[[int], RunResult], *, workers: int
-) -> Iterator[RunResult]:
-    """Results as they come. With one worker all happens here, in the order of the seeds."""
+) -> Generator[RunResult]:
+    """Results as they come. With one worker all happens here, in the order of the seeds.
+
+    Whoever takes no more of them closes it: what runs then ends at once.
+    """
     if workers == 1:
         yield from map(run, seeds)
         return
     pending: set[Future[RunResult]] = set()
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers, mp_context=context) as pool:
+    before = set(multiprocessing.active_children())
+    with ProcessPoolExecutor(
+        workers, mp_context=context, initializer=_begin_worker, initargs=(os.getpid(),)
+    ) as pool:
         try:
             for seed in seeds:
                 pending.add(pool.submit(run, seed))
@@ -71,8 +80,18 @@ def run_many(
                     done, pending = wait(pending, return_when=FIRST_COMPLETED)
                     yield from sorted((each.result() for each in done), key=_seed)
             yield from sorted((each.result() for each in wait(pending).done), key=_seed)
+        except BaseException:
+            for worker in set(multiprocessing.active_children()) - before:
+                worker.terminate()
+            raise
         finally:
             pool.shutdown(cancel_futures=True)
+
+
+def _begin_worker(parent: int) -> None:
+    """It ends with whoever started it, who hears Ctrl-C for all."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    die_with_parent(parent)
 
 
 def _seed(result: RunResult) -> int:
