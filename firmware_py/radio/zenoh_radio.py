@@ -1,4 +1,4 @@
-"""The radio over zenoh: trains are clients of the wayside's session, which is a router.
+"""The radio over zenoh: trains are clients of the wayside's session, which is a router, or peers.
 
 Zenoh is transport only: what it delivers may be late, doubled or forged, and what it calls reliable
 may be lost. Its threads do no more here than stamp a message and put it into a bounded inbox.
@@ -16,12 +16,26 @@ from typing import TYPE_CHECKING, Final, Protocol, Self
 from firmware_py.ports import LinkCounters, RadioMessage
 from firmware_py.radio.credentials import Credentials
 from zenoh_config.secured import at_endpoint
-from zenoh_config.sessions import DEFAULT_ENDPOINT, Role, check_endpoint, session_settings
+from zenoh_config.sessions import (
+    DEFAULT_ENDPOINT,
+    Role,
+    address_of,
+    check_endpoint,
+    session_settings,
+)
 
 if TYPE_CHECKING:
     import zenoh
 
-__all__ = ["DEFAULT_ENDPOINT", "RadioError", "Role", "ZenohRadio", "open_radio", "pick_endpoint"]
+__all__ = [
+    "DEFAULT_ENDPOINT",
+    "RadioError",
+    "Role",
+    "ZenohRadio",
+    "open_peer",
+    "open_radio",
+    "pick_endpoint",
+]
 
 INBOX_MESSAGES: Final = 256
 PUBLISHERS: Final = 256
@@ -72,6 +86,43 @@ def open_radio(
     return ZenohRadio(role, endpoint, settings, subscriptions, clock, inbox_messages)
 
 
+def open_peer(
+    endpoint: str,
+    listens_at: str | None,
+    subscriptions: Collection[str],
+    clock: Instants,
+) -> "ZenohRadio":
+    """A train's radio that speaks to other peers without the wayside in between.
+
+    The wayside at `endpoint` tells peers of each other, once; who knows each other goes on speaking
+    when it is gone. Where others reach this one is by default the address by which it reaches the
+    wayside, and any port. RadioError says which endpoint is none, or why it cannot listen there.
+    """
+    try:
+        check_endpoint(endpoint)
+        settings = session_settings(Role.PEER, endpoint, listens_at or _own_endpoint(endpoint))
+    except ValueError as error:
+        raise RadioError(str(error)) from error
+    return ZenohRadio(Role.PEER, listens_at or endpoint, settings, subscriptions, clock)
+
+
+def _own_endpoint(endpoint: str) -> str:
+    """The address of this machine on the way to another one; nothing is sent."""
+    try:
+        kind, _, _, _, address = socket.getaddrinfo(*address_of(endpoint), type=socket.SOCK_DGRAM)[
+            0
+        ]
+        with socket.socket(kind, socket.SOCK_DGRAM) as probe:
+            probe.connect(address)
+            host: str = probe.getsockname()[0]
+    except OSError as error:
+        raise RadioError(
+            f"{endpoint}: by which address of this machine others reach it cannot be told "
+            f"({error.strerror}); say where to listen"
+        ) from error
+    return f"tcp/[{host}]:0" if kind == socket.AF_INET6 else f"tcp/{host}:0"
+
+
 def pick_endpoint() -> str:
     """An endpoint on this machine at which nobody listens at this moment."""
     with socket.socket() as probe:
@@ -109,7 +160,7 @@ class ZenohRadio:
         self._lock = threading.Lock()
         self._closing = threading.Event()
         self._connector: threading.Thread | None = None
-        if role is Role.WAYSIDE:
+        if role is not Role.TRAIN:
             self._listen()
         else:
             self._connector = threading.Thread(target=self._connect, name="radio", daemon=True)
@@ -119,7 +170,7 @@ class ZenohRadio:
 
     @property
     def connected(self) -> bool:
-        """The wayside is reached; for a wayside: some train is. About 20 µs."""
+        """The wayside is reached; for a wayside or a peer: somebody is. About 20 µs."""
         session = self._session
         if session is None:
             return False

@@ -11,7 +11,7 @@ from firmware_py.checked_store import CheckedStore
 from firmware_py.clock import WallClock
 from firmware_py.nvram import NvramState
 from firmware_py.ports import TunableRadioPort
-from firmware_py.radio.zenoh_radio import Role, open_radio
+from firmware_py.radio.zenoh_radio import Role, open_peer, open_radio
 from firmware_py.realtime import collect_garbage, enter_realtime
 from firmware_py.trackdb.areas import Area, AreaMap, TrackSection
 from vobc.t2t.train import TrainCore
@@ -57,6 +57,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("memory", type=Path, help="file that survives the process")
     parser.add_argument("--timers", choices=sorted(TIMER_SETS), default="A")
     parser.add_argument("--priority", type=int, default=0, help="SCHED_FIFO; default: none")
+    parser.add_argument("--peer", action="store_true", help="speak to other peers directly")
     options = parser.parse_args(argv)
     store = CheckedStore(options.memory, TrainMemory)
     found = TrainMemory() if store.state is NvramState.ABSENT else store.value
@@ -69,7 +70,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         start_ns=clock.now_ns(),
     )
     radio = LineRadio(core, LINE.name, store.put)
-    with open_radio(Role.TRAIN, options.endpoint, radio.subscriptions, clock) as port:
+    with (
+        open_peer(options.endpoint, None, radio.subscriptions, clock)
+        if options.peer
+        else open_radio(Role.TRAIN, options.endpoint, radio.subscriptions, clock)
+    ) as port:
         if options.priority:
             enter_realtime(options.priority)
         _run(options.address, clock, radio, port)

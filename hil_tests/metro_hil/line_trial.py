@@ -21,6 +21,7 @@ from metro_hil.line_networks.apart import become_apart, words_in
 from metro_hil.line_networks.carrier import Carrier
 from metro_hil.line_networks.ether_process import OWN_ENDPOINT
 from metro_hil.line_networks.options import OwnNetworks, add_options, networks_of
+from metro_hil.line_networks.topology import HELP, TOPOLOGIES, Topology, is_peer
 from metro_hil.line_seat import (
     AXLES,
     LENGTH_M,
@@ -80,6 +81,8 @@ class Seat:
         timers: str,
         priority: int,
         network: str | None = None,
+        *,
+        peer: bool = False,
     ) -> None:
         """`network`: the file of the one that it is to be in; None: this program's."""
         self.address = address
@@ -91,7 +94,7 @@ class Seat:
         self.process = subprocess.Popen(  # Its own module with its own words.
             [
                 *(*command, str(folder / f"train{address}"), "--timers", timers),
-                *("--priority", str(priority)),
+                *("--priority", str(priority), *(["--peer"] if peer else [])),
             ],
             stdout=subprocess.PIPE,
             text=True,
@@ -133,11 +136,13 @@ class Trial:
         folder: Path,
         priority: int = 0,
         networks: OwnNetworks | None = None,
+        topology: Topology = Topology.STAR,
     ) -> None:
         """Raises ChildError when trains cannot have networks of their own."""
         self.clock = WallClock()
         self.seats: dict[int, Seat] = {}
         self._timers, self._folder, self._priority = timers, folder, priority
+        self._topology = topology
         self._asked = 0
         self._carrier: Carrier | None = None
         self._endpoint = pick_endpoint() if networks is None else OWN_ENDPOINT
@@ -168,7 +173,8 @@ class Trial:
     def start(self, address: int) -> None:
         network = None if self._carrier is None else self._carrier.namespaces[address]
         self.seats[address] = Seat(
-            *(address, self._endpoint, self._folder, self._timers, self._priority, network)
+            *(address, self._endpoint, self._folder, self._timers, self._priority, network),
+            peer=is_peer(self._topology, address),
         )
 
     def close(self) -> None:
@@ -313,15 +319,24 @@ def main(argv: Sequence[str] | None = None) -> int:
         "--priority", type=int, default=40, help="of trains, SCHED_FIFO; 0: none; default: 40"
     )
     parser.add_argument("--seed", type=int, default=1, help="of packets' fates; default: 1")
+    parser.add_argument("--topology", choices=TOPOLOGIES, default=Topology.STAR.value, help=HELP)
     add_options(parser)
     words = [*(sys.argv[1:] if argv is None else argv)]
     options = parser.parse_args(words)
     networks = networks_of(options, needed=options.fault in ORDERS)
+    topology = Topology(options.topology)
+    if networks is not None and topology is not Topology.STAR:
+        parser.error(
+            f"--topology {options.topology}: networks of their own lead to the wayside only"
+        )
     if networks is not None and not options.apart:
         become_apart("metro_hil.line_trial", [*words, "--apart"])
     with tempfile.TemporaryDirectory() as folder:
         try:
-            trial = Trial(options.trains, options.timers, Path(folder), options.priority, networks)
+            trial = Trial(
+                *(options.trains, options.timers, Path(folder), options.priority, networks),
+                topology,
+            )
         except ChildError as error:
             print(error, file=sys.stderr)
             return EXIT_ENVIRONMENT
@@ -352,7 +367,8 @@ def _watch(trial: Trial, options: argparse.Namespace) -> int:
     bar_ms = LATENCY_BAR_MS + TIMER_SETS[options.timers].cycle_ms
     p99_ms = _p99(latencies_ms)
     print(
-        f"position to authority, {options.trains} trains, timers {options.timers}, "
+        f"position to authority, {options.trains} trains, {options.topology}, timers "
+        f"{options.timers}, "
         f"{options.seconds:g} s: {len(latencies_ms)} authorities, "
         f"{latencies_ms[len(latencies_ms) // 2]:.0f} ms (p50), {p99_ms:.0f} ms (p99), "
         f"{latencies_ms[-1]:.0f} ms at most; bar: p99 of {bar_ms:.0f} ms"
@@ -373,7 +389,8 @@ def _strike(trial: Trial, options: argparse.Namespace) -> int:
     braked = sum(each.oldest_ms > service_ms for each in rounds)
     half = len(served_ms) // 2
     print(
-        f"{options.fault} of the master, {options.trains} trains, timers {options.timers}, "
+        f"{options.fault} of the master, {options.trains} trains, {options.topology}, timers "
+        f"{options.timers}, "
         f"{len(rounds)} rounds: all others served after {served_ms[0]:.0f} to "
         f"{served_ms[-1]:.0f} ms, median {served_ms[half]:.0f}, p99 {_p99(served_ms):.0f}; "
         f"oldest authority {max(each.oldest_ms for each in rounds):.0f} ms (brakes over "

@@ -93,6 +93,8 @@ class RunOptions:
     """Its number among trains that command themselves."""
     line_radio: str | None = None
     """Where the wayside of such a line listens."""
+    line_peer: str | None = None
+    """Speak to other peers directly; where they reach this one, or empty."""
     secure: str | None = None
     """Certificates and keys of a secured line."""
 
@@ -225,6 +227,14 @@ def _add_t2t(run: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--line-radio", metavar="ENDPOINT", help=f"with --train; default: {LINE_ENDPOINT}"
     )
+    group.add_argument(
+        "--line-peer",
+        nargs="?",
+        const="",
+        metavar="ENDPOINT",
+        help="speak to other trains that do so directly; they reach this one at ENDPOINT, by "
+        "default the address on the way to the wayside and any port",
+    )
     group.add_argument("--secure", metavar="FOLDER", help="certificates; see `vobc demo-ca`")
 
 
@@ -328,6 +338,10 @@ def line_problem(options: RunOptions) -> str:
         return "--line-radio: which train is it? --train T1 says so"
     if options.train is not None and options.lockstep:
         return "--train: in virtual time `hil run line --bench lockstep` runs a whole line"
+    if options.line_peer is not None and options.train is None:
+        return "--line-peer: which train is it? --train T1 says so"
+    if options.line_peer is not None and options.secure is not None:
+        return "--line-peer: not with --secure, as peers speak past the wayside and its rules"
     return ""
 
 

@@ -205,6 +205,8 @@ class RealtimeRun:
         arguments += ["--from", journey.start.name, "--to", journey.end.name]
         arguments += ["--cycle-ms", str(options.cycle_ms), "--priority", str(options.priority)]
         arguments += ["--out", str(self._folder.path), *self._line_arguments()]
+        if options.line_peer is not None:
+            arguments += ["--line-peer", *([options.line_peer] if options.line_peer else [])]
         if options.ato is not None:
             arguments += ["--ato", options.ato]
         if options.output is not None:

@@ -47,6 +47,10 @@ def test_a_stopped_master_goes_on_as_one_of_many(
         (["--line-radio", "here"], "here: not an endpoint"),
         (["--restart-train-at", "T7@3"], "--restart-train-at T7: there is no such train"),
         (["--bench", "lockstep", "--restart-train-at", "T1@3"], "not in lockstep"),
+        (["--topology", "mesh", "--bench", "lockstep"], "--topology mesh: --bench lockstep"),
+        (["--topology", "mixed", "--secure", "secure"], "--topology mixed: not with --secure"),
+        (["--topology", "mesh", "--networks"], "--topology mesh: networks of their own"),
+        (["--topology", "mesh", "--cut-master-at", "3"], "--topology mesh: --cut-master-at"),
     ],
 )
 def test_what_does_not_fit_is_said_in_one_line(

@@ -95,6 +95,24 @@ def test_a_line_that_is_not_divided_is_named(capsys: pytest.CaptureFixture[str])
     assert all("hefei" in line for line in told_by)
 
 
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--line-peer"], "--line-peer: peers find each other at the wayside"),
+        (
+            ["--line-radio", "tcp/127.0.0.1:1", "--line-peer", "--secure", "secure"],
+            "--line-peer: not with --secure",
+        ),
+    ],
+)
+def test_a_peer_without_a_wayside_or_beside_rules_is_refused(
+    words: list[str], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert vobc(["run", "--line", "loop", *words]) == 2
+
+    assert said in capsys.readouterr().err
+
+
 def test_an_endpoint_that_is_none_is_named(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["wayside", "--line-radio", "nowhere"]) == 3
 

@@ -20,6 +20,8 @@ from metro_hil.options import parse
         (["--desk", "external", "--desk-recording", "x"], "--desk-recording: there is no desk"),
         (["--driver", "asleep"], "invalid choice"),
         (["--desk", "crew"], "invalid choice"),
+        (["--line-peer"], "--line-peer: which train is it?"),
+        (["--train", "T1", "--line-peer", "--secure", "s"], "--line-peer: not with --secure"),
     ],
 )
 def test_what_cannot_be_asked_for_is_said(

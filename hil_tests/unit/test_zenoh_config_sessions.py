@@ -31,7 +31,29 @@ def test_a_wayside_is_a_router_that_listens() -> None:
 @pytest.mark.parametrize("role", Role)
 def test_nothing_leaves_the_machine_unasked(role: Role) -> None:
     assert setting(role, "scouting/multicast/enabled") is False
-    assert setting(role, "scouting/gossip/enabled") is False
+
+
+def test_the_wayside_tells_peers_of_each_other_and_clients_of_nobody() -> None:
+    """Without being told of each other peers open sessions, and nothing is delivered, silently."""
+    assert [setting(role, "scouting/gossip/enabled") for role in Role] == [False, True, True]
+
+
+def test_a_peer_listens_where_it_is_told_and_never_gives_up_the_wayside() -> None:
+    text = session_settings(Role.PEER, "tcp/wayside.example:7000", "tcp/[fe80::1]:0")
+    config = zenoh.Config.from_json5(text)
+
+    assert json.loads(config.get_json("mode")) == "peer"
+    assert json.loads(config.get_json("listen/endpoints")) == ["tcp/[fe80::1]:0?rel=1"]
+    assert json.loads(config.get_json("connect/endpoints")) == ["tcp/wayside.example:7000?rel=1"]
+    assert json.loads(config.get_json("connect/timeout_ms")) == -1
+
+
+@pytest.mark.parametrize("listens_at", ["here", "udp/127.0.0.1:0", "tcp/127.0.0.1:65536"])
+def test_where_a_peer_cannot_listen_is_named(listens_at: str) -> None:
+    with pytest.raises(ValueError, match="it has the form tcp/HOST:PORT") as caught:
+        session_settings(Role.PEER, DEFAULT_ENDPOINT, listens_at)
+
+    assert str(caught.value).startswith(f"{listens_at}: ")
 
 
 @pytest.mark.parametrize("role", Role)

@@ -10,7 +10,7 @@ from firmware_py.checked_store import CheckedStore
 from firmware_py.clock import WallClock
 from firmware_py.nvram import NvramState
 from firmware_py.radio.credentials import Credentials, load_credentials
-from firmware_py.radio.zenoh_radio import Role, open_radio
+from firmware_py.radio.zenoh_radio import Role, open_peer, open_radio
 from firmware_py.settings import SettingsError
 from firmware_py.trackdb import LineMap
 from firmware_py.trackdb.areas import AreaMap, load_areas
@@ -27,6 +27,7 @@ from zenoh_config.timers import TIMER_SETS
 AXLES: Final = 16
 """Of four cars."""
 NS_PER_S: Final = 1_000_000_000
+ANYWHERE: Final = ""
 
 
 def add(top: argparse.ArgumentParser) -> None:
@@ -35,6 +36,14 @@ def add(top: argparse.ArgumentParser) -> None:
         "--line-radio",
         metavar="ENDPOINT",
         help="where the line's wayside listens; without it a zone controller commands the train",
+    )
+    group.add_argument(
+        "--line-peer",
+        nargs="?",
+        const=ANYWHERE,
+        metavar="ENDPOINT",
+        help="speak to other trains that do so directly, not through the wayside; they reach this "
+        "one at ENDPOINT; default: the address on the way to the wayside, any port",
     )
     group.add_argument(
         "--secure", metavar="FOLDER", help="certificates and keys; see `vobc demo-ca`"
@@ -56,6 +65,19 @@ def addressed(config: VobcConfig, options: argparse.Namespace) -> VobcConfig:
     if options.line_radio is not None:
         config = commanded(config, TIMER_SETS[options.line_timers])
     return config
+
+
+def check_peer(options: argparse.Namespace) -> None:
+    """Raises SettingsError for a peer that cannot be one."""
+    if options.line_peer is None:
+        return
+    if options.line_radio is None:
+        raise SettingsError("--line-peer: peers find each other at the wayside; --line-radio?")
+    if options.secure is not None:
+        raise SettingsError(
+            "--line-peer: not with --secure: the wayside looks at who may say what, and what peers "
+            "say to each other does not go through it"
+        )
 
 
 def areas_of(options: argparse.Namespace, line: LineMap) -> AreaMap | None:
@@ -104,7 +126,11 @@ def open_line(
     )
     key = BENCH_KEY if secure is None else safety_key(secure.key_hex)
     radio = LineRadio(core, line.name, store.put, key=key)
-    port = open_radio(Role.TRAIN, options.line_radio, radio.subscriptions, clock, secure=secure)
+    if options.line_peer is None:
+        port = open_radio(Role.TRAIN, options.line_radio, radio.subscriptions, clock, secure=secure)
+    else:
+        listens_at = None if options.line_peer == ANYWHERE else options.line_peer
+        port = open_peer(options.line_radio, listens_at, radio.subscriptions, clock)
     stack.callback(port.close)
     return LineCommand(radio, port, config, line, axles=AXLES)
 

@@ -95,6 +95,7 @@ def plan(options: argparse.Namespace, epoch_ns: int) -> Plan:
     config = load_config(
         options.consist, cycle_ms=options.cycle_ms, law=options.ato, stage=options.output
     )
+    line_options.check_peer(options)
     config = line_options.addressed(config, options)
     line = load_line(options.line)
     areas = line_options.areas_of(options, line)

@@ -1,14 +1,26 @@
 """`hil run line`: trains that command themselves on one line, struck by faults and watched."""
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from metro_hil.engine.errors import EngineError, UsageError
 from metro_hil.line_networks.apart import become_apart
-from metro_hil.line_networks.options import add_options, networks_of
+from metro_hil.line_networks.options import OwnNetworks, add_options, networks_of
+from metro_hil.line_networks.topology import HELP as TOPOLOGY_HELP
+from metro_hil.line_networks.topology import TOPOLOGIES, Topology
 from metro_hil.options import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_OK
-from metro_hil.t2t_run.plan import HELP, ONE_WAY, Strike, faults_of, second, train_at, ways_of
+from metro_hil.t2t_run.plan import (
+    HELP,
+    ONE_WAY,
+    Fault,
+    Strike,
+    faults_of,
+    second,
+    train_at,
+    ways_of,
+)
 
 if TYPE_CHECKING:
     from metro_hil.t2t_run.real import Settings
@@ -46,6 +58,7 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     parser.add_argument(
         "--line-radio", metavar="ENDPOINT", help="of the wayside; default: a free port"
     )
+    parser.add_argument("--topology", choices=TOPOLOGIES, default="star", help=TOPOLOGY_HELP)
     parser.add_argument(
         "--priority",
         type=int,
@@ -138,7 +151,27 @@ def _settings(options: argparse.Namespace) -> "Settings":
         priority=options.priority,
         secure=options.secure,
         networks=networks,
+        topology=_topology(options, faults, networks),
     )
+
+
+def _topology(
+    options: argparse.Namespace, faults: Sequence[Fault], networks: OwnNetworks | None
+) -> Topology:
+    """Raises UsageError for what only a star has."""
+    topology = Topology(options.topology)
+    for given, words in (
+        (options.bench == "lockstep", "--bench lockstep has no sessions"),
+        (networks is not None, "networks of their own lead to the wayside only"),
+        (options.secure is not None, "not with --secure: peers speak past the wayside's rules"),
+        (
+            any(each.strike is Strike.CUT_MASTER for each in faults),
+            "--cut-master-at cuts the way to the wayside only",
+        ),
+    ):
+        if given and topology is not Topology.STAR:
+            raise UsageError(f"--topology {topology.value}: {words}")
+    return topology
 
 
 def _run(options: argparse.Namespace, settings: "Settings", folder: Path) -> int:

@@ -14,6 +14,7 @@ from metro_hil.children import Child
 from metro_hil.line_networks.apart import words_in
 from metro_hil.line_networks.carrier import Carrier
 from metro_hil.line_networks.options import OwnNetworks
+from metro_hil.line_networks.topology import Topology, is_peer
 from metro_hil.t2t_run.plan import Way
 
 WAYSIDE: Final = "wayside"
@@ -40,6 +41,7 @@ class LineCrew:
         trains: int = 0,
         priority: int = 0,
         secure: Path | None = None,
+        topology: Topology = Topology.STAR,
     ) -> None:
         """Args:
         relayed: trains reach the wayside over a relay that can be cut.
@@ -52,7 +54,7 @@ class LineCrew:
         self.children: dict[str, Child] = {}
         self._folder, self._line, self._endpoint, self._stack = folder, line, endpoint, stack
         self._of_line = ["--line-timers", timers, "--arbiters", str(arbiters)]
-        self._priority = priority
+        self._priority, self._topology = priority, topology
         self._secure = [] if secure is None else ["--secure", str(secure)]
         self._ways: dict[int, Way] = {}
         self._lives: dict[int, int] = {}
@@ -98,6 +100,8 @@ class LineCrew:
         arguments += ["--line-radio", self._endpoints.get(train, self._endpoint), *self._of_line]
         arguments += ["--nvram", str(folder / "nvram"), "--line-memory", str(folder / "promises")]
         arguments += ["--to", way.end, *self._secure]
+        if is_peer(self._topology, train):
+            arguments += ["--line-peer"]
         if life == 1:
             arguments += ["--from", way.start]
         module = "vobc"

@@ -16,6 +16,7 @@ from firmware_py.trackdb import LineMap
 from firmware_py.trackdb.areas import AreaMap
 from metro_hil.children import ChildError
 from metro_hil.line_networks.options import OwnNetworks
+from metro_hil.line_networks.topology import Topology
 from metro_hil.t2t_run.crew import WAYSIDE, LineCrew
 from metro_hil.t2t_run.plan import Fault, Strike, Way
 from metro_hil.t2t_run.story import LineStory
@@ -59,6 +60,7 @@ class Settings(NamedTuple):
     """Certificates and keys; None: the line is open."""
     networks: OwnNetworks | None = None
     """None: all programs share one network."""
+    topology: Topology = Topology.STAR
 
 
 class RealLine:
@@ -100,6 +102,7 @@ class RealLine:
                 priority=settings.priority,
                 secure=settings.secure,
                 networks=settings.networks,
+                topology=settings.topology,
             )
             crew.start_wayside()
             # By the clock that is echoed in messages, so that latencies can be read off it.
