@@ -27,6 +27,8 @@ from zenoh_config.t2t import (
 )
 from zenoh_config.t2t_supervision import Decree, LineState, Removal, RemovalAnswer
 
+PRESENT: Final = "up"
+"""The last chunk of what a train's session declares for as long as it is there."""
 TO_ALL: Final = "all"
 """The reader's chunk of what everybody in an area shall hear."""
 CHUNKS: Final[dict[type[T2tMessage], str]] = {
@@ -57,6 +59,26 @@ def key_of(line: str, message: T2tMessage) -> str:
     reader = TO_ALL if message.destination == BROADCAST else str(message.destination)
     kind = CHUNKS[type(message)]
     return f"m/{line_chunk(line)}/w/{message.source}/{kind}/{message.area}/{reader}"
+
+
+def token_of(line: str, train: int) -> str:
+    """Declared by the session of a train: it is there. That says nothing of the train's program,
+    which may hang beside it, and so nothing but a display may go by it.
+    """
+    return f"m/{line_chunk(line)}/w/{train}/{PRESENT}"
+
+
+def tokens(line: str) -> str:
+    """Of all trains of a line."""
+    return f"m/{line_chunk(line)}/w/*/{PRESENT}"
+
+
+def train_of_token(key: str) -> int | None:
+    """Whose token that is; None: nobody's."""
+    chunks = key.split("/")
+    if len(chunks) != 5 or chunks[4] != PRESENT or not chunks[3].isdecimal():
+        return None
+    return int(chunks[3])
 
 
 def of_train(line: str, train: int, areas: Iterable[int] = ()) -> tuple[str, ...]:

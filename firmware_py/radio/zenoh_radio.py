@@ -39,6 +39,8 @@ __all__ = [
 
 INBOX_MESSAGES: Final = 256
 PUBLISHERS: Final = 256
+TOKENS_MAX: Final = 4096
+"""Of others that are remembered; more are not."""
 RETRY_S: Final = 0.1
 CLOSE_S: Final = 3.0
 """More than one attempt to connect can take (train.json5)."""
@@ -67,6 +69,8 @@ def open_radio(
     *,
     inbox_messages: int = INBOX_MESSAGES,
     secure: Credentials | None = None,
+    token: str | None = None,
+    watched_tokens: str | None = None,
 ) -> "ZenohRadio":
     """A wayside listens at once, or RadioError says why it cannot.
 
@@ -74,6 +78,10 @@ def open_radio(
     now and whenever the wayside goes away. RadioError is only for an endpoint that is none. Of more
     than `inbox_messages` that nobody fetches the oldest are lost, and counted. With credentials the
     session is one by TLS, whatever the endpoint begins with.
+
+    Args:
+        token: others that watch such keys learn that this session is there, and no more than that.
+        watched_tokens: key expression of those that `present` tells of.
     """
     try:
         check_endpoint(endpoint)
@@ -83,7 +91,11 @@ def open_radio(
             settings = at_endpoint(secure.settings, endpoint)
     except ValueError as error:
         raise RadioError(str(error)) from error
-    return ZenohRadio(role, endpoint, settings, subscriptions, clock, inbox_messages)
+    return ZenohRadio(
+        *(role, endpoint, settings, subscriptions, clock, inbox_messages),
+        token=token,
+        watched_tokens=watched_tokens,
+    )
 
 
 def open_peer(
@@ -91,6 +103,8 @@ def open_peer(
     listens_at: str | None,
     subscriptions: Collection[str],
     clock: Instants,
+    *,
+    token: str | None = None,
 ) -> "ZenohRadio":
     """A train's radio that speaks to other peers without the wayside in between.
 
@@ -103,7 +117,9 @@ def open_peer(
         settings = session_settings(Role.PEER, endpoint, listens_at or _own_endpoint(endpoint))
     except ValueError as error:
         raise RadioError(str(error)) from error
-    return ZenohRadio(Role.PEER, listens_at or endpoint, settings, subscriptions, clock)
+    return ZenohRadio(
+        *(Role.PEER, listens_at or endpoint, settings, subscriptions, clock), token=token
+    )
 
 
 def _own_endpoint(endpoint: str) -> str:
@@ -141,6 +157,9 @@ class ZenohRadio:
         subscriptions: Collection[str],
         clock: Instants,
         inbox_messages: int = INBOX_MESSAGES,
+        *,
+        token: str | None = None,
+        watched_tokens: str | None = None,
     ) -> None:
         # Imported here because lockstep has no use for it and should not wait for it.
         import zenoh
@@ -152,6 +171,10 @@ class ZenohRadio:
         self._wanted = {wanted: zenoh.KeyExpr(wanted) for wanted in subscriptions}
         self._subscribers: dict[str, zenoh.Subscriber[None]] = {}
         """Declared on the session, by key expression."""
+        self._token, self._watched_tokens = token, watched_tokens
+        self._declared: list[object] = []
+        """The token, and what watches those of others: undeclared when nobody holds them."""
+        self._present: set[str] = set()
         self._tuning = threading.Lock()
         self._clock, self._inbox_messages = clock, inbox_messages
         self._session: zenoh.Session | None = None
@@ -175,6 +198,12 @@ class ZenohRadio:
         if session is None:
             return False
         return bool(session.info.transports())
+
+    @property
+    def present(self) -> frozenset[str]:
+        """Tokens of other sessions that are there, as far as this one knows: never for safety."""
+        with self._lock:
+            return frozenset(self._present)
 
     def send(self, now_ns: int, key: str, payload: bytes) -> None:
         session = self._session
@@ -220,6 +249,7 @@ class ZenohRadio:
         session, self._session = self._session, None
         self._publishers.clear()
         self._subscribers.clear()
+        self._declared.clear()
         if session is not None:
             with contextlib.suppress(self._zenoh.ZError):
                 session.close()  # type: ignore[no-untyped-call]
@@ -257,9 +287,11 @@ class ZenohRadio:
         with self._tuning:
             try:
                 self._tune(session)
+                self._declare(session)
             except self._zenoh.ZError:
                 # What was declared goes with it; the next session begins with nothing.
                 self._subscribers.clear()
+                self._declared.clear()
                 session.close()  # type: ignore[no-untyped-call]
                 raise
             self._session = session
@@ -276,6 +308,23 @@ class ZenohRadio:
             )
         for left in [each for each in subscribers if each not in self._wanted]:
             subscribers.pop(left).undeclare()  # type: ignore[no-untyped-call]
+
+    def _declare(self, session: "zenoh.Session") -> None:
+        if self._token is not None:
+            self._declared.append(session.liveliness().declare_token(self._token))
+        if self._watched_tokens is not None:
+            see = self._zenoh.handlers.Callback(self._see, indirect=False)
+            self._declared.append(
+                session.liveliness().declare_subscriber(self._watched_tokens, see, history=True)
+            )
+
+    def _see(self, sample: "zenoh.Sample") -> None:
+        key = str(sample.key_expr)
+        with self._lock:
+            if sample.kind != self._zenoh.SampleKind.PUT:
+                self._present.discard(key)
+            elif len(self._present) < TOKENS_MAX:
+                self._present.add(key)
 
     def _take(self, sample: "zenoh.Sample") -> None:
         message = RadioMessage(

@@ -114,6 +114,36 @@ def test_a_train_that_speaks_as_another_is_not_heard(line: Line) -> None:
     assert keys == {t2t_keys.key_of("loop", TO_1)}
 
 
+def test_only_supervision_learns_whose_sessions_are_there_and_of_nobody_who_is_another(
+    line: Line,
+) -> None:
+    """Train 2 declares the token of train 1, too, and asks who is there."""
+    watched = t2t_keys.tokens("loop")
+
+    def opened(name: str, token: str | None) -> ZenohRadio:
+        radio = open_radio(
+            *(Role.TRAIN, line.endpoint, (), CLOCK),
+            secure=line.credentials(name),
+            token=token,
+            watched_tokens=watched,
+        )
+        line.open.append(radio)
+        assert until(lambda: radio.connected)
+        return radio
+
+    supervision = opened("supervision", None)
+    own = t2t_keys.token_of("loop", 2)
+    of_one = t2t_keys.token_of("loop", 1)
+    second, as_one = opened("T2", own), opened("T2", of_one)
+
+    assert until(lambda: supervision.present == {own})
+    CLOCK.wait_until(CLOCK.now_ns() + NS_PER_S)
+    assert supervision.present == {own}
+    # A session knows what it declared itself.
+    assert second.present <= {own}
+    assert as_one.present <= {of_one}
+
+
 def test_whoever_has_no_certificate_or_one_of_another_authority_gets_no_session(
     line: Line, tmp_path: Path
 ) -> None:

@@ -17,6 +17,7 @@ from firmware_py.radio.zenoh_radio import (
     pick_endpoint,
 )
 from metro_hil.line_networks.topology import Topology, is_peer
+from zenoh_config.t2t_keys import token_of, tokens, train_of_token
 
 CLOCK = WallClock()
 PATIENCE_S = 10.0
@@ -120,6 +121,49 @@ def test_a_peer_that_knows_nobody_is_there_at_once_and_ends_at_once(ether: Ether
     ether.close("T1")
 
     assert time.monotonic() - began_s < PATIENCE_S / 2
+
+
+def test_a_display_knows_whose_sessions_are_there(ether: Ether) -> None:
+    """Also of those that came before it, and again after the wayside was gone."""
+    ether.open_wayside()
+    with ExitStack() as stack:
+
+        def opened(train: int, *, peer: bool = False) -> ZenohRadio:
+            token = token_of("loop", train)
+            return stack.enter_context(
+                open_peer(ether.endpoint, None, [], CLOCK, token=token)
+                if peer
+                else open_radio(Role.TRAIN, ether.endpoint, [], CLOCK, token=token)
+            )
+
+        first = opened(1)
+        until(lambda: first.connected)
+        display = stack.enter_context(
+            open_radio(Role.TRAIN, ether.endpoint, [], CLOCK, watched_tokens=tokens("loop"))
+        )
+
+        def present() -> set[int | None]:
+            return {train_of_token(each) for each in display.present}
+
+        until(lambda: present() == {1})
+        opened(2, peer=True)
+        stack.enter_context(
+            open_radio(Role.TRAIN, ether.endpoint, [], CLOCK, token=token_of("other", 3))
+        )
+        until(lambda: present() == {1, 2})
+        first.close()
+        until(lambda: present() == {2})
+
+        ether.close("wayside")
+        until(lambda: present() == set())
+        ether.open_wayside()
+        until(lambda: present() == {2})
+
+
+@pytest.mark.parametrize("key", ["m/loop/w/1/tr", "m/loop/w/x/up", "m/loop/w/1/up/2", "up", ""])
+def test_what_is_no_token_is_nobodys(key: str) -> None:
+    assert train_of_token(key) is None
+    assert train_of_token(token_of("loop", 7)) == 7
 
 
 @pytest.mark.parametrize(

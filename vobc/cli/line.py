@@ -19,6 +19,7 @@ from vobc.process.line_command import LineCommand, commanded
 from vobc.t2t.train import TrainCore
 from vobc.t2t.vocabulary import T2tConfig, TrainMemory
 from vobc.wire.line_radio import LineRadio
+from zenoh_config import t2t_keys
 from zenoh_config.codec import BENCH_KEY, safety_key
 from zenoh_config.secured import train_name
 from zenoh_config.t2t import FIRST_ARBITER, LAST_TRAIN
@@ -126,11 +127,16 @@ def open_line(
     )
     key = BENCH_KEY if secure is None else safety_key(secure.key_hex)
     radio = LineRadio(core, line.name, store.put, key=key)
+    token = t2t_keys.token_of(line.name, config.address)
     if options.line_peer is None:
-        port = open_radio(Role.TRAIN, options.line_radio, radio.subscriptions, clock, secure=secure)
+        port = open_radio(
+            *(Role.TRAIN, options.line_radio, radio.subscriptions, clock),
+            secure=secure,
+            token=token,
+        )
     else:
         listens_at = None if options.line_peer == ANYWHERE else options.line_peer
-        port = open_peer(options.line_radio, listens_at, radio.subscriptions, clock)
+        port = open_peer(options.line_radio, listens_at, radio.subscriptions, clock, token=token)
     stack.callback(port.close)
     return LineCommand(radio, port, config, line, axles=AXLES)
 
