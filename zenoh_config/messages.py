@@ -153,6 +153,7 @@ class RefusedReason(enum.Enum):
     NOT_NEWER = "repeated or out of order"
     TOO_OLD = "too old"
     FROM_THE_FUTURE = "from the future"
+    OTHER_RULES = "of other arbiters or timers"
 
 
 @dataclass(frozen=True, slots=True)

@@ -57,6 +57,11 @@ class LeaseRequest(T2tMessage):
     less_ns: int = 0
     """The grant of this request lasts so much less than a whole lease: a holder that has heard no
     answer for longer than usual asks for no more than that."""
+    arbiters: int = 1
+    """How many there are, and"""
+    lease_ms: int = 300
+    """how long a whole lease is, as the sender believes. An arbiter that believes otherwise says
+    nothing: majorities of different sets, and leases of different lengths, exclude nobody."""
 
 
 class RosterEntry(NamedTuple):

@@ -151,6 +151,7 @@ class Rig:
             memory=self.memories[address],
             start_ns=self.now_ns,
             guards=self.arbiter_guards,
+            arbiters=len(self.config.arbiters),
         )
 
     def stop_arbiter(self, address: int) -> None:

@@ -4,6 +4,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from hil_tests.unit.t2t_rig import Rig, line_of
 from plant_emulator.wayside.arbiter import (
     Arbiter,
     ArbiterGuards,
@@ -13,9 +14,11 @@ from plant_emulator.wayside.arbiter import (
     term_is_new,
 )
 from plant_emulator.wayside.t2t_vocabulary import ArbiterMemory, LeaseMemory
+from vobc.t2t.vocabulary import T2tConfig
 from zenoh_config.messages import RefusedReason
 from zenoh_config.t2t import (
     BROADCAST,
+    FIRST_ARBITER,
     Heartbeat,
     LeaseAnswer,
     LeaseKind,
@@ -26,7 +29,7 @@ from zenoh_config.t2t import (
     RosterEntry,
     T2tMessage,
 )
-from zenoh_config.timers import TIMERS_A
+from zenoh_config.timers import TIMERS_A, TIMERS_B, LineTimers
 
 MS = 1_000_000
 ADDRESS = 65_001
@@ -537,3 +540,47 @@ def test_what_was_displaced_before_a_restart_is_waited_out_when_its_heir_gives_u
 
     again.now_ms += after_ms
     assert again.ask(3, 3).granted is granted
+
+
+@pytest.mark.parametrize("arbiters", [0, 1, 2, 3, 4, 5])
+@pytest.mark.parametrize("lease_ms", [LEASE_MS - 1, LEASE_MS, LEASE_MS + 1, TIMERS_B.lease_ms])
+@pytest.mark.parametrize("kind", LeaseKind)
+def test_whoever_counts_on_other_arbiters_or_leases_gets_no_answer_and_changes_nothing(
+    arbiters: int, lease_ms: int, kind: LeaseKind
+) -> None:
+    """One that asks one of three would have a majority of its own beside that of the others."""
+    arbiter = Arbiter(
+        TIMERS_A, address=ADDRESS, memory=ArbiterMemory(), start_ns=-(10**9), arbiters=3
+    )
+    holder = LeaseRequest(7, ADDRESS, 1, 5, 1, 1, 0, LeaseKind.ACQUIRE, 1, 0, 0, 3, LEASE_MS)
+    (answer,) = arbiter.step(0, (holder,)).out
+    assert isinstance(answer, LeaseAnswer)
+    assert answer.granted
+    before, expiry_ns = arbiter.memory, arbiter.expiry_ns(1)
+
+    term = 6 if kind is LeaseKind.ACQUIRE else 5
+    head = (7, ADDRESS, 1, term, 1, 2, MS)
+    stepped = arbiter.step(MS, (LeaseRequest(*head, kind, 2, 0, 0, arbiters, lease_ms),))
+
+    agrees = (arbiters, lease_ms) == (3, LEASE_MS)
+    assert len(stepped.out) == agrees
+    assert arbiter.gate.refusals[RefusedReason.OTHER_RULES] == (not agrees)
+    if not agrees:
+        assert (arbiter.memory, arbiter.expiry_ns(1)) == (before, expiry_ns)
+        assert stepped.memory is None
+
+
+@pytest.mark.parametrize("arbiters", [1, 3])
+@pytest.mark.parametrize("timers", [TIMERS_A, TIMERS_B])
+def test_a_train_says_on_what_arbiters_and_leases_it_counts(
+    arbiters: int, timers: LineTimers
+) -> None:
+    addresses = tuple(range(FIRST_ARBITER, FIRST_ARBITER + arbiters))
+    rig = Rig(line_of(0.0, 2000.0), config=T2tConfig(timers=timers, arbiters=addresses))
+    rig.start_train(1, 500.0)
+    rig.run_until(rig.is_commanded)
+    rig.run(200)
+
+    asked = [said for _, said in rig.log if isinstance(said, LeaseRequest)]
+    assert {each.kind for each in asked} == {LeaseKind.ACQUIRE, LeaseKind.RENEW}
+    assert {(each.arbiters, each.lease_ms) for each in asked} == {(arbiters, timers.lease_ms)}

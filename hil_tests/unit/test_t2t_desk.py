@@ -369,7 +369,7 @@ def test_an_application_goes_to_every_arbiter_under_a_term_above_all_known() -> 
 
     assert said[:3] == [
         LeaseRequest(
-            *(OWN, arbiter, AREA, 9, BOOT, 2 + at, ns(400)), LeaseKind.ACQUIRE, 1, NOBODY, 0
+            *(OWN, arbiter, AREA, 9, BOOT, 2 + at, ns(400)), LeaseKind.ACQUIRE, 1, NOBODY, 0, 3, 300
         )
         for at, arbiter in enumerate(THREE)
     ]

@@ -71,7 +71,7 @@ REPORT = TrainReport(
 )  # fmt: skip
 AUTHORITY = AreaAuthority(*HEAD, 5, 4900, 800.5, 15.5, 3, 6, (SLOW, SHUT))
 EXAMPLES: list[tuple[int, T2tMessage, list[object]]] = [
-    (16, LeaseRequest(*HEAD, LeaseKind.RENEW, 5, 11, 12), [2, 5, 11, 12]),
+    (16, LeaseRequest(*HEAD, LeaseKind.RENEW, 5, 11, 12, 3, 120), [2, 5, 11, 12, 3, 120]),
     (
         17,
         LeaseAnswer(*HEAD, True, 5, 4990, 6, 13, 14, 15, (RosterEntry(9, 410.5, True, 8, False),)),

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 from plant_emulator.wayside.order_gate import OrderGate
 from plant_emulator.wayside.t2t_vocabulary import ArbiterMemory, LeaseMemory, WaysideStepped
+from zenoh_config.messages import RefusedReason
 from zenoh_config.t2t import (
     LAST_TRAIN,
     LeaseAnswer,
@@ -62,16 +63,20 @@ class Arbiter:
         memory: ArbiterMemory | None,
         start_ns: int,
         guards: ArbiterGuards | None = None,
+        arbiters: int = 1,
     ) -> None:
         """`memory` as stored; None when it cannot be read: then it never grants anything. It stores
         nothing either, so that it is the same at the next start until a person has seen to it.
+
+        Args:
+            arbiters: how many the line has, this one among them.
         """
         stored = memory or ArbiterMemory()
         self.memory = replace(stored, boot=stored.boot + 1)
         self.gate = OrderGate(address)
         """Counts what it refuses by reason."""
         self._forgotten = memory is None
-        self._timers, self._address = timers, address
+        self._timers, self._address, self._arbiters = timers, address, arbiters
         self._guards = guards or ArbiterGuards()
         self._free_ns = start_ns + timers.arbiter_lease_ns * self._guards.waits_after_start
         """From when on an area may be granted of which nothing was heard since the start."""
@@ -101,7 +106,8 @@ class Arbiter:
             if not 0 < message.source <= LAST_TRAIN:
                 continue
             if isinstance(message, LeaseRequest):
-                out.append(self._answer(message, now_ns))
+                if self._agrees(message):
+                    out.append(self._answer(message, now_ns))
             elif isinstance(message, RosterCommit) and self._keeps(message):
                 out.append(RosterAck(*self._head(now_ns, message, message.term), message.version))
         changed = self.memory is not before or not self._stored
@@ -110,6 +116,14 @@ class Arbiter:
             # Else the next start would find a memory in which nothing was ever promised.
             return WaysideStepped(None, ())
         return WaysideStepped(self.memory if changed else None, tuple(out))
+
+    def _agrees(self, request: LeaseRequest) -> bool:
+        """Its sender counts on as many arbiters as there are, and on leases as long as they are."""
+        rules = request.arbiters, request.lease_ms
+        if rules == (self._arbiters, self._timers.lease_ms):
+            return True
+        self.gate.refusals[RefusedReason.OTHER_RULES] += 1
+        return False
 
     def _answer(self, request: LeaseRequest, now_ns: int) -> LeaseAnswer:
         granted = self._grants(request, now_ns)

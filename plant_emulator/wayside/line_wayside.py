@@ -66,7 +66,13 @@ class LineWayside:
         self.failed: list[str] = []
         """Who fell silent because the disk did not take what it had to store."""
         self.arbiters = {
-            address: Arbiter(timers, address=address, memory=memory, start_ns=start_ns)
+            address: Arbiter(
+                timers,
+                address=address,
+                memory=memory,
+                start_ns=start_ns,
+                arbiters=len(disks.arbiters),
+            )
             for address, memory in disks.arbiters.items()
         }
         self.objects = {

@@ -294,6 +294,8 @@ class AreaDesk:
                 request.nonce,
                 request.successor,
                 request.less_ns,
+                len(self._config.arbiters),
+                self._config.timers.lease_ms,
             )
             for arbiter in self._config.arbiters
         ]

@@ -205,6 +205,7 @@ class ArbiterNode:
             else node.disk,
             start_ns=now_ns,
             guards=cast.guards.arbiter,
+            arbiters=len(cast.config.arbiters),
         )
         self._keep: ArbiterMemory | None = node.disk
         self._routes = routes
