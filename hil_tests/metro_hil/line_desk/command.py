@@ -47,10 +47,7 @@ def main(words: Sequence[str]) -> int:
 
 
 def _supervise(options: argparse.Namespace, areas: AreaMap) -> int:
-    if options.verb == "switch-master" and options.area not in {a.number for a in areas.areas}:
-        raise SettingsError(f"--area {options.area}: {areas.name} has no such area")
-    if options.verb == "restrict" and not options.end and options.limit_kmh is None:
-        raise SettingsError("restrict: --limit KMH is missing; --end takes one back")
+    _check(options, areas)
     clock, key, secure = WallClock(), BENCH_KEY, None
     if options.secure is not None:
         secure = load_credentials(options.secure, SUPERVISION_NAME, clock.epoch_ns())
@@ -69,6 +66,18 @@ def _supervise(options: argparse.Namespace, areas: AreaMap) -> int:
             )
             return EXIT_ENVIRONMENT
         return _obey(options, desk, view, clock)
+
+
+def _check(options: argparse.Namespace, areas: AreaMap) -> None:
+    """Raises SettingsError for what cannot be meant, whoever listens."""
+    verb = options.verb
+    if verb == "switch-master" and options.area not in {a.number for a in areas.areas}:
+        raise SettingsError(f"--area {options.area}: {areas.name} has no such area")
+    if verb == "restrict" and not options.end and options.limit_kmh is None:
+        raise SettingsError("restrict: --limit KMH is missing; --end takes one back")
+    if verb in OF_TRACK and not options.start_m < options.end_m:
+        stretch = f"START {options.start_m:g} END {options.end_m:g}"
+        raise SettingsError(f"{verb}: {stretch}: the stretch has to end behind its start")
 
 
 def _obey(options: argparse.Namespace, desk: Desk, view: LineView, clock: WallClock) -> int:

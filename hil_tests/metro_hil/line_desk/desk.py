@@ -7,11 +7,11 @@ from typing import Final
 from can_dbc.vobc import Supervision
 from firmware_py.clock import WallClock
 from firmware_py.ports import RadioPort
-from metro_hil.line_desk.view import Command, LineView, protection_words
+from metro_hil.line_desk.view import KMH, Command, LineView, protection_words, stretch_words
 from metro_hil.options import EXIT_ENVIRONMENT, EXIT_OK
 from zenoh_config import t2t_keys
 from zenoh_config.codec import BENCH_KEY, pack
-from zenoh_config.messages import WAYSIDE
+from zenoh_config.messages import WAYSIDE, SpeedRestriction
 from zenoh_config.t2t import NOBODY, SUPERVISION, LineOrder, OrderKind, T2tMessage
 from zenoh_config.t2t_supervision import (
     Decree,
@@ -29,12 +29,13 @@ BEAT_NS: Final = 50_000_000
 ORDER_S: Final = 3.0
 REFUSALS: Final = {
     DecreeAnswer.UNKNOWN_TRAIN: "no such train tells its status to the wayside",
-    DecreeAnswer.NO_STRETCH: "no such stretch on this line, no station ahead, or no limit",
+    DecreeAnswer.NO_STRETCH: "no such stretch on {line}, which reaches from {start:g} to {end:g} m",
     DecreeAnswer.FULL: "no room for another one; take one back first",
     DecreeAnswer.NOT_THERE: "nothing of the kind was decreed",
     DecreeAnswer.NOT_STORED: "the wayside cannot store it, so it is not decreed",
     DecreeAnswer.TOO_OLD: "it came too late; the radio is too slow",
 }
+NO_STATION: Final = "no station is ahead of it, or it does not know where it is"
 KEPT: Final = {
     RemovalState.COMMITTING: "its arbiters do not keep the roster without it",
     RemovalState.HEARD: "it is heard, or was until just now; only who is silent can be taken off",
@@ -192,8 +193,15 @@ class Desk:
             return _failed("the wayside does not answer; nobody knows whether it is decreed")
         answer = self._view.state.answer
         if answer is not DecreeAnswer.DONE:
-            return _failed(REFUSALS[answer])
+            return _failed(self._refusal(decree, answer))
         return self._shown(kind, train)
+
+    def _refusal(self, decree: Decree, answer: DecreeAnswer) -> str:
+        areas, words = self._view.areas, REFUSALS[answer]
+        if answer is DecreeAnswer.NO_STRETCH and decree.kind is DecreeKind.SKIP:
+            words = NO_STATION
+        words = words.format(line=areas.name, start=areas.start_m, end=areas.end_m)
+        return f"{_subject(decree)}: {words}"
 
     def _shown(self, kind: DecreeKind, train: int) -> int:
         """A brake that is decreed has to be on; one that is released may have other reasons."""
@@ -223,6 +231,16 @@ class Desk:
 
 def _answers(state: LineState, decree: Decree) -> bool:
     return (state.answered_boot, state.answered) == (decree.boot, decree.sequence)
+
+
+def _subject(decree: Decree) -> str:
+    """Which train or stretch it is about."""
+    if decree.train != NOBODY:
+        return f"train {decree.train}"
+    stretch = stretch_words(SpeedRestriction(decree.start_m, decree.end_m, decree.limit_mps))
+    if decree.kind is DecreeKind.RESTRICT:
+        return f"at most {decree.limit_mps * KMH:g} km/h {stretch}"
+    return stretch
 
 
 def _failed(words: str) -> int:

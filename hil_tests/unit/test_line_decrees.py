@@ -1,0 +1,183 @@
+"""What a desk says of its decrees, to the very centre that keeps them."""
+
+from dataclasses import replace
+
+import pytest
+
+from can_dbc.vobc import Supervision
+from firmware_py.ports import RadioMessage
+from firmware_py.trackdb import load_line
+from firmware_py.trackdb.areas import load_areas
+from metro_hil.line_desk.command import main
+from metro_hil.line_desk.desk import Desk
+from metro_hil.line_desk.view import LineView
+from plant_emulator.wayside.line_centre import LineCentre
+from zenoh_config import keys
+from zenoh_config.codec import pack, unpack
+from zenoh_config.messages import TrainStatus
+from zenoh_config.t2t import T2tMessage
+from zenoh_config.t2t_keys import key_of
+from zenoh_config.t2t_supervision import DecreeKind
+
+LOOP = load_areas("loop")
+MS = 1_000_000
+STATUS = TrainStatus(
+    *(3, 1, 1, 0, 4, 1, 0),
+    localised=True,
+    standstill=False,
+    front_m=1000.0,
+    doors_locked=True,
+    open_left=False,
+    open_right=False,
+    passenger_alarm=False,
+    fire=False,
+    obstacle=False,
+    alarm_raised=False,
+)
+
+
+class Ticking:
+    """A clock that runs as soon as somebody waits."""
+
+    def __init__(self) -> None:
+        self.ns = 5 * 10**9
+
+    def now_ns(self) -> int:
+        return self.ns
+
+    def epoch_ns(self) -> int:
+        return 10**18 + self.ns
+
+    def wait_until(self, deadline_ns: int) -> None:
+        self.ns = deadline_ns
+
+
+class Line:
+    """A radio with the centre of a line and a train that obeys it."""
+
+    connected = True
+
+    def __init__(self, status: TrainStatus = STATUS) -> None:
+        self.clock = Ticking()
+        self.status = status
+        self.reports: list[T2tMessage] = []
+        self.decreed: list[T2tMessage] = []
+        self._centre = LineCentre(load_line("loop"), boot=5)
+        self._heard: list[T2tMessage] = []
+
+    def receive(self, now_ns: int) -> list[RadioMessage]:
+        status = replace(self.status, sequence=now_ns // MS, stamp_ns=now_ns)
+        told = RadioMessage(0, keys.status("loop", 3), pack(status))
+        self._centre.answer(told, status, now_ns)
+        heard, self._heard = self._heard, []
+        states = self._centre.step(now_ns, heard).out
+        for each in self._centre.memory.trains:
+            if each.emergency:
+                self.status = replace(status, supervision=Supervision.EMERGENCY)
+            elif each.releases:
+                self.status = replace(status, supervision=Supervision.NO_AUTHORITY, cause=0)
+        return [told, *[said(replace(m, stamp_ns=now_ns)) for m in (*states, *self.reports)]]
+
+    def send(self, now_ns: int, key: str, payload: bytes) -> None:
+        decree = unpack(payload)
+        assert isinstance(decree, T2tMessage)
+        assert key == key_of("loop", decree)
+        self._heard.append(decree)
+        self.decreed.append(decree)
+
+
+def said(message: T2tMessage) -> RadioMessage:
+    return RadioMessage(0, key_of("loop", message), pack(message))
+
+
+def at_the_desk(line: Line) -> Desk:
+    desk = Desk(line.clock, LineView(LOOP), line)  # type: ignore[arg-type]
+    desk.listen(0.7)
+    return desk
+
+
+def test_a_restriction_is_taken_back_without_its_limit() -> None:
+    line = Line()
+    stretch = {"start_m": 3500.0, "end_m": 3700.0}
+    assert at_the_desk(line).decree(DecreeKind.RESTRICT, **stretch, limit_mps=5.0) == 0
+
+    assert at_the_desk(line).decree(DecreeKind.LIFT, **stretch) == 0
+
+
+REACH = "no such stretch on loop, which reaches from -120 to 7700 m"
+
+
+@pytest.mark.parametrize(
+    ("kind", "stretch", "words"),
+    [
+        (
+            DecreeKind.RESTRICT,
+            (5000.0, 99_999.0, 5.0),
+            f"at most 18 km/h from 5000 to 99999 m: {REACH}",
+        ),
+        (DecreeKind.CLOSE, (5000.0, 99_999.0, 0.0), f"from 5000 to 99999 m: {REACH}"),
+        (
+            DecreeKind.LIFT,
+            (5000.0, 5200.0, 0.0),
+            "from 5000 to 5200 m: nothing of the kind was decreed",
+        ),
+    ],
+)
+def test_a_refusal_names_the_stretch_that_was_asked_for(
+    kind: DecreeKind,
+    stretch: tuple[float, float, float],
+    words: str,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    start_m, end_m, limit_mps = stretch
+
+    code = at_the_desk(Line()).decree(kind, start_m=start_m, end_m=end_m, limit_mps=limit_mps)
+
+    assert code == 3
+    assert capsys.readouterr().err == f"vobc: {words}\n"
+
+
+@pytest.mark.parametrize(
+    ("train", "front_m", "words"),
+    [
+        (4, 1000.0, "train 4: no such train tells its status to the wayside"),
+        (3, 7690.0, "train 3: no station is ahead of it, or it does not know where it is"),
+    ],
+)
+def test_a_refusal_names_the_train_that_was_asked_for(
+    train: int, front_m: float, words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    line = Line(replace(STATUS, front_m=front_m))
+
+    assert at_the_desk(line).decree(DecreeKind.SKIP, train=train) == 3
+
+    assert capsys.readouterr().err == f"vobc: {words}\n"
+
+
+@pytest.mark.parametrize(
+    ("words", "complaint"),
+    [
+        ("restrict 5200 5000 --limit 20", "restrict: START 5200 END 5000: the stretch has to end"),
+        ("restrict 5200 5000 --end", "restrict: START 5200 END 5000: the stretch has to end"),
+        ("close 7000 7000", "close: START 7000 END 7000: the stretch has to end behind its start"),
+        ("restrict 5000 5200", "restrict: --limit KMH is missing; --end takes one back"),
+    ],
+)
+def test_what_can_be_no_stretch_is_said_before_anybody_is_asked(
+    words: str, complaint: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Nobody is there: it would be no session otherwise."""
+    assert main([*words.split(), "--line-radio", "tcp/127.0.0.1:1"]) == 2
+
+    assert capsys.readouterr().err.startswith(f"vobc: {complaint}")
+
+
+@pytest.mark.parametrize("limit", ["0", "-5", "nan", "x"])
+def test_what_is_no_limit_is_said_before_anybody_is_asked(
+    limit: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(["restrict", "5000", "5200", "--limit", limit])
+
+    assert ended.value.code == 2
+    assert f"{limit} is not a number in 1.." in capsys.readouterr().err
