@@ -1,13 +1,20 @@
 """A desk of supervision: listens, says what is wanted until it is so, tells what came of it."""
 
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Final
 
 from can_dbc.vobc import Supervision
 from firmware_py.clock import WallClock
 from firmware_py.ports import RadioPort
-from metro_hil.line_desk.view import KMH, Command, LineView, protection_words, stretch_words
+from metro_hil.line_desk.view import (
+    KMH,
+    SILENT_S,
+    Command,
+    LineView,
+    protection_words,
+    stretch_words,
+)
 from metro_hil.options import EXIT_ENVIRONMENT, EXIT_OK
 from zenoh_config import t2t_keys
 from zenoh_config.codec import BENCH_KEY, pack
@@ -74,7 +81,7 @@ class Desk:
     def switch(self, area: int, to: int) -> int:
         """Ask until another commands, or it is clear that none will."""
         if area not in self._view.commands:
-            return self.nobody()
+            return self.nobody(f"area {area}")
 
         def switched() -> bool:
             now = self._view.commands[area]
@@ -94,61 +101,90 @@ class Desk:
 
         One that is to come back is told also where nobody commands: none may be left that could.
         """
-        heard = self._view.commands or (end and train in self._view.reports)
-        if not heard:
+        view, asked_ns = self._view, self._clock.now_ns()
+        if not (view.commands or (end and train in view.reports)):
             return self.nobody()
-        kind = OrderKind.IN_SERVICE if end else OrderKind.OUT_OF_SERVICE
+        if not self.listen(ORDER_S, lambda: view.knows(train)):
+            return self._unknown(train)
+
+        def says_so() -> bool:
+            report, at_ns = view.reports.get(train, (None, 0))
+            return report is not None and at_ns >= asked_ns and report.out_of_service is not end
 
         def done() -> bool:
-            terms: dict[int, int] = {}
-            report, _ = self._view.reports.get(train, (None, 0))
-            if report is not None:
-                terms[report.area] = report.term
-            for area, command in self._view.commands.items():
-                terms[area] = command.heartbeat.term
-                self._order(kind, train, command.heartbeat.source, area, terms[area])
-            # And the train itself, which says so to every master there will be.
-            for area, term in terms.items():
-                self._order(kind, train, train, area, term)
-            if end:
-                return report is not None and not report.out_of_service
-            commands = [each.heartbeat for each in self._view.commands.values()]
-            return all(train not in (each.source, each.standby) for each in commands)
+            self._serve(train, OrderKind.IN_SERVICE if end else OrderKind.OUT_OF_SERVICE)
+            return says_so() and (end or not self._duties(train))
 
         if self.listen(ORDER_S, done):
             now = "is in service again" if end else "commands nothing and stands by for nobody"
             print(f"train {train} {now}")
             return EXIT_OK
-        if end:
-            return _failed(f"train {train} does not say that it is in service")
-        return _failed(f"nobody could take over from train {train}")
+        if not says_so():
+            return _failed(
+                f"train {train} does not say that it is {'in' if end else 'out of'} service"
+            )
+        duties = " and ".join(self._duties(train))
+        print(f"train {train} is out of service; until another can take over, it goes on: {duties}")
+        return EXIT_OK
+
+    def _serve(self, train: int, kind: OrderKind) -> None:
+        terms: dict[int, int] = {}
+        if train in self._view.reports:
+            report, _ = self._view.reports[train]
+            terms[report.area] = report.term
+        for area, command in self._view.commands.items():
+            terms[area] = command.heartbeat.term
+            self._order(kind, train, command.heartbeat.source, area, terms[area])
+        # And the train itself, which says so to every master there will be.
+        for area, term in terms.items():
+            self._order(kind, train, train, area, term)
+
+    def _duties(self, train: int) -> list[str]:
+        """What it does for others by heartbeats that are heard."""
+        now_ns, said = self._clock.now_ns(), list[str]()
+        for area, command in sorted(self._view.commands.items()):
+            if now_ns - command.heard_ns > SILENT_S * NS_PER_S:
+                continue
+            if command.heartbeat.source == train:
+                said.append(f"commands area {area}")
+            elif command.heartbeat.standby == train:
+                said.append(f"stands by for area {area}")
+        return said
 
     def remove(self, train: int) -> int:
         """Tell every master that it is gone, until all have taken it off their rosters."""
         if not self._view.commands:
             return self.nobody()
-        asked_ns = self._clock.now_ns()
+        asked_ns, was_there = self._clock.now_ns(), False
 
         def answers() -> dict[int, RemovalAnswer]:
             told = self._view.removals.items()
             return {n: e for n, (e, at) in told if at >= asked_ns and e.train == train}
 
         def done() -> bool:
+            nonlocal was_there
             for command in self._view.commands.values():
                 self._remove(train, command)
             states = {area: each.state for area, each in answers().items()}
+            was_there |= any(state is not RemovalState.GONE for state in states.values())
             return all(states.get(area) is RemovalState.GONE for area in self._view.commands)
 
-        if self.listen(ORDER_S, done):
-            print(f"train {train} is on no roster any more")
-            return EXIT_OK
-        told, words = answers(), []
+        if not self.listen(ORDER_S, done):
+            return _failed("; ".join(self._keepers(train, answers())))
+        # Nobody else can say that it is unknown: the wayside may have been started anew.
+        if not was_there and not self._view.knows(train):
+            return self._unknown(train)
+        print(f"train {train} is on no roster any more")
+        return EXIT_OK
+
+    def _keepers(self, train: int, told: Mapping[int, RemovalAnswer]) -> list[str]:
+        words = []
         for area, command in sorted(self._view.commands.items()):
             if area not in told:
                 words.append(f"area {area}: train {command.heartbeat.source} does not answer")
             elif told[area].state is not RemovalState.GONE:
                 words.append(f"area {area} keeps train {train}: {KEPT[told[area].state]}")
-        return _failed("; ".join(words))
+        return words
 
     def _remove(self, train: int, command: Command) -> None:
         self._sequence += 1
@@ -225,8 +261,17 @@ class Desk:
         key = t2t_keys.key_of(self._view.areas.name, message)
         self._port.send(self._clock.now_ns(), key, pack(message, self._key))
 
-    def nobody(self) -> int:
-        return _failed(f"nobody is heard on {self._view.areas.name}")
+    def nobody(self, what: str = "") -> int:
+        """Nobody commands what is meant, by default any area."""
+        line = self._view.areas.name
+        if self._view.hears_nobody:
+            return _failed(f"nobody is heard on {line}")
+        return _failed(f"nobody commands {what or f'any area of {line}'}")
+
+    def _unknown(self, train: int) -> int:
+        return _failed(
+            f"train {train} is unknown: nobody has heard of it on {self._view.areas.name}"
+        )
 
 
 def _answers(state: LineState, decree: Decree) -> bool:

@@ -59,6 +59,20 @@ class LineView:
             return False
         return all(each.area in self.commands for each in self.state.leases)
 
+    @property
+    def hears_nobody(self) -> bool:
+        return not (self.state or self.commands or self.reports or self.statuses)
+
+    def knows(self, train: int) -> bool:
+        """It was heard, or the wayside or the master that it stands by for told of it."""
+        known = {*self.reports, *self.statuses}
+        for command in self.commands.values():
+            known |= {command.heartbeat.source, command.heartbeat.standby}
+        if self.state is not None:
+            known |= {each.train for each in self.state.trains}
+            known |= {each.train for each in self.state.silent}
+        return train in known
+
     def hears(self, messages: Iterable[RadioMessage], now_ns: int) -> None:
         for message in messages:
             heard = unpack(message.payload, self._key)
