@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from can_dbc.vobc import Supervision
+from can_dbc.vobc import Cause, Supervision
 from firmware_py.ports import RadioMessage
 from firmware_py.trackdb import load_line
 from firmware_py.trackdb.areas import load_areas
@@ -181,3 +181,40 @@ def test_what_is_no_limit_is_said_before_anybody_is_asked(
 
     assert ended.value.code == 2
     assert f"{limit} is not a number in 1.." in capsys.readouterr().err
+
+
+def test_an_emergency_brake_that_is_not_decreed_is_not_released(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    line = Line()
+
+    assert at_the_desk(line).decree(DecreeKind.RELEASE, train=3) == 3
+
+    assert line.decreed == []
+    told = "vobc: train 3: no emergency brake is decreed, and none is applied\n"
+    assert capsys.readouterr() == ("", told)
+
+
+def test_an_emergency_brake_that_is_decreed_is_released(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    line = Line()
+    assert at_the_desk(line).decree(DecreeKind.EMERGENCY, train=3) == 0
+    assert "train 3: emergency brake applied" in capsys.readouterr().out
+
+    assert at_the_desk(line).decree(DecreeKind.RELEASE, train=3) == 0
+    assert "train 3: emergency brake released" in capsys.readouterr().out
+
+
+def test_a_train_that_brakes_of_its_own_is_reset() -> None:
+    line = Line(replace(STATUS, supervision=Supervision.EMERGENCY, cause=Cause.OVERSHOT))
+
+    assert at_the_desk(line).decree(DecreeKind.RELEASE, train=3) == 0
+
+
+def test_the_release_of_an_unknown_train_is_left_to_the_wayside(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert at_the_desk(Line()).decree(DecreeKind.RELEASE, train=5) == 3
+    told = "vobc: train 5: no such train tells its status to the wayside\n"
+    assert capsys.readouterr().err == told

@@ -213,6 +213,8 @@ class Desk:
         """The same decree again and again until it is answered."""
         if self._view.state is None:
             return _failed("the wayside of the line is not heard: nothing can be decreed")
+        if kind is DecreeKind.RELEASE and self._brakes_not(train):
+            return _failed(f"train {train}: no emergency brake is decreed, and none is applied")
         self._sequence += 1
         head = (SUPERVISION, WAYSIDE, 0, 0, self._boot, self._sequence, self._clock.now_ns())
         stretch = (start_m, end_m, limit_mps)
@@ -231,6 +233,15 @@ class Desk:
         if answer is not DecreeAnswer.DONE:
             return _failed(self._refusal(decree, answer))
         return self._shown(kind, train)
+
+    def _brakes_not(self, train: int) -> bool:
+        """The wayside knows it and decreed nothing; one that brakes of its own may be reset."""
+        decree = self._view.decree(train)
+        if decree is None or decree.emergency:
+            return False
+        self.listen(ORDER_S, lambda: train in self._view.statuses)
+        status = self._view.statuses.get(train)
+        return status is None or status.supervision != Supervision.EMERGENCY
 
     def _refusal(self, decree: Decree, answer: DecreeAnswer) -> str:
         areas, words = self._view.areas, REFUSALS[answer]
