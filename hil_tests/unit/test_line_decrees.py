@@ -1,6 +1,7 @@
 """What a desk says of its decrees, to the very centre that keeps them."""
 
 from dataclasses import replace
+from unittest.mock import Mock
 
 import pytest
 
@@ -8,6 +9,7 @@ from can_dbc.vobc import Cause, Supervision
 from firmware_py.ports import RadioMessage
 from firmware_py.trackdb import load_line
 from firmware_py.trackdb.areas import load_areas
+from metro_hil.line_desk import command
 from metro_hil.line_desk.command import main
 from metro_hil.line_desk.desk import Desk
 from metro_hil.line_desk.view import LineView
@@ -218,3 +220,15 @@ def test_the_release_of_an_unknown_train_is_left_to_the_wayside(
     assert at_the_desk(Line()).decree(DecreeKind.RELEASE, train=5) == 3
     told = "vobc: train 5: no such train tells its status to the wayside\n"
     assert capsys.readouterr().err == told
+
+
+@pytest.mark.parametrize(
+    ("words", "code"),
+    [("line --watch", 0), ("line", 130), ("hold T3", 130), ("remove-train T3", 130)],
+)
+def test_what_ctrl_c_ends_is_no_success_but_for_watching(
+    words: str, code: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(command, "load_areas", Mock(side_effect=KeyboardInterrupt))
+
+    assert main(words.split()) == code

@@ -12,7 +12,14 @@ from firmware_py.settings import SettingsError
 from firmware_py.trackdb.areas import AreaMap, load_areas
 from metro_hil.line_desk.desk import Desk
 from metro_hil.line_desk.view import KMH, LineView
-from metro_hil.options import EXIT_ENVIRONMENT, EXIT_OK, EXIT_USAGE, LINE_VERBS, train_number
+from metro_hil.options import (
+    EXIT_ENVIRONMENT,
+    EXIT_INTERRUPTED,
+    EXIT_OK,
+    EXIT_USAGE,
+    LINE_VERBS,
+    train_number,
+)
 from zenoh_config import t2t_keys
 from zenoh_config.codec import BENCH_KEY, safety_key
 from zenoh_config.secured import SUPERVISION_NAME
@@ -35,7 +42,9 @@ OF_TRACK: Final = {
 
 
 def main(words: Sequence[str]) -> int:
-    """Exit 2 for what is no train, line or endpoint; 3 when nobody does what was asked."""
+    """Exit 2 for what is no train, line or endpoint; 3 when nobody does what was asked, or nobody
+    commands what is to be shown; 130 for what Ctrl-C ended, but for `line --watch`.
+    """
     options = parser().parse_args(words)
     try:
         return _supervise(options, load_areas(options.line))
@@ -43,7 +52,8 @@ def main(words: Sequence[str]) -> int:
         print(f"vobc: {error}", file=sys.stderr)
         return EXIT_USAGE
     except KeyboardInterrupt:
-        return EXIT_OK
+        # Nobody knows whether it was decreed, where something was to be.
+        return EXIT_OK if getattr(options, "watch", False) else EXIT_INTERRUPTED
 
 
 def _supervise(options: argparse.Namespace, areas: AreaMap) -> int:
@@ -118,7 +128,9 @@ def parser() -> argparse.ArgumentParser:
         for verb, words in LINE_VERBS.items()
     }
     line, switch, remove = (parsers[verb] for verb in ("line", "switch-master", "remove-train"))
-    line.add_argument("--watch", action="store_true", help="go on until Ctrl-C")
+    line.add_argument(
+        "--watch", action="store_true", help="go on until Ctrl-C; that is exit code 0"
+    )
     switch.add_argument("--area", type=int, required=True)
     switch.add_argument("--to", type=train_number, required=True, metavar="TRAIN")
     remove.description = (
