@@ -9,6 +9,7 @@ from can_dbc.vobc import Cause, Supervision
 from firmware_py.ports import RadioMessage
 from firmware_py.trackdb import load_line
 from firmware_py.trackdb.areas import load_areas
+from hil_tests.unit.test_line_centre import STATUS
 from metro_hil.line_desk import command
 from metro_hil.line_desk.command import main
 from metro_hil.line_desk.desk import Desk
@@ -23,19 +24,6 @@ from zenoh_config.t2t_supervision import DecreeKind
 
 LOOP = load_areas("loop")
 MS = 1_000_000
-STATUS = TrainStatus(
-    *(3, 1, 1, 0, 4, 1, 0),
-    localised=True,
-    standstill=False,
-    front_m=1000.0,
-    doors_locked=True,
-    open_left=False,
-    open_right=False,
-    passenger_alarm=False,
-    fire=False,
-    obstacle=False,
-    alarm_raised=False,
-)
 
 
 class Ticking:

@@ -4,6 +4,7 @@ import dataclasses
 from typing import Any
 
 import pytest
+import zenoh
 
 from firmware_py.ports import RadioMessage
 from firmware_py.trackdb.areas import load_areas
@@ -14,12 +15,14 @@ from metro_hil.vobc_command import main as vobc
 from zenoh_config.codec import pack
 from zenoh_config.t2t import (
     BROADCAST,
+    Admission,
+    AdmissionState,
     Heartbeat,
     Phase,
     T2tMessage,
     TrainReport,
 )
-from zenoh_config.t2t_keys import key_of
+from zenoh_config.t2t_keys import key_of, of_supervision
 from zenoh_config.t2t_supervision import (
     DecreeAnswer,
     LineState,
@@ -153,3 +156,63 @@ def test_who_is_on_a_roster_and_says_nothing_is_shown() -> None:
 
     assert view(state, REPORT).words(0)[-1] == words
     assert "silent" not in "".join(view(dataclasses.replace(state, silent=()), REPORT).words(0))
+
+
+NEWCOMER = dataclasses.replace(REPORT, source=1, member=False)
+ADMISSION = Admission(3, 1, 1, 7, 1, 1, 0, AdmissionState.UNPLACED, 2)
+
+
+@pytest.mark.parametrize(
+    ("state", "ahead", "words"),
+    [
+        (
+            AdmissionState.UNPLACED,
+            2,
+            "waits for T2 in area 1: its place among the others is not sure yet",
+        ),
+        (
+            AdmissionState.UNPLACED,
+            0,
+            "waits in area 1: its place among the others is not sure yet",
+        ),
+        (AdmissionState.WAITS, 2, "waits for T2 in area 1: that one has to come first"),
+        (AdmissionState.WAITS, 0, "waits in area 1: it has no authority to its border yet"),
+        (
+            AdmissionState.COMMITTING,
+            0,
+            "waits in area 1: its arbiters do not keep the roster with it yet",
+        ),
+        (AdmissionState.FULL, 0, "waits in area 1: the roster is full"),
+    ],
+)
+def test_it_says_why_a_train_waits(state: AdmissionState, ahead: int, words: str) -> None:
+    admission = dataclasses.replace(ADMISSION, state=state, waits_for=ahead)
+
+    assert view(NEWCOMER, admission).words(0)[-1].endswith(f"  {words}")
+
+
+def test_a_train_waits_no_more_that_is_admitted_or_that_nobody_told_so_lately() -> None:
+    shown = view(NEWCOMER, ADMISSION)
+    assert "waits" in shown.words(1000 * MS)[-1]
+    assert "waits" not in shown.words(1001 * MS)[-1]
+
+    admitted = dataclasses.replace(NEWCOMER, member=True)
+    assert "waits" not in view(admitted, ADMISSION).words(0)[-1]
+
+
+def test_a_member_of_one_area_may_wait_for_the_next() -> None:
+    member = dataclasses.replace(NEWCOMER, member=True)
+    full = dataclasses.replace(ADMISSION, area=2, state=AdmissionState.FULL, waits_for=0)
+
+    assert "waits in area 2: the roster is full" in view(member, full).words(0)[-1]
+
+
+def test_why_others_wait_is_not_said_of_a_train() -> None:
+    assert "waits" not in view(REPORT, ADMISSION).words(0)[-1]
+
+
+@pytest.mark.parametrize("train", [1, 4])
+def test_a_display_listens_to_why_any_train_waits(train: int) -> None:
+    key = key_of("loop", dataclasses.replace(ADMISSION, destination=train))
+
+    assert any(zenoh.KeyExpr(each).includes(key) for each in of_supervision("loop"))
