@@ -6,8 +6,10 @@ from typing import Any
 import pytest
 import zenoh
 
+from can_dbc.vobc import OperatingMode
 from firmware_py.ports import RadioMessage
 from firmware_py.trackdb.areas import load_areas
+from hil_tests.unit.test_line_centre import STATUS
 from metro_hil.line_desk.command import main
 from metro_hil.line_desk.view import LineView
 from metro_hil.options import LINE_VERBS, OTHER_VERBS
@@ -216,3 +218,10 @@ def test_a_display_listens_to_why_any_train_waits(train: int) -> None:
     key = key_of("loop", dataclasses.replace(ADMISSION, destination=train))
 
     assert any(zenoh.KeyExpr(each).includes(key) for each in of_supervision("loop"))
+
+
+def test_the_mode_of_a_train_is_not_taken_for_a_standby_of_an_area() -> None:
+    shown = view(REPORT)
+    shown.statuses[3] = dataclasses.replace(STATUS, mode=OperatingMode.STANDBY)
+
+    assert shown.words(0)[-1].endswith("  mode standby")

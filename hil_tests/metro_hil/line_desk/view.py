@@ -206,7 +206,8 @@ class LineView:
         said = []
         status = self.statuses.get(report.source)
         if status is not None:
-            said += [_name(OperatingMode, status.mode), protection_words(status)]
+            # Said with its noun: who stands by for a master is a standby, too.
+            said += [f"mode {_name(OperatingMode, status.mode)}", protection_words(status)]
         if report.out_of_service:
             said.append("out of service")
         decree = self.decree(report.source)
