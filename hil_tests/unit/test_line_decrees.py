@@ -10,14 +10,16 @@ from firmware_py.ports import RadioMessage
 from firmware_py.trackdb import load_line
 from firmware_py.trackdb.areas import load_areas
 from hil_tests.unit.test_line_centre import STATUS
+from hil_tests.unit.test_line_supervision import REPORT
 from metro_hil.line_desk import command
 from metro_hil.line_desk.command import main
 from metro_hil.line_desk.desk import Desk
+from metro_hil.line_desk.near import is_near
 from metro_hil.line_desk.view import LineView
 from plant_emulator.wayside.line_centre import LineCentre
 from zenoh_config import keys
 from zenoh_config.codec import pack, unpack
-from zenoh_config.messages import TrainStatus
+from zenoh_config.messages import SpeedRestriction, TrainStatus
 from zenoh_config.t2t import T2tMessage
 from zenoh_config.t2t_keys import key_of
 from zenoh_config.t2t_supervision import DecreeKind
@@ -88,10 +90,10 @@ def at_the_desk(line: Line) -> Desk:
 
 def test_a_restriction_is_taken_back_without_its_limit() -> None:
     line = Line()
-    stretch = {"start_m": 3500.0, "end_m": 3700.0}
-    assert at_the_desk(line).decree(DecreeKind.RESTRICT, **stretch, limit_mps=5.0) == 0
+    desk = at_the_desk(line)
+    assert desk.decree(DecreeKind.RESTRICT, start_m=3500.0, end_m=3700.0, limit_mps=5.0) == 0
 
-    assert at_the_desk(line).decree(DecreeKind.LIFT, **stretch) == 0
+    assert at_the_desk(line).decree(DecreeKind.LIFT, start_m=3500.0, end_m=3700.0) == 0
 
 
 REACH = "no such stretch on loop, which reaches from -120 to 7700 m"
@@ -220,3 +222,92 @@ def test_what_ctrl_c_ends_is_no_success_but_for_watching(
     monkeypatch.setattr(command, "load_areas", Mock(side_effect=KeyboardInterrupt))
 
     assert main(words.split()) == code
+
+
+RUNNING = replace(
+    REPORT,
+    front_min_m=3431.0,
+    front_max_m=3433.0,
+    rear_min_m=3360.0,
+    protected_m=3360.0,
+    latent_m=4200.0,
+    held_end_m=4200.0,
+    easy_m=3700.0,
+    speed_mps=67.0 / 3.6,
+)
+"""Where a user restricted the track ahead of it, and it braked by emergency."""
+
+
+@pytest.mark.parametrize(
+    ("stretch", "near"),
+    [
+        ((3500.0, 3700.0, 20.0 / 3.6), True),
+        ((3750.0, 3800.0, 20.0 / 3.6), True),
+        ((3752.0, 3800.0, 20.0 / 3.6), False),
+        ((3752.0, 3800.0, 0.0), True),
+        ((3778.0, 3800.0, 0.0), False),
+        ((3400.0, 3700.0, 60.0 / 3.6), True),
+        ((3400.0, 3700.0, 67.0 / 3.6), False),
+        ((3000.0, 3361.0, 20.0 / 3.6), True),
+        ((3000.0, 3360.0, 20.0 / 3.6), False),
+    ],
+)
+def test_near_is_who_cannot_be_slow_enough_by_then(
+    stretch: tuple[float, float, float], near: bool
+) -> None:
+    """With 0.6 m/s², after 3 s."""
+    assert is_near(RUNNING, SpeedRestriction(*stretch)) is near
+
+
+def test_a_train_that_stands_or_does_not_know_where_it_is_is_not_near() -> None:
+    closed = SpeedRestriction(3400.0, 3700.0, 0.0)
+
+    assert not is_near(replace(RUNNING, standstill=True), closed)
+    assert not is_near(replace(RUNNING, localised=False), closed)
+
+
+@pytest.mark.parametrize(
+    ("kind", "start_m", "words"),
+    [
+        (DecreeKind.RESTRICT, 3500.0, "67 m before it with 67 km/h"),
+        (DecreeKind.CLOSE, 3400.0, "in it with 67 km/h"),
+        (DecreeKind.RESTRICT, 3900.0, None),
+    ],
+)
+def test_who_decrees_too_near_ahead_of_a_train_is_told(
+    kind: DecreeKind, start_m: float, words: str | None, capsys: pytest.CaptureFixture[str]
+) -> None:
+    line = Line()
+    desk = at_the_desk(line)
+    line.reports = [RUNNING]
+    limit_mps = 20.0 / 3.6 if kind is DecreeKind.RESTRICT else 0.0
+
+    assert desk.decree(kind, start_m=start_m, end_m=4000.0, limit_mps=limit_mps) == 0
+
+    warning = "" if words is None else f"vobc: train 3 may brake by emergency: it is {words}\n"
+    assert capsys.readouterr().err == warning
+
+
+def test_nobody_is_warned_of_what_is_taken_back_or_refused(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    line = Line()
+    at_the_desk(line).decree(DecreeKind.CLOSE, start_m=3500.0, end_m=3700.0)
+    line.reports = [RUNNING]
+
+    assert at_the_desk(line).decree(DecreeKind.OPEN, start_m=3500.0, end_m=3700.0) == 0
+    assert at_the_desk(line).decree(DecreeKind.CLOSE, start_m=3500.0, end_m=99_999.0) == 3
+    assert "emergency" not in capsys.readouterr().err
+
+
+def test_a_train_that_was_heard_long_ago_is_not_told_of(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    line = Line()
+    line.reports = [RUNNING]
+    desk = at_the_desk(line)
+    line.reports = []
+    desk.listen(1.0)
+
+    assert desk.decree(DecreeKind.CLOSE, start_m=3500.0, end_m=3700.0) == 0
+    assert capsys.readouterr().err == ""

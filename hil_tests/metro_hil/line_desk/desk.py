@@ -7,6 +7,7 @@ from typing import Final
 from can_dbc.vobc import Supervision
 from firmware_py.clock import WallClock
 from firmware_py.ports import RadioPort
+from metro_hil.line_desk.near import is_near
 from metro_hil.line_desk.view import (
     KMH,
     SILENT_S,
@@ -42,6 +43,10 @@ REFUSALS: Final = {
     DecreeAnswer.NOT_STORED: "the wayside cannot store it, so it is not decreed",
     DecreeAnswer.TOO_OLD: "it came too late; the radio is too slow",
 }
+NARROWING: Final = (DecreeKind.RESTRICT, DecreeKind.CLOSE)
+"""What may be too near ahead of a train."""
+REPORTS_S: Final = 0.3
+"""In that time every train in an area reports, also where a message is lost."""
 NO_STATION: Final = "no station is ahead of it, or it does not know where it is"
 KEPT: Final = {
     RemovalState.COMMITTING: "its arbiters do not keep the roster without it",
@@ -215,6 +220,8 @@ class Desk:
             return _failed("the wayside of the line is not heard: nothing can be decreed")
         if kind is DecreeKind.RELEASE and self._brakes_not(train):
             return _failed(f"train {train}: no emergency brake is decreed, and none is applied")
+        if kind in NARROWING:
+            self.listen(REPORTS_S)
         self._sequence += 1
         head = (SUPERVISION, WAYSIDE, 0, 0, self._boot, self._sequence, self._clock.now_ns())
         stretch = (start_m, end_m, limit_mps)
@@ -232,7 +239,20 @@ class Desk:
         answer = self._view.state.answer
         if answer is not DecreeAnswer.DONE:
             return _failed(self._refusal(decree, answer))
+        print("decreed, and stored by the wayside", flush=True)
+        if kind in NARROWING:
+            self._warn(SpeedRestriction(start_m, end_m, limit_mps))
         return self._shown(kind, train)
+
+    def _warn(self, stretch: SpeedRestriction) -> None:
+        """Of trains that may not be able to obey without an emergency brake."""
+        now_ns = self._clock.now_ns()
+        for train, (report, at_ns) in sorted(self._view.reports.items()):
+            if now_ns - at_ns <= SILENT_S * NS_PER_S and is_near(report, stretch):
+                away_m = stretch.start_m - report.front_max_m
+                where = f"{away_m:.0f} m before it" if away_m > 0.0 else "in it"
+                speed = f"{report.speed_mps * KMH:.0f} km/h"
+                _complain(f"train {train} may brake by emergency: it is {where} with {speed}")
 
     def _brakes_not(self, train: int) -> bool:
         """The wayside knows it and decreed nothing; one that brakes of its own may be reset."""
@@ -252,7 +272,6 @@ class Desk:
 
     def _shown(self, kind: DecreeKind, train: int) -> int:
         """A brake that is decreed has to be on; one that is released may have other reasons."""
-        print("decreed, and stored by the wayside")
         if kind not in (DecreeKind.EMERGENCY, DecreeKind.RELEASE):
             return EXIT_OK
         wanted = kind is DecreeKind.EMERGENCY
@@ -300,5 +319,9 @@ def _subject(decree: Decree) -> str:
 
 
 def _failed(words: str) -> int:
-    print(f"vobc: {words}", file=sys.stderr)
+    _complain(words)
     return EXIT_ENVIRONMENT
+
+
+def _complain(words: str) -> None:
+    print(f"vobc: {words}", file=sys.stderr)
