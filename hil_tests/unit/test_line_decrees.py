@@ -52,6 +52,7 @@ class Line:
     def __init__(self, status: TrainStatus = STATUS) -> None:
         self.clock = Ticking()
         self.status = status
+        self.speaks = True
         self.reports: list[T2tMessage] = []
         self.decreed: list[T2tMessage] = []
         self._centre = LineCentre(load_line("loop"), boot=5)
@@ -68,7 +69,8 @@ class Line:
                 self.status = replace(status, supervision=Supervision.EMERGENCY)
             elif each.releases:
                 self.status = replace(status, supervision=Supervision.NO_AUTHORITY, cause=0)
-        return [told, *[said(replace(m, stamp_ns=now_ns)) for m in (*states, *self.reports)]]
+        told_now = [told] if self.speaks else []
+        return [*told_now, *[said(replace(m, stamp_ns=now_ns)) for m in (*states, *self.reports)]]
 
     def send(self, now_ns: int, key: str, payload: bytes) -> None:
         decree = unpack(payload)
@@ -185,6 +187,21 @@ def test_an_emergency_brake_that_is_not_decreed_is_not_released(
     assert line.decreed == []
     told = "vobc: train 3: no emergency brake is decreed, and none is applied\n"
     assert capsys.readouterr() == ("", told)
+
+
+def test_of_a_silent_train_nobody_says_that_it_does_not_brake(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    line = Line()
+    desk = at_the_desk(line)
+    desk.listen(0.6)
+    line.speaks = False
+    later = Desk(line.clock, LineView(LOOP), line)  # type: ignore[arg-type]
+    later.listen(0.7)
+
+    assert later.decree(DecreeKind.RELEASE, train=3) == 3
+    told = "vobc: train 3: no emergency brake is decreed, and the train is silent\n"
+    assert capsys.readouterr().err == told
 
 
 def test_an_emergency_brake_that_is_decreed_is_released(

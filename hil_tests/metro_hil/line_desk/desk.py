@@ -218,8 +218,8 @@ class Desk:
         """The same decree again and again until it is answered."""
         if self._view.state is None:
             return _failed("the wayside of the line is not heard: nothing can be decreed")
-        if kind is DecreeKind.RELEASE and self._brakes_not(train):
-            return _failed(f"train {train}: no emergency brake is decreed, and none is applied")
+        if kind is DecreeKind.RELEASE and (why := self._nothing_to_release(train)):
+            return _failed(f"train {train}: no emergency brake is decreed, and {why}")
         if kind in NARROWING:
             self.listen(REPORTS_S)
         self._sequence += 1
@@ -254,14 +254,16 @@ class Desk:
                 speed = f"{report.speed_mps * KMH:.0f} km/h"
                 _complain(f"train {train} may brake by emergency: it is {where} with {speed}")
 
-    def _brakes_not(self, train: int) -> bool:
-        """The wayside knows it and decreed nothing; one that brakes of its own may be reset."""
+    def _nothing_to_release(self, train: int) -> str:
+        """Empty for one that brakes, also of its own, and for one unknown to the wayside."""
         decree = self._view.decree(train)
         if decree is None or decree.emergency:
-            return False
+            return ""
         self.listen(ORDER_S, lambda: train in self._view.statuses)
         status = self._view.statuses.get(train)
-        return status is None or status.supervision != Supervision.EMERGENCY
+        if status is None:
+            return "the train is silent"
+        return "" if status.supervision == Supervision.EMERGENCY else "none is applied"
 
     def _refusal(self, decree: Decree, answer: DecreeAnswer) -> str:
         areas, words = self._view.areas, REFUSALS[answer]
