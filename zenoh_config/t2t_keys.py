@@ -121,9 +121,12 @@ def of_wayside(line: str) -> tuple[str, ...]:
 
 
 def of_supervision(line: str) -> tuple[str, ...]:
-    """What a display listens to: who commands, where everybody is, and what is decreed."""
+    """What a display listens to: who commands, where everybody is, why trains wait, and what is
+    decreed.
+    """
     return (
         *_keys(line, (Heartbeat, TrainReport, ObjectStatus, LineState), TO_ALL),
+        *_keys(line, (Admission,), "*"),
         *_keys(line, (RemovalAnswer,), str(SUPERVISION)),
         statuses(line),
     )

@@ -179,9 +179,18 @@ def test_masters_are_told_of_restrictions_and_closed_stretches() -> None:
 
     assert site.tracks[-1].restrictions == (SpeedRestriction(1000.0, 1200.0, 5.0),)
     assert [(each.start_m, each.end_m) for each in site.tracks[-1].closed] == [(2000.0, 2100.0)]
-    assert site.says(DecreeKind.LIFT, 0, (1000.0, 1200.0, 0.0)) is DecreeAnswer.NO_STRETCH
-    assert site.says(DecreeKind.LIFT, 0, (1000.0, 1200.0, 1.0)) is DecreeAnswer.DONE
-    assert site.says(DecreeKind.LIFT, 0, (1000.0, 1200.0, 1.0)) is DecreeAnswer.NOT_THERE
+
+
+@pytest.mark.parametrize("limit_mps", [0.0, 5.0])
+def test_a_restriction_is_taken_back_by_its_stretch_whatever_its_limit(limit_mps: float) -> None:
+    site = known()
+    site.says(DecreeKind.RESTRICT, 0, (1000.0, 1200.0, 5.0))
+
+    assert site.says(DecreeKind.LIFT, 0, (1000.0, 1100.0, limit_mps)) is DecreeAnswer.NOT_THERE
+    assert site.says(DecreeKind.LIFT, 0, (1200.0, 1000.0, limit_mps)) is DecreeAnswer.NO_STRETCH
+    assert site.says(DecreeKind.LIFT, 0, (1000.0, 1200.0, limit_mps)) is DecreeAnswer.DONE
+    assert site.stored.restrictions == ()
+    assert site.says(DecreeKind.LIFT, 0, (1000.0, 1200.0, limit_mps)) is DecreeAnswer.NOT_THERE
 
 
 @pytest.mark.parametrize(
@@ -190,6 +199,7 @@ def test_masters_are_told_of_restrictions_and_closed_stretches() -> None:
         ((1200.0, 1000.0, 5.0), DecreeAnswer.NO_STRETCH),
         ((7600.0, 9000.0, 5.0), DecreeAnswer.NO_STRETCH),
         ((1000.0, 1200.0, -1.0), DecreeAnswer.NO_STRETCH),
+        ((1000.0, 1200.0, 0.0), DecreeAnswer.NO_STRETCH),
     ],
 )
 def test_what_is_no_stretch_is_refused(

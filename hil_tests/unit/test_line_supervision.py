@@ -4,31 +4,30 @@ import dataclasses
 from typing import Any
 
 import pytest
+import zenoh
 
+from can_dbc.vobc import OperatingMode
 from firmware_py.ports import RadioMessage
 from firmware_py.trackdb.areas import load_areas
+from hil_tests.unit.test_line_centre import STATUS
 from metro_hil.line_desk.command import main
-from metro_hil.line_desk.desk import Desk
 from metro_hil.line_desk.view import LineView
 from metro_hil.options import LINE_VERBS, OTHER_VERBS
 from metro_hil.vobc_command import main as vobc
-from zenoh_config.codec import pack, unpack
+from zenoh_config.codec import pack
 from zenoh_config.t2t import (
     BROADCAST,
+    Admission,
+    AdmissionState,
     Heartbeat,
-    LineOrder,
-    OrderKind,
     Phase,
     T2tMessage,
     TrainReport,
 )
-from zenoh_config.t2t_keys import key_of
+from zenoh_config.t2t_keys import key_of, of_supervision
 from zenoh_config.t2t_supervision import (
     DecreeAnswer,
     LineState,
-    Removal,
-    RemovalAnswer,
-    RemovalState,
     RosterPlace,
 )
 
@@ -151,195 +150,6 @@ def test_what_is_no_train_is_refused(train: str, capsys: pytest.CaptureFixture[s
     assert f"{train} is no train" in capsys.readouterr().err
 
 
-class Ticking:
-    """A clock that runs as soon as somebody waits."""
-
-    def __init__(self) -> None:
-        self.ns = 5 * 10**9
-
-    def now_ns(self) -> int:
-        return self.ns
-
-    def epoch_ns(self) -> int:
-        return 10**18
-
-    def wait_until(self, deadline_ns: int) -> None:
-        self.ns = deadline_ns
-
-
-class Masters:
-    """A radio on which masters of two areas beat and answer removals, each in its own way."""
-
-    connected = True
-
-    def __init__(self, states: dict[int, RemovalState | None]) -> None:
-        self.states = states
-        self.heard: list[Removal] = []
-        self._said: list[T2tMessage] = []
-
-    def receive(self, now_ns: int) -> list[RadioMessage]:
-        beats = [dataclasses.replace(BEAT, area=a, stamp_ns=now_ns) for a in self.states]
-        told, self._said = [*beats, *self._said], []
-        return [said(each) for each in told]
-
-    def send(self, now_ns: int, key: str, payload: bytes) -> None:
-        removal = unpack(payload)
-        assert isinstance(removal, Removal)
-        assert key == key_of("loop", removal)
-        self.heard.append(removal)
-        state = self.states[removal.area]
-        if state is not None:
-            head = (removal.destination, removal.source, removal.area, removal.term)
-            self._said.append(RemovalAnswer(*head, 1, 1, 0, removal.train, state))
-
-
-def remove(states: dict[int, RemovalState | None], train: int = 4) -> tuple[int, Masters]:
-    clock, masters = Ticking(), Masters(states)
-    desk = Desk(clock, LineView(LOOP), masters)  # type: ignore[arg-type]
-    desk.listen(0.2)
-    return desk.remove(train), masters
-
-
-def test_a_train_is_removed_when_every_master_has_taken_it_off(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    code, masters = remove({1: RemovalState.GONE, 2: RemovalState.GONE})
-
-    assert code == 0
-    assert capsys.readouterr().out == "train 4 is on no roster any more\n"
-    first = masters.heard[0]
-    assert (first.source, first.destination, first.area, first.term) == (65_100, 3, 1, 7)
-    assert {each.area for each in masters.heard} == {1, 2}
-    assert first.echo_ns == first.stamp_ns
-    assert [each.sequence for each in masters.heard] == sorted(
-        {each.sequence for each in masters.heard}
-    )
-
-
-@pytest.mark.parametrize(
-    ("states", "words"),
-    [
-        (
-            {1: RemovalState.GONE, 2: RemovalState.AXLES},
-            "area 2 keeps train 4: where it may be axles are counted",
-        ),
-        ({1: RemovalState.HEARD}, "area 1 keeps train 4: it is heard, or was until just now"),
-        ({1: RemovalState.COMMITTING}, "area 1 keeps train 4: its arbiters do not keep"),
-        ({1: RemovalState.TOO_OLD}, "area 1 keeps train 4: the order came too late"),
-        (
-            {1: None, 2: RemovalState.HEARD},
-            "area 1: train 3 does not answer; area 2 keeps train 4: it is heard",
-        ),
-        ({}, "nobody is heard on loop"),
-    ],
-)
-def test_who_keeps_a_train_and_why_is_said(
-    states: dict[int, RemovalState | None], words: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    code, _ = remove(states)
-
-    assert code == 3
-    complaint = capsys.readouterr().err
-    assert complaint.startswith(f"vobc: {words}")
-    assert len(complaint.splitlines()) == 1
-
-
-def test_what_was_answered_before_it_was_asked_does_not_count() -> None:
-    clock, masters = Ticking(), Masters({1: RemovalState.GONE})
-    desk = Desk(clock, LineView(LOOP), masters)  # type: ignore[arg-type]
-    desk.listen(0.2)
-    assert desk.remove(4) == 0
-
-    masters.states[1] = None
-    desk.listen(0.2)
-    assert desk.remove(4) == 3
-
-
-class Obedient:
-    """A radio on which a train and a master are heard, and do as they are told."""
-
-    connected = True
-
-    def __init__(self, *, beats: bool, reports: bool, out_of_service: bool = False) -> None:
-        self.beat = BEAT if beats else None
-        self.report: TrainReport | None = None
-        if reports:
-            self.report = dataclasses.replace(REPORT, term=6, out_of_service=out_of_service)
-        self.heard: list[LineOrder] = []
-
-    def receive(self, now_ns: int) -> list[RadioMessage]:
-        told = [each for each in (self.beat, self.report) if each is not None]
-        return [
-            said(dataclasses.replace(each, stamp_ns=now_ns, sequence=now_ns // MS)) for each in told
-        ]
-
-    def send(self, now_ns: int, key: str, payload: bytes) -> None:
-        order = unpack(payload)
-        assert isinstance(order, LineOrder)
-        assert key == key_of("loop", order)
-        self.heard.append(order)
-        if order.destination == 3 and order.kind is OrderKind.SWITCH_MASTER:
-            assert self.beat is not None
-            self.beat = dataclasses.replace(self.beat, source=order.train, term=8)
-        elif order.destination == order.train:
-            out = order.kind is OrderKind.OUT_OF_SERVICE
-            if self.report is not None:
-                self.report = dataclasses.replace(self.report, out_of_service=out)
-            if self.beat is not None and out:
-                self.beat = dataclasses.replace(self.beat, source=5, standby=6, term=8)
-
-
-def at_the_desk(radio: Obedient) -> Desk:
-    desk = Desk(Ticking(), LineView(LOOP), radio)  # type: ignore[arg-type]
-    desk.listen(0.2)
-    return desk
-
-
-def test_an_order_to_switch_goes_to_whoever_commands_the_area_now() -> None:
-    radio = Obedient(beats=True, reports=False)
-
-    assert at_the_desk(radio).switch(1, 5) == 0
-
-    (order,) = radio.heard
-    assert (order.source, order.destination, order.area, order.term) == (65_100, 3, 1, 7)
-    assert (order.kind, order.train) == (OrderKind.SWITCH_MASTER, 5)
-
-
-def test_a_train_out_of_service_is_told_itself_besides_its_master() -> None:
-    radio = Obedient(beats=True, reports=True)
-    assert radio.beat is not None
-    radio.beat = dataclasses.replace(radio.beat, source=5, standby=3)
-
-    assert at_the_desk(radio).retire(3, end=False) == 0
-
-    told = [(each.destination, each.area, each.term) for each in radio.heard]
-    assert told[:2] == [(5, 1, 7), (3, 1, 7)], "its master first"
-    assert {each.kind for each in radio.heard} == {OrderKind.OUT_OF_SERVICE}
-    assert radio.heard[0].sequence < radio.heard[1].sequence
-
-
-def test_a_train_is_taken_back_into_service_where_nobody_commands() -> None:
-    """When the last one that could was taken out of service, too."""
-    radio = Obedient(beats=False, reports=True, out_of_service=True)
-
-    assert at_the_desk(radio).retire(3, end=True) == 0
-
-    told = {(each.destination, each.area, each.term, each.kind) for each in radio.heard}
-    assert told == {(3, 1, 6, OrderKind.IN_SERVICE)}
-
-
-@pytest.mark.parametrize(("reports", "end"), [(True, False), (False, True)])
-def test_where_nobody_commands_no_other_train_is_told(
-    reports: bool, end: bool, capsys: pytest.CaptureFixture[str]
-) -> None:
-    radio = Obedient(beats=False, reports=reports)
-
-    assert at_the_desk(radio).retire(3, end=end) == 3
-
-    assert "nobody is heard on loop" in capsys.readouterr().err
-    assert radio.heard == []
-
-
 def test_who_is_on_a_roster_and_says_nothing_is_shown() -> None:
     places = tuple(RosterPlace(*each) for each in ((1, 9), (2, 9)))
     nothing = (0, 0, DecreeAnswer.NONE, (), (), (), ())
@@ -348,3 +158,70 @@ def test_who_is_on_a_roster_and_says_nothing_is_shown() -> None:
 
     assert view(state, REPORT).words(0)[-1] == words
     assert "silent" not in "".join(view(dataclasses.replace(state, silent=()), REPORT).words(0))
+
+
+NEWCOMER = dataclasses.replace(REPORT, source=1, member=False)
+ADMISSION = Admission(3, 1, 1, 7, 1, 1, 0, AdmissionState.UNPLACED, 2)
+
+
+@pytest.mark.parametrize(
+    ("state", "ahead", "words"),
+    [
+        (
+            AdmissionState.UNPLACED,
+            2,
+            "waits for T2 in area 1: its place among the others is not sure yet",
+        ),
+        (
+            AdmissionState.UNPLACED,
+            0,
+            "waits in area 1: its place among the others is not sure yet",
+        ),
+        (AdmissionState.WAITS, 2, "waits for T2 in area 1: that one has to come first"),
+        (AdmissionState.WAITS, 0, "waits in area 1: it has no authority to its border yet"),
+        (
+            AdmissionState.COMMITTING,
+            0,
+            "waits in area 1: its arbiters do not keep the roster with it yet",
+        ),
+        (AdmissionState.FULL, 0, "waits in area 1: the roster is full"),
+    ],
+)
+def test_it_says_why_a_train_waits(state: AdmissionState, ahead: int, words: str) -> None:
+    admission = dataclasses.replace(ADMISSION, state=state, waits_for=ahead)
+
+    assert view(NEWCOMER, admission).words(0)[-1].endswith(f"  {words}")
+
+
+def test_a_train_waits_no_more_that_is_admitted_or_that_nobody_told_so_lately() -> None:
+    shown = view(NEWCOMER, ADMISSION)
+    assert "waits" in shown.words(1000 * MS)[-1]
+    assert "waits" not in shown.words(1001 * MS)[-1]
+
+    admitted = dataclasses.replace(NEWCOMER, member=True)
+    assert "waits" not in view(admitted, ADMISSION).words(0)[-1]
+
+
+def test_a_member_of_one_area_may_wait_for_the_next() -> None:
+    member = dataclasses.replace(NEWCOMER, member=True)
+    full = dataclasses.replace(ADMISSION, area=2, state=AdmissionState.FULL, waits_for=0)
+
+    assert "waits in area 2: the roster is full" in view(member, full).words(0)[-1]
+
+
+def test_why_others_wait_is_not_said_of_a_train() -> None:
+    assert "waits" not in view(REPORT, ADMISSION).words(0)[-1]
+
+
+@pytest.mark.parametrize("train", [1, 4])
+def test_a_display_listens_to_why_any_train_waits(train: int) -> None:
+    key = key_of("loop", dataclasses.replace(ADMISSION, destination=train))
+
+    assert any(zenoh.KeyExpr(each).includes(key) for each in of_supervision("loop"))
+
+
+def test_the_mode_of_a_train_is_not_taken_for_a_standby_of_an_area() -> None:
+    shown = view(REPORT)
+    shown.statuses[3] = dataclasses.replace(STATUS, mode=OperatingMode.STANDBY)
+
+    assert shown.words(0)[-1].endswith("  mode standby")

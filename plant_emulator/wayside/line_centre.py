@@ -209,7 +209,9 @@ class LineCentre:
 
     def _of_track(self, decree: Decree) -> DecreeAnswer:
         shut = decree.kind in (DecreeKind.CLOSE, DecreeKind.OPEN)
-        limit_mps = NO_LIMIT_MPS if shut else decree.limit_mps
+        # What takes a stretch back says which; no limit is meant.
+        limitless = shut or decree.kind is DecreeKind.LIFT
+        limit_mps = NO_LIMIT_MPS if limitless else decree.limit_mps
         start_m, end_m = decree.start_m, decree.end_m
         if not self._line.start_m <= start_m < end_m <= self._line.end_m or not limit_mps > 0.0:
             return DecreeAnswer.NO_STRETCH

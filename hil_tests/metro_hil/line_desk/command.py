@@ -12,7 +12,14 @@ from firmware_py.settings import SettingsError
 from firmware_py.trackdb.areas import AreaMap, load_areas
 from metro_hil.line_desk.desk import Desk
 from metro_hil.line_desk.view import KMH, LineView
-from metro_hil.options import EXIT_ENVIRONMENT, EXIT_OK, EXIT_USAGE, LINE_VERBS, train_number
+from metro_hil.options import (
+    EXIT_ENVIRONMENT,
+    EXIT_INTERRUPTED,
+    EXIT_OK,
+    EXIT_USAGE,
+    LINE_VERBS,
+    train_number,
+)
 from zenoh_config import t2t_keys
 from zenoh_config.codec import BENCH_KEY, safety_key
 from zenoh_config.secured import SUPERVISION_NAME
@@ -35,7 +42,9 @@ OF_TRACK: Final = {
 
 
 def main(words: Sequence[str]) -> int:
-    """Exit 2 for what is no train, line or endpoint; 3 when nobody does what was asked."""
+    """Exit 2 for what is no train, line or endpoint; 3 when nobody does what was asked, or nobody
+    commands what is to be shown; 130 for what Ctrl-C ended, but for `line --watch`.
+    """
     options = parser().parse_args(words)
     try:
         return _supervise(options, load_areas(options.line))
@@ -43,14 +52,12 @@ def main(words: Sequence[str]) -> int:
         print(f"vobc: {error}", file=sys.stderr)
         return EXIT_USAGE
     except KeyboardInterrupt:
-        return EXIT_OK
+        # Nobody knows whether it was decreed, where something was to be.
+        return EXIT_OK if getattr(options, "watch", False) else EXIT_INTERRUPTED
 
 
 def _supervise(options: argparse.Namespace, areas: AreaMap) -> int:
-    if options.verb == "switch-master" and options.area not in {a.number for a in areas.areas}:
-        raise SettingsError(f"--area {options.area}: {areas.name} has no such area")
-    if options.verb == "restrict" and not options.end and options.limit_kmh is None:
-        raise SettingsError("restrict: --limit KMH is missing; --end takes one back")
+    _check(options, areas)
     clock, key, secure = WallClock(), BENCH_KEY, None
     if options.secure is not None:
         secure = load_credentials(options.secure, SUPERVISION_NAME, clock.epoch_ns())
@@ -69,6 +76,18 @@ def _supervise(options: argparse.Namespace, areas: AreaMap) -> int:
             )
             return EXIT_ENVIRONMENT
         return _obey(options, desk, view, clock)
+
+
+def _check(options: argparse.Namespace, areas: AreaMap) -> None:
+    """Raises SettingsError for what cannot be meant, whoever listens."""
+    verb = options.verb
+    if verb == "switch-master" and options.area not in {a.number for a in areas.areas}:
+        raise SettingsError(f"--area {options.area}: {areas.name} has no such area")
+    if verb == "restrict" and not options.end and options.limit_kmh is None:
+        raise SettingsError("restrict: --limit KMH is missing; --end takes one back")
+    if verb in OF_TRACK and not options.start_m < options.end_m:
+        stretch = f"START {options.start_m:g} END {options.end_m:g}"
+        raise SettingsError(f"{verb}: {stretch}: the stretch has to end behind its start")
 
 
 def _obey(options: argparse.Namespace, desk: Desk, view: LineView, clock: WallClock) -> int:
@@ -109,7 +128,9 @@ def parser() -> argparse.ArgumentParser:
         for verb, words in LINE_VERBS.items()
     }
     line, switch, remove = (parsers[verb] for verb in ("line", "switch-master", "remove-train"))
-    line.add_argument("--watch", action="store_true", help="go on until Ctrl-C")
+    line.add_argument(
+        "--watch", action="store_true", help="go on until Ctrl-C; that is exit code 0"
+    )
     switch.add_argument("--area", type=int, required=True)
     switch.add_argument("--to", type=train_number, required=True, metavar="TRAIN")
     remove.description = (

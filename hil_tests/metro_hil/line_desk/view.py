@@ -9,7 +9,16 @@ from firmware_py.trackdb.areas import AreaMap
 from zenoh_config import keys, t2t_keys
 from zenoh_config.codec import BENCH_KEY, unpack
 from zenoh_config.messages import SpeedRestriction, TrainStatus
-from zenoh_config.t2t import NOBODY, Heartbeat, ObjectStatus, Phase, T2tMessage, TrainReport
+from zenoh_config.t2t import (
+    NOBODY,
+    Admission,
+    AdmissionState,
+    Heartbeat,
+    ObjectStatus,
+    Phase,
+    T2tMessage,
+    TrainReport,
+)
 from zenoh_config.t2t_supervision import LeaseReason, LineState, RemovalAnswer, TrainDecree
 
 NS_PER_S: Final = 1e9
@@ -21,6 +30,14 @@ WHY: Final = {
     LeaseReason.HANDED_OVER: "train {before} handed over",
     LeaseReason.AGAIN: "it had it before",
 }
+WAITS: Final = {
+    AdmissionState.WAITS: "that one has to come first",
+    AdmissionState.COMMITTING: "its arbiters do not keep the roster with it yet",
+    AdmissionState.FULL: "the roster is full",
+    AdmissionState.UNPLACED: "its place among the others is not sure yet",
+}
+"""Why a train is not on a roster yet."""
+NO_WAY: Final = "it has no authority to its border yet"
 
 
 class Command(NamedTuple):
@@ -46,6 +63,8 @@ class LineView:
         self.objects: dict[int, ObjectStatus] = {}
         self.state: LineState | None = None
         """What the wayside said last; None: it was not heard."""
+        self.admissions: dict[tuple[int, int], tuple[Admission, int]] = {}
+        """By train and area: what its master said last of why it waits, and when."""
         self.removals: dict[int, tuple[RemovalAnswer, int]] = {}
         """By area: what its master said last of a removal, and when."""
         self.refused = 0
@@ -58,6 +77,20 @@ class LineView:
         if self.state is None:
             return False
         return all(each.area in self.commands for each in self.state.leases)
+
+    @property
+    def hears_nobody(self) -> bool:
+        return not (self.state or self.commands or self.reports or self.statuses)
+
+    def knows(self, train: int) -> bool:
+        """It was heard, or the wayside or the master that it stands by for told of it."""
+        known = {*self.reports, *self.statuses}
+        for command in self.commands.values():
+            known |= {command.heartbeat.source, command.heartbeat.standby}
+        if self.state is not None:
+            known |= {each.train for each in self.state.trains}
+            known |= {each.train for each in self.state.silent}
+        return train in known
 
     def hears(self, messages: Iterable[RadioMessage], now_ns: int) -> None:
         for message in messages:
@@ -75,6 +108,8 @@ class LineView:
                 self.objects[heard.number] = heard
             elif isinstance(heard, LineState):
                 self.state = heard
+            elif isinstance(heard, Admission):
+                self.admissions[heard.destination, heard.area] = heard, now_ns
             elif isinstance(heard, RemovalAnswer):
                 self.removals[heard.area] = heard, now_ns
 
@@ -101,7 +136,7 @@ class LineView:
         said = [self._area_words(area.number, now_ns) for area in self.areas.areas]
         trains = sorted(self.reports.values(), key=lambda each: -each[0].front_max_m)
         head = f"train {'front m':>9} {'km/h':>6} {'authority to m':>15} {'term':>5} {'age s':>6}"
-        rows = [self._train_words(report, now_ns - at) for report, at in trains]
+        rows = [self._train_words(report, at, now_ns) for report, at in trains]
         silent = [self._silent_words(*each) for each in self.silent().items()]
         return [*said, *self._track_words(), f"{head}  is", *rows, *silent]
 
@@ -157,27 +192,39 @@ class LineView:
             said.append(f"at most {each.limit_mps * KMH:g} km/h {stretch_words(each)}")
         return [*said, *[f"closed {stretch_words(each)}" for each in self.state.closed]]
 
-    def _train_words(self, report: TrainReport, age_ns: int) -> str:
+    def _train_words(self, report: TrainReport, at_ns: int, now_ns: int) -> str:
         end = f"{report.held_end_m:.1f}" if report.member else "–"
         front = f"{report.front_max_m:.1f}" if report.localised else "lost"
         return (
             f"{report.source:>5} {front:>9} {report.speed_mps * KMH:>6.1f} {end:>15} "
-            f"{report.term:>5} {age_ns / NS_PER_S:>6.2f}  {self._state_words(report)}"
+            f"{report.term:>5} {(now_ns - at_ns) / NS_PER_S:>6.2f}  "
+            f"{self._state_words(report, now_ns)}"
         ).rstrip()
 
-    def _state_words(self, report: TrainReport) -> str:
-        """Mode, what its protection does, and what is decreed of it."""
+    def _state_words(self, report: TrainReport, now_ns: int) -> str:
+        """Mode, what its protection does, what is decreed of it, and what it waits for."""
         said = []
         status = self.statuses.get(report.source)
         if status is not None:
-            said += [_name(OperatingMode, status.mode), protection_words(status)]
+            # Said with its noun: who stands by for a master is a standby, too.
+            said += [f"mode {_name(OperatingMode, status.mode)}", protection_words(status)]
         if report.out_of_service:
             said.append("out of service")
         decree = self.decree(report.source)
         if decree is not None:
             said += [name for name in ("hold", "skip") if getattr(decree, name)]
             said += ["remote emergency brake"] if decree.emergency else []
+        said += self._waits(report, now_ns)
         return ", ".join([each for each in said if each])
+
+    def _waits(self, report: TrainReport, now_ns: int) -> list[str]:
+        """What masters said lately; of the area that it is a member of by now, no more."""
+        said = []
+        for (train, area), (admission, at_ns) in sorted(self.admissions.items()):
+            admitted = report.member and report.area == area
+            if train == report.source and not admitted and now_ns - at_ns <= SILENT_S * NS_PER_S:
+                said.append(waiting_words(admission))
+        return said
 
     def decree(self, train: int) -> TrainDecree | None:
         trains = () if self.state is None else self.state.trains
@@ -189,6 +236,14 @@ def protection_words(status: TrainStatus) -> str:
         return ""
     words = _name(Supervision, status.supervision)
     return f"{words}: {_name(Cause, status.cause)}" if status.cause else words
+
+
+def waiting_words(admission: Admission) -> str:
+    state, area, ahead = admission.state, admission.area, admission.waits_for
+    if ahead != NOBODY:
+        return f"waits for T{ahead} in area {area}: {WAITS[state]}"
+    why = NO_WAY if state is AdmissionState.WAITS else WAITS[state]
+    return f"waits in area {area}: {why}"
 
 
 def stretch_words(stretch: SpeedRestriction) -> str:
