@@ -36,6 +36,17 @@ def test_a_stopped_master_goes_on_as_one_of_many(
     assert "struck" in told
 
 
+def test_a_wayside_that_was_killed_is_told_to_be_started_again(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = [*FLORENCE, "--for", "3", "--crash-arbiter-at", "1", "--down-for", "0.5"]
+
+    main(["line", *words, "--out", str(tmp_path / "run")])
+
+    told = capsys.readouterr().out
+    assert told.index("arbiters dies") < told.index("the wayside with its arbiters is started")
+
+
 @pytest.mark.parametrize(
     ("words", "complaint"),
     [

@@ -1,5 +1,6 @@
 """A line in real time: processes over real zenoh, watched and recorded by a session of its own."""
 
+import itertools
 import signal
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -114,7 +115,9 @@ class RealLine:
             stack.callback(port.close)
             for number, way in enumerate(settings.ways, start=1):
                 crew.start_plant(number, way)
-            for number in range(1, len(settings.ways) + 1):
+            numbers = range(1, len(settings.ways) + 1)
+            taps = [crew.tap(number) for number in numbers]
+            for number in numbers:
                 crew.start_controller(number)
             began_ns = None
             while not interrupts.asked:
@@ -124,6 +127,8 @@ class RealLine:
                 for each in heard:
                     log.message(each.stamp_ns, SerialDirection.RX, each.key, each.payload)
                 self.story.hears(heard)
+                for said in itertools.chain.from_iterable([tap.hears(now_ns) for tap in taps]):
+                    self.story.tells(said.train, said.supervision, said.cause, said.at_ns)
                 self.dropped = port.counters.dropped_in
                 self._look_after(crew)
                 if began_ns is None:
@@ -174,7 +179,7 @@ class RealLine:
         if strike is Strike.CRASH_WAYSIDE:
             self._tell(now_ns, "the wayside with its arbiters is killed")
             self.story.excused.add(OLD)
-            self._away(crew, WAYSIDE, signal.SIGKILL, crew.start_wayside)
+            self._away(crew, WAYSIDE, signal.SIGKILL, lambda: self._wayside_anew(crew))
             return
         train = fault.train if strike is Strike.RESTART_TRAIN else self._master()
         if train == NOBODY:
@@ -210,6 +215,10 @@ class RealLine:
     def _in(self, action: Callable[[], None]) -> None:
         due_ns = self._clock.now_ns() + round(self._settings.down_s * NS_PER_S)
         self._later.append((due_ns, action))
+
+    def _wayside_anew(self, crew: LineCrew) -> None:
+        self._tell(self._clock.now_ns(), "the wayside with its arbiters is started again")
+        crew.start_wayside()
 
     def _anew(self, crew: LineCrew, train: int) -> None:
         self._tell(self._clock.now_ns(), f"the controller of train {train} is started again")

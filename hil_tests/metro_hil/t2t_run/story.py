@@ -30,6 +30,19 @@ class Stop(NamedTuple):
     error_m: float
 
 
+class Emergency(NamedTuple):
+    """An emergency brake that protection applied."""
+
+    at_ns: int
+    cause: str
+    commanded: bool
+    """Some authority of its train was young."""
+    excused: bool
+    """Something was done to the train, or to the line so that it had to brake, or nobody had
+    commanded it yet.
+    """
+
+
 class Given(NamedTuple):
     """An authority as it was heard, or as a train that commands itself says that it holds it."""
 
@@ -51,8 +64,7 @@ class TrainStory:
     report: TrainReport | None = None
     supervision: int = Supervision.NO_AUTHORITY
     stops: list[Stop] = field(default_factory=list)
-    emergencies: list[str] = field(default_factory=list)
-    """While it was commanded and nothing had been done to it: causes."""
+    emergencies: list[Emergency] = field(default_factory=list)
     service_brakes: int = 0
     least_gap_m: float = float("inf")
     """From the end of its authority to the true rear of the train ahead."""
@@ -90,7 +102,7 @@ class LineStory:
         self.areas: dict[int, AreaStory] = {}
         self.collisions: list[str] = []
         self.excused: set[str] = set()
-        """Causes of emergencies that what was done to the line calls for."""
+        """Causes of emergencies that what was done to the line calls for from now on."""
         self.refused = 0
         self._line, self._map, self._say, self._key = line, areas, say, key
         self._rails = subscription(areas.name).removesuffix("*")
@@ -110,8 +122,9 @@ class LineStory:
             heard = unpack(message.payload, self._key)
             name = self._map.name
             if isinstance(heard, TrainStatus) and message.key == keys.status(name, heard.train):
-                self.tells(heard.train, heard.supervision, heard.cause, message.stamp_ns)
-            elif isinstance(heard, T2tMessage) and message.key == t2t_keys.key_of(name, heard):
+                # Its bus tells what its protection does, also while no radio carries anything.
+                continue
+            if isinstance(heard, T2tMessage) and message.key == t2t_keys.key_of(name, heard):
                 self._hears(heard, message.stamp_ns)
             elif not message.key.startswith(f"m/{keys.line_chunk(name)}/w/0/or/"):
                 self.refused += 1
@@ -131,16 +144,18 @@ class LineStory:
                 self._keep_apart(self.trains[behind], before, place)
 
     def tells(self, number: int, supervision: int, cause: int, now_ns: int) -> None:
-        """What the protection of a train does."""
+        """What the protection of a train does; whether it should is for the verdict."""
         train = self.train(number)
         before, train.supervision = train.supervision, supervision
-        if supervision == before or train.struck:
+        if supervision == before:
             return
-        if supervision == Supervision.SERVICE:
+        if supervision == Supervision.SERVICE and not train.struck:
             train.service_brakes += 1
-        if supervision == Supervision.EMERGENCY and self._is_commanded(train, now_ns):
-            words = Cause(cause).name.lower().replace("_", " ")
-            train.emergencies.append(words)
+        if supervision == Supervision.EMERGENCY:
+            words = cause_words(cause)
+            commanded = self._is_commanded(train, now_ns)
+            excused = train.struck or not train.given or words in self.excused
+            train.emergencies.append(Emergency(now_ns, words, commanded, excused))
             self._say(now_ns, f"train {number} applies its emergency brake: {words}")
 
     def strikes(self, number: int) -> None:
@@ -283,6 +298,11 @@ class LineStory:
                 break
             area = self._map.following(area.number)
         return last
+
+
+def cause_words(cause: int) -> str:
+    """Only a controller that begins or ends brakes for no cause."""
+    return Cause(cause).name.lower().replace("_", " ") if cause else "its controller ends"
 
 
 def _holds(train: TrainStory, area: int, now_ns: int) -> bool:

@@ -8,7 +8,7 @@ from rich.console import Console
 from rich.table import Table
 
 from can_dbc.vobc import Cause
-from metro_hil.t2t_run.story import LineStory
+from metro_hil.t2t_run.story import Emergency, LineStory, TrainStory
 
 KMH: Final = 3.6
 REMOTE: Final = Cause.REMOTE.name.lower()
@@ -23,13 +23,19 @@ def complaints(story: LineStory, trains: int, *, behind_rear_m: float) -> list[s
         if train.least_gap_m < behind_rear_m:
             said.append(f"train {number}: authority only {train.least_gap_m:.2f} m behind the next")
         said += [
-            f"train {number}: emergency brake although it was commanded: {cause}"
-            for cause in train.emergencies
-            if cause != REMOTE and cause not in story.excused
+            f"train {number}: emergency brake {_when(each)}: {each.cause}"
+            for each in train.emergencies
+            if each.cause != REMOTE and not each.excused
         ]
         if not train.given:
             said.append(f"train {number}: it never had an authority")
     return said
+
+
+def _when(emergency: Emergency) -> str:
+    if emergency.commanded:
+        return "although it was commanded"
+    return "while it had no young authority"
 
 
 def show(story: LineStory, trains: int) -> None:
@@ -55,10 +61,16 @@ def show(story: LineStory, trains: int) -> None:
             f"{latencies_ms[len(latencies_ms) * 99 // 100]:.0f}" if latencies_ms else "–",
             "–" if math.isinf(train.least_gap_m) else f"{train.least_gap_m:.1f}",
             str(train.service_brakes),
-            ", ".join(train.emergencies) or ("struck" if train.struck else "none"),
+            emergency_words(train),
             ", ".join([f"{stop.station} {stop.error_m:+.2f}" for stop in train.stops]) or "–",
         )
     Console(highlight=False, width=150).print(table)
+
+
+def emergency_words(train: TrainStory) -> str:
+    """All causes, in their order; `struck` where something was done to the train."""
+    causes = [each.cause for each in train.emergencies]
+    return ", ".join([*causes, "struck"] if train.struck else causes) or "none"
 
 
 def areas_words(story: LineStory) -> list[str]:

@@ -85,7 +85,7 @@ class VirtualLine:
             self._tell(now_ns, "the wayside with its arbiters dies")
             self.story.excused.add(OLD)
             bench.crash_wayside()
-            self._in(bench.restart_wayside)
+            self._in(self._wayside_anew)
             return
         masters = [m for area in bench.areas.areas for m in bench.masters(area.number)]
         if not masters:
@@ -105,6 +105,10 @@ class VirtualLine:
         else:
             self._tell(now_ns, f"the controller of train {train} dies")
             bench.kill(train)
+
+    def _wayside_anew(self) -> None:
+        self._tell(self.bench.clock.now_ns(), "the wayside with its arbiters is started again")
+        self.bench.restart_wayside()
 
     def _go_on(self, executive: Executive, train: int) -> None:
         self._tell(self.bench.clock.now_ns(), f"the controller of train {train} goes on")
