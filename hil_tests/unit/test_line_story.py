@@ -176,6 +176,18 @@ def test_a_stop_is_told_with_its_distance_and_passing_through_is_none() -> None:
     assert abs(stop.error_m - 0.3) < 1e-9
 
 
+def test_the_speed_is_that_of_the_true_places_also_when_its_controller_says_nothing_more() -> None:
+    told = Told()
+    told.hears(replace(REPORT, source=2, speed_mps=12.4, front_min_m=180.0, front_max_m=181.0), 0)
+    told.story.stands(2, Place(180.5, 100.5, 16, 100 * MS))
+
+    told.story.stands(2, Place(181.5, 101.5, 16, 300 * MS))
+    assert told.story.train(2).speed_mps == 5.0
+
+    told.story.stands(2, Place(181.5, 101.5, 16, 500 * MS))
+    assert told.story.train(2).speed_mps == 0.0
+
+
 def test_what_is_under_the_key_of_another_is_not_believed() -> None:
     told = Told()
     told.story.hears([RadioMessage(0, key_of("loop", replace(BEAT, source=4)), pack(BEAT))])

@@ -57,6 +57,8 @@ class Given(NamedTuple):
 @dataclass(slots=True)
 class TrainStory:
     place: Place | None = None
+    speed_mps: float | None = None
+    """True, as its places are: what it says of itself ends with its controller."""
     given: dict[int, Given] = field(default_factory=dict)
     """By area, the newest."""
     reaches: deque[Given] = field(default_factory=lambda: deque(maxlen=REACHES))
@@ -133,6 +135,9 @@ class LineStory:
         """Where a train truly is."""
         train = self.train(number)
         before, train.place = train.place, place
+        if before is not None and place.stamp_ns > before.stamp_ns:
+            past_s = (place.stamp_ns - before.stamp_ns) / NS_PER_S
+            train.speed_mps = (place.front_m - before.front_m) / past_s
         standing = before is not None and abs(place.front_m - before.front_m) < MOVED_M
         if standing and not train.standing:
             self._stopped(train, place.front_m)

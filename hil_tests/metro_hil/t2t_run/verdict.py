@@ -53,7 +53,7 @@ def show(story: LineStory, trains: int) -> None:
         table.add_row(
             str(number),
             "–" if train.place is None else f"{train.place.front_m:.1f}",
-            "–" if train.report is None else f"{train.report.speed_mps * KMH:.1f}",
+            "–" if train.speed_mps is None else f"{train.speed_mps * KMH:z.1f}",
             "–" if newest is None else f"{newest.end_m:.1f}",
             "–" if newest is None else str(newest.term),
             f"{train.oldest_ms:.0f}",
