@@ -20,6 +20,9 @@ def test_it_says_who_commands_and_ends_with_a_table(
     assert "area 2: train 1 commands" in told
     assert "latency ms" in told
     assert (tmp_path / "run" / "line.log").stat().st_size > 10_000
+    story = (tmp_path / "run" / "story.txt").read_text()
+    assert "area 2: train 1 commands" in story
+    assert told.startswith(story)
 
 
 def test_a_stopped_master_goes_on_as_one_of_many(

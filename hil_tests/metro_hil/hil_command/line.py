@@ -143,12 +143,13 @@ def _settings(options: argparse.Namespace) -> "Settings":
 
 def _run(options: argparse.Namespace, settings: "Settings", folder: Path) -> int:
     from metro_hil.t2t_run.real import RealLine
+    from metro_hil.t2t_run.record import told
     from metro_hil.t2t_run.verdict import areas_words, carried_words, complaints, show
     from metro_hil.t2t_run.virtual import VirtualLine
     from vobc.t2t.vocabulary import T2tConfig
 
     def say(at_s: float, words: str) -> None:
-        print(f"{at_s:8.2f} s  {words}", flush=True)
+        print(told(at_s, words), flush=True)
 
     line: RealLine | VirtualLine
     if options.bench == "lockstep":

@@ -63,7 +63,6 @@ class TrainStory:
     """By area, the newest."""
     reaches: deque[Given] = field(default_factory=lambda: deque(maxlen=REACHES))
     """The last that let it go as far as it may, for places that come late."""
-    report: TrainReport | None = None
     supervision: int = Supervision.NO_AUTHORITY
     stops: list[Stop] = field(default_factory=list)
     emergencies: list[Emergency] = field(default_factory=list)
@@ -177,10 +176,7 @@ class LineStory:
             self._hears_report(message, now_ns)
 
     def _hears_report(self, report: TrainReport, now_ns: int) -> None:
-        train, known = self.train(report.source), self.train(report.source).report
-        owner = self._map.area_at(report.front_min_m).number
-        if known is None or report.area == owner or known.area != owner:
-            train.report = report
+        train = self.train(report.source)
         story = self.areas.get(report.area)
         if report.member and story is not None and story.heartbeat.source == report.source:
             # What a master grants itself is not on the air.
