@@ -8,6 +8,7 @@ from firmware_py.trackdb import load_line
 from firmware_py.trackdb.areas import load_areas
 from hil_tests.unit.test_line_centre import STATUS
 from hil_tests.unit.test_t2t_envelope import REPORT
+from metro_hil.t2t_run.results import result_of
 from metro_hil.t2t_run.story import LineStory
 from metro_hil.t2t_run.verdict import complaints, emergency_words
 from plant_emulator.wayside.detection import Place
@@ -140,7 +141,7 @@ def test_every_emergency_brake_is_told_and_the_verdict_counts_those_without_excu
 
     causes = ["brake unit", "overspeed", "authority old", "authority old", "button"]
     assert told.said == [f"train 2 applies its emergency brake: {cause}" for cause in causes]
-    assert emergency_words(told.story.train(2)) == ", ".join([*causes, "struck"])
+    assert emergency_words(result_of(2, told.story.train(2))) == ", ".join([*causes, "struck"])
     told.story.train(1).given = dict(told.story.train(2).given)
     assert complaints(told.story, 2, behind_rear_m=7.0) == [
         "train 2: emergency brake although it was commanded: overspeed",

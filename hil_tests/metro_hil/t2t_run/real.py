@@ -74,8 +74,8 @@ class RealLine:
                 settings.secure, SUPERVISION_NAME, self._clock.epoch_ns()
             )
             key = safety_key(self._secure.key_hex)
-        self._record = LineRecord(folder, say)
-        self._tell = self._record.tell
+        self.record = LineRecord(folder, say)
+        self._tell = self.record.tell
         self.story = LineStory(settings.line, settings.areas, self._tell, key)
         self.dropped = 0
         """Messages that the recorder missed."""
@@ -93,7 +93,7 @@ class RealLine:
         settings, interrupts = self._settings, Interrupts()
         with ExitStack() as stack:
             stack.enter_context(interrupts.caught())
-            stack.callback(self._record.close)
+            stack.callback(self.record.close)
             crew = LineCrew(
                 *(self._folder, settings.line_name, settings.endpoint, stack),
                 timers=settings.timers,
@@ -123,7 +123,7 @@ class RealLine:
                 self._clock.wait_until(self._clock.now_ns() + POLL_NS)
                 now_ns = self._clock.now_ns()
                 heard = port.receive(now_ns)
-                self._record.hears(heard)
+                self.record.hears(heard)
                 self.story.hears(heard)
                 for said in itertools.chain.from_iterable([tap.hears(now_ns) for tap in taps]):
                     self.story.tells(said.train, said.supervision, said.cause, said.at_ns)

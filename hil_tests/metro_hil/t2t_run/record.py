@@ -28,8 +28,11 @@ class LineRecord:
             self._zero_ns = each.stamp_ns if self._zero_ns is None else self._zero_ns
             self._log.message(each.stamp_ns, SerialDirection.RX, each.key, each.payload)
 
+    def second_of(self, at_ns: int) -> float:
+        return 0.0 if self._zero_ns is None else (at_ns - self._zero_ns) / NS_PER_S
+
     def tell(self, now_ns: int, words: str) -> None:
-        at_s = 0.0 if self._zero_ns is None else (now_ns - self._zero_ns) / NS_PER_S
+        at_s = self.second_of(now_ns)
         self._story.write(told(at_s, words) + "\n")
         self._say(at_s, words)
 

@@ -78,6 +78,14 @@ class TrainStory:
     standing: bool = False
 
 
+class Term(NamedTuple):
+    at_ns: int
+    """When its first heartbeat was heard."""
+    number: int
+    train: int
+    """That commands."""
+
+
 @dataclass(slots=True)
 class AreaStory:
     heartbeat: Heartbeat
@@ -86,7 +94,7 @@ class AreaStory:
     """Trains that have no authority of this term yet."""
     since_ns: int = 0
     """When the last heartbeat of the term before was heard."""
-    terms: int = 1
+    terms: list[Term] = field(default_factory=list)
 
 
 class LineStory:
@@ -191,7 +199,8 @@ class LineStory:
         area, who = heartbeat.area, heartbeat.source
         known = self.areas.get(area)
         if known is None:
-            self.areas[area] = AreaStory(heartbeat, now_ns, since_ns=now_ns)
+            first = Term(now_ns, heartbeat.term, who)
+            self.areas[area] = AreaStory(heartbeat, now_ns, since_ns=now_ns, terms=[first])
             self._say(now_ns, f"area {area}: train {who} commands, term {heartbeat.term}")
             return
         if heartbeat.term < known.heartbeat.term:
@@ -203,7 +212,8 @@ class LineStory:
                 for number, train in self.trains.items()
                 if number not in (who, before) and _holds(train, area, now_ns)
             }
-            known.since_ns, known.terms = known.heard_ns, known.terms + 1
+            known.since_ns = known.heard_ns
+            known.terms.append(Term(now_ns, heartbeat.term, who))
             self._say(
                 now_ns,
                 f"area {area}: train {who} commands, term {heartbeat.term}; train {before} was "

@@ -1,6 +1,5 @@
 """How a run of a line ended: what must not have happened, and a table of its trains."""
 
-import math
 from collections.abc import Mapping
 from typing import Final
 
@@ -8,7 +7,8 @@ from rich.console import Console
 from rich.table import Table
 
 from can_dbc.vobc import Cause
-from metro_hil.t2t_run.story import Emergency, LineStory, TrainStory
+from metro_hil.t2t_run.results import TrainResult, result_of
+from metro_hil.t2t_run.story import Emergency, LineStory
 
 KMH: Final = 3.6
 REMOTE: Final = Cause.REMOTE.name.lower()
@@ -47,19 +47,18 @@ def show(story: LineStory, trains: int) -> None:
         table.add_column(head, justify="right")
     table.add_column("stops, m from the stopping point")
     for number in range(1, trains + 1):
-        train = story.train(number)
-        newest = max(train.given.values(), default=None, key=lambda each: each.at_ns)
-        latencies_ms = sorted(train.latencies_ms)
+        train = result_of(number, story.train(number))
+        speed_kmh = None if train.speed_mps is None else train.speed_mps * KMH
         table.add_row(
             str(number),
-            "–" if train.place is None else f"{train.place.front_m:.1f}",
-            "–" if train.speed_mps is None else f"{train.speed_mps * KMH:z.1f}",
-            "–" if newest is None else f"{newest.end_m:.1f}",
-            "–" if newest is None else str(newest.term),
-            f"{train.oldest_ms:.0f}",
-            f"{latencies_ms[len(latencies_ms) // 2]:.0f}" if latencies_ms else "–",
-            f"{latencies_ms[len(latencies_ms) * 99 // 100]:.0f}" if latencies_ms else "–",
-            "–" if math.isinf(train.least_gap_m) else f"{train.least_gap_m:.1f}",
+            _figure(train.front_m, 1),
+            _figure(speed_kmh, 1),
+            _figure(train.authority_end_m, 1),
+            _figure(train.term, 0),
+            _figure(train.oldest_ms, 0),
+            _figure(train.latency_p50_ms, 0),
+            _figure(train.latency_p99_ms, 0),
+            _figure(train.least_gap_m, 1),
             str(train.service_brakes),
             emergency_words(train),
             ", ".join([f"{stop.station} {stop.error_m:+.2f}" for stop in train.stops]) or "–",
@@ -67,7 +66,11 @@ def show(story: LineStory, trains: int) -> None:
     Console(highlight=False, width=150).print(table)
 
 
-def emergency_words(train: TrainStory) -> str:
+def _figure(value: float | None, digits: int) -> str:
+    return "–" if value is None else f"{value:z.{digits}f}"
+
+
+def emergency_words(train: TrainResult) -> str:
     """All causes, in their order; `struck` where something was done to the train."""
     causes = [each.cause for each in train.emergencies]
     return ", ".join([*causes, "struck"] if train.struck else causes) or "none"
@@ -76,7 +79,7 @@ def emergency_words(train: TrainStory) -> str:
 def areas_words(story: LineStory) -> list[str]:
     return [
         f"area {number}: train {area.heartbeat.source} commands, term {area.heartbeat.term}, "
-        f"{area.terms} {'term' if area.terms == 1 else 'terms'} seen"
+        f"{len(area.terms)} {'term' if len(area.terms) == 1 else 'terms'} seen"
         for number, area in sorted(story.areas.items())
     ]
 

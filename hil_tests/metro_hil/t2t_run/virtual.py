@@ -34,8 +34,8 @@ class VirtualLine:
         self.bench = LineBench(
             load_config("florence4"), settings.areas, runs, t2t=config, seed=seed
         )
-        self._record = LineRecord(folder, say)
-        self._tell = self._record.tell
+        self.record = LineRecord(folder, say)
+        self._tell = self.record.tell
         self.story = LineStory(settings.line, settings.areas, self._tell)
         self.dropped = 0
         self.carried: dict[str, dict[str, int]] = {}
@@ -55,13 +55,13 @@ class VirtualLine:
                 self._look()
                 self._strike()
         finally:
-            self._record.close()
+            self.record.close()
         return True
 
     def _look(self) -> None:
         now_ns = self.bench.clock.now_ns()
         heard = self._tap.receive(now_ns)
-        self._record.hears(heard)
+        self.record.hears(heard)
         self.story.hears(heard)
         self.dropped = self._tap.counters.dropped_in
         for number, train in self.bench.trains.items():
