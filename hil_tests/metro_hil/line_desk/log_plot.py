@@ -24,7 +24,7 @@ def draw(figures: Figures, path: Path, title: str) -> None:
         latency.plot(train.at_s, train.latency_ms, ".", markersize=3, label=name)
         age.plot(train.at_s, train.age_ms, ".", markersize=3, label=name)
     for area, changes in sorted(figures.terms.items()):
-        times_s = [*[at_s for at_s, _, _ in changes], figures.span_s]
+        times_s = [*[at_s for at_s, _, _ in changes], figures.end_s]
         values = [*[term for _, term, _ in changes], changes[-1][1]]
         terms.step(times_s, values, where="post", label=f"area {area}")
         for at_s, term, train_number in changes:
