@@ -74,7 +74,7 @@ def _draw_terms(figures: Figures, axes: "Axes") -> dict[int, Any]:
     from matplotlib.ticker import MaxNLocator
     from matplotlib.transforms import offset_copy
 
-    colours = {}
+    colours, figure = {}, axes.get_figure(root=True)
     axes.yaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
     for nth, (area, changes) in enumerate(sorted(figures.terms.items())):
         times_s = [*[at_s for at_s, _, _ in changes], figures.end_s]
@@ -86,7 +86,7 @@ def _draw_terms(figures: Figures, axes: "Axes") -> dict[int, Any]:
             label=f"area {area}",
         )
         shift_pt = nth * APART_PT
-        line.set_transform(offset_copy(axes.transData, axes.figure, y=shift_pt, units="points"))
+        line.set_transform(offset_copy(axes.transData, figure, y=shift_pt, units="points"))
         colours[area] = line.get_color()
     drawn = [term for changes in figures.terms.values() for _, term, _ in changes]
     if drawn:
