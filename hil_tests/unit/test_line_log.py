@@ -92,6 +92,78 @@ def test_latencies_ages_and_terms_are_counted(
     assert any(line.split()[:3] == ["T1", "AreaAuthority", "3"] for line in lines)
 
 
+def test_figures_count_their_seconds_from_the_first_message_of_the_log_whatever_is_chosen(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lines = told(capsys, folder, "--stats", "--since", "0.5")
+
+    assert "area 1: 1.00 s term 9 T3" in lines
+
+
+@pytest.mark.parametrize(
+    "words", [["--source", "T99"], ["--area", "9", "--stats"], ["--since", "20", "--until", "30"]]
+)
+def test_where_nothing_passes_the_filters_that_is_said(
+    words: list[str], folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert vobc(["line-log", str(folder), *words]) == 0
+
+    said = capsys.readouterr().err
+    assert said == f"vobc: {folder / 'line.log'}: none of 7 messages passes the filters\n"
+
+
+def test_an_empty_log_is_said_to_be_empty(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    RadioLog(tmp_path / "line.log").close()
+
+    assert vobc(["line-log", str(tmp_path)]) == 0
+
+    assert "no message at all" in capsys.readouterr().err
+
+
+def test_a_log_of_a_secured_line_asks_for_its_keys(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log = RadioLog(tmp_path / "line.log")
+    log.message(0, SerialDirection.RX, t2t_keys.key_of("loop", BEAT), pack(BEAT, bytes(32)))
+    log.message(9 * MS, SerialDirection.RX, key_of("loop", 2), packed(Place(180.0, 100.0, 16)))
+    log.close()
+
+    assert vobc(["line-log", str(tmp_path), "--stats"]) == 0
+
+    said = capsys.readouterr()
+    assert "refused: 1" in said.out
+    assert "all 1 safety codes are wrong" in said.err
+    assert "--secure FOLDER" in said.err
+
+
+def test_a_log_that_is_only_damaged_here_and_there_asks_for_nothing(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert vobc(["line-log", str(folder), "--stats"]) == 0
+
+    assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize(
+    ("words", "complaint"),
+    [
+        (["x", "--since", "30", "--until", "20"], "--since 30 is not before --until 20"),
+        (["x", "--since", "20", "--until", "20"], "--since 20 is not before --until 20"),
+        (["x", "--live"], "x and --live exclude each other"),
+        (["x", "--for", "3"], "--for goes with --live only"),
+        ([], "a FOLDER or FILE is needed, or --live"),
+    ],
+)
+def test_what_does_not_go_together_is_said(
+    words: list[str], complaint: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert vobc(["line-log", *words]) == 2
+
+    assert capsys.readouterr().err == f"vobc: line-log: {complaint}\n"
+
+
 def test_it_is_drawn(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     told(capsys, folder, "--plot", folder / "line.png")
 
@@ -102,7 +174,7 @@ def test_it_is_drawn(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     ("content", "complaint"),
     [
         (None, "cannot be read: No such file"),
-        ("t_s,key\n1,2\n", "no log of a radio"),
+        ("t_s,key\n1,2\n", "its first line is not t_s,direction,key,payload"),
         ("t_s,direction,key,payload\n1,rx,m/loop/w/1,0g\n", "line 2: "),
         ("t_s,direction,key,payload\n1,rx\n", "line 2: "),
     ],

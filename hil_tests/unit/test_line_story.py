@@ -6,10 +6,13 @@ from can_dbc.vobc import Cause, Supervision
 from firmware_py.ports import RadioMessage
 from firmware_py.trackdb import load_line
 from firmware_py.trackdb.areas import load_areas
+from hil_tests.unit.test_line_centre import STATUS
 from hil_tests.unit.test_t2t_envelope import REPORT
+from metro_hil.t2t_run.results import result_of
 from metro_hil.t2t_run.story import LineStory
-from metro_hil.t2t_run.verdict import complaints
+from metro_hil.t2t_run.verdict import complaints, emergency_words
 from plant_emulator.wayside.detection import Place
+from zenoh_config import keys
 from zenoh_config.codec import pack
 from zenoh_config.t2t import BROADCAST, AreaAuthority, Heartbeat, Phase, T2tMessage
 from zenoh_config.t2t_keys import key_of
@@ -120,22 +123,40 @@ def test_a_new_term_is_told_with_how_long_the_last_was_silent_and_when_all_are_s
     assert told.story.train(2).latencies_ms == [50.0, 20.0]
 
 
-def test_an_emergency_brake_counts_while_the_train_is_commanded_and_nothing_was_done_to_it() -> (
-    None
-):
+def test_every_emergency_brake_is_told_and_the_verdict_counts_those_without_excuse() -> None:
     told = Told()
-    told.story.tells(2, Supervision.EMERGENCY, Cause.BRAKE_UNIT, 10 * MS)
-    told.hears(GIVEN, 50)
-    told.story.tells(2, Supervision.NOMINAL, Cause.NONE, 60 * MS)
-    told.story.tells(2, Supervision.EMERGENCY, Cause.OVERSPEED, 70 * MS)
-    told.story.strikes(2)
-    told.story.tells(2, Supervision.NOMINAL, Cause.NONE, 80 * MS)
-    told.story.tells(2, Supervision.EMERGENCY, Cause.BUTTON, 90 * MS)
 
-    assert told.story.train(2).emergencies == ["overspeed"]
-    assert "train 2: emergency brake although it was commanded: overspeed" in complaints(
-        told.story, 2, behind_rear_m=7.0
-    )
+    def brakes(cause: Cause, at_ms: int, train: int = 2) -> None:
+        told.story.tells(train, Supervision.NOMINAL, Cause.NONE, at_ms * MS)
+        told.story.tells(train, Supervision.EMERGENCY, cause, (at_ms + 5) * MS)
+
+    brakes(Cause.BRAKE_UNIT, 10)
+    told.hears(GIVEN, 50)
+    brakes(Cause.OVERSPEED, 60)
+    brakes(Cause.AUTHORITY_OLD, 2000)
+    told.story.excused.add("authority old")
+    brakes(Cause.AUTHORITY_OLD, 3000)
+    told.story.strikes(2)
+    brakes(Cause.BUTTON, 4000)
+
+    causes = ["brake unit", "overspeed", "authority old", "authority old", "button"]
+    assert told.said == [f"train 2 applies its emergency brake: {cause}" for cause in causes]
+    assert emergency_words(result_of(2, told.story.train(2))) == ", ".join([*causes, "struck"])
+    told.story.train(1).given = dict(told.story.train(2).given)
+    assert complaints(told.story, 2, behind_rear_m=7.0) == [
+        "train 2: emergency brake although it was commanded: overspeed",
+        "train 2: emergency brake while it had no young authority: authority old",
+    ]
+
+
+def test_what_a_train_says_of_its_protection_by_radio_is_left_to_its_bus() -> None:
+    """It is told again and late once radios work again."""
+    told = Told()
+    late = replace(STATUS, train=2, supervision=Supervision.EMERGENCY, cause=Cause.BUTTON)
+    told.story.hears([RadioMessage(50 * MS, keys.status("loop", 2), pack(late))])
+
+    assert told.said == []
+    assert told.story.refused == 0
 
 
 def test_a_train_in_another_is_a_collision_whatever_the_authorities() -> None:
@@ -154,6 +175,18 @@ def test_a_stop_is_told_with_its_distance_and_passing_through_is_none() -> None:
     (stop,) = told.story.train(2).stops
     assert stop.station == "S2"
     assert abs(stop.error_m - 0.3) < 1e-9
+
+
+def test_the_speed_is_that_of_the_true_places_also_when_its_controller_says_nothing_more() -> None:
+    told = Told()
+    told.hears(replace(REPORT, source=2, speed_mps=12.4, front_min_m=180.0, front_max_m=181.0), 0)
+    told.story.stands(2, Place(180.5, 100.5, 16, 100 * MS))
+
+    told.story.stands(2, Place(181.5, 101.5, 16, 300 * MS))
+    assert told.story.train(2).speed_mps == 5.0
+
+    told.story.stands(2, Place(181.5, 101.5, 16, 500 * MS))
+    assert told.story.train(2).speed_mps == 0.0
 
 
 def test_what_is_under_the_key_of_another_is_not_believed() -> None:

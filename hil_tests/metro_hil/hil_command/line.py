@@ -5,31 +5,27 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from metro_hil.engine.errors import EngineError, UsageError
+from metro_hil.engine.errors import EngineError
 from metro_hil.line_networks.apart import become_apart
-from metro_hil.line_networks.options import OwnNetworks, add_options, networks_of
+from metro_hil.line_networks.options import add_options
 from metro_hil.line_networks.topology import HELP as TOPOLOGY_HELP
-from metro_hil.line_networks.topology import TOPOLOGIES, Topology
+from metro_hil.line_networks.topology import TOPOLOGIES
 from metro_hil.options import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_OK
-from metro_hil.t2t_run.plan import (
-    HELP,
-    ONE_WAY,
-    Fault,
-    Strike,
-    faults_of,
-    second,
-    train_at,
-    ways_of,
-)
+from metro_hil.t2t_run.plan import HELP, Strike, second, train_at
 
 if TYPE_CHECKING:
-    from metro_hil.t2t_run.real import Settings
+    from metro_hil.run_folder import RunFolder
+    from metro_hil.t2t_run.real import RealLine, Settings
+    from metro_hil.t2t_run.virtual import VirtualLine
+
+    Line = RealLine | VirtualLine
 
 BENCHES: Final = ("processes", "lockstep")
 EPILOG: Final = """\
 Faults may be asked for several times. What is killed, stopped or cut stays away for --down-for
-seconds; in lockstep a killed controller stays dead. The folder keeps what was said on the line's
-radio (`vobc line-log FOLDER`) and the logs of every train.
+seconds; in lockstep a killed controller stays dead. The folder keeps what was asked
+for (run.toml), the story (story.txt), the table and the verdict (results.json), what was said on
+the line's radio (`vobc line-log FOLDER`) and the logs of every train.
 exit codes: 0 nobody came too near and nobody braked by emergency without need; 1 somebody did;
 2 wrong usage; 3 bus, radio, rights or a process missing; 130 ended by Ctrl-C
 """
@@ -88,109 +84,77 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Raises UsageError and SettingsError for what does not fit together."""
-    from firmware_py.buses import BusError
     from firmware_py.clock import WallClock
-    from firmware_py.radio.zenoh_radio import RadioError
-    from metro_hil.children import ChildError
-    from metro_hil.run_folder import make_run_folder
+    from metro_hil.hil_command.line_settings import config_of, settings_of
+    from metro_hil.run_folder import discard_unused, make_run_folder, write_config
 
-    settings = _settings(options)
+    settings = settings_of(options)
     if settings.networks is not None and not options.apart:
         become_apart("metro_hil.hil_command", [*options.words, "--apart"])
-    folder = make_run_folder(options.out, WallClock().epoch_ns(), f"line_{settings.areas.name}")
+    epoch_ns = WallClock().epoch_ns()
+    folder = make_run_folder(options.out, epoch_ns, f"line_{settings.areas.name}")
+    write_config(folder, config_of(options, settings), epoch_ns)
     try:
-        return _run(options, settings, folder.path)
-    except (BusError, RadioError, ChildError) as error:
-        raise EngineError(str(error)) from error
+        line = _line(options, settings, folder.path)
+    except BaseException:
+        discard_unused(folder)
+        raise
+    return _run(line, settings, folder)
 
 
-def _settings(options: argparse.Namespace) -> "Settings":
-    from firmware_py.radio.zenoh_radio import pick_endpoint
-    from firmware_py.trackdb import load_line
-    from firmware_py.trackdb.areas import load_areas
-    from metro_hil.line_networks.ether_process import OWN_ENDPOINT
-    from metro_hil.t2t_run.real import Settings
-    from metro_hil.t2t_run.virtual import NOT_HERE
-    from zenoh_config.sessions import check_endpoint
-
-    areas, line = load_areas(options.line), load_line(options.line)
-    faults = faults_of(options)
-    try:
-        ways = ways_of(line, options.trains)
-        if options.line_radio is not None:
-            check_endpoint(options.line_radio)
-    except ValueError as error:
-        raise UsageError(str(error)) from error
-    if not options.duration_s > 0.0:
-        raise UsageError(f"--for {options.duration_s:g}: not a duration")
-    for each in faults:
-        if each.train > options.trains:
-            raise UsageError(f"--{each.strike.value} T{each.train}: there is no such train")
-        if options.bench == "lockstep" and each.strike in NOT_HERE:
-            raise UsageError(f"--{each.strike.value}: not in lockstep")
-    networks = networks_of(options, needed=any(each.strike in ONE_WAY for each in faults))
-    if networks is not None:
-        for given, words in (
-            (options.bench == "lockstep", "--bench lockstep has no network"),
-            (options.line_radio is not None, "--line-radio does not go with networks of their own"),
-            (options.secure is not None, "--secure does not go with networks of their own"),
-        ):
-            if given:
-                raise UsageError(words)
-    return Settings(
-        line=line,
-        areas=areas,
-        line_name=options.line,
-        ways=ways,
-        endpoint=options.line_radio or (pick_endpoint() if networks is None else OWN_ENDPOINT),
-        timers=options.line_timers,
-        arbiters=options.arbiters,
-        faults=faults,
-        down_s=options.down_s,
-        duration_s=options.duration_s,
-        priority=options.priority,
-        secure=options.secure,
-        networks=networks,
-        topology=_topology(options, faults, networks),
-    )
-
-
-def _topology(
-    options: argparse.Namespace, faults: Sequence[Fault], networks: OwnNetworks | None
-) -> Topology:
-    """Raises UsageError for what only a star has."""
-    topology = Topology(options.topology)
-    for given, words in (
-        (options.bench == "lockstep", "--bench lockstep has no sessions"),
-        (networks is not None, "networks of their own lead to the wayside only"),
-        (options.secure is not None, "not with --secure: peers speak past the wayside's rules"),
-        (
-            any(each.strike is Strike.CUT_MASTER for each in faults),
-            "--cut-master-at cuts the way to the wayside only",
-        ),
-    ):
-        if given and topology is not Topology.STAR:
-            raise UsageError(f"--topology {topology.value}: {words}")
-    return topology
-
-
-def _run(options: argparse.Namespace, settings: "Settings", folder: Path) -> int:
+def _line(options: argparse.Namespace, settings: "Settings", folder: Path) -> "Line":
+    from metro_hil.hil_command.line_settings import radio_words
     from metro_hil.t2t_run.real import RealLine
-    from metro_hil.t2t_run.verdict import areas_words, carried_words, complaints, show
+    from metro_hil.t2t_run.record import told
     from metro_hil.t2t_run.virtual import VirtualLine
-    from vobc.t2t.vocabulary import T2tConfig
 
     def say(at_s: float, words: str) -> None:
-        print(f"{at_s:8.2f} s  {words}", flush=True)
+        print(told(at_s, words), flush=True)
 
-    line: RealLine | VirtualLine
     if options.bench == "lockstep":
-        line = VirtualLine(settings, folder, say, seed=options.seed)
-    else:
-        print(f"line radio: {settings.endpoint}; look with `vobc line --watch --line-radio ...`")
-        line = RealLine(settings, folder, say)
-    over = line.run()
+        return VirtualLine(settings, folder, say, seed=options.seed)
+    print(radio_words(settings), flush=True)
+    return RealLine(settings, folder, say)
+
+
+def _run(line: "Line", settings: "Settings", folder: "RunFolder") -> int:
+    from firmware_py.buses import BusError
+    from firmware_py.radio.zenoh_radio import RadioError
+    from metro_hil.children import ChildError
+    from metro_hil.ending import DURATION, INTERRUPTED
+    from metro_hil.t2t_run.results import results_json
+    from metro_hil.t2t_run.verdict import complaints
+    from vobc.t2t.vocabulary import T2tConfig
+
     trains = len(settings.ways)
+    reason = ""
+    try:
+        reason = DURATION if line.run() else INTERRUPTED
+    except (BusError, RadioError, ChildError) as error:
+        reason = str(error)
+        raise EngineError(reason) from error
+    finally:
+        # Also of a run that is broken off: its story is worth reading.
+        wrong = complaints(line.story, trains, behind_rear_m=T2tConfig().rollback_m)
+        results = results_json(
+            *(line.story, trains),
+            exit_reason=reason or "broken off",
+            complaints=wrong,
+            missed=line.dropped,
+            carried=line.carried,
+            second_of=line.record.second_of,
+        )
+        folder.results.write_text(results, encoding="utf-8")
+    _show(line, trains, wrong)
+    print(f"run folder: {folder.path}")
+    if reason == INTERRUPTED:
+        return EXIT_INTERRUPTED
+    return EXIT_FAILED if wrong else EXIT_OK
+
+
+def _show(line: "Line", trains: int, wrong: Sequence[str]) -> None:
+    from metro_hil.t2t_run.verdict import areas_words, carried_words, show
+
     show(line.story, trains)
     for words in areas_words(line.story):
         print(words)
@@ -198,10 +162,5 @@ def _run(options: argparse.Namespace, settings: "Settings", folder: Path) -> int
         print(f"{way}: {counts['sent']} packets, " + carried_words(counts))
     if line.dropped:
         print(f"the recorder missed {line.dropped} messages")
-    wrong = complaints(line.story, trains, behind_rear_m=T2tConfig().rollback_m)
     for words in wrong:
         print(words)
-    print(f"run folder: {folder}")
-    if not over:
-        return EXIT_INTERRUPTED
-    return EXIT_FAILED if wrong else EXIT_OK

@@ -50,6 +50,12 @@ class Entry(NamedTuple):
         return self.key.split("/")
 
 
+class Chosen(NamedTuple):
+    entry: Entry
+    start_s: float
+    """Of the log it is from."""
+
+
 @dataclass(frozen=True, slots=True)
 class Choice:
     """What is looked at; what is empty chooses all."""
@@ -92,7 +98,8 @@ def read_log(path: Path, key: bytes) -> Iterator[Entry]:
         with path.open(newline="", encoding="utf-8") as file:
             rows = csv.reader(file)
             if next(rows, None) != COLUMNS:
-                raise SettingsError(f"{path}: no log of a radio: its columns are {COLUMNS}")
+                expected = ",".join(COLUMNS)
+                raise SettingsError(f"{path}: no log of a radio: its first line is not {expected}")
             for number, row in enumerate(rows, start=2):
                 try:
                     at, _, topic, payload = row
@@ -182,16 +189,17 @@ class Figures:
     """Messages by writer and kind."""
     sizes: Counter[tuple[str, str]] = field(default_factory=Counter)
     refused: int = 0
-    span_s: float = 0.0
+    start_s: float = 0.0
+    end_s: float = 0.0
+    """Of what was chosen; seconds of the log, as all of these."""
 
 
-def figures_of(entries: Iterable[Entry]) -> Figures:
-    found, start_s = Figures(), None
+def figures_of(chosen: Iterable[Chosen]) -> Figures:
+    found = Figures(start_s=float("inf"))
     echoes: dict[tuple[int, int], tuple[int, int]] = {}
-    for entry in entries:
-        start_s = entry.at_s if start_s is None else start_s
+    for entry, start_s in chosen:
         at_s, heard = entry.at_s - start_s, entry.heard
-        found.span_s = max(found.span_s, at_s)
+        found.start_s, found.end_s = min(found.start_s, at_s), max(found.end_s, at_s)
         if isinstance(heard, Refused):
             found.refused += 1
             continue

@@ -9,13 +9,16 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Final
 
+from firmware_py.buses import open_can
 from firmware_py.buses.hub_control import start_hub
+from firmware_py.clock import WallClock
 from metro_hil.children import Child
 from metro_hil.line_networks.apart import words_in
 from metro_hil.line_networks.carrier import Carrier
 from metro_hil.line_networks.options import OwnNetworks
 from metro_hil.line_networks.topology import Topology, is_peer
 from metro_hil.t2t_run.plan import Way
+from metro_hil.t2t_run.taps import HEARD_IDS, ProtectionTap
 
 WAYSIDE: Final = "wayside"
 BEFORE: Final = 5
@@ -88,6 +91,14 @@ class LineCrew:
         arguments += ["--priority", str(max(0, self._priority - BEHIND))]
         arguments += ["--out", str(folder), *self._secure]
         self._adopt(f"plant {train}", "plant_emulator", arguments, folder / "plant.log")
+
+    def tap(self, train: int) -> ProtectionTap:
+        """Raises BusError."""
+        port = open_can(
+            f"embedded:{_bus(train)}", clock=WallClock(), node="TAP", accept_ids=HEARD_IDS
+        )
+        self._stack.callback(port.close)
+        return ProtectionTap(train, port)
 
     def start_controller(self, train: int) -> None:
         """Anew it goes by its memory: where it stands, what it promised, which start this is."""

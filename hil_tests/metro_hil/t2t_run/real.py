@@ -1,5 +1,6 @@
 """A line in real time: processes over real zenoh, watched and recorded by a session of its own."""
 
+import itertools
 import signal
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -11,7 +12,6 @@ from firmware_py.clock import WallClock
 from firmware_py.interrupts import Interrupts
 from firmware_py.radio.credentials import load_credentials
 from firmware_py.radio.zenoh_radio import Role, open_radio
-from firmware_py.recorder import RadioLog, SerialDirection
 from firmware_py.trackdb import LineMap
 from firmware_py.trackdb.areas import AreaMap
 from metro_hil.children import ChildError
@@ -19,6 +19,7 @@ from metro_hil.line_networks.options import OwnNetworks
 from metro_hil.line_networks.topology import Topology
 from metro_hil.t2t_run.crew import WAYSIDE, LineCrew
 from metro_hil.t2t_run.plan import Fault, Strike, Way
+from metro_hil.t2t_run.record import LineRecord
 from metro_hil.t2t_run.story import LineStory
 from zenoh_config import t2t_keys
 from zenoh_config.codec import BENCH_KEY, safety_key
@@ -29,7 +30,6 @@ POLL_NS: Final = 20_000_000
 NS_PER_S: Final = 1_000_000_000
 START_S: Final = 60.0
 INBOX_MESSAGES: Final = 1 << 16
-LINE_LOG: Final = "line.log"
 OLD: Final = Cause.AUTHORITY_OLD.name.lower().replace("_", " ")
 """Without arbiters nobody may command, and authorities grow old: trains brake, as they must."""
 
@@ -67,7 +67,7 @@ class RealLine:
     """Brings everything up, strikes as planned, and ends everything that it started."""
 
     def __init__(self, settings: Settings, folder: Path, say: Callable[[float, str], None]) -> None:
-        self._settings, self._folder, self._say = settings, folder, say
+        self._settings, self._folder = settings, folder
         self._clock = WallClock()
         self._start_ns = self._clock.now_ns()
         self._secure, key = None, BENCH_KEY
@@ -76,6 +76,8 @@ class RealLine:
                 settings.secure, SUPERVISION_NAME, self._clock.epoch_ns()
             )
             key = safety_key(self._secure.key_hex)
+        self.record = LineRecord(folder, say)
+        self._tell = self.record.tell
         self.story = LineStory(settings.line, settings.areas, self._tell, key)
         self.dropped = 0
         """Messages that the recorder missed."""
@@ -93,6 +95,7 @@ class RealLine:
         settings, interrupts = self._settings, Interrupts()
         with ExitStack() as stack:
             stack.enter_context(interrupts.caught())
+            stack.callback(self.record.close)
             crew = LineCrew(
                 *(self._folder, settings.line_name, settings.endpoint, stack),
                 timers=settings.timers,
@@ -105,9 +108,6 @@ class RealLine:
                 topology=settings.topology,
             )
             crew.start_wayside()
-            # By the clock that is echoed in messages, so that latencies can be read off it.
-            log = RadioLog(self._folder / LINE_LOG)
-            stack.callback(log.close)
             topics = t2t_keys.of_line(settings.areas.name)
             port = open_radio(
                 *(Role.TRAIN, settings.endpoint, topics, self._clock),
@@ -117,16 +117,19 @@ class RealLine:
             stack.callback(port.close)
             for number, way in enumerate(settings.ways, start=1):
                 crew.start_plant(number, way)
-            for number in range(1, len(settings.ways) + 1):
+            numbers = range(1, len(settings.ways) + 1)
+            taps = [crew.tap(number) for number in numbers]
+            for number in numbers:
                 crew.start_controller(number)
             began_ns = None
             while not interrupts.asked:
                 self._clock.wait_until(self._clock.now_ns() + POLL_NS)
                 now_ns = self._clock.now_ns()
                 heard = port.receive(now_ns)
-                for each in heard:
-                    log.message(each.stamp_ns, SerialDirection.RX, each.key, each.payload)
+                self.record.hears(heard)
                 self.story.hears(heard)
+                for said in itertools.chain.from_iterable([tap.hears(now_ns) for tap in taps]):
+                    self.story.tells(said.train, said.supervision, said.cause, said.at_ns)
                 self.dropped = port.counters.dropped_in
                 self._look_after(crew)
                 if began_ns is None:
@@ -143,7 +146,8 @@ class RealLine:
         trains = len(self._settings.ways)
         commanded = sum(bool(each.given) for each in self.story.trains.values())
         if commanded == trains:
-            self._tell(now_ns, f"all {trains} trains are commanded; the run begins")
+            begins = "the run begins: faults and --for count from here"
+            self._tell(now_ns, f"all {trains} trains are commanded; {begins}")
             return now_ns
         if now_ns - self._start_ns > START_S * NS_PER_S:
             self._tell(now_ns, f"only {commanded} of {trains} trains are commanded; it begins")
@@ -177,7 +181,7 @@ class RealLine:
         if strike is Strike.CRASH_WAYSIDE:
             self._tell(now_ns, "the wayside with its arbiters is killed")
             self.story.excused.add(OLD)
-            self._away(crew, WAYSIDE, signal.SIGKILL, crew.start_wayside)
+            self._away(crew, WAYSIDE, signal.SIGKILL, lambda: self._wayside_anew(crew))
             return
         train = fault.train if strike is Strike.RESTART_TRAIN else self._master()
         if train == NOBODY:
@@ -214,6 +218,10 @@ class RealLine:
         due_ns = self._clock.now_ns() + round(self._settings.down_s * NS_PER_S)
         self._later.append((due_ns, action))
 
+    def _wayside_anew(self, crew: LineCrew) -> None:
+        self._tell(self._clock.now_ns(), "the wayside with its arbiters is started again")
+        crew.start_wayside()
+
     def _anew(self, crew: LineCrew, train: int) -> None:
         self._tell(self._clock.now_ns(), f"the controller of train {train} is started again")
         crew.start_controller(train)
@@ -232,6 +240,3 @@ class RealLine:
         for _, area in sorted(self.story.areas.items()):
             return area.heartbeat.source
         return NOBODY
-
-    def _tell(self, now_ns: int, words: str) -> None:
-        self._say((now_ns - self._start_ns) / NS_PER_S, words)

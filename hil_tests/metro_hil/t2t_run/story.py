@@ -30,6 +30,19 @@ class Stop(NamedTuple):
     error_m: float
 
 
+class Emergency(NamedTuple):
+    """An emergency brake that protection applied."""
+
+    at_ns: int
+    cause: str
+    commanded: bool
+    """Some authority of its train was young."""
+    excused: bool
+    """Something was done to the train, or to the line so that it had to brake, or nobody had
+    commanded it yet.
+    """
+
+
 class Given(NamedTuple):
     """An authority as it was heard, or as a train that commands itself says that it holds it."""
 
@@ -44,15 +57,15 @@ class Given(NamedTuple):
 @dataclass(slots=True)
 class TrainStory:
     place: Place | None = None
+    speed_mps: float | None = None
+    """True, as its places are: what it says of itself ends with its controller."""
     given: dict[int, Given] = field(default_factory=dict)
     """By area, the newest."""
     reaches: deque[Given] = field(default_factory=lambda: deque(maxlen=REACHES))
     """The last that let it go as far as it may, for places that come late."""
-    report: TrainReport | None = None
     supervision: int = Supervision.NO_AUTHORITY
     stops: list[Stop] = field(default_factory=list)
-    emergencies: list[str] = field(default_factory=list)
-    """While it was commanded and nothing had been done to it: causes."""
+    emergencies: list[Emergency] = field(default_factory=list)
     service_brakes: int = 0
     least_gap_m: float = float("inf")
     """From the end of its authority to the true rear of the train ahead."""
@@ -65,6 +78,14 @@ class TrainStory:
     standing: bool = False
 
 
+class Term(NamedTuple):
+    at_ns: int
+    """When its first heartbeat was heard."""
+    number: int
+    train: int
+    """That commands."""
+
+
 @dataclass(slots=True)
 class AreaStory:
     heartbeat: Heartbeat
@@ -73,7 +94,7 @@ class AreaStory:
     """Trains that have no authority of this term yet."""
     since_ns: int = 0
     """When the last heartbeat of the term before was heard."""
-    terms: int = 1
+    terms: list[Term] = field(default_factory=list)
 
 
 class LineStory:
@@ -90,7 +111,7 @@ class LineStory:
         self.areas: dict[int, AreaStory] = {}
         self.collisions: list[str] = []
         self.excused: set[str] = set()
-        """Causes of emergencies that what was done to the line calls for."""
+        """Causes of emergencies that what was done to the line calls for from now on."""
         self.refused = 0
         self._line, self._map, self._say, self._key = line, areas, say, key
         self._rails = subscription(areas.name).removesuffix("*")
@@ -110,8 +131,9 @@ class LineStory:
             heard = unpack(message.payload, self._key)
             name = self._map.name
             if isinstance(heard, TrainStatus) and message.key == keys.status(name, heard.train):
-                self.tells(heard.train, heard.supervision, heard.cause, message.stamp_ns)
-            elif isinstance(heard, T2tMessage) and message.key == t2t_keys.key_of(name, heard):
+                # Its bus tells what its protection does, also while no radio carries anything.
+                continue
+            if isinstance(heard, T2tMessage) and message.key == t2t_keys.key_of(name, heard):
                 self._hears(heard, message.stamp_ns)
             elif not message.key.startswith(f"m/{keys.line_chunk(name)}/w/0/or/"):
                 self.refused += 1
@@ -120,6 +142,9 @@ class LineStory:
         """Where a train truly is."""
         train = self.train(number)
         before, train.place = train.place, place
+        if before is not None and place.stamp_ns > before.stamp_ns:
+            past_s = (place.stamp_ns - before.stamp_ns) / NS_PER_S
+            train.speed_mps = (place.front_m - before.front_m) / past_s
         standing = before is not None and abs(place.front_m - before.front_m) < MOVED_M
         if standing and not train.standing:
             self._stopped(train, place.front_m)
@@ -131,16 +156,18 @@ class LineStory:
                 self._keep_apart(self.trains[behind], before, place)
 
     def tells(self, number: int, supervision: int, cause: int, now_ns: int) -> None:
-        """What the protection of a train does."""
+        """What the protection of a train does; whether it should is for the verdict."""
         train = self.train(number)
         before, train.supervision = train.supervision, supervision
-        if supervision == before or train.struck:
+        if supervision == before:
             return
-        if supervision == Supervision.SERVICE:
+        if supervision == Supervision.SERVICE and not train.struck:
             train.service_brakes += 1
-        if supervision == Supervision.EMERGENCY and self._is_commanded(train, now_ns):
-            words = Cause(cause).name.lower().replace("_", " ")
-            train.emergencies.append(words)
+        if supervision == Supervision.EMERGENCY:
+            words = cause_words(cause)
+            commanded = self._is_commanded(train, now_ns)
+            excused = train.struck or not train.given or words in self.excused
+            train.emergencies.append(Emergency(now_ns, words, commanded, excused))
             self._say(now_ns, f"train {number} applies its emergency brake: {words}")
 
     def strikes(self, number: int) -> None:
@@ -157,10 +184,7 @@ class LineStory:
             self._hears_report(message, now_ns)
 
     def _hears_report(self, report: TrainReport, now_ns: int) -> None:
-        train, known = self.train(report.source), self.train(report.source).report
-        owner = self._map.area_at(report.front_min_m).number
-        if known is None or report.area == owner or known.area != owner:
-            train.report = report
+        train = self.train(report.source)
         story = self.areas.get(report.area)
         if report.member and story is not None and story.heartbeat.source == report.source:
             # What a master grants itself is not on the air.
@@ -175,7 +199,8 @@ class LineStory:
         area, who = heartbeat.area, heartbeat.source
         known = self.areas.get(area)
         if known is None:
-            self.areas[area] = AreaStory(heartbeat, now_ns, since_ns=now_ns)
+            first = Term(now_ns, heartbeat.term, who)
+            self.areas[area] = AreaStory(heartbeat, now_ns, since_ns=now_ns, terms=[first])
             self._say(now_ns, f"area {area}: train {who} commands, term {heartbeat.term}")
             return
         if heartbeat.term < known.heartbeat.term:
@@ -187,7 +212,8 @@ class LineStory:
                 for number, train in self.trains.items()
                 if number not in (who, before) and _holds(train, area, now_ns)
             }
-            known.since_ns, known.terms = known.heard_ns, known.terms + 1
+            known.since_ns = known.heard_ns
+            known.terms.append(Term(now_ns, heartbeat.term, who))
             self._say(
                 now_ns,
                 f"area {area}: train {who} commands, term {heartbeat.term}; train {before} was "
@@ -283,6 +309,11 @@ class LineStory:
                 break
             area = self._map.following(area.number)
         return last
+
+
+def cause_words(cause: int) -> str:
+    """Only a controller that begins or ends brakes for no cause."""
+    return Cause(cause).name.lower().replace("_", " ") if cause else "its controller ends"
 
 
 def _holds(train: TrainStory, area: int, now_ns: int) -> bool:

@@ -1,6 +1,5 @@
 """How a run of a line ended: what must not have happened, and a table of its trains."""
 
-import math
 from collections.abc import Mapping
 from typing import Final
 
@@ -8,7 +7,8 @@ from rich.console import Console
 from rich.table import Table
 
 from can_dbc.vobc import Cause
-from metro_hil.t2t_run.story import LineStory
+from metro_hil.t2t_run.results import TrainResult, result_of
+from metro_hil.t2t_run.story import Emergency, LineStory
 
 KMH: Final = 3.6
 REMOTE: Final = Cause.REMOTE.name.lower()
@@ -23,13 +23,19 @@ def complaints(story: LineStory, trains: int, *, behind_rear_m: float) -> list[s
         if train.least_gap_m < behind_rear_m:
             said.append(f"train {number}: authority only {train.least_gap_m:.2f} m behind the next")
         said += [
-            f"train {number}: emergency brake although it was commanded: {cause}"
-            for cause in train.emergencies
-            if cause != REMOTE and cause not in story.excused
+            f"train {number}: emergency brake {_when(each)}: {each.cause}"
+            for each in train.emergencies
+            if each.cause != REMOTE and not each.excused
         ]
         if not train.given:
             said.append(f"train {number}: it never had an authority")
     return said
+
+
+def _when(emergency: Emergency) -> str:
+    if emergency.commanded:
+        return "although it was commanded"
+    return "while it had no young authority"
 
 
 def show(story: LineStory, trains: int) -> None:
@@ -41,30 +47,39 @@ def show(story: LineStory, trains: int) -> None:
         table.add_column(head, justify="right")
     table.add_column("stops, m from the stopping point")
     for number in range(1, trains + 1):
-        train = story.train(number)
-        newest = max(train.given.values(), default=None, key=lambda each: each.at_ns)
-        latencies_ms = sorted(train.latencies_ms)
+        train = result_of(number, story.train(number))
+        speed_kmh = None if train.speed_mps is None else train.speed_mps * KMH
         table.add_row(
             str(number),
-            "–" if train.place is None else f"{train.place.front_m:.1f}",
-            "–" if train.report is None else f"{train.report.speed_mps * KMH:.1f}",
-            "–" if newest is None else f"{newest.end_m:.1f}",
-            "–" if newest is None else str(newest.term),
-            f"{train.oldest_ms:.0f}",
-            f"{latencies_ms[len(latencies_ms) // 2]:.0f}" if latencies_ms else "–",
-            f"{latencies_ms[len(latencies_ms) * 99 // 100]:.0f}" if latencies_ms else "–",
-            "–" if math.isinf(train.least_gap_m) else f"{train.least_gap_m:.1f}",
+            _figure(train.front_m, 1),
+            _figure(speed_kmh, 1),
+            _figure(train.authority_end_m, 1),
+            _figure(train.term, 0),
+            _figure(train.oldest_ms, 0),
+            _figure(train.latency_p50_ms, 0),
+            _figure(train.latency_p99_ms, 0),
+            _figure(train.least_gap_m, 1),
             str(train.service_brakes),
-            ", ".join(train.emergencies) or ("struck" if train.struck else "none"),
+            emergency_words(train),
             ", ".join([f"{stop.station} {stop.error_m:+.2f}" for stop in train.stops]) or "–",
         )
     Console(highlight=False, width=150).print(table)
 
 
+def _figure(value: float | None, digits: int) -> str:
+    return "–" if value is None else f"{value:z.{digits}f}"
+
+
+def emergency_words(train: TrainResult) -> str:
+    """All causes, in their order; `struck` where something was done to the train."""
+    causes = [each.cause for each in train.emergencies]
+    return ", ".join([*causes, "struck"] if train.struck else causes) or "none"
+
+
 def areas_words(story: LineStory) -> list[str]:
     return [
         f"area {number}: train {area.heartbeat.source} commands, term {area.heartbeat.term}, "
-        f"{area.terms} {'term' if area.terms == 1 else 'terms'} seen"
+        f"{len(area.terms)} {'term' if len(area.terms) == 1 else 'terms'} seen"
         for number, area in sorted(story.areas.items())
     ]
 

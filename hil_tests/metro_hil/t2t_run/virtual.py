@@ -5,10 +5,10 @@ from pathlib import Path
 from typing import Final
 
 from firmware_py.executive import Executive
-from firmware_py.recorder import RadioLog, SerialDirection
 from metro_hil.line_bench import AXLES, LineBench, Run
 from metro_hil.t2t_run.plan import ONE_WAY, Fault, Strike
-from metro_hil.t2t_run.real import LINE_LOG, OLD, Settings
+from metro_hil.t2t_run.real import OLD, Settings
+from metro_hil.t2t_run.record import LineRecord
 from metro_hil.t2t_run.story import LineStory
 from plant_emulator.wayside.detection import Place
 from vobc.config import load_config
@@ -34,11 +34,13 @@ class VirtualLine:
         self.bench = LineBench(
             load_config("florence4"), settings.areas, runs, t2t=config, seed=seed
         )
+        self.record = LineRecord(folder, say)
+        self._tell = self.record.tell
         self.story = LineStory(settings.line, settings.areas, self._tell)
         self.dropped = 0
         self.carried: dict[str, dict[str, int]] = {}
         """Nothing is carried between networks here."""
-        self._settings, self._folder, self._say = settings, folder, say
+        self._settings = settings
         self._tap = self.bench.air.port("tap", t2t_keys.of_line(settings.areas.name))
         self._faults = list(settings.faults)
         self._later: list[tuple[int, Callable[[], None]]] = []
@@ -47,21 +49,19 @@ class VirtualLine:
         """True, as nobody interrupts it but by an exception."""
         bench = self.bench
         end_ns = bench.clock.now_ns() + round(self._settings.duration_s * NS_PER_S)
-        log = RadioLog(self._folder / LINE_LOG)
         try:
             while bench.clock.now_ns() < end_ns:
                 bench.run(LOOK_S)
-                self._look(log)
+                self._look()
                 self._strike()
         finally:
-            log.close()
+            self.record.close()
         return True
 
-    def _look(self, log: RadioLog) -> None:
+    def _look(self) -> None:
         now_ns = self.bench.clock.now_ns()
         heard = self._tap.receive(now_ns)
-        for each in heard:
-            log.message(each.stamp_ns, SerialDirection.RX, each.key, each.payload)
+        self.record.hears(heard)
         self.story.hears(heard)
         self.dropped = self._tap.counters.dropped_in
         for number, train in self.bench.trains.items():
@@ -85,7 +85,7 @@ class VirtualLine:
             self._tell(now_ns, "the wayside with its arbiters dies")
             self.story.excused.add(OLD)
             bench.crash_wayside()
-            self._in(bench.restart_wayside)
+            self._in(self._wayside_anew)
             return
         masters = [m for area in bench.areas.areas for m in bench.masters(area.number)]
         if not masters:
@@ -106,6 +106,10 @@ class VirtualLine:
             self._tell(now_ns, f"the controller of train {train} dies")
             bench.kill(train)
 
+    def _wayside_anew(self) -> None:
+        self._tell(self.bench.clock.now_ns(), "the wayside with its arbiters is started again")
+        self.bench.restart_wayside()
+
     def _go_on(self, executive: Executive, train: int) -> None:
         self._tell(self.bench.clock.now_ns(), f"the controller of train {train} goes on")
         self.bench.go_on(executive)
@@ -113,6 +117,3 @@ class VirtualLine:
     def _in(self, action: Callable[[], None]) -> None:
         due_ns = self.bench.clock.now_ns() + round(self._settings.down_s * NS_PER_S)
         self._later.append((due_ns, action))
-
-    def _tell(self, now_ns: int, words: str) -> None:
-        self._say(now_ns / NS_PER_S, words)

@@ -1,0 +1,40 @@
+"""What protection of each train says on its own bus: it needs no radio, and no wayside."""
+
+from collections.abc import Iterable, Iterator
+from typing import Final, NamedTuple
+
+from can_dbc.codec import Decoder
+from can_dbc.vobc import Supervision, VobcMode, VobcStatus
+from firmware_py.ports import CanFrame, CanPort
+
+SEEN: Final = (VobcStatus, VobcMode)
+HEARD_IDS: Final = Decoder(SEEN).ids
+
+
+class Said(NamedTuple):
+    at_ns: int
+    train: int
+    supervision: Supervision
+    cause: int
+
+
+class ProtectionTap:
+    """One train's bus. An emergency is told with its cause, which comes a few frames later."""
+
+    def __init__(self, train: int, port: CanPort) -> None:
+        self._train, self._port = train, port
+        self._decoder = Decoder(SEEN)
+        self._emergency = False
+
+    def hears(self, now_ns: int) -> Iterator[Said]:
+        yield from self._said(self._port.receive(now_ns))
+
+    def _said(self, frames: Iterable[CanFrame]) -> Iterator[Said]:
+        for frame in frames:
+            heard = self._decoder.decode(frame.can_id, frame.data, frame.stamp_ns)
+            if isinstance(heard, VobcStatus):
+                self._emergency = heard.supervision is Supervision.EMERGENCY
+                if not self._emergency:
+                    yield Said(frame.stamp_ns, self._train, heard.supervision, 0)
+            elif isinstance(heard, VobcMode) and self._emergency:
+                yield Said(frame.stamp_ns, self._train, Supervision.EMERGENCY, heard.cause)
