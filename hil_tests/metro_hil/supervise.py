@@ -18,9 +18,10 @@ from firmware_py.ports import CanPort
 from firmware_py.radio.zenoh_radio import DEFAULT_ENDPOINT, pick_endpoint
 from firmware_py.recorder import CandumpWriter
 from metro_hil.children import Child, ChildError
-from metro_hil.display import BusPicture, Display
+from metro_hil.display import BusPicture, Display, no_hints
 from metro_hil.ending import INTERRUPTED, Ending
 from metro_hil.journey import Journey
+from metro_hil.line_hints import LineHints
 from metro_hil.options import EXTERNAL, RunOptions
 from metro_hil.run_folder import RunFolder
 from metro_hil.watch import Watch
@@ -54,7 +55,8 @@ class RealtimeRun:
         self._clock = WallClock()
         self._interrupts = Interrupts()
         self._picture = BusPicture(BIT_RATE)
-        self._display = Display(console, self._picture, self._title())
+        hints = no_hints if options.train is None else LineHints(options.train)
+        self._display = Display(console, self._picture, self._title(), hints)
         self._children: list[Child] = []
 
     def _title(self) -> str:
@@ -83,6 +85,7 @@ class RealtimeRun:
                 self._options.duration_s,
                 lambda: self._interrupts.asked,
                 unattended=emulated and self._nobody_at_the_desk(),
+                centre=self._options.train is not None,
             )
             self._end_children(watch)
             return watch.ending(reason, truth_known=emulated, realtime=self._granted())

@@ -23,8 +23,9 @@ from can_dbc.vobc import (
 from firmware_py.buses.inproc import InprocBus
 from firmware_py.clock import LockstepClock
 from firmware_py.recorder import CandumpWriter
-from metro_hil.display import BusPicture, Display
+from metro_hil.display import BusPicture, Display, Hints, no_hints
 from metro_hil.ending import DURATION, UNATTENDED_S
+from metro_hil.line_hints import LineHints
 from metro_hil.watch import Watch
 
 S = 1_000_000_000
@@ -53,7 +54,13 @@ MOTION = VobcMotion(speed_mps=0.0, ceiling_mps=5.0, emergency_mps=6.0)
 class Bench:
     """A controller that says the same for ever, and the tap beside it."""
 
-    def __init__(self, folder: Path, status: VobcStatus, mode: VobcMode = MODE) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        status: VobcStatus,
+        mode: VobcMode = MODE,
+        hints: Hints = no_hints,
+    ) -> None:
         self.clock = LockstepClock()
         self.printed = io.StringIO()
         bus = InprocBus("vcan0", BIT_RATE)
@@ -66,11 +73,11 @@ class Bench:
             CandumpWriter(folder / "bus.log", "vcan0"),
             folder / "host.csv",
             picture,
-            Display(console, picture, "a run"),
+            Display(console, picture, "a run", hints),
             self.clock,
         )
 
-    def run(self, *, unattended: bool) -> tuple[str, float]:
+    def run(self, *, unattended: bool, centre: bool = False) -> tuple[str, float]:
         """Why it ended, and when; s."""
 
         def speak() -> bool:
@@ -80,7 +87,7 @@ class Bench:
                     self._port.send(now_ns, identifier, data)
             return False
 
-        reason = self.watch.run([], 3500.0, 100.0, speak, unattended=unattended)
+        reason = self.watch.run([], 3500.0, 100.0, speak, unattended=unattended, centre=centre)
         return reason, self.clock.now_ns() / S
 
 
@@ -100,6 +107,26 @@ def test_one_that_somebody_may_let_go_or_that_only_waits_does_not(
 ) -> None:
     bench = Bench(tmp_path, replace(STATUS, supervision=supervision))
     assert bench.run(unattended=unattended) == (DURATION, 100.0)
+
+
+@pytest.mark.parametrize("cause", [Cause.REMOTE, Cause.AUTHORITY_OLD, Cause.OVERSPEED])
+def test_one_that_the_centre_of_its_line_may_let_go_waits_for_it_and_says_so(
+    tmp_path: Path, cause: Cause
+) -> None:
+    bench = Bench(tmp_path, STATUS, replace(MODE, cause=cause), LineHints(3))
+
+    assert bench.run(unattended=True, centre=True) == (DURATION, 100.0)
+    words = "waits for the centre: `vobc emergency-brake T3 --end` lets go"
+    assert words in bench.printed.getvalue()
+
+
+def test_one_that_only_the_desk_may_let_go_ends_the_run_on_such_a_line_too(tmp_path: Path) -> None:
+    bench = Bench(tmp_path, STATUS, replace(MODE, cause=Cause.BUTTON), LineHints(3))
+    reason, at_s = bench.run(unattended=True, centre=True)
+
+    assert "button" in reason
+    assert at_s == pytest.approx(UNATTENDED_S, abs=1.0)
+    assert "waits for the centre" not in bench.printed.getvalue()
 
 
 def test_what_is_shown_names_the_reason_of_an_emergency(tmp_path: Path) -> None:

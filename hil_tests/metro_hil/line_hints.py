@@ -1,0 +1,24 @@
+"""What a person can do for a train of a line that commands itself, shown beside its picture."""
+
+from can_dbc.vobc import Supervision, VobcMode
+from metro_hil.display import BusPicture
+from metro_hil.ending import centre_may_let_go
+
+
+class LineHints:
+    """The bench cannot let such a train go itself: supervision of the line does."""
+
+    def __init__(self, train: int) -> None:
+        self._train = train
+
+    def __call__(self, picture: BusPicture) -> list[str]:
+        """Whole sentences, the most urgent first."""
+        return [*self._let_go(picture)]
+
+    def _let_go(self, picture: BusPicture) -> list[str]:
+        status, mode = picture.status, picture.latest.get(VobcMode)
+        if status is None or status.supervision is not Supervision.EMERGENCY:
+            return []
+        if not isinstance(mode, VobcMode) or not centre_may_let_go(mode.cause):
+            return []
+        return [f"waits for the centre: `vobc emergency-brake T{self._train} --end` lets go"]
