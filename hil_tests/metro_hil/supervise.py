@@ -181,7 +181,7 @@ class RealtimeRun:
         arguments = ["run", "--bus", spec, "--line", options.line, "--consist", options.consist]
         arguments += ["--seed", str(options.seed), "--from", journey.start.name]
         arguments += ["--to", journey.end.name, "--radio", radio, "--out", str(self._folder.path)]
-        arguments += self._line_arguments()
+        arguments += line_arguments(options)
         if options.load_ratio is not None:
             arguments += ["--load-ratio", str(options.load_ratio)]
         if options.odometer_error is not None:
@@ -193,21 +193,14 @@ class RealtimeRun:
             arguments += ["--desk-recording", options.desk_recording]
         return arguments
 
-    def _line_arguments(self) -> list[str]:
-        """Among trains that command themselves."""
-        options = self._options
-        if options.train is None or options.line_radio is None:
-            return []
-        secure = [] if options.secure is None else ["--secure", options.secure]
-        return ["--train", str(options.train), "--line-radio", options.line_radio, *secure]
-
     def _start_controller(self, stack: ExitStack, spec: str, tags: str, radio: str) -> None:
         options, journey = self._options, self._journey
         arguments = ["run", "--bus", spec, "--tags", tags, "--radio", radio]
         arguments += ["--line", options.line, "--consist", options.params]
         arguments += ["--from", journey.start.name, "--to", journey.end.name]
         arguments += ["--cycle-ms", str(options.cycle_ms), "--priority", str(options.priority)]
-        arguments += ["--out", str(self._folder.path), *self._line_arguments()]
+        arguments += ["--out", str(self._folder.path), *line_arguments(options)]
+        arguments += agreed_arguments(options)
         if options.ato is not None:
             arguments += ["--ato", options.ato]
         if options.output is not None:
@@ -241,3 +234,18 @@ class RealtimeRun:
         except (OSError, ValueError):
             return []
         return [f"{name}: {words}" for name, words in granted.items()]
+
+
+def line_arguments(options: RunOptions) -> list[str]:
+    """Of plant and controller among trains that command themselves."""
+    if options.train is None or options.line_radio is None:
+        return []
+    secure = [] if options.secure is None else ["--secure", options.secure]
+    return ["--train", str(options.train), "--line-radio", options.line_radio, *secure]
+
+
+def agreed_arguments(options: RunOptions) -> list[str]:
+    """What only trains and wayside of a line have to agree on, and not the plant."""
+    if options.line_timers is None or options.arbiters is None:
+        return []
+    return ["--line-timers", options.line_timers, "--arbiters", str(options.arbiters)]
