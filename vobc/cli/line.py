@@ -59,12 +59,17 @@ def addressed(config: VobcConfig, options: argparse.Namespace) -> VobcConfig:
 
 
 def areas_of(options: argparse.Namespace, line: LineMap) -> AreaMap | None:
+    """None where a zone controller commands the train. Raises SettingsError."""
+    if options.line_radio is None:
+        return None
+    return reachable_areas(options.line, line)
+
+
+def reachable_areas(name: str, line: LineMap) -> AreaMap:
     """Raises SettingsError for a line of which nobody has said how it is divided, or of which no
     authority reaches one of the stops.
     """
-    if options.line_radio is None:
-        return None
-    areas, room_m = load_areas(line.name), T2tConfig().behind_axle_m
+    areas, room_m = load_areas(name), T2tConfig().behind_axle_m
     for station in line.stations:
         if not areas.start_m <= station.stop_m <= areas.end_m - room_m:
             raise SettingsError(
