@@ -10,7 +10,9 @@ from firmware_py.checked_store import CheckedStore
 from firmware_py.clock import WallClock
 from firmware_py.nvram import NvramState
 from firmware_py.radio.credentials import Credentials, load_credentials
+from firmware_py.radio.recorded_radio import LaterRecordedRadio
 from firmware_py.radio.zenoh_radio import Role, open_radio
+from firmware_py.recorder import RadioLog
 from firmware_py.settings import SettingsError
 from firmware_py.trackdb import LineMap
 from firmware_py.trackdb.areas import AreaMap, load_areas
@@ -27,6 +29,8 @@ from zenoh_config.timers import TIMER_SETS
 AXLES: Final = 16
 """Of four cars."""
 NS_PER_S: Final = 1_000_000_000
+LINE_LOG: Final = "line.log"
+"""Its name in a run folder."""
 
 
 def add(top: argparse.ArgumentParser) -> None:
@@ -88,8 +92,10 @@ def open_line(
     clock: WallClock,
     stack: ExitStack,
     secure: Credentials | None,
+    log: RadioLog | None,
 ) -> LineCommand:
-    """Open the session; the stack closes it. Raises RadioError for an endpoint that is none.
+    """Open the session; the stack closes it and the log of all that is said and heard. Raises
+    RadioError for an endpoint that is none.
 
     Without a memory the time of day counts the starts, and nothing that this train promised
     outlives it.
@@ -110,8 +116,14 @@ def open_line(
     key = BENCH_KEY if secure is None else safety_key(secure.key_hex)
     radio = LineRadio(core, line.name, store.put, key=key)
     port = open_radio(Role.TRAIN, options.line_radio, radio.subscriptions, clock, secure=secure)
-    stack.callback(port.close)
-    return LineCommand(radio, port, config, line, axles=AXLES)
+    if log is None:
+        stack.callback(port.close)
+        return LineCommand(radio, port, config, line, axles=AXLES)
+    recorded = LaterRecordedRadio(port, log)
+    stack.callback(recorded.close)
+    return LineCommand(
+        *(radio, recorded, config, line), axles=AXLES, write_down=recorded.write_down
+    )
 
 
 def credentials_of(

@@ -1,5 +1,6 @@
 """The train's part among trains that command themselves, on its own radio port and rhythm."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Final
 
@@ -39,9 +40,15 @@ class LineCommand:
         line: LineMap,
         *,
         axles: int,
+        write_down: Callable[[], None] | None = None,
     ) -> None:
-        """`port` listens to the radio's subscriptions already."""
+        """`port` listens to the radio's subscriptions already.
+
+        Args:
+            write_down: puts what passed the port into a log; called between control cycles.
+        """
         self.radio = radio
+        self._write_down = write_down
         self._port, self._length_m, self._axles = port, config.train.length_m, axles
         atp = config.atp
         braking = SafeBraking(
@@ -73,6 +80,8 @@ class LineCommand:
         if self.radio.is_due(now_ns):
             self._out += self.radio.step(now_ns, self._own(motion), apply=False)
             self.send(now_ns)
+        if self._write_down is not None:
+            self._write_down()
 
     @property
     def held(self) -> HeldAuthority | None:
