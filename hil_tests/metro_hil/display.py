@@ -14,8 +14,10 @@ from can_dbc.doors import DoorState, DoorStatus
 from can_dbc.traction import TractionStatus
 from can_dbc.vobc import (
     AtoPhase,
+    EventKind,
     Missing,
     Supervision,
+    VobcEvent,
     VobcMode,
     VobcMotion,
     VobcPosition,
@@ -32,12 +34,15 @@ SEEN = (
     VobcMotion,
     VobcPosition,
     VobcTarget,
+    VobcEvent,
     BrakeStatus,
     TractionStatus,
     DoorStatus,
 )
 FAR_M = 80_000.0
 """A distance beyond this on the wire means that there is no stopping point."""
+LINE_RADIO = 0
+"""Number of the input that no flag of `missing` stands for."""
 BAR_WIDTH = 46
 FULL_SCALE_KMH = 90.0
 PLAIN_PERIOD_S = 5.0
@@ -62,6 +67,8 @@ class BusPicture:
     frames: int = 0
     load_ratio: float = 0.0
     frames_per_s: float = 0.0
+    line_silent: bool = False
+    """The controller hears nobody on the radio of its line."""
     _bits: int = 0
     _count: int = 0
     _since_ns: int | None = None
@@ -76,6 +83,12 @@ class BusPicture:
         heard = self.decoder.decode(frame.can_id, frame.data, frame.stamp_ns)
         if heard is not None and not isinstance(heard, Rejected):
             self.latest[type(heard)] = heard
+            if isinstance(heard, VobcEvent) and heard.cause == LINE_RADIO:
+                self._take_event(heard)
+
+    def _take_event(self, told: VobcEvent) -> None:
+        if told.event in (EventKind.INPUT_LOST, EventKind.INPUT_BACK):
+            self.line_silent = told.event is EventKind.INPUT_LOST
 
     def close_window(self, now_ns: int) -> None:
         """Make load and frame rate of what came since the last call."""

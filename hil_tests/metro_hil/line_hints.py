@@ -8,12 +8,12 @@ from metro_hil.ending import centre_may_let_go
 class LineHints:
     """The bench cannot let such a train go itself: supervision of the line does."""
 
-    def __init__(self, train: int) -> None:
-        self._train = train
+    def __init__(self, train: int, endpoint: str) -> None:
+        self._train, self._endpoint = train, endpoint
 
     def __call__(self, picture: BusPicture) -> list[str]:
         """Whole sentences, the most urgent first."""
-        return [*self._let_go(picture)]
+        return [*self._let_go(picture), *self._silent(picture)]
 
     def _let_go(self, picture: BusPicture) -> list[str]:
         status, mode = picture.status, picture.latest.get(VobcMode)
@@ -22,3 +22,11 @@ class LineHints:
         if not isinstance(mode, VobcMode) or not centre_may_let_go(mode.cause):
             return []
         return [f"waits for the centre: `vobc emergency-brake T{self._train} --end` lets go"]
+
+    def _silent(self, picture: BusPicture) -> list[str]:
+        if not picture.line_silent:
+            return []
+        return [
+            f"nothing is heard on the line's radio at {self._endpoint}: is its wayside there, and "
+            "of this line?"
+        ]

@@ -18,7 +18,7 @@ from firmware_py.ports import CanPort
 from firmware_py.radio.zenoh_radio import DEFAULT_ENDPOINT, pick_endpoint
 from firmware_py.recorder import CandumpWriter
 from metro_hil.children import Child, ChildError
-from metro_hil.display import BusPicture, Display, no_hints
+from metro_hil.display import BusPicture, Display, Hints, no_hints
 from metro_hil.ending import INTERRUPTED, Ending
 from metro_hil.journey import Journey
 from metro_hil.line_hints import LineHints
@@ -55,8 +55,7 @@ class RealtimeRun:
         self._clock = WallClock()
         self._interrupts = Interrupts()
         self._picture = BusPicture(BIT_RATE)
-        hints = no_hints if options.train is None else LineHints(options.train)
-        self._display = Display(console, self._picture, self._title(), hints)
+        self._display = Display(console, self._picture, self._title(), _hints(options))
         self._children: list[Child] = []
 
     def _title(self) -> str:
@@ -234,6 +233,12 @@ class RealtimeRun:
         except (OSError, ValueError):
             return []
         return [f"{name}: {words}" for name, words in granted.items()]
+
+
+def _hints(options: RunOptions) -> Hints:
+    if options.train is None or options.line_radio is None:
+        return no_hints
+    return LineHints(options.train, options.line_radio)
 
 
 def line_arguments(options: RunOptions) -> list[str]:

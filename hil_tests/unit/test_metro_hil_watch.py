@@ -11,10 +11,12 @@ from can_dbc.codec import Encoder
 from can_dbc.vobc import (
     AtoPhase,
     Cause,
+    EventKind,
     Inhibit,
     Missing,
     OperatingMode,
     Supervision,
+    VobcEvent,
     VobcMode,
     VobcMotion,
     VobcStatus,
@@ -30,6 +32,7 @@ from metro_hil.watch import Watch
 
 S = 1_000_000_000
 BIT_RATE = 250_000
+ENDPOINT = "tcp/127.0.0.1:7448"
 STATUS = VobcStatus(
     supervision=Supervision.EMERGENCY,
     ato_phase=AtoPhase.OFF,
@@ -48,6 +51,7 @@ MODE = VobcMode(
     replicas_agree=True,
     alarm_raised=False,
 )
+HINTS = LineHints(3, ENDPOINT)
 MOTION = VobcMotion(speed_mps=0.0, ceiling_mps=5.0, emergency_mps=6.0)
 
 
@@ -65,7 +69,8 @@ class Bench:
         self.printed = io.StringIO()
         bus = InprocBus("vcan0", BIT_RATE)
         self._port, tap = bus.port("VOBC", frozenset()), bus.port("TAP", None)
-        self._encoder, self._said = Encoder(), (status, mode, MOTION)
+        self._encoder = Encoder()
+        self._said: list[object] = [status, mode, MOTION]
         picture = BusPicture(BIT_RATE)
         console = Console(file=self.printed, width=200)
         self.watch = Watch(
@@ -76,6 +81,9 @@ class Bench:
             Display(console, picture, "a run", hints),
             self.clock,
         )
+
+    def says(self, frame: object) -> None:
+        self._said.append(frame)
 
     def run(self, *, unattended: bool, centre: bool = False) -> tuple[str, float]:
         """Why it ended, and when; s."""
@@ -113,7 +121,7 @@ def test_one_that_somebody_may_let_go_or_that_only_waits_does_not(
 def test_one_that_the_centre_of_its_line_may_let_go_waits_for_it_and_says_so(
     tmp_path: Path, cause: Cause
 ) -> None:
-    bench = Bench(tmp_path, STATUS, replace(MODE, cause=cause), LineHints(3))
+    bench = Bench(tmp_path, STATUS, replace(MODE, cause=cause), HINTS)
 
     assert bench.run(unattended=True, centre=True) == (DURATION, 100.0)
     words = "waits for the centre: `vobc emergency-brake T3 --end` lets go"
@@ -121,12 +129,33 @@ def test_one_that_the_centre_of_its_line_may_let_go_waits_for_it_and_says_so(
 
 
 def test_one_that_only_the_desk_may_let_go_ends_the_run_on_such_a_line_too(tmp_path: Path) -> None:
-    bench = Bench(tmp_path, STATUS, replace(MODE, cause=Cause.BUTTON), LineHints(3))
+    bench = Bench(tmp_path, STATUS, replace(MODE, cause=Cause.BUTTON), HINTS)
     reason, at_s = bench.run(unattended=True, centre=True)
 
     assert "button" in reason
     assert at_s == pytest.approx(UNATTENDED_S, abs=1.0)
     assert "waits for the centre" not in bench.printed.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("kind", "cause", "shown"),
+    [
+        (EventKind.INPUT_LOST, 0, True),
+        (EventKind.INPUT_BACK, 0, False),
+        (EventKind.INPUT_LOST, int(Missing.BRAKE), False),
+        (EventKind.OVERRUN, 0, False),
+    ],
+)
+def test_a_radio_on_which_nobody_is_heard_is_shown(
+    tmp_path: Path, kind: EventKind, cause: int, shown: bool
+) -> None:
+    bench = Bench(tmp_path, replace(STATUS, supervision=Supervision.NOMINAL), hints=HINTS)
+    bench.says(VobcEvent(kind, cause, 1, 0, 0))
+
+    bench.run(unattended=False)
+
+    words = f"nothing is heard on the line's radio at {ENDPOINT}: is its wayside there, and of "
+    assert (words in bench.printed.getvalue()) is shown
 
 
 def test_what_is_shown_names_the_reason_of_an_emergency(tmp_path: Path) -> None:

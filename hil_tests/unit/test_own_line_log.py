@@ -122,3 +122,16 @@ def test_without_a_run_folder_nothing_is_written(
     stack.close()
 
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_line_on_which_nobody_is_heard_is_told_of_and_the_centre_counts(
+    stack: ExitStack, air: InprocRadio
+) -> None:
+    command, start_ns = opened(stack, None)
+
+    assert command.silence(start_ns, 0) is None
+    assert command.silence(start_ns + 4 * S, 0) is None
+    assert command.silence(start_ns + 5 * S, 0) is not None
+    assert WORDS.line_radio in command.silence_words
+    assert command.silence(start_ns + 6 * S, 1) is not None
+    assert command.silence_words == ""

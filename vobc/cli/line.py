@@ -18,6 +18,7 @@ from firmware_py.trackdb import LineMap
 from firmware_py.trackdb.areas import AreaMap, load_areas
 from vobc.config import VobcConfig
 from vobc.process.line_command import LineCommand, commanded
+from vobc.process.line_silence import LineSilence
 from vobc.t2t.train import TrainCore
 from vobc.t2t.vocabulary import T2tConfig, TrainMemory
 from vobc.wire.line_radio import LineRadio
@@ -116,13 +117,17 @@ def open_line(
     key = BENCH_KEY if secure is None else safety_key(secure.key_hex)
     radio = LineRadio(core, line.name, store.put, key=key)
     port = open_radio(Role.TRAIN, options.line_radio, radio.subscriptions, clock, secure=secure)
+    silence = LineSilence(options.line_radio)
     if log is None:
         stack.callback(port.close)
-        return LineCommand(radio, port, config, line, axles=AXLES)
+        return LineCommand(radio, port, config, line, axles=AXLES, silence=silence)
     recorded = LaterRecordedRadio(port, log)
     stack.callback(recorded.close)
     return LineCommand(
-        *(radio, recorded, config, line), axles=AXLES, write_down=recorded.write_down
+        *(radio, recorded, config, line),
+        axles=AXLES,
+        write_down=recorded.write_down,
+        silence=silence,
     )
 
 
