@@ -79,6 +79,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _run(options: argparse.Namespace, planned: Plan) -> int:
     if options.parent is not None:
         die_with_parent(options.parent)
+    if planned.note:
+        say(planned.note)
     ending = Interrupts()
     with ending.caught(), ExitStack() as stack:
         clock = WallClock(spin_s=REALTIME_SPIN_S if options.priority else 0.0)
