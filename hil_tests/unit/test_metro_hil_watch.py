@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
+from can_dbc.binding import Frame
 from can_dbc.codec import Encoder
 from can_dbc.vobc import (
     AtoPhase,
@@ -70,7 +71,7 @@ class Bench:
         bus = InprocBus("vcan0", BIT_RATE)
         self._port, tap = bus.port("VOBC", frozenset()), bus.port("TAP", None)
         self._encoder = Encoder()
-        self._said: list[object] = [status, mode, MOTION]
+        self._said: list[Frame] = [status, mode, MOTION]
         picture = BusPicture(BIT_RATE)
         console = Console(file=self.printed, width=200)
         self.watch = Watch(
@@ -82,7 +83,7 @@ class Bench:
             self.clock,
         )
 
-    def says(self, frame: object) -> None:
+    def says(self, frame: Frame) -> None:
         self._said.append(frame)
 
     def run(self, *, unattended: bool, centre: bool = False) -> tuple[str, float]:
