@@ -1,5 +1,8 @@
 """What a person can do for a train of a line that commands itself, shown beside its picture."""
 
+import shlex
+from collections.abc import Sequence
+
 from can_dbc.vobc import Supervision, VobcMode
 from metro_hil.display import BusPicture
 from metro_hil.ending import centre_may_let_go
@@ -8,8 +11,10 @@ from metro_hil.ending import centre_may_let_go
 class LineHints:
     """The bench cannot let such a train go itself: supervision of the line does."""
 
-    def __init__(self, train: int, endpoint: str) -> None:
-        self._train, self._endpoint = train, endpoint
+    def __init__(self, train: int, endpoint: str, where: Sequence[str] = ()) -> None:
+        """`where` are the options by which supervision finds the line; none where it does so."""
+        self._endpoint = endpoint
+        self._release = shlex.join(["vobc", "emergency-brake", f"T{train}", "--end", *where])
 
     def __call__(self, picture: BusPicture) -> list[str]:
         """Whole sentences, the most urgent first."""
@@ -21,7 +26,7 @@ class LineHints:
             return []
         if not isinstance(mode, VobcMode) or not centre_may_let_go(mode.cause):
             return []
-        return [f"waits for the centre: `vobc emergency-brake T{self._train} --end` lets go"]
+        return [f"waits for the centre: `{self._release}` lets go"]
 
     def _silent(self, picture: BusPicture) -> list[str]:
         if not picture.line_silent:

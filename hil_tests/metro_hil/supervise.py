@@ -25,9 +25,12 @@ from metro_hil.line_hints import LineHints
 from metro_hil.options import EXTERNAL, RunOptions
 from metro_hil.run_folder import RunFolder
 from metro_hil.watch import Watch
+from zenoh_config.sessions import LINE_ENDPOINT
 
 BIT_RATE = 250_000
 AUTO_NAME = "vcan0"
+DESK_LINE = "loop"
+"""That supervision takes when none is named."""
 PLANT_ANSWER_S = 1.0
 PLANT_START_S = 20.0
 POLL_NS = 20_000_000
@@ -55,7 +58,7 @@ class RealtimeRun:
         self._clock = WallClock()
         self._interrupts = Interrupts()
         self._picture = BusPicture(BIT_RATE)
-        self._display = Display(console, self._picture, self._title(), _hints(options))
+        self._display = Display(console, self._picture, self._title(), hints_of(options))
         self._children: list[Child] = []
 
     def _title(self) -> str:
@@ -235,10 +238,16 @@ class RealtimeRun:
         return [f"{name}: {words}" for name, words in granted.items()]
 
 
-def _hints(options: RunOptions) -> Hints:
+def hints_of(options: RunOptions) -> Hints:
+    """What is said beside the picture of such a train: with the words of its line."""
     if options.train is None or options.line_radio is None:
         return no_hints
-    return LineHints(options.train, options.line_radio)
+    where = [] if options.line == DESK_LINE else ["--line", options.line]
+    if options.line_radio != LINE_ENDPOINT:
+        where += ["--line-radio", options.line_radio]
+    if options.secure is not None:
+        where += ["--secure", options.secure]
+    return LineHints(options.train, options.line_radio, where)
 
 
 def line_arguments(options: RunOptions) -> list[str]:

@@ -3,9 +3,21 @@
 import pytest
 
 from can_dbc.cab import CabMode
+from can_dbc.vobc import (
+    AtoPhase,
+    Cause,
+    Inhibit,
+    Missing,
+    OperatingMode,
+    Supervision,
+    VobcMode,
+    VobcStatus,
+    Withheld,
+)
+from metro_hil.display import BusPicture
 from metro_hil.lockstep import scenario_of
 from metro_hil.options import parse
-from metro_hil.supervise import agreed_arguments, line_arguments
+from metro_hil.supervise import agreed_arguments, hints_of, line_arguments
 from plant_emulator.cli.options import parser as plant_parser
 from vobc.cli import parser as vobc_parser
 
@@ -84,3 +96,28 @@ def test_a_run_without_a_line_says_nothing_of_one() -> None:
     options = parse(["run"])
 
     assert [*line_arguments(options), *agreed_arguments(options)] == []
+
+
+@pytest.mark.parametrize(
+    ("words", "where"),
+    [
+        (["--line", "loop"], ""),
+        (["--line", "my line.toml"], " --line 'my line.toml'"),
+        (
+            ["--line", "loop", "--line-radio", "tcp/h:7448", "--secure", "ca"],
+            " --line-radio tcp/h:7448 --secure ca",
+        ),
+    ],
+)
+def test_what_lets_a_train_go_is_told_for_its_very_line(words: list[str], where: str) -> None:
+    no_flags = (Inhibit(0), Withheld(0), 0)
+    picture = BusPicture(250_000)
+    picture.latest = {
+        VobcStatus: VobcStatus(
+            Supervision.EMERGENCY, AtoPhase.OFF, Missing(0), True, False, 900.0, 0
+        ),
+        VobcMode: VobcMode(OperatingMode.AUTHORISED, Cause.REMOTE, *no_flags, True, False),
+    }
+    said = hints_of(parse(["run", "--train", "T3", *words]))(picture)
+
+    assert said == [f"waits for the centre: `vobc emergency-brake T3 --end{where}` lets go"]
