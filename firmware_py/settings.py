@@ -36,9 +36,14 @@ def _shipped(package: str) -> tuple[str, ...]:
     return tuple(sorted(name.removesuffix(".toml") for name in entries if name.endswith(".toml")))
 
 
+def is_path(name: str) -> bool:
+    """Of a file, and not the stem of one that ships."""
+    return name.endswith(".toml") or "/" in name or os.sep in name
+
+
 def find(name: str, package: str) -> Path:
     """The file called `name`: a path if it looks like one, else a stem shipped with `package`."""
-    if name.endswith(".toml") or "/" in name or os.sep in name:
+    if is_path(name):
         return Path(name)
     shipped = shipped_names(package)
     if name not in shipped:

@@ -5,11 +5,16 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Final
 
 from firmware_py import settings
 
 AREA_MAX: Final = 255
+TRACKS: Final = "firmware_py.trackdb"
+DIVISIONS: Final = "firmware_py.trackdb.division"
+BESIDE: Final = ".areas.toml"
+"""`my_line.areas.toml` divides the track of `my_line.toml`."""
 ROUNDING: Final = 1e-9
 """Of a section's length: a shorter piece at the end of an area is none."""
 
@@ -197,8 +202,41 @@ class Division:
 
 
 def load_areas(name: str) -> AreaMap:
-    """The division of a line by path or by the stem of a shipped file; raises SettingsError."""
-    return settings.load(Division, name, "firmware_py.trackdb.division").area_map()
+    """The division of a line by the stem of a shipped file, by its own path, or by that of the
+    track that it lies beside. Raises SettingsError.
+    """
+    divided = settings.shipped_names(DIVISIONS)
+    if settings.is_path(name):
+        table = settings.parse(Path(name))
+        # Every line has stations, and no division has.
+        return _beside(Path(name), table.get("name")) if "stations" in table else _division(name)
+    if name not in divided and name in settings.shipped_names(TRACKS):
+        raise settings.SettingsError(
+            f"line {name} is not divided into areas; divided ones that ship: {', '.join(divided)}; "
+            f"one of your own is a file TRACK.toml with TRACK{BESIDE} beside it"
+        )
+    return _division(name)
+
+
+def _beside(track: Path, line_name: object) -> AreaMap:
+    """Of a copy of a divided line that ships, the division is good enough where none lies there."""
+    path = track.with_suffix(BESIDE)
+    if path.exists():
+        areas = _division(str(path))
+        if areas.name != line_name:
+            raise settings.SettingsError(
+                f"{path}: name: {areas.name!r} is not that of the line in {track}, {line_name!r}"
+            )
+        return areas
+    if line_name in settings.shipped_names(DIVISIONS):
+        return _division(str(line_name))
+    raise settings.SettingsError(
+        f"{track}: line {line_name} is not divided into areas; {path} would say how"
+    )
+
+
+def _division(name: str) -> AreaMap:
+    return settings.load(Division, name, DIVISIONS).area_map()
 
 
 def _sections(borders_m: Sequence[float], length_m: float) -> tuple[TrackSection, ...]:

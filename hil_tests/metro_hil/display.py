@@ -1,6 +1,6 @@
 """The live picture of a run in the terminal, made only from what is heard on the bus."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 from rich.console import Console, Group, RenderableType
@@ -14,8 +14,10 @@ from can_dbc.doors import DoorState, DoorStatus
 from can_dbc.traction import TractionStatus
 from can_dbc.vobc import (
     AtoPhase,
+    EventKind,
     Missing,
     Supervision,
+    VobcEvent,
     VobcMode,
     VobcMotion,
     VobcPosition,
@@ -32,12 +34,15 @@ SEEN = (
     VobcMotion,
     VobcPosition,
     VobcTarget,
+    VobcEvent,
     BrakeStatus,
     TractionStatus,
     DoorStatus,
 )
 FAR_M = 80_000.0
 """A distance beyond this on the wire means that there is no stopping point."""
+LINE_RADIO = 0
+"""Number of the input that no flag of `missing` stands for."""
 BAR_WIDTH = 46
 FULL_SCALE_KMH = 90.0
 PLAIN_PERIOD_S = 5.0
@@ -62,6 +67,8 @@ class BusPicture:
     frames: int = 0
     load_ratio: float = 0.0
     frames_per_s: float = 0.0
+    line_silent: bool = False
+    """The controller hears nobody on the radio of its line."""
     _bits: int = 0
     _count: int = 0
     _since_ns: int | None = None
@@ -76,6 +83,12 @@ class BusPicture:
         heard = self.decoder.decode(frame.can_id, frame.data, frame.stamp_ns)
         if heard is not None and not isinstance(heard, Rejected):
             self.latest[type(heard)] = heard
+            if isinstance(heard, VobcEvent) and heard.cause == LINE_RADIO:
+                self._take_event(heard)
+
+    def _take_event(self, told: VobcEvent) -> None:
+        if told.event in (EventKind.INPUT_LOST, EventKind.INPUT_BACK):
+            self.line_silent = told.event is EventKind.INPUT_LOST
 
     def close_window(self, now_ns: int) -> None:
         """Make load and frame rate of what came since the last call."""
@@ -96,6 +109,14 @@ class BusPicture:
         return found if isinstance(found, VobcMotion) else None
 
 
+Hints = Callable[[BusPicture], Sequence[str]]
+"""What a person should know beside what is heard, in whole sentences."""
+
+
+def no_hints(_picture: BusPicture) -> Sequence[str]:
+    return ()
+
+
 def missing_words(missing: Missing) -> str:
     """What the controller waits for, in words."""
     words = {
@@ -111,13 +132,17 @@ def missing_words(missing: Missing) -> str:
     return ", ".join(text for flag, text in words.items() if flag in missing)
 
 
-def render(picture: BusPicture, elapsed_s: float, title: str) -> RenderableType:
+def render(
+    picture: BusPicture, elapsed_s: float, title: str, hints: Sequence[str] = ()
+) -> RenderableType:
     """The whole panel for one moment."""
     table = Table.grid(padding=(0, 2))
     table.add_column(style="dim", justify="right", min_width=16)
     table.add_column(min_width=60)
     for name, text in _rows(picture):
         table.add_row(name, text)
+    for words in hints:
+        table.add_row("line", Text(words, style="bold yellow"))
     head = Text.assemble(
         (title, "bold"), f"   {elapsed_s:6.1f} s   ", ("Ctrl-C ends the run", "dim")
     )
@@ -231,8 +256,11 @@ def _train_rows(picture: BusPicture) -> list[tuple[str, RenderableType]]:
 class Display:
     """Shows the picture on a terminal, or as a line every few seconds where there is none."""
 
-    def __init__(self, console: Console, picture: BusPicture, title: str) -> None:
+    def __init__(
+        self, console: Console, picture: BusPicture, title: str, hints: Hints = no_hints
+    ) -> None:
         self._picture, self._title, self._console = picture, title, console
+        self._hints = hints
         self._live = (
             Live(console=console, auto_refresh=False, transient=True)
             if console.is_terminal
@@ -257,11 +285,12 @@ class Display:
     def refresh(self, now_ns: int) -> None:
         assert self._start_ns is not None
         elapsed_s = (now_ns - self._start_ns) / NS_PER_S
+        hints = self._hints(self._picture)
         if self._live:
-            self._live.update(render(self._picture, elapsed_s, self._title), refresh=True)
+            self._live.update(render(self._picture, elapsed_s, self._title, hints), refresh=True)
         elif now_ns >= self._plain_next_ns:
             self._plain_next_ns = now_ns + int(PLAIN_PERIOD_S * NS_PER_S)
-            self.say(plain_line(self._picture, elapsed_s))
+            self.say("  ".join([plain_line(self._picture, elapsed_s), *hints]))
 
 
 def plain_line(picture: BusPicture, elapsed_s: float) -> str:

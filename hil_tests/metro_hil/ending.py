@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from can_dbc.vobc import AtoPhase, Cause, Supervision, Withheld
+from vobc.atp.emergencies import RULE_OF, Reset
 
 NEAR_M = 5.0
 AFTER_ARRIVAL_S = 3.0
@@ -59,11 +60,14 @@ class ArrivalWatch:
 class EmergencyWatch:
     """Says why a run is over whose train stands in emergency and has nobody to let it go."""
 
+    centre: bool = False
+    """Somebody supervises the line: what the centre may let go is waited for."""
     _since_ns: int | None = None
 
     def stands_for_good(self, now_ns: int, supervision: Supervision, cause: Cause) -> str | None:
         """The reason to end, or None; to be asked again and again."""
-        if supervision is not Supervision.EMERGENCY:
+        waits = self.centre and centre_may_let_go(cause)
+        if supervision is not Supervision.EMERGENCY or waits:
             self._since_ns = None
             return None
         if self._since_ns is None:
@@ -96,6 +100,12 @@ class DoorWatch:
             return None
         words = f"doors shut for {UNATTENDED_S:.0f} s at a stop and nobody there to open them"
         return f"{words}: {withheld_words(reasons)}"
+
+
+def centre_may_let_go(cause: Cause) -> bool:
+    """By its own rule, once the train stands and the cause is gone."""
+    rule = RULE_OF.get(cause)
+    return rule is not None and Reset.CENTRE in rule.reset_by
 
 
 def withheld_words(withheld: Withheld) -> str:

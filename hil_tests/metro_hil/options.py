@@ -4,11 +4,13 @@ import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from metro_hil.t2t_options import DEFAULT_ARBITERS, DEFAULT_TIMERS
+from metro_hil.t2t_options import add_options as add_t2t_options
+from metro_hil.t2t_options import train_number as train_number
 from plant_emulator.desk.drivers import DRIVERS
 from vobc.ato.output_config import STAGES
 from vobc.ato.strategies import STRATEGIES
-from zenoh_config.sessions import LINE_ENDPOINT
-from zenoh_config.t2t import LAST_TRAIN
+from zenoh_config.sessions import LINE_ENDPOINT, check_endpoint
 
 DESCRIPTION = "The on-board controller of a metro train, on a bench or on a bus."
 
@@ -97,6 +99,9 @@ class RunOptions:
     """Speak to other peers directly; where they reach this one, or empty."""
     secure: str | None = None
     """Certificates and keys of a secured line."""
+    line_timers: str | None = None
+    """Their set, and how many arbiters there are: as the wayside has them."""
+    arbiters: int | None = None
 
 
 def parser() -> argparse.ArgumentParser:
@@ -116,7 +121,7 @@ def parser() -> argparse.ArgumentParser:
     _add_desk(run)
     _add_wires(run)
     _add_line(run)
-    _add_t2t(run)
+    add_t2t_options(run)
     _add_rest(run)
     return top
 
@@ -218,26 +223,6 @@ def _add_line(run: argparse.ArgumentParser) -> None:
     )
 
 
-def _add_t2t(run: argparse.ArgumentParser) -> None:
-    group = run.add_argument_group(
-        "trains that command themselves",
-        "The wayside of the line is `plant wayside`; the train gets a bus of its own.",
-    )
-    group.add_argument("--train", type=train_number, metavar="TRAIN", help="such as T1")
-    group.add_argument(
-        "--line-radio", metavar="ENDPOINT", help=f"with --train; default: {LINE_ENDPOINT}"
-    )
-    group.add_argument(
-        "--line-peer",
-        nargs="?",
-        const="",
-        metavar="ENDPOINT",
-        help="speak to other trains that do so directly; they reach this one at ENDPOINT, by "
-        "default the address on the way to the wayside and any port",
-    )
-    group.add_argument("--secure", metavar="FOLDER", help="certificates; see `vobc demo-ca`")
-
-
 def _add_rest(run: argparse.ArgumentParser) -> None:
     group = run.add_argument_group("the controller and the results")
     group.add_argument(
@@ -271,8 +256,6 @@ def parse(argv: Sequence[str]) -> RunOptions:
     for name, alone in (("line", "florence"), ("consist", "florence4"), ("params", "florence4")):
         chosen[name] = chosen[name] or (LINE_DEFAULTS[name] if several else alone)
     options = RunOptions(**chosen)
-    if options.train is not None and options.line_radio is None:
-        options = replace(options, line_radio=LINE_ENDPOINT)
     problem = (
         wires_problem(options)
         or desk_problem(options)
@@ -281,7 +264,17 @@ def parse(argv: Sequence[str]) -> RunOptions:
     )
     if problem:
         top.error(problem)
-    return options
+    return options if options.train is None else _of_line(options)
+
+
+def _of_line(options: RunOptions) -> RunOptions:
+    """With what the wayside has by default, where nothing else was asked for."""
+    return replace(
+        options,
+        line_radio=options.line_radio or LINE_ENDPOINT,
+        line_timers=options.line_timers or DEFAULT_TIMERS,
+        arbiters=options.arbiters or DEFAULT_ARBITERS,
+    )
 
 
 def wires_problem(options: RunOptions) -> str:
@@ -334,23 +327,25 @@ def desk_problem(options: RunOptions) -> str:
 
 def line_problem(options: RunOptions) -> str:
     """What does not go with trains that command themselves; empty when it does."""
-    if options.line_radio is not None and options.train is None:
-        return "--line-radio: which train is it? --train T1 says so"
+    of_train = {
+        "--line-radio": options.line_radio,
+        "--line-peer": options.line_peer,
+        "--secure": options.secure,
+        "--line-timers": options.line_timers,
+        "--arbiters": options.arbiters,
+    }
+    asked = [name for name, given in of_train.items() if given is not None]
+    if asked and options.train is None:
+        return f"{asked[0]}: which train is it? --train T1 says so"
     if options.train is not None and options.lockstep:
         return "--train: in virtual time `hil run line --bench lockstep` runs a whole line"
-    if options.line_peer is not None and options.train is None:
-        return "--line-peer: which train is it? --train T1 says so"
     if options.line_peer is not None and options.secure is not None:
         return "--line-peer: not with --secure, as peers speak past the wayside and its rules"
+    try:
+        check_endpoint(options.line_radio or LINE_ENDPOINT)
+    except ValueError as error:
+        return f"--line-radio {error}"
     return ""
-
-
-def train_number(text: str) -> int:
-    """`T3` or `3`, for argparse."""
-    number = text.removeprefix("T")
-    if not (number.isascii() and number.isdecimal()) or not 0 < int(number) <= LAST_TRAIN:
-        raise argparse.ArgumentTypeError(f"{text} is no train; they are 1..{LAST_TRAIN}, or T1 ...")
-    return int(number)
 
 
 def _number(text: str, low: float, high: float, what: str) -> float:

@@ -70,9 +70,9 @@ def make_run_folder(out: str | None, epoch_ns: int, words: str) -> RunFolder:
     """
     stamp = utc_text(epoch_ns).replace(":", "-")
     path = Path(out) if out else Path("runs") / f"{stamp}_{words}"
-    if not out:
-        path = _free_name(path)
     try:
+        if not out:
+            return RunFolder(_made_under_free_name(path))
         path.mkdir(parents=True, exist_ok=True)
         if any(path.iterdir()):
             raise RunFolderError(f"--out {path}: not empty; a run never overwrites another")
@@ -93,12 +93,18 @@ def utc_text(epoch_ns: int) -> str:
     return str(np.datetime64(epoch_ns // 1_000_000_000, "s"))
 
 
-def _free_name(path: Path) -> Path:
-    number, free = 2, path
-    while free.exists():
-        free = path.with_name(f"{path.name}_{number}")
-        number += 1
-    return free
+def _made_under_free_name(path: Path) -> Path:
+    """Another run may begin in the same second: only one of them can make a folder."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    number, free = 1, path
+    while True:
+        try:
+            free.mkdir()
+        except FileExistsError:
+            number += 1
+            free = path.with_name(f"{path.name}_{number}")
+        else:
+            return free
 
 
 def write_config(folder: RunFolder, tables: Mapping[str, object], epoch_ns: int) -> None:

@@ -18,15 +18,19 @@ from firmware_py.ports import CanPort
 from firmware_py.radio.zenoh_radio import DEFAULT_ENDPOINT, pick_endpoint
 from firmware_py.recorder import CandumpWriter
 from metro_hil.children import Child, ChildError
-from metro_hil.display import BusPicture, Display
+from metro_hil.display import BusPicture, Display, Hints, no_hints
 from metro_hil.ending import INTERRUPTED, Ending
 from metro_hil.journey import Journey
+from metro_hil.line_hints import LineHints
 from metro_hil.options import EXTERNAL, RunOptions
 from metro_hil.run_folder import RunFolder
 from metro_hil.watch import Watch
+from zenoh_config.sessions import LINE_ENDPOINT
 
 BIT_RATE = 250_000
 AUTO_NAME = "vcan0"
+DESK_LINE = "loop"
+"""That supervision takes when none is named."""
 PLANT_ANSWER_S = 1.0
 PLANT_START_S = 20.0
 POLL_NS = 20_000_000
@@ -54,7 +58,7 @@ class RealtimeRun:
         self._clock = WallClock()
         self._interrupts = Interrupts()
         self._picture = BusPicture(BIT_RATE)
-        self._display = Display(console, self._picture, self._title())
+        self._display = Display(console, self._picture, self._title(), hints_of(options))
         self._children: list[Child] = []
 
     def _title(self) -> str:
@@ -83,6 +87,7 @@ class RealtimeRun:
                 self._options.duration_s,
                 lambda: self._interrupts.asked,
                 unattended=emulated and self._nobody_at_the_desk(),
+                centre=self._options.train is not None,
             )
             self._end_children(watch)
             return watch.ending(reason, truth_known=emulated, realtime=self._granted())
@@ -178,7 +183,7 @@ class RealtimeRun:
         arguments = ["run", "--bus", spec, "--line", options.line, "--consist", options.consist]
         arguments += ["--seed", str(options.seed), "--from", journey.start.name]
         arguments += ["--to", journey.end.name, "--radio", radio, "--out", str(self._folder.path)]
-        arguments += self._line_arguments()
+        arguments += line_arguments(options)
         if options.load_ratio is not None:
             arguments += ["--load-ratio", str(options.load_ratio)]
         if options.odometer_error is not None:
@@ -190,23 +195,14 @@ class RealtimeRun:
             arguments += ["--desk-recording", options.desk_recording]
         return arguments
 
-    def _line_arguments(self) -> list[str]:
-        """Among trains that command themselves."""
-        options = self._options
-        if options.train is None or options.line_radio is None:
-            return []
-        secure = [] if options.secure is None else ["--secure", options.secure]
-        return ["--train", str(options.train), "--line-radio", options.line_radio, *secure]
-
     def _start_controller(self, stack: ExitStack, spec: str, tags: str, radio: str) -> None:
         options, journey = self._options, self._journey
         arguments = ["run", "--bus", spec, "--tags", tags, "--radio", radio]
         arguments += ["--line", options.line, "--consist", options.params]
         arguments += ["--from", journey.start.name, "--to", journey.end.name]
         arguments += ["--cycle-ms", str(options.cycle_ms), "--priority", str(options.priority)]
-        arguments += ["--out", str(self._folder.path), *self._line_arguments()]
-        if options.line_peer is not None:
-            arguments += ["--line-peer", *([options.line_peer] if options.line_peer else [])]
+        arguments += ["--out", str(self._folder.path), *line_arguments(options)]
+        arguments += controller_line_arguments(options)
         if options.ato is not None:
             arguments += ["--ato", options.ato]
         if options.output is not None:
@@ -240,3 +236,32 @@ class RealtimeRun:
         except (OSError, ValueError):
             return []
         return [f"{name}: {words}" for name, words in granted.items()]
+
+
+def hints_of(options: RunOptions) -> Hints:
+    """What is said beside the picture of such a train: with the words of its line."""
+    if options.train is None or options.line_radio is None:
+        return no_hints
+    where = [] if options.line == DESK_LINE else ["--line", options.line]
+    if options.line_radio != LINE_ENDPOINT:
+        where += ["--line-radio", options.line_radio]
+    if options.secure is not None:
+        where += ["--secure", options.secure]
+    return LineHints(options.train, options.line_radio, where)
+
+
+def line_arguments(options: RunOptions) -> list[str]:
+    """Of plant and controller among trains that command themselves."""
+    if options.train is None or options.line_radio is None:
+        return []
+    secure = [] if options.secure is None else ["--secure", options.secure]
+    return ["--train", str(options.train), "--line-radio", options.line_radio, *secure]
+
+
+def controller_line_arguments(options: RunOptions) -> list[str]:
+    """What the plant has no need to know of a line."""
+    peer = options.line_peer
+    words = [] if peer is None else ["--line-peer", *([peer] if peer else [])]
+    if options.line_timers is not None and options.arbiters is not None:
+        words += ["--line-timers", options.line_timers, "--arbiters", str(options.arbiters)]
+    return words

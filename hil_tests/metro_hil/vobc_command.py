@@ -8,7 +8,9 @@ from rich.console import Console
 from firmware_py.assertions import require_assertions
 from firmware_py.buses import BusError
 from firmware_py.clock import WallClock
+from firmware_py.radio.credentials import load_credentials
 from firmware_py.settings import SettingsError
+from firmware_py.trackdb import LineMap
 from metro_hil.children import ChildError
 from metro_hil.columns import LogError, read_columns
 from metro_hil.comfort import comfort_of, inertia_of
@@ -41,6 +43,8 @@ from metro_hil.run_folder import (
     write_config,
 )
 from metro_hil.supervise import RealtimeRun
+from vobc.cli.line import reachable_areas
+from zenoh_config.secured import train_name
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -100,6 +104,7 @@ def _run(options: RunOptions, console: Console) -> int:
     if options.lockstep:
         check_reference(config, scenario.train)
     clock = WallClock()
+    _check_line(options, journey.line, clock.epoch_ns())
     words = f"{journey.line.name}_{journey.start.name}-{journey.end.name}"
     folder = make_run_folder(options.out, clock.epoch_ns(), words)
     tables = {"options": options, "line": journey.line, "train": scenario.train, "vobc": config}
@@ -123,6 +128,19 @@ def _run(options: RunOptions, console: Console) -> int:
     if options.json:
         print(results.to_json())
     return _exit_code(ending)
+
+
+def _check_line(options: RunOptions, line: LineMap, epoch_ns: int) -> None:
+    """What a train that commands itself needs before it joins others; raises SettingsError."""
+    if options.train is None:
+        return
+    reachable_areas(options.line, line)
+    if options.secure is None:
+        return
+    try:
+        load_credentials(options.secure, train_name(options.train), epoch_ns)
+    except SettingsError as error:
+        raise SettingsError(f"--secure {options.secure}: {error}") from error
 
 
 def _exit_code(ending: Ending) -> int:

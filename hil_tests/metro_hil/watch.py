@@ -65,14 +65,16 @@ class Watch:
         interrupted: Callable[[], bool],
         *,
         unattended: bool,
+        centre: bool = False,
     ) -> str:
         """Until the train has arrived, time is over, somebody asks, or a child ends; says which.
 
         Args:
             unattended: nobody is there who could reset an emergency brake or open doors by hand.
+            centre: supervision of the line is there, which may let a train go.
         """
         now_ns = self._clock.now_ns()
-        alone = (EmergencyWatch(), DoorWatch()) if unattended else None
+        alone = (EmergencyWatch(centre), DoorWatch()) if unattended else None
         arrival = ArrivalWatch(stop_m)
         end_ns = None if duration_s is None else now_ns + int(duration_s * NS_PER_S)
         reason = ""

@@ -112,7 +112,7 @@ def test_a_wayside_that_was_killed_is_told_to_be_started_again(
         (["--trains", "9"], "room for 1 to 8"),
         (["--trains", "0"], "room for 1 to 8"),
         (["--for", "0"], "--for 0: not a duration"),
-        (["--line", "hefei"], "hefei: "),
+        (["--line", "hefei"], "line hefei is not divided into areas"),
         (["--line", "nowhere.toml"], "nowhere.toml: no such file"),
         (["--line-radio", "here"], "here: not an endpoint"),
         (["--restart-train-at", "T7@3"], "--restart-train-at T7: there is no such train"),

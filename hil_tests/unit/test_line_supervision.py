@@ -120,7 +120,7 @@ def test_what_is_damaged_or_under_a_wrong_key_is_not_shown() -> None:
 @pytest.mark.parametrize(
     ("words", "code", "complaint"),
     [
-        (["line", "--line", "hefei"], 2, "hefei: "),
+        (["line", "--line", "hefei"], 2, "line hefei is not divided into areas"),
         (["master", "--line-radio", "nowhere"], 2, "nowhere: not an endpoint"),
     ],
 )

@@ -7,14 +7,17 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
+from can_dbc.binding import Frame
 from can_dbc.codec import Encoder
 from can_dbc.vobc import (
     AtoPhase,
     Cause,
+    EventKind,
     Inhibit,
     Missing,
     OperatingMode,
     Supervision,
+    VobcEvent,
     VobcMode,
     VobcMotion,
     VobcStatus,
@@ -23,12 +26,14 @@ from can_dbc.vobc import (
 from firmware_py.buses.inproc import InprocBus
 from firmware_py.clock import LockstepClock
 from firmware_py.recorder import CandumpWriter
-from metro_hil.display import BusPicture, Display
+from metro_hil.display import BusPicture, Display, Hints, no_hints
 from metro_hil.ending import DURATION, UNATTENDED_S
+from metro_hil.line_hints import LineHints
 from metro_hil.watch import Watch
 
 S = 1_000_000_000
 BIT_RATE = 250_000
+ENDPOINT = "tcp/127.0.0.1:7448"
 STATUS = VobcStatus(
     supervision=Supervision.EMERGENCY,
     ato_phase=AtoPhase.OFF,
@@ -47,18 +52,26 @@ MODE = VobcMode(
     replicas_agree=True,
     alarm_raised=False,
 )
+HINTS = LineHints(3, ENDPOINT)
 MOTION = VobcMotion(speed_mps=0.0, ceiling_mps=5.0, emergency_mps=6.0)
 
 
 class Bench:
     """A controller that says the same for ever, and the tap beside it."""
 
-    def __init__(self, folder: Path, status: VobcStatus, mode: VobcMode = MODE) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        status: VobcStatus,
+        mode: VobcMode = MODE,
+        hints: Hints = no_hints,
+    ) -> None:
         self.clock = LockstepClock()
         self.printed = io.StringIO()
         bus = InprocBus("vcan0", BIT_RATE)
         self._port, tap = bus.port("VOBC", frozenset()), bus.port("TAP", None)
-        self._encoder, self._said = Encoder(), (status, mode, MOTION)
+        self._encoder = Encoder()
+        self._said: list[Frame] = [status, mode, MOTION]
         picture = BusPicture(BIT_RATE)
         console = Console(file=self.printed, width=200)
         self.watch = Watch(
@@ -66,11 +79,14 @@ class Bench:
             CandumpWriter(folder / "bus.log", "vcan0"),
             folder / "host.csv",
             picture,
-            Display(console, picture, "a run"),
+            Display(console, picture, "a run", hints),
             self.clock,
         )
 
-    def run(self, *, unattended: bool) -> tuple[str, float]:
+    def says(self, frame: Frame) -> None:
+        self._said.append(frame)
+
+    def run(self, *, unattended: bool, centre: bool = False) -> tuple[str, float]:
         """Why it ended, and when; s."""
 
         def speak() -> bool:
@@ -80,7 +96,7 @@ class Bench:
                     self._port.send(now_ns, identifier, data)
             return False
 
-        reason = self.watch.run([], 3500.0, 100.0, speak, unattended=unattended)
+        reason = self.watch.run([], 3500.0, 100.0, speak, unattended=unattended, centre=centre)
         return reason, self.clock.now_ns() / S
 
 
@@ -100,6 +116,47 @@ def test_one_that_somebody_may_let_go_or_that_only_waits_does_not(
 ) -> None:
     bench = Bench(tmp_path, replace(STATUS, supervision=supervision))
     assert bench.run(unattended=unattended) == (DURATION, 100.0)
+
+
+@pytest.mark.parametrize("cause", [Cause.REMOTE, Cause.AUTHORITY_OLD, Cause.OVERSPEED])
+def test_one_that_the_centre_of_its_line_may_let_go_waits_for_it_and_says_so(
+    tmp_path: Path, cause: Cause
+) -> None:
+    bench = Bench(tmp_path, STATUS, replace(MODE, cause=cause), HINTS)
+
+    assert bench.run(unattended=True, centre=True) == (DURATION, 100.0)
+    words = "waits for the centre: `vobc emergency-brake T3 --end` lets go"
+    assert words in bench.printed.getvalue()
+
+
+def test_one_that_only_the_desk_may_let_go_ends_the_run_on_such_a_line_too(tmp_path: Path) -> None:
+    bench = Bench(tmp_path, STATUS, replace(MODE, cause=Cause.BUTTON), HINTS)
+    reason, at_s = bench.run(unattended=True, centre=True)
+
+    assert "button" in reason
+    assert at_s == pytest.approx(UNATTENDED_S, abs=1.0)
+    assert "waits for the centre" not in bench.printed.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("kind", "cause", "shown"),
+    [
+        (EventKind.INPUT_LOST, 0, True),
+        (EventKind.INPUT_BACK, 0, False),
+        (EventKind.INPUT_LOST, int(Missing.BRAKE), False),
+        (EventKind.OVERRUN, 0, False),
+    ],
+)
+def test_a_radio_on_which_nobody_is_heard_is_shown(
+    tmp_path: Path, kind: EventKind, cause: int, shown: bool
+) -> None:
+    bench = Bench(tmp_path, replace(STATUS, supervision=Supervision.NOMINAL), hints=HINTS)
+    bench.says(VobcEvent(kind, cause, 1, 0, 0))
+
+    bench.run(unattended=False)
+
+    words = f"nothing is heard on the line's radio at {ENDPOINT}: is its wayside there, and of "
+    assert (words in bench.printed.getvalue()) is shown
 
 
 def test_what_is_shown_names_the_reason_of_an_emergency(tmp_path: Path) -> None:

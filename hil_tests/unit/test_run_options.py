@@ -3,8 +3,23 @@
 import pytest
 
 from can_dbc.cab import CabMode
+from can_dbc.vobc import (
+    AtoPhase,
+    Cause,
+    Inhibit,
+    Missing,
+    OperatingMode,
+    Supervision,
+    VobcMode,
+    VobcStatus,
+    Withheld,
+)
+from metro_hil.display import BusPicture
 from metro_hil.lockstep import scenario_of
 from metro_hil.options import parse
+from metro_hil.supervise import controller_line_arguments, hints_of, line_arguments
+from plant_emulator.cli.options import parser as plant_parser
+from vobc.cli import parser as vobc_parser
 
 
 @pytest.mark.parametrize(
@@ -22,6 +37,14 @@ from metro_hil.options import parse
         (["--desk", "crew"], "invalid choice"),
         (["--line-peer"], "--line-peer: which train is it?"),
         (["--train", "T1", "--line-peer", "--secure", "s"], "--line-peer: not with --secure"),
+        (["--line-radio", "tcp/127.0.0.1:7448"], "--line-radio: which train is it?"),
+        (["--secure", "somewhere"], "--secure: which train is it?"),
+        (["--line-timers", "B"], "--line-timers: which train is it?"),
+        (["--arbiters", "3"], "--arbiters: which train is it?"),
+        (["--train", "T1", "--arbiters", "2"], "invalid choice"),
+        (["--train", "T1", "--line-timers", "C"], "invalid choice"),
+        (["--train", "T1", "--line-radio", "foo"], "--line-radio foo: not an endpoint"),
+        (["--train", "T1", "--line-radio", "tcp/h:0"], "--line-radio tcp/h:0: not an endpoint"),
     ],
 )
 def test_what_cannot_be_asked_for_is_said(
@@ -53,3 +76,50 @@ def test_a_driver_is_handed_to_the_plant() -> None:
     options = parse(["run", "--lockstep", "--desk", "manual", "--driver", "reckless"])
 
     assert scenario_of(options).driver == "reckless"
+
+
+def test_a_train_of_a_line_has_what_the_wayside_has_by_default() -> None:
+    options = parse(["run", "--train", "T3"])
+
+    told = (options.train, options.line_radio, options.line_timers, options.arbiters)
+    assert told == (3, "tcp/127.0.0.1:7448", "A", 1)
+
+
+def test_timers_and_arbiters_of_the_line_are_those_that_were_asked_for() -> None:
+    options = parse(["run", "--train", "T3", "--line-timers", "B", "--arbiters", "3"])
+
+    words = [*line_arguments(options), *controller_line_arguments(options)]
+    told = vobc_parser().parse_args(["run", *words])
+    assert (told.train, told.line_timers, told.arbiters) == (3, "B", 3)
+    plant_parser().parse_args(["run", *line_arguments(options)])
+
+
+def test_a_run_without_a_line_says_nothing_of_one() -> None:
+    options = parse(["run"])
+
+    assert [*line_arguments(options), *controller_line_arguments(options)] == []
+
+
+@pytest.mark.parametrize(
+    ("words", "where"),
+    [
+        (["--line", "loop"], ""),
+        (["--line", "my line.toml"], " --line 'my line.toml'"),
+        (
+            ["--line", "loop", "--line-radio", "tcp/h:7448", "--secure", "ca"],
+            " --line-radio tcp/h:7448 --secure ca",
+        ),
+    ],
+)
+def test_what_lets_a_train_go_is_told_for_its_very_line(words: list[str], where: str) -> None:
+    no_flags = (Inhibit(0), Withheld(0), 0)
+    picture = BusPicture(250_000)
+    picture.latest = {
+        VobcStatus: VobcStatus(
+            Supervision.EMERGENCY, AtoPhase.OFF, Missing(0), True, False, 900.0, 0
+        ),
+        VobcMode: VobcMode(OperatingMode.AUTHORISED, Cause.REMOTE, *no_flags, True, False),
+    }
+    said = hints_of(parse(["run", "--train", "T3", *words]))(picture)
+
+    assert said == [f"waits for the centre: `vobc emergency-brake T3 --end{where}` lets go"]

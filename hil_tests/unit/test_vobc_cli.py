@@ -6,14 +6,18 @@ from pathlib import Path
 import pytest
 
 from firmware_py.nvram import Nvram, NvramRecord
+from firmware_py.settings import SettingsError
+from firmware_py.trackdb import load_line
 from vobc.cli import (
     EXIT_ENVIRONMENT,
     EXIT_USAGE,
     PatientLine,
+    Plan,
     main,
     parser,
     plan,
 )
+from vobc.vocabulary import PlaceProof
 
 EPOCH_NS = 1_700_000_000_000_000_000
 BUS = ["--bus", "embedded:nowhere"]
@@ -45,15 +49,78 @@ def test_a_train_that_was_switched_off_goes_on_from_where_it_stood(tmp_path: Pat
     assert planned.nvram.record.boot_count == 5
 
 
-def test_a_train_that_is_said_to_stand_somewhere_stands_there(tmp_path: Path) -> None:
-    memory = tmp_path / "nvram"
-    Nvram(memory).put(NvramRecord(boot_count=5, front_m=3000.4, standing=True))
-    words = [*BUS, "--nvram", str(memory), "--from", "I"]
+def remembered(folder: Path, *said: str, standing: bool = True, front_m: float = 3000.4) -> Plan:
+    """What a controller with a memory takes for true, whatever is said."""
+    memory = folder / "nvram"
+    Nvram(memory).put(NvramRecord(boot_count=5, front_m=front_m, standing=standing))
+    return plan(parser().parse_args([*BUS, "--nvram", str(memory), *said]), EPOCH_NS)
 
+
+def test_a_train_that_is_said_to_stand_somewhere_without_a_memory_stands_there(
+    tmp_path: Path,
+) -> None:
+    words = [*BUS, "--nvram", str(tmp_path / "nvram"), "--from", "I"]
     planned = plan(parser().parse_args(words), EPOCH_NS)
 
+    assert (planned.mission.start.name, planned.start, planned.note) == ("I", None, "")
+
+
+def test_one_that_remembers_another_place_stands_there_and_says_so(tmp_path: Path) -> None:
+    planned = remembered(tmp_path, "--from", "I")
+
+    assert planned.mission.start.name == "II"
+    assert planned.start is not None
+    assert planned.start.front_m == 3000.4
+    assert planned.note == (
+        f"--from I is not believed: by {tmp_path}/nvram it was switched off at 3000.4 m, nearest "
+        f"to II; remove {tmp_path}/nvram once somebody has seen that the train stands at I"
+    )
+
+
+@pytest.mark.parametrize(("front_m", "agrees"), [(0.5, True), (-0.5, True), (0.6, False)])
+def test_where_memory_and_person_agree_the_person_is_believed(
+    tmp_path: Path, front_m: float, *, agrees: bool
+) -> None:
+    stop_m = load_line("florence").stations[1].stop_m
+    planned = remembered(tmp_path, "--from", "I", front_m=stop_m + front_m)
+
     assert planned.mission.start.name == "I"
-    assert planned.start is None
+    assert (planned.start is None) is agrees
+    assert (planned.note == "") is agrees
+
+
+def test_one_that_ended_on_the_way_may_stand_anywhere_whatever_is_said(tmp_path: Path) -> None:
+    planned = remembered(tmp_path, "--from", "I", standing=False)
+
+    assert planned.mission.start.name == "I"
+    assert planned.start is not None
+    assert planned.start.proof is PlaceProof.UNKNOWN
+    assert planned.note == (
+        f"--from I is not believed: the train may stand anywhere: {tmp_path}/nvram: the last run "
+        f"did not end at a proven standstill; remove {tmp_path}/nvram once somebody has seen that "
+        "the train stands at I"
+    )
+
+
+def test_nothing_is_to_be_said_where_nobody_said_anything(tmp_path: Path) -> None:
+    assert remembered(tmp_path, standing=False).note == ""
+    assert remembered(tmp_path).note == ""
+
+
+def test_where_the_way_cannot_begin_where_the_train_stands_it_is_said_why(tmp_path: Path) -> None:
+    with pytest.raises(SettingsError, match=r"^--to II: .*; --from I is not believed: by "):
+        remembered(tmp_path, "--from", "I", "--to", "II")
+
+
+def test_that_a_person_is_not_believed_is_said_before_anything_else(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    memory = tmp_path / "nvram"
+    Nvram(memory).put(NvramRecord(boot_count=5, front_m=3000.4, standing=False))
+
+    assert main([*BUS, "--nvram", str(memory), "--from", "I"]) == EXIT_ENVIRONMENT
+
+    assert capsys.readouterr().err.startswith("vobc: --from I is not believed: ")
 
 
 @pytest.mark.parametrize("said", [[], ["--from", "I"]])

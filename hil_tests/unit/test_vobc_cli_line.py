@@ -11,7 +11,7 @@ from vobc.cli.line import areas_of
 
 FLORENCE = load_line("florence")
 """Its areas reach from -120 m to 4,700 m."""
-BY_RADIO = argparse.Namespace(line_radio="tcp/127.0.0.1:7447")
+BY_RADIO = argparse.Namespace(line_radio="tcp/127.0.0.1:7447", line="florence")
 
 
 def longer_line(*stations: Station) -> LineMap:

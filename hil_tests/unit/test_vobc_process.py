@@ -7,6 +7,7 @@ from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 
@@ -49,9 +50,11 @@ from vobc.process import (
     remembered_start,
 )
 from vobc.process.event_log import FRAMES_PER_CYCLE
+from vobc.process.line_command import LineCommand
+from vobc.process.line_silence import LineSilence
 from vobc.vocabulary import Event
 from zenoh_config import keys
-from zenoh_config.codec import pack, unpack
+from zenoh_config.codec import BENCH_KEY, pack, unpack
 from zenoh_config.messages import MovementAuthority, PositionReport, TrainOrders, TrainStatus
 
 LINE = load_line("florence")
@@ -75,6 +78,7 @@ class World:
         log: LineLog | None = None,
         events: EventLines | None = None,
         forgotten: bool = False,
+        command: LineCommand | None = None,
     ) -> None:
         self.clock = LockstepClock()
         bus = InprocBus("test", 250_000)
@@ -110,6 +114,7 @@ class World:
             event_log=events,
             forgotten=forgotten,
             start_ns=0,
+            command=command,
         )
         self.executive = Executive(
             [Task("train", 20.0, self.train), Task("listen", 5.0, self.listen)], 0
@@ -514,6 +519,25 @@ def test_a_memory_that_was_lost_is_the_first_thing_that_is_told(tmp_path: Path) 
 
     kinds = [entry["kind"] for entry in entries(log.path)]
     assert kinds[:3] == ["MEMORY_LOST", "SUPERVISION", "MODE"]
+
+
+def test_that_nobody_is_heard_on_a_line_is_an_event_on_the_bus_and_in_the_log(
+    tmp_path: Path,
+) -> None:
+    silence = LineSilence("tcp/127.0.0.1:7448")
+    command = Mock(held=None, radio=Mock(key=BENCH_KEY), silence=silence.look)
+    log = EventLines(tmp_path / "events.jsonl")
+    world = World(events=log, command=command)
+    # Its wayside falls silent for the centre's part, too.
+    world.order = lambda now_ns, status: None  # type: ignore[method-assign]
+
+    world.run(8.0)
+    log.close()
+
+    (lost,) = [each for each in entries(log.path) if "line's radio" in each["words"]]
+    assert (lost["kind"], lost["value"]) == ("INPUT_LOST", 0)
+    told = [(each.event, each.cause) for _, each in world.heard if isinstance(each, VobcEvent)]
+    assert (EventKind.INPUT_LOST, 0) in told
 
 
 def test_status_goes_five_times_a_second_whether_or_not_the_train_is_located() -> None:

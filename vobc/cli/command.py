@@ -41,7 +41,7 @@ from vobc.cli.host import (
     Words,
     say,
 )
-from vobc.cli.line import open_line
+from vobc.cli.line import LINE_LOG, open_line
 from vobc.cli.options import Plan, parser, plan
 from vobc.process import CYCLE_COLUMNS, EVENTS_LOG, Commission, CycleLog, EventLines, VobcDevice
 from vobc.process.line_command import LineCommand
@@ -79,6 +79,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _run(options: argparse.Namespace, planned: Plan) -> int:
     if options.parent is not None:
         die_with_parent(options.parent)
+    if planned.note:
+        say(planned.note)
     ending = Interrupts()
     with ending.caught(), ExitStack() as stack:
         clock = WallClock(spin_s=REALTIME_SPIN_S if options.priority else 0.0)
@@ -90,7 +92,8 @@ def _run(options: argparse.Namespace, planned: Plan) -> int:
         command = None
         if planned.areas is not None:
             parts = (planned.config, planned.line, planned.areas)
-            command = open_line(options, *parts, clock, stack, planned.secure)
+            said = None if out is None else RadioLog(out / LINE_LOG, commission.start_ns)
+            command = open_line(options, *parts, clock, stack, planned.secure, said)
         vobc = _device(planned, commission, out, recording, clock, stack, command)
         executives = [vobc.executive]
         granted = None

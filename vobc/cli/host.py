@@ -71,6 +71,8 @@ class Words:
             return
         state = output.supervision.name.lower().replace("_", " ")
         words = f"{state}: {output.cause}" if output.cause else state
+        if self._vobc.waits_for_line:
+            words += f"; {self._vobc.waits_for_line}"
         if words != self._said:
             self._said = words
             say(words)

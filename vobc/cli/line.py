@@ -10,12 +10,15 @@ from firmware_py.checked_store import CheckedStore
 from firmware_py.clock import WallClock
 from firmware_py.nvram import NvramState
 from firmware_py.radio.credentials import Credentials, load_credentials
-from firmware_py.radio.zenoh_radio import Role, open_peer, open_radio
+from firmware_py.radio.recorded_radio import LaterRecordedRadio
+from firmware_py.radio.zenoh_radio import Role, ZenohRadio, open_peer, open_radio
+from firmware_py.recorder import RadioLog
 from firmware_py.settings import SettingsError
 from firmware_py.trackdb import LineMap
 from firmware_py.trackdb.areas import AreaMap, load_areas
 from vobc.config import VobcConfig
 from vobc.process.line_command import LineCommand, commanded
+from vobc.process.line_silence import LineSilence
 from vobc.t2t.train import TrainCore
 from vobc.t2t.vocabulary import T2tConfig, TrainMemory
 from vobc.wire.line_radio import LineRadio
@@ -29,6 +32,8 @@ AXLES: Final = 16
 """Of four cars."""
 NS_PER_S: Final = 1_000_000_000
 ANYWHERE: Final = ""
+LINE_LOG: Final = "line.log"
+"""Its name in a run folder."""
 
 
 def add(top: argparse.ArgumentParser) -> None:
@@ -82,12 +87,17 @@ def check_peer(options: argparse.Namespace) -> None:
 
 
 def areas_of(options: argparse.Namespace, line: LineMap) -> AreaMap | None:
+    """None where a zone controller commands the train. Raises SettingsError."""
+    if options.line_radio is None:
+        return None
+    return reachable_areas(options.line, line)
+
+
+def reachable_areas(name: str, line: LineMap) -> AreaMap:
     """Raises SettingsError for a line of which nobody has said how it is divided, or of which no
     authority reaches one of the stops.
     """
-    if options.line_radio is None:
-        return None
-    areas, room_m = load_areas(line.name), T2tConfig().behind_axle_m
+    areas, room_m = load_areas(name), T2tConfig().behind_axle_m
     for station in line.stations:
         if not areas.start_m <= station.stop_m <= areas.end_m - room_m:
             raise SettingsError(
@@ -106,8 +116,10 @@ def open_line(
     clock: WallClock,
     stack: ExitStack,
     secure: Credentials | None,
+    log: RadioLog | None,
 ) -> LineCommand:
-    """Open the session; the stack closes it. Raises RadioError for an endpoint that is none.
+    """Open the session; the stack closes it and the log of all that is said and heard. Raises
+    RadioError for an endpoint that is none.
 
     Without a memory the time of day counts the starts, and nothing that this train promised
     outlives it.
@@ -127,18 +139,36 @@ def open_line(
     )
     key = BENCH_KEY if secure is None else safety_key(secure.key_hex)
     radio = LineRadio(core, line.name, store.put, key=key)
-    token = t2t_keys.token_of(line.name, config.address)
+    port = _port(options, radio, t2t_keys.token_of(line.name, config.address), clock, secure)
+    silence = LineSilence(options.line_radio)
+    if log is None:
+        stack.callback(port.close)
+        return LineCommand(radio, port, config, line, axles=AXLES, silence=silence)
+    recorded = LaterRecordedRadio(port, log)
+    stack.callback(recorded.close)
+    return LineCommand(
+        *(radio, recorded, config, line),
+        axles=AXLES,
+        write_down=recorded.write_down,
+        silence=silence,
+    )
+
+
+def _port(
+    options: argparse.Namespace,
+    radio: LineRadio,
+    token: str,
+    clock: WallClock,
+    secure: Credentials | None,
+) -> ZenohRadio:
     if options.line_peer is None:
-        port = open_radio(
+        return open_radio(
             *(Role.TRAIN, options.line_radio, radio.subscriptions, clock),
             secure=secure,
             token=token,
         )
-    else:
-        listens_at = None if options.line_peer == ANYWHERE else options.line_peer
-        port = open_peer(options.line_radio, listens_at, radio.subscriptions, clock, token=token)
-    stack.callback(port.close)
-    return LineCommand(radio, port, config, line, axles=AXLES)
+    listens_at = None if options.line_peer == ANYWHERE else options.line_peer
+    return open_peer(options.line_radio, listens_at, radio.subscriptions, clock, token=token)
 
 
 def credentials_of(

@@ -6,16 +6,17 @@ from typing import Final
 
 from firmware_py import rendezvous
 from firmware_py.buses import BusError, parse_spec, resolve_auto
-from firmware_py.nvram import Nvram, NvramRecord, NvramState
+from firmware_py.nvram import Nvram, NvramRecord
 from firmware_py.radio.credentials import Credentials
 from firmware_py.radio.zenoh_radio import DEFAULT_ENDPOINT
+from firmware_py.settings import SettingsError
 from firmware_py.trackdb import LineMap, load_line
 from firmware_py.trackdb.areas import AreaMap
 from vobc.ato.output_config import STAGES
 from vobc.ato.strategies import STRATEGIES
 from vobc.cli import line as line_options
+from vobc.cli.whereabouts import Whereabouts, whereabouts
 from vobc.config import CYCLE_MS_MAX, CYCLE_MS_MIN, VobcConfig, load_config, plan_mission
-from vobc.process import remembered_start, unknown_start
 from vobc.vocabulary import Mission, OdometryRecord
 
 AUTO: Final = "auto"
@@ -54,7 +55,12 @@ def parser() -> argparse.ArgumentParser:
     top.add_argument(
         "--output", choices=STAGES, help="how a demand reaches the train; default: the parameters'"
     )
-    top.add_argument("--from", dest="start", metavar="STATION", help="where the train stands")
+    top.add_argument(
+        "--from",
+        dest="start",
+        metavar="STATION",
+        help="where the train stands; not believed where its memory knows otherwise",
+    )
     top.add_argument("--to", dest="end", metavar="STATION", help="default: the last of the line")
     top.add_argument("--stops", type=_names, metavar="A,B,...", help="default: all on the way")
     top.add_argument("--cycle-ms", type=_cycle_ms, metavar="MS", help="default: as parameters say")
@@ -84,6 +90,8 @@ class Plan:
     line_radio: str | None = None
     secure: Credentials | None = None
     """Who the train is on a secured line."""
+    note: str = ""
+    """What a person should know before the start."""
 
 
 def plan(options: argparse.Namespace, epoch_ns: int) -> Plan:
@@ -100,16 +108,8 @@ def plan(options: argparse.Namespace, epoch_ns: int) -> Plan:
     line = load_line(options.line)
     areas = line_options.areas_of(options, line)
     nvram = Nvram(options.nvram, NvramRecord(boot_count=epoch_ns // NS_PER_S))
-    start, first = None, options.start
-    if nvram.state is NvramState.CORRUPT:
-        # Nobody knows what it knew; whoever says where the train stands may be wrong as well.
-        start = unknown_start(config, line, nvram.record)
-    elif first is None and (start := remembered_start(config, nvram.record)) is not None:
-        first = _nearest_station(line, start.front_m)
-    elif first is None and nvram.state is NvramState.OK:
-        # It ran before and did not end at a proven standstill: nobody knows where the train is.
-        start = unknown_start(config, line, nvram.record)
-    mission = plan_mission(line, first, options.end, options.stops)
+    place = whereabouts(config, line, nvram, options.start, options.nvram)
+    mission = _mission(line, place, options)
     bus = _bus(options.bus)
     name = parse_spec(bus).name
     tags, radio = options.tags, options.radio
@@ -122,14 +122,19 @@ def plan(options: argparse.Namespace, epoch_ns: int) -> Plan:
         radio = rendezvous.read_radio(name) or DEFAULT_ENDPOINT
     secure = line_options.credentials_of(options, config, epoch_ns)
     return Plan(
-        *(config, line, mission, nvram, start, bus, tags, radio, areas),
+        *(config, line, mission, nvram, place.start, bus, tags, radio, areas),
         line_radio=options.line_radio,
         secure=secure,
+        note=place.note,
     )
 
 
-def _nearest_station(line: LineMap, front_m: float) -> str:
-    return min(line.stations, key=lambda station: abs(station.stop_m - front_m)).name
+def _mission(line: LineMap, place: Whereabouts, options: argparse.Namespace) -> Mission:
+    try:
+        return plan_mission(line, place.first, options.end, options.stops)
+    except SettingsError as error:
+        # From where it was not said to stand the way may not lead to where it was told to go.
+        raise SettingsError("; ".join(filter(None, (str(error), place.note)))) from error
 
 
 def _bus(wanted: str) -> str:

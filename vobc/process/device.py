@@ -265,7 +265,20 @@ class VobcDevice:
     def life_sign(self, now_ns: int) -> None:
         self._send(now_ns, heartbeat(self._life))
         self._life = NodeState.OPERATIONAL
+        self._look_for_line(now_ns)
         self._events.flush()
+
+    @property
+    def waits_for_line(self) -> str:
+        """That nobody is heard on the line's radio; empty where somebody is, or there is none."""
+        return "" if self._command is None else self._command.silence_words
+
+    def _look_for_line(self, now_ns: int) -> None:
+        if self._command is None:
+            return
+        event = self._command.silence(now_ns, self._radio.counters.received)
+        if event is not None:
+            self._events.tell(now_ns, (event,))
 
     def stop(self, now_ns: int) -> None:
         """The last word on the bus: brake, whatever was said before."""

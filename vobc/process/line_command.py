@@ -1,5 +1,6 @@
 """The train's part among trains that command themselves, on its own radio port and rhythm."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Final
 
@@ -7,8 +8,9 @@ from firmware_py.ports import TunableRadioPort
 from firmware_py.trackdb import LineMap
 from vobc.atp.braking import SafeBraking
 from vobc.config import VobcConfig
+from vobc.process.line_silence import LineSilence
 from vobc.t2t.vocabulary import HeldAuthority, OwnTrain
-from vobc.vocabulary import Authority, Motion, Restriction
+from vobc.vocabulary import Authority, Event, Motion, Restriction
 from vobc.wire.line_radio import LineRadio
 from zenoh_config.timers import LineTimers
 
@@ -39,9 +41,17 @@ class LineCommand:
         line: LineMap,
         *,
         axles: int,
+        write_down: Callable[[], None] | None = None,
+        silence: LineSilence | None = None,
     ) -> None:
-        """`port` listens to the radio's subscriptions already."""
+        """`port` listens to the radio's subscriptions already.
+
+        Args:
+            write_down: puts what passed the port into a log; called between control cycles.
+            silence: to be told of what is heard, the centre's words included.
+        """
         self.radio = radio
+        self._write_down, self._silence = write_down, silence
         self._port, self._length_m, self._axles = port, config.train.length_m, axles
         atp = config.atp
         braking = SafeBraking(
@@ -73,6 +83,18 @@ class LineCommand:
         if self.radio.is_due(now_ns):
             self._out += self.radio.step(now_ns, self._own(motion), apply=False)
             self.send(now_ns)
+        if self._write_down is not None:
+            self._write_down()
+
+    def silence(self, now_ns: int, from_centre: int) -> Event | None:
+        """That nobody is heard any more, or is again; `from_centre` counts what came from there."""
+        if self._silence is None:
+            return None
+        return self._silence.look(now_ns, self._port.counters.received + from_centre)
+
+    @property
+    def silence_words(self) -> str:
+        return "" if self._silence is None else self._silence.words
 
     @property
     def held(self) -> HeldAuthority | None:

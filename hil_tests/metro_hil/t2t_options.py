@@ -1,0 +1,52 @@
+"""Words of a command line about trains that command themselves."""
+
+import argparse
+from typing import Final
+
+from zenoh_config.sessions import LINE_ENDPOINT
+from zenoh_config.t2t import LAST_TRAIN
+from zenoh_config.timers import TIMER_SETS
+
+LINE_ARBITERS: Final = (1, 3, 5)
+DEFAULT_ARBITERS: Final = 1
+DEFAULT_TIMERS: Final = "A"
+
+
+def add_options(run: argparse.ArgumentParser) -> None:
+    """None is what was not given: without --train none of them means anything."""
+    group = run.add_argument_group(
+        "trains that command themselves",
+        "The wayside of the line is `plant wayside`; the train gets a bus of its own.",
+    )
+    group.add_argument("--train", type=train_number, metavar="TRAIN", help="such as T1")
+    group.add_argument(
+        "--line-radio", metavar="ENDPOINT", help=f"with --train; default: {LINE_ENDPOINT}"
+    )
+    group.add_argument(
+        "--line-peer",
+        nargs="?",
+        const="",
+        metavar="ENDPOINT",
+        help="speak to other trains that do so directly; they reach this one at ENDPOINT, by "
+        "default the address on the way to the wayside and any port",
+    )
+    group.add_argument("--secure", metavar="FOLDER", help="certificates; see `vobc demo-ca`")
+    group.add_argument(
+        "--line-timers",
+        choices=sorted(TIMER_SETS),
+        help=f"have to be those of the wayside; default: {DEFAULT_TIMERS}",
+    )
+    group.add_argument(
+        "--arbiters",
+        type=int,
+        choices=LINE_ARBITERS,
+        help=f"have to be as many as the wayside has; default: {DEFAULT_ARBITERS}",
+    )
+
+
+def train_number(text: str) -> int:
+    """`T3` or `3`, for argparse."""
+    number = text.removeprefix("T")
+    if not (number.isascii() and number.isdecimal()) or not 0 < int(number) <= LAST_TRAIN:
+        raise argparse.ArgumentTypeError(f"{text} is no train; they are 1..{LAST_TRAIN}, or T1 ...")
+    return int(number)
