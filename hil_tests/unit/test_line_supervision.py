@@ -24,7 +24,7 @@ from zenoh_config.t2t import (
     T2tMessage,
     TrainReport,
 )
-from zenoh_config.t2t_keys import key_of, of_supervision
+from zenoh_config.t2t_keys import key_of, of_supervision, token_of
 from zenoh_config.t2t_supervision import (
     DecreeAnswer,
     LineState,
@@ -158,6 +158,27 @@ def test_who_is_on_a_roster_and_says_nothing_is_shown() -> None:
 
     assert view(state, REPORT).words(0)[-1] == words
     assert "silent" not in "".join(view(dataclasses.replace(state, silent=()), REPORT).words(0))
+
+
+def test_of_who_is_silent_it_is_told_whether_its_session_is_there() -> None:
+    """A program that hangs keeps its session, so that this is told apart from a radio that is gone;
+    nothing else goes by it.
+    """
+    places = (RosterPlace(1, 9),)
+    nothing = (0, 0, DecreeAnswer.NONE, (), (), (), ())
+    shown = view(LineState(0, BROADCAST, 0, 0, 2, 1, 0, *nothing, places), REPORT)
+    here, late_ns = REPORT.source, 1_000_000_001
+
+    def told(now_ns: int, *trains: int) -> list[str]:
+        shown.tokens = lambda: [token_of("loop", each) for each in trains]
+        return shown.words(now_ns)
+
+    assert told(0, here)[-1].endswith("others wait behind it; it has no session")
+    assert told(0, here, 9)[-1].endswith("others wait behind it; its session is there")
+    assert not told(0, here)[-2].endswith("session")
+    assert told(late_ns, here)[-2].endswith("; its session is there")
+    assert told(late_ns)[-2].endswith("; it has no session")
+    assert told(0, here, 5, 9)[-1] == "train 5 has a session and says nothing"
 
 
 NEWCOMER = dataclasses.replace(REPORT, source=1, member=False)

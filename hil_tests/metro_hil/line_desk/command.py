@@ -64,7 +64,12 @@ def _supervise(options: argparse.Namespace, areas: AreaMap) -> int:
         key = safety_key(secure.key_hex)
     view = LineView(areas, key)
     topics = t2t_keys.of_supervision(areas.name)
-    with open_radio(Role.TRAIN, options.line_radio, topics, clock, secure=secure) as port:
+    with open_radio(
+        *(Role.TRAIN, options.line_radio, topics, clock),
+        secure=secure,
+        watched_tokens=t2t_keys.tokens(areas.name),
+    ) as port:
+        view.tokens = lambda: port.present
         desk = Desk(clock, view, port, key)
         displays = options.verb in ("line", "master")
         desk.listen(LOOK_S, lambda: not displays and view.complete)

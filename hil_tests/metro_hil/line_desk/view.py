@@ -1,6 +1,6 @@
 """What supervision of a line has heard, and the words for it."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from typing import Final, NamedTuple
 
 from can_dbc.vobc import Cause, OperatingMode, Supervision
@@ -69,6 +69,8 @@ class LineView:
         """By area: what its master said last of a removal, and when."""
         self.refused = 0
         """Messages that were damaged, of another key, or under the key of another."""
+        self.tokens: Callable[[], Collection[str]] | None = None
+        """Of trains whose sessions are there, as the radio knows; None: it does not look."""
         self._key = key
 
     @property
@@ -138,7 +140,23 @@ class LineView:
         head = f"train {'front m':>9} {'km/h':>6} {'authority to m':>15} {'term':>5} {'age s':>6}"
         rows = [self._train_words(report, at, now_ns) for report, at in trains]
         silent = [self._silent_words(*each) for each in self.silent().items()]
-        return [*said, *self._track_words(), f"{head}  is", *rows, *silent]
+        mute = sorted((self._sessions() or set()) - {*self.reports, *self.silent()})
+        said += [*self._track_words(), f"{head}  is", *rows, *silent]
+        return said + [f"train {each} has a session and says nothing" for each in mute]
+
+    def _sessions(self) -> set[int] | None:
+        """Trains that have one; None: nobody knows."""
+        if self.tokens is None:
+            return None
+        found = [t2t_keys.train_of_token(each) for each in self.tokens()]
+        return {each for each in found if each is not None}
+
+    def _session_words(self, train: int) -> str:
+        """Of one that is silent: whether its program may hang, or its radio is gone."""
+        sessions = self._sessions()
+        if sessions is None:
+            return ""
+        return "; its session is there" if train in sessions else "; it has no session"
 
     def silent(self) -> dict[int, list[int]]:
         """Trains that are on rosters and say nothing, with the areas."""
@@ -149,7 +167,8 @@ class LineView:
 
     def _silent_words(self, train: int, areas: Sequence[int]) -> str:
         where = " and ".join([str(area) for area in areas])
-        return f"train {train} is silent, on the roster of area {where}: others wait behind it"
+        words = f"train {train} is silent, on the roster of area {where}: others wait behind it"
+        return words + self._session_words(train)
 
     def reasons(self, now_ns: int) -> list[str]:
         """Who commands each area, and why."""
@@ -199,6 +218,7 @@ class LineView:
             f"{report.source:>5} {front:>9} {report.speed_mps * KMH:>6.1f} {end:>15} "
             f"{report.term:>5} {(now_ns - at_ns) / NS_PER_S:>6.2f}  "
             f"{self._state_words(report, now_ns)}"
+            f"{self._session_words(report.source) if now_ns - at_ns > SILENT_S * NS_PER_S else ''}"
         ).rstrip()
 
     def _state_words(self, report: TrainReport, now_ns: int) -> str:
