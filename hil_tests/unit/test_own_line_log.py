@@ -124,6 +124,30 @@ def test_without_a_run_folder_nothing_is_written(
     assert list(tmp_path.iterdir()) == []
 
 
+def test_what_it_does_not_act_on_is_told_by_reason_and_not_for_each_message(
+    stack: ExitStack, air: InprocRadio
+) -> None:
+    command, start_ns = opened(stack, None)
+    other, topic = air.port("T2", ()), t2t_keys.key_of("loop", BEAT)
+
+    def told(ms: int, *payloads: bytes) -> list[tuple[str, int]]:
+        now_ns = start_ns + S + ms * MS
+        for payload in payloads:
+            other.send(now_ns - MS, topic, payload)
+        command.beat(now_ns, STANDING)
+        due = command.refusals.due(now_ns)
+        return [(each.reason, each.count) for each in due]
+
+    # Where it stands, and so what it listens to, it says with its first step.
+    assert told(0) == []
+    spoilt, good = pack(BEAT)[:-1] + b"!", pack(BEAT)
+    assert told(10, spoilt, spoilt, good) == [("wrong safety code", 2)]
+    assert told(20, spoilt, good) == [("repeated or out of order", 1)]
+    assert told(900, spoilt) == []
+    assert told(1010) == [("wrong safety code", 2)]
+    assert told(3000) == []
+
+
 def test_a_line_on_which_nobody_is_heard_is_told_of_and_the_centre_counts(
     stack: ExitStack, air: InprocRadio
 ) -> None:

@@ -8,6 +8,7 @@ import pytest
 from firmware_py.ports import RadioMessage
 from firmware_py.trackdb.areas import load_areas
 from plant_emulator.cli import main
+from plant_emulator.cli.line_wayside import REFUSED_EVERY, Refused
 from plant_emulator.wayside.detection import TRAINS_MAX, Detection, Place, key_of, packed
 from vobc.cli.command import main as vobc
 
@@ -111,6 +112,18 @@ def test_a_peer_without_a_wayside_or_beside_rules_is_refused(
     assert vobc(["run", "--line", "loop", *words]) == 2
 
     assert said in capsys.readouterr().err
+
+
+def test_the_wayside_tells_each_reason_when_it_comes_up_and_then_now_and_then() -> None:
+    refused = Refused()
+
+    assert refused.looks({}) == []
+    assert refused.looks({"too old": 3}) == ["refused: 3 messages, too old"]
+    words = [refused.looks({"too old": 3 + look}) for look in range(1, REFUSED_EVERY)]
+    assert words == [[]] * (REFUSED_EVERY - 1)
+    both = refused.looks({"too old": 13, "wrong source": 1})
+    assert both == ["refused: 10 messages, too old", "refused: 1 message, wrong source"]
+    assert [refused.looks({"too old": 13}) for _ in range(30)] == [[]] * 30
 
 
 def test_an_endpoint_that_is_none_is_named(capsys: pytest.CaptureFixture[str]) -> None:

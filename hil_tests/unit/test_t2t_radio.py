@@ -97,6 +97,22 @@ def test_trains_find_each_other_over_the_radio_and_get_their_authorities(tmp_pat
     assert all(not line.refusals for line, _ in net.trains.values())
 
 
+def test_what_arbiters_refuse_counts_with_what_the_wayside_does(tmp_path: Path) -> None:
+    """A train that counts on three arbiters asks, and is commanded by nobody."""
+    net = Net(tmp_path, {1: 2190.0})
+    config = T2tConfig(arbiters=(ARBITER, ARBITER + 1, ARBITER + 2))
+    core = TrainCore(config, LINE, address=2, memory=TrainMemory(), start_ns=0)
+    line_radio = LineRadio(core, LINE.name, lambda _: True)
+    net.trains = {2: (line_radio, net.radio.port("train 2", line_radio.subscriptions))}
+    net.fronts_m[2] = 1190.0
+
+    net.run(2000)
+
+    assert net.wayside.refused()["of other arbiters or timers"] > 2
+    assert line_radio.authority is None
+    assert line_radio.refused() == {}
+
+
 def test_terms_and_incarnations_survive_a_restart_on_the_disk(tmp_path: Path) -> None:
     Net(tmp_path, {1: 2190.0, 2: 1190.0}).run(2000)
     before = CheckedStore(tmp_path / "1", TrainMemory).value

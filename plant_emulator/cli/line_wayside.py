@@ -1,6 +1,7 @@
 """`plant wayside`: arbiters, objects, axle counters of a line whose trains command themselves."""
 
 import argparse
+from collections.abc import Mapping
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Final, TypeVar
@@ -32,6 +33,9 @@ BEAT_MS: Final = 5.0
 FEED_MS: Final = 20.0
 DOORS_MS: Final = 10.0
 GARBAGE_MS: Final = 1000.0
+REFUSED_MS: Final = 1000.0
+REFUSED_EVERY: Final = 10
+"""So many looks at what was refused pass before the same reason is told again."""
 ORDERS_PER_S: Final = 10
 """At most, to one train: orders are numbered on from the time of day, above all said before."""
 ORDERS_SPAN_S: Final = 2**28
@@ -52,6 +56,7 @@ def serve_line(options: argparse.Namespace) -> None:
         clock = WallClock()
         device = _Line(options, areas, clock, stack)
         tasks = [Task("line", BEAT_MS, device.beat), Task("doors", DOORS_MS, device.doors)]
+        tasks.append(Task("refused", REFUSED_MS, device.refused))
         if options.priority:
             enter_realtime(options.priority)
             tasks.append(Task("garbage", GARBAGE_MS, collect_garbage, offset_ms=GARBAGE_MS))
@@ -119,6 +124,7 @@ class _Line:
         self._masters: dict[tuple[int, int], tuple[int, int]] = {}
         """By arbiter and area: holder and term."""
         self._failed = 0
+        self._refused = Refused()
 
     def beat(self, now_ns: int) -> None:
         heard = self._detection.hears(self._port.receive(now_ns))
@@ -126,6 +132,11 @@ class _Line:
         for key, payload in self._wayside.step(now_ns, heard, truth):
             self._port.send(now_ns, key, payload)
         self._tell()
+
+    def refused(self, now_ns: int) -> None:
+        """What was heard and not acted on, so that a line that is set up wrongly shows."""
+        for words in self._refused.looks(self._wayside.refused()):
+            say(words)
 
     def doors(self, now_ns: int) -> None:
         self._centre.step_doors(now_ns)
@@ -144,6 +155,27 @@ class _Line:
         for who in self._wayside.failed[self._failed :]:
             say(f"{who} is silent from now on: its memory cannot be written")
         self._failed = len(self._wayside.failed)
+
+
+class Refused:
+    """Each reason is told when it comes up, and then once in a while how often it did."""
+
+    def __init__(self) -> None:
+        self._looks = 0
+        self._told: dict[str, tuple[int, int]] = {}
+        """By reason: how many, and at which look."""
+
+    def looks(self, counts: Mapping[str, int]) -> list[str]:
+        """Words for what is to be told now; counts only grow."""
+        self._looks += 1
+        said = []
+        for reason, count in counts.items():
+            before, at = self._told.get(reason, (0, -REFUSED_EVERY))
+            if count > before and self._looks - at >= REFUSED_EVERY:
+                self._told[reason] = (count, self._looks)
+                more = count - before
+                said.append(f"refused: {more} message{'s' if more > 1 else ''}, {reason}")
+        return said
 
 
 def _readable(store: CheckedStore[M], fresh: M) -> M:

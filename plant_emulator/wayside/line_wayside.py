@@ -132,6 +132,13 @@ class LineWayside:
         out += self.track.step(now_ns, to_wayside, axles=truth.axles)
         return orders + [(t2t_keys.key_of(self._line_name, m), pack(m, self._key)) for m in out]
 
+    def refused(self) -> Counter[str]:
+        """Messages that were not acted on, by reason: all of them so far."""
+        found = self.refusals.copy()
+        for arbiter in self.arbiters.values():
+            found.update({each.value: n for each, n in arbiter.gate.refusals.items()})
+        return found
+
     def _note(self, before: ArbiterMemory, after: ArbiterMemory, now_ns: int) -> None:
         """Whom an arbiter granted what, for displays."""
         assert self.centre is not None

@@ -234,6 +234,8 @@ class VobcDevice:
             desk.tell(now_ns, map(_frame_rejected, inbox.refusals.due(now_ns)))
         if link.refusals.waiting:
             desk.tell(now_ns, map(_radio_refused, link.refusals.due(now_ns)))
+        if self._command is not None and self._command.refusals.waiting:
+            desk.tell(now_ns, map(_radio_refused, self._command.refusals.due(now_ns)))
         self._send(now_ns, *desk.due())
 
     def _send(self, now_ns: int, *frames: Frame) -> None:

@@ -12,6 +12,7 @@ from vobc.process.line_silence import LineSilence
 from vobc.t2t.vocabulary import HeldAuthority, OwnTrain
 from vobc.vocabulary import Authority, Event, Motion, Restriction
 from vobc.wire.line_radio import LineRadio
+from vobc.wire.refusals import Refusals
 from zenoh_config.timers import LineTimers
 
 BEAT_MS: Final = 10.0
@@ -62,6 +63,8 @@ class LineCommand:
         )
         self._curve = braking.on(line.worst_gradient_permille(line.start_m, line.end_m))
         self._cycle_s = config.cycle_ms * S_PER_MS
+        self.refusals = Refusals()
+        """Of the line's radio."""
         self._out: list[tuple[str, bytes]] = []
         self.out_of_service = False
 
@@ -83,8 +86,16 @@ class LineCommand:
         if self.radio.is_due(now_ns):
             self._out += self.radio.step(now_ns, self._own(motion), apply=False)
             self.send(now_ns)
+        self._note_refusals()
         if self._write_down is not None:
             self._write_down()
+
+    def _note_refusals(self) -> None:
+        now, before = self.radio.refused(), self.refusals.totals
+        for reason, count in now.items():
+            more = count - before[0, reason]
+            if more > 0:
+                self.refusals.note(0, reason, "from the line", more)
 
     def silence(self, now_ns: int, from_centre: int) -> Event | None:
         """That nobody is heard any more, or is again; `from_centre` counts what came from there."""

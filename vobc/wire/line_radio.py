@@ -62,6 +62,10 @@ class LineRadio:
                 self._heard.append(heard)
         return others
 
+    def refused(self) -> Counter[str]:
+        """Messages that were not acted on, by reason: all of them so far."""
+        return self.refusals + self._core.refusals
+
     def is_due(self, now_ns: int) -> bool:
         """A step would have something to do."""
         return bool(self._heard) or now_ns >= self._core.next_due_ns()

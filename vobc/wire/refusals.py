@@ -35,13 +35,13 @@ class Refusals:
         self._waiting: dict[Key, tuple[int, str]] = {}
         self._told_ns: dict[Key, int] = {}
 
-    def note(self, number: int, reason: str, detail: str) -> None:
+    def note(self, number: int, reason: str, detail: str, count: int = 1) -> None:
         key = (number, reason)
         if key not in self.totals and len(self.totals) >= KEYS_MAX:
             key = OTHERS
-        self.totals[key] += 1
-        count, _ = self._waiting.get(key, (0, ""))
-        self._waiting[key] = (count + 1, detail)
+        self.totals[key] += count
+        before, _ = self._waiting.get(key, (0, ""))
+        self._waiting[key] = (before + count, detail)
 
     @property
     def waiting(self) -> bool:
