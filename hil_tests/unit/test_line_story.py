@@ -2,6 +2,8 @@
 
 from dataclasses import replace
 
+import pytest
+
 from can_dbc.vobc import Cause, Supervision
 from firmware_py.ports import RadioMessage
 from firmware_py.trackdb import load_line
@@ -11,7 +13,7 @@ from hil_tests.unit.test_t2t_envelope import REPORT
 from metro_hil.t2t_run.results import result_of
 from metro_hil.t2t_run.story import LineStory
 from metro_hil.t2t_run.verdict import complaints, emergency_words
-from plant_emulator.wayside.detection import Place
+from plant_emulator.wayside.detection import Place, packed, subscription
 from zenoh_config import keys
 from zenoh_config.codec import pack
 from zenoh_config.t2t import BROADCAST, AreaAuthority, Heartbeat, Phase, T2tMessage
@@ -194,4 +196,15 @@ def test_what_is_under_the_key_of_another_is_not_believed() -> None:
     told.story.hears([RadioMessage(0, key_of("loop", replace(BEAT, source=4)), pack(BEAT))])
 
     assert told.said == []
+    assert told.story.refused == 1
+
+
+@pytest.mark.parametrize(
+    ("train", "payload"), [("x", packed(Place(9.0, 1.0, 16))), ("3", b"?"), ("", b"")]
+)
+def test_what_is_no_place_of_a_train_ends_no_run(train: str, payload: bytes) -> None:
+    told = Told()
+    told.story.hears([RadioMessage(0, subscription("loop").removesuffix("*") + train, payload)])
+
+    assert set(told.story.trains) == {1, 2}
     assert told.story.refused == 1

@@ -124,9 +124,11 @@ class LineStory:
     def hears(self, messages: Iterable[RadioMessage]) -> None:
         for message in messages:
             if message.key.startswith(self._rails):
-                if len(message.payload) == LAYOUT.size:
-                    number = int(message.key.removeprefix(self._rails))
-                    self.stands(number, Place(*LAYOUT.unpack(message.payload)))
+                number = message.key.removeprefix(self._rails)
+                if len(message.payload) == LAYOUT.size and number.isdecimal():
+                    self.stands(int(number), Place(*LAYOUT.unpack(message.payload)))
+                else:
+                    self.refused += 1
                 continue
             heard = unpack(message.payload, self._key)
             name = self._map.name
