@@ -53,6 +53,7 @@ from vobc.process.event_log import FRAMES_PER_CYCLE
 from vobc.process.line_command import LineCommand
 from vobc.process.line_silence import LineSilence
 from vobc.vocabulary import Event
+from vobc.wire.refusals import Refusals
 from zenoh_config import keys
 from zenoh_config.codec import BENCH_KEY, pack, unpack
 from zenoh_config.messages import MovementAuthority, PositionReport, TrainOrders, TrainStatus
@@ -521,11 +522,13 @@ def test_a_memory_that_was_lost_is_the_first_thing_that_is_told(tmp_path: Path) 
     assert kinds[:3] == ["MEMORY_LOST", "SUPERVISION", "MODE"]
 
 
-def test_that_nobody_is_heard_on_a_line_is_an_event_on_the_bus_and_in_the_log(
+def test_who_is_not_heard_and_what_is_refused_on_a_line_are_events_on_the_bus_and_in_the_log(
     tmp_path: Path,
 ) -> None:
-    silence = LineSilence("tcp/127.0.0.1:7448")
-    command = Mock(held=None, radio=Mock(key=BENCH_KEY), silence=silence.look)
+    silence, refusals = LineSilence("tcp/127.0.0.1:7448"), Refusals()
+    refusals.note(0, "too old", "from the line", 3)
+    radio = Mock(key=BENCH_KEY)
+    command = Mock(held=None, radio=radio, silence=silence.look, refusals=refusals)
     log = EventLines(tmp_path / "events.jsonl")
     world = World(events=log, command=command)
     # Its wayside falls silent for the centre's part, too.
@@ -536,6 +539,8 @@ def test_that_nobody_is_heard_on_a_line_is_an_event_on_the_bus_and_in_the_log(
 
     (lost,) = [each for each in entries(log.path) if "line's radio" in each["words"]]
     assert (lost["kind"], lost["value"]) == ("INPUT_LOST", 0)
+    (refused,) = [each for each in entries(log.path) if each["kind"] == "RADIO_REFUSED"]
+    assert refused["words"] == "3 messages on the radio refused: too old, from the line"
     told = [(each.event, each.cause) for _, each in world.heard if isinstance(each, VobcEvent)]
     assert (EventKind.INPUT_LOST, 0) in told
 

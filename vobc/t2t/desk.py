@@ -290,12 +290,8 @@ class AreaDesk:
         return [
             LeaseRequest(
                 *self._speaker.head(now_ns, to=arbiter, area=area, term=request.term),
-                request.kind,
-                request.nonce,
-                request.successor,
-                request.less_ns,
-                len(self._config.arbiters),
-                self._config.timers.lease_ms,
+                *(request.kind, request.nonce, request.successor, request.less_ns),
+                *(len(self._config.arbiters), self._config.timers.lease_ms),
             )
             for arbiter in self._config.arbiters
         ]
