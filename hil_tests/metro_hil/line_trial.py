@@ -22,14 +22,7 @@ from metro_hil.line_networks.carrier import Carrier
 from metro_hil.line_networks.ether_process import OWN_ENDPOINT
 from metro_hil.line_networks.options import OwnNetworks, add_options, networks_of
 from metro_hil.line_networks.topology import HELP, TOPOLOGIES, Topology, is_peer
-from metro_hil.line_seat import (
-    AXLES,
-    LENGTH_M,
-    LINE,
-    SECTION_M,
-    config_of,
-    front_of,
-)
+from metro_hil.line_seat import AXLES, LENGTH_M, LINE, SECTION_M, config_of, front_of
 from metro_hil.options import EXIT_ENVIRONMENT
 from plant_emulator.wayside.line_wayside import Disks, LineWayside, Truth
 from plant_emulator.wayside.t2t_vocabulary import ArbiterMemory
