@@ -120,10 +120,10 @@ class Arbiter:
     def _agrees(self, request: LeaseRequest) -> bool:
         """Its sender counts on as many arbiters as there are, and on leases as long as they are."""
         rules = request.arbiters, request.lease_ms
-        if rules == (self._arbiters, self._timers.lease_ms):
-            return True
-        self.gate.refusals[RefusedReason.OTHER_RULES] += 1
-        return False
+        agrees = rules == (self._arbiters, self._timers.lease_ms)
+        if not agrees:
+            self.gate.refusals[RefusedReason.OTHER_RULES] += 1
+        return agrees
 
     def _answer(self, request: LeaseRequest, now_ns: int) -> LeaseAnswer:
         granted = self._grants(request, now_ns)
