@@ -215,12 +215,25 @@ def test_expired_and_future_certificates_are_told_with_their_dates(tmp_path: Pat
         load_credentials(tmp_path, "T1", 999_000_000 * NS_PER_S)
 
 
+@pytest.mark.parametrize(
+    "host", ["bad host!", "", "-a", "a..b", "a_b", "x" * 64, "::g", "é.example"]
+)
+def test_what_is_no_host_gets_no_certificate(
+    host: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit):
+        vobc(["demo-ca", str(tmp_path / "ca"), f"--host={host}"])
+
+    assert f"{host!r} is neither the name of a host nor an address" in capsys.readouterr().err
+    assert not (tmp_path / "ca").exists()
+
+
 def test_the_command_makes_them_once_and_says_what_to_do_next(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = str(tmp_path / "ca")
 
-    assert vobc(["demo-ca", folder, "--trains", "1", "--host", "metro.example"]) == 0
+    assert vobc(["demo-ca", folder, "--trains", "1", "--host", "metro-1.example"]) == 0
     assert f"plant wayside --line loop --secure {folder}" in capsys.readouterr().out
     assert ((tmp_path / "ca" / "T1.key").stat().st_mode & 0o777) == 0o600
 

@@ -2,6 +2,7 @@
 
 import argparse
 import ipaddress
+import re
 import secrets
 import sys
 from collections.abc import Sequence
@@ -34,6 +35,8 @@ KEY_BYTES: Final = 32
 DAY_S: Final = 86_400
 PRIVATE_MODE: Final = 0o600
 HOSTS: Final = ("localhost", "127.0.0.1")
+LABEL: Final = r"[A-Za-z0-9](?:[A-Za-z0-9-]{0,61}[A-Za-z0-9])?"
+NAME: Final = re.compile(rf"{LABEL}(?:\.{LABEL})*")
 NS_PER_S: Final = 1_000_000_000
 
 
@@ -164,12 +167,24 @@ def _parser() -> argparse.ArgumentParser:
     top.add_argument("--days", type=_days, default=30.0, help="they are valid; default: 30")
     top.add_argument(
         "--host",
+        type=_host_name,
         action="append",
         default=[],
         metavar="NAME|ADDRESS",
         help="of the wayside, beside this machine itself; may be given several times",
     )
     return top
+
+
+def _host_name(text: str) -> str:
+    """An address, or what a name of a host may be (RFC 1123)."""
+    if NAME.fullmatch(text) is None:
+        try:
+            ipaddress.ip_address(text)
+        except ValueError:
+            message = f"{text!r} is neither the name of a host nor an address"
+            raise argparse.ArgumentTypeError(message) from None
+    return text
 
 
 def _trains(text: str) -> int:
