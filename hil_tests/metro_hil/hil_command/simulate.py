@@ -51,6 +51,9 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
         default="line",
         help="paper: the rules of the paper, word by word, to see what becomes of them",
     )
+    parser.add_argument(
+        "--timers", choices=("A", "B"), help="only seeds that have drawn these timers"
+    )
     parser.add_argument("--bytes", action="store_true", help="every seed through the real codec")
     parser.add_argument("--trace", action="store_true", help="tell what happens, event by event")
     parser.add_argument(
@@ -71,6 +74,8 @@ def run(options: argparse.Namespace) -> int:
 
     if options.trace and options.workers > 1:
         raise UsageError("--trace tells one story: it takes one worker")
+    if options.timers and options.protocol == "paper":
+        raise UsageError("--timers: the paper's rules have none of them")
     job = Job(
         protocol=options.protocol,
         phases=Phases(trouble_s=60.0 * options.minutes),
@@ -134,6 +139,17 @@ def _journal(options: argparse.Namespace) -> "Journal | None":
 
 
 def _wanted(options: argparse.Namespace, total: "Total") -> Iterator[int]:
+    every = _in_turn(options, total)
+    if options.timers is None:
+        return every
+    from metro_hil.network.drawing import draw
+
+    if options.seed is not None and draw(options.seed).timers != options.timers:
+        raise UsageError(f"--timers {options.timers}: seed {options.seed} has drawn the others")
+    return (seed for seed in every if draw(seed).timers == options.timers)
+
+
+def _in_turn(options: argparse.Namespace, total: "Total") -> Iterator[int]:
     if options.seed is not None:
         yield options.seed
         return

@@ -97,6 +97,11 @@ class Draw:
     ordered: bool = False
     """Trains are taken out of service by order, too."""
 
+    @property
+    def timers(self) -> str:
+        """A or B."""
+        return "B" if self.cast.config.timers == TIMERS_B else "A"
+
 
 def draw(seed: int) -> Draw:
     """The same for the same seed."""

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import fields
+from pathlib import Path
 from typing import Any, get_type_hints
 
 import pytest
@@ -12,9 +13,10 @@ from metro_hil.network.checker import ViolationError
 from metro_hil.network.coverage import FORMULAS, everything
 from metro_hil.network.deaf_lures import DEAF_LURES
 from metro_hil.network.directed import SCENARIOS, at_speed
+from metro_hil.network.drawing import draw
 from metro_hil.network.hidden_lures import HIDDEN_LURES
 from metro_hil.network.lures import LURES
-from metro_hil.network.many import run_many
+from metro_hil.network.many import Journal, run_many
 from metro_hil.network.model import MODELS, search
 from metro_hil.network.mutants import ALL_SCENARIOS, ARGUED, NOTICED, mutants, noticed_by
 from metro_hil.network.run import Phases
@@ -24,6 +26,7 @@ from metro_hil.network.term_lures import TERM_LURES
 from vobc.t2t import switch
 from vobc.t2t.guards import LeaseGuards, MasterGuards, MemberGuards
 from zenoh_config.t2t import OrderKind, SwitchKind, SwitchStep
+from zenoh_config.timers import TIMERS_B
 
 QUICK = Job(Phases(trouble_s=15.0))
 SEEDS = (3, 8, 16)
@@ -184,3 +187,16 @@ def test_the_command_says_what_was_looked_at_and_gone_through(
     assert code == 0
     for words in ("events a CPU second", "looked at: 19 ", "never gone through:", "nothing broken"):
         assert words in said
+
+
+def test_seeds_are_left_out_that_have_drawn_other_timers(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["simulate", "--seeds", "10..20", "--timers", "B", "--minutes", "0.05"]
+
+    code = main([*words, "--journal", str(tmp_path / "journal.jsonl")])
+
+    played = [result.seed for result in Journal(tmp_path / "journal.jsonl").results]
+    assert code == 0, capsys.readouterr().out
+    assert played == [seed for seed in range(10, 21) if draw(seed).cast.config.timers == TIMERS_B]
+    assert 0 < len(played) < 11

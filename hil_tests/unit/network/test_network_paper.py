@@ -163,6 +163,8 @@ def test_a_journal_spares_what_it_has_and_forgives_a_torn_last_line(tmp_path: Pa
         (["--minutes", "-1"], "not more than 0"),
         (["--trace", "--workers", "2"], "takes one worker"),
         (["--journal", "/proc/nowhere/x"], "--journal"),
+        (["--timers", "B", "--seed", "1"], "seed 1 has drawn the others"),
+        (["--timers", "B", "--protocol", "paper"], "the paper's rules have none"),
     ],
 )
 def test_wrong_words_get_one_line(
