@@ -122,6 +122,27 @@ def test_a_train_is_held_until_it_is_let_go_and_every_answer_to_it_says_so() -> 
     assert [each.sequence for each in site.orders] == [41, 42, 43]
 
 
+@pytest.mark.parametrize(
+    ("wanted", "back", "another"),
+    [
+        (DecreeKind.HOLD, DecreeKind.LET_GO, DecreeKind.SKIP),
+        (DecreeKind.SKIP, DecreeKind.CALL, DecreeKind.HOLD),
+    ],
+)
+def test_what_was_not_decreed_is_not_taken_back(
+    wanted: DecreeKind, back: DecreeKind, another: DecreeKind
+) -> None:
+    site = known()
+    assert site.decree(back) is DecreeAnswer.NOT_THERE
+
+    assert site.decree(another) is DecreeAnswer.DONE
+    assert site.decree(back) is DecreeAnswer.NOT_THERE
+
+    assert site.decree(wanted) is DecreeAnswer.DONE
+    assert site.decree(back) is DecreeAnswer.DONE
+    assert site.decree(back) is DecreeAnswer.NOT_THERE
+
+
 def test_a_skipped_station_is_one_only() -> None:
     site = known()
     assert site.decree(DecreeKind.SKIP) is DecreeAnswer.DONE

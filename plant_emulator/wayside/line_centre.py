@@ -196,6 +196,8 @@ class LineCentre:
         was = self._of(train)
         name, value = CHANGES[decree.kind]
         now = was._replace(**{name: value})
+        if decree.kind in (DecreeKind.LET_GO, DecreeKind.CALL) and now == was:
+            return DecreeAnswer.NOT_THERE
         if decree.kind is DecreeKind.RELEASE:
             now = now._replace(releases=was.releases + 1)
         if decree.kind is DecreeKind.SKIP:

@@ -29,6 +29,8 @@ from zenoh_config.t2t_supervision import DecreeKind
 
 LOOK_S: Final = 1.5
 """So long is listened before anything is said."""
+SESSION_S: Final = 5.0
+"""For so long it waits for a session: two attempts by TLS on a busy machine, and a bit."""
 OF_TRAIN: Final = {
     "hold": (DecreeKind.HOLD, DecreeKind.LET_GO),
     "skip": (DecreeKind.SKIP, DecreeKind.CALL),
@@ -71,15 +73,15 @@ def _supervise(options: argparse.Namespace, areas: AreaMap) -> int:
     ) as port:
         view.tokens = lambda: port.present
         desk = Desk(clock, view, port, key)
-        displays = options.verb in ("line", "master")
-        desk.listen(LOOK_S, lambda: not displays and view.complete)
-        if not port.connected:
+        if not desk.listen(SESSION_S, lambda: port.connected):
             also = "" if secure is None else ", and of the same authority"
             print(
                 f"vobc: {options.line_radio}: no session; is a wayside there{also}?",
                 file=sys.stderr,
             )
             return EXIT_ENVIRONMENT
+        displays = options.verb in ("line", "master")
+        desk.listen(LOOK_S, lambda: not displays and view.complete)
         return _obey(options, desk, view, clock)
 
 
