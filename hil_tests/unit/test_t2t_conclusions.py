@@ -271,10 +271,55 @@ def test_no_train_comes_farther_than_one_ahead_of_it_that_obeys_this_master() ->
     assert known.reserved_m(order_of(1, 2, 3, 4, 5)) == {
         1: 1_000_000.0,
         2: 850.0,
-        3: 850.0,
+        3: 950.0,
         4: 850.0,
         5: 290.0,
     }
+
+
+def test_who_has_never_known_what_it_holds_comes_no_farther_than_the_one_ahead() -> None:
+    never = replace(report(2, 500.0), latent_m=1e6)
+    known = conclusions(report(1, 900.0, held_end_m=1500.0), never, report(3, 300.0, term=4))
+
+    assert known.reserved_m(order_of(1, 2, 3)) == {1: 1500.0, 2: 1500.0, 3: 1500.0}
+
+
+@pytest.mark.parametrize(("rear_m", "own_m"), [(893.0, 980.0), (892.9, 1e6), (100.0, 1e6)])
+def test_who_began_anew_bounds_itself_where_it_was_and_nobody_behind(
+    rear_m: float, own_m: float
+) -> None:
+    """It may have left, and come back behind those that were behind it (seed 66510)."""
+    known = conclusions(report(2, 500.0, held_end_m=650.0), report(3, 300.0, term=4))
+    known.add(RosterEntry(1, 900.0, True, 1), NOW_NS)
+    known.hears_newborn(replace(report(1, rear_m, boot=2), latent_m=980.0))
+
+    assert known.reserved_m(order_of(1, 2, 3)) == {1: own_m, 2: 650.0, 3: 650.0}
+    assert known.reserved_m(order_of(1, 3)) == {1: own_m, 3: 1e6}
+
+
+def test_a_new_life_that_does_not_know_where_it_is_bounds_nothing_until_it_did() -> None:
+    known = conclusions()
+    known.add(RosterEntry(1, 900.0, True, 1), NOW_NS)
+    lost = replace(report(1, 900.0, boot=2), latent_m=990.0, localised=False)
+    known.hears_newborn(lost)
+
+    assert known.reserved_m(order_of(1)) == {1: 1e6}
+
+    known.hears_newborn(report(1, 900.0, boot=2))
+    assert known.reserved_m(order_of(1)) == {1: 980.0}
+    known.hears_newborn(lost)
+    assert known.reserved_m(order_of(1)) == {1: 990.0}
+
+
+def test_the_rear_of_a_new_life_is_no_farther_than_its_front_is_unsure_of() -> None:
+    known = conclusions()
+    known.add(RosterEntry(1, 900.0, True, 1), NOW_NS)
+    sure = report(1, 890.0, boot=2)
+    known.hears_newborn(replace(sure, front_max_m=sure.front_min_m + 2.9))
+    assert known.reserved_m(order_of(1)) == {1: 1e6}
+
+    known.hears_newborn(replace(sure, front_max_m=sure.front_min_m + 3.0))
+    assert known.reserved_m(order_of(1)) == {1: 970.0}
 
 
 SITE = ObjectSite(3, ObjectKind.CROSSING, 700.0, 720.0)

@@ -6,7 +6,7 @@ from firmware_py.trackdb.areas import ObjectSite
 from vobc.t2t.authority import Stretch
 from vobc.t2t.guards import Freshness, MasterGuards, Promise, Reach
 from vobc.t2t.roster import Order
-from vobc.t2t.table import UNBOUNDED_M, Record, TrainTable
+from vobc.t2t.table import UNBOUNDED_M, Record, TrainTable, rear_max_m
 from vobc.t2t.track_view import TrackView, hidden_between, moved_on_m, way_m
 from vobc.t2t.vocabulary import T2tConfig
 from zenoh_config.t2t import RosterEntry, SyncEntry, TrainReport
@@ -58,6 +58,8 @@ class Conclusions:
         record = self.records[report.source]
         if report.term == self.term and report.boot > record.boot:
             record.anew_m = report.latent_m
+            if report.localised:
+                record.anew_rear_m = rear_max_m(report)
 
     def has_promised(self, record: Record) -> bool:
         """It obeys no older term any more."""
@@ -105,17 +107,21 @@ class Conclusions:
         """By train, the farthest that it may come by anything that it was granted.
 
         What a train that has not promised holds is not known; but it was never granted more than
-        the way to the rear of the train ahead, and so no more than that one may come to.
+        the way to the rear of the train ahead, and so no more than that one may come to. Only who
+        lives on is surely still ahead: who began anew may have left and come back behind the
+        others, and bounds itself alone.
         """
         reserved_m: dict[int, float] = {}
         bound_m = UNBOUNDED_M
         for entry in order:
             record = self.records[entry.train]
+            own_m = UNBOUNDED_M
             if self.has_promised(record):
-                bound_m = min(bound_m, record.granted_m)
-            elif record.anew_m is not None:
-                bound_m = min(bound_m, record.anew_m)
-            reserved_m[entry.train] = bound_m
+                own_m = record.granted_m
+                bound_m = min(bound_m, own_m)
+            elif record.anew_rear_m >= record.rear_m - self._config.behind_rear_m:
+                own_m = record.anew_m
+            reserved_m[entry.train] = own_m if own_m < UNBOUNDED_M else bound_m
         return reserved_m
 
     def reaches(self, site: ObjectSite, order: Sequence[RosterEntry]) -> list[Reach]:

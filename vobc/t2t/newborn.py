@@ -13,7 +13,7 @@ from vobc.t2t.admission import Scene, are_known, is_over_border, is_sieved, line
 from vobc.t2t.conclusions import Conclusions
 from vobc.t2t.guards import MasterGuards
 from vobc.t2t.roster import Order
-from vobc.t2t.table import Record
+from vobc.t2t.table import Record, rear_max_m
 from vobc.t2t.vocabulary import T2tConfig
 from zenoh_config.t2t import NOBODY, RosterEntry, TrainReport
 
@@ -58,9 +58,7 @@ def whereabouts(
     former: Former, report: TrainReport, evidence: Evidence, *, behind_rear_m: float
 ) -> Whereabouts:
     """The report is of the new life, and knows its place."""
-    # The rear that it tells is behind the true one by what the front is unsure of, at most.
-    rear_max_m = report.rear_min_m + (report.front_max_m - report.front_min_m)
-    gone_back = rear_max_m < former.record.rear_m - behind_rear_m
+    gone_back = rear_max_m(report) < former.record.rear_m - behind_rear_m
     overtaken = any(each.rear_m > report.front_max_m for each in former.behind)
     if gone_back or overtaken:
         # A word may be of somebody else by the same name; what is counted on the track is not.

@@ -34,9 +34,10 @@ class Record:
     """By its newest report, also of one that does not know where it is."""
     served: bool = False
     """It was given an authority under this master's term."""
-    anew_m: float | None = None
-    """It began anew since, and obeys no older term: by all that it holds now it comes no farther.
-    None: nothing of that was heard."""
+    anew_m: float = UNBOUNDED_M
+    """It began anew since, and obeys no older term: by all that it holds now it comes no farther."""
+    anew_rear_m: float = -UNBOUNDED_M
+    """Its rear in that life, at the farthest; until it is heard of, nowhere on the line."""
     stopped: bool = False
     """Supervision has ordered its authority to end where it stands."""
     sent: list[tuple[int, float]] = field(default_factory=list)
@@ -81,6 +82,13 @@ class Record:
     def granted_m(self) -> float:
         """The farthest its front may come by anything that it holds, may yet take or gave up."""
         return max([self.latent_m, *[end_m for _, end_m in self.sent]])
+
+
+def rear_max_m(report: TrainReport) -> float:
+    """The farthest that the rear can be: beyond the one that is told by what the front is unsure
+    of.
+    """
+    return report.rear_min_m + (report.front_max_m - report.front_min_m)
 
 
 class TrainTable:
