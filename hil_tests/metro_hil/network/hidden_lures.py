@@ -139,11 +139,43 @@ def hangs_over(make: Make) -> None:
     scene.expect("the other comes no nearer", scene.end_m(RUNS_ON) == line_m - 11.0)
 
 
+def came_back_behind(make: Make) -> None:
+    """The first of three is driven off the line unheard, the second is dead, and the first begins
+    anew behind the third, near one that nobody hears: that it comes no farther than there is true
+    of nobody else, and so no reason to let an object go that the third may run over.
+    """
+    line_m, platform_m, platform = 4000.0, 2800.0, 2
+    fronts_m = {1: 2400.0, 2: line_m - 120.0, 3: line_m - 30.0, 4: 290.0}
+    stops_m = sorted(fronts_m.values())
+    scene = make(Plot(fronts_m, area_m=line_m, objects=True, stops_m=stops_m, dwell_s=200.0))
+    for address in scene.others(4):
+        scene.net.boot(address)
+    scene.until_without([4], within_s=20.0)
+    third, first = scene.world.trains[1], scene.world.trains[3]
+    for address in (2, 3):
+        scene.net.kill(address)
+    first.shunts = True
+    scene.until("it is off the line", lambda: first.rear_m > line_m + 20.0, within_s=120.0)
+    first.shunts = False
+    first.motion = Motion(scene.net.now_ns, 390.0, emergency_mps2=1.0)
+    scene.net.boot(3)
+    scene.run(3.0)
+    end_m = scene.end_m(1)
+    scene.expect(f"the third may pass: {end_m}", end_m is not None and end_m > platform_m + 300.0)
+    thing = scene.world.track.objects[platform]
+    thing.release_wanted = True
+    scene.until("it is let go", lambda: not thing.locked, within_s=10.0)
+    end_m = scene.end_m(1)
+    scene.expect(f"the third stops: {end_m}", end_m is not None and end_m <= platform_m)
+    scene.expect("no emergency brake", third.emergencies == 0)
+
+
 HIDDEN_LURES: Final[tuple[Scenario, ...]] = (
     Scenario("late-report", 0, "a report comes when its train is elsewhere", late_report),
     Scenario("lost-on-its-way", 0, "a train runs on after it lost its place", lost_on_its_way),
     Scenario("towed-away", 0, "a train that stood is driven on by hand", towed_away),
     Scenario("hangs-over", 0, "one that nobody hears leaves the line at its end", hangs_over),
+    Scenario("came-back-behind", 0, "a train left and came back behind others", came_back_behind),
     Scenario("packed-line", 0, "trains stand on every joint, and all begin", packed_line),
     Scenario("full-line", 0, "trains stand everywhere, and all begin", full_line),
 )
