@@ -35,7 +35,7 @@ class Record:
     served: bool = False
     """It was given an authority under this master's term."""
     anew_m: float = UNBOUNDED_M
-    """It began anew since, and obeys no older term: by all that it holds now it comes no farther."""
+    """It began anew since, and obeys no older term: it comes no farther by all that it holds."""
     anew_rear_m: float = -UNBOUNDED_M
     """Its rear in that life, at the farthest; until it is heard of, nowhere on the line."""
     stopped: bool = False
