@@ -1,10 +1,13 @@
 """What a seed plays is a line that can be played, and lines differ."""
 
 import itertools
+import random
+from collections import Counter
 
 import pytest
 
-from metro_hil.network.drawing import EVEN_BELOW, Draw, draw
+from metro_hil.network.drawing import CHOOSY_FROM, EVEN_BELOW, Draw, draw
+from metro_hil.network.mischief import some_of
 
 ANY = [draw(seed) for seed in range(EVEN_BELOW, EVEN_BELOW + 300)]
 
@@ -58,3 +61,14 @@ def test_stops_are_on_the_line() -> None:
         stops_m = list(drawn.setting.stops_m)
         assert stops_m == sorted(stops_m)
         assert all(0.0 < stop_m < drawn.cast.line.end_m for stop_m in stops_m)
+
+
+def test_a_choosy_seed_takes_some_of_what_may_happen_and_each_as_often_as_it_comes() -> None:
+    assert [draw(CHOOSY_FROM - 1).choosy, draw(CHOOSY_FROM).choosy] == [False, True]
+    things = [(name, list) for name in "aabcccc"]
+
+    chosen = [Counter(n for n, _ in some_of(things, random.Random(n))) for n in range(300)]
+
+    assert {len(each) for each in chosen} == {1, 2, 3}
+    assert {name for each in chosen for name in each} == {"a", "b", "c"}
+    assert {times for each in chosen for times in each.values()} == {1, 2, 4, 8}

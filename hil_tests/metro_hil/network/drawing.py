@@ -29,6 +29,8 @@ EVEN_BELOW: Final = 10_000
 each; from this one on all of that is drawn, too."""
 ORDERED_FROM: Final = 20_000
 """From this seed on supervision takes trains out of service by order, too."""
+CHOOSY_FROM: Final = 100_000
+"""From this seed on not everything happens on the railway, and some of it far more often."""
 PLACES_M: Final = 10.0
 """Borders and objects lie at whole multiples of this."""
 
@@ -96,6 +98,9 @@ class Draw:
     """Mean time from one thing that happens on the railway to the next."""
     ordered: bool = False
     """Trains are taken out of service by order, too."""
+    choosy: bool = False
+    """Of what may happen on the railway only a part does, each with a frequency of its own: what
+    comes of one thing after the other hides where everything happens now and then."""
 
     @property
     def timers(self) -> str:
@@ -153,6 +158,7 @@ def _draw_any(seed: int) -> Draw:
         leisurely=rng.random() < 0.8,
         between_s=rng.choice((3.0, 6.0, 12.0, 12.0, 24.0)),
         ordered=seed >= ORDERED_FROM,
+        choosy=seed >= CHOOSY_FROM,
     )
 
 

@@ -5,7 +5,7 @@ leave the line at its end and come back at its beginning.
 """
 
 import random
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Final
 
 from metro_hil.network.depot import Depot
@@ -20,6 +20,16 @@ ALL_CLEAR_NS: Final = (0, 4 * NS_PER_S, 9 * NS_PER_S)
 """Not all hear it the first time: a process may stand for 8 s yet."""
 
 
+Thing = tuple[str, Callable[[], object]]
+
+
+def some_of(things: Sequence[Thing], rng: random.Random) -> list[Thing]:
+    """Each kind or not, by even odds, but one at least; and each of them once or several times."""
+    kinds = dict(things)
+    chosen = [name for name in kinds if rng.random() < 0.5] or [rng.choice(list(kinds))]
+    return [(name, kinds[name]) for name in chosen for _ in range(rng.choice((1, 1, 2, 4, 8)))]
+
+
 class Mischief:
     """Begins things at random on a line world; `calm` undoes all and begins none any more."""
 
@@ -28,7 +38,7 @@ class Mischief:
         self.counts: dict[str, int] = {}
         self._rng = random.Random(seed ^ 0x315C)
         self._over = False
-        self._things: list[tuple[str, Callable[[], object]]] = [
+        self._things: list[Thing] = [
             ("rolls back", self._roll_back),
             ("rolls back", self._roll_back),
             ("jog", self._jog),
@@ -46,6 +56,8 @@ class Mischief:
             self._things.append(("out of service by order", self._retire))
         if world.track.objects:
             self._things += 4 * [("object wish", self._wish)]
+        if world.drawn.choosy:
+            self._things = some_of(self._things, random.Random(seed ^ 0xC4005))
 
     def begin(self) -> None:
         wait_s = self._rng.expovariate(1.0 / self.world.drawn.between_s)
