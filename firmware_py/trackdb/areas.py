@@ -16,7 +16,10 @@ DIVISIONS: Final = "firmware_py.trackdb.division"
 BESIDE: Final = ".areas.toml"
 """`my_line.areas.toml` divides the track of `my_line.toml`."""
 ROUNDING: Final = 1e-9
-"""Of a section's length: a shorter piece at the end of an area is none."""
+"""Of a section's length."""
+SECTION_MIN_M: Final = 25.0
+"""More than lies between any two neighbouring axles of a train: one that stands over a shorter
+section may have no axle in it, and nobody could tell that from a gap between two trains."""
 
 
 class ObjectKind(enum.IntEnum):
@@ -176,8 +179,9 @@ class Division:
     borders_m: tuple[float, ...]
     """Start of the line, borders of areas, end of the line; areas are numbered from 1."""
     section_m: float
-    """Length of the sections that count axles; the last of an area may be shorter. 0: there are
-    none, and nobody notices a train that says nothing."""
+    """Length of the sections that count axles; the last of an area may be shorter, and of less than
+    `SECTION_MIN_M` that would be left the one before it is longer. 0: there are none, and nobody
+    notices a train that says nothing."""
     apply_m: float
     objects: tuple[ObjectSite, ...] = ()
 
@@ -186,6 +190,11 @@ class Division:
             raise ValueError("borders_m: a line has a start and an end")
         if not self.section_m >= 0.0:
             raise ValueError(f"section_m {self.section_m} is negative")
+        if 0.0 < self.section_m < SECTION_MIN_M:
+            raise ValueError(
+                f"section_m {self.section_m}: between two axles of a train there is room for it, "
+                f"which counts as clear then; at least {SECTION_MIN_M:g}, or 0 for none"
+            )
         if self.section_m and (self.borders_m[-1] - self.borders_m[0]) / self.section_m > 10_000:
             raise ValueError(f"section_m {self.section_m} makes more than 10,000 sections")
         self.area_map()
@@ -243,7 +252,7 @@ def _sections(borders_m: Sequence[float], length_m: float) -> tuple[TrackSection
     """Sections end where areas do."""
     ends_m: list[float] = []
     for start_m, end_m in itertools.pairwise(borders_m if length_m else ()):
-        pieces = math.ceil((end_m - start_m) / length_m - ROUNDING)
-        ends_m += [start_m + n * length_m for n in range(1, pieces)] + [end_m]
+        before_last = max(0, math.floor((end_m - start_m - SECTION_MIN_M) / length_m + ROUNDING))
+        ends_m += [start_m + n * length_m for n in range(1, before_last + 1)] + [end_m]
     joints_m = itertools.pairwise([borders_m[0], *ends_m])
     return tuple([TrackSection(n, a, b) for n, (a, b) in enumerate(joints_m, 1)])

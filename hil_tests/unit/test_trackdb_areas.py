@@ -49,9 +49,21 @@ def test_a_line_without_sections_has_none() -> None:
     assert divided(0.0, 1000.0, 1500.0, section_m=0.0).sections == ()
 
 
+@pytest.mark.parametrize(
+    ("end_m", "ends_m"),
+    [(224.9, (100.0, 224.9)), (225.0, (100.0, 200.0, 225.0)), (20.0, (20.0,)), (25.0, (25.0,))],
+)
+def test_no_section_is_so_short_that_a_train_may_stand_over_it_with_no_axle_in_it(
+    end_m: float, ends_m: tuple[float, ...]
+) -> None:
+    line = divided(0.0, end_m, end_m + 100.0, section_m=100.0)
+
+    assert tuple([each.end_m for each in line.sections]) == (*ends_m, end_m + 100.0)
+
+
 @given(
     lengths_m=st.lists(st.floats(10.0, 5000.0), min_size=1, max_size=5),
-    section_m=st.floats(10.0, 900.0),
+    section_m=st.floats(25.0, 900.0),
 )
 def test_whatever_the_borders_sections_are_as_long_as_told_and_leave_no_crumbs(
     lengths_m: list[float], section_m: float
@@ -62,13 +74,17 @@ def test_whatever_the_borders_sections_are_as_long_as_told_and_leave_no_crumbs(
     line = divided(*borders_m, section_m=section_m)
 
     for section in line.sections:
-        assert 1e-9 < section.end_m - section.start_m <= section_m * (1.0 + 1e-6)
+        area = line.area_at(section.start_m)
+        least_m = min(25.0, area.end_m - area.start_m) - 1e-6
+        assert least_m <= section.end_m - section.start_m <= section_m + 25.0
+        if section.end_m not in borders_m:
+            assert section.end_m - section.start_m == pytest.approx(section_m)
     assert {area.start_m for area in line.areas} <= {s.start_m for s in line.sections}
 
 
 def test_of_a_tenth_that_binary_numbers_do_not_know_nothing_is_left_over() -> None:
     assert len(divided(0.0, 0.3 * 1000.0, section_m=0.1 * 1000.0).sections) == 3
-    assert len(divided(0.0, 0.7 + 0.1, section_m=0.1).sections) == 8
+    assert len(divided(0.0, (0.7 + 0.1) * 1000.0, section_m=0.1 * 1000.0).sections) == 8
 
 
 @pytest.mark.parametrize(
@@ -136,7 +152,8 @@ def test_a_division_that_makes_no_sense_is_refused(
     [
         ("borders_m = [0.0]\nsection_m = 100.0", "a line has a start and an end"),
         ("borders_m = [0.0, 9.0]\nsection_m = -1.0", "section_m -1.0 is negative"),
-        ("borders_m = [0.0, 9e9]\nsection_m = 1.0", "more than 10,000 sections"),
+        ("borders_m = [0.0, 9.0]\nsection_m = 24.9", "section_m 24.9: between two axles"),
+        ("borders_m = [0.0, 9e9]\nsection_m = 25.0", "more than 10,000 sections"),
     ],
 )
 def test_a_file_is_refused_by_its_name_and_what_is_wrong_in_it(
