@@ -1,8 +1,11 @@
 """What a master may conclude from what its trains told, and from what they did not."""
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from firmware_py.trackdb.areas import ObjectKind, ObjectSite
 from vobc.t2t.authority import Bar, Counted, Seen, Stretch
@@ -320,6 +323,56 @@ def test_the_rear_of_a_new_life_is_no_farther_than_its_front_is_unsure_of() -> N
 
     known.hears_newborn(replace(sure, front_max_m=sure.front_min_m + 3.0))
     assert known.reserved_m(order_of(1)) == {1: 970.0}
+
+
+class Life(NamedTuple):
+    """Of one train of the roster, from the foremost to the last."""
+
+    gap_m: float
+    """From its front to the rear of the train ahead, or to the end of the line."""
+    granted: float
+    """Share of that gap which it may still run through."""
+    known: float
+    """Share of its way so far that its rear is known to have come."""
+    word: str
+    """What the master has heard of it."""
+
+
+LIVES = st.builds(
+    Life,
+    gap_m=st.floats(0.0, 2000.0),
+    granted=st.floats(0.0, 1.0),
+    known=st.floats(0.0, 1.0),
+    word=st.sampled_from(("promised", "former term", "nothing", "anew", "left and came back")),
+)
+
+
+@given(lives=st.lists(LIVES, min_size=1, max_size=6), back_m=st.floats(-500.0, 3000.0))
+def test_no_train_can_come_farther_than_is_reserved_for_it(
+    lives: list[Life], back_m: float
+) -> None:
+    """Whoever left the line ran as far as it liked, and has come back anywhere."""
+    known, ahead_m, may_m = conclusions(), 20_000.0, dict[int, float]()
+    for train, life in enumerate(lives, 1):
+        rear_m = ahead_m - life.gap_m - 80.0
+        may_m[train] = rear_m + 80.0 + life.granted * life.gap_m
+        known.add(RosterEntry(train, -5000.0 + life.known * (rear_m + 5000.0), True, 1), 0)
+        told = replace(report(train, rear_m), latent_m=may_m[train])
+        if life.word in ("promised", "former term"):
+            term = TERM if life.word == "promised" else TERM - 1
+            record = known.records[train]
+            record.hears(replace(told, term=term), NOW_NS, term=TERM, jog_m=5.0)
+        elif life.word != "nothing":
+            at_m = rear_m if life.word == "anew" else back_m
+            may_m[train] = at_m + 80.0
+            known.hears_newborn(replace(report(train, at_m, boot=2), latent_m=may_m[train]))
+        ahead_m = rear_m
+    order = order_of(*may_m)
+
+    reserved_m = known.reserved_m(order)
+
+    for train, reach_m in may_m.items():
+        assert reserved_m[train] >= reach_m
 
 
 SITE = ObjectSite(3, ObjectKind.CROSSING, 700.0, 720.0)
