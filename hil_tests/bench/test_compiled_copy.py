@@ -14,7 +14,14 @@ from metro_hil.cases import CaseResult, Host
 from metro_hil.compiled_copy import worker_environment
 from metro_hil.run_case import run_case
 from metro_tools import compiled
-from metro_tools.compiled import HOT, CompileError, compile_into, copy_packages, hot_modules
+from metro_tools.compiled import (
+    HOT,
+    SIMULATOR,
+    CompileError,
+    compile_into,
+    copy_packages,
+    hot_modules,
+)
 
 pytestmark = pytest.mark.slow
 
@@ -212,12 +219,28 @@ def test_training_that_fails_and_a_compiler_that_writes_no_profile_are_told(
         compile_into(library, "0", trained=True)
 
 
-def test_every_pattern_of_hot_modules_finds_some(checkout: Path) -> None:
-    found = hot_modules(checkout)
+@pytest.mark.parametrize("patterns", [HOT, SIMULATOR])
+def test_every_pattern_of_hot_modules_finds_some(checkout: Path, patterns: tuple[str, ...]) -> None:
+    found = hot_modules(checkout, patterns)
 
-    for pattern in HOT:
+    for pattern in patterns:
         assert any(Path(name).match(pattern) for name in found), pattern
     assert "zenoh_config/sessions.py" not in found
+
+
+def test_of_the_simulator_alone_no_more_is_compiled_than_of_all(
+    checkout: Path, library: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert set(hot_modules(checkout, SIMULATOR)) < set(hot_modules(checkout, HOT))
+    monkeypatch.setattr(compiled, "SIMULATOR", FEW)
+    monkeypatch.setattr(compiled, "HOT", ())
+    monkeypatch.setattr(compiled, "SEEDS", (("-c", "raise SystemExit('no seeds')"),))
+
+    with pytest.raises(CompileError, match="no seeds"):
+        compile_into(library, "0", trained=True, simulator=True)
+
+    compile_into(library, "0", simulator=True)
+    assert list(library.rglob("*.so"))
 
 
 def test_a_folder_that_is_something_else_is_left_alone(checkout: Path, tmp_path: Path) -> None:
