@@ -284,18 +284,16 @@ class Master:
         alone: Record | None = None
         for rank, entry in enumerate(self.roster.proposed, start=1):
             record = self._known.records[entry.train]
-            if (
-                entry.train in commanded
-                and self._guards.sieved(entry.sieved)
-                and self._known.has_promised(record)
-                and self._known.is_alive(record.heard_ns, now_ns)
-            ):
+            # Who is not kept yet may be forgotten by the next master, while its axles are not.
+            sure = entry.train in commanded and self._guards.sieved(entry.sieved)
+            told = self._known.has_promised(record)
+            if sure and told and self._known.is_alive(record.heard_ns, now_ns):
                 # Near one that is not sieved somebody may hide: it tells nothing of its sections.
                 open_end = (self._area.end_m, self._left_ns if alone is None else alone.heard_ns)
                 hidden = self._known.hidden_before(record, alone, self._track, open_end)
                 authority = self._authority(now_ns, record, ahead, [*barred, *hidden], rank)
                 issued += [] if authority is None else [authority]
-            ahead, alone = record, record if self._guards.sieved(entry.sieved) else None
+            ahead, alone = record, record if sure else None
         return [*self._sync(now_ns), *issued]
 
     def _authority(

@@ -12,7 +12,7 @@ from firmware_py.trackdb.areas import Division
 from metro_hil.network.directed import Make, Scenario
 from metro_hil.network.motion import Motion
 from metro_hil.network.scene import Held, Plot, Scene
-from zenoh_config.t2t import TrainReport
+from zenoh_config.t2t import RosterCommit, TrainReport
 
 RUNS_ON: Final = 1
 NEWCOMER: Final = 2
@@ -170,12 +170,45 @@ def came_back_behind(make: Make) -> None:
     scene.expect("no emergency brake", third.emergencies == 0)
 
 
+def forgotten_newcomer(make: Make) -> None:
+    """One that is heard ahead hangs over into the section before its own. No arbiter keeps it on
+    the roster, and the next master has heard nothing of it: nobody was let into that section yet by
+    what the last one knew, so that the next one still sees that somebody has to be there.
+    """
+    section_m, rear_m = 200.0, 1560.0
+    scene = make(Plot({1: 500.0, 2: rear_m + 80.0}, area_m=4000.0, pieces=20, stops_m=(500.0,)))
+    for address in scene.others(2):
+        scene.net.boot(address)
+    scene.until_without([2], within_s=20.0)
+    scene.lose(RosterCommit)
+    scene.net.boot(2)
+    scene.until(
+        "it is told", lambda: scene.world.t2t.said["Admission COMMITTING"] > 0, within_s=5.0
+    )
+    scene.run(1.0)
+    term, end_m = scene.term(1), scene.end_m(1)
+    scene.expect(f"the other comes no nearer: {end_m}", end_m == 7 * section_m - 11.0)
+    scene.no_rules()
+    scene.lose(TrainReport, source=2)
+    pairs = scene.both_ways([1], list(scene.arbiters))
+    scene.net.cut(pairs)
+    scene.run(0.5)
+    scene.net.heal(pairs)
+    scene.until("it commands anew", lambda: scene.term(1) > term, within_s=5.0)
+    scene.run(3.0)
+    scene.no_rules()
+    scene.until("all trains have authority", scene.all_held, within_s=20.0)
+    end_m = scene.end_m(1)
+    scene.expect(f"the other follows: {end_m}", end_m is not None and end_m > 7 * section_m)
+
+
 HIDDEN_LURES: Final[tuple[Scenario, ...]] = (
     Scenario("late-report", 0, "a report comes when its train is elsewhere", late_report),
     Scenario("lost-on-its-way", 0, "a train runs on after it lost its place", lost_on_its_way),
     Scenario("towed-away", 0, "a train that stood is driven on by hand", towed_away),
     Scenario("hangs-over", 0, "one that nobody hears leaves the line at its end", hangs_over),
     Scenario("came-back-behind", 0, "a train left and came back behind others", came_back_behind),
+    Scenario("forgotten-newcomer", 0, "no arbiter keeps one that is ahead", forgotten_newcomer),
     Scenario("packed-line", 0, "trains stand on every joint, and all begin", packed_line),
     Scenario("full-line", 0, "trains stand everywhere, and all begin", full_line),
 )
