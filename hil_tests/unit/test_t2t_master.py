@@ -229,20 +229,21 @@ class TestTrack:
         chair.reports(2, 500.0)
         assert authorities(chair.step(0))[2].end_m == 1489.0
 
-    def test_a_train_ahead_explains_no_axles_before_it_is_kept_on_the_roster(self) -> None:
+    @pytest.mark.parametrize("granted_m", [500.0, 989.0, 995.0])
+    def test_by_a_train_ahead_nobody_gets_farther_before_it_is_kept_on_the_roster(
+        self, granted_m: float
+    ) -> None:
         """Seed 101286: the next master knew of it by its axles alone, and not of those in the
         section that the train behind had already been let into.
         """
         chair = Chair((entry(2, 500.0),), sections=True, now_ms=100)
-        chair.track(axles={1: 16, 3: 12, 4: 4})
-        chair.reports(2, 500.0)
-        chair.reports(1, 1520.0)
-        chair.step(0)
-        chair.track(axles={1: 16, 3: 12, 4: 4})
-        chair.reports(2, 500.0)
-        chair.reports(1, 1520.0)
+        for _ in range(2):
+            chair.track(axles={1: 16, 3: 12, 4: 4})
+            chair.reports(2, 500.0, latent_m=granted_m)
+            chair.reports(1, 1520.0)
+            said = chair.step()
 
-        assert authorities(chair.step())[2].end_m == 989.0
+        assert authorities(said)[2].end_m == granted_m
         assert chair.order() == [1, 2]
         assert chair.master.roster.pending
         chair.keeps()

@@ -65,6 +65,10 @@ class Conclusions:
         """It obeys no older term any more."""
         return self._guards.has_promised(Promise(record.term, self.term))
 
+    def is_told(self, record: Record, now_ns: int) -> bool:
+        """It obeys no older term any more, and will hear what is said to it."""
+        return self.has_promised(record) and self.is_alive(record.heard_ns, now_ns)
+
     def is_fit(self, train: int, now_ns: int) -> bool:
         """Heard of, promised, and in service by its own word."""
         record = self.records.get(train)

@@ -5,7 +5,7 @@ from typing import Final
 from firmware_py.trackdb.areas import AreaMap
 from vobc.t2t import admission
 from vobc.t2t.admission import Scene, Waiting, admitted, foremost_first, is_sieved
-from vobc.t2t.authority import Course, Space, Stretch, back_to_m, end_of_authority_m
+from vobc.t2t.authority import Bar, Course, Space, Stretch, back_to_m, end_of_authority_m
 from vobc.t2t.conclusions import Conclusions
 from vobc.t2t.guards import Freshness, MasterGuards
 from vobc.t2t.lease import Lease
@@ -16,7 +16,7 @@ from vobc.t2t.roster import Order, Roster
 from vobc.t2t.speaker import Head, Speaker
 from vobc.t2t.succession import Succession
 from vobc.t2t.surroundings import Look, Surroundings
-from vobc.t2t.table import Record, TrainTable
+from vobc.t2t.table import UNBOUNDED_M, Record, TrainTable
 from vobc.t2t.track_view import TrackView, restrictions_for, view_of
 from vobc.t2t.vocabulary import T2tConfig
 from zenoh_config.messages import WAYSIDE
@@ -282,18 +282,20 @@ class Master:
         issued: list[T2tMessage] = []
         ahead: Record | None = None
         alone: Record | None = None
+        kept = True
         for rank, entry in enumerate(self.roster.proposed, start=1):
             record = self._known.records[entry.train]
-            # Who is not kept yet may be forgotten by the next master, while its axles are not.
-            sure = entry.train in commanded and self._guards.sieved(entry.sieved)
-            told = self._known.has_promised(record)
-            if sure and told and self._known.is_alive(record.heard_ns, now_ns):
+            sieved, told = self._guards.sieved(entry.sieved), self._known.is_told(record, now_ns)
+            if entry.train in commanded and sieved and told:
                 # Near one that is not sieved somebody may hide: it tells nothing of its sections.
                 open_end = (self._area.end_m, self._left_ns if alone is None else alone.heard_ns)
                 hidden = self._known.hidden_before(record, alone, self._track, open_end)
+                hidden += [] if kept else [Stretch(record.granted_m, UNBOUNDED_M, Bar.SHUT)]
                 authority = self._authority(now_ns, record, ahead, [*barred, *hidden], rank)
                 issued += [] if authority is None else [authority]
-            ahead, alone = record, record if sure else None
+            ahead, alone = record, record if sieved else None
+            # Who is not kept yet may be forgotten by the next master: nobody gets farther by it.
+            kept = entry.train in commanded
         return [*self._sync(now_ns), *issued]
 
     def _authority(
