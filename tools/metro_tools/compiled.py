@@ -346,7 +346,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--simulator",
         action="store_true",
-        help="compile only what `hil simulate` spends its time in: a third of the time",
+        help="compile only what `hil simulate` spends its time in: half the time",
     )
     options = parser.parse_args(argv)
     folder, source = Path(options.into).resolve(), Path(options.source).resolve()

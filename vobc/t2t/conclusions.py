@@ -76,8 +76,7 @@ class Conclusions:
             record is not None
             and record.report is not None
             and not record.report.out_of_service
-            and self.has_promised(record)
-            and self.is_alive(record.heard_ns, now_ns)
+            and self.is_told(record, now_ns)
         )
 
     def all_silent(self, own: int, now_ns: int) -> bool:
