@@ -483,13 +483,39 @@ def test_sections_that_were_seen_clear_before_it_spoke_say_nothing_of_where_it_w
 # What hides between them.
 
 
+@pytest.mark.parametrize(
+    ("age_ns", "within_m"), [(0, 80.0), (SILENT_NS, 100.0), (SILENT_NS + 1, 900.0)]
+)
+def test_a_train_is_no_farther_than_it_may_have_run_since_it_spoke(
+    age_ns: int, within_m: float
+) -> None:
+    """At 40 m/s; from one that is silent only what it was granted is known."""
+    known = conclusions(report(1, 0.0, held_end_m=900.0))
+
+    assert known.within_m(known.records[1], NOW_NS + age_ns, sure=True) == within_m
+    assert known.within_m(known.records[1], NOW_NS + age_ns, sure=False) == 900.0
+
+
+def test_a_train_is_no_farther_than_it_was_granted() -> None:
+    known = conclusions(report(1, 0.0, held_end_m=85.0))
+
+    assert known.within_m(known.records[1], NOW_NS + SILENT_NS, sure=True) == 85.0
+
+
+def test_of_a_train_that_was_never_heard_only_what_it_was_granted_is_known() -> None:
+    known = conclusions()
+    known.records[1] = Record(1, 0.0, NOW_NS, boot=1, latent_m=400.0)
+
+    assert known.within_m(known.records[1], NOW_NS, sure=True) == 400.0
+
+
 def hidden(
     occupied: tuple[bool, ...], *, ahead_m: float | None, open_end: tuple[float, int]
 ) -> list[Stretch]:
     """Before a train from 0 to 80 m that was granted 100 m."""
     known = conclusions(report(1, 0.0, held_end_m=100.0))
     ahead = None if ahead_m is None else Record(2, ahead_m, NOW_NS, boot=1)
-    return known.hidden_before(known.records[1], ahead, track(*occupied), open_end)
+    return known.hidden_before(known.records[1].granted_m, ahead, track(*occupied), open_end)
 
 
 THIRD_OCCUPIED = (True, False, True, True)
@@ -531,7 +557,7 @@ def test_where_nothing_is_occupied_or_nobody_counts_nothing_hides() -> None:
     end = (400.0, NOW_NS)
 
     assert hidden((True, False, False, False), ahead_m=None, open_end=end) == []
-    assert known.hidden_before(known.records[1], None, None, end) == []
+    assert known.hidden_before(100.0, None, None, end) == []
 
 
 def test_a_standby_learns_of_every_train_where_it_is_and_what_it_may_hold() -> None:

@@ -140,7 +140,7 @@ def unexplained(
     """The first occupied section that neither of two neighbours on the roster can be in.
 
     Args:
-        beyond_m: the one behind has never been granted more than this.
+        beyond_m: the one behind has come no farther than this.
         before_m: the one ahead was nowhere behind this when the sections were seen.
     """
     for section in occupied:

@@ -161,9 +161,21 @@ class Conclusions:
             if silent_ns > self._silence_ns and self._guards.cleared_after(later_ns):
                 record.rear_m = moved_on_m(track, record, overhang_m=self._config.overhang_m)
 
+    def within_m(self, record: Record, now_ns: int, *, sure: bool) -> float:
+        """An occupied section from here on is not this train's own. Only of a train that is told.
+
+        Args:
+            sure: nobody hides near the train ahead. Else what this one was granted reaches into
+                sections that may be that one's, and is not taken back for them.
+        """
+        granted_m, report = record.granted_m, record.report
+        if not sure or report is None:
+            return granted_m
+        return min(granted_m, report.front_max_m + self.farther_m(record, report, now_ns))
+
     def hidden_before(
         self,
-        record: Record,
+        beyond_m: float,
         ahead: Record | None,
         track: TrackView | None,
         open_end: tuple[float, int],
@@ -171,6 +183,7 @@ class Conclusions:
         """An occupied section that none of the trains known can be in.
 
         Args:
+            beyond_m: the train behind is not in sections that begin here or farther on.
             ahead: the next train, if nobody hides near it; else its own sections count, too.
             open_end: without such a train, up to where, and since when that is so.
         """
@@ -179,9 +192,7 @@ class Conclusions:
         before_m, since_ns = open_end
         if ahead is not None:
             before_m = ahead.rear_m - self._config.behind_rear_m
-        found = hidden_between(
-            track, beyond_m=record.granted_m, before_m=before_m, ahead_ns=since_ns
-        )
+        found = hidden_between(track, beyond_m=beyond_m, before_m=before_m, ahead_ns=since_ns)
         if found is None:
             return []
         # What hides hangs over behind its last axle, and may roll back.

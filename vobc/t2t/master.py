@@ -83,8 +83,7 @@ class Master:
         """Out of service by order of supervision."""
         self._left_ns = now_ns
         """When the last train left the area near which nobody hid; its axles may still show."""
-        self._beat_ns = now_ns
-        self._cycle_ns = now_ns
+        self._beat_ns = self._cycle_ns = now_ns
         self._was_ready = False
         self._newborns = Newborns(config, guards)
         self._known.begin_with(self.roster.proposed, now_ns)
@@ -288,8 +287,9 @@ class Master:
             sieved, told = self._guards.sieved(entry.sieved), self._known.is_told(record, now_ns)
             if entry.train in commanded and sieved and told:
                 # Near one that is not sieved somebody may hide: it tells nothing of its sections.
+                beyond_m = self._known.within_m(record, now_ns, sure=alone is ahead)
                 open_end = (self._area.end_m, self._left_ns if alone is None else alone.heard_ns)
-                hidden = self._known.hidden_before(record, alone, self._track, open_end)
+                hidden = self._known.hidden_before(beyond_m, alone, self._track, open_end)
                 hidden += [] if kept else [Stretch(record.granted_m, UNBOUNDED_M, Bar.SHUT)]
                 authority = self._authority(now_ns, record, ahead, [*barred, *hidden], rank)
                 issued += [] if authority is None else [authority]

@@ -49,7 +49,7 @@ def hidden_between(
     """An occupied section between two neighbours that neither of them is in.
 
     Args:
-        beyond_m: the one behind has never been granted more.
+        beyond_m: the one behind has come no farther.
         before_m: protected rear of the one ahead, heard at `ahead_ns`.
     """
     drift_m = way_m(ahead_ns - view.seen_ns)

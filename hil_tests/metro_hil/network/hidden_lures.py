@@ -6,6 +6,7 @@ died.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Final
 
 from firmware_py.trackdb.areas import Division
@@ -24,6 +25,8 @@ AWAY_M: Final = 1000.0
 """Its rear has left the section that follows, too."""
 NEWCOMER_M: Final = 690.0
 HIDES_M: Final = 780.0
+TOLD_S: Final = 0.5
+"""Within this trains hear of axles by their master."""
 
 
 def _on_its_way(make: Make, stops_m: Sequence[float] = (1980.0,)) -> Scene:
@@ -202,6 +205,45 @@ def forgotten_newcomer(make: Make) -> None:
     scene.expect(f"the other follows: {end_m}", end_m is not None and end_m > 7 * section_m)
 
 
+def _set_before(scene: Scene, front_m: float, ends_m: float) -> None:
+    """By hand, into sections that the one that runs was let into long ago."""
+    runs, hides = scene.world.trains[RUNS_ON], scene.world.trains[HIDES]
+    end_m = scene.end_m(RUNS_ON)
+    scene.expect(f"it was let past there: {end_m}", end_m is not None and end_m > front_m)
+    hides.motion = Motion(scene.net.now_ns, front_m, emergency_mps2=1.0)
+    hides.on_line = True
+    # Nobody can keep free what was granted until its axles are told.
+    judge = scene.world.checker
+    rules, judge.rules = judge.rules, replace(judge.rules, unjudged=frozenset({"21", "22"}))
+    scene.run(TOLD_S)
+    judge.rules = rules
+    scene.expect(f"it is let no nearer: {scene.end_m(RUNS_ON)}", scene.end_m(RUNS_ON) == ends_m)
+    scene.stands(RUNS_ON)
+    scene.expect(f"it stops in time: {runs.front_m}", ends_m - 60.0 < runs.front_m < ends_m)
+    scene.expect("the service brake is enough", runs.emergencies == 0)
+
+
+def set_between(make: Make) -> None:
+    """Before one that runs, behind the next one, both of which are commanded all the time."""
+    scene = _on_its_way(make)
+    _set_before(scene, 1590.0, 1389.0)
+
+
+def set_before_all(make: Make) -> None:
+    """Before the foremost one."""
+    fronts_m = {COMMANDS: 100.0, RUNS_ON: 300.0, HIDES: 400.0}
+    scene = make(Plot(fronts_m, pieces=10, stops_m=(100.0,), dwell_s=200.0, speed_max_mps=25.0))
+    train = scene.world.trains[HIDES]
+    train.on_line = train.localised = False
+    for address in scene.others(RUNS_ON, HIDES):
+        scene.net.boot(address)
+    scene.run(2.0)
+    scene.net.boot(RUNS_ON)
+    running = scene.world.trains[RUNS_ON]
+    scene.until("it is on its way", lambda: running.front_m > SAID_M, within_s=120.0)
+    _set_before(scene, 1590.0, 1389.0)
+
+
 HIDDEN_LURES: Final[tuple[Scenario, ...]] = (
     Scenario("late-report", 0, "a report comes when its train is elsewhere", late_report),
     Scenario("lost-on-its-way", 0, "a train runs on after it lost its place", lost_on_its_way),
@@ -209,6 +251,8 @@ HIDDEN_LURES: Final[tuple[Scenario, ...]] = (
     Scenario("hangs-over", 0, "one that nobody hears leaves the line at its end", hangs_over),
     Scenario("came-back-behind", 0, "a train left and came back behind others", came_back_behind),
     Scenario("forgotten-newcomer", 0, "no arbiter keeps one that is ahead", forgotten_newcomer),
+    Scenario("set-between", 0, "one is set onto the track between two that run", set_between),
+    Scenario("set-before-all", 0, "one is set onto the track before the first", set_before_all),
     Scenario("packed-line", 0, "trains stand on every joint, and all begin", packed_line),
     Scenario("full-line", 0, "trains stand everywhere, and all begin", full_line),
 )
