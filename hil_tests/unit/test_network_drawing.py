@@ -6,7 +6,7 @@ from collections import Counter
 
 import pytest
 
-from metro_hil.network.drawing import CHOOSY_FROM, EVEN_BELOW, Draw, draw
+from metro_hil.network.drawing import CHOOSY_FROM, EVEN_BELOW, SIDINGS_FROM, Draw, draw
 from metro_hil.network.mischief import some_of
 
 ANY = [draw(seed) for seed in range(EVEN_BELOW, EVEN_BELOW + 300)]
@@ -37,6 +37,17 @@ def test_all_trains_stand_on_the_line_apart() -> None:
         assert fronts_m[-1] <= line.end_m - 15.0
         for behind_m, ahead_m in itertools.pairwise(fronts_m):
             assert ahead_m - length_m >= behind_m + 39.9
+
+
+def test_late_seeds_have_sidings_and_trains_of_several_lengths() -> None:
+    assert [draw(SIDINGS_FROM - 1).sidings, draw(SIDINGS_FROM).sidings] == [False, True]
+    assert draw(SIDINGS_FROM - 1).setting.builds == {}
+    settings = [draw(seed).setting for seed in range(SIDINGS_FROM, SIDINGS_FROM + 100)]
+    builds = [(each, setting.length_m) for setting in settings for each in setting.builds.values()]
+    trains = sum(len(setting.fronts_m) for setting in settings)
+    assert 0.4 * trains < len(builds) < 0.6 * trains
+    assert all(20.0 <= each.length_m <= longest_m for each, longest_m in builds)
+    assert {each.axles for each, _ in builds} == {4, 8, 12, 16, 24}
 
 
 def test_lines_differ() -> None:

@@ -13,7 +13,7 @@ from metro_hil.network.ground import Grant, Reading
 from metro_hil.network.node import NEVER, Letter, Machine, Turn
 from metro_hil.network.orders import Desk, Order
 from metro_hil.network.routes import Routes
-from metro_hil.network.track import AXLES, TrueTrack
+from metro_hil.network.track import TrueTrack
 from plant_emulator.wayside.arbiter import Arbiter, ArbiterGuards
 from plant_emulator.wayside.line_object import LineObject, ObjectGuards
 from plant_emulator.wayside.t2t_vocabulary import ArbiterMemory, ObjectMemory, WaysideStepped
@@ -130,7 +130,7 @@ class TrainNode:
             reading.standstill,
             reading.reach_m,
             reading.easy_m,
-            AXLES,
+            reading.axles,
             reading.out_of_service,
         )
         stepped = self.core.step(now_ns, tuple(heard), own)

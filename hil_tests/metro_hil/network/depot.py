@@ -55,22 +55,7 @@ class Depot:
         net.at(net.now_ns + away_ns, self._enters, train)
         for area in self.world.drawn.cast.line.areas:
             self.world.t2t.removals.pop((area.number, train.address), None)
-        self._seen_gone(train)
-
-    def _seen_gone(self, train: TrueTrain) -> None:
-        """By a person, who asks every master to take it off its roster until all have: theirs may
-        not have heard of it. Where it is again by then it is seen, too.
-        """
-        world, told = self.world, self.world.t2t.removals
-        left = [
-            area.number
-            for area in world.drawn.cast.line.areas
-            if told.get((area.number, train.address)) is not RemovalState.GONE
-            and not (train.on_line and train.rear_m < area.end_m and train.front_m > area.start_m)
-        ]
-        if left:
-            world.removes(train.address, left)
-            world.net.at(world.net.now_ns + SEEN_NS, self._seen_gone, train)
+        seen_gone(self.world, train)
 
     def _enters(self, train: TrueTrain) -> None:
         """When there is room: its place is nobody's, as none is behind it."""
@@ -89,3 +74,19 @@ class Depot:
         self.entered += 1
         net.say("railway", f"train {train.address} comes onto the line, front {front_m:.2f} m")
         net.boot(train.address)
+
+
+def seen_gone(world: LineWorld, train: TrueTrain) -> None:
+    """By a person, who asks every master to take it off its roster until all have: theirs may not
+    have heard of it. Where it is again by then it is seen, too.
+    """
+    told = world.t2t.removals
+    left = [
+        area.number
+        for area in world.drawn.cast.line.areas
+        if told.get((area.number, train.address)) is not RemovalState.GONE
+        and not (train.on_line and train.rear_m < area.end_m and train.front_m > area.start_m)
+    ]
+    if left:
+        world.removes(train.address, left)
+        world.net.at(world.net.now_ns + SEEN_NS, lambda _: seen_gone(world, train))

@@ -3,7 +3,7 @@
 import itertools
 import random
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 from firmware_py.trackdb.areas import (
@@ -15,6 +15,7 @@ from firmware_py.trackdb.areas import (
     TrackSection,
 )
 from metro_hil.network.crew import Cast
+from metro_hil.network.ground import Build
 from metro_hil.network.track import stretch
 from metro_hil.network.world import Setting
 from vobc.t2t.vocabulary import T2tConfig
@@ -31,6 +32,9 @@ ORDERED_FROM: Final = 20_000
 """From this seed on supervision takes trains out of service by order, too."""
 CHOOSY_FROM: Final = 100_000
 """From this seed on not everything happens on the railway, and some of it far more often."""
+SIDINGS_FROM: Final = 110_000
+"""From this seed on trains are taken off the line anywhere and set on elsewhere, and are not all of
+one length."""
 PLACES_M: Final = 10.0
 """Borders and objects lie at whole multiples of this."""
 
@@ -101,6 +105,8 @@ class Draw:
     choosy: bool = False
     """Of what may happen on the railway only a part does, each with a frequency of its own: what
     comes of one thing after the other hides where everything happens now and then."""
+    sidings: bool = False
+    """Trains are taken off the line and set on again elsewhere."""
 
     @property
     def timers(self) -> str:
@@ -151,6 +157,9 @@ def _draw_any(seed: int) -> Draw:
         length_m=length_m,
         speed_max_mps=rng.choice((30.0, 60.0, 60.0, 90.0)) / 3.6,
     )
+    if seed >= SIDINGS_FROM:
+        shorter = {train: _shorter(rng, length_m) for train in trains if rng.random() < 0.5}
+        setting = replace(setting, builds=shorter)
     return Draw(
         Cast(line, T2tConfig(timers=timers, arbiters=arbiters), trains),
         setting,
@@ -159,7 +168,12 @@ def _draw_any(seed: int) -> Draw:
         between_s=rng.choice((3.0, 6.0, 12.0, 12.0, 24.0)),
         ordered=seed >= ORDERED_FROM,
         choosy=seed >= CHOOSY_FROM,
+        sidings=seed >= SIDINGS_FROM,
     )
+
+
+def _shorter(rng: random.Random, length_m: float) -> Build:
+    return Build(max(20.0, rng.uniform(0.25, 1.0) * length_m), rng.choice((4, 8, 12, 16, 24)))
 
 
 def _fronts_m(

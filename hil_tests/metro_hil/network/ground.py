@@ -13,6 +13,8 @@ HARDEST_MPS2: Final = 10.0
 ROLL_BACK_MAX_M: Final = 2.0
 """No train ever rolls back farther; the allowance that the protocol is told."""
 
+AXLES: Final = 16
+
 
 class Reading(NamedTuple):
     """What a train's own odometry tells its controller: intervals that hold the truth."""
@@ -30,6 +32,7 @@ class Reading(NamedTuple):
     """As far as it comes with the service brake."""
     localised: bool = True
     out_of_service: bool = False
+    axles: int = AXLES
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,21 +50,35 @@ class Grant:
     """Its minimum safe rear may move back to here; by default not at all."""
 
 
+class Build(NamedTuple):
+    """How a train is made."""
+
+    length_m: float
+    axles: int
+
+
 class TrueTrain:
     """One train on the track, or away from the line."""
 
     __slots__ = (
-        *("address", "dwell_until_ns", "emergencies", "half_width_m", "heard_ns", "lane"),
+        *("address", "axles", "dwell_until_ns", "emergencies", "half_width_m", "heard_ns", "lane"),
         *("length_m", "localised", "motion", "next_stop", "on_line", "out_of_service"),
         "shunts",
     )
 
     def __init__(
-        self, address: int, motion: Motion, *, length_m: float, half_width_m: float, lane: int = 0
+        self,
+        address: int,
+        motion: Motion,
+        *,
+        length_m: float,
+        half_width_m: float,
+        lane: int = 0,
+        axles: int = AXLES,
     ) -> None:
         self.address, self.motion, self.length_m = address, motion, length_m
         self.half_width_m = half_width_m
-        self.lane = lane
+        self.lane, self.axles = lane, axles
         self.on_line = True
         self.next_stop = 0
         self.dwell_until_ns = 0
@@ -122,4 +139,5 @@ class TrueTrain:
             motion.stop_m(SERVICE_MPS2, SERVICE_REACTION_S) + error_m + half_m,
             self.localised,
             self.out_of_service,
+            self.axles,
         )

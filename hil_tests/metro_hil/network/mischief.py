@@ -11,6 +11,7 @@ from typing import Final
 from metro_hil.network.depot import Depot
 from metro_hil.network.line_world import LineWorld
 from metro_hil.network.orders import ORDER_REPEATS, Order
+from metro_hil.network.sidings import Sidings
 from zenoh_config.messages import SpeedRestriction
 from zenoh_config.t2t import OrderKind
 
@@ -56,6 +57,8 @@ class Mischief:
             self._things.append(("out of service by order", self._retire))
         if world.track.objects:
             self._things += 4 * [("object wish", self._wish)]
+        if world.drawn.sidings:
+            self._things += 2 * [("taken off the line", Sidings(world, self._rng).leaves)]
         if world.drawn.choosy:
             self._things = some_of(self._things, random.Random(seed ^ 0xC4005))
 

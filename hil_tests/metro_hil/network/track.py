@@ -8,7 +8,6 @@ from typing import Final
 from firmware_py.trackdb.areas import AreaMap
 from metro_hil.network.ground import TrueTrain
 
-AXLES: Final = 16
 AXLE_INSET_M: Final = 2.0
 """The first and the last axle are so far from the ends of the train."""
 
@@ -53,12 +52,13 @@ class TrueTrack:
             if not train.on_line:
                 continue
             rear_m, front_m = train.rear_m, train.front_m
-            pitch_m = (train.length_m - 2.0 * AXLE_INSET_M) / (AXLES - 1)
+            axles = train.axles
+            pitch_m = (train.length_m - 2.0 * AXLE_INSET_M) / (axles - 1)
             for number, start_m, end_m in self._sections:
                 if start_m < front_m and rear_m < end_m:
                     first_m = rear_m + AXLE_INSET_M
-                    before = _axles_before(start_m, first_m, pitch_m)
-                    inside = _axles_before(end_m, first_m, pitch_m) - before
+                    before = _axles_before(start_m, first_m, pitch_m, axles)
+                    inside = _axles_before(end_m, first_m, pitch_m, axles) - before
                     if inside:
                         counts[number] = counts.get(number, 0) + inside
         return counts
@@ -77,8 +77,8 @@ class TrueTrack:
         return any(_touches(train, thing.start_m, thing.end_m) for train in self.trains)
 
 
-def _axles_before(at_m: float, first_m: float, pitch_m: float) -> int:
-    return min(AXLES, max(0, -int((first_m - at_m) // pitch_m)))
+def _axles_before(at_m: float, first_m: float, pitch_m: float, axles: int) -> int:
+    return min(axles, max(0, -int((first_m - at_m) // pitch_m)))
 
 
 def _has_axles(train: TrueTrain, start_m: float, end_m: float) -> bool:

@@ -2,13 +2,13 @@
 
 import random
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final, Protocol
 
 from metro_hil.network.cab import CONTROL_NS, Cab, Driver, Protocolled
 from metro_hil.network.checker import Checker, Rules
 from metro_hil.network.clocks import NodeClock
-from metro_hil.network.ground import TrueTrain
+from metro_hil.network.ground import AXLES, Build, TrueTrain
 from metro_hil.network.motion import Motion
 from metro_hil.network.net import Codec, Network
 from metro_hil.network.node import Machine, Node
@@ -27,8 +27,13 @@ class Setting:
     stops_m: Sequence[float] = ()
     dwell_s: float = 20.0
     length_m: float = 80.0
+    builds: Mapping[int, Build] = field(default_factory=dict)
+    """Of trains that are made otherwise."""
     drift_ppm: int = 100
     speed_max_mps: float = 60.0 / 3.6
+
+    def build(self, train: int) -> Build:
+        return self.builds.get(train, Build(self.length_m, AXLES))
 
 
 class Crew(Protocol):
@@ -65,8 +70,9 @@ class World:
             address: TrueTrain(
                 address,
                 Motion(0, front_m, emergency_mps2=self.rng.uniform(1.0, 1.3)),
-                length_m=setting.length_m,
+                length_m=setting.build(address).length_m,
                 half_width_m=self.rng.uniform(0.5, 5.0),
+                axles=setting.build(address).axles,
             )
             for address, front_m in setting.fronts_m.items()
         }

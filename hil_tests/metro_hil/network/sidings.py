@@ -1,0 +1,111 @@
+"""Trains that leave the line sideways, switched off, and are set on again anywhere else.
+
+They may so pass others. Where one is to stand the track is closed before: nobody could keep free
+what another was granted already.
+"""
+
+import random
+from typing import Final
+
+from metro_hil.network.depot import LOOK_NS, SEEN_NS, seen_gone
+from metro_hil.network.ground import TrueTrain
+from metro_hil.network.line_world import LineWorld
+from metro_hil.network.motion import Motion
+from zenoh_config.messages import SpeedRestriction
+
+NS_PER_S: Final = 1_000_000_000
+AWAY_S: Final = (12.0, 60.0)
+"""No train is away for less than the protocol reckons with."""
+DEAD_S: Final = (2.0, 40.0)
+OPENED_S: Final = (1.0, 20.0)
+CLOSED_NS: Final = 6 * NS_PER_S
+"""From then on all that trains hold was granted after they were told that it is closed."""
+PATIENCE_NS: Final = 30 * NS_PER_S
+ROOM_M: Final = 40.0
+"""Closed on either side of the train."""
+
+
+class Sidings:
+    """Takes trains off and sets them on again."""
+
+    def __init__(self, world: LineWorld, rng: random.Random) -> None:
+        self.world, self._rng = world, rng
+        self.entered = 0
+
+    def leaves(self) -> bool:
+        """Let a train that stands leave; whether there is one."""
+        standing = [
+            each
+            for each in self.world.trains.values()
+            if each.on_line and not each.shunts and not each.rolls
+            if not each.motion.speed_mps and each.motion.accel_mps2 <= 0.0
+        ]
+        if not standing:
+            return False
+        train, net = self._rng.choice(standing), self.world.net
+        net.kill(train.address, why="is switched off and taken off the line")
+        train.on_line = train.localised = False
+        self.world.checker.gave_up(train.address)
+        self._after(AWAY_S, self._wants_in, train)
+        for area in self.world.drawn.cast.line.areas:
+            self.world.t2t.removals.pop((area.number, train.address), None)
+        net.at(net.now_ns + SEEN_NS, lambda _: seen_gone(self.world, train))
+        return True
+
+    def _after(self, span_s: tuple[float, float], call: object, train: TrueTrain) -> None:
+        wait_ns = int(self._rng.uniform(*span_s) * NS_PER_S)
+        self.world.net.at(self.world.net.now_ns + wait_ns, call, train)  # type: ignore[arg-type]
+
+    def _wants_in(self, train: TrueTrain) -> None:
+        """Close some track for it where nobody is, and no object."""
+        world, net = self.world, self.world.net
+        line = world.drawn.cast.line
+        front_m = self._rng.uniform(train.length_m + ROOM_M, line.end_m - ROOM_M)
+        rear_m = front_m - train.length_m
+        closed = SpeedRestriction(rear_m - ROOM_M, front_m + ROOM_M, 1.0)
+        taken = [(e.rear_m, e.front_m) for e in world.trains.values() if e.on_line]
+        taken += [(site.start_m, site.end_m) for site in line.objects]
+        if any(start_m < closed.end_m and closed.start_m < end_m for start_m, end_m in taken):
+            net.at(net.now_ns + LOOK_NS, self._wants_in, train)
+            return
+        world.t2t.closed = (*world.t2t.closed, closed)
+        world.closes(closed)
+        until_ns = net.now_ns + PATIENCE_NS
+        net.at(net.now_ns + CLOSED_NS, lambda _: self._enters(train, closed, until_ns))
+
+    def _enters(self, train: TrueTrain, closed: SpeedRestriction, until_ns: int) -> None:
+        """Once nobody may come there any more; else somewhere else."""
+        world, net = self.world, self.world.net
+        if closed not in world.t2t.closed or net.now_ns > until_ns:
+            self._open(closed)
+            net.at(net.now_ns + LOOK_NS, self._wants_in, train)
+            return
+        if not self._is_free(closed):
+            net.at(net.now_ns + LOOK_NS, lambda _: self._enters(train, closed, until_ns))
+            return
+        front_m = closed.end_m - ROOM_M
+        net.kill(train.address, why="is switched off before it comes back")
+        train.motion = Motion(net.now_ns, front_m, emergency_mps2=train.motion.emergency_mps2)
+        train.next_stop = sum(stop_m < front_m for stop_m in world.setting.stops_m)
+        train.dwell_until_ns = 0
+        train.on_line = train.localised = True
+        self.entered += 1
+        net.say("railway", f"train {train.address} is set onto the line, front {front_m:.2f} m")
+        if self._rng.random() < 0.7:
+            net.boot(train.address)
+        else:
+            self._after(DEAD_S, lambda _: net.boot(train.address), train)
+        self._after(OPENED_S, lambda _: self._open(closed), train)
+
+    def _is_free(self, closed: SpeedRestriction) -> bool:
+        judge = self.world.checker
+        for train in self.world.trains.values():
+            if not train.on_line or train.rear_m >= closed.end_m:
+                continue
+            if max(judge.reach_m(train), judge.granted_m(train)) > closed.start_m:
+                return False
+        return True
+
+    def _open(self, closed: SpeedRestriction) -> None:
+        crew = self.world.t2t
+        crew.closed = tuple(each for each in crew.closed if each is not closed)

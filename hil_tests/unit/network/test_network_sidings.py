@@ -1,0 +1,84 @@
+"""Trains that are taken off the line and set on again where nobody may come."""
+
+import random
+
+import pytest
+
+from metro_hil.network.motion import Motion
+from metro_hil.network.scene import Plot, Scene
+from metro_hil.network.sidings import AWAY_S, CLOSED_NS, Sidings
+from zenoh_config.messages import SpeedRestriction
+
+S = 1_000_000_000
+
+
+def settled() -> Scene:
+    scene = Scene(
+        Plot({1: 300.0, 2: 900.0, 3: 1500.0}, stops_m=(300.0, 900.0, 1500.0), dwell_s=1e4)
+    )
+    scene.settle()
+    return scene
+
+
+def off(scene: Scene) -> list[int]:
+    return [each.address for each in scene.world.trains.values() if not each.on_line]
+
+
+def test_a_train_that_stands_is_switched_off_and_comes_back_among_the_others() -> None:
+    scene = settled()
+    sidings = Sidings(scene.world, random.Random(3))
+
+    assert sidings.leaves()
+
+    (away,) = off(scene)
+    train, was_m = scene.world.trains[away], scene.world.trains[away].front_m
+    assert not scene.net.runs(away)
+    scene.run(AWAY_S[0])
+    assert off(scene) == [away]
+    scene.until("it is back", lambda: train.on_line, within_s=120.0)
+    assert sidings.entered == 1
+    assert train.front_m != was_m
+    for other in scene.world.trains.values():
+        assert other is train or other.rear_m > train.front_m or other.front_m < train.rear_m
+    scene.until("all have authority", scene.all_held, within_s=90.0)
+    assert scene.world.t2t.closed == ()
+
+
+def test_who_moves_is_not_taken_off() -> None:
+    scene = settled()
+    for train in scene.world.trains.values():
+        train.motion = Motion(scene.net.now_ns, train.front_m, emergency_mps2=1.0)
+        train.motion.speed_mps = 1.0
+
+    assert not Sidings(scene.world, random.Random(3)).leaves()
+    assert off(scene) == []
+
+
+def test_none_is_set_on_where_another_may_still_come(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = settled()
+    sidings = Sidings(scene.world, random.Random(3))
+    judged = list[float]()
+
+    def never_free(_: Sidings, closed: SpeedRestriction) -> bool:
+        judged.append(closed.start_m)
+        return False
+
+    monkeypatch.setattr(Sidings, "_is_free", never_free)
+    sidings.leaves()
+    (away,) = off(scene)
+    scene.run(AWAY_S[1] + 2 * CLOSED_NS / S + 40.0)
+
+    assert len(set(judged)) > 1, "elsewhere after a while"
+    assert off(scene) == [away]
+
+
+def test_a_place_is_free_that_no_train_behind_it_may_come_to() -> None:
+    scene = settled()
+    sidings = Sidings(scene.world, random.Random(3))
+    end_m = scene.end_m(3)
+    assert end_m is not None
+    just_free = SpeedRestriction(end_m, end_m + 100.0, 1.0)
+    just_not = SpeedRestriction(end_m - 0.1, end_m + 100.0, 1.0)
+
+    assert sidings._is_free(just_free)
+    assert not sidings._is_free(just_not)
