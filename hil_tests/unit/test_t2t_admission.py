@@ -27,10 +27,11 @@ AREA = Area(1, 1000.0, 2000.0)
 BEFORE = Area(4, 0.0, 1000.0)
 CONFIG = T2tConfig(rollback_m=2.0, jog_m=5.0)
 ROOM_M = 11.0
+BOOT = 1
 
 
 def report(rear_m: float, front_m: float, *, train: int = 3, localised: bool = True) -> TrainReport:
-    head = (train, 65_535, 1, 0, 1, 1, 0)
+    head = (train, 65_535, 1, 0, BOOT, 1, 0)
     place = (front_m - 1.0, front_m, rear_m, rear_m, 0.0)
     ends = (front_m, front_m, front_m, 0, 0)
     return TrainReport(*head, localised, *place, True, *ends, False, 0, 0, 16, False, 0, 0)
@@ -39,16 +40,25 @@ def report(rear_m: float, front_m: float, *, train: int = 3, localised: bool = T
 def test_nobody_comes_nearer_to_it_than_to_a_train_that_may_set_back() -> None:
     standing = report(1500.0, 1585.0)
 
-    assert kept_free([(standing, 7)], {1, 2}, CONFIG) == [Stretch(1493.0, 1585.0, Bar.CLOSING)]
+    assert kept_free([(standing, 7)], {1: 1, 2: 1}, CONFIG) == [
+        Stretch(1493.0, 1585.0, Bar.CLOSING)
+    ]
 
 
 @pytest.mark.parametrize(
-    ("told", "roster"), [(report(1500.0, 1585.0), {3}), (report(0.0, 9.0, localised=False), {1})]
+    ("told", "boots"),
+    [(report(1500.0, 1585.0), {3: BOOT}), (report(0.0, 9.0, localised=False), {1: BOOT})],
 )
 def test_a_train_of_the_roster_or_a_lost_one_bars_nothing_by_its_report(
-    told: TrainReport, roster: set[int]
+    told: TrainReport, boots: dict[int, int]
 ) -> None:
-    assert kept_free([(told, 7)], roster, CONFIG) == []
+    assert kept_free([(told, 7)], boots, CONFIG) == []
+
+
+def test_one_that_the_roster_keeps_in_another_life_is_kept_free_where_it_says_that_it_is() -> None:
+    told = report(1500.0, 1585.0)
+
+    assert kept_free([(told, 7)], {3: BOOT + 1}, CONFIG) == [Stretch(1493.0, 1585.0, Bar.CLOSING)]
 
 
 @pytest.mark.parametrize(

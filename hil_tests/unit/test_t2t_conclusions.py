@@ -480,6 +480,25 @@ def test_sections_that_were_seen_clear_before_it_spoke_say_nothing_of_where_it_w
     assert known.records[1].rear_m == (196.0 if moved else 50.0)
 
 
+@pytest.mark.parametrize(
+    ("other_m", "ahead_m"), [(900.0, 300.0), (250.0, 250.0), (80.0, 80.0), (79.9, 300.0)]
+)
+def test_who_says_that_it_is_ahead_is_ahead_whatever_its_place_on_the_roster(
+    other_m: float, ahead_m: float
+) -> None:
+    """Of a train with its front at 80 m, before one that the roster has behind it."""
+    known = conclusions(report(1, 0.0), report(2, 300.0), report(3, other_m))
+    known.records[4] = Record(4, 120.0, NOW_NS, boot=1)
+
+    assert known.ahead_m(known.records[1], report(1, 0.0), known.records[2]) == ahead_m
+
+
+def test_before_the_foremost_train_there_is_none() -> None:
+    known = conclusions(report(1, 900.0), report(2, 300.0))
+
+    assert known.ahead_m(known.records[1], report(1, 900.0), None) is None
+
+
 # What hides between them.
 
 

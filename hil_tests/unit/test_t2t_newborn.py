@@ -2,6 +2,7 @@
 whether it is where it was, or left the line and came back."""
 
 import dataclasses
+from collections.abc import Sequence
 
 import pytest
 
@@ -92,6 +93,23 @@ def test_as_long_as_a_train_behind_was_never_heard_nobody_knows_their_order() ->
 
     assert found(1000.0, NOTHING, unheard) is Whereabouts.UNSURE
     assert found(1000.0, NOTHING._replace(recent=True), unheard) is Whereabouts.IN_PLACE
+
+
+@pytest.mark.parametrize(
+    ("ahead_m", "in_place"), [((1084.0, 2000.0), True), ((1083.9, 2000.0), False)]
+)
+def test_whoever_is_before_a_train_that_was_ahead_of_it_has_been_away(
+    ahead_m: Sequence[float], *, in_place: bool
+) -> None:
+    """Or one that is not heard may be on either side of it now."""
+    former = Former(Record(1, 900.0, 0, boot=1), (), ahead_m)
+
+    def judged(evidence: Evidence) -> Whereabouts:
+        return whereabouts(former, report_at(1000.0), evidence, behind_rear_m=BEHIND_M)
+
+    assert judged(NOTHING) is (Whereabouts.IN_PLACE if in_place else Whereabouts.UNSURE)
+    sieved = judged(NOTHING._replace(sieved=True))
+    assert sieved is (Whereabouts.IN_PLACE if in_place else Whereabouts.GONE)
 
 
 NOW_NS = 60_000_000_000

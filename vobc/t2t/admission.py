@@ -1,6 +1,6 @@
 """Who comes onto the roster, and where: between whom a newcomer stands, and that nobody hides."""
 
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 from firmware_py.trackdb.areas import Area
@@ -132,17 +132,19 @@ def are_known(
 
 
 def kept_free(
-    applicants: Iterable[tuple[TrainReport, int]], roster: Collection[int], config: T2tConfig
+    strangers: Iterable[tuple[TrainReport, int]], boots: Mapping[int, int], config: T2tConfig
 ) -> list[Stretch]:
-    """Where trains say that they are that are not on the roster yet: nobody comes any nearer.
+    """Where trains say that they are that are not on the roster, or not in this life: nobody comes
+    any nearer.
 
     Args:
-        applicants: each with the instant at which it was heard.
+        strangers: each with the instant at which it was heard.
+        boots: of those on the roster the life that it is for.
     """
     return [
         Stretch(each.rear_min_m - config.behind_rear_m, each.front_max_m, Bar.CLOSING)
-        for each, _ in applicants
-        if each.localised and each.source not in roster
+        for each, _ in strangers
+        if each.localised and boots.get(each.source) != each.boot
     ]
 
 

@@ -161,6 +161,18 @@ class Conclusions:
             if silent_ns > self._silence_ns and self._guards.cleared_after(later_ns):
                 record.rear_m = moved_on_m(track, record, overhang_m=self._config.overhang_m)
 
+    def ahead_m(self, record: Record, report: TrainReport, ahead: Record | None) -> float | None:
+        """Protected rear of the train ahead: the next one on the roster, or any that is farther on
+        whatever its place there, as somebody may have been moved past others by hand.
+        """
+        rears_m = [] if ahead is None else [ahead.rear_m]
+        rears_m += [
+            each.rear_m
+            for each in self.records.values()
+            if each is not record and each.report and each.rear_m >= report.front_max_m
+        ]
+        return min(rears_m, default=None)
+
     def within_m(self, record: Record, now_ns: int, *, sure: bool) -> float:
         """An occupied section from here on is not this train's own. Only of a train that is told.
 

@@ -277,7 +277,7 @@ class Master:
     def _authorities(self, now_ns: int) -> list[T2tMessage]:
         commanded = self.roster.may_be_commanded()
         barred = [*self._objects.stretches(), *(self._track.closed if self._track else ())]
-        barred += admission.kept_free(self._applicants.values(), self._known.records, self._config)
+        barred += admission.kept_free(self._strangers(), self.roster.boots(), self._config)
         issued: list[T2tMessage] = []
         ahead: Record | None = None
         alone: Record | None = None
@@ -309,7 +309,7 @@ class Master:
             front_max_m=report.front_max_m,
             easy_m=report.easy_m,
             granted_m=record.granted_m,
-            ahead_m=None if ahead is None else ahead.rear_m,
+            ahead_m=self._known.ahead_m(record, report, ahead),
             stopped=record.stopped,
         )
         space = self._space.barred_by(barred)

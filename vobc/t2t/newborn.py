@@ -38,10 +38,12 @@ class Behind(NamedTuple):
 
 
 class Former(NamedTuple):
-    """What is known of the life before, and of those behind it."""
+    """What is known of the life before, and of those around it on the roster."""
 
     record: Record
     behind: Sequence[Behind]
+    ahead_m: Sequence[float] = ()
+    """Rears of those ahead, or where they are farther on."""
 
 
 class Evidence(NamedTuple):
@@ -60,7 +62,8 @@ def whereabouts(
     """The report is of the new life, and knows its place."""
     gone_back = rear_max_m(report) < former.record.rear_m - behind_rear_m
     overtaken = any(each.rear_m > report.front_max_m for each in former.behind)
-    if gone_back or overtaken:
+    overtakes = any(rear_m < report.front_max_m for rear_m in former.ahead_m)
+    if gone_back or overtaken or overtakes:
         # A word may be of somebody else by the same name; what is counted on the track is not.
         return Whereabouts.GONE if evidence.sieved or evidence.left else Whereabouts.UNSURE
     unheard = not evidence.recent and not all(each.heard for each in former.behind)
@@ -101,6 +104,7 @@ class Newborns:
     ) -> tuple[Order, list[tuple[TrainReport, int]]]:
         """The order without those that are gone, those in place renewed; and who is gone."""
         settled, gone = list[RosterEntry](), list[tuple[TrainReport, int]]()
+        self._told = {t: e for t, e in self._told.items() if known.is_alive(e[1], now_ns)}
         for at, entry in enumerate(order):
             report, heard_ns = self._told.get(entry.train, (None, now_ns))
             if report is None or not report.localised or not known.is_recent(report, now_ns):
@@ -112,7 +116,9 @@ class Newborns:
             ahead = settled[-1].train if settled else NOBODY
             followers = [each for each in order[at + 1 :] if each.train in known.records]
             behind = [self._behind(each, known, now_ns) for each in followers]
-            found = self._find(ahead, Former(former, behind), report, scene, recent=recent)
+            ahead_m = [self._behind(each, known, now_ns).rear_m for each in settled]
+            life = Former(former, behind, ahead_m)
+            found = self._find(ahead, life, report, scene, recent=recent)
             if found is Whereabouts.UNSURE:
                 settled.append(entry)
                 continue

@@ -13,6 +13,7 @@ from firmware_py.trackdb.areas import Division
 from metro_hil.network.directed import Make, Scenario
 from metro_hil.network.motion import Motion
 from metro_hil.network.scene import Held, Plot, Scene
+from zenoh_config.messages import SpeedRestriction
 from zenoh_config.t2t import RosterCommit, TrainReport
 
 RUNS_ON: Final = 1
@@ -244,6 +245,33 @@ def set_before_all(make: Make) -> None:
     _set_before(scene, 1590.0, 1389.0)
 
 
+def passed_by_hand(make: Make) -> None:
+    """The second of three is switched off, and moved past the first by hand; the third one close up
+    to the first, into its section. The roster still has the second between them: behind that one
+    nobody may be let through the first.
+    """
+    first, second, third, fourth = 1, 2, 3, 4
+    fronts_m = {first: 1580.0, second: 1350.0, third: 1100.0, fourth: 3500.0}
+    stops_m = (1100.0, 1350.0, 1580.0, 3500.0)
+    scene = make(Plot(fronts_m, area_m=4000.0, pieces=10, stops_m=stops_m, dwell_s=200.0))
+    scene.world.t2t.closed = (SpeedRestriction(1650.0, 2900.0, 1.0),)
+    scene.settle()
+    scene.run(3.0)
+    for train, front_m in ((second, 2700.0), (third, 1480.0)):
+        scene.net.kill(train)
+        moved = scene.world.trains[train]
+        moved.motion = Motion(scene.net.now_ns, front_m, emergency_mps2=1.0)
+        scene.world.checker.gave_up(train)
+    scene.run(12.0)
+    scene.net.boot(second)
+    scene.net.boot(third)
+    scene.run(5.0)
+    rear_m, end_m = scene.world.trains[first].rear_m, scene.end_m(third)
+    scene.expect(f"it is not let past: {end_m}", end_m is None or end_m <= rear_m - 7.0)
+    scene.world.t2t.closed = ()
+    scene.until("all trains have authority", scene.all_held, within_s=60.0)
+
+
 HIDDEN_LURES: Final[tuple[Scenario, ...]] = (
     Scenario("late-report", 0, "a report comes when its train is elsewhere", late_report),
     Scenario("lost-on-its-way", 0, "a train runs on after it lost its place", lost_on_its_way),
@@ -253,6 +281,7 @@ HIDDEN_LURES: Final[tuple[Scenario, ...]] = (
     Scenario("forgotten-newcomer", 0, "no arbiter keeps one that is ahead", forgotten_newcomer),
     Scenario("set-between", 0, "one is set onto the track between two that run", set_between),
     Scenario("set-before-all", 0, "one is set onto the track before the first", set_before_all),
+    Scenario("passed-by-hand", 0, "one is moved past another by hand", passed_by_hand),
     Scenario("packed-line", 0, "trains stand on every joint, and all begin", packed_line),
     Scenario("full-line", 0, "trains stand everywhere, and all begin", full_line),
 )

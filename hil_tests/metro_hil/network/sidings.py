@@ -22,7 +22,7 @@ CLOSED_NS: Final = 6 * NS_PER_S
 """From then on all that trains hold was granted after they were told that it is closed."""
 PATIENCE_NS: Final = 30 * NS_PER_S
 ROOM_M: Final = 40.0
-"""Closed on either side of the train."""
+"""Closed on either side of the train, at least."""
 
 
 class Sidings:
@@ -57,12 +57,16 @@ class Sidings:
         self.world.net.at(self.world.net.now_ns + wait_ns, call, train)  # type: ignore[arg-type]
 
     def _wants_in(self, train: TrueTrain) -> None:
-        """Close some track for it where nobody is, and no object."""
+        """Close whole sections for it where nobody is, and no object: in one with another train no
+        counter would tell.
+        """
         world, net = self.world, self.world.net
         line = world.drawn.cast.line
         front_m = self._rng.uniform(train.length_m + ROOM_M, line.end_m - ROOM_M)
         rear_m = front_m - train.length_m
-        closed = SpeedRestriction(rear_m - ROOM_M, front_m + ROOM_M, 1.0)
+        sections = [e for e in line.sections if e.end_m > rear_m - ROOM_M]
+        sections = [e for e in sections if e.start_m < front_m + ROOM_M]
+        closed = SpeedRestriction(sections[0].start_m, sections[-1].end_m, 1.0)
         taken = [(e.rear_m, e.front_m) for e in world.trains.values() if e.on_line]
         taken += [(site.start_m, site.end_m) for site in line.objects]
         if any(start_m < closed.end_m and closed.start_m < end_m for start_m, end_m in taken):
@@ -71,9 +75,11 @@ class Sidings:
         world.t2t.closed = (*world.t2t.closed, closed)
         world.closes(closed)
         until_ns = net.now_ns + PATIENCE_NS
-        net.at(net.now_ns + CLOSED_NS, lambda _: self._enters(train, closed, until_ns))
+        net.at(net.now_ns + CLOSED_NS, lambda _: self._enters(train, front_m, closed, until_ns))
 
-    def _enters(self, train: TrueTrain, closed: SpeedRestriction, until_ns: int) -> None:
+    def _enters(
+        self, train: TrueTrain, front_m: float, closed: SpeedRestriction, until_ns: int
+    ) -> None:
         """Once nobody may come there any more; else somewhere else."""
         world, net = self.world, self.world.net
         if closed not in world.t2t.closed or net.now_ns > until_ns:
@@ -81,9 +87,8 @@ class Sidings:
             net.at(net.now_ns + LOOK_NS, self._wants_in, train)
             return
         if not self._is_free(closed):
-            net.at(net.now_ns + LOOK_NS, lambda _: self._enters(train, closed, until_ns))
+            net.at(net.now_ns + LOOK_NS, lambda _: self._enters(train, front_m, closed, until_ns))
             return
-        front_m = closed.end_m - ROOM_M
         net.kill(train.address, why="is switched off before it comes back")
         train.motion = Motion(net.now_ns, front_m, emergency_mps2=train.motion.emergency_mps2)
         train.next_stop = sum(stop_m < front_m for stop_m in world.setting.stops_m)
