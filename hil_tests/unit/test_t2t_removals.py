@@ -62,6 +62,18 @@ def test_who_waited_behind_it_goes_on_when_it_is_kept_that_it_is_gone() -> None:
     assert sorted(chair.master._known.records) == [NEXT]
 
 
+@pytest.mark.parametrize(("axles", "state"), [(16, "COMMITTING"), (17, "AXLES"), (15, "AXLES")])
+def test_who_waits_for_its_place_because_of_it_explains_its_own_axles(
+    axles: int, state: str
+) -> None:
+    """What the one that is gone held is not known: it may have gone past the one that waits."""
+    chair = Chair((entry(GONE, 900.0),), sections=True)
+    chair.now_ns = SILENT_MS * MS
+    chair.reports(NEXT, 1300.0)
+
+    assert judged(chair, axles={3: axles}) is RemovalState[state]
+
+
 @pytest.mark.parametrize(
     ("silent_ms", "state"),
     [(1, RemovalState.HEARD), (1000, RemovalState.HEARD), (1001, RemovalState.COMMITTING)],

@@ -98,7 +98,8 @@ class Surroundings:
     def sight(self, strangers: Iterable[Heard], track: TrackView | None, now_ns: int) -> Sight:
         """What the removal of a train is decided on."""
         others = list(strangers)
-        witnesses = self._witnesses(others, track, now_ns)
+        # Who may be forgotten is there all the same now, and so is whose axles these are.
+        witnesses = self._witnesses(others, track, now_ns, inside=True)
         # Also one whose word was long on its way is there.
         anew = {e.source for e, heard_ns in others if self._known.is_alive(heard_ns, now_ns)}
         return Sight(
@@ -125,9 +126,18 @@ class Surroundings:
         return halt.since_ns <= track.seen_ns
 
     def _witnesses(
-        self, strangers: Iterable[Heard], track: TrackView | None, now_ns: int
+        self,
+        strangers: Iterable[Heard],
+        track: TrackView | None,
+        now_ns: int,
+        *,
+        inside: bool = False,
     ) -> dict[int, Standing]:
-        """By train: of the roster, and of all others those that may explain anything."""
+        """By train: of the roster, and of all others those that may explain anything.
+
+        Args:
+            inside: others also where they stand in the area.
+        """
         known = self._known
         behind_m = 0.0 if track is None else way_m(now_ns - track.seen_ns)
         told = {
@@ -141,7 +151,8 @@ class Surroundings:
         for report, _ in [*strangers, *self._passed.values()]:
             # One that has only just come onto the roster still stands among the applicants.
             recent = known.is_recent(report, now_ns)
-            if recent and may_explain(report, known.records, self._area):
+            may = may_explain(report, known.records, self._area) or (inside and report.localised)
+            if recent and may:
                 told[report.source] = standing_of(report)._replace(
                     farther_m=way_m(now_ns - report.echo_ns), behind_m=behind_m
                 )
