@@ -551,6 +551,34 @@ def test_an_occupied_section_that_neither_of_two_neighbours_can_be_in_is_shut(
     assert found == (HIDDEN if hides else [])
 
 
+@pytest.mark.parametrize(
+    ("rear_m", "hides"), [(296.0, True), (295.98, False), (296.02, False), (196.0, False)]
+)
+def test_behind_the_joint_that_counters_saw_a_silent_train_pass_another_one_hides(
+    rear_m: float, *, hides: bool
+) -> None:
+    """By 4 m it may hang over the joint; by 7 m no train may have rolled and jogged back into it."""
+    found = hidden(THIRD_OCCUPIED, ahead_m=rear_m, open_end=(5000.0, NOW_NS))
+
+    assert found == (HIDDEN if hides else [])
+
+
+@pytest.mark.parametrize(
+    ("heard_ns", "hides"),
+    [(NOW_NS + 1, False), (NOW_NS - SILENT_NS, False), (NOW_NS - SILENT_NS - 1, True)],
+)
+def test_a_train_that_is_heard_may_have_rolled_back_over_the_joint(
+    heard_ns: int, *, hides: bool
+) -> None:
+    known = conclusions(report(2, 290.0), heard_ns=heard_ns)
+    ahead = known.records[2]
+    ahead.rear_m = 296.0
+
+    found = known.hidden_before(100.0, ahead, track(*THIRD_OCCUPIED), (5000.0, ahead.heard_ns))
+
+    assert found == (HIDDEN if hides else [])
+
+
 @pytest.mark.parametrize(("end_m", "hides"), [(300.0, True), (299.9, False), (400.0, True)])
 def test_before_the_foremost_train_all_is_shut_that_is_occupied_up_to_the_end(
     end_m: float, *, hides: bool

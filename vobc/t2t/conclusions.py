@@ -1,6 +1,7 @@
 """What a master may conclude from what it knows of its trains, under its own term."""
 
 from collections.abc import Sequence
+from typing import Final
 
 from firmware_py.trackdb.areas import ObjectSite
 from vobc.t2t.authority import Stretch
@@ -11,6 +12,9 @@ from vobc.t2t.track_view import TrackView, hidden_between, moved_on_m, way_m
 from vobc.t2t.vocabulary import T2tConfig
 from zenoh_config.t2t import RosterEntry, SyncEntry, TrainReport
 from zenoh_config.timers import NS_PER_MS
+
+ALIKE_M: Final = 0.01
+"""A rear that lies so far behind a joint of sections as trains hang over is known by counters."""
 
 
 class Conclusions:
@@ -203,12 +207,23 @@ class Conclusions:
             return []
         before_m, since_ns = open_end
         if ahead is not None:
-            before_m = ahead.rear_m - self._config.behind_rear_m
+            before_m = max(ahead.rear_m - self._config.behind_rear_m, self._joint_m(ahead, track))
         found = hidden_between(track, beyond_m=beyond_m, before_m=before_m, ahead_ns=since_ns)
         if found is None:
             return []
         # What hides hangs over behind its last axle, and may roll back.
         return [found._replace(start_m=found.start_m - self._config.behind_axle_m)]
+
+    def _joint_m(self, silent: Record, track: TrackView) -> float:
+        """Up to here counters have seen nothing of a train since it spoke, if they have seen that;
+        what they see there now may be another one.
+        """
+        seen_ns = max(track.seen_ns, silent.heard_ns)
+        if silent.report is not None and self.is_alive(silent.heard_ns, seen_ns):
+            return -UNBOUNDED_M
+        joint_m = silent.rear_m + self._config.overhang_m
+        ends_m = [end_m for _, end_m, _ in track.states if abs(end_m - joint_m) < ALIKE_M]
+        return max(ends_m, default=-UNBOUNDED_M)
 
     def sync_entries(self) -> tuple[SyncEntry, ...]:
         return tuple(

@@ -272,6 +272,33 @@ def passed_by_hand(make: Make) -> None:
     scene.until("all trains have authority", scene.all_held, within_s=60.0)
 
 
+def came_back_unheard(make: Make) -> None:
+    """One between two others is switched off and taken away, so that counters move it on to the
+    next joint, as far as they know; then it is set on a bit farther back, and nobody hears it.
+    """
+    away, follows, ahead = 1, 2, 4
+    fronts_m = {follows: 500.0, away: 1330.0, ahead: 1590.0}
+    scene = make(Plot(fronts_m, pieces=10, stops_m=sorted(fronts_m.values()), dwell_s=200.0))
+    scene.world.t2t.closed = (SpeedRestriction(900.0, 1100.0, 1.0),)
+    scene.settle()
+    scene.run(3.0)
+    train = scene.world.trains[away]
+    scene.net.kill(away)
+    train.on_line = train.localised = False
+    scene.world.checker.gave_up(away)
+    scene.run(13.0)
+    train.motion = Motion(scene.net.now_ns, 1290.0, emergency_mps2=1.0)
+    train.on_line = True
+    scene.run(1.0)
+    scene.world.t2t.closed = ()
+    scene.run(3.0)
+    end_m = scene.end_m(follows)
+    scene.expect(f"it is let no farther than before its section: {end_m}", end_m == 1189.0)
+    train.localised = True
+    scene.net.boot(away)
+    scene.until("all trains have authority", scene.all_held, within_s=60.0)
+
+
 HIDDEN_LURES: Final[tuple[Scenario, ...]] = (
     Scenario("late-report", 0, "a report comes when its train is elsewhere", late_report),
     Scenario("lost-on-its-way", 0, "a train runs on after it lost its place", lost_on_its_way),
@@ -282,6 +309,7 @@ HIDDEN_LURES: Final[tuple[Scenario, ...]] = (
     Scenario("set-between", 0, "one is set onto the track between two that run", set_between),
     Scenario("set-before-all", 0, "one is set onto the track before the first", set_before_all),
     Scenario("passed-by-hand", 0, "one is moved past another by hand", passed_by_hand),
+    Scenario("came-back-unheard", 0, "one that counters saw leave is set on", came_back_unheard),
     Scenario("packed-line", 0, "trains stand on every joint, and all begin", packed_line),
     Scenario("full-line", 0, "trains stand everywhere, and all begin", full_line),
 )

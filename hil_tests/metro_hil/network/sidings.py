@@ -23,6 +23,8 @@ CLOSED_NS: Final = 6 * NS_PER_S
 PATIENCE_NS: Final = 30 * NS_PER_S
 ROOM_M: Final = 40.0
 """Closed on either side of the train, at least."""
+APART_M: Final = 20.0
+"""No other train stands so near to what is closed."""
 
 
 class Sidings:
@@ -57,8 +59,8 @@ class Sidings:
         self.world.net.at(self.world.net.now_ns + wait_ns, call, train)  # type: ignore[arg-type]
 
     def _wants_in(self, train: TrueTrain) -> None:
-        """Close whole sections for it where nobody is, and no object: in one with another train no
-        counter would tell.
+        """Close whole sections for it where nobody is, and no object: in one with another train, or
+        that another may roll back into, no counter would tell.
         """
         world, net = self.world, self.world.net
         line = world.drawn.cast.line
@@ -67,7 +69,8 @@ class Sidings:
         sections = [e for e in line.sections if e.end_m > rear_m - ROOM_M]
         sections = [e for e in sections if e.start_m < front_m + ROOM_M]
         closed = SpeedRestriction(sections[0].start_m, sections[-1].end_m, 1.0)
-        taken = [(e.rear_m, e.front_m) for e in world.trains.values() if e.on_line]
+        trains = [each for each in world.trains.values() if each.on_line]
+        taken = [(each.rear_m - APART_M, each.front_m + APART_M) for each in trains]
         taken += [(site.start_m, site.end_m) for site in line.objects]
         if any(start_m < closed.end_m and closed.start_m < end_m for start_m, end_m in taken):
             net.at(net.now_ns + LOOK_NS, self._wants_in, train)
