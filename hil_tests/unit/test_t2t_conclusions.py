@@ -557,7 +557,7 @@ def test_an_occupied_section_that_neither_of_two_neighbours_can_be_in_is_shut(
 def test_behind_the_joint_that_counters_saw_a_silent_train_pass_another_one_hides(
     rear_m: float, *, hides: bool
 ) -> None:
-    """By 4 m it may hang over the joint; by 7 m no train may have rolled and jogged back into it."""
+    """By 4 m it may hang over the joint, and is not reckoned to have gone back over it."""
     found = hidden(THIRD_OCCUPIED, ahead_m=rear_m, open_end=(5000.0, NOW_NS))
 
     assert found == (HIDDEN if hides else [])
