@@ -69,10 +69,9 @@ class Sidings:
         sections = [e for e in line.sections if e.end_m > rear_m - ROOM_M]
         sections = [e for e in sections if e.start_m < front_m + ROOM_M]
         closed = SpeedRestriction(sections[0].start_m, sections[-1].end_m, 1.0)
-        trains = [each for each in world.trains.values() if each.on_line]
-        taken = [(each.rear_m - APART_M, each.front_m + APART_M) for each in trains]
-        taken += [(site.start_m, site.end_m) for site in line.objects]
-        if any(start_m < closed.end_m and closed.start_m < end_m for start_m, end_m in taken):
+        if self._is_taken(closed) or any(
+            site.start_m < closed.end_m and closed.start_m < site.end_m for site in line.objects
+        ):
             net.at(net.now_ns + LOOK_NS, self._wants_in, train)
             return
         world.t2t.closed = (*world.t2t.closed, closed)
@@ -83,9 +82,11 @@ class Sidings:
     def _enters(
         self, train: TrueTrain, front_m: float, closed: SpeedRestriction, until_ns: int
     ) -> None:
-        """Once nobody may come there any more; else somewhere else."""
+        """Once nobody may come there any more; somewhere else if that takes long, or somebody else
+        was set on there: counters have to have seen for a while that nobody is there.
+        """
         world, net = self.world, self.world.net
-        if closed not in world.t2t.closed or net.now_ns > until_ns:
+        if closed not in world.t2t.closed or net.now_ns > until_ns or self._is_taken(closed):
             self._open(closed)
             net.at(net.now_ns + LOOK_NS, self._wants_in, train)
             return
@@ -104,6 +105,13 @@ class Sidings:
         else:
             self._after(DEAD_S, lambda _: net.boot(train.address), train)
         self._after(OPENED_S, lambda _: self._open(closed), train)
+
+    def _is_taken(self, closed: SpeedRestriction) -> bool:
+        trains = [each for each in self.world.trains.values() if each.on_line]
+        return any(
+            each.rear_m - APART_M < closed.end_m and closed.start_m < each.front_m + APART_M
+            for each in trains
+        )
 
     def _is_free(self, closed: SpeedRestriction) -> bool:
         judge = self.world.checker
