@@ -16,6 +16,8 @@ from zenoh_config.messages import SpeedRestriction
 NS_PER_S: Final = 1_000_000_000
 AWAY_S: Final = (12.0, 60.0)
 """No train is away for less than the protocol reckons with."""
+OFF_NS: Final = 4 * NS_PER_S
+"""So long a train is switched off before it is moved: whoever heard it knows by then."""
 DEAD_S: Final = (2.0, 40.0)
 OPENED_S: Final = (1.0, 20.0)
 CLOSED_NS: Final = 6 * NS_PER_S
@@ -44,15 +46,28 @@ class Sidings:
         ]
         if not standing:
             return False
-        train, net = self._rng.choice(standing), self.world.net
-        net.kill(train.address, why="is switched off and taken off the line")
+        self._switch_off(self._rng.choice(standing))
+        return True
+
+    def _switch_off(self, train: TrueTrain) -> None:
+        """Some time before it is moved."""
+        net = self.world.net
+        net.kill(train.address, why="is switched off")
+        lives = net.nodes[train.address].boots
+        net.at(net.now_ns + OFF_NS, lambda _: self._goes(train, lives))
+
+    def _goes(self, train: TrueTrain, lives: int) -> None:
+        """Unless somebody switched it on again."""
+        net = self.world.net
+        if train.shunts or not train.on_line or net.nodes[train.address].boots != lives:
+            return
+        net.say("railway", f"train {train.address} is taken off the line")
         train.on_line = train.localised = False
         self.world.checker.gave_up(train.address)
         self._after(AWAY_S, self._wants_in, train)
         for area in self.world.drawn.cast.line.areas:
             self.world.t2t.removals.pop((area.number, train.address), None)
         net.at(net.now_ns + SEEN_NS, lambda _: seen_gone(self.world, train))
-        return True
 
     def _after(self, span_s: tuple[float, float], call: object, train: TrueTrain) -> None:
         wait_ns = int(self._rng.uniform(*span_s) * NS_PER_S)

@@ -6,7 +6,7 @@ import pytest
 
 from metro_hil.network.motion import Motion
 from metro_hil.network.scene import Plot, Scene
-from metro_hil.network.sidings import AWAY_S, CLOSED_NS, Sidings
+from metro_hil.network.sidings import AWAY_S, CLOSED_NS, OFF_NS, Sidings
 from zenoh_config.messages import SpeedRestriction
 
 S = 1_000_000_000
@@ -30,6 +30,8 @@ def test_a_train_that_stands_is_switched_off_and_comes_back_among_the_others() -
 
     assert sidings.leaves()
 
+    assert off(scene) == []
+    scene.run(OFF_NS / S)
     (away,) = off(scene)
     train, was_m = scene.world.trains[away], scene.world.trains[away].front_m
     assert not scene.net.runs(away)
@@ -42,6 +44,18 @@ def test_a_train_that_stands_is_switched_off_and_comes_back_among_the_others() -
         assert other is train or other.rear_m > train.front_m or other.front_m < train.rear_m
     scene.until("all have authority", scene.all_held, within_s=90.0)
     assert scene.world.t2t.closed == ()
+
+
+def test_one_that_is_switched_on_again_meanwhile_stays_where_it_is() -> None:
+    scene = settled()
+
+    assert Sidings(scene.world, random.Random(3)).leaves()
+
+    (dead,) = [each for each in scene.world.trains if not scene.net.runs(each)]
+    scene.run(OFF_NS / S - 0.5)
+    scene.net.boot(dead)
+    scene.run(20.0)
+    assert off(scene) == []
 
 
 def test_who_moves_is_not_taken_off() -> None:
@@ -65,6 +79,7 @@ def test_none_is_set_on_where_another_may_still_come(monkeypatch: pytest.MonkeyP
 
     monkeypatch.setattr(Sidings, "_is_free", never_free)
     sidings.leaves()
+    scene.run(OFF_NS / S)
     (away,) = off(scene)
     scene.run(AWAY_S[1] + 2 * CLOSED_NS / S + 40.0)
 
