@@ -57,8 +57,9 @@ class Mischief:
             self._things.append(("out of service by order", self._retire))
         if world.track.objects:
             self._things += 4 * [("object wish", self._wish)]
+        self._sidings = Sidings(world, self._rng)
         if world.drawn.sidings:
-            self._things += 2 * [("taken off the line", Sidings(world, self._rng).leaves)]
+            self._things += 2 * [("taken off the line", self._sidings.leaves)]
         if world.drawn.choosy:
             self._things = some_of(self._things, random.Random(seed ^ 0xC4005))
 
@@ -68,7 +69,7 @@ class Mischief:
 
     def calm(self) -> None:
         """Nothing is wanted, closed or out of service any more."""
-        self._over = True
+        self._over = self._sidings.over = True
         for thing in self.world.track.objects.values():
             thing.release_wanted = False
         for each in self.world.trains.values():

@@ -35,6 +35,8 @@ class Sidings:
     def __init__(self, world: LineWorld, rng: random.Random) -> None:
         self.world, self._rng = world, rng
         self.entered = 0
+        self.over = False
+        """Nobody is set on any more."""
 
     def leaves(self) -> bool:
         """Let a train that stands leave; whether there is one."""
@@ -78,6 +80,8 @@ class Sidings:
         that another may roll back into, no counter would tell.
         """
         world, net = self.world, self.world.net
+        if self.over:
+            return
         line = world.drawn.cast.line
         front_m = self._rng.uniform(train.length_m + ROOM_M, line.end_m - ROOM_M)
         rear_m = front_m - train.length_m
@@ -101,6 +105,9 @@ class Sidings:
         was set on there: counters have to have seen for a while that nobody is there.
         """
         world, net = self.world, self.world.net
+        if self.over:
+            self._open(closed)
+            return
         if closed not in world.t2t.closed or net.now_ns > until_ns or self._is_taken(closed):
             self._open(closed)
             net.at(net.now_ns + LOOK_NS, self._wants_in, train)

@@ -87,6 +87,26 @@ def test_none_is_set_on_where_another_may_still_come(monkeypatch: pytest.MonkeyP
     assert off(scene) == [away]
 
 
+@pytest.mark.parametrize("after_s", [1.0, AWAY_S[1] + 1.0])
+def test_when_all_is_over_nobody_is_set_on_any_more(
+    after_s: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Before it looks for a place, and while it waits at one."""
+    scene = settled()
+    sidings = Sidings(scene.world, random.Random(3))
+    monkeypatch.setattr(Sidings, "_is_free", lambda *_: False)
+    sidings.leaves()
+    scene.run(OFF_NS / S + after_s)
+    (away,) = off(scene)
+    monkeypatch.setattr(Sidings, "_is_free", lambda *_: True)
+    sidings.over = True
+
+    scene.run(AWAY_S[1] + 2 * CLOSED_NS / S)
+
+    assert off(scene) == [away]
+    assert scene.world.t2t.closed == ()
+
+
 def test_a_place_is_free_that_no_train_behind_it_may_come_to() -> None:
     scene = settled()
     sidings = Sidings(scene.world, random.Random(3))
