@@ -18,7 +18,7 @@ from vobc.t2t.admission import Scene
 from vobc.t2t.authority import Counted, Standing
 from vobc.t2t.conclusions import Conclusions
 from vobc.t2t.guards import MasterGuards
-from vobc.t2t.newborn import Behind, Evidence, Former, Newborns, Whereabouts, whereabouts
+from vobc.t2t.newborn import Evidence, Former, Neighbour, Newborns, Whereabouts, whereabouts
 from vobc.t2t.roster import Order
 from vobc.t2t.table import Record, TrainTable
 from vobc.t2t.train import TrainCore
@@ -40,7 +40,7 @@ def report_at(rear_m: float, *, train: int = 1, unsure_m: float = 4.0) -> TrainR
 
 
 def found(rear_m: float, evidence: Evidence = NOTHING, *behind: Record) -> Whereabouts:
-    others = [Behind(each.rear_m, heard=each.report is not None) for each in behind]
+    others = [Neighbour(each.rear_m, heard=each.report is not None) for each in behind]
     former = Former(Record(1, 1000.0, 0, boot=1), others)
     return whereabouts(former, report_at(rear_m), evidence, behind_rear_m=BEHIND_M)
 

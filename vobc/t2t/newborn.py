@@ -28,8 +28,8 @@ class Whereabouts(enum.Enum):
     """It keeps its place on the roster, as an obstacle, and gets nothing."""
 
 
-class Behind(NamedTuple):
-    """A train behind it on the roster."""
+class Neighbour(NamedTuple):
+    """Another train on the roster."""
 
     rear_m: float
     """It was there, or is farther on."""
@@ -41,7 +41,7 @@ class Former(NamedTuple):
     """What is known of the life before, and of those around it on the roster."""
 
     record: Record
-    behind: Sequence[Behind]
+    behind: Sequence[Neighbour]
     ahead_m: Sequence[float] = ()
     """Rears of those ahead, or where they are farther on."""
 
@@ -115,8 +115,8 @@ class Newborns:
             recent = former.report is not None and now_ns - former.heard_ns <= RECENT_NS
             ahead = settled[-1].train if settled else NOBODY
             followers = [each for each in order[at + 1 :] if each.train in known.records]
-            behind = [self._behind(each, known, now_ns) for each in followers]
-            ahead_m = [self._behind(each, known, now_ns).rear_m for each in settled]
+            behind = [self._neighbour(each, known, now_ns) for each in followers]
+            ahead_m = [self._neighbour(each, known, now_ns).rear_m for each in settled]
             life = Former(former, behind, ahead_m)
             found = self._find(ahead, life, report, scene, recent=recent)
             if found is Whereabouts.UNSURE:
@@ -133,17 +133,17 @@ class Newborns:
                 known.reborn(report, heard_ns)
         return tuple(settled), gone
 
-    def _behind(self, entry: RosterEntry, known: Conclusions, now_ns: int) -> Behind:
+    def _neighbour(self, entry: RosterEntry, known: Conclusions, now_ns: int) -> Neighbour:
         """Trains that began anew one behind the other would wait for each other if only the life
         that arbiters kept counted. No train passes another: where they are is their order.
         """
         record = known.records[entry.train]
         if record.report is not None:
-            return Behind(record.rear_m, heard=True)
+            return Neighbour(record.rear_m, heard=True)
         report, _ = self._told.get(entry.train, (None, now_ns))
         if report is None or not report.localised or not known.is_recent(report, now_ns):
-            return Behind(record.rear_m, heard=False)
-        return Behind(max(record.rear_m, report.rear_min_m), heard=True)
+            return Neighbour(record.rear_m, heard=False)
+        return Neighbour(max(record.rear_m, report.rear_min_m), heard=True)
 
     def _find(
         self, ahead: int, former: Former, report: TrainReport, scene: Scene, *, recent: bool

@@ -48,13 +48,11 @@ class Depot:
         if train.rear_m < self.world.drawn.cast.line.end_m + BEYOND_M:
             net.at(net.now_ns + LOOK_NS, self._gone, train)
             return
-        train.on_line = train.localised = train.shunts = False
-        self.world.checker.gave_up(train.address)
+        train.shunts = False
+        take_off(self.world, train)
         net.kill(train.address, why="is switched off in the depot")
         away_ns = int(self._rng.uniform(*AWAY_S) * NS_PER_S)
         net.at(net.now_ns + away_ns, self._enters, train)
-        for area in self.world.drawn.cast.line.areas:
-            self.world.t2t.removals.pop((area.number, train.address), None)
         seen_gone(self.world, train)
 
     def _enters(self, train: TrueTrain) -> None:
@@ -65,15 +63,28 @@ class Depot:
         if rears_m and min(rears_m) < front_m + ROOM_M:
             net.at(net.now_ns + LOOK_NS, self._enters, train)
             return
-        # Whatever ran in the depot is switched off: the train begins anew with what it stored.
-        net.kill(train.address, why="is switched off before it comes back")
-        train.motion = Motion(net.now_ns, front_m, emergency_mps2=train.motion.emergency_mps2)
-        train.next_stop = sum(stop_m < front_m for stop_m in world.setting.stops_m)
-        train.dwell_until_ns = 0
-        train.on_line = train.localised = True
+        set_on(world, train, front_m)
         self.entered += 1
-        net.say("railway", f"train {train.address} comes onto the line, front {front_m:.2f} m")
         net.boot(train.address)
+
+
+def take_off(world: LineWorld, train: TrueTrain) -> None:
+    """It is not on the line any more, and nobody has been told so yet."""
+    train.on_line = train.localised = False
+    world.checker.gave_up(train.address)
+    for area in world.drawn.cast.line.areas:
+        world.t2t.removals.pop((area.number, train.address), None)
+
+
+def set_on(world: LineWorld, train: TrueTrain, front_m: float) -> None:
+    """Switched off, whatever ran while it was away: it begins anew with what it stored."""
+    net = world.net
+    net.kill(train.address, why="is switched off before it comes back")
+    train.motion = Motion(net.now_ns, front_m, emergency_mps2=train.motion.emergency_mps2)
+    train.next_stop = sum(stop_m < front_m for stop_m in world.setting.stops_m)
+    train.dwell_until_ns = 0
+    train.on_line = train.localised = True
+    net.say("railway", f"train {train.address} comes onto the line, front {front_m:.2f} m")
 
 
 def seen_gone(world: LineWorld, train: TrueTrain) -> None:

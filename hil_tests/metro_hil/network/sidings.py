@@ -5,12 +5,12 @@ what another was granted already.
 """
 
 import random
+from collections.abc import Callable
 from typing import Final
 
-from metro_hil.network.depot import LOOK_NS, SEEN_NS, seen_gone
+from metro_hil.network.depot import LOOK_NS, SEEN_NS, seen_gone, set_on, take_off
 from metro_hil.network.ground import TrueTrain
 from metro_hil.network.line_world import LineWorld
-from metro_hil.network.motion import Motion
 from zenoh_config.messages import SpeedRestriction
 
 NS_PER_S: Final = 1_000_000_000
@@ -64,16 +64,15 @@ class Sidings:
         if train.shunts or not train.on_line or net.nodes[train.address].boots != lives:
             return
         net.say("railway", f"train {train.address} is taken off the line")
-        train.on_line = train.localised = False
-        self.world.checker.gave_up(train.address)
+        take_off(self.world, train)
         self._after(AWAY_S, self._wants_in, train)
-        for area in self.world.drawn.cast.line.areas:
-            self.world.t2t.removals.pop((area.number, train.address), None)
         net.at(net.now_ns + SEEN_NS, lambda _: seen_gone(self.world, train))
 
-    def _after(self, span_s: tuple[float, float], call: object, train: TrueTrain) -> None:
+    def _after(
+        self, span_s: tuple[float, float], call: Callable[[TrueTrain], None], train: TrueTrain
+    ) -> None:
         wait_ns = int(self._rng.uniform(*span_s) * NS_PER_S)
-        self.world.net.at(self.world.net.now_ns + wait_ns, call, train)  # type: ignore[arg-type]
+        self.world.net.at(self.world.net.now_ns + wait_ns, call, train)
 
     def _wants_in(self, train: TrueTrain) -> None:
         """Close whole sections for it where nobody is, and no object: in one with another train, or
@@ -115,13 +114,8 @@ class Sidings:
         if not self._is_free(closed):
             net.at(net.now_ns + LOOK_NS, lambda _: self._enters(train, front_m, closed, until_ns))
             return
-        net.kill(train.address, why="is switched off before it comes back")
-        train.motion = Motion(net.now_ns, front_m, emergency_mps2=train.motion.emergency_mps2)
-        train.next_stop = sum(stop_m < front_m for stop_m in world.setting.stops_m)
-        train.dwell_until_ns = 0
-        train.on_line = train.localised = True
+        set_on(world, train, front_m)
         self.entered += 1
-        net.say("railway", f"train {train.address} is set onto the line, front {front_m:.2f} m")
         if self._rng.random() < 0.7:
             net.boot(train.address)
         else:
