@@ -1,5 +1,6 @@
 """A train's controller in the simulation: the protocol under test, and what drives by it."""
 
+import math
 from collections.abc import Sequence
 from typing import Any, Final, Protocol
 
@@ -146,7 +147,12 @@ class Driver:
         self.train.heard_ns = now_ns
         if motion.emergency and motion.speed_mps == 0.0:
             motion.release_emergency()
-        motion.demand(now_ns, SHUNTING_MPS2 if motion.speed_mps < SHUNTING_MPS else 0.0)
+        motion.demand(now_ns, self._by_hand_mps2(motion.front_m, motion.speed_mps))
+
+    def _by_hand_mps2(self, front_m: float, speed_mps: float) -> float:
+        if self.train.shunts_to_m < math.inf:
+            return demand_mps2(front_m, speed_mps, Aim(SHUNTING_MPS, self.train.shunts_to_m))
+        return SHUNTING_MPS2 if speed_mps < SHUNTING_MPS else 0.0
 
     def _drive(self, now_ns: int) -> None:
         train, motion = self.train, self.train.motion

@@ -35,6 +35,8 @@ CHOOSY_FROM: Final = 100_000
 SIDINGS_FROM: Final = 110_000
 """From this seed on trains are taken off the line anywhere and set on elsewhere, and are not all of
 one length."""
+BY_HAND_FROM: Final = 120_000
+"""From this seed on trains are driven by hand, on sight, too."""
 PLACES_M: Final = 10.0
 """Borders and objects lie at whole multiples of this."""
 
@@ -107,6 +109,8 @@ class Draw:
     comes of one thing after the other hides where everything happens now and then."""
     sidings: bool = False
     """Trains are taken off the line and set on again elsewhere."""
+    by_hand: bool = False
+    """Trains are driven by hand behind the next one."""
 
     @property
     def timers(self) -> str:
@@ -169,6 +173,7 @@ def _draw_any(seed: int) -> Draw:
         ordered=seed >= ORDERED_FROM,
         choosy=seed >= CHOOSY_FROM,
         sidings=seed >= SIDINGS_FROM,
+        by_hand=seed >= BY_HAND_FROM,
     )
 
 

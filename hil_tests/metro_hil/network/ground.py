@@ -63,7 +63,7 @@ class TrueTrain:
     __slots__ = (
         *("address", "axles", "dwell_until_ns", "emergencies", "half_width_m", "heard_ns", "lane"),
         *("length_m", "localised", "motion", "next_stop", "on_line", "out_of_service"),
-        "shunts",
+        *("shunts", "shunts_to_m"),
     )
 
     def __init__(
@@ -88,7 +88,9 @@ class TrueTrain:
         self.localised = True
         self.out_of_service = False
         self.shunts = False
-        """Driven by hand off the line, whatever its authority is."""
+        """Driven by hand, whatever its authority is."""
+        self.shunts_to_m = math.inf
+        """Where it is driven by hand; by default off the line."""
 
     @property
     def rolls(self) -> bool:

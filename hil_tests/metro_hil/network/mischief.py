@@ -8,6 +8,7 @@ import random
 from collections.abc import Callable, Sequence
 from typing import Final
 
+from metro_hil.network.by_hand import ByHand
 from metro_hil.network.depot import Depot
 from metro_hil.network.line_world import LineWorld
 from metro_hil.network.orders import ORDER_REPEATS, Order
@@ -60,6 +61,9 @@ class Mischief:
         self._sidings = Sidings(world, self._rng)
         if world.drawn.sidings:
             self._things += 2 * [("taken off the line", self._sidings.leaves)]
+        self._by_hand = ByHand(world, self._rng)
+        if world.drawn.by_hand:
+            self._things += 3 * [("driven by hand", self._by_hand.drives)]
         if world.drawn.choosy:
             self._things = some_of(self._things, random.Random(seed ^ 0xC4005))
 
@@ -69,7 +73,7 @@ class Mischief:
 
     def calm(self) -> None:
         """Nothing is wanted, closed or out of service any more."""
-        self._over = self._sidings.over = True
+        self._over = self._sidings.over = self._by_hand.over = True
         for thing in self.world.track.objects.values():
             thing.release_wanted = False
         for each in self.world.trains.values():
