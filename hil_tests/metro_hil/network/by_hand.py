@@ -9,9 +9,10 @@ import math
 import random
 from typing import Final
 
+from metro_hil.network.depot import LOOK_NS
 from metro_hil.network.ground import TrueTrain
 from metro_hil.network.line_world import LineWorld
-from metro_hil.network.sidings import CLOSED_NS, LOOK_NS, PATIENCE_NS
+from metro_hil.network.sidings import CLOSED_NS, PATIENCE_NS
 from zenoh_config.messages import SpeedRestriction
 
 NS_PER_S: Final = 1_000_000_000
