@@ -284,7 +284,8 @@ class WaysideNode:
         beats = tuple([m for m in heard if type(m) is Heartbeat])
         self._track.advance(self._crew.true_ns())
         if beats:
-            out += self.status.step(now_ns, beats, axles=self._track.axles())
+            track = self._track
+            out += self.status.step(now_ns, beats, axles=track.axles(), disturbed=track.disturbed)
         out += self._desk.says(self._crew.orders, now_ns)
         self._crew.orders = [order for order in self._crew.orders if order.left > 0]
         told_kinds(out, self._crew.said)

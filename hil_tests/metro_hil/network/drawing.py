@@ -37,6 +37,8 @@ SIDINGS_FROM: Final = 110_000
 one length."""
 BY_HAND_FROM: Final = 120_000
 """From this seed on trains are driven by hand, on sight, too."""
+DISTURBED_FROM: Final = 130_000
+"""From this seed on counters of axles are disturbed, too."""
 PLACES_M: Final = 10.0
 """Borders and objects lie at whole multiples of this."""
 
@@ -111,6 +113,8 @@ class Draw:
     """Trains are taken off the line and set on again elsewhere."""
     by_hand: bool = False
     """Trains are driven by hand behind the next one."""
+    disturbed: bool = False
+    """Counters of axles are disturbed now and then."""
 
     @property
     def timers(self) -> str:
@@ -174,6 +178,7 @@ def _draw_any(seed: int) -> Draw:
         choosy=seed >= CHOOSY_FROM,
         sidings=seed >= SIDINGS_FROM,
         by_hand=seed >= BY_HAND_FROM,
+        disturbed=seed >= DISTURBED_FROM,
     )
 
 

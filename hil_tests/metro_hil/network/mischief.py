@@ -64,6 +64,8 @@ class Mischief:
         self._by_hand = ByHand(world, self._rng)
         if world.drawn.by_hand:
             self._things += 3 * [("driven by hand", self._by_hand.drives)]
+        if world.drawn.disturbed:
+            self._things += 2 * [("counter disturbed", self._disturb)]
         if world.drawn.choosy:
             self._things = some_of(self._things, random.Random(seed ^ 0xC4005))
 
@@ -80,6 +82,7 @@ class Mischief:
             each.localised, each.out_of_service = each.on_line, False
         crew = self.world.t2t
         crew.closed, crew.restrictions, crew.orders = (), (), []
+        self.world.track.disturbed = frozenset()
         for wait_ns in ALL_CLEAR_NS:
             self.world.net.at(self.world.net.now_ns + wait_ns, self._all_clear)
 
@@ -187,6 +190,19 @@ class Mischief:
             crew.restrictions = tuple(each for each in crew.restrictions if each is not slow)
 
         self._later(5.0, 40.0, lifted)
+
+    def _disturb(self) -> None:
+        """A counter that may have missed an axle is not trusted until somebody has looked."""
+        track = self.world.track
+        number = self._rng.choice(track.line.sections).number
+        track.disturbed |= {number}
+        self._say(f"the counter of section {number} is disturbed")
+
+        def looked_at() -> None:
+            track.disturbed -= {number}
+            self._say(f"the counter of section {number} is trusted again")
+
+        self._later(0.5, 60.0, looked_at)
 
     def _stop_order(self) -> None:
         train = self._rng.choice(list(self.world.trains))

@@ -37,6 +37,8 @@ class TrueTrack:
             )
             for site in line.objects
         }
+        self.disturbed: frozenset[int] = frozenset()
+        """Numbers of sections whose counters are not to be trusted."""
         self._sections = [(s.number, s.start_m, s.end_m) for s in line.sections]
 
     def advance(self, now_ns: int) -> None:
@@ -65,7 +67,7 @@ class TrueTrack:
 
     def joined_to(self, train: TrueTrain) -> list[TrueTrain]:
         """Trains between which and this one, which is among them, no section is empty."""
-        axles = self.axles()
+        axles = self.axles().keys() | self.disturbed
         for taken, sections in itertools.groupby(self._sections, lambda each: each[0] in axles):
             spans = [(start_m, end_m) for _, start_m, end_m in sections]
             joined = [e for e in self.trains if _has_axles(e, spans[0][0], spans[-1][1])]

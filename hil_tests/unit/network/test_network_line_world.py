@@ -1,5 +1,7 @@
 """The line's own judge: what it lets pass because the trains' true places say why."""
 
+from dataclasses import replace
+
 import pytest
 
 from metro_hil.network.air import Air
@@ -131,6 +133,47 @@ def test_one_jog_takes_the_place_of_another_that_was_not_over() -> None:
     for _ in range(3):
         jog()
         assert 0.0 < motion.jogged_m == motion.back_m <= scene.world.checker.rules.jog_m
+
+
+def test_a_section_with_a_disturbed_counter_is_not_entered_until_it_is_looked_at() -> None:
+    scene = Scene(Plot({1: 300.0}))
+    scene.settle()
+    track = scene.world.track
+    (section,) = [each for each in track.line.sections if each.start_m == 1000.0]
+    track.disturbed = frozenset({section.number})
+
+    scene.run(30.0)
+
+    assert (scene.end_m(1) or 0.0) < section.start_m
+    assert scene.emergencies() == 0
+    track.disturbed = frozenset()
+    scene.until("all is clear", lambda: (scene.end_m(1) or 0.0) > section.end_m, within_s=2.0)
+
+
+@pytest.mark.parametrize("over", [False, True])
+def test_a_counter_is_disturbed_for_a_while_or_until_all_is_over(over: bool) -> None:
+    line = world(200.0, 900.0)
+    line.drawn = replace(line.drawn, disturbed=True)
+    mischief = Mischief(line, seed=1)
+
+    dict(mischief._things)["counter disturbed"]()
+
+    (number,) = line.track.disturbed
+    assert number in {each.number for each in line.track.line.sections}
+    if over:
+        mischief.calm()
+    else:
+        line.net.run(60_000_000_000)
+    assert not line.track.disturbed
+
+
+def test_a_disturbed_section_joins_the_trains_on_either_side() -> None:
+    line = world(200.0, 600.0)
+    assert joined(line, 1) == [1]
+
+    line.track.disturbed = frozenset({2})
+
+    assert joined(line, 1) == [1, 2]
 
 
 @pytest.mark.parametrize("shunts", [False, True])
