@@ -533,7 +533,7 @@ def hidden(
 ) -> list[Stretch]:
     """Before a train from 0 to 80 m that was granted 100 m."""
     known = conclusions(report(1, 0.0, held_end_m=100.0))
-    ahead = None if ahead_m is None else Record(2, ahead_m, NOW_NS, boot=1)
+    ahead = None if ahead_m is None else Record(2, ahead_m, open_end[1], boot=1)
     return known.hidden_before(known.records[1].granted_m, ahead, track(*occupied), open_end)
 
 
@@ -551,32 +551,76 @@ def test_an_occupied_section_that_neither_of_two_neighbours_can_be_in_is_shut(
     assert found == (HIDDEN if hides else [])
 
 
+def located(ahead: TrainReport, *, age_ns: int = 0, lost: bool = False) -> bool:
+    """By what it said a while ago, and that it said since that it is lost."""
+    told = [ahead, *([replace(ahead, localised=False)] if lost else [])]
+    known = conclusions(report(1, 0.0, held_end_m=100.0))
+    record = known.table.of(ahead.source, rear_m=ahead.rear_min_m, now_ns=0)
+    for each in told:
+        record.hears(each, NOW_NS, term=TERM, jog_m=5.0)
+    return known.is_placed(record, NOW_NS + age_ns)
+
+
+def test_a_train_is_placed_that_said_just_now_under_this_command_where_it_is() -> None:
+    assert located(report(2, 290.0))
+    assert located(report(2, 290.0), age_ns=SILENT_NS)
+    assert not located(report(2, 290.0), age_ns=SILENT_NS + 1)
+    assert not located(report(2, 290.0, term=TERM - 1))
+    assert not located(replace(report(2, 290.0), echo_ns=0))
+    assert not located(report(2, 290.0), lost=True)
+
+
+def test_a_train_that_was_lost_is_placed_again_as_soon_as_it_says_where_it_is() -> None:
+    known = conclusions(report(2, 290.0), replace(report(2, 290.0), localised=False))
+    assert not known.is_placed(known.records[2], NOW_NS)
+
+    known.records[2].hears(report(2, 291.0), NOW_NS, term=TERM, jog_m=5.0)
+
+    assert known.is_placed(known.records[2], NOW_NS)
+
+
+def test_of_whom_only_arbiters_know_nobody_knows_where_it_is() -> None:
+    known = conclusions()
+    assert not known.is_placed(known.add(RosterEntry(2, 290.0, True, 1), NOW_NS), NOW_NS)
+
+
 @pytest.mark.parametrize(
-    ("rear_m", "hides"), [(296.0, True), (295.98, False), (296.02, False), (196.0, False)]
+    ("age_ns", "granted_m", "hides"),
+    [(SILENT_NS, 100.0, False), (SILENT_NS + 1, 100.0, True), (SILENT_NS + 1, 300.1, False)],
 )
-def test_behind_the_joint_that_counters_saw_a_silent_train_pass_another_one_hides(
-    rear_m: float, *, hides: bool
+def test_in_the_section_of_a_train_that_is_silent_another_may_be_by_now(
+    age_ns: int, granted_m: float, *, hides: bool
 ) -> None:
-    """By 4 m it may hang over the joint, and is not reckoned to have gone back over it."""
-    found = hidden(THIRD_OCCUPIED, ahead_m=rear_m, open_end=(5000.0, NOW_NS))
+    """But nothing is taken back that reaches in there."""
+    known = conclusions(report(1, 0.0, held_end_m=granted_m), report(2, 290.0))
+    behind, ahead = known.records[1], known.records[2]
+    view, left = track(*THIRD_OCCUPIED), (5000.0, NOW_NS)
+
+    assert known.hidden_before(100.0, ahead, view, left) == []
+    found = known.hidden(behind, 100.0, ahead, view, left, NOW_NS + age_ns)
 
     assert found == (HIDDEN if hides else [])
 
 
-@pytest.mark.parametrize(
-    ("heard_ns", "hides"),
-    [(NOW_NS + 1, False), (NOW_NS - SILENT_NS, False), (NOW_NS - SILENT_NS - 1, True)],
-)
-def test_a_train_that_is_heard_may_have_rolled_back_over_the_joint(
-    heard_ns: int, *, hides: bool
+@pytest.mark.parametrize("silent", [False, True])
+def test_a_section_that_a_train_ahead_surely_is_not_in_is_shut_also_within_what_was_granted(
+    *, silent: bool
 ) -> None:
-    known = conclusions(report(2, 290.0), heard_ns=heard_ns)
-    ahead = known.records[2]
-    ahead.rear_m = 296.0
+    known = conclusions(report(1, 0.0, held_end_m=350.0), report(2, 390.0))
+    now_ns = NOW_NS + SILENT_NS + silent
 
-    found = known.hidden_before(100.0, ahead, track(*THIRD_OCCUPIED), (5000.0, ahead.heard_ns))
+    found = known.hidden(
+        known.records[1], 100.0, known.records[2], track(*THIRD_OCCUPIED), (5000.0, NOW_NS), now_ns
+    )
 
-    assert found == (HIDDEN if hides else [])
+    assert found == HIDDEN
+
+
+def test_before_the_foremost_train_what_hides_is_looked_for_once() -> None:
+    known = conclusions(report(1, 0.0, held_end_m=100.0))
+    view, left = track(*THIRD_OCCUPIED), (5000.0, NOW_NS)
+
+    assert known.hidden(known.records[1], 100.0, None, view, left, NOW_NS) == HIDDEN
 
 
 @pytest.mark.parametrize(("end_m", "hides"), [(300.0, True), (299.9, False), (400.0, True)])

@@ -1,7 +1,6 @@
 """What a master may conclude from what it knows of its trains, under its own term."""
 
 from collections.abc import Sequence
-from typing import Final
 
 from firmware_py.trackdb.areas import ObjectSite
 from vobc.t2t.authority import Stretch
@@ -12,9 +11,6 @@ from vobc.t2t.track_view import TrackView, hidden_between, moved_on_m, way_m
 from vobc.t2t.vocabulary import T2tConfig
 from zenoh_config.t2t import RosterEntry, SyncEntry, TrainReport
 from zenoh_config.timers import NS_PER_MS
-
-ALIKE_M: Final = 0.01
-"""A rear that lies so far behind a joint of sections as trains hang over is known by counters."""
 
 
 class Conclusions:
@@ -104,6 +100,13 @@ class Conclusions:
             return False
         return self._guards.report_recent(Freshness(now_ns - report.echo_ns, self._silence_ns))
 
+    def is_placed(self, record: Record, now_ns: int) -> bool:
+        """It said under this command where it is, just now. Else its rear may be far beyond, and in
+        the sections that it was in somebody else.
+        """
+        report = record.report
+        return report is not None and not record.lost and self.is_recent(report, now_ns)
+
     def farther_m(self, record: Record, report: TrainReport, now_ns: int) -> float:
         """How much farther than it said last a train may be if it said so a while ago."""
         if self.is_recent(report, now_ns):
@@ -189,6 +192,23 @@ class Conclusions:
             return granted_m
         return min(granted_m, report.front_max_m + self.farther_m(record, report, now_ns))
 
+    def hidden(
+        self,
+        record: Record,
+        beyond_m: float,
+        ahead: Record | None,
+        track: TrackView | None,
+        open_end: tuple[float, int],
+        now_ns: int,
+    ) -> list[Stretch]:
+        """Before a train, as `hidden_before`; also in sections of the next one if that may be out
+        of them by now, but there nothing is taken back.
+        """
+        found = self.hidden_before(beyond_m, ahead, track, open_end)
+        if ahead is None or self.is_placed(ahead, now_ns):
+            return found
+        return found + self.hidden_before(record.granted_m, None, track, open_end)
+
     def hidden_before(
         self,
         beyond_m: float,
@@ -207,23 +227,12 @@ class Conclusions:
             return []
         before_m, since_ns = open_end
         if ahead is not None:
-            before_m = max(ahead.rear_m - self._config.behind_rear_m, self._joint_m(ahead, track))
+            before_m, since_ns = ahead.rear_m - self._config.behind_rear_m, ahead.heard_ns
         found = hidden_between(track, beyond_m=beyond_m, before_m=before_m, ahead_ns=since_ns)
         if found is None:
             return []
         # What hides hangs over behind its last axle, and may roll back.
         return [found._replace(start_m=found.start_m - self._config.behind_axle_m)]
-
-    def _joint_m(self, silent: Record, track: TrackView) -> float:
-        """Up to here counters have seen nothing of a train since it spoke, if they have seen that;
-        what they see there now may be another one.
-        """
-        seen_ns = max(track.seen_ns, silent.heard_ns)
-        if silent.report is not None and self.is_alive(silent.heard_ns, seen_ns):
-            return -UNBOUNDED_M
-        joint_m = silent.rear_m + self._config.overhang_m
-        ends_m = [end_m for _, end_m, _ in track.states if abs(end_m - joint_m) < ALIKE_M]
-        return max(ends_m, default=-UNBOUNDED_M)
 
     def sync_entries(self) -> tuple[SyncEntry, ...]:
         return tuple(

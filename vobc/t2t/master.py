@@ -288,8 +288,8 @@ class Master:
             if entry.train in commanded and sieved and told:
                 # Near one that is not sieved somebody may hide: it tells nothing of its sections.
                 beyond_m = self._known.within_m(record, now_ns, sure=alone is ahead)
-                open_end = (self._area.end_m, self._left_ns if alone is None else alone.heard_ns)
-                hidden = self._known.hidden_before(beyond_m, alone, self._track, open_end)
+                open_end = (self._area.end_m, self._left_ns)
+                hidden = self._known.hidden(record, beyond_m, alone, self._track, open_end, now_ns)
                 hidden += [] if kept else [Stretch(record.granted_m, UNBOUNDED_M, Bar.SHUT)]
                 authority = self._authority(now_ns, record, ahead, [*barred, *hidden], rank)
                 issued += [] if authority is None else [authority]

@@ -42,6 +42,8 @@ class Record:
     """Supervision has ordered its authority to end where it stands."""
     sent: list[tuple[int, float]] = field(default_factory=list)
     """Sequence and end of authorities that it may yet take, oldest first."""
+    lost: bool = False
+    """By the newest report of all it does not know where it is."""
 
     def hears(self, report: TrainReport, now_ns: int, *, term: int, jog_m: float) -> None:
         """A report that came in order; `term` is the master's own.
@@ -55,7 +57,8 @@ class Record:
         self.latent_m = report.latent_m
         if report.held_term == term:
             self.sent = [each for each in self.sent if each[0] > report.held_sequence]
-        if not report.localised:
+        self.lost = not report.localised
+        if self.lost:
             return
         rear_m = min(max(report.protected_m, report.rear_min_m), report.rear_min_m + jog_m)
         newborn = report.boot != self.boot and self.boot != 0

@@ -17,6 +17,7 @@ from metro_hil.network.trace import Teller
 from metro_hil.network.track import TrueTrack
 from metro_hil.network.world import World
 from zenoh_config.messages import SpeedRestriction
+from zenoh_config.t2t_supervision import RemovalState
 
 NS_PER_S: Final = 1_000_000_000
 NS_PER_MS: Final = 1_000_000
@@ -98,12 +99,21 @@ class LineWorld(World):
 
     def unsettled(self, waiting: Sequence[int]) -> bool:
         """Also while a train moves between which and one of these no section is empty: who begins
-        anew waits until others stand, and tell its area where.
+        anew waits until others stand, and tell its area where. And while any moves, if one that is
+        gone has to leave a roster: its way is looked at, as far as it may have been let.
         """
-        return super().unsettled(waiting) or any(
-            other.motion.speed_mps > 0.0
-            for each in waiting
-            for other in self.track.joined_to(self.trains[each])
+        moving = [each for each in self.trains.values() if each.motion.speed_mps > 0.0]
+        if not moving:
+            return super().unsettled(waiting)
+        leaves = any(
+            state is RemovalState.AXLES and not self.trains[train].on_line
+            for (_, train), state in self.t2t.removals.items()
+        )
+        joined = (self.track.joined_to(self.trains[each]) for each in waiting)
+        return (
+            leaves
+            or super().unsettled(waiting)
+            or any(e in moving for each in joined for e in each)
         )
 
     def removes(self, train: int, areas: Sequence[int] = ()) -> None:

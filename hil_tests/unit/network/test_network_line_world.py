@@ -13,6 +13,7 @@ from metro_hil.network.orders import Desk, Order
 from metro_hil.network.scene import Plot, Scene
 from zenoh_config.messages import SpeedRestriction
 from zenoh_config.t2t import OrderKind
+from zenoh_config.t2t_supervision import RemovalState
 
 AGE_MAX_NS = 1_000_000_000
 CLOSED = SpeedRestriction(600.0, 700.0, 0.1)
@@ -66,6 +67,21 @@ def test_a_train_waits_for_one_that_is_driven_by_hand_wherever_it_is() -> None:
     line.trains[2].shunts = True
 
     assert line.unsettled([1])
+
+
+@pytest.mark.parametrize("state", list(RemovalState))
+@pytest.mark.parametrize("on_line", [False, True])
+@pytest.mark.parametrize("speed_mps", [0.0, 1.0])
+def test_a_train_waits_while_one_moves_and_another_that_is_gone_has_to_leave_a_roster(
+    state: RemovalState, on_line: bool, speed_mps: float
+) -> None:
+    line = world(100.0, 900.0, 1500.0)
+    line.trains[2].on_line = on_line
+    line.trains[3].motion.speed_mps = speed_mps
+    line.t2t.removals[1, 2] = state
+
+    gone = state is RemovalState.AXLES and not on_line
+    assert line.unsettled([1]) is (gone and speed_mps > 0.0)
 
 
 def test_into_a_closed_stretch_nobody_is_let(monkeypatch: pytest.MonkeyPatch) -> None:
