@@ -585,13 +585,18 @@ def test_of_whom_only_arbiters_know_nobody_knows_where_it_is() -> None:
 
 
 @pytest.mark.parametrize(
-    ("age_ns", "granted_m", "hides"),
-    [(SILENT_NS, 100.0, False), (SILENT_NS + 1, 100.0, True), (SILENT_NS + 1, 300.1, False)],
+    ("age_ns", "granted_m", "from_m"),
+    [
+        (SILENT_NS, 100.0, []),
+        (SILENT_NS + 1, 100.0, [189.0]),
+        (SILENT_NS + 1, 195.0, [195.0]),
+        (SILENT_NS + 1, 300.1, []),
+    ],
 )
 def test_in_the_section_of_a_train_that_is_silent_another_may_be_by_now(
-    age_ns: int, granted_m: float, *, hides: bool
+    age_ns: int, granted_m: float, from_m: list[float]
 ) -> None:
-    """But nothing is taken back that reaches in there."""
+    """But nothing is taken back, neither what reaches in there nor what comes close."""
     known = conclusions(report(1, 0.0, held_end_m=granted_m), report(2, 290.0))
     behind, ahead = known.records[1], known.records[2]
     view, left = track(*THIRD_OCCUPIED), (5000.0, NOW_NS)
@@ -599,7 +604,8 @@ def test_in_the_section_of_a_train_that_is_silent_another_may_be_by_now(
     assert known.hidden_before(100.0, ahead, view, left) == []
     found = known.hidden(behind, 100.0, ahead, view, left, NOW_NS + age_ns)
 
-    assert found == (HIDDEN if hides else [])
+    assert [each.start_m for each in found] == from_m
+    assert {each.end_m for each in found} <= {300.0}
 
 
 @pytest.mark.parametrize("silent", [False, True])

@@ -207,7 +207,9 @@ class Conclusions:
         found = self.hidden_before(beyond_m, ahead, track, open_end)
         if ahead is None or self.is_placed(ahead, now_ns):
             return found
-        return found + self.hidden_before(record.granted_m, None, track, open_end)
+        granted_m = record.granted_m
+        also = self.hidden_before(granted_m, None, track, open_end)
+        return found + [each._replace(start_m=max(each.start_m, granted_m)) for each in also]
 
     def hidden_before(
         self,
