@@ -243,6 +243,7 @@ def test_a_second_controller_on_the_bus_is_refused(place: dict[str, str], tmp_pa
     first.communicate(timeout=PATIENCE_S)
     assert second.returncode == 3
     assert "another VOBC" in second.stderr
+    assert not (tmp_path / "second").exists()
 
 
 @pytest.mark.parametrize(

@@ -82,9 +82,13 @@ def make_run_folder(out: str | None, epoch_ns: int, words: str) -> RunFolder:
 
 
 def discard_unused(folder: RunFolder) -> None:
-    """Remove the folder of a run that never came about: one that holds nothing but run.toml."""
-    if [path.name for path in folder.path.iterdir()] == [folder.config.name]:
-        folder.config.unlink()
+    """Remove the folder of a run that never came about: one that holds nothing but run.toml, and
+    logs in which nothing was written yet.
+    """
+    made = list(folder.path.iterdir())
+    if all(path == folder.config or path.stat().st_size == 0 for path in made):
+        for path in made:
+            path.unlink()
         folder.path.rmdir()
 
 

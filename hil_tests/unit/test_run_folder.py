@@ -6,7 +6,7 @@ from threading import Barrier
 
 import pytest
 
-from metro_hil.run_folder import RunFolderError, make_run_folder
+from metro_hil.run_folder import RunFolderError, discard_unused, make_run_folder
 
 EPOCH_NS = 1_700_000_000_000_000_000
 RUNS = 8
@@ -57,3 +57,24 @@ def test_where_nothing_can_be_made_is_named(
 
     with pytest.raises(RunFolderError, match="runs"):
         make_run_folder(None, EPOCH_NS, "loop")
+
+
+def test_of_a_run_that_never_came_about_nothing_stays(tmp_path: Path) -> None:
+    folder = make_run_folder(str(tmp_path / "refused"), 0, "hop")
+    folder.config.write_text('bus = "embedded:vcan0"\n')
+    folder.bus_log.touch()
+
+    discard_unused(folder)
+
+    assert not folder.path.exists()
+
+
+@pytest.mark.parametrize("words", ["bus.log", "mine.txt"])
+def test_a_folder_in_which_something_was_written_stays_whole(tmp_path: Path, words: str) -> None:
+    folder = make_run_folder(str(tmp_path / "run"), 0, "hop")
+    folder.config.write_text("")
+    (folder.path / words).write_text("kept")
+
+    discard_unused(folder)
+
+    assert {each.name for each in folder.path.iterdir()} == {words, folder.config.name}
