@@ -96,20 +96,33 @@ def test_as_long_as_a_train_behind_was_never_heard_nobody_knows_their_order() ->
 
 
 @pytest.mark.parametrize(
-    ("ahead_m", "in_place"), [((1084.0, 2000.0), True), ((1083.9, 2000.0), False)]
+    ("ahead", "found"),
+    [
+        ([], Whereabouts.IN_PLACE),
+        ([Neighbour(1084.0, True, 1090.0), Neighbour(2000.0, False)], Whereabouts.IN_PLACE),
+        ([Neighbour(500.0, True, 999.9)], Whereabouts.GONE),
+        ([Neighbour(2000.0, True, 2010.0), Neighbour(500.0, True, 600.0)], Whereabouts.GONE),
+        ([Neighbour(500.0, True, 1000.0)], Whereabouts.UNSURE),
+        ([Neighbour(1083.9, True, 1090.0)], Whereabouts.UNSURE),
+        ([Neighbour(2000.0, True, 2010.0), Neighbour(500.0, False)], Whereabouts.UNSURE),
+    ],
 )
 def test_whoever_is_before_a_train_that_was_ahead_of_it_has_been_away(
-    ahead_m: Sequence[float], *, in_place: bool
+    ahead: Sequence[Neighbour], found: Whereabouts
 ) -> None:
-    """Or one that is not heard may be on either side of it now."""
-    former = Former(Record(1, 900.0, 0, boot=1), (), ahead_m)
+    """If that one surely is not farther on by now: who is not heard may be."""
+    former = Former(Record(1, 900.0, 0, boot=1), (), ahead)
 
     def judged(evidence: Evidence) -> Whereabouts:
         return whereabouts(former, report_at(1000.0), evidence, behind_rear_m=BEHIND_M)
 
-    assert judged(NOTHING) is (Whereabouts.IN_PLACE if in_place else Whereabouts.UNSURE)
-    sieved = judged(NOTHING._replace(sieved=True))
-    assert sieved is (Whereabouts.IN_PLACE if in_place else Whereabouts.GONE)
+    gone = found is Whereabouts.GONE
+    assert judged(NOTHING) is (Whereabouts.UNSURE if gone else found)
+    assert judged(NOTHING._replace(sieved=True)) is found
+    assert judged(NOTHING._replace(left=True)) is found
+    # Nobody passes another by hand so soon.
+    recent = judged(NOTHING._replace(recent=True))
+    assert recent is (Whereabouts.UNSURE if gone else Whereabouts.IN_PLACE)
 
 
 NOW_NS = 60_000_000_000

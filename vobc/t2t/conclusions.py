@@ -113,6 +113,10 @@ class Conclusions:
             return way_m(now_ns - report.echo_ns)
         return (record.granted_m if self.has_promised(record) else UNBOUNDED_M) - report.front_max_m
 
+    def rear_max_m(self, report: TrainReport, now_ns: int) -> float:
+        """No farther has the rear come by now of a train that said this recently."""
+        return rear_max_m(report) + way_m(now_ns - report.echo_ns)
+
     def reserved_m(self, order: Sequence[RosterEntry]) -> dict[int, float]:
         """By train, the farthest that it may come by anything that it was granted.
 
@@ -202,14 +206,16 @@ class Conclusions:
         now_ns: int,
     ) -> list[Stretch]:
         """Before a train, as `hidden_before`; also in sections of the next one if that may be out
-        of them by now, but there nothing is taken back.
+        of them by now: there nothing is taken back, and nothing more is granted.
         """
         found = self.hidden_before(beyond_m, ahead, track, open_end)
-        if ahead is None or self.is_placed(ahead, now_ns):
+        if found or ahead is None or self.is_placed(ahead, now_ns):
             return found
         granted_m = record.granted_m
-        also = self.hidden_before(granted_m, None, track, open_end)
-        return found + [each._replace(start_m=max(each.start_m, granted_m)) for each in also]
+        return [
+            Stretch(max(each.start_m, granted_m), max(each.end_m, granted_m), each.bar)
+            for each in self.hidden_before(beyond_m, None, track, open_end)
+        ]
 
     def hidden_before(
         self,

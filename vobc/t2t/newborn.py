@@ -13,7 +13,7 @@ from vobc.t2t.admission import Scene, are_known, is_over_border, is_sieved, line
 from vobc.t2t.conclusions import Conclusions
 from vobc.t2t.guards import MasterGuards
 from vobc.t2t.roster import Order
-from vobc.t2t.table import Record, rear_max_m
+from vobc.t2t.table import UNBOUNDED_M, Record, rear_max_m
 from vobc.t2t.vocabulary import T2tConfig
 from zenoh_config.t2t import NOBODY, RosterEntry, TrainReport
 
@@ -35,6 +35,8 @@ class Neighbour(NamedTuple):
     """It was there, or is farther on."""
     heard: bool
     """Where it is, in the life that arbiters kept, or lately in a new one."""
+    rear_max_m: float = UNBOUNDED_M
+    """Its rear has come no farther yet; by default nobody knows."""
 
 
 class Former(NamedTuple):
@@ -42,8 +44,7 @@ class Former(NamedTuple):
 
     record: Record
     behind: Sequence[Neighbour]
-    ahead_m: Sequence[float] = ()
-    """Rears of those ahead, or where they are farther on."""
+    ahead: Sequence[Neighbour] = ()
 
 
 class Evidence(NamedTuple):
@@ -62,12 +63,15 @@ def whereabouts(
     """The report is of the new life, and knows its place."""
     gone_back = rear_max_m(report) < former.record.rear_m - behind_rear_m
     overtaken = any(each.rear_m > report.front_max_m for each in former.behind)
-    overtakes = any(rear_m < report.front_max_m for rear_m in former.ahead_m)
+    overtakes = any(each.rear_max_m < report.rear_min_m for each in former.ahead)
     if gone_back or overtaken or overtakes:
         # A word may be of somebody else by the same name; what is counted on the track is not.
         return Whereabouts.GONE if evidence.sieved or evidence.left else Whereabouts.UNSURE
-    unheard = not evidence.recent and not all(each.heard for each in former.behind)
-    return Whereabouts.UNSURE if unheard else Whereabouts.IN_PLACE
+    # What is known of one ahead may be old: it has gone on since, or was passed.
+    passed = any(each.rear_m < report.front_max_m for each in former.ahead)
+    unheard = not all(each.heard for each in former.behind)
+    unsure = not evidence.recent and (passed or unheard)
+    return Whereabouts.UNSURE if unsure else Whereabouts.IN_PLACE
 
 
 class Newborns:
@@ -116,8 +120,8 @@ class Newborns:
             ahead = settled[-1].train if settled else NOBODY
             followers = [each for each in order[at + 1 :] if each.train in known.records]
             behind = [self._neighbour(each, known, now_ns) for each in followers]
-            ahead_m = [self._neighbour(each, known, now_ns).rear_m for each in settled]
-            life = Former(former, behind, ahead_m)
+            before = [self._neighbour(each, known, now_ns) for each in settled]
+            life = Former(former, behind, before)
             found = self._find(ahead, life, report, scene, recent=recent)
             if found is Whereabouts.UNSURE:
                 settled.append(entry)
@@ -139,11 +143,17 @@ class Newborns:
         """
         record = known.records[entry.train]
         if record.report is not None:
-            return Neighbour(record.rear_m, heard=True)
+            if not known.is_placed(record, now_ns):
+                return Neighbour(record.rear_m, heard=True)
+            rear_max_m = known.rear_max_m(record.report, now_ns)
+            return Neighbour(record.rear_m, heard=True, rear_max_m=rear_max_m)
         report, _ = self._told.get(entry.train, (None, now_ns))
         if report is None or not report.localised or not known.is_recent(report, now_ns):
             return Neighbour(record.rear_m, heard=False)
-        return Neighbour(max(record.rear_m, report.rear_min_m), heard=True)
+        rear_m = max(record.rear_m, report.rear_min_m)
+        # One that came back elsewhere was passed by nobody: what it told is for its own entry.
+        rear_max_m = max(rear_m, known.rear_max_m(report, now_ns))
+        return Neighbour(rear_m, heard=True, rear_max_m=rear_max_m)
 
     def _find(
         self, ahead: int, former: Former, report: TrainReport, scene: Scene, *, recent: bool

@@ -1,4 +1,4 @@
-"""Trains that are driven by hand, on sight, up to somewhere behind the next one.
+"""Trains that are driven by hand, on sight, up to the next one, or to its section.
 
 The track is closed before, from the train on: a master may not let it go meanwhile. Its controller
 runs and knows where it is, or has lost its place, or is switched off and the train is towed.
@@ -68,12 +68,22 @@ class ByHand:
         stands = train.on_line and not train.shunts and not train.rolls and not motion.speed_mps
         if not stands or motion.accel_mps2 > 0.0:
             return train.front_m
-        line, judge = self.world.drawn.cast.line, self.world.checker
+        line = self.world.drawn.cast.line
         ahead = [e for e in self.world.trains.values() if e.on_line and e.front_m > train.front_m]
-        bounds_m = [judge.hindmost_m(each) for each in ahead]
+        bounds_m = [self._before_m(each) for each in ahead]
         bounds_m += [site.start_m for site in line.objects if site.end_m > train.rear_m]
         room_m = min([line.end_m, *bounds_m]) - APART_M - train.front_m
         return train.front_m + (min(room_m, MOST_M) if room_m >= LEAST_M else 0.0)
+
+    def _before_m(self, ahead: TrueTrain) -> float:
+        """Where another may come back to; of one that nobody commands the section, as counters do
+        not tell the two apart in there.
+        """
+        hindmost_m = self.world.checker.hindmost_m(ahead)
+        if self.world.drivers[ahead.address].in_force(self.world.net.now_ns)[0]:
+            return hindmost_m
+        sections = self.world.drawn.cast.line.sections
+        return max([e.start_m for e in sections if e.start_m <= hindmost_m], default=-math.inf)
 
     def _begins(
         self, train: TrueTrain, how: Controller, closed: SpeedRestriction, until_ns: int

@@ -102,6 +102,11 @@ class TrueTrain:
         return self.motion.front_m
 
     @property
+    def driven_to_m(self) -> float:
+        """By hand; else where its front is."""
+        return max(self.front_m, self.shunts_to_m) if self.shunts else self.front_m
+
+    @property
     def rear_m(self) -> float:
         return self.motion.front_m - self.length_m
 

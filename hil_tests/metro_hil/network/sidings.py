@@ -125,7 +125,7 @@ class Sidings:
     def _is_taken(self, closed: SpeedRestriction) -> bool:
         trains = [each for each in self.world.trains.values() if each.on_line]
         return any(
-            each.rear_m - APART_M < closed.end_m and closed.start_m < each.front_m + APART_M
+            each.rear_m - APART_M < closed.end_m and closed.start_m < each.driven_to_m + APART_M
             for each in trains
         )
 

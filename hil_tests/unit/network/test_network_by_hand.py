@@ -70,6 +70,18 @@ def test_it_keeps_away_from_where_the_next_one_may_come_back_to() -> None:
     assert by_hand._to_m(trains[1]) <= judge.hindmost_m(trains[2]) - APART_M
 
 
+def test_of_one_that_nobody_commands_it_does_not_come_to_the_section() -> None:
+    scene = settled()
+    by_hand, trains = ByHand(scene.world, random.Random(1)), scene.world.trains
+    (section,) = [e for e in scene.world.track.line.sections if e.start_m == 1250.0]
+    assert by_hand._to_m(trains[2]) > section.start_m - APART_M
+
+    scene.net.kill(3)
+    scene.run(5.0)
+
+    assert by_hand._to_m(trains[2]) == section.start_m - APART_M
+
+
 def test_who_moves_or_has_no_room_is_not_driven() -> None:
     scene = settled()
     for train in scene.world.trains.values():

@@ -1,5 +1,6 @@
 """Trains that are taken off the line and set on again where nobody may come."""
 
+import math
 import random
 
 import pytest
@@ -85,6 +86,20 @@ def test_none_is_set_on_where_another_may_still_come(monkeypatch: pytest.MonkeyP
 
     assert len(set(judged)) > 1, "elsewhere after a while"
     assert off(scene) == [away]
+
+
+@pytest.mark.parametrize(("to_m", "taken"), [(979.0, False), (981.0, True), (math.inf, True)])
+def test_a_place_is_taken_to_which_another_is_being_driven(to_m: float, taken: bool) -> None:
+    scene = settled()
+    sidings, train = Sidings(scene.world, random.Random(3)), scene.world.trains[1]
+    place = SpeedRestriction(1000.0, 1250.0, 1.0)
+    for far in (2, 3):
+        scene.world.trains[far].on_line = False
+    assert not sidings._is_taken(place)
+
+    train.shunts, train.shunts_to_m = True, to_m
+
+    assert sidings._is_taken(place) is taken
 
 
 @pytest.mark.parametrize("after_s", [1.0, AWAY_S[1] + 1.0])
