@@ -14,6 +14,7 @@ from metro_hil.network.deaf_lures import DEAF_LURES
 from metro_hil.network.directed import SCENARIOS, Scenario
 from metro_hil.network.hidden_lures import HIDDEN_LURES
 from metro_hil.network.lures import LURES
+from metro_hil.network.moved_lures import MOVED_LURES
 from metro_hil.network.scene import Scene, UnexpectedError
 from metro_hil.network.term_lures import TERM_LURES
 from vobc.t2t.guards import Granted, Latency, Terms
@@ -21,7 +22,10 @@ from vobc.t2t.guards import Granted, Latency, Terms
 PARTS: Final = ("member", "lease", "master")
 ALL_SCENARIOS: Final = {
     each.name: each
-    for each in (*SCENARIOS, *LURES, *TERM_LURES, *DEAF_LURES, *HIDDEN_LURES, *BORDER_LURES)
+    for each in (
+        *(*SCENARIOS, *LURES, *TERM_LURES, *DEAF_LURES, *HIDDEN_LURES),
+        *(*MOVED_LURES, *BORDER_LURES),
+    )
 }
 
 

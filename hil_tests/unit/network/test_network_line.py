@@ -18,6 +18,7 @@ from metro_hil.network.hidden_lures import HIDDEN_LURES
 from metro_hil.network.lures import LURES
 from metro_hil.network.many import Journal, run_many
 from metro_hil.network.model import MODELS, search
+from metro_hil.network.moved_lures import MOVED_LURES
 from metro_hil.network.mutants import ALL_SCENARIOS, ARGUED, NOTICED, mutants, noticed_by
 from metro_hil.network.run import Phases
 from metro_hil.network.scene import Plot, Scene
@@ -39,7 +40,8 @@ def test_it_ends_well(name: str) -> None:
 
 def test_every_acceptance_scenario_of_train_to_train_control_is_there() -> None:
     assert {each.number for each in SCENARIOS} >= {17, 18, 19, 20, 21, 22, 23, 25}
-    lures = (*LURES, *TERM_LURES, *DEAF_LURES, *HIDDEN_LURES, *BORDER_LURES)
+    hidden = (*HIDDEN_LURES, *MOVED_LURES)
+    lures = (*LURES, *TERM_LURES, *DEAF_LURES, *hidden, *BORDER_LURES)
     assert len(ALL_SCENARIOS) == len((*SCENARIOS, *lures))
 
 

@@ -1,0 +1,188 @@
+"""Scenarios of trains that were moved by hand, or run on unheard, and of who is where they were."""
+
+import math
+from collections.abc import Sequence
+from typing import Final
+
+from metro_hil.network.directed import Make, Scenario
+from metro_hil.network.motion import Motion
+from metro_hil.network.scene import Plot, Scene
+from zenoh_config.messages import SpeedRestriction
+from zenoh_config.t2t import LeaseRequest, StandbySync
+
+FOLLOWS: Final = 1
+AHEAD: Final = 2
+HIDES: Final = 3
+
+
+def passed_by_hand(make: Make) -> None:
+    """The second of three is switched off, and moved past the first by hand; the third one close up
+    to the first, into its section. The roster still has the second between them: behind that one
+    nobody may be let through the first.
+    """
+    first, second, third, fourth = 1, 2, 3, 4
+    fronts_m = {first: 1580.0, second: 1350.0, third: 1100.0, fourth: 3500.0}
+    stops_m = (1100.0, 1350.0, 1580.0, 3500.0)
+    scene = make(Plot(fronts_m, area_m=4000.0, pieces=10, stops_m=stops_m, dwell_s=200.0))
+    scene.world.t2t.closed = (SpeedRestriction(1650.0, 2900.0, 1.0),)
+    scene.settle()
+    scene.run(3.0)
+    for train, front_m in ((second, 2700.0), (third, 1480.0)):
+        scene.net.kill(train)
+        moved = scene.world.trains[train]
+        moved.motion = Motion(scene.net.now_ns, front_m, emergency_mps2=1.0)
+        scene.world.checker.gave_up(train)
+    scene.run(12.0)
+    scene.net.boot(second)
+    scene.net.boot(third)
+    scene.run(5.0)
+    rear_m, end_m = scene.world.trains[first].rear_m, scene.end_m(third)
+    scene.expect(f"it is not let past: {end_m}", end_m is None or end_m <= rear_m - 7.0)
+    scene.world.t2t.closed = ()
+    scene.until("all trains have authority", scene.all_held, within_s=60.0)
+
+
+def came_back_unheard(make: Make) -> None:
+    """One between two others is switched off and taken away, so that counters move it on to the
+    next joint, as far as they know; then it is set on a bit farther back, and nobody hears it.
+    """
+    away, follows, ahead = 1, 2, 4
+    fronts_m = {follows: 500.0, away: 1330.0, ahead: 1590.0}
+    scene = make(Plot(fronts_m, pieces=10, stops_m=sorted(fronts_m.values()), dwell_s=200.0))
+    scene.world.t2t.closed = (SpeedRestriction(900.0, 1100.0, 1.0),)
+    scene.settle()
+    scene.run(3.0)
+    train = scene.world.trains[away]
+    scene.net.kill(away)
+    train.on_line = train.localised = False
+    scene.world.checker.gave_up(away)
+    scene.run(13.0)
+    train.motion = Motion(scene.net.now_ns, 1290.0, emergency_mps2=1.0)
+    train.on_line = True
+    scene.run(1.0)
+    scene.world.t2t.closed = ()
+    scene.run(3.0)
+    end_m = scene.end_m(follows)
+    scene.expect(f"it is let no farther than before its section: {end_m}", end_m == 1189.0)
+    train.localised = True
+    scene.net.boot(away)
+    scene.until("all trains have authority", scene.all_held, within_s=60.0)
+
+
+def _set_where_it_was(scene: Scene) -> None:
+    """Into the section from 600 m to 800 m, where the rear of the one ahead was heard of last."""
+    hides = scene.world.trains[HIDES]
+    hides.motion = Motion(scene.net.now_ns, 790.0, emergency_mps2=1.0)
+    hides.on_line = True
+    scene.run(1.0)
+    scene.world.t2t.closed = ()
+
+
+def _stays_before_it(scene: Scene) -> None:
+    scene.run(10.0)
+    end_m = scene.end_m(FOLLOWS)
+    scene.expect(f"it is let no farther than before that section: {end_m}", end_m == 589.0)
+    scene.world.trains[HIDES].localised = True
+    for address in (HIDES, AHEAD):
+        scene.net.boot(address)
+    scene.until("all trains have authority", scene.all_held, within_s=60.0)
+
+
+def _one_follows(make: Make, stops_m: Sequence[float]) -> Scene:
+    fronts_m = {FOLLOWS: 300.0, AHEAD: 820.0, HIDES: 1900.0}
+    scene = make(Plot(fronts_m, pieces=10, stops_m=stops_m, dwell_s=200.0))
+    hides = scene.world.trains[HIDES]
+    hides.on_line = hides.localised = False
+    for address in scene.others(HIDES):
+        scene.net.boot(address)
+    scene.until("all trains have authority", scene.all_held, within_s=20.0)
+    return scene
+
+
+def kept_long_ago(make: Make) -> None:
+    """The one ahead goes on, and both are switched off. Whoever commands next knows of its rear
+    only what arbiters kept, and never saw that section clear.
+    """
+    scene = _one_follows(make, (300.0, 1100.0))
+    scene.run(5.0)
+    scene.stands(AHEAD)
+    for address in (AHEAD, FOLLOWS):
+        scene.net.kill(address)
+    scene.run(10.0)
+    _set_where_it_was(scene)
+    scene.net.boot(FOLLOWS)
+    scene.until("it commands", lambda: scene.master() == FOLLOWS, within_s=20.0)
+    _stays_before_it(scene)
+
+
+def lost_and_driven_on(make: Make) -> None:
+    """The one ahead loses its place, and is driven on by hand: it speaks, but not of where it is,
+    so that what is counted behind it tells nothing of it.
+    """
+    scene = _one_follows(make, (300.0, 820.0))
+    scene.world.t2t.closed = (SpeedRestriction(600.0, 800.0, 1.0),)
+    ahead = scene.world.trains[AHEAD]
+    ahead.localised = False
+    scene.run(5.0)
+    ahead.shunts, ahead.shunts_to_m = True, 1100.0
+    scene.until("it is there", lambda: ahead.front_m > 1095.0, within_s=120.0)
+    scene.stands(AHEAD)
+    ahead.shunts, ahead.shunts_to_m = False, math.inf
+    _set_where_it_was(scene)
+    scene.run(1.0)
+    scene.expect("it is heard", scene.net.runs(AHEAD))
+    ahead.localised = True
+    _stays_before_it(scene)
+
+
+def seems_to_overtake(make: Make) -> None:
+    """The first of three dies and is driven on by hand, the second comes after it. Whoever commands
+    next knows of the first only where arbiters kept it, behind where the second is by now, which
+    begins anew: it passed nobody, and keeps its place, also when nothing is heard of it any more.
+    """
+    third, second, first = 1, 2, 3
+    fronts_m = {third: 300.0, second: 560.0, first: 820.0}
+    scene = make(Plot(fronts_m, pieces=10, stops_m=(560.0, 780.0, 820.0), dwell_s=130.0))
+    for address in scene.others(third, first):
+        scene.net.boot(address)
+    scene.until("one commands", lambda: scene.master() == second, within_s=10.0)
+    scene.lose(StandbySync)
+    scene.net.boot(first)
+    scene.net.boot(third)
+    scene.until("all trains have authority", scene.all_held, within_s=20.0)
+    scene.net.kill(first)
+    gone = scene.world.trains[first]
+    gone.shunts, gone.shunts_to_m = True, 1300.0
+    scene.until("it is away", lambda: gone.front_m > 1295.0, within_s=200.0)
+    gone.shunts, gone.shunts_to_m = False, math.inf
+    scene.until(
+        "the second is there", lambda: scene.world.trains[second].front_m > 778.0, within_s=120.0
+    )
+    scene.stands(second)
+    scene.run(1.0)
+    rear_m = scene.world.trains[second].rear_m
+    end_m = scene.end_m(third)
+    scene.expect(f"the third closes up: {end_m}", end_m is not None and end_m > 600.0)
+    scene.lose(LeaseRequest, source=second)
+    scene.net.kill(second)
+    scene.net.boot(second)
+    scene.until("the third commands", lambda: scene.master() == third, within_s=10.0)
+    scene.run(1.0)
+    scene.net.stop(second, 5_000_000_000)
+    scene.run(4.0)
+    end_m = scene.end_m(third)
+    scene.expect(f"it is let no farther: {end_m}", end_m is not None and end_m < rear_m)
+    scene.no_rules()
+    scene.net.boot(first)
+    scene.until("all trains have authority", scene.all_held, within_s=60.0)
+
+
+MOVED_LURES: Final[tuple[Scenario, ...]] = (
+    Scenario("passed-by-hand", 0, "one is moved past another by hand", passed_by_hand),
+    Scenario("came-back-unheard", 0, "one that counters saw leave is set on", came_back_unheard),
+    Scenario("kept-long-ago", 0, "one is set on where the one ahead was once", kept_long_ago),
+    Scenario(
+        "lost-and-driven-on", 0, "one is set on where one was that is lost", lost_and_driven_on
+    ),
+    Scenario("seems-to-overtake", 0, "one is ahead of where one was kept", seems_to_overtake),
+)
