@@ -579,6 +579,15 @@ def test_a_train_that_was_lost_is_placed_again_as_soon_as_it_says_where_it_is() 
     assert known.is_placed(known.records[2], NOW_NS)
 
 
+@pytest.mark.parametrize(("age_ns", "rear_m"), [(0, 294.0), (250_000_000, 304.0)])
+def test_a_rear_has_come_no_farther_than_the_front_is_unsure_and_trains_are_fast(
+    age_ns: int, rear_m: float
+) -> None:
+    told = replace(report(2, 290.0), front_max_m=374.0)
+
+    assert conclusions().rear_max_m(told, NOW_NS + age_ns) == rear_m
+
+
 def test_of_whom_only_arbiters_know_nobody_knows_where_it_is() -> None:
     known = conclusions()
     assert not known.is_placed(known.add(RosterEntry(2, 290.0, True, 1), NOW_NS), NOW_NS)

@@ -149,9 +149,12 @@ class OneArea:
         self._area, self._before, self._counted = Area(1, start_m, 3000.0), before, counted
         self.at_rest: tuple[Standing, ...] = ()
 
-    def heard_of_life_before(self, train: int, *, age_ns: int) -> None:
+    def heard_of_life_before(
+        self, train: int, *, age_ns: int, echo_ns: int = 0, localised: bool = True
+    ) -> None:
         record = self.known.records[train]
         former = report_at(record.rear_m, train=train)
+        former = dataclasses.replace(former, echo_ns=echo_ns, localised=localised)
         record.hears(former, NOW_NS - age_ns, term=5, jog_m=5.0)
 
     def hears(self, report: TrainReport, *, age_ns: int = 0) -> None:
@@ -226,6 +229,67 @@ def test_a_train_that_is_where_it_was_is_renewed_in_its_place_and_begins_with_no
     record = area.known.records[1]
     assert (record.boot, record.rear_m, record.heard_ns) == (2, 898.0, NOW_NS - 20)
     assert record.sent == []
+
+
+BEYOND = anew(820.0)
+"""Before the one that was ahead of it, from 700 m to 780 m."""
+
+
+@pytest.mark.parametrize(
+    ("age_ns", "gone"),
+    [(0, True), (500_000_000, True), (500_000_001, False)],
+)
+def test_only_a_train_that_said_just_now_where_it_is_can_have_been_passed(
+    age_ns: int, *, gone: bool
+) -> None:
+    """Its rear is at 704 m at the farthest, and has come 20 m farther in half a second."""
+    area = OneArea((6, 700.0), (1, 500.0))
+    area.heard_of_life_before(6, age_ns=0, echo_ns=NOW_NS - age_ns)
+    area.hears(BEYOND)
+
+    order, _ = area.settles()
+
+    assert [entry.train for entry in order] == ([6] if gone else [6, 1])
+    assert order[-1].boot == 1
+
+
+@pytest.mark.parametrize(("rear_m", "gone"), [(724.1, True), (724.0, False)])
+def test_how_far_one_that_was_passed_may_have_come_is_reckoned_with(
+    rear_m: float, *, gone: bool
+) -> None:
+    area = OneArea((6, 700.0), (1, 500.0))
+    area.heard_of_life_before(6, age_ns=0, echo_ns=NOW_NS - 500_000_000)
+    area.hears(anew(rear_m))
+
+    order, _ = area.settles()
+
+    assert [entry.train for entry in order] == ([6] if gone else [6, 1])
+
+
+@pytest.mark.parametrize("kept_only", [False, True])
+def test_one_that_is_lost_or_that_only_arbiters_kept_may_have_gone_on(*, kept_only: bool) -> None:
+    area = OneArea((6, 700.0), (1, 500.0))
+    if not kept_only:
+        area.heard_of_life_before(6, age_ns=0, echo_ns=NOW_NS)
+        area.heard_of_life_before(6, age_ns=0, echo_ns=NOW_NS, localised=False)
+    area.hears(BEYOND)
+
+    assert area.settles() == (area.order, [])
+
+
+@pytest.mark.parametrize(("told_m", "left"), [(700.0, [1, 7]), (815.9, [6, 7]), (816.0, [6, 1, 7])])
+def test_of_two_that_begin_anew_one_can_have_been_passed_where_it_says_that_it_is(
+    told_m: float, left: list[int]
+) -> None:
+    """The first of them that finds so is off the roster, and applies at its place."""
+    area = OneArea((6, 700.0), (1, 500.0), (7, 50.0))
+    area.hears(anew(told_m, train=6))
+    area.hears(BEYOND)
+
+    order, _ = area.settles()
+
+    assert [entry.train for entry in order] == left
+    assert {entry.boot for entry in order} == {1}
 
 
 @pytest.mark.parametrize(("age_ns", "renewed"), [(500_000_000, True), (500_000_001, False)])
