@@ -148,6 +148,8 @@ class OneArea:
         self.newborns = Newborns(T2tConfig(), MasterGuards())
         self._area, self._before, self._counted = Area(1, start_m, 3000.0), before, counted
         self.at_rest: tuple[Standing, ...] = ()
+        self.strangers: tuple[Standing, ...] = ()
+        """Others that stand in the area, and may be forgotten."""
 
     def heard_of_life_before(
         self, train: int, *, age_ns: int, echo_ns: int = 0, localised: bool = True
@@ -165,7 +167,8 @@ class OneArea:
 
     def _scene_of(self, _: TrainReport) -> Scene:
         scene = Scene(self._area, self._before, self.known.records, {}, self._counted, True, ())
-        return scene._replace(at_rest=self.at_rest, line_m=(0.0, 4000.0))
+        there = (*self.at_rest, *self.strangers)
+        return scene._replace(at_rest=self.at_rest, there=there, line_m=(0.0, 4000.0))
 
 
 def anew(
@@ -322,8 +325,8 @@ def test_whoever_may_have_been_away_keeps_its_place_and_gets_nothing() -> None:
     assert area.known.records[1] == Record(1, 900.0, 0, boot=1)
 
 
-CLEAR = (Counted(0.0, 896.0, True, 32), Counted(896.0, 3000.0, False, 0))
-"""From where the rear was, less what hangs over behind the last axle."""
+CLEAR = (Counted(0.0, 904.0, True, 32), Counted(904.0, 3000.0, False, 0))
+"""From where the foremost axle of a train of 15 m is, rolled and set back by 7 m."""
 
 
 def test_whoever_left_is_off_the_roster_and_applies_as_a_stranger() -> None:
@@ -342,8 +345,8 @@ def test_whoever_left_is_off_the_roster_and_applies_as_a_stranger() -> None:
     "counted",
     [
         (),
-        (Counted(0.0, 896.1, True, 32), Counted(896.1, 3000.0, False, 0)),
-        (Counted(0.0, 903.0, True, 32), Counted(903.0, 3000.0, False, 0)),
+        (Counted(0.0, 904.1, True, 32), Counted(904.1, 3000.0, False, 0)),
+        (Counted(904.1, 3000.0, False, 0),),
         (Counted(0.0, 500.0, True, 32), Counted(500.0, 3000.0, True, 16)),
     ],
 )
@@ -386,6 +389,18 @@ def test_that_a_train_left_is_seen_where_all_axles_are_of_one_that_waits_behind_
     assert bool(gone) is left
 
 
+@pytest.mark.parametrize(("axles", "left"), [(16, True), (32, False)])
+def test_that_a_train_left_is_seen_where_all_axles_are_of_a_stranger_that_waits_for_that(
+    axles: int, *, left: bool
+) -> None:
+    """The two waited for each other (seed 130561)."""
+    area = OneArea(ANEW, counted=(Counted(800.0, 3000.0, True, axles),))
+    area.strangers = (Standing(1200.0, 1280.0, 16),)
+    area.hears(anew(100.0))
+
+    assert area.settles() == (((), [(anew(100.0), NOW_NS)]) if left else (area.order, []))
+
+
 def test_nobody_left_before_whom_somebody_may_be_it_up_to_the_end_of_the_area() -> None:
     counted = (Counted(0.0, 2000.0, False, 0), Counted(2000.0, 3000.0, True, 16))
     area = OneArea(ANEW, counted=counted)
@@ -394,7 +409,7 @@ def test_nobody_left_before_whom_somebody_may_be_it_up_to_the_end_of_the_area() 
     assert area.settles() == (area.order, [])
 
 
-def test_its_last_axle_may_stand_4_m_before_its_rear_however_near_the_next_train_is() -> None:
+def test_its_foremost_axle_is_looked_for_however_near_the_next_train_was() -> None:
     counted = (Counted(0.0, 903.0, False, 0), Counted(903.0, 3000.0, True, 16))
     area = OneArea((6, 902.0), ANEW, counted=counted)
     area.hears(anew(100.0, standstill=False))

@@ -30,6 +30,8 @@ class Scene(NamedTuple):
     the area. Another may be forgotten while it stands in the way, and explains no axles."""
     at_rest: tuple[Standing, ...] = ()
     """Those of them that stood already where they are when sections were counted."""
+    there: tuple[Standing, ...] = ()
+    """And others that stand in the area: whose axles these are now, whoever is forgotten later."""
     line_m: tuple[float, float] = (-UNBOUNDED_M, UNBOUNDED_M)
     """Where the line begins and ends: nobody hides beyond."""
 

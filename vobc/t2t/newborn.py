@@ -21,6 +21,10 @@ RECENT_NS: Final = 10_000_000_000
 """No train leaves the line and comes back within this."""
 
 
+SHORTEST_M: Final = 15.0
+"""No train is shorter."""
+
+
 class Whereabouts(enum.Enum):
     IN_PLACE = "in place"
     GONE = "gone"
@@ -51,8 +55,8 @@ class Evidence(NamedTuple):
     sieved: bool
     """It stands, and all axles around are those of trains that say they are there."""
     left: bool
-    """All axles from where its rear was up to the train ahead, or the end of the area, are of
-    others at rest; or no axles are counted on this line, and its word is all there is."""
+    """All axles from where its foremost one would be up to the train ahead, or the end of the area,
+    are of others at rest; or no axles are counted on this line, and its word is all there is."""
     recent: bool
     """This very master heard of its former life so lately that it cannot have been away."""
 
@@ -160,15 +164,17 @@ class Newborns:
     ) -> Whereabouts:
         config, record = self._config, former.record
         ahead_m = scene.area.end_m if ahead == NOBODY else scene.records[ahead].rear_m
-        to_m = max(ahead_m, record.rear_m + config.overhang_m)
-        from_m = record.rear_m - config.overhang_m
+        # There at least its foremost axle would be.
+        from_m = record.rear_m - config.behind_rear_m + SHORTEST_M - config.overhang_m
+        to_m = max(ahead_m, from_m + config.overhang_m)
+        there = scene._replace(at_rest=scene.there)
         evidence = Evidence(
             sieved=(
                 not is_over_border(report, scene) and is_sieved(report, scene, config.behind_axle_m)
             ),
             left=(
                 scene.counted is None
-                or are_known(report, scene, scene.counted, from_m=from_m, to_m=to_m)
+                or are_known(report, there, scene.counted, from_m=from_m, to_m=to_m)
             ),
             recent=recent,
         )

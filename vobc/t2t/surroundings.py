@@ -1,6 +1,6 @@
 """What a master sees around a train: what is counted, and whose axles explain it."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 from firmware_py.trackdb.areas import AreaMap
@@ -30,6 +30,8 @@ class Look(NamedTuple):
     """By train that says where it is."""
     at_rest: Mapping[int, Standing]
     """Those of them that stood already where they are when sections were counted."""
+    there: Mapping[int, Standing]
+    """And others that did so in the area."""
     reserved_m: dict[int, float]
     track: TrackView | None
     now_ns: int
@@ -71,10 +73,13 @@ class Surroundings:
         Args:
             strangers: trains that are not on the roster in this incarnation.
         """
-        records = self._known.records
-        told = self._witnesses(strangers, track, now_ns)
+        records, others = self._known.records, list(strangers)
+        told = self._witnesses(others, track, now_ns)
+        there = at_rest = self._at_rest(told, track, now_ns)
+        if any(report.source not in told for report, _ in others):
+            there = self._standing_there(others, track, now_ns)
         reserved_m = self._known.reserved_m([each for each in order if each.train in records])
-        return Look(told, self._at_rest(told, track, now_ns), reserved_m, track, now_ns)
+        return Look(told, at_rest, there, reserved_m, track, now_ns)
 
     def scene(self, but: int, look: Look) -> Scene:
         """What the admission of a train is decided on.
@@ -92,22 +97,27 @@ class Surroundings:
             stood=self._stood(but, track, look.now_ns),
             standing=_of_others(look.told, but),
             at_rest=_of_others(look.at_rest, but),
+            there=_of_others(look.there, but),
             line_m=self._line_m,
         )
 
     def sight(self, strangers: Iterable[Heard], track: TrackView | None, now_ns: int) -> Sight:
         """What the removal of a train is decided on."""
         others = list(strangers)
-        # Who may be forgotten is there all the same now, and so is whose axles these are.
-        witnesses = self._witnesses(others, track, now_ns, inside=True)
         # Also one whose word was long on its way is there.
         anew = {e.source for e, heard_ns in others if self._known.is_alive(heard_ns, now_ns)}
         return Sight(
             self._counts,
             track,
-            tuple(self._at_rest(witnesses, track, now_ns).values()),
+            tuple(self._standing_there(others, track, now_ns).values()),
             anew,
         )
+
+    def _standing_there(
+        self, others: Sequence[Heard], track: TrackView | None, now_ns: int
+    ) -> dict[int, Standing]:
+        """Who may be forgotten is there all the same now, and so is whose axles these are."""
+        return self._at_rest(self._witnesses(others, track, now_ns, inside=True), track, now_ns)
 
     def _at_rest(
         self, told: Mapping[int, Standing], track: TrackView | None, now_ns: int
