@@ -199,6 +199,25 @@ def test_who_stood_before_and_after_was_there_just_so() -> None:
     assert around.scene(STRANGER, around.look((), [], view, chair.now_ns + 1000 * MS)).at_rest == ()
 
 
+@pytest.mark.parametrize(("since_ms", "there"), [(1000, True), (1001, False)])
+def test_one_that_waits_in_the_area_is_there_now_and_may_be_forgotten(
+    since_ms: int, *, there: bool
+) -> None:
+    """Another newcomer is not sieved by it, but its axles are nobody else's."""
+    chair = Chair((), sections=True, now_ms=since_ms)
+    waits = chair.reports(4, 700.0)
+    chair.now_ns += 100 * MS
+    chair.track(axles={1: 16, 3: 16}, seen_ms=1000)
+    around, view = chair.master._around, chair.master._track
+
+    told = [(waits, chair.now_ns)]
+    scene = around.scene(STRANGER, around.look((), told, view, chair.now_ns))
+
+    assert (scene.standing, scene.at_rest) == ((), ())
+    assert scene.there == ((Standing(620.0, 700.0, 16),) if there else ())
+    assert around.scene(4, around.look((), told, view, chair.now_ns)).there == ()
+
+
 def test_beyond_the_end_of_the_line_nobody_hides() -> None:
     """Farther back others stand whom this master does not hear."""
     chair = Chair((), area=2, sections=True, now_ms=1000)
