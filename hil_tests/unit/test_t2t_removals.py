@@ -135,18 +135,28 @@ def test_what_is_counted_stands_against_a_persons_word(
     assert judged(scene(), axles=axles) is state
 
 
-def test_axles_before_all_that_it_was_granted_are_no_matter() -> None:
+def test_axles_beyond_all_that_it_was_granted_may_be_its_own() -> None:
+    """It may have been driven there by hand (seed 132971)."""
     chair = Chair(ROSTER, sections=True)
     chair.reports(GONE, 900.0, latent_m=1100.0, held_end_m=1100.0)
     chair.now_ns = SILENT_MS * MS
     chair.reports(NEXT, 780.0)
-    assert judged(chair, axles={2: 16, 4: 16}) is RemovalState.COMMITTING
 
-    chair = Chair(ROSTER, sections=True)
-    chair.reports(GONE, 900.0, latent_m=1500.5, held_end_m=1500.5)
+    assert judged(chair, axles={2: 16, 4: 16}) is RemovalState.AXLES
+    assert judged(chair, axles={2: 16}) is RemovalState.COMMITTING
+
+
+@pytest.mark.parametrize(
+    ("ahead_m", "state"), [(1500.0, RemovalState.COMMITTING), (1500.1, RemovalState.AXLES)]
+)
+def test_but_not_beyond_the_train_ahead(ahead_m: float, state: RemovalState) -> None:
+    """Which is on its way, and explains nothing."""
+    chair = Chair((entry(6, ahead_m + LENGTH_M), *ROSTER), sections=True)
+    chair.reports(GONE, 900.0, latent_m=1100.0, held_end_m=1100.0)
     chair.now_ns = SILENT_MS * MS
     chair.reports(NEXT, 780.0)
-    assert judged(chair, axles={2: 16, 4: 16}) is RemovalState.AXLES
+
+    assert judged(chair, axles={2: 16, 4: 16}) is state
 
 
 @pytest.mark.parametrize(
@@ -365,7 +375,7 @@ def test_a_train_that_fell_silent_and_ran_on_hides_nobody() -> None:
 def test_where_axles_are_counted_and_none_were_told_yet_nobody_goes() -> None:
     chair = scene()
     chair.removes(GONE)
-    unseen = Sight(True, None, (), set())
+    unseen = Sight(True, None, (), set(), 2000.0)
 
     removals, roster = chair.master._removals, chair.master.roster
     assert removals.gone(roster, lambda _: unseen, chair.now_ns) == set()

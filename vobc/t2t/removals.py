@@ -34,6 +34,8 @@ class Sight(NamedTuple):
     """Trains that are heard, and say that they stand."""
     heard: set[int]
     """Trains that were heard just now and are not on the roster in this incarnation."""
+    end_m: float
+    """Of the area."""
 
 
 class Wanted(NamedTuple):
@@ -73,20 +75,26 @@ class Removals:
         if not concerned:
             return set()
         sight, reserved_m = look(now_ns), self._known.reserved_m(roster.proposed)
-        for train in concerned:
-            state = self._judged(train, wanted[train].echo_ns, reserved_m[train], sight, now_ns)
-            wanted[train] = wanted[train]._replace(state=state)
+        to_m = sight.end_m
+        for entry in roster.proposed:
+            train = entry.train
+            if train in concerned:
+                # By hand it may have been driven farther than it was let: up to the train ahead.
+                reach_m = max(reserved_m[train], to_m)
+                state = self._judged(train, wanted[train].echo_ns, reach_m, sight, now_ns)
+                wanted[train] = wanted[train]._replace(state=state)
+            to_m = self._known.records[train].rear_m
         return {train for train in concerned if wanted[train].state is RemovalState.COMMITTING}
 
     def _judged(
-        self, train: int, echo_ns: int, reserved_m: float, sight: Sight, now_ns: int
+        self, train: int, echo_ns: int, reach_m: float, sight: Sight, now_ns: int
     ) -> RemovalState:
         record, track = self._known.records[train], sight.track
         age_max_ns = self._config.timers.authority_ms * NS_PER_MS
         from_m = record.rear_m - self._config.behind_rear_m
         silent = train not in sight.heard and now_ns - record.heard_ns > age_max_ns
         # What it tells in another life, and from elsewhere, bounds nothing here.
-        to_m = max(reserved_m, record.rear_m + self._config.overhang_m)
+        to_m = max(reach_m, record.rear_m + self._config.overhang_m)
         explained = not sight.counts or (
             track is not None
             and track.seen_ns >= echo_ns

@@ -111,6 +111,7 @@ class Surroundings:
             track,
             tuple(self._standing_there(others, track, now_ns).values()),
             anew,
+            self._area.end_m,
         )
 
     def _standing_there(

@@ -134,7 +134,9 @@ class Sidings:
         for train in self.world.trains.values():
             if not train.on_line or train.rear_m >= closed.end_m:
                 continue
-            if max(judge.reach_m(train), judge.granted_m(train)) > closed.start_m:
+            # Also as far as the train itself reckons with: into a section in which it may be.
+            comes_to_m = max(train.reading().reach_m, judge.reach_m(train))
+            if comes_to_m > closed.start_m:
                 return False
         return True
 

@@ -132,3 +132,16 @@ def test_a_place_is_free_that_no_train_behind_it_may_come_to() -> None:
 
     assert sidings._is_free(just_free)
     assert not sidings._is_free(just_not)
+
+
+def test_a_place_is_not_free_to_which_a_train_may_come_by_its_own_reckoning() -> None:
+    """It brakes before it, and may be over the joint by what it is unsure of (seed 135659)."""
+    scene = settled()
+    sidings, train = Sidings(scene.world, random.Random(3)), scene.world.trains[3]
+    scene.world.checker.gave_up(3)
+    train.motion.speed_mps = 8.0
+    place = SpeedRestriction(train.reading().reach_m - 0.1, 1800.0, 1.0)
+    assert scene.world.checker.reach_m(train) < place.start_m
+
+    assert not sidings._is_free(place)
+    assert sidings._is_free(SpeedRestriction(place.start_m + 0.2, 1800.0, 1.0))
