@@ -135,15 +135,20 @@ def test_what_is_counted_stands_against_a_persons_word(
     assert judged(scene(), axles=axles) is state
 
 
-def test_axles_beyond_all_that_it_was_granted_may_be_its_own() -> None:
+@pytest.mark.parametrize(
+    ("axles", "state"),
+    [({2: 16}, RemovalState.COMMITTING), ({2: 16, 4: 16}, RemovalState.AXLES)],
+)
+def test_axles_beyond_all_that_it_was_granted_may_be_its_own(
+    axles: dict[int, int], state: RemovalState
+) -> None:
     """It may have been driven there by hand (seed 132971)."""
     chair = Chair(ROSTER, sections=True)
     chair.reports(GONE, 900.0, latent_m=1100.0, held_end_m=1100.0)
     chair.now_ns = SILENT_MS * MS
     chair.reports(NEXT, 780.0)
 
-    assert judged(chair, axles={2: 16, 4: 16}) is RemovalState.AXLES
-    assert judged(chair, axles={2: 16}) is RemovalState.COMMITTING
+    assert judged(chair, axles=axles) is state
 
 
 @pytest.mark.parametrize(
