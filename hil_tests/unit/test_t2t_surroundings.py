@@ -211,11 +211,13 @@ def test_one_that_waits_in_the_area_is_there_now_and_may_be_forgotten(
     around, view = chair.master._around, chair.master._track
 
     told = [(waits, chair.now_ns)]
-    scene = around.scene(STRANGER, around.look((), told, view, chair.now_ns))
+    look = around.look((), told, view, chair.now_ns)
+    scene = around.scene(STRANGER, look, inside=True)
 
     assert (scene.standing, scene.at_rest) == ((), ())
     assert scene.there == ((Standing(620.0, 700.0, 16),) if there else ())
-    assert around.scene(4, around.look((), told, view, chair.now_ns)).there == ()
+    assert around.scene(STRANGER, look).there == ()
+    assert around.scene(4, look, inside=True).there == ()
 
 
 def test_beyond_the_end_of_the_line_nobody_hides() -> None:

@@ -31,7 +31,8 @@ class Scene(NamedTuple):
     at_rest: tuple[Standing, ...] = ()
     """Those of them that stood already where they are when sections were counted."""
     there: tuple[Standing, ...] = ()
-    """And others that stand in the area: whose axles these are now, whoever is forgotten later."""
+    """Where it is asked for, others in the area, too: whose axles these are now, whoever is
+    forgotten later."""
     line_m: tuple[float, float] = (-UNBOUNDED_M, UNBOUNDED_M)
     """Where the line begins and ends: nobody hides beyond."""
 

@@ -205,7 +205,7 @@ class Master:
         left = [e for e in order if e.train in gone or self._has_passed(records[e.train].rear_m)]
         order = tuple([each for each in order if each not in left])
         order, elsewhere = self._newborns.settle(
-            order, lambda report: self._scene(now_ns, report), self._known, now_ns
+            order, lambda report: self._scene(now_ns, report, inside=True), self._known, now_ns
         )
         if any(self._guards.sieved(each.sieved) for each in left):
             self._left_ns = now_ns
@@ -253,8 +253,8 @@ class Master:
     def _look(self, now_ns: int) -> Look:
         return self._around.look(self.roster.proposed, self._strangers(), self._track, now_ns)
 
-    def _scene(self, now_ns: int, newcomer: TrainReport) -> Scene:
-        return self._around.scene(newcomer.source, self._look(now_ns))
+    def _scene(self, now_ns: int, newcomer: TrainReport, *, inside: bool = False) -> Scene:
+        return self._around.scene(newcomer.source, self._look(now_ns), inside=inside)
 
     def _sight(self, now_ns: int) -> Sight:
         return self._around.sight(self._strangers(), self._track, now_ns)

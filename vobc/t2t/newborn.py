@@ -19,8 +19,6 @@ from zenoh_config.t2t import NOBODY, RosterEntry, TrainReport
 
 RECENT_NS: Final = 10_000_000_000
 """No train leaves the line and comes back within this."""
-
-
 SHORTEST_M: Final = 15.0
 """No train is shorter."""
 
@@ -147,9 +145,8 @@ class Newborns:
         """
         record = known.records[entry.train]
         if record.report is not None:
-            if not known.is_placed(record, now_ns):
-                return Neighbour(record.rear_m, heard=True)
-            rear_max_m = known.rear_max_m(record.report, now_ns)
+            placed = known.is_placed(record, now_ns)
+            rear_max_m = known.rear_max_m(record.report, now_ns) if placed else UNBOUNDED_M
             return Neighbour(record.rear_m, heard=True, rear_max_m=rear_max_m)
         report, _ = self._told.get(entry.train, (None, now_ns))
         if report is None or not report.localised or not known.is_recent(report, now_ns):

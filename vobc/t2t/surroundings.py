@@ -30,8 +30,7 @@ class Look(NamedTuple):
     """By train that says where it is."""
     at_rest: Mapping[int, Standing]
     """Those of them that stood already where they are when sections were counted."""
-    there: Mapping[int, Standing]
-    """And others that did so in the area."""
+    strangers: Sequence[Heard]
     reserved_m: dict[int, float]
     track: TrackView | None
     now_ns: int
@@ -75,19 +74,19 @@ class Surroundings:
         """
         records, others = self._known.records, list(strangers)
         told = self._witnesses(others, track, now_ns)
-        there = at_rest = self._at_rest(told, track, now_ns)
-        if any(report.source not in told for report, _ in others):
-            there = self._standing_there(others, track, now_ns)
+        at_rest = self._at_rest(told, track, now_ns)
         reserved_m = self._known.reserved_m([each for each in order if each.train in records])
-        return Look(told, at_rest, there, reserved_m, track, now_ns)
+        return Look(told, at_rest, others, reserved_m, track, now_ns)
 
-    def scene(self, but: int, look: Look) -> Scene:
+    def scene(self, but: int, look: Look, *, inside: bool = False) -> Scene:
         """What the admission of a train is decided on.
 
         Args:
             but: this train itself.
+            inside: also who else stands in the area, as is asked of one that begins anew.
         """
         track = look.track
+        there = self._standing_there(look.strangers, track, look.now_ns) if inside else {}
         return Scene(
             area=self._area,
             before=self._before,
@@ -97,7 +96,7 @@ class Surroundings:
             stood=self._stood(but, track, look.now_ns),
             standing=_of_others(look.told, but),
             at_rest=_of_others(look.at_rest, but),
-            there=_of_others(look.there, but),
+            there=_of_others(there, but),
             line_m=self._line_m,
         )
 

@@ -50,7 +50,6 @@ class ByHand:
         train = self._rng.choice(choice)
         world, net = self.world, self.world.net
         closed = SpeedRestriction(train.front_m, self._to_m(train) + APART_M, 1.0)
-        world.t2t.closed = (*world.t2t.closed, closed)
         world.closes(closed)
         how = self._rng.choice(list(Controller))
         net.say("railway", f"train {train.address} is to be driven; its controller {how.value}")
@@ -114,8 +113,7 @@ class ByHand:
             net.at(net.now_ns + LOOK_NS, lambda _: self._drives_on(train, how, closed))
             return
         train.shunts, train.shunts_to_m = False, math.inf
-        train.next_stop = sum(at_m < train.front_m for at_m in self.world.setting.stops_m)
-        train.dwell_until_ns = 0
+        self.world.stops_next(train)
         net.say("railway", f"train {train.address} stands at {train.front_m:.2f} m")
         self._ends(train, how, closed)
 
@@ -127,11 +125,7 @@ class ByHand:
             wait_ns = 0 if self.over else int(self._rng.uniform(*DEAD_S) * NS_PER_S)
             net.at(net.now_ns + wait_ns, net.boot, train.address)
         open_ns = 0 if self.over else int(self._rng.uniform(*OPENED_S) * NS_PER_S)
-        net.at(net.now_ns + open_ns, lambda _: self._open(closed))
-
-    def _open(self, closed: SpeedRestriction) -> None:
-        crew = self.world.t2t
-        crew.closed = tuple(each for each in crew.closed if each is not closed)
+        net.at(net.now_ns + open_ns, lambda _: self.world.opens(closed))
 
 
 def _finds_place(train: TrueTrain) -> None:

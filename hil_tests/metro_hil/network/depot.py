@@ -81,8 +81,7 @@ def set_on(world: LineWorld, train: TrueTrain, front_m: float) -> None:
     net = world.net
     net.kill(train.address, why="is switched off before it comes back")
     train.motion = Motion(net.now_ns, front_m, emergency_mps2=train.motion.emergency_mps2)
-    train.next_stop = sum(stop_m < front_m for stop_m in world.setting.stops_m)
-    train.dwell_until_ns = 0
+    world.stops_next(train)
     train.on_line = train.localised = True
     net.say("railway", f"train {train.address} comes onto the line, front {front_m:.2f} m")
 

@@ -122,11 +122,17 @@ class LineWorld(World):
         self.net.say("railway", f"supervision takes train {train} off rosters {wanted}")
         self.t2t.orders += [Order(None, area, train) for area in wanted]
 
+    def opens(self, closed: SpeedRestriction) -> None:
+        """This very one; another may be of the same metres."""
+        crew = self.t2t
+        crew.closed = tuple([each for each in crew.closed if each is not closed])
+
     def closes(self, closed: SpeedRestriction) -> None:
         """23: from some time on no authority that is accepted enters a closed stretch any more.
 
         That time is what the news may take to a master, and what an authority may be old.
         """
+        self.t2t.closed = (*self.t2t.closed, closed)
         age_max_ns = self.checker.rules.age_max_ns
         self._closed.append((self.net.now_ns + 3 * age_max_ns, closed))
 

@@ -247,7 +247,6 @@ def closed_unknown(make: Make) -> None:
     _wish(scene, False)
     scene.lose(TrackStatus)
     closed = SpeedRestriction(620.0, 650.0, 1.0)
-    scene.world.t2t.closed = (closed,)
     scene.world.closes(closed)
     scene.run(0.2)
     scene.net.kill(3)

@@ -173,14 +173,11 @@ class Mischief:
 
     def _close(self) -> None:
         closed, crew = self._stretch(1.0), self.world.t2t
-        crew.closed = (*crew.closed[-2:], closed)
+        crew.closed = crew.closed[-2:]
         self._say(f"closed from {closed.start_m:.0f} m to {closed.end_m:.0f} m")
         self.world.closes(closed)
 
-        def opened() -> None:
-            crew.closed = tuple(each for each in crew.closed if each is not closed)
-
-        self._later(2.0, 30.0, opened)
+        self._later(2.0, 30.0, lambda: self.world.opens(closed))
 
     def _restrict(self) -> None:
         slow, crew = self._stretch(SLOW_MPS), self.world.t2t

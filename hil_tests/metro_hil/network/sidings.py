@@ -92,7 +92,6 @@ class Sidings:
         ):
             net.at(net.now_ns + LOOK_NS, self._wants_in, train)
             return
-        world.t2t.closed = (*world.t2t.closed, closed)
         world.closes(closed)
         until_ns = net.now_ns + PATIENCE_NS
         net.at(net.now_ns + CLOSED_NS, lambda _: self._enters(train, front_m, closed, until_ns))
@@ -105,10 +104,10 @@ class Sidings:
         """
         world, net = self.world, self.world.net
         if self.over:
-            self._open(closed)
+            world.opens(closed)
             return
         if closed not in world.t2t.closed or net.now_ns > until_ns or self._is_taken(closed):
-            self._open(closed)
+            world.opens(closed)
             net.at(net.now_ns + LOOK_NS, self._wants_in, train)
             return
         if not self._is_free(closed):
@@ -120,7 +119,7 @@ class Sidings:
             net.boot(train.address)
         else:
             self._after(DEAD_S, lambda _: net.boot(train.address), train)
-        self._after(OPENED_S, lambda _: self._open(closed), train)
+        self._after(OPENED_S, lambda _: world.opens(closed), train)
 
     def _is_taken(self, closed: SpeedRestriction) -> bool:
         trains = [each for each in self.world.trains.values() if each.on_line]
@@ -139,7 +138,3 @@ class Sidings:
             if comes_to_m > closed.start_m:
                 return False
         return True
-
-    def _open(self, closed: SpeedRestriction) -> None:
-        crew = self.world.t2t
-        crew.closed = tuple(each for each in crew.closed if each is not closed)

@@ -103,19 +103,24 @@ class World:
         self.net.add(node)
 
     def _add_driver(self, address: int) -> None:
-        train, stops_m = self.trains[address], self.setting.stops_m
-        train.next_stop = sum(stop_m < train.front_m for stop_m in stops_m)
+        train = self.trains[address]
+        self.stops_next(train)
         driver = Driver(
             train,
             self.net.nodes[address],
             self.net,
             self.checker,
-            stops_m=stops_m,
+            stops_m=self.setting.stops_m,
             dwell_ns=int(self.setting.dwell_s * NS_PER_S),
             speed_max_mps=self.setting.speed_max_mps,
         )
         self.drivers[address] = driver
         self.net.at(self.rng.randrange(CONTROL_NS), driver.cycle)
+
+    def stops_next(self, train: TrueTrain) -> None:
+        """At the first stop ahead of where it has been set."""
+        train.next_stop = sum(stop_m < train.front_m for stop_m in self.setting.stops_m)
+        train.dwell_until_ns = 0
 
     def without_authority(self) -> list[int]:
         """Trains on the line whose brake loop has no authority in force at this instant."""

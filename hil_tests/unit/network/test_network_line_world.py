@@ -232,7 +232,6 @@ def closed_in_front_of(front_m: float, monkeypatch: pytest.MonkeyPatch) -> LineW
     """600 m to 700 m, long ago."""
     monkeypatch.setattr(Air, "made_of", lambda *_: None)
     line = world(front_m)
-    line.t2t.closed = (CLOSED,)
     line.closes(CLOSED)
     line.net.run(10 * AGE_MAX_NS)
     return line
