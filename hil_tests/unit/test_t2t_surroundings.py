@@ -186,6 +186,20 @@ def test_a_train_of_the_roster_may_not_have_been_there_either() -> None:
     )
 
 
+def test_a_train_of_the_roster_explains_axles_while_its_word_is_young() -> None:
+    chair = Chair((entry(1, 320.0),), sections=True, now_ms=1000)
+    chair.reports(1, 400.0)
+    chair.track(axles={1: 32}, seen_ms=1000)
+    around, view = chair.master._around, chair.master._track
+
+    def standing(age_ms: int) -> list[int]:
+        scene = around.scene(STRANGER, around.look((), [], view, chair.now_ns + age_ms * MS))
+        return [each.axles for each in scene.standing]
+
+    assert standing(500) == [16]
+    assert standing(501) == []
+
+
 def test_who_stood_before_and_after_was_there_just_so() -> None:
     chair = Chair((entry(1, 320.0),), sections=True, now_ms=1000)
     chair.reports(1, 400.0)

@@ -82,23 +82,49 @@ def test_clear_sections_and_those_of_the_neighbours_hide_nothing() -> None:
 
 
 @pytest.mark.parametrize(
-    ("later_ns", "before_m", "hides"),
+    ("later_ns", "before_m", "bar"),
     [
-        (0, 200.0, True),
-        (-1_000_000_000, 200.0, True),
-        # At 40 m/s, in one second and in a quarter of one.
-        (1_000_000_000, 240.0, True),
-        (1_000_000_000, 239.9, False),
-        (250_000_000, 210.0, True),
-        (250_000_000, 209.9, False),
+        (0, 200.0, Bar.SHUT),
+        (0, 199.9, None),
+        (-1_000_000_000, 200.0, Bar.SHUT),
+        (-1_000_000_000, 199.9, None),
+        # At 40 m/s, in a quarter of a second.
+        (250_000_000, 210.0, Bar.SHUT),
+        (250_000_000, 209.9, None),
     ],
 )
 def test_the_train_ahead_may_have_been_farther_back_when_the_sections_were_seen(
-    later_ns: int, before_m: float, *, hides: bool
+    later_ns: int, before_m: float, bar: Bar | None
 ) -> None:
     found = hidden(2, before_m=before_m, ahead_ns=SEEN_NS + later_ns)
 
-    assert (found is not None) is hides
+    assert found == (bar and Stretch(100.0, 200.0, bar))
+
+
+@pytest.mark.parametrize(
+    ("later_ns", "before_m", "bar"),
+    [
+        (1_000_000_000, 240.0, Bar.SHUT),
+        (1_000_000_000, 239.9, Bar.UNSURE),
+        (1_000_000_000, 210.0, Bar.UNSURE),
+        (1_000_000_000, 209.9, None),
+        (251_000_000, 210.0, Bar.UNSURE),
+        (251_000_000, 209.9, None),
+    ],
+)
+def test_what_was_seen_long_before_the_train_ahead_spoke_may_be_another(
+    later_ns: int, before_m: float, bar: Bar | None
+) -> None:
+    """Only 10 m before that one it counts as its own."""
+    found = hidden(2, before_m=before_m, ahead_ns=SEEN_NS + later_ns)
+
+    assert found == (bar and Stretch(100.0, 200.0, bar))
+
+
+def test_the_first_that_surely_hides_counts_before_one_that_may() -> None:
+    found = hidden(1, 2, beyond_m=0.0, before_m=239.9, ahead_ns=SEEN_NS + 1_000_000_000)
+
+    assert found == Stretch(0.0, 100.0, Bar.SHUT)
 
 
 def test_a_silent_train_moves_on_by_clear_sections_but_for_its_overhang() -> None:

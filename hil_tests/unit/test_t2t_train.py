@@ -490,6 +490,36 @@ def test_without_an_authority_of_the_next_area_it_ends_11_m_before_the_border(
     assert ride.held_m(stepped) == end_m
 
 
+@pytest.mark.parametrize(
+    ("first_m", "second_m", "end_m"),
+    [
+        (1989.0, 1900.0, 1989.0),
+        (1989.1, 1900.0, 1900.0),
+        (1999.9, 1989.0, 1989.0),
+        (1999.9, 1995.0, 1995.0),
+        (1999.9, 2500.0, 1999.9),
+        (2000.0, 1989.0, 1989.0),
+        (2000.0, 2500.0, 2500.0),
+    ],
+)
+def test_nearer_than_11_m_to_the_border_the_next_area_has_its_say(
+    first_m: float, second_m: float, end_m: float
+) -> None:
+    ride = Ride()
+    both = authority(1, first_m, 80), authority(2, second_m, 70)
+
+    assert ride.held_m(ride.step(100, *both, front_m=1800.0)) == end_m
+
+
+def test_so_near_before_the_border_it_is_as_old_as_the_older_of_both() -> None:
+    ride = Ride()
+
+    stepped = ride.step(100, authority(1, 1995.0, 80), authority(2, 2500.0, 70), front_m=1800.0)
+
+    assert stepped.authority is not None
+    assert stepped.authority.echo_ns == ns(70)
+
+
 def test_the_end_of_the_line_is_the_end() -> None:
     ride = Ride()
 

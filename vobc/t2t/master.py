@@ -202,12 +202,12 @@ class Master:
         records = self._known.records
         gone = self._removals.gone(self.roster, self._sight, now_ns)
         order: Order = self.roster.proposed
-        left = [e for e in order if e.train in gone or self._has_passed(records[e.train].rear_m)]
-        order = tuple([each for each in order if each not in left])
+        passed = [e for e in order if self._has_passed(records[e.train].rear_m)]
+        order = tuple([e for e in order if e not in passed and e.train not in gone])
         order, elsewhere = self._newborns.settle(
             order, lambda report: self._scene(now_ns, report, inside=True), self._known, now_ns
         )
-        if any(self._guards.sieved(each.sieved) for each in left):
+        if any(self._guards.sieved(each.sieved) for each in passed):
             self._left_ns = now_ns
         changed = order != self.roster.proposed
         self._applicants.update({report.source: (report, at_ns) for report, at_ns in elsewhere})

@@ -150,23 +150,20 @@ class Surroundings:
         """
         known = self._known
         behind_m = 0.0 if track is None else way_m(now_ns - track.seen_ns)
-        told = {
-            each.train: standing_of(each.report)._replace(
-                farther_m=known.farther_m(each, each.report, now_ns), behind_m=behind_m
-            )
-            for each in known.records.values()
-            if each.report is not None
-        }
+        reports = [each.report for each in known.records.values() if each.report is not None]
         self._passed = {t: e for t, e in self._passed.items() if known.is_alive(e[1], now_ns)}
         for report, _ in [*strangers, *self._passed.values()]:
             # One that has only just come onto the roster still stands among the applicants.
-            recent = known.is_recent(report, now_ns)
-            may = may_explain(report, known.records, self._area) or (inside and report.localised)
-            if recent and may:
-                told[report.source] = standing_of(report)._replace(
-                    farther_m=way_m(now_ns - report.echo_ns), behind_m=behind_m
-                )
-        return told
+            if may_explain(report, known.records, self._area) or (inside and report.localised):
+                reports.append(report)
+        # Who is not heard any more may have run on, or been taken away while it stood.
+        return {
+            report.source: standing_of(report)._replace(
+                farther_m=way_m(now_ns - report.echo_ns), behind_m=behind_m
+            )
+            for report in reports
+            if known.is_recent(report, now_ns)
+        }
 
 
 def _of_others(standing: Mapping[int, Standing], but: int) -> tuple[Standing, ...]:

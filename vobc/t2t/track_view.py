@@ -1,7 +1,7 @@
 """What the wayside last told a master of its area's track, with the instant that it is true for."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from firmware_py.trackdb.areas import AreaMap
 from vobc.t2t.authority import Bar, Counted, Seen, Stretch, unexplained
@@ -12,6 +12,9 @@ from zenoh_config.t2t import SectionState, TrackStatus
 SPEED_MAX_MPS = 40.0
 """No train is faster; bounds where one was when the sections were seen."""
 S_PER_NS = 1e-9
+EXCUSED_M: Final = 10.0
+"""So far back, at most, the train ahead may have been in a section that counts as its own: nobody
+is set as near as that to it. An older view of the track says no more of what is behind it now."""
 
 
 class TrackView(NamedTuple):
@@ -53,8 +56,14 @@ def hidden_between(
         before_m: protected rear of the one ahead, heard at `ahead_ns`.
     """
     drift_m = way_m(ahead_ns - view.seen_ns)
-    found = unexplained(view.occupied, beyond_m=beyond_m, before_m=before_m - drift_m)
-    return None if found is None else Stretch(found.start_m, found.end_m, Bar.SHUT)
+    bar, found = (
+        Bar.SHUT,
+        unexplained(view.occupied, beyond_m=beyond_m, before_m=before_m - drift_m),
+    )
+    if found is None and drift_m > EXCUSED_M:
+        bar = Bar.UNSURE
+        found = unexplained(view.occupied, beyond_m=beyond_m, before_m=before_m - EXCUSED_M)
+    return None if found is None else Stretch(found.start_m, found.end_m, bar)
 
 
 def moved_on_m(view: TrackView, record: Record, *, overhang_m: float) -> float:

@@ -246,8 +246,9 @@ class TrainCore:
     def _authority(self, now_ns: int, own: OwnTrain) -> HeldAuthority | None:
         """Area by area from where the rear may roll back to: one that reaches its border is
         continued by the next, and every one that the train stands in has its say, as only that one
-        knows of its objects. Where the next one has none, or the line ends, somebody may hide just
-        beyond, with axles that only others count or nobody does: nobody goes nearer.
+        knows of its objects. So has the next one where the end is near the border. Where that one
+        has none, or the line ends, somebody may hide just beyond, with axles that only others count
+        or nobody does: nobody goes nearer.
         """
         hindmost = self._line.area_at(own.rear_min_m - self._config.rollback_m)
         back_m = self._back_m(hindmost)
@@ -257,8 +258,9 @@ class TrainCore:
         while area is not None and (held := self._held(area, result, now_ns, own)) is not None:
             if not reaches:
                 return result
+            ends_before = result is not None and result.end_m < area.start_m
             result = HeldAuthority(
-                end_m=held.end_m,
+                end_m=min(result.end_m, held.end_m) if result and ends_before else held.end_m,
                 rear_m=max(held.rear_m, back_m) if result is None else result.rear_m,
                 echo_ns=held.echo_ns if result is None else min(result.echo_ns, held.echo_ns),
                 area=area.number,
@@ -268,7 +270,7 @@ class TrainCore:
                 if result is None
                 else (*result.restrictions, *held.restrictions),
             )
-            reaches = held.end_m >= area.end_m
+            reaches = result.end_m > area.end_m - self._config.behind_axle_m
             area = self._line.following(area.number)
         if result is None or (area is not None and area.start_m <= own.front_min_m):
             return None

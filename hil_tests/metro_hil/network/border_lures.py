@@ -6,6 +6,7 @@ from typing import Final
 from firmware_py.trackdb.areas import Area, AreaMap, ObjectKind, ObjectSite, TrackSection
 from metro_hil.network.directed import Make, Scenario
 from metro_hil.network.scene import NS_PER_S, Plot, Scene
+from zenoh_config.messages import SpeedRestriction
 from zenoh_config.t2t import ObjectClaim, OrderKind
 
 BORDER_M: Final = 2000.0
@@ -97,8 +98,26 @@ def _goes_on(make: Make, lose: Callable[[Scene], object]) -> None:
     scene.expect("no emergency brake", over.emergencies == 0)
 
 
+def hangs_over_the_border(make: Make) -> None:
+    """Track is closed from just before the border on, so that the area there lets nobody come to
+    it; one that nobody hears stands just beyond and hangs over, which only the next area may know.
+    """
+    hides_m = BORDER_M + 78.0
+    scene = make(Plot({BEHIND: 1000.0, OVER: hides_m, AHEAD: 3000.0}, line=_line(1000.0)))
+    closed = SpeedRestriction(BORDER_M - 0.5, BORDER_M + 40.0, 1.0)
+    scene.world.t2t.closed = (closed,)
+    for address in scene.others(OVER):
+        scene.net.boot(address)
+    runs = scene.world.trains[BEHIND]
+    scene.until("it is on its way", lambda: runs.front_m > 1500.0, within_s=60.0)
+    scene.expect("somebody commands there", scene.master(2) == AHEAD)
+    scene.stands(BEHIND)
+    scene.expect(f"it comes no nearer: {runs.front_m}", runs.front_m < BORDER_M - 11.0)
+
+
 BORDER_LURES: Final[tuple[Scenario, ...]] = (
     Scenario("over-a-free-switch", 0, "a train begins in two areas", over_a_free_switch),
     Scenario("back-onto-a-switch", 0, "a train just beyond rolls back", back_onto_a_free_switch),
+    Scenario("hangs-over-the-border", 0, "one hides just beyond", hangs_over_the_border),
     Scenario("master-left-behind", 0, "the master of the rear's area is lost", master_left_behind),
 )

@@ -95,7 +95,7 @@ def seen_gone(world: LineWorld, train: TrueTrain) -> None:
         area.number
         for area in world.drawn.cast.line.areas
         if told.get((area.number, train.address)) is not RemovalState.GONE
-        and not (train.on_line and train.rear_m < area.end_m and train.front_m > area.start_m)
+        and not world.is_in(train, area)
     ]
     if left:
         world.removes(train.address, left)

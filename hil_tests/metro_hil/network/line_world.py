@@ -4,6 +4,7 @@ from collections import deque
 from collections.abc import Sequence
 from typing import Any, Final
 
+from firmware_py.trackdb.areas import Area
 from metro_hil.network.air import Air, LeaseRules
 from metro_hil.network.cab import Cab
 from metro_hil.network.checker import ViolationError
@@ -82,20 +83,35 @@ class LineWorld(World):
 
     def without_authority(self) -> list[int]:
         """But for those that have closed up: a leader that rolled back into the room that it has to
-        leave behind it takes from the next train what it could be given, until it moves on.
+        leave behind it takes from the next train what it could be given, until it moves on. And who
+        is found so near ahead of another, whose place was not known before, gets none itself.
         """
         return [each for each in super().without_authority() if not self._closed_up(each)]
 
     def _closed_up(self, address: int) -> bool:
-        train, rules = self.trains[address], self.checker.rules
-        others = [e for e in self.trains.values() if e.on_line and e.front_m > train.front_m]
-        leader = min(others, key=lambda each: each.front_m, default=None)
-        if leader is None or train.motion.speed_mps > 0.0:
+        train = self.trains[address]
+        if train.motion.speed_mps > 0.0:
             return False
-        room_m = rules.roll_back_m + rules.jog_m
-        closed_up = train.reading().front_max_m > leader.reading().rear_min_m - room_m
+        others = [e for e in self.trains.values() if e.on_line and e is not train]
+        ahead = [e for e in others if e.front_m > train.front_m]
+        behind = [e for e in others if e.front_m <= train.front_m]
+        leader = min(ahead, key=lambda each: each.front_m, default=None)
+        follower = max(behind, key=lambda each: each.front_m, default=None)
+        closed_up = self._too_near(train, leader) or self._too_near(follower, train)
         self.checker.looked["40 closed up"] += closed_up
         return closed_up
+
+    def _too_near(self, train: TrueTrain | None, leader: TrueTrain | None) -> bool:
+        """As far as they know themselves."""
+        if train is None or leader is None:
+            return False
+        rules = self.checker.rules
+        room_m = rules.roll_back_m + rules.jog_m
+        return train.reading().front_max_m > leader.reading().rear_min_m - room_m
+
+    def is_in(self, train: TrueTrain, area: Area) -> bool:
+        """Some of it is."""
+        return train.on_line and train.rear_m < area.end_m and train.front_m > area.start_m
 
     def unsettled(self, waiting: Sequence[int]) -> bool:
         """Also while a train moves between which and one of these no section is empty: who begins
@@ -105,9 +121,10 @@ class LineWorld(World):
         moving = [each for each in self.trains.values() if each.motion.speed_mps > 0.0]
         if not moving:
             return super().unsettled(waiting)
+        line = self.drawn.cast.line
         leaves = any(
-            state is RemovalState.AXLES and not self.trains[train].on_line
-            for (_, train), state in self.t2t.removals.items()
+            state is not RemovalState.GONE and not self.is_in(self.trains[train], line.area(area))
+            for (area, train), state in self.t2t.removals.items()
         )
         joined = (self.track.joined_to(self.trains[each]) for each in waiting)
         return (

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from typing import Final
 
 from metro_hil.network.by_hand import ByHand
-from metro_hil.network.depot import Depot
+from metro_hil.network.depot import SEEN_NS, Depot, seen_gone
 from metro_hil.network.line_world import LineWorld
 from metro_hil.network.orders import ORDER_REPEATS, Order
 from metro_hil.network.sidings import Sidings
@@ -74,7 +74,9 @@ class Mischief:
         self.world.net.at(self.world.net.now_ns + int(wait_s * NS_PER_S), self._strike)
 
     def calm(self) -> None:
-        """Nothing is wanted, closed or out of service any more."""
+        """Nothing is wanted, closed or out of service any more; and who waits behind a train that
+        ran on or was driven on unheard, and stands elsewhere, is helped by a person who sees that.
+        """
         self._over = self._sidings.over = self._by_hand.over = True
         for thing in self.world.track.objects.values():
             thing.release_wanted = False
@@ -83,8 +85,16 @@ class Mischief:
         crew = self.world.t2t
         crew.closed, crew.restrictions, crew.orders = (), (), []
         self.world.track.disturbed = frozenset()
+        net = self.world.net
         for wait_ns in ALL_CLEAR_NS:
-            self.world.net.at(self.world.net.now_ns + wait_ns, self._all_clear)
+            net.at(net.now_ns + wait_ns, self._all_clear)
+        crew.removals.clear()
+        net.at(net.now_ns + SEEN_NS, self._looks_around)
+
+    def _looks_around(self, _: object) -> None:
+        for train in self.world.trains.values():
+            if train.on_line:
+                seen_gone(self.world, train)
 
     def _all_clear(self, _: object) -> None:
         for train in self.world.trains:

@@ -8,7 +8,8 @@ from metro_hil.network.directed import Make, Scenario
 from metro_hil.network.motion import Motion
 from metro_hil.network.scene import Plot, Scene
 from zenoh_config.messages import SpeedRestriction
-from zenoh_config.t2t import LeaseRequest, StandbySync
+from zenoh_config.t2t import LeaseRequest, StandbySync, TrackStatus
+from zenoh_config.t2t_supervision import RemovalState
 
 FOLLOWS: Final = 1
 AHEAD: Final = 2
@@ -88,8 +89,8 @@ def _stays_before_it(scene: Scene) -> None:
     scene.until("all trains have authority", scene.all_held, within_s=60.0)
 
 
-def _one_follows(make: Make, stops_m: Sequence[float]) -> Scene:
-    fronts_m = {FOLLOWS: 300.0, AHEAD: 820.0, HIDES: 1900.0}
+def _one_follows(make: Make, stops_m: Sequence[float], *, ahead_m: float = 820.0) -> Scene:
+    fronts_m = {FOLLOWS: 300.0, AHEAD: ahead_m, HIDES: 1900.0}
     scene = make(Plot(fronts_m, pieces=10, stops_m=stops_m, dwell_s=200.0))
     hides = scene.world.trains[HIDES]
     hides.on_line = hides.localised = False
@@ -133,6 +134,69 @@ def lost_and_driven_on(make: Make) -> None:
     scene.expect("it is heard", scene.net.runs(AHEAD))
     ahead.localised = True
     _stays_before_it(scene)
+
+
+def unseen_since(make: Make) -> None:
+    """One is set on behind the one ahead. What is said of the track is lost for a while: by then
+    the one ahead might have come from where somebody was seen, had it not stood all the time.
+    """
+    scene = _one_follows(make, (300.0, 910.0), ahead_m=910.0)
+    scene.world.t2t.closed = (SpeedRestriction(600.0, 800.0, 1.0),)
+    scene.run(6.0)
+    _set_where_it_was(scene)
+    scene.run(3.0)
+    scene.expect(f"it is seen: {scene.end_m(FOLLOWS)}", scene.end_m(FOLLOWS) == 589.0)
+    scene.lose(TrackStatus)
+    for _ in range(20):
+        scene.run(0.1)
+        end_m = scene.end_m(FOLLOWS)
+        scene.expect(f"it is not forgotten: {end_m}", end_m in (None, 589.0))
+    scene.expect("without a look at the track nobody goes", scene.end_m(FOLLOWS) is None)
+    scene.no_rules()
+    _stays_before_it(scene)
+
+
+def stood_and_taken_off(make: Make) -> None:
+    """One stands behind another that is over a joint, and somebody hides ahead of that. The first
+    is taken away: as many axles are left as the two have that said where they are.
+    """
+    away, hemmed_in, commands = 1, 2, 4
+    fronts_m = {commands: 300.0, away: 1100.0, hemmed_in: 1250.0, HIDES: 1500.0}
+    scene = make(Plot(fronts_m, pieces=5, stops_m=sorted(fronts_m.values()), dwell_s=200.0))
+    for address in scene.others(HIDES):
+        scene.net.boot(address)
+    scene.until_without([away, hemmed_in, HIDES], within_s=20.0)
+    train = scene.world.trains[away]
+    scene.net.kill(away)
+    scene.run(4.0)
+    train.on_line = train.localised = False
+    scene.world.checker.gave_up(away)
+    scene.run(5.0)
+    scene.expect("somebody hides there", scene.end_m(hemmed_in) is None)
+    scene.net.boot(HIDES)
+    scene.until("all trains have authority", scene.all_held, within_s=20.0)
+
+
+def gone_from_behind(make: Make) -> None:
+    """Somebody hides in the last section, before which another waits. The last of all is taken off
+    the line, and off the roster: it was not the one that is seen there.
+    """
+    away, first = 1, 2
+    fronts_m = {away: 300.0, first: 1500.0, HIDES: 1970.0}
+    scene = make(Plot(fronts_m, pieces=10, stops_m=sorted(fronts_m.values()), dwell_s=200.0))
+    for address in scene.others(HIDES):
+        scene.net.boot(address)
+    scene.until_without([HIDES], within_s=20.0)
+    train = scene.world.trains[away]
+    scene.net.kill(away)
+    scene.run(4.0)
+    train.on_line = train.localised = False
+    scene.world.checker.gave_up(away)
+    scene.run(1.0)
+    scene.world.removes(away)
+    told = scene.world.t2t.removals
+    scene.until("it is off the roster", lambda: RemovalState.GONE in told.values(), within_s=5.0)
+    scene.expect(f"it is let no nearer: {scene.end_m(first)}", scene.end_m(first) == 1789.0)
 
 
 def seems_to_overtake(make: Make) -> None:
@@ -184,5 +248,10 @@ MOVED_LURES: Final[tuple[Scenario, ...]] = (
     Scenario(
         "lost-and-driven-on", 0, "one is set on where one was that is lost", lost_and_driven_on
     ),
+    Scenario("unseen-since", 0, "one is set on, and nothing is seen for a while", unseen_since),
+    Scenario(
+        "stood-and-taken-off", 0, "one is taken away that explained axles", stood_and_taken_off
+    ),
+    Scenario("gone-from-behind", 0, "one leaves, and another hides", gone_from_behind),
     Scenario("seems-to-overtake", 0, "one is ahead of where one was kept", seems_to_overtake),
 )
