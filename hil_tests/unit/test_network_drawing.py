@@ -6,10 +6,18 @@ from collections import Counter
 
 import pytest
 
-from metro_hil.network.drawing import CHOOSY_FROM, EVEN_BELOW, SIDINGS_FROM, Draw, draw
+from metro_hil.network.drawing import (
+    CHOOSY_FROM,
+    DENSE_FROM,
+    EVEN_BELOW,
+    SIDINGS_FROM,
+    Draw,
+    draw,
+)
 from metro_hil.network.mischief import some_of
 
 ANY = [draw(seed) for seed in range(EVEN_BELOW, EVEN_BELOW + 300)]
+DENSE = [draw(seed) for seed in range(DENSE_FROM, DENSE_FROM + 300)]
 
 
 def _even(drawn: Draw) -> bool:
@@ -29,7 +37,7 @@ def test_below_areas_have_one_length(seed: int) -> None:
 
 
 def test_all_trains_stand_on_the_line_apart() -> None:
-    for drawn in ANY:
+    for drawn in [*ANY, *DENSE]:
         line, length_m = drawn.cast.line, drawn.setting.length_m
         fronts_m = [drawn.setting.fronts_m[train] for train in drawn.cast.trains]
         assert len(fronts_m) >= 2
@@ -58,6 +66,21 @@ def test_lines_differ() -> None:
     assert len({len(line.sections) for line in lines}) > 30
     assert len({drawn.setting.length_m for drawn in ANY}) == 4
     assert not all(_even(drawn) for drawn in ANY)
+
+
+def test_the_last_seeds_are_full_of_trains_and_of_what_happens() -> None:
+    def metres(drawn: list[Draw]) -> float:
+        trains = sum(len(each.cast.trains) for each in drawn)
+        return sum(each.cast.line.end_m for each in drawn) / trains
+
+    assert metres(DENSE) < 0.6 * metres(ANY)
+    assert all(each.between_s <= 3.0 and each.faults_s == (0.7, 15.0) for each in DENSE)
+    assert all(each.sidings and each.by_hand and each.choosy for each in DENSE)
+    assert 0.2 * len(DENSE) < sum(each.disturbed for each in DENSE) < 0.4 * len(DENSE)
+    assert {each.foul_share for each in DENSE} == {0.0, 0.1, 0.3}
+    assert 0.4 * len(DENSE) < sum(each.foul_share > 0.0 for each in DENSE) < 0.6 * len(DENSE)
+    before = [draw(seed) for seed in range(DENSE_FROM - 50, DENSE_FROM)]
+    assert {(each.faults_s, each.foul_share) for each in before} == {((1.0, 40.0), 0.0)}
 
 
 def test_objects_lie_at_borders_too() -> None:

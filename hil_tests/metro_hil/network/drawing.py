@@ -4,7 +4,7 @@ import itertools
 import random
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, NamedTuple
 
 from firmware_py.trackdb.areas import (
     Area,
@@ -39,6 +39,9 @@ BY_HAND_FROM: Final = 120_000
 """From this seed on trains are driven by hand, on sight, too."""
 DISTURBED_FROM: Final = 130_000
 """From this seed on counters of axles are disturbed, too."""
+DENSE_FROM: Final = 200_000
+"""From this seed on lines are shorter and fuller, and far more happens on them and to them; on some
+of them something is lost or late all the time."""
 PLACES_M: Final = 10.0
 """Borders and objects lie at whole multiples of this."""
 
@@ -69,24 +72,59 @@ def line_of_areas(
     )
 
 
-def line_by_chance(rng: random.Random) -> AreaMap:
-    """One to four areas, each of its own length; objects anywhere, at borders, too."""
+class Span(NamedTuple):
+    """What lines and trains are drawn from."""
+
+    areas: Sequence[int]
+    areas_m: Sequence[float]
+    """Lengths, to which up to 190 m are added."""
+    objects: Sequence[int]
+    """In each area."""
+    sections_m: Sequence[float]
+    trains_m: Sequence[float]
+    trains: tuple[int, int]
+    """At least and at most."""
+    between_s: Sequence[float]
+
+
+WIDE: Final = Span(
+    areas=(1, 2, 2, 3, 3, 4),
+    areas_m=(600.0, 900.0, 1300.0, 2000.0, 3000.0),
+    objects=(0, 1, 2, 3),
+    sections_m=(100.0, 150.0, 210.0, 250.0, 400.0),
+    trains_m=(40.0, 80.0, 80.0, 120.0, 160.0),
+    trains=(2, 7),
+    between_s=(3.0, 6.0, 12.0, 12.0, 24.0),
+)
+DENSE: Final = Span(
+    areas=(1, 2, 2, 3),
+    areas_m=(600.0, 800.0, 1000.0, 1300.0, 1800.0),
+    objects=(0, 0, 1, 2),
+    sections_m=(60.0, 100.0, 150.0, 210.0, 400.0),
+    trains_m=(30.0, 40.0, 60.0, 80.0, 120.0),
+    trains=(3, 7),
+    between_s=(1.0, 1.5, 2.0, 3.0),
+)
+
+
+def line_by_chance(rng: random.Random, span: Span = WIDE) -> AreaMap:
+    """Some areas, each of its own length; objects anywhere, at borders, too."""
     lengths_m = [
-        rng.choice((600.0, 900.0, 1300.0, 2000.0, 3000.0)) + PLACES_M * rng.randrange(20)
-        for _ in range(rng.choice((1, 2, 2, 3, 3, 4)))
+        rng.choice(span.areas_m) + PLACES_M * rng.randrange(20)
+        for _ in range(rng.choice(span.areas))
     ]
     borders_m = tuple(itertools.accumulate(lengths_m, initial=0.0))
     sites: list[ObjectSite] = []
     for start_m, end_m in itertools.pairwise(borders_m):
         at_m = start_m
-        for _ in range(rng.choice((0, 1, 2, 3))):
+        for _ in range(rng.choice(span.objects)):
             at_m += PLACES_M * rng.randrange(int((end_m - at_m) / PLACES_M))
             until_m = min(end_m, at_m + PLACES_M * rng.randint(1, 15))
             sites.append(ObjectSite(len(sites) + 1, rng.choice(list(ObjectKind)), at_m, until_m))
             at_m = until_m
             if at_m >= end_m:
                 break
-    section_m = rng.choice((100.0, 150.0, 210.0, 250.0, 400.0))
+    section_m = rng.choice(span.sections_m)
     apply_m = rng.choice((400.0, 800.0, 800.0, 1200.0))
     return Division("by chance", borders_m, section_m, apply_m, tuple(sites)).area_map()
 
@@ -115,6 +153,11 @@ class Draw:
     """Trains are driven by hand behind the next one."""
     disturbed: bool = False
     """Counters of axles are disturbed now and then."""
+    faults_s: tuple[float, float] = (1.0, 40.0)
+    """The mean time from one fault to the next is between these."""
+    foul_share: float = 0.0
+    """Up to this share of messages is lost all the time, and late, and doubled, now on some links
+    and now on others."""
 
     @property
     def timers(self) -> str:
@@ -152,10 +195,12 @@ def _draw_even(seed: int) -> Draw:
 
 def _draw_any(seed: int) -> Draw:
     rng = random.Random(seed ^ 0xD2A4)
-    line = line_by_chance(rng)
-    length_m = rng.choice((40.0, 80.0, 80.0, 120.0, 160.0))
+    dense = seed >= DENSE_FROM
+    span = DENSE if dense else WIDE
+    line = line_by_chance(rng, span)
+    length_m = rng.choice(span.trains_m)
     room_m = length_m + 40.0
-    trains = tuple(range(1, min(rng.randint(2, 7), int(line.end_m / room_m) - 1) + 1))
+    trains = tuple(range(1, min(rng.randint(*span.trains), int(line.end_m / room_m) - 1) + 1))
     arbiters = tuple(range(FIRST_ARBITER, FIRST_ARBITER + rng.choice((1, 1, 3))))
     timers = TIMERS_A if rng.random() < 0.8 else TIMERS_B
     setting = Setting(
@@ -173,12 +218,14 @@ def _draw_any(seed: int) -> Draw:
         setting,
         turn_ms=rng.choice((1, 5, 10, 10)),
         leisurely=rng.random() < 0.8,
-        between_s=rng.choice((3.0, 6.0, 12.0, 12.0, 24.0)),
+        between_s=rng.choice(span.between_s),
         ordered=seed >= ORDERED_FROM,
         choosy=seed >= CHOOSY_FROM,
         sidings=seed >= SIDINGS_FROM,
         by_hand=seed >= BY_HAND_FROM,
-        disturbed=seed >= DISTURBED_FROM,
+        disturbed=seed >= DISTURBED_FROM and (not dense or rng.random() < 0.3),
+        faults_s=(0.7, 15.0) if dense else (1.0, 40.0),
+        foul_share=rng.choice((0.0, 0.0, 0.1, 0.3)) if dense else 0.0,
     )
 
 

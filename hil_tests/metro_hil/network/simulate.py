@@ -1,7 +1,7 @@
 """What `hil simulate` runs for one seed, as one call that can go to another process."""
 
 import random
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 from metro_hil.network.drawing import draw
@@ -36,8 +36,15 @@ class Job:
     def __call__(self, seed: int) -> RunResult:
         tell = Story(print) if self.told else None
         world = self._world(seed, tell)
-        rng = random.Random(seed ^ 0x5CA1E)
-        scale = Scale(between_s_min=1.0, between_s_max=40.0, drift_ppm=rng.choice((0, 100, 1000)))
+        drift_ppm = random.Random(seed ^ 0x5CA1E).choice((0, 100, 1000))
+        scale = Scale(between_s_min=1.0, between_s_max=40.0, drift_ppm=drift_ppm)
+        if isinstance(world, LineWorld):
+            scale = replace(
+                scale,
+                between_s_min=world.drawn.faults_s[0],
+                between_s_max=world.drawn.faults_s[1],
+                foul_share=world.drawn.foul_share,
+            )
         also = [Mischief(world, seed)] if isinstance(world, LineWorld) else []
         result = run_seed(seed, world, scale, self.phases, cpu_ns, also)
         if isinstance(world, LineWorld):

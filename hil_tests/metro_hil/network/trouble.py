@@ -29,6 +29,8 @@ class Scale:
     """Clocks may jump forwards, which their owner cannot know, or back, which it can."""
     disks: bool = True
     """Disks may be lost."""
+    foul_share: float = 0.0
+    """So bad the weather is all the time, now here and now there; 0: it is only now and then."""
 
 
 class Trouble:
@@ -130,6 +132,13 @@ class Trouble:
         """The weather of the whole run, before anything strikes."""
         self._usual = self._weather(0.03 * self._rng.random())
         self.net.weather(self.net.links(), self._usual)
+        if self.scale.foul_share:
+            self._foul(None)
+
+    def _foul(self, _: object) -> None:
+        weather = self._weather(self.scale.foul_share)
+        self.net.weather([each for each in self.net.links() if self._rng.random() < 0.5], weather)
+        self._later(self._span_ns(1000.0, 8000.0), self._foul)
 
     def _weather(self, badness_share: float) -> Weather:
         rng = self._rng
