@@ -72,6 +72,9 @@ class LineWorld(World):
         heard: Sequence[Any],
         letters: Sequence[Letter],
     ) -> None:
+        train = self.trains.get(address)
+        if train is not None and train.rolls:
+            self.notes_place(train)
         self.air.clocks_sound = not self.net.clock_steps
         self.air.stepped(address, now_ns, true_ns, heard, letters)
 
@@ -169,10 +172,8 @@ class LineWorld(World):
                     f"{closed.start_m:.1f} m on",
                 )
 
-    def _lately_m(self, train: TrueTrain) -> float:
-        """Where its front may have been at most for as long as an authority is obeyed: a train that
-        rolls back is told to stay where it was when it said so.
-        """
+    def notes_place(self, train: TrueTrain) -> None:
+        """Before it rolls back, and while it does."""
         now_ns, front_max_m = self.net.now_ns, train.reading().front_max_m
         places = self._places[train.address]
         while places and places[-1][1] <= front_max_m:
@@ -180,7 +181,13 @@ class LineWorld(World):
         places.append((now_ns, front_max_m))
         while places[0][0] < now_ns - self.checker.rules.age_max_ns:
             places.popleft()
-        return places[0][1]
+
+    def _lately_m(self, train: TrueTrain) -> float:
+        """Where its front may have been at most for as long as an authority is obeyed: a train that
+        rolls back is told to stay where it was when it said so.
+        """
+        self.notes_place(train)
+        return self._places[train.address][0][1]
 
     def _in_its_area(self, address: int, grant: Grant) -> None:
         """27: beyond a border only what the master behind it grants."""

@@ -133,6 +133,7 @@ class Mischief:
         motion = train.motion
         room_m = self.world.checker.rules.roll_back_m - motion.rolled_m + motion.jogged_m
         if motion.accel_mps2 <= 0.0 and room_m > 0.0:
+            self.world.notes_place(train)
             motion.back_m = self._rng.uniform(0.0, room_m)
             self._say(f"train {train.address} rolls back {motion.back_m:.2f} m")
 
@@ -149,6 +150,7 @@ class Mischief:
                     rear_m - min(grant.rear_m for grant in held.values()),
                 )
                 if room_m > 0.0:
+                    self.world.notes_place(train)
                     motion.back_m = self._rng.uniform(0.0, room_m)
                     # Instead of what was still to come of the last one.
                     motion.jogged_m = min(motion.jogged_m, motion.rolled_m) + motion.back_m
