@@ -22,5 +22,6 @@ def test_in_foul_weather_much_is_lost_all_the_time_and_nothing_breaks() -> None:
     fair, foul = run(0.0), run(0.3)
 
     assert (fair.invariant, foul.invariant) == ("", "")
-    assert not fair.faults and not foul.faults
+    assert not fair.faults
+    assert not foul.faults
     assert lost_share(foul) > lost_share(fair) + 0.02
