@@ -1,5 +1,6 @@
 """What all tests share: the guest with a real vcan, hypothesis settings, and what was not run."""
 
+import gc
 import os
 import shutil
 import sysconfig
@@ -101,6 +102,13 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> ByFile:
     # In the order of the folders: files of few but long tests come first, not last.
     config.option.loadscopereorder = False
     return ByFile(config, log)
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_finish() -> None:
+    """Half a million objects are there to the end: no collection looks through them again."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)
