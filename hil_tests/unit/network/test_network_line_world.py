@@ -70,18 +70,52 @@ def test_a_train_waits_for_one_that_is_driven_by_hand_wherever_it_is() -> None:
 
 
 @pytest.mark.parametrize("state", list(RemovalState))
-@pytest.mark.parametrize("on_line", [False, True])
+@pytest.mark.parametrize(
+    ("front_m", "on_line", "there"),
+    [(900.0, True, True), (900.0, False, False), (2079.0, True, True), (2081.0, True, False)],
+)
 @pytest.mark.parametrize("speed_mps", [0.0, 1.0])
-def test_a_train_waits_while_one_moves_and_another_that_is_gone_has_to_leave_a_roster(
-    state: RemovalState, on_line: bool, speed_mps: float
+def test_a_train_waits_while_one_moves_and_another_that_is_elsewhere_has_to_leave_a_roster(
+    state: RemovalState, front_m: float, on_line: bool, there: bool, speed_mps: float
 ) -> None:
-    line = world(100.0, 900.0, 1500.0)
+    line = Scene(Plot({1: 100.0, 2: front_m, 3: 1500.0}, areas=2)).world
     line.trains[2].on_line = on_line
     line.trains[3].motion.speed_mps = speed_mps
     line.t2t.removals[1, 2] = state
 
-    gone = state is RemovalState.AXLES and not on_line
-    assert line.unsettled([1]) is (gone and speed_mps > 0.0)
+    waits = state is not RemovalState.GONE and not there and speed_mps > 0.0
+    assert line.unsettled([1]) is waits
+
+
+@pytest.mark.parametrize(("room_m", "waits"), [(7.3, [1, 2]), (6.7, [])])
+def test_nobody_waits_who_is_found_too_near_to_another(room_m: float, waits: list[int]) -> None:
+    """Neither the one behind, which can be given nothing, nor the one ahead."""
+    line = world(400.0, 900.0)
+    follower, leader = line.trains[1].reading(), line.trains[2].reading()
+    line.trains[2].motion.front_m -= leader.rear_min_m - follower.front_max_m - room_m
+    line.trains[2].motion.front_m += (
+        line.trains[1].reading().front_max_m + room_m - line.trains[2].reading().rear_min_m
+    )
+
+    assert line.without_authority() == waits
+    line.trains[1].motion.speed_mps = 0.1
+    assert 1 in line.without_authority()
+
+
+def test_when_all_is_over_supervision_sees_who_is_not_in_an_area_any_more() -> None:
+    line = Scene(Plot({1: 100.0, 2: 2300.0, 3: 900.0}, areas=2)).world
+    line.trains[3].on_line = False
+    mischief = Mischief(line, seed=1)
+    line.t2t.removals[1, 2] = RemovalState.GONE
+    mischief.calm()
+    line.net.run(4_100_000_000)
+
+    wanted = {(each.area, each.train) for each in line.t2t.orders if each.kind is None}
+    assert wanted == {(2, 1), (1, 2)}
+    line.t2t.removals.update({(2, 1): RemovalState.GONE, (1, 2): RemovalState.HEARD})
+    line.t2t.orders = []
+    line.net.run(8_200_000_000)
+    assert {(each.area, each.train) for each in line.t2t.orders if each.kind is None} == {(1, 2)}
 
 
 def test_into_a_closed_stretch_nobody_is_let(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -108,6 +142,37 @@ def test_who_rolls_back_out_of_it_may_stay_where_it_was_a_moment_before(
     line.net.run(line.net.now_ns + 1)
     with pytest.raises(ViolationError, match=r"^23: "):
         line.holds(1, grant(was_m))
+
+
+def test_who_held_nothing_while_it_rolled_back_may_stay_where_it_was_too(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    line = closed_in_front_of(605.0, monkeypatch)
+    train = line.trains[1]
+    was_m = train.reading().front_max_m
+    dict(Mischief(line, seed=1)._things)["rolls back"]()
+    assert train.rolls
+    train.motion.front_m = 590.0
+
+    line.holds(1, grant(was_m))
+    with pytest.raises(ViolationError, match=r"^23: "):
+        line.holds(1, grant(was_m + 0.01))
+
+
+def test_where_it_is_while_it_rolls_back_is_noted_at_each_step() -> None:
+    scene = Scene(Plot({1: 300.0, 2: 900.0}))
+    scene.settle()
+    scene.world.t2t.closed = (SpeedRestriction(301.0, 400.0, 0.1),)
+    scene.run(60.0)
+    scene.stands(1)
+    scene.world._places[1].clear()
+
+    scene.roll_back(1, 1.0)
+    scene.run(0.5)
+
+    noted_m = [front_m for _, front_m in scene.world._places[1]]
+    assert len(noted_m) > 3
+    assert noted_m == sorted(noted_m, reverse=True)
 
 
 @pytest.mark.parametrize("rolls_m", [0.5, 3.0])
