@@ -45,7 +45,7 @@ class ByHand:
     def drives(self) -> bool:
         """Begin with a train that stands and has room ahead; whether there is one."""
         choice = [each for each in self.world.trains.values() if self._to_m(each) > each.front_m]
-        if not choice or self.over:
+        if not choice or self.over or not self.world.may_close:
             return False
         train = self._rng.choice(choice)
         world, net = self.world, self.world.net

@@ -17,7 +17,7 @@ from metro_hil.network.orders import Order
 from metro_hil.network.trace import Teller
 from metro_hil.network.track import TrueTrack
 from metro_hil.network.world import World
-from zenoh_config.messages import SpeedRestriction
+from zenoh_config.messages import RESTRICTIONS_MAX, SpeedRestriction
 from zenoh_config.t2t_supervision import RemovalState
 
 NS_PER_S: Final = 1_000_000_000
@@ -141,6 +141,11 @@ class LineWorld(World):
         wanted = areas or [area.number for area in self.drawn.cast.line.areas]
         self.net.say("railway", f"supervision takes train {train} off rosters {wanted}")
         self.t2t.orders += [Order(None, area, train) for area in wanted]
+
+    @property
+    def may_close(self) -> bool:
+        """The wayside tells of no more than so many stretches."""
+        return len(self.t2t.closed) < RESTRICTIONS_MAX
 
     def opens(self, closed: SpeedRestriction) -> None:
         """This very one; another may be of the same metres."""

@@ -87,8 +87,12 @@ class Sidings:
         sections = [e for e in line.sections if e.end_m > rear_m - ROOM_M]
         sections = [e for e in sections if e.start_m < front_m + ROOM_M]
         closed = SpeedRestriction(sections[0].start_m, sections[-1].end_m, 1.0)
-        if self._is_taken(closed) or any(
-            site.start_m < closed.end_m and closed.start_m < site.end_m for site in line.objects
+        if (
+            not world.may_close
+            or self._is_taken(closed)
+            or any(
+                site.start_m < closed.end_m and closed.start_m < site.end_m for site in line.objects
+            )
         ):
             net.at(net.now_ns + LOOK_NS, self._wants_in, train)
             return

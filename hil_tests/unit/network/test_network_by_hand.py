@@ -8,6 +8,7 @@ from metro_hil.network.by_hand import APART_M, ByHand, Controller
 from metro_hil.network.motion import Motion
 from metro_hil.network.scene import Plot, Scene
 from metro_hil.network.sidings import CLOSED_NS, PATIENCE_NS
+from zenoh_config.messages import SpeedRestriction
 
 S = 1_000_000_000
 FRONTS_M = {1: 300.0, 2: 900.0, 3: 1500.0}
@@ -123,3 +124,12 @@ def test_when_all_is_over_it_stops(how: Controller) -> None:
     assert train.localised
     assert scene.net.runs(train.address)
     assert not by_hand.drives()
+
+
+@pytest.mark.parametrize("closed", [7, 8])
+def test_no_more_is_closed_than_can_be_told(closed: int) -> None:
+    scene = settled()
+    scene.world.t2t.closed = (SpeedRestriction(1900.0, 1910.0, 1.0),) * closed
+
+    assert ByHand(scene.world, random.Random(1)).drives() is (closed < 8)
+    assert len(scene.world.t2t.closed) == 8

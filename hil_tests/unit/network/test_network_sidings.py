@@ -145,3 +145,17 @@ def test_a_place_is_not_free_to_which_a_train_may_come_by_its_own_reckoning() ->
 
     assert not sidings._is_free(place)
     assert sidings._is_free(SpeedRestriction(place.start_m + 0.2, 1800.0, 1.0))
+
+
+def test_one_waits_off_the_line_while_no_more_can_be_closed() -> None:
+    scene = settled()
+    others = (SpeedRestriction(1900.0, 1910.0, 1.0),) * 8
+    scene.world.t2t.closed = others
+
+    assert Sidings(scene.world, random.Random(3)).leaves()
+    scene.run(OFF_NS / S + AWAY_S[1] + 10.0)
+    assert len(off(scene)) == 1
+    assert scene.world.t2t.closed == others
+
+    scene.world.t2t.closed = ()
+    scene.until("it is back", lambda: not off(scene), within_s=120.0)
