@@ -91,31 +91,18 @@ def test_clear_sections_and_those_of_the_neighbours_hide_nothing() -> None:
         # At 40 m/s, in a quarter of a second.
         (250_000_000, 210.0, Bar.SHUT),
         (250_000_000, 209.9, None),
+        # Seen longer ago, only 10 m before the train ahead count as its own.
+        (251_000_000, 210.0, Bar.UNSURE),
+        (251_000_000, 209.9, None),
+        (1_000_000_000, 240.0, Bar.SHUT),
+        (1_000_000_000, 239.9, Bar.UNSURE),
+        (1_000_000_000, 210.0, Bar.UNSURE),
+        (1_000_000_000, 209.9, None),
     ],
 )
 def test_the_train_ahead_may_have_been_farther_back_when_the_sections_were_seen(
     later_ns: int, before_m: float, bar: Bar | None
 ) -> None:
-    found = hidden(2, before_m=before_m, ahead_ns=SEEN_NS + later_ns)
-
-    assert found == (bar and Stretch(100.0, 200.0, bar))
-
-
-@pytest.mark.parametrize(
-    ("later_ns", "before_m", "bar"),
-    [
-        (1_000_000_000, 240.0, Bar.SHUT),
-        (1_000_000_000, 239.9, Bar.UNSURE),
-        (1_000_000_000, 210.0, Bar.UNSURE),
-        (1_000_000_000, 209.9, None),
-        (251_000_000, 210.0, Bar.UNSURE),
-        (251_000_000, 209.9, None),
-    ],
-)
-def test_what_was_seen_long_before_the_train_ahead_spoke_may_be_another(
-    later_ns: int, before_m: float, bar: Bar | None
-) -> None:
-    """Only 10 m before that one it counts as its own."""
     found = hidden(2, before_m=before_m, ahead_ns=SEEN_NS + later_ns)
 
     assert found == (bar and Stretch(100.0, 200.0, bar))

@@ -56,10 +56,8 @@ def hidden_between(
         before_m: protected rear of the one ahead, heard at `ahead_ns`.
     """
     drift_m = way_m(ahead_ns - view.seen_ns)
-    bar, found = (
-        Bar.SHUT,
-        unexplained(view.occupied, beyond_m=beyond_m, before_m=before_m - drift_m),
-    )
+    bar = Bar.SHUT
+    found = unexplained(view.occupied, beyond_m=beyond_m, before_m=before_m - drift_m)
     if found is None and drift_m > EXCUSED_M:
         bar = Bar.UNSURE
         found = unexplained(view.occupied, beyond_m=beyond_m, before_m=before_m - EXCUSED_M)

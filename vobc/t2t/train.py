@@ -258,9 +258,11 @@ class TrainCore:
         while area is not None and (held := self._held(area, result, now_ns, own)) is not None:
             if not reaches:
                 return result
-            ends_before = result is not None and result.end_m < area.start_m
+            end_m = held.end_m
+            if result is not None and result.end_m < area.start_m:
+                end_m = min(end_m, result.end_m)
             result = HeldAuthority(
-                end_m=min(result.end_m, held.end_m) if result and ends_before else held.end_m,
+                end_m=end_m,
                 rear_m=max(held.rear_m, back_m) if result is None else result.rear_m,
                 echo_ns=held.echo_ns if result is None else min(result.echo_ns, held.echo_ns),
                 area=area.number,
@@ -270,7 +272,7 @@ class TrainCore:
                 if result is None
                 else (*result.restrictions, *held.restrictions),
             )
-            reaches = result.end_m > area.end_m - self._config.behind_axle_m
+            reaches = end_m > area.end_m - self._config.behind_axle_m
             area = self._line.following(area.number)
         if result is None or (area is not None and area.start_m <= own.front_min_m):
             return None

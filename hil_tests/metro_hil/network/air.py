@@ -212,6 +212,11 @@ class Air:
             if message.version >= self._kept.get(key, (0, names))[0]:
                 self._kept[key] = message.version, names
 
+    def keeps(self, train: int, area: int) -> bool:
+        """Whether a majority has it, in whatever life, on the roster of the newest term."""
+        term = max([term for each, term in self._kept if each == area], default=0)
+        return train in self._kept.get((area, term), (0, frozenset()))[1]
+
     def _alone(
         self, address: int, area: int, term: int, true_ns: int, arbiters: frozenset[int]
     ) -> None:

@@ -42,6 +42,8 @@ DISTURBED_FROM: Final = 130_000
 DENSE_FROM: Final = 200_000
 """From this seed on lines are shorter and fuller, and far more happens on them and to them; on some
 of them something is lost or late all the time."""
+FAULTS_S: Final = (1.0, 40.0)
+"""The mean time from one fault to the next is between these, unless something else is said."""
 PLACES_M: Final = 10.0
 """Borders and objects lie at whole multiples of this."""
 
@@ -153,8 +155,8 @@ class Draw:
     """Trains are driven by hand behind the next one."""
     disturbed: bool = False
     """Counters of axles are disturbed now and then."""
-    faults_s: tuple[float, float] = (1.0, 40.0)
-    """The mean time from one fault to the next is between these."""
+    faults_s: tuple[float, float] = FAULTS_S
+    """As `FAULTS_S`."""
     foul_share: float = 0.0
     """Up to this share of messages is lost all the time, and late, and doubled, now on some links
     and now on others."""
@@ -224,7 +226,7 @@ def _draw_any(seed: int) -> Draw:
         sidings=seed >= SIDINGS_FROM,
         by_hand=seed >= BY_HAND_FROM,
         disturbed=seed >= DISTURBED_FROM and (not dense or rng.random() < 0.3),
-        faults_s=(0.7, 15.0) if dense else (1.0, 40.0),
+        faults_s=(0.7, 15.0) if dense else FAULTS_S,
         foul_share=rng.choice((0.0, 0.0, 0.1, 0.3)) if dense else 0.0,
     )
 

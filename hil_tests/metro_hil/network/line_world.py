@@ -87,7 +87,7 @@ class LineWorld(World):
     def without_authority(self) -> list[int]:
         """But for those that have closed up: a leader that rolled back into the room that it has to
         leave behind it takes from the next train what it could be given, until it moves on. And who
-        is found so near ahead of another, whose place was not known before, gets none itself.
+        is found so near ahead of another, and is on no roster, gets no place on one.
         """
         return [each for each in super().without_authority() if not self._closed_up(each)]
 
@@ -100,7 +100,10 @@ class LineWorld(World):
         behind = [e for e in others if e.front_m <= train.front_m]
         leader = min(ahead, key=lambda each: each.front_m, default=None)
         follower = max(behind, key=lambda each: each.front_m, default=None)
-        closed_up = self._too_near(train, leader) or self._too_near(follower, train)
+        area = self.drawn.cast.line.area_at(train.front_m)
+        closed_up = self._too_near(train, leader) or (
+            self._too_near(follower, train) and not self.air.keeps(address, area.number)
+        )
         self.checker.looked["40 closed up"] += closed_up
         return closed_up
 
@@ -119,15 +122,18 @@ class LineWorld(World):
     def unsettled(self, waiting: Sequence[int]) -> bool:
         """Also while a train moves between which and one of these no section is empty: who begins
         anew waits until others stand, and tell its area where. And while any moves, if one that is
-        gone has to leave a roster: its way is looked at, as far as it may have been let.
+        elsewhere has to leave a roster: its way is looked at, as far as it may have been let. And
+        while that one moves itself, and is heard.
         """
         moving = [each for each in self.trains.values() if each.motion.speed_mps > 0.0]
         if not moving:
             return super().unsettled(waiting)
         line = self.drawn.cast.line
         leaves = any(
-            state is not RemovalState.GONE and not self.is_in(self.trains[train], line.area(area))
+            state is RemovalState.AXLES
+            or (state is RemovalState.HEARD and self.trains[train] in moving)
             for (area, train), state in self.t2t.removals.items()
+            if not self.is_in(self.trains[train], line.area(area))
         )
         joined = (self.track.joined_to(self.trains[each]) for each in waiting)
         return (

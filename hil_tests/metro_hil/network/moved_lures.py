@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 from typing import Final
 
+from metro_hil.network.depot import take_off
 from metro_hil.network.directed import Make, Scenario
 from metro_hil.network.motion import Motion
 from metro_hil.network.scene import Plot, Scene
@@ -54,10 +55,8 @@ def came_back_unheard(make: Make) -> None:
     scene.settle()
     scene.run(3.0)
     train = scene.world.trains[away]
-    scene.net.kill(away)
-    train.on_line = train.localised = False
-    scene.world.checker.gave_up(away)
-    scene.run(13.0)
+    _take_off(scene, away)
+    scene.run(9.0)
     train.motion = Motion(scene.net.now_ns, 1290.0, emergency_mps2=1.0)
     train.on_line = True
     scene.run(1.0)
@@ -68,6 +67,13 @@ def came_back_unheard(make: Make) -> None:
     train.localised = True
     scene.net.boot(away)
     scene.until("all trains have authority", scene.all_held, within_s=60.0)
+
+
+def _take_off(scene: Scene, train: int) -> None:
+    """Switched off, and some time later sideways off the line."""
+    scene.net.kill(train)
+    scene.run(4.0)
+    take_off(scene.world, scene.world.trains[train])
 
 
 def _set_where_it_was(scene: Scene) -> None:
@@ -166,11 +172,7 @@ def stood_and_taken_off(make: Make) -> None:
     for address in scene.others(HIDES):
         scene.net.boot(address)
     scene.until_without([away, hemmed_in, HIDES], within_s=20.0)
-    train = scene.world.trains[away]
-    scene.net.kill(away)
-    scene.run(4.0)
-    train.on_line = train.localised = False
-    scene.world.checker.gave_up(away)
+    _take_off(scene, away)
     scene.run(5.0)
     scene.expect("somebody hides there", scene.end_m(hemmed_in) is None)
     scene.net.boot(HIDES)
@@ -187,11 +189,7 @@ def gone_from_behind(make: Make) -> None:
     for address in scene.others(HIDES):
         scene.net.boot(address)
     scene.until_without([HIDES], within_s=20.0)
-    train = scene.world.trains[away]
-    scene.net.kill(away)
-    scene.run(4.0)
-    train.on_line = train.localised = False
-    scene.world.checker.gave_up(away)
+    _take_off(scene, away)
     scene.run(1.0)
     scene.world.removes(away)
     told = scene.world.t2t.removals

@@ -1,10 +1,10 @@
 """What `hil simulate` runs for one seed, as one call that can go to another process."""
 
 import random
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
-from metro_hil.network.drawing import draw
+from metro_hil.network.drawing import FAULTS_S, draw
 from metro_hil.network.line_world import LineWorld
 from metro_hil.network.many import cpu_ns
 from metro_hil.network.mischief import Mischief
@@ -36,15 +36,11 @@ class Job:
     def __call__(self, seed: int) -> RunResult:
         tell = Story(print) if self.told else None
         world = self._world(seed, tell)
-        drift_ppm = random.Random(seed ^ 0x5CA1E).choice((0, 100, 1000))
-        scale = Scale(between_s_min=1.0, between_s_max=40.0, drift_ppm=drift_ppm)
+        faults_s, foul_share = FAULTS_S, 0.0
         if isinstance(world, LineWorld):
-            scale = replace(
-                scale,
-                between_s_min=world.drawn.faults_s[0],
-                between_s_max=world.drawn.faults_s[1],
-                foul_share=world.drawn.foul_share,
-            )
+            faults_s, foul_share = world.drawn.faults_s, world.drawn.foul_share
+        drift_ppm = random.Random(seed ^ 0x5CA1E).choice((0, 100, 1000))
+        scale = Scale(*faults_s, drift_ppm=drift_ppm, foul_share=foul_share)
         also = [Mischief(world, seed)] if isinstance(world, LineWorld) else []
         result = run_seed(seed, world, scale, self.phases, cpu_ns, also)
         if isinstance(world, LineWorld):

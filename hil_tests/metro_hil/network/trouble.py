@@ -136,6 +136,7 @@ class Trouble:
             self._foul(None)
 
     def _foul(self, _: object) -> None:
+        """On half of the links, and after a while on others, too; a storm that ends clears some."""
         weather = self._weather(self.scale.foul_share)
         self.net.weather([each for each in self.net.links() if self._rng.random() < 0.5], weather)
         self._later(self._span_ns(1000.0, 8000.0), self._foul)

@@ -74,32 +74,57 @@ def test_a_train_waits_for_one_that_is_driven_by_hand_wherever_it_is() -> None:
     ("front_m", "on_line", "there"),
     [(900.0, True, True), (900.0, False, False), (2079.0, True, True), (2081.0, True, False)],
 )
-@pytest.mark.parametrize("speed_mps", [0.0, 1.0])
+@pytest.mark.parametrize("moves", [None, 2, 3])
 def test_a_train_waits_while_one_moves_and_another_that_is_elsewhere_has_to_leave_a_roster(
-    state: RemovalState, front_m: float, on_line: bool, there: bool, speed_mps: float
+    state: RemovalState, front_m: float, on_line: bool, there: bool, moves: int | None
 ) -> None:
     line = Scene(Plot({1: 100.0, 2: front_m, 3: 1500.0}, areas=2)).world
     line.trains[2].on_line = on_line
-    line.trains[3].motion.speed_mps = speed_mps
+    if moves is not None:
+        line.trains[moves].motion.speed_mps = 1.0
     line.t2t.removals[1, 2] = state
 
-    waits = state is not RemovalState.GONE and not there and speed_mps > 0.0
-    assert line.unsettled([1]) is waits
+    heard = state is RemovalState.HEARD and moves == 2
+    axles = state is RemovalState.AXLES and moves is not None
+    assert line.unsettled([1]) is (not there and (heard or axles))
 
 
-@pytest.mark.parametrize(("room_m", "waits"), [(7.3, [1, 2]), (6.7, [])])
-def test_nobody_waits_who_is_found_too_near_to_another(room_m: float, waits: list[int]) -> None:
-    """Neither the one behind, which can be given nothing, nor the one ahead."""
+def apart(room_m: float) -> LineWorld:
+    """One 500 m ahead of another, moved back until so much is sure to be between them."""
     line = world(400.0, 900.0)
-    follower, leader = line.trains[1].reading(), line.trains[2].reading()
-    line.trains[2].motion.front_m -= leader.rear_min_m - follower.front_max_m - room_m
-    line.trains[2].motion.front_m += (
-        line.trains[1].reading().front_max_m + room_m - line.trains[2].reading().rear_min_m
-    )
+    follower, leader = line.trains[1], line.trains[2]
+    for _ in range(20):
+        is_m = leader.reading().rear_min_m - follower.reading().front_max_m
+        leader.motion.front_m -= is_m - room_m
+    return line
+
+
+@pytest.mark.parametrize(("room_m", "waits"), [(7.1, [1, 2]), (6.9, [])])
+def test_nobody_waits_who_is_found_too_near_to_another(room_m: float, waits: list[int]) -> None:
+    """Neither the one behind, which can be given nothing, nor the one ahead, which has no place."""
+    line = apart(room_m)
 
     assert line.without_authority() == waits
     line.trains[1].motion.speed_mps = 0.1
     assert 1 in line.without_authority()
+
+
+@pytest.mark.parametrize(
+    ("kept", "waits"),
+    [
+        ({(1, 4): (1, frozenset({2}))}, [2]),
+        ({(1, 4): (1, frozenset({1}))}, []),
+        ({(1, 4): (1, frozenset({2})), (1, 5): (1, frozenset({1}))}, []),
+        ({(2, 6): (1, frozenset({2}))}, []),
+    ],
+)
+def test_who_has_a_place_on_the_newest_roster_waits_however_near_another_is_behind_it(
+    kept: dict[tuple[int, int], tuple[int, frozenset[int]]], waits: list[int]
+) -> None:
+    line = apart(6.9)
+    line.air._kept = kept
+
+    assert line.without_authority() == waits
 
 
 def test_when_all_is_over_supervision_sees_who_is_not_in_an_area_any_more() -> None:
