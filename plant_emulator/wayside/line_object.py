@@ -117,7 +117,9 @@ class LineObject:
     ) -> WaysideStepped[ObjectMemory]:
         """`release_wanted`: it is asked to move or open; `occupied`: a train stands in it.
 
-        `self.memory.state` says afterwards whether it may move.
+        `self.memory.state` says afterwards whether it may move. It has to be locked before it is
+        stored that it is, and may move only after that is stored: else it would be taken for locked
+        after a restart while it stands open.
         """
         before = self.memory
         for message in heard:

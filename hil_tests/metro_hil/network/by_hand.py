@@ -90,7 +90,7 @@ class ByHand:
         """Once it has nothing left that lets it go; nor has anybody else who was there before."""
         net = self.world.net
         to_m = min(self._to_m(train), closed.end_m - APART_M)
-        left = self.over or closed not in self.world.t2t.closed
+        left = self.over or not self.world.is_closed(closed)
         if left or to_m <= train.front_m or net.now_ns > until_ns:
             self._ends(train, how, closed)
             return

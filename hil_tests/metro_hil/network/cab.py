@@ -49,13 +49,14 @@ class Listener(Protocol):
 class Cab:
     """What runs on a train's node."""
 
-    __slots__ = ("_checker", "_net", "_train", "grants", "listener", "protocol")
+    __slots__ = ("_checker", "_driver", "_net", "_train", "grants", "listener", "protocol")
 
     def __init__(
-        self, protocol: Protocolled, train: TrueTrain, net: Network, checker: Checker
+        self, protocol: Protocolled, driver: "Driver", net: Network, checker: Checker
     ) -> None:
         self.protocol = protocol
-        self._train, self._net, self._checker = train, net, checker
+        self._train, self._driver = driver.train, driver
+        self._net, self._checker = net, checker
         self.listener: Listener | None = None
         self.grants: Sequence[Grant] = ()
         """What the brake loop goes by."""
@@ -87,6 +88,7 @@ class Cab:
                 self._checker.accepted(address, grant, now_ns, whole=self.listener is None)
                 if self.listener is not None:
                     self.listener.holds(address, grant)
+        self._driver.supervises()
 
     def _tell(self, grant: Grant) -> None:
         self._net.say(
@@ -170,13 +172,29 @@ class Driver:
                 motion.release_emergency()
                 self._net.say(f"train {train.address}", "releases its emergency brake")
             return
-        if must_trip(reading.front_max_m, motion.speed_mps, end_m, accel_mps2=motion.accel_mps2):
-            self._trip(now_ns, f"is too fast for its authority's end at {end_m:.2f} m")
+        if self._is_too_fast(now_ns, end_m):
             return
         if age_ratio > 0.6:
             motion.demand(now_ns, -0.8)
             return
         motion.demand(now_ns, self._wanted_mps2(now_ns, reading, end_m))
+
+    def supervises(self) -> None:
+        """What is new is looked at before it is acknowledged, by how far the brake then lets it
+        come.
+        """
+        train, now_ns = self.train, self._net.now_ns
+        grants, _ = self.in_force(now_ns)
+        if grants and train.on_line and train.localised and not train.shunts:
+            self._is_too_fast(now_ns, min(grant.end_m for grant in grants))
+
+    def _is_too_fast(self, now_ns: int, end_m: float) -> bool:
+        """For this end; its brake is applied, if so."""
+        motion, front_max_m = self.train.motion, self.train.reading().front_max_m
+        if not must_trip(front_max_m, motion.speed_mps, end_m, accel_mps2=motion.accel_mps2):
+            return False
+        self._trip(now_ns, f"is too fast for its authority's end at {end_m:.2f} m")
+        return True
 
     def in_force(self, now_ns: int) -> tuple[Sequence[Grant], float]:
         """What may be acted on now, and the age of the oldest as a share of the limit."""

@@ -274,6 +274,9 @@ class WaysideNode:
             due_ns = min(due_ns, thing.next_due_ns())
         if changed:
             self._keep = (self._boot, tuple(self._memories.items()))
+        # It is locked before it is stored that it is, and free to move only after that is.
+        self._crew.move([each for each in moved if each[1]])
+        freed = [each for each in moved if not each[1]]
         for message in heard:
             if type(message) is RemovalAnswer:
                 self._crew.removals[message.area, message.train] = message.state
@@ -293,7 +296,7 @@ class WaysideNode:
             self._routes.letters(out),
             self._keep,
             due_ns,
-            (lambda: self._crew.move(moved)) if moved else None,
+            (lambda: self._crew.move(freed)) if freed else None,
         )
 
 

@@ -153,8 +153,12 @@ class LineWorld(World):
         """The wayside tells of no more than so many stretches."""
         return len(self.t2t.closed) < RESTRICTIONS_MAX
 
-    def opens(self, closed: SpeedRestriction) -> None:
+    def is_closed(self, closed: SpeedRestriction) -> bool:
         """This very one; another may be of the same metres."""
+        return any(each is closed for each in self.t2t.closed)
+
+    def opens(self, closed: SpeedRestriction) -> None:
+        """As `is_closed`."""
         crew = self.t2t
         crew.closed = tuple([each for each in crew.closed if each is not closed])
 
@@ -169,8 +173,7 @@ class LineWorld(World):
 
     def _stays_out(self, address: int, grant: Grant) -> None:
         train = self.trains[address]
-        closed_now = self.t2t.closed
-        self._closed = [each for each in self._closed if each[1] in closed_now]
+        self._closed = [each for each in self._closed if self.is_closed(each[1])]
         for since_ns, closed in self._closed:
             if self.net.now_ns < since_ns:
                 continue

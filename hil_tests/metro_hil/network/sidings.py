@@ -110,7 +110,7 @@ class Sidings:
         if self.over:
             world.opens(closed)
             return
-        if closed not in world.t2t.closed or net.now_ns > until_ns or self._is_taken(closed):
+        if not world.is_closed(closed) or net.now_ns > until_ns or self._is_taken(closed):
             world.opens(closed)
             net.at(net.now_ns + LOOK_NS, self._wants_in, train)
             return

@@ -89,9 +89,9 @@ class World:
             self.net.boot(address)
 
     def _start_train(self, node: Node, now_ns: int) -> Machine:
-        self.drivers[node.address].begins_anew()
-        protocol = self.crew.train(node, now_ns)
-        return Cab(protocol, self.trains[node.address], self.net, self.checker)
+        driver = self.drivers[node.address]
+        driver.begins_anew()
+        return Cab(self.crew.train(node, now_ns), driver, self.net, self.checker)
 
     def _add(self, address: int, name: str, start: Callable[[Node, int], Machine]) -> None:
         drift = self.setting.drift_ppm

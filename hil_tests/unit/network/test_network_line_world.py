@@ -9,10 +9,11 @@ from metro_hil.network.checker import ViolationError
 from metro_hil.network.ground import Grant
 from metro_hil.network.line_world import LineWorld
 from metro_hil.network.mischief import Mischief
+from metro_hil.network.node import Doom
 from metro_hil.network.orders import Desk, Order
 from metro_hil.network.scene import Plot, Scene
-from zenoh_config.messages import SpeedRestriction
-from zenoh_config.t2t import OrderKind
+from zenoh_config.messages import WAYSIDE, SpeedRestriction
+from zenoh_config.t2t import ObjectClaim, OrderKind, TrainReport
 from zenoh_config.t2t_supervision import RemovalState
 
 AGE_MAX_NS = 1_000_000_000
@@ -151,6 +152,24 @@ def test_into_a_closed_stretch_nobody_is_let(monkeypatch: pytest.MonkeyPatch) ->
         line.holds(1, grant(CLOSED.start_m + 0.01))
 
 
+def test_the_same_metres_closed_again_count_as_closed_from_then_on(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Once it counted from the first time on, if nobody held anything meanwhile (seed 211900)."""
+    line = closed_in_front_of(590.0, monkeypatch)
+    (first,) = line.t2t.closed
+    again = replace(CLOSED)
+
+    line.opens(first)
+    line.closes(again)
+
+    assert (line.is_closed(first), line.is_closed(again)) == (False, True)
+    line.holds(1, grant(CLOSED.start_m + 0.01))
+    line.net.run(line.net.now_ns + 3 * AGE_MAX_NS)
+    with pytest.raises(ViolationError, match=r"^23: .* over what is closed from 600.0 m on"):
+        line.holds(1, grant(CLOSED.start_m + 0.01))
+
+
 def test_who_rolls_back_out_of_it_may_stay_where_it_was_a_moment_before(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -225,6 +244,50 @@ def test_an_object_in_which_a_train_stood_a_moment_ago_is_not_entered_by_its_las
 
     with pytest.raises(ViolationError, match=r"^23: object 1 at 700.0 m is not locked, and train"):
         holds(was_m + 0.01 if stays_in_it else was_m)
+
+
+@pytest.mark.parametrize("doom", list(Doom))
+def test_an_object_is_locked_before_it_is_stored_that_it_is(doom: Doom) -> None:
+    """Else it would be taken for locked after a restart, while it stands open (seed 210690)."""
+    scene = Scene(Plot({1: 500.0}, objects=True, stops_m=(500.0,), dwell_s=60.0))
+    scene.keep_back(lambda source, target, message: isinstance(message, ObjectClaim))
+    scene.world.boot_all()
+    scene.run(3.0)
+    thing = scene.world.track.objects[1]
+    assert not thing.locked
+    assert scene.held
+
+    scene.no_rules()
+    scene.let_go()
+    scene.net.nodes[WAYSIDE].doom = doom
+    scene.run(0.05)
+
+    assert not scene.net.runs(WAYSIDE)
+    assert thing.locked
+    thing.release_wanted = True
+    scene.net.boot(WAYSIDE)
+    scene.run(1.0)
+
+
+def test_what_is_acknowledged_the_brake_goes_by_already() -> None:
+    """Once it looked up to 0.2 s later, while its report reckoned with it (seed 220394)."""
+    scene = Scene(Plot({1: 200.0, 2: 1800.0}))
+    scene.settle()
+    train = scene.world.trains[1]
+    scene.until("it is fast", lambda: train.motion.speed_mps > 10.0, within_s=60.0)
+    brakes: list[bool] = []
+
+    def seen(source: int, target: int, message: object) -> int:
+        if isinstance(message, TrainReport) and source == 1 and message.held_end_m < 1000.0:
+            brakes.append(train.motion.emergency)
+        return 0
+
+    scene.rule(seen)
+    scene.order(OrderKind.STOP, 1)
+    scene.run(1.0)
+
+    assert brakes
+    assert all(brakes)
 
 
 def test_one_jog_takes_the_place_of_another_that_was_not_over() -> None:
