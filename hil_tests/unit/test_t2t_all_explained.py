@@ -14,11 +14,17 @@ def touches(section: Counted, train: Standing) -> bool:
     return section.start_m < train.front_m and train.rear_m < section.end_m
 
 
-def is_explained(run: Sequence[Counted], trains: Sequence[Standing]) -> bool:
-    """Of trains at rest: nobody comes, nobody leaves."""
+def is_explained(
+    run: Sequence[Counted], trains: Sequence[Standing], seen_m: tuple[float, float]
+) -> bool:
+    """Of trains at rest: nobody comes, nobody leaves. Who hangs over where counters begin or end
+    explains nothing.
+    """
     if any(each.occupied and not each.axles for each in run):
         return False
     there = [each for each in trains if run[0].start_m < each.middle_m < run[-1].end_m]
+    if any(each.rear_m < seen_m[0] or seen_m[1] < each.front_m for each in there):
+        return False
     return sum(each.axles for each in run) == sum(each.axles for each in there)
 
 
@@ -36,7 +42,7 @@ def step_by_step(
         from_m = min([from_m, *[each.rear_m for each in there]])
         to_m = max([to_m, *[each.front_m for each in there]])
     runs = [list(run) for _, run in itertools.groupby(concerned, key=lambda each: each.occupied)]
-    return all(is_explained(run, there) for run in runs)
+    return all(is_explained(run, there, (sections[0].start_m, sections[-1].end_m)) for run in runs)
 
 
 @st.composite

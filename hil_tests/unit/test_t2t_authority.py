@@ -249,7 +249,11 @@ def sections(*axles: int) -> list[Counted]:
         ((0, 32, 0), [Standing(160.0, 239.8, 16)], True),
         ((0, 16, 0), [Standing(60.0, 140.0, 16)], True),
         ((0, 32, 0), [Standing(60.2, 140.0, 16)], True),
-        ((0, 32), [Standing(159.5, 239.5, 16)], True),
+        ((0, 32), [Standing(120.0, 200.0, 16)], True),
+        ((0, 32), [Standing(120.0, 200.1, 16)], False),  # It may hang over what is counted.
+        ((32, 0), [Standing(0.0, 80.0, 16)], False),
+        ((16, 16, 0), [Standing(0.0, 80.0, 16)], True),
+        ((16, 16, 0), [Standing(-0.1, 79.9, 16)], False),
         ((0, 16, 16, 0), [Standing(210.0, 290.0, 16), Standing(310.0, 390.0, 16)], True),
     ],
 )
@@ -329,8 +333,8 @@ def test_a_section_that_is_seen_clear_counts_for_nothing() -> None:
         ((0, 32, 0, 16), 115.0, True),
         ((0, 32, 0), 60.0, True),
         ((0, 32, 0, 0, 0), 250.0, True),
-        ((0, 32), 54.9, True),
-        ((0, 32), 55.0, False),
+        ((0, 32), 15.0, True),
+        ((0, 32), 15.1, False),  # Some of its axles may not be counted any more.
     ],
 )
 def test_who_has_not_been_heard_for_a_while_explains_axles_only_where_it_surely_is(
@@ -349,7 +353,17 @@ def test_who_may_have_come_since_the_count_explains_no_axles(
     other = Standing(105.0, 185.0, 16, behind_m=behind_m)
 
     assert explained(sections(0, 32, 0), Standing(115.0, 198.0, 16), [other]) is answer
-    assert explained(sections(16, 16, 0), Standing(5.0, 95.0, 16), [other]) is True
+    first = Standing(45.1, 95.0, 16, behind_m=behind_m)
+    assert explained(sections(16, 16, 0), first, [other]) is True
+
+
+@pytest.mark.parametrize(("behind_m", "answer"), [(0.0, True), (5.0, True), (5.1, False)])
+def test_who_may_have_hung_over_the_beginning_of_the_line_when_axles_were_counted_explains_none(
+    behind_m: float, *, answer: bool
+) -> None:
+    first = Standing(5.0, 95.0, 16, behind_m=behind_m)
+
+    assert explained(sections(16, 0), first, []) is answer
 
 
 @pytest.mark.parametrize("beside", [0, 2])

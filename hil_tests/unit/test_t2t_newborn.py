@@ -618,6 +618,25 @@ def test_axles_before_the_border_do_not_show_that_a_train_left() -> None:
     assert area.settles() == (area.order, [])
 
 
+@pytest.mark.parametrize(
+    ("axles", "first_m", "left"),
+    [(0, 900.0, True), (16, 900.0, False), (0, 1000.0, True), (0, 1000.1, False)],
+)
+def test_that_a_train_left_from_before_the_border_is_seen_by_what_the_area_itself_counts(
+    axles: int, first_m: float, *, left: bool
+) -> None:
+    """It is told of one section before the border only; how it is farther back, nobody told it
+    (seed 207948): all waited for an entry that could never go.
+    """
+    counted = (Counted(first_m, 1100.0, False, 0), Counted(1100.0, 3000.0, bool(axles), axles))
+    area = OneArea((1, 600.0), before=AREA_4, start_m=1000.0, counted=counted)
+    area.hears(anew(100.0, comes_from=4))
+
+    assert area.settles() == (
+        ((), [(anew(100.0, comes_from=4), NOW_NS)]) if left else (area.order, [])
+    )
+
+
 def test_whoever_left_need_not_stand_in_line_to_be_off_the_roster() -> None:
     area = OneArea(ANEW, before=AREA_4, start_m=1000.0, counted=CLEAR)
     area.hears(anew(100.0, comes_from=0, behind=8))

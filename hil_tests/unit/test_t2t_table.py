@@ -172,12 +172,23 @@ def test_nothing_that_may_yet_be_taken_is_ever_farther_than_what_counts_as_grant
 
 
 def test_what_a_member_holds_proves_how_far_the_train_ahead_of_it_had_come() -> None:
-    member = heard(record(), report(member=True, held_end_m=900.0))
+    member = heard(record(), report(member=True, held_end_m=900.0, latent_m=900.0))
     applicant = heard(record(), report(member=False, held_end_m=900.0))
 
     assert member.rear_ahead_m(7.0) == 907.0
     assert applicant.rear_ahead_m(7.0) == -1_000_000.0
     assert record().rear_ahead_m(7.0) == -1_000_000.0
+
+
+def test_what_a_train_held_when_it_lost_its_place_proves_no_more_than_that_it_still_comes_to() -> (
+    None
+):
+    """Its authority was shortened since, and another was set between the two (seed 209865)."""
+    told = heard(record(), report(member=True, held_end_m=900.0, latent_m=900.0))
+
+    heard(told, report(localised=False, member=True, held_end_m=300.0, latent_m=400.0))
+
+    assert told.rear_ahead_m(7.0) == 407.0
 
 
 def test_a_record_is_made_once() -> None:

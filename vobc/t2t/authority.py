@@ -188,7 +188,8 @@ def explained(sections: Sequence[Counted], train: Standing, others: Sequence[Sta
         first -= 1
     while last + 1 < len(sections) and sections[last + 1].occupied:
         last += 1
-    return _explained(sections[first : last + 1], sections[last + 1 :], (train, *others))
+    together, beyond = sections[first : last + 1], sections[last + 1 :]
+    return _explained(together, beyond, (train, *others), seen_m=_seen_m(sections))
 
 
 def all_explained(
@@ -222,15 +223,28 @@ def all_explained(
         run = list(group)
         behind = bisect_right(middles_m, run[0].start_m)
         ahead = bisect_left(middles_m, run[-1].end_m)
-        if not _explained(run, (), there[behind:ahead]):
+        if not _explained(run, (), there[behind:ahead], seen_m=_seen_m(sections)):
             return False
     return True
 
 
+def _seen_m(sections: Sequence[Counted]) -> tuple[float, float]:
+    return sections[0].start_m, sections[-1].end_m
+
+
 def _explained(
-    run: Sequence[Counted], beyond: Sequence[Counted], trains: Iterable[Standing]
+    run: Sequence[Counted],
+    beyond: Sequence[Counted],
+    trains: Iterable[Standing],
+    *,
+    seen_m: tuple[float, float],
 ) -> bool:
-    """Whether what is counted in sections without a gap are the trains that surely are there."""
+    """Whether what is counted in sections without a gap are the trains that surely are there.
+
+    Args:
+        seen_m: where counters begin and end. Of a train that may hang over some axles are not
+            counted, and as many of another may be.
+    """
     if any(each.occupied and each.axles == 0 for each in run):
         # Its count is not to be trusted.
         return False
@@ -240,6 +254,8 @@ def _explained(
         # It may have come since.
         return False
     if any(_may_have_left(each, end_m, beyond) for each in there):
+        return False
+    if any(_may_hang_over(each, *seen_m) for each in there):
         return False
     return sum(each.axles for each in run) == sum(each.axles for each in there)
 
@@ -252,6 +268,10 @@ def _may_have_left(train: Standing, end_m: float, beyond: Sequence[Counted]) -> 
     near = itertools.takewhile(lambda each: each.start_m < reach_m, beyond)
     seen_to_m = beyond[-1].end_m if beyond else end_m
     return reach_m > seen_to_m or any(each.occupied for each in near)
+
+
+def _may_hang_over(train: Standing, from_m: float, to_m: float) -> bool:
+    return train.rear_m - train.behind_m < from_m or train.front_m + train.farther_m > to_m
 
 
 def _touch(section: Counted, train: Standing) -> bool:

@@ -161,8 +161,9 @@ class Newborns:
     ) -> Whereabouts:
         config, record = self._config, former.record
         ahead_m = scene.area.end_m if ahead == NOBODY else scene.records[ahead].rear_m
-        # There at least its foremost axle would be.
-        from_m = record.rear_m - config.behind_rear_m + SHORTEST_M - config.overhang_m
+        # There at least its foremost axle would be; what is before the area is others' to look at.
+        foremost_m = record.rear_m - config.behind_rear_m + SHORTEST_M - config.overhang_m
+        from_m = max(foremost_m, scene.area.start_m)
         to_m = max(ahead_m, from_m + config.overhang_m)
         there = scene._replace(at_rest=scene.there)
         evidence = Evidence(

@@ -75,11 +75,14 @@ class Record:
     def rear_ahead_m(self, behind_rear_m: float) -> float:
         """Where the rear of the next train ahead must at least be, for this one to have been
         granted what it still may act upon. Only of a train that obeys no older term any more.
+
+        Since it lost its place it says nothing of what it holds, but how far that still lets it
+        come: farther on another may have been set before it since.
         """
         report = self.report
         if report is None or not report.member:
             return -UNBOUNDED_M
-        return report.held_end_m + behind_rear_m
+        return min(report.held_end_m, self.latent_m) + behind_rear_m
 
     @property
     def granted_m(self) -> float:

@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from typing import Final
 
 from firmware_py.trackdb.areas import Area, AreaMap, ObjectKind, ObjectSite, TrackSection
+from metro_hil.network.depot import set_on, take_off
 from metro_hil.network.directed import Make, Scenario
 from metro_hil.network.scene import NS_PER_S, Plot, Scene
 from zenoh_config.messages import SpeedRestriction
@@ -115,7 +116,36 @@ def hangs_over_the_border(make: Make) -> None:
     scene.expect(f"it comes no nearer: {runs.front_m}", runs.front_m < BORDER_M - 11.0)
 
 
+def gone_before_the_border(make: Make) -> None:
+    """One that stands before the border is taken off the line, and comes back behind another: the
+    next area, which is not told of axles so far before it, waits for its old entry no longer.
+    """
+    fronts_m = {BEHIND: 1500.0, OVER: 1780.0, AHEAD: 3000.0}
+    scene = make(Plot(fronts_m, line=_line(1000.0), stops_m=(1500.0, 1780.0, 3000.0), dwell_s=90.0))
+    scene.settle()
+    scene.run(3.0)
+    scene.net.kill(OVER)
+    scene.run(4.0)
+    away = scene.world.trains[OVER]
+    take_off(scene.world, away)
+    scene.run(12.0)
+    set_on(scene.world, away, 1300.0)
+    scene.net.boot(OVER)
+    scene.until("all trains have authority", scene.all_held, within_s=20.0)
+    scene.until(
+        "the other gets over the border",
+        lambda: (scene.end_m(BEHIND) or 0.0) > BORDER_M,
+        within_s=5.0,
+    )
+
+
 BORDER_LURES: Final[tuple[Scenario, ...]] = (
+    Scenario(
+        "gone-before-the-border",
+        0,
+        "one is away that stood before the border",
+        gone_before_the_border,
+    ),
     Scenario("over-a-free-switch", 0, "a train begins in two areas", over_a_free_switch),
     Scenario("back-onto-a-switch", 0, "a train just beyond rolls back", back_onto_a_free_switch),
     Scenario("hangs-over-the-border", 0, "one hides just beyond", hangs_over_the_border),

@@ -9,7 +9,7 @@ from metro_hil.network.directed import Make, Scenario
 from metro_hil.network.motion import Motion
 from metro_hil.network.scene import Plot, Scene
 from zenoh_config.messages import SpeedRestriction
-from zenoh_config.t2t import LeaseRequest, StandbySync, TrackStatus
+from zenoh_config.t2t import LeaseRequest, OrderKind, StandbySync, TrackStatus, TrainReport
 from zenoh_config.t2t_supervision import RemovalState
 
 FOLLOWS: Final = 1
@@ -239,7 +239,65 @@ def seems_to_overtake(make: Make) -> None:
     scene.until("all trains have authority", scene.all_held, within_s=60.0)
 
 
+def driven_off(make: Make) -> None:
+    """The first of two is driven off the line by hand, and says where it is, while somebody hides
+    between them: as many of its axles have left the last section as the one that hides has.
+    """
+    fronts_m = {FOLLOWS: 300.0, HIDES: 700.0, AHEAD: 1900.0}
+    scene = make(Plot(fronts_m, pieces=2, stops_m=sorted(fronts_m.values()), dwell_s=200.0))
+    hides, ahead = scene.world.trains[HIDES], scene.world.trains[AHEAD]
+    hides.axles = 4
+    for address in scene.others(HIDES):
+        scene.net.boot(address)
+    scene.run(3.0)
+    ahead.shunts = True
+    scene.until("it is off the line", lambda: ahead.rear_m > 2020.0, within_s=120.0)
+    ahead.shunts = False
+    scene.expect("somebody hides there", scene.end_m(FOLLOWS) is None)
+    take_off(scene.world, ahead)
+    scene.net.kill(AHEAD)
+    scene.net.boot(HIDES)
+    scene.until("all trains have authority", scene.all_held, within_s=60.0)
+
+
+def set_before_one_that_is_lost(make: Make) -> None:
+    """What one says of its authority, which is shortened, is lost until it has lost its place. Then
+    another is set on before it, where it was let before; and track is closed before that one.
+    """
+    scene = _one_follows(make, (300.0, 1900.0), ahead_m=1900.0)
+    follows, comes = scene.world.trains[FOLLOWS], scene.world.trains[HIDES]
+    follows.next_stop = 1
+    scene.until("it is on its way", lambda: follows.motion.speed_mps > 10.0, within_s=60.0)
+
+    def shortened(source: int, target: int, message: object) -> int | None:
+        if not isinstance(message, TrainReport) or source != FOLLOWS or not message.localised:
+            return 0
+        return None if message.held_end_m < 1500.0 else 0
+
+    scene.rule(shortened)
+    scene.order(OrderKind.STOP, FOLLOWS)
+    scene.until("it brakes", lambda: (scene.end_m(FOLLOWS) or 2000.0) < 1500.0, within_s=5.0)
+    follows.localised = False
+    scene.stands(FOLLOWS)
+    scene.world.t2t.closed = (SpeedRestriction(1200.0, 1400.0, 1.0),)
+    scene.run(1.0)
+    comes.motion = Motion(scene.net.now_ns, 1100.0, emergency_mps2=1.0)
+    comes.on_line = comes.localised = True
+    scene.net.boot(HIDES)
+    scene.until("it is let", lambda: scene.end_m(HIDES) is not None, within_s=20.0)
+    scene.run(2.0)
+    end_m = scene.end_m(HIDES)
+    scene.expect(f"into nothing that is closed: {end_m}", end_m == 1200.0)
+
+
 MOVED_LURES: Final[tuple[Scenario, ...]] = (
+    Scenario("driven-off", 0, "one is driven off the line, and another hides", driven_off),
+    Scenario(
+        "set-before-one-that-is-lost",
+        0,
+        "one is set on where another was let once that has lost its place",
+        set_before_one_that_is_lost,
+    ),
     Scenario("passed-by-hand", 0, "one is moved past another by hand", passed_by_hand),
     Scenario("came-back-unheard", 0, "one that counters saw leave is set on", came_back_unheard),
     Scenario("kept-long-ago", 0, "one is set on where the one ahead was once", kept_long_ago),
