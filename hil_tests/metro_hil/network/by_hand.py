@@ -1,4 +1,4 @@
-"""Trains that are driven by hand, on sight, up to the next one, or to its section.
+"""Trains that are driven by hand, on sight, up to the section of the next one.
 
 The track is closed before, from the train on: a master may not let it go meanwhile. Its controller
 runs and knows where it is, or has lost its place, or is switched off and the train is towed.
@@ -19,7 +19,7 @@ NS_PER_S: Final = 1_000_000_000
 LEAST_M: Final = 5.0
 MOST_M: Final = 400.0
 APART_M: Final = 20.0
-"""Not nearer to the next train, wherever that may come back to, nor to the end of the line."""
+"""Not nearer to the section of the next train, to an object, or to the end of the line."""
 DEAD_S: Final = (0.0, 30.0)
 OPENED_S: Final = (0.0, 10.0)
 
@@ -75,12 +75,10 @@ class ByHand:
         return train.front_m + (min(room_m, MOST_M) if room_m >= LEAST_M else 0.0)
 
     def _before_m(self, ahead: TrueTrain) -> float:
-        """Where another may come back to; of one that nobody commands the section, as counters do
-        not tell the two apart in there.
+        """The section that another stands in or may come back to: counters do not tell the two
+        apart in there, and whoever comes up behind may not know of the one that is driven.
         """
         hindmost_m = self.world.checker.hindmost_m(ahead)
-        if self.world.drivers[ahead.address].in_force(self.world.net.now_ns)[0]:
-            return hindmost_m
         sections = self.world.drawn.cast.line.sections
         return max([e.start_m for e in sections if e.start_m <= hindmost_m], default=-math.inf)
 

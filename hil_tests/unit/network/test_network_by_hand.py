@@ -62,25 +62,28 @@ def test_a_train_is_driven_farther_than_it_may_go_and_has_authority_again(how: C
     assert scene.world.t2t.closed == ()
 
 
-def test_it_keeps_away_from_where_the_next_one_may_come_back_to() -> None:
-    scene = settled()
-    by_hand = ByHand(scene.world, random.Random(1))
-    judge, trains = scene.world.checker, scene.world.trains
-
-    assert by_hand._to_m(trains[1]) == pytest.approx(judge.hindmost_m(trains[2]) - APART_M, abs=250)
-    assert by_hand._to_m(trains[1]) <= judge.hindmost_m(trains[2]) - APART_M
-
-
-def test_of_one_that_nobody_commands_it_does_not_come_to_the_section() -> None:
+@pytest.mark.parametrize("commanded", [True, False])
+def test_it_does_not_come_to_the_section_in_which_the_next_one_stands(*, commanded: bool) -> None:
+    """Of one that nobody knew, and that was driven up to another which was commanded, nothing was
+    left to be seen but axles in the section of that one (seed 230866).
+    """
     scene = settled()
     by_hand, trains = ByHand(scene.world, random.Random(1)), scene.world.trains
     (section,) = [e for e in scene.world.track.line.sections if e.start_m == 1250.0]
-    assert by_hand._to_m(trains[2]) > section.start_m - APART_M
+    if not commanded:
+        scene.net.kill(3)
+        scene.run(5.0)
 
-    scene.net.kill(3)
-    scene.run(5.0)
-
+    assert section.start_m < trains[3].rear_m < section.end_m
     assert by_hand._to_m(trains[2]) == section.start_m - APART_M
+
+
+def test_nor_to_one_that_the_next_one_may_come_back_to() -> None:
+    scene = settled()
+    by_hand, trains = ByHand(scene.world, random.Random(1)), scene.world.trains
+    trains[3].motion = Motion(scene.net.now_ns, 1250.0 + 80.0 + 1.9, emergency_mps2=1.0)
+
+    assert by_hand._to_m(trains[2]) == pytest.approx(1000.0 - APART_M)
 
 
 def test_who_moves_or_has_no_room_is_not_driven() -> None:
