@@ -25,6 +25,13 @@ def is_explained(
     there = [each for each in trains if run[0].start_m < each.middle_m < run[-1].end_m]
     if any(each.rear_m < seen_m[0] or seen_m[1] < each.front_m for each in there):
         return False
+    for at in range(len(run)):
+        counted = sum(each.axles for each in run[: at + 1])
+        joint_m = run[at].end_m
+        if counted < sum(each.axles for each in there if each.front_m <= joint_m):
+            return False
+        if counted > sum(each.axles for each in there if each.rear_m < joint_m):
+            return False
     return sum(each.axles for each in run) == sum(each.axles for each in there)
 
 

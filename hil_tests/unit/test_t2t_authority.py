@@ -234,7 +234,7 @@ def sections(*axles: int) -> list[Counted]:
     [
         ((0, 16, 0), [], True),
         ((0, 17, 0), [], False),
-        ((0, 10, 6), [], True),
+        ((0, 10, 6), [], False),  # As many, but it is not over that joint.
         ((0, 10, 10), [], False),
         ((0, 16, 0, 16), [], True),  # Somebody else, apart by a clear section.
         ((0, 16, 16), [Standing(210.0, 290.0, 16)], True),
@@ -364,6 +364,45 @@ def test_who_may_have_hung_over_the_beginning_of_the_line_when_axles_were_counte
     first = Standing(5.0, 95.0, 16, behind_m=behind_m)
 
     assert explained(sections(16, 0), first, []) is answer
+
+
+@pytest.mark.parametrize(
+    ("axles", "front_m", "farther_m", "answer"),
+    [
+        ((16, 16), 200.0, 0.0, True),
+        ((17, 15), 200.0, 0.0, True),  # The second may have one of its axles before the joint.
+        ((15, 17), 200.0, 0.0, False),  # The first has none beyond it.
+        ((31, 1), 200.0, 0.0, True),
+        ((15, 17), 200.1, 0.0, True),
+        ((15, 17), 200.0, 0.1, True),
+    ],
+)
+def test_axles_are_where_the_trains_may_be_that_have_as_many_in_all(
+    axles: tuple[int, int], front_m: float, farther_m: float, *, answer: bool
+) -> None:
+    """One that hides is not made up for by axles that are missed elsewhere."""
+    told = [Counted(100.0, 200.0, True, axles[0]), Counted(200.0, 400.0, True, axles[1])]
+    told = [Counted(0.0, 100.0, False, 0), *told, Counted(400.0, 500.0, False, 0)]
+    first = Standing(120.0, front_m, 16, farther_m)
+    second = Standing(190.0, 290.0, 16)
+
+    assert explained(told, first, [second]) is answer
+    assert explained(told, second, [first]) is answer
+    if not farther_m:
+        assert all_explained(told, [first, second], from_m=100.0, to_m=400.0) is answer
+
+
+@pytest.mark.parametrize(
+    ("rear_m", "behind_m", "answer"), [(200.0, 0.0, False), (199.9, 0.0, True), (200.0, 0.1, True)]
+)
+def test_who_is_beyond_a_joint_or_was_when_axles_were_counted_has_none_before_it(
+    rear_m: float, behind_m: float, *, answer: bool
+) -> None:
+    told = [Counted(0.0, 200.0, True, 17), Counted(200.0, 400.0, True, 15)]
+    told = [*told, Counted(400.0, 500.0, False, 0)]
+    second = Standing(rear_m, 290.0, 16, behind_m=behind_m)
+
+    assert explained(told, Standing(20.0, 100.0, 16), [second]) is answer
 
 
 @pytest.mark.parametrize("beside", [0, 2])

@@ -257,7 +257,29 @@ def _explained(
         return False
     if any(_may_hang_over(each, *seen_m) for each in there):
         return False
-    return sum(each.axles for each in run) == sum(each.axles for each in there)
+    if sum(each.axles for each in run) != sum(each.axles for each in there):
+        return False
+    return _stand_so(run, there)
+
+
+def _stand_so(run: Sequence[Counted], trains: Sequence[Standing]) -> bool:
+    """Up to no joint are more axles counted than of trains that may have some there, nor fewer than
+    of those that surely are behind it: who hides here is not made up for by axles missed there.
+    """
+    fronts = sorted([(each.front_m + each.farther_m, each.axles) for each in trains])
+    rears = sorted([(each.rear_m - each.behind_m, each.axles) for each in trains])
+    counted = least = most = wholly = partly = 0
+    for section in run:
+        counted += section.axles
+        while wholly < len(fronts) and fronts[wholly][0] <= section.end_m:
+            least += fronts[wholly][1]
+            wholly += 1
+        while partly < len(rears) and rears[partly][0] < section.end_m:
+            most += rears[partly][1]
+            partly += 1
+        if not least <= counted <= most:
+            return False
+    return True
 
 
 def _may_have_left(train: Standing, end_m: float, beyond: Sequence[Counted]) -> bool:
