@@ -392,6 +392,28 @@ def test_axles_are_where_the_trains_may_be_that_have_as_many_in_all(
         assert all_explained(told, [first, second], from_m=100.0, to_m=400.0) is answer
 
 
+@pytest.mark.parametrize(("before", "answer"), [(48, True), (47, False), (63, True), (64, False)])
+def test_all_trains_that_are_wholly_behind_a_joint_are_counted_behind_it(
+    before: int, *, answer: bool
+) -> None:
+    """Three are, and a fourth stands over it."""
+    told = [Counted(0.0, 400.0, True, before), Counted(400.0, 600.0, True, 64 - before)]
+    told = [*told, Counted(600.0, 700.0, False, 0)]
+    trains = [Standing(at, at + 80.0, 16) for at in (10.0, 110.0, 210.0, 350.0)]
+
+    assert explained(told, trains[0], trains[1:]) is answer
+
+
+@pytest.mark.parametrize(("farther_m", "answer"), [(54.9, True), (55.0, False)])
+def test_who_may_be_beyond_a_joint_by_half_has_left_where_somebody_is_near_beyond_it(
+    farther_m: float, *, answer: bool
+) -> None:
+    told = [*sections(0, 32), Counted(200.0, 230.0, False, 0), Counted(230.0, 400.0, True, 16)]
+    other = Standing(105.0, 185.0, 16, farther_m)
+
+    assert explained(told, Standing(115.0, 198.0, 16), [other]) is answer
+
+
 @pytest.mark.parametrize(
     ("rear_m", "behind_m", "answer"), [(200.0, 0.0, False), (199.9, 0.0, True), (200.0, 0.1, True)]
 )

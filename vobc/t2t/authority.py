@@ -283,13 +283,12 @@ def _stand_so(run: Sequence[Counted], trains: Sequence[Standing]) -> bool:
 
 
 def _may_have_left(train: Standing, end_m: float, beyond: Sequence[Counted]) -> bool:
-    """Unless all is clear as far as it may have come."""
+    """Unless all is clear as far as it may have come; farther than is counted it may hang over."""
     if train.middle_m + train.farther_m < end_m:
         return False
     reach_m = train.front_m + train.farther_m
     near = itertools.takewhile(lambda each: each.start_m < reach_m, beyond)
-    seen_to_m = beyond[-1].end_m if beyond else end_m
-    return reach_m > seen_to_m or any(each.occupied for each in near)
+    return any(each.occupied for each in near)
 
 
 def _may_hang_over(train: Standing, from_m: float, to_m: float) -> bool:
