@@ -632,6 +632,23 @@ def test_a_section_that_a_train_ahead_surely_is_not_in_is_shut_also_within_what_
     assert found == HIDDEN
 
 
+@pytest.mark.parametrize(
+    ("before_ms", "rear_m", "hides"),
+    [(100, 307.0, True), (50, 307.0, True), (49, 307.0, False), (100, 306.9, False)],
+)
+def test_a_train_that_was_heard_before_the_look_was_not_in_a_section_that_it_had_left(
+    before_ms: int, rear_m: float, *, hides: bool
+) -> None:
+    """It says so again 50 ms after the look, in which it might have run 2 m (seed 239837)."""
+    known = conclusions(report(1, 0.0, held_end_m=100.0))
+    ahead = known.table.of(2, rear_m=rear_m, now_ns=0)
+    for heard_ns in (NOW_NS - before_ms * 1_000_000, NOW_NS):
+        ahead.hears(report(2, rear_m), heard_ns, term=TERM, jog_m=5.0)
+    view = track(*THIRD_OCCUPIED, seen_ns=NOW_NS - 50_000_000)
+
+    assert known.hidden_before(100.0, ahead, view, (5000.0, 0)) == (HIDDEN if hides else [])
+
+
 def test_before_the_foremost_train_what_hides_is_looked_for_once() -> None:
     known = conclusions(report(1, 0.0, held_end_m=100.0))
     view, left = track(*THIRD_OCCUPIED), (5000.0, NOW_NS)

@@ -191,6 +191,27 @@ def test_what_a_train_held_when_it_lost_its_place_proves_no_more_than_that_it_st
     assert told.rear_ahead_m(7.0) == 407.0
 
 
+def test_how_far_a_train_had_come_by_an_instant_is_known_by_what_it_had_said_by_then() -> None:
+    told = record()
+    for at_ns, rear_m in ((100, 50.0), (200, 60.0), (300, 55.0), (400, 70.0)):
+        heard(told, report(rear_m), now_ns=at_ns)
+    heard(told, report(90.0, localised=False), now_ns=500)
+
+    assert [told.rear_then_m(at_ns) for at_ns in (99, 100, 199, 200, 300, 399, 400, 900)] == [
+        *(-1_000_000.0, 50.0, 50.0, 60.0, 60.0, 60.0, 70.0, 70.0)
+    ]
+
+
+def test_of_what_a_train_said_the_newest_eight_count_for_that_and_none_of_another_life() -> None:
+    told = record()
+    for at_ns in range(1, 10):
+        heard(told, report(10.0 * at_ns), now_ns=at_ns)
+
+    assert [told.rear_then_m(at_ns) for at_ns in (1, 2, 9)] == [-1_000_000.0, 20.0, 90.0]
+    heard(told, report(30.0, boot=3), now_ns=10)
+    assert [told.rear_then_m(at_ns) for at_ns in (9, 10)] == [-1_000_000.0, 30.0]
+
+
 def test_a_record_is_made_once() -> None:
     table = TrainTable()
 

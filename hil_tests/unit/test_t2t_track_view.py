@@ -59,6 +59,17 @@ def hidden(
     return hidden_between(view(*occupied), beyond_m=beyond_m, before_m=before_m, ahead_ns=ahead_ns)
 
 
+@pytest.mark.parametrize(("then_m", "found"), [(199.9, False), (200.0, True), (400.0, True)])
+def test_who_had_said_before_the_look_that_it_is_beyond_was_not_seen_there(
+    then_m: float, *, found: bool
+) -> None:
+    """By what it says since it might have come from there meanwhile (seed 239837)."""
+    since_ns = SEEN_NS + 200_000_000
+    seen = hidden_between(view(2), beyond_m=100.0, before_m=205.0, ahead_ns=since_ns, then_m=then_m)
+
+    assert seen == (Stretch(100.0, 200.0, Bar.SHUT) if found else None)
+
+
 @pytest.mark.parametrize(
     ("beyond_m", "before_m", "hides"),
     [

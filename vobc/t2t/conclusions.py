@@ -233,10 +233,14 @@ class Conclusions:
         """
         if track is None:
             return []
-        before_m, since_ns = open_end
+        (before_m, since_ns), then_m = open_end, -UNBOUNDED_M
         if ahead is not None:
-            before_m, since_ns = ahead.rear_m - self._config.behind_rear_m, ahead.heard_ns
-        found = hidden_between(track, beyond_m=beyond_m, before_m=before_m, ahead_ns=since_ns)
+            behind_m = self._config.behind_rear_m
+            before_m, since_ns = ahead.rear_m - behind_m, ahead.heard_ns
+            then_m = ahead.rear_then_m(track.seen_ns) - behind_m
+        found = hidden_between(
+            track, beyond_m=beyond_m, before_m=before_m, ahead_ns=since_ns, then_m=then_m
+        )
         if found is None:
             return []
         # What hides hangs over behind its last axle, and may roll back.

@@ -8,6 +8,8 @@ from zenoh_config.t2t import SectionState, SyncEntry, TrainReport
 
 OUTSTANDING_MAX: Final = 8
 """Authorities on their way to one train that are told apart; more are taken for one."""
+PLACES_MAX: Final = 8
+"""Reports of one train that are told apart by when they came: those of most of a second."""
 UNBOUNDED_M: Final = 1.0e6
 """Reserved for a train of which nobody knows what it may hold."""
 
@@ -44,6 +46,8 @@ class Record:
     """Sequence and end of authorities that it may yet take, oldest first."""
     lost: bool = False
     """By the newest report of all it does not know where it is."""
+    places: list[tuple[int, float]] = field(default_factory=list, compare=False)
+    """When it was heard lately, and its protected rear by then, oldest first."""
 
     def hears(self, report: TrainReport, now_ns: int, *, term: int, jog_m: float) -> None:
         """A report that came in order; `term` is the master's own.
@@ -64,6 +68,12 @@ class Record:
         newborn = report.boot != self.boot and self.boot != 0
         self.rear_m = rear_m if newborn else max(self.rear_m, rear_m)
         self.report, self.boot = report, report.boot
+        kept = [] if newborn else self.places[1 - PLACES_MAX :]
+        self.places = [*kept, (now_ns, self.rear_m)]
+
+    def rear_then_m(self, at_ns: int) -> float:
+        """Protected rear as it had been heard by that instant; far behind, if it had not."""
+        return max([m for heard_ns, m in self.places if heard_ns <= at_ns], default=-UNBOUNDED_M)
 
     def issued(self, sequence: int, end_m: float) -> None:
         self.served = True

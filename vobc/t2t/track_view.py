@@ -5,7 +5,7 @@ from typing import Final, NamedTuple
 
 from firmware_py.trackdb.areas import AreaMap
 from vobc.t2t.authority import Bar, Counted, Seen, Stretch, unexplained
-from vobc.t2t.table import Record, cleared_to_m
+from vobc.t2t.table import UNBOUNDED_M, Record, cleared_to_m
 from zenoh_config.messages import SpeedRestriction
 from zenoh_config.t2t import SectionState, TrackStatus
 
@@ -47,17 +47,23 @@ def way_m(duration_ns: int) -> float:
 
 
 def hidden_between(
-    view: TrackView, *, beyond_m: float, before_m: float, ahead_ns: int
+    view: TrackView,
+    *,
+    beyond_m: float,
+    before_m: float,
+    ahead_ns: int,
+    then_m: float = -UNBOUNDED_M,
 ) -> Stretch | None:
     """An occupied section between two neighbours that neither of them is in.
 
     Args:
         beyond_m: the one behind has come no farther.
         before_m: protected rear of the one ahead, heard at `ahead_ns`.
+        then_m: the same as it had been heard already when sections were seen.
     """
     drift_m = way_m(ahead_ns - view.seen_ns)
     bar = Bar.SHUT
-    found = unexplained(view.occupied, beyond_m=beyond_m, before_m=before_m - drift_m)
+    found = unexplained(view.occupied, beyond_m=beyond_m, before_m=max(before_m - drift_m, then_m))
     if found is None and drift_m > EXCUSED_M:
         bar = Bar.UNSURE
         found = unexplained(view.occupied, beyond_m=beyond_m, before_m=before_m - EXCUSED_M)
