@@ -76,7 +76,8 @@ class Sidings:
 
     def _wants_in(self, train: TrueTrain) -> None:
         """Close whole sections for it where nobody is, and no object: in one with another train, or
-        that another may roll back into, no counter would tell.
+        that another may roll back into, no counter would tell. And from some way before them on:
+        who stops there must not think that it may be in them, by what it is unsure of.
         """
         world, net = self.world, self.world.net
         if self.over:
@@ -86,7 +87,7 @@ class Sidings:
         rear_m = front_m - train.length_m
         sections = [e for e in line.sections if e.end_m > rear_m - ROOM_M]
         sections = [e for e in sections if e.start_m < front_m + ROOM_M]
-        closed = SpeedRestriction(sections[0].start_m, sections[-1].end_m, 1.0)
+        closed = SpeedRestriction(sections[0].start_m - APART_M, sections[-1].end_m, 1.0)
         if (
             not world.may_close
             or self._is_taken(closed)

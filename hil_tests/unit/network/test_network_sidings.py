@@ -7,7 +7,7 @@ import pytest
 
 from metro_hil.network.motion import Motion
 from metro_hil.network.scene import Plot, Scene
-from metro_hil.network.sidings import AWAY_S, CLOSED_NS, OFF_NS, Sidings
+from metro_hil.network.sidings import APART_M, AWAY_S, CLOSED_NS, OFF_NS, Sidings
 from zenoh_config.messages import SpeedRestriction
 
 S = 1_000_000_000
@@ -159,3 +159,19 @@ def test_one_waits_off_the_line_while_no_more_can_be_closed() -> None:
 
     scene.world.t2t.closed = ()
     scene.until("it is back", lambda: not off(scene), within_s=120.0)
+
+
+def test_track_is_closed_from_some_way_before_the_sections_in_which_one_is_set_on() -> None:
+    """Who braked for it took the section for its own, unsure by a centimetre (seed 239562)."""
+    scene = settled()
+    train = scene.world.trains[1]
+    scene.net.kill(1)
+    train.on_line = train.localised = False
+    scene.world.checker.gave_up(1)
+
+    Sidings(scene.world, random.Random(3))._wants_in(train)
+    scene.until("it is closed", lambda: bool(scene.world.t2t.closed), within_s=60.0)
+
+    (closed,) = scene.world.t2t.closed
+    assert closed.start_m + APART_M in {e.start_m for e in scene.world.track.line.sections}
+    assert closed.end_m in {e.end_m for e in scene.world.track.line.sections}
