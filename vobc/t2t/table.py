@@ -68,8 +68,10 @@ class Record:
         newborn = report.boot != self.boot and self.boot != 0
         self.rear_m = rear_m if newborn else max(self.rear_m, rear_m)
         self.report, self.boot = report, report.boot
-        kept = [] if newborn else self.places[1 - PLACES_MAX :]
-        self.places = [*kept, (now_ns, self.rear_m)]
+        if newborn:
+            self.places.clear()
+        self.places.append((now_ns, self.rear_m))
+        del self.places[:-PLACES_MAX]
 
     def rear_then_m(self, at_ns: int) -> float:
         """Protected rear as it had been heard by that instant; far behind, if it had not."""
