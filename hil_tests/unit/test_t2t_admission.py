@@ -75,10 +75,20 @@ def test_who_has_no_place_on_the_roster_explains_axles_from_outside_of_the_area_
     rear_m: float, front_m: float, explains: bool
 ) -> None:
     told = report(rear_m, front_m)
+    roster = {each: Record(each, 0.0, 0, boot=BOOT) for each in (1, 2)}
+    kept = {**roster, 3: Record(3, rear_m, 0, boot=BOOT)}
 
-    assert may_explain(told, {1, 2}, AREA) is explains
-    assert may_explain(told, {1, 2, 3}, AREA)
-    assert not may_explain(replace(told, localised=False), {1, 2, 3}, AREA)
+    assert may_explain(told, roster, AREA) is explains
+    assert may_explain(told, kept, AREA)
+    assert not may_explain(replace(told, localised=False), kept, AREA)
+
+
+@pytest.mark.parametrize("boot", [0, BOOT + 1])
+def test_in_another_life_than_that_of_its_place_it_has_none(boot: int) -> None:
+    kept = {3: Record(3, 1500.0, 0, boot=boot)}
+
+    assert not may_explain(report(1500.0, 1585.0), kept, AREA)
+    assert may_explain(report(2000.0, 2085.0), kept, AREA)
 
 
 def order_of(*trains: tuple[int, float]) -> Order:

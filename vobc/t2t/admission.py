@@ -1,6 +1,6 @@
 """Who comes onto the roster, and where: between whom a newcomer stands, and that nobody hides."""
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 from firmware_py.trackdb.areas import Area
@@ -26,8 +26,9 @@ class Scene(NamedTuple):
     stood: bool
     """The newcomer stood already where it is when they were counted."""
     standing: tuple[Standing, ...]
-    """Trains that say where they are, the newcomer not among them: of the roster, and outside of
-    the area. Another may be forgotten while it stands in the way, and explains no axles."""
+    """Trains that say where they are, the newcomer not among them: of the roster, in the life that
+    it is for, and outside of the area. Another may be forgotten while it stands in the way, and
+    explains no axles."""
     at_rest: tuple[Standing, ...] = ()
     """Those of them that stood already where they are when sections were counted."""
     there: tuple[Standing, ...] = ()
@@ -151,10 +152,16 @@ def kept_free(
     ]
 
 
-def may_explain(report: TrainReport, roster: Collection[int], area: Area) -> bool:
-    """Whether its axles may explain what was counted near another train; see `Scene.standing`."""
+def may_explain(report: TrainReport, roster: Mapping[int, Record], area: Area) -> bool:
+    """Whether its axles may explain what was counted near another train; see `Scene.standing`.
+
+    The place on the roster of one that began anew is that of its former life: elsewhere than there
+    it may be forgotten like any other.
+    """
+    known = roster.get(report.source)
+    kept = known is not None and known.boot == report.boot
     outside = report.rear_min_m >= area.end_m or report.front_max_m <= area.start_m
-    return report.localised and (report.source in roster or outside)
+    return report.localised and (kept or outside)
 
 
 def standing_of(report: TrainReport) -> Standing:

@@ -51,7 +51,7 @@ class Former(NamedTuple):
 
 class Evidence(NamedTuple):
     sieved: bool
-    """It stands, and all axles around are those of trains that say they are there."""
+    """It stands, and all axles around are those of trains that say they stand there."""
     left: bool
     """All axles from where its foremost one would be up to the train ahead, or the end of the area,
     are of others at rest; or no axles are counted on this line, and its word is all there is."""
@@ -165,10 +165,11 @@ class Newborns:
         foremost_m = record.rear_m - config.behind_rear_m + SHORTEST_M - config.overhang_m
         from_m = max(foremost_m, scene.area.start_m)
         to_m = max(ahead_m, from_m + config.overhang_m)
-        there = scene._replace(at_rest=scene.there)
+        # Of what is there now it matters only whose it is, not who may be forgotten later.
+        there = scene._replace(standing=scene.there, at_rest=scene.there)
         evidence = Evidence(
             sieved=(
-                not is_over_border(report, scene) and is_sieved(report, scene, config.behind_axle_m)
+                not is_over_border(report, scene) and is_sieved(report, there, config.behind_axle_m)
             ),
             left=(
                 scene.counted is None

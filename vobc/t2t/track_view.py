@@ -64,7 +64,7 @@ def hidden_between(
     drift_m = way_m(ahead_ns - view.seen_ns)
     bar = Bar.SHUT
     found = unexplained(view.occupied, beyond_m=beyond_m, before_m=max(before_m - drift_m, then_m))
-    if found is None and drift_m > EXCUSED_M:
+    if found is None:
         bar = Bar.UNSURE
         found = unexplained(view.occupied, beyond_m=beyond_m, before_m=before_m - EXCUSED_M)
     return None if found is None else Stretch(found.start_m, found.end_m, bar)

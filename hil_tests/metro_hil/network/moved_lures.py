@@ -290,6 +290,44 @@ def set_before_one_that_is_lost(make: Make) -> None:
     scene.expect(f"into nothing that is closed: {end_m}", end_m == 1200.0)
 
 
+def kept_farther_on(make: Make) -> None:
+    """One is taken off while nobody commands, and set on again farther back, where it begins anew
+    and is driven on by hand; another comes onto the line behind it, into its section. The place on
+    the roster is still where it was before: when it is not heard any more, that keeps nobody off.
+    """
+    comes, away, commands = 1, 2, 4
+    fronts_m = {comes: 100.0, away: 380.0, commands: 1500.0}
+    scene = make(Plot(fronts_m, pieces=5, stops_m=sorted(fronts_m.values()), dwell_s=200.0))
+    behind = scene.world.trains[comes]
+    behind.on_line = behind.localised = False
+    for address in scene.others(comes):
+        scene.net.boot(address)
+    scene.until("all trains have authority", scene.all_held, within_s=20.0)
+    scene.world.t2t.closed = (SpeedRestriction(310.0, 700.0, 1.0),)
+    scene.net.kill(commands)
+    _take_off(scene, away)
+    train = scene.world.trains[away]
+    train.motion = Motion(scene.net.now_ns, 300.0, emergency_mps2=1.0)
+    train.on_line, train.localised = True, True
+    train.shunts, train.shunts_to_m = True, 370.0
+    scene.until("it moves", lambda: train.motion.speed_mps > 1.0, within_s=10.0)
+    behind.on_line = behind.localised = True
+    scene.net.boot(commands)
+    scene.until("it commands", lambda: scene.master() == commands, within_s=5.0)
+    for address in (away, comes):
+        scene.net.boot(address)
+    scene.run(1.0)
+    scene.lose(TrainReport, source=away)
+    scene.until("it is there", lambda: train.front_m > 365.0, within_s=120.0)
+    scene.stands(away)
+    train.shunts, train.shunts_to_m = False, math.inf
+    end_m = scene.end_m(comes)
+    scene.expect(f"the other is not let go: {end_m}", end_m is None)
+    scene.no_rules()
+    scene.world.t2t.closed = ()
+    scene.until("all trains have authority", scene.all_held, within_s=20.0)
+
+
 MOVED_LURES: Final[tuple[Scenario, ...]] = (
     Scenario("driven-off", 0, "one is driven off the line, and another hides", driven_off),
     Scenario(
@@ -300,6 +338,7 @@ MOVED_LURES: Final[tuple[Scenario, ...]] = (
     ),
     Scenario("passed-by-hand", 0, "one is moved past another by hand", passed_by_hand),
     Scenario("came-back-unheard", 0, "one that counters saw leave is set on", came_back_unheard),
+    Scenario("kept-farther-on", 0, "one was kept farther on than it is", kept_farther_on),
     Scenario("kept-long-ago", 0, "one is set on where the one ahead was once", kept_long_ago),
     Scenario(
         "lost-and-driven-on", 0, "one is set on where one was that is lost", lost_and_driven_on
