@@ -493,6 +493,13 @@ def test_who_says_that_it_is_ahead_is_ahead_whatever_its_place_on_the_roster(
     assert known.ahead_m(known.records[1], report(1, 0.0), known.records[2]) == ahead_m
 
 
+def test_no_train_is_ahead_of_itself_wherever_counters_saw_it_pass() -> None:
+    known = conclusions(report(1, 0.0))
+    known.records[1].rear_m = 400.0
+
+    assert known.ahead_m(known.records[1], report(1, 0.0), None) is None
+
+
 def test_before_the_foremost_train_there_is_none() -> None:
     known = conclusions(report(1, 900.0), report(2, 300.0))
 

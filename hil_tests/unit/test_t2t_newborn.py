@@ -8,35 +8,22 @@ import pytest
 
 from firmware_py.trackdb.areas import Area
 from hil_tests.unit.t2t_chair import MS, TERM, Chair, entry
+from hil_tests.unit.t2t_one_area import NOW_NS, OneArea, anew, report_at
 from hil_tests.unit.test_t2t_regressions import ROSTER, Command
 from metro_hil.network.crew import Cast
 from metro_hil.network.depot import Depot
 from metro_hil.network.drawing import draw, line_of_areas
 from metro_hil.network.line_world import LineWorld
 from metro_hil.network.world import Setting
-from vobc.t2t.admission import Scene
 from vobc.t2t.authority import Counted, Standing
-from vobc.t2t.conclusions import Conclusions
-from vobc.t2t.guards import MasterGuards
-from vobc.t2t.newborn import Evidence, Former, Neighbour, Newborns, Whereabouts, whereabouts
-from vobc.t2t.roster import Order
-from vobc.t2t.table import Record, TrainTable
+from vobc.t2t.newborn import Evidence, Former, Neighbour, Whereabouts, whereabouts
+from vobc.t2t.table import Record
 from vobc.t2t.train import TrainCore
 from vobc.t2t.vocabulary import OwnTrain, T2tConfig, TrainMemory
 from zenoh_config.t2t import AreaAuthority, RosterEntry, TrainReport
 
 NOTHING = Evidence(sieved=False, left=False, recent=False)
 BEHIND_M = 7.0
-
-
-def report_at(rear_m: float, *, train: int = 1, unsure_m: float = 4.0) -> TrainReport:
-    front_m = rear_m + 80.0
-    return TrainReport(
-        *(train, 65_535, 1, 5, 2, 1, 0, True, front_m, front_m + unsure_m, rear_m, rear_m, 0.0),
-        True,
-        *(front_m + unsure_m, front_m + unsure_m, front_m + unsure_m, 0, 0, False, 0, 0, 16),
-        *(False, 0, 0),
-    )
 
 
 def found(rear_m: float, evidence: Evidence = NOTHING, *behind: Record) -> Whereabouts:
@@ -125,72 +112,9 @@ def test_whoever_is_before_a_train_that_was_ahead_of_it_has_been_away(
     assert recent is (Whereabouts.UNSURE if gone else Whereabouts.IN_PLACE)
 
 
-NOW_NS = 60_000_000_000
 AREA_4 = Area(4, 0.0, 1000.0)
 ANEW = (1, 900.0)
 """The train that begins anew in what follows, where nothing else is said, and its former rear."""
-
-
-class OneArea:
-    """A master's area from 0 to 3000 m, behind another one where one is said to be before it."""
-
-    def __init__(
-        self,
-        *trains: tuple[int, float],
-        counted: tuple[Counted, ...] | None = None,
-        before: Area | None = None,
-        start_m: float = 0.0,
-        sieved: bool = False,
-    ) -> None:
-        self.order: Order = tuple([RosterEntry(train, at, sieved, 1) for train, at in trains])
-        self.known = Conclusions(5, TrainTable(), T2tConfig(), MasterGuards())
-        self.known.begin_with(self.order, 0)
-        self.newborns = Newborns(T2tConfig(), MasterGuards())
-        self._area, self._before, self._counted = Area(1, start_m, 3000.0), before, counted
-        self.at_rest: tuple[Standing, ...] = ()
-        self.strangers: tuple[Standing, ...] = ()
-        """Others that stand in the area, and may be forgotten."""
-
-    def heard_of_life_before(
-        self, train: int, *, age_ns: int, echo_ns: int = 0, localised: bool = True
-    ) -> None:
-        record = self.known.records[train]
-        former = report_at(record.rear_m, train=train)
-        former = dataclasses.replace(former, echo_ns=echo_ns, localised=localised)
-        record.hears(former, NOW_NS - age_ns, term=5, jog_m=5.0)
-
-    def hears(self, report: TrainReport, *, age_ns: int = 0) -> None:
-        self.newborns.hears(report, NOW_NS - age_ns)
-
-    def settles(self) -> tuple[Order, list[tuple[TrainReport, int]]]:
-        return self.newborns.settle(self.order, self._scene_of, self.known, NOW_NS)
-
-    def _scene_of(self, _: TrainReport) -> Scene:
-        scene = Scene(self._area, self._before, self.known.records, {}, self._counted, True, ())
-        there = (*self.at_rest, *self.strangers)
-        return scene._replace(at_rest=self.at_rest, there=there, line_m=(0.0, 4000.0))
-
-
-def anew(
-    rear_m: float,
-    *,
-    train: int = 1,
-    localised: bool = True,
-    standstill: bool = True,
-    comes_from: int = 0,
-    behind: int = 0,
-) -> TrainReport:
-    """Of the second life, with a front that is known to 4 m."""
-    return dataclasses.replace(
-        report_at(rear_m, train=train),
-        boot=2,
-        localised=localised,
-        standstill=standstill,
-        comes_from=comes_from,
-        behind=behind,
-        ready_nonce=40 + train,
-        echo_ns=NOW_NS,
-    )
 
 
 OCCUPIED = (Counted(0.0, 3000.0, True, 32),)
@@ -387,6 +311,34 @@ def test_that_a_train_left_is_seen_where_all_axles_are_of_one_that_waits_behind_
     _, gone = area.settles()
 
     assert bool(gone) is left
+
+
+def test_that_a_train_left_is_seen_also_where_the_next_one_is_kept_close_before_it() -> None:
+    area = OneArea((6, 902.0), ANEW, counted=CLEAR)
+    area.hears(anew(100.0))
+
+    assert area.settles() == (area.order[:1], [(anew(100.0), NOW_NS)])
+
+
+@pytest.mark.parametrize(("axles", "gone"), [(32, True), (48, False)])
+def test_that_a_train_is_elsewhere_is_seen_also_where_axles_beside_it_are_a_strangers(
+    axles: int, *, gone: bool
+) -> None:
+    """Where it was somebody else may be."""
+    beside = (Counted(0.0, 500.0, True, axles), Counted(500.0, 800.0, False, 0))
+    area = OneArea(ANEW, counted=(*beside, Counted(800.0, 3000.0, True, 16)))
+    area.strangers = (Standing(300.0, 384.0, 16),)
+    area.hears(anew(100.0))
+
+    assert [report for report, _ in area.settles()[1]] == ([anew(100.0)] if gone else [])
+
+
+def test_of_one_that_fell_silent_nothing_is_kept_that_it_told_anew() -> None:
+    area = OneArea((6, 1500.0), ANEW)
+    area.hears(anew(900.0), age_ns=500_000_001)
+
+    assert area.settles() == (area.order, [])
+    assert area.newborns.told() == []
 
 
 @pytest.mark.parametrize(("axles", "left"), [(16, True), (32, False)])

@@ -1,0 +1,88 @@
+"""A master's area in which trains of its roster begin anew."""
+
+import dataclasses
+
+from firmware_py.trackdb.areas import Area
+from vobc.t2t.admission import Scene
+from vobc.t2t.authority import Counted, Standing
+from vobc.t2t.conclusions import Conclusions
+from vobc.t2t.guards import MasterGuards
+from vobc.t2t.newborn import Newborns
+from vobc.t2t.roster import Order
+from vobc.t2t.table import TrainTable
+from vobc.t2t.vocabulary import T2tConfig
+from zenoh_config.t2t import RosterEntry, TrainReport
+
+NOW_NS = 60_000_000_000
+
+
+def report_at(rear_m: float, *, train: int = 1, unsure_m: float = 4.0) -> TrainReport:
+    front_m = rear_m + 80.0
+    return TrainReport(
+        *(train, 65_535, 1, 5, 2, 1, 0, True, front_m, front_m + unsure_m, rear_m, rear_m, 0.0),
+        True,
+        *(front_m + unsure_m, front_m + unsure_m, front_m + unsure_m, 0, 0, False, 0, 0, 16),
+        *(False, 0, 0),
+    )
+
+
+class OneArea:
+    """A master's area from 0 to 3000 m, behind another one where one is said to be before it."""
+
+    def __init__(
+        self,
+        *trains: tuple[int, float],
+        counted: tuple[Counted, ...] | None = None,
+        before: Area | None = None,
+        start_m: float = 0.0,
+        sieved: bool = False,
+    ) -> None:
+        self.order: Order = tuple([RosterEntry(train, at, sieved, 1) for train, at in trains])
+        self.known = Conclusions(5, TrainTable(), T2tConfig(), MasterGuards())
+        self.known.begin_with(self.order, 0)
+        self.newborns = Newborns(T2tConfig(), MasterGuards())
+        self._area, self._before, self._counted = Area(1, start_m, 3000.0), before, counted
+        self.at_rest: tuple[Standing, ...] = ()
+        self.strangers: tuple[Standing, ...] = ()
+        """Others that stand in the area, and may be forgotten."""
+
+    def heard_of_life_before(
+        self, train: int, *, age_ns: int, echo_ns: int = 0, localised: bool = True
+    ) -> None:
+        record = self.known.records[train]
+        former = report_at(record.rear_m, train=train)
+        former = dataclasses.replace(former, echo_ns=echo_ns, localised=localised)
+        record.hears(former, NOW_NS - age_ns, term=5, jog_m=5.0)
+
+    def hears(self, report: TrainReport, *, age_ns: int = 0) -> None:
+        self.newborns.hears(report, NOW_NS - age_ns)
+
+    def settles(self) -> tuple[Order, list[tuple[TrainReport, int]]]:
+        return self.newborns.settle(self.order, self._scene_of, self.known, NOW_NS)
+
+    def _scene_of(self, _: TrainReport) -> Scene:
+        scene = Scene(self._area, self._before, self.known.records, {}, self._counted, True, ())
+        there = (*self.at_rest, *self.strangers)
+        return scene._replace(at_rest=self.at_rest, there=there, line_m=(0.0, 4000.0))
+
+
+def anew(
+    rear_m: float,
+    *,
+    train: int = 1,
+    localised: bool = True,
+    standstill: bool = True,
+    comes_from: int = 0,
+    behind: int = 0,
+) -> TrainReport:
+    """Of the second life, with a front that is known to 4 m."""
+    return dataclasses.replace(
+        report_at(rear_m, train=train),
+        boot=2,
+        localised=localised,
+        standstill=standstill,
+        comes_from=comes_from,
+        behind=behind,
+        ready_nonce=40 + train,
+        echo_ns=NOW_NS,
+    )
