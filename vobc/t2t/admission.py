@@ -155,8 +155,8 @@ def kept_free(
 def may_explain(report: TrainReport, roster: Mapping[int, Record], area: Area) -> bool:
     """Whether its axles may explain what was counted near another train; see `Scene.standing`.
 
-    The place on the roster of one that began anew is that of its former life: elsewhere than there
-    it may be forgotten like any other.
+    Until it is renewed, the place on the roster of one that began anew is that of its former life:
+    elsewhere than there it may be forgotten like any other.
     """
     known = roster.get(report.source)
     kept = known is not None and known.boot == report.boot
