@@ -41,7 +41,8 @@ class OneArea:
         self.known = Conclusions(5, TrainTable(), T2tConfig(), MasterGuards())
         self.known.begin_with(self.order, 0)
         self.newborns = Newborns(T2tConfig(), MasterGuards())
-        self._area, self._before, self._counted = Area(1, start_m, 3000.0), before, counted
+        self._area, self._before, self.counted = Area(1, start_m, 3000.0), before, counted
+        self.reserved_m: dict[int, float] = {}
         self.at_rest: tuple[Standing, ...] = ()
         self.strangers: tuple[Standing, ...] = ()
         """Others that stand in the area, and may be forgotten."""
@@ -61,9 +62,10 @@ class OneArea:
         return self.newborns.settle(self.order, self._scene_of, self.known, NOW_NS)
 
     def _scene_of(self, _: TrainReport) -> Scene:
-        scene = Scene(self._area, self._before, self.known.records, {}, self._counted, True, ())
+        scene = Scene(self._area, self._before, self.known.records, {}, self.counted, True, ())
         there = (*self.at_rest, *self.strangers)
-        return scene._replace(at_rest=self.at_rest, there=there, line_m=(0.0, 4000.0))
+        scene = scene._replace(at_rest=self.at_rest, there=there, line_m=(0.0, 4000.0))
+        return scene._replace(reserved_m=self.reserved_m)
 
 
 def anew(

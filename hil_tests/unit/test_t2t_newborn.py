@@ -204,21 +204,6 @@ def test_one_that_is_lost_or_that_only_arbiters_kept_may_have_gone_on(*, kept_on
     assert area.settles() == (area.order, [])
 
 
-@pytest.mark.parametrize(("told_m", "left"), [(700.0, [1, 7]), (815.9, [6, 7]), (816.0, [6, 1, 7])])
-def test_of_two_that_begin_anew_one_can_have_been_passed_where_it_says_that_it_is(
-    told_m: float, left: list[int]
-) -> None:
-    """The first of them that finds so is off the roster, and applies at its place."""
-    area = OneArea((6, 700.0), (1, 500.0), (7, 50.0))
-    area.hears(anew(told_m, train=6))
-    area.hears(BEYOND)
-
-    order, _ = area.settles()
-
-    assert [entry.train for entry in order] == left
-    assert {entry.boot for entry in order} == {1}
-
-
 @pytest.mark.parametrize(("age_ns", "renewed"), [(500_000_000, True), (500_000_001, False)])
 def test_what_a_train_told_too_long_ago_settles_nothing(age_ns: int, *, renewed: bool) -> None:
     """However late that came."""
@@ -442,13 +427,17 @@ def test_where_a_train_behind_is_counts_only_if_it_said_so_lately_and_knows_it()
     assert settled(anew(900.0, train=2, localised=False)) == [1, 1]
 
 
-@pytest.mark.parametrize(("rear_m", "kept_m"), [(1984.1, 400.0), (900.0, 1984.1)])
-def test_a_train_behind_that_is_ahead_by_either_of_its_lives_shows_that_one_was_away(
-    rear_m: float, kept_m: float
-) -> None:
-    """By its new word, or by where it was seen before. The front is at 1984 m at most."""
-    assert settled(anew(rear_m - 0.1, train=2), kept_m=kept_m - 0.1)[0] == 2
-    assert settled(anew(rear_m, train=2), kept_m=kept_m)[0] == 1
+def test_a_train_behind_that_was_seen_ahead_before_shows_that_one_was_away() -> None:
+    """The front is at 1984 m at most."""
+    assert settled(anew(900.0, train=2), kept_m=1984.1)[0] == 1
+    assert settled(anew(890.0, train=2), kept_m=890.0)[0] == 2
+
+
+def test_a_train_is_in_its_place_only_before_all_behind_it_that_began_anew() -> None:
+    """The rear of such a one is unsure by 4 m."""
+    assert settled(anew(1895.9, train=2), kept_m=400.0)[0] == 2
+    assert settled(anew(1896.0, train=2), kept_m=400.0)[0] == 1
+    assert settled(anew(1984.1, train=2), kept_m=400.0)[0] == 1
 
 
 def test_trains_ahead_say_nothing_of_whether_a_train_has_been_away() -> None:

@@ -9,7 +9,15 @@ import enum
 from collections.abc import Callable, Sequence
 from typing import Final, NamedTuple
 
-from vobc.t2t.admission import Scene, are_known, is_over_border, is_sieved, line_of
+from vobc.t2t.admission import (
+    Scene,
+    Waiting,
+    admitted,
+    are_known,
+    is_over_border,
+    is_sieved,
+    line_of,
+)
 from vobc.t2t.conclusions import Conclusions
 from vobc.t2t.guards import MasterGuards
 from vobc.t2t.roster import Order
@@ -28,6 +36,8 @@ class Whereabouts(enum.Enum):
     GONE = "gone"
     UNSURE = "unsure"
     """It keeps its place on the roster, as an obstacle, and gets nothing."""
+    BEFORE = "before"
+    """It is before one that was ahead of it and began anew, too: nobody knows which was away."""
 
 
 class Neighbour(NamedTuple):
@@ -39,6 +49,17 @@ class Neighbour(NamedTuple):
     """Where it is, in the life that arbiters kept, or lately in a new one."""
     rear_max_m: float = UNBOUNDED_M
     """Its rear has come no farther yet; by default nobody knows."""
+    anew_m: tuple[float, float] | None = None
+    """Where its rear is at least and at most by what it tells of a new life, if it may be that it
+    has not been away: of two that began anew and changed places nobody knows which was."""
+
+    @property
+    def told_m(self) -> float:
+        return self.rear_m if self.anew_m is None else max(self.rear_m, self.anew_m[0])
+
+    def is_behind(self, rear_m: float) -> bool:
+        """By what it tells of a new life."""
+        return self.anew_m is not None and self.anew_m[1] < rear_m
 
 
 class Former(NamedTuple):
@@ -69,11 +90,18 @@ def whereabouts(
     if gone_back or overtaken or overtakes:
         # A word may be of somebody else by the same name; what is counted on the track is not.
         return Whereabouts.GONE if evidence.sieved or evidence.left else Whereabouts.UNSURE
-    # What is known of one ahead may be old: it has gone on since, or was passed.
-    passed = any(each.rear_m < report.front_max_m for each in former.ahead)
+    if evidence.recent:
+        return Whereabouts.IN_PLACE
     unheard = not all(each.heard for each in former.behind)
-    unsure = not evidence.recent and (passed or unheard)
-    return Whereabouts.UNSURE if unsure else Whereabouts.IN_PLACE
+    anew = [each for each in former.behind if each.anew_m is not None]
+    changed = not all(each.is_behind(report.rear_min_m) for each in anew)
+    # What is known of one ahead may be old: it has gone on since, or was passed.
+    passed = [each for each in former.ahead if each.told_m < report.front_max_m]
+    if changed or unheard or not all(each.is_behind(report.rear_min_m) for each in passed):
+        return Whereabouts.UNSURE
+    if not passed:
+        return Whereabouts.IN_PLACE
+    return Whereabouts.BEFORE if evidence.sieved or evidence.left else Whereabouts.UNSURE
 
 
 class Newborns:
@@ -125,6 +153,16 @@ class Newborns:
             before = [self._neighbour(each, known, now_ns) for each in settled]
             life = Former(former, behind, before)
             found = self._find(ahead, life, report, scene, recent=recent)
+            if found is Whereabouts.BEFORE:
+                # Whichever was away: on the roster it is, where it stands, or where it was.
+                rest = (*settled, *followers)
+                result = admitted(rest, report, scene, self._config, self._guards)
+                if not isinstance(result, Waiting):
+                    settled = list(result[: len(result) - len(followers)])
+                    del self._told[entry.train]
+                    known.reborn(report, heard_ns)
+                    continue
+                found = Whereabouts.UNSURE
             if found is Whereabouts.UNSURE:
                 settled.append(entry)
                 continue
@@ -144,17 +182,18 @@ class Newborns:
         that arbiters kept counted. No train passes another: where they are is their order.
         """
         record = known.records[entry.train]
-        if record.report is not None:
-            placed = known.is_placed(record, now_ns)
-            rear_max_m = known.rear_max_m(record.report, now_ns) if placed else UNBOUNDED_M
-            return Neighbour(record.rear_m, heard=True, rear_max_m=rear_max_m)
         report, _ = self._told.get(entry.train, (None, now_ns))
+        if report is None and record.report is not None:
+            placed = known.is_placed(record, now_ns)
+            farthest_m = known.rear_max_m(record.report, now_ns) if placed else UNBOUNDED_M
+            return Neighbour(record.rear_m, heard=True, rear_max_m=farthest_m)
         if report is None or not report.localised or not known.is_recent(report, now_ns):
             return Neighbour(record.rear_m, heard=False)
-        rear_m = max(record.rear_m, report.rear_min_m)
-        # One that came back elsewhere was passed by nobody: what it told is for its own entry.
-        rear_max_m = max(rear_m, known.rear_max_m(report, now_ns))
-        return Neighbour(rear_m, heard=True, rear_max_m=rear_max_m)
+        if rear_max_m(report) < record.rear_m - self._config.behind_rear_m:
+            # It came back elsewhere, and was passed by nobody: that is for its own entry.
+            return Neighbour(record.rear_m, heard=True)
+        anew_m = report.rear_min_m, known.rear_max_m(report, now_ns)
+        return Neighbour(record.rear_m, heard=True, anew_m=anew_m)
 
     def _find(
         self, ahead: int, former: Former, report: TrainReport, scene: Scene, *, recent: bool
