@@ -20,6 +20,9 @@ NS_PER_S: Final = 1_000_000_000
 SLOW_MPS: Final = 4.0
 ALL_CLEAR_NS: Final = (0, 4 * NS_PER_S, 9 * NS_PER_S)
 """Not all hear it the first time: a process may stand for 8 s yet."""
+APART_NS: Final = 300_000_000
+"""Between what is said of one train and of the next: of many orders at once the first are overtaken
+by others, and count as old."""
 
 
 Thing = tuple[str, Callable[[], object]]
@@ -97,10 +100,16 @@ class Mischief:
                 seen_gone(self.world, train)
 
     def _all_clear(self, _: object) -> None:
-        for train in self.world.trains:
+        for place, train in enumerate(self.world.trains):
+            self._clears(train, place * APART_NS)
+
+    def _clears(self, train: int, wait_ns: int) -> None:
+        def says(_: object) -> None:
             self._order(OrderKind.GO, train, left=20)
             if self.world.drawn.ordered:
                 self._order(OrderKind.IN_SERVICE, train, left=20)
+
+        self.world.net.at(self.world.net.now_ns + wait_ns, says)
 
     def _strike(self, _: object) -> None:
         if self._over:

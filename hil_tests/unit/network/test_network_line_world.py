@@ -144,6 +144,20 @@ def test_when_all_is_over_supervision_sees_who_is_not_in_an_area_any_more() -> N
     assert {(each.area, each.train) for each in line.t2t.orders if each.kind is None} == {(1, 2)}
 
 
+def test_when_all_is_over_orders_for_one_train_after_the_other_are_given() -> None:
+    """In seed 278683 one was overtaken 60 times by others of the same instant."""
+    line = Scene(Plot({1: 100.0, 2: 2300.0, 3: 900.0}, areas=2)).world
+    Mischief(line, seed=1).calm()
+    given = list[set[int]]()
+    for _ in range(3):
+        line.net.run(line.net.now_ns + 200_000_000)
+        given.append({each.train for each in line.t2t.orders})
+        line.t2t.orders = []
+        line.net.run(line.net.now_ns + 100_000_000)
+
+    assert given == [{1}, {2}, {3}]
+
+
 def test_into_a_closed_stretch_nobody_is_let(monkeypatch: pytest.MonkeyPatch) -> None:
     line = closed_in_front_of(590.0, monkeypatch)
 
