@@ -62,10 +62,9 @@ class OneArea:
         return self.newborns.settle(self.order, self._scene_of, self.known, NOW_NS)
 
     def _scene_of(self, _: TrainReport) -> Scene:
-        scene = Scene(self._area, self._before, self.known.records, {}, self.counted, True, ())
-        there = (*self.at_rest, *self.strangers)
-        scene = scene._replace(at_rest=self.at_rest, there=there, line_m=(0.0, 4000.0))
-        return scene._replace(reserved_m=self.reserved_m)
+        records, there = self.known.records, (*self.at_rest, *self.strangers)
+        scene = Scene(self._area, self._before, records, self.reserved_m, self.counted, True, ())
+        return scene._replace(at_rest=self.at_rest, there=there, line_m=(0.0, 4000.0))
 
 
 def anew(
@@ -88,3 +87,7 @@ def anew(
         ready_nonce=40 + train,
         echo_ns=NOW_NS,
     )
+
+
+BEYOND = anew(820.0)
+"""Before the one that was ahead of it, from 700 m to 780 m."""

@@ -2,11 +2,9 @@
 
 import pytest
 
-from hil_tests.unit.t2t_one_area import OneArea, anew
+from hil_tests.unit.t2t_one_area import BEYOND, OneArea, anew
 from vobc.t2t.authority import Counted, Standing
 
-BEYOND = anew(820.0)
-"""Before the one that was ahead of it, from 700 m to 780 m."""
 PASSED_M = 815.9
 """Of a rear that surely is behind `BEYOND`, within the 4 m that it is unsure of."""
 TWO = ((6, 700.0), (1, 500.0))

@@ -8,7 +8,7 @@ import pytest
 
 from firmware_py.trackdb.areas import Area
 from hil_tests.unit.t2t_chair import MS, TERM, Chair, entry
-from hil_tests.unit.t2t_one_area import NOW_NS, OneArea, anew, report_at
+from hil_tests.unit.t2t_one_area import BEYOND, NOW_NS, OneArea, anew, report_at
 from hil_tests.unit.test_t2t_regressions import ROSTER, Command
 from metro_hil.network.crew import Cast
 from metro_hil.network.depot import Depot
@@ -156,10 +156,6 @@ def test_a_train_that_is_where_it_was_is_renewed_in_its_place_and_begins_with_no
     record = area.known.records[1]
     assert (record.boot, record.rear_m, record.heard_ns) == (2, 898.0, NOW_NS - 20)
     assert record.sent == []
-
-
-BEYOND = anew(820.0)
-"""Before the one that was ahead of it, from 700 m to 780 m."""
 
 
 @pytest.mark.parametrize(

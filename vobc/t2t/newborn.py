@@ -84,7 +84,7 @@ def whereabouts(
     former: Former, report: TrainReport, evidence: Evidence, *, behind_rear_m: float
 ) -> Whereabouts:
     """The report is of the new life, and knows its place."""
-    gone_back = rear_max_m(report) < former.record.rear_m - behind_rear_m
+    gone_back = _is_farther_back(report, former.record, behind_rear_m)
     overtaken = any(each.rear_m > report.front_max_m for each in former.behind)
     overtakes = any(each.rear_max_m < report.rear_min_m for each in former.ahead)
     if gone_back or overtaken or overtakes:
@@ -102,6 +102,11 @@ def whereabouts(
     if not passed:
         return Whereabouts.IN_PLACE
     return Whereabouts.BEFORE if evidence.sieved or evidence.left else Whereabouts.UNSURE
+
+
+def _is_farther_back(report: TrainReport, record: Record, behind_rear_m: float) -> bool:
+    """Than it can have rolled or jogged from where it was."""
+    return rear_max_m(report) < record.rear_m - behind_rear_m
 
 
 class Newborns:
@@ -189,7 +194,7 @@ class Newborns:
             return Neighbour(record.rear_m, heard=True, rear_max_m=farthest_m)
         if report is None or not report.localised or not known.is_recent(report, now_ns):
             return Neighbour(record.rear_m, heard=False)
-        if rear_max_m(report) < record.rear_m - self._config.behind_rear_m:
+        if _is_farther_back(report, record, self._config.behind_rear_m):
             # It came back elsewhere, and was passed by nobody: that is for its own entry.
             return Neighbour(record.rear_m, heard=True)
         anew_m = report.rear_min_m, known.rear_max_m(report, now_ns)
