@@ -2,8 +2,10 @@
 
 import pytest
 
-from hil_tests.unit.t2t_one_area import BEYOND, OneArea, anew
+from hil_tests.unit.t2t_one_area import BEYOND, OneArea, anew, report_at
 from vobc.t2t.authority import Counted, Standing
+from vobc.t2t.newborn import Evidence, Former, Neighbour, Whereabouts, whereabouts
+from vobc.t2t.table import Record
 
 PASSED_M = 815.9
 """Of a rear that surely is behind `BEYOND`, within the 4 m that it is unsure of."""
@@ -99,3 +101,38 @@ def test_one_that_came_back_elsewhere_was_passed_by_nobody(told_m: float) -> Non
     order, _ = area.settles()
 
     assert (1, 1) in [(entry.train, entry.boot) for entry in order]
+
+
+def test_a_train_need_not_wait_for_one_behind_it_that_came_back_farther_back() -> None:
+    area = OneArea((1, 900.0), (2, 700.0))
+    area.hears(anew(900.0))
+    area.hears(anew(200.0, train=2))
+
+    order, _ = area.settles()
+
+    assert [(entry.train, entry.boot) for entry in order] == [(1, 2)]
+
+
+@pytest.mark.parametrize(
+    ("anew_m", "found"),
+    [
+        ((1084.0, 1090.0), Whereabouts.IN_PLACE),
+        ((1083.9, 1090.0), Whereabouts.UNSURE),
+        ((990.0, 1000.0), Whereabouts.UNSURE),
+        ((990.0, 999.9), Whereabouts.BEFORE),
+    ],
+)
+def test_where_one_ahead_is_counts_by_what_it_tells_anew(
+    anew_m: tuple[float, float], found: Whereabouts
+) -> None:
+    """The train is from 1000 m to 1084 m, and gets another place only where its axles are seen."""
+    former = Former(Record(1, 900.0, 0, boot=1), (), [Neighbour(950.0, heard=True, anew_m=anew_m)])
+
+    def judged(evidence: Evidence) -> Whereabouts:
+        return whereabouts(former, report_at(1000.0), evidence, behind_rear_m=7.0)
+
+    unseen = Whereabouts.UNSURE if found is Whereabouts.BEFORE else found
+    assert judged(Evidence(sieved=False, left=False, recent=False)) is unseen
+    assert judged(Evidence(sieved=True, left=False, recent=False)) is found
+    assert judged(Evidence(sieved=False, left=True, recent=False)) is found
+    assert judged(Evidence(sieved=False, left=False, recent=True)) is Whereabouts.IN_PLACE
