@@ -47,7 +47,9 @@ def find(name: str, package: str) -> Path:
         return Path(name)
     shipped = shipped_names(package)
     if name not in shipped:
-        raise SettingsError(f"{name}: {nearest(name, shipped, 'shipped name')}")
+        is_there = os.path.exists(name)  # noqa: PTH110 - no error for a name that no file can have
+        there = "is there, but is no .toml file; " if is_there else ""
+        raise SettingsError(f"{name}: {there}{nearest(name, shipped, 'shipped name')}")
     return Path(str(resources.files(package) / f"{name}.toml"))
 
 

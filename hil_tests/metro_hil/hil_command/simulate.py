@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from metro_hil.engine.errors import UsageError
+from metro_hil.engine.errors import EngineError, UsageError
 from metro_hil.hil_command.working import number
 from metro_hil.options import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_OK
 
@@ -119,12 +119,19 @@ def _run(
         for result in results:
             total.add(result)
             if journal:
-                journal.append(result)
+                _keep(result, journal)
             if not options.json:
                 _tell_broken(result, job)
             if sys.stderr.isatty():
                 hours = total.train_s / S_PER_H
                 print(f"\r{total.runs} seeds, {hours:.1f} train hours", end="", file=sys.stderr)
+
+
+def _keep(result: "RunResult", journal: "Journal") -> None:
+    try:
+        journal.append(result)
+    except OSError as error:
+        raise EngineError(f"seed {result.seed}: --journal: {error.strerror}") from error
 
 
 def _journal(options: argparse.Namespace) -> "Journal | None":
@@ -134,8 +141,10 @@ def _journal(options: argparse.Namespace) -> "Journal | None":
         return None
     try:
         return Journal(Path(options.journal))
-    except (OSError, ValueError) as error:
-        raise UsageError(f"--journal: {error}") from error
+    except OSError as error:
+        raise UsageError(f"--journal {options.journal}: {error.strerror}") from error
+    except ValueError as error:
+        raise UsageError(f"--journal {error}") from error
 
 
 def _wanted(options: argparse.Namespace, total: "Total") -> Iterator[int]:

@@ -18,6 +18,8 @@ from metro_hil.network.run import RunResult
 NS_PER_S: Final = 1_000_000_000
 AHEAD: Final = 2
 """So many seeds for each process wait for their turn: enough that none is idle."""
+BEGINNING: Final = b'{"seed": '
+"""Of each line of a journal."""
 
 
 def cpu_ns() -> int:
@@ -127,18 +129,18 @@ def as_table(result: "RunResult | Total") -> dict[str, Any]:
 
 def _read(path: Path) -> Iterator[RunResult]:
     names = {each.name for each in fields(RunResult)}
-    text = path.read_text(encoding="utf-8")
-    if not text.endswith("\n"):
-        # A killed program had not finished its last line.
-        text = text[: text.rfind("\n") + 1]
-        path.write_text(text, encoding="utf-8")
-    for number, line in enumerate(text.splitlines(), 1):
+    *whole, torn = path.read_bytes().split(b"\n")
+    for number, line in enumerate([*whole, torn] if torn else whole, 1):
+        if number > len(whole) and (line.startswith(BEGINNING) or BEGINNING.startswith(line)):
+            # A killed program had not finished its last line.
+            os.truncate(path, path.stat().st_size - len(line))
+            break
         try:
             told: dict[str, Any] = json.loads(line)
-            if set(told) != names:
-                raise ValueError(f"has not the fields of a result: {sorted(set(told) ^ names)}")
-        except ValueError as error:
-            raise ValueError(f"{path}:{number}: {error}") from None
+        except ValueError:
+            raise ValueError(f"{path}:{number}: is no result of a seed: {line[:40]!a}") from None
+        if not isinstance(told, dict) or set(told) != names:
+            raise ValueError(f"{path}:{number}: has not the fields of a result: {line[:40]!a}")
         for name in ("faults", "looked", "covered", "messages"):
             told[name] = Counter(told[name])
         yield RunResult(**told)

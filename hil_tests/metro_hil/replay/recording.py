@@ -124,7 +124,7 @@ class _Reader:
             raise
         except (ValueError, IndexError):
             shown = line if len(line) <= 60 else f"{line[:57]}..."
-            raise self._error(f"damaged: {shown!r}") from None
+            raise self._error(f"damaged: {shown!a}") from None
 
     def _record(self, words: list[str], line: str) -> None:
         if self.ended:

@@ -155,6 +155,36 @@ def test_a_journal_spares_what_it_has_and_forgives_a_torn_last_line(tmp_path: Pa
     assert total.events > 0
 
 
+@pytest.mark.parametrize("kept", [b"first\nsecond", b"{}\n", b"[]", b"\xff\x00\n", b'{"seed"=1'])
+def test_a_file_that_is_no_journal_is_refused_and_left_as_it_is(
+    kept: bytes, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "notes.txt"
+    path.write_bytes(kept)
+
+    code = main(["simulate", "--seed", "3", "--minutes", "0.05", "--journal", str(path)])
+
+    assert code == 2
+    assert f"hil: --journal {path}:1: " in capsys.readouterr().err
+    assert path.read_bytes() == kept
+
+
+def test_a_journal_that_cannot_be_written_is_said_with_the_seed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def full(journal: Journal, result: RunResult) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Journal, "append", full)
+
+    code = main(
+        ["simulate", "--seed", "3", "--minutes", "0.05", "--journal", str(tmp_path / "j.jsonl")]
+    )
+
+    assert code == 3
+    assert "seed 3: --journal: No space left on device" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("words", "complaint"),
     [
@@ -162,7 +192,8 @@ def test_a_journal_spares_what_it_has_and_forgives_a_torn_last_line(tmp_path: Pa
         (["--seeds", "x"], "A..B"),
         (["--minutes", "-1"], "not more than 0"),
         (["--trace", "--workers", "2"], "takes one worker"),
-        (["--journal", "/proc/nowhere/x"], "--journal"),
+        (["--journal", "/proc/nowhere/x"], "--journal /proc/nowhere/x: No such file"),
+        (["--journal", "/proc"], "--journal /proc: Is a directory"),
         (["--timers", "B", "--seed", "1"], "seed 1 has drawn the others"),
         (["--timers", "B", "--protocol", "paper"], "the paper's rules have none"),
     ],
