@@ -1,4 +1,4 @@
-"""Trains that are driven by hand, on sight, up to the section of the next one.
+"""Trains that are driven by hand, on sight, up to before the section of the next one.
 
 The track is closed before, from the train on: a master may not let it go meanwhile. Its controller
 runs and knows where it is, or has lost its place, or is switched off and the train is towed.
@@ -19,7 +19,8 @@ NS_PER_S: Final = 1_000_000_000
 LEAST_M: Final = 5.0
 MOST_M: Final = 400.0
 APART_M: Final = 20.0
-"""Not nearer to the section of the next train, to an object, or to the end of the line."""
+"""Not nearer to the section of the next train, to an object, or to the end of the line; and so far
+behind the next train begins what counts as its own, as it knows its place no better."""
 DEAD_S: Final = (0.0, 30.0)
 OPENED_S: Final = (0.0, 10.0)
 
@@ -75,10 +76,11 @@ class ByHand:
         return train.front_m + (min(room_m, MOST_M) if room_m >= LEAST_M else 0.0)
 
     def _before_m(self, ahead: TrueTrain) -> float:
-        """The section that another stands in or may come back to: counters do not tell the two
-        apart in there, and whoever comes up behind may not know of the one that is driven.
+        """The section that another stands in, may come back to, or may believe that it is in:
+        counters do not tell the two apart in there, and whoever comes up behind may not know of the
+        one that is driven.
         """
-        hindmost_m = self.world.checker.hindmost_m(ahead)
+        hindmost_m = min(self.world.checker.hindmost_m(ahead), ahead.rear_m - APART_M)
         sections = self.world.drawn.cast.line.sections
         return max([e.start_m for e in sections if e.start_m <= hindmost_m], default=-math.inf)
 
