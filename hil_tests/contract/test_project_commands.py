@@ -111,6 +111,29 @@ def test_a_wrong_command_would_be_found() -> None:
 
 @pytest.mark.parametrize(
     "words",
+    [*([str(BIN / name)] for name in sorted(SCRIPTS)), ["-m", "vobc"], ["-m", "plant_emulator"]],
+    ids=lambda words: "_".join(Path(word).name for word in words),
+)
+def test_a_word_that_is_no_text_is_refused_in_a_line(words: list[str]) -> None:
+    """No report or configuration could name such a file."""
+    done = subprocess.run(
+        [sys.executable, *words, "run", b"--out=a\xff"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=SECONDS,
+        check=False,
+    )
+
+    assert done.returncode == 2
+    assert done.stderr.splitlines() == [
+        f"{Path(words[-1]).name.removesuffix('_emulator')}: '--out=a\\udcff': not UTF-8; "
+        "give that file another name"
+    ]
+
+
+@pytest.mark.parametrize(
+    "words",
     [
         *([str(BIN / name)] for name in sorted(SCRIPTS)),
         ["-m", "vobc"],

@@ -11,6 +11,7 @@ from firmware_py.clock import WallClock
 from firmware_py.radio.credentials import load_credentials
 from firmware_py.settings import SettingsError
 from firmware_py.trackdb import LineMap
+from firmware_py.words import words_of
 from metro_hil.children import ChildError
 from metro_hil.columns import LogError, read_columns
 from metro_hil.comfort import comfort_of, inertia_of
@@ -50,7 +51,7 @@ from zenoh_config.secured import train_name
 def main(argv: Sequence[str] | None = None) -> int:
     """The console script `vobc`. Whatever the user got wrong is one line, never a traceback."""
     require_assertions("vobc")
-    words = sys.argv[1:] if argv is None else argv
+    words = words_of("vobc", argv)
     if words[:1] == ["explain"]:
         from metro_hil.explain import command as explain
 

@@ -313,7 +313,9 @@ def test_mistakes_are_told_in_a_line(log: Path, capsys: pytest.CaptureFixture[st
     assert "direction has no value AUTO" in error(
         capsys, "show", log, "--where", "direction == AUTO"
     )
-    assert "zz: no identifier" in error(capsys, "show", log, "--id", "zz")
+    for text in ("zz", "-1", "+1", "1_0", " 1", "1xx", "x", ""):
+        assert f"{text}: no identifier" in error(capsys, "show", log, f"--id={text}")
+    assert "20000000: no identifier has more" in error(capsys, "show", log, "--id", "20000000")
     assert "is no run folder" in error(capsys, "show", log, "--around", "x")
     assert "--speed 0.0: has to be positive" in error(
         capsys, "replay", log, "--bus", "embedded:v", "--speed", 0
@@ -338,6 +340,8 @@ def test_every_verb_says_what_it_is_for(capsys: pytest.CaptureFixture[str]) -> N
         (("show", "--utc-offset-s", "1e3"), "'1e3' is no offset within a day"),
         (("plot", "--from", "x"), "'x' is no number of seconds of a log"),
         (("stats", "--baudrate", "-5"), "'-5' is no whole number from 0 on"),
+        (("stats", "--baudrate", "1000000000001"), "1000000000001 is more than 1000000000000"),
+        (("show", "--limit", 20 * "9"), "99999999999999999999 is more than 1000000000000"),
     ],
 )
 def test_numbers_that_are_none_are_refused(

@@ -25,6 +25,7 @@ from firmware_py.realtime import collect_garbage, die_with_parent, enter_realtim
 from firmware_py.recorder import LineLog, RecorderError
 from firmware_py.settings import SettingsError, shipped_names
 from firmware_py.tag_reader.serial_line import SerialError
+from firmware_py.words import words_of
 from plant_emulator.cli.bus_choice import chosen_bus
 from plant_emulator.cli.desk_command import attend
 from plant_emulator.cli.feed_sender import FeedSender
@@ -54,7 +55,7 @@ GARBAGE_MS: Final = 10_000.0
 def main(argv: Sequence[str] | None = None) -> int:
     """Whatever the user got wrong is one line, never a traceback."""
     require_assertions("plant")
-    words = list(sys.argv[1:] if argv is None else argv)
+    words = words_of("plant", argv)
     if words[:1] == ["run"] and "--wayside" in words:
         words.remove("--wayside")
         words[0] = "wayside"

@@ -2,7 +2,6 @@
 
 import argparse
 import json
-import sys
 import traceback
 from collections.abc import Sequence
 from contextlib import ExitStack
@@ -30,6 +29,7 @@ from firmware_py.recorder import LineLog, RadioLog, RecorderError, SerialLog
 from firmware_py.settings import SettingsError
 from firmware_py.tag_reader.recorded_line import RecordedLine
 from firmware_py.watchdog import ProcessWatchdog
+from firmware_py.words import words_of
 from vobc.cli import grant
 from vobc.cli.host import (
     EXIT_ENVIRONMENT,
@@ -58,7 +58,7 @@ GARBAGE_MS: Final = 1000.0
 def main(argv: Sequence[str] | None = None) -> int:
     """Parse, check, run; whatever the user got wrong is one line."""
     require_assertions("vobc")
-    words = sys.argv[1:] if argv is None else argv
+    words = words_of("vobc", argv)
     if words[:1] == ["grant"]:
         return grant.main(words[1:])
     options = parser().parse_args(words)

@@ -10,6 +10,7 @@ from typing import Final
 
 from firmware_py.assertions import require_assertions
 from firmware_py.settings import SettingsError
+from firmware_py.words import words_of
 from metro_hil.engine.errors import EngineError, UsageError
 from metro_hil.options import EXIT_ENVIRONMENT, EXIT_INTERRUPTED, EXIT_USAGE
 from metro_hil.run_folder import RunFolderError
@@ -29,7 +30,7 @@ configuration; 3 disk, workers, bus or rights missing; 130 ended by Ctrl-C (`hil
 def main(argv: Sequence[str] | None = None) -> int:
     """The console script `hil`. Whatever the user got wrong is one line, never a traceback."""
     require_assertions("hil")
-    words = [*(sys.argv[1:] if argv is None else argv)]
+    words = words_of("hil", argv)
     if words[:2] == ["run", "line"]:
         # A line is no campaign and has options of its own.
         del words[0]

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from typing import Any, Final
 
 from firmware_py.assertions import require_assertions
+from firmware_py.words import words_of
 from metro_tools.canlog.damage import LogError
 
 EXIT_OK: Final = 0
@@ -33,7 +34,7 @@ VERBS: Final = {
 def main(argv: Sequence[str] | None = None) -> int:
     """The console script `canlog`."""
     require_assertions("canlog")
-    words = list(sys.argv[1:] if argv is None else argv)
+    words = words_of("canlog", argv)
     try:
         options = _parser(words).parse_args(words)
         code: int = _module(options.verb).run(options)

@@ -1,6 +1,7 @@
 """Which frames of a log are shown: by name, identifier, node, value, instant, rate, change."""
 
 import fnmatch
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
@@ -15,6 +16,7 @@ from metro_tools.canlog.verdict import UNCONFIRMED
 from metro_tools.canlog.where import Where
 
 NS_PER_S: Final = 1_000_000_000
+IDENTIFIER: Final = re.compile("[0-9a-f]+x?")
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,10 +42,9 @@ class Wanted:
 def parse_key(text: str) -> int:
     """`103` and `0x103` have 11 bits, eight digits or a trailing x have 29. Raises LogError."""
     digits = text.lower().removeprefix("0x")
-    try:
-        number = int(digits.rstrip("x"), 16)
-    except ValueError:
-        raise LogError(f"{text}: no identifier; write it in hexadecimal") from None
+    if not IDENTIFIER.fullmatch(digits):
+        raise LogError(f"{text}: no identifier; write it in hexadecimal")
+    number = int(digits.rstrip("x"), 16)
     extended = len(digits) == 8 or digits.endswith("x") or number > 0x7FF
     if number > 0x1FFF_FFFF:
         raise LogError(f"{text}: no identifier has more than 29 bits")

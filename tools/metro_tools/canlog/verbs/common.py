@@ -11,6 +11,8 @@ from metro_tools.canlog.options import DELTA, ZERO, ReadOptions
 SECONDS_MAX: Final = 9.0e9
 """Stamps of 64 bits reach so far."""
 DAY_S: Final = 86_400
+COUNT_MAX: Final = 10**12
+"""Beyond, nothing is counted in a log."""
 
 
 def seconds(text: str) -> float:
@@ -28,6 +30,8 @@ def count(text: str) -> int:
     """Of an option; not negative. Raises ArgumentTypeError."""
     if not text.isascii() or not text.isdigit():
         raise argparse.ArgumentTypeError(f"{text!r} is no whole number from 0 on")
+    if int(text) > COUNT_MAX:
+        raise argparse.ArgumentTypeError(f"{text} is more than {COUNT_MAX}")
     return int(text)
 
 
