@@ -51,7 +51,16 @@ from zenoh_config.secured import train_name
 def main(argv: Sequence[str] | None = None) -> int:
     """The console script `vobc`. Whatever the user got wrong is one line, never a traceback."""
     require_assertions("vobc")
-    words = words_of("vobc", argv)
+    try:
+        return _obey(words_of("vobc", argv))
+    except OSError as error:
+        if error.filename is None:
+            raise
+        # Of a file that the user named, or below a folder that they did.
+        return _complain(f"{error.filename}: {error.strerror}", EXIT_ENVIRONMENT)
+
+
+def _obey(words: list[str]) -> int:
     if words[:1] == ["explain"]:
         from metro_hil.explain import command as explain
 
@@ -90,7 +99,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _complain(error, EXIT_ENVIRONMENT)
 
 
-def _complain(error: Exception, code: int) -> int:
+def _complain(error: Exception | str, code: int) -> int:
     print(f"vobc: {error}", file=sys.stderr)
     return code
 

@@ -317,6 +317,8 @@ def test_mistakes_are_told_in_a_line(log: Path, capsys: pytest.CaptureFixture[st
         assert f"{text}: no identifier" in error(capsys, "show", log, f"--id={text}")
     assert "20000000: no identifier has more" in error(capsys, "show", log, "--id", "20000000")
     assert "is no run folder" in error(capsys, "show", log, "--around", "x")
+    long = f"{'x' * 300}.asc"
+    assert f"canlog: {long}: File name too long" in error(capsys, "convert", log, long)
     assert "--speed 0.0: has to be positive" in error(
         capsys, "replay", log, "--bus", "embedded:v", "--speed", 0
     )

@@ -50,6 +50,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         # Whoever read what was said had enough of it; nothing is left to say to it.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return EXIT_ENVIRONMENT
+    except OSError as error:
+        if error.filename is None:
+            raise
+        # Of a file that the user named, or below a folder that they did.
+        print(f"hil: {error.filename}: {error.strerror}", file=sys.stderr)
+        return EXIT_ENVIRONMENT
 
 
 def _complain(error: Exception, code: int) -> int:

@@ -20,6 +20,8 @@ from zenoh_config.timers import TIMER_SETS
 
 DEFAULT_LINE: Final = "loop"
 LOCKSTEP: Final = "lockstep"
+DURATION_MAX_S: Final = 1e9
+"""Thirty years."""
 INTERNAL: Final = ("run", "words", "apart", "verb")
 """What argparse keeps and nobody asked for."""
 
@@ -59,7 +61,7 @@ def _ways(options: argparse.Namespace, line: LineMap) -> list[Way]:
 
 
 def _refuse_faults(options: argparse.Namespace, faults: Sequence[Fault]) -> None:
-    if not options.duration_s > 0.0:
+    if not 0.0 < options.duration_s <= DURATION_MAX_S:
         raise UsageError(f"--for {options.duration_s:g}: not a duration")
     for each in faults:
         if each.train > options.trains:

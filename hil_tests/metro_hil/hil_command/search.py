@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from metro_hil.cases import BenchKind
 from metro_hil.engine.errors import EngineError
+from metro_hil.hil_command.working import PROCESSES_MAX, number
 from metro_hil.options import EXIT_INTERRUPTED, EXIT_OK
 
 if TYPE_CHECKING:
@@ -32,7 +33,7 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
         "--factors", nargs="+", default=[], metavar="KEY", help="vary these only; default: all"
     )
     parser.add_argument(
-        "--budget", type=_positive, default=200, metavar="N", help="runs; default: 200"
+        "--budget", type=number(1), default=200, metavar="N", help="runs; default: 200"
     )
     parser.add_argument(
         "--monitor",
@@ -40,11 +41,14 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
         help="whose margin; default: the least over all, each over its usual size",
     )
     parser.add_argument(
-        "--seed", type=_whole, default=1, metavar="S", help="of the search; default: 1"
+        "--seed", type=number(0), default=1, metavar="S", help="of the search; default: 1"
     )
     parser.add_argument("--method", choices=METHODS, default="cma", help="default: cma")
     parser.add_argument(
-        "--workers", type=_positive, metavar="N", help="processes; default: one for each core"
+        "--workers",
+        type=number(1, PROCESSES_MAX),
+        metavar="N",
+        help="processes; default: one for each core",
     )
     parser.add_argument("--out", metavar="DIR", help="default: a new folder below runs/")
     parser.add_argument("--json", action="store_true", help="one JSON object on standard output")
@@ -140,20 +144,3 @@ def _tell(options: argparse.Namespace, search: "Search", space: "Space", folder:
 
 def _say(text: str) -> None:
     print(f"hil search: {text}", file=sys.stderr)
-
-
-def _positive(text: str) -> int:
-    value = _whole(text)
-    if value < 1:
-        raise argparse.ArgumentTypeError(f"{text} is less than 1")
-    return value
-
-
-def _whole(text: str) -> int:
-    try:
-        value = int(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number") from None
-    if value < 0:
-        raise argparse.ArgumentTypeError(f"{text} is less than 0")
-    return value

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from metro_hil.engine.errors import EngineError, UsageError
-from metro_hil.hil_command.working import number
+from metro_hil.hil_command.working import PROCESSES_MAX, number
 from metro_hil.options import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_OK
 
 if TYPE_CHECKING:
@@ -57,7 +57,11 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     parser.add_argument("--bytes", action="store_true", help="every seed through the real codec")
     parser.add_argument("--trace", action="store_true", help="tell what happens, event by event")
     parser.add_argument(
-        "--workers", type=number(1), default=1, metavar="N", help="processes; default: 1"
+        "--workers",
+        type=number(1, PROCESSES_MAX),
+        default=1,
+        metavar="N",
+        help="processes; default: 1",
     )
     parser.add_argument(
         "--journal", metavar="FILE", help="append results here; seeds that it has are not run again"

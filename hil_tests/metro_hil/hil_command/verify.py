@@ -5,7 +5,7 @@ import sys
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from metro_hil.hil_command.working import number
+from metro_hil.hil_command.working import PROCESSES_MAX, number
 from metro_hil.options import EXIT_FAILED, EXIT_OK
 
 if TYPE_CHECKING:
@@ -36,10 +36,18 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     which.add_argument("--all", action="store_true", help="every case")
     parser.add_argument("--seed", type=number(0), default=1, help="of the choice; default: 1")
     parser.add_argument(
-        "--workers", type=number(1), default=2, metavar="N", help="processes; default: 2"
+        "--workers",
+        type=number(1, PROCESSES_MAX),
+        default=2,
+        metavar="N",
+        help="processes; default: 2",
     )
     parser.add_argument(
-        "--load", type=number(0), default=2, metavar="N", help="busy processes beside; default: 2"
+        "--load",
+        type=number(0, PROCESSES_MAX),
+        default=2,
+        metavar="N",
+        help="busy processes beside; default: 2",
     )
     parser.add_argument("--json", action="store_true", help="one JSON object on standard output")
     parser.set_defaults(run=run)

@@ -26,10 +26,12 @@ KEEP_WORST_ALONE: Final = 12
 """Of one scenario by itself: people want to look at what they ask for by name."""
 UNEXPECTED_SHOWN_MAX: Final = 10
 FILE_COLUMNS: Final = 160
+PROCESSES_MAX: Final = 1024
+"""More at once no machine that this runs on has a use for."""
 
 
-def number(least: int) -> Callable[[str], int]:
-    """Reads a whole number of at least so much."""
+def number(least: int, most: int | None = None) -> Callable[[str], int]:
+    """Reads a whole number of at least so much, and at most so much."""
 
     def whole(text: str) -> int:
         try:
@@ -38,6 +40,8 @@ def number(least: int) -> Callable[[str], int]:
             raise argparse.ArgumentTypeError(f"{text!r} is not a whole number") from None
         if value < least:
             raise argparse.ArgumentTypeError(f"{text} is less than {least}")
+        if most is not None and value > most:
+            raise argparse.ArgumentTypeError(f"{text} is more than {most}")
         return value
 
     return whole
@@ -57,7 +61,10 @@ def add_work_options(parser: argparse.ArgumentParser) -> None:
     """Those that say how cases are run, not which."""
     parser.add_argument("--on", metavar="dask://HOST:PORT", help="default: this machine")
     parser.add_argument(
-        "--workers", type=number(1), metavar="N", help="default: one for each processor"
+        "--workers",
+        type=number(1, PROCESSES_MAX),
+        metavar="N",
+        help="default: one for each processor",
     )
     parser.add_argument(
         "--nice", type=number(0), default=0, metavar="N", help="niceness of local workers"

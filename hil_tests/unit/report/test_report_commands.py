@@ -37,6 +37,29 @@ def left_behind(path: Path, made: Any, *, killed: bool = False) -> CampaignFolde
     return folder
 
 
+@pytest.mark.parametrize("words", [["show"], ["laws", "--run"], ["requirements", "--out"]])
+def test_a_name_that_no_file_can_have_is_said(
+    words: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    name = "x" * 300
+
+    assert main([*words, name]) == 3
+    said = capsys.readouterr().err
+    assert said.startswith(f"hil: {name}")
+    assert said.endswith(": File name too long\n")
+
+
+@pytest.mark.parametrize("verb", ["run", "resume", "verify", "search", "simulate"])
+def test_more_processes_than_a_machine_can_have_are_refused(
+    verb: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main([verb, "x", "--workers", "1025"])
+
+    assert ended.value.code == 2
+    assert "argument --workers: 1025 is more than 1024" in capsys.readouterr().err
+
+
 def test_a_campaign_killed_and_resumed_has_the_same_report_to_the_byte(
     campaign: Callable[..., Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -45,6 +45,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         # Whoever read has seen enough; the interpreter must not complain once more at its end.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return EXIT_OK
+    except OSError as error:
+        if error.filename is None:
+            raise
+        # Of a file that the user named, or below a folder that they did.
+        print(f"canlog: {error.filename}: {error.strerror}", file=sys.stderr)
+        return EXIT_USAGE
     except KeyboardInterrupt:
         return 130
     return code
