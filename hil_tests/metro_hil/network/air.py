@@ -103,6 +103,8 @@ class Air:
         """By arbiter, train, area and term of a lease granted: which trains had named this one."""
         self._rosters: dict[tuple[int, int, int, int], tuple[frozenset[int], set[int]]] = {}
         """By train, area, term and version: who is on it, and which arbiters keep it."""
+        self._proposed: dict[tuple[int, int, int], frozenset[int]] = {}
+        """By train, area and term: who is on the roster that it said last."""
         self._kept: dict[tuple[int, int], tuple[int, frozenset[int]]] = {}
         """By area and term: the newest roster that a majority keeps, by version and trains."""
         self._given_back: set[tuple[int, int, int]] = set()
@@ -146,6 +148,7 @@ class Air:
                 key = (address, message.area, message.term, message.version)
                 names = frozenset(entry.train for entry in message.roster)
                 self._rosters.setdefault(key, (names, set()))
+                self._proposed[key[:3]] = names
             elif kind is TrainReport:
                 self._report(message)
             elif kind is SwitchStep:
@@ -340,14 +343,15 @@ class Air:
 
     def _commit(self, step: SwitchStep, switch: "Switch", now_ns: int) -> None:
         """26: the successor is ready, and so is every train on the kept roster that the master
-        hears; of one that it does not hear the way is reserved, and who has left the area is about
-        to leave the roster."""
+        hears; of one that it does not hear the way is reserved, and who has left the area, or is
+        not on the roster that the master has proposed since, is about to leave it."""
         self.looked["26"] += 1
         words = f"train {step.source} commits switch {step.nonce} of area {step.area}"
         if (step.successor, step.source, step.area, step.nonce) not in self._ready:
             raise ViolationError("26", f"{words}; its successor {step.successor} is not ready")
         _, kept = self._kept.get((step.area, switch.term), (0, frozenset()))
-        for train in sorted(kept - {step.source}):
+        proposed = self._proposed.get((step.source, step.area, switch.term), kept)
+        for train in sorted((kept & proposed) - {step.source}):
             heard = switch.heard.get(train)
             if heard is None or now_ns - heard.at_ns > HEARD_NS or heard.nonce == step.nonce:
                 continue

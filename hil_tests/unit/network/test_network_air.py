@@ -66,9 +66,14 @@ class Line:
         self.air.answered(arbiter, requests, (Letter((request.source,), answer),))
         self._said(request.source, (answer,))
 
-    def switches(self, *reports: TrainReport, before: tuple[TrainReport, ...] = ()) -> None:
-        """The holder hears some reports, prepares a switch, hears its successor and the others, and
-        commits."""
+    def switches(
+        self,
+        *reports: TrainReport,
+        before: tuple[TrainReport, ...] = (),
+        rosters: tuple[tuple[int, ...], ...] = (),
+    ) -> None:
+        """The holder hears some reports, prepares a switch, hears its successor and the others,
+        proposes other rosters that nobody keeps yet, and commits."""
         self.hears_reports(*before)
         head = HOLDER, SUCCESSOR, AREA, 1, 1, 1, self.now_ns
         trains = (HOLDER, SUCCESSOR, THIRD)
@@ -81,7 +86,11 @@ class Line:
         back = SUCCESSOR, HOLDER, AREA, 1, 1, 1, self.now_ns
         self._said(SUCCESSOR, (), SwitchStep(*back, SwitchKind.READY, NONCE, SUCCESSOR))
         self._said(HOLDER, reports)
-        self._said(HOLDER, (), SwitchStep(*head, SwitchKind.COMMIT, NONCE, SUCCESSOR))
+        commits = [
+            RosterCommit(*head, 2 + at, tuple([RosterEntry(train, 0.0, True, 1) for train in each]))
+            for at, each in enumerate(rosters)
+        ]
+        self._said(HOLDER, (), *commits, SwitchStep(*head, SwitchKind.COMMIT, NONCE, SUCCESSOR))
 
     def hears_reports(self, *reports: TrainReport) -> None:
         """The holder does."""
@@ -209,6 +218,20 @@ def test_it_is_not_while_one_that_is_heard_is_not(
 def test_who_has_left_the_area_need_not_be_ready(line: Line) -> None:
     """Its master takes it off the roster in that very step (seed 32420)."""
     line.switches(ready(SUCCESSOR, NONCE), ready(THIRD, NONCE - 1, END_M))
+
+
+def test_nor_who_is_taken_off_the_roster(line: Line) -> None:
+    """It had begun anew elsewhere, and was found gone from its place in that step (seed 285155)."""
+    line.switches(
+        ready(SUCCESSOR, NONCE), ready(THIRD, 0), rosters=((HOLDER, THIRD), (HOLDER, SUCCESSOR))
+    )
+
+
+def test_who_is_put_on_it_again_has_to_be(line: Line) -> None:
+    with pytest.raises(ViolationError, match=r"^26: .* train 4 is ready for 0"):
+        line.switches(
+            ready(SUCCESSOR, NONCE), ready(THIRD, 0), rosters=((HOLDER,), (HOLDER, THIRD))
+        )
 
 
 def test_who_is_not_heard_need_not_be_ready(line: Line) -> None:
