@@ -11,7 +11,7 @@ from firmware_py.clock import WallClock
 from firmware_py.radio.credentials import load_credentials
 from firmware_py.settings import SettingsError
 from firmware_py.trackdb import LineMap
-from firmware_py.words import words_of
+from firmware_py.words import of_file, words_of
 from metro_hil.children import ChildError
 from metro_hil.columns import LogError, read_columns
 from metro_hil.comfort import comfort_of, inertia_of
@@ -54,10 +54,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         return _obey(words_of("vobc", argv))
     except OSError as error:
-        if error.filename is None:
-            raise
-        # Of a file that the user named, or below a folder that they did.
-        return _complain(f"{error.filename}: {error.strerror}", EXIT_ENVIRONMENT)
+        return _complain(of_file(error), EXIT_ENVIRONMENT)
 
 
 def _obey(words: list[str]) -> int:

@@ -10,7 +10,7 @@ from typing import Final
 
 from firmware_py.assertions import require_assertions
 from firmware_py.settings import SettingsError
-from firmware_py.words import words_of
+from firmware_py.words import of_file, words_of
 from metro_hil.engine.errors import EngineError, UsageError
 from metro_hil.options import EXIT_ENVIRONMENT, EXIT_INTERRUPTED, EXIT_USAGE
 from metro_hil.run_folder import RunFolderError
@@ -51,14 +51,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return EXIT_ENVIRONMENT
     except OSError as error:
-        if error.filename is None:
-            raise
-        # Of a file that the user named, or below a folder that they did.
-        print(f"hil: {error.filename}: {error.strerror}", file=sys.stderr)
-        return EXIT_ENVIRONMENT
+        return _complain(of_file(error), EXIT_ENVIRONMENT)
 
 
-def _complain(error: Exception, code: int) -> int:
+def _complain(error: Exception | str, code: int) -> int:
     for line in str(error).splitlines():
         print(f"hil: {line}", file=sys.stderr)
     return code

@@ -136,11 +136,14 @@ def _read(path: Path) -> Iterator[RunResult]:
             os.truncate(path, path.stat().st_size - len(line))
             break
         try:
-            told: dict[str, Any] = json.loads(line)
+            told: Any = json.loads(line)
         except ValueError:
-            raise ValueError(f"{path}:{number}: is no result of a seed: {line[:40]!a}") from None
-        if not isinstance(told, dict) or set(told) != names:
-            raise ValueError(f"{path}:{number}: has not the fields of a result: {line[:40]!a}")
+            told = None
+        if not isinstance(told, dict):
+            raise ValueError(f"{path}:{number}: is no result of a seed: {line[:40]!a}")
+        if set(told) != names:
+            differing = sorted(set(told) ^ names)
+            raise ValueError(f"{path}:{number}: has not the fields of a result: {differing}")
         for name in ("faults", "looked", "covered", "messages"):
             told[name] = Counter(told[name])
         yield RunResult(**told)

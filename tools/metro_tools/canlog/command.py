@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from typing import Any, Final
 
 from firmware_py.assertions import require_assertions
-from firmware_py.words import words_of
+from firmware_py.words import of_file, words_of
 from metro_tools.canlog.damage import LogError
 
 EXIT_OK: Final = 0
@@ -46,10 +46,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return EXIT_OK
     except OSError as error:
-        if error.filename is None:
-            raise
-        # Of a file that the user named, or below a folder that they did.
-        print(f"canlog: {error.filename}: {error.strerror}", file=sys.stderr)
+        print(f"canlog: {of_file(error)}", file=sys.stderr)
         return EXIT_USAGE
     except KeyboardInterrupt:
         return 130
