@@ -536,12 +536,20 @@ def test_of_a_train_that_was_never_heard_only_what_it_was_granted_is_known() -> 
 
 
 def hidden(
-    occupied: tuple[bool, ...], *, ahead_m: float | None, open_end: tuple[float, int]
+    occupied: tuple[bool, ...],
+    *,
+    ahead: Record | None = None,
+    end_m: float = 5000.0,
+    left: Record | None = None,
 ) -> list[Stretch]:
     """Before a train from 0 to 80 m that was granted 100 m."""
     known = conclusions(report(1, 0.0, held_end_m=100.0))
-    ahead = None if ahead_m is None else Record(2, ahead_m, open_end[1], boot=1)
-    return known.hidden_before(known.records[1].granted_m, ahead, track(*occupied), open_end)
+    return known.hidden_before(known.records[1].granted_m, ahead, track(*occupied), (end_m, left))
+
+
+def heard_of(rear_m: float, *, later_ns: int = 0) -> Record:
+    """So long after the look."""
+    return Record(2, rear_m, NOW_NS + later_ns, boot=1)
 
 
 THIRD_OCCUPIED = (True, False, True, True)
@@ -553,7 +561,7 @@ HIDDEN = [Stretch(189.0, 300.0, Bar.SHUT)]
 def test_an_occupied_section_that_neither_of_two_neighbours_can_be_in_is_shut(
     ahead_m: float, *, hides: bool
 ) -> None:
-    found = hidden(THIRD_OCCUPIED, ahead_m=ahead_m, open_end=(5000.0, NOW_NS))
+    found = hidden(THIRD_OCCUPIED, ahead=heard_of(ahead_m))
 
     assert found == (HIDDEN if hides else [])
 
@@ -616,7 +624,7 @@ def test_in_the_section_of_a_train_that_is_silent_another_may_be_by_now(
     """Of what reaches in there, or comes close, nothing is taken back, and no more is given."""
     known = conclusions(report(1, 0.0, held_end_m=granted_m), report(2, 290.0))
     behind, ahead = known.records[1], known.records[2]
-    view, left = track(*THIRD_OCCUPIED), (5000.0, NOW_NS)
+    view, left = track(*THIRD_OCCUPIED), (5000.0, None)
 
     assert known.hidden_before(100.0, ahead, view, left) == []
     found = known.hidden(behind, 100.0, ahead, view, left, NOW_NS + age_ns)
@@ -633,7 +641,7 @@ def test_a_section_that_a_train_ahead_surely_is_not_in_is_shut_also_within_what_
     now_ns = NOW_NS + SILENT_NS + silent
 
     found = known.hidden(
-        known.records[1], 100.0, known.records[2], track(*THIRD_OCCUPIED), (5000.0, NOW_NS), now_ns
+        known.records[1], 100.0, known.records[2], track(*THIRD_OCCUPIED), (5000.0, None), now_ns
     )
 
     assert found == HIDDEN
@@ -653,12 +661,12 @@ def test_a_train_that_was_heard_before_the_look_was_not_in_a_section_that_it_had
         ahead.hears(report(2, rear_m), heard_ns, term=TERM, jog_m=5.0)
     view = track(*THIRD_OCCUPIED, seen_ns=NOW_NS - 50_000_000)
 
-    assert known.hidden_before(100.0, ahead, view, (5000.0, 0)) == (HIDDEN if hides else [])
+    assert known.hidden_before(100.0, ahead, view, (5000.0, None)) == (HIDDEN if hides else [])
 
 
 def test_before_the_foremost_train_what_hides_is_looked_for_once() -> None:
     known = conclusions(report(1, 0.0, held_end_m=100.0))
-    view, left = track(*THIRD_OCCUPIED), (5000.0, NOW_NS)
+    view, left = track(*THIRD_OCCUPIED), (5000.0, None)
 
     assert known.hidden(known.records[1], 100.0, None, view, left, NOW_NS) == HIDDEN
 
@@ -667,30 +675,49 @@ def test_before_the_foremost_train_what_hides_is_looked_for_once() -> None:
 def test_before_the_foremost_train_all_is_shut_that_is_occupied_up_to_the_end(
     end_m: float, *, hides: bool
 ) -> None:
-    found = hidden(THIRD_OCCUPIED, ahead_m=None, open_end=(end_m, NOW_NS))
+    found = hidden(THIRD_OCCUPIED, end_m=end_m)
 
     assert found == (HIDDEN if hides else [])
 
 
-@pytest.mark.parametrize("ahead_m", [None, 347.0])
+@pytest.mark.parametrize("left", [False, True])
 @pytest.mark.parametrize(
     ("later_ns", "bar"), [(1_000_000_000, Bar.SHUT), (1_000_000_001, Bar.UNSURE)]
 )
 def test_whoever_was_seen_there_may_be_the_one_that_is_ahead_since_then(
-    later_ns: int, ahead_m: float | None, bar: Bar
+    later_ns: int, bar: Bar, *, left: bool
 ) -> None:
     """At 40 m/s it comes 40 m farther in a second; or it may be another."""
-    found = hidden(THIRD_OCCUPIED, ahead_m=ahead_m, open_end=(340.0, NOW_NS + later_ns))
+    other = heard_of(347.0, later_ns=later_ns)
+    ahead = None if left else other
+    found = hidden(THIRD_OCCUPIED, ahead=ahead, end_m=340.0, left=other if left else None)
 
     assert found == [HIDDEN[0]._replace(bar=bar)]
 
 
+@pytest.mark.parametrize(("rear_m", "hides"), [(310.9, False), (311.0, True), (370.0, True)])
+def test_who_left_the_area_excuses_no_section_that_it_had_left_long_before(
+    rear_m: float, *, hides: bool
+) -> None:
+    """It ran on unheard, or began anew where it had been moved to, and says so 0.1 s after the
+    look, in which it may have run 4 m (seed 299316)."""
+    left = heard_of(rear_m, later_ns=100_000_000)
+
+    assert hidden(THIRD_OCCUPIED, end_m=300.0, left=left) == (HIDDEN if hides else [])
+
+
+def test_what_lies_beyond_the_area_is_for_others_to_look_at_however_far_the_last_one_went() -> None:
+    left = heard_of(900.0)
+
+    assert hidden((True, False, False, True), end_m=300.0, left=left) == []
+    assert hidden((True, False, False, True), end_m=400.0, left=left) != []
+
+
 def test_where_nothing_is_occupied_or_nobody_counts_nothing_hides() -> None:
     known = conclusions(report(1, 0.0, held_end_m=100.0))
-    end = (400.0, NOW_NS)
 
-    assert hidden((True, False, False, False), ahead_m=None, open_end=end) == []
-    assert known.hidden_before(100.0, None, None, end) == []
+    assert hidden((True, False, False, False), end_m=400.0) == []
+    assert known.hidden_before(100.0, None, None, (400.0, None)) == []
 
 
 def test_a_standby_learns_of_every_train_where_it_is_and_what_it_may_hold() -> None:

@@ -202,15 +202,25 @@ class TestTrack:
 
         assert authorities(chair.step(0))[1].end_m == 2000.0
 
-    @pytest.mark.parametrize(("seen_ms", "end_m"), [(0, 2000.0), (99, 2000.0), (100, 1489.0)])
+    @pytest.mark.parametrize(
+        ("front_m", "seen_ms", "end_m"),
+        [
+            (2087.0, 0, 2000.0),
+            (2087.0, 99, 2000.0),
+            (2087.0, 100, 1489.0),
+            (2090.0, 24, 2000.0),
+            (2090.0, 25, 1489.0),
+            (2200.0, 0, 1489.0),
+        ],
+    )
     def test_axles_that_were_counted_while_a_train_was_still_leaving_are_its_own(
-        self, seen_ms: int, end_m: float
+        self, front_m: float, seen_ms: int, end_m: float
     ) -> None:
-        """It left at 0.1 s; in a millisecond a train comes 4 cm nearer to the end at the most."""
+        """It is heard at 0.1 s; in a millisecond before it had come 4 cm farther at the most."""
         chair = Chair(sections=True)
         chair.now_ns = 100 * MS
         chair.track(axles={1: 16, 4: 4}, seen_ms=seen_ms)
-        chair.reports(1, 2090.0)
+        chair.reports(1, front_m)
         chair.step(0)
         assert chair.order() == [2]
         chair.keeps()

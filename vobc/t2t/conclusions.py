@@ -202,7 +202,7 @@ class Conclusions:
         beyond_m: float,
         ahead: Record | None,
         track: TrackView | None,
-        open_end: tuple[float, int],
+        open_end: tuple[float, Record | None],
         now_ns: int,
     ) -> list[Stretch]:
         """Before a train, as `hidden_before`; also in sections of the next one if that may be out
@@ -222,22 +222,27 @@ class Conclusions:
         beyond_m: float,
         ahead: Record | None,
         track: TrackView | None,
-        open_end: tuple[float, int],
+        open_end: tuple[float, Record | None],
     ) -> list[Stretch]:
         """An occupied section that none of the trains known can be in.
 
         Args:
             beyond_m: the train behind is not in sections that begin here or farther on.
             ahead: the next train, if nobody hides near it; else its own sections count, too.
-            open_end: without such a train, up to where, and since when that is so.
+            open_end: without such a train, up to where, and who went beyond last.
         """
         if track is None:
             return []
-        (before_m, since_ns), then_m = open_end, -UNBOUNDED_M
+        (before_m, nearest), since_ns, then_m = open_end, track.seen_ns, -UNBOUNDED_M
         if ahead is not None:
+            nearest = ahead
+        else:
+            within = [each for each in track.occupied if each.end_m <= before_m]
+            track = track._replace(occupied=tuple(within))
+        if nearest is not None:
             behind_m = self._config.behind_rear_m
-            before_m, since_ns = ahead.rear_m - behind_m, ahead.heard_ns
-            then_m = ahead.rear_then_m(track.seen_ns) - behind_m
+            before_m, since_ns = nearest.rear_m - behind_m, nearest.heard_ns
+            then_m = nearest.rear_then_m(track.seen_ns) - behind_m
         found = hidden_between(
             track, beyond_m=beyond_m, before_m=before_m, ahead_ns=since_ns, then_m=then_m
         )

@@ -81,8 +81,8 @@ class Master:
         self._removals = Removals(config, guards, self._known)
         self._unfit: set[int] = set()
         """Out of service by order of supervision."""
-        self._left_ns = now_ns
-        """When the last train left the area near which nobody hid; its axles may still show."""
+        self._left: Record | None = None
+        """The last train that left the area near which nobody hid; its axles may still show."""
         self._beat_ns = self._cycle_ns = now_ns
         self._was_ready = False
         self._newborns = Newborns(config, guards)
@@ -207,8 +207,8 @@ class Master:
         order, elsewhere = self._newborns.settle(
             order, lambda report: self._scene(now_ns, report, inside=True), self._known, now_ns
         )
-        if any(self._guards.sieved(each.sieved) for each in passed):
-            self._left_ns = now_ns
+        left = [records[each.train] for each in passed if self._guards.sieved(each.sieved)]
+        self._left = left[-1] if left else self._left
         changed = order != self.roster.proposed
         self._applicants.update({report.source: (report, at_ns) for report, at_ns in elsewhere})
         self._applicants = {
@@ -288,7 +288,7 @@ class Master:
             if entry.train in commanded and sieved and told:
                 # Near one that is not sieved somebody may hide: it tells nothing of its sections.
                 beyond_m = self._known.within_m(record, now_ns, sure=alone is ahead)
-                open_end = (self._area.end_m, self._left_ns)
+                open_end = (self._area.end_m, self._left)
                 hidden = self._known.hidden(record, beyond_m, alone, self._track, open_end, now_ns)
                 hidden += [] if kept else [Stretch(record.granted_m, UNBOUNDED_M, Bar.SHUT)]
                 authority = self._authority(now_ns, record, ahead, [*barred, *hidden], rank)

@@ -139,6 +139,37 @@ def gone_before_the_border(make: Make) -> None:
     )
 
 
+def moved_over_the_border(make: Make) -> None:
+    """Somebody hides before the border. The train behind is moved past it and over the border by
+    hand, begins anew there, and so is off the roster of the area: that one is not seen in its last
+    section, whenever that was looked at.
+    """
+    fronts_m = {BEHIND: 300.0, OVER: 1500.0, AHEAD: 3900.0}
+    scene = make(Plot(fronts_m, areas=2, pieces=10, stops_m=(300.0, 1500.0), dwell_s=200.0))
+    moved, hides = scene.world.trains[OVER], scene.world.trains[AHEAD]
+    hides.on_line = hides.localised = False
+    for address in scene.others(AHEAD):
+        scene.net.boot(address)
+    scene.until("all trains have authority", scene.all_held, within_s=20.0)
+    scene.world.t2t.closed = (SpeedRestriction(1780.0, 2400.0, 1.0),)
+    scene.run(6.0)
+    set_on(scene.world, hides, 1950.0)
+    scene.net.kill(OVER)
+    scene.run(4.0)
+    take_off(scene.world, moved)
+    scene.run(12.0)
+    set_on(scene.world, moved, 2150.0)
+    scene.world.t2t.closed = ()
+    scene.run(2.0)
+    scene.expect(f"somebody is seen: {scene.end_m(BEHIND)}", scene.end_m(BEHIND) == 1789.0)
+    scene.net.boot(OVER)
+    scene.until("it begins anew", lambda: scene.end_m(OVER) is not None, within_s=5.0)
+    scene.run(1.0)
+    scene.expect(f"nobody is forgotten: {scene.end_m(BEHIND)}", scene.end_m(BEHIND) == 1789.0)
+    scene.net.boot(AHEAD)
+    scene.until("all trains have authority", scene.all_held, within_s=20.0)
+
+
 BORDER_LURES: Final[tuple[Scenario, ...]] = (
     Scenario(
         "gone-before-the-border",
@@ -149,5 +180,8 @@ BORDER_LURES: Final[tuple[Scenario, ...]] = (
     Scenario("over-a-free-switch", 0, "a train begins in two areas", over_a_free_switch),
     Scenario("back-onto-a-switch", 0, "a train just beyond rolls back", back_onto_a_free_switch),
     Scenario("hangs-over-the-border", 0, "one hides just beyond", hangs_over_the_border),
+    Scenario(
+        "moved-over-the-border", 0, "one is moved over the border by hand", moved_over_the_border
+    ),
     Scenario("master-left-behind", 0, "the master of the rear's area is lost", master_left_behind),
 )
