@@ -65,7 +65,7 @@ def test_who_had_said_before_the_look_that_it_is_beyond_was_not_seen_there(
 ) -> None:
     """By what it says since it might have come from there meanwhile (seed 239837)."""
     since_ns = SEEN_NS + 200_000_000
-    seen = hidden_between(view(2), beyond_m=100.0, before_m=205.0, ahead_ns=since_ns, then_m=then_m)
+    seen = hidden_between(view(2), beyond_m=100.0, before_m=204.0, ahead_ns=since_ns, then_m=then_m)
 
     assert seen == (Stretch(100.0, 200.0, Bar.SHUT) if found else None)
 
@@ -99,16 +99,16 @@ def test_clear_sections_and_those_of_the_neighbours_hide_nothing() -> None:
         (0, 199.9, None),
         (-1_000_000_000, 200.0, Bar.SHUT),
         (-1_000_000_000, 199.9, None),
-        # At 40 m/s, in a quarter of a second.
-        (250_000_000, 210.0, Bar.SHUT),
-        (250_000_000, 209.9, None),
-        # Seen longer ago, only 10 m before the train ahead count as its own.
-        (251_000_000, 210.0, Bar.UNSURE),
-        (251_000_000, 209.9, None),
+        # At 40 m/s, in an eighth of a second.
+        (125_000_000, 205.0, Bar.SHUT),
+        (125_000_000, 204.9, None),
+        # Seen longer ago, only 5 m before the train ahead count as its own.
+        (126_000_000, 205.0, Bar.UNSURE),
+        (126_000_000, 204.9, None),
         (1_000_000_000, 240.0, Bar.SHUT),
         (1_000_000_000, 239.9, Bar.UNSURE),
-        (1_000_000_000, 210.0, Bar.UNSURE),
-        (1_000_000_000, 209.9, None),
+        (1_000_000_000, 205.0, Bar.UNSURE),
+        (1_000_000_000, 204.9, None),
     ],
 )
 def test_the_train_ahead_may_have_been_farther_back_when_the_sections_were_seen(

@@ -12,9 +12,10 @@ from zenoh_config.t2t import SectionState, TrackStatus
 SPEED_MAX_MPS = 40.0
 """No train is faster; bounds where one was when the sections were seen."""
 S_PER_NS = 1e-9
-EXCUSED_M: Final = 10.0
-"""So far back, at most, the train ahead may have been in a section that counts as its own: nobody
-is set as near as that to it. An older view of the track says no more of what is behind it now."""
+EXCUSED_M: Final = 5.0
+"""So far behind what is kept free of the train ahead, at most, it may have been itself in a section
+when that was seen. Nobody is set within 20 m of where it says that it may be, whence it may come
+back by 7 m. An older view of the track says no more of what is behind it now."""
 
 
 class TrackView(NamedTuple):

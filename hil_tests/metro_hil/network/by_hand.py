@@ -20,7 +20,7 @@ LEAST_M: Final = 5.0
 MOST_M: Final = 400.0
 APART_M: Final = 20.0
 """Not nearer to the section of the next train, to an object, or to the end of the line; and so far
-behind the next train begins what counts as its own, as it knows its place no better."""
+behind where the next train says that its rear may be begins what counts as its own."""
 DEAD_S: Final = (0.0, 30.0)
 OPENED_S: Final = (0.0, 10.0)
 
@@ -80,7 +80,8 @@ class ByHand:
         counters do not tell the two apart in there, and whoever comes up behind may not know of the
         one that is driven.
         """
-        hindmost_m = min(self.world.checker.hindmost_m(ahead), ahead.rear_m - APART_M)
+        told_m = ahead.reading().rear_min_m
+        hindmost_m = min(self.world.checker.hindmost_m(ahead), told_m - APART_M)
         sections = self.world.drawn.cast.line.sections
         return max([e.start_m for e in sections if e.start_m <= hindmost_m], default=-math.inf)
 

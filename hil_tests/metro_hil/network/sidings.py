@@ -26,7 +26,7 @@ PATIENCE_NS: Final = 30 * NS_PER_S
 ROOM_M: Final = 40.0
 """Closed on either side of the train, at least."""
 APART_M: Final = 20.0
-"""No other train stands so near to what is closed."""
+"""No other train stands so near to what is closed, nor may, by what it says itself."""
 
 
 class Sidings:
@@ -129,7 +129,8 @@ class Sidings:
     def _is_taken(self, closed: SpeedRestriction) -> bool:
         trains = [each for each in self.world.trains.values() if each.on_line]
         return any(
-            each.rear_m - APART_M < closed.end_m and closed.start_m < each.driven_to_m + APART_M
+            each.reading().rear_min_m - APART_M < closed.end_m
+            and closed.start_m < each.driven_to_m + APART_M
             for each in trains
         )
 

@@ -78,9 +78,12 @@ def test_it_does_not_come_to_the_section_in_which_the_next_one_stands(*, command
     assert by_hand._to_m(trains[2]) == section.start_m - APART_M
 
 
-@pytest.mark.parametrize(("beyond_m", "before_m"), [(1.9, 1000.0), (19.9, 1000.0), (20.1, 1250.0)])
+@pytest.mark.parametrize(
+    ("beyond_m", "unsure_m", "before_m"),
+    [(1.9, 0.0, 1000.0), (19.9, 0.0, 1000.0), (20.1, 0.0, 1250.0), (20.1, 3.0, 1000.0)],
+)
 def test_nor_to_one_that_the_next_one_may_come_back_to_or_be_in_by_what_it_knows(
-    beyond_m: float, before_m: float
+    beyond_m: float, unsure_m: float, before_m: float
 ) -> None:
     """Of one that was driven up to 100 m behind another, but into a section that this one, 4 m
     beyond it, was not sure to have left, axles were left that counted as its own (seed 282326).
@@ -88,6 +91,7 @@ def test_nor_to_one_that_the_next_one_may_come_back_to_or_be_in_by_what_it_knows
     scene = settled()
     by_hand, trains = ByHand(scene.world, random.Random(1)), scene.world.trains
     trains[3].motion = Motion(scene.net.now_ns, 1250.0 + 80.0 + beyond_m, emergency_mps2=1.0)
+    trains[3].half_width_m = unsure_m
 
     assert by_hand._to_m(trains[2]) == pytest.approx(before_m - APART_M)
 

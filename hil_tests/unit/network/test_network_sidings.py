@@ -102,6 +102,21 @@ def test_a_place_is_taken_to_which_another_is_being_driven(to_m: float, taken: b
     assert sidings._is_taken(place) is taken
 
 
+@pytest.mark.parametrize(("unsure_m", "taken"), [(0.0, False), (3.0, True)])
+def test_a_place_is_taken_that_another_is_near_to_by_what_it_says(
+    unsure_m: float, *, taken: bool
+) -> None:
+    """Its rear is 20.1 m beyond, and it may say less; and then roll and jog back."""
+    scene = settled()
+    sidings, train = Sidings(scene.world, random.Random(3)), scene.world.trains[3]
+    for behind in (1, 2):
+        scene.world.trains[behind].on_line = False
+    train.motion = Motion(scene.net.now_ns, 1250.0 + 80.0 + 20.1, emergency_mps2=1.0)
+    train.half_width_m = unsure_m
+
+    assert sidings._is_taken(SpeedRestriction(1000.0, 1250.0, 1.0)) is taken
+
+
 @pytest.mark.parametrize("after_s", [1.0, AWAY_S[1] + 1.0])
 def test_when_all_is_over_nobody_is_set_on_any_more(
     after_s: float, monkeypatch: pytest.MonkeyPatch
