@@ -48,8 +48,10 @@ class OneArea:
         """Others that stand in the area, and may be forgotten."""
 
     def heard_of_life_before(
-        self, train: int, *, age_ns: int, echo_ns: int = 0, localised: bool = True
+        self, train: int, *, age_ns: int, echo_ns: int | None = None, localised: bool = True
     ) -> None:
+        """So long ago; by default it had heard the master just then."""
+        echo_ns = NOW_NS - age_ns if echo_ns is None else echo_ns
         record = self.known.records[train]
         former = report_at(record.rear_m, train=train)
         former = dataclasses.replace(former, echo_ns=echo_ns, localised=localised)

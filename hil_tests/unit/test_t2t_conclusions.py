@@ -622,7 +622,8 @@ def test_in_the_section_of_a_train_that_is_silent_another_may_be_by_now(
     age_ns: int, granted_m: float, from_m: list[float]
 ) -> None:
     """Of what reaches in there, or comes close, nothing is taken back, and no more is given."""
-    known = conclusions(report(1, 0.0, held_end_m=granted_m), report(2, 290.0))
+    follows = replace(report(1, 0.0, held_end_m=granted_m), echo_ns=NOW_NS + age_ns)
+    known = conclusions(follows, report(2, 290.0))
     behind, ahead = known.records[1], known.records[2]
     view, left = track(*THIRD_OCCUPIED), (5000.0, None)
 
@@ -637,14 +638,33 @@ def test_in_the_section_of_a_train_that_is_silent_another_may_be_by_now(
 def test_a_section_that_a_train_ahead_surely_is_not_in_is_shut_also_within_what_was_granted(
     *, silent: bool
 ) -> None:
-    known = conclusions(report(1, 0.0, held_end_m=350.0), report(2, 390.0))
     now_ns = NOW_NS + SILENT_NS + silent
+    follows = replace(report(1, 0.0, held_end_m=350.0), echo_ns=now_ns)
+    known = conclusions(follows, report(2, 390.0))
 
     found = known.hidden(
         known.records[1], 100.0, known.records[2], track(*THIRD_OCCUPIED), (5000.0, None), now_ns
     )
 
     assert found == HIDDEN
+
+
+@pytest.mark.parametrize("silent_ahead", [False, True])
+@pytest.mark.parametrize(("front_m", "doubtful"), [(80.0, True), (200.0, True), (200.1, False)])
+def test_a_train_that_hears_nothing_may_be_in_sections_within_its_grant_or_another_may(
+    front_m: float, *, doubtful: bool, silent_ahead: bool
+) -> None:
+    """Whether it took what it was granted nobody knows: it gets no more for the moment."""
+    deaf = replace(report(1, 0.0, held_end_m=350.0), front_max_m=front_m, echo_ns=1)
+    ahead = replace(report(2, 390.0), echo_ns=1) if silent_ahead else report(2, 390.0)
+    known = conclusions(deaf, ahead)
+    record, view = known.records[1], track(True, False, True, False)
+
+    beyond_m = known.within_m(record, NOW_NS, sure=True)
+    found = known.hidden(record, beyond_m, known.records[2], view, (5000.0, None), NOW_NS)
+
+    assert beyond_m == 350.0
+    assert found == ([HIDDEN[0]._replace(bar=Bar.UNSURE)] if doubtful else [])
 
 
 @pytest.mark.parametrize(

@@ -382,6 +382,16 @@ def test_nobody_leaves_the_line_and_comes_back_within_ten_seconds(
     assert [entry.boot for entry in order] == [2 if renewed else 1, 1]
 
 
+@pytest.mark.parametrize("echo_ns", [NOW_NS - 10_000_000_001, 0])
+def test_what_comes_of_a_former_life_may_have_been_long_on_its_way(echo_ns: int) -> None:
+    """It says when by the heartbeat that it echoes; or it does not say."""
+    area = OneArea(ANEW, (2, 400.0))
+    area.heard_of_life_before(1, age_ns=0, echo_ns=echo_ns)
+    area.hears(anew(900.0))
+
+    assert area.settles() == (area.order, [])
+
+
 def test_a_life_that_this_master_never_heard_of_is_not_recent_however_young_its_record() -> None:
     area = OneArea(ANEW, (2, 400.0))
     area.known.records[1].heard_ns = NOW_NS

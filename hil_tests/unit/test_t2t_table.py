@@ -11,15 +11,16 @@ from hil_tests.unit.test_t2t_envelope import REPORT
 from vobc.t2t.guards import MasterGuards, without
 from vobc.t2t.lease import Kept
 from vobc.t2t.roster import Roster, placed
-from vobc.t2t.table import Record, TrainTable, cleared_to_m
+from vobc.t2t.table import OUTSTANDING_MAX, VOID_NS, Record, TrainTable, cleared_to_m
 from zenoh_config.t2t import RosterAck, RosterEntry, SectionState, SyncEntry, TrainReport
+from zenoh_config.timers import NS_PER_MS, TIMERS_A, TIMERS_B
 
 TERM = 7
 
 
 def report(rear_m: float = 100.0, **others: Any) -> TrainReport:
-    fields = {"boot": 2, "rear_min_m": rear_m, "protected_m": rear_m, "localised": True, **others}
-    return replace(REPORT, **fields)
+    fields = {"boot": 2, "rear_min_m": rear_m, "protected_m": rear_m, "localised": True}
+    return replace(REPORT, **{**fields, "echo_ns": 0, **others})
 
 
 def record(*, boot: int = 2, rear_m: float = 0.0) -> Record:
@@ -106,23 +107,23 @@ def served(*ends_m: float) -> Record:
 def test_all_that_is_on_its_way_counts_until_the_train_holds_something_newer() -> None:
     told = served(500.0, 400.0)
     assert told.served
-    assert told.sent == [(11, 500.0), (12, 400.0)]
+    assert told.sent == [(11, 500.0, 0), (12, 400.0, 0)]
     assert told.granted_m == 500.0
 
 
 @pytest.mark.parametrize(
     ("held_term", "held_sequence", "sent"),
     [
-        (7, 10, [(11, 500.0), (12, 400.0), (13, 300.0)]),
-        (7, 11, [(12, 400.0), (13, 300.0)]),
-        (7, 12, [(13, 300.0)]),
+        (7, 10, [(11, 500.0, 0), (12, 400.0, 0), (13, 300.0, 0)]),
+        (7, 11, [(12, 400.0, 0), (13, 300.0, 0)]),
+        (7, 12, [(13, 300.0, 0)]),
         (7, 13, []),
-        (6, 12, [(11, 500.0), (12, 400.0), (13, 300.0)]),
-        (8, 12, [(11, 500.0), (12, 400.0), (13, 300.0)]),
+        (6, 12, [(11, 500.0, 0), (12, 400.0, 0), (13, 300.0, 0)]),
+        (8, 12, [(11, 500.0, 0), (12, 400.0, 0), (13, 300.0, 0)]),
     ],
 )
 def test_what_is_not_newer_than_what_it_took_under_this_term_is_no_longer_on_its_way(
-    held_term: int, held_sequence: int, sent: list[tuple[int, float]]
+    held_term: int, held_sequence: int, sent: list[tuple[int, float, int]]
 ) -> None:
     told = served(500.0, 400.0, 300.0)
 
@@ -139,26 +140,64 @@ def test_what_is_latent_is_granted_too() -> None:
     assert told.granted_m == 500.0
 
 
-def test_eight_authorities_are_told_apart() -> None:
-    ends_m = [900.0, *[float(each) for each in range(100, 107)]]
+REST_M = [float(each) for each in range(100, 99 + OUTSTANDING_MAX)]
 
-    assert served(*ends_m).sent == list(enumerate(ends_m, start=11))
+
+def test_so_many_authorities_are_told_apart() -> None:
+    ends_m = [900.0, *REST_M]
+
+    assert served(*ends_m).sent == [(n, end_m, 0) for n, end_m in enumerate(ends_m, start=11)]
 
 
 @pytest.mark.parametrize(("first_m", "second_m"), [(900.0, 800.0), (800.0, 900.0)])
-def test_of_more_than_eight_the_two_oldest_count_as_one_up_to_the_farther_end(
+def test_of_more_the_two_oldest_count_as_one_up_to_the_farther_end_and_as_the_younger(
     first_m: float, second_m: float
 ) -> None:
-    rest_m = [float(each) for each in range(100, 107)]
+    told = heard(record(), report(latent_m=0.0))
+    for sequence, end_m in enumerate((first_m, second_m, *REST_M), start=11):
+        heard(told, report(latent_m=0.0), now_ns=sequence)
+        told.issued(sequence, end_m)
 
-    told = served(first_m, second_m, *rest_m)
+    assert told.sent == [(12, 900.0, 12), *[(n, m, n) for n, m in enumerate(REST_M, start=13)]]
 
-    assert told.sent == [(12, 900.0), *enumerate(rest_m, start=13)]
+
+@pytest.mark.parametrize(
+    ("echo_ns", "term", "granted_m"),
+    [
+        (90 + VOID_NS, TERM, 500.0),
+        (99 + VOID_NS, TERM, 500.0),
+        (100 + VOID_NS, TERM, 400.0),
+        (199 + VOID_NS, TERM, 400.0),
+        (200 + VOID_NS, TERM, 50.0),
+        (200 + VOID_NS, TERM + 1, 500.0),
+        (0, TERM, 500.0),
+    ],
+)
+def test_what_a_train_cannot_have_taken_any_more_when_it_spoke_does_not_count_as_granted(
+    echo_ns: int, term: int, granted_m: float
+) -> None:
+    """It answers what came at 100 and at 200 ns, and is too old by then; and what the train tells
+    of how far it comes is of that time, too.
+    """
+    told = record()
+    for sequence, (end_m, at_ns) in enumerate(((500.0, 100), (400.0, 200)), start=11):
+        heard(told, report(latent_m=50.0), now_ns=at_ns)
+        told.issued(sequence, end_m)
+
+    heard(told, report(latent_m=50.0, term=term, echo_ns=echo_ns, localised=False))
+
+    assert told.granted_m == granted_m
+
+
+def test_no_authority_lives_as_long_as_it_may_be_on_its_way() -> None:
+    for timers in (TIMERS_A, TIMERS_B):
+        life_ns = timers.authority_ms * NS_PER_MS * (1.0 + timers.drift_ratio)
+        assert life_ns < VOID_NS < OUTSTANDING_MAX * timers.cycle_ms * NS_PER_MS - 500 * NS_PER_MS
 
 
 @given(
-    ends_m=st.lists(st.integers(0, 1000).map(float), min_size=1, max_size=30),
-    taken=st.integers(0, 30),
+    ends_m=st.lists(st.integers(0, 1000).map(float), min_size=1, max_size=90),
+    taken=st.integers(0, 90),
 )
 def test_nothing_that_may_yet_be_taken_is_ever_farther_than_what_counts_as_granted(
     ends_m: list[float], taken: int
@@ -168,7 +207,7 @@ def test_nothing_that_may_yet_be_taken_is_ever_farther_than_what_counts_as_grant
     heard(told, report(latent_m=0.0, held_term=TERM, held_sequence=10 + taken))
 
     assert told.granted_m >= max([0.0, *ends_m[taken:]])
-    assert len(told.sent) <= 8
+    assert len(told.sent) <= OUTSTANDING_MAX
 
 
 def test_what_a_member_holds_proves_how_far_the_train_ahead_of_it_had_come() -> None:

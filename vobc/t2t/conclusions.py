@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from firmware_py.trackdb.areas import ObjectSite
-from vobc.t2t.authority import Stretch
+from vobc.t2t.authority import Bar, Stretch
 from vobc.t2t.guards import Freshness, MasterGuards, Promise, Reach
 from vobc.t2t.roster import Order
 from vobc.t2t.table import UNBOUNDED_M, Record, TrainTable, rear_max_m
@@ -95,10 +95,16 @@ class Conclusions:
         return self._guards.report_alive(Freshness(now_ns - heard_ns, self._silence_ns))
 
     def is_recent(self, report: TrainReport, now_ns: int) -> bool:
-        """By this master's own clock, which it echoes; one of another term echoes none."""
+        """What it says is true of just now."""
+        return self.is_of_last(self._silence_ns, report, now_ns)
+
+    def is_of_last(self, limit_ns: int, report: TrainReport, now_ns: int) -> bool:
+        """By this master's own clock, which it echoes; one of another term echoes none. When it was
+        heard says nothing of that: it may have been long on its way.
+        """
         if report.term != self.term or report.echo_ns == 0:
             return False
-        return self._guards.report_recent(Freshness(now_ns - report.echo_ns, self._silence_ns))
+        return self._guards.report_recent(Freshness(now_ns - report.echo_ns, limit_ns))
 
     def is_placed(self, record: Record, now_ns: int) -> bool:
         """It said under this command where it is, just now. Else its rear may be far beyond, and in
@@ -207,15 +213,21 @@ class Conclusions:
     ) -> list[Stretch]:
         """Before a train, as `hidden_before`; also in sections of the next one if that may be out
         of them by now: there nothing is taken back, and nothing more is granted.
+
+        Of a train that may not have heard for a while what it was told nobody knows whether it took
+        what it was granted, and so whether it is itself in sections within that: it gets no more.
         """
-        found = self.hidden_before(beyond_m, ahead, track, open_end)
-        if found or ahead is None or self.is_placed(ahead, now_ns):
-            return found
-        granted_m = record.granted_m
-        return [
-            Stretch(max(each.start_m, granted_m), max(each.end_m, granted_m), each.bar)
-            for each in self.hidden_before(beyond_m, None, track, open_end)
-        ]
+        found, report = self.hidden_before(beyond_m, ahead, track, open_end), record.report
+        if ahead is not None and not self.is_placed(ahead, now_ns):
+            ahead, granted_m = None, record.granted_m
+            found = found or [
+                Stretch(max(each.start_m, granted_m), max(each.end_m, granted_m), each.bar)
+                for each in self.hidden_before(beyond_m, ahead, track, open_end)
+            ]
+        if report is not None and not self.is_recent(report, now_ns):
+            doubtful = self.hidden_before(report.front_max_m, ahead, track, open_end)
+            found += [each._replace(bar=Bar.UNSURE) for each in doubtful]
+        return found
 
     def hidden_before(
         self,

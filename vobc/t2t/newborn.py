@@ -151,7 +151,8 @@ class Newborns:
                 continue
             scene = scene_of(report)
             former = known.records[entry.train]
-            recent = former.report is not None and now_ns - former.heard_ns <= RECENT_NS
+            told = former.report
+            recent = told is not None and known.is_of_last(RECENT_NS, told, now_ns)
             ahead = settled[-1].train if settled else NOBODY
             followers = [each for each in order[at + 1 :] if each.train in known.records]
             behind = [self._neighbour(each, known, now_ns) for each in followers]

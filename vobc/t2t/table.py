@@ -2,16 +2,29 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Final, NamedTuple
 
 from zenoh_config.t2t import SectionState, SyncEntry, TrainReport
 
-OUTSTANDING_MAX: Final = 8
-"""Authorities on their way to one train that are told apart; more are taken for one."""
+OUTSTANDING_MAX: Final = 64
+"""Authorities on their way to one train that are told apart, which are more than are not void yet;
+of one that hears nothing more are taken for one."""
 PLACES_MAX: Final = 8
 """Reports of one train that are told apart by when they came: those of most of a second."""
+VOID_NS: Final = 2_000_000_000
+"""No train takes an authority any more that answers a report so old: 1 s by its own clock is the
+most that timers allow."""
 UNBOUNDED_M: Final = 1.0e6
 """Reserved for a train of which nobody knows what it may hold."""
+
+
+class Sent(NamedTuple):
+    """An authority on its way to a train."""
+
+    sequence: int
+    end_m: float
+    heard_ns: int
+    """When the report came that it answers."""
 
 
 @dataclass(slots=True)
@@ -42,8 +55,8 @@ class Record:
     """Its rear in that life, at the farthest; until it is heard of, nowhere on the line."""
     stopped: bool = False
     """Supervision has ordered its authority to end where it stands."""
-    sent: list[tuple[int, float]] = field(default_factory=list)
-    """Sequence and end of authorities that it may yet take, oldest first."""
+    sent: list[Sent] = field(default_factory=list)
+    """Authorities that it may yet take, or have taken since it spoke, oldest first."""
     lost: bool = False
     """By the newest report of all it does not know where it is."""
     places: list[tuple[int, float]] = field(default_factory=list, compare=False)
@@ -60,7 +73,10 @@ class Record:
         self.ready_nonce = report.ready_nonce
         self.latent_m = report.latent_m
         if report.held_term == term:
-            self.sent = [each for each in self.sent if each[0] > report.held_sequence]
+            self.sent = [each for each in self.sent if each.sequence > report.held_sequence]
+        if report.term == term:
+            # What it echoes it had heard when it spoke; what was void by then it did not take.
+            self.sent = [each for each in self.sent if report.echo_ns < each.heard_ns + VOID_NS]
         self.lost = not report.localised
         if self.lost:
             return
@@ -79,10 +95,10 @@ class Record:
 
     def issued(self, sequence: int, end_m: float) -> None:
         self.served = True
-        self.sent.append((sequence, end_m))
+        self.sent.append(Sent(sequence, end_m, self.heard_ns))
         if len(self.sent) > OUTSTANDING_MAX:
-            (_, first_m), (second, second_m), *rest = self.sent
-            self.sent = [(second, max(first_m, second_m)), *rest]
+            first, second, *rest = self.sent
+            self.sent = [second._replace(end_m=max(first.end_m, second.end_m)), *rest]
 
     def rear_ahead_m(self, behind_rear_m: float) -> float:
         """Where the rear of the next train ahead must at least be, for this one to have been
@@ -99,7 +115,7 @@ class Record:
     @property
     def granted_m(self) -> float:
         """The farthest its front may come by anything that it holds, may yet take or gave up."""
-        return max([self.latent_m, *[end_m for _, end_m in self.sent]])
+        return max([self.latent_m, *[each.end_m for each in self.sent]])
 
 
 def rear_max_m(report: TrainReport) -> float:

@@ -4,12 +4,19 @@ import math
 from collections.abc import Sequence
 from typing import Final
 
-from metro_hil.network.depot import take_off
+from metro_hil.network.depot import set_on, take_off
 from metro_hil.network.directed import Make, Scenario
 from metro_hil.network.motion import Motion
 from metro_hil.network.scene import Plot, Scene
 from zenoh_config.messages import SpeedRestriction
-from zenoh_config.t2t import LeaseRequest, OrderKind, StandbySync, TrackStatus, TrainReport
+from zenoh_config.t2t import (
+    Heartbeat,
+    LeaseRequest,
+    OrderKind,
+    StandbySync,
+    TrackStatus,
+    TrainReport,
+)
 from zenoh_config.t2t_supervision import RemovalState
 
 FOLLOWS: Final = 1
@@ -197,6 +204,41 @@ def gone_from_behind(make: Make) -> None:
     scene.expect(f"it is let no nearer: {scene.end_m(first)}", scene.end_m(first) == 1789.0)
 
 
+def heard_and_deaf(make: Make) -> None:
+    """One is heard, but hears nothing, and does not take what it is granted. Track ahead is closed,
+    and somebody set on there; then it hears again: what it was granted long ago does not say that
+    it may be itself where axles are counted.
+    """
+    commands, deaf = 2, 1
+    fronts_m = {commands: 200.0, deaf: 500.0, HIDES: 1900.0}
+    scene = make(Plot(fronts_m, pieces=10, stops_m=(200.0, 500.0), dwell_s=300.0))
+    hides = scene.world.trains[HIDES]
+    hides.on_line = hides.localised = False
+    for address in scene.others(deaf, HIDES):
+        scene.net.boot(address)
+    scene.until("it commands", lambda: scene.master() == commands, within_s=10.0)
+    scene.net.boot(deaf)
+    scene.until("all trains have authority", scene.all_held, within_s=20.0)
+    scene.rule(lambda _, target, __: None if target == deaf else 0)
+    scene.run(2.0)
+    scene.world.t2t.closed = (SpeedRestriction(1580.0, 1800.0, 1.0),)
+    scene.run(7.0)
+    set_on(scene.world, hides, 1790.0)
+    scene.run(1.0)
+    scene.world.t2t.closed = ()
+    scene.run(2.0)
+    scene.no_rules()
+    scene.lose(Heartbeat, target=deaf)
+    scene.run(1.0)
+    scene.expect(f"it gets no more: {scene.end_m(deaf)}", scene.end_m(deaf) is None)
+    scene.no_rules()
+    scene.until("it is told", lambda: scene.end_m(deaf) is not None, within_s=10.0)
+    scene.run(1.0)
+    scene.expect(f"it is let no farther: {scene.end_m(deaf)}", scene.end_m(deaf) == 1589.0)
+    scene.net.boot(HIDES)
+    scene.until("the one ahead has authority", scene.all_held, within_s=20.0)
+
+
 def seems_to_overtake(make: Make) -> None:
     """The first of three dies and is driven on by hand, the second comes after it. Whoever commands
     next knows of the first only where arbiters kept it, behind where the second is by now, which
@@ -348,5 +390,6 @@ MOVED_LURES: Final[tuple[Scenario, ...]] = (
         "stood-and-taken-off", 0, "one is taken away that explained axles", stood_and_taken_off
     ),
     Scenario("gone-from-behind", 0, "one leaves, and another hides", gone_from_behind),
+    Scenario("heard-and-deaf", 0, "one is set on before another that is deaf", heard_and_deaf),
     Scenario("seems-to-overtake", 0, "one is ahead of where one was kept", seems_to_overtake),
 )
