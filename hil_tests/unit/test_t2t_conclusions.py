@@ -649,6 +649,24 @@ def test_a_section_that_a_train_ahead_surely_is_not_in_is_shut_also_within_what_
     assert found == HIDDEN
 
 
+def test_no_farther_is_what_a_train_may_hold_or_of_one_that_may_not_have_heard_what_it_says() -> (
+    None
+):
+    hears, deaf = report(1, 0.0, held_end_m=350.0), report(2, 0.0, held_end_m=350.0)
+    known = conclusions(hears, replace(deaf, echo_ns=NOW_NS - SILENT_NS - 1))
+    for train in (1, 2):
+        known.records[train].issued(9, 400.0)
+    known.records[3] = Record(3, 0.0, NOW_NS, boot=1, latent_m=300.0)
+
+    bars = [known.no_farther(known.records[train], NOW_NS) for train in (1, 2, 3)]
+
+    assert bars == [
+        Stretch(400.0, 1_000_000.0, Bar.SHUT),
+        Stretch(350.0, 1_000_000.0, Bar.UNSURE),
+        Stretch(300.0, 1_000_000.0, Bar.UNSURE),
+    ]
+
+
 @pytest.mark.parametrize("silent_ahead", [False, True])
 @pytest.mark.parametrize(("front_m", "doubtful"), [(80.0, True), (200.0, True), (200.1, False)])
 def test_a_train_that_hears_nothing_may_be_in_sections_within_its_grant_or_another_may(

@@ -229,6 +229,14 @@ class Conclusions:
             found += [each._replace(bar=Bar.UNSURE) for each in doubtful]
         return found
 
+    def no_farther(self, record: Record, now_ns: int) -> Stretch:
+        """Where a train was granted nothing yet; one that may not have heard gets no other for the
+        moment than what it says that it holds.
+        """
+        if record.report is not None and self.is_recent(record.report, now_ns):
+            return Stretch(record.granted_m, UNBOUNDED_M, Bar.SHUT)
+        return Stretch(record.latent_m, UNBOUNDED_M, Bar.UNSURE)
+
     def hidden_before(
         self,
         beyond_m: float,

@@ -5,7 +5,7 @@ from typing import Final
 from firmware_py.trackdb.areas import AreaMap
 from vobc.t2t import admission
 from vobc.t2t.admission import Scene, Waiting, admitted, foremost_first, is_sieved
-from vobc.t2t.authority import Bar, Course, Space, Stretch, back_to_m, end_of_authority_m
+from vobc.t2t.authority import Course, Space, Stretch, back_to_m, end_of_authority_m
 from vobc.t2t.conclusions import Conclusions
 from vobc.t2t.guards import Freshness, MasterGuards
 from vobc.t2t.lease import Lease
@@ -16,7 +16,7 @@ from vobc.t2t.roster import Order, Roster
 from vobc.t2t.speaker import Head, Speaker
 from vobc.t2t.succession import Succession
 from vobc.t2t.surroundings import Look, Surroundings
-from vobc.t2t.table import UNBOUNDED_M, Record, TrainTable
+from vobc.t2t.table import Record, TrainTable
 from vobc.t2t.track_view import TrackView, restrictions_for, view_of
 from vobc.t2t.vocabulary import T2tConfig
 from zenoh_config.messages import WAYSIDE
@@ -290,7 +290,7 @@ class Master:
                 beyond_m = self._known.within_m(record, now_ns, sure=alone is ahead)
                 open_end = (self._area.end_m, self._left)
                 hidden = self._known.hidden(record, beyond_m, alone, self._track, open_end, now_ns)
-                hidden += [] if kept else [Stretch(record.granted_m, UNBOUNDED_M, Bar.SHUT)]
+                hidden += [] if kept else [self._known.no_farther(record, now_ns)]
                 authority = self._authority(now_ns, record, ahead, [*barred, *hidden], rank)
                 issued += [] if authority is None else [authority]
             ahead, alone = record, record if sieved else None
