@@ -6,6 +6,7 @@ import pytest
 
 from firmware_py.trackdb.areas import Area
 from vobc.t2t.admission import (
+    APART_M,
     Scene,
     Waiting,
     admitted,
@@ -20,6 +21,7 @@ from vobc.t2t.authority import Bar, Counted, Standing, Stretch
 from vobc.t2t.guards import MasterGuards
 from vobc.t2t.roster import Order
 from vobc.t2t.table import Record
+from vobc.t2t.track_view import EXCUSED_M
 from vobc.t2t.vocabulary import T2tConfig
 from zenoh_config.t2t import AdmissionState, RosterEntry, TrainReport
 
@@ -308,8 +310,13 @@ def test_near_a_train_all_axles_are_of_trains_at_rest(
 def test_behind_a_train_a_section_that_it_keeps_clear_of_may_be_occupied() -> None:
     axles = {"at_1300": 16, "at_1200": 16}
 
-    assert is_sieved(report(1310.9, 1390.0), near(**axles), ROOM_M) is False
-    assert is_sieved(report(1311.0, 1389.0), near(**axles), ROOM_M) is True
+    assert is_sieved(report(1319.9, 1390.0), near(**axles), ROOM_M) is False
+    assert is_sieved(report(1320.0, 1389.0), near(**axles), ROOM_M) is True
+
+
+def test_nobody_hides_so_near_behind_a_train_that_an_old_look_could_take_it_for_that_one() -> None:
+    """Also after it has rolled and jogged back, when a new master first hears of it."""
+    assert 2.0 * T2tConfig().behind_rear_m + EXCUSED_M <= APART_M
 
 
 def test_where_it_may_still_come_counts_as_where_it_stands() -> None:
@@ -325,8 +332,8 @@ def test_a_clear_piece_that_ends_where_it_stands_is_no_gap_ahead_of_it() -> None
     told = tuple([Counted(start_m, end_m, n > 0, n) for start_m, end_m, n in pieces])
     scene = near()._replace(counted=told, standing=(Standing(1240.0, 1260.0, 1),))
 
-    assert is_sieved(report(1215.0, 1300.0), scene, 0.0) is False
-    assert is_sieved(report(1215.0, 1299.9), scene, 0.0) is True
+    assert is_sieved(report(1220.0, 1300.0), scene, 0.0) is False
+    assert is_sieved(report(1220.0, 1299.9), scene, 0.0) is True
 
 
 def test_whoever_stands_beyond_the_area_need_not_be_heard() -> None:
@@ -350,14 +357,14 @@ def test_of_sections_that_were_not_told_nothing_is_known() -> None:
     for first_m, rear_m, known in (
         (1200.0, 1300.0, True),
         (1300.0, 1300.0, False),
-        (1300.0, 1311.0, True),
-        (1300.0, 1310.9, False),
+        (1300.0, 1320.0, True),
+        (1300.0, 1319.9, False),
     ):
         told = alone._replace(counted=counted(first_m, 1500.0, at_1300=16))
         assert is_sieved(report(rear_m, 1385.0), told, ROOM_M) is known
     told = alone._replace(counted=counted(1200.0, 1400.0, at_1300=16))
-    assert is_sieved(report(1311.0, 1389.0), told, ROOM_M) is True
-    assert is_sieved(report(1311.0, 1389.1), told, ROOM_M) is False
+    assert is_sieved(report(1320.0, 1389.0), told, ROOM_M) is True
+    assert is_sieved(report(1320.0, 1389.1), told, ROOM_M) is False
     # Beyond the ends of the line nobody is.
     line = told._replace(line_m=(1305.0, 1400.0))
     assert is_sieved(report(1310.0, 1395.0), line, ROOM_M) is True

@@ -1,7 +1,7 @@
 """Who comes onto the roster, and where: between whom a newcomer stands, and that nobody hides."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from firmware_py.trackdb.areas import Area
 from vobc.t2t.authority import Bar, Counted, Standing, Stretch, all_explained, explained
@@ -10,6 +10,10 @@ from vobc.t2t.roster import Order, placed
 from vobc.t2t.table import UNBOUNDED_M, Record
 from vobc.t2t.vocabulary import T2tConfig
 from zenoh_config.t2t import NOBODY, ROSTER_MAX, AdmissionState, RosterEntry, TrainReport
+
+APART_M: Final = 20.0
+"""So far behind a train that is let go nobody may hide: it may come back, as much again is kept
+free of it as its own, and an old look at the track excuses some more."""
 
 
 class Scene(NamedTuple):
@@ -91,7 +95,7 @@ def is_sieved(report: TrainReport, scene: Scene, room_m: float) -> bool:
     """All axles around a train that stands are those of trains that say that they are there.
 
     Args:
-        room_m: kept free of an axle that nobody explains.
+        room_m: kept free ahead of it of an axle that nobody explains.
     """
     if scene.counted is None:
         return True
@@ -109,7 +113,7 @@ def _is_known_within(
     area, are of trains at rest. Those farther on may be of trains that this master does not hear.
     """
     front_m, border_m = max(report.front_max_m, report.latent_m), scene.area.end_m
-    from_m, to_m = report.rear_min_m - room_m, front_m + room_m
+    from_m, to_m = report.rear_min_m - APART_M, front_m + room_m
     for each in counted:
         if each.start_m >= max(border_m, front_m) or (each.end_m > front_m and not each.occupied):
             break
