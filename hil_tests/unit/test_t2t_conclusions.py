@@ -415,7 +415,7 @@ def test_what_a_train_was_granted_proves_how_far_the_one_ahead_had_come(
 ) -> None:
     known = conclusions(report(1, 900.0), report(2, 500.0, held_end_m=held_end_m))
 
-    known.take_proofs(order_of(1, 2))
+    known.take_proofs(order_of(1, 2), NOW_NS)
 
     assert [each.rear_m for each in known.records.values()] == [rear_m, 500.0]
 
@@ -423,7 +423,7 @@ def test_what_a_train_was_granted_proves_how_far_the_one_ahead_had_come(
 def test_each_train_proves_only_where_the_next_one_ahead_is() -> None:
     known = conclusions(report(1, 900.0), report(2, 500.0), report(3, 300.0, held_end_m=600.0))
 
-    known.take_proofs(order_of(1, 2, 3))
+    known.take_proofs(order_of(1, 2, 3), NOW_NS)
 
     assert [each.rear_m for each in known.records.values()] == [900.0, 607.0, 300.0]
 
@@ -431,9 +431,20 @@ def test_each_train_proves_only_where_the_next_one_ahead_is() -> None:
 def test_what_a_train_holds_that_may_yet_obey_another_master_proves_nothing() -> None:
     known = conclusions(report(1, 900.0), report(2, 500.0, held_end_m=950.0, term=4))
 
-    known.take_proofs(order_of(1, 2))
+    known.take_proofs(order_of(1, 2), NOW_NS)
 
     assert known.records[1].rear_m == 900.0
+
+
+@pytest.mark.parametrize(("age_ns", "rear_m"), [(SILENT_NS, 957.0), (SILENT_NS + 1, 900.0)])
+def test_what_a_train_held_long_ago_proves_nothing_of_one_that_was_moved_since(
+    age_ns: int, rear_m: float
+) -> None:
+    known = conclusions(report(1, 900.0), report(2, 500.0, held_end_m=950.0))
+
+    known.take_proofs(order_of(1, 2), NOW_NS + age_ns)
+
+    assert known.records[1].rear_m == rear_m
 
 
 def track(*occupied: bool, seen_ns: int = NOW_NS) -> TrackView:

@@ -327,6 +327,7 @@ def test_a_train_that_has_not_promised_gets_nothing_and_stays_an_obstacle() -> N
 def test_what_a_follower_holds_proves_how_far_a_silent_leader_had_come() -> None:
     """Else every takeover would pull back the authorities behind a master that died."""
     command = Command()
+    command.now_ns = MS
     command.hears(2, 500.0, latent_m=1100.0)
 
     issued = command.step() | command.step()

@@ -160,12 +160,15 @@ class Conclusions:
             for each in reports
         )
 
-    def take_proofs(self, order: Sequence[RosterEntry]) -> None:
-        """What a train was granted proves how far the train ahead of it had come."""
+    def take_proofs(self, order: Sequence[RosterEntry], now_ns: int) -> None:
+        """What a train was granted proves how far the train ahead of it had come; what it said of
+        that long ago does not, as the one ahead may have been moved since.
+        """
         ahead: Record | None = None
         for entry in order:
-            record = self.records[entry.train]
-            if ahead is not None and self.has_promised(record):
+            record, report = self.records[entry.train], self.records[entry.train].report
+            recent = report is not None and self.is_recent(report, now_ns)
+            if ahead is not None and recent and self.has_promised(record):
                 proven_m = record.rear_ahead_m(self._config.behind_rear_m)
                 ahead.rear_m = max(ahead.rear_m, proven_m)
             ahead = record

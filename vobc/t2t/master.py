@@ -182,7 +182,7 @@ class Master:
     def _cycle(self, now_ns: int, *, away: bool) -> list[T2tMessage]:
         if self._track is not None:
             self._known.advance_silent(now_ns, self._track)
-        self._known.take_proofs(self.roster.proposed)
+        self._known.take_proofs(self.roster.proposed, now_ns)
         said: list[T2tMessage] = []
         if not self.roster.pending:
             said += self._keep_roster(now_ns)
