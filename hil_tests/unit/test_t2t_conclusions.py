@@ -436,6 +436,19 @@ def test_what_a_train_holds_that_may_yet_obey_another_master_proves_nothing() ->
     assert known.records[1].rear_m == 900.0
 
 
+def test_nor_what_one_held_that_has_gone_over_to_the_next_master_and_lost_its_place() -> None:
+    gone_over = report(2, 500.0, held_end_m=950.0, term=TERM + 1)
+    known = conclusions(
+        report(1, 900.0),
+        report(2, 500.0, held_end_m=950.0),
+        replace(gone_over, localised=False, echo_ns=0),
+    )
+
+    known.take_proofs(order_of(1, 2), NOW_NS)
+
+    assert known.records[1].rear_m == 900.0
+
+
 @pytest.mark.parametrize(("age_ns", "rear_m"), [(SILENT_NS, 957.0), (SILENT_NS + 1, 900.0)])
 def test_what_a_train_held_long_ago_proves_nothing_of_one_that_was_moved_since(
     age_ns: int, rear_m: float
