@@ -343,7 +343,7 @@ class TestAuthority:
         chair.reports(1, 900.0)
         first = authorities(chair.step(0))[1]
         record = chair.master._known.records[1]
-        assert record.sent == [(first.sequence, 2000.0, record.heard_ns)]
+        assert record.sent == [(first.sequence, 2000.0, record.heard_ns + 2000 * MS)]
         assert record.granted_m == 2000.0
         chair.reports(1, 900.0, held_term=TERM, held_sequence=first.sequence, latent_m=950.0)
         assert record.granted_m == 950.0

@@ -145,7 +145,7 @@ def test_for_a_switch_those_are_ready_that_said_so_within_half_the_life_of_an_au
 def test_a_train_that_is_where_it_was_is_renewed_in_its_place_and_begins_with_nothing() -> None:
     area = OneArea((6, 1500.0), ANEW, (2, 400.0))
     area.heard_of_life_before(1, age_ns=0)
-    area.known.records[1].issued(7, 1400.0)
+    area.known.records[1].issued(7, 1400.0, life_ns=0)
     area.hears(anew(898.0), age_ns=20)
 
     order, gone = area.settles()

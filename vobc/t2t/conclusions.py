@@ -21,6 +21,8 @@ class Conclusions:
         self.term, self._config, self._guards = term, config, guards
         self._silence_ns = config.timers.authority_ms * NS_PER_MS // 2
         """After this a train is silent: what answers its last report would soon be too old."""
+        self.life_ns = 2 * config.timers.authority_ms * NS_PER_MS
+        """No train takes an authority that answers a report so old, however clocks drift."""
 
     @property
     def records(self) -> dict[int, Record]:
@@ -110,8 +112,11 @@ class Conclusions:
         """It said under this command where it is, just now. Else its rear may be far beyond, and in
         the sections that it was in somebody else.
         """
-        report = record.report
-        return report is not None and not record.lost and self.is_recent(report, now_ns)
+        return not record.lost and self.spoke_just_now(record, now_ns)
+
+    def spoke_just_now(self, record: Record, now_ns: int) -> bool:
+        """What it said last of its place is true of just now; it may be lost since."""
+        return record.report is not None and self.is_recent(record.report, now_ns)
 
     def farther_m(self, record: Record, report: TrainReport, now_ns: int) -> float:
         """How much farther than it said last a train may be if it said so a while ago."""
@@ -166,8 +171,8 @@ class Conclusions:
         """
         ahead: Record | None = None
         for entry in order:
-            record, report = self.records[entry.train], self.records[entry.train].report
-            recent = report is not None and self.is_recent(report, now_ns)
+            record = self.records[entry.train]
+            recent = self.spoke_just_now(record, now_ns)
             if ahead is not None and recent and self.has_promised(record):
                 proven_m = record.rear_ahead_m(self._config.behind_rear_m)
                 ahead.rear_m = max(ahead.rear_m, proven_m)
@@ -236,7 +241,7 @@ class Conclusions:
         """Where a train was granted nothing yet; one that may not have heard gets no other for the
         moment than what it says that it holds.
         """
-        if record.report is not None and self.is_recent(record.report, now_ns):
+        if self.spoke_just_now(record, now_ns):
             return Stretch(record.granted_m, UNBOUNDED_M, Bar.SHUT)
         return Stretch(record.latent_m, UNBOUNDED_M, Bar.UNSURE)
 

@@ -318,7 +318,7 @@ class Master:
         if end_m is None or end_m < rear_m:
             return None
         head = self._head(now_ns, record.train)
-        record.issued(head.sequence, end_m)
+        record.issued(head.sequence, end_m, life_ns=self._known.life_ns)
         return AreaAuthority(
             *head,
             report.boot,

@@ -11,9 +11,6 @@ OUTSTANDING_MAX: Final = 64
 of one that hears nothing more are taken for one."""
 PLACES_MAX: Final = 8
 """Reports of one train that are told apart by when they came: those of most of a second."""
-VOID_NS: Final = 2_000_000_000
-"""No train takes an authority any more that answers a report so old: 1 s by its own clock is the
-most that timers allow."""
 UNBOUNDED_M: Final = 1.0e6
 """Reserved for a train of which nobody knows what it may hold."""
 
@@ -23,8 +20,8 @@ class Sent(NamedTuple):
 
     sequence: int
     end_m: float
-    heard_ns: int
-    """When the report came that it answers."""
+    void_ns: int
+    """From then on the train surely takes it no more."""
 
 
 @dataclass(slots=True)
@@ -76,7 +73,7 @@ class Record:
             self.sent = [each for each in self.sent if each.sequence > report.held_sequence]
         if report.term == term:
             # What it echoes it had heard when it spoke; what was void by then it did not take.
-            self.sent = [each for each in self.sent if report.echo_ns < each.heard_ns + VOID_NS]
+            self.sent = [each for each in self.sent if report.echo_ns < each.void_ns]
         self.lost = not report.localised
         if self.lost:
             return
@@ -93,9 +90,12 @@ class Record:
         """Protected rear as it had been heard by that instant; far behind, if it had not."""
         return max([m for heard_ns, m in self.places if heard_ns <= at_ns], default=-UNBOUNDED_M)
 
-    def issued(self, sequence: int, end_m: float) -> None:
+    def issued(self, sequence: int, end_m: float, *, life_ns: int) -> None:
+        """In answer to what was heard last; `life_ns`: longer than an authority is taken after the
+        report that it answers, by whatever clock.
+        """
         self.served = True
-        self.sent.append(Sent(sequence, end_m, self.heard_ns))
+        self.sent.append(Sent(sequence, end_m, self.heard_ns + life_ns))
         if len(self.sent) > OUTSTANDING_MAX:
             first, second, *rest = self.sent
             self.sent = [second._replace(end_m=max(first.end_m, second.end_m)), *rest]
