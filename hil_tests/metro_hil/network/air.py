@@ -87,7 +87,8 @@ class Air:
         self._answers: dict[tuple[int, int, int, int], dict[int, int]] = {}
         """By train, area, term and nonce: stamp of the request that each arbiter granted."""
         self._less_ns: dict[tuple[int, int, int, int], int] = {}
-        """By train, area, term and nonce: how much less than a whole lease was asked for."""
+        """By train, area, term and nonce of what was asked for in this life: how much less than a
+        whole lease."""
         self._told: dict[tuple[int, int], dict[tuple[int, int], float]] = {}
         """By train and area: ends of the authorities that came, by term and sequence."""
         self._won: set[tuple[int, int, int]] = set()
@@ -178,8 +179,14 @@ class Air:
                         del self._let_in[next(iter(self._let_in))]
 
     def booted(self, address: int) -> None:
-        """A train begins a new life: what it was told before is void."""
-        memories: tuple[dict[Any, Any], ...] = (self._told, self._until_ns, self._newest)
+        """A train begins a new life: what it was told or asked for before is void."""
+        memories: tuple[dict[Any, Any], ...] = (
+            self._told,
+            self._until_ns,
+            self._newest,
+            self._answers,
+            self._less_ns,
+        )
         for memory in memories:
             for key in [key for key in memory if key[0] == address]:
                 del memory[key]
@@ -243,16 +250,17 @@ class Air:
         """`ahead_ns` is what the true clock reads more than the train's."""
         if not message.granted or message.destination != address:
             return
-        if (address, message.area, message.term) in self._given_back:
-            return
         asked = (address, message.area, message.term, message.nonce)
+        # An answer may come so late that whoever asked is not there any more.
+        if asked not in self._less_ns or asked[:3] in self._given_back:
+            return
         answers = self._answers.setdefault(asked, {})
         answers[message.source] = message.echo_ns
         if len(answers) < self.rules.majority:
             return
         newest_ns = sorted(answers.values(), reverse=True)[self.rules.majority - 1]
         until_ns = newest_ns + round(self.rules.lease_ns * (1.0 - self.rules.drift_ratio))
-        until_ns -= self._less_ns.get(asked, 0)
+        until_ns -= self._less_ns[asked]
         key = address, message.area
         term, before_ns = self._until_ns.get(key, (0, 0))
         if message.term > term or until_ns > before_ns:

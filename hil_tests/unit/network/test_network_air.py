@@ -119,6 +119,19 @@ def test_nobody_gets_the_lease_of_another_that_runs(line: Line) -> None:
         line.hears(ARBITERS[2], asked)
 
 
+def test_what_is_granted_to_a_former_life_gives_the_new_one_no_lease(line: Line) -> None:
+    named = line.ask(HOLDER, 1, LeaseKind.RENEW, SUCCESSOR)
+    for arbiter in ARBITERS[:2]:
+        line.hears(arbiter, named)
+    asked = line.ask(SUCCESSOR, 2, LeaseKind.ACQUIRE)
+    for arbiter in ARBITERS[:2]:
+        line.hears(arbiter, asked)
+    line.air.booted(HOLDER)
+    for arbiter in ARBITERS[::-1]:
+        line.hears(arbiter, named)
+    assert line.air.looked["19 lease"] == 2
+
+
 def test_it_does_once_that_has_run_out(line: Line) -> None:
     line.now_ns += 500 * NS_PER_MS
     asked = line.ask(SUCCESSOR, 2, LeaseKind.ACQUIRE)
