@@ -28,8 +28,7 @@ PIP := PIP_CONSTRAINT=$(CONSTRAINTS) PIP_BUILD_CONSTRAINT=$(CONSTRAINTS) PIP_DIS
 	$(BIN)/python -m pip install --quiet -c $(CONSTRAINTS)
 
 # The unit tests of vobc/atp.
-PROTECTION_TESTS = $(wildcard hil_tests/unit/test_atp_*.py) \
-	$(wildcard $(addprefix hil_tests/unit/test_vobc_,$(addsuffix .py,braking config doors protection supervision)))
+PROTECTION_TESTS = hil_tests/unit/vobc/atp hil_tests/unit/vobc/test_vobc_config.py
 
 .DEFAULT_GOAL := help
 .PHONY: help setup run test check collected format-check lint types types-of-packages types-of-tests layers mutate fuzz coverage bench bench-hil bench-atp bench-logs bench-page bench-energy bench-t2t bench-simulator simulate explore compiled docs format clean distclean
@@ -92,39 +91,39 @@ coverage: $(READY_TO_TEST) ## measure branch coverage of vobc/atp by its own tes
 		--cov-report=term-missing:skip-covered $(PROTECTION_TESTS)
 
 bench: $(READY_TO_TEST) ## measure the figures that the README publishes; BENCH_ARGS=...
-	$(BIN)/python -m metro_hil.benchmarks $(BENCH_ARGS)
+	$(BIN)/python -m metro_hil.benchmarks.bench $(BENCH_ARGS)
 
 bench-hil: compiled ## measure campaigns: overhead, seed 001's tables, kills, 10,000 stops; BENCH_ARGS=...
-	$(BIN)/python -m metro_hil.hil_benchmarks $(BENCH_ARGS)
+	$(BIN)/python -m metro_hil.benchmarks.campaigns $(BENCH_ARGS)
 
 bench-page: $(READY_TO_TEST) ## measure what the page of a log costs to write, open and move in
 	$(BIN)/python -m metro_tools.page_bench $(BENCH_ARGS)
 
 bench-atp: $(READY_TO_TEST) ## measure what protection costs a cycle, and its braking distances
-	$(BIN)/python -m metro_hil.protection_bench $(BENCH_ARGS)
+	$(BIN)/python -m metro_hil.benchmarks.protection $(BENCH_ARGS)
 
 bench-logs: $(READY_TO_TEST) ## measure canlog against its peers on a log of 2 M frames
-	$(BIN)/python -m hil_tests.log_bench $(BENCH_ARGS)
+	$(BIN)/python -m hil_tests.log_benchmarks $(BENCH_ARGS)
 
 bench-energy: compiled ## measure running curves, the DC network, the green line, seven whole trains; BENCH_ARGS=...
-	$(BIN)/python -m metro_hil.energy_bench $(BENCH_ARGS)
+	$(BIN)/python -m metro_hil.benchmarks.energy $(BENCH_ARGS)
 
 bench-t2t: $(READY_TO_TEST) ## kill and stop masters over real zenoh and time the next; BENCH_ARGS="--trains N --timers B"
-	$(BIN)/python -m metro_hil.line_trial --fault kill $(BENCH_ARGS)
-	$(BIN)/python -m metro_hil.line_trial --fault stop $(BENCH_ARGS)
-	$(BIN)/python -m metro_hil.line_trial --fault switch $(BENCH_ARGS)
-	$(BIN)/python -m metro_hil.line_trial --fault none --trains 8 $(BENCH_ARGS)
-	$(BIN)/python -m metro_hil.line_sessions
+	$(BIN)/python -m metro_hil.line.failover_trial --fault kill $(BENCH_ARGS)
+	$(BIN)/python -m metro_hil.line.failover_trial --fault stop $(BENCH_ARGS)
+	$(BIN)/python -m metro_hil.line.failover_trial --fault switch $(BENCH_ARGS)
+	$(BIN)/python -m metro_hil.line.failover_trial --fault none --trains 8 $(BENCH_ARGS)
+	$(BIN)/python -m metro_hil.line.sessions
 
 simulate: compiled ## trains that command themselves under random faults, 10,000 hours; SIMULATE_ARGS=...
 	@mkdir -p runs
 	.compiled/bin/hil simulate $(SIMULATE_ARGS)
 
 explore: $(READY_TO_TEST) ## every schedule of two trains and their arbiters with one or two faults; EXPLORE_ARGS=...
-	$(BIN)/python -m metro_hil.network.model $(EXPLORE_ARGS)
+	$(BIN)/python -m metro_hil.simulation.model_check $(EXPLORE_ARGS)
 
 bench-simulator: compiled ## measure simulator, failover and headway in virtual time; BENCH_ARGS=...
-	PYTHONSAFEPATH=1 PYTHONPATH=$(CURDIR)/.compiled/lib $(BIN)/python -m metro_hil.simulator_bench $(BENCH_ARGS)
+	PYTHONSAFEPATH=1 PYTHONPATH=$(CURDIR)/.compiled/lib $(BIN)/python -m metro_hil.benchmarks.simulator $(BENCH_ARGS)
 
 docs: $(READY_TO_TEST) ## write the generated documents anew
 	$(BIN)/python -m metro_tools.interface_doc

@@ -7,7 +7,7 @@ Each message is one line of JSON. The bench speaks first and every line of it ha
     {"type": "stop", ...}   ->  {"type": "yield", ...}, and then the controller ends
 
 Bytes are hexadecimal, instants whole nanoseconds of the bench's virtual time. Members that a side
-does not know are to be ignored; `docs/lockstep_interface.md` is the contract.
+does not know are to be ignored; `docs/reference/lockstep_interface.md` is the contract.
 """
 
 from typing import Any, Final

@@ -46,7 +46,7 @@ settings.load_profile("ci" if IN_CI else "local")
 
 @pytest.fixture(scope="session")
 def checkout() -> Path:
-    """The folder that holds the seven packages."""
+    """The folder that holds the packages."""
     return ROOT
 
 

@@ -15,7 +15,7 @@ from can_dbc.nodes import Node
 from can_dbc.odometer import ColdMovement, Doppler, Imu, Tacho
 from can_dbc.tags import TagReaderHealth
 from can_dbc.traction import TractionCommand, TractionStatus
-from firmware_py.executive import Executive, Task
+from firmware_py.clock.executive import Executive, Task
 from firmware_py.ports import RadioPort, SerialPort
 from plant_emulator.desk.attendant import attendant
 from plant_emulator.desk.display import KINDS as DISPLAYED

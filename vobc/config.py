@@ -8,7 +8,7 @@ from firmware_py import settings
 from firmware_py.settings import SettingsError
 from firmware_py.trackdb import LineMap, Station
 from vobc.ato import AtoConfig
-from vobc.ato.strategies import STRATEGIES
+from vobc.ato.laws import STRATEGIES
 from vobc.atp import AtpConfig
 from vobc.odometry import OdometryConfig
 from vobc.vocabulary import Mission, TrainBelief

@@ -4,7 +4,7 @@ from typing import Final
 
 import msgspec
 
-# In the order of the fields named in docs/radio_interface.md.
+# In the order of the fields named in docs/reference/radio_interface.md.
 REPORT_BODY: Final = msgspec.msgpack.Decoder(tuple[int, float, float, float, float, bool])
 AUTHORITY_BODY: Final = msgspec.msgpack.Decoder(tuple[int, int, int, float, float | None])
 

@@ -2,8 +2,8 @@
 
 The envelope says who speaks to whom, of what, in which order and when, and ends in a cryptographic
 safety code (HMAC-SHA256, shortened to 16 bytes) over all that stands before it.
-docs/radio_interface.md has the layout and the table of threats and defences; what only a receiver
-can check, order and age, is in sequencing.py.
+docs/reference/radio_interface.md has the layout and the table of threats and defences; what only a
+receiver can check, order and age, is in sequencing.py.
 """
 
 import hmac

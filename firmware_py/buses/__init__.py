@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from firmware_py.buses.errors import BusError
 from firmware_py.buses.interfaces import BUS_NAME, VIRTUAL_KINDS, look_up
-from firmware_py.clock import Clock
+from firmware_py.clock.clock import Clock
 from firmware_py.ports import CanPort
 
 __all__ = [

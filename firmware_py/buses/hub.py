@@ -14,8 +14,8 @@ from firmware_py import rendezvous
 from firmware_py.buses.errors import BusError
 from firmware_py.buses.hub_control import READY
 from firmware_py.buses.hub_server import Hub
-from firmware_py.clock import WallClock
-from firmware_py.realtime import enter_realtime
+from firmware_py.clock.clock import WallClock
+from firmware_py.clock.realtime import enter_realtime
 
 LOCK_TRIES = 10
 LOCK_PAUSE_NS = 30_000_000

@@ -24,7 +24,7 @@ from firmware_py.buses.records import (
     pack_announcement,
     read_announcement,
 )
-from firmware_py.clock import WallClock
+from firmware_py.clock.clock import WallClock
 
 ANSWER_S: Final = 2.0
 """A hub that has not answered by then is taken for dead."""

@@ -26,7 +26,7 @@ from firmware_py.buses.records import (
     stamp_frames,
     whole_records_bytes,
 )
-from firmware_py.clock import Clock
+from firmware_py.clock.clock import Clock
 
 QUEUE_RECORDS: Final = 100_000
 """What waits for one client; at 2,000 frames/s it may be away for 50 s."""

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Final
 from firmware_py.buses.errors import BusError
 from firmware_py.buses.interfaces import look_up
 from firmware_py.buses.lean_can import put_off_mf4
-from firmware_py.clock import Clock
+from firmware_py.clock.clock import Clock
 from firmware_py.ports import CanFrame, LinkCounters
 
 if TYPE_CHECKING:

@@ -3,7 +3,7 @@
 from collections.abc import Collection, Sequence
 
 from firmware_py.ports import LinkCounters, RadioMessage, RadioPort, TunableRadioPort
-from firmware_py.recorder import RadioLog, SerialDirection
+from firmware_py.storage.recorder import RadioLog, SerialDirection
 
 
 class RecordedRadio:

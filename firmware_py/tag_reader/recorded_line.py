@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from firmware_py.ports import LinkCounters, SerialChunk, SerialPort
-from firmware_py.recorder import SerialDirection, SerialLog
+from firmware_py.storage.recorder import SerialDirection, SerialLog
 
 
 class RecordedLine:

@@ -1,7 +1,7 @@
 """Telegrams of the tag reader: bytes on its serial line to values, and back.
 
-docs/serial_interface.md has the layout. Every frame stands between two flags of its own, so that a
-damaged flag costs the telegram it belongs to and not its neighbour as well.
+docs/reference/serial_interface.md has the layout. Every frame stands between two flags of its own,
+so that a damaged flag costs the telegram it belongs to and not its neighbour as well.
 """
 
 import enum

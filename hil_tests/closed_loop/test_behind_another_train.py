@@ -5,8 +5,8 @@ from collections.abc import Iterator
 import pytest
 
 from can_dbc.vobc import Supervision
-from metro_hil.line_bench import BenchTrain
-from metro_hil.whole_headway import LOOK_S, approach
+from metro_hil.line.headway import LOOK_S, approach
+from metro_hil.line.train_group import BenchTrain
 
 INTERVAL_S = 74.1
 LEFT_S = 45.0

@@ -7,12 +7,12 @@ import msgspec
 import pytest
 
 from firmware_py.settings import SettingsError
-from metro_hil.branch import group_key
 from metro_hil.campaign.builder import Scenario
-from metro_hil.cases import Case, CaseResult, Host, Verdict
-from metro_hil.live_bench import Bench, BenchTimeoutError
-from metro_hil.pytest_plugin import bench
-from metro_hil.run_case import run_case, run_group
+from metro_hil.model.case import Case, CaseResult, Host, Verdict
+from metro_hil.pytest.bench import Bench, BenchTimeoutError
+from metro_hil.pytest.plugin import bench
+from metro_hil.run.branch import group_key
+from metro_hil.run.dispatch import run_case, run_group
 from vobc.process import VobcDevice
 from vobc.vocabulary import CycleOutput
 
@@ -191,7 +191,7 @@ def test_a_mistake_of_the_bench_is_no_verdict_on_the_controller(
     def fails(self: object, stamp_ns: int, can_id: int, data: bytes) -> None:
         raise KeyError("the bench")
 
-    monkeypatch.setattr("metro_hil.chain.FrameChain.frame", fails)
+    monkeypatch.setattr("metro_hil.model.frame_hash.FrameChain.frame", fails)
     (case,) = hop().cases()
 
     with pytest.raises(KeyError):

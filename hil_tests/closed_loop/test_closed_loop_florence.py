@@ -12,16 +12,16 @@ import pytest
 from can_dbc.nodes import Node
 from can_dbc.vobc import Supervision
 from firmware_py.candump import read_candump
-from firmware_py.executive import run
+from firmware_py.clock.executive import run
 from firmware_py.ports import LinkCounters
-from metro_hil.columns import read_columns
-from metro_hil.ending import ARRIVED
-from metro_hil.journey import plan_journey
-from metro_hil.lockstep import Lockstep, config_of, run_lockstep, scenario_of
-from metro_hil.measures import measure_ride, measure_stops, supervision_events
-from metro_hil.options import RunOptions, parse
-from metro_hil.results import sha256_of
-from metro_hil.run_folder import RunFolder
+from metro_hil.metrics.results import sha256_of
+from metro_hil.metrics.run import measure_ride, measure_stops, supervision_events
+from metro_hil.model.end_condition import ARRIVED
+from metro_hil.model.log_columns import read_columns
+from metro_hil.model.mission import plan_journey
+from metro_hil.model.run_folder import RunFolder
+from metro_hil.model.run_options import RunOptions, parse
+from metro_hil.run.lockstep import Lockstep, config_of, run_lockstep, scenario_of
 
 TOLERANCE_M = 0.10
 WARNING_MPS = 3.0 / 3.6
@@ -148,7 +148,7 @@ def test_the_ideal_train_rides_within_the_papers_limits(tmp_path: Path) -> None:
 def test_the_same_seed_gives_the_same_bytes_in_a_fresh_process_under_load(tmp_path: Path) -> None:
     """Once here, and once in a process of its own that has to share its processor."""
     here = lockstep(tmp_path / "here", *HOP, "--seed", "5")
-    command = [sys.executable, "-m", "metro_hil.vobc_command", "run", "--lockstep", *HOP]
+    command = [sys.executable, "-m", "metro_hil.cli.vobc", "run", "--lockstep", *HOP]
     busy = subprocess.Popen([sys.executable, "-c", "while True: pass"])
     try:
         done = subprocess.run(

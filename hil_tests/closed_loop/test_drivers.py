@@ -5,9 +5,9 @@ from functools import cache
 import pytest
 
 from can_dbc.vobc import Supervision
-from metro_hil.journey import plan_journey
-from metro_hil.lockstep import Lockstep, config_of, scenario_of
-from metro_hil.options import parse
+from metro_hil.model.mission import plan_journey
+from metro_hil.model.run_options import parse
+from metro_hil.run.lockstep import Lockstep, config_of, scenario_of
 
 END_S = 90.0
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from metro_hil.hil_command import main
+from metro_hil.cli.hil import main
 
 
 @pytest.mark.parametrize("name", ["power-limited-late", "green-undervoltage"])

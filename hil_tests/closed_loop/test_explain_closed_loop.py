@@ -10,11 +10,11 @@ import pytest
 from can_dbc import binding
 from can_dbc.codec import Decoder
 from can_dbc.vobc import EventKind, VobcEvent
-from metro_hil.explain.bus_log import located
-from metro_hil.explain.known import known_at
-from metro_hil.explain.story import read_story
-from metro_hil.run_folder import RunFolder
-from metro_hil.vobc_command import main
+from metro_hil.cli.vobc import main
+from metro_hil.model.run_folder import RunFolder
+from metro_hil.report.explain.bus_log import located
+from metro_hil.report.explain.event_log import read_story
+from metro_hil.report.explain.known import known_at
 
 Sent = tuple[float, int, bytes]
 TICK_S = 1e-3

@@ -6,10 +6,10 @@ from typing import Any
 
 import pytest
 
-from metro_hil.chain import FrameChain
-from metro_hil.journey import plan_journey
-from metro_hil.lockstep import Lockstep, Taps, config_of, scenario_of
-from metro_hil.options import parse
+from metro_hil.model.frame_hash import FrameChain
+from metro_hil.model.mission import plan_journey
+from metro_hil.model.run_options import parse
+from metro_hil.run.lockstep import Lockstep, Taps, config_of, scenario_of
 from plant_emulator.faults.declared_loops import LOOP_FAULTS
 from plant_emulator.faults.kinds import CATALOGUE, Place
 from plant_emulator.faults.plan import FaultPlan, read_faults

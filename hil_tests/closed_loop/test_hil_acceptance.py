@@ -8,11 +8,11 @@ import pytest
 
 from can_dbc.doors import DoorState
 from metro_hil.campaign import Campaign, ScenarioPlan, plan_cases, read_campaign
-from metro_hil.case_measures import motion_measures
-from metro_hil.cases import Case, Verdict, as_expected
-from metro_hil.columns import Columns
-from metro_hil.requirements import shipped_requirements
-from metro_hil.run_case import run_case
+from metro_hil.metrics.case import motion_measures
+from metro_hil.model.case import Case, Verdict, as_expected
+from metro_hil.model.log_columns import Columns
+from metro_hil.model.requirements import shipped_requirements
+from metro_hil.run.dispatch import run_case
 from plant_emulator.process import TRUTH_COLUMNS
 
 LEAST_SCENARIOS = 60

@@ -7,8 +7,8 @@ from typing import Any, Final
 import pytest
 
 from metro_hil.campaign import plan_cases, read_campaign
-from metro_hil.hil_command import main
-from metro_hil.run_case import run_case
+from metro_hil.cli.hil import main
+from metro_hil.run.dispatch import run_case
 
 SLOW_START: Final = """
 title = "How far the train comes in its first seconds"

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from metro_hil.line_run.conduct import TrainDiedError, conduct, groups
-from metro_hil.line_run.seat import Seat, plan_line
+from metro_hil.line.virtual.coordinator import TrainDiedError, conduct, groups
+from metro_hil.line.virtual.member import Seat, plan_line
 from plant_emulator.traffic.coupling import INTERVAL_S, Coupling, Said
 
 LENGTH_M = 78.08

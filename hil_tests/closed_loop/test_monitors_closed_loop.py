@@ -4,10 +4,10 @@ from typing import Any
 
 import pytest
 
-from metro_hil.cases import Case, CaseResult, MonitorResult, Setup, Verdict
+from metro_hil.model.case import Case, CaseResult, MonitorResult, Setup, Verdict
 from metro_hil.monitors import NOT_EXERCISED
 from metro_hil.monitors.catalogue import WATCHED
-from metro_hil.run_case import run_case
+from metro_hil.run.dispatch import run_case
 
 HOP = Setup(start="II", end="III", duration_s=120.0)
 

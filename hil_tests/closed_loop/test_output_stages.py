@@ -8,16 +8,16 @@ import pytest
 from can_dbc.analogue import AnalogueCommand
 from can_dbc.brake import BrakeCommand
 from can_dbc.codec import Decoder
-from metro_hil.columns import read_columns
-from metro_hil.ending import ARRIVED
-from metro_hil.journey import plan_journey
-from metro_hil.lockstep import config_of, run_lockstep
-from metro_hil.measures import measure_ride, measure_stops
-from metro_hil.options import parse
-from metro_hil.results import sha256_of
-from metro_hil.run_folder import RunFolder
-from metro_hil.vobc_command import main
-from vobc.ato.output_config import STAGES
+from metro_hil.cli.vobc import main
+from metro_hil.metrics.results import sha256_of
+from metro_hil.metrics.run import measure_ride, measure_stops
+from metro_hil.model.end_condition import ARRIVED
+from metro_hil.model.log_columns import read_columns
+from metro_hil.model.mission import plan_journey
+from metro_hil.model.run_folder import RunFolder
+from metro_hil.model.run_options import parse
+from metro_hil.run.lockstep import config_of, run_lockstep
+from vobc.ato.settings.output import STAGES
 from vobc.cli import EXIT_USAGE
 
 TRAINS = {"current_loop": ("--consist", "florence4_loop")}

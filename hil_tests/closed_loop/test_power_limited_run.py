@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from metro_hil.columns import read_columns
-from metro_hil.vobc_command import main
+from metro_hil.cli.vobc import main
+from metro_hil.model.log_columns import read_columns
 
 RUN_S = 92.0
 MASS_KG = 105100.0 * 1.02 + 11340.0

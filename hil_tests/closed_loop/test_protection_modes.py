@@ -6,7 +6,7 @@ import pytest
 
 from can_dbc.cab import CabMode, Desk
 from can_dbc.vobc import Cause, OperatingMode, Supervision
-from metro_hil.rides import Ride, ride
+from metro_hil.run.observed import Ride, ride
 
 KMH = 1.0 / 3.6
 

@@ -6,9 +6,9 @@ from typing import Final
 from hypothesis import Phase, given, note, settings
 from hypothesis import strategies as st
 
-from metro_hil.journey import plan_journey
-from metro_hil.lockstep import Lockstep, Taps, config_of, scenario_of
-from metro_hil.options import parse
+from metro_hil.model.mission import plan_journey
+from metro_hil.model.run_options import parse
+from metro_hil.run.lockstep import Lockstep, Taps, config_of, scenario_of
 from plant_emulator.truth import Truth
 
 EXAMPLES: Final = int(os.environ.get("METRO_PROPERTY_EXAMPLES", "4"))

@@ -6,7 +6,7 @@ import pytest
 
 from can_dbc.cab import Desk
 from can_dbc.vobc import Cause, Inhibit, OperatingMode, Supervision
-from metro_hil.rides import Ride, ride
+from metro_hil.run.observed import Ride, ride
 
 KMH = 1.0 / 3.6
 STOP_III_M = 3500.0

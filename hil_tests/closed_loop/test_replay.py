@@ -8,15 +8,15 @@ from pathlib import Path
 import pytest
 
 from firmware_py.handed_ports import HandedPorts
-from firmware_py.port_log import PORTS_LOG
 from firmware_py.settings import override
-from metro_hil.case_setup import parts_of
-from metro_hil.cases import Case, Setup
-from metro_hil.hil_command import main
-from metro_hil.lockstep import Lockstep
+from firmware_py.storage.port_log import PORTS_LOG
+from metro_hil.cli.hil import main
+from metro_hil.model.case import Case, Setup
+from metro_hil.model.case_setup import parts_of
+from metro_hil.model.run_folder import RunFolder
 from metro_hil.replay import read_recording, replay_run
 from metro_hil.replay.recording import Output, Step
-from metro_hil.run_folder import RunFolder
+from metro_hil.run.lockstep import Lockstep
 
 DURATION_S = 25.0
 KILLED = {"kind": "controller_killed", "start_s": 8.0, "end_s": 9.0}

@@ -7,13 +7,13 @@ from typing import Any
 import pytest
 
 from firmware_py.handed_ports import HandedPorts
-from firmware_py.port_log import PORTS_LOG
+from firmware_py.storage.port_log import PORTS_LOG
 from metro_hil.campaign.builder import Scenario
-from metro_hil.cases import CaseResult
-from metro_hil.hil_command import main
+from metro_hil.cli.hil import main
+from metro_hil.model.case import CaseResult
+from metro_hil.model.run_folder import RunFolder
 from metro_hil.replay import read_recording, replay_run
-from metro_hil.run_case import run_case
-from metro_hil.run_folder import RunFolder
+from metro_hil.run.dispatch import run_case
 
 HOP = {"start": "II", "end": "III", "duration_s": 30.0}
 

@@ -8,7 +8,7 @@ from can_dbc import binding
 from can_dbc.nodes import Node
 from metro_tools import interface_doc
 
-DOCUMENT = Path(__file__).parents[2] / "docs" / "can_interface.md"
+DOCUMENT = Path(__file__).parents[2] / "docs" / "reference" / "can_interface.md"
 
 
 def test_the_committed_document_is_current() -> None:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from metro_hil.vobc_command import main
+from metro_hil.cli.vobc import main
 
 
 def test_the_answer_as_json_says_what_was_used_and_keeps_the_time(

@@ -8,7 +8,7 @@ from vobc.process.event_log import FRAMES_PER_CYCLE, WAITING_MAX, EventDesk
 from vobc.vocabulary import Event, Source
 from vobc.wire import Evidence
 
-DOCUMENT = (Path(__file__).parents[2] / "docs" / "explain.md").read_text(encoding="utf-8")
+DOCUMENT = (Path(__file__).parents[2] / "docs" / "guide" / "explain.md").read_text(encoding="utf-8")
 
 
 class Kept:

@@ -7,14 +7,14 @@ from pathlib import Path
 
 import pytest
 
-from metro_hil import hil_command
-from metro_hil.frame_names import check_bus_fault
+from metro_hil.cli import hil
+from metro_hil.model.frame_names import check_bus_fault
 from metro_tools import fault_doc
 from plant_emulator.faults.described import all_described
 from plant_emulator.faults.kinds import CATALOGUE, Place
 from plant_emulator.faults.plan import WINDOW_KEYS, read_fault, read_faults
 
-DOCUMENT = Path(__file__).parents[2] / "docs" / "faults.md"
+DOCUMENT = Path(__file__).parents[2] / "docs" / "reference" / "faults.md"
 
 
 def test_the_committed_catalogue_is_current() -> None:
@@ -86,18 +86,18 @@ def test_the_check_fails_for_any_other_text(
 
 
 def test_the_command_lists_all_kinds_and_details_one(capsys: pytest.CaptureFixture[str]) -> None:
-    assert hil_command.main(["faults"]) == 0
+    assert hil.main(["faults"]) == 0
     everything = capsys.readouterr().out
     assert all(name in everything for name in CATALOGUE)
 
-    assert hil_command.main(["faults", "bus_off"]) == 0
+    assert hil.main(["faults", "bus_off"]) == 0
     one = capsys.readouterr().out
     assert all(word in one for word in ("recovers", "vobc", "128 times 11", "lockstep"))
     assert "frame_drop" not in one
 
 
 def test_the_command_answers_machines_by_place(capsys: pytest.CaptureFixture[str]) -> None:
-    assert hil_command.main(["faults", "--place", "radio", "--json"]) == 0
+    assert hil.main(["faults", "--place", "radio", "--json"]) == 0
 
     found = json.loads(capsys.readouterr().out)
 
@@ -120,7 +120,7 @@ def test_the_command_answers_machines_by_place(capsys: pytest.CaptureFixture[str
 def test_the_command_leads_from_a_wrong_name_to_a_right_one(
     words: list[str], nearest: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert hil_command.main(["faults", *words]) == 2
+    assert hil.main(["faults", *words]) == 2
 
     said = capsys.readouterr().err
     assert said.count("\n") == 1

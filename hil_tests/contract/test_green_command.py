@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from metro_hil.green import table_four
-from metro_hil.hil_command import main as hil
-from metro_hil.vobc_command import main as vobc
+from metro_hil.cli.hil import main as hil
+from metro_hil.cli.vobc import main as vobc
+from metro_hil.energy.line import table_four
 
 
 def test_the_campaign_prints_its_table_and_leaves_plots_and_timetables(

@@ -1,4 +1,4 @@
-"""docs/hil.md says what there is: its measures, its example scenario, its example tests."""
+"""docs/guide/hil.md says what there is: its measures, its example scenario, its example tests."""
 
 import re
 import subprocess
@@ -6,9 +6,11 @@ import sys
 from pathlib import Path
 
 from metro_hil.campaign import plan_cases, read_campaign
-from metro_hil.case_measures import NAMES
+from metro_hil.metrics.case import NAMES
 
-DOCUMENT = (Path(__file__).resolve().parents[2] / "docs" / "hil.md").read_text(encoding="utf-8")
+DOCUMENT = (Path(__file__).resolve().parents[2] / "docs" / "guide" / "hil.md").read_text(
+    encoding="utf-8"
+)
 
 
 def test_every_measure_is_in_the_table_with_its_words() -> None:

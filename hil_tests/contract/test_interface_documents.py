@@ -30,8 +30,8 @@ from zenoh_config.messages import (
 from zenoh_config.sessions import DEFAULT_ENDPOINT
 
 DOCS = Path(__file__).parents[2] / "docs"
-SERIAL = (DOCS / "serial_interface.md").read_text(encoding="utf-8")
-RADIO = (DOCS / "radio_interface.md").read_text(encoding="utf-8")
+SERIAL = (DOCS / "reference" / "serial_interface.md").read_text(encoding="utf-8")
+RADIO = (DOCS / "reference" / "radio_interface.md").read_text(encoding="utf-8")
 
 Fields = dict[str, str]
 

@@ -11,8 +11,8 @@ import pytest
 
 from metro_hil.report.law_figures import RESULTS, read_results
 from metro_tools import law_doc
-from vobc.ato.config import Braking
-from vobc.ato.strategies import STRATEGIES
+from vobc.ato.laws import STRATEGIES
+from vobc.ato.settings.ato import Braking
 
 ROOT = Path(__file__).parents[2]
 PAGES = sorted((ROOT / law_doc.LAWS).glob("*.toml"))
@@ -23,7 +23,7 @@ summary = '''
 It brakes when it has to,
 and drives else.'''
 source = "Nobody, 2013, section II."
-settings = ["vobc.ato.config:Braking", "vobc.ato.config:PidGains"]
+settings = ["vobc.ato.settings.ato:Braking", "vobc.ato.settings.ato:PidGains"]
 
 [[block]]
 id = "profile"
@@ -43,7 +43,7 @@ label = "m/s"
 [[equation]]
 text = "a = k e"
 source = "eq. 1"
-code = "vobc.ato.pid:Pid.step"
+code = "vobc.ato.motion.pid:Pid.step"
 
 [[remark]]
 text = "The paper forgets a sign."
@@ -110,7 +110,10 @@ def test_a_page_draws_blocks_and_links_and_explains_them() -> None:
     assert '    profile -- "m/s" --> control\n' in text
     assert '| The "profile" | a \\| speed over place |' in text
     assert "It brakes when it has to, and drives else.\n" in text
-    assert "```text\na = k e\n```\n\neq. 1. Code: [`Pid.step`](../../vobc/ato/pid.py).\n" in text
+    assert (
+        "```text\na = k e\n```\n\neq. 1. Code: [`Pid.step`](../../../vobc/ato/motion/pid.py).\n"
+        in text
+    )
     assert "- The paper forgets a sign.\n" in text
 
 
@@ -142,11 +145,23 @@ def test_figures_are_those_that_were_kept() -> None:
         ('title = "A law', 'titel = "A law', "unknown key titel"),
         ('source = "eq. 1"', 'source = " "', "equation 1: source is not a text: ' '"),
         ('source = "eq. 1"\n', "", "equation 1: source is not a text: None"),
-        ("Pid.step", "Pid.stop", "equation 1: code 'vobc.ato.pid:Pid.stop': there is no stop"),
-        ("ato.pid:", "ato.pit:", "equation 1: code 'vobc.ato.pit:Pid.step': No module named"),
+        (
+            "Pid.step",
+            "Pid.stop",
+            "equation 1: code 'vobc.ato.motion.pid:Pid.stop': there is no stop",
+        ),
+        (
+            "motion.pid:",
+            "motion.pit:",
+            "equation 1: code 'vobc.ato.motion.pit:Pid.step': No module named",
+        ),
         ('to = "control"', 'to = "kontrol"', "link 1: to 'kontrol' is no block's id"),
         ('id = "control"', 'id = "profile"', "block 2: id 'profile' is no name, or there twice"),
-        (":PidGains", ":MAX_DEAD_TIMES", "settings 2 'vobc.ato.config:MAX_DEAD_TIMES' is no class"),
+        (
+            ":PidGains",
+            ":MAX_DEAD_TIMES",
+            "settings 2 'vobc.ato.settings.ato:MAX_DEAD_TIMES' is no class",
+        ),
         ("[[remark]]", "[[remrk]]", "unknown key remrk"),
     ],
 )
@@ -155,7 +170,7 @@ def test_a_wrong_file_is_refused_with_file_and_key(old: str, new: str, words: st
         page(LAW.replace(old, new, 1))
 
     assert words in str(caught.value)
-    assert str(caught.value).startswith("docs/laws/made_up.toml: ")
+    assert str(caught.value).startswith("docs/reference/laws/made_up.toml: ")
 
 
 def test_the_check_fails_for_any_other_text(

@@ -1,4 +1,4 @@
-"""docs/monitors.md says what the code does: its tables, its examples, its commands' output."""
+"""docs/reference/monitors.md agrees with the code: tables, examples, output of commands."""
 
 import json
 import re
@@ -7,13 +7,15 @@ from pathlib import Path
 
 import pytest
 
-from metro_hil.hil_command import main
+from metro_hil.cli.hil import main
 from metro_hil.monitors import read_monitors
 from metro_hil.monitors.catalogue import INVARIANTS
-from metro_hil.monitors.described import invariant_tables, signal_tables
+from metro_hil.monitors.catalogue_text import invariant_tables, signal_tables
 from metro_hil.monitors.vocabulary import NAMES
 
-DOCUMENT = (Path(__file__).resolve().parents[2] / "docs" / "monitors.md").read_text("utf-8")
+DOCUMENT = (Path(__file__).resolve().parents[2] / "docs" / "reference" / "monitors.md").read_text(
+    "utf-8"
+)
 
 
 @pytest.mark.parametrize("table", [invariant_tables(), signal_tables()], ids=["inv", "signals"])
@@ -26,7 +28,10 @@ def test_the_example_is_read_without_complaint() -> None:
     (text,) = re.findall(r"^```toml\n(.*?)^```$", DOCUMENT, re.MULTILINE | re.DOTALL)
     table = tomllib.loads(text.replace(', "inv-30", …]', "]"))
 
-    assert len(read_monitors(table["monitor"], "docs/monitors.md", table["invariants"])) >= 27
+    assert (
+        len(read_monitors(table["monitor"], "docs/reference/monitors.md", table["invariants"]))
+        >= 27
+    )
 
 
 def test_the_command_shows_all_there_is(capsys: pytest.CaptureFixture[str]) -> None:

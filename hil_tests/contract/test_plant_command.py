@@ -16,7 +16,7 @@ import pytest
 from firmware_py import rendezvous
 from firmware_py.buses import BusChoice
 from firmware_py.buses.embedded import start_hub
-from firmware_py.clock import WallClock
+from firmware_py.clock.clock import WallClock
 from firmware_py.settings import shipped_names
 from plant_emulator.cli import main
 from plant_emulator.faults.feed import FaultChange, TruthSample, read_message

@@ -21,8 +21,8 @@ from can_dbc.nodes import Direction, Node
 from can_dbc.odometer import Tacho
 from can_dbc.traction import TractionCommand, TractionStatus
 from firmware_py.buses.inproc import InprocBus
-from firmware_py.clock import LockstepClock
-from firmware_py.executive import Executive, Task, run
+from firmware_py.clock.clock import LockstepClock
+from firmware_py.clock.executive import Executive, Task, run
 from firmware_py.ports import CanFrame, LinkCounters
 from firmware_py.radio.inproc_radio import InprocRadio
 from firmware_py.tag_reader.inproc_line import inproc_line

@@ -20,7 +20,7 @@ ROOT: Final = Path(__file__).resolve().parents[2]
 BIN: Final = Path(sys.executable).parent
 PROJECT: Final = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 SCRIPTS: Final = PROJECT["scripts"]
-DOCUMENTS: Final = sorted([ROOT / "README.md", *ROOT.glob("docs/*.md")])
+DOCUMENTS: Final = sorted([ROOT / "README.md", *ROOT.glob("docs/**/*.md")])
 SECONDS: Final = 60
 
 FENCE: Final = re.compile(r"^```(?:sh|bash|console|shell)?\n(.*?)^```$", re.MULTILINE | re.DOTALL)

@@ -8,7 +8,7 @@ from typing import Final
 
 PACKAGES: Final = (
     *("can_dbc", "zenoh_config", "firmware_py"),
-    *("vobc", "plant_emulator", "metro_hil", "metro_tools"),
+    *("vobc", "plant_emulator", "metro_hil", "metro_tools", "canlog"),
 )
 UNITS: Final = frozenset(
     {

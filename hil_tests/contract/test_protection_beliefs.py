@@ -14,7 +14,7 @@ from can_dbc.packing import packer
 from vobc.config import load_config
 
 KMH = 1.0 / 3.6
-CAMPAIGNS = Path(__file__).parents[1] / "metro_hil" / "campaigns"
+CAMPAIGNS = Path(__file__).parents[1] / "metro_hil" / "campaign" / "shipped"
 
 AT_MOST = {
     # Seed 001: warning 3 km/h over the segment's speed, emergency 8 km/h.
@@ -54,7 +54,7 @@ AT_LEAST = {
     "atp.runaway_mps2": 1.0,
     "odometry.scale_error_high_ratio": 0.05,
     "odometry.zero_speed_s": 2.0,
-    # docs/serial_interface.md: so far from a tag its reader may read it again.
+    # docs/reference/serial_interface.md: so far from a tag its reader may read it again.
     "odometry.tag_reach_m": 0.5,
     "odometry.cold_movement_m": 2.0,
 }

@@ -1,4 +1,4 @@
-"""docs/requirements.md says what catalogue, campaigns and results say, and what it names exists."""
+"""docs/reference/requirements.md agrees with catalogue, campaigns and results."""
 
 import ast
 from pathlib import Path
@@ -6,16 +6,16 @@ from pathlib import Path
 import pytest
 
 from metro_hil.campaign.scenarios import shipped_scenarios
+from metro_hil.model.requirements import Requirement, shipped_requirements
 from metro_hil.report.requirement_page import RESULTS, read_outcomes, requirements_page
-from metro_hil.requirements import Requirement, shipped_requirements
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGE = (ROOT / "docs" / "requirements.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "docs" / "reference" / "requirements.md").read_text(encoding="utf-8")
 KEPT = (ROOT / "hil_tests" / "metro_hil" / RESULTS).read_text(encoding="utf-8")
 
 
 def test_the_page_is_that_of_catalogue_campaigns_and_results() -> None:
-    """When this fails: hil requirements --out docs/requirements.md."""
+    """When this fails: hil requirements --out docs/reference/requirements.md."""
     found = read_outcomes(KEPT)
 
     assert requirements_page(shipped_requirements(), shipped_scenarios(), found) == PAGE

@@ -11,7 +11,7 @@ from vobc.ato import mode as ato_phases
 from vobc.atp import jog, modes, supervision
 from vobc.atp.jog import JogState
 
-DOCUMENT = Path(__file__).parents[2] / "docs" / "supervision.md"
+DOCUMENT = Path(__file__).parents[2] / "docs" / "reference" / "supervision.md"
 
 
 def test_the_committed_document_is_current() -> None:

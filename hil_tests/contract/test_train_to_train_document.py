@@ -11,7 +11,7 @@ from zenoh_config.t2t import BROADCAST, AreaAuthority, Heartbeat, Phase, RosterA
 from zenoh_config.t2t_types import T2T_TYPES
 
 ROOT = Path(__file__).parents[2]
-DOCUMENT = ROOT / "docs" / "train_to_train.md"
+DOCUMENT = ROOT / "docs" / "design" / "train_to_train.md"
 
 
 def test_the_committed_document_is_current() -> None:

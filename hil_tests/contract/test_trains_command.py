@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from metro_hil.vobc_command import main as vobc
+from metro_hil.cli.vobc import main as vobc
 from plant_emulator.cli.command import main as plant
 
 

@@ -13,19 +13,19 @@ from can_dbc.binding import can_id
 from can_dbc.cab import CabMode
 from can_dbc.nodes import Node
 from firmware_py import rendezvous
+from firmware_py.arguments import words_of
 from firmware_py.assertions import require_assertions
 from firmware_py.buses import BusError, open_can, parse_spec
-from firmware_py.clock import WallClock
-from firmware_py.executive import Executive, Task, run
+from firmware_py.clock.clock import WallClock
+from firmware_py.clock.executive import Executive, Task, run
+from firmware_py.clock.realtime import collect_garbage, die_with_parent, enter_realtime
 from firmware_py.interrupts import Interrupts
 from firmware_py.ports import CanPort, RadioPort
 from firmware_py.radio.silent_radio import SilentRadio
 from firmware_py.radio.zenoh_radio import RadioError
-from firmware_py.realtime import collect_garbage, die_with_parent, enter_realtime
-from firmware_py.recorder import LineLog, RecorderError
 from firmware_py.settings import SettingsError, shipped_names
+from firmware_py.storage.recorder import LineLog, RecorderError
 from firmware_py.tag_reader.serial_line import SerialError
-from firmware_py.words import words_of
 from plant_emulator.cli.bus_choice import chosen_bus
 from plant_emulator.cli.desk_command import attend
 from plant_emulator.cli.feed_sender import FeedSender

@@ -13,8 +13,8 @@ from can_dbc.codec import Decoder, Encoder, Rejected
 from can_dbc.diagnostics import HEARTBEATS, NodeState
 from can_dbc.nodes import Node
 from firmware_py.buses import BusError, open_can
-from firmware_py.clock import Clock, WallClock
-from firmware_py.executive import Executive, Task, run
+from firmware_py.clock.clock import Clock, WallClock
+from firmware_py.clock.executive import Executive, Task, run
 from firmware_py.interrupts import Interrupts
 from firmware_py.ports import CanPort
 from firmware_py.settings import SettingsError

@@ -12,13 +12,13 @@ from can_dbc.nodes import Node
 from firmware_py import rendezvous
 from firmware_py.buses import BusKind, open_can, parse_spec
 from firmware_py.buses.hub_control import hub_status, start_hub
-from firmware_py.clock import WallClock
-from firmware_py.executive import Executive, Task, run
+from firmware_py.clock.clock import WallClock
+from firmware_py.clock.executive import Executive, Task, run
+from firmware_py.clock.realtime import collect_garbage, die_with_parent, enter_realtime
 from firmware_py.interrupts import Interrupts
 from firmware_py.ports import CanPort, RadioPort, SerialPort
-from firmware_py.realtime import collect_garbage, die_with_parent, enter_realtime
-from firmware_py.recorder import LineLog
 from firmware_py.settings import SettingsError
+from firmware_py.storage.recorder import LineLog
 from firmware_py.trackdb import LineMap, load_line
 from plant_emulator.cli.openers import open_tags, open_wayside, refuse_second_plant
 from plant_emulator.cli.options import AUTO

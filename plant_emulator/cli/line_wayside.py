@@ -6,16 +6,16 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Final, TypeVar
 
-from firmware_py.checked_store import CheckedStore
-from firmware_py.clock import WallClock
-from firmware_py.executive import Executive, Task, run
+from firmware_py.clock.clock import WallClock
+from firmware_py.clock.executive import Executive, Task, run
+from firmware_py.clock.realtime import collect_garbage, die_with_parent, enter_realtime
 from firmware_py.interrupts import Interrupts
-from firmware_py.nvram import NvramState
 from firmware_py.ports import RadioPort
 from firmware_py.radio.credentials import load_credentials
 from firmware_py.radio.zenoh_radio import Role, open_radio
-from firmware_py.realtime import collect_garbage, die_with_parent, enter_realtime
 from firmware_py.settings import SettingsError
+from firmware_py.storage.checked_store import CheckedStore
+from firmware_py.storage.nvram import NvramState
 from firmware_py.trackdb import load_line
 from firmware_py.trackdb.areas import AreaMap, load_areas
 from plant_emulator.cli.words import say

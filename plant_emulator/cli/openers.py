@@ -7,7 +7,7 @@ from can_dbc.binding import can_id, kinds, sender
 from can_dbc.nodes import Node
 from firmware_py import rendezvous
 from firmware_py.buses import BusError, open_can, parse_spec
-from firmware_py.clock import Clock
+from firmware_py.clock.clock import Clock
 from firmware_py.ports import SerialPort
 from firmware_py.radio.zenoh_radio import (
     DEFAULT_ENDPOINT,

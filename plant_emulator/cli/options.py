@@ -26,7 +26,7 @@ configuration; 3 bus, serial line, radio or a folder missing
 
 DESK_EPILOG: Final = """\
 Without --play and --driver the keyboard drives, and the terminal shows the desk; q leaves it. A
-desk that falls silent brakes the train. Recordings are described in docs/desk.md.
+desk that falls silent brakes the train. Recordings are described in docs/guide/desk.md.
 exit codes: 0 left, or after --duration; 1 it failed; 2 wrong usage or a recording that cannot be
 played; 3 bus or terminal missing, or somebody else is the desk
 """
@@ -144,7 +144,7 @@ def _add_train(group: argparse._ArgumentGroup) -> None:
     )
     group.add_argument("--driver", choices=list(DRIVERS), help="a model of one drives")
     group.add_argument(
-        "--desk-recording", metavar="FILE", help="played at the desk, see docs/desk.md"
+        "--desk-recording", metavar="FILE", help="played at the desk, see docs/guide/desk.md"
     )
 
 

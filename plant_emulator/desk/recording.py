@@ -25,7 +25,7 @@ T_MAX_S: Final = 1.0e6
 _TYPES: Final = typing.get_type_hints(Desk)
 FIELDS: Final[tuple[str, ...]] = tuple(field.name for field in fields(Desk))
 _BOOLEANS: Final = {"true": True, "false": False}
-HEADER: Final = "# Desk: seconds since the start, then what changes. See docs/desk.md.\n"
+HEADER: Final = "# Desk: seconds since the start, then what changes. See docs/guide/desk.md.\n"
 
 
 @dataclass(frozen=True, slots=True)

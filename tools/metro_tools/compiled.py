@@ -35,6 +35,7 @@ PACKAGES: Final = {
     "plant_emulator": "plant_emulator",
     "metro_hil": "hil_tests/metro_hil",
     "metro_tools": "tools/metro_tools",
+    "canlog": "tools/canlog",
 }
 FRAMES: Final = (
     *("can_dbc/alarms.py", "can_dbc/analogue.py", "can_dbc/brake.py", "can_dbc/cab.py"),
@@ -50,11 +51,11 @@ HOT: Final = (
     "can_dbc/trailer.py",
     "firmware_py/buses/inproc.py",
     "firmware_py/buses/timing.py",
-    "firmware_py/executive.py",
-    "firmware_py/port_log.py",
+    "firmware_py/clock/executive.py",
+    "firmware_py/storage/port_log.py",
     "firmware_py/radio/inproc_radio.py",
     "firmware_py/radio/recorded_radio.py",
-    "firmware_py/recorder.py",
+    "firmware_py/storage/recorder.py",
     "firmware_py/tag_reader/inproc_line.py",
     "firmware_py/tag_reader/recorded_line.py",
     "firmware_py/tag_reader/stuffing.py",
@@ -67,11 +68,12 @@ HOT: Final = (
     "metro_hil/monitors/s*.py",
     "metro_hil/monitors/terms.py",
     "metro_hil/monitors/watch_*.py",
-    "metro_hil/network/*.py",
-    "metro_hil/chain.py",
-    "metro_hil/line_run/seat.py",
-    "metro_hil/lockstep.py",
-    "metro_hil/case_run.py",
+    "metro_hil/simulation/*.py",
+    "metro_hil/simulation/scenarios/*.py",
+    "metro_hil/model/frame_hash.py",
+    "metro_hil/line/virtual/member.py",
+    "metro_hil/run/lockstep.py",
+    "metro_hil/run/case.py",
     "plant_emulator/actuators/*.py",
     "plant_emulator/consist/motion.py",
     "plant_emulator/faults/schedule.py",
@@ -94,14 +96,17 @@ HOT: Final = (
     "vobc/arbitration.py",
     "vobc/config.py",
     "vobc/ato/*.py",
-    "vobc/ato/strategies/*.py",
+    "vobc/ato/laws/*.py",
+    "vobc/ato/model/*.py",
+    "vobc/ato/motion/*.py",
+    "vobc/ato/settings/*.py",
     "vobc/atp/*.py",
     "vobc/controller.py",
     "vobc/events/*.py",
     "vobc/kinematics.py",
     "vobc/odometry/*.py",
     "vobc/process/*.py",
-    "vobc/t2t/*.py",
+    "vobc/train_to_train/*.py",
     "vobc/vocabulary/*.py",
     "vobc/wire/*.py",
     "zenoh_config/*.py",
@@ -109,27 +114,32 @@ HOT: Final = (
 """What a profile shows."""
 SIMULATOR: Final = (
     "firmware_py/trackdb/*.py",
-    "metro_hil/network/*.py",
+    "metro_hil/simulation/*.py",
+    "metro_hil/simulation/scenarios/*.py",
     "plant_emulator/wayside/*.py",
-    "vobc/t2t/*.py",
+    "vobc/train_to_train/*.py",
     "zenoh_config/*.py",
 )
 """What of it `hil simulate` spends its time in."""
 LEFT_OUT: Final = (
     *("/__init__.py", "sessions.py", "secured.py", "t2t_vocabulary.py"),
     *(f"zenoh_config/{name}.py" for name in ("bodies", "t2t_types")),
-    *(f"network/{name}.py" for name in ("explore", "many", "model", "mutants", "simulate")),
+    *(
+        f"simulation/{name}.py"
+        for name in ("state_search", "batch", "model_check", "guard_removal")
+    ),
+    "simulation/simulate.py",
 )
 """Ends of the paths of modules that stay as they are: they start processes, are seldom run, or hold
 classes that others inherit from, whose constructors cannot be written out. Of the generic dataclass
 in `t2t_vocabulary` mypyc makes what cannot be imported."""
 RECORDS: Final = (
-    "metro_hil/network/",
+    "metro_hil/simulation/",
     "plant_emulator/power/",
     "plant_emulator/wayside/",
     "vobc/ato/",
     "vobc/atp/",
-    "vobc/t2t/",
+    "vobc/train_to_train/",
 )
 """In these folders classes of named tuples become native ones; elsewhere they are packed as tuples,
 or asked for the names of their fields."""
@@ -139,10 +149,10 @@ TUPLES: Final = (
 )
 """But for these, which are unpacked, sorted or counted there; mypyc refuses any other that is."""
 COMMANDS: Final = {
-    "vobc": "metro_hil.vobc_command",
+    "vobc": "metro_hil.cli.vobc",
     "plant": "plant_emulator",
     "vcan": "metro_tools.vcan",
-    "hil": "metro_hil.hil_command",
+    "hil": "metro_hil.cli.hil",
 }
 HEADS: Final = "zenoh_config/t2t.py"
 """The module of the dataclass that all kinds of messages inherit from."""
@@ -156,19 +166,19 @@ TRAINED: Final = "-fprofile-use -fprofile-partial-training"
 """For gcc: the first writes down which way programs go when they end, the second goes by it."""
 CASES: Final = """\
 from metro_hil.campaign.builder import Scenario
-from metro_hil.run_case import run_case
+from metro_hil.run.dispatch import run_case
 for case in Scenario(train={"start": "II", "end": "III"}, seeds=2).cases():
     run_case(case)
 """
 RIDE: Final = ("run", "--lockstep", "--json")
 SEEDS: Final = (
-    ("-m", "metro_hil.hil_command", "simulate", "--seeds", "20001..20012", "--minutes", "1"),
+    ("-m", "metro_hil.cli.hil", "simulate", "--seeds", "20001..20012", "--minutes", "1"),
 )
 TRAINING: Final = (
-    ("-m", "metro_hil.vobc_command", *RIDE, "--to", "II"),
+    ("-m", "metro_hil.cli.vobc", *RIDE, "--to", "II"),
     ("-c", CASES),
     *SEEDS,
-    ("-m", "metro_hil.vobc_command", *RIDE, "--trains", "7", "--ato", "green", "--duration", "60"),
+    ("-m", "metro_hil.cli.vobc", *RIDE, "--trains", "7", "--ato", "green", "--duration", "60"),
 )
 """What a copy is trained with: a ride, cases with their monitors, seeds, whole trains on a line."""
 SETUP: Final = """\

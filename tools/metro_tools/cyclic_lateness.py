@@ -6,9 +6,9 @@ import json
 import sys
 from collections.abc import Sequence
 
-from firmware_py.clock import WallClock
-from firmware_py.executive import Executive, Task, TaskReport, run
-from firmware_py.realtime import RealtimeReport, enter_realtime, steal_ns
+from firmware_py.clock.clock import WallClock
+from firmware_py.clock.executive import Executive, Task, TaskReport, run
+from firmware_py.clock.realtime import RealtimeReport, enter_realtime, steal_ns
 
 NS_PER_S = 1_000_000_000
 NS_PER_MS = 1_000_000

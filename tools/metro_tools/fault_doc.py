@@ -1,4 +1,4 @@
-"""Writes docs/faults.md from the catalogue of faults, or checks that it is what that says."""
+"""Writes docs/reference/faults.md from the catalogue of faults, or checks that it is current."""
 
 import sys
 from collections.abc import Iterator, Sequence
@@ -16,7 +16,7 @@ from plant_emulator.faults.described import (
 from plant_emulator.faults.kinds import Place
 from plant_emulator.truth import SIGNALS
 
-DEFAULT_PATH: Final = "docs/faults.md"
+DEFAULT_PATH: Final = "docs/reference/faults.md"
 
 HEADER: Final = """\
 # Faults

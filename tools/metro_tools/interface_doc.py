@@ -1,4 +1,4 @@
-"""Writes docs/can_interface.md from the DBC files, or checks that it is what they say."""
+"""Writes docs/reference/can_interface.md from the DBC files, or checks that it is what they say."""
 
 import itertools
 import math
@@ -15,7 +15,7 @@ from can_dbc.nodes import Node
 from can_dbc.trailer import CRC_START, MAX_STEP
 from metro_tools.generated_doc import markdown_table, write_or_check
 
-DEFAULT_PATH: Final = "docs/can_interface.md"
+DEFAULT_PATH: Final = "docs/reference/can_interface.md"
 BIT_RATE_BPS: Final = 250_000
 FRAME_BITS: Final = 47
 """Of a frame with 11-bit identifier and no data, interframe space included, without stuffing."""

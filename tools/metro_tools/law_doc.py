@@ -1,4 +1,4 @@
-"""Writes docs/laws/LAW.md for each control law from its LAW.toml, or checks that it is current."""
+"""Writes docs/reference/laws/LAW.md for each control law from its LAW.toml, or checks it."""
 
 import argparse
 import ast
@@ -13,7 +13,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-LAWS: Final = "docs/laws"
+LAWS: Final = "docs/reference/laws"
 RESULTS: Final = "hil_tests/metro_hil/law_results.json"
 EXIT_OK: Final = 0
 EXIT_OUTDATED: Final = 1
@@ -149,7 +149,7 @@ def _equations(equations: Sequence[Mapping[str, str]], where: str) -> Iterator[s
         place = f"{where}: equation {number}: code"
         found(code, place)
         module, _, name = code.partition(":")
-        path = f"../../{module.replace('.', '/')}.py"
+        path = f"../../../{module.replace('.', '/')}.py"
         text = equation["text"].strip("\n")
         yield f"```text\n{text}\n```\n"
         yield f"{_prose(equation['source']).rstrip('.')}. Code: [`{name}`]({path}).\n"

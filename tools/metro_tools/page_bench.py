@@ -11,16 +11,16 @@ from typing import Final
 
 import numpy as np
 
+from canlog.damage import LogError
+from canlog.database import load_bus
+from canlog.frames import Frames
+from canlog.read import Log, read
+from canlog.views.page_data import page_data
+from canlog.views.page_text import page_text
+from canlog.views.traces import default_words
 from firmware_py.assertions import require_assertions
-from firmware_py.clock import NS_PER_S, WallClock
+from firmware_py.clock.clock import NS_PER_S, WallClock
 from metro_tools.browser import Browser, browser_path
-from metro_tools.canlog.damage import LogError
-from metro_tools.canlog.database import load_bus
-from metro_tools.canlog.frames import Frames
-from metro_tools.canlog.read import Log, read
-from metro_tools.canlog.views.page_data import page_data
-from metro_tools.canlog.views.page_text import page_text
-from metro_tools.canlog.views.traces import default_words
 
 ROUNDS: Final = 3
 MANY: Final = 1_000_000

@@ -1,4 +1,4 @@
-"""Writes docs/train_to_train.md: the protocol's tables as they run, and what they are there for."""
+"""Writes docs/design/train_to_train.md: the protocol's tables as they run, and their purpose."""
 
 import dataclasses
 import inspect
@@ -11,17 +11,17 @@ from metro_tools.generated_doc import markdown_table, write_or_check
 from metro_tools.table_doc import machine, said, words
 from plant_emulator.wayside.arbiter import ArbiterGuards
 from plant_emulator.wayside.line_object import ObjectGuards
-from vobc.t2t import switch
-from vobc.t2t.guards import LeaseGuards, MasterGuards, MemberGuards
-from vobc.t2t.literal import RULES
-from vobc.t2t.roles import ROLES, STATES
-from vobc.t2t.vocabulary import Role
+from vobc.train_to_train import planned_switch
+from vobc.train_to_train.guards import LeaseGuards, MasterGuards, MemberGuards
+from vobc.train_to_train.paper_literal import RULES
+from vobc.train_to_train.roles import ROLES, STATES
+from vobc.train_to_train.vocabulary import Role
 from zenoh_config.t2t_codec import TYPE_NUMBERS, body_fields
 from zenoh_config.t2t_keys import CHUNKS
 from zenoh_config.t2t_types import T2T_TYPES
 from zenoh_config.timers import TIMER_SETS
 
-DEFAULT_PATH: Final = "docs/train_to_train.md"
+DEFAULT_PATH: Final = "docs/design/train_to_train.md"
 
 TEMPLATE: Final = "train_to_train.md"
 """Beside this module: the words, with a place for each table."""
@@ -34,7 +34,7 @@ def document() -> str:
         "messages": markdown_table(("type", "message", "key", "body"), _messages()),
         "roles": "\n".join(machine(ROLES, Role.OUTSIDE)),
         "states": markdown_table(("when", "state"), [(words(g), s.name) for g, s in STATES]),
-        "switch": "\n".join(machine(switch.TRANSITIONS, switch.SwitchState.IDLE)),
+        "switch": "\n".join(machine(planned_switch.TRANSITIONS, planned_switch.SwitchState.IDLE)),
         "guards": markdown_table(("of", "guard", "holds when"), _guards()),
         "literal": markdown_table(("rules", "guards taken away"), _literal()),
         "timers": markdown_table(("time", *TIMER_SETS), _timers()),

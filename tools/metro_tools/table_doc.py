@@ -1,4 +1,4 @@
-"""Writes docs/supervision.md from the tables that protection and operation decide by."""
+"""Writes docs/reference/supervision.md from the tables that protection and operation decide by."""
 
 import enum
 import inspect
@@ -13,7 +13,7 @@ from vobc.atp import alarms, departure, doors, emergencies, jog, modes, supervis
 from vobc.atp.alarms import Answer
 from vobc.atp.emergencies import Reset, Rule
 
-DEFAULT_PATH: Final = "docs/supervision.md"
+DEFAULT_PATH: Final = "docs/reference/supervision.md"
 
 Table = Mapping[Any, Sequence[tuple[Callable[[Any], bool], Any]]]
 

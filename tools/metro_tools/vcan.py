@@ -13,11 +13,11 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Final, Protocol
 
+from firmware_py.arguments import words_of
 from firmware_py.assertions import require_assertions
 from firmware_py.buses.embedded import HubStatus, hub_status, start_hub, stop_hub
 from firmware_py.buses.errors import BusError
 from firmware_py.rendezvous import bench_dir
-from firmware_py.words import words_of
 from metro_tools import vcan_plan, vcan_survey
 from metro_tools.bus_table import BusRow, hub_row, link_row, table
 from metro_tools.vcan_plan import Commands, Kernel, Link, Missing, Nothing, Step, Taken

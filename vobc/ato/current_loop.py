@@ -3,7 +3,7 @@
 import math
 from typing import Final
 
-from vobc.ato.output_config import OutputStage
+from vobc.ato.settings.output import OutputStage
 from vobc.vocabulary import CurrentReference
 
 REST_MA: Final = 3.8

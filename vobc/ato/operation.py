@@ -6,16 +6,16 @@ from typing import Final
 
 from can_dbc.vobc import AtoPhase
 from firmware_py.trackdb import LineMap, Station
-from vobc.ato import gradient
-from vobc.ato.config import AtoConfig
+from vobc.ato.laws import make_strategy
+from vobc.ato.laws.law import Drive, Strategy, Target
+from vobc.ato.laws.slow_movement import SlowDrive
 from vobc.ato.mode import DRIVING, SETTING_OFF, Situation, next_phase
+from vobc.ato.model.receding_authority import RecedingEnd
+from vobc.ato.motion import gradient
+from vobc.ato.motion.shaper import Shaper
+from vobc.ato.next_stop import StopPlan
 from vobc.ato.output import make_stage
-from vobc.ato.plan import StopPlan
-from vobc.ato.receding import RecedingEnd
-from vobc.ato.shaper import Shaper
-from vobc.ato.slow import SlowDrive
-from vobc.ato.strategies import make_strategy
-from vobc.ato.strategies.strategy import Drive, Strategy, Target
+from vobc.ato.settings.ato import AtoConfig
 from vobc.vocabulary import AtoDemand, AtoInput
 
 NS_PER_S: Final = 1_000_000_000

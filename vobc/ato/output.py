@@ -8,7 +8,7 @@ import math
 from typing import Final, Protocol
 
 from vobc.ato import current_loop
-from vobc.ato.output_config import OutputStage
+from vobc.ato.settings.output import OutputStage
 
 SAME_MPS2: Final = 1e-9
 """A demand so close to a level is meant to be it."""

@@ -13,7 +13,7 @@ from vobc.atp.config import AtpConfig
 from vobc.atp.doors import SHUT
 from vobc.atp.emergencies import in_cause_words, latched_after
 from vobc.atp.energy_check import EnergyCheck, Replicas
-from vobc.atp.flat import FlatCeilings
+from vobc.atp.fixed_ceilings import FlatCeilings
 from vobc.atp.health import BrakeUnitWatch, Resets, StopWatch, clock_stepped
 from vobc.atp.inputs import (
     ALARMS,

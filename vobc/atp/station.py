@@ -11,10 +11,10 @@ from vobc.atp.alarms import Answer, Situation
 from vobc.atp.config import AtpConfig
 from vobc.atp.departure import NOT_AGAINST_JOG, DepartureTerms, inhibits
 from vobc.atp.doors import DoorEnable, DoorTerms, enabled_doors, withheld
-from vobc.atp.heard import Heard, listen
 from vobc.atp.inputs import AUTHORITY, BRAKE, ODOMETER, TRACTION
 from vobc.atp.jog import MOVED_M, JogFacts, JogGuard, JogVerdict
 from vobc.atp.place import UNKNOWN, Place, Whereabouts, place_of
+from vobc.atp.received import Heard, listen
 from vobc.vocabulary import CycleInput, Interval, Motion
 
 _AGAINST_JOG: Final = ~int(NOT_AGAINST_JOG)

@@ -9,27 +9,27 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Final
 
+from firmware_py.arguments import words_of
 from firmware_py.assertions import require_assertions
 from firmware_py.buses import BusError, open_can
-from firmware_py.clock import REALTIME_SPIN_S, WallClock
-from firmware_py.executive import Executive, Task, run
-from firmware_py.interrupts import Interrupts
-from firmware_py.nvram import NvramState
-from firmware_py.port_log import PORTS_LOG, PortLog
-from firmware_py.ports import RadioPort, SerialPort
-from firmware_py.radio.recorded_radio import RecordedRadio
-from firmware_py.radio.zenoh_radio import RadioError, Role, open_radio
-from firmware_py.realtime import (
+from firmware_py.clock.clock import REALTIME_SPIN_S, WallClock
+from firmware_py.clock.executive import Executive, Task, run
+from firmware_py.clock.realtime import (
     RealtimeReport,
     collect_garbage,
     die_with_parent,
     enter_realtime,
 )
-from firmware_py.recorder import LineLog, RadioLog, RecorderError, SerialLog
+from firmware_py.clock.watchdog import ProcessWatchdog
+from firmware_py.interrupts import Interrupts
+from firmware_py.ports import RadioPort, SerialPort
+from firmware_py.radio.recorded_radio import RecordedRadio
+from firmware_py.radio.zenoh_radio import RadioError, Role, open_radio
 from firmware_py.settings import SettingsError
+from firmware_py.storage.nvram import NvramState
+from firmware_py.storage.port_log import PORTS_LOG, PortLog
+from firmware_py.storage.recorder import LineLog, RadioLog, RecorderError, SerialLog
 from firmware_py.tag_reader.recorded_line import RecordedLine
-from firmware_py.watchdog import ProcessWatchdog
-from firmware_py.words import words_of
 from vobc.cli import grant
 from vobc.cli.host import (
     EXIT_ENVIRONMENT,

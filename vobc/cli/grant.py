@@ -9,8 +9,8 @@ from typing import BinaryIO, Final, Protocol
 
 from firmware_py import __version__, grants
 from firmware_py.assertions import require_assertions
+from firmware_py.clock.realtime import die_with_parent
 from firmware_py.handed_ports import HandedPorts
-from firmware_py.realtime import die_with_parent
 from firmware_py.settings import SettingsError
 from vobc.cli.host import EXIT_ENVIRONMENT, EXIT_OK, EXIT_USAGE, say
 from vobc.process import VobcDevice, read_commission
@@ -32,7 +32,7 @@ def parser() -> argparse.ArgumentParser:
     top = argparse.ArgumentParser(
         prog="python -m vobc grant",
         description="The controller in virtual time: it takes part of a run in lockstep over lines "
-        "of JSON, as docs/lockstep_interface.md describes.",
+        "of JSON, as docs/reference/lockstep_interface.md describes.",
     )
     top.add_argument(
         "--connect", metavar="SOCKET", help="Unix socket of the bench; default: standard input"

@@ -6,21 +6,21 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
-from firmware_py.checked_store import CheckedStore
-from firmware_py.clock import WallClock
-from firmware_py.nvram import NvramState
+from firmware_py.clock.clock import WallClock
 from firmware_py.radio.credentials import Credentials, load_credentials
 from firmware_py.radio.recorded_radio import LaterRecordedRadio
 from firmware_py.radio.zenoh_radio import Role, ZenohRadio, open_peer, open_radio
-from firmware_py.recorder import RadioLog
 from firmware_py.settings import SettingsError
+from firmware_py.storage.checked_store import CheckedStore
+from firmware_py.storage.nvram import NvramState
+from firmware_py.storage.recorder import RadioLog
 from firmware_py.trackdb import LineMap
 from firmware_py.trackdb.areas import AreaMap, load_areas
 from vobc.config import VobcConfig
 from vobc.process.line_command import LineCommand, commanded
 from vobc.process.line_silence import LineSilence
-from vobc.t2t.train import TrainCore
-from vobc.t2t.vocabulary import T2tConfig, TrainMemory
+from vobc.train_to_train.train import TrainCore
+from vobc.train_to_train.vocabulary import T2tConfig, TrainMemory
 from vobc.wire.line_radio import LineRadio
 from zenoh_config import t2t_keys
 from zenoh_config.codec import BENCH_KEY, safety_key

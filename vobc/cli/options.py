@@ -6,14 +6,14 @@ from typing import Final
 
 from firmware_py import rendezvous
 from firmware_py.buses import BusError, parse_spec, resolve_auto
-from firmware_py.nvram import Nvram, NvramRecord
 from firmware_py.radio.credentials import Credentials
 from firmware_py.radio.zenoh_radio import DEFAULT_ENDPOINT
 from firmware_py.settings import SettingsError
+from firmware_py.storage.nvram import Nvram, NvramRecord
 from firmware_py.trackdb import LineMap, load_line
 from firmware_py.trackdb.areas import AreaMap
-from vobc.ato.output_config import STAGES
-from vobc.ato.strategies import STRATEGIES
+from vobc.ato.laws import STRATEGIES
+from vobc.ato.settings.output import STAGES
 from vobc.cli import line as line_options
 from vobc.cli.whereabouts import Whereabouts, whereabouts
 from vobc.config import CYCLE_MS_MAX, CYCLE_MS_MIN, VobcConfig, load_config, plan_mission

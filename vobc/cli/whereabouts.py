@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from firmware_py.nvram import Nvram, NvramState
+from firmware_py.storage.nvram import Nvram, NvramState
 from firmware_py.trackdb import LineMap
 from vobc.config import VobcConfig, plan_mission
 from vobc.process import remembered_start, unknown_start

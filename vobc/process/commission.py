@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from firmware_py.nvram import Nvram, NvramRecord
 from firmware_py.ports import CanPort, RadioPort, SerialPort
 from firmware_py.settings import SettingsError, build
+from firmware_py.storage.nvram import Nvram, NvramRecord
 from firmware_py.trackdb import LineMap
 from vobc.config import VobcConfig
 from vobc.process.cycle_log import CycleLog

@@ -8,9 +8,9 @@ from typing import Final
 from can_dbc.binding import Frame
 from can_dbc.diagnostics import NodeState
 from can_dbc.vobc import EventKind, Supervision
-from firmware_py.executive import Executive, Task
-from firmware_py.nvram import Nvram
+from firmware_py.clock.executive import Executive, Task
 from firmware_py.ports import CanPort, RadioPort, SerialPort
+from firmware_py.storage.nvram import Nvram
 from firmware_py.trackdb import LineMap
 from vobc.atp import Verdict
 from vobc.config import VobcConfig

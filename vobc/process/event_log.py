@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, Final, Protocol
 
 from can_dbc.binding import Frame
-from firmware_py.recorder import LineFile
+from firmware_py.storage.recorder import LineFile
 from vobc.vocabulary import Event, Source
 from vobc.wire import Evidence, event_frame
 
@@ -32,7 +32,7 @@ class EventLog(Protocol):
 
 
 class EventLines:
-    """`events.jsonl`: one JSON object for each event, as docs/explain.md lists them."""
+    """`events.jsonl`: one JSON object for each event, as docs/guide/explain.md lists them."""
 
     def __init__(self, path: Path | str) -> None:
         """Raises RecorderError."""

@@ -9,7 +9,7 @@ from firmware_py.trackdb import LineMap
 from vobc.atp.braking import SafeBraking
 from vobc.config import VobcConfig
 from vobc.process.line_silence import LineSilence
-from vobc.t2t.vocabulary import HeldAuthority, OwnTrain
+from vobc.train_to_train.vocabulary import HeldAuthority, OwnTrain
 from vobc.vocabulary import Authority, Event, Motion, Restriction
 from vobc.wire.line_radio import LineRadio
 from vobc.wire.refusals import Refusals

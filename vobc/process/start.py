@@ -2,7 +2,7 @@
 
 import math
 
-from firmware_py.nvram import NvramRecord
+from firmware_py.storage.nvram import NvramRecord
 from firmware_py.trackdb import LineMap
 from vobc.config import VobcConfig
 from vobc.vocabulary import Mission, OdometryRecord, PlaceProof

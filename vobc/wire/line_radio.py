@@ -5,8 +5,8 @@ from collections.abc import Callable, Iterable
 from typing import Final
 
 from firmware_py.ports import RadioMessage, TunableRadioPort
-from vobc.t2t.train import TrainCore
-from vobc.t2t.vocabulary import HeldAuthority, OwnTrain, Role, TrainMemory, TrainState
+from vobc.train_to_train.train import TrainCore
+from vobc.train_to_train.vocabulary import HeldAuthority, OwnTrain, Role, TrainMemory, TrainState
 from zenoh_config import t2t_keys
 from zenoh_config.codec import BENCH_KEY, pack, unpack
 from zenoh_config.messages import Refused

@@ -11,7 +11,7 @@ import msgspec
 from metro_hil.campaign.plan import Campaign, plan_cases
 from metro_hil.campaign.read import define
 from metro_hil.campaign.tables import copied
-from metro_hil.cases import Case
+from metro_hil.model.case import Case
 
 Table = Mapping[str, Any]
 

@@ -7,7 +7,7 @@ from typing import Any, Final
 
 import msgspec
 
-from metro_hil.cases import Case, CaseResult, Verdict
+from metro_hil.model.case import Case, CaseResult, Verdict
 
 STRENGTH_MAX: Final = 3
 GAPS_MAX: Final = 50

@@ -6,16 +6,16 @@ from typing import Any, Final
 
 from firmware_py import settings
 from firmware_py.settings import SettingsError
-from metro_hil.campaign.drawn import FAULTS, faults_words
 from metro_hil.campaign.factors import Phase, where
 from metro_hil.campaign.plan import Point
 from metro_hil.campaign.problems import Findings, attempt
+from metro_hil.campaign.sampled import FAULTS, faults_words
 from metro_hil.campaign.schema import BranchKeys, ControllerKeys
 from metro_hil.campaign.sources import Sources
 from metro_hil.campaign.tables import ConfigTable, KeyMissingError, with_value
 from metro_hil.campaign.train import DEFAULT, read_setup
-from metro_hil.cases import Branch, Controller
-from metro_hil.frame_names import check_bus_fault
+from metro_hil.model.case import Branch, Controller
+from metro_hil.model.frame_names import check_bus_fault
 from plant_emulator.faults.plan import read_fault
 
 STATION_MEASURES: Final = ("stop_*_error_m", "stop_*_run_s")
@@ -75,7 +75,7 @@ class Body:
         return tuple(tables)
 
     def _monitors(self, findings: Findings) -> tuple[ConfigTable, ...]:
-        from metro_hil.case_measures import NAMES
+        from metro_hil.metrics.case import NAMES
         from metro_hil.monitors import read_monitors
 
         measures = (*NAMES, *STATION_MEASURES)

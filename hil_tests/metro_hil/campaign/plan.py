@@ -4,7 +4,7 @@ import hashlib
 
 import msgspec
 
-from metro_hil.cases import (
+from metro_hil.model.case import (
     BenchKind,
     Branch,
     Case,

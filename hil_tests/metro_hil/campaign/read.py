@@ -9,11 +9,11 @@ from firmware_py import settings
 from firmware_py.settings import SettingsError, nearest
 from metro_hil.campaign.definition import Body, PointMaker
 from metro_hil.campaign.designs import Choice, design
-from metro_hil.campaign.drawn import FAULTS, FaultPool, draw, read_pool
 from metro_hil.campaign.each import EACH, scenarios_of
 from metro_hil.campaign.factors import Factor, Phase, read_factors, where
 from metro_hil.campaign.plan import Campaign, Point, ScenarioPlan
 from metro_hil.campaign.problems import CampaignError, Findings, attempt
+from metro_hil.campaign.sampled import FAULTS, FaultPool, draw, read_pool
 from metro_hil.campaign.schema import (
     POOL,
     SEED_MAX,
@@ -31,9 +31,9 @@ from metro_hil.campaign.tables import (
     merged,
     shaped,
 )
-from metro_hil.requirements import shipped_requirements
+from metro_hil.model.requirements import shipped_requirements
 
-PACKAGE: Final = "metro_hil.campaigns"
+PACKAGE: Final = "metro_hil.campaign.shipped"
 PROBLEM_POINTS_MAX: Final = 10
 """A sweep that is wrong in principle is wrong at every point; after so many it is clear."""
 

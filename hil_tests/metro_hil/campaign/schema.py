@@ -9,7 +9,7 @@ from typing import Any, Final
 from can_dbc.cab import CabMode
 from firmware_py.expression import ExpressionError, compile_expression
 from firmware_py.settings import nearest
-from metro_hil.cases import TIME_MAX_S, BenchKind, Controller, Verdict
+from metro_hil.model.case import TIME_MAX_S, BenchKind, Controller, Verdict
 from plant_emulator.desk.drivers import DRIVERS
 from plant_emulator.truth import SIGNALS
 

@@ -7,7 +7,7 @@ from typing import Any
 import msgspec
 
 from metro_hil.campaign.plan import Campaign, ScenarioPlan, fingerprint, plan_cases
-from metro_hil.cases import Case, ConfigTable, Controller, Verdict
+from metro_hil.model.case import Case, ConfigTable, Controller, Verdict
 
 
 class ScenarioSummary(msgspec.Struct, frozen=True, kw_only=True):

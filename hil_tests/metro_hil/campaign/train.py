@@ -11,7 +11,7 @@ from firmware_py.trackdb import LineMap
 from metro_hil.campaign.problems import Findings, attempt, salvage
 from metro_hil.campaign.schema import OVERRIDES, TRAIN, TimetableKeys, TrainKeys
 from metro_hil.campaign.sources import Sources
-from metro_hil.cases import Setup
+from metro_hil.model.case import Setup
 from plant_emulator.train_config import TrainConfig
 from vobc.config import VobcConfig
 

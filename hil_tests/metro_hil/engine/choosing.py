@@ -7,8 +7,8 @@ from typing import Final
 
 import msgspec
 
-from metro_hil.cases import BenchKind, Case, Controller, Wires
 from metro_hil.engine.errors import UsageError
+from metro_hil.model.case import BenchKind, Case, Controller, Wires
 
 CONTROLLERS: Final = "`shipped`, `checkout:PATH` and `command:WORDS`"
 

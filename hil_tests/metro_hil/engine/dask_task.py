@@ -9,11 +9,11 @@ from pathlib import Path
 
 import msgspec
 
-from metro_hil.cases import Case, CaseResult
-from metro_hil.engine.crew import Arrived, Broke, Notice
-from metro_hil.engine.local_crew import LocalCrew
+from metro_hil.engine.local_pool import LocalCrew
 from metro_hil.engine.program import program_version
 from metro_hil.engine.queue import Batch
+from metro_hil.engine.worker_pool import Arrived, Broke, Notice
+from metro_hil.model.case import Case, CaseResult
 
 WAIT_S = 1.0
 

@@ -11,13 +11,13 @@ from urllib.parse import quote
 
 import msgspec
 
-from firmware_py.clock import WallClock
+from firmware_py.clock.clock import WallClock
 from firmware_py.settings import nearest
-from metro_hil.cases import Case
 from metro_hil.engine.errors import EngineError, UsageError
 from metro_hil.engine.journal import Head
 from metro_hil.engine.program import program_version
-from metro_hil.run_folder import RunFolder, utc_text, versions
+from metro_hil.model.case import Case
+from metro_hil.model.run_folder import RunFolder, utc_text, versions
 
 ROOT: Final = Path("runs/hil")
 MANIFEST: Final = "campaign.json"

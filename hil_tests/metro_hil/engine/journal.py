@@ -19,9 +19,9 @@ from typing import Any, Final
 
 import msgspec
 
-from firmware_py.clock import NS_PER_S, WallClock
-from metro_hil.cases import CaseResult
+from firmware_py.clock.clock import NS_PER_S, WallClock
 from metro_hil.engine.errors import EngineError
+from metro_hil.model.case import CaseResult
 
 SYNC_S: Final = 0.2
 _OPENING: Final = b'{"sum":"'

@@ -22,12 +22,12 @@ from typing import Any, Final
 import msgspec
 
 from firmware_py.assertions import require_assertions
-from firmware_py.clock import NS_PER_S, WallClock
-from metro_hil.cases import Case
+from firmware_py.clock.clock import NS_PER_S, WallClock
 from metro_hil.engine.folder import CampaignFolder, Plan, make_folder
 from metro_hil.engine.journal import once_each, read_journal, without_host
 from metro_hil.engine.trial_runner import trial_cases
-from metro_hil.options import EXIT_FAILED, EXIT_OK
+from metro_hil.model.case import Case
+from metro_hil.model.run_options import EXIT_FAILED, EXIT_OK
 
 RUNNER: Final = "metro_hil.engine.trial_runner:run_case"
 CASES: Final = 150
@@ -104,7 +104,7 @@ class Trial:
                 life_s, barren = 2.0 * life_s, 0
 
     def _start(self, folder: CampaignFolder) -> "subprocess.Popen[bytes]":
-        words = [sys.executable, "-m", "metro_hil.hil_command", "resume", str(folder.path)]
+        words = [sys.executable, "-m", "metro_hil.cli.hil", "resume", str(folder.path)]
         words += ["--json", "--workers", str(self.workers)]
         words += [] if self.reports else ["--no-report", "--keep", "0", "--keep-worst", "0"]
         # A session of its own, so that Ctrl-C does not count as one of the kills.

@@ -6,7 +6,7 @@ from typing import Final
 
 import msgspec
 
-from metro_hil.cases import Case, CaseResult
+from metro_hil.model.case import Case, CaseResult
 
 _LENGTH: Final = struct.Struct("<I")
 LENGTH_BYTES: Final = _LENGTH.size
@@ -16,7 +16,7 @@ class Hello(msgspec.Struct, frozen=True, tag="hello"):
     """Master to worker, once."""
 
     runner: str
-    """`module:function`; it is called like `metro_hil.run_case.run_case`."""
+    """`module:function`; it is called like `metro_hil.run.dispatch.run_case`."""
     files: dict[str, str]
     """Path by the name by which cases call a file."""
 

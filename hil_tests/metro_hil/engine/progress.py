@@ -14,8 +14,8 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-from firmware_py.clock import NS_PER_S, WallClock
-from metro_hil.cases import Case, CaseResult, Verdict, as_expected
+from firmware_py.clock.clock import NS_PER_S, WallClock
+from metro_hil.model.case import Case, CaseResult, Verdict, as_expected
 
 PLAIN_EVERY_S: Final = 10.0
 """Between two lines of progress where no terminal shows a bar."""

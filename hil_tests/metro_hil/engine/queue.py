@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from metro_hil.cases import BenchKind, Case, CaseResult, Host, Verdict
+from metro_hil.model.case import BenchKind, Case, CaseResult, Host, Verdict
 
 ATTEMPTS_MAX: Final = 3
 GROUP_CASES_MAX: Final = 64

@@ -6,18 +6,18 @@ from typing import Final
 
 import msgspec
 
-from firmware_py.clock import WallClock
-from metro_hil.cases import Case, CaseResult, as_expected
-from metro_hil.engine.crew import Arrived, Broke, Crew, Gone, Notice, Outcome
+from firmware_py.clock.clock import WallClock
 from metro_hil.engine.folder import CampaignFolder, empty_run_folder
 from metro_hil.engine.journal import Journal, LostAttempt, Session, once_each
-from metro_hil.engine.keeping import doubts, keep_logs, note_traceback, worth_keeping
 from metro_hil.engine.program import program_version
 from metro_hil.engine.progress import Watcher
 from metro_hil.engine.queue import Batch, GroupKey, WorkQueue, lost, no_group
+from metro_hil.engine.retention import doubts, keep_logs, note_traceback, worth_keeping
 from metro_hil.engine.stopping import StopWish
 from metro_hil.engine.totals import Totals, total
-from metro_hil.run_folder import utc_text
+from metro_hil.engine.worker_pool import Arrived, Broke, Crew, Gone, Notice, Outcome
+from metro_hil.model.case import Case, CaseResult, as_expected
+from metro_hil.model.run_folder import utc_text
 
 WAIT_S: Final = 0.1
 """At most so long nobody looks whether the journal is due for the disk, or an end is wished for."""
@@ -215,6 +215,6 @@ def group_key_of(cases: Sequence[Case]) -> GroupKey:
     """The bench is imported only for campaigns that have branches."""
     if all(case.branch is None for case in cases):
         return no_group
-    from metro_hil.branch import group_key
+    from metro_hil.run.branch import group_key
 
     return group_key

@@ -9,8 +9,8 @@ from typing import Final
 
 import msgspec
 
-from metro_hil.cases import Case, CaseResult, Verdict, as_expected
 from metro_hil.engine.journal import same_result
+from metro_hil.model.case import Case, CaseResult, Verdict, as_expected
 
 NAMED_MAX: Final = 5
 NEVER_AS_EXPECTED: Final = (Verdict.LOST, Verdict.INVALID)

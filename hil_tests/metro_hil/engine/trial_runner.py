@@ -10,9 +10,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
-from firmware_py.clock import NS_PER_S, WallClock
-from metro_hil.cases import Case, CaseResult, Event, MonitorResult, Setup, Verdict
-from metro_hil.run_folder import RunFolder
+from firmware_py.clock.clock import NS_PER_S, WallClock
+from metro_hil.model.case import Case, CaseResult, Event, MonitorResult, Setup, Verdict
+from metro_hil.model.run_folder import RunFolder
 
 WORK_S: Final = "trial.work_s"
 """So long a processor is kept busy."""

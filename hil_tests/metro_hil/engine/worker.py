@@ -13,10 +13,8 @@ from typing import Any, BinaryIO, Final, cast
 import msgspec
 
 from firmware_py.assertions import require_assertions
-from firmware_py.clock import WallClock
-from firmware_py.realtime import die_with_parent
-from metro_hil.cases import Case, CaseResult
-from metro_hil.collecting import collect_rarely
+from firmware_py.clock.clock import WallClock
+from firmware_py.clock.realtime import die_with_parent
 from metro_hil.engine.messages import (
     LENGTH_BYTES,
     Done,
@@ -30,9 +28,11 @@ from metro_hil.engine.messages import (
     read_for_worker,
     read_length,
 )
-from metro_hil.run_folder import RunFolder
+from metro_hil.model.case import Case, CaseResult
+from metro_hil.model.gc_tuning import collect_rarely
+from metro_hil.model.run_folder import RunFolder
 
-RUNNER: Final = "metro_hil.run_case:run_case"
+RUNNER: Final = "metro_hil.run.dispatch:run_case"
 GROUP_FUNCTION: Final = "run_group"
 """Beside the runner; takes the cases of one branch and yields their results in order."""
 NS_PER_S: Final = 1_000_000_000

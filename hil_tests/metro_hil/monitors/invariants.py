@@ -6,9 +6,9 @@ from can_dbc.doors import DoorCommand
 from can_dbc.traction import TractionCommand
 from metro_hil.monitors.catalogue import WATCHED
 from metro_hil.monitors.context import Context
+from metro_hil.monitors.description import Spoken
 from metro_hil.monitors.gauge import Alarm, Gauge
 from metro_hil.monitors.place import Place
-from metro_hil.monitors.spoken import Spoken
 from metro_hil.monitors.watch_authority import AuthorityWatch
 from metro_hil.monitors.watch_brake import DepartureWatch, EmergencyWatch, SilenceWatch
 from metro_hil.monitors.watch_claims import ClaimWatch, DemandWatch

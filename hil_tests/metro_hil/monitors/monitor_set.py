@@ -5,14 +5,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from metro_hil.cases import MonitorResult, Verdict
+from metro_hil.model.case import MonitorResult, Verdict
 from metro_hil.monitors.context import Context
+from metro_hil.monitors.description import CONTROLLER_IDS, Spoken
 from metro_hil.monitors.gauge import NEVER_NS, Gauge
 from metro_hil.monitors.invariants import Invariants
 from metro_hil.monitors.place import Place
 from metro_hil.monitors.plan import MonitorKind, MonitorPlan, Severity
 from metro_hil.monitors.signals import Signals
-from metro_hil.monitors.spoken import CONTROLLER_IDS, Spoken
 from metro_hil.monitors.stl import Formula
 from metro_hil.monitors.terms import State
 from metro_hil.monitors.vocabulary import BOOLEANS, NAMES

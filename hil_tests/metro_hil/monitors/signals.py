@@ -2,8 +2,8 @@
 
 from collections.abc import Collection
 
+from metro_hil.monitors.description import Spoken
 from metro_hil.monitors.place import Place
-from metro_hil.monitors.spoken import Spoken
 from metro_hil.monitors.vocabulary import SIGNALS, Origin
 from metro_hil.monitors.watch_motion import MotionWatch
 from plant_emulator.truth import Truth

@@ -2,8 +2,8 @@
 
 from can_dbc.vobc import OperatingMode
 from metro_hil.monitors.context import Context
+from metro_hil.monitors.description import Spoken
 from metro_hil.monitors.gauge import Gauge
-from metro_hil.monitors.spoken import Spoken
 from plant_emulator.truth import Truth
 from zenoh_config.codec import unpack
 from zenoh_config.messages import MovementAuthority

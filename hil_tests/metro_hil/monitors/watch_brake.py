@@ -2,9 +2,9 @@
 
 from can_dbc.vobc import Cause, Supervision
 from metro_hil.monitors.context import Context
+from metro_hil.monitors.description import NEVER_NS, Spoken
 from metro_hil.monitors.gauge import Gauge
 from metro_hil.monitors.place import Place
-from metro_hil.monitors.spoken import NEVER_NS, Spoken
 from plant_emulator.truth import Truth
 
 NS_PER_S = 1_000_000_000

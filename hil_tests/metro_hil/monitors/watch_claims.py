@@ -5,8 +5,8 @@ from collections import deque
 from can_dbc.binding import period_s
 from can_dbc.vobc import AtoPhase, Missing, Supervision, VobcPosition
 from metro_hil.monitors.context import Context
+from metro_hil.monitors.description import Spoken
 from metro_hil.monitors.gauge import Gauge
-from metro_hil.monitors.spoken import Spoken
 from metro_hil.monitors.watch_modes import JOG
 from plant_emulator.truth import Truth
 

@@ -1,9 +1,9 @@
 """Invariants of the doors (17, 30, 31, 32)."""
 
 from metro_hil.monitors.context import Context
+from metro_hil.monitors.description import Spoken
 from metro_hil.monitors.gauge import Gauge
 from metro_hil.monitors.place import Place
-from metro_hil.monitors.spoken import Spoken
 from metro_hil.monitors.watch_brake import PULL_N
 from plant_emulator.truth import Truth
 

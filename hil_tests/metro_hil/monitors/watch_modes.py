@@ -2,9 +2,9 @@
 
 from can_dbc.vobc import Missing, OperatingMode
 from metro_hil.monitors.context import Context
+from metro_hil.monitors.description import Spoken
 from metro_hil.monitors.gauge import Gauge
 from metro_hil.monitors.place import Place
-from metro_hil.monitors.spoken import Spoken
 from plant_emulator.truth import Truth
 
 NS_PER_S = 1_000_000_000

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from typing import Final
 
-from firmware_py.clock import WallClock
+from firmware_py.clock.clock import WallClock
 from metro_hil.proof.fuzz import KINDS, Episode, episode
 from metro_hil.proof.genuine import Genuine, ride
 

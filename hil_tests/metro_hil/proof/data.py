@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import Any, Final
 
 from firmware_py.settings import SettingsError, build
-from metro_hil.case_setup import CaseParts
-from metro_hil.cases import CaseResult
-from metro_hil.proof.belief_rides import FRAMES, Ride, misread, notices, rides_of, run, with_line
+from metro_hil.model.case import CaseResult
+from metro_hil.model.case_setup import CaseParts
+from metro_hil.proof.belief_runs import FRAMES, Ride, misread, notices, rides_of, run, with_line
 
 DATA_FILE: Final = "hil_tests/proof/data_mutants.toml"
 SIDES: Final = ("map", "belief", "frame")

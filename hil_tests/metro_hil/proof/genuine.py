@@ -6,12 +6,12 @@ from pathlib import Path
 
 from firmware_py.handed_ports import HandedPorts
 from firmware_py.ports import CanFrame, RadioMessage, SerialChunk
-from metro_hil.journey import plan_journey
-from metro_hil.lockstep import run_lockstep
-from metro_hil.options import parse
+from metro_hil.model.mission import plan_journey
+from metro_hil.model.run_folder import RunFolder
+from metro_hil.model.run_options import parse
 from metro_hil.proof.judge import Permits, permits
 from metro_hil.replay.recording import STOP, Segment, Step, read_recording
-from metro_hil.run_folder import RunFolder
+from metro_hil.run.lockstep import run_lockstep
 from vobc.process import Commission
 from vobc.vocabulary import CycleOutput
 

@@ -3,9 +3,9 @@
 from collections.abc import Mapping
 from pathlib import Path
 
-from metro_hil.cases import Case, CaseResult
+from metro_hil.model.case import Case, CaseResult
+from metro_hil.model.run_folder import RunFolder
 from metro_hil.realtime.wires import Presence, RealtimeWires
-from metro_hil.run_folder import RunFolder
 
 __all__ = ["Presence", "RealtimeWires", "run_realtime_case"]
 
@@ -17,9 +17,9 @@ def run_realtime_case(
     folder: RunFolder | None = None,
     wires: RealtimeWires | None = None,
 ) -> CaseResult:
-    """See `metro_hil.realtime.realtime_case`, which is loaded only when a case is run."""
-    from metro_hil.realtime import realtime_case
+    """See `metro_hil.realtime.case_run`, which is loaded only when a case is run."""
+    from metro_hil.realtime import case_run
 
-    return realtime_case.run_realtime_case(
+    return case_run.run_realtime_case(
         case, files=files or {}, folder=folder, wires=wires or RealtimeWires()
     )

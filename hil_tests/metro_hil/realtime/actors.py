@@ -4,7 +4,7 @@ import signal
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from metro_hil.children import Process
+from metro_hil.model.subprocesses import Process
 from metro_hil.realtime.commands import ControllerStart
 from metro_hil.realtime.guard import Guard
 from metro_hil.realtime.wires import Blocked

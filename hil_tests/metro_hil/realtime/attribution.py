@@ -24,7 +24,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from metro_hil.cases import Verdict
+from metro_hil.model.case import Verdict
 
 STEAL_S: Final = 0.05
 """Taken from all processors together within a second: as long as a control cycle."""

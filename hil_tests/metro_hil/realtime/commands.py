@@ -9,7 +9,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Final
 
-from metro_hil.cases import Case, Controller
+from metro_hil.model.case import Case, Controller
 from metro_hil.realtime.wires import Blocked, RealtimeWires
 
 CHECKOUT_ROOTS: Final = (".", "hil_tests", "tools")
@@ -176,7 +176,7 @@ def gateway_words(
 ) -> list[str]:
     """The gateway between the controller's segment and the train's."""
     a, b = segments
-    words = [sys.executable, "-m", "metro_hil.gateway", "--a", a, "--b", b]
+    words = [sys.executable, "-m", "metro_hil.realtime.gateway", "--a", a, "--b", b]
     words += ["--faults", str(faults), "--seed", str(seed), "--feed", str(control)]
     words += ["--out", str(out), "--priority", str(priority), "--parent", str(parent)]
     return words

@@ -7,9 +7,9 @@ from typing import Any
 
 import tomli_w
 
-from metro_hil.case_setup import CaseParts, Files, file_name
-from metro_hil.cases import Case
-from metro_hil.run_folder import plain
+from metro_hil.model.case import Case
+from metro_hil.model.case_setup import CaseParts, Files, file_name
+from metro_hil.model.run_folder import plain
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Final
 
-from metro_hil.ending import AFTER_ARRIVAL_S, ARRIVED, NEAR_M
+from metro_hil.model.end_condition import AFTER_ARRIVAL_S, ARRIVED, NEAR_M
 from plant_emulator.truth import Truth
 
 NS_PER_S: Final = 1_000_000_000

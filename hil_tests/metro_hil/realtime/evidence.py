@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-from metro_hil.columns import Columns, LogError, read_columns
+from metro_hil.model.log_columns import Columns, LogError, read_columns
+from metro_hil.model.run_folder import RunFolder
 from metro_hil.realtime.attribution import (
     GATEWAY_LATE_S,
     HANG_S,
@@ -23,7 +24,6 @@ from metro_hil.realtime.attribution import (
 )
 from metro_hil.realtime.commands import again
 from metro_hil.realtime.host import HostRecord
-from metro_hil.run_folder import RunFolder
 
 GATEWAY_LOG: Final = "gateway.csv"
 STEP_S: Final = 0.01

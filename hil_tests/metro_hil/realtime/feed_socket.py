@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
-from firmware_py.clock import Clock
+from firmware_py.clock.clock import Clock
 
 MESSAGE_BYTES: Final = 4096
 BUFFER_BYTES: Final = 1 << 21

@@ -6,8 +6,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from firmware_py.realtime import steal_ns
-from firmware_py.recorder import LineLog
+from firmware_py.clock.realtime import steal_ns
+from firmware_py.storage.recorder import LineLog
 
 COLUMNS: Final = (
     "t_s",

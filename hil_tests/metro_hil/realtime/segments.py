@@ -11,12 +11,12 @@ from typing import Final
 from firmware_py import rendezvous
 from firmware_py.buses import BusError, is_virtual, open_can, parse_spec
 from firmware_py.buses.hub_control import HubHandle, start_hub
-from firmware_py.clock import Clock
-from firmware_py.recorder import CandumpWriter
-from metro_hil.cases import BenchKind
-from metro_hil.realtime.hearing import Tap
+from firmware_py.clock.clock import Clock
+from firmware_py.storage.recorder import CandumpWriter
+from metro_hil.model.case import BenchKind
+from metro_hil.model.run_folder import RunFolder
+from metro_hil.realtime.observer import Tap
 from metro_hil.realtime.wires import AUTO, Blocked, RealtimeWires
-from metro_hil.run_folder import RunFolder
 
 NAME_TRIES: Final = 20
 _numbers = itertools.count()

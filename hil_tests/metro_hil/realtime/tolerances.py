@@ -9,8 +9,8 @@ a failure of a good controller.
 from collections.abc import Sequence
 from typing import Final
 
-from metro_hil.case_setup import CaseParts
-from metro_hil.cases import Case
+from metro_hil.model.case import Case
+from metro_hil.model.case_setup import CaseParts
 from metro_hil.monitors import Context
 from metro_hil.realtime.attribution import GATEWAY_LATE_S, LATE_S, PLANT_LATE_S, START_UP_S
 from plant_emulator.faults.kinds import BENCH_PLACES, Place

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from can_dbc.nodes import Node
-from metro_hil.cases import BenchKind
+from metro_hil.model.case import BenchKind
 
 AUTO: Final = "auto"
 

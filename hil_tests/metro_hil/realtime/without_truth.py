@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Final
 
-from metro_hil.cases import MonitorResult, Verdict
+from metro_hil.model.case import MonitorResult, Verdict
 from metro_hil.monitors import MonitorKind, MonitorPlan
 from metro_hil.monitors.stl import Formula
 from metro_hil.monitors.vocabulary import BOOLEANS, NAMES, SIGNALS, Origin

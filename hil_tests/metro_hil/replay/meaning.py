@@ -5,11 +5,11 @@ import enum
 from functools import cache
 from typing import Any, Final
 
+import canlog
 from can_dbc.binding import binding_of, kinds
 from firmware_py.ports import CanFrame, RadioMessage, SerialChunk
 from firmware_py.tag_reader.telegram import TelegramParser
 from metro_hil.replay.recording import Output
-from metro_tools import canlog
 from zenoh_config.codec import unpack
 from zenoh_config.messages import Refused
 

@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
-from firmware_py.port_log import PORTS_LOG, VERSION
 from firmware_py.ports import CanFrame, RadioMessage, SerialChunk
 from firmware_py.settings import SettingsError
+from firmware_py.storage.port_log import PORTS_LOG, VERSION
 from vobc.process import Commission, read_commission
 
 STANDARD_DIGITS: Final = 3

@@ -7,11 +7,12 @@ from itertools import count
 from pathlib import Path
 from typing import Any, Final
 
-from firmware_py.clock import NS_PER_S
+from firmware_py.clock.clock import NS_PER_S
 from firmware_py.settings import override
 from firmware_py.tag_reader.telegram import TelegramParser
-from metro_hil.cases import Controller
+from metro_hil.model.case import Controller
 from metro_hil.replay.compare import Comparison, Counts, Difference, compare, placed
+from metro_hil.replay.log_rerun import SHIPPED, Rerun, maker, rerun
 from metro_hil.replay.meaning import (
     chunk_words,
     frame_words,
@@ -20,7 +21,6 @@ from metro_hil.replay.meaning import (
     signals_of,
 )
 from metro_hil.replay.recording import Output, Segment, Step, cycles, read_recording
-from metro_hil.replay.rerun import SHIPPED, Rerun, maker, rerun
 from metro_hil.replay.result import (
     CycleInputs,
     Divergence,

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from firmware_py.trackdb import LineMap
-from metro_hil.columns import Columns, Numbers
+from metro_hil.model.log_columns import Columns, Numbers
 from metro_hil.report.plot import (
     EMERGENCY,
     INK,

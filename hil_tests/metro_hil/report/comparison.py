@@ -8,8 +8,8 @@ from typing import Final
 import msgspec
 import numpy as np
 
-from metro_hil.cases import Case, CaseResult, Controller, Verdict
-from metro_hil.columns import Numbers
+from metro_hil.model.case import Case, CaseResult, Controller, Verdict
+from metro_hil.model.log_columns import Numbers
 from metro_hil.report.campaign.ledger import Entry, exercised, factors_text, join, known_margin
 from metro_hil.report.campaign.units import unit_of
 from metro_hil.report.estimates import (

@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from metro_hil.columns import Numbers
+from metro_hil.model.log_columns import Numbers
 
 CONFIDENCE_RATIO: Final = 0.95
 RESAMPLES: Final = 2000

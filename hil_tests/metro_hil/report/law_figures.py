@@ -8,7 +8,7 @@ from typing import Final
 import msgspec
 
 from firmware_py.settings import SettingsError
-from metro_hil.cases import Case, CaseResult
+from metro_hil.model.case import Case, CaseResult
 from metro_hil.report.estimates import Interval, mean_with_interval, pass_share
 from vobc.config import load_config
 

@@ -10,8 +10,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from firmware_py.trackdb import LineMap, TagKind
-from metro_hil.columns import Columns, Numbers
-from metro_hil.measures import Stop
+from metro_hil.metrics.run import Stop
+from metro_hil.model.log_columns import Columns, Numbers
 
 KMH_PER_MPS = 3.6
 MARGIN_M = 25.0

@@ -6,8 +6,8 @@ from typing import Final
 import msgspec
 
 from metro_hil.campaign.scenarios import Named
-from metro_hil.cases import Case, CaseResult, as_expected
-from metro_hil.requirements import Requirement
+from metro_hil.model.case import Case, CaseResult, as_expected
+from metro_hil.model.requirements import Requirement
 
 RESULTS: Final = "scenario_results.json"
 """Beside the catalogue: how each shipped scenario came out when it was last run."""

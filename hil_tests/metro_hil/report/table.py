@@ -6,8 +6,8 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from metro_hil.comfort import Comfort
-from metro_hil.results import RunResults
+from metro_hil.metrics.comfort import Comfort
+from metro_hil.metrics.results import RunResults
 
 TOLERANCE_M = 0.10
 """Stop tolerance of Allotta et al. 2013, table 1."""

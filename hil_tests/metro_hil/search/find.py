@@ -5,7 +5,7 @@ from typing import Any, Final
 
 import msgspec
 
-from metro_hil.cases import Case, CaseResult
+from metro_hil.model.case import Case, CaseResult
 from metro_hil.search.objective import NOTHING_SEEN, Objective, margins_of
 from metro_hil.search.optimisers import OPTIMISERS, Shares
 from metro_hil.search.space import Sample, SearchError, Space

@@ -8,7 +8,7 @@ import msgspec
 import tomli_w
 
 from metro_hil.campaign.tables import ConfigTable
-from metro_hil.run_folder import RunFolderError
+from metro_hil.model.run_folder import RunFolderError
 from metro_hil.search.find import Sought
 from metro_hil.search.space import Space
 

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from metro_hil.cases import Case, CaseResult
+from metro_hil.model.case import Case, CaseResult
 from metro_hil.search.find import Evaluate
 
 Files = Mapping[str, Path]
@@ -20,7 +20,7 @@ def _begin(files: Files) -> None:
 
 
 def _run(case: Case) -> CaseResult:
-    from metro_hil.run_case import run_case
+    from metro_hil.run.dispatch import run_case
 
     return run_case(case, files=_files)
 

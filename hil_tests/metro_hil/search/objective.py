@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from typing import Final
 
 from firmware_py.settings import nearest
-from metro_hil.cases import CaseResult, Verdict
+from metro_hil.model.case import CaseResult, Verdict
 from metro_hil.search.space import SearchError
 
 NOTHING_SEEN: Final = 1.0e6

@@ -14,7 +14,7 @@ from metro_hil.campaign.factors import Factor
 from metro_hil.campaign.plan import ScenarioPlan, case_of
 from metro_hil.campaign.problems import Findings
 from metro_hil.campaign.read import Definition
-from metro_hil.cases import Case, ConfigTable
+from metro_hil.model.case import Case, ConfigTable
 
 
 class SearchError(SettingsError):

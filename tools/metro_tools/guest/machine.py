@@ -14,7 +14,7 @@ from pathlib import Path
 from types import FrameType
 from typing import IO, Final
 
-from firmware_py.clock import NS_PER_S, WallClock
+from firmware_py.clock.clock import NS_PER_S, WallClock
 from metro_tools.guest import plan
 from metro_tools.guest.plan import GuestError, Machine, MemoryPlace, Request
 from metro_tools.guest.wires import Wires, lay_wires, write_all

@@ -8,10 +8,10 @@ from urllib.parse import quote
 
 import numpy as np
 
+import canlog
 from metro_hil.engine.folder import CampaignFolder
+from metro_hil.model.run_folder import RunFolder
 from metro_hil.report.campaign.ledger import Entry
-from metro_hil.run_folder import RunFolder
-from metro_tools import canlog
 
 BEFORE_S: Final = 1.0
 AFTER_S: Final = 0.5

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from typing import Final
 from xml.etree import ElementTree as Tree
 
-from metro_hil.cases import Verdict
+from metro_hil.model.case import Verdict
 from metro_hil.report.campaign.info import CampaignInfo
 from metro_hil.report.campaign.ledger import (
     LACKING_RESULT,

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import msgspec
 
-from metro_hil.cases import BenchKind, Case, CaseResult, Host, MonitorResult, Verdict
+from metro_hil.model.case import BenchKind, Case, CaseResult, Host, MonitorResult, Verdict
 
 NOT_EXERCISED: Final = "not exercised"
 """How the detail of a monitor begins that never saw what it judges."""

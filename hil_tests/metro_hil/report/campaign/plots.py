@@ -5,12 +5,12 @@ from pathlib import Path
 from typing import Final
 
 from firmware_py.settings import SettingsError
-from metro_hil.case_setup import Files, line_of
-from metro_hil.cases import Case
-from metro_hil.columns import LogError, read_columns
 from metro_hil.engine.folder import CampaignFolder
+from metro_hil.model.case import Case
+from metro_hil.model.case_setup import Files, line_of
+from metro_hil.model.log_columns import LogError, read_columns
+from metro_hil.model.run_folder import RunFolder
 from metro_hil.report.case_plot import NAME, draw_case, stretches_of
-from metro_hil.run_folder import RunFolder
 
 PLOTS_MAX: Final = 40
 """Each takes most of a second; of more kept runs `hil rerun` draws the one that is asked for."""

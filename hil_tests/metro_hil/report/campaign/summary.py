@@ -6,7 +6,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from metro_hil.cases import Verdict
+from metro_hil.model.case import Verdict
 from metro_hil.report.campaign.info import CampaignInfo
 from metro_hil.report.campaign.ledger import Entry, Ledger, known_margin
 from metro_hil.report.campaign.tally import MeasureTally, MonitorTally, Seen

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from metro_hil.cases import MonitorResult, Verdict
+from metro_hil.model.case import MonitorResult, Verdict
 from metro_hil.report.campaign.ledger import (
     Entry,
     Ledger,

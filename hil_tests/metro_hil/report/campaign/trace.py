@@ -5,9 +5,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
-from metro_hil.cases import MonitorResult, Verdict
+from metro_hil.model.case import MonitorResult, Verdict
+from metro_hil.model.requirements import Requirement
 from metro_hil.report.campaign.ledger import Entry, Ledger, exercised, known_margin
-from metro_hil.requirements import Requirement
 
 UNKNOWN_SOURCE: Final = "not in the catalogue"
 SAYS_SOMETHING: Final = (Verdict.PASS, Verdict.FAIL, Verdict.INCONCLUSIVE)

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from metro_hil.cases import Case, CaseResult
+from metro_hil.model.case import Case, CaseResult
 from metro_hil.report.campaign.info import CampaignInfo
 
 
@@ -20,6 +20,7 @@ def write_reports(
         results: what came back, in any order; a case without one is missing.
     """
     # Heavy libraries come with these; who only names the report does not wait for them.
+    from metro_hil.model.requirements import shipped_requirements
     from metro_hil.report.campaign.junit import junit_xml
     from metro_hil.report.campaign.ledger import join
     from metro_hil.report.campaign.page.render import Content, render_page
@@ -29,7 +30,6 @@ def write_reports(
     from metro_hil.report.campaign.tally import tally_measures, tally_monitors
     from metro_hil.report.campaign.trace import trace_requirements
     from metro_hil.report.layouts import LAYOUTS
-    from metro_hil.requirements import shipped_requirements
 
     ledger = join(cases, results, expected_cases=info.expected_cases)
     monitors, measures = tally_monitors(ledger), tally_measures(ledger)

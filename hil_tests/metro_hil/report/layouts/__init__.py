@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from metro_hil.cases import Case, CaseResult
+from metro_hil.model.case import Case, CaseResult
 from metro_hil.report.layouts.florence import florence_tables
 from metro_hil.report.layouts.hefei import hefei_tables
 from metro_hil.report.layouts.tables import LayoutFigure, LayoutTable, print_layout

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from metro_hil.cases import Case, CaseResult
+from metro_hil.model.case import Case, CaseResult
 from metro_hil.report.law_figures import by_law, figures_of
 from metro_hil.report.layouts.florence_laws import (
     interval_words,

@@ -12,14 +12,14 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from firmware_py.trackdb import LineMap, load_line
-from metro_hil.cases import Case
-from metro_hil.columns import Columns, LogError, Numbers, read_columns
-from metro_hil.comfort import felt_signals
 from metro_hil.engine.folder import CampaignFolder
+from metro_hil.metrics.comfort import felt_signals
+from metro_hil.model.case import Case
+from metro_hil.model.log_columns import Columns, LogError, Numbers, read_columns
 from metro_hil.report.law_figures import law_of
 from metro_hil.report.layouts.tables import LayoutFigure
 from metro_hil.report.plot import EMERGENCY, INK, KMH_PER_MPS, PERMITTED, QUIET, TRAIN
-from vobc.ato.config import AtoConfig
+from vobc.ato.settings.ato import AtoConfig
 
 FOLDER: Final = "figures"
 IDEAL: Final = "table-7"

@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from typing import Final
 
-from metro_hil.cases import Case, CaseResult
+from metro_hil.model.case import Case, CaseResult
 from metro_hil.report.layouts.tables import LayoutCell, LayoutTable, Mark
 
 SCENARIOS: Final = {

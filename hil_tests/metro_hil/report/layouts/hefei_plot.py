@@ -10,10 +10,10 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from metro_hil.cases import Case
-from metro_hil.columns import LogError, Numbers, read_columns
 from metro_hil.engine.folder import CampaignFolder
 from metro_hil.engine.journal import read_journal
+from metro_hil.model.case import Case
+from metro_hil.model.log_columns import LogError, Numbers, read_columns
 from metro_hil.report.layouts.hefei import CM_PER_M, WINDOW_M, Pairs, errors_m, platforms
 from metro_hil.report.layouts.tables import LayoutFigure
 from metro_hil.report.plot import EMERGENCY, INK, KMH_PER_MPS, PERMITTED, QUIET, TRAIN

@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 from markupsafe import Markup, escape
 
-from metro_hil.columns import Numbers
+from metro_hil.model.log_columns import Numbers
 from metro_hil.report.campaign.units import number_text, with_unit
 
 DOTS_MAX: Final = 60

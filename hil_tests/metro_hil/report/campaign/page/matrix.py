@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from metro_hil.cases import Verdict
+from metro_hil.model.case import Verdict
 from metro_hil.report.campaign.ledger import MISSING, Entry, factors_text, known_margin
 from metro_hil.report.campaign.tally import Factor, by_level, factors_of
 from metro_hil.report.campaign.units import with_unit

@@ -9,8 +9,9 @@ from typing import Final
 import numpy as np
 from markupsafe import Markup
 
-from metro_hil.cases import Case, MonitorResult, Verdict
-from metro_hil.columns import Columns, LogError, read_columns
+from metro_hil.model.case import Case, MonitorResult, Verdict
+from metro_hil.model.log_columns import Columns, LogError, read_columns
+from metro_hil.model.run_folder import RunFolder
 from metro_hil.report.campaign.evidence import Frames, frames_around, kept_run, rerun_command
 from metro_hil.report.campaign.ledger import Entry, Ledger, factors_text, known_margin
 from metro_hil.report.campaign.page.drawing import (
@@ -34,7 +35,6 @@ from metro_hil.report.campaign.tally import (
 )
 from metro_hil.report.campaign.units import unit_of, with_unit
 from metro_hil.report.estimates import Interval
-from metro_hil.run_folder import RunFolder
 
 WORST_MAX: Final = 20
 PLOTS_MAX: Final = 6

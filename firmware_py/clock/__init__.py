@@ -1,0 +1,1 @@
+"""Time and rhythm: clocks, cyclic executive, watchdogs, and the real-time rights of the host."""

@@ -1,0 +1,1 @@
+"""What is kept: NVRAM, checked files, and the recorders of bus, ports and cycles."""

@@ -1,0 +1,161 @@
+"""`make bench-logs`: canlog against python-can + cantools, asammdf and hilspy on one log.
+
+Each figure is frames per second of processor time, the best of a few runs, from the file to the
+physical values of all signals. Machines differ, so the bars that count are ratios.
+"""
+
+import argparse
+import contextlib
+import io
+import json
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import cantools.database
+from rich.console import Console
+from rich.table import Table
+
+from canlog import Bus, ReadOptions, kernel, load_bus, read
+from canlog.damage import Damages
+from canlog.formats.registry import named
+from hil_tests.log_benchmarks import peers, traffic
+
+FORMS = ("candump", "blf", "mf4")
+PEER_FRAMES = 40_000
+ROUNDS, ROUNDS_MAX, ROUNDS_S = 3, 15, 4.0
+STATS_TIMES = 5
+STATS_BAR_S, STATS_BAR_MB = 10.0, 1000.0
+PEER_BAR, HILSPY_BAR = 50.0, 10.0
+MILLION = 1e6
+MEASURED = """
+import re, sys, time
+from pathlib import Path
+from canlog.command import main
+main(sys.argv[1:])
+# Of this program alone: what getrusage tells counts the process that it was forked from.
+most_kb = int(re.search(r"VmHWM:\\s+(\\d+)", Path("/proc/self/status").read_text())[1])
+print(time.process_time(), most_kb / 1024, file=sys.stderr)
+"""
+
+
+def canlog(path: Path, bus: Bus, **options: Any) -> int:
+    """Every signal of every message. The DBC file is loaded before."""
+    log = read(path, bus, ReadOptions(**options))
+    for name in log.messages:
+        table = log.table(name)
+        for signal in table.names:
+            assert len(table[signal]) == len(table)
+    assert log.warnings == ()
+    return len(log)
+
+
+def rate(work: Callable[[], int]) -> float:
+    """Millions of frames per second of processor time, of this process and its threads.
+
+    The best of as many runs as a few seconds hold: what is short is disturbed by others more.
+    """
+    best, rounds, spent_s = 0.0, 0, 0.0
+    while rounds < ROUNDS or (spent_s < ROUNDS_S and rounds < ROUNDS_MAX):
+        began_s = time.process_time()
+        frames = work()
+        took_s = time.process_time() - began_s
+        best = max(best, frames / took_s / MILLION)
+        rounds, spent_s = rounds + 1, spent_s + took_s
+    return best
+
+
+def reading(folder: Path, count: int) -> list[tuple[str, float, str, bool | None]]:
+    """Figures with their bars, and whether they are met."""
+    paths, dbc = traffic.write_logs(folder, count, FORMS), folder / "bench.dbc"
+    bus, database = load_bus(dbc), cantools.database.load_file(dbc)
+    rows: list[tuple[str, float, str, bool | None]] = []
+    usual, rival, ours = dict[str, float](), dict[str, float](), dict[str, float]()
+    for form, path in paths.items():
+        usual[form] = rate(partial(peers.python_can_and_cantools, path, database, PEER_FRAMES))
+        rows.append((f"{form}: python-can + cantools", usual[form], "", None))
+        if form != "mf4":
+            rival[form] = rate(partial(peers.hilspy_channel, path, dbc, 5 * PEER_FRAMES))
+            rows.append((f"{form}: hilspy", rival[form], "", None))
+    rows.append(
+        (
+            "mf4: asammdf extract",
+            rate(lambda: peers.asammdf_extract(paths["mf4"], dbc, 0)),
+            "",
+            None,
+        )
+    )
+    has_kernel = kernel.library() is not None
+    ways: list[tuple[str, str, dict[str, Any], float | None]] = [
+        ("candump", "canlog", {}, 6.0 if has_kernel else None),
+        ("candump", "canlog, numpy alone", {"compiled": False}, None),
+        ("blf", "canlog, libdeflate", {"inflater": "libdeflate"}, 8.0),
+        ("blf", "canlog, isal", {"inflater": "isal"}, None),
+        ("blf", "canlog, zlib", {"inflater": "zlib"}, 5.0),
+        ("mf4", "canlog", {}, 3.0),
+    ]
+    for form, name, options, bar in ways:
+        found = rate(partial(canlog, paths[form], bus, **options))
+        ours[form] = max(found, ours.get(form, 0.0))
+        met = None if bar is None else found >= bar
+        rows.append((f"{form}: {name}", found, "" if bar is None else f">= {bar:g} M/s", met))
+    for form in FORMS:
+        ratio = ours[form] / usual[form]
+        met = ratio >= PEER_BAR
+        rows.append((f"{form}: canlog / python-can + cantools", ratio, f">= {PEER_BAR:g} x", met))
+    for form, found in rival.items():
+        ratio = ours[form] / found
+        rows.append(
+            (f"{form}: canlog / hilspy", ratio, f">= {HILSPY_BAR:g} x", ratio >= HILSPY_BAR)
+        )
+    return rows
+
+
+def statistics_of(folder: Path, count: int) -> list[tuple[str, float, str, bool | None]]:
+    """`canlog stats` on a log that many times as long, in a process of its own."""
+    path = folder / "long.log"
+    made = traffic.frames(count)
+    with path.open("wb") as out:
+        one = folder / "one.log"
+        named("candump").write(one, [made], Damages())
+        for _ in range(STATS_TIMES):
+            out.write(one.read_bytes())
+    words = ["stats", str(path), "--dbc", str(folder / "bench.dbc"), "--as", "json"]
+    began_s = time.perf_counter()
+    done = subprocess.run(
+        [sys.executable, "-c", MEASURED, *words], capture_output=True, text=True, check=True
+    )
+    wall_s = time.perf_counter() - began_s
+    told = json.loads(done.stdout)
+    frames = sum(bus["bus_frames"] for bus in told["buses"])
+    assert frames == STATS_TIMES * count
+    cpu_s, most_mb = (float(word) for word in done.stderr.split())
+    name = f"stats of {frames / MILLION:g} M frames"
+    return [
+        (f"{name}: processor s", cpu_s, f"< {STATS_BAR_S:g} s", cpu_s < STATS_BAR_S),
+        (f"{name}: wall s", wall_s, "", None),
+        (f"{name}: MB", most_mb, f"< {STATS_BAR_MB:g} MB", most_mb < STATS_BAR_MB),
+    ]
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(prog="make bench-logs", description=__doc__)
+    parser.add_argument("--frames", type=int, default=2_000_000)
+    given = parser.parse_args()
+    with tempfile.TemporaryDirectory() as scratch, contextlib.redirect_stderr(io.StringIO()):
+        rows = reading(Path(scratch), given.frames)
+        rows += statistics_of(Path(scratch), given.frames)
+    table = Table("figure", "value", "bar", "met", title=f"{given.frames:,} frames, 79 signals")
+    for name, value, bar, met in rows:
+        table.add_row(name, f"{value:.3g}", bar, {True: "yes", False: "NO", None: ""}[met])
+    Console().print(table)
+    return int(any(met is False for *_, met in rows))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,80 @@
+"""The log that readers are measured with: 12 identifiers, 79 signals, both byte orders."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from canlog.damage import Damages
+from canlog.formats.registry import named
+from canlog.frames import EXTENDED, Frames
+
+SIGNALS = (8, 8, 7, 7, 7, 7, 6, 6, 6, 6, 6, 5)
+"""In each message: 79."""
+LENGTHS = (8, 8, 8, 8, 8, 8, 8, 7, 8, 6, 8, 5)
+EXTENDED_AT = 11
+"""The last message has 29 bits."""
+START_NS = 1_700_000_000_000_000_000
+FRAME_NS = 250_000
+SEED = 1
+
+
+def dbc_text() -> str:
+    """The same for everybody: signals side by side from the first bit on."""
+    draw = np.random.default_rng(SEED)
+    lines = ['VERSION ""', "NS_ :", "BS_:", "BU_: A B", ""]
+    for at, (count, length) in enumerate(zip(SIGNALS, LENGTHS, strict=True)):
+        frame_id = identifier(at) | (1 << 31 if at == EXTENDED_AT else 0)
+        lines.append(f"BO_ {frame_id} MESSAGE_{at:02d}: {length} A")
+        size = 8 * length // count
+        for number in range(count):
+            start, signed = number * size, draw.random() < 0.4
+            motorola = at % 2 == 1
+            first = 8 * (start // 8) + 7 - start % 8 if motorola else start
+            scale = draw.choice([1, 0.5, 0.1, 0.01, 0.001, 2])
+            offset = draw.choice([0, 0, 0, -40, 100])
+            lines.append(
+                f" SG_ signal_{at:02d}_{number} : {first}|{size}@{0 if motorola else 1}"
+                f'{"-" if signed else "+"} ({scale:g},{offset}) [0|0] "u" B'
+            )
+        lines.append("")
+    return "\n".join(lines) + "\n"
+
+
+def identifier(at: int) -> int:
+    return 0x18FF_1000 + at if at == EXTENDED_AT else 0x100 + 0x20 * at
+
+
+def frames(count: int) -> Frames:
+    """So many frames, one each 250 us and a little, with drawn data."""
+    draw = np.random.default_rng(SEED)
+    which = draw.integers(0, len(LENGTHS), count)
+    lengths = np.array(LENGTHS, np.uint8)[which]
+    data = draw.integers(0, 256, (count, 8), np.uint8)
+    data[np.arange(8) >= lengths[:, None]] = 0
+    past_ns = np.cumsum(FRAME_NS + 1000 * draw.integers(-20, 20, count))
+    ids = np.array([identifier(at) for at in range(len(LENGTHS))], np.uint32)
+    return Frames(
+        START_NS + past_ns,
+        ids[which],
+        np.where(which == EXTENDED_AT, EXTENDED, 0).astype(np.uint8),
+        np.zeros(count, np.uint8),
+        lengths,
+        data,
+        ("can1",),
+    )
+
+
+def write_logs(folder: Path, count: int, forms: tuple[str, ...]) -> dict[str, Path]:
+    """The same frames in each format, and `train.dbc`."""
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "bench.dbc").write_text(dbc_text())
+    made: Any = frames(count)
+    paths = {}
+    for form in forms:
+        found = named(form)
+        paths[form] = folder / f"bench{found.suffixes[0]}"
+        found.write(
+            paths[form], [made[at : at + 200_000] for at in range(0, count, 200_000)], Damages()
+        )
+    return paths

@@ -1,0 +1,318 @@
+"""Figures of trains that command themselves in virtual time: simulator, failover, headway."""
+
+import itertools
+import sys
+from collections.abc import Callable, Sequence
+from statistics import median
+from typing import Final, NamedTuple
+
+from metro_hil.benchmarks.bench import Figure, run_measures
+from metro_hil.line.headway import passages
+from metro_hil.line.load import cycle_ms, waiting_cycle_ms, wayside_share
+from metro_hil.simulation.batch import Total, run_many
+from metro_hil.simulation.long_line import play
+from metro_hil.simulation.run import Phases
+from metro_hil.simulation.scenarios.acceptance import convoy
+from metro_hil.simulation.scripted_line import NS_PER_S, Plot, Scene
+from metro_hil.simulation.simulate import Job
+from vobc.train_to_train.train import TrainCore
+from zenoh_config.timers import TIMERS_A, TIMERS_B, LineTimers
+
+SEEDS: Final = range(1, 9)
+EVENTS_BAR_PER_S: Final = 100_000.0
+KILLS: Final = 20
+FAILOVER_BARS_MS: Final = {"A": 450.0, "B": 200.0}
+MS_PER_S: Final = 1000.0
+HEADWAY_TRAINS: Final = 10
+HEADWAY_BAR_S: Final = 72.0
+HEADWAY_FEW: Final = 4
+WHOLE_TRAINS: Final = 10
+WHOLE_S: Final = 71.65
+"""At 60 km/h; operation runs at 59.8, so that trains follow each other at 71.9 s."""
+WHOLE_LOST_S: Final = 1.0
+"""Odometry, and brakes that draw their delays, take up to 0.7 s from trains that come at 85 s, and
+have them begin to brake up to 14 m before the first."""
+HEADWAY_STEP_S: Final = 1.0
+DELAY_MAX_S: Final = 0.5
+GROWTH_MAX_S: Final = 0.1
+LOOK_S: Final = 0.05
+BRAKES_MPS2: Final = 0.05
+EARLIER_M: Final = 5.0
+"""A control cycle at 60 km/h, and some: so much is chance."""
+SPEED_MPS: Final = 60.0 / 3.6
+BEFORE_M: Final = 1000.0
+RUN_UP_M: Final = 1500.0
+COMMANDED: Final = 100
+CYCLE_BAR_MS: Final = 200.0
+LINE_AREAS: Final = 10
+LINE_EACH: Final = 50
+LINE_S: Final = 10.0
+HEARD_BAR: Final = 1.5
+STATION_M: Final = 3000.0
+LENGTH_M: Final = 81.2
+
+
+def events() -> list[Figure]:
+    """Messages sent, come or lost, and steps of nodes, for each second of processor time."""
+    total = Total()
+    for result in run_many(SEEDS, Job(Phases(trouble_s=30.0)), workers=1):
+        total.add(result)
+    rate_per_s = total.events / total.cpu_s
+    return [
+        Figure(
+            "simulated protocol events a CPU second",
+            f"{rate_per_s:,.0f}, {total.train_s / total.cpu_s:.0f} train seconds",
+            f"≥ {EVENTS_BAR_PER_S:,.0f}",
+            rate_per_s >= EVENTS_BAR_PER_S,
+        )
+    ]
+
+
+def failover() -> list[Figure]:
+    """From the death of a master to the last follower's authority of the next term."""
+    return [_failover(name, timers) for name, timers in (("A", TIMERS_A), ("B", TIMERS_B))]
+
+
+def _failover(name: str, timers: LineTimers) -> Figure:
+    took_ms = sorted(MS_PER_S * _one_failover_s(seed, timers) for seed in range(KILLS))
+    bar_ms = FAILOVER_BARS_MS[name]
+    return Figure(
+        f"master killed, timers {name}, virtual time",
+        f"median {median(took_ms):.0f} ms, worst {took_ms[-1]:.0f} ms of {KILLS}",
+        f"≤ {bar_ms:.0f} ms",
+        took_ms[-1] <= bar_ms,
+    )
+
+
+def _one_failover_s(seed: int, timers: LineTimers) -> float:
+    scene = Scene(Plot(convoy(5), area_m=4000.0, timers=timers, seed=seed))
+    scene.settle()
+    scene.until("there is a standby", lambda: scene.standby() is not None, within_s=5.0)
+    scene.run(1.0 + 0.013 * seed)
+    master = scene.master()
+    assert master is not None
+    old = scene.held_term(master)
+    followers = [train for train in scene.world.trains if train != master]
+    scene.net.kill(master)
+    return scene.until(
+        "the followers obey the next",
+        lambda: all(scene.held_term(train) > old for train in followers),
+        within_s=10.0,
+    )
+
+
+def headway() -> list[Figure]:
+    """Trains of 81.2 m at 60 km/h one after the other through a station, 30 s each."""
+    at_bar = approach(HEADWAY_TRAINS, HEADWAY_BAR_S)
+    least_s = _least_s(at_bar.undisturbed)
+    queue_s, emergencies = headway_s(HEADWAY_TRAINS)
+    gaps_s = [b - a for a, b in itertools.pairwise(queue_s)]
+    return [
+        Figure(
+            f"headway, 60 km/h, dwell 30 s, {HEADWAY_TRAINS} trains",
+            f"at {HEADWAY_BAR_S:.0f} s each is delayed by {at_bar.delay_s:.1f} s at most, "
+            f"{at_bar.disturbed} brake for the train ahead, {at_bar.emergencies} emergency brakes; "
+            f"{least_s:.0f} s is the least without disturbance",
+            f"≤ {HEADWAY_BAR_S:.0f} s",
+            at_bar.undisturbed,
+        ),
+        Figure(
+            "the same out of a queue, where trains come in slower than 60 km/h",
+            f"{sum(gaps_s) / len(gaps_s):.1f} s, worst {max(gaps_s):.1f} s, "
+            f"{emergencies} emergency brakes",
+            "–",
+            not emergencies,
+        ),
+    ]
+
+
+def _least_s(at_bar: bool) -> float:
+    """The shortest interval at which a few trains come through undisturbed."""
+    least_s = HEADWAY_BAR_S
+    if at_bar:
+        while approach(HEADWAY_FEW, least_s - HEADWAY_STEP_S).undisturbed:
+            least_s -= HEADWAY_STEP_S
+    else:
+        while not approach(HEADWAY_FEW, least_s).undisturbed:
+            least_s += HEADWAY_STEP_S
+    return least_s
+
+
+class Approach(NamedTuple):
+    """How trains came through the station that follow each other at one interval."""
+
+    delay_s: float
+    """The most by which one took longer than the first, from 1000 m before the station until it
+    had left it."""
+    growth_s: float
+    """How much more the last one was delayed than the one before it."""
+    emergencies: int
+    disturbed: int
+    """Trains that used the service brake before the place where the first one, which has nobody
+    ahead, begins to brake for the station."""
+
+    @property
+    def undisturbed(self) -> bool:
+        """Nobody brakes for the train ahead, and none loses more than the one before: it can go on
+        for ever.
+        """
+        steady = self.growth_s <= GROWTH_MAX_S and self.delay_s <= DELAY_MAX_S
+        return steady and not self.emergencies and not self.disturbed
+
+
+def approach(trains: int, interval_s: float) -> Approach:
+    """All begin at once, as far apart as they go in the interval, and reach 60 km/h."""
+    gap_m = interval_s * SPEED_MPS
+    station_m = gap_m * (trains - 1) + RUN_UP_M + 200.0
+    plot = Plot(
+        convoy(trains, first_m=200.0, gap_m=gap_m),
+        area_m=station_m + 3000.0,
+        stops_m=(station_m,),
+        dwell_s=30.0,
+        length_m=LENGTH_M,
+    )
+    scene = Scene(plot)
+    scene.settle()
+    came_s: dict[int, float] = {}
+    took_s: dict[int, float] = {}
+    braked_m: dict[int, float] = {}
+    while len(took_s) < trains:
+        scene.run(LOOK_S)
+        at_s = scene.net.now_ns / NS_PER_S
+        for train in scene.world.trains.values():
+            if train.front_m > station_m - BEFORE_M:
+                came_s.setdefault(train.address, at_s)
+            if train.rear_m > station_m:
+                took_s.setdefault(train.address, at_s - came_s[train.address])
+            if train.address in came_s and train.motion.demand_mps2 < -BRAKES_MPS2:
+                braked_m.setdefault(train.address, train.front_m)
+    # Those that came first were in nobody's way.
+    in_order = sorted(came_s, key=lambda train: came_s[train])
+    in_order_s = [took_s[train] for train in in_order]
+    delay_s = max(in_order_s) - in_order_s[0]
+    usual_m = braked_m[in_order[0]] - EARLIER_M
+    disturbed = sum(braked_m[train] < usual_m for train in in_order[1:])
+    return Approach(delay_s, in_order_s[-1] - in_order_s[-2], scene.emergencies(), disturbed)
+
+
+def whole_headway() -> list[Figure]:
+    """The same with whole controllers and plants, of the control law that is the default."""
+    told = passages(WHOLE_TRAINS, WHOLE_S)
+    gaps_s = [b.stopped_s - a.stopped_s for a, b in itertools.pairwise(told)]
+    mean_s = sum(gaps_s) / len(gaps_s)
+    ways_s = [each.stopped_s - each.came_s for each in told]
+    lost_s = max(ways_s) - ways_s[0]
+    protected = sum(each.protected for each in told)
+    return [
+        Figure(
+            f"headway of {WHOLE_TRAINS} whole trains at 60 km/h, {told[0].dwell_s:.1f} s at rest",
+            f"{mean_s:.1f} s from stop to stop, {min(gaps_s):.1f} to {max(gaps_s):.1f} s, "
+            f"at most {lost_s:.1f} s lost, {protected} braked by protection; they begin to brake "
+            f"up to {told[0].braked_m - min(each.braked_m for each in told):.0f} m before the "
+            f"place where the first one does",
+            f"≤ {HEADWAY_BAR_S:.0f} s",
+            mean_s <= HEADWAY_BAR_S and lost_s <= WHOLE_LOST_S and not protected,
+        )
+    ]
+
+
+def headway_s(trains: int) -> tuple[list[float], int]:
+    """When each train has left the station behind it, and emergency brakes on the way."""
+    first_m = STATION_M - 200.0 - 250.0 * (trains - 1)
+    plot = Plot(
+        convoy(trains, first_m=max(100.0, first_m), gap_m=250.0),
+        area_m=6000.0,
+        stops_m=(STATION_M,),
+        dwell_s=30.0,
+        length_m=LENGTH_M,
+    )
+    scene = Scene(plot)
+    scene.settle()
+    left_s: dict[int, float] = {}
+    while len(left_s) < trains:
+        scene.run(0.2)
+        for train in scene.world.trains.values():
+            if train.rear_m > STATION_M:
+                left_s.setdefault(train.address, scene.net.now_ns / NS_PER_S)
+    return sorted(left_s.values()), scene.emergencies()
+
+
+def computation() -> list[Figure]:
+    """One cycle of a master with 100 trains on its roster: everything that it decides and says."""
+    took_ms, waiting_ms = cycle_ms(COMMANDED), waiting_cycle_ms(COMMANDED)
+    return [
+        Figure(
+            f"a master's cycle, {COMMANDED} trains in its area, {_made()}",
+            f"median {median(took_ms):.1f} ms, worst {max(took_ms):.1f} ms of {len(took_ms)}",
+            f"≤ {CYCLE_BAR_MS:.0f} ms",
+            max(took_ms) <= CYCLE_BAR_MS,
+        ),
+        Figure(
+            f"the same, {COMMANDED} on all joints of sections, and one that hides, {_made()}",
+            f"median {median(waiting_ms):.1f} ms, worst {max(waiting_ms):.1f} ms of "
+            f"{len(waiting_ms)}",
+            f"≤ {CYCLE_BAR_MS:.0f} ms",
+            max(waiting_ms) <= CYCLE_BAR_MS,
+        ),
+        Figure(
+            f"the wayside of {LINE_AREAS} areas with {LINE_EACH} trains each, {_made()}",
+            f"{100.0 * wayside_share(LINE_AREAS, LINE_EACH):.1f} % of a processor",
+            "–",
+            True,
+        ),
+    ]
+
+
+def _made() -> str:
+    """How the code was made that is measured."""
+    file = sys.modules[TrainCore.__module__].__file__ or ""
+    return "plain Python" if file.endswith(".py") else "compiled"
+
+
+def long_line() -> list[Figure]:
+    """500 trains on a line of ten areas: what each hears grows with its area, not with the line."""
+    one = play(1, LINE_EACH, seconds=LINE_S)
+    many = play(LINE_AREAS, LINE_EACH, seconds=LINE_S)
+    ratio = many.heard_per_s / one.heard_per_s
+    bar_ms = FAILOVER_BARS_MS["A"]
+    return [
+        Figure(
+            f"{many.trains} trains in {LINE_AREAS} areas: messages that come to each in a second",
+            f"{many.heard_per_s:.0f}, {ratio:.2f} times those of {one.trains} trains in one area; "
+            f"all had authority {many.held_s:.2f} s after their programs began",
+            f"≤ {HEARD_BAR} times",
+            ratio <= HEARD_BAR,
+        ),
+        Figure(
+            f"the oldest authority of {many.trains} trains that drive on, timers A",
+            f"{many.oldest_ms:.0f} ms; of {one.trains} trains in one area {one.oldest_ms:.0f} ms",
+            "–",
+            True,
+        ),
+        Figure(
+            "a master in the middle of them killed, timers A",
+            f"followed after {many.followed_ms:.0f} ms; {many.other_terms} other areas disturbed, "
+            f"{many.emergencies} emergency brakes",
+            f"≤ {bar_ms:.0f} ms, 0, 0",
+            many.followed_ms <= bar_ms and not (many.other_terms or many.emergencies),
+        ),
+    ]
+
+
+MEASURES: Final[dict[str, Callable[[], list[Figure]]]] = {
+    "events": events,
+    "failover": failover,
+    "headway": headway,
+    "whole-headway": whole_headway,
+    "computation": computation,
+    "long-line": long_line,
+}
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Print the table; exit with 1 when a bar is missed."""
+    return run_measures(MEASURES, "python -m metro_hil.benchmarks.simulator", str(__doc__), argv)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,1 @@
+"""The commands `vobc` and `hil`: parse, decide, do."""

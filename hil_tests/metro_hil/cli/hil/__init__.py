@@ -1,0 +1,76 @@
+"""`hil`: test campaigns on the bench, from one scenario to a hundred thousand cases."""
+
+import argparse
+import importlib
+import importlib.util
+import os
+import sys
+from collections.abc import Sequence
+from typing import Final
+
+from firmware_py.arguments import of_file, words_of
+from firmware_py.assertions import require_assertions
+from firmware_py.settings import SettingsError
+from metro_hil.engine.errors import EngineError, UsageError
+from metro_hil.model.run_folder import RunFolderError
+from metro_hil.model.run_options import EXIT_ENVIRONMENT, EXIT_INTERRUPTED, EXIT_USAGE
+
+VERBS: Final = (
+    *("check", "run", "resume", "list", "show", "rerun"),
+    *("compare", "report", "replay", "verify", "search", "scenarios", "faults", "monitors"),
+    *("requirements", "laws", "line", "simulate"),
+)
+"""In the order of the help; each is a module of this package with `add` and `run`."""
+EPILOG: Final = """\
+exit codes: 0 every expected case passed; 1 some did not, or are missing; 2 wrong usage or
+configuration; 3 disk, workers, bus or rights missing; 130 ended by Ctrl-C (`hil resume` goes on)
+"""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """The console script `hil`. Whatever the user got wrong is one line, never a traceback."""
+    require_assertions("hil")
+    words = words_of("hil", argv)
+    if words[:2] == ["run", "line"]:
+        # A line is no campaign and has options of its own.
+        del words[0]
+    options = parser().parse_args(words)
+    options.words = words
+    try:
+        code: int = options.run(options)
+        sys.stdout.flush()
+        return code
+    except (UsageError, SettingsError, RunFolderError) as error:
+        return _complain(error, EXIT_USAGE)
+    except EngineError as error:
+        return _complain(error, EXIT_ENVIRONMENT)
+    except KeyboardInterrupt:
+        return EXIT_INTERRUPTED
+    except BrokenPipeError:
+        # Whoever read what was said had enough of it; nothing is left to say to it.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return EXIT_ENVIRONMENT
+    except OSError as error:
+        return _complain(of_file(error), EXIT_ENVIRONMENT)
+
+
+def _complain(error: Exception | str, code: int) -> int:
+    for line in str(error).splitlines():
+        print(f"hil: {line}", file=sys.stderr)
+    return code
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line with all its verbs."""
+    top = argparse.ArgumentParser(
+        prog="hil",
+        description=__doc__,
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    verbs = top.add_subparsers(dest="verb", required=True, metavar="VERB")
+    for name in VERBS:
+        module = f"{__name__}.{name}"
+        if importlib.util.find_spec(module) is not None:
+            importlib.import_module(module).add(verbs)
+    return top

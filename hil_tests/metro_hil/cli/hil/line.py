@@ -1,0 +1,166 @@
+"""`hil run line`: trains that command themselves on one line, struck by faults and watched."""
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from metro_hil.engine.errors import EngineError
+from metro_hil.line.exercise.plan import HELP, Strike, second, train_at
+from metro_hil.line.network.isolated_process import become_apart
+from metro_hil.line.network.options import add_options
+from metro_hil.line.network.topology import HELP as TOPOLOGY_HELP
+from metro_hil.line.network.topology import TOPOLOGIES
+from metro_hil.model.run_options import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_OK
+
+if TYPE_CHECKING:
+    from metro_hil.line.exercise.real_time import RealLine, Settings
+    from metro_hil.line.exercise.virtual import VirtualLine
+    from metro_hil.model.run_folder import RunFolder
+
+    Line = RealLine | VirtualLine
+
+BENCHES: Final = ("processes", "lockstep")
+EPILOG: Final = """\
+Faults may be asked for several times. What is killed, stopped or cut stays away for --down-for
+seconds; in lockstep a killed controller stays dead. The folder keeps what was asked
+for (run.toml), the story (story.txt), the table and the verdict (results.json), what was said on
+the line's radio (`vobc line-log FOLDER`) and the logs of every train.
+exit codes: 0 nobody came too near and nobody braked by emergency without need; 1 somebody did;
+2 wrong usage; 3 bus, radio, rights or a process missing; 130 ended by Ctrl-C
+"""
+
+
+def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    parser = verbs.add_parser(
+        "line",
+        help="run several trains that command themselves; the same as `hil run line`",
+        description="Run several trains that command themselves on one line, the foremost first, "
+        "each on its way to the second station ahead: real processes, one controller, plant and "
+        "bus for each train and one wayside, over real zenoh; or whole trains in virtual time. "
+        "Tells what happens, strikes as asked, and ends with a table.",
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--line", default="loop", metavar="NAME|FILE", help="default: %(default)s")
+    parser.add_argument("--trains", type=int, default=4, metavar="N", help="default: %(default)s")
+    parser.add_argument("--for", type=float, default=90.0, dest="duration_s", metavar="SECONDS")
+    parser.add_argument("--bench", choices=BENCHES, default="processes", help="default: processes")
+    parser.add_argument(
+        "--seed", type=int, default=1, help="in lockstep, and of packets' fates; default: 1"
+    )
+    parser.add_argument("--line-timers", choices=("A", "B"), default="A", help="default: A")
+    parser.add_argument("--arbiters", type=int, choices=(1, 3, 5), default=1, help="default: 1")
+    parser.add_argument(
+        "--line-radio", metavar="ENDPOINT", help="of the wayside; default: a free port"
+    )
+    parser.add_argument("--topology", choices=TOPOLOGIES, default="star", help=TOPOLOGY_HELP)
+    parser.add_argument(
+        "--priority",
+        type=int,
+        choices=range(100),
+        default=40,
+        metavar="0..99",
+        help="of controllers, SCHED_FIFO where the rights allow it; 0: none; default: 40",
+    )
+    parser.add_argument(
+        "--secure", type=Path, metavar="FOLDER", help="certificates and keys by `vobc demo-ca`"
+    )
+    parser.add_argument("--out", metavar="FOLDER", help="default: a new one below runs/")
+    group = parser.add_argument_group("what goes wrong")
+    for strike, words in HELP.items():
+        of_train = strike is Strike.RESTART_TRAIN
+        group.add_argument(
+            f"--{strike.value}",
+            action="append",
+            type=train_at if of_train else second,
+            metavar="TRAIN@SECONDS" if of_train else "SECONDS",
+            help=words,
+        )
+    add_options(parser)
+    group.add_argument("--down-for", type=second, default=4.0, dest="down_s", metavar="SECONDS")
+    parser.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Raises UsageError and SettingsError for what does not fit together."""
+    from firmware_py.clock.clock import WallClock
+    from metro_hil.cli.hil.line_settings import config_of, settings_of
+    from metro_hil.model.run_folder import discard_unused, make_run_folder, write_config
+
+    settings = settings_of(options)
+    if settings.networks is not None and not options.apart:
+        become_apart("metro_hil.cli.hil", [*options.words, "--apart"])
+    epoch_ns = WallClock().epoch_ns()
+    folder = make_run_folder(options.out, epoch_ns, f"line_{settings.areas.name}")
+    write_config(folder, config_of(options, settings), epoch_ns)
+    try:
+        line = _line(options, settings, folder.path)
+    except BaseException:
+        discard_unused(folder)
+        raise
+    return _run(line, settings, folder)
+
+
+def _line(options: argparse.Namespace, settings: "Settings", folder: Path) -> "Line":
+    from metro_hil.cli.hil.line_settings import radio_words
+    from metro_hil.line.exercise.real_time import RealLine
+    from metro_hil.line.exercise.record import told
+    from metro_hil.line.exercise.virtual import VirtualLine
+
+    def say(at_s: float, words: str) -> None:
+        print(told(at_s, words), flush=True)
+
+    if options.bench == "lockstep":
+        return VirtualLine(settings, folder, say, seed=options.seed)
+    print(radio_words(settings), flush=True)
+    return RealLine(settings, folder, say)
+
+
+def _run(line: "Line", settings: "Settings", folder: "RunFolder") -> int:
+    from firmware_py.buses import BusError
+    from firmware_py.radio.zenoh_radio import RadioError
+    from metro_hil.line.exercise.results import results_json
+    from metro_hil.line.exercise.verdict import complaints
+    from metro_hil.model.end_condition import DURATION, INTERRUPTED
+    from metro_hil.model.subprocesses import ChildError
+    from vobc.train_to_train.vocabulary import T2tConfig
+
+    trains = len(settings.ways)
+    reason = ""
+    try:
+        reason = DURATION if line.run() else INTERRUPTED
+    except (BusError, RadioError, ChildError) as error:
+        reason = str(error)
+        raise EngineError(reason) from error
+    finally:
+        # Also of a run that is broken off: its story is worth reading.
+        wrong = complaints(line.story, trains, behind_rear_m=T2tConfig().rollback_m)
+        results = results_json(
+            *(line.story, trains),
+            exit_reason=reason or "broken off",
+            complaints=wrong,
+            missed=line.dropped,
+            carried=line.carried,
+            second_of=line.record.second_of,
+        )
+        folder.results.write_text(results, encoding="utf-8")
+    _show(line, trains, wrong)
+    print(f"run folder: {folder.path}")
+    if reason == INTERRUPTED:
+        return EXIT_INTERRUPTED
+    return EXIT_FAILED if wrong else EXIT_OK
+
+
+def _show(line: "Line", trains: int, wrong: Sequence[str]) -> None:
+    from metro_hil.line.exercise.verdict import areas_words, carried_words, show
+
+    show(line.story, trains)
+    for words in areas_words(line.story):
+        print(words)
+    for way, counts in line.carried.items():
+        print(f"{way}: {counts['sent']} packets, " + carried_words(counts))
+    if line.dropped:
+        print(f"the recorder missed {line.dropped} messages")
+    for words in wrong:
+        print(words)

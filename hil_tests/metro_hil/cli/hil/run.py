@@ -1,0 +1,134 @@
+"""`hil run`: run all cases of a campaign."""
+
+import argparse
+from typing import TYPE_CHECKING
+
+from metro_hil.cli.hil.working import (
+    add_work_options,
+    check_on,
+    kept_options,
+    number,
+    refuse_unknown_layout,
+    work_on,
+)
+
+if TYPE_CHECKING:
+    from metro_hil.engine.folder import Plan
+
+LINE_WORDS = """\
+`hil run line` is no campaign but a whole line of trains that command themselves, in processes or in
+virtual time. It has options of its own, such as --trains 8, --for 60, --kill-master-at 20 and
+--secure FOLDER; `hil line --help` has them all.
+"""
+BENCHES = ("lockstep", "processes", "hardware")
+GREEN = "green-cbtc"
+AUTO = "auto"
+PRESENCES = (AUTO, "ours", "elsewhere")
+
+
+def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    parser = verbs.add_parser(
+        "run",
+        help="run a campaign, or one scenario by its name",
+        description="Run all cases of a campaign. Ctrl-C, and even kill -9, lose nothing: "
+        "`hil resume` goes on.",
+        epilog=LINE_WORDS,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument(
+        "campaign", metavar="NAME", help="of a shipped campaign or scenario, or a file"
+    )
+    parser.add_argument("--bench", choices=BENCHES, help="default: as each scenario says")
+    parser.add_argument(
+        "--controller",
+        metavar="DEVICE",
+        help="shipped, checkout:PATH or command:WORDS; default: as each scenario says",
+    )
+    parser.add_argument("--filter", metavar="GLOB", help="only cases whose id matches, as *-s7")
+    parser.add_argument(
+        "--seed", type=number(0), metavar="N", help="only this seed, whatever the scenario says"
+    )
+    parser.add_argument("--limit", type=number(1), metavar="N", help="only the first N cases")
+    parser.add_argument(
+        "--out", metavar="DIR", help="default: a folder by date and name below runs/hil"
+    )
+    add_work_options(parser)
+    _add_wires(parser)
+    parser.set_defaults(run=run)
+
+
+def _add_wires(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group(
+        "the wires, in real time", "`auto`, the default, leaves the choice to the bench."
+    )
+    group.add_argument(
+        "--bus", default=AUTO, metavar="SPEC", help="the controller's, such as socketcan:can0"
+    )
+    group.add_argument(
+        "--train-bus",
+        default=AUTO,
+        metavar="SPEC",
+        help="the train's, behind the gateway that brings faults of the bus about",
+    )
+    group.add_argument("--tags", default=AUTO, metavar="DEVICE", help="such as /dev/ttyUSB0")
+    group.add_argument("--radio", default=AUTO, metavar="ENDPOINT", help="such as tcp/HOST:7447")
+    for device in ("plant", "vobc"):
+        group.add_argument(
+            f"--{device}",
+            choices=PRESENCES,
+            default=AUTO,
+            help=f"who brings the {device} along: the bench, or it is there already",
+        )
+
+
+def run(options: argparse.Namespace) -> int:
+    """Exit code 0 only when every case is as expected."""
+    import sys
+
+    if options.campaign == GREEN:
+        # A whole line by points of mass: no cases of the bench, but the same door.
+        from metro_hil.energy.line import command
+
+        return command.run(options)
+    from metro_hil.engine.folder import make_folder
+
+    folder = make_folder(plan_of(options), options.out)
+    print(f"campaign folder: {folder.path}", file=sys.stderr if options.json else sys.stdout)
+    return work_on(folder, options, {})
+
+
+def plan_of(options: argparse.Namespace) -> "Plan":
+    """Raises SettingsError or UsageError."""
+    from metro_hil.campaign import plan_cases
+    from metro_hil.campaign.scenarios import read_named
+    from metro_hil.engine.choosing import choose
+    from metro_hil.engine.folder import Plan
+    from metro_hil.model.case import Wires
+
+    campaign = read_named(options.campaign, options.seed)
+    refuse_unknown_layout(options.campaign, campaign.layout)
+    cases = choose(
+        plan_cases(campaign),
+        pattern=options.filter,
+        limit=options.limit,
+        bench=options.bench,
+        controller=options.controller,
+        wires=Wires(
+            bus_a=options.bus,
+            bus_b=options.train_bus,
+            tags=options.tags,
+            radio=options.radio,
+            plant=options.plant,
+            controller=options.vobc,
+        ),
+    )
+    check_on(options.on, [case.bench.value for case in cases])
+    return Plan(
+        name=campaign.name,
+        title=campaign.title,
+        description=campaign.description,
+        layout=campaign.layout,
+        cases=cases,
+        files=campaign.files,
+        options=kept_options(options),
+    )

@@ -1,0 +1,48 @@
+"""`hil scenarios`: what ships and can be run by name."""
+
+import argparse
+
+from metro_hil.model.run_options import EXIT_OK
+
+
+def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    parser = verbs.add_parser(
+        "scenarios",
+        help="list the scenarios that ship, each to be run by its name",
+        description="List the scenarios of all shipped campaigns. `hil run NAME` runs one of them, "
+        "`hil run CAMPAIGN` all of a campaign.",
+    )
+    parser.add_argument("words", nargs="*", metavar="WORD", help="only those that speak of it")
+    parser.add_argument("--json", action="store_true", help="one JSON object on standard output")
+    parser.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Always 0: that nothing matches is an answer."""
+    import msgspec
+    from rich.markup import escape
+    from rich.table import Table
+
+    from metro_hil.campaign.scenarios import shipped_scenarios
+    from metro_hil.cli.hil.working import console_for
+
+    wanted = [word.lower() for word in options.words]
+    found = [
+        each
+        for each in shipped_scenarios()
+        if all(
+            word in " ".join((each.name, each.campaign, each.title, *each.requirements)).lower()
+            for word in wanted
+        )
+    ]
+    if options.json:
+        print(msgspec.json.encode({"scenarios": found}).decode())
+        return EXIT_OK
+    table = Table()
+    for column in ("scenario", "campaign", "what", "requirements"):
+        table.add_column(column, overflow="fold")
+    for each in found:
+        words = (each.name, each.campaign, each.title, ", ".join(each.requirements))
+        table.add_row(*map(escape, words))
+    console_for(json=False).print(table)
+    return EXIT_OK

@@ -1,0 +1,146 @@
+"""`hil search`: look for the worst case of a scenario."""
+
+import argparse
+import os
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from metro_hil.cli.hil.working import PROCESSES_MAX, number
+from metro_hil.engine.errors import EngineError
+from metro_hil.model.case import BenchKind
+from metro_hil.model.run_options import EXIT_INTERRUPTED, EXIT_OK
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from metro_hil.search import Search, Sought, Space
+
+WORST = 5
+METHODS = ("cma", "random")
+
+
+def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    parser = verbs.add_parser(
+        "search",
+        help="look for the worst case of a scenario",
+        description="Vary what a scenario sweeps so that the margin of a monitor becomes least. "
+        "The worst cases found are written as a campaign file, which `hil run` repeats.",
+    )
+    parser.add_argument("campaign", metavar="CAMPAIGN", help="a shipped name, or a file")
+    parser.add_argument("--scenario", metavar="NAME", help="default: the only one with a sweep")
+    parser.add_argument(
+        "--factors", nargs="+", default=[], metavar="KEY", help="vary these only; default: all"
+    )
+    parser.add_argument(
+        "--budget", type=number(1), default=200, metavar="N", help="runs; default: 200"
+    )
+    parser.add_argument(
+        "--monitor",
+        metavar="NAME",
+        help="whose margin; default: the least over all, each over its usual size",
+    )
+    parser.add_argument(
+        "--seed", type=number(0), default=1, metavar="S", help="of the search; default: 1"
+    )
+    parser.add_argument("--method", choices=METHODS, default="cma", help="default: cma")
+    parser.add_argument(
+        "--workers",
+        type=number(1, PROCESSES_MAX),
+        metavar="N",
+        help="processes; default: one for each core",
+    )
+    parser.add_argument("--out", metavar="DIR", help="default: a new folder below runs/")
+    parser.add_argument("--json", action="store_true", help="one JSON object on standard output")
+    parser.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Exit code 0 when the search came to its end, whatever it found.
+
+    Raises SettingsError, RunFolderError or EngineError.
+    """
+    from concurrent.futures import BrokenExecutor
+
+    from firmware_py.clock.clock import WallClock
+    from metro_hil.campaign import read_definition
+    from metro_hil.model.run_folder import make_run_folder
+    from metro_hil.search import Search
+    from metro_hil.search.leave import append_history
+    from metro_hil.search.local import local_crew
+    from metro_hil.search.space import space_of
+
+    definition = read_definition(options.campaign)
+    space = space_of(definition, options.scenario, options.factors)
+    words = f"search-{space.plan.name}"
+    folder = make_run_folder(options.out, WallClock().epoch_ns(), words)
+    workers = _workers(options, space)
+    files = space.body.sources.paths
+    with local_crew(workers, files) as evaluate:
+        search = Search(
+            space,
+            evaluate,
+            monitor=options.monitor,
+            budget=options.budget,
+            seed=options.seed,
+            method=options.method,
+        )
+
+        def heard(new: "Sequence[Sought]") -> None:
+            append_history(folder.path, new)
+            worst = search.worst(1)
+            least = f"least {worst[0].value:.4g}" if worst else "nothing seen so far"
+            _say(f"{len(search.history)} points, {least}")
+
+        interrupted = False
+        try:
+            search.run(heard)
+        except KeyboardInterrupt:
+            interrupted = True
+        except BrokenExecutor as error:
+            raise EngineError(f"a process that ran cases was ended: {error}") from error
+        finally:
+            if not search.history:
+                folder.path.rmdir()
+    if search.history:
+        _tell(options, search, space, folder.path)
+    return EXIT_INTERRUPTED if interrupted else EXIT_OK
+
+
+def _workers(options: argparse.Namespace, space: "Space") -> int:
+    """One where runs share a bus and the processor's time."""
+    if space.plan.bench is not BenchKind.LOCKSTEP:
+        return 1
+    return options.workers or len(os.sched_getaffinity(0))
+
+
+def _tell(options: argparse.Namespace, search: "Search", space: "Space", folder: Path) -> None:
+    import msgspec
+
+    from metro_hil.search.leave import HISTORY, write_worst
+
+    worst = search.worst(WORST)
+    path = write_worst(folder, space, worst, space.body.sources.files) if worst else None
+    if options.json:
+        found = {
+            "scenario": space.plan.name,
+            "monitor": options.monitor,
+            "points": len(search.history),
+            "worst": worst,
+            "campaign": None if path is None else str(path),
+            "history": str(folder / HISTORY),
+        }
+        print(msgspec.json.encode(found).decode())
+        return
+    for sought in worst:
+        values = ", ".join(f"{key} = {value}" for key, value in sought.values.items())
+        margins = sorted(sought.margins.items(), key=lambda item: item[1])
+        margin = f"; least margin {margins[0][1]:.4g} of {margins[0][0]}" if margins else ""
+        print(f"{sought.value:.4g}: {sought.verdict}, seed {sought.seed}: {values}{margin}")
+    print(f"all {len(search.history)} points: {folder / HISTORY}")
+    if path is not None:
+        print(f"to repeat the worst: hil run {path}")
+
+
+def _say(text: str) -> None:
+    print(f"hil search: {text}", file=sys.stderr)

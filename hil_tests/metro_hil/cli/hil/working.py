@@ -1,0 +1,335 @@
+"""What `hil run` and `hil resume` share: options, the work itself, and what is said at its end."""
+
+import argparse
+import os
+import sys
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any, Final
+
+from metro_hil.engine.errors import EngineError, UsageError
+from metro_hil.model.run_options import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_OK
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from rich.console import Console
+
+    from metro_hil.engine.folder import CampaignFolder, Manifest
+    from metro_hil.engine.run_campaign import CampaignEnd
+    from metro_hil.engine.worker_pool import Crew
+    from metro_hil.model.case import Case, CaseResult
+    from metro_hil.report.campaign import CampaignInfo
+
+KEEP: Final = 10
+KEEP_WORST: Final = 3
+KEEP_WORST_ALONE: Final = 12
+"""Of one scenario by itself: people want to look at what they ask for by name."""
+UNEXPECTED_SHOWN_MAX: Final = 10
+FILE_COLUMNS: Final = 160
+PROCESSES_MAX: Final = 1024
+"""More at once no machine that this runs on has a use for."""
+
+
+def number(least: int, most: int | None = None) -> Callable[[str], int]:
+    """Reads a whole number of at least so much, and at most so much."""
+
+    def whole(text: str) -> int:
+        try:
+            value = int(text)
+        except ValueError:
+            raise argparse.ArgumentTypeError(f"{text!r} is not a whole number") from None
+        if value < least:
+            raise argparse.ArgumentTypeError(f"{text} is less than {least}")
+        if most is not None and value > most:
+            raise argparse.ArgumentTypeError(f"{text} is more than {most}")
+        return value
+
+    return whole
+
+
+def _seconds(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number of seconds") from None
+    if not 0.0 < value < 1e9:
+        raise argparse.ArgumentTypeError(f"{text} is not more than 0 s")
+    return value
+
+
+def add_work_options(parser: argparse.ArgumentParser) -> None:
+    """Those that say how cases are run, not which."""
+    parser.add_argument("--on", metavar="dask://HOST:PORT", help="default: this machine")
+    parser.add_argument(
+        "--workers",
+        type=number(1, PROCESSES_MAX),
+        metavar="N",
+        help="default: one for each processor",
+    )
+    parser.add_argument(
+        "--nice", type=number(0), default=0, metavar="N", help="niceness of local workers"
+    )
+    parser.add_argument(
+        "--keep",
+        type=number(0),
+        metavar="N",
+        help=f"keep the logs of the first N cases that are not as expected; default: {KEEP}",
+    )
+    parser.add_argument(
+        "--keep-worst",
+        type=number(0),
+        metavar="N",
+        help=f"and of the N least margins; default: {KEEP_WORST}, of one scenario alone "
+        f"{KEEP_WORST_ALONE}",
+    )
+    parser.add_argument(
+        "--case-timeout",
+        type=_seconds,
+        metavar="S",
+        help="wall time for one case; default: 120, in real time twice its duration more",
+    )
+    parser.add_argument(
+        "--fail-fast", action="store_true", help="stop at the first case that is not as expected"
+    )
+    parser.add_argument("--no-report", action="store_true", help="write no report at the end")
+    parser.add_argument(
+        "--json", action="store_true", help="one JSON object on standard output, all else on stderr"
+    )
+    # Who tests the engine replaces the bench by this.
+    parser.add_argument("--runner", help=argparse.SUPPRESS)
+
+
+def kept_options(options: argparse.Namespace) -> dict[str, Any]:
+    """What the manifest remembers for `hil resume`, and for readers."""
+    names = (
+        *("campaign", "on", "bench", "controller", "filter", "seed", "limit", "keep"),
+        "keep_worst",
+        *("case_timeout", "fail_fast", "no_report", "runner"),
+    )
+    return {name: value for name in names if (value := getattr(options, name, None)) is not None}
+
+
+def refuse_unknown_layout(campaign: str, layout: str | None) -> None:
+    """Raises UsageError for a printed table that nobody prints."""
+    from firmware_py.settings import nearest
+    from metro_hil.report.layouts import LAYOUTS
+
+    if layout is not None and layout not in LAYOUTS:
+        hint = nearest(layout, sorted(LAYOUTS), "layout")
+        raise UsageError(f"{campaign}: layout: {layout!r}: {hint}")
+
+
+def check_on(on: str | None, benches: Sequence[str]) -> None:
+    """Raises UsageError for what is no cluster, or for cases that cannot go to one."""
+    from metro_hil.model.case import BenchKind
+
+    if on is None:
+        return
+    if not on.startswith("dask://") or not on.removeprefix("dask://"):
+        raise UsageError(f"--on {on}: not dask://HOST:PORT")
+    if set(benches) != {BenchKind.LOCKSTEP.value}:
+        raise UsageError(f"--on {on}: only for the bench lockstep; others need this machine")
+
+
+def work_on(
+    folder: "CampaignFolder", options: argparse.Namespace, remembered: dict[str, Any]
+) -> int:
+    """Run what is left, report, say how it ended. Options that are not given are as remembered."""
+    from metro_hil.engine.progress import Shown
+    from metro_hil.engine.run_campaign import Wishes, run_campaign
+    from metro_hil.engine.stopping import StopWish
+
+    console = console_for(options.json)
+    alone = len({case.scenario for case in folder.cases()}) == 1
+    worst = KEEP_WORST_ALONE if alone else KEEP_WORST
+    for name, default in (("keep", KEEP), ("keep_worst", worst), ("case_timeout", None),
+                          ("runner", None)):  # fmt: skip
+        if getattr(options, name) is None:
+            setattr(options, name, remembered.get(name, default))
+    wishes = Wishes(
+        keep=options.keep,
+        keep_worst=options.keep_worst,
+        always=() if options.no_report else wanted_logs(folder),
+        fail_fast=options.fail_fast,
+        repair=getattr(options, "repair", False),
+    )
+    crew, keeper = crews(folder, options, [case.bench.value for case in folder.cases()])
+    try:
+        with StopWish() as stop:
+            end = run_campaign(folder, crew, keeper, Shown(console), stop, wishes)
+    except EngineError as error:
+        raise EngineError(f"{error}\nnothing is lost: hil resume {folder.path}") from error
+    reports: Sequence[Path] = ()
+    if not options.no_report and not end.interrupted:
+        from metro_hil.cli.hil.verdicts import tell_scenario
+        from metro_hil.report.campaign.plots import draw_kept
+
+        plots = draw_kept(folder, end.cases)
+        reports = write_reports(folder, folder.manifest(), end)
+        tell_scenario(console, end.cases, end.results, plots)
+    say_end(console, folder, end, reports)
+    if options.json:
+        print(end_json(folder, end, reports))
+    sys.stdout.flush()
+    return exit_code(end)
+
+
+def wanted_logs(folder: "CampaignFolder") -> Sequence[str]:
+    """Ids of the cases from which the campaign's layout draws its figures."""
+    from metro_hil.report.layouts import LAYOUTS
+
+    layout = LAYOUTS.get(folder.manifest().layout or "")
+    return () if layout is None else layout.wants(folder.cases())
+
+
+def crews(
+    folder: "CampaignFolder", options: argparse.Namespace, benches: Sequence[str]
+) -> tuple[Callable[[], "Crew"], Callable[[], "Crew"]]:
+    """Who runs the cases, and who repeats some of them here to keep their logs."""
+    from metro_hil.engine.local_pool import LocalCrew
+    from metro_hil.engine.worker import RUNNER
+
+    check_on(options.on, benches)
+    files, runner = folder.files(), options.runner or RUNNER
+
+    def local() -> "Crew":
+        return LocalCrew(
+            options.workers or processors(),
+            files,
+            runner=runner,
+            case_timeout_s=options.case_timeout,
+            nice=options.nice,
+        )
+
+    if options.on is None:
+        return local, local
+
+    def cluster() -> "Crew":
+        from metro_hil.engine.dask_pool import DaskCrew
+
+        address = options.on.removeprefix("dask://")
+        return DaskCrew(address, files, runner=runner, case_timeout_s=options.case_timeout)
+
+    return cluster, local
+
+
+def processors() -> int:
+    """That this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def write_reports(
+    folder: "CampaignFolder", manifest: "Manifest", end: "CampaignEnd"
+) -> "Sequence[Path]":
+    from metro_hil.report import campaign
+
+    info = info_of(manifest, end.cases)
+    return campaign.write_reports(folder.path, info, end.cases, end.results)
+
+
+def info_of(manifest: "Manifest", cases: "Sequence[Case]") -> "CampaignInfo":
+    """The head of a campaign's report."""
+    from metro_hil.report.campaign import CampaignInfo
+
+    benches = dict.fromkeys(case.bench.value for case in cases)
+    devices = dict.fromkeys(
+        " ".join(filter(None, (device.kind, device.path, device.command)))
+        for device in (case.controller for case in cases)
+    )
+    return CampaignInfo(
+        name=manifest.name,
+        title=manifest.title,
+        description=manifest.description,
+        bench=", ".join(benches),
+        controller=", ".join(devices),
+        fingerprint=manifest.fingerprint,
+        versions={**manifest.versions, "program": manifest.program},
+        expected_cases=manifest.cases,
+        layout=manifest.layout,
+    )
+
+
+def console_for(json: bool) -> "Console":
+    """Standard output, or with `--json` standard error; files get wide lines."""
+    from rich.console import Console
+
+    console = Console(stderr=json)
+    return console if console.is_terminal else Console(stderr=json, width=FILE_COLUMNS)
+
+
+def exit_code(end: "CampaignEnd") -> int:
+    if end.interrupted:
+        return EXIT_INTERRUPTED
+    return EXIT_OK if end.totals.passed else EXIT_FAILED
+
+
+def say_end(
+    console: "Console", folder: "CampaignFolder", end: "CampaignEnd", reports: "Sequence[Path]"
+) -> None:
+    from metro_hil.cli.hil.verdicts import again, seeds_words
+    from metro_hil.engine.totals import counts_words
+
+    totals = end.totals
+    print_layout(console, folder.manifest().layout, end.cases, end.results)
+
+    def say(words: str, style: str = "") -> None:
+        console.print(words, style=style, markup=False, highlight=False, soft_wrap=True)
+
+    for problem in totals.problems:
+        say(problem, "bold red")
+    for name in totals.unexpected[:UNEXPECTED_SHOWN_MAX]:
+        say(f"not as expected: {name}; again: {again(name, folder.path)}", "red")
+    if (more := len(totals.unexpected) - UNEXPECTED_SHOWN_MAX) > 0:
+        say(f"not as expected: {more} more", "red")
+    if totals.missing:
+        say(f"without a result: {len(totals.missing)} of {totals.cases}", "magenta")
+    wall_s = sum(result.host.wall_s for result in end.results)
+    sim_s = sum(result.sim_s for result in end.results)
+    counts = counts_words(totals.counts, len(totals.missing))
+    for words in seeds_words(end.cases):
+        say(words)
+    say(f"{totals.done} of {totals.cases} cases: {counts}")
+    if wall_s > 0.0 and sim_s > 0.0:
+        say(f"{sim_s:.0f} s simulated in {wall_s:.1f} s of processors: {sim_s / wall_s:.0f} times")
+    for path in reports:
+        say(f"report: {path}")
+    say(f"campaign folder: {folder.path}")
+    if end.interrupted:
+        say(f"stopped; nothing is lost: hil resume {folder.path}", "yellow")
+    elif totals.passed:
+        say("passed: every case is as expected", "green")
+    else:
+        say("FAILED", "bold red")
+
+
+def print_layout(
+    console: "Console",
+    layout: str | None,
+    cases: "Sequence[Case]",
+    results: "Sequence[CaseResult]",
+) -> None:
+    """The table of its own, if the campaign has one."""
+    if layout is None:
+        return
+    from metro_hil.report.layouts import show_layout
+
+    by_id = {result.case_id: result for result in results}
+    show_layout(console, layout, [(case, by_id.get(case.id)) for case in cases])
+
+
+def end_json(folder: "CampaignFolder", end: "CampaignEnd", reports: "Sequence[Path]") -> str:
+    import msgspec
+
+    manifest = folder.manifest()
+    document = {
+        "name": manifest.name,
+        "folder": str(folder.path),
+        "fingerprint": manifest.fingerprint,
+        "interrupted": end.interrupted,
+        **msgspec.to_builtins(end.totals),
+        "sim_s": sum(result.sim_s for result in end.results),
+        "reports": [str(path) for path in reports],
+    }
+    return msgspec.json.encode(document).decode()

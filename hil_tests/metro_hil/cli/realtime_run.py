@@ -1,0 +1,267 @@
+"""A run in real time: controller and plant as processes on a bus, watched from a tap."""
+
+import json
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+
+from rich.console import Console
+
+from can_dbc.binding import can_id, kinds, sender
+from can_dbc.nodes import Node
+from firmware_py import rendezvous
+from firmware_py.buses import BusError, is_virtual, open_can, resolve_auto
+from firmware_py.buses.hub_control import hub_status, start_hub
+from firmware_py.clock.clock import WallClock
+from firmware_py.interrupts import Interrupts
+from firmware_py.ports import CanPort
+from firmware_py.radio.zenoh_radio import DEFAULT_ENDPOINT, pick_endpoint
+from firmware_py.storage.recorder import CandumpWriter
+from metro_hil.model.end_condition import INTERRUPTED, Ending
+from metro_hil.model.mission import Journey
+from metro_hil.model.run_folder import RunFolder
+from metro_hil.model.run_options import EXTERNAL, RunOptions
+from metro_hil.model.subprocesses import Child, ChildError
+from metro_hil.realtime.bus_watch import Watch
+from metro_hil.realtime.line_hints import LineHints
+from metro_hil.realtime.live_display import BusPicture, Display, Hints, no_hints
+from zenoh_config.sessions import LINE_ENDPOINT
+
+BIT_RATE = 250_000
+AUTO_NAME = "vcan0"
+DESK_LINE = "loop"
+"""That supervision takes when none is named."""
+PLANT_ANSWER_S = 1.0
+PLANT_START_S = 20.0
+POLL_NS = 20_000_000
+NS_PER_S = 1_000_000_000
+
+
+class RealtimeRun:
+    """Brings up what is missing, watches, and ends everything it started."""
+
+    def __init__(
+        self,
+        options: RunOptions,
+        journey: Journey,
+        folder: RunFolder,
+        console: Console,
+        *,
+        check_train: Callable[[], None],
+    ) -> None:
+        """Args:
+        check_train: called before a plant of ours is started; raises SettingsError for a train that
+            does not go with the controller.
+        """
+        self._options, self._journey, self._folder = options, journey, folder
+        self._check_train = check_train
+        self._clock = WallClock()
+        self._interrupts = Interrupts()
+        self._picture = BusPicture(BIT_RATE)
+        self._display = Display(console, self._picture, self._title(), hints_of(options))
+        self._children: list[Child] = []
+
+    def _title(self) -> str:
+        journey = self._journey
+        return f"{journey.line.name} {journey.start.name} → {journey.end.name}"
+
+    def run(self) -> Ending:
+        """Raises BusError, ChildError or RendezvousError when the run cannot come about."""
+        with ExitStack() as stack:
+            stack.enter_context(self._interrupts.caught())
+            spec = self._choose_bus(stack)
+            tap = open_can(spec, clock=self._clock, node="TAP")
+            stack.callback(tap.close)
+            log = CandumpWriter(self._folder.bus_log, spec.partition(":")[2])
+            stack.callback(log.close)
+            tags, radio, emulated = self._find_or_start_plant(stack, spec, tap)
+            watch = Watch(
+                tap, log, self._folder.host_log, self._picture, self._display, self._clock
+            )
+            if self._interrupts.asked:
+                return watch.ending(INTERRUPTED, truth_known=False)
+            self._start_controller(stack, spec, tags, radio)
+            reason = watch.run(
+                self._children,
+                self._journey.end.stop_m,
+                self._options.duration_s,
+                lambda: self._interrupts.asked,
+                unattended=emulated and self._nobody_at_the_desk(),
+                centre=self._options.train is not None,
+            )
+            self._end_children(watch)
+            return watch.ending(reason, truth_known=emulated, realtime=self._granted())
+
+    def _choose_bus(self, stack: ExitStack) -> str:
+        if self._options.bus != "auto":
+            return self._options.bus
+        if self._options.train is not None:
+            return self._own_bus(f"train{self._options.train}", stack)
+        choice = resolve_auto(AUTO_NAME)
+        if choice.spec is not None:
+            self._display.say(f"bus: {choice.spec}")
+            return choice.spec
+        hub = start_hub(AUTO_NAME, bound=True)
+        stack.callback(hub.stop)
+        self._display.say(f"bus: embedded:{AUTO_NAME}, started for this run ({choice.reason})")
+        return f"embedded:{AUTO_NAME}"
+
+    def _own_bus(self, name: str, stack: ExitStack) -> str:
+        """Of a train among others: the one of its name, started for this run if it is not there."""
+        if hub_status(name) is None:
+            hub = start_hub(name, bound=True)
+            stack.callback(hub.stop)
+            self._display.say(f"bus: embedded:{name}, started for this run")
+        return f"embedded:{name}"
+
+    def _find_or_start_plant(
+        self, stack: ExitStack, spec: str, tap: CanPort
+    ) -> tuple[str, str, bool]:
+        """Where tags and radio are, and whether the truth is logged by a plant of ours."""
+        options, folder = self._options, rendezvous.bench_dir(spec.partition(":")[2])
+        heard = self._listen(tap, PLANT_ANSWER_S)
+        if Node.VOBC in heard:
+            raise BusError(
+                f"{spec}: another VOBC is sending on this bus; two cannot drive one train"
+            )
+        foreign = options.plant == "none" or not is_virtual(spec) or bool(heard)
+        if foreign:
+            self._display.say(self._foreign_words(spec, heard))
+            tags = str(folder / "tags") if options.tags == "auto" else options.tags
+            radio = options.radio
+            if radio == "auto" and options.train is None:
+                radio = self._known_radio(spec)
+            return tags, radio, False
+        self._check_train()
+        radio = options.radio
+        if radio == "auto" and options.train is None:
+            radio = pick_endpoint()
+        self._display.say("plant: none answered within a second; starting the emulator beside")
+        child = Child(
+            "plant", "plant_emulator", self._plant_arguments(spec, radio), self._log("plant")
+        )
+        self._adopt(stack, child)
+        self._await_plant(tap, child, spec)
+        tags = str(folder / "tags") if options.tags == "auto" else options.tags
+        return tags, radio, True
+
+    def _foreign_words(self, spec: str, heard: set[Node]) -> str:
+        if heard:
+            names = ", ".join(sorted(node.name for node in heard))
+            return f"plant: heard on {spec}: {names}; no emulator is started"
+        return f"plant: none started; the controller stays braked and waits for a train on {spec}"
+
+    def _known_radio(self, spec: str) -> str:
+        return rendezvous.read_radio(spec.partition(":")[2]) or DEFAULT_ENDPOINT
+
+    def _listen(self, tap: CanPort, wait_s: float) -> set[Node]:
+        """The nodes that send something within a time."""
+        names = {can_id(kind): Node[sender(kind)] for kind in kinds()}
+        until_ns = self._clock.now_ns() + int(wait_s * NS_PER_S)
+        heard: set[Node] = set()
+        while (now_ns := self._clock.now_ns()) < until_ns and not self._interrupts.asked:
+            self._clock.wait_until(now_ns + POLL_NS)
+            frames = tap.receive(self._clock.now_ns())
+            heard |= {names[frame.can_id] for frame in frames if frame.can_id in names}
+        return heard
+
+    def _await_plant(self, tap: CanPort, child: Child, spec: str) -> None:
+        until_ns = self._clock.now_ns() + int(PLANT_START_S * NS_PER_S)
+        while not self._interrupts.asked:
+            if child.ended:
+                raise ChildError(f"the plant emulator ended at its start:\n{child.last_words()}")
+            if self._listen(tap, 0.1) - {Node.VOBC}:
+                return
+            if self._clock.now_ns() > until_ns:
+                raise ChildError(
+                    f"the plant emulator was not heard on {spec} within {PLANT_START_S:.0f} s:\n"
+                    f"{child.last_words()}"
+                )
+
+    def _plant_arguments(self, spec: str, radio: str) -> list[str]:
+        options, journey = self._options, self._journey
+        arguments = ["run", "--bus", spec, "--line", options.line, "--consist", options.consist]
+        arguments += ["--seed", str(options.seed), "--from", journey.start.name]
+        arguments += ["--to", journey.end.name, "--radio", radio, "--out", str(self._folder.path)]
+        arguments += line_arguments(options)
+        if options.load_ratio is not None:
+            arguments += ["--load-ratio", str(options.load_ratio)]
+        if options.odometer_error is not None:
+            arguments += ["--odometer-error", str(options.odometer_error)]
+        arguments += ["--desk", options.desk]
+        if options.driver is not None:
+            arguments += ["--driver", options.driver]
+        if options.desk_recording is not None:
+            arguments += ["--desk-recording", options.desk_recording]
+        return arguments
+
+    def _start_controller(self, stack: ExitStack, spec: str, tags: str, radio: str) -> None:
+        options, journey = self._options, self._journey
+        arguments = ["run", "--bus", spec, "--tags", tags, "--radio", radio]
+        arguments += ["--line", options.line, "--consist", options.params]
+        arguments += ["--from", journey.start.name, "--to", journey.end.name]
+        arguments += ["--cycle-ms", str(options.cycle_ms), "--priority", str(options.priority)]
+        arguments += ["--out", str(self._folder.path), *line_arguments(options)]
+        arguments += controller_line_arguments(options)
+        if options.ato is not None:
+            arguments += ["--ato", options.ato]
+        if options.output is not None:
+            arguments += ["--output", options.output]
+        self._adopt(stack, Child("controller", "vobc", arguments, self._log("vobc")))
+
+    def _log(self, name: str) -> Path:
+        return self._folder.path / f"{name}.log"
+
+    def _adopt(self, stack: ExitStack, child: Child) -> None:
+        # Callbacks run backwards, so the controller, started last, is ended first.
+        self._children.append(child)
+        stack.callback(child.end)
+
+    def _end_children(self, watch: Watch) -> None:
+        """The controller first, so that its safe output is heard; the tap listens to the last."""
+        for child in reversed(self._children):
+            child.end()
+            watch.drain(self._clock.now_ns())
+
+    def _nobody_at_the_desk(self) -> bool:
+        """A given duration is waited for; a desk that is worked may reset an emergency brake."""
+        options = self._options
+        worked = options.desk_recording or options.driver or options.desk in ("manual", EXTERNAL)
+        return options.duration_s is None and not worked
+
+    def _granted(self) -> list[str]:
+        """What the controller was granted for real time, as it wrote it down."""
+        try:
+            granted = json.loads((self._folder.path / "realtime.json").read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            return []
+        return [f"{name}: {words}" for name, words in granted.items()]
+
+
+def hints_of(options: RunOptions) -> Hints:
+    """What is said beside the picture of such a train: with the words of its line."""
+    if options.train is None or options.line_radio is None:
+        return no_hints
+    where = [] if options.line == DESK_LINE else ["--line", options.line]
+    if options.line_radio != LINE_ENDPOINT:
+        where += ["--line-radio", options.line_radio]
+    if options.secure is not None:
+        where += ["--secure", options.secure]
+    return LineHints(options.train, options.line_radio, where)
+
+
+def line_arguments(options: RunOptions) -> list[str]:
+    """Of plant and controller among trains that command themselves."""
+    if options.train is None or options.line_radio is None:
+        return []
+    secure = [] if options.secure is None else ["--secure", options.secure]
+    return ["--train", str(options.train), "--line-radio", options.line_radio, *secure]
+
+
+def controller_line_arguments(options: RunOptions) -> list[str]:
+    """What the plant has no need to know of a line."""
+    peer = options.line_peer
+    words = [] if peer is None else ["--line-peer", *([peer] if peer else [])]
+    if options.line_timers is not None and options.arbiters is not None:
+        words += ["--line-timers", options.line_timers, "--arbiters", str(options.arbiters)]
+    return words

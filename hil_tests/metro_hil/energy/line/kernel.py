@@ -1,0 +1,279 @@
+"""Seven trains and their network, step by step: only numbers, compiled where numba is there.
+
+Each step: every train decides its effort from what it knows, powers follow from the speed in the
+middle of the step (taken at its start they would be 0.6 to 0.8 % off at 0.2 s), the network is
+solved with them, and what the voltage leaves of them moves the trains.
+"""
+
+from typing import Any, Final
+
+import numpy as np
+
+from plant_emulator.power.compiled import jitted, kernel
+from vobc.ato.laws import green_speeds as plain_law
+
+# State of a train.
+LEG, WAY, SPEED, EFFORT, LEAVES, DUE, BRAKES, VOLTAGE, LAP, STANDS, COASTS = range(11)
+STATE: Final = 11
+# Train.
+(
+    MASS,
+    FORCE,
+    POWER,
+    BRAKE_FORCE,
+    BRAKE_POWER,
+    TRACTION_RATIO,
+    REGENERATION_RATIO,
+    AUXILIARY,
+    TOP,
+    JERK,
+    DECEL,
+    DRAG_A,
+    DRAG_B,
+    DRAG_C,
+) = range(14)
+# Law.
+ALPHA, BETA, HORIZON, CONSTANT_V, STANDARD_V, SIGN, LITERAL_TIME, HOLD_COAST = range(8)
+# Books, all in J but the last ones.
+(
+    SOURCES,
+    RECTIFIERS,
+    STATIONS,
+    LINES,
+    TRACTION,
+    AUXILIARIES,
+    REGENERATED,
+    RESISTOR,
+    WHEEL,
+    REGAINED,
+    FRICTION,
+    DRAG,
+    KINETIC,
+    UNCONVERGED,
+    RUNS,
+    ON_TIME,
+    WORST_S,
+    LOWEST_V,
+    HIGHEST_V,
+    EARLY_S,
+    WORST_M,
+) = range(21)
+BOOKS: Final = 21
+
+GAIN_PER_S: Final = 0.6
+COAST_BAND_MPS2: Final = 0.03
+STOPPED_MPS: Final = 0.08
+STOPPED_M: Final = 0.02
+ON_TIME_S: Final = 2.0
+FEED_FACTOR: Final = 4.0
+ARM_OHM: Final = 0.04
+"""Of 2 km with 0.02 ohm/km; a train does not know the true ones."""
+ARM_TRAINS: Final = 2.0
+LOST_S: Final = 0.2
+"""By the jerk limit at both ends of a run."""
+RUN_MAX_S: Final = 900.0
+
+green_law: Final = jitted(plain_law)
+arm_current_a = green_law.arm_current_a
+energy_speed_mps = green_law.energy_speed_mps
+timing_speed_mps = green_law.timing_speed_mps
+literal_timing_speed_mps = green_law.literal_timing_speed_mps
+target_speed_mps = green_law.target_speed_mps
+
+
+@kernel
+def wanted_mps(now_s: float, state: Any, law: Any, train: Any, left_m: float) -> float:
+    """V_target of Green CBTC for one train between stations."""
+    speed = state[SPEED]
+    left_s = state[DUE] - now_s
+    if law[LITERAL_TIME] > 0.0:
+        timing = literal_timing_speed_mps(left_m, left_s, train[DECEL])
+    else:
+        # What the motors give in the mean up to that speed, and the jerk's share of the end.
+        accel = min(
+            train[FORCE] / train[MASS], 0.75 * train[POWER] / train[MASS] / max(speed, 12.0)
+        )
+        timing = timing_speed_mps(
+            left_m, left_s - LOST_S, speed, accel_mps2=accel, decel_mps2=train[DECEL]
+        )
+    if law[BETA] <= 0.0:
+        return float(min(timing, train[TOP]))
+    volts = law[CONSTANT_V] if law[CONSTANT_V] > 0.0 else state[VOLTAGE]
+    current = arm_current_a(
+        volts,
+        law[STANDARD_V],
+        feed_factor=FEED_FACTOR,
+        arm_ohm=ARM_OHM,
+        train_count=ARM_TRAINS,
+        exponent=1.0,
+    )
+    energy = energy_speed_mps(
+        speed,
+        train[MASS],
+        volts,
+        law[SIGN] * current,
+        standard_w=0.0,
+        horizon_s=law[HORIZON],
+    )
+    target = target_speed_mps(
+        train[TOP], timing, energy, alpha_ratio=law[ALPHA], beta_ratio=law[BETA]
+    )
+    return float(target)
+
+
+@kernel
+def decide_n(now_s: float, step_s: float, state: Any, law: Any, train: Any, bounds: Any) -> float:
+    """Effort at the wheel for the next step: positive pulls, negative brakes.
+
+    `bounds` of the leg: its length, and hold speed and coasting point of hold and coast.
+    """
+    length_m, hold_mps, coast_m = bounds
+    speed, left_m = state[SPEED], max(0.0, length_m - state[WAY])
+    mass, jerk, decel = train[MASS], train[JERK], train[DECEL]
+    drag = train[DRAG_A] + speed * (train[DRAG_B] + speed * train[DRAG_C])
+    change = max(0.0, state[EFFORT] / mass) + decel
+    build_m = speed * change / jerk / 2.0
+    if state[BRAKES] == 0.0 and speed > 1.0 and speed * speed / (2.0 * decel) >= left_m - build_m:
+        state[BRAKES] = 1.0
+    if state[BRAKES] > 0.0:
+        asked = -min(1.3, speed * speed / (2.0 * max(left_m, STOPPED_M)))
+        effort = mass * asked + drag
+    elif law[HOLD_COAST] > 0.0:
+        if state[WAY] >= coast_m:
+            state[COASTS] = 1.0
+        asked = min(1.0, GAIN_PER_S * (hold_mps - speed))
+        effort = 0.0 if state[COASTS] > 0.0 else max(0.0, mass * asked + drag)
+    else:
+        target = wanted_mps(now_s, state, law, train, left_m)
+        asked = max(-decel, min(1.0, GAIN_PER_S * (target - speed)))
+        effort = mass * asked + drag
+        if -COAST_BAND_MPS2 * mass < effort < 0.0:
+            effort = 0.0
+    most = min(train[FORCE], train[POWER] / max(speed, 0.5))
+    effort = min(effort, most)
+    bound = jerk * step_s * mass
+    # The end of a stop may be as abrupt as it is: it is a few cm/s.
+    if speed > 1.0 or effort > 0.0:
+        effort = min(max(effort, state[EFFORT] - bound), state[EFFORT] + bound)
+    return float(effort)
+
+
+@kernel
+def demand(state: Any, train: Any, effort: float, step_s: float, load: Any, power: Any) -> None:
+    """Electrical wishes into `load`; wheel powers of motors, electric brake and friction, and
+    what the way resists, into `power`, all at the speed in the middle of the step."""
+    speed, mass = state[SPEED], train[MASS]
+    drag = train[DRAG_A] + speed * (train[DRAG_B] + speed * train[DRAG_C])
+    if speed <= 0.0 and effort <= drag:
+        drag = effort
+    after = max(0.0, speed + step_s * (effort - drag) / mass)
+    middle = 0.5 * (speed + after)
+    pulls = max(0.0, effort)
+    brakes = max(0.0, -effort)
+    electric = min(brakes, train[BRAKE_FORCE], train[BRAKE_POWER] / max(middle, 0.5))
+    # Motors fade before the stop.
+    electric *= min(1.0, max(0.0, (middle - 0.8) / 1.4))
+    power[0] = pulls * middle
+    power[1] = electric * middle
+    power[2] = (brakes - electric) * middle
+    power[3] = pulls
+    power[4] = brakes
+    load[0] = power[0] / train[TRACTION_RATIO]
+    load[1] = power[1] * train[REGENERATION_RATIO]
+    load[2] = train[AUXILIARY]
+
+
+@kernel
+def move(
+    state: Any, train: Any, share: float, power: Any, step_s: float, books: Any, counts: float
+) -> None:
+    """One step of motion with what the voltage leaves of the effort."""
+    speed, mass = state[SPEED], train[MASS]
+    drag = train[DRAG_A] + speed * (train[DRAG_B] + speed * train[DRAG_C])
+    effort = power[3] * share - power[4]
+    if speed <= 0.0 and effort <= drag:
+        return
+    after = speed + step_s * (effort - drag) / mass
+    part = 1.0
+    if after < 0.0:
+        part = speed / (speed - after)
+        after = 0.0
+    middle = 0.5 * (speed + after)
+    state[WAY] += middle * part * step_s
+    state[SPEED] = after
+    books[DRAG] += counts * drag * middle * part * step_s
+    books[KINETIC] += counts * 0.5 * mass * (after * after - speed * speed)
+
+
+@kernel
+def work_at_station(
+    now_s: float,
+    state: Any,
+    train: int,
+    timetable: Any,
+    dwells: Any,
+    lengths: Any,
+    books: Any,
+    counts: float,
+    log: Any,
+) -> None:
+    """Arrive, stand, leave. `timetable`: headway, phase, lap, dwell minimum, runs from place 4."""
+    if state[STANDS] > 0.0:
+        if now_s >= state[LEAVES]:
+            leg = int(state[LEG])
+            state[STANDS], state[BRAKES], state[COASTS] = 0.0, 0.0, 0.0
+            state[WAY], state[SPEED], state[EFFORT] = 0.0, 0.0, 0.0
+            state[DUE] = state[LEAVES] + timetable[4 + leg]
+        return
+    leg = int(state[LEG])
+    left_m = lengths[leg] - state[WAY]
+    if state[BRAKES] == 0.0 or (state[SPEED] > STOPPED_MPS and left_m > STOPPED_M):
+        return
+    late_s = now_s - state[DUE]
+    if counts > 0.0:
+        books[RUNS] += 1.0
+        if abs(late_s) <= ON_TIME_S:
+            books[ON_TIME] += 1.0
+        books[WORST_S] = max(books[WORST_S], abs(late_s))
+        books[EARLY_S] = max(books[EARLY_S], -late_s)
+        books[WORST_M] = max(books[WORST_M], abs(left_m))
+        log[leg] += late_s
+    state[STANDS], state[SPEED], state[EFFORT] = 1.0, 0.0, 0.0
+    lap = int(state[LAP])
+    if leg == 2:
+        planned_s = train * timetable[0] + lap * timetable[2] + timetable[1]
+        state[LEAVES] = max(planned_s, now_s + timetable[3])
+    elif leg == 5:
+        state[LAP] = lap + 1
+        planned_s = train * timetable[0] + (lap + 1) * timetable[2]
+        state[LEAVES] = max(planned_s, now_s + timetable[3])
+    else:
+        stop = leg if leg < 2 else leg - 1
+        state[LEAVES] = now_s + dwells[lap % len(dwells), train, stop]
+    state[LEG] = (leg + 1) % 6
+    state[WAY] = 0.0
+
+
+@kernel
+def run_leg(step_s: float, train: Any, law: Any, bounds: Any, state: Any, power: Any) -> Any:
+    """One run by itself with full voltage: its time, and its electrical traction and
+    regenerated energies. `state` (STATE,) and `power` (5,) are room to work in."""
+    for place in range(STATE):
+        state[place] = 0.0
+    state[DUE], state[VOLTAGE] = RUN_MAX_S, 800.0
+    books, load, now_s = (np.zeros(BOOKS)), np.zeros(3), 0.0
+    traction_j = regenerated_j = 0.0
+    while now_s < RUN_MAX_S:
+        left_m = bounds[0] - state[WAY]
+        if state[BRAKES] > 0.0 and (state[SPEED] <= STOPPED_MPS or left_m <= STOPPED_M):
+            break
+        effort = decide_n(now_s, step_s, state, law, train, bounds)
+        state[EFFORT] = effort
+        demand(state, train, effort, step_s, load, power)
+        traction_j += load[0] * step_s
+        regenerated_j += load[1] * step_s
+        move(state, train, 1.0, power, step_s, books, 0.0)
+        now_s += step_s
+        if state[COASTS] > 0.0 and state[SPEED] < 1.0 and left_m > 20.0:
+            return RUN_MAX_S, traction_j, regenerated_j
+    return now_s, traction_j, regenerated_j

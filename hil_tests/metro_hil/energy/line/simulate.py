@@ -1,0 +1,246 @@
+"""One simulated line: arrays for the loop, and what came out of it in words."""
+
+import itertools
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from metro_hil.energy.line import kernel, loop
+from metro_hil.energy.line.model import (
+    DWELL_S,
+    DWELL_SPREAD_S,
+    HEADWAY_S,
+    LAP_S,
+    LEGS,
+    STOPS_M,
+    SUBSTATIONS_M,
+    TRAINS,
+    TURNBACK_MIN_S,
+    Law,
+    LineTrain,
+    Numbers,
+    Supply,
+    Timetable,
+)
+
+STEP_S = 0.2
+J_PER_KWH = 3.6e6
+JOINTS_MAX = 16
+
+
+@dataclass(frozen=True, slots=True)
+class Record:
+    """(rows, trains) each, `given_w` (rows, substations)."""
+
+    time_s: Numbers
+    place_m: Numbers
+    speed_mps: Numbers
+    voltage_v: Numbers
+    current_a: Numbers
+    regenerated_w: Numbers
+    resistor_w: Numbers
+    given_w: Numbers
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """Of the laps that count."""
+
+    books: Numbers = field(repr=False)
+    late_s: Numbers = field(repr=False)
+    """(6,) mean lateness of each leg."""
+    laps: int
+    step_s: float
+    record: Record | None = None
+
+    @property
+    def actual_kwh(self) -> float:
+        """What substations take from the grid, auxiliaries of the trains included."""
+        return float(self.books[kernel.SOURCES]) / J_PER_KWH / self.laps
+
+    @property
+    def used_kwh(self) -> float:
+        """Regenerated and used by somebody."""
+        used_j = self.books[kernel.REGENERATED] - self.books[kernel.RESISTOR]
+        return float(used_j) / J_PER_KWH / self.laps
+
+    @property
+    def burnt_kwh(self) -> float:
+        """Regenerated and lost in braking resistors."""
+        return float(self.books[kernel.RESISTOR]) / J_PER_KWH / self.laps
+
+    @property
+    def traction_kwh(self) -> float:
+        return float(self.books[kernel.TRACTION]) / J_PER_KWH / self.laps
+
+    @property
+    def overall_kwh(self) -> float:
+        """Actual energy and the regenerated one that was used: what it would be without any."""
+        return self.actual_kwh + self.used_kwh
+
+    @property
+    def use_ratio(self) -> float:
+        """Used regeneration over traction energy."""
+        return self.used_kwh / self.traction_kwh
+
+    @property
+    def on_time_ratio(self) -> float:
+        return float(self.books[kernel.ON_TIME] / max(1.0, self.books[kernel.RUNS]))
+
+    @property
+    def worst_s(self) -> float:
+        return float(self.books[kernel.WORST_S])
+
+    @property
+    def early_s(self) -> float:
+        return float(self.books[kernel.EARLY_S])
+
+    @property
+    def parking_m(self) -> float:
+        """Worst place of a stop."""
+        return float(self.books[kernel.WORST_M])
+
+    @property
+    def unconverged(self) -> int:
+        return int(self.books[kernel.UNCONVERGED])
+
+    @property
+    def closure_ratio(self) -> float:
+        """What sources gave less all that became of it, from grid to wheel, over what they gave."""
+        books = self.books
+        converters_j = books[kernel.TRACTION] - books[kernel.WHEEL]
+        converters_j += books[kernel.REGAINED] - books[kernel.REGENERATED]
+        became_j = (
+            books[kernel.RECTIFIERS] + books[kernel.STATIONS] + books[kernel.LINES]
+        ) + books[kernel.RESISTOR]
+        became_j += converters_j + books[kernel.AUXILIARIES] + books[kernel.FRICTION]
+        became_j += books[kernel.DRAG] + books[kernel.KINETIC]
+        return float((books[kernel.SOURCES] - became_j) / books[kernel.SOURCES])
+
+
+def dwells_of(seed: int, laps: int, *, spread_s: float = DWELL_SPREAD_S) -> Numbers:
+    """(laps, trains, 4): evenly between 20 and 40 s, the same for every law of one seed."""
+    generator = np.random.default_rng(seed)
+    return DWELL_S + spread_s * (2.0 * generator.random((laps, TRAINS, 4)) - 1.0)
+
+
+def simulate(
+    train: LineTrain,
+    supply: Supply,
+    timetable: Timetable,
+    law: Law,
+    dwells: Numbers,
+    *,
+    laps: int = 1,
+    step_s: float = STEP_S,
+    record_s: float = 0.0,
+) -> Outcome:
+    """One lap to fill the line, then `laps` that count; `record_s` over 0 keeps what happened."""
+    warm, steps = round(LAP_S / step_s), round((1 + laps) * LAP_S / step_s)
+    every = max(1, round(record_s / step_s)) if record_s > 0.0 else 0
+    rows = steps // every + 1 if every else 1
+    books, late = np.zeros(kernel.BOOKS), np.zeros(LEGS)
+    books[kernel.LOWEST_V] = supply.no_load_v
+    record = np.zeros((rows, TRAINS, loop.RECORDED))
+    given = np.zeros((rows, len(SUBSTATIONS_M)))
+    loop.run_line(
+        np.array([step_s, float(steps), float(warm), float(every)]),
+        _states(supply),
+        train_array(train),
+        law.as_array(),
+        (_timetable(timetable), dwells, legs_of(timetable)),
+        _net(supply),
+        _room(supply),
+        (books, late, record, given),
+    )
+    kept = None
+    if every:
+        time_s = np.linspace(0.0, (rows - 1) * every * step_s, rows)
+        place_m, speed_mps, voltage_v, current_a, gives_w, burns_w = (
+            record[:, :, part] for part in range(loop.RECORDED)
+        )
+        kept = Record(time_s, place_m, speed_mps, voltage_v, current_a, gives_w, burns_w, given)
+    per_leg = np.maximum(1.0, books[kernel.RUNS] / LEGS)
+    return Outcome(books, late / per_leg, laps, step_s, kept)
+
+
+def first_minutes(supply: Supply, *, step_s: float = 0.5, steps: int = 500) -> Numbers:
+    """Books of a line that fills under the law of half and half: short, to compare computers."""
+    books = np.zeros(kernel.BOOKS)
+    timetable, nothing = Timetable(), np.zeros((1, TRAINS, loop.RECORDED))
+    loop.run_line(
+        np.array([step_s, float(steps), float(steps // 5), 0.0]),
+        _states(supply),
+        train_array(LineTrain()),
+        Law("half", alpha_ratio=0.5, beta_ratio=0.5).as_array(),
+        (_timetable(timetable), dwells_of(1, 2), legs_of(timetable)),
+        _net(supply),
+        _room(supply),
+        (books, np.zeros(LEGS), nothing, np.zeros((1, len(SUBSTATIONS_M)))),
+    )
+    return books
+
+
+def _states(supply: Supply) -> Numbers:
+    states = np.zeros((TRAINS, kernel.STATE))
+    states[:, kernel.STANDS] = 1.0
+    states[:, kernel.LEAVES] = np.arange(TRAINS) * HEADWAY_S
+    states[:, kernel.VOLTAGE] = supply.no_load_v
+    return states
+
+
+def train_array(train: LineTrain) -> Numbers:
+    """In the order of `kernel`'s places."""
+    return np.array(
+        [
+            *(train.mass_kg, train.traction_force_n, train.traction_power_w),
+            *(train.brake_force_n, train.brake_power_w, train.traction_efficiency_ratio),
+            *(train.regeneration_efficiency_ratio, train.auxiliary_w, train.speed_max_mps),
+            *(train.jerk_mps3, train.decel_mps2),
+            *train.resistance_coefficients_n(),
+        ]
+    )
+
+
+def _timetable(timetable: Timetable) -> Numbers:
+    fixed = (HEADWAY_S, timetable.phase_s, LAP_S, TURNBACK_MIN_S)
+    return np.array([*fixed, *timetable.runs_s])
+
+
+def legs_of(timetable: Timetable) -> Numbers:
+    """(5, 6): start, sign, length, hold speed, coasting point of each leg."""
+    there = list(itertools.pairwise(STOPS_M))
+    back = [(far, near) for near, far in reversed(there)]
+    legs = np.zeros((5, LEGS))
+    for leg, (from_m, to_m) in enumerate(there + back):
+        legs[0, leg], legs[1, leg] = from_m, 1.0 if to_m > from_m else -1.0
+        legs[2, leg] = abs(to_m - from_m)
+    legs[3], legs[4] = timetable.hold_mps, timetable.coast_m
+    return legs
+
+
+def _net(supply: Supply) -> tuple[Any, ...]:
+    network = supply.network()
+    return (
+        np.array(network.order),
+        np.array(network.joints_of),
+        np.array(network.spans_m),
+        np.array(network.ohms_per_m),
+        np.array(network.sources),
+        np.array(network.limits),
+        np.array(SUBSTATIONS_M),
+        np.array(network.roots),
+    )
+
+
+def _room(supply: Supply) -> tuple[Any, ...]:
+    nodes, joints = TRAINS + len(SUBSTATIONS_M), len(SUBSTATIONS_M)
+    whole = np.int64
+    return (
+        *(np.zeros(nodes, dtype=whole), np.zeros(nodes), np.zeros(TRAINS, dtype=whole)),
+        *(np.zeros(joints, dtype=whole), np.zeros(TRAINS, dtype=whole)),
+        *(np.zeros(TRAINS, dtype=whole), np.zeros(TRAINS), np.zeros((2, nodes))),
+        *(np.zeros((3, nodes)), np.zeros(nodes), np.zeros((4, nodes))),
+        *(np.full(joints, supply.no_load_v), np.zeros(nodes), np.zeros((TRAINS, 5))),
+    )

@@ -1,0 +1,124 @@
+"""`vobc timetable`: finds turnback phase, run splits and regimes that save energy on a line."""
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+from rich.console import Console
+from rich.table import Table
+
+from firmware_py.settings import SettingsError
+from metro_hil.energy.line.command import write_timetable
+from metro_hil.energy.line.model import HOLD_AND_COAST, SUPPLIES, TRADITIONAL, LineTrain, Timetable
+from metro_hil.energy.line.simulate import dwells_of, simulate
+from metro_hil.energy.line.synchronise import Search
+from metro_hil.energy.line.table_four import paired
+from metro_hil.model.run_options import EXIT_OK, EXIT_USAGE
+
+DESCRIPTION: Final = (
+    "Find a timetable for the seven trains of the Changping section in which accelerating and "
+    "braking trains meet: turnback phase, run splits, speeds to hold and points to coast from, at "
+    "unchanged trip times, headway and punctuality. Judged on dwells that the search never saw."
+)
+JUDGING_SEEDS: Final = tuple(range(101, 107))
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line of `vobc timetable`."""
+    top = argparse.ArgumentParser(prog="vobc timetable", description=DESCRIPTION)
+    top.add_argument(
+        "--save-energy", action="store_true", required=True, help="what it is looked for"
+    )
+    top.add_argument("--line", default="changping", metavar="NAME", help="changping, so far")
+    top.add_argument(
+        "--supply", choices=sorted(SUPPLIES), default="strong", help="network; default: strong"
+    )
+    top.add_argument("--budget", type=_whole, default=150, metavar="N", help="tries; default: 150")
+    top.add_argument("--seed", type=_whole, default=1, metavar="N", help="default: 1")
+    top.add_argument("--out", metavar="FILE", help="the timetable as TOML; default: none")
+    top.add_argument("--json", action="store_true", help="one JSON object on standard output")
+    return top
+
+
+def main(argv: Sequence[str]) -> int:
+    """Whatever the user got wrong is one line, never a traceback."""
+    options = parser().parse_args(argv)
+    try:
+        return _find(options)
+    except SettingsError as error:
+        print(f"vobc: {error}", file=sys.stderr)
+        return EXIT_USAGE
+
+
+def _find(options: argparse.Namespace) -> int:
+    if options.line != "changping":
+        raise SettingsError(f"--line {options.line}: only changping has a supply that is known")
+    out = None if options.out is None else Path(options.out)
+    if out is not None and out.exists():
+        raise SettingsError(f"--out {out}: is there already; nothing is overwritten")
+    if out is not None and not out.parent.is_dir():
+        raise SettingsError(f"--out {out}: there is no folder {out.parent}")
+    console = Console(stderr=options.json)
+    train, supply, base = LineTrain(), SUPPLIES[options.supply], Timetable()
+    search = Search(train, supply, base, seed=options.seed, budget=options.budget)
+    with console.status("searching") as status:
+        found = search.run(
+            lambda tried, kwh: status.update(f"tried {tried}, least {kwh:.1f} kWh a lap")
+        )
+    dwells = [dwells_of(seed, 3) for seed in JUDGING_SEEDS]
+    before = [simulate(train, supply, base, TRADITIONAL, one) for one in dwells]
+    after = [simulate(train, supply, found.timetable, HOLD_AND_COAST, one) for one in dwells]
+    change = paired(before, after)
+    on_time_ratio = min(outcome.on_time_ratio for outcome in after)
+    _show(console, base, found.timetable)
+    console.print(
+        f"{100.0 * change.mean_ratio:+.2f} % ± {100.0 * change.half_ratio:.2f} of actual energy "
+        f"against the traditional law; {on_time_ratio:.1%} of runs within 2 s; {found.tried} tries",
+        highlight=False,
+    )
+    if out is not None:
+        write_timetable(out, supply, found.timetable)
+        console.print(f"timetable: {out}", highlight=False, soft_wrap=True)
+    if options.json:
+        document = {
+            "phase_s": found.timetable.phase_s,
+            "runs_s": found.timetable.runs_s,
+            "hold_mps": found.timetable.hold_mps,
+            "coast_m": found.timetable.coast_m,
+            "change_ratio": change.mean_ratio,
+            "change_half_ratio": change.half_ratio,
+            "on_time_ratio": on_time_ratio,
+        }
+        print(json.dumps(document))
+    return EXIT_OK
+
+
+def _show(console: Console, base: Timetable, found: Timetable) -> None:
+    table = Table("leg", "run before, s", "run, s", "hold, km/h", "coast from, m")
+    for leg, run_s in enumerate(found.runs_s):
+        table.add_row(
+            str(leg + 1),
+            f"{base.runs_s[leg]:g}",
+            f"{run_s:.1f}",
+            f"{found.hold_mps[leg] * 3.6:.1f}",
+            f"{found.coast_m[leg]:.0f}",
+        )
+    console.print(table)
+    console.print(
+        f"trains leave the far terminal {found.phase_s:.1f} s after the near one, "
+        f"before {base.phase_s:g} s",
+        highlight=False,
+    )
+
+
+def _whole(text: str) -> int:
+    try:
+        value = int(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number") from None
+    if not 1 <= value < 10**6:
+        raise argparse.ArgumentTypeError(f"{text} is not within 1..999999")
+    return value

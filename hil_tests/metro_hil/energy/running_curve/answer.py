@@ -1,0 +1,151 @@
+"""Everything `vobc design-curve` answers, worked out once for table, picture and JSON."""
+
+from dataclasses import asdict, dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from metro_hil.energy.running_curve import table_one
+from metro_hil.energy.running_curve.design import Curve, Design, Hop, design, whole_net
+from metro_hil.energy.running_curve.literal import (
+    Literal,
+    literal_design,
+    x_that_the_table_implies_s,
+)
+from metro_hil.energy.running_curve.net import Net
+from metro_hil.energy.running_curve.optimum import Optimum, optimise
+from metro_hil.energy.running_curve.trace import Trace, trace
+from metro_hil.energy.running_curve.track import Track
+from metro_hil.energy.running_curve.train import Numbers, RunningTrain
+
+J_PER_KWH: Final = 3.6e6
+OPTIMUM_CELL_M: Final = 5.0
+CONVENTIONAL_WEIGHT: Final = 100.0
+SWEEP: Final = tuple(float(weight) for weight in np.linspace(0.0, 30.0, 121))
+
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    hop: Hop
+    coarse: Track
+    """The same way in fewer cells, for the optimum."""
+    time_s: float
+    weight_factor: float
+    use_ratio: float
+    optimal: bool
+    literal: bool
+
+    @property
+    def train(self) -> RunningTrain:
+        return self.hop.train
+
+    @property
+    def track(self) -> Track:
+        return self.hop.track
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    asked: Asked
+    designed: Design
+    run: Trace
+    optimum: Optimum | None
+    above_ratio: float | None
+    """How far the designed run's J is above the optimum's."""
+    literal: Literal | None
+
+
+def answer(asked: Asked) -> Answer:
+    """Raises SettingsError for a task without a run."""
+    train, track = asked.train, asked.track
+    designed = design(asked.hop, asked.time_s, asked.weight_factor)
+    optimum = above_ratio = None
+    if asked.optimal:
+        begin = trace(train, asked.coarse, designed.curve).square_m2_per_s2
+        time_s = max(asked.time_s, designed.curve.time_s)
+        optimum = optimise(train, asked.coarse, time_s, asked.use_ratio, begin)
+        above_ratio = designed.curve.total_j(asked.use_ratio) / optimum.cost_j - 1.0
+    printed = None
+    if asked.literal:
+        printed = literal_design(asked.hop, asked.time_s, asked.weight_factor)
+    return Answer(
+        asked, designed, trace(train, track, designed.curve), optimum, above_ratio, printed
+    )
+
+
+def sweep_of(net: Net, time_s: float) -> tuple[Numbers, Numbers]:
+    """Acceleration energy and power limit for each weight of SWEEP, read off the net.
+
+    Each way to gain speed has one power limit that makes the run last T, where it has one at all.
+    """
+    fastest_s = float(np.min(net.time_s[:, -1]))
+    energies_j, powers_w, times_s = [], [], []
+    for row in range(len(net.notch_off_mps)):
+        times = net.time_s[row]
+        if times[-1] <= time_s <= times[0]:
+            powers_w.append(float(np.interp(-time_s, -times, net.power_w)))
+            energies_j.append(float(net.acceleration_j[row, -1]))
+            times_s.append(float(times[-1]))
+    if not times_s:
+        nothing = np.full(len(SWEEP), np.nan)
+        return nothing, nothing
+    energies, powers, times = np.array(energies_j), np.array(powers_w), np.array(times_s)
+    dearest_j = energies[int(np.argmin(times))]
+    best = [int(np.argmin(energies / dearest_j + weight * times / fastest_s)) for weight in SWEEP]
+    return energies[best], powers[best]
+
+
+def net_of(asked: Asked) -> Net:
+    return whole_net(asked.train, asked.track)
+
+
+def reference_curves(asked: Asked) -> tuple[Curve, Curve]:
+    """<I> and <II>: the greatest weight and none."""
+    conventional = design(asked.hop, asked.time_s, CONVENTIONAL_WEIGHT).curve
+    return conventional, design(asked.hop, asked.time_s, 0.0).curve
+
+
+def as_document(found: Answer) -> dict[str, Any]:
+    """For JSON: what was asked, declared, designed, and what it compares with."""
+    asked, curve, choice = found.asked, found.designed.curve, found.designed.choice
+    document: dict[str, Any] = {
+        "train": asdict(asked.train),
+        "time_s": asked.time_s,
+        "weight_factor": asked.weight_factor,
+        "use_ratio": asked.use_ratio,
+        "length_m": asked.track.length_m,
+        "curve": {
+            **asdict(curve),
+            "power_per_motor_w": curve.power_w / asked.train.motors,
+            "acceleration_kwh": curve.acceleration_j / J_PER_KWH,
+            "regenerated_kwh": curve.regenerated_j / J_PER_KWH,
+        },
+        "x_s": choice.x_s,
+        "cubic_x_s": choice.cubic_x_s,
+        "fastest_s": choice.fastest_s,
+        "late_s": found.designed.late_s,
+        "profile": {
+            "at_m": [round(float(value), 2) for value in found.run.at_m[::10]],
+            "speed_mps": [round(float(value), 4) for value in found.run.speed_mps[::10]],
+            "time_s": [round(float(value), 3) for value in found.run.time_s[::10]],
+        },
+    }
+    if found.optimum is not None:
+        best = found.optimum
+        document["optimum"] = {
+            "time_s": best.time_s,
+            "cost_j": best.cost_j,
+            "acceleration_j": best.acceleration_j,
+            "regenerated_j": best.regenerated_j,
+            "friction_j": best.friction_j,
+            "above_ratio": found.above_ratio,
+        }
+    if found.literal is not None:
+        document["literal"] = {
+            **asdict(found.literal),
+            "x_that_table_i_implies_s": [
+                x_that_the_table_implies_s(table_one.TIME_S, row.braking_s)
+                for row in table_one.TABLE_I
+            ],
+        }
+    return document

@@ -1,0 +1,249 @@
+"""All running curves of a hop at once: each way to gain speed joined with each way to lose it.
+
+A curve of seed 002 is full traction up to the notch-off speed, coasting, and a brake whose power is
+limited. What lies before the braking point does not depend on the power limit, and what lies behind
+it not on the notch-off speed: each half is integrated once, over the way, and all pairs are joined
+where they cross. The result of each pair is a whole run, its time and its energies.
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from metro_hil.energy.running_curve.track import Track
+from metro_hil.energy.running_curve.train import Numbers, RunningTrain
+
+STALL_MPS: Final = 0.3
+"""A train that coasts slower than this does not get there."""
+START_UP_M: Final = 5.0
+"""Before this every train is slow."""
+LEAST: Final = 1e-9
+"""Keeps a share finite where nothing changes."""
+
+Flags = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True)
+class Departures:
+    """First halves by notch-off speed, `n` of them; arrays (cells + 1, n), to each node."""
+
+    notch_off_mps: Numbers
+    hold_m: Numbers
+    """(n,): so far the speed is kept before the train coasts."""
+    square_m2_per_s2: Numbers
+    time_s: Numbers
+    traction_j: Numbers
+    """At the wheel."""
+    regained_j: Numbers
+    """At the wheel, by the electric brake that keeps a limit on the way."""
+
+
+@dataclass(frozen=True, slots=True)
+class Arrivals:
+    """Second halves by power limit, `n` of them; arrays (cells + 1, n), from a node to the end."""
+
+    power_w: Numbers
+    square_m2_per_s2: Numbers
+    time_s: Numbers
+    regained_j: Numbers
+
+
+@dataclass(frozen=True, slots=True)
+class Net:
+    """Each departure with each arrival; arrays (departures, arrivals).
+
+    Where a train stalls before the brake its time is infinite. A notch-off speed that the way is
+    too short for gives the fastest run there is.
+    """
+
+    notch_off_mps: Numbers
+    hold_m: Numbers
+    power_w: Numbers
+    time_s: Numbers
+    acceleration_j: Numbers
+    """Out of the line."""
+    regenerated_j: Numbers
+    """Into a line that takes everything."""
+    braking_s: Numbers
+    braking_at_m: Numbers
+    braking_from_mps: Numbers
+
+    def total_j(self, use_ratio: float) -> Numbers:
+        """Drawn less what somebody else used of what was given back."""
+        total: Numbers = self.acceleration_j - use_ratio * self.regenerated_j
+        return total
+
+
+def departures(
+    train: RunningTrain, track: Track, notch_off_mps: Numbers, hold_m: Numbers
+) -> Departures:
+    """Full traction under all limits to the notch-off speed, held so far, then coasting."""
+    cells, n, step_m = track.cells, len(notch_off_mps), track.cell_m
+    shape = (cells + 1, n)
+    square, time_s = np.zeros(shape), np.zeros(shape)
+    traction_j, regained_j = np.zeros(shape), np.zeros(shape)
+    run = _Forward(train, notch_off_mps**2, hold_m, step_m)
+    ceiling_square = _slowed_ceiling(train, track)
+    for i in range(cells):
+        at = square[i]
+        ends, work_j, split_m, middle = run.cell(i, at, track.grade_n[i], ceiling_square[i + 1])
+        square[i + 1] = ends
+        traction_j[i + 1] = traction_j[i] + np.maximum(work_j, 0.0)
+        regained_j[i + 1] = regained_j[i] - np.minimum(work_j, 0.0)
+        time_s[i + 1] = time_s[i] + _cell_s(at, middle, ends, split_m, step_m)
+    late = np.arange(1, cells + 1)[:, None] * step_m > START_UP_M
+    stalled = np.logical_or.accumulate((square[1:] < STALL_MPS**2) & late, axis=0)
+    time_s[1:] = np.where(stalled, np.inf, time_s[1:])
+    return Departures(notch_off_mps, hold_m, square, time_s, traction_j, regained_j)
+
+
+class _Forward:
+    """Drives all departures through one cell after the other."""
+
+    def __init__(
+        self, train: RunningTrain, off_square: Numbers, hold_m: Numbers, step_m: float
+    ) -> None:
+        self._train = train
+        self._off_square = off_square
+        self._hold_m = hold_m
+        self._step_m = step_m
+        self._gain = 2.0 / train.mass_kg
+        self._pulls: Flags = np.ones(len(off_square), dtype=np.bool_)
+        self._coast_from_m = np.full(len(off_square), np.inf)
+
+    def cell(
+        self, i: int, at: Numbers, grade_n: float, ceiling_square: float
+    ) -> tuple[Numbers, Numbers, Numbers, Numbers]:
+        """Square of the speed after the cell, work at the wheel (negative: regained), and where
+        and at which square of the speed the two parts of the cell meet."""
+        train, step_m, off_square = self._train, self._step_m, self._off_square
+        drag_n = train.resistance_at_n(np.sqrt(at)) + grade_n
+        half = np.maximum(at - 0.5 * step_m * self._gain * drag_n, 0.0)
+        drag_n = train.resistance_at_n(np.sqrt(half)) + grade_n
+        coasted = at - step_m * self._gain * drag_n
+        slope = self._gain * (train.traction_at_n(np.sqrt(at)) - drag_n)
+        effort_n = train.traction_at_n(np.sqrt(np.maximum(at + 0.5 * step_m * slope, 0.0)))
+        pulled = at + step_m * self._gain * (effort_n - drag_n)
+        off = self._pulls & (pulled >= off_square)
+        holds = ~self._pulls & (i * step_m < self._coast_from_m)
+        share = np.clip((off_square - at) / np.maximum(pulled - at, LEAST), 0.0, 1.0)
+        after = off_square - np.where(
+            self._hold_m > 0.0, 0.0, (1.0 - share) * step_m * self._gain * drag_n
+        )
+        ends = np.where(off, after, np.where(self._pulls, pulled, np.where(holds, at, coasted)))
+        ends = np.maximum(ends, 0.0)
+        pulled_m = np.where(off, share, np.where(self._pulls, 1.0, 0.0)) * step_m
+        kept_m = np.where(off & (self._hold_m > 0.0), (1.0 - share) * step_m, 0.0)
+        work_j = effort_n * pulled_m + drag_n * np.where(holds, step_m, kept_m)
+        # A limit is kept by what it takes: traction or the electric brake.
+        capped = ends > ceiling_square
+        keeping_n = (ceiling_square - at) / (self._gain * step_m) + drag_n
+        off &= ~capped
+        work_j = np.where(capped, keeping_n * step_m, work_j)
+        ends = np.where(capped, ceiling_square, ends)
+        self._coast_from_m = np.where(off, (i + share) * step_m + self._hold_m, self._coast_from_m)
+        self._pulls = self._pulls & ~off
+        middle = np.where(off, off_square, (at + ends) / 2.0)
+        return ends, work_j, np.where(off, share, 0.5) * step_m, middle
+
+
+def _cell_s(
+    at: Numbers, middle: Numbers, ends: Numbers, split_m: Numbers, step_m: float
+) -> Numbers:
+    """Time of a cell in two parts of steady acceleration each, met at `split_m`."""
+    first, between, last = np.sqrt(at), np.sqrt(middle), np.sqrt(ends)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        one_s = np.where(split_m > 0.0, 2.0 * split_m / (first + between), 0.0)
+        two_s = np.where(split_m < step_m, 2.0 * (step_m - split_m) / (between + last), 0.0)
+    total: Numbers = one_s + two_s
+    return total
+
+
+def _slowed_ceiling(train: RunningTrain, track: Track) -> Numbers:
+    """Square of the ceiling with the way to slow down before each lower limit, by full brake."""
+    square = track.ceiling_mps**2
+    gain = 2.0 * track.cell_m / train.mass_kg
+    for i in range(track.cells - 1, -1, -1):
+        speed = np.sqrt(square[i + 1 : i + 2])
+        force_n = train.braking_at_n(speed, train.brake_power_w) + train.resistance_at_n(speed)
+        square[i] = min(square[i], square[i + 1] + gain * float(force_n[0] + track.grade_n[i]))
+    return square
+
+
+def arrivals(train: RunningTrain, track: Track, power_w: Numbers) -> Arrivals:
+    """The power-limited brake into the stop, followed backwards from there."""
+    cells, n, step_m = track.cells, len(power_w), track.cell_m
+    shape = (cells + 1, n)
+    square, time_s, regained_j = np.zeros(shape), np.zeros(shape), np.zeros(shape)
+    gain = 2.0 / train.mass_kg
+
+    def slowing(at: Numbers, grade_n: float) -> Numbers:
+        speed = np.sqrt(at)
+        force_n = train.braking_at_n(speed, power_w) + train.resistance_at_n(speed) + grade_n
+        return gain * np.maximum(force_n, 0.0)
+
+    for i in range(cells - 1, -1, -1):
+        grade_n, at = track.grade_n[i], square[i + 1]
+        half = at + 0.5 * step_m * slowing(at, grade_n)
+        square[i] = at + step_m * slowing(half, grade_n)
+        force_n = train.braking_at_n(np.sqrt(half), power_w)
+        regained_j[i] = regained_j[i + 1] + force_n * step_m
+        with np.errstate(divide="ignore"):
+            time_s[i] = time_s[i + 1] + 2.0 * step_m / (np.sqrt(square[i]) + np.sqrt(at))
+    return Arrivals(power_w, square, time_s, regained_j)
+
+
+def join(train: RunningTrain, track: Track, first: Departures, second: Arrivals) -> Net:
+    """Each departure with each arrival, at the place where they have the same speed."""
+    n, k = len(first.notch_off_mps), len(second.power_w)
+    row, column = np.arange(n)[:, None], np.arange(k)[None, :]
+    low = np.zeros((n, k), dtype=np.intp)
+    high = np.full((n, k), track.cells, dtype=np.intp)
+    while int(np.max(high - low)) > 1:
+        middle = (low + high) // 2
+        over = first.square_m2_per_s2[middle, row] >= second.square_m2_per_s2[middle, column]
+        high, low = np.where(over, middle, high), np.where(over, low, middle)
+    return _joined(train, track.cell_m, first, second, low)
+
+
+def _joined(
+    train: RunningTrain, step_m: float, first: Departures, second: Arrivals, i: NDArray[np.intp]
+) -> Net:
+    """Each pair crosses within cell `i`, both halves at a steady acceleration."""
+    row = np.arange(len(first.notch_off_mps))[:, None]
+    column = np.arange(len(second.power_w))[None, :]
+    from_square, to_square = first.square_m2_per_s2[i, row], first.square_m2_per_s2[i + 1, row]
+    upper, lower = second.square_m2_per_s2[i, column], second.square_m2_per_s2[i + 1, column]
+    apart = (upper - from_square) + (to_square - lower)
+    share = np.clip((upper - from_square) / np.maximum(apart, LEAST), 0.0, 1.0)
+    meet = np.maximum(from_square + share * (to_square - from_square), 0.0)
+    at_mps, meet_mps, lower_mps = np.sqrt(from_square), np.sqrt(meet), np.sqrt(lower)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        before_s = np.where(share > 0.0, 2.0 * share * step_m / (at_mps + meet_mps), 0.0)
+        after_s = np.where(share < 1.0, 2.0 * (1.0 - share) * step_m / (meet_mps + lower_mps), 0.0)
+    braking_s = after_s + second.time_s[i + 1, column]
+    time_s = first.time_s[i, row] + before_s + braking_s
+    traction_j = first.traction_j[i, row] + share * (
+        first.traction_j[i + 1, row] - first.traction_j[i, row]
+    )
+    kept_j = first.regained_j[i, row] + share * (
+        first.regained_j[i + 1, row] - first.regained_j[i, row]
+    )
+    regained_j = (
+        kept_j
+        + second.regained_j[i + 1, column]
+        + (1.0 - share) * (second.regained_j[i, column] - second.regained_j[i + 1, column])
+    )
+    return Net(
+        notch_off_mps=first.notch_off_mps,
+        hold_m=first.hold_m,
+        power_w=second.power_w,
+        time_s=time_s,
+        acceleration_j=traction_j / train.traction_efficiency_ratio,
+        regenerated_j=regained_j * train.regeneration_efficiency_ratio,
+        braking_s=braking_s,
+        braking_at_m=(i + share) * step_m,
+        braking_from_mps=meet_mps,
+    )

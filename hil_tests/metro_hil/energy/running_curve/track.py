@@ -1,0 +1,114 @@
+"""The way between two stations in cells: gradient and speed limit of each."""
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from firmware_py.settings import SettingsError
+from firmware_py.trackdb import LineMap
+from metro_hil.energy.running_curve.train import GRAVITY_MPS2, Numbers, RunningTrain
+
+CELL_M: Final = 1.0
+CELLS_MIN: Final = 20
+LENGTH_MAX_M: Final = 20000.0
+
+
+@dataclass(frozen=True, slots=True)
+class Track:
+    """One hop of `cells` cells of equal length; arrays by cell or by the nodes between them."""
+
+    length_m: float
+    cells: int
+    grade_n: Numbers
+    """(cells,): force of the gradient against the train, positive uphill."""
+    ceiling_mps: Numbers
+    """(cells + 1,): limit for the whole train, the train's own greatest speed included."""
+
+    @property
+    def cell_m(self) -> float:
+        return self.length_m / self.cells
+
+    @property
+    def at_m(self) -> Numbers:
+        """(cells + 1,): way of each node."""
+        return np.linspace(0.0, self.length_m, self.cells + 1)
+
+
+def level_track(train: RunningTrain, length_m: float, *, cell_m: float = CELL_M) -> Track:
+    """Level and straight, at the train's own greatest speed."""
+    cells = max(CELLS_MIN, math.ceil(length_m / cell_m))
+    return Track(length_m, cells, np.zeros(cells), np.full(cells + 1, train.speed_max_mps))
+
+
+def track_between(
+    line: LineMap,
+    train: RunningTrain,
+    start: str | None,
+    end: str | None,
+    *,
+    cell_m: float = CELL_M,
+) -> tuple[str, str, Track]:
+    """From one station to another, whatever lies between; raises SettingsError.
+
+    The default is the longest hop of the line, as in seed 002, and the hop after `start`.
+    """
+    names = [station.name for station in line.stations]
+    for option, name in (("--from", start), ("--to", end)):
+        if name is not None and name not in names:
+            known = ", ".join(names)
+            raise SettingsError(f"{option} {name}: no such station; {line.name} has {known}")
+    first, last = _ends(line, start, end)
+    if last <= first:
+        raise SettingsError(
+            f"--to {names[last]}: not beyond {names[first]}; trains run towards growing chainage"
+        )
+    begin_m, end_m = line.stations[first].stop_m, line.stations[last].stop_m
+    length_m = end_m - begin_m
+    if length_m > LENGTH_MAX_M:
+        raise SettingsError(
+            f"{names[first]}-{names[last]}: {length_m:g} m is over {LENGTH_MAX_M:g} m"
+        )
+    cells = max(CELLS_MIN, math.ceil(length_m / cell_m))
+    at_m = np.linspace(begin_m, end_m, cells + 1)
+    grade_n = np.array(
+        [
+            train.mass_kg
+            * GRAVITY_MPS2
+            * line.mean_gradient_permille(front_m - train.length_m, front_m)
+            / 1000.0
+            for front_m in (at_m[1:] + at_m[:-1]) / 2.0
+        ]
+    )
+    ceiling_mps = np.array(
+        [
+            min(train.speed_max_mps, line.least_limit_mps(front_m - train.length_m, front_m))
+            for front_m in at_m
+        ]
+    )
+    return names[first], names[last], Track(length_m, cells, grade_n, ceiling_mps)
+
+
+def _ends(line: LineMap, start: str | None, end: str | None) -> tuple[int, int]:
+    names = [station.name for station in line.stations]
+    if len(names) < 2:
+        raise SettingsError(f"{line.name}: has no two stations")
+    if start is not None:
+        first = names.index(start)
+        if end is None and first == len(names) - 1:
+            raise SettingsError(f"--from {start}: is the last station")
+        return first, first + 1 if end is None else names.index(end)
+    if end is not None:
+        last = names.index(end)
+        if last == 0:
+            raise SettingsError(f"--to {end}: is the first station")
+        return last - 1, last
+    hops_m = [
+        (later.stop_m - earlier.stop_m, -index)
+        for index, (earlier, later) in enumerate(
+            zip(line.stations, line.stations[1:], strict=False)
+        )
+    ]
+    first = -max(hops_m)[1]
+    return first, first + 1

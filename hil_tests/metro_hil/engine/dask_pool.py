@@ -1,0 +1,195 @@
+"""A crew on an existing Dask cluster: the same cases, the same results, more processors."""
+
+import contextlib
+import queue
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import msgspec
+
+from firmware_py.clock.clock import NS_PER_S, WallClock
+from metro_hil.engine.dask_task import Answer, Order, contents, run_order
+from metro_hil.engine.errors import EngineError
+from metro_hil.engine.program import program_version
+from metro_hil.engine.queue import Batch
+from metro_hil.engine.worker import RUNNER
+from metro_hil.engine.worker_pool import Arrived, Broke, Gone, Notice, Outcome
+
+CONNECT_S: Final = 15.0
+TASK_S: Final = 1.0
+"""A task shall take so long: much more than the scheduler needs for it, and short enough that
+results keep coming."""
+BATCHES_MAX: Final = 64
+"""In a task."""
+TASKS_PER_THREAD: Final = 2
+LOOK_S: Final = 2.0
+"""Between two looks at who is there."""
+SMOOTHING: Final = 0.1
+
+
+class DaskCrew:
+    """A `Crew` of all threads of a cluster, each with a process of its own.
+
+    A Dask worker that is lost is noticed by the scheduler, which gives its tasks to others; a task
+    that was lost with too many workers comes back here, and its cases are tried one by one.
+    """
+
+    def __init__(
+        self,
+        address: str,
+        files: Mapping[str, Path],
+        *,
+        runner: str = RUNNER,
+        case_timeout_s: float | None = None,
+    ) -> None:
+        """Raises EngineError when there is no scheduler, or a worker with another program.
+
+        Args:
+            address: of the scheduler, HOST:PORT.
+        """
+        try:
+            import distributed
+        except ImportError as error:
+            raise EngineError(f"dask://{address}: {error}; install the extra `cluster`") from error
+        connect: Any = distributed.Client
+        try:
+            self._client = connect(address, timeout=CONNECT_S, set_as_default=False, name="hil")
+        except (OSError, ValueError) as error:
+            raise EngineError(f"dask://{address}: no scheduler answers: {error}") from error
+        self._address = address
+        self._order = Order(program_version(), runner, contents(files), case_timeout_s, {})
+        self._finished: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        self._waiting: list[Batch] = []
+        self._tasks: dict[Any, dict[int, Batch]] = {}
+        self._case_s = TASK_S
+        self._stopping = False
+        self._lost_workers = 0
+        self._clock = WallClock()
+        self._looked_ns = self._clock.now_ns()
+        try:
+            self._members = self._look()
+            self._check_programs()
+        except BaseException:
+            self.close()
+            raise
+
+    def _look(self) -> dict[str, int]:
+        """Threads by address."""
+        known = self._client.scheduler_info(n_workers=-1)["workers"]
+        return {str(address): int(worker["nthreads"]) for address, worker in known.items()}
+
+    def _check_programs(self) -> None:
+        """Before anything is run; workers that come later are checked by their first task."""
+        try:
+            found: Mapping[str, str] = self._client.run(program_version)
+        except Exception as error:
+            raise EngineError(
+                f"dask://{self._address}: its workers cannot import this project: {error}"
+            ) from error
+        for worker, program in sorted(found.items()):
+            self._check_program(worker, program)
+
+    def _check_program(self, worker: str, program: str) -> None:
+        if program != program_version():
+            raise EngineError(
+                f"dask://{self._address}: worker {worker} has version {program} of this project, "
+                f"here it is {program_version()}; results of the two may not be mixed"
+            )
+
+    @property
+    def workers(self) -> int:
+        return max(1, sum(self._members.values()))
+
+    @property
+    def busy(self) -> int:
+        return len(self._waiting) + sum(len(batches) for batches in self._tasks.values())
+
+    @property
+    def _size(self) -> int:
+        """Batches in a task, so that it takes about `TASK_S`."""
+        return max(1, min(BATCHES_MAX, round(TASK_S / max(self._case_s, 1e-4))))
+
+    def room(self, plenty: bool) -> bool:
+        """The scheduler moves waiting tasks to idle workers by itself, so plenty means nothing."""
+        return not self._stopping and self.busy < TASKS_PER_THREAD * self.workers * self._size
+
+    def hand(self, batch: Batch) -> None:
+        """It leaves with the next `wait`."""
+        self._waiting.append(batch)
+
+    def _send(self) -> None:
+        size = min(self._size, -(-len(self._waiting) // self.workers))
+        while self._waiting:
+            batches = {batch.number: batch for batch in self._waiting[:size]}
+            del self._waiting[:size]
+            cases = {str(number): batch.cases for number, batch in batches.items()}
+            text = msgspec.json.encode(msgspec.structs.replace(self._order, batches=cases))
+            task = self._client.submit(run_order, text, pure=False)
+            self._tasks[task] = batches
+            task.add_done_callback(self._finished.put)
+
+    def wait(self, timeout_s: float) -> Sequence[Outcome]:
+        self._send()
+        outcomes: list[Outcome] = []
+        with contextlib.suppress(queue.Empty):
+            task = self._finished.get(timeout=timeout_s)
+            while True:
+                self._take(task, outcomes)
+                task = self._finished.get_nowait()
+        if self._clock.now_ns() - self._looked_ns > LOOK_S * NS_PER_S:
+            self._look_again(outcomes)
+        return outcomes
+
+    def _look_again(self, outcomes: list[Outcome]) -> None:
+        self._looked_ns = self._clock.now_ns()
+        try:
+            members = self._look()
+        except Exception as error:
+            raise EngineError(f"dask://{self._address}: the scheduler is gone: {error}") from error
+        for gone in sorted(self._members.keys() - members.keys()):
+            self._lost_workers += 1
+            words = f"worker {gone} was lost ({self._lost_workers} so far), others take its cases"
+            outcomes.append(Notice(words))
+        self._members = members
+
+    def _take(self, task: Any, outcomes: list[Outcome]) -> None:
+        batches = self._tasks.pop(task, None)
+        if batches is None:
+            return
+        if task.status == "finished":
+            self._hear(msgspec.json.decode(task.result(), type=Answer), batches, outcomes)
+            return
+        if task.status != "error":
+            raise EngineError(f"dask://{self._address}: the scheduler let a task go: {task.status}")
+        error = task.exception()
+        if isinstance(error, EngineError):
+            raise EngineError(f"dask://{self._address}: {error}")
+        reason = f"lost by the cluster: {type(error).__name__}: {error}"
+        for batch in batches.values():
+            outcomes.append(Gone(batch, batch.cases, len(batch.cases), reason))
+
+    def _hear(self, answer: Answer, batches: dict[int, Batch], outcomes: list[Outcome]) -> None:
+        self._check_program("that came later", answer.program)
+        for number, result in answer.results:
+            outcomes.append(Arrived(batches[number], result))
+            self._case_s += SMOOTHING * (result.host.wall_s - self._case_s)
+        for number, case_id, traceback in answer.raised:
+            outcomes.append(Broke(batches[number], case_id, traceback))
+        for loss in answer.losses:
+            cases = batches[loss.number].cases
+            left = cases[len(cases) - loss.left :]
+            outcomes.append(Gone(batches[loss.number], left, loss.begun, loss.reason))
+
+    def stop(self) -> None:
+        """Tasks that are with the scheduler end; their cases have results then."""
+        self._stopping = True
+        self._waiting.clear()
+
+    def close(self) -> None:
+        with contextlib.suppress(Exception):
+            self._client.cancel(list(self._tasks))
+        self._tasks.clear()
+        self._waiting.clear()
+        with contextlib.suppress(Exception):
+            self._client.close()

@@ -1,0 +1,340 @@
+"""Worker processes on this machine's processors: fed, watched, replaced when they die or hang."""
+
+import os
+import selectors
+import signal
+import subprocess
+import sys
+import tempfile
+from collections import deque
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Final
+
+import msgspec
+
+from firmware_py.clock.clock import NS_PER_S, WallClock
+from metro_hil.engine.errors import EngineError
+from metro_hil.engine.messages import (
+    Done,
+    Hello,
+    Job,
+    Over,
+    Raised,
+    Ready,
+    ToMaster,
+    ToWorker,
+    pack,
+    take_for_master,
+)
+from metro_hil.engine.queue import Batch
+from metro_hil.engine.worker import RUNNER
+from metro_hil.engine.worker_pool import Arrived, Broke, Gone, Outcome
+from metro_hil.model.case import BenchKind, Case
+from metro_hil.model.compiled_copy import compiled_library, worker_environment
+
+LEASE_S: Final = 120.0
+"""Wall time that a case may take in virtual time, and a worker to start."""
+TOO_LATE: Final = "no result within"
+"""Begins the reason of a case that took too long."""
+START_FAILURES_MAX: Final = 3
+READ_BYTES: Final = 1 << 18
+LAST_LINES: Final = 6
+END_S: Final = 2.0
+ONE_THREAD: Final = dict.fromkeys(
+    ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1"
+)
+"""Each worker has one processor; more threads of a numerical library would only fight for it."""
+
+
+def lease_s(case: Case, asked_s: float | None) -> float:
+    """Wall time after which a case is taken for hanging."""
+    if asked_s is not None:
+        return asked_s
+    return LEASE_S + (2.0 * case.setup.duration_s if case.bench is not BenchKind.LOCKSTEP else 0.0)
+
+
+class _Entry:
+    """One batch at a worker."""
+
+    def __init__(self, batch: Batch) -> None:
+        self.batch = batch
+        self.left = deque(batch.cases)
+
+    def gone(self, begun: bool, reason: str) -> Gone:
+        """What never got a result: the first of it is the suspect, unless nothing came at all."""
+        first = len(self.left) == len(self.batch.cases)
+        suspects = (len(self.left) if first else min(1, len(self.left))) if begun else 0
+        return Gone(self.batch, tuple(self.left), suspects, reason)
+
+
+class Worker:
+    """One process, with its pipes and what it was given."""
+
+    def __init__(
+        self, hello: Hello, environment: Mapping[str, str], nice: int, now_ns: int
+    ) -> None:
+        self.stderr = tempfile.TemporaryFile()  # noqa: SIM115
+        # A session of its own: Ctrl-C reaches the master only.
+        self.process = subprocess.Popen(
+            [
+                *(sys.executable, "-m", "metro_hil.engine.worker"),
+                *("--parent", str(os.getpid()), "--nice", str(nice)),
+            ],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=self.stderr,
+            start_new_session=True,
+            env=environment,
+        )
+        assert self.process.stdin is not None
+        assert self.process.stdout is not None
+        self.input, self.output = self.process.stdin, self.process.stdout
+        os.set_blocking(self.input.fileno(), False)
+        os.set_blocking(self.output.fileno(), False)
+        self.received, self.unsent = bytearray(), bytearray()
+        self.entries: deque[_Entry] = deque()
+        self.ready = False
+        self.since_ns = now_ns
+        """Begin of the case that it is at, or of its own start."""
+        self.send(hello)
+
+    def send(self, message: ToWorker) -> None:
+        self.unsent += pack(message)
+        self.flush()
+
+    def flush(self) -> None:
+        """Write what the pipe takes. That the worker is gone is seen when reading."""
+        while self.unsent:
+            try:
+                sent = os.write(self.input.fileno(), self.unsent)
+            except BlockingIOError:
+                return
+            except OSError:
+                self.unsent.clear()
+                return
+            del self.unsent[:sent]
+
+    def last_words(self) -> str:
+        """The end of what it wrote to standard error, in one line."""
+        self.stderr.seek(0)
+        text = self.stderr.read().decode("utf-8", "replace")
+        return " | ".join(line.strip() for line in text.strip().splitlines()[-LAST_LINES:])
+
+    def end_words(self) -> str:
+        code = self.process.wait()
+        words = f"signal {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
+        said = self.last_words()
+        return f"the worker ended with {words}" + (f": {said}" if said else "")
+
+    def kill(self) -> None:
+        self.process.kill()
+        self.process.wait()
+        self.release()
+
+    def release(self) -> None:
+        for file in (self.input, self.output, self.stderr):
+            file.close()
+
+
+class LocalCrew:
+    """A `Crew` of processes. They die with this process, however it dies."""
+
+    def __init__(
+        self,
+        workers: int,
+        files: Mapping[str, Path],
+        *,
+        runner: str = RUNNER,
+        case_timeout_s: float | None = None,
+        nice: int = 0,
+    ) -> None:
+        """The processes start with the first batches.
+
+        Args:
+            workers: at most so many; at least 1.
+            files: path by the name by which cases call a file.
+            runner: `module:function`.
+            case_timeout_s: wall time for each case; None for `lease_s`.
+            nice: added to the workers' niceness.
+        """
+        assert workers >= 1
+        self._workers_max = workers
+        self._hello = Hello(runner, {name: str(path) for name, path in files.items()})
+        self._case_timeout_s, self._nice = case_timeout_s, nice
+        self._environment = worker_environment({**ONE_THREAD, **os.environ}, compiled_library())
+        self._clock = WallClock()
+        self._crew: list[Worker] = []
+        self._selector = selectors.DefaultSelector()
+        self._start_failures = 0
+        self._stopping = False
+
+    @property
+    def workers(self) -> int:
+        return self._workers_max
+
+    @property
+    def busy(self) -> int:
+        return sum(len(worker.entries) for worker in self._crew)
+
+    @property
+    def pids(self) -> list[int]:
+        return [worker.process.pid for worker in self._crew]
+
+    @property
+    def ready(self) -> int:
+        """Workers that have imported everything."""
+        return sum(worker.ready for worker in self._crew)
+
+    def room(self, plenty: bool) -> bool:
+        if self._stopping:
+            return False
+        if self.busy < self._workers_max:
+            return True
+        return plenty and any(len(worker.entries) < 2 for worker in self._crew)
+
+    def hand(self, batch: Batch) -> None:
+        worker = min(self._crew, key=lambda other: len(other.entries), default=None)
+        if worker is None or (worker.entries and len(self._crew) < self._workers_max):
+            worker = self._start()
+        if not worker.entries and worker.ready:
+            worker.since_ns = self._clock.now_ns()
+        worker.entries.append(_Entry(batch))
+        worker.send(Job(batch.number, batch.cases, batch.folder))
+        self._watch(worker)
+
+    def _start(self) -> Worker:
+        try:
+            now_ns = self._clock.now_ns()
+            worker = Worker(self._hello, self._environment, self._nice, now_ns)
+        except OSError as error:
+            raise EngineError(f"no worker process can be started: {error.strerror}") from error
+        self._crew.append(worker)
+        self._selector.register(worker.output, selectors.EVENT_READ, worker)
+        self._watch(worker)
+        return worker
+
+    def _watch(self, worker: Worker) -> None:
+        """Ask for room in a worker's pipe only while something has to go in."""
+        watched = worker.input in self._selector.get_map()
+        if worker.unsent and not watched:
+            self._selector.register(worker.input, selectors.EVENT_WRITE, worker)
+        elif not worker.unsent and watched:
+            self._selector.unregister(worker.input)
+
+    def wait(self, timeout_s: float) -> Sequence[Outcome]:
+        outcomes: list[Outcome] = []
+        for key, _ in self._selector.select(timeout_s):
+            worker: Worker = key.data
+            if worker not in self._crew:
+                continue
+            if key.fileobj is worker.input:
+                worker.flush()
+                self._watch(worker)
+            else:
+                self._read(worker, outcomes)
+        self._end_late(outcomes)
+        return outcomes
+
+    def _read(self, worker: Worker, outcomes: list[Outcome]) -> None:
+        try:
+            data = os.read(worker.output.fileno(), READ_BYTES)
+        except BlockingIOError:
+            return
+        worker.received += data
+        before = len(worker.entries)
+        try:
+            for message in take_for_master(worker.received):
+                self._hear(worker, message, outcomes)
+        except msgspec.DecodeError as error:
+            worker.process.kill()
+            self._replace(worker, f"the worker said what nobody understands: {error}", outcomes)
+            return
+        if not data:
+            worker.process.kill()
+            self._replace(worker, worker.end_words(), outcomes)
+        elif self._stopping and len(worker.entries) < before:
+            self._discard(worker, outcomes)
+
+    def _hear(self, worker: Worker, message: ToMaster, outcomes: list[Outcome]) -> None:
+        worker.since_ns = self._clock.now_ns()
+        if isinstance(message, Ready):
+            worker.ready = True
+            self._start_failures = 0
+            return
+        entry = worker.entries[0]
+        assert message.number == entry.batch.number, "a worker takes its batches in order"
+        if isinstance(message, Over):
+            assert not entry.left, "a batch is over when all its cases are"
+            worker.entries.popleft()
+            return
+        case = entry.left.popleft()
+        if isinstance(message, Done):
+            assert message.result.case_id == case.id
+            outcomes.append(Arrived(entry.batch, message.result))
+        elif isinstance(message, Raised):
+            assert message.case_id == case.id
+            outcomes.append(Broke(entry.batch, case.id, message.traceback))
+
+    def _end_late(self, outcomes: list[Outcome]) -> None:
+        now_ns = self._clock.now_ns()
+        for worker in list(self._crew):
+            limit_s = LEASE_S
+            if worker.ready:
+                if not worker.entries:
+                    continue
+                case = next(iter(worker.entries[0].left), None)
+                limit_s = LEASE_S if case is None else lease_s(case, self._case_timeout_s)
+            if now_ns - worker.since_ns > limit_s * NS_PER_S:
+                worker.process.kill()
+                said = worker.last_words()
+                words = f"{TOO_LATE} {limit_s:g} s (--case-timeout)"
+                self._replace(worker, words + (f": {said}" if said else ""), outcomes)
+
+    def _replace(self, worker: Worker, reason: str, outcomes: list[Outcome]) -> None:
+        """Take a dead worker out; the next batch starts another."""
+        if not worker.ready:
+            self._start_failures += 1
+            if self._start_failures >= START_FAILURES_MAX:
+                raise EngineError(f"workers cannot be started: {reason}")
+        for place, entry in enumerate(worker.entries):
+            begun = place == 0 and worker.ready
+            outcomes.append(entry.gone(begun, reason))
+        self._remove(worker)
+
+    def _discard(self, worker: Worker, outcomes: list[Outcome]) -> None:
+        """Give back what waits at a worker, and end it before it begins with that."""
+        outcomes += [entry.gone(begun=False, reason="stopped") for entry in worker.entries]
+        self._remove(worker)
+
+    def _remove(self, worker: Worker) -> None:
+        self._crew.remove(worker)
+        for file in (worker.input, worker.output):
+            if file in self._selector.get_map():
+                self._selector.unregister(file)
+        worker.kill()
+
+    def stop(self) -> None:
+        self._stopping = True
+        for worker in list(self._crew):
+            if not worker.entries:
+                self._remove(worker)
+
+    def close(self) -> None:
+        """Idle workers leave by themselves once their pipe is closed; busy ones are killed."""
+        for worker in self._crew:
+            self._selector.unregister(worker.output)
+            if worker.entries:
+                worker.process.kill()
+            elif worker.input in self._selector.get_map():
+                self._selector.unregister(worker.input)
+            worker.input.close()
+        for worker in self._crew:
+            try:
+                worker.process.wait(END_S)
+            except subprocess.TimeoutExpired:
+                worker.process.kill()
+                worker.process.wait()
+            worker.release()
+        self._crew.clear()
+        self._selector.close()

@@ -1,0 +1,20 @@
+"""Controllers in processes of their own in virtual time: older versions and foreign programs.
+
+`docs/reference/lockstep_interface.md` describes what passes between bench and controller.
+"""
+
+from metro_hil.external_controller.controller import GrantedController
+from metro_hil.external_controller.link import (
+    ControllerDiedError,
+    ControllerProgram,
+    ControllerStartError,
+)
+from metro_hil.external_controller.programs import program_of
+
+__all__ = [
+    "ControllerDiedError",
+    "ControllerStartError",
+    "ControllerProgram",
+    "GrantedController",
+    "program_of",
+]

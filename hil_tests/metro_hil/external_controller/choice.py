@@ -1,0 +1,173 @@
+"""The controller of a run in virtual time, of whatever kind, on the ports it is given."""
+
+from collections.abc import Callable, Sequence
+from typing import Final
+
+from firmware_py.clock.clock import Clock
+from firmware_py.ports import CanFrame, CanPort, LinkCounters, RadioPort, SerialPort
+from firmware_py.storage.nvram import Nvram, NvramRecord
+from firmware_py.storage.port_log import PortLog
+from metro_hil.external_controller import (
+    ControllerDiedError,
+    ControllerStartError,
+    GrantedController,
+    program_of,
+)
+from metro_hil.faults.process import ControllerProcess, Device
+from metro_hil.model.case import Controller
+from metro_hil.model.mission import Journey
+from vobc.config import VobcConfig
+from vobc.process import CycleLog, EventLog, remembered_start, unknown_start
+from vobc.process.commission import Commission
+
+SHIPPED: Final = Controller()
+NS_PER_S: Final = 1_000_000_000
+DAY_S: Final = 1_700_000_000
+"""Time of day at which a run in virtual time begins, for a board that has lost its memory."""
+
+Heard = Callable[[int, int, bytes], None]
+"""Told instant, identifier and data."""
+
+
+def memory_of(journey: Journey) -> NvramRecord:
+    """What the board holds before its first start in a run."""
+    if not journey.wakes_up:
+        return NvramRecord(boot_count=1)
+    return NvramRecord(boot_count=1, front_m=journey.start.stop_m, standing=True)
+
+
+class ControllerSide:
+    """Starts the controller, and starts it again after it was killed."""
+
+    def __init__(
+        self,
+        controller: Controller,
+        config: VobcConfig,
+        journey: Journey,
+        *,
+        clock: Clock,
+        cycle_log: CycleLog | None,
+        port_log: PortLog | None,
+        said: Heard | None,
+        event_log: EventLog | None = None,
+    ) -> None:
+        """Args:
+        cycle_log: of the shipped controller, as is `event_log`.
+        port_log: of what passes the controller's own ports.
+        said: told every frame that the controller says, at the true instant at which it does.
+        """
+        self._controller, self._config, self._journey = controller, config, journey
+        self._clock, self._cycle_log, self._port_log = clock, cycle_log, port_log
+        self._said = said
+        self._event_log = event_log
+        self._nvram = Nvram(None, memory_of(journey))
+        self._granted: GrantedController | None = None
+
+    def device(self, can: CanPort, tags: SerialPort, radio: RadioPort, *, faulty: bool) -> Device:
+        """Raises ControllerStartError.
+
+        Args:
+            faulty: faults of its process may come.
+        """
+        if not faulty:
+            return self._start(can, tags, radio, 0, False)
+        return ControllerProcess(
+            self._start,
+            self.close,
+            can=can,
+            tags=tags,
+            radio=radio,
+            start_ns=0,
+            forget=self._forget,
+        )
+
+    def _forget(self) -> None:
+        """The board's memory is that of a new one: it counts its starts from the time of day on."""
+        time_of_day_s = DAY_S + self._clock.now_ns() // NS_PER_S
+        self._nvram = Nvram(None, NvramRecord(boot_count=time_of_day_s))
+
+    def _start(
+        self, can: CanPort, tags: SerialPort, radio: RadioPort, now_ns: int, again: bool
+    ) -> Device:
+        if self._said is not None:
+            can = _SpokenCan(can, self._clock, self._said)
+        if self._port_log is not None:
+            log = self._port_log
+            can, tags, radio = log.can(can), log.tags(tags), log.radio(radio)
+        commission = self._commission(now_ns, again)
+        try:
+            device = self._make(commission, can, tags, radio)
+        except ControllerStartError as error:
+            if not again:
+                raise
+            # It was there before: the case can be run with it, and it is the one that failed.
+            words = str(error).removeprefix("controller: ")
+            at_s = self._clock.now_ns() / NS_PER_S
+            raise ControllerDiedError(
+                f"controller did not start again at t={at_s:.3f} s: {words}"
+            ) from error
+        if self._port_log is not None:
+            self._port_log.start(commission.table(), device.executive, virtual=True)
+        return device
+
+    def _commission(self, now_ns: int, again: bool) -> Commission:
+        # What the memory of the board held when it went down, it holds when it comes up.
+        config, journey, record = self._config, self._journey, self._nvram.record
+        start = remembered_start(config, record) if journey.wakes_up else None
+        if again:
+            start = unknown_start(config, journey.line, record)
+        return Commission(config, journey.line, journey.mission, record, now_ns, start)
+
+    def _make(
+        self, commission: Commission, can: CanPort, tags: SerialPort, radio: RadioPort
+    ) -> Device:
+        if self._controller.kind == SHIPPED.kind:
+            self._nvram = Nvram(None, commission.nvram)
+            return commission.device(
+                can=can,
+                tags=tags,
+                radio=radio,
+                nvram=self._nvram,
+                cycle_log=self._cycle_log,
+                event_log=self._event_log,
+            )
+        self.close()
+        # The memory of another program does not come back; that it was started again is known.
+        boots = commission.nvram.boot_count + 1
+        self._nvram = Nvram(None, NvramRecord(boot_count=boots))
+        self._granted = GrantedController(
+            program_of(self._controller),
+            commission,
+            can=can,
+            tags=tags,
+            radio=radio,
+            lease_s=self._controller.lease_s,
+        )
+        return self._granted
+
+    def close(self) -> None:
+        """End the process of a controller that has one."""
+        if self._granted is not None:
+            self._granted.close()
+            self._granted = None
+
+
+class _SpokenCan:
+    """The controller's own port, listened to before anything can happen to what it says."""
+
+    def __init__(self, port: CanPort, clock: Clock, said: Heard) -> None:
+        self._port, self._clock, self._said = port, clock, said
+
+    @property
+    def counters(self) -> LinkCounters:
+        return self._port.counters
+
+    def send(self, now_ns: int, can_id: int, data: bytes) -> None:
+        self._said(self._clock.now_ns(), can_id, data)
+        self._port.send(now_ns, can_id, data)
+
+    def receive(self, now_ns: int) -> Sequence[CanFrame]:
+        return self._port.receive(now_ns)
+
+    def close(self) -> None:
+        self._port.close()

@@ -1,0 +1,140 @@
+"""A controller in another process with the face of one in this process, for runs in lockstep."""
+
+from typing import Final
+
+from firmware_py import grants
+from firmware_py.clock.clock import NS_PER_S
+from firmware_py.clock.executive import Executive
+from firmware_py.ports import CanPort, RadioPort, SerialPort
+from metro_hil.external_controller.link import (
+    END_S,
+    LEASE_S,
+    START_S,
+    ControllerDiedError,
+    ControllerProgram,
+    ControllerStartError,
+    Link,
+    LinkDownError,
+)
+from metro_hil.external_controller.observed_state import Hearsay
+from vobc.process import Commission
+from vobc.vocabulary import CycleOutput
+
+SAME_INSTANT_MAX: Final = 1000
+"""So many grants at one instant are no progress."""
+
+
+class GrantedController:
+    """Run `executive`; call `stop` as the last thing, or `close` to end it without a word."""
+
+    def __init__(
+        self,
+        program: ControllerProgram,
+        commission: Commission,
+        *,
+        can: CanPort,
+        tags: SerialPort,
+        radio: RadioPort,
+        start_s: float = START_S,
+        lease_s: float = LEASE_S,
+    ) -> None:
+        """Start the program and greet it. Raises ControllerStartError.
+
+        Args:
+            start_s: wall time until it has answered hello.
+            lease_s: wall time for each answer from then on.
+        """
+        self._can, self._tags, self._radio = can, tags, radio
+        self._hearsay = Hearsay()
+        self._same_instant = 0
+        self._died: ControllerDiedError | None = None
+        self._link = Link(program, start_s=start_s, lease_s=lease_s)
+        try:
+            ready = self._greet(commission)
+        except BaseException:
+            self._link.close()
+            raise
+        self.name = ready.name
+        """As the program calls itself."""
+        self.executive = Executive.woken(
+            "grant", self._grant, max(ready.next_wakeup_ns, commission.start_ns)
+        )
+
+    @property
+    def output(self) -> CycleOutput:
+        """As far as its frames on the bus tell it."""
+        return self._hearsay.output
+
+    @property
+    def pid(self) -> int:
+        return self._link.pid
+
+    def _greet(self, commission: Commission) -> grants.Ready:
+        try:
+            answer = self._link.greet(grants.Hello(grants.VERSION, commission.table()))
+        except LinkDownError as error:
+            raise ControllerStartError(f"controller: at its start it {error}") from error
+        if isinstance(answer, grants.Refuse):
+            raise ControllerStartError(f"controller: refuses: {answer.reason}")
+        if not isinstance(answer, grants.Ready):
+            raise ControllerStartError("controller: answers hello with yield; ready is needed")
+        if answer.version != grants.VERSION:
+            raise ControllerStartError(
+                f"controller: speaks version {answer.version} of the protocol, "
+                f"the bench version {grants.VERSION}"
+            )
+        return answer
+
+    def _grant(self, now_ns: int) -> int:
+        message = grants.grant(
+            now_ns,
+            list(self._can.receive(now_ns)),
+            list(self._tags.receive(now_ns)),
+            list(self._radio.receive(now_ns)),
+        )
+        next_ns = self._exchange(now_ns, message)
+        self._same_instant = self._same_instant + 1 if next_ns <= now_ns else 0
+        if self._same_instant > SAME_INSTANT_MAX:
+            raise self._dead(now_ns, f"hung: {SAME_INSTANT_MAX} wake-ups at one instant")
+        return max(now_ns, next_ns)
+
+    def _exchange(self, now_ns: int, message: grants.OfBench) -> int:
+        """Pass on what it says; answers when it wants to be woken. Raises ControllerDiedError."""
+        try:
+            answer = self._link.exchange(message)
+            if not isinstance(answer, grants.Yield):
+                raise LinkDownError("broke the protocol: answers with no yield")
+            if answer.now_ns != now_ns:
+                raise LinkDownError(
+                    f"broke the protocol: answers what was said at {answer.now_ns / NS_PER_S:.3f} s"
+                )
+            said = grants.said(answer)
+        except LinkDownError as error:
+            raise self._dead(now_ns, str(error)) from error
+        except grants.GrantProtocolError as error:
+            raise self._dead(now_ns, f"broke the protocol: {error}") from error
+        for can_id, data in said.frames:
+            self._can.send(now_ns, can_id, data)
+            self._hearsay.frame(now_ns, can_id, data)
+        for chunk in said.serial:
+            self._tags.send(now_ns, chunk)
+        for key, payload in said.radio:
+            self._radio.send(now_ns, key, payload)
+        return answer.next_wakeup_ns
+
+    def _dead(self, now_ns: int, words: str) -> ControllerDiedError:
+        self._link.close()
+        did, _, how = words.partition(": ")
+        self._died = ControllerDiedError(f"controller {did} at t={now_ns / NS_PER_S:.3f} s: {how}")
+        return self._died
+
+    def stop(self, now_ns: int) -> None:
+        """Let it say its last word and end. Raises ControllerDiedError when it does not."""
+        if self._died is not None:
+            raise self._died
+        self._exchange(now_ns, grants.Stop(now_ns))
+        self._link.close(END_S)
+
+    def close(self) -> None:
+        """End its process without a word, as kill -9 does."""
+        self._link.close()

@@ -1,0 +1,202 @@
+"""A controller's process and the lines that are exchanged with it, each within a lease."""
+
+import contextlib
+import os
+import signal
+import socket
+import subprocess
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from firmware_py.clock.clock import NS_PER_S, WallClock
+from firmware_py.grants import (
+    LINE_BYTES_MAX,
+    GrantProtocolError,
+    OfBench,
+    OfController,
+    encode,
+    read_controller,
+)
+from firmware_py.settings import SettingsError
+
+SOCKET_WORD: Final = "{grant}"
+START_S: Final = 30.0
+"""Wall time for a program to start and to answer hello."""
+LEASE_S: Final = 5.0
+"""Wall time for each answer."""
+END_S: Final = 1.0
+POLL_S: Final = 0.05
+READ_BYTES: Final = 1 << 16
+LAST_LINES: Final = 4
+
+
+class ControllerStartError(SettingsError):
+    """The case cannot be run with this controller; the text says why."""
+
+
+class ControllerDiedError(Exception):
+    """The controller ended, hung or spoke nonsense during the run; the text says when and how."""
+
+
+class LinkDownError(Exception):
+    """No answer; the text begins with what the controller did."""
+
+
+@dataclass(frozen=True, slots=True)
+class ControllerProgram:
+    """What is started."""
+
+    words: tuple[str, ...]
+    """{grant} in one of them stands for the Unix socket."""
+    environment: Mapping[str, str]
+
+
+class Link:
+    """One process. It is ended by `close`, and told to end by the kernel's end of its input."""
+
+    def __init__(
+        self, program: ControllerProgram, *, start_s: float = START_S, lease_s: float = LEASE_S
+    ) -> None:
+        """Raises ControllerStartError."""
+        self._lease_s, self._start_s = lease_s, start_s
+        self._clock = WallClock()
+        self._received = bytearray()
+        self._errors = tempfile.TemporaryFile()  # noqa: SIM115
+        self._process: subprocess.Popen[bytes] | None = None
+        self._socket: socket.socket | None = None
+        try:
+            if any(SOCKET_WORD in word for word in program.words):
+                self._socket = self._accepted(program)
+            else:
+                self._socket = self._attached(program)
+        except BaseException:
+            self.close()
+            raise
+
+    def _attached(self, program: ControllerProgram) -> socket.socket:
+        """Standard input and output of the program are one end of a pair of sockets."""
+        ours, theirs = socket.socketpair()
+        with theirs:
+            self._start(program.words, program.environment, theirs.fileno())
+        return ours
+
+    def _accepted(self, program: ControllerProgram) -> socket.socket:
+        with tempfile.TemporaryDirectory(prefix="grant-") as folder:
+            path = str(Path(folder) / "s")
+            words = tuple(word.replace(SOCKET_WORD, path) for word in program.words)
+            with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as listener:
+                listener.bind(path)
+                listener.listen(1)
+                listener.settimeout(POLL_S)
+                self._start(words, program.environment, subprocess.DEVNULL)
+                until_ns = self._clock.now_ns() + round(self._start_s * NS_PER_S)
+                while self._clock.now_ns() < until_ns:
+                    with contextlib.suppress(TimeoutError):
+                        return listener.accept()[0]
+                    assert self._process is not None
+                    if self._process.poll() is not None:
+                        raise ControllerStartError(f"controller: {self._end_words()}")
+        raise ControllerStartError(
+            f"controller: did not connect to {SOCKET_WORD} within {self._start_s:g} s"
+        )
+
+    def _start(self, words: tuple[str, ...], environment: Mapping[str, str], wire: int) -> None:
+        try:
+            # A session of its own: Ctrl-C reaches the bench only.
+            self._process = subprocess.Popen(
+                words,
+                stdin=wire,
+                stdout=wire,
+                stderr=self._errors,
+                env=dict(environment),
+                start_new_session=True,
+            )
+        except OSError as error:
+            raise ControllerStartError(
+                f"controller: {words[0]}: cannot be started: {error.strerror}"
+            ) from error
+
+    @property
+    def pid(self) -> int:
+        assert self._process is not None
+        return self._process.pid
+
+    def greet(self, message: OfBench) -> OfController:
+        """As `exchange`, with the time that a start may take."""
+        return self._exchange(message, self._start_s)
+
+    def exchange(self, message: OfBench) -> OfController:
+        """Send one line and wait for its answer. Raises LinkDownError."""
+        return self._exchange(message, self._lease_s)
+
+    def _exchange(self, message: OfBench, lease_s: float) -> OfController:
+        assert self._socket is not None
+        until_ns = self._clock.now_ns() + round(lease_s * NS_PER_S)
+        try:
+            self._socket.settimeout(lease_s)
+            self._socket.sendall(encode(message))
+            line = self._line(until_ns)
+        except TimeoutError:
+            raise LinkDownError(f"hung: no answer within {lease_s:g} s") from None
+        except OSError:
+            raise LinkDownError(f"died: {self._end_words()}") from None
+        try:
+            return read_controller(line)
+        except GrantProtocolError as error:
+            raise LinkDownError(f"broke the protocol: {error}") from error
+
+    def _line(self, until_ns: int) -> bytes:
+        assert self._socket is not None
+        received = self._received
+        while (end := received.find(b"\n")) < 0:
+            if len(received) > LINE_BYTES_MAX:
+                raise LinkDownError(f"broke the protocol: a line of over {LINE_BYTES_MAX} bytes")
+            left_ns = until_ns - self._clock.now_ns()
+            if left_ns <= 0:
+                raise TimeoutError
+            self._socket.settimeout(left_ns / NS_PER_S)
+            piece = self._socket.recv(READ_BYTES)
+            if not piece:
+                raise LinkDownError(f"died: {self._end_words()}")
+            received += piece
+        line = bytes(received[:end])
+        del received[: end + 1]
+        if received:
+            raise LinkDownError("broke the protocol: it speaks without being asked")
+        return line
+
+    def _end_words(self) -> str:
+        """How the process ended, and the end of what it wrote to standard error."""
+        assert self._process is not None
+        try:
+            code = self._process.wait(END_S)
+        except subprocess.TimeoutExpired:
+            words = "it closed its connection"
+        else:
+            words = f"signal {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
+        said = self._last_words()
+        return f"{words}: {said}" if said else words
+
+    def _last_words(self) -> str:
+        # The file's place is shared with the process, so it is read without moving it.
+        size = os.fstat(self._errors.fileno()).st_size
+        length = min(size, READ_BYTES)
+        text = os.pread(self._errors.fileno(), length, size - length).decode("utf-8", "replace")
+        return " | ".join(line.strip() for line in text.strip().splitlines()[-LAST_LINES:])
+
+    def close(self, patience_s: float = 0.0) -> None:
+        """End the process, whatever state it is in; it has so long to end by itself."""
+        if self._socket is not None:
+            self._socket.close()
+        process = self._process
+        if process is not None:
+            try:
+                process.wait(patience_s)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+        if not self._errors.closed:
+            self._errors.close()

@@ -1,0 +1,150 @@
+"""Payloads made wrong: so that the codec's CRC shows it, and so that no check does."""
+
+import dataclasses
+import enum
+from binascii import crc_hqx
+from collections.abc import Mapping
+from typing import Any, Final
+
+import numpy as np
+
+from can_dbc.agreement import FieldLayout, payload_bytes
+from can_dbc.binding import Binding, Frame, Protection
+from can_dbc.packing import packer, unpacker
+from can_dbc.trailer import crc_of_data_id, opener
+from metro_hil.model.frame_names import Known, known_messages
+from plant_emulator.faults.acting import flipped
+
+TRIES: Final = 100
+
+
+def spoiled(can_id: int, data: bytes, bits: int, draws: np.random.Generator) -> bytes:
+    """So many bits inverted anywhere in the data; if it has a CRC, that does not fit any more.
+
+    A frame without a CRC is changed as well, and nobody can see it.
+    """
+    known = known_messages().get(can_id)
+    if known is None or known.bound.protection is Protection.NONE or not data:
+        return flipped(data, bits, draws) if data else data
+    opened = opener(_message(known))
+    for _ in range(TRIES):
+        wrong = flipped(data, bits, draws)
+        if opened(wrong) < 0:
+            return wrong
+    # All bits of a short frame wrong: there is only one such frame, and its CRC may fit.
+    return flipped(data, 1, draws)
+
+
+class Forger:
+    """Changes values in a sender's memory: counter, CRC and twin fit."""
+
+    def __init__(self, bits: int, draws: np.random.Generator) -> None:
+        self._bits, self._draws = bits, draws
+        self._pairs: dict[int, tuple[int, int]] = {}
+        """By identifier of the first half: alive counter and inverted bits of the last one."""
+
+    def forged(self, can_id: int, data: bytes, *, strike: bool) -> bytes | None:
+        """The frame with another value that every check accepts; None if it is left as it is.
+
+        `strike` decides for a whole pair when its first half comes; the second follows the first.
+        """
+        known = known_messages().get(can_id)
+        if known is None or len(data) != _message(known).length:
+            return None
+        bound = known.bound
+        size = payload_bytes(bound.message)
+        word = int.from_bytes(data[:size], "little")
+        counter = data[size] if bound.protection is not Protection.NONE else 0
+        if known.is_twin:
+            first = self._pairs.get(bound.message.frame_id)
+            if first is None or first[0] != counter:
+                return None
+            return sealed(known, word ^ first[1], counter)
+        self._pairs.pop(can_id, None)
+        flips = self._flips(bound, word) if strike else 0
+        if not flips:
+            return None
+        self._pairs[can_id] = (counter, flips)
+        return sealed(known, word ^ flips, counter)
+
+    def _flips(self, bound: Binding, word: int) -> int:
+        """Bits whose inversion gives another valid frame; 0 when none were found."""
+        read = unpacker(bound.kind)
+        genuine = read(word)
+        places = [place for each in bound.fields for place in _places(each)]
+        for attempt in range(TRIES):
+            if attempt < TRIES // 2:
+                count = min(self._bits, len(places))
+                chosen = self._draws.choice(len(places), size=count, replace=False)
+                flips = sum(1 << places[int(index)] for index in chosen)
+            else:
+                # Two-bit booleans and value tables may leave no room for these many bits, so that
+                # it is one whole signal.
+                field = bound.fields[int(self._draws.integers(len(bound.fields)))]
+                flips = int(self._draws.integers(1, 1 << field.length)) << field.start
+            forged = read(word ^ flips)
+            if forged is not None and forged != genuine:
+                return flips
+        return 0
+
+
+def masked(
+    bound: Binding, genuine: bytes, values: Mapping[str, float], counter: int, twins: bool
+) -> tuple[tuple[int, bytes], ...]:
+    """A frame with the genuine one's values but for these, sealed with this counter.
+
+    Empty when the genuine one cannot be read.
+    """
+    size = payload_bytes(bound.message)
+    known, word = known_messages()[bound.message.frame_id], int.from_bytes(genuine[:size], "little")
+    frame = unpacker(bound.kind)(word)
+    if frame is None or len(genuine) != bound.message.length:
+        return ()
+    fields = {field.name: field for field in bound.fields}
+    told = {name: _value(fields[name], value) for name, value in values.items()}
+    word = packer(bound.kind)(_replaced(frame, told))
+    first = (known.can_id, sealed(known, word, counter))
+    if bound.twin is None or not twins:
+        return (first,)
+    twin = known_messages()[bound.twin.frame_id]
+    inverted = word ^ ((1 << 8 * size) - 1)
+    return first, (twin.can_id, sealed(twin, inverted, counter))
+
+
+def alive_counter(bound: Binding, data: bytes) -> int:
+    """Of a protected frame; 0 for any other."""
+    size = payload_bytes(bound.message)
+    return data[size] if bound.protection is not Protection.NONE and len(data) > size else 0
+
+
+def sealed(known: Known, word: int, counter: int) -> bytes:
+    """Payload bits with trailer, if the message has one."""
+    size = payload_bytes(known.bound.message)
+    body = word.to_bytes(size, "little")
+    if known.bound.protection is Protection.NONE:
+        return body
+    body += bytes([counter])
+    crc = crc_hqx(body, crc_of_data_id(_message(known)))
+    return body + crc.to_bytes(2, "little")
+
+
+def _message(known: Known) -> Any:
+    bound = known.bound
+    return bound.twin if known.is_twin else bound.message
+
+
+def _places(field: FieldLayout) -> range:
+    return range(field.start, field.start + field.length)
+
+
+def _value(field: FieldLayout, value: float) -> object:
+    if field.kind is bool:
+        return bool(value)
+    if issubclass(field.kind, enum.Enum):
+        return field.kind(int(value))
+    return int(value) if field.kind is int else float(value)
+
+
+def _replaced(frame: Frame, told: Mapping[str, Any]) -> Frame:
+    changed: Frame = dataclasses.replace(frame, **told)
+    return changed

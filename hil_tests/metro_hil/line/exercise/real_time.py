@@ -1,0 +1,242 @@
+"""A line in real time: processes over real zenoh, watched and recorded by a session of its own."""
+
+import itertools
+import signal
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from can_dbc.vobc import Cause
+from firmware_py.clock.clock import WallClock
+from firmware_py.interrupts import Interrupts
+from firmware_py.radio.credentials import load_credentials
+from firmware_py.radio.zenoh_radio import Role, open_radio
+from firmware_py.trackdb import LineMap
+from firmware_py.trackdb.areas import AreaMap
+from metro_hil.line.exercise.event_log import LineStory
+from metro_hil.line.exercise.plan import Fault, Strike, Way
+from metro_hil.line.exercise.processes import WAYSIDE, LineCrew
+from metro_hil.line.exercise.record import LineRecord
+from metro_hil.line.network.options import OwnNetworks
+from metro_hil.line.network.topology import Topology
+from metro_hil.model.subprocesses import ChildError
+from zenoh_config import t2t_keys
+from zenoh_config.codec import BENCH_KEY, safety_key
+from zenoh_config.secured import SUPERVISION_NAME
+from zenoh_config.t2t import NOBODY
+
+POLL_NS: Final = 20_000_000
+NS_PER_S: Final = 1_000_000_000
+START_S: Final = 60.0
+INBOX_MESSAGES: Final = 1 << 16
+OLD: Final = Cause.AUTHORITY_OLD.name.lower().replace("_", " ")
+"""Without arbiters nobody may command, and authorities grow old: trains brake, as they must."""
+
+
+CUTS: Final = {
+    Strike.CUT_MASTER: ("cut", "is cut"),
+    Strike.MUTE_MASTER: ("mute", "lets nothing out"),
+    Strike.DEAFEN_MASTER: ("deafen", "lets nothing in"),
+}
+"""What the carrier of packets is told, and what the story says."""
+
+
+class Settings(NamedTuple):
+    line: LineMap
+    areas: AreaMap
+    line_name: str
+    """As it was asked for: a name or a file."""
+    ways: list[Way]
+    endpoint: str
+    timers: str
+    arbiters: int
+    faults: list[Fault]
+    down_s: float
+    """So long a program that was struck stays away."""
+    duration_s: float
+    priority: int
+    secure: Path | None = None
+    """Certificates and keys; None: the line is open."""
+    networks: OwnNetworks | None = None
+    """None: all programs share one network."""
+    topology: Topology = Topology.STAR
+
+
+class RealLine:
+    """Brings everything up, strikes as planned, and ends everything that it started."""
+
+    def __init__(self, settings: Settings, folder: Path, say: Callable[[float, str], None]) -> None:
+        self._settings, self._folder = settings, folder
+        self._clock = WallClock()
+        self._start_ns = self._clock.now_ns()
+        self._secure, key = None, BENCH_KEY
+        if settings.secure is not None:
+            self._secure = load_credentials(
+                settings.secure, SUPERVISION_NAME, self._clock.epoch_ns()
+            )
+            key = safety_key(self._secure.key_hex)
+        self.record = LineRecord(folder, say)
+        self._tell = self.record.tell
+        self.story = LineStory(settings.line, settings.areas, self._tell, key)
+        self.dropped = 0
+        """Messages that the recorder missed."""
+        self.carried: dict[str, dict[str, int]] = {}
+        """What became of packets by direction, where trains had networks of their own."""
+        self._faults = list(settings.faults)
+        self._later: list[tuple[int, Callable[[], None]]] = []
+        self._absent: set[str] = set()
+        """Programs that were struck and are not back yet."""
+        self._stopped: dict[str, int] = {}
+        """Trains whose controllers were stopped for a while, by the names of these."""
+
+    def run(self) -> bool:
+        """Whether it ran to its end. Raises BusError, RadioError, ChildError."""
+        settings, interrupts = self._settings, Interrupts()
+        with ExitStack() as stack:
+            stack.enter_context(interrupts.caught())
+            stack.callback(self.record.close)
+            crew = LineCrew(
+                *(self._folder, settings.line_name, settings.endpoint, stack),
+                timers=settings.timers,
+                arbiters=settings.arbiters,
+                relayed=any(each.strike is Strike.CUT_MASTER for each in settings.faults),
+                trains=len(settings.ways),
+                priority=settings.priority,
+                secure=settings.secure,
+                networks=settings.networks,
+                topology=settings.topology,
+            )
+            crew.start_wayside()
+            topics = t2t_keys.of_line(settings.areas.name)
+            port = open_radio(
+                *(Role.TRAIN, settings.endpoint, topics, self._clock),
+                inbox_messages=INBOX_MESSAGES,
+                secure=self._secure,
+            )
+            stack.callback(port.close)
+            for number, way in enumerate(settings.ways, start=1):
+                crew.start_plant(number, way)
+            numbers = range(1, len(settings.ways) + 1)
+            taps = [crew.tap(number) for number in numbers]
+            for number in numbers:
+                crew.start_controller(number)
+            began_ns = None
+            while not interrupts.asked:
+                self._clock.wait_until(self._clock.now_ns() + POLL_NS)
+                now_ns = self._clock.now_ns()
+                heard = port.receive(now_ns)
+                self.record.hears(heard)
+                self.story.hears(heard)
+                for said in itertools.chain.from_iterable([tap.hears(now_ns) for tap in taps]):
+                    self.story.tells(said.train, said.supervision, said.cause, said.at_ns)
+                self.dropped = port.counters.dropped_in
+                self._look_after(crew)
+                if began_ns is None:
+                    began_ns = self._beginning(now_ns)
+                    continue
+                if now_ns - began_ns >= settings.duration_s * NS_PER_S:
+                    self.carried = crew.carried()
+                    return True
+                self._strike(crew, now_ns, began_ns)
+        return False
+
+    def _beginning(self, now_ns: int) -> int | None:
+        """When all trains are commanded, or have had long enough for it."""
+        trains = len(self._settings.ways)
+        commanded = sum(bool(each.given) for each in self.story.trains.values())
+        if commanded == trains:
+            begins = "the run begins: faults and --for count from here"
+            self._tell(now_ns, f"all {trains} trains are commanded; {begins}")
+            return now_ns
+        if now_ns - self._start_ns > START_S * NS_PER_S:
+            self._tell(now_ns, f"only {commanded} of {trains} trains are commanded; it begins")
+            return now_ns
+        return None
+
+    def _look_after(self, crew: LineCrew) -> None:
+        """A program that ends unasked ends the run; a watchdog may end one that was stopped."""
+        for child in crew.ended():
+            if child.name in self._absent:
+                continue
+            train = self._stopped.pop(child.name, NOBODY)
+            if train == NOBODY:
+                raise ChildError(f"{child.name} ended {child.end_words()}:\n{child.last_words()}")
+            now_ns = self._clock.now_ns()
+            self._tell(now_ns, f"train {train}: its watchdog ended it, {child.end_words()}")
+            self._anew(crew, train)
+
+    # Faults.
+
+    def _strike(self, crew: LineCrew, now_ns: int, began_ns: int) -> None:
+        for due_ns, action in list(self._later):
+            if now_ns >= due_ns:
+                self._later.remove((due_ns, action))
+                action()
+        while self._faults and now_ns - began_ns >= self._faults[0].at_s * NS_PER_S:
+            self._bring_about(crew, self._faults.pop(0), now_ns)
+
+    def _bring_about(self, crew: LineCrew, fault: Fault, now_ns: int) -> None:
+        strike = fault.strike
+        if strike is Strike.CRASH_WAYSIDE:
+            self._tell(now_ns, "the wayside with its arbiters is killed")
+            self.story.excused.add(OLD)
+            self._away(crew, WAYSIDE, signal.SIGKILL, lambda: self._wayside_anew(crew))
+            return
+        train = fault.train if strike is Strike.RESTART_TRAIN else self._master()
+        if train == NOBODY:
+            self._tell(now_ns, f"{strike.value.removesuffix('-at')}: nobody commands")
+            return
+        self.story.strikes(train)
+        name = f"controller {train}"
+        if strike in CUTS:
+            order, words = CUTS[strike]
+            self._tell(now_ns, f"the radio of train {train} {words}")
+            crew.order(order, train)
+            self._in(lambda: self._heal(crew, train))
+        elif strike is Strike.STOP_MASTER:
+            self._tell(now_ns, f"the controller of train {train} is stopped by SIGSTOP")
+            self._away(crew, name, signal.SIGSTOP, lambda: self._go_on(crew, train))
+        else:
+            by = signal.SIGKILL if strike is Strike.KILL_MASTER else signal.SIGTERM
+            self._tell(now_ns, f"the controller of train {train} is ended by {by.name}")
+            self._away(crew, name, by, lambda: self._anew(crew, train))
+
+    def _away(
+        self, crew: LineCrew, name: str, number: signal.Signals, back: Callable[[], None]
+    ) -> None:
+        self._absent.add(name)
+        crew.strike(name, number)
+
+        def come_back() -> None:
+            back()
+            self._absent.discard(name)
+
+        self._in(come_back)
+
+    def _in(self, action: Callable[[], None]) -> None:
+        due_ns = self._clock.now_ns() + round(self._settings.down_s * NS_PER_S)
+        self._later.append((due_ns, action))
+
+    def _wayside_anew(self, crew: LineCrew) -> None:
+        self._tell(self._clock.now_ns(), "the wayside with its arbiters is started again")
+        crew.start_wayside()
+
+    def _anew(self, crew: LineCrew, train: int) -> None:
+        self._tell(self._clock.now_ns(), f"the controller of train {train} is started again")
+        crew.start_controller(train)
+
+    def _go_on(self, crew: LineCrew, train: int) -> None:
+        self._tell(self._clock.now_ns(), f"the controller of train {train} goes on")
+        self._stopped[f"controller {train}"] = train
+        crew.strike(f"controller {train}", signal.SIGCONT)
+
+    def _heal(self, crew: LineCrew, train: int) -> None:
+        self._tell(self._clock.now_ns(), f"the radio of train {train} works again")
+        crew.order("heal", train)
+
+    def _master(self) -> int:
+        """Of the rearmost area that is commanded."""
+        for _, area in sorted(self.story.areas.items()):
+            return area.heartbeat.source
+        return NOBODY

@@ -1,0 +1,46 @@
+"""What a run of a line leaves: what was said on its radio, and its story."""
+
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Final
+
+from firmware_py.ports import RadioMessage
+from firmware_py.storage.recorder import RadioLog, SerialDirection
+
+LINE_LOG: Final = "line.log"
+STORY: Final = "story.txt"
+NS_PER_S: Final = 1e9
+
+
+class LineRecord:
+    """Seconds of the story count from the first message of `line.log`, as `vobc line-log` does."""
+
+    def __init__(self, folder: Path, say: Callable[[float, str], None]) -> None:
+        """Raises RecorderError, and OSError for the story."""
+        # By the clock that is echoed in messages, so that latencies can be read off it.
+        self._log = RadioLog(folder / LINE_LOG)
+        self._story = (folder / STORY).open("w", buffering=1, encoding="utf-8")
+        self._say = say
+        self._zero_ns: int | None = None
+
+    def hears(self, messages: Iterable[RadioMessage]) -> None:
+        for each in messages:
+            self._zero_ns = each.stamp_ns if self._zero_ns is None else self._zero_ns
+            self._log.message(each.stamp_ns, SerialDirection.RX, each.key, each.payload)
+
+    def second_of(self, at_ns: int) -> float:
+        return 0.0 if self._zero_ns is None else (at_ns - self._zero_ns) / NS_PER_S
+
+    def tell(self, now_ns: int, words: str) -> None:
+        at_s = self.second_of(now_ns)
+        self._story.write(told(at_s, words) + "\n")
+        self._say(at_s, words)
+
+    def close(self) -> None:
+        self._log.close()
+        self._story.close()
+
+
+def told(at_s: float, words: str) -> str:
+    """A line of the story."""
+    return f"{at_s:8.2f} s  {words}"

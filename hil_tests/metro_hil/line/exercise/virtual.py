@@ -1,0 +1,119 @@
+"""A line in virtual time, in one process: struck, watched and recorded as one in real time is."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Final
+
+from firmware_py.clock.executive import Executive
+from metro_hil.line.exercise.event_log import LineStory
+from metro_hil.line.exercise.plan import ONE_WAY, Fault, Strike
+from metro_hil.line.exercise.real_time import OLD, Settings
+from metro_hil.line.exercise.record import LineRecord
+from metro_hil.line.train_group import AXLES, LineBench, Run
+from plant_emulator.wayside.detection import Place
+from vobc.config import load_config
+from vobc.train_to_train.vocabulary import T2tConfig
+from zenoh_config import t2t_keys
+from zenoh_config.t2t import FIRST_ARBITER
+from zenoh_config.timers import TIMER_SETS
+
+LOOK_S: Final = 0.05
+NS_PER_S: Final = 1_000_000_000
+NOT_HERE: Final = (Strike.RESTART_TRAIN, *ONE_WAY)
+"""What takes processes, or networks of their own."""
+
+
+class VirtualLine:
+    def __init__(
+        self, settings: Settings, folder: Path, say: Callable[[float, str], None], *, seed: int
+    ) -> None:
+        """Raises SettingsError where line and stations do not fit together."""
+        arbiters = tuple(range(FIRST_ARBITER, FIRST_ARBITER + settings.arbiters))
+        config = T2tConfig(timers=TIMER_SETS[settings.timers], arbiters=arbiters)
+        runs = [Run(*way) for way in settings.ways]
+        self.bench = LineBench(
+            load_config("florence4"), settings.areas, runs, t2t=config, seed=seed
+        )
+        self.record = LineRecord(folder, say)
+        self._tell = self.record.tell
+        self.story = LineStory(settings.line, settings.areas, self._tell)
+        self.dropped = 0
+        self.carried: dict[str, dict[str, int]] = {}
+        """Nothing is carried between networks here."""
+        self._settings = settings
+        self._tap = self.bench.air.port("tap", t2t_keys.of_line(settings.areas.name))
+        self._faults = list(settings.faults)
+        self._later: list[tuple[int, Callable[[], None]]] = []
+
+    def run(self) -> bool:
+        """True, as nobody interrupts it but by an exception."""
+        bench = self.bench
+        end_ns = bench.clock.now_ns() + round(self._settings.duration_s * NS_PER_S)
+        try:
+            while bench.clock.now_ns() < end_ns:
+                bench.run(LOOK_S)
+                self._look()
+                self._strike()
+        finally:
+            self.record.close()
+        return True
+
+    def _look(self) -> None:
+        now_ns = self.bench.clock.now_ns()
+        heard = self._tap.receive(now_ns)
+        self.record.hears(heard)
+        self.story.hears(heard)
+        self.dropped = self._tap.counters.dropped_in
+        for number, train in self.bench.trains.items():
+            world, output = train.plant.world, train.vobc.output
+            rear_m = world.front_m - world.length_m
+            self.story.stands(number, Place(world.front_m, rear_m, AXLES, now_ns))
+            self.story.tells(number, output.supervision, output.emergency_cause, now_ns)
+
+    def _strike(self) -> None:
+        now_ns = self.bench.clock.now_ns()
+        for due_ns, action in list(self._later):
+            if now_ns >= due_ns:
+                self._later.remove((due_ns, action))
+                action()
+        while self._faults and now_ns >= self._faults[0].at_s * NS_PER_S:
+            self._bring_about(self._faults.pop(0))
+
+    def _bring_about(self, fault: Fault) -> None:
+        bench, now_ns = self.bench, self.bench.clock.now_ns()
+        if fault.strike is Strike.CRASH_WAYSIDE:
+            self._tell(now_ns, "the wayside with its arbiters dies")
+            self.story.excused.add(OLD)
+            bench.crash_wayside()
+            self._in(self._wayside_anew)
+            return
+        masters = [m for area in bench.areas.areas for m in bench.masters(area.number)]
+        if not masters:
+            self._tell(now_ns, "nobody commands")
+            return
+        train = masters[0]
+        self.story.strikes(train)
+        if fault.strike is Strike.CUT_MASTER:
+            self._tell(now_ns, f"the radio of train {train} is cut")
+            for other in [*[f"train {n}" for n in bench.trains if n != train], "wayside"]:
+                bench.air.cut(f"train {train}", other)
+            self._in(bench.air.heal)
+        elif fault.strike is Strike.STOP_MASTER:
+            self._tell(now_ns, f"the controller of train {train} stops")
+            executive = bench.stop(train)
+            self._in(lambda: self._go_on(executive, train))
+        else:
+            self._tell(now_ns, f"the controller of train {train} dies")
+            bench.kill(train)
+
+    def _wayside_anew(self) -> None:
+        self._tell(self.bench.clock.now_ns(), "the wayside with its arbiters is started again")
+        self.bench.restart_wayside()
+
+    def _go_on(self, executive: Executive, train: int) -> None:
+        self._tell(self.bench.clock.now_ns(), f"the controller of train {train} goes on")
+        self.bench.go_on(executive)
+
+    def _in(self, action: Callable[[], None]) -> None:
+        due_ns = self.bench.clock.now_ns() + round(self._settings.down_s * NS_PER_S)
+        self._later.append((due_ns, action))

@@ -1,0 +1,268 @@
+"""Runs all trains of a line side by side, tied together once an interval, the same in any order.
+
+What a train says about an interval is answered before the one after next, so that no train waits
+for another. There are as many processes as processors: each process more costs every train more
+than it gains, since a processor keeps little at hand of several (seven trains in as many processes
+took 1.6 times the computing that they take in two).
+"""
+
+import gc
+import itertools
+import math
+import multiprocessing
+import os
+import struct
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from metro_hil.line.virtual.member import LinePlan, Seat, TrainReport
+from metro_hil.model.gc_tuning import collect_rarely
+from metro_hil.model.run_folder import RunFolder
+from plant_emulator.traffic.coupling import INTERVAL_S, Answer, Books, Coupling, Said
+
+AHEAD: Final = 2
+"""Intervals that a train runs before it needs an answer."""
+RECORD_EVERY: Final = 5
+"""Intervals: a row of the record each second."""
+SAID_NUMBERS: Final = len(Said._fields)
+ANSWER_NUMBERS: Final = len(Answer._fields)
+GONE: Final = (EOFError, BrokenPipeError, ConnectionResetError)
+"""What tells that the process at the other end has ended."""
+
+
+Member = tuple[int, RunFolder | None]
+"""Index of a train, and where its logs go."""
+
+
+class Row(NamedTuple):
+    """Of the record: one instant of the line, trains in their order."""
+
+    said: tuple[Said, ...]
+    answers: tuple[Answer, ...]
+    substations_w: tuple[float, ...]
+
+
+class TrainDiedError(Exception):
+    """A train's process ended before its time; the text says which and why."""
+
+
+@dataclass(slots=True)
+class LineRecord:
+    """What came of it all."""
+
+    interval_s: float = INTERVAL_S * RECORD_EVERY
+    rows: list[Row] = field(default_factory=list)
+    reports: list[TrainReport] = field(default_factory=list)
+    books: Books = field(default_factory=Books)
+    unconverged: int = 0
+    solved: int = 0
+    least_gap_m: float = float("inf")
+    """From a front to the rear ahead, by the truth."""
+
+
+class _Here:
+    """Some trains, one after the other in this process."""
+
+    def __init__(self, plan: LinePlan, members: Sequence[Member]) -> None:
+        self.trains = len(members)
+        self._seats = [Seat(plan, index, folder) for index, folder in members]
+        self._waiting: list[Sequence[Answer]] = []
+        self._intervals = 0
+
+    def said(self) -> list[Said]:
+        """Of the next interval; before it they hear what was answered to the one before last."""
+        if self._intervals >= AHEAD:
+            self._hear()
+        self._intervals += 1
+        return [seat.advance() for seat in self._seats]
+
+    def answer(self, answers: Sequence[Answer]) -> None:
+        self._waiting.append(answers)
+
+    def reports(self) -> list[TrainReport]:
+        while self._waiting:
+            self._hear()
+        return [seat.close() for seat in self._seats]
+
+    def _hear(self) -> None:
+        for seat, answer in zip(self._seats, self._waiting.pop(0), strict=True):
+            seat.hears(answer)
+
+
+class _There:
+    """Some trains in a process of their own, which runs ahead by itself."""
+
+    def __init__(self, plan: LinePlan, members: Sequence[Member], intervals: int) -> None:
+        self.trains = len(members)
+        self._names = _names(plan, members)
+        self._said, self._answer = _packing(len(members))
+        context = multiprocessing.get_context("fork")
+        self._pipe, theirs = context.Pipe()
+        self.process = context.Process(
+            target=_serve, args=(plan, members, intervals, theirs), daemon=True
+        )
+        self.process.start()
+        theirs.close()
+
+    def said(self) -> list[Said]:
+        try:
+            numbers = self._said.unpack(_read(self._pipe, self._said.size))
+        except GONE as error:
+            raise self._died() from error
+        return [Said(*part) for part in _parts(numbers, SAID_NUMBERS)]
+
+    def answer(self, answers: Sequence[Answer]) -> None:
+        try:
+            _write(self._pipe, self._answer.pack(*itertools.chain(*answers)))
+        except GONE as error:
+            raise self._died() from error
+
+    def reports(self) -> list[TrainReport]:
+        try:
+            reports: list[TrainReport] = self._pipe.recv()
+        except GONE as error:
+            raise self._died() from error
+        self.process.join()
+        return reports
+
+    def _died(self) -> TrainDiedError:
+        self.process.join()
+        return TrainDiedError(
+            f"{self._names}: its process ended with {self.process.exitcode}, see above"
+        )
+
+
+def _names(plan: LinePlan, members: Sequence[Member]) -> str:
+    numbers = ", ".join(str(plan.starts[index].train) for index, _ in members)
+    return f"train{'' if len(members) == 1 else 's'} {numbers}"
+
+
+def _packing(trains: int) -> tuple[struct.Struct, struct.Struct]:
+    """Of what trains of one process say and are answered."""
+    return (
+        struct.Struct(f"<{trains * SAID_NUMBERS}d"),
+        struct.Struct(f"<{trains * ANSWER_NUMBERS}d"),
+    )
+
+
+def _parts(numbers: tuple[float, ...], size: int) -> list[tuple[float, ...]]:
+    return [numbers[at : at + size] for at in range(0, len(numbers), size)]
+
+
+def _read(pipe: Connection, size: int) -> bytes:
+    """Exactly so much, a message of a known size; raises EOFError when the other end is gone.
+
+    A connection's own messages begin with their length, which is one call of the system more.
+    """
+    found = b""
+    while len(found) < size:
+        more = os.read(pipe.fileno(), size - len(found))
+        if not more:
+            raise EOFError
+        found += more
+    return found
+
+
+def _write(pipe: Connection, data: bytes) -> None:
+    while data:
+        data = data[os.write(pipe.fileno(), data) :]
+
+
+def _serve(plan: LinePlan, members: Sequence[Member], intervals: int, pipe: Connection) -> None:
+    """Some trains from beginning to end, in a process of their own."""
+    collect_rarely()
+    gc.freeze()
+    says, answered = _packing(len(members))
+    trains = _Here(plan, members)
+
+    def hear() -> None:
+        numbers = answered.unpack(_read(pipe, answered.size))
+        trains.answer([Answer(*part) for part in _parts(numbers, ANSWER_NUMBERS)])
+
+    for interval in range(intervals):
+        if interval >= AHEAD:
+            hear()
+        _write(pipe, says.pack(*itertools.chain(*trains.said())))
+    for _ in range(min(AHEAD, intervals)):
+        hear()
+    pipe.send(trains.reports())
+
+
+def groups(trains: int, processors: int) -> list[range]:
+    """Which trains share a process; the last and smallest group shares that of the network."""
+    size = math.ceil(trains / processors)
+    return [range(at, min(at + size, trains)) for at in range(0, trains, size)]
+
+
+def conduct(
+    plan: LinePlan,
+    duration_s: float,
+    *,
+    folders: Sequence[Path | None],
+    processors: int | None = None,
+    told: Callable[[float], None] = lambda now_s: None,
+) -> LineRecord:
+    """All trains for so long; raises TrainDiedError.
+
+    Args:
+        folders: of each train's logs; None logs nothing of it.
+        processors: to be kept busy; by default all that there are, with 1 there is one process.
+        told: now and then hears how far it is.
+    """
+    intervals = max(1, round(duration_s / INTERVAL_S))
+    paths = [None if path is None else RunFolder(path) for path in folders]
+    *others, last = [
+        [(index, paths[index]) for index in group]
+        for group in groups(len(folders), processors or len(os.sched_getaffinity(0)))
+    ]
+    gc.freeze()
+    there = [_There(plan, members, intervals) for members in others]
+    try:
+        return _tied(plan, [*there, _Here(plan, last)], intervals, told)
+    finally:
+        gc.unfreeze()
+        for party in there:
+            if party.process.is_alive():
+                party.process.terminate()
+
+
+def _tied(
+    plan: LinePlan,
+    parties: Sequence[_Here | _There],
+    intervals: int,
+    told: Callable[[float], None],
+) -> LineRecord:
+    coupling = Coupling(plan.traffic, plan.supply)
+    record = LineRecord(books=coupling.books)
+    length_m = plan.scenarios[0].train.length_m
+    for interval in range(intervals):
+        said = _all_said(parties)
+        answers = coupling.answers(said)
+        # At once: who is ahead of the others needs them first.
+        _give(parties, answers)
+        for ahead, behind in itertools.pairwise(said):
+            gap_m = ahead.front_m - length_m - behind.front_m
+            record.least_gap_m = min(record.least_gap_m, gap_m)
+        if interval % RECORD_EVERY == 0:
+            record.rows.append(Row(tuple(said), tuple(answers), coupling.substations_w))
+            told(interval * INTERVAL_S)
+    record.reports = [report for party in parties for report in party.reports()]
+    record.unconverged = coupling.network.unconverged
+    record.solved = coupling.network.solved
+    return record
+
+
+def _all_said(parties: Sequence[_Here | _There]) -> list[Said]:
+    """In the order of the trains. Those of this process run first, while the others do, too."""
+    found = [party.said() for party in reversed(parties)]
+    return [said for party in reversed(found) for said in party]
+
+
+def _give(parties: Sequence[_Here | _There], answers: Sequence[Answer]) -> None:
+    given = 0
+    for party in parties:
+        party.answer(answers[given : given + party.trains])
+        given += party.trains

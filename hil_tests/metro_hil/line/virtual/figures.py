@@ -1,0 +1,111 @@
+"""The page of a line's run: trains over time and place, voltages, substations, where regenerated
+energy went, and how late runs were."""
+
+from pathlib import Path
+from typing import Final
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from metro_hil.line.virtual.coordinator import LineRecord
+from metro_hil.line.virtual.member import LinePlan
+from plant_emulator.power.supplies import SUBSTATIONS_M
+
+INK, QUIET, USED, BURNT = "#1f2933", "#7b8794", "#2f9e44", "#c0242b"
+KW: Final = 1000.0
+J_PER_KWH: Final = 3.6e6
+ON_TIME_S: Final = 2.0
+Numbers = NDArray[np.float64]
+
+
+def draw(path: Path, plan: LinePlan, record: LineRecord, law: str) -> None:
+    """Write a PNG."""
+    time_s = np.array([n * record.interval_s for n in range(len(record.rows))])
+    with mpl.rc_context({"font.size": 8, "axes.edgecolor": QUIET, "text.color": INK}):
+        figure = Figure(figsize=(13.0, 14.0), dpi=100, layout="constrained")
+        FigureCanvasAgg(figure)
+        figure.suptitle(
+            f"{len(plan.starts)} trains on {plan.line.name}, law {law}, {plan.supply.name} network"
+        )
+        rows = figure.subplots(5, 1, height_ratios=(3.0, 2.0, 2.0, 1.4, 1.4))
+        _diagram(rows[0], plan, record, time_s)
+        _voltages(rows[1], plan, record, time_s)
+        _substations(rows[2], record, time_s)
+        _regeneration(rows[3], record)
+        _lateness(rows[4], record)
+        for axes in rows[:3]:
+            axes.set_xlim(0.0, float(time_s[-1]) if len(time_s) > 1 else 1.0)
+        for axes in rows[1:3]:
+            axes.sharex(rows[0])
+        figure.savefig(path)
+
+
+def _diagram(axes: Axes, plan: LinePlan, record: LineRecord, time_s: Numbers) -> None:
+    for index, start in enumerate(plan.starts):
+        places = [plan.traffic.place_m(row.said[index].front_m) / KW for row in record.rows]
+        axes.plot(time_s, places, linewidth=1.0, label=f"train {start.train}")
+    for station in plan.line.stations[: plan.traffic.stations_a_lap // 2]:
+        axes.axhline(station.stop_m / KW, color=QUIET, linewidth=0.4)
+        axes.annotate(
+            station.name,
+            (0.0, station.stop_m / KW),
+            xytext=(3, 2),
+            textcoords="offset points",
+            color=QUIET,
+            fontsize=7,
+        )
+    axes.set_ylabel("place in km")
+    axes.legend(fontsize=7, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=7, frameon=False)
+
+
+def _voltages(axes: Axes, plan: LinePlan, record: LineRecord, time_s: Numbers) -> None:
+    for index in range(len(plan.starts)):
+        volts = [row.answers[index].voltage_v for row in record.rows]
+        axes.plot(time_s, volts, linewidth=0.6)
+    axes.axhline(plan.supply.no_load_v, color=INK, linewidth=0.8, linestyle="--")
+    axes.axhline(plan.supply.voltages.chops_from_v, color=BURNT, linewidth=0.8, linestyle=":")
+    axes.set_ylabel("voltage at pantographs in V")
+    axes.set_title(
+        "dashed: no load; dotted: braking resistors begin", fontsize=7, loc="right", color=QUIET
+    )
+
+
+def _substations(axes: Axes, record: LineRecord, time_s: Numbers) -> None:
+    given_kw = np.array([row.substations_w for row in record.rows]) / KW
+    labels = [f"{at_m / KW:.1f} km" for at_m in SUBSTATIONS_M]
+    axes.stackplot(time_s, given_kw.T, labels=labels)
+    axes.set_ylabel("substations in kW")
+    axes.set_xlabel("time in s")
+    axes.margins(y=0.15)
+    axes.legend(fontsize=7, loc="upper right", ncols=5)
+
+
+def _regeneration(axes: Axes, record: LineRecord) -> None:
+    names = [f"train {report.train}" for report in record.reports]
+    burnt = np.array([report.resistor_j for report in record.reports]) / J_PER_KWH
+    braked = np.array([report.braking_j for report in record.reports]) / J_PER_KWH
+    places = np.arange(len(names))
+    axes.bar(places, braked - burnt, color=USED, label="used by itself and others")
+    axes.bar(places, burnt, bottom=braked - burnt, color=BURNT, label="braking resistors")
+    axes.set_xticks(places, names)
+    axes.set_ylabel("regenerated in kWh")
+    axes.margins(y=0.35)
+    axes.legend(fontsize=7)
+
+
+def _lateness(axes: Axes, record: LineRecord) -> None:
+    late_s = [run.late_s for report in record.reports for run in report.runs]
+    axes.axvspan(-ON_TIME_S, ON_TIME_S, color=USED, alpha=0.12)
+    if late_s:
+        edge_s = max(5.0, float(np.ceil(np.max(np.abs(late_s)))))
+        axes.hist(
+            late_s,
+            bins=[n * 0.25 for n in range(round(-4 * edge_s), round(4 * edge_s) + 1)],
+            color="#0b62c4",
+        )
+    axes.set_xlabel("running time against plan in s")
+    axes.set_ylabel("runs")

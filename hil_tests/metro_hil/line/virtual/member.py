@@ -1,0 +1,145 @@
+"""One train of a line in virtual time: controller, plant and bus, run on interval by interval."""
+
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+from can_dbc.vobc import Supervision
+from firmware_py.settings import SettingsError
+from firmware_py.trackdb import LineMap, load_line
+from metro_hil.model.frame_hash import FrameChain
+from metro_hil.model.mission import Journey, check_reference
+from metro_hil.model.run_folder import RunFolder
+from metro_hil.run.lockstep import Lockstep, Taps
+from plant_emulator.power.supplies import SUPPLIES, Supply
+from plant_emulator.traffic.config import TrafficConfig, traffic_of
+from plant_emulator.traffic.coupling import INTERVAL_NS, Answer, Said
+from plant_emulator.traffic.dispatcher import Run
+from plant_emulator.traffic.member import Member, leader_rear_m, scenarios_of
+from plant_emulator.traffic.timetable import LapTimetable, Start, lap_timetable, starts
+from plant_emulator.world import Scenario
+from vobc.config import VobcConfig, load_config, plan_mission
+
+
+@dataclass(frozen=True, slots=True)
+class LinePlan:
+    """All that is decided before the first step."""
+
+    traffic: TrafficConfig
+    timetable: LapTimetable
+    line: LineMap
+    supply: Supply
+    starts: tuple[Start, ...]
+    scenarios: tuple[Scenario, ...] = field(repr=False)
+    config: VobcConfig = field(repr=False)
+    seed: int
+
+
+def plan_line(
+    *,
+    line: str,
+    trains: int,
+    consist: str | None,
+    params: str | None,
+    seed: int,
+    law: str | None = None,
+    supply: str | None = None,
+    cycle_ms: float | None = None,
+    stage: str | None = None,
+    load_ratio: float | None = None,
+    odometer_error_ratio: float | None = None,
+) -> LinePlan:
+    """None takes what the line's traffic says. Raises SettingsError."""
+    traffic = traffic_of(line)
+    track = load_line(traffic.line)
+    if supply is not None and supply not in SUPPLIES:
+        raise SettingsError(f"--supply {supply}: there is {', '.join(sorted(SUPPLIES))}")
+    placed = starts(traffic, track, trains)
+    scenarios = scenarios_of(
+        traffic,
+        placed,
+        consist=consist,
+        seed=seed,
+        load_ratio=load_ratio,
+        odometer_error_ratio=odometer_error_ratio,
+    )
+    config = load_config(params or traffic.consist, cycle_ms=cycle_ms, law=law, stage=stage)
+    check_reference(config, scenarios[0].train)
+    timetable = lap_timetable(traffic, track)
+    network = SUPPLIES[supply or traffic.supply]
+    return LinePlan(traffic, timetable, track, network, placed, scenarios, config, seed)
+
+
+class TrainReport(NamedTuple):
+    """What one train has come to; energies in J as its own box metered them."""
+
+    train: int
+    frames: int
+    frame_chain: str
+    runs: tuple[Run, ...]
+    emergencies: int
+    drawn_j: float
+    returned_j: float
+    resistor_j: float
+    traction_j: float
+    braking_j: float
+    auxiliary_j: float
+    lost_log_lines: int
+
+
+class Seat:
+    """One train; `advance` runs it to the end of the next interval."""
+
+    def __init__(self, plan: LinePlan, index: int, folder: RunFolder | None) -> None:
+        start, scenario = plan.starts[index], plan.scenarios[index]
+        config = replace(plan.config, address=start.train)
+        mission = plan_mission(plan.line, start.station.name, None)
+        self.chain = FrameChain()
+        self._bench = Lockstep(
+            config,
+            scenario,
+            Journey(plan.line, mission),
+            folder,
+            taps=Taps(frame=self.chain.frame),
+        )
+        self.member = Member(
+            self._bench.plant,
+            plan.traffic,
+            plan.timetable,
+            start,
+            start_ns=0,
+            leader_rear_m=leader_rear_m(plan.traffic, plan.starts, index, scenario.train.length_m),
+        )
+        self._intervals = 0
+        self._emergency = False
+        self._emergencies = 0
+
+    def advance(self) -> Said:
+        self._intervals += 1
+        end_ns = self._intervals * INTERVAL_NS
+        self._bench.run_until(lambda now_ns: now_ns >= end_ns)
+        emergency = self._bench.vobc.output.supervision is Supervision.EMERGENCY
+        self._emergencies += emergency and not self._emergency
+        self._emergency = emergency
+        return self.member.says(end_ns)
+
+    def hears(self, answer: Answer) -> None:
+        self.member.hears(answer)
+
+    def close(self) -> TrainReport:
+        """End the logs, and tell."""
+        self._bench.close()
+        power = self._bench.plant.world.power
+        return TrainReport(
+            train=self.member.train,
+            frames=self.chain.frames,
+            frame_chain=self.chain.value,
+            runs=tuple(self.member.dispatcher.runs),
+            emergencies=self._emergencies,
+            drawn_j=power.drawn_j,
+            returned_j=power.returned_j,
+            resistor_j=power.resistor_j,
+            traction_j=power.traction_j,
+            braking_j=power.braking_j,
+            auxiliary_j=power.auxiliary_j,
+            lost_log_lines=self._bench.lost_log_lines,
+        )

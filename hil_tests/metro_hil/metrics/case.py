@@ -1,0 +1,158 @@
+"""Measures of one case by name; the unit is the last part of the name."""
+
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from can_dbc.doors import DoorState
+from firmware_py.trackdb import Station
+from metro_hil.metrics.comfort import felt_worst
+from metro_hil.metrics.run import measure_ride, measure_stops
+from metro_hil.model.log_columns import Columns
+from plant_emulator.process import TRUTH_COLUMNS
+
+NAMES: Final[Mapping[str, str]] = {
+    "stop_error_worst_m": "greatest distance from the stopping point of all stops made",
+    "stop_error_mean_m": "mean distance from the stopping point of all stops made",
+    "stops_made_count": "stations near whose stopping point the train stood",
+    "stops_missed_count": "stations of its timetable near which it never stood",
+    "arrived_count": "1 when it stood with open doors at its last station, else 0",
+    "accel_max_mps2": "greatest acceleration of the whole train either way, low-passed at 2 Hz",
+    "jerk_max_mps3": "greatest slope of that acceleration",
+    "felt_accel_max_mps2": "greatest acceleration of any car, low-passed at 2 Hz, no emergencies",
+    "felt_jerk_1s_mps3": "greatest change of that over 1 s",
+    "felt_jerk_2hz_mps3": "greatest slope of that, the jolt into standstill included",
+    "commanded_accel_max_mps2": "greatest acceleration that operation asked for, either way",
+    "commanded_jerk_max_mps3": "greatest change of that from one control cycle to the next",
+    "speed_max_mps": "greatest speed",
+    "distance_m": "from the front's first place to its last",
+    "run_time_s": "duration of the run",
+    "punctuality_worst_s": "greatest difference from the planned running time to a station",
+    "front_end_m": "chainage of the front at the end",
+    "notch_changes_max_count": "most changes of the brake command's level before one stop",
+    "notch_changes_mean_count": "the same, mean of all stops",
+    "notch_reversals_count": "how often that level went back and forth between 8 and 4 km/h",
+    "emergency_count": "how often the emergency brake came on",
+    "emergency_speed_mps": "greatest speed at which the emergency brake came on",
+    "emergency_distance_m": "longest way from the emergency brake coming on to standstill",
+    "rollback_m": "greatest way back from the foremost place so far",
+    "door_open_speed_max_mps": "greatest |speed| while a door was not locked, once one was not",
+    "energy_drawn_kwh": "at the collector",
+    "energy_returned_kwh": "at the collector",
+    "controller_slips_count": "control cycles missed",
+    "rejected_frames_count": "frames that the train's nodes refused",
+    "bus_load_ratio": "share of time that the bus was occupied",
+}
+"""Of every case. Beside them, for each station of the timetable: `stop_<name>_error_m`, positive
+beyond the stopping point, and `stop_<name>_run_s`, from leaving the stop before."""
+
+
+NO_PLAN: Final[Mapping[str, float]] = {}
+
+
+class MemoryLog:
+    """The truth log of a run in memory."""
+
+    def __init__(self) -> None:
+        self._rows: list[tuple[object, ...]] = []
+
+    def row(self, *values: object) -> None:
+        self._rows.append(values)
+
+    def columns(self) -> Columns:
+        return Columns.of_rows("truth", TRUTH_COLUMNS, self._rows)
+
+
+def measure_names(stations: Sequence[Station]) -> tuple[str, ...]:
+    """All that a case with these stops measures."""
+    each = [
+        name
+        for station in stations
+        for name in (f"stop_{station.name}_error_m", f"stop_{station.name}_run_s")
+    ]
+    return (*NAMES, *each)
+
+
+def motion_measures(
+    truth: Columns, stops: Sequence[Station], planned_run_s: Mapping[str, float] = NO_PLAN
+) -> dict[str, float | None]:
+    """What the truth log alone tells: stops, ride, emergencies, punctuality."""
+    measured = measure_stops(truth, stops)
+    ride = measure_ride(truth)
+    front_m = truth.numbers("front_m")
+    emergency = truth.flags("emergency")
+    errors_m = [abs(stop.error_m) for stop in measured if stop.error_m is not None]
+    measures: dict[str, float | None] = {
+        "stop_error_worst_m": max(errors_m, default=None),
+        "stop_error_mean_m": math.fsum(errors_m) / len(errors_m) if errors_m else None,
+        "stops_made_count": float(len(errors_m)),
+        "stops_missed_count": float(len(measured) - len(errors_m)),
+        "accel_max_mps2": ride.max_accel_mps2,
+        "jerk_max_mps3": ride.max_jerk_mps3,
+        **felt_worst(truth),
+        "speed_max_mps": ride.top_speed_mps,
+        "distance_m": ride.distance_m,
+        "run_time_s": ride.duration_s,
+        "punctuality_worst_s": max(
+            (
+                abs(stop.run_time_s - planned_run_s[stop.station])
+                for stop in measured
+                if stop.run_time_s is not None and stop.station in planned_run_s
+            ),
+            default=None,
+        ),
+        "front_end_m": float(front_m[-1]) if len(front_m) else None,
+        "emergency_count": float(_risings(emergency)),
+        **_emergency_measures(truth),
+        "rollback_m": float(np.max(np.maximum.accumulate(front_m) - front_m, initial=0.0)),
+        "door_open_speed_max_mps": _door_open_speed_mps(truth),
+    }
+    for stop in measured:
+        measures[f"stop_{stop.station}_error_m"] = stop.error_m
+        measures[f"stop_{stop.station}_run_s"] = stop.run_time_s
+    return measures
+
+
+def _emergency_measures(truth: Columns) -> dict[str, float | None]:
+    """Of applications to a moving train; one that never came to rest has no distance.
+
+    The brake came on somewhere between two rows: the way counts from the row before, so that it is
+    too long by the way of one row, never too short.
+    """
+    front_m, speed_mps = truth.numbers("front_m"), truth.numbers("speed_mps")
+    emergency = np.array(truth.flags("emergency"), dtype=np.bool_)
+    came = np.flatnonzero(~emergency[:-1] & emergency[1:] & (speed_mps[1:] != 0.0))
+    rests = np.flatnonzero(speed_mps == 0.0)
+    ends = [rests[rests > first] for first in came]
+    ways_m = [
+        abs(float(front_m[after[0]] - front_m[first]))
+        for first, after in zip(came, ends, strict=True)
+        if len(after)
+    ]
+    speeds_mps = np.abs(speed_mps[came + 1])
+    return {
+        "emergency_speed_mps": float(np.max(speeds_mps)) if len(came) else None,
+        "emergency_distance_m": max(ways_m) if ways_m and len(ways_m) == len(came) else None,
+    }
+
+
+def _door_open_speed_mps(truth: Columns) -> float | None:
+    open_ = _not_locked(truth.texts("door_left")) | _not_locked(truth.texts("door_right"))
+    if not np.any(open_):
+        return None
+    return float(np.max(np.abs(truth.numbers("speed_mps")[open_])))
+
+
+def _not_locked(states: Sequence[str]) -> "npt.NDArray[np.bool_]":
+    """In memory they are numbers; in a log, which is all that a run in real time leaves, words."""
+    locked = (str(DoorState.LOCKED), DoorState.LOCKED.name.lower())
+    return np.array([state not in locked for state in states], dtype=np.bool_)
+
+
+def _risings(flags: Sequence[bool]) -> int:
+    """How often it became true; at the start a braked train is no emergency of the run."""
+    return sum(1 for before, now in itertools.pairwise(flags) if now and not before)

@@ -1,0 +1,184 @@
+"""Comfort of one run: what the passengers of each car felt, and what the controller asked for.
+
+What is felt is the acceleration along the track of a car's floor, low-passed at 2 Hz: up to there a
+standing person feels horizontal motion in full (weighting Wd of ISO 2631-1), and faster shaking
+moves nobody off the feet. Only service braking counts: an emergency brake is not meant to be
+comfortable.
+"""
+
+from dataclasses import asdict, dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from can_dbc.nodes import Direction
+from can_dbc.vobc import AtoPhase, Supervision
+from metro_hil.metrics.run import low_pass
+from metro_hil.model.log_columns import Columns, Numbers
+from plant_emulator.train_config import TrainConfig
+from vobc.vocabulary import CycleOutput
+
+SETTLED_S: Final = 2.0
+"""So long after an emergency brake its jolt is still in the filter and in the couplers."""
+JERK_WINDOW_S: Final = 1.0
+ROWS_MIN: Final = 8
+DRIVEN: Final = (AtoPhase.RUNNING, AtoPhase.APPROACHING, AtoPhase.STOPPING)
+FREE: Final = (Supervision.NOMINAL, Supervision.WARNING)
+DRIVEN_WORDS: Final = tuple(phase.name.lower() for phase in DRIVEN)
+FREE_WORDS: Final = tuple(state.name.lower() for state in FREE)
+Flags = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True)
+class Comfort:
+    """The worst of one run; None where it is not known."""
+
+    felt_accel_max_mps2: float | None = None
+    """Of any car, either way."""
+    felt_jerk_1s_mps3: float | None = None
+    """Greatest change of the felt acceleration of a car over one second."""
+    felt_jerk_2hz_mps3: float | None = None
+    """Greatest slope of the felt acceleration of a car, the jolt into the standstill included."""
+    commanded_accel_max_mps2: float | None = None
+    """Tractive effort over the inertia of the true train, less the service brake asked for."""
+    commanded_jerk_max_mps3: float | None = None
+    """Greatest change of that from one control cycle to the next."""
+
+    def measures(self) -> dict[str, float | None]:
+        """By name."""
+        return asdict(self)
+
+
+class CommandLog:
+    """What the controller asked for, cycle by cycle."""
+
+    def __init__(self, inertia_kg: float) -> None:
+        self._inertia_kg = inertia_kg
+        self._rows: list[tuple[float, float, bool]] = []
+
+    def output(self, t_s: float, output: CycleOutput) -> None:
+        """Once for each cycle."""
+        force_n = output.force_n
+        if output.direction is not Direction.FORWARD:
+            force_n = -force_n if output.direction is Direction.REVERSE else 0.0
+        driven = (
+            output.ato_phase in DRIVEN
+            and output.supervision in FREE
+            and output.emergency_released
+            and output.holding_released
+        )
+        accel_mps2 = force_n / self._inertia_kg - output.service_decel_mps2
+        self._rows.append((t_s, accel_mps2, driven))
+
+    def worst(self) -> tuple[float | None, float | None]:
+        """As `commanded`."""
+        if not self._rows:
+            return None, None
+        time_s, accel_mps2, driven = zip(*self._rows, strict=True)
+        return commanded(np.array(time_s), np.array(accel_mps2), np.array(driven))
+
+
+def comfort_of(
+    truth: Columns | None, cycles: Columns | None, *, inertia_kg: float | None
+) -> Comfort:
+    """From the logs of a run.
+
+    Args:
+        inertia_kg: of the true train, rotating masses included; None where nobody knows it.
+    """
+    asked: tuple[float | None, float | None] = None, None
+    if cycles is not None and inertia_kg is not None:
+        accel_mps2 = cycles.numbers("force_n") / inertia_kg - cycles.numbers("decel_mps2")
+        asked = commanded(cycles.numbers("t_s"), accel_mps2, _driven(cycles))
+    felt = felt_worst(truth) if truth is not None else {}
+    return Comfort(**felt, commanded_accel_max_mps2=asked[0], commanded_jerk_max_mps3=asked[1])
+
+
+def _driven(cycles: Columns) -> Flags:
+    """Operation drives, protection does not interfere, and no other brake is asked for."""
+    states = zip(cycles.texts("phase"), cycles.texts("supervision"), strict=True)
+    driven = np.array([p in DRIVEN_WORDS and s in FREE_WORDS for p, s in states], dtype=np.bool_)
+    for released in ("emergency_released", "holding_released"):
+        driven &= np.array(cycles.flags(released), dtype=np.bool_)
+    return driven
+
+
+def commanded(
+    time_s: Numbers, accel_mps2: Numbers, driven: Flags
+) -> tuple[float | None, float | None]:
+    """Greatest acceleration and change of it, of the cycles in which operation drives.
+
+    All of shape (n_cycles,).
+    """
+    if not np.any(driven):
+        return None, None
+    both = driven[1:] & driven[:-1] & (np.diff(time_s) > 0.0)
+    jerk_mps3 = np.abs(np.diff(accel_mps2)[both] / np.diff(time_s)[both])
+    most_mps3 = float(np.max(jerk_mps3)) if len(jerk_mps3) else None
+    return float(np.max(np.abs(accel_mps2[driven]))), most_mps3
+
+
+def felt_worst(truth: Columns) -> dict[str, float | None]:
+    """The three felt measures by name; None of a log that does not tell the cars' speeds."""
+    names = ("felt_accel_max_mps2", "felt_jerk_1s_mps3", "felt_jerk_2hz_mps3")
+    signals = felt_signals(truth)
+    if signals is None:
+        return dict.fromkeys(names)
+    time_s, accel_mps2 = signals
+    counts = ~_emergency(truth, time_s)
+    step_s = float(time_s[1] - time_s[0])
+    span = max(1, round(JERK_WINDOW_S / step_s))
+    # Samples that have no emergency in all of the second that they end.
+    emergencies = np.concatenate(([0], np.cumsum(~counts)))
+    free = emergencies[span + 1 :] == emergencies[: -span - 1]
+    over_mps3 = np.abs(accel_mps2[span:] - accel_mps2[:-span]) / (span * step_s)
+    slope_mps3 = np.abs(np.diff(accel_mps2, axis=0)) / step_s
+    worst = (
+        _most(np.abs(accel_mps2), counts),
+        _most(over_mps3, free),
+        _most(slope_mps3, counts[1:] & counts[:-1]),
+    )
+    return dict(zip(names, worst, strict=True))
+
+
+def felt_signals(truth: Columns) -> tuple[Numbers, Numbers] | None:
+    """Instants, shape (n,), and felt acceleration of each car, shape (n, n_cars).
+
+    From the cars' speeds, so that nothing between two rows is missed. An acceleration belongs to
+    the middle of its step. None of a log that is too short or does not tell them.
+    """
+    if len(truth) < ROWS_MIN or not truth.has("car_speeds_mps"):
+        return None
+    log_s, speeds_mps = truth.numbers("t_s"), truth.vectors("car_speeds_mps")
+    step_s = float(np.median(np.diff(log_s)))
+    grid_s = np.arange(log_s[0], log_s[-1], step_s)
+    if len(grid_s) * step_s <= JERK_WINDOW_S + 2.0 * step_s:
+        return None
+    grid_mps = np.stack([np.interp(grid_s, log_s, one) for one in speeds_mps.T], axis=1)
+    accel_mps2 = low_pass(np.diff(grid_mps, axis=0) / step_s, step_s)
+    return grid_s[:-1] + 0.5 * step_s, accel_mps2
+
+
+def _emergency(truth: Columns, time_s: Numbers) -> Flags:
+    """Instants in which, or shortly before which, the emergency brake was on in motion."""
+    log_s, on = truth.numbers("t_s"), np.array(truth.flags("emergency"), dtype=np.bool_)
+    moving = truth.numbers("speed_mps") != 0.0
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], on.astype(np.int8), [0]))))
+    found = np.zeros(len(time_s), dtype=np.bool_)
+    for first, end in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
+        # It came on between two rows.
+        if np.any(moving[max(0, first - 1) : end]):
+            began_s = float(log_s[max(0, first - 1)])
+            found |= (time_s >= began_s) & (time_s <= float(log_s[end - 1]) + SETTLED_S)
+    return found
+
+
+def _most(values: Numbers, counts: Flags) -> float | None:
+    known = values[counts]
+    return float(np.max(known)) if known.size else None
+
+
+def inertia_of(train: TrainConfig) -> float:
+    """Of the true train, rotating masses included, kg."""
+    return train.mass_kg * (1.0 + train.rotating_mass_percent / 100.0)

@@ -1,0 +1,91 @@
+"""Everything that one run says at its end, for people and as JSON."""
+
+import hashlib
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+from metro_hil.metrics.comfort import Comfort
+from metro_hil.metrics.run import Cycles, Ride, Stop, SupervisionEvent
+
+BLOCK_BYTES = 1 << 20
+
+
+@dataclass(frozen=True, slots=True)
+class RunResults:
+    """Of one run; what could not be measured is None."""
+
+    exit_reason: str
+    stops: Sequence[Stop]
+    ride: Ride | None
+    cycles: Cycles | None
+    events: Sequence[SupervisionEvent]
+    frames: int
+    bus_load_ratio: float
+    frame_log_sha256: str
+    real_time_factor: float | None = None
+    """Virtual seconds per second; None in real time."""
+    rejected_frames: Mapping[str, int] = field(default_factory=dict)
+    comfort: Comfort = field(default_factory=Comfort)
+    truth_known: bool = True
+    """Motion and stops are the plant's truth; else they are what the controller believes."""
+    dropped_frames: int = 0
+    """Frames on the bus that are not in the log."""
+    lost_log_lines: int = 0
+    """Lines of the logs that the disk did not take."""
+    steal_s: float | None = None
+    realtime: Sequence[str] = ()
+    """What was granted of scheduling, memory lock and the like, a line each."""
+
+    def to_json(self) -> str:
+        """One object; the keys that scripts rely on are on top, the rest below them."""
+        return json.dumps(
+            _finite(
+                {
+                    "exit_reason": self.exit_reason,
+                    "real_time_factor": self.real_time_factor,
+                    "stops": [asdict(stop) for stop in self.stops],
+                    "max_accel_mps2": self.ride.max_accel_mps2 if self.ride else None,
+                    "max_jerk_mps3": self.ride.max_jerk_mps3 if self.ride else None,
+                    **self.comfort.measures(),
+                    "frames": self.frames,
+                    "frame_log_sha256": self.frame_log_sha256,
+                    "slips": self.cycles.slips if self.cycles else None,
+                    "bus_load_ratio": self.bus_load_ratio,
+                    "rejected_frames": dict(self.rejected_frames),
+                    "truth_known": self.truth_known,
+                    "dropped_frames": self.dropped_frames,
+                    "lost_log_lines": self.lost_log_lines,
+                    "ride": asdict(self.ride) if self.ride else None,
+                    "cycles": asdict(self.cycles) if self.cycles else None,
+                    "supervision_events": [asdict(event) for event in self.events],
+                    "steal_s": self.steal_s,
+                    "realtime": list(self.realtime),
+                }
+            ),
+            indent=2,
+            allow_nan=False,
+        )
+
+
+def _finite(value: object) -> object:
+    """NaN is no JSON; what is not a number is null."""
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, dict):
+        return {name: _finite(item) for name, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(item) for item in value]
+    return value
+
+
+def sha256_of(path: Path) -> str:
+    """Of a file's content; of nothing when there is no such file."""
+    digest = hashlib.sha256()
+    if path.exists():
+        with path.open("rb") as content:
+            while block := content.read(BLOCK_BYTES):
+                digest.update(block)
+    return digest.hexdigest()

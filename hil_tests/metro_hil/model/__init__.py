@@ -1,0 +1,1 @@
+"""The values at the bottom of the bench: cases, verdicts, options, run folders, names of frames."""

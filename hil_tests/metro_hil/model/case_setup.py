@@ -1,0 +1,112 @@
+"""From a case to what its devices are made of: line, mission, real train, believed train."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from can_dbc.cab import CabMode
+from firmware_py.settings import SettingsError, nearest
+from firmware_py.trackdb import LineMap, load_line
+from metro_hil.model.case import TIME_MAX_S, Case, Setup
+from metro_hil.model.mission import Journey
+from plant_emulator.faults.fitting import check_fitting
+from plant_emulator.faults.plan import FaultPlan, read_faults
+from plant_emulator.world import Scenario, plan_scenario
+from vobc.config import VobcConfig, load_config, plan_mission
+from vobc.vocabulary import Mission
+
+Files = Mapping[str, Path]
+"""Where the files are that a case calls by a name of the user's."""
+NO_FILES: Files = {}
+
+
+@dataclass(frozen=True, slots=True)
+class CaseParts:
+    """Everything that a bench puts together."""
+
+    journey: Journey
+    scenario: Scenario
+    config: VobcConfig
+    faults: tuple[FaultPlan, ...]
+
+
+def parts_of(case: Case, files: Files = NO_FILES) -> CaseParts:
+    """Raises SettingsError for what does not fit together."""
+    setup = case.setup
+    line = line_of(setup, files)
+    mission = mission_of(setup, line)
+    scenario = scenario_of(setup, line, mission, _first_seed(case), files)
+    faults = read_faults(case.faults, case.id)
+    check_fitting(faults, scenario.train, case.id)
+    return CaseParts(
+        journey=Journey(line, mission, setup.wakes_up),
+        scenario=scenario,
+        config=config_of(setup, files),
+        faults=faults,
+    )
+
+
+def _first_seed(case: Case) -> int:
+    return case.seed if case.branch is None else case.branch.seed
+
+
+def line_of(setup: Setup, files: Files = NO_FILES) -> LineMap:
+    """The line's file with the times of the timetable."""
+    line = load_line(file_name(setup.line, files))
+    names = [station.name for station in line.stations]
+    for key, times_s in (("dwell_s", setup.dwell_s), ("run_s", setup.run_s)):
+        for name, time_s in times_s.items():
+            if name not in names:
+                raise SettingsError(f"{key}.{name}: no such station; {nearest(name, names)}")
+            if not 0.0 <= time_s <= TIME_MAX_S:
+                raise SettingsError(f"{key}.{name}: {time_s:g} is not within 0..{TIME_MAX_S:g}")
+    stations = tuple(
+        replace(
+            station,
+            dwell_s=setup.dwell_s.get(station.name, station.dwell_s),
+            run_s=setup.run_s.get(station.name, station.run_s),
+        )
+        for station in line.stations
+    )
+    return replace(line, stations=stations)
+
+
+def mission_of(setup: Setup, line: LineMap) -> Mission:
+    return plan_mission(line, setup.start, setup.end, setup.stops)
+
+
+def scenario_of(
+    setup: Setup, line: LineMap, mission: Mission, seed: int, files: Files = NO_FILES
+) -> Scenario:
+    try:
+        mode = CabMode[setup.desk_mode.upper()]
+    except KeyError:
+        modes = [known.name.lower() for known in CabMode]
+        raise SettingsError(
+            f"desk_mode: {setup.desk_mode!r}: {nearest(setup.desk_mode, modes)}"
+        ) from None
+    scenario = plan_scenario(
+        line=file_name(setup.line, files),
+        consist=file_name(setup.consist, files),
+        seed=seed,
+        start=mission.start.name,
+        end=mission.stops[-1].name,
+        load_ratio=setup.load_ratio,
+        odometer_error_ratio=setup.odometer_error,
+        desk_mode=mode,
+        real=setup.real,
+        driver=setup.driver,
+        desk_recording=(
+            None if setup.desk_recording is None else file_name(setup.desk_recording, files)
+        ),
+    )
+    return replace(scenario, line=line)
+
+
+def config_of(setup: Setup, files: Files = NO_FILES) -> VobcConfig:
+    params = file_name(setup.params, files)
+    return load_config(params, cycle_ms=setup.cycle_ms, changes=setup.believed)
+
+
+def file_name(name: str, files: Files) -> str:
+    return str(files[name]) if name in files else name

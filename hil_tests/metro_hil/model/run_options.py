@@ -1,0 +1,396 @@
+"""What `vobc run` was asked to do."""
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from metro_hil.model.line_options import DEFAULT_ARBITERS, DEFAULT_TIMERS
+from metro_hil.model.line_options import add_options as add_t2t_options
+from metro_hil.model.line_options import train_number as train_number
+from plant_emulator.desk.drivers import DRIVERS
+from vobc.ato.laws import STRATEGIES
+from vobc.ato.settings.output import STAGES
+from zenoh_config.sessions import LINE_ENDPOINT, check_endpoint
+
+DESCRIPTION = "The on-board controller of a metro train, on a bench or on a bus."
+
+EXTERNAL = "external"
+ELSEWHERE = (EXTERNAL, "none")
+DESKS = ("auto", "manual", "off", *ELSEWHERE)
+
+LINE_DEFAULTS = {"line": "changping", "consist": "typeB4", "params": "typeB4"}
+"""With --trains."""
+
+EXIT_OK = 0
+EXIT_FAILED = 1
+EXIT_USAGE = 2
+EXIT_ENVIRONMENT = 3
+EXIT_INTERRUPTED = 130
+
+OTHER_VERBS = {
+    "explain": "tell what the controller of a run decided, why, and from which frames",
+    "tune": "re-tune a control law and write a parameter file",
+    "timetable": "find a timetable that saves energy on a whole line",
+    "design-curve": "design the power-limited running curve of one hop",
+    "line-log": "what trains and wayside of a line said: frame by frame, counted, drawn",
+    "demo-ca": "make certificates and all else that a secured line needs, for demonstrations",
+}
+"""With the help; each has a program of its own."""
+LINE_VERBS = {
+    "line": "show areas, track and trains of a line",
+    "master": "tell who commands which area, and why",
+    "switch-master": "let another train command an area",
+    "out-of-service": "let a train command nothing any more",
+    "remove-train": "say that a silent train is gone, so that nobody waits behind it",
+    "hold": "keep a train at the present or next platform",
+    "skip": "let a train pass the next station",
+    "emergency-brake": "brake a train and keep it",
+    "restrict": "limit all trains on a stretch",
+    "close": "let no train enter a stretch",
+}
+"""Supervision of a line whose trains command themselves."""
+EPILOG = """\
+exit codes: 0 the train arrived, or the given duration is over; 1 the run failed; 2 wrong usage or
+configuration; 3 bus, rights or a process missing; 130 ended by Ctrl-C (the report is still written)
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class RunOptions:
+    """One run, as its user asked for it; None where the default depends on the rest."""
+
+    lockstep: bool
+    bus: str
+    plant: str
+    tags: str
+    radio: str
+    line: str
+    consist: str
+    params: str
+    load_ratio: float | None
+    odometer_error: float | None
+    start: str | None
+    end: str | None
+    seed: int
+    duration_s: float | None
+    cycle_ms: float
+    out: str | None
+    priority: int
+    json: bool
+    desk: str = "auto"
+    """Mode of the plant's desk; external: `plant desk` is the desk; none: there is none."""
+    driver: str | None = None
+    desk_recording: str | None = None
+    ato: str | None = None
+    """Control law of the automatic operation, instead of that of the parameters."""
+    output: str | None = None
+    """Its output stage, instead of that of the parameters."""
+    trains: int | None = None
+    """So many on the line at once, in lockstep; None: one, without others."""
+    supply: str | None = None
+    """Network of the line that feeds them."""
+    logs: bool = True
+    """Of each train, when there are several."""
+    train: int | None = None
+    """Its number among trains that command themselves."""
+    line_radio: str | None = None
+    """Where the wayside of such a line listens."""
+    line_peer: str | None = None
+    """Speak to other peers directly; where they reach this one, or empty."""
+    secure: str | None = None
+    """Certificates and keys of a secured line."""
+    line_timers: str | None = None
+    """Their set, and how many arbiters there are: as the wayside has them."""
+    arbiters: int | None = None
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line of `vobc`."""
+    top = argparse.ArgumentParser(prog="vobc", description=DESCRIPTION)
+    verbs = top.add_subparsers(dest="verb", required=True, metavar="VERB")
+    run = verbs.add_parser(
+        "run",
+        help="drive the train",
+        description="Drive a train over a CAN bus from station to station and report how it went.",
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    for verb, words in {**OTHER_VERBS, **LINE_VERBS}.items():
+        verbs.add_parser(verb, help=words, add_help=False)
+    _add_journey(run)
+    _add_desk(run)
+    _add_wires(run)
+    _add_line(run)
+    add_t2t_options(run)
+    _add_rest(run)
+    return top
+
+
+def _add_journey(run: argparse.ArgumentParser) -> None:
+    group = run.add_argument_group("the journey")
+    group.add_argument(
+        "--line", metavar="NAME|FILE", help="default: florence; changping with --trains"
+    )
+    group.add_argument(
+        "--from", dest="start", metavar="STATION", help="default: the first of the line"
+    )
+    group.add_argument("--to", dest="end", metavar="STATION", help="default: the last of the line")
+    group.add_argument(
+        "--consist",
+        metavar="NAME|FILE",
+        help="the real train of the plant; default: florence4, with --trains that of the line",
+    )
+    group.add_argument(
+        "--params",
+        metavar="NAME|FILE",
+        help="what the controller believes of its train; default: florence4, with --trains as the "
+        "consist of the line",
+    )
+    group.add_argument(
+        "--ato",
+        choices=sorted(STRATEGIES),
+        help="control law of the automatic operation; default: the parameters'",
+    )
+    group.add_argument(
+        "--output",
+        choices=STAGES,
+        help="how its demand reaches the train; default: the parameters'",
+    )
+    group.add_argument(
+        "--load-ratio", type=_ratio, metavar="0..1", help="passengers; default: the consist's"
+    )
+    group.add_argument(
+        "--odometer-error",
+        type=_odometer_error,
+        metavar="RATIO",
+        help="systematic error of the tachos, such as 0.05; default: drawn by the consist",
+    )
+    group.add_argument("--seed", type=_seed, default=1, help="of all noise in the run; default: 1")
+    group.add_argument(
+        "--duration", dest="duration_s", type=_seconds, metavar="SECONDS", help="end after so long"
+    )
+
+
+def _add_desk(run: argparse.ArgumentParser) -> None:
+    group = run.add_argument_group("the desk of the emulated train")
+    group.add_argument(
+        "--desk",
+        choices=DESKS,
+        default="auto",
+        help="its mode; external: `plant desk` is the desk, in real time; none: there is none",
+    )
+    group.add_argument(
+        "--driver", choices=list(DRIVERS), help="a model of a driver drives, with --desk manual"
+    )
+    group.add_argument("--desk-recording", metavar="FILE", help="played at the desk")
+
+
+def _add_wires(run: argparse.ArgumentParser) -> None:
+    group = run.add_argument_group("the wires")
+    group.add_argument(
+        "--lockstep",
+        action="store_true",
+        help="controller and plant in one process in virtual time, as fast as it goes",
+    )
+    group.add_argument(
+        "--bus",
+        default="auto",
+        metavar="SPEC",
+        help="auto, socketcan:vcan0, socketcan:can0, embedded:vcan0; default: auto",
+    )
+    group.add_argument(
+        "--plant",
+        choices=("auto", "none"),
+        default="auto",
+        help="auto: start the plant emulator when no plant answers on a virtual bus; none: wait",
+    )
+    group.add_argument(
+        "--tags", default="auto", metavar="DEVICE", help="tag reader, such as /dev/ttyUSB0"
+    )
+    group.add_argument(
+        "--radio", default="auto", metavar="ENDPOINT", help="wayside, such as tcp/127.0.0.1:7447"
+    )
+
+
+def _add_line(run: argparse.ArgumentParser) -> None:
+    group = run.add_argument_group("several trains on one line, with --lockstep")
+    group.add_argument(
+        "--trains", type=_trains, metavar="N", help="each on its bus, all on the line's network"
+    )
+    group.add_argument("--supply", choices=("strong", "weak"), help="default: the line's")
+    group.add_argument(
+        "--no-logs", dest="logs", action="store_false", help="no folder for each train: faster"
+    )
+
+
+def _add_rest(run: argparse.ArgumentParser) -> None:
+    group = run.add_argument_group("the controller and the results")
+    group.add_argument(
+        "--cycle-ms",
+        type=_cycle_ms,
+        default=50.0,
+        metavar="MS",
+        help="control cycle, 20 to 200; default: 50",
+    )
+    group.add_argument(
+        "--priority",
+        type=_priority,
+        default=80,
+        metavar="1..99",
+        help="SCHED_FIFO priority where the rights allow it; 0: ordinary scheduling; default: 80",
+    )
+    group.add_argument("--out", metavar="DIR", help="run folder; default: a new one below runs/")
+    group.add_argument(
+        "--json",
+        action="store_true",
+        help="end with one JSON object on standard output, everything else on standard error",
+    )
+
+
+def parse(argv: Sequence[str]) -> RunOptions:
+    """Raises SystemExit as argparse does."""
+    top = parser()
+    chosen = vars(top.parse_args(argv))
+    del chosen["verb"]
+    several = chosen["trains"] is not None
+    for name, alone in (("line", "florence"), ("consist", "florence4"), ("params", "florence4")):
+        chosen[name] = chosen[name] or (LINE_DEFAULTS[name] if several else alone)
+    options = RunOptions(**chosen)
+    problem = (
+        wires_problem(options)
+        or desk_problem(options)
+        or line_problem(options)
+        or trains_problem(options)
+    )
+    if problem:
+        top.error(problem)
+    return options if options.train is None else _of_line(options)
+
+
+def _of_line(options: RunOptions) -> RunOptions:
+    """With what the wayside has by default, where nothing else was asked for."""
+    return replace(
+        options,
+        line_radio=options.line_radio or LINE_ENDPOINT,
+        line_timers=options.line_timers or DEFAULT_TIMERS,
+        arbiters=options.arbiters or DEFAULT_ARBITERS,
+    )
+
+
+def wires_problem(options: RunOptions) -> str:
+    """Which wire of a real-time run was asked for in virtual time; empty when none was."""
+    wires = {
+        "--bus": options.bus,
+        "--plant": options.plant,
+        "--tags": options.tags,
+        "--radio": options.radio,
+    }
+    asked = [name for name, wire in wires.items() if wire != "auto"]
+    if not (options.lockstep and asked):
+        return ""
+    return f"{asked[0]}: not with --lockstep, which runs controller and train in one process"
+
+
+def trains_problem(options: RunOptions) -> str:
+    """What cannot be asked for with several trains, or only with them; empty when it can."""
+    if options.trains is None:
+        alone = {"--supply": options.supply is not None, "--no-logs": not options.logs}
+        asked = [name for name, given in alone.items() if given]
+        return f"{asked[0]}: only with --trains" if asked else ""
+    if not options.lockstep:
+        return (
+            "--trains: with --lockstep only; in real time `plant run --trains` serves the trains, "
+            "and each has a `vobc run --bus` of its own"
+        )
+    fixed = {
+        "--from": options.start is not None,
+        "--to": options.end is not None,
+        "--desk": options.desk != "auto",
+        "--driver": options.driver is not None,
+        "--desk-recording": options.desk_recording is not None,
+    }
+    asked = [name for name, given in fixed.items() if given]
+    return f"{asked[0]}: not with --trains; the line's traffic says it" if asked else ""
+
+
+def desk_problem(options: RunOptions) -> str:
+    """What cannot be asked of the desk at once; empty when it can."""
+    if options.desk == EXTERNAL and options.lockstep:
+        return "--desk external: nobody can drive by hand in virtual time; leave out --lockstep"
+    if options.driver and options.desk_recording:
+        return "--desk-recording: cannot be played beside --driver"
+    if (options.driver or options.desk_recording) and options.desk in ELSEWHERE:
+        asked = "--driver" if options.driver else "--desk-recording"
+        return f"{asked}: there is no desk of the plant's with --desk {options.desk}"
+    return ""
+
+
+def line_problem(options: RunOptions) -> str:
+    """What does not go with trains that command themselves; empty when it does."""
+    of_train = {
+        "--line-radio": options.line_radio,
+        "--line-peer": options.line_peer,
+        "--secure": options.secure,
+        "--line-timers": options.line_timers,
+        "--arbiters": options.arbiters,
+    }
+    asked = [name for name, given in of_train.items() if given is not None]
+    if asked and options.train is None:
+        return f"{asked[0]}: which train is it? --train T1 says so"
+    if options.train is not None and options.lockstep:
+        return "--train: in virtual time `hil run line --bench lockstep` runs a whole line"
+    if options.line_peer is not None and options.secure is not None:
+        return "--line-peer: not with --secure, as peers speak past the wayside and its rules"
+    try:
+        check_endpoint(options.line_radio or LINE_ENDPOINT)
+    except ValueError as error:
+        return f"--line-radio {error}"
+    return ""
+
+
+def _number(text: str, low: float, high: float, what: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number") from None
+    if not low <= value <= high:
+        raise argparse.ArgumentTypeError(f"{text} is not {what}")
+    return value
+
+
+def _ratio(text: str) -> float:
+    return _number(text, 0.0, 1.0, "within 0..1")
+
+
+def _odometer_error(text: str) -> float:
+    return _number(text, -0.2, 0.2, "within -0.2..0.2")
+
+
+def _seconds(text: str) -> float:
+    return _number(text, 0.1, 1e7, "a duration of 0.1 s or more")
+
+
+def _cycle_ms(text: str) -> float:
+    return _number(text, 20.0, 200.0, "within 20..200 ms")
+
+
+def _whole(text: str, low: int, high: int) -> int:
+    try:
+        value = int(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number") from None
+    if not low <= value <= high:
+        raise argparse.ArgumentTypeError(f"{text} is not within {low}..{high}")
+    return value
+
+
+def _seed(text: str) -> int:
+    return _whole(text, 0, 2**63 - 1)
+
+
+def _priority(text: str) -> int:
+    return _whole(text, 0, 99)
+
+
+def _trains(text: str) -> int:
+    return _whole(text, 1, 99)

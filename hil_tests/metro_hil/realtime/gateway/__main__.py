@@ -1,0 +1,8 @@
+"""Makes `python -m metro_hil.realtime.gateway` the gateway."""
+
+import sys
+
+from metro_hil.realtime.gateway.command import main
+
+if __name__ == "__main__":
+    sys.exit(main())

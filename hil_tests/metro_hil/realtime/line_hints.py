@@ -1,0 +1,37 @@
+"""What a person can do for a train of a line that commands itself, shown beside its picture."""
+
+import shlex
+from collections.abc import Sequence
+
+from can_dbc.vobc import Supervision, VobcMode
+from metro_hil.model.end_condition import centre_may_let_go
+from metro_hil.realtime.live_display import BusPicture
+
+
+class LineHints:
+    """The bench cannot let such a train go itself: supervision of the line does."""
+
+    def __init__(self, train: int, endpoint: str, where: Sequence[str] = ()) -> None:
+        """`where` are the options by which supervision finds the line; none where it does so."""
+        self._endpoint = endpoint
+        self._release = shlex.join(["vobc", "emergency-brake", f"T{train}", "--end", *where])
+
+    def __call__(self, picture: BusPicture) -> list[str]:
+        """Whole sentences, the most urgent first."""
+        return [*self._let_go(picture), *self._silent(picture)]
+
+    def _let_go(self, picture: BusPicture) -> list[str]:
+        status, mode = picture.status, picture.latest.get(VobcMode)
+        if status is None or status.supervision is not Supervision.EMERGENCY:
+            return []
+        if not isinstance(mode, VobcMode) or not centre_may_let_go(mode.cause):
+            return []
+        return [f"waits for the centre: `{self._release}` lets go"]
+
+    def _silent(self, picture: BusPicture) -> list[str]:
+        if not picture.line_silent:
+            return []
+        return [
+            f"nothing is heard on the line's radio at {self._endpoint}: is its wayside there, and "
+            "of this line?"
+        ]

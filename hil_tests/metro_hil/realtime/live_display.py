@@ -1,0 +1,315 @@
+"""The live picture of a run in the terminal, made only from what is heard on the bus."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+from rich.console import Console, Group, RenderableType
+from rich.live import Live
+from rich.table import Table
+from rich.text import Text
+
+from can_dbc.brake import BrakeStatus
+from can_dbc.codec import Decoder, Rejected
+from can_dbc.doors import DoorState, DoorStatus
+from can_dbc.traction import TractionStatus
+from can_dbc.vobc import (
+    AtoPhase,
+    EventKind,
+    Missing,
+    Supervision,
+    VobcEvent,
+    VobcMode,
+    VobcMotion,
+    VobcPosition,
+    VobcStatus,
+    VobcTarget,
+)
+from firmware_py.buses.timing import frame_bits
+from firmware_py.ports import CanFrame
+from metro_hil.model.end_condition import cause_words, withheld_words
+
+SEEN = (
+    VobcStatus,
+    VobcMode,
+    VobcMotion,
+    VobcPosition,
+    VobcTarget,
+    VobcEvent,
+    BrakeStatus,
+    TractionStatus,
+    DoorStatus,
+)
+FAR_M = 80_000.0
+"""A distance beyond this on the wire means that there is no stopping point."""
+LINE_RADIO = 0
+"""Number of the input that no flag of `missing` stands for."""
+BAR_WIDTH = 46
+FULL_SCALE_KMH = 90.0
+PLAIN_PERIOD_S = 5.0
+NS_PER_S = 1_000_000_000
+
+STATE_STYLE = {
+    Supervision.NO_AUTHORITY: "yellow",
+    Supervision.NOMINAL: "green",
+    Supervision.WARNING: "bold yellow",
+    Supervision.SERVICE: "bold dark_orange",
+    Supervision.EMERGENCY: "bold white on red",
+}
+
+
+@dataclass(slots=True)
+class BusPicture:
+    """The latest of every frame, and how busy the bus was over the last second."""
+
+    bit_rate: int
+    decoder: Decoder = field(default_factory=lambda: Decoder(SEEN))
+    latest: dict[type, object] = field(default_factory=dict)
+    frames: int = 0
+    load_ratio: float = 0.0
+    frames_per_s: float = 0.0
+    line_silent: bool = False
+    """The controller hears nobody on the radio of its line."""
+    _bits: int = 0
+    _count: int = 0
+    _since_ns: int | None = None
+
+    def take(self, frame: CanFrame) -> None:
+        """Account one frame and, when it is one of ours, keep what it says."""
+        self.frames += 1
+        self._count += 1
+        self._bits += frame_bits(frame.can_id, frame.data, frame.extended, frame.remote)
+        if frame.remote or frame.error or frame.extended:
+            return
+        heard = self.decoder.decode(frame.can_id, frame.data, frame.stamp_ns)
+        if heard is not None and not isinstance(heard, Rejected):
+            self.latest[type(heard)] = heard
+            if isinstance(heard, VobcEvent) and heard.cause == LINE_RADIO:
+                self._take_event(heard)
+
+    def _take_event(self, told: VobcEvent) -> None:
+        if told.event in (EventKind.INPUT_LOST, EventKind.INPUT_BACK):
+            self.line_silent = told.event is EventKind.INPUT_LOST
+
+    def close_window(self, now_ns: int) -> None:
+        """Make load and frame rate of what came since the last call."""
+        if self._since_ns is not None and now_ns > self._since_ns:
+            elapsed_s = (now_ns - self._since_ns) / NS_PER_S
+            self.load_ratio = self._bits / (self.bit_rate * elapsed_s)
+            self.frames_per_s = self._count / elapsed_s
+        self._since_ns, self._bits, self._count = now_ns, 0, 0
+
+    @property
+    def status(self) -> VobcStatus | None:
+        found = self.latest.get(VobcStatus)
+        return found if isinstance(found, VobcStatus) else None
+
+    @property
+    def motion(self) -> VobcMotion | None:
+        found = self.latest.get(VobcMotion)
+        return found if isinstance(found, VobcMotion) else None
+
+
+Hints = Callable[[BusPicture], Sequence[str]]
+"""What a person should know beside what is heard, in whole sentences."""
+
+
+def no_hints(_picture: BusPicture) -> Sequence[str]:
+    return ()
+
+
+def missing_words(missing: Missing) -> str:
+    """What the controller waits for, in words."""
+    words = {
+        Missing.BRAKE: "brake status",
+        Missing.TRACTION: "traction status",
+        Missing.ODOMETER: "odometer",
+        Missing.DOORS: "door status",
+        Missing.DESK: "desk",
+        Missing.TAG_READER: "tag reader",
+        Missing.AUTHORITY: "movement authority",
+        Missing.LOCALISATION: "position",
+    }
+    return ", ".join(text for flag, text in words.items() if flag in missing)
+
+
+def render(
+    picture: BusPicture, elapsed_s: float, title: str, hints: Sequence[str] = ()
+) -> RenderableType:
+    """The whole panel for one moment."""
+    table = Table.grid(padding=(0, 2))
+    table.add_column(style="dim", justify="right", min_width=16)
+    table.add_column(min_width=60)
+    for name, text in _rows(picture):
+        table.add_row(name, text)
+    for words in hints:
+        table.add_row("line", Text(words, style="bold yellow"))
+    head = Text.assemble(
+        (title, "bold"), f"   {elapsed_s:6.1f} s   ", ("Ctrl-C ends the run", "dim")
+    )
+    return Group(head, table)
+
+
+def _rows(picture: BusPicture) -> list[tuple[str, RenderableType]]:
+    status, motion = picture.status, picture.motion
+    rows: list[tuple[str, RenderableType]] = []
+    if status is None or motion is None:
+        rows.append(("controller", Text("not heard yet", style="yellow")))
+    else:
+        rows += _motion_rows(motion)
+        rows += _target_rows(picture)
+        rows += _state_rows(status, _operation(picture, status), _why(picture))
+    rows += _train_rows(picture)
+    load = Text(f"{picture.load_ratio * 100.0:5.1f} %  of {picture.bit_rate // 1000} kbit/s")
+    load.append(f"   {picture.frames_per_s:4.0f} frames/s   {picture.frames} in all", style="dim")
+    rows.append(("bus load", load))
+    return rows
+
+
+def _motion_rows(motion: VobcMotion) -> list[tuple[str, RenderableType]]:
+    speed_kmh, ceiling_kmh = motion.speed_mps * 3.6, motion.ceiling_mps * 3.6
+    emergency_kmh = motion.emergency_mps * 3.6
+    return [
+        ("speed", Text.assemble((f"{speed_kmh:z5.1f} km/h  ", "bold"), _bar(motion))),
+        ("ceiling", Text(f"{ceiling_kmh:5.1f} km/h")),
+        ("emergency margin", Text(f"{emergency_kmh - speed_kmh:z5.1f} km/h")),
+    ]
+
+
+def _bar(motion: VobcMotion) -> Text:
+    """Speed as a filled bar with the ceiling (|) and the emergency speed (!) on it."""
+    cells = ["━" if _cell(motion.speed_mps) > i else "─" for i in range(BAR_WIDTH)]
+    text = Text("".join(cells))
+    text.stylize("blue", 0, _cell(motion.speed_mps))
+    text.stylize("grey37", _cell(motion.speed_mps))
+    for speed_mps, mark, style in (
+        (motion.ceiling_mps, "|", "bold yellow"),
+        (motion.emergency_mps, "!", "bold red"),
+    ):
+        at = min(BAR_WIDTH - 1, _cell(speed_mps))
+        text = Text.assemble(text[:at], (mark, style), text[at + 1 :])
+    return text
+
+
+def _cell(speed_mps: float) -> int:
+    return max(0, min(BAR_WIDTH, round(speed_mps * 3.6 / FULL_SCALE_KMH * BAR_WIDTH)))
+
+
+def _target_rows(picture: BusPicture) -> list[tuple[str, RenderableType]]:
+    rows: list[tuple[str, RenderableType]] = []
+    position, target = picture.latest.get(VobcPosition), picture.latest.get(VobcTarget)
+    if isinstance(position, VobcPosition):
+        text = f"{position.front_m:8.2f} m  ± {position.uncertainty_m:.2f} m"
+        rows.append(("front at", Text(text)))
+    if isinstance(target, VobcTarget):
+        far = target.distance_to_stop_m > FAR_M
+        stop = "none" if far else f"{target.distance_to_stop_m:8.2f} m"
+        rows.append(("next stop in", Text(stop, style="bold")))
+    return rows
+
+
+def _why(picture: BusPicture) -> str:
+    """What the emergency brake is for, as the controller says; empty while it is off."""
+    status, mode = picture.status, picture.latest.get(VobcMode)
+    emergency = status is not None and status.supervision is Supervision.EMERGENCY
+    if not emergency or not isinstance(mode, VobcMode):
+        return ""
+    return f" ({cause_words(mode.cause)})"
+
+
+def _operation(picture: BusPicture, status: VobcStatus) -> str:
+    """What operation is about; at a stop, why its doors stay shut."""
+    words, mode = status.ato_phase.name.lower().replace("_", " "), picture.latest.get(VobcMode)
+    if status.ato_phase is not AtoPhase.STOPPED or not isinstance(mode, VobcMode):
+        return words
+    shut = withheld_words(mode.doors_withheld)
+    return words + (f" (doors shut: {shut})" if shut else "")
+
+
+def _state_rows(status: VobcStatus, mode: str, why: str) -> list[tuple[str, RenderableType]]:
+    state = Text(status.supervision.name + why, style=STATE_STYLE[status.supervision])
+    if status.missing:
+        state.append(f"  waits for: {missing_words(status.missing)}", style="yellow")
+    cycle = Text(f"{status.work_us / 1000.0:5.2f} ms work")
+    cycle.append(
+        f"   {status.cycle_slips} slips", style="bold red" if status.cycle_slips else "dim"
+    )
+    return [("operation", Text(mode)), ("protection", state), ("cycle", cycle)]
+
+
+def _train_rows(picture: BusPicture) -> list[tuple[str, RenderableType]]:
+    brake, traction = picture.latest.get(BrakeStatus), picture.latest.get(TractionStatus)
+    doors = picture.latest.get(DoorStatus)
+    words = []
+    if isinstance(traction, TractionStatus):
+        words.append(f"traction {traction.force_n / 1000.0:6.1f} kN")
+    if isinstance(brake, BrakeStatus):
+        held = (
+            "  EMERGENCY" if brake.emergency_applied else "  held" if brake.holding_applied else ""
+        )
+        words.append(f"brake {brake.applied_decel_mps2:4.2f} m/s²{held}")
+    if isinstance(doors, DoorStatus):
+        side = doors.right if doors.right is not DoorState.LOCKED else doors.left
+        words.append(f"doors {side.name.lower()}")
+    return [("train", Text("   ".join(words) or "not heard yet"))]
+
+
+class Display:
+    """Shows the picture on a terminal, or as a line every few seconds where there is none."""
+
+    def __init__(
+        self, console: Console, picture: BusPicture, title: str, hints: Hints = no_hints
+    ) -> None:
+        self._picture, self._title, self._console = picture, title, console
+        self._hints = hints
+        self._live = (
+            Live(console=console, auto_refresh=False, transient=True)
+            if console.is_terminal
+            else None
+        )
+        self._start_ns: int | None = None
+        self._plain_next_ns = 0
+
+    def start(self, now_ns: int) -> None:
+        self._start_ns = now_ns
+        if self._live:
+            self._live.start()
+
+    def stop(self) -> None:
+        if self._live:
+            self._live.stop()
+
+    def say(self, text: str) -> None:
+        """A lasting line above the picture."""
+        self._console.print(text, highlight=False, markup=False, soft_wrap=True)
+
+    def refresh(self, now_ns: int) -> None:
+        assert self._start_ns is not None
+        elapsed_s = (now_ns - self._start_ns) / NS_PER_S
+        hints = self._hints(self._picture)
+        if self._live:
+            self._live.update(render(self._picture, elapsed_s, self._title, hints), refresh=True)
+        elif now_ns >= self._plain_next_ns:
+            self._plain_next_ns = now_ns + int(PLAIN_PERIOD_S * NS_PER_S)
+            self.say("  ".join([plain_line(self._picture, elapsed_s), *hints]))
+
+
+def plain_line(picture: BusPicture, elapsed_s: float) -> str:
+    """The picture in one line, for logs."""
+    status, motion = picture.status, picture.motion
+    target = picture.latest.get(VobcTarget)
+    if status is None or motion is None:
+        return (
+            f"{elapsed_s:6.1f} s  controller not heard yet, bus {picture.frames_per_s:.0f} frames/s"
+        )
+    line = (
+        f"{elapsed_s:6.1f} s  {motion.speed_mps * 3.6:z5.1f} km/h"
+        f"  ceiling {motion.ceiling_mps * 3.6:5.1f}"
+    )
+    if isinstance(target, VobcTarget) and target.distance_to_stop_m < FAR_M:
+        line += f"  stop in {target.distance_to_stop_m:7.2f} m"
+    line += f"  {status.supervision.name}{_why(picture)}  {_operation(picture, status)}"
+    line += f"  bus {picture.load_ratio * 100.0:.0f} %  work {status.work_us / 1000.0:.2f} ms"
+    return line + (f"  waits for: {missing_words(status.missing)}" if status.missing else "")
+
+
+Say = Callable[[str], None]

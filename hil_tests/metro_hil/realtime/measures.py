@@ -1,0 +1,112 @@
+"""Measures of a case in real time, from the logs that its processes left."""
+
+import json
+from typing import Protocol
+
+import numpy as np
+
+from metro_hil.metrics.case import motion_measures
+from metro_hil.metrics.comfort import comfort_of, inertia_of
+from metro_hil.model.case_setup import CaseParts
+from metro_hil.model.log_columns import Columns, LogError, read_columns
+from metro_hil.model.run_folder import RunFolder
+from metro_hil.realtime.ends import Motion
+from metro_hil.realtime.observer import Hearing
+from plant_emulator.process import TRUTH_COLUMNS
+
+BIT_RATE = 250_000
+
+
+class Watched(Protocol):
+    """A run that is over."""
+
+    hearing: Hearing
+    motion: Motion
+
+
+def realtime_measures(
+    folder: RunFolder, made: CaseParts, run: Watched, *, truth_known: bool
+) -> dict[str, float | None]:
+    """By name, as in lockstep; what nobody measured is None or left out."""
+    measures: dict[str, float | None] = {}
+    truth = _read(folder, "truth.csv") if truth_known else None
+    if truth is not None:
+        seen = up_to(truth, run.motion.t_s)
+        measures.update(motion_measures(seen, made.journey.stops, made.journey.planned_run_s))
+        measures["arrived_count"] = float(run.motion.arrived)
+    cycles = _read(folder, "cycles.csv")
+    measures.update(_commanded(cycles, made))
+    measures["controller_slips_count"] = _last(cycles, "slips")
+    measures["rejected_frames_count"] = _refused(folder)
+    elapsed_s = run.motion.t_s
+    if elapsed_s > 0.0:
+        measures["bus_load_ratio"] = run.hearing.train.bits / (BIT_RATE * elapsed_s)
+    measures.update(_gateway(folder))
+    return measures
+
+
+def _commanded(cycles: Columns | None, made: CaseParts) -> dict[str, float | None]:
+    try:
+        comfort = comfort_of(None, cycles, inertia_kg=inertia_of(made.scenario.train))
+    except LogError:
+        return {}
+    asked = comfort.measures()
+    return {name: asked[name] for name in ("commanded_accel_max_mps2", "commanded_jerk_max_mps3")}
+
+
+def up_to(truth: Columns, end_s: float) -> Columns:
+    """What was logged until the case was over; then the controller ends and the train brakes."""
+    rows = zip(*(truth.texts(name) for name in TRUTH_COLUMNS), strict=True)
+    return Columns.of_rows("truth", TRUTH_COLUMNS, [row for row in rows if float(row[0]) <= end_s])
+
+
+def lateness_us_p99(folder: RunFolder) -> float | None:
+    """Of the controller's cycles, as it logged them."""
+    cycles = _read(folder, "cycles.csv")
+    try:
+        late_us = None if cycles is None else cycles.numbers("lateness_us")
+    except LogError:
+        return None
+    if late_us is None or not np.any(~np.isnan(late_us)):
+        return None
+    return float(np.nanpercentile(late_us, 99.0))
+
+
+def _gateway(folder: RunFolder) -> dict[str, float | None]:
+    """How long frames waited in the gateway that no fault held back."""
+    told = _json(folder, "gateway.json")
+    names = ("wait_p50_us", "wait_p99_us", "wait_max_us")
+    values = {name: told.get(name) for name in names}
+    return {
+        f"gateway_{name}": float(value)
+        for name, value in values.items()
+        if isinstance(value, int | float)
+    }
+
+
+def _refused(folder: RunFolder) -> float | None:
+    refused = _json(folder, "plant.json").get("refused_frames")
+    return float(sum(refused.values())) if isinstance(refused, dict) else None
+
+
+def _last(columns: Columns | None, name: str) -> float | None:
+    try:
+        values = None if columns is None else columns.numbers(name)
+    except LogError:
+        return None
+    return float(values[-1]) if values is not None and len(values) else None
+
+
+def _read(folder: RunFolder, name: str) -> Columns | None:
+    try:
+        return read_columns(folder.path / name)
+    except LogError:
+        return None
+
+
+def _json(folder: RunFolder, name: str) -> dict[str, object]:
+    try:
+        told = json.loads((folder.path / name).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return told if isinstance(told, dict) else {}

@@ -1,0 +1,35 @@
+"""Which events of a story are to be told."""
+
+import difflib
+from collections.abc import Sequence
+
+from metro_hil.report.explain.event_log import KINDS, StoryError, ToldEvent
+
+
+def kinds_of(text: str) -> frozenset[str]:
+    """Names of kinds, apart by commas, in any case. Raises StoryError naming the nearest one."""
+    found = set()
+    for word in filter(None, (part.strip() for part in text.split(","))):
+        name = word.upper().replace("-", "_")
+        if name not in KINDS:
+            near = difflib.get_close_matches(name, KINDS, n=1, cutoff=0.0)
+            raise StoryError(f"--only {word}: no kind of event; nearest is {near[0]}")
+        found.add(name)
+    return frozenset(found)
+
+
+def chosen(
+    events: Sequence[ToldEvent],
+    *,
+    from_s: float | None,
+    to_s: float | None,
+    only: frozenset[str],
+) -> list[ToldEvent]:
+    """Both ends of the time are included; an empty `only` takes every kind."""
+    return [
+        event
+        for event in events
+        if (from_s is None or event.t_s >= from_s)
+        and (to_s is None or event.t_s <= to_s)
+        and (not only or event.kind in only)
+    ]

@@ -1,0 +1,71 @@
+"""`vobc explain`: parse, read, tell."""
+
+import argparse
+import json
+import os
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from rich.console import Console
+
+from firmware_py.settings import SettingsError
+from metro_hil.model.run_options import EXIT_OK, EXIT_USAGE
+from metro_hil.report.explain.bus_log import located
+from metro_hil.report.explain.choose import chosen, kinds_of
+from metro_hil.report.explain.event_log import KINDS, StoryError, read_story
+from metro_hil.report.explain.known import known_at
+from metro_hil.report.explain.show import document, known_document, show_known, show_story
+
+DESCRIPTION = "Tell what the controller of a run decided, why, and from which frames."
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line of `vobc explain`."""
+    top = argparse.ArgumentParser(
+        prog="vobc explain",
+        description=DESCRIPTION,
+        epilog=f"kinds of events: {', '.join(KINDS)}",
+    )
+    top.add_argument("run", metavar="RUN", help="run folder, or the folder of a campaign's case")
+    top.add_argument("--from", dest="from_s", type=float, metavar="SECONDS", help="tell from then")
+    top.add_argument("--to", dest="to_s", type=float, metavar="SECONDS", help="tell up to then")
+    top.add_argument("--only", default="", metavar="KIND,...", help="tell these kinds only")
+    top.add_argument(
+        "--at", dest="at_s", type=float, metavar="SECONDS", help="what it knew at that instant"
+    )
+    top.add_argument("--json", action="store_true", help="one JSON object on standard output")
+    return top
+
+
+def main(argv: Sequence[str]) -> int:
+    """Whatever the user got wrong is one line, never a traceback."""
+    options = parser().parse_args(argv)
+    try:
+        return _explain(options)
+    except (StoryError, SettingsError) as error:
+        print(f"vobc: {error}", file=sys.stderr)
+        return EXIT_USAGE
+    except BrokenPipeError:
+        # Whoever reads has seen enough; what is left in the buffer goes nowhere.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return EXIT_OK
+
+
+def _explain(options: argparse.Namespace) -> int:
+    only = kinds_of(options.only)
+    story = located(read_story(Path(options.run)))
+    console = Console()
+    if options.at_s is not None:
+        known = known_at(story.folder, options.at_s)
+        if options.json:
+            print(json.dumps(known_document(story, known), ensure_ascii=False))
+        else:
+            show_known(console, story, known, options.at_s)
+        return EXIT_OK
+    events = chosen(story.events, from_s=options.from_s, to_s=options.to_s, only=only)
+    if options.json:
+        print(json.dumps(document(story, events), ensure_ascii=False))
+    else:
+        show_story(console, story, events)
+    return EXIT_OK

@@ -1,0 +1,179 @@
+"""Reads what a run folder tells of its controller: events, journey, ending."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from can_dbc.vobc import EventKind
+from metro_hil.model.run_folder import RunFolder
+
+PORTS_LOG: Final = "ports.log"
+CAMPAIGN: Final = "campaign.json"
+START: Final = "start "
+KINDS: Final = tuple(kind.name for kind in EventKind)
+
+
+class StoryError(Exception):
+    """A folder without a story; the text names it and says what to do."""
+
+
+@dataclass(frozen=True, slots=True)
+class ToldSource:
+    """What one event was decided from."""
+
+    source: str
+    number: int | None
+    """Identifier of the frame, id of the tag, sequence of the message; None: never heard."""
+    payload: bytes
+    heard_s: float | None
+    frame: int | None = None
+    """Its number in the bus log, from 1; None where that is not known."""
+
+
+@dataclass(frozen=True, slots=True)
+class ToldEvent:
+    """One line of events.jsonl."""
+
+    t_s: float
+    """Since the start of the controller that told it."""
+    number: int
+    """Of this event since that start."""
+    kind: str
+    words: str
+    value: int
+    sources: tuple[ToldSource, ...]
+    controller: int
+    """0 for the first one of the run; another one is there after it was started again."""
+
+
+@dataclass(frozen=True, slots=True)
+class Head:
+    """What the run was."""
+
+    name: str
+    line: str
+    stations: tuple[str, ...]
+    """Where it began and every stop of its mission."""
+    ended: str
+    """Why the run ended; empty when it did not come to write that down."""
+
+
+@dataclass(frozen=True, slots=True)
+class Story:
+    folder: RunFolder
+    head: Head
+    events: tuple[ToldEvent, ...]
+    torn_lines: int
+    """Lines that a killed run left unfinished; they are not used."""
+
+
+def read_story(path: Path) -> Story:
+    """Raises StoryError.
+
+    Args:
+        path: of the run folder, or of the file events.jsonl in it.
+    """
+    folder = _folder_of(path)
+    if not folder.path.is_dir():
+        raise StoryError(f"{path}: no such run folder; `vobc run` makes one below runs/")
+    if (folder.path / CAMPAIGN).exists():
+        raise StoryError(
+            f"{path}: the folder of a campaign; name one of its cases below {path / 'cases'}"
+        )
+    if not folder.events_log.exists():
+        raise StoryError(_without_events(folder))
+    try:
+        lines = folder.events_log.read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise StoryError(f"{folder.events_log}: cannot be read: {error}") from error
+    events, torn = _events(lines)
+    return Story(folder, _head(folder), events, torn)
+
+
+def _folder_of(path: Path) -> RunFolder:
+    """The folder itself, or the only one below it that has events."""
+    if path.name == RunFolder(path).events_log.name:
+        return RunFolder(path.parent)
+    folder = RunFolder(path)
+    below = [] if folder.events_log.exists() else sorted(path.glob(f"*/{folder.events_log.name}"))
+    return RunFolder(below[0].parent) if len(below) == 1 else folder
+
+
+def _without_events(folder: RunFolder) -> str:
+    path = folder.events_log
+    if folder.cycle_log.exists():
+        return f"{path}: no events; this run was made by an older version, run it again"
+    return f"{path}: no events; {folder.path} is not the folder of a run with a controller of ours"
+
+
+def _events(lines: Sequence[str]) -> tuple[tuple[ToldEvent, ...], int]:
+    events: list[ToldEvent] = []
+    torn = controller = last = 0
+    for line in lines:
+        try:
+            table = json.loads(line)
+            if table["number"] <= last:
+                controller += 1
+            event = _event(table, controller)
+        except (ValueError, KeyError, TypeError, AttributeError):
+            torn += 1
+            continue
+        last = event.number
+        events.append(event)
+    return tuple(events), torn
+
+
+def _event(table: Mapping[str, Any], controller: int) -> ToldEvent:
+    return ToldEvent(
+        t_s=float(table["t_s"]),
+        number=int(table["number"]),
+        kind=str(table["kind"]),
+        words=str(table["words"]),
+        value=int(table["value"]),
+        sources=tuple(_source(source) for source in table["sources"]),
+        controller=controller,
+    )
+
+
+def _source(table: Mapping[str, Any]) -> ToldSource:
+    heard_s = table.get("heard_s")
+    return ToldSource(
+        source=str(table["source"]),
+        number=table.get("id"),
+        payload=bytes.fromhex(table.get("payload", "")),
+        heard_s=None if heard_s is None else float(heard_s),
+    )
+
+
+def _head(folder: RunFolder) -> Head:
+    """Each part from the file that has it; what cannot be read stays empty."""
+    told = _told(folder.path / PORTS_LOG)
+    mission = told.get("mission", {})
+    results = _json(folder.results)
+    return Head(
+        name=str(results.get("case_id", folder.path.name)),
+        line=str(told.get("line", {}).get("name", "")),
+        stations=(str(mission.get("start", "")), *map(str, mission.get("stops", ()))),
+        ended=str(results.get("exit_reason", "")),
+    )
+
+
+def _told(ports_log: Path) -> Mapping[str, Any]:
+    """What the controller was told before its first cycle."""
+    try:
+        with ports_log.open(encoding="utf-8") as lines:
+            first = lines.readline()
+        told = json.loads(first.removeprefix(START))["told"]
+    except (OSError, ValueError, KeyError, TypeError):
+        return {}
+    return told if isinstance(told, dict) else {}
+
+
+def _json(path: Path) -> Mapping[str, Any]:
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return content if isinstance(content, dict) else {}

@@ -1,0 +1,363 @@
+"""One case on the lockstep bench, from its start to its verdict."""
+
+import math
+import traceback
+from collections.abc import Callable, Sequence
+from typing import Final
+
+from firmware_py.clock.clock import WallClock
+from firmware_py.expression import compile_expression
+from firmware_py.settings import SettingsError
+from metro_hil.external_controller import ControllerDiedError
+from metro_hil.metrics.case import MemoryLog, motion_measures
+from metro_hil.metrics.comfort import CommandLog, inertia_of
+from metro_hil.metrics.notches import NotchLog
+from metro_hil.model.case import Case, CaseResult, Controller, Event, Host, Verdict
+from metro_hil.model.case_setup import NO_FILES, CaseParts, Files, parts_of
+from metro_hil.model.end_condition import ARRIVED
+from metro_hil.model.frame_hash import FrameChain
+from metro_hil.model.run_folder import RunFolder
+from metro_hil.model.verdict import judge
+from metro_hil.monitors import Context, MonitorSet, read_monitors
+from metro_hil.run.lockstep import Lockstep, Taps
+from plant_emulator.faults.declared_process import ClockStep
+from plant_emulator.faults.kinds import BENCH_PLACES, Place
+from plant_emulator.faults.plan import FaultPlan
+from plant_emulator.truth import SIGNALS, Truth
+from plant_emulator.world import STEP_NS
+from vobc.vocabulary import CycleOutput
+
+NS_PER_S: Final = 1_000_000_000
+MS_PER_S: Final = 1000.0
+INPUT_AGE_S: Final = 0.25
+"""What faults delay by less is heard, and believed to be as old as it is."""
+J_PER_KWH: Final = 3.6e6
+STUCK_S: Final = 60.0
+"""So long after the longest dwell, with no fault to come or to go, a standing train stays."""
+AFTER_DEATH_S: Final = 180.0
+"""The train is followed for so long after its controller died, to see where it comes to stand."""
+EVENTS_MAX: Final = 500
+
+CONTROLLER_MODULE: Final = "vobc."
+BENCH_MODULES: Final = ("metro_hil.", "plant_emulator.")
+
+STUCK: Final = "stands for good"
+DURATION: Final = "duration over"
+VIOLATION: Final = "stopped at the first violation"
+DIED: Final = "the controller died"
+
+
+def run_alone(
+    case: Case, *, files: Files = NO_FILES, folder: RunFolder | None = None
+) -> CaseResult:
+    """Run one case on the lockstep bench to its end and judge it."""
+    began_ns = WallClock().now_ns()
+    try:
+        run = CaseRun(case, parts_of(case, files), folder)
+    except SettingsError as error:
+        return CaseResult(
+            case_id=case.id, index=case.index, verdict=Verdict.BLOCKED, reason=str(error)
+        )
+    try:
+        if case.branch is not None:
+            run.to_branch()
+            run.become(case, run.parts.faults)
+        run.to_end()
+    finally:
+        run.close()
+    return run.result(began_ns)
+
+
+class CaseRun:
+    """A case while it runs."""
+
+    def __init__(
+        self,
+        case: Case,
+        parts: CaseParts,
+        folder: RunFolder | None,
+        places: frozenset[Place] = frozenset(),
+    ) -> None:
+        """Args:
+        places: where faults of other cases may act that go on from a copy of this run.
+        """
+        self.case = case
+        self.parts = parts
+        self.truth = Truth()
+        """What is true of the train, as of the last step of the plant."""
+        self._chain = FrameChain()
+        self._rows = MemoryLog()
+        self._commands = CommandLog(inertia_of(parts.scenario.train))
+        self._notches = NotchLog()
+        own_port, input_age_s = hearing_of(parts.faults, places)
+        places |= {plan.kind.place for plan in parts.faults}
+        self._monitors = MonitorSet(
+            read_monitors(case.monitors, case.id, case.invariants),
+            Context(
+                line=parts.scenario.line,
+                train=parts.scenario.train,
+                cycle_s=case.setup.cycle_ms / MS_PER_S,
+                input_age_s=input_age_s,
+            ),
+            own_port=own_port,
+        )
+        self.bench = Lockstep(
+            parts.config,
+            parts.scenario,
+            parts.journey,
+            folder,
+            faults=() if case.branch else parts.faults,
+            places=places,
+            taps=Taps(
+                frame=self._frame,
+                said=self._monitors.said if own_port else None,
+                truth=self._truth,
+                rows=self._rows,
+                radio=self._monitors.radio,
+            ),
+            controller=case.controller,
+        )
+        self._events: list[Event] = []
+        self._output: CycleOutput | None = None
+        self._said: object = None
+        self._start_m = parts.journey.start.stop_m
+        self._moved_m = 0.0
+        self._still_s: float | None = None
+        self._branch = None
+        if case.branch is not None:
+            self._branch = compile_expression(case.branch.when, SIGNALS)
+        self._branched = False
+        self._wall = WallClock()
+        self._stepping_ns = 0
+        self._reason = ""
+        self._died = ""
+        self._patience_s = STUCK_S + max(
+            (station.dwell_s for station in parts.journey.stops), default=0.0
+        )
+        self.bench.plant.schedule.listen(self._fault_changed)
+
+    def _frame(self, stamp_ns: int, can_id: int, data: bytes) -> None:
+        self._chain.frame(stamp_ns, can_id, data)
+        self._monitors.frame(stamp_ns, can_id, data)
+        self._notches.frame(stamp_ns, can_id, data)
+
+    def _truth(self, truth: Truth, now_ns: int) -> None:
+        self.truth = truth
+        self._monitors.sample(truth, now_ns)
+        if truth.speed_mps == 0.0:
+            if self._still_s is None:
+                self._still_s = truth.t_s
+        else:
+            self._still_s = None
+        moved_m = abs(truth.front_m - self._start_m)
+        if moved_m > self._moved_m:
+            self._moved_m = moved_m
+        output = self.bench.vobc.output
+        if output is not self._output:
+            self._output = output
+            self._commands.output(truth.t_s, output)
+            self._tell(truth.t_s, output)
+        if self._branch is not None and not self._branched and self._branch(truth):
+            self._branched = True
+
+    def _tell(self, t_s: float, output: CycleOutput) -> None:
+        said = (output.supervision, output.cause, output.ato_phase)
+        if said == self._said:
+            return
+        self._said = said
+        state = output.supervision.name.lower().replace("_", " ")
+        phase = output.ato_phase.name.lower().replace("_", " ")
+        cause = f": {output.cause}" if output.cause else ""
+        self._note(t_s, f"protection {state}{cause}; operation {phase}")
+
+    def _note(self, t_s: float, words: str) -> None:
+        if len(self._events) < EVENTS_MAX:
+            self._events.append(Event(t_s, words))
+
+    def _fault_changed(self, plan: FaultPlan, active: bool, now_ns: int) -> None:
+        words = f"fault {plan.kind.name} {'begins' if active else 'ends'}"
+        self._note(now_ns / NS_PER_S, words)
+
+    def to_branch(self) -> bool:
+        """Run to where the cases of a group part; False when that never comes."""
+        limit_ns = round(self.case.setup.duration_s * NS_PER_S)
+        self._run_until(
+            lambda now_ns: (
+                self._over(now_ns, limit_ns) or (self._branched and now_ns % STEP_NS == 0)
+            )
+        )
+        return self._branched
+
+    def become(self, case: Case, faults: Sequence[FaultPlan]) -> None:
+        """At the branch: from here on it is this case's run."""
+        self.case = case
+        self._stepping_ns = 0
+        if self._branched:
+            self.bench.reseed(case.seed)
+            self.bench.plant.schedule.plan(faults)
+
+    def warm_up(self) -> None:
+        """Load what only the end of a run needs, so that copies of this process have it already."""
+        self._measures()
+
+    def to_end(self) -> None:
+        """Run until the case is over. A controller that dies leaves the train to itself."""
+        if self._died:
+            return
+        limit_ns = round(self.case.setup.duration_s * NS_PER_S)
+        self._run_until(lambda now_ns: self._over(now_ns, limit_ns))
+
+    def _run_until(self, over: Callable[[int], bool]) -> None:
+        began_ns = self._wall.now_ns()
+        try:
+            self.bench.run_until(over)
+        except Exception as error:
+            self.bury(error)
+            self._follow_to_standstill()
+        self._stepping_ns += self._wall.now_ns() - began_ns
+
+    def bury(self, error: Exception) -> None:
+        """Take down how the controller died and go on without it; what the bench raised goes on."""
+        if not _raised_by_controller(error):
+            raise error
+        self._died = _last_line(error)
+        self._reason = DIED
+        self._note(self.bench.clock.now_ns() / NS_PER_S, self._died)
+        self.bench.without_controller()
+
+    def _follow_to_standstill(self) -> None:
+        bench = self.bench
+        limit_ns = bench.clock.now_ns() + round(AFTER_DEATH_S * NS_PER_S)
+        bench.run_until(lambda now_ns: now_ns >= limit_ns or self._still_s is not None)
+
+    def _over(self, now_ns: int, limit_ns: int) -> bool:
+        if now_ns % STEP_NS:
+            # Only steps of the plant, so that no other task decides when a run ends.
+            return False
+        if self.case.stop_at_violation and self._monitors.violated is not None:
+            self._reason = VIOLATION
+        elif self.bench.arrived:
+            self._reason = ARRIVED
+        elif now_ns >= limit_ns:
+            self._reason = DURATION
+        elif (
+            self._still_s is not None
+            and now_ns / NS_PER_S - self._still_s > self._patience_s
+            and not self.bench.plant.schedule.pending
+        ):
+            self._reason = STUCK
+        return self._reason != ""
+
+    def close(self) -> None:
+        try:
+            self.bench.close()
+        except Exception as error:
+            try:
+                self.bury(error)
+            finally:
+                # Whoever is to blame, no process and no log stays open.
+                self.bench.without_controller()
+                self.bench.close()
+        self._monitors.finish(self._reason == VIOLATION)
+
+    def result(self, began_ns: int | None = None) -> CaseResult:
+        """Judge what was seen. Call it after `close`.
+
+        Args:
+            began_ns: when running began, on the wall clock.
+        """
+        case, bench = self.case, self.bench
+        measures = self._measures()
+        monitors = self._monitors.results(measures)
+        never = [f"fault {plan.kind.name}" for plan in bench.plant.schedule.never_began]
+        if self._branch is not None and not self._branched:
+            never.append("the branch")
+        violated = self._reason == VIOLATION
+        verdict, reason = judge(
+            monitors,
+            died=self._died,
+            never_began=() if violated else never,
+            moved_m=self._moved_m,
+            violated=violated,
+            idle_counts=case.idle_counts,
+        )
+        return CaseResult(
+            case_id=case.id,
+            index=case.index,
+            verdict=verdict,
+            reason=reason,
+            exit_reason=self._reason,
+            sim_s=bench.clock.now_ns() / NS_PER_S,
+            frames=self._chain.frames,
+            chain=self._chain.value,
+            monitors=monitors,
+            measures=measures,
+            events=self._story(),
+            host=self._host(began_ns),
+        )
+
+    def _host(self, began_ns: int | None) -> Host:
+        if began_ns is None:
+            return Host()
+        wall_s = (self._wall.now_ns() - began_ns) / NS_PER_S
+        return Host(wall_s=wall_s, stepping_s=self._stepping_ns / NS_PER_S)
+
+    def _story(self) -> tuple[Event, ...]:
+        """All that is known to have happened, in order of time."""
+        told = [Event(at_ns / NS_PER_S, what) for at_ns, what in self.bench.bus_story()]
+        both = sorted([*self._events, *told], key=lambda event: event.at_s)
+        return tuple(both[:EVENTS_MAX])
+
+    def _measures(self) -> dict[str, float | None]:
+        bench, parts = self.bench, self.parts
+        truth = self._rows.columns()
+        measures = motion_measures(truth, parts.journey.stops, parts.journey.planned_run_s)
+        measures |= self._notches.measures(truth)
+        power, elapsed_ns = bench.plant.world.power, bench.clock.now_ns()
+        if self.case.controller.kind == Controller().kind:
+            # What a controller in a process of its own asks for, its frames alone tell.
+            asked_mps2, asked_mps3 = self._commands.worst()
+            measures["commanded_accel_max_mps2"] = asked_mps2
+            measures["commanded_jerk_max_mps3"] = asked_mps3
+        measures["arrived_count"] = float(bench.arrived)
+        measures["energy_drawn_kwh"] = power.drawn_j / J_PER_KWH
+        measures["energy_returned_kwh"] = power.returned_j / J_PER_KWH
+        measures["controller_slips_count"] = float(getattr(bench.vobc, "slips", 0))
+        measures["rejected_frames_count"] = float(sum(bench.plant.wire.refusals.values()))
+        measures["bus_load_ratio"] = bench.bus.statistics().load_ratio(max(1, elapsed_ns))
+        return measures
+
+
+def hearing_of(
+    faults: Sequence[FaultPlan], places: frozenset[Place] = frozenset()
+) -> tuple[bool, float]:
+    """Whether the monitors listen at the controller's own port, and how old its inputs may be, s.
+
+    Where something can happen to what the controller says, it is listened to itself. A clock that
+    jumps ahead makes everything older that was heard before.
+
+    Args:
+        places: where faults may act besides.
+    """
+    if BENCH_PLACES.isdisjoint({*places, *(plan.kind.place for plan in faults)}):
+        return False, 0.0
+    jumps = (plan.parameters for plan in faults if isinstance(plan.parameters, ClockStep))
+    return True, INPUT_AGE_S + math.fsum(jump.step_s for jump in jumps)
+
+
+def _raised_by_controller(error: BaseException) -> bool:
+    """Whether it was raised in the controller, and not in the bench that the controller called."""
+    if isinstance(error, ControllerDiedError):
+        return True
+    innermost = ""
+    for frame, _ in traceback.walk_tb(error.__traceback__):
+        name: str = frame.f_globals.get("__name__", "")
+        if name.startswith((CONTROLLER_MODULE, *BENCH_MODULES)):
+            innermost = name
+    return innermost.startswith(CONTROLLER_MODULE)
+
+
+def _last_line(error: BaseException) -> str:
+    if isinstance(error, ControllerDiedError):
+        return str(error)
+    return traceback.format_exception_only(error)[-1].strip()

@@ -1,0 +1,38 @@
+"""Runs a case on the bench that it asks for. What workers, tests and tools call."""
+
+from collections.abc import Iterator, Sequence
+
+from metro_hil.model.case import BenchKind, Case, CaseResult
+from metro_hil.model.case_setup import NO_FILES, Files
+from metro_hil.model.run_folder import RunFolder
+from metro_hil.run import branch
+from metro_hil.run.case import run_alone
+
+
+def run_case(case: Case, *, files: Files = NO_FILES, folder: RunFolder | None = None) -> CaseResult:
+    """On the lockstep bench the same case gives the same result, bit for bit, anywhere.
+
+    Args:
+        files: where the files are that the case calls by a name of the user's.
+        folder: keeps all logs of the run. Without one a case in virtual time touches no disk.
+    """
+    if case.bench is BenchKind.LOCKSTEP:
+        return run_alone(case, files=files, folder=folder)
+    from metro_hil.realtime import run_realtime_case
+    from metro_hil.realtime.wires import Presence, RealtimeWires
+
+    said = case.wires
+    wires = RealtimeWires(
+        bus_a=said.bus_a,
+        bus_b=said.bus_b,
+        tags=said.tags,
+        radio=said.radio,
+        plant=Presence(said.plant),
+        controller=Presence(said.controller),
+    )
+    return run_realtime_case(case, files=files, folder=folder, wires=wires)
+
+
+def run_group(cases: Sequence[Case], *, files: Files = NO_FILES) -> Iterator[CaseResult]:
+    """Cases that share what comes before their branch; see `metro_hil.run.branch`."""
+    return branch.run_group(cases, files=files)

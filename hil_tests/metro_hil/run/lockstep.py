@@ -1,0 +1,367 @@
+"""Controller and plant in one process in virtual time: same code, same frames, no waiting."""
+
+from collections.abc import Callable, Collection, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+
+from can_dbc.nodes import Node
+from firmware_py.buses.inproc import InprocBus
+from firmware_py.clock.clock import LockstepClock, WallClock
+from firmware_py.clock.executive import Executive, Task, run
+from firmware_py.ports import CanFrame, CanPort, RadioPort, SerialPort
+from firmware_py.radio.inproc_radio import InprocRadio
+from firmware_py.radio.recorded_radio import RecordedRadio
+from firmware_py.storage.port_log import PORTS_LOG, PortLog
+from firmware_py.storage.recorder import CandumpWriter, LineLog, RadioLog, SerialLog
+from firmware_py.tag_reader.inproc_line import inproc_line
+from firmware_py.tag_reader.recorded_line import RecordedLine
+from metro_hil.external_controller.choice import SHIPPED, ControllerSide
+from metro_hil.faults.bus import BusFaults, FaultyPort
+from metro_hil.faults.frames import FrameFaults
+from metro_hil.faults.process import ControllerProcess, Device
+from metro_hil.model.case import Controller
+from metro_hil.model.end_condition import ARRIVED, DURATION, ArrivalWatch, Ending
+from metro_hil.model.gc_tuning import rarely_collected
+from metro_hil.model.mission import Journey
+from metro_hil.model.run_folder import RunFolder
+from metro_hil.model.run_options import ELSEWHERE, RunOptions
+from metro_hil.run.radio_tap import TappedRadio
+from plant_emulator.faults.kinds import Place
+from plant_emulator.faults.plan import FaultPlan
+from plant_emulator.process import TRUTH_COLUMNS, PlantDevice, TruthLog
+from plant_emulator.truth import Truth
+from plant_emulator.wayside.railway import subscriptions
+from plant_emulator.world import Scenario, plan_scenario
+from vobc.config import VobcConfig, load_config
+from vobc.process import CYCLE_COLUMNS, EventLines
+from vobc.wire import HEARD_IDS
+from zenoh_config import keys
+
+BIT_RATE = 250_000
+BUS_NAME = "vcan0"
+LIMIT_S = 4.0 * 3600.0
+"""A train that has not arrived after so long never will."""
+STANDS_S = 900.0
+"""Longer than anything holds a train of which nobody gave the duration."""
+STUCK = f"stands for good: not moved for {STANDS_S / 60.0:.0f} min"
+TIME_UP = f"not arrived within {LIMIT_S / 3600.0:.0f} h"
+WATCH_MS = 500.0
+BUS_FAULT_MS = 1.0
+NS_PER_S = 1_000_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class Taps:
+    """What a campaign hangs onto a run; none of it is heard by the devices."""
+
+    frame: Callable[[int, int, bytes], None] | None = None
+    """Told instant of the end, identifier and data of every frame."""
+    said: Callable[[int, int, bytes], None] | None = None
+    """Told the same of every frame that the controller says, when it does."""
+    truth: Callable[[Truth, int], None] | None = None
+    """Told the truth after every step of the plant."""
+    rows: TruthLog | None = None
+    """Takes the rows of the truth log."""
+    radio: Callable[[bytes], None] | None = None
+    """Told the payload of every radio message that the controller is given."""
+
+
+UNTAPPED = Taps()
+
+
+class Lockstep:
+    """One train and its world on a bus of virtual time, ready to run."""
+
+    def __init__(
+        self,
+        config: VobcConfig,
+        scenario: Scenario,
+        journey: Journey,
+        folder: RunFolder | None = None,
+        *,
+        faults: Sequence[FaultPlan] = (),
+        places: Collection[Place] = (),
+        taps: Taps = UNTAPPED,
+        controller: Controller = SHIPPED,
+    ) -> None:
+        """Without a folder nothing is logged.
+
+        Raises RecorderError for a log that cannot be, ControllerStartError for a controller of a
+        process of its own that does not start.
+
+        Args:
+            faults: from the start on; `plant.schedule.plan` may change them.
+            places: where faults may act, now or later.
+            taps: who looks on.
+            controller: what is under test.
+        """
+        self.clock = LockstepClock()
+        self._stack = ExitStack()
+        self._logs: list[LineLog | CandumpWriter | PortLog | EventLines] = []
+        self._writer = self._candump(folder, "bus.log")
+        self._tap = taps.frame
+        wanted = self._writer is not None or self._tap is not None
+        self.bus = InprocBus(BUS_NAME, BIT_RATE, self._record if wanted else None)
+        radio = InprocRadio()
+        controller_end, reader_end = inproc_line()
+        line = journey.line
+        self.plant = PlantDevice(
+            scenario,
+            open_port=self._open_node,
+            tags=reader_end,
+            radio=radio.port("wayside", subscriptions(line.name)),
+            truth=_tee(self._log(folder, "truth.csv", TRUTH_COLUMNS), taps.rows),
+            start_ns=0,
+            faults=faults,
+            observer=taps.truth,
+        )
+        self._bus_faults: BusFaults | None = None
+        self._executives = [self.plant.executive]
+        self._side = ControllerSide(
+            controller,
+            config,
+            journey,
+            clock=self.clock,
+            cycle_log=self._log(folder, "cycles.csv", CYCLE_COLUMNS),
+            port_log=self._port_log(folder),
+            said=taps.said,
+            event_log=self._event_log(folder),
+        )
+        self._stack.callback(self._side.close)
+        places = {*places, *(plan.kind.place for plan in faults)}
+        accepted = HEARD_IDS if controller.kind == SHIPPED.kind else None
+        self.vobc = self._connected(
+            self._controller_port(accepted, scenario.seed, faulty=Place.BUS in places),
+            self._recorded(controller_end, folder),
+            self._recorded_radio(
+                radio.port("train", _heard_by(line.name, config.address)), folder, taps.radio
+            ),
+            faulty=Place.PROCESS in places,
+        )
+        self._arrival = ArrivalWatch(journey.end.stop_m)
+        self.arrived, self._moved_ns = False, self.clock.now_ns()
+        """Whether the train has stood with open doors at its last station for a while."""
+        self._executives.append(Executive([Task("watch", WATCH_MS, self._watch)], 0))
+
+    def _connected(
+        self, can: CanPort, tags: SerialPort, radio: RadioPort, *, faulty: bool
+    ) -> Device:
+        """The controller on its ports. One that does not start leaves no log open behind it."""
+        try:
+            device = self._side.device(can, tags, radio, faulty=faulty)
+        except BaseException:
+            self._stack.close()
+            raise
+        if isinstance(device, ControllerProcess):
+            self._on_fault(Place.PROCESS, device.change)
+        self._executives.append(device.executive)
+        return device
+
+    def _controller_port(
+        self, accept_ids: Collection[int] | None, seed: int, *, faulty: bool
+    ) -> CanPort:
+        """On the bus; where bus faults may act they stand between."""
+        port = self.bus.port(Node.VOBC.name, accept_ids)
+        if not faulty:
+            return port
+        between = FaultyPort(port, FrameFaults(seed))
+        self._bus_faults = BusFaults(self.bus, between, seed)
+        self._on_fault(Place.BUS, self._bus_faults.change)
+        self._executives.append(Executive([Task("bus faults", BUS_FAULT_MS, between.poll)], 0))
+        return between
+
+    def _on_fault(self, place: Place, change: Callable[[FaultPlan, bool, int], None]) -> None:
+        def listener(plan: FaultPlan, active: bool, now_ns: int) -> None:
+            if plan.kind.place is place:
+                change(plan, active, now_ns)
+
+        self.plant.schedule.listen(listener)
+
+    def run(self, duration_s: float | None = None) -> str:
+        """Until it has arrived, stands for good or time is over; a given duration is waited for."""
+        limit_s = LIMIT_S if duration_s is None else min(duration_s, LIMIT_S)
+        end_ns = self.clock.now_ns() + int(limit_s * NS_PER_S)
+        stands_s = LIMIT_S if duration_s is not None else STANDS_S
+        self.run_until(
+            lambda now_ns: now_ns >= end_ns or self.arrived or self._stood_s(now_ns) >= stands_s
+        )
+        if self.arrived:
+            return ARRIVED
+        if self._stood_s(self.clock.now_ns()) >= stands_s:
+            return STUCK
+        return DURATION if limit_s == duration_s else TIME_UP
+
+    def run_until(self, over: Callable[[int], bool]) -> None:
+        """Run on; `over` is asked before each release. Runs in pieces equal one in a single one."""
+        with rarely_collected():
+            run(self._executives, self.clock, over)
+
+    def reseed(self, seed: int) -> None:
+        """From now on everything that is drawn comes from another seed."""
+        self.plant.world.reseed(seed)
+        if self._bus_faults is not None:
+            self._bus_faults.reseed(seed)
+
+    def bus_story(self) -> Sequence[tuple[int, str]]:
+        """What the faults of the bus did, each with its instant."""
+        return () if self._bus_faults is None else self._bus_faults.story()
+
+    def without_controller(self) -> None:
+        """From now on nobody controls: its process has died."""
+        if self.vobc.executive in self._executives:
+            self._executives.remove(self.vobc.executive)
+
+    def close(self) -> None:
+        """Say the last word on the bus, let it be carried, and close the logs."""
+        now_ns = self.clock.now_ns()
+        if self.vobc.executive in self._executives:
+            self.vobc.stop(now_ns)
+        try:
+            self.plant.stop(now_ns)
+            self.bus.advance(now_ns + NS_PER_S)
+        finally:
+            self._stack.close()
+
+    @property
+    def lost_log_lines(self) -> int:
+        """Lines that the disk did not take so far."""
+        return sum(log.lost_lines for log in self._logs)
+
+    def _stood_s(self, now_ns: int) -> float:
+        return (now_ns - self._moved_ns) / NS_PER_S
+
+    def _watch(self, now_ns: int) -> None:
+        motion = self.vobc.output.motion
+        if motion is None:
+            return
+        if not motion.standing:
+            self._moved_ns = now_ns
+        if self._arrival.arrived(now_ns, self.vobc.output.ato_phase, motion.front_m.best):
+            self.arrived = True
+
+    def _open_node(self, node: Node, accept_ids: frozenset[int]) -> CanPort:
+        return self.bus.port(node.name, accept_ids)
+
+    def _record(self, frame: CanFrame, _: str) -> None:
+        if self._writer is not None:
+            self._writer.frame(frame.stamp_ns, frame.can_id, frame.data)
+        if self._tap is not None:
+            self._tap(frame.stamp_ns, frame.can_id, frame.data)
+
+    def _candump(self, folder: RunFolder | None, name: str) -> CandumpWriter | None:
+        if folder is None:
+            return None
+        writer = CandumpWriter(folder.path / name, BUS_NAME)
+        self._logs.append(writer)
+        self._stack.callback(writer.close)
+        return writer
+
+    def _log(self, folder: RunFolder | None, name: str, columns: tuple[str, ...]) -> LineLog | None:
+        if folder is None:
+            return None
+        log = LineLog(folder.path / name, columns)
+        self._logs.append(log)
+        self._stack.callback(log.close)
+        return log
+
+    def _event_log(self, folder: RunFolder | None) -> EventLines | None:
+        if folder is None:
+            return None
+        log = EventLines(folder.events_log)
+        self._logs.append(log)
+        self._stack.callback(log.close)
+        return log
+
+    def _port_log(self, folder: RunFolder | None) -> PortLog | None:
+        if folder is None:
+            return None
+        log = PortLog(folder.path / PORTS_LOG)
+        self._logs.append(log)
+        self._stack.callback(log.close)
+        return log
+
+    def _recorded_radio(
+        self, port: RadioPort, folder: RunFolder | None, heard: Callable[[bytes], None] | None
+    ) -> RadioPort:
+        if heard is not None:
+            port = TappedRadio(port, heard)
+        if folder is None:
+            return port
+        recorded = RecordedRadio(port, RadioLog(folder.path / "radio.log"))
+        self._stack.callback(recorded.close)
+        return recorded
+
+    def _recorded(self, port: SerialPort, folder: RunFolder | None) -> SerialPort:
+        if folder is None:
+            return port
+        recorded = RecordedLine(port, SerialLog(folder.serial_log))
+        self._stack.callback(recorded.close)
+        return recorded
+
+
+def _heard_by(line_name: str, train: int) -> tuple[str, str]:
+    """What a train listens to on the radio."""
+    return keys.authorities(line_name, train), keys.orders(line_name, train)
+
+
+class _Tee:
+    """One row into two logs."""
+
+    def __init__(self, one: TruthLog, other: TruthLog) -> None:
+        self._one, self._other = one, other
+
+    def row(self, *values: object) -> None:
+        self._one.row(*values)
+        self._other.row(*values)
+
+
+def _tee(one: TruthLog | None, other: TruthLog | None) -> TruthLog | None:
+    if one is None or other is None:
+        return one or other
+    return _Tee(one, other)
+
+
+def scenario_of(options: RunOptions) -> Scenario:
+    """The plant's side of a run; raises SettingsError."""
+    return plan_scenario(
+        line=options.line,
+        consist=options.consist,
+        seed=options.seed,
+        start=options.start,
+        end=options.end,
+        load_ratio=options.load_ratio,
+        odometer_error_ratio=options.odometer_error,
+        desk_mode="auto" if options.desk in ELSEWHERE else options.desk,
+        driver=options.driver,
+        desk_recording=options.desk_recording,
+        desk_elsewhere=options.desk in ELSEWHERE,
+    )
+
+
+def config_of(options: RunOptions) -> VobcConfig:
+    """The controller's side of a run; raises SettingsError."""
+    return load_config(
+        options.params, cycle_ms=options.cycle_ms, law=options.ato, stage=options.output
+    )
+
+
+def run_lockstep(options: RunOptions, journey: Journey, folder: RunFolder | None) -> Ending:
+    """The whole run and how it ended."""
+    wall = WallClock()
+    bench = Lockstep(config_of(options), scenario_of(options), journey, folder)
+    began_ns = wall.now_ns()
+    try:
+        reason = bench.run(options.duration_s)
+    finally:
+        bench.close()
+    elapsed_ns = max(1, wall.now_ns() - began_ns)
+    statistics, virtual_ns = bench.bus.statistics(), bench.clock.now_ns()
+    return Ending(
+        exit_reason=reason,
+        failed=reason not in (ARRIVED, DURATION),
+        frames=statistics.frames,
+        bus_load_ratio=statistics.load_ratio(max(1, virtual_ns)),
+        rejected_frames=dict(bench.plant.wire.refusals),
+        real_time_factor=virtual_ns / elapsed_ns,
+        lost_log_lines=bench.lost_log_lines,
+    )

@@ -1,0 +1,240 @@
+"""What must never happen, judged by where trains truly are and what they truly may do.
+
+It shares nothing with the protocol: it sees true motion, what each train's brake loop goes by,
+what is on the air and what arbiters stored. Numbers are those of the safety invariants 19 to 29.
+"""
+
+import math
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Final
+
+from metro_hil.simulation.true_train import ROLL_BACK_MAX_M, Grant, TrueTrain
+
+NS_PER_MS: Final = 1_000_000
+NOBODY: Final = 0
+"""The issuer of an authority whose term is no longer the newest that its train has seen."""
+CYCLE_M: Final = 4.0
+"""A train that is told to stop shorter notices it within a control cycle."""
+TOUCH_M: Final = 1e-6
+"""Rounding."""
+
+
+class ViolationError(Exception):
+    """An invariant is broken; the run ends here."""
+
+    def __init__(self, invariant: str, what: str) -> None:
+        super().__init__(f"{invariant}: {what}")
+        self.invariant, self.what = invariant, what
+
+
+@dataclass(frozen=True, slots=True)
+class Rules:
+    """What the protocol promises, in its own figures."""
+
+    age_max_ns: int
+    """An authority older than this by the train's own clock binds no more: the train brakes."""
+    roll_back_m: float = ROLL_BACK_MAX_M
+    jog_m: float = 0.0
+    """So far a train may set back, where its authority allows it."""
+    unjudged: frozenset[str] = frozenset()
+    """Invariants that the protocol does not even try to keep: looked at, not judged."""
+
+
+class Checker:
+    """Told of all that concerns an invariant; raises ViolationError at the first broken one."""
+
+    def __init__(self, trains: Iterable[TrueTrain], rules: Rules) -> None:
+        self.trains = {train.address: train for train in trains}
+        self.rules = rules
+        self.looked = Counter[str]()
+        """How often each invariant was looked at."""
+        self.held: dict[int, dict[int, Grant]] = {}
+        """By train and area: what it may still act on."""
+        self._issuers: dict[tuple[int, int], int] = {}
+        """By area and term: whose authorities were accepted."""
+        self._terms: dict[tuple[int, int], int] = {}
+        """By train and area: the highest accepted term, over all its lives."""
+        self._excused_m: dict[int, float] = {}
+        """By train: as far as it may come although its authority was shortened."""
+        self._newest: dict[tuple[int, int], tuple[int, int]] = {}
+
+    # -- told --------------------------------------------------------------------------------------
+
+    def accepted(self, address: int, grant: Grant, now_ns: int, *, whole: bool = True) -> None:
+        """A train begins to act on an authority; `now_ns` is its own clock.
+
+        One that is not whole is put together of several, and as old as the oldest of them.
+        """
+        self._one_issuer(address, grant)
+        if self._is_news(address, grant) and whole:
+            self._young(address, grant, now_ns)
+        self._excuse(self.trains[address], grant)
+        self.held.setdefault(address, {})[grant.area] = grant
+        self.train_apart(self.trains[address])
+
+    def gave_up(self, address: int, area: int | None = None) -> None:
+        """A train acts no more on what it held (of one area); it stops as soon as it can."""
+        if area is None:
+            self.held.pop(address, None)
+        else:
+            self.held.get(address, {}).pop(area, None)
+
+    def moved(self, train: TrueTrain) -> None:
+        """Its motion was brought forward."""
+        self.train_apart(train)
+        self._within_reach(train)
+
+    # -- invariants --------------------------------------------------------------------------------
+
+    def _break(self, invariant: str, what: str) -> None:
+        if invariant not in self.rules.unjudged:
+            raise ViolationError(invariant, what)
+        self.looked[f"{invariant} broken"] += 1
+
+    def _one_issuer(self, address: int, grant: Grant) -> None:
+        if grant.issuer == NOBODY:
+            return
+        self.looked["19"] += 1
+        issuer = self._issuers.setdefault((grant.area, grant.term), grant.issuer)
+        if issuer != grant.issuer:
+            self._break(
+                "19",
+                f"train {address} accepts from {grant.issuer} in area {grant.area}, term "
+                f"{grant.term}, in which {issuer} issued before",
+            )
+
+    def _is_news(self, address: int, grant: Grant) -> bool:
+        """And neither term nor number falls."""
+        self.looked["20"] += 1
+        key = address, grant.area
+        before = self._terms.get(key, 0)
+        if grant.term < before:
+            self._break(
+                "20",
+                f"train {address} accepts term {grant.term} in area {grant.area} after {before}",
+            )
+        self._terms[key] = grant.term
+        newest = self._newest.get(key, (-1, -1))
+        # The same one comes again when another area had the last word meanwhile.
+        if (grant.term, grant.sequence) < newest:
+            self._break(
+                "29",
+                f"train {address} accepts {(grant.term, grant.sequence)} in area {grant.area} "
+                f"after {newest}",
+            )
+        self._newest[key] = grant.term, grant.sequence
+        return (grant.term, grant.sequence) > newest
+
+    def _young(self, address: int, grant: Grant, now_ns: int) -> None:
+        self.looked["24"] += 1
+        age_ns = now_ns - grant.stamp_ns
+        if age_ns > self.rules.age_max_ns:
+            self._break(
+                "24",
+                f"train {address} accepts an authority that is {age_ns / NS_PER_MS:.0f} ms old",
+            )
+
+    def reach_m(self, train: TrueTrain) -> float:
+        """As far as its front may come before it can be told otherwise."""
+        farthest_m = train.motion.farthest_m if train.motion.speed_mps > 0.0 else train.front_m
+        return max(farthest_m, self.granted_m(train))
+
+    def granted_m(self, train: TrueTrain) -> float:
+        """As far as its front may come by what it holds."""
+        grants = self.held.get(train.address)
+        if not grants:
+            return -math.inf
+        end_m = math.inf
+        for grant in grants.values():
+            end_m = min(end_m, grant.end_m)
+        return end_m
+
+    def hindmost_m(self, train: TrueTrain) -> float:
+        """As far back as its rear may come: by a jog that it is allowed, and then by all that it
+        may still roll back.
+
+        No train jogs before it stands, and that is farther on for one that moves, by what its
+        brake needs.
+        """
+        allowed_m = [each.rear_m for each in self.held.get(train.address, {}).values()]
+        jog_m = 0.0
+        if allowed_m:
+            jog_m = min(self.rules.jog_m, train.foremost_rear_min_m - min(allowed_m))
+        motion = train.motion
+        most_m = motion.most_m
+        if motion.speed_mps > 0.0:
+            rests_m = motion.front_m + motion.speed_mps**2 / (2.0 * motion.emergency_mps2)
+            most_m = max(most_m, min(rests_m, motion.most_m + max(jog_m, 0.0)))
+        return most_m - train.length_m - max(jog_m, 0.0) - self.rules.roll_back_m
+
+    def train_apart(self, train: TrueTrain) -> None:
+        """21 and 22: no metre is two trains', and authorities end before the leader's rear."""
+        if not train.on_line:
+            return
+        self.looked["21"] += 1
+        reach_m, front_m = self.reach_m(train), train.front_m
+        for other in self.trains.values():
+            if other is train or not other.on_line:
+                continue
+            if other.front_m >= front_m:
+                rear, ahead_m, name, who = train, reach_m, "21", other
+            else:
+                rear, ahead_m, name, who = other, self.reach_m(other), "21", train
+            limit_m = who.rear_m
+            if ahead_m > limit_m + TOUCH_M:
+                self._break(
+                    name,
+                    f"train {rear.address} may go to {ahead_m:.2f} m, and train {who.address} "
+                    f"ahead of it has its rear at {limit_m:.2f} m",
+                )
+            if rear.front_m > who.rear_m:
+                self._break(
+                    "collision",
+                    f"train {rear.address}, front {rear.front_m:.2f} m, stands in train "
+                    f"{who.address}, rear {who.rear_m:.2f} m",
+                )
+        self._leaves_room(train)
+
+    def _leaves_room(self, train: TrueTrain) -> None:
+        """22, for the authority itself: also room for a leader that is still to roll back."""
+        grants = self.held.get(train.address)
+        if not grants:
+            return
+        self.looked["22"] += 1
+        end_m = min(each.end_m for each in grants.values())
+        for other in self.trains.values():
+            if other is train or not other.on_line or other.front_m < train.front_m:
+                continue
+            hindmost_m = self.hindmost_m(other)
+            if end_m > hindmost_m + TOUCH_M:
+                self._break(
+                    "22",
+                    f"the authority of train {train.address} ends at {end_m:.2f} m, and train "
+                    f"{other.address} with its rear at {other.rear_m:.2f} m may come back to "
+                    f"{hindmost_m:.2f} m",
+                )
+
+    def _excuse(self, train: TrueTrain, grant: Grant) -> None:
+        """One that is shortened under a train that moves cannot be kept to the metre."""
+        if train.motion.speed_mps > 0.0 and train.motion.farthest_m > grant.end_m:
+            excused_m = max(train.motion.farthest_m, self._excused_m.get(train.address, 0.0))
+            self._excused_m[train.address] = excused_m + CYCLE_M
+
+    def _within_reach(self, train: TrueTrain) -> None:
+        """24, in the flesh: with or without radio no train passes what it was last granted."""
+        grants = self.held.get(train.address)
+        if not grants or train.shunts:
+            return
+        if train.motion.speed_mps == 0.0:
+            self._excused_m.pop(train.address, None)
+            return
+        end_m = min(each.end_m for each in grants.values())
+        end_m = max(end_m, self._excused_m.get(train.address, end_m))
+        if train.front_m > end_m + TOUCH_M:
+            self._break(
+                "24",
+                f"train {train.address}, front {train.front_m:.2f} m, has passed its authority's "
+                f"end {end_m:.2f} m",
+            )

@@ -1,0 +1,245 @@
+"""What a seed plays: line, trains, arbiters and timers; everything that is no fault."""
+
+import itertools
+import random
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final, NamedTuple
+
+from firmware_py.trackdb.areas import (
+    Area,
+    AreaMap,
+    Division,
+    ObjectKind,
+    ObjectSite,
+    TrackSection,
+)
+from metro_hil.simulation.protocol_nodes import Cast
+from metro_hil.simulation.track import stretch
+from metro_hil.simulation.true_train import Build
+from metro_hil.simulation.world import Setting
+from vobc.train_to_train.vocabulary import T2tConfig
+from zenoh_config.timers import TIMERS_A, TIMERS_B
+
+AREA_M: Final = 2000.0
+SECTION_PIECES: Final = 8
+"""In each area."""
+FIRST_ARBITER: Final = 65_001
+EVEN_BELOW: Final = 10_000
+"""Seeds below have areas of one length, trains of one length, and objects at the same places of
+each; from this one on all of that is drawn, too."""
+ORDERED_FROM: Final = 20_000
+"""From this seed on supervision takes trains out of service by order, too."""
+CHOOSY_FROM: Final = 100_000
+"""From this seed on not everything happens on the railway, and some of it far more often."""
+SIDINGS_FROM: Final = 110_000
+"""From this seed on trains are taken off the line anywhere and set on elsewhere, and are not all of
+one length."""
+BY_HAND_FROM: Final = 120_000
+"""From this seed on trains are driven by hand, on sight, too."""
+DISTURBED_FROM: Final = 130_000
+"""From this seed on counters of axles are disturbed, too."""
+DENSE_FROM: Final = 200_000
+"""From this seed on lines are shorter and fuller, and far more happens on them and to them; on some
+of them something is lost or late all the time."""
+FAULTS_S: Final = (1.0, 40.0)
+"""The mean time from one fault to the next is between these, unless something else is said."""
+PLACES_M: Final = 10.0
+"""Borders and objects lie at whole multiples of this."""
+
+
+def line_of_areas(
+    areas: int, *, objects: bool = True, area_m: float = AREA_M, pieces: int = SECTION_PIECES
+) -> AreaMap:
+    """Areas of one length, each of so many sections; in each a switch and a platform track, when
+    there are objects.
+    """
+    length_m = areas * area_m
+    sites: list[ObjectSite] = []
+    for index in range(areas if objects else 0):
+        at_m = index * area_m
+        sites.append(
+            ObjectSite(2 * index + 1, ObjectKind.SWITCH, at_m + 0.35 * area_m, at_m + 0.37 * area_m)
+        )
+        sites.append(
+            ObjectSite(
+                2 * index + 2, ObjectKind.PLATFORM, at_m + 0.7 * area_m, at_m + 0.76 * area_m
+            )
+        )
+    return AreaMap(
+        "simulated",
+        tuple(Area(*each) for each in stretch(0.0, length_m, areas)),
+        tuple(TrackSection(*each) for each in stretch(0.0, length_m, pieces * areas)),
+        tuple(sites),
+    )
+
+
+class Span(NamedTuple):
+    """What lines and trains are drawn from."""
+
+    areas: Sequence[int]
+    areas_m: Sequence[float]
+    """Lengths, to which up to 190 m are added."""
+    objects: Sequence[int]
+    """In each area."""
+    sections_m: Sequence[float]
+    trains_m: Sequence[float]
+    trains: tuple[int, int]
+    """At least and at most."""
+    between_s: Sequence[float]
+
+
+WIDE: Final = Span(
+    areas=(1, 2, 2, 3, 3, 4),
+    areas_m=(600.0, 900.0, 1300.0, 2000.0, 3000.0),
+    objects=(0, 1, 2, 3),
+    sections_m=(100.0, 150.0, 210.0, 250.0, 400.0),
+    trains_m=(40.0, 80.0, 80.0, 120.0, 160.0),
+    trains=(2, 7),
+    between_s=(3.0, 6.0, 12.0, 12.0, 24.0),
+)
+DENSE: Final = Span(
+    areas=(1, 2, 2, 3),
+    areas_m=(600.0, 800.0, 1000.0, 1300.0, 1800.0),
+    objects=(0, 0, 1, 2),
+    sections_m=(60.0, 100.0, 150.0, 210.0, 400.0),
+    trains_m=(30.0, 40.0, 60.0, 80.0, 120.0),
+    trains=(3, 7),
+    between_s=(1.0, 1.5, 2.0, 3.0),
+)
+
+
+def line_by_chance(rng: random.Random, span: Span = WIDE) -> AreaMap:
+    """Some areas, each of its own length; objects anywhere, at borders, too."""
+    lengths_m = [
+        rng.choice(span.areas_m) + PLACES_M * rng.randrange(20)
+        for _ in range(rng.choice(span.areas))
+    ]
+    borders_m = tuple(itertools.accumulate(lengths_m, initial=0.0))
+    sites: list[ObjectSite] = []
+    for start_m, end_m in itertools.pairwise(borders_m):
+        at_m = start_m
+        for _ in range(rng.choice(span.objects)):
+            at_m += PLACES_M * rng.randrange(int((end_m - at_m) / PLACES_M))
+            until_m = min(end_m, at_m + PLACES_M * rng.randint(1, 15))
+            sites.append(ObjectSite(len(sites) + 1, rng.choice(list(ObjectKind)), at_m, until_m))
+            at_m = until_m
+            if at_m >= end_m:
+                break
+    section_m = rng.choice(span.sections_m)
+    apply_m = rng.choice((400.0, 800.0, 800.0, 1200.0))
+    return Division("by chance", borders_m, section_m, apply_m, tuple(sites)).area_map()
+
+
+@dataclass(frozen=True, slots=True)
+class Draw:
+    """What a seed plays."""
+
+    cast: Cast
+    setting: Setting
+    turn_ms: int = 3
+    """How long a process may take to look into its inbox."""
+    leisurely: bool = False
+    """A train that follows leaves what concerns masters only in its inbox until it has something to
+    do: nearly the same run in fewer steps."""
+    between_s: float = 12.0
+    """Mean time from one thing that happens on the railway to the next."""
+    ordered: bool = False
+    """Trains are taken out of service by order, too."""
+    choosy: bool = False
+    """Of what may happen on the railway only a part does, each with a frequency of its own: what
+    comes of one thing after the other hides where everything happens now and then."""
+    sidings: bool = False
+    """Trains are taken off the line and set on again elsewhere."""
+    by_hand: bool = False
+    """Trains are driven by hand behind the next one."""
+    disturbed: bool = False
+    """Counters of axles are disturbed now and then."""
+    faults_s: tuple[float, float] = FAULTS_S
+    """As `FAULTS_S`."""
+    foul_share: float = 0.0
+    """Up to this share of messages is lost all the time, and late, and doubled, now on some links
+    and now on others."""
+
+    @property
+    def timers(self) -> str:
+        """A or B."""
+        return "B" if self.cast.config.timers == TIMERS_B else "A"
+
+
+def draw(seed: int) -> Draw:
+    """The same for the same seed."""
+    return _draw_even(seed) if seed < EVEN_BELOW else _draw_any(seed)
+
+
+def _draw_even(seed: int) -> Draw:
+    rng = random.Random(seed ^ 0xD2A3)
+    line = line_of_areas(rng.choice((1, 1, 2, 2, 3)), objects=rng.random() < 0.7)
+    trains = tuple(range(1, rng.randint(2, 6) + 1))
+    arbiters = tuple(range(FIRST_ARBITER, FIRST_ARBITER + rng.choice((1, 1, 3))))
+    timers = TIMERS_A if rng.random() < 0.8 else TIMERS_B
+    spread_m = (line.end_m - 300.0) / len(trains)
+    fronts_m = {
+        train: 150.0 + spread_m * index + rng.uniform(0.0, max(0.0, spread_m - 120.0))
+        for index, train in enumerate(trains)
+    }
+    setting = Setting(
+        fronts_m,
+        stops_m=[area.start_m + at_m for area in line.areas for at_m in (500.0, 1500.0)],
+        dwell_s=rng.choice((5.0, 20.0)),
+    )
+    config = T2tConfig(timers=timers, arbiters=arbiters)
+    rng.random()
+    turn_ms = rng.choice((1, 5, 10, 10))
+    leisurely = rng.random() < 0.8
+    return Draw(Cast(line, config, trains), setting, turn_ms, leisurely)
+
+
+def _draw_any(seed: int) -> Draw:
+    rng = random.Random(seed ^ 0xD2A4)
+    dense = seed >= DENSE_FROM
+    span = DENSE if dense else WIDE
+    line = line_by_chance(rng, span)
+    length_m = rng.choice(span.trains_m)
+    room_m = length_m + 40.0
+    trains = tuple(range(1, min(rng.randint(*span.trains), int(line.end_m / room_m) - 1) + 1))
+    arbiters = tuple(range(FIRST_ARBITER, FIRST_ARBITER + rng.choice((1, 1, 3))))
+    timers = TIMERS_A if rng.random() < 0.8 else TIMERS_B
+    setting = Setting(
+        _fronts_m(rng, trains, room_m, line.end_m),
+        stops_m=sorted(rng.uniform(0.1, 0.98) * line.end_m for _ in range(rng.randint(0, 6))),
+        dwell_s=rng.choice((2.0, 5.0, 20.0)),
+        length_m=length_m,
+        speed_max_mps=rng.choice((30.0, 60.0, 60.0, 90.0)) / 3.6,
+    )
+    if seed >= SIDINGS_FROM:
+        shorter = {train: _shorter(rng, length_m) for train in trains if rng.random() < 0.5}
+        setting = replace(setting, builds=shorter)
+    return Draw(
+        Cast(line, T2tConfig(timers=timers, arbiters=arbiters), trains),
+        setting,
+        turn_ms=rng.choice((1, 5, 10, 10)),
+        leisurely=rng.random() < 0.8,
+        between_s=rng.choice(span.between_s),
+        ordered=seed >= ORDERED_FROM,
+        choosy=seed >= CHOOSY_FROM,
+        sidings=seed >= SIDINGS_FROM,
+        by_hand=seed >= BY_HAND_FROM,
+        disturbed=seed >= DISTURBED_FROM and (not dense or rng.random() < 0.3),
+        faults_s=(0.7, 15.0) if dense else FAULTS_S,
+        foul_share=rng.choice((0.0, 0.0, 0.1, 0.3)) if dense else 0.0,
+    )
+
+
+def _shorter(rng: random.Random, length_m: float) -> Build:
+    return Build(max(20.0, rng.uniform(0.25, 1.0) * length_m), rng.choice((4, 8, 12, 16, 24)))
+
+
+def _fronts_m(
+    rng: random.Random, trains: Sequence[int], room_m: float, end_m: float
+) -> dict[int, float]:
+    """Anywhere, but with room between them."""
+    spare_m = sorted(rng.uniform(0.0, end_m - room_m * len(trains)) for _ in trains)
+    return {
+        train: spare_m[index] + room_m * (index + 1) - 20.0 for index, train in enumerate(trains)
+    }

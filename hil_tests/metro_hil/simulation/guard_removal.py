@@ -1,0 +1,159 @@
+"""Every guard of the protocol taken away in turn: a scenario or a few seeds have to notice.
+
+`NOTICED` says by what each is found; `ARGUED` why one cannot be missed by anything that is judged.
+"""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import fields, replace
+from typing import Any, Final
+
+from metro_hil.simulation.checker import ViolationError
+from metro_hil.simulation.protocol_nodes import Guards
+from metro_hil.simulation.scenarios.acceptance import SCENARIOS, Scenario
+from metro_hil.simulation.scenarios.borders import BORDER_LURES
+from metro_hil.simulation.scenarios.deaf_masters import DEAF_LURES
+from metro_hil.simulation.scenarios.guards import LURES
+from metro_hil.simulation.scenarios.moved_trains import MOVED_LURES
+from metro_hil.simulation.scenarios.shadow_trains import HIDDEN_LURES
+from metro_hil.simulation.scenarios.terms import TERM_LURES
+from metro_hil.simulation.scripted_line import Scene, UnexpectedError
+from vobc.train_to_train.guards import Granted, Latency, Terms
+
+PARTS: Final = ("member", "lease", "master")
+ALL_SCENARIOS: Final = {
+    each.name: each
+    for each in (
+        *(*SCENARIOS, *LURES, *TERM_LURES, *DEAF_LURES, *HIDDEN_LURES),
+        *(*MOVED_LURES, *BORDER_LURES),
+    )
+}
+
+
+def effective_authority_m(seen: Latency) -> float:
+    """What the train is told to keep to, and not what it may still need to stop."""
+    return seen.front_max_m if seen.held_end_m is None else seen.held_end_m
+
+
+def term_without_tried(terms: Terms) -> int:
+    return max(terms.seen, terms.refused) + 1
+
+
+def whole_lease_ns(granted: Granted) -> int:
+    return granted.sent_ns + granted.whole_ns
+
+
+FORMULAS: Final[Mapping[str, Callable[[Any], Any]]] = {
+    "latent_authority_m": effective_authority_m,
+    "unused_term": term_without_tried,
+    "granted_until_ns": whole_lease_ns,
+}
+"""What stands in the place of those that are no yes or no."""
+
+
+def _holds(*_: Any) -> bool:
+    return True
+
+
+def mutants() -> Iterator[tuple[str, Guards]]:
+    """Name and guards of each."""
+    safe = Guards()
+    for part in PARTS:
+        guards: Any = getattr(safe.train, part)
+        for each in fields(guards):
+            changed = replace(guards, **{each.name: FORMULAS.get(each.name, _holds)})
+            train: Any = replace(safe.train, **{part: changed})
+            yield f"{part}.{each.name}", replace(safe, train=train)
+    for each in fields(safe.arbiter):
+        value: Any = False if each.name == "waits_after_start" else _holds
+        yield (
+            f"arbiter.{each.name}",
+            replace(safe, arbiter=replace(safe.arbiter, **{each.name: value})),
+        )
+    for each in fields(safe.thing):
+        some: Any = {each.name: _holds}
+        yield f"object.{each.name}", replace(safe, thing=replace(safe.thing, **some))
+    for who in ("train", "arbiter", "object"):
+        yield f"memory of {who}", replace(safe, forget=frozenset({who}))
+
+
+def noticed_by(scenario: Scenario, guards: Guards) -> str:
+    """What a scenario says of these guards; empty: nothing strikes it."""
+    try:
+        scenario.play(lambda plot: Scene(replace(plot, guards=guards)))
+    except (ViolationError, UnexpectedError) as error:
+        return str(error)
+    return ""
+
+
+NOTICED: Final[Mapping[str, str]] = {
+    "member.for_this_incarnation": "unacceptable",
+    "member.young_enough": "unacceptable",
+    "member.newer_than_held": "unacceptable",
+    "member.term_not_old": "late-authority-takeover",
+    "member.owner_of_term": "unacceptable",
+    "member.latent_authority_m": "shortened-at-speed",
+    "lease.granted_by_majority": "two-candidates",
+    "lease.lease_runs": "shortened-lease",
+    "lease.unused_term": "reused-term",
+    "lease.granted_until_ns": "shortened-lease",
+    "master.has_promised": "unpromised",
+    "master.roster_kept": "uncommitted",
+    "master.report_recent": "towed-away",
+    "master.track_known": "closed-unknown",
+    "master.placed_apart": "master-killed",
+    "master.object_confirmed": "stale-status",
+    "master.cannot_reach": "late-release",
+    "master.sieved": "hidden-train",
+    "master.vanished": "removed-in-error",
+    "arbiter.lease_is_free": "arbiter-restarts",
+    "arbiter.waits_after_start": "arbiter-restarts",
+    "object.newer_claim": "late-release",
+    "object.free_to_lock": "late-claim",
+    "memory of arbiter": "term-again",
+    "memory of object": "object-restarts",
+}
+"""By guard: the scenario that fails without it."""
+
+ARGUED: Final[Mapping[str, str]] = {
+    "master.comes_in_line": (
+        "A train that is heard after the one behind it was admitted is kept free of it, and "
+        "finds its place as soon as that one's authority has been shortened (out-of-line)."
+    ),
+    "lease.answers_this_attempt": (
+        "Votes are counted by nonce all the same, so that no two attempts make a majority "
+        "together; what one late grant lets a train believe of its lease, no arbiter "
+        "confirms by keeping its roster, and without that nothing is issued."
+    ),
+    "memory of train": (
+        "Who begins anew gets nothing before its master has renewed its roster entry at a "
+        "majority of arbiters, and these keep nothing under an older term than they promised."
+    ),
+    "master.report_alive": (
+        "An authority echoes the report that it answers. One that answers an old report "
+        "is too old when it comes (member.young_enough)."
+    ),
+    "master.cleared_after": (
+        "A view of the track is no older than an authority may be, and a silent train is "
+        "one that has not been heard for half of that: in the rest no train runs its own "
+        "length, which is what the sections behind it would have to miss."
+    ),
+    "arbiter.term_is_new": (
+        "A train asks above all terms that it saw, tried or was refused with; who knows "
+        "of none meets trains that do, and these obey only what is newer or the owner's."
+    ),
+    "arbiter.by_holder": (
+        "A renewal or a release under a term names its holder; another train would have "
+        "to ask under a term that it was never granted."
+    ),
+    "object.term_not_old": ("object.newer_claim orders claims by term first."),
+    "object.owner_of_term": (
+        "Terms have one owner each (arbiter.term_is_new); the envelope's code keeps out "
+        "whoever only pretends."
+    ),
+    "object.nobody_in_it": (
+        "The interlocking's own last look: masters release only what no train of the "
+        "roster can reach (master.cannot_reach), and none is within what nobody can "
+        "reach."
+    ),
+}
+"""By guard: why nothing that is judged goes wrong without it alone: another one stands behind."""

@@ -1,0 +1,250 @@
+"""Trains that command themselves on a line of their own: areas, objects, supervision, depot."""
+
+from collections import deque
+from collections.abc import Sequence
+from typing import Any, Final
+
+from firmware_py.trackdb.areas import Area
+from metro_hil.simulation.authority_checks import Air, LeaseRules
+from metro_hil.simulation.checker import ViolationError
+from metro_hil.simulation.event_queue import Codec
+from metro_hil.simulation.generate import Draw
+from metro_hil.simulation.node import Letter, Machine, Node
+from metro_hil.simulation.orders import Order
+from metro_hil.simulation.protocol_nodes import T2tCrew, TrainNode
+from metro_hil.simulation.trace import Teller
+from metro_hil.simulation.track import TrueTrack
+from metro_hil.simulation.train_node import Cab
+from metro_hil.simulation.true_train import Grant, TrueTrain
+from metro_hil.simulation.world import World
+from zenoh_config.messages import RESTRICTIONS_MAX, SpeedRestriction
+from zenoh_config.t2t_supervision import RemovalState
+
+NS_PER_S: Final = 1_000_000_000
+NS_PER_MS: Final = 1_000_000
+
+
+class LineWorld(World):
+    """With the protocol itself on all nodes."""
+
+    def __init__(
+        self, seed: int, drawn: Draw, *, codec: Codec | None = None, tell: Teller | None = None
+    ) -> None:
+        self.drawn = drawn
+        crew = T2tCrew(drawn.cast, seed)
+        super().__init__(seed, drawn.setting, crew, codec=codec, tell=tell)
+        self.t2t = crew
+        self.track = TrueTrack(drawn.cast.line, tuple(self.trains.values()))
+        crew.track = self.track
+        crew.true_ns = lambda: self.net.now_ns
+        crew.move = self._objects_move
+        timers = drawn.cast.config.timers
+        rules = LeaseRules(
+            timers.lease_ms * NS_PER_MS,
+            timers.drift_ratio,
+            timers.margin_ms * NS_PER_MS,
+            drawn.cast.config.majority,
+            crew.rules.age_max_ns,
+        )
+        self.net.turn_ns = drawn.turn_ms * NS_PER_MS
+        self._closed: list[tuple[int, SpeedRestriction]] = []
+        self._places: dict[int, deque[tuple[int, float]]] = {each: deque() for each in self.trains}
+        """By train: when and where its front was at most, those that nothing later exceeds."""
+        ends_m = {area.number: area.end_m for area in drawn.cast.line.areas}
+        self.air = Air(rules, self.checker.looked, ends_m)
+        crew.answered = self.air.answered
+
+    def _start_train(self, node: Node, now_ns: int) -> Machine:
+        self.air.booted(node.address)
+        machine = super()._start_train(node, now_ns)
+        assert isinstance(machine, Cab)
+        machine.listener = self
+        leisurely = self.drawn.leisurely and self.net.codec is None
+        if leisurely and isinstance(machine.protocol, TrainNode):
+            node.minds = machine.protocol.waits_for
+        return machine
+
+    def stepped(
+        self,
+        address: int,
+        now_ns: int,
+        true_ns: int,
+        heard: Sequence[Any],
+        letters: Sequence[Letter],
+    ) -> None:
+        train = self.trains.get(address)
+        if train is not None and train.rolls:
+            self.notes_place(train)
+        self.air.clocks_sound = not self.net.clock_steps
+        self.air.stepped(address, now_ns, true_ns, heard, letters)
+
+    def holds(self, address: int, grant: Grant) -> None:
+        self.air.made_of(address, grant)
+        self._in_its_area(address, grant)
+        self._stays_out(address, grant)
+        self.check_objects()
+
+    def without_authority(self) -> list[int]:
+        """But for those that have closed up: a leader that rolled back into the room that it has to
+        leave behind it takes from the next train what it could be given, until it moves on. And who
+        is found so near ahead of another, and is on no roster, gets no place on one.
+        """
+        return [each for each in super().without_authority() if not self._closed_up(each)]
+
+    def _closed_up(self, address: int) -> bool:
+        train = self.trains[address]
+        if train.motion.speed_mps > 0.0:
+            return False
+        others = [e for e in self.trains.values() if e.on_line and e is not train]
+        ahead = [e for e in others if e.front_m > train.front_m]
+        behind = [e for e in others if e.front_m <= train.front_m]
+        leader = min(ahead, key=lambda each: each.front_m, default=None)
+        follower = max(behind, key=lambda each: each.front_m, default=None)
+        area = self.drawn.cast.line.area_at(train.front_m)
+        closed_up = self._too_near(train, leader) or (
+            self._too_near(follower, train) and not self.air.keeps(address, area.number)
+        )
+        self.checker.looked["40 closed up"] += closed_up
+        return closed_up
+
+    def _too_near(self, train: TrueTrain | None, leader: TrueTrain | None) -> bool:
+        """As far as they know themselves."""
+        if train is None or leader is None:
+            return False
+        rules = self.checker.rules
+        room_m = rules.roll_back_m + rules.jog_m
+        return train.reading().front_max_m > leader.reading().rear_min_m - room_m
+
+    def is_in(self, train: TrueTrain, area: Area) -> bool:
+        """Some of it is."""
+        return train.on_line and train.rear_m < area.end_m and train.front_m > area.start_m
+
+    def unsettled(self, waiting: Sequence[int]) -> bool:
+        """Also while a train moves between which and one of these no section is empty: who begins
+        anew waits until others stand, and tell its area where. And while any moves, if one that is
+        elsewhere has to leave a roster: its way is looked at, as far as it may have been let. And
+        while that one moves itself, and is heard.
+        """
+        moving = [each for each in self.trains.values() if each.motion.speed_mps > 0.0]
+        if not moving:
+            return super().unsettled(waiting)
+        line = self.drawn.cast.line
+        leaves = any(
+            state is RemovalState.AXLES
+            or (state is RemovalState.HEARD and self.trains[train] in moving)
+            for (area, train), state in self.t2t.removals.items()
+            if not self.is_in(self.trains[train], line.area(area))
+        )
+        joined = (self.track.joined_to(self.trains[each]) for each in waiting)
+        return (
+            leaves
+            or super().unsettled(waiting)
+            or any(e in moving for each in joined for e in each)
+        )
+
+    def removes(self, train: int, areas: Sequence[int] = ()) -> None:
+        """Supervision takes it off the rosters of these areas; of all, if none is named."""
+        wanted = areas or [area.number for area in self.drawn.cast.line.areas]
+        self.net.say("railway", f"supervision takes train {train} off rosters {wanted}")
+        self.t2t.orders += [Order(None, area, train) for area in wanted]
+
+    @property
+    def may_close(self) -> bool:
+        """The wayside tells of no more than so many stretches."""
+        return len(self.t2t.closed) < RESTRICTIONS_MAX
+
+    def is_closed(self, closed: SpeedRestriction) -> bool:
+        """This very one; another may be of the same metres."""
+        return any(each is closed for each in self.t2t.closed)
+
+    def opens(self, closed: SpeedRestriction) -> None:
+        """As `is_closed`."""
+        crew = self.t2t
+        crew.closed = tuple([each for each in crew.closed if each is not closed])
+
+    def closes(self, closed: SpeedRestriction) -> None:
+        """23: from some time on no authority that is accepted enters a closed stretch any more.
+
+        That time is what the news may take to a master, and what an authority may be old.
+        """
+        self.t2t.closed = (*self.t2t.closed, closed)
+        age_max_ns = self.checker.rules.age_max_ns
+        self._closed.append((self.net.now_ns + 3 * age_max_ns, closed))
+
+    def _stays_out(self, address: int, grant: Grant) -> None:
+        train = self.trains[address]
+        self._closed = [each for each in self._closed if self.is_closed(each[1])]
+        for since_ns, closed in self._closed:
+            if self.net.now_ns < since_ns:
+                continue
+            self.checker.looked["23 closed"] += 1
+            least_m = max(closed.start_m, self._lately_m(train))
+            if train.reading().front_max_m < closed.start_m and grant.end_m > least_m:
+                raise ViolationError(
+                    "23",
+                    f"train {address} may go to {grant.end_m:.1f} m, over what is closed from "
+                    f"{closed.start_m:.1f} m on",
+                )
+
+    def notes_place(self, train: TrueTrain) -> None:
+        """Before it rolls back, and while it does."""
+        now_ns, front_max_m = self.net.now_ns, train.reading().front_max_m
+        places = self._places[train.address]
+        while places and places[-1][1] <= front_max_m:
+            places.pop()
+        places.append((now_ns, front_max_m))
+        while places[0][0] < now_ns - self.checker.rules.age_max_ns:
+            places.popleft()
+
+    def _lately_m(self, train: TrueTrain) -> float:
+        """Where its front may have been at most for as long as an authority is obeyed: a train that
+        rolls back is told to stay where it was when it said so.
+        """
+        self.notes_place(train)
+        return self._places[train.address][0][1]
+
+    def _in_its_area(self, address: int, grant: Grant) -> None:
+        """27: beyond a border only what the master behind it grants."""
+        area = self.drawn.cast.line.area(grant.area)
+        if grant.end_m > area.end_m:
+            raise ViolationError(
+                "27",
+                f"train {address} may go to {grant.end_m:.1f} m by area {grant.area}, which is "
+                f"from {area.start_m:.1f} m to {area.end_m:.1f} m",
+            )
+
+    def _objects_move(self, moved: list[tuple[int, bool]]) -> None:
+        for number, locked in moved:
+            thing = self.track.objects[number]
+            if thing.locked is not locked:
+                self.net.say(f"object {number}", "is locked" if locked else "is free to move")
+                if locked and thing.release_wanted:
+                    raise ViolationError("23", f"object {number} locks although it may stand open")
+                thing.locked = locked
+        self.check_objects()
+
+    def check_objects(self) -> None:
+        """23: over an object that may move, no train has authority and none stands."""
+        self.checker.looked["23"] += 1
+        for thing in self.track.objects.values():
+            if thing.locked:
+                continue
+            for train in self.trains.values():
+                if train.on_line and train.rear_m < thing.end_m:
+                    self._clear_of(train, thing.number, thing.start_m)
+
+    def _clear_of(self, train: TrueTrain, number: int, start_m: float) -> None:
+        """A train that stands in it, or did lately, keeps it from moving by that alone, and goes no
+        farther. Who drives by hand looks at it himself, and is bound by nothing but that.
+        """
+        reach_m = self.checker.granted_m(train) if train.shunts else self.checker.reach_m(train)
+        stood_m = self._lately_m(train)
+        if train.front_m > start_m:
+            # Where it stood before it rolled back it may come again.
+            stood_m = max(stood_m, train.foremost_front_max_m)
+        if reach_m > max(start_m, stood_m):
+            raise ViolationError(
+                "23",
+                f"object {number} at {start_m:.1f} m is not locked, and train {train.address}, "
+                f"front {train.front_m:.2f} m, may go to {reach_m:.2f} m",
+            )

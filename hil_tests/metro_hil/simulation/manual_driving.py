@@ -1,0 +1,133 @@
+"""Trains that are driven by hand, on sight, up to before the section of the next one.
+
+The track is closed before, from the train on: a master may not let it go meanwhile. Its controller
+runs and knows where it is, or has lost its place, or is switched off and the train is towed.
+"""
+
+import enum
+import math
+import random
+from typing import Final
+
+from metro_hil.simulation.depot import LOOK_NS
+from metro_hil.simulation.line_world import LineWorld
+from metro_hil.simulation.removal import CLOSED_NS, PATIENCE_NS
+from metro_hil.simulation.true_train import TrueTrain
+from zenoh_config.messages import SpeedRestriction
+
+NS_PER_S: Final = 1_000_000_000
+LEAST_M: Final = 5.0
+MOST_M: Final = 400.0
+APART_M: Final = 20.0
+"""Not nearer to the section of the next train, to an object, or to the end of the line; and so far
+behind where the next train says that its rear may be begins what counts as its own."""
+DEAD_S: Final = (0.0, 30.0)
+OPENED_S: Final = (0.0, 10.0)
+
+
+class Controller(enum.Enum):
+    """What it does while its train is driven by hand."""
+
+    RUNS = "runs"
+    LOST = "is lost"
+    """And knows its place again when the train stands, or somewhere on the way."""
+    OFF = "is off"
+
+
+class ByHand:
+    """Drives one train after the other."""
+
+    def __init__(self, world: LineWorld, rng: random.Random) -> None:
+        self.world, self._rng = world, rng
+        self.driven = 0
+        self.over = False
+        """Nobody begins any more, and who drives stops."""
+
+    def drives(self) -> bool:
+        """Begin with a train that stands and has room ahead; whether there is one."""
+        choice = [each for each in self.world.trains.values() if self._to_m(each) > each.front_m]
+        if not choice or self.over or not self.world.may_close:
+            return False
+        train = self._rng.choice(choice)
+        world, net = self.world, self.world.net
+        closed = SpeedRestriction(train.front_m, self._to_m(train) + APART_M, 1.0)
+        world.closes(closed)
+        how = self._rng.choice(list(Controller))
+        net.say("railway", f"train {train.address} is to be driven; its controller {how.value}")
+        if how is Controller.OFF:
+            net.kill(train.address, why="is switched off")
+        elif how is Controller.LOST:
+            train.localised = False
+        until_ns = net.now_ns + PATIENCE_NS
+        net.at(net.now_ns + CLOSED_NS, lambda _: self._begins(train, how, closed, until_ns))
+        return True
+
+    def _to_m(self, train: TrueTrain) -> float:
+        """As far as it may be driven now; where it is, if nowhere."""
+        motion = train.motion
+        stands = train.on_line and not train.shunts and not train.rolls and not motion.speed_mps
+        if not stands or motion.accel_mps2 > 0.0:
+            return train.front_m
+        line = self.world.drawn.cast.line
+        ahead = [e for e in self.world.trains.values() if e.on_line and e.front_m > train.front_m]
+        bounds_m = [self._before_m(each) for each in ahead]
+        bounds_m += [site.start_m for site in line.objects if site.end_m > train.rear_m]
+        room_m = min([line.end_m, *bounds_m]) - APART_M - train.front_m
+        return train.front_m + (min(room_m, MOST_M) if room_m >= LEAST_M else 0.0)
+
+    def _before_m(self, ahead: TrueTrain) -> float:
+        """The section that another stands in, may come back to, or may believe that it is in:
+        counters do not tell the two apart in there, and whoever comes up behind may not know of the
+        one that is driven.
+        """
+        told_m = ahead.reading().rear_min_m
+        hindmost_m = min(self.world.checker.hindmost_m(ahead), told_m - APART_M)
+        sections = self.world.drawn.cast.line.sections
+        return max([e.start_m for e in sections if e.start_m <= hindmost_m], default=-math.inf)
+
+    def _begins(
+        self, train: TrueTrain, how: Controller, closed: SpeedRestriction, until_ns: int
+    ) -> None:
+        """Once it has nothing left that lets it go; nor has anybody else who was there before."""
+        net = self.world.net
+        to_m = min(self._to_m(train), closed.end_m - APART_M)
+        left = self.over or not self.world.is_closed(closed)
+        if left or to_m <= train.front_m or net.now_ns > until_ns:
+            self._ends(train, how, closed)
+            return
+        if self.world.checker.reach_m(train) > train.reading().front_max_m:
+            net.at(net.now_ns + LOOK_NS, lambda _: self._begins(train, how, closed, until_ns))
+            return
+        self.driven += 1
+        train.shunts, train.shunts_to_m = True, self._rng.uniform(train.front_m + LEAST_M, to_m)
+        net.say("railway", f"train {train.address} is driven by hand to {train.shunts_to_m:.2f} m")
+        if how is Controller.LOST and self._rng.random() < 0.5:
+            found_s = self._rng.uniform(0.0, 30.0)
+            net.at(net.now_ns + int(found_s * NS_PER_S), lambda _: _finds_place(train))
+        self._drives_on(train, how, closed)
+
+    def _drives_on(self, train: TrueTrain, how: Controller, closed: SpeedRestriction) -> None:
+        net = self.world.net
+        if self.over:
+            train.shunts_to_m = min(train.shunts_to_m, train.front_m)
+        if train.motion.speed_mps or train.front_m < train.shunts_to_m - LEAST_M:
+            net.at(net.now_ns + LOOK_NS, lambda _: self._drives_on(train, how, closed))
+            return
+        train.shunts, train.shunts_to_m = False, math.inf
+        self.world.stops_next(train)
+        net.say("railway", f"train {train.address} stands at {train.front_m:.2f} m")
+        self._ends(train, how, closed)
+
+    def _ends(self, train: TrueTrain, how: Controller, closed: SpeedRestriction) -> None:
+        net = self.world.net
+        if how is Controller.LOST:
+            _finds_place(train)
+        elif how is Controller.OFF:
+            wait_ns = 0 if self.over else int(self._rng.uniform(*DEAD_S) * NS_PER_S)
+            net.at(net.now_ns + wait_ns, net.boot, train.address)
+        open_ns = 0 if self.over else int(self._rng.uniform(*OPENED_S) * NS_PER_S)
+        net.at(net.now_ns + open_ns, lambda _: self.world.opens(closed))
+
+
+def _finds_place(train: TrueTrain) -> None:
+    train.localised = train.on_line

@@ -1,0 +1,399 @@
+"""The protocol itself on the nodes of the simulation: trains, arbiters, objects and track."""
+
+from collections import Counter
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Final, Protocol
+
+from firmware_py.trackdb.areas import AreaMap
+from metro_hil.simulation.checker import Rules
+from metro_hil.simulation.coverage import Counting, answers, counted, told_kinds
+from metro_hil.simulation.node import NEVER, Letter, Machine, Turn
+from metro_hil.simulation.orders import Desk, Order
+from metro_hil.simulation.routes import Routes
+from metro_hil.simulation.track import TrueTrack
+from metro_hil.simulation.train_node import Protocolled
+from metro_hil.simulation.true_train import Grant, Reading
+from plant_emulator.wayside.arbiter import Arbiter, ArbiterGuards
+from plant_emulator.wayside.line_object import LineObject, ObjectGuards
+from plant_emulator.wayside.t2t_vocabulary import ArbiterMemory, ObjectMemory, WaysideStepped
+from plant_emulator.wayside.track import Track
+from vobc.train_to_train.guards import TrainGuards
+from vobc.train_to_train.train import TrainCore
+from vobc.train_to_train.vocabulary import (
+    OwnTrain,
+    Role,
+    Stepped,
+    T2tConfig,
+    TrainMemory,
+    TrainState,
+)
+from zenoh_config.messages import WAYSIDE
+from zenoh_config.t2t import (
+    NOBODY,
+    Heartbeat,
+    ObjectClaim,
+    ObjectState,
+    ObjectStatus,
+    T2tMessage,
+    TrainReport,
+)
+from zenoh_config.t2t_supervision import RemovalAnswer, RemovalState
+
+NS_PER_MS: Final = 1_000_000
+FOLLOWING: Final = frozenset((Role.OUTSIDE, Role.APPLICANT, Role.MEMBER))
+FOR_MASTERS: Final = frozenset((TrainReport, ObjectStatus))
+
+
+@dataclass(frozen=True, slots=True)
+class Guards:
+    """Those of the protocol, or others, to see that they are missed."""
+
+    train: TrainGuards = field(default_factory=TrainGuards)
+    arbiter: ArbiterGuards = field(default_factory=ArbiterGuards)
+    thing: ObjectGuards = field(default_factory=ObjectGuards)
+    forget: frozenset[str] = frozenset()
+    """Whose memory is empty after a restart but for the number of its starts: train, arbiter,
+    object."""
+
+
+SAFE: Final = Guards()
+
+
+@dataclass(frozen=True, slots=True)
+class Cast:
+    """Who takes part and what they believe."""
+
+    line: AreaMap
+    config: T2tConfig
+    trains: tuple[int, ...]
+    guards: Guards = SAFE
+
+
+WaysideDisk = tuple[int, tuple[tuple[int, ObjectMemory], ...]]
+"""Incarnation, and what each object stored."""
+
+
+class Seat(Protocol):
+    """What a machine is started on."""
+
+    address: int
+    boots: int
+    disk: Any
+    tuned: Collection[int] | None
+    """Areas of which it wants to hear what is said to all."""
+
+
+class TrainNode:
+    """A train's core with what it stored."""
+
+    __slots__ = (
+        "_age_max_ns",
+        "_covered",
+        "_follows",
+        "_held",
+        "_keep",
+        "_roles",
+        "_routes",
+        "_seat",
+        "_state",
+        "core",
+        "grants",
+        "last",
+    )
+
+    def __init__(
+        self,
+        core: TrainCore,
+        memory: TrainMemory,
+        routes: Routes,
+        covered: Counter[str],
+        age_max_ns: int,
+        seat: Seat,
+    ) -> None:
+        self.core = core
+        self._seat = seat
+        seat.tuned = core.listens
+        self._covered = covered
+        self._age_max_ns = age_max_ns
+        self._state: TrainState | None = None
+        self._roles: tuple[tuple[int, Role], ...] = ()
+        self._follows = False
+        self._keep = memory
+        self._routes = routes
+        self._held: Any = None
+        self.grants: tuple[Grant, ...] = ()
+        self.last: Any = None
+        """What the latest step came to."""
+
+    def step(self, now_ns: int, heard: Sequence[Any], reading: Reading) -> Turn:
+        own = OwnTrain(
+            reading.localised,
+            reading.front_min_m,
+            reading.front_max_m,
+            reading.rear_min_m,
+            reading.rests_m,
+            reading.speed_mps,
+            reading.standstill,
+            reading.reach_m,
+            reading.easy_m,
+            reading.axles,
+            reading.out_of_service,
+        )
+        stepped = self.core.step(now_ns, tuple(heard), own)
+        self.last = stepped
+        if self.core.listens is not self._seat.tuned:
+            self._seat.tuned = self.core.listens
+        if stepped.state is not self._state or stepped.roles != self._roles:
+            self._changes(stepped)
+        if stepped.out:
+            told_kinds(stepped.out, self._covered)
+        if stepped.memory is not None:
+            self._keep = stepped.memory
+        held = stepped.authority
+        if held is not None and now_ns - held.echo_ns > self._age_max_ns:
+            # The protection that this stands in for does not go by what has run out.
+            held = None
+        if held is not self._held and held != self._held:
+            self._held = held
+            self.grants = () if held is None else (_grant(held, self._keep),)
+        return Turn(self._routes.letters(stepped.out), self._keep, self.core.next_due_ns())
+
+    def _changes(self, stepped: Stepped) -> None:
+        covered = self._covered
+        if stepped.state is not self._state:
+            covered[f"state {stepped.state.value}"] += 1
+            if self._state is not None:
+                covered[f"from {self._state.value} to {stepped.state.value}"] += 1
+        before, after = dict(self._roles), dict(stepped.roles)
+        for area in before.keys() | after.keys():
+            # Of areas that it has nothing to do with a train says nothing.
+            was, role = before.get(area, Role.OUTSIDE), after.get(area, Role.OUTSIDE)
+            if was is not role:
+                covered[f"role {role.value}"] += 1
+                covered[f"from {was.value} to {role.value}"] += 1
+        self._state, self._roles = stepped.state, stepped.roles
+        self._follows = all(role in FOLLOWING for _, role in stepped.roles)
+
+    def waits_for(self, message: Any) -> bool:
+        """Whether to look at it at once. What concerns only those who command, or are about to, a
+        train that follows looks at when it has something to do anyway.
+        """
+        return not self._follows or type(message) not in FOR_MASTERS
+
+
+class Mute:
+    """A train whose memory cannot be read takes no part: somebody has to come."""
+
+    grants: tuple[Grant, ...] = ()
+
+    def step(self, now_ns: int, heard: Sequence[Any], reading: Reading) -> Turn:
+        return Turn((), None, NEVER)
+
+
+def _grant(held: Any, memory: TrainMemory) -> Grant:
+    seen = memory.of_area(held.area)
+    issuer = seen.owner if seen.seen_term == held.term else NOBODY
+    return Grant(held.end_m, held.term, held.sequence, issuer, held.area, held.echo_ns, held.rear_m)
+
+
+class ArbiterNode:
+    """One arbiter."""
+
+    def __init__(
+        self, cast: Cast, routes: Routes, node: Seat, now_ns: int, crew: "T2tCrew"
+    ) -> None:
+        self._address, self._crew = node.address, crew
+        self._core = Arbiter(
+            cast.config.timers,
+            address=node.address,
+            memory=ArbiterMemory(node.disk.boot)
+            if node.disk is not None and "arbiter" in cast.guards.forget
+            else node.disk,
+            start_ns=now_ns,
+            guards=cast.guards.arbiter,
+            arbiters=len(cast.config.arbiters),
+        )
+        self._keep: ArbiterMemory | None = node.disk
+        self._routes = routes
+
+    def step(self, now_ns: int, heard: Sequence[Any]) -> Turn:
+        stepped = self._core.step(now_ns, tuple(heard))
+        if stepped.memory is not None:
+            self._keep = stepped.memory
+        told_kinds(stepped.out, self._crew.said)
+        letters = self._routes.letters(stepped.out)
+        self._crew.answered(self._address, heard, letters)
+        return Turn(letters, self._keep, NEVER)
+
+
+class WaysideNode:
+    """Interlocking and axle counters: all objects and the track in one process."""
+
+    def __init__(
+        self, cast: Cast, routes: Routes, track: TrueTrack, node: Seat, now_ns: int, crew: "T2tCrew"
+    ) -> None:
+        timers = cast.config.timers
+        disk: WaysideDisk = node.disk if node.disk is not None else (1000 * node.boots, ())
+        kept = dict(disk[1])
+        if "object" in cast.guards.forget:
+            kept = {number: ObjectMemory(each.boot) for number, each in kept.items()}
+        self._boot = disk[0] + 1
+        self._routes, self._track, self._crew = routes, track, crew
+        self._objects = {
+            site.number: LineObject(
+                timers,
+                site,
+                cast.line.area_at(site.start_m).number,
+                memory=kept.get(site.number),
+                start_ns=now_ns,
+                guards=cast.guards.thing,
+            )
+            for site in cast.line.objects
+        }
+        self._memories = kept
+        self._keep: WaysideDisk = (self._boot, tuple(kept.items()))
+        self.status = Track(timers, cast.line, boot=self._boot, start_ns=now_ns)
+        self._beat_ns = timers.heartbeat_ms * NS_PER_MS
+        self._desk = Desk(self._boot)
+
+    def step(self, now_ns: int, heard: Sequence[Any]) -> Turn:
+        out: list[T2tMessage] = []
+        due_ns = now_ns + self._beat_ns
+        moved: list[tuple[int, bool]] = []
+        changed = False
+        for number, thing in self._objects.items():
+            true = self._track.objects[number]
+            concerning = tuple([m for m in heard if _concerns(m, number, true.area)])
+            stepped: WaysideStepped[ObjectMemory] = thing.step(
+                now_ns,
+                concerning,
+                release_wanted=true.release_wanted,
+                occupied=self._track.occupied(true),
+            )
+            if stepped.memory is not None:
+                self._memories[number] = stepped.memory
+                changed = True
+            for message in stepped.out:
+                if isinstance(message, ObjectStatus) and message.state is not ObjectState.FAILED:
+                    moved.append((number, message.state is ObjectState.LOCKED))
+            out += stepped.out
+            due_ns = min(due_ns, thing.next_due_ns())
+        if changed:
+            self._keep = (self._boot, tuple(self._memories.items()))
+        # It is locked before it is stored that it is, and free to move only after that is.
+        self._crew.move([each for each in moved if each[1]])
+        freed = [each for each in moved if not each[1]]
+        for message in heard:
+            if type(message) is RemovalAnswer:
+                self._crew.removals[message.area, message.train] = message.state
+            elif type(message) is Heartbeat:
+                self._desk.masters[message.area] = message
+        self.status.closed = self._crew.closed
+        self.status.restrictions = self._crew.restrictions
+        beats = tuple([m for m in heard if type(m) is Heartbeat])
+        self._track.advance(self._crew.true_ns())
+        if beats:
+            track = self._track
+            out += self.status.step(now_ns, beats, axles=track.axles(), disturbed=track.disturbed)
+        out += self._desk.says(self._crew.orders, now_ns)
+        self._crew.orders = [order for order in self._crew.orders if order.left > 0]
+        told_kinds(out, self._crew.said)
+        return Turn(
+            self._routes.letters(out),
+            self._keep,
+            due_ns,
+            (lambda: self._crew.move(freed)) if freed else None,
+        )
+
+
+def _concerns(message: T2tMessage, number: int, area: int) -> bool:
+    if type(message) is ObjectClaim:
+        return message.number == number
+    return message.area == area and type(message) is not RemovalAnswer
+
+
+class T2tCrew:
+    """All nodes of a line, started from what they stored."""
+
+    def __init__(self, cast: Cast, seed: int) -> None:
+        self.cast, self._seed = cast, seed
+        self.said = Counter[str]()
+        """What of the protocol nodes said and went through, by name, but for guards."""
+        self._counting: list[Counting] = []
+        self._guards = counted(cast.guards.train, self._counting)
+        self.rules = Rules(
+            age_max_ns=cast.config.timers.authority_ms * NS_PER_MS,
+            roll_back_m=cast.config.rollback_m,
+            jog_m=cast.config.jog_m,
+        )
+        self._routes = Routes(cast.trains)
+        self.closed: tuple[Any, ...] = ()
+        self.restrictions: tuple[Any, ...] = ()
+        self.orders: list[Order] = []
+        self.removals: dict[tuple[int, int], RemovalState] = {}
+        """By area and train: what supervision was answered last."""
+        self.track: TrueTrack | None = None
+        self.true_ns: Callable[[], int] = lambda: 0
+        self.move: Callable[[list[tuple[int, bool]]], None] = lambda moved: None
+        self.answered: Callable[[int, Sequence[Any], Sequence[Letter]], None] = lambda *_: None
+        """Told what an arbiter read, and what it says to that."""
+
+    @property
+    def covered(self) -> Counter[str]:
+        """What of the protocol was gone through so far, by name."""
+        return self.said + answers(self._counting)
+
+    def constants(self) -> dict[str, object]:
+        """Parts that never change while all runs, by name."""
+        guards = self._guards
+        return {
+            "crew": self,
+            "line": self.cast.line,
+            "config": self.cast.config,
+            "timers": self.cast.config.timers,
+            "routes": self._routes,
+            "said": self.said,
+            "rules": self.rules,
+            "guards": guards,
+            "guards of members": guards.member,
+            "guards of leases": guards.lease,
+            "guards of masters": guards.master,
+        }
+
+    def train(self, node: Seat, now_ns: int) -> Protocolled:
+        memory = node.disk
+        if memory is None:
+            return Mute()
+        if "train" in self.cast.guards.forget:
+            memory = TrainMemory(memory.boot)
+        core = TrainCore(
+            self.cast.config,
+            self.cast.line,
+            address=node.address,
+            memory=memory,
+            start_ns=now_ns,
+            seed=self._seed ^ (node.address << 8) ^ node.boots,
+            guards=self._guards,
+        )
+        return TrainNode(core, memory, self._routes, self.said, self.rules.age_max_ns, node)
+
+    def installed(self, address: int) -> object:
+        if address in self.cast.config.arbiters:
+            return ArbiterMemory()
+        if address == WAYSIDE:
+            return 0, tuple((site.number, ObjectMemory()) for site in self.cast.line.objects)
+        return TrainMemory()
+
+    def wayside(self) -> Mapping[int, tuple[str, Callable[[Seat, int], Machine]]]:
+        def arbiter(node: Seat, now_ns: int) -> Machine:
+            return ArbiterNode(self.cast, self._routes, node, now_ns, self)
+
+        def wayside(node: Seat, now_ns: int) -> Machine:
+            assert self.track is not None
+            return WaysideNode(self.cast, self._routes, self.track, node, now_ns, self)
+
+        arbiters = {
+            address: (f"arbiter {address % 100}", arbiter) for address in self.cast.config.arbiters
+        }
+        return {**arbiters, WAYSIDE: ("wayside", wayside)}

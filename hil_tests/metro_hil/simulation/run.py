@@ -1,0 +1,142 @@
+"""One seed, from the first start to the verdict: trouble for a while, then calm and a bound."""
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Final, Protocol
+
+from metro_hil.model.gc_tuning import rarely_collected
+from metro_hil.simulation.checker import ViolationError
+from metro_hil.simulation.network_faults import Scale, Trouble
+from metro_hil.simulation.world import World
+
+NS_PER_S: Final = 1_000_000_000
+LOOK_NS: Final = 100_000_000
+"""How often it is looked whether all trains have authority again."""
+UNSETTLED_BOUNDS: Final = 10
+"""While something goes on behind which trains have to wait the bound begins anew, up to so many of
+them altogether."""
+
+
+@dataclass(frozen=True, slots=True)
+class Phases:
+    """What happens when."""
+
+    trouble_s: float = 300.0
+    calm_s: float = 30.0
+    """After all faults have ended every train on the line must hold an authority within this."""
+    start_s: float = 5.0
+    """Nodes start at any time within this."""
+
+    def __reduce__(self) -> tuple[object, ...]:
+        """To worker processes; compiled, nothing else would fill in what is frozen."""
+        return Phases, (self.trouble_s, self.calm_s, self.start_s)
+
+
+@dataclass(slots=True)
+class RunResult:
+    """What one seed came to."""
+
+    seed: int
+    digest: str = ""
+    """Of the trace: the same for the same seed."""
+    invariant: str = ""
+    """That was broken; empty when none was."""
+    what: str = ""
+    simulated_s: float = 0.0
+    train_s: float = 0.0
+    """Simulated time of all trains together."""
+    events: int = 0
+    cpu_s: float = 0.0
+    recovery_s: float = 0.0
+    """From the end of all faults until the last train had authority."""
+    emergencies: int = 0
+    faults: Counter[str] = field(default_factory=Counter)
+    looked: Counter[str] = field(default_factory=Counter)
+    covered: Counter[str] = field(default_factory=Counter)
+    """What of the protocol was gone through, by name."""
+    messages: Counter[str] = field(default_factory=Counter)
+    """Sent, delivered, lost, doubled, damaged, and writes to disks."""
+
+
+class Also(Protocol):
+    """What happens on the line besides faults."""
+
+    counts: dict[str, int]
+
+    def begin(self) -> None: ...
+
+    def calm(self) -> None: ...
+
+
+def run_seed(
+    seed: int,
+    world: World,
+    scale: Scale,
+    phases: Phases,
+    cpu_ns: Callable[[], int],
+    also: Sequence[Also] = (),
+) -> RunResult:
+    """To the end or to the first broken invariant. `cpu_ns` reads a clock of the processor."""
+    trouble = Trouble(
+        world.net,
+        seed=seed,
+        victims=tuple(world.net.nodes),
+        revive=world.net.boot,
+        scale=scale,
+    )
+    result = RunResult(seed)
+    begun_ns = cpu_ns()
+    try:
+        with rarely_collected():
+            _play(world, (trouble, *also), phases, result)
+    except ViolationError as error:
+        result.invariant, result.what = error.invariant, error.what
+        world.net.say("verdict", str(error))
+    result.cpu_s = (cpu_ns() - begun_ns) / NS_PER_S
+    for each in (trouble, *also):
+        result.faults.update(each.counts)
+    _sum_up(world, result)
+    return result
+
+
+def _play(world: World, things: Sequence[Also], phases: Phases, result: RunResult) -> None:
+    net = world.net
+    for address in net.nodes:
+        at_ns = int(world.rng.random() * phases.start_s * NS_PER_S)
+        net.at(at_ns, net.boot, address)
+    for each in things:
+        each.begin()
+    net.run(int(phases.trouble_s * NS_PER_S))
+    for each in things:
+        each.calm()
+    calm_ns, bound_ns = net.now_ns, int(phases.calm_s * NS_PER_S)
+    end_ns, last_ns = calm_ns + bound_ns, calm_ns + UNSETTLED_BOUNDS * bound_ns
+    while (waiting := world.without_authority()) and net.now_ns < end_ns:
+        net.run(net.now_ns + LOOK_NS)
+        if world.unsettled(waiting):
+            end_ns = min(net.now_ns + bound_ns, last_ns)
+    result.recovery_s = (net.now_ns - calm_ns) / NS_PER_S
+    if waiting and not net.disks_lost:
+        # Whoever lost its memory waits for a person, and others may wait for it.
+        raise ViolationError(
+            "40", f"{phases.calm_s:.0f} s after the last fault trains {waiting} have no authority"
+        )
+
+
+def _sum_up(world: World, result: RunResult) -> None:
+    net = world.net
+    result.digest = net.trace.digest()
+    result.simulated_s = net.now_ns / NS_PER_S
+    result.train_s = result.simulated_s * len(world.trains)
+    result.events = net.events
+    result.emergencies = sum(train.emergencies for train in world.trains.values())
+    result.looked.update(world.checker.looked)
+    result.messages.update(
+        sent=net.sent,
+        delivered=net.delivered,
+        lost=net.lost,
+        doubled=net.doubled,
+        damaged=net.damaged,
+        stored=net.stored,
+    )

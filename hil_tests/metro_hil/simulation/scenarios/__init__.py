@@ -1,0 +1,1 @@
+"""Directed scenarios of train-to-train control: scripts that lead straight to one situation."""

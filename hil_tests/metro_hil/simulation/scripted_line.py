@@ -1,0 +1,247 @@
+"""A line world for a directed scenario: what happens is said step by step, not drawn."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+from firmware_py.trackdb.areas import AreaMap
+from metro_hil.simulation.generate import FIRST_ARBITER, SECTION_PIECES, Draw, line_of_areas
+from metro_hil.simulation.line_world import LineWorld
+from metro_hil.simulation.orders import Order
+from metro_hil.simulation.protocol_nodes import SAFE, Cast, Guards, TrainNode
+from metro_hil.simulation.trace import Teller
+from metro_hil.simulation.train_node import Cab
+from metro_hil.simulation.world import Setting
+from vobc.train_to_train.vocabulary import Role, T2tConfig, TrainMemory
+from zenoh_config.t2t import AreaAuthority, OrderKind
+from zenoh_config.timers import TIMERS_A, LineTimers
+
+NS_PER_S: Final = 1_000_000_000
+NS_PER_MS: Final = 1_000_000
+
+
+class UnexpectedError(Exception):
+    """A scenario did not come out as it has to; no invariant was broken."""
+
+
+@dataclass(frozen=True, slots=True)
+class Plot:
+    """Where a scenario begins."""
+
+    fronts_m: Mapping[int, float]
+    areas: int = 1
+    arbiters: int = 1
+    objects: bool = False
+    stops_m: Sequence[float] = ()
+    dwell_s: float = 20.0
+    timers: LineTimers = TIMERS_A
+    guards: Guards = SAFE
+    line: AreaMap | None = None
+    area_m: float = 2000.0
+    pieces: int = SECTION_PIECES
+    """Sections in each area."""
+    seed: int = 1
+    speed_max_mps: float = 60.0 / 3.6
+    length_m: float = 80.0
+
+
+@dataclass(slots=True)
+class Held:
+    """A message that the scenario keeps back."""
+
+    source: int
+    target: int
+    message: Any
+
+
+class Scene:
+    """The world and the words to direct it."""
+
+    def __init__(self, plot: Plot, tell: Teller | None = None) -> None:
+        line = plot.line or line_of_areas(
+            plot.areas, objects=plot.objects, area_m=plot.area_m, pieces=plot.pieces
+        )
+        arbiters = tuple(range(FIRST_ARBITER, FIRST_ARBITER + plot.arbiters))
+        config = T2tConfig(timers=plot.timers, arbiters=arbiters)
+        cast = Cast(line, config, tuple(plot.fronts_m), plot.guards)
+        setting = Setting(
+            plot.fronts_m,
+            plot.stops_m,
+            plot.dwell_s,
+            plot.length_m,
+            drift_ppm=0,
+            speed_max_mps=plot.speed_max_mps,
+        )
+        self.world = LineWorld(plot.seed, Draw(cast, setting), tell=tell)
+        self.net = self.world.net
+        self.arbiters = arbiters
+        self.held: list[Held] = []
+        self._rules: list[Callable[[int, int, Any], int | None]] = []
+
+    # -- time --------------------------------------------------------------------------------------
+
+    @property
+    def now_s(self) -> float:
+        return self.net.now_ns / NS_PER_S
+
+    def run(self, seconds: float) -> None:
+        self.net.run(self.net.now_ns + int(seconds * NS_PER_S))
+
+    def until(self, what: str, holds: Callable[[], bool], *, within_s: float) -> float:
+        """Runs until it holds and says how long that took. Raises UnexpectedError."""
+        begun_ns, end_ns = self.net.now_ns, self.net.now_ns + int(within_s * NS_PER_S)
+        while not holds():
+            if self.net.now_ns >= end_ns:
+                raise UnexpectedError(f"{what}: not within {within_s:g} s")
+            self.net.run(self.net.now_ns + 5 * NS_PER_MS)
+        return (self.net.now_ns - begun_ns) / NS_PER_S
+
+    def expect(self, what: str, holds: bool) -> None:
+        if not holds:
+            raise UnexpectedError(f"not so, at {self.now_s:.3f} s: {what}")
+
+    def settle(self, within_s: float = 20.0) -> None:
+        """All nodes started; until every train has authority."""
+        self.world.boot_all()
+        self.until("all trains have authority", self.all_held, within_s=within_s)
+
+    # -- what there is -----------------------------------------------------------------------------
+
+    def protocol(self, train: int) -> TrainNode | None:
+        """None while its process is dead."""
+        machine = self.net.nodes[train].machine
+        if isinstance(machine, Cab) and isinstance(machine.protocol, TrainNode):
+            return machine.protocol
+        return None
+
+    def role(self, train: int, area: int = 1) -> Role:
+        node = self.protocol(train)
+        if node is None or node.last is None:
+            return Role.OUTSIDE
+        roles: dict[int, Role] = dict(node.last.roles)
+        return roles.get(area, Role.OUTSIDE)
+
+    def master(self, area: int = 1) -> int | None:
+        """Who takes itself for master and runs; the one with the highest term."""
+        masters = [
+            train
+            for train in self.world.trains
+            if self.role(train, area) is Role.MASTER and self.net.runs(train)
+        ]
+        return max(masters, key=lambda train: self.term(train, area), default=None)
+
+    def standby(self, area: int = 1) -> int | None:
+        found = [train for train in self.world.trains if self.role(train, area) is Role.STANDBY]
+        return found[0] if found else None
+
+    def term(self, train: int, area: int = 1) -> int:
+        """The highest that it has stored."""
+        memory = self.net.nodes[train].disk
+        return memory.of_area(area).seen_term if isinstance(memory, TrainMemory) else 0
+
+    def held_term(self, train: int, area: int = 1) -> int:
+        """Of the authority that its brake loop goes by; 0 without any."""
+        machine = self.net.nodes[train].machine
+        grants = machine.grants if isinstance(machine, Cab) else ()
+        return max([grant.term for grant in grants if grant.area == area], default=0)
+
+    def end_m(self, train: int) -> float | None:
+        """Of the authority that is in force."""
+        grants, _ = self.world.drivers[train].in_force(self.net.now_ns)
+        return min([grant.end_m for grant in grants], default=None)
+
+    def all_held(self) -> bool:
+        return not self.world.without_authority()
+
+    def without(self) -> list[int]:
+        """Trains that have no authority in force."""
+        return self.world.without_authority()
+
+    def emergencies(self) -> int:
+        return sum(train.emergencies for train in self.world.trains.values())
+
+    # -- what is done ------------------------------------------------------------------------------
+
+    def others(self, *addresses: int) -> list[int]:
+        return [each for each in self.net.nodes if each not in addresses]
+
+    def both_ways(self, one: Sequence[int], two: Sequence[int]) -> list[tuple[int, int]]:
+        return [pair for a in one for b in two for pair in ((a, b), (b, a))]
+
+    def cut_off(self, address: int, *, keeps: bool = False) -> list[tuple[int, int]]:
+        """From everybody; what is given back heals it."""
+        pairs = self.both_ways([address], self.others(address))
+        self.net.cut(pairs, keeps=keeps)
+        return pairs
+
+    def rule(self, rule: Callable[[int, int, Any], int | None]) -> None:
+        """Source, target and message to None (lost), 0 (comes) or nanoseconds (comes later)."""
+        self._rules.append(rule)
+        self.net.meddle(self._meddle)
+
+    def no_rules(self) -> None:
+        self._rules.clear()
+        self.net.meddle(None)
+
+    def _meddle(self, source: int, target: int, message: Any) -> int | None:
+        late_ns = 0
+        for rule in self._rules:
+            by_ns = rule(source, target, message)
+            if by_ns is None:
+                return None
+            late_ns = max(late_ns, by_ns)
+        return late_ns
+
+    def lose(self, *kinds: type, source: int | None = None, target: int | None = None) -> None:
+        """From now on messages of these kinds between these two never come."""
+        self.rule(
+            lambda a, b, message: (
+                None
+                if isinstance(message, kinds) and source in (None, a) and target in (None, b)
+                else 0
+            )
+        )
+
+    def keep_back(self, wanted: Callable[[int, int, Any], bool]) -> None:
+        """Messages that are wanted are held until `let_go`."""
+
+        def rule(source: int, target: int, message: Any) -> int | None:
+            if not wanted(source, target, message):
+                return 0
+            self.held.append(Held(source, target, message))
+            return None
+
+        self.rule(rule)
+
+    def let_go(self, source: int | None = None) -> int:
+        """All that is held (of one source) comes now, in order; how many."""
+        held = [each for each in self.held if source in (None, each.source)]
+        self.held = [each for each in self.held if source not in (None, each.source)]
+        for each in held:
+            self.net.deliver(each.target, each.message)
+        return len(held)
+
+    def keep_back_authorities(self, train: int) -> None:
+        self.keep_back(
+            lambda source, target, message: target == train and type(message) is AreaAuthority
+        )
+
+    def order(self, kind: OrderKind, train: int, area: int = 1) -> None:
+        self.world.t2t.orders.append(Order(kind, area, train))
+
+    def commanded(self, *, within_s: float) -> float:
+        return self.until("somebody commands", lambda: self.master() is not None, within_s=within_s)
+
+    def until_without(self, trains: list[int], *, within_s: float) -> float:
+        """Until just these have no authority."""
+        what = f"all but {trains} have authority"
+        return self.until(what, lambda: self.without() == trains, within_s=within_s)
+
+    def stands(self, train: int) -> float:
+        """Until it does; how long that took."""
+        motion = self.world.trains[train].motion
+        return self.until(f"{train} stands", lambda: motion.speed_mps == 0.0, within_s=120.0)
+
+    def roll_back(self, train: int, way_m: float) -> None:
+        motion = self.world.trains[train].motion
+        motion.back_m = way_m

@@ -1,0 +1,63 @@
+"""What `hil simulate` runs for one seed, as one call that can go to another process."""
+
+import random
+from dataclasses import dataclass
+from typing import Final
+
+from metro_hil.simulation.batch import cpu_ns
+from metro_hil.simulation.event_queue import Codec
+from metro_hil.simulation.generate import FAULTS_S, draw
+from metro_hil.simulation.line_world import LineWorld
+from metro_hil.simulation.network_faults import Scale
+from metro_hil.simulation.paper_line import paper_world
+from metro_hil.simulation.railway_events import Mischief
+from metro_hil.simulation.run import Phases, RunResult, run_seed
+from metro_hil.simulation.trace import Story, Teller
+from metro_hil.simulation.wire import RealCodec
+from metro_hil.simulation.world import World
+
+PROTOCOLS: Final = ("line", "paper")
+BYTES_EVERY: Final = 8
+"""One seed in so many goes through the real codec, byte by byte."""
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """Runs seeds; travels to worker processes."""
+
+    phases: Phases
+    protocol: str = "line"
+    bytes_always: bool = False
+    told: bool = False
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return Job, (self.phases, self.protocol, self.bytes_always, self.told)
+
+    def __call__(self, seed: int) -> RunResult:
+        tell = Story(print) if self.told else None
+        world = self._world(seed, tell)
+        faults_s, foul_share = FAULTS_S, 0.0
+        if isinstance(world, LineWorld):
+            faults_s, foul_share = world.drawn.faults_s, world.drawn.foul_share
+        drift_ppm = random.Random(seed ^ 0x5CA1E).choice((0, 100, 1000))
+        scale = Scale(*faults_s, drift_ppm=drift_ppm, foul_share=foul_share)
+        also = [Mischief(world, seed)] if isinstance(world, LineWorld) else []
+        result = run_seed(seed, world, scale, self.phases, cpu_ns, also)
+        if isinstance(world, LineWorld):
+            result.covered.update(world.t2t.covered)
+        return result
+
+    def options(self) -> list[str]:
+        """What has to be typed to get the same run."""
+        words = [] if self.protocol == "line" else [f"--protocol {self.protocol}"]
+        words += ["--bytes"] if self.bytes_always else []
+        minutes = self.phases.trouble_s / 60.0
+        return words if minutes == 5.0 else [*words, f"--minutes {minutes:g}"]
+
+    def _world(self, seed: int, tell: Teller | None) -> World:
+        if self.protocol == "paper":
+            return paper_world(seed, tell=tell)
+        codec: Codec | None = None
+        if self.bytes_always or seed % BYTES_EVERY == 0:
+            codec = RealCodec()
+        return LineWorld(seed, draw(seed), codec=codec, tell=tell)

@@ -1,0 +1,316 @@
+"""Explicit-state search: every schedule of a few nodes with at most so many faults.
+
+Time goes in slots. In each slot every node that runs reads what has arrived and steps once, with
+the very code that runs on trains. A message arrives in the next slot unless it is lost, late or
+doubled; a node may be stopped or die at every point of its step. Each such departure counts against
+the budget of faults; within it all combinations are tried. Two schedules that lead to the same
+state are followed once. At the horizon faults end, and each state found there has to come back to
+life by itself.
+"""
+
+import io
+import itertools
+import pickle
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from hashlib import blake2b
+from typing import Any, Final, NamedTuple, Protocol
+
+from metro_hil.simulation.checker import ViolationError
+from metro_hil.simulation.node import Doom, Letter
+
+
+class Flight(NamedTuple):
+    """A message on its way."""
+
+    slot: int
+    """In which it arrives."""
+    target: int
+    order: int
+    message: Any
+
+
+class Fate(NamedTuple):
+    """What becomes of a message: the delays in slots of its copies; none: lost."""
+
+    name: str
+    copies: tuple[int, ...]
+
+
+FATES: Final = (Fate("lost", ()), Fate("late", (4,)), Fate("doubled", (0, 4)))
+
+
+class NodeFault(NamedTuple):
+    """What happens to a node in a slot."""
+
+    name: str
+    doom: Doom | None
+    slots: int
+    """So long it is stopped, or down."""
+
+
+NODE_FAULTS: Final = (
+    NodeFault("stopped", None, 3),
+    NodeFault("stopped for long", None, 12),
+    NodeFault("dies before storing", Doom.BEFORE_STORING, 2),
+    NodeFault("dies before sending", Doom.BEFORE_SENDING, 2),
+    NodeFault("dies for long", Doom.WHILE_SENDING, 12),
+)
+
+
+class Stage(Protocol):
+    """A handful of nodes and their judge; everything that changes is in its attributes."""
+
+    @property
+    def addresses(self) -> Sequence[int]: ...
+
+    @property
+    def victims(self) -> Sequence[int]:
+        """Of these, those that may be stopped or die."""
+
+    def exposed(self, message: Any) -> bool:
+        """Whether this message may be lost, late or doubled; the others always come."""
+
+    def step(
+        self, address: int, now_ns: int, heard: Sequence[Any], doom: Doom | None
+    ) -> Sequence[Letter]:
+        """One step of a node that runs. Raises ViolationError."""
+
+    def boot(self, address: int, now_ns: int) -> None:
+        """A dead node begins anew with what it stored."""
+
+    def alive(self) -> bool:
+        """Whether all is as it should be when nothing has gone wrong for a while."""
+
+
+class State(NamedTuple):
+    """Between two slots."""
+
+    stage: Stage
+    flights: tuple[Flight, ...]
+    away: tuple[tuple[int, int, bool], ...]
+    """Nodes that do not run: address, slot in which they run again, whether they died."""
+
+
+class Step(NamedTuple):
+    """One departure from the plain course, for the story."""
+
+    slot: int
+    what: str
+
+
+@dataclass(frozen=True, slots=True)
+class Bounds:
+    """How far and how wide the search goes."""
+
+    slots: int
+    faults: int
+    slot_ns: int
+    calm_slots: int = 40
+    """After the horizon, without faults, until every state has to be alive again."""
+
+
+@dataclass(slots=True)
+class Found:
+    """What a search came to."""
+
+    states: int = 0
+    """Different ones."""
+    schedules: int = 0
+    """Slots played: states times what may happen in them."""
+    ends: int = 0
+    """Different states at the horizon, each followed until it was alive again."""
+    broken: ViolationError | None = None
+    story: tuple[Step, ...] = ()
+
+
+class _Saver(pickle.Pickler):
+    """Leaves out what never changes: it is named and put back in."""
+
+    def __init__(self, file: io.BytesIO, names: Mapping[int, str]) -> None:
+        super().__init__(file, protocol=5)
+        self._names = names
+
+    def persistent_id(self, thing: object) -> str | None:
+        return self._names.get(id(thing))
+
+
+class _Loader(pickle.Unpickler):
+    def __init__(self, file: io.BytesIO, things: Mapping[str, object]) -> None:
+        super().__init__(file)
+        self._things = things
+
+    def persistent_load(self, name: str) -> object:
+        return self._things[name]
+
+
+class Explorer:
+    """Searches from one state. `constants` are objects within it that never change."""
+
+    def __init__(self, bounds: Bounds, constants: Mapping[str, object]) -> None:
+        self.bounds = bounds
+        self._things = constants
+        self._names = {id(thing): name for name, thing in constants.items()}
+        self.found = Found()
+
+    def warm_up(self, start: State, slots: int) -> State:
+        """So many slots without faults; the slots of the search go on from there."""
+        state = start
+        for slot in range(-slots, 0):
+            state, letters = self._play(self._save(state), slot, {}, ())
+            sent = [(target, each.message) for each in letters for target in each.targets]
+            state = state._replace(flights=state.flights + tuple(_flights(sent, {}, slot)))
+        return state
+
+    def search(self, start: State, *, told: Callable[[str], None] = lambda _: None) -> Found:
+        """Stops at the first broken invariant, with the departures that led to it."""
+        found, bounds = self.found, self.bounds
+        layer: dict[bytes, tuple[bytes, int, tuple[Step, ...]]] = {}
+        self._keep(layer, start, bounds.faults, ())
+        try:
+            for slot in range(bounds.slots):
+                found.states += len(layer)
+                told(f"slot {slot}: {len(layer)} states")
+                after: dict[bytes, tuple[bytes, int, tuple[Step, ...]]] = {}
+                for blob, budget, story in layer.values():
+                    for state, cost, steps in self._successors(blob, slot, budget, story):
+                        self._keep(after, state, budget - cost, steps)
+                layer = after
+            found.states += len(layer)
+            for blob, _, story in layer.values():
+                found.ends += 1
+                self._come_back(blob, story)
+        except _BrokenError as error:
+            found.broken, found.story = error.violation, error.story
+        return found
+
+    # -- states ------------------------------------------------------------------------------------
+
+    def _save(self, state: State) -> bytes:
+        file = io.BytesIO()
+        _Saver(file, self._names).dump(state)
+        return file.getvalue()
+
+    def _load(self, blob: bytes) -> State:
+        state: State = _Loader(io.BytesIO(blob), self._things).load()
+        return state
+
+    def _keep(
+        self,
+        layer: dict[bytes, tuple[bytes, int, tuple[Step, ...]]],
+        state: State,
+        budget: int,
+        story: tuple[Step, ...],
+    ) -> None:
+        """Of two ways to one state the one with more faults left sees all that the other sees."""
+        blob = self._save(state)
+        key = blake2b(blob, digest_size=16).digest()
+        known = layer.get(key)
+        if known is None or known[1] < budget:
+            layer[key] = blob, budget, story
+
+    # -- one slot ----------------------------------------------------------------------------------
+
+    def _successors(
+        self, blob: bytes, slot: int, budget: int, story: tuple[Step, ...]
+    ) -> Iterator[tuple[State, int, tuple[Step, ...]]]:
+        stage = self._load(blob).stage
+        for hit in _node_choices(stage.victims, budget):
+            steps = story + tuple(Step(slot, f"{a}: {fault.name}") for a, fault in hit.items())
+            state, letters = self._play(blob, slot, hit, steps)
+            left = budget - len(hit)
+            sent = [(target, each.message) for each in letters for target in each.targets]
+            saved = self._save(state) if left and sent else b""
+            first = True
+            exposed = [n for n, (_, message) in enumerate(sent) if stage.exposed(message)]
+            for fates in _message_choices(exposed, left):
+                if not first:
+                    state = self._load(saved)
+                first = False
+                self.found.schedules += 1
+                told = tuple(
+                    Step(slot, f"{fate.name}, to {sent[index][0]}: {sent[index][1]}")
+                    for index, fate in fates.items()
+                )
+                flights = state.flights + tuple(_flights(sent, fates, slot))
+                yield state._replace(flights=flights), len(hit) + len(fates), steps + told
+
+    def _play(
+        self, blob: bytes, slot: int, hit: Mapping[int, NodeFault], story: tuple[Step, ...]
+    ) -> tuple[State, list[Letter]]:
+        state = self._load(blob)
+        stage, now_ns = state.stage, slot * self.bounds.slot_ns
+        away = {address: (until, died) for address, until, died in state.away}
+        inboxes: dict[int, list[Any]] = {address: [] for address in stage.addresses}
+        later = []
+        for flight in sorted(state.flights, key=lambda each: (each.slot, each.order)):
+            stopped = flight.target in away and slot < away[flight.target][0]
+            if flight.slot > slot or (stopped and not away[flight.target][1]):
+                later.append(flight)
+            elif not stopped:
+                inboxes[flight.target].append(flight.message)
+        letters: list[Letter] = []
+        try:
+            for address in stage.addresses:
+                until, died = away.get(address, (slot, False))
+                if slot < until:
+                    continue
+                if away.pop(address, None) is not None and died:
+                    stage.boot(address, now_ns)
+                fault = hit.get(address)
+                if fault is not None:
+                    away[address] = slot + fault.slots, fault.doom is not None
+                    if fault.doom is None:
+                        later += [
+                            Flight(slot, address, n, each)
+                            for n, each in enumerate(inboxes[address])
+                        ]
+                        continue
+                doom = None if fault is None else fault.doom
+                letters += stage.step(address, now_ns, inboxes[address], doom)
+        except ViolationError as error:
+            raise _BrokenError(error, (*story, Step(slot, "broken"))) from error
+        gone = tuple(sorted((a, until, died) for a, (until, died) in away.items()))
+        return State(stage, tuple(later), gone), letters
+
+    def _come_back(self, blob: bytes, story: tuple[Step, ...]) -> None:
+        """Without faults all is alive within the bound; it is not stuck."""
+        state = self._load(blob)
+        first = self.bounds.slots
+        for slot in range(first, first + self.bounds.calm_slots):
+            state, letters = self._play(self._save(state), slot, {}, story)
+            sent = [(target, each.message) for each in letters for target in each.targets]
+            state = state._replace(flights=state.flights + tuple(_flights(sent, {}, slot)))
+            if not state.away and state.stage.alive():
+                return
+        what = f"{self.bounds.calm_slots} slots after the last fault it is not alive again"
+        raise _BrokenError(ViolationError("40", what), story)
+
+
+class _BrokenError(Exception):
+    def __init__(self, violation: ViolationError, story: tuple[Step, ...]) -> None:
+        super().__init__(str(violation))
+        self.violation, self.story = violation, story
+
+
+def _node_choices(addresses: Sequence[int], budget: int) -> Iterator[dict[int, NodeFault]]:
+    for size in range(min(budget, len(addresses)) + 1):
+        for hit in itertools.combinations(addresses, size):
+            for faults in itertools.product(NODE_FAULTS, repeat=size):
+                yield dict(zip(hit, faults, strict=True))
+
+
+def _message_choices(exposed: Sequence[int], budget: int) -> Iterator[dict[int, Fate]]:
+    for size in range(min(budget, len(exposed)) + 1):
+        for hit in itertools.combinations(exposed, size):
+            for fates in itertools.product(FATES, repeat=size):
+                yield dict(zip(hit, fates, strict=True))
+
+
+def _flights(
+    sent: Sequence[tuple[int, Any]], fates: Mapping[int, Fate], slot: int
+) -> Iterator[Flight]:
+    for index, (target, message) in enumerate(sent):
+        fate = fates.get(index)
+        for late in (0,) if fate is None else fate.copies:
+            yield Flight(slot + 1 + late, target, index, message)

@@ -1,0 +1,240 @@
+"""A train's controller in the simulation: the protocol under test, and what drives by it."""
+
+import math
+from collections.abc import Sequence
+from typing import Any, Final, Protocol
+
+from metro_hil.simulation.checker import Checker
+from metro_hil.simulation.driving import Aim, demand_mps2, must_trip
+from metro_hil.simulation.event_queue import Network
+from metro_hil.simulation.node import Letter, Node, Turn
+from metro_hil.simulation.true_train import Grant, Reading, TrueTrain
+
+CONTROL_NS: Final = 200_000_000
+SILENCE_NS: Final = 300_000_000
+"""A brake that hears nothing from its controller for so long applies itself."""
+STOPPING_MARGIN_M: Final = 2.0
+"""Operation stops so much before the end of authority."""
+SHUNTING_MPS: Final = 5.0
+SHUNTING_MPS2: Final = 0.5
+RELEASE_M: Final = 5.0
+"""An emergency at standstill is released once there is so much authority again."""
+
+
+class Protocolled(Protocol):
+    """The protocol of one train, as the cab sees it."""
+
+    def step(self, now_ns: int, heard: Sequence[Any], reading: Reading) -> Turn: ...
+
+    @property
+    def grants(self) -> Sequence[Grant]:
+        """All must hold at once; none: the train must not move. The same object while unchanged."""
+
+
+class Listener(Protocol):
+    """Judges what goes over the air."""
+
+    def stepped(
+        self,
+        address: int,
+        now_ns: int,
+        true_ns: int,
+        heard: Sequence[Any],
+        letters: Sequence[Letter],
+    ) -> None: ...
+
+    def holds(self, address: int, grant: Grant) -> None: ...
+
+
+class Cab:
+    """What runs on a train's node."""
+
+    __slots__ = ("_checker", "_driver", "_net", "_train", "grants", "listener", "protocol")
+
+    def __init__(
+        self, protocol: Protocolled, driver: "Driver", net: Network, checker: Checker
+    ) -> None:
+        self.protocol = protocol
+        self._train, self._driver = driver.train, driver
+        self._net, self._checker = net, checker
+        self.listener: Listener | None = None
+        self.grants: Sequence[Grant] = ()
+        """What the brake loop goes by."""
+
+    def step(self, now_ns: int, heard: Sequence[Any]) -> Turn:
+        self._train.motion.advance(self._net.now_ns)
+        turn = self.protocol.step(now_ns, heard, self._train.reading())
+        if self.listener is not None:
+            self.listener.stepped(
+                self._train.address, now_ns, self._net.now_ns, heard, turn.letters
+            )
+        grants = self.protocol.grants
+        if grants is self.grants:
+            return turn
+        return turn._replace(apply=lambda: self._apply(grants, now_ns))
+
+    def _apply(self, grants: Sequence[Grant], now_ns: int) -> None:
+        before, self.grants = self.grants, grants
+        address = self._train.address
+        areas = {grant.area for grant in grants}
+        for grant in before:
+            if grant.area not in areas:
+                self._checker.gave_up(address, grant.area)
+        for grant in grants:
+            if grant not in before:
+                self._net.trace.note(int(grant.end_m * 1000.0))
+                if self._net.tell is not None:
+                    self._tell(grant)
+                self._checker.accepted(address, grant, now_ns, whole=self.listener is None)
+                if self.listener is not None:
+                    self.listener.holds(address, grant)
+        self._driver.supervises()
+
+    def _tell(self, grant: Grant) -> None:
+        self._net.say(
+            f"train {self._train.address}",
+            f"may go to {grant.end_m:.2f} m: term {grant.term}, area {grant.area}, from "
+            f"{grant.issuer}",
+        )
+
+
+class Driver:
+    """Every control cycle of one train: watchdog, supervision, operation, stops."""
+
+    __slots__ = (
+        *("_age_max_ns", "_checker", "_dwell_ns", "_net", "_node", "_speed_max_mps", "_stops_m"),
+        "train",
+    )
+
+    def __init__(
+        self,
+        train: TrueTrain,
+        node: Node,
+        net: Network,
+        checker: Checker,
+        *,
+        stops_m: Sequence[float],
+        dwell_ns: int,
+        speed_max_mps: float,
+    ) -> None:
+        self.train = train
+        self._node, self._net, self._checker = node, net, checker
+        self._stops_m, self._dwell_ns = stops_m, dwell_ns
+        self._speed_max_mps = speed_max_mps
+        self._age_max_ns = checker.rules.age_max_ns
+
+    def begins_anew(self) -> None:
+        """A new life goes by nothing of what its former one held: it brakes from its first output
+        on, before it says how far that lets it come.
+        """
+        self._checker.gave_up(self.train.address)
+        if self.train.on_line and not self.train.shunts:
+            self.train.motion.advance(self._net.now_ns)
+            self._trip(self._net.now_ns, "begins anew")
+
+    def cycle(self, _: object) -> None:
+        """Brings the motion forward, looks, and says what the train does until the next one."""
+        net, train = self._net, self.train
+        now_ns = net.now_ns
+        train.motion.advance(now_ns)
+        if train.shunts:
+            self._shunt(now_ns)
+        elif train.on_line:
+            self._drive(now_ns)
+            self._checker.moved(train)
+        net.at(now_ns + CONTROL_NS, self.cycle)
+
+    def _shunt(self, now_ns: int) -> None:
+        motion = self.train.motion
+        self.train.heard_ns = now_ns
+        if motion.emergency and motion.speed_mps == 0.0:
+            motion.release_emergency()
+        motion.demand(now_ns, self._by_hand_mps2(motion.front_m, motion.speed_mps))
+
+    def _by_hand_mps2(self, front_m: float, speed_mps: float) -> float:
+        if self.train.shunts_to_m < math.inf:
+            return demand_mps2(front_m, speed_mps, Aim(SHUNTING_MPS, self.train.shunts_to_m))
+        return SHUNTING_MPS2 if speed_mps < SHUNTING_MPS else 0.0
+
+    def _drive(self, now_ns: int) -> None:
+        train, motion = self.train, self.train.motion
+        grants, age_ratio = self.in_force(now_ns)
+        if not grants or not train.localised:
+            self._trip(now_ns, "has no authority" if train.localised else "is lost")
+            machine = self._node.machine
+            if machine is None or (isinstance(machine, Cab) and not machine.grants):
+                self._checker.gave_up(train.address)
+            return
+        end_m = min(grant.end_m for grant in grants)
+        reading = train.reading()
+        if motion.emergency:
+            if motion.speed_mps == 0.0 and end_m > reading.front_max_m + RELEASE_M:
+                motion.release_emergency()
+                self._net.say(f"train {train.address}", "releases its emergency brake")
+            return
+        if self._is_too_fast(now_ns, end_m):
+            return
+        if age_ratio > 0.6:
+            motion.demand(now_ns, -0.8)
+            return
+        motion.demand(now_ns, self._wanted_mps2(now_ns, reading, end_m))
+
+    def supervises(self) -> None:
+        """What is new is looked at before it is acknowledged, by how far the brake then lets it
+        come.
+        """
+        train, now_ns = self.train, self._net.now_ns
+        grants, _ = self.in_force(now_ns)
+        if grants and train.on_line and train.localised and not train.shunts:
+            self._is_too_fast(now_ns, min(grant.end_m for grant in grants))
+
+    def _is_too_fast(self, now_ns: int, end_m: float) -> bool:
+        """For this end; its brake is applied, if so."""
+        motion, front_max_m = self.train.motion, self.train.reading().front_max_m
+        if not must_trip(front_max_m, motion.speed_mps, end_m, accel_mps2=motion.accel_mps2):
+            return False
+        self._trip(now_ns, f"is too fast for its authority's end at {end_m:.2f} m")
+        return True
+
+    def in_force(self, now_ns: int) -> tuple[Sequence[Grant], float]:
+        """What may be acted on now, and the age of the oldest as a share of the limit."""
+        node, train = self._node, self.train
+        if self._net.runs(node.address):
+            train.heard_ns = now_ns
+        elif now_ns - train.heard_ns > SILENCE_NS:
+            return (), 0.0
+        machine = node.machine
+        if not isinstance(machine, Cab) or not machine.grants:
+            return (), 0.0
+        grants = machine.grants
+        local_ns = node.clock.local_ns(now_ns)
+        age_ns = max(local_ns - grant.stamp_ns for grant in grants)
+        if age_ns > self._age_max_ns:
+            self._checker.gave_up(train.address)
+            return (), 0.0
+        return grants, age_ns / self._age_max_ns
+
+    def _trip(self, now_ns: int, why: str) -> None:
+        train = self.train
+        if train.motion.emergency:
+            return
+        if train.motion.speed_mps > 0.0:
+            train.emergencies += 1
+            self._net.say(f"train {train.address}", f"{why}: emergency brake")
+        train.motion.apply_emergency(now_ns)
+
+    def _wanted_mps2(self, now_ns: int, reading: Reading, end_m: float) -> float:
+        train, motion = self.train, self.train.motion
+        stop_m = end_m - STOPPING_MARGIN_M - (reading.front_max_m - motion.front_m)
+        if train.next_stop < len(self._stops_m):
+            station_m = self._stops_m[train.next_stop]
+            if motion.speed_mps == 0.0 and abs(motion.front_m - station_m) < 3.0:
+                if train.dwell_until_ns == 0:
+                    train.dwell_until_ns = now_ns + self._dwell_ns
+                if now_ns < train.dwell_until_ns:
+                    return -0.8
+                train.dwell_until_ns = 0
+                train.next_stop += 1
+            else:
+                stop_m = min(stop_m, station_m)
+        return demand_mps2(motion.front_m, motion.speed_mps, Aim(self._speed_max_mps, stop_m))

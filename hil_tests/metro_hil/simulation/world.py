@@ -1,0 +1,137 @@
+"""A line with trains on it, the wayside's nodes, a network between them, and their judge."""
+
+import random
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Final, Protocol
+
+from metro_hil.simulation.checker import Checker, Rules
+from metro_hil.simulation.clocks import NodeClock
+from metro_hil.simulation.event_queue import Codec, Network
+from metro_hil.simulation.motion import Motion
+from metro_hil.simulation.node import Machine, Node
+from metro_hil.simulation.trace import Teller
+from metro_hil.simulation.train_node import CONTROL_NS, Cab, Driver, Protocolled
+from metro_hil.simulation.true_train import AXLES, Build, TrueTrain
+
+NS_PER_S: Final = 1_000_000_000
+LOCAL_START_NS_MAX: Final = 3600 * NS_PER_S
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """Where trains start and what they drive to."""
+
+    fronts_m: Mapping[int, float]
+    """By train."""
+    stops_m: Sequence[float] = ()
+    dwell_s: float = 20.0
+    length_m: float = 80.0
+    builds: Mapping[int, Build] = field(default_factory=dict)
+    """Of trains that are made otherwise."""
+    drift_ppm: int = 100
+    speed_max_mps: float = 60.0 / 3.6
+
+    def build(self, train: int) -> Build:
+        return self.builds.get(train, Build(self.length_m, AXLES))
+
+
+class Crew(Protocol):
+    """The protocol under test, as nodes."""
+
+    @property
+    def rules(self) -> Rules: ...
+
+    def train(self, node: Node, now_ns: int) -> Protocolled: ...
+
+    def installed(self, address: int) -> object:
+        """What is on the disk of a new node."""
+
+    def wayside(self) -> Mapping[int, tuple[str, Callable[[Node, int], Machine]]]:
+        """By address: name and start of everything that is no train."""
+
+
+class World:
+    """All of it, built and started at true instant 0."""
+
+    def __init__(
+        self,
+        seed: int,
+        setting: Setting,
+        crew: Crew,
+        *,
+        codec: Codec | None = None,
+        tell: Teller | None = None,
+    ) -> None:
+        self.setting, self.crew = setting, crew
+        self.rng = random.Random(seed ^ 0xA11)
+        self.net = Network(seed, codec=codec, tell=tell)
+        self.trains = {
+            address: TrueTrain(
+                address,
+                Motion(0, front_m, emergency_mps2=self.rng.uniform(1.0, 1.3)),
+                length_m=setting.build(address).length_m,
+                half_width_m=self.rng.uniform(0.5, 5.0),
+                axles=setting.build(address).axles,
+            )
+            for address, front_m in setting.fronts_m.items()
+        }
+        self.checker = Checker(self.trains.values(), crew.rules)
+        self.drivers: dict[int, Driver] = {}
+        for address, (name, start) in crew.wayside().items():
+            self._add(address, name, start)
+        for address in self.trains:
+            self._add(address, f"train {address}", self._start_train)
+            self._add_driver(address)
+
+    def boot_all(self) -> None:
+        for address in self.net.nodes:
+            self.net.boot(address)
+
+    def _start_train(self, node: Node, now_ns: int) -> Machine:
+        driver = self.drivers[node.address]
+        driver.begins_anew()
+        return Cab(self.crew.train(node, now_ns), driver, self.net, self.checker)
+
+    def _add(self, address: int, name: str, start: Callable[[Node, int], Machine]) -> None:
+        drift = self.setting.drift_ppm
+        clock = NodeClock(
+            0, self.rng.randrange(LOCAL_START_NS_MAX), self.rng.randint(-drift, drift)
+        )
+        node = Node(address, name, start, clock)
+        node.disk = self.crew.installed(address)
+        self.net.add(node)
+
+    def _add_driver(self, address: int) -> None:
+        train = self.trains[address]
+        self.stops_next(train)
+        driver = Driver(
+            train,
+            self.net.nodes[address],
+            self.net,
+            self.checker,
+            stops_m=self.setting.stops_m,
+            dwell_ns=int(self.setting.dwell_s * NS_PER_S),
+            speed_max_mps=self.setting.speed_max_mps,
+        )
+        self.drivers[address] = driver
+        self.net.at(self.rng.randrange(CONTROL_NS), driver.cycle)
+
+    def stops_next(self, train: TrueTrain) -> None:
+        """At the first stop ahead of where it has been set."""
+        train.next_stop = sum(stop_m < train.front_m for stop_m in self.setting.stops_m)
+        train.dwell_until_ns = 0
+
+    def without_authority(self) -> list[int]:
+        """Trains on the line whose brake loop has no authority in force at this instant."""
+        return [
+            address
+            for address, driver in self.drivers.items()
+            if self.trains[address].on_line
+            and not self.trains[address].shunts
+            and not driver.in_force(self.net.now_ns)[0]
+        ]
+
+    def unsettled(self, waiting: Sequence[int]) -> bool:
+        """Whether something goes on now behind which these trains have to wait."""
+        return any(each.shunts for each in self.trains.values())

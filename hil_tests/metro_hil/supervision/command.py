@@ -1,0 +1,181 @@
+"""`vobc line`, `master`, `hold`, `restrict` and others: supervision of a line over zenoh."""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from typing import Final
+
+from firmware_py.clock.clock import WallClock
+from firmware_py.radio.credentials import load_credentials
+from firmware_py.radio.zenoh_radio import RadioError, Role, open_radio
+from firmware_py.settings import SettingsError
+from firmware_py.trackdb.areas import AreaMap, load_areas
+from metro_hil.model.run_options import (
+    EXIT_ENVIRONMENT,
+    EXIT_INTERRUPTED,
+    EXIT_OK,
+    EXIT_USAGE,
+    LINE_VERBS,
+    train_number,
+)
+from metro_hil.supervision.console import Desk
+from metro_hil.supervision.view import KMH, LineView
+from zenoh_config import t2t_keys
+from zenoh_config.codec import BENCH_KEY, safety_key
+from zenoh_config.secured import SUPERVISION_NAME
+from zenoh_config.sessions import LINE_ENDPOINT
+from zenoh_config.soundness import MAX_CHAINAGE_M, MAX_SPEED_MPS
+from zenoh_config.t2t_supervision import DecreeKind
+
+LOOK_S: Final = 1.5
+"""So long is listened before anything is said."""
+SESSION_S: Final = 5.0
+"""For so long it waits for a session: two attempts by TLS on a busy machine, and a bit."""
+OF_TRAIN: Final = {
+    "hold": (DecreeKind.HOLD, DecreeKind.LET_GO),
+    "skip": (DecreeKind.SKIP, DecreeKind.CALL),
+    "emergency-brake": (DecreeKind.EMERGENCY, DecreeKind.RELEASE),
+}
+"""What is decreed, and what takes it back."""
+OF_TRACK: Final = {
+    "restrict": (DecreeKind.RESTRICT, DecreeKind.LIFT),
+    "close": (DecreeKind.CLOSE, DecreeKind.OPEN),
+}
+
+
+def main(words: Sequence[str]) -> int:
+    """Exit 2 for what is no train, line or endpoint; 3 when nobody does what was asked, or nobody
+    commands what is to be shown; 130 for what Ctrl-C ended, but for `line --watch`.
+    """
+    options = parser().parse_args(words)
+    try:
+        return _supervise(options, load_areas(options.line))
+    except (SettingsError, RadioError) as error:
+        print(f"vobc: {error}", file=sys.stderr)
+        return EXIT_USAGE
+    except KeyboardInterrupt:
+        # Nobody knows whether it was decreed, where something was to be.
+        return EXIT_OK if getattr(options, "watch", False) else EXIT_INTERRUPTED
+
+
+def _supervise(options: argparse.Namespace, areas: AreaMap) -> int:
+    _check(options, areas)
+    clock, key, secure = WallClock(), BENCH_KEY, None
+    if options.secure is not None:
+        secure = load_credentials(options.secure, SUPERVISION_NAME, clock.epoch_ns())
+        key = safety_key(secure.key_hex)
+    view = LineView(areas, key)
+    topics = t2t_keys.of_supervision(areas.name)
+    with open_radio(
+        *(Role.TRAIN, options.line_radio, topics, clock),
+        secure=secure,
+        watched_tokens=t2t_keys.tokens(areas.name),
+    ) as port:
+        view.tokens = lambda: port.present
+        desk = Desk(clock, view, port, key)
+        if not desk.listen(SESSION_S, lambda: port.connected):
+            also = "" if secure is None else ", and of the same authority"
+            print(
+                f"vobc: {options.line_radio}: no session; is a wayside there{also}?",
+                file=sys.stderr,
+            )
+            return EXIT_ENVIRONMENT
+        displays = options.verb in ("line", "master")
+        desk.listen(LOOK_S, lambda: not displays and view.complete)
+        return _obey(options, desk, view, clock)
+
+
+def _check(options: argparse.Namespace, areas: AreaMap) -> None:
+    """Raises SettingsError for what cannot be meant, whoever listens."""
+    verb = options.verb
+    if verb == "switch-master" and options.area not in {a.number for a in areas.areas}:
+        raise SettingsError(f"--area {options.area}: {areas.name} has no such area")
+    if verb == "restrict" and not options.end and options.limit_kmh is None:
+        raise SettingsError("restrict: --limit KMH is missing; --end takes one back")
+    if verb in OF_TRACK and not options.start_m < options.end_m:
+        stretch = f"START {options.start_m:g} END {options.end_m:g}"
+        raise SettingsError(f"{verb}: {stretch}: the stretch has to end behind its start")
+
+
+def _obey(options: argparse.Namespace, desk: Desk, view: LineView, clock: WallClock) -> int:
+    verb = options.verb
+    if verb == "line":
+        while options.watch:
+            desk.say(view.words(clock.now_ns()), over=True)
+            desk.listen(0.5)
+        desk.say(view.words(clock.now_ns()))
+        return EXIT_OK if view.commands else desk.nobody()
+    if verb == "master":
+        desk.say(view.reasons(clock.now_ns()))
+        return EXIT_OK if view.commands else desk.nobody()
+    if verb == "switch-master":
+        return desk.switch(options.area, options.to)
+    if verb == "out-of-service":
+        return desk.retire(options.number, end=options.end)
+    if verb == "remove-train":
+        return desk.remove(options.number)
+    if verb in OF_TRAIN:
+        wanted, back = OF_TRAIN[verb]
+        return desk.decree(back if options.end else wanted, train=options.number)
+    wanted, back = OF_TRACK[verb]
+    limit_mps = (getattr(options, "limit_kmh", None) or 0.0) / KMH
+    return desk.decree(
+        back if options.end else wanted,
+        start_m=options.start_m,
+        end_m=options.end_m,
+        limit_mps=limit_mps,
+    )
+
+
+def parser() -> argparse.ArgumentParser:
+    top = argparse.ArgumentParser(prog="vobc", description=__doc__)
+    verbs = top.add_subparsers(dest="verb", required=True, metavar="VERB")
+    parsers = {
+        verb: verbs.add_parser(verb, help=words, description=f"{words.capitalize()}.")
+        for verb, words in LINE_VERBS.items()
+    }
+    line, switch, remove = (parsers[verb] for verb in ("line", "switch-master", "remove-train"))
+    line.add_argument(
+        "--watch", action="store_true", help="go on until Ctrl-C; that is exit code 0"
+    )
+    switch.add_argument("--area", type=int, required=True)
+    switch.add_argument("--to", type=train_number, required=True, metavar="TRAIN")
+    remove.description = (
+        "Say that a silent train is gone, so that nobody waits behind it: somebody has seen that "
+        "it left the line or was taken off it. It is refused while the train is heard, or axles "
+        "are counted where it may be that are not those of trains standing there."
+    )
+    remove.add_argument("number", type=train_number, metavar="TRAIN")
+    for verb in ("out-of-service", *OF_TRAIN):
+        parsers[verb].add_argument("number", type=train_number, metavar="TRAIN")
+        parsers[verb].add_argument("--end", action="store_true", help="take it back")
+    for verb in OF_TRACK:
+        parsed = parsers[verb]
+        parsed.add_argument("start_m", type=_chainage_m, metavar="START", help="metres of the line")
+        parsed.add_argument("end_m", type=_chainage_m, metavar="END")
+        if verb == "restrict":
+            parsed.add_argument("--limit", dest="limit_kmh", type=_speed_kmh, metavar="KMH")
+        parsed.add_argument("--end", action="store_true", help="take it back; the same stretch")
+    for parsed in parsers.values():
+        parsed.add_argument("--line", default="loop", metavar="NAME|FILE", help="default: loop")
+        parsed.add_argument("--line-radio", default=LINE_ENDPOINT, metavar="ENDPOINT")
+        parsed.add_argument("--secure", metavar="FOLDER", help="certificates; see `vobc demo-ca`")
+    return top
+
+
+def _chainage_m(text: str) -> float:
+    return _number(text, -MAX_CHAINAGE_M, MAX_CHAINAGE_M)
+
+
+def _speed_kmh(text: str) -> float:
+    return _number(text, 1.0, MAX_SPEED_MPS * KMH)
+
+
+def _number(text: str, least: float, most: float) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = float("nan")
+    if not least <= value <= most:
+        raise argparse.ArgumentTypeError(f"{text} is not a number in {least:g}..{most:g}")
+    return value

@@ -1,0 +1,232 @@
+"""`vobc line-log`: what trains and wayside said to each other: frame by frame, counted, drawn."""
+
+import argparse
+import os
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Final
+
+from firmware_py.clock.clock import WallClock
+from firmware_py.interrupts import Interrupts
+from firmware_py.radio.credentials import load_credentials
+from firmware_py.radio.zenoh_radio import RadioError
+from firmware_py.settings import SettingsError
+from metro_hil.model.run_options import EXIT_ENVIRONMENT, EXIT_INTERRUPTED, EXIT_OK, EXIT_USAGE
+from metro_hil.supervision.radio_log import (
+    Choice,
+    Chosen,
+    Figures,
+    figures_of,
+    find_log,
+    read_log,
+    words_of,
+)
+from metro_hil.supervision.radio_log_filter import Sieve
+from metro_hil.supervision.radio_log_live import LiveLine
+from zenoh_config.codec import BENCH_KEY, safety_key
+from zenoh_config.secured import SUPERVISION_NAME
+from zenoh_config.sessions import LINE_ENDPOINT
+from zenoh_config.t2t import BROADCAST, SUPERVISION
+from zenoh_config.t2t_keys import CHUNKS
+
+NAMES: Final = {"wayside": 0, "supervision": SUPERVISION, "all": BROADCAST}
+EPILOG: Final = """\
+Kinds are Heartbeat or hb, AreaAuthority or aa, and so on (docs/design/train_to_train.md), Place
+for the axles in the emulated rails, Refused for what is damaged. Addresses are T3, 65001, wayside,
+supervision, all. On the live bus any tool of zenoh reads the same: z_sub -e ENDPOINT -k 'm/loop/**'
+With --live, --stats and --plot are of what was heard until Ctrl-C or --for.
+exit codes: 0; 2 wrong usage or a log that is none; 3 nothing can be heard or written; 130 by Ctrl-C
+where nothing is counted or drawn
+"""
+
+
+def main(words: Sequence[str]) -> int:
+    options = _parser().parse_args(words)
+    try:
+        return _run(options)
+    except (SettingsError, RadioError) as error:
+        print(f"vobc: {error}", file=sys.stderr)
+        return EXIT_USAGE
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return EXIT_OK
+    except KeyboardInterrupt:
+        return EXIT_INTERRUPTED
+
+
+def _run(options: argparse.Namespace) -> int:
+    _refuse(options)
+    key = BENCH_KEY
+    if options.secure is not None:
+        secure = load_credentials(options.secure, SUPERVISION_NAME, WallClock().epoch_ns())
+        key = safety_key(secure.key_hex)
+    sieve = Sieve(_choice(options))
+    if not options.live:
+        path = find_log(options.log)
+        title = path.parent.name or path.name
+        code = _report(options, sieve.pass_on(read_log(path, key)), title)
+        _wonder(sieve, str(path), options)
+        return code
+    return _listen(options, sieve, key)
+
+
+def _listen(options: argparse.Namespace, sieve: Sieve, key: bytes) -> int:
+    """Until Ctrl-C or --for; figures of what was heard by then."""
+    interrupts = Interrupts()
+    live = LiveLine(options.line, options.line_radio, options.secure, key)
+    duration_s = float("inf") if options.duration_s is None else options.duration_s
+    with interrupts.caught():
+        entries = live.entries(duration_s, lambda: interrupts.asked)
+        code = _report(options, sieve.pass_on(entries), options.line_radio)
+    if not live.reached:
+        print(f"vobc: {options.line_radio}: there was no session", file=sys.stderr)
+        code = EXIT_ENVIRONMENT
+    else:
+        _wonder(sieve, options.line_radio, options)
+    gathers = options.stats or options.plot is not None
+    return EXIT_INTERRUPTED if interrupts.asked and not gathers else code
+
+
+def _wonder(sieve: Sieve, where: str, options: argparse.Namespace) -> None:
+    for words in sieve.doubts(secured=options.secure is not None):
+        print(f"vobc: {where}: {words}", file=sys.stderr)
+
+
+def _refuse(options: argparse.Namespace) -> None:
+    """Raises SettingsError for what does not fit together."""
+    since_s, until_s, live = options.since, options.until, options.live
+    for refused, words in (
+        (options.log is None and not live, "a FOLDER or FILE is needed, or --live"),
+        (options.log is not None and live, f"{options.log} and --live exclude each other"),
+        (options.duration_s is not None and not live, "--for goes with --live only"),
+        (not since_s < until_s, f"--since {since_s:g} is not before --until {until_s:g}"),
+    ):
+        if refused:
+            raise SettingsError(f"line-log: {words}")
+
+
+def _choice(options: argparse.Namespace) -> Choice:
+    return Choice(
+        kinds=frozenset(options.kind),
+        sources=frozenset(options.source),
+        destinations=frozenset(options.to),
+        areas=frozenset(options.area),
+        since_s=options.since,
+        until_s=options.until,
+    )
+
+
+def _report(options: argparse.Namespace, chosen: Iterator[Chosen], title: str) -> int:
+    """Message by message, or in numbers and as a picture."""
+    if not options.stats and options.plot is None:
+        for entry, start_s in chosen:
+            print(words_of(entry, start_s), flush=True)
+        return EXIT_OK
+    figures = figures_of(chosen)
+    if options.stats:
+        print("\n".join(stats_words(figures)))
+    return EXIT_OK if options.plot is None else _draw(figures, options.plot, title)
+
+
+def _draw(figures: Figures, path: Path, title: str) -> int:
+    from metro_hil.supervision.radio_log_plot import draw
+
+    try:
+        draw(figures, path, title)
+    except (OSError, ValueError) as error:
+        print(f"vobc: --plot {path}: {error}", file=sys.stderr)
+        return EXIT_ENVIRONMENT
+    print(f"plot: {path}")
+    return EXIT_OK
+
+
+def stats_words(figures: Figures) -> list[str]:
+    """Who said how much, and how long trains waited."""
+    said = [f"{'writer':>14} {'kind':<16} {'messages':>9} {'per s':>7} {'bytes':>6}"]
+    span_s = max(figures.end_s - figures.start_s, 1e-9)
+    for (who, kind), count in sorted(figures.counts.items()):
+        size = figures.sizes[who, kind] // count
+        said.append(f"{who:>14} {kind:<16} {count:>9} {count / span_s:>7.1f} {size:>6}")
+    said.append(f"refused: {figures.refused}")
+    for number, train in sorted(figures.trains.items()):
+        latencies_ms, ages_ms = sorted(train.latency_ms), sorted(train.age_ms)
+        said.append(
+            f"T{number}: {len(latencies_ms)} authorities, latency p50 {_at(latencies_ms, 0.5):.0f} "
+            f"ms, p99 {_at(latencies_ms, 0.99):.0f} ms, greatest {latencies_ms[-1]:.0f} ms; "
+            f"age when replaced p50 {_at(ages_ms, 0.5):.0f} ms, greatest {ages_ms[-1]:.0f} ms"
+        )
+    for area, changes in sorted(figures.terms.items()):
+        terms = ", ".join([f"{at_s:.2f} s term {term} T{who}" for at_s, term, who in changes])
+        said.append(f"area {area}: {terms}")
+    return said
+
+
+def _at(values: list[float], share: float) -> float:
+    return values[min(len(values) - 1, int(len(values) * share))]
+
+
+def _parser() -> argparse.ArgumentParser:
+    top = argparse.ArgumentParser(
+        prog="vobc line-log",
+        description=__doc__,
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    top.add_argument("log", nargs="?", type=Path, metavar="FOLDER|FILE", help="of a run")
+    top.add_argument(
+        "--live", action="store_true", help="listen to the line instead, until Ctrl-C or --for"
+    )
+    top.add_argument("--stats", action="store_true", help="counts, latencies, ages, terms")
+    top.add_argument("--plot", type=Path, metavar="FILE", help="latency, age and terms, as .png")
+    group = top.add_argument_group("what is looked at; each may be a list with commas")
+    group.add_argument("--kind", type=_kinds, default=(), metavar="KIND")
+    group.add_argument("--source", type=_addresses, default=(), metavar="WHO")
+    group.add_argument("--to", type=_addresses, default=(), metavar="WHO")
+    group.add_argument("--area", type=_numbers, default=(), metavar="N")
+    group.add_argument("--since", type=float, default=float("-inf"), metavar="SECONDS")
+    group.add_argument("--until", type=float, default=float("inf"), metavar="SECONDS")
+    top.add_argument(
+        "--for", type=_seconds, dest="duration_s", metavar="SECONDS", help="with --live"
+    )
+    top.add_argument("--line", default="loop", metavar="NAME|FILE", help="with --live")
+    top.add_argument("--line-radio", default=LINE_ENDPOINT, metavar="ENDPOINT")
+    top.add_argument(
+        "--secure", type=Path, metavar="FOLDER", help="of a secured line; see `vobc demo-ca`"
+    )
+    return top
+
+
+def _seconds(text: str) -> float:
+    try:
+        duration_s = float(text)
+    except ValueError:
+        duration_s = 0.0
+    if not duration_s > 0.0:
+        raise argparse.ArgumentTypeError(f"{text} is not a duration")
+    return duration_s
+
+
+def _kinds(text: str) -> tuple[str, ...]:
+    names = {kind.__name__ for kind in CHUNKS} | set(CHUNKS.values())
+    names |= {"TrainStatus", "TrainOrders", "ts", "or", "Place", "x", "Refused"}
+    for each in text.split(","):
+        if each not in names:
+            raise argparse.ArgumentTypeError(f"{each} is no kind of message")
+    return tuple(text.split(","))
+
+
+def _addresses(text: str) -> tuple[int, ...]:
+    found = []
+    for each in text.split(","):
+        number = str(NAMES.get(each, each.removeprefix("T")))
+        if not (number.isascii() and number.isdecimal()) or int(number) > BROADCAST:
+            raise argparse.ArgumentTypeError(f"{each} is nobody; T3, wayside, supervision, 65001")
+        found.append(int(number))
+    return tuple(found)
+
+
+def _numbers(text: str) -> tuple[int, ...]:
+    if not all(each.isascii() and each.isdecimal() for each in text.split(",")):
+        raise argparse.ArgumentTypeError(f"{text} is no list of numbers")
+    return tuple([int(each) for each in text.split(",")])

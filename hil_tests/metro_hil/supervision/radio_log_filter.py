@@ -1,0 +1,47 @@
+"""Chooses from what was said on a line's radio, and says why nothing may have been left."""
+
+from collections.abc import Iterable, Iterator
+
+from metro_hil.supervision.radio_log import Choice, Chosen, Entry
+from plant_emulator.wayside.detection import Place
+from zenoh_config.messages import Refused, RefusedReason
+
+
+class Sieve:
+    def __init__(self, choice: Choice | None = None) -> None:
+        self._choice = choice or Choice()
+        self._heard = self._passed = 0
+        self._coded = self._foreign = 0
+        """What has a safety code, which places have not; and what has another one than ours."""
+
+    def pass_on(self, entries: Iterable[Entry]) -> Iterator[Chosen]:
+        start_s = None
+        for entry in entries:
+            start_s = entry.at_s if start_s is None else start_s
+            self._count(entry)
+            if self._choice.takes(entry, start_s):
+                self._passed += 1
+                yield Chosen(entry, start_s)
+
+    def _count(self, entry: Entry) -> None:
+        heard = entry.heard
+        self._heard += 1
+        self._coded += not isinstance(heard, Place)
+        self._foreign += isinstance(heard, Refused) and heard.reason is RefusedReason.WRONG_CODE
+
+    def doubts(self, *, secured: bool) -> list[str]:
+        """What a person may wonder at; of what was passed on by now.
+
+        Args:
+            secured: it was read with the key of a secured line.
+        """
+        said = []
+        if not self._heard:
+            said.append("no message at all")
+        elif not self._passed:
+            said.append(f"none of {self._heard} messages passes the filters")
+        if self._foreign and self._foreign == self._coded:
+            of = "another line than that of --secure" if secured else "a secured line"
+            remedy = "" if secured else "; that needs --secure FOLDER"
+            said.append(f"all {self._foreign} safety codes are wrong, as of {of}{remedy}")
+        return said

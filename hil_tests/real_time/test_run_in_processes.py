@@ -1,0 +1,287 @@
+"""`vobc run` as its user meets it: processes on the embedded bus, Ctrl-C, kill -9, mistakes."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import cantools
+import pytest
+
+from can_dbc.brake import BrakeCommand
+from can_dbc.codec import Decoder, Rejected
+from firmware_py.candump import read_candump
+
+PATIENCE_S = 60.0
+RUN = [sys.executable, "-m", "metro_hil.cli.vobc", "run"]
+VCAN = [sys.executable, "-m", "metro_tools.vcan"]
+HOP = ["--from", "II", "--to", "III"]
+DBC_FOLDER = Path(__file__).parents[2] / "can_dbc"
+
+
+@pytest.fixture
+def place(tmp_path: Path) -> Iterator[dict[str, str]]:
+    """An environment whose buses nobody else uses; whatever is up in it is taken down."""
+    runtime = tmp_path / "rt"
+    runtime.mkdir(mode=0o700)
+    environment = {**os.environ, "XDG_RUNTIME_DIR": str(runtime)}
+    yield environment
+    subprocess.run([*VCAN, "down"], env=environment, capture_output=True, check=False)
+
+
+def run(
+    place: dict[str, str], *arguments: str, timeout_s: float = PATIENCE_S
+) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [*RUN, *arguments],
+        env=place,
+        capture_output=True,
+        text=True,
+        timeout=timeout_s,
+        check=False,
+    )
+
+
+def start(place: dict[str, str], *arguments: str) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [*RUN, *arguments],
+        env=place,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+
+
+def wait_for_cycles(folder: Path, rows: int) -> None:
+    """Until the controller has logged so many cycles."""
+    end = time.monotonic() + PATIENCE_S
+    log = folder / "cycles.csv"
+    while time.monotonic() < end:
+        if log.exists() and log.read_bytes().count(b"\n") > rows:
+            return
+        time.sleep(0.1)
+    raise AssertionError(f"no {rows} cycles within {PATIENCE_S:.0f} s")
+
+
+def wait_for_motion(folder: Path) -> None:
+    """Until the train is a metre away from where it stood."""
+    end = time.monotonic() + PATIENCE_S
+    log = folder / "truth.csv"
+    while time.monotonic() < end:
+        rows = log.read_text().splitlines()[1:-1] if log.exists() else []
+        fronts_m = [float(row.split(",")[1]) for row in (*rows[:1], *rows[-1:])]
+        if fronts_m and fronts_m[-1] > fronts_m[0] + 1.0:
+            return
+        time.sleep(0.2)
+    raise AssertionError(f"the train did not move within {PATIENCE_S:.0f} s")
+
+
+def processes_naming(text: str) -> list[int]:
+    """Of this machine, those whose command line holds the text."""
+    found = []
+    for entry in Path("/proc").iterdir():
+        if entry.name.isdigit():
+            try:
+                words = (entry / "cmdline").read_bytes().decode(errors="replace")
+            except OSError:
+                continue
+            if text in words and int(entry.name) != os.getpid():
+                found.append(int(entry.name))
+    return found
+
+
+def command_line(pid: int) -> bytes:
+    return (Path("/proc") / str(pid) / "cmdline").read_bytes()
+
+
+def test_controller_and_plant_drive_off_as_two_processes_and_leave_a_whole_folder(
+    place: dict[str, str], tmp_path: Path
+) -> None:
+    """Once it moves the run is ended by Ctrl-C; it still reports, and nobody stays behind."""
+    out = tmp_path / "run"
+    going = start(place, *HOP, "--json", "--out", str(out))
+    wait_for_motion(out)
+
+    going.send_signal(signal.SIGINT)
+    said, complained = going.communicate(timeout=PATIENCE_S)
+
+    assert going.returncode == 130, complained
+    assert "Traceback" not in complained
+    assert "starting the emulator" in complained
+    results = json.loads(said)
+    assert results["exit_reason"] == "interrupted"
+    assert results["real_time_factor"] is None
+    assert results["rejected_frames"] == {}
+    assert results["ride"]["distance_m"] > 1.0
+    names = {path.name for path in out.iterdir()}
+    assert names >= {"run.toml", "bus.log", "serial.log", "cycles.csv", "truth.csv", "run.png"}
+    assert processes_naming(str(out)) == []
+
+
+def test_a_run_ends_when_its_duration_is_over(place: dict[str, str], tmp_path: Path) -> None:
+    done = run(place, *HOP, "--duration", "4", "--json", "--out", str(tmp_path / "run"))
+
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["exit_reason"] == "duration over"
+
+
+def test_cantools_reads_the_log_with_the_shipped_files(
+    place: dict[str, str], tmp_path: Path
+) -> None:
+    out = tmp_path / "run"
+    assert run(place, *HOP, "--duration", "6", "--out", str(out)).returncode == 0
+    database = cantools.database.Database(strict=True)
+    for path in sorted(DBC_FOLDER.glob("*.dbc")):
+        database.add_dbc_file(str(path))
+    senders = set()
+
+    log = read_candump(out / "bus.log")
+    for logged in log:
+        message = database.get_message_by_frame_id(logged.frame.can_id)
+        message.decode(logged.frame.data)
+        senders |= set(message.senders)
+
+    assert log.bad_lines == 0
+    assert senders >= {"VOBC", "BCU", "TCU", "DCU", "ODO", "BTM", "DESK", "HVB", "TCMS"}
+
+
+def test_the_last_word_of_the_controller_is_to_brake(place: dict[str, str], tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    going = start(place, *HOP, "--out", str(out))
+    wait_for_cycles(out, 80)
+    going.send_signal(signal.SIGINT)
+    going.communicate(timeout=PATIENCE_S)
+
+    decoder, heard = Decoder([BrakeCommand]), []
+    for logged in read_candump(out / "bus.log"):
+        frame = decoder.decode(logged.frame.can_id, logged.frame.data, logged.frame.stamp_ns)
+        if isinstance(frame, BrakeCommand):
+            heard.append(frame)
+        assert not isinstance(frame, Rejected)
+
+    assert len(heard) > 40
+    assert not heard[-1].emergency_released
+    assert not heard[-1].holding_released
+
+
+def test_a_killed_run_keeps_its_log_and_ends_its_children(
+    place: dict[str, str], tmp_path: Path
+) -> None:
+    """What was on the bus more than a second before the kill is in the log."""
+    out = tmp_path / "run"
+    going = start(place, *HOP, "--out", str(out))
+    wait_for_cycles(out, 100)
+    killed_ns = time.time_ns()
+
+    going.kill()
+    going.communicate(timeout=PATIENCE_S)
+
+    stamps_ns = [logged.frame.stamp_ns for logged in read_candump(out / "bus.log")]
+    # The log is handed over each second; half a second more for a machine that is busy.
+    assert killed_ns - stamps_ns[-1] < 1.5e9
+    end = time.monotonic() + PATIENCE_S
+    while processes_naming(str(out)) and time.monotonic() < end:
+        time.sleep(0.1)
+    assert processes_naming(str(out)) == []
+
+
+def test_a_controller_that_hangs_is_a_verdict_and_the_train_brakes(
+    place: dict[str, str], tmp_path: Path
+) -> None:
+    """Stopped, it says nothing and its process is still there: the bench notices all the same."""
+    out = tmp_path / "run"
+    going = start(place, *HOP, "--json", "--out", str(out))
+    wait_for_cycles(out, 80)
+    (controller,) = (pid for pid in processes_naming(str(out)) if b"vobc\0run" in command_line(pid))
+
+    os.kill(controller, signal.SIGSTOP)
+    said, complained = going.communicate(timeout=PATIENCE_S)
+
+    assert going.returncode == 1, complained
+    assert "controller" in json.loads(said)["exit_reason"]
+    assert "silent" in json.loads(said)["exit_reason"]
+    head, *rows = (out / "truth.csv").read_text().splitlines()
+    last = dict(zip(head.split(","), rows[-1].split(","), strict=True))
+    assert last["emergency"] == "1"
+    assert processes_naming(str(out)) == []
+
+
+def test_without_a_plant_it_stays_braked_and_says_what_it_waits_for(
+    place: dict[str, str], tmp_path: Path
+) -> None:
+    out = tmp_path / "run"
+
+    done = run(place, "--plant", "none", "--duration", "8", "--out", str(out))
+
+    assert done.returncode == 0, done.stderr
+    assert "waits for" in done.stdout
+    for word in ("brake", "traction", "odometer", "door", "desk", "movement authority"):
+        assert word in done.stdout
+    decoder, brakes = Decoder([BrakeCommand]), 0
+    for logged in read_candump(out / "bus.log"):
+        frame = decoder.decode(logged.frame.can_id, logged.frame.data, logged.frame.stamp_ns)
+        if isinstance(frame, BrakeCommand):
+            brakes += 1
+            assert not frame.emergency_released
+            assert not frame.holding_released
+    assert brakes > 20
+
+
+def test_a_second_controller_on_the_bus_is_refused(place: dict[str, str], tmp_path: Path) -> None:
+    subprocess.run([*VCAN, "up"], env=place, capture_output=True, check=True)
+    first = start(place, *HOP, "--out", str(tmp_path / "first"))
+    wait_for_cycles(tmp_path / "first", 20)
+
+    second = run(place, *HOP, "--out", str(tmp_path / "second"))
+
+    first.send_signal(signal.SIGINT)
+    first.communicate(timeout=PATIENCE_S)
+    assert second.returncode == 3
+    assert "another VOBC" in second.stderr
+    assert not (tmp_path / "second").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "status", "words"),
+    [
+        (["--line", "florenz"], 2, ["florenz", "florence"]),
+        (["--consist", "florence5"], 2, ["florence5", "florence4"]),
+        (["--params", "nothing"], 2, ["nothing", "florence4"]),
+        (["--from", "III", "--to", "II"], 2, ["--to II", "III"]),
+        (["--from", "V"], 2, ["--from V", "IV"]),
+        (["--cycle-ms", "500"], 2, ["--cycle-ms", "500"]),
+        (["--cycle-ms", "nan"], 2, ["--cycle-ms", "nan"]),
+        (["--load-ratio", "2"], 2, ["--load-ratio", "2"]),
+        (["--bus", "sokcetcan:vcan0"], 3, ["sokcetcan", "socketcan"]),
+        (["--bus", "socketcan:nocan7"], 3, ["nocan7"]),
+        (["--bus", "embedded:nobody"], 3, ["nobody"]),
+        (["--radio", "nonsense"], 3, ["nonsense"]),
+    ],
+)
+def test_a_mistake_gets_one_clear_answer(
+    place: dict[str, str], tmp_path: Path, arguments: list[str], status: int, words: list[str]
+) -> None:
+    done = run(place, *arguments, "--duration", "3", "--out", str(tmp_path / "run"))
+
+    assert done.returncode == status, done.stderr
+    assert "Traceback" not in done.stderr
+    for word in words:
+        assert word in done.stderr
+    assert not (tmp_path / "run" / "cycles.csv").exists(), "no controller was started"
+
+
+def test_a_folder_with_something_in_it_is_never_overwritten(
+    place: dict[str, str], tmp_path: Path
+) -> None:
+    (tmp_path / "precious").write_text("kept")
+
+    done = run(place, "--lockstep", "--out", str(tmp_path))
+
+    assert done.returncode == 2
+    assert str(tmp_path) in done.stderr
+    assert (tmp_path / "precious").read_text() == "kept"

@@ -1,0 +1,245 @@
+"""Who has no certificate, or another name than it claims, says nothing and learns nothing."""
+
+import re
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+import zenoh
+
+from firmware_py.clock.clock import WallClock
+from firmware_py.radio.credentials import Credentials, load_credentials
+from firmware_py.radio.zenoh_radio import Role, ZenohRadio, open_radio, pick_endpoint
+from firmware_py.settings import SettingsError
+from metro_hil.cli.vobc import main as vobc
+from metro_hil.supervision.demo_ca import make
+from zenoh_config import t2t_keys
+from zenoh_config.codec import BENCH_KEY, pack, safety_key, unpack
+from zenoh_config.messages import Refused, RefusedReason
+from zenoh_config.secured import wayside_settings
+from zenoh_config.t2t import AreaAuthority, RosterAck, T2tMessage
+
+NS_PER_S = 1_000_000_000
+PATIENCE_S = 8.0
+CLOCK = WallClock()
+NOW_S = CLOCK.epoch_ns() // NS_PER_S
+TO_1 = AreaAuthority(2, 1, 1, 7, 1, 1, 0, 1, 0, 900.0, 80.0, 0, 1, ())
+ACK_TO_1 = RosterAck(65_001, 1, 1, 7, 1, 1, 0, 3)
+TO_2 = RosterAck(65_001, 2, 1, 7, 1, 1, 0, 3)
+
+
+class Line:
+    """A wayside and whoever connects to it."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        make(folder, line="loop", trains=2, days=1.0, hosts=["127.0.0.1"], epoch_s=NOW_S)
+        self.endpoint = pick_endpoint()
+        self.open: list[ZenohRadio] = []
+        self.wayside = self.radio(Role.WAYSIDE, ("m/loop/w/**",), self.credentials("wayside"))
+
+    def credentials(self, name: str) -> Credentials:
+        return load_credentials(self.folder, name, CLOCK.epoch_ns())
+
+    def radio(self, role: Role, topics: tuple[str, ...], secure: Credentials | None) -> ZenohRadio:
+        radio = open_radio(role, self.endpoint, topics, CLOCK, secure=secure)
+        self.open.append(radio)
+        return radio
+
+    def train(self, number: int, secure: Credentials | None = None) -> ZenohRadio:
+        """Connected; it asks for everything, whatever it may."""
+        radio = self.radio(
+            Role.TRAIN,
+            (*t2t_keys.of_train("loop", number), "m/loop/w/**"),
+            secure or self.credentials(f"T{number}"),
+        )
+        assert until(lambda: radio.connected)
+        return radio
+
+    def close(self) -> None:
+        for radio in reversed(self.open):
+            radio.close()
+
+
+def errors_of(radio: ZenohRadio) -> Callable[[], bool]:
+    """Whether it has any."""
+    return lambda: radio.counters.errors > 0
+
+
+def until(done: Callable[[], bool]) -> bool:
+    end_ns = CLOCK.now_ns() + round(PATIENCE_S * NS_PER_S)
+    while CLOCK.now_ns() < end_ns:
+        if done():
+            return True
+        CLOCK.wait_until(CLOCK.now_ns() + 20_000_000)
+    return False
+
+
+def heard(says: ZenohRadio, hears: ZenohRadio, wanted: T2tMessage, *others: T2tMessage) -> set[str]:
+    """Keys that came, once the wanted one did; the others are said before it, each time."""
+    keys: set[str] = set()
+
+    def came() -> bool:
+        now_ns = CLOCK.now_ns()
+        for each in (*others, wanted):
+            says.send(now_ns, t2t_keys.key_of("loop", each), pack(each))
+        keys.update(each.key for each in hears.receive(now_ns))
+        return t2t_keys.key_of("loop", wanted) in keys
+
+    assert until(came)
+    return keys
+
+
+@pytest.fixture
+def line(tmp_path: Path) -> Iterator[Line]:
+    made = Line(tmp_path / "secure")
+    yield made
+    made.close()
+
+
+def test_a_train_hears_what_is_for_it_and_nothing_that_is_for_another(line: Line) -> None:
+    second = line.train(2)
+
+    keys = heard(line.wayside, second, TO_2, ACK_TO_1)
+
+    assert keys == {t2t_keys.key_of("loop", TO_2)}
+
+
+def test_a_train_that_speaks_as_another_is_not_heard(line: Line) -> None:
+    second = line.train(2)
+    as_one = RosterAck(1, 65_001, 1, 7, 1, 1, 0, 3)
+
+    keys = heard(second, line.wayside, TO_1, as_one)
+
+    assert keys == {t2t_keys.key_of("loop", TO_1)}
+
+
+def test_only_supervision_learns_whose_sessions_are_there_and_of_nobody_who_is_another(
+    line: Line,
+) -> None:
+    """Train 2 declares the token of train 1, too, and asks who is there."""
+    watched = t2t_keys.tokens("loop")
+
+    def opened(name: str, token: str | None) -> ZenohRadio:
+        radio = open_radio(
+            *(Role.TRAIN, line.endpoint, (), CLOCK),
+            secure=line.credentials(name),
+            token=token,
+            watched_tokens=watched,
+        )
+        line.open.append(radio)
+        assert until(lambda: radio.connected)
+        return radio
+
+    supervision = opened("supervision", None)
+    own = t2t_keys.token_of("loop", 2)
+    of_one = t2t_keys.token_of("loop", 1)
+    second, as_one = opened("T2", own), opened("T2", of_one)
+
+    assert until(lambda: supervision.present == {own})
+    CLOCK.wait_until(CLOCK.now_ns() + NS_PER_S)
+    assert supervision.present == {own}
+    # A session knows what it declared itself.
+    assert second.present <= {own}
+    assert as_one.present <= {of_one}
+
+
+def test_whoever_has_no_certificate_or_one_of_another_authority_gets_no_session(
+    line: Line, tmp_path: Path
+) -> None:
+    other = tmp_path / "other"
+    make(other, line="loop", trains=1, days=1.0, hosts=["127.0.0.1"], epoch_s=NOW_S)
+    stranger = load_credentials(other, "T1", CLOCK.epoch_ns())
+    authority = (line.folder / "ca.pem").as_posix()
+    # It even knows the line's authority, so that it is the wayside that turns it away.
+    forged = Credentials(
+        stranger.settings.replace((other / "ca.pem").as_posix(), authority), stranger.key_hex
+    )
+    plain = line.radio(Role.TRAIN, ("m/**",), None)
+    masked = line.radio(Role.TRAIN, ("m/**",), forged)
+    first = line.train(1)
+
+    heard(line.wayside, first, ACK_TO_1)
+
+    for intruder in (plain, masked):
+        assert until(errors_of(intruder))
+        intruder.send(0, t2t_keys.key_of("loop", TO_1), pack(TO_1))
+        assert not intruder.connected
+        assert intruder.receive(CLOCK.now_ns()) == ()
+    assert [each.key for each in line.wayside.receive(CLOCK.now_ns())] == []
+
+
+def test_the_key_of_safety_codes_is_the_lines_own(line: Line) -> None:
+    key = safety_key(line.credentials("T1").key_hex)
+    refused = unpack(pack(TO_1, BENCH_KEY), key)
+
+    assert isinstance(refused, Refused)
+    assert refused.reason is RefusedReason.WRONG_CODE
+    assert unpack(pack(TO_1, key), key) == TO_1
+
+
+def test_the_shipped_settings_and_those_for_many_trains_are_taken_by_zenoh() -> None:
+    for trains in (1, 128):
+        text = wayside_settings("secure", "loop", trains)
+        rules = zenoh.Config.from_json5(text).get_json("access_control/rules")
+
+        assert len(re.findall('"T[0-9]+ says"', rules)) == trains
+        assert f'"m/loop/x/{trains}"' in rules
+
+
+@pytest.mark.parametrize(
+    ("spoil", "complaint"),
+    [
+        (lambda f: (f / "T1.pem").unlink(), "T1.pem: cannot be read: No such file"),
+        (lambda f: (f / "T1.pem").write_text("x"), "T1.pem: no certificate"),
+        (lambda f: (f / "T2.pem").rename(f / "T1.pem"), "T1.pem: it is of CN=T2, not of T1"),
+        (lambda f: (f / "line.key").unlink(), "line.key: cannot be read"),
+    ],
+)
+def test_credentials_that_are_none_are_told_by_file(
+    spoil: Callable[[Path], object], complaint: str, tmp_path: Path
+) -> None:
+    make(tmp_path, line="loop", trains=2, days=1.0, hosts=["localhost"], epoch_s=NOW_S)
+    spoil(tmp_path)
+
+    with pytest.raises(SettingsError, match=re.escape(complaint)):
+        load_credentials(tmp_path, "T1", CLOCK.epoch_ns())
+
+
+def test_expired_and_future_certificates_are_told_with_their_dates(tmp_path: Path) -> None:
+    make(tmp_path, line="loop", trains=1, days=1.0, hosts=["localhost"], epoch_s=1_000_000_000)
+
+    with pytest.raises(SettingsError, match=r"ca.pem: expired on 2001-09-10 01:46 UTC; make new"):
+        load_credentials(tmp_path, "T1", 1_000_090_000 * NS_PER_S)
+    with pytest.raises(SettingsError, match=r"ca.pem: not valid before 2001-09-09 01:41 UTC"):
+        load_credentials(tmp_path, "T1", 999_000_000 * NS_PER_S)
+
+
+@pytest.mark.parametrize(
+    "host", ["bad host!", "", "-a", "a..b", "a_b", "x" * 64, "::g", "é.example"]
+)
+def test_what_is_no_host_gets_no_certificate(
+    host: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit):
+        vobc(["demo-ca", str(tmp_path / "ca"), f"--host={host}"])
+
+    assert f"{host!r} is neither the name of a host nor an address" in capsys.readouterr().err
+    assert not (tmp_path / "ca").exists()
+
+
+def test_the_command_makes_them_once_and_says_what_to_do_next(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = str(tmp_path / "ca")
+
+    assert vobc(["demo-ca", folder, "--trains", "1", "--host", "metro-1.example"]) == 0
+    assert f"plant wayside --line loop --secure {folder}" in capsys.readouterr().out
+    assert ((tmp_path / "ca" / "T1.key").stat().st_mode & 0o777) == 0o600
+
+    assert vobc(["demo-ca", folder]) == 2
+    assert "ca.pem: is there already" in capsys.readouterr().err
+    assert vobc(["demo-ca", str(tmp_path)]) == 2
+    assert f"{tmp_path}: not empty" in capsys.readouterr().err
+    assert vobc(["line", "--secure", str(tmp_path)]) == 2
+    assert "ca.pem: cannot be read" in capsys.readouterr().err

@@ -1,0 +1,125 @@
+"""The options of `vobc run` about desk and wires: what goes together, and where it goes."""
+
+import pytest
+
+from can_dbc.cab import CabMode
+from can_dbc.vobc import (
+    AtoPhase,
+    Cause,
+    Inhibit,
+    Missing,
+    OperatingMode,
+    Supervision,
+    VobcMode,
+    VobcStatus,
+    Withheld,
+)
+from metro_hil.cli.realtime_run import controller_line_arguments, hints_of, line_arguments
+from metro_hil.model.run_options import parse
+from metro_hil.realtime.live_display import BusPicture
+from metro_hil.run.lockstep import scenario_of
+from plant_emulator.cli.options import parser as plant_parser
+from vobc.cli import parser as vobc_parser
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--lockstep", "--desk", "external"], "nobody can drive by hand in virtual time"),
+        (["--lockstep", "--bus", "nosuch"], "--bus: not with --lockstep"),
+        (["--lockstep", "--plant", "none"], "--plant: not with --lockstep"),
+        (["--lockstep", "--tags", "/dev/ttyUSB0"], "--tags: not with --lockstep"),
+        (["--lockstep", "--radio", "tcp/127.0.0.1:7447"], "--radio: not with --lockstep"),
+        (["--driver", "late", "--desk-recording", "x.desk"], "cannot be played beside --driver"),
+        (["--desk", "none", "--driver", "late"], "--driver: there is no desk"),
+        (["--desk", "external", "--desk-recording", "x"], "--desk-recording: there is no desk"),
+        (["--driver", "asleep"], "invalid choice"),
+        (["--desk", "crew"], "invalid choice"),
+        (["--line-peer"], "--line-peer: which train is it?"),
+        (["--train", "T1", "--line-peer", "--secure", "s"], "--line-peer: not with --secure"),
+        (["--line-radio", "tcp/127.0.0.1:7448"], "--line-radio: which train is it?"),
+        (["--secure", "somewhere"], "--secure: which train is it?"),
+        (["--line-timers", "B"], "--line-timers: which train is it?"),
+        (["--arbiters", "3"], "--arbiters: which train is it?"),
+        (["--train", "T1", "--arbiters", "2"], "invalid choice"),
+        (["--train", "T1", "--line-timers", "C"], "invalid choice"),
+        (["--train", "T1", "--line-radio", "foo"], "--line-radio foo: not an endpoint"),
+        (["--train", "T1", "--line-radio", "tcp/h:0"], "--line-radio tcp/h:0: not an endpoint"),
+    ],
+)
+def test_what_cannot_be_asked_for_is_said(
+    words: list[str], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        parse(["run", *words])
+
+    assert ended.value.code == 2
+    assert said in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "mode", "elsewhere"),
+    [
+        ([], CabMode.AUTO, False),
+        (["--desk", "manual"], CabMode.MANUAL, False),
+        (["--desk", "off"], CabMode.OFF, False),
+        (["--desk", "none"], CabMode.AUTO, True),
+    ],
+)
+def test_the_desk_of_a_run_is_the_plants(words: list[str], mode: CabMode, elsewhere: bool) -> None:
+    scenario = scenario_of(parse(["run", "--lockstep", *words]))
+
+    assert (scenario.desk_mode, scenario.desk_elsewhere) == (mode, elsewhere)
+
+
+def test_a_driver_is_handed_to_the_plant() -> None:
+    options = parse(["run", "--lockstep", "--desk", "manual", "--driver", "reckless"])
+
+    assert scenario_of(options).driver == "reckless"
+
+
+def test_a_train_of_a_line_has_what_the_wayside_has_by_default() -> None:
+    options = parse(["run", "--train", "T3"])
+
+    told = (options.train, options.line_radio, options.line_timers, options.arbiters)
+    assert told == (3, "tcp/127.0.0.1:7448", "A", 1)
+
+
+def test_timers_and_arbiters_of_the_line_are_those_that_were_asked_for() -> None:
+    options = parse(["run", "--train", "T3", "--line-timers", "B", "--arbiters", "3"])
+
+    words = [*line_arguments(options), *controller_line_arguments(options)]
+    told = vobc_parser().parse_args(["run", *words])
+    assert (told.train, told.line_timers, told.arbiters) == (3, "B", 3)
+    plant_parser().parse_args(["run", *line_arguments(options)])
+
+
+def test_a_run_without_a_line_says_nothing_of_one() -> None:
+    options = parse(["run"])
+
+    assert [*line_arguments(options), *controller_line_arguments(options)] == []
+
+
+@pytest.mark.parametrize(
+    ("words", "where"),
+    [
+        (["--line", "loop"], ""),
+        (["--line", "my line.toml"], " --line 'my line.toml'"),
+        (
+            ["--line", "loop", "--line-radio", "tcp/h:7448", "--secure", "ca"],
+            " --line-radio tcp/h:7448 --secure ca",
+        ),
+    ],
+)
+def test_what_lets_a_train_go_is_told_for_its_very_line(words: list[str], where: str) -> None:
+    no_flags = (Inhibit(0), Withheld(0), 0)
+    picture = BusPicture(250_000)
+    picture.latest = {
+        VobcStatus: VobcStatus(
+            Supervision.EMERGENCY, AtoPhase.OFF, Missing(0), True, False, 900.0, 0
+        ),
+        VobcMode: VobcMode(OperatingMode.AUTHORISED, Cause.REMOTE, *no_flags, True, False),
+    }
+    said = hints_of(parse(["run", "--train", "T3", *words]))(picture)
+
+    assert said == [f"waits for the centre: `vobc emergency-brake T3 --end{where}` lets go"]

@@ -1,0 +1,466 @@
+"""Invariants of modes, jogs, authorities and platform doors, each at both sides of its boundary."""
+
+from typing import Any
+
+import pytest
+
+from can_dbc.brake import BrakeCommand
+from can_dbc.cab import Desk
+from can_dbc.nodes import Direction
+from can_dbc.odometer import ColdMovement
+from can_dbc.traction import TractionCommand
+from can_dbc.vobc import (
+    Cause,
+    EventKind,
+    Inhibit,
+    Missing,
+    OperatingMode,
+    Supervision,
+    VobcEvent,
+    VobcMode,
+    VobcPosition,
+    VobcStatus,
+    Withheld,
+)
+from metro_hil.model.case import Verdict
+from zenoh_config.codec import pack
+from zenoh_config.messages import MovementAuthority
+
+Rig = Any
+"""Of conftest.py."""
+KMH = 1.0 / 3.6
+LEVEL_OVERSHOOT_MPS = 1.0 * (0.03 + 2 * 0.05 + 0.30)
+NS_PER_S = 1_000_000_000
+
+
+def say_mode(rig: Rig, mode: OperatingMode, cause: Cause = Cause.NONE) -> None:
+    rig.said[VobcMode] = VobcMode(
+        mode=mode,
+        cause=cause,
+        departure_inhibits=Inhibit.NONE,
+        doors_withheld=Withheld.NONE,
+        jog_attempts=0,
+        replicas_agree=True,
+        alarm_raised=False,
+    )
+
+
+def tell_event(rig: Rig, event: EventKind, number: int = 1, *, cause: int = 0) -> None:
+    rig.tell(VobcEvent(event=event, cause=cause, number=number, frame_a=0, frame_b=0))
+
+
+def jogging(rig: Rig) -> None:
+    say_mode(rig, OperatingMode.JOG)
+    rig.truth.authority_now_m = 4560.0
+    rig.step(10)
+
+
+# 5: the emergency brake is held.
+
+
+@pytest.mark.parametrize(("off_steps", "held"), [(15, True), (30, False)])
+def test_a_brake_unit_that_lets_go_of_its_own_emergency_is_taken_over_in_time(
+    rig: Rig, off_steps: int, held: bool
+) -> None:
+    rig.step(20, speed_mps=10.0, emergency=1.0)
+    rig.step(off_steps, emergency=0.0)
+    rig.say(BrakeCommand, emergency_released=False)
+    rig.step(20, emergency=1.0)
+    rig.step(20, speed_mps=0.0)
+
+    assert (rig.margin("inv-05-emergency-held") > 0.0) is held
+
+
+@pytest.mark.parametrize(("since_release_steps", "held"), [(280, True), (320, False)])
+def test_an_emergency_before_the_last_one_is_reported_off_is_not_told_from_it(
+    rig: Rig, since_release_steps: int, held: bool
+) -> None:
+    """The unit has 3 s, and lets go of its own one at a speed that nobody releases at."""
+    rig.emergency(True)
+    rig.step(100)
+    rig.emergency(False)
+    rig.step(20)
+    rig.step(since_release_steps - 40, speed_mps=5.0)
+    rig.step(20, emergency=1.0)
+    rig.step(40, emergency=0.0)
+
+    assert (rig.result("inv-05-emergency-held").verdict is Verdict.PASS) is held
+
+
+@pytest.mark.parametrize(
+    ("silent_steps", "missed", "held"), [(30, 0, True), (30, 6, False), (20, 0, False)]
+)
+def test_only_a_controller_that_was_started_again_has_forgotten_its_emergency(
+    rig: Rig, silent_steps: int, missed: int, held: bool
+) -> None:
+    latched_to_standstill(rig, Cause.OVERSPEED)
+    rig.silent |= {VobcStatus}
+    rig.step(silent_steps)
+    rig.silent -= {VobcStatus}
+    rig.say(VobcStatus, supervision=Supervision.NO_AUTHORITY, cycle_slips=missed)
+    rig.step(20)
+
+    assert (rig.margin("inv-05-emergency-held") > 0.0) is held
+
+
+def latched_to_standstill(rig: Rig, cause: Cause) -> None:
+    say_mode(rig, OperatingMode.AUTHORISED, cause)
+    rig.emergency(True)
+    rig.say(VobcStatus, supervision=Supervision.EMERGENCY)
+    rig.step(20, speed_mps=1.0)
+    rig.step(50, speed_mps=0.0)
+
+
+def let_go(rig: Rig) -> None:
+    rig.emergency(False)
+    rig.say(VobcStatus, supervision=Supervision.NOMINAL)
+    rig.step(20)
+
+
+@pytest.mark.parametrize(("cause", "held"), [(Cause.OVERSHOT, True), (Cause.OVERSPEED, False)])
+def test_only_an_overshoot_releases_itself_at_standstill(
+    rig: Rig, cause: Cause, held: bool
+) -> None:
+    latched_to_standstill(rig, cause)
+    let_go(rig)
+
+    assert (rig.margin("inv-05-emergency-held") > 0.0) is held
+
+
+@pytest.mark.parametrize(("steps_before", "held"), [(400, True), (600, False)])
+def test_a_release_by_the_centre_is_a_reset_for_five_seconds(
+    rig: Rig, steps_before: int, held: bool
+) -> None:
+    latched_to_standstill(rig, Cause.OVERSPEED)
+    rig.truth.order_releases = 1.0
+    rig.step(steps_before)
+    let_go(rig)
+
+    assert (rig.margin("inv-05-emergency-held") > 0.0) is held
+
+
+# 8, 9, 10: jogs.
+
+
+def test_a_jog_back_is_neither_rollback_nor_against_the_direction(rig: Rig) -> None:
+    jogging(rig)
+    rig.say(TractionCommand, force_n=1000.0, direction=Direction.REVERSE)
+    rig.step(400, speed_mps=-0.75)
+
+    assert rig.margin("inv-09-direction") == 1.0
+    assert rig.result("inv-08-rollback").margin is None
+
+
+@pytest.mark.parametrize(("steps", "margin"), [(20, 1.0), (45, -1.0)])
+def test_effort_backwards_has_to_be_told_as_a_jog_in_time(
+    rig: Rig, steps: int, margin: float
+) -> None:
+    rig.say(TractionCommand, force_n=1000.0, direction=Direction.REVERSE)
+    rig.step(steps)
+    say_mode(rig, OperatingMode.JOG)
+    rig.step(20)
+
+    assert rig.margin("inv-09-direction") == margin
+
+
+@pytest.mark.parametrize(("steps", "verdict"), [(499, Verdict.PASS), (502, Verdict.FAIL)])
+def test_a_jog_goes_five_metres(rig: Rig, steps: int, verdict: Verdict) -> None:
+    jogging(rig)
+    rig.step(steps, speed_mps=1.0)
+
+    assert rig.result("inv-10-jog-distance").verdict is verdict
+
+
+def test_a_jog_is_slow_but_for_margin_and_runaway(rig: Rig) -> None:
+    jogging(rig)
+    rig.step(5, speed_mps=-10.0 * KMH - LEVEL_OVERSHOOT_MPS)
+
+    assert rig.margin("inv-10-jog-speed") == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize(("jogs", "verdict"), [(3, Verdict.PASS), (4, Verdict.FAIL)])
+def test_there_are_three_jogs_at_a_stop(rig: Rig, jogs: int, verdict: Verdict) -> None:
+    jogging(rig)
+    for _ in range(jogs):
+        rig.step(20, speed_mps=0.5)
+        rig.step(20, speed_mps=0.0)
+
+    assert rig.result("inv-10-jog-attempts").verdict is verdict
+    assert rig.margin("inv-10-jog-attempts") == 3 - jogs
+
+
+def test_jogs_at_another_stop_are_counted_anew(rig: Rig) -> None:
+    jogging(rig)
+    for _ in range(4):
+        rig.step(20, speed_mps=0.5)
+        rig.step(20, speed_mps=0.0)
+        rig.truth.front_m += 30.0
+
+    assert rig.margin("inv-10-jog-attempts") == 2.0
+
+
+@pytest.mark.parametrize(("beyond_m", "verdict"), [(-0.01, Verdict.PASS), (0.01, Verdict.FAIL)])
+def test_a_jog_back_stays_before_the_rear_of_its_authority(
+    rig: Rig, beyond_m: float, verdict: Verdict
+) -> None:
+    jogging(rig)
+    rig.truth.authority_rear_m = rig.truth.rear_m - 1.0 + beyond_m
+    rig.step(100, speed_mps=-1.0)
+
+    assert rig.result("inv-10-jog-covered").verdict is verdict
+
+
+# 1, 2, 11, 12: on sight.
+
+
+def test_on_sight_there_is_no_end_of_authority(rig: Rig) -> None:
+    say_mode(rig, OperatingMode.CREEP)
+    rig.truth.order_creep = 1.0
+    rig.step(10)
+    rig.step(10, speed_mps=3.0, authority_end_m=900.0)
+
+    assert rig.result("inv-01-stopping-distance").margin is None
+    assert rig.result("inv-02-authority-end").margin is None
+
+
+@pytest.mark.parametrize(
+    ("missing", "localised", "end_m", "margin"),
+    [
+        (Missing.NOTHING, True, 1500.0, 1.0),
+        (Missing.NOTHING, True, 999.0, -1.0),
+        (Missing.AUTHORITY, True, 1500.0, -1.0),
+        (Missing.NOTHING, False, 1500.0, -1.0),
+    ],
+)
+def test_full_supervision_takes_place_and_authority(
+    rig: Rig, missing: Missing, localised: bool, end_m: float, margin: float
+) -> None:
+    rig.truth.authority_now_m = end_m
+    rig.say(VobcStatus, missing=missing, localised=localised)
+    say_mode(rig, OperatingMode.AUTHORISED)
+    rig.step(20)
+
+    assert rig.margin("inv-11-mode-up") == margin
+
+
+@pytest.mark.parametrize(("steps_after", "margin"), [(450, 1.0), (550, -1.0)])
+def test_creep_takes_an_order_of_the_last_five_seconds(
+    rig: Rig, steps_after: int, margin: float
+) -> None:
+    rig.step(20, order_creep=1.0)
+    rig.step(steps_after, order_creep=0.0)
+    say_mode(rig, OperatingMode.CREEP)
+    rig.step(10)
+
+    assert rig.margin("inv-11-mode-up") == margin
+
+
+@pytest.mark.parametrize(("asked", "margin"), [(True, 1.0), (False, -1.0)])
+def test_restricted_takes_a_person_who_asks(rig: Rig, asked: bool, margin: float) -> None:
+    rig.say(Desk, restricted_requested=asked)
+    rig.step(10)
+    say_mode(rig, OperatingMode.RESTRICTED)
+    rig.step(10)
+
+    assert rig.margin("inv-11-mode-up") == margin
+
+
+@pytest.mark.parametrize("mode", [OperatingMode.RESTRICTED, OperatingMode.CREEP])
+def test_on_sight_the_train_keeps_to_25_and_margin(rig: Rig, mode: OperatingMode) -> None:
+    say_mode(rig, mode)
+    rig.step(10)
+    rig.step(5, speed_mps=30.0 * KMH + LEVEL_OVERSHOOT_MPS + 0.01)
+
+    assert rig.margin("inv-12-restricted-speed") == pytest.approx(-0.01)
+
+
+# 15, 16, 18: tags and wake-up.
+
+
+@pytest.mark.parametrize(("narrower_m", "margin"), [(0.19, 1.0), (0.25, -1.0)])
+def test_a_refused_tag_narrows_nothing(rig: Rig, narrower_m: float, margin: float) -> None:
+    rig.say(VobcPosition, front_m=1000.0, uncertainty_m=2.0)
+    rig.step(20)
+    tell_event(rig, EventKind.TAG_REJECTED)
+    rig.say(VobcPosition, uncertainty_m=2.0 - narrower_m)
+    rig.step(20)
+
+    assert rig.margin("inv-15-refused-tag") == margin
+
+
+def test_a_tag_that_is_accepted_beside_a_refused_one_may_narrow(rig: Rig) -> None:
+    rig.say(VobcPosition, front_m=1000.0, uncertainty_m=2.0)
+    rig.step(20)
+    tell_event(rig, EventKind.TAG_REJECTED)
+    tell_event(rig, EventKind.TAG_ACCEPTED, 2)
+    rig.say(VobcPosition, uncertainty_m=0.2)
+    rig.step(20)
+
+    assert rig.result("inv-15-refused-tag").margin is None
+
+
+@pytest.mark.parametrize(("localised", "margin"), [(False, 1.0), (True, -1.0)])
+def test_two_missed_tags_in_a_row_take_the_place_away(
+    rig: Rig, localised: bool, margin: float
+) -> None:
+    rig.step(10)
+    tell_event(rig, EventKind.TAG_MISSED)
+    tell_event(rig, EventKind.TAG_MISSED, 2)
+    rig.say(VobcStatus, localised=localised)
+    rig.step(50)
+
+    assert rig.margin("inv-16-missed-tags") == margin
+
+
+def test_a_tag_between_two_missed_ones_keeps_the_place(rig: Rig) -> None:
+    rig.step(10)
+    for number, event in enumerate(
+        (EventKind.TAG_MISSED, EventKind.TAG_ACCEPTED, EventKind.TAG_MISSED)
+    ):
+        tell_event(rig, event, number)
+    rig.step(50)
+
+    assert rig.result("inv-16-missed-tags").margin is None
+
+
+@pytest.mark.parametrize(
+    ("moved_m", "monitored", "tags", "margin"),
+    [
+        (2.0, True, 0.0, 1.0),
+        (2.01, True, 1.0, -1.0),
+        (2.01, True, 2.0, 1.0),
+        (0.0, False, 1.0, -1.0),
+        (0.0, False, 2.0, 1.0),
+    ],
+)
+def test_a_train_that_was_moved_asleep_knows_its_place_after_two_tags(
+    rig: Rig, moved_m: float, monitored: bool, tags: float, margin: float
+) -> None:
+    rig.say(VobcStatus, localised=False)
+    rig.tell(ColdMovement(moved_m=moved_m, monitored=monitored))
+    rig.step(20)
+    rig.truth.tags_read = tags
+    rig.say(VobcStatus, localised=True)
+    rig.step(20)
+
+    assert rig.margin("inv-18-wake-up") == margin
+
+
+# 24: authorities that grow old.
+
+
+def hear_authority(rig: Rig, echo_s: float) -> None:
+    rig.monitors.radio(
+        pack(
+            MovementAuthority(
+                train=1, boot=1, term=1, sequence=1,
+                echo_stamp_ns=round(echo_s * NS_PER_S), end_m=2000.0,
+            )
+        )
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(("steps", "verdict"), [(311, Verdict.PASS), (314, Verdict.FAIL)])
+def test_an_authority_lasts_three_seconds_and_two_cycles(
+    rig: Rig, steps: int, verdict: Verdict
+) -> None:
+    say_mode(rig, OperatingMode.AUTHORISED)
+    rig.truth.authority_now_m = 2000.0
+    hear_authority(rig, 0.0)
+    rig.step(steps, speed_mps=10.0)
+
+    assert rig.result("inv-24-authority-age").verdict is verdict
+    assert rig.margin("inv-24-authority-age") == pytest.approx(3.12 - steps / 100.0)
+
+
+def test_under_the_emergency_brake_an_old_authority_is_answered(rig: Rig) -> None:
+    say_mode(rig, OperatingMode.AUTHORISED)
+    hear_authority(rig, 0.0)
+    rig.step(300, speed_mps=10.0)
+    rig.emergency(True)
+    rig.step(200)
+
+    assert rig.result("inv-24-authority-age").verdict is Verdict.PASS
+
+
+# 32: traction with doors that are bypassed.
+
+
+def pull_unlocked(rig: Rig, *, pressed: bool, given: bool) -> None:
+    """A second at rest with a door not locked, then half a second of effort."""
+    rig.say(Desk, door_bypass_requested=pressed)
+    rig.step(10, doors_locked=0.0)
+    if given:
+        tell_event(rig, EventKind.DOOR_BYPASS, cause=1)
+    rig.step(90)
+    rig.step(50, drive_n=1000.0, speed_mps=0.5)
+
+
+@pytest.mark.parametrize(
+    ("pressed", "given", "verdict"),
+    [
+        (True, True, Verdict.PASS),
+        (True, False, Verdict.FAIL),
+        (False, True, Verdict.FAIL),
+        (False, False, Verdict.FAIL),
+    ],
+)
+def test_effort_with_a_door_unlocked_takes_a_bypass_that_is_asked_for_and_given(
+    rig: Rig, pressed: bool, given: bool, verdict: Verdict
+) -> None:
+    pull_unlocked(rig, pressed=pressed, given=given)
+
+    assert rig.result("inv-32-door-traction").verdict is verdict
+
+
+@pytest.mark.parametrize(("steps", "verdict"), [(30, Verdict.PASS), (37, Verdict.FAIL)])
+@pytest.mark.parametrize("by_person", [True, False])
+def test_a_bypass_that_ends_cuts_traction_within_300_ms(
+    rig: Rig, by_person: bool, steps: int, verdict: Verdict
+) -> None:
+    """A release of the switch is heard with the next cycle, 50 ms later at most."""
+    pull_unlocked(rig, pressed=True, given=True)
+    if by_person:
+        rig.say(Desk, door_bypass_requested=False)
+    else:
+        tell_event(rig, EventKind.DOOR_BYPASS, 2, cause=0)
+    rig.step(steps)
+    rig.step(20, drive_n=0.0)
+
+    assert rig.result("inv-32-door-traction").verdict is verdict
+
+
+# 33: platform doors.
+
+
+@pytest.mark.parametrize(
+    ("locked", "bypassed", "margin"), [(1.0, False, 1.0), (0.0, False, -1.0), (0.0, True, 1.0)]
+)
+def test_a_train_departs_from_platform_doors_that_are_locked_or_bypassed(
+    rig_at_platform_doors: Rig, locked: float, bypassed: bool, margin: float
+) -> None:
+    rig = rig_at_platform_doors
+    rig.step(20, platform_doors_locked=locked)
+    if bypassed:
+        tell_event(rig, EventKind.DOOR_BYPASS, cause=1)
+    rig.step(20, speed_mps=0.5)
+
+    assert rig.margin("inv-33-platform-doors") == margin
+
+
+def test_a_bypass_that_ended_is_none_at_departure(rig_at_platform_doors: Rig) -> None:
+    rig = rig_at_platform_doors
+    rig.step(20, platform_doors_locked=0.0)
+    tell_event(rig, EventKind.DOOR_BYPASS, 1, cause=1)
+    tell_event(rig, EventKind.DOOR_BYPASS, 2, cause=0)
+    rig.step(20, speed_mps=0.5)
+
+    assert rig.margin("inv-33-platform-doors") == -1.0
+
+
+def test_platform_doors_of_other_platforms_do_not_matter(rig: Rig) -> None:
+    rig.truth.front_m = 1200.0
+    rig.step(20, platform_doors_locked=0.0)
+    rig.step(20, speed_mps=0.5)
+
+    assert rig.result("inv-33-platform-doors").margin is None

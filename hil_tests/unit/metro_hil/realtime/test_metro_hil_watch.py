@@ -1,0 +1,182 @@
+"""What the tap of a run in real time sees, shows and ends by."""
+
+import io
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from can_dbc.binding import Frame
+from can_dbc.codec import Encoder
+from can_dbc.vobc import (
+    AtoPhase,
+    Cause,
+    EventKind,
+    Inhibit,
+    Missing,
+    OperatingMode,
+    Supervision,
+    VobcEvent,
+    VobcMode,
+    VobcMotion,
+    VobcStatus,
+    Withheld,
+)
+from firmware_py.buses.inproc import InprocBus
+from firmware_py.clock.clock import LockstepClock
+from firmware_py.storage.recorder import CandumpWriter
+from metro_hil.model.end_condition import DURATION, UNATTENDED_S
+from metro_hil.realtime.bus_watch import Watch
+from metro_hil.realtime.line_hints import LineHints
+from metro_hil.realtime.live_display import BusPicture, Display, Hints, no_hints
+
+S = 1_000_000_000
+BIT_RATE = 250_000
+ENDPOINT = "tcp/127.0.0.1:7448"
+STATUS = VobcStatus(
+    supervision=Supervision.EMERGENCY,
+    ato_phase=AtoPhase.OFF,
+    missing=Missing(0),
+    localised=True,
+    slip_detected=False,
+    work_us=900.0,
+    cycle_slips=0,
+)
+MODE = VobcMode(
+    mode=OperatingMode.AUTHORISED,
+    cause=Cause.BRAKE_UNIT,
+    departure_inhibits=Inhibit(0),
+    doors_withheld=Withheld(0),
+    jog_attempts=0,
+    replicas_agree=True,
+    alarm_raised=False,
+)
+HINTS = LineHints(3, ENDPOINT)
+MOTION = VobcMotion(speed_mps=0.0, ceiling_mps=5.0, emergency_mps=6.0)
+
+
+class Bench:
+    """A controller that says the same for ever, and the tap beside it."""
+
+    def __init__(
+        self,
+        folder: Path,
+        status: VobcStatus,
+        mode: VobcMode = MODE,
+        hints: Hints = no_hints,
+    ) -> None:
+        self.clock = LockstepClock()
+        self.printed = io.StringIO()
+        bus = InprocBus("vcan0", BIT_RATE)
+        self._port, tap = bus.port("VOBC", frozenset()), bus.port("TAP", None)
+        self._encoder = Encoder()
+        self._said: list[Frame] = [status, mode, MOTION]
+        picture = BusPicture(BIT_RATE)
+        console = Console(file=self.printed, width=200)
+        self.watch = Watch(
+            tap,
+            CandumpWriter(folder / "bus.log", "vcan0"),
+            folder / "host.csv",
+            picture,
+            Display(console, picture, "a run", hints),
+            self.clock,
+        )
+
+    def says(self, frame: Frame) -> None:
+        self._said.append(frame)
+
+    def run(self, *, unattended: bool, centre: bool = False) -> tuple[str, float]:
+        """Why it ended, and when; s."""
+
+        def speak() -> bool:
+            now_ns = self.clock.now_ns()
+            for frame in self._said:
+                for identifier, data in self._encoder.encode(frame):
+                    self._port.send(now_ns, identifier, data)
+            return False
+
+        reason = self.watch.run([], 3500.0, 100.0, speak, unattended=unattended, centre=centre)
+        return reason, self.clock.now_ns() / S
+
+
+def test_a_train_in_emergency_that_nobody_can_let_go_ends_the_run(tmp_path: Path) -> None:
+    reason, at_s = Bench(tmp_path, STATUS).run(unattended=True)
+
+    assert "brake unit" in reason
+    assert at_s == pytest.approx(UNATTENDED_S, abs=1.0)
+
+
+@pytest.mark.parametrize(
+    ("supervision", "unattended"),
+    [(Supervision.EMERGENCY, False), (Supervision.NO_AUTHORITY, True)],
+)
+def test_one_that_somebody_may_let_go_or_that_only_waits_does_not(
+    tmp_path: Path, supervision: Supervision, unattended: bool
+) -> None:
+    bench = Bench(tmp_path, replace(STATUS, supervision=supervision))
+    assert bench.run(unattended=unattended) == (DURATION, 100.0)
+
+
+@pytest.mark.parametrize("cause", [Cause.REMOTE, Cause.AUTHORITY_OLD, Cause.OVERSPEED])
+def test_one_that_the_centre_of_its_line_may_let_go_waits_for_it_and_says_so(
+    tmp_path: Path, cause: Cause
+) -> None:
+    bench = Bench(tmp_path, STATUS, replace(MODE, cause=cause), HINTS)
+
+    assert bench.run(unattended=True, centre=True) == (DURATION, 100.0)
+    words = "waits for the centre: `vobc emergency-brake T3 --end` lets go"
+    assert words in bench.printed.getvalue()
+
+
+def test_one_that_only_the_desk_may_let_go_ends_the_run_on_such_a_line_too(tmp_path: Path) -> None:
+    bench = Bench(tmp_path, STATUS, replace(MODE, cause=Cause.BUTTON), HINTS)
+    reason, at_s = bench.run(unattended=True, centre=True)
+
+    assert "button" in reason
+    assert at_s == pytest.approx(UNATTENDED_S, abs=1.0)
+    assert "waits for the centre" not in bench.printed.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("kind", "cause", "shown"),
+    [
+        (EventKind.INPUT_LOST, 0, True),
+        (EventKind.INPUT_BACK, 0, False),
+        (EventKind.INPUT_LOST, int(Missing.BRAKE), False),
+        (EventKind.OVERRUN, 0, False),
+    ],
+)
+def test_a_radio_on_which_nobody_is_heard_is_shown(
+    tmp_path: Path, kind: EventKind, cause: int, shown: bool
+) -> None:
+    bench = Bench(tmp_path, replace(STATUS, supervision=Supervision.NOMINAL), hints=HINTS)
+    bench.says(VobcEvent(kind, cause, 1, 0, 0))
+
+    bench.run(unattended=False)
+
+    words = f"nothing is heard on the line's radio at {ENDPOINT}: is its wayside there, and of "
+    assert (words in bench.printed.getvalue()) is shown
+
+
+def test_what_is_shown_names_the_reason_of_an_emergency(tmp_path: Path) -> None:
+    bench = Bench(tmp_path, STATUS)
+    bench.run(unattended=True)
+    assert "EMERGENCY (brake unit)  off" in bench.printed.getvalue()
+
+
+STOPPED = replace(STATUS, supervision=Supervision.NOMINAL, ato_phase=AtoPhase.STOPPED)
+MISALIGNED = replace(MODE, cause=Cause.NONE, doors_withheld=Withheld.MISALIGNED)
+
+
+def test_a_train_that_stopped_where_its_doors_stay_shut_ends_the_run(tmp_path: Path) -> None:
+    bench = Bench(tmp_path, STOPPED, MISALIGNED)
+    reason, at_s = bench.run(unattended=True)
+
+    assert "misaligned" in reason
+    assert at_s == pytest.approx(UNATTENDED_S, abs=1.0)
+    assert "NOMINAL  stopped (doors shut: misaligned)  bus" in bench.printed.getvalue()
+
+
+def test_where_somebody_may_open_them_it_does_not(tmp_path: Path) -> None:
+    assert Bench(tmp_path, STOPPED, MISALIGNED).run(unattended=False) == (DURATION, 100.0)

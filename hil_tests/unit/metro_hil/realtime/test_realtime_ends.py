@@ -1,0 +1,180 @@
+"""When a case in real time is over, and when its controller counts as dead."""
+
+import pytest
+
+from metro_hil.model.end_condition import ARRIVED
+from metro_hil.realtime.ends import (
+    DIED,
+    DURATION,
+    KILLED,
+    RESTART_NS,
+    SILENT_NS,
+    STUCK,
+    VIOLATION,
+    Motion,
+    Pulse,
+    over,
+)
+from metro_hil.realtime.fault_watch import FaultWatch
+from plant_emulator.faults.plan import read_faults
+from plant_emulator.truth import Truth
+
+S = 1_000_000_000
+STOP_M = 3500.0
+
+
+def truth(t_s: float, front_m: float, speed_mps: float = 0.0, *, doors_open: bool = False) -> Truth:
+    sample = Truth()
+    sample.t_s, sample.front_m, sample.speed_mps = t_s, front_m, speed_mps
+    sample.right_open = float(doors_open)
+    return sample
+
+
+def moving() -> Motion:
+    motion = Motion(stop_m=STOP_M, patience_s=90.0)
+    motion.take(truth(0.0, 3000.0, 0.0))
+    motion.take(truth(10.0, 3050.0, 12.0))
+    return motion
+
+
+def ask(motion: Motion, pulse: Pulse | None = None, now_s: float = 10.0, **told: bool) -> str:
+    flags = {"violated": False, "killed_for_good": False, "pending": False, **told}
+    return over(motion, pulse or Pulse(), round(now_s * S), began_ns=0, duration_s=100.0, **flags)
+
+
+def dead(at_s: float) -> Pulse:
+    pulse = Pulse()
+    pulse.check(round(at_s * S), ended="exit code 1", last_ns=0, restarted_ns=None, excused=False)
+    return pulse
+
+
+def test_a_train_on_its_way_goes_on() -> None:
+    assert ask(moving()) == ""
+
+
+def test_it_has_arrived_once_it_stood_with_open_doors_at_its_last_station_for_a_while() -> None:
+    motion = moving()
+    motion.take(truth(50.0, STOP_M - 0.03, doors_open=True))
+    assert ask(motion) == ""
+
+    motion.take(truth(53.0, STOP_M - 0.03, doors_open=True))
+
+    assert ask(motion) == ARRIVED
+
+
+def test_open_doors_elsewhere_are_no_arrival() -> None:
+    motion = moving()
+    for t_s in (50.0, 60.0):
+        motion.take(truth(t_s, 3200.0, doors_open=True))
+
+    assert ask(motion) == ""
+
+
+def test_after_a_controllers_death_the_train_is_followed_until_it_stands() -> None:
+    motion = moving()
+    assert ask(motion, dead(10.0), now_s=12.0) == ""
+
+    for t_s in (20.0, 22.0):
+        motion.take(truth(t_s, 3120.0))
+
+    assert ask(motion, dead(10.0), now_s=22.0) == DIED
+
+
+def test_a_train_that_never_stands_after_its_controllers_death_is_not_followed_for_ever() -> None:
+    assert ask(moving(), dead(10.0), now_s=10.0 + 181.0) == DIED
+
+
+def test_where_nobody_knows_the_truth_the_controllers_own_word_says_when_it_arrived() -> None:
+    motion = Motion(stop_m=STOP_M, patience_s=90.0)
+    motion.believe(0.0, 3000.0, doors_open=False)
+    for t_s in (50.0, 53.0):
+        motion.believe(t_s, STOP_M + 0.02, doors_open=True)
+
+    assert ask(motion) == ARRIVED
+    assert motion.moved_m == pytest.approx(500.02)
+    assert not motion.stood(0.0), "nobody can say that it stands"
+
+
+def test_without_truth_a_dead_controllers_train_is_not_followed_for_long() -> None:
+    assert ask(moving(), dead(10.0), now_s=21.0, truth_known=False) == DIED
+    assert ask(moving(), dead(10.0), now_s=21.0, truth_known=True) == ""
+
+
+def test_a_violation_ends_the_case_at_once() -> None:
+    assert ask(moving(), violated=True) == VIOLATION
+
+
+def test_time_is_over_when_it_is() -> None:
+    assert ask(moving(), now_s=100.0) == DURATION
+
+
+def test_a_train_whose_controller_was_killed_for_good_is_over_when_it_stands() -> None:
+    motion = moving()
+    assert ask(motion, killed_for_good=True) == ""
+
+    for t_s in (20.0, 22.0):
+        motion.take(truth(t_s, 3120.0))
+
+    assert ask(motion, killed_for_good=True) == KILLED
+
+
+@pytest.mark.parametrize(("pending", "reason"), [(False, STUCK), (True, "")])
+def test_a_train_that_stands_for_long_is_stuck_unless_a_fault_is_still_to_change(
+    pending: bool, reason: str
+) -> None:
+    motion = moving()
+    for t_s in (20.0, 111.0):
+        motion.take(truth(t_s, 3120.0))
+
+    assert ask(motion, now_s=50.0, pending=pending) == reason
+
+
+def check(pulse: Pulse, now_ns: int, **told: object) -> bool:
+    given = {"ended": "", "last_ns": 0, "restarted_ns": None, "excused": False, **told}
+    return pulse.check(now_ns, **given)  # type: ignore[arg-type]
+
+
+def test_a_controller_that_is_silent_for_too_long_is_dead_and_found_so_once() -> None:
+    pulse = Pulse()
+
+    assert not check(pulse, SILENT_NS)
+    assert check(pulse, SILENT_NS + 1)
+    assert "silent for 2.0 s" in pulse.died
+    assert not check(pulse, SILENT_NS + 2)
+
+
+def test_a_process_that_ended_by_itself_is_dead_at_once() -> None:
+    pulse = Pulse()
+
+    assert check(pulse, 5, ended="by SIGSEGV")
+    assert pulse.died == "by SIGSEGV"
+
+
+def test_silence_while_a_fault_holds_the_process_is_not_the_controllers() -> None:
+    assert not check(Pulse(), 10 * S, excused=True)
+
+
+def test_a_controller_that_was_started_again_is_given_time_to_speak_but_not_for_ever() -> None:
+    pulse = Pulse()
+
+    assert not check(pulse, 5 * S + RESTART_NS, restarted_ns=5 * S)
+    assert check(pulse, 5 * S + RESTART_NS + 1, restarted_ns=5 * S)
+
+
+def test_faults_that_time_alone_changes_are_waited_for_conditions_are_not() -> None:
+    plans = read_faults(
+        [
+            {"kind": "tacho_stuck", "start_s": 5.0, "duration_s": 2.0},
+            {"kind": "doppler_outage", "when": "speed_mps > 90"},
+        ],
+        "case",
+    )
+    watch = FaultWatch(plans)
+    assert watch.pending
+
+    watch.change(plans[0], active=True)
+    assert watch.pending, "its end is still to come"
+    watch.change(plans[0], active=False)
+
+    assert not watch.pending
+    assert [plan.kind.name for plan in watch.never_began] == ["doppler_outage"]

@@ -1,0 +1,118 @@
+"""What counts as evidence for a requirement, and that the catalogue is whole."""
+
+from collections.abc import Callable
+from typing import Any
+
+import msgspec
+import pytest
+
+from metro_hil.model.case import Case, CaseResult, MonitorResult, Setup, Verdict
+from metro_hil.model.requirements import CatalogueError, parse_requirements, shipped_requirements
+from metro_hil.report.campaign.ledger import join
+from metro_hil.report.campaign.trace import Evidence, Standing, Trace, trace_requirements
+
+
+def case_and_result(
+    verdict: Verdict = Verdict.PASS, expected: Verdict = Verdict.PASS, **monitor: Any
+) -> tuple[Case, CaseResult]:
+    watching = {"name": "m", "verdict": verdict, "margin": 0.5, "unit": "m", **monitor}
+    case = Case(id="c", index=0, scenario="s", seed=1, setup=Setup(), expected=expected)
+    result = CaseResult(
+        case_id="c",
+        index=0,
+        verdict=verdict,
+        monitors=(MonitorResult(**{"requirements": ("INV-01",), **watching}),),
+    )
+    return case, result
+
+
+def trace_of(case: Case, result: CaseResult | None, name: str = "INV-01") -> Trace:
+    ledger = join([case], [result] if result else [], expected_cases=1)
+    traces = trace_requirements(shipped_requirements(), ledger)
+    return next(trace for trace in traces if trace.requirement.id == name)
+
+
+def test_the_catalogue_has_all_that_the_product_is_held_to() -> None:
+    wanted = [f"INV-{n:02d}" for n in range(1, 41)] + [f"ACC-{n:02d}" for n in range(1, 31)]
+
+    papers = ["S001-T7", "S001-T8", "S001-T9", "S000-TIMING", "S004-F7"]
+    assert list(shipped_requirements()) == [*wanted, *papers]
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("[[requirement]]\nid = 'INV-1'\nsource = 'x'\n", "text must be"),
+        ("[[requirement]]\nid = 'inv'\nsource = 'x'\ntext = 'y'\n", "not like INV-04"),
+        ("[[requirement]]\nid = 'A-1'\nsource = 'x'\ntext = 'y'\nnote = 1\n", "note"),
+        ("[[requirement]]\nid = 'A-1'\nsource = 'x'\ntext = 'y'\n" * 2, "A-1 comes twice"),
+        ("[requirement]\n", "no .*requirement"),
+        ("other = 1\n", "other"),
+        ("= 1", "not TOML"),
+    ],
+)
+def test_what_is_wrong_in_a_catalogue_is_said_by_name(text: str, said: str) -> None:
+    with pytest.raises(CatalogueError, match=rf"mine\.toml.*{said}"):
+        parse_requirements(text, "mine.toml")
+
+
+def test_a_monitor_that_was_exercised_is_evidence() -> None:
+    assert trace_of(*case_and_result()).standing is Standing.MET
+
+
+def test_a_monitor_that_was_not_exercised_is_none() -> None:
+    case, result = case_and_result(detail="not exercised: no slope")
+
+    trace = trace_of(case, result)
+
+    assert trace.standing is Standing.OPEN
+    assert trace.counts[Evidence.NOTHING] == 1
+    assert trace.worst is None
+
+
+def test_a_case_none_of_whose_monitors_was_exercised_is_no_evidence_for_what_it_names() -> None:
+    case, result = case_and_result(detail="not exercised", requirements=())
+    case = msgspec.structs.replace(case, requirements=("ACC-10",))
+
+    assert trace_of(case, result, "ACC-10").standing is Standing.OPEN
+
+
+def test_a_violation_is_one_even_if_other_cases_pass() -> None:
+    good, good_result = case_and_result()
+    bad, bad_result = case_and_result(Verdict.FAIL, margin=-0.1)
+    bad = msgspec.structs.replace(bad, id="d", index=1)
+    bad_result = msgspec.structs.replace(bad_result, case_id="d", index=1)
+
+    ledger = join([good, bad], [good_result, bad_result], expected_cases=2)
+    trace = trace_requirements(shipped_requirements(), ledger)[0]
+
+    assert trace.standing is Standing.VIOLATED
+    assert trace.worst is not None
+    assert trace.worst[0].case.id == "d"
+
+
+def test_a_violation_that_was_wanted_proves_nothing_and_blames_nobody() -> None:
+    trace = trace_of(*case_and_result(Verdict.FAIL, Verdict.FAIL, margin=-1.0))
+
+    assert trace.counts[Evidence.EXPECTED] == 1
+    assert trace.standing is Standing.OPEN
+
+
+@pytest.mark.parametrize("verdict", [Verdict.LOST, Verdict.INVALID, Verdict.BLOCKED])
+def test_a_case_that_says_nothing_is_no_evidence(verdict: Verdict) -> None:
+    case, result = case_and_result()
+    result = msgspec.structs.replace(result, verdict=verdict)
+
+    assert trace_of(case, result).standing is Standing.OPEN
+
+
+def test_a_missing_case_leaves_what_it_names_open(case_of: Callable[..., Case]) -> None:
+    case = case_of(0, "table-8", error=0.0, load=0.0, seed=1)
+
+    assert trace_of(case, None, "ACC-02").standing is Standing.OPEN
+
+
+def test_a_requirement_that_the_catalogue_does_not_know_is_still_shown() -> None:
+    case, result = case_and_result(requirements=("MINE-1",))
+
+    assert trace_of(case, result, "MINE-1").standing is Standing.MET

@@ -1,0 +1,302 @@
+"""The search for the worst case, on margins that are formulas and cost nothing."""
+
+import statistics
+import tomllib
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any, Final
+
+import msgspec
+import numpy as np
+import pytest
+
+from metro_hil.campaign import CampaignError, define, plan_cases, read_campaign, read_definition
+from metro_hil.model.case import Case, CaseResult, MonitorResult, Verdict
+from metro_hil.search import Search, SearchError, Sought, Space
+from metro_hil.search.leave import append_history, write_worst
+from metro_hil.search.objective import NOTHING_SEEN
+from metro_hil.search.space import space_of
+
+MIXED: Final = """
+[[fault]]
+kind = "brake_late"
+[sweep]
+[sweep.factors]
+"train.load_ratio" = { low = 0.0, high = 1.0, count = 3 }
+"train.odometer_error" = { low = -0.05, high = 0.05, count = 3 }
+"fault.0.kind" = ["brake_late", "emergency_late", "holding_late"]
+"fault.0.delay_s" = { low = 0, high = 10, step = 1 }
+"""
+Margin = Callable[[Case], dict[str, float | None]]
+
+
+def space_from(text: str = MIXED, **chosen: Any) -> Space:
+    return space_of(define(tomllib.loads(text), source="x.toml", name="x"), **chosen)
+
+
+def result_of(case: Case, margins: dict[str, float | None]) -> CaseResult:
+    failed = any(margin is not None and margin < 0.0 for margin in margins.values())
+    return CaseResult(
+        case_id=case.id,
+        index=case.index,
+        verdict=Verdict.FAIL if failed else Verdict.PASS,
+        monitors=tuple(
+            MonitorResult(name=name, verdict=Verdict.PASS, margin=margin, unit="m")
+            for name, margin in margins.items()
+        ),
+    )
+
+
+class Bench:
+    """Stands in for the simulation; counts what it runs."""
+
+    def __init__(self, margins: Margin) -> None:
+        self._margins = margins
+        self.runs = 0
+
+    def __call__(self, cases: Sequence[Case]) -> Sequence[CaseResult]:
+        self.runs += len(cases)
+        return [result_of(case, self._margins(case)) for case in cases]
+
+
+def valley(case: Case) -> dict[str, float | None]:
+    """Least, -0.3, for one kind of fault, one delay, one load and one odometer error."""
+    setup, fault = case.setup, case.faults[0]
+    assert setup.load_ratio is not None
+    assert setup.odometer_error is not None
+    kind = {"brake_late": 0.5, "emergency_late": 0.0, "holding_late": 0.8}[fault["kind"]]
+    load = abs(setup.load_ratio - 0.77) * 2.0
+    odometer = (setup.odometer_error * 20.0 + 0.3) ** 2
+    return {"stop": kind + load + odometer + 0.1 * abs(fault["delay_s"] - 7) - 0.3}
+
+
+def least(method: str, seed: int, budget: int = 200) -> float:
+    bench = Bench(valley)
+    search = Search(space_from(), bench, monitor="stop", budget=budget, seed=seed, method=method)
+    search.run()
+    assert bench.runs == len(search.history) <= budget
+    return search.worst(1)[0].value
+
+
+def test_the_search_finds_lower_margins_than_chance_with_the_same_budget() -> None:
+    seeds = range(1, 6)
+
+    sought = [least("cma", seed) for seed in seeds]
+    by_chance = [least("random", seed) for seed in seeds]
+
+    assert statistics.median(sought) < -0.2
+    assert statistics.median(sought) < statistics.median(by_chance) - 0.1
+    assert sum(a < b for a, b in zip(sought, by_chance, strict=True)) >= 4
+
+
+def test_the_same_seed_finds_the_same_whoever_runs_the_cases() -> None:
+    def histories(evaluate: Callable[[Sequence[Case]], Sequence[CaseResult]]) -> list[Sought]:
+        np.random.seed()
+        return Search(space_from(), evaluate, monitor="stop", budget=80, seed=4).run()
+
+    def one(case: Case) -> CaseResult:
+        return result_of(case, valley(case))
+
+    with ThreadPoolExecutor(3) as pool:
+        spread = histories(lambda cases: list(pool.map(one, cases)))
+
+    assert spread == histories(Bench(valley))
+    assert spread == histories(Bench(valley))
+    assert spread != Search(space_from(), Bench(valley), monitor="stop", budget=80, seed=5).run()
+
+
+def test_what_was_run_is_within_the_space_and_never_run_twice() -> None:
+    history = Search(space_from(), Bench(valley), budget=150, seed=2).run()
+
+    points = [tuple(sought.values.items()) for sought in history]
+    assert len(points) == len(set(points)) == 150
+    assert [sought.number for sought in history] == list(range(150))
+    for sought in history:
+        values = sought.values
+        assert 0.0 <= values["train.load_ratio"] <= 1.0
+        assert -0.05 <= values["train.odometer_error"] <= 0.05
+        assert values["fault.0.delay_s"] in range(11)
+        assert isinstance(values["fault.0.delay_s"], int)
+
+
+def test_a_small_space_is_searched_to_its_end() -> None:
+    text = '[sweep.factors]\n"train.load_ratio" = [0.0, 0.5, 1.0]\n"train.end" = ["I", "II"]\n'
+    bench = Bench(lambda case: {"m": case.setup.load_ratio})
+
+    search = Search(space_from(text), bench, budget=100)
+    search.run()
+
+    assert bench.runs == 6
+    assert search.worst(1)[0].values["train.load_ratio"] == 0.0
+
+
+def test_only_the_chosen_factors_vary() -> None:
+    text = (
+        '[train]\nload_ratio = 0.25\n[sweep.factors]\n"train.load_ratio" = [0.0, 1.0]\n'
+        '"train.odometer_error" = { low = 0.0, high = 0.1 }\n[sweep]\ndesign = "lhs"\ncount = 3\n'
+    )
+    seen: list[float | None] = []
+
+    def margins(case: Case) -> dict[str, float | None]:
+        seen.append(case.setup.load_ratio)
+        return {"m": case.setup.odometer_error}
+
+    Search(space_from(text, keys=["train.odometer_error"]), Bench(margins), budget=16).run()
+
+    assert seen == [0.25] * 16
+
+
+def test_every_seed_is_run_and_the_worst_one_told() -> None:
+    text = (
+        'seeds = [3, 8]\n[sweep.factors]\n"train.load_ratio" = { low = 0, high = 1, count = 2 }\n'
+    )
+    bench = Bench(lambda case: {"m": 1.0 if case.seed == 3 else 0.5})
+
+    history = Search(space_from(text), bench, budget=10).run()
+
+    assert bench.runs == 10
+    assert len(history) == 5
+    assert {(sought.seed, sought.margins["m"]) for sought in history} == {(8, 0.5)}
+
+
+def test_monitors_of_different_units_are_weighed_by_their_usual_size() -> None:
+    """A margin of 100 kN that falls to a tenth is worse than one of 0.1 m that falls by a third."""
+    text = '[sweep.factors]\n"train.load_ratio" = { low = 0.0, high = 1.0, count = 2 }\n'
+
+    def margins(case: Case) -> dict[str, float | None]:
+        load = case.setup.load_ratio
+        assert load is not None
+        return {"force": 1.0e5 * (1.0 - 0.9 * load), "gap": 0.1 * (1.0 + 0.5 * load)}
+
+    search = Search(space_from(text), Bench(margins), budget=100)
+    search.run()
+
+    assert search.worst(1)[0].values["train.load_ratio"] > 0.95
+
+
+def test_runs_that_say_nothing_are_no_finds() -> None:
+    text = '[sweep.factors]\n"train.load_ratio" = { low = 0.0, high = 1.0, count = 2 }\n'
+
+    def margins(case: Case) -> dict[str, float | None]:
+        load = case.setup.load_ratio
+        assert load is not None
+        return {"m": None if load < 0.5 else load}
+
+    search = Search(space_from(text), Bench(margins), monitor="m", budget=60)
+    search.run()
+
+    assert {sought.value for sought in search.history if not sought.margins} == {NOTHING_SEEN}
+    assert 0.5 <= search.worst(1)[0].value < 0.55
+    assert all(sought.margins for sought in search.worst(60))
+
+
+def test_a_controller_that_died_counts_as_a_violation() -> None:
+    text = '[sweep.factors]\n"train.load_ratio" = { low = 0.0, high = 1.0, count = 2 }\n'
+
+    def evaluate(cases: Sequence[Case]) -> Sequence[CaseResult]:
+        return [
+            msgspec.structs.replace(
+                result_of(case, {"m": 5.0}),
+                verdict=Verdict.FAIL if (case.setup.load_ratio or 0.0) > 0.9 else Verdict.PASS,
+            )
+            for case in cases
+        ]
+
+    search = Search(space_from(text), evaluate, budget=40)
+    search.run()
+
+    assert search.worst(1)[0].value == -1.0
+    assert search.worst(1)[0].verdict == "fail"
+
+
+def test_combinations_that_the_schema_or_the_sweep_refuses_are_not_run() -> None:
+    text = (
+        '[sweep]\nexclude = ["load_ratio > 0.5"]\n[sweep.factors]\n'
+        '"train.load_ratio" = { low = 0.0, high = 1.0, count = 5 }\n'
+    )
+    seen: list[float | None] = []
+
+    def margins(case: Case) -> dict[str, float | None]:
+        seen.append(case.setup.load_ratio)
+        return {"m": 1.0}
+
+    Search(space_from(text), Bench(margins), budget=30).run()
+
+    assert seen
+    assert max(load or 0.0 for load in seen) <= 0.5
+
+
+def test_the_runs_of_a_search_go_on_after_a_violation() -> None:
+    def margins(case: Case) -> dict[str, float | None]:
+        assert not case.stop_at_violation
+        return valley(case)
+
+    Search(space_from(), Bench(margins), budget=8).run()
+
+
+@pytest.mark.parametrize(
+    ("chosen", "said"),
+    [
+        ({"scenario": "y"}, "--scenario y: .*x"),
+        (
+            {"keys": ["train.load"]},
+            r"--factors train\.load: nearest valid factor: train\.load_ratio",
+        ),
+    ],
+)
+def test_a_wrong_choice_leads_to_a_right_one(chosen: dict[str, Any], said: str) -> None:
+    with pytest.raises(SearchError, match=said):
+        space_from(**chosen)
+
+
+def test_a_search_needs_a_sweep_and_a_monitor_that_is_there() -> None:
+    with pytest.raises(SearchError, match="nothing to vary"):
+        space_from("")
+    with pytest.raises(SearchError, match="--monitor stopp: nearest valid value: stop"):
+        Search(space_from(), Bench(valley), monitor="stopp", budget=8).run()
+
+
+def test_the_worst_cases_are_left_as_a_campaign_that_repeats_them(tmp_path: Path) -> None:
+    source = tmp_path / "source"
+    (source / "trains").mkdir(parents=True)
+    consist = Path(str(next(iter(shipped_consists()))))
+    (source / "trains" / "mine.toml").write_bytes(consist.read_bytes())
+    (source / "c.toml").write_text(
+        f'layout = "x"\ntrain = {{ consist = "trains/mine.toml" }}\nseeds = [4, 9]\n{MIXED}'
+    )
+    definition = read_definition(str(source / "c.toml"))
+    space = space_of(definition)
+    ran: dict[str, Case] = {}
+
+    def margins(case: Case) -> dict[str, float | None]:
+        ran[f"{case.id}"] = case
+        return valley(case)
+
+    search = Search(space, Bench(margins), budget=80)
+    search.run(lambda new: append_history(tmp_path, new))
+    worst = search.worst(3)
+    path = write_worst(tmp_path, space, worst, definition.campaign.files)
+
+    campaign = read_campaign(str(path))
+    repeated = plan_cases(campaign)
+    assert [scenario.name for scenario in campaign.scenarios] == ["worst-1", "worst-2", "worst-3"]
+    for sought, case in zip(worst, repeated, strict=True):
+        first = ran[sought.case_id]
+        assert (case.setup, case.faults, case.seed) == (first.setup, first.faults, first.seed)
+        assert (case.monitors, case.invariants) == (first.monitors, first.invariants)
+        assert case.stop_at_violation == first.stop_at_violation
+    assert campaign.files == definition.campaign.files
+    lines = (tmp_path / "history.jsonl").read_bytes().splitlines()
+    assert [msgspec.json.decode(line, type=Sought) for line in lines] == search.history
+
+
+def shipped_consists() -> list[Path]:
+    import plant_emulator.consists as consists
+
+    return sorted(Path(folder) / "florence4.toml" for folder in consists.__path__)
+
+
+def test_a_broken_campaign_cannot_be_searched() -> None:
+    with pytest.raises(CampaignError):
+        space_from('[sweep.factors]\n"train.lod_ratio" = [1, 2]\n')

@@ -1,0 +1,148 @@
+"""Trains that are driven by hand behind the next one, whatever their authority is."""
+
+import random
+
+import pytest
+
+from metro_hil.simulation.manual_driving import APART_M, ByHand, Controller
+from metro_hil.simulation.motion import Motion
+from metro_hil.simulation.removal import CLOSED_NS, PATIENCE_NS
+from metro_hil.simulation.scripted_line import Plot, Scene
+from zenoh_config.messages import SpeedRestriction
+
+S = 1_000_000_000
+FRONTS_M = {1: 300.0, 2: 900.0, 3: 1500.0}
+
+
+def settled() -> Scene:
+    scene = Scene(Plot(FRONTS_M, stops_m=tuple(FRONTS_M.values()), dwell_s=1e4))
+    scene.settle()
+    return scene
+
+
+def whoever_drives(scene: Scene) -> int:
+    scene.until(
+        "one drives", lambda: any(t.shunts for t in scene.world.trains.values()), within_s=40.0
+    )
+    return next(each.address for each in scene.world.trains.values() if each.shunts)
+
+
+class Always(random.Random):
+    """Draws one of the ways of a controller, and anything else as usual."""
+
+    def __init__(self, how: Controller) -> None:
+        super().__init__(5)
+        self.how = how
+
+    def choice(self, seq):  # type: ignore[no-untyped-def]
+        return self.how if self.how in seq else super().choice(seq)
+
+
+@pytest.mark.parametrize("how", list(Controller))
+def test_a_train_is_driven_farther_than_it_may_go_and_has_authority_again(how: Controller) -> None:
+    scene = settled()
+    by_hand = ByHand(scene.world, Always(how))
+
+    assert by_hand.drives()
+
+    scene.run(CLOSED_NS / S - 0.5)
+    assert not any(each.shunts for each in scene.world.trains.values())
+    train = scene.world.trains[whoever_drives(scene)]
+    was_m, to_m = train.front_m, train.shunts_to_m
+    assert scene.net.runs(train.address) is (how is not Controller.OFF)
+    assert train.localised or how is Controller.LOST
+    held = scene.world.checker.held.get(train.address, {})
+    assert all(each.end_m < to_m for each in held.values()), "by no authority"
+    scene.until("it stands", lambda: not train.shunts, within_s=120.0)
+    assert train.motion.speed_mps == 0.0
+    assert was_m < train.front_m == pytest.approx(to_m, abs=5.0)
+    assert by_hand.driven == 1
+    scene.until("all have authority", scene.all_held, within_s=90.0)
+    scene.run(10.0)
+    assert scene.world.t2t.closed == ()
+
+
+@pytest.mark.parametrize("commanded", [True, False])
+def test_it_does_not_come_to_the_section_in_which_the_next_one_stands(*, commanded: bool) -> None:
+    """Of one that nobody knew, and that was driven up to another which was commanded, nothing was
+    left to be seen but axles in the section of that one (seed 230866).
+    """
+    scene = settled()
+    by_hand, trains = ByHand(scene.world, random.Random(1)), scene.world.trains
+    (section,) = [e for e in scene.world.track.line.sections if e.start_m == 1250.0]
+    if not commanded:
+        scene.net.kill(3)
+        scene.run(5.0)
+
+    assert section.start_m < trains[3].rear_m < section.end_m
+    assert by_hand._to_m(trains[2]) == section.start_m - APART_M
+
+
+@pytest.mark.parametrize(
+    ("beyond_m", "unsure_m", "before_m"),
+    [(1.9, 0.0, 1000.0), (19.9, 0.0, 1000.0), (20.1, 0.0, 1250.0), (20.1, 3.0, 1000.0)],
+)
+def test_nor_to_one_that_the_next_one_may_come_back_to_or_be_in_by_what_it_knows(
+    beyond_m: float, unsure_m: float, before_m: float
+) -> None:
+    """Of one that was driven up to 100 m behind another, but into a section that this one, 4 m
+    beyond it, was not sure to have left, axles were left that counted as its own (seed 282326).
+    """
+    scene = settled()
+    by_hand, trains = ByHand(scene.world, random.Random(1)), scene.world.trains
+    trains[3].motion = Motion(scene.net.now_ns, 1250.0 + 80.0 + beyond_m, emergency_mps2=1.0)
+    trains[3].half_width_m = unsure_m
+
+    assert by_hand._to_m(trains[2]) == pytest.approx(before_m - APART_M)
+
+
+def test_who_moves_or_has_no_room_is_not_driven() -> None:
+    scene = settled()
+    for train in scene.world.trains.values():
+        train.motion = Motion(scene.net.now_ns, train.front_m, emergency_mps2=1.0)
+        train.motion.speed_mps = 1.0
+
+    assert not ByHand(scene.world, random.Random(3)).drives()
+    assert scene.world.t2t.closed == ()
+
+
+def test_nobody_is_driven_while_it_may_still_go_by_itself(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A while later it is given up, and all is opened again."""
+    scene = settled()
+    by_hand = ByHand(scene.world, Always(Controller.RUNS))
+    monkeypatch.setattr(scene.world.checker, "reach_m", lambda train: train.front_m + 100.0)
+    by_hand.drives()
+
+    scene.run((CLOSED_NS + PATIENCE_NS) / S)
+
+    assert by_hand.driven == 0
+    scene.run(12.0)
+    assert scene.world.t2t.closed == ()
+
+
+@pytest.mark.parametrize("how", list(Controller))
+def test_when_all_is_over_it_stops(how: Controller) -> None:
+    scene = settled()
+    by_hand = ByHand(scene.world, Always(how))
+    by_hand.drives()
+    train = scene.world.trains[whoever_drives(scene)]
+    scene.until("it is fast", lambda: train.motion.speed_mps > 3.0, within_s=60.0)
+    train.shunts_to_m += 100.0
+
+    by_hand.over = True
+
+    scene.until("it stands", lambda: not train.shunts, within_s=15.0)
+    scene.run(0.2)
+    assert scene.world.t2t.closed == ()
+    assert train.localised
+    assert scene.net.runs(train.address)
+    assert not by_hand.drives()
+
+
+@pytest.mark.parametrize("closed", [7, 8])
+def test_no_more_is_closed_than_can_be_told(closed: int) -> None:
+    scene = settled()
+    scene.world.t2t.closed = (SpeedRestriction(1900.0, 1910.0, 1.0),) * closed
+
+    assert ByHand(scene.world, random.Random(1)).drives() is (closed < 8)
+    assert len(scene.world.t2t.closed) == 8

@@ -1,0 +1,108 @@
+"""What a seed plays is a line that can be played, and lines differ."""
+
+import itertools
+import random
+from collections import Counter
+
+import pytest
+
+from metro_hil.simulation.generate import (
+    CHOOSY_FROM,
+    DENSE_FROM,
+    EVEN_BELOW,
+    SIDINGS_FROM,
+    Draw,
+    draw,
+)
+from metro_hil.simulation.railway_events import some_of
+
+ANY = [draw(seed) for seed in range(EVEN_BELOW, EVEN_BELOW + 300)]
+DENSE = [draw(seed) for seed in range(DENSE_FROM, DENSE_FROM + 300)]
+
+
+def _even(drawn: Draw) -> bool:
+    return len({area.end_m - area.start_m for area in drawn.cast.line.areas}) == 1
+
+
+def test_the_same_seed_plays_the_same() -> None:
+    assert [draw(seed) for seed in range(EVEN_BELOW, EVEN_BELOW + 20)] == ANY[:20]
+
+
+@pytest.mark.parametrize("seed", [1, 42, 3794, EVEN_BELOW - 1])
+def test_below_areas_have_one_length(seed: int) -> None:
+    drawn = draw(seed)
+    assert drawn.cast.line.areas[0].end_m == 2000.0
+    assert _even(drawn)
+    assert (drawn.setting.length_m, drawn.between_s) == (80.0, 12.0)
+
+
+def test_all_trains_stand_on_the_line_apart() -> None:
+    for drawn in [*ANY, *DENSE]:
+        line, length_m = drawn.cast.line, drawn.setting.length_m
+        fronts_m = [drawn.setting.fronts_m[train] for train in drawn.cast.trains]
+        assert len(fronts_m) >= 2
+        assert fronts_m[0] - length_m >= 15.0
+        assert fronts_m[-1] <= line.end_m - 15.0
+        for behind_m, ahead_m in itertools.pairwise(fronts_m):
+            assert ahead_m - length_m >= behind_m + 39.9
+
+
+def test_late_seeds_have_sidings_and_trains_of_several_lengths() -> None:
+    assert [draw(SIDINGS_FROM - 1).sidings, draw(SIDINGS_FROM).sidings] == [False, True]
+    assert draw(SIDINGS_FROM - 1).setting.builds == {}
+    settings = [draw(seed).setting for seed in range(SIDINGS_FROM, SIDINGS_FROM + 100)]
+    builds = [(each, setting.length_m) for setting in settings for each in setting.builds.values()]
+    trains = sum(len(setting.fronts_m) for setting in settings)
+    assert 0.4 * trains < len(builds) < 0.6 * trains
+    assert all(20.0 <= each.length_m <= longest_m for each, longest_m in builds)
+    assert {each.axles for each, _ in builds} == {4, 8, 12, 16, 24}
+
+
+def test_lines_differ() -> None:
+    lines = [drawn.cast.line for drawn in ANY]
+    assert {len(line.areas) for line in lines} == {1, 2, 3, 4}
+    assert {line.apply_m for line in lines} == {400.0, 800.0, 1200.0}
+    assert {len(drawn.cast.trains) for drawn in ANY} == {2, 3, 4, 5, 6, 7}
+    assert len({len(line.sections) for line in lines}) > 30
+    assert len({drawn.setting.length_m for drawn in ANY}) == 4
+    assert not all(_even(drawn) for drawn in ANY)
+
+
+def test_the_last_seeds_are_full_of_trains_and_of_what_happens() -> None:
+    def metres(drawn: list[Draw]) -> float:
+        trains = sum(len(each.cast.trains) for each in drawn)
+        return sum(each.cast.line.end_m for each in drawn) / trains
+
+    assert metres(DENSE) < 0.6 * metres(ANY)
+    assert all(each.between_s <= 3.0 and each.faults_s == (0.7, 15.0) for each in DENSE)
+    assert all(each.sidings and each.by_hand and each.choosy for each in DENSE)
+    assert 0.2 * len(DENSE) < sum(each.disturbed for each in DENSE) < 0.4 * len(DENSE)
+    assert {each.foul_share for each in DENSE} == {0.0, 0.1, 0.3}
+    assert 0.4 * len(DENSE) < sum(each.foul_share > 0.0 for each in DENSE) < 0.6 * len(DENSE)
+    before = [draw(seed) for seed in range(DENSE_FROM - 50, DENSE_FROM)]
+    assert {(each.faults_s, each.foul_share) for each in before} == {((1.0, 40.0), 0.0)}
+
+
+def test_objects_lie_at_borders_too() -> None:
+    sites = [(site, drawn.cast.line) for drawn in ANY for site in drawn.cast.line.objects]
+    assert any(site.end_m == line.area_at(site.start_m).end_m for site, line in sites)
+    assert any(site.start_m == line.area_at(site.start_m).start_m for site, line in sites)
+    assert {site.kind for site, _ in sites} == {1, 2, 3}
+
+
+def test_stops_are_on_the_line() -> None:
+    for drawn in ANY:
+        stops_m = list(drawn.setting.stops_m)
+        assert stops_m == sorted(stops_m)
+        assert all(0.0 < stop_m < drawn.cast.line.end_m for stop_m in stops_m)
+
+
+def test_a_choosy_seed_takes_some_of_what_may_happen_and_each_as_often_as_it_comes() -> None:
+    assert [draw(CHOOSY_FROM - 1).choosy, draw(CHOOSY_FROM).choosy] == [False, True]
+    things = [(name, list) for name in "aabcccc"]
+
+    chosen = [Counter(n for n, _ in some_of(things, random.Random(n))) for n in range(300)]
+
+    assert {len(each) for each in chosen} == {1, 2, 3}
+    assert {name for each in chosen for name in each} == {"a", "b", "c"}
+    assert {times for each in chosen for times in each.values()} == {1, 2, 4, 8}

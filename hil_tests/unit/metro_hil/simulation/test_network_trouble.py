@@ -1,0 +1,27 @@
+"""Faults of the network come as a seed says."""
+
+from metro_hil.simulation.batch import cpu_ns
+from metro_hil.simulation.generate import DENSE_FROM, draw
+from metro_hil.simulation.line_world import LineWorld
+from metro_hil.simulation.network_faults import Scale
+from metro_hil.simulation.run import Phases, RunResult, run_seed
+
+
+def run(foul_share: float) -> RunResult:
+    world = LineWorld(DENSE_FROM, draw(DENSE_FROM))
+    # Nothing strikes meanwhile.
+    scale = Scale(between_s_min=1e6, between_s_max=1e6, foul_share=foul_share)
+    return run_seed(DENSE_FROM, world, scale, Phases(trouble_s=20.0, calm_s=5.0), cpu_ns)
+
+
+def lost_share(result: RunResult) -> float:
+    return result.messages["lost"] / result.messages["sent"]
+
+
+def test_in_foul_weather_much_is_lost_all_the_time_and_nothing_breaks() -> None:
+    fair, foul = run(0.0), run(0.3)
+
+    assert (fair.invariant, foul.invariant) == ("", "")
+    assert not fair.faults
+    assert not foul.faults
+    assert lost_share(foul) > lost_share(fair) + 0.02

@@ -1,0 +1,87 @@
+"""`vobc line-log --live` shows, counts and draws what it hears, and says that it hears nothing."""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from firmware_py.ports import RadioMessage
+from hil_tests.unit.metro_hil.supervision.test_line_log import BEAT, authority
+from metro_hil.cli.vobc import main as vobc
+from metro_hil.supervision import radio_log_live
+from zenoh_config.codec import pack
+from zenoh_config.t2t import T2tMessage
+from zenoh_config.t2t_keys import key_of
+
+ENDPOINT = ["--live", "--line-radio", "tcp/127.0.0.1:9"]
+
+
+class Radio:
+    """Hears each of these once, the first time that it is asked."""
+
+    def __init__(self, *messages: T2tMessage, connected: bool = True) -> None:
+        self._messages, self.connected = messages, connected
+
+    @contextmanager
+    def open(self, *_: object, **__: object) -> Iterator["Radio"]:
+        yield self
+
+    def receive(self, now_ns: int) -> Sequence[RadioMessage]:
+        heard, self._messages = self._messages, ()
+        return [RadioMessage(now_ns, key_of("loop", each), pack(each)) for each in heard]
+
+
+@pytest.fixture
+def hears(monkeypatch: pytest.MonkeyPatch) -> Callable[[Radio], None]:
+    monkeypatch.setattr(radio_log_live, "PATIENCE_S", 0.1)
+    return lambda radio: monkeypatch.setattr(radio_log_live, "open_radio", radio.open)
+
+
+def test_it_counts_and_draws_what_was_heard_until_time_is_over(
+    hears: Callable[[Radio], None], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    hears(Radio(BEAT, authority(5000)))
+    plot = tmp_path / "line.png"
+
+    assert vobc(["line-log", *ENDPOINT, "--for", "0.2", "--stats", "--plot", str(plot)]) == 0
+
+    told = capsys.readouterr()
+    assert "area 1: 0.00 s term 7 T1" in told.out
+    assert "T2: 1 authorities" in told.out
+    assert plot.exists()
+    assert told.err == ""
+
+
+def test_it_shows_each_message_as_it_comes(
+    hears: Callable[[Radio], None], capsys: pytest.CaptureFixture[str]
+) -> None:
+    hears(Radio(BEAT))
+
+    assert vobc(["line-log", *ENDPOINT, "--for", "0.1"]) == 0
+
+    assert "T1 > all" in capsys.readouterr().out
+
+
+def test_it_says_once_that_there_is_no_session_and_goes_on_trying(
+    hears: Callable[[Radio], None], capsys: pytest.CaptureFixture[str]
+) -> None:
+    hears(Radio(connected=False))
+
+    assert vobc(["line-log", *ENDPOINT, "--for", "0.4"]) == 3
+
+    said = capsys.readouterr().err.splitlines()
+    assert said == [
+        "vobc: tcp/127.0.0.1:9: no session yet; is a wayside there? It goes on trying",
+        "vobc: tcp/127.0.0.1:9: there was no session",
+    ]
+
+
+def test_a_silent_line_that_is_reached_is_no_missing_session(
+    hears: Callable[[Radio], None], capsys: pytest.CaptureFixture[str]
+) -> None:
+    hears(Radio())
+
+    assert vobc(["line-log", *ENDPOINT, "--for", "0.3"]) == 0
+
+    assert capsys.readouterr().err == "vobc: tcp/127.0.0.1:9: no message at all\n"

@@ -1,0 +1,248 @@
+"""What supervision of a line shows and says, and to whom."""
+
+import dataclasses
+from typing import Any
+
+import pytest
+import zenoh
+
+from can_dbc.vobc import OperatingMode
+from firmware_py.ports import RadioMessage
+from firmware_py.trackdb.areas import load_areas
+from hil_tests.unit.plant_emulator.wayside.test_line_centre import STATUS
+from metro_hil.cli.vobc import main as vobc
+from metro_hil.model.run_options import LINE_VERBS, OTHER_VERBS
+from metro_hil.supervision.command import main
+from metro_hil.supervision.view import LineView
+from zenoh_config.codec import pack
+from zenoh_config.t2t import (
+    BROADCAST,
+    Admission,
+    AdmissionState,
+    Heartbeat,
+    Phase,
+    T2tMessage,
+    TrainReport,
+)
+from zenoh_config.t2t_keys import key_of, of_supervision, token_of
+from zenoh_config.t2t_supervision import (
+    DecreeAnswer,
+    LineState,
+    RosterPlace,
+)
+
+LOOP = load_areas("loop")
+MS = 1_000_000
+BEAT = Heartbeat(3, BROADCAST, 1, 7, 1, 1, 0, Phase.ISSUING, 5, 1)
+REPORT = TrainReport(
+    source=3,
+    destination=BROADCAST,
+    area=1,
+    term=7,
+    boot=1,
+    sequence=1,
+    stamp_ns=0,
+    localised=True,
+    front_min_m=998.0,
+    front_max_m=1000.0,
+    rear_min_m=930.0,
+    protected_m=935.0,
+    speed_mps=10.0,
+    standstill=False,
+    latent_m=1500.0,
+    held_end_m=1500.0,
+    easy_m=1200.0,
+    held_term=7,
+    held_sequence=1,
+    member=True,
+    behind=0,
+    comes_from=0,
+    axles=16,
+    out_of_service=False,
+    ready_nonce=0,
+    echo_ns=0,
+)
+
+
+def view(*messages: T2tMessage, at_ms: int = 0) -> LineView:
+    shown = LineView(LOOP)
+    for message in messages:
+        shown.hears([said(message)], at_ms * MS)
+    return shown
+
+
+def said(message: T2tMessage) -> RadioMessage:
+    return RadioMessage(0, key_of("loop", message), pack(message))
+
+
+def test_it_says_who_commands_which_area_and_where_trains_are() -> None:
+    places_m: dict[str, Any] = {
+        "front_min_m": 400.0,
+        "front_max_m": 402.0,
+        "rear_min_m": 330.0,
+        "protected_m": 330.0,
+    }
+    behind = dataclasses.replace(REPORT, source=4, member=False, **places_m)
+
+    told = view(BEAT, behind, REPORT).words(100 * MS)
+
+    assert told[0] == "area 1: train 3 commands, term 7, standby train 5"
+    assert told[1] == "area 2: nobody commands"
+    assert told[3] == "the wayside is not heard: nothing can be decreed"
+    assert [line.split()[0] for line in told[5:]] == ["3", "4"]
+    assert told[5].split() == ["3", "1000.0", "36.0", "1500.0", "7", "0.10"]
+    assert told[6].split()[3] == "–"
+
+
+def test_it_says_who_commanded_before_and_how_long_a_master_has_been_silent() -> None:
+    shown = view(BEAT, dataclasses.replace(BEAT, source=5, term=9, standby=0))
+
+    assert shown.words(2500 * MS)[0] == (
+        "area 1: train 5 commands, term 9, standby nobody; before, train 3 did; silent for 2.5 s"
+    )
+
+
+def test_a_master_of_a_former_term_is_not_shown() -> None:
+    shown = view(dataclasses.replace(BEAT, source=5, term=9), BEAT)
+
+    assert shown.commands[1].heartbeat.source == 5
+
+
+def test_what_is_damaged_or_under_a_wrong_key_is_not_shown() -> None:
+    shown = LineView(LOOP)
+    wrong = dataclasses.replace(BEAT, area=2)
+
+    shown.hears([said(BEAT)._replace(payload=pack(wrong)), said(BEAT)._replace(payload=b"x")], 0)
+
+    assert shown.commands == {}
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "complaint"),
+    [
+        (["line", "--line", "hefei"], 2, "line hefei is not divided into areas"),
+        (["master", "--line-radio", "nowhere"], 2, "nowhere: not an endpoint"),
+    ],
+)
+def test_what_cannot_be_is_said_in_one_line(
+    words: list[str], code: int, complaint: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert vobc(words) == code
+
+    told = capsys.readouterr().err
+    assert complaint in told
+    assert len(told.splitlines()) == 1
+
+
+def test_the_program_names_every_verb(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        vobc(["--help"])
+
+    told = capsys.readouterr().out.split()
+    assert {*LINE_VERBS, *OTHER_VERBS, "run"} <= set(told)
+
+
+@pytest.mark.parametrize("train", ["T0", "x", "70000"])
+def test_what_is_no_train_is_refused(train: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["out-of-service", train])
+
+    assert f"{train} is no train" in capsys.readouterr().err
+
+
+def test_who_is_on_a_roster_and_says_nothing_is_shown() -> None:
+    places = tuple(RosterPlace(*each) for each in ((1, 9), (2, 9)))
+    nothing = (0, 0, DecreeAnswer.NONE, (), (), (), ())
+    state = LineState(0, BROADCAST, 0, 0, 2, 1, 0, *nothing, places)
+    words = "train 9 is silent, on the roster of area 1 and 2: others wait behind it"
+
+    assert view(state, REPORT).words(0)[-1] == words
+    assert "silent" not in "".join(view(dataclasses.replace(state, silent=()), REPORT).words(0))
+
+
+def test_of_who_is_silent_it_is_told_whether_its_session_is_there() -> None:
+    """A program that hangs keeps its session, so that this is told apart from a radio that is gone;
+    nothing else goes by it.
+    """
+    places = (RosterPlace(1, 9),)
+    nothing = (0, 0, DecreeAnswer.NONE, (), (), (), ())
+    shown = view(LineState(0, BROADCAST, 0, 0, 2, 1, 0, *nothing, places), REPORT)
+    here, late_ns = REPORT.source, 1_000_000_001
+
+    def told(now_ns: int, *trains: int) -> list[str]:
+        shown.tokens = lambda: [token_of("loop", each) for each in trains]
+        return shown.words(now_ns)
+
+    assert told(0, here)[-1].endswith("others wait behind it; it has no session")
+    assert told(0, here, 9)[-1].endswith("others wait behind it; its session is there")
+    assert not told(0, here)[-2].endswith("session")
+    assert told(late_ns, here)[-2].endswith("; its session is there")
+    assert told(late_ns)[-2].endswith("; it has no session")
+    assert told(0, here, 5, 9)[-1] == "train 5 has a session and says nothing"
+
+
+NEWCOMER = dataclasses.replace(REPORT, source=1, member=False)
+ADMISSION = Admission(3, 1, 1, 7, 1, 1, 0, AdmissionState.UNPLACED, 2)
+
+
+@pytest.mark.parametrize(
+    ("state", "ahead", "words"),
+    [
+        (
+            AdmissionState.UNPLACED,
+            2,
+            "waits for T2 in area 1: its place among the others is not sure yet",
+        ),
+        (
+            AdmissionState.UNPLACED,
+            0,
+            "waits in area 1: its place among the others is not sure yet",
+        ),
+        (AdmissionState.WAITS, 2, "waits for T2 in area 1: that one has to come first"),
+        (AdmissionState.WAITS, 0, "waits in area 1: it has no authority to its border yet"),
+        (
+            AdmissionState.COMMITTING,
+            0,
+            "waits in area 1: its arbiters do not keep the roster with it yet",
+        ),
+        (AdmissionState.FULL, 0, "waits in area 1: the roster is full"),
+    ],
+)
+def test_it_says_why_a_train_waits(state: AdmissionState, ahead: int, words: str) -> None:
+    admission = dataclasses.replace(ADMISSION, state=state, waits_for=ahead)
+
+    assert view(NEWCOMER, admission).words(0)[-1].endswith(f"  {words}")
+
+
+def test_a_train_waits_no_more_that_is_admitted_or_that_nobody_told_so_lately() -> None:
+    shown = view(NEWCOMER, ADMISSION)
+    assert "waits" in shown.words(1000 * MS)[-1]
+    assert "waits" not in shown.words(1001 * MS)[-1]
+
+    admitted = dataclasses.replace(NEWCOMER, member=True)
+    assert "waits" not in view(admitted, ADMISSION).words(0)[-1]
+
+
+def test_a_member_of_one_area_may_wait_for_the_next() -> None:
+    member = dataclasses.replace(NEWCOMER, member=True)
+    full = dataclasses.replace(ADMISSION, area=2, state=AdmissionState.FULL, waits_for=0)
+
+    assert "waits in area 2: the roster is full" in view(member, full).words(0)[-1]
+
+
+def test_why_others_wait_is_not_said_of_a_train() -> None:
+    assert "waits" not in view(REPORT, ADMISSION).words(0)[-1]
+
+
+@pytest.mark.parametrize("train", [1, 4])
+def test_a_display_listens_to_why_any_train_waits(train: int) -> None:
+    key = key_of("loop", dataclasses.replace(ADMISSION, destination=train))
+
+    assert any(zenoh.KeyExpr(each).includes(key) for each in of_supervision("loop"))
+
+
+def test_the_mode_of_a_train_is_not_taken_for_a_standby_of_an_area() -> None:
+    shown = view(REPORT)
+    shown.statuses[3] = dataclasses.replace(STATUS, mode=OperatingMode.STANDBY)
+
+    assert shown.words(0)[-1].endswith("  mode standby")

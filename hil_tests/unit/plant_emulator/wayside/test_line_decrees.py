@@ -1,0 +1,330 @@
+"""What a desk says of its decrees, to the very centre that keeps them."""
+
+from dataclasses import replace
+from unittest.mock import Mock
+
+import pytest
+
+from can_dbc.vobc import Cause, Supervision
+from firmware_py.ports import RadioMessage
+from firmware_py.trackdb import load_line
+from firmware_py.trackdb.areas import load_areas
+from hil_tests.unit.metro_hil.supervision.test_line_supervision import REPORT
+from hil_tests.unit.plant_emulator.wayside.test_line_centre import STATUS
+from metro_hil.supervision import command
+from metro_hil.supervision.command import main
+from metro_hil.supervision.console import Desk
+from metro_hil.supervision.nearby_trains import is_near
+from metro_hil.supervision.view import LineView
+from plant_emulator.wayside.line_centre import LineCentre
+from zenoh_config import keys
+from zenoh_config.codec import pack, unpack
+from zenoh_config.messages import SpeedRestriction, TrainStatus
+from zenoh_config.t2t import T2tMessage
+from zenoh_config.t2t_keys import key_of
+from zenoh_config.t2t_supervision import DecreeKind
+
+LOOP = load_areas("loop")
+MS = 1_000_000
+
+
+class Ticking:
+    """A clock that runs as soon as somebody waits."""
+
+    def __init__(self) -> None:
+        self.ns = 5 * 10**9
+
+    def now_ns(self) -> int:
+        return self.ns
+
+    def epoch_ns(self) -> int:
+        return 10**18 + self.ns
+
+    def wait_until(self, deadline_ns: int) -> None:
+        self.ns = deadline_ns
+
+
+class Line:
+    """A radio with the centre of a line and a train that obeys it."""
+
+    connected = True
+
+    def __init__(self, status: TrainStatus = STATUS) -> None:
+        self.clock = Ticking()
+        self.status = status
+        self.speaks = True
+        self.reports: list[T2tMessage] = []
+        self.decreed: list[T2tMessage] = []
+        self._centre = LineCentre(load_line("loop"), boot=5)
+        self._heard: list[T2tMessage] = []
+
+    def receive(self, now_ns: int) -> list[RadioMessage]:
+        status = replace(self.status, sequence=now_ns // MS, stamp_ns=now_ns)
+        told = RadioMessage(0, keys.status("loop", 3), pack(status))
+        self._centre.answer(told, status, now_ns)
+        heard, self._heard = self._heard, []
+        states = self._centre.step(now_ns, heard).out
+        for each in self._centre.memory.trains:
+            if each.emergency:
+                self.status = replace(status, supervision=Supervision.EMERGENCY)
+            elif each.releases:
+                self.status = replace(status, supervision=Supervision.NO_AUTHORITY, cause=0)
+        told_now = [told] if self.speaks else []
+        return [*told_now, *[said(replace(m, stamp_ns=now_ns)) for m in (*states, *self.reports)]]
+
+    def send(self, now_ns: int, key: str, payload: bytes) -> None:
+        decree = unpack(payload)
+        assert isinstance(decree, T2tMessage)
+        assert key == key_of("loop", decree)
+        self._heard.append(decree)
+        self.decreed.append(decree)
+
+
+def said(message: T2tMessage) -> RadioMessage:
+    return RadioMessage(0, key_of("loop", message), pack(message))
+
+
+def at_the_desk(line: Line) -> Desk:
+    desk = Desk(line.clock, LineView(LOOP), line)  # type: ignore[arg-type]
+    desk.listen(0.7)
+    return desk
+
+
+def test_a_restriction_is_taken_back_without_its_limit() -> None:
+    line = Line()
+    desk = at_the_desk(line)
+    assert desk.decree(DecreeKind.RESTRICT, start_m=3500.0, end_m=3700.0, limit_mps=5.0) == 0
+
+    assert at_the_desk(line).decree(DecreeKind.LIFT, start_m=3500.0, end_m=3700.0) == 0
+
+
+REACH = "no such stretch on loop, which reaches from -120 to 7700 m"
+
+
+@pytest.mark.parametrize(
+    ("kind", "stretch", "words"),
+    [
+        (
+            DecreeKind.RESTRICT,
+            (5000.0, 99_999.0, 5.0),
+            f"at most 18 km/h from 5000 to 99999 m: {REACH}",
+        ),
+        (DecreeKind.CLOSE, (5000.0, 99_999.0, 0.0), f"from 5000 to 99999 m: {REACH}"),
+        (
+            DecreeKind.LIFT,
+            (5000.0, 5200.0, 0.0),
+            "from 5000 to 5200 m: nothing of the kind was decreed",
+        ),
+    ],
+)
+def test_a_refusal_names_the_stretch_that_was_asked_for(
+    kind: DecreeKind,
+    stretch: tuple[float, float, float],
+    words: str,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    start_m, end_m, limit_mps = stretch
+
+    code = at_the_desk(Line()).decree(kind, start_m=start_m, end_m=end_m, limit_mps=limit_mps)
+
+    assert code == 3
+    assert capsys.readouterr().err == f"vobc: {words}\n"
+
+
+@pytest.mark.parametrize(
+    ("train", "front_m", "words"),
+    [
+        (4, 1000.0, "train 4: no such train tells its status to the wayside"),
+        (3, 7690.0, "train 3: no station is ahead of it, or it does not know where it is"),
+    ],
+)
+def test_a_refusal_names_the_train_that_was_asked_for(
+    train: int, front_m: float, words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    line = Line(replace(STATUS, front_m=front_m))
+
+    assert at_the_desk(line).decree(DecreeKind.SKIP, train=train) == 3
+
+    assert capsys.readouterr().err == f"vobc: {words}\n"
+
+
+@pytest.mark.parametrize(
+    ("words", "complaint"),
+    [
+        ("restrict 5200 5000 --limit 20", "restrict: START 5200 END 5000: the stretch has to end"),
+        ("restrict 5200 5000 --end", "restrict: START 5200 END 5000: the stretch has to end"),
+        ("close 7000 7000", "close: START 7000 END 7000: the stretch has to end behind its start"),
+        ("restrict 5000 5200", "restrict: --limit KMH is missing; --end takes one back"),
+    ],
+)
+def test_what_can_be_no_stretch_is_said_before_anybody_is_asked(
+    words: str, complaint: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Nobody is there: it would be no session otherwise."""
+    assert main([*words.split(), "--line-radio", "tcp/127.0.0.1:1"]) == 2
+
+    assert capsys.readouterr().err.startswith(f"vobc: {complaint}")
+
+
+@pytest.mark.parametrize("limit", ["0", "-5", "nan", "x"])
+def test_what_is_no_limit_is_said_before_anybody_is_asked(
+    limit: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(["restrict", "5000", "5200", "--limit", limit])
+
+    assert ended.value.code == 2
+    assert f"{limit} is not a number in 1.." in capsys.readouterr().err
+
+
+def test_an_emergency_brake_that_is_not_decreed_is_not_released(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    line = Line()
+
+    assert at_the_desk(line).decree(DecreeKind.RELEASE, train=3) == 3
+
+    assert line.decreed == []
+    told = "vobc: train 3: no emergency brake is decreed, and none is applied\n"
+    assert capsys.readouterr() == ("", told)
+
+
+def test_of_a_silent_train_nobody_says_that_it_does_not_brake(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    line = Line()
+    desk = at_the_desk(line)
+    desk.listen(0.6)
+    line.speaks = False
+    later = Desk(line.clock, LineView(LOOP), line)  # type: ignore[arg-type]
+    later.listen(0.7)
+
+    assert later.decree(DecreeKind.RELEASE, train=3) == 3
+    told = "vobc: train 3: no emergency brake is decreed, and the train is silent\n"
+    assert capsys.readouterr().err == told
+
+
+def test_an_emergency_brake_that_is_decreed_is_released(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    line = Line()
+    assert at_the_desk(line).decree(DecreeKind.EMERGENCY, train=3) == 0
+    assert "train 3: emergency brake applied" in capsys.readouterr().out
+
+    assert at_the_desk(line).decree(DecreeKind.RELEASE, train=3) == 0
+    assert "train 3: emergency brake released" in capsys.readouterr().out
+
+
+def test_a_train_that_brakes_of_its_own_is_reset() -> None:
+    line = Line(replace(STATUS, supervision=Supervision.EMERGENCY, cause=Cause.OVERSHOT))
+
+    assert at_the_desk(line).decree(DecreeKind.RELEASE, train=3) == 0
+
+
+def test_the_release_of_an_unknown_train_is_left_to_the_wayside(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert at_the_desk(Line()).decree(DecreeKind.RELEASE, train=5) == 3
+    told = "vobc: train 5: no such train tells its status to the wayside\n"
+    assert capsys.readouterr().err == told
+
+
+@pytest.mark.parametrize(
+    ("words", "code"),
+    [("line --watch", 0), ("line", 130), ("hold T3", 130), ("remove-train T3", 130)],
+)
+def test_what_ctrl_c_ends_is_no_success_but_for_watching(
+    words: str, code: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(command, "load_areas", Mock(side_effect=KeyboardInterrupt))
+
+    assert main(words.split()) == code
+
+
+RUNNING = replace(
+    REPORT,
+    front_min_m=3431.0,
+    front_max_m=3433.0,
+    rear_min_m=3360.0,
+    protected_m=3360.0,
+    latent_m=4200.0,
+    held_end_m=4200.0,
+    easy_m=3700.0,
+    speed_mps=67.0 / 3.6,
+)
+"""Where a user restricted the track ahead of it, and it braked by emergency."""
+
+
+@pytest.mark.parametrize(
+    ("stretch", "near"),
+    [
+        ((3500.0, 3700.0, 20.0 / 3.6), True),
+        ((3750.0, 3800.0, 20.0 / 3.6), True),
+        ((3752.0, 3800.0, 20.0 / 3.6), False),
+        ((3752.0, 3800.0, 0.0), True),
+        ((3778.0, 3800.0, 0.0), False),
+        ((3400.0, 3700.0, 60.0 / 3.6), True),
+        ((3400.0, 3700.0, 67.0 / 3.6), False),
+        ((3000.0, 3361.0, 20.0 / 3.6), True),
+        ((3000.0, 3360.0, 20.0 / 3.6), False),
+    ],
+)
+def test_near_is_who_cannot_be_slow_enough_by_then(
+    stretch: tuple[float, float, float], near: bool
+) -> None:
+    """With 0.6 m/s², after 3 s."""
+    assert is_near(RUNNING, SpeedRestriction(*stretch)) is near
+
+
+def test_a_train_that_stands_or_does_not_know_where_it_is_is_not_near() -> None:
+    closed = SpeedRestriction(3400.0, 3700.0, 0.0)
+
+    assert not is_near(replace(RUNNING, standstill=True), closed)
+    assert not is_near(replace(RUNNING, localised=False), closed)
+
+
+@pytest.mark.parametrize(
+    ("kind", "start_m", "words"),
+    [
+        (DecreeKind.RESTRICT, 3500.0, "67 m before it with 67 km/h"),
+        (DecreeKind.CLOSE, 3400.0, "in it with 67 km/h"),
+        (DecreeKind.RESTRICT, 3900.0, None),
+    ],
+)
+def test_who_decrees_too_near_ahead_of_a_train_is_told(
+    kind: DecreeKind, start_m: float, words: str | None, capsys: pytest.CaptureFixture[str]
+) -> None:
+    line = Line()
+    desk = at_the_desk(line)
+    line.reports = [RUNNING]
+    limit_mps = 20.0 / 3.6 if kind is DecreeKind.RESTRICT else 0.0
+
+    assert desk.decree(kind, start_m=start_m, end_m=4000.0, limit_mps=limit_mps) == 0
+
+    warning = "" if words is None else f"vobc: train 3 may brake by emergency: it is {words}\n"
+    assert capsys.readouterr().err == warning
+
+
+def test_nobody_is_warned_of_what_is_taken_back_or_refused(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    line = Line()
+    at_the_desk(line).decree(DecreeKind.CLOSE, start_m=3500.0, end_m=3700.0)
+    line.reports = [RUNNING]
+
+    assert at_the_desk(line).decree(DecreeKind.OPEN, start_m=3500.0, end_m=3700.0) == 0
+    assert at_the_desk(line).decree(DecreeKind.CLOSE, start_m=3500.0, end_m=99_999.0) == 3
+    assert "emergency" not in capsys.readouterr().err
+
+
+def test_a_train_that_was_heard_long_ago_is_not_told_of(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    line = Line()
+    line.reports = [RUNNING]
+    desk = at_the_desk(line)
+    line.reports = []
+    desk.listen(1.0)
+
+    assert desk.decree(DecreeKind.CLOSE, start_m=3500.0, end_m=3700.0) == 0
+    assert capsys.readouterr().err == ""

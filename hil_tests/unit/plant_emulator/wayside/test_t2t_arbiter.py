@@ -1,0 +1,586 @@
+"""The arbiter: one holder for each area at a time, under terms that only grow, over restarts."""
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hil_tests.unit.vobc.train_to_train.t2t_rig import Rig, line_of
+from plant_emulator.wayside.arbiter import (
+    Arbiter,
+    ArbiterGuards,
+    Plea,
+    by_holder,
+    lease_is_free,
+    term_is_new,
+)
+from plant_emulator.wayside.t2t_vocabulary import ArbiterMemory, LeaseMemory
+from vobc.train_to_train.vocabulary import T2tConfig
+from zenoh_config.messages import RefusedReason
+from zenoh_config.t2t import (
+    BROADCAST,
+    FIRST_ARBITER,
+    Heartbeat,
+    LeaseAnswer,
+    LeaseKind,
+    LeaseRequest,
+    Phase,
+    RosterAck,
+    RosterCommit,
+    RosterEntry,
+    T2tMessage,
+)
+from zenoh_config.timers import TIMERS_A, TIMERS_B, LineTimers
+
+MS = 1_000_000
+ADDRESS = 65_001
+LEASE_MS = TIMERS_A.lease_ms
+ROSTER = (RosterEntry(7, 100.0, True), RosterEntry(4, 10.0, False))
+
+
+class Desk:
+    """An arbiter that has been up long enough, and the sequence numbers of those who ask."""
+
+    def __init__(self, memory: ArbiterMemory | None = None, *, waited: bool = True) -> None:
+        self.now_ms = 0
+        self.memory: ArbiterMemory | None = memory or ArbiterMemory()
+        self.arbiter = Arbiter(TIMERS_A, address=ADDRESS, memory=self.memory, start_ns=0)
+        self.sequence = 0
+        if waited:
+            self.now_ms = LEASE_MS + 1
+
+    def says(self, message: T2tMessage) -> tuple[T2tMessage, ...]:
+        stepped = self.arbiter.step(self.now_ms * MS, (message,))
+        self.memory = stepped.memory or self.memory
+        return stepped.out
+
+    def request(
+        self,
+        train: int,
+        term: int,
+        kind: LeaseKind = LeaseKind.ACQUIRE,
+        *,
+        successor: int = 0,
+        less_ms: int = 0,
+    ) -> LeaseRequest:
+        self.sequence += 1
+        head = (train, ADDRESS, 1, term, 1, self.sequence, self.now_ms * MS)
+        return LeaseRequest(*head, kind, self.sequence, successor, less_ms * MS)
+
+    def ask(
+        self,
+        train: int,
+        term: int,
+        kind: LeaseKind = LeaseKind.ACQUIRE,
+        *,
+        successor: int = 0,
+        less_ms: int = 0,
+    ) -> LeaseAnswer:
+        request = self.request(train, term, kind, successor=successor, less_ms=less_ms)
+        (answer,) = self.says(request)
+        assert isinstance(answer, LeaseAnswer)
+        return answer
+
+    def commit(self, train: int, term: int, version: int) -> bool:
+        self.sequence += 1
+        head = (train, ADDRESS, 1, term, 1, self.sequence, 0)
+        out = self.says(RosterCommit(*head, version, ROSTER))
+        return any(isinstance(each, RosterAck) for each in out)
+
+
+def test_the_first_who_asks_gets_the_lease_and_the_second_hears_how_long_to_wait() -> None:
+    desk = Desk()
+
+    assert desk.ask(1, 1).granted
+    desk.now_ms += 100
+    refused = desk.ask(2, 2)
+
+    assert not refused.granted
+    assert refused.term == 1
+    assert refused.holder == 1
+    assert refused.wait_ns == TIMERS_A.arbiter_lease_ns - 100 * MS
+
+
+def test_a_lease_that_ran_out_goes_to_a_higher_term_and_not_a_tick_before() -> None:
+    desk = Desk()
+    desk.ask(1, 1)
+    granted_ms = desk.now_ms
+    desk.now_ms = granted_ms + LEASE_MS
+    assert not desk.ask(2, 2).granted  # Clocks run apart: the arbiter waits a little longer.
+
+    desk.now_ms += 1
+
+    assert not desk.ask(2, 1).granted  # A term that was promised is never promised again.
+    assert desk.ask(2, 2).granted
+
+
+def test_a_holder_renews_for_as_long_as_it_likes() -> None:
+    desk = Desk()
+    desk.ask(1, 1)
+    for _ in range(20):
+        desk.now_ms += TIMERS_A.renew_ms
+        assert desk.ask(1, 1, LeaseKind.RENEW).granted
+        assert not desk.ask(2, 2).granted
+
+
+@pytest.mark.parametrize("less_ms", [0, 1, 120])
+def test_a_grant_for_less_than_a_lease_is_waited_out_and_no_tick_longer(less_ms: int) -> None:
+    desk = Desk()
+    desk.ask(1, 1)
+    desk.now_ms += LEASE_MS
+    desk.ask(1, 1, LeaseKind.RENEW, less_ms=less_ms)
+
+    # Of a whole lease of 300.6 ms.
+    desk.now_ms += 300 - less_ms
+    assert not desk.ask(2, 2).granted
+    desk.now_ms += 1
+    assert desk.ask(2, 2).granted
+
+
+@pytest.mark.parametrize("less_ms", [150, 300, 100_000])
+def test_no_renewal_shortens_what_was_granted_before(less_ms: int) -> None:
+    desk = Desk()
+    desk.ask(1, 1)
+    desk.now_ms += 100
+    assert desk.ask(1, 1, LeaseKind.RENEW, less_ms=less_ms).granted
+
+    desk.now_ms += LEASE_MS - 100
+    assert not desk.ask(2, 2).granted
+    desk.now_ms += 1
+    assert desk.ask(2, 2).granted
+
+
+def test_nobody_renews_another_ones_lease_or_a_former_term() -> None:
+    desk = Desk()
+    desk.ask(1, 5)
+
+    assert not desk.ask(2, 5, LeaseKind.RENEW).granted
+    assert not desk.ask(1, 4, LeaseKind.RENEW).granted
+
+
+def test_a_named_successor_need_not_wait_and_ends_the_old_lease() -> None:
+    desk = Desk()
+    desk.ask(1, 1)
+    assert not desk.ask(2, 2).granted
+    desk.ask(1, 1, LeaseKind.RENEW, successor=2)
+
+    assert desk.ask(2, 2).granted
+    assert not desk.ask(1, 1, LeaseKind.RENEW).granted
+
+
+def test_a_name_that_is_taken_back_is_worth_nothing() -> None:
+    desk = Desk()
+    desk.ask(1, 1)
+    desk.ask(1, 1, LeaseKind.RENEW, successor=2)
+    desk.ask(1, 1, LeaseKind.RENEW)
+
+    assert not desk.ask(2, 2).granted
+
+
+def test_a_successor_that_gives_up_does_not_free_what_the_old_master_may_still_use() -> None:
+    desk = Desk()
+    desk.ask(1, 1)
+    desk.ask(1, 1, LeaseKind.RENEW, successor=2)
+    desk.ask(2, 2)
+    desk.ask(2, 2, LeaseKind.RELEASE)
+
+    assert not desk.ask(3, 3).granted
+    desk.now_ms += LEASE_MS + 1
+    assert desk.ask(3, 3).granted
+
+
+def test_a_lease_given_back_is_free_at_once() -> None:
+    desk = Desk()
+    desk.ask(1, 1)
+    desk.ask(1, 1, LeaseKind.RELEASE)
+
+    assert desk.ask(2, 2).granted
+
+
+def test_a_restarted_arbiter_waits_a_whole_lease_and_remembers_terms_and_roster() -> None:
+    desk = Desk()
+    desk.ask(1, 7)
+    assert desk.commit(1, 7, 3)
+
+    again = Desk(desk.memory, waited=False)
+
+    assert not again.ask(2, 8).granted
+    assert again.ask(1, 7, LeaseKind.RENEW).granted
+    again.now_ms += 2 * LEASE_MS
+    assert not again.ask(2, 7).granted
+    answer = again.ask(2, 8)
+    assert (answer.roster_term, answer.roster_version, answer.roster) == (7, 3, ROSTER)
+
+
+def test_an_arbiter_whose_memory_cannot_be_read_says_nothing_and_stores_nothing() -> None:
+    """An empty memory would be believed at its next start, and a term granted twice."""
+    arbiter = Arbiter(TIMERS_A, address=ADDRESS, memory=None, start_ns=0)
+    request = Desk().request(1, 1)
+
+    for _ in range(2):
+        stepped = arbiter.step(10_000 * MS, (request,))
+        assert (stepped.out, stepped.memory) == ((), None)
+
+
+@pytest.mark.parametrize(("train", "term", "version"), [(2, 7, 4), (1, 6, 4), (1, 7, 2)])
+def test_a_roster_of_others_of_a_former_term_or_an_older_one_is_not_kept(
+    train: int, term: int, version: int
+) -> None:
+    desk = Desk()
+    desk.ask(1, 7)
+    desk.commit(1, 7, 3)
+
+    assert not desk.commit(train, term, version)
+    assert desk.arbiter.lease(1).roster_version == 3
+
+
+def test_a_repeated_request_changes_nothing() -> None:
+    desk = Desk()
+    request = desk.request(1, 1)
+    desk.says(request)
+    before = desk.arbiter.memory
+
+    assert desk.says(request) == ()
+    assert desk.arbiter.memory == before
+
+
+STEPS = st.lists(
+    st.tuples(
+        st.integers(1, 3), st.integers(1, 8), st.sampled_from(list(LeaseKind)), st.integers(0, 200)
+    ),
+    max_size=40,
+)
+
+
+@settings(max_examples=60, deadline=None)
+@given(STEPS)
+def test_whatever_is_asked_a_term_has_one_holder_and_leases_do_not_overlap(
+    steps: list[tuple[int, int, LeaseKind, int]],
+) -> None:
+    """Kept beside the arbiter: who may think to hold what until when, by their own sending."""
+    desk = Desk()
+    owners: dict[int, int] = {}
+    valid: dict[int, tuple[int, int]] = {}
+    """By train: term, and the end of its lease as it counts."""
+
+    for train, term, kind, pause_ms in steps:
+        desk.now_ms += pause_ms
+        answer = desk.ask(train, term, kind)
+        if kind is LeaseKind.RELEASE:
+            if valid.get(train, (0, 0))[0] == term:
+                del valid[train]
+            continue
+        if not answer.granted:
+            continue
+        assert owners.setdefault(term, train) == train
+        others = [until for other, (_, until) in valid.items() if other != train]
+        assert all(until <= desk.now_ms * MS for until in others)
+        valid[train] = (term, desk.now_ms * MS + TIMERS_A.holder_lease_ns)
+
+
+def plea(source: int, term: int, *, expired: bool = False) -> Plea:
+    """Beside a lease that train 4 holds under term 7, and that train 6 may take over."""
+    return Plea(source, term, LeaseMemory(1, promised=7, holder=4, successor=6), expired)
+
+
+@pytest.mark.parametrize(("term", "new"), [(6, False), (7, False), (8, True)])
+def test_a_term_is_new_only_above_the_one_that_was_promised(term: int, *, new: bool) -> None:
+    assert term_is_new(plea(4, term)) is new
+
+
+@pytest.mark.parametrize(
+    ("source", "expired", "free"),
+    [(4, False, True), (6, False, True), (5, False, False), (5, True, True), (4, True, True)],
+)
+def test_a_lease_that_runs_is_free_for_its_holder_and_its_heir_only(
+    source: int, *, expired: bool, free: bool
+) -> None:
+    assert lease_is_free(plea(source, 8, expired=expired)) is free
+
+
+@pytest.mark.parametrize(
+    ("source", "term", "holds"),
+    [(4, 7, True), (4, 6, False), (4, 8, False), (6, 7, False), (6, 6, False)],
+)
+def test_the_holder_is_one_train_under_one_term(source: int, term: int, *, holds: bool) -> None:
+    assert by_holder(plea(source, term)) is holds
+
+
+def raw_request(
+    source: int,
+    *,
+    sequence: int = 1,
+    area: int = 1,
+    term: int = 1,
+    kind: LeaseKind = LeaseKind.ACQUIRE,
+) -> LeaseRequest:
+    return LeaseRequest(source, ADDRESS, area, term, 1, sequence, 777, kind, 55, 0)
+
+
+def raw_commit(*, term: int, version: int, sequence: int = 1) -> RosterCommit:
+    return RosterCommit(4, ADDRESS, 1, term, 1, sequence, 0, version, ROSTER)
+
+
+def up_since_long(memory: ArbiterMemory, guards: ArbiterGuards | None = None) -> Arbiter:
+    return Arbiter(TIMERS_A, address=ADDRESS, memory=memory, start_ns=-(10**9), guards=guards)
+
+
+def kept(term: int, version: int) -> LeaseMemory:
+    """Of area 1, that train 4 commands under term 7."""
+    return LeaseMemory(1, 7, 4, 6, term, version, ROSTER)
+
+
+def test_a_grant_tells_the_request_that_it_answers_and_the_roster_that_is_kept() -> None:
+    arbiter = up_since_long(ArbiterMemory(boot=2, areas=(kept(7, 3),)))
+
+    granted = arbiter.step(1000, (raw_request(6, term=8),))
+
+    head = (ADDRESS, 6, 1, 8, 3, 1, 1000)
+    assert granted.out == (LeaseAnswer(*head, True, 55, 777, 6, 0, 7, 3, ROSTER),)
+    assert granted.memory == ArbiterMemory(3, (LeaseMemory(1, 8, 6, 0, 7, 3, ROSTER),))
+
+
+def test_a_refusal_tells_the_promised_term_the_holder_and_the_wait_but_no_roster() -> None:
+    arbiter = up_since_long(ArbiterMemory(boot=2, areas=(kept(7, 3),)))
+    arbiter.step(0, (raw_request(4, term=7, kind=LeaseKind.RENEW),))
+
+    refused = arbiter.step(1000, (raw_request(5, term=9),))
+
+    head = (ADDRESS, 5, 1, 7, 3, 2, 1000)
+    assert refused.out == (LeaseAnswer(*head, False, 55, 777, 4, 300_599_000, 0, 0, ()),)
+
+
+def test_a_renewal_is_granted_without_the_roster() -> None:
+    arbiter = up_since_long(ArbiterMemory(areas=(kept(7, 3),)))
+
+    stepped = arbiter.step(1000, (raw_request(4, term=7, kind=LeaseKind.RENEW),))
+
+    head = (ADDRESS, 4, 1, 7, 1, 1, 1000)
+    assert stepped.out == (LeaseAnswer(*head, True, 55, 777, 4, 0, 0, 0, ()),)
+
+
+def test_an_old_term_is_refused_without_a_wait_after_the_lease_ran_out() -> None:
+    arbiter = up_since_long(ArbiterMemory(areas=(kept(7, 3),)))
+
+    (answer,) = arbiter.step(1000, (raw_request(5, term=7),)).out
+
+    assert isinstance(answer, LeaseAnswer)
+    assert answer.granted is False
+    assert answer.wait_ns == 0
+
+
+@pytest.mark.parametrize(
+    "asked",
+    [
+        raw_request(5, term=7),
+        raw_request(5, term=7, kind=LeaseKind.RENEW),
+        raw_request(4, term=7, kind=LeaseKind.RELEASE),
+    ],
+)
+def test_what_is_not_granted_is_plainly_refused(asked: LeaseRequest) -> None:
+    (answer,) = up_since_long(ArbiterMemory(areas=(kept(7, 3),))).step(1000, (asked,)).out
+
+    assert isinstance(answer, LeaseAnswer)
+    assert answer.granted is False
+
+
+def test_a_lease_ends_at_one_instant() -> None:
+    arbiter = up_since_long(ArbiterMemory())
+    arbiter.step(0, (raw_request(4),))
+
+    assert arbiter.expiry_ns(1) == 300_600_000
+    answers = [
+        arbiter.step(now_ns, (raw_request(5, term=2, sequence=n),)).out[0]
+        for n, now_ns in enumerate((300_599_999, 300_600_000), start=1)
+    ]
+    assert [isinstance(a, LeaseAnswer) and a.granted for a in answers] == [False, True]
+
+
+def test_a_restarted_arbiter_counts_its_wait_from_its_own_start() -> None:
+    arbiter = Arbiter(TIMERS_A, address=ADDRESS, memory=ArbiterMemory(), start_ns=1_000)
+
+    assert arbiter.expiry_ns(1) == 300_601_000
+
+
+def test_without_the_guard_of_the_start_an_arbiter_grants_at_once() -> None:
+    arbiter = Arbiter(
+        TIMERS_A,
+        address=ADDRESS,
+        memory=ArbiterMemory(),
+        start_ns=1_000,
+        guards=ArbiterGuards(waits_after_start=False),
+    )
+
+    assert arbiter.expiry_ns(1) == 1_000
+
+
+@pytest.mark.parametrize(
+    ("source", "heard"), [(0, False), (1, True), (64_999, True), (65_000, False), (65_535, False)]
+)
+def test_nobody_but_a_train_is_answered(source: int, *, heard: bool) -> None:
+    stepped = up_since_long(ArbiterMemory()).step(1000, (raw_request(source),))
+
+    assert (len(stepped.out) == 1) is heard
+
+
+def test_what_is_no_business_of_an_arbiter_is_not_answered() -> None:
+    heartbeat = Heartbeat(4, BROADCAST, 1, 7, 1, 1, 0, Phase.ISSUING, 0, 1)
+    arbiter = up_since_long(ArbiterMemory(areas=(kept(7, 3),)))
+
+    assert arbiter.step(1000, (heartbeat,)).out == ()
+
+
+def test_all_that_comes_in_one_step_is_answered_in_its_order() -> None:
+    repeated = raw_request(4, sequence=1)
+    other = raw_request(5, term=2)
+    arbiter = up_since_long(ArbiterMemory())
+
+    answers = arbiter.step(1000, (repeated, repeated, other)).out
+
+    assert [(each.destination, each.sequence) for each in answers] == [(4, 1), (5, 2)]
+    assert arbiter.gate.refusals == {RefusedReason.NOT_NEWER: 1}
+
+
+def test_an_arbiter_hears_nothing_that_is_for_another_one() -> None:
+    arbiter = Arbiter(TIMERS_A, address=65_002, memory=ArbiterMemory(), start_ns=-(10**9))
+
+    assert arbiter.step(1000, (raw_request(4),)).out == ()
+    assert arbiter.gate.refusals == {RefusedReason.WRONG_DESTINATION: 1}
+
+
+def test_areas_are_granted_apart_and_stored_in_their_order() -> None:
+    arbiter = up_since_long(ArbiterMemory())
+
+    arbiter.step(0, (raw_request(4, area=2, term=5),))
+    stepped = arbiter.step(1000, (raw_request(5, area=1, term=3),))
+
+    first, second = LeaseMemory(1, 3, 5), LeaseMemory(2, 5, 4)
+    assert stepped.memory == ArbiterMemory(1, (first, second))
+    assert (arbiter.lease(1), arbiter.lease(2), arbiter.lease(3)) == (
+        first,
+        second,
+        LeaseMemory(3, 0, 0, 0, 0, 0, ()),
+    )
+    assert (arbiter.expiry_ns(1), arbiter.expiry_ns(2)) == (300_601_000, 300_600_000)
+
+
+def test_it_stores_its_incarnation_first_and_then_only_what_changed() -> None:
+    arbiter = up_since_long(ArbiterMemory(boot=4))
+
+    assert arbiter.step(0, ()).memory == ArbiterMemory(boot=5)
+    assert arbiter.step(1, ()).memory is None
+    assert arbiter.step(2, (raw_request(4),)).memory == ArbiterMemory(5, (LeaseMemory(1, 1, 4),))
+    renewal = raw_request(4, sequence=2, kind=LeaseKind.RENEW)
+    assert arbiter.step(3, (renewal,)).memory is None
+
+
+def test_a_holder_that_asks_anew_leaves_no_heir_behind() -> None:
+    arbiter = up_since_long(ArbiterMemory(areas=(kept(7, 3),)))
+
+    arbiter.step(0, (raw_request(4, term=8),))
+
+    assert arbiter.lease(1).successor == 0
+
+
+def test_an_arbiter_without_memory_does_not_even_promise_to_itself() -> None:
+    arbiter = Arbiter(TIMERS_A, address=ADDRESS, memory=None, start_ns=-(10**9))
+
+    arbiter.step(1000, (raw_request(4),))
+
+    assert arbiter.memory == ArbiterMemory(boot=1)
+    assert arbiter.gate.refusals == {}
+
+
+def test_a_kept_roster_is_acknowledged_by_its_term_and_version_and_stored() -> None:
+    arbiter = up_since_long(ArbiterMemory(areas=(LeaseMemory(1, 7, 4, 6),)))
+
+    stepped = arbiter.step(1000, (raw_commit(term=7, version=2),))
+
+    assert stepped.out == (RosterAck(ADDRESS, 4, 1, 7, 1, 1, 1000, 2),)
+    assert stepped.memory == ArbiterMemory(1, (kept(7, 2),))
+
+
+@pytest.mark.parametrize(
+    ("term", "version", "taken"),
+    [(7, 2, True), (7, 3, True), (7, 4, False), (6, 9, True), (8, 1, False)],
+)
+def test_version_3_of_term_7_is_kept_over_no_newer_roster(
+    term: int, version: int, *, taken: bool
+) -> None:
+    before = kept(term, version)
+    arbiter = up_since_long(ArbiterMemory(areas=(before,)))
+
+    stepped = arbiter.step(1000, (raw_commit(term=7, version=3),))
+
+    assert (len(stepped.out) == 1) is taken
+    assert arbiter.lease(1) == (kept(7, 3) if taken else before)
+
+
+def test_a_roster_is_kept_however_long_ago_the_lease_ran_out() -> None:
+    """No guard is even told of a lease that ran out: nobody else has commanded since."""
+    guards = ArbiterGuards(by_holder=lambda plea: not plea.expired)
+    arbiter = up_since_long(ArbiterMemory(areas=(kept(7, 2),)), guards)
+
+    stepped = arbiter.step(10**12, (raw_commit(term=7, version=3),))
+
+    assert len(stepped.out) == 1
+
+
+@pytest.mark.parametrize(("after_ms", "granted"), [(1, False), (300, False), (301, True)])
+def test_what_was_displaced_before_a_restart_is_waited_out_when_its_heir_gives_up(
+    after_ms: int, *, granted: bool
+) -> None:
+    """Of a whole lease of 300.6 ms from the start: train 1 may still count on it."""
+    desk = Desk()
+    desk.ask(1, 1)
+    desk.ask(1, 1, LeaseKind.RENEW, successor=2)
+    desk.ask(2, 2)
+    again = Desk(desk.memory, waited=False)
+    again.sequence = desk.sequence
+    again.ask(2, 2, LeaseKind.RELEASE)
+
+    again.now_ms += after_ms
+    assert again.ask(3, 3).granted is granted
+
+
+@pytest.mark.parametrize("arbiters", [0, 1, 2, 3, 4, 5])
+@pytest.mark.parametrize("lease_ms", [LEASE_MS - 1, LEASE_MS, LEASE_MS + 1, TIMERS_B.lease_ms])
+@pytest.mark.parametrize("kind", LeaseKind)
+def test_whoever_counts_on_other_arbiters_or_leases_gets_no_answer_and_changes_nothing(
+    arbiters: int, lease_ms: int, kind: LeaseKind
+) -> None:
+    """One that asks one of three would have a majority of its own beside that of the others."""
+    arbiter = Arbiter(
+        TIMERS_A, address=ADDRESS, memory=ArbiterMemory(), start_ns=-(10**9), arbiters=3
+    )
+    holder = LeaseRequest(7, ADDRESS, 1, 5, 1, 1, 0, LeaseKind.ACQUIRE, 1, 0, 0, 3, LEASE_MS)
+    (answer,) = arbiter.step(0, (holder,)).out
+    assert isinstance(answer, LeaseAnswer)
+    assert answer.granted
+    before, expiry_ns = arbiter.memory, arbiter.expiry_ns(1)
+
+    term = 6 if kind is LeaseKind.ACQUIRE else 5
+    head = (7, ADDRESS, 1, term, 1, 2, MS)
+    stepped = arbiter.step(MS, (LeaseRequest(*head, kind, 2, 0, 0, arbiters, lease_ms),))
+
+    agrees = (arbiters, lease_ms) == (3, LEASE_MS)
+    assert len(stepped.out) == agrees
+    assert arbiter.gate.refusals[RefusedReason.OTHER_RULES] == (not agrees)
+    if not agrees:
+        assert (arbiter.memory, arbiter.expiry_ns(1)) == (before, expiry_ns)
+        assert stepped.memory is None
+
+
+@pytest.mark.parametrize("arbiters", [1, 3])
+@pytest.mark.parametrize("timers", [TIMERS_A, TIMERS_B])
+def test_a_train_says_on_what_arbiters_and_leases_it_counts(
+    arbiters: int, timers: LineTimers
+) -> None:
+    addresses = tuple(range(FIRST_ARBITER, FIRST_ARBITER + arbiters))
+    rig = Rig(line_of(0.0, 2000.0), config=T2tConfig(timers=timers, arbiters=addresses))
+    rig.start_train(1, 500.0)
+    rig.run_until(rig.is_commanded)
+    rig.run(200)
+
+    asked = [said for _, said in rig.log if isinstance(said, LeaseRequest)]
+    assert {each.kind for each in asked} == {LeaseKind.ACQUIRE, LeaseKind.RENEW}
+    assert {(each.arbiters, each.lease_ms) for each in asked} == {(arbiters, timers.lease_ms)}

@@ -1,0 +1,173 @@
+"""The law of power-limited running curves: its plans against small steps, its runs against time."""
+
+import dataclasses
+import math
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from firmware_py.trackdb import load_line
+from hil_tests.unit.vobc.ato import ato_rig
+from hil_tests.unit.vobc.ato.ato_rig import line_with
+from vobc.ato import Ato, AtoConfig
+from vobc.ato.laws.power_limited import PowerLimitedRun, Stage
+from vobc.ato.laws.power_plan import PowerPlanner
+from vobc.ato.motion import profile
+
+LINE = load_line("florence")
+LOAD_KG = 27_200.0
+"""Half of all who find room, as the rig has it."""
+CONFIG = AtoConfig()
+LOAD_KG = 27200.0
+
+
+def planner(config: AtoConfig = CONFIG) -> PowerPlanner:
+    curve = profile.curve_to_stop(config, LINE, 4500.0)
+    return PowerPlanner(config, LINE, 4500.0, curve, load_kg=LOAD_KG)
+
+
+def with_weight(weight_factor: float) -> AtoConfig:
+    changed = dataclasses.replace(CONFIG.power_limited, weight_factor=weight_factor)
+    return dataclasses.replace(CONFIG, power_limited=changed)
+
+
+def driven_s(planned: PowerPlanner, off_mps: float, power_w: float) -> float:
+    """Small steps from III to IV: gain at 0.8 m/s² under the jerk limit, coast, brake."""
+    curve = profile.curve_to_stop(CONFIG, LINE, 4500.0)
+    brake = planned.brake(power_w)
+    front_m, speed_mps, time_s, accel_mps2, step_s = 3500.0, 0.0, 0.0, 0.0, 0.01
+    gains, brakes = True, False
+    mass_kg = 130000.0 * 1.08 + LOAD_KG
+    while speed_mps > 0.0 or gains:
+        weight_kn = 130.0 * 9.81 + LOAD_KG * 9.81e-3
+        n_per_kn = 2.0 + 0.04 * speed_mps + 0.008 * speed_mps**2
+        drag_mps2 = n_per_kn * weight_kn / (weight_kn / 9.81e-3 * 1.08)
+        brakes = brakes or brake.from_speed(speed_mps).way_m >= 4500.0 - front_m
+        gains = gains and speed_mps + accel_mps2**2 / 1.2 < off_mps and not brakes
+        if gains:
+            most_mps2 = min(0.8, 2.4e6 / (mass_kg * max(1.0, speed_mps)))
+            accel_mps2 = min(most_mps2, accel_mps2 + 0.6 * step_s)
+        elif brakes:
+            limited_mps2 = power_w / (mass_kg * max(speed_mps, 0.1)) + drag_mps2
+            accel_mps2 = -min(curve.at_speed(speed_mps).decel_mps2, limited_mps2)
+        elif accel_mps2 > 0.0:
+            accel_mps2 = max(-drag_mps2, accel_mps2 - 0.6 * step_s)
+        else:
+            accel_mps2 = -drag_mps2
+        speed_mps = max(0.0, speed_mps + accel_mps2 * step_s)
+        front_m += speed_mps * step_s
+        time_s += step_s
+        assert time_s < 400.0
+    return time_s
+
+
+@pytest.mark.parametrize("left_s", [88.0, 100.0, 120.0])
+@pytest.mark.parametrize("weight_factor", [0.0, 30.0])
+def test_a_plan_takes_the_time_that_it_says(left_s: float, weight_factor: float) -> None:
+    planned = planner(with_weight(weight_factor))
+    plan = planned.plan(3500.0, 0.0, left_s, 18.9)
+
+    assert plan.time_s == pytest.approx(left_s, abs=0.3)
+    assert driven_s(planned, plan.notch_off_mps, plan.power_w) == pytest.approx(left_s, abs=2.0)
+
+
+@settings(max_examples=25, deadline=None)
+@given(left_s=st.floats(88.0, 130.0), weights=st.tuples(st.floats(0.0, 40.0), st.floats(0.0, 40.0)))
+def test_more_weight_never_plans_more_power(left_s: float, weights: tuple[float, float]) -> None:
+    low, high = (
+        planner(with_weight(weight)).plan(3500.0, 0.0, left_s, 18.9) for weight in sorted(weights)
+    )
+
+    assert high.power_w <= low.power_w * 1.04
+    assert high.notch_off_mps >= low.notch_off_mps - 1e-9
+
+
+@settings(max_examples=25, deadline=None)
+@given(left_s=st.floats(40.0, 70.0), less_s=st.floats(0.5, 10.0), speed_mps=st.floats(12.0, 19.0))
+def test_less_time_left_never_lowers_the_limit(
+    left_s: float, less_s: float, speed_mps: float
+) -> None:
+    planned = planner()
+
+    limit_w = planned.limit_w(3900.0, speed_mps, left_s)
+
+    assert planned.limit_w(3900.0, speed_mps, left_s - less_s) >= limit_w
+    assert limit_w <= CONFIG.power_limited.brake_power_w
+
+
+def test_without_enough_time_the_plan_is_the_fastest_there_is() -> None:
+    plan = planner().plan(3500.0, 0.0, 20.0, 18.9)
+
+    assert plan.notch_off_mps == 18.9
+    assert plan.power_w == pytest.approx(CONFIG.power_limited.brake_power_w)
+    assert plan.time_s > 20.0
+
+
+# Runs.
+
+
+def ride(run_s: float | None, config: AtoConfig, seed: int = 3):  # type: ignore[no-untyped-def]
+    """III to IV, 1 km level."""
+    line = line_with(**({} if run_s is None else {"IV": run_s}))
+    stops = [dataclasses.replace(line.station("IV"), dwell_s=2.0)]
+    ato = Ato(dataclasses.replace(config, strategy="power_limited"), line, 3500.0, stops)
+    rig_settings = ato_rig.RigSettings(seed=seed, brake_delay_s=None, start_scale_known=True)
+    rig = ato_rig.Rig(ato, line, rig_settings, 3500.0)
+    powers_w: list[float] = []
+    stages: set[Stage] = set()
+
+    def watch(now: ato_rig.Rig) -> bool:
+        law = ato.strategy
+        if isinstance(law, PowerLimitedRun):
+            stages.add(law.stage)
+            if law.stage is Stage.BRAKING and law.plan is not None:
+                asked_mps2 = max(0.0, -law._demand_mps2)
+                mass_kg = 130000.0 * 1.08 + LOAD_KG
+                powers_w.append(asked_mps2 * mass_kg * law.speed_mps / law.plan.power_w)
+        return len(now.stops) >= 1
+
+    rig.run(watch)
+    return rig.stops[0], powers_w, stages
+
+
+@pytest.mark.parametrize("run_s", [92.0, 105.0])
+@pytest.mark.parametrize("weight_factor", [0.0, 5.0, 30.0])
+def test_a_ride_keeps_time_mark_and_power_limit(run_s: float, weight_factor: float) -> None:
+    stop, shares, stages = ride(run_s, with_weight(weight_factor))
+
+    assert stop.leg_s == pytest.approx(run_s, abs=2.5)
+    assert abs(stop.error_m) <= 0.10
+    assert Stage.GAINING in stages
+    assert stages & {Stage.COASTING, Stage.BRAKING}
+    # Without weight the limit may be all that the motors have: then the stopping curve asks less.
+    assert Stage.BRAKING in stages or weight_factor == 0.0
+    assert max(shares, default=0.0) <= 1.05
+
+
+def test_more_weight_brakes_longer_with_less_power_at_the_same_time() -> None:
+    saving, _, _ = ride(100.0, with_weight(0.0))
+    gentle, _, _ = ride(100.0, with_weight(40.0))
+
+    assert gentle.leg_s == pytest.approx(saving.leg_s, abs=2.5)
+
+
+def test_without_a_timetable_it_is_as_fast_as_the_predictive_law() -> None:
+    free, shares, stages = ride(None, CONFIG)
+
+    assert shares == []
+    assert stages == {Stage.FREE}
+    assert free.leg_s < 90.0
+
+
+def test_a_late_train_raises_its_limit_and_then_brakes_as_everyone() -> None:
+    planned = planner()
+    early_w = planned.limit_w(3900.0, 17.0, 75.0)
+    late_w = planned.limit_w(3900.0, 17.0, 45.0)
+
+    assert early_w < late_w
+    assert math.isclose(late_w, CONFIG.power_limited.brake_power_w, rel_tol=1e-3)
+    stop, _, _ = ride(60.0, CONFIG)
+    free, _, _ = ride(None, CONFIG)
+    assert stop.leg_s == pytest.approx(free.leg_s, abs=4.0)
+    assert abs(stop.error_m) <= 0.10

@@ -1,0 +1,139 @@
+"""What operation believes of its own speed while the filter before it lags."""
+
+import math
+from dataclasses import replace
+
+import pytest
+
+from vobc.ato.model.train_model import TrainModel
+from vobc.ato.settings.ato import BrakeBelief, TractionBelief
+from vobc.odometry.tracking import SpeedTrack
+
+CYCLE_S = 0.05
+STEPS = 4
+PULSE_M = 0.0105
+DEAD_CYCLES = 13
+LAG_S = 0.35
+BANDWIDTH_RAD_S = 8.0
+COASTING_S = 2.0
+STEADY_S = 5.0
+EASED_MPS3 = 0.1
+
+
+def asked_mps2(cycle: int) -> float:
+    """Nothing, then half a metre per second squared for some seconds, then less and less."""
+    at_s = cycle * CYCLE_S
+    if at_s < COASTING_S:
+        return 0.0
+    return 0.5 - EASED_MPS3 * max(0.0, at_s - STEADY_S)
+
+
+def bias_mps(brake: BrakeBelief) -> float:
+    """Mean of believed less true speed while the brake eases off, seen through pulses."""
+    model = TrainModel(brake, TractionBelief(), CYCLE_S)
+    track = SpeedTrack(bandwidth_rad_s=BANDWIDTH_RAD_S, window_s=0.2)
+    speed_mps, front_m, braked_mps2 = 4.0, 0.0, 0.0
+    errors_mps = []
+    for cycle in range(round((STEADY_S + 4.0) / CYCLE_S)):
+        model.issue(-asked_mps2(cycle))
+        for part in range(STEPS):
+            bites_mps2 = asked_mps2(cycle - DEAD_CYCLES)
+            braked_mps2 += (bites_mps2 - braked_mps2) * (1.0 - math.exp(-CYCLE_S / STEPS / LAG_S))
+            speed_mps -= braked_mps2 * CYCLE_S / STEPS
+            front_m += speed_mps * CYCLE_S / STEPS
+            now_s = (cycle + (part + 1) / STEPS) * CYCLE_S
+            if part % 2:
+                track.add(now_s, math.floor(front_m / PULSE_M))
+        measured_mps = track.limited_rate_pulses_per_s(now_s) * PULSE_M
+        if now_s < COASTING_S:
+            model.meet(measured_mps)
+        model.step(measured_mps, 0.0, 1)
+        if now_s > STEADY_S + 2.0:
+            errors_mps.append(model.speed_mps - speed_mps)
+    return math.fsum(errors_mps) / len(errors_mps)
+
+
+def test_a_brake_that_eases_off_does_not_make_the_train_seem_slower() -> None:
+    assert bias_mps(BrakeBelief()) == pytest.approx(0.0, abs=0.0025)
+
+
+def test_without_reckoning_with_the_filter_it_would() -> None:
+    quick = replace(BrakeBelief(), speed_filter_rad_s=1000.0)
+
+    assert bias_mps(quick) < -0.004
+
+
+class Again:
+    """A train that is braked lightly, released for a moment and braked again, later or sooner."""
+
+    def __init__(self, first_dead_s: float, second_dead_s: float, released_s: float) -> None:
+        self.model = TrainModel(BrakeBelief(speed_filter_rad_s=1000.0), TractionBelief(), CYCLE_S)
+        self._dead_s = (first_dead_s, second_dead_s)
+        self._again_s = LIGHT_S + released_s
+        self._sent: list[tuple[float, float]] = []
+        self._asked_mps2 = self.braked_mps2 = 0.0
+        self.now_s, self.speed_mps, self.front_m = 0.0, 12.0, 0.0
+        self.model.meet(self.speed_mps)
+
+    def _demand_mps2(self) -> float:
+        if self.now_s < LIGHT_S - EPSILON_S:
+            return 0.2
+        return 0.5 if self.now_s >= self._again_s - EPSILON_S else 0.0
+
+    def _bitten_mps2(self) -> float:
+        """What has arrived of the demands; nothing overtakes what was sent before."""
+        return ([0.0] + [value for due_s, value in self._sent if due_s <= self.now_s])[-1]
+
+    def run(self, until_s: float) -> None:
+        while self.now_s < until_s - EPSILON_S:
+            demand_mps2 = self._demand_mps2()
+            if demand_mps2 != self._asked_mps2:
+                dead_s = self._dead_s[self.now_s >= self._again_s - EPSILON_S]
+                due_s = max([self.now_s + dead_s, *(due_s for due_s, _ in self._sent)])
+                self._sent.append((due_s, demand_mps2))
+                self._asked_mps2 = demand_mps2
+            self.model.issue(-demand_mps2)
+            for _ in range(FINE_STEPS):
+                self.now_s += CYCLE_S / FINE_STEPS
+                ratio = 1.0 - math.exp(-CYCLE_S / FINE_STEPS / BrakeBelief().lag_s)
+                self.braked_mps2 += (self._bitten_mps2() - self.braked_mps2) * ratio
+                before_mps = self.speed_mps
+                self.speed_mps -= self.braked_mps2 * CYCLE_S / FINE_STEPS
+                self.front_m += (before_mps + self.speed_mps) / 2.0 * CYCLE_S / FINE_STEPS
+            self.model.step(self.speed_mps, 0.0, 1)
+
+
+LIGHT_S = 4.0
+FINE_STEPS = 50
+EPSILON_S = 1e-6
+
+
+@pytest.mark.parametrize("released_s", [0.05, 0.4, 1.0])
+@pytest.mark.parametrize(("first_s", "second_s"), [(0.45, 1.35), (1.35, 0.45), (0.65, 0.75)])
+def test_each_application_has_a_dead_time_of_its_own(
+    first_s: float, second_s: float, released_s: float
+) -> None:
+    train = Again(first_s, second_s, released_s)
+
+    train.run(LIGHT_S)
+    assert train.model.dead_time_s == pytest.approx(first_s, abs=0.06)
+    train.run(LIGHT_S + released_s + second_s + 2.0)
+
+    # What is released only after the second application bites makes that later.
+    held_back_s = max(0.0, first_s - released_s - second_s)
+    assert train.model.dead_time_s == pytest.approx(second_s + held_back_s, abs=0.1)
+    assert train.model.brake_mps2 == pytest.approx(train.braked_mps2, abs=0.01)
+
+
+@pytest.mark.parametrize("released_s", [0.4, 1.0])
+def test_what_is_under_way_of_the_application_before_is_reckoned_with(released_s: float) -> None:
+    train = Again(1.05, 0.95, released_s)
+    train.run(LIGHT_S + released_s + 2 * CYCLE_S)
+
+    ahead = train.model.ahead_of_brake(train.front_m, 0.0)
+    then_s = train.now_s + train.model.dead_time_s
+    train.run(then_s)
+    front_m = train.front_m - train.speed_mps * (train.now_s - then_s)
+
+    assert ahead.speed_mps == pytest.approx(train.speed_mps, abs=0.02)
+    assert ahead.front_m == pytest.approx(front_m, abs=0.03)

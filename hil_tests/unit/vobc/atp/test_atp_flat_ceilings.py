@@ -1,0 +1,41 @@
+"""Ceilings that need no place: the speeds that are set, and the lower of two in each."""
+
+import pytest
+
+from vobc.atp.fixed_ceilings import FlatCeilings
+from vobc.config import load_config
+from vobc.vocabulary import Ceiling
+
+KMH = 1.0 / 3.6
+FLAT = FlatCeilings(load_config("florence4").atp)
+
+
+def kmh_of(ceiling: Ceiling) -> tuple[float, float, float, float]:
+    return (
+        ceiling.permitted_mps * 3.6,
+        ceiling.warning_mps * 3.6,
+        ceiling.service_mps * 3.6,
+        ceiling.emergency_mps * 3.6,
+    )
+
+
+@pytest.mark.parametrize(
+    ("ceiling", "speed_kmh"),
+    [(FLAT.restricted, 25.0), (FLAT.creep, 15.0), (FLAT.jog, 5.0)],
+    ids=["on sight", "creep", "jog"],
+)
+def test_warning_comes_one_service_two_and_emergency_brake_five_kmh_over_a_flat_speed(
+    ceiling: Ceiling, speed_kmh: float
+) -> None:
+    assert kmh_of(ceiling) == pytest.approx(
+        (speed_kmh, speed_kmh + 1.0, speed_kmh + 2.0, speed_kmh + 5.0)
+    )
+    assert ceiling.distance_to_authority_m == 0.0, "no place is known"
+
+
+def test_of_what_is_known_and_what_is_flat_the_lower_counts_in_each_speed() -> None:
+    known = Ceiling(1.0, 6.0, 3.0, 8.0, 120.0)
+    flat = Ceiling(5.0, 2.0, 7.0, 4.0, 0.0)
+
+    assert FlatCeilings.under(known, flat) == Ceiling(1.0, 2.0, 3.0, 4.0, 120.0)
+    assert FlatCeilings.under(flat, known) == Ceiling(1.0, 2.0, 3.0, 4.0, 0.0)

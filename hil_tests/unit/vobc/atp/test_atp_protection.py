@@ -1,0 +1,552 @@
+"""Protection as a whole: modes, ceilings, jogs, bypass, orders, one after the other."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from can_dbc.tags import TagReaderHealth
+from can_dbc.vobc import Cause, Inhibit, Missing, OperatingMode, Supervision
+from hil_tests.unit.vobc.atp.heard_rig import DESK
+from hil_tests.unit.vobc.atp.protection_rig import (
+    BETWEEN_M,
+    CONFIG,
+    CYCLE_S,
+    FREE_BRAKE,
+    KMH,
+    MANUAL,
+    ORDERS,
+    STOP_M,
+    UNLOCKED,
+    WHOLE,
+    Train,
+)
+from vobc.atp import Verdict
+from vobc.atp.energy_check import Replicas
+from vobc.vocabulary import Authority, Restriction
+
+
+def assert_held(verdict: Verdict) -> None:
+    assert not verdict.emergency_released
+    assert not verdict.traction_permitted
+    assert not verdict.reverse_permitted
+    assert verdict.service_brake
+
+
+@pytest.mark.parametrize("high_m", [BETWEEN_M - 1.0, -math.inf, math.inf, math.nan])
+def test_a_place_that_cannot_be_permits_nothing(high_m: float) -> None:
+    train = Train()
+    train.step(2)
+    good = train.motion()
+
+    verdict = train.protection.step(
+        train.image,
+        replace(good, front_m=replace(good.front_m, high=high_m)),
+        odometer_usable=True,
+        not_finite=False,
+    )
+
+    assert verdict.ceiling is not None
+    assert verdict.ceiling.emergency_mps == 0.0
+    assert not verdict.traction_permitted
+
+
+# Sleep.
+
+
+def test_a_train_that_is_told_to_sleep_is_held_without_doors_until_it_is_woken() -> None:
+    train = Train(STOP_M)
+    train.change(brake=replace(FREE_BRAKE, holding_applied=True))
+    assert any(train.step(3).doors)
+
+    train.change(orders=replace(ORDERS, awake=False))
+    asleep = train.step(3)
+    train.change(orders_age_s=99.0)
+    forgotten = train.step(3)
+    train.change(orders=ORDERS, orders_age_s=0.0)
+    woken = train.step(3)
+
+    for verdict in (asleep, forgotten):
+        assert verdict.mode is OperatingMode.ASLEEP
+        assert verdict.cause == "asleep"
+        assert_held(verdict)
+        assert verdict.hold
+        assert not any(verdict.doors)
+        assert Inhibit.ASLEEP in verdict.departure_inhibits
+        assert not verdict.keep_doors_open
+    assert woken.mode is OperatingMode.AUTHORISED
+    assert woken.supervision is Supervision.NOMINAL
+
+
+def test_a_moving_train_is_not_put_to_sleep() -> None:
+    train = Train()
+    train.runs(5.0)
+    train.change(orders=replace(ORDERS, awake=False))
+
+    assert train.step().mode is OperatingMode.AUTHORISED
+
+
+def test_a_train_that_is_moved_in_its_sleep_brakes() -> None:
+    train = Train()
+    train.change(orders=replace(ORDERS, awake=False))
+    train.step(3)
+    train.speed_mps = 0.5
+
+    verdict = train.step(20)
+
+    assert verdict.emergency_cause is Cause.ASLEEP_MOVED
+    assert verdict.mode is OperatingMode.ASLEEP
+
+
+# On sight.
+
+
+def on_sight(**desk: Any) -> Train:
+    train = Train()
+    train.lost()
+    train.change(desk=replace(MANUAL, restricted_requested=True, **desk))
+    return train
+
+
+def test_without_place_and_authority_a_person_may_drive_at_25_km_per_hour() -> None:
+    verdict = on_sight().runs(20.0 * KMH)
+
+    assert verdict.mode is OperatingMode.RESTRICTED
+    assert verdict.supervision is Supervision.NOMINAL
+    assert verdict.traction_permitted
+    assert verdict.ceiling is not None
+    assert verdict.ceiling.permitted_mps == pytest.approx(25.0 * KMH)
+    assert verdict.ceiling.emergency_mps <= 30.0 * KMH + 1e-9
+    assert verdict.missing == Missing.AUTHORITY | Missing.LOCALISATION
+
+
+def test_the_centre_may_let_a_person_drive_on_sight_but_nobody_else() -> None:
+    allowed = replace(ORDERS, restricted=True)
+    train = Train()
+    train.lost()
+    train.change(orders=allowed, desk=MANUAL)
+    alone = Train()
+    alone.lost()
+    alone.change(orders=allowed)
+
+    assert train.step(2).mode is OperatingMode.RESTRICTED
+    assert alone.step(2).mode is OperatingMode.STANDBY
+
+
+@pytest.mark.parametrize(
+    ("over_mps", "state"),
+    [
+        (CONFIG.flat_service_margin_mps - 0.001, Supervision.NOMINAL),
+        (CONFIG.flat_service_margin_mps + 0.001, Supervision.SERVICE),
+        (CONFIG.flat_emergency_margin_mps - 0.001, Supervision.SERVICE),
+        (CONFIG.flat_emergency_margin_mps + 0.001, Supervision.EMERGENCY),
+    ],
+)
+def test_the_restricted_speed_has_small_margins_of_its_own(
+    over_mps: float, state: Supervision
+) -> None:
+    train = on_sight()
+    train.half_mps = 1.0
+
+    verdict = train.runs(CONFIG.restricted_mps + over_mps - train.half_mps)
+
+    assert verdict.supervision is state
+
+
+def test_on_sight_a_silent_radio_and_a_lost_place_mean_nothing_but_a_silent_desk_does() -> None:
+    train = on_sight()
+    train.runs(5.0)
+    assert train.step(200).supervision is Supervision.NOMINAL
+
+    train.change(desk_age_s=9.0)
+
+    assert train.step().emergency_cause is Cause.VITAL_INPUT_LOST
+
+
+def test_a_person_who_leaves_the_desk_mode_in_motion_is_braked_to_standstill() -> None:
+    train = on_sight()
+    train.runs(5.0)
+
+    train.change(desk=DESK)
+    braked = train.step()
+    train.speed_mps = 0.0
+    stands = train.step(60)
+
+    assert braked.supervision is Supervision.SERVICE
+    assert braked.cause == "nobody answers for driving on sight any more"
+    assert stands.mode is OperatingMode.STANDBY
+    assert stands.supervision is Supervision.NO_AUTHORITY
+
+
+def test_a_known_end_of_authority_is_kept_on_sight() -> None:
+    train = Train()
+    train.change(
+        desk=replace(MANUAL, restricted_requested=True),
+        tag_reader=TagReaderHealth(False, 0, 0.0),
+        authority=Authority(BETWEEN_M + 20.0, 1, 1),
+    )
+
+    near = train.step(2)
+    train.change(authority=Authority(BETWEEN_M + 1000.0, 1, 2))
+    far = train.step()
+
+    assert near.mode is far.mode is OperatingMode.RESTRICTED
+    assert near.ceiling is not None
+    assert far.ceiling is not None
+    assert near.ceiling.emergency_mps < 20.0 * KMH
+    assert far.ceiling.permitted_mps == pytest.approx(25.0 * KMH)
+
+
+def test_without_an_authority_what_the_line_and_the_centre_restrict_is_kept_on_sight() -> None:
+    train = Train()
+    slow = Restriction(BETWEEN_M - 20.0, BETWEEN_M + 20.0, 3.0)
+    train.change(
+        desk=replace(MANUAL, restricted_requested=True),
+        authority_age_s=9.0,
+        orders=replace(ORDERS, restrictions=(slow,)),
+    )
+
+    verdict = train.step(2)
+
+    assert verdict.mode is OperatingMode.RESTRICTED
+    assert verdict.ceiling is not None
+    assert verdict.ceiling.permitted_mps == 3.0
+    assert verdict.ceiling.distance_to_authority_m == 0.0
+
+
+def test_on_sight_without_any_orders_the_line_alone_counts() -> None:
+    train = Train()
+    train.change(desk=replace(MANUAL, restricted_requested=True), authority_age_s=9.0, orders=None)
+
+    verdict = train.step(2)
+
+    assert verdict.mode is OperatingMode.RESTRICTED
+    assert verdict.ceiling is not None
+    assert verdict.ceiling.permitted_mps == pytest.approx(25.0 * KMH)
+
+
+def test_full_supervision_takes_over_a_running_train_without_a_step_up_for_what_is_missing() -> (
+    None
+):
+    train = on_sight()
+    train.runs(5.0)
+
+    train.change(authority=Authority(train.front_m + 1000.0, 1, 1), authority_age_s=0.1)
+    only_authority = train.step()
+    train.localised = True
+    both = train.step()
+
+    assert only_authority.mode is OperatingMode.RESTRICTED
+    assert both.mode is OperatingMode.AUTHORISED
+    assert both.ceiling is not None
+    assert both.ceiling.permitted_mps > 10.0
+
+
+def test_a_driverless_train_creeps_when_it_is_ordered_and_stops_when_the_order_fades() -> None:
+    train = Train()
+    train.lost()
+    train.change(orders=replace(ORDERS, creep=True))
+
+    creeps = train.runs(3.0)
+    train.change(orders_age_s=CONFIG.orders_age_max_s)
+    still = train.step()
+    train.change(orders_age_s=CONFIG.orders_age_max_s + 1e-6)
+    over = train.step()
+
+    assert creeps.mode is OperatingMode.CREEP
+    assert creeps.creep
+    assert creeps.ceiling is not None
+    assert creeps.ceiling.permitted_mps == pytest.approx(15.0 * KMH)
+    assert still.supervision is Supervision.NOMINAL
+    assert over.supervision is Supervision.SERVICE
+
+
+# Emergencies by the centre, the brake unit, the clock, the second computation.
+
+
+def test_an_order_to_brake_lasts_through_silence_until_the_centre_releases_it() -> None:
+    train = Train()
+    train.runs(5.0)
+    train.change(orders=replace(ORDERS, emergency=True))
+    assert train.step().emergency_cause is Cause.REMOTE
+    train.speed_mps = 0.0
+    train.change(orders_age_s=99.0)
+    train.step(100)
+
+    train.change(desk=replace(DESK, reset_requested=True))
+    by_desk = train.step(2)
+    train.change(desk=DESK, orders=ORDERS, orders_age_s=0.0)
+    withdrawn = train.step(2)
+    train.change(orders=replace(ORDERS, releases=1))
+    released = train.step()
+
+    assert by_desk.emergency_cause is Cause.REMOTE
+    assert withdrawn.emergency_cause is Cause.REMOTE
+    assert released.supervision is Supervision.NO_AUTHORITY
+    assert released.emergency_cause is Cause.NONE
+    assert train.step().supervision is Supervision.NOMINAL
+
+
+def test_a_step_of_the_centre_that_came_too_early_releases_nothing_later() -> None:
+    train = Train()
+    train.runs(5.0)
+    train.change(desk=replace(DESK, emergency_released=False))
+    train.step()
+    train.change(desk=DESK, orders=replace(ORDERS, releases=1))
+    train.step()
+    train.speed_mps = 0.0
+
+    assert train.step(100).emergency_cause is Cause.BUTTON
+
+
+def test_a_brake_unit_that_brakes_by_itself_is_latched() -> None:
+    train = Train()
+    train.change(brake=replace(FREE_BRAKE, emergency_applied=True))
+    train.step(2)
+    train.speed_mps = 5.0
+    early = train.step(20)
+    train.change(brake=FREE_BRAKE)
+    train.step(20)
+    train.change(brake=replace(FREE_BRAKE, emergency_applied=True))
+    late = train.step()
+    train.change(brake=FREE_BRAKE)
+
+    assert early.supervision is Supervision.NOMINAL
+    assert late.emergency_cause is Cause.BRAKE_UNIT
+    assert train.step(10).emergency_cause is Cause.BRAKE_UNIT
+
+
+@pytest.mark.parametrize("dt_s", [0.0, -0.05, 0.5, math.nan])
+def test_a_clock_that_steps_brings_the_emergency_brake_even_at_rest(dt_s: float) -> None:
+    train = Train()
+    train.step(2)
+    train.change(dt_s=dt_s)
+
+    assert train.step().emergency_cause is Cause.CLOCK_STEPPED
+
+
+def test_two_computations_that_disagree_bring_the_emergency_brake(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    train = Train()
+    train.runs(5.0)
+    monkeypatch.setattr(Replicas, "agree", lambda *_args: False)
+
+    verdict = train.step()
+
+    assert verdict.emergency_cause is Cause.REPLICAS_DISAGREE
+    assert not verdict.replicas_agree
+    assert_held(verdict)
+
+
+def test_wheels_that_are_not_heard_of_at_all_any_more_bring_the_emergency_brake() -> None:
+    train = Train()
+    train.runs(5.0)
+
+    def blind() -> Verdict:
+        return train.protection.step(train.image, None, odometer_usable=False, not_finite=False)
+
+    first, second = blind(), blind()
+
+    for verdict in (first, second):
+        assert verdict.emergency_cause is Cause.VITAL_INPUT_LOST
+        assert verdict.cause == "vital input lost while moving"
+        assert verdict.supervision is Supervision.EMERGENCY
+        assert_held(verdict)
+    assert train.step().emergency_cause is Cause.VITAL_INPUT_LOST
+
+
+# Doors, departure, stations.
+
+
+def test_doors_that_are_not_proven_locked_let_a_train_depart_only_bypassed_and_slowly() -> None:
+    train = Train()
+    train.change(doors=UNLOCKED)
+    without = train.step(3)
+
+    train.change(desk=replace(MANUAL, door_bypass_requested=True))
+    bypassed = train.step(3)
+
+    assert not without.traction_permitted
+    assert Inhibit.DOORS in without.departure_inhibits
+    assert bypassed.traction_permitted
+    assert bypassed.door_bypass
+    assert not bypassed.doors_locked
+    assert bypassed.ceiling is not None
+    assert bypassed.ceiling.permitted_mps == pytest.approx(25.0 * KMH)
+
+
+def test_a_door_unit_that_is_silent_can_be_bypassed_as_well() -> None:
+    train = Train()
+    train.change(doors_age_s=9.0)
+    assert train.step(3).supervision is Supervision.NO_AUTHORITY
+
+    train.change(desk=replace(MANUAL, door_bypass_requested=True))
+
+    assert train.step(3).traction_permitted
+
+
+def test_a_bypass_that_is_pressed_in_motion_changes_nothing_before_the_train_stands() -> None:
+    train = Train()
+    train.runs(15.0)
+    train.change(doors=UNLOCKED, desk=replace(DESK, door_bypass_requested=True))
+
+    verdict = train.step()
+
+    assert verdict.supervision is Supervision.NOMINAL
+    assert not verdict.door_bypass
+    assert not verdict.traction_permitted
+
+
+def test_an_order_to_stay_holds_a_standing_train_against_any_lever() -> None:
+    train = Train(STOP_M)
+    train.change(orders=replace(ORDERS, hold=True), desk=replace(MANUAL, lever_percent=100.0))
+
+    verdict = train.step(3)
+
+    assert verdict.departure_inhibits == Inhibit.HOLD
+    assert verdict.hold
+    assert not verdict.traction_permitted
+    assert verdict.emergency_released
+
+
+def test_a_mere_pulse_of_the_wheel_does_not_let_a_train_go_that_is_to_stay() -> None:
+    train = Train(STOP_M)
+    train.change(orders=replace(ORDERS, hold=True), desk=replace(MANUAL, lever_percent=100.0))
+    train.step(3)
+
+    train.speed_mps = 0.09 / CYCLE_S
+    pulse = train.step()
+    train.speed_mps = 0.02 / CYCLE_S
+    moved = train.step()
+
+    assert pulse.departure_inhibits == Inhibit.HOLD
+    assert pulse.hold
+    assert not pulse.traction_permitted
+    assert not moved.departure_inhibits
+    assert moved.traction_permitted
+
+
+def test_a_train_without_obstacle_detection_goes_on_to_the_next_station_and_stays() -> None:
+    train = Train()
+    assert not train.runs(5.0).stop_next
+
+    train.change(alarms_age_s=9.0)
+    moving = train.step()
+    train.speed_mps = 0.0
+    stands = train.step(60)
+
+    assert moving.supervision is Supervision.NOMINAL
+    assert moving.stop_next
+    assert stands.supervision is Supervision.NO_AUTHORITY
+
+
+def test_a_train_that_is_to_stop_now_and_does_not_is_braked() -> None:
+    """Somebody pulls the alarm as the train just begins to leave its stopping point."""
+    train = Train(STOP_M)
+    train.step(2)
+    train.change(desk=replace(DESK, no_passenger_alarm=False))
+    train.speed_mps = 1e-6
+    train.travel_m = 0.2
+
+    patient = train.step(round(CONFIG.stop_patience_s / CYCLE_S) - 1)
+    braked = train.step(5)
+
+    assert patient.stop_now
+    assert patient.supervision is Supervision.NOMINAL
+    assert braked.supervision is Supervision.SERVICE
+    assert braked.cause == "operation does not stop as asked"
+
+
+# Jogs.
+
+
+def short_of_the_stop(off_m: float, rear_m: float | None = None) -> Train:
+    train = Train(STOP_M + off_m)
+    train.stopping_at_m = STOP_M
+    train.change(authority=Authority(STOP_M + 500.0, 1, 1, rear_m))
+    return train
+
+
+def test_a_jog_forwards_is_slow_and_needs_nothing_behind() -> None:
+    verdict = short_of_the_stop(-1.0).step(4)
+
+    assert verdict.mode is OperatingMode.JOG
+    assert verdict.jog_permitted
+    assert verdict.jog_back_m == 0.0
+    assert not verdict.reverse_permitted
+    assert verdict.traction_permitted
+    assert verdict.ceiling is not None
+    assert verdict.ceiling.permitted_mps == pytest.approx(5.0 * KMH)
+
+
+def test_a_jog_back_needs_a_protected_rear() -> None:
+    length_m = WHOLE.train.length_m
+    covered = short_of_the_stop(0.8, STOP_M - length_m - 20.0).step(4)
+    bare = short_of_the_stop(0.8, None).step(4)
+    short = short_of_the_stop(0.8, STOP_M - length_m + 0.5).step(4)
+
+    assert covered.jog_permitted
+    assert covered.reverse_permitted
+    assert 0.8 <= covered.jog_back_m <= 1.2
+    for verdict in (bare, short):
+        assert not verdict.reverse_permitted
+        assert not verdict.jog_permitted
+
+
+def test_a_jog_back_that_goes_too_far_is_stopped() -> None:
+    train = short_of_the_stop(0.8, STOP_M - WHOLE.train.length_m - 20.0)
+    train.step(4)
+    train.speed_mps = -0.8
+    verdict = train.step()
+    while verdict.supervision is not Supervision.EMERGENCY and train.travel_m > -5.0:
+        verdict = train.step()
+
+    assert verdict.emergency_cause is Cause.WRONG_DIRECTION
+    assert -1.8 < train.travel_m < -1.2
+
+
+def test_a_jog_that_goes_on_and_on_is_stopped_at_five_metres() -> None:
+    train = short_of_the_stop(-4.0)
+    assert train.step(4).mode is OperatingMode.JOG
+    train.speed_mps = 1.0
+    verdict = train.step()
+    while verdict.supervision is not Supervision.EMERGENCY and train.travel_m < 9.0:
+        verdict = train.step()
+
+    assert verdict.supervision is Supervision.EMERGENCY
+    assert train.travel_m <= 5.1
+
+
+def test_after_a_jog_the_train_is_authorised_again() -> None:
+    train = short_of_the_stop(-1.0)
+    train.step(4)
+    train.speed_mps = 0.5
+    train.step(40)
+    train.speed_mps = 0.0
+
+    verdict = train.step(60)
+
+    assert verdict.mode is OperatingMode.AUTHORISED
+    assert not verdict.jog_permitted
+
+
+def sequence(train: Train, changes: Sequence[dict[str, Any]]) -> list[Verdict]:
+    verdicts = []
+    for change in changes:
+        train.change(**change)
+        verdicts.append(train.step())
+    return verdicts
+
+
+def test_protection_is_a_function_of_what_it_was_told() -> None:
+    told: list[dict[str, Any]] = [
+        {},
+        {"desk": MANUAL},
+        {"authority_age_s": 2.5},
+        {"doors": UNLOCKED},
+    ]
+
+    assert sequence(Train(), told) == sequence(Train(), told)

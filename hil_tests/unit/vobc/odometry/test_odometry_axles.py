@@ -1,0 +1,113 @@
+"""One axle that slips while the radar is out, and clocks that are set back: the hull stays true."""
+
+from collections.abc import Callable
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from can_dbc.nodes import Direction
+from can_dbc.odometer import Tacho
+from hil_tests.unit.vobc.odometry import odometry_rig as rig
+from hil_tests.unit.vobc.odometry.odometry_rig import Errors, Rig
+from vobc.odometry.pulses import PulseCounter
+
+
+def no_radar(time_s: float, speed_mps: float) -> None:
+    return None
+
+
+def cruise(time_s: float, speed_mps: float) -> float:
+    return 1.0 if time_s < 12.0 else 0.0
+
+
+def up_and_down(time_s: float, speed_mps: float) -> float:
+    if time_s < 15.0:
+        return 0.8
+    return -0.5 if time_s > 22.0 and speed_mps > 0.0 else 0.0
+
+
+def assert_true(history: list[rig.Moment]) -> None:
+    for moment in history:
+        front, speed = moment.motion.front_m, moment.motion.speed_mps
+        assert front.low <= moment.front_m <= front.high, moment
+        assert speed.low <= moment.speed_mps <= speed.high, moment
+
+
+@pytest.mark.parametrize("axle", [1, 2])
+@pytest.mark.parametrize("share", [-0.9, -0.29, -0.12, -0.05, 0.05, 0.13, 0.3, 0.9])
+@pytest.mark.parametrize("from_s", [2.0, 18.0])
+@pytest.mark.parametrize("accel", [cruise, up_and_down])
+def test_without_radar_the_hull_holds_the_truth_though_one_axle_slips(
+    axle: int, share: float, from_s: float, accel: Callable[[float, float], float]
+) -> None:
+    """Wheels that disagree are no witness of the ground: the accelerometer is."""
+    errors = Errors(seed=11, slips=((from_s, from_s + 15.0, share, axle),), radar=no_radar)
+    history = Rig(errors).run(36.0, accel)
+
+    assert_true(history)
+    slipping = {moment.motion.slip for moment in history if from_s + 2 < moment.time_s < from_s + 8}
+    assert slipping == {True}
+    assert not any(moment.motion.slip for moment in history if moment.time_s < from_s)
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    st.integers(0, 1 << 20), st.floats(2.0, 25.0), st.floats(1.0, 20.0), st.floats(-1.0, 1.0),
+    st.sampled_from([1, 2]), st.floats(0.0, 25.0), st.floats(-0.05, 0.05),
+)  # fmt: skip
+def test_whenever_the_radar_falls_silent_one_slipping_axle_deceives_nobody(
+    seed: int, from_s: float, for_s: float, share: float, axle: int, out_s: float, bias: float
+) -> None:
+    errors = Errors(seed=seed, imu_bias_mps2=bias, slips=((from_s, from_s + for_s, share, axle),))
+    errors.radar = lambda time_s, mps: None if time_s >= out_s else mps
+
+    assert_true(Rig(errors).run(40.0, up_and_down))
+
+
+def test_a_silence_in_which_counter_b_went_round_is_no_slip() -> None:
+    """600 pulses: more than half of the 1024 that B can count."""
+    pulses = PulseCounter(4000.0)
+    for count in (0, 600, 1200):
+        sample = Tacho(count, count % 1024, Direction.FORWARD, True, True, 0.0)
+        pulses.step(sample, 0.3)
+
+        assert not pulses.axles_differ
+
+
+def test_a_train_that_hears_nothing_for_a_while_does_not_slip() -> None:
+    errors = Errors(silent=(20.0, 20.45))
+    history = Rig(errors).run(24.0, cruise)
+
+    assert_true(history)
+    assert not any(moment.motion.slip for moment in history if moment.time_s > 20.5)
+
+
+# Clocks.
+
+
+@pytest.mark.parametrize("back_s", [0.03, 0.3, 3.0, 3600.0])
+def test_a_clock_that_is_set_back_neither_freezes_the_train_nor_deceives_it(back_s: float) -> None:
+    ride = Rig(Errors(seed=5))
+    history = ride.run(15.0, cruise)
+    ride.set_back(back_s)
+    history += ride.run(6.0, cruise)
+
+    assert_true(history)
+    assert ride.odometry.usable
+    last = history[-1].motion
+    assert not last.slip
+    assert last.speed_mps.best == pytest.approx(ride.speed_mps, abs=0.2)
+    assert last.front_m.best == pytest.approx(ride.front_m, abs=0.6)
+
+
+def test_a_clock_that_is_set_back_at_standstill_still_tells_when_the_train_starts() -> None:
+    ride = Rig(Errors(seed=5))
+    ride.run(5.0, lambda time_s, mps: 0.0)
+    ride.set_back(100.0)
+    standing = ride.run(5.0, lambda time_s, mps: 0.0)
+    going = ride.run(5.0, lambda time_s, mps: 1.0)
+
+    assert standing[-1].motion.standstill
+    assert_true(standing + going)
+    assert not going[-1].motion.standstill

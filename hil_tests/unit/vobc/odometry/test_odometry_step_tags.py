@@ -1,0 +1,459 @@
+"""What the odometer makes of one tag: where it puts the train, and by which bounds."""
+
+from typing import Any
+
+import pytest
+
+from can_dbc.odometer import ColdMovement
+from hil_tests.unit.vobc.odometry.odometry_desk import PULSE_M, Desk, near
+from vobc.odometry.localisation import Localisation
+from vobc.odometry.references import Reading, References
+from vobc.vocabulary import PlaceProof, RefusedTag, TagReading, TagRefusal
+
+LEAST_M, MOST_M = 0.01 / 1.05, 0.01 / 0.99
+SCALE: dict[str, Any] = {"scale_error_low_ratio": -0.01, "scale_error_high_ratio": 0.05}
+
+
+class Judged:
+    """What was asked of the order of tags: the reading, and the window."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.readings: list[Reading] = []
+        self.windows: list[tuple[float, float]] = []
+        judge, find_again = References.judge, References.find_again
+
+        def judged(self_: References, reading: Reading, low_m: float, high_m: float) -> Any:
+            self.readings.append(reading)
+            self.windows.append((low_m, high_m))
+            return judge(self_, reading, low_m, high_m)
+
+        def found(self_: References, reading: Reading, least_m: float, most_m: float) -> Any:
+            self.readings.append(reading)
+            return find_again(self_, reading, least_m, most_m)
+
+        monkeypatch.setattr(References, "judge", judged)
+        monkeypatch.setattr(References, "find_again", found)
+
+
+@pytest.fixture
+def judged(monkeypatch: pytest.MonkeyPatch) -> Judged:
+    return Judged(monkeypatch)
+
+
+def going(step: int = 8, cycles: int = 60, front_m: float = 52.0, **changes: Any) -> Any:
+    """At 4 m/s, 8 pulses in each 20 ms, seen by the radar; 960 pulses, 9.52 m, from the start."""
+    made = Desk(front_m=front_m, **changes)
+    made.cycles(cycles, step, step, radar_mps=step * 0.5)
+    return made
+
+
+def read(made: Any, *, since: int, age_s: float, tag_id: int = 7) -> TagReading:
+    """So many pulses before the last sample there is."""
+    return TagReading(tag_id, (made.pulses_a - since) % 65536, age_s)
+
+
+def test_a_tag_puts_the_train_where_the_pulses_since_say(judged: Judged) -> None:
+    """The front was at 62 m 20 pulses ago; at 4 m/s, 6 ms are 2.4 cm."""
+    made = going(**SCALE)
+    where, over_m = made.where, made.odometry._over_m
+    made.over_ground(3.8, 4.0)
+    made.track.rate_pulses_per_s = 400.0
+    m_per_pulse, scale, pulses = where.m_per_pulse, where.scale, where.pulses
+    spread_m = 20 * (scale.high_m - scale.low_m)
+    made.cycle(dt_s=0.0, tags=(read(made, since=20, age_s=0.05),))
+
+    (reading,) = judged.readings
+    speed_mps = max(400.0 * m_per_pulse, 3.9)
+    assert reading.site.tag_id == 7
+    assert reading.front_m == 62.0
+    assert reading.claim_m == pytest.approx(62.0 + 20 * m_per_pulse)
+    assert reading.bound_m == pytest.approx(0.06 + 0.006 * speed_mps + MOST_M + 0.5 * spread_m)
+    assert reading.pulses == pulses - 20
+    assert reading.ground_m == pytest.approx(over_m - 0.05 * 3.9)
+    assert reading.ground_bound_m == made.odometry._over_blur_m
+
+
+@pytest.mark.parametrize(
+    ("rate_pulses_per_s", "ground_mps", "half_mps", "speed_mps"),
+    [
+        (400.0, 3.0, 1.0, 4.0),
+        (300.0, 4.0, 1.0, 4.0),
+        (-400.0, 3.0, 1.0, 4.0),
+        (300.0, -4.0, 8.1, 4.0),
+    ],
+)
+def test_the_instant_of_a_tag_is_worth_more_the_faster_wheels_or_ground_go(
+    judged: Judged, rate_pulses_per_s: float, ground_mps: float, half_mps: float, speed_mps: float
+) -> None:
+    made = going()
+    made.track.rate_pulses_per_s = rate_pulses_per_s
+    made.over_ground(ground_mps - half_mps, ground_mps + half_mps)
+    made.cycle(dt_s=0.0, tacho_age_s=9.0, tags=(read(made, since=0, age_s=0.05),))
+
+    assert judged.readings[0].bound_m == pytest.approx(0.06 + 0.006 * speed_mps + PULSE_M)
+
+
+@pytest.mark.parametrize("age_s", [0.05, 9.0])
+@pytest.mark.parametrize("since", [20, -20])
+def test_the_pulses_since_a_tag_are_worth_what_the_scale_is_known_to(
+    monkeypatch: pytest.MonkeyPatch, since: int, age_s: float
+) -> None:
+    """Also backwards. The way over ground is that of the last cycles, but of a tag from before
+    them it is what the train may have gone since by its speed and 1.5 m/s².
+    """
+    told: list[tuple[Any, ...]] = []
+    corrected: list[tuple[float, float, float]] = []
+    measured: list[tuple[float, int, float]] = []
+    monkeypatch.setattr(Localisation, "refer", lambda self, *args, anew: told.append((*args, anew)))
+    monkeypatch.setattr(Localisation, "correct", lambda self, *args: corrected.append(args))
+    monkeypatch.setattr(Localisation, "measure", lambda self, *args: measured.append(args))
+    made = going(**SCALE)
+    made.over_ground(3.8, 4.0)
+    made.track.rate_pulses_per_s = 400.0
+    m_per_pulse = made.where.m_per_pulse
+    bound_m = 0.06 + 0.006 * max(400.0 * m_per_pulse, 3.9) + MOST_M
+    lately_m = made.where.lately_m(age_s)
+    made.cycle(dt_s=0.0, tags=(read(made, since=since, age_s=age_s),))
+
+    ((front_m, since_m, over_m, refer_bound_m, anew),) = told
+    ends_m = sorted((since * made.where.scale.low_m, since * made.where.scale.high_m))
+    assert (front_m, anew) == (62.0, False)
+    assert since_m == near(ends_m[0], since * m_per_pulse, ends_m[1])
+    assert (lately_m is None) == (age_s == 9.0)
+    by_speed_m = near((3.8 - 1.5 * age_s) * age_s, (4.0 + 1.5 * age_s) * age_s)
+    assert over_m == (by_speed_m if lately_m is None else lately_m)
+    assert refer_bound_m == pytest.approx(bound_m)
+    assert corrected == [near(62.0, since, bound_m - 0.06 - MOST_M)]
+    assert measured == [(60.0, 960 - 8 - since, pytest.approx(bound_m))]
+
+
+def test_a_tag_that_slipping_wheels_counted_is_known_as_the_ground_is(
+    judged: Judged, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Way since by the wheels, and as much off as the ground may be; no scale is measured."""
+    corrected: list[tuple[float, float, float]] = []
+    monkeypatch.setattr(Localisation, "correct", lambda self, *args: corrected.append(args))
+    made = going()
+    made.cycle(8, 8, steps_b=(8, 18), radar_mps=4.0)
+    assert made.odometry._slip
+    assert not made.odometry._wheels_out
+    made.over_ground(3.8, 4.1)
+    made.track.rate_pulses_per_s = 400.0
+    made.cycle(dt_s=0.0, tacho_age_s=9.0, tags=(read(made, since=20, age_s=0.1),))
+
+    rough_m = 0.5 * (0.3 + 2 * 0.15) * 0.1
+    (reading,) = judged.readings
+    assert reading.claim_m == pytest.approx(62.2)
+    assert reading.bound_m == pytest.approx(0.06 + 0.024 + PULSE_M + rough_m)
+    assert corrected == [near(62.0, 20.0, 0.024 + rough_m)]
+    assert made.where.scale._anchor is None
+
+
+def test_a_tag_that_wheels_counted_which_are_out_is_placed_by_the_ground_alone(
+    judged: Judged, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told: list[tuple[Any, ...]] = []
+    refer = Localisation.refer
+
+    def referred(self: Localisation, *args: Any, anew: bool) -> None:
+        told.append(args)
+        refer(self, *args, anew=anew)
+
+    monkeypatch.setattr(Localisation, "refer", referred)
+    made = going()
+    made.cycles(4, 16, 16, radar_mps=4.0)
+    assert made.odometry._wheels_out
+    made.over_ground(3.8, 4.1)
+    made.track.rate_pulses_per_s = 300.0
+    made.cycle(dt_s=0.0, tacho_age_s=9.0, tags=(read(made, since=50, age_s=0.1),))
+
+    over_m = ((3.8 - 0.15) * 0.1, (4.1 + 0.15) * 0.1)
+    (reading,) = judged.readings
+    assert reading.claim_m == pytest.approx(62.0 + 0.395)
+    assert reading.bound_m == pytest.approx(0.06 + 0.006 * 3.95 + PULSE_M + 0.03 + 0.03)
+    assert told[0][1] == near(over_m[0], 0.395, over_m[1])
+    lately_m = made.where.lately_m(0.1)
+    assert told[0][2] == lately_m
+    assert over_m[0] < lately_m[0] < lately_m[1] < over_m[1]
+    assert made.where.scale._anchor is None
+
+
+def test_a_tag_while_the_other_axle_counts_is_placed_by_the_ground(judged: Judged) -> None:
+    """Tacho A latches the pulses of a tag, and is unwell: 400 pulses/s for 0.1 s it is."""
+    made = going()
+    made.cycles(3, 8, 8, radar_mps=4.0, healthy=(False, True))
+    made.over_ground(3.8, 4.1)
+    made.track.rate_pulses_per_s = 400.0
+    made.cycle(dt_s=0.0, tacho_age_s=9.0, tags=(read(made, since=7, age_s=0.1),))
+
+    (reading,) = judged.readings
+    assert not made.odometry._slip
+    assert reading.claim_m == pytest.approx(62.0 + 0.395)
+    assert reading.bound_m == pytest.approx(0.06 + 0.024 + PULSE_M + 0.03 + 0.03)
+    assert reading.pulses == made.where.pulses - 40
+
+
+@pytest.mark.parametrize(("ahead_s", "age_s"), [(0.0, 0.0), (-0.05, 0.05), (0.5, 0.0)])
+def test_the_window_is_that_of_the_last_sample(
+    judged: Judged, ahead_s: float, age_s: float
+) -> None:
+    """Over ground the train was further back then; a sample from the future is one of now."""
+    made = going()
+    made.where.low_m, made.where.high_m = 61.9, 62.0
+    made.where.ground_low_m, made.where.ground_high_m = 61.5, 62.5
+    made.over_ground(-3.0, 4.0)
+    made.track.stamp_s += ahead_s
+    made.cycle(dt_s=0.0, tacho_age_s=9.0, tags=(read(made, since=0, age_s=0.05),))
+
+    assert judged.windows == [near(61.5 - 4.0 * age_s, 62.5 + 3.0 * age_s)]
+
+
+def test_a_train_that_turns_round_at_a_tag_may_pass_it_again_at_once() -> None:
+    """It heard of the tag 20 pulses behind it, and went back by 22."""
+    made = going(1, front_m=61.0)
+    assert made.cycle(dt_s=0.0, tags=(read(made, since=20, age_s=0.05),)).accepted_tag_ids == (7,)
+    again = made.cycle(-22, dt_s=0.5, tags=(read(made, since=20, age_s=0.01),))
+
+    assert again.accepted_tag_ids == (7,)
+
+
+def test_a_train_that_went_back_over_a_tag_may_pass_it_again() -> None:
+    made = going()
+    made.cycle(8, 8, radar_mps=4.0, tags=(read(made, since=-10, age_s=0.015),))
+    told = made.cycle(-8, -8, tags=(read(made, since=6, age_s=0.01),))
+
+    assert told.accepted_tag_ids == (7,)
+
+
+# A reading that may be a second one.
+
+
+@pytest.mark.parametrize("gap", ["with the tag", "before", "left behind", "never"])
+def test_a_tag_after_missing_telegrams_was_read_anywhere_within_its_reach(
+    judged: Judged, monkeypatch: pytest.MonkeyPatch, gap: str
+) -> None:
+    """Half a metre to either side; and it measures no wheel."""
+    told: list[float] = []
+    corrected: list[tuple[float, float, float]] = []
+    measured: list[int] = []
+    monkeypatch.setattr(
+        Localisation, "refer", lambda self, front, since, over, bound_m, anew: told.append(bound_m)
+    )
+    monkeypatch.setattr(Localisation, "correct", lambda self, *args: corrected.append(args))
+    monkeypatch.setattr(Localisation, "measure", lambda self, *args: measured.append(1))
+    cycles_since = {"before": 2, "left behind": 15}.get(gap)
+    made = going(front_m=52.4 - 0.16 * (0 if cycles_since is None else 1 + cycles_since))
+    if cycles_since is not None:
+        made.cycle(8, 8, radar_mps=4.0, tag_gap=True)
+        made.cycles(cycles_since, 8, 8, radar_mps=4.0)
+    made.over_ground(4.0, 4.0)
+    made.track.rate_pulses_per_s = 400.0
+    tag = read(made, since=20, age_s=0.05)
+    accepted = made.cycle(dt_s=0.0, tags=(tag,), tag_gap=gap == "with the tag").accepted_tag_ids
+
+    off_m = 0.5 if gap in ("with the tag", "before") else 0.0
+    assert accepted == (7,)
+    assert judged.readings[0].bound_m == pytest.approx(0.06 + off_m + 0.024 + PULSE_M)
+    assert told == near(0.06 + off_m + 0.024 + PULSE_M)
+    assert corrected == [near(62.0, 20.0, 0.024 + off_m)]
+    assert len(measured) == (0 if off_m else 1)
+
+
+def test_a_second_reading_after_a_first_that_was_not_believed_is_taken_for_one(
+    judged: Judged,
+) -> None:
+    """The first was outside of its window; 30 cm on, the second is no centre either."""
+    made = going(front_m=40.0)
+    first = made.cycle(8, 8, radar_mps=4.0, tags=(read(made, since=0, age_s=0.05),))
+    made.cycle(8, 8, radar_mps=4.0, tags=(read(made, since=0, age_s=0.05),))
+
+    assert [refused.reason for refused in first.refused_tags] == [TagRefusal.OUTSIDE_WINDOW]
+    bounds_m = [reading.bound_m for reading in judged.readings]
+    # As far on as 16 pulses and one more, within what the first one told.
+    assert bounds_m[1] - bounds_m[0] == pytest.approx(0.17 + bounds_m[0], abs=0.01)
+
+
+def test_a_tag_counts_as_left_by_the_least_way_that_a_pulse_may_stand_for(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Of all wheels that are declared, not of the one that was measured."""
+    told_m: list[float] = []
+    monkeypatch.setattr(
+        References, "follow", lambda self, way, least_m, gap, slip: told_m.append(least_m)
+    )
+    made = going(cycles=2, scale_error_low_ratio=-0.01, scale_error_high_ratio=0.03)
+
+    least_m, most_m = made.where.scale.declared_m
+    assert told_m == [least_m] * 2
+    assert least_m < most_m
+
+
+def test_what_is_read_while_nobody_counts_yet_is_not_forgotten(judged: Judged) -> None:
+    """The controller began next to a tag; whether its reader told of it before nobody knows."""
+    made = Desk(front_m=61.9)
+    made.cycles(2, 8, 8, radar_mps=4.0)
+    made.cycle(8, 8, radar_mps=4.0, tags=(read(made, since=0, age_s=0.05),))
+
+    assert judged.readings[0].bound_m > 0.56
+
+
+def test_a_tag_that_is_passed_again_within_its_reach_keeps_what_was_known(judged: Judged) -> None:
+    """On by 40 pulses, back by 58, and the same tag once more, where the wheels tell."""
+    made = going(2, front_m=59.9)
+    before = made.cycle(dt_s=0.0, tags=(read(made, since=20, age_s=0.05),)).front_m
+    for cycles, *steps in ((20, 1, 1), (30, 0, 0), (10, -1, 0), (24, -1, -1)):
+        made.cycles(cycles, *steps)
+    assert not made.odometry._slip
+    again = made.cycle(dt_s=0.0, tags=(read(made, since=0, age_s=0.01),)).front_m
+
+    first, second = judged.readings
+    assert second.pulses - first.pulses == 2
+    off_m = first.bound_m + 0.03
+    assert second.bound_m == pytest.approx(off_m + 0.06 + PULSE_M, abs=0.01)
+    assert again.high - again.low < before.high - before.low + 0.2
+
+
+# A place that is lost.
+
+
+def test_a_lost_place_takes_the_first_of_two_tags_for_neither_right_nor_wrong() -> None:
+    """30 m of 3 000 pulses apart; the second one says where the train is."""
+    made = going(proof=PlaceProof.UNKNOWN, front_m=400.0)
+    first = made.cycle(8, 8, radar_mps=4.0, tags=(read(made, since=-10, age_s=0.015),))
+    assert (first.accepted_tag_ids, first.refused_tags) == ((), ())
+    assert not first.localised
+    again = made.cycle(8, 8, radar_mps=4.0, tags=(read(made, since=0, age_s=0.1),))
+    assert again.accepted_tag_ids == ()
+    assert again.refused_tags == (RefusedTag(7, TagRefusal.REPEATED, 0.0),)
+    assert not again.localised
+    made.cycles(186, 8, 8, radar_mps=4.0)
+    found = made.cycle(8, 8, radar_mps=4.0, tags=(read(made, since=-10, age_s=0.015, tag_id=8),))
+
+    assert found.accepted_tag_ids == (8,)
+    assert found.refused_tags == ()
+    assert found.localised
+    assert found.front_m.best == pytest.approx(92.06, abs=0.02)
+    assert found.front_m.low > 91.5
+    assert found.front_m.high < 92.5
+
+
+def test_what_is_found_again_is_known_as_well_as_its_tag(monkeypatch: pytest.MonkeyPatch) -> None:
+    begun: list[tuple[float, float]] = []
+    begin_anew = Localisation.begin_anew
+
+    def beginning(self: Localisation, front_m: float, bound_m: float) -> None:
+        begun.append((front_m, bound_m))
+        begin_anew(self, front_m, bound_m)
+
+    monkeypatch.setattr(Localisation, "begin_anew", beginning)
+    made = going(proof=PlaceProof.UNKNOWN, front_m=400.0)
+    made.cycle(8, 8, radar_mps=4.0, tags=(read(made, since=-10, age_s=0.015),))
+    made.cycles(187, 8, 8, radar_mps=4.0)
+    assert begun == []
+    made.cycle(8, 8, radar_mps=4.0, tags=(read(made, since=-10, age_s=0.015, tag_id=8),))
+
+    assert begun == [near(92.06, 0.06 + 0.006 * 4.0 + PULSE_M)]
+
+
+@pytest.mark.parametrize(("cycles", "found"), [(97, False), (137, True), (180, False)])
+def test_a_lost_place_is_found_by_the_way_over_ground_when_the_wheels_slipped(
+    cycles: int, *, found: bool
+) -> None:
+    """For two seconds the wheels turned at half the speed; the radar counted on to 30 m."""
+    made = going(proof=PlaceProof.UNKNOWN, front_m=400.0)
+    made.cycle(8, 8, radar_mps=4.0, tags=(read(made, since=-10, age_s=0.015),))
+    made.cycles(50, 4, 4, radar_mps=4.0)
+    made.cycles(cycles, 8, 8, radar_mps=4.0)
+    told = made.cycle(8, 8, radar_mps=4.0, tags=(read(made, since=-10, age_s=0.015, tag_id=8),))
+
+    assert told.localised is found
+
+
+# Where it begins, and what it watches.
+
+
+@pytest.mark.parametrize(("front_m", "missed"), [(61.42, 1), (61.44, 0)])
+def test_a_tag_that_the_train_may_stand_over_at_the_start_need_not_be_read(
+    front_m: float, missed: int
+) -> None:
+    """Half a metre, a pulse and the tag's own 6 cm ahead of the antenna, 2 m behind the front."""
+    made = Desk(front_m=front_m)
+    for _ in range(70):
+        told = made.cycle(8, 8, radar_mps=4.0)
+
+    assert told.missed_tags == missed
+
+
+def test_a_tag_is_missed_once_the_least_place_of_the_antenna_is_behind_it() -> None:
+    made = going()
+    before = 0
+    for _ in range(150):
+        told = made.cycle(8, 8, radar_mps=4.0)
+        late_m = 0.06 + 0.5 * told.speed_mps.best
+        passed = told.front_m.low - 2.0 - late_m > 60.0
+        assert (told.missed_tags == 1) is passed
+        before += not passed
+    assert 0 < before < 150
+
+
+def test_the_place_is_lost_once_both_ends_are_further_apart_than_allowed() -> None:
+    made = going(localisation_limit_m=2.0, tags=())
+    wide = 0
+    for _ in range(400):
+        told = made.cycle(8, 8, radar_mps=4.0)
+        wide += told.front_m.high - told.front_m.low > 2.0
+        assert told.localised is (wide == 0)
+    assert 0 < wide < 400
+
+
+# Cold movement.
+
+
+def test_a_train_that_waits_for_its_proof_gets_it_and_an_interval_that_is_wider_by_it() -> None:
+    waiting, proven = (Desk(proof=PlaceProof.REMEMBERED) for _ in range(2))
+    for made in (waiting, proven):
+        assert not made.cycles(3, 0, 0).localised
+    told = proven.cycle(0, 0, cold=ColdMovement(-1.25, True))
+    silent = waiting.cycle(0, 0)
+
+    assert told.localised
+    assert not silent.localised
+    assert told.front_m.low == pytest.approx(silent.front_m.low - 1.25)
+    assert told.front_m.high == pytest.approx(silent.front_m.high + 1.25)
+
+
+def test_a_train_that_was_moved_too_far_is_not_where_it_was_and_no_wider() -> None:
+    made, silent = (Desk(proof=PlaceProof.REMEMBERED) for _ in range(2))
+    told = made.cycle(0, 0, cold=ColdMovement(5.0, True))
+
+    assert told.lost_cause == "moved by 5.0 m while it was off"
+    assert told.front_m == silent.cycle(0, 0).front_m
+
+
+def test_a_train_that_knows_its_place_asks_for_no_proof() -> None:
+    made, silent = Desk(), Desk()
+    told = made.cycle(0, 0, cold=ColdMovement(50.0, False))
+
+    assert told.localised
+    assert told == silent.cycle(0, 0)
+
+
+@pytest.mark.parametrize(
+    ("wheels_m", "ground_m", "bound_m"),
+    [
+        ((9.0, 10.5), (9.5, 10.25), 1.0),
+        ((9.5, 10.5), (9.0, 10.25), 1.0),
+        ((9.5, 11.0), (9.25, 10.5), 1.0),
+        ((9.5, 10.5), (9.25, 11.0), 1.0),
+        ((11.0, 11.5), (11.0, 11.25), 1.5),
+        ((8.5, 9.0), (8.75, 9.0), 1.5),
+    ],
+)
+def test_what_is_kept_over_a_power_cycle_is_the_furthest_end_of_either_interval(
+    wheels_m: tuple[float, float], ground_m: tuple[float, float], bound_m: float
+) -> None:
+    made = Desk()
+    made.where.low_m, made.where.high_m = wheels_m
+    made.where.ground_low_m, made.where.ground_high_m = ground_m
+
+    assert made.odometry.record().bound_m == pytest.approx(bound_m)

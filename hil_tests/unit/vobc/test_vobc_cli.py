@@ -1,0 +1,218 @@
+"""The bare controller's command line: its words, and what it says of wrong ones."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+from firmware_py.settings import SettingsError
+from firmware_py.storage.nvram import Nvram, NvramRecord
+from firmware_py.trackdb import load_line
+from vobc.cli import (
+    EXIT_ENVIRONMENT,
+    EXIT_USAGE,
+    PatientLine,
+    Plan,
+    main,
+    parser,
+    plan,
+)
+from vobc.vocabulary import PlaceProof
+
+EPOCH_NS = 1_700_000_000_000_000_000
+BUS = ["--bus", "embedded:nowhere"]
+
+
+def test_the_verb_may_be_left_out() -> None:
+    assert vars(parser().parse_args(BUS)) == vars(parser().parse_args(["run", *BUS]))
+
+
+def test_without_words_the_train_stands_at_the_first_station_and_runs_to_the_last() -> None:
+    planned = plan(parser().parse_args(BUS), EPOCH_NS)
+
+    assert planned.mission.start.name == "Start"
+    assert planned.mission.stops[-1].name == "IV"
+    assert planned.config.cycle_ms == 50.0
+    assert planned.start is None
+    assert planned.nvram.record.boot_count == 1_700_000_000
+
+
+def test_a_train_that_was_switched_off_goes_on_from_where_it_stood(tmp_path: Path) -> None:
+    memory = tmp_path / "nvram"
+    Nvram(memory).put(NvramRecord(boot_count=5, front_m=3000.4, standing=True))
+
+    planned = plan(parser().parse_args([*BUS, "--nvram", str(memory)]), EPOCH_NS)
+
+    assert planned.mission.start.name == "II"
+    assert planned.start is not None
+    assert planned.start.front_m == 3000.4
+    assert planned.nvram.record.boot_count == 5
+
+
+def remembered(folder: Path, *said: str, standing: bool = True, front_m: float = 3000.4) -> Plan:
+    """What a controller with a memory takes for true, whatever is said."""
+    memory = folder / "nvram"
+    Nvram(memory).put(NvramRecord(boot_count=5, front_m=front_m, standing=standing))
+    return plan(parser().parse_args([*BUS, "--nvram", str(memory), *said]), EPOCH_NS)
+
+
+def test_a_train_that_is_said_to_stand_somewhere_without_a_memory_stands_there(
+    tmp_path: Path,
+) -> None:
+    words = [*BUS, "--nvram", str(tmp_path / "nvram"), "--from", "I"]
+    planned = plan(parser().parse_args(words), EPOCH_NS)
+
+    assert (planned.mission.start.name, planned.start, planned.note) == ("I", None, "")
+
+
+def test_one_that_remembers_another_place_stands_there_and_says_so(tmp_path: Path) -> None:
+    planned = remembered(tmp_path, "--from", "I")
+
+    assert planned.mission.start.name == "II"
+    assert planned.start is not None
+    assert planned.start.front_m == 3000.4
+    assert planned.note == (
+        f"--from I is not believed: by {tmp_path}/nvram it was switched off at 3000.4 m, nearest "
+        f"to II; remove {tmp_path}/nvram once somebody has seen that the train stands at I"
+    )
+
+
+@pytest.mark.parametrize(("front_m", "agrees"), [(0.5, True), (-0.5, True), (0.6, False)])
+def test_where_memory_and_person_agree_the_person_is_believed(
+    tmp_path: Path, front_m: float, *, agrees: bool
+) -> None:
+    stop_m = load_line("florence").stations[1].stop_m
+    planned = remembered(tmp_path, "--from", "I", front_m=stop_m + front_m)
+
+    assert planned.mission.start.name == "I"
+    assert (planned.start is None) is agrees
+    assert (planned.note == "") is agrees
+
+
+def test_one_that_ended_on_the_way_may_stand_anywhere_whatever_is_said(tmp_path: Path) -> None:
+    planned = remembered(tmp_path, "--from", "I", standing=False)
+
+    assert planned.mission.start.name == "I"
+    assert planned.start is not None
+    assert planned.start.proof is PlaceProof.UNKNOWN
+    assert planned.note == (
+        f"--from I is not believed: the train may stand anywhere: {tmp_path}/nvram: the last run "
+        f"did not end at a proven standstill; remove {tmp_path}/nvram once somebody has seen that "
+        "the train stands at I"
+    )
+
+
+def test_nothing_is_to_be_said_where_nobody_said_anything(tmp_path: Path) -> None:
+    assert remembered(tmp_path, standing=False).note == ""
+    assert remembered(tmp_path).note == ""
+
+
+def test_where_the_way_cannot_begin_where_the_train_stands_it_is_said_why(tmp_path: Path) -> None:
+    with pytest.raises(SettingsError, match=r"^--to II: .*; --from I is not believed: by "):
+        remembered(tmp_path, "--from", "I", "--to", "II")
+
+
+def test_that_a_person_is_not_believed_is_said_before_anything_else(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    memory = tmp_path / "nvram"
+    Nvram(memory).put(NvramRecord(boot_count=5, front_m=3000.4, standing=False))
+
+    assert main([*BUS, "--nvram", str(memory), "--from", "I"]) == EXIT_ENVIRONMENT
+
+    assert capsys.readouterr().err.startswith("vobc: --from I is not believed: ")
+
+
+@pytest.mark.parametrize("said", [[], ["--from", "I"]])
+def test_a_train_whose_memory_is_damaged_may_stand_anywhere(
+    tmp_path: Path, said: list[str]
+) -> None:
+    """A person who says where it stands is not believed more than the memory that is gone."""
+    memory = tmp_path / "nvram"
+    Nvram(memory).put(NvramRecord(boot_count=5, front_m=3000.4, standing=True))
+    stored = memory.read_bytes()
+    memory.write_bytes(stored[:20] + bytes([stored[20] ^ 1]) + stored[21:])
+
+    planned = plan(parser().parse_args([*BUS, "--nvram", str(memory), *said]), EPOCH_NS)
+
+    assert planned.start is not None
+    reach_m = (planned.start.front_m, planned.start.bound_m)
+    line = planned.line
+    assert reach_m == ((line.start_m + line.end_m) / 2.0, (line.end_m - line.start_m) / 2.0)
+    assert planned.nvram.record.boot_count == 1_700_000_000
+
+
+@pytest.mark.parametrize(
+    ("words", "said", "code"),
+    [
+        (["--consist", "florence5"], "florence4", EXIT_USAGE),
+        (["--consist", "missing.toml"], "missing.toml: no such file", EXIT_USAGE),
+        (["--line", "florance"], "florence", EXIT_USAGE),
+        (["--from", "V"], "--from V", EXIT_USAGE),
+        (["--from", "III", "--to", "II"], "--to II", EXIT_USAGE),
+        (["--bus", "vcan0"], "no kind", EXIT_ENVIRONMENT),
+        (["--bus", "socketcan:nocan9"], "nocan9", EXIT_ENVIRONMENT),
+        (["--bus", "embedded:nowhere"], "nowhere", EXIT_ENVIRONMENT),
+    ],
+)
+def test_what_is_wrong_is_one_line_and_an_exit_code(
+    words: list[str], said: str, code: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([*BUS, *words]) == code
+
+    error = capsys.readouterr().err
+    assert error.startswith("vobc: ")
+    assert said in error
+    assert "Traceback" not in error
+    assert error.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["--cycle-ms", "10"],
+        ["--cycle-ms", "fast"],
+        ["--cycle-ms", "nan"],
+        ["--priority", "100"],
+        ["--duration", "-1"],
+    ],
+)
+def test_a_number_that_cannot_be_is_refused_at_once(
+    words: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main([*BUS, *words])
+
+    assert ended.value.code == EXIT_USAGE
+    assert words[1] in capsys.readouterr().err
+
+
+def test_a_tag_line_that_is_not_there_yet_is_waited_for_and_said_once(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    line = PatientLine(str(tmp_path / "tags"))
+
+    for second in range(5):
+        assert list(line.receive(second * 1_000_000_000)) == []
+
+    said = capsys.readouterr().err
+    assert said.count("waits for the tag reader") == 1
+    assert "no such device" in said
+    assert line.counters.errors == 5
+
+
+def test_a_tag_line_that_comes_later_is_heard(tmp_path: Path) -> None:
+    link = tmp_path / "tags"
+    line = PatientLine(str(link))
+    line.receive(0)
+    master, slave = os.openpty()
+    link.symlink_to(os.ttyname(slave))
+
+    assert list(line.receive(1_000_000_000)) == []
+    os.write(master, b"hello")
+    chunks = list(line.receive(1_100_000_000))
+
+    assert b"".join(chunk.data for chunk in chunks) == b"hello"
+    line.close()
+    os.close(master)
+    os.close(slave)

@@ -1,0 +1,128 @@
+"""Axles between two places and whose they are, beside a second way to reckon it, step by step."""
+
+import itertools
+from collections.abc import Sequence
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from vobc.train_to_train.authority import Counted, Standing, all_explained
+
+
+def touches(section: Counted, train: Standing) -> bool:
+    return section.start_m < train.front_m and train.rear_m < section.end_m
+
+
+def is_explained(
+    run: Sequence[Counted], trains: Sequence[Standing], seen_m: tuple[float, float]
+) -> bool:
+    """Of trains at rest: nobody comes, nobody leaves. Who hangs over where counters begin or end
+    explains nothing.
+    """
+    if any(each.occupied and not each.axles for each in run):
+        return False
+    there = [each for each in trains if run[0].start_m < each.middle_m < run[-1].end_m]
+    if any(each.rear_m < seen_m[0] or seen_m[1] < each.front_m for each in there):
+        return False
+    for at in range(len(run)):
+        counted = sum(each.axles for each in run[: at + 1])
+        joint_m = run[at].end_m
+        if counted < sum(each.axles for each in there if each.front_m <= joint_m):
+            return False
+        if counted > sum(each.axles for each in there if each.rear_m < joint_m):
+            return False
+    return sum(each.axles for each in run) == sum(each.axles for each in there)
+
+
+def step_by_step(
+    sections: Sequence[Counted], standing: Sequence[Standing], from_m: float, to_m: float
+) -> bool:
+    """Whoever stands in a section that counts makes those count that it stands in."""
+    there: list[Standing] = []
+    while True:
+        concerned = [each for each in sections if each.end_m > from_m and each.start_m < to_m]
+        now = [train for train in standing if any(touches(each, train) for each in concerned)]
+        if len(now) == len(there):
+            break
+        there = now
+        from_m = min([from_m, *[each.rear_m for each in there]])
+        to_m = max([to_m, *[each.front_m for each in there]])
+    runs = [list(run) for _, run in itertools.groupby(concerned, key=lambda each: each.occupied)]
+    return all(is_explained(run, there, (sections[0].start_m, sections[-1].end_m)) for run in runs)
+
+
+@st.composite
+def tracks(draw: st.DrawFn) -> list[Counted]:
+    """Sections in running order; some are not told of."""
+    made, at_m = [], 0.0
+    for _ in range(draw(st.integers(0, 8))):
+        length_m = float(draw(st.integers(1, 6)))
+        axles = draw(st.sampled_from([0, 0, 2, 2, 4]))
+        occupied = axles > 0 or draw(st.integers(0, 9)) == 0
+        if draw(st.integers(0, 7)):
+            made.append(Counted(at_m, at_m + length_m, occupied, axles))
+        at_m += length_m
+    return made
+
+
+trains = st.lists(
+    st.tuples(st.integers(-4, 40), st.integers(0, 7), st.sampled_from([2, 2, 4])).map(
+        lambda drawn: Standing(0.5 * drawn[0], 0.5 * drawn[0] + drawn[1], drawn[2])
+    ),
+    max_size=7,
+)
+
+
+@settings(max_examples=400, deadline=None)
+@given(tracks(), trains, st.integers(-4, 60), st.integers(0, 30))
+def test_it_is_the_same_as_step_by_step(
+    sections: list[Counted], standing: list[Standing], from_m: int, length_m: int
+) -> None:
+    start_m, end_m = 0.5 * from_m, 0.5 * (from_m + length_m)
+    wanted = step_by_step(sections, standing, start_m, end_m)
+    for order in (standing, standing[::-1]):
+        assert all_explained(sections, order, from_m=start_m, to_m=end_m) is wanted
+
+
+def test_a_chain_reaches_as_far_as_trains_stand_on_joints_either_way() -> None:
+    """Ten sections of 10 m, a train of 2 axles on each joint, all looked at from the middle."""
+    middle = {"from_m": 45.0, "to_m": 55.0}
+    standing = [Standing(10.0 * n - 4.0, 10.0 * n + 4.0, 2) for n in range(1, 10)]
+    axles = [1, *(2 for _ in range(8)), 1]
+    sections = [Counted(10.0 * n, 10.0 * n + 10.0, True, axles[n]) for n in range(10)]
+    more = sections[-1]._replace(axles=2)
+
+    assert all_explained(sections, standing, **middle)
+    assert not all_explained([*sections[:-1], more], standing, **middle), "19 axles are not 18"
+    assert not all_explained(sections, standing[1:], **middle), "one at the rear is not told of"
+
+
+@pytest.mark.parametrize(
+    ("sections", "standing", "between_m"),
+    [
+        # It ends where the first of them begins: the axles behind are no concern of theirs.
+        (
+            [Counted(0.0, 2.0, True, 4), Counted(2.0, 4.0, False, 0)],
+            [Standing(0.0, 2.0, 2)],
+            (2.0, 4.0),
+        ),
+        # Behind a section that says that it is free stands the last one that is found.
+        (
+            [
+                Counted(0.0, 2.0, True, 2),
+                Counted(2.0, 4.0, False, 0),
+                Counted(4.0, 6.0, True, 2),
+                Counted(6.0, 8.0, True, 2),
+            ],
+            [Standing(0.5, 2.5, 2), Standing(3.5, 5.5, 2), Standing(5.5, 6.5, 2)],
+            (4.5, 5.5),
+        ),
+    ],
+)
+def test_in_whatever_order_they_are_found_all_axles_are_theirs(
+    sections: list[Counted], standing: list[Standing], between_m: tuple[float, float]
+) -> None:
+    from_m, to_m = between_m
+    assert step_by_step(sections, standing, from_m, to_m)
+    assert all_explained(sections, standing, from_m=from_m, to_m=to_m)

@@ -1,0 +1,554 @@
+"""What a master may conclude from what its trains told, and from what they did not."""
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from firmware_py.trackdb.areas import ObjectKind, ObjectSite
+from vobc.train_to_train.authority import Counted, Seen
+from vobc.train_to_train.axle_counting import TrackView
+from vobc.train_to_train.guards import MasterGuards, Reach
+from vobc.train_to_train.inference import Conclusions
+from vobc.train_to_train.occupancy import OUTSTANDING_MAX, Record, TrainTable
+from vobc.train_to_train.roster import Order
+from vobc.train_to_train.vocabulary import T2tConfig
+from zenoh_config.t2t import RosterEntry, SectionState, SyncEntry, TrainReport
+from zenoh_config.timers import TIMERS_A, TIMERS_B, LineTimers
+
+TERM = 5
+NOW_NS = 60_000_000_000
+SILENT_NS = 500_000_000
+"""Half of the second that an authority lives."""
+
+
+def report(
+    train: int, rear_m: float, *, term: int = TERM, boot: int = 1, held_end_m: float = 0.0
+) -> TrainReport:
+    """Of a train of 80 m that holds what it is told to hold."""
+    front_m = rear_m + 80.0
+    held_m = max(front_m, held_end_m)
+    return TrainReport(
+        *(train, 65_535, 1, term, boot, 1, 0, True, front_m, front_m, rear_m, rear_m, 0.0, True),
+        *(held_m, held_m, front_m, term, 1, held_end_m > 0.0, 0, 0, 16, False, 0, NOW_NS),
+    )
+
+
+def conclusions(*told: TrainReport, heard_ns: int = NOW_NS) -> Conclusions:
+    """Of the master of term 5, that heard these."""
+    known = Conclusions(TERM, TrainTable(), T2tConfig(), MasterGuards())
+    for each in told:
+        record = known.table.of(each.source, rear_m=each.rear_min_m, now_ns=0)
+        record.hears(each, heard_ns, term=TERM, jog_m=5.0)
+    return known
+
+
+def order_of(*trains: int) -> Order:
+    return tuple([RosterEntry(train, 0.0, True, 1) for train in trains])
+
+
+# Who is known, and in which life.
+
+
+def test_a_master_begins_with_the_roster_and_with_nobody_else() -> None:
+    known = conclusions(report(9, 300.0))
+
+    known.begin_with((RosterEntry(1, 900.0, True, 3), RosterEntry(2, 500.0, False, 4)), 77)
+
+    assert known.records == {
+        1: Record(1, 900.0, 77, boot=3),
+        2: Record(2, 500.0, 77, boot=4),
+    }
+
+
+@pytest.mark.parametrize(("kept_m", "rear_m"), [(300.0, 400.0), (400.0, 400.0), (500.0, 500.0)])
+def test_a_rear_that_arbiters_kept_only_brings_a_train_forwards(
+    kept_m: float, rear_m: float
+) -> None:
+    known = conclusions()
+    known.records[1] = Record(1, 400.0, 70, boot=2)
+
+    record = known.add(RosterEntry(1, kept_m, True, 2), 77)
+
+    assert record is known.records[1]
+    assert record == Record(1, rear_m, 70, boot=2)
+
+
+@pytest.mark.parametrize("kept_m", [300.0, 500.0])
+def test_what_a_train_said_itself_is_better_than_what_arbiters_kept(kept_m: float) -> None:
+    known = conclusions(report(1, 400.0))
+
+    record = known.add(RosterEntry(1, kept_m, True, 1), 77)
+
+    assert (record.rear_m, record.report) == (400.0, report(1, 400.0))
+
+
+@pytest.mark.parametrize("kept_m", [300.0, 500.0])
+def test_what_a_train_said_in_another_life_says_nothing_of_the_one_that_arbiters_kept(
+    kept_m: float,
+) -> None:
+    known = conclusions(report(1, 400.0, boot=1))
+
+    record = known.add(RosterEntry(1, kept_m, True, 2), 77)
+
+    assert record is known.records[1]
+    assert record == Record(1, kept_m, 77, boot=2)
+
+
+@pytest.mark.parametrize("boot", [1, 2])
+def test_supervisions_order_to_stop_is_taken_over_with_the_roster(boot: int) -> None:
+    known = conclusions(report(1, 400.0))
+
+    assert known.add(RosterEntry(1, 400.0, True, boot, True), 77).stopped is True
+    assert known.add(RosterEntry(1, 400.0, True, boot, False), 78).stopped is False
+
+
+def test_a_train_that_begins_anew_where_it_was_holds_nothing_any_more_but_stays_stopped() -> None:
+    known = conclusions(report(1, 400.0, held_end_m=900.0))
+    former = known.records[1]
+    former.issued(7, 950.0, life_ns=0)
+    former.stopped = True
+    anew = replace(report(1, 397.0, boot=2), protected_m=410.0, ready_nonce=6)
+
+    known.reborn(anew, 88)
+
+    assert known.records == {
+        1: Record(
+            *(1, 402.0, 88, 2, anew, 5, 6, 477.0),  # Protected by no more than a jog.
+            served=False,
+            stopped=True,
+            sent=[],
+        )
+    }
+
+
+@pytest.mark.parametrize("held_term", [4, 5])
+def test_of_a_train_that_began_anew_nothing_is_on_its_way_whatever_it_says_it_took(
+    held_term: int,
+) -> None:
+    known = conclusions(report(1, 400.0))
+
+    known.reborn(replace(report(1, 400.0, boot=2), held_term=held_term), 88)
+
+    assert known.records[1].granted_m == 480.0
+    assert known.records[1].stopped is False
+
+
+# Who may be counted on.
+
+
+@pytest.mark.parametrize(("term", "promised"), [(4, False), (5, True), (6, False)])
+def test_a_train_obeys_this_master_if_its_own_newest_term_is_the_masters(
+    term: int, *, promised: bool
+) -> None:
+    known = conclusions(report(1, 400.0, term=term))
+
+    assert known.has_promised(known.records[1]) is promised
+
+
+@pytest.mark.parametrize(
+    ("age_ns", "alive"), [(-1, False), (0, True), (SILENT_NS, True), (SILENT_NS + 1, False)]
+)
+def test_a_report_counts_for_half_the_life_of_an_authority(age_ns: int, *, alive: bool) -> None:
+    known = conclusions(report(1, 400.0))
+
+    assert known.is_alive(NOW_NS, NOW_NS + age_ns) is alive
+    assert known.is_fit(1, NOW_NS + age_ns) is alive
+
+
+@pytest.mark.parametrize(
+    ("age_ns", "recent"), [(-1, False), (0, True), (SILENT_NS, True), (SILENT_NS + 1, False)]
+)
+def test_how_old_a_report_is_shows_by_the_heartbeat_that_it_echoes(
+    age_ns: int, *, recent: bool
+) -> None:
+    known = conclusions()
+
+    assert known.is_recent(report(1, 400.0), NOW_NS + age_ns) is recent
+    assert known.is_recent(report(1, 400.0, term=TERM - 1), NOW_NS + age_ns) is False
+    assert known.is_recent(report(1, 400.0, term=TERM + 1), NOW_NS + age_ns) is False
+
+
+@pytest.mark.parametrize(("echo_ns", "recent"), [(0, False), (1, True)])
+def test_who_has_heard_no_heartbeat_echoes_none_however_young_the_clock_is(
+    echo_ns: int, *, recent: bool
+) -> None:
+    told = replace(report(1, 400.0), echo_ns=echo_ns)
+
+    assert conclusions().is_recent(told, 100) is recent
+
+
+def test_who_has_not_been_heard_for_a_while_may_have_come_as_far_as_it_was_granted() -> None:
+    told = report(1, rear_m=120.0, held_end_m=900.0)
+    known = conclusions(told)
+    record = known.records[1]
+
+    assert known.farther_m(record, told, NOW_NS) == 0.0
+    assert known.farther_m(record, told, NOW_NS + SILENT_NS) == 20.0, "at 40 m/s"
+    assert known.farther_m(record, told, NOW_NS + SILENT_NS + 1) == 900.0 - told.front_max_m
+    record.issued(8, 1200.0, life_ns=0)
+    assert known.farther_m(record, told, NOW_NS + 2 * SILENT_NS) == 1200.0 - told.front_max_m
+    record.term = TERM - 1
+    assert known.farther_m(record, told, NOW_NS + 2 * SILENT_NS) == 1.0e6 - told.front_max_m
+
+
+def test_whoever_is_unknown_unheard_out_of_service_or_of_an_older_term_shall_not_command() -> None:
+    out_of_service = replace(report(3, 400.0), out_of_service=True)
+    known = conclusions(report(1, 900.0), report(2, 500.0, term=4), out_of_service)
+    known.records[4] = Record(4, 100.0, NOW_NS, boot=1, term=TERM)
+
+    assert [train for train in range(6) if known.is_fit(train, NOW_NS)] == [1]
+    assert known.is_fit(4, NOW_NS) is False
+
+
+OWN = 9
+
+
+@pytest.mark.parametrize(
+    ("ages_ms", "silent"),
+    [
+        ((320, 320), True),
+        ((320, 400), True),
+        ((319, 5000), False),
+        ((5000, 319), False),
+        ((0, 0), False),
+        ((5000,), False),  # One alone may have a fault of its own.
+        ((), False),
+        ((320, 320, 320), True),
+        ((320, 320, 319), False),
+    ],
+)
+def test_a_master_is_deaf_if_all_of_several_others_are_silent_for_320_ms(
+    ages_ms: tuple[int, ...], *, silent: bool
+) -> None:
+    known = conclusions(*[report(train, 400.0) for train in range(1, 1 + len(ages_ms))])
+    for train, age_ms in enumerate(ages_ms, start=1):
+        known.records[train].heard_ns = NOW_NS - age_ms * 1_000_000
+
+    assert known.all_silent(OWN, NOW_NS) is silent
+
+
+def test_the_last_nanosecond_before_320_ms_is_not_silence_yet() -> None:
+    known = conclusions(report(1, 900.0), report(2, 500.0), heard_ns=NOW_NS)
+
+    assert known.all_silent(OWN, NOW_NS + 320_000_000) is True
+    assert known.all_silent(OWN, NOW_NS + 319_999_999) is False
+
+
+def test_a_masters_own_voice_is_none_of_the_others() -> None:
+    known = conclusions(report(1, 900.0), report(2, 500.0), report(OWN, 100.0))
+    known.records[1].heard_ns = known.records[2].heard_ns = 0
+
+    assert known.all_silent(OWN, NOW_NS)
+    assert not known.all_silent(1, NOW_NS)
+    del known.records[2]
+    assert not known.all_silent(OWN, 2 * NOW_NS)
+
+
+def test_who_was_never_heard_is_neither_a_silent_train_nor_one_that_speaks() -> None:
+    known = conclusions(report(1, 900.0), heard_ns=0)
+    known.records[2] = Record(2, 500.0, 0, boot=1)
+
+    assert not known.all_silent(OWN, NOW_NS)
+
+    known = conclusions(report(1, 900.0), report(3, 300.0), heard_ns=0)
+    known.records[2] = Record(2, 500.0, NOW_NS, boot=1)
+
+    assert known.all_silent(OWN, NOW_NS)
+
+
+# How far trains may come.
+
+
+def test_no_train_comes_farther_than_one_ahead_of_it_that_obeys_this_master() -> None:
+    known = conclusions(
+        report(1, 900.0, held_end_m=1500.0, term=4),
+        report(2, 700.0, held_end_m=850.0),
+        report(3, 500.0, held_end_m=950.0),
+        report(4, 300.0, held_end_m=1600.0, term=4),
+        report(5, 100.0, held_end_m=250.0),
+    )
+    known.records[5].issued(1, 290.0, life_ns=0)
+
+    assert known.reserved_m(order_of(1, 2, 3, 4, 5)) == {
+        1: 1_000_000.0,
+        2: 850.0,
+        3: 950.0,
+        4: 850.0,
+        5: 290.0,
+    }
+
+
+def test_who_has_never_known_what_it_holds_comes_no_farther_than_the_one_ahead() -> None:
+    never = replace(report(2, 500.0), latent_m=1e6)
+    known = conclusions(report(1, 900.0, held_end_m=1500.0), never, report(3, 300.0, term=4))
+
+    assert known.reserved_m(order_of(1, 2, 3)) == {1: 1500.0, 2: 1500.0, 3: 1500.0}
+
+
+@pytest.mark.parametrize(("rear_m", "own_m"), [(893.0, 980.0), (892.9, 1e6), (100.0, 1e6)])
+def test_who_began_anew_bounds_itself_where_it_was_and_nobody_behind(
+    rear_m: float, own_m: float
+) -> None:
+    """It may have left, and come back behind those that were behind it (seed 66510)."""
+    known = conclusions(report(2, 500.0, held_end_m=650.0), report(3, 300.0, term=4))
+    known.add(RosterEntry(1, 900.0, True, 1), NOW_NS)
+    known.hears_newborn(replace(report(1, rear_m, boot=2), latent_m=980.0))
+
+    assert known.reserved_m(order_of(1, 2, 3)) == {1: own_m, 2: 650.0, 3: 650.0}
+    assert known.reserved_m(order_of(1, 3)) == {1: own_m, 3: 1e6}
+
+
+def test_a_new_life_that_does_not_know_where_it_is_bounds_nothing_until_it_did() -> None:
+    known = conclusions()
+    known.add(RosterEntry(1, 900.0, True, 1), NOW_NS)
+    lost = replace(report(1, 900.0, boot=2), latent_m=990.0, localised=False)
+    known.hears_newborn(lost)
+
+    assert known.reserved_m(order_of(1)) == {1: 1e6}
+
+    known.hears_newborn(report(1, 900.0, boot=2))
+    assert known.reserved_m(order_of(1)) == {1: 980.0}
+    known.hears_newborn(lost)
+    assert known.reserved_m(order_of(1)) == {1: 990.0}
+
+
+def test_the_rear_of_a_new_life_is_no_farther_than_its_front_is_unsure_of() -> None:
+    known = conclusions()
+    known.add(RosterEntry(1, 900.0, True, 1), NOW_NS)
+    sure = report(1, 890.0, boot=2)
+    known.hears_newborn(replace(sure, front_max_m=sure.front_min_m + 2.9))
+    assert known.reserved_m(order_of(1)) == {1: 1e6}
+
+    known.hears_newborn(replace(sure, front_max_m=sure.front_min_m + 3.0))
+    assert known.reserved_m(order_of(1)) == {1: 970.0}
+
+
+class Life(NamedTuple):
+    """Of one train of the roster, from the foremost to the last."""
+
+    gap_m: float
+    """From its front to the rear of the train ahead, or to the end of the line."""
+    granted: float
+    """Share of that gap which it may still run through."""
+    known: float
+    """Share of its way so far that its rear is known to have come."""
+    word: str
+    """What the master has heard of it."""
+
+
+LIVES = st.builds(
+    Life,
+    gap_m=st.floats(0.0, 2000.0),
+    granted=st.floats(0.0, 1.0),
+    known=st.floats(0.0, 1.0),
+    word=st.sampled_from(("promised", "former term", "nothing", "anew", "left and came back")),
+)
+
+
+@given(lives=st.lists(LIVES, min_size=1, max_size=6), back_m=st.floats(-500.0, 3000.0))
+def test_no_train_can_come_farther_than_is_reserved_for_it(
+    lives: list[Life], back_m: float
+) -> None:
+    """Whoever left the line ran as far as it liked, and has come back anywhere."""
+    known, ahead_m, may_m = conclusions(), 20_000.0, dict[int, float]()
+    for train, life in enumerate(lives, 1):
+        rear_m = ahead_m - life.gap_m - 80.0
+        may_m[train] = rear_m + 80.0 + life.granted * life.gap_m
+        known.add(RosterEntry(train, -5000.0 + life.known * (rear_m + 5000.0), True, 1), 0)
+        told = replace(report(train, rear_m), latent_m=may_m[train])
+        if life.word in ("promised", "former term"):
+            term = TERM if life.word == "promised" else TERM - 1
+            record = known.records[train]
+            record.hears(replace(told, term=term), NOW_NS, term=TERM, jog_m=5.0)
+        elif life.word != "nothing":
+            at_m = rear_m if life.word == "anew" else back_m
+            may_m[train] = at_m + 80.0
+            known.hears_newborn(replace(report(train, at_m, boot=2), latent_m=may_m[train]))
+        ahead_m = rear_m
+    order = order_of(*may_m)
+
+    reserved_m = known.reserved_m(order)
+
+    for train, reach_m in may_m.items():
+        assert reserved_m[train] >= reach_m
+
+
+SITE = ObjectSite(3, ObjectKind.CROSSING, 700.0, 720.0)
+
+
+def test_before_an_object_is_released_every_train_of_the_roster_is_held_against_it() -> None:
+    known = conclusions(report(1, 900.0), report(2, 500.0, held_end_m=650.0), report(3, 400.0))
+
+    assert known.reaches(SITE, order_of(1, 2)) == [
+        Reach(980.0, 893.0, 700.0, 720.0),
+        Reach(650.0, 493.0, 700.0, 720.0),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("rear_m", "needed"),
+    [(-580.1, False), (-580.0, True), (0.0, True), (710.0, True), (726.9, True), (727.0, False)],
+)
+def test_an_object_is_needed_from_1200_m_before_it_until_no_train_can_come_back_to_it(
+    rear_m: float, *, needed: bool
+) -> None:
+    known = conclusions(report(1, rear_m))
+    known.records[2] = Record(2, 650.0, 0, boot=1)  # Nobody knows whether it is still near.
+
+    assert known.is_needed(SITE) is needed
+    far = conclusions(report(1, rear_m), report(3, 5000.0))
+    assert far.is_needed(SITE) is needed
+
+
+def test_an_object_that_no_train_comes_near_is_not_needed() -> None:
+    assert conclusions().is_needed(SITE) is False
+
+
+@pytest.mark.parametrize("timers", [TIMERS_A, TIMERS_B])
+def test_an_authority_is_void_after_twice_the_age_at_which_trains_refuse_it(
+    timers: LineTimers,
+) -> None:
+    """Clocks run apart by less than a tenth. All that are not void by then are told apart."""
+    life_ns = Conclusions(TERM, TrainTable(), T2tConfig(timers=timers), MasterGuards()).life_ns
+
+    assert life_ns == 2 * timers.authority_ms * 1_000_000
+    assert life_ns <= (OUTSTANDING_MAX - 10) * timers.cycle_ms * 1_000_000
+
+
+# Where trains must be by what others were granted.
+
+
+@pytest.mark.parametrize(("held_end_m", "rear_m"), [(892.0, 900.0), (893.0, 900.0), (950.0, 957.0)])
+def test_what_a_train_was_granted_proves_how_far_the_one_ahead_had_come(
+    held_end_m: float, rear_m: float
+) -> None:
+    known = conclusions(report(1, 900.0), report(2, 500.0, held_end_m=held_end_m))
+
+    known.take_proofs(order_of(1, 2), NOW_NS)
+
+    assert [each.rear_m for each in known.records.values()] == [rear_m, 500.0]
+
+
+def test_each_train_proves_only_where_the_next_one_ahead_is() -> None:
+    known = conclusions(report(1, 900.0), report(2, 500.0), report(3, 300.0, held_end_m=600.0))
+
+    known.take_proofs(order_of(1, 2, 3), NOW_NS)
+
+    assert [each.rear_m for each in known.records.values()] == [900.0, 607.0, 300.0]
+
+
+def test_what_a_train_holds_that_may_yet_obey_another_master_proves_nothing() -> None:
+    known = conclusions(report(1, 900.0), report(2, 500.0, held_end_m=950.0, term=4))
+
+    known.take_proofs(order_of(1, 2), NOW_NS)
+
+    assert known.records[1].rear_m == 900.0
+
+
+def test_nor_what_one_held_that_has_gone_over_to_the_next_master_and_lost_its_place() -> None:
+    gone_over = report(2, 500.0, held_end_m=950.0, term=TERM + 1)
+    known = conclusions(
+        report(1, 900.0),
+        report(2, 500.0, held_end_m=950.0),
+        replace(gone_over, localised=False, echo_ns=0),
+    )
+
+    known.take_proofs(order_of(1, 2), NOW_NS)
+
+    assert known.records[1].rear_m == 900.0
+
+
+@pytest.mark.parametrize(("age_ns", "rear_m"), [(SILENT_NS, 957.0), (SILENT_NS + 1, 900.0)])
+def test_what_a_train_held_long_ago_proves_nothing_of_one_that_was_moved_since(
+    age_ns: int, rear_m: float
+) -> None:
+    known = conclusions(report(1, 900.0), report(2, 500.0, held_end_m=950.0))
+
+    known.take_proofs(order_of(1, 2), NOW_NS + age_ns)
+
+    assert known.records[1].rear_m == rear_m
+
+
+def track(*occupied: bool, seen_ns: int = NOW_NS) -> TrackView:
+    """Sections of 100 m each."""
+    told = [
+        (at * 100.0, at * 100.0 + 100.0, SectionState(at, each, 16 if each else 0))
+        for at, each in enumerate(occupied)
+    ]
+    return TrackView(
+        seen_ns,
+        tuple([Counted(start_m, end_m, s.occupied, s.axles) for start_m, end_m, s in told]),
+        tuple([Seen(start_m, end_m) for start_m, end_m, s in told if s.occupied]),
+        tuple(told),
+        (),
+        (),
+    )
+
+
+BEHIND_IT_CLEAR = (False, False, True, False)
+
+
+@pytest.mark.parametrize(
+    ("age_ns", "moved"), [(0, False), (SILENT_NS, False), (SILENT_NS + 1, True)]
+)
+def test_a_train_moves_on_by_its_track_only_when_it_says_nothing_itself(
+    age_ns: int, *, moved: bool
+) -> None:
+    known = conclusions(report(1, 50.0))
+    now_ns = NOW_NS + age_ns
+
+    known.advance_silent(now_ns, track(*BEHIND_IT_CLEAR, seen_ns=now_ns))
+
+    assert known.records[1].rear_m == (196.0 if moved else 50.0)
+
+
+@pytest.mark.parametrize(("later_ns", "moved"), [(-1, False), (0, True), (1, True)])
+def test_sections_that_were_seen_clear_before_it_spoke_say_nothing_of_where_it_went(
+    later_ns: int, *, moved: bool
+) -> None:
+    known = conclusions(report(1, 50.0))
+
+    known.advance_silent(2 * NOW_NS, track(*BEHIND_IT_CLEAR, seen_ns=NOW_NS + later_ns))
+
+    assert known.records[1].rear_m == (196.0 if moved else 50.0)
+
+
+@pytest.mark.parametrize(
+    ("other_m", "ahead_m"), [(900.0, 300.0), (250.0, 250.0), (80.0, 80.0), (79.9, 300.0)]
+)
+def test_who_says_that_it_is_ahead_is_ahead_whatever_its_place_on_the_roster(
+    other_m: float, ahead_m: float
+) -> None:
+    """Of a train with its front at 80 m, before one that the roster has behind it."""
+    known = conclusions(report(1, 0.0), report(2, 300.0), report(3, other_m))
+    known.records[4] = Record(4, 120.0, NOW_NS, boot=1)
+
+    assert known.ahead_m(known.records[1], report(1, 0.0), known.records[2]) == ahead_m
+
+
+def test_no_train_is_ahead_of_itself_wherever_counters_saw_it_pass() -> None:
+    known = conclusions(report(1, 0.0))
+    known.records[1].rear_m = 400.0
+
+    assert known.ahead_m(known.records[1], report(1, 0.0), None) is None
+
+
+def test_before_the_foremost_train_there_is_none() -> None:
+    known = conclusions(report(1, 900.0), report(2, 300.0))
+
+    assert known.ahead_m(known.records[1], report(1, 900.0), None) is None
+
+
+def test_a_standby_learns_of_every_train_where_it_is_and_what_it_may_hold() -> None:
+    known = conclusions(report(1, 900.0), report(2, 500.0, boot=3, held_end_m=850.0))
+    known.records[2].issued(8, 880.0, life_ns=0)
+    known.records[3] = Record(3, 100.0, NOW_NS, boot=4, latent_m=2_000_000.0)
+
+    assert known.sync_entries() == (
+        SyncEntry(1, 900.0, 980.0, 1),
+        SyncEntry(2, 500.0, 880.0, 3),
+        SyncEntry(3, 100.0, 1_000_000.0, 4),
+    )

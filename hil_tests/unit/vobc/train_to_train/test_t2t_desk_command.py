@@ -1,0 +1,499 @@
+"""A train that commands one area: how it begins, what it obeys of itself, and how it ends."""
+
+from typing import Any
+
+import pytest
+
+from hil_tests.unit.vobc.train_to_train.test_t2t_desk import (
+    ARBITER,
+    AREA,
+    BOOT,
+    LATER,
+    OTHER,
+    OWN,
+    THREE,
+    Puppet,
+    Scene,
+    candidate,
+    ns,
+    reports,
+    requests,
+)
+from vobc.train_to_train.lease import LeaseState
+from vobc.train_to_train.vocabulary import AreaMemory, Role
+from zenoh_config.messages import WAYSIDE
+from zenoh_config.t2t import (
+    BROADCAST,
+    NOBODY,
+    Admission,
+    AdmissionState,
+    AreaAuthority,
+    ClaimKind,
+    Heartbeat,
+    LeaseKind,
+    LeaseRequest,
+    ObjectClaim,
+    Phase,
+    RosterCommit,
+    RosterEntry,
+    SwitchKind,
+    SwitchStep,
+    SyncEntry,
+    T2tMessage,
+)
+
+
+def fencing(**told: Any) -> tuple[Scene, list[T2tMessage]]:
+    """It asked at 400 ms, and was granted the lease at 405 ms; and what it says then."""
+    scene = candidate(**told)
+    scene.grants(405, 1)
+    said = scene.step(405)
+    assert scene.role() is Role.FENCING
+    return scene, said
+
+
+def master(**told: Any) -> Scene:
+    """Its roster is kept at 410 ms."""
+    scene, _ = fencing(**told)
+    scene.acks(410)
+    scene.step(410)
+    assert scene.role() is Role.MASTER
+    return scene
+
+
+def played(**told: Any) -> tuple[Scene, Puppet]:
+    """From 410 ms its master says what the test wants."""
+    scene = master()
+    return scene, scene.plays(Puppet(**told))
+
+
+def own_head(scene: Scene, to: int = BROADCAST) -> tuple[int, int, int, int, int, int, int]:
+    return (OWN, to, AREA, scene.desk.lease.term, BOOT, 1000, ns(420))
+
+
+# How it begins.
+
+
+def test_whoever_is_granted_the_lease_speaks_under_its_term_in_the_same_step() -> None:
+    scene, said = fencing(memory=AreaMemory(AREA, seen_term=0, owner=0, tried_term=0))
+
+    (report,) = reports(said)
+    (beat,) = [each for each in said if isinstance(each, Heartbeat)]
+    (commit,) = [each for each in said if isinstance(each, RosterCommit)]
+    assert (report.term, report.stamp_ns) == (1, ns(405)), "though it reported 5 ms ago"
+    assert report.echo_ns == ns(405), "it is on its way to itself for no time"
+    assert (beat.term, beat.phase) == (1, Phase.FENCING)
+    assert (commit.term, commit.destination) == (1, ARBITER)
+    assert scene.desk.member.memory == AreaMemory(AREA, seen_term=1, owner=OWN, tried_term=1)
+    assert requests(said) == []
+
+
+def test_it_is_master_when_its_roster_is_kept_and_not_before() -> None:
+    scene, _ = fencing()
+    scene.step(409)
+    assert scene.role() is Role.FENCING
+    began = scene.desk.master
+
+    scene.acks(410)
+    said = scene.step(410)
+
+    assert scene.role() is Role.MASTER
+    assert scene.desk.master is began
+    assert requests(said) == []
+
+
+def test_a_master_goes_on_beating_and_reporting() -> None:
+    scene = master()
+
+    said = scene.step(505)
+
+    assert [each.phase for each in said if isinstance(each, Heartbeat)] == [Phase.ISSUING]
+    assert len(reports(said)) == 1
+    assert scene.role() is Role.MASTER
+
+
+def test_what_a_later_master_tells_its_standby_changes_nothing_of_what_this_one_knows() -> None:
+    """It says so under its own term only, of its own time."""
+    scene = candidate()
+    scene.grants(405, 1, roster=(RosterEntry(1, 1200.0, True, 1),))
+    scene.step(405)
+    scene.sync(406, SyncEntry(1, 1500.0, 1700.0, 1), term=7)
+
+    assert scene.desk.master is not None
+    assert scene.desk.master._known.records[1].rear_m == 1200.0
+
+
+def test_its_master_hears_each_of_its_own_reports_once() -> None:
+    scene, puppet = played()
+    assert puppet.heard == []
+
+    (report,) = reports(scene.step(505))
+    assert puppet.heard == [report]
+    assert reports(scene.step(510)) == []
+
+    assert puppet.heard == [report]
+
+
+def test_its_master_hears_what_members_objects_and_successors_say() -> None:
+    scene, puppet = played()
+    report = scene.report(415, term=1)
+    scene.acks(416, version=7)
+    scene.switch(417, SwitchKind.READY, source=2, successor=2, term=1)
+
+    kinds = [type(each).__name__ for each in puppet.heard]
+
+    assert puppet.heard[0] is report
+    assert kinds == ["TrainReport", "RosterAck", "SwitchStep"]
+
+
+def test_its_master_hears_nothing_of_what_masters_and_arbiters_say_to_trains() -> None:
+    scene, puppet = played()
+    scene.beats(415)
+    scene.desk.hears(scene.authority(415), ns(415))
+    scene.grants(415, 1, nonce=9)
+    scene.sync(415)
+    scene.switch(415, SwitchKind.PREPARE)
+
+    assert puppet.heard == []
+
+
+# The lease.
+
+
+def test_it_asks_again_for_the_lease_every_75_ms_and_not_before() -> None:
+    scene, _ = played()
+    assert requests(scene.step(475, early_ns=1)) == []
+
+    (renewal,) = requests(scene.step(475))
+
+    head = (OWN, ARBITER, AREA, 1, BOOT, renewal.sequence, ns(475))
+    assert renewal == LeaseRequest(*head, LeaseKind.RENEW, 2, NOBODY, 0)
+    assert requests(scene.step(550, early_ns=1)) == []
+    assert len(requests(scene.step(550))) == 1
+
+
+@pytest.mark.parametrize(("before", "after"), [(NOBODY, 2), (2, NOBODY), (2, 1)])
+def test_arbiters_hear_at_once_who_may_acquire_instead(before: int, after: int) -> None:
+    scene, puppet = played(names=[before, before, after, after])
+    scene.step(411)
+    assert requests(scene.step(412)) == []
+
+    said = requests(scene.step(413))
+
+    assert [(each.kind, each.successor) for each in said] == [(LeaseKind.RENEW, after)]
+    assert requests(scene.step(414)) == []
+    assert puppet.names == []
+
+
+def test_a_master_is_due_when_it_has_to_renew() -> None:
+    scene, _ = played()
+    scene.report(450)
+
+    assert scene.desk.next_due_ns(ns(450)) == ns(475)
+
+
+def test_a_master_is_due_when_what_it_commands_wants_it() -> None:
+    scene, _ = played(due_ns=ns(440))
+
+    assert scene.desk.next_due_ns(ns(410)) == ns(440)
+
+
+def test_a_master_is_due_when_it_would_be_deaf() -> None:
+    scene, _ = played()
+    for at_ms in (475, 505):
+        scene.step(at_ms)
+    scene.desk.lease.until_ns = ns(9000)
+    scene.step(550)
+    scene.step(565)
+
+    assert scene.desk.next_due_ns(ns(565)) == ns(410 + 160)
+
+
+def test_a_master_is_due_when_its_lease_runs_out() -> None:
+    scene, _ = played()
+    for at_ms in (475, 550, 625, 650):
+        scene.step(at_ms)
+    scene.report(660, term=1)
+
+    assert scene.desk.next_due_ns(ns(660)) == ns(400 + 300 * 0.998)
+
+
+# What it obeys of itself.
+
+
+def test_a_master_obeys_the_authority_that_it_gives_itself_and_does_not_send_it() -> None:
+    scene, puppet = played()
+    own = AreaAuthority(*own_head(scene, OWN), BOOT, ns(410), 2900.0, 1400.0, NOBODY, 1, ())
+    others = AreaAuthority(*own_head(scene, 1), 1, 77, 2000.0, 1400.0, NOBODY, 1, ())
+    puppet.says = [own, others]
+
+    said = scene.step(420)
+
+    assert said == [others]
+    assert scene.desk.member.held is own
+
+
+def test_a_master_obeys_its_own_heartbeat_and_sends_it() -> None:
+    """Whoever was standby of the master before is so no more when it has commanded itself."""
+    scene, puppet = played()
+    scene.desk.member.standby = OWN
+    beat = Heartbeat(*own_head(scene), Phase.ISSUING, 2, 1)
+    puppet.says = [beat]
+
+    assert scene.step(420) == [beat]
+
+    assert scene.desk.member.standby == 2
+    scene.step(421)
+    assert scene.role() is Role.MASTER
+
+
+def test_a_master_that_prepares_a_switch_is_ready_for_it_itself() -> None:
+    scene, puppet = played()
+    step = SwitchStep(*own_head(scene), SwitchKind.PREPARE, 4, 2)
+    puppet.says = [step]
+    assert scene.step(420) == [step]
+    assert scene.desk.next_due_ns(ns(420)) == ns(420)
+
+    (report,) = reports(scene.step(421))
+    assert report.ready_nonce == 4
+    puppet.says = [SwitchStep(*own_head(scene), SwitchKind.ABORT, 4, NOBODY)]
+    scene.step(422)
+
+    assert [each.ready_nonce for each in reports(scene.step(521))] == [0]
+
+
+def test_a_master_never_calls_itself() -> None:
+    """Not even for a switch that it prepared."""
+    scene, puppet = played(has_others=False)
+    puppet.says = [SwitchStep(*own_head(scene), SwitchKind.PREPARE, 4, OWN)]
+    scene.step(420)
+    puppet.says = [SwitchStep(*own_head(scene, OWN), SwitchKind.COMMIT, 4, OWN)]
+    scene.step(420)
+    scene.step(421, localised=False)
+    assert scene.role() is Role.APPLICANT
+
+    scene.step(422)
+
+    assert scene.role() is Role.APPLICANT
+
+
+def test_what_a_master_says_to_others_it_does_not_obey() -> None:
+    scene, puppet = played()
+    claim = ObjectClaim(*own_head(scene, WAYSIDE), 3, ClaimKind.CLAIM, 1)
+    waits = Admission(*own_head(scene, 4), AdmissionState.WAITS, 1)
+    mine = Admission(*own_head(scene, OWN), AdmissionState.WAITS, 1)
+    prepare = SwitchStep(*own_head(scene, 2), SwitchKind.PREPARE, 4, 2)
+    puppet.says = [claim, waits, mine, prepare]
+
+    assert scene.step(420) == [claim, waits, prepare]
+
+    assert reports(scene.step(421)) == []
+    assert [each.ready_nonce for each in reports(scene.step(505))] == [0]
+
+
+# How it ends.
+
+
+@pytest.mark.parametrize(
+    ("told", "away"),
+    [
+        ({}, False),
+        ({"localised": False}, True),
+        ({"out_of_service": True}, True),
+        ({"concerned": False}, True),
+    ],
+)
+def test_a_master_that_should_not_command_much_longer_knows_it(
+    told: dict[str, Any], *, away: bool
+) -> None:
+    scene, puppet = played()
+
+    scene.step(420, **told)
+
+    assert puppet.away == [away]
+    assert scene.role() is Role.MASTER, "for as long as others are there"
+
+
+@pytest.mark.parametrize("told", [{"localised": False}, {"concerned": False}])
+def test_a_master_that_leaves_nobody_behind_gives_the_area_back(told: dict[str, Any]) -> None:
+    scene, _ = played(has_others=False)
+    scene.step(419)
+    assert scene.role() is Role.MASTER
+
+    said = scene.step(420, **told)
+
+    assert scene.role() in (Role.APPLICANT, Role.OUTSIDE)
+    assert scene.desk.master is None
+    assert scene.desk.lease.state is LeaseState.NONE
+    head = (OWN, ARBITER, AREA, 1, BOOT, said[0].sequence, ns(420))
+    assert said == [LeaseRequest(*head, LeaseKind.RELEASE, 2, NOBODY, 0)]
+
+
+def test_it_gives_the_lease_back_to_every_arbiter() -> None:
+    scene = candidate(arbiters=THREE)
+    scene.grants(405, 1)
+    scene.grants(405, 1, arbiter=65_003)
+    scene.step(405)
+    assert scene.role() is Role.FENCING
+
+    said = scene.step(410, concerned=False)
+
+    assert [each.destination for each in requests(said)] == list(THREE)
+
+
+def test_a_master_that_resigns_calls_its_standby_after_the_arbiters_have_heard() -> None:
+    scene, _ = played(standby=2)
+
+    said = scene.step(570)
+
+    assert scene.role() is Role.APPLICANT
+    assert [each.kind for each in requests(said[:1])] == [LeaseKind.RELEASE]
+    head = (OWN, 2, AREA, 1, BOOT, said[0].sequence + 1, ns(570))
+    assert said[1] == SwitchStep(*head, SwitchKind.RESIGN, 0, 2)
+
+
+def steps_of_a_switch(said: list[T2tMessage]) -> list[T2tMessage]:
+    return [each for each in said if isinstance(each, SwitchStep)]
+
+
+def test_a_master_without_standby_calls_nobody() -> None:
+    scene, _ = played(has_others=False)
+
+    said = scene.step(420, localised=False)
+
+    assert scene.role() is Role.APPLICANT
+    assert steps_of_a_switch(said) == []
+
+
+def test_a_train_out_of_service_commands_itself_until_another_takes_over() -> None:
+    """It would brake for want of an authority that it can give to itself."""
+    scene, puppet = played(has_others=False)
+    scene.step(420, out_of_service=True)
+
+    assert scene.role() is Role.MASTER
+    assert puppet.away == [True], "whoever comes is to take over"
+
+
+@pytest.mark.parametrize("fence", ["heartbeat", "report", "refusal"])
+def test_a_master_that_hears_of_a_higher_term_goes_and_calls_nobody(fence: str) -> None:
+    """Somebody commands already."""
+    scene, _ = played(standby=2)
+    if fence == "heartbeat":
+        scene.beats(420, 2, source=LATER)
+    elif fence == "report":
+        scene.report(420, term=2)
+    else:
+        scene.grants(420, 2, granted=False)
+
+    said = scene.step(420)
+
+    assert scene.role() is Role.APPLICANT
+    assert [each.kind for each in requests(said)] == [LeaseKind.RELEASE]
+    assert steps_of_a_switch(said) == []
+
+
+def test_a_master_stays_so_by_promises_and_heartbeats_of_its_own_or_an_older_term() -> None:
+    scene = Scene(memory=AreaMemory(AREA, seen_term=4, owner=OTHER))
+    scene.step(0)
+    scene.step(400)
+    scene.grants(405, 5)
+    scene.step(405)
+    scene.acks(410, 5)
+    scene.step(410)
+    for term in (4, 5):
+        scene.report(415, term=term)
+        scene.beats(415, term)
+
+    scene.step(420)
+
+    assert scene.role() is Role.MASTER
+
+
+def test_whatever_it_hears_of_a_later_term_ends_its_command() -> None:
+    """Here a switch of its successor's successor."""
+    scene, _ = played()
+    scene.switch(415, SwitchKind.PREPARE, term=7, source=LATER, successor=2)
+
+    scene.step(420)
+
+    assert scene.role() is Role.APPLICANT
+
+
+def test_a_master_goes_when_its_lease_would_run_out_before_its_words_have_left() -> None:
+    """Asked for at 400 ms, for 300 ms less 2 of a thousand and the margin of 10 ms."""
+    scene, _ = played()
+    end_ms = 400 + 299.4 - 10
+    scene.report(600, term=1)
+    scene.step(end_ms, early_ns=1)
+    assert scene.role() is Role.MASTER
+
+    scene.step(end_ms)
+
+    assert scene.role() is Role.APPLICANT
+
+
+@pytest.mark.parametrize(
+    ("standby", "hears_nobody", "early_ns", "deaf"),
+    [
+        (2, False, 1, False),
+        (2, False, 0, True),
+        (2, True, 1, True),
+        (NOBODY, False, 0, False),
+        (NOBODY, True, 0, False),
+    ],
+)
+def test_a_master_is_deaf_after_160_ms_without_a_word_or_when_no_train_is_heard(
+    standby: int, early_ns: int, *, hears_nobody: bool, deaf: bool
+) -> None:
+    """And somebody waits to take its place."""
+    scene, _ = played(standby=standby, hears_nobody=hears_nobody)
+
+    scene.step(410 + 160, early_ns=early_ns)
+
+    assert scene.role() is (Role.APPLICANT if deaf else Role.MASTER)
+
+
+def test_any_word_of_the_area_shows_that_a_master_is_not_deaf() -> None:
+    scene, _ = played(standby=2)
+    scene.report(500, term=1)
+
+    scene.step(570)
+
+    assert scene.role() is Role.MASTER
+
+
+def applies_at_ms(scene: Scene, from_ms: float) -> int:
+    """To the millisecond."""
+    at_ms = int(from_ms)
+    while scene.role() is not Role.CANDIDATE:
+        assert at_ms < 5000
+        at_ms += 1
+        scene.step(at_ms)
+    return at_ms
+
+
+def test_a_master_that_was_deaf_is_quiet_for_two_leases() -> None:
+    """As its arbiters hear it, it would only be in the way of whoever hears them, too."""
+    scene, _ = played(standby=2)
+    scene.step(570)
+    assert scene.role() is Role.APPLICANT
+
+    assert applies_at_ms(scene, 570) == 570 + 600
+
+
+def test_a_master_that_was_not_deaf_waits_for_its_turn_only() -> None:
+    """From the time when it commanded itself."""
+    scene, _ = played(standby=2, hears_nobody=True)
+    scene.step(570, early_ns=1)
+    assert scene.role() is Role.APPLICANT
+
+    assert applies_at_ms(scene, 569) == 570 + 400
+
+
+def test_the_next_command_of_the_same_train_is_of_a_higher_term() -> None:
+    scene, _ = played(has_others=False)
+    scene.step(420, localised=False)
+
+    said = scene.step(820)
+
+    assert [(each.kind, each.term) for each in requests(said)] == [(LeaseKind.ACQUIRE, 2)]

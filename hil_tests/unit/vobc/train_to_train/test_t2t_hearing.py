@@ -1,0 +1,314 @@
+"""What is heard of everything said: by whom, for whom, in what order; and how it is headed."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import pytest
+
+from vobc.train_to_train.message_heads import Head, Speaker
+from vobc.train_to_train.reception import Hearing
+from zenoh_config.messages import RefusedReason
+from zenoh_config.t2t import (
+    BROADCAST,
+    Admission,
+    AdmissionState,
+    AreaAuthority,
+    ClaimKind,
+    Heartbeat,
+    LeaseAnswer,
+    LeaseKind,
+    LeaseRequest,
+    LineOrder,
+    ObjectClaim,
+    ObjectState,
+    ObjectStatus,
+    OrderKind,
+    Phase,
+    RosterAck,
+    RosterCommit,
+    StandbySync,
+    SwitchKind,
+    SwitchStep,
+    SyncAck,
+    T2tMessage,
+    TrackStatus,
+    TrainReport,
+)
+
+OWN = 5
+OWN_BOOT = 3
+SPOKEN = 10
+"""Sequence of the last message that the train itself has said."""
+
+WRONG_SOURCE = RefusedReason.WRONG_SOURCE
+WRONG_DESTINATION = RefusedReason.WRONG_DESTINATION
+WRONG_BOOT = RefusedReason.WRONG_BOOT
+NOT_NEWER = RefusedReason.NOT_NEWER
+
+Head7 = tuple[int, int, int, int, int, int, int]
+Maker = Callable[[Head7], T2tMessage]
+
+
+def head(
+    source: int, *, to: int = OWN, area: int = 1, boot: int = OWN_BOOT, sequence: int = 20
+) -> Head7:
+    return source, to, area, 4, boot, sequence, 0
+
+
+def report(told: Head7) -> T2tMessage:
+    return TrainReport(
+        *told,
+        localised=True,
+        front_min_m=499.0,
+        front_max_m=500.0,
+        rear_min_m=420.0,
+        protected_m=420.0,
+        speed_mps=0.0,
+        standstill=True,
+        latent_m=500.0,
+        held_end_m=500.0,
+        easy_m=500.0,
+        held_term=0,
+        held_sequence=0,
+        member=False,
+        behind=0,
+        comes_from=0,
+        axles=16,
+        out_of_service=False,
+        ready_nonce=0,
+        echo_ns=0,
+    )
+
+
+def heartbeat(told: Head7) -> T2tMessage:
+    return Heartbeat(*told, Phase.ISSUING, 0, 1)
+
+
+def authority(told: Head7) -> T2tMessage:
+    return AreaAuthority(*told, 1, 0, 900.0, 0.0, 0, 1, ())
+
+
+def order(told: Head7) -> T2tMessage:
+    return LineOrder(*told, OrderKind.STOP, OWN)
+
+
+def answer(told: Head7) -> T2tMessage:
+    return LeaseAnswer(*told, True, 1, 0, OWN, 0, 0, 0, ())
+
+
+def status(told: Head7, number: int = 3) -> T2tMessage:
+    return ObjectStatus(*told, number, ObjectState.LOCKED, 4, 2, False)
+
+
+def track(told: Head7) -> T2tMessage:
+    return TrackStatus(*told, 0, (), (), ())
+
+
+OF_TRAINS: tuple[Maker, ...] = (
+    heartbeat,
+    report,
+    authority,
+    lambda told: StandbySync(*told, 1, ()),
+    lambda told: SyncAck(*told, 1),
+    lambda told: SwitchStep(*told, SwitchKind.PREPARE, 1, 7),
+    lambda told: Admission(*told, AdmissionState.WAITS, 0),
+    lambda told: ObjectClaim(*told, 3, ClaimKind.CLAIM, 1),
+)
+OF_ARBITERS: tuple[Maker, ...] = (answer, lambda told: RosterAck(*told, 1))
+OF_WAYSIDE: tuple[Maker, ...] = (status, track)
+OF_SUPERVISION: tuple[Maker, ...] = (order,)
+FOR_ARBITERS: tuple[Maker, ...] = (
+    lambda told: LeaseRequest(*told, LeaseKind.ACQUIRE, 1, 0),
+    lambda told: RosterCommit(*told, 1, ()),
+)
+EVERYBODY = (0, 1, 64_999, 65_000, 65_001, 65_050, 65_099, 65_100, 65_101)
+"""Wayside, the first and last trains and arbiters, supervision, and who is none of them."""
+
+
+def fresh() -> Hearing:
+    return Hearing(OWN, OWN_BOOT)
+
+
+def why_not(hearing: Hearing, message: T2tMessage) -> RefusedReason | None:
+    """The one reason that was counted; None: it was heard."""
+    before = hearing.refusals.copy()
+    if hearing.admits(message, SPOKEN):
+        assert hearing.refusals == before
+        return None
+    (counted,) = (hearing.refusals - before).items()
+    assert counted[1] == 1
+    return counted[0]
+
+
+# Who may say what.
+
+
+@pytest.mark.parametrize(
+    ("makers", "speakers"),
+    [
+        (OF_TRAINS, {1, 64_999}),
+        (OF_ARBITERS, {65_001, 65_050, 65_099}),
+        (OF_WAYSIDE, {0}),
+        (OF_SUPERVISION, {65_100}),
+        (FOR_ARBITERS, set()),
+    ],
+)
+def test_a_message_is_heard_only_from_those_whose_message_it_is(
+    makers: tuple[Maker, ...], speakers: set[int]
+) -> None:
+    for make in makers:
+        heard = {who for who in EVERYBODY if why_not(fresh(), make(head(who))) is None}
+        assert heard == speakers
+        for who in set(EVERYBODY) - speakers:
+            assert why_not(fresh(), make(head(who))) is WRONG_SOURCE
+
+
+@pytest.mark.parametrize("make", [*OF_TRAINS, *OF_SUPERVISION])
+@pytest.mark.parametrize(
+    ("to", "reason"),
+    [(OWN, None), (BROADCAST, None), (6, WRONG_DESTINATION), (0, WRONG_DESTINATION)],
+)
+def test_only_what_is_for_this_train_or_for_all_is_heard(
+    make: Maker, to: int, reason: RefusedReason | None
+) -> None:
+    source = 65_100 if make is order else 9
+
+    assert why_not(fresh(), make(head(source, to=to))) is reason
+
+
+def test_what_is_refused_is_counted_by_its_reason() -> None:
+    hearing = fresh()
+    assert hearing.refusals == {}
+
+    assert hearing.admits(heartbeat(head(9)), SPOKEN) is True
+    assert hearing.admits(heartbeat(head(9)), SPOKEN) is False
+    assert hearing.admits(heartbeat(head(9)), SPOKEN) is False
+    assert hearing.admits(heartbeat(head(9, to=6)), SPOKEN) is False
+
+    assert hearing.refusals == {NOT_NEWER: 2, WRONG_DESTINATION: 1}
+
+
+# Another one under the same address.
+
+
+@pytest.mark.parametrize(
+    ("boot", "sequence", "doubled"),
+    [(3, 9, False), (3, 10, False), (3, 11, True), (2, 11, False), (4, 1, True)],
+)
+def test_what_this_train_has_not_said_yet_under_its_address_a_double_says(
+    boot: int, sequence: int, *, doubled: bool
+) -> None:
+    """Its own words come back, too, some of them from an earlier life; they are never heard."""
+    hearing = fresh()
+    assert hearing.doubled is False
+
+    assert why_not(hearing, heartbeat(head(OWN, boot=boot, sequence=sequence))) is WRONG_SOURCE
+    assert hearing.doubled is doubled
+
+    hearing.admits(heartbeat(head(OWN, sequence=1)), SPOKEN)
+    assert hearing.doubled is doubled  # Who was doubled once stays so.
+
+
+def test_whoever_else_is_ahead_in_its_numbers_is_no_double() -> None:
+    hearing = fresh()
+
+    hearing.admits(heartbeat(head(9, boot=99, sequence=99)), SPOKEN)
+
+    assert hearing.doubled is False
+
+
+# In what order.
+
+
+@pytest.mark.parametrize(
+    ("boot", "sequence", "reason"),
+    [
+        (3, 21, None),
+        (4, 1, None),
+        (30, 20, None),
+        (3, 20, NOT_NEWER),
+        (3, 19, NOT_NEWER),
+        (2, 21, WRONG_BOOT),
+        (2, 20, WRONG_BOOT),
+        (0, 99, WRONG_BOOT),
+    ],
+)
+def test_one_speaker_is_heard_in_the_order_of_its_lives_and_of_its_words(
+    boot: int, sequence: int, reason: RefusedReason | None
+) -> None:
+    hearing = fresh()
+    assert why_not(hearing, report(head(9, boot=3, sequence=20))) is None
+
+    assert why_not(hearing, report(head(9, boot=boot, sequence=sequence))) is reason
+
+
+def test_what_was_refused_does_not_count_as_heard() -> None:
+    hearing = fresh()
+    assert why_not(hearing, report(head(9, sequence=20))) is None
+    assert why_not(hearing, report(head(9, to=6, sequence=30))) is WRONG_DESTINATION
+    assert why_not(hearing, report(head(9, sequence=10))) is NOT_NEWER
+
+    assert why_not(hearing, report(head(9, sequence=21))) is None
+    assert why_not(hearing, report(head(9, sequence=21))) is NOT_NEWER
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        report(head(8, sequence=1)),
+        report(head(9, area=2, sequence=1)),
+        heartbeat(head(9, sequence=1)),
+    ],
+)
+def test_another_speaker_area_or_kind_of_message_has_an_order_of_its_own(other: T2tMessage) -> None:
+    hearing = fresh()
+    assert why_not(hearing, report(head(9, sequence=20))) is None
+
+    assert why_not(hearing, other) is None
+    assert why_not(hearing, other) is NOT_NEWER
+
+
+def test_every_object_of_the_wayside_has_an_order_of_its_own() -> None:
+    hearing = fresh()
+    assert why_not(hearing, status(head(0, sequence=20), 3)) is None
+
+    assert why_not(hearing, status(head(0, sequence=10), 4)) is None
+    assert why_not(hearing, status(head(0, sequence=10), 0)) is None
+    assert why_not(hearing, status(head(0, sequence=19), 3)) is NOT_NEWER
+
+
+def test_authorities_are_kept_in_order_by_the_member_who_takes_them() -> None:
+    """A new master's may come before the last ones of the old, and each has its term."""
+    hearing = fresh()
+
+    for sequence in (20, 20, 1):
+        assert why_not(hearing, authority(head(9, sequence=sequence))) is None
+
+
+def test_16384_streams_are_kept_and_a_flood_of_new_speakers_silences_nobody_known() -> None:
+    hearing = fresh()
+    trains = [train for train in range(1, 20_000) if train != OWN]
+    sample = report(head(trains[0]))
+    for train in trains[:16_384]:
+        assert hearing.admits(replace(sample, source=train), SPOKEN)
+
+    assert why_not(hearing, report(head(trains[16_384]))) is WRONG_SOURCE
+    assert why_not(hearing, report(head(trains[16_384]))) is WRONG_SOURCE
+    assert why_not(hearing, report(head(trains[16_383], sequence=21))) is None
+    assert why_not(hearing, report(head(trains[0], sequence=21))) is None
+    assert why_not(hearing, report(head(trains[0], sequence=21))) is NOT_NEWER
+
+
+# How a train itself speaks.
+
+
+def test_a_train_numbers_all_its_words_from_1_whatever_they_are_about() -> None:
+    speaker = Speaker(OWN, OWN_BOOT)
+    assert speaker.sequence == 0
+
+    first = speaker.head(70, to=9, area=1, term=4)
+    second = speaker.head(80, to=BROADCAST, area=2, term=6)
+
+    assert first == Head(source=5, destination=9, area=1, term=4, boot=3, sequence=1, stamp_ns=70)
+    assert second == (5, BROADCAST, 2, 6, 3, 2, 80)
+    assert speaker.sequence == 2

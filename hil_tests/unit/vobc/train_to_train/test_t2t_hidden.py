@@ -1,0 +1,266 @@
+"""What hides between a train and the next one, by axles that are counted and by who is known."""
+
+from dataclasses import replace
+
+import pytest
+
+from hil_tests.unit.vobc.train_to_train.test_t2t_conclusions import (
+    NOW_NS,
+    SILENT_NS,
+    TERM,
+    conclusions,
+    report,
+    track,
+)
+from vobc.train_to_train.authority import Bar, Stretch
+from vobc.train_to_train.occupancy import Record
+from zenoh_config.t2t import RosterEntry, TrainReport
+
+
+@pytest.mark.parametrize(
+    ("age_ns", "within_m"), [(0, 80.0), (SILENT_NS, 100.0), (SILENT_NS + 1, 900.0)]
+)
+def test_a_train_is_no_farther_than_it_may_have_run_since_it_spoke(
+    age_ns: int, within_m: float
+) -> None:
+    """At 40 m/s; from one that is silent only what it was granted is known."""
+    known = conclusions(report(1, 0.0, held_end_m=900.0))
+
+    assert known.within_m(known.records[1], NOW_NS + age_ns, sure=True) == within_m
+    assert known.within_m(known.records[1], NOW_NS + age_ns, sure=False) == 900.0
+
+
+def test_a_train_is_no_farther_than_it_was_granted() -> None:
+    known = conclusions(report(1, 0.0, held_end_m=85.0))
+
+    assert known.within_m(known.records[1], NOW_NS + SILENT_NS, sure=True) == 85.0
+
+
+def test_of_a_train_that_was_never_heard_only_what_it_was_granted_is_known() -> None:
+    known = conclusions()
+    known.records[1] = Record(1, 0.0, NOW_NS, boot=1, latent_m=400.0)
+
+    assert known.within_m(known.records[1], NOW_NS, sure=True) == 400.0
+
+
+def hidden(
+    occupied: tuple[bool, ...],
+    *,
+    ahead: Record | None = None,
+    end_m: float = 5000.0,
+    left: Record | None = None,
+) -> list[Stretch]:
+    """Before a train from 0 to 80 m that was granted 100 m."""
+    known = conclusions(report(1, 0.0, held_end_m=100.0))
+    return known.hidden_before(known.records[1].granted_m, ahead, track(*occupied), (end_m, left))
+
+
+def heard_of(rear_m: float, *, later_ns: int = 0) -> Record:
+    """So long after the look."""
+    return Record(2, rear_m, NOW_NS + later_ns, boot=1)
+
+
+THIRD_OCCUPIED = (True, False, True, True)
+HIDDEN = [Stretch(189.0, 300.0, Bar.SHUT)]
+"""The third section, 4 m for what hangs over and 7 m for rolling and jogging back before it."""
+
+
+@pytest.mark.parametrize(("ahead_m", "hides"), [(307.0, True), (306.9, False), (400.0, True)])
+def test_an_occupied_section_that_neither_of_two_neighbours_can_be_in_is_shut(
+    ahead_m: float, *, hides: bool
+) -> None:
+    found = hidden(THIRD_OCCUPIED, ahead=heard_of(ahead_m))
+
+    assert found == (HIDDEN if hides else [])
+
+
+def located(ahead: TrainReport, *, age_ns: int = 0, lost: bool = False) -> bool:
+    """By what it said a while ago, and that it said since that it is lost."""
+    told = [ahead, *([replace(ahead, localised=False)] if lost else [])]
+    known = conclusions(report(1, 0.0, held_end_m=100.0))
+    record = known.table.of(ahead.source, rear_m=ahead.rear_min_m, now_ns=0)
+    for each in told:
+        record.hears(each, NOW_NS, term=TERM, jog_m=5.0)
+    return known.is_placed(record, NOW_NS + age_ns)
+
+
+def test_a_train_is_placed_that_said_just_now_under_this_command_where_it_is() -> None:
+    assert located(report(2, 290.0))
+    assert located(report(2, 290.0), age_ns=SILENT_NS)
+    assert not located(report(2, 290.0), age_ns=SILENT_NS + 1)
+    assert not located(report(2, 290.0, term=TERM - 1))
+    assert not located(replace(report(2, 290.0), echo_ns=0))
+    assert not located(report(2, 290.0), lost=True)
+
+
+def test_a_train_that_was_lost_is_placed_again_as_soon_as_it_says_where_it_is() -> None:
+    known = conclusions(report(2, 290.0), replace(report(2, 290.0), localised=False))
+    assert not known.is_placed(known.records[2], NOW_NS)
+
+    known.records[2].hears(report(2, 291.0), NOW_NS, term=TERM, jog_m=5.0)
+
+    assert known.is_placed(known.records[2], NOW_NS)
+
+
+@pytest.mark.parametrize(("age_ns", "rear_m"), [(0, 294.0), (250_000_000, 304.0)])
+def test_a_rear_has_come_no_farther_than_the_front_is_unsure_and_trains_are_fast(
+    age_ns: int, rear_m: float
+) -> None:
+    told = replace(report(2, 290.0), front_max_m=374.0)
+
+    assert conclusions().rear_max_m(told, NOW_NS + age_ns) == rear_m
+
+
+def test_of_whom_only_arbiters_know_nobody_knows_where_it_is() -> None:
+    known = conclusions()
+    assert not known.is_placed(known.add(RosterEntry(2, 290.0, True, 1), NOW_NS), NOW_NS)
+
+
+@pytest.mark.parametrize(
+    ("age_ns", "granted_m", "from_m"),
+    [
+        (SILENT_NS, 100.0, []),
+        (SILENT_NS + 1, 100.0, [189.0]),
+        (SILENT_NS + 1, 195.0, [195.0]),
+        (SILENT_NS + 1, 280.0, [280.0]),
+        (SILENT_NS + 1, 300.1, [300.1]),
+    ],
+)
+def test_in_the_section_of_a_train_that_is_silent_another_may_be_by_now(
+    age_ns: int, granted_m: float, from_m: list[float]
+) -> None:
+    """Of what reaches in there, or comes close, nothing is taken back, and no more is given."""
+    follows = replace(report(1, 0.0, held_end_m=granted_m), echo_ns=NOW_NS + age_ns)
+    known = conclusions(follows, report(2, 290.0))
+    behind, ahead = known.records[1], known.records[2]
+    view, left = track(*THIRD_OCCUPIED), (5000.0, None)
+
+    assert known.hidden_before(100.0, ahead, view, left) == []
+    found = known.hidden(behind, 100.0, ahead, view, left, NOW_NS + age_ns)
+
+    assert [each.start_m for each in found] == from_m
+    assert all(each.end_m == max(300.0, each.start_m) for each in found)
+
+
+@pytest.mark.parametrize("silent", [False, True])
+def test_a_section_that_a_train_ahead_surely_is_not_in_is_shut_also_within_what_was_granted(
+    *, silent: bool
+) -> None:
+    now_ns = NOW_NS + SILENT_NS + silent
+    follows = replace(report(1, 0.0, held_end_m=350.0), echo_ns=now_ns)
+    known = conclusions(follows, report(2, 390.0))
+
+    found = known.hidden(
+        known.records[1], 100.0, known.records[2], track(*THIRD_OCCUPIED), (5000.0, None), now_ns
+    )
+
+    assert found == HIDDEN
+
+
+def test_no_farther_is_what_a_train_may_hold_or_of_one_that_may_not_have_heard_what_it_says() -> (
+    None
+):
+    hears, deaf = report(1, 0.0, held_end_m=350.0), report(2, 0.0, held_end_m=350.0)
+    known = conclusions(hears, replace(deaf, echo_ns=NOW_NS - SILENT_NS - 1))
+    for train in (1, 2):
+        known.records[train].issued(9, 400.0, life_ns=0)
+    known.records[3] = Record(3, 0.0, NOW_NS, boot=1, latent_m=300.0)
+
+    bars = [known.no_farther(known.records[train], NOW_NS) for train in (1, 2, 3)]
+
+    assert bars == [
+        Stretch(400.0, 1_000_000.0, Bar.SHUT),
+        Stretch(350.0, 1_000_000.0, Bar.UNSURE),
+        Stretch(300.0, 1_000_000.0, Bar.UNSURE),
+    ]
+
+
+@pytest.mark.parametrize("silent_ahead", [False, True])
+@pytest.mark.parametrize(("front_m", "doubtful"), [(80.0, True), (200.0, True), (200.1, False)])
+def test_a_train_that_hears_nothing_may_be_in_sections_within_its_grant_or_another_may(
+    front_m: float, *, doubtful: bool, silent_ahead: bool
+) -> None:
+    """Whether it took what it was granted nobody knows: it gets no more for the moment."""
+    deaf = replace(report(1, 0.0, held_end_m=350.0), front_max_m=front_m, echo_ns=1)
+    ahead = replace(report(2, 390.0), echo_ns=1) if silent_ahead else report(2, 390.0)
+    known = conclusions(deaf, ahead)
+    record, view = known.records[1], track(True, False, True, False)
+
+    beyond_m = known.within_m(record, NOW_NS, sure=True)
+    found = known.hidden(record, beyond_m, known.records[2], view, (5000.0, None), NOW_NS)
+
+    assert beyond_m == 350.0
+    assert found == ([HIDDEN[0]._replace(bar=Bar.UNSURE)] if doubtful else [])
+
+
+@pytest.mark.parametrize(
+    ("before_ms", "rear_m", "hides"),
+    [(100, 307.0, True), (50, 307.0, True), (49, 307.0, False), (100, 306.9, False)],
+)
+def test_a_train_that_was_heard_before_the_look_was_not_in_a_section_that_it_had_left(
+    before_ms: int, rear_m: float, *, hides: bool
+) -> None:
+    """It says so again 50 ms after the look, in which it might have run 2 m (seed 239837)."""
+    known = conclusions(report(1, 0.0, held_end_m=100.0))
+    ahead = known.table.of(2, rear_m=rear_m, now_ns=0)
+    for heard_ns in (NOW_NS - before_ms * 1_000_000, NOW_NS):
+        ahead.hears(report(2, rear_m), heard_ns, term=TERM, jog_m=5.0)
+    view = track(*THIRD_OCCUPIED, seen_ns=NOW_NS - 50_000_000)
+
+    assert known.hidden_before(100.0, ahead, view, (5000.0, None)) == (HIDDEN if hides else [])
+
+
+def test_before_the_foremost_train_what_hides_is_looked_for_once() -> None:
+    known = conclusions(report(1, 0.0, held_end_m=100.0))
+    view, left = track(*THIRD_OCCUPIED), (5000.0, None)
+
+    assert known.hidden(known.records[1], 100.0, None, view, left, NOW_NS) == HIDDEN
+
+
+@pytest.mark.parametrize(("end_m", "hides"), [(300.0, True), (299.9, False), (400.0, True)])
+def test_before_the_foremost_train_all_is_shut_that_is_occupied_up_to_the_end(
+    end_m: float, *, hides: bool
+) -> None:
+    found = hidden(THIRD_OCCUPIED, end_m=end_m)
+
+    assert found == (HIDDEN if hides else [])
+
+
+@pytest.mark.parametrize("left", [False, True])
+@pytest.mark.parametrize(
+    ("later_ns", "bar"), [(1_000_000_000, Bar.SHUT), (1_000_000_001, Bar.UNSURE)]
+)
+def test_whoever_was_seen_there_may_be_the_one_that_is_ahead_since_then(
+    later_ns: int, bar: Bar, *, left: bool
+) -> None:
+    """At 40 m/s it comes 40 m farther in a second; or it may be another."""
+    other = heard_of(347.0, later_ns=later_ns)
+    ahead = None if left else other
+    found = hidden(THIRD_OCCUPIED, ahead=ahead, end_m=340.0, left=other if left else None)
+
+    assert found == [HIDDEN[0]._replace(bar=bar)]
+
+
+@pytest.mark.parametrize(("rear_m", "hides"), [(310.9, False), (311.0, True), (370.0, True)])
+def test_who_left_the_area_excuses_no_section_that_it_had_left_long_before(
+    rear_m: float, *, hides: bool
+) -> None:
+    """It ran on unheard, or began anew where it had been moved to, and says so 0.1 s after the
+    look, in which it may have run 4 m (seed 299316)."""
+    left = heard_of(rear_m, later_ns=100_000_000)
+
+    assert hidden(THIRD_OCCUPIED, end_m=300.0, left=left) == (HIDDEN if hides else [])
+
+
+def test_what_lies_beyond_the_area_is_for_others_to_look_at_however_far_the_last_one_went() -> None:
+    left = heard_of(900.0)
+
+    assert hidden((True, False, False, True), end_m=300.0, left=left) == []
+    assert hidden((True, False, False, True), end_m=400.0, left=left) != []
+
+
+def test_where_nothing_is_occupied_or_nobody_counts_nothing_hides() -> None:
+    known = conclusions(report(1, 0.0, held_end_m=100.0))
+
+    assert hidden((True, False, False, False), end_m=400.0) == []
+    assert known.hidden_before(100.0, None, None, (400.0, None)) == []

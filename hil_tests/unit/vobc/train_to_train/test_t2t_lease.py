@@ -1,0 +1,556 @@
+"""One train's lease, vote by vote: when it is held, until when, and when it is lost."""
+
+from typing import NamedTuple
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from vobc.train_to_train.guards import LeaseGuards, without
+from vobc.train_to_train.lease import Lease, LeaseState, Request
+from vobc.train_to_train.vocabulary import T2tConfig
+from zenoh_config.t2t import LeaseAnswer, LeaseKind, RosterEntry
+
+MS = 1_000_000
+LEASE_NS = 299_400_000
+"""300 ms, as a holder counts whose clock may be slow by 2 in 1000."""
+OWN = 5
+ONE = T2tConfig()
+THREE = T2tConfig(arbiters=(65_001, 65_002, 65_003))
+FIVE = T2tConfig(arbiters=(65_001, 65_002, 65_003, 65_004, 65_005))
+A, B, C, D = 65_001, 65_002, 65_003, 65_004
+YOUNG = (RosterEntry(7, 500.0, True),)
+OLD = (RosterEntry(8, 100.0, False),)
+
+
+def lease_of(config: T2tConfig = ONE, guards: LeaseGuards | None = None) -> Lease:
+    return Lease(config, guards or LeaseGuards())
+
+
+class Kept(NamedTuple):
+    """The roster that an arbiter tells of."""
+
+    term: int = 0
+    version: int = 0
+    roster: tuple[RosterEntry, ...] = ()
+
+
+def grant(
+    request: Request,
+    arbiter: int = A,
+    *,
+    term: int | None = None,
+    nonce: int | None = None,
+    kept: Kept = Kept(),  # noqa: B008
+    echo_ns: int = 0,
+) -> LeaseAnswer:
+    term = request.term if term is None else term
+    nonce = request.nonce if nonce is None else nonce
+    head = (arbiter, OWN, 1, term, 1, 1, 0)
+    return LeaseAnswer(*head, True, nonce, echo_ns, OWN, 0, *kept)
+
+
+def refusal(
+    request: Request, arbiter: int = A, *, term: int | None = None, wait_ms: int = 0
+) -> LeaseAnswer:
+    term = request.term if term is None else term
+    head = (arbiter, OWN, 1, term, 1, 1, 0)
+    return LeaseAnswer(*head, False, request.nonce, 0, 9, wait_ms * MS, 0, 0, ())
+
+
+def asked(lease: Lease, at_ms: int = 1000) -> Request:
+    return lease.ask(at_ms * MS, seen_term=0, tried_term=0)
+
+
+def held(config: T2tConfig = ONE, *, at_ms: int = 1000) -> tuple[Lease, Request]:
+    """Granted at once by as many as are needed."""
+    lease = lease_of(config)
+    request = asked(lease, at_ms)
+    for arbiter in config.arbiters[: config.majority]:
+        lease.hears(grant(request, arbiter), at_ms * MS)
+    assert lease.state is LeaseState.HELD
+    return lease, request
+
+
+# Before anything was asked.
+
+
+def test_who_has_asked_for_nothing_has_nothing_and_knows_nothing() -> None:
+    lease = lease_of()
+
+    assert lease.state is LeaseState.NONE
+    assert (lease.term, lease.refused_term, lease.successor) == (0, 0, 0)
+    assert (lease.until_ns, lease.wait_until_ns) == (0, 0)
+    assert lease.adopted == (0, 0, ())
+    assert lease.beaten is False
+    assert not lease.runs(-1000 * MS)
+    assert not lease.lost(1000 * MS)
+
+
+def test_the_times_of_a_lease_count_from_the_beginning_of_the_clock() -> None:
+    lease = lease_of()
+
+    assert lease.attempt_ends_ns() == 100 * MS
+    assert lease.renewal_due_ns() == 75 * MS
+    # No answer for longer than 75 ms between renewals and a margin of 10 ms.
+    assert lease.renew(86 * MS).less_ns == 1 * MS
+
+
+# Requests.
+
+
+def test_an_application_asks_for_a_whole_lease_under_a_term_nobody_has_seen_tried_or_refused() -> (
+    None
+):
+    lease = lease_of()
+
+    first = lease.ask(1000 * MS, seen_term=3, tried_term=5)
+    lease.hears(refusal(first, term=8), 1010 * MS)
+    second = lease.ask(1200 * MS, seen_term=3, tried_term=6)
+
+    assert first == Request(LeaseKind.ACQUIRE, term=6, nonce=1, successor=0, less_ns=0)
+    assert second == Request(LeaseKind.ACQUIRE, term=9, nonce=2, successor=0, less_ns=0)
+    assert lease.term == 9
+    assert lease.state is LeaseState.ASKED
+
+
+def test_a_renewal_says_the_successor_and_is_due_a_period_after_the_request_before() -> None:
+    lease, request = held()
+    lease.successor = 7
+    assert lease.renewal_due_ns() == 1075 * MS
+
+    renewal = lease.renew(1080 * MS)
+
+    assert renewal == Request(LeaseKind.RENEW, request.term, 2, successor=7, less_ns=0)
+    assert lease.renewal_due_ns() == 1155 * MS
+
+
+def test_a_lease_given_back_is_held_no_more_whatever_arbiters_say_late() -> None:
+    lease, request = held()
+    late = lease.renew(1075 * MS)
+
+    given = lease.give_back(1080 * MS)
+    lease.hears(grant(late), 1085 * MS)
+    lease.hears(grant(request), 1085 * MS)
+
+    assert given == Request(LeaseKind.RELEASE, request.term, 3, successor=0, less_ns=0)
+    assert lease.state is LeaseState.NONE
+    assert not lease.runs(1085 * MS)
+    assert lease.until_ns == 1000 * MS + LEASE_NS
+
+
+def test_no_answer_to_what_was_given_back_counts() -> None:
+    """Neither a vote nor a refusal is one for the next candidacy."""
+    lease, _ = held()
+    given = lease.give_back(1080 * MS)
+
+    lease.hears(refusal(given, term=1, wait_ms=500), 1085 * MS)
+
+    assert lease.wait_until_ns == 0
+
+
+def test_who_applies_anew_forgets_all_that_was_of_the_attempt_before() -> None:
+    lease = lease_of()
+    first = asked(lease)
+    lease.hears(grant(first, kept=Kept(3, 4, YOUNG)), 1005 * MS)
+    lease.successor = 7
+    renewal = lease.renew(1010 * MS)
+    lease.hears(refusal(renewal, term=first.term + 1, wait_ms=200), 1015 * MS)
+    assert lease.beaten
+    assert lease.wait_until_ns == 1215 * MS
+    assert lease.adopted.version == 4
+
+    lease.ask(1060 * MS, seen_term=0, tried_term=0)
+
+    assert lease.state is LeaseState.ASKED
+    assert lease.adopted == (0, 0, ())
+    assert (lease.successor, lease.beaten) == (0, False)
+    assert (lease.until_ns, lease.wait_until_ns) == (0, 0)
+    assert not lease.lost(1159 * MS)
+    # Nothing is confirmed of this attempt, so nothing may be counted on.
+    assert lease.renew(1070 * MS).less_ns == LEASE_NS
+
+
+# Votes.
+
+
+def test_two_of_three_make_a_lease_that_counts_from_the_question() -> None:
+    lease = lease_of(THREE)
+    request = asked(lease)
+
+    lease.hears(grant(request, A), 1010 * MS)
+    lease.hears(grant(request, A), 1011 * MS)
+    assert lease.until_ns == 0  # One counts once.
+    lease.hears(grant(request, C), 1050 * MS)
+
+    assert lease.state is LeaseState.HELD
+    assert lease.until_ns == 1000 * MS + LEASE_NS
+
+
+def test_votes_for_two_requests_are_not_added_up() -> None:
+    lease = lease_of(THREE)
+    first = asked(lease)
+    second = lease.renew(1010 * MS)
+
+    lease.hears(grant(first, A), 1020 * MS)
+    lease.hears(grant(second, B), 1020 * MS)
+
+    assert lease.state is LeaseState.ASKED
+
+
+@pytest.mark.parametrize("arbiter", [0, 5, 65_000, 65_002, 65_099])
+def test_who_is_no_arbiter_of_this_line_has_no_vote_and_refuses_nothing(arbiter: int) -> None:
+    lease = lease_of(ONE)
+    request = asked(lease)
+
+    lease.hears(grant(request, arbiter), 1010 * MS)
+    lease.hears(refusal(request, arbiter, term=30, wait_ms=50), 1010 * MS)
+
+    assert lease.state is LeaseState.ASKED
+    assert not lease.lost(1010 * MS)
+    assert (lease.refused_term, lease.wait_until_ns) == (0, 0)
+
+
+@pytest.mark.parametrize(
+    ("term", "nonce"), [(0, 2), (1, 2), (3, 2), (2, 1), (2, 3), (2, 99), (1, 1), (2, 0)]
+)
+def test_a_grant_for_another_term_or_another_request_is_no_vote(term: int, nonce: int) -> None:
+    lease = lease_of()
+    first = asked(lease)
+    second = lease.ask(1200 * MS, seen_term=0, tried_term=first.term)
+    assert (second.term, second.nonce) == (2, 2)
+
+    lease.hears(
+        grant(second, term=term, nonce=nonce, echo_ns=1200 * MS, kept=Kept(1, 1, OLD)), 1210 * MS
+    )
+
+    assert lease.state is LeaseState.ASKED
+    assert lease.until_ns == 0
+    assert lease.adopted == (0, 0, ())
+
+
+def test_eight_requests_are_kept_and_answers_to_older_ones_are_none() -> None:
+    """What an answer itself says of its time is not believed."""
+    lease, first = held()
+    renewals = [lease.renew((1000 + n) * MS) for n in range(1, 10)]
+
+    for late in (first, renewals[0]):
+        lease.hears(grant(late, echo_ns=5000 * MS), 1020 * MS)
+        assert lease.until_ns == 1000 * MS + LEASE_NS
+    lease.hears(grant(renewals[1]), 1020 * MS)
+    assert lease.until_ns == 1002 * MS + LEASE_NS
+
+
+def test_a_late_grant_of_an_older_request_shortens_nothing() -> None:
+    lease, first = held(THREE)
+    renewal = lease.renew(1075 * MS)
+    lease.hears(grant(renewal, A), 1080 * MS)
+    lease.hears(grant(renewal, B), 1080 * MS)
+    assert lease.until_ns == 1075 * MS + LEASE_NS
+
+    lease.hears(grant(first, C), 1090 * MS)
+
+    assert lease.until_ns == 1075 * MS + LEASE_NS
+
+
+@given(
+    steps=st.lists(
+        st.one_of(
+            st.integers(1, 120),
+            st.tuples(st.integers(0, 9), st.sampled_from(FIVE.arbiters)),
+        ),
+        max_size=40,
+    )
+)
+def test_a_lease_ends_with_the_newest_request_that_a_majority_granted(
+    steps: list[int | tuple[int, int]],
+) -> None:
+    """Whatever answers come, in whatever order: counted beside the lease, arbiter by arbiter."""
+    lease = lease_of(FIVE)
+    now_ms = 1000
+    requests = [(now_ms, asked(lease, now_ms))]
+    voters: dict[int, set[int]] = {}
+    until_ns = 0
+    for step in steps:
+        if isinstance(step, int):
+            now_ms += step
+            requests.append((now_ms, lease.renew(now_ms * MS)))
+            continue
+        back, arbiter = step
+        if back >= min(len(requests), 8):
+            continue
+        sent_ms, request = requests[-1 - back]
+        lease.hears(grant(request, arbiter), now_ms * MS)
+        voters.setdefault(request.nonce, set()).add(arbiter)
+        if len(voters[request.nonce]) >= 3:
+            until_ns = max(until_ns, sent_ms * MS + LEASE_NS - request.less_ns)
+
+    assert lease.until_ns == until_ns
+    assert (lease.state is LeaseState.HELD) == (until_ns > 0)
+    assert lease.runs(until_ns - 10 * MS - 1) == (until_ns > 0)
+    assert not lease.runs(until_ns - 10 * MS)
+
+
+# The roster that comes with it.
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "adopted"),
+    [
+        (Kept(3, 4, OLD), Kept(3, 5, YOUNG), (3, 5, YOUNG)),
+        (Kept(3, 9, OLD), Kept(4, 1, YOUNG), (4, 1, YOUNG)),
+        (Kept(3, 5, YOUNG), Kept(3, 4, OLD), (3, 5, YOUNG)),
+        (Kept(4, 1, YOUNG), Kept(3, 9, OLD), (4, 1, YOUNG)),
+        (Kept(4, 1, YOUNG), Kept(4, 1, OLD), (4, 1, YOUNG)),
+        (Kept(0, 0, OLD), Kept(0, 1, YOUNG), (0, 1, YOUNG)),
+    ],
+)
+def test_a_candidate_adopts_the_newest_roster_by_term_and_then_by_version(
+    first: Kept, second: Kept, adopted: tuple[int, int, tuple[RosterEntry, ...]]
+) -> None:
+    lease = lease_of(THREE)
+    request = asked(lease)
+
+    lease.hears(grant(request, A, kept=first), 1010 * MS)
+    lease.hears(grant(request, B, kept=second), 1010 * MS)
+
+    assert lease.state is LeaseState.HELD
+    assert lease.adopted == adopted
+
+
+def test_whoever_holds_a_lease_adopts_no_other_roster_any_more() -> None:
+    """From then on its own is the newest, whatever a slow arbiter still has."""
+    lease = lease_of(THREE)
+    request = asked(lease)
+    lease.hears(grant(request, A, kept=Kept(3, 4, OLD)), 1010 * MS)
+    lease.hears(grant(request, B, kept=Kept(3, 4, OLD)), 1010 * MS)
+
+    lease.hears(grant(request, C, kept=Kept(3, 5, YOUNG)), 1020 * MS)
+    lease.hears(grant(request, C, kept=Kept(2, 1, YOUNG)), 1020 * MS)
+
+    assert lease.adopted == (3, 4, OLD)
+
+
+# Refusals.
+
+
+def test_a_refusal_says_how_long_to_wait_and_the_longest_wait_counts() -> None:
+    lease = lease_of(FIVE)
+    request = asked(lease)
+
+    lease.hears(refusal(request, A, wait_ms=40), 1010 * MS)
+    assert lease.wait_until_ns == 1050 * MS
+    lease.hears(refusal(request, B, wait_ms=10), 1011 * MS)
+    assert lease.wait_until_ns == 1050 * MS
+    lease.hears(refusal(request, C, wait_ms=90), 1012 * MS)
+    assert lease.wait_until_ns == 1102 * MS
+
+
+def test_a_refusal_of_another_attempt_tells_of_a_term_and_of_nothing_else() -> None:
+    lease = lease_of()
+    first = asked(lease)
+    lease.ask(1200 * MS, seen_term=0, tried_term=first.term)
+
+    lease.hears(refusal(first, term=30, wait_ms=500), 1210 * MS)
+
+    assert lease.refused_term == 30
+    assert lease.wait_until_ns == 0
+    assert not lease.lost(1210 * MS)
+    lease.hears(refusal(first, term=20), 1220 * MS)
+    assert lease.refused_term == 30
+
+
+@pytest.mark.parametrize(
+    ("config", "refused_by", "lost"),
+    [
+        (ONE, (A,), True),
+        (THREE, (), False),
+        (THREE, (A,), False),
+        (THREE, (A, A), False),
+        (THREE, (A, B), True),
+        (THREE, (A, B, C), True),
+        (FIVE, (A, B), False),
+        (FIVE, (A, B, C), True),
+        (FIVE, (A, B, C, D), True),
+    ],
+)
+def test_a_candidacy_is_lost_as_soon_as_no_majority_is_left(
+    config: T2tConfig, refused_by: tuple[int, ...], *, lost: bool
+) -> None:
+    lease = lease_of(config)
+    request = asked(lease)
+
+    for arbiter in refused_by:
+        lease.hears(refusal(request, arbiter), 1005 * MS)
+
+    assert lease.lost(1005 * MS) is lost
+
+
+@pytest.mark.parametrize(("after_ns", "lost"), [(99_999_999, False), (100_000_000, True)])
+def test_a_candidacy_without_a_majority_is_lost_after_100_ms(after_ns: int, *, lost: bool) -> None:
+    lease = lease_of()
+    asked(lease)
+
+    assert lease.attempt_ends_ns() == 1100 * MS
+    assert lease.lost(1000 * MS + after_ns) is lost
+
+
+def test_whoever_has_the_lease_or_gave_it_back_has_no_candidacy_to_lose() -> None:
+    lease, _ = held(THREE)
+    renewal = lease.renew(1075 * MS)
+    lease.hears(refusal(renewal, A), 1080 * MS)
+    lease.hears(refusal(renewal, B), 1080 * MS)
+    assert not lease.lost(5000 * MS)
+
+    lease.give_back(5000 * MS)
+
+    assert not lease.lost(5000 * MS)
+
+
+@pytest.mark.parametrize(("term", "beaten"), [(0, False), (1, False), (2, True), (30, True)])
+def test_a_holder_is_beaten_when_a_higher_term_is_promised_than_its_own(
+    term: int, *, beaten: bool
+) -> None:
+    """An arbiter that was started anew refuses, too, and may well renew the lease later."""
+    lease, request = held()
+    assert request.term == 1
+    renewal = lease.renew(1075 * MS)
+
+    lease.hears(refusal(renewal, term=term), 1080 * MS)
+
+    assert lease.beaten is beaten
+    assert lease.state is LeaseState.HELD
+
+
+def test_who_is_beaten_stays_beaten() -> None:
+    lease, _ = held(THREE)
+    renewal = lease.renew(1075 * MS)
+    lease.hears(refusal(renewal, A, term=2), 1080 * MS)
+
+    lease.hears(refusal(renewal, B, term=1), 1081 * MS)
+
+    assert lease.beaten
+
+
+def test_a_candidate_is_not_beaten_before_it_holds_anything() -> None:
+    lease = lease_of(THREE)
+    request = asked(lease)
+
+    lease.hears(refusal(request, A, term=30), 1010 * MS)
+
+    assert not lease.beaten
+
+
+# How long it runs, and for how much less it asks.
+
+
+@pytest.mark.parametrize(
+    ("now_ns", "runs"),
+    [(1_000_000_000, True), (1_289_399_999, True), (1_289_400_000, False), (2_000_000_000, False)],
+)
+def test_a_lease_runs_until_a_margin_of_10_ms_before_its_end(now_ns: int, *, runs: bool) -> None:
+    lease, _ = held()
+
+    assert lease.runs(now_ns) is runs
+
+
+def test_a_renewal_on_its_way_does_not_lengthen_a_lease() -> None:
+    lease, _ = held()
+
+    lease.renew(1280 * MS)
+
+    assert not lease.runs(1_289_400_000)
+
+
+def test_an_application_does_not_run_although_nothing_ends_it_yet() -> None:
+    lease = lease_of()
+    asked(lease)
+
+    assert not lease.runs(-1000 * MS)
+
+
+@pytest.mark.parametrize(
+    ("answered_ms", "at_ms", "less_ms"),
+    [
+        (1000, 1085, 0),
+        (1000, 1086, 1),
+        (1030, 1115, 0),
+        (1030, 1116, 1),
+        (1030, 1200, 85),
+        (1000, 1384, 299),
+    ],
+)
+def test_a_renewal_asks_for_as_much_less_as_the_last_answer_is_overdue(
+    answered_ms: int, at_ms: int, less_ms: int
+) -> None:
+    """Usual are 75 ms between renewals, 10 ms of margin, and what the last answer took."""
+    lease = lease_of()
+    lease.hears(grant(asked(lease)), answered_ms * MS)
+
+    renewal = lease.renew(at_ms * MS)
+
+    assert renewal.less_ns == less_ms * MS
+    lease.hears(grant(renewal), at_ms * MS)
+    assert lease.until_ns == max(1000 * MS + LEASE_NS, at_ms * MS + LEASE_NS - less_ms * MS)
+
+
+def test_nobody_asks_for_less_than_nothing() -> None:
+    lease, _ = held()
+
+    assert lease.renew(60_000 * MS).less_ns == LEASE_NS
+
+
+def test_what_an_answer_takes_is_known_by_the_majority_and_not_by_the_slowest() -> None:
+    lease = lease_of(THREE)
+    request = asked(lease)
+    lease.hears(grant(request, A), 1005 * MS)
+    lease.hears(grant(request, B), 1010 * MS)
+    lease.hears(grant(request, C), 1060 * MS)
+
+    # 75 ms and 10 ms, and 10 ms that the majority took.
+    assert lease.renew(1100 * MS).less_ns == 5 * MS
+
+
+def test_a_late_answer_to_an_older_request_says_nothing_of_how_long_answers_take() -> None:
+    lease, first = held(THREE)
+    renewal = lease.renew(1075 * MS)
+    lease.hears(grant(renewal, A), 1080 * MS)
+    lease.hears(grant(renewal, B), 1080 * MS)
+
+    lease.hears(grant(first, C), 1155 * MS)
+
+    assert lease.renew(1166 * MS).less_ns == 1 * MS
+
+
+def test_a_request_in_the_first_instant_of_a_clock_is_confirmed_as_any_other() -> None:
+    lease = lease_of()
+    request = lease.ask(1, seen_term=0, tried_term=0)
+
+    lease.hears(grant(request), 20 * MS + 1)
+
+    assert lease.renew(105 * MS + 1).less_ns == 0
+    assert lease.renew(106 * MS + 1).less_ns == 1 * MS
+
+
+# With a guard taken away, as simulators do.
+
+
+def test_without_the_guard_of_the_majority_whoever_asks_has_it_at_once() -> None:
+    lease = lease_of(THREE, without(LeaseGuards(), "granted_by_majority"))
+
+    asked(lease)
+
+    assert lease.state is LeaseState.HELD
+    assert lease.until_ns == 1000 * MS + LEASE_NS
+
+
+def test_without_the_guard_of_attempts_an_answer_to_nothing_counts_from_what_it_echoes() -> None:
+    """That is the mistake that the guard is there for."""
+    lease = lease_of(THREE, without(LeaseGuards(), "answers_this_attempt"))
+    request = asked(lease)
+
+    lease.hears(grant(request, A, nonce=77, echo_ns=2000 * MS), 2005 * MS)
+    lease.hears(grant(request, B, nonce=77, echo_ns=3000 * MS), 2005 * MS)
+
+    assert lease.state is LeaseState.HELD
+    assert lease.until_ns == 2000 * MS + LEASE_NS

@@ -1,0 +1,364 @@
+"""A member of one area, message by message: the terms it obeys, what it takes, what is latent."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from vobc.train_to_train.guards import MemberGuards
+from vobc.train_to_train.member import Member
+from vobc.train_to_train.vocabulary import AreaMemory, OwnTrain
+from zenoh_config.t2t import BROADCAST, AreaAuthority, Heartbeat, Phase
+from zenoh_config.timers import TIMERS_A
+
+MS = 1_000_000
+BOOT = 6
+MASTER = 9
+RIVAL = 8
+OLD_NS = 1_000_000_000
+"""As old as an authority may become."""
+
+
+def member(*, seen_term: int = 4, owner: int = MASTER, now_ns: int = 0) -> Member:
+    memory = AreaMemory(1, seen_term, owner, tried_term=2)
+    return Member(TIMERS_A, MemberGuards(), boot=BOOT, memory=memory, now_ns=now_ns)
+
+
+def heartbeat(
+    term: int = 4, source: int = MASTER, *, standby: int = 0, stamp_ns: int = 0
+) -> Heartbeat:
+    return Heartbeat(source, BROADCAST, 1, term, 1, 1, stamp_ns, Phase.ISSUING, standby, 1)
+
+
+def authority(
+    end_m: float = 900.0,
+    sequence: int = 1,
+    *,
+    term: int = 4,
+    source: int = MASTER,
+    boot: int = BOOT,
+    echo_ns: int = 0,
+    rank: int = 2,
+) -> AreaAuthority:
+    head = (source, 5, 1, term, 1, sequence, 0)
+    return AreaAuthority(*head, boot, echo_ns, end_m, 0.0, 0, rank, ())
+
+
+def own(
+    front_m: float = 500.0,
+    *,
+    reach_m: float | None = None,
+    standstill: bool = True,
+    localised: bool = True,
+) -> OwnTrain:
+    reach_m = front_m if reach_m is None else reach_m
+    rear_m = front_m - 80.0
+    speed_mps = 0.0 if standstill else 5.0
+    place = (localised, front_m - 1.0, front_m, rear_m, rear_m, speed_mps, standstill)
+    return OwnTrain(*place, reach_m, reach_m, 16)
+
+
+def test_it_echoes_the_newest_heartbeat_of_the_term_that_it_obeys() -> None:
+    obeys = member()
+    assert obeys.beat_ns == 0
+
+    obeys.hears_heartbeat(heartbeat(stamp_ns=70), 1)
+    assert obeys.beat_ns == 70
+    obeys.hears_heartbeat(heartbeat(term=3, stamp_ns=90), 2)
+    obeys.hears_heartbeat(heartbeat(source=RIVAL, stamp_ns=95), 3)
+    assert obeys.beat_ns == 70
+    assert obeys.takes(authority(), 4) == ""
+    assert obeys.beat_ns == 70
+
+
+@pytest.mark.parametrize("first", [heartbeat(term=5, source=RIVAL, stamp_ns=8), None])
+def test_of_a_new_term_it_echoes_nothing_that_another_said(first: Heartbeat | None) -> None:
+    obeys = member()
+    obeys.hears_heartbeat(heartbeat(stamp_ns=70), 1)
+    if first is None:
+        assert obeys.takes(authority(term=5, source=RIVAL), 2) == ""
+        assert obeys.beat_ns == 0
+    else:
+        obeys.hears_heartbeat(first, 2)
+        assert obeys.beat_ns == 8
+
+
+def test_a_member_begins_with_what_it_remembers_and_holds_nothing() -> None:
+    fresh = member(now_ns=7)
+
+    assert fresh.memory == AreaMemory(1, 4, MASTER, 2)
+    assert (fresh.held, fresh.latent_m) == (None, None)
+    assert fresh.newest == (0, -1)
+    assert (fresh.standby, fresh.rank) == (0, 4)
+    assert fresh.master_heard_ns == 7
+    assert fresh.promised_anew is False
+    assert not fresh.is_young(0)
+
+
+# Terms.
+
+
+@pytest.mark.parametrize(
+    ("term", "source", "obeyed"),
+    [
+        (4, MASTER, True),
+        (4, RIVAL, False),
+        (3, MASTER, False),
+        (3, RIVAL, False),
+        (5, MASTER, True),
+        (5, RIVAL, True),
+        (99, RIVAL, True),
+    ],
+)
+def test_a_term_has_one_owner_and_no_former_term_is_obeyed(
+    term: int, source: int, *, obeyed: bool
+) -> None:
+    each = member()
+
+    assert each.fences(heartbeat(term, source)) is obeyed
+
+    promised = AreaMemory(1, term, source, 2) if obeyed else AreaMemory(1, 4, MASTER, 2)
+    assert each.memory == promised
+    assert each.promised_anew is (obeyed and term > 4)
+
+
+def test_a_new_term_is_promised_once_and_its_first_speaker_stays_its_owner() -> None:
+    each = member()
+    assert each.fences(heartbeat(5, RIVAL))
+    each.promised_anew = False
+
+    assert not each.fences(heartbeat(5, MASTER))
+    assert each.fences(heartbeat(5, RIVAL))
+
+    assert each.memory == AreaMemory(1, 5, RIVAL, 2)
+    assert each.promised_anew is False
+
+
+def test_a_promise_waits_until_it_is_told_whatever_is_heard_meanwhile() -> None:
+    each = member()
+    each.fences(heartbeat(5, RIVAL))
+
+    each.fences(heartbeat(5, RIVAL))
+    each.fences(heartbeat(4, MASTER))
+
+    assert each.promised_anew is True
+
+
+def test_a_heartbeat_says_that_the_master_lives_and_who_stands_by() -> None:
+    each = member()
+
+    assert each.hears_heartbeat(heartbeat(standby=7), 50 * MS) is True
+    assert (each.master_heard_ns, each.standby) == (50 * MS, 7)
+    assert each.hears_heartbeat(heartbeat(standby=0), 60 * MS) is True
+    assert (each.master_heard_ns, each.standby) == (60 * MS, 0)
+
+
+@pytest.mark.parametrize("false", [heartbeat(3, standby=7), heartbeat(4, RIVAL, standby=7)])
+def test_a_heartbeat_of_a_former_term_or_of_no_owner_is_nothing(false: Heartbeat) -> None:
+    each = member()
+
+    assert each.hears_heartbeat(false, 50 * MS) is False
+
+    assert (each.master_heard_ns, each.standby) == (0, 0)
+
+
+# Authorities.
+
+
+def test_an_authority_that_is_taken_is_held_and_says_that_the_master_lives() -> None:
+    each = member()
+    given = authority(sequence=12, term=5, rank=3, source=RIVAL)
+
+    assert each.takes(given, 50 * MS) == ""
+
+    assert each.held is given
+    assert each.newest == (5, 12)
+    assert each.rank == 3
+    assert each.master_heard_ns == 50 * MS
+    assert each.memory == AreaMemory(1, 5, RIVAL, 2)
+
+
+@pytest.mark.parametrize(
+    ("offered", "reason"),
+    [
+        (authority(950.0, 8), ""),
+        (authority(950.0, 1, term=5, source=RIVAL), ""),
+        (authority(950.0, 7), "repeated or out of order"),
+        (authority(950.0, 6), "repeated or out of order"),
+        (authority(950.0, 8, term=3), "old term"),
+        (authority(950.0, 8, source=RIVAL), "old term"),
+        (authority(950.0, 8, boot=5), "wrong boot incarnation"),
+        (authority(950.0, 8, boot=7), "wrong boot incarnation"),
+        (authority(950.0, 8, echo_ns=10 * MS - OLD_NS), ""),
+        (authority(950.0, 8, echo_ns=10 * MS - OLD_NS - 1), "too old"),
+        (authority(950.0, 8, echo_ns=10 * MS), ""),
+        (authority(950.0, 8, echo_ns=10 * MS + 1), "too old"),
+    ],
+)
+def test_one_that_is_not_taken_says_why_and_leaves_all_as_it_was(
+    offered: AreaAuthority, reason: str
+) -> None:
+    each = member()
+    before = authority(900.0, 7, rank=2)
+    assert each.takes(before, 0) == ""
+
+    assert each.takes(offered, 10 * MS) == reason
+
+    assert each.held is (before if reason else offered)
+    assert each.newest == ((4, 7) if reason else (offered.term, offered.sequence))
+    assert each.master_heard_ns == (0 if reason else 10 * MS)
+
+
+@pytest.mark.parametrize("false", [{"boot": 5}, {"echo_ns": 11 * MS}])
+def test_what_is_for_another_life_or_of_no_time_promises_no_term(false: dict[str, int]) -> None:
+    each = member()
+
+    assert each.takes(authority(term=9, source=RIVAL, **false), 10 * MS) != ""
+
+    assert each.memory.seen_term == 4
+    assert each.promised_anew is False
+
+
+@pytest.mark.parametrize(("age_ns", "young"), [(0, True), (OLD_NS, True), (OLD_NS + 1, False)])
+def test_a_held_authority_runs_out_a_second_after_what_it_answers(
+    age_ns: int, *, young: bool
+) -> None:
+    each = member()
+    each.takes(authority(echo_ns=40 * MS), 50 * MS)
+
+    assert each.is_young(40 * MS + age_ns) is young
+
+
+# What is held and what is latent.
+
+
+@pytest.mark.parametrize(
+    ("now_ns", "standstill", "kept"),
+    [
+        (OLD_NS, True, True),
+        (OLD_NS, False, True),
+        (OLD_NS + 1, True, False),
+        (OLD_NS + 1, False, True),
+    ],
+)
+def test_an_authority_is_dropped_when_it_ran_out_and_the_train_stands(
+    now_ns: int, *, standstill: bool, kept: bool
+) -> None:
+    each = member()
+    given = authority(900.0)
+    each.takes(given, 0)
+
+    each.settle(now_ns, own(500.0, standstill=standstill))
+
+    assert each.held is (given if kept else None)
+    assert each.latent_m == (900.0 if kept else 500.0)
+
+
+def test_a_train_that_holds_nothing_may_come_as_far_as_it_can_be_stopped() -> None:
+    each = member()
+
+    each.settle(0, own(500.0, reach_m=620.0, standstill=False))
+    assert each.latent_m == 620.0
+    each.settle(1, own(510.0, reach_m=615.0, standstill=False))
+    assert each.latent_m == 615.0
+    each.settle(2, own(520.0, reach_m=640.0, standstill=False))
+    assert each.latent_m == 615.0  # Nothing has lengthened that since.
+    each.settle(3, own(630.0, reach_m=640.0, standstill=False))
+    assert each.latent_m == 630.0  # No less than where it is.
+
+
+def test_a_shorter_authority_binds_but_what_it_takes_to_stop_for_it_is_latent() -> None:
+    each = member()
+    each.takes(authority(900.0, 1), 0)
+    each.settle(0, own(500.0, reach_m=620.0, standstill=False))
+    assert each.latent_m == 900.0
+
+    each.takes(authority(550.0, 2), 1)
+    each.settle(1, own(500.0, reach_m=620.0, standstill=False))
+    assert each.latent_m == 620.0
+    each.settle(2, own(530.0, standstill=True))
+    assert each.latent_m == 550.0
+
+
+def test_a_longer_authority_is_latent_at_once() -> None:
+    each = member()
+    each.settle(0, own(500.0))
+
+    each.takes(authority(900.0, 1), 0)
+    each.settle(0, own(500.0))
+
+    assert each.latent_m == 900.0
+
+
+def test_where_the_train_may_come_is_never_behind_its_front_though_its_reach_says_so() -> None:
+    each = member()
+    each.settle(0, own(500.0, reach_m=700.0, standstill=False))
+
+    each.settle(1, own(600.0, reach_m=590.0))
+
+    assert each.latent_m == 600.0
+
+
+def test_a_train_that_is_lost_forgets_nothing_that_it_may_have_come_to() -> None:
+    each = member()
+    each.takes(authority(900.0, 1), 0)
+    each.settle(0, own(500.0))
+
+    each.takes(authority(800.0, 2), 1)
+    each.settle(1, own(0.0, localised=False))
+    assert each.latent_m == 900.0
+    each.takes(authority(950.0, 3), 2)
+    each.settle(2, own(0.0, localised=False))
+    assert each.latent_m == 950.0
+
+
+def test_what_a_lost_train_no_longer_holds_stays_latent() -> None:
+    each = member()
+    each.takes(authority(900.0, 1), 0)
+    each.settle(0, own(500.0))
+
+    each.settle(OLD_NS + 1, own(0.0, localised=False))
+
+    assert each.held is None
+    assert each.latent_m == 900.0
+
+
+def test_a_train_that_never_knew_where_it_is_has_no_latent_place() -> None:
+    each = member()
+    each.settle(0, own(0.0, localised=False))
+    assert each.latent_m is None
+
+    each.takes(authority(900.0, 1), 1)
+    each.settle(1, own(0.0, localised=False))
+
+    assert each.latent_m is None
+
+
+STEPS = st.lists(
+    st.tuples(
+        st.one_of(st.none(), st.floats(0.0, 500.0)),
+        st.floats(0.0, 30.0),
+        st.floats(0.0, 200.0),
+    ),
+    max_size=20,
+)
+
+
+@given(STEPS)
+def test_what_is_latent_covers_the_front_what_is_held_and_what_was_held_until_it_can_be_stopped(
+    steps: list[tuple[float | None, float, float]],
+) -> None:
+    """Way to a new authority's end, way the train goes, way it takes to stop."""
+    each = member()
+    front_m, sequence, before_m = 0.0, 0, float("inf")
+    for end_m, way_m, stops_m in steps:
+        front_m += way_m
+        if end_m is not None:
+            sequence += 1
+            each.takes(authority(front_m + end_m, sequence), 0)
+        each.settle(0, own(front_m, reach_m=front_m + stops_m, standstill=False))
+
+        held_m = front_m if each.held is None else each.held.end_m
+        assert each.latent_m is not None
+        assert each.latent_m >= max(front_m, held_m, min(before_m, front_m + stops_m))
+        assert each.latent_m <= max(front_m, held_m, front_m + stops_m)
+        before_m = each.latent_m

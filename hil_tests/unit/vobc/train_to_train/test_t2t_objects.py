@@ -1,0 +1,329 @@
+"""Switches, crossings, platform tracks: what they obey, and what a master makes of them."""
+
+from dataclasses import replace
+
+import pytest
+
+from firmware_py.trackdb.areas import ObjectKind, ObjectSite
+from plant_emulator.wayside.line_object import LineObject
+from plant_emulator.wayside.t2t_vocabulary import ObjectMemory
+from vobc.train_to_train.authority import Bar, Stretch
+from vobc.train_to_train.guards import MasterGuards, Reach, cannot_reach, without
+from vobc.train_to_train.objects import Claim, Objects
+from zenoh_config.t2t import (
+    BROADCAST,
+    ClaimKind,
+    Heartbeat,
+    ObjectClaim,
+    ObjectState,
+    ObjectStatus,
+    Phase,
+)
+from zenoh_config.timers import TIMERS_A
+
+SITE = ObjectSite(3, ObjectKind.CROSSING, 500.0, 520.0)
+
+
+class Crossing:
+    def __init__(self, memory: ObjectMemory | None = None) -> None:
+        self.memory = memory or ObjectMemory()
+        self.object = LineObject(TIMERS_A, SITE, 1, memory=self.memory, start_ns=0)
+        self.now_ns = 0
+
+    def hears(
+        self, *messages: ObjectClaim | Heartbeat, wanted: bool = False, occupied: bool = False
+    ) -> ObjectStatus | None:
+        self.now_ns += 1
+        stepped = self.object.step(self.now_ns, messages, release_wanted=wanted, occupied=occupied)
+        self.memory = stepped.memory or self.memory
+        (said,) = stepped.out or (None,)
+        assert said is None or isinstance(said, ObjectStatus)
+        return said
+
+    @property
+    def state(self) -> ObjectState:
+        return self.object.memory.state
+
+
+def claim(train: int, term: int, kind: ClaimKind, nonce: int) -> ObjectClaim:
+    return ObjectClaim(train, 0, 1, term, 1, nonce, 0, SITE.number, kind, nonce)
+
+
+LOCK, OPEN = ClaimKind.CLAIM, ClaimKind.RELEASE
+
+
+def test_it_locks_for_a_claim_and_says_for_which() -> None:
+    crossing = Crossing()
+
+    status = crossing.hears(claim(1, 4, LOCK, 9))
+
+    assert status is not None
+    assert (status.state, status.claim_term, status.nonce) == (ObjectState.LOCKED, 4, 9)
+    assert status.term == 4
+
+
+@pytest.mark.parametrize(
+    "late",
+    [
+        claim(1, 4, OPEN, 8),  # Said before the claim, heard after it.
+        claim(1, 4, OPEN, 9),  # Repeated under the claim's own number.
+        claim(1, 3, OPEN, 10),  # Of a former term.
+        claim(2, 4, OPEN, 10),  # Of somebody who does not own the term.
+    ],
+)
+def test_a_release_that_is_late_old_or_not_the_masters_opens_nothing(late: ObjectClaim) -> None:
+    crossing = Crossing()
+    crossing.hears(claim(1, 4, LOCK, 9))
+
+    crossing.hears(late)
+
+    assert crossing.state is ObjectState.LOCKED
+    assert crossing.object.refused == 1
+
+
+def test_a_heartbeat_alone_fences_it_off_from_the_old_master() -> None:
+    crossing = Crossing()
+    crossing.hears(claim(1, 4, LOCK, 9))
+
+    crossing.hears(Heartbeat(2, BROADCAST, 1, 5, 1, 1, 0, Phase.FENCING, 0, 1))
+    crossing.hears(claim(1, 4, OPEN, 10))
+
+    assert crossing.state is ObjectState.LOCKED
+
+
+def test_nothing_moves_under_a_train() -> None:
+    crossing = Crossing()
+    crossing.hears(claim(1, 4, LOCK, 9))
+
+    crossing.hears(claim(1, 4, OPEN, 10), occupied=True)
+    assert crossing.state is ObjectState.LOCKED
+    crossing.hears(claim(1, 4, OPEN, 11))
+
+    assert crossing.state is ObjectState.FREE
+
+
+def test_what_is_asked_to_open_is_not_locked_again() -> None:
+    crossing = Crossing()
+
+    crossing.hears(claim(1, 4, LOCK, 9), wanted=True)
+
+    assert crossing.state is ObjectState.FREE
+
+
+def test_it_remembers_over_a_restart_and_fails_safe_without_memory() -> None:
+    crossing = Crossing()
+    crossing.hears(claim(1, 4, LOCK, 9))
+    again = Crossing(crossing.memory)
+    again.hears(claim(2, 3, OPEN, 99))
+    assert again.state is ObjectState.LOCKED
+
+    lost = LineObject(TIMERS_A, SITE, 1, memory=None, start_ns=0)
+    stepped = lost.step(1, (claim(1, 9, LOCK, 1),), release_wanted=False, occupied=False)
+    assert lost.memory.state is ObjectState.FAILED
+    assert stepped.memory is None, "the next start would take it for its own"
+
+
+def status(state: ObjectState, term: int, nonce: int, *, wanted: bool = False) -> ObjectStatus:
+    return ObjectStatus(0, BROADCAST, 1, term, 1, 1, 0, SITE.number, state, term, nonce, wanted)
+
+
+def far(train_reserved_m: float = 400.0, *, rear_m: float = 0.0) -> Reach:
+    return Reach(train_reserved_m, rear_m, SITE.start_m, SITE.end_m)
+
+
+class TestMasterOfObjects:
+    def objects(self) -> Objects:
+        return Objects(5, (SITE,), MasterGuards())
+
+    def fresh(self, *heard: ObjectStatus) -> Objects:
+        objects = self.objects()
+        for each in heard:
+            objects.hears(each)
+        return objects
+
+    def plan(self, objects: Objects, *reaches: Reach, needed: bool = True) -> list[ClaimKind]:
+        said = objects.plan(needed=lambda _: needed, reaches=lambda _: list(reaches))
+        return [each.kind for _, each in said]
+
+    def test_of_an_object_never_heard_of_nothing_is_passed_and_nothing_claimed(self) -> None:
+        objects = self.objects()
+
+        assert self.plan(objects, far()) == []
+        assert [each.bar for each in objects.stretches()] == [Bar.UNSURE]
+
+    def test_a_lock_of_an_earlier_claim_is_no_confirmation(self) -> None:
+        objects = self.objects()
+        objects.hears(status(ObjectState.LOCKED, 4, 1))
+
+        assert self.plan(objects, far()) == [LOCK]
+        assert [each.bar for each in objects.stretches()] == [Bar.UNSURE]
+
+    def test_its_own_lock_opens_the_way_until_a_release_is_wanted(self) -> None:
+        objects = self.objects()
+        objects.hears(status(ObjectState.LOCKED, 4, 1))
+        self.plan(objects, far())
+        objects.hears(status(ObjectState.LOCKED, 5, 1))
+        assert self.plan(objects, far()) == []
+        assert objects.stretches() == []
+
+        objects.hears(status(ObjectState.LOCKED, 5, 1, wanted=True))
+        assert [each.bar for each in objects.stretches()] == [Bar.CLOSING]
+
+    def test_it_is_released_only_when_no_train_can_reach_it_and_is_barred_at_once(self) -> None:
+        objects = self.objects()
+        objects.hears(status(ObjectState.LOCKED, 5, 1, wanted=True))
+        self.plan(objects, far(600.0))
+        assert self.plan(objects, far(600.0)) == []
+
+        assert self.plan(objects, far(), far(900.0, rear_m=530.0)) == [OPEN]
+        assert [each.bar for each in objects.stretches()] == [Bar.UNSURE]
+        objects.hears(status(ObjectState.FREE, 5, 2, wanted=True))
+        assert [each.bar for each in objects.stretches()] == [Bar.SHUT]
+
+    def test_after_a_release_the_lock_before_it_is_no_confirmation(self) -> None:
+        objects = self.objects()
+        objects.hears(status(ObjectState.LOCKED, 5, 1, wanted=True))
+        self.plan(objects, far(600.0))
+        self.plan(objects, far())
+        objects.hears(status(ObjectState.LOCKED, 5, 1))
+
+        assert [each.bar for each in objects.stretches()] == [Bar.UNSURE]
+        assert self.plan(objects, far()) == [LOCK]
+
+    def bars(self, objects: Objects) -> list[Bar]:
+        return [each.bar for each in objects.stretches()]
+
+    def test_claims_and_releases_are_numbered_from_1_and_repeated_until_carried_out(self) -> None:
+        objects = self.fresh(status(ObjectState.FREE, 0, 0))
+        said = []
+        for wanted in (False, False, True, True, False, False):
+            objects.hears(status(ObjectState.LOCKED, 0, 0, wanted=wanted))
+            said += objects.plan(needed=lambda _: True, reaches=lambda _: [far()])
+
+        numbers = [(LOCK, 1), (LOCK, 1), (OPEN, 2), (OPEN, 2), (LOCK, 3), (LOCK, 3)]
+        assert said == [(SITE, Claim(kind, nonce)) for kind, nonce in numbers]
+
+    @pytest.mark.parametrize(
+        ("term", "nonce", "said"), [(5, 1, []), (5, 2, [LOCK]), (4, 1, [LOCK]), (1, 5, [LOCK])]
+    )
+    def test_a_claim_is_carried_out_when_its_term_and_number_come_back(
+        self, term: int, nonce: int, said: list[ClaimKind]
+    ) -> None:
+        objects = self.fresh(status(ObjectState.FREE, 4, 1))
+        self.plan(objects)
+
+        objects.hears(status(ObjectState.LOCKED, term, nonce))
+
+        assert self.plan(objects) == said
+
+    def test_an_object_that_no_train_comes_near_is_not_claimed(self) -> None:
+        objects = self.fresh(status(ObjectState.FREE, 0, 0))
+
+        assert self.plan(objects, needed=False) == []
+        assert self.plan(objects, needed=True) == [LOCK]
+
+    def test_a_claim_once_made_is_held_when_no_train_is_near_any_more(self) -> None:
+        objects = self.fresh(status(ObjectState.FREE, 0, 0))
+        self.plan(objects)
+
+        assert self.plan(objects, needed=False) == [LOCK]
+
+    def test_a_release_is_not_taken_back_for_a_train_that_is_not_there(self) -> None:
+        objects = self.fresh(status(ObjectState.LOCKED, 0, 0, wanted=True))
+        assert self.plan(objects, far()) == [OPEN]
+        objects.hears(status(ObjectState.LOCKED, 0, 0))
+
+        assert self.plan(objects, needed=False) == []
+        assert self.plan(objects, needed=True) == [LOCK]
+
+    def test_a_release_that_is_wanted_of_a_free_object_needs_no_words(self) -> None:
+        objects = self.fresh(status(ObjectState.FREE, 0, 0, wanted=True))
+
+        assert self.plan(objects, far()) == []
+
+    def test_one_train_that_can_reach_it_holds_a_release_back(self) -> None:
+        objects = self.fresh(status(ObjectState.LOCKED, 0, 0, wanted=True))
+
+        assert self.plan(objects, far(), far(600.0), needed=False) == [LOCK]
+
+    def test_without_any_train_it_is_released(self) -> None:
+        objects = self.fresh(status(ObjectState.LOCKED, 0, 0, wanted=True))
+
+        assert self.plan(objects) == [OPEN]
+
+    def test_a_release_that_was_said_stands_when_a_train_comes(self) -> None:
+        """It may have opened already; the train is barred from it."""
+        objects = self.fresh(status(ObjectState.LOCKED, 0, 0, wanted=True))
+        self.plan(objects, far())
+
+        assert self.plan(objects, far(600.0)) == [OPEN]
+
+    def test_to_an_object_that_failed_nothing_is_said_and_nobody_passes(self) -> None:
+        objects = self.fresh(status(ObjectState.FAILED, 0, 0))
+
+        assert self.plan(objects, far()) == []
+        assert self.bars(objects) == [Bar.SHUT]
+
+    def test_a_free_object_is_shut_while_its_lock_is_on_the_way(self) -> None:
+        objects = self.fresh(status(ObjectState.FREE, 0, 0))
+        self.plan(objects)
+
+        assert objects.stretches() == [Stretch(500.0, 520.0, Bar.SHUT)]
+
+    @pytest.mark.parametrize("nonce", [0, 1])
+    def test_a_lock_under_its_own_term_that_it_never_asked_for_is_no_confirmation(
+        self, nonce: int
+    ) -> None:
+        assert self.bars(self.fresh(status(ObjectState.LOCKED, 5, nonce))) == [Bar.UNSURE]
+
+    def test_a_lock_by_the_number_of_a_release_is_no_confirmation(self) -> None:
+        objects = self.fresh(status(ObjectState.LOCKED, 0, 0, wanted=True))
+        self.plan(objects)
+
+        objects.hears(status(ObjectState.LOCKED, 5, 1))
+
+        assert self.bars(objects) == [Bar.UNSURE]
+
+    def test_objects_of_other_areas_are_not_heard(self) -> None:
+        objects = Objects(5, (), MasterGuards())
+        objects.hears(status(ObjectState.LOCKED, 5, 1))
+
+        assert objects.statuses == {}
+        assert objects.stretches() == []
+
+    def test_each_of_several_objects_is_claimed_by_its_own_number(self) -> None:
+        other = ObjectSite(4, ObjectKind.SWITCH, 700.0, 710.0)
+        objects = Objects(5, (SITE, other), MasterGuards())
+        silent = ObjectSite(9, ObjectKind.SWITCH, 800.0, 810.0)
+        objects.hears(status(ObjectState.FREE, 0, 0))
+        objects.hears(replace(status(ObjectState.FREE, 0, 0), number=other.number))
+        objects.hears(replace(status(ObjectState.FREE, 0, 0), number=silent.number))
+
+        said = objects.plan(needed=lambda _: True, reaches=lambda _: [])
+
+        assert said == [(SITE, Claim(LOCK, 1)), (other, Claim(LOCK, 2))]
+        assert set(objects.statuses) == {3, 4}
+        objects.hears(replace(status(ObjectState.LOCKED, 5, 2), number=other.number))
+        assert objects.stretches() == [Stretch(500.0, 520.0, Bar.SHUT)]
+
+    def test_without_the_guard_of_objects_even_one_never_heard_of_bars_nothing(self) -> None:
+        objects = Objects(5, (SITE,), without(MasterGuards(), "object_confirmed"))
+        assert objects.stretches() == []
+
+        objects.hears(status(ObjectState.FREE, 0, 0, wanted=True))
+        assert self.bars(objects) == [Bar.CLOSING]
+
+
+@pytest.mark.parametrize(
+    ("reach", "answer"),
+    [
+        (far(500.0), True),
+        (far(500.1), False),
+        (far(900.0, rear_m=520.0), True),
+        (far(900.0, rear_m=519.9), False),
+    ],
+)
+def test_a_train_cannot_reach_what_is_behind_it_or_beyond_all_that_it_may_act_upon(
+    reach: Reach, answer: bool
+) -> None:
+    assert cannot_reach(reach) is answer

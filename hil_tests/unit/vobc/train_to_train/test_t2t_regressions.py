@@ -1,0 +1,487 @@
+"""Mistakes that this kind of protocol has been built with before, each in a scene of its own."""
+
+import pytest
+
+from hil_tests.unit.vobc.train_to_train.t2t_rig import MS, Rig, line_of
+from vobc.train_to_train.guards import LeaseGuards, MasterGuards
+from vobc.train_to_train.lease import Lease, LeaseState
+from vobc.train_to_train.master import Master
+from vobc.train_to_train.message_heads import Speaker
+from vobc.train_to_train.occupancy import TrainTable
+from vobc.train_to_train.train import TrainCore
+from vobc.train_to_train.vocabulary import OwnTrain, T2tConfig, TrainMemory
+from zenoh_config.t2t import (
+    BROADCAST,
+    AreaAuthority,
+    Heartbeat,
+    LeaseAnswer,
+    LeaseKind,
+    LeaseRequest,
+    Phase,
+    RosterAck,
+    RosterCommit,
+    RosterEntry,
+    T2tMessage,
+    TrainReport,
+)
+
+THREE = T2tConfig(arbiters=(65_001, 65_002, 65_003))
+
+
+def own(front_m: float = 500.0, *, speed_mps: float = 0.0, reach_m: float = 0.0) -> OwnTrain:
+    reach_m = max(front_m, reach_m)
+    standing = speed_mps == 0.0
+    return OwnTrain(
+        *(True, front_m, front_m, front_m - 80.0, front_m - 80.0, speed_mps, standing, reach_m),
+        *(reach_m, 16),
+    )
+
+
+def authority(
+    end_m: float, sequence: int, *, area: int = 1, term: int = 4, echo_ms: int = 1000
+) -> AreaAuthority:
+    head = (9, 5, area, term, 1, sequence, 0)
+    return AreaAuthority(*head, 1, echo_ms * MS, end_m, 0.0, 0, 1, ())
+
+
+def reports(out: tuple[T2tMessage, ...], area: int = 1) -> list[TrainReport]:
+    return [m for m in out if isinstance(m, TrainReport) and m.area == area]
+
+
+def train(line_borders_m: tuple[float, ...] = (0.0, 4000.0)) -> TrainCore:
+    line = line_of(*line_borders_m)
+    return TrainCore(T2tConfig(), line, address=5, memory=TrainMemory(), start_ns=0)
+
+
+class TestMember:
+    def test_what_it_reports_it_applies_already(self) -> None:
+        """Acknowledging before the brake loop has it lets a master count on what is not so."""
+        core = train()
+        core.step(1000 * MS, (), own())
+
+        stepped = core.step(1100 * MS, (authority(900.0, 1),), own())
+
+        (report,) = reports(stepped.out)
+        assert (report.held_term, report.held_sequence, report.latent_m) == (4, 1, 900.0)
+        assert stepped.authority is not None
+        assert stepped.authority.end_m == 900.0
+        assert stepped.memory is not None
+        assert stepped.memory.of_area(1).seen_term == 4
+
+    def test_it_reports_what_it_may_come_to_and_not_what_binds_it_now(self) -> None:
+        """The first area keeps it before the border; what it holds behind it is latent still."""
+        core = train((0.0, 1000.0, 3000.0))
+        core.step(1000 * MS, (), own(700.0))
+
+        heard = (authority(800.0, 1), authority(1700.0, 2, area=2))
+        stepped = core.step(1100 * MS, heard, own(700.0))
+
+        assert stepped.authority is not None
+        assert stepped.authority.end_m == 800.0
+        assert reports(stepped.out, 2)[0].latent_m == 1700.0
+
+    def test_a_shorter_authority_stays_latent_for_as_long_as_the_train_needs_to_stop(self) -> None:
+        core = train()
+        core.step(1000 * MS, (authority(900.0, 1),), own(speed_mps=15.0, reach_m=650.0))
+        shorter = authority(550.0, 2)
+
+        moving = core.step(1100 * MS, (shorter,), own(510.0, speed_mps=15.0, reach_m=650.0))
+        stopped = core.step(1300 * MS, (), own(540.0))
+
+        assert moving.authority is not None
+        assert moving.authority.end_m == 550.0
+        assert reports(moving.out)[0].latent_m == 650.0
+        assert reports(stopped.out)[0].latent_m == 550.0
+
+    def test_a_train_that_starts_while_it_rolls_counts_how_far_that_takes_it(self) -> None:
+        stepped = train().step(1000 * MS, (), own(speed_mps=15.0, reach_m=650.0))
+
+        assert reports(stepped.out)[0].latent_m == 650.0
+
+    @pytest.mark.parametrize("late_ms", [50, 300, 900])
+    def test_an_old_authority_held_up_across_a_takeover_is_void(self, late_ms: int) -> None:
+        core = train()
+        core.step(1000 * MS, (authority(600.0, 1),), own())
+        fence = Heartbeat(8, BROADCAST, 1, 5, 1, 1, 0, Phase.FENCING, 0, 1)
+        core.step(1010 * MS, (fence,), own())
+
+        stepped = core.step((1010 + late_ms) * MS, (authority(900.0, 2),), own())
+
+        assert stepped.authority is not None
+        assert stepped.authority.end_m == 600.0
+        assert core.refusals["old term"] == 1
+
+    def test_a_restart_does_not_bring_an_old_term_back(self) -> None:
+        core = train()
+        fence = Heartbeat(8, BROADCAST, 1, 5, 1, 1, 0, Phase.FENCING, 0, 1)
+        core.step(1000 * MS, (), own())
+        stored = core.step(1010 * MS, (fence,), own()).memory
+        assert stored is not None
+        line = line_of(0.0, 4000.0)
+        again = TrainCore(T2tConfig(), line, address=5, memory=stored, start_ns=0)
+        again.step(1000 * MS, (), own())
+
+        stepped = again.step(1010 * MS, (authority(900.0, 1),), own())
+
+        assert stepped.authority is None
+        assert again.memory.boot == stored.boot + 1
+
+    def test_an_authority_that_ran_out_is_dropped_only_when_the_train_stands(self) -> None:
+        core = train()
+        core.step(1000 * MS, (authority(900.0, 1),), own(speed_mps=9.0, reach_m=550.0))
+
+        rolling = core.step(2100 * MS, (), own(510.0, speed_mps=1.0, reach_m=512.0))
+        standing = core.step(2200 * MS, (), own(511.0))
+
+        assert reports(rolling.out)[0].latent_m == 900.0
+        assert rolling.authority is not None  # It is old, and the protection sees how old.
+        assert standing.authority is None
+        assert reports(standing.out)[0].latent_m == 511.0
+
+
+class TestCandidate:
+    def lease(self, config: T2tConfig = THREE) -> Lease:
+        return Lease(config, LeaseGuards())
+
+    def answer(
+        self, lease: Lease, arbiter: int, nonce: int, *, granted: bool = True, term: int = 0
+    ) -> LeaseAnswer:
+        term = term or lease.term
+        return LeaseAnswer(arbiter, 5, 1, term, 1, nonce, 0, granted, nonce, 0, 0, 0, 0, 0, ())
+
+    def test_a_term_is_never_asked_for_twice(self) -> None:
+        """An arbiter of three may hold the first try's lease: the same term would pass for it."""
+        lease = self.lease()
+
+        first = lease.ask(0, seen_term=4, tried_term=0)
+        again = lease.ask(200 * MS, seen_term=4, tried_term=first.term)
+        refused = self.answer(lease, 65_001, again.nonce, granted=False, term=30)
+        lease.hears(refused, 210 * MS)
+        last = lease.ask(400 * MS, seen_term=4, tried_term=again.term)
+
+        assert (first.term, again.term, last.term) == (5, 6, 31)
+
+    def test_the_term_tried_is_stored_with_the_very_step_that_asks_for_it(self) -> None:
+        core = train()
+        stepped = core.step(0, (), own())
+        while not any(isinstance(each, LeaseRequest) for each in stepped.out):
+            stepped = core.step(core.next_due_ns(), (), own())
+
+        (request,) = [each for each in stepped.out if isinstance(each, LeaseRequest)]
+        assert stepped.memory is not None
+        assert stepped.memory.of_area(1).tried_term == request.term
+
+    def test_two_of_three_make_a_master_and_one_counts_once(self) -> None:
+        lease = self.lease()
+        request = lease.ask(0, seen_term=0, tried_term=0)
+
+        lease.hears(self.answer(lease, 65_001, request.nonce), 5 * MS)
+        lease.hears(self.answer(lease, 65_001, request.nonce), 6 * MS)
+        lease.hears(self.answer(lease, 65_009, request.nonce), 6 * MS)
+        assert lease.state is LeaseState.ASKED
+        lease.hears(self.answer(lease, 65_003, request.nonce), 7 * MS)
+
+        assert lease.state is LeaseState.HELD
+
+    def test_an_answer_to_an_earlier_attempt_is_no_vote_for_this_one(self) -> None:
+        lease = self.lease(T2tConfig())
+        first = lease.ask(0, seen_term=0, tried_term=0)
+        old = self.answer(lease, 65_001, first.nonce)
+        lease.ask(200 * MS, seen_term=0, tried_term=first.term)
+
+        lease.hears(old, 210 * MS)
+
+        assert lease.state is LeaseState.ASKED
+
+    def test_a_lease_counts_from_the_question_and_ends_before_it_ends(self) -> None:
+        config = T2tConfig()
+        lease = self.lease(config)
+        request = lease.ask(1000 * MS, seen_term=0, tried_term=0)
+        lease.hears(self.answer(lease, 65_001, request.nonce), 1200 * MS)
+        end_ns = 1000 * MS + config.timers.holder_lease_ns - config.timers.margin_ms * MS
+
+        assert lease.runs(end_ns - 1)
+        assert not lease.runs(end_ns)
+
+    def test_whoever_loses_gives_back_what_it_got(self) -> None:
+        """With three arbiters, partial grants that are kept block both candidates for good."""
+        for seed in range(6):
+            rig = Rig(line_of(0.0, 4000.0), config=THREE)
+            for n in range(3):
+                rig.start_train(n + 1, 1500.0 - 300.0 * n, seed=seed)
+            took_ms = rig.run_until(rig.is_commanded, 3000)
+            assert took_ms < 1500
+        assert any(isinstance(m, LeaseRequest) and m.kind is LeaseKind.RELEASE for _, m in rig.log)
+
+
+ROSTER = (RosterEntry(1, 820.0, True, 1), RosterEntry(2, 420.0, True, 1))
+
+
+class Command:
+    """A master under term 1 whose arbiter has kept this roster, in the area from 0 to 2000 m."""
+
+    def __init__(self, roster: tuple[RosterEntry, ...] = ROSTER) -> None:
+        lease = Lease(T2tConfig(), LeaseGuards())
+        request = lease.ask(0, seen_term=0, tried_term=0)
+        head = (65_001, 7, 1, 1, 1, 1, 0)
+        lease.hears(LeaseAnswer(*head, True, request.nonce, 0, 7, 0, 0, 1, roster), 0)
+        lease.until_ns = 10**15
+        self.now_ns = 0
+        self.sequence = 0
+        self.master = Master(
+            T2tConfig(),
+            MasterGuards(),
+            line_of(0.0, 2000.0, 4000.0),
+            1,
+            speaker=Speaker(7, 1),
+            lease=lease,
+            table=TrainTable(),
+            now_ns=0,
+        )
+
+    def hears(self, train: int, front_m: float, **told: float) -> None:
+        self.sequence += 1
+        latent_m = told.get("latent_m", front_m)
+        self.master.hears(
+            TrainReport(
+                source=train,
+                destination=BROADCAST,
+                area=1,
+                term=int(told.get("term", 1)),
+                boot=1,
+                sequence=self.sequence,
+                stamp_ns=self.now_ns,
+                localised=True,
+                front_min_m=front_m,
+                front_max_m=front_m,
+                rear_min_m=front_m - 80.0,
+                protected_m=front_m - 80.0,
+                speed_mps=0.0,
+                standstill=True,
+                latent_m=latent_m,
+                held_end_m=latent_m,
+                easy_m=front_m,
+                held_term=int(told.get("held_term", 0)),
+                held_sequence=int(told.get("held_sequence", 0)),
+                member="latent_m" in told,
+                behind=int(told.get("behind", 0)),
+                comes_from=int(told.get("comes_from", 0)),
+                axles=16,
+                out_of_service=False,
+                ready_nonce=0,
+                echo_ns=self.now_ns,
+            ),
+            self.now_ns,
+        )
+
+    def step(self, ms: int = 100, *, acks: bool = True) -> dict[int, AreaAuthority]:
+        """What is issued, by train. Rosters are kept at once unless told otherwise."""
+        self.now_ns += ms * MS
+        issued = {}
+        for message in self.master.step(self.now_ns, away=False):
+            if isinstance(message, AreaAuthority):
+                issued[message.destination] = message
+            elif isinstance(message, RosterCommit) and acks:
+                head = (65_001, 7, 1, 1, 1, message.sequence, 0)
+                self.master.hears(RosterAck(*head, message.version), self.now_ns)
+        return issued
+
+    def order(self) -> list[int]:
+        return [entry.train for entry in self.master.roster.proposed]
+
+
+def test_stale_positions_do_not_change_the_order_of_trains() -> None:
+    """A report of the leader that was long on its way says that it is behind its follower."""
+    command = Command()
+    command.hears(2, 850.0)
+    command.hears(1, 830.0)
+
+    issued = command.step() | command.step()
+
+    assert command.order() == [1, 2]
+    assert 2 not in issued  # It is at the leader's rear already, as far as is known.
+
+
+def test_nothing_is_issued_before_the_roster_is_kept_under_the_new_term() -> None:
+    command = Command()
+    command.hears(1, 900.0)
+    assert command.step(acks=False) == {}
+    assert command.step(acks=True) == {}
+
+    command.hears(1, 900.0)
+
+    assert command.step()[1].end_m == 2000.0
+
+
+def test_a_train_that_has_not_promised_gets_nothing_and_stays_an_obstacle() -> None:
+    command = Command()
+    command.hears(1, 900.0, term=0)
+    command.hears(2, 500.0)
+
+    issued = command.step() | command.step()
+
+    assert list(issued) == [2]
+    assert issued[2].end_m == 820.0 - 7.0
+
+
+def test_what_a_follower_holds_proves_how_far_a_silent_leader_had_come() -> None:
+    """Else every takeover would pull back the authorities behind a master that died."""
+    command = Command()
+    command.now_ns = MS
+    command.hears(2, 500.0, latent_m=1100.0)
+
+    issued = command.step() | command.step()
+
+    assert issued[2].end_m == 1100.0
+
+
+def test_a_train_that_left_is_removed_and_holds_nobody_up() -> None:
+    command = Command()
+    command.hears(1, 2087.0)
+    command.hears(2, 500.0)
+    command.step()
+    command.step()
+
+    issued = command.step()
+
+    assert command.order() == [2]
+    assert issued[2].end_m == 2000.0
+
+
+def test_a_train_over_the_border_by_less_than_it_may_roll_back_stays_on_the_roster() -> None:
+    command = Command()
+    command.hears(1, 2086.9)
+    command.hears(2, 500.0)
+    command.step()
+
+    assert command.step()[2].end_m == pytest.approx(1999.9)
+    assert command.order() == [1, 2]
+
+
+def test_who_comes_over_the_border_comes_in_line() -> None:
+    """Train 4 follows train 3 and applies first; nobody but train 3 can be ahead of it."""
+    lease_area_two = Command(roster=(RosterEntry(1, 2500.0, True, 1),))
+    command = lease_area_two
+    command.master = _second_area(command)
+    command.step()
+    command.hears(4, 1500.0, comes_from=1, behind=3)
+    command.step()
+    assert command.order() == [1]
+
+    command.hears(3, 1800.0, comes_from=1)
+    command.hears(4, 1500.0, comes_from=1, behind=3)
+    command.step()
+
+    assert command.order() == [1, 3, 4]
+
+
+def test_who_comes_over_the_border_without_authority_there_waits() -> None:
+    command = Command(roster=(RosterEntry(1, 2500.0, True, 1),))
+    command.master = _second_area(command)
+    command.step()
+
+    command.hears(3, 1800.0)
+    command.step()
+
+    assert command.order() == [1]
+
+
+def _second_area(command: Command) -> Master:
+    return Master(
+        T2tConfig(),
+        MasterGuards(),
+        line_of(0.0, 2000.0, 4000.0),
+        2,
+        speaker=Speaker(7, 1),
+        lease=command.master._lease,
+        table=TrainTable(),
+        now_ns=0,
+    )
+
+
+def test_a_newcomer_gets_nothing_before_its_place_on_the_roster_is_kept() -> None:
+    command = Command(roster=(RosterEntry(1, 820.0, True, 1),))
+    command.step()
+    command.hears(1, 900.0)
+    command.hears(3, 500.0)
+
+    assert list(command.step(acks=False)) == [1]
+    command.hears(3, 500.0)
+    assert list(command.step(acks=True)) == [1]
+    command.hears(3, 500.0)
+
+    assert 3 in command.step()
+
+
+def test_nobody_is_put_between_a_train_and_what_that_was_granted() -> None:
+    command = Command()
+    command.step()
+    command.hears(1, 900.0)
+    command.hears(2, 500.0)
+    command.step()
+    command.hears(2, 500.0)
+
+    command.hears(3, 700.0)  # It wakes up where train 2 may go, by what is on its way to it.
+    command.step()
+
+    assert command.order() == [1, 2]
+
+
+def test_an_authority_on_its_way_counts_until_a_newer_one_is_acknowledged() -> None:
+    command = Command()
+    command.step()
+    command.hears(1, 900.0)
+    command.hears(2, 500.0)
+    (sent,) = [each for to, each in command.step().items() if to == 2]
+    record = command.master._known.records[2]
+
+    command.hears(2, 510.0)
+    assert record.granted_m == sent.end_m
+    command.hears(2, 520.0, held_term=1, held_sequence=sent.sequence - 1)
+    assert record.granted_m == sent.end_m
+    command.hears(2, 530.0, held_term=1, held_sequence=sent.sequence)
+
+    assert record.granted_m == 530.0
+
+
+def test_a_report_that_is_too_old_to_be_answered_is_not_answered() -> None:
+    command = Command()
+    command.step()
+    command.hears(1, 900.0)
+    assert 1 in command.step()
+
+    assert command.step(500) == {}
+
+
+@pytest.mark.parametrize(("front_m", "told"), [(4283.9, True), (4284.1, False)])
+def test_a_train_tells_where_it_is_as_far_as_sections_are_told(front_m: float, told: bool) -> None:
+    """Else nothing explained its axles behind the border, and a train that stood just before it
+    never got an authority again (seed 232)."""
+    line = line_of(0.0, 4050.0, 8100.0, section_m=150.0)
+    core = TrainCore(T2tConfig(), line, address=5, memory=TrainMemory(), start_ns=0)
+
+    core.step(0, (), own(front_m))
+
+    assert line.sections_told(1)[-1].end_m == 4200.0
+    assert bool(reports(core.step(100 * MS, (), own(front_m)).out, area=1)) is told
+
+
+def test_a_train_that_has_left_the_area_still_explains_its_axles_for_as_long_as_it_says_so() -> (
+    None
+):
+    """One that began anew just before the border waited for ever for them (seed 2113)."""
+    command = Command()
+    command.step()
+    command.hears(3, 2100.0)
+    command.hears(1, 1990.0)
+    newcomer = command.master._known.records[1].report
+    assert newcomer is not None
+
+    def standing_m() -> list[float]:
+        scene = command.master._scene(command.now_ns, newcomer)
+        return [each.rear_m for each in scene.standing]
+
+    assert command.order() == [1, 2]
+    assert 2020.0 in standing_m()
+    command.now_ns += 1000 * MS
+    assert 2020.0 not in standing_m()

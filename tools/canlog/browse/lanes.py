@@ -1,0 +1,163 @@
+"""Frames by message, of a log or of a bus that goes on, so that any instant can be looked at."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from canlog.database import Bus, MessageSpec
+from canlog.frames import ERROR, FD_BYTES, NOT_DATA, Bytes, Frames, Ints
+from canlog.plan import Payloads, Plan
+from canlog.table import Table
+from canlog.views.packed import ordered
+
+KEPT_MAX: Final = 1 << 16
+"""Frames of one message that are kept of a live bus; the older half of more is dropped."""
+RATE_NS: Final = 1_000_000_000
+"""Rates are counted over so long."""
+ERRORS: Final = -1
+"""Key of the lane of error frames."""
+
+
+class Lane:
+    """Frames of one message, in order of time."""
+
+    def __init__(self, key: int, name: str, spec: MessageSpec | None) -> None:
+        self.key = key
+        self.name = name
+        self.spec = spec
+        self.dropped = 0
+        """Older frames that are not kept any more."""
+        self._n = 0
+        self._at_ns: Ints = np.zeros(64, np.int64)
+        self._length: Bytes = np.zeros(64, np.uint8)
+        self._data: Bytes = np.zeros((64, 8), np.uint8)
+
+    @classmethod
+    def whole(
+        cls, key: int, name: str, spec: MessageSpec | None, at_ns: Ints, length: Bytes, data: Bytes
+    ) -> "Lane":
+        """Of columns that are complete and in order."""
+        lane = cls(key, name, spec)
+        lane._at_ns, lane._length, lane._data, lane._n = at_ns, length, data, len(at_ns)
+        return lane
+
+    def __len__(self) -> int:
+        return self._n
+
+    @property
+    def at_ns(self) -> Ints:
+        return self._at_ns[: self._n]
+
+    def add(self, at_ns: int, data: bytes) -> None:
+        """The next frame of a live bus."""
+        if len(data) > self._data.shape[1]:
+            wide = np.zeros((len(self._data), FD_BYTES), np.uint8)
+            wide[:, : self._data.shape[1]] = self._data
+            self._data = wide
+        if self._n == len(self._at_ns):
+            self._make_room()
+        self._at_ns[self._n] = at_ns
+        self._length[self._n] = len(data)
+        self._data[self._n] = 0
+        self._data[self._n, : len(data)] = np.frombuffer(data, np.uint8)
+        self._n += 1
+
+    def _make_room(self) -> None:
+        first = self._n // 2 if self._n >= KEPT_MAX else 0
+        size = self._n if first else 2 * self._n
+        for name in ("_at_ns", "_length", "_data"):
+            old = getattr(self, name)
+            new = np.zeros((size, *old.shape[1:]), old.dtype)
+            new[: self._n - first] = old[first : self._n]
+            setattr(self, name, new)
+        self._n -= first
+        self.dropped += first
+
+    def row_at(self, at_ns: int) -> int:
+        """Index of the last frame at or before an instant; -1 before the first."""
+        return int(np.searchsorted(self.at_ns, at_ns, "right")) - 1
+
+    def payload(self, row: int) -> bytes:
+        return self._data[row, : int(self._length[row])].tobytes()
+
+    def changed(self, row: int) -> tuple[bool, ...]:
+        """Of each byte, whether it differs from that of the frame before."""
+        mine = self.payload(row)
+        if row == 0:
+            return (False,) * len(mine)
+        before = self.payload(row - 1)
+        return tuple(at >= len(before) or byte != before[at] for at, byte in enumerate(mine))
+
+    def rate_hz(self, at_ns: int) -> float:
+        """Frames a second, over the second before an instant or as much of it as there is."""
+        row = self.row_at(at_ns)
+        first = int(np.searchsorted(self.at_ns, at_ns - RATE_NS, "right"))
+        count = row + 1 - first
+        if count < 2:
+            return float(count)
+        span_ns = int(self._at_ns[row] - self._at_ns[first])
+        return (count - 1) * 1e9 / span_ns if span_ns else float(count)
+
+    def table(self, first: int, stop: int) -> Table | None:
+        """Rows from `first` up to, not including, `stop`, decoded; None for an unknown message."""
+        if self.spec is None:
+            return None
+        rows = slice(max(0, first), max(0, stop))
+        payloads = Payloads(self._data[: self._n][rows], self._length[: self._n][rows])
+        at_ns, numbers = self.at_ns[rows], np.arange(self._n, dtype=np.int64)[rows]
+        return Table(Plan(self.spec), at_ns, lambda: numbers, payloads)
+
+
+@dataclass(slots=True)
+class Lanes:
+    """All messages of a log or bus."""
+
+    bus: Bus
+    lanes: dict[int, Lane]
+    start_ns: int = 0
+    end_ns: int = 0
+
+    def sorted(self) -> Sequence[Lane]:
+        return [self.lanes[key] for key in sorted(self.lanes)]
+
+    def feed(self, frames: Iterable[tuple[int, int, int, bytes]]) -> int:
+        """Frames of a live bus: (at_ns, key, flags, data) each. Returns how many."""
+        count = 0
+        for at_ns, key, flags, data in frames:
+            lane_key = ERRORS if flags & ERROR else key
+            lane = self.lanes.get(lane_key)
+            if lane is None:
+                lane = self.lanes[lane_key] = _lane(self.bus, lane_key)
+            if not self.end_ns:
+                self.start_ns = at_ns
+            self.end_ns = max(self.end_ns, at_ns)
+            lane.add(at_ns, data)
+            count += 1
+        return count
+
+
+def _lane(bus: Bus, key: int) -> Lane:
+    if key == ERRORS:
+        return Lane(key, "error frames", None)
+    return Lane(key, bus.name_of(key), bus.by_key.get(key))
+
+
+def lanes_of(frames: Frames, bus: Bus) -> Lanes:
+    """Of a whole log. Requests carry no data and make no lane; all error frames share one."""
+    in_order = ordered(frames)
+    rows_of: dict[int, list[Ints]] = {}
+    for group in in_order.groups:
+        if group.flags & ERROR:
+            rows_of.setdefault(ERRORS, []).append(group.rows)
+        elif not group.flags & NOT_DATA:
+            rows_of.setdefault(group.key, []).append(group.rows)
+    found = {}
+    for key, pieces in rows_of.items():
+        mine = in_order.frames[np.sort(np.concatenate(pieces))]
+        empty = _lane(bus, key)
+        found[key] = Lane.whole(key, empty.name, empty.spec, mine.at_ns, mine.length, mine.data)
+    stamps = in_order.frames.at_ns
+    start_ns, end_ns = (int(stamps[0]), int(stamps[-1])) if len(stamps) else (0, 0)
+    return Lanes(bus, found, start_ns, end_ns)

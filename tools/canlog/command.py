@@ -1,0 +1,73 @@
+"""The console script `canlog`: a table of subcommands, each a module of its own."""
+
+import argparse
+import importlib
+import os
+import sys
+from collections.abc import Sequence
+from typing import Any, Final
+
+from canlog.damage import LogError
+from firmware_py.arguments import of_file, words_of
+from firmware_py.assertions import require_assertions
+
+EXIT_OK: Final = 0
+EXIT_FOUND: Final = 1
+"""What was asked to be absent or equal is not."""
+EXIT_USAGE: Final = 2
+
+VERBS: Final = {
+    "browse": "canlog.verbs.browse",
+    "convert": "canlog.verbs.convert",
+    "diff": "canlog.verbs.diff",
+    "extract": "canlog.verbs.extract",
+    "open": "canlog.verbs.open",
+    "plot": "canlog.verbs.plot",
+    "replay": "canlog.verbs.replay",
+    "report": "canlog.verbs.report",
+    "show": "canlog.verbs.show",
+    "stats": "canlog.verbs.stats",
+}
+"""Each module has SUMMARY, `options(parser)` and `run(options) -> exit code`."""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """The console script `canlog`."""
+    require_assertions("canlog")
+    words = words_of("canlog", argv)
+    try:
+        options = _parser(words).parse_args(words)
+        code: int = _module(options.verb).run(options)
+    except LogError as error:
+        print(f"canlog: {error}", file=sys.stderr)
+        return EXIT_USAGE
+    except BrokenPipeError:
+        # Whoever read has seen enough; the interpreter must not complain once more at its end.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return EXIT_OK
+    except OSError as error:
+        print(f"canlog: {of_file(error)}", file=sys.stderr)
+        return EXIT_USAGE
+    except KeyboardInterrupt:
+        return 130
+    return code
+
+
+def _parser(words: Sequence[str]) -> argparse.ArgumentParser:
+    """Only the module of the verb that is asked for is loaded, unless it is help that is."""
+    parser = argparse.ArgumentParser(prog="canlog", description="Inspect CAN logs frame by frame.")
+    verbs = parser.add_subparsers(dest="verb", required=True, metavar="VERB")
+    wanted = words[0] if words and words[0] in VERBS else None
+    for verb in VERBS:
+        if wanted in (None, verb):
+            module = _module(verb)
+            module.options(verbs.add_parser(verb, help=module.SUMMARY, description=module.SUMMARY))
+    return parser
+
+
+def _module(verb: str) -> Any:
+    return importlib.import_module(VERBS[verb])
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,318 @@
+"""Two logs compared message by message and signal by signal; decides, and prints nothing."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from fnmatch import fnmatchcase
+from typing import Any, Final
+
+import numpy as np
+
+from canlog.compare.pairing import Pairs, pair, reach_ns
+from canlog.damage import LogError
+from canlog.database import MessageSpec, SignalSpec
+from canlog.frames import Bools, Ints
+from canlog.read import Log
+from canlog.table import Table
+from canlog.views.traces import TRAILER, flags_text
+
+START: Final = "start"
+ABSOLUTE: Final = "absolute"
+ONE_LSB: Final = 1
+BYTES: Final = "data"
+"""Called so where there is no signal: the payload of an unknown message, or its length."""
+
+
+@dataclass(frozen=True, slots=True)
+class Allowed:
+    """What may differ."""
+
+    lsb: int = ONE_LSB
+    """Steps of the raw value; of a float signal steps of its last place. Names, flags and
+    multiplexers have to be equal."""
+    physical: Mapping[str, float] = field(default_factory=dict)
+    """By signal, or MESSAGE.signal, or a pattern of these: in its unit, instead of `lsb`."""
+    ignored: tuple[str, ...] = ()
+    """Patterns of messages or MESSAGE.signal."""
+    trailer: bool = False
+    """Compare alive counters and CRCs, too."""
+    timing_ms: float | None = None
+    """Pairs may lie so far apart; None: anything that makes them pairs."""
+
+
+@dataclass(frozen=True, slots=True)
+class SignalDifference:
+    """One signal that differs."""
+
+    signal: str
+    unit: str
+    frames: int
+    """Pairs in which it differs."""
+    first_a: int
+    """Row of the first in the table of A."""
+    first_b: int
+    at_ns: int
+    """Instant of that in A, since its zero."""
+    value_a: str
+    value_b: str
+    most: float | None
+    """Greatest difference, in the unit; None where values are no numbers."""
+    allowed: float
+
+
+@dataclass(frozen=True, slots=True)
+class MessageDifference:
+    """One message, or unknown identifier."""
+
+    name: str
+    key: int
+    frames_a: int
+    frames_b: int
+    pairs: int
+    only_a: int
+    only_b: int
+    first_only_ns: int | None
+    """Since the zero: the first frame that only one of both has."""
+    apart_ms: float
+    """Greatest distance of the two frames of a pair."""
+    late_pairs: int
+    """Pairs further apart than is allowed."""
+    first_late_ns: int | None
+    signals: tuple[SignalDifference, ...]
+
+    @property
+    def differs(self) -> bool:
+        return bool(self.signals or self.only_a or self.only_b or self.late_pairs)
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """All that differs between A and B."""
+
+    zero_a_ns: int
+    zero_b_ns: int
+    messages: tuple[MessageDifference, ...]
+    """Of both logs, by key."""
+
+    @property
+    def differs(self) -> bool:
+        return any(each.differs for each in self.messages)
+
+    @property
+    def first(self) -> tuple[MessageDifference, SignalDifference] | None:
+        """The earliest value that differs."""
+        found = [(each.at_ns, m.key, m, each) for m in self.messages for each in m.signals]
+        return min(found, key=lambda one: one[:2])[2:] if found else None
+
+
+def compare(a: Log, b: Log, allowed: Allowed, align: str = START) -> Difference:
+    """Raises LogError for an alignment, tolerance or pattern that names nothing."""
+    _check(allowed, a)
+    zero_a, zero_b = zero_of(a, align), zero_of(b, align)
+    keys = sorted({*a.groups.keys, *b.groups.keys})
+    found = [
+        _message(a, b, key, zero_a, zero_b, allowed)
+        for key in keys
+        if not _matched(a.bus.name_of(key), allowed.ignored)
+    ]
+    return Difference(zero_a, zero_b, tuple(found))
+
+
+def zero_of(log: Log, align: str) -> int:
+    """The stamp that is called zero. Raises LogError for a message that the log lacks."""
+    if align == ABSOLUTE:
+        return 0
+    if align == START:
+        return log.run.start_ns if log.run is not None else log.start_ns
+    table = log.table(align)
+    if not len(table):
+        raise LogError(f"--align {align}: {log.path} holds no frame of it")
+    return int(table.at_ns.min())
+
+
+def _check(allowed: Allowed, log: Log) -> None:
+    names = [f"{m.name}.{s.name}" for m in log.bus.messages.values() for s in m.signals]
+    known = [*names, *log.bus.messages, *(name.partition(".")[2] for name in names)]
+    unknown_keys = [log.bus.name_of(key) for key in log.unknown]
+    for option, patterns in (("--tolerance", allowed.physical), ("--ignore", allowed.ignored)):
+        for pattern in patterns:
+            if not any(fnmatchcase(name, pattern) for name in (*known, *unknown_keys)):
+                raise LogError(f"{option} {pattern}: no message or signal of {log.bus.name}")
+
+
+def _matched(name: str, patterns: Sequence[str]) -> bool:
+    return any(fnmatchcase(name, pattern) for pattern in patterns)
+
+
+def _message(
+    a: Log, b: Log, key: int, zero_a: int, zero_b: int, allowed: Allowed
+) -> MessageDifference:
+    spec = a.bus.by_key.get(key)
+    rows_a, rows_b = _by_time(a, key), _by_time(b, key)
+    a_ns, b_ns = a.frames.at_ns[rows_a] - zero_a, b.frames.at_ns[rows_b] - zero_b
+    pairs = pair(a_ns, b_ns, reach_ns(spec, a_ns, b_ns))
+    apart = np.abs(a_ns[pairs.a] - b_ns[pairs.b])
+    late = _late(apart, allowed)
+    firsts = [*a_ns[pairs.only_a[:1]].tolist(), *b_ns[pairs.only_b[:1]].tolist()]
+    signals = list(_bytes(a, b, rows_a[pairs.a], rows_b[pairs.b], spec, a_ns[pairs.a]))
+    if spec is not None and len(pairs.a):
+        signals += _signals(a, b, spec, pairs, (rows_a, rows_b), a_ns, allowed)
+    return MessageDifference(
+        name=a.bus.name_of(key),
+        key=key,
+        frames_a=len(rows_a),
+        frames_b=len(rows_b),
+        pairs=len(pairs.a),
+        only_a=len(pairs.only_a),
+        only_b=len(pairs.only_b),
+        first_only_ns=min(firsts) if firsts else None,
+        apart_ms=float(apart.max(initial=0)) / 1e6,
+        late_pairs=len(late),
+        first_late_ns=int(a_ns[pairs.a[late[0]]]) if len(late) else None,
+        signals=tuple(signals),
+    )
+
+
+def _by_time(log: Log, key: int) -> Ints:
+    rows = log.rows(key)
+    return rows[np.argsort(log.frames.at_ns[rows], kind="stable")]
+
+
+def _late(apart_ns: Ints, allowed: Allowed) -> Ints:
+    if allowed.timing_ms is None:
+        return np.empty(0, np.int64)
+    return np.flatnonzero(apart_ns > allowed.timing_ms * 1e6)
+
+
+def _bytes(
+    a: Log, b: Log, rows_a: Ints, rows_b: Ints, spec: MessageSpec | None, at_ns: Ints
+) -> Iterator[SignalDifference]:
+    """Payloads of an unknown message, and lengths of a known one."""
+    unequal = a.frames.length[rows_a] != b.frames.length[rows_b]
+    if spec is None:
+        width = max(a.frames.data.shape[1], b.frames.data.shape[1])
+        padded = [
+            np.pad(log.frames.data[rows], ((0, 0), (0, width - log.frames.data.shape[1])))
+            for log, rows in ((a, rows_a), (b, rows_b))
+        ]
+        unequal = unequal | (padded[0] != padded[1]).any(axis=1)
+    where = np.flatnonzero(unequal)
+    if not len(where):
+        return
+    first = int(where[0])
+    row_a, row_b = int(rows_a[first]), int(rows_b[first])
+    yield SignalDifference(
+        signal=BYTES,
+        unit="",
+        frames=len(where),
+        first_a=row_a,
+        first_b=row_b,
+        at_ns=int(at_ns[first]),
+        value_a=a.frames.payload(row_a).hex(" ").upper(),
+        value_b=b.frames.payload(row_b).hex(" ").upper(),
+        most=None,
+        allowed=0.0,
+    )
+
+
+def _signals(
+    a: Log,
+    b: Log,
+    spec: MessageSpec,
+    pairs: Pairs,
+    rows: tuple[Ints, Ints],
+    a_ns: Ints,
+    allowed: Allowed,
+) -> Iterator[SignalDifference]:
+    tables = a.table(spec.name), b.table(spec.name)
+    # Tables are in the order of their log, pairs in that of time.
+    places = [
+        np.searchsorted(table.rows, mine[chosen])
+        for table, mine, chosen in zip(tables, rows, (pairs.a, pairs.b), strict=True)
+    ]
+    for signal in spec.signals:
+        full = f"{spec.name}.{signal.name}"
+        trailer = signal.name.lower() in TRAILER and not allowed.trailer
+        if trailer or _matched(full, allowed.ignored):
+            continue
+        limit = tolerance(signal, full, allowed)
+        unequal, apart = _unequal(signal, tables, places, limit, full, allowed)
+        where = np.flatnonzero(unequal)
+        if not len(where):
+            continue
+        first = int(where[0])
+        place_a, place_b = (int(place[first]) for place in places)
+        yield SignalDifference(
+            signal=signal.name,
+            unit=signal.unit,
+            frames=len(where),
+            first_a=int(tables[0].rows[place_a]),
+            first_b=int(tables[1].rows[place_b]),
+            at_ns=int(a_ns[pairs.a[first]]),
+            value_a=value_text(tables[0], signal, place_a),
+            value_b=value_text(tables[1], signal, place_b),
+            most=None if apart is None else float(np.nanmax(apart[where], initial=0.0)),
+            allowed=limit,
+        )
+
+
+def is_exact(signal: SignalSpec) -> bool:
+    """Names, flags and multiplexers: one more or less is something else."""
+    return bool(signal.choices) or signal.is_multiplexer or signal.length == 1
+
+
+def tolerance(signal: SignalSpec, full: str, allowed: Allowed) -> float:
+    """In the unit of the signal; of a float signal without one of its own, 0."""
+    for pattern, limit in allowed.physical.items():
+        if fnmatchcase(full, pattern) or fnmatchcase(signal.name, pattern):
+            return limit
+    return 0.0 if is_exact(signal) else allowed.lsb * signal.lsb
+
+
+def _unequal(
+    signal: SignalSpec,
+    tables: tuple[Table, Table],
+    places: Sequence[Ints],
+    limit: float,
+    full: str,
+    allowed: Allowed,
+) -> tuple[Bools, Any]:
+    """(k,) which pairs differ, and by how much in the unit; None where values are names."""
+    valid = [t.valid(signal.name)[p] for t, p in zip(tables, places, strict=True)]
+    values = [t[signal.name][p] for t, p in zip(tables, places, strict=True)]
+    both, one = valid[0] & valid[1], valid[0] != valid[1]
+    if signal.is_float:
+        apart, over = _float_unequal(signal, values, limit, allowed)
+    else:
+        raws = [t.raw(signal.name)[p] for t, p in zip(tables, places, strict=True)]
+        # Of unsigned numbers the lesser is taken off the greater; signed ones leave 64 bits never.
+        steps = np.where(raws[0] > raws[1], raws[0] - raws[1], raws[1] - raws[0])
+        steps = steps.view(np.uint64) if steps.dtype == np.int64 else steps
+        apart = steps.astype(np.float64) * abs(signal.scale)
+        own = limit != allowed.lsb * signal.lsb
+        over = apart > limit * (1 + 1e-12) if own else steps > allowed.lsb
+    return (over & both) | one, None if signal.choices else np.where(both, apart, 0.0)
+
+
+def _float_unequal(
+    signal: SignalSpec, values: Sequence[Any], limit: float, allowed: Allowed
+) -> tuple[Any, Bools]:
+    kind = {16: np.float16, 32: np.float32, 64: np.float64}[signal.length]
+    with np.errstate(invalid="ignore", over="ignore"):
+        apart = np.abs(values[0] - values[1])
+        same = (values[0] == values[1]) | (np.isnan(values[0]) & np.isnan(values[1]))
+        place = np.maximum(*(np.spacing(np.abs(each).astype(kind)) for each in values))
+        most = limit if limit else allowed.lsb * place.astype(np.float64) * abs(signal.scale)
+        over = ~same & ~(apart <= most)
+    return np.where(same, 0.0, apart), over
+
+
+def value_text(table: Table, signal: SignalSpec, place: int) -> str:
+    """A value as a person reads it."""
+    if not table.valid(signal.name)[place]:
+        return "not there"
+    raw = int(table.raw(signal.name)[place])
+    by_number = {float(each): name for each, name in signal.choices.items()}
+    named = signal.choices.get(raw) or flags_text(by_number, raw) or None
+    value = table[signal.name][place].item()
+    text = named or (f"{value:.9g}" if isinstance(value, float) else str(value))
+    return f"{text} {signal.unit}" if signal.unit not in ("", "1") and named is None else text

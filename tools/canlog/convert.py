@@ -1,0 +1,45 @@
+"""From one format to another, block by block; what the other cannot hold is listed."""
+
+from pathlib import Path
+
+from canlog.damage import Damage, Damages, LogError
+from canlog.database import Bus
+from canlog.formats.registry import FORMATS, by_suffix, named
+from canlog.options import ReadOptions
+from canlog.read import stream
+
+
+def convert(
+    source: Path,
+    target: Path,
+    *,
+    form: str | None = None,
+    options: ReadOptions | None = None,
+    bus: Bus | None = None,
+    overwrite: bool = False,
+) -> tuple[tuple[Damage, ...], tuple[Damage, ...]]:
+    """What was damaged in the source, and what the target cannot hold.
+
+    Args:
+        form: name of the target's format; None goes by its name.
+        bus: whose signals an MCAP file gets beside the frames.
+
+    Raises:
+        LogError: when the source cannot be read or the target not be written.
+    """
+    found = named(form) if form else by_suffix(target)
+    if found is None:
+        known = ", ".join(each.name for each in FORMATS)
+        raise LogError(f"{target}: its name tells no format; --to takes {known}")
+    blocks = stream(source, options)
+    if target.exists() and not overwrite:
+        raise LogError(f"{target}: is there already; --force replaces it")
+    losses = Damages()
+    try:
+        if found.name == "mcap":
+            found.write(target, blocks, losses, bus)
+        else:
+            found.write(target, blocks, losses)
+    except OSError as error:
+        raise LogError(f"{target}: cannot be written: {error.strerror or error}") from error
+    return blocks.warnings, losses.all()

@@ -1,0 +1,206 @@
+"""Vector's ASC: text with hexadecimal or decimal numbers, absolute or relative stamps, CAN FD."""
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final
+
+from canlog.damage import Damages
+from canlog.formats.asc_write import write
+from canlog.formats.text import (
+    JUNK,
+    NS_PER_S,
+    OTHER,
+    date_ns,
+    hex_bytes,
+    read_lines,
+    stamp_ns,
+)
+from canlog.frames import (
+    BRS,
+    ERROR,
+    ESI,
+    EXTENDED,
+    FD,
+    FD_LENGTHS,
+    REMOTE,
+    TX,
+    Frames,
+)
+from canlog.options import ReadOptions
+from canlog.rows import Rows
+
+__all__ = ["read", "write"]
+
+DATE: Final = re.compile(
+    r"(?:date|begin triggerblock)\s+\w+\s+(?P<month>\w+)\s+(?P<day>\d{1,2})\s+"
+    r"(?P<hour>\d{1,2}):(?P<rest>\d\d:\d\d(?:\.\d{1,9})?)(?:\s+(?P<half>am|pm))?\s+(?P<year>\d{4})",
+    re.IGNORECASE,
+)
+BASE: Final = re.compile(r"base\s+(hex|dec)(?:\s+timestamps\s+(absolute|relative))?", re.IGNORECASE)
+EVENT: Final = re.compile(r"(?P<stamp>\d{1,12}(?:\.\d{1,9})?)\s+(?P<rest>\S.*)", re.ASCII)
+CLASSIC: Final = re.compile(
+    r"(?P<channel>\d{1,3})\s+(?P<id>[0-9A-Fa-f]{1,10})(?P<wide>x?)\s+(?P<way>Rx|Tx|TxRq)\s+"
+    r"(?P<kind>[dr])(?:\s+(?P<dlc>[0-9A-Fa-f]))?(?P<data>(?:\s+[0-9A-Fa-f]{1,3})*)"
+    r"(?:\s+[A-Za-z]\w* = .*)?",
+    re.ASCII,
+)
+FAST: Final = re.compile(
+    r"CANFD\s+(?P<channel>\d{1,3})\s+(?P<way>Rx|Tx|TxRq)\s+(?P<id>[0-9A-Fa-f]{1,10})(?P<wide>x?)\s+"
+    r"(?:(?P<name>[A-Za-z_]\w*)\s+)?(?P<brs>[01])\s+(?P<esi>[01])\s+(?P<dlc>[0-9A-Fa-f])\s+"
+    r"(?P<length>\d{1,2})(?P<rest>(?:\s+\S+)*)",
+    re.ASCII,
+)
+ERRORS: Final = re.compile(
+    r"(?:CANFD\s+)?(?P<channel>\d{1,3})\s+(?:Rx\s+|Tx\s+)?ErrorFrame\b.*", re.ASCII
+)
+KNOWN: Final = re.compile(
+    r"//|(?:no )?internal events|begin triggerblock|end triggerblock|version|measurement|date\b|"
+    r"base\b|split|previous|#|previous log file|[A-Z]\w*:",
+    re.IGNORECASE,
+)
+"""Lines without a stamp that belong to the format."""
+OTHER_EVENT: Final = re.compile(
+    r"(?:log trigger|(?:canfd\s+)?\d{1,3}\s+statistic|can \d+ status|sv:|::|"
+    r"tfs:|j1939|eth|lin|fr|error|trigger|overload|\d{1,3}\s+(?:overload|error))",
+    re.IGNORECASE,
+)
+MONTHS: Final = {
+    name: number
+    for number, names in enumerate(
+        ("jan", "feb", "mar mär mrz", "apr", "may mai", "jun", "jul", "aug", "sep", "oct okt",
+         "nov", "dec dez"), 1)
+    for name in names.split()
+}  # fmt: skip
+
+
+def read(path: Path, options: ReadOptions, damages: Damages) -> Iterator[Frames]:
+    """The frames of an ASC file; channel 1 is called `can1`.
+
+    Stamps count from the date in the head, which is local time without a zone: it is taken for UTC,
+    which is said in the damage, unless `options.utc_offset_s` says where it was written.
+    """
+    taker = _Taker(options, damages)
+    return read_lines(path, options, damages, taker.take)
+
+
+class _Taker:
+    """Follows the head and the stamps of one file."""
+
+    def __init__(self, options: ReadOptions, damages: Damages) -> None:
+        self._options, self._damages = options, damages
+        self._base = 16
+        self._relative = False
+        self._start_ns = 0
+        self._last_ns = 0
+
+    def take(self, line: str, rows: Rows) -> str | None:
+        event = EVENT.fullmatch(line)
+        if event is None:
+            return self._head(line)
+        past_ns = stamp_ns(event["stamp"])
+        if past_ns is None:
+            return JUNK
+        if self._relative:
+            past_ns = self._last_ns = self._last_ns + past_ns
+        return self._event(self._start_ns + past_ns, event["rest"], rows)
+
+    def _head(self, line: str) -> str | None:
+        base = BASE.match(line)
+        if base is not None:
+            self._base = 10 if base[1].lower() == "dec" else 16
+            self._relative = (base[2] or "").lower() == "relative"
+            return None
+        date = DATE.fullmatch(line)
+        if date is not None and (start_ns := _start_ns(date)) is not None:
+            if not self._options.utc_offset_s:
+                self._damages.add(
+                    "local time", "line", None, "the head tells no zone; UTC is taken"
+                )
+            self._start_ns = start_ns - self._options.utc_offset_s * NS_PER_S
+            self._last_ns = 0
+            return None
+        return None if KNOWN.match(line) else JUNK
+
+    def _event(self, at_ns: int, rest: str, rows: Rows) -> str | None:
+        match = CLASSIC.fullmatch(rest)
+        if match is not None:
+            return self._classic(at_ns, match, rows)
+        match = FAST.fullmatch(rest)
+        if match is not None:
+            return self._fast(at_ns, match, rows)
+        match = ERRORS.fullmatch(rest)
+        if match is not None:
+            return None if rows.add(at_ns, 0, ERROR, f"can{match['channel']}", 0, b"") else JUNK
+        if rest.lower().startswith("start of measurement"):
+            return None
+        return OTHER if OTHER_EVENT.match(rest) else JUNK
+
+    def _identifier(self, match: re.Match[str]) -> tuple[int, int] | None:
+        try:
+            identifier = int(match["id"], self._base)
+        except ValueError:
+            return None
+        limit = 0x1FFF_FFFF if match["wide"] else 0x7FF
+        if identifier > limit:
+            return None
+        flags = (EXTENDED if match["wide"] else 0) | (TX if match["way"] != "Rx" else 0)
+        return identifier, flags
+
+    def _classic(self, at_ns: int, match: re.Match[str], rows: Rows) -> str | None:
+        known = self._identifier(match)
+        if known is None or match["way"] == "TxRq":
+            return JUNK if known is None else OTHER
+        identifier, flags = known
+        channel, texts = f"can{match['channel']}", match["data"].split()
+        length = min(int(match["dlc"] or "0", 16), 8)
+        if match["kind"] == "r":
+            added = rows.add(at_ns, identifier, flags | REMOTE, channel, length, b"")
+            return None if added else JUNK
+        data = hex_bytes(texts, self._base)
+        if data is None or len(data) != length or match["dlc"] is None:
+            return JUNK
+        return None if rows.add(at_ns, identifier, flags, channel, length, data) else JUNK
+
+    def _fast(self, at_ns: int, match: re.Match[str], rows: Rows) -> str | None:
+        known = self._identifier(match)
+        if known is None or match["way"] == "TxRq":
+            return JUNK if known is None else OTHER
+        identifier, flags = known
+        channel, length = f"can{match['channel']}", int(match["length"])
+        texts = match["rest"].split()
+        # Behind the data stand duration, bits, flags and CRC; the flags tell classic frames.
+        data, tail = hex_bytes(texts[:length]), texts[length:]
+        if data is None or len(data) != length or length not in FD_LENGTHS:
+            return JUNK
+        bits = _flags_of(tail)
+        fd = bits is None or bool(bits & 0x1000)
+        if fd:
+            flags |= FD | (BRS if match["brs"] == "1" else 0) | (ESI if match["esi"] == "1" else 0)
+        elif length > 8:
+            return JUNK
+        if bits is not None and bits & 0x10:
+            flags |= REMOTE
+            length = FD_LENGTHS[int(match["dlc"], 16)]
+            length = length if fd else min(length, 8)
+        return None if rows.add(at_ns, identifier, flags, channel, length, data) else JUNK
+
+
+def _flags_of(tail: list[str]) -> int | None:
+    """The third number behind the data; None where the line ends before it."""
+    if len(tail) < 3:
+        return None
+    try:
+        return int(tail[2], 16)
+    except ValueError:
+        return None
+
+
+def _start_ns(date: re.Match[str]) -> int | None:
+    month = MONTHS.get(date["month"].lower()[:3])
+    hour = int(date["hour"])
+    if date["half"] is not None:
+        hour = hour % 12 + (12 if date["half"].lower() == "pm" else 0)
+    if month is None:
+        return None
+    return date_ns(int(date["year"]), month, int(date["day"]), f"{hour:02d}:{date['rest']}")

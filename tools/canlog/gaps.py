@@ -1,0 +1,125 @@
+"""Gaps between the frames of one message, gathered block by block in bounded memory."""
+
+from typing import Any, Final
+
+import numpy as np
+
+from canlog.frames import Ints
+
+EXACT_BITS: Final = 12
+"""Distances from the period below 4096 us have a bucket each; longer ones share buckets at most
+1/2048 of them wide."""
+HALF: Final = 1 << EXACT_BITS - 1
+VALUE_BITS: Final = 40
+BUCKETS: Final = HALF * (VALUE_BITS - EXACT_BITS + 2)
+NS_PER_US: Final = 1000
+LATE_FACTOR: Final = 1.5
+"""A gap of more than so many periods misses frames."""
+EARLY_FACTOR: Final = 0.5
+"""A frame that comes after less than this of its period is one too many."""
+MIDDLE_PERCENT: Final = (16, 84)
+"""Half of what lies between is the standard deviation of a normal distribution."""
+
+
+class Gaps:
+    """Cycle times of one message on one channel."""
+
+    def __init__(self, period_ns: int, timeout_ns: int) -> None:
+        """0 where the DBC file tells no period, or no timeout."""
+        self.period_ns, self.timeout_ns = period_ns, timeout_ns
+        self.count = 0
+        """Gaps; one less than frames."""
+        self.least_ns, self.most_ns, self.most_at_ns = 0, 0, 0
+        self.missing = self.extra = self.late = self.backwards = self.stale = 0
+        self.stale_ns = 0
+        self.first_ns: int | None = None
+        self.last_ns = 0
+        self._sum_ns = 0
+        self._below: Any = np.zeros(BUCKETS, np.int64)
+        """Gaps shorter than the period, by how much; without a period there are none."""
+        self._above: Any = np.zeros(BUCKETS, np.int64)
+
+    def feed(self, at_ns: Ints) -> None:
+        """The stamps of the next frames."""
+        if not len(at_ns):
+            return
+        if self.first_ns is None:
+            self.first_ns, gaps = int(at_ns[0]), np.diff(at_ns)
+            at_ns = at_ns[1:]
+        else:
+            gaps = np.diff(at_ns, prepend=self.last_ns)
+        if not len(gaps):
+            self.last_ns = self.first_ns
+            return
+        self.last_ns = int(at_ns[-1])
+        if int(gaps.min()) < 0:
+            forward = gaps >= 0
+            self.backwards += int(len(gaps) - forward.sum())
+            gaps, at_ns = gaps[forward], at_ns[forward]
+            if not len(gaps):
+                return
+        self._count(gaps, at_ns)
+
+    def _count(self, gaps: Ints, at_ns: Ints) -> None:
+        least, longest = int(gaps.min()), int(gaps.argmax())
+        self.least_ns = least if not self.count else min(self.least_ns, least)
+        if int(gaps[longest]) > self.most_ns:
+            self.most_ns, self.most_at_ns = int(gaps[longest]), int(at_ns[longest])
+        self.count += len(gaps)
+        self._sum_ns += int(gaps.sum())
+        off_ns = gaps - self.period_ns
+        below = off_ns < 0
+        for buckets, some_ns in ((self._below, -off_ns[below]), (self._above, off_ns[~below])):
+            counts = np.bincount(_bucket(some_ns // NS_PER_US))
+            buckets[: len(counts)] += counts
+        if self.period_ns:
+            late = gaps[gaps > LATE_FACTOR * self.period_ns]
+            self.late += len(late)
+            self.missing += int((np.rint(late / self.period_ns) - 1).sum())
+            self.extra += int((gaps < EARLY_FACTOR * self.period_ns).sum())
+        if self.timeout_ns and self.most_ns > self.timeout_ns:
+            stale = gaps[gaps > self.timeout_ns]
+            self.stale += len(stale)
+            self.stale_ns += int((stale - self.timeout_ns).sum())
+
+    @property
+    def mean_ns(self) -> float:
+        return self._sum_ns / self.count if self.count else 0.0
+
+    @property
+    def jitter_ns(self) -> int:
+        """Half the width of the middle 68 % of the gaps.
+
+        That is the standard deviation of gaps with a normal distribution; a start, a stop or a few
+        missing frames do not count in it: they are told as extremes, missing and extra.
+        """
+        low_us, high_us = (self.percentile_us(percent) for percent in MIDDLE_PERCENT)
+        return (high_us - low_us) * NS_PER_US // 2
+
+    def percentile_us(self, percent: float) -> int:
+        """What so many percent of the gaps do not exceed.
+
+        At most 1 us and 1/2048 of its distance from the period too high.
+        """
+        wanted = int(np.ceil(self.count * percent / 100.0))
+        if not wanted:
+            return 0
+        period_us = self.period_ns // NS_PER_US
+        shorter = np.cumsum(self._below[::-1])
+        if wanted <= int(shorter[-1]):
+            bucket = BUCKETS - 1 - int(np.searchsorted(shorter, wanted))
+            return period_us - (_top(bucket - 1) + 1 if bucket else 0)
+        bucket = int(np.searchsorted(np.cumsum(self._above), wanted - int(shorter[-1])))
+        return min(period_us + _top(bucket), self.most_ns // NS_PER_US)
+
+
+def _bucket(value: Ints) -> Any:
+    """As `firmware_py.histogram`: the leading bits and where they stand."""
+    exponent = np.frexp(value.astype(np.float64))[1]
+    shift = np.maximum(exponent - EXACT_BITS, 0)
+    return np.minimum(shift * HALF + (value >> shift), BUCKETS - 1)
+
+
+def _top(bucket: int) -> int:
+    shift = max(bucket // HALF - 1, 0)
+    return (bucket - shift * HALF + 1 << shift) - 1

@@ -1,0 +1,306 @@
+"""The compiled kernel for text and objects, where there is a C compiler; else numpy does the same.
+
+`kernel.c` is compiled once for each version of it into the user's cache, and tests hold both ways
+to the same columns. CANLOG_KERNEL=off leaves it out.
+"""
+
+import ctypes
+import functools
+import hashlib
+import os
+import platform
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from canlog.frames import Frames, blank
+from canlog.line_block import Block
+from canlog.shelf import Room, in_memory
+
+FLAGS: Final = ("-O3", "-shared", "-fPIC", "-std=c11", "-ffp-contract=off")
+"""Without contraction a product and a sum round twice, as they do in Python."""
+COMPILERS: Final = ("cc", "gcc", "clang")
+COMPILE_S: Final = 60
+NAME_BYTES: Final = 64
+WORD_BYTES: Final = 8
+NAMES_MAX: Final = 256
+USUAL_LINE: Final = 24
+"""Bytes; lines of frames have more, and room is made when others are shorter."""
+SWITCH: Final = "CANLOG_KERNEL"
+BLF_OBJECT_BYTES: Final = 48
+"""Of a classic frame, at the least."""
+NO_GROUP: Final = 0xFFFF
+SLOTS: Final = 1 << 17
+
+
+@functools.cache
+def library() -> Any:
+    """The loaded kernel, None where it cannot be had."""
+    if os.environ.get(SWITCH, "") == "off" or not np.little_endian:
+        return None
+    source = (resources.files("canlog") / "kernel.c").read_bytes()
+    compiler = next((found for name in COMPILERS if (found := shutil.which(name))), None)
+    mark = hashlib.sha256(source + platform.machine().encode() + " ".join(FLAGS).encode())
+    try:
+        folder = _cache_folder()
+        path = folder / f"kernel-{mark.hexdigest()[:16]}.so"
+        if not path.is_file():
+            if compiler is None:
+                return None
+            _compile(compiler, source, path)
+        return _declared(ctypes.CDLL(str(path)))
+    except (OSError, subprocess.SubprocessError):
+        return None
+
+
+def _cache_folder() -> Path:
+    """Ours alone: what is loaded from it runs as we do."""
+    base = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
+    folder = Path(base) / "canlog"
+    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    told = folder.stat()
+    if told.st_uid != os.getuid() or told.st_mode & 0o022:
+        raise OSError(f"{folder}: others may write to it")
+    return folder
+
+
+def _compile(compiler: str, source: bytes, path: Path) -> None:
+    """Into a name of its own first, so that two processes cannot see half a file."""
+    with tempfile.TemporaryDirectory(dir=path.parent) as folder:
+        text, made = Path(folder) / "kernel.c", Path(folder) / "kernel.so"
+        text.write_bytes(source)
+        subprocess.run(  # noqa: S603
+            [compiler, *FLAGS, str(text), "-o", str(made)],
+            check=True,
+            capture_output=True,
+            timeout=COMPILE_S,
+        )
+        made.replace(path)
+
+
+def _declared(found: Any) -> Any:
+    found.canlog_candump.restype = found.canlog_blf.restype = ctypes.c_int64
+    number, place = ctypes.c_int64, ctypes.c_void_p
+    found.canlog_candump.argtypes = [ctypes.c_char_p, *[number] * 3, *[place] * 11]
+    found.canlog_blf.argtypes = [ctypes.c_char_p, number, place, number, place]
+    found.canlog_number.restype = number
+    found.canlog_number.argtypes = [place, place, number, place, number, *[place] * 3]
+    whole = ctypes.c_int
+    found.canlog_integers.restype = found.canlog_doubles.restype = None
+    found.canlog_group.restype = None
+    found.canlog_group.argtypes = [place, number, *[place] * 7]
+    found.canlog_order.restype = None
+    found.canlog_order.argtypes = [place, number, number, place, place]
+    found.canlog_integers.argtypes = [
+        *[place, number, whole, whole, whole, ctypes.c_uint64, ctypes.c_uint64, place]
+    ]
+    found.canlog_doubles.argtypes = [
+        *[place, number, whole, whole, whole, ctypes.c_double, ctypes.c_double, place]
+    ]
+    return found
+
+
+def parse_candump(text: bytes, channels: list[str], width: int) -> Block | None:
+    """What `parse_block` gives; None when there is no kernel."""
+    kernel = library()
+    if kernel is None or any(len(name.encode()) >= NAME_BYTES for name in channels):
+        return None
+    names, sizes, known = _names(channels)
+    rows, most = -1, len(text) // USUAL_LINE + 1
+    while rows < 0:
+        made = blank(most, width=width)
+        odd, told = np.empty((most, 4), np.int64), np.zeros(2, np.int64)
+        rows = kernel.canlog_candump(
+            text, len(text), width, most, *_places(made), names.ctypes.data, sizes.ctypes.data,
+            ctypes.byref(known), odd.ctypes.data, told.ctypes.data,
+        )  # fmt: skip
+        # A line takes a byte and its end at the least.
+        most = len(text) // 2 + 1
+    for at in range(len(channels), known.value):
+        name = bytes(names[at, : sizes[at]])
+        channels.append(name.decode("ascii", "backslashreplace"))
+    odd = odd[: told[0]]
+    frames = made[:rows]
+    frames = Frames(
+        frames.at_ns, frames.identifier, frames.flags, frames.channel, frames.length, frames.data,
+        tuple(channels),
+    )  # fmt: skip
+    return Block(frames, odd[:, 0], odd[:, 1], odd[:, 2], odd[:, 3], int(told[1]))
+
+
+def _places(made: Frames) -> list[int]:
+    columns = (made.at_ns, made.identifier, made.flags, made.channel, made.length, made.data)
+    return [int(column.ctypes.data) for column in columns]
+
+
+def _names(channels: list[str]) -> tuple[Any, Any, Any]:
+    """The table of names that the kernel looks up and adds to."""
+    names = np.zeros((NAMES_MAX, NAME_BYTES), np.uint8)
+    sizes = np.zeros(NAMES_MAX, np.int32)
+    for at, name in enumerate(channels):
+        # A name that was no ASCII was told with escapes, which no bytes of a log are equal to.
+        raw = name.encode("ascii", "replace")
+        names[at, : len(raw)], sizes[at] = np.frombuffer(raw, np.uint8), len(raw)
+    return names, sizes, ctypes.c_int32(len(channels))
+
+
+class _Taken(ctypes.Structure):
+    """As in kernel.c."""
+
+    _fields_ = (
+        *[(name, ctypes.c_int64) for name in ("start_ns", "most", "rows")],
+        *[(name, ctypes.c_void_p) for name in ("at_ns", "data", "identifier")],
+        *[(name, ctypes.c_void_p) for name in ("channel", "flags", "length")],
+    )
+
+
+def _columns(most: int, kinds: Sequence[Any]) -> list[Any]:
+    """Columns to be filled, the widest first, in one piece: the system gives that faster."""
+    room = np.empty(most * sum(np.dtype(kind).itemsize for kind in kinds), np.uint8)
+    found, at = [], 0
+    for kind in kinds:
+        stop = at + most * np.dtype(kind).itemsize
+        found.append(room[at:stop].view(kind))
+        at = stop
+    return found
+
+
+class BlfTaker:
+    """Takes containers of classic data frames one after the other into columns."""
+
+    def __init__(self, start_ns: int, most: int) -> None:
+        """Up to `most` frames. There has to be a kernel."""
+        self._take = library().canlog_blf
+        self._columns = _columns(
+            most, (np.int64, np.uint64, np.uint32, np.uint16, np.uint8, np.uint8)
+        )
+        places = (column.ctypes.data for column in self._columns)
+        self._state = _Taken(start_ns, most, 0, *places)
+        self._where = ctypes.byref(self._state)
+
+    @property
+    def room(self) -> int:
+        """Bytes of content that surely fit."""
+        return int(self._state.most - self._state.rows - 1) * BLF_OBJECT_BYTES
+
+    def take(self, rest: bytes, content: bytes | bytearray) -> int:
+        """Where the first object of `content` begins that is not whole.
+
+        -1, and nothing is taken, when there is more than whole classic data frames, or no room.
+
+        Args:
+            rest: the begin of an object that the last container ended in.
+            content: of the next one.
+        """
+        size = len(content)
+        given: Any = content
+        if isinstance(content, bytearray):
+            given = (ctypes.c_char * size).from_buffer(content)
+        return int(self._take(rest, len(rest), given, size, self._where))
+
+    def frames(self) -> tuple[Frames, Any] | None:
+        """What was taken, and the number of each frame's channel; None when that is nothing."""
+        rows = int(self._state.rows)
+        if not rows:
+            return None
+        at_ns, data, identifier, channel, flags, length = (each[:rows] for each in self._columns)
+        words = data.view(np.uint8).reshape(-1, 8)
+        made = Frames(at_ns, identifier, flags, np.zeros(0, np.uint8), length, words)
+        return made, channel
+
+
+def scaled(
+    words: Any, bits: tuple[int, int, bool], scale: float, offset: float, out: Any
+) -> Any | None:
+    """(n,) raw * scale + offset of the signal with these bits; None when there is no kernel.
+
+    Args:
+        words: (n,) uint64.
+        bits: how many lie right of it, how many it has, whether it is signed.
+        out: (n,) to be filled: int64 or uint64 for whole scales and offsets whose results fit,
+            else float64.
+    """
+    kernel = library()
+    if kernel is None or not words.flags.c_contiguous:
+        return None
+    if out.dtype.kind == "f":
+        kernel.canlog_doubles(words.ctypes.data, len(words), *bits, scale, offset, out.ctypes.data)
+    else:
+        whole = (int(scale) % (1 << 64), int(offset) % (1 << 64))
+        kernel.canlog_integers(words.ctypes.data, len(words), *bits, *whole, out.ctypes.data)
+    return out
+
+
+@dataclass(frozen=True, slots=True)
+class Numbered:
+    """Which frames of some blocks have which key."""
+
+    groups: tuple[Any, ...]
+    """Of each block (n,) uint16: the place of the key, NO_GROUP of what is no data."""
+    keys: Any
+    """(k,) uint32, as they first come."""
+    counts: Any
+    """(k,) int64, frames of each."""
+
+    @property
+    def starts(self) -> Any:
+        """(k,) int64: where each key begins when the frames are sorted by this place."""
+        return np.cumsum(self.counts) - self.counts
+
+    def order(self, room: Room = in_memory) -> Any:
+        """(n,) int64: the rows of all blocks so sorted."""
+        out = room(int(self.counts.sum()), np.int64)
+        places, first = self.starts, 0
+        for group in self.groups:
+            library().canlog_order(
+                group.ctypes.data, len(group), first, places.ctypes.data, out.ctypes.data
+            )
+            first += len(group)
+        return out
+
+
+def numbered(blocks: Sequence[Frames], room: Room = in_memory) -> Numbered | None:
+    """None without a kernel, or when there are more keys than fit."""
+    kernel = library()
+    if kernel is None:
+        return None
+    keys, counts = np.empty(NO_GROUP, np.uint32), np.empty(NO_GROUP, np.int64)
+    slots, groups, known = np.zeros(SLOTS, np.uint16), [], 0
+    for block in blocks:
+        identifier, flags = (
+            np.ascontiguousarray(column) for column in (block.identifier, block.flags)
+        )
+        group = room(len(block), np.uint16)
+        known = kernel.canlog_number(
+            identifier.ctypes.data, flags.ctypes.data, len(block), group.ctypes.data, known,
+            *(column.ctypes.data for column in (keys, counts, slots)),
+        )  # fmt: skip
+        if known < 0:
+            return None
+        groups.append(group)
+    return Numbered(tuple(groups), keys[:known].copy(), counts[:known].copy())
+
+
+def grouped(
+    told: Numbered, blocks: Sequence[Frames], room: Room = in_memory
+) -> tuple[Any, ...] | None:
+    """Stamps, data words and lengths of the frames sorted by group; None for longer data."""
+    if any(block.data.shape[1] != WORD_BYTES for block in blocks):
+        return None
+    count = int(told.counts.sum())
+    out = room(count, np.int64), room(count, np.uint64), room(count, np.uint8)
+    places = told.starts
+    for block, group in zip(blocks, told.groups, strict=True):
+        columns = [np.ascontiguousarray(each) for each in (block.at_ns, block.data, block.length)]
+        library().canlog_group(
+            group.ctypes.data, len(group), places.ctypes.data,
+            *(column.ctypes.data for column in (*columns, *out)),
+        )  # fmt: skip
+    return out

@@ -1,0 +1,250 @@
+"""How a message is taken apart: one signal of a whole column of frames at once, exactly."""
+
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from canlog import kernel
+from canlog.database import MessageSpec, SignalSpec
+from canlog.frames import Bools, Bytes
+
+WORD_BITS: Final = 64
+WORD_BYTES: Final = 8
+LOOKUP_BITS_MAX: Final = 16
+"""Widest multiplexer that is looked up instead of searched for."""
+_FLOATS: Final[dict[int, tuple[Any, Any]]] = {
+    16: (np.uint16, np.float16),
+    32: (np.uint32, np.float32),
+    64: (np.uint64, np.float64),
+}
+
+Column = npt.NDArray[Any]
+Raws = npt.NDArray[np.uint64]
+
+
+class Payloads:
+    """The data of frames, and the words that signals are cut from, each made once."""
+
+    def __init__(self, data: Bytes, length: Bytes) -> None:
+        """`data` (n, 8) or (n, 64), `length` (n,)."""
+        self.data = np.ascontiguousarray(data)
+        self.length = length
+        self.shortest = int(length.min()) if len(length) else WORD_BYTES
+        self._words: dict[tuple[int, bool], Raws] = {}
+
+    def __len__(self) -> int:
+        return len(self.data)
+
+    @property
+    def width(self) -> int:
+        return int(self.data.shape[1])
+
+    def word(self, first_byte: int, *, big_endian: bool) -> Raws:
+        """(n,) eight bytes from `first_byte` on as one number, zeros behind the end of the data."""
+        found = self._words.get((first_byte, big_endian))
+        if found is None:
+            found = self._words[first_byte, big_endian] = self._cut(first_byte, big_endian)
+        return found
+
+    def _cut(self, first_byte: int, big_endian: bool) -> Raws:
+        order = ">u8" if big_endian else "<u8"
+        if self.width == WORD_BYTES and first_byte == 0:
+            return self.data.view(order)[:, 0].astype(np.uint64, copy=False)
+        piece = np.zeros((len(self), WORD_BYTES), np.uint8)
+        taken = self.data[:, first_byte : first_byte + WORD_BYTES]
+        piece[:, : taken.shape[1]] = taken
+        return piece.view(order)[:, 0].astype(np.uint64, copy=False)
+
+
+@dataclass(frozen=True, slots=True)
+class Cut:
+    """Where the bits of one signal lie."""
+
+    spec: SignalSpec
+    needed: int
+    """Data bytes that a frame has to have for it."""
+    first_byte: int
+    """Of the word that it is cut from, if one word holds it, else that of its first bit."""
+    skipped: int
+    """Bits of that word before it: from the low end, or from the high end of a Motorola signal."""
+
+
+def cut_of(spec: SignalSpec) -> Cut:
+    byte = spec.start // 8
+    bit = 7 - spec.start % 8 if spec.big_endian else spec.start % 8
+    needed = byte + (bit + spec.length - 1) // 8 + 1
+    aligned = byte - byte % WORD_BYTES
+    skipped = 8 * (byte - aligned) + bit
+    if skipped + spec.length <= WORD_BITS:
+        return Cut(spec, needed, aligned, skipped)
+    return Cut(spec, needed, byte, bit)
+
+
+def raw_of(cut: Cut, payloads: Payloads) -> Raws:
+    """(n,) uint64: the bits of a signal as they stand, without sign."""
+    spec = cut.spec
+    word = payloads.word(cut.first_byte, big_endian=spec.big_endian)
+    over = cut.skipped + spec.length - WORD_BITS
+    if over > 0:
+        tail = payloads.word(cut.first_byte + WORD_BYTES, big_endian=spec.big_endian)
+        if spec.big_endian:
+            word = word << np.uint64(over) | tail >> np.uint64(WORD_BITS - over)
+        else:
+            word = word >> np.uint64(cut.skipped) | tail << np.uint64(WORD_BITS - cut.skipped)
+    else:
+        down = -over if spec.big_endian else cut.skipped
+        word = word >> np.uint64(down) if down else word
+    return word & np.uint64((1 << spec.length) - 1) if spec.length < WORD_BITS else word
+
+
+def signed_raw(spec: SignalSpec, raw: Raws) -> Column:
+    """(n,) int64 for a signed signal, else as it is."""
+    if not spec.signed:
+        return raw
+    up = WORD_BITS - spec.length
+    signed: Column = (raw << np.uint64(up)).view(np.int64) >> np.int64(up)
+    return signed
+
+
+def physical_of(spec: SignalSpec, raw: Raws) -> Column:
+    """(n,) raw * scale + offset.
+
+    An integer wherever scale and offset are integers: int64, or uint64 for what needs all 64 bits;
+    float64 only where the range of the signal leaves both. Everything else is float64, rounded as
+    Python rounds `raw * scale + offset` (products beyond 64 bits once more).
+    """
+    if spec.is_float:
+        return _float_physical(spec, raw)
+    if float(spec.scale).is_integer():
+        whole = float(spec.offset).is_integer()
+        offset = int(spec.offset) if whole else 0
+        kind = _integer_kind(spec, offset)
+        if kind is not None:
+            # Modulo 2**64 every step is exact, and the result is known to fit.
+            value = signed_raw(spec, raw).view(np.uint64)
+            if spec.scale != 1:
+                value = value * np.uint64(int(spec.scale) % (1 << WORD_BITS))
+            if offset:
+                value = value + np.uint64(offset % (1 << WORD_BITS))
+            return value.view(kind) if whole else value.view(kind) + np.float64(spec.offset)
+    scaled: Column = signed_raw(spec, raw).astype(np.float64)
+    scaled *= spec.scale
+    if spec.offset or spec.scale < 0:
+        # Adding nothing turns -0.0 into 0.0, as it does in Python.
+        scaled += spec.offset
+    return scaled
+
+
+def _float_physical(spec: SignalSpec, raw: Raws) -> Column:
+    bits, kind = _FLOATS[spec.length]
+    # A signalling NaN is no fault of this program.
+    with np.errstate(invalid="ignore", over="ignore"):
+        value: Column = raw.astype(bits).view(kind).astype(np.float64)
+        if spec.scale != 1 or spec.offset != 0:
+            value = value * spec.scale + spec.offset
+    return value
+
+
+def raw_limits(spec: SignalSpec) -> tuple[int, int]:
+    """What the bits of an integer signal can hold."""
+    if spec.signed:
+        return -(1 << spec.length - 1), (1 << spec.length - 1) - 1
+    return 0, (1 << spec.length) - 1
+
+
+def _integer_kind(spec: SignalSpec, offset: int) -> Any:
+    ends = [raw * int(spec.scale) + offset for raw in raw_limits(spec)]
+    if min(ends) >= -(1 << 63) and max(ends) < 1 << 63:
+        return np.int64
+    if min(ends) >= 0 and max(ends) < 1 << 64:
+        return np.uint64
+    return None
+
+
+def _compiled(cut: Cut, payloads: Payloads, room: Column) -> Column | None:
+    """What `physical_of` gives, by the kernel; None for what it does not do."""
+    spec = cut.spec
+    over = cut.skipped + spec.length - WORD_BITS
+    if spec.is_float or over > 0:
+        return None
+    kind: Any = np.float64
+    if float(spec.scale).is_integer():
+        if not float(spec.offset).is_integer():
+            return None
+        kind = _integer_kind(spec, int(spec.offset)) or np.float64
+    word = payloads.word(cut.first_byte, big_endian=spec.big_endian)
+    down = -over if spec.big_endian else cut.skipped
+    bits = (down, spec.length, spec.signed)
+    found: Column | None = kernel.scaled(word, bits, spec.scale, spec.offset, room.view(kind))
+    return found
+
+
+class Plan:
+    """One message, ready to be decoded from columns."""
+
+    def __init__(self, spec: MessageSpec) -> None:
+        self.spec = spec
+        self.cuts = {signal.name: cut_of(signal) for signal in spec.signals}
+
+    def raw(self, name: str, payloads: Payloads) -> Raws:
+        return raw_of(self.cuts[name], payloads)
+
+    def physical(self, name: str, payloads: Payloads, room: Column | None = None) -> Column:
+        """(n,) values; those of frames that do not carry the signal mean nothing.
+
+        Args:
+            room: (n,) of eight bytes each, where the values may be put.
+        """
+        cut = self.cuts[name]
+        room = np.empty(len(payloads), np.uint64) if room is None else room
+        fast = _compiled(cut, payloads, room)
+        return physical_of(cut.spec, raw_of(cut, payloads)) if fast is None else fast
+
+    def valid(self, name: str, payloads: Payloads) -> Bools | None:
+        """(n,) whether the frame is long enough and its multiplexers choose the signal.
+
+        None when that holds for every frame.
+        """
+        cut = self.cuts[name]
+        valid = None
+        if payloads.shortest < cut.needed:
+            valid = payloads.length >= cut.needed
+        parent = cut.spec.multiplexer
+        if parent is None or parent not in self.cuts:
+            return valid
+        chosen = among(self.raw(parent, payloads), cut.spec.multiplexer_ids, self.cuts[parent])
+        for more in (valid, self.valid(parent, payloads)):
+            chosen = chosen if more is None else chosen & more
+        return chosen
+
+    def undefined(self, payloads: Payloads) -> Bools | None:
+        """(n,) frames with a multiplexer value that chooses no signal at all; None for none."""
+        found: Bools | None = None
+        for name, cut in self.cuts.items():
+            if not cut.spec.is_multiplexer:
+                continue
+            known = {
+                each
+                for signal in self.spec.signals
+                if signal.multiplexer == name
+                for each in signal.multiplexer_ids
+            }
+            if not known:
+                continue
+            here = ~among(self.raw(name, payloads), tuple(sorted(known)), cut)
+            there = self.valid(name, payloads)
+            here = here if there is None else here & there
+            found = here if found is None else found | here
+        return found if found is not None and found.any() else None
+
+
+def among(raw: Raws, wanted: tuple[int, ...], cut: Cut) -> Bools:
+    """(n,) whether a raw value is one of `wanted`."""
+    length = cut.spec.length
+    if length <= LOOKUP_BITS_MAX:
+        table = np.zeros(1 << length, np.bool_)
+        table[[each for each in wanted if 0 <= each < len(table)]] = True
+        return table[raw]
+    return np.isin(raw, np.array(wanted, np.uint64))

@@ -1,0 +1,114 @@
+"""What a log must not show: `missing > 0`, `DOOR_*: crc_errors > 0`, `bus_load_ratio > 0.7`."""
+
+import fnmatch
+from collections.abc import Sequence
+from dataclasses import dataclass
+from types import SimpleNamespace
+
+from canlog.damage import LogError
+from canlog.stats_rows import BUS_NUMBERS, MESSAGE_NUMBERS, Row
+from firmware_py.expression import Expression, ExpressionError, compile_expression
+
+LOG_NUMBERS = ("damaged", "absent")
+"""What a rule may say of the log itself: places that could not be read, cyclic messages of the DBC
+file that never came."""
+
+
+@dataclass(frozen=True, slots=True)
+class Rule:
+    """One `--fail-on`. It breaks for each message, or bus, of which the expression is true."""
+
+    text: str
+    only: str
+    """Pattern of the names of messages, or of channels."""
+    expression: Expression
+
+    @property
+    def scope(self) -> str:
+        """message, bus or log."""
+        if self.expression.names & set(MESSAGE_NUMBERS):
+            return "message"
+        return "bus" if self.expression.names & set(BUS_NUMBERS) else "log"
+
+
+@dataclass(frozen=True, slots=True)
+class Broken:
+    """A rule, who broke it, and the numbers that it was about."""
+
+    rule: str
+    who: str
+    channel: str
+    numbers: str
+
+    def __str__(self) -> str:
+        return f"{self.rule}: {self.who} on {self.channel}: {self.numbers}"
+
+
+def parse_rule(text: str) -> Rule:
+    """Raises LogError that says what a rule may be."""
+    only, colon, expression = text.partition(":")
+    if not colon:
+        only, expression = "*", text
+    allowed = (*MESSAGE_NUMBERS, *BUS_NUMBERS, *LOG_NUMBERS)
+    try:
+        compiled = compile_expression(expression.strip(), allowed)
+    except ExpressionError as error:
+        raise LogError(f"--fail-on {error}") from error
+    kinds = (MESSAGE_NUMBERS, BUS_NUMBERS, LOG_NUMBERS)
+    if sum(bool(compiled.names & set(each)) for each in kinds) != 1:
+        raise LogError(f"--fail-on {text!r}: name numbers of messages, of buses or of the log")
+    return Rule(text, only.strip(), compiled)
+
+
+@dataclass(frozen=True, slots=True)
+class Judged:
+    """What rules are held to: the rows of a log."""
+
+    messages: Sequence[Row]
+    buses: Sequence[Row]
+    damaged: int = 0
+    absent: int = 0
+
+    def rows(self, rule: Rule) -> list[tuple[str, Row]]:
+        """Those that a rule speaks of, each with its name."""
+        whole = [{"channel": "log", "damaged": self.damaged, "absent": self.absent}]
+        rows = {"message": self.messages, "bus": self.buses, "log": whole}[rule.scope]
+        named = ((str(row.get("message", row["channel"])), row) for row in rows)
+        return [(who, row) for who, row in named if fnmatch.fnmatchcase(who, rule.only)]
+
+
+def broken(rules: Sequence[Rule], judged: Judged) -> list[Broken]:
+    """Every breach, rule by rule."""
+    found = []
+    for rule in rules:
+        for who, row in judged.rows(rule):
+            if _is_true(rule.expression, row):
+                told = ", ".join(f"{name} {row[name]}" for name in sorted(rule.expression.names))
+                found.append(Broken(rule.text, who, str(row["channel"]), told))
+    return found
+
+
+def untold(rules: Sequence[Rule], judged: Judged) -> dict[str, str]:
+    """Rules that nothing could be held to, and why: they are neither kept nor broken."""
+    found = {}
+    for rule in rules:
+        rows = judged.rows(rule)
+        if not rows:
+            found[rule.text] = f"the log has no {rule.scope} {rule.only}"
+        elif all(_is_unknown(rule.expression, row) for _, row in rows):
+            found[rule.text] = f"cannot be judged of any of {len(rows)} {rule.scope}s"
+    return found
+
+
+def _is_true(expression: Expression, row: Row) -> bool:
+    if _is_unknown(expression, row):
+        # Such as the latency of what is sent on occasion: nothing is known, nothing is broken.
+        return False
+    try:
+        return bool(expression(SimpleNamespace(**row)))
+    except ZeroDivisionError:
+        return False
+
+
+def _is_unknown(expression: Expression, row: Row) -> bool:
+    return any(row[name] is None for name in expression.names)

@@ -1,0 +1,167 @@
+"""What a run folder of this project tells beside its frames: control cycles, events, truth."""
+
+import csv
+import json
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from canlog.damage import Damages, LogError
+from canlog.database import Bus
+from canlog.frames import Frames, Ints
+from canlog.run_ports import PORTS_LOG, Ports, match, offset_ns_of, read_ports
+
+BUS_LOG: Final = "bus.log"
+CYCLES: Final = "cycles.csv"
+EVENTS: Final = "events.jsonl"
+TRUTH: Final = "truth.csv"
+CONTROLLER: Final = "VOBC"
+NS_PER_S: Final = 1_000_000_000
+NO_CYCLE: Final = -1
+
+Columns = dict[str, "npt.NDArray[Any]"]
+
+
+@dataclass(frozen=True, slots=True)
+class RunEvent:
+    """One line of events.jsonl."""
+
+    at_ns: int
+    """As the stamps of the frames."""
+    t_s: float
+    """Since the start of the controller."""
+    kind: str
+    words: str
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """What a run folder holds beside its frame log. Missing files leave their part empty."""
+
+    folder: Path
+    start_ns: int
+    """Stamp in the frame log of the controller's start, from which its logs count."""
+    cycle_ns: Ints
+    """(c,) stamps at which control cycles began; the number of a cycle is its place here."""
+    cycle_of: Ints
+    """(n,) of each frame of the log: the cycle that it fed or came from, NO_CYCLE for none."""
+    sent: "npt.NDArray[np.bool_]"
+    """(n,) whether the controller sent it, so that it came from its cycle."""
+    exact: bool
+    """Each frame was found in the record of the controller's ports; else only stamps tell."""
+    cycles: Columns = field(default_factory=dict)
+    """Columns of cycles.csv: float64 with NaN for empty fields, or text."""
+    truth: Columns = field(default_factory=dict)
+    """Columns of truth.csv."""
+    events: tuple[RunEvent, ...] = ()
+
+
+def bus_log_of(path: Path) -> Path:
+    """The frame log of a run folder, or the path itself. Raises LogError."""
+    if not path.is_dir():
+        return path
+    if (path / BUS_LOG).is_file():
+        return path / BUS_LOG
+    raise LogError(f"{path}: no {BUS_LOG} in this folder; name a log or the folder of a run")
+
+
+def read_run(folder: Path, frames: Frames, bus: Bus, damages: Damages) -> Run:
+    """All that a folder tells about the frames of its log."""
+    cycles = _columns(folder / CYCLES, damages)
+    sent = _sent(frames, bus)
+    ports = read_ports(folder / PORTS_LOG, damages)
+    if ports is not None and len(ports.begin_ns):
+        offset_ns = offset_ns_of(ports, frames)
+        cycle_ns = ports.begin_ns + offset_ns
+        cycle_of = match(ports, frames, offset_ns)
+        start_ns = ports.start_ns + offset_ns
+    else:
+        start_ns = _start_ns(cycles, frames, sent)
+        began_s = cycles.get("t_s", np.zeros(0))
+        cycle_ns = start_ns + np.rint(began_s * NS_PER_S).astype(np.int64)
+        cycle_of = _by_stamps(cycle_ns, frames.at_ns, sent)
+    return Run(
+        folder=folder,
+        start_ns=start_ns,
+        cycle_ns=cycle_ns,
+        cycle_of=cycle_of,
+        sent=sent,
+        exact=ports is not None,
+        cycles=cycles,
+        truth=_columns(folder / TRUTH, damages),
+        events=_events(folder / EVENTS, start_ns, damages),
+    )
+
+
+def _sent(frames: Frames, bus: Bus) -> "npt.NDArray[np.bool_]":
+    """Frames of messages that only the controller sends."""
+    keys = [spec.key for spec in bus.by_key.values() if spec.senders == (CONTROLLER,)]
+    sent: npt.NDArray[np.bool_] = np.isin(frames.key, np.array(keys, np.uint32))
+    return sent & frames.is_data
+
+
+def _start_ns(cycles: Columns, frames: Frames, sent: Any) -> int:
+    """Where the controller's zero lies: its first frame leaves right after its first cycle."""
+    first = np.flatnonzero(sent)
+    began_s = cycles.get("t_s")
+    if began_s is None or not len(began_s) or not len(first):
+        return 0
+    guess_ns = int(frames.at_ns[first[0]]) - round(float(began_s[0]) * NS_PER_S)
+    # In virtual time the log is stamped with the time since the start.
+    return 0 if abs(guess_ns) < NS_PER_S else guess_ns
+
+
+def _by_stamps(cycle_ns: Ints, at_ns: Ints, sent: Any) -> Ints:
+    """A frame feeds the next cycle and comes from the last one."""
+    if not len(cycle_ns):
+        return np.full(len(at_ns), NO_CYCLE, np.int64)
+    fed = np.searchsorted(cycle_ns, at_ns, "left")
+    came = np.searchsorted(cycle_ns, at_ns, "right") - 1
+    found = np.where(sent, came, fed)
+    return np.where(found < len(cycle_ns), found, NO_CYCLE)
+
+
+def _columns(path: Path, damages: Damages) -> Columns:
+    """Of a CSV file; rows that are torn are left out and counted."""
+    if not path.is_file():
+        return {}
+    with path.open(newline="", encoding="utf-8", errors="replace") as lines:
+        rows = list(csv.reader(lines))
+    if not rows:
+        return {}
+    head, whole = rows[0], []
+    for number, row in enumerate(rows[1:], 2):
+        if len(row) == len(head):
+            whole.append(row)
+        else:
+            damages.add(f"torn line of {path.name}", "line", number, f"{len(row)} fields")
+    return {name: _column([row[at] for row in whole]) for at, name in enumerate(head)}
+
+
+def _column(texts: list[str]) -> "npt.NDArray[Any]":
+    try:
+        return np.array([float(text) if text else np.nan for text in texts], np.float64)
+    except ValueError:
+        return np.array(texts, np.str_)
+
+
+def _events(path: Path, start_ns: int, damages: Damages) -> tuple[RunEvent, ...]:
+    if not path.is_file():
+        return ()
+    found = []
+    lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
+    for number, line in enumerate(lines, 1):
+        try:
+            told = json.loads(line)
+            t_s = float(told["t_s"])
+            at_ns = start_ns + round(t_s * NS_PER_S)
+            found.append(RunEvent(at_ns, t_s, str(told["kind"]), str(told["words"])))
+        except (ValueError, KeyError, TypeError, OverflowError):
+            damages.add(f"torn line of {path.name}", "line", number, line[:60])
+    return tuple(found)
+
+
+__all__ = ["NO_CYCLE", "Ports", "Run", "RunEvent", "bus_log_of", "read_run"]

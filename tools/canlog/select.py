@@ -1,0 +1,151 @@
+"""Which frames of a log are shown: by name, identifier, node, value, instant, rate, change."""
+
+import fnmatch
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+import numpy as np
+
+from canlog.damage import LogError
+from canlog.database import Bus
+from canlog.frames import KEY_EXTENDED, Bools, Frames, Ints
+from canlog.table import Groups, taken
+from canlog.verdict import UNCONFIRMED
+from canlog.where import Where
+
+NS_PER_S: Final = 1_000_000_000
+IDENTIFIER: Final = re.compile("[0-9a-f]+x?")
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """What was asked for; what is empty or None chooses nothing away."""
+
+    names: tuple[str, ...] = ()
+    """Patterns of the names of messages."""
+    keys: tuple[int, ...] = ()
+    nodes: tuple[str, ...] = ()
+    """Senders."""
+    where: Where | None = None
+    spans_ns: tuple[tuple[int, int], ...] | None = None
+    """Stamps, first and last."""
+    rate_hz: float | None = None
+    """At most so many frames a second of each message."""
+    rejected: bool = False
+    """Only what the codec refuses."""
+    changed: bool = False
+    """Only frames with other data than the one of their message before."""
+
+
+def parse_key(text: str) -> int:
+    """`103` and `0x103` have 11 bits, eight digits or a trailing x have 29. Raises LogError."""
+    digits = text.lower().removeprefix("0x")
+    if not IDENTIFIER.fullmatch(digits):
+        raise LogError(f"{text}: no identifier; write it in hexadecimal")
+    number = int(digits.rstrip("x"), 16)
+    extended = len(digits) == 8 or digits.endswith("x") or number > 0x7FF
+    if number > 0x1FFF_FFFF:
+        raise LogError(f"{text}: no identifier has more than 29 bits")
+    return number | KEY_EXTENDED if extended else number
+
+
+@dataclass(slots=True)
+class Selector:
+    """Chooses frames of one block after the other."""
+
+    wanted: Wanted
+    bus: Bus
+    _slots: dict[int, int] = field(default_factory=dict)
+    """By key: the part of a second in which the last frame was shown."""
+    _before: dict[tuple[int, int], bytes] = field(default_factory=dict)
+    """By key and channel: the last data."""
+
+    def __post_init__(self) -> None:
+        nodes = set(self.bus.nodes)
+        for node in self.wanted.nodes:
+            if node not in nodes:
+                raise LogError(f"--node {node}: the DBC file has {', '.join(sorted(nodes))}")
+        names = [*self.bus.messages]
+        for pattern in self.wanted.names:
+            if not fnmatch.filter(names, pattern):
+                raise LogError(f"--message {pattern}: no message of {self.bus.name} is called so")
+
+    def rows(self, frames: Frames, groups: Groups, code: Any = None) -> Ints:
+        """Rising rows of the frames that are wanted. `code`: verdicts, where there are any."""
+        keep = self._by_message(frames, groups)
+        if self.wanted.spans_ns is not None:
+            inside = np.zeros(len(frames), np.bool_)
+            for first_ns, last_ns in self.wanted.spans_ns:
+                inside |= (frames.at_ns >= first_ns) & (frames.at_ns <= last_ns)
+            keep &= inside
+        if self.wanted.rejected:
+            keep &= code > UNCONFIRMED if code is not None else False
+        if self.wanted.where is not None:
+            keep &= self._by_value(frames, groups, keep)
+        if self.wanted.changed:
+            keep &= self._by_change(frames, groups)
+        if self.wanted.rate_hz is not None:
+            keep &= self._by_rate(frames, groups, keep)
+        return np.flatnonzero(keep)
+
+    def _by_message(self, frames: Frames, groups: Groups) -> Bools:
+        wanted = self.wanted
+        if not (wanted.names or wanted.keys or wanted.nodes):
+            return np.ones(len(frames), np.bool_)
+        keep = np.zeros(len(frames), np.bool_)
+        keep[np.isin(frames.key, np.array(wanted.keys, np.uint32))] = True
+        for key in groups.keys:
+            spec = self.bus.by_key.get(key)
+            if spec is None:
+                continue
+            named = any(fnmatch.fnmatchcase(spec.name, pattern) for pattern in wanted.names)
+            if named or set(spec.senders) & set(wanted.nodes):
+                keep[groups.rows(key)] = True
+        return keep
+
+    def _by_value(self, frames: Frames, groups: Groups, keep: Bools) -> Bools:
+        found = np.zeros(len(frames), np.bool_)
+        assert self.wanted.where is not None
+        for key in groups.keys:
+            rows = groups.rows(key)
+            if self.wanted.where.covers(key) and keep[rows].any():
+                found[rows] = self.wanted.where.holds(groups.table(self.bus.by_key[key]))
+        return found
+
+    def _by_change(self, frames: Frames, groups: Groups) -> Bools:
+        changed = np.zeros(len(frames), np.bool_)
+        for key in groups.keys:
+            for channel in range(len(frames.channels)):
+                rows = groups.rows(key)
+                rows = rows[frames.channel[rows] == channel]
+                if not len(rows):
+                    continue
+                told = np.column_stack([taken(frames, rows), frames.length[rows]])
+                differs = np.ones(len(rows), np.bool_)
+                differs[1:] = (told[1:] != told[:-1]).any(axis=1)
+                differs[0] = self._before.get((key, channel)) != told[0].tobytes()
+                self._before[key, channel] = told[-1].tobytes()
+                changed[rows] = differs
+        return changed
+
+    def _by_rate(self, frames: Frames, groups: Groups, keep: Bools) -> Bools:
+        assert self.wanted.rate_hz is not None
+        shown = np.zeros(len(frames), np.bool_)
+        slot_ns = max(1, round(NS_PER_S / self.wanted.rate_hz))
+        for key in groups.keys:
+            rows = groups.rows(key)
+            rows = rows[keep[rows]]
+            if len(rows):
+                slots = frames.at_ns[rows] // slot_ns
+                before = np.concatenate([[self._slots.get(key, -1)], slots[:-1]])
+                self._slots[key] = int(slots[-1])
+                shown[rows] = slots != before
+        return shown
+
+
+def around(instants_ns: Sequence[int], within_s: float) -> tuple[tuple[int, int], ...]:
+    """Spans of so many seconds before and after."""
+    within_ns = round(within_s * NS_PER_S)
+    return tuple((at_ns - within_ns, at_ns + within_ns) for at_ns in instants_ns)

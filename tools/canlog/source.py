@@ -1,0 +1,164 @@
+"""Bytes of a log in bounded pieces, plain or compressed, up to a torn or broken end."""
+
+import mmap
+import tempfile
+import zlib
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from canlog.damage import Damages, LogError
+
+PIECE_BYTES: Final = 1 << 22
+BITE_BYTES: Final = 1 << 14
+LINE_MAX: Final = 1 << 16
+"""A line longer than this is no line of any log; what it holds is dropped and counted."""
+GZIP: Final = b"\x1f\x8b"
+ZSTD: Final = b"\x28\xb5\x2f\xfd"
+_GZIP_WINDOW: Final = 31
+
+
+def head_of(path: Path, count: int = 4096) -> bytes:
+    """The first bytes, uncompressed; fewer when there are fewer. Raises LogError."""
+    quiet = Damages()
+    found = b""
+    for piece in pieces(path, quiet, piece_bytes=count):
+        found += piece
+        if len(found) >= count:
+            break
+    return found[:count]
+
+
+def pieces(path: Path, damages: Damages, piece_bytes: int = PIECE_BYTES) -> Iterator[bytes]:
+    """The content of a file, gzip and zstd undone, a few megabytes at a time.
+
+    Raises:
+        LogError: when the file cannot be opened or read.
+    """
+    try:
+        with path.open("rb") as file:
+            magic = file.read(4)
+            file.seek(0)
+            if magic.startswith(GZIP):
+                yield from _gunzipped(file, damages, piece_bytes)
+            elif magic == ZSTD:
+                yield from _unzstd(path, damages, piece_bytes)
+            else:
+                while piece := file.read(piece_bytes):
+                    yield piece
+    except OSError as error:
+        raise LogError(f"{path}: cannot be read: {error.strerror or error}") from error
+
+
+@dataclass(frozen=True, slots=True)
+class Opened:
+    """A whole file that is looked at where it stands."""
+
+    data: Any
+    """As bytes: can be sliced and searched."""
+    size: int
+
+
+@contextmanager
+def opened(path: Path, damages: Damages) -> Iterator[Opened]:
+    """A file mapped into memory; one that is compressed is unpacked onto the disk first.
+
+    Raises:
+        LogError: when it cannot be read.
+    """
+    try:
+        with path.open("rb") as file, ExitStack() as stack:
+            source: Any = file
+            if file.read(4).startswith((GZIP, ZSTD)):
+                source = stack.enter_context(tempfile.TemporaryFile())
+                for piece in pieces(path, damages):
+                    source.write(piece)
+                source.flush()
+            size = source.seek(0, 2)
+            if not size:
+                yield Opened(b"", 0)
+                return
+            mapped = mmap.mmap(source.fileno(), 0, access=mmap.ACCESS_READ)
+            stack.callback(mapped.close)
+            yield Opened(mapped, size)
+    except OSError as error:
+        raise LogError(f"{path}: cannot be read: {error.strerror or error}") from error
+
+
+def _gunzipped(file: Any, damages: Damages, piece_bytes: int) -> Iterator[bytes]:
+    """Member after member; behind the last whole byte of a torn or broken one nothing is read."""
+    read = file.read
+    taken, waiting = 0, b""
+    undo = zlib.decompressobj(_GZIP_WINDOW)
+    fresh = True
+    while waiting or (waiting := read(piece_bytes)):
+        taken_before = taken
+        size = len(waiting)
+        try:
+            out = undo.decompress(waiting, 8 * piece_bytes)
+        except zlib.error as error:
+            if fresh and not waiting.strip(b"\0"):
+                waiting = b""
+                continue
+            damages.add("broken gzip stream", "byte", taken_before, str(error))
+            return
+        waiting = undo.unconsumed_tail or undo.unused_data
+        taken += size - len(waiting)
+        fresh = False
+        if out:
+            yield out
+        if undo.eof:
+            undo, fresh = zlib.decompressobj(_GZIP_WINDOW), True
+    if not fresh:
+        damages.add("torn gzip stream", "byte", taken, "the file ends inside it")
+
+
+def _unzstd(path: Path, damages: Damages, piece_bytes: int) -> Iterator[bytes]:
+    import pyarrow as pa
+
+    given = 0
+    with pa.OSFile(str(path)) as raw, pa.CompressedInputStream(raw, "zstd") as stream:
+        while True:
+            gathered = bytearray()
+            try:
+                # In small bites: what a failing call has undone already is lost with it.
+                while len(gathered) < piece_bytes and (bite := stream.read(BITE_BYTES)):
+                    gathered += bite
+            except OSError as error:
+                damages.add("broken zstd stream", "byte", given, str(error).splitlines()[0])
+                if gathered:
+                    yield bytes(gathered)
+                return
+            if not gathered:
+                return
+            given += len(gathered)
+            yield bytes(gathered)
+
+
+def text_blocks(path: Path, damages: Damages) -> Iterator[bytes]:
+    """Whole lines in blocks of some megabytes; only the last one may end without a line's end."""
+    rest, taken = b"", 0
+    for piece in pieces(path, damages):
+        cut = piece.rfind(b"\n") + 1
+        taken += len(piece)
+        if not cut:
+            rest += piece
+            if len(rest) > LINE_MAX:
+                words = f"no end within {LINE_MAX} bytes"
+                damages.add("endless line", "byte", taken - len(rest), words)
+                rest = rest[:LINE_MAX]
+            continue
+        yield rest + piece[:cut] if rest else piece[:cut]
+        rest = piece[cut:]
+    if rest:
+        yield rest
+
+
+def lines_blocks(path: Path, damages: Damages) -> Iterator[tuple[bytes, int]]:
+    """The same, each with the number of its first line, from 1."""
+    number = 1
+    for block in text_blocks(path, damages):
+        yield block, number
+        number += block.count(b"\n")

@@ -1,0 +1,308 @@
+"""Statistics of a log, gathered block by block: of every message, of its signals, of the bus."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+import numpy as np
+
+from can_dbc.rejection import Reason
+from canlog.bits import frame_bits
+from canlog.database import Bus, MessageSpec, SignalSpec
+from canlog.declared import Follower
+from canlog.frames import BRS, ERROR, FD, REMOTE, Frames, Ints
+from canlog.gaps import Gaps
+from canlog.plan import Payloads, Plan, physical_of, signed_raw
+from canlog.table import Groups, taken
+from canlog.verdict import CODES, REASONS, UNCONFIRMED, Judge
+
+NS_PER_MS: Final = 1_000_000
+NS_PER_S: Final = 1_000_000_000
+WINDOW_NS: Final = 100 * NS_PER_MS
+"""Of the highest load."""
+JUDGED_BUS: Final = "can_dbc"
+"""The bus whose frames this project's codec can judge."""
+
+
+@dataclass(slots=True)
+class SignalRange:
+    """What one signal was seen to be."""
+
+    spec: SignalSpec
+    least: Any = None
+    most: Any = None
+    seen: int = 0
+    out_of_range: int = 0
+    """Frames outside minimum to maximum of the DBC file."""
+
+    def feed(self, values: Any) -> None:
+        if values.dtype.kind == "f":
+            values = values[~np.isnan(values)]
+        if not len(values):
+            return
+        least, most = values.min().item(), values.max().item()
+        self.seen += len(values)
+        self.least = least if self.least is None else min(self.least, least)
+        self.most = most if self.most is None else max(self.most, most)
+        low, high = self.spec.minimum, self.spec.maximum
+        if low is None or high is None or (low == 0 and high == 0):
+            return
+        # A value on the end of the range may be rounded to a hair beyond it.
+        slack = 1e-9 * max(abs(low), abs(high))
+        if least < low - slack or most > high + slack:
+            outside = (values < low - slack) | (values > high + slack)
+            self.out_of_range += int(outside.sum())
+
+
+@dataclass(slots=True)
+class MessageStats:
+    """One message, or one unknown identifier, on one channel."""
+
+    channel: str
+    key: int
+    name: str
+    spec: MessageSpec | None
+    gaps: Gaps
+    frames: int = 0
+    bits: int = 0
+    short: int = 0
+    """Frames that are too short for the message."""
+    undefined: int = 0
+    """Frames with a multiplexer value that the DBC file does not know."""
+    rejected: dict[Reason, int] = field(default_factory=dict)
+    unconfirmed: int = 0
+    lost: int = 0
+    """Frames that never came, by the alive counter."""
+    signals: dict[str, SignalRange] = field(default_factory=dict)
+    plan: Plan | None = None
+    follower: Follower | None = None
+    """Of a bus that this project's codec does not judge."""
+    fd_flags: int = 0
+    """FD where a frame was one, BRS where a frame switched to the fast rate."""
+    slow_fd: bool = False
+    """Whether an FD frame did not."""
+    longest: int = 0
+    """Data bytes of the longest frame."""
+
+
+@dataclass(slots=True)
+class BusStats:
+    """One channel."""
+
+    channel: str
+    frames: int = 0
+    data_frames: int = 0
+    error_frames: int = 0
+    remote_frames: int = 0
+    fd_frames: int = 0
+    unknown_frames: int = 0
+    backwards: int = 0
+    """Stamps before that of the frame before."""
+    first_ns: int | None = None
+    last_ns: int = 0
+    busy_ns: int = 0
+    """On the bus, stuff bits and intermissions included."""
+    window: int = -1
+    window_busy_ns: int = 0
+    peak_busy_ns: int = 0
+    """In the fullest WINDOW_NS."""
+
+    @property
+    def span_ns(self) -> int:
+        return self.last_ns - self.first_ns if self.first_ns is not None else 0
+
+    @property
+    def load_ratio(self) -> float:
+        return self.busy_ns / self.span_ns if self.span_ns else 0.0
+
+    @property
+    def load_ratio_max(self) -> float:
+        return self.peak_busy_ns / WINDOW_NS
+
+
+class Statistics:
+    """Feed it blocks of frames, then look at `messages` and `buses`."""
+
+    def __init__(self, bus: Bus, *, baudrate: int = 0, data_baudrate: int = 0) -> None:
+        """Args:
+        baudrate: bits per second; 0 takes that of the DBC file.
+        data_baudrate: of the fast part of FD frames; 0 takes that of the DBC file, else the same.
+        """
+        self.bus = bus
+        self.baudrate = baudrate or bus.baudrate
+        self.data_baudrate = data_baudrate or bus.data_baudrate or self.baudrate
+        self.messages: dict[tuple[str, int], MessageStats] = {}
+        self.buses: dict[str, BusStats] = {}
+        self._judge = Judge() if bus.name == JUDGED_BUS else None
+
+    @property
+    def judged(self) -> bool:
+        """Whether this project's codec judges the frames."""
+        return self._judge is not None
+
+    def feed(self, frames: Frames) -> None:
+        """The next block of the log."""
+        if not len(frames):
+            return
+        groups = Groups(frames)
+        nominal, fast = frame_bits(frames)
+        self._feed_buses(frames, nominal, fast)
+        code = self._judge.feed(frames, groups) if self._judge else None
+        self._late()
+        for key in groups.keys:
+            rows = groups.rows(key)
+            for number, channel in enumerate(frames.channels):
+                mine = rows if len(frames.channels) == 1 else rows[frames.channel[rows] == number]
+                if len(mine):
+                    self._feed_message(channel, key, groups, mine, nominal, fast, code)
+
+    def _feed_buses(self, frames: Frames, nominal: Any, fast: Any) -> None:
+        for number, channel in enumerate(frames.channels):
+            one = self.buses.setdefault(channel, BusStats(channel))
+            if len(frames.channels) == 1:
+                _feed_bus(one, frames, self._busy_ns(nominal, fast))
+                continue
+            mine = np.flatnonzero(frames.channel == number)
+            if len(mine):
+                _feed_bus(one, frames[mine], self._busy_ns(nominal[mine], fast[mine]))
+
+    def _busy_ns(self, nominal: Any, fast: Any) -> Ints:
+        busy: Ints = nominal * NS_PER_S // self.baudrate
+        if fast.any():
+            busy = busy + fast * NS_PER_S // self.data_baudrate
+        return busy
+
+    def _message(self, channel: str, key: int) -> MessageStats:
+        found = self.messages.get((channel, key))
+        if found is None:
+            spec = self.bus.by_key.get(key)
+            gaps = Gaps(
+                spec.period_ms * NS_PER_MS if spec else 0,
+                spec.timeout_ms * NS_PER_MS if spec else 0,
+            )
+            found = MessageStats(channel, key, self.bus.name_of(key), spec, gaps)
+            if spec is not None:
+                found.plan = Plan(spec)
+                found.follower = None if self.judged else Follower(spec, found.plan)
+                found.signals = {each.name: SignalRange(each) for each in spec.signals}
+            self.messages[channel, key] = found
+        return found
+
+    def _feed_message(
+        self,
+        channel: str,
+        key: int,
+        groups: Groups,
+        rows: Ints,
+        nominal: Any,
+        fast: Any,
+        code: Any,
+    ) -> None:
+        one, frames = self._message(channel, key), groups.frames
+        one.frames += len(rows)
+        one.bits += int(nominal[rows].sum()) + int(fast[rows].sum())
+        whole = len(frames.channels) == 1
+        at_ns = groups.at_ns(key) if whole else frames.at_ns[rows]
+        one.gaps.feed(at_ns)
+        _feed_lengths(one, frames.flags[rows], frames.length[rows])
+        if code is not None:
+            counts = np.bincount(code[rows], minlength=len(CODES) + 3)
+            one.unconfirmed += int(counts[UNCONFIRMED])
+            for reason, number in CODES.items():
+                if counts[number]:
+                    one.rejected[reason] = one.rejected.get(reason, 0) + int(counts[number])
+        if one.plan is None or one.spec is None:
+            self.buses[channel].unknown_frames += len(rows)
+            return
+        payloads = groups.payloads(key)
+        if not whole:
+            payloads = Payloads(taken(frames, rows), frames.length[rows])
+        if payloads.shortest < one.spec.length:
+            one.short += int((payloads.length < one.spec.length).sum())
+        if one.follower is not None:
+            one.follower.feed(payloads, at_ns)
+        undefined = one.plan.undefined(payloads)
+        one.undefined += int(undefined.sum()) if undefined is not None else 0
+        for name, seen in one.signals.items():
+            _feed_range(one.plan, name, seen, payloads)
+
+    def _late(self) -> None:
+        """Halves of vital pairs of the last block: what was told of them then changes now."""
+        for late in self._judge.late if self._judge is not None else ():
+            one = self.messages[late.channel, late.can_id]
+            one.unconfirmed -= 1
+            reason = REASONS.get(late.code)
+            if reason is not None:
+                one.rejected[reason] = one.rejected.get(reason, 0) + 1
+
+    def finish(self) -> None:
+        """After the last block: what counters say was lost."""
+        for (_channel, key), one in self.messages.items():
+            if self._judge is not None:
+                one.lost = self._judge.lost.get(key, 0)
+
+
+def gather(blocks: Iterable[Frames], bus: Bus, **rates: int) -> Statistics:
+    """The statistics of a whole log. `rates` are those of Statistics."""
+    found = Statistics(bus, **rates)
+    for block in blocks:
+        found.feed(block)
+    found.finish()
+    return found
+
+
+def _feed_lengths(one: MessageStats, flags: Any, length: Any) -> None:
+    one.longest = max(one.longest, int(length.max()))
+    seen = int(np.bitwise_or.reduce(flags)) & (FD | BRS)
+    one.fd_flags |= seen
+    if seen & FD and not one.slow_fd:
+        one.slow_fd = bool((flags & np.uint8(FD | BRS) == FD).any())
+
+
+def _feed_bus(one: BusStats, frames: Frames, busy_ns: Ints) -> None:
+    at_ns = frames.at_ns
+    one.frames += len(frames)
+    one.error_frames += int(((frames.flags & ERROR) != 0).sum())
+    one.remote_frames += int(((frames.flags & REMOTE) != 0).sum())
+    one.fd_frames += int(((frames.flags & FD) != 0).sum())
+    one.data_frames += int(frames.is_data.sum())
+    before = one.last_ns if one.first_ns is not None else int(at_ns[0])
+    one.backwards += int((np.diff(at_ns, prepend=before) < 0).sum())
+    one.first_ns = min(int(at_ns.min()), before if one.first_ns is None else one.first_ns)
+    one.last_ns = max(int(at_ns.max()), one.last_ns)
+    one.busy_ns += int(busy_ns.sum())
+    _feed_windows(one, at_ns // WINDOW_NS, busy_ns)
+
+
+def _feed_windows(one: BusStats, window: Ints, busy_ns: Ints) -> None:
+    """Load of each window; a window that goes on in the next block is kept."""
+    cuts = np.flatnonzero(np.diff(window)) + 1
+    starts = np.concatenate([[0], cuts])
+    sums = np.add.reduceat(busy_ns, starts)
+    numbers = window[starts]
+    if int(numbers[0]) == one.window:
+        sums[0] += one.window_busy_ns
+    one.window, one.window_busy_ns = int(numbers[-1]), int(sums[-1])
+    one.peak_busy_ns = max(one.peak_busy_ns, int(sums.max()))
+
+
+def _feed_range(plan: Plan, name: str, seen: SignalRange, payloads: Payloads) -> None:
+    raw = plan.raw(name, payloads)
+    valid = plan.valid(name, payloads)
+    if valid is not None:
+        raw = raw[valid]
+    spec = plan.cuts[name].spec
+    if spec.is_float or not len(raw):
+        seen.feed(physical_of(spec, raw))
+        return
+    # Scaling keeps or turns the order: the ends of the raw values are those of the physical ones.
+    signed = signed_raw(spec, raw)
+    ends = np.array([signed.min(), signed.max()]).view(np.uint64)
+    values = physical_of(spec, ends)
+    low, high = spec.minimum, spec.maximum
+    within = low is None or high is None or (values.min() >= low and values.max() <= high)
+    if within or (low == 0 and high == 0):
+        seen.feed(values)
+        seen.seen += len(raw) - len(values)
+    else:
+        seen.feed(physical_of(spec, raw))

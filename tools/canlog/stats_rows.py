@@ -1,0 +1,233 @@
+"""Statistics as rows of named numbers: what tables, JSON, CSV, JUnit and rules are made of."""
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+from can_dbc.rejection import Reason
+from canlog.frames import BRS, CLASSIC_BYTES, FD, FD_BYTES, FD_LENGTHS, KEY_EXTENDED
+from canlog.gaps import Gaps
+from canlog.latency import Cyclic, longest_bits, longest_fd_bits, response_ns
+from canlog.stats import NS_PER_MS, NS_PER_S, BusStats, MessageStats, Statistics
+
+COUNTER: Final = (Reason.STUCK_COUNTER, Reason.JUMPED_COUNTER)
+TWIN: Final = (Reason.TWIN_MISMATCH, Reason.TWIN_TIMEOUT)
+LEAST_GAPS: Final = 3
+"""So many gaps tell a period that the DBC file does not."""
+
+MESSAGE_NUMBERS: Final = (
+    *("frames", "rate_hz", "load_ratio", "period_ms", "gap_ms_mean", "gap_ms_min", "gap_ms_max"),
+    *("gap_ms_p50", "gap_ms_p99", "jitter_ms", "missing", "extra", "gaps", "backwards"),
+    *("stale", "stale_ms", "lost", "rejected", "crc_errors", "counter_errors", "twin_errors"),
+    *("invalid_values", "wrong_length", "unconfirmed", "short", "undefined", "out_of_range"),
+    *("latency_ms", "known"),
+)
+"""What a rule may say of a message."""
+BUS_NUMBERS: Final = (
+    *("bus_frames", "bus_load_ratio", "bus_load_ratio_max", "error_frames", "remote_frames"),
+    *("fd_frames", "unknown_frames", "bus_backwards", "span_s"),
+)
+"""What a rule may say of a bus."""
+
+Row = dict[str, Any]
+
+
+def message_rows(found: Statistics) -> list[Row]:
+    """One for each message and channel, by channel and key, with all of MESSAGE_NUMBERS."""
+    latencies = {channel: latencies_ms(found, channel) for channel in found.buses}
+    ordered = sorted(found.messages.values(), key=lambda one: (one.channel, one.key))
+    return [
+        _message_row(one, found.buses[one.channel], found, latencies[one.channel].get(one.name))
+        for one in ordered
+    ]
+
+
+def _message_row(
+    one: MessageStats, bus: BusStats, found: Statistics, latency_ms: float | None
+) -> Row:
+    gaps = one.gaps
+    span_s = bus.span_ns / NS_PER_S
+    return {
+        "channel": one.channel,
+        "id": _id_text(one.key),
+        "message": one.name,
+        "known": int(one.spec is not None),
+        "frames": one.frames,
+        "rate_hz": round(one.frames / span_s, 3) if span_s else 0.0,
+        "load_ratio": round(one.bits / found.baudrate / span_s, 6) if span_s else 0.0,
+        **_gap_numbers(gaps),
+        **_verdict_numbers(one, judged=found.judged),
+        "short": one.short,
+        "undefined": one.undefined,
+        "out_of_range": sum(signal.out_of_range for signal in one.signals.values()),
+        "latency_ms": latency_ms,
+    }
+
+
+def _verdict_numbers(one: MessageStats, *, judged: bool) -> Mapping[str, Any]:
+    """None for what nothing tells how to judge; `unjudged` says why."""
+    if judged and one.spec is not None:
+        refused = one.rejected
+        return {
+            "lost": one.lost,
+            "rejected": sum(refused.values()),
+            "crc_errors": refused.get(Reason.WRONG_CRC, 0),
+            "counter_errors": sum(refused.get(reason, 0) for reason in COUNTER),
+            "twin_errors": sum(refused.get(reason, 0) for reason in TWIN),
+            "invalid_values": refused.get(Reason.INVALID_VALUE, 0),
+            "wrong_length": refused.get(Reason.WRONG_LENGTH, 0),
+            "unconfirmed": one.unconfirmed,
+        }
+    follower = one.follower
+    has_counter = follower is not None and follower.declared.counter is not None
+    has_crc = follower is not None and follower.declared.crc is not None
+    counter_errors = follower.counter_errors if follower and has_counter else None
+    crc_errors = follower.crc_errors if follower and has_crc else None
+    told = [each for each in (counter_errors, crc_errors) if each is not None]
+    return {
+        "lost": follower.lost if follower and has_counter else None,
+        "rejected": sum(told) if told else None,
+        "crc_errors": crc_errors,
+        "counter_errors": counter_errors,
+        "twin_errors": None,
+        "invalid_values": None,
+        "wrong_length": None,
+        "unconfirmed": None,
+    }
+
+
+def unjudged(found: Statistics) -> list[Row]:
+    """What could not be told of which message, and why; by channel, key and what."""
+    rows = []
+    for one in sorted(found.messages.values(), key=lambda each: (each.channel, each.key)):
+        why: dict[str, str] = {}
+        if one.spec is None:
+            why["signals, cycle time, counter, CRC"] = "no DBC file knows the identifier"
+        else:
+            if not one.gaps.period_ns:
+                why["missing and extra frames"] = "no cycle time (GenMsgCycleTime)"
+            if not one.gaps.timeout_ns:
+                why["stale times"] = "neither cycle time nor TimeoutMs or E2ETimeout"
+            why |= one.follower.why_not if one.follower is not None else {}
+            if one.follower is not None and one.spec.attributes.get("Protection"):
+                why["protection"] = "it is judged on this project's own bus only, without --dbc"
+        rows += [
+            {"channel": one.channel, "message": one.name, "what": what, "why": words}
+            for what, words in why.items()
+        ]
+    return rows
+
+
+def absent(found: Statistics) -> list[str]:
+    """Messages that the DBC file gives a cycle time and that no channel has a frame of."""
+    seen = {key for _, key in found.messages}
+    return [spec.name for key, spec in found.bus.by_key.items()
+            if spec.period_ms and key not in seen]  # fmt: skip
+
+
+def _gap_numbers(gaps: Gaps) -> Mapping[str, Any]:
+    def ms(ns: float) -> float:
+        return round(ns / NS_PER_MS, 6)
+
+    return {
+        "period_ms": ms(gaps.period_ns),
+        "gap_ms_mean": ms(gaps.mean_ns),
+        "gap_ms_min": ms(gaps.least_ns),
+        "gap_ms_p50": gaps.percentile_us(50) / 1000,
+        "gap_ms_p99": gaps.percentile_us(99) / 1000,
+        "gap_ms_max": ms(gaps.most_ns),
+        "jitter_ms": ms(gaps.jitter_ns),
+        "gaps": gaps.late if gaps.period_ns else None,
+        "missing": gaps.missing if gaps.period_ns else None,
+        "extra": gaps.extra if gaps.period_ns else None,
+        "backwards": gaps.backwards,
+        "stale": gaps.stale if gaps.timeout_ns else None,
+        "stale_ms": ms(gaps.stale_ns) if gaps.timeout_ns else None,
+    }
+
+
+def bus_rows(found: Statistics) -> list[Row]:
+    """One for each channel, with all of BUS_NUMBERS."""
+    return [
+        {
+            "channel": one.channel,
+            "bus_frames": one.frames,
+            "span_s": round(one.span_ns / NS_PER_S, 9),
+            "baudrate": found.baudrate,
+            "bus_load_ratio": round(one.load_ratio, 6),
+            "bus_load_ratio_max": round(one.load_ratio_max, 6),
+            "error_frames": one.error_frames,
+            "remote_frames": one.remote_frames,
+            "fd_frames": one.fd_frames,
+            "unknown_frames": one.unknown_frames,
+            "bus_backwards": one.backwards,
+        }
+        for one in found.buses.values()
+    ]
+
+
+def signal_rows(found: Statistics) -> list[Row]:
+    """Range of each signal that was seen."""
+    rows = []
+    for one in sorted(found.messages.values(), key=lambda each: (each.channel, each.key)):
+        for name, seen in one.signals.items():
+            rows.append(
+                {
+                    "channel": one.channel,
+                    "message": one.name,
+                    "signal": name,
+                    "unit": seen.spec.unit,
+                    "frames": seen.seen,
+                    "least": seen.least,
+                    "most": seen.most,
+                    "minimum": seen.spec.minimum,
+                    "maximum": seen.spec.maximum,
+                    "out_of_range": seen.out_of_range,
+                }
+            )
+    return rows
+
+
+def latencies_ms(found: Statistics, channel: str) -> dict[str, float | None]:
+    """Worst-case latency of each message of a channel that is sent with a period.
+
+    The period is that of the DBC file, else the median gap. Others only block: they are left out as
+    if they were rare. A frame is as long as the DBC file has it, or longer if it was.
+    """
+    bit_ns = NS_PER_S // found.baudrate
+    known = sorted(
+        (one for one in found.messages.values() if one.channel == channel),
+        key=lambda one: _priority(one.key),
+    )
+    messages = []
+    for one in known:
+        period_ns = one.gaps.period_ns
+        if not period_ns and one.gaps.count >= LEAST_GAPS:
+            period_ns = one.gaps.percentile_us(50) * 1000
+        if period_ns:
+            messages.append(Cyclic(one.name, period_ns, _longest_ns(one, found)))
+    told = response_ns(messages, bit_ns)
+    return {name: None if ns is None else round(ns / NS_PER_MS, 6) for name, ns in told.items()}
+
+
+def _longest_ns(one: MessageStats, found: Statistics) -> int:
+    extended = bool(one.key & KEY_EXTENDED)
+    told = one.spec.length if one.spec else 0
+    if not (one.fd_flags & FD or (one.spec and one.spec.is_fd)):
+        length = max(min(told, CLASSIC_BYTES), one.longest) if one.spec else CLASSIC_BYTES
+        return longest_bits(length, extended=extended) * NS_PER_S // found.baudrate
+    length = next(each for each in FD_LENGTHS if each >= min(max(told, one.longest), FD_BYTES))
+    switched = bool(one.fd_flags & BRS) and not one.slow_fd
+    nominal, fast = longest_fd_bits(length, extended=extended, switched=switched)
+    return nominal * NS_PER_S // found.baudrate + fast * NS_PER_S // found.data_baudrate
+
+
+def _priority(key: int) -> tuple[int, int, int]:
+    """As arbitration decides: the first eleven bits, then 11 bits before 29, then the rest."""
+    if key & KEY_EXTENDED:
+        wide = key & ~KEY_EXTENDED
+        return wide >> 18, 1, wide & 0x3FFFF
+    return key, 0, 0
+
+
+def _id_text(key: int) -> str:
+    return f"{key & ~KEY_EXTENDED:08X}" if key & KEY_EXTENDED else f"{key:03X}"

@@ -1,0 +1,235 @@
+"""All frames of one message as columns of physical values, decoded when they are asked for."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import cached_property, partial
+from itertools import pairwise
+from typing import Any, Final
+
+import numpy as np
+
+from canlog import kernel
+from canlog.database import MessageSpec
+from canlog.frames import CLASSIC_BYTES, FD_BYTES, Bools, Frames, Ints, concat
+from canlog.plan import Column, Payloads, Plan, Raws, signed_raw
+from canlog.shelf import Room, in_memory
+
+SHORT: Final = 2048
+"""Keys below are identifiers of 11 bits, which are looked up."""
+
+
+class Table:
+    """`n` frames of one message. `table["speed_mps"]` is a column (n,) of physical values.
+
+    Integers stay integers. Where a frame does not carry a signal, because it is short or its
+    multiplexer chooses others, `valid` is false and the value is NaN, or 0 of an integer.
+    """
+
+    def __init__(
+        self, plan: Plan, at_ns: Ints, rows: Callable[[], Ints], payloads: Payloads
+    ) -> None:
+        self.spec: MessageSpec = plan.spec
+        self.at_ns = at_ns
+        """(n,) int64."""
+        self._rows = rows
+        self.payloads = payloads
+        self._plan = plan
+        self._columns: dict[str, Column] = {}
+        self._block: Column | None = None
+        self._valid: dict[str, Bools] = {}
+
+    def __len__(self) -> int:
+        return len(self.at_ns)
+
+    @property
+    def rows(self) -> Ints:
+        """(n,) which frames of the log these are."""
+        return self._rows()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The signals, in the order of their bits."""
+        return tuple(self._plan.cuts)
+
+    @property
+    def units(self) -> Mapping[str, str]:
+        return {signal.name: signal.unit for signal in self.spec.signals}
+
+    @property
+    def choices(self) -> Mapping[str, Mapping[int, str]]:
+        """Value tables, by raw value, of the signals that have one."""
+        return {signal.name: signal.choices for signal in self.spec.signals if signal.choices}
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._plan.cuts
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.names)
+
+    def __getitem__(self, name: str) -> Column:
+        """(n,) physical values. Raises LogError for a name that the message does not have."""
+        found = self._columns.get(name)
+        if found is None:
+            self.spec.signal(name)
+            found = self._plan.physical(name, self.payloads, self._room(name))
+            absent = self._plan.valid(name, self.payloads)
+            if absent is not None:
+                found = np.where(absent, found, _nothing(found))
+            self._columns[name] = found
+        return found
+
+    def _room(self, name: str) -> Column:
+        """Its share of one block for all columns: large blocks cost the system fewer pages."""
+        if self._block is None:
+            self._block = np.empty((len(self._plan.cuts), len(self)), np.uint64)
+        room: Column = self._block[self.names.index(name)]
+        return room
+
+    def valid(self, name: str) -> Bools:
+        """(n,) whether the frame carries the signal."""
+        found = self._valid.get(name)
+        if found is None:
+            self.spec.signal(name)
+            found = self._plan.valid(name, self.payloads)
+            found = self._valid[name] = np.ones(len(self), np.bool_) if found is None else found
+        return found
+
+    def raw(self, name: str) -> Column:
+        """(n,) the bits as a number, int64 for a signed signal and uint64 for the others."""
+        spec = self.spec.signal(name)
+        bits: Raws = self._plan.raw(name, self.payloads)
+        return signed_raw(spec, bits)
+
+    def labels(self, name: str) -> "list[str | None]":
+        """Names of a signal's value table, None where the table has none or the frame no signal."""
+        choices = self.spec.signal(name).choices
+        pairs = zip(self.raw(name).tolist(), self.valid(name).tolist(), strict=True)
+        return [choices.get(raw) if valid else None for raw, valid in pairs]
+
+    @property
+    def undefined(self) -> Bools:
+        """(n,) frames with a multiplexer value that the DBC file does not know."""
+        found = self._plan.undefined(self.payloads)
+        return np.zeros(len(self), np.bool_) if found is None else found
+
+    def arrow(self) -> Any:
+        """A pyarrow.Table: `at_ns`, then each signal, null where a frame has none.
+
+        Units, value tables and the message's name are in the metadata of fields and schema.
+        """
+        import pyarrow as pa
+
+        fields, columns = [pa.field("at_ns", pa.int64())], [pa.array(self.at_ns)]
+        for signal in self.spec.signals:
+            values, valid = self[signal.name], self.valid(signal.name)
+            column = pa.array(values, mask=None if valid.all() else ~valid)
+            told = {"unit": signal.unit, **{f"value {r}": n for r, n in signal.choices.items()}}
+            fields.append(pa.field(signal.name, column.type, metadata=told))
+            columns.append(column)
+        schema = pa.schema(fields, metadata={"message": self.spec.name})
+        return pa.Table.from_arrays(columns, schema=schema)
+
+
+def table_of(spec: MessageSpec, data: Sequence[bytes]) -> Table:
+    """Of frames by themselves, such as those that an event names: one row each, stamps 0."""
+    width = FD_BYTES if any(len(each) > CLASSIC_BYTES for each in data) else CLASSIC_BYTES
+    joined = b"".join(each[:width].ljust(width, b"\0") for each in data)
+    length = np.array([min(len(each), width) for each in data], np.uint8)
+    payloads = Payloads(np.frombuffer(joined, np.uint8).reshape(-1, width), length)
+    rows = np.arange(len(data), dtype=np.int64)
+    return Table(Plan(spec), np.zeros(len(data), np.int64), lambda: rows, payloads)
+
+
+def _nothing(column: Column) -> Any:
+    return np.nan if column.dtype.kind == "f" else column.dtype.type(0)
+
+
+class Groups:
+    """Which frames belong to which message: sorted once for all of them."""
+
+    def __init__(self, frames: Frames | Sequence[Frames], room: Room = in_memory) -> None:
+        """Of the blocks of one log, if there are several; `room` gives columns their place."""
+        self._blocks = (frames,) if isinstance(frames, Frames) else tuple(frames)
+        self._room = room
+        self._told = kernel.numbered(self._blocks, room)
+        self._columns: tuple[Any, ...] | None = None
+        self._order: Ints | None = None
+        if self._told is None:
+            key = self.frames.key
+            rows = np.flatnonzero(self.frames.is_data)
+            self._order = rows[np.argsort(_numbers(key[rows]), kind="stable")]
+            self._spans = _spans(key[self._order])
+            return
+        starts = self._told.starts
+        keys, ends = self._told.keys.tolist(), (starts + self._told.counts).tolist()
+        spans = sorted(zip(keys, starts.tolist(), ends, strict=True))
+        self._spans = {key: (start, end) for key, start, end in spans}
+        self._columns = kernel.grouped(self._told, self._blocks, room)
+
+    @cached_property
+    def frames(self) -> Frames:
+        return concat(self._blocks)
+
+    @property
+    def keys(self) -> tuple[int, ...]:
+        """Of all data frames, sorted."""
+        return tuple(self._spans)
+
+    def rows(self, key: int) -> Ints:
+        """Indices of the data frames with this key, rising."""
+        if self._order is None:
+            assert self._told is not None
+            self._order = self._told.order(self._room)
+        start, stop = self._spans.get(key, (0, 0))
+        return self._order[start:stop]
+
+    def at_ns(self, key: int) -> Ints:
+        """(n,) stamps of the data frames with this key."""
+        if self._columns is None:
+            return self.frames.at_ns[self.rows(key)]
+        start, stop = self._spans.get(key, (0, 0))
+        stamps: Ints = self._columns[0][start:stop]
+        return stamps
+
+    def payloads(self, key: int) -> Payloads:
+        """Their data."""
+        if self._columns is None:
+            rows = self.rows(key)
+            return Payloads(taken(self.frames, rows), self.frames.length[rows])
+        start, stop = self._spans.get(key, (0, 0))
+        words, length = self._columns[1][start:stop], self._columns[2][start:stop]
+        return Payloads(words.view(np.uint8).reshape(-1, 8), length)
+
+    def table(self, spec: MessageSpec) -> Table:
+        key = spec.key
+        return Table(Plan(spec), self.at_ns(key), partial(self.rows, key), self.payloads(key))
+
+
+def taken(frames: Frames, rows: Ints) -> Any:
+    """Rows of the data; as whole words where they are, which is many times faster."""
+    data = frames.data
+    if data.shape[1] == 8 and data.flags.c_contiguous:
+        return data.view(np.uint64)[:, 0][rows].view(np.uint8).reshape(-1, 8)
+    return data[rows]
+
+
+Spans = dict[int, tuple[int, int]]
+
+
+def _spans(key: Any) -> Spans:
+    """Where each of these sorted keys lies."""
+    cuts = [0, *(np.flatnonzero(np.diff(key)) + 1).tolist(), len(key)]
+    return {int(key[start]): (start, stop) for start, stop in pairwise(cuts) if stop > start}
+
+
+def _numbers(key: Any) -> Any:
+    """(n,) what sorts as the keys do: 16 bits where they can, which numpy sorts fastest."""
+    if not len(key) or int(key.max()) < SHORT:
+        return key.astype(np.uint16)
+    short = key < SHORT
+    long = np.flatnonzero(~short)
+    known = np.unique(key[long])
+    if len(known) + SHORT > 1 << 16:
+        return key
+    number = np.where(short, key, 0).astype(np.uint16)
+    number[long] = np.searchsorted(known, key[long]).astype(np.uint16) + np.uint16(SHORT)
+    return number

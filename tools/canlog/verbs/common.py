@@ -1,0 +1,69 @@
+"""Options that several subcommands share."""
+
+import argparse
+import math
+from pathlib import Path
+from typing import Final
+
+from canlog.formats.registry import FORMATS
+from canlog.options import DELTA, ZERO, ReadOptions
+
+SECONDS_MAX: Final = 9.0e9
+"""Stamps of 64 bits reach so far."""
+DAY_S: Final = 86_400
+COUNT_MAX: Final = 10**12
+"""Beyond, nothing is counted in a log."""
+
+
+def seconds(text: str) -> float:
+    """Of an option. Raises ArgumentTypeError for what is no instant or duration of a log."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not abs(value) <= SECONDS_MAX:
+        raise argparse.ArgumentTypeError(f"{text!r} is no number of seconds of a log")
+    return value
+
+
+def count(text: str) -> int:
+    """Of an option; not negative. Raises ArgumentTypeError."""
+    if not text.isascii() or not text.isdigit():
+        raise argparse.ArgumentTypeError(f"{text!r} is no whole number from 0 on")
+    if int(text) > COUNT_MAX:
+        raise argparse.ArgumentTypeError(f"{text} is more than {COUNT_MAX}")
+    return int(text)
+
+
+def offset_s(text: str) -> int:
+    """East of Greenwich. Raises ArgumentTypeError for more than a day."""
+    try:
+        value = int(text)
+    except ValueError:
+        value = DAY_S
+    if abs(value) >= DAY_S:
+        raise argparse.ArgumentTypeError(f"{text!r} is no offset within a day, in seconds")
+    return value
+
+
+def add_log(parser: argparse.ArgumentParser) -> None:
+    """The log to read, how to read it, and the DBC files."""
+    parser.add_argument("log", type=Path, metavar="LOG", help="a log, or the folder of a run")
+    add_reading(parser)
+
+
+def add_reading(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--dbc", action="append", type=Path, help="instead of this project's; may be repeated"
+    )
+    parser.add_argument("--format", choices=[each.name for each in FORMATS])
+    parser.add_argument(
+        "--stamps", choices=(DELTA, ZERO), help="what `candump -t d` or `-t z` wrote"
+    )
+    parser.add_argument(
+        "--utc-offset-s", type=offset_s, default=0, help="of formats with local time, east positive"
+    )
+
+
+def read_options(given: argparse.Namespace) -> ReadOptions:
+    return ReadOptions(format=given.format, stamps=given.stamps, utc_offset_s=given.utc_offset_s)

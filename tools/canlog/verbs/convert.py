@@ -1,0 +1,39 @@
+"""`canlog convert`: a log in another format, and what that cannot hold."""
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Final
+
+from canlog.convert import convert
+from canlog.database import load_bus
+from canlog.formats.registry import FORMATS
+from canlog.verbs.common import add_log, read_options
+
+SUMMARY: Final = "write a log in another format; what that cannot hold is listed"
+
+
+def options(parser: argparse.ArgumentParser) -> None:
+    add_log(parser)
+    parser.add_argument("target", type=Path, metavar="TARGET", help="such as log.blf, log.log.gz")
+    parser.add_argument("--to", choices=[each.name for each in FORMATS])
+    parser.add_argument("--force", action="store_true", help="replace a file that is there")
+    parser.add_argument(
+        "--strict", action="store_true", help="exit with 1 when anything is damaged or lost"
+    )
+
+
+def run(given: argparse.Namespace) -> int:
+    damaged, lost = convert(
+        given.log,
+        given.target,
+        form=given.to,
+        options=read_options(given),
+        bus=load_bus(given.dbc),
+        overwrite=given.force,
+    )
+    for each in damaged:
+        print(f"canlog: damaged: {each}", file=sys.stderr)
+    for each in lost:
+        print(f"canlog: lost: {each}", file=sys.stderr)
+    return int(given.strict and bool(damaged or lost))

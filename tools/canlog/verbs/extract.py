@@ -1,0 +1,73 @@
+"""`canlog extract`: a table of physical values for each message, as Parquet, CSV or npz."""
+
+import argparse
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from canlog.damage import LogError
+from canlog.read import Log, read
+from canlog.table import Table
+from canlog.verbs.common import add_log, read_options
+
+SUMMARY: Final = "a table of physical values for each message, with exact time and units"
+FORMS: Final = ("parquet", "csv", "npz", "arrow")
+
+
+def options(parser: argparse.ArgumentParser) -> None:
+    add_log(parser)
+    parser.add_argument("-o", dest="out", type=Path, required=True, metavar="DIR")
+    parser.add_argument("--as", dest="form", choices=FORMS, default="parquet")
+    parser.add_argument("--message", action="append", metavar="NAME", help="only this one")
+
+
+def run(given: argparse.Namespace) -> int:
+    log = read(given.log, given.dbc, replace(read_options(given), on_disk=True))
+    names = given.message or list(log.messages)
+    try:
+        given.out.mkdir(parents=True, exist_ok=True)
+        for name in names:
+            # Not that of the log, which keeps what it has decoded.
+            table = log.groups.table(log.bus.message(name))
+            path = given.out / f"{name}.{given.form}"
+            _write(table, path, given.form)
+            print(f"{path}: {len(table)} rows")
+    except OSError as error:
+        raise LogError(f"{given.out}: cannot be written: {error.strerror or error}") from error
+    _tell(log)
+    return 0
+
+
+def _tell(log: Log) -> None:
+    for key in log.unknown:
+        print(
+            f"canlog: {len(log.rows(key))} frames {log.bus.name_of(key)} are in no DBC file",
+            file=sys.stderr,
+        )
+    for each in log.warnings:
+        print(f"canlog: warning: {each}", file=sys.stderr)
+
+
+def _write(table: Table, path: Path, form: str) -> None:
+    if form == "npz":
+        columns: dict[str, Any] = {"at_ns": table.at_ns}
+        for name in table.names:
+            columns[name] = table[name]
+            columns[f"{name}.valid"] = table.valid(name)
+        np.savez_compressed(path, **columns)
+        return
+    import pyarrow as pa
+    import pyarrow.csv
+    import pyarrow.feather
+    import pyarrow.parquet
+
+    arrow = table.arrow()
+    if form == "csv":
+        pa.csv.write_csv(arrow, path)
+    elif form == "arrow":
+        pa.feather.write_feather(arrow, str(path))
+    else:
+        pa.parquet.write_table(arrow, path)

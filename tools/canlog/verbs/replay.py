@@ -1,0 +1,112 @@
+"""`canlog replay`: sends the frames of a log onto a bus again, at their own times."""
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Final
+
+from canlog.damage import LogError
+from canlog.database import load_bus
+from canlog.frames import EXTENDED, FD, NOT_DATA, Frames
+from canlog.read import stream
+from canlog.select import Selector, Wanted, parse_key
+from canlog.table import Groups
+from canlog.verbs.common import add_log, read_options
+from firmware_py.buses import BusError, is_virtual, open_can
+from firmware_py.clock.clock import Clock, WallClock
+from firmware_py.ports import CanPort
+
+SUMMARY: Final = "send the frames of a log onto a bus again, at their own times"
+SPIN_S: Final = 200e-6
+
+
+def options(parser: argparse.ArgumentParser) -> None:
+    add_log(parser)
+    parser.add_argument("--bus", required=True, metavar="BUS", help="such as embedded:vcan0")
+    parser.add_argument("--speed", type=float, default=1.0, help="2 is twice as fast")
+    parser.add_argument("--message", action="append", default=[], metavar="PATTERN")
+    parser.add_argument("--id", action="append", default=[], metavar="HEX")
+    parser.add_argument("--node", action="append", default=[], metavar="SENDER")
+    parser.add_argument("--channel", help="only frames of this channel of the log")
+    parser.add_argument(
+        "--real", action="store_true", help="also onto a bus that a real train may hang on"
+    )
+
+
+def run(given: argparse.Namespace) -> int:
+    if not given.speed > 0.0:
+        raise LogError(f"--speed {given.speed}: has to be positive")
+    bus = load_bus(given.dbc)
+    clock = WallClock(SPIN_S)
+    source = stream(Path(given.log), read_options(given))
+    keys = tuple(parse_key(text) for text in given.id)
+    wanted = Wanted(names=tuple(given.message), keys=keys, nodes=tuple(given.node))
+    selector = Selector(wanted, bus)
+    port = _open(given.bus, clock, real=given.real)
+    player = Player(port, clock, given.speed)
+    try:
+        for frames in source:
+            rows = selector.rows(frames, Groups(frames))
+            player.play(_of_channel(frames[rows], given.channel))
+    finally:
+        port.close()
+    for each in source.warnings:
+        print(f"canlog: warning: {each}", file=sys.stderr)
+    if player.unsent:
+        print(f"canlog: {player.unsent} frames that are no 11-bit data frames were left out",
+              file=sys.stderr)  # fmt: skip
+    print(
+        f"{player.sent} frames sent, {port.counters.dropped_out} of them refused by the bus;"
+        f" late by at most {player.late_ns_max / 1e6:.3f} ms"
+    )
+    return 0
+
+
+def _open(bus: str, clock: Clock, *, real: bool) -> CanPort:
+    try:
+        if not real and not is_virtual(bus):
+            raise LogError(f"--bus {bus}: a real train may hang on it; --real sends nevertheless")
+        return open_can(bus, clock=clock, node="canlog", accept_ids=())
+    except BusError as error:
+        raise LogError(str(error)) from error
+
+
+def _of_channel(frames: Frames, channel: str | None) -> Frames:
+    if channel is None:
+        return frames
+    if channel not in frames.channels:
+        return frames[:0]
+    return frames[frames.channel == frames.channels.index(channel)]
+
+
+class Player:
+    """Sends frames when they are due; instants of the log are moved to those of the clock."""
+
+    def __init__(self, port: CanPort, clock: Clock, speed: float = 1.0) -> None:
+        self._port, self._clock, self._speed = port, clock, speed
+        self._shift: tuple[int, int] | None = None
+        """Instant of the first frame in the log, and on the clock."""
+        self.sent = self.unsent = 0
+        self.late_ns_max = 0
+        """A frame is late when the one before it, or the machine, held it up."""
+
+    def play(self, frames: Frames) -> None:
+        """The next frames, whose stamps do not run backwards; one that does is sent at once."""
+        odd = (frames.flags & (NOT_DATA | EXTENDED | FD)).tolist()
+        identifiers, stamps = frames.identifier.tolist(), frames.at_ns.tolist()
+        for row, (at_ns, can_id) in enumerate(zip(stamps, identifiers, strict=True)):
+            if odd[row]:
+                self.unsent += 1
+                continue
+            due_ns = self._due_ns(at_ns)
+            self._clock.wait_until(due_ns)
+            now_ns = self._clock.now_ns()
+            self._port.send(now_ns, can_id, frames.payload(row))
+            self.late_ns_max = max(self.late_ns_max, now_ns - due_ns)
+            self.sent += 1
+
+    def _due_ns(self, at_ns: int) -> int:
+        if self._shift is None:
+            self._shift = at_ns, self._clock.now_ns()
+        first_ns, began_ns = self._shift
+        return began_ns + round((at_ns - first_ns) / self._speed)

@@ -1,0 +1,40 @@
+"""`canlog report LOG -o report.html`: the whole log as one page that opens without a network."""
+
+import argparse
+from typing import Final
+
+from canlog.damage import LogError
+from canlog.verbs.asked import log_options, name_asked, output_path, read_asked
+
+SUMMARY: Final = "write one self-contained HTML page with plots, frames, events and statistics"
+FRAMES_MAX: Final = 8_000_000
+"""A page with more frames than this takes a browser too long to open."""
+
+
+def options(parser: argparse.ArgumentParser) -> None:
+    log_options(parser, span=False)
+    parser.add_argument("signals", nargs="*", metavar="SIGNAL", help="panels, as in canlog plot")
+    parser.add_argument("-o", "--out", default="canlog.html", help=".html; default: %(default)s")
+    parser.add_argument("--title", help="default: the name of the log")
+
+
+def run(given: argparse.Namespace) -> int:
+    """Raises LogError, too, for a log that `canlog open` has to serve."""
+    path = output_path(given.out, (".html", ".htm"))
+    log = read_asked(given)
+    if len(log) > FRAMES_MAX:
+        raise LogError(
+            f"{log.path}: {len(log)} frames are too many for one page; `canlog open` serves them"
+        )
+    from canlog.views.page_data import page_data
+    from canlog.views.page_text import page_text
+    from canlog.views.traces import default_words, trace_names
+
+    words = given.signals or (default_words(log) if trace_names(log) else [])
+    data = page_data(log, given.title or name_asked(given), words, with_frames=True)
+    try:
+        path.write_text(page_text(data), encoding="utf-8")
+    except OSError as error:
+        raise LogError(f"-o {path}: cannot be written: {error.strerror}") from error
+    print(f"{path}: {len(log)} frames, {path.stat().st_size / 1e6:.1f} MB")
+    return 0

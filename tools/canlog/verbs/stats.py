@@ -1,0 +1,184 @@
+"""`canlog stats`: what every message and the bus did, as tables, JSON, CSV or JUnit."""
+
+import argparse
+import csv
+import io
+import json
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+from xml.sax.saxutils import quoteattr
+
+from rich.console import Console
+from rich.table import Table as TextTable
+
+from canlog.damage import Damage
+from canlog.database import load_bus
+from canlog.read import stream
+from canlog.rules import Broken, Judged, Rule, broken, parse_rule, untold
+from canlog.stats import Statistics, gather
+from canlog.stats_rows import Row, absent, bus_rows, message_rows, signal_rows, unjudged
+from canlog.verbs.common import add_log, count, read_options
+
+SUMMARY: Final = "what every message and the bus did: cycle times, gaps, errors, load, latency"
+FORMATS: Final = ("text", "json", "csv", "junit")
+EXIT_OK: Final = 0
+EXIT_BROKEN: Final = 1
+TABLE: Final = (
+    *("id", "message", "frames", "period_ms", "gap_ms_p50", "gap_ms_p99", "gap_ms_max"),
+    *("jitter_ms", "missing", "extra", "stale", "lost", "rejected", "latency_ms"),
+)
+DETAILS: Final = (
+    *("crc_errors", "counter_errors", "twin_errors", "invalid_values", "wrong_length"),
+    *("short", "undefined", "out_of_range", "backwards"),
+)
+"""Said in a line of their own where there are any."""
+WIDE: Final = 200
+NAMES_SHOWN: Final = 8
+
+
+def options(parser: argparse.ArgumentParser) -> None:
+    add_log(parser)
+    parser.add_argument("--as", dest="form", choices=FORMATS, default="text")
+    parser.add_argument(
+        "--fail-on",
+        action="append",
+        default=[],
+        metavar="RULE",
+        help="exit with 1 where it is true, as in 'missing > 0', 'DOOR_*: crc_errors > 0', "
+        "'bus_load_ratio_max > 0.7' or 'damaged > 0'",
+    )
+    parser.add_argument("--signals", action="store_true", help="ranges of all signals, too")
+    parser.add_argument("--baudrate", type=count, default=0, help="bits/s; default: the DBC file's")
+    parser.add_argument("--data-baudrate", type=count, default=0, help="of the fast part of CAN FD")
+
+
+def run(given: argparse.Namespace) -> int:
+    rules = [parse_rule(text) for text in given.fail_on]
+    source = stream(given.log, read_options(given))
+    rates = {"baudrate": given.baudrate, "data_baudrate": given.data_baudrate}
+    found = gather(source, load_bus(given.dbc), **rates)
+    damaged = sum(each.count for each in source.warnings)
+    judged = Judged(message_rows(found), bus_rows(found), damaged, len(absent(found)))
+    held = Held(rules, broken(rules, judged), untold(rules, judged))
+    _print(given, found, judged, source.warnings, held)
+    return EXIT_BROKEN if held.breaches else EXIT_OK
+
+
+@dataclass(frozen=True, slots=True)
+class Held:
+    """Rules, who broke them, and those that nothing could be held to."""
+
+    rules: Sequence[Rule]
+    breaches: Sequence[Broken]
+    untold: Mapping[str, str]
+
+
+def _print(
+    given: argparse.Namespace,
+    found: Statistics,
+    judged: Judged,
+    warnings: Sequence[Damage],
+    held: Held,
+) -> None:
+    if given.form == "json":
+        told: dict[str, Any] = {"log": str(given.log), "buses": judged.buses}
+        told |= {"messages": judged.messages, "signals": signal_rows(found)}
+        told |= {"absent": absent(found), "not_judged": unjudged(found)}
+        told["warnings"] = [str(each) for each in warnings]
+        told["broken"] = [str(each) for each in held.breaches]
+        print(json.dumps(told, indent=2))
+    elif given.form == "csv":
+        sys.stdout.write(csv_text(signal_rows(found) if given.signals else judged.messages))
+    elif given.form == "junit":
+        sys.stdout.write(junit_text(str(given.log), held))
+    else:
+        _print_text(found, judged, with_signals=given.signals)
+        for line in (*(f"warning: {each}" for each in warnings), *map(str, held.breaches)):
+            print(line)
+    for rule, why in held.untold.items():
+        print(f"canlog: --fail-on {rule!r}: {why}", file=sys.stderr)
+    if given.form != "text":
+        for each in warnings:
+            print(f"canlog: warning: {each}", file=sys.stderr)
+
+
+def csv_text(rows: Sequence[Row]) -> str:
+    """Rows with a head, as RFC 4180 has it but for line ends."""
+    out = io.StringIO()
+    if rows:
+        writer = csv.DictWriter(out, list(rows[0]), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+    return out.getvalue()
+
+
+def junit_text(log: str, held: Held) -> str:
+    """A test suite with a case for each rule, for the reports of CI servers."""
+    failed = {each.rule for each in held.breaches}
+    lines = [
+        '<?xml version="1.0" encoding="UTF-8"?>',
+        f'<testsuite name={quoteattr("canlog " + log)} tests="{len(held.rules)}"'
+        f' failures="{len(failed)}" skipped="{len(held.untold)}">',
+    ]
+    for rule in held.rules:
+        mine = [str(each) for each in held.breaches if each.rule == rule.text]
+        lines.append(f"  <testcase classname={quoteattr(log)} name={quoteattr(rule.text)}>")
+        if mine:
+            lines.append(f"    <failure message={quoteattr('; '.join(mine))}/>")
+        if rule.text in held.untold:
+            lines.append(f"    <skipped message={quoteattr(held.untold[rule.text])}/>")
+        lines.append("  </testcase>")
+    return "\n".join([*lines, "</testsuite>"]) + "\n"
+
+
+def _print_text(found: Statistics, judged: Judged, *, with_signals: bool) -> None:
+    messages, buses = judged.messages, judged.buses
+    console = Console(highlight=False, width=None if sys.stdout.isatty() else WIDE)
+    for bus in buses:
+        console.print(
+            f"{bus['channel']}: {bus['bus_frames']} frames in {bus['span_s']:.3f} s, load"
+            f" {bus['bus_load_ratio']:.1%} (at most {bus['bus_load_ratio_max']:.1%} in 100 ms) at"
+            f" {bus['baudrate']} bit/s, {bus['error_frames']} error, {bus['remote_frames']} remote,"
+            f" {bus['unknown_frames']} unknown frames",
+            markup=False,
+        )
+        _print_table(console, TABLE, [row for row in messages if row["channel"] == bus["channel"]])
+    if with_signals:
+        columns = ("message", "signal", "unit", "frames", "least", "most", "out_of_range")
+        _print_table(console, columns, signal_rows(found))
+    shares = [
+        (row["message"], name, row[name]) for row in messages for name in DETAILS if row[name]
+    ]
+    for message, name, number in shares:
+        console.print(f"{message}: {name.replace('_', ' ')}: {number}", markup=False)
+    if names := absent(found):
+        console.print(f"never seen: {_listed(names)}", markup=False)
+    alike: dict[tuple[str, str], list[str]] = {}
+    for row in unjudged(found):
+        alike.setdefault((row["what"], row["why"]), []).append(row["message"])
+    for (what, why), names in alike.items():
+        console.print(f"not judged: {what} of {_listed(names)}: {why}", markup=False)
+
+
+def _listed(names: Sequence[str]) -> str:
+    shown = ", ".join(names[:NAMES_SHOWN])
+    return f"{shown} and {len(names) - NAMES_SHOWN} more" if len(names) > NAMES_SHOWN else shown
+
+
+def _print_table(console: Console, columns: Sequence[str], rows: Sequence[Row]) -> None:
+    table = TextTable(box=None, header_style="bold", pad_edge=False)
+    for name in columns:
+        left = name in ("id", "message", "signal", "unit")
+        table.add_column(name, justify="left" if left else "right", no_wrap=True)
+    for row in rows:
+        bad = any(row.get(name) for name in ("missing", "extra", "stale", "lost", "rejected"))
+        table.add_row(*(_text(row[name]) for name in columns), style="yellow" if bad else None)
+    console.print(table)
+
+
+def _text(value: Any) -> str:
+    if value is None:
+        return "-"
+    return f"{value:.6g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,103 @@
+"""Events to be marked in pictures: of a run folder with their sources, else those on the bus."""
+
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+from canlog.read import Log
+from canlog.run import EVENTS, NS_PER_S, Run
+
+EVENT_MESSAGE: Final = "VOBC_EVENT"
+EVENT_SIGNAL: Final = "event"
+GRAVE: Final = frozenset(
+    {"EMERGENCY_APPLIED", "SERVICE_BRAKE", "LOCALISATION_LOST", "REPLICAS_DISAGREE", "MEMORY_LOST"}
+)
+UNUSUAL: Final = frozenset(
+    {
+        "TAG_REJECTED",
+        "TAG_MISSED",
+        "INPUT_LOST",
+        "FRAME_REJECTED",
+        "RADIO_REFUSED",
+        "SLIP_BEGAN",
+        "ALARM_RAISED",
+        "DOOR_BYPASS",
+        "OVERRUN",
+        "EMERGENCY_RELEASED",
+    }
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Basis:
+    """One frame, telegram or message that an event was decided from."""
+
+    source: str
+    identifier: int | None
+    payload: str
+    """In hexadecimal."""
+    heard_ns: int | None
+
+
+@dataclass(frozen=True, slots=True)
+class Happening:
+    """One event at one instant."""
+
+    at_ns: int
+    kind: str
+    words: str
+    basis: tuple[Basis, ...] = ()
+
+    @property
+    def weight(self) -> int:
+        """2 for what brakes the train, 1 for what is unusual, 0 for the rest."""
+        return 2 if self.kind in GRAVE else int(self.kind in UNUSUAL)
+
+
+def happenings(log: Log) -> tuple[Happening, ...]:
+    """In order of time. Without events.jsonl those that the controller told on the bus."""
+    told = tuple(_told(log.run)) if log.run is not None else ()
+    found = told or tuple(_heard(log))
+    return tuple(sorted(found, key=lambda each: each.at_ns))
+
+
+def _told(run: Run) -> Iterator[Happening]:
+    path = run.folder / EVENTS
+    if not path.is_file():
+        return
+    for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
+        try:
+            table = json.loads(line)
+            yield Happening(
+                run.start_ns + round(float(table["t_s"]) * NS_PER_S),
+                str(table["kind"]),
+                str(table["words"]),
+                tuple(_basis(run, each) for each in table.get("sources", ())),
+            )
+        except (ValueError, KeyError, TypeError, AttributeError):
+            # The last line of a run that was killed.
+            continue
+
+
+def _basis(run: Run, table: Mapping[str, Any]) -> Basis:
+    heard_s = table.get("heard_s")
+    return Basis(
+        str(table["source"]),
+        table.get("id"),
+        str(table.get("payload", "")),
+        None if heard_s is None else run.start_ns + round(float(heard_s) * NS_PER_S),
+    )
+
+
+def _heard(log: Log) -> Iterator[Happening]:
+    spec = log.messages.get(EVENT_MESSAGE)
+    if spec is None or not any(each.name == EVENT_SIGNAL for each in spec.signals):
+        return
+    table = log.table(EVENT_MESSAGE)
+    labels = table.labels(EVENT_SIGNAL)
+    others = [each.name for each in spec.signals if each.name != EVENT_SIGNAL]
+    columns = {name: table[name].tolist() for name in others}
+    for row, (at_ns, label) in enumerate(zip(table.at_ns.tolist(), labels, strict=True)):
+        words = ", ".join(f"{name} {columns[name][row]}" for name in others)
+        yield Happening(at_ns, label or "EVENT", words)

@@ -1,0 +1,161 @@
+"""All that the page of a log has to be told, as JSON and one block of bytes."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from canlog.read import Log
+from canlog.views.extremes import kept
+from canlog.views.facts import message_head, statistics, verdict_codes, verdict_names
+from canlog.views.happenings import Happening, happenings
+from canlog.views.packed import NOT_DATA, Block, Group, Ordered, add_frames, ordered
+from canlog.views.place import journey_of
+from canlog.views.span import date_text, zero_of
+from canlog.views.traces import Trace, find_names, trace_names, trace_of
+
+KIND_NAMES: Final = {2: " (remote)", 4: " (error)", 6: " (error)"}
+CURVE_POINTS_MAX: Final = 40_000
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PageData:
+    head: dict[str, Any]
+    block: Block
+    log: Ordered
+
+    def head_text(self) -> str:
+        """JSON that may stand in an HTML page."""
+        return json.dumps(self.head, ensure_ascii=False, separators=(",", ":")).replace(
+            "<", "\\u003c"
+        )
+
+
+def page_data(log: Log, title: str, words: Sequence[str], *, with_frames: bool) -> PageData:
+    """Of a whole log.
+
+    Args:
+        words: what to draw first, as in `canlog plot`.
+        with_frames: put the frames in; without them the page asks a server for what it shows.
+
+    Raises:
+        LogError: for a word that names no signal.
+    """
+    panels = [[n for part in word.split(",") for n in find_names(log, part)] for word in words]
+    zero_ns = zero_of(log)
+    in_order = ordered(log.frames, log.room)
+    block = Block()
+    head: dict[str, Any] = {
+        "title": title,
+        "zero": str(zero_ns),
+        "date": date_text(zero_ns),
+        "span": [log.start_ns - zero_ns, log.end_ns - zero_ns],
+        "panels": panels,
+        "messages": [_message(log, group) for group in in_order.groups],
+        "events": [_event(each, zero_ns) for each in happenings(log)],
+        "warnings": [str(each) for each in log.warnings],
+        "inOrder": in_order.order is None,
+        "stats": statistics(log),
+        "verdicts": verdict_names(),
+        "remote": not with_frames,
+    }
+    if with_frames:
+        head["frames"] = add_frames(block, in_order, zero_ns)
+        for name, column in frame_columns(log).items():
+            block.add(name, in_order.taken(column))
+    else:
+        head["frames"] = {"count": len(log), "channels": list(log.frames.channels)}
+    head["cycles"] = log.run is not None and len(log.run.cycle_ns) > 0
+    head["extras"] = _extras(block, log, zero_ns, with_columns=with_frames)
+    head["journey"] = _journey(block, log, zero_ns)
+    head["block"] = block.index
+    return PageData(head, block, in_order)
+
+
+def _message(log: Log, group: Group) -> dict[str, Any]:
+    spec = log.bus.by_key.get(group.key)
+    name = log.bus.name_of(group.key) if not group.flags & 4 else "error frame"
+    name += KIND_NAMES.get(group.flags & NOT_DATA, "") if not group.flags & 4 else ""
+    return message_head(group, spec, name)
+
+
+def frame_columns(log: Log) -> dict[str, Any]:
+    """What is known of each frame beside itself, in the order of the log: `verdict`, as a code,
+    and `cycle` of the controller, from 1 on and 0 for none.
+    """
+    found = {}
+    codes = verdict_codes(log)
+    if codes is not None:
+        found["verdict"] = codes
+    if log.run is not None and len(log.run.cycle_ns):
+        found["cycle"] = (log.run.cycle_of + 1).astype(np.uint32)
+    return found
+
+
+def _event(each: Happening, zero_ns: int) -> dict[str, Any]:
+    return {
+        "t": each.at_ns - zero_ns,
+        "kind": each.kind,
+        "words": each.words,
+        "weight": each.weight,
+        "basis": [
+            {
+                "source": basis.source,
+                "id": basis.identifier,
+                "payload": basis.payload,
+                "t": None if basis.heard_ns is None else basis.heard_ns - zero_ns,
+            }
+            for basis in each.basis
+        ],
+    }
+
+
+def _extras(block: Block, log: Log, zero_ns: int, *, with_columns: bool) -> list[dict[str, Any]]:
+    """Columns of a run folder: truth and control cycles."""
+    found = []
+    for name in trace_names(log):
+        if name.partition(".")[0] in log.messages:
+            continue
+        trace = trace_of(log, name)
+        if not len(trace):
+            continue
+        if with_columns:
+            _add_instants(block, f"{name} t", trace, zero_ns)
+            block.add(f"{name} v", trace.values.astype(np.float32))
+        found.append({"name": name, "unit": trace.unit})
+    return found
+
+
+def _add_instants(block: Block, name: str, trace: Trace, zero_ns: int) -> None:
+    block.add(name, (trace.at_ns - zero_ns).astype(np.float64))
+
+
+def _journey(block: Block, log: Log, zero_ns: int) -> dict[str, Any] | None:
+    journey = journey_of(log)
+    if journey is None:
+        return None
+    curves = []
+    for number, curve in enumerate(journey.curves):
+        thin = kept(
+            curve.at_ns,
+            curve.speed_mps,
+            start_ns=int(curve.at_ns[0]),
+            end_ns=int(curve.at_ns[-1]),
+            columns=CURVE_POINTS_MAX // 4,
+        )
+        block.add(f"curve {number} t", (curve.at_ns[thin] - zero_ns).astype(np.float64))
+        block.add(f"curve {number} x", curve.place_m[thin].astype(np.float32))
+        block.add(f"curve {number} y", curve.speed_mps[thin].astype(np.float32))
+        curves.append({"role": curve.role, "name": curve.name})
+    if journey.authority is not None:
+        _add_instants(block, "authority t", journey.authority, zero_ns)
+        block.add("authority x", journey.authority.values.astype(np.float32))
+    return {
+        "curves": curves,
+        "authority": journey.authority is not None,
+        "limits": journey.limits,
+        "stations": journey.stations,
+        "gradients": journey.gradients,
+    }

@@ -1,0 +1,145 @@
+"""Where the train was: way over time, and the curves of its speed-distance picture."""
+
+import tomllib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from canlog.damage import LogError
+from canlog.frames import Ints
+from canlog.read import Log
+from canlog.views.traces import Floats, Trace, trace_names, trace_of
+
+ON_BUS: Final = "VOBC_POSITION.front_m"
+TRUE_PLACE: Final = "truth.front_m"
+OWN_PLACE: Final = "cycles.front_m"
+AHEAD: Final = (
+    ("cycles.distance_to_authority_m", "cycles.front_high_m"),
+    ("VOBC_TARGET.distance_to_authority_m", ON_BUS),
+)
+"""Distance to the end of authority, and the place that it is counted from."""
+FAR_M: Final = 5000.0
+"""An authority further ahead than this is as good as none."""
+CURVES: Final = (
+    ("emergency", ("cycles.emergency_mps", "VOBC_MOTION.emergency_mps")),
+    ("ceiling", ("cycles.permitted_mps", "VOBC_MOTION.ceiling_mps")),
+    ("target", ("cycles.target_mps",)),
+    ("estimate", ("cycles.speed_mps", "VOBC_MOTION.speed_mps")),
+    ("truth", ("truth.speed_mps",)),
+)
+"""Role, and the trace that plays it: the first that there is."""
+RUN_CONFIG: Final = "run.toml"
+
+
+Pieces = tuple[tuple[float, float, float], ...]
+"""From, to, and what holds between them."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Curve:
+    """One line of the picture, in order of time."""
+
+    role: str
+    name: str
+    """Of the trace."""
+    at_ns: Ints
+    place_m: Floats
+    speed_mps: Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Journey:
+    """The picture of speed over distance."""
+
+    curves: tuple[Curve, ...]
+    authority: Trace | None
+    """Chainage of the end of authority over time."""
+    limits: Pieces = ()
+    """From, to, and the speed of the line between them, m, m, m/s."""
+    stations: tuple[tuple[str, float], ...] = ()
+    """Name and stopping point, m."""
+    gradients: Pieces = ()
+    """From, to, m, and permille, rising positive."""
+
+
+def place_of(log: Log, name: str | None = None) -> Trace:
+    """Way over time, the truest there is, or the trace of that name. Raises LogError."""
+    if name is not None:
+        return trace_of(log, name)
+    known = set(trace_names(log))
+    for each in (TRUE_PLACE, OWN_PLACE, ON_BUS):
+        if each in known:
+            return trace_of(log, each)
+    raise LogError(f"{log.path}: tells no distance; --distance takes the signal that does")
+
+
+def at_instants(place: Trace, at_ns: Ints, *, hold: bool = False) -> Floats:
+    """(n,) the place at each instant, straight between its samples.
+
+    Args:
+        hold: outside of the samples the nearest one holds; else it is NaN there.
+    """
+    if not len(place):
+        return np.full(len(at_ns), np.nan)
+    zero_ns = int(place.at_ns[0])
+    known_s = (place.at_ns - zero_ns).astype(np.float64)
+    ends = (None, None) if hold else (np.nan, np.nan)
+    return np.interp((at_ns - zero_ns).astype(np.float64), known_s, place.values, *ends)
+
+
+def journey_of(log: Log) -> Journey | None:
+    """None for a log that does not tell place and speed."""
+    known = set(trace_names(log))
+    curves = tuple(_curves(log, known))
+    if not curves:
+        return None
+    limits, stations, gradients = _line(log)
+    return Journey(curves, _authority(log, known), limits, stations, gradients)
+
+
+def _curves(log: Log, known: set[str]) -> Iterator[Curve]:
+    for role, candidates in CURVES:
+        name = next((each for each in candidates if each in known), None)
+        if name is None:
+            continue
+        own = f"{name.partition('.')[0]}.front_m"
+        place_name = own if own in known else ON_BUS
+        if place_name not in known:
+            continue
+        trace, place = trace_of(log, name), trace_of(log, place_name)
+        place_m = at_instants(place, trace.at_ns) if len(place) else np.empty(0)
+        there = ~np.isnan(place_m)
+        if there.any():
+            yield Curve(role, name, trace.at_ns[there], place_m[there], trace.values[there])
+
+
+def _authority(log: Log, known: set[str]) -> Trace | None:
+    for ahead_name, from_name in AHEAD:
+        if ahead_name not in known or from_name not in known:
+            continue
+        ahead, front = trace_of(log, ahead_name), trace_of(log, from_name)
+        if not len(ahead) or not len(front):
+            continue
+        end_m = at_instants(front, ahead.at_ns) + ahead.values
+        there = ~np.isnan(end_m) & (ahead.values < FAR_M)
+        if there.any():
+            return Trace("authority", "m", ahead.at_ns[there], end_m[there])
+    return None
+
+
+def _line(log: Log) -> tuple[Pieces, tuple[tuple[str, float], ...], Pieces]:
+    """Limits, stations and gradients of run.toml; nothing where there is none that can be read."""
+    if log.run is None:
+        return (), (), ()
+    try:
+        line = tomllib.loads((log.run.folder / RUN_CONFIG).read_text(encoding="utf-8"))["line"]
+        limits = [(s["start_m"], s["end_m"], s["limit_mps"]) for s in line["speed_sections"]]
+        slopes = [
+            (s["start_m"], s["end_m"], s["gradient_permille"]) for s in line.get("gradients", ())
+        ]
+        stops = [(t["station"], t["position_m"]) for t in line["tags"] if t["kind"] == "stop"]
+    except (OSError, ValueError, KeyError, TypeError):
+        return (), (), ()
+    return tuple(limits), tuple(stops), tuple(slopes)

@@ -1,0 +1,239 @@
+"""Signals by name as traces to be drawn: instants, values, unit, names of values, gaps."""
+
+import difflib
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from fnmatch import fnmatchcase
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from canlog.damage import LogError
+from canlog.database import MessageSpec, SignalSpec
+from canlog.frames import Ints
+from canlog.read import Log
+from canlog.run import NS_PER_S, Run
+
+Floats = npt.NDArray[np.float64]
+NS_PER_MS: Final = 1_000_000
+TRUTH: Final = "truth"
+CYCLES: Final = "cycles"
+TIME_COLUMN: Final = "t_s"
+SUFFIX_UNITS: Final = {
+    "mps": "m/s",
+    "mps2": "m/s²",
+    "mps3": "m/s³",
+    "m": "m",
+    "s": "s",
+    "us": "µs",
+    "ms": "ms",
+    "n": "N",
+    "permille": "‰",
+    "ratio": "1",
+}
+"""Unit of a column of a run folder by the end of its name."""
+TRAILER: Final = frozenset({"alive_counter", "crc16", "crc8", "crc", "counter", "checksum"})
+"""Signals that prove a frame and say nothing of the train."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Trace:
+    """`n` samples of one signal, in order of time."""
+
+    name: str
+    """MESSAGE.signal, or truth.column or cycles.column of a run folder."""
+    unit: str
+    at_ns: Ints
+    """(n,) rising or equal."""
+    values: Floats
+    """(n,) without NaN, except where a float signal itself carries one."""
+    choices: Mapping[float, str] = field(default_factory=dict)
+    """Names of physical values."""
+    gap_ns: int = 0
+    """Two samples further apart than this are not joined; 0 joins all."""
+
+    def __len__(self) -> int:
+        return len(self.at_ns)
+
+    @property
+    def is_state(self) -> bool:
+        """Drawn as a band of named states instead of a line."""
+        return bool(self.choices)
+
+    def text_of(self, value: float) -> str:
+        """A value as a person reads it, with the unit."""
+        named = self.choices.get(value)
+        if named is not None:
+            return named
+        joined = flags_text(self.choices, value)
+        return joined or f"{value:.6g}{' ' + self.unit if self.unit not in ('', '1') else ''}"
+
+    def value_at(self, at_ns: int) -> float | None:
+        """The last value at or before an instant; None before the first."""
+        index = int(np.searchsorted(self.at_ns, at_ns, "right")) - 1
+        return float(self.values[index]) if index >= 0 else None
+
+
+def flags_text(choices: Mapping[float, str], value: float) -> str:
+    """`A|B` for a sum of a table whose values are powers of two; empty for any other."""
+    bits = [raw for raw in choices if raw > 0]
+    if not bits or value <= 0 or not float(value).is_integer() or len(bits) < 2:
+        return ""
+    if any(int(raw) & (int(raw) - 1) for raw in bits) or int(value) & ~int(sum(bits)):
+        return ""
+    return "|".join(choices[raw] for raw in sorted(bits) if int(value) & int(raw))
+
+
+def trace_names(log: Log) -> list[str]:
+    """All that can be drawn of a log: signals of its messages, then columns of its run folder."""
+    names = [f"{spec.name}.{each.name}" for spec in log.messages.values() for each in spec.signals]
+    return names + list(_run_names(log.run))
+
+
+def find_names(log: Log, asked: str) -> list[str]:
+    """The full names of what a user calls `asked`: full name, pattern, or a signal by itself.
+
+    By itself a signal of the bus goes before a column of the run folder.
+
+    Raises:
+        LogError: nothing of the log is called so, or several messages have a signal of the name.
+    """
+    known = trace_names(log)
+    if asked in known:
+        return [asked]
+    if any(sign in asked for sign in "*?["):
+        found = [name for name in known if fnmatchcase(name, asked)]
+        if found:
+            return found
+    by_signal = [name for name in known if name.partition(".")[2] == asked]
+    on_bus = [name for name in by_signal if name.partition(".")[0] not in (TRUTH, CYCLES)]
+    by_signal = on_bus or by_signal
+    if len(by_signal) == 1:
+        return by_signal
+    if by_signal:
+        raise LogError(f"{asked}: several messages have it; name one of {', '.join(by_signal)}")
+    _complain(log, asked, known)
+    return []
+
+
+def _complain(log: Log, asked: str, known: Sequence[str]) -> None:
+    message, dot, signal = asked.partition(".")
+    spec = log.bus.messages.get(message)
+    if dot and spec is not None and spec.name not in log.messages:
+        raise LogError(f"{asked}: {log.path} holds no frame of {message}")
+    if dot and spec is not None and "*" not in signal:
+        spec.signal(signal)
+    tails = {name.partition(".")[2]: name for name in known}
+    near = difflib.get_close_matches(asked, [*known, *tails], n=1, cutoff=0.5)
+    hint = f"; did you mean {tails.get(near[0], near[0])}?" if near else ""
+    raise LogError(f"{asked}: no such signal in {log.path}{hint}")
+
+
+def panels_of(log: Log, words: Iterable[str]) -> list[list[Trace]]:
+    """One panel for each word; names joined by commas share one. Raises LogError."""
+    panels = []
+    for word in words:
+        names = [name for part in word.split(",") for name in find_names(log, part.strip())]
+        panels.append([trace_of(log, name) for name in dict.fromkeys(names)])
+    return panels
+
+
+def trace_of(log: Log, name: str) -> Trace:
+    """By full name. Raises LogError."""
+    group, _, column = name.partition(".")
+    if log.run is not None and group in (TRUTH, CYCLES):
+        return _run_trace(log.run, group, column)
+    spec = log.bus.message(group)
+    signal = spec.signal(column)
+    table = log.table(group)
+    values = np.asarray(table[column], np.float64)
+    at_ns, valid = table.at_ns, table.valid(column)
+    if not valid.all():
+        at_ns, values = at_ns[valid], values[valid]
+    at_ns, values = in_order(at_ns, values)
+    return Trace(name, signal.unit, at_ns, values, physical_choices(signal), gap_of(spec, at_ns))
+
+
+def in_order(at_ns: Ints, values: Any) -> tuple[Ints, Any]:
+    """Sorted by time where the log is not; frames of one stamp stay in the order of the log."""
+    if len(at_ns) < 2 or bool((at_ns[1:] >= at_ns[:-1]).all()):
+        return at_ns, values
+    order = np.argsort(at_ns, kind="stable")
+    return at_ns[order], values[order]
+
+
+def physical_choices(signal: SignalSpec) -> dict[float, str]:
+    """The value table by physical value."""
+    return {raw * signal.scale + signal.offset: name for raw, name in signal.choices.items()}
+
+
+def gap_of(spec: MessageSpec, at_ns: Ints) -> int:
+    """How long a signal of the message holds: its timeout; 0 of one that comes when it likes."""
+    del at_ns
+    return spec.timeout_ms * NS_PER_MS
+
+
+def _run_names(run: Run | None) -> Iterator[str]:
+    if run is None:
+        return
+    for group, columns in ((TRUTH, run.truth), (CYCLES, run.cycles)):
+        for name, column in columns.items():
+            if name != TIME_COLUMN and TIME_COLUMN in columns and column.dtype.kind == "f":
+                yield f"{group}.{name}"
+
+
+def _run_trace(run: Run, group: str, name: str) -> Trace:
+    columns = run.truth if group == TRUTH else run.cycles
+    if name not in columns or TIME_COLUMN not in columns or columns[name].dtype.kind != "f":
+        raise LogError(f"{group}.{name}: {run.folder} has no such column of numbers")
+    values = columns[name]
+    there = ~np.isnan(values)
+    at_ns = run.start_ns + np.rint(columns[TIME_COLUMN][there] * NS_PER_S).astype(np.int64)
+    at_ns, values = in_order(at_ns, values[there])
+    return Trace(f"{group}.{name}", unit_of_column(name), at_ns, values)
+
+
+def unit_of_column(name: str) -> str:
+    """By the end of a column's name; empty for one without a unit."""
+    return SUFFIX_UNITS.get(name.rpartition("_")[2], "") if "_" in name else ""
+
+
+PREFERRED: Final = (
+    ("VOBC_MOTION.speed_mps", "VOBC_MOTION.ceiling_mps", "VOBC_MOTION.emergency_mps"),
+    ("TRACTION_CMD.force_n", "TRACTION_STATUS.force_n"),
+    ("BRAKE_CMD.service_decel_mps2", "BRAKE_STATUS.applied_decel_mps2"),
+    ("VOBC_STATUS.supervision", "VOBC_STATUS.ato_phase", "VOBC_MODE.mode"),
+)
+"""What is drawn of a train of this project when nothing is asked for."""
+PANELS_MAX: Final = 4
+
+
+def default_words(log: Log) -> list[str]:
+    """What to draw when nothing is asked for: of a train as above, else what moves the most.
+
+    Raises:
+        LogError: nothing of the log can be drawn.
+    """
+    names = trace_names(log)
+    if not names:
+        hint = "; --dbc takes the file that knows its messages" if log.unknown else ""
+        raise LogError(f"{log.path}: no message of {log.bus.name} is in it{hint}")
+    there = [[name for name in panel if name in names] for panel in PREFERRED]
+    chosen = [",".join(panel) for panel in there if panel]
+    if len(chosen) >= 2:
+        return chosen
+    return [name for _, name in sorted(_liveliest(log))[:PANELS_MAX]] or names[:PANELS_MAX]
+
+
+def _liveliest(log: Log) -> Iterator[tuple[int, str]]:
+    """Rank and name of signals that change, by how many values a glance at them shows."""
+    for spec in log.messages.values():
+        for signal in spec.signals:
+            if signal.name.lower() in TRAILER:
+                continue
+            values = log.table(spec.name)[signal.name]
+            glance = values[:: max(1, len(values) // 500)]
+            distinct = len(np.unique(glance[: 1 << 12]))
+            if distinct > 1:
+                yield -distinct, f"{spec.name}.{signal.name}"

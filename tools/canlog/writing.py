@@ -1,0 +1,45 @@
+"""What writers share: names of channels, and a list of what a format cannot hold."""
+
+import re
+from typing import Any, Final
+
+import numpy as np
+
+from canlog.damage import Damages
+from canlog.frames import Frames
+
+NUMBERED: Final = re.compile(r"can([1-9]\d{0,2})")
+"""Channels of formats that number them; others are numbered in the order of their names."""
+
+
+class Numbers:
+    """Numbers from 1 for the names of channels, the same for all blocks of a log."""
+
+    def __init__(self, losses: Damages, *, most: int = 255) -> None:
+        self._losses = losses
+        self._most = most
+        self._numbers: dict[str, int] = {}
+
+    def of(self, frames: Frames) -> Any:
+        """(n,) uint8 number of each frame's channel."""
+        table = [self._number(name) for name in frames.channels] or [1]
+        return np.array(table, np.uint8)[frames.channel]
+
+    def _number(self, name: str) -> int:
+        if name in self._numbers:
+            return self._numbers[name]
+        match = NUMBERED.fullmatch(name)
+        taken = set(self._numbers.values())
+        number = int(match[1]) if match else 0
+        if not match or number in taken or number > self._most:
+            number = next(n for n in range(1, 1 << 16) if n not in taken)
+            self._losses.add("channel name", "frame", None, f"{name} becomes channel {number}")
+        self._numbers[name] = min(number, self._most)
+        return self._numbers[name]
+
+
+def lost(losses: Damages, rows: Any, kind: str, detail: str, first_row: int = 0) -> None:
+    """Count frames, given as a mask of a block, that lose something; the first one is 1."""
+    found = np.flatnonzero(rows)
+    if len(found):
+        losses.add(kind, "frame", first_row + int(found[0]) + 1, detail, len(found))

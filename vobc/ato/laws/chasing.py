@@ -1,0 +1,401 @@
+"""Control by chasing time (Wu 2022): the gentlest notch that still catches the curve in time.
+
+State and reference are predicted over the brake's dead time and lag. Each notch brakes by its level
+and the gradient; the time in which it closes the gap to the curve decides which one is taken. Two
+additions of the paper can be switched off: to brake early, and a small brake through blending.
+"""
+
+from typing import Final
+
+from firmware_py.trackdb import LineMap
+from vobc import vocabulary
+from vobc.ato.laws import catch_time, notch_choice
+from vobc.ato.laws.chasing_states import Chase, State, next_state
+from vobc.ato.laws.law import Drive, Target
+from vobc.ato.laws.notch_choice import Aim
+from vobc.ato.laws.notch_ending import StopEnding, chase_from_mps, last_notch_mps2
+from vobc.ato.model.ceiling_forecast import CeilingOutlook, SmoothFront
+from vobc.ato.model.predictor import Ahead, Lag, Pipeline
+from vobc.ato.motion import gradient, profile, trapezoid
+from vobc.ato.motion.step_curve import StepCurve
+from vobc.ato.settings.ato import AtoConfig
+
+LEAST_SPEED_MPS: Final = 0.3
+"""Under this a gap in metres no longer turns into a greater one in speed."""
+COAST_KEPT_S: Final = 2.0
+"""So much farther from the curve a coasting train pulls again."""
+REJOIN_M: Final = 1.0
+"""No braking to a stop is given up for less room than this."""
+LOOK_AHEAD_RATIO: Final = 1.3
+"""Lower limits are looked for as far as the braking distance times this."""
+JOIN_MAX_S: Final = 2.5
+"""A notch that was taken early is held at most so long before it is judged like any other."""
+AT_TARGET_MPS: Final = 0.1
+SPEED_PULL_RATIO: Final = 0.2
+SPEED_JUMP_MPS: Final = 0.3
+"""Off by so much the measured speed is believed at once: somebody else brakes."""
+
+Curve = profile.BrakingCurve | StepCurve
+
+
+class Chasing:
+    __slots__ = (
+        "_brake",
+        "_brake_lag",
+        "_brake_tap",
+        "_ceiling",
+        "_chase",
+        "_config",
+        "_curve",
+        "_demand_mps2",
+        "_dt_s",
+        "_ending",
+        "_front",
+        "_gravity_mps2",
+        "_joining_s",
+        "_limits",
+        "_line",
+        "_planned_for",
+        "_pull_lag",
+        "_rejoin_m",
+        "_since_s",
+        "_slowing_to",
+        "_stopping",
+        "_traction",
+        "_traction_tap",
+        "notch_mps2",
+        "speed_mps",
+        "state",
+    )
+
+    def __init__(self, config: AtoConfig, line: LineMap, dt_s: float) -> None:
+        scheme, traction = config.chasing, config.traction
+        self._config = config
+        self._line = line
+        self._dt_s = dt_s
+        longest_s = scheme.dead_time_s + scheme.lag_s + scheme.air_delay_s
+        self._brake = Pipeline(dt_s, longest_s + dt_s)
+        self._traction = Pipeline(dt_s, traction.dead_time_s + traction.lag_s + dt_s)
+        self._brake_tap = self._brake.tap(scheme.dead_time_s)
+        self._traction_tap = self._traction.tap(traction.dead_time_s)
+        self._brake_lag = Lag(scheme.lag_s, dt_s)
+        self._pull_lag = Lag(traction.lag_s, dt_s)
+        self._limits = profile.SpeedLimits(config, line)
+        self._curve: Curve = StepCurve((scheme.decel_mps2,), ())
+        self._ending = StopEnding(config)
+        self._planned_for: Target | None = None
+        self._rejoin_m = REJOIN_M
+        self._front = SmoothFront()
+        self._ceiling = CeilingOutlook()
+        self._chase = Chase()
+        self._gravity_mps2 = 0.0
+        self._demand_mps2 = 0.0
+        self._stopping = False
+        self._slowing_to = -1
+        self._since_s = 0.0
+        self._joining_s = 0.0
+        self.state = State.COAST
+        self.notch_mps2 = 0.0
+        """The notch at work, as a demand; it is reached at the jerk limit."""
+        self.speed_mps = 0.0
+
+    def observe(self, seen: vocabulary.AtoInput, cycles: int) -> None:
+        self._gravity_mps2 = gradient.decel_on_mps2(self._config, seen.gradient_permille)
+        for _ in range(cycles):
+            self._brake.push(max(0.0, -self._demand_mps2))
+            self._traction.push(max(0.0, self._demand_mps2))
+            self._move(seen.speed_mps)
+        dt_s = self._dt_s * cycles
+        self._since_s += dt_s
+        self._joining_s = max(0.0, self._joining_s - dt_s)
+        self._front.step(
+            seen.front_m, moved_m=self.speed_mps * dt_s, at_tag=bool(seen.accepted_tag_ids)
+        )
+        self._ceiling.step(seen.ceiling_mps, dt_s)
+
+    def _move(self, measured_mps: float) -> None:
+        """One cycle under what the demands do by now, leaning on what is measured."""
+        pull_mps2 = self._pull_lag.step(self._traction.mean(self._traction_tap))
+        brake_mps2 = self._brake_lag.step(self._brake.mean(self._brake_tap))
+        steady_mps2 = self._gravity_mps2 + self._config.chasing.rolling_mps2
+        expected_mps = self.speed_mps + (pull_mps2 - brake_mps2 - steady_mps2) * self._dt_s
+        error_mps = measured_mps - expected_mps
+        share_ratio = SPEED_PULL_RATIO if abs(error_mps) < SPEED_JUMP_MPS else 1.0
+        self.speed_mps = max(0.0, expected_mps + share_ratio * error_mps)
+
+    def rest(self) -> None:
+        self.speed_mps = 0.0
+
+    def set_off(self, seen: vocabulary.AtoInput, demand_mps2: float) -> None:
+        self.state = State.BRAKE if demand_mps2 < 0.0 else State.COAST
+        self._stopping = False
+        self._slowing_to = -1
+        self._planned_for = None
+        self._joining_s = 0.0
+        self._ending.reset()
+        self._take(0.0)
+
+    def issued(self, demand_mps2: float) -> None:
+        self._demand_mps2 = demand_mps2
+
+    def drive(self, seen: vocabulary.AtoInput, target: Target) -> Drive:
+        self._plan(target)
+        ahead = self._ahead()
+        stop = self._aim(self._curve, ahead, target.at_m, to_stop=target.at_station)
+        slowing = self._slowing(ahead)
+        free = self._free(ahead)
+        self._look(ahead, target, stop, slowing, free)
+        before, self.state = self.state, next_state(self.state, self._chase)
+        aim = self._binding(stop, slowing, free)
+        if self.state is State.BRAKE:
+            if before is not State.BRAKE:
+                self._begin_braking(aim, ahead)
+            self._brake_on(seen, ahead, target, aim)
+        elif self.state is State.COAST:
+            self._take(0.0)
+        else:
+            self._pull(seen, free)
+        reference_mps = self._reference_mps(target.at_m, slowing, free, ahead)
+        return Drive(self.notch_mps2, reference_mps, self._stopping)
+
+    # Where the train will be, and what it is held against.
+
+    def _ahead(self) -> Ahead:
+        """S_cur and v_cur when a brake demand given now bites (equation 3).
+
+        S + v * t - b * t**2 / 2 with b the mean of what is under way; here the integrals are exact.
+        The traction of now is taken to stay.
+        """
+        scheme, traction = self._config.chasing, self._config.traction
+        horizon_s = scheme.dead_time_s + scheme.lag_s
+        if self._stopping and self.speed_mps <= scheme.blending_begin_mps:
+            horizon_s += scheme.air_delay_s
+        pull_s = min(horizon_s, traction.dead_time_s + traction.lag_s)
+        braked_mps, braked_m = self._brake.window(horizon_s)
+        pulled_mps, pulled_m = self._traction.window(pull_s)
+        held_mps2, rest_s = max(0.0, self._demand_mps2), horizon_s - pull_s
+        pulled_m += pulled_mps * rest_s + held_mps2 * rest_s * rest_s / 2.0
+        pulled_mps += held_mps2 * rest_s
+        steady_mps2 = self._gravity_mps2 + scheme.rolling_mps2
+        speed_mps = self.speed_mps + pulled_mps - braked_mps - steady_mps2 * horizon_s
+        travel_m = (self.speed_mps - steady_mps2 * horizon_s / 2.0) * horizon_s
+        front_m = self._front.front_m + travel_m + pulled_m - braked_m
+        return Ahead(front_m, max(0.0, speed_mps))
+
+    def _plan(self, target: Target) -> None:
+        if target == self._planned_for:
+            return
+        config, scheme = self._config, self._config.chasing
+        self._planned_for = target
+        if not target.at_station:
+            self._curve = profile.curve_to_authority(config, self._line, target.at_m)
+            self._rejoin_m = config.station.least_run_m
+            return
+        self._rejoin_m = REJOIN_M
+        gravity_mps2 = gradient.decel_at_mps2(config, self._line, target.at_m)
+        steady_mps2 = profile.steady_decel_mps2(config, self._line, target.at_m)
+        steady_mps2 = min(scheme.decel_mps2, steady_mps2)
+        last_mps2 = last_notch_mps2(config, gravity_mps2) + gravity_mps2 + scheme.rolling_mps2
+        chase_mps2 = max(scheme.chase_decel_mps2, last_mps2)
+        small_mps2 = max(scheme.small_decel_mps2, chase_mps2)
+        steady_mps2 = max(steady_mps2, small_mps2)
+        if scheme.small_brake:
+            decels_mps2 = (last_mps2, chase_mps2, small_mps2, steady_mps2)
+            begin_mps = scheme.blending_begin_mps * (1.0 + scheme.blending_spread_ratio)
+            tops_mps = (scheme.last_speed_mps, chase_from_mps(scheme), begin_mps)
+            self._curve = StepCurve(decels_mps2, tops_mps)
+        else:
+            two_mps2, reserve_m = (last_mps2, steady_mps2), scheme.blending_reserve_m
+            self._curve = StepCurve(two_mps2, (scheme.last_speed_mps,), reserve_m)
+        self._ending.plan(self._curve, gravity_mps2)
+
+    def _aim(self, curve: Curve, ahead: Ahead, end_m: float, *, to_stop: bool) -> Aim:
+        """The gap to a curve, to first order about the train's own speed: dv = spare * b / v."""
+        point = curve.at_speed(ahead.speed_mps)
+        spare_m = end_m - ahead.front_m - point.distance_m
+        error_mps = -spare_m * point.decel_mps2 / max(LEAST_SPEED_MPS, ahead.speed_mps)
+        run_s = catch_time.run_time_s(
+            end_m - ahead.front_m, speed_mps=ahead.speed_mps, target_mps=curve.end_mps
+        )
+        within_s = self._config.chasing.chase_ratio * run_s
+        return Aim(error_mps, point.decel_mps2, within_s, spare_m, to_stop)
+
+    def _free(self, ahead: Ahead) -> Aim:
+        """The highest speed that limits and ceiling allow, as a reference of its own."""
+        scheme = self._config.chasing
+        horizon_s = scheme.dead_time_s + scheme.lag_s
+        ceiling_mps = self._ceiling.in_mps(horizon_s)
+        fall_mps2 = max(0.0, ceiling_mps - self._ceiling.in_mps(horizon_s + 1.0))
+        limit_mps = self._limits.under_train_mps(self._front.front_m)
+        top_mps = min(limit_mps, ceiling_mps) - self._config.speed.margin_mps
+        if limit_mps <= ceiling_mps:
+            fall_mps2 = 0.0
+        error_mps = ahead.speed_mps - max(0.0, top_mps)
+        return Aim(error_mps, fall_mps2, scheme.cruise_chase_s, 0.0)
+
+    def _slowing(self, ahead: Ahead) -> tuple[Aim, float, Curve] | None:
+        """The lower limit ahead that is being braked for, or the nearest to be; else None."""
+        front_m = self._front.front_m
+        index = self._limits.next_lowering(front_m)
+        if self._slowing_to >= 0 and index > self._slowing_to:
+            self._slowing_to = -1
+        reach_m = LOOK_AHEAD_RATIO * ahead.speed_mps * (ahead.speed_mps + 4.0)
+        best: tuple[Aim, float, Curve] | None = None
+        lowering = self._limits.lowering(index)
+        while lowering is not None and lowering.at_m - front_m < reach_m:
+            if ahead.speed_mps > lowering.curve.end_mps:
+                aim = self._aim(lowering.curve, ahead, lowering.at_m, to_stop=False)
+                if best is None or aim.error_mps > best[0].error_mps:
+                    best = aim, lowering.at_m, lowering.curve
+                if self._is_reached(aim, ahead):
+                    self._slowing_to = max(index, self._slowing_to)
+            index += 1
+            lowering = self._limits.lowering(index)
+        if best is None:
+            self._slowing_to = -1
+        return best
+
+    def _is_reached(self, aim: Aim, ahead: Ahead) -> bool:
+        scheme = self._config.chasing
+        early_s = scheme.early_s if scheme.early_transition else 0.0
+        return aim.spare_m <= ahead.speed_mps * early_s
+
+    def _is_near(self, curve: Curve, ahead: Ahead, end_m: float) -> bool:
+        """Whether traction that goes now leaves just the planned time without it."""
+        scheme = self._config.chasing
+        after_mps, travel_m = trapezoid.swing(
+            ahead.speed_mps,
+            from_mps2=max(0.0, self._demand_mps2),
+            to_mps2=0.0,
+            jerk_mps3=self._config.limits.jerk_mps3,
+        )
+        spare_m = end_m - ahead.front_m - travel_m - curve.at_speed(after_mps).distance_m
+        coast_s = scheme.coast_s + (scheme.early_s if scheme.early_transition else 0.0)
+        if self.state is State.COAST:
+            coast_s += COAST_KEPT_S
+        return spare_m <= after_mps * coast_s
+
+    def _look(
+        self,
+        ahead: Ahead,
+        target: Target,
+        stop: Aim,
+        slowing: tuple[Aim, float, Curve] | None,
+        free: Aim,
+    ) -> None:
+        """Fill in what the guards of the states look at."""
+        scheme, chase = self._config.chasing, self._chase
+        if not self._stopping:
+            self._stopping = self._is_reached(stop, ahead)
+        elif stop.error_mps < -scheme.resume_band_mps and stop.spare_m > self._rejoin_m:
+            self._stopping = False
+            self._ending.reset()
+        chase.on_curve = self._stopping or self._slowing_to >= 0
+        chase.near_curve = self._is_near(self._curve, ahead, target.at_m) or (
+            slowing is not None and self._is_near(slowing[2], ahead, slowing[1])
+        )
+        chase.too_fast = free.error_mps > scheme.cruise_band_mps
+        chase.at_target = free.error_mps > -AT_TARGET_MPS
+        chase.too_slow = free.error_mps < -scheme.cruise_band_mps
+        chase.braked = free.error_mps <= 0.0
+
+    def _binding(self, stop: Aim, slowing: tuple[Aim, float, Curve] | None, free: Aim) -> Aim:
+        """Of the references that are braked for, the one that the train is fastest against."""
+        aims = [free] if self._chase.too_fast or not self._chase.on_curve else []
+        if slowing is not None and self._slowing_to >= 0:
+            aims.append(slowing[0])
+        if self._stopping:
+            aims.append(stop)
+        return max(aims or [free], key=lambda aim: aim.error_mps)
+
+    # Notches.
+
+    def _take(self, notch_mps2: float) -> None:
+        if notch_mps2 != self.notch_mps2:
+            self.notch_mps2 = notch_mps2
+            self._since_s = 0.0
+
+    def _resistance_mps2(self, front_m: float) -> float:
+        gravity_mps2 = gradient.decel_at_mps2(self._config, self._line, front_m)
+        return gravity_mps2 + self._config.chasing.rolling_mps2
+
+    def _begin_braking(self, aim: Aim, ahead: Ahead) -> None:
+        """Before the curve the notch next to its deceleration, which builds up meanwhile."""
+        if aim.error_mps >= 0.0 or not self._chase.on_curve:
+            return
+        wanted_mps2 = aim.decel_mps2 - self._resistance_mps2(ahead.front_m)
+        levels_mps2 = self._config.output.brake_levels_mps2
+        level_mps2 = min(levels_mps2, key=lambda one_mps2: abs(one_mps2 - wanted_mps2))
+        self._take(-level_mps2)
+        self._joining_s = JOIN_MAX_S
+
+    def _brake_on(self, seen: vocabulary.AtoInput, ahead: Ahead, target: Target, aim: Aim) -> None:
+        scheme = self._config.chasing
+        if self._joining_s > 0.0 and aim.error_mps < -scheme.quiet_band_mps:
+            return
+        self._joining_s = 0.0
+        rested = self._since_s >= scheme.dwell_s
+        if aim.to_stop:
+            notch_mps2 = self._ending.notch_mps2(
+                ahead,
+                target.at_m - ahead.front_m,
+                measured_mps=seen.speed_mps,
+                now_mps2=self.notch_mps2,
+                rested=rested,
+            )
+            if notch_mps2 is not None:
+                self._take(notch_mps2)
+                return
+        if rested:
+            self._take(self._chosen_brake_mps2(ahead, aim))
+
+    def _chosen_brake_mps2(self, ahead: Ahead, aim: Aim) -> float:
+        """The rule, with its hysteresis; too fast without any that fits, the strongest."""
+        resistance_mps2 = self._resistance_mps2(ahead.front_m)
+        levels_mps2 = [-level_mps2 for level_mps2 in self._config.output.brake_levels_mps2]
+        if not (aim.to_stop and self.notch_mps2 < 0.0):
+            # A released brake answers with a new delay; before a stop the least notch stays on.
+            levels_mps2.insert(0, 0.0)
+        return self._pick(aim, levels_mps2, resistance_mps2)
+
+    def _pick(self, aim: Aim, levels_mps2: list[float], resistance_mps2: float) -> float:
+        scheme, now_mps2 = self._config.chasing, self.notch_mps2
+        return notch_choice.picked(scheme, aim, now_mps2, levels_mps2, resistance_mps2)
+
+    def _pull(self, seen: vocabulary.AtoInput, free: Aim) -> None:
+        """Traction and cruising: the same rule towards a constant speed, without the brake."""
+        config = self._config
+        if self._since_s < config.chasing.dwell_s:
+            return
+        available_mps2 = min(
+            config.limits.accel_mps2, config.traction.rated_accel_mps2 * seen.traction_ratio
+        )
+        levels_mps2 = [
+            level_mps2
+            for level_mps2 in reversed(config.output.traction_levels_mps2)
+            if level_mps2 <= available_mps2
+        ]
+        levels_mps2.append(0.0)
+        resistance_mps2 = self._gravity_mps2 + config.chasing.rolling_mps2
+        self._take(self._pick(free, levels_mps2, resistance_mps2))
+
+    def _reference_mps(
+        self,
+        end_m: float,
+        slowing: tuple[Aim, float, Curve] | None,
+        free: Aim,
+        ahead: Ahead,
+    ) -> float:
+        """The command speed at the present front; once braking for it, a curve's, else the top."""
+        reference_mps = max(0.0, ahead.speed_mps - free.error_mps)
+        if slowing is not None:
+            reference_mps = min(reference_mps, self._curve_mps(slowing[2], slowing[1]))
+        return min(reference_mps, self._curve_mps(self._curve, end_m))
+
+    def _curve_mps(self, curve: Curve, end_m: float) -> float:
+        room_m = end_m - self._front.front_m
+        if isinstance(curve, StepCurve):
+            return curve.speed_at_mps(room_m)
+        speed_mps = max(LEAST_SPEED_MPS, self.speed_mps)
+        point = curve.at_speed(speed_mps)
+        return max(0.0, speed_mps + (room_m - point.distance_m) * point.decel_mps2 / speed_mps)

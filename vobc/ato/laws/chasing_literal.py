@@ -1,0 +1,42 @@
+"""Control by chasing time as Wu 2022 prints it, which runs away; kept to show that it does."""
+
+from dataclasses import replace
+
+from firmware_py.trackdb import LineMap
+from vobc import vocabulary
+from vobc.ato.laws import catch_time
+from vobc.ato.laws.chasing import Chasing
+from vobc.ato.laws.law import Target
+from vobc.ato.laws.notch_choice import Aim
+from vobc.ato.model.predictor import Ahead
+from vobc.ato.settings.ato import AtoConfig
+
+
+class ChasingLiteral(Chasing):
+    """The printed rule alone, down to the stop, over the whole time to the target.
+
+    Both sentences of the paper are for "the target speed is less than the present one", and the
+    second asks for a catch time greater than the time to the target: the notch that comes too late.
+    Hysteresis, dwell and the end of a stop are not printed and not here, nor are the two additions.
+    """
+
+    __slots__ = ()
+
+    def __init__(self, config: AtoConfig, line: LineMap, dt_s: float) -> None:
+        bare = replace(config.chasing, early_transition=False, small_brake=False)
+        super().__init__(replace(config, chasing=bare), line, dt_s)
+
+    def _brake_on(self, seen: vocabulary.AtoInput, ahead: Ahead, target: Target, aim: Aim) -> None:
+        self._take(self._chosen_brake_mps2(ahead, aim))
+
+    def _chosen_brake_mps2(self, ahead: Ahead, aim: Aim) -> float:
+        resistance_mps2 = self._resistance_mps2(ahead.front_m)
+        levels_mps2 = (0.0, *self._config.output.brake_levels_mps2)
+        index = catch_time.last_too_late(
+            aim.error_mps,
+            [resistance_mps2 + level_mps2 for level_mps2 in levels_mps2],
+            reference_mps2=aim.decel_mps2,
+            within_s=aim.run_s / self._config.chasing.chase_ratio,
+            guard_mps2=self._config.chasing.guard_mps2,
+        )
+        return self.notch_mps2 if index is None else -levels_mps2[index]

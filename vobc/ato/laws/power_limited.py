@@ -1,0 +1,180 @@
+"""Power-limited running curves (seed 002): a lower notch-off speed, coasting, a gentle long brake.
+
+On setting off it plans notch-off speed and power limit for the time that the timetable leaves.
+While it coasts the limit follows the time that is left: late trains brake with more power, up to
+that of the motors. A train that is late even so leaves out the gentle brake, and the predictive law
+brakes it on its curve, which friction shares, as at the end of every stop; later still it does not
+coast either. Limits, ceiling and the stop itself are the predictive law's, too.
+"""
+
+import math
+from enum import IntEnum
+from typing import Final
+
+from firmware_py.trackdb import LineMap
+from vobc.ato.laws.law import Drive, Target
+from vobc.ato.laws.over_predictive import OverPredictive
+from vobc.ato.laws.power_plan import Plan, PowerBrake, PowerPlanner
+from vobc.ato.settings.ato import AtoConfig
+from vobc.vocabulary import AtoInput
+
+NS_PER_S: Final = 1_000_000_000
+CORRECTION_RATIO: Final = 2.0
+"""Of the brake towards the stop, as in the predictive law."""
+LEAST_SHARE: Final = 0.3
+LEAST_SPEED_MPS: Final = 1.0
+LATE_S: Final = 0.5
+"""So much too late with all that the motors can brake, the train brakes with friction, too."""
+VERY_LATE_S: Final = 3.0
+"""So much too late it does not coast: friction saves two or three seconds of it."""
+NEAR_MPS: Final = 0.2
+"""Speed is gained ever more slowly towards its end."""
+HOLDING_MPS2: Final = 0.1
+"""A law that brakes harder than this while the train coasts does so for a limit or the ceiling."""
+
+
+class Stage(IntEnum):
+    FREE = 0
+    """Without a timetable, or once the predictive law brakes into the stop: it drives."""
+    GAINING = 1
+    COASTING = 2
+    BRAKING = 3
+
+
+class PowerLimitedRun(OverPredictive):
+    __slots__ = (
+        "_brake",
+        "_late",
+        "_look_again_ns",
+        "_planner",
+        "_target",
+        "plan",
+        "stage",
+    )
+
+    def __init__(self, config: AtoConfig, line: LineMap, dt_s: float) -> None:
+        super().__init__(config, line, dt_s)
+        self._target: Target | None = None
+        self._planner: PowerPlanner | None = None
+        self._brake: PowerBrake | None = None
+        self._look_again_ns = 0
+        self._late = False
+        """Even with all that the motors can brake."""
+        self.plan: Plan | None = None
+        """What is driven; None without a timetable."""
+        self.stage = Stage.FREE
+
+    def rest(self) -> None:
+        super().rest()
+        self.stage = Stage.FREE
+
+    def set_off(self, seen: AtoInput, demand_mps2: float) -> None:
+        super().set_off(seen, demand_mps2)
+        self._target = None
+        self.stage = Stage.FREE
+
+    def drive(self, seen: AtoInput, target: Target) -> Drive:
+        if target != self._target:
+            self._begin(seen, target)
+        free = self._drives.drive(seen, target)
+        if self.plan is None or free.braking:
+            self.stage = Stage.FREE if self.plan is None or free.braking else self.stage
+            return free
+        self._advance(seen, target)
+        if self.stage is Stage.COASTING:
+            # Slowing for a limit or the ceiling goes before.
+            slows = free.accel_mps2 < -HOLDING_MPS2
+            return Drive(free.accel_mps2 if slows else 0.0, free.reference_mps, False)
+        if self.stage is Stage.BRAKING:
+            demand_mps2 = min(free.accel_mps2, -self._limited_mps2(seen, target))
+            onset_mps2 = self._config.braking.onset_jerk_mps3 * seen.dt_s
+            demand_mps2 = max(demand_mps2, self._demand_mps2 - onset_mps2)
+            return Drive(demand_mps2, self.speed_mps, False)
+        return free
+
+    def _begin(self, seen: AtoInput, target: Target) -> None:
+        """A new target, or a new time for it: plan from here."""
+        self._target = target
+        self.plan = None
+        self.stage = Stage.FREE
+        self._late = False
+        self._drives.most_mps = math.inf
+        if target.due_ns is None or not target.at_station:
+            return
+        curve = self._drives.curve_to(target)
+        planner = PowerPlanner(self._config, self._line, target.at_m, curve, load_kg=seen.load_kg)
+        left_s = (target.due_ns - seen.now_ns) / NS_PER_S
+        top_mps = self._top_mps(seen.front_m, target.at_m)
+        self._planner = planner
+        plan = planner.plan(seen.front_m, max(0.0, self.speed_mps), left_s, top_mps)
+        if plan.time_s > left_s + LATE_S:
+            # There is no curve of that time: as fast as the line allows.
+            return
+        self.plan = plan
+        self._drives.most_mps = self.plan.notch_off_mps
+        self._brake = planner.brake(self._planned_w)
+        self._look_again_ns = seen.now_ns
+        self.stage = Stage.GAINING
+
+    @property
+    def _planned_w(self) -> float:
+        assert self.plan is not None
+        return self._config.power_limited.spare_ratio * self.plan.power_w
+
+    def _top_mps(self, front_m: float, at_m: float) -> float:
+        """The highest limit on the way, less the margin of cruising."""
+        high_mps = self._line.limit_mps(front_m)
+        for section in self._line.speed_sections:
+            if section.start_m < at_m and section.end_m > front_m:
+                high_mps = max(high_mps, section.limit_mps)
+        return high_mps - self._config.speed.margin_mps
+
+    def _advance(self, seen: AtoInput, target: Target) -> None:
+        """At most one stage further. Ending traction at the jerk limit gains some speed more."""
+        assert self.plan is not None
+        speed_mps = self.speed_mps
+        pulls_mps2 = max(0.0, self._demand_mps2)
+        after_mps = speed_mps + pulls_mps2**2 / (2.0 * self._config.limits.jerk_mps3)
+        if self.stage is Stage.GAINING and after_mps >= self.plan.notch_off_mps - NEAR_MPS:
+            self.stage = Stage.COASTING
+        if self.stage is Stage.COASTING and seen.now_ns >= self._look_again_ns:
+            self._look_again_ns = seen.now_ns + round(self._config.power_limited.look_s * NS_PER_S)
+            self._look_again(seen, target)
+        if self.stage in (Stage.GAINING, Stage.COASTING):
+            assert self._brake is not None
+            delay_s = self._drives.brake_dead_time_s
+            reach_m = target.at_m - seen.front_m - speed_mps * delay_s
+            if not self._late and reach_m <= self._brake.from_speed(speed_mps).way_m:
+                self.stage = Stage.BRAKING
+
+    def _look_again(self, seen: AtoInput, target: Target) -> None:
+        """The power limit for the time that is left now; fixed once the brake is on."""
+        assert self._planner is not None
+        assert self.plan is not None
+        assert target.due_ns is not None
+        left_s = (target.due_ns - seen.now_ns) / NS_PER_S
+        power_w = self._planner.limit_w(seen.front_m, self.speed_mps, left_s)
+        late_s = self._planner.coasted_s(seen.front_m, self.speed_mps, power_w) - left_s
+        self._late = late_s > LATE_S
+        if late_s > VERY_LATE_S:
+            self.plan, self.stage = None, Stage.FREE
+            self._drives.most_mps = math.inf
+            return
+        self.plan = self.plan._replace(power_w=power_w)
+        self._brake = self._planner.brake(self._planned_w)
+
+    def _limited_mps2(self, seen: AtoInput, target: Target) -> float:
+        """What the brake does: at most the power limit, less where the train would stop short."""
+        assert self._brake is not None
+        assert self._planner is not None
+        assert self.plan is not None
+        speed_mps = max(LEAST_SPEED_MPS, self.speed_mps)
+        braked = self._brake.from_speed(speed_mps)
+        spare_m = target.at_m - seen.front_m - braked.way_m
+        room_m = speed_mps * max(1.0, braked.time_s)
+        share_ratio = 1.0 - CORRECTION_RATIO * spare_m / room_m
+        asked_mps2 = share_ratio * self._planned_w / (self._planner.mass_kg * speed_mps)
+        limit_mps2 = self.plan.power_w / (self._planner.mass_kg * speed_mps)
+        least_mps2 = LEAST_SHARE * min(limit_mps2, self._config.braking.decel_mps2)
+        most_mps2 = min(limit_mps2, self._config.braking.decel_mps2)
+        return min(most_mps2, max(least_mps2, asked_mps2))

@@ -1,0 +1,391 @@
+"""A law that identifies brake and train while it drives, predicts and plans anew in each cycle.
+
+Jerk-limited reference and PIDs as in Allotta et al. 2013, but on the speed predicted past dead time
+and lag, with the reference acceleration fed forward. From the start of braking to the stop one
+application of the brake follows one curve, which is planned anew to the mark in each cycle.
+"""
+
+import math
+from typing import Final
+
+from firmware_py.trackdb import LineMap
+from vobc import vocabulary
+from vobc.ato.laws.law import Drive, Target
+from vobc.ato.model.adhesion import Rail
+from vobc.ato.model.ceiling_forecast import CeilingOutlook, SmoothFront
+from vobc.ato.model.predictor import Ahead
+from vobc.ato.model.train_model import TrainModel
+from vobc.ato.motion import gradient, profile, trapezoid
+from vobc.ato.motion.pid import Pid
+from vobc.ato.motion.rate_limiter import Governor
+from vobc.ato.settings.ato import AtoConfig
+from vobc.ato.settings.pid import PidGains
+
+LEAST_SPEED_MPS: Final = 0.05
+LEAST_TIME_TO_GO_S: Final = 0.8
+"""Under these the correction towards the mark no longer grows: what is left is open loop anyway."""
+LEAST_SHARE: Final = 0.2
+MOST_SHARE: Final = 2.5
+"""Bounds on the corrected deceleration, as shares of the curve's."""
+STEADY_FROM_MPS: Final = 0.1
+LEAST_LEFT_M: Final = 0.02
+"""What is corrected in the last moments, or so close to the mark, would only be felt."""
+SLOW_MPS: Final = 1.0
+"""About where motors hand over to friction."""
+REJOIN_M: Final = 1.0
+"""With more than this to spare, a train too slow to reach the mark is accelerated again."""
+CHANGE_OVER_S: Final = 0.3
+"""Planned between the end of traction and the start of braking."""
+HOLD_BACK_MPS: Final = 0.5
+"""How far the reference may run ahead of a train that cannot follow."""
+OVER_CEILING_PER_S: Final = 0.8
+"""Deceleration for each m/s over the ceiling expected when the brake bites."""
+FLAT_MPS2: Final = 0.02
+"""A reference acceleration within this counts as constant speed."""
+KEPT_ON_S: Final = 3.0
+"""So long before the stop's braking another one goes over into it."""
+RELEASE_LAGS: Final = 2.0
+"""So many lags after the longest dead time a brake that others released is off."""
+LOOK_AHEAD_RATIO: Final = 1.3
+"""Lower limits are looked for as far as the braking distance times this."""
+
+
+class Predictive:
+    __slots__ = (
+        "_braking",
+        "_by_notches",
+        "_ceiling",
+        "_config",
+        "_curve",
+        "_demand_mps2",
+        "_dt_s",
+        "_front",
+        "_governor",
+        "_gravity_mps2",
+        "_limits",
+        "_line",
+        "_manner",
+        "_model",
+        "_peak_mps",
+        "_pid",
+        "_planned_for",
+        "_rail",
+        "_rejoin_m",
+        "_release_s",
+        "_released_s",
+        "_slowing_to",
+        "_wanted_mps2",
+        "most_mps",
+        "speed_mps",
+    )
+
+    def __init__(self, config: AtoConfig, line: LineMap, dt_s: float) -> None:
+        self._config = config
+        self._line = line
+        self._dt_s = dt_s
+        self._model = TrainModel(config.brake, config.traction, dt_s)
+        self._governor = Governor(config.traction.jerk_mps3, config.traction.smoothing_s, dt_s)
+        self._pid = Pid()
+        self._rail = Rail(config, line)
+        self._manner = self._rail.manner
+        self._limits = self._manner.limits
+        self._demand_mps2 = 0.0
+        self._by_notches = config.output.stage == "notches"
+        self._wanted_mps2: float | None = None
+        """Of the brake, in the cycle before; None while the train does not brake."""
+        self._curve = profile.curve_to_stop(config, line, line.end_m)
+        self._planned_for: tuple[Target, float, bool] | None = None
+        self._peak_mps = 0.0
+        self._rejoin_m = REJOIN_M
+        self._braking = False
+        self._slowing_to = -1
+        self._front = SmoothFront()
+        self._ceiling = CeilingOutlook()
+        self._gravity_mps2 = 0.0
+        brake = config.brake
+        self._release_s = brake.dead_times_s[-1] + RELEASE_LAGS * brake.lag_s
+        """So long the brake of protection goes on working after it let go."""
+        self._released_s = math.inf
+        self.most_mps = math.inf
+        """Another law's target speed; cruising stays at or under it."""
+        self.speed_mps = 0.0
+
+    @property
+    def brake_dead_time_s(self) -> float:
+        """Identified in the present application; the expected one before it."""
+        return self._model.dead_time_s
+
+    def observe(self, seen: vocabulary.AtoInput, cycles: int) -> None:
+        self._gravity_mps2 = gradient.decel_on_mps2(self._config, seen.gradient_permille)
+        self._gravity_mps2 += gradient.resistance_mps2(self._config, self._model.speed_mps)
+        # Where others brake, or the rail does not bear what is asked, what the speed does says
+        # nothing of our demands; and wheels that slip under others' brakes say little of the rail.
+        self._released_s += self._dt_s * cycles
+        if seen.protection_brakes and seen.speed_mps > SLOW_MPS:
+            self._released_s = 0.0
+        released = not seen.protection_brakes and self._released_s >= self._release_s
+        ours = seen.enabled and released
+        slips = self._rail.observe(seen.now_ns, seen.speed_mps, slips=seen.slips and ours)
+        self._model.step(seen.speed_mps, self._gravity_mps2, cycles, ours=ours and not slips)
+        before_mps, self.speed_mps = self.speed_mps, self._model.speed_mps
+        dt_s = self._dt_s * cycles
+        moved_m = (before_mps + self.speed_mps) / 2.0 * dt_s
+        self._front.step(seen.front_m, moved_m=moved_m, at_tag=bool(seen.accepted_tag_ids))
+        self._ceiling.step(seen.ceiling_mps, dt_s)
+
+    def rest(self) -> None:
+        self._model.rest()
+        self.speed_mps = 0.0
+
+    def set_off(self, seen: vocabulary.AtoInput, demand_mps2: float) -> None:
+        self._braking = False
+        self._slowing_to = -1
+        self._planned_for = None
+        self._model.meet(seen.speed_mps)
+        self._resume_cruise(demand_mps2)
+
+    def issued(self, demand_mps2: float) -> None:
+        self._demand_mps2 = demand_mps2
+        self._model.issue(demand_mps2)
+
+    def drive(self, seen: vocabulary.AtoInput, target: Target) -> Drive:
+        target_m = target.at_m
+        if not self._braking and self._slowing_to < 0:
+            self._manner = self._rail.manner
+            self._limits = self._manner.limits
+        limit_mps = self._limits.under_train_mps(self._front.front_m)
+        self._plan(self._front.front_m, target, limit_mps)
+        ahead = self._model.ahead_of_brake(self._front.front_m, self._gravity_mps2)
+        ceiling_mps = self._ceiling.in_mps(self._model.dead_time_s)
+        self._note_stop_braking(ahead, target_m)
+        slowing = self._note_slowing(ahead, self._front.front_m)
+        if not self._braking and slowing is None:
+            margin_mps = self._config.speed.margin_mps
+            top_mps = min(limit_mps, ceiling_mps) - margin_mps
+            self._wanted_mps2 = None
+            target_mps = max(0.0, min(top_mps, self._peak_mps, self.most_mps))
+            return self._kept_on(self._cruise(seen, target_mps), ahead, target_m)
+        decel_mps2 = self._braking_decel_mps2(ahead, target_m, slowing)
+        over_mps = ahead.speed_mps - ceiling_mps
+        if over_mps > 0.0:
+            decel_mps2 += OVER_CEILING_PER_S * over_mps
+        demand_mps2 = self._brake_demand_mps2(decel_mps2, ahead)
+        # Measured from what left last, so that the brake comes on as gently as it was planned to.
+        onset_mps2 = self._config.braking.onset_jerk_mps3 * seen.dt_s
+        demand_mps2 = max(demand_mps2, self._onset_from_mps2() - onset_mps2)
+        self._wanted_mps2 = demand_mps2
+        reference_mps = self._reference_mps(self._front.front_m, target_m, slowing)
+        return Drive(demand_mps2, reference_mps, self._braking)
+
+    def _onset_from_mps2(self) -> float:
+        """Where notches leave, the ramp goes on from what was wanted: it would never reach one."""
+        if not self._by_notches or self._wanted_mps2 is None:
+            return self._demand_mps2
+        return min(self._demand_mps2, self._wanted_mps2)
+
+    def _reference_mps(
+        self, front_m: float, target_m: float, slowing: profile.LowerLimit | None
+    ) -> float:
+        """The curve's speed here, to first order about the present speed: dv = e * b / v.
+
+        Before the brake has bitten the curve lies above what the train may ever run.
+        """
+        curve, end_m = self._curve, target_m
+        if not self._braking and slowing is not None:
+            curve, end_m = slowing.curve, slowing.at_m
+        speed_mps = max(LEAST_SPEED_MPS, self.speed_mps)
+        point = curve.at_speed(speed_mps)
+        spare_m = end_m - front_m - point.distance_m
+        curve_mps = speed_mps + spare_m * point.decel_mps2 / speed_mps
+        return max(0.0, min(self._peak_mps, curve_mps))
+
+    # Planning.
+
+    def curve_to(self, target: Target) -> profile.BrakingCurve:
+        """How a train like this one, on a rail like this one, would be braked to a target now."""
+        config, line = self._manner.config, self._line
+        if not target.at_station:
+            gain_ratio = self._model.least_gain_ratio
+            return profile.curve_to_authority(config, line, target.at_m, gain_ratio=gain_ratio)
+        return profile.curve_to_stop(
+            config,
+            line,
+            target.at_m,
+            gain_ratio=self._model.least_gain_ratio,
+            late_friction=self._model.friction_may_be_late,
+        )
+
+    def _plan(self, front_m: float, target: Target, limit_mps: float) -> None:
+        """The curve to a target and the peak speed before it, whenever target or limit are new."""
+        manner = self._manner
+        key = (target, limit_mps, self._rail.slippery)
+        if key == self._planned_for:
+            return
+        config = manner.config
+        self._planned_for = key
+        self._curve = self.curve_to(target)
+        # A tag close to an end of authority gives some metres back; they are crept through.
+        self._rejoin_m = REJOIN_M if target.at_station else config.station.least_run_m
+        self._peak_mps = profile.peak_speed_mps(
+            max(0.0, self.speed_mps),
+            target.at_m - front_m,
+            self._curve,
+            accel_mps2=manner.accel_mps2,
+            jerk_mps3=config.limits.jerk_mps3,
+            change_over_s=CHANGE_OVER_S + config.traction.smoothing_s,
+            limit_mps=limit_mps,
+        )
+
+    # Braking.
+
+    def _note_stop_braking(self, ahead: Ahead, target_m: float) -> None:
+        distance_m = target_m - ahead.front_m - self._gap_m(self._curve, ahead, target_m)
+        if not self._braking:
+            self._braking = self._must_begin(self._curve, ahead, distance_m)
+            return
+        point = self._curve.at_speed(ahead.speed_mps)
+        spare_m = distance_m - point.distance_m
+        correction_m = self._config.braking.correction_ratio * spare_m
+        if spare_m > self._rejoin_m and correction_m > ahead.speed_mps * point.time_to_go_s:
+            self._braking = False
+            self._planned_for = None
+            self._resume_cruise(-self._model.brake_mps2)
+
+    def _note_slowing(self, ahead: Ahead, front_m: float) -> profile.LowerLimit | None:
+        """The lower limit ahead that is being braked for, if any."""
+        index = self._limits.next_lowering(front_m)
+        if self._slowing_to >= 0 and index > self._slowing_to:
+            self._slowing_to = -1
+            self._resume_cruise(-self._model.brake_mps2)
+        if self._slowing_to >= 0:
+            return self._limits.lowering(self._slowing_to)
+        reach_m = LOOK_AHEAD_RATIO * ahead.speed_mps * (ahead.speed_mps + 2.0)
+        lowering = self._limits.lowering(index)
+        while lowering is not None and lowering.at_m - front_m < reach_m:
+            if ahead.speed_mps > lowering.curve.end_mps and self._must_begin(
+                lowering.curve, ahead, lowering.at_m - ahead.front_m
+            ):
+                self._slowing_to = index
+                return lowering
+            index += 1
+            lowering = self._limits.lowering(index)
+        return None
+
+    def _must_begin(self, curve: profile.BrakingCurve, ahead: Ahead, distance_m: float) -> bool:
+        """Whether the change from the present acceleration to the curve's ends on it or beyond."""
+        now_mps2 = self._governor.accel_mps2
+        to_mps2 = -curve.at_speed(ahead.speed_mps).decel_mps2
+        after_mps, travel_m = trapezoid.swing(
+            ahead.speed_mps,
+            from_mps2=max(now_mps2, to_mps2),
+            to_mps2=to_mps2,
+            jerk_mps3=self._config.braking.onset_jerk_mps3,
+        )
+        return distance_m - travel_m <= curve.at_speed(max(0.0, after_mps)).distance_m
+
+    def _braking_decel_mps2(
+        self, ahead: Ahead, target_m: float, slowing: profile.LowerLimit | None
+    ) -> float:
+        decel_mps2 = 0.0
+        if self._braking:
+            decel_mps2 = self._follow_mps2(self._curve, ahead, target_m)
+        if slowing is not None:
+            decel_mps2 = max(decel_mps2, self._follow_mps2(slowing.curve, ahead, slowing.at_m))
+        return decel_mps2
+
+    def _follow_mps2(self, curve: profile.BrakingCurve, ahead: Ahead, end_m: float) -> float:
+        """Deceleration that leads back onto the curve before its end.
+
+        With e metres to spare against the curve, de/dt = v * (b / b_ref - 1). Asking
+        b = b_ref * (1 - k * e / (v * t_go)) lets e fall with the k-th power of the time to go. The
+        curve's deceleration falls at a known rate, so the lag of the brake is led by just that.
+        """
+        point = curve.at_speed(ahead.speed_mps)
+        left_m = end_m - ahead.front_m - self._gap_m(curve, ahead, end_m)
+        spare_m = left_m - point.distance_m
+        room_m = max(LEAST_SPEED_MPS, ahead.speed_mps) * max(LEAST_TIME_TO_GO_S, point.time_to_go_s)
+        share_ratio = 1.0 - self._config.braking.correction_ratio * spare_m / room_m
+        share_ratio = min(MOST_SHARE, max(LEAST_SHARE, share_ratio))
+        led_mps2 = point.decel_mps2 - self._model.build_up_s(ahead.speed_mps) * point.ease_mps3
+        decel_mps2 = max(0.0, led_mps2) * share_ratio
+        if curve.end_mps == 0.0 and ahead.speed_mps > STEADY_FROM_MPS:
+            # Far over the curve only a steady braking from now on still ends at the mark.
+            steady_mps2 = ahead.speed_mps**2 / (2.0 * max(LEAST_LEFT_M, left_m))
+            decel_mps2 = max(decel_mps2, steady_mps2)
+        return decel_mps2
+
+    def _gap_m(self, curve: profile.BrakingCurve, ahead: Ahead, end_m: float) -> float:
+        """Way without brake to reckon with before the end of a curve that ends in a standstill.
+
+        Uphill the brake does only a part of the braking, and only that part is missing.
+        """
+        if curve.end_mps > 0.0:
+            return 0.0
+        decel_mps2 = curve.at_speed(SLOW_MPS).decel_mps2
+        brake_mps2 = decel_mps2 - gradient.decel_at_mps2(self._config, self._line, end_m)
+        if brake_mps2 <= 0.0:
+            return 0.0
+        return self._model.gap_m(ahead.speed_mps, brake_mps2) * brake_mps2 / decel_mps2
+
+    def _brake_demand_mps2(self, decel_mps2: float, ahead: Ahead) -> float:
+        """What to ask of the brake, after gradient and resistance; it is never released."""
+        config, model = self._config, self._model
+        gravity_mps2 = gradient.decel_at_mps2(config, self._line, ahead.front_m)
+        gravity_mps2 += gradient.resistance_mps2(config, ahead.speed_mps)
+        asked_mps2 = decel_mps2 - (gravity_mps2 - model.disturbance_mps2)
+        asked_mps2 /= 1.0 + model.gain_at(ahead.speed_mps)
+        return -max(config.braking.least_decel_mps2, asked_mps2)
+
+    # Cruising.
+
+    def _resume_cruise(self, accel_mps2: float) -> None:
+        self._governor.restart(max(0.0, self._model.speed_mps), accel_mps2)
+        self._pid.reset()
+
+    def _cruise(self, seen: vocabulary.AtoInput, target_mps: float) -> Drive:
+        config, governor = self._config, self._governor
+        limit_mps2 = config.limits.accel_mps2
+        available_mps2 = config.traction.rated_accel_mps2 * seen.traction_ratio
+        # A reference that the demand can follow also while it eases off, resistance included.
+        uphill_mps2 = max(0.0, self._gravity_mps2 - self._model.disturbance_mps2)
+        rise_mps2 = max(0.0, min(self._manner.accel_mps2, available_mps2) - uphill_mps2)
+        governor.step(target_mps, rise_mps2=rise_mps2, fall_mps2=limit_mps2)
+        predicted_mps = self._model.ahead_of_traction_mps(self._gravity_mps2)
+        governor.hold_back(predicted_mps + HOLD_BACK_MPS)
+        ahead_mps2 = governor.accel_mps2 + self._gravity_mps2 - self._model.disturbance_mps2
+        feedback_mps2 = self._pid.step(
+            self._gains(governor.accel_mps2),
+            governor.speed_mps - predicted_mps,
+            self._dt_s,
+            low_mps2=-limit_mps2 - ahead_mps2,
+            high_mps2=limit_mps2 - ahead_mps2,
+        )
+        demand_mps2 = ahead_mps2 + feedback_mps2
+        band_mps2 = 0.0 if self._model.brake_asked else config.speed.coast_band_mps2
+        if -band_mps2 < demand_mps2 < 0.0:
+            demand_mps2 = 0.0
+        # Where the ceiling leaves nothing the train rests instead of creeping on by noise.
+        most_mps2 = min(available_mps2, self._most_traction_mps2()) if target_mps > 0.0 else 0.0
+        return Drive(min(demand_mps2, most_mps2), governor.speed_mps, False)
+
+    def _kept_on(self, drive: Drive, ahead: Ahead, target_m: float) -> Drive:
+        """A brake that is on shortly before the stop's is not released: applied again, it would
+        answer with another dead time than the one that has been learnt."""
+        least_mps2 = -self._config.braking.least_decel_mps2
+        if self._demand_mps2 >= 0.0 or drive.accel_mps2 <= least_mps2:
+            return drive
+        curve_m = self._curve.at_speed(ahead.speed_mps).distance_m
+        spare_m = target_m - ahead.front_m - self._gap_m(self._curve, ahead, target_m) - curve_m
+        if spare_m > KEPT_ON_S * ahead.speed_mps:
+            return drive
+        return Drive(least_mps2, drive.reference_mps, False)
+
+    def _most_traction_mps2(self) -> float:
+        """On a slippery rail a demand over what it bears only spins the wheels."""
+        return self._manner.accel_mps2 + (0.0 if self._rail.slippery else FLAT_MPS2)
+
+    def _gains(self, reference_mps2: float) -> PidGains:
+        speed = self._config.speed
+        if reference_mps2 > FLAT_MPS2:
+            return speed.rising
+        return speed.falling if reference_mps2 < -FLAT_MPS2 else speed.constant

@@ -1,0 +1,203 @@
+"""The speed control of Green CBTC (seed 000) for one train: on time, below a permissible speed.
+
+Each cycle gives the permissible target speed V_top in closed form, then the timing target speed
+V_time from what is left of way and time; the lesser is the target speed. How the train follows it,
+and how it parks, seed 000 leaves open: it does both as the predictive law.
+"""
+
+import math
+from collections.abc import Mapping
+from enum import IntEnum
+from typing import Final
+
+from firmware_py.trackdb import LineMap
+from vobc.ato.laws.law import Drive, Target
+from vobc.ato.laws.over_predictive import OverPredictive
+from vobc.ato.motion import gradient, profile
+from vobc.ato.motion.running_time import RunningTime
+from vobc.ato.settings.ato import AtoConfig
+from vobc.kinematics import SERVICE_FROM_COAST_OR_BRAKE, SERVICE_FROM_TRACTION, v_top_mps
+from vobc.vocabulary import AtoInput
+
+NS_PER_S: Final = 1_000_000_000
+LEAST_DECEL_MPS2: Final = 0.2
+"""V_top reckons with at least this, however steeply the track falls."""
+FAR_S: Final = 10.0
+"""Longer than any reaction of the service brake."""
+AGAIN_FAR_M: Final = 20.0
+"""A stopping point that moved so far beyond S_cfg is no longer parked for."""
+
+
+class State(IntEnum):
+    STATIONARY = 0
+    START_UP = 1
+    AUTOMATIC = 2
+    PARKING = 3
+
+
+class Guard(IntEnum):
+    """Of seed 000's figure 1 by their numbers there, and what it lacks."""
+
+    MOVES = 1
+    """The train is let go."""
+    FAST = 2
+    """Faster than V_cfg."""
+    NEAR = 3
+    """Nearer to the stopping point than S_cfg, or already braking for it."""
+    STANDS = 4
+    SLOW = 5
+    """Slower than the speed at which automatic operation is left; lower than V_cfg."""
+    FAR = 6
+    """The stopping point moved away."""
+
+
+TRANSITIONS: Final[Mapping[State, tuple[tuple[Guard, State], ...]]] = {
+    State.STATIONARY: ((Guard.MOVES, State.START_UP),),
+    State.START_UP: (
+        (Guard.STANDS, State.STATIONARY),
+        (Guard.NEAR, State.PARKING),
+        (Guard.FAST, State.AUTOMATIC),
+    ),
+    State.AUTOMATIC: (
+        (Guard.STANDS, State.STATIONARY),
+        (Guard.NEAR, State.PARKING),
+        (Guard.SLOW, State.START_UP),
+    ),
+    State.PARKING: ((Guard.STANDS, State.STATIONARY), (Guard.FAR, State.START_UP)),
+}
+"""From each state, in the order of precedence."""
+
+
+def next_state(state: State, holds: Mapping[Guard, bool]) -> State:
+    """One transition at most in a cycle."""
+    for guard, to in TRANSITIONS[state]:
+        if holds[guard]:
+            return to
+    return state
+
+
+class TimedRun(OverPredictive):
+    __slots__ = (
+        "_braking",
+        "_far_m",
+        "_limits",
+        "_look_again_ns",
+        "_running",
+        "_target",
+        "_time_mps",
+        "state",
+    )
+
+    def __init__(self, config: AtoConfig, line: LineMap, dt_s: float) -> None:
+        super().__init__(config, line, dt_s)
+        self._limits = profile.SpeedLimits(config, line)
+        most_mps = max(section.limit_mps for section in line.speed_sections)
+        self._far_m = most_mps * (FAR_S + most_mps / (2.0 * LEAST_DECEL_MPS2))
+        """From any speed of the line the gentlest brake that is reckoned with ends before that."""
+        self._braking = False
+        self._target: Target | None = None
+        self._running: RunningTime | None = None
+        self._look_again_ns = 0
+        self._time_mps = math.inf
+        self.state = State.STATIONARY
+
+    def rest(self) -> None:
+        super().rest()
+        self.state = State.STATIONARY
+
+    def set_off(self, seen: AtoInput, demand_mps2: float) -> None:
+        super().set_off(seen, demand_mps2)
+        self._target = None
+        self._braking = False
+
+    def drive(self, seen: AtoInput, target: Target) -> Drive:
+        self.state = next_state(self.state, self._guards(seen, target))
+        self._drives.most_mps = self._target_mps(seen, target)
+        drive = self._drives.drive(seen, target)
+        self._braking = drive.braking
+        return drive
+
+    def _guards(self, seen: AtoInput, target: Target) -> dict[Guard, bool]:
+        settings, speed_mps = self._config.timing, self.speed_mps
+        to_stop_m = target.at_m - seen.front_m
+        braking_m = speed_mps * speed_mps / (2.0 * settings.decel_mps2)
+        parking_m = max(settings.parking_m, braking_m + settings.parking_spare_m)
+        return {
+            Guard.MOVES: not seen.holding_applied or speed_mps > 0.0,
+            Guard.FAST: speed_mps > settings.start_up_mps,
+            Guard.NEAR: to_stop_m < parking_m or self._braking,
+            Guard.STANDS: seen.standstill and seen.holding_applied,
+            Guard.SLOW: speed_mps < settings.slowed_mps,
+            Guard.FAR: to_stop_m > parking_m + AGAIN_FAR_M and not self._braking,
+        }
+
+    # Target speeds.
+
+    def _target_mps(self, seen: AtoInput, target: Target) -> float:
+        """Equation (12) with alpha = 1: V_time where it is under V_top.
+
+        Parking follows a curve of its own under the target speed that there was.
+        """
+        if self.state is State.PARKING:
+            return self._time_mps
+        if target != self._target:
+            self._plan(seen, target)
+        top_mps = self._top_mps(seen)
+        if self.state is State.AUTOMATIC and seen.now_ns >= self._look_again_ns:
+            self._look_again_ns = seen.now_ns + round(self._config.timing.look_s * NS_PER_S)
+            self._time_mps = self._timing_mps(seen, target)
+        return self._combined_mps(seen, top_mps, self._time_mps)
+
+    def _combined_mps(self, seen: AtoInput, top_mps: float, timing_mps: float) -> float:
+        return min(top_mps, timing_mps)
+
+    def _plan(self, seen: AtoInput, target: Target) -> None:
+        self._target = target
+        self._look_again_ns = 0
+        self._time_mps = math.inf
+        curve = self._drives.curve_to(target)
+        self._running = RunningTime(self._config, self._line, seen.front_m, target.at_m, curve)
+
+    def _timing_mps(self, seen: AtoInput, target: Target) -> float:
+        """V_time; infinite without a timetable."""
+        if target.due_ns is None or self._running is None:
+            return math.inf
+        left_s = (target.due_ns - seen.now_ns) / NS_PER_S
+        high_mps = self._line.limit_mps(seen.front_m)
+        for section in self._line.speed_sections:
+            if section.start_m < target.at_m and section.end_m > seen.front_m:
+                high_mps = max(high_mps, section.limit_mps)
+        return self._running.speed_for_mps(
+            seen.front_m,
+            self.speed_mps,
+            left_s,
+            low_mps=self._config.timing.least_mps,
+            high_mps=high_mps,
+        )
+
+    def _top_mps(self, seen: AtoInput) -> float:
+        """V_top towards every lower limit ahead, by what the train does now."""
+        pulls = self._demand_mps2 > 0.0
+        reaction = SERVICE_FROM_TRACTION if pulls else SERVICE_FROM_COAST_OR_BRAKE
+        top_mps = math.inf
+        index = self._limits.next_lowering(seen.front_m)
+        far_m = seen.front_m + self._far_m
+        while (lowering := self._limits.lowering(index)) is not None and lowering.at_m < far_m:
+            index += 1
+            end_mps = lowering.curve.end_mps
+            to_limit_mps = v_top_mps(
+                lowering.at_m - seen.front_m,
+                decel_mps2=self._decel_mps2(seen.front_m, lowering.at_m),
+                accel_mps2=self._demand_mps2,
+                reaction=reaction,
+                target_mps=end_mps,
+            )
+            top_mps = min(top_mps, max(end_mps, to_limit_mps))
+        return top_mps
+
+    def _decel_mps2(self, front_m: float, limit_m: float) -> float:
+        """b' of V_top: on the steepest fall between the train's rear and the limit."""
+        rear_m = front_m - self._config.train_length_m
+        falls_permille = min(0.0, self._line.worst_gradient_permille(rear_m, limit_m))
+        help_mps2 = gradient.decel_on_mps2(self._config, falls_permille)
+        return max(LEAST_DECEL_MPS2, self._config.timing.decel_mps2 + help_mps2)

@@ -1,0 +1,1 @@
+"""What operation believes of its train: brake, adhesion, motion, and what it predicts from that."""

@@ -1,0 +1,70 @@
+"""What the law makes of the rail: once wheels slipped it is taken to be slippery for a while."""
+
+from dataclasses import replace
+from typing import Final
+
+from firmware_py.trackdb import LineMap
+from vobc.ato.motion import profile
+from vobc.ato.settings.ato import AtoConfig
+
+NS_PER_S: Final = 1_000_000_000
+TOLD_FROM_MPS: Final = 3.0
+"""Slower, a jerk between the coaches looks like a slip."""
+
+
+class Manner:
+    """How to drive on one kind of rail."""
+
+    __slots__ = ("accel_mps2", "config", "limits")
+
+    def __init__(self, config: AtoConfig, line: LineMap, accel_mps2: float) -> None:
+        self.config = config
+        self.limits = profile.SpeedLimits(config, line)
+        self.accel_mps2 = accel_mps2
+
+
+class Rail:
+    """Remembers slips. A slip of now does not change a braking that has begun: planned on a rail
+    that was good, it needs all it can get.
+    """
+
+    __slots__ = ("_dry", "_memory_ns", "_slippery", "_slippery_until_ns", "slippery")
+
+    def __init__(self, config: AtoConfig, line: LineMap) -> None:
+        rail = config.slippery
+        self._dry = Manner(config, line, config.limits.accel_mps2)
+        accel_mps2 = min(rail.accel_mps2, config.limits.accel_mps2)
+        self._slippery = Manner(gently(config), line, accel_mps2)
+        self._memory_ns = round(rail.memory_s * NS_PER_S)
+        self._slippery_until_ns = 0
+        self.slippery = rail.from_start
+
+    def observe(self, now_ns: int, speed_mps: float, *, slips: bool) -> bool:
+        """Returns whether the wheels slip now."""
+        slips = slips and speed_mps > TOLD_FROM_MPS
+        if self.slippery and self._slippery_until_ns == 0:
+            self._slippery_until_ns = now_ns + self._memory_ns
+        if slips:
+            self._slippery_until_ns = now_ns + self._memory_ns
+        self.slippery = now_ns < self._slippery_until_ns
+        return slips
+
+    @property
+    def manner(self) -> Manner:
+        return self._slippery if self.slippery else self._dry
+
+
+def gently(config: AtoConfig) -> AtoConfig:
+    """The same law on a slippery rail: nothing is planned harder than that bears."""
+    shape, most_mps2 = config.braking, config.slippery.decel_mps2
+    return replace(
+        config,
+        braking=replace(
+            shape,
+            decel_mps2=min(shape.decel_mps2, most_mps2),
+            plateau_decel_mps2=min(shape.plateau_decel_mps2, most_mps2),
+            late_plateau_decel_mps2=min(shape.late_plateau_decel_mps2, most_mps2),
+            final_decel_mps2=min(shape.final_decel_mps2, most_mps2),
+            late_final_decel_mps2=min(shape.late_final_decel_mps2, most_mps2),
+        ),
+    )

@@ -1,0 +1,393 @@
+"""What operation believes of the moving train: its speed, and how late its brake answers.
+
+The brake's dead time is drawn anew at each application, so each one starts a bank of hypotheses;
+what is still under way of the one before keeps the dead time that was found for that one.
+Every hypothesis has its own dead time and a filter of speed, disturbance and gain; how badly it
+predicts the speed is its cost, and the costs weigh the hypotheses. When friction takes over from
+the motors a second bank does the same for how late that friction is.
+"""
+
+import math
+from typing import Final
+
+from vobc.ato.model.blending import Handover
+from vobc.ato.model.model_bank import Bank
+from vobc.ato.model.motion_filter import SURPRISE_MPS, MotionFilter
+from vobc.ato.model.predictor import Ahead, Lag, Pipeline, Remains, response, settling
+from vobc.ato.settings.ato import BrakeBelief, TractionBelief
+
+SETTLE_LAGS: Final = 5.0
+"""So many lags after the longest dead time a released brake is taken to be off."""
+DECIDED_S: Final = 3.0
+"""After so much of an application its dead time is known well enough to look at friction."""
+FILTER_ORDER: Final = 3.0
+FILTER_TIME_RATIO: Final = 8.0 / 3.0
+"""A filter of second order with all three poles at w takes a speed of steady jerk J for 3 J / w²
+less than it is; that error builds up within about 8 / (3 w)."""
+TRACTION_INSTANT_S: Final = 0.15
+"""By so much the traction may answer sooner or later than is believed of it."""
+FULL_MPS2: Final = 0.8
+"""Errors of an instant add up over a whole ramp of the demand, of about this height."""
+
+
+class TrainModel:
+    """All of it is per unit of mass: demands and disturbance are accelerations of the train."""
+
+    __slots__ = (
+        *("_active", "_active_s", "_arrived", "_bank", "_brake", "_brake_belief", "_demand_mps2"),
+        *("_dt_s", "_found_s", "_handover", "_keep_ratios", "_lags_s", "_late_s", "_motion"),
+        *("_no_costs", "_ours", "_output", "_quiet_cycles", "_remains", "_settle_cycles"),
+        *("_taps", "_traction", "_traction_belief", "_traction_late", "_traction_now"),
+        *("_traction_tap", "_trail", "_trail_ratio", "brake_mps2", "lag_s", "on_its_way_mps2"),
+    )
+
+    def __init__(self, brake: BrakeBelief, traction: TractionBelief, dt_s: float) -> None:
+        count = len(brake.dead_times_s)
+        self._brake_belief = brake
+        self._traction_belief = traction
+        self._dt_s = dt_s
+        self._brake = Pipeline(dt_s, brake.dead_times_s[-1] + dt_s)
+        self._traction = Pipeline(dt_s, traction.dead_time_s + dt_s)
+        self._taps = tuple(self._brake.tap(dead_time_s) for dead_time_s in brake.dead_times_s)
+        self._traction_tap = self._traction.tap(traction.dead_time_s)
+        self._traction_now = Lag(traction.lag_s, dt_s)
+        self._traction_late = Lag(traction.lag_s, dt_s)
+        # A brake that bites sooner than it is believed to build up also builds up sooner.
+        self._lags_s = tuple(max(dt_s, min(brake.lag_s, each_s)) for each_s in brake.dead_times_s)
+        self._keep_ratios = tuple(math.exp(-dt_s / lag_s) for lag_s in self._lags_s)
+        self._settle_cycles = math.ceil((brake.dead_times_s[-1] + SETTLE_LAGS * brake.lag_s) / dt_s)
+        self._demand_mps2 = 0.0
+        self._motion = MotionFilter(dt_s)
+        """What the hypotheses agree on, and the only filter while the brake is off."""
+        self._bank = Bank(count, dt_s)
+        self._no_costs = (0.0,) * count
+        self._handover = Handover(brake, dt_s)
+        self._output = [0.0] * count
+        self._arrived = [0.0] * count
+        """Driven without dead time: the output when all that is under way has arrived."""
+        filter_s = FILTER_TIME_RATIO / brake.speed_filter_rad_s
+        self._trail_ratio = 1.0 - math.exp(-dt_s / filter_s)
+        self._late_s = FILTER_ORDER / (brake.speed_filter_rad_s**2 * filter_s)
+        self._trail = [0.0] * count
+        """The output as late as the filter of the speed takes it."""
+        self._remains = Remains(dt_s)
+        self._active = False
+        self._active_s = 0.0
+        self._ours = True
+        self._quiet_cycles = 0
+        self.brake_mps2 = 0.0
+        """Deceleration that was asked for and has arrived, as believed; the gain is apart."""
+        self.on_its_way_mps2 = 0.0
+        """What it will be when all that is under way has arrived."""
+        self._found_s = brake.expected_dead_time_s
+        """Dead time of the present application, or of the last one while it still works."""
+        self.lag_s = brake.lag_s
+
+    def issue(self, demand_mps2: float) -> None:
+        """The demand that leaves now and stays until the next cycle."""
+        self._demand_mps2 = demand_mps2
+
+    @property
+    def dead_time_s(self) -> float:
+        """Of a demand that is given now: a brake that was released draws another."""
+        if not self._quiet_cycles:
+            return self._found_s
+        return max(self._found_s, self._brake_belief.expected_dead_time_s)
+
+    @property
+    def speed_mps(self) -> float:
+        return self._motion.speed_mps
+
+    @property
+    def disturbance_mps2(self) -> float:
+        """Acceleration that neither the demands nor the gradient explain."""
+        return self._motion.disturbance_mps2
+
+    @property
+    def gain_ratio(self) -> float:
+        """By how much the brake gives more than it was asked for, as believed."""
+        return self._motion.gain_ratio
+
+    def gain_at(self, speed_mps: float) -> float:
+        """The same at this speed, where late friction may do a part of the braking."""
+        handover, motion = self._handover, self._motion
+        if not handover.late:
+            return motion.gain_ratio
+        share_ratio = handover.friction_ratio(speed_mps, self.on_its_way_mps2)
+        return motion.gain_ratio + share_ratio * motion.friction_ratio
+
+    @property
+    def least_gain_ratio(self) -> float:
+        """The brake is at least as strong, in all likelihood."""
+        return self._motion.least_gain_ratio
+
+    @property
+    def friction_may_be_late(self) -> bool:
+        """At the next handover from the motors, or in the present one."""
+        return self._handover.may_be_late
+
+    def gap_m(self, speed_mps: float, decel_mps2: float) -> float:
+        """Way without brake that is still to come at a handover from motors to late friction."""
+        return self._handover.gap_m(speed_mps, decel_mps2)
+
+    def build_up_s(self, speed_mps: float) -> float:
+        """Lag of the brake at this speed."""
+        handover = self._handover
+        if not handover.late:
+            return self.lag_s
+        air_s = min(self._brake_belief.air_lag_s, handover.air_s)
+        return self.lag_s + air_s * handover.friction_ratio(speed_mps, self.on_its_way_mps2)
+
+    @property
+    def brake_asked(self) -> bool:
+        return self._demand_mps2 < 0.0
+
+    def rest(self) -> None:
+        """The train stands: its motion is forgotten, the demands under way are not."""
+        self.meet(0.0)
+
+    def meet(self, speed_mps: float) -> None:
+        """Take the speed as it is, on taking over a train that moves."""
+        self._motion.start(speed_mps)
+        if self._active and self._active_s > DECIDED_S:
+            # How late this application is stays known, whoever braked meanwhile.
+            self._handover.end()
+            self._bank.begin(self._motion)
+        else:
+            self._start_hypotheses()
+
+    def step(
+        self, speed_mps: float, gravity_mps2: float, cycles: int, *, ours: bool = True
+    ) -> None:
+        """Advance to now under the demand issued before, then lean towards the measured speed.
+
+        Args:
+            gravity_mps2: deceleration by gradient and running resistance.
+            cycles: since the step before; more than one after an overrun.
+            ours: it is our demands that move the train. Else nothing is learnt.
+        """
+        self._ours = ours
+        for _ in range(cycles):
+            self._advance(speed_mps, gravity_mps2)
+        if not ours:
+            self.meet(speed_mps)
+
+    def _advance(self, speed_mps: float, gravity_mps2: float) -> None:
+        demand_mps2 = self._demand_mps2
+        brake_mps2 = -demand_mps2 if demand_mps2 < 0.0 else 0.0
+        traction_mps2 = demand_mps2 if demand_mps2 > 0.0 else 0.0
+        self._note_application(brake_mps2)
+        self._brake.push(brake_mps2)
+        self._traction.push(traction_mps2)
+        self._traction_now.step(traction_mps2)
+        before_mps2 = self._traction_late.value
+        mean_mps2 = self._traction.mean(self._traction_tap)
+        after_mps2 = self._traction_late.step(mean_mps2)
+        push_mps2 = (before_mps2 + after_mps2) / 2.0 - gravity_mps2
+        blur_m2_per_s2 = TRACTION_INSTANT_S**2 * abs(after_mps2 - before_mps2) * FULL_MPS2
+        motion = self._motion
+        if self._active:
+            self._advance_banks(speed_mps, push_mps2, blur_m2_per_s2)
+        else:
+            self._handover.note(0.0)
+            if self._ours:
+                motion.step(
+                    speed_mps, push_mps2=push_mps2, braked_mps2=0.0, blur_m2_per_s2=blur_m2_per_s2
+                )
+        if self._ours and abs(speed_mps - motion.speed_mps) > SURPRISE_MPS:
+            motion.forget(speed_mps)
+            self._start_hypotheses()
+
+    def _advance_banks(self, speed_mps: float, push_mps2: float, blur_m2_per_s2: float) -> None:
+        """One cycle of the brake under every hypothesis that is alive; the hot loop."""
+        handover, motion, bank = self._handover, self._motion, self._bank
+        asked_mps2 = max(0.0, -self._demand_mps2)
+        outputs, arrived, mean = self._output, self._arrived, self._brake.mean
+        trail, trail_ratio, late_s = self._trail, self._trail_ratio, self._late_s
+        learns = self._ours and not handover.under_way
+        remains, dead_times_s = self._remains, self._brake_belief.dead_times_s
+        remain_mps2, any_remains = remains.after(0.0), bool(remains)
+        unit_mps2 = lag_mps = 0.0
+        for index in bank.alive:
+            keep_ratio = self._keep_ratios[index]
+            mean_mps2 = mean(self._taps[index]) + remain_mps2
+            then_mps2 = asked_mps2
+            if any_remains:
+                then_mps2 += remains.after(dead_times_s[index])
+            arrived[index] = then_mps2 + (arrived[index] - then_mps2) * keep_ratio
+            before_mps2 = outputs[index]
+            after_mps2 = mean_mps2 + (before_mps2 - mean_mps2) * keep_ratio
+            outputs[index] = after_mps2
+            braked_mps2 = (before_mps2 + after_mps2) / 2.0
+            unit_mps2 += bank.weights[index] * braked_mps2
+            trail[index] += trail_ratio * (after_mps2 - trail[index])
+            behind_mps = late_s * (after_mps2 - trail[index])
+            lag_mps += bank.weights[index] * behind_mps
+            if learns:
+                bank.step(
+                    index,
+                    speed_mps - behind_mps,
+                    push_mps2=push_mps2,
+                    braked_mps2=braked_mps2,
+                    friction_mps2=0.0,
+                    blur_m2_per_s2=blur_m2_per_s2,
+                )
+        remains.step()
+        self._active_s += self._dt_s
+        for_friction_mps2 = unit_mps2 * handover.friction_ratio(motion.speed_mps, unit_mps2)
+        handover.note(for_friction_mps2)
+        if learns:
+            bank.weigh()
+            bank.agree(motion)
+            if for_friction_mps2 > 0.0 and self._active_s > DECIDED_S:
+                handover.begin(motion)
+        elif self._ours:
+            handover.step(
+                motion,
+                speed_mps - lag_mps,
+                push_mps2=push_mps2,
+                motors_mps2=unit_mps2 - for_friction_mps2,
+                blur_m2_per_s2=blur_m2_per_s2,
+            )
+        self._agree()
+
+    def _note_application(self, brake_mps2: float) -> None:
+        """Brake from nothing starts the bank; long enough without brake puts it to sleep."""
+        if brake_mps2 > 0.0:
+            if not self._active:
+                self._active = True
+                self._motion.renew_gain()
+                self._start_hypotheses()
+            elif self._quiet_cycles:
+                self._begin_again()
+            self._quiet_cycles = 0
+        elif self._active:
+            self._quiet_cycles += 1
+            if self._quiet_cycles > self._settle_cycles:
+                self._active = False
+                self.on_its_way_mps2 = self.brake_mps2 = 0.0
+                self._output = [0.0] * len(self._output)
+                self._arrived = [0.0] * len(self._output)
+                self._trail = [0.0] * len(self._output)
+                self._remains.clear()
+                self._handover.end()
+                self._found_s = self._brake_belief.expected_dead_time_s
+                self.lag_s = self._brake_belief.lag_s
+
+    def _begin_again(self) -> None:
+        """Another application while the one before still works: nothing is known of how late."""
+        self._remains.add(self._brake.to_come(self._found_s))
+        self._brake.clear()
+        trail_mps2 = self._bank.mean(self._trail)
+        for index, dead_time_s in enumerate(self._brake_belief.dead_times_s):
+            self._output[index] = then_mps2 = self.brake_mps2
+            self._trail[index] = trail_mps2
+            for cycle in range(round(dead_time_s / self._dt_s)):
+                mean_mps2 = self._remains.after(cycle * self._dt_s)
+                then_mps2 = mean_mps2 + (then_mps2 - mean_mps2) * self._keep_ratios[index]
+            self._arrived[index] = then_mps2
+        self._bank.know(self._no_costs)
+        self._start_hypotheses()
+
+    def _start_hypotheses(self) -> None:
+        """All begin alike from the motion as it is believed now."""
+        self._active_s = 0.0
+        self._handover.end()
+        # One that was given up did not follow the demand.
+        for index in range(len(self._output)):
+            if self._active and index not in self._bank.alive:
+                self._output[index] = self.brake_mps2
+                self._arrived[index] = self.on_its_way_mps2
+                self._trail[index] = self.brake_mps2
+        self._bank.know(self._no_costs)
+        self._bank.begin(self._motion)
+
+    def _agree(self) -> None:
+        bank, belief = self._bank, self._brake_belief
+        self._found_s = bank.mean(belief.dead_times_s)
+        self.lag_s = bank.mean(self._lags_s)
+        self.brake_mps2 = bank.mean(self._output)
+        self.on_its_way_mps2 = bank.mean(self._arrived)
+
+    def ahead_of_brake(self, front_m: float, gravity_mps2: float) -> Ahead:
+        """Where and how fast the train will be when a brake demand given now begins to bite.
+
+        The traction demand of now is taken to stay until then.
+        """
+        horizon_s = self.dead_time_s
+        steady_mps2 = self.disturbance_mps2 - gravity_mps2
+        if self._active and self._handover.late:
+            return self._ahead_of_friction(front_m, steady_mps2)
+        single_mps, double_m = self._traction_response(horizon_s)
+        if self._active:
+            brake_mps, brake_m = self._brake_response(horizon_s)
+            single_mps -= brake_mps * (1.0 + self.gain_ratio)
+            double_m -= brake_m * (1.0 + self.gain_ratio)
+        speed_mps = self.speed_mps + single_mps + steady_mps2 * horizon_s
+        travel_m = (self.speed_mps + steady_mps2 * horizon_s / 2.0) * horizon_s + double_m
+        return Ahead(front_m + travel_m, max(0.0, speed_mps))
+
+    def _ahead_of_friction(self, front_m: float, steady_mps2: float) -> Ahead:
+        """Step by step, as what the speed will be decides who brakes; traction is taken as off."""
+        dt_s = self._dt_s
+        keep_ratio = math.exp(-dt_s / self.lag_s)
+        unit_mps2, asked_mps2 = self.brake_mps2, max(0.0, -self._demand_mps2)
+        units_mps2: list[float] = []
+        horizon_s = self.dead_time_s
+        for step in range(math.ceil((horizon_s + self._handover.air_s) / dt_s) + 1):
+            age_s = self._found_s - (step + 1) * dt_s
+            mean_mps2 = asked_mps2
+            if age_s >= 0.0:
+                mean_mps2 = self._brake.mean(self._brake.tap(age_s))
+            mean_mps2 += self._remains.after(step * dt_s)
+            after_mps2 = mean_mps2 + (unit_mps2 - mean_mps2) * keep_ratio
+            units_mps2.append((unit_mps2 + after_mps2) / 2.0)
+            unit_mps2 = after_mps2
+        travel_m, speed_mps = self._handover.walk(
+            self._motion, units_mps2, steady_mps2=steady_mps2, reach_s=horizon_s
+        )
+        return Ahead(front_m + travel_m, speed_mps)
+
+    def ahead_of_traction_mps(self, gravity_mps2: float) -> float:
+        """The speed when a traction demand given now begins to act; the brake is taken to stay."""
+        horizon_s = self._traction_belief.dead_time_s
+        gained_mps, _ = self._traction_response(horizon_s)
+        braked_mps2 = self.brake_mps2 * (1.0 + self.gain_at(self.speed_mps))
+        steady_mps2 = self.disturbance_mps2 - gravity_mps2 - braked_mps2
+        return self.speed_mps + gained_mps + steady_mps2 * horizon_s
+
+    def _brake_response(self, horizon_s: float) -> tuple[float, float]:
+        """Single and double integral of the deceleration until then."""
+        single, double = response(
+            self._brake,
+            dead_time_s=self._found_s,
+            lag_s=self.lag_s,
+            output_now=self.brake_mps2,
+            output_then=self.on_its_way_mps2,
+            remains=self._remains,
+        )
+        rest_s = horizon_s - self._found_s
+        if rest_s <= 0.0:
+            return single, double
+        then_mps2 = self.on_its_way_mps2
+        later, later_double = settling(rest_s, lag_s=self.lag_s, output_now=then_mps2, asked=0.0)
+        return single + later, double + single * rest_s + later_double
+
+    def _traction_response(self, horizon_s: float) -> tuple[float, float]:
+        belief = self._traction_belief
+        then_mps2 = self._traction_now.value
+        single, double = response(
+            self._traction,
+            dead_time_s=belief.dead_time_s,
+            lag_s=belief.lag_s,
+            output_now=self._traction_late.value,
+            output_then=then_mps2,
+        )
+        rest_s = horizon_s - belief.dead_time_s
+        if rest_s <= 0.0:
+            return single, double
+        held_mps2 = max(0.0, self._demand_mps2)
+        later, later_double = settling(
+            rest_s, lag_s=belief.lag_s, output_now=then_mps2, asked=held_mps2
+        )
+        return single + later, double + single * rest_s + later_double

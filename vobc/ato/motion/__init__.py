@@ -1,0 +1,1 @@
+"""Reference motion: speed profiles, braking curves, rate limits, running times."""

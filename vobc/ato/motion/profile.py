@@ -1,0 +1,255 @@
+"""Reference speeds: braking curves, peaks of short sections, limits under the whole train."""
+
+import itertools
+import math
+from bisect import bisect_right
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final, NamedTuple
+
+from firmware_py.trackdb import LineMap
+from vobc.ato.motion import gradient, trapezoid
+from vobc.ato.settings.ato import AtoConfig, Braking
+
+LEAST_DECEL_MPS2: Final = 0.15
+"""A braking plan is never gentler than this, however steeply the track falls."""
+
+
+SEARCH_STEPS: Final = 40
+"""Halvings of a range of speeds; far finer than a millimetre a second."""
+
+
+@dataclass(frozen=True, slots=True)
+class CurvePoint:
+    """Where on a braking curve a speed lies."""
+
+    time_to_go_s: float
+    distance_m: float
+    """To the point where the curve ends."""
+    decel_mps2: float
+    ease_mps3: float
+    """By how much the deceleration falls in each second from here on; zero or more."""
+
+
+class _Piece(NamedTuple):
+    """Counted backwards from the end: where it begins, its deceleration there and its rise."""
+
+    time_s: float
+    speed_mps: float
+    distance_m: float
+    decel_mps2: float
+    ease_mps3: float
+
+
+class BrakingCurve:
+    """A deceleration that is piecewise linear in time, followed from any speed down to `end_mps`.
+
+    Counted backwards from its end it begins with `decels_mps2[0]` and rises to each next value at
+    the rate of `eases_mps3`, keeping the last for ever. Everything is closed form.
+    """
+
+    __slots__ = ("_pieces", "end_mps", "steady_decel_mps2")
+
+    def __init__(
+        self, end_mps: float, decels_mps2: Sequence[float], eases_mps3: Sequence[float]
+    ) -> None:
+        assert len(eases_mps3) == len(decels_mps2) - 1
+        assert min(decels_mps2) > 0.0
+        self.end_mps = end_mps
+        self.steady_decel_mps2 = decels_mps2[-1]
+        time_s, speed_mps, distance_m = 0.0, end_mps, 0.0
+        pieces: list[_Piece] = []
+        for index, ease_mps3 in enumerate(eases_mps3):
+            decel_mps2, next_mps2 = decels_mps2[index], decels_mps2[index + 1]
+            if next_mps2 <= decel_mps2:
+                continue
+            pieces.append(_Piece(time_s, speed_mps, distance_m, decel_mps2, ease_mps3))
+            t_s = (next_mps2 - decel_mps2) / ease_mps3
+            distance_m += (
+                speed_mps * t_s + decel_mps2 * t_s * t_s / 2.0 + ease_mps3 * t_s * t_s * t_s / 6.0
+            )
+            speed_mps += decel_mps2 * t_s + ease_mps3 * t_s * t_s / 2.0
+            time_s += t_s
+        pieces.append(_Piece(time_s, speed_mps, distance_m, decels_mps2[-1], 0.0))
+        self._pieces = tuple(reversed(pieces))
+
+    def at_speed(self, speed_mps: float) -> CurvePoint:
+        """The point with this speed; below the end speed, the end itself."""
+        for piece in self._pieces:
+            if speed_mps > piece.speed_mps:
+                break
+        start_s, start_mps, start_m, decel_mps2, ease_mps3 = piece
+        rise_mps = max(0.0, speed_mps - start_mps)
+        if ease_mps3 > 0.0:
+            root_mps2 = math.sqrt(decel_mps2 * decel_mps2 + 2.0 * ease_mps3 * rise_mps)
+            t_s = (root_mps2 - decel_mps2) / ease_mps3
+        else:
+            t_s = rise_mps / decel_mps2
+        return CurvePoint(
+            start_s + t_s,
+            start_m + t_s * (start_mps + t_s * (decel_mps2 / 2.0 + t_s * ease_mps3 / 6.0)),
+            decel_mps2 + ease_mps3 * t_s,
+            ease_mps3,
+        )
+
+
+def stopping_curve(shape: Braking, *, steady_mps2: float, final_mps2: float) -> BrakingCurve:
+    """To a standstill: steady, eased to the plateau, then falling linearly to the small last step.
+
+    From speed v2 at the plateau b2 the linear fall to bf takes 2 * v2 / (b2 + bf).
+    """
+    plateau_mps2 = min(max(shape.plateau_decel_mps2, final_mps2), steady_mps2)
+    fall_mps2 = plateau_mps2 - final_mps2
+    ease_mps3 = fall_mps2 * (plateau_mps2 + final_mps2) / (2.0 * shape.plateau_speed_mps)
+    return BrakingCurve(
+        0.0,
+        (min(final_mps2, steady_mps2), plateau_mps2, steady_mps2),
+        (max(ease_mps3, 1e-6), shape.ease_jerk_mps3),
+    )
+
+
+def curve_to_stop(
+    config: AtoConfig,
+    line: LineMap,
+    at_m: float,
+    *,
+    gain_ratio: float | None = None,
+    late_friction: bool = False,
+) -> BrakingCurve:
+    """Uphill the last step is larger: the brake needs as much room to ease as on the level."""
+    shape = late_shape(config.braking) if late_friction else config.braking
+    steady_mps2 = steady_decel_mps2(config, line, at_m, gain_ratio)
+    uphill_mps2 = max(0.0, gradient.decel_at_mps2(config, line, at_m))
+    final_mps2 = shape.final_decel_mps2 + uphill_mps2
+    return stopping_curve(shape, steady_mps2=steady_mps2, final_mps2=final_mps2)
+
+
+def late_shape(shape: Braking) -> Braking:
+    """The braking of a train whose friction may be late."""
+    return replace(
+        shape,
+        plateau_decel_mps2=shape.late_plateau_decel_mps2,
+        plateau_speed_mps=shape.late_plateau_speed_mps,
+        final_decel_mps2=shape.late_final_decel_mps2,
+    )
+
+
+def curve_to_authority(
+    config: AtoConfig, line: LineMap, at_m: float, *, gain_ratio: float | None = None
+) -> BrakingCurve:
+    """To a standstill before the end of authority, under protection's own curve.
+
+    `gain_ratio` is as for `steady_decel_mps2`.
+    """
+    shape = config.authority
+    steady_mps2 = min(shape.decel_mps2, steady_decel_mps2(config, line, at_m, gain_ratio))
+    uphill_mps2 = max(0.0, gradient.decel_at_mps2(config, line, at_m))
+    final_mps2 = min(shape.final_decel_mps2 + uphill_mps2, steady_mps2)
+    knee_mps2 = min(max(shape.knee_decel_mps2, final_mps2), steady_mps2)
+    return BrakingCurve(
+        0.0, (final_mps2, knee_mps2, steady_mps2), (shape.creep_ease_mps3, shape.ease_mps3)
+    )
+
+
+def slowing_curve(shape: Braking, *, end_mps: float, steady_mps2: float) -> BrakingCurve:
+    """To a lower limit: steady, then eased off."""
+    return BrakingCurve(
+        end_mps, (min(shape.final_decel_mps2, steady_mps2), steady_mps2), (shape.ease_jerk_mps3,)
+    )
+
+
+def steady_decel_mps2(
+    config: AtoConfig, line: LineMap, at_m: float, gain_ratio: float | None = None
+) -> float:
+    """The deceleration to plan towards `at_m`: less where the track falls or the brake is weak, by
+    the demand's limit.
+
+    The whole braking from the speed limit there is looked at.
+
+    Args:
+        gain_ratio: the least by which the brake may give more than it is asked for; None where
+            nobody knows.
+    """
+    shape = config.braking
+    top_mps = line.limit_mps(at_m - 1.0)
+    reach_m = top_mps * top_mps / (2.0 * shape.decel_mps2) + 2.0 * top_mps
+    worst_permille = min(0.0, line.worst_gradient_permille(at_m - reach_m, at_m))
+    falling_mps2 = -gradient.decel_on_mps2(config, worst_permille)
+    weak_ratio = shape.weak_ratio if gain_ratio is None else gain_ratio
+    most_mps2 = config.limits.accel_mps2 * (1.0 + min(0.0, weak_ratio))
+    room_mps2 = most_mps2 - shape.reserve_mps2 - falling_mps2
+    return max(LEAST_DECEL_MPS2, min(shape.decel_mps2, room_mps2))
+
+
+def peak_speed_mps(
+    from_mps: float,
+    distance_m: float,
+    curve: BrakingCurve,
+    *,
+    accel_mps2: float,
+    jerk_mps3: float,
+    change_over_s: float,
+    limit_mps: float,
+) -> float:
+    """The highest speed up to `limit_mps` worth reaching before `curve` ends in `distance_m`.
+
+    Accelerate under trapezoidal acceleration, run on for `change_over_s`, build the brake up at the
+    jerk limit, follow the curve. When even the present speed is too much it is the answer.
+    """
+
+    def needed_m(peak_mps: float) -> float:
+        rise_m = trapezoid.ramp_m(from_mps, peak_mps, accel_mps2=accel_mps2, jerk_mps3=jerk_mps3)
+        after_mps, build_up_m = trapezoid.swing(
+            peak_mps, from_mps2=0.0, to_mps2=-curve.steady_decel_mps2, jerk_mps3=jerk_mps3
+        )
+        braking_m = curve.at_speed(max(0.0, after_mps)).distance_m
+        return rise_m + peak_mps * change_over_s + max(0.0, build_up_m) + braking_m
+
+    if limit_mps <= from_mps or needed_m(limit_mps) <= distance_m:
+        return limit_mps
+    low_mps, high_mps = from_mps, limit_mps
+    for _ in range(SEARCH_STEPS):
+        middle_mps = (low_mps + high_mps) / 2.0
+        if needed_m(middle_mps) <= distance_m:
+            low_mps = middle_mps
+        else:
+            high_mps = middle_mps
+    return low_mps
+
+
+@dataclass(frozen=True, slots=True)
+class LowerLimit:
+    """A place ahead from which the train must be slower than it may be just before."""
+
+    at_m: float
+    curve: BrakingCurve
+
+
+class SpeedLimits:
+    """Civil limits as a train meets them: lowered at its front, released behind its rear."""
+
+    __slots__ = ("_line", "_lowerings", "_starts_m", "_train_length_m")
+
+    def __init__(self, config: AtoConfig, line: LineMap) -> None:
+        self._line = line
+        self._train_length_m = config.train_length_m
+        lowerings: list[LowerLimit] = []
+        for before, after in itertools.pairwise(line.speed_sections):
+            if after.limit_mps >= before.limit_mps:
+                continue
+            steady_mps2 = steady_decel_mps2(config, line, after.start_m)
+            end_mps = max(0.0, after.limit_mps - config.speed.margin_mps)
+            curve = slowing_curve(config.braking, end_mps=end_mps, steady_mps2=steady_mps2)
+            lowerings.append(LowerLimit(after.start_m, curve))
+        self._lowerings = tuple(lowerings)
+        self._starts_m = tuple(lowering.at_m for lowering in lowerings)
+
+    def under_train_mps(self, front_m: float) -> float:
+        return self._line.least_limit_mps(front_m - self._train_length_m, front_m)
+
+    def next_lowering(self, front_m: float) -> int:
+        """Index of the first lowering at or beyond the front; see `lowering`."""
+        return bisect_right(self._starts_m, front_m)
+
+    def lowering(self, index: int) -> LowerLimit | None:
+        return self._lowerings[index] if index < len(self._lowerings) else None

@@ -1,0 +1,116 @@
+"""How long the way to a stop takes at a given cruising speed, and which speed a time asks for."""
+
+from typing import Final, NamedTuple
+
+from firmware_py.trackdb import LineMap
+from vobc.ato.motion import profile, trapezoid
+from vobc.ato.motion.profile import BrakingCurve
+from vobc.ato.settings.ato import AtoConfig
+
+SEARCH_STEPS: Final = 24
+"""Halvings of the range of speeds: some millimetres a second."""
+CHANGE_OVER_S: Final = 1.0
+"""Between gaining speed and losing it."""
+CRAWL_MPS: Final = 0.5
+"""No stretch is reckoned slower than this."""
+
+
+class Stretch(NamedTuple):
+    """Of the front's way under one limit."""
+
+    end_m: float
+    limit_mps: float
+
+
+class RunningTime:
+    """Limits as the front of the train meets them, from one place to a stop.
+
+    Seed 000, equations (3) to (7), gives the target speed as what is left of the way over what is
+    left of the time, and forgets that the train has to gain and lose speed. Here the time of the
+    way is reckoned with both, and the speed for a time is searched for.
+    """
+
+    __slots__ = ("_accel_mps2", "_curve", "_jerk_mps3", "_margin_mps", "_stop_m", "_stretches")
+
+    def __init__(
+        self, config: AtoConfig, line: LineMap, from_m: float, stop_m: float, curve: BrakingCurve
+    ) -> None:
+        """`curve` leads to the stop."""
+        length_m = config.train_length_m
+        self._accel_mps2 = config.limits.accel_mps2
+        self._jerk_mps3 = config.limits.jerk_mps3
+        self._margin_mps = config.speed.margin_mps
+        self._curve = curve
+        self._stop_m = stop_m
+        ends_m = {stop_m}
+        for section in line.speed_sections:
+            ends_m.add(section.start_m)
+            ends_m.add(section.end_m + length_m)
+        stretches: list[Stretch] = []
+        start_m = from_m
+        for end_m in sorted(end_m for end_m in ends_m if from_m < end_m <= stop_m):
+            middle_m = (start_m + end_m) / 2.0
+            limit_mps = line.least_limit_mps(middle_m - length_m, middle_m)
+            stretches.append(Stretch(end_m, limit_mps))
+            start_m = end_m
+        self._stretches = tuple(stretches)
+
+    def time_s(self, front_m: float, speed_mps: float, cruise_mps: float) -> float:
+        """From here to standstill at the stop, at `cruise_mps` where the limits allow it."""
+        last_mps = max(CRAWL_MPS, min(cruise_mps, self._last_limit_mps() - self._margin_mps))
+        parking = self._curve.at_speed(last_mps)
+        total_s = parking.time_to_go_s
+        brakes_m = self._stop_m - parking.distance_m
+        before_mps, at_m = speed_mps, front_m
+        for stretch in self._stretches:
+            if stretch.end_m <= at_m:
+                continue
+            stretch_mps = max(CRAWL_MPS, min(cruise_mps, stretch.limit_mps - self._margin_mps))
+            total_s += max(0.0, min(stretch.end_m, brakes_m) - at_m) / stretch_mps
+            total_s += self._change_s(before_mps, stretch_mps, falls_before=at_m > front_m)
+            before_mps, at_m = stretch_mps, stretch.end_m
+            if at_m >= brakes_m:
+                break
+        return total_s
+
+    def speed_for_mps(
+        self, front_m: float, speed_mps: float, left_s: float, *, low_mps: float, high_mps: float
+    ) -> float:
+        """The cruising speed that takes `left_s`; the highest when even that is too slow.
+
+        No speed is asked for that the rest of the way is too short to reach and to lose again.
+        """
+        if left_s <= 0.0:
+            return high_mps
+        peak_mps = profile.peak_speed_mps(
+            max(0.0, speed_mps),
+            self._stop_m - front_m,
+            self._curve,
+            accel_mps2=self._accel_mps2,
+            jerk_mps3=self._jerk_mps3,
+            change_over_s=CHANGE_OVER_S,
+            limit_mps=high_mps,
+        )
+        if self.time_s(front_m, speed_mps, peak_mps) >= left_s:
+            return peak_mps
+        slow_mps, fast_mps = min(low_mps, peak_mps), peak_mps
+        for _ in range(SEARCH_STEPS):
+            middle_mps = (slow_mps + fast_mps) / 2.0
+            if self.time_s(front_m, speed_mps, middle_mps) >= left_s:
+                slow_mps = middle_mps
+            else:
+                fast_mps = middle_mps
+        return slow_mps
+
+    def _last_limit_mps(self) -> float:
+        return self._stretches[-1].limit_mps if self._stretches else CRAWL_MPS
+
+    def _change_s(self, from_mps: float, to_mps: float, *, falls_before: bool) -> float:
+        """Time beyond that of running steadily: at `to_mps`, or for a fall before a lower limit at
+        the speed before it.
+        """
+        ramp_s = trapezoid.ramp_s(
+            to_mps - from_mps, accel_mps2=self._accel_mps2, jerk_mps3=self._jerk_mps3
+        )
+        steady_mps = from_mps if falls_before and to_mps < from_mps else to_mps
+        return ramp_s * (1.0 - (from_mps + to_mps) / (2.0 * max(CRAWL_MPS, steady_mps)))

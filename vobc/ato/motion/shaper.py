@@ -1,0 +1,25 @@
+"""The last word on comfort: no demand leaves beyond the limits of acceleration and jerk."""
+
+from vobc.ato.settings.ato import Limits
+
+
+class Shaper:
+    __slots__ = ("_accel_mps2", "_jerk_mps3", "demand_mps2")
+
+    def __init__(self, limits: Limits) -> None:
+        self._accel_mps2 = limits.accel_mps2
+        self._jerk_mps3 = limits.jerk_mps3
+        self.demand_mps2 = 0.0
+
+    def step(self, wanted_mps2: float, dt_s: float) -> float:
+        """The demand nearest to what is wanted that the limits allow after `dt_s`."""
+        reach_mps2 = self._jerk_mps3 * dt_s
+        low_mps2 = max(-self._accel_mps2, self.demand_mps2 - reach_mps2)
+        high_mps2 = min(self._accel_mps2, self.demand_mps2 + reach_mps2)
+        self.demand_mps2 = min(high_mps2, max(low_mps2, wanted_mps2))
+        return self.demand_mps2
+
+    def drop_traction(self) -> float:
+        """Traction is cut at once where safety asks for it; a brake demand stays as it is."""
+        self.demand_mps2 = min(0.0, self.demand_mps2)
+        return self.demand_mps2

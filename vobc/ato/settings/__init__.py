@@ -1,0 +1,1 @@
+"""Settings of the automatic operation and of each control law."""

@@ -1,0 +1,398 @@
+"""All that a train has to do with one area: as its member, as candidate, and as its master."""
+
+from collections.abc import Sequence
+from typing import Final
+
+from firmware_py.trackdb.areas import AreaMap
+from vobc.train_to_train.guards import TrainGuards
+from vobc.train_to_train.lease import Lease, LeaseState, Request
+from vobc.train_to_train.master import Master
+from vobc.train_to_train.member import Member
+from vobc.train_to_train.message_heads import Head, Speaker
+from vobc.train_to_train.occupancy import UNBOUNDED_M, TrainTable
+from vobc.train_to_train.roles import ROLES, Sight, next_role
+from vobc.train_to_train.vocabulary import AreaMemory, OwnTrain, Role, T2tConfig
+from zenoh_config.t2t import (
+    BROADCAST,
+    NOBODY,
+    AreaAuthority,
+    Heartbeat,
+    LeaseAnswer,
+    LeaseRequest,
+    StandbySync,
+    SwitchKind,
+    SwitchStep,
+    SyncAck,
+    T2tMessage,
+    TrainReport,
+)
+from zenoh_config.timers import NS_PER_MS
+
+COMMANDING: Final = (Role.FENCING, Role.MASTER)
+FOR_NONE: Final = (0, 0)
+"""Ready for no switch: neither terms nor switches are numbered 0."""
+
+
+class AreaDesk:
+    def __init__(
+        self,
+        config: T2tConfig,
+        guards: TrainGuards,
+        line: AreaMap,
+        area: int,
+        *,
+        speaker: Speaker,
+        memory: AreaMemory,
+        now_ns: int,
+        chance: "Chance",
+    ) -> None:
+        self.role = Role.OUTSIDE
+        self.member = Member(
+            config.timers, guards.member, boot=speaker.boot, memory=memory, now_ns=now_ns
+        )
+        self.stored = memory
+        """Of this area, as it was handed out to be stored."""
+        self.lease = Lease(config, guards.lease)
+        self.master: Master | None = None
+        self.area = line.area(area)
+        self.refused: list[str] = []
+        """Why authorities were not taken in this step."""
+        self._ready = FOR_NONE
+        """Term and nonce of the planned switch that it is ready for."""
+        self._config, self._guards, self._line, self._speaker = config, guards, line, speaker
+        self._chance = chance
+        self._table = TrainTable()
+        """What a standby has been told; a master's own begins with it."""
+        self._report_ns = now_ns
+        self._quiet_until_ns = now_ns
+        """After a lost candidacy."""
+        self._called = False
+        self._fenced = False
+        """Somebody reported a higher term than that of the newest candidacy."""
+        self._heard_ns = now_ns
+        """When anything was heard of the area from anybody else."""
+
+    # What is heard.
+
+    def hears(self, message: T2tMessage, now_ns: int) -> list[T2tMessage]:
+        """What has to be said to it at once."""
+        self._heard_ns = now_ns
+        return self._takes(message, now_ns)
+
+    def _takes(self, message: T2tMessage, now_ns: int) -> list[T2tMessage]:
+        if isinstance(message, Heartbeat):
+            self._hears_heartbeat(message, now_ns)
+        elif isinstance(message, AreaAuthority):
+            refused = self.member.takes(message, now_ns)
+            self.refused += [refused] if refused else []
+        elif isinstance(message, LeaseAnswer):
+            self.lease.hears(message, now_ns)
+        elif isinstance(message, StandbySync):
+            return self._hears_sync(message, now_ns)
+        elif isinstance(message, SwitchStep) and message.kind is not SwitchKind.READY:
+            return self._hears_switch(message, now_ns)
+        else:
+            self._passes_on(message, now_ns)
+        return []
+
+    def _hears_heartbeat(self, heartbeat: Heartbeat, now_ns: int) -> None:
+        self.member.hears_heartbeat(heartbeat, now_ns)
+
+    def _passes_on(self, message: T2tMessage, now_ns: int) -> None:
+        if isinstance(message, TrainReport):
+            self._fenced |= message.term > self.lease.term
+            if self.role is Role.STANDBY and message.localised:
+                record = self._table.of(message.source, rear_m=message.rear_min_m, now_ns=now_ns)
+                record.hears(message, now_ns, term=message.term, jog_m=self._config.jog_m)
+        if self.master is not None:
+            self.master.hears(message, now_ns)
+
+    def _hears_sync(self, sync: StandbySync, now_ns: int) -> list[T2tMessage]:
+        if not self.member.fences(sync):
+            return []
+        self._table.takes_sync(sync.entries, now_ns)
+        return [SyncAck(*self._head(now_ns, sync.source), sync.sequence)]
+
+    def _hears_switch(self, step: SwitchStep, now_ns: int) -> list[T2tMessage]:
+        if not self.member.fences(step):
+            return []
+        own = self._speaker.address
+        if step.kind is SwitchKind.ABORT:
+            self._ready, self._called = FOR_NONE, False
+        elif step.kind is SwitchKind.PREPARE:
+            if self._ready != (step.term, step.nonce):
+                self._ready = step.term, step.nonce
+                self._report_ns = now_ns
+            if step.successor == own and self.role is Role.STANDBY:
+                head = self._head(now_ns, step.source)
+                return [SwitchStep(*head, SwitchKind.READY, step.nonce, own)]
+        elif step.kind is SwitchKind.RESIGN:
+            self._called |= self.role is Role.STANDBY
+        elif step.successor == own and (step.term, step.nonce) == self._ready:
+            self._called = True
+        return []
+
+    # What follows from it.
+
+    def next_due_ns(self, now_ns: int) -> int:
+        """When time alone makes a difference next. A turn that is over, or a silence that has
+        lasted long enough, and came to nothing waits for something else.
+        """
+        due_ns = self._report_ns
+        if self.master is not None:
+            lease = self.lease
+            due_ns = min(due_ns, self.master.next_due_ns(), lease.renewal_due_ns(), lease.until_ns)
+            turn_ns = self._deaf_ns()
+        elif self.role is Role.CANDIDATE:
+            turn_ns = self.lease.attempt_ends_ns()
+        else:
+            turn_ns = max(self._turn_ns(), self._quiet_until_ns)
+        return min(due_ns, turn_ns) if turn_ns > now_ns else due_ns
+
+    def step(
+        self, now_ns: int, own: OwnTrain, *, concerned: bool, relation: tuple[int, int]
+    ) -> list[T2tMessage]:
+        """Role first, then what the role has to say.
+
+        Args:
+            relation: area that the train comes from, and who is ahead of it there.
+        """
+        if self.role is Role.OUTSIDE:
+            self.member.master_heard_ns = now_ns
+        said = self._change_role(now_ns, own, concerned=concerned)
+        if self.role is Role.OUTSIDE:
+            return said
+        reports = self._report(now_ns, own, relation)
+        said += reports
+        if self.master is not None:
+            said += self._command(self.master, now_ns, own, reports, concerned=concerned)
+        return said
+
+    def _change_role(self, now_ns: int, own: OwnTrain, *, concerned: bool) -> list[T2tMessage]:
+        said: list[T2tMessage] = []
+        # A lease granted at once, or a roster kept at once, needs no second step.
+        for _ in range(len(ROLES)):
+            sight = self._sight(now_ns, own, concerned=concerned)
+            role = next_role(self.role, sight)
+            if role is self.role:
+                break
+            before, self.role = self.role, role
+            said += self._leave(before, sight, now_ns)
+            said += self._enter(role, now_ns)
+        return said
+
+    def _sight(self, now_ns: int, own: OwnTrain, *, concerned: bool) -> Sight:
+        master = self.master
+        gone = not own.localised or not concerned
+        may_command = not gone and not own.out_of_service
+        silent = now_ns >= max(self._turn_ns(), self._quiet_until_ns)
+        away = not may_command
+        return Sight(
+            concerned=concerned,
+            member=self.member.is_young(now_ns),
+            named_standby=self.member.standby == self._speaker.address,
+            apply_now=silent or self._called,
+            may_command=may_command,
+            candidacy_lost=self.lease.lost(now_ns) or away,
+            lease_granted=self.lease.state is LeaseState.HELD,
+            lease_runs=self.lease.runs(now_ns),
+            fenced=self._is_fenced(),
+            roster_kept=master is not None and master.roster.kept is not None,
+            # Out of service it commands itself for as long as nobody takes over.
+            relieved=gone and master is not None and not master.has_others,
+            deaf=master is not None and self._is_deaf(master, now_ns),
+        )
+
+    def _deaf_ns(self) -> int:
+        return self._heard_ns + self._config.timers.silence_ms * NS_PER_MS
+
+    def _is_deaf(self, master: Master, now_ns: int) -> bool:
+        """Nothing comes from anybody, or nothing from any train: what it says may still come
+        through, so that the others would go on waiting for it.
+        """
+        somebody_waits = master.succession.standby != NOBODY
+        return somebody_waits and (now_ns >= self._deaf_ns() or master.hears_no_train(now_ns))
+
+    def _turn_ns(self) -> int:
+        """When the silence of the master has lasted long enough for this train to apply."""
+        timers = self._config.timers
+        rank = 0 if self.member.standby == self._speaker.address else self.member.rank
+        return self.member.master_heard_ns + (timers.silence_ms + rank * timers.rank_ms) * NS_PER_MS
+
+    def _leave(self, role: Role, sight: Sight, now_ns: int) -> list[T2tMessage]:
+        if role is Role.CANDIDATE and self.role is not Role.FENCING:
+            self._quiet_until_ns = self._next_try_ns(now_ns)
+            return self._ask(now_ns, self.lease.give_back(now_ns))
+        if role in COMMANDING and self.role not in COMMANDING:
+            standby = NOBODY if self.master is None else self.master.succession.standby
+            self.master = None
+            self.member.master_heard_ns = now_ns
+            if now_ns >= self._deaf_ns():
+                # As its arbiters hear it, it would only be in the way of whoever hears them, too.
+                self._quiet_until_ns = now_ns + 2 * self._config.timers.lease_ms * NS_PER_MS
+            said = self._ask(now_ns, self.lease.give_back(now_ns))
+            if standby != NOBODY and not sight.fenced:
+                said.append(SwitchStep(*self._head(now_ns, standby), SwitchKind.RESIGN, 0, standby))
+            return said
+        return []
+
+    def _is_fenced(self) -> bool:
+        """Something of a higher term than its own was heard, or somebody else heard it."""
+        newer = self.member.memory.seen_term > self.lease.term
+        return newer or self._fenced or self.lease.beaten
+
+    def _next_try_ns(self, now_ns: int) -> int:
+        """The standby asks again when the lease that stood in its way has run out; whoever lost
+        against another candidate, and everybody else, waits for a while that chance draws.
+        """
+        wait_ns = self.lease.wait_until_ns - now_ns
+        if wait_ns > 0 and self.member.standby == self._speaker.address:
+            return self.lease.wait_until_ns + NS_PER_MS
+        backoff_ns = self._config.backoff_ms * NS_PER_MS
+        return now_ns + max(0, wait_ns) + backoff_ns + self._chance.below(backoff_ns)
+
+    def _enter(self, role: Role, now_ns: int) -> list[T2tMessage]:
+        if role is Role.CANDIDATE:
+            return self._apply(now_ns)
+        if role is Role.FENCING:
+            self._take_command(now_ns)
+        elif role is not Role.STANDBY:
+            self._table = TrainTable()
+        return []
+
+    def _apply(self, now_ns: int) -> list[T2tMessage]:
+        memory = self.member.memory
+        request = self.lease.ask(now_ns, seen_term=memory.seen_term, tried_term=memory.tried_term)
+        self.member.memory = memory._replace(tried_term=request.term)
+        self._fenced = self._called = False
+        return self._ask(now_ns, request)
+
+    def _take_command(self, now_ns: int) -> None:
+        self.member.memory = self.member.memory._replace(
+            seen_term=self.lease.term, owner=self._speaker.address
+        )
+        self._report_ns = now_ns
+        self.master = Master(
+            self._config,
+            self._guards.master,
+            self._line,
+            self.area.number,
+            speaker=self._speaker,
+            lease=self.lease,
+            table=self._table,
+            now_ns=now_ns,
+        )
+        self._table = TrainTable()
+
+    def _ask(self, now_ns: int, request: Request) -> list[T2tMessage]:
+        """The same request to every arbiter."""
+        area = self.area.number
+        return [
+            LeaseRequest(
+                *self._speaker.head(now_ns, to=arbiter, area=area, term=request.term),
+                *(request.kind, request.nonce, request.successor, request.less_ns),
+                *(len(self._config.arbiters), self._config.timers.lease_ms),
+            )
+            for arbiter in self._config.arbiters
+        ]
+
+    def _command(
+        self,
+        master: Master,
+        now_ns: int,
+        own: OwnTrain,
+        reports: Sequence[TrainReport],
+        *,
+        concerned: bool,
+    ) -> list[T2tMessage]:
+        said: list[T2tMessage] = []
+        for report in reports:
+            master.hears(report, now_ns)
+        away = own.out_of_service or not own.localised or not concerned
+        successor = self.lease.successor
+        spoken = master.step(now_ns, away=away)
+        if now_ns >= self.lease.renewal_due_ns() or self.lease.successor != successor:
+            said += self._ask(now_ns, self.lease.renew(now_ns))
+        for message in spoken:
+            # The master obeys itself as everybody else does.
+            if message.destination in (BROADCAST, self._speaker.address):
+                self._obeys(message, now_ns)
+        return said + [m for m in spoken if m.destination != self._speaker.address]
+
+    def _obeys(self, message: T2tMessage, now_ns: int) -> None:
+        if isinstance(message, Heartbeat | AreaAuthority):
+            self._takes(message, now_ns)
+        elif isinstance(message, SwitchStep) and message.kind is not SwitchKind.COMMIT:
+            self._hears_switch(message, now_ns)
+
+    # Reports.
+
+    def vouch(self, now_ns: int, own: OwnTrain) -> list[TrainReport]:
+        """What it tells the master of an area that is no concern of it, half as often as members.
+
+        Whoever is one somewhere is asked often enough.
+        """
+        if self.member.beat_ns == 0:
+            return []
+        said = self._report(now_ns, own, (0, NOBODY))
+        if said:
+            self._report_ns += self._config.timers.cycle_ms * NS_PER_MS
+        return said
+
+    def _report(self, now_ns: int, own: OwnTrain, relation: tuple[int, int]) -> list[TrainReport]:
+        if now_ns < self._report_ns and not self.member.promised_anew:
+            return []
+        self.member.promised_anew = False
+        period_ns = self._config.timers.cycle_ms * NS_PER_MS
+        self._report_ns = now_ns + period_ns
+        member = self.member
+        latent_m = UNBOUNDED_M if member.latent_m is None else member.latent_m
+        comes_from, behind = relation
+        # What another master prepared is nothing to the one of this term.
+        ready_nonce = self._ready[1] if self._ready[0] == member.memory.seen_term else 0
+        report = TrainReport(
+            *self._speaker.head(
+                now_ns, to=BROADCAST, area=self.area.number, term=member.memory.seen_term
+            ),
+            localised=own.localised,
+            front_min_m=own.front_min_m,
+            front_max_m=own.front_max_m,
+            rear_min_m=own.rear_min_m,
+            protected_m=min(own.rests_m, own.rear_min_m + self._config.jog_m),
+            speed_mps=own.speed_mps,
+            standstill=own.standstill,
+            latent_m=latent_m,
+            held_end_m=own.front_max_m if member.held is None else member.held.end_m,
+            easy_m=own.easy_m,
+            held_term=member.newest[0],
+            held_sequence=max(member.newest[1], 0),
+            member=member.held is not None,
+            behind=behind,
+            comes_from=comes_from,
+            axles=own.axles,
+            out_of_service=own.out_of_service,
+            ready_nonce=ready_nonce,
+            # What it says to itself is on its way for no time.
+            echo_ns=member.beat_ns if self.master is None else now_ns,
+        )
+        return [report]
+
+    def _head(self, now_ns: int, to: int) -> Head:
+        term = self.member.memory.seen_term
+        return self._speaker.head(now_ns, to=to, area=self.area.number, term=term)
+
+
+class Chance:
+    """Numbers that differ from train to train and repeat from run to run (xorshift64*)."""
+
+    def __init__(self, seed: int) -> None:
+        self._state = (seed * 0x9E3779B97F4A7C15 + 0x2545F4914F6CDD1D) % 2**64 or 1
+
+    def below(self, limit: int) -> int:
+        """0 to `limit` - 1."""
+        state = self._state
+        state ^= state >> 12
+        state ^= (state << 25) % 2**64
+        state ^= state >> 27
+        self._state = state
+        return (state * 0x2545F4914F6CDD1D % 2**64 >> 16) % limit

@@ -1,0 +1,178 @@
+"""The lease of one area as a train sees it: ask for it, keep it, name a successor, give it back."""
+
+import enum
+from typing import Final, NamedTuple
+
+from vobc.train_to_train.guards import Attempt, Clock, Granted, LeaseGuards, Terms, Votes
+from vobc.train_to_train.vocabulary import T2tConfig
+from zenoh_config.t2t import NOBODY, LeaseAnswer, LeaseKind, RosterEntry
+from zenoh_config.timers import NS_PER_MS
+
+ATTEMPT_NS: Final = 100 * NS_PER_MS
+"""A candidacy that has no majority by then is lost."""
+REQUESTS_KEPT: Final = 8
+"""Renewals on their way at a time."""
+
+
+class LeaseState(enum.Enum):
+    NONE = "none"
+    ASKED = "asked"
+    HELD = "held"
+
+
+class Request(NamedTuple):
+    """To every arbiter, from this instant."""
+
+    kind: LeaseKind
+    term: int
+    nonce: int
+    successor: int
+    less_ns: int
+
+
+class Asked(NamedTuple):
+    """A request on its way."""
+
+    sent_ns: int
+    less_ns: int
+    voters: set[int]
+    """Arbiters that granted it."""
+
+
+class Kept(NamedTuple):
+    """A roster as arbiters keep it."""
+
+    term: int
+    version: int
+    roster: tuple[RosterEntry, ...]
+
+
+NOTHING_KEPT: Final = Kept(0, 0, ())
+
+
+class Lease:
+    """One area's. Says what to ask for; whoever holds it sends that to every arbiter."""
+
+    def __init__(self, config: T2tConfig, guards: LeaseGuards) -> None:
+        self._config, self._guards = config, guards
+        self.state = LeaseState.NONE
+        self.term = 0
+        self.until_ns = 0
+        """By this train's clock, from the sending of the newest request with a majority."""
+        self.adopted = NOTHING_KEPT
+        """The newest roster that a majority of arbiters kept when the lease was granted."""
+        self.refused_term = 0
+        """Highest that an arbiter has promised to somebody."""
+        self.successor = NOBODY
+        self.wait_until_ns = 0
+        """Before this, by this train's clock, no majority of arbiters can grant what was asked."""
+        self.beaten = False
+        """An arbiter has promised a higher term: nobody will renew this one."""
+        self._nonce = 0
+        self._asked: dict[int, Asked] = {}
+        """By nonce."""
+        self._refusers: set[int] = set()
+        self._renewed_ns = 0
+        self._asked_ns = 0
+        self._confirmed_ns = 0
+        """When the newest request was sent that a majority granted,"""
+        self._answer_ns = 0
+        """and how long that took."""
+
+    def ask(self, now_ns: int, *, seen_term: int, tried_term: int) -> Request:
+        """Apply for the area. The term of the request must be stored as tried before it goes."""
+        self.state = LeaseState.ASKED
+        self.term = self._guards.unused_term(Terms(seen_term, self.refused_term, tried_term))
+        self.adopted, self.successor, self.beaten = NOTHING_KEPT, NOBODY, False
+        self.wait_until_ns = 0
+        self._asked, self._refusers = {}, set()
+        self._asked_ns = now_ns
+        self.until_ns = 0
+        self._confirmed_ns = 0
+        request = self._request(LeaseKind.ACQUIRE, now_ns)
+        self._judge(request.nonce, now_ns)
+        return request
+
+    def renewal_due_ns(self) -> int:
+        return self._renewed_ns + self._config.timers.renew_ms * NS_PER_MS
+
+    def renew(self, now_ns: int) -> Request:
+        return self._request(LeaseKind.RENEW, now_ns, self._less_ns(now_ns))
+
+    def _less_ns(self, now_ns: int) -> int:
+        """How much longer than usual no answer was heard, so that the lease of a holder that hears
+        nothing any more runs out at the arbiters, too, although they go on hearing it.
+        """
+        timers = self._config.timers
+        usual_ns = (timers.renew_ms + timers.margin_ms) * NS_PER_MS + self._answer_ns
+        unheard_ns = now_ns - self._confirmed_ns - usual_ns
+        return min(max(unheard_ns, 0), timers.holder_lease_ns)
+
+    def give_back(self, now_ns: int) -> Request:
+        """Also what was granted in part."""
+        request = self._request(LeaseKind.RELEASE, now_ns)
+        self.state = LeaseState.NONE
+        return request
+
+    def _request(self, kind: LeaseKind, now_ns: int, less_ns: int = 0) -> Request:
+        self._nonce += 1
+        self._renewed_ns = now_ns
+        if kind is not LeaseKind.RELEASE:
+            self._asked[self._nonce] = Asked(now_ns, less_ns, set())
+            if len(self._asked) > REQUESTS_KEPT:
+                del self._asked[next(iter(self._asked))]
+        return Request(kind, self.term, self._nonce, self.successor, less_ns)
+
+    def hears(self, answer: LeaseAnswer, now_ns: int) -> None:
+        """Count a vote, if it is one for what was asked."""
+        if answer.source not in self._config.arbiters:
+            return
+        if not answer.granted:
+            self._hears_refusal(answer, now_ns)
+            return
+        asked = self._asked.get(answer.nonce)
+        nonce = None if asked is None else answer.nonce
+        attempt = Attempt(answer.term, answer.nonce, self.term, nonce)
+        if self.state is LeaseState.NONE or not self._guards.answers_this_attempt(attempt):
+            return
+        if asked is None:
+            asked = self._asked.setdefault(answer.nonce, Asked(answer.echo_ns, 0, set()))
+        asked.voters.add(answer.source)
+        kept = Kept(answer.roster_term, answer.roster_version, answer.roster)
+        newer = (kept.term, kept.version) > (self.adopted.term, self.adopted.version)
+        if self.state is LeaseState.ASKED and newer:
+            self.adopted = kept
+        self._judge(answer.nonce, now_ns)
+
+    def _hears_refusal(self, answer: LeaseAnswer, now_ns: int) -> None:
+        self.refused_term = max(self.refused_term, answer.term)
+        if answer.nonce in self._asked:
+            self.wait_until_ns = max(self.wait_until_ns, now_ns + answer.wait_ns)
+            self._refusers.add(answer.source)
+            self.beaten |= self.state is LeaseState.HELD and answer.term > self.term
+
+    def _judge(self, nonce: int, now_ns: int) -> None:
+        asked = self._asked[nonce]
+        votes = Votes(len(asked.voters), self._config.majority)
+        if not self._guards.granted_by_majority(votes):
+            return
+        granted = Granted(asked.sent_ns, self._config.timers.holder_lease_ns, asked.less_ns)
+        self.until_ns = max(self.until_ns, self._guards.granted_until_ns(granted))
+        if asked.sent_ns > self._confirmed_ns:
+            self._confirmed_ns, self._answer_ns = asked.sent_ns, now_ns - asked.sent_ns
+        self.state = LeaseState.HELD
+
+    def lost(self, now_ns: int) -> bool:
+        """The candidacy came to nothing."""
+        refused = len(self._refusers) > len(self._config.arbiters) - self._config.majority
+        return self.state is LeaseState.ASKED and (refused or now_ns - self._asked_ns >= ATTEMPT_NS)
+
+    def attempt_ends_ns(self) -> int:
+        return self._asked_ns + ATTEMPT_NS
+
+    def runs(self, now_ns: int) -> bool:
+        """It holds, and still when what is said now has left."""
+        margin_ns = self._config.timers.margin_ms * NS_PER_MS
+        return self.state is LeaseState.HELD and self._guards.lease_runs(
+            Clock(now_ns, self.until_ns, margin_ns)
+        )

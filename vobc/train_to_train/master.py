@@ -1,0 +1,400 @@
+"""A train that commands an area: takes reports, keeps roster and objects, issues authorities."""
+
+from typing import Final
+
+from firmware_py.trackdb.areas import AreaMap
+from vobc.train_to_train import admission
+from vobc.train_to_train.admission import Scene, Waiting, admitted, foremost_first, is_sieved
+from vobc.train_to_train.authority import Course, Space, Stretch, back_to_m, end_of_authority_m
+from vobc.train_to_train.axle_counting import TrackView, restrictions_for, view_of
+from vobc.train_to_train.guards import Freshness, MasterGuards
+from vobc.train_to_train.inference import Conclusions
+from vobc.train_to_train.lease import Lease
+from vobc.train_to_train.message_heads import Head, Speaker
+from vobc.train_to_train.objects import Objects
+from vobc.train_to_train.occupancy import Record, TrainTable
+from vobc.train_to_train.removals import Removals, Sight
+from vobc.train_to_train.restart import Newborns
+from vobc.train_to_train.roster import Order, Roster
+from vobc.train_to_train.succession import Succession
+from vobc.train_to_train.surroundings import Look, Surroundings
+from vobc.train_to_train.vocabulary import T2tConfig
+from zenoh_config.messages import WAYSIDE
+from zenoh_config.t2t import (
+    BROADCAST,
+    NOBODY,
+    SUPERVISION,
+    Admission,
+    AdmissionState,
+    AreaAuthority,
+    Heartbeat,
+    LineOrder,
+    ObjectClaim,
+    ObjectStatus,
+    OrderKind,
+    Phase,
+    RosterAck,
+    RosterCommit,
+    StandbySync,
+    SwitchKind,
+    SwitchStep,
+    T2tMessage,
+    TrackStatus,
+    TrainReport,
+)
+from zenoh_config.t2t_supervision import Removal, RemovalAnswer
+from zenoh_config.timers import NS_PER_MS
+
+APPLICANTS_MAX: Final = 64
+
+
+class Master:
+    """From the grant of the lease to its end; under one term, with one order of trains."""
+
+    def __init__(
+        self,
+        config: T2tConfig,
+        guards: MasterGuards,
+        line: AreaMap,
+        area: int,
+        *,
+        speaker: Speaker,
+        lease: Lease,
+        table: TrainTable,
+        now_ns: int,
+    ) -> None:
+        """`table`: what a standby already knows; else an empty one."""
+        self.term = lease.term
+        self.succession = Succession(speaker.address, config.switch_ms * NS_PER_MS)
+        self.roster = Roster(lease.term, lease.adopted, config.majority, guards)
+        self._config, self._guards, self._line = config, guards, line
+        self._area = line.area(area)
+        self._space = Space(
+            self._area.end_m, (), config.rollback_m, config.jog_m, config.longest_authority_m
+        )
+        self._speaker, self._lease = speaker, lease
+        self._known = Conclusions(lease.term, table, config, guards)
+        self._objects = Objects(lease.term, line.objects_in(area), guards)
+        self._track: TrackView | None = None
+        self._applicants: dict[int, tuple[TrainReport, int]] = {}
+        self._around = Surroundings(self._known, line, area)
+        self._removals = Removals(config, guards, self._known)
+        self._unfit: set[int] = set()
+        """Out of service by order of supervision."""
+        self._left: Record | None = None
+        """The last train that left the area near which nobody hid; its axles may still show."""
+        self._beat_ns = self._cycle_ns = now_ns
+        self._was_ready = False
+        self._newborns = Newborns(config, guards)
+        self._known.begin_with(self.roster.proposed, now_ns)
+
+    def hears(self, message: T2tMessage, now_ns: int) -> None:
+        if isinstance(message, TrainReport):
+            self._hears_report(message, now_ns)
+        elif isinstance(message, RosterAck):
+            if message.source in self._config.arbiters:
+                self.roster.hears(message)
+        elif isinstance(message, ObjectStatus):
+            self._objects.hears(message)
+        elif isinstance(message, TrackStatus):
+            if message.term == self.term:
+                self._track = view_of(message, self._line)
+        elif isinstance(message, SwitchStep):
+            if message.kind is SwitchKind.READY and message.term == self.term:
+                self.succession.switch.is_ready(message.source, message.nonce)
+        elif isinstance(message, LineOrder):
+            self._hears_order(message)
+        elif isinstance(message, Removal):
+            self._removals.hears(message, now_ns)
+
+    def _hears_report(self, report: TrainReport, now_ns: int) -> None:
+        train = report.source
+        boot = self.roster.boots().get(train)
+        self._around.hears(report, now_ns)
+        if boot is not None and boot != report.boot:
+            self._newborns.hears(report, now_ns)
+            self._known.hears_newborn(report)
+        elif boot is not None:
+            self._newborns.forgets(train)
+            self._applicants.pop(train, None)
+            record = self._known.records[train]
+            record.hears(report, now_ns, term=self.term, jog_m=self._config.jog_m)
+            if not record.served:
+                self._cycle_ns = min(self._cycle_ns, now_ns)
+        elif self._has_passed(report.rear_min_m) or self._around.is_far(report):
+            self._applicants.pop(train, None)
+            self._around.passes(report, now_ns)
+        elif train in self._applicants or len(self._applicants) < APPLICANTS_MAX:
+            self._applicants[train] = (report, now_ns)
+
+    def _hears_order(self, order: LineOrder) -> None:
+        record = self._known.records.get(order.train)
+        if order.kind is OrderKind.SWITCH_MASTER:
+            self.succession.wanted = order.train
+        elif order.kind is OrderKind.OUT_OF_SERVICE:
+            self._unfit.add(order.train)
+        elif order.kind is OrderKind.IN_SERVICE:
+            self._unfit.discard(order.train)
+        elif record is not None:
+            record.stopped = order.kind is OrderKind.STOP
+
+    # What follows from it.
+
+    def next_due_ns(self) -> int:
+        return min(self._beat_ns, self._cycle_ns) if self._was_ready else self._beat_ns
+
+    def step(self, now_ns: int, *, away: bool) -> list[T2tMessage]:
+        """Everything to say now. Nothing is, unless the lease still holds when it has left.
+
+        Args:
+            away: this train should not command much longer: it leaves, or cannot.
+        """
+        said: list[T2tMessage] = []
+        if not self._lease.runs(now_ns):
+            return said
+        if now_ns >= self._cycle_ns and self._is_ready(now_ns):
+            self._cycle_ns = _next(self._cycle_ns, now_ns, self._config.timers.cycle_ms)
+            said += self._cycle(now_ns, away=away)
+        if now_ns >= self._beat_ns:
+            self._beat_ns = _next(self._beat_ns, now_ns, self._config.timers.heartbeat_ms)
+            said += self._beat(now_ns)
+        return said
+
+    def _is_ready(self, now_ns: int) -> bool:
+        """Who is in the area and what its track is like is known; before, nothing is issued."""
+        self._was_ready = self.roster.kept is not None and self._track_is_known(now_ns)
+        return self._was_ready
+
+    def _beat(self, now_ns: int) -> list[T2tMessage]:
+        phase = Phase.FENCING if self.roster.kept is None else Phase.ISSUING
+        said: list[T2tMessage] = [
+            Heartbeat(
+                *self._head(now_ns, BROADCAST), phase, self.succession.standby, self.roster.version
+            )
+        ]
+        if self.roster.pending:
+            said += [
+                RosterCommit(*self._head(now_ns, each), self.roster.version, self.roster.proposed)
+                for each in self.roster.missing(self._config.arbiters)
+            ]
+        return said + self.succession.steps(now_ns, self._head)
+
+    def _cycle(self, now_ns: int, *, away: bool) -> list[T2tMessage]:
+        if self._track is not None:
+            self._known.advance_silent(now_ns, self._track)
+        self._known.take_proofs(self.roster.proposed, now_ns)
+        said: list[T2tMessage] = []
+        if not self.roster.pending:
+            said += self._keep_roster(now_ns)
+        said += [
+            RemovalAnswer(*self._head(now_ns, SUPERVISION), train, state)
+            for train, state in self._removals.answers(self.roster)
+        ]
+        self._succeed(now_ns, away=away)
+        said += self._claims(now_ns)
+        return said + self._authorities(now_ns)
+
+    # The roster.
+
+    def _keep_roster(self, now_ns: int) -> list[T2tMessage]:
+        """Departures and sieved trains first, then at most one newcomer after the other."""
+        said: list[T2tMessage] = []
+        records = self._known.records
+        gone = self._removals.gone(self.roster, self._sight, now_ns)
+        order: Order = self.roster.proposed
+        passed = [e for e in order if self._has_passed(records[e.train].rear_m)]
+        order = tuple([e for e in order if e not in passed and e.train not in gone])
+        order, elsewhere = self._newborns.settle(
+            order, lambda report: self._scene(now_ns, report, inside=True), self._known, now_ns
+        )
+        left = [records[each.train] for each in passed if self._guards.sieved(each.sieved)]
+        self._left = left[-1] if left else self._left
+        changed = order != self.roster.proposed
+        self._applicants.update({report.source: (report, at_ns) for report, at_ns in elsewhere})
+        self._applicants = {
+            train: each
+            for train, each in self._applicants.items()
+            if self._known.is_alive(each[1], now_ns)
+        }
+        for train, (report, heard_ns) in sorted(self._applicants.items(), key=foremost_first):
+            if not (report.localised and self._known.is_recent(report, now_ns)):
+                continue
+            scene = self._scene(now_ns, report)
+            result = admitted(order, report, scene, self._config, self._guards)
+            if isinstance(result, Waiting):
+                said.append(Admission(*self._head(now_ns, train), result.state, result.waits_for))
+                continue
+            order, changed = result, True
+            record = self._known.table.of(train, rear_m=report.rear_min_m, now_ns=heard_ns)
+            record.hears(report, heard_ns, term=self.term, jog_m=self._config.jog_m)
+            said.append(Admission(*self._head(now_ns, train), AdmissionState.COMMITTING, NOBODY))
+        order, sieved = self._sieve(order, now_ns)
+        if changed or sieved:
+            self.roster.propose([e._replace(rear_m=records[e.train].rear_m) for e in order])
+            self._known.table.forget_but([entry.train for entry in order])
+            self._beat_ns = now_ns
+        return said
+
+    def _has_passed(self, rear_m: float) -> bool:
+        """Out of the area for good, whatever it may roll or jog back."""
+        return rear_m >= self._area.end_m + self._config.behind_rear_m
+
+    def _sieve(self, order: Order, now_ns: int) -> tuple[Order, bool]:
+        sieved, look = [], None
+        for entry in order:
+            record = self._known.records[entry.train]
+            report, entry = record.report, entry._replace(stopped=record.stopped)
+            if not entry.sieved and report is not None:
+                scene = self._around.scene(entry.train, look := look or self._look(now_ns))
+                entry = entry._replace(sieved=is_sieved(report, scene, self._config.behind_axle_m))
+            sieved.append(entry)
+        return tuple(sieved), tuple(sieved) != order
+
+    def _look(self, now_ns: int) -> Look:
+        return self._around.look(self.roster.proposed, self._strangers(), self._track, now_ns)
+
+    def _scene(self, now_ns: int, newcomer: TrainReport, *, inside: bool = False) -> Scene:
+        return self._around.scene(newcomer.source, self._look(now_ns), inside=inside)
+
+    def _sight(self, now_ns: int) -> Sight:
+        return self._around.sight(self._strangers(), self._track, now_ns)
+
+    def _strangers(self) -> list[tuple[TrainReport, int]]:
+        return [*self._applicants.values(), *self._newborns.told()]
+
+    # Objects.
+
+    def _claims(self, now_ns: int) -> list[T2tMessage]:
+        planned = self._objects.plan(
+            needed=self._known.is_needed,
+            reaches=lambda site: self._known.reaches(site, self.roster.proposed),
+        )
+        return [
+            ObjectClaim(*self._head(now_ns, WAYSIDE), site.number, claim.kind, claim.nonce)
+            for site, claim in planned
+        ]
+
+    def _authorities(self, now_ns: int) -> list[T2tMessage]:
+        commanded = self.roster.may_be_commanded()
+        barred = [*self._objects.stretches(), *(self._track.closed if self._track else ())]
+        barred += admission.kept_free(self._strangers(), self.roster.boots(), self._config)
+        issued: list[T2tMessage] = []
+        ahead: Record | None = None
+        alone: Record | None = None
+        kept = True
+        for rank, entry in enumerate(self.roster.proposed, start=1):
+            record = self._known.records[entry.train]
+            sieved, told = self._guards.sieved(entry.sieved), self._known.is_told(record, now_ns)
+            if entry.train in commanded and sieved and told:
+                # Near one that is not sieved somebody may hide: it tells nothing of its sections.
+                beyond_m = self._known.within_m(record, now_ns, sure=alone is ahead)
+                open_end = (self._area.end_m, self._left)
+                hidden = self._known.hidden(record, beyond_m, alone, self._track, open_end, now_ns)
+                hidden += [] if kept else [self._known.no_farther(record, now_ns)]
+                authority = self._authority(now_ns, record, ahead, [*barred, *hidden], rank)
+                issued += [] if authority is None else [authority]
+            ahead, alone = record, record if sieved else None
+            # Who is not kept yet may be forgotten by the next master: nobody gets farther by it.
+            kept = entry.train in commanded
+        return [*self._sync(now_ns), *issued]
+
+    def _authority(
+        self, now_ns: int, record: Record, ahead: Record | None, barred: list[Stretch], rank: int
+    ) -> AreaAuthority | None:
+        report = record.report
+        if report is None:
+            return None
+        course = Course(
+            rear_m=record.rear_m,
+            front_max_m=report.front_max_m,
+            easy_m=report.easy_m,
+            granted_m=record.granted_m,
+            ahead_m=self._known.ahead_m(record, report, ahead),
+            stopped=record.stopped,
+        )
+        space = self._space.barred_by(barred)
+        end_m = end_of_authority_m(course, space)
+        rear_m = back_to_m(course, space)
+        if end_m is None or end_m < rear_m:
+            return None
+        head = self._head(now_ns, record.train)
+        record.issued(head.sequence, end_m, life_ns=self._known.life_ns)
+        return AreaAuthority(
+            *head,
+            report.boot,
+            report.stamp_ns,
+            end_m,
+            rear_m,
+            NOBODY if ahead is None else ahead.train,
+            rank,
+            restrictions_for(
+                self._track.restrictions if self._track else (), rear_m=rear_m, end_m=end_m
+            ),
+        )
+
+    def _sync(self, now_ns: int) -> list[T2tMessage]:
+        """What the standby must know stands before what it is about."""
+        standby = self.succession.standby
+        if standby == NOBODY:
+            return []
+        head = self._head(now_ns, standby)
+        return [StandbySync(*head, self.roster.version, self._known.sync_entries())]
+
+    def is_fit(self, train: int, now_ns: int) -> bool:
+        """To be standby or master: heard of, committed, promised, in service, another than this."""
+        if train in self._unfit or train == self._speaker.address:
+            return False
+        return train in self.roster.may_be_commanded() and self._known.is_fit(train, now_ns)
+
+    def _succeed(self, now_ns: int, *, away: bool) -> None:
+        """Standby and planned switch."""
+        succession, own = self.succession, self._speaker.address
+        heard = [
+            (each.train, each.ready_nonce)
+            for each in self._known.records.values()
+            if each.ready_nonce is not None
+            and each.train != own
+            and self._known.is_alive(each.heard_ns, now_ns)
+        ]
+        heard += self._newborns.ready(self._known, now_ns)
+        succession.choose_standby(
+            [e.train for e in self.roster.proposed if self.is_fit(e.train, now_ns)]
+        )
+        changed = succession.step(
+            now_ns,
+            away=away or own in self._unfit,
+            fit=lambda train: self.is_fit(train, now_ns),
+            ready=heard,
+        )
+        if changed:
+            self._lease.successor = succession.named
+            self._beat_ns = now_ns
+
+    @property
+    def has_others(self) -> bool:
+        """Another train is on the roster, or wants to be."""
+        own = self._speaker.address
+        return bool((self._on_roster() | set(self._applicants)) - {own})
+
+    def hears_no_train(self, now_ns: int) -> bool:
+        """Of several others none."""
+        return self._known.all_silent(self._speaker.address, now_ns)
+
+    def _on_roster(self) -> set[int]:
+        return {entry.train for entry in self.roster.proposed}
+
+    def _track_is_known(self, now_ns: int) -> bool:
+        if not self._line.sections:
+            return True
+        limit_ns = self._config.timers.authority_ms * NS_PER_MS
+        seen_ns = now_ns - limit_ns - 1 if self._track is None else self._track.seen_ns
+        return self._guards.track_known(Freshness(now_ns - seen_ns, limit_ns))
+
+    def _head(self, now_ns: int, to: int) -> Head:
+        return self._speaker.head(now_ns, to=to, area=self._area.number, term=self.term)
+
+
+def _next(due_ns: int, now_ns: int, period_ms: int) -> int:
+    """The next instant of a rhythm; what was missed is not made up for."""
+    period_ns = period_ms * NS_PER_MS
+    return due_ns + (1 + (now_ns - due_ns) // period_ns) * period_ns

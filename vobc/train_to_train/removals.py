@@ -1,0 +1,121 @@
+"""Trains that supervision wants off the roster, as a person has seen that they are not there.
+
+A train that falls silent stays on the roster, and those behind it wait until sections are clear
+around where it was. What no counter can tell is left to a person: whether it stands behind the last
+counter of the line, or was taken away past trains that stand there. What counters do tell stands
+against any word.
+"""
+
+from collections.abc import Callable, Iterable
+from typing import Final, NamedTuple
+
+from vobc.train_to_train.authority import Standing, all_explained
+from vobc.train_to_train.axle_counting import TrackView
+from vobc.train_to_train.guards import MasterGuards, Vanished
+from vobc.train_to_train.inference import Conclusions
+from vobc.train_to_train.roster import Roster
+from vobc.train_to_train.vocabulary import T2tConfig
+from zenoh_config.t2t_supervision import Removal, RemovalState
+from zenoh_config.timers import NS_PER_MS
+
+GOOD_FOR_NS: Final = 3_000_000_000
+"""So long what a person has seen counts."""
+REMOVALS_MAX: Final = 16
+"""Wanted at the same time; others are not answered."""
+
+
+class Sight(NamedTuple):
+    """What the area's track and trains tell."""
+
+    counts: bool
+    """This line counts axles."""
+    track: TrackView | None
+    standing: tuple[Standing, ...]
+    """Trains that are heard, and say that they stand."""
+    heard: set[int]
+    """Trains that were heard just now and are not on the roster in this incarnation."""
+    end_m: float
+    """Of the area."""
+
+
+class Wanted(NamedTuple):
+    """A removal that supervision asks for, and how far it has come."""
+
+    echo_ns: int
+    """Own stamp of the heartbeat that the newest removal answers."""
+    state: RemovalState = RemovalState.HEARD
+
+
+class Removals:
+    """Of one master, under its own term."""
+
+    def __init__(self, config: T2tConfig, guards: MasterGuards, known: Conclusions) -> None:
+        self._config, self._guards, self._known = config, guards, known
+        self._wanted: dict[int, Wanted] = {}
+        """By train."""
+        self._late: set[int] = set()
+
+    def hears(self, removal: Removal, now_ns: int) -> None:
+        train = removal.train
+        if removal.term != self._known.term:
+            return
+        if train not in self._wanted and len(self._wanted) >= REMOVALS_MAX:
+            return
+        if _is_good(removal.echo_ns, now_ns):
+            known = self._wanted.get(train, Wanted(removal.echo_ns))
+            self._wanted[train] = known._replace(echo_ns=max(removal.echo_ns, known.echo_ns))
+        elif len(self._late) < REMOVALS_MAX:
+            self._late.add(train)
+
+    def gone(self, roster: Roster, look: Callable[[int], Sight], now_ns: int) -> set[int]:
+        """Trains that are wanted off the roster and surely hold and occupy nothing."""
+        wanted = {t: e for t, e in self._wanted.items() if _is_good(e.echo_ns, now_ns)}
+        self._wanted = wanted
+        concerned = wanted.keys() & roster.boots().keys()
+        if not concerned:
+            return set()
+        sight, reserved_m = look(now_ns), self._known.reserved_m(roster.proposed)
+        to_m = sight.end_m
+        for entry in roster.proposed:
+            train = entry.train
+            if train in concerned:
+                # By hand it may have been driven farther than it was let: up to the train ahead.
+                reach_m = max(reserved_m[train], to_m)
+                state = self._judged(train, wanted[train].echo_ns, reach_m, sight, now_ns)
+                wanted[train] = wanted[train]._replace(state=state)
+            to_m = self._known.records[train].rear_m
+        return {train for train in concerned if wanted[train].state is RemovalState.COMMITTING}
+
+    def _judged(
+        self, train: int, echo_ns: int, reach_m: float, sight: Sight, now_ns: int
+    ) -> RemovalState:
+        record, track = self._known.records[train], sight.track
+        age_max_ns = self._config.timers.authority_ms * NS_PER_MS
+        from_m = record.rear_m - self._config.behind_rear_m
+        silent = train not in sight.heard and now_ns - record.heard_ns > age_max_ns
+        # What it tells in another life, and from elsewhere, bounds nothing here.
+        to_m = max(reach_m, record.rear_m + self._config.overhang_m)
+        explained = not sight.counts or (
+            track is not None
+            and track.seen_ns >= echo_ns
+            and all_explained(track.counted, sight.standing, from_m=from_m, to_m=to_m)
+        )
+        if self._guards.vanished(Vanished(silent, explained)):
+            return RemovalState.COMMITTING
+        return RemovalState.AXLES if silent else RemovalState.HEARD
+
+    def answers(self, roster: Roster) -> Iterable[tuple[int, RemovalState]]:
+        """What to tell supervision, by train."""
+        on_roster = roster.boots()
+        for train, wanted in self._wanted.items():
+            if roster.pending:
+                yield train, RemovalState.COMMITTING
+            else:
+                yield train, wanted.state if train in on_roster else RemovalState.GONE
+        for train in sorted(self._late):
+            yield train, RemovalState.TOO_OLD
+        self._late.clear()
+
+
+def _is_good(echo_ns: int, now_ns: int) -> bool:
+    return 0 <= now_ns - echo_ns <= GOOD_FOR_NS

@@ -1,0 +1,146 @@
+"""What a train is in an area, and how it stands to those who command it: two tables."""
+
+from collections.abc import Callable, Mapping
+from typing import Final, NamedTuple
+
+from vobc.train_to_train.vocabulary import Role, TrainState
+
+
+class Sight(NamedTuple):
+    """What decides about a train's role in one area."""
+
+    concerned: bool
+    """The train is there, or will soon be."""
+    member: bool
+    """It holds an authority of the area that is young enough."""
+    named_standby: bool
+    apply_now: bool
+    """It may command, and the master has been silent for this train's turn, or has called it."""
+    may_command: bool
+    candidacy_lost: bool
+    lease_granted: bool
+    lease_runs: bool
+    fenced: bool
+    """A higher term than that of its own lease exists."""
+    roster_kept: bool
+    relieved: bool
+    """There is nobody left to command, and this train leaves."""
+    deaf: bool
+    """It commands, and hears nothing of those whom it commands."""
+
+
+def not_concerned(sight: Sight) -> bool:
+    return not sight.concerned
+
+
+def concerned(sight: Sight) -> bool:
+    return sight.concerned
+
+
+def applies(sight: Sight) -> bool:
+    return sight.apply_now and sight.may_command
+
+
+def named_standby(sight: Sight) -> bool:
+    return sight.named_standby
+
+
+def not_named(sight: Sight) -> bool:
+    return not sight.named_standby
+
+
+def is_member(sight: Sight) -> bool:
+    return sight.member
+
+
+def no_member(sight: Sight) -> bool:
+    return not sight.member
+
+
+def beaten(sight: Sight) -> bool:
+    return sight.fenced or sight.candidacy_lost
+
+
+def granted(sight: Sight) -> bool:
+    return sight.lease_granted
+
+
+def command_over(sight: Sight) -> bool:
+    return sight.fenced or not sight.lease_runs or sight.relieved or sight.deaf
+
+
+def roster_kept(sight: Sight) -> bool:
+    return sight.roster_kept
+
+
+Guard = Callable[[Sight], bool]
+
+ROLES: Final[Mapping[Role, tuple[tuple[Guard, Role], ...]]] = {
+    Role.OUTSIDE: ((concerned, Role.APPLICANT),),
+    Role.APPLICANT: (
+        (not_concerned, Role.OUTSIDE),
+        (applies, Role.CANDIDATE),
+        (named_standby, Role.STANDBY),
+        (is_member, Role.MEMBER),
+    ),
+    Role.MEMBER: (
+        (not_concerned, Role.OUTSIDE),
+        (applies, Role.CANDIDATE),
+        (named_standby, Role.STANDBY),
+        (no_member, Role.APPLICANT),
+    ),
+    Role.STANDBY: (
+        (not_concerned, Role.OUTSIDE),
+        (applies, Role.CANDIDATE),
+        (not_named, Role.MEMBER),
+    ),
+    Role.CANDIDATE: ((beaten, Role.APPLICANT), (granted, Role.FENCING)),
+    Role.FENCING: ((command_over, Role.APPLICANT), (roster_kept, Role.MASTER)),
+    Role.MASTER: ((command_over, Role.APPLICANT),),
+}
+
+
+def next_role(role: Role, sight: Sight) -> Role:
+    """The first guard that holds decides; when none holds the role stays."""
+    for guard, target in ROLES[role]:
+        if guard(sight):
+            return target
+    return role
+
+
+class Standing(NamedTuple):
+    """What decides how a train stands to those who command it."""
+
+    localised: bool
+    authority_young: bool
+    areas: int
+    """In which it is with any part of itself."""
+
+
+def lost(standing: Standing) -> bool:
+    return not standing.localised
+
+
+def without_authority(standing: Standing) -> bool:
+    return not standing.authority_young
+
+
+def between_areas(standing: Standing) -> bool:
+    return standing.areas > 1
+
+
+def always(standing: Standing) -> bool:
+    return True
+
+
+STATES: Final[tuple[tuple[Callable[[Standing], bool], TrainState], ...]] = (
+    (lost, TrainState.LOST),
+    (without_authority, TrainState.NON_COMMUNICATING),
+    (between_areas, TrainState.CO_MANAGED),
+    (always, TrainState.CONTROLLED),
+)
+"""From every state alike: the first that holds."""
+
+
+def state_of(standing: Standing) -> TrainState:
+    return next(state for guard, state in STATES if guard(standing))

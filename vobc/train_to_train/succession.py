@@ -1,0 +1,82 @@
+"""Who stands by for a master, and who follows it: the standby, and the planned switch."""
+
+from collections.abc import Callable, Sequence
+
+from vobc.train_to_train.message_heads import Head
+from vobc.train_to_train.planned_switch import PlannedSwitch, SwitchState
+from zenoh_config.t2t import BROADCAST, NOBODY, SwitchKind, SwitchStep, T2tMessage
+
+
+class Succession:
+    def __init__(self, own: int, limit_ns: int) -> None:
+        self.wanted = NOBODY
+        """Who shall be master instead, by order of supervision."""
+        self.standby = NOBODY
+        self.switch = PlannedSwitch(limit_ns)
+        self._own = own
+        self._aborted = 0
+
+    @property
+    def named(self) -> int:
+        """Whom the arbiters may let acquire although the lease runs."""
+        committed = self.switch.state is SwitchState.COMMITTED
+        return self.switch.successor if committed else NOBODY
+
+    def choose_standby(self, fit: Sequence[int]) -> None:
+        """The rearmost train that is fit, it stays longest; kept for as long as it is fit.
+
+        Args:
+            fit: foremost first.
+        """
+        if self.standby not in fit:
+            self.standby = fit[-1] if fit else NOBODY
+
+    def step(
+        self,
+        now_ns: int,
+        *,
+        away: bool,
+        fit: Callable[[int], bool],
+        ready: Sequence[tuple[int, int]],
+    ) -> bool:
+        """Whether the switch changed its state.
+
+        Args:
+            away: the master itself has to go.
+            ready: every train that is heard of, and the switch that it is ready for.
+        """
+        wanted = self.wanted or (self.standby if away else NOBODY)
+        if wanted == self._own:
+            wanted = self.wanted = NOBODY
+        switch = self.switch
+        if wanted != NOBODY and fit(wanted):
+            # The successor has to know what a standby knows.
+            self.standby = wanted
+        before = switch.state
+        switch.step(
+            now_ns,
+            wanted=wanted,
+            fit=fit,
+            all_ready=lambda: all(nonce == switch.nonce for _, nonce in ready),
+        )
+        if switch.state is SwitchState.IDLE and before is not SwitchState.IDLE:
+            self.wanted = NOBODY
+        return switch.state is not before
+
+    def steps(self, now_ns: int, head: Callable[[int, int], Head]) -> list[T2tMessage]:
+        """What to say of the switch now; said again and again while it lasts.
+
+        Args:
+            head: of a message at an instant to an address.
+        """
+        switch = self.switch
+        if switch.state is SwitchState.PREPARING:
+            to, kind = BROADCAST, SwitchKind.PREPARE
+        elif switch.state is SwitchState.COMMITTED:
+            to, kind = switch.successor, SwitchKind.COMMIT
+        elif switch.aborted != self._aborted:
+            self._aborted = switch.aborted
+            return [SwitchStep(*head(now_ns, BROADCAST), SwitchKind.ABORT, switch.aborted, NOBODY)]
+        else:
+            return []
+        return [SwitchStep(*head(now_ns, to), kind, switch.nonce, switch.successor)]

@@ -1,0 +1,170 @@
+"""What a master sees around a train: what is counted, and whose axles explain it."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import NamedTuple
+
+from firmware_py.trackdb.areas import AreaMap
+from vobc.train_to_train.admission import Scene, may_explain, standing_of
+from vobc.train_to_train.authority import Standing
+from vobc.train_to_train.axle_counting import TrackView, way_m
+from vobc.train_to_train.inference import Conclusions
+from vobc.train_to_train.removals import Sight
+from vobc.train_to_train.roster import Order
+from zenoh_config.t2t import TrainReport
+
+Heard = tuple[TrainReport, int]
+"""A report and when it came."""
+
+
+class Halt(NamedTuple):
+    since_ns: int
+    """When the first report came that says so."""
+    report: TrainReport
+    """The newest that does."""
+
+
+class Look(NamedTuple):
+    """What is seen and heard at one instant, whoever it is needed for."""
+
+    told: Mapping[int, Standing]
+    """By train that says where it is."""
+    at_rest: Mapping[int, Standing]
+    """Those of them that stood already where they are when sections were counted."""
+    strangers: Sequence[Heard]
+    reserved_m: dict[int, float]
+    track: TrackView | None
+    now_ns: int
+
+
+class Surroundings:
+    """In one area, as its master knows it."""
+
+    def __init__(self, known: Conclusions, line: AreaMap, area: int) -> None:
+        self._known, self._counts = known, bool(line.sections)
+        self._line_m, self._apply_m = (line.start_m, line.end_m), line.apply_m
+        self._area, self._before = line.area(area), line.preceding(area)
+        self._passed: dict[int, Heard] = {}
+        self._halts: dict[int, Halt] = {}
+        """By train that stands."""
+
+    def hears(self, report: TrainReport, now_ns: int) -> None:
+        """Since when it stands: what was counted before that says nothing of what is near it."""
+        known = self._halts.pop(report.source, None)
+        if report.standstill and report.localised:
+            since_ns = now_ns
+            if known is not None and known.report.boot == report.boot:
+                since_ns = known.since_ns
+            self._halts[report.source] = Halt(since_ns, report)
+
+    def is_far(self, report: TrainReport) -> bool:
+        """It stands so far before the area that it does not come to it yet."""
+        return report.front_max_m < self._area.start_m - self._apply_m
+
+    def passes(self, report: TrainReport, now_ns: int) -> None:
+        """It is out of the area, and may explain axles beyond its borders."""
+        self._passed[report.source] = report, now_ns
+
+    def look(
+        self, order: Order, strangers: Iterable[Heard], track: TrackView | None, now_ns: int
+    ) -> Look:
+        """Around at one instant.
+
+        Args:
+            strangers: trains that are not on the roster in this incarnation.
+        """
+        records, others = self._known.records, list(strangers)
+        told = self._witnesses(others, track, now_ns)
+        at_rest = self._at_rest(told, track, now_ns)
+        reserved_m = self._known.reserved_m([each for each in order if each.train in records])
+        return Look(told, at_rest, others, reserved_m, track, now_ns)
+
+    def scene(self, but: int, look: Look, *, inside: bool = False) -> Scene:
+        """What the admission of a train is decided on.
+
+        Args:
+            but: this train itself.
+            inside: also who else stands in the area, as is asked of one that begins anew.
+        """
+        track = look.track
+        there = self._standing_there(look.strangers, track, look.now_ns) if inside else {}
+        return Scene(
+            area=self._area,
+            before=self._before,
+            records=self._known.records,
+            reserved_m=look.reserved_m,
+            counted=(track.counted if track else ()) if self._counts else None,
+            stood=self._stood(but, track, look.now_ns),
+            standing=_of_others(look.told, but),
+            at_rest=_of_others(look.at_rest, but),
+            there=_of_others(there, but),
+            line_m=self._line_m,
+        )
+
+    def sight(self, strangers: Iterable[Heard], track: TrackView | None, now_ns: int) -> Sight:
+        """What the removal of a train is decided on."""
+        others = list(strangers)
+        # Also one whose word was long on its way is there.
+        anew = {e.source for e, heard_ns in others if self._known.is_alive(heard_ns, now_ns)}
+        return Sight(
+            self._counts,
+            track,
+            tuple(self._standing_there(others, track, now_ns).values()),
+            anew,
+            self._area.end_m,
+        )
+
+    def _standing_there(
+        self, others: Sequence[Heard], track: TrackView | None, now_ns: int
+    ) -> dict[int, Standing]:
+        """Who may be forgotten is there all the same now, and so is whose axles these are."""
+        return self._at_rest(self._witnesses(others, track, now_ns, inside=True), track, now_ns)
+
+    def _at_rest(
+        self, told: Mapping[int, Standing], track: TrackView | None, now_ns: int
+    ) -> dict[int, Standing]:
+        return {
+            train: Standing(each.rear_m, each.front_m, each.axles)
+            for train, each in told.items()
+            if self._stood(train, track, now_ns)
+        }
+
+    def _stood(self, train: int, track: TrackView | None, now_ns: int) -> bool:
+        """It stood where it is already when all this was counted, and says so still."""
+        halt = self._halts.get(train)
+        if halt is None or track is None or not self._known.is_recent(halt.report, now_ns):
+            return False
+        return halt.since_ns <= track.seen_ns
+
+    def _witnesses(
+        self,
+        strangers: Iterable[Heard],
+        track: TrackView | None,
+        now_ns: int,
+        *,
+        inside: bool = False,
+    ) -> dict[int, Standing]:
+        """By train: of the roster, and of all others those that may explain anything.
+
+        Args:
+            inside: others also where they stand in the area.
+        """
+        known = self._known
+        behind_m = 0.0 if track is None else way_m(now_ns - track.seen_ns)
+        reports = [each.report for each in known.records.values() if each.report is not None]
+        self._passed = {t: e for t, e in self._passed.items() if known.is_alive(e[1], now_ns)}
+        for report, _ in [*strangers, *self._passed.values()]:
+            # One that has only just come onto the roster still stands among the applicants.
+            if may_explain(report, known.records, self._area) or (inside and report.localised):
+                reports.append(report)
+        # Who is not heard any more may have run on, or been taken away while it stood.
+        return {
+            report.source: standing_of(report)._replace(
+                farther_m=way_m(now_ns - report.echo_ns), behind_m=behind_m
+            )
+            for report in reports
+            if known.is_recent(report, now_ns)
+        }
+
+
+def _of_others(standing: Mapping[int, Standing], but: int) -> tuple[Standing, ...]:
+    return tuple([each for train, each in standing.items() if train != but])
