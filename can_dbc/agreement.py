@@ -16,7 +16,7 @@ from can_dbc.dbc_file import (
     CRC_NAME,
     TIMEOUT_PERIODS,
     DbcFile,
-    Protection,
+    MessageProtection,
     raw_limits,
     signals_of,
     table_of,
@@ -92,7 +92,7 @@ def mismatches(kind: type[Frame], file: DbcFile, message: Message) -> Iterator[s
         *_name_faults(kind, message),
     ):
         yield f"{where}: {text}"
-    guarded = dbc_file.protection(message) is not Protection.NONE
+    guarded = dbc_file.protection(message) is not MessageProtection.NONE
     for name, annotation in field_types(kind).items():
         signal = signals_of(message).get(name)
         if signal is not None:
@@ -115,7 +115,7 @@ def layouts(kind: type[Frame], message: Message) -> tuple[FieldLayout, ...]:
 
 def payload_bytes(message: Message) -> int:
     """Length without the trailer."""
-    guarded = dbc_file.protection(message) is not Protection.NONE
+    guarded = dbc_file.protection(message) is not MessageProtection.NONE
     return message.length - (TRAILER_BYTES if guarded else 0)
 
 
@@ -175,14 +175,14 @@ def _timing_faults(message: Message) -> Iterator[str]:
         return
     if period_ms or timeout_ms:
         yield "is not cyclic but has a period or a timeout; remove it or make it cyclic"
-    if dbc_file.protection(message) is not Protection.NONE:
+    if dbc_file.protection(message) is not MessageProtection.NONE:
         yield "is protected but not cyclic; an alive counter needs GenMsgSendType cyclic"
 
 
 def _trailer_faults(message: Message) -> Iterator[str]:
     signals = signals_of(message)
     crc_start = 8 * message.length - 16
-    if dbc_file.protection(message) is Protection.NONE:
+    if dbc_file.protection(message) is MessageProtection.NONE:
         for name in (COUNTER_NAME, CRC_NAME):
             if name in signals:
                 yield f"{name}: in an unprotected message; set Protection to SAFETY or remove it"

@@ -12,13 +12,13 @@ from cantools.database.can import Message
 
 from can_dbc import agreement, dbc_file
 from can_dbc.agreement import FieldLayout, Frame
-from can_dbc.dbc_file import TWIN_SUFFIX, BindingError, DbcFile, Protection
+from can_dbc.dbc_file import TWIN_SUFFIX, BindingError, DbcFile, MessageProtection
 
 __all__ = [
     "Binding",
     "BindingError",
     "Frame",
-    "Protection",
+    "MessageProtection",
     "bind",
     "binding_of",
     "can_id",
@@ -43,7 +43,7 @@ class Binding:
     message: Message
     twin: Message | None
     """The inverted copy on the next identifier; only vital messages have one."""
-    protection: Protection
+    protection: MessageProtection
     fields: tuple[FieldLayout, ...]
     period_s: float
     timeout_s: float
@@ -152,4 +152,4 @@ def timeout_s(kind: type) -> float:
 
 def is_vital(kind: type) -> bool:
     """Whether it travels as a pair with an inverted twin."""
-    return binding_of(kind).protection is Protection.VITAL
+    return binding_of(kind).protection is MessageProtection.VITAL

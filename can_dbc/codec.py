@@ -8,7 +8,7 @@ from typing import Any, Final
 from cantools.database.can import Message
 
 from can_dbc.agreement import payload_bytes
-from can_dbc.binding import Binding, Frame, Protection, binding_of, known_ids
+from can_dbc.binding import Binding, Frame, MessageProtection, binding_of, known_ids
 from can_dbc.packing import EncodeError, invalid_values, packer, unpacker
 from can_dbc.rejection import Reason, Rejected
 from can_dbc.trailer import AliveCounter, crc_of_data_id, damage, opener
@@ -52,9 +52,9 @@ class Encoder:
     def _prepare(self, kind: type[Frame]) -> Callable[[Any], Sent]:
         bound = binding_of(kind)
         make = {
-            Protection.NONE: _plain_sender,
-            Protection.SAFETY: _safe_sender,
-            Protection.VITAL: _vital_sender,
+            MessageProtection.NONE: _plain_sender,
+            MessageProtection.SAFETY: _safe_sender,
+            MessageProtection.VITAL: _vital_sender,
         }[bound.protection]
         send = self._send[kind] = make(bound)
         return send
@@ -106,7 +106,7 @@ class Decoder:
     def _prepare(self, bound: Binding, silence_s: float) -> None:
         can_id = bound.message.frame_id
         reject = self._reject(can_id)
-        if bound.protection is Protection.NONE:
+        if bound.protection is MessageProtection.NONE:
             self._hear[can_id] = _plain_receiver(bound, reject)
             return
         alive = AliveCounter(can_id, self.lost, round(silence_s * 1e9))

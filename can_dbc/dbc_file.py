@@ -28,7 +28,7 @@ class BindingError(Exception):
     """A DBC file and a frame class contradict each other; says where and what to change."""
 
 
-class Protection(enum.Enum):
+class MessageProtection(enum.Enum):
     """How a message is guarded; numbered as the DBC attribute of this name numbers them."""
 
     NONE = 0
@@ -123,13 +123,13 @@ def number(message: Message, attribute: str) -> int:
     return found.value
 
 
-def protection(message: Message) -> Protection:
+def protection(message: Message) -> MessageProtection:
     """The attribute Protection."""
     value = number(message, "Protection")
     try:
-        return Protection(value)
+        return MessageProtection(value)
     except ValueError:
-        wanted = ", ".join(f"{each.value} {each.name}" for each in Protection)
+        wanted = ", ".join(f"{each.value} {each.name}" for each in MessageProtection)
         raise BindingError(f"{message.name}: Protection is {value}; use {wanted}") from None
 
 

@@ -21,7 +21,7 @@ class NodeState(enum.IntEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Heartbeat:
+class NodeHeartbeat:
     """Sent every second by every node; `HEARTBEATS` has the class of each."""
 
     node: ClassVar[Node]
@@ -57,7 +57,7 @@ def _members(node: Node) -> dict[str, object]:
     return {"__slots__": (), "__module__": __name__, "node": node}
 
 
-HEARTBEATS: Final = _one_for_each_node(Heartbeat, "HEARTBEAT")
+HEARTBEATS: Final = _one_for_each_node(NodeHeartbeat, "HEARTBEAT")
 """`HEARTBEATS[Node.BCU](NodeState.OPERATIONAL)` is what the brake control unit sends."""
 EMERGENCIES: Final = _one_for_each_node(Emergency, "EMCY")
 

@@ -10,7 +10,7 @@ from can_dbc.dbc_file import (
     CRC_NAME,
     TWIN_SUFFIX,
     DbcFile,
-    Protection,
+    MessageProtection,
     raw_limits,
     signals_of,
     table_of,
@@ -20,7 +20,7 @@ from can_dbc.dbc_file import (
 def mismatches(file: DbcFile, message: Message) -> Iterator[str]:
     """Everything that is wrong, without file and message: the caller puts them in front."""
     twin = file.messages.get(message.name + TWIN_SUFFIX)
-    if dbc_file.protection(message) is not Protection.VITAL:
+    if dbc_file.protection(message) is not MessageProtection.VITAL:
         if twin is not None:
             yield f"has a twin {twin.name}; set Protection to VITAL or remove the twin"
         return

@@ -14,7 +14,7 @@ from typing import Any, Final
 
 import msgspec
 
-from firmware_py.handed_ports import Said
+from firmware_py.handed_ports import SentOutputs
 from firmware_py.ports import CanFrame, RadioMessage, SerialChunk
 
 VERSION: Final = 1
@@ -141,7 +141,7 @@ def heard_messages(message: Grant) -> list[RadioMessage]:
     return [RadioMessage(at_ns, key, bytes.fromhex(data)) for at_ns, key, data in message.radio]
 
 
-def yielded(now_ns: int, next_wakeup_ns: int, said: Said) -> Yield:
+def yielded(now_ns: int, next_wakeup_ns: int, said: SentOutputs) -> Yield:
     return Yield(
         now_ns,
         next_wakeup_ns,
@@ -151,7 +151,7 @@ def yielded(now_ns: int, next_wakeup_ns: int, said: Said) -> Yield:
     )
 
 
-def said(message: Yield) -> Said:
+def said(message: Yield) -> SentOutputs:
     """Raises GrantProtocolError for what no wire can carry."""
     for can_id, _ in message.frames:
         if not 0 <= can_id <= STANDARD_ID_MAX:
@@ -163,7 +163,7 @@ def said(message: Yield) -> Said:
     for key, _ in message.radio:
         if not key or set(key) & set("*$#? \n"):
             raise GrantProtocolError(f"radio: {key!r} is no key")
-    return Said(
+    return SentOutputs(
         tuple(frames),
         tuple([_bytes("serial", data) for data in message.serial]),
         tuple([(key, _bytes("radio", data)) for key, data in message.radio]),

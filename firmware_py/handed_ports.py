@@ -6,7 +6,7 @@ from typing import NamedTuple
 from firmware_py.ports import CanFrame, LinkCounters, RadioMessage, SerialChunk
 
 
-class Said(NamedTuple):
+class SentOutputs(NamedTuple):
     """What a controller said, in its order within each wire."""
 
     frames: tuple[tuple[int, bytes], ...] = ()
@@ -93,9 +93,9 @@ class HandedPorts:
         self.tags.inbox += chunks
         self.radio.inbox += messages
 
-    def take(self) -> Said:
+    def take(self) -> SentOutputs:
         """What was said since the last call."""
         can, tags, radio = self.can, self.tags, self.radio
-        said = Said(tuple(can.sent), tuple(tags.sent), tuple(radio.sent))
+        said = SentOutputs(tuple(can.sent), tuple(tags.sent), tuple(radio.sent))
         can.sent, tags.sent, radio.sent = [], [], []
         return said

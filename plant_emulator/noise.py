@@ -9,7 +9,7 @@ BLOCK: Final = 1024
 """Numbers are drawn so many at a time; one call of a generator costs as much as a plant step."""
 
 
-class Source(enum.IntEnum):
+class NoiseSource(enum.IntEnum):
     """Everything that is drawn. A new source goes to the end: the number is part of its seed."""
 
     BRAKE_DEAD_TIME = 0
@@ -35,10 +35,10 @@ class Generators:
     """The generators of one seed."""
 
     def __init__(self, seed: int) -> None:
-        children = np.random.SeedSequence(seed).spawn(len(Source))
-        self._children = dict(zip(Source, children, strict=True))
+        children = np.random.SeedSequence(seed).spawn(len(NoiseSource))
+        self._children = dict(zip(NoiseSource, children, strict=True))
 
-    def of(self, source: Source) -> np.random.Generator:
+    def of(self, source: NoiseSource) -> np.random.Generator:
         """A fresh generator, which draws the same numbers each time it is asked for."""
         return np.random.Generator(np.random.PCG64(self._children[source]))
 

@@ -19,13 +19,13 @@ from firmware_py.clock.executive import Executive, Task
 from firmware_py.ports import RadioPort, SerialPort
 from plant_emulator.desk.attendant import attendant
 from plant_emulator.desk.display import KINDS as DISPLAYED
-from plant_emulator.desk.display import Display
-from plant_emulator.faults.kinds import Place
+from plant_emulator.desk.display import DeskDisplay
+from plant_emulator.faults.kinds import FaultPlace
 from plant_emulator.faults.plan import FaultPlan
 from plant_emulator.faults.radio_faults import RadioFaults
 from plant_emulator.faults.schedule import Schedule
 from plant_emulator.faults.serial_faults import SerialFaults
-from plant_emulator.faults.stage import Observer, Stage
+from plant_emulator.faults.stage import FaultStage, Observer
 from plant_emulator.wayside.railway import Railway
 from plant_emulator.wayside.zone_controller import ZoneController
 from plant_emulator.wire import (
@@ -37,7 +37,7 @@ from plant_emulator.wire import (
     Wire,
     timetable,
 )
-from plant_emulator.world import STEP_NS, Scenario, World
+from plant_emulator.world import STEP_NS, TrainScenario, World
 
 TRUTH_COLUMNS: Final = (
     "t_s",
@@ -82,7 +82,7 @@ class TruthLog(Protocol):
     def row(self, *values: object) -> None: ...
 
 
-class Listener(Protocol):
+class CommandListener(Protocol):
     """A unit that waits for its command."""
 
     @property
@@ -97,7 +97,7 @@ class PlantDevice:
 
     def __init__(
         self,
-        scenario: Scenario,
+        scenario: TrainScenario,
         *,
         open_port: OpenPort,
         tags: SerialPort,
@@ -131,7 +131,7 @@ class PlantDevice:
             mode=scenario.desk_mode,
             start_ns=start_ns,
         )
-        self._display = Display()
+        self._display = DeskDisplay()
         self.wire = Wire(open_port, DISPLAYED if scenario.driver else ())
         self._absent = frozenset({Node.DESK} if scenario.desk_elsewhere else ())
         self.railway = Railway(scenario.line, scenario.destination)
@@ -149,7 +149,7 @@ class PlantDevice:
         self._life = NodeState.BOOT_UP
         self._frames = self._frame_sources()
         world = self.world
-        self._units: tuple[tuple[Node, Listener], ...] = (
+        self._units: tuple[tuple[Node, CommandListener], ...] = (
             (Node.BCU, world.brake),
             (Node.TCU, world.traction),
             (Node.DCU, world.doors),
@@ -163,8 +163,8 @@ class PlantDevice:
         self.executive = Executive([Task("step", GRID_MS, self.step)], start_ns)
         self._write_truth()
 
-    def _staged(self, observer: Observer | None) -> Stage:
-        stage = Stage(
+    def _staged(self, observer: Observer | None) -> FaultStage:
+        stage = FaultStage(
             self.world,
             self.schedule,
             start_ns=self._start_ns,
@@ -232,7 +232,7 @@ class PlantDevice:
             self._report_silence(now_ns)
             self._answer_radio(now_ns)
 
-    def _attend_faults(self, stage: Stage, now_ns: int) -> None:
+    def _attend_faults(self, stage: FaultStage, now_ns: int) -> None:
         if not stage.began:
             stage.look(self.authority_end_m)
         if self._serial_faults is not None:
@@ -242,11 +242,11 @@ class PlantDevice:
 
     def _change_wires(self, plan: FaultPlan, active: bool, now_ns: int) -> None:
         """Put a faulty line or radio between, when the first of its faults begins."""
-        if plan.kind.place is Place.SERIAL:
+        if plan.kind.place is FaultPlace.SERIAL:
             if self._serial_faults is None:
                 self._tags = self._serial_faults = SerialFaults(self._tags, self.world.seed)
             self._serial_faults.change(plan, active, now_ns)
-        elif plan.kind.place is Place.RADIO:
+        elif plan.kind.place is FaultPlace.RADIO:
             if self._radio_faults is None:
                 self._radio = self._radio_faults = RadioFaults(self._radio, self.world.seed)
             self._radio_faults.change(plan, active, now_ns)

@@ -60,7 +60,7 @@ OpenPort = Callable[[Node, frozenset[int]], CanPort]
 """Connects a node that wants to hear these identifiers; the same port may serve several nodes."""
 
 
-class Heard(NamedTuple):
+class ReceivedCommand(NamedTuple):
     """A command that passed every check, and when its last bit was received."""
 
     command: Frame

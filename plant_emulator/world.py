@@ -14,7 +14,7 @@ from can_dbc.doors import DoorCommand
 from can_dbc.traction import TractionCommand
 from firmware_py.settings import SettingsError, nearest, override
 from firmware_py.trackdb import LineMap, Station, load_line
-from plant_emulator.actuators.adhesion import WheelSlip
+from plant_emulator.actuators.adhesion import WheelGroup
 from plant_emulator.actuators.brake import BrakeUnit
 from plant_emulator.actuators.doors import DoorUnit
 from plant_emulator.actuators.loops import Loops
@@ -25,7 +25,7 @@ from plant_emulator.consist.track import GRAVITY_MPS2
 from plant_emulator.desk.attendant import check_driver
 from plant_emulator.desk.hands import unattended as unattended
 from plant_emulator.desk.recording import DeskRecording, load_recording
-from plant_emulator.noise import Generators, Source
+from plant_emulator.noise import Generators, NoiseSource
 from plant_emulator.power import HighVoltageBox
 from plant_emulator.sensors.cold import ColdDetector
 from plant_emulator.sensors.inertial import Accelerometer, DopplerRadar
@@ -39,7 +39,7 @@ NOTHING: Final[Mapping[str, Any]] = {}
 
 
 @dataclass(frozen=True, slots=True)
-class Scenario:
+class TrainScenario:
     """One train on one line, and where it is let go to."""
 
     train: TrainConfig
@@ -70,7 +70,7 @@ def plan_scenario(
     driver: str | None = None,
     desk_recording: str | None = None,
     desk_elsewhere: bool = False,
-) -> Scenario:
+) -> TrainScenario:
     """Load what is named and check that it fits; None takes the file's or the whole line.
 
     Args:
@@ -103,7 +103,7 @@ def plan_scenario(
         )
     if (driver is not None) + (desk_recording is not None) + desk_elsewhere > 1:
         raise SettingsError("driver, desk_recording, desk elsewhere: only one can be at the desk")
-    return Scenario(
+    return TrainScenario(
         train,
         track,
         first,
@@ -138,7 +138,7 @@ class World:
         self.line = line
         self._start_m = front_m
         self.now_ns = start_ns
-        resistance_error = train.resistance.error_ratio.draw(generators.of(Source.RESISTANCE))
+        resistance_error = train.resistance.error_ratio.draw(generators.of(NoiseSource.RESISTANCE))
         self.consist = Consist(
             train,
             line,
@@ -200,8 +200,8 @@ class World:
         self.motor_wheels = self._wheels(motor_kg)
         self.trailer_wheels = self._wheels(train.mass_kg - motor_kg)
 
-    def _wheels(self, mass_kg: float) -> WheelSlip:
-        return WheelSlip(
+    def _wheels(self, mass_kg: float) -> WheelGroup:
+        return WheelGroup(
             self.train.rail,
             step_s=STEP_S,
             weight_n=mass_kg * GRAVITY_MPS2,

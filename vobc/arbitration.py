@@ -7,7 +7,7 @@ from typing import Final
 from can_dbc.cab import CabMode, Desk
 from can_dbc.nodes import Direction
 from can_dbc.vobc import AtoPhase, Cause, Supervision
-from vobc.atp import Verdict
+from vobc.atp import ProtectionVerdict
 from vobc.vocabulary import (
     SAFE_OUTPUT,
     AtoDemand,
@@ -32,7 +32,7 @@ BRAKED_DEMAND: Final = AtoDemand(
 
 
 def arbitrate(
-    verdict: Verdict,
+    verdict: ProtectionVerdict,
     demand: AtoDemand,
     motion: Motion | None,
     desk: Desk | None,
@@ -169,7 +169,7 @@ def _finite(
     return all(map(math.isfinite, numbers)) and not math.isnan(demand.distance_to_stop_m)
 
 
-def _not_finite(verdict: Verdict) -> CycleOutput:
+def _not_finite(verdict: ProtectionVerdict) -> CycleOutput:
     return replace(
         SAFE_OUTPUT,
         supervision=Supervision.EMERGENCY,

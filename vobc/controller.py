@@ -9,7 +9,7 @@ from can_dbc.vobc import Inhibit, Missing, Supervision
 from firmware_py.trackdb import LineMap, PlatformSide
 from vobc.arbitration import BRAKED_DEMAND, arbitrate, inertia_kg, manual_demand, most_accel_mps2
 from vobc.ato import Ato, current_loop
-from vobc.atp import Protection, Verdict
+from vobc.atp import Protection, ProtectionVerdict
 from vobc.config import VobcConfig
 from vobc.odometry import Odometry
 from vobc.vocabulary import (
@@ -70,7 +70,7 @@ class Controller:
         self._weighed_kg = config.train.full_load_kg
         self._not_finite = False
         self._stopping_at_m: float | None = None
-        self.verdict: Verdict | None = None
+        self.verdict: ProtectionVerdict | None = None
         """Of protection, in the last cycle."""
 
     @property
@@ -114,7 +114,9 @@ class Controller:
         )
         return replace(output, currents=currents)
 
-    def _demand(self, seen: CycleInput, motion: Motion | None, verdict: Verdict) -> AtoDemand:
+    def _demand(
+        self, seen: CycleInput, motion: Motion | None, verdict: ProtectionVerdict
+    ) -> AtoDemand:
         """Who drives: the automatic operation is always told, so that it can take over smoothly."""
         desk = seen.desk
         if motion is None or verdict.ceiling is None or desk is None:
@@ -134,7 +136,7 @@ class Controller:
         self._manual_mps2 = manual.accel_mps2
         return manual
 
-    def _ato_input(self, seen: CycleInput, motion: Motion, verdict: Verdict) -> AtoInput:
+    def _ato_input(self, seen: CycleInput, motion: Motion, verdict: ProtectionVerdict) -> AtoInput:
         assert verdict.ceiling is not None
         front_m = motion.front_m.best
         authority, brake, doors, traction = seen.authority, seen.brake, seen.doors, seen.traction

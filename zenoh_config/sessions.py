@@ -17,7 +17,7 @@ _ENDPOINT: Final = re.compile(
 )
 
 
-class Role(enum.Enum):
+class SessionRole(enum.Enum):
     """The value is the stem of the settings file."""
 
     TRAIN = "train"
@@ -28,7 +28,7 @@ class Role(enum.Enum):
 
 
 def session_settings(
-    role: Role, endpoint: str = DEFAULT_ENDPOINT, listens_at: str = ANY_PORT
+    role: SessionRole, endpoint: str = DEFAULT_ENDPOINT, listens_at: str = ANY_PORT
 ) -> str:
     """JSON5 for zenoh: a wayside listens at the endpoint, a train connects to it.
 
@@ -41,7 +41,7 @@ def session_settings(
     text = (resources.files("zenoh_config") / f"{role.value}.json5").read_text(encoding="utf-8")
     assert text.count(DEFAULT_ENDPOINT) == 1
     text = text.replace(DEFAULT_ENDPOINT, endpoint)
-    if role is not Role.PEER:
+    if role is not SessionRole.PEER:
         return text
     check_endpoint(listens_at, port_min=0)
     assert text.count(ANY_PORT) == 1

@@ -18,7 +18,7 @@ from firmware_py.buses.records import (
     PROTOCOL_VERSION,
     RECORD_BYTES,
     Control,
-    Refusal,
+    HubRefusal,
     pack_announcement,
     pack_lost,
     pack_text,
@@ -138,7 +138,7 @@ class Hub:
         connection.setblocking(False)
         client = _Client(connection)
         if len(self._clients) >= MAX_CLIENTS:
-            self._refuse(client, Refusal.TOO_MANY_CLIENTS)
+            self._refuse(client, HubRefusal.TOO_MANY_CLIENTS)
             connection.close()
             return
         self._clients.append(client)
@@ -227,29 +227,29 @@ class Hub:
             return False
         said = read_announcement(heard)
         if said is None or said.control not in (Control.HELLO, Control.ASK):
-            return self._refuse(client, Refusal.NOT_A_HELLO)
+            return self._refuse(client, HubRefusal.NOT_A_HELLO)
         if said.version != PROTOCOL_VERSION:
-            return self._refuse(client, Refusal.WRONG_VERSION)
+            return self._refuse(client, HubRefusal.WRONG_VERSION)
         if said.control is Control.ASK:
             client.leaves_when_told = True
             client.queue += pack_text(Control.STATUS, json.dumps(self.status()).encode())
             self._flush(client)
             return False
         if not 0 < said.detail <= MAX_NAME_BYTES:
-            return self._refuse(client, Refusal.BAD_NAME)
+            return self._refuse(client, HubRefusal.BAD_NAME)
         greeting_bytes = RECORD_BYTES + whole_records_bytes(said.detail)
         if len(heard) < greeting_bytes:
             return False
         try:
             client.name = heard[RECORD_BYTES : RECORD_BYTES + said.detail].decode()
         except UnicodeDecodeError:
-            return self._refuse(client, Refusal.BAD_NAME)
+            return self._refuse(client, HubRefusal.BAD_NAME)
         del heard[:greeting_bytes]
         client.queue += pack_announcement(Control.WELCOME)
         self._flush(client)
         return client.socket.fileno() >= 0
 
-    def _refuse(self, client: _Client, reason: Refusal) -> bool:
+    def _refuse(self, client: _Client, reason: HubRefusal) -> bool:
         client.leaves_when_told = True
         client.queue += pack_announcement(Control.REFUSED, reason)
         self._flush(client)

@@ -47,7 +47,7 @@ class BusStatistics:
         return self.busy_ns / duration_ns if duration_ns > 0 else 0.0
 
 
-class Carrier(Protocol):
+class FrameCarrier(Protocol):
     """Carries a bus's frames in its stead, for what the bus itself knows nothing of: errors."""
 
     @property
@@ -93,7 +93,7 @@ class InprocBus:
         self.name = name
         self.bit_rate = bit_rate
         self._record = record
-        self._carrier: Carrier | None = None
+        self._carrier: FrameCarrier | None = None
         self._ports: dict[str, InprocPort] = {}
         self._offers: list[Offer] = []
         self._start_ns = 0

@@ -69,7 +69,7 @@ class Control(enum.IntEnum):
     LOST = 6
 
 
-class Refusal(enum.IntEnum):
+class HubRefusal(enum.IntEnum):
     """Why the hub sends a client away."""
 
     WRONG_VERSION = 1
@@ -79,10 +79,10 @@ class Refusal(enum.IntEnum):
 
 
 REFUSAL_WORDS: Final[dict[int, str]] = {
-    Refusal.WRONG_VERSION: "the hub speaks another version of the protocol",
-    Refusal.BAD_NAME: "the node name is empty, too long or not UTF-8",
-    Refusal.TOO_MANY_CLIENTS: "the hub has no room for another client",
-    Refusal.NOT_A_HELLO: "the hub did not understand the greeting",
+    HubRefusal.WRONG_VERSION: "the hub speaks another version of the protocol",
+    HubRefusal.BAD_NAME: "the node name is empty, too long or not UTF-8",
+    HubRefusal.TOO_MANY_CLIENTS: "the hub has no room for another client",
+    HubRefusal.NOT_A_HELLO: "the hub did not understand the greeting",
 }
 
 

@@ -16,7 +16,7 @@ DELAY_S: Final = 0.020
 _NS_PER_S: Final = 1e9
 
 
-class Draws(Protocol):
+class UniformGenerator(Protocol):
     """A generator of uniform numbers in [0, 1), such as numpy's."""
 
     def random(self) -> float: ...
@@ -32,7 +32,7 @@ class InprocRadio:
         jitter_s: float = 0.0,
         loss_ratio: float = 0.0,
         duplication_ratio: float = 0.0,
-        generator: Draws | None = None,
+        generator: UniformGenerator | None = None,
     ) -> None:
         """Args:
         delay_s: from sending to being heard; the least of it where there is jitter.

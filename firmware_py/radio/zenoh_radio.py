@@ -18,7 +18,7 @@ from firmware_py.radio.credentials import Credentials
 from zenoh_config.secured import at_endpoint
 from zenoh_config.sessions import (
     DEFAULT_ENDPOINT,
-    Role,
+    SessionRole,
     address_of,
     check_endpoint,
     session_settings,
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 __all__ = [
     "DEFAULT_ENDPOINT",
     "RadioError",
-    "Role",
+    "SessionRole",
     "ZenohRadio",
     "open_peer",
     "open_radio",
@@ -62,7 +62,7 @@ class Instants(Protocol):
 
 
 def open_radio(
-    role: Role,
+    role: SessionRole,
     endpoint: str,
     subscriptions: Collection[str],
     clock: Instants,
@@ -114,11 +114,13 @@ def open_peer(
     """
     try:
         check_endpoint(endpoint)
-        settings = session_settings(Role.PEER, endpoint, listens_at or _own_endpoint(endpoint))
+        settings = session_settings(
+            SessionRole.PEER, endpoint, listens_at or _own_endpoint(endpoint)
+        )
     except ValueError as error:
         raise RadioError(str(error)) from error
     return ZenohRadio(
-        *(Role.PEER, listens_at or endpoint, settings, subscriptions, clock), token=token
+        *(SessionRole.PEER, listens_at or endpoint, settings, subscriptions, clock), token=token
     )
 
 
@@ -151,7 +153,7 @@ class ZenohRadio:
 
     def __init__(
         self,
-        role: Role,
+        role: SessionRole,
         endpoint: str,
         settings: str,
         subscriptions: Collection[str],
@@ -183,7 +185,7 @@ class ZenohRadio:
         self._lock = threading.Lock()
         self._closing = threading.Event()
         self._connector: threading.Thread | None = None
-        if role is not Role.TRAIN:
+        if role is not SessionRole.TRAIN:
             self._listen()
         else:
             self._connector = threading.Thread(target=self._connect, name="radio", daemon=True)

@@ -6,12 +6,12 @@ from typing import Any
 
 import pytest
 
-from metro_hil.model.frame_hash import FrameChain
+from metro_hil.model.frame_hash import FrameHash
 from metro_hil.model.mission import plan_journey
 from metro_hil.model.run_options import parse
 from metro_hil.run.lockstep import Lockstep, Taps, config_of, scenario_of
 from plant_emulator.faults.declared_loops import LOOP_FAULTS
-from plant_emulator.faults.kinds import CATALOGUE, Place
+from plant_emulator.faults.kinds import CATALOGUE, FaultPlace
 from plant_emulator.faults.plan import FaultPlan, read_faults
 from plant_emulator.truth import SIGNALS, Truth
 
@@ -20,7 +20,7 @@ ARGUMENTS = ("run", "--lockstep", "--from", "II", "--to", "III")
 PLANT_KINDS = [
     kind.name
     for kind in CATALOGUE.values()
-    if kind.place not in (Place.BUS, Place.PROCESS) and kind.parameters not in LOOP_FAULTS
+    if kind.place not in (FaultPlace.BUS, FaultPlace.PROCESS) and kind.parameters not in LOOP_FAULTS
 ]
 LOOP_KINDS = [kind.name for kind in CATALOGUE.values() if kind.parameters in LOOP_FAULTS]
 LOOPED = (*ARGUMENTS, "--consist", "florence4_loop", "--output", "current_loop")
@@ -45,7 +45,7 @@ def run(
     duration_s: float = END_S,
     arguments: Sequence[str] = ARGUMENTS,
 ) -> Run:
-    found, chain = Run(), FrameChain()
+    found, chain = Run(), FrameHash()
 
     def observe(truth: Truth, now_ns: int) -> None:
         found.samples.append({name: getattr(truth, name) for name in SIGNALS})

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from metro_hil.line.virtual.coordinator import TrainDiedError, conduct, groups
-from metro_hil.line.virtual.member import Seat, plan_line
-from plant_emulator.traffic.coupling import INTERVAL_S, Coupling, Said
+from metro_hil.line.virtual.member import VirtualTrain, plan_line
+from plant_emulator.traffic.coupling import INTERVAL_S, Coupling, IntervalReport
 
 LENGTH_M = 78.08
 
@@ -49,7 +49,7 @@ def test_the_voltage_at_the_pantograph_is_what_the_bus_says(tmp_path: Path) -> N
 
 def test_a_train_stops_behind_one_that_is_kept_at_its_platform() -> None:
     plan = plan_line(line="changping", trains=2, consist=None, params=None, seed=2, law="timing")
-    seats = [Seat(plan, index, None) for index in range(2)]
+    seats = [VirtualTrain(plan, index, None) for index in range(2)]
     seats[0].member.dispatcher.holds = lambda *_: True  # type: ignore[method-assign]
     coupling = Coupling(plan.traffic, plan.supply)
     gaps_m, speeds_mps = [], []
@@ -73,15 +73,15 @@ def test_a_train_whose_process_ends_is_named_with_its_exit_code(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     plan = plan_line(line="changping", trains=2, consist=None, params=None, seed=5)
-    advance = Seat.advance
+    advance = VirtualTrain.advance
 
-    def dying(seat: Seat) -> Said:
+    def dying(seat: VirtualTrain) -> IntervalReport:
         said = advance(seat)
         if seat.member.train == 1 and seat.member.plant.world.now_ns >= 10**9:
             os._exit(7)
         return said
 
-    monkeypatch.setattr(Seat, "advance", dying)
+    monkeypatch.setattr(VirtualTrain, "advance", dying)
 
     with pytest.raises(TrainDiedError, match="train 1: its process ended with 7"):
         conduct(plan, 5.0, folders=[None] * 2, processors=2)

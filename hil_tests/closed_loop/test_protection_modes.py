@@ -6,13 +6,13 @@ import pytest
 
 from can_dbc.cab import CabMode, Desk
 from can_dbc.vobc import Cause, OperatingMode, Supervision
-from metro_hil.run.observed import Ride, ride
+from metro_hil.run.observed import ObservedRun, ride
 
 KMH = 1.0 / 3.6
 
 
 @pytest.fixture(scope="module")
-def reckless() -> Ride:
+def reckless() -> ObservedRun:
     """Full lever from station II on, past station III, up to the end of authority behind IV."""
     return ride(
         {"kind": "desk_mode", "mode": "manual"},
@@ -23,7 +23,7 @@ def reckless() -> Ride:
 
 
 def test_a_driver_who_always_gives_full_power_stays_inside_the_emergency_margin(
-    reckless: Ride,
+    reckless: ObservedRun,
 ) -> None:
     fastest_mps = max(each.speed_mps for each in reckless.seen)
 
@@ -31,7 +31,7 @@ def test_a_driver_who_always_gives_full_power_stays_inside_the_emergency_margin(
     assert any(each.output.supervision is Supervision.SERVICE for each in reckless.seen)
 
 
-def test_a_driver_who_never_brakes_stops_before_the_end_of_authority(reckless: Ride) -> None:
+def test_a_driver_who_never_brakes_stops_before_the_end_of_authority(reckless: ObservedRun) -> None:
     last = reckless.seen[-1]
 
     assert last.speed_mps == 0.0

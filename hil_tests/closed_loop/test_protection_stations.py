@@ -6,7 +6,7 @@ import pytest
 
 from can_dbc.cab import Desk
 from can_dbc.vobc import Cause, Inhibit, OperatingMode, Supervision
-from metro_hil.run.observed import Ride, ride
+from metro_hil.run.observed import ObservedRun, ride
 
 KMH = 1.0 / 3.6
 STOP_III_M = 3500.0
@@ -16,7 +16,7 @@ LATEST_S = 0.2
 """Until the desk's next frame, and a cycle."""
 
 
-def opened(found: Ride, stop_m: float) -> bool:
+def opened(found: ObservedRun, stop_m: float) -> bool:
     """Whether doors were let open at a stop, and nowhere outside its window."""
     enabled = [each for each in found.seen if each.output.open_left or each.output.open_right]
     assert all(each.speed_mps == 0.0 for each in enabled)
@@ -55,7 +55,7 @@ def test_the_sealed_switch_lets_a_train_depart_with_a_door_not_locked_but_slowly
 
 
 @pytest.fixture(scope="module")
-def overshoot() -> Ride:
+def overshoot() -> ObservedRun:
     """No brake from 12 m before the stop of III until 2 m past it, except for the emergency brake
     that comes then; a reset at the desk, then one by the centre.
     """
@@ -74,7 +74,7 @@ def overshoot() -> Ride:
 
 
 def test_a_train_that_overshoots_by_more_than_five_metres_is_held_until_the_centre_lets_it_go(
-    overshoot: Ride,
+    overshoot: ObservedRun,
 ) -> None:
     held = overshoot.between(66.0, 80.0)
 
@@ -86,7 +86,7 @@ def test_a_train_that_overshoots_by_more_than_five_metres_is_held_until_the_cent
     assert overshoot.at(81.0).output.emergency_released
 
 
-def test_it_never_goes_back_and_serves_the_next_station(overshoot: Ride) -> None:
+def test_it_never_goes_back_and_serves_the_next_station(overshoot: ObservedRun) -> None:
     assert min(each.speed_mps for each in overshoot.seen) > -0.01
     assert opened(overshoot, STOP_IV_M)
 

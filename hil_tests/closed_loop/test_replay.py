@@ -15,7 +15,7 @@ from metro_hil.model.case import Case, Setup
 from metro_hil.model.case_setup import parts_of
 from metro_hil.model.run_folder import RunFolder
 from metro_hil.replay import read_recording, replay_run
-from metro_hil.replay.recording import Output, Step
+from metro_hil.replay.recording import Output, RecordedStep
 from metro_hil.run.lockstep import Lockstep
 
 DURATION_S = 25.0
@@ -90,7 +90,7 @@ def test_another_parameter_parts_in_the_cycle_in_which_it_first_matters(recorded
     assert all(last.at_s - 0.05 < heard.at_s <= last.at_s for heard in last.heard)
 
 
-def read_steps(folder: Path) -> list[Step]:
+def read_steps(folder: Path) -> list[RecordedStep]:
     (segment,) = read_recording(folder).segments
     return segment.steps
 

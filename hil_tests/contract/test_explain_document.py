@@ -4,7 +4,7 @@ import re
 from pathlib import Path
 
 from can_dbc.vobc import EventKind, Supervision
-from vobc.process.event_log import FRAMES_PER_CYCLE, WAITING_MAX, EventDesk
+from vobc.process.event_log import FRAMES_PER_CYCLE, WAITING_MAX, EventQueue
 from vobc.vocabulary import Event, Source
 from vobc.wire import Evidence
 
@@ -35,7 +35,7 @@ def test_every_kind_of_event_is_in_it_once() -> None:
 
 def test_the_keys_of_a_line_are_those_of_the_log() -> None:
     log = Kept()
-    desk = EventDesk(log, lambda source, _: Evidence(source, 391, b"\x01", 2_000_000_000), 0)
+    desk = EventQueue(log, lambda source, _: Evidence(source, 391, b"\x01", 2_000_000_000), 0)
 
     desk.tell(2_500_000_000, [Event(EventKind.MODE, "words", (Source.DESK,), Supervision.NOMINAL)])
 

@@ -11,7 +11,7 @@ from metro_hil.cli import hil
 from metro_hil.model.frame_names import check_bus_fault
 from metro_tools import fault_doc
 from plant_emulator.faults.described import all_described
-from plant_emulator.faults.kinds import CATALOGUE, Place
+from plant_emulator.faults.kinds import CATALOGUE, FaultPlace
 from plant_emulator.faults.plan import WINDOW_KEYS, read_fault, read_faults
 
 DOCUMENT = Path(__file__).parents[2] / "docs" / "reference" / "faults.md"
@@ -101,7 +101,7 @@ def test_the_command_answers_machines_by_place(capsys: pytest.CaptureFixture[str
 
     found = json.loads(capsys.readouterr().out)
 
-    wanted = [kind.name for kind in CATALOGUE.values() if kind.place is Place.RADIO]
+    wanted = [kind.name for kind in CATALOGUE.values() if kind.place is FaultPlace.RADIO]
     assert [each["name"] for each in found] == wanted
     assert found[0]["parameters"][0] == {
         "name": "loss_ratio",

@@ -24,7 +24,7 @@ from plant_emulator.cli import main
 from plant_emulator.desk.recording import load_recording
 from plant_emulator.faults.plan import read_faults
 from plant_emulator.process import PlantDevice
-from plant_emulator.world import STEP_NS, Scenario, plan_scenario
+from plant_emulator.world import STEP_NS, TrainScenario, plan_scenario
 
 BUS = "desktest0"
 SPEC = f"embedded:{BUS}"
@@ -35,7 +35,7 @@ WAIT_S = 60.0
 class Bench:
     """A plant on a virtual bus, and what it says as its desk."""
 
-    def __init__(self, scenario: Scenario, *faults: dict[str, object]) -> None:
+    def __init__(self, scenario: TrainScenario, *faults: dict[str, object]) -> None:
         self.bus = InprocBus("vcan0", 250_000)
         self.ear = self.bus.port("EAR", ())
         self.ids = {can_id(Desk), can_id(HEARTBEATS[Node.DESK])}

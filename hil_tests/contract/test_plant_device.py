@@ -29,7 +29,7 @@ from firmware_py.tag_reader.inproc_line import inproc_line
 from firmware_py.tag_reader.telegram import HealthTelegram, TagTelegram, TelegramParser
 from plant_emulator.process import TRUTH_COLUMNS, PlantDevice
 from plant_emulator.wire import COMMAND_IDS, PHASES_MS, PLANT_NODES, ROUND_MS, timetable
-from plant_emulator.world import STEP_NS, Scenario, plan_scenario
+from plant_emulator.world import STEP_NS, TrainScenario, plan_scenario
 from zenoh_config import keys
 from zenoh_config.codec import pack, unpack
 from zenoh_config.messages import MovementAuthority, PositionReport
@@ -61,7 +61,7 @@ class Rows:
 class Stand:
     """A plant on a virtual bus, and a controller's port to play with."""
 
-    def __init__(self, scenario: Scenario | None = None, start_ns: int = 0) -> None:
+    def __init__(self, scenario: TrainScenario | None = None, start_ns: int = 0) -> None:
         self.log = hashlib.sha256()
         self.sent: Counter[tuple[str, int]] = Counter()
         self.bus = InprocBus("vcan0", 250_000, self._record)

@@ -6,18 +6,18 @@ from typing import Final
 
 import msgspec
 
-from metro_hil.engine.folder import CampaignFolder, Plan, make_folder
+from metro_hil.engine.folder import CampaignFolder, CampaignPlan, make_folder
 from metro_hil.engine.journal import without_host
-from metro_hil.engine.local_pool import LocalCrew
+from metro_hil.engine.local_pool import LocalPool
 from metro_hil.engine.progress import Silent
-from metro_hil.engine.run_campaign import CampaignEnd, Wishes, run_campaign
+from metro_hil.engine.run_campaign import CampaignEnd, CampaignOptions, run_campaign
 from metro_hil.engine.stopping import StopWish
 from metro_hil.engine.trial_runner import trial_cases
-from metro_hil.engine.worker_pool import Crew
+from metro_hil.engine.worker_pool import WorkerPool
 from metro_hil.model.case import Case, CaseResult
 
 RUNNER: Final = "metro_hil.engine.trial_runner:run_case"
-NOTHING_KEPT: Final = Wishes(keep=0, keep_worst=0)
+NOTHING_KEPT: Final = CampaignOptions(keep=0, keep_worst=0)
 
 
 class Listener(Silent):
@@ -49,20 +49,20 @@ def asking(cases: Sequence[Case], index: int, **asked: object) -> tuple[Case, ..
 
 def folder_of(cases: Sequence[Case], root: Path, **files: str) -> CampaignFolder:
     return make_folder(
-        Plan(name="trial", cases=cases, files=files, options={"runner": RUNNER}), root=root
+        CampaignPlan(name="trial", cases=cases, files=files, options={"runner": RUNNER}), root=root
     )
 
 
 def local(
     folder: CampaignFolder, workers: int = 2, timeout_s: float | None = None
-) -> Callable[[], LocalCrew]:
-    return lambda: LocalCrew(workers, folder.files(), runner=RUNNER, case_timeout_s=timeout_s)
+) -> Callable[[], LocalPool]:
+    return lambda: LocalPool(workers, folder.files(), runner=RUNNER, case_timeout_s=timeout_s)
 
 
 def work(
     folder: CampaignFolder,
-    make_crew: Callable[[], Crew] | None = None,
-    wishes: Wishes = NOTHING_KEPT,
+    make_crew: Callable[[], WorkerPool] | None = None,
+    wishes: CampaignOptions = NOTHING_KEPT,
     listener: Silent | None = None,
     stop: StopWish | None = None,
 ) -> CampaignEnd:

@@ -19,7 +19,7 @@ from firmware_py.buses.hub_server import Hub
 from firmware_py.buses.records import (
     RECORD_BYTES,
     Control,
-    Refusal,
+    HubRefusal,
     pack_announcement,
     pack_frame,
     pack_text,
@@ -228,17 +228,17 @@ def test_what_is_no_frame_is_counted_and_not_passed_on(here: HubHere) -> None:
 @pytest.mark.parametrize(
     ("greeting", "reason"),
     [
-        (pack_frame(0x101, b""), Refusal.NOT_A_HELLO),
-        (b"GET / HTTP/1.1\r\nHost: x\r\n\r\n", Refusal.NOT_A_HELLO),
-        (pack_announcement(Control.WELCOME), Refusal.NOT_A_HELLO),
-        (pack_announcement(Control.HELLO, 4, version=99) + bytes(24), Refusal.WRONG_VERSION),
-        (pack_text(Control.HELLO, b""), Refusal.BAD_NAME),
-        (pack_text(Control.HELLO, b"n" * 65), Refusal.BAD_NAME),
-        (pack_text(Control.HELLO, b"\xff\xfe"), Refusal.BAD_NAME),
+        (pack_frame(0x101, b""), HubRefusal.NOT_A_HELLO),
+        (b"GET / HTTP/1.1\r\nHost: x\r\n\r\n", HubRefusal.NOT_A_HELLO),
+        (pack_announcement(Control.WELCOME), HubRefusal.NOT_A_HELLO),
+        (pack_announcement(Control.HELLO, 4, version=99) + bytes(24), HubRefusal.WRONG_VERSION),
+        (pack_text(Control.HELLO, b""), HubRefusal.BAD_NAME),
+        (pack_text(Control.HELLO, b"n" * 65), HubRefusal.BAD_NAME),
+        (pack_text(Control.HELLO, b"\xff\xfe"), HubRefusal.BAD_NAME),
     ],
 )
 def test_a_wrong_greeting_is_refused_with_the_reason(
-    here: HubHere, greeting: bytes, reason: Refusal
+    here: HubHere, greeting: bytes, reason: HubRefusal
 ) -> None:
     connection = here.connect()
     connection.sendall(greeting)
@@ -260,7 +260,7 @@ def test_there_is_no_room_for_endlessly_many_clients(here: HubHere) -> None:
 
     said = read_announcement(connections[-1].recv(RECORD_BYTES))
     assert said is not None
-    assert said.detail == Refusal.TOO_MANY_CLIENTS
+    assert said.detail == HubRefusal.TOO_MANY_CLIENTS
     for connection in connections:
         connection.close()
     here.work()

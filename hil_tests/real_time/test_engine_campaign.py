@@ -20,10 +20,10 @@ from hil_tests.real_time.engine_rig import (
 )
 from metro_hil.engine.errors import EngineError
 from metro_hil.engine.journal import Journal, read_journal
-from metro_hil.engine.kill_trial import RUNNER, Trial, plan_of
-from metro_hil.engine.local_pool import LocalCrew
+from metro_hil.engine.kill_trial import RUNNER, KillTrial, plan_of
+from metro_hil.engine.local_pool import LocalPool
 from metro_hil.engine.queue import Batch
-from metro_hil.engine.run_campaign import Wishes
+from metro_hil.engine.run_campaign import CampaignOptions
 from metro_hil.engine.stopping import StopWish
 from metro_hil.engine.worker_pool import Outcome
 from metro_hil.model.case import BenchKind, Branch, Case, CaseResult, Verdict
@@ -66,7 +66,7 @@ def test_a_complete_campaign_starts_nobody(tmp_path: Path) -> None:
     folder = folder_of(trial_cases(3), tmp_path)
     first = work(folder)
 
-    def nobody() -> LocalCrew:
+    def nobody() -> LocalPool:
         raise AssertionError("somebody was called")
 
     again = work(folder, nobody)
@@ -153,7 +153,7 @@ def test_workers_that_cannot_start_end_the_campaign_with_their_last_words(tmp_pa
     folder = folder_of(trial_cases(3), tmp_path)
 
     with pytest.raises(EngineError, match="no_such_runner"):
-        work(folder, lambda: LocalCrew(1, {}, runner="metro_hil.no_such_runner:run_case"))
+        work(folder, lambda: LocalPool(1, {}, runner="metro_hil.no_such_runner:run_case"))
 
     assert read_journal(folder.journal_path).results == []
 
@@ -164,7 +164,7 @@ def test_logs_are_kept_of_the_first_failures_and_the_least_margins(tmp_path: Pat
         cases = asking(cases, index, verdict="fail")
     folder = folder_of(cases, tmp_path)
 
-    end = work(folder, wishes=Wishes(keep=2, keep_worst=2))
+    end = work(folder, wishes=CampaignOptions(keep=2, keep_worst=2))
 
     kept = {result.index for result in end.results if folder.kept(result.case_id).results.exists()}
     margins = {one.index: one.monitors[0].margin or 0.0 for one in end.results}
@@ -181,7 +181,7 @@ def test_logs_that_are_wanted_are_kept_however_their_cases_come_out(tmp_path: Pa
     folder = folder_of(cases, tmp_path)
     wanted = cases[3].id, cases[4].id
 
-    end = work(folder, wishes=Wishes(keep=1, keep_worst=0, always=wanted))
+    end = work(folder, wishes=CampaignOptions(keep=1, keep_worst=0, always=wanted))
 
     kept = [result.index for result in end.results if folder.kept(result.case_id).results.exists()]
     assert kept == [3, 4]
@@ -192,7 +192,7 @@ def test_a_case_that_gives_another_result_when_repeated_is_reported(tmp_path: Pa
     folder = folder_of(cases, tmp_path)
     work(folder)
 
-    end = work(folder, wishes=Wishes(keep=1, keep_worst=0))
+    end = work(folder, wishes=CampaignOptions(keep=1, keep_worst=0))
 
     assert not end.totals.passed
     (problem,) = end.totals.problems
@@ -202,7 +202,7 @@ def test_a_case_that_gives_another_result_when_repeated_is_reported(tmp_path: Pa
 def test_after_the_first_failure_nothing_is_begun_if_so_wished(tmp_path: Path) -> None:
     folder = folder_of(asking(trial_cases(60), 2, verdict="fail"), tmp_path)
 
-    end = work(folder, local(folder, 1), Wishes(keep=0, keep_worst=0, fail_fast=True))
+    end = work(folder, local(folder, 1), CampaignOptions(keep=0, keep_worst=0, fail_fast=True))
 
     assert end.totals.missing
     assert not end.totals.passed
@@ -217,7 +217,7 @@ def test_real_time_runs_alone_and_last_with_its_logs_from_the_beginning(tmp_path
     handed: list[tuple[bool, int]] = []
     """Of every batch: whether it is to be alone, and how many are out when it is handed out."""
 
-    class Watched(LocalCrew):
+    class Watched(LocalPool):
         def hand(self, batch: Batch) -> None:
             handed.append((batch.alone, self.busy))
             super().hand(batch)
@@ -235,7 +235,7 @@ def test_a_changed_worker_stream_is_a_death_and_no_crash(tmp_path: Path) -> None
     """Whatever a runner prints goes to standard error, not between the messages."""
     folder = folder_of(trial_cases(2), tmp_path)
 
-    end = work(folder, lambda: LocalCrew(1, {}, runner="engine_rig_noise:run_case"))
+    end = work(folder, lambda: LocalPool(1, {}, runner="engine_rig_noise:run_case"))
 
     assert end.totals.passed
 
@@ -256,16 +256,16 @@ def noisy_runner(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
-def hanging_crew() -> Iterator[LocalCrew]:
-    crew = LocalCrew(1, {}, runner=RUNNER)
+def hanging_crew() -> Iterator[LocalPool]:
+    crew = LocalPool(1, {}, runner=RUNNER)
     yield crew
     crew.close()
 
 
 def test_what_waits_at_a_worker_comes_back_unblamed_when_the_worker_dies(
-    hanging_crew: LocalCrew,
+    hanging_crew: LocalPool,
 ) -> None:
-    from metro_hil.engine.worker_pool import Gone
+    from metro_hil.engine.worker_pool import WorkerLost
 
     cases = asking(trial_cases(2), 0, hang=True)
     hanging_crew.hand(Batch(1, cases[:1]))
@@ -281,8 +281,8 @@ def test_what_waits_at_a_worker_comes_back_unblamed_when_the_worker_dies(
     while len(outcomes) < 2 and clock.now_ns() < end_ns:
         outcomes += hanging_crew.wait(0.1)
 
-    assert [type(one) for one in outcomes] == [Gone, Gone]
-    assert [one.begun for one in outcomes if isinstance(one, Gone)] == [1, 0]
+    assert [type(one) for one in outcomes] == [WorkerLost, WorkerLost]
+    assert [one.begun for one in outcomes if isinstance(one, WorkerLost)] == [1, 0]
     assert hanging_crew.busy == 0
 
 
@@ -301,7 +301,9 @@ def test_a_master_that_is_killed_again_and_again_loses_and_doubles_nothing(tmp_p
     """The instants are drawn anew on a developer's machine only by changing the seed."""
     cases = trial_cases(60, work_s=0.01)
 
-    report = Trial(plan_of(cases, RUNNER, {"line": "a = 1"}), tmp_path, kills=10, life_s=1.0).run()
+    report = KillTrial(
+        plan_of(cases, RUNNER, {"line": "a = 1"}), tmp_path, kills=10, life_s=1.0
+    ).run()
 
     assert report.faults == []
     assert report.kills == 10

@@ -17,7 +17,7 @@ from hil_tests.real_time.engine_rig import (
     work,
 )
 from metro_hil.engine import dask_pool
-from metro_hil.engine.dask_pool import DaskCrew
+from metro_hil.engine.dask_pool import DaskPool
 from metro_hil.engine.errors import EngineError
 from metro_hil.engine.journal import read_journal
 from metro_hil.engine.program import program_version
@@ -38,7 +38,7 @@ def cluster() -> Iterator[Any]:
 def on(cluster: Any, folder: Any, timeout_s: float | None = None) -> Any:
     """Makes a crew of the cluster."""
     address = cluster.scheduler_address
-    return lambda: DaskCrew(address, folder.files(), runner=RUNNER, case_timeout_s=timeout_s)
+    return lambda: DaskPool(address, folder.files(), runner=RUNNER, case_timeout_s=timeout_s)
 
 
 def test_the_results_are_those_of_this_machine_bit_for_bit(cluster: Any, tmp_path: Path) -> None:
@@ -103,7 +103,7 @@ def test_a_worker_with_another_version_that_comes_later_computes_nothing(
     cluster: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder = folder_of(trial_cases(2), tmp_path)
-    monkeypatch.setattr(DaskCrew, "_check_programs", lambda crew: None)
+    monkeypatch.setattr(DaskPool, "_check_programs", lambda crew: None)
     monkeypatch.setattr(dask_pool, "program_version", lambda: "9.9.9+other")
 
     with pytest.raises(EngineError, match="worker that came later has version"):
@@ -118,4 +118,4 @@ def test_without_a_scheduler_it_is_said_where_none_answers(
     monkeypatch.setattr(dask_pool, "CONNECT_S", 0.5)
 
     with pytest.raises(EngineError, match=r"dask://127\.0\.0\.1:9: no scheduler answers"):
-        DaskCrew("127.0.0.1:9", {}, runner=RUNNER)
+        DaskPool("127.0.0.1:9", {}, runner=RUNNER)

@@ -21,10 +21,10 @@ from metro_hil.external_controller import (
     GrantedController,
     program_of,
 )
-from metro_hil.model.case import Case, Controller, Setup
+from metro_hil.model.case import Case, ControllerSpec, Setup
 from metro_hil.model.case_setup import parts_of
 from metro_hil.model.end_condition import ARRIVED
-from metro_hil.model.frame_hash import FrameChain
+from metro_hil.model.frame_hash import FrameHash
 from metro_hil.replay import replay_run
 from metro_hil.run.lockstep import Lockstep, Taps
 
@@ -89,7 +89,7 @@ class Heard:
     """All frames of a bus."""
 
     def __init__(self) -> None:
-        self.chain = FrameChain()
+        self.chain = FrameHash()
         self.frames: list[tuple[int, int, bytes]] = []
 
     def frame(self, stamp_ns: int, can_id: int, data: bytes) -> None:
@@ -98,7 +98,7 @@ class Heard:
 
 
 def bench_of(
-    controller: Controller, heard: Heard, setup: Setup | None = None, seed: int = 4
+    controller: ControllerSpec, heard: Heard, setup: Setup | None = None, seed: int = 4
 ) -> Lockstep:
     setup = setup or Setup(start="II", end="III")
     parts = parts_of(Case(id="x", index=0, scenario="x", seed=seed, setup=setup))
@@ -106,8 +106,8 @@ def bench_of(
     return Lockstep(parts.config, parts.scenario, parts.journey, taps=taps, controller=controller)
 
 
-def command(words: Sequence[str], lease_s: float = 20.0) -> Controller:
-    return Controller(kind="command", command=shlex.join(words), lease_s=lease_s)
+def command(words: Sequence[str], lease_s: float = 20.0) -> ControllerSpec:
+    return ControllerSpec(kind="command", command=shlex.join(words), lease_s=lease_s)
 
 
 @pytest.fixture(scope="module")
@@ -119,10 +119,10 @@ def misbehaved(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
 
 @pytest.mark.parametrize("cycle_ms", [50.0, 31.25, 110.0])
 def test_our_controller_in_a_process_of_its_own_says_the_same_to_the_bit(cycle_ms: float) -> None:
-    ours = Controller(kind="checkout", path=str(ROOT))
+    ours = ControllerSpec(kind="checkout", path=str(ROOT))
     setup = Setup(start="II", end="III", cycle_ms=cycle_ms)
     outcomes = []
-    for controller in (Controller(), ours):
+    for controller in (ControllerSpec(), ours):
         heard = Heard()
         bench = bench_of(controller, heard, setup)
         reason = bench.run(100.0 if cycle_ms == 50.0 else 20.0)
@@ -212,13 +212,13 @@ def test_a_controller_that_does_not_start_blocks_the_case(
 @pytest.mark.parametrize(
     ("controller", "words"),
     [
-        (Controller(kind="checkout", path="/nowhere"), "/nowhere"),
-        (Controller(kind="command", command=""), "empty"),
-        (Controller(kind="command", command="'"), "quotation"),
-        (Controller(kind="relay"), "relay"),
+        (ControllerSpec(kind="checkout", path="/nowhere"), "/nowhere"),
+        (ControllerSpec(kind="command", command=""), "empty"),
+        (ControllerSpec(kind="command", command="'"), "quotation"),
+        (ControllerSpec(kind="relay"), "relay"),
     ],
 )
-def test_what_is_no_controller_is_said(controller: Controller, words: str) -> None:
+def test_what_is_no_controller_is_said(controller: ControllerSpec, words: str) -> None:
     with pytest.raises(ControllerStartError, match=words):
         program_of(controller)
 
@@ -268,7 +268,7 @@ def test_a_real_time_recording_is_said_again(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
 
     here = replay_run(out)
-    there = replay_run(out, controller=Controller(kind="checkout", path=str(ROOT)))
+    there = replay_run(out, controller=ControllerSpec(kind="checkout", path=str(ROOT)))
 
     assert here.identical, here.first
     assert there.identical, there.first

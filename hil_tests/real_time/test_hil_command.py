@@ -12,7 +12,7 @@ import pytest
 
 from firmware_py.clock.clock import NS_PER_S, WallClock
 from metro_hil.cli.hil import main
-from metro_hil.engine.folder import CampaignFolder, Plan, find_folder, folders, make_folder
+from metro_hil.engine.folder import CampaignFolder, CampaignPlan, find_folder, folders, make_folder
 from metro_hil.engine.journal import read_journal
 from metro_hil.engine.trial_runner import trial_cases
 from metro_hil.model.case import Case
@@ -39,7 +39,7 @@ def failing(cases: tuple[Case, ...], *indices: int) -> tuple[Case, ...]:
 def begun(cases: tuple[Case, ...] = trial_cases(4), name: str = "trial") -> CampaignFolder:
     """A campaign that is ready to be resumed."""
     options = {"runner": RUNNER, "no_report": True}
-    return make_folder(Plan(name=name, cases=cases, files={}, options=options))
+    return make_folder(CampaignPlan(name=name, cases=cases, files={}, options=options))
 
 
 def said(capsys: pytest.CaptureFixture[str]) -> tuple[dict[str, Any], str]:

@@ -2,11 +2,11 @@
 
 from pathlib import Path
 
-from metro_hil.line.failover_trial import Trial
+from metro_hil.line.failover_trial import FailoverTrial
 
 
 def test_a_killed_master_is_replaced_and_comes_back_as_one_of_many(tmp_path: Path) -> None:
-    trial = Trial(3, "A", tmp_path)
+    trial = FailoverTrial(3, "A", tmp_path)
     try:
         result = trial.fault("kill")
         master = trial.settle()

@@ -11,7 +11,7 @@ from can_dbc.vobc import Cause
 from metro_hil.cli.hil import main
 from metro_hil.line.exercise.relay import Relay
 from metro_hil.supervision.radio_log import figures_of, read_log
-from metro_hil.supervision.radio_log_filter import Sieve
+from metro_hil.supervision.radio_log_filter import RadioLogSelection
 from zenoh_config.codec import BENCH_KEY
 
 NEAR = ("authority only", "stands in")
@@ -30,7 +30,7 @@ def test_a_killed_master_is_replaced_and_nobody_gets_too_near(
     assert "is ended by SIGKILL" in told
     assert "is started again" in told
     assert not [line for line in told.splitlines() if any(words in line for words in NEAR)]
-    figures = figures_of(Sieve().pass_on(read_log(out / "line.log", BENCH_KEY)))
+    figures = figures_of(RadioLogSelection().pass_on(read_log(out / "line.log", BENCH_KEY)))
     assert figures.refused == 0
     assert max(len(terms) for terms in figures.terms.values()) > 1
     assert {("T1", "TrainReport"), ("T2", "TrainReport"), ("rails", "Place")} <= set(figures.counts)

@@ -10,7 +10,7 @@ import pytest
 from can_dbc.binding import can_id
 from can_dbc.brake import BrakeCommand
 from firmware_py.candump import read_candump
-from metro_hil.model.case import BenchKind, Case, CaseResult, Controller, Setup, Verdict
+from metro_hil.model.case import BenchKind, Case, CaseResult, ControllerSpec, Setup, Verdict
 from metro_hil.model.log_columns import read_columns
 from metro_hil.model.run_folder import RunFolder
 from metro_hil.realtime import RealtimeWires, run_realtime_case
@@ -108,7 +108,7 @@ def test_a_controller_that_dies_is_a_failure_with_its_end_and_the_train_is_follo
     command = f"sh -c '{SHIPPED} & sleep 5; kill -9 $!; echo the axle broke; exit 7'"
     out = tmp_path / "run"
 
-    result = run(case_of(controller=Controller(kind="command", command=command)), out)
+    result = run(case_of(controller=ControllerSpec(kind="command", command=command)), out)
 
     assert result.verdict is Verdict.FAIL
     assert result.exit_reason == "the controller died"
@@ -121,13 +121,13 @@ def test_a_controller_that_dies_is_a_failure_with_its_end_and_the_train_is_follo
     ("changes", "words"),
     [
         ({"faults": ({"kind": "clock_step", "start_s": 4.0},)}, "CLOCK_MONOTONIC"),
-        ({"controller": Controller(kind="command", command="/no/such/thing")}, "No such file"),
-        ({"controller": Controller(kind="checkout", path="/no/such")}, "no checkout"),
+        ({"controller": ControllerSpec(kind="command", command="/no/such/thing")}, "No such file"),
+        ({"controller": ControllerSpec(kind="checkout", path="/no/such")}, "no checkout"),
         ({"setup": Setup(line="florenz")}, "nearest valid"),
         (
             {
                 "setup": Setup(end="III", stops=("III",)),
-                "controller": Controller(kind="command", command="true"),
+                "controller": ControllerSpec(kind="command", command="true"),
             },
             "stops",
         ),

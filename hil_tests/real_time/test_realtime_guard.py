@@ -8,7 +8,7 @@ import time
 from pathlib import Path
 
 from hil_tests.real_time.process_rig import PATIENCE_S, alive, until_gone
-from metro_hil.realtime.actors import Cast, ControllerActor
+from metro_hil.realtime.actors import CaseProcesses, ControllerActor
 from metro_hil.realtime.commands import ControllerStart
 
 BENCH = """
@@ -61,7 +61,7 @@ def test_a_controller_that_stands_still_and_its_children_are_ended_in_good_order
     tmp_path: Path,
 ) -> None:
     words = ("sh", "-c", f"sleep 600 & echo $! >{tmp_path}/child; wait")
-    cast = Cast(tmp_path)
+    cast = CaseProcesses(tmp_path)
     controller = ControllerActor(cast, ControllerStart(words, words, os.environ))
     end = time.monotonic() + PATIENCE_S
     while not (tmp_path / "child").exists() and time.monotonic() < end:
@@ -77,7 +77,7 @@ def test_a_controller_that_stands_still_and_its_children_are_ended_in_good_order
 
 def test_the_end_of_a_controller_is_told_with_signal_and_last_words(tmp_path: Path) -> None:
     words = ("sh", "-c", "echo no axle counted >&2; kill -SEGV $$")
-    cast = Cast(tmp_path)
+    cast = CaseProcesses(tmp_path)
 
     controller = ControllerActor(cast, ControllerStart(words, words, os.environ))
     end = time.monotonic() + PATIENCE_S

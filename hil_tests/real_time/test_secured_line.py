@@ -9,7 +9,7 @@ import zenoh
 
 from firmware_py.clock.clock import WallClock
 from firmware_py.radio.credentials import Credentials, load_credentials
-from firmware_py.radio.zenoh_radio import Role, ZenohRadio, open_radio, pick_endpoint
+from firmware_py.radio.zenoh_radio import SessionRole, ZenohRadio, open_radio, pick_endpoint
 from firmware_py.settings import SettingsError
 from metro_hil.cli.vobc import main as vobc
 from metro_hil.supervision.demo_ca import make
@@ -36,12 +36,16 @@ class Line:
         make(folder, line="loop", trains=2, days=1.0, hosts=["127.0.0.1"], epoch_s=NOW_S)
         self.endpoint = pick_endpoint()
         self.open: list[ZenohRadio] = []
-        self.wayside = self.radio(Role.WAYSIDE, ("m/loop/w/**",), self.credentials("wayside"))
+        self.wayside = self.radio(
+            SessionRole.WAYSIDE, ("m/loop/w/**",), self.credentials("wayside")
+        )
 
     def credentials(self, name: str) -> Credentials:
         return load_credentials(self.folder, name, CLOCK.epoch_ns())
 
-    def radio(self, role: Role, topics: tuple[str, ...], secure: Credentials | None) -> ZenohRadio:
+    def radio(
+        self, role: SessionRole, topics: tuple[str, ...], secure: Credentials | None
+    ) -> ZenohRadio:
         radio = open_radio(role, self.endpoint, topics, CLOCK, secure=secure)
         self.open.append(radio)
         return radio
@@ -49,7 +53,7 @@ class Line:
     def train(self, number: int, secure: Credentials | None = None) -> ZenohRadio:
         """Connected; it asks for everything, whatever it may."""
         radio = self.radio(
-            Role.TRAIN,
+            SessionRole.TRAIN,
             (*t2t_keys.of_train("loop", number), "m/loop/w/**"),
             secure or self.credentials(f"T{number}"),
         )
@@ -122,7 +126,7 @@ def test_only_supervision_learns_whose_sessions_are_there_and_of_nobody_who_is_a
 
     def opened(name: str, token: str | None) -> ZenohRadio:
         radio = open_radio(
-            *(Role.TRAIN, line.endpoint, (), CLOCK),
+            *(SessionRole.TRAIN, line.endpoint, (), CLOCK),
             secure=line.credentials(name),
             token=token,
             watched_tokens=watched,
@@ -155,8 +159,8 @@ def test_whoever_has_no_certificate_or_one_of_another_authority_gets_no_session(
     forged = Credentials(
         stranger.settings.replace((other / "ca.pem").as_posix(), authority), stranger.key_hex
     )
-    plain = line.radio(Role.TRAIN, ("m/**",), None)
-    masked = line.radio(Role.TRAIN, ("m/**",), forged)
+    plain = line.radio(SessionRole.TRAIN, ("m/**",), None)
+    masked = line.radio(SessionRole.TRAIN, ("m/**",), forged)
     first = line.train(1)
 
     heard(line.wayside, first, ACK_TO_1)

@@ -8,7 +8,7 @@ import msgspec
 import pytest
 
 from metro_hil.cli.hil import main
-from metro_hil.engine.folder import CampaignFolder, Plan, make_folder
+from metro_hil.engine.folder import CampaignFolder, CampaignPlan, make_folder
 from metro_hil.engine.journal import Journal
 from metro_hil.model.case import Case, CaseResult, Setup, Verdict
 from metro_hil.replay.verify import verify
@@ -53,7 +53,7 @@ def campaign(
     tmp_path: Path, made: list[Case], results: list[CaseResult], runner: str | None = None
 ) -> CampaignFolder:
     options = {} if runner is None else {"runner": runner}
-    plan = Plan(name="hop", cases=made, files={}, options=options)
+    plan = CampaignPlan(name="hop", cases=made, files={}, options=options)
     folder = make_folder(plan, str(tmp_path / "campaign"))
     journal = Journal(folder.journal_path, folder.head())
     for result in results:

@@ -16,7 +16,7 @@ from firmware_py.radio.zenoh_radio import (
     INBOX_MESSAGES,
     PUBLISHERS,
     RadioError,
-    Role,
+    SessionRole,
     ZenohRadio,
     open_radio,
     pick_endpoint,
@@ -39,8 +39,10 @@ def radio() -> Iterator[Opener]:
     """Opens radios of either role that the end of the test closes."""
     with ExitStack() as stack:
 
-        def opened(role: Role, endpoint: str, train: int = 7) -> ZenohRadio:
-            wanted = keys.reports(LINE) if role is Role.WAYSIDE else keys.authorities(LINE, train)
+        def opened(role: SessionRole, endpoint: str, train: int = 7) -> ZenohRadio:
+            wanted = (
+                keys.reports(LINE) if role is SessionRole.WAYSIDE else keys.authorities(LINE, train)
+            )
             return stack.enter_context(open_radio(role, endpoint, [wanted], CLOCK))
 
         yield opened
@@ -79,7 +81,7 @@ def all_until(receiver: RadioPort, last: bytes, now_ns: int) -> list[RadioMessag
 
 def test_a_report_goes_out_and_an_authority_comes_back(radio: Opener) -> None:
     endpoint = pick_endpoint()
-    wayside, train = radio(Role.WAYSIDE, endpoint), radio(Role.TRAIN, endpoint)
+    wayside, train = radio(SessionRole.WAYSIDE, endpoint), radio(SessionRole.TRAIN, endpoint)
     started_ns = CLOCK.now_ns()
 
     report = hears(train, wayside, keys.report(LINE, 7), pack(REPORT))
@@ -95,8 +97,8 @@ def test_a_report_goes_out_and_an_authority_comes_back(radio: Opener) -> None:
 
 def test_a_train_hears_only_what_is_meant_for_it(radio: Opener) -> None:
     endpoint = pick_endpoint()
-    wayside = radio(Role.WAYSIDE, endpoint)
-    first, second = radio(Role.TRAIN, endpoint, 1), radio(Role.TRAIN, endpoint, 2)
+    wayside = radio(SessionRole.WAYSIDE, endpoint)
+    first, second = radio(SessionRole.TRAIN, endpoint, 1), radio(SessionRole.TRAIN, endpoint, 2)
     hears(wayside, first, keys.authority(LINE, 0, 1), b"for 1")
 
     assert hears(wayside, second, keys.authority(LINE, 0, 2), b"for 2").payload == b"for 2"
@@ -105,7 +107,7 @@ def test_a_train_hears_only_what_is_meant_for_it(radio: Opener) -> None:
 
 def test_nobody_hears_himself(radio: Opener) -> None:
     endpoint = pick_endpoint()
-    wayside, train = radio(Role.WAYSIDE, endpoint), radio(Role.TRAIN, endpoint)
+    wayside, train = radio(SessionRole.WAYSIDE, endpoint), radio(SessionRole.TRAIN, endpoint)
     wayside.send(CLOCK.now_ns(), keys.report(LINE, 7), b"own voice")
 
     heard = hears(train, wayside, keys.report(LINE, 7), b"train")
@@ -115,7 +117,7 @@ def test_nobody_hears_himself(radio: Opener) -> None:
 
 def test_a_message_is_never_stamped_later_than_the_cycle_that_takes_it(radio: Opener) -> None:
     endpoint = pick_endpoint()
-    wayside, train = radio(Role.WAYSIDE, endpoint), radio(Role.TRAIN, endpoint)
+    wayside, train = radio(SessionRole.WAYSIDE, endpoint), radio(SessionRole.TRAIN, endpoint)
     hears(train, wayside, keys.report(LINE, 7), b"x")
     cycle_ns = CLOCK.now_ns()
     train.send(cycle_ns, keys.report(LINE, 7), b"after the cycle began")
@@ -128,7 +130,7 @@ def test_a_message_is_never_stamped_later_than_the_cycle_that_takes_it(radio: Op
 def test_a_train_without_a_wayside_goes_on_and_finds_it_later(radio: Opener) -> None:
     """Opening would hang for ever here if it waited for the wayside."""
     endpoint = pick_endpoint()
-    train = radio(Role.TRAIN, endpoint)
+    train = radio(SessionRole.TRAIN, endpoint)
     for _ in range(10):
         train.send(CLOCK.now_ns(), keys.report(LINE, 7), b"anybody?")
 
@@ -136,20 +138,20 @@ def test_a_train_without_a_wayside_goes_on_and_finds_it_later(radio: Opener) -> 
     assert not train.connected
     assert (train.counters.sent, train.counters.dropped_out) == (0, 10)
 
-    wayside = radio(Role.WAYSIDE, endpoint)
+    wayside = radio(SessionRole.WAYSIDE, endpoint)
     hears(train, wayside, keys.report(LINE, 7), pack(REPORT))
     hears(wayside, train, keys.authority(LINE, 0, 7), pack(AUTHORITY))
 
 
 def test_a_train_finds_a_wayside_that_was_restarted(radio: Opener) -> None:
     endpoint = pick_endpoint()
-    train, wayside = radio(Role.TRAIN, endpoint), radio(Role.WAYSIDE, endpoint)
+    train, wayside = radio(SessionRole.TRAIN, endpoint), radio(SessionRole.WAYSIDE, endpoint)
     hears(train, wayside, keys.report(LINE, 7), b"before")
     wayside.close()
     until(lambda: not train.connected)
     train.send(CLOCK.now_ns(), keys.report(LINE, 7), b"into nothing")
 
-    wayside = radio(Role.WAYSIDE, endpoint)
+    wayside = radio(SessionRole.WAYSIDE, endpoint)
 
     assert hears(train, wayside, keys.report(LINE, 7), b"after").payload == b"after"
     assert hears(wayside, train, keys.authority(LINE, 0, 7), b"again").payload == b"again"
@@ -157,7 +159,7 @@ def test_a_train_finds_a_wayside_that_was_restarted(radio: Opener) -> None:
 
 def test_a_train_tuned_to_other_keys_hears_those_and_no_others(radio: Opener) -> None:
     endpoint = pick_endpoint()
-    wayside, train = radio(Role.WAYSIDE, endpoint), radio(Role.TRAIN, endpoint)
+    wayside, train = radio(SessionRole.WAYSIDE, endpoint), radio(SessionRole.TRAIN, endpoint)
     hears(wayside, train, keys.authority(LINE, 0, 7), b"before")
 
     train.listen([keys.authorities(LINE, 8), keys.authorities(LINE, 9)])
@@ -176,11 +178,11 @@ def test_what_a_train_is_tuned_to_outlives_its_wayside_and_need_not_wait_for_it(
     radio: Opener,
 ) -> None:
     endpoint = pick_endpoint()
-    train = radio(Role.TRAIN, endpoint)
+    train = radio(SessionRole.TRAIN, endpoint)
     train.listen([keys.authorities(LINE, 8)])
 
     for _ in range(2):
-        wayside = radio(Role.WAYSIDE, endpoint)
+        wayside = radio(SessionRole.WAYSIDE, endpoint)
         assert hears(wayside, train, keys.authority(LINE, 0, 8), b"x").payload == b"x"
         wayside.send(CLOCK.now_ns(), keys.authority(LINE, 0, 7), b"for another")
         wayside.close()
@@ -190,7 +192,7 @@ def test_what_a_train_is_tuned_to_outlives_its_wayside_and_need_not_wait_for_it(
 
 def test_a_closed_radio_may_be_tuned_all_the_same(radio: Opener) -> None:
     endpoint = pick_endpoint()
-    wayside, train = radio(Role.WAYSIDE, endpoint), radio(Role.TRAIN, endpoint)
+    wayside, train = radio(SessionRole.WAYSIDE, endpoint), radio(SessionRole.TRAIN, endpoint)
     hears(wayside, train, keys.authority(LINE, 0, 7), b"x")
     train.close()
     train.listen([keys.authorities(LINE, 7)])
@@ -202,7 +204,7 @@ def test_a_closed_radio_may_be_tuned_all_the_same(radio: Opener) -> None:
 
 def test_an_inbox_that_nobody_empties_is_bounded_and_counts(radio: Opener) -> None:
     endpoint = pick_endpoint()
-    wayside, train = radio(Role.WAYSIDE, endpoint), radio(Role.TRAIN, endpoint)
+    wayside, train = radio(SessionRole.WAYSIDE, endpoint), radio(SessionRole.TRAIN, endpoint)
     hears(train, wayside, keys.report(LINE, 7), b"x")
     before = wayside.counters.received
     key = keys.report(LINE, 7)
@@ -218,7 +220,7 @@ def test_an_inbox_that_nobody_empties_is_bounded_and_counts(radio: Opener) -> No
 
 def test_more_keys_than_publishers_are_no_trouble(radio: Opener) -> None:
     endpoint = pick_endpoint()
-    wayside, train = radio(Role.WAYSIDE, endpoint), radio(Role.TRAIN, endpoint)
+    wayside, train = radio(SessionRole.WAYSIDE, endpoint), radio(SessionRole.TRAIN, endpoint)
     hears(wayside, train, keys.authority(LINE, 0, 7), b"x")
     for other in range(1000, 1000 + 2 * PUBLISHERS):
         wayside.send(CLOCK.now_ns(), keys.authority(LINE, 0, other), b"other")
@@ -229,7 +231,7 @@ def test_more_keys_than_publishers_are_no_trouble(radio: Opener) -> None:
 
 def test_a_closed_radio_neither_sends_nor_hears_and_closes_twice(radio: Opener) -> None:
     endpoint = pick_endpoint()
-    wayside = radio(Role.WAYSIDE, endpoint)
+    wayside = radio(SessionRole.WAYSIDE, endpoint)
     wayside.close()
     wayside.close()
     wayside.send(CLOCK.now_ns(), keys.authority(LINE, 0, 7), b"x")
@@ -241,38 +243,38 @@ def test_a_closed_radio_neither_sends_nor_hears_and_closes_twice(radio: Opener) 
 
 def test_two_waysides_at_one_endpoint_are_refused_with_its_name(radio: Opener) -> None:
     endpoint = pick_endpoint()
-    radio(Role.WAYSIDE, endpoint)
+    radio(SessionRole.WAYSIDE, endpoint)
 
     with pytest.raises(RadioError, match=f"^{endpoint}: in use by another program; .* endpoint$"):
-        radio(Role.WAYSIDE, endpoint)
+        radio(SessionRole.WAYSIDE, endpoint)
 
 
 def test_a_port_that_any_program_holds_is_refused_with_its_name(radio: Opener) -> None:
     with socket.create_server(("127.0.0.1", 0)) as other:
         endpoint = f"tcp/127.0.0.1:{other.getsockname()[1]}"
         with pytest.raises(RadioError, match=f"^{endpoint}: in use by another program"):
-            radio(Role.WAYSIDE, endpoint)
+            radio(SessionRole.WAYSIDE, endpoint)
 
 
 @pytest.mark.parametrize(
     ("role", "endpoint", "words"),
     [
-        (Role.TRAIN, "nonsense", "it has the form tcp/HOST:PORT"),
-        (Role.WAYSIDE, "nonsense", "it has the form tcp/HOST:PORT"),
-        (Role.WAYSIDE, "tcp/192.0.2.1:7447", "no address of this machine"),
-        (Role.WAYSIDE, "tcp/no.such.host.invalid:7447", "the host is unknown"),
+        (SessionRole.TRAIN, "nonsense", "it has the form tcp/HOST:PORT"),
+        (SessionRole.WAYSIDE, "nonsense", "it has the form tcp/HOST:PORT"),
+        (SessionRole.WAYSIDE, "tcp/192.0.2.1:7447", "no address of this machine"),
+        (SessionRole.WAYSIDE, "tcp/no.such.host.invalid:7447", "the host is unknown"),
     ],
 )
 def test_an_endpoint_that_cannot_be_is_refused_with_its_name(
-    radio: Opener, role: Role, endpoint: str, words: str
+    radio: Opener, role: SessionRole, endpoint: str, words: str
 ) -> None:
     with pytest.raises(RadioError, match=f"^{endpoint}: .*{words}"):
         radio(role, endpoint)
 
 
 def test_picked_endpoints_can_be_listened_at(radio: Opener) -> None:
-    radio(Role.WAYSIDE, pick_endpoint())
-    radio(Role.WAYSIDE, pick_endpoint())
+    radio(SessionRole.WAYSIDE, pick_endpoint())
+    radio(SessionRole.WAYSIDE, pick_endpoint())
 
 
 def test_what_has_no_radio_does_not_load_zenoh() -> None:

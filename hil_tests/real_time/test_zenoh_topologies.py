@@ -10,7 +10,7 @@ import pytest
 from firmware_py.clock.clock import WallClock
 from firmware_py.radio.zenoh_radio import (
     RadioError,
-    Role,
+    SessionRole,
     ZenohRadio,
     open_peer,
     open_radio,
@@ -34,14 +34,14 @@ class Ether:
         self._stack = stack
 
     def open_wayside(self) -> None:
-        radio = open_radio(Role.WAYSIDE, self.endpoint, ["t/*"], CLOCK)
+        radio = open_radio(SessionRole.WAYSIDE, self.endpoint, ["t/*"], CLOCK)
         self.radios["wayside"] = self._stack.enter_context(radio)
 
     def open_train(self, train: int, *, peer: bool) -> None:
         opened = (
             open_peer(self.endpoint, None, ["t/*"], CLOCK)
             if peer
-            else open_radio(Role.TRAIN, self.endpoint, ["t/*"], CLOCK)
+            else open_radio(SessionRole.TRAIN, self.endpoint, ["t/*"], CLOCK)
         )
         self.radios[f"T{train}"] = self._stack.enter_context(opened)
 
@@ -133,13 +133,13 @@ def test_a_display_knows_whose_sessions_are_there(ether: Ether) -> None:
             return stack.enter_context(
                 open_peer(ether.endpoint, None, [], CLOCK, token=token)
                 if peer
-                else open_radio(Role.TRAIN, ether.endpoint, [], CLOCK, token=token)
+                else open_radio(SessionRole.TRAIN, ether.endpoint, [], CLOCK, token=token)
             )
 
         first = opened(1)
         until(lambda: first.connected)
         display = stack.enter_context(
-            open_radio(Role.TRAIN, ether.endpoint, [], CLOCK, watched_tokens=tokens("loop"))
+            open_radio(SessionRole.TRAIN, ether.endpoint, [], CLOCK, watched_tokens=tokens("loop"))
         )
 
         def present() -> set[int | None]:
@@ -148,7 +148,7 @@ def test_a_display_knows_whose_sessions_are_there(ether: Ether) -> None:
         until(lambda: present() == {1})
         opened(2, peer=True)
         stack.enter_context(
-            open_radio(Role.TRAIN, ether.endpoint, [], CLOCK, token=token_of("other", 3))
+            open_radio(SessionRole.TRAIN, ether.endpoint, [], CLOCK, token=token_of("other", 3))
         )
         until(lambda: present() == {1, 2})
         first.close()

@@ -9,7 +9,7 @@ LEAST_ROTATING_RATIO: Final = 0.01
 """Of the weight, so that wheels without rotating mass in the consist file do not jump."""
 
 
-class WheelSlip:
+class WheelGroup:
     """The wheels of one group of cars that are driven and braked alike."""
 
     __slots__ = ("_config", "_rotating_kg", "_step_s", "_weight_n", "slip_mps")

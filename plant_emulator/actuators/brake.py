@@ -7,7 +7,7 @@ import math
 from typing import Final
 
 from can_dbc.brake import BrakeCommand, BrakeStatus
-from plant_emulator.actuators.response import NS_PER_S, DeadTime, Lag, Watch
+from plant_emulator.actuators.response import NS_PER_S, CommandWatch, DeadTime, Lag
 from plant_emulator.actuators.service_brake import ServiceBrake
 from plant_emulator.noise import Generators
 from plant_emulator.train_config import BrakeConfig
@@ -67,7 +67,7 @@ class BrakeUnit:
         self._config = config
         self._inertia_kg = inertia_kg
         self._motor_ratio = motor_ratio
-        self._watch = Watch(timeout_ns)
+        self._watch = CommandWatch(timeout_ns)
         self._waits_for_brake = False
         self._rolls = False
         self._command = BrakeCommand(

@@ -3,7 +3,7 @@
 from typing import Final
 
 from can_dbc.doors import DoorCommand, DoorState, DoorStatus
-from plant_emulator.actuators.response import Watch
+from plant_emulator.actuators.response import CommandWatch
 from plant_emulator.train_config import DoorConfig
 
 SAFE_COMMAND: Final = DoorCommand(
@@ -114,7 +114,7 @@ class DoorUnit:
         self._left_wanted = self._right_wanted = False
         self._left_forced = self._right_forced = False
         self._line_lost = False
-        self._watch = Watch(timeout_ns)
+        self._watch = CommandWatch(timeout_ns)
         self.left = DoorSide(config, step_s)
         self.right = DoorSide(config, step_s)
         self.locked = True

@@ -10,8 +10,8 @@ stronger of both, traction nothing.
 from typing import Final
 
 from can_dbc.analogue import AnalogueCommand
-from plant_emulator.actuators.response import NS_PER_S, Watch
-from plant_emulator.noise import Gaussian, Generators, Source
+from plant_emulator.actuators.response import NS_PER_S, CommandWatch
+from plant_emulator.noise import Gaussian, Generators, NoiseSource
 from plant_emulator.train_config import LoopConfig
 
 LIVE_ZERO_MA: Final = 4.0
@@ -131,10 +131,10 @@ class Loops:
     __slots__ = ("_command", "_watch", "brake", "traction")
 
     def __init__(self, config: LoopConfig, generators: Generators, *, timeout_ns: int) -> None:
-        errors = generators.of(Source.LOOP_ERROR)
+        errors = generators.of(NoiseSource.LOOP_ERROR)
         self._command: AnalogueCommand | None = None
-        self._watch = Watch(timeout_ns)
-        noise = Gaussian(generators.of(Source.LOOP_NOISE), config.sigma_ma)
+        self._watch = CommandWatch(timeout_ns)
+        noise = Gaussian(generators.of(NoiseSource.LOOP_NOISE), config.sigma_ma)
         self.traction = Loop(
             config,
             full_mps2=config.traction_full_mps2,

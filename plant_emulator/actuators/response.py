@@ -74,7 +74,7 @@ class Lag:
         return 0.5 * (before + after)
 
 
-class Shift:
+class DelayLine:
     """An input that changes with every step, shifted by a fixed number of steps."""
 
     __slots__ = ("_waiting",)
@@ -116,7 +116,7 @@ class Hold:
         return kept[0][1]
 
 
-class Watch:
+class CommandWatch:
     """Remembers when a command was last heard; silence beyond the timeout is acted on once."""
 
     __slots__ = ("_timeout_ns", "expires_ns", "losses", "silent")

@@ -1,7 +1,7 @@
 """Service brake: from the demand to the forces of motors and friction, with blending."""
 
-from plant_emulator.actuators.response import NS_PER_S, DeadTime, Lag, Shift
-from plant_emulator.noise import Generators, Source, Uniform
+from plant_emulator.actuators.response import NS_PER_S, DeadTime, DelayLine, Lag
+from plant_emulator.noise import Generators, NoiseSource, Uniform
 from plant_emulator.train_config import DeadTimeKind, ServiceBrakeConfig
 
 
@@ -52,7 +52,9 @@ class ServiceBrake:
         self._motor_ratio = motor_ratio
         draws = generators.of
         spread = config.dead_time_s
-        self._dead_times = Uniform(draws(Source.BRAKE_DEAD_TIME), low=spread.low, high=spread.high)
+        self._dead_times = Uniform(
+            draws(NoiseSource.BRAKE_DEAD_TIME), low=spread.low, high=spread.high
+        )
         self._dead_time_ns = 0
         self._bites_ns = 0
         self._dead_time = DeadTime()
@@ -76,19 +78,19 @@ class ServiceBrake:
     def _draw(self, generators: Generators) -> None:
         """What stays from one drawing to the next, for a brake at rest."""
         config, draws, step_s = self._config, generators.of, self._step_s
-        self._lag = Lag(config.lag_s.draw(draws(Source.BRAKE_LAG)), step_s)
-        self._gain = config.gain_ratio.draw(draws(Source.BRAKE_GAIN)) * self._inertia_kg
+        self._lag = Lag(config.lag_s.draw(draws(NoiseSource.BRAKE_LAG)), step_s)
+        self._gain = config.gain_ratio.draw(draws(NoiseSource.BRAKE_GAIN)) * self._inertia_kg
         self._force_gain = self._gain * self._gain_fault_ratio
         air = config.pneumatic
-        air_dead_s = air.dead_time_s.draw(draws(Source.PNEUMATIC_DEAD_TIME))
-        self._pneumatic_gain = air.gain_ratio.draw(draws(Source.PNEUMATIC_GAIN))
-        self._pneumatic_shifts = (Shift(air_dead_s, step_s), Shift(air_dead_s, step_s))
+        air_dead_s = air.dead_time_s.draw(draws(NoiseSource.PNEUMATIC_DEAD_TIME))
+        self._pneumatic_gain = air.gain_ratio.draw(draws(NoiseSource.PNEUMATIC_GAIN))
+        self._pneumatic_shifts = (DelayLine(air_dead_s, step_s), DelayLine(air_dead_s, step_s))
         self._pneumatic_lags = (Lag(air.lag_s, step_s), Lag(air.lag_s, step_s))
 
     def reseed(self, generators: Generators) -> None:
         """Draw anew from other generators: every application its dead time, and lags and gains once
         more with the first application that finds the brake at rest."""
-        self._dead_times.reseed(generators.of(Source.BRAKE_DEAD_TIME))
+        self._dead_times.reseed(generators.of(NoiseSource.BRAKE_DEAD_TIME))
         self._redraws = generators
 
     def weaken(self, gain_ratio: float) -> None:

@@ -4,7 +4,7 @@ from typing import Final
 
 from can_dbc.nodes import Direction
 from can_dbc.traction import TractionCommand, TractionStatus
-from plant_emulator.actuators.response import NS_PER_S, DeadTime, Hold, Lag, Watch
+from plant_emulator.actuators.response import NS_PER_S, CommandWatch, DeadTime, Hold, Lag
 from plant_emulator.train_config import TractionConfig
 
 SAFE_COMMAND: Final = TractionCommand(
@@ -55,7 +55,7 @@ class TractionUnit:
         """Amount of effort; None where it comes with the command."""
         self.ready = True
         """The unit follows what it is told; it says so on the bus."""
-        self._watch = Watch(timeout_ns)
+        self._watch = CommandWatch(timeout_ns)
         self._dead_time = DeadTime()
         self._lag = Lag(config.lag_s, step_s)
         self._slew_step_n = config.slew_n_per_s * step_s

@@ -32,7 +32,7 @@ from plant_emulator.cli.feed_sender import FeedSender
 from plant_emulator.cli.line_wayside import feed_of, serve_line
 from plant_emulator.cli.openers import open_tags, open_wayside, refuse_second_plant
 from plant_emulator.cli.options import AUTO, ELSEWHERE, parser
-from plant_emulator.cli.words import Words, say, summarise
+from plant_emulator.cli.words import TrainNotices, say, summarise
 from plant_emulator.desk.display import KINDS as DISPLAYED
 from plant_emulator.faults.fault_file import load_faults
 from plant_emulator.faults.fitting import check_fitting
@@ -41,7 +41,7 @@ from plant_emulator.faults.plan import FaultPlan
 from plant_emulator.process import TRUTH_COLUMNS, PlantDevice
 from plant_emulator.train_config import PACKAGE, load_train
 from plant_emulator.wire import COMMAND_IDS
-from plant_emulator.world import Scenario, plan_scenario
+from plant_emulator.world import TrainScenario, plan_scenario
 
 EXIT_OK: Final = 0
 EXIT_FAILED: Final = 1
@@ -119,7 +119,9 @@ def _list_consists() -> int:
     return EXIT_OK
 
 
-def _serve(options: argparse.Namespace, scenario: Scenario, faults: Sequence[FaultPlan]) -> int:
+def _serve(
+    options: argparse.Namespace, scenario: TrainScenario, faults: Sequence[FaultPlan]
+) -> int:
     if options.parent is not None:
         die_with_parent(options.parent)
     ending = Interrupts()
@@ -141,7 +143,7 @@ def _serve(options: argparse.Namespace, scenario: Scenario, faults: Sequence[Fau
         end_ns = None
         if options.duration_s is not None:
             end_ns = clock.now_ns() + round(options.duration_s * NS_PER_S)
-        words = Words(plant)
+        words = TrainNotices(plant)
 
         def until(now_ns: int) -> bool:
             words.tell()
@@ -158,7 +160,7 @@ def _serve(options: argparse.Namespace, scenario: Scenario, faults: Sequence[Fau
 
 def _device(
     options: argparse.Namespace,
-    scenario: Scenario,
+    scenario: TrainScenario,
     faults: Sequence[FaultPlan],
     feed: FeedSender | None,
     out: Path | None,
@@ -213,7 +215,7 @@ def _say_what_is_told(faults: Sequence[FaultPlan], feed: FeedSender | None) -> N
             say(f"fault {plan.index}, {plan.kind.name}: not the plant's; {told}")
 
 
-def _wanted_ids(scenario: Scenario) -> frozenset[int]:
+def _wanted_ids(scenario: TrainScenario) -> frozenset[int]:
     """What the one port of all nodes lets through: a driver sees the display, too."""
     if scenario.driver is None:
         return COMMAND_IDS

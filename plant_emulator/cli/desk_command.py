@@ -19,9 +19,9 @@ from firmware_py.interrupts import Interrupts
 from firmware_py.ports import CanPort
 from firmware_py.settings import SettingsError
 from plant_emulator.cli.bus_choice import chosen_bus
-from plant_emulator.cli.terminal import Terminal, open_terminal
+from plant_emulator.cli.terminal import TerminalArea, open_terminal
 from plant_emulator.desk.attendant import Attendant, attendant
-from plant_emulator.desk.display import SCREEN_KINDS, Display
+from plant_emulator.desk.display import SCREEN_KINDS, DeskDisplay
 from plant_emulator.desk.hands import Hands, press, unattended
 from plant_emulator.desk.recording import HEADER, change_line, load_recording
 from plant_emulator.desk.screen import lines
@@ -109,7 +109,7 @@ class DeskNode:
         *,
         who: Attendant | None,
         mode: CabMode,
-        terminal: Terminal | None,
+        terminal: TerminalArea | None,
         record: TextIO | None,
         start_ns: int,
     ) -> None:
@@ -123,7 +123,7 @@ class DeskNode:
         self._hands = Hands(unattended(mode))
         self._said: Desk | None = None
         self._life = NodeState.BOOT_UP
-        self.display = Display()
+        self.display = DeskDisplay()
         self.executive = Executive(
             [Task("desk", DESK_MS, self.cycle), Task("life_sign", LIFE_MS, self.life_sign)],
             start_ns,

@@ -22,15 +22,15 @@ from firmware_py.storage.recorder import LineLog
 from firmware_py.trackdb import LineMap, load_line
 from plant_emulator.cli.openers import open_tags, open_wayside, refuse_second_plant
 from plant_emulator.cli.options import AUTO
-from plant_emulator.cli.words import Words, say, summarise
+from plant_emulator.cli.words import TrainNotices, say, summarise
 from plant_emulator.power.supplies import SUPPLIES
 from plant_emulator.process import TRUTH_COLUMNS, PlantDevice
 from plant_emulator.traffic.config import TrafficConfig, traffic_of
 from plant_emulator.traffic.coupling import INTERVAL_NS, Coupling
-from plant_emulator.traffic.member import Member, leader_rear_m, scenarios_of
+from plant_emulator.traffic.member import TrafficMember, leader_rear_m, scenarios_of
 from plant_emulator.traffic.timetable import Start, lap_timetable, starts
 from plant_emulator.wire import COMMAND_IDS
-from plant_emulator.world import Scenario
+from plant_emulator.world import TrainScenario
 
 NUMBER: Final = "#"
 """Stands in the name of a bus for the number of the train."""
@@ -57,7 +57,7 @@ class _Plan:
     traffic: TrafficConfig
     line: LineMap
     starts: tuple[Start, ...]
-    scenarios: tuple[Scenario, ...]
+    scenarios: tuple[TrainScenario, ...]
     buses: tuple[str, ...]
 
 
@@ -152,7 +152,7 @@ class _Line:
         ]
         self.members = [self._member(index) for index in range(len(wires))]
         self._words = [
-            Words(plant, f"train {start.train}")
+            TrainNotices(plant, f"train {start.train}")
             for plant, start in zip(self.plants, plan.starts, strict=True)
         ]
 
@@ -177,7 +177,7 @@ class _Line:
         radio = open_wayside(AUTO, plan.line, spec, clock, stack, quiet=True)
         return _Wires(can, tags, radio, truth)
 
-    def _plant(self, scenario: Scenario, wires: _Wires, start_ns: int) -> PlantDevice:
+    def _plant(self, scenario: TrainScenario, wires: _Wires, start_ns: int) -> PlantDevice:
         def shared_port(node: Node, ids: Collection[int]) -> CanPort:
             return wires.can
 
@@ -191,9 +191,9 @@ class _Line:
             epoch_offset_ns=self._clock.epoch_offset_ns,
         )
 
-    def _member(self, index: int) -> Member:
+    def _member(self, index: int) -> TrafficMember:
         plan, length_m = self._plan, self._plan.scenarios[index].train.length_m
-        return Member(
+        return TrafficMember(
             self.plants[index],
             plan.traffic,
             lap_timetable(plan.traffic, plan.line),

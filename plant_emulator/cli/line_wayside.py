@@ -12,7 +12,7 @@ from firmware_py.clock.realtime import collect_garbage, die_with_parent, enter_r
 from firmware_py.interrupts import Interrupts
 from firmware_py.ports import RadioPort
 from firmware_py.radio.credentials import load_credentials
-from firmware_py.radio.zenoh_radio import Role, open_radio
+from firmware_py.radio.zenoh_radio import SessionRole, open_radio
 from firmware_py.settings import SettingsError
 from firmware_py.storage.checked_store import CheckedStore
 from firmware_py.storage.nvram import NvramState
@@ -21,7 +21,7 @@ from firmware_py.trackdb.areas import AreaMap, load_areas
 from plant_emulator.cli.words import say
 from plant_emulator.wayside.detection import Detection, Place, key_of, packed, subscription
 from plant_emulator.wayside.line_centre import LineCentre
-from plant_emulator.wayside.line_wayside import Disks, LineWayside, Truth
+from plant_emulator.wayside.line_wayside import Disks, LineWayside, WaysideTruth
 from plant_emulator.wayside.t2t_vocabulary import ArbiterMemory, CentreMemory, ObjectMemory
 from plant_emulator.world import World
 from zenoh_config.codec import BENCH_KEY, safety_key
@@ -113,7 +113,7 @@ class _Line:
         self._detection = Detection(areas)
         topics = (*self._wayside.subscriptions, subscription(areas.name))
         self._port = open_radio(
-            Role.WAYSIDE,
+            SessionRole.WAYSIDE,
             options.line_radio,
             topics,
             clock,
@@ -124,11 +124,11 @@ class _Line:
         self._masters: dict[tuple[int, int], tuple[int, int]] = {}
         """By arbiter and area: holder and term."""
         self._failed = 0
-        self._refused = Refused()
+        self._refused = RefusalNotes()
 
     def beat(self, now_ns: int) -> None:
         heard = self._detection.hears(self._port.receive(now_ns))
-        truth = Truth(self._detection.axles() if heard else {}, self._detection.occupied())
+        truth = WaysideTruth(self._detection.axles() if heard else {}, self._detection.occupied())
         for key, payload in self._wayside.step(now_ns, heard, truth):
             self._port.send(now_ns, key, payload)
         self._tell()
@@ -157,7 +157,7 @@ class _Line:
         self._failed = len(self._wayside.failed)
 
 
-class Refused:
+class RefusalNotes:
     """Each reason is told when it comes up, and then once in a while how often it did."""
 
     def __init__(self) -> None:
@@ -202,7 +202,7 @@ def feed_of(
     secure = None
     if options.secure is not None:
         secure = load_credentials(options.secure, train_name(options.train), clock.epoch_ns())
-    port: RadioPort = open_radio(Role.TRAIN, options.line_radio, (), clock, secure=secure)
+    port: RadioPort = open_radio(SessionRole.TRAIN, options.line_radio, (), clock, secure=secure)
     stack.callback(port.close)
     key = key_of(line_name, options.train)
 

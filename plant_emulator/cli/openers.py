@@ -12,7 +12,7 @@ from firmware_py.ports import SerialPort
 from firmware_py.radio.zenoh_radio import (
     DEFAULT_ENDPOINT,
     RadioError,
-    Role,
+    SessionRole,
     ZenohRadio,
     open_radio,
     pick_endpoint,
@@ -65,12 +65,12 @@ def open_wayside(
 ) -> ZenohRadio:
     topics = subscriptions(line.name)
     if wanted != AUTO:
-        radio = open_radio(Role.WAYSIDE, wanted, topics, clock)
+        radio = open_radio(SessionRole.WAYSIDE, wanted, topics, clock)
     else:
         try:
-            radio = open_radio(Role.WAYSIDE, DEFAULT_ENDPOINT, topics, clock)
+            radio = open_radio(SessionRole.WAYSIDE, DEFAULT_ENDPOINT, topics, clock)
         except RadioError:
-            radio = open_radio(Role.WAYSIDE, pick_endpoint(), topics, clock)
+            radio = open_radio(SessionRole.WAYSIDE, pick_endpoint(), topics, clock)
     stack.callback(radio.close)
     rendezvous.publish_radio(parse_spec(spec).name, radio.endpoint)
     if not quiet:

@@ -23,7 +23,7 @@ ARROWS: Final = {"A": "up", "B": "down", "C": "right", "D": "left"}
 INTRODUCERS: Final = "[O"
 
 
-class Terminal:
+class TerminalArea:
     """Drawn into from the top; what does not fit is cut off."""
 
     def __init__(self, window: "curses.window") -> None:
@@ -74,7 +74,7 @@ def _sequence(rest: Iterator[int]) -> str:
 
 
 @contextmanager
-def open_terminal() -> Iterator[Terminal]:
+def open_terminal() -> Iterator[TerminalArea]:
     """Gives the terminal back as it was, whatever happens. Raises OSError without one."""
     os.environ.setdefault("ESCDELAY", ESCAPE_MS)
     try:
@@ -87,7 +87,7 @@ def open_terminal() -> Iterator[Terminal]:
         window.keypad(True)
         window.nodelay(True)
         with _without_cursor():
-            yield Terminal(window)
+            yield TerminalArea(window)
     finally:
         window.keypad(False)
         curses.nocbreak()

@@ -11,7 +11,7 @@ def say(words: str) -> None:
     print(f"plant: {words}", flush=True)
 
 
-class Words:
+class TrainNotices:
     """Says what happens to the train: silence, emergency, standstill, doors, faults."""
 
     def __init__(self, plant: PlantDevice, of: str = "") -> None:

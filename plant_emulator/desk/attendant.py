@@ -5,14 +5,14 @@ from typing import Final
 
 from can_dbc.cab import CabMode, Desk
 from firmware_py.settings import SettingsError, nearest
-from plant_emulator.desk.display import Display
+from plant_emulator.desk.display import DeskDisplay
 from plant_emulator.desk.drivers import DRIVERS
 from plant_emulator.desk.hands import unattended
 from plant_emulator.desk.recording import DeskRecording
 
 NS_PER_S: Final = 1_000_000_000
 
-Attendant = Callable[[Display, int], Desk]
+Attendant = Callable[[DeskDisplay, int], Desk]
 """Is asked whenever the desk speaks: what it shows, and the instant."""
 
 
@@ -31,7 +31,7 @@ def attendant(
         return None
     played, before = recording, unattended(mode)
 
-    def play(display: Display, now_ns: int) -> Desk:
+    def play(display: DeskDisplay, now_ns: int) -> Desk:
         return played.at((now_ns - start_ns) / NS_PER_S, before)
 
     return play

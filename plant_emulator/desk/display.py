@@ -20,7 +20,7 @@ FRESH_NS: Final = 500_000_000
 """Older speeds are not shown."""
 
 
-class Display:
+class DeskDisplay:
     """The last of each frame; None before the first."""
 
     __slots__ = ("_motion_ns", "doors", "mode", "motion", "position", "status", "target")

@@ -7,7 +7,7 @@ from typing import Final, Protocol
 
 from can_dbc.cab import CabMode, Desk
 from can_dbc.vobc import Supervision, VobcMotion
-from plant_emulator.desk.display import Display
+from plant_emulator.desk.display import DeskDisplay
 from plant_emulator.desk.hands import unattended
 
 FULL_PERCENT: Final = 100.0
@@ -37,7 +37,7 @@ NS_PER_S: Final = 1_000_000_000
 class Driver(Protocol):
     """Is asked whenever the desk speaks."""
 
-    def drive(self, display: Display, now_ns: int) -> Desk: ...
+    def drive(self, display: DeskDisplay, now_ns: int) -> Desk: ...
 
 
 class Trend:
@@ -67,7 +67,7 @@ class Obedient:
         # The emergency limit begins to fall before the permitted speed does.
         self._trends = (Trend(), Trend())
 
-    def drive(self, display: Display, now_ns: int) -> Desk:
+    def drive(self, display: DeskDisplay, now_ns: int) -> Desk:
         seen = display.speeds(now_ns)
         if seen is None:
             return _desk(-FULL_PERCENT)
@@ -95,18 +95,18 @@ class Obedient:
 class Reckless:
     """Full power, whatever the display shows."""
 
-    def drive(self, display: Display, now_ns: int) -> Desk:
+    def drive(self, display: DeskDisplay, now_ns: int) -> Desk:
         return _desk(FULL_PERCENT)
 
 
-class Late:
+class LateDriver:
     """Full power up to the speed at which the emergency brake would come, and full brake there."""
 
     def __init__(self) -> None:
         self._trend = Trend()
         self._braking = False
 
-    def drive(self, display: Display, now_ns: int) -> Desk:
+    def drive(self, display: DeskDisplay, now_ns: int) -> Desk:
         seen = display.speeds(now_ns)
         if seen is None:
             return _desk(-FULL_PERCENT)
@@ -122,11 +122,11 @@ class Late:
 DRIVERS: Final[Mapping[str, Callable[[], Driver]]] = {
     "obedient": Obedient,
     "reckless": Reckless,
-    "late": Late,
+    "late": LateDriver,
 }
 
 
-def _easy_mps(display: Display) -> float:
+def _easy_mps(display: DeskDisplay) -> float:
     """From which a gentle brake still stops before the end of the authority."""
     if display.target is None:
         return math.inf

@@ -5,7 +5,7 @@ from typing import Final
 
 from can_dbc.cab import Desk
 from can_dbc.vobc import Inhibit, Missing, OperatingMode, VobcMode, VobcMotion, Withheld
-from plant_emulator.desk.display import Display
+from plant_emulator.desk.display import DeskDisplay
 from plant_emulator.desk.hands import KEYS
 
 WIDTH: Final = 79
@@ -20,7 +20,7 @@ FAR_M: Final = 100_000.0
 """A target that is shown no more."""
 
 
-def lines(display: Display, desk: Desk, now_ns: int, note: str = "") -> list[str]:
+def lines(display: DeskDisplay, desk: Desk, now_ns: int, note: str = "") -> list[str]:
     """What is shown now; `note` is the last line."""
     seen = display.speeds(now_ns)
     body = [
@@ -51,7 +51,7 @@ def _speeds(seen: VobcMotion | None) -> Iterator[str]:
         yield f"{name:>10}  {kmh:6.1f} km/h  {'#' * filled}{'.' * (BAR - filled)}"
 
 
-def _state(display: Display) -> Iterator[str]:
+def _state(display: DeskDisplay) -> Iterator[str]:
     status, mode = display.status, display.mode
     supervision = NOTHING if status is None else _words(status.supervision.name)
     phase = NOTHING if status is None else _words(status.ato_phase.name)
@@ -73,7 +73,7 @@ def _mode(mode: VobcMode | None) -> str:
     return f"{_words(mode.mode.name)}{attempts}{alarm}"
 
 
-def _departure(display: Display) -> str:
+def _departure(display: DeskDisplay) -> str:
     """Nothing is said of it while the train is under way."""
     mode, motion = display.mode, display.motion
     if mode is None or motion is None or abs(motion.speed_mps) > 0.0:
@@ -81,7 +81,7 @@ def _departure(display: Display) -> str:
     return _flags(mode.departure_inhibits) if mode.departure_inhibits else "permitted"
 
 
-def _doors(display: Display) -> str:
+def _doors(display: DeskDisplay) -> str:
     """The enabled sides, else what withholds them; away from platforms nothing does."""
     mode, doors = display.mode, display.doors
     if doors is not None and (doors.enable_left or doors.enable_right):
@@ -92,7 +92,7 @@ def _doors(display: Display) -> str:
     return _flags(mode.doors_withheld)
 
 
-def _place(display: Display) -> str:
+def _place(display: DeskDisplay) -> str:
     if display.position is None:
         return NOTHING
     text = f"{display.position.front_m:.1f} m ± {display.position.uncertainty_m:.1f} m"

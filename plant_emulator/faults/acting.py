@@ -6,7 +6,7 @@ from typing import Any, Final, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
-from plant_emulator.faults.kinds import Place
+from plant_emulator.faults.kinds import FaultPlace
 from plant_emulator.faults.plan import FaultPlan
 
 T = TypeVar("T")
@@ -30,7 +30,7 @@ class Acting(NamedTuple):
 class ActingFaults:
     """The faults of one place that act now, in the order of the scenario."""
 
-    def __init__(self, place: Place, seed: int) -> None:
+    def __init__(self, place: FaultPlace, seed: int) -> None:
         self._place, self._seed = place, seed
         self._draws: dict[int, np.random.Generator] = {}
         self._acting: list[Acting] = []
@@ -68,7 +68,7 @@ class ActingFaults:
         return bool(self._acting)
 
 
-class Held(Generic[T]):
+class DelayQueue(Generic[T]):
     """Things that wait for their instant; those of one instant keep their order."""
 
     def __init__(self) -> None:

@@ -4,10 +4,10 @@ import enum
 from dataclasses import dataclass
 
 from can_dbc.nodes import Node
-from plant_emulator.faults.kinds import Hazard, Place, check_range, fault
+from plant_emulator.faults.kinds import FaultPlace, Hazard, check_range, fault
 
 
-class Way(enum.Enum):
+class FrameDirection(enum.Enum):
     """Which frames, seen from the controller."""
 
     TO_TRAIN = "to_train"
@@ -15,7 +15,7 @@ class Way(enum.Enum):
     BOTH = "both"
 
 
-class Damage(enum.Enum):
+class DamagePlace(enum.Enum):
     """Where the bits are flipped, and so who can see it."""
 
     ON_WIRE = "on_wire"
@@ -26,26 +26,26 @@ class Damage(enum.Enum):
     """In the sender's memory: every check passes and the value is wrong."""
 
 
-@fault("frame_drop", Place.BUS, Hazard.OVERRUN, Hazard.LOST_SERVICE)
+@fault("frame_drop", FaultPlace.BUS, Hazard.OVERRUN, Hazard.LOST_SERVICE)
 @dataclass(frozen=True, slots=True)
 class FrameDrop:
     """Frames vanish between the controller and the train."""
 
     frames: str = "*"
-    way: Way = Way.BOTH
+    way: FrameDirection = FrameDirection.BOTH
     loss_ratio: float = 1.0
 
     def __post_init__(self) -> None:
         check_range(self, "loss_ratio", 0.0, 1.0)
 
 
-@fault("frame_delay", Place.BUS, Hazard.MISLOCATED, Hazard.OVERRUN)
+@fault("frame_delay", FaultPlace.BUS, Hazard.MISLOCATED, Hazard.OVERRUN)
 @dataclass(frozen=True, slots=True)
 class FrameDelay:
     """Frames arrive late, each by the delay and up to the jitter more; their order stays."""
 
     frames: str = "*"
-    way: Way = Way.BOTH
+    way: FrameDirection = FrameDirection.BOTH
     delay_s: float = 0.05
     jitter_s: float = 0.0
 
@@ -54,13 +54,13 @@ class FrameDelay:
         check_range(self, "jitter_s", 0.0, 60.0)
 
 
-@fault("frame_duplicate", Place.BUS, Hazard.WRONG_COMMAND)
+@fault("frame_duplicate", FaultPlace.BUS, Hazard.WRONG_COMMAND)
 @dataclass(frozen=True, slots=True)
 class FrameDuplicate:
     """Frames arrive again after a while."""
 
     frames: str = "*"
-    way: Way = Way.BOTH
+    way: FrameDirection = FrameDirection.BOTH
     share_ratio: float = 1.0
     copies: int = 1
     gap_s: float = 0.001
@@ -72,13 +72,13 @@ class FrameDuplicate:
         check_range(self, "gap_s", 0.0, 60.0)
 
 
-@fault("frame_reorder", Place.BUS, Hazard.MISLOCATED, Hazard.WRONG_COMMAND)
+@fault("frame_reorder", FaultPlace.BUS, Hazard.MISLOCATED, Hazard.WRONG_COMMAND)
 @dataclass(frozen=True, slots=True)
 class FrameReorder:
     """A share of the frames is held back so that later ones overtake them."""
 
     frames: str = "*"
-    way: Way = Way.BOTH
+    way: FrameDirection = FrameDirection.BOTH
     share_ratio: float = 0.5
     hold_s: float = 0.06
 
@@ -87,13 +87,13 @@ class FrameReorder:
         check_range(self, "hold_s", 0.0, 60.0)
 
 
-@fault("frame_replay", Place.BUS, Hazard.WRONG_COMMAND)
+@fault("frame_replay", FaultPlace.BUS, Hazard.WRONG_COMMAND)
 @dataclass(frozen=True, slots=True)
 class FrameReplay:
     """What was said before the fault is said again, in its old rhythm, beside what is said now."""
 
     frames: str = "*"
-    way: Way = Way.TO_TRAIN
+    way: FrameDirection = FrameDirection.TO_TRAIN
     memory_s: float = 1.0
     """How much of the past is repeated, over and over."""
 
@@ -101,23 +101,23 @@ class FrameReplay:
         check_range(self, "memory_s", 0.01, 60.0)
 
 
-@fault("frame_corrupt", Place.BUS, Hazard.WRONG_COMMAND, Hazard.OVERRUN)
+@fault("frame_corrupt", FaultPlace.BUS, Hazard.WRONG_COMMAND, Hazard.OVERRUN)
 @dataclass(frozen=True, slots=True)
 class FrameCorrupt:
     """Bits of frames are flipped."""
 
     frames: str = "*"
-    way: Way = Way.BOTH
+    way: FrameDirection = FrameDirection.BOTH
     share_ratio: float = 1.0
     bits: int = 1
-    damage: Damage = Damage.AFTER_CRC
+    damage: DamagePlace = DamagePlace.AFTER_CRC
 
     def __post_init__(self) -> None:
         check_range(self, "share_ratio", 0.0, 1.0)
         check_range(self, "bits", 1, 64)
 
 
-@fault("masquerade", Place.BUS, Hazard.WRONG_COMMAND)
+@fault("masquerade", FaultPlace.BUS, Hazard.WRONG_COMMAND)
 @dataclass(frozen=True, slots=True)
 class Masquerade:
     """A stranger sends a message of another node, with values of its own and a valid CRC."""
@@ -133,7 +133,7 @@ class Masquerade:
         check_range(self, "period_s", 0.001, 60.0)
 
 
-@fault("babbling_idiot", Place.BUS, Hazard.OVERRUN, Hazard.LOST_SERVICE)
+@fault("babbling_idiot", FaultPlace.BUS, Hazard.OVERRUN, Hazard.LOST_SERVICE)
 @dataclass(frozen=True, slots=True)
 class BabblingIdiot:
     """A node sends without pause and takes the bus from all with a higher identifier."""
@@ -147,7 +147,7 @@ class BabblingIdiot:
         check_range(self, "load_ratio", 0.01, 1.0)
 
 
-@fault("bus_off", Place.BUS, Hazard.OVERRUN, Hazard.LOST_SERVICE)
+@fault("bus_off", FaultPlace.BUS, Hazard.OVERRUN, Hazard.LOST_SERVICE)
 @dataclass(frozen=True, slots=True)
 class BusOff:
     """A node's every frame is destroyed until its error counter takes it off the bus.
@@ -159,7 +159,7 @@ class BusOff:
     recovers: bool = True
 
 
-@fault("link_cut", Place.BUS, Hazard.OVERRUN, Hazard.LOST_SERVICE)
+@fault("link_cut", FaultPlace.BUS, Hazard.OVERRUN, Hazard.LOST_SERVICE)
 @dataclass(frozen=True, slots=True)
 class LinkCut:
     """The wire to one node is cut: it is neither heard nor does it hear."""

@@ -3,7 +3,7 @@
 import enum
 from dataclasses import dataclass
 
-from plant_emulator.faults.kinds import Hazard, Place, check_range, fault
+from plant_emulator.faults.kinds import FaultPlace, Hazard, check_range, fault
 
 
 class LoopOf(enum.Enum):
@@ -14,7 +14,7 @@ class LoopOf(enum.Enum):
     BOTH = "both"
 
 
-@fault("loop_break", Place.ACTUATOR, Hazard.NO_BRAKE, Hazard.LOST_SERVICE)
+@fault("loop_break", FaultPlace.ACTUATOR, Hazard.NO_BRAKE, Hazard.LOST_SERVICE)
 @dataclass(frozen=True, slots=True)
 class LoopBreak:
     """A wire of a current loop is open: it carries nothing, and its unit gives no effort."""
@@ -22,7 +22,7 @@ class LoopBreak:
     loop: LoopOf = LoopOf.BRAKE
 
 
-@fault("loop_offset", Place.ACTUATOR, Hazard.NO_BRAKE, Hazard.OVERSPEED)
+@fault("loop_offset", FaultPlace.ACTUATOR, Hazard.NO_BRAKE, Hazard.OVERSPEED)
 @dataclass(frozen=True, slots=True)
 class LoopOffset:
     """A current loop carries so much more than the module sets."""
@@ -34,7 +34,7 @@ class LoopOffset:
         check_range(self, "offset_ma", -20.0, 20.0)
 
 
-@fault("loop_short", Place.ACTUATOR, Hazard.LOST_SERVICE)
+@fault("loop_short", FaultPlace.ACTUATOR, Hazard.LOST_SERVICE)
 @dataclass(frozen=True, slots=True)
 class LoopShort:
     """A current loop is shorted to a supply: over 20 mA the brake is full and traction is cut."""

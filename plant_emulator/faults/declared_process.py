@@ -2,10 +2,10 @@
 
 from dataclasses import dataclass
 
-from plant_emulator.faults.kinds import Hazard, Place, check_range, fault
+from plant_emulator.faults.kinds import FaultPlace, Hazard, check_range, fault
 
 
-@fault("controller_killed", Place.PROCESS, Hazard.OVERRUN, Hazard.UNWANTED_MOTION)
+@fault("controller_killed", FaultPlace.PROCESS, Hazard.OVERRUN, Hazard.UNWANTED_MOTION)
 @dataclass(frozen=True, slots=True)
 class ControllerKilled:
     """The process ends at once, as by kill -9, without a last word on the bus.
@@ -18,13 +18,13 @@ class ControllerKilled:
     """Its memory is empty when it is started again."""
 
 
-@fault("controller_paused", Place.PROCESS, Hazard.OVERRUN, Hazard.MISLOCATED)
+@fault("controller_paused", FaultPlace.PROCESS, Hazard.OVERRUN, Hazard.MISLOCATED)
 @dataclass(frozen=True, slots=True)
 class ControllerPaused:
     """The process stands still, as by SIGSTOP, and goes on when the fault ends."""
 
 
-@fault("slow_cycle", Place.PROCESS, Hazard.OVERRUN, Hazard.NO_BRAKE)
+@fault("slow_cycle", FaultPlace.PROCESS, Hazard.OVERRUN, Hazard.NO_BRAKE)
 @dataclass(frozen=True, slots=True)
 class SlowCycle:
     """Every control cycle takes so much longer; cycles that fall due meanwhile are slipped."""
@@ -35,7 +35,7 @@ class SlowCycle:
         check_range(self, "extra_s", 0.0, 10.0)
 
 
-@fault("clock_step", Place.PROCESS, Hazard.MISLOCATED, Hazard.OVERRUN)
+@fault("clock_step", FaultPlace.PROCESS, Hazard.MISLOCATED, Hazard.OVERRUN)
 @dataclass(frozen=True, slots=True)
 class ClockStep:
     """The controller's clock jumps once, forwards, when the fault begins.

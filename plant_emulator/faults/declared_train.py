@@ -4,7 +4,7 @@ import enum
 from dataclasses import dataclass
 
 from can_dbc.cab import CabMode
-from plant_emulator.faults.kinds import Hazard, Place, check_range, fault
+from plant_emulator.faults.kinds import FaultPlace, Hazard, check_range, fault
 
 
 class Axle(enum.Enum):
@@ -21,7 +21,7 @@ class DoorsOf(enum.Enum):
     BOTH = "both"
 
 
-@fault("wheel_slip", Place.SENSOR, Hazard.MISLOCATED)
+@fault("wheel_slip", FaultPlace.SENSOR, Hazard.MISLOCATED)
 @dataclass(frozen=True, slots=True)
 class WheelSlip:
     """Wheels turn faster than the train moves, by this share of its speed."""
@@ -36,7 +36,7 @@ class WheelSlip:
         check_range(self, "ramp_s", 0.0, 60.0)
 
 
-@fault("wheel_slide", Place.SENSOR, Hazard.MISLOCATED)
+@fault("wheel_slide", FaultPlace.SENSOR, Hazard.MISLOCATED)
 @dataclass(frozen=True, slots=True)
 class WheelSlide:
     """Wheels turn slower than the train moves, by this share of its speed; 1 is a locked wheel."""
@@ -50,7 +50,7 @@ class WheelSlide:
         check_range(self, "ramp_s", 0.0, 60.0)
 
 
-@fault("low_adhesion", Place.SENSOR, Hazard.NO_BRAKE, Hazard.MISLOCATED)
+@fault("low_adhesion", FaultPlace.SENSOR, Hazard.NO_BRAKE, Hazard.MISLOCATED)
 @dataclass(frozen=True, slots=True)
 class LowAdhesion:
     """Leaves on the rail: neither traction nor brake can use more than this, wheels slip of it."""
@@ -61,7 +61,7 @@ class LowAdhesion:
         check_range(self, "adhesion_ratio", 0.0, 1.0)
 
 
-@fault("tacho_stuck", Place.SENSOR, Hazard.MISLOCATED)
+@fault("tacho_stuck", FaultPlace.SENSOR, Hazard.MISLOCATED)
 @dataclass(frozen=True, slots=True)
 class TachoStuck:
     """A tacho counts no more and takes itself for healthy."""
@@ -69,7 +69,7 @@ class TachoStuck:
     axle: Axle = Axle.A
 
 
-@fault("tacho_drift", Place.SENSOR, Hazard.MISLOCATED)
+@fault("tacho_drift", FaultPlace.SENSOR, Hazard.MISLOCATED)
 @dataclass(frozen=True, slots=True)
 class TachoDrift:
     """A tacho's scale drifts off."""
@@ -81,7 +81,7 @@ class TachoDrift:
         check_range(self, "ratio_per_s", -1.0, 1.0)
 
 
-@fault("tacho_unhealthy", Place.SENSOR, Hazard.LOST_SERVICE)
+@fault("tacho_unhealthy", FaultPlace.SENSOR, Hazard.LOST_SERVICE)
 @dataclass(frozen=True, slots=True)
 class TachoUnhealthy:
     """A tacho reports itself as failed and counts no more."""
@@ -89,7 +89,7 @@ class TachoUnhealthy:
     axle: Axle = Axle.A
 
 
-@fault("wheel_wear", Place.SENSOR, Hazard.MISLOCATED)
+@fault("wheel_wear", FaultPlace.SENSOR, Hazard.MISLOCATED)
 @dataclass(frozen=True, slots=True)
 class WheelWear:
     """Wheels are smaller than they were, so that more pulses come for the same distance."""
@@ -101,13 +101,13 @@ class WheelWear:
         check_range(self, "diameter_ratio", 0.5, 1.5)
 
 
-@fault("doppler_outage", Place.SENSOR, Hazard.LOST_SERVICE)
+@fault("doppler_outage", FaultPlace.SENSOR, Hazard.LOST_SERVICE)
 @dataclass(frozen=True, slots=True)
 class DopplerOutage:
     """The radar sees no ground and says so."""
 
 
-@fault("doppler_wrong", Place.SENSOR, Hazard.MISLOCATED)
+@fault("doppler_wrong", FaultPlace.SENSOR, Hazard.MISLOCATED)
 @dataclass(frozen=True, slots=True)
 class DopplerWrong:
     """The radar's speed is off by this share and it takes itself for healthy."""
@@ -118,7 +118,7 @@ class DopplerWrong:
         check_range(self, "error_ratio", -1.0, 5.0)
 
 
-@fault("imu_bias", Place.SENSOR, Hazard.MISLOCATED)
+@fault("imu_bias", FaultPlace.SENSOR, Hazard.MISLOCATED)
 @dataclass(frozen=True, slots=True)
 class ImuBias:
     """The accelerometer is off by so much more."""
@@ -129,7 +129,7 @@ class ImuBias:
         check_range(self, "bias_mps2", -20.0, 20.0)
 
 
-@fault("tag_missed", Place.SENSOR, Hazard.MISLOCATED)
+@fault("tag_missed", FaultPlace.SENSOR, Hazard.MISLOCATED)
 @dataclass(frozen=True, slots=True)
 class TagMissed:
     """Tags are passed without being read."""
@@ -142,7 +142,7 @@ class TagMissed:
         check_range(self, "share_ratio", 0.0, 1.0)
 
 
-@fault("tag_displaced", Place.SENSOR, Hazard.MISLOCATED)
+@fault("tag_displaced", FaultPlace.SENSOR, Hazard.MISLOCATED)
 @dataclass(frozen=True, slots=True)
 class TagDisplaced:
     """Tags lie further along the line than the map says."""
@@ -154,7 +154,7 @@ class TagDisplaced:
         check_range(self, "offset_m", -1000.0, 1000.0)
 
 
-@fault("tag_duplicate", Place.SENSOR, Hazard.MISLOCATED)
+@fault("tag_duplicate", FaultPlace.SENSOR, Hazard.MISLOCATED)
 @dataclass(frozen=True, slots=True)
 class TagDuplicate:
     """Tags are read twice, the second time so much later and so far off, as at that place."""
@@ -169,7 +169,7 @@ class TagDuplicate:
         check_range(self, "gap_m", 0.0, 100.0)
 
 
-@fault("tag_false", Place.SENSOR, Hazard.MISLOCATED)
+@fault("tag_false", FaultPlace.SENSOR, Hazard.MISLOCATED)
 @dataclass(frozen=True, slots=True)
 class TagFalse:
     """A tag of this number is read once when the fault begins, wherever the train is."""
@@ -180,7 +180,7 @@ class TagFalse:
         check_range(self, "tag_id", 1, 0xFFFF_FFFF)
 
 
-@fault("antenna_dead", Place.SENSOR, Hazard.MISLOCATED, Hazard.LOST_SERVICE)
+@fault("antenna_dead", FaultPlace.SENSOR, Hazard.MISLOCATED, Hazard.LOST_SERVICE)
 @dataclass(frozen=True, slots=True)
 class AntennaDead:
     """The antenna reads nothing; its self-test finds out unless the fault is hidden."""
@@ -188,7 +188,7 @@ class AntennaDead:
     hidden: bool = False
 
 
-@fault("brake_late", Place.ACTUATOR, Hazard.NO_BRAKE)
+@fault("brake_late", FaultPlace.ACTUATOR, Hazard.NO_BRAKE)
 @dataclass(frozen=True, slots=True)
 class BrakeLate:
     """The service brake answers so much later."""
@@ -199,7 +199,7 @@ class BrakeLate:
         check_range(self, "delay_s", 0.0, 30.0)
 
 
-@fault("brake_weak", Place.ACTUATOR, Hazard.NO_BRAKE)
+@fault("brake_weak", FaultPlace.ACTUATOR, Hazard.NO_BRAKE)
 @dataclass(frozen=True, slots=True)
 class BrakeWeak:
     """The service brake gives this share of what it is asked for."""
@@ -210,13 +210,13 @@ class BrakeWeak:
         check_range(self, "gain_ratio", 0.0, 2.0)
 
 
-@fault("brake_stuck", Place.ACTUATOR, Hazard.NO_BRAKE, Hazard.LOST_SERVICE)
+@fault("brake_stuck", FaultPlace.ACTUATOR, Hazard.NO_BRAKE, Hazard.LOST_SERVICE)
 @dataclass(frozen=True, slots=True)
 class BrakeStuck:
     """The service brake stays at what it gave when the fault began."""
 
 
-@fault("brake_unit_failed", Place.ACTUATOR, Hazard.NO_BRAKE)
+@fault("brake_unit_failed", FaultPlace.ACTUATOR, Hazard.NO_BRAKE)
 @dataclass(frozen=True, slots=True)
 class BrakeUnitFailed:
     """So large a share of all brakes gives nothing, emergency and holding brake included."""
@@ -227,7 +227,7 @@ class BrakeUnitFailed:
         check_range(self, "share_ratio", 0.0, 1.0)
 
 
-@fault("emergency_late", Place.ACTUATOR, Hazard.NO_BRAKE)
+@fault("emergency_late", FaultPlace.ACTUATOR, Hazard.NO_BRAKE)
 @dataclass(frozen=True, slots=True)
 class EmergencyLate:
     """The emergency brake bites so much later."""
@@ -238,7 +238,7 @@ class EmergencyLate:
         check_range(self, "delay_s", 0.0, 30.0)
 
 
-@fault("traction_runaway", Place.ACTUATOR, Hazard.OVERSPEED, Hazard.UNWANTED_MOTION)
+@fault("traction_runaway", FaultPlace.ACTUATOR, Hazard.OVERSPEED, Hazard.UNWANTED_MOTION)
 @dataclass(frozen=True, slots=True)
 class TractionRunaway:
     """Traction pushes with this acceleration whatever it is told, until it is cut off."""
@@ -251,7 +251,7 @@ class TractionRunaway:
         check_range(self, "accel_mps2", 0.0, 3.0)
 
 
-@fault("traction_weak", Place.ACTUATOR, Hazard.LOST_SERVICE)
+@fault("traction_weak", FaultPlace.ACTUATOR, Hazard.LOST_SERVICE)
 @dataclass(frozen=True, slots=True)
 class TractionWeak:
     """Traction gives this share of what it is asked for."""
@@ -262,7 +262,7 @@ class TractionWeak:
         check_range(self, "gain_ratio", 0.0, 2.0)
 
 
-@fault("traction_late", Place.ACTUATOR, Hazard.OVERSPEED)
+@fault("traction_late", FaultPlace.ACTUATOR, Hazard.OVERSPEED)
 @dataclass(frozen=True, slots=True)
 class TractionLate:
     """Traction is taken away so much later than it is told."""
@@ -273,7 +273,7 @@ class TractionLate:
         check_range(self, "delay_s", 0.0, 30.0)
 
 
-@fault("holding_late", Place.ACTUATOR, Hazard.UNWANTED_MOTION)
+@fault("holding_late", FaultPlace.ACTUATOR, Hazard.UNWANTED_MOTION)
 @dataclass(frozen=True, slots=True)
 class HoldingLate:
     """The holding brake applies so much later."""
@@ -284,7 +284,7 @@ class HoldingLate:
         check_range(self, "delay_s", 0.0, 30.0)
 
 
-@fault("holding_sticks", Place.ACTUATOR, Hazard.LOST_SERVICE, Hazard.UNWANTED_MOTION)
+@fault("holding_sticks", FaultPlace.ACTUATOR, Hazard.LOST_SERVICE, Hazard.UNWANTED_MOTION)
 @dataclass(frozen=True, slots=True)
 class HoldingSticks:
     """The holding brake lets go so much later."""
@@ -295,7 +295,7 @@ class HoldingSticks:
         check_range(self, "delay_s", 0.0, 30.0)
 
 
-@fault("line_voltage", Place.SUPPLY, Hazard.LOST_SERVICE, Hazard.NO_BRAKE)
+@fault("line_voltage", FaultPlace.SUPPLY, Hazard.LOST_SERVICE, Hazard.NO_BRAKE)
 @dataclass(frozen=True, slots=True)
 class LineVoltage:
     """The substation's no-load voltage changes; 0 is an outage, a high one takes nothing back."""
@@ -306,19 +306,19 @@ class LineVoltage:
         check_range(self, "voltage_v", 0.0, 5000.0)
 
 
-@fault("breaker_open", Place.SUPPLY, Hazard.LOST_SERVICE)
+@fault("breaker_open", FaultPlace.SUPPLY, Hazard.LOST_SERVICE)
 @dataclass(frozen=True, slots=True)
 class BreakerOpen:
     """The main breaker is open: neither traction nor electric brake."""
 
 
-@fault("door_lock_lost", Place.DOORS, Hazard.DOOR_DANGER)
+@fault("door_lock_lost", FaultPlace.DOORS, Hazard.DOOR_DANGER)
 @dataclass(frozen=True, slots=True)
 class DoorLockLost:
     """The train line through the locks is interrupted; the doors themselves are closed."""
 
 
-@fault("door_opens", Place.DOORS, Hazard.DOOR_DANGER)
+@fault("door_opens", FaultPlace.DOORS, Hazard.DOOR_DANGER)
 @dataclass(frozen=True, slots=True)
 class DoorOpens:
     """Doors open without command and enable."""
@@ -326,7 +326,7 @@ class DoorOpens:
     side: DoorsOf = DoorsOf.RIGHT
 
 
-@fault("door_obstacle", Place.DOORS, Hazard.DOOR_DANGER, Hazard.LOST_SERVICE)
+@fault("door_obstacle", FaultPlace.DOORS, Hazard.DOOR_DANGER, Hazard.LOST_SERVICE)
 @dataclass(frozen=True, slots=True)
 class DoorObstacle:
     """Something stands between the doors at every closing."""
@@ -334,7 +334,7 @@ class DoorObstacle:
     side: DoorsOf = DoorsOf.BOTH
 
 
-@fault("door_deaf", Place.DOORS, Hazard.LOST_SERVICE)
+@fault("door_deaf", FaultPlace.DOORS, Hazard.LOST_SERVICE)
 @dataclass(frozen=True, slots=True)
 class DoorDeaf:
     """Doors do not open although they should."""
@@ -342,19 +342,19 @@ class DoorDeaf:
     side: DoorsOf = DoorsOf.BOTH
 
 
-@fault("passenger_alarm", Place.DESK, Hazard.LOST_SERVICE)
+@fault("passenger_alarm", FaultPlace.DESK, Hazard.LOST_SERVICE)
 @dataclass(frozen=True, slots=True)
 class PassengerAlarm:
     """A passenger pulls the alarm and lets go when the fault ends."""
 
 
-@fault("emergency_button", Place.DESK, Hazard.LOST_SERVICE)
+@fault("emergency_button", FaultPlace.DESK, Hazard.LOST_SERVICE)
 @dataclass(frozen=True, slots=True)
 class EmergencyButton:
     """The button on the desk is pressed."""
 
 
-@fault("desk_mode", Place.DESK, Hazard.UNWANTED_MOTION)
+@fault("desk_mode", FaultPlace.DESK, Hazard.UNWANTED_MOTION)
 @dataclass(frozen=True, slots=True)
 class DeskMode:
     """The key on the desk is turned."""
@@ -362,7 +362,7 @@ class DeskMode:
     mode: CabMode = CabMode.OFF
 
 
-@fault("desk_lever", Place.DESK, Hazard.UNWANTED_MOTION, Hazard.OVERSPEED)
+@fault("desk_lever", FaultPlace.DESK, Hazard.UNWANTED_MOTION, Hazard.OVERSPEED)
 @dataclass(frozen=True, slots=True)
 class DeskLever:
     """The lever is moved; negative brakes."""
@@ -373,7 +373,7 @@ class DeskLever:
         check_range(self, "lever_percent", -100.0, 100.0)
 
 
-@fault("desk_reset", Place.DESK, Hazard.UNWANTED_MOTION)
+@fault("desk_reset", FaultPlace.DESK, Hazard.UNWANTED_MOTION)
 @dataclass(frozen=True, slots=True)
 class DeskReset:
     """The reset of a latched emergency is asked for."""

@@ -7,10 +7,10 @@ or a place like everything else that befalls a train.
 from dataclasses import dataclass
 
 from plant_emulator.faults.declared_train import DoorsOf
-from plant_emulator.faults.kinds import Hazard, Place, check_range, fault
+from plant_emulator.faults.kinds import FaultPlace, Hazard, check_range, fault
 
 
-@fault("cold_movement", Place.SENSOR, Hazard.MISLOCATED)
+@fault("cold_movement", FaultPlace.SENSOR, Hazard.MISLOCATED)
 @dataclass(frozen=True, slots=True)
 class ColdMoved:
     """The detector of cold movement says that the train was moved while nobody controlled it."""
@@ -24,55 +24,55 @@ class ColdMoved:
         check_range(self, "moved_m", 0.0, 160.0)
 
 
-@fault("ats_hold", Place.WAYSIDE, Hazard.LOST_SERVICE)
+@fault("ats_hold", FaultPlace.WAYSIDE, Hazard.LOST_SERVICE)
 @dataclass(frozen=True, slots=True)
 class AtsHold:
     """The centre orders the train not to depart from its present or next platform."""
 
 
-@fault("ats_skip", Place.WAYSIDE, Hazard.LOST_SERVICE)
+@fault("ats_skip", FaultPlace.WAYSIDE, Hazard.LOST_SERVICE)
 @dataclass(frozen=True, slots=True)
 class AtsSkip:
     """The centre orders the train not to stop at the next station."""
 
 
-@fault("ats_stop_next", Place.WAYSIDE, Hazard.LOST_SERVICE)
+@fault("ats_stop_next", FaultPlace.WAYSIDE, Hazard.LOST_SERVICE)
 @dataclass(frozen=True, slots=True)
 class AtsStopNext:
     """The centre orders the train to stop at the next station and to stay."""
 
 
-@fault("remote_emergency", Place.WAYSIDE, Hazard.LOST_SERVICE)
+@fault("remote_emergency", FaultPlace.WAYSIDE, Hazard.LOST_SERVICE)
 @dataclass(frozen=True, slots=True)
 class RemoteEmergency:
     """The centre orders the emergency brake; the end of the order alone does not release it."""
 
 
-@fault("remote_release", Place.WAYSIDE, Hazard.UNWANTED_MOTION)
+@fault("remote_release", FaultPlace.WAYSIDE, Hazard.UNWANTED_MOTION)
 @dataclass(frozen=True, slots=True)
 class RemoteRelease:
     """The centre resets an emergency, once, when this begins."""
 
 
-@fault("sleep", Place.WAYSIDE, Hazard.LOST_SERVICE)
+@fault("sleep", FaultPlace.WAYSIDE, Hazard.LOST_SERVICE)
 @dataclass(frozen=True, slots=True)
 class Sleep:
     """The centre sends the train to sleep and wakes it up at the end."""
 
 
-@fault("creep_order", Place.WAYSIDE, Hazard.UNWANTED_MOTION, Hazard.OVERSPEED)
+@fault("creep_order", FaultPlace.WAYSIDE, Hazard.UNWANTED_MOTION, Hazard.OVERSPEED)
 @dataclass(frozen=True, slots=True)
 class CreepOrder:
     """The centre lets a train creep that lacks its place or an authority."""
 
 
-@fault("restricted_order", Place.WAYSIDE, Hazard.UNWANTED_MOTION, Hazard.OVERSPEED)
+@fault("restricted_order", FaultPlace.WAYSIDE, Hazard.UNWANTED_MOTION, Hazard.OVERSPEED)
 @dataclass(frozen=True, slots=True)
 class RestrictedOrder:
     """The centre lets a person drive on sight."""
 
 
-@fault("temporary_restriction", Place.WAYSIDE, Hazard.OVERSPEED)
+@fault("temporary_restriction", FaultPlace.WAYSIDE, Hazard.OVERSPEED)
 @dataclass(frozen=True, slots=True)
 class TemporaryRestriction:
     """The centre imposes a temporary speed restriction."""
@@ -87,7 +87,7 @@ class TemporaryRestriction:
         check_range(self, "limit_mps", 0.1, 50.0)
 
 
-@fault("signal_stop", Place.WAYSIDE, Hazard.OVERRUN)
+@fault("signal_stop", FaultPlace.WAYSIDE, Hazard.OVERRUN)
 @dataclass(frozen=True, slots=True)
 class SignalStop:
     """A signal shows stop: the authority of a train before it ends there.
@@ -101,25 +101,25 @@ class SignalStop:
         check_range(self, "position_m", -1.0e5, 1.0e5)
 
 
-@fault("authority_withdrawn", Place.WAYSIDE, Hazard.OVERRUN)
+@fault("authority_withdrawn", FaultPlace.WAYSIDE, Hazard.OVERRUN)
 @dataclass(frozen=True, slots=True)
 class AuthorityWithdrawn:
     """The authority is pulled back to where the train's front is just then."""
 
 
-@fault("rear_unprotected", Place.WAYSIDE, Hazard.UNWANTED_MOTION)
+@fault("rear_unprotected", FaultPlace.WAYSIDE, Hazard.UNWANTED_MOTION)
 @dataclass(frozen=True, slots=True)
 class RearUnprotected:
     """Authorities do not protect what is behind the train."""
 
 
-@fault("centre_silent", Place.WAYSIDE, Hazard.LOST_SERVICE, Hazard.DOOR_DANGER)
+@fault("centre_silent", FaultPlace.WAYSIDE, Hazard.LOST_SERVICE, Hazard.DOOR_DANGER)
 @dataclass(frozen=True, slots=True)
 class CentreSilent:
     """The centre gives no more orders; authorities go on."""
 
 
-@fault("doors_not_authorised", Place.WAYSIDE, Hazard.LOST_SERVICE)
+@fault("doors_not_authorised", FaultPlace.WAYSIDE, Hazard.LOST_SERVICE)
 @dataclass(frozen=True, slots=True)
 class DoorsNotAuthorised:
     """The centre does not let doors open."""
@@ -127,31 +127,31 @@ class DoorsNotAuthorised:
     side: DoorsOf = DoorsOf.BOTH
 
 
-@fault("wrong_side_authorised", Place.WAYSIDE, Hazard.DOOR_DANGER)
+@fault("wrong_side_authorised", FaultPlace.WAYSIDE, Hazard.DOOR_DANGER)
 @dataclass(frozen=True, slots=True)
 class WrongSideAuthorised:
     """The centre lets doors open on the side where there is no platform, and not on the other."""
 
 
-@fault("platform_doors_unlocked", Place.WAYSIDE, Hazard.DOOR_DANGER, Hazard.LOST_SERVICE)
+@fault("platform_doors_unlocked", FaultPlace.WAYSIDE, Hazard.DOOR_DANGER, Hazard.LOST_SERVICE)
 @dataclass(frozen=True, slots=True)
 class PlatformDoorsUnlocked:
     """Platform doors are not proven locked; the doors themselves are as they were."""
 
 
-@fault("platform_door_obstacle", Place.WAYSIDE, Hazard.DOOR_DANGER, Hazard.LOST_SERVICE)
+@fault("platform_door_obstacle", FaultPlace.WAYSIDE, Hazard.DOOR_DANGER, Hazard.LOST_SERVICE)
 @dataclass(frozen=True, slots=True)
 class PlatformDoorObstacle:
     """Something stands between platform doors at every closing."""
 
 
-@fault("obstacle", Place.ALARMS, Hazard.UNWANTED_MOTION, Hazard.LOST_SERVICE)
+@fault("obstacle", FaultPlace.ALARMS, Hazard.UNWANTED_MOTION, Hazard.LOST_SERVICE)
 @dataclass(frozen=True, slots=True)
 class Obstacle:
     """The deflector in front of the first axle has touched something."""
 
 
-@fault("fire", Place.ALARMS, Hazard.LOST_SERVICE)
+@fault("fire", FaultPlace.ALARMS, Hazard.LOST_SERVICE)
 @dataclass(frozen=True, slots=True)
 class Fire:
     """A smoke or fire detector of the train has tripped."""

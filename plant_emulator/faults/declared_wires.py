@@ -2,10 +2,10 @@
 
 from dataclasses import dataclass
 
-from plant_emulator.faults.kinds import Hazard, Place, check_range, fault
+from plant_emulator.faults.kinds import FaultPlace, Hazard, check_range, fault
 
 
-@fault("telegram_torn", Place.SERIAL, Hazard.MISLOCATED)
+@fault("telegram_torn", FaultPlace.SERIAL, Hazard.MISLOCATED)
 @dataclass(frozen=True, slots=True)
 class TelegramTorn:
     """Telegrams lose their end on the line."""
@@ -16,7 +16,7 @@ class TelegramTorn:
         check_range(self, "share_ratio", 0.0, 1.0)
 
 
-@fault("telegram_corrupt", Place.SERIAL, Hazard.MISLOCATED)
+@fault("telegram_corrupt", FaultPlace.SERIAL, Hazard.MISLOCATED)
 @dataclass(frozen=True, slots=True)
 class TelegramCorrupt:
     """Bits of telegrams are flipped on the line."""
@@ -29,7 +29,7 @@ class TelegramCorrupt:
         check_range(self, "bits", 1, 64)
 
 
-@fault("telegram_delay", Place.SERIAL, Hazard.MISLOCATED)
+@fault("telegram_delay", FaultPlace.SERIAL, Hazard.MISLOCATED)
 @dataclass(frozen=True, slots=True)
 class TelegramDelay:
     """Telegrams leave late; the reader does not know, so the ages they carry are too young."""
@@ -40,7 +40,7 @@ class TelegramDelay:
         check_range(self, "delay_s", 0.0, 60.0)
 
 
-@fault("telegram_duplicate", Place.SERIAL, Hazard.MISLOCATED)
+@fault("telegram_duplicate", FaultPlace.SERIAL, Hazard.MISLOCATED)
 @dataclass(frozen=True, slots=True)
 class TelegramDuplicate:
     """Telegrams come again after a while, byte for byte."""
@@ -51,7 +51,7 @@ class TelegramDuplicate:
         check_range(self, "gap_s", 0.0, 60.0)
 
 
-@fault("serial_noise", Place.SERIAL, Hazard.MISLOCATED)
+@fault("serial_noise", FaultPlace.SERIAL, Hazard.MISLOCATED)
 @dataclass(frozen=True, slots=True)
 class SerialNoise:
     """Random bytes appear on the line."""
@@ -62,13 +62,13 @@ class SerialNoise:
         check_range(self, "bytes_per_s", 0.0, 11_520.0)
 
 
-@fault("serial_cut", Place.SERIAL, Hazard.MISLOCATED, Hazard.LOST_SERVICE)
+@fault("serial_cut", FaultPlace.SERIAL, Hazard.MISLOCATED, Hazard.LOST_SERVICE)
 @dataclass(frozen=True, slots=True)
 class SerialCut:
     """Nothing passes on the line."""
 
 
-@fault("radio_loss", Place.RADIO, Hazard.OVERRUN, Hazard.LOST_SERVICE)
+@fault("radio_loss", FaultPlace.RADIO, Hazard.OVERRUN, Hazard.LOST_SERVICE)
 @dataclass(frozen=True, slots=True)
 class RadioLoss:
     """Messages do not arrive."""
@@ -79,7 +79,7 @@ class RadioLoss:
         check_range(self, "loss_ratio", 0.0, 1.0)
 
 
-@fault("radio_delay", Place.RADIO, Hazard.OVERRUN)
+@fault("radio_delay", FaultPlace.RADIO, Hazard.OVERRUN)
 @dataclass(frozen=True, slots=True)
 class RadioDelay:
     """Messages arrive late, by the delay and up to the jitter more; jitter changes their order."""
@@ -92,7 +92,7 @@ class RadioDelay:
         check_range(self, "jitter_s", 0.0, 60.0)
 
 
-@fault("radio_duplicate", Place.RADIO, Hazard.OVERRUN)
+@fault("radio_duplicate", FaultPlace.RADIO, Hazard.OVERRUN)
 @dataclass(frozen=True, slots=True)
 class RadioDuplicate:
     """Messages arrive again after a while."""
@@ -105,7 +105,7 @@ class RadioDuplicate:
         check_range(self, "gap_s", 0.0, 60.0)
 
 
-@fault("radio_reorder", Place.RADIO, Hazard.OVERRUN)
+@fault("radio_reorder", FaultPlace.RADIO, Hazard.OVERRUN)
 @dataclass(frozen=True, slots=True)
 class RadioReorder:
     """A share of the messages is held back so that later ones overtake them."""
@@ -118,7 +118,7 @@ class RadioReorder:
         check_range(self, "hold_s", 0.0, 60.0)
 
 
-@fault("radio_partition", Place.RADIO, Hazard.OVERRUN, Hazard.LOST_SERVICE)
+@fault("radio_partition", FaultPlace.RADIO, Hazard.OVERRUN, Hazard.LOST_SERVICE)
 @dataclass(frozen=True, slots=True)
 class RadioPartition:
     """Train and wayside do not hear each other at all."""

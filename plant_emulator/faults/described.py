@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from plant_emulator.faults import declared  # noqa: F401  # enters all kinds into the catalogue
-from plant_emulator.faults.kinds import CATALOGUE, Kind, Place
+from plant_emulator.faults.kinds import CATALOGUE, FaultPlace, Kind
 
 UNITS: Final[Mapping[str, str]] = {
     "bytes_per_s": "bytes/s",
@@ -30,18 +30,18 @@ UNITS: Final[Mapping[str, str]] = {
 """By the end of a parameter's name, longer ones first."""
 RANGE_CHECK: Final = "check_range"
 
-PLACE_TITLES: Final[Mapping[Place, str]] = {
-    Place.BUS: "Bus",
-    Place.SENSOR: "Sensors",
-    Place.SERIAL: "Tag reader's line",
-    Place.ACTUATOR: "Actuators",
-    Place.SUPPLY: "Supply",
-    Place.DOORS: "Doors",
-    Place.DESK: "Desk",
-    Place.RADIO: "Radio",
-    Place.WAYSIDE: "Wayside",
-    Place.ALARMS: "Alarms",
-    Place.PROCESS: "Controller's process",
+PLACE_TITLES: Final[Mapping[FaultPlace, str]] = {
+    FaultPlace.BUS: "Bus",
+    FaultPlace.SENSOR: "Sensors",
+    FaultPlace.SERIAL: "Tag reader's line",
+    FaultPlace.ACTUATOR: "Actuators",
+    FaultPlace.SUPPLY: "Supply",
+    FaultPlace.DOORS: "Doors",
+    FaultPlace.DESK: "Desk",
+    FaultPlace.RADIO: "Radio",
+    FaultPlace.WAYSIDE: "Wayside",
+    FaultPlace.ALARMS: "Alarms",
+    FaultPlace.PROCESS: "Controller's process",
 }
 
 
@@ -65,24 +65,24 @@ _FOREIGN: Final = "not for a controller that the bench did not start"
 _FRAMES: Final = Benches("between the controller's port and the bus", _GATEWAY, _GATEWAY)
 _BLOCKED: Final = "the gateway passes nothing that the node sends or acts on"
 
-BY_PLACE: Final[Mapping[Place, Benches]] = {
-    **dict.fromkeys((Place.SENSOR, Place.ACTUATOR, Place.SUPPLY), _TRAIN),
-    **dict.fromkeys((Place.DOORS, Place.DESK, Place.ALARMS), _TRAIN),
-    Place.BUS: _FRAMES,
-    Place.SERIAL: Benches(
+BY_PLACE: Final[Mapping[FaultPlace, Benches]] = {
+    **dict.fromkeys((FaultPlace.SENSOR, FaultPlace.ACTUATOR, FaultPlace.SUPPLY), _TRAIN),
+    **dict.fromkeys((FaultPlace.DOORS, FaultPlace.DESK, FaultPlace.ALARMS), _TRAIN),
+    FaultPlace.BUS: _FRAMES,
+    FaultPlace.SERIAL: Benches(
         "at the reader's end of the line",
         "at the reader's end of the pseudo-terminal",
         "at the reader's end of the real line",
     ),
-    Place.RADIO: Benches(
+    FaultPlace.RADIO: Benches(
         "at the wayside's radio", "at the wayside's radio session", "at the wayside's radio session"
     ),
-    Place.WAYSIDE: Benches(
+    FaultPlace.WAYSIDE: Benches(
         "in the emulated wayside",
         "in the emulated wayside, which is in the train's process",
         "in the emulated wayside, which hangs on the real radio",
     ),
-    Place.PROCESS: Benches("to the modelled process", _SIGNALS, f"{_SIGNALS}; {_FOREIGN}"),
+    FaultPlace.PROCESS: Benches("to the modelled process", _SIGNALS, f"{_SIGNALS}; {_FOREIGN}"),
 }
 BY_KIND: Final[Mapping[str, Benches]] = {
     "frame_corrupt": Benches(
@@ -115,7 +115,7 @@ BY_KIND: Final[Mapping[str, Benches]] = {
 
 
 @dataclass(frozen=True, slots=True)
-class Parameter:
+class FaultParameter:
     """One key of a fault in a scenario file."""
 
     name: str
@@ -133,10 +133,10 @@ class Described:
     """One entry of the catalogue, for people."""
 
     name: str
-    place: Place
+    place: FaultPlace
     hazards: tuple[str, ...]
     story: str
-    parameters: tuple[Parameter, ...]
+    parameters: tuple[FaultParameter, ...]
     benches: Benches
 
 
@@ -152,15 +152,15 @@ def described(kind: Kind) -> Described:
 def all_described() -> tuple[Described, ...]:
     """The whole catalogue by place, in the order in which the kinds are declared."""
     kinds = list(CATALOGUE.values())
-    return tuple(described(kind) for place in Place for kind in kinds if kind.place is place)
+    return tuple(described(kind) for place in FaultPlace for kind in kinds if kind.place is place)
 
 
-def _parameters(kind: Kind) -> Iterator[Parameter]:
+def _parameters(kind: Kind) -> Iterator[FaultParameter]:
     hints = typing.get_type_hints(kind.parameters)
     stories, ranges = _read_source(kind.parameters)
     for each in dataclasses.fields(kind.parameters):
         choices, story = _choices(hints[each.name])
-        yield Parameter(
+        yield FaultParameter(
             name=each.name,
             kind=choices,
             unit=_unit(each.name),

@@ -18,7 +18,7 @@ class Effect(Protocol):
         ...
 
 
-class Knob(Generic[V]):
+class SharedSetting(Generic[V]):
     """One thing of the train that is set by all faults together that act on it."""
 
     def __init__(self, turn: Callable[[Sequence[V]], None]) -> None:
@@ -42,10 +42,10 @@ class Knob(Generic[V]):
         self._turn([value for _, value in sorted(self._values.items(), key=_index)])
 
 
-class Turned:
+class SettingFault:
     """Knobs that stay turned as long as the fault lasts."""
 
-    def __init__(self, index: int, *settings: tuple[Knob[Any], Any]) -> None:
+    def __init__(self, index: int, *settings: tuple[SharedSetting[Any], Any]) -> None:
         self._index, self._settings = index, settings
 
     def begin(self, now_ns: int) -> None:

@@ -23,7 +23,7 @@ from plant_emulator.faults.declared_train import (
     TractionRunaway,
     TractionWeak,
 )
-from plant_emulator.faults.effects import Effect, Knob, Turned
+from plant_emulator.faults.effects import Effect, SettingFault, SharedSetting
 from plant_emulator.faults.plan import FaultPlan
 from plant_emulator.world import World
 
@@ -44,30 +44,38 @@ class ActuatorEffects:
                 obeys_cut_off=all(each.obeys_cut_off for each in found),
             )
 
-        self._loops = Knob[LoopFault](lambda found: _disturb_loops(world, found))
-        self._late_s = Knob[float](lambda found: brake.delay_service(sum(found, 0.0)))
-        self._weak_ratio = Knob[float](
+        self._loops = SharedSetting[LoopFault](lambda found: _disturb_loops(world, found))
+        self._late_s = SharedSetting[float](lambda found: brake.delay_service(sum(found, 0.0)))
+        self._weak_ratio = SharedSetting[float](
             lambda found: brake.weaken_service(math.prod(found, start=1.0))
         )
-        self._stuck = Knob[bool](lambda found: brake.stick(any(found)))
-        self._working_ratio = Knob[float](lambda found: brake.fail(math.prod(found, start=1.0)))
-        self._emergency_late_s = Knob[float](lambda found: brake.delay_emergency(sum(found, 0.0)))
-        self._holding_late_s = Knob[float](lambda found: brake.delay_holding(sum(found, 0.0)))
-        self._holding_sticks_s = Knob[float](
+        self._stuck = SharedSetting[bool](lambda found: brake.stick(any(found)))
+        self._working_ratio = SharedSetting[float](
+            lambda found: brake.fail(math.prod(found, start=1.0))
+        )
+        self._emergency_late_s = SharedSetting[float](
+            lambda found: brake.delay_emergency(sum(found, 0.0))
+        )
+        self._holding_late_s = SharedSetting[float](
+            lambda found: brake.delay_holding(sum(found, 0.0))
+        )
+        self._holding_sticks_s = SharedSetting[float](
             lambda found: brake.delay_holding_release(sum(found, 0.0))
         )
-        self._runaway = Knob[TractionRunaway](run_away)
-        self._traction_ratio = Knob[float](
+        self._runaway = SharedSetting[TractionRunaway](run_away)
+        self._traction_ratio = SharedSetting[float](
             lambda found: traction.weaken(math.prod(found, start=1.0))
         )
-        self._traction_late_s = Knob[float](lambda found: traction.delay_removal(sum(found, 0.0)))
+        self._traction_late_s = SharedSetting[float](
+            lambda found: traction.delay_removal(sum(found, 0.0))
+        )
 
     def of(self, plan: FaultPlan) -> Effect:
         setting = self._setting(plan.parameters)
         assert setting is not None, f"{plan.kind.name} has no effect"
-        return Turned(plan.index, setting)
+        return SettingFault(plan.index, setting)
 
-    def _setting(self, parameters: Any) -> tuple[Knob[Any], Any] | None:
+    def _setting(self, parameters: Any) -> tuple[SharedSetting[Any], Any] | None:
         if isinstance(parameters, LOOP_FAULTS):
             return self._loops, parameters
         match parameters:

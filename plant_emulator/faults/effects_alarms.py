@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from plant_emulator.faults.declared_wayside import ColdMoved, Fire, Obstacle
-from plant_emulator.faults.effects import Effect, Knob, Turned
+from plant_emulator.faults.effects import Effect, SettingFault, SharedSetting
 from plant_emulator.faults.plan import FaultPlan
 from plant_emulator.world import World
 
@@ -23,17 +23,17 @@ class AlarmEffects:
             world.cold.forced_m = max((each.moved_m for each in found), default=None)
             world.cold.monitored = all(each.monitored for each in found)
 
-        self._fire = Knob[bool](burn)
-        self._obstacle = Knob[bool](touch)
-        self._cold = Knob[ColdMoved](move)
+        self._fire = SharedSetting[bool](burn)
+        self._obstacle = SharedSetting[bool](touch)
+        self._cold = SharedSetting[ColdMoved](move)
 
     def of(self, plan: FaultPlan) -> Effect | None:
         """None for a fault of something else."""
         match plan.parameters:
             case Obstacle():
-                return Turned(plan.index, (self._obstacle, True))
+                return SettingFault(plan.index, (self._obstacle, True))
             case Fire():
-                return Turned(plan.index, (self._fire, True))
+                return SettingFault(plan.index, (self._fire, True))
             case ColdMoved():
-                return Turned(plan.index, (self._cold, plan.parameters))
+                return SettingFault(plan.index, (self._cold, plan.parameters))
         return None

@@ -10,7 +10,7 @@ from plant_emulator.faults.declared_train import (
     EmergencyButton,
     PassengerAlarm,
 )
-from plant_emulator.faults.effects import Effect, Knob, Turned
+from plant_emulator.faults.effects import Effect, SettingFault, SharedSetting
 from plant_emulator.faults.plan import FaultPlan
 from plant_emulator.world import World
 
@@ -22,10 +22,10 @@ class DeskEffects:
     """Where two set the same the later one of the scenario rules."""
 
     def __init__(self, world: World) -> None:
-        self._changes = Knob[Change](world.disturb_desk)
+        self._changes = SharedSetting[Change](world.disturb_desk)
 
     def of(self, plan: FaultPlan) -> Effect:
-        return Turned(plan.index, (self._changes, _change(plan)))
+        return SettingFault(plan.index, (self._changes, _change(plan)))
 
 
 def _change(plan: FaultPlan) -> Change:

@@ -10,7 +10,7 @@ from plant_emulator.faults.declared_train import (
     DoorOpens,
     DoorsOf,
 )
-from plant_emulator.faults.effects import Effect, Knob, Turned
+from plant_emulator.faults.effects import Effect, SettingFault, SharedSetting
 from plant_emulator.faults.plan import FaultPlan
 from plant_emulator.world import World
 
@@ -25,25 +25,25 @@ class DoorEffects:
         def deafen(side: DoorSide, on: bool) -> None:
             side.deaf = on
 
-        self._line_lost = Knob[bool](lambda found: doors.lose_lock_line(bool(found)))
-        self._forced = Knob[DoorsOf](
+        self._line_lost = SharedSetting[bool](lambda found: doors.lose_lock_line(bool(found)))
+        self._forced = SharedSetting[DoorsOf](
             lambda found: doors.force_open(
                 left=_is_of(DoorsOf.LEFT, found), right=_is_of(DoorsOf.RIGHT, found)
             )
         )
-        self._blocked = Knob[DoorsOf](lambda found: _on_sides(doors, found, block))
-        self._deaf = Knob[DoorsOf](lambda found: _on_sides(doors, found, deafen))
+        self._blocked = SharedSetting[DoorsOf](lambda found: _on_sides(doors, found, block))
+        self._deaf = SharedSetting[DoorsOf](lambda found: _on_sides(doors, found, deafen))
 
     def of(self, plan: FaultPlan) -> Effect:
         match plan.parameters:
             case DoorLockLost():
-                return Turned(plan.index, (self._line_lost, True))
+                return SettingFault(plan.index, (self._line_lost, True))
             case DoorOpens(side=side):
-                return Turned(plan.index, (self._forced, side))
+                return SettingFault(plan.index, (self._forced, side))
             case DoorObstacle(side=side):
-                return Turned(plan.index, (self._blocked, side))
+                return SettingFault(plan.index, (self._blocked, side))
             case DoorDeaf(side=side):
-                return Turned(plan.index, (self._deaf, side))
+                return SettingFault(plan.index, (self._deaf, side))
         raise AssertionError(f"{plan.kind.name} has no effect")
 
 

@@ -17,7 +17,7 @@ from plant_emulator.faults.declared_train import (
     WheelSlip,
     WheelWear,
 )
-from plant_emulator.faults.effects import Effect, Knob, Turned
+from plant_emulator.faults.effects import Effect, SettingFault, SharedSetting
 from plant_emulator.faults.plan import FaultPlan
 from plant_emulator.world import World
 
@@ -29,9 +29,9 @@ class SensorEffects:
     """Slips, biases and offsets add, scales multiply, of adhesions the least rules."""
 
     def __init__(self, world: World) -> None:
-        self._slip_ratios = [Knob[float](_slip_of(world, axle)) for axle in (0, 1)]
-        self._scales = [Knob[float](_scale_of(world, axle)) for axle in (0, 1)]
-        self._failed = [Knob[bool](_failure_of(world, axle)) for axle in (0, 1)]
+        self._slip_ratios = [SharedSetting[float](_slip_of(world, axle)) for axle in (0, 1)]
+        self._scales = [SharedSetting[float](_scale_of(world, axle)) for axle in (0, 1)]
+        self._failed = [SharedSetting[bool](_failure_of(world, axle)) for axle in (0, 1)]
         own_ratio = world.adhesion_ratio
 
         def slicken(found: Sequence[float]) -> None:
@@ -43,10 +43,10 @@ class SensorEffects:
         def mislead(found: Sequence[float]) -> None:
             world.doppler.wrong_ratio = math.prod(found, start=1.0)
 
-        self._adhesion = Knob[float](slicken)
-        self._blind = Knob[bool](blind)
-        self._wrong = Knob[float](mislead)
-        self._bias = Knob[float](lambda found: world.imu.shift(sum(found, 0.0)))
+        self._adhesion = SharedSetting[float](slicken)
+        self._blind = SharedSetting[bool](blind)
+        self._wrong = SharedSetting[float](mislead)
+        self._bias = SharedSetting[float](lambda found: world.imu.shift(sum(found, 0.0)))
 
     def of(self, plan: FaultPlan) -> Effect | None:
         """None for a fault of something else."""
@@ -59,24 +59,28 @@ class SensorEffects:
             case TachoDrift(ratio_per_s=ratio_per_s, axle=axle):
                 return Drifting(index, self._on(axle, self._scales), ratio_per_s)
             case TachoStuck(axle=axle):
-                return Turned(index, *((knob, 0.0) for knob in self._on(axle, self._scales)))
+                return SettingFault(index, *((knob, 0.0) for knob in self._on(axle, self._scales)))
             case TachoUnhealthy(axle=axle):
                 stuck = ((knob, 0.0) for knob in self._on(axle, self._scales))
-                return Turned(index, *stuck, *((k, True) for k in self._on(axle, self._failed)))
+                return SettingFault(
+                    index, *stuck, *((k, True) for k in self._on(axle, self._failed))
+                )
             case WheelWear(diameter_ratio=ratio, axle=axle):
-                return Turned(index, *((k, 1.0 / ratio) for k in self._on(axle, self._scales)))
+                return SettingFault(
+                    index, *((k, 1.0 / ratio) for k in self._on(axle, self._scales))
+                )
             case LowAdhesion(adhesion_ratio=ratio):
-                return Turned(index, (self._adhesion, ratio))
+                return SettingFault(index, (self._adhesion, ratio))
             case DopplerOutage():
-                return Turned(index, (self._blind, True))
+                return SettingFault(index, (self._blind, True))
             case DopplerWrong(error_ratio=ratio):
-                return Turned(index, (self._wrong, 1.0 + ratio))
+                return SettingFault(index, (self._wrong, 1.0 + ratio))
             case ImuBias(bias_mps2=bias_mps2):
-                return Turned(index, (self._bias, bias_mps2))
+                return SettingFault(index, (self._bias, bias_mps2))
         return None
 
     @staticmethod
-    def _on(axle: Axle, knobs: Sequence[Knob]) -> list[Knob]:  # type: ignore[type-arg]
+    def _on(axle: Axle, knobs: Sequence[SharedSetting]) -> list[SharedSetting]:  # type: ignore[type-arg]
         return [knobs[place] for place in AXLES[axle]]
 
 
@@ -84,7 +88,7 @@ class Ramped:
     """A share that grows from nothing to its whole, and goes back to nothing after the end."""
 
     def __init__(
-        self, index: int, knobs: Sequence[Knob[float]], ratio: float, ramp_s: float
+        self, index: int, knobs: Sequence[SharedSetting[float]], ratio: float, ramp_s: float
     ) -> None:
         self._index, self._knobs, self._ratio = index, knobs, ratio
         self._ramp_ns = ramp_s * NS_PER_S
@@ -117,7 +121,9 @@ class Ramped:
 class Drifting:
     """A scale that goes off further with every second of the fault, and is right after it."""
 
-    def __init__(self, index: int, knobs: Sequence[Knob[float]], ratio_per_s: float) -> None:
+    def __init__(
+        self, index: int, knobs: Sequence[SharedSetting[float]], ratio_per_s: float
+    ) -> None:
         self._index, self._knobs, self._ratio_per_s = index, knobs, ratio_per_s
         self._since_ns: int | None = None
 

@@ -1,7 +1,7 @@
 """Faults of the line that feeds the train, and of its main breaker."""
 
 from plant_emulator.faults.declared_train import BreakerOpen, LineVoltage
-from plant_emulator.faults.effects import Effect, Knob, Turned
+from plant_emulator.faults.effects import Effect, SettingFault, SharedSetting
 from plant_emulator.faults.plan import FaultPlan
 from plant_emulator.world import World
 
@@ -13,15 +13,17 @@ class SupplyEffects:
         self._world = world
         self._no_load_v: float | None = None
         self._closed = True
-        self._voltage_v = Knob[float](lambda found: self._connect(found[-1] if found else None))
-        self._open = Knob[bool](lambda found: self._switch(not found))
+        self._voltage_v = SharedSetting[float](
+            lambda found: self._connect(found[-1] if found else None)
+        )
+        self._open = SharedSetting[bool](lambda found: self._switch(not found))
 
     def of(self, plan: FaultPlan) -> Effect:
         parameters = plan.parameters
         if isinstance(parameters, LineVoltage):
-            return Turned(plan.index, (self._voltage_v, parameters.voltage_v))
+            return SettingFault(plan.index, (self._voltage_v, parameters.voltage_v))
         assert isinstance(parameters, BreakerOpen), f"{plan.kind.name} has no effect"
-        return Turned(plan.index, (self._open, True))
+        return SettingFault(plan.index, (self._open, True))
 
     def _connect(self, no_load_v: float | None) -> None:
         self._no_load_v = no_load_v

@@ -13,7 +13,7 @@ from plant_emulator.faults.declared_train import (
     TagFalse,
     TagMissed,
 )
-from plant_emulator.faults.effects import Effect, Knob, Turned
+from plant_emulator.faults.effects import Effect, SettingFault, SharedSetting
 from plant_emulator.faults.plan import FaultPlan
 from plant_emulator.sensors.tag_reader import FAR_NS, TagPass, TagReader
 from plant_emulator.world import STEP_NS, World
@@ -42,27 +42,27 @@ class TagEffects:
                 }
             )
 
-        self._dead = Knob[AntennaDead](kill)
-        self._displaced = Knob[TagDisplaced](displace)
+        self._dead = SharedSetting[AntennaDead](kill)
+        self._displaced = SharedSetting[TagDisplaced](displace)
 
     def of(self, plan: FaultPlan) -> Effect | None:
         """None for a fault of something else."""
         world, parameters = self._world, plan.parameters
         match parameters:
             case TagMissed():
-                return Missing(world.tag_reader, parameters, plan.generator(world.seed))
+                return UnreadTag(world.tag_reader, parameters, plan.generator(world.seed))
             case TagDuplicate():
                 return Doubling(world, parameters, plan.generator(world.seed))
             case TagFalse():
                 return Inventing(world, parameters, plan.generator(world.seed))
             case TagDisplaced():
-                return Turned(plan.index, (self._displaced, parameters))
+                return SettingFault(plan.index, (self._displaced, parameters))
             case AntennaDead():
-                return Turned(plan.index, (self._dead, parameters))
+                return SettingFault(plan.index, (self._dead, parameters))
         return None
 
 
-class Missing:
+class UnreadTag:
     def __init__(
         self, reader: TagReader, parameters: TagMissed, generator: np.random.Generator
     ) -> None:
@@ -83,7 +83,7 @@ class Missing:
         return self._generator.random() >= self._parameters.share_ratio
 
 
-class Reading:
+class FalseReadings:
     """Readings that the reader has besides those of tags that truly pass."""
 
     def __init__(self, world: World, generator: np.random.Generator) -> None:
@@ -112,7 +112,7 @@ class Doubling:
         self, world: World, parameters: TagDuplicate, generator: np.random.Generator
     ) -> None:
         self._reader, self._parameters = world.tag_reader, parameters
-        self._reading = Reading(world, generator)
+        self._reading = FalseReadings(world, generator)
         self._gap_ns = round(parameters.gap_s * NS_PER_S)
         self._waiting: list[_Second] = []
 
@@ -167,7 +167,7 @@ class Inventing:
         tag_id = parameters.tag_id
         unknown = TagSite(tag_id=tag_id, position_m=0.0, kind=TagKind.BALISE)
         self._site = world.tag_reader.site_of(tag_id) or unknown
-        self._reading = Reading(world, generator)
+        self._reading = FalseReadings(world, generator)
 
     def begin(self, now_ns: int) -> None:
         self._reading.read(self._site, now_ns)

@@ -24,7 +24,7 @@ from plant_emulator.faults.declared_wayside import (
     TemporaryRestriction,
     WrongSideAuthorised,
 )
-from plant_emulator.faults.effects import Effect, Knob, Turned
+from plant_emulator.faults.effects import Effect, SettingFault, SharedSetting
 from plant_emulator.faults.plan import FaultPlan
 from plant_emulator.wayside.centre import NORMAL, Centre
 from plant_emulator.wayside.railway import Railway
@@ -50,13 +50,13 @@ class WaysideEffects:
         def obstruct(found: Sequence[bool]) -> None:
             doors.obstructed = bool(found)
 
-        self._orders = Knob[Change](self._order)
-        self._signals = Knob[float](zone.show_stop)
-        self._withdrawn = Knob[bool](lambda found: zone.withdraw(bool(found)))
-        self._unprotected = Knob[bool](unprotect)
-        self._silent = Knob[bool](hush)
-        self._unlocked = Knob[bool](lambda found: doors.lose_proof(bool(found)))
-        self._obstructed = Knob[bool](obstruct)
+        self._orders = SharedSetting[Change](self._order)
+        self._signals = SharedSetting[float](zone.show_stop)
+        self._withdrawn = SharedSetting[bool](lambda found: zone.withdraw(bool(found)))
+        self._unprotected = SharedSetting[bool](unprotect)
+        self._silent = SharedSetting[bool](hush)
+        self._unlocked = SharedSetting[bool](lambda found: doors.lose_proof(bool(found)))
+        self._obstructed = SharedSetting[bool](obstruct)
 
     def _order(self, changes: Sequence[Change]) -> None:
         orders = NORMAL
@@ -70,9 +70,9 @@ class WaysideEffects:
             return Released(self._centre)
         setting = self._setting(plan.parameters)
         assert setting is not None, f"{plan.kind.name} has no effect"
-        return Turned(plan.index, setting)
+        return SettingFault(plan.index, setting)
 
-    def _setting(self, parameters: Any) -> tuple[Knob[Any], Any] | None:
+    def _setting(self, parameters: Any) -> tuple[SharedSetting[Any], Any] | None:
         match parameters:
             case SignalStop(position_m=position_m):
                 return self._signals, position_m

@@ -8,7 +8,7 @@ from typing import Final, TypeVar
 T = TypeVar("T")
 
 
-class Place(enum.Enum):
+class FaultPlace(enum.Enum):
     """Where a fault acts; it decides who brings it about."""
 
     BUS = "bus"
@@ -29,7 +29,7 @@ class Place(enum.Enum):
     """In the controller's process. Brought about by the bench."""
 
 
-BENCH_PLACES: Final = frozenset({Place.BUS, Place.PROCESS})
+BENCH_PLACES: Final = frozenset({FaultPlace.BUS, FaultPlace.PROCESS})
 """The plant cannot bring these about; it only says when they begin and end."""
 
 
@@ -51,7 +51,7 @@ class Kind:
     """One entry of the catalogue."""
 
     name: str
-    place: Place
+    place: FaultPlace
     hazards: tuple[Hazard, ...]
     parameters: type
     """A frozen dataclass; its fields are the keys of the scenario file, its docstring the story.
@@ -62,7 +62,7 @@ CATALOGUE: Final[dict[str, Kind]] = {}
 """By name, in the order of the modules."""
 
 
-def fault(name: str, place: Place, *hazards: Hazard) -> Callable[[type[T]], type[T]]:
+def fault(name: str, place: FaultPlace, *hazards: Hazard) -> Callable[[type[T]], type[T]]:
     """Enters a dataclass of parameters into the catalogue."""
 
     def enter(parameters: type[T]) -> type[T]:

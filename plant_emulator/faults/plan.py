@@ -19,7 +19,7 @@ FAULT_SPAWN_KEY: Final = 0xFA
 
 
 @dataclass(frozen=True, slots=True)
-class Window:
+class FaultWindow:
     """When a fault acts.
 
     It begins at the first step at or after `start_s` at which `when` holds, and ends at the first
@@ -69,7 +69,7 @@ class FaultPlan:
     kind: Kind
     parameters: Any
     """An instance of `kind.parameters`."""
-    window: Window
+    window: FaultWindow
     seed: int | None = None
     """Overrides the run's seed for this fault alone."""
 
@@ -108,6 +108,6 @@ def read_fault(table: Mapping[str, Any], index: int, source: str) -> FaultPlan:
         index=index,
         kind=kind,
         parameters=settings.build(kind.parameters, rest, source, where),
-        window=settings.build(Window, window, source, where),
+        window=settings.build(FaultWindow, window, source, where),
         seed=seed,
     )

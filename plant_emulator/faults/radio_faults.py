@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Sequence
 
 from firmware_py.ports import LinkCounters, RadioMessage, RadioPort
-from plant_emulator.faults.acting import ActingFaults, Held, after_ns, hits
+from plant_emulator.faults.acting import ActingFaults, DelayQueue, after_ns, hits
 from plant_emulator.faults.declared_wires import (
     RadioDelay,
     RadioDuplicate,
@@ -16,7 +16,7 @@ from plant_emulator.faults.declared_wires import (
     RadioPartition,
     RadioReorder,
 )
-from plant_emulator.faults.kinds import Place
+from plant_emulator.faults.kinds import FaultPlace
 from plant_emulator.faults.plan import FaultPlan
 
 _Message = tuple[str, bytes]
@@ -27,9 +27,9 @@ class RadioFaults:
 
     def __init__(self, port: RadioPort, seed: int) -> None:
         self._port = port
-        self._acting = ActingFaults(Place.RADIO, seed)
-        self._to_train: Held[_Message] = Held()
-        self._to_wayside: Held[_Message] = Held()
+        self._acting = ActingFaults(FaultPlace.RADIO, seed)
+        self._to_train: DelayQueue[_Message] = DelayQueue()
+        self._to_wayside: DelayQueue[_Message] = DelayQueue()
         self.done: Counter[str] = Counter()
         """How many messages each kind struck, of both directions together."""
 
@@ -39,7 +39,7 @@ class RadioFaults:
 
     def change(self, plan: FaultPlan, active: bool, now_ns: int) -> None:
         """A listener of the schedule; faults of other places are none of its business."""
-        if plan.kind.place is Place.RADIO:
+        if plan.kind.place is FaultPlace.RADIO:
             # What was said before is met by what acted before.
             self.poll(now_ns)
             self._take_in(now_ns)
@@ -80,7 +80,7 @@ class RadioFaults:
         for stamp_ns, key, payload in self._port.receive(now_ns):
             self._pass(self._to_wayside, stamp_ns, (key, payload))
 
-    def _pass(self, held: Held[_Message], now_ns: int, message: _Message) -> None:
+    def _pass(self, held: DelayQueue[_Message], now_ns: int, message: _Message) -> None:
         """Decide when the message comes, and how often; never, if it is lost."""
         if self._cut():
             return

@@ -16,7 +16,7 @@ from plant_emulator.faults.acting import (
     NS_PER_S,
     Acting,
     ActingFaults,
-    Held,
+    DelayQueue,
     after_ns,
     flipped,
     hits,
@@ -29,7 +29,7 @@ from plant_emulator.faults.declared_wires import (
     TelegramDuplicate,
     TelegramTorn,
 )
-from plant_emulator.faults.kinds import Place
+from plant_emulator.faults.kinds import FaultPlace
 from plant_emulator.faults.plan import FaultPlan
 
 BYTE_NS: Final = 10 * NS_PER_S // 115_200
@@ -41,8 +41,8 @@ class SerialFaults:
 
     def __init__(self, port: SerialPort, seed: int) -> None:
         self._port = port
-        self._acting = ActingFaults(Place.SERIAL, seed)
-        self._held: Held[bytes] = Held()
+        self._acting = ActingFaults(FaultPlace.SERIAL, seed)
+        self._held: DelayQueue[bytes] = DelayQueue()
         self._last_due_ns = 0
         """Of all that were delayed: the reader sends in order, also after the delay has ended."""
         self._noise_ns: dict[int, int] = {}

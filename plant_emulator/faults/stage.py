@@ -11,7 +11,7 @@ from plant_emulator.faults.effects_sensor import SensorEffects
 from plant_emulator.faults.effects_supply import SupplyEffects
 from plant_emulator.faults.effects_tags import TagEffects
 from plant_emulator.faults.effects_wayside import WaysideEffects
-from plant_emulator.faults.kinds import Place
+from plant_emulator.faults.kinds import FaultPlace
 from plant_emulator.faults.plan import FaultPlan
 from plant_emulator.faults.schedule import Schedule
 from plant_emulator.truth import Truth
@@ -22,7 +22,7 @@ Observer = Callable[[Truth, int], None]
 """Is told what is true at an instant of the plant's clock. The truth is one object, filled anew."""
 
 
-class Stage:
+class FaultStage:
     """Looked at once before the first step of the plant and after each.
 
     In this order: the truth is read; the schedule tells of every fault that ends or begins, in the
@@ -105,20 +105,20 @@ class Stage:
 
     def _make(self, plan: FaultPlan) -> Effect | None:
         place = plan.kind.place
-        if place is Place.SENSOR:
+        if place is FaultPlace.SENSOR:
             effect = self._sensors.of(plan) or self._tags.of(plan) or self._alarms.of(plan)
             assert effect is not None, f"{plan.kind.name} has no effect"
             return effect
-        if place is Place.ACTUATOR:
+        if place is FaultPlace.ACTUATOR:
             return self._actuators.of(plan)
-        if place is Place.SUPPLY:
+        if place is FaultPlace.SUPPLY:
             return self._supply.of(plan)
-        if place is Place.DOORS:
+        if place is FaultPlace.DOORS:
             return self._doors.of(plan)
-        if place is Place.DESK:
+        if place is FaultPlace.DESK:
             return self._desk.of(plan)
-        if place is Place.ALARMS:
+        if place is FaultPlace.ALARMS:
             return self._alarms.of(plan)
-        if place is Place.WAYSIDE:
+        if place is FaultPlace.WAYSIDE:
             return self._wayside.of(plan)
         return None

@@ -3,7 +3,7 @@
 from typing import Final
 
 from can_dbc.odometer import Doppler, Imu
-from plant_emulator.noise import Gaussian, Generators, Source
+from plant_emulator.noise import Gaussian, Generators, NoiseSource
 from plant_emulator.train_config import SensorConfig
 
 GOOD_QUALITY_PERCENT: Final = 95.0
@@ -16,8 +16,8 @@ class DopplerRadar:
 
     def __init__(self, config: SensorConfig, generators: Generators) -> None:
         draws = generators.of
-        self._scale = 1.0 + config.doppler_error_ratio.draw(draws(Source.DOPPLER_SCALE))
-        self._noise = Gaussian(draws(Source.DOPPLER_NOISE), config.doppler_sigma_mps)
+        self._scale = 1.0 + config.doppler_error_ratio.draw(draws(NoiseSource.DOPPLER_SCALE))
+        self._noise = Gaussian(draws(NoiseSource.DOPPLER_NOISE), config.doppler_sigma_mps)
         self._blind_mps = config.doppler_blind_mps
         self.blind = False
         """A fault: it sees no ground."""
@@ -25,7 +25,7 @@ class DopplerRadar:
         """A fault: shown speed over what it would show, noise apart."""
 
     def reseed(self, generators: Generators) -> None:
-        self._noise.reseed(generators.of(Source.DOPPLER_NOISE))
+        self._noise.reseed(generators.of(NoiseSource.DOPPLER_NOISE))
 
     def frame(self, speed_mps: float) -> Doppler:
         noise_mps = self._noise.draw()
@@ -45,14 +45,14 @@ class Accelerometer:
 
     def __init__(self, config: SensorConfig, generators: Generators, start_ns: int) -> None:
         draws = generators.of
-        self._own_bias_mps2 = config.imu_bias_mps2.draw(draws(Source.IMU_BIAS))
+        self._own_bias_mps2 = config.imu_bias_mps2.draw(draws(NoiseSource.IMU_BIAS))
         self._bias_mps2 = self._own_bias_mps2
-        self._noise = Gaussian(draws(Source.IMU_NOISE), config.imu_sigma_mps2)
+        self._noise = Gaussian(draws(NoiseSource.IMU_NOISE), config.imu_sigma_mps2)
         self._before_mps = 0.0
         self._before_ns = start_ns
 
     def reseed(self, generators: Generators) -> None:
-        self._noise.reseed(generators.of(Source.IMU_NOISE))
+        self._noise.reseed(generators.of(NoiseSource.IMU_NOISE))
 
     def shift(self, bias_mps2: float) -> None:
         """A fault: so much more than its own bias."""

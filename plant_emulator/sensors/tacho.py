@@ -5,7 +5,7 @@ from typing import Final
 
 from can_dbc.nodes import Direction
 from can_dbc.odometer import Tacho
-from plant_emulator.noise import Generators, Source
+from plant_emulator.noise import Generators, NoiseSource
 from plant_emulator.train_config import NOMINAL_WHEEL_M, PULSES_PER_TURN, SensorConfig
 
 COUNTER_PERIOD: Final = 1 << 16
@@ -17,7 +17,7 @@ START_PHASE: Final = 0.5
 """The count starts half-way between two pulses, so that the first creep of a wheel is none."""
 
 
-class Axle:
+class Wheelset:
     """One wheelset with its pulse disc."""
 
     __slots__ = (
@@ -106,12 +106,12 @@ class Tachos:
         """Args:
         cars: masses of the model; an axle of a car that the model has not is on the last one.
         """
-        self.error = config.odometer_error_ratio.draw(generators.of(Source.ODOMETER_SCALE))
+        self.error = config.odometer_error_ratio.draw(generators.of(NoiseSource.ODOMETER_SCALE))
         """Counted distance = true distance * (1 + error) for a wheel of the nominal diameter."""
         nominal = PULSES_PER_TURN / (pi * NOMINAL_WHEEL_M) * (1.0 + self.error)
         self._cars = tuple(min(tacho.car, cars) - 1 for tacho in config.tachos)
         self.axles = tuple(
-            Axle(nominal * NOMINAL_WHEEL_M / tacho.wheel_diameter_m, front_m)
+            Wheelset(nominal * NOMINAL_WHEEL_M / tacho.wheel_diameter_m, front_m)
             for tacho in config.tachos
         )
         self._step_s = step_s

@@ -17,7 +17,7 @@ from firmware_py.tag_reader.telegram import (
     encode,
 )
 from firmware_py.trackdb import TagSite
-from plant_emulator.noise import Gaussian, Generators, Source, Uniform
+from plant_emulator.noise import Gaussian, Generators, NoiseSource, Uniform
 from plant_emulator.sensors.tacho import Tachos
 from plant_emulator.train_config import SensorConfig
 
@@ -65,7 +65,7 @@ class TagReader:
         start_ns: int,
     ) -> None:
         draws = generators.of
-        place = Gaussian(draws(Source.TAG_PLACE), config.tag_sigma_m, config.tag_clip_m)
+        place = Gaussian(draws(NoiseSource.TAG_PLACE), config.tag_sigma_m, config.tag_clip_m)
         self._config = config
         self.tags: Final = tuple(tags)
         """Of the line, where the map has them."""
@@ -75,8 +75,10 @@ class TagReader:
         self._sites: list[TagSite] = []
         self._antenna_m = config.antenna_m
         error, latency = config.tag_stamp_s, config.tag_latency_s
-        self._stamp_errors = Uniform(draws(Source.TAG_TIME), low=error.low, high=error.high)
-        self._latencies = Uniform(draws(Source.TAG_LATENCY), low=latency.low, high=latency.high)
+        self._stamp_errors = Uniform(draws(NoiseSource.TAG_TIME), low=error.low, high=error.high)
+        self._latencies = Uniform(
+            draws(NoiseSource.TAG_LATENCY), low=latency.low, high=latency.high
+        )
         self._start_ns = start_ns
         self._at_m = front_m - config.antenna_m
         self._next = 0
@@ -122,9 +124,9 @@ class TagReader:
     def reseed(self, generators: Generators) -> None:
         """Draw anew from other generators, also the places of tags that are safely ahead."""
         config, draws = self._config, generators.of
-        self._stamp_errors.reseed(draws(Source.TAG_TIME))
-        self._latencies.reseed(draws(Source.TAG_LATENCY))
-        place = Gaussian(draws(Source.TAG_PLACE), config.tag_sigma_m, config.tag_clip_m)
+        self._stamp_errors.reseed(draws(NoiseSource.TAG_TIME))
+        self._latencies.reseed(draws(NoiseSource.TAG_LATENCY))
+        place = Gaussian(draws(NoiseSource.TAG_PLACE), config.tag_sigma_m, config.tag_clip_m)
         for site in self.tags:
             felt_m = site.position_m + place.draw()
             offset_m = self._offsets_m.get(site.tag_id, 0.0)

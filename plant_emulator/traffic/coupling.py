@@ -19,7 +19,7 @@ REAR_STEP_M: Final = 25.0
 """Followers are told of so much at once: each authority that changes is an event on board."""
 
 
-class Said(NamedTuple):
+class IntervalReport(NamedTuple):
     """By a train about the interval that is over; powers are means."""
 
     front_m: float
@@ -31,7 +31,7 @@ class Said(NamedTuple):
     auxiliary_w: float
 
 
-class Answer(NamedTuple):
+class CouplingAnswer(NamedTuple):
     """To a train, from which it drives on."""
 
     voltage_v: float
@@ -68,7 +68,7 @@ class Coupling:
         """Of each substation of the network, in the last interval."""
         self._config = config
 
-    def answers(self, said: Sequence[Said]) -> list[Answer]:
+    def answers(self, said: Sequence[IntervalReport]) -> list[CouplingAnswer]:
         """One interval of the whole line."""
         loads = [
             Load(
@@ -95,10 +95,10 @@ class Coupling:
             books.regenerated_j += each.regenerated_w * INTERVAL_S
             books.resistor_j += each.resistor_w * INTERVAL_S
             rear_m = self._leader_rear_m(train, said)
-            found.append(Answer(volts, each.current_a, chopped, effort, rear_m))
+            found.append(CouplingAnswer(volts, each.current_a, chopped, effort, rear_m))
         return found
 
-    def _leader_rear_m(self, train: int, said: Sequence[Said]) -> float:
+    def _leader_rear_m(self, train: int, said: Sequence[IntervalReport]) -> float:
         """The foremost follows the hindmost, which is a lap behind on paper."""
         behind_m = said[train - 1].rear_m + (self._config.lap_m if train == 0 else 0.0)
         return math.floor(behind_m / REAR_STEP_M) * REAR_STEP_M

@@ -13,7 +13,7 @@ LEAD_S: Final = 6.0
 NS_PER_S: Final = 1_000_000_000
 
 
-class Run(NamedTuple):
+class StationRun(NamedTuple):
     """From one station to the next, as it came about."""
 
     station: str
@@ -41,7 +41,7 @@ class Dispatcher:
         start: Start,
         dwells_s: Iterator[float],
     ) -> None:
-        self.runs: list[Run] = []
+        self.runs: list[StationRun] = []
         self._config, self._timetable, self._line = config, timetable, line
         self._dwells_s = dwells_s
         self._phase_s = start.phase_s
@@ -71,7 +71,7 @@ class Dispatcher:
 
     def _arrives(self, now_s: float, error_m: float) -> None:
         station = self._line.stations[self._index]
-        self.runs.append(Run(station.name, station.run_s, self._left_s, now_s, error_m))
+        self.runs.append(StationRun(station.name, station.run_s, self._left_s, now_s, error_m))
         self._stands = True
         lap, place = divmod(self._index, self._config.stations_a_lap)
         if self._timetable.at_once[place]:

@@ -5,14 +5,14 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Final, Protocol
 
-from plant_emulator.noise import Generators, Source, Uniform
+from plant_emulator.noise import Generators, NoiseSource, Uniform
 from plant_emulator.power.box import Due
 from plant_emulator.traffic.config import TrafficConfig
-from plant_emulator.traffic.coupling import INTERVAL_S, Answer, Said
+from plant_emulator.traffic.coupling import INTERVAL_S, CouplingAnswer, IntervalReport
 from plant_emulator.traffic.dispatcher import Dispatcher
 from plant_emulator.traffic.timetable import LapTimetable, Start
 from plant_emulator.wayside.railway import Railway
-from plant_emulator.world import Scenario, World, plan_scenario
+from plant_emulator.world import TrainScenario, World, plan_scenario
 
 NS_PER_S: Final = 1_000_000_000
 SEEDS: Final = 1000
@@ -27,7 +27,7 @@ class Plant(Protocol):
     """A train's plant, as far as the line has to do with it."""
 
     @property
-    def scenario(self) -> Scenario: ...
+    def scenario(self) -> TrainScenario: ...
 
     @property
     def world(self) -> World: ...
@@ -36,7 +36,7 @@ class Plant(Protocol):
     def railway(self) -> Railway: ...
 
 
-class Member:
+class TrafficMember:
     """Asked once an interval; answers may come an interval late, in their order."""
 
     def __init__(
@@ -68,7 +68,7 @@ class Member:
         """From now on the timetable counts."""
         self._start_ns = now_ns
 
-    def says(self, now_ns: int) -> Said:
+    def says(self, now_ns: int) -> IntervalReport:
         """At the end of an interval; the dispatcher looks at the train, too."""
         plant, world = self.plant, self.plant.world
         wish, due = world.power.take_load(INTERVAL_S)
@@ -83,7 +83,7 @@ class Member:
         rear_m = zone.latest_rear_m
         if zone.latest is None:
             rear_m = first_rear_m(world.front_m, world.length_m)
-        return Said(
+        return IntervalReport(
             front_m=world.front_m,
             speed_mps=world.speed_mps,
             rear_m=rear_m,
@@ -92,7 +92,7 @@ class Member:
             auxiliary_w=wish.auxiliary_w,
         )
 
-    def hears(self, answer: Answer) -> None:
+    def hears(self, answer: CouplingAnswer) -> None:
         """To the earliest interval that was not answered yet."""
         world = self.plant.world
         world.power.fed(
@@ -127,7 +127,7 @@ def scenarios_of(
     seed: int,
     load_ratio: float | None = None,
     odometer_error_ratio: float | None = None,
-) -> tuple[Scenario, ...]:
+) -> tuple[TrainScenario, ...]:
     """Of each train; all draw from seeds of their own. Raises SettingsError."""
     return tuple(
         plan_scenario(
@@ -144,7 +144,7 @@ def scenarios_of(
 
 def _dwells_s(config: TrafficConfig, seed: int) -> Iterator[float]:
     """Evenly drawn, each train's by itself: the same whatever the law."""
-    generator = Generators(seed).of(Source.DWELL)
+    generator = Generators(seed).of(NoiseSource.DWELL)
     low_s, high_s = config.dwell_s - config.dwell_spread_s, config.dwell_s + config.dwell_spread_s
     draws = Uniform(generator, low=low_s, high=high_s)
     while True:

@@ -17,7 +17,7 @@ from plant_emulator.train_config.equipment import (
     TractionConfig,
 )
 from plant_emulator.train_config.loops import LoopConfig
-from plant_emulator.train_config.ranges import Draws, Spread
+from plant_emulator.train_config.ranges import Spread, UniformSource
 from plant_emulator.train_config.sensors import (
     NOMINAL_WHEEL_M,
     PULSES_PER_TURN,
@@ -42,7 +42,7 @@ __all__ = [
     "CouplerConfig",
     "DeadTimeKind",
     "DoorConfig",
-    "Draws",
+    "UniformSource",
     "ElectricBrakeConfig",
     "EmergencyBrakeConfig",
     "HoldingBrakeConfig",

@@ -4,7 +4,7 @@ from dataclasses import dataclass, fields
 from typing import Protocol
 
 
-class Draws(Protocol):
+class UniformSource(Protocol):
     """A generator of numbers in [0, 1), such as numpy's."""
 
     def random(self) -> float: ...
@@ -21,7 +21,7 @@ class Spread:
         if not self.low <= self.high:
             raise ValueError(f"low {self.low} is not at or under high {self.high}")
 
-    def draw(self, generator: Draws) -> float:
+    def draw(self, generator: UniformSource) -> float:
         return self.low + (self.high - self.low) * generator.random()
 
 

@@ -48,17 +48,17 @@ def free_to_lock(demand: Demand) -> bool:
     return demand.claim.kind is ClaimKind.RELEASE or not opens
 
 
-class Term(NamedTuple):
+class ObjectTerm(NamedTuple):
     term: int
     source: int
     memory: ObjectMemory
 
 
-def term_not_old(term: Term) -> bool:
+def term_not_old(term: ObjectTerm) -> bool:
     return term.term >= term.memory.seen_term
 
 
-def owner_of_term(term: Term) -> bool:
+def owner_of_term(term: ObjectTerm) -> bool:
     return term.term != term.memory.seen_term or term.source == term.memory.owner
 
 
@@ -66,8 +66,8 @@ def owner_of_term(term: Term) -> bool:
 class ObjectGuards:
     """Each replaceable, for tests and simulators only."""
 
-    term_not_old: Callable[[Term], bool] = term_not_old
-    owner_of_term: Callable[[Term], bool] = owner_of_term
+    term_not_old: Callable[[ObjectTerm], bool] = term_not_old
+    owner_of_term: Callable[[ObjectTerm], bool] = owner_of_term
     newer_claim: Callable[[Demand], bool] = newer_claim
     nobody_in_it: Callable[[Demand], bool] = nobody_in_it
     free_to_lock: Callable[[Demand], bool] = free_to_lock
@@ -144,7 +144,7 @@ class LineObject:
         guards, memory = self._guards, self.memory
         if isinstance(message, ObjectClaim) and message.number != self.site.number:
             return True
-        term = Term(message.term, message.source, memory)
+        term = ObjectTerm(message.term, message.source, memory)
         if not guards.term_not_old(term) or not guards.owner_of_term(term):
             return False
         if message.term > memory.seen_term:

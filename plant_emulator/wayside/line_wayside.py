@@ -10,7 +10,7 @@ from plant_emulator.wayside.arbiter import Arbiter
 from plant_emulator.wayside.line_centre import LineCentre
 from plant_emulator.wayside.line_object import LineObject
 from plant_emulator.wayside.t2t_vocabulary import ArbiterMemory, CentreMemory, ObjectMemory
-from plant_emulator.wayside.track import Track
+from plant_emulator.wayside.track import WaysideTrack
 from zenoh_config import t2t_keys
 from zenoh_config.codec import BENCH_KEY, pack, unpack
 from zenoh_config.messages import WAYSIDE, Refused, TrainStatus
@@ -35,7 +35,7 @@ class Disks(NamedTuple):
     store_centre: Callable[[CentreMemory], bool] = _kept
 
 
-class Truth(NamedTuple):
+class WaysideTruth(NamedTuple):
     """What the wayside's own detectors and dispatchers see and want."""
 
     axles: Mapping[int, int]
@@ -85,7 +85,7 @@ class LineWayside:
             )
             for site in line.objects
         }
-        self.track = Track(timers, line, boot=boot, start_ns=start_ns)
+        self.track = WaysideTrack(timers, line, boot=boot, start_ns=start_ns)
         self.centre = centre
         self.subscriptions = (
             *t2t_keys.of_wayside(line.name),
@@ -99,7 +99,7 @@ class LineWayside:
         self._areas = frozenset([area.number for area in line.areas])
 
     def step(
-        self, now_ns: int, messages: Iterable[RadioMessage], truth: Truth
+        self, now_ns: int, messages: Iterable[RadioMessage], truth: WaysideTruth
     ) -> list[tuple[str, bytes]]:
         """Key and payload of everything to send; what had to be stored is stored by then."""
         heard, orders = self._opened(messages, now_ns)

@@ -14,7 +14,7 @@ from zenoh_config.t2t import (
 from zenoh_config.timers import NS_PER_MS, LineTimers
 
 
-class Track:
+class WaysideTrack:
     """Answers heartbeats; every answer echoes one, so that the master knows how old it is.
 
     It answers any master, an outdated one, too: what it tells is true for whoever hears it.

@@ -12,7 +12,7 @@ import numpy as np
 
 from canlog.database import MessageSpec, SignalSpec
 from canlog.frames import Ints
-from canlog.plan import Payloads, Plan
+from canlog.plan import DecodingPlan, Payloads
 
 COUNTER, CRC, PROFILE, DATA_ID = "E2ECounterSignal", "E2ECrcSignal", "E2EProfile", "E2EDataId"
 P01_COUNTS: Final = 15
@@ -105,7 +105,7 @@ def p01_crc(payloads: Payloads, length: int, crc_byte: int, data_id: int) -> Any
 class Follower:
     """Checks the frames of one message on one channel, block by block."""
 
-    def __init__(self, spec: MessageSpec, plan: Plan) -> None:
+    def __init__(self, spec: MessageSpec, plan: DecodingPlan) -> None:
         self.declared = declared_of(spec)
         self._spec, self._plan = spec, plan
         self._last: tuple[int, int] | None = None

@@ -21,7 +21,7 @@ from typing import Any, Final
 import numpy as np
 
 from canlog.frames import Frames, blank
-from canlog.line_block import Block
+from canlog.line_block import LineBlock
 from canlog.shelf import Room, in_memory
 
 FLAGS: Final = ("-O3", "-shared", "-fPIC", "-std=c11", "-ffp-contract=off")
@@ -107,7 +107,7 @@ def _declared(found: Any) -> Any:
     return found
 
 
-def parse_candump(text: bytes, channels: list[str], width: int) -> Block | None:
+def parse_candump(text: bytes, channels: list[str], width: int) -> LineBlock | None:
     """What `parse_block` gives; None when there is no kernel."""
     kernel = library()
     if kernel is None or any(len(name.encode()) >= NAME_BYTES for name in channels):
@@ -132,7 +132,7 @@ def parse_candump(text: bytes, channels: list[str], width: int) -> Block | None:
         frames.at_ns, frames.identifier, frames.flags, frames.channel, frames.length, frames.data,
         tuple(channels),
     )  # fmt: skip
-    return Block(frames, odd[:, 0], odd[:, 1], odd[:, 2], odd[:, 3], int(told[1]))
+    return LineBlock(frames, odd[:, 0], odd[:, 1], odd[:, 2], odd[:, 3], int(told[1]))
 
 
 def _places(made: Frames) -> list[int]:

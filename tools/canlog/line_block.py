@@ -7,7 +7,7 @@ from canlog.frames import Frames
 
 
 @dataclass(frozen=True, slots=True)
-class Block:
+class LineBlock:
     """A block of lines, one row for each line that is not empty."""
 
     frames: Frames

@@ -20,7 +20,7 @@ DIGITS_MAX: Final = 9
 
 
 @dataclass(slots=True)
-class Style:
+class LineStyle:
     """How lines look."""
 
     colour: bool = False
@@ -44,7 +44,7 @@ class Writer:
     """Makes lines of one block after the other."""
 
     bus: Bus
-    style: Style
+    style: LineStyle
     _before: dict[tuple[int, int], bytes] = field(default_factory=dict)
 
     def lines(

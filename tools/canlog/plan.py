@@ -181,7 +181,7 @@ def _compiled(cut: Cut, payloads: Payloads, room: Column) -> Column | None:
     return found
 
 
-class Plan:
+class DecodingPlan:
     """One message, ready to be decoded from columns."""
 
     def __init__(self, spec: MessageSpec) -> None:

@@ -10,7 +10,7 @@ from canlog.formats.registry import format_of
 from canlog.frames import Frames, Ints, concat
 from canlog.options import ReadOptions
 from canlog.plan import Column
-from canlog.run import Run, bus_log_of, read_run
+from canlog.run import RunFiles, bus_log_of, read_run
 from canlog.shelf import Room, in_memory, on_disk, shelved
 from canlog.table import Groups, Table
 
@@ -26,7 +26,7 @@ class Log:
         frames: Frames | Sequence[Frames],
         bus: Bus,
         warnings: tuple[Damage, ...] = (),
-        run: Run | None = None,
+        run: RunFiles | None = None,
         room: Room = in_memory,
     ) -> None:
         """Blocks of frames are put together when somebody asks for them as a whole.

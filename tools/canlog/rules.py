@@ -15,7 +15,7 @@ file that never came."""
 
 
 @dataclass(frozen=True, slots=True)
-class Rule:
+class FailRule:
     """One `--fail-on`. It breaks for each message, or bus, of which the expression is true."""
 
     text: str
@@ -44,7 +44,7 @@ class Broken:
         return f"{self.rule}: {self.who} on {self.channel}: {self.numbers}"
 
 
-def parse_rule(text: str) -> Rule:
+def parse_rule(text: str) -> FailRule:
     """Raises LogError that says what a rule may be."""
     only, colon, expression = text.partition(":")
     if not colon:
@@ -57,7 +57,7 @@ def parse_rule(text: str) -> Rule:
     kinds = (MESSAGE_NUMBERS, BUS_NUMBERS, LOG_NUMBERS)
     if sum(bool(compiled.names & set(each)) for each in kinds) != 1:
         raise LogError(f"--fail-on {text!r}: name numbers of messages, of buses or of the log")
-    return Rule(text, only.strip(), compiled)
+    return FailRule(text, only.strip(), compiled)
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +69,7 @@ class Judged:
     damaged: int = 0
     absent: int = 0
 
-    def rows(self, rule: Rule) -> list[tuple[str, Row]]:
+    def rows(self, rule: FailRule) -> list[tuple[str, Row]]:
         """Those that a rule speaks of, each with its name."""
         whole = [{"channel": "log", "damaged": self.damaged, "absent": self.absent}]
         rows = {"message": self.messages, "bus": self.buses, "log": whole}[rule.scope]
@@ -77,7 +77,7 @@ class Judged:
         return [(who, row) for who, row in named if fnmatch.fnmatchcase(who, rule.only)]
 
 
-def broken(rules: Sequence[Rule], judged: Judged) -> list[Broken]:
+def broken(rules: Sequence[FailRule], judged: Judged) -> list[Broken]:
     """Every breach, rule by rule."""
     found = []
     for rule in rules:
@@ -88,7 +88,7 @@ def broken(rules: Sequence[Rule], judged: Judged) -> list[Broken]:
     return found
 
 
-def untold(rules: Sequence[Rule], judged: Judged) -> dict[str, str]:
+def untold(rules: Sequence[FailRule], judged: Judged) -> dict[str, str]:
     """Rules that nothing could be held to, and why: they are neither kept nor broken."""
     found = {}
     for rule in rules:

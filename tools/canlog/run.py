@@ -38,7 +38,7 @@ class RunEvent:
 
 
 @dataclass(frozen=True, slots=True)
-class Run:
+class RunFiles:
     """What a run folder holds beside its frame log. Missing files leave their part empty."""
 
     folder: Path
@@ -68,7 +68,7 @@ def bus_log_of(path: Path) -> Path:
     raise LogError(f"{path}: no {BUS_LOG} in this folder; name a log or the folder of a run")
 
 
-def read_run(folder: Path, frames: Frames, bus: Bus, damages: Damages) -> Run:
+def read_run(folder: Path, frames: Frames, bus: Bus, damages: Damages) -> RunFiles:
     """All that a folder tells about the frames of its log."""
     cycles = _columns(folder / CYCLES, damages)
     sent = _sent(frames, bus)
@@ -83,7 +83,7 @@ def read_run(folder: Path, frames: Frames, bus: Bus, damages: Damages) -> Run:
         began_s = cycles.get("t_s", np.zeros(0))
         cycle_ns = start_ns + np.rint(began_s * NS_PER_S).astype(np.int64)
         cycle_of = _by_stamps(cycle_ns, frames.at_ns, sent)
-    return Run(
+    return RunFiles(
         folder=folder,
         start_ns=start_ns,
         cycle_ns=cycle_ns,
@@ -164,4 +164,4 @@ def _events(path: Path, start_ns: int, damages: Damages) -> tuple[RunEvent, ...]
     return tuple(found)
 
 
-__all__ = ["NO_CYCLE", "Ports", "Run", "RunEvent", "bus_log_of", "read_run"]
+__all__ = ["NO_CYCLE", "Ports", "RunFiles", "RunEvent", "bus_log_of", "read_run"]

@@ -20,7 +20,7 @@ IDENTIFIER: Final = re.compile("[0-9a-f]+x?")
 
 
 @dataclass(frozen=True, slots=True)
-class Wanted:
+class Selection:
     """What was asked for; what is empty or None chooses nothing away."""
 
     names: tuple[str, ...] = ()
@@ -55,7 +55,7 @@ def parse_key(text: str) -> int:
 class Selector:
     """Chooses frames of one block after the other."""
 
-    wanted: Wanted
+    wanted: Selection
     bus: Bus
     _slots: dict[int, int] = field(default_factory=dict)
     """By key: the part of a second in which the last frame was shown."""

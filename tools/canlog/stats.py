@@ -12,7 +12,7 @@ from canlog.database import Bus, MessageSpec, SignalSpec
 from canlog.declared import Follower
 from canlog.frames import BRS, ERROR, FD, REMOTE, Frames, Ints
 from canlog.gaps import Gaps
-from canlog.plan import Payloads, Plan, physical_of, signed_raw
+from canlog.plan import DecodingPlan, Payloads, physical_of, signed_raw
 from canlog.table import Groups, taken
 from canlog.verdict import CODES, REASONS, UNCONFIRMED, Judge
 
@@ -74,7 +74,7 @@ class MessageStats:
     lost: int = 0
     """Frames that never came, by the alive counter."""
     signals: dict[str, SignalRange] = field(default_factory=dict)
-    plan: Plan | None = None
+    plan: DecodingPlan | None = None
     follower: Follower | None = None
     """Of a bus that this project's codec does not judge."""
     fd_flags: int = 0
@@ -182,7 +182,7 @@ class Statistics:
             )
             found = MessageStats(channel, key, self.bus.name_of(key), spec, gaps)
             if spec is not None:
-                found.plan = Plan(spec)
+                found.plan = DecodingPlan(spec)
                 found.follower = None if self.judged else Follower(spec, found.plan)
                 found.signals = {each.name: SignalRange(each) for each in spec.signals}
             self.messages[channel, key] = found
@@ -286,7 +286,7 @@ def _feed_windows(one: BusStats, window: Ints, busy_ns: Ints) -> None:
     one.peak_busy_ns = max(one.peak_busy_ns, int(sums.max()))
 
 
-def _feed_range(plan: Plan, name: str, seen: SignalRange, payloads: Payloads) -> None:
+def _feed_range(plan: DecodingPlan, name: str, seen: SignalRange, payloads: Payloads) -> None:
     raw = plan.raw(name, payloads)
     valid = plan.valid(name, payloads)
     if valid is not None:

@@ -10,7 +10,7 @@ import numpy as np
 from canlog import kernel
 from canlog.database import MessageSpec
 from canlog.frames import CLASSIC_BYTES, FD_BYTES, Bools, Frames, Ints, concat
-from canlog.plan import Column, Payloads, Plan, Raws, signed_raw
+from canlog.plan import Column, DecodingPlan, Payloads, Raws, signed_raw
 from canlog.shelf import Room, in_memory
 
 SHORT: Final = 2048
@@ -25,7 +25,7 @@ class Table:
     """
 
     def __init__(
-        self, plan: Plan, at_ns: Ints, rows: Callable[[], Ints], payloads: Payloads
+        self, plan: DecodingPlan, at_ns: Ints, rows: Callable[[], Ints], payloads: Payloads
     ) -> None:
         self.spec: MessageSpec = plan.spec
         self.at_ns = at_ns
@@ -136,7 +136,7 @@ def table_of(spec: MessageSpec, data: Sequence[bytes]) -> Table:
     length = np.array([min(len(each), width) for each in data], np.uint8)
     payloads = Payloads(np.frombuffer(joined, np.uint8).reshape(-1, width), length)
     rows = np.arange(len(data), dtype=np.int64)
-    return Table(Plan(spec), np.zeros(len(data), np.int64), lambda: rows, payloads)
+    return Table(DecodingPlan(spec), np.zeros(len(data), np.int64), lambda: rows, payloads)
 
 
 def _nothing(column: Column) -> Any:
@@ -201,7 +201,9 @@ class Groups:
 
     def table(self, spec: MessageSpec) -> Table:
         key = spec.key
-        return Table(Plan(spec), self.at_ns(key), partial(self.rows, key), self.payloads(key))
+        return Table(
+            DecodingPlan(spec), self.at_ns(key), partial(self.rows, key), self.payloads(key)
+        )
 
 
 def taken(frames: Frames, rows: Ints) -> Any:

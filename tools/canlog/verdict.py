@@ -11,7 +11,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from can_dbc.agreement import FieldLayout, payload_bytes
-from can_dbc.binding import Binding, Protection, binding_of, kinds
+from can_dbc.binding import Binding, MessageProtection, binding_of, kinds
 from can_dbc.codec import TWIN_WITHIN_NS
 from can_dbc.packing import invalid_values, value_table
 from can_dbc.rejection import Reason
@@ -82,7 +82,7 @@ class _Pair:
     """Row and code of the one that waited since an earlier block."""
 
 
-class Late(NamedTuple):
+class LateVerdict(NamedTuple):
     """What became of a frame of an earlier block."""
 
     row: int
@@ -97,7 +97,7 @@ class Judge:
     """Judges a log block by block. Every channel has receivers of its own."""
 
     lost: Counter[int] = field(default_factory=Counter)
-    late: list[Late] = field(default_factory=list)
+    late: list[LateVerdict] = field(default_factory=list)
     """Frames of earlier blocks that were UNCONFIRMED and that the last block has told about."""
     _fed: int = 0
     _alive: dict[tuple[str, int], AliveCounter] = field(default_factory=dict)
@@ -126,7 +126,7 @@ class Judge:
     def _judge(
         self, bound: Binding, channel: str, frames: Frames, rows: Ints, twins: Ints, code: Bytes
     ) -> None:
-        if bound.protection is Protection.NONE:
+        if bound.protection is MessageProtection.NONE:
             right = frames.length[rows] == bound.message.length
             code[rows] = np.where(right, ACCEPTED, CODES[Reason.WRONG_LENGTH])
             _refuse_invalid(bound, frames, rows[right], code)
@@ -140,7 +140,7 @@ class Judge:
         pair = self._pairs.setdefault((channel, bound.message.frame_id), _Pair())
         self._paired(bound, pair, frames, accepted, heard, code)
         self.late += [
-            Late(row, told, channel, bound.message.frame_id)
+            LateVerdict(row, told, channel, bound.message.frame_id)
             for row, told in pair.late
             if told != UNCONFIRMED
         ]

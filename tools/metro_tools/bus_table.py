@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from firmware_py.buses.embedded import HubStatus
-from metro_tools.vcan_plan import Link
+from metro_tools.vcan_plan import KernelLink
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,7 +23,7 @@ class BusRow:
     """`vcan down` removes it."""
 
 
-def link_row(link: Link) -> BusRow:
+def link_row(link: KernelLink) -> BusRow:
     return BusRow(
         name=link.name,
         kind=f"kernel {link.kind}",

@@ -144,7 +144,16 @@ RECORDS: Final = (
 """In these folders classes of named tuples become native ones; elsewhere they are packed as tuples,
 or asked for the names of their fields."""
 TUPLES: Final = (
-    *("AreaMemory", "DepartureTerms", "DoorEnable", "DoorTerms", "Due", "Grain", "Head", "Tap"),
+    *(
+        "AreaMemory",
+        "DelayTap",
+        "DepartureTerms",
+        "DoorEnable",
+        "DoorTerms",
+        "Due",
+        "Grain",
+        "MessageHead",
+    ),
     *("_Answers", "_Four", "_Phase", "_Piece", "_Step"),
 )
 """But for these, which are unpacked, sorted or counted there; mypyc refuses any other that is."""

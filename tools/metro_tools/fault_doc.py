@@ -10,10 +10,10 @@ from plant_emulator.faults.described import (
     BY_PLACE,
     PLACE_TITLES,
     Described,
-    Parameter,
+    FaultParameter,
     all_described,
 )
-from plant_emulator.faults.kinds import Place
+from plant_emulator.faults.kinds import FaultPlace
 from plant_emulator.truth import SIGNALS
 
 DEFAULT_PATH: Final = "docs/reference/faults.md"
@@ -103,7 +103,7 @@ def document() -> str:
     """The whole catalogue."""
     signals = ", ".join(f"`{name}`" for name in SIGNALS)
     parts = [HEADER.format(signals=signals), _benches(), _overview()]
-    for place in Place:
+    for place in FaultPlace:
         parts += [f"## {PLACE_TITLES[place]}\n", *_kinds(place)]
     return "\n".join([*parts, NOTES])
 
@@ -116,7 +116,7 @@ def _benches() -> str:
             BY_PLACE[place].processes,
             BY_PLACE[place].hardware,
         )
-        for place in Place
+        for place in FaultPlace
     ]
     rows += [
         (f"`{name}`", each.lockstep, each.processes, each.hardware)
@@ -135,7 +135,7 @@ def _overview() -> str:
     return "## Kinds\n\n" + markdown_table(("kind", "place", "what may come of it"), rows)
 
 
-def _kinds(place: Place) -> Iterator[str]:
+def _kinds(place: FaultPlace) -> Iterator[str]:
     for each in all_described():
         if each.place is place:
             yield _kind(each)
@@ -149,7 +149,7 @@ def _kind(each: Described) -> str:
     return f"{text}\n{markdown_table(heads, map(_row, each.parameters))}"
 
 
-def _row(parameter: Parameter) -> tuple[str, ...]:
+def _row(parameter: FaultParameter) -> tuple[str, ...]:
     default = f"`{parameter.default}`" if parameter.kind == "text" else parameter.default
     return (
         f"`{parameter.name}`",

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from typing import Final
 
 from can_dbc import binding, dbc_file
-from can_dbc.binding import Binding, Protection
+from can_dbc.binding import Binding, MessageProtection
 from can_dbc.brake import BrakeCommand
 from can_dbc.codec import TWIN_WITHIN_NS, Encoder
 from can_dbc.dbc_file import Message, Signal
@@ -205,7 +205,7 @@ def _facts(bound: Binding) -> str:
         f"{message.frame_id:#05x}, {message.senders[0]} to {_receivers(message)}, {_size(message)},"
         f" {period if math.isinf(bound.timeout_s) else f'every {period}, timeout {timeout}'}"
     ]
-    if bound.protection is not Protection.NONE:
+    if bound.protection is not MessageProtection.NONE:
         facts.append(f"{bound.protection.name}, data id {_data_id(message)}")
     if bound.twin is not None:
         twin = bound.twin

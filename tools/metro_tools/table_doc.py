@@ -10,8 +10,8 @@ from can_dbc.vobc import AtoPhase, Inhibit, Missing, OperatingMode, Supervision
 from metro_tools.generated_doc import markdown_table, write_or_check
 from vobc.ato import mode as ato_phases
 from vobc.atp import alarms, departure, doors, emergencies, jog, modes, supervision
-from vobc.atp.alarms import Answer
-from vobc.atp.emergencies import Reset, Rule
+from vobc.atp.alarms import AlarmResponse
+from vobc.atp.emergencies import EmergencyRule, Reset
 
 DEFAULT_PATH: Final = "docs/reference/supervision.md"
 
@@ -167,7 +167,7 @@ def _names(flags: enum.IntFlag) -> str:
     return ", ".join(names) or "–"
 
 
-def _rule_row(rule: Rule) -> tuple[str, ...]:
+def _rule_row(rule: EmergencyRule) -> tuple[str, ...]:
     meaning = said(rule.comes)
     comes = words(rule.comes) + (f": {meaning}" if meaning else "")
     by_itself = "–" if rule.by_itself is emergencies.never else words(rule.by_itself)
@@ -191,7 +191,7 @@ def _alarm_tables() -> Iterator[str]:
         )
 
 
-def _answer(answer: Answer) -> str:
+def _answer(answer: AlarmResponse) -> str:
     parts = [f"emergency brake ({answer.emergency.name})"] if answer.emergency else []
     parts += ["stop now"] if answer.stop_now else []
     parts += ["stop at the next station"] if answer.stop_next else []

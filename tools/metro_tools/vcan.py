@@ -20,7 +20,15 @@ from firmware_py.buses.errors import BusError
 from firmware_py.rendezvous import bench_dir
 from metro_tools import vcan_plan, vcan_survey
 from metro_tools.bus_table import BusRow, hub_row, link_row, table
-from metro_tools.vcan_plan import Commands, Kernel, Link, Missing, Nothing, Step, Taken
+from metro_tools.vcan_plan import (
+    Commands,
+    Kernel,
+    KernelLink,
+    NameTaken,
+    NotAvailable,
+    Nothing,
+    Step,
+)
 
 EXIT_OK: Final = 0
 EXIT_USAGE: Final = 2
@@ -31,14 +39,14 @@ DEFAULT_NAME: Final = "vcan0"
 GUEST_HINT: Final = "real SocketCAN without the kernel's or rights: tools/vcan-guest COMMAND"
 
 
-class World(Protocol):
+class HostWorld(Protocol):
     """All that the command touches; tests have one of paper."""
 
     def kernel(self) -> Kernel: ...
 
-    def link(self, name: str) -> Link | None: ...
+    def link(self, name: str) -> KernelLink | None: ...
 
-    def links(self) -> list[Link]: ...
+    def links(self) -> list[KernelLink]: ...
 
     def run(self, words: Sequence[str]) -> bool:
         """Whether the command succeeded; it complains to standard error by itself."""
@@ -57,10 +65,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     """The console script `vcan`."""
     require_assertions("vcan")
     options = _parser().parse_args(words_of("vcan", argv))
-    return obey(options, Machine())
+    return obey(options, RealMachine())
 
 
-def obey(options: argparse.Namespace, world: World) -> int:
+def obey(options: argparse.Namespace, world: HostWorld) -> int:
     """Do what was asked for in a world; the exit code."""
     if options.name is not None and (fault := vcan_plan.name_fault(options.name)):
         return _complain(fault, EXIT_USAGE)
@@ -100,7 +108,7 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _up(name: str, kind: str, world: World, *, dry_run: bool) -> int:
+def _up(name: str, kind: str, world: HostWorld, *, dry_run: bool) -> int:
     if kind != "kernel" and world.hub(name) is not None and world.link(name) is None:
         print(f"{name}: embedded bus, already up; use --bus embedded:{name}")
         return EXIT_OK
@@ -109,7 +117,7 @@ def _up(name: str, kind: str, world: World, *, dry_run: bool) -> int:
     step = vcan_plan.plan_up(name, world.kernel(), world.link(name))
     if isinstance(step, Commands):
         step = _run_all(step, world, dry_run=dry_run)
-    if not isinstance(step, Missing) or kind == "kernel":
+    if not isinstance(step, NotAvailable) or kind == "kernel":
         return _conclude(step, f"{name}: kernel vcan is up; use --bus socketcan:{name}", dry_run)
     _tell(
         [
@@ -121,7 +129,7 @@ def _up(name: str, kind: str, world: World, *, dry_run: bool) -> int:
     return _start_embedded(name, world, dry_run=dry_run)
 
 
-def _start_embedded(name: str, world: World, *, dry_run: bool) -> int:
+def _start_embedded(name: str, world: HostWorld, *, dry_run: bool) -> int:
     if (link := world.link(name)) is not None:
         return _complain(
             f"{name} is an interface of the kernel ({link.kind}); an embedded bus of the same name "
@@ -135,7 +143,7 @@ def _start_embedded(name: str, world: World, *, dry_run: bool) -> int:
     return EXIT_OK
 
 
-def _down(name: str, kind: str, world: World, *, dry_run: bool) -> int:
+def _down(name: str, kind: str, world: HostWorld, *, dry_run: bool) -> int:
     hub = world.hub(name) if kind != "kernel" else None
     if hub is not None:
         if hub.bound:
@@ -157,12 +165,12 @@ def _down(name: str, kind: str, world: World, *, dry_run: bool) -> int:
     return _conclude(step, f"{name}: kernel vcan is removed", dry_run)
 
 
-def _run_all(plan: Commands, world: World, *, dry_run: bool) -> Step:
+def _run_all(plan: Commands, world: HostWorld, *, dry_run: bool) -> Step:
     """Show each command and run it; what failed comes back as missing."""
     for words in plan.words:
         print(f"+ {shlex.join(words)}", flush=True)
         if not dry_run and not world.run(words):
-            return Missing(f"`{shlex.join(words)}` failed", ())
+            return NotAvailable(f"`{shlex.join(words)}` failed", ())
     return plan
 
 
@@ -176,18 +184,18 @@ def _conclude(step: Step, success: str, dry_run: bool) -> int:
         case Nothing(text):
             print(text)
             return EXIT_OK
-        case Missing():
+        case NotAvailable():
             _tell(_missing_lines(step))
             return EXIT_ENVIRONMENT
-        case Taken(text):
+        case NameTaken(text):
             return _complain(text, EXIT_ENVIRONMENT)
 
 
-def _missing_lines(step: Missing) -> list[str]:
+def _missing_lines(step: NotAvailable) -> list[str]:
     return [step.reason, *(f"to change that, type: {line}" for line in step.remedy)]
 
 
-def _status(name: str | None, world: World, *, as_json: bool) -> int:
+def _status(name: str | None, world: HostWorld, *, as_json: bool) -> int:
     rows = survey(name, world)
     if as_json:
         print(json.dumps([asdict(row) for row in rows], indent=2))
@@ -200,7 +208,7 @@ def _status(name: str | None, world: World, *, as_json: bool) -> int:
     return EXIT_OK if any(row.up for row in rows) else EXIT_ENVIRONMENT
 
 
-def survey(name: str | None, world: World) -> list[BusRow]:
+def survey(name: str | None, world: HostWorld) -> list[BusRow]:
     """The buses of that name, or all."""
     if name is None:
         links, hub_names = world.links(), world.hub_names()
@@ -221,19 +229,19 @@ def _complain(text: str, code: int) -> int:
     return code
 
 
-class Machine:
+class RealMachine:
     """The world as it is."""
 
     def __init__(self) -> None:
-        self._places = vcan_survey.Places(release=os.uname().release)
+        self._places = vcan_survey.SystemPaths(release=os.uname().release)
 
     def kernel(self) -> Kernel:
         return vcan_survey.survey_kernel(self._places)
 
-    def link(self, name: str) -> Link | None:
+    def link(self, name: str) -> KernelLink | None:
         return vcan_survey.find_link(name, self._places)
 
-    def links(self) -> list[Link]:
+    def links(self) -> list[KernelLink]:
         return vcan_survey.can_links(self._places)
 
     def run(self, words: Sequence[str]) -> bool:

@@ -34,7 +34,7 @@ class Kernel:
 
 
 @dataclass(frozen=True, slots=True)
-class Link:
+class KernelLink:
     """A network interface of the kernel."""
 
     name: str
@@ -63,7 +63,7 @@ class Nothing:
 
 
 @dataclass(frozen=True, slots=True)
-class Missing:
+class NotAvailable:
     """The kernel cannot, or these rights do not reach; something else may do instead."""
 
     reason: str
@@ -72,13 +72,13 @@ class Missing:
 
 
 @dataclass(frozen=True, slots=True)
-class Taken:
+class NameTaken:
     """The name belongs to something that is not ours to touch."""
 
     text: str
 
 
-Step = Commands | Nothing | Missing | Taken
+Step = Commands | Nothing | NotAvailable | NameTaken
 
 
 def name_fault(name: str) -> str | None:
@@ -95,7 +95,7 @@ def name_fault(name: str) -> str | None:
     return None
 
 
-def plan_up(name: str, kernel: Kernel, link: Link | None) -> Step:
+def plan_up(name: str, kernel: Kernel, link: KernelLink | None) -> Step:
     """How a kernel vcan of this name comes up."""
     if link is not None and link.kind != "vcan":
         return _taken(link)
@@ -103,11 +103,11 @@ def plan_up(name: str, kernel: Kernel, link: Link | None) -> Step:
         return Nothing(f"{name}: kernel vcan, already up; use --bus socketcan:{name}")
     recipe = _up_recipe(name, kernel, link)
     if link is None and kernel.support is CanSupport.ABSENT:
-        return Missing(f"this kernel has no vcan: {kernel.evidence}", ())
+        return NotAvailable(f"this kernel has no vcan: {kernel.evidence}", ())
     return _if_allowed(recipe, kernel)
 
 
-def plan_down(name: str, kernel: Kernel, link: Link | None) -> Step:
+def plan_down(name: str, kernel: Kernel, link: KernelLink | None) -> Step:
     """How the kernel vcan that `vcan up` made goes away again."""
     if link is None:
         return Nothing(f"{name}: no such kernel interface")
@@ -115,14 +115,14 @@ def plan_down(name: str, kernel: Kernel, link: Link | None) -> Step:
     if link.kind != "vcan":
         return _taken(link)
     if not link.is_ours:
-        return Taken(
+        return NameTaken(
             f"{name} was not made by `vcan up`, so it stays; to remove it all the same: "
             f"sudo {' '.join(remove)}"
         )
     return _if_allowed((remove,), kernel)
 
 
-def _up_recipe(name: str, kernel: Kernel, link: Link | None) -> tuple[tuple[str, ...], ...]:
+def _up_recipe(name: str, kernel: Kernel, link: KernelLink | None) -> tuple[tuple[str, ...], ...]:
     raise_it = ("ip", "link", "set", "dev", name, "up")
     if link is not None:
         return (raise_it,)
@@ -140,18 +140,20 @@ def _if_allowed(recipe: tuple[tuple[str, ...], ...], kernel: Kernel) -> Step:
     loads = any(words[0] == "modprobe" for words in recipe)
     typed = tuple(f"sudo {_quoted(words)}" for words in recipe)
     if not kernel.has_ip:
-        return Missing(
+        return NotAvailable(
             "the program `ip` is missing", ("sudo apt install iproute2   # or your system's like",)
         )
     if loads and not kernel.has_modprobe:
-        return Missing(
+        return NotAvailable(
             f"{kernel.evidence}, and the program `modprobe` is missing",
             ("sudo apt install kmod   # or your system's like",),
         )
     if not kernel.may_configure:
-        return Missing("no right to make interfaces (CAP_NET_ADMIN)", typed)
+        return NotAvailable("no right to make interfaces (CAP_NET_ADMIN)", typed)
     if loads and not kernel.may_load:
-        return Missing(f"{kernel.evidence}, and no right to load it (CAP_SYS_MODULE)", typed[:1])
+        return NotAvailable(
+            f"{kernel.evidence}, and no right to load it (CAP_SYS_MODULE)", typed[:1]
+        )
     return Commands(recipe)
 
 
@@ -159,11 +161,13 @@ def _quoted(words: tuple[str, ...]) -> str:
     return " ".join(f"'{word}'" if " " in word else word for word in words)
 
 
-def _taken(link: Link) -> Taken:
+def _taken(link: KernelLink) -> NameTaken:
     if link.kind == "can":
-        return Taken(
+        return NameTaken(
             f"{link.name} is a physical CAN interface, not a virtual one; to use it: "
             f"sudo ip link set dev {link.name} up type can bitrate 250000, "
             f"then --bus socketcan:{link.name}"
         )
-    return Taken(f"{link.name} exists, but it is of type {link.kind}, not vcan; take another name")
+    return NameTaken(
+        f"{link.name} exists, but it is of type {link.kind}, not vcan; take another name"
+    )

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from metro_tools.vcan_plan import ALIAS, CanSupport, Kernel, Link
+from metro_tools.vcan_plan import ALIAS, CanSupport, Kernel, KernelLink
 
 CAP_NET_ADMIN: Final = 12
 CAP_SYS_MODULE: Final = 16
@@ -22,7 +22,7 @@ IP_TIMEOUT_S: Final = 5
 
 
 @dataclass(frozen=True, slots=True)
-class Places:
+class SystemPaths:
     """Where to look; a test lays out a tree of its own."""
 
     root: Path = Path("/")
@@ -30,7 +30,7 @@ class Places:
     """Of the kernel, as `uname -r` says."""
 
 
-def survey_kernel(places: Places) -> Kernel:
+def survey_kernel(places: SystemPaths) -> Kernel:
     """What is there and what this process may do."""
     support, evidence = _support(places)
     capabilities = _capabilities(places.root / "proc/self/status")
@@ -44,7 +44,7 @@ def survey_kernel(places: Places) -> Kernel:
     )
 
 
-def _support(places: Places) -> tuple[CanSupport, str]:
+def _support(places: SystemPaths) -> tuple[CanSupport, str]:
     if not sys.platform.startswith("linux"):
         return CanSupport.ABSENT, f"this is {sys.platform}, and SocketCAN is Linux's"
     if (places.root / "sys/module/vcan").is_dir():
@@ -57,7 +57,7 @@ def _support(places: Places) -> tuple[CanSupport, str]:
     return CanSupport.ABSENT, "; ".join(_absence(places, modules))
 
 
-def _absence(places: Places, modules: Path) -> Iterator[str]:
+def _absence(places: SystemPaths, modules: Path) -> Iterator[str]:
     """How it is known that there is none, for a reader who doubts it."""
     if (fault := _can_socket_fault()) is not None:
         yield f"a CAN socket gives {fault!r}"
@@ -113,7 +113,7 @@ def _capabilities(status: Path) -> int:
     return -1 if os.geteuid() == 0 else 0
 
 
-def find_link(name: str, places: Places) -> Link | None:
+def find_link(name: str, places: SystemPaths) -> KernelLink | None:
     """The kernel's network interface of this name."""
     folder = places.root / "sys/class/net" / name
     if not folder.is_dir():
@@ -121,7 +121,7 @@ def find_link(name: str, places: Places) -> Link | None:
     kind = _link_kind(name, folder)
     heard = _statistic(folder, "rx_packets")
     sent = _statistic(folder, "tx_packets")
-    return Link(
+    return KernelLink(
         name=name,
         kind=kind,
         is_up=bool(_number(folder / "flags") & IFF_UP),
@@ -132,7 +132,7 @@ def find_link(name: str, places: Places) -> Link | None:
     )
 
 
-def can_links(places: Places) -> list[Link]:
+def can_links(places: SystemPaths) -> list[KernelLink]:
     """All CAN interfaces of the kernel, by name."""
     folder = places.root / "sys/class/net"
     names = sorted(entry.name for entry in folder.iterdir()) if folder.is_dir() else []

@@ -8,7 +8,7 @@ from can_dbc.vobc import AtoPhase
 
 
 @dataclass(slots=True)
-class Situation:
+class PhaseGuardInputs:
     """What the guards look at. Refilled each cycle."""
 
     enabled: bool = False
@@ -43,115 +43,115 @@ class Situation:
     """To drive on sight; the place may be unknown."""
 
 
-Guard = Callable[[Situation], bool]
+Guard = Callable[[PhaseGuardInputs], bool]
 
 
-def disabled(seen: Situation) -> bool:
+def disabled(seen: PhaseGuardInputs) -> bool:
     return not seen.enabled
 
 
-def creeps_in_motion(seen: Situation) -> bool:
+def creeps_in_motion(seen: PhaseGuardInputs) -> bool:
     return seen.enabled and seen.under_way and seen.creep
 
 
-def enabled_at_rest(seen: Situation) -> bool:
+def enabled_at_rest(seen: PhaseGuardInputs) -> bool:
     return seen.enabled and seen.resting
 
 
-def enabled_in_motion(seen: Situation) -> bool:
+def enabled_in_motion(seen: PhaseGuardInputs) -> bool:
     return seen.enabled and seen.under_way
 
 
-def work_waits(seen: Situation) -> bool:
+def work_waits(seen: PhaseGuardInputs) -> bool:
     return seen.resting and seen.at_stop and not seen.served
 
 
-def ready_to_depart(seen: Situation) -> bool:
+def ready_to_depart(seen: PhaseGuardInputs) -> bool:
     return seen.doors_locked and seen.departure_permitted and seen.may_go and seen.released
 
 
-def ready_to_creep(seen: Situation) -> bool:
+def ready_to_creep(seen: PhaseGuardInputs) -> bool:
     return seen.creep and ready_to_depart(seen)
 
 
-def ready_to_jog(seen: Situation) -> bool:
+def ready_to_jog(seen: PhaseGuardInputs) -> bool:
     return seen.may_jog and seen.doors_locked and seen.released
 
 
-def jog_over_at_stop(seen: Situation) -> bool:
+def jog_over_at_stop(seen: PhaseGuardInputs) -> bool:
     return seen.jog_over and seen.at_stop
 
 
-def jog_over(seen: Situation) -> bool:
+def jog_over(seen: PhaseGuardInputs) -> bool:
     return seen.jog_over
 
 
-def creeps_no_more(seen: Situation) -> bool:
+def creeps_no_more(seen: PhaseGuardInputs) -> bool:
     return not seen.creep and seen.under_way
 
 
-def creep_rests(seen: Situation) -> bool:
+def creep_rests(seen: PhaseGuardInputs) -> bool:
     """Nothing is left to creep for: the order is over, or the ceiling fell to nothing."""
     return seen.resting and not (seen.creep and seen.may_go)
 
 
-def help_waits(seen: Situation) -> bool:
+def help_waits(seen: PhaseGuardInputs) -> bool:
     return seen.resting and seen.keep_doors_open and seen.doors_enabled
 
 
-def doors_not_locked(seen: Situation) -> bool:
+def doors_not_locked(seen: PhaseGuardInputs) -> bool:
     return not seen.doors_locked
 
 
-def departure_forbidden(seen: Situation) -> bool:
+def departure_forbidden(seen: PhaseGuardInputs) -> bool:
     return not seen.departure_permitted and not seen.under_way
 
 
-def nowhere_to_go(seen: Situation) -> bool:
+def nowhere_to_go(seen: PhaseGuardInputs) -> bool:
     return not seen.may_go and not seen.under_way
 
 
-def under_way(seen: Situation) -> bool:
+def under_way(seen: PhaseGuardInputs) -> bool:
     return seen.under_way
 
 
-def rests_at_stop(seen: Situation) -> bool:
+def rests_at_stop(seen: PhaseGuardInputs) -> bool:
     return seen.resting and seen.at_stop
 
 
-def rests_elsewhere(seen: Situation) -> bool:
+def rests_elsewhere(seen: PhaseGuardInputs) -> bool:
     return seen.resting and not seen.at_stop
 
 
-def brakes_in_stopping_zone(seen: Situation) -> bool:
+def brakes_in_stopping_zone(seen: PhaseGuardInputs) -> bool:
     return seen.braking and seen.in_stopping_zone
 
 
-def brakes(seen: Situation) -> bool:
+def brakes(seen: PhaseGuardInputs) -> bool:
     return seen.braking
 
 
-def brakes_no_more(seen: Situation) -> bool:
+def brakes_no_more(seen: PhaseGuardInputs) -> bool:
     return not seen.braking and not seen.resting
 
 
-def nothing_to_do(seen: Situation) -> bool:
+def nothing_to_do(seen: PhaseGuardInputs) -> bool:
     return seen.served
 
 
-def stop_given_up(seen: Situation) -> bool:
+def stop_given_up(seen: PhaseGuardInputs) -> bool:
     return not seen.at_stop
 
 
-def doors_may_open(seen: Situation) -> bool:
+def doors_may_open(seen: PhaseGuardInputs) -> bool:
     return seen.has_door_work and seen.doors_enabled
 
 
-def dwell_done(seen: Situation) -> bool:
+def dwell_done(seen: PhaseGuardInputs) -> bool:
     return seen.dwell_over and seen.may_go and not seen.stays and not seen.keep_doors_open
 
 
-def locked(seen: Situation) -> bool:
+def locked(seen: PhaseGuardInputs) -> bool:
     return seen.doors_locked
 
 
@@ -239,7 +239,7 @@ SETTING_OFF: Final = frozenset({AtoPhase.DEPARTING, AtoPhase.JOGGING, AtoPhase.C
 """Phases that may begin against the holding brake."""
 
 
-def next_phase(phase: AtoPhase, seen: Situation) -> AtoPhase:
+def next_phase(phase: AtoPhase, seen: PhaseGuardInputs) -> AtoPhase:
     """The first guard that holds decides; when none holds the phase stays."""
     for guard, target in TRANSITIONS[phase]:
         if guard(seen):

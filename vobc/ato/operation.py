@@ -9,7 +9,7 @@ from firmware_py.trackdb import LineMap, Station
 from vobc.ato.laws import make_strategy
 from vobc.ato.laws.law import Drive, Strategy, Target
 from vobc.ato.laws.slow_movement import SlowDrive
-from vobc.ato.mode import DRIVING, SETTING_OFF, Situation, next_phase
+from vobc.ato.mode import DRIVING, SETTING_OFF, PhaseGuardInputs, next_phase
 from vobc.ato.model.receding_authority import RecedingEnd
 from vobc.ato.motion import gradient
 from vobc.ato.motion.shaper import Shaper
@@ -87,7 +87,7 @@ class Ato:
         self._shaper = Shaper(config.limits)
         self._stage = make_stage(config.output)
         self._sent_mps2 = 0.0
-        self._seen = Situation()
+        self._seen = PhaseGuardInputs()
         self.phase = AtoPhase.OFF
 
     @property

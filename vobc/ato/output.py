@@ -22,7 +22,7 @@ FAR_NOTCHES: Final = 4
 """A change over so many notches does not wait for the dwell time."""
 
 
-class Stage(Protocol):
+class StageOutput(Protocol):
     def pick(self, wanted_mps2: float, dt_s: float, *, firm: bool) -> float:
         """What the shaper shall head for, of what is wanted.
 
@@ -166,7 +166,7 @@ class CurrentLoop:
         return current_loop.traction_ratio(self.traction_ma) * self._traction_full_mps2
 
 
-def make_stage(config: OutputStage) -> Stage:
+def make_stage(config: OutputStage) -> StageOutput:
     """A fresh stage of the kind that the settings name."""
     if config.stage == "notches":
         return Notches(config)

@@ -5,19 +5,19 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 from can_dbc.vobc import Cause
-from vobc.atp.place import Whereabouts
+from vobc.atp.place import PlatformWhereabouts
 
 
-class Situation(NamedTuple):
+class AlarmGuardInputs(NamedTuple):
     """Where an alarm meets the train."""
 
-    where: Whereabouts
+    where: PlatformWhereabouts
     leaving: bool
     """It moves, and part of it is at a platform where it stood or whose stop it has passed."""
 
 
 @dataclass(frozen=True, slots=True)
-class Answer:
+class AlarmResponse:
     emergency: Cause = Cause.NONE
     stop_now: bool = False
     stop_next: bool = False
@@ -25,50 +25,50 @@ class Answer:
     """Not to depart, and where doors may open, they open and stay open."""
 
 
-NOTHING: Final = Answer()
-GO_ON: Final = Answer(stop_next=True)
+NOTHING: Final = AlarmResponse()
+GO_ON: Final = AlarmResponse(stop_next=True)
 """Nobody can be helped between stations: the next one is served, whatever was planned."""
-STAY: Final = Answer(stay=True)
-STOP_AND_STAY: Final = Answer(stop_next=True, stay=True)
-STOP_HERE: Final = Answer(stop_now=True, stay=True)
+STAY: Final = AlarmResponse(stay=True)
+STOP_AND_STAY: Final = AlarmResponse(stop_next=True, stay=True)
+STOP_HERE: Final = AlarmResponse(stop_now=True, stay=True)
 """It has hardly moved: doors can open again where it comes to rest by the service brake."""
-_PULLED_AWAY_FROM_PLATFORM: Final = Answer(emergency=Cause.PASSENGER_ALARM, stay=True)
+_PULLED_AWAY_FROM_PLATFORM: Final = AlarmResponse(emergency=Cause.PASSENGER_ALARM, stay=True)
 """Somebody may be caught in a door: nothing is quick enough."""
-_UNLOCKED: Final = Answer(emergency=Cause.DOOR_UNLOCKED)
+_UNLOCKED: Final = AlarmResponse(emergency=Cause.DOOR_UNLOCKED)
 
-_W = Whereabouts
+_W = PlatformWhereabouts
 
-PASSENGER_ALARM: Final[Mapping[Situation, Answer]] = {
-    Situation(_W.UNKNOWN, False): GO_ON,
-    Situation(_W.BETWEEN, False): GO_ON,
-    Situation(_W.ARRIVING, False): GO_ON,
-    Situation(_W.ARRIVING, True): _PULLED_AWAY_FROM_PLATFORM,
-    Situation(_W.NEAR, False): STOP_AND_STAY,
-    Situation(_W.NEAR, True): _PULLED_AWAY_FROM_PLATFORM,
-    Situation(_W.ALIGNED, False): STOP_AND_STAY,
-    Situation(_W.ALIGNED, True): STOP_HERE,
-    Situation(_W.PAST, False): STAY,
-    Situation(_W.PAST, True): _PULLED_AWAY_FROM_PLATFORM,
+PASSENGER_ALARM: Final[Mapping[AlarmGuardInputs, AlarmResponse]] = {
+    AlarmGuardInputs(_W.UNKNOWN, False): GO_ON,
+    AlarmGuardInputs(_W.BETWEEN, False): GO_ON,
+    AlarmGuardInputs(_W.ARRIVING, False): GO_ON,
+    AlarmGuardInputs(_W.ARRIVING, True): _PULLED_AWAY_FROM_PLATFORM,
+    AlarmGuardInputs(_W.NEAR, False): STOP_AND_STAY,
+    AlarmGuardInputs(_W.NEAR, True): _PULLED_AWAY_FROM_PLATFORM,
+    AlarmGuardInputs(_W.ALIGNED, False): STOP_AND_STAY,
+    AlarmGuardInputs(_W.ALIGNED, True): STOP_HERE,
+    AlarmGuardInputs(_W.PAST, False): STAY,
+    AlarmGuardInputs(_W.PAST, True): _PULLED_AWAY_FROM_PLATFORM,
 }
-FIRE: Final[Mapping[Situation, Answer]] = {
+FIRE: Final[Mapping[AlarmGuardInputs, AlarmResponse]] = {
     **PASSENGER_ALARM,
     # Nobody hangs in a door: better the next station than half a train in the tunnel.
-    Situation(_W.ARRIVING, True): GO_ON,
-    Situation(_W.NEAR, True): GO_ON,
-    Situation(_W.PAST, False): GO_ON,
-    Situation(_W.PAST, True): GO_ON,
+    AlarmGuardInputs(_W.ARRIVING, True): GO_ON,
+    AlarmGuardInputs(_W.NEAR, True): GO_ON,
+    AlarmGuardInputs(_W.PAST, False): GO_ON,
+    AlarmGuardInputs(_W.PAST, True): GO_ON,
 }
-DOOR_UNLOCKED: Final[Mapping[Situation, Answer]] = {
-    Situation(_W.UNKNOWN, False): _UNLOCKED,
-    Situation(_W.BETWEEN, False): GO_ON,
-    Situation(_W.ARRIVING, False): GO_ON,
-    Situation(_W.ARRIVING, True): _UNLOCKED,
-    Situation(_W.NEAR, False): GO_ON,
-    Situation(_W.NEAR, True): _UNLOCKED,
-    Situation(_W.ALIGNED, False): GO_ON,
-    Situation(_W.ALIGNED, True): _UNLOCKED,
-    Situation(_W.PAST, False): _UNLOCKED,
-    Situation(_W.PAST, True): _UNLOCKED,
+DOOR_UNLOCKED: Final[Mapping[AlarmGuardInputs, AlarmResponse]] = {
+    AlarmGuardInputs(_W.UNKNOWN, False): _UNLOCKED,
+    AlarmGuardInputs(_W.BETWEEN, False): GO_ON,
+    AlarmGuardInputs(_W.ARRIVING, False): GO_ON,
+    AlarmGuardInputs(_W.ARRIVING, True): _UNLOCKED,
+    AlarmGuardInputs(_W.NEAR, False): GO_ON,
+    AlarmGuardInputs(_W.NEAR, True): _UNLOCKED,
+    AlarmGuardInputs(_W.ALIGNED, False): GO_ON,
+    AlarmGuardInputs(_W.ALIGNED, True): _UNLOCKED,
+    AlarmGuardInputs(_W.PAST, False): _UNLOCKED,
+    AlarmGuardInputs(_W.PAST, True): _UNLOCKED,
 }
 """For a train that moves. Traction is cut in any case; without it a train may roll to the next
 station."""

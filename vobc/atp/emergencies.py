@@ -8,9 +8,9 @@ from typing import Final
 from can_dbc.vobc import Cause, OperatingMode, Supervision
 from vobc.atp.inputs import LOCALISATION, VITAL_IN_MOTION
 from vobc.atp.modes import SUPERVISED
-from vobc.atp.seen import Seen
+from vobc.atp.seen import GuardInputs
 
-Guard = Callable[[Seen], bool]
+Guard = Callable[[GuardInputs], bool]
 
 
 class When(enum.Enum):
@@ -31,7 +31,7 @@ class Reset(enum.IntFlag):
 # Speed.
 
 
-def over_emergency(seen: Seen) -> bool:
+def over_emergency(seen: GuardInputs) -> bool:
     """A bound of the speed reaches the limit; a train that stands exceeds nothing.
 
     Under full supervision the second computation may say so first: either of the two is enough.
@@ -42,12 +42,12 @@ def over_emergency(seen: Seen) -> bool:
     )
 
 
-def surely_slower(seen: Seen, limit_mps: float) -> bool:
+def surely_slower(seen: GuardInputs, limit_mps: float) -> bool:
     """By both bounds of the speed, forwards and backwards; one that is no number is not."""
     return -limit_mps < seen.speed_mps.low and seen.speed_mps.high < limit_mps
 
 
-def past_authority(seen: Seen) -> bool:
+def past_authority(seen: GuardInputs) -> bool:
     return (
         not seen.standing
         and seen.mode in SUPERVISED
@@ -55,7 +55,7 @@ def past_authority(seen: Seen) -> bool:
     )
 
 
-def authority_too_old(seen: Seen) -> bool:
+def authority_too_old(seen: GuardInputs) -> bool:
     return (
         not seen.standing
         and seen.mode in SUPERVISED
@@ -66,100 +66,100 @@ def authority_too_old(seen: Seen) -> bool:
 # Place and direction.
 
 
-def rolled_back(seen: Seen) -> bool:
+def rolled_back(seen: GuardInputs) -> bool:
     return not seen.rollback_m < seen.limits.rollback_m
 
 
-def backed_too_far(seen: Seen) -> bool:
+def backed_too_far(seen: GuardInputs) -> bool:
     """Behind what protects the rear of a jog."""
     return not seen.behind_jog_m < seen.limits.rollback_m
 
 
-def jog_exceeded(seen: Seen) -> bool:
+def jog_exceeded(seen: GuardInputs) -> bool:
     return seen.station_cause is Cause.JOG_EXCEEDED or not seen.jog_movement_m < seen.limits.jog_m
 
 
-def moved_while_held(seen: Seen) -> bool:
+def moved_while_held(seen: GuardInputs) -> bool:
     return seen.mode is not OperatingMode.ASLEEP and _moved(seen)
 
 
-def moved_while_asleep(seen: Seen) -> bool:
+def moved_while_asleep(seen: GuardInputs) -> bool:
     return seen.mode is OperatingMode.ASLEEP and _moved(seen)
 
 
-def _moved(seen: Seen) -> bool:
+def _moved(seen: GuardInputs) -> bool:
     return not seen.held_movement_m < seen.limits.held_movement_m
 
 
 # Inputs and the controller itself.
 
 
-def vital_lost(seen: Seen) -> bool:
+def vital_lost(seen: GuardInputs) -> bool:
     """Silence counts; a unit that says it is not ready still answers, and the train may coast."""
     return not seen.standing and bool(seen.silent & VITAL_IN_MOTION)
 
 
-def localisation_lost(seen: Seen) -> bool:
+def localisation_lost(seen: GuardInputs) -> bool:
     return not seen.standing and seen.mode in SUPERVISED and bool(seen.missing & LOCALISATION)
 
 
-def brake_unit_braked(seen: Seen) -> bool:
+def brake_unit_braked(seen: GuardInputs) -> bool:
     return not seen.standing and seen.brake_unit_braked
 
 
-def overrun(seen: Seen) -> bool:
+def overrun(seen: GuardInputs) -> bool:
     return not seen.standing and seen.overruns > seen.limits.overruns_max
 
 
-def not_finite(seen: Seen) -> bool:
+def not_finite(seen: GuardInputs) -> bool:
     return seen.not_finite
 
 
-def clock_stepped(seen: Seen) -> bool:
+def clock_stepped(seen: GuardInputs) -> bool:
     return seen.clock_stepped
 
 
-def replicas_disagree(seen: Seen) -> bool:
+def replicas_disagree(seen: GuardInputs) -> bool:
     return seen.replicas_disagree
 
 
 # People, centre, stations.
 
 
-def button(seen: Seen) -> bool:
+def button(seen: GuardInputs) -> bool:
     return seen.button_pressed
 
 
-def ordered_by_centre(seen: Seen) -> bool:
+def ordered_by_centre(seen: GuardInputs) -> bool:
     return seen.ordered_to_stop
 
 
-def obstacle(seen: Seen) -> bool:
+def obstacle(seen: GuardInputs) -> bool:
     return seen.station_cause is Cause.OBSTACLE
 
 
-def door_unlocked(seen: Seen) -> bool:
+def door_unlocked(seen: GuardInputs) -> bool:
     return seen.station_cause is Cause.DOOR_UNLOCKED
 
 
-def passenger_alarm(seen: Seen) -> bool:
+def passenger_alarm(seen: GuardInputs) -> bool:
     return seen.station_cause is Cause.PASSENGER_ALARM
 
 
-def overshot(seen: Seen) -> bool:
+def overshot(seen: GuardInputs) -> bool:
     return seen.station_cause is Cause.OVERSHOT
 
 
-def overshot_little(seen: Seen) -> bool:
+def overshot_little(seen: GuardInputs) -> bool:
     return seen.overshot_little
 
 
-def never(_seen: Seen) -> bool:
+def never(_seen: GuardInputs) -> bool:
     return False
 
 
 @dataclass(frozen=True, slots=True)
-class Rule:
+class EmergencyRule:
     """One cause, from its coming to its release."""
 
     cause: Cause
@@ -177,33 +177,35 @@ EITHER: Final = Reset.DESK | Reset.CENTRE
 
 RULES: Final = (
     # What makes every other answer worthless comes first, then people, then the train.
-    Rule(Cause.NOT_FINITE, not_finite, When.ALWAYS, Reset.DESK, "a number was not finite"),
-    Rule(Cause.CLOCK_STEPPED, clock_stepped, When.ALWAYS, Reset.DESK, "the clock stepped"),
-    Rule(
+    EmergencyRule(Cause.NOT_FINITE, not_finite, When.ALWAYS, Reset.DESK, "a number was not finite"),
+    EmergencyRule(Cause.CLOCK_STEPPED, clock_stepped, When.ALWAYS, Reset.DESK, "the clock stepped"),
+    EmergencyRule(
         Cause.REPLICAS_DISAGREE,
         replicas_disagree,
         When.ALWAYS,
         Reset.DESK,
         "the two computations of protection disagree",
     ),
-    Rule(Cause.BUTTON, button, When.ALWAYS, Reset.DESK, "emergency button pressed"),
-    Rule(Cause.REMOTE, ordered_by_centre, When.ALWAYS, Reset.CENTRE, "ordered by the centre"),
-    Rule(Cause.OBSTACLE, obstacle, When.ALWAYS, EITHER, "obstacle touched"),
-    Rule(
+    EmergencyRule(Cause.BUTTON, button, When.ALWAYS, Reset.DESK, "emergency button pressed"),
+    EmergencyRule(
+        Cause.REMOTE, ordered_by_centre, When.ALWAYS, Reset.CENTRE, "ordered by the centre"
+    ),
+    EmergencyRule(Cause.OBSTACLE, obstacle, When.ALWAYS, EITHER, "obstacle touched"),
+    EmergencyRule(
         Cause.DOOR_UNLOCKED,
         door_unlocked,
         When.MOVING,
         EITHER,
         "doors not locked at or leaving a platform",
     ),
-    Rule(
+    EmergencyRule(
         Cause.PASSENGER_ALARM,
         passenger_alarm,
         When.MOVING,
         EITHER,
         "passenger alarm at or leaving a platform",
     ),
-    Rule(
+    EmergencyRule(
         Cause.OVERSHOT,
         overshot,
         When.MOVING,
@@ -211,72 +213,72 @@ RULES: Final = (
         "stopping point overshot",
         by_itself=overshot_little,
     ),
-    Rule(
+    EmergencyRule(
         Cause.VITAL_INPUT_LOST,
         vital_lost,
         When.MOVING,
         EITHER,
         "vital input lost while moving",
     ),
-    Rule(
+    EmergencyRule(
         Cause.BRAKE_UNIT,
         brake_unit_braked,
         When.MOVING,
         EITHER,
         "the brake unit braked by itself",
     ),
-    Rule(
+    EmergencyRule(
         Cause.LOCALISATION_LOST,
         localisation_lost,
         When.MOVING,
         EITHER,
         "localisation lost while moving",
     ),
-    Rule(
+    EmergencyRule(
         Cause.AUTHORITY_OLD,
         authority_too_old,
         When.MOVING,
         EITHER,
         "movement authority too old",
     ),
-    Rule(
+    EmergencyRule(
         Cause.PAST_AUTHORITY,
         past_authority,
         When.MOVING,
         EITHER,
         "front may be beyond the end of authority",
     ),
-    Rule(
+    EmergencyRule(
         Cause.OVERSPEED,
         over_emergency,
         When.MOVING,
         EITHER,
         "speed at or over the emergency limit",
     ),
-    Rule(
+    EmergencyRule(
         Cause.WRONG_DIRECTION,
         backed_too_far,
         When.MOVING,
         EITHER,
         "train moves against its direction",
     ),
-    Rule(Cause.ROLLBACK, rolled_back, When.MOVING, EITHER, "train rolled back"),
-    Rule(
+    EmergencyRule(Cause.ROLLBACK, rolled_back, When.MOVING, EITHER, "train rolled back"),
+    EmergencyRule(
         Cause.JOG_EXCEEDED,
         jog_exceeded,
         When.MOVING,
         EITHER,
         "jog too far, too fast or once too often",
     ),
-    Rule(Cause.OVERRUN, overrun, When.MOVING, EITHER, "control cycles missed"),
-    Rule(
+    EmergencyRule(Cause.OVERRUN, overrun, When.MOVING, EITHER, "control cycles missed"),
+    EmergencyRule(
         Cause.ASLEEP_MOVED,
         moved_while_asleep,
         When.HELD,
         EITHER,
         "train moved while asleep",
     ),
-    Rule(
+    EmergencyRule(
         Cause.HELD_TRAIN_MOVED,
         moved_while_held,
         When.HELD,
@@ -301,7 +303,7 @@ LOOKED_AT: Final = {
 """Rules that count in each state. A train under the emergency brake is a train that is held."""
 
 
-def latched_after(state: Supervision, seen: Seen) -> tuple[Cause, ...]:
+def latched_after(state: Supervision, seen: GuardInputs) -> tuple[Cause, ...]:
     """What keeps the emergency brake on from now on: what did and is not released, what came.
 
     Every cause is released by whom its own rule names; the brake comes off when none is left.
@@ -313,7 +315,7 @@ def latched_after(state: Supervision, seen: Seen) -> tuple[Cause, ...]:
     return tuple(kept)
 
 
-def released(rule: Rule, seen: Seen) -> bool:
+def released(rule: EmergencyRule, seen: GuardInputs) -> bool:
     """The train stands, the cause is gone, and somebody who may has just reset it."""
     if not seen.at_rest or (rule.when is When.ALWAYS and rule.comes(seen)):
         return False

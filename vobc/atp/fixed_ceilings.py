@@ -4,7 +4,7 @@ from vobc.atp.config import AtpConfig
 from vobc.vocabulary import Ceiling
 
 
-class FlatCeilings:
+class FixedCeilings:
     """One speed each, with small margins of their own."""
 
     def __init__(self, config: AtpConfig) -> None:

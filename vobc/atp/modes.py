@@ -16,9 +16,9 @@ from vobc.atp.inputs import (
     TAG_READER,
     TRACTION,
 )
-from vobc.atp.seen import Seen
+from vobc.atp.seen import GuardInputs
 
-Guard = Callable[[Seen], bool]
+Guard = Callable[[GuardInputs], bool]
 
 ON_SIGHT: Final = BRAKE | TRACTION | ODOMETER | DOORS | DESK
 """Without these nothing ever moves."""
@@ -48,43 +48,43 @@ UNHEEDED: Final[Mapping[OperatingMode, Inhibit]] = {
 """What keeps a train from departing, but not from moving in this mode."""
 
 
-def told_to_sleep(seen: Seen) -> bool:
+def told_to_sleep(seen: GuardInputs) -> bool:
     return seen.sleep_ordered and seen.at_rest
 
 
-def woken(seen: Seen) -> bool:
+def woken(seen: GuardInputs) -> bool:
     return not seen.sleep_ordered
 
 
-def emergency_at_rest(seen: Seen) -> bool:
+def emergency_at_rest(seen: GuardInputs) -> bool:
     """What was permitted before an emergency has to be asked for again."""
     return seen.standing and bool(seen.latched)
 
 
-def ready_at_standstill(seen: Seen) -> bool:
+def ready_at_standstill(seen: GuardInputs) -> bool:
     """On an authority that the next moment makes too old nothing begins."""
     return _may_begin(seen, OperatingMode.AUTHORISED) and authority_is_fresh(seen)
 
 
-def creep_ordered(seen: Seen) -> bool:
+def creep_ordered(seen: GuardInputs) -> bool:
     return seen.creep_ordered and _may_begin(seen, OperatingMode.CREEP)
 
 
-def sight_asked(seen: Seen) -> bool:
+def sight_asked(seen: GuardInputs) -> bool:
     return seen.sight_asked and _may_begin(seen, OperatingMode.RESTRICTED)
 
 
-def _may_begin(seen: Seen, mode: OperatingMode) -> bool:
+def _may_begin(seen: GuardInputs, mode: OperatingMode) -> bool:
     return seen.at_rest and not seen.latched and not seen.missing & NEEDED[mode]
 
 
-def authority_is_fresh(seen: Seen) -> bool:
+def authority_is_fresh(seen: GuardInputs) -> bool:
     """Far from too old: it asks for no service brake yet."""
     limits = seen.limits
     return seen.authority_age_s < limits.authority_service_ratio * limits.authority_age_max_s
 
 
-def place_and_authority_found(seen: Seen) -> bool:
+def place_and_authority_found(seen: GuardInputs) -> bool:
     """Full supervision takes over only from a train that is already well within it."""
     quick_mps = seen.speed_mps.high + seen.limits.takeover_margin_mps
     return (
@@ -95,24 +95,24 @@ def place_and_authority_found(seen: Seen) -> bool:
     )
 
 
-def lacks_at_rest(seen: Seen) -> bool:
+def lacks_at_rest(seen: GuardInputs) -> bool:
     """The quick sign is enough to hold a train; only letting it go takes the proof."""
     return seen.standing and bool(seen.missing & NEEDED[seen.mode])
 
 
-def person_gone_at_rest(seen: Seen) -> bool:
+def person_gone_at_rest(seen: GuardInputs) -> bool:
     return seen.standing and not seen.person_at_desk
 
 
-def creep_over_at_rest(seen: Seen) -> bool:
+def creep_over_at_rest(seen: GuardInputs) -> bool:
     return seen.standing and not seen.creep_ordered
 
 
-def jog_granted(seen: Seen) -> bool:
+def jog_granted(seen: GuardInputs) -> bool:
     return seen.standing and seen.jog_granted
 
 
-def jog_over_at_rest(seen: Seen) -> bool:
+def jog_over_at_rest(seen: GuardInputs) -> bool:
     return seen.standing and not seen.jog_granted
 
 
@@ -153,7 +153,7 @@ TRANSITIONS: Final[Mapping[OperatingMode, tuple[tuple[Guard, OperatingMode], ...
 """The only ways up without standing still lead into full supervision."""
 
 
-def next_mode(mode: OperatingMode, seen: Seen) -> OperatingMode:
+def next_mode(mode: OperatingMode, seen: GuardInputs) -> OperatingMode:
     """The first guard that holds decides; when none holds the mode stays."""
     for guard, target in TRANSITIONS[mode]:
         if guard(seen):

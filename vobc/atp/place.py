@@ -9,7 +9,7 @@ from vobc.atp.doors import is_aligned
 from vobc.vocabulary import Interval
 
 
-class Whereabouts(enum.Enum):
+class PlatformWhereabouts(enum.Enum):
     UNKNOWN = "not localised"
     BETWEEN = "no part of the train is at a platform"
     ARRIVING = "some part is at a platform, and the front short of its stopping point"
@@ -18,28 +18,30 @@ class Whereabouts(enum.Enum):
     PAST = "the front is surely past that window, and the rear not surely clear of the platform"
 
 
-class Place(NamedTuple):
-    where: Whereabouts
+class PlatformPlace(NamedTuple):
+    where: PlatformWhereabouts
     station: Station | None
     """Whose platform it is; None where there is none."""
 
 
-UNKNOWN = Place(Whereabouts.UNKNOWN, None)
-BETWEEN = Place(Whereabouts.BETWEEN, None)
+UNKNOWN = PlatformPlace(PlatformWhereabouts.UNKNOWN, None)
+BETWEEN = PlatformPlace(PlatformWhereabouts.BETWEEN, None)
 
 
 def place_of(
     stations: Sequence[Station], front_m: Interval, *, train_length_m: float, window_m: float
-) -> Place:
+) -> PlatformPlace:
     """The platform that the train may touch; of two it is the one behind, which it has to clear."""
     rear_m = front_m.low - train_length_m
     for station in stations:
         if front_m.high < station.platform_start_m or station.platform_end_m < rear_m:
             continue
         if is_aligned(station, front_m, window_m=window_m):
-            return Place(Whereabouts.ALIGNED, station)
+            return PlatformPlace(PlatformWhereabouts.ALIGNED, station)
         if front_m.low > station.stop_m + window_m:
-            return Place(Whereabouts.PAST, station)
+            return PlatformPlace(PlatformWhereabouts.PAST, station)
         short = front_m.best < station.stop_m - window_m
-        return Place(Whereabouts.ARRIVING if short else Whereabouts.NEAR, station)
+        return PlatformPlace(
+            PlatformWhereabouts.ARRIVING if short else PlatformWhereabouts.NEAR, station
+        )
     return BETWEEN

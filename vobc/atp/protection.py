@@ -13,7 +13,7 @@ from vobc.atp.config import AtpConfig
 from vobc.atp.doors import SHUT
 from vobc.atp.emergencies import in_cause_words, latched_after
 from vobc.atp.energy_check import EnergyCheck, Replicas
-from vobc.atp.fixed_ceilings import FlatCeilings
+from vobc.atp.fixed_ceilings import FixedCeilings
 from vobc.atp.health import BrakeUnitWatch, Resets, StopWatch, clock_stepped
 from vobc.atp.inputs import (
     ALARMS,
@@ -28,13 +28,13 @@ from vobc.atp.inputs import (
 )
 from vobc.atp.modes import NEEDED, UNHEEDED, authority_is_fresh, next_mode
 from vobc.atp.movement import Movements
-from vobc.atp.seen import NOWHERE, Seen
+from vobc.atp.seen import NOWHERE, GuardInputs
 from vobc.atp.station import StationGuard, StationVerdict
 from vobc.atp.supervision import authority_ages, next_state, permission_gone, stops_not
-from vobc.atp.verdict import Verdict
+from vobc.atp.verdict import ProtectionVerdict
 from vobc.vocabulary import Ceiling, CycleInput, Interval, Motion, Orders
 
-__all__ = ["Protection", "Verdict"]
+__all__ = ["Protection", "ProtectionVerdict"]
 
 MOVING_STATES: Final = (Supervision.NOMINAL, Supervision.WARNING, Supervision.SERVICE)
 INHIBITS: Final = tuple(Inhibit(number) for number in range(2 * Inhibit.CENTRE_SILENT))
@@ -57,7 +57,7 @@ class Protection:
             build_up_s=config.brake_build_up_s,
         )
         self._ceilings = CeilingMap(config, braking, line, train_length_m=train_length_m)
-        self._flat = FlatCeilings(config)
+        self._flat = FixedCeilings(config)
         check = EnergyCheck(config, line, train_length_m=train_length_m, cycle_s=cycle_s)
         self._replicas = Replicas(config, check)
         self._station = StationGuard(config, line, train_length_m=train_length_m)
@@ -67,7 +67,7 @@ class Protection:
         self._movement = Movements()
         self._bypass = False
         self._state = Supervision.NO_AUTHORITY
-        self._seen = Seen(config)
+        self._seen = GuardInputs(config)
 
     def step(
         self,
@@ -77,7 +77,7 @@ class Protection:
         odometer_usable: bool,
         not_finite: bool,
         stopping_at_m: float | None = None,
-    ) -> Verdict:
+    ) -> ProtectionVerdict:
         """Decide once.
 
         Args:
@@ -223,13 +223,13 @@ class Protection:
 
     # What goes out.
 
-    def _blind(self) -> Verdict:
+    def _blind(self) -> ProtectionVerdict:
         """Nothing was ever heard of the wheels: the train is held, nothing else is known."""
         seen = self._seen
         if self._state in MOVING_STATES:
             seen.latched = (Cause.VITAL_INPUT_LOST,)
             self._state = Supervision.EMERGENCY
-        return Verdict(
+        return ProtectionVerdict(
             supervision=self._state,
             cause=self._words(),
             missing=FLAGS[seen.missing],
@@ -244,7 +244,9 @@ class Protection:
             emergency_cause=self._cause,
         )
 
-    def _verdict(self, image: CycleInput, motion: Motion, station: StationVerdict) -> Verdict:
+    def _verdict(
+        self, image: CycleInput, motion: Motion, station: StationVerdict
+    ) -> ProtectionVerdict:
         seen, state = self._seen, self._state
         mode, ceiling = seen.mode, seen.ceiling
         may_move = state in MOVING_STATES
@@ -256,7 +258,7 @@ class Protection:
         jogs = mode is OperatingMode.JOG and may_move and station.jog_permitted
         back_m = station.jog_back_m if jogs else 0.0
         asleep = mode is OperatingMode.ASLEEP
-        return Verdict(
+        return ProtectionVerdict(
             supervision=state,
             cause=self._words(),
             missing=FLAGS[seen.missing],
@@ -311,7 +313,7 @@ class Protection:
         return "speed over the warning limit" if state is Supervision.WARNING else ""
 
 
-def _waiting(seen: Seen) -> str:
+def _waiting(seen: GuardInputs) -> str:
     if seen.mode is OperatingMode.ASLEEP:
         return "asleep"
     lacking = seen.missing & NEEDED[OperatingMode.AUTHORISED]
@@ -322,7 +324,7 @@ def _waiting(seen: Seen) -> str:
     return "waits until standstill is proven"
 
 
-def _why_service(seen: Seen) -> str:
+def _why_service(seen: GuardInputs) -> str:
     if authority_ages(seen):
         return "movement authority is getting old"
     if permission_gone(seen):

@@ -8,7 +8,7 @@ from vobc.vocabulary import CycleInput
 
 
 @dataclass(frozen=True, slots=True)
-class Heard:
+class StationInputs:
     centre: bool
     """The orders are fresh. All that the centre permits is false while they are not."""
     doors_left: bool
@@ -30,13 +30,13 @@ class Heard:
     """Certainly not touched."""
 
 
-def listen(seen: CycleInput, config: AtpConfig, gone: int) -> Heard:
+def listen(seen: CycleInput, config: AtpConfig, gone: int) -> StationInputs:
     """`gone` says what is not heard, as flags of `Missing`."""
     orders = seen.orders if seen.orders_age_s <= config.orders_age_max_s else None
     desk = None if gone & DESK else seen.desk
     doors = None if gone & DOORS else seen.doors
     alarms = seen.alarms if seen.alarms_age_s <= config.timeouts.alarms_s else None
-    return Heard(
+    return StationInputs(
         centre=orders is not None,
         doors_left=orders is not None and orders.doors_left,
         doors_right=orders is not None and orders.doors_right,

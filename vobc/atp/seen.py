@@ -14,7 +14,7 @@ STILL: Final = Interval(0.0, 0.0, 0.0)
 
 
 @dataclass(slots=True)
-class Seen:
+class GuardInputs:
     """Everything that a guard may know. What is no number makes a guard decide for the brake."""
 
     limits: AtpConfig

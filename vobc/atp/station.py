@@ -7,14 +7,14 @@ from typing import Final, NamedTuple
 from can_dbc.vobc import Cause, Inhibit, Withheld
 from firmware_py.trackdb import LineMap, PlatformSide, Station
 from vobc.atp import alarms
-from vobc.atp.alarms import Answer, Situation
+from vobc.atp.alarms import AlarmGuardInputs, AlarmResponse
 from vobc.atp.config import AtpConfig
 from vobc.atp.departure import NOT_AGAINST_JOG, DepartureTerms, inhibits
 from vobc.atp.doors import DoorEnable, DoorTerms, enabled_doors, withheld
 from vobc.atp.inputs import AUTHORITY, BRAKE, ODOMETER, TRACTION
 from vobc.atp.jog import MOVED_M, JogFacts, JogGuard, JogVerdict
-from vobc.atp.place import UNKNOWN, Place, Whereabouts, place_of
-from vobc.atp.received import Heard, listen
+from vobc.atp.place import UNKNOWN, PlatformPlace, PlatformWhereabouts, place_of
+from vobc.atp.received import StationInputs, listen
 from vobc.vocabulary import CycleInput, Interval, Motion
 
 _AGAINST_JOG: Final = ~int(NOT_AGAINST_JOG)
@@ -49,17 +49,17 @@ class StationVerdict:
 class _Answers(NamedTuple):
     """To everything that is wrong on board, the weightiest first."""
 
-    lock: Answer
-    passenger_alarm: Answer
-    fire: Answer
+    lock: AlarmResponse
+    passenger_alarm: AlarmResponse
+    fire: AlarmResponse
 
 
 @dataclass(frozen=True, slots=True)
 class _Found:
     """All that a cycle has found out, before it becomes one verdict."""
 
-    heard: Heard
-    place: Place
+    heard: StationInputs
+    place: PlatformPlace
     standing: bool
     answers: _Answers
     alarm: bool
@@ -141,7 +141,7 @@ class StationGuard:
         )
         return _verdict(found)
 
-    def _place(self, motion: Motion) -> Place:
+    def _place(self, motion: Motion) -> PlatformPlace:
         if not motion.localised:
             return UNKNOWN
         return place_of(
@@ -151,7 +151,7 @@ class StationGuard:
             window_m=self._config.door_window_m,
         )
 
-    def _moved_m(self, motion: Motion, place: Place) -> float:
+    def _moved_m(self, motion: Motion, place: PlatformPlace) -> float:
         """Since the train last stood. One that was met in motion has moved for ever."""
         if _rests(motion):
             self._stood_m, self._stood_at = motion.travel_m, place.station
@@ -166,7 +166,9 @@ class StationGuard:
             return abs(moved_m)
         return max(abs(moved_m), front_m.high - stood_m.low, stood_m.high - front_m.low)
 
-    def _answers(self, heard: Heard, place: Place, motion: Motion, *, moving: bool) -> _Answers:
+    def _answers(
+        self, heard: StationInputs, place: PlatformPlace, motion: Motion, *, moving: bool
+    ) -> _Answers:
         """An alarm counts until it is over and the train has stood at a platform, the lost lock of
         a door until it is back.
         """
@@ -174,8 +176,8 @@ class StationGuard:
         self._passenger_alarm = heard.passenger_alarm or (self._passenger_alarm and not over)
         self._fire = heard.fire or (self._fire and not over)
         stood_here = place.station is not None and place.station is self._stood_at
-        leaving = moving and (stood_here or place.where is Whereabouts.PAST)
-        situation = Situation(place.where, leaving)
+        leaving = moving and (stood_here or place.where is PlatformWhereabouts.PAST)
+        situation = AlarmGuardInputs(place.where, leaving)
         unlocked = moving and not heard.doors_locked and not heard.door_bypass
         return _Answers(
             alarms.DOOR_UNLOCKED[situation] if unlocked else alarms.NOTHING,
@@ -257,16 +259,16 @@ def _authority_ahead(seen: CycleInput, motion: Motion, gone: int) -> bool:
 
 
 def _departure_terms(
-    heard: Heard,
-    place: Place,
+    heard: StationInputs,
+    place: PlatformPlace,
     answers: _Answers,
     *,
     authority_ahead: bool,
     emergency: bool,
 ) -> DepartureTerms:
     # An order to stay is for a platform; a train that stands short of its stop has not reached it.
-    to_stay = place.where not in (Whereabouts.BETWEEN, Whereabouts.ARRIVING)
-    doors_elsewhere = place.where is Whereabouts.BETWEEN and not heard.centre
+    to_stay = place.where not in (PlatformWhereabouts.BETWEEN, PlatformWhereabouts.ARRIVING)
+    doors_elsewhere = place.where is PlatformWhereabouts.BETWEEN and not heard.centre
     return DepartureTerms(
         doors_locked=heard.doors_locked or heard.door_bypass,
         platform_doors_locked=(heard.platform_doors_locked or heard.door_bypass or doors_elsewhere),
@@ -282,7 +284,13 @@ def _departure_terms(
 
 
 def _door_terms(
-    seen: CycleInput, motion: Motion, gone: int, place: Place, heard: Heard, *, emergency: bool
+    seen: CycleInput,
+    motion: Motion,
+    gone: int,
+    place: PlatformPlace,
+    heard: StationInputs,
+    *,
+    emergency: bool,
 ) -> DoorTerms:
     station, brake, traction = place.station, seen.brake, seen.traction
     side = None if station is None else station.side
@@ -290,7 +298,7 @@ def _door_terms(
         standstill=motion.standstill and not gone & ODOMETER,
         localised=motion.localised,
         near_platform=station is not None,
-        aligned=place.where is Whereabouts.ALIGNED,
+        aligned=place.where is PlatformWhereabouts.ALIGNED,
         holding_applied=brake is not None and brake.holding_applied and not gone & BRAKE,
         traction_cut=traction is not None and traction.traction_cut and not gone & TRACTION,
         no_emergency=not emergency,

@@ -8,7 +8,7 @@ from vobc.vocabulary import Ceiling
 
 
 @dataclass(frozen=True, slots=True)
-class Verdict:
+class ProtectionVerdict:
     """What protection says in one cycle; operation may only ask for less."""
 
     supervision: Supervision

@@ -9,7 +9,7 @@ from vobc.cli.host import (
     EXIT_USAGE,
     PatientLine,
 )
-from vobc.cli.options import Plan, parser, plan
+from vobc.cli.options import DevicePlan, parser, plan
 
 __all__ = [
     "EXIT_ENVIRONMENT",
@@ -18,7 +18,7 @@ __all__ = [
     "EXIT_OK",
     "EXIT_USAGE",
     "PatientLine",
-    "Plan",
+    "DevicePlan",
     "main",
     "parser",
     "plan",

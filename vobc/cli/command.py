@@ -24,7 +24,7 @@ from firmware_py.clock.watchdog import ProcessWatchdog
 from firmware_py.interrupts import Interrupts
 from firmware_py.ports import RadioPort, SerialPort
 from firmware_py.radio.recorded_radio import RecordedRadio
-from firmware_py.radio.zenoh_radio import RadioError, Role, open_radio
+from firmware_py.radio.zenoh_radio import RadioError, SessionRole, open_radio
 from firmware_py.settings import SettingsError
 from firmware_py.storage.nvram import NvramState
 from firmware_py.storage.port_log import PORTS_LOG, PortLog
@@ -38,11 +38,11 @@ from vobc.cli.host import (
     EXIT_OK,
     EXIT_USAGE,
     PatientLine,
-    Words,
+    ProtectionNotices,
     say,
 )
 from vobc.cli.line import LINE_LOG, open_line
-from vobc.cli.options import Plan, parser, plan
+from vobc.cli.options import DevicePlan, parser, plan
 from vobc.process import CYCLE_COLUMNS, EVENTS_LOG, Commission, CycleLog, EventLines, VobcDevice
 from vobc.process.line_command import LineCommand
 from vobc.wire import HEARD_IDS
@@ -76,7 +76,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return EXIT_FAILED
 
 
-def _run(options: argparse.Namespace, planned: Plan) -> int:
+def _run(options: argparse.Namespace, planned: DevicePlan) -> int:
     if options.parent is not None:
         die_with_parent(options.parent)
     if planned.note:
@@ -106,7 +106,7 @@ def _run(options: argparse.Namespace, planned: Plan) -> int:
         end_ns = None
         if options.duration is not None:
             end_ns = clock.now_ns() + round(options.duration * NS_PER_S)
-        words = Words(vobc)
+        words = ProtectionNotices(vobc)
         watchdog = ProcessWatchdog(WATCHDOG_S)
         stack.callback(watchdog.stop)
 
@@ -128,7 +128,7 @@ def _run(options: argparse.Namespace, planned: Plan) -> int:
     return EXIT_INTERRUPTED if ending.by_keyboard else EXIT_OK
 
 
-def _commission(planned: Plan, start_ns: int) -> Commission:
+def _commission(planned: DevicePlan, start_ns: int) -> Commission:
     return Commission(
         config=planned.config,
         line=planned.line,
@@ -141,7 +141,7 @@ def _commission(planned: Plan, start_ns: int) -> Commission:
 
 
 def _device(
-    planned: Plan,
+    planned: DevicePlan,
     commission: Commission,
     out: Path | None,
     recording: PortLog | None,
@@ -171,7 +171,7 @@ def _device(
         keys.orders(planned.line.name, train),
     )
     secure = planned.secure if planned.radio == planned.line_radio else None
-    radio: RadioPort = open_radio(Role.TRAIN, planned.radio, topics, clock, secure=secure)
+    radio: RadioPort = open_radio(SessionRole.TRAIN, planned.radio, topics, clock, secure=secure)
     if out is not None:
         radio = RecordedRadio(radio, RadioLog(out / "radio.log", commission.start_ns))
     stack.callback(radio.close)

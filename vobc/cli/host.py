@@ -58,7 +58,7 @@ class PatientLine:
             self._line.close()
 
 
-class Words:
+class ProtectionNotices:
     """Says on standard error what protection does or waits for, whenever that changes."""
 
     def __init__(self, vobc: VobcDevice) -> None:

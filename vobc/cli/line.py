@@ -9,7 +9,7 @@ from typing import Final
 from firmware_py.clock.clock import WallClock
 from firmware_py.radio.credentials import Credentials, load_credentials
 from firmware_py.radio.recorded_radio import LaterRecordedRadio
-from firmware_py.radio.zenoh_radio import Role, ZenohRadio, open_peer, open_radio
+from firmware_py.radio.zenoh_radio import SessionRole, ZenohRadio, open_peer, open_radio
 from firmware_py.settings import SettingsError
 from firmware_py.storage.checked_store import CheckedStore
 from firmware_py.storage.nvram import NvramState
@@ -163,7 +163,7 @@ def _port(
 ) -> ZenohRadio:
     if options.line_peer is None:
         return open_radio(
-            *(Role.TRAIN, options.line_radio, radio.subscriptions, clock),
+            *(SessionRole.TRAIN, options.line_radio, radio.subscriptions, clock),
             secure=secure,
             token=token,
         )

@@ -74,7 +74,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
+class DevicePlan:
     """Everything that can be checked before the first device is opened."""
 
     config: VobcConfig
@@ -94,7 +94,7 @@ class Plan:
     """What a person should know before the start."""
 
 
-def plan(options: argparse.Namespace, epoch_ns: int) -> Plan:
+def plan(options: argparse.Namespace, epoch_ns: int) -> DevicePlan:
     """Raises SettingsError or BusError for what cannot be.
 
     A board without a memory takes the time of day for its boot count: it has to grow with each
@@ -121,7 +121,7 @@ def plan(options: argparse.Namespace, epoch_ns: int) -> Plan:
     elif radio == AUTO:
         radio = rendezvous.read_radio(name) or DEFAULT_ENDPOINT
     secure = line_options.credentials_of(options, config, epoch_ns)
-    return Plan(
+    return DevicePlan(
         *(config, line, mission, nvram, place.start, bus, tags, radio, areas),
         line_radio=options.line_radio,
         secure=secure,

@@ -8,7 +8,7 @@ from vobc.odometry.config import OdometryConfig
 
 
 @dataclass(frozen=True, slots=True)
-class Way:
+class Travelled:
     """How far the train has come since start."""
 
     pulses: int
@@ -43,18 +43,18 @@ class Contacts:
         self._bound_m = config.tag_bound_m
         # Both readings lie within reach, on either side: this far from one, the tag is left.
         self._leave_m = 2.0 * (config.tag_reach_m + config.tag_bound_m)
-        self._read: dict[int, tuple[Way, float]] = {}
+        self._read: dict[int, tuple[Travelled, float]] = {}
         """Tags that may not have been left yet; where they were read last, and within what."""
         self._furthest_m = inf
         """So far ahead the antenna may have been; nobody knows while the place is lost."""
         # Of what was read before the start nobody told.
-        self._gap: Way | None = Way(0, 0.0, 0.0)
+        self._gap: Travelled | None = Travelled(0, 0.0, 0.0)
         """Where it was found out that telegrams are missing, until that is left."""
         self._gap_furthest_m = inf
         """Tags further on had not been reached by then."""
         self._gap_is_new = True
 
-    def read(self, tag_id: int, way: Way, bound_m: float) -> None:
+    def read(self, tag_id: int, way: Travelled, bound_m: float) -> None:
         """A tag was read there, and that was told.
 
         Args:
@@ -66,11 +66,11 @@ class Contacts:
         """The wheels slip: they do not tell any more how far it is from where a tag was read."""
         self._read = {tag_id: (way, inf) for tag_id, (way, _) in self._read.items()}
 
-    def miss(self, way: Way) -> None:
+    def miss(self, way: Travelled) -> None:
         """Telegrams are missing up to here, of whichever tags they were."""
         self._gap, self._gap_furthest_m, self._gap_is_new = way, inf, True
 
-    def move(self, way: Way, least_m_per_pulse: float) -> None:
+    def move(self, way: Travelled, least_m_per_pulse: float) -> None:
         """Forget what the train has left for certain, by its wheels and over ground."""
         if self._gap is not None and self._left(self._gap, way, least_m_per_pulse):
             self._gap = None
@@ -99,7 +99,7 @@ class Contacts:
         way, bound_m = before
         return min(self._reach_m, bound_m + (abs(pulses - way.pulses) + 1) * most_m_per_pulse)
 
-    def _left(self, there: Way, way: Way, least_m_per_pulse: float) -> bool:
+    def _left(self, there: Travelled, way: Travelled, least_m_per_pulse: float) -> bool:
         # Pulses tell the way between two counts within one.
         rolled_m = (abs(way.pulses - there.pulses) - 1) * least_m_per_pulse
         blur_m = abs(way.ground_bound_m - there.ground_bound_m)

@@ -6,11 +6,11 @@ from typing import Final
 from can_dbc.odometer import Tacho
 from firmware_py.trackdb import LineMap
 from vobc.odometry.config import OdometryConfig
-from vobc.odometry.contacts import Way
+from vobc.odometry.contacts import Travelled
 from vobc.odometry.ground import Gradients, GroundSpeed, believable_mps
 from vobc.odometry.localisation import Localisation
 from vobc.odometry.pulses import PulseCounter
-from vobc.odometry.references import Reading, References
+from vobc.odometry.references import LocatedTag, References
 from vobc.odometry.sampling import OwnTime
 from vobc.odometry.tracking import HALF_PULSE, SpeedTrack
 from vobc.vocabulary import (
@@ -111,7 +111,7 @@ class Odometry:
             moved_m = self._refer.check_cold(seen.cold, self._where.pulses)
             if moved_m is not None:
                 self._where.widen(moved_m)
-        way = Way(self._where.pulses, self._over_m, self._over_blur_m)
+        way = Travelled(self._where.pulses, self._over_m, self._over_blur_m)
         self._refer.follow(way, self._where.scale.declared_m[0], gap=seen.tag_gap, slip=self._slip)
         accepted: tuple[int, ...] = ()
         refused: tuple[RefusedTag, ...] = ()
@@ -301,7 +301,7 @@ class Odometry:
         read_at = where.pulses - counted
         off_m = refer.off_centre_m(site, read_at, where.scale.declared_m[1] if honest else math.inf)
         bound_m = config.tag_bound_m + off_m + latch_m + where.scale.declared_m[1]
-        reading = Reading(
+        reading = LocatedTag(
             site,
             front_m,
             front_m + since_m[1],

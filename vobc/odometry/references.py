@@ -8,7 +8,7 @@ from typing import Final
 from can_dbc.odometer import ColdMovement
 from firmware_py.trackdb import LineMap, TagSite
 from vobc.odometry.config import OdometryConfig
-from vobc.odometry.contacts import Contacts, Way
+from vobc.odometry.contacts import Contacts, Travelled
 from vobc.vocabulary import PlaceProof, RefusedTag, TagRefusal
 
 TURN_PULSES: Final = 4
@@ -18,7 +18,7 @@ MOVED_PULSES: Final = 10
 
 
 @dataclass(frozen=True, slots=True)
-class Reading:
+class LocatedTag:
     """A tag that the line knows, as it was read."""
 
     site: TagSite
@@ -69,12 +69,12 @@ class References:
         self.missed = 0
         """Tags in a row that should have been read."""
         self._next = 0
-        self._last: Reading | None = None
+        self._last: LocatedTag | None = None
         self._furthest = 0
         """Pulses, at the most since the last accepted tag was read."""
         self._backed = 0
         """By how many the train went back from there."""
-        self._witness: Reading | None = None
+        self._witness: LocatedTag | None = None
         """Read while the place was lost; a second one has to bear it out."""
 
     def begin(self, antenna_high_m: float) -> None:
@@ -102,7 +102,7 @@ class References:
             return abs(cold.moved_m)
         return None
 
-    def follow(self, way: Way, least_m_per_pulse: float, *, gap: bool, slip: bool) -> None:
+    def follow(self, way: Travelled, least_m_per_pulse: float, *, gap: bool, slip: bool) -> None:
         """Follow the train, and hear whether telegrams of the reader may be missing up to here."""
         self._contacts.move(way, least_m_per_pulse)
         if slip:
@@ -114,9 +114,9 @@ class References:
         """How far from the tag the antenna may have been when it was read, at so many pulses."""
         return self._contacts.off_m(site, pulses, most_m_per_pulse)
 
-    def read(self, reading: Reading, *, honest: bool) -> None:
+    def read(self, reading: LocatedTag, *, honest: bool) -> None:
         """Keep in mind that a tag was read, by honest wheels or not, whatever becomes of it."""
-        way = Way(reading.pulses, reading.ground_m, reading.ground_bound_m)
+        way = Travelled(reading.pulses, reading.ground_m, reading.ground_bound_m)
         self._contacts.read(reading.site.tag_id, way, reading.bound_m if honest else math.inf)
 
     def turned(self, pulses: int) -> None:
@@ -126,7 +126,7 @@ class References:
         elif self._furthest - pulses > self._backed:
             self._backed = self._furthest - pulses
 
-    def judge(self, reading: Reading, low_m: float, high_m: float) -> RefusedTag | None:
+    def judge(self, reading: LocatedTag, low_m: float, high_m: float) -> RefusedTag | None:
         """None for a tag that may be believed: it is in order, and inside its window.
 
         Args:
@@ -144,7 +144,7 @@ class References:
             return RefusedTag(tag_id, TagRefusal.OUTSIDE_WINDOW, off_m)
         return None
 
-    def accept(self, reading: Reading) -> None:
+    def accept(self, reading: LocatedTag) -> None:
         self._last = reading
         self._furthest = reading.pulses
         self._backed = 0
@@ -154,7 +154,7 @@ class References:
             self._next += 1
 
     def find_again(
-        self, reading: Reading, least_m_per_pulse: float, most_m_per_pulse: float
+        self, reading: LocatedTag, least_m_per_pulse: float, most_m_per_pulse: float
     ) -> RefusedTag | None:
         """A tag while the place is lost; found once `lost_cause` is empty.
 

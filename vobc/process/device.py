@@ -12,12 +12,12 @@ from firmware_py.clock.executive import Executive, Task
 from firmware_py.ports import CanPort, RadioPort, SerialPort
 from firmware_py.storage.nvram import Nvram
 from firmware_py.trackdb import LineMap
-from vobc.atp import Verdict
+from vobc.atp import ProtectionVerdict
 from vobc.config import VobcConfig
 from vobc.controller import Controller
 from vobc.events import controller_ends, events_between, memory_lost
 from vobc.process.cycle_log import CycleLog, cycle_row
-from vobc.process.event_log import EventDesk, EventLog
+from vobc.process.event_log import EventLog, EventQueue
 from vobc.process.line_command import BEAT_MS, LineCommand, authority_of, restrictions_of
 from vobc.process.start import commissioned_start
 from vobc.vocabulary import (
@@ -117,7 +117,7 @@ class VobcDevice:
         self._seen: CycleInput | None = None
         self._seen_before: CycleInput | None = None
         self._output_before: CycleOutput | None = None
-        self._events = EventDesk(event_log, self._inbox.evidence, start_ns)
+        self._events = EventQueue(event_log, self._inbox.evidence, start_ns)
         if forgotten:
             self._events.tell(start_ns, (memory_lost(),))
         self._emergency = False
@@ -137,7 +137,7 @@ class VobcDevice:
         yield Task("life_sign", LIFE_SIGN_MS, self.life_sign, offset_ms=2.0)
 
     @property
-    def verdict(self) -> Verdict | None:
+    def verdict(self) -> ProtectionVerdict | None:
         """What protection said in the last cycle, before operation asked for less."""
         return self._controller.verdict
 

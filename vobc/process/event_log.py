@@ -60,7 +60,7 @@ class EventLines:
         self._file.close()
 
 
-class EventDesk:
+class EventQueue:
     """Numbers the events of a controller since its start and hands them on."""
 
     def __init__(self, log: EventLog | None, look: Look, start_ns: int) -> None:

@@ -4,9 +4,16 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Final, NamedTuple
 
 from firmware_py.trackdb.areas import Area
-from vobc.train_to_train.authority import Bar, Counted, Standing, Stretch, all_explained, explained
+from vobc.train_to_train.authority import (
+    Bar,
+    BarredTrack,
+    Counted,
+    StandingTrain,
+    all_explained,
+    explained,
+)
 from vobc.train_to_train.guards import InLine, MasterGuards, Neighbours
-from vobc.train_to_train.occupancy import UNBOUNDED_M, Record
+from vobc.train_to_train.occupancy import UNBOUNDED_M, TrainRecord
 from vobc.train_to_train.roster import Order, placed
 from vobc.train_to_train.vocabulary import T2tConfig
 from zenoh_config.t2t import NOBODY, ROSTER_MAX, AdmissionState, RosterEntry, TrainReport
@@ -16,26 +23,26 @@ APART_M: Final = 20.0
 free of it as its own, and an old look at the track excuses some more."""
 
 
-class Scene(NamedTuple):
+class AdmissionGuardInputs(NamedTuple):
     """What an admission is decided on."""
 
     area: Area
     before: Area | None
     """The area that ends where this one begins."""
-    records: dict[int, Record]
+    records: dict[int, TrainRecord]
     reserved_m: dict[int, float]
     """By train of the roster: the farthest that it may have been granted."""
     counted: tuple[Counted, ...] | None
     """Sections as last counted; None: this line counts no axles."""
     stood: bool
     """The newcomer stood already where it is when they were counted."""
-    standing: tuple[Standing, ...]
+    standing: tuple[StandingTrain, ...]
     """Trains that say where they are, the newcomer not among them: of the roster, in the life that
     it is for, and outside of the area. Another may be forgotten while it stands in the way, and
     explains no axles."""
-    at_rest: tuple[Standing, ...] = ()
+    at_rest: tuple[StandingTrain, ...] = ()
     """Those of them that stood already where they are when sections were counted."""
-    there: tuple[Standing, ...] = ()
+    there: tuple[StandingTrain, ...] = ()
     """Where it is asked for, others in the area, too: whose axles these are now, whoever is
     forgotten later."""
     line_m: tuple[float, float] = (-UNBOUNDED_M, UNBOUNDED_M)
@@ -48,7 +55,11 @@ class Waiting(NamedTuple):
 
 
 def admitted(
-    order: Order, report: TrainReport, scene: Scene, config: T2tConfig, guards: MasterGuards
+    order: Order,
+    report: TrainReport,
+    scene: AdmissionGuardInputs,
+    config: T2tConfig,
+    guards: MasterGuards,
 ) -> Order | Waiting:
     """The order with the newcomer in it, or why it is not."""
     if len(order) >= ROSTER_MAX:
@@ -70,7 +81,9 @@ def admitted(
     return placed(order, RosterEntry(report.source, report.rear_min_m, sieved, report.boot), at)
 
 
-def _ahead(order: Sequence[RosterEntry], report: TrainReport, scene: Scene) -> Sequence[int]:
+def _ahead(
+    order: Sequence[RosterEntry], report: TrainReport, scene: AdmissionGuardInputs
+) -> Sequence[int]:
     """Trains in front of the newcomer: the roster up to the first that is not."""
     ahead = []
     for entry in order:
@@ -80,18 +93,18 @@ def _ahead(order: Sequence[RosterEntry], report: TrainReport, scene: Scene) -> S
     return ahead
 
 
-def is_over_border(report: TrainReport, scene: Scene) -> bool:
+def is_over_border(report: TrainReport, scene: AdmissionGuardInputs) -> bool:
     """It is still wholly in the area before, and commanded there."""
     return scene.before is not None and report.front_max_m <= scene.area.start_m
 
 
-def line_of(report: TrainReport, scene: Scene, ahead: int) -> InLine:
+def line_of(report: TrainReport, scene: AdmissionGuardInputs, ahead: int) -> InLine:
     before = scene.before
     comes_from = before is not None and report.comes_from == before.number
     return InLine(is_over_border(report, scene), comes_from, report.behind, ahead)
 
 
-def is_sieved(report: TrainReport, scene: Scene, room_m: float) -> bool:
+def is_sieved(report: TrainReport, scene: AdmissionGuardInputs, room_m: float) -> bool:
     """All axles around a train that stands are those of trains that say that they are there.
 
     Args:
@@ -107,7 +120,7 @@ def is_sieved(report: TrainReport, scene: Scene, room_m: float) -> bool:
 
 
 def _is_known_within(
-    report: TrainReport, scene: Scene, counted: Sequence[Counted], room_m: float
+    report: TrainReport, scene: AdmissionGuardInputs, counted: Sequence[Counted], room_m: float
 ) -> bool:
     """Whether all axles from the train's rear on, as far as there is no gap and to the end of the
     area, are of trains at rest. Those farther on may be of trains that this master does not hear.
@@ -123,7 +136,12 @@ def _is_known_within(
 
 
 def are_known(
-    report: TrainReport, scene: Scene, counted: Sequence[Counted], *, from_m: float, to_m: float
+    report: TrainReport,
+    scene: AdmissionGuardInputs,
+    counted: Sequence[Counted],
+    *,
+    from_m: float,
+    to_m: float,
 ) -> bool:
     """Whether all axles between these two are counted, and of trains at rest: the newcomer, if it
     stands, and others.
@@ -141,7 +159,7 @@ def are_known(
 
 def kept_free(
     strangers: Iterable[tuple[TrainReport, int]], boots: Mapping[int, int], config: T2tConfig
-) -> list[Stretch]:
+) -> list[BarredTrack]:
     """Where trains say that they are that are not on the roster, or not in this life: nobody comes
     any nearer.
 
@@ -150,14 +168,14 @@ def kept_free(
         boots: of those on the roster the life that it is for.
     """
     return [
-        Stretch(each.rear_min_m - config.behind_rear_m, each.front_max_m, Bar.CLOSING)
+        BarredTrack(each.rear_min_m - config.behind_rear_m, each.front_max_m, Bar.CLOSING)
         for each, _ in strangers
         if each.localised and boots.get(each.source) != each.boot
     ]
 
 
-def may_explain(report: TrainReport, roster: Mapping[int, Record], area: Area) -> bool:
-    """Whether its axles may explain what was counted near another train; see `Scene.standing`.
+def may_explain(report: TrainReport, roster: Mapping[int, TrainRecord], area: Area) -> bool:
+    """Whether a train's axles may account for those counted near another train.
 
     Until it is renewed, the place on the roster of one that began anew is that of its former life:
     elsewhere than there it may be forgotten like any other.
@@ -168,8 +186,8 @@ def may_explain(report: TrainReport, roster: Mapping[int, Record], area: Area) -
     return report.localised and (kept or outside)
 
 
-def standing_of(report: TrainReport) -> Standing:
-    return Standing(report.rear_min_m, report.front_max_m, report.axles)
+def standing_of(report: TrainReport) -> StandingTrain:
+    return StandingTrain(report.rear_min_m, report.front_max_m, report.axles)
 
 
 def foremost_first(item: tuple[int, tuple[TrainReport, int]]) -> tuple[float, int]:

@@ -5,12 +5,12 @@ from typing import Final
 
 from firmware_py.trackdb.areas import AreaMap
 from vobc.train_to_train.guards import TrainGuards
-from vobc.train_to_train.lease import Lease, LeaseState, Request
+from vobc.train_to_train.lease import ArbiterRequest, Lease, LeaseState
 from vobc.train_to_train.master import Master
-from vobc.train_to_train.member import Member
-from vobc.train_to_train.message_heads import Head, Speaker
+from vobc.train_to_train.member import AreaMember
+from vobc.train_to_train.message_heads import MessageHead, MessageHeads
 from vobc.train_to_train.occupancy import UNBOUNDED_M, TrainTable
-from vobc.train_to_train.roles import ROLES, Sight, next_role
+from vobc.train_to_train.roles import ROLES, RoleGuardInputs, next_role
 from vobc.train_to_train.vocabulary import AreaMemory, OwnTrain, Role, T2tConfig
 from zenoh_config.t2t import (
     BROADCAST,
@@ -33,7 +33,7 @@ FOR_NONE: Final = (0, 0)
 """Ready for no switch: neither terms nor switches are numbered 0."""
 
 
-class AreaDesk:
+class AreaParticipant:
     def __init__(
         self,
         config: T2tConfig,
@@ -41,13 +41,13 @@ class AreaDesk:
         line: AreaMap,
         area: int,
         *,
-        speaker: Speaker,
+        speaker: MessageHeads,
         memory: AreaMemory,
         now_ns: int,
         chance: "Chance",
     ) -> None:
         self.role = Role.OUTSIDE
-        self.member = Member(
+        self.member = AreaMember(
             config.timers, guards.member, boot=speaker.boot, memory=memory, now_ns=now_ns
         )
         self.stored = memory
@@ -181,13 +181,13 @@ class AreaDesk:
             said += self._enter(role, now_ns)
         return said
 
-    def _sight(self, now_ns: int, own: OwnTrain, *, concerned: bool) -> Sight:
+    def _sight(self, now_ns: int, own: OwnTrain, *, concerned: bool) -> RoleGuardInputs:
         master = self.master
         gone = not own.localised or not concerned
         may_command = not gone and not own.out_of_service
         silent = now_ns >= max(self._turn_ns(), self._quiet_until_ns)
         away = not may_command
-        return Sight(
+        return RoleGuardInputs(
             concerned=concerned,
             member=self.member.is_young(now_ns),
             named_standby=self.member.standby == self._speaker.address,
@@ -219,7 +219,7 @@ class AreaDesk:
         rank = 0 if self.member.standby == self._speaker.address else self.member.rank
         return self.member.master_heard_ns + (timers.silence_ms + rank * timers.rank_ms) * NS_PER_MS
 
-    def _leave(self, role: Role, sight: Sight, now_ns: int) -> list[T2tMessage]:
+    def _leave(self, role: Role, sight: RoleGuardInputs, now_ns: int) -> list[T2tMessage]:
         if role is Role.CANDIDATE and self.role is not Role.FENCING:
             self._quiet_until_ns = self._next_try_ns(now_ns)
             return self._ask(now_ns, self.lease.give_back(now_ns))
@@ -284,7 +284,7 @@ class AreaDesk:
         )
         self._table = TrainTable()
 
-    def _ask(self, now_ns: int, request: Request) -> list[T2tMessage]:
+    def _ask(self, now_ns: int, request: ArbiterRequest) -> list[T2tMessage]:
         """The same request to every arbiter."""
         area = self.area.number
         return [
@@ -377,7 +377,7 @@ class AreaDesk:
         )
         return [report]
 
-    def _head(self, now_ns: int, to: int) -> Head:
+    def _head(self, now_ns: int, to: int) -> MessageHead:
         term = self.member.memory.seen_term
         return self._speaker.head(now_ns, to=to, area=self.area.number, term=term)
 

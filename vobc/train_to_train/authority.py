@@ -25,7 +25,7 @@ class Bar(enum.Enum):
     enough to stop before it."""
 
 
-class Stretch(NamedTuple):
+class BarredTrack(NamedTuple):
     """Track that bars a train's way."""
 
     start_m: float
@@ -49,11 +49,11 @@ class Course(NamedTuple):
     """Supervision wants it to stop where it is."""
 
 
-class Space(NamedTuple):
+class AreaBounds(NamedTuple):
     """What bounds every train of an area."""
 
     end_m: float
-    stretches: tuple[Stretch, ...]
+    stretches: tuple[BarredTrack, ...]
     """By start."""
     rollback_m: float
     """So far a train may roll back; what it may roll onto is still under it."""
@@ -66,12 +66,12 @@ class Space(NamedTuple):
         """Kept free behind every protected rear."""
         return self.rollback_m + self.jog_m
 
-    def barred_by(self, stretches: Iterable[Stretch]) -> "Space":
+    def barred_by(self, stretches: Iterable[BarredTrack]) -> "AreaBounds":
         ordered = sorted(stretches, key=lambda each: (each.start_m, each.end_m))
         return self._replace(stretches=tuple(ordered))
 
 
-def end_of_authority_m(course: Course, space: Space) -> float | None:
+def end_of_authority_m(course: Course, space: AreaBounds) -> float | None:
     """Where the front must stop at the latest; None: issue nothing, let the train keep what it has.
 
     What is barred by doubt alone shortens nothing: an authority that reaches into it stays as it is
@@ -111,7 +111,7 @@ def end_of_authority_m(course: Course, space: Space) -> float | None:
     return end_m
 
 
-def back_to_m(course: Course, space: Space) -> float:
+def back_to_m(course: Course, space: AreaBounds) -> float:
     """Where the rear may jog back to: onto nothing, and within nothing, that may not be passed,
     also if it rolls back from there.
     """
@@ -124,7 +124,7 @@ def back_to_m(course: Course, space: Space) -> float:
     return max([least_m, *behind_m])
 
 
-class Seen(NamedTuple):
+class SeenSection(NamedTuple):
     """An occupied section and how sure it is that it was so when trains were where they are."""
 
     start_m: float
@@ -132,11 +132,11 @@ class Seen(NamedTuple):
 
 
 def unexplained(
-    occupied: Sequence[Seen],
+    occupied: Sequence[SeenSection],
     *,
     beyond_m: float,
     before_m: float,
-) -> Seen | None:
+) -> SeenSection | None:
     """The first occupied section that neither of two neighbours on the roster can be in.
 
     Args:
@@ -158,7 +158,7 @@ class Counted(NamedTuple):
     axles: int
 
 
-class Standing(NamedTuple):
+class StandingTrain(NamedTuple):
     """A train among sections whose axles are counted."""
 
     rear_m: float
@@ -174,7 +174,9 @@ class Standing(NamedTuple):
         return (self.rear_m + self.front_m) / 2.0
 
 
-def explained(sections: Sequence[Counted], train: Standing, others: Sequence[Standing]) -> bool:
+def explained(
+    sections: Sequence[Counted], train: StandingTrain, others: Sequence[StandingTrain]
+) -> bool:
     """Whether all axles around a train are those of trains that say they are there.
 
     The sections around it that are occupied without a gap are taken together. A train that has an
@@ -193,7 +195,7 @@ def explained(sections: Sequence[Counted], train: Standing, others: Sequence[Sta
 
 
 def all_explained(
-    sections: Sequence[Counted], standing: Sequence[Standing], *, from_m: float, to_m: float
+    sections: Sequence[Counted], standing: Sequence[StandingTrain], *, from_m: float, to_m: float
 ) -> bool:
     """Whether all axles between these two are those of trains that stand there.
 
@@ -201,10 +203,10 @@ def all_explained(
     """
     starts_m, ends_m = [each.start_m for each in sections], [each.end_m for each in sections]
     first, beyond = bisect_right(ends_m, from_m), bisect_left(starts_m, to_m)
-    there: list[Standing] = []
+    there: list[StandingTrain] = []
     waiting = sorted(standing, key=lambda each: each.rear_m)
     while True:
-        elsewhere: list[Standing] = []
+        elsewhere: list[StandingTrain] = []
         for each in waiting:
             at = bisect_right(ends_m, each.rear_m)
             least = max(first, at)
@@ -235,7 +237,7 @@ def _seen_m(sections: Sequence[Counted]) -> tuple[float, float]:
 def _explained(
     run: Sequence[Counted],
     beyond: Sequence[Counted],
-    trains: Iterable[Standing],
+    trains: Iterable[StandingTrain],
     *,
     seen_m: tuple[float, float],
 ) -> bool:
@@ -262,7 +264,7 @@ def _explained(
     return _stand_so(run, there)
 
 
-def _stand_so(run: Sequence[Counted], trains: Sequence[Standing]) -> bool:
+def _stand_so(run: Sequence[Counted], trains: Sequence[StandingTrain]) -> bool:
     """Up to no joint are more axles counted than of trains that may have some there, nor fewer than
     of those that surely are behind it: who hides here is not made up for by axles missed there.
     """
@@ -282,7 +284,7 @@ def _stand_so(run: Sequence[Counted], trains: Sequence[Standing]) -> bool:
     return True
 
 
-def _may_have_left(train: Standing, end_m: float, beyond: Sequence[Counted]) -> bool:
+def _may_have_left(train: StandingTrain, end_m: float, beyond: Sequence[Counted]) -> bool:
     """Unless all is clear as far as it may have come; farther than is counted it may hang over."""
     if train.middle_m + train.farther_m < end_m:
         return False
@@ -291,9 +293,9 @@ def _may_have_left(train: Standing, end_m: float, beyond: Sequence[Counted]) -> 
     return any(each.occupied for each in near)
 
 
-def _may_hang_over(train: Standing, from_m: float, to_m: float) -> bool:
+def _may_hang_over(train: StandingTrain, from_m: float, to_m: float) -> bool:
     return train.rear_m - train.behind_m < from_m or train.front_m + train.farther_m > to_m
 
 
-def _touch(section: Counted, train: Standing) -> bool:
+def _touch(section: Counted, train: StandingTrain) -> bool:
     return section.start_m < train.front_m and train.rear_m < section.end_m

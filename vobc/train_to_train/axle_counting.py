@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 from firmware_py.trackdb.areas import AreaMap
-from vobc.train_to_train.authority import Bar, Counted, Seen, Stretch, unexplained
-from vobc.train_to_train.occupancy import UNBOUNDED_M, Record, cleared_to_m
+from vobc.train_to_train.authority import Bar, BarredTrack, Counted, SeenSection, unexplained
+from vobc.train_to_train.occupancy import UNBOUNDED_M, TrainRecord, cleared_to_m
 from zenoh_config.messages import SpeedRestriction
 from zenoh_config.t2t import SectionState, TrackStatus
 
@@ -23,10 +23,10 @@ class TrackView(NamedTuple):
     """By the master's clock; not before this the sections were as told."""
     counted: tuple[Counted, ...]
     """In running order."""
-    occupied: tuple[Seen, ...]
+    occupied: tuple[SeenSection, ...]
     states: tuple[tuple[float, float, SectionState], ...]
     restrictions: tuple[SpeedRestriction, ...]
-    closed: tuple[Stretch, ...]
+    closed: tuple[BarredTrack, ...]
 
 
 def view_of(status: TrackStatus, line: AreaMap) -> TrackView:
@@ -35,10 +35,10 @@ def view_of(status: TrackStatus, line: AreaMap) -> TrackView:
     return TrackView(
         status.echo_ns,
         tuple([Counted(start_m, end_m, s.occupied, s.axles) for start_m, end_m, s in states]),
-        tuple([Seen(start_m, end_m) for start_m, end_m, s in states if s.occupied]),
+        tuple([SeenSection(start_m, end_m) for start_m, end_m, s in states if s.occupied]),
         tuple(states),
         status.restrictions,
-        tuple([Stretch(each.start_m, each.end_m, Bar.SHUT) for each in status.closed]),
+        tuple([BarredTrack(each.start_m, each.end_m, Bar.SHUT) for each in status.closed]),
     )
 
 
@@ -54,7 +54,7 @@ def hidden_between(
     before_m: float,
     ahead_ns: int,
     then_m: float = -UNBOUNDED_M,
-) -> Stretch | None:
+) -> BarredTrack | None:
     """An occupied section between two neighbours that neither of them is in.
 
     Args:
@@ -68,10 +68,10 @@ def hidden_between(
     if found is None:
         bar = Bar.UNSURE
         found = unexplained(view.occupied, beyond_m=beyond_m, before_m=before_m - EXCUSED_M)
-    return None if found is None else Stretch(found.start_m, found.end_m, bar)
+    return None if found is None else BarredTrack(found.start_m, found.end_m, bar)
 
 
-def moved_on_m(view: TrackView, record: Record, *, overhang_m: float) -> float:
+def moved_on_m(view: TrackView, record: TrainRecord, *, overhang_m: float) -> float:
     """Where the rear of a silent train surely is by the sections that are clear behind it."""
     return cleared_to_m(record.rear_m, view.states, overhang_m=overhang_m)
 

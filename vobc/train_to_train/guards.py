@@ -96,14 +96,14 @@ def granted_by_majority(votes: Votes) -> bool:
     return votes.granted >= votes.majority
 
 
-class Clock(NamedTuple):
+class LeaseClock(NamedTuple):
     now_ns: int
     until_ns: int
     """The lease holds before this instant, by the holder's clock."""
     margin_ns: int
 
 
-def lease_runs(clock: Clock) -> bool:
+def lease_runs(clock: LeaseClock) -> bool:
     """Also still when what is decided now has left."""
     return clock.now_ns + clock.margin_ns < clock.until_ns
 
@@ -154,7 +154,7 @@ class LeaseGuards:
     """Of a train that wants to command."""
 
     granted_by_majority: Callable[[Votes], bool] = granted_by_majority
-    lease_runs: Callable[[Clock], bool] = lease_runs
+    lease_runs: Callable[[LeaseClock], bool] = lease_runs
     answers_this_attempt: Callable[[Attempt], bool] = answers_this_attempt
     unused_term: Callable[[Terms], int] = unused_term
     """A formula, as `latent_authority_m` is."""
@@ -162,14 +162,14 @@ class LeaseGuards:
     """A formula, too."""
 
 
-class Promise(NamedTuple):
+class Acknowledgement(NamedTuple):
     """What a train's newest report says of terms, beside the master's own term."""
 
     reported_term: int
     term: int
 
 
-def has_promised(promise: Promise) -> bool:
+def has_promised(promise: Acknowledgement) -> bool:
     """The train obeys no lower term any more."""
     return promise.reported_term == promise.term
 
@@ -302,7 +302,7 @@ def sieved(shown: bool) -> bool:
 class MasterGuards:
     """Of a train that commands."""
 
-    has_promised: Callable[[Promise], bool] = has_promised
+    has_promised: Callable[[Acknowledgement], bool] = has_promised
     roster_kept: Callable[[Commitment], bool] = roster_kept
     report_alive: Callable[[Freshness], bool] = report_alive
     report_recent: Callable[[Freshness], bool] = report_recent

@@ -3,10 +3,10 @@
 from collections.abc import Sequence
 
 from firmware_py.trackdb.areas import ObjectSite
-from vobc.train_to_train.authority import Bar, Stretch
+from vobc.train_to_train.authority import Bar, BarredTrack
 from vobc.train_to_train.axle_counting import TrackView, hidden_between, moved_on_m, way_m
-from vobc.train_to_train.guards import Freshness, MasterGuards, Promise, Reach
-from vobc.train_to_train.occupancy import UNBOUNDED_M, Record, TrainTable, rear_max_m
+from vobc.train_to_train.guards import Acknowledgement, Freshness, MasterGuards, Reach
+from vobc.train_to_train.occupancy import UNBOUNDED_M, TrainRecord, TrainTable, rear_max_m
 from vobc.train_to_train.roster import Order
 from vobc.train_to_train.vocabulary import T2tConfig
 from zenoh_config.t2t import RosterEntry, SyncEntry, TrainReport
@@ -25,7 +25,7 @@ class Conclusions:
         """No train takes an authority that answers a report so old, however clocks drift."""
 
     @property
-    def records(self) -> dict[int, Record]:
+    def records(self) -> dict[int, TrainRecord]:
         return self.table.records
 
     def begin_with(self, roster: Order, now_ns: int) -> None:
@@ -34,11 +34,11 @@ class Conclusions:
             self.add(entry, now_ns)
         self.table.forget_but([entry.train for entry in roster])
 
-    def add(self, entry: RosterEntry, now_ns: int) -> Record:
+    def add(self, entry: RosterEntry, now_ns: int) -> TrainRecord:
         record = self.table.of(entry.train, rear_m=entry.rear_m, now_ns=now_ns)
         if record.boot != entry.boot:
             # What was heard of another life says nothing of the one that arbiters kept.
-            record = Record(entry.train, entry.rear_m, now_ns, boot=entry.boot)
+            record = TrainRecord(entry.train, entry.rear_m, now_ns, boot=entry.boot)
             self.records[entry.train] = record
         record.stopped = entry.stopped
         if record.report is None:
@@ -50,7 +50,7 @@ class Conclusions:
         any more.
         """
         former = self.records[report.source]
-        record = Record(report.source, report.rear_min_m, heard_ns)
+        record = TrainRecord(report.source, report.rear_min_m, heard_ns)
         record.hears(report, heard_ns, term=self.term, jog_m=self._config.jog_m)
         record.stopped = former.stopped
         self.records[report.source] = record
@@ -63,11 +63,11 @@ class Conclusions:
             if report.localised:
                 record.anew_rear_m = rear_max_m(report)
 
-    def has_promised(self, record: Record) -> bool:
+    def has_promised(self, record: TrainRecord) -> bool:
         """It obeys no older term any more."""
-        return self._guards.has_promised(Promise(record.term, self.term))
+        return self._guards.has_promised(Acknowledgement(record.term, self.term))
 
-    def is_told(self, record: Record, now_ns: int) -> bool:
+    def is_told(self, record: TrainRecord, now_ns: int) -> bool:
         """It obeys no older term any more, and will hear what is said to it."""
         return self.has_promised(record) and self.is_alive(record.heard_ns, now_ns)
 
@@ -108,17 +108,17 @@ class Conclusions:
             return False
         return self._guards.report_recent(Freshness(now_ns - report.echo_ns, limit_ns))
 
-    def is_placed(self, record: Record, now_ns: int) -> bool:
+    def is_placed(self, record: TrainRecord, now_ns: int) -> bool:
         """It said under this command where it is, just now. Else its rear may be far beyond, and in
         the sections that it was in somebody else.
         """
         return not record.lost and self.spoke_just_now(record, now_ns)
 
-    def spoke_just_now(self, record: Record, now_ns: int) -> bool:
+    def spoke_just_now(self, record: TrainRecord, now_ns: int) -> bool:
         """What it said last of its place is true of just now; it may be lost since."""
         return record.report is not None and self.is_recent(record.report, now_ns)
 
-    def farther_m(self, record: Record, report: TrainReport, now_ns: int) -> float:
+    def farther_m(self, record: TrainRecord, report: TrainReport, now_ns: int) -> float:
         """How much farther than it said last a train may be if it said so a while ago."""
         if self.is_recent(report, now_ns):
             return way_m(now_ns - report.echo_ns)
@@ -169,7 +169,7 @@ class Conclusions:
         """What a train was granted proves how far the train ahead of it had come; what it said of
         that long ago does not, as the one ahead may have been moved since.
         """
-        ahead: Record | None = None
+        ahead: TrainRecord | None = None
         for entry in order:
             record = self.records[entry.train]
             recent = self.spoke_just_now(record, now_ns)
@@ -186,7 +186,9 @@ class Conclusions:
             if silent_ns > self._silence_ns and self._guards.cleared_after(later_ns):
                 record.rear_m = moved_on_m(track, record, overhang_m=self._config.overhang_m)
 
-    def ahead_m(self, record: Record, report: TrainReport, ahead: Record | None) -> float | None:
+    def ahead_m(
+        self, record: TrainRecord, report: TrainReport, ahead: TrainRecord | None
+    ) -> float | None:
         """Protected rear of the train ahead: the next one on the roster, or any that is farther on
         whatever its place there, as somebody may have been moved past others by hand.
         """
@@ -198,7 +200,7 @@ class Conclusions:
         ]
         return min(rears_m, default=None)
 
-    def within_m(self, record: Record, now_ns: int, *, sure: bool) -> float:
+    def within_m(self, record: TrainRecord, now_ns: int, *, sure: bool) -> float:
         """An occupied section from here on is not this train's own. Only of a train that is told.
 
         Args:
@@ -212,13 +214,13 @@ class Conclusions:
 
     def hidden(
         self,
-        record: Record,
+        record: TrainRecord,
         beyond_m: float,
-        ahead: Record | None,
+        ahead: TrainRecord | None,
         track: TrackView | None,
-        open_end: tuple[float, Record | None],
+        open_end: tuple[float, TrainRecord | None],
         now_ns: int,
-    ) -> list[Stretch]:
+    ) -> list[BarredTrack]:
         """Before a train, as `hidden_before`; also in sections of the next one if that may be out
         of them by now: there nothing is taken back, and nothing more is granted.
 
@@ -229,7 +231,7 @@ class Conclusions:
         if ahead is not None and not self.is_placed(ahead, now_ns):
             ahead, granted_m = None, record.granted_m
             found = found or [
-                Stretch(max(each.start_m, granted_m), max(each.end_m, granted_m), each.bar)
+                BarredTrack(max(each.start_m, granted_m), max(each.end_m, granted_m), each.bar)
                 for each in self.hidden_before(beyond_m, ahead, track, open_end)
             ]
         if report is not None and not self.is_recent(report, now_ns):
@@ -237,21 +239,21 @@ class Conclusions:
             found += [each._replace(bar=Bar.UNSURE) for each in doubtful]
         return found
 
-    def no_farther(self, record: Record, now_ns: int) -> Stretch:
+    def no_farther(self, record: TrainRecord, now_ns: int) -> BarredTrack:
         """Where a train was granted nothing yet; one that may not have heard gets no other for the
         moment than what it says that it holds.
         """
         if self.spoke_just_now(record, now_ns):
-            return Stretch(record.granted_m, UNBOUNDED_M, Bar.SHUT)
-        return Stretch(record.latent_m, UNBOUNDED_M, Bar.UNSURE)
+            return BarredTrack(record.granted_m, UNBOUNDED_M, Bar.SHUT)
+        return BarredTrack(record.latent_m, UNBOUNDED_M, Bar.UNSURE)
 
     def hidden_before(
         self,
         beyond_m: float,
-        ahead: Record | None,
+        ahead: TrainRecord | None,
         track: TrackView | None,
-        open_end: tuple[float, Record | None],
-    ) -> list[Stretch]:
+        open_end: tuple[float, TrainRecord | None],
+    ) -> list[BarredTrack]:
         """An occupied section that none of the trains known can be in.
 
         Args:

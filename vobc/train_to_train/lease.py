@@ -3,7 +3,7 @@
 import enum
 from typing import Final, NamedTuple
 
-from vobc.train_to_train.guards import Attempt, Clock, Granted, LeaseGuards, Terms, Votes
+from vobc.train_to_train.guards import Attempt, Granted, LeaseClock, LeaseGuards, Terms, Votes
 from vobc.train_to_train.vocabulary import T2tConfig
 from zenoh_config.t2t import NOBODY, LeaseAnswer, LeaseKind, RosterEntry
 from zenoh_config.timers import NS_PER_MS
@@ -20,7 +20,7 @@ class LeaseState(enum.Enum):
     HELD = "held"
 
 
-class Request(NamedTuple):
+class ArbiterRequest(NamedTuple):
     """To every arbiter, from this instant."""
 
     kind: LeaseKind
@@ -30,7 +30,7 @@ class Request(NamedTuple):
     less_ns: int
 
 
-class Asked(NamedTuple):
+class PendingRequest(NamedTuple):
     """A request on its way."""
 
     sent_ns: int
@@ -69,7 +69,7 @@ class Lease:
         self.beaten = False
         """An arbiter has promised a higher term: nobody will renew this one."""
         self._nonce = 0
-        self._asked: dict[int, Asked] = {}
+        self._asked: dict[int, PendingRequest] = {}
         """By nonce."""
         self._refusers: set[int] = set()
         self._renewed_ns = 0
@@ -79,7 +79,7 @@ class Lease:
         self._answer_ns = 0
         """and how long that took."""
 
-    def ask(self, now_ns: int, *, seen_term: int, tried_term: int) -> Request:
+    def ask(self, now_ns: int, *, seen_term: int, tried_term: int) -> ArbiterRequest:
         """Apply for the area. The term of the request must be stored as tried before it goes."""
         self.state = LeaseState.ASKED
         self.term = self._guards.unused_term(Terms(seen_term, self.refused_term, tried_term))
@@ -96,7 +96,7 @@ class Lease:
     def renewal_due_ns(self) -> int:
         return self._renewed_ns + self._config.timers.renew_ms * NS_PER_MS
 
-    def renew(self, now_ns: int) -> Request:
+    def renew(self, now_ns: int) -> ArbiterRequest:
         return self._request(LeaseKind.RENEW, now_ns, self._less_ns(now_ns))
 
     def _less_ns(self, now_ns: int) -> int:
@@ -108,20 +108,20 @@ class Lease:
         unheard_ns = now_ns - self._confirmed_ns - usual_ns
         return min(max(unheard_ns, 0), timers.holder_lease_ns)
 
-    def give_back(self, now_ns: int) -> Request:
+    def give_back(self, now_ns: int) -> ArbiterRequest:
         """Also what was granted in part."""
         request = self._request(LeaseKind.RELEASE, now_ns)
         self.state = LeaseState.NONE
         return request
 
-    def _request(self, kind: LeaseKind, now_ns: int, less_ns: int = 0) -> Request:
+    def _request(self, kind: LeaseKind, now_ns: int, less_ns: int = 0) -> ArbiterRequest:
         self._nonce += 1
         self._renewed_ns = now_ns
         if kind is not LeaseKind.RELEASE:
-            self._asked[self._nonce] = Asked(now_ns, less_ns, set())
+            self._asked[self._nonce] = PendingRequest(now_ns, less_ns, set())
             if len(self._asked) > REQUESTS_KEPT:
                 del self._asked[next(iter(self._asked))]
-        return Request(kind, self.term, self._nonce, self.successor, less_ns)
+        return ArbiterRequest(kind, self.term, self._nonce, self.successor, less_ns)
 
     def hears(self, answer: LeaseAnswer, now_ns: int) -> None:
         """Count a vote, if it is one for what was asked."""
@@ -136,7 +136,7 @@ class Lease:
         if self.state is LeaseState.NONE or not self._guards.answers_this_attempt(attempt):
             return
         if asked is None:
-            asked = self._asked.setdefault(answer.nonce, Asked(answer.echo_ns, 0, set()))
+            asked = self._asked.setdefault(answer.nonce, PendingRequest(answer.echo_ns, 0, set()))
         asked.voters.add(answer.source)
         kept = Kept(answer.roster_term, answer.roster_version, answer.roster)
         newer = (kept.term, kept.version) > (self.adopted.term, self.adopted.version)
@@ -174,5 +174,5 @@ class Lease:
         """It holds, and still when what is said now has left."""
         margin_ns = self._config.timers.margin_ms * NS_PER_MS
         return self.state is LeaseState.HELD and self._guards.lease_runs(
-            Clock(now_ns, self.until_ns, margin_ns)
+            LeaseClock(now_ns, self.until_ns, margin_ns)
         )

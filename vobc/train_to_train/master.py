@@ -4,20 +4,32 @@ from typing import Final
 
 from firmware_py.trackdb.areas import AreaMap
 from vobc.train_to_train import admission
-from vobc.train_to_train.admission import Scene, Waiting, admitted, foremost_first, is_sieved
-from vobc.train_to_train.authority import Course, Space, Stretch, back_to_m, end_of_authority_m
+from vobc.train_to_train.admission import (
+    AdmissionGuardInputs,
+    Waiting,
+    admitted,
+    foremost_first,
+    is_sieved,
+)
+from vobc.train_to_train.authority import (
+    AreaBounds,
+    BarredTrack,
+    Course,
+    back_to_m,
+    end_of_authority_m,
+)
 from vobc.train_to_train.axle_counting import TrackView, restrictions_for, view_of
 from vobc.train_to_train.guards import Freshness, MasterGuards
 from vobc.train_to_train.inference import Conclusions
 from vobc.train_to_train.lease import Lease
-from vobc.train_to_train.message_heads import Head, Speaker
-from vobc.train_to_train.objects import Objects
-from vobc.train_to_train.occupancy import Record, TrainTable
-from vobc.train_to_train.removals import Removals, Sight
-from vobc.train_to_train.restart import Newborns
+from vobc.train_to_train.message_heads import MessageHead, MessageHeads
+from vobc.train_to_train.objects import TrackObjects
+from vobc.train_to_train.occupancy import TrainRecord, TrainTable
+from vobc.train_to_train.removals import Removals, TrackObservation
+from vobc.train_to_train.restart import RestartedTrains
 from vobc.train_to_train.roster import Order, Roster
 from vobc.train_to_train.succession import Succession
-from vobc.train_to_train.surroundings import Look, Surroundings
+from vobc.train_to_train.surroundings import AreaObservation, Surroundings
 from vobc.train_to_train.vocabulary import T2tConfig
 from zenoh_config.messages import WAYSIDE
 from zenoh_config.t2t import (
@@ -58,7 +70,7 @@ class Master:
         line: AreaMap,
         area: int,
         *,
-        speaker: Speaker,
+        speaker: MessageHeads,
         lease: Lease,
         table: TrainTable,
         now_ns: int,
@@ -69,23 +81,23 @@ class Master:
         self.roster = Roster(lease.term, lease.adopted, config.majority, guards)
         self._config, self._guards, self._line = config, guards, line
         self._area = line.area(area)
-        self._space = Space(
+        self._space = AreaBounds(
             self._area.end_m, (), config.rollback_m, config.jog_m, config.longest_authority_m
         )
         self._speaker, self._lease = speaker, lease
         self._known = Conclusions(lease.term, table, config, guards)
-        self._objects = Objects(lease.term, line.objects_in(area), guards)
+        self._objects = TrackObjects(lease.term, line.objects_in(area), guards)
         self._track: TrackView | None = None
         self._applicants: dict[int, tuple[TrainReport, int]] = {}
         self._around = Surroundings(self._known, line, area)
         self._removals = Removals(config, guards, self._known)
         self._unfit: set[int] = set()
         """Out of service by order of supervision."""
-        self._left: Record | None = None
+        self._left: TrainRecord | None = None
         """The last train that left the area near which nobody hid; its axles may still show."""
         self._beat_ns = self._cycle_ns = now_ns
         self._was_ready = False
-        self._newborns = Newborns(config, guards)
+        self._newborns = RestartedTrains(config, guards)
         self._known.begin_with(self.roster.proposed, now_ns)
 
     def hears(self, message: T2tMessage, now_ns: int) -> None:
@@ -250,13 +262,15 @@ class Master:
             sieved.append(entry)
         return tuple(sieved), tuple(sieved) != order
 
-    def _look(self, now_ns: int) -> Look:
+    def _look(self, now_ns: int) -> AreaObservation:
         return self._around.look(self.roster.proposed, self._strangers(), self._track, now_ns)
 
-    def _scene(self, now_ns: int, newcomer: TrainReport, *, inside: bool = False) -> Scene:
+    def _scene(
+        self, now_ns: int, newcomer: TrainReport, *, inside: bool = False
+    ) -> AdmissionGuardInputs:
         return self._around.scene(newcomer.source, self._look(now_ns), inside=inside)
 
-    def _sight(self, now_ns: int) -> Sight:
+    def _sight(self, now_ns: int) -> TrackObservation:
         return self._around.sight(self._strangers(), self._track, now_ns)
 
     def _strangers(self) -> list[tuple[TrainReport, int]]:
@@ -279,8 +293,8 @@ class Master:
         barred = [*self._objects.stretches(), *(self._track.closed if self._track else ())]
         barred += admission.kept_free(self._strangers(), self.roster.boots(), self._config)
         issued: list[T2tMessage] = []
-        ahead: Record | None = None
-        alone: Record | None = None
+        ahead: TrainRecord | None = None
+        alone: TrainRecord | None = None
         kept = True
         for rank, entry in enumerate(self.roster.proposed, start=1):
             record = self._known.records[entry.train]
@@ -299,7 +313,12 @@ class Master:
         return [*self._sync(now_ns), *issued]
 
     def _authority(
-        self, now_ns: int, record: Record, ahead: Record | None, barred: list[Stretch], rank: int
+        self,
+        now_ns: int,
+        record: TrainRecord,
+        ahead: TrainRecord | None,
+        barred: list[BarredTrack],
+        rank: int,
     ) -> AreaAuthority | None:
         report = record.report
         if report is None:
@@ -390,7 +409,7 @@ class Master:
         seen_ns = now_ns - limit_ns - 1 if self._track is None else self._track.seen_ns
         return self._guards.track_known(Freshness(now_ns - seen_ns, limit_ns))
 
-    def _head(self, now_ns: int, to: int) -> Head:
+    def _head(self, now_ns: int, to: int) -> MessageHead:
         return self._speaker.head(now_ns, to=to, area=self._area.number, term=self.term)
 
 

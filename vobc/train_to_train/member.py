@@ -9,7 +9,7 @@ RANK_OF_A_STRANGER: int = 4
 """Members of the roster go first."""
 
 
-class Member:
+class AreaMember:
     """One for each area that the train has to do with."""
 
     def __init__(

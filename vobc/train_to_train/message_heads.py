@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 
-class Head(NamedTuple):
+class MessageHead(NamedTuple):
     """The first fields of every message, in their order."""
 
     source: int
@@ -15,12 +15,12 @@ class Head(NamedTuple):
     stamp_ns: int
 
 
-class Speaker:
+class MessageHeads:
     def __init__(self, address: int, boot: int) -> None:
         self.address, self.boot = address, boot
         self.sequence = 0
         """Of the last message."""
 
-    def head(self, now_ns: int, *, to: int, area: int, term: int) -> Head:
+    def head(self, now_ns: int, *, to: int, area: int, term: int) -> MessageHead:
         self.sequence += 1
-        return Head(self.address, to, area, term, self.boot, self.sequence, now_ns)
+        return MessageHead(self.address, to, area, term, self.boot, self.sequence, now_ns)

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 from firmware_py.trackdb.areas import ObjectSite
-from vobc.train_to_train.authority import Bar, Stretch
+from vobc.train_to_train.authority import Bar, BarredTrack
 from vobc.train_to_train.guards import Claimed, MasterGuards, Reach
 from zenoh_config.t2t import ClaimKind, ObjectState, ObjectStatus
 
@@ -14,7 +14,7 @@ class Claim(NamedTuple):
     nonce: int
 
 
-class Objects:
+class TrackObjects:
     """Of one area, under one term. Nonces grow, so that an older claim cannot undo a newer."""
 
     def __init__(self, term: int, sites: Sequence[ObjectSite], guards: MasterGuards) -> None:
@@ -78,10 +78,12 @@ class Objects:
     def _carried_out(self, claim: Claim, status: ObjectStatus) -> bool:
         return (status.claim_term, status.nonce) == (self._term, claim.nonce)
 
-    def stretches(self) -> list[Stretch]:
+    def stretches(self) -> list[BarredTrack]:
         """Those that trains may not pass just so."""
         barred = [(site, self._bar(site)) for site in self._sites]
-        return [Stretch(site.start_m, site.end_m, bar) for site, bar in barred if bar is not None]
+        return [
+            BarredTrack(site.start_m, site.end_m, bar) for site, bar in barred if bar is not None
+        ]
 
     def _bar(self, site: ObjectSite) -> Bar | None:
         status = self.statuses.get(site.number)

@@ -25,7 +25,7 @@ class Sent(NamedTuple):
 
 
 @dataclass(slots=True)
-class Record:
+class TrainRecord:
     """One train, as far as its master knows."""
 
     train: int
@@ -129,13 +129,13 @@ class TrainTable:
     """Records by train."""
 
     def __init__(self) -> None:
-        self.records: dict[int, Record] = {}
+        self.records: dict[int, TrainRecord] = {}
 
-    def of(self, train: int, *, rear_m: float, now_ns: int) -> Record:
+    def of(self, train: int, *, rear_m: float, now_ns: int) -> TrainRecord:
         """The record of a train; a new one begins with this rear."""
         found = self.records.get(train)
         if found is None:
-            found = self.records[train] = Record(train, rear_m, now_ns)
+            found = self.records[train] = TrainRecord(train, rear_m, now_ns)
         return found
 
     def forget_but(self, trains: Iterable[int]) -> None:
@@ -147,7 +147,7 @@ class TrainTable:
         for entry in entries:
             record = self.of(entry.train, rear_m=entry.rear_m, now_ns=now_ns)
             if record.boot < entry.boot:
-                record = Record(entry.train, entry.rear_m, now_ns, boot=entry.boot)
+                record = TrainRecord(entry.train, entry.rear_m, now_ns, boot=entry.boot)
                 self.records[entry.train] = record
             if record.report is None and record.boot == entry.boot:
                 record.rear_m = max(record.rear_m, entry.rear_m)

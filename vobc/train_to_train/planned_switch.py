@@ -15,7 +15,7 @@ class SwitchState(enum.Enum):
     """The successor may acquire the lease; until it has, the old term stays in force."""
 
 
-class Look(NamedTuple):
+class SwitchGuardInputs(NamedTuple):
     """What decides about a switch."""
 
     wanted: int
@@ -27,19 +27,19 @@ class Look(NamedTuple):
     timed_out: bool
 
 
-def asked_for(look: Look) -> bool:
+def asked_for(look: SwitchGuardInputs) -> bool:
     return look.wanted != NOBODY and look.successor_fit
 
 
-def all_said_ready(look: Look) -> bool:
+def all_said_ready(look: SwitchGuardInputs) -> bool:
     return look.successor_ready and look.all_ready
 
 
-def given_up(look: Look) -> bool:
+def given_up(look: SwitchGuardInputs) -> bool:
     return look.timed_out or not look.successor_fit
 
 
-Guard = Callable[[Look], bool]
+Guard = Callable[[SwitchGuardInputs], bool]
 
 TRANSITIONS: Final[Mapping[SwitchState, tuple[tuple[Guard, SwitchState], ...]]] = {
     SwitchState.IDLE: ((asked_for, SwitchState.PREPARING),),
@@ -69,7 +69,7 @@ class PlannedSwitch:
         """One transition at most."""
         target = wanted if self.state is SwitchState.IDLE else self.successor
         running = self.state is not SwitchState.IDLE
-        look = Look(
+        look = SwitchGuardInputs(
             wanted=wanted,
             successor_fit=target != NOBODY and fit(target),
             successor_ready=self.successor_ready,

@@ -49,7 +49,7 @@ Stream = tuple[type[T2tMessage], int, int, int]
 """Kind, source, area and the number of the object that it speaks of."""
 
 
-class Hearing:
+class Reception:
     """Counts what it refuses by reason; a refused message changes nothing else."""
 
     def __init__(self, address: int, boot: int) -> None:

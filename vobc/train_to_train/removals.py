@@ -9,7 +9,7 @@ against any word.
 from collections.abc import Callable, Iterable
 from typing import Final, NamedTuple
 
-from vobc.train_to_train.authority import Standing, all_explained
+from vobc.train_to_train.authority import StandingTrain, all_explained
 from vobc.train_to_train.axle_counting import TrackView
 from vobc.train_to_train.guards import MasterGuards, Vanished
 from vobc.train_to_train.inference import Conclusions
@@ -24,13 +24,13 @@ REMOVALS_MAX: Final = 16
 """Wanted at the same time; others are not answered."""
 
 
-class Sight(NamedTuple):
+class TrackObservation(NamedTuple):
     """What the area's track and trains tell."""
 
     counts: bool
     """This line counts axles."""
     track: TrackView | None
-    standing: tuple[Standing, ...]
+    standing: tuple[StandingTrain, ...]
     """Trains that are heard, and say that they stand."""
     heard: set[int]
     """Trains that were heard just now and are not on the roster in this incarnation."""
@@ -38,7 +38,7 @@ class Sight(NamedTuple):
     """Of the area."""
 
 
-class Wanted(NamedTuple):
+class WantedRemoval(NamedTuple):
     """A removal that supervision asks for, and how far it has come."""
 
     echo_ns: int
@@ -51,7 +51,7 @@ class Removals:
 
     def __init__(self, config: T2tConfig, guards: MasterGuards, known: Conclusions) -> None:
         self._config, self._guards, self._known = config, guards, known
-        self._wanted: dict[int, Wanted] = {}
+        self._wanted: dict[int, WantedRemoval] = {}
         """By train."""
         self._late: set[int] = set()
 
@@ -62,12 +62,14 @@ class Removals:
         if train not in self._wanted and len(self._wanted) >= REMOVALS_MAX:
             return
         if _is_good(removal.echo_ns, now_ns):
-            known = self._wanted.get(train, Wanted(removal.echo_ns))
+            known = self._wanted.get(train, WantedRemoval(removal.echo_ns))
             self._wanted[train] = known._replace(echo_ns=max(removal.echo_ns, known.echo_ns))
         elif len(self._late) < REMOVALS_MAX:
             self._late.add(train)
 
-    def gone(self, roster: Roster, look: Callable[[int], Sight], now_ns: int) -> set[int]:
+    def gone(
+        self, roster: Roster, look: Callable[[int], TrackObservation], now_ns: int
+    ) -> set[int]:
         """Trains that are wanted off the roster and surely hold and occupy nothing."""
         wanted = {t: e for t, e in self._wanted.items() if _is_good(e.echo_ns, now_ns)}
         self._wanted = wanted
@@ -87,7 +89,7 @@ class Removals:
         return {train for train in concerned if wanted[train].state is RemovalState.COMMITTING}
 
     def _judged(
-        self, train: int, echo_ns: int, reach_m: float, sight: Sight, now_ns: int
+        self, train: int, echo_ns: int, reach_m: float, sight: TrackObservation, now_ns: int
     ) -> RemovalState:
         record, track = self._known.records[train], sight.track
         age_max_ns = self._config.timers.authority_ms * NS_PER_MS

@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from typing import Final, NamedTuple
 
 from vobc.train_to_train.admission import (
-    Scene,
+    AdmissionGuardInputs,
     Waiting,
     admitted,
     are_known,
@@ -20,7 +20,7 @@ from vobc.train_to_train.admission import (
 )
 from vobc.train_to_train.guards import MasterGuards
 from vobc.train_to_train.inference import Conclusions
-from vobc.train_to_train.occupancy import UNBOUNDED_M, Record, rear_max_m
+from vobc.train_to_train.occupancy import UNBOUNDED_M, TrainRecord, rear_max_m
 from vobc.train_to_train.roster import Order
 from vobc.train_to_train.vocabulary import T2tConfig
 from zenoh_config.t2t import NOBODY, RosterEntry, TrainReport
@@ -31,7 +31,7 @@ SHORTEST_M: Final = 15.0
 """No train is shorter."""
 
 
-class Whereabouts(enum.Enum):
+class RestartPlace(enum.Enum):
     IN_PLACE = "in place"
     GONE = "gone"
     UNSURE = "unsure"
@@ -65,12 +65,12 @@ class Neighbour(NamedTuple):
 class Former(NamedTuple):
     """What is known of the life before, and of those around it on the roster."""
 
-    record: Record
+    record: TrainRecord
     behind: Sequence[Neighbour]
     ahead: Sequence[Neighbour] = ()
 
 
-class Evidence(NamedTuple):
+class RestartEvidence(NamedTuple):
     sieved: bool
     """It stands, and all axles around are those of trains that say they stand there."""
     left: bool
@@ -81,35 +81,35 @@ class Evidence(NamedTuple):
 
 
 def whereabouts(
-    former: Former, report: TrainReport, evidence: Evidence, *, behind_rear_m: float
-) -> Whereabouts:
+    former: Former, report: TrainReport, evidence: RestartEvidence, *, behind_rear_m: float
+) -> RestartPlace:
     """The report is of the new life, and knows its place."""
     gone_back = _is_farther_back(report, former.record, behind_rear_m)
     overtaken = any(each.rear_m > report.front_max_m for each in former.behind)
     overtakes = any(each.rear_max_m < report.rear_min_m for each in former.ahead)
     if gone_back or overtaken or overtakes:
         # A word may be of somebody else by the same name; what is counted on the track is not.
-        return Whereabouts.GONE if evidence.sieved or evidence.left else Whereabouts.UNSURE
+        return RestartPlace.GONE if evidence.sieved or evidence.left else RestartPlace.UNSURE
     if evidence.recent:
-        return Whereabouts.IN_PLACE
+        return RestartPlace.IN_PLACE
     unheard = not all(each.heard for each in former.behind)
     anew = [each for each in former.behind if each.anew_m is not None]
     changed = not all(each.is_behind(report.rear_min_m) for each in anew)
     # What is known of one ahead may be old: it has gone on since, or was passed.
     passed = [each for each in former.ahead if each.told_m < report.front_max_m]
     if changed or unheard or not all(each.is_behind(report.rear_min_m) for each in passed):
-        return Whereabouts.UNSURE
+        return RestartPlace.UNSURE
     if not passed:
-        return Whereabouts.IN_PLACE
-    return Whereabouts.BEFORE if evidence.sieved or evidence.left else Whereabouts.UNSURE
+        return RestartPlace.IN_PLACE
+    return RestartPlace.BEFORE if evidence.sieved or evidence.left else RestartPlace.UNSURE
 
 
-def _is_farther_back(report: TrainReport, record: Record, behind_rear_m: float) -> bool:
+def _is_farther_back(report: TrainReport, record: TrainRecord, behind_rear_m: float) -> bool:
     """Than it can have rolled or jogged from where it was."""
     return rear_max_m(report) < record.rear_m - behind_rear_m
 
 
-class Newborns:
+class RestartedTrains:
     """What they told since they began anew, by train."""
 
     def __init__(self, config: T2tConfig, guards: MasterGuards) -> None:
@@ -137,7 +137,7 @@ class Newborns:
     def settle(
         self,
         order: Order,
-        scene_of: Callable[[TrainReport], Scene],
+        scene_of: Callable[[TrainReport], AdmissionGuardInputs],
         known: Conclusions,
         now_ns: int,
     ) -> tuple[Order, list[tuple[TrainReport, int]]]:
@@ -159,7 +159,7 @@ class Newborns:
             before = [self._neighbour(each, known, now_ns) for each in settled]
             life = Former(former, behind, before)
             found = self._find(ahead, life, report, scene, recent=recent)
-            if found is Whereabouts.BEFORE:
+            if found is RestartPlace.BEFORE:
                 # Whichever was away: on the roster it is, where it stands, or where it was.
                 rest = (*settled, *followers)
                 result = admitted(rest, report, scene, self._config, self._guards)
@@ -168,12 +168,12 @@ class Newborns:
                     del self._told[entry.train]
                     known.reborn(report, heard_ns)
                     continue
-                found = Whereabouts.UNSURE
-            if found is Whereabouts.UNSURE:
+                found = RestartPlace.UNSURE
+            if found is RestartPlace.UNSURE:
                 settled.append(entry)
                 continue
             del self._told[entry.train]
-            if found is Whereabouts.GONE:
+            if found is RestartPlace.GONE:
                 del known.records[entry.train]
                 gone.append((report, heard_ns))
             else:
@@ -202,8 +202,14 @@ class Newborns:
         return Neighbour(record.rear_m, heard=True, anew_m=anew_m)
 
     def _find(
-        self, ahead: int, former: Former, report: TrainReport, scene: Scene, *, recent: bool
-    ) -> Whereabouts:
+        self,
+        ahead: int,
+        former: Former,
+        report: TrainReport,
+        scene: AdmissionGuardInputs,
+        *,
+        recent: bool,
+    ) -> RestartPlace:
         config, record = self._config, former.record
         ahead_m = scene.area.end_m if ahead == NOBODY else scene.records[ahead].rear_m
         # There at least its foremost axle would be; what is before the area is others' to look at.
@@ -212,7 +218,7 @@ class Newborns:
         to_m = max(ahead_m, from_m + config.overhang_m)
         # Of what is there now it matters only whose it is, not who may be forgotten later.
         there = scene._replace(standing=scene.there, at_rest=scene.there)
-        evidence = Evidence(
+        evidence = RestartEvidence(
             sieved=(
                 not is_over_border(report, scene) and is_sieved(report, there, config.behind_axle_m)
             ),
@@ -223,8 +229,8 @@ class Newborns:
             recent=recent,
         )
         found = whereabouts(former, report, evidence, behind_rear_m=config.behind_rear_m)
-        if found is not Whereabouts.IN_PLACE:
+        if found is not RestartPlace.IN_PLACE:
             return found
         # Over the border, as for any other that comes over it.
         in_line = self._guards.comes_in_line(line_of(report, scene, ahead))
-        return found if in_line else Whereabouts.UNSURE
+        return found if in_line else RestartPlace.UNSURE

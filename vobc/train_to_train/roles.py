@@ -6,7 +6,7 @@ from typing import Final, NamedTuple
 from vobc.train_to_train.vocabulary import Role, TrainState
 
 
-class Sight(NamedTuple):
+class RoleGuardInputs(NamedTuple):
     """What decides about a train's role in one area."""
 
     concerned: bool
@@ -29,51 +29,51 @@ class Sight(NamedTuple):
     """It commands, and hears nothing of those whom it commands."""
 
 
-def not_concerned(sight: Sight) -> bool:
+def not_concerned(sight: RoleGuardInputs) -> bool:
     return not sight.concerned
 
 
-def concerned(sight: Sight) -> bool:
+def concerned(sight: RoleGuardInputs) -> bool:
     return sight.concerned
 
 
-def applies(sight: Sight) -> bool:
+def applies(sight: RoleGuardInputs) -> bool:
     return sight.apply_now and sight.may_command
 
 
-def named_standby(sight: Sight) -> bool:
+def named_standby(sight: RoleGuardInputs) -> bool:
     return sight.named_standby
 
 
-def not_named(sight: Sight) -> bool:
+def not_named(sight: RoleGuardInputs) -> bool:
     return not sight.named_standby
 
 
-def is_member(sight: Sight) -> bool:
+def is_member(sight: RoleGuardInputs) -> bool:
     return sight.member
 
 
-def no_member(sight: Sight) -> bool:
+def no_member(sight: RoleGuardInputs) -> bool:
     return not sight.member
 
 
-def beaten(sight: Sight) -> bool:
+def beaten(sight: RoleGuardInputs) -> bool:
     return sight.fenced or sight.candidacy_lost
 
 
-def granted(sight: Sight) -> bool:
+def granted(sight: RoleGuardInputs) -> bool:
     return sight.lease_granted
 
 
-def command_over(sight: Sight) -> bool:
+def command_over(sight: RoleGuardInputs) -> bool:
     return sight.fenced or not sight.lease_runs or sight.relieved or sight.deaf
 
 
-def roster_kept(sight: Sight) -> bool:
+def roster_kept(sight: RoleGuardInputs) -> bool:
     return sight.roster_kept
 
 
-Guard = Callable[[Sight], bool]
+Guard = Callable[[RoleGuardInputs], bool]
 
 ROLES: Final[Mapping[Role, tuple[tuple[Guard, Role], ...]]] = {
     Role.OUTSIDE: ((concerned, Role.APPLICANT),),
@@ -100,7 +100,7 @@ ROLES: Final[Mapping[Role, tuple[tuple[Guard, Role], ...]]] = {
 }
 
 
-def next_role(role: Role, sight: Sight) -> Role:
+def next_role(role: Role, sight: RoleGuardInputs) -> Role:
     """The first guard that holds decides; when none holds the role stays."""
     for guard, target in ROLES[role]:
         if guard(sight):
@@ -108,7 +108,7 @@ def next_role(role: Role, sight: Sight) -> Role:
     return role
 
 
-class Standing(NamedTuple):
+class StandingGuardInputs(NamedTuple):
     """What decides how a train stands to those who command it."""
 
     localised: bool
@@ -117,23 +117,23 @@ class Standing(NamedTuple):
     """In which it is with any part of itself."""
 
 
-def lost(standing: Standing) -> bool:
+def lost(standing: StandingGuardInputs) -> bool:
     return not standing.localised
 
 
-def without_authority(standing: Standing) -> bool:
+def without_authority(standing: StandingGuardInputs) -> bool:
     return not standing.authority_young
 
 
-def between_areas(standing: Standing) -> bool:
+def between_areas(standing: StandingGuardInputs) -> bool:
     return standing.areas > 1
 
 
-def always(standing: Standing) -> bool:
+def always(standing: StandingGuardInputs) -> bool:
     return True
 
 
-STATES: Final[tuple[tuple[Callable[[Standing], bool], TrainState], ...]] = (
+STATES: Final[tuple[tuple[Callable[[StandingGuardInputs], bool], TrainState], ...]] = (
     (lost, TrainState.LOST),
     (without_authority, TrainState.NON_COMMUNICATING),
     (between_areas, TrainState.CO_MANAGED),
@@ -142,5 +142,5 @@ STATES: Final[tuple[tuple[Callable[[Standing], bool], TrainState], ...]] = (
 """From every state alike: the first that holds."""
 
 
-def state_of(standing: Standing) -> TrainState:
+def state_of(standing: StandingGuardInputs) -> TrainState:
     return next(state for guard, state in STATES if guard(standing))

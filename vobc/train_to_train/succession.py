@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 
-from vobc.train_to_train.message_heads import Head
+from vobc.train_to_train.message_heads import MessageHead
 from vobc.train_to_train.planned_switch import PlannedSwitch, SwitchState
 from zenoh_config.t2t import BROADCAST, NOBODY, SwitchKind, SwitchStep, T2tMessage
 
@@ -63,7 +63,7 @@ class Succession:
             self.wanted = NOBODY
         return switch.state is not before
 
-    def steps(self, now_ns: int, head: Callable[[int, int], Head]) -> list[T2tMessage]:
+    def steps(self, now_ns: int, head: Callable[[int, int], MessageHead]) -> list[T2tMessage]:
         """What to say of the switch now; said again and again while it lasts.
 
         Args:

@@ -4,11 +4,11 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 from firmware_py.trackdb.areas import AreaMap
-from vobc.train_to_train.admission import Scene, may_explain, standing_of
-from vobc.train_to_train.authority import Standing
+from vobc.train_to_train.admission import AdmissionGuardInputs, may_explain, standing_of
+from vobc.train_to_train.authority import StandingTrain
 from vobc.train_to_train.axle_counting import TrackView, way_m
 from vobc.train_to_train.inference import Conclusions
-from vobc.train_to_train.removals import Sight
+from vobc.train_to_train.removals import TrackObservation
 from vobc.train_to_train.roster import Order
 from zenoh_config.t2t import TrainReport
 
@@ -23,12 +23,12 @@ class Halt(NamedTuple):
     """The newest that does."""
 
 
-class Look(NamedTuple):
+class AreaObservation(NamedTuple):
     """What is seen and heard at one instant, whoever it is needed for."""
 
-    told: Mapping[int, Standing]
+    told: Mapping[int, StandingTrain]
     """By train that says where it is."""
-    at_rest: Mapping[int, Standing]
+    at_rest: Mapping[int, StandingTrain]
     """Those of them that stood already where they are when sections were counted."""
     strangers: Sequence[Heard]
     reserved_m: dict[int, float]
@@ -66,7 +66,7 @@ class Surroundings:
 
     def look(
         self, order: Order, strangers: Iterable[Heard], track: TrackView | None, now_ns: int
-    ) -> Look:
+    ) -> AreaObservation:
         """Around at one instant.
 
         Args:
@@ -76,9 +76,11 @@ class Surroundings:
         told = self._witnesses(others, track, now_ns)
         at_rest = self._at_rest(told, track, now_ns)
         reserved_m = self._known.reserved_m([each for each in order if each.train in records])
-        return Look(told, at_rest, others, reserved_m, track, now_ns)
+        return AreaObservation(told, at_rest, others, reserved_m, track, now_ns)
 
-    def scene(self, but: int, look: Look, *, inside: bool = False) -> Scene:
+    def scene(
+        self, but: int, look: AreaObservation, *, inside: bool = False
+    ) -> AdmissionGuardInputs:
         """What the admission of a train is decided on.
 
         Args:
@@ -87,7 +89,7 @@ class Surroundings:
         """
         track = look.track
         there = self._standing_there(look.strangers, track, look.now_ns) if inside else {}
-        return Scene(
+        return AdmissionGuardInputs(
             area=self._area,
             before=self._before,
             records=self._known.records,
@@ -100,12 +102,14 @@ class Surroundings:
             line_m=self._line_m,
         )
 
-    def sight(self, strangers: Iterable[Heard], track: TrackView | None, now_ns: int) -> Sight:
+    def sight(
+        self, strangers: Iterable[Heard], track: TrackView | None, now_ns: int
+    ) -> TrackObservation:
         """What the removal of a train is decided on."""
         others = list(strangers)
         # Also one whose word was long on its way is there.
         anew = {e.source for e, heard_ns in others if self._known.is_alive(heard_ns, now_ns)}
-        return Sight(
+        return TrackObservation(
             self._counts,
             track,
             tuple(self._standing_there(others, track, now_ns).values()),
@@ -115,15 +119,15 @@ class Surroundings:
 
     def _standing_there(
         self, others: Sequence[Heard], track: TrackView | None, now_ns: int
-    ) -> dict[int, Standing]:
+    ) -> dict[int, StandingTrain]:
         """Who may be forgotten is there all the same now, and so is whose axles these are."""
         return self._at_rest(self._witnesses(others, track, now_ns, inside=True), track, now_ns)
 
     def _at_rest(
-        self, told: Mapping[int, Standing], track: TrackView | None, now_ns: int
-    ) -> dict[int, Standing]:
+        self, told: Mapping[int, StandingTrain], track: TrackView | None, now_ns: int
+    ) -> dict[int, StandingTrain]:
         return {
-            train: Standing(each.rear_m, each.front_m, each.axles)
+            train: StandingTrain(each.rear_m, each.front_m, each.axles)
             for train, each in told.items()
             if self._stood(train, track, now_ns)
         }
@@ -142,7 +146,7 @@ class Surroundings:
         now_ns: int,
         *,
         inside: bool = False,
-    ) -> dict[int, Standing]:
+    ) -> dict[int, StandingTrain]:
         """By train: of the roster, and of all others those that may explain anything.
 
         Args:
@@ -166,5 +170,5 @@ class Surroundings:
         }
 
 
-def _of_others(standing: Mapping[int, Standing], but: int) -> tuple[Standing, ...]:
+def _of_others(standing: Mapping[int, StandingTrain], but: int) -> tuple[StandingTrain, ...]:
     return tuple([each for train, each in standing.items() if train != but])

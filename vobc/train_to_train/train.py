@@ -5,12 +5,12 @@ from dataclasses import replace
 from typing import Final
 
 from firmware_py.trackdb.areas import Area, AreaMap
-from vobc.train_to_train.area_participant import AreaDesk, Chance
+from vobc.train_to_train.area_participant import AreaParticipant, Chance
 from vobc.train_to_train.guards import TrainGuards
-from vobc.train_to_train.message_heads import Speaker
+from vobc.train_to_train.message_heads import MessageHeads
 from vobc.train_to_train.occupancy import UNBOUNDED_M
-from vobc.train_to_train.reception import Hearing
-from vobc.train_to_train.roles import Standing, state_of
+from vobc.train_to_train.reception import Reception
+from vobc.train_to_train.roles import StandingGuardInputs, state_of
 from vobc.train_to_train.vocabulary import (
     HeldAuthority,
     OwnTrain,
@@ -68,10 +68,10 @@ class TrainCore:
         }
         """By area: a train whose rear is beyond this is no concern of it any more."""
         self._guards = guards or TrainGuards()
-        self._speaker = Speaker(address, self.memory.boot)
-        self._hearing = Hearing(address, self.memory.boot)
+        self._speaker = MessageHeads(address, self.memory.boot)
+        self._hearing = Reception(address, self.memory.boot)
         self._chance = Chance(address * 0x10001 + seed)
-        self._desks: dict[int, AreaDesk] = {}
+        self._desks: dict[int, AreaParticipant] = {}
         self.listens: frozenset[int] = frozenset()
         """Areas of which it wants to hear what is said to all; another object when it changes."""
         self._concerned_ns: dict[int, int] = {}
@@ -90,7 +90,7 @@ class TrainCore:
     def address(self) -> int:
         return self._speaker.address
 
-    def desk(self, area: int) -> AreaDesk | None:
+    def desk(self, area: int) -> AreaParticipant | None:
         """What the train has to do with an area, for displays; None: nothing."""
         return self._desks.get(area)
 
@@ -198,7 +198,7 @@ class TrainCore:
 
     def _desk(self, area: int, now_ns: int) -> None:
         if area not in self._desks:
-            self._desks[area] = AreaDesk(
+            self._desks[area] = AreaParticipant(
                 self._config,
                 self._guards,
                 self._line,
@@ -330,6 +330,6 @@ class TrainCore:
             memory=memory if changed else None,
             authority=authority,
             out=tuple(said),
-            state=state_of(Standing(own.localised, young, within)),
+            state=state_of(StandingGuardInputs(own.localised, young, within)),
             roles=tuple(roles),
         )

@@ -26,7 +26,7 @@ from metro_hil.model.mission import plan_journey
 from metro_hil.model.run_options import parse
 from metro_hil.run.lockstep import run_lockstep
 from vobc.atp.energy_check import EnergyCheck, Replicas
-from vobc.atp.protection import Protection, Verdict
+from vobc.atp.protection import Protection, ProtectionVerdict
 from vobc.vocabulary import Interval, Restriction
 
 SEED: Final = 1
@@ -159,7 +159,7 @@ def cost_of_a_step() -> list[Figure]:
     clock, costs_us = WallClock(), list[float]()
     step = Protection.step
 
-    def timed(self: Protection, *images: Any, **more: Any) -> Verdict:
+    def timed(self: Protection, *images: Any, **more: Any) -> ProtectionVerdict:
         begun_ns = clock.now_ns()
         verdict = step(self, *images, **more)
         costs_us.append((clock.now_ns() - begun_ns) / NS_PER_US)

@@ -13,8 +13,8 @@ from metro_hil.simulation.batch import Total, run_many
 from metro_hil.simulation.long_line import play
 from metro_hil.simulation.run import Phases
 from metro_hil.simulation.scenarios.acceptance import convoy
-from metro_hil.simulation.scripted_line import NS_PER_S, Plot, Scene
-from metro_hil.simulation.simulate import Job
+from metro_hil.simulation.scripted_line import NS_PER_S, Plot, ScriptedLine
+from metro_hil.simulation.simulate import SeedJob
 from vobc.train_to_train.train import TrainCore
 from zenoh_config.timers import TIMERS_A, TIMERS_B, LineTimers
 
@@ -55,7 +55,7 @@ LENGTH_M: Final = 81.2
 def events() -> list[Figure]:
     """Messages sent, come or lost, and steps of nodes, for each second of processor time."""
     total = Total()
-    for result in run_many(SEEDS, Job(Phases(trouble_s=30.0)), workers=1):
+    for result in run_many(SEEDS, SeedJob(Phases(trouble_s=30.0)), workers=1):
         total.add(result)
     rate_per_s = total.events / total.cpu_s
     return [
@@ -85,7 +85,7 @@ def _failover(name: str, timers: LineTimers) -> Figure:
 
 
 def _one_failover_s(seed: int, timers: LineTimers) -> float:
-    scene = Scene(Plot(convoy(5), area_m=4000.0, timers=timers, seed=seed))
+    scene = ScriptedLine(Plot(convoy(5), area_m=4000.0, timers=timers, seed=seed))
     scene.settle()
     scene.until("there is a standby", lambda: scene.standby() is not None, within_s=5.0)
     scene.run(1.0 + 0.013 * seed)
@@ -171,7 +171,7 @@ def approach(trains: int, interval_s: float) -> Approach:
         dwell_s=30.0,
         length_m=LENGTH_M,
     )
-    scene = Scene(plot)
+    scene = ScriptedLine(plot)
     scene.settle()
     came_s: dict[int, float] = {}
     took_s: dict[int, float] = {}
@@ -226,7 +226,7 @@ def headway_s(trains: int) -> tuple[list[float], int]:
         dwell_s=30.0,
         length_m=LENGTH_M,
     )
-    scene = Scene(plot)
+    scene = ScriptedLine(plot)
     scene.settle()
     left_s: dict[int, float] = {}
     while len(left_s) < trains:

@@ -6,15 +6,15 @@ from typing import Any, Final
 
 from firmware_py import settings
 from firmware_py.settings import SettingsError
-from metro_hil.campaign.factors import Phase, where
-from metro_hil.campaign.plan import Point
+from metro_hil.campaign.factors import CyclePhase, where
+from metro_hil.campaign.plan import SweepPoint
 from metro_hil.campaign.problems import Findings, attempt
 from metro_hil.campaign.sampled import FAULTS, faults_words
 from metro_hil.campaign.schema import BranchKeys, ControllerKeys
 from metro_hil.campaign.sources import Sources
 from metro_hil.campaign.tables import ConfigTable, KeyMissingError, with_value
 from metro_hil.campaign.train import DEFAULT, read_setup
-from metro_hil.model.case import Branch, Controller
+from metro_hil.model.case import Branch, ControllerSpec
 from metro_hil.model.frame_names import check_bus_fault
 from plant_emulator.faults.plan import read_fault
 
@@ -98,7 +98,7 @@ class Body:
                 findings.add_text(str(error), "monitor", ())
         return tuple(tables)
 
-    def _controller(self, findings: Findings) -> Controller | None:
+    def _controller(self, findings: Findings) -> ControllerSpec | None:
         keys = attempt(
             lambda table: settings.build(ControllerKeys, table, "", "controller"),
             self.raw.get("controller", {}),
@@ -107,7 +107,7 @@ class Body:
         )
         if keys is None:
             return None
-        return Controller(
+        return ControllerSpec(
             kind=keys.kind.value, path=keys.path, command=keys.command, lease_s=keys.lease_s
         )
 
@@ -171,18 +171,20 @@ class PointMaker:
             if what != "missing key":
                 findings.add(key, what)
 
-    def point(self, number: int, values: Mapping[str, Any], findings: Findings) -> Point | None:
+    def point(
+        self, number: int, values: Mapping[str, Any], findings: Findings
+    ) -> SweepPoint | None:
         """One point, or None with the reasons.
 
         Problems that the scenario has without the sweep as well are reported as its own.
         """
         body = self._body
         try:
-            plain = {key: item for key, item in values.items() if not isinstance(item, Phase)}
+            plain = {key: item for key, item in values.items() if not isinstance(item, CyclePhase)}
             body = body.with_values(plain)
             factors = dict(values)
             for key, item in values.items():
-                if isinstance(item, Phase):
+                if isinstance(item, CyclePhase):
                     factors[key] = item.instant_s(body.cycle_ms())
                     body = body.with_values({key: factors[key]})
         except KeyMissingError as error:
@@ -197,7 +199,7 @@ class PointMaker:
             fine = fine and not seen
             for key, what in seen.found:
                 self._report(key, what, factors, findings)
-        return Point(number=number, factors=factors, **parts) if fine else None
+        return SweepPoint(number=number, factors=factors, **parts) if fine else None
 
     def _part(self, body: Body, part: str, values: Sequence[Any]) -> tuple[Any, Findings]:
         """One part with what is wrong with it; points that share the values share the part."""

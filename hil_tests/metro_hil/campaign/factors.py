@@ -15,7 +15,7 @@ DIGITS: Final = 12
 """Significant ones of a computed level, so that none reads 0.30000000000000004."""
 
 
-class Scale(Enum):
+class LevelScale(Enum):
     LINEAR = "linear"
     LOG = "log"
 
@@ -26,25 +26,25 @@ class PhaseOf(Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class Span:
+class NumberRange:
     """A range of numbers, both ends included."""
 
     low: float
     high: float
-    scale: Scale = Scale.LINEAR
+    scale: LevelScale = LevelScale.LINEAR
     integer: bool = False
 
     def at(self, share: float) -> float | int:
         """The number at a share in [0, 1) of the way; whole numbers each have an equal part."""
         if self.integer:
             return int(self.low) + int(share * (int(self.high) - int(self.low) + 1))
-        if self.scale is Scale.LOG:
+        if self.scale is LevelScale.LOG:
             return rounded(self.low * (self.high / self.low) ** share)
         return rounded(self.low + (self.high - self.low) * share)
 
 
 @dataclass(frozen=True, slots=True)
-class Phase:
+class CyclePhase:
     """A level that is an instant: `base_s` and a share of the control cycle."""
 
     base_s: float
@@ -61,7 +61,7 @@ class Factor:
     key: str
     levels: tuple[Any, ...]
     """None for a range of which a design draws; then there is a span."""
-    span: Span | None = None
+    span: NumberRange | None = None
     """What a search may choose from; None for levels that are listed."""
 
     def at(self, share: float) -> Any:
@@ -90,7 +90,7 @@ class RangeKeys:
     high: float
     count: int | None = None
     step: float | None = None
-    scale: Scale = Scale.LINEAR
+    scale: LevelScale = LevelScale.LINEAR
     integer: bool = False
 
     def __post_init__(self) -> None:
@@ -104,9 +104,9 @@ class RangeKeys:
             raise ValueError(f"step {self.step:g} is not positive")
         if self.step is not None and (self.high - self.low) / self.step > LEVELS_MAX:
             raise ValueError(f"step {self.step:g} makes more than {LEVELS_MAX} levels")
-        if self.scale is Scale.LOG and self.low <= 0.0:
+        if self.scale is LevelScale.LOG and self.low <= 0.0:
             raise ValueError(f"low {self.low:g} is not positive, as scale 'log' needs")
-        if self.scale is Scale.LOG and self.step is not None:
+        if self.scale is LevelScale.LOG and self.step is not None:
             raise ValueError(f"step {self.step:g} does not go with scale 'log'; give count")
         if self.integer:
             for name in ("low", "high", "step"):
@@ -157,7 +157,7 @@ def _read(key: str, value: object, findings: Findings) -> Factor | None:
     integer = keys.integer or all(
         isinstance(value.get(name), int) for name in ("low", "high", "step")
     )
-    span = Span(keys.low, keys.high, keys.scale, integer)
+    span = NumberRange(keys.low, keys.high, keys.scale, integer)
     return Factor(key, ladder(keys, integer), span if keys.step is None else None)
 
 
@@ -183,8 +183,8 @@ def _phase_keys(table: dict[str, Any], key: str) -> PhaseKeys:
     return settings.build(PhaseKeys, table, "", where(key))
 
 
-def phases(keys: PhaseKeys) -> tuple[Phase, ...]:
-    return tuple(Phase(keys.base, index / keys.count) for index in range(keys.count))
+def phases(keys: PhaseKeys) -> tuple[CyclePhase, ...]:
+    return tuple(CyclePhase(keys.base, index / keys.count) for index in range(keys.count))
 
 
 def ladder(keys: RangeKeys, integer: bool) -> tuple[float | int, ...]:
@@ -195,7 +195,7 @@ def ladder(keys: RangeKeys, integer: bool) -> tuple[float | int, ...]:
         number = int((high - low) / step + Decimal("1e-9")) + 1
         levels = [float(low + index * step) for index in range(number)]
     elif keys.count is not None:
-        span = Span(keys.low, keys.high, keys.scale)
+        span = NumberRange(keys.low, keys.high, keys.scale)
         levels = [float(span.at(index / (keys.count - 1))) for index in range(keys.count)]
     else:
         return ()

@@ -9,7 +9,7 @@ from metro_hil.model.case import (
     Branch,
     Case,
     ConfigTable,
-    Controller,
+    ControllerSpec,
     Setup,
     Verdict,
 )
@@ -19,7 +19,7 @@ DRAWN = "drawn"
 """Design in which a case is what its seed says, so that the seed alone names it."""
 
 
-class Point(msgspec.Struct, frozen=True, kw_only=True):
+class SweepPoint(msgspec.Struct, frozen=True, kw_only=True):
     """One choice of values for what a scenario sweeps; without a sweep there is one."""
 
     number: int
@@ -28,7 +28,7 @@ class Point(msgspec.Struct, frozen=True, kw_only=True):
     setup: Setup
     faults: tuple[ConfigTable, ...]
     monitors: tuple[ConfigTable, ...]
-    controller: Controller
+    controller: ControllerSpec
     branch: Branch | None
 
 
@@ -51,13 +51,13 @@ class ScenarioPlan(msgspec.Struct, frozen=True, kw_only=True):
     """None without a sweep."""
     levels: dict[str, str]
     """By swept key: the levels or the range, in words."""
-    points: tuple[Point, ...]
+    points: tuple[SweepPoint, ...]
 
     @property
     def case_count(self) -> int:
         return len(self.points) * len(self.seeds)
 
-    def seeds_of(self, point: Point) -> tuple[int, ...]:
+    def seeds_of(self, point: SweepPoint) -> tuple[int, ...]:
         shift = point.number * len(self.seeds) if self.new_seeds else 0
         return tuple(seed + shift for seed in self.seeds)
 
@@ -99,7 +99,7 @@ def plan_cases(campaign: Campaign) -> tuple[Case, ...]:
     return tuple(cases)
 
 
-def case_of(scenario: ScenarioPlan, point: Point, seed: int, index: int) -> Case:
+def case_of(scenario: ScenarioPlan, point: SweepPoint, seed: int, index: int) -> Case:
     """One run of one point."""
     numbered = scenario.design not in (None, DRAWN)
     number = f"{point.number:0{NUMBER_DIGITS}d}-" if numbered else ""

@@ -10,8 +10,8 @@ from firmware_py.settings import SettingsError, nearest
 from metro_hil.campaign.definition import Body, PointMaker
 from metro_hil.campaign.designs import Choice, design
 from metro_hil.campaign.each import EACH, scenarios_of
-from metro_hil.campaign.factors import Factor, Phase, read_factors, where
-from metro_hil.campaign.plan import Campaign, Point, ScenarioPlan
+from metro_hil.campaign.factors import CyclePhase, Factor, read_factors, where
+from metro_hil.campaign.plan import Campaign, ScenarioPlan, SweepPoint
 from metro_hil.campaign.problems import CampaignError, Findings, attempt
 from metro_hil.campaign.sampled import FAULTS, FaultPool, draw, read_pool
 from metro_hil.campaign.schema import (
@@ -78,7 +78,7 @@ def define(
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class KeyPlace:
     """Where a key of a scenario with all that it inherits stands in the file."""
 
     above: ConfigTable
@@ -159,7 +159,7 @@ class _Reader:
     ) -> tuple[ScenarioPlan, Body, tuple[Factor, ...]] | None:
         shape = Findings()
         kept = {} if own is None else shaped(own, shape, inside_scenario=True)
-        place = Place(above, kept, index)
+        place = KeyPlace(above, kept, index)
         self._take(shape, f"scenario[{index}].")
         if own is not None and "name" not in kept and "name" not in own:
             self._say(f"scenario[{index}].name", "missing key")
@@ -311,7 +311,7 @@ def _points(
     *,
     pool: FaultPool,
     seeds: Sequence[int],
-) -> tuple[Point, ...]:
+) -> tuple[SweepPoint, ...]:
     """All points of the sweep, in order; what is wrong with them is reported."""
     keys = [factor.key for factor in factors]
     maker = PointMaker(body, [*keys, *([FAULTS] if pool.entries else [])], findings)
@@ -319,7 +319,7 @@ def _points(
     if choices is None:
         maker.report_body(findings)
         return ()
-    points: list[Point] = []
+    points: list[SweepPoint] = []
     wrong = 0
     for number, choice in enumerate(choices):
         point = maker.point(number, choice, findings)
@@ -374,7 +374,7 @@ def in_words(factor: Factor) -> str:
         kind = "whole numbers " if span.integer else ""
         scale = "" if span.scale.value == "linear" else f", {span.scale.value} scale"
         return f"{kind}{span.low:g} to {span.high:g}{scale}"
-    if isinstance(factor.levels[0], Phase):
+    if isinstance(factor.levels[0], CyclePhase):
         base_s = factor.levels[0].base_s
         return f"{len(factor.levels)} offsets in the control cycle from {base_s:g} s on"
     shown = [str(level) for level in factor.levels]

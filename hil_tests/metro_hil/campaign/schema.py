@@ -9,7 +9,7 @@ from typing import Any, Final
 from can_dbc.cab import CabMode
 from firmware_py.expression import ExpressionError, compile_expression
 from firmware_py.settings import nearest
-from metro_hil.model.case import TIME_MAX_S, BenchKind, Controller, Verdict
+from metro_hil.model.case import TIME_MAX_S, BenchKind, ControllerSpec, Verdict
 from plant_emulator.desk.drivers import DRIVERS
 from plant_emulator.truth import SIGNALS
 
@@ -142,7 +142,7 @@ class ControllerKeys:
     kind: ControllerKind = ControllerKind.SHIPPED
     path: str = ""
     command: str = ""
-    lease_s: float = Controller().lease_s
+    lease_s: float = ControllerSpec().lease_s
 
     def __post_init__(self) -> None:
         in_range(self, "lease_s", *LEASE_RANGE_S)

@@ -7,7 +7,7 @@ from typing import Any
 import msgspec
 
 from metro_hil.campaign.plan import Campaign, ScenarioPlan, fingerprint, plan_cases
-from metro_hil.model.case import Case, ConfigTable, Controller, Verdict
+from metro_hil.model.case import Case, ConfigTable, ControllerSpec, Verdict
 
 
 class ScenarioSummary(msgspec.Struct, frozen=True, kw_only=True):
@@ -93,7 +93,7 @@ def _scenario(plan: ScenarioPlan) -> ScenarioSummary:
     )
 
 
-def controller_words(controller: Controller) -> str:
+def controller_words(controller: ControllerSpec) -> str:
     return " ".join(filter(None, (controller.kind, controller.path, controller.command)))
 
 

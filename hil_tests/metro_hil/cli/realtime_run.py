@@ -22,9 +22,9 @@ from metro_hil.model.mission import Journey
 from metro_hil.model.run_folder import RunFolder
 from metro_hil.model.run_options import EXTERNAL, RunOptions
 from metro_hil.model.subprocesses import Child, ChildError
-from metro_hil.realtime.bus_watch import Watch
+from metro_hil.realtime.bus_watch import BusWatch
 from metro_hil.realtime.line_hints import LineHints
-from metro_hil.realtime.live_display import BusPicture, Display, Hints, no_hints
+from metro_hil.realtime.live_display import BusPicture, Hints, LiveDisplay, no_hints
 from zenoh_config.sessions import LINE_ENDPOINT
 
 BIT_RATE = 250_000
@@ -58,7 +58,7 @@ class RealtimeRun:
         self._clock = WallClock()
         self._interrupts = Interrupts()
         self._picture = BusPicture(BIT_RATE)
-        self._display = Display(console, self._picture, self._title(), hints_of(options))
+        self._display = LiveDisplay(console, self._picture, self._title(), hints_of(options))
         self._children: list[Child] = []
 
     def _title(self) -> str:
@@ -75,7 +75,7 @@ class RealtimeRun:
             log = CandumpWriter(self._folder.bus_log, spec.partition(":")[2])
             stack.callback(log.close)
             tags, radio, emulated = self._find_or_start_plant(stack, spec, tap)
-            watch = Watch(
+            watch = BusWatch(
                 tap, log, self._folder.host_log, self._picture, self._display, self._clock
             )
             if self._interrupts.asked:
@@ -217,7 +217,7 @@ class RealtimeRun:
         self._children.append(child)
         stack.callback(child.end)
 
-    def _end_children(self, watch: Watch) -> None:
+    def _end_children(self, watch: BusWatch) -> None:
         """The controller first, so that its safe output is heard; the tap listens to the last."""
         for child in reversed(self._children):
             child.end()

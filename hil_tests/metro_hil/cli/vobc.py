@@ -22,7 +22,7 @@ from metro_hil.metrics.run import (
     supervision_events,
 )
 from metro_hil.model.end_condition import INTERRUPTED, Ending
-from metro_hil.model.log_columns import LogError, read_columns
+from metro_hil.model.log_columns import RunLogError, read_columns
 from metro_hil.model.mission import Journey, check_reference, plan_journey
 from metro_hil.model.run_folder import (
     RunFolder,
@@ -92,7 +92,7 @@ def _obey(words: list[str]) -> int:
         return _run(options, console)
     except (SettingsError, RunFolderError) as error:
         return _complain(error, EXIT_USAGE)
-    except (BusError, ChildError, LogError) as error:
+    except (BusError, ChildError, RunLogError) as error:
         return _complain(error, EXIT_ENVIRONMENT)
 
 

@@ -8,7 +8,7 @@ from typing import Final
 import msgspec
 
 from metro_hil.engine.errors import UsageError
-from metro_hil.model.case import BenchKind, Case, Controller, Wires
+from metro_hil.model.case import BenchKind, Case, ControllerSpec, WireNames
 
 CONTROLLERS: Final = "`shipped`, `checkout:PATH` and `command:WORDS`"
 
@@ -20,7 +20,7 @@ def choose(
     limit: int | None = None,
     bench: str | None = None,
     controller: str | None = None,
-    wires: Wires | None = None,
+    wires: WireNames | None = None,
 ) -> tuple[Case, ...]:
     """Cases whose id or scenario matches, numbered anew, on another bench or with another device.
 
@@ -35,7 +35,7 @@ def choose(
         changes["bench"] = BenchKind(bench)
     if controller is not None:
         changes["controller"] = read_controller(controller)
-    if wires is not None and wires != Wires():
+    if wires is not None and wires != WireNames():
         if all(case.bench is BenchKind.LOCKSTEP for case in chosen) and bench in (None, "lockstep"):
             raise UsageError(
                 "--bus, --train-bus, --tags, --radio, --plant and --vobc are for the benches in "
@@ -52,15 +52,15 @@ def _matches(case: Case, pattern: str) -> bool:
     return fnmatchcase(case.id, pattern) or case.scenario == pattern
 
 
-def read_controller(text: str) -> Controller:
+def read_controller(text: str) -> ControllerSpec:
     """What `--controller` says. Raises UsageError."""
     kind, _, rest = text.partition(":")
     if text == "shipped":
-        return Controller()
+        return ControllerSpec()
     if kind == "checkout" and rest:
-        return Controller(kind="checkout", path=rest)
+        return ControllerSpec(kind="checkout", path=rest)
     if kind == "command" and rest:
-        return Controller(kind="command", command=rest)
+        return ControllerSpec(kind="command", command=rest)
     raise UsageError(f"--controller {text}: none of {CONTROLLERS}")
 
 

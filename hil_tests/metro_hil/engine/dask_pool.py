@@ -9,12 +9,12 @@ from typing import Any, Final
 import msgspec
 
 from firmware_py.clock.clock import NS_PER_S, WallClock
-from metro_hil.engine.dask_task import Answer, Order, contents, run_order
+from metro_hil.engine.dask_task import DaskAnswer, DaskOrder, contents, run_order
 from metro_hil.engine.errors import EngineError
 from metro_hil.engine.program import program_version
 from metro_hil.engine.queue import Batch
 from metro_hil.engine.worker import RUNNER
-from metro_hil.engine.worker_pool import Arrived, Broke, Gone, Notice, Outcome
+from metro_hil.engine.worker_pool import CaseFinished, CaseRaised, Outcome, PoolMessage, WorkerLost
 
 CONNECT_S: Final = 15.0
 TASK_S: Final = 1.0
@@ -28,7 +28,7 @@ LOOK_S: Final = 2.0
 SMOOTHING: Final = 0.1
 
 
-class DaskCrew:
+class DaskPool:
     """A `Crew` of all threads of a cluster, each with a process of its own.
 
     A Dask worker that is lost is noticed by the scheduler, which gives its tasks to others; a task
@@ -58,7 +58,7 @@ class DaskCrew:
         except (OSError, ValueError) as error:
             raise EngineError(f"dask://{address}: no scheduler answers: {error}") from error
         self._address = address
-        self._order = Order(program_version(), runner, contents(files), case_timeout_s, {})
+        self._order = DaskOrder(program_version(), runner, contents(files), case_timeout_s, {})
         self._finished: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self._waiting: list[Batch] = []
         self._tasks: dict[Any, dict[int, Batch]] = {}
@@ -150,7 +150,7 @@ class DaskCrew:
         for gone in sorted(self._members.keys() - members.keys()):
             self._lost_workers += 1
             words = f"worker {gone} was lost ({self._lost_workers} so far), others take its cases"
-            outcomes.append(Notice(words))
+            outcomes.append(PoolMessage(words))
         self._members = members
 
     def _take(self, task: Any, outcomes: list[Outcome]) -> None:
@@ -158,7 +158,7 @@ class DaskCrew:
         if batches is None:
             return
         if task.status == "finished":
-            self._hear(msgspec.json.decode(task.result(), type=Answer), batches, outcomes)
+            self._hear(msgspec.json.decode(task.result(), type=DaskAnswer), batches, outcomes)
             return
         if task.status != "error":
             raise EngineError(f"dask://{self._address}: the scheduler let a task go: {task.status}")
@@ -167,19 +167,19 @@ class DaskCrew:
             raise EngineError(f"dask://{self._address}: {error}")
         reason = f"lost by the cluster: {type(error).__name__}: {error}"
         for batch in batches.values():
-            outcomes.append(Gone(batch, batch.cases, len(batch.cases), reason))
+            outcomes.append(WorkerLost(batch, batch.cases, len(batch.cases), reason))
 
-    def _hear(self, answer: Answer, batches: dict[int, Batch], outcomes: list[Outcome]) -> None:
+    def _hear(self, answer: DaskAnswer, batches: dict[int, Batch], outcomes: list[Outcome]) -> None:
         self._check_program("that came later", answer.program)
         for number, result in answer.results:
-            outcomes.append(Arrived(batches[number], result))
+            outcomes.append(CaseFinished(batches[number], result))
             self._case_s += SMOOTHING * (result.host.wall_s - self._case_s)
         for number, case_id, traceback in answer.raised:
-            outcomes.append(Broke(batches[number], case_id, traceback))
+            outcomes.append(CaseRaised(batches[number], case_id, traceback))
         for loss in answer.losses:
             cases = batches[loss.number].cases
             left = cases[len(cases) - loss.left :]
-            outcomes.append(Gone(batches[loss.number], left, loss.begun, loss.reason))
+            outcomes.append(WorkerLost(batches[loss.number], left, loss.begun, loss.reason))
 
     def stop(self) -> None:
         """Tasks that are with the scheduler end; their cases have results then."""

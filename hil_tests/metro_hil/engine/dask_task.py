@@ -9,16 +9,16 @@ from pathlib import Path
 
 import msgspec
 
-from metro_hil.engine.local_pool import LocalCrew
+from metro_hil.engine.local_pool import LocalPool
 from metro_hil.engine.program import program_version
 from metro_hil.engine.queue import Batch
-from metro_hil.engine.worker_pool import Arrived, Broke, Notice
+from metro_hil.engine.worker_pool import CaseFinished, CaseRaised, PoolMessage
 from metro_hil.model.case import Case, CaseResult
 
 WAIT_S = 1.0
 
 
-class Order(msgspec.Struct, frozen=True):
+class DaskOrder(msgspec.Struct, frozen=True):
     """Master to Dask worker."""
 
     program: str
@@ -41,7 +41,7 @@ class Loss(msgspec.Struct, frozen=True):
     reason: str
 
 
-class Answer(msgspec.Struct, frozen=True):
+class DaskAnswer(msgspec.Struct, frozen=True):
     """Dask worker to master."""
 
     program: str
@@ -59,21 +59,21 @@ for the same campaign and dies with the Dask worker."""
 
 def run_order(text: bytes) -> bytes:
     """One order as JSON, its answer as JSON."""
-    order = msgspec.json.decode(text, type=Order)
+    order = msgspec.json.decode(text, type=DaskOrder)
     if order.program != program_version():
-        return msgspec.json.encode(Answer(program_version()))
+        return msgspec.json.encode(DaskAnswer(program_version()))
     return msgspec.json.encode(_work(order, _crew_for(order)))
 
 
-def _crew_for(order: Order) -> LocalCrew:
+def _crew_for(order: DaskOrder) -> LocalPool:
     wanted = (order.runner, order.files, order.case_timeout_s)
     if getattr(_mine, "wanted", None) != wanted:
         if hasattr(_mine, "crew"):
             _mine.crew.close()
         paths = {name: _on_disk(content) for name, content in order.files.items()}
-        _mine.crew = LocalCrew(1, paths, runner=order.runner, case_timeout_s=order.case_timeout_s)
+        _mine.crew = LocalPool(1, paths, runner=order.runner, case_timeout_s=order.case_timeout_s)
         _mine.wanted = wanted
-    crew: LocalCrew = _mine.crew
+    crew: LocalPool = _mine.crew
     return crew
 
 
@@ -89,7 +89,7 @@ def _on_disk(content: str) -> Path:
     return path
 
 
-def _work(order: Order, crew: LocalCrew) -> Answer:
+def _work(order: DaskOrder, crew: LocalPool) -> DaskAnswer:
     results: list[tuple[int, CaseResult]] = []
     raised: list[tuple[int, str, str]] = []
     losses: list[Loss] = []
@@ -97,16 +97,16 @@ def _work(order: Order, crew: LocalCrew) -> Answer:
         crew.hand(Batch(int(name), cases))
     while crew.busy:
         for outcome in crew.wait(WAIT_S):
-            if isinstance(outcome, Notice):
+            if isinstance(outcome, PoolMessage):
                 continue
             number = outcome.batch.number
-            if isinstance(outcome, Arrived):
+            if isinstance(outcome, CaseFinished):
                 results.append((number, outcome.result))
-            elif isinstance(outcome, Broke):
+            elif isinstance(outcome, CaseRaised):
                 raised.append((number, outcome.case_id, outcome.traceback))
             else:
                 losses.append(Loss(number, len(outcome.left), outcome.begun, outcome.reason))
-    return Answer(program_version(), tuple(results), tuple(raised), tuple(losses))
+    return DaskAnswer(program_version(), tuple(results), tuple(raised), tuple(losses))
 
 
 def contents(files: Mapping[str, Path]) -> dict[str, str]:

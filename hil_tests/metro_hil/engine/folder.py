@@ -14,7 +14,7 @@ import msgspec
 from firmware_py.clock.clock import WallClock
 from firmware_py.settings import nearest
 from metro_hil.engine.errors import EngineError, UsageError
-from metro_hil.engine.journal import Head
+from metro_hil.engine.journal import JournalHead
 from metro_hil.engine.program import program_version
 from metro_hil.model.case import Case
 from metro_hil.model.run_folder import RunFolder, utc_text, versions
@@ -56,7 +56,7 @@ class Manifest(msgspec.Struct, frozen=True, kw_only=True):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Plan:
+class CampaignPlan:
     """What a campaign folder is made from."""
 
     name: str
@@ -117,10 +117,10 @@ class CampaignFolder:
             paths[name] = path.resolve()
         return paths
 
-    def head(self) -> Head:
+    def head(self) -> JournalHead:
         """What the journal has to belong to."""
         manifest = self.manifest()
-        return Head(manifest.fingerprint, manifest.cases)
+        return JournalHead(manifest.fingerprint, manifest.cases)
 
 
 def folder_name(words: str) -> str:
@@ -132,7 +132,7 @@ def folder_name(words: str) -> str:
     return name.replace(".", "%2E") if set(name) <= {"."} else name
 
 
-def make_folder(plan: Plan, out: str | None = None, root: Path = ROOT) -> CampaignFolder:
+def make_folder(plan: CampaignPlan, out: str | None = None, root: Path = ROOT) -> CampaignFolder:
     """A new folder with everything but the journal.
 
     Raises:

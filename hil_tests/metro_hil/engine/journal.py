@@ -29,7 +29,7 @@ _SUM_DIGITS: Final = 16
 _BODY_FROM: Final = len(_OPENING) + _SUM_DIGITS + 2
 
 
-class Head(msgspec.Struct, frozen=True):
+class JournalHead(msgspec.Struct, frozen=True):
     """What the journal belongs to."""
 
     fingerprint: str
@@ -53,10 +53,10 @@ class LostAttempt(msgspec.Struct, frozen=True):
     reason: str
 
 
-class Line(msgspec.Struct, frozen=True, omit_defaults=True):
+class JournalLine(msgspec.Struct, frozen=True, omit_defaults=True):
     """One line; exactly one of the members is there."""
 
-    head: Head | None = None
+    head: JournalHead | None = None
     session: Session | None = None
     result: CaseResult | None = None
     lost_attempt: LostAttempt | None = None
@@ -66,7 +66,7 @@ class Line(msgspec.Struct, frozen=True, omit_defaults=True):
 class JournalContent:
     """What a journal says."""
 
-    head: Head | None = None
+    head: JournalHead | None = None
     sessions: list[Session] = field(default_factory=list)
     results: list[CaseResult] = field(default_factory=list)
     """As written: a case may be there more than once."""
@@ -82,16 +82,16 @@ class JournalDamageError(EngineError):
 
 
 _encode: Final = msgspec.json.Encoder().encode
-_decode: Final = msgspec.json.Decoder(Line).decode
+_decode: Final = msgspec.json.Decoder(JournalLine).decode
 
 
-def encode_line(line: Line) -> bytes:
+def encode_line(line: JournalLine) -> bytes:
     body = _encode(line)
     assert body.startswith(b"{")
     return _OPENING + _sum(body[1:]) + b'",' + body[1:] + b"\n"
 
 
-def decode_line(text: bytes) -> Line | None:
+def decode_line(text: bytes) -> JournalLine | None:
     """Of one line without its end; None when it is not what was written."""
     body = text[_BODY_FROM:]
     if not text.startswith(_OPENING) or text[:_BODY_FROM] != _OPENING + _sum(body) + b'",':
@@ -144,7 +144,7 @@ def refuse_damage(path: Path, content: JournalContent, remedy: str) -> None:
 class Journal:
     """A journal to write to. Only one process at a time has it."""
 
-    def __init__(self, path: Path, head: Head, *, repair: bool = False) -> None:
+    def __init__(self, path: Path, head: JournalHead, *, repair: bool = False) -> None:
         """Open or begin it; a torn end is cut off.
 
         Raises:
@@ -164,7 +164,7 @@ class Journal:
         self._synced_ns = self._clock.now_ns()
         self._unsynced = False
 
-    def _open(self, head: Head, repair: bool) -> JournalContent:
+    def _open(self, head: JournalHead, repair: bool) -> JournalContent:
         found = read_journal(self._path)
         if not repair:
             refuse_damage(
@@ -183,14 +183,14 @@ class Journal:
             if os.fstat(self._file).st_size != found.whole_bytes:
                 os.ftruncate(self._file, found.whole_bytes)
             if found.head is None:
-                self._write(Line(head=head))
+                self._write(JournalLine(head=head))
                 found.head = head
             os.fsync(self._file)
         except OSError as error:
             raise EngineError(f"{self._path}: {error.strerror}") from error
         return found
 
-    def _write(self, line: Line) -> None:
+    def _write(self, line: JournalLine) -> None:
         data = encode_line(line)
         while data:
             data = data[os.write(self._file, data) :]
@@ -198,11 +198,11 @@ class Journal:
     def append(self, entry: CaseResult | LostAttempt | Session) -> None:
         """Raises EngineError when the disk refuses."""
         if isinstance(entry, CaseResult):
-            line = Line(result=entry)
+            line = JournalLine(result=entry)
         elif isinstance(entry, LostAttempt):
-            line = Line(lost_attempt=entry)
+            line = JournalLine(lost_attempt=entry)
         else:
-            line = Line(session=entry)
+            line = JournalLine(session=entry)
         try:
             self._write(line)
             self._unsynced = True
@@ -242,12 +242,12 @@ def _lock(path: Path) -> int:
     return lock
 
 
-def _rewrite(path: Path, head: Head, found: JournalContent) -> None:
+def _rewrite(path: Path, head: JournalHead, found: JournalContent) -> None:
     """Keep the damaged file and put one beside it, then in its place, that has only good lines."""
-    lines: list[Line] = [Line(head=head)]
-    lines += [Line(session=session) for session in found.sessions]
-    lines += [Line(lost_attempt=attempt) for attempt in found.lost_attempts]
-    lines += [Line(result=result) for result in found.results]
+    lines: list[JournalLine] = [JournalLine(head=head)]
+    lines += [JournalLine(session=session) for session in found.sessions]
+    lines += [JournalLine(lost_attempt=attempt) for attempt in found.lost_attempts]
+    lines += [JournalLine(result=result) for result in found.results]
     whole = path.with_suffix(".whole")
     with whole.open("wb") as file:
         file.writelines(encode_line(line) for line in lines)

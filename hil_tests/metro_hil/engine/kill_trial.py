@@ -23,7 +23,7 @@ import msgspec
 
 from firmware_py.assertions import require_assertions
 from firmware_py.clock.clock import NS_PER_S, WallClock
-from metro_hil.engine.folder import CampaignFolder, Plan, make_folder
+from metro_hil.engine.folder import CampaignFolder, CampaignPlan, make_folder
 from metro_hil.engine.journal import once_each, read_journal, without_host
 from metro_hil.engine.trial_runner import trial_cases
 from metro_hil.model.case import Case
@@ -49,10 +49,10 @@ class KillReport:
 
 
 @dataclass(frozen=True, slots=True)
-class Trial:
+class KillTrial:
     """What is run, and how often it is killed."""
 
-    plan: Plan
+    plan: CampaignPlan
     root: Path
     """Where the campaigns' folders are made."""
     kills: int
@@ -142,8 +142,8 @@ def _sha256(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
-def plan_of(cases: Sequence[Case], runner: str, files: dict[str, str]) -> Plan:
-    return Plan(name="kill-trial", cases=cases, files=files, options={"runner": runner})
+def plan_of(cases: Sequence[Case], runner: str, files: dict[str, str]) -> CampaignPlan:
+    return CampaignPlan(name="kill-trial", cases=cases, files=files, options={"runner": runner})
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -158,7 +158,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args(argv)
     with tempfile.TemporaryDirectory(prefix="kill_trial_") as root:
-        trial = Trial(
+        trial = KillTrial(
             _chosen(options),
             Path(root),
             options.kills,
@@ -175,7 +175,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     return EXIT_FAILED if report.faults else EXIT_OK
 
 
-def _chosen(options: argparse.Namespace) -> Plan:
+def _chosen(options: argparse.Namespace) -> CampaignPlan:
     if options.campaign is None:
         return plan_of(trial_cases(CASES, work_s=CASE_WORK_S), RUNNER, {})
     from metro_hil.campaign import plan_cases, read_campaign

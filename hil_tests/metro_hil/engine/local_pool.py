@@ -16,20 +16,20 @@ import msgspec
 from firmware_py.clock.clock import NS_PER_S, WallClock
 from metro_hil.engine.errors import EngineError
 from metro_hil.engine.messages import (
+    CaseBatch,
     Done,
-    Hello,
-    Job,
     Over,
     Raised,
-    Ready,
     ToMaster,
     ToWorker,
+    WorkerHello,
+    WorkerReady,
     pack,
     take_for_master,
 )
 from metro_hil.engine.queue import Batch
 from metro_hil.engine.worker import RUNNER
-from metro_hil.engine.worker_pool import Arrived, Broke, Gone, Outcome
+from metro_hil.engine.worker_pool import CaseFinished, CaseRaised, Outcome, WorkerLost
 from metro_hil.model.case import BenchKind, Case
 from metro_hil.model.compiled_copy import compiled_library, worker_environment
 
@@ -61,18 +61,18 @@ class _Entry:
         self.batch = batch
         self.left = deque(batch.cases)
 
-    def gone(self, begun: bool, reason: str) -> Gone:
+    def gone(self, begun: bool, reason: str) -> WorkerLost:
         """What never got a result: the first of it is the suspect, unless nothing came at all."""
         first = len(self.left) == len(self.batch.cases)
         suspects = (len(self.left) if first else min(1, len(self.left))) if begun else 0
-        return Gone(self.batch, tuple(self.left), suspects, reason)
+        return WorkerLost(self.batch, tuple(self.left), suspects, reason)
 
 
 class Worker:
     """One process, with its pipes and what it was given."""
 
     def __init__(
-        self, hello: Hello, environment: Mapping[str, str], nice: int, now_ns: int
+        self, hello: WorkerHello, environment: Mapping[str, str], nice: int, now_ns: int
     ) -> None:
         self.stderr = tempfile.TemporaryFile()  # noqa: SIM115
         # A session of its own: Ctrl-C reaches the master only.
@@ -137,7 +137,7 @@ class Worker:
             file.close()
 
 
-class LocalCrew:
+class LocalPool:
     """A `Crew` of processes. They die with this process, however it dies."""
 
     def __init__(
@@ -160,7 +160,7 @@ class LocalCrew:
         """
         assert workers >= 1
         self._workers_max = workers
-        self._hello = Hello(runner, {name: str(path) for name, path in files.items()})
+        self._hello = WorkerHello(runner, {name: str(path) for name, path in files.items()})
         self._case_timeout_s, self._nice = case_timeout_s, nice
         self._environment = worker_environment({**ONE_THREAD, **os.environ}, compiled_library())
         self._clock = WallClock()
@@ -200,7 +200,7 @@ class LocalCrew:
         if not worker.entries and worker.ready:
             worker.since_ns = self._clock.now_ns()
         worker.entries.append(_Entry(batch))
-        worker.send(Job(batch.number, batch.cases, batch.folder))
+        worker.send(CaseBatch(batch.number, batch.cases, batch.folder))
         self._watch(worker)
 
     def _start(self) -> Worker:
@@ -258,7 +258,7 @@ class LocalCrew:
 
     def _hear(self, worker: Worker, message: ToMaster, outcomes: list[Outcome]) -> None:
         worker.since_ns = self._clock.now_ns()
-        if isinstance(message, Ready):
+        if isinstance(message, WorkerReady):
             worker.ready = True
             self._start_failures = 0
             return
@@ -271,10 +271,10 @@ class LocalCrew:
         case = entry.left.popleft()
         if isinstance(message, Done):
             assert message.result.case_id == case.id
-            outcomes.append(Arrived(entry.batch, message.result))
+            outcomes.append(CaseFinished(entry.batch, message.result))
         elif isinstance(message, Raised):
             assert message.case_id == case.id
-            outcomes.append(Broke(entry.batch, case.id, message.traceback))
+            outcomes.append(CaseRaised(entry.batch, case.id, message.traceback))
 
     def _end_late(self, outcomes: list[Outcome]) -> None:
         now_ns = self._clock.now_ns()

@@ -12,7 +12,7 @@ _LENGTH: Final = struct.Struct("<I")
 LENGTH_BYTES: Final = _LENGTH.size
 
 
-class Hello(msgspec.Struct, frozen=True, tag="hello"):
+class WorkerHello(msgspec.Struct, frozen=True, tag="hello"):
     """Master to worker, once."""
 
     runner: str
@@ -21,7 +21,7 @@ class Hello(msgspec.Struct, frozen=True, tag="hello"):
     """Path by the name by which cases call a file."""
 
 
-class Job(msgspec.Struct, frozen=True, tag="job"):
+class CaseBatch(msgspec.Struct, frozen=True, tag="job"):
     """Master to worker: run these, one after the other."""
 
     number: int
@@ -30,7 +30,7 @@ class Job(msgspec.Struct, frozen=True, tag="job"):
     """Keeps the logs of the only case."""
 
 
-class Ready(msgspec.Struct, frozen=True, tag="ready"):
+class WorkerReady(msgspec.Struct, frozen=True, tag="ready"):
     """Worker to master, once: everything is imported."""
 
 
@@ -55,8 +55,8 @@ class Over(msgspec.Struct, frozen=True, tag="over"):
     number: int
 
 
-ToWorker = Hello | Job
-ToMaster = Ready | Done | Raised | Over
+ToWorker = WorkerHello | CaseBatch
+ToMaster = WorkerReady | Done | Raised | Over
 
 _encoder: Final = msgspec.json.Encoder()
 _of_master: Final = msgspec.json.Decoder(ToWorker)

@@ -11,7 +11,7 @@ from metro_hil.engine.local_pool import TOO_LATE
 from metro_hil.engine.progress import Watcher
 from metro_hil.engine.queue import Batch
 from metro_hil.engine.stopping import StopWish
-from metro_hil.engine.worker_pool import Arrived, Broke, Crew, Notice, Outcome
+from metro_hil.engine.worker_pool import CaseFinished, CaseRaised, Outcome, PoolMessage, WorkerPool
 from metro_hil.model.case import BenchKind, Case, CaseResult, Verdict, as_expected
 
 WAIT_S: Final = 0.1
@@ -61,7 +61,7 @@ def worth_keeping(
 def keep_logs(
     folder: CampaignFolder,
     chosen: Sequence[Case],
-    make_keeper: Callable[[], Crew],
+    make_keeper: Callable[[], WorkerPool],
     watcher: Watcher,
     stop: StopWish,
 ) -> None:
@@ -83,16 +83,16 @@ def keep_logs(
 
 
 def _take(folder: CampaignFolder, outcome: Outcome, watcher: Watcher) -> None:
-    if isinstance(outcome, Notice):
+    if isinstance(outcome, PoolMessage):
         watcher.say(outcome.words)
         return
     case = outcome.batch.cases[0]
-    if isinstance(outcome, Arrived):
+    if isinstance(outcome, CaseFinished):
         text = msgspec.json.format(msgspec.json.encode(outcome.result), indent=2)
         kept = folder.kept(case.id)
         kept.results.write_bytes(text + b"\n")
         watcher.say(f"logs: {kept.path}")
-    elif isinstance(outcome, Broke):
+    elif isinstance(outcome, CaseRaised):
         note_traceback(folder, case, outcome.traceback)
     else:
         watcher.say(f"no logs of {case.id}: {outcome.reason}")

@@ -15,7 +15,14 @@ from metro_hil.engine.queue import Batch, GroupKey, WorkQueue, lost, no_group
 from metro_hil.engine.retention import doubts, keep_logs, note_traceback, worth_keeping
 from metro_hil.engine.stopping import StopWish
 from metro_hil.engine.totals import Totals, total
-from metro_hil.engine.worker_pool import Arrived, Broke, Crew, Gone, Notice, Outcome
+from metro_hil.engine.worker_pool import (
+    CaseFinished,
+    CaseRaised,
+    Outcome,
+    PoolMessage,
+    WorkerLost,
+    WorkerPool,
+)
 from metro_hil.model.case import Case, CaseResult, as_expected
 from metro_hil.model.run_folder import utc_text
 
@@ -24,7 +31,7 @@ WAIT_S: Final = 0.1
 
 
 @dataclass(frozen=True, slots=True)
-class Wishes:
+class CampaignOptions:
     """What `hil run` and `hil resume` are told of the way."""
 
     keep: int = 10
@@ -50,11 +57,11 @@ class CampaignEnd:
 
 def run_campaign(
     folder: CampaignFolder,
-    make_crew: Callable[[], Crew],
-    make_keeper: Callable[[], Crew],
+    make_crew: Callable[[], WorkerPool],
+    make_keeper: Callable[[], WorkerPool],
     watcher: Watcher,
     stop: StopWish,
-    wishes: Wishes = Wishes(),
+    wishes: CampaignOptions = CampaignOptions(),
 ) -> CampaignEnd:
     """Run what has no result yet, then keep the logs of what deserves it.
 
@@ -111,7 +118,7 @@ class _Shift:
         journal: Journal,
         watcher: Watcher,
         stop: StopWish,
-        wishes: Wishes,
+        wishes: CampaignOptions,
     ) -> None:
         self._folder, self._cases, self._journal = folder, cases, journal
         self._watcher, self._stop, self._wishes = watcher, stop, wishes
@@ -123,7 +130,7 @@ class _Shift:
         self._stopping = False
         self._alone = False
 
-    def work(self, make_crew: Callable[[], Crew]) -> None:
+    def work(self, make_crew: Callable[[], WorkerPool]) -> None:
         known = list(once_each(self.results).values())
         self._watcher.begin(len(self._cases), known, self._folder.manifest().name)
         try:
@@ -137,13 +144,13 @@ class _Shift:
         finally:
             self._watcher.end()
 
-    def _sign_in(self, crew: Crew) -> None:
+    def _sign_in(self, crew: WorkerPool) -> None:
         at = f"{utc_text(WallClock().epoch_ns())}Z"
         session = Session(at, program_version(), f"{type(crew).__name__} of {crew.workers}")
         self.sessions.append(session)
         self._journal.append(session)
 
-    def _hand_round(self, crew: Crew, queue: WorkQueue) -> None:
+    def _hand_round(self, crew: WorkerPool, queue: WorkQueue) -> None:
         while True:
             self._heed(crew)
             if not self._stopping:
@@ -154,14 +161,14 @@ class _Shift:
                 self._take(outcome, queue)
             self._journal.sync()
 
-    def _heed(self, crew: Crew) -> None:
+    def _heed(self, crew: WorkerPool) -> None:
         if self._stop.count and not self._stopping:
             self._watcher.say(f"finishing {crew.workers} at most; Ctrl-C again drops them")
             self._stopping = True
         if self._stopping:
             crew.stop()
 
-    def _hand_out(self, crew: Crew, queue: WorkQueue) -> None:
+    def _hand_out(self, crew: WorkerPool, queue: WorkQueue) -> None:
         while (batch := queue.peek()) is not None:
             if crew.busy and (batch.alone or self._alone):
                 return
@@ -177,11 +184,11 @@ class _Shift:
         return replace(batch, folder=str(kept.path))
 
     def _take(self, outcome: Outcome, queue: WorkQueue) -> None:
-        if isinstance(outcome, Notice):
+        if isinstance(outcome, PoolMessage):
             self._watcher.say(outcome.words)
-        elif isinstance(outcome, Arrived):
+        elif isinstance(outcome, CaseFinished):
             self._note(outcome.batch, outcome.result)
-        elif isinstance(outcome, Broke):
+        elif isinstance(outcome, CaseRaised):
             case = self._by_id[outcome.case_id]
             note_traceback(self._folder, case, outcome.traceback)
             last = outcome.traceback.strip().splitlines()[-1]
@@ -191,7 +198,7 @@ class _Shift:
         else:
             queue.put_back(outcome.batch, outcome.left)
 
-    def _try_again(self, gone: Gone, queue: WorkQueue) -> None:
+    def _try_again(self, gone: WorkerLost, queue: WorkQueue) -> None:
         for case in gone.left[: gone.begun]:
             attempt = LostAttempt(case.id, gone.batch.attempt, gone.reason)
             self._journal.append(attempt)

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Final
 
 from firmware_py.clock.clock import NS_PER_S, WallClock
-from metro_hil.model.case import Case, CaseResult, Event, MonitorResult, Setup, Verdict
+from metro_hil.model.case import Case, CaseEvent, CaseResult, MonitorResult, Setup, Verdict
 from metro_hil.model.run_folder import RunFolder
 
 WORK_S: Final = "trial.work_s"
@@ -79,7 +79,7 @@ def _result(case: Case, digest: bytes) -> CaseResult:
         chain=digest.hex(),
         monitors=(monitor,),
         measures={"trial_margin_mps": margin},
-        events=(Event(0.0, "began"),),
+        events=(CaseEvent(0.0, "began"),),
     )
 
 

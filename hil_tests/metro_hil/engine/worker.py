@@ -17,13 +17,13 @@ from firmware_py.clock.clock import WallClock
 from firmware_py.clock.realtime import die_with_parent
 from metro_hil.engine.messages import (
     LENGTH_BYTES,
+    CaseBatch,
     Done,
-    Hello,
-    Job,
     Over,
     Raised,
-    Ready,
     ToMaster,
+    WorkerHello,
+    WorkerReady,
     pack,
     read_for_worker,
     read_length,
@@ -71,11 +71,11 @@ def serve(incoming: BinaryIO, outgoing: BinaryIO) -> None:
     bench: Runner | None = None
     while (body := _read(incoming)) is not None:
         message = read_for_worker(body)
-        if isinstance(message, Hello):
+        if isinstance(message, WorkerHello):
             bench = Runner(message.runner, {key: Path(at) for key, at in message.files.items()})
             # What was imported stays, and is not looked through again.
             gc.freeze()
-            say(Ready())
+            say(WorkerReady())
             continue
         assert bench is not None, "a job before the greeting"
         for answer in bench.run(message):
@@ -105,7 +105,7 @@ class Runner:
         self._files = files
         self._clock = WallClock()
 
-    def run(self, job: Job) -> Iterator[ToMaster]:
+    def run(self, job: CaseBatch) -> Iterator[ToMaster]:
         """Results as they come. After an exception in a group the rest is run one by one."""
         left = list(job.cases)
         if len(left) > 1 and self._run_group is not None:
@@ -113,7 +113,7 @@ class Runner:
         for case in left:
             yield self._single(job, case)
 
-    def _group(self, job: Job, left: list[Case]) -> Iterator[ToMaster]:
+    def _group(self, job: CaseBatch, left: list[Case]) -> Iterator[ToMaster]:
         """Removes from `left` what is done."""
         assert self._run_group is not None
         began_ns = self._clock.now_ns()
@@ -126,7 +126,7 @@ class Runner:
         except Exception:
             yield Raised(job.number, left.pop(0).id, traceback.format_exc())
 
-    def _single(self, job: Job, case: Case) -> ToMaster:
+    def _single(self, job: CaseBatch, case: Case) -> ToMaster:
         began_ns = self._clock.now_ns()
         keep: dict[str, Any] = {}
         if job.folder is not None:

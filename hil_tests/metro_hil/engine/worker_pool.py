@@ -9,7 +9,7 @@ from metro_hil.model.case import Case, CaseResult
 
 
 @dataclass(frozen=True, slots=True)
-class Arrived:
+class CaseFinished:
     """One case has its result."""
 
     batch: Batch
@@ -17,7 +17,7 @@ class Arrived:
 
 
 @dataclass(frozen=True, slots=True)
-class Broke:
+class CaseRaised:
     """Running one case raised an exception: a mistake of this program, not of the controller."""
 
     batch: Batch
@@ -26,7 +26,7 @@ class Broke:
 
 
 @dataclass(frozen=True, slots=True)
-class Gone:
+class WorkerLost:
     """A batch ended with its worker."""
 
     batch: Batch
@@ -38,16 +38,16 @@ class Gone:
 
 
 @dataclass(frozen=True, slots=True)
-class Notice:
+class PoolMessage:
     """Something that people shall know of."""
 
     words: str
 
 
-Outcome = Arrived | Broke | Gone | Notice
+Outcome = CaseFinished | CaseRaised | WorkerLost | PoolMessage
 
 
-class Crew(Protocol):
+class WorkerPool(Protocol):
     """Takes batches and gives outcomes. A batch that is not heard of any more is over."""
 
     @property
@@ -71,7 +71,7 @@ class Crew(Protocol):
         ...
 
     def stop(self) -> None:
-        """Begin nothing that was not begun: it comes back as `Gone` with none begun."""
+        """Begin nothing that was not begun: it comes back as `WorkerLost` with none begun."""
         ...
 
     def close(self) -> None:

@@ -13,14 +13,14 @@ from metro_hil.external_controller import (
     GrantedController,
     program_of,
 )
-from metro_hil.faults.process import ControllerProcess, Device
-from metro_hil.model.case import Controller
+from metro_hil.faults.process import BenchDevice, ControllerProcess
+from metro_hil.model.case import ControllerSpec
 from metro_hil.model.mission import Journey
 from vobc.config import VobcConfig
 from vobc.process import CycleLog, EventLog, remembered_start, unknown_start
 from vobc.process.commission import Commission
 
-SHIPPED: Final = Controller()
+SHIPPED: Final = ControllerSpec()
 NS_PER_S: Final = 1_000_000_000
 DAY_S: Final = 1_700_000_000
 """Time of day at which a run in virtual time begins, for a board that has lost its memory."""
@@ -41,7 +41,7 @@ class ControllerSide:
 
     def __init__(
         self,
-        controller: Controller,
+        controller: ControllerSpec,
         config: VobcConfig,
         journey: Journey,
         *,
@@ -63,7 +63,9 @@ class ControllerSide:
         self._nvram = Nvram(None, memory_of(journey))
         self._granted: GrantedController | None = None
 
-    def device(self, can: CanPort, tags: SerialPort, radio: RadioPort, *, faulty: bool) -> Device:
+    def device(
+        self, can: CanPort, tags: SerialPort, radio: RadioPort, *, faulty: bool
+    ) -> BenchDevice:
         """Raises ControllerStartError.
 
         Args:
@@ -88,7 +90,7 @@ class ControllerSide:
 
     def _start(
         self, can: CanPort, tags: SerialPort, radio: RadioPort, now_ns: int, again: bool
-    ) -> Device:
+    ) -> BenchDevice:
         if self._said is not None:
             can = _SpokenCan(can, self._clock, self._said)
         if self._port_log is not None:
@@ -120,7 +122,7 @@ class ControllerSide:
 
     def _make(
         self, commission: Commission, can: CanPort, tags: SerialPort, radio: RadioPort
-    ) -> Device:
+    ) -> BenchDevice:
         if self._controller.kind == SHIPPED.kind:
             self._nvram = Nvram(None, commission.nvram)
             return commission.device(

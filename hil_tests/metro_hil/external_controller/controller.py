@@ -11,12 +11,12 @@ from metro_hil.external_controller.link import (
     LEASE_S,
     START_S,
     ControllerDiedError,
+    ControllerLink,
     ControllerProgram,
     ControllerStartError,
-    Link,
     LinkDownError,
 )
-from metro_hil.external_controller.observed_state import Hearsay
+from metro_hil.external_controller.observed_state import ObservedState
 from vobc.process import Commission
 from vobc.vocabulary import CycleOutput
 
@@ -45,10 +45,10 @@ class GrantedController:
             lease_s: wall time for each answer from then on.
         """
         self._can, self._tags, self._radio = can, tags, radio
-        self._hearsay = Hearsay()
+        self._hearsay = ObservedState()
         self._same_instant = 0
         self._died: ControllerDiedError | None = None
-        self._link = Link(program, start_s=start_s, lease_s=lease_s)
+        self._link = ControllerLink(program, start_s=start_s, lease_s=lease_s)
         try:
             ready = self._greet(commission)
         except BaseException:

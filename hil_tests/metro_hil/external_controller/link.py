@@ -54,7 +54,7 @@ class ControllerProgram:
     environment: Mapping[str, str]
 
 
-class Link:
+class ControllerLink:
     """One process. It is ended by `close`, and told to end by the kernel's end of its input."""
 
     def __init__(

@@ -21,7 +21,7 @@ NOWHERE = Motion(
 )
 
 
-class Hearsay:
+class ObservedState:
     """Follows VOBC_STATUS, VOBC_POSITION and VOBC_MOTION; a controller may send none of them."""
 
     def __init__(self) -> None:

@@ -9,13 +9,15 @@ from typing import Final
 
 import firmware_py
 from metro_hil.external_controller.link import ControllerProgram, ControllerStartError
-from metro_hil.model.case import Controller
+from metro_hil.model.case import ControllerSpec
 
 CHECKOUT_ROOTS: Final = (".", "hil_tests", "tools")
 """Where the packages of a checkout lie."""
 
 
-def program_of(controller: Controller, words: Mapping[str, str] | None = None) -> ControllerProgram:
+def program_of(
+    controller: ControllerSpec, words: Mapping[str, str] | None = None
+) -> ControllerProgram:
     """Raises ControllerStartError for what cannot be a controller in virtual time.
 
     Args:

@@ -14,13 +14,13 @@ from plant_emulator.faults.acting import Acting, ActingFaults, hits
 from plant_emulator.faults.declared_bus import (
     BabblingIdiot,
     BusOff,
-    Damage,
+    DamagePlace,
     FrameCorrupt,
+    FrameDirection,
     LinkCut,
     Masquerade,
-    Way,
 )
-from plant_emulator.faults.kinds import Place
+from plant_emulator.faults.kinds import FaultPlace
 from plant_emulator.faults.plan import FaultPlan
 
 CONTROLLER: Final = "VOBC"
@@ -51,12 +51,12 @@ class FaultyPort:
         return self._port.counters
 
     def send(self, now_ns: int, can_id: int, data: bytes) -> None:
-        self.faults.offer(now_ns, Way.TO_TRAIN, can_id, data)
+        self.faults.offer(now_ns, FrameDirection.TO_TRAIN, can_id, data)
         self.poll(now_ns)
 
     def poll(self, now_ns: int) -> None:
         """Send what has become due. Without a call in between it goes with the next `send`."""
-        for _, can_id, data in self.faults.take(now_ns, Way.TO_TRAIN):
+        for _, can_id, data in self.faults.take(now_ns, FrameDirection.TO_TRAIN):
             self._port.send(now_ns, can_id, data)
         if self.stranger is not None:
             for _, can_id, data in self.faults.take_strangers(now_ns):
@@ -68,12 +68,12 @@ class FaultyPort:
             if frame.extended or frame.remote or frame.error:
                 self._uncommon.append(frame)
                 continue
-            self.faults.offer(frame.stamp_ns, Way.TO_VOBC, frame.can_id, frame.data)
+            self.faults.offer(frame.stamp_ns, FrameDirection.TO_VOBC, frame.can_id, frame.data)
 
     def receive(self, now_ns: int) -> Sequence[CanFrame]:
         """Frames carry the instant at which they get through."""
         self.settle(now_ns)
-        taken = self.faults.take(now_ns, Way.TO_VOBC)
+        taken = self.faults.take(now_ns, FrameDirection.TO_VOBC)
         frames = [CanFrame(due_ns, can_id, data) for due_ns, can_id, data in taken]
         if self._uncommon:
             frames = sorted([*frames, *self._uncommon], key=lambda frame: frame.stamp_ns)
@@ -90,7 +90,7 @@ class BusFaults:
     def __init__(self, bus: InprocBus, vobc: FaultyPort, seed: int) -> None:
         self.vobc = vobc
         self._bus = bus
-        self._acting = ActingFaults(Place.BUS, seed)
+        self._acting = ActingFaults(FaultPlace.BUS, seed)
         self._wire: DisturbedWire | None = None
         self._babblers: dict[int, InprocPort] = {}
         self._kept_off: list[str] = []
@@ -103,7 +103,7 @@ class BusFaults:
 
     def change(self, plan: FaultPlan, active: bool, now_ns: int) -> None:
         """A listener of the schedule; faults of other places are none of its business."""
-        if plan.kind.place is not Place.BUS:
+        if plan.kind.place is not FaultPlace.BUS:
             return
         parameters = plan.parameters
         if not _acts_on_wire(parameters):
@@ -126,7 +126,7 @@ class BusFaults:
 
     def struck_bit(self, start_ns: int, can_id: int, data: bytes, sender: str) -> int | None:
         """A Disturber: what the faults on the wire make of a frame that is about to start."""
-        way = Way.TO_TRAIN if sender == CONTROLLER else Way.TO_VOBC
+        way = FrameDirection.TO_TRAIN if sender == CONTROLLER else FrameDirection.TO_VOBC
         for acting in self._acting:
             parameters = acting.plan.parameters
             if isinstance(parameters, BusOff):
@@ -199,7 +199,7 @@ class BusFaults:
 
 def _acts_on_wire(parameters: Any) -> bool:
     if isinstance(parameters, FrameCorrupt):
-        return parameters.damage is Damage.ON_WIRE
+        return parameters.damage is DamagePlace.ON_WIRE
     return isinstance(parameters, BabblingIdiot | BusOff | LinkCut)
 
 

@@ -9,10 +9,10 @@ from typing import Any, Final
 import numpy as np
 
 from can_dbc.agreement import FieldLayout, payload_bytes
-from can_dbc.binding import Binding, Frame, Protection
+from can_dbc.binding import Binding, Frame, MessageProtection
 from can_dbc.packing import packer, unpacker
 from can_dbc.trailer import crc_of_data_id, opener
-from metro_hil.model.frame_names import Known, known_messages
+from metro_hil.model.frame_names import KnownMessage, known_messages
 from plant_emulator.faults.acting import flipped
 
 TRIES: Final = 100
@@ -24,7 +24,7 @@ def spoiled(can_id: int, data: bytes, bits: int, draws: np.random.Generator) -> 
     A frame without a CRC is changed as well, and nobody can see it.
     """
     known = known_messages().get(can_id)
-    if known is None or known.bound.protection is Protection.NONE or not data:
+    if known is None or known.bound.protection is MessageProtection.NONE or not data:
         return flipped(data, bits, draws) if data else data
     opened = opener(_message(known))
     for _ in range(TRIES):
@@ -54,7 +54,7 @@ class Forger:
         bound = known.bound
         size = payload_bytes(bound.message)
         word = int.from_bytes(data[:size], "little")
-        counter = data[size] if bound.protection is not Protection.NONE else 0
+        counter = data[size] if bound.protection is not MessageProtection.NONE else 0
         if known.is_twin:
             first = self._pairs.get(bound.message.frame_id)
             if first is None or first[0] != counter:
@@ -114,21 +114,21 @@ def masked(
 def alive_counter(bound: Binding, data: bytes) -> int:
     """Of a protected frame; 0 for any other."""
     size = payload_bytes(bound.message)
-    return data[size] if bound.protection is not Protection.NONE and len(data) > size else 0
+    return data[size] if bound.protection is not MessageProtection.NONE and len(data) > size else 0
 
 
-def sealed(known: Known, word: int, counter: int) -> bytes:
+def sealed(known: KnownMessage, word: int, counter: int) -> bytes:
     """Payload bits with trailer, if the message has one."""
     size = payload_bytes(known.bound.message)
     body = word.to_bytes(size, "little")
-    if known.bound.protection is Protection.NONE:
+    if known.bound.protection is MessageProtection.NONE:
         return body
     body += bytes([counter])
     crc = crc_hqx(body, crc_of_data_id(_message(known)))
     return body + crc.to_bytes(2, "little")
 
 
-def _message(known: Known) -> Any:
+def _message(known: KnownMessage) -> Any:
     bound = known.bound
     return bound.twin if known.is_twin else bound.message
 

@@ -20,19 +20,19 @@ from metro_hil.model.frame_names import (
     known_names,
     name_of,
 )
-from plant_emulator.faults.acting import NS_PER_S, Acting, ActingFaults, Held, after_ns, hits
+from plant_emulator.faults.acting import NS_PER_S, Acting, ActingFaults, DelayQueue, after_ns, hits
 from plant_emulator.faults.declared_bus import (
-    Damage,
+    DamagePlace,
     FrameCorrupt,
     FrameDelay,
+    FrameDirection,
     FrameDrop,
     FrameDuplicate,
     FrameReorder,
     FrameReplay,
     Masquerade,
-    Way,
 )
-from plant_emulator.faults.kinds import Place
+from plant_emulator.faults.kinds import FaultPlace
 from plant_emulator.faults.plan import FaultPlan
 
 __all__ = ["FrameFaults", "FrameEvent", "Due", "check_bus_fault"]
@@ -62,10 +62,10 @@ class FrameEvent(NamedTuple):
 class _Memory:
     """What one acting fault keeps for itself."""
 
-    floors_ns: dict[Way, int] = field(default_factory=dict)
+    floors_ns: dict[FrameDirection, int] = field(default_factory=dict)
     """Of a delay: no frame of that way comes before this, so that their order stays."""
     forger: Forger | None = None
-    past: list[tuple[int, Way, int, bytes]] = field(default_factory=list)
+    past: list[tuple[int, FrameDirection, int, bytes]] = field(default_factory=list)
     """Of a replay: how long after its begin each frame is said again for the first time."""
     next_index: int = 0
     next_ns: int = 0
@@ -89,18 +89,18 @@ class FrameFaults:
         self.events: list[FrameEvent] = []
         """The first EVENTS_MAX."""
         self.events_left_out = 0
-        self._acting = ActingFaults(Place.BUS, seed)
+        self._acting = ActingFaults(FaultPlace.BUS, seed)
         self.strangers_apart = strangers_apart
         self._memory: dict[int, _Memory] = {}
         self._fading: list[tuple[FrameDelay, _Memory]] = []
         """Delays that have ended: frames still queue behind what they hold."""
-        self._held: dict[Way, Held[tuple[int, bytes]]] = {
-            Way.TO_TRAIN: Held(),
-            Way.TO_VOBC: Held(),
-            Way.BOTH: Held(),
+        self._held: dict[FrameDirection, DelayQueue[tuple[int, bytes]]] = {
+            FrameDirection.TO_TRAIN: DelayQueue(),
+            FrameDirection.TO_VOBC: DelayQueue(),
+            FrameDirection.BOTH: DelayQueue(),
         }
         """The last is that of strangers."""
-        self._past: deque[tuple[int, Way, int, bytes]] = deque()
+        self._past: deque[tuple[int, FrameDirection, int, bytes]] = deque()
         self._past_ns = round(memory_s * NS_PER_S)
         self._genuine: dict[int, bytes] = {}
 
@@ -120,7 +120,7 @@ class FrameFaults:
             if memory is not None and isinstance(plan.parameters, FrameDelay):
                 self._fading.append((plan.parameters, memory))
 
-    def offer(self, now_ns: int, way: Way, can_id: int, data: bytes) -> None:
+    def offer(self, now_ns: int, way: FrameDirection, can_id: int, data: bytes) -> None:
         """One frame that goes that way, at the instant at which it would arrive."""
         self._remember(now_ns, way, can_id, data)
         items: list[_Item] = [(now_ns, data)]
@@ -132,7 +132,7 @@ class FrameFaults:
         for due_ns, each in items:
             held.hold(due_ns, (can_id, each))
 
-    def take(self, now_ns: int, way: Way) -> list[Due]:
+    def take(self, now_ns: int, way: FrameDirection) -> list[Due]:
         """What is due by now, in the order in which it is due."""
         held = self._held[way]
         if not self._memory and not held:
@@ -143,7 +143,7 @@ class FrameFaults:
 
     def take_strangers(self, now_ns: int) -> list[Due]:
         """The same for what masquerades say, where that is kept apart."""
-        return self.take(now_ns, Way.BOTH)
+        return self.take(now_ns, FrameDirection.BOTH)
 
     def next_due_ns(self) -> int | None:
         """When there is something to take at the earliest; None when nothing is to come."""
@@ -168,10 +168,10 @@ class FrameFaults:
     # What is done to a frame that passes.
 
     def _struck(
-        self, acting: Acting, now_ns: int, way: Way, can_id: int, items: list[_Item]
+        self, acting: Acting, now_ns: int, way: FrameDirection, can_id: int, items: list[_Item]
     ) -> list[_Item]:
         parameters: Any = acting.plan.parameters
-        if isinstance(parameters, FrameCorrupt) and parameters.damage is Damage.BEFORE_CRC:
+        if isinstance(parameters, FrameCorrupt) and parameters.damage is DamagePlace.BEFORE_CRC:
             return self._forged(acting, parameters, way, can_id, items)
         if not isinstance(
             parameters, FrameDrop | FrameDelay | FrameDuplicate | FrameReorder | FrameCorrupt
@@ -185,7 +185,7 @@ class FrameFaults:
         floors_ns = self._memory[acting.plan.index].floors_ns
         found: list[_Item] = []
         for due_ns, data in items:
-            if isinstance(parameters, FrameCorrupt) and parameters.damage is Damage.ON_WIRE:
+            if isinstance(parameters, FrameCorrupt) and parameters.damage is DamagePlace.ON_WIRE:
                 # Its sender repeats a frame before it says the next.
                 due_ns = max(due_ns, floors_ns.get(way, 0))
                 struck = _sent_again(acting, parameters, due_ns, can_id, data)
@@ -197,13 +197,15 @@ class FrameFaults:
             found += struck
         return found
 
-    def _late_ns(self, acting: Acting, late: FrameDelay, now_ns: int, way: Way) -> int:
+    def _late_ns(self, acting: Acting, late: FrameDelay, now_ns: int, way: FrameDirection) -> int:
         floors_ns = self._memory[acting.plan.index].floors_ns
         due_ns = after_ns(now_ns, late.delay_s + acting.draws.random() * late.jitter_s)
         due_ns = floors_ns[way] = max(due_ns, floors_ns.get(way, 0))
         return due_ns - now_ns
 
-    def _queued(self, now_ns: int, way: Way, can_id: int, items: list[_Item]) -> list[_Item]:
+    def _queued(
+        self, now_ns: int, way: FrameDirection, can_id: int, items: list[_Item]
+    ) -> list[_Item]:
         """Behind what a delay that has ended still holds."""
         self._fading = [
             (late, memory)
@@ -217,7 +219,12 @@ class FrameFaults:
         return items
 
     def _forged(
-        self, acting: Acting, parameters: FrameCorrupt, way: Way, can_id: int, items: list[_Item]
+        self,
+        acting: Acting,
+        parameters: FrameCorrupt,
+        way: FrameDirection,
+        can_id: int,
+        items: list[_Item],
     ) -> list[_Item]:
         forger = self._memory[acting.plan.index].forger
         assert forger is not None
@@ -253,7 +260,7 @@ class FrameFaults:
                 memory.next_ns = now_ns + memory.past[0][0]
         return memory
 
-    def _remember(self, now_ns: int, way: Way, can_id: int, data: bytes) -> None:
+    def _remember(self, now_ns: int, way: FrameDirection, can_id: int, data: bytes) -> None:
         self._genuine[can_id] = data
         past = self._past
         past.append((now_ns, way, can_id, data))
@@ -301,7 +308,7 @@ class FrameFaults:
         if memory.counter is None:
             memory.counter = alive_counter(bound, genuine)
         memory.counter = memory.counter + 1 & 0xFF
-        lane = Way.BOTH if self.strangers_apart else known.way
+        lane = FrameDirection.BOTH if self.strangers_apart else known.way
         for can_id, data in masked(bound, genuine, mask.values or {}, memory.counter, mask.twins):
             self.note(at_ns, acting.name, can_id)
             self._held[lane].hold(at_ns, (can_id, data))

@@ -18,8 +18,8 @@ from firmware_py.buses.inproc import MAILBOX_FRAMES
 from firmware_py.buses.timing import frame_bits
 from metro_hil.faults.frames import BIT_NS, Due, FrameEvent, FrameFaults
 from metro_hil.model.frame_names import known_messages
-from plant_emulator.faults.declared_bus import BabblingIdiot, BusOff, LinkCut, Way
-from plant_emulator.faults.kinds import Place
+from plant_emulator.faults.declared_bus import BabblingIdiot, BusOff, FrameDirection, LinkCut
+from plant_emulator.faults.kinds import FaultPlace
 from plant_emulator.faults.plan import FaultPlan
 
 RECOVERY_NS: Final = RECOVERY_BITS * BIT_NS
@@ -46,11 +46,14 @@ class GatewayFaults:
         self._blocked: dict[int, tuple[str, Node, int]] = {}
         """By number of the fault: its kind, the node, and until when."""
         self._babbles: dict[int, _Babble] = {}
-        self._waiting: list[tuple[int, int, Way, bytes]] = []
+        self._waiting: list[tuple[int, int, FrameDirection, bytes]] = []
         """A heap of what has not been let on the crowded bus: identifier, number, way, data."""
         self._mailboxes: Counter[str] = Counter()
         """How many of these each node has sent; in virtual time the rest is dropped, too."""
-        self._passed: dict[Way, list[Due]] = {Way.TO_TRAIN: [], Way.TO_VOBC: []}
+        self._passed: dict[FrameDirection, list[Due]] = {
+            FrameDirection.TO_TRAIN: [],
+            FrameDirection.TO_VOBC: [],
+        }
         """What was, and has not been taken."""
         self._free_ns = 0
         """When the bus is free again."""
@@ -66,7 +69,7 @@ class GatewayFaults:
 
     def change(self, plan: FaultPlan, active: bool, now_ns: int) -> None:
         """A listener of the schedule; faults of other places are none of its business."""
-        if plan.kind.place is not Place.BUS:
+        if plan.kind.place is not FaultPlace.BUS:
             return
         parameters = plan.parameters
         if isinstance(parameters, BusOff | LinkCut):
@@ -88,7 +91,7 @@ class GatewayFaults:
         else:
             self.frames.change(plan, active, now_ns)
 
-    def offer(self, now_ns: int, way: Way, can_id: int, data: bytes) -> None:
+    def offer(self, now_ns: int, way: FrameDirection, can_id: int, data: bytes) -> None:
         if self._blocked:
             kind = self._blocked_by(now_ns, way, can_id)
             if kind:
@@ -96,7 +99,7 @@ class GatewayFaults:
                 return
         self.frames.offer(now_ns, way, can_id, data)
 
-    def take(self, now_ns: int, way: Way) -> list[Due]:
+    def take(self, now_ns: int, way: FrameDirection) -> list[Due]:
         """What is due by now, in the order in which it is due."""
         if not (self._babbles or self._waiting or self._passed[way]):
             return self.frames.take(now_ns, way)
@@ -134,7 +137,7 @@ class GatewayFaults:
                 later = [each.next_ns for each in self._babbles.values()]
                 self._free_ns = min(later, default=now_ns + 1)
 
-    def _line_up(self, now_ns: int, way: Way, can_id: int, data: bytes) -> None:
+    def _line_up(self, now_ns: int, way: FrameDirection, can_id: int, data: bytes) -> None:
         sender = _sender_of(can_id)
         if self._mailboxes[sender] >= MAILBOX_FRAMES:
             self.frames.note(now_ns, "babbling_idiot", can_id)
@@ -160,7 +163,7 @@ class GatewayFaults:
                 idiot.next_ns = max(idiot.next_ns, self._free_ns) + missed * idiot.period_ns
                 self._free_ns = idiot.next_ns
 
-    def _blocked_by(self, now_ns: int, way: Way, can_id: int) -> str:
+    def _blocked_by(self, now_ns: int, way: FrameDirection, can_id: int) -> str:
         """Kind of the fault that keeps this frame from passing; empty when it passes."""
         off = {
             node.name: kind for kind, node, until_ns in self._blocked.values() if now_ns < until_ns
@@ -168,7 +171,7 @@ class GatewayFaults:
         if not off:
             return ""
         known = known_messages().get(can_id)
-        if way is Way.TO_TRAIN:
+        if way is FrameDirection.TO_TRAIN:
             ends = (Node.VOBC.name, "" if known is None else known.acting)
         else:
             ends = (Node.VOBC.name, "" if known is None else known.sender)

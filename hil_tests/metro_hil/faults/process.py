@@ -36,7 +36,7 @@ CYCLE_TASKS: Final = frozenset({"control", "grant"})
 NS_PER_S: Final = 1_000_000_000
 
 
-class Device(Protocol):
+class BenchDevice(Protocol):
     """A controller as the bench runs it."""
 
     executive: Executive
@@ -145,7 +145,7 @@ class ProcessRadio:
         self._port.close()
 
 
-StartDevice = Callable[[ProcessCan, ProcessSerial, ProcessRadio, int, bool], Device]
+StartDevice = Callable[[ProcessCan, ProcessSerial, ProcessRadio, int, bool], BenchDevice]
 """Starts a controller on these ports at this instant of its clock; True when it ran before."""
 
 
@@ -172,7 +172,9 @@ class ControllerProcess:
         self._can = ProcessCan(can, self._clock)
         self._tags = ProcessSerial(tags, self._clock)
         self._radio = ProcessRadio(radio, self._clock)
-        self._device: Device | None = start(self._can, self._tags, self._radio, start_ns, False)
+        self._device: BenchDevice | None = start(
+            self._can, self._tags, self._radio, start_ns, False
+        )
         self._killers: set[int] = set()
         self._pausers: set[int] = set()
         self._slowers: dict[int, float] = {}
@@ -208,7 +210,7 @@ class ControllerProcess:
             self._can.forget()
             self._end()
 
-    def _start_again(self, now_ns: int) -> Device:
+    def _start_again(self, now_ns: int) -> BenchDevice:
         there_ns = now_ns + self._clock.ahead_ns
         for port in (self._can, self._tags, self._radio):
             # What came while nobody listened reached nobody.

@@ -14,9 +14,9 @@ from typing import Final, NamedTuple
 
 from firmware_py.clock.clock import WallClock
 from firmware_py.clock.realtime import enter_realtime
-from firmware_py.radio.zenoh_radio import Role, open_radio, pick_endpoint
+from firmware_py.radio.zenoh_radio import SessionRole, open_radio, pick_endpoint
 from firmware_py.storage.checked_store import CheckedStore
-from metro_hil.line.network.carrier import Carrier
+from metro_hil.line.network.carrier import PacketCarrier
 from metro_hil.line.network.isolated_process import become_apart, words_in
 from metro_hil.line.network.options import OwnNetworks, add_options, networks_of
 from metro_hil.line.network.packet_process import OWN_ENDPOINT
@@ -24,7 +24,7 @@ from metro_hil.line.network.topology import HELP, TOPOLOGIES, Topology, is_peer
 from metro_hil.line.standing_train import AXLES, LENGTH_M, LINE, SECTION_M, config_of, front_of
 from metro_hil.model.run_options import EXIT_ENVIRONMENT
 from metro_hil.model.subprocesses import ChildError
-from plant_emulator.wayside.line_wayside import Disks, LineWayside, Truth
+from plant_emulator.wayside.line_wayside import Disks, LineWayside, WaysideTruth
 from plant_emulator.wayside.t2t_vocabulary import ArbiterMemory
 from zenoh_config import t2t_keys
 from zenoh_config.codec import pack
@@ -54,7 +54,7 @@ BEFORE: Final = 5
 SWITCH_MS: Final = 50
 
 
-class Taken(NamedTuple):
+class TakenAuthority(NamedTuple):
     """One authority that a train took."""
 
     at_ns: int
@@ -63,7 +63,7 @@ class Taken(NamedTuple):
     role: str
 
 
-class Seat:
+class TrainProcess:
     """A train's process and what it says."""
 
     def __init__(
@@ -79,7 +79,7 @@ class Seat:
     ) -> None:
         """`network`: the file of the one that it is to be in; None: this program's."""
         self.address = address
-        self.taken: list[Taken] = []
+        self.taken: list[TakenAuthority] = []
         module, first = "metro_hil.line.standing_train", list[str]()
         if network is not None:
             module, first = words_in(network, module)
@@ -98,10 +98,10 @@ class Seat:
     def _read(self) -> None:
         assert self.process.stdout is not None
         for line in self.process.stdout:
-            self.taken.append(Taken(*json.loads(line)))
+            self.taken.append(TakenAuthority(*json.loads(line)))
 
     @property
-    def last(self) -> Taken | None:
+    def last(self) -> TakenAuthority | None:
         return self.taken[-1] if self.taken else None
 
     def end(self) -> None:
@@ -119,7 +119,7 @@ class Round(NamedTuple):
     """Greatest age that any other train's authority reached meanwhile."""
 
 
-class Trial:
+class FailoverTrial:
     """A wayside in this process and trains in theirs, at rest on one area."""
 
     def __init__(
@@ -133,15 +133,15 @@ class Trial:
     ) -> None:
         """Raises ChildError when trains cannot have networks of their own."""
         self.clock = WallClock()
-        self.seats: dict[int, Seat] = {}
+        self.seats: dict[int, TrainProcess] = {}
         self._timers, self._folder, self._priority = timers, folder, priority
         self._topology = topology
         self._asked = 0
-        self._carrier: Carrier | None = None
+        self._carrier: PacketCarrier | None = None
         self._endpoint = pick_endpoint() if networks is None else OWN_ENDPOINT
         if networks is not None:
             before = priority + BEFORE if priority else 0
-            self._carrier = Carrier(range(1, trains + 1), networks, priority=before)
+            self._carrier = PacketCarrier(range(1, trains + 1), networks, priority=before)
         config = config_of(timers)
         stores = {
             each: CheckedStore(folder / f"arbiter{each}", ArbiterMemory) for each in config.arbiters
@@ -155,17 +155,17 @@ class Trial:
         self._wayside = LineWayside(
             config.timers, LINE, disks, boot=1, start_ns=self.clock.now_ns()
         )
-        self._truth = Truth(_axles(range(1, trains + 1)))
+        self._truth = WaysideTruth(_axles(range(1, trains + 1)))
         self._beat_ns = self.clock.now_ns()
         self._port = open_radio(
-            Role.WAYSIDE, self._endpoint, self._wayside.subscriptions, self.clock
+            SessionRole.WAYSIDE, self._endpoint, self._wayside.subscriptions, self.clock
         )
         for address in range(1, trains + 1):
             self.start(address)
 
     def start(self, address: int) -> None:
         network = None if self._carrier is None else self._carrier.namespaces[address]
-        self.seats[address] = Seat(
+        self.seats[address] = TrainProcess(
             *(address, self._endpoint, self._folder, self._timers, self._priority, network),
             peer=is_peer(self._topology, address),
         )
@@ -278,11 +278,11 @@ def _axles(addresses: Sequence[int]) -> dict[int, int]:
     return counted
 
 
-def _first_of(seat: Seat, term: int) -> int | None:
+def _first_of(seat: TrainProcess, term: int) -> int | None:
     return next((each.at_ns for each in seat.taken if each.term > term), None)
 
 
-def _oldest_ns(seat: Seat, from_ns: int, to_ns: int) -> int:
+def _oldest_ns(seat: TrainProcess, from_ns: int, to_ns: int) -> int:
     """Greatest age of what a train held between two instants."""
     oldest_ns = 0
     following = [each.at_ns for each in seat.taken[1:]] + [to_ns]
@@ -328,7 +328,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         become_apart("metro_hil.line.failover_trial", [*words, "--apart"])
     with tempfile.TemporaryDirectory() as folder:
         try:
-            trial = Trial(
+            trial = FailoverTrial(
                 *(options.trains, options.timers, Path(folder), options.priority, networks),
                 topology,
             )
@@ -346,7 +346,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     return told
 
 
-def _watch(trial: Trial, options: argparse.Namespace) -> int:
+def _watch(trial: FailoverTrial, options: argparse.Namespace) -> int:
     """Nothing goes wrong: how long after a train's report it has the authority that answers it."""
     trial.settle()
     from_ns = trial.clock.now_ns()
@@ -371,7 +371,7 @@ def _watch(trial: Trial, options: argparse.Namespace) -> int:
     return 0 if p99_ms <= bar_ms else 1
 
 
-def _strike(trial: Trial, options: argparse.Namespace) -> int:
+def _strike(trial: FailoverTrial, options: argparse.Namespace) -> int:
     rounds = [trial.fault(options.fault) for _ in range(options.rounds)]
     service_ms = TIMER_SETS[options.timers].authority_ms * SERVICE_RATIO
     latencies_ms = sorted(

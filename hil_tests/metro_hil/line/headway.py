@@ -15,7 +15,7 @@ from typing import Final, NamedTuple
 
 from can_dbc.vobc import Supervision
 from firmware_py.trackdb.areas import Area, AreaMap, TrackSection
-from metro_hil.line.train_group import LineBench, Run
+from metro_hil.line.train_group import LineBench, TrainRun
 from plant_emulator.wayside.centre import NORMAL
 from vobc.config import load_config
 from vobc.train_to_train.vocabulary import T2tConfig
@@ -128,7 +128,7 @@ def approach(trains: int, interval_s: float) -> Iterator[tuple[LineBench, float]
     joints_m = [*(at_m for at_m in _steps(0.0, edge_m, SECTION_M) if at_m < edge_m), edge_m]
     sections = [TrackSection(n + 1, a, b) for n, (a, b) in enumerate(pairwise(joints_m))]
     areas = AreaMap("headway", (Area(1, 0.0, edge_m),), tuple(sections))
-    runs = [Run(f"H{n}", "END", (f"W{n}", "STOP", "END")) for n in range(trains)]
+    runs = [TrainRun(f"H{n}", "END", (f"W{n}", "STOP", "END")) for n in range(trains)]
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "headway.toml"
         path.write_text("\n".join(_line(track)), encoding="utf-8")

@@ -6,7 +6,7 @@ from firmware_py.clock.clock import WallClock
 from firmware_py.ports import RadioMessage
 from firmware_py.storage.checked_store import CheckedStore
 from firmware_py.trackdb.areas import Area, AreaMap, TrackSection
-from plant_emulator.wayside.line_wayside import Disks, LineWayside, Truth
+from plant_emulator.wayside.line_wayside import Disks, LineWayside, WaysideTruth
 from plant_emulator.wayside.t2t_vocabulary import ArbiterMemory
 from vobc.train_to_train.train import TrainCore
 from vobc.train_to_train.vocabulary import OwnTrain, Role, T2tConfig, TrainMemory
@@ -189,7 +189,7 @@ def wayside_share(areas: int, trains_each: int) -> float:
 
 
 def _run(
-    wayside: LineWayside, radio: LineRadio, own: OwnTrain, others: _Others, truth: Truth
+    wayside: LineWayside, radio: LineRadio, own: OwnTrain, others: _Others, truth: WaysideTruth
 ) -> list[float]:
     clock, took_ms = WallClock(), list[float]()
     to_train: list[RadioMessage] = []
@@ -217,10 +217,10 @@ def _run(
     raise TimeoutError(f"only {others.commanded} of {wanted} trains are commanded")
 
 
-def _axles(fronts_m: list[float]) -> Truth:
+def _axles(fronts_m: list[float]) -> WaysideTruth:
     """All axles of a train under its middle."""
     counted: dict[int, int] = {}
     for front_m in fronts_m:
         section = int((front_m - LENGTH_M / 2.0) // SECTION_M) + 1
         counted[section] = counted.get(section, 0) + AXLES
-    return Truth(counted)
+    return WaysideTruth(counted)

@@ -12,7 +12,7 @@ from typing import Final
 
 from firmware_py.clock.clock import WallClock
 from firmware_py.clock.realtime import die_with_parent
-from firmware_py.radio.zenoh_radio import Role, open_radio, pick_endpoint
+from firmware_py.radio.zenoh_radio import SessionRole, open_radio, pick_endpoint
 from firmware_py.trackdb import load_line
 from plant_emulator.wayside.line_centre import LineCentre
 from zenoh_config import keys
@@ -57,7 +57,7 @@ def seat(address: int, endpoint: str, statuses: int, parent: int) -> None:
             if isinstance(heard, TrainOrders) and echoes.pop(heard.echo_stamp_ns, 0):
                 latencies_ms.append((message.stamp_ns - heard.echo_stamp_ns) / NS_PER_MS)
 
-    with open_radio(Role.TRAIN, endpoint, (keys.orders(LINE, address),), clock) as port:
+    with open_radio(SessionRole.TRAIN, endpoint, (keys.orders(LINE, address),), clock) as port:
         end_ns = clock.now_ns() + round(CONNECT_S * NS_PER_S)
         while not latencies_ms and clock.now_ns() < end_ns:
             say()
@@ -99,7 +99,7 @@ def run(trains: int, seconds: float) -> dict[str, float]:
     statuses = round(seconds * NS_PER_S / PERIOD_NS)
     module = [sys.executable, "-m", "metro_hil.line.sessions", "--seat"]
     with open_radio(
-        Role.WAYSIDE, endpoint, (keys.statuses(LINE),), clock, inbox_messages=INBOX_MESSAGES
+        SessionRole.WAYSIDE, endpoint, (keys.statuses(LINE),), clock, inbox_messages=INBOX_MESSAGES
     ) as port:
         seats = [
             subprocess.Popen(

@@ -10,7 +10,7 @@ from typing import Final
 from firmware_py.clock.clock import WallClock
 from firmware_py.clock.realtime import collect_garbage, enter_realtime
 from firmware_py.ports import TunableRadioPort
-from firmware_py.radio.zenoh_radio import Role, open_peer, open_radio
+from firmware_py.radio.zenoh_radio import SessionRole, open_peer, open_radio
 from firmware_py.storage.checked_store import CheckedStore
 from firmware_py.storage.nvram import NvramState
 from firmware_py.trackdb.areas import Area, AreaMap, TrackSection
@@ -75,7 +75,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     with (
         open_peer(options.endpoint, None, radio.subscriptions, clock)
         if options.peer
-        else open_radio(Role.TRAIN, options.endpoint, radio.subscriptions, clock)
+        else open_radio(SessionRole.TRAIN, options.endpoint, radio.subscriptions, clock)
     ) as port:
         if options.priority:
             enter_realtime(options.priority)

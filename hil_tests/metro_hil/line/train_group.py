@@ -16,7 +16,7 @@ from firmware_py.tag_reader.inproc_line import inproc_line
 from firmware_py.trackdb import load_line
 from firmware_py.trackdb.areas import AreaMap
 from plant_emulator.process import PlantDevice
-from plant_emulator.wayside.line_wayside import Disks, LineWayside, Truth
+from plant_emulator.wayside.line_wayside import Disks, LineWayside, WaysideTruth
 from plant_emulator.wayside.railway import subscriptions
 from plant_emulator.wayside.t2t_vocabulary import ArbiterMemory, ObjectMemory
 from plant_emulator.world import NOTHING, plan_scenario
@@ -36,7 +36,7 @@ AXLE_INSET_M: Final = 2.0
 NS_PER_S: Final = 1_000_000_000
 
 
-class Run(NamedTuple):
+class TrainRun(NamedTuple):
     """Where a train starts and where it goes, by the names of stations."""
 
     start: str
@@ -63,7 +63,7 @@ class LineBench:
         self,
         config: VobcConfig,
         areas: AreaMap,
-        runs: Sequence[Run],
+        runs: Sequence[TrainRun],
         *,
         t2t: T2tConfig | None = None,
         seed: int = 1,
@@ -95,7 +95,7 @@ class LineBench:
             self._add(number, way)
         self._executives.append(Executive([Task("wayside", WAYSIDE_MS, self._wayside)], 0))
 
-    def _add(self, address: int, way: Run) -> None:
+    def _add(self, address: int, way: TrainRun) -> None:
         line = load_line(self._line)
         config = replace(self._config, address=address)
         scenario = plan_scenario(
@@ -210,7 +210,7 @@ class LineBench:
         for key, payload in self.wayside.step(now_ns, heard, self._truth()):
             self._port.send(now_ns, key, payload)
 
-    def _truth(self) -> Truth:
+    def _truth(self) -> WaysideTruth:
         axles: dict[int, int] = {}
         occupied = set()
         for train in self.trains.values():
@@ -225,4 +225,4 @@ class LineBench:
             for site in self.areas.objects:
                 if rear_m < site.end_m and site.start_m < world.front_m:
                     occupied.add(site.number)
-        return Truth(axles, occupied, self.release_wanted)
+        return WaysideTruth(axles, occupied, self.release_wanted)

@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 from metro_hil.metrics.comfort import Comfort
-from metro_hil.metrics.run import Cycles, Ride, Stop, SupervisionEvent
+from metro_hil.metrics.run import Cycles, RideComfort, StationStop, SupervisionEvent
 
 BLOCK_BYTES = 1 << 20
 
@@ -18,8 +18,8 @@ class RunResults:
     """Of one run; what could not be measured is None."""
 
     exit_reason: str
-    stops: Sequence[Stop]
-    ride: Ride | None
+    stops: Sequence[StationStop]
+    ride: RideComfort | None
     cycles: Cycles | None
     events: Sequence[SupervisionEvent]
     frames: int

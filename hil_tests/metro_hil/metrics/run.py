@@ -19,7 +19,7 @@ ROWS_MIN = 8
 
 
 @dataclass(frozen=True, slots=True)
-class Stop:
+class StationStop:
     """How the train stood at one station."""
 
     station: str
@@ -31,7 +31,7 @@ class Stop:
 
 
 @dataclass(frozen=True, slots=True)
-class Ride:
+class RideComfort:
     """What the passengers felt."""
 
     max_accel_mps2: float
@@ -57,7 +57,7 @@ class Cycles:
     """Least distance in speed to the emergency curve while moving."""
 
 
-def measure_stops(truth: Columns, stations: Sequence[Station]) -> list[Stop]:
+def measure_stops(truth: Columns, stations: Sequence[Station]) -> list[StationStop]:
     """One entry for each station that the mission should stop at, in running order."""
     time_s, front_m = truth.numbers("t_s"), truth.numbers("front_m")
     still = truth.numbers("speed_mps") == 0.0
@@ -70,14 +70,14 @@ def measure_stops(truth: Columns, stations: Sequence[Station]) -> list[Stop]:
             if abs(float(front_m[first]) - station.stop_m) <= NEAR_STOP_M
         ]
         if not near:
-            stops.append(Stop(station.name, None, None, None))
+            stops.append(StationStop(station.name, None, None, None))
             continue
         # The last standstill near the point is the stop; one before it was a miss that was mended.
         _, first, index = max(near, key=lambda entry: entry[2])
         left_s = float(time_s[ends[index - 1]]) if index > 0 else float(time_s[0])
         arrived_s = float(time_s[first])
         error_m = float(front_m[first]) - station.stop_m
-        stops.append(Stop(station.name, error_m, arrived_s, arrived_s - left_s))
+        stops.append(StationStop(station.name, error_m, arrived_s, arrived_s - left_s))
     return stops
 
 
@@ -87,18 +87,18 @@ def _runs(flags: "np.typing.NDArray[np.bool_]") -> tuple[list[int], list[int]]:
     return np.flatnonzero(edges == 1).tolist(), (np.flatnonzero(edges == -1) - 1).tolist()
 
 
-def measure_ride(truth: Columns) -> Ride:
+def measure_ride(truth: Columns) -> RideComfort:
     """Acceleration and jerk of the consist's mean motion, low-passed at `CUT_OFF_HZ`."""
     time_s, front_m = truth.numbers("t_s"), truth.numbers("front_m")
     if len(time_s) < ROWS_MIN:
-        return Ride(0.0, 0.0, 0.0, 0.0, 0.0)
+        return RideComfort(0.0, 0.0, 0.0, 0.0, 0.0)
     step_s = float(np.median(np.diff(time_s)))
     grid_s = np.arange(time_s[0], time_s[-1], step_s)
     # From speeds, not from the logged acceleration, so that nothing between two rows is missed.
     speed_mps = np.interp(grid_s, time_s, truth.numbers("speed_mps"))
     accel_mps2 = low_pass(np.diff(speed_mps) / step_s, step_s)
     jerk_mps3 = np.diff(accel_mps2) / step_s
-    return Ride(
+    return RideComfort(
         max_accel_mps2=float(np.max(np.abs(accel_mps2))),
         max_jerk_mps3=float(np.max(np.abs(jerk_mps3))),
         duration_s=float(time_s[-1] - time_s[0]),

@@ -73,7 +73,7 @@ class Setup(msgspec.Struct, frozen=True, kw_only=True):
     """Overrides of the controller's parameters by dotted key."""
 
 
-class Controller(msgspec.Struct, frozen=True, kw_only=True):
+class ControllerSpec(msgspec.Struct, frozen=True, kw_only=True):
     """What is under test."""
 
     kind: str = "shipped"
@@ -87,7 +87,7 @@ class Controller(msgspec.Struct, frozen=True, kw_only=True):
     takes longer hangs."""
 
 
-class Wires(msgspec.Struct, frozen=True, kw_only=True):
+class WireNames(msgspec.Struct, frozen=True, kw_only=True):
     """What the benches in real time use, as the user names it; see `metro_hil.realtime.wires`."""
 
     bus_a: str = "auto"
@@ -134,8 +134,8 @@ class Case(msgspec.Struct, frozen=True, kw_only=True):
     """What the sweep chose for this case, by swept key."""
     requirements: tuple[str, ...] = ()
     bench: BenchKind = BenchKind.LOCKSTEP
-    controller: Controller = Controller()
-    wires: Wires = Wires()
+    controller: ControllerSpec = ControllerSpec()
+    wires: WireNames = WireNames()
     branch: Branch | None = None
     expected: Verdict = Verdict.PASS
     stop_at_violation: bool = True
@@ -158,7 +158,7 @@ class MonitorResult(msgspec.Struct, frozen=True, kw_only=True):
     requirements: tuple[str, ...] = ()
 
 
-class Event(msgspec.Struct, frozen=True):
+class CaseEvent(msgspec.Struct, frozen=True):
     """Something that happened, for the story of a run."""
 
     at_s: float
@@ -195,7 +195,7 @@ class CaseResult(msgspec.Struct, frozen=True, kw_only=True):
     monitors: tuple[MonitorResult, ...] = ()
     measures: dict[str, float | None] = {}
     """By name; the unit is the last part of the name."""
-    events: tuple[Event, ...] = ()
+    events: tuple[CaseEvent, ...] = ()
     host: Host = Host()
 
     def least_margin(self) -> MonitorResult | None:

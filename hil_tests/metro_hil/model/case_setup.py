@@ -11,7 +11,7 @@ from metro_hil.model.case import TIME_MAX_S, Case, Setup
 from metro_hil.model.mission import Journey
 from plant_emulator.faults.fitting import check_fitting
 from plant_emulator.faults.plan import FaultPlan, read_faults
-from plant_emulator.world import Scenario, plan_scenario
+from plant_emulator.world import TrainScenario, plan_scenario
 from vobc.config import VobcConfig, load_config, plan_mission
 from vobc.vocabulary import Mission
 
@@ -25,7 +25,7 @@ class CaseParts:
     """Everything that a bench puts together."""
 
     journey: Journey
-    scenario: Scenario
+    scenario: TrainScenario
     config: VobcConfig
     faults: tuple[FaultPlan, ...]
 
@@ -77,7 +77,7 @@ def mission_of(setup: Setup, line: LineMap) -> Mission:
 
 def scenario_of(
     setup: Setup, line: LineMap, mission: Mission, seed: int, files: Files = NO_FILES
-) -> Scenario:
+) -> TrainScenario:
     try:
         mode = CabMode[setup.desk_mode.upper()]
     except KeyError:

@@ -57,7 +57,7 @@ class ArrivalWatch:
 
 
 @dataclass(slots=True)
-class EmergencyWatch:
+class HeldEmergencyCondition:
     """Says why a run is over whose train stands in emergency and has nobody to let it go."""
 
     centre: bool = False
@@ -79,7 +79,7 @@ class EmergencyWatch:
 
 
 @dataclass(slots=True)
-class DoorWatch:
+class ShutDoorsCondition:
     """Says why a run is over whose train has stopped where its doors stay shut, with nobody there.
 
     After a stop the place may be known too roughly for doors, say because the machine was held up

@@ -11,7 +11,7 @@ _FLUSH: Final = 512
 _head: Final = struct.Struct("<qHB").pack
 
 
-class FrameChain:
+class FrameHash:
     """Fed with every frame in bus order.
 
     A link is SHA-256 over the link before it and, for each frame that ended within its seconds, the

@@ -16,12 +16,12 @@ from firmware_py.settings import SettingsError
 from plant_emulator.faults.declared_bus import (
     FrameCorrupt,
     FrameDelay,
+    FrameDirection,
     FrameDrop,
     FrameDuplicate,
     FrameReorder,
     FrameReplay,
     Masquerade,
-    Way,
 )
 from plant_emulator.faults.plan import FaultPlan
 
@@ -39,7 +39,7 @@ FRAME_FAULTS: Final = (
 
 
 @dataclass(frozen=True, slots=True)
-class Known:
+class KnownMessage:
     """One message of the DBC files."""
 
     name: str
@@ -51,20 +51,20 @@ class Known:
     is_twin: bool
 
     @property
-    def way(self) -> Way:
+    def way(self) -> FrameDirection:
         """Which way it goes between the controller and the train."""
-        return Way.TO_TRAIN if self.sender == Node.VOBC.name else Way.TO_VOBC
+        return FrameDirection.TO_TRAIN if self.sender == Node.VOBC.name else FrameDirection.TO_VOBC
 
 
 @functools.cache
-def known_messages() -> Mapping[int, Known]:
+def known_messages() -> Mapping[int, KnownMessage]:
     """By identifier, rising."""
     found = {}
     for kind in binding.kinds():
         bound = binding.binding_of(kind)
         for message in bound.messages:
             hearing = {name for signal in message.signals for name in signal.receivers}
-            found[message.frame_id] = Known(
+            found[message.frame_id] = KnownMessage(
                 name=message.name,
                 can_id=message.frame_id,
                 sender=message.senders[0],
@@ -76,7 +76,7 @@ def known_messages() -> Mapping[int, Known]:
 
 
 @functools.cache
-def known_names() -> Mapping[str, Known]:
+def known_names() -> Mapping[str, KnownMessage]:
     return {known.name: known for known in known_messages().values()}
 
 
@@ -92,9 +92,9 @@ def matches(pattern: str, can_id: int) -> bool:
     return pattern == EVERYTHING if known is None else fnmatchcase(known.name, pattern)
 
 
-def concerns(pattern: str, way: Way, can_id: int, going: Way) -> bool:
+def concerns(pattern: str, way: FrameDirection, can_id: int, going: FrameDirection) -> bool:
     """Whether a fault of this pattern and way concerns a frame that goes that way."""
-    return way in (Way.BOTH, going) and matches(pattern, can_id)
+    return way in (FrameDirection.BOTH, going) and matches(pattern, can_id)
 
 
 def check_bus_fault(plan: FaultPlan) -> None:
@@ -110,13 +110,13 @@ def check_bus_fault(plan: FaultPlan) -> None:
         _check_masquerade(parameters, where)
 
 
-def _check_pattern(pattern: str, way: Way, where: str) -> None:
+def _check_pattern(pattern: str, way: FrameDirection, where: str) -> None:
     found = [each for each in known_names().values() if fnmatchcase(each.name, pattern)]
     if not found:
         raise SettingsError(
             f"{where}.frames: {pattern!r} matches no message; {_nearest(pattern, known_names())}"
         )
-    if not any(way in (Way.BOTH, each.way) for each in found):
+    if not any(way in (FrameDirection.BOTH, each.way) for each in found):
         other = found[0].way.name.lower()
         raise SettingsError(
             f"{where}.way: {way.name.lower()}: no frame that matches {pattern!r} goes that way;"

@@ -11,7 +11,7 @@ import numpy.typing as npt
 Numbers = npt.NDArray[np.float64]
 
 
-class LogError(Exception):
+class RunLogError(Exception):
     """A log that cannot be used; the text names file and column."""
 
 
@@ -38,7 +38,7 @@ class Columns:
 
     def _column(self, name: str) -> Sequence[object]:
         if name not in self._values:
-            raise LogError(f"{self._source}: no column {name}; it has {', '.join(self._values)}")
+            raise RunLogError(f"{self._source}: no column {name}; it has {', '.join(self._values)}")
         return self._values[name]
 
     def texts(self, name: str) -> list[str]:
@@ -58,7 +58,7 @@ class Columns:
         try:
             numbers = np.array(column, np.float64)
         except (TypeError, ValueError) as error:
-            raise LogError(f"{self._source}: column {name}: {error}") from error
+            raise RunLogError(f"{self._source}: column {name}: {error}") from error
         numbers.flags.writeable = False
         self._numbers[name] = numbers
         return numbers
@@ -76,7 +76,7 @@ class Columns:
         try:
             table = np.array(rows, dtype=np.float64)
         except (TypeError, ValueError) as error:
-            raise LogError(f"{self._source}: column {name}: {error}") from error
+            raise RunLogError(f"{self._source}: column {name}: {error}") from error
         return table.reshape(len(rows), -1)
 
 
@@ -87,10 +87,10 @@ def read_columns(path: Path) -> Columns:
             rows = csv.reader(lines)
             header = next(rows, None)
             if not header:
-                raise LogError(f"{path}: empty, not even a header")
+                raise RunLogError(f"{path}: empty, not even a header")
             body = list(rows)
     except OSError as error:
-        raise LogError(f"{path}: cannot be read: {error.strerror}") from error
+        raise RunLogError(f"{path}: cannot be read: {error.strerror}") from error
     whole = [row for row in body if len(row) == len(header)]
     texts = {name: [row[index] for row in whole] for index, name in enumerate(header)}
     return Columns(str(path), texts, len(body) - len(whole))

@@ -26,7 +26,7 @@ AHEAD: Final = (Lasting.ALWAYS, Lasting.EVENTUALLY)
 
 
 @dataclass(frozen=True, slots=True)
-class Interval:
+class TimeInterval:
     """From the instant that is looked at, forwards or back."""
 
     begin_ns: int = 0
@@ -58,7 +58,7 @@ class Either:
 @dataclass(frozen=True, slots=True)
 class Timed:
     lasting: Lasting
-    interval: Interval
+    interval: TimeInterval
     body: "Node"
     position: int
 
@@ -67,7 +67,7 @@ class Timed:
 class Until:
     """`first` holds until `second` does. Released: not that, of the negations that it holds."""
 
-    interval: Interval
+    interval: TimeInterval
     first: "Node"
     second: "Node"
     position: int

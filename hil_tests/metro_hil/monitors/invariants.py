@@ -8,7 +8,7 @@ from metro_hil.monitors.catalogue import WATCHED
 from metro_hil.monitors.context import Context
 from metro_hil.monitors.description import Spoken
 from metro_hil.monitors.gauge import Alarm, Gauge
-from metro_hil.monitors.place import Place
+from metro_hil.monitors.place import LinePlaces
 from metro_hil.monitors.watch_authority import AuthorityWatch
 from metro_hil.monitors.watch_brake import DepartureWatch, EmergencyWatch, SilenceWatch
 from metro_hil.monitors.watch_claims import ClaimWatch, DemandWatch
@@ -40,7 +40,7 @@ class Invariants:
         "motion",
     )
 
-    def __init__(self, context: Context, spoken: Spoken, heard: Spoken, place: Place) -> None:
+    def __init__(self, context: Context, spoken: Spoken, heard: Spoken, place: LinePlaces) -> None:
         """Args:
         spoken: what the controller says.
         heard: what of it gets onto the bus, where the units wait for it.
@@ -114,7 +114,7 @@ class Invariants:
         )
         return claims, demand
 
-    def _door_watch(self, context: Context, place: Place) -> DoorWatch:
+    def _door_watch(self, context: Context, place: LinePlaces) -> DoorWatch:
         gauge = self.gauges
         return DoorWatch(
             context,

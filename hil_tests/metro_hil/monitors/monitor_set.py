@@ -10,11 +10,11 @@ from metro_hil.monitors.context import Context
 from metro_hil.monitors.description import CONTROLLER_IDS, Spoken
 from metro_hil.monitors.gauge import NEVER_NS, Gauge
 from metro_hil.monitors.invariants import Invariants
-from metro_hil.monitors.place import Place
+from metro_hil.monitors.place import LinePlaces
 from metro_hil.monitors.plan import MonitorKind, MonitorPlan, Severity
 from metro_hil.monitors.signals import Signals
 from metro_hil.monitors.stl import Formula
-from metro_hil.monitors.terms import State
+from metro_hil.monitors.terms import TermState
 from metro_hil.monitors.vocabulary import BOOLEANS, NAMES
 from plant_emulator.truth import SIGNALS as TRUTH_SIGNALS
 from plant_emulator.truth import Truth
@@ -76,7 +76,7 @@ class MonitorSet:
         self._spoken = spoken = Spoken(context.start_ns)
         self._heard = Spoken(context.start_ns) if own_port else spoken
         train = context.train
-        place = Place(
+        place = LinePlaces(
             context.line,
             length_m=train.length_m,
             rotating_ratio=train.rotating_mass_percent / 100.0,
@@ -225,13 +225,13 @@ class MonitorSet:
         at_s: float | None = self._seconds(formula.at_ns)
         if not math.isfinite(formula.margin):
             margin = at_s = None
-        if formula.state is State.VIOLATED:
+        if formula.state is TermState.VIOLATED:
             known_ns = self._first_ns.get(plan.name, formula.at_ns)
             known = f"known at {self._seconds(known_ns):.2f} s" if known_ns != formula.at_ns else ""
             return _result(plan, Verdict.FAIL, margin, at_s, known)
         if formula.broken:
             return _result(plan, Verdict.INCONCLUSIVE, None, None, formula.broken)
-        if formula.state is not State.HOLDS:
+        if formula.state is not TermState.HOLDS:
             detail = "the run was over before it could be told"
             return _result(plan, Verdict.INCONCLUSIVE, margin, at_s, detail)
         if not formula.exercised:

@@ -17,7 +17,7 @@ PASSED_M: Final = 10.0
 """A train that stopped so far beyond the end of a platform still stands at it."""
 
 
-class Place:
+class LinePlaces:
     """One line for trains of one length, with what was looked up last kept at hand."""
 
     __slots__ = (

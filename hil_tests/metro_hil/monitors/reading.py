@@ -23,10 +23,10 @@ from metro_hil.monitors.formula import (
     Atom,
     Both,
     Either,
-    Interval,
     Lasting,
     Node,
     Timed,
+    TimeInterval,
     Until,
     boolean,
     comparison,
@@ -188,17 +188,17 @@ class _Reader:
                 return Timed(lasting, interval, body, position)
         return self._comparison()
 
-    def _interval(self) -> Interval:
+    def _interval(self) -> TimeInterval:
         position = self._at
         if not self._take("["):
-            return Interval()
+            return TimeInterval()
         begin_ns = self._seconds()
         self._expect(":")
         end_ns = self._seconds()
         self._expect("]")
         if end_ns < begin_ns:
             raise self._error("the interval ends before it begins", position)
-        return Interval(begin_ns, end_ns)
+        return TimeInterval(begin_ns, end_ns)
 
     def _seconds(self) -> int:
         if self._kind != "number":

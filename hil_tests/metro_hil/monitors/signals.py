@@ -3,7 +3,7 @@
 from collections.abc import Collection
 
 from metro_hil.monitors.description import Spoken
-from metro_hil.monitors.place import Place
+from metro_hil.monitors.place import LinePlaces
 from metro_hil.monitors.vocabulary import SIGNALS, Origin
 from metro_hil.monitors.watch_motion import MotionWatch
 from plant_emulator.truth import Truth
@@ -140,7 +140,7 @@ class Signals:
     )
 
     def __init__(
-        self, spoken: Spoken, place: Place, motion: MotionWatch, names: Collection[str]
+        self, spoken: Spoken, place: LinePlaces, motion: MotionWatch, names: Collection[str]
     ) -> None:
         """Only the groups that `names` are of will be filled."""
         self._spoken, self._place, self._motion = spoken, place, motion

@@ -14,17 +14,17 @@ from metro_hil.monitors.formula import (
     Atom,
     Both,
     Either,
-    Interval,
     Lasting,
     Node,
     Timed,
+    TimeInterval,
     Until,
 )
 from metro_hil.monitors.reading import FormulaError, parse
 from metro_hil.monitors.streams import (
     NO_END,
-    Ahead,
-    Instant,
+    BoundedFuture,
+    InstantStream,
     Joined,
     JoinedLater,
     Later,
@@ -32,11 +32,11 @@ from metro_hil.monitors.streams import (
     Now,
     Past,
     PastLater,
-    Ready,
+    ReadyStream,
+    SlidingWindow,
     UntilLater,
-    Window,
 )
-from metro_hil.monitors.terms import Several, State, Term, UntilWhole, Whole
+from metro_hil.monitors.terms import MonitorTerm, Several, TermState, UntilWhole, Whole
 
 STATIC_MAX: Final = 900
 """Characters of what is joined into one expression."""
@@ -53,7 +53,7 @@ class Formula:
         self.text = text
         tree = parse(text, signals, booleans)
         builder = _Builder(text, signals)
-        self._term: Term = builder.term(tree)
+        self._term: MonitorTerm = builder.term(tree)
         self._premise: Whole | None = builder.premise(tree)
         self.names: frozenset[str] = frozenset(builder.names)
         """The signals that it reads."""
@@ -75,23 +75,23 @@ class Formula:
         try:
             self._term.step(t_ns, since_ns, signals)
             premise = self._premise
-            if premise is not None and premise.state is not State.HOLDS:
+            if premise is not None and premise.state is not TermState.HOLDS:
                 premise.step(t_ns, since_ns, signals)
         except ZeroDivisionError:
             self.broken = f"division by zero at {since_ns / NS_PER_S:g} s"
-        return self._term.state is State.VIOLATED
+        return self._term.state is TermState.VIOLATED
 
     def finish(self, cut_short: bool = False) -> None:
         """No sample comes any more; `cut_short` says that the run would have gone on."""
         term, premise = self._term, self._premise
         term.finish(cut_short)
-        if premise is not None and premise.state is State.HOLDS:
+        if premise is not None and premise.state is TermState.HOLDS:
             # What it asks for must have been judged, too, not only asked for.
             assert isinstance(term, Whole)
             self.exercised = premise.at_ns <= term.judged_ns
 
     @property
-    def state(self) -> State:
+    def state(self) -> TermState:
         return self._term.state
 
     @property
@@ -113,7 +113,7 @@ class _Builder:
         self._signals = signals
         self.names: set[str] = set()
 
-    def term(self, node: Node) -> Term:
+    def term(self, node: Node) -> MonitorTerm:
         """What may stand at the top."""
         if isinstance(node, Both | Either):
             parts = [self.term(part) for part in node.parts]
@@ -139,7 +139,7 @@ class _Builder:
             return None
         return Whole(self.stream(body.premise), node.interval, greatest=True)
 
-    def stream(self, node: Node) -> Instant | Later:
+    def stream(self, node: Node) -> InstantStream | Later:
         """What may stand inside."""
         static = _static(node)
         if static is not None and len(static) <= STATIC_MAX:
@@ -155,23 +155,23 @@ class _Builder:
         body = self.stream(node.body)
         if node.lasting in AHEAD:
             begin_ns, end_ns = self._ends(node.interval, node.position)
-            return Ahead(_as_later(body), begin_ns, end_ns, greatest=greatest)
+            return BoundedFuture(_as_later(body), begin_ns, end_ns, greatest=greatest)
         end_ns = NO_END if node.interval.end_ns is None else node.interval.end_ns
-        window = Window(node.interval.begin_ns, end_ns, greatest=greatest)
-        return Past(body, window) if isinstance(body, Instant) else PastLater(body, window)
+        window = SlidingWindow(node.interval.begin_ns, end_ns, greatest=greatest)
+        return Past(body, window) if isinstance(body, InstantStream) else PastLater(body, window)
 
     def later(self, node: Node) -> Later:
         return _as_later(self.stream(node))
 
-    def _joined(self, node: Both | Either) -> Instant | Later:
+    def _joined(self, node: Both | Either) -> InstantStream | Later:
         greatest = isinstance(node, Either)
         parts = [self.stream(part) for part in node.parts]
-        instants = [part for part in parts if isinstance(part, Instant)]
+        instants = [part for part in parts if isinstance(part, InstantStream)]
         if len(instants) == len(parts):
             return Joined(instants, greatest=greatest)
         return JoinedLater([_as_later(part) for part in parts], greatest=greatest)
 
-    def _ends(self, interval: Interval, position: int) -> tuple[int, int]:
+    def _ends(self, interval: TimeInterval, position: int) -> tuple[int, int]:
         if interval.end_ns is None:
             raise self._error(
                 position, "inside another operator it needs an end, such as eventually[0:5](…)"
@@ -192,8 +192,8 @@ class _Builder:
         return FormulaError(f"{self._text!r} at character {position + 1}: {what}")
 
 
-def _as_later(body: Instant | Later) -> Later:
-    return Ready(body) if isinstance(body, Instant) else body
+def _as_later(body: InstantStream | Later) -> Later:
+    return ReadyStream(body) if isinstance(body, InstantStream) else body
 
 
 def _static(node: Node) -> str | None:

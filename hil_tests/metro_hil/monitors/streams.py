@@ -1,7 +1,8 @@
 """Margins of formulas over time, sample by sample, in memory bounded by the formula's intervals.
 
-What looks at the present and the past is an `Instant`: it has its margin at once. What looks ahead
-is a `Later`: its margins come out one for each sample and in their order, late by its horizon.
+What looks at the present and the past is an `InstantStream`: it has its margin at once. What
+looks ahead is a `Later`: its margins come out one for each sample and in their order, late by its
+horizon.
 Samples need not be evenly spaced: an interval holds the samples whose instants lie in it.
 """
 
@@ -17,7 +18,7 @@ NO_END: Final = -1
 LONG_AGO_NS: Final = -(1 << 62)
 
 
-class Window:
+class SlidingWindow:
     """The greatest or the least value over a stretch of the past that moves on with every sample.
 
     A queue of candidates, each better than those after it, so that every value comes and goes once.
@@ -68,7 +69,7 @@ class Window:
         return self._sign * (best[0][1] if best else -math.inf)
 
 
-class Instant:
+class InstantStream:
     """Has its margin at once."""
 
     __slots__ = ()
@@ -78,7 +79,7 @@ class Instant:
         raise AssertionError
 
 
-class Now(Instant):
+class Now(InstantStream):
     __slots__ = ("_margin",)
 
     def __init__(self, margin: Margin) -> None:
@@ -88,12 +89,12 @@ class Now(Instant):
         return self._margin(signals)
 
 
-class Joined(Instant):
+class Joined(InstantStream):
     """The least margin of all parts, or the greatest."""
 
     __slots__ = ("_parts", "_sign")
 
-    def __init__(self, parts: list[Instant], *, greatest: bool) -> None:
+    def __init__(self, parts: list[InstantStream], *, greatest: bool) -> None:
         self._parts = parts
         self._sign = 1.0 if greatest else -1.0
 
@@ -108,12 +109,12 @@ class Joined(Instant):
         return sign * best
 
 
-class Past(Instant):
+class Past(InstantStream):
     """`once` and `historically`."""
 
     __slots__ = ("_body", "_window")
 
-    def __init__(self, body: Instant, window: Window) -> None:
+    def __init__(self, body: InstantStream, window: SlidingWindow) -> None:
         self._body = body
         self._window = window
 
@@ -134,12 +135,12 @@ class Later:
         raise AssertionError
 
 
-class Ready(Later):
+class ReadyStream(Later):
     """Something instant among what is not."""
 
     __slots__ = ("_body",)
 
-    def __init__(self, body: Instant) -> None:
+    def __init__(self, body: InstantStream) -> None:
         super().__init__()
         self._body = body
 
@@ -178,7 +179,7 @@ class PastLater(Later):
 
     __slots__ = ("_body", "_window")
 
-    def __init__(self, body: Later, window: Window) -> None:
+    def __init__(self, body: Later, window: SlidingWindow) -> None:
         super().__init__()
         self._body = body
         self._window = window
@@ -191,7 +192,7 @@ class PastLater(Later):
             self.ready.append((at_ns, self._window.push(at_ns, value)))
 
 
-class Ahead(Later):
+class BoundedFuture(Later):
     """`always` and `eventually` with an end."""
 
     __slots__ = ("_begin_ns", "_body", "_end_ns", "_pending", "_window")
@@ -201,7 +202,7 @@ class Ahead(Later):
         self._body = body
         self._begin_ns = begin_ns
         self._end_ns = end_ns
-        self._window = Window(0, end_ns, greatest=greatest)
+        self._window = SlidingWindow(0, end_ns, greatest=greatest)
         self._pending: deque[int] = deque()
         """Samples whose interval is not over."""
 

@@ -3,11 +3,11 @@
 import math
 from enum import IntEnum
 
-from metro_hil.monitors.formula import Interval
-from metro_hil.monitors.streams import NO_END, Instant, Later
+from metro_hil.monitors.formula import TimeInterval
+from metro_hil.monitors.streams import NO_END, InstantStream, Later
 
 
-class State(IntEnum):
+class TermState(IntEnum):
     """What is certain so far."""
 
     OPEN = 0
@@ -17,13 +17,13 @@ class State(IntEnum):
     """Only at the end: the run was over before it could be told."""
 
 
-class Term:
+class MonitorTerm:
     """One `always`, `eventually` or `until` at the top, or several joined."""
 
     __slots__ = ("at_ns", "margin", "state")
 
     def __init__(self) -> None:
-        self.state = State.OPEN
+        self.state = TermState.OPEN
         self.margin = math.inf
         """Of the samples that were judged; infinite when there was none."""
         self.at_ns = 0
@@ -38,7 +38,7 @@ class Term:
         raise AssertionError
 
 
-class Whole(Term):
+class Whole(MonitorTerm):
     """`always` and `eventually` from the first sample on."""
 
     __slots__ = (
@@ -52,9 +52,11 @@ class Whole(Term):
         "judged_ns",
     )
 
-    def __init__(self, body: Instant | Later, interval: Interval, *, greatest: bool) -> None:
+    def __init__(
+        self, body: InstantStream | Later, interval: TimeInterval, *, greatest: bool
+    ) -> None:
         super().__init__()
-        self._body: Instant | None = body if isinstance(body, Instant) else None
+        self._body: InstantStream | None = body if isinstance(body, InstantStream) else None
         self._later: Later | None = body if isinstance(body, Later) else None
         self._begin_ns = interval.begin_ns
         self._end_ns = NO_END if interval.end_ns is None else interval.end_ns
@@ -95,32 +97,34 @@ class Whole(Term):
             self.at_ns = at_ns
             if self._sign > 0.0:
                 if not value >= 0.0:
-                    self.state = State.VIOLATED
+                    self.state = TermState.VIOLATED
             elif self.margin >= 0.0:
-                self.state = State.HOLDS
+                self.state = TermState.HOLDS
         if self._closed:
             self._settle()
 
     def _settle(self) -> None:
-        if self.state is State.OPEN:
-            self.state = State.HOLDS if self._sign > 0.0 else State.VIOLATED
+        if self.state is TermState.OPEN:
+            self.state = TermState.HOLDS if self._sign > 0.0 else TermState.VIOLATED
 
     def finish(self, cut_short: bool) -> None:
-        if self.state is not State.OPEN:
+        if self.state is not TermState.OPEN:
             return
         whole = self._closed or self._end_ns == NO_END
         if self.judged_ns < 0 or not whole or (self._sign < 0.0 and cut_short):
-            self.state = State.UNKNOWN
+            self.state = TermState.UNKNOWN
         else:
             self._settle()
 
 
-class UntilWhole(Term):
+class UntilWhole(MonitorTerm):
     """`first until second` from the first sample on. Released, what must not come about."""
 
     __slots__ = ("_begin_ns", "_best", "_closed", "_end_ns", "_first", "_least", "_second", "_sign")
 
-    def __init__(self, first: Later, second: Later, interval: Interval, *, released: bool) -> None:
+    def __init__(
+        self, first: Later, second: Later, interval: TimeInterval, *, released: bool
+    ) -> None:
         super().__init__()
         self._first, self._second = first, second
         self._begin_ns = interval.begin_ns
@@ -157,33 +161,33 @@ class UntilWhole(Term):
         self.margin = self._sign * self._best
         if self._sign > 0.0:
             if self._best >= 0.0:
-                self.state = State.HOLDS
+                self.state = TermState.HOLDS
             elif self._least < 0.0:
-                self.state = State.VIOLATED
+                self.state = TermState.VIOLATED
         elif self.margin < 0.0:
-            self.state = State.VIOLATED
+            self.state = TermState.VIOLATED
         elif -self._least >= 0.0:
-            self.state = State.HOLDS
+            self.state = TermState.HOLDS
 
     def _close(self) -> None:
         self._closed = True
-        if self.state is State.OPEN:
-            self.state = State.VIOLATED if self._sign > 0.0 else State.HOLDS
+        if self.state is TermState.OPEN:
+            self.state = TermState.VIOLATED if self._sign > 0.0 else TermState.HOLDS
 
     def finish(self, cut_short: bool) -> None:
-        if self.state is State.OPEN:
+        if self.state is TermState.OPEN:
             if cut_short or self._end_ns != NO_END or math.isinf(self._best):
-                self.state = State.UNKNOWN
+                self.state = TermState.UNKNOWN
             else:
                 self._close()
 
 
-class Several(Term):
+class Several(MonitorTerm):
     """All of several, or one of them."""
 
     __slots__ = ("_any", "_parts")
 
-    def __init__(self, parts: list[Term], *, one_is_enough: bool) -> None:
+    def __init__(self, parts: list[MonitorTerm], *, one_is_enough: bool) -> None:
         super().__init__()
         self._parts = parts
         self._any = one_is_enough
@@ -199,7 +203,7 @@ class Several(Term):
         self._join()
 
     def _join(self) -> None:
-        decisive, other = State.VIOLATED, State.HOLDS
+        decisive, other = TermState.VIOLATED, TermState.HOLDS
         if self._any:
             decisive, other = other, decisive
         states = [part.state for part in self._parts]
@@ -207,12 +211,12 @@ class Several(Term):
             self.state = decisive
         elif all(state is other for state in states):
             self.state = other
-        elif State.UNKNOWN in states:
-            self.state = State.UNKNOWN
+        elif TermState.UNKNOWN in states:
+            self.state = TermState.UNKNOWN
         pick = max if self._any else min
         part = pick(self._parts, key=_margin_of)
         self.margin, self.at_ns = part.margin, part.at_ns
 
 
-def _margin_of(part: Term) -> float:
+def _margin_of(part: MonitorTerm) -> float:
     return part.margin

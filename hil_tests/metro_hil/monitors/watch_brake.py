@@ -4,7 +4,7 @@ from can_dbc.vobc import Cause, Supervision
 from metro_hil.monitors.context import Context
 from metro_hil.monitors.description import NEVER_NS, Spoken
 from metro_hil.monitors.gauge import Gauge
-from metro_hil.monitors.place import Place
+from metro_hil.monitors.place import LinePlaces
 from plant_emulator.truth import Truth
 
 NS_PER_S = 1_000_000_000
@@ -245,7 +245,7 @@ class DepartureWatch:
 
     __slots__ = ("_locked", "_place", "_platform_locked", "_standing", "locked", "platform")
 
-    def __init__(self, place: Place, *, locked: Gauge, platform: Gauge) -> None:
+    def __init__(self, place: LinePlaces, *, locked: Gauge, platform: Gauge) -> None:
         self._place = place
         self.locked, self.platform = locked, platform
         self._standing = True

@@ -3,7 +3,7 @@
 from metro_hil.monitors.context import Context
 from metro_hil.monitors.description import Spoken
 from metro_hil.monitors.gauge import Gauge
-from metro_hil.monitors.place import Place
+from metro_hil.monitors.place import LinePlaces
 from metro_hil.monitors.watch_brake import PULL_N
 from plant_emulator.truth import Truth
 
@@ -36,7 +36,7 @@ class DoorWatch:
     def __init__(
         self,
         context: Context,
-        where: Place,
+        where: LinePlaces,
         *,
         enabled_speed: Gauge,
         speed: Gauge,

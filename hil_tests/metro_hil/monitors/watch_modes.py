@@ -4,7 +4,7 @@ from can_dbc.vobc import Missing, OperatingMode
 from metro_hil.monitors.context import Context
 from metro_hil.monitors.description import Spoken
 from metro_hil.monitors.gauge import Gauge
-from metro_hil.monitors.place import Place
+from metro_hil.monitors.place import LinePlaces
 from plant_emulator.truth import Truth
 
 NS_PER_S = 1_000_000_000
@@ -59,7 +59,7 @@ class ModeWatch:
     def __init__(
         self,
         context: Context,
-        place: Place,
+        place: LinePlaces,
         *,
         distance: Gauge,
         jog_speed: Gauge,

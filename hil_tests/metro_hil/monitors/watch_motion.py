@@ -4,7 +4,7 @@ import math
 
 from metro_hil.monitors.context import Context
 from metro_hil.monitors.gauge import Gauge
-from metro_hil.monitors.place import GRAVITY_MPS2, Place
+from metro_hil.monitors.place import GRAVITY_MPS2, LinePlaces
 from metro_hil.monitors.watch_modes import JOG, ON_SIGHT
 from plant_emulator.truth import Truth
 
@@ -51,7 +51,7 @@ class MotionWatch:
     def __init__(
         self,
         context: Context,
-        place: Place,
+        place: LinePlaces,
         *,
         stopping: Gauge,
         authority_end: Gauge,

@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from can_dbc.binding import Protection, binding_of
+from can_dbc.binding import MessageProtection, binding_of
 from can_dbc.trailer import crc_of_data_id
 from firmware_py.ports import CanFrame, RadioMessage, SerialChunk
 from metro_hil.proof.genuine import Genuine
@@ -26,11 +26,11 @@ _BOUND: Final = [binding_of(kind) for kind in HEARD_KINDS]
 PROTECTED: Final = {
     bound.message.frame_id: (bound.message.length, crc_of_data_id(bound.message))
     for bound in _BOUND
-    if bound.protection is not Protection.NONE
+    if bound.protection is not MessageProtection.NONE
 }
 """Identifiers the controller hears under a CRC: length, and the CRC's state after the data id."""
 UNPROTECTED: Final = frozenset(
-    bound.message.frame_id for bound in _BOUND if bound.protection is Protection.NONE
+    bound.message.frame_id for bound in _BOUND if bound.protection is MessageProtection.NONE
 )
 
 

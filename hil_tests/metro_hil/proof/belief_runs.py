@@ -40,25 +40,25 @@ Mistake = Callable[[CaseParts], CaseParts]
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Ride:
+class BeliefRun:
     """A case, and the files that it calls by a name of its campaign."""
 
     case: Case
     contents: Mapping[str, str]
 
 
-def rides_of(name: str) -> list[Ride]:
+def rides_of(name: str) -> list[BeliefRun]:
     """Of `campaign: case`, where the case may be only the begin of its id. Raises KeyError."""
     name, _, begin = name.partition(": ")
     campaign = read_campaign(name)
     cases = [case for case in plan_cases(campaign) if case.id.startswith(begin)]
     if not cases:
         raise KeyError(f"{begin!r} is no case of {name}")
-    return [Ride(case, campaign.files) for case in cases]
+    return [BeliefRun(case, campaign.files) for case in cases]
 
 
 def notices(
-    names: Sequence[str], mistaken: Callable[[Ride], CaseResult | None], known_good: set[str]
+    names: Sequence[str], mistaken: Callable[[BeliefRun], CaseResult | None], known_good: set[str]
 ) -> str:
     """The first case that passes without the mistake and not with it, and why; else nothing.
 
@@ -79,7 +79,7 @@ def notices(
     return ""
 
 
-def run(ride: Ride, mistake: Mistake = lambda parts: parts) -> CaseResult | None:
+def run(ride: BeliefRun, mistake: Mistake = lambda parts: parts) -> CaseResult | None:
     """None when the controller cannot even be made with the mistake."""
     with tempfile.TemporaryDirectory() as folder:
         files = {name: Path(folder) / name for name in ride.contents}

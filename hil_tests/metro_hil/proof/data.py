@@ -16,7 +16,15 @@ from typing import Any, Final
 from firmware_py.settings import SettingsError, build
 from metro_hil.model.case import CaseResult
 from metro_hil.model.case_setup import CaseParts
-from metro_hil.proof.belief_runs import FRAMES, Ride, misread, notices, rides_of, run, with_line
+from metro_hil.proof.belief_runs import (
+    FRAMES,
+    BeliefRun,
+    misread,
+    notices,
+    rides_of,
+    run,
+    with_line,
+)
 
 DATA_FILE: Final = "hil_tests/proof/data_mutants.toml"
 SIDES: Final = ("map", "belief", "frame")
@@ -93,7 +101,7 @@ def ride_notices(mutant: DataMutant, known_good: set[str]) -> str:
             return with_line(parts, with_change(parts.journey.line, path, mutant))
         return dataclasses.replace(parts, config=with_change(parts.config, path, mutant))
 
-    def mistaken(ride: Ride) -> CaseResult | None:
+    def mistaken(ride: BeliefRun) -> CaseResult | None:
         if mutant.side != "frame":
             return run(ride, believed)
         with misread(FRAMES[path[0]], path[1], mutant.changed):

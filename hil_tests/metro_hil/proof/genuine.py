@@ -10,7 +10,7 @@ from metro_hil.model.mission import plan_journey
 from metro_hil.model.run_folder import RunFolder
 from metro_hil.model.run_options import parse
 from metro_hil.proof.judge import Permits, permits
-from metro_hil.replay.recording import STOP, Segment, Step, read_recording
+from metro_hil.replay.recording import STOP, RecordedStep, Segment, read_recording
 from metro_hil.run.lockstep import run_lockstep
 from vobc.process import Commission
 from vobc.vocabulary import CycleOutput
@@ -23,7 +23,7 @@ class Genuine:
     """A ride as the controller met it, and its answers to nothing but that."""
 
     commission: Commission
-    steps: tuple[Step, ...]
+    steps: tuple[RecordedStep, ...]
     outputs: tuple[CycleOutput, ...]
     """After each step."""
     permits: tuple[Permits, ...]

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from can_dbc.vobc import Supervision
-from vobc.atp import Verdict
+from vobc.atp import ProtectionVerdict
 from vobc.vocabulary import CycleOutput
 
 LAG_NS: Final = 850_000_000
@@ -30,7 +30,7 @@ class Permits:
 NOTHING: Final = Permits(released=False, traction=False, left=False, right=False)
 
 
-def permits(verdict: Verdict | None) -> Permits:
+def permits(verdict: ProtectionVerdict | None) -> Permits:
     """Of protection alone, so that operation hides nothing by asking for less."""
     if verdict is None:
         return NOTHING

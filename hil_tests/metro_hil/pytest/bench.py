@@ -14,7 +14,7 @@ from metro_hil.model.frame_names import check_bus_fault
 from metro_hil.model.run_folder import RunFolder
 from metro_hil.run.case import CaseRun
 from metro_hil.run.dispatch import run_case
-from plant_emulator.faults.kinds import Place
+from plant_emulator.faults.kinds import FaultPlace
 from plant_emulator.faults.plan import read_faults
 from plant_emulator.truth import SIGNALS, Truth
 from plant_emulator.world import STEP_NS
@@ -32,7 +32,7 @@ class LiveRun:
 
     def __init__(self, case: Case, files: Files, folder: RunFolder) -> None:
         self.case = case
-        self._run = CaseRun(case, parts_of(case, files), folder, frozenset(Place))
+        self._run = CaseRun(case, parts_of(case, files), folder, frozenset(FaultPlace))
         self._bench = self._run.bench
         self._result: CaseResult | None = None
 

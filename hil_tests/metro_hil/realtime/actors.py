@@ -6,11 +6,11 @@ from pathlib import Path
 
 from metro_hil.model.subprocesses import Process
 from metro_hil.realtime.commands import ControllerStart
-from metro_hil.realtime.guard import Guard
+from metro_hil.realtime.guard import ProcessGuard
 from metro_hil.realtime.wires import Blocked
 
 
-class Cast:
+class CaseProcesses:
     """All processes of one case. Leaving it ends them, the last started first."""
 
     def __init__(self, folder: Path, meetings: Sequence[Path] = ()) -> None:
@@ -18,7 +18,7 @@ class Cast:
         meetings: folders that are removed with the processes when the bench is killed.
         """
         self._folder = folder
-        self._guard = Guard()
+        self._guard = ProcessGuard()
         for meeting in meetings:
             self._guard.clear(meeting)
         self._going: list[Process] = []
@@ -56,7 +56,7 @@ class Cast:
 class ControllerActor:
     """The controller's process, as the faults of a scenario and the run treat it."""
 
-    def __init__(self, cast: Cast, start: ControllerStart) -> None:
+    def __init__(self, cast: CaseProcesses, start: ControllerStart) -> None:
         """Raises Blocked."""
         self._cast, self._start = cast, start
         self._starts = 0

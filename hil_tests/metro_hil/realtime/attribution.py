@@ -48,7 +48,7 @@ NO_EXCUSE_S: Final = 1.0e9
 WHOLE_RUN_S: Final = 1.0e9
 
 
-class Source(enum.Enum):
+class DisturbanceSource(enum.Enum):
     """What shows a disturbance."""
 
     STEAL = "processor time stolen by other guests"
@@ -66,7 +66,7 @@ class Disturbance:
 
     begin_s: float
     end_s: float
-    source: Source
+    source: DisturbanceSource
     amount_s: float
     """How long it held things up."""
 
@@ -90,7 +90,7 @@ class CycleRow:
 
 
 @dataclass(frozen=True, slots=True)
-class Window:
+class RunWindow:
     """A stretch of the run, in seconds of the plant's time."""
 
     begin_s: float
@@ -101,13 +101,13 @@ class Window:
 
 
 @dataclass(frozen=True, slots=True)
-class Evidence:
+class HostEvidence:
     """What the bench knows of its host at the end of a run."""
 
     disturbances: Sequence[Disturbance] = ()
     dropped_frames: int = 0
     """That the tap did not get."""
-    blind: Sequence[Window] = ()
+    blind: Sequence[RunWindow] = ()
     """Where no truth arrived."""
     given_up_s: float = 0.0
     """Of the plant's time, that it passed over."""
@@ -131,7 +131,7 @@ class Ruling:
     reason: str = ""
 
 
-def rule(verdict: Verdict, failures: Sequence[Failure], evidence: Evidence) -> Ruling:
+def rule(verdict: Verdict, failures: Sequence[Failure], evidence: HostEvidence) -> Ruling:
     """Apply the rules to what the monitors say; `failures` is empty but for a FAIL."""
     if verdict is Verdict.FAIL:
         return _rule_failure(failures or (Failure(None),), evidence)
@@ -140,7 +140,7 @@ def rule(verdict: Verdict, failures: Sequence[Failure], evidence: Evidence) -> R
     return Ruling(verdict)
 
 
-def _rule_failure(failures: Sequence[Failure], evidence: Evidence) -> Ruling:
+def _rule_failure(failures: Sequence[Failure], evidence: HostEvidence) -> Ruling:
     found = [_cause(failure, evidence.disturbances) for failure in failures]
     excused = [cause for cause in found if cause is not None]
     if len(excused) < len(found):
@@ -161,13 +161,13 @@ def _cause(failure: Failure, disturbances: Sequence[Disturbance]) -> Disturbance
     return max(near, key=lambda each: each.amount_s, default=None)
 
 
-def failure_window(at_s: float | None) -> Window:
+def failure_window(at_s: float | None) -> RunWindow:
     if at_s is None:
-        return Window(START_UP_S, WHOLE_RUN_S)
-    return Window(at_s - LOOKBACK_S, at_s)
+        return RunWindow(START_UP_S, WHOLE_RUN_S)
+    return RunWindow(at_s - LOOKBACK_S, at_s)
 
 
-def _rule_pass(evidence: Evidence) -> Ruling:
+def _rule_pass(evidence: HostEvidence) -> Ruling:
     if evidence.given_up_s > 0.0:
         reason = f"the plant was held up by the host and gave up {evidence.given_up_s:.2f} s"
         return Ruling(Verdict.INVALID, reason)
@@ -185,7 +185,7 @@ def _rule_pass(evidence: Evidence) -> Ruling:
 
 
 def second_disturbances(
-    samples: Sequence[tuple[float, float]], source: Source, least_s: float
+    samples: Sequence[tuple[float, float]], source: DisturbanceSource, least_s: float
 ) -> list[Disturbance]:
     """From (end of a second, how long it held things up within it), a sample a second."""
     found = []
@@ -198,7 +198,7 @@ def second_disturbances(
 
 
 def lateness_disturbances(
-    rows: Sequence[CycleRow], excused: Sequence[Window] = ()
+    rows: Sequence[CycleRow], excused: Sequence[RunWindow] = ()
 ) -> list[Disturbance]:
     """Cycles that the host began late.
 
@@ -215,14 +215,14 @@ def lateness_disturbances(
         begin_s = row.t_s - row.lateness_s
         if late_s < LATE_S or any(window.overlaps(begin_s, row.t_s) for window in excused):
             continue
-        found.append(Disturbance(begin_s, row.t_s, Source.LATENESS, late_s))
+        found.append(Disturbance(begin_s, row.t_s, DisturbanceSource.LATENESS, late_s))
     return found
 
 
 def plant_disturbances(arrivals: Sequence[tuple[float, float]]) -> list[Disturbance]:
     """From (plant's time, how late the step was that brought it there)."""
     return [
-        Disturbance(at_s - late_s, at_s, Source.PLANT, late_s)
+        Disturbance(at_s - late_s, at_s, DisturbanceSource.PLANT, late_s)
         for at_s, late_s in arrivals
         if late_s >= PLANT_LATE_S
     ]

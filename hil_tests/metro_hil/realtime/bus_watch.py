@@ -17,12 +17,12 @@ from metro_hil.model.end_condition import (
     DURATION,
     INTERRUPTED,
     ArrivalWatch,
-    DoorWatch,
-    EmergencyWatch,
     Ending,
+    HeldEmergencyCondition,
+    ShutDoorsCondition,
 )
 from metro_hil.model.subprocesses import Child
-from metro_hil.realtime.live_display import BusPicture, Display
+from metro_hil.realtime.live_display import BusPicture, LiveDisplay
 
 DRAIN_MS = 20.0
 DISPLAY_MS = 250.0
@@ -34,7 +34,7 @@ CONTROLLER_ID = can_id(BrakeCommand)
 HOST_COLUMNS = ("t_s", "steal_ms", "frames_per_s", "bus_load_ratio")
 
 
-class Watch:
+class BusWatch:
     """The tap's own rhythm: drain, display, account."""
 
     def __init__(
@@ -43,7 +43,7 @@ class Watch:
         log: CandumpWriter,
         host_log: Path,
         picture: BusPicture,
-        display: Display,
+        display: LiveDisplay,
         clock: Clock,
     ) -> None:
         self._tap, self._log, self._picture, self._display = tap, log, picture, display
@@ -74,7 +74,7 @@ class Watch:
             centre: supervision of the line is there, which may let a train go.
         """
         now_ns = self._clock.now_ns()
-        alone = (EmergencyWatch(centre), DoorWatch()) if unattended else None
+        alone = (HeldEmergencyCondition(centre), ShutDoorsCondition()) if unattended else None
         arrival = ArrivalWatch(stop_m)
         end_ns = None if duration_s is None else now_ns + int(duration_s * NS_PER_S)
         reason = ""
@@ -145,7 +145,9 @@ class Watch:
             return False
         return arrival.arrived(now_ns, status.ato_phase, position.front_m)
 
-    def _needs_a_hand(self, emergency: EmergencyWatch, doors: DoorWatch, now_ns: int) -> str | None:
+    def _needs_a_hand(
+        self, emergency: HeldEmergencyCondition, doors: ShutDoorsCondition, now_ns: int
+    ) -> str | None:
         status, mode = self._picture.status, self._picture.latest.get(VobcMode)
         if not isinstance(status, VobcStatus) or not isinstance(mode, VobcMode):
             return None

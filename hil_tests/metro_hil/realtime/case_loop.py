@@ -8,22 +8,22 @@ from typing import Final
 
 from can_dbc.vobc import AtoPhase
 from firmware_py.clock.clock import Clock
-from metro_hil.model.case import Case, Event
+from metro_hil.model.case import Case, CaseEvent
 from metro_hil.model.case_setup import CaseParts
 from metro_hil.model.subprocesses import Process
 from metro_hil.monitors import MonitorSet
 from metro_hil.realtime.actors import ControllerActor
-from metro_hil.realtime.attribution import START_UP_S, Window
-from metro_hil.realtime.ends import STUCK_S, Motion, Pulse, over
+from metro_hil.realtime.attribution import START_UP_S, RunWindow
+from metro_hil.realtime.ends import STUCK_S, Pulse, TrueMotion, over
 from metro_hil.realtime.fault_watch import FaultWatch
 from metro_hil.realtime.feed_socket import tell
 from metro_hil.realtime.host import HostRecord
-from metro_hil.realtime.observer import BRAKE_ID, STATUS_ID, Hearing
+from metro_hil.realtime.observer import BRAKE_ID, STATUS_ID, RunObserver
 from metro_hil.realtime.process_faults import ProcessFaults
-from metro_hil.realtime.setup import Stage
+from metro_hil.realtime.setup import PreparedCase
 from metro_hil.realtime.wires import Blocked
 from plant_emulator.faults.feed import FaultChange, pack_change, read_message
-from plant_emulator.faults.kinds import Place
+from plant_emulator.faults.kinds import FaultPlace
 from plant_emulator.faults.plan import FaultPlan
 from plant_emulator.faults.schedule import Schedule
 from plant_emulator.truth import Truth
@@ -50,7 +50,7 @@ class Conduct:
         self,
         case: Case,
         made: CaseParts,
-        stage: Stage,
+        stage: PreparedCase,
         monitors: MonitorSet,
         host: HostRecord,
         clock: Clock,
@@ -58,7 +58,7 @@ class Conduct:
         self._case, self._stage, self._monitors = case, stage, monitors
         self._host, self._clock = host, clock
         slow_status = case.controller.kind != "command" and case.setup.cycle_ms > VITAL_MS
-        self.hearing = Hearing(
+        self.hearing = RunObserver(
             monitors,
             train=stage.train_tap,
             controller=stage.controller_tap,
@@ -68,12 +68,12 @@ class Conduct:
         )
         journey = made.journey
         dwell_s = max((station.dwell_s for station in journey.stops), default=0.0)
-        self.motion = Motion(stop_m=journey.end.stop_m, patience_s=STUCK_S + dwell_s)
+        self.motion = TrueMotion(stop_m=journey.end.stop_m, patience_s=STUCK_S + dwell_s)
         self.pulse = Pulse()
         self.faults = FaultWatch(made.faults)
-        self.events: list[Event] = []
-        self.blind: list[Window] = []
-        self.excused: list[Window] = []
+        self.events: list[CaseEvent] = []
+        self.blind: list[RunWindow] = []
+        self.excused: list[RunWindow] = []
         """While a fault of the process acted."""
         self.reason = ""
         self._sender = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
@@ -213,7 +213,7 @@ class Conduct:
         at_rest = truth.t_s < START_UP_S and self.motion.moved_m == 0.0
         # Processes that start hold each other up; a train that has not moved hides nothing by it.
         if last_s is not None and truth.t_s - last_s > SAMPLE_GAP_S and not at_rest:
-            self.blind.append(Window(last_s, truth.t_s))
+            self.blind.append(RunWindow(last_s, truth.t_s))
 
     def _tell_time(self, now_ns: int) -> None:
         """Without a plant of ours, faults begin and end by the bench's own time."""
@@ -236,7 +236,7 @@ class Conduct:
     def _change(self, plan: FaultPlan, active: bool, now_ns: int, message: bytes) -> None:
         self.faults.change(plan, active)
         self._note(f"fault {plan.kind.name} {'begins' if active else 'ends'}")
-        if plan.kind.place is Place.BUS and not tell(
+        if plan.kind.place is FaultPlace.BUS and not tell(
             self._sender, self._stage.gateway_control, message
         ):
             raise Blocked(f"the gateway could not be told that {plan.kind.name} begins or ends")
@@ -331,7 +331,7 @@ class Conduct:
             return
         if self._excused_second:
             begin_s = self._run_s(self._second_ns)
-            self.excused.append(Window(begin_s - 1.0, run_s + EXCUSED_AFTER_S))
+            self.excused.append(RunWindow(begin_s - 1.0, run_s + EXCUSED_AFTER_S))
         pid = None if self.controller is None else self.controller.pid
         self._host.sample(run_s, pid, self._carriers, excused=self._excused_second)
         self._second_ns, self._excused_second = now_ns, False
@@ -348,7 +348,7 @@ class Conduct:
 
     def _note(self, words: str) -> None:
         if len(self.events) < EVENTS_MAX:
-            self.events.append(Event(round(self._run_s(self._clock.now_ns()), 3), words))
+            self.events.append(CaseEvent(round(self._run_s(self._clock.now_ns()), 3), words))
 
     def _bring_down(self) -> None:
         """The controller first, so that its safe output is heard; the taps listen to the last."""

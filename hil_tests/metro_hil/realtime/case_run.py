@@ -16,13 +16,13 @@ from metro_hil.model.case_setup import NO_FILES, CaseParts, Files, parts_of
 from metro_hil.model.run_folder import RunFolder
 from metro_hil.model.verdict import judge
 from metro_hil.monitors import MonitorSet, read_monitors
-from metro_hil.realtime.attribution import HANG_S, NO_EXCUSE_S, Evidence, Failure, rule
+from metro_hil.realtime.attribution import HANG_S, NO_EXCUSE_S, Failure, HostEvidence, rule
 from metro_hil.realtime.case_loop import Conduct
 from metro_hil.realtime.ends import VIOLATION
 from metro_hil.realtime.evidence import collect_evidence
 from metro_hil.realtime.host import HostRecord, at_priority
 from metro_hil.realtime.measures import lateness_us_p99, realtime_measures
-from metro_hil.realtime.setup import Stage, set_stage
+from metro_hil.realtime.setup import PreparedCase, set_stage
 from metro_hil.realtime.tolerances import context_of
 from metro_hil.realtime.wires import Blocked, RealtimeWires
 from metro_hil.realtime.without_truth import needs_truth, with_unjudged
@@ -87,7 +87,7 @@ class _Run:
         with ExitStack() as stack:
             self._host = HostRecord(folder.host_log)
             stack.callback(self._host.close)
-            self._stage: Stage = set_stage(
+            self._stage: PreparedCase = set_stage(
                 case, made, files=files, folder=folder, wires=wires, clock=clock, stack=stack
             )
             truth_known = self._stage.parts.plant
@@ -144,7 +144,7 @@ class _Run:
             found.append(Failure(conduct.died_s, least_s))
         return found
 
-    def _evidence(self) -> Evidence:
+    def _evidence(self) -> HostEvidence:
         conduct, hearing = self._conduct, self._conduct.hearing
         origin_ns = hearing.origin_ns or 0
         found = collect_evidence(

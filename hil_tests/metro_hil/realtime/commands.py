@@ -9,7 +9,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Final
 
-from metro_hil.model.case import Case, Controller
+from metro_hil.model.case import Case, ControllerSpec
 from metro_hil.realtime.wires import Blocked, RealtimeWires
 
 CHECKOUT_ROOTS: Final = (".", "hil_tests", "tools")
@@ -17,7 +17,7 @@ CHECKOUT_ROOTS: Final = (".", "hil_tests", "tools")
 
 
 @dataclass(frozen=True, slots=True)
-class Places:
+class CommandPlaceholders:
     """What {words} in the command of a controller stand for."""
 
     bus: str
@@ -59,8 +59,8 @@ def again(out: Path, number: int) -> Path:
 
 
 def controller_start(
-    controller: Controller,
-    places: Places,
+    controller: ControllerSpec,
+    places: CommandPlaceholders,
     *,
     cycle_ms: float,
     priority: int,
@@ -97,7 +97,7 @@ def controller_start(
     return ControllerStart(first, tuple(base), environment, out=places.out)
 
 
-def fill_in(command: str, places: Places) -> tuple[str, ...]:
+def fill_in(command: str, places: CommandPlaceholders) -> tuple[str, ...]:
     """The words of a command with its {names} filled in, as a shell would split it, without one.
 
     Names are filled in after splitting, so that a path with blanks stays one word. Raises Blocked.

@@ -28,7 +28,7 @@ STUCK: Final = "stands for good"
 
 
 @dataclass(slots=True)
-class Motion:
+class TrueMotion:
     """What the truth told so far."""
 
     stop_m: float
@@ -129,7 +129,7 @@ class Pulse:
 
 
 def over(
-    motion: Motion,
+    motion: TrueMotion,
     pulse: Pulse,
     now_ns: int,
     *,

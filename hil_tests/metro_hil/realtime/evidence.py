@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-from metro_hil.model.log_columns import Columns, LogError, read_columns
+from metro_hil.model.log_columns import Columns, RunLogError, read_columns
 from metro_hil.model.run_folder import RunFolder
 from metro_hil.realtime.attribution import (
     GATEWAY_LATE_S,
@@ -15,9 +15,9 @@ from metro_hil.realtime.attribution import (
     WAITED_S,
     CycleRow,
     Disturbance,
-    Evidence,
-    Source,
-    Window,
+    DisturbanceSource,
+    HostEvidence,
+    RunWindow,
     lateness_disturbances,
     plant_disturbances,
     second_disturbances,
@@ -36,9 +36,9 @@ def collect_evidence(
     cycle_s: float,
     origin_s: float,
     starts_s: Sequence[float],
-    excused: Sequence[Window],
+    excused: Sequence[RunWindow],
     own_controller: bool,
-) -> Evidence:
+) -> HostEvidence:
     """Args:
     origin_s: the start of the plant's time on the machine's clock.
     starts_s: the first cycle of each start of the controller, in the plant's time.
@@ -46,19 +46,21 @@ def collect_evidence(
     own_controller: its log may be believed to be of this run.
     """
     found: list[Disturbance] = []
-    found += second_disturbances(host.stolen, Source.STEAL, STEAL_S)
-    found += second_disturbances(host.waited, Source.WAITING, WAITED_S)
-    found += second_disturbances(host.carriers_waited, Source.CARRIERS, WAITED_S)
-    found += second_disturbances(host.stalled, Source.STALL, HANG_S)
+    found += second_disturbances(host.stolen, DisturbanceSource.STEAL, STEAL_S)
+    found += second_disturbances(host.waited, DisturbanceSource.WAITING, WAITED_S)
+    found += second_disturbances(host.carriers_waited, DisturbanceSource.CARRIERS, WAITED_S)
+    found += second_disturbances(host.stalled, DisturbanceSource.STALL, HANG_S)
     found += plant_disturbances(host.truth_late)
-    found += second_disturbances(gateway_waits(folder, origin_s), Source.GATEWAY, GATEWAY_LATE_S)
+    found += second_disturbances(
+        gateway_waits(folder, origin_s), DisturbanceSource.GATEWAY, GATEWAY_LATE_S
+    )
     if own_controller:
         for number, begin_s in enumerate(starts_s):
             log = again(folder.path, number) / folder.cycle_log.name
             rows = cycle_rows(log, cycle_s=cycle_s, begin_s=begin_s)
             found += lateness_disturbances(rows, excused)
     found.sort(key=lambda each: (each.begin_s, each.source.value))
-    return Evidence(disturbances=found, given_up_s=STEP_S * lost_steps(folder))
+    return HostEvidence(disturbances=found, given_up_s=STEP_S * lost_steps(folder))
 
 
 def cycle_rows(path: Path, *, cycle_s: float, begin_s: float) -> list[CycleRow]:
@@ -68,7 +70,7 @@ def cycle_rows(path: Path, *, cycle_s: float, begin_s: float) -> list[CycleRow]:
         return []
     try:
         columns = [log.numbers(name).tolist() for name in ("t_s", "work_us", "lateness_us")]
-    except LogError:
+    except RunLogError:
         return []
     rows = [row for row in zip(*columns, strict=True) if not any(map(math.isnan, row))]
     if not rows:
@@ -102,5 +104,5 @@ def lost_steps(folder: RunFolder) -> int:
 def _read(path: Path) -> Columns | None:
     try:
         return read_columns(path)
-    except LogError:
+    except RunLogError:
         return None

@@ -46,7 +46,7 @@ def main() -> int:
     return 0
 
 
-class Guard:
+class ProcessGuard:
     """The bench's end of the pipe."""
 
     def __init__(self) -> None:

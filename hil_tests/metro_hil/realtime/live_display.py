@@ -253,7 +253,7 @@ def _train_rows(picture: BusPicture) -> list[tuple[str, RenderableType]]:
     return [("train", Text("   ".join(words) or "not heard yet"))]
 
 
-class Display:
+class LiveDisplay:
     """Shows the picture on a terminal, or as a line every few seconds where there is none."""
 
     def __init__(

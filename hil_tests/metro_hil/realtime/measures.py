@@ -8,10 +8,10 @@ import numpy as np
 from metro_hil.metrics.case import motion_measures
 from metro_hil.metrics.comfort import comfort_of, inertia_of
 from metro_hil.model.case_setup import CaseParts
-from metro_hil.model.log_columns import Columns, LogError, read_columns
+from metro_hil.model.log_columns import Columns, RunLogError, read_columns
 from metro_hil.model.run_folder import RunFolder
-from metro_hil.realtime.ends import Motion
-from metro_hil.realtime.observer import Hearing
+from metro_hil.realtime.ends import TrueMotion
+from metro_hil.realtime.observer import RunObserver
 from plant_emulator.process import TRUTH_COLUMNS
 
 BIT_RATE = 250_000
@@ -20,8 +20,8 @@ BIT_RATE = 250_000
 class Watched(Protocol):
     """A run that is over."""
 
-    hearing: Hearing
-    motion: Motion
+    hearing: RunObserver
+    motion: TrueMotion
 
 
 def realtime_measures(
@@ -48,7 +48,7 @@ def realtime_measures(
 def _commanded(cycles: Columns | None, made: CaseParts) -> dict[str, float | None]:
     try:
         comfort = comfort_of(None, cycles, inertia_kg=inertia_of(made.scenario.train))
-    except LogError:
+    except RunLogError:
         return {}
     asked = comfort.measures()
     return {name: asked[name] for name in ("commanded_accel_max_mps2", "commanded_jerk_max_mps3")}
@@ -65,7 +65,7 @@ def lateness_us_p99(folder: RunFolder) -> float | None:
     cycles = _read(folder, "cycles.csv")
     try:
         late_us = None if cycles is None else cycles.numbers("lateness_us")
-    except LogError:
+    except RunLogError:
         return None
     if late_us is None or not np.any(~np.isnan(late_us)):
         return None
@@ -92,7 +92,7 @@ def _refused(folder: RunFolder) -> float | None:
 def _last(columns: Columns | None, name: str) -> float | None:
     try:
         values = None if columns is None else columns.numbers(name)
-    except LogError:
+    except RunLogError:
         return None
     return float(values[-1]) if values is not None and len(values) else None
 
@@ -100,7 +100,7 @@ def _last(columns: Columns | None, name: str) -> float | None:
 def _read(folder: RunFolder, name: str) -> Columns | None:
     try:
         return read_columns(folder.path / name)
-    except LogError:
+    except RunLogError:
         return None
 
 

@@ -12,7 +12,7 @@ from can_dbc.vobc import VobcPosition, VobcStatus
 from firmware_py.buses.timing import frame_bits
 from firmware_py.ports import CanFrame, CanPort
 from firmware_py.storage.recorder import CandumpWriter
-from metro_hil.model.frame_hash import FrameChain
+from metro_hil.model.frame_hash import FrameHash
 from metro_hil.monitors.description import CONTROLLER_IDS as SAID_IDS
 from metro_hil.realtime.merge import Merge
 from plant_emulator.truth import Truth
@@ -37,14 +37,14 @@ class Monitors(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Said:
+class ControllerFrame:
     """A frame of the controller on a segment of its own, before anything could happen to it."""
 
     frame: CanFrame
 
 
 @dataclass(slots=True)
-class Tap:
+class SegmentTap:
     """Listens to one segment and logs all of it."""
 
     port: CanPort
@@ -75,15 +75,15 @@ class Tap:
         return bool(getattr(self.port, "alive", True))
 
 
-class Hearing:
+class RunObserver:
     """Hands on what it hears in the order of the instants, counted from the start of the run."""
 
     def __init__(
         self,
         monitors: Monitors,
         *,
-        train: Tap,
-        controller: Tap,
+        train: SegmentTap,
+        controller: SegmentTap,
         cycle_id: int,
         on_cycle: Callable[[int], None],
     ) -> None:
@@ -95,9 +95,9 @@ class Hearing:
         on_cycle: told the instant at which one was heard.
         """
         self.train, self.controller = train, controller
-        self.chain = FrameChain()
+        self.chain = FrameHash()
         self._monitors, self._cycle_id, self._on_cycle = monitors, cycle_id, on_cycle
-        self._merge: Merge[CanFrame | Said | Truth] = Merge()
+        self._merge: Merge[CanFrame | ControllerFrame | Truth] = Merge()
         self._decoder = Decoder((VobcStatus, VobcPosition))
         self.status: VobcStatus | None = None
         self.position: VobcPosition | None = None
@@ -122,7 +122,7 @@ class Hearing:
             if not split:
                 self._merge.add(frame.stamp_ns, frame)
             elif frame.can_id in SAID_IDS and _is_common(frame):
-                self._merge.add(frame.stamp_ns, Said(frame))
+                self._merge.add(frame.stamp_ns, ControllerFrame(frame))
         if split:
             for frame in self.train.take(now_ns):
                 self._merge.add(frame.stamp_ns, frame)
@@ -158,12 +158,12 @@ class Hearing:
         taps = (self.train,) if self.train is self.controller else (self.train, self.controller)
         return sum(tap.port.counters.dropped_in for tap in taps)
 
-    def _hand_on(self, run_ns: int, thing: CanFrame | Said | Truth) -> None:
+    def _hand_on(self, run_ns: int, thing: CanFrame | ControllerFrame | Truth) -> None:
         if isinstance(thing, Truth):
             self._monitors.sample(thing, run_ns)
         elif run_ns < 0:
             return
-        elif isinstance(thing, Said):
+        elif isinstance(thing, ControllerFrame):
             self._monitors.said(run_ns, thing.frame.can_id, thing.frame.data)
         elif _is_common(thing):
             self.chain.frame(run_ns, thing.can_id, thing.data)

@@ -17,7 +17,7 @@ from plant_emulator.faults.declared_process import (
     ControllerPaused,
     SlowCycle,
 )
-from plant_emulator.faults.kinds import Place
+from plant_emulator.faults.kinds import FaultPlace
 from plant_emulator.faults.plan import FaultPlan
 
 NS_PER_S: Final = 1_000_000_000
@@ -25,7 +25,7 @@ SETTLE_NS: Final = 2_000_000_000
 """So long after a fault of the process what it does is put down to the fault."""
 
 
-class Controller(Protocol):
+class ControllerHandle(Protocol):
     """What can be done to the process."""
 
     def start(self) -> None: ...
@@ -52,7 +52,7 @@ def refuse_impossible(faults: Sequence[FaultPlan], *, controller_ours: bool) -> 
                 "controller_killed: memory_lost: the file of its memory is its own; run it in "
                 "lockstep"
             )
-        if plan.kind.place is Place.PROCESS and not controller_ours:
+        if plan.kind.place is FaultPlace.PROCESS and not controller_ours:
             raise Blocked(
                 f"{plan.kind.name}: the controller is no process of this bench's; its process "
                 "cannot be touched"
@@ -62,7 +62,7 @@ def refuse_impossible(faults: Sequence[FaultPlan], *, controller_ours: bool) -> 
 class ProcessFaults:
     """Which faults of the process act now, and what is done to it for them."""
 
-    def __init__(self, controller: Controller) -> None:
+    def __init__(self, controller: ControllerHandle) -> None:
         self._controller = controller
         self._killers: set[int] = set()
         self._pausers: set[int] = set()
@@ -96,7 +96,7 @@ class ProcessFaults:
     def change(self, plan: FaultPlan, active: bool, now_ns: int) -> None:
         """A fault begins or ends; others than those of the process are passed over."""
         parameters, index = plan.parameters, plan.index
-        if plan.kind.place is not Place.PROCESS:
+        if plan.kind.place is not FaultPlace.PROCESS:
             return
         self._touched_ns = now_ns
         if isinstance(parameters, ControllerKilled):

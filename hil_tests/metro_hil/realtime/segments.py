@@ -15,7 +15,7 @@ from firmware_py.clock.clock import Clock
 from firmware_py.storage.recorder import CandumpWriter
 from metro_hil.model.case import BenchKind
 from metro_hil.model.run_folder import RunFolder
-from metro_hil.realtime.observer import Tap
+from metro_hil.realtime.observer import SegmentTap
 from metro_hil.realtime.wires import AUTO, Blocked, RealtimeWires
 
 NAME_TRIES: Final = 20
@@ -101,7 +101,7 @@ def _own_hub(name: str, stack: ExitStack, hubs: list[HubHandle]) -> str:
 
 def open_taps(
     segments: Segments, folder: RunFolder, clock: Clock, stack: ExitStack
-) -> tuple[Tap, Tap]:
+) -> tuple[SegmentTap, SegmentTap]:
     """Of the controller's and of the train's segment; the same where they are one.
 
     Raises BusError or RecorderError.
@@ -113,9 +113,9 @@ def open_taps(
     return _open_tap(segments.controller, log, clock, stack), train
 
 
-def _open_tap(spec: str, path: Path, clock: Clock, stack: ExitStack) -> Tap:
+def _open_tap(spec: str, path: Path, clock: Clock, stack: ExitStack) -> SegmentTap:
     port = open_can(spec, clock=clock, node="TAP")
     stack.callback(port.close)
     log = CandumpWriter(path, parse_spec(spec).name)
     stack.callback(log.close)
-    return Tap(port, log, clock.epoch_offset_ns)
+    return SegmentTap(port, log, clock.epoch_offset_ns)

@@ -19,21 +19,21 @@ from metro_hil.model.case import BenchKind, Case
 from metro_hil.model.case_setup import CaseParts, Files
 from metro_hil.model.run_folder import RunFolder
 from metro_hil.model.subprocesses import Process
-from metro_hil.realtime.actors import Cast, ControllerActor
+from metro_hil.realtime.actors import CaseProcesses, ControllerActor
 from metro_hil.realtime.commands import (
-    Places,
+    CommandPlaceholders,
     controller_start,
     gateway_words,
     plant_words,
 )
 from metro_hil.realtime.documents import Documents, write_documents
 from metro_hil.realtime.feed_socket import FeedSocket
-from metro_hil.realtime.observer import Tap
+from metro_hil.realtime.observer import SegmentTap
 from metro_hil.realtime.process_faults import refuse_impossible
 from metro_hil.realtime.segments import Segments, make_segments, open_taps
 from metro_hil.realtime.tolerances import needs_gateway
 from metro_hil.realtime.wires import AUTO, Blocked, Parts, RealtimeWires, choose_parts
-from plant_emulator.faults.kinds import Place
+from plant_emulator.faults.kinds import FaultPlace
 from plant_emulator.faults.plan import FaultPlan
 
 LISTEN_S: Final = 1.2
@@ -45,14 +45,14 @@ NS_PER_S: Final = 1_000_000_000
 
 
 @dataclass(slots=True)
-class Stage:
+class PreparedCase:
     """Everything of a case that is there before it begins."""
 
     segments: Segments
     parts: Parts
-    cast: Cast
-    controller_tap: Tap
-    train_tap: Tap
+    cast: CaseProcesses
+    controller_tap: SegmentTap
+    train_tap: SegmentTap
     feed: FeedSocket | None
     """None where the train is not ours: then nobody knows the truth."""
     gateway: Process | None
@@ -71,11 +71,11 @@ def set_stage(
     wires: RealtimeWires,
     clock: Clock,
     stack: ExitStack,
-) -> Stage:
+) -> PreparedCase:
     """Raises Blocked, BusError, RecorderError or OSError when the case cannot come about."""
     with_gateway = needs_gateway(made.faults)
     segments = make_segments(case.bench, wires, gateway=with_gateway, stack=stack)
-    cast = Cast(folder.path, segments.folders)
+    cast = CaseProcesses(folder.path, segments.folders)
     stack.callback(cast.close)
     controller_tap, train_tap = open_taps(segments, folder, clock, stack)
     parts = _parts(case, wires, segments, (controller_tap, train_tap), clock)
@@ -91,7 +91,7 @@ def set_stage(
     if with_gateway:
         gateway = _start_gateway(case, wires, segments, papers, control, folder, cast, clock)
     links = _Links(case, made, wires, segments, parts, papers, folder, cast)
-    return Stage(
+    return PreparedCase(
         segments=segments,
         parts=parts,
         cast=cast,
@@ -110,7 +110,7 @@ def refuse_without_truth(faults: tuple[FaultPlan, ...], *, plant_ours: bool) -> 
     if plant_ours:
         return
     for plan in faults:
-        if plan.kind.place is not Place.BUS:
+        if plan.kind.place is not FaultPlace.BUS:
             raise Blocked(
                 f"{plan.kind.name}: acts on the train's {plan.kind.place.value}, and this train is "
                 "not emulated here"
@@ -123,7 +123,11 @@ def refuse_without_truth(faults: tuple[FaultPlan, ...], *, plant_ours: bool) -> 
 
 
 def _parts(
-    case: Case, wires: RealtimeWires, segments: Segments, taps: tuple[Tap, Tap], clock: Clock
+    case: Case,
+    wires: RealtimeWires,
+    segments: Segments,
+    taps: tuple[SegmentTap, SegmentTap],
+    clock: Clock,
 ) -> Parts:
     heard: set[Node] = set()
     if not segments.own:
@@ -157,7 +161,7 @@ def _start_gateway(
     papers: Documents,
     control: Path,
     folder: RunFolder,
-    cast: Cast,
+    cast: CaseProcesses,
     clock: Clock,
 ) -> Process:
     words = gateway_words(
@@ -192,7 +196,7 @@ class _Links:
         parts: Parts,
         papers: Documents,
         folder: RunFolder,
-        cast: Cast,
+        cast: CaseProcesses,
     ) -> None:
         self._case, self._made, self._wires = case, made, wires
         self._segments, self._parts, self._papers = segments, parts, papers
@@ -236,7 +240,7 @@ class _Links:
             Nvram(nvram).put(memory_of(journey))
         start = controller_start(
             self._case.controller,
-            Places(
+            CommandPlaceholders(
                 bus=self._segments.controller,
                 tags=tags,
                 radio=self._radio,

@@ -13,7 +13,7 @@ from metro_hil.model.case import Case
 from metro_hil.model.case_setup import CaseParts
 from metro_hil.monitors import Context
 from metro_hil.realtime.attribution import GATEWAY_LATE_S, LATE_S, PLANT_LATE_S, START_UP_S
-from plant_emulator.faults.kinds import BENCH_PLACES, Place
+from plant_emulator.faults.kinds import BENCH_PLACES, FaultPlace
 from plant_emulator.faults.plan import FaultPlan
 
 FRAME_WAIT_S: Final = 0.02
@@ -42,4 +42,4 @@ def context_of(case: Case, made: CaseParts) -> Context:
 
 def needs_gateway(faults: Sequence[FaultPlan]) -> bool:
     """Whether controller and train are on segments of their own."""
-    return any(plan.kind.place is Place.BUS for plan in faults)
+    return any(plan.kind.place is FaultPlace.BUS for plan in faults)

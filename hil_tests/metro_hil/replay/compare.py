@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from metro_hil.replay.meaning import measured_only
-from metro_hil.replay.recording import Output, Step
+from metro_hil.replay.recording import Output, RecordedStep
 
 
 class Placed(NamedTuple):
@@ -36,7 +36,7 @@ class Counts:
         return self.changed + self.missing + self.extra
 
 
-class Difference(NamedTuple):
+class ReplayDifference(NamedTuple):
     """One place where both part; one of them is None for what was missing or extra."""
 
     recorded: Placed | None
@@ -51,17 +51,17 @@ class Difference(NamedTuple):
 
 
 @dataclass(slots=True)
-class Comparison:
+class ReplayComparison:
     counts: dict[tuple[str, str], Counts] = field(default_factory=dict)
     """By wire and key."""
-    first: Difference | None = None
+    first: ReplayDifference | None = None
 
     @property
     def identical(self) -> bool:
         return self.first is None
 
 
-def placed(steps: Sequence[Step], said: Iterable[Sequence[Output]]) -> list[Placed]:
+def placed(steps: Sequence[RecordedStep], said: Iterable[Sequence[Output]]) -> list[Placed]:
     return [
         Placed(at, order, steps[at].begin_ns, output)
         for at, outputs in enumerate(said)
@@ -75,14 +75,14 @@ def compare(
     *,
     tolerance_ns: int = 0,
     mask: bool = False,
-) -> Comparison:
+) -> ReplayComparison:
     """Aligned for each identifier by content and instant.
 
     Args:
         tolerance_ns: two payloads so far apart in time may be a pair.
         mask: what tells only of the host may differ.
     """
-    result = Comparison()
+    result = ReplayComparison()
     mine, theirs = _by_key(recorded), _by_key(replayed)
     for key in sorted(mine.keys() | theirs.keys()):
         counts = result.counts[key] = Counts()
@@ -111,26 +111,26 @@ def _by_key(outputs: Sequence[Placed]) -> dict[tuple[str, str], list[Placed]]:
 
 def _aligned(
     mine: Sequence[Placed], theirs: Sequence[Placed], tolerance_ns: int, counts: Counts
-) -> Iterable[Difference]:
+) -> Iterable[ReplayDifference]:
     """Every pair that is not equal, and everything without a pair. Both are in order of time."""
     at = 0
     for one in mine:
         while at < len(theirs) and theirs[at].at_ns < one.at_ns - tolerance_ns:
-            yield Difference(None, theirs[at])
+            yield ReplayDifference(None, theirs[at])
             at += 1
         partner = _partner(one, theirs, at, tolerance_ns)
         if partner is None:
-            yield Difference(one, None)
+            yield ReplayDifference(one, None)
             continue
         for extra in theirs[at:partner]:
-            yield Difference(None, extra)
+            yield ReplayDifference(None, extra)
         at = partner + 1
         if one.output.data == theirs[partner].output.data:
             counts.same += 1
         else:
-            yield Difference(one, theirs[partner])
+            yield ReplayDifference(one, theirs[partner])
     for extra in theirs[at:]:
-        yield Difference(None, extra)
+        yield ReplayDifference(None, extra)
 
 
 def _partner(one: Placed, theirs: Sequence[Placed], first: int, tolerance_ns: int) -> int | None:

@@ -6,16 +6,16 @@ from dataclasses import dataclass
 from typing import Final, Protocol
 
 from firmware_py.clock.executive import Executive
-from firmware_py.handed_ports import HandedPorts, Said
+from firmware_py.handed_ports import HandedPorts, SentOutputs
 from metro_hil.external_controller import ControllerDiedError, GrantedController, program_of
-from metro_hil.model.case import Controller
+from metro_hil.model.case import ControllerSpec
 from metro_hil.replay.recording import STOP, Output, Segment
 from vobc.process import Commission
 
-SHIPPED: Final = Controller()
+SHIPPED: Final = ControllerSpec()
 
 
-class Device(Protocol):
+class RerunDevice(Protocol):
     """A controller as it is run here."""
 
     executive: Executive
@@ -23,7 +23,7 @@ class Device(Protocol):
     def stop(self, now_ns: int) -> None: ...
 
 
-Make = Callable[[Commission, HandedPorts], Device]
+Make = Callable[[Commission, HandedPorts], RerunDevice]
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,13 +36,13 @@ class Rerun:
     """The exception that ended it, or how its process ended."""
 
 
-def maker(controller: Controller) -> Make:
+def maker(controller: ControllerSpec) -> Make:
     """Raises ControllerStartError for a program that is not there."""
     if controller.kind == SHIPPED.kind:
         return _in_this_process
     program = program_of(controller)
 
-    def granted(commission: Commission, ports: HandedPorts) -> Device:
+    def granted(commission: Commission, ports: HandedPorts) -> RerunDevice:
         return GrantedController(
             program,
             commission,
@@ -55,7 +55,7 @@ def maker(controller: Controller) -> Make:
     return granted
 
 
-def _in_this_process(commission: Commission, ports: HandedPorts) -> Device:
+def _in_this_process(commission: Commission, ports: HandedPorts) -> RerunDevice:
     return commission.device(can=ports.can, tags=ports.tags, radio=ports.radio)
 
 
@@ -84,7 +84,7 @@ def rerun(segment: Segment, make: Make, commission: Commission) -> Rerun:
     return Rerun(tuple(outputs))
 
 
-def _outputs(said: Said) -> tuple[Output, ...]:
+def _outputs(said: SentOutputs) -> tuple[Output, ...]:
     return (
         *(Output("can", f"{can_id:03X}", data) for can_id, data in said.frames),
         *(Output("tags", "", data) for data in said.serial),

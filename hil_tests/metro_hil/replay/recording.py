@@ -35,7 +35,7 @@ class Output:
 
 
 @dataclass(slots=True)
-class Step:
+class RecordedStep:
     """One run of one task, or the end of the controller."""
 
     task: str
@@ -56,7 +56,7 @@ class Segment:
     commission: Commission
     virtual: bool
     """Recorded in virtual time: nothing took time."""
-    steps: list[Step] = field(default_factory=list)
+    steps: list[RecordedStep] = field(default_factory=list)
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,10 +138,10 @@ class _Reader:
             self.ended = True
         elif words[0] == "run":
             task, begin, execution = words[1:]
-            self._segment_now().steps.append(Step(task, int(begin), int(execution)))
+            self._segment_now().steps.append(RecordedStep(task, int(begin), int(execution)))
         elif words[0] == STOP:
             (begin,) = words[1:]
-            self._segment_now().steps.append(Step(STOP, int(begin)))
+            self._segment_now().steps.append(RecordedStep(STOP, int(begin)))
         elif words[0] == "rx":
             _heard(self._step_now(), words)
         elif words[0] == "tx":
@@ -163,7 +163,7 @@ class _Reader:
             raise self._error("no start of a controller before it")
         return self.segments[-1]
 
-    def _step_now(self) -> Step:
+    def _step_now(self) -> RecordedStep:
         steps = self._segment_now().steps
         if not steps:
             raise self._error("no run of a task before it")
@@ -173,7 +173,7 @@ class _Reader:
         return RecordingError(f"{self._path}: line {self._number}: {words}")
 
 
-def _heard(step: Step, words: list[str]) -> None:
+def _heard(step: RecordedStep, words: list[str]) -> None:
     wire, stamp = words[1], int(words[2])
     if wire == "can":
         (_, _, _, digits, data) = words
@@ -212,6 +212,6 @@ def _bytes(text: str) -> bytes:
     return b"" if text == "-" else bytes.fromhex(text)
 
 
-def cycles(segment: Segment) -> Iterator[tuple[int, Step]]:
+def cycles(segment: Segment) -> Iterator[tuple[int, RecordedStep]]:
     """Index in the steps, and step, of each control cycle."""
     return ((at, step) for at, step in enumerate(segment.steps) if step.task in CYCLE_TASKS)

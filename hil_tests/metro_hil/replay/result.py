@@ -3,7 +3,7 @@
 import msgspec
 
 
-class SignalDifference(msgspec.Struct, frozen=True):
+class ReplaySignalDifference(msgspec.Struct, frozen=True):
     name: str
     recorded: str
     """Value and unit."""
@@ -45,7 +45,7 @@ class Divergence(msgspec.Struct, frozen=True, kw_only=True):
     recorded: str | None
     """Bytes in hexadecimal."""
     replayed: str | None
-    signals: tuple[SignalDifference, ...]
+    signals: tuple[ReplaySignalDifference, ...]
     inputs: tuple[CycleInputs, ...]
     """Of the cycle of the difference, and of some before, oldest first."""
 

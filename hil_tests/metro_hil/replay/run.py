@@ -10,8 +10,8 @@ from typing import Any, Final
 from firmware_py.clock.clock import NS_PER_S
 from firmware_py.settings import override
 from firmware_py.tag_reader.telegram import TelegramParser
-from metro_hil.model.case import Controller
-from metro_hil.replay.compare import Comparison, Counts, Difference, compare, placed
+from metro_hil.model.case import ControllerSpec
+from metro_hil.replay.compare import Counts, ReplayComparison, ReplayDifference, compare, placed
 from metro_hil.replay.log_rerun import SHIPPED, Rerun, maker, rerun
 from metro_hil.replay.meaning import (
     chunk_words,
@@ -20,14 +20,14 @@ from metro_hil.replay.meaning import (
     name_of,
     signals_of,
 )
-from metro_hil.replay.recording import Output, Segment, Step, cycles, read_recording
+from metro_hil.replay.recording import Output, RecordedStep, Segment, cycles, read_recording
 from metro_hil.replay.result import (
     CycleInputs,
     Divergence,
     HeardInput,
     KeyCounts,
     ReplayResult,
-    SignalDifference,
+    ReplaySignalDifference,
 )
 
 CONTEXT: Final = 3
@@ -36,7 +36,7 @@ CONTEXT: Final = 3
 def replay_run(
     folder: Path,
     *,
-    controller: Controller = SHIPPED,
+    controller: ControllerSpec = SHIPPED,
     believed: Mapping[str, Any] | None = None,
     tolerance_s: float = 0.0,
     context: int = CONTEXT,
@@ -91,8 +91,8 @@ def replay_run(
 
 
 def _compared(
-    segment: Segment, run: Rerun, tolerance_ns: int, controller: Controller
-) -> Comparison:
+    segment: Segment, run: Rerun, tolerance_ns: int, controller: ControllerSpec
+) -> ReplayComparison:
     steps = segment.steps
     recorded = placed(steps, (step.outputs for step in steps))
     # This program is told how long each run took, so that it measures the same; others are not.
@@ -107,7 +107,7 @@ def _death(segment: Segment, run: Rerun) -> str:
     return f"the controller ended by itself at {at_s:.3f} s{last}: {run.died}"
 
 
-def _add(totals: dict[tuple[str, str], Counts], comparison: Comparison) -> None:
+def _add(totals: dict[tuple[str, str], Counts], comparison: ReplayComparison) -> None:
     for key, counts in comparison.counts.items():
         total = totals.setdefault(key, Counts())
         total.same += counts.same
@@ -153,7 +153,9 @@ def _heard_counts(segments: Sequence[Segment]) -> Counter[str]:
     return counts
 
 
-def _divergence(number: int, segment: Segment, difference: Difference, context: int) -> Divergence:
+def _divergence(
+    number: int, segment: Segment, difference: ReplayDifference, context: int
+) -> Divergence:
     one, other = difference
     at = one or other
     assert at is not None
@@ -176,13 +178,13 @@ def _divergence(number: int, segment: Segment, difference: Difference, context: 
     )
 
 
-def _signal_differences(difference: Difference) -> tuple[SignalDifference, ...]:
+def _signal_differences(difference: ReplayDifference) -> tuple[ReplaySignalDifference, ...]:
     one, other = difference
     if one is None or other is None:
         return ()
     mine, theirs = signals_of(one.output), signals_of(other.output)
     return tuple(
-        SignalDifference(name, mine.get(name, "none"), theirs.get(name, "none"))
+        ReplaySignalDifference(name, mine.get(name, "none"), theirs.get(name, "none"))
         for name in dict.fromkeys((*mine, *theirs))
         if mine.get(name) != theirs.get(name)
     )
@@ -201,7 +203,7 @@ def _inputs(segment: Segment, last: int, context: int) -> tuple[CycleInputs, ...
     return tuple(told)
 
 
-def _heard(parser: TelegramParser, step: Step, start_ns: int) -> tuple[HeardInput, ...]:
+def _heard(parser: TelegramParser, step: RecordedStep, start_ns: int) -> tuple[HeardInput, ...]:
     found = [(frame.stamp_ns, *frame_words(frame)) for frame in step.frames]
     found += [(chunk.stamp_ns, *chunk_words(parser, chunk)) for chunk in step.chunks]
     found += [(message.stamp_ns, *message_words(message)) for message in step.messages]

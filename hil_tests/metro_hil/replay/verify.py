@@ -30,11 +30,11 @@ from metro_hil.engine.journal import (
 )
 from metro_hil.engine.messages import (
     LENGTH_BYTES,
+    CaseBatch,
     Done,
-    Hello,
-    Job,
     Raised,
     ToMaster,
+    WorkerHello,
     pack,
     read_length,
     take_for_master,
@@ -159,7 +159,7 @@ class Workplace:
     """Starts worker processes, each in other circumstances, and has cases run in them."""
 
     def __init__(self, files: Mapping[str, Path], runner: str, draw: random.Random) -> None:
-        self._hello = Hello(runner, {name: str(path) for name, path in files.items()})
+        self._hello = WorkerHello(runner, {name: str(path) for name, path in files.items()})
         self._draw = draw
 
     def run(self, cases: Sequence[Case], workers: int) -> Iterator[tuple[str, CaseResult | str]]:
@@ -189,7 +189,7 @@ class Workplace:
 class _WorkerProcess:
     """One process of the engine's worker, spoken to one case at a time."""
 
-    def __init__(self, hello: Hello, hash_seed: int, nice: int) -> None:
+    def __init__(self, hello: WorkerHello, hash_seed: int, nice: int) -> None:
         words = (sys.executable, "-m", "metro_hil.engine.worker")
         environment = {**os.environ, "PYTHONHASHSEED": str(hash_seed)}
         try:
@@ -212,7 +212,7 @@ class _WorkerProcess:
     def run(self, case: Case, folder: Path | None) -> CaseResult | str:
         self._number += 1
         keep = None if folder is None else str(folder)
-        self._say(pack(Job(self._number, (case,), keep)))
+        self._say(pack(CaseBatch(self._number, (case,), keep)))
         answer = self._hear()
         if isinstance(answer, Done):
             self._hear()

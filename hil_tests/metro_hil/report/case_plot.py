@@ -62,7 +62,7 @@ OTHER_COLOUR: Final = "#e4e7eb"
 
 
 @dataclass(frozen=True, slots=True)
-class Stretch:
+class RestrictionSpan:
     """A piece of line with a limit of its own for a while."""
 
     start_m: float
@@ -70,11 +70,11 @@ class Stretch:
     limit_mps: float
 
 
-def stretches_of(faults: Sequence[Mapping[str, Any]]) -> tuple[Stretch, ...]:
+def stretches_of(faults: Sequence[Mapping[str, Any]]) -> tuple[RestrictionSpan, ...]:
     """The temporary restrictions among the faults and orders of a case. Raises SettingsError."""
     orders = (plan.parameters for plan in read_faults(faults, "faults"))
     return tuple(
-        Stretch(order.start_m, order.end_m, order.limit_mps)
+        RestrictionSpan(order.start_m, order.end_m, order.limit_mps)
         for order in orders
         if isinstance(order, TemporaryRestriction)
     )
@@ -86,7 +86,7 @@ def draw_case(
     line: LineMap,
     cycles: Columns,
     truth: Columns,
-    restrictions: Sequence[Stretch] = (),
+    restrictions: Sequence[RestrictionSpan] = (),
 ) -> bool:
     """Write a PNG. False when there is nothing to draw: no row of truth."""
     if len(truth) < 2 or not len(cycles):
@@ -137,7 +137,7 @@ def _draw_speed(
     line: LineMap,
     cycles: Columns,
     truth: Columns,
-    restrictions: Sequence[Stretch],
+    restrictions: Sequence[RestrictionSpan],
     span_m: tuple[float, float],
 ) -> None:
     top_kmh = _draw_limits(axes, line, restrictions, span_m)
@@ -171,7 +171,7 @@ def _draw_speed(
 
 
 def _draw_limits(
-    axes: Axes, line: LineMap, restrictions: Sequence[Stretch], span_m: tuple[float, float]
+    axes: Axes, line: LineMap, restrictions: Sequence[RestrictionSpan], span_m: tuple[float, float]
 ) -> float:
     """Civil limits as steps, temporary ones as bars; the highest of them in km/h."""
     civil_m = np.arange(span_m[0], span_m[1], max(0.1, (span_m[1] - span_m[0]) / 2000.0))

@@ -8,12 +8,18 @@ from typing import Final
 import msgspec
 import numpy as np
 
-from metro_hil.model.case import Case, CaseResult, Controller, Verdict
+from metro_hil.model.case import Case, CaseResult, ControllerSpec, Verdict
 from metro_hil.model.log_columns import Numbers
-from metro_hil.report.campaign.ledger import Entry, exercised, factors_text, join, known_margin
+from metro_hil.report.campaign.ledger import (
+    LedgerEntry,
+    exercised,
+    factors_text,
+    join,
+    known_margin,
+)
 from metro_hil.report.campaign.units import unit_of
 from metro_hil.report.estimates import (
-    Interval,
+    ConfidenceInterval,
     mean_with_interval,
     median_with_interval,
 )
@@ -29,7 +35,7 @@ ERROR: Final = "error"
 """Measures with this in their name are compared by magnitude, and greater is worse."""
 
 
-class Direction(enum.Enum):
+class MeasureTrend(enum.Enum):
     """Where a measure went, judged after correction for all that were looked at."""
 
     WORSE = "worse"
@@ -60,7 +66,7 @@ class VerdictChange:
 
 
 @dataclass(frozen=True, slots=True)
-class Shift:
+class PairedShift:
     """How one margin or measure moved from the first campaign to the second, pair by pair."""
 
     name: str
@@ -70,19 +76,19 @@ class Shift:
     pairs: int
     unchanged: int
     """Pairs without any difference; the signed-rank test says nothing of them."""
-    mean: Interval
-    median: Interval
+    mean: ConfidenceInterval
+    median: ConfidenceInterval
     p_ratio: float | None
     """Wilcoxon's signed-rank test, two-sided; None where there is nothing to test."""
     p_holm_ratio: float | None
     effect_ratio: float | None
     """Matched-pairs rank-biserial correlation: -1 all fell, +1 all rose."""
-    direction: Direction
+    direction: MeasureTrend
     notes: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True)
-class Comparison:
+class CampaignComparison:
     """The second campaign against the first."""
 
     matched: int
@@ -98,18 +104,18 @@ class Comparison:
     better: tuple[VerdictChange, ...]
     changed: tuple[VerdictChange, ...]
     """Another verdict, but as expected in both or in neither."""
-    shifts: tuple[Shift, ...]
+    shifts: tuple[PairedShift, ...]
 
     @property
-    def significantly_worse(self) -> tuple[Shift, ...]:
-        return tuple(shift for shift in self.shifts if shift.direction is Direction.WORSE)
+    def significantly_worse(self) -> tuple[PairedShift, ...]:
+        return tuple(shift for shift in self.shifts if shift.direction is MeasureTrend.WORSE)
 
 
 Campaign = tuple[Sequence[Case], Sequence[CaseResult]]
-Pair = tuple[Entry, Entry]
+Pair = tuple[LedgerEntry, LedgerEntry]
 
 
-def compare(a: Campaign, b: Campaign) -> Comparison:
+def compare(a: Campaign, b: Campaign) -> CampaignComparison:
     """Pure; the order of cases and results does not matter."""
     entries_a = join(*a, expected_cases=len(a[0])).entries
     entries_b = join(*b, expected_cases=len(b[0])).entries
@@ -117,7 +123,7 @@ def compare(a: Campaign, b: Campaign) -> Comparison:
     by_factors, rest_a, rest_b = _match(rest_a, rest_b, _key)
     pairs = sorted([*by_id, *by_factors], key=lambda pair: pair[0].case.index)
     moved = [(x, y) for x, y in pairs if x.word != y.word]
-    return Comparison(
+    return CampaignComparison(
         matched=len(pairs),
         matched_by_factors=len(by_factors),
         redefined=sum(_definition(x.case) != _definition(y.case) for x, y in pairs),
@@ -131,16 +137,18 @@ def compare(a: Campaign, b: Campaign) -> Comparison:
     )
 
 
-def _key(entry: Entry) -> tuple[str, bytes, int]:
+def _key(entry: LedgerEntry) -> tuple[str, bytes, int]:
     case = entry.case
     return case.scenario, msgspec.json.encode(case.factors, order="sorted"), case.seed
 
 
 def _match(
-    entries_a: Sequence[Entry], entries_b: Sequence[Entry], key: Callable[[Entry], object]
-) -> tuple[list[Pair], list[Entry], list[Entry]]:
+    entries_a: Sequence[LedgerEntry],
+    entries_b: Sequence[LedgerEntry],
+    key: Callable[[LedgerEntry], object],
+) -> tuple[list[Pair], list[LedgerEntry], list[LedgerEntry]]:
     """Pairs of equal keys, first with first; then what is left of both."""
-    waiting: dict[object, list[Entry]] = {}
+    waiting: dict[object, list[LedgerEntry]] = {}
     for entry in entries_b:
         waiting.setdefault(key(entry), []).append(entry)
     pairs, rest_a = [], []
@@ -155,19 +163,21 @@ def _match(
 
 
 def _definition(case: Case) -> Case:
-    return msgspec.structs.replace(case, id="", index=0, controller=Controller(), requirements=())
+    return msgspec.structs.replace(
+        case, id="", index=0, controller=ControllerSpec(), requirements=()
+    )
 
 
-def _identical(x: Entry, y: Entry) -> bool:
+def _identical(x: LedgerEntry, y: LedgerEntry) -> bool:
     chains = [entry.result.chain for entry in (x, y) if entry.result is not None]
     return len(chains) == 2 and chains[0] == chains[1] != ""
 
 
-def _change(x: Entry, y: Entry) -> VerdictChange:
+def _change(x: LedgerEntry, y: LedgerEntry) -> VerdictChange:
     return VerdictChange(y.case.id, factors_text(y.case), x.word, y.word, y.reason)
 
 
-def shifts_of(pairs: Sequence[Pair]) -> list[Shift]:
+def shifts_of(pairs: Sequence[Pair]) -> list[PairedShift]:
     """Margins, then measures, each with Holm's correction over all of them."""
     series = [*_margins(pairs).items(), *_measures(pairs).items()]
     raw = [_raw(key, np.array(differences)) for key, differences in series]
@@ -203,7 +213,7 @@ def _measures(pairs: Sequence[Pair]) -> dict[tuple[str, str, str], list[float]]:
     return found
 
 
-def _raw(key: tuple[str, str, str], differences: Numbers) -> Shift:
+def _raw(key: tuple[str, str, str], differences: Numbers) -> PairedShift:
     """Before correction."""
     name, kind, unit = key
     nonzero = differences[differences != 0.0]
@@ -211,7 +221,7 @@ def _raw(key: tuple[str, str, str], differences: Numbers) -> Shift:
     median = median_with_interval(differences.tolist())
     assert mean is not None
     assert median is not None
-    return Shift(
+    return PairedShift(
         name=name,
         kind=kind,
         unit=unit,
@@ -222,7 +232,7 @@ def _raw(key: tuple[str, str, str], differences: Numbers) -> Shift:
         p_ratio=signed_rank_p_ratio(nonzero),
         p_holm_ratio=None,
         effect_ratio=rank_biserial_ratio(nonzero),
-        direction=Direction.UNCLEAR,
+        direction=MeasureTrend.UNCLEAR,
         notes=tuple(_notes(differences, nonzero)),
     )
 
@@ -294,20 +304,20 @@ def holm(p_ratios: Sequence[float]) -> list[float]:
     return corrected
 
 
-def _taste(shift: Shift) -> Taste:
+def _taste(shift: PairedShift) -> Taste:
     if shift.kind == "margin":
         return Taste.MORE
     worse_when_more = ERROR in shift.name or any(part in shift.name for part in MORE_IS_WORSE)
     return Taste.LESS if worse_when_more else Taste.NEITHER
 
 
-def _judged(shift: Shift, p_holm_ratio: float, taste: Taste) -> Shift:
+def _judged(shift: PairedShift, p_holm_ratio: float, taste: Taste) -> PairedShift:
     effect_ratio = shift.effect_ratio or 0.0
     if p_holm_ratio >= SIGNIFICANT_RATIO or effect_ratio == 0.0:
-        direction = Direction.UNCLEAR
+        direction = MeasureTrend.UNCLEAR
     elif taste is Taste.NEITHER:
-        direction = Direction.DIFFERENT
+        direction = MeasureTrend.DIFFERENT
     else:
         rose = effect_ratio > 0.0
-        direction = Direction.BETTER if rose is (taste is Taste.MORE) else Direction.WORSE
+        direction = MeasureTrend.BETTER if rose is (taste is Taste.MORE) else MeasureTrend.WORSE
     return replace(shift, p_holm_ratio=p_holm_ratio, direction=direction)

@@ -18,7 +18,7 @@ DIGITS: Final = 6
 
 
 @dataclass(frozen=True, slots=True)
-class Interval:
+class ConfidenceInterval:
     """A figure and its confidence interval, in the unit of what it is a figure of."""
 
     best: float
@@ -29,7 +29,7 @@ class Interval:
         assert self.low <= self.best <= self.high or np.isnan(self.low), self
 
 
-def pass_share(passed: int, judged: int) -> Interval | None:
+def pass_share(passed: int, judged: int) -> ConfidenceInterval | None:
     """Share of passes with its exact (Clopper–Pearson) interval; None of nothing."""
     assert 0 <= passed <= judged
     if judged == 0:
@@ -37,10 +37,10 @@ def pass_share(passed: int, judged: int) -> Interval | None:
     from scipy.stats import binomtest
 
     bounds = binomtest(passed, judged).proportion_ci(CONFIDENCE_RATIO, method="exact")
-    return Interval(passed / judged, float(bounds.low), float(bounds.high))
+    return ConfidenceInterval(passed / judged, float(bounds.low), float(bounds.high))
 
 
-def mean_with_interval(values: Sequence[float]) -> Interval | None:
+def mean_with_interval(values: Sequence[float]) -> ConfidenceInterval | None:
     """Mean with its percentile bootstrap interval, the same for every order of the values.
 
     None of nothing; of one value, or of equal ones, the interval is that value and says nothing.
@@ -48,24 +48,24 @@ def mean_with_interval(values: Sequence[float]) -> Interval | None:
     return _with_interval(values, lambda table: table.mean(axis=-1))
 
 
-def median_with_interval(values: Sequence[float]) -> Interval | None:
+def median_with_interval(values: Sequence[float]) -> ConfidenceInterval | None:
     """As `mean_with_interval`, of the median."""
     return _with_interval(values, lambda table: np.median(table, axis=-1))
 
 
 def _with_interval(
     values: Sequence[float], statistic: Callable[[Numbers], Numbers]
-) -> Interval | None:
+) -> ConfidenceInterval | None:
     if not len(values):
         return None
     ordered = np.sort(np.asarray(values, dtype=np.float64))
     if ordered[0] == ordered[-1]:
-        return Interval(float(ordered[0]), float(ordered[0]), float(ordered[0]))
+        return ConfidenceInterval(float(ordered[0]), float(ordered[0]), float(ordered[0]))
     best = float(statistic(ordered))
     drawn = _resampled(ordered, statistic)
     tail_percent = 50.0 * (1.0 - CONFIDENCE_RATIO)
     low, high = np.percentile(drawn, [tail_percent, 100.0 - tail_percent])
-    return Interval(best, min(float(low), best), max(float(high), best))
+    return ConfidenceInterval(best, min(float(low), best), max(float(high), best))
 
 
 def _resampled(values: Numbers, statistic: Callable[[Numbers], Numbers]) -> Numbers:

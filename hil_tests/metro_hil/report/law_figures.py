@@ -9,7 +9,7 @@ import msgspec
 
 from firmware_py.settings import SettingsError
 from metro_hil.model.case import Case, CaseResult
-from metro_hil.report.estimates import Interval, mean_with_interval, pass_share
+from metro_hil.report.estimates import ConfidenceInterval, mean_with_interval, pass_share
 from vobc.config import load_config
 
 LAW: Final = "ato.strategy"
@@ -122,7 +122,7 @@ def stops_m(result: CaseResult) -> list[float | None]:
     return [value for name, value in result.measures.items() if STOP_ERROR.fullmatch(name)]
 
 
-def mean_error_m(pairs: Pairs) -> Interval | None:
+def mean_error_m(pairs: Pairs) -> ConfidenceInterval | None:
     """Mean |stop error| of the stops that were made."""
     runs = []
     for _, result in pairs:

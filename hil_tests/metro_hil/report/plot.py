@@ -10,7 +10,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from firmware_py.trackdb import LineMap, TagKind
-from metro_hil.metrics.run import Stop
+from metro_hil.metrics.run import StationStop
 from metro_hil.model.log_columns import Columns, Numbers
 
 KMH_PER_MPS = 3.6
@@ -31,7 +31,7 @@ def draw_run(
     line: LineMap,
     cycles: Columns,
     truth: Columns | None,
-    stops: Sequence[Stop],
+    stops: Sequence[StationStop],
 ) -> bool:
     """Write a PNG; without `truth` (a foreign plant) the controller's own estimate is drawn.
 
@@ -110,7 +110,7 @@ def _draw_tags(axes: Axes, line: LineMap, span_m: tuple[float, float]) -> None:
 
 
 def _draw_stations(
-    axes: Axes, line: LineMap, stops: Sequence[Stop], span_m: tuple[float, float]
+    axes: Axes, line: LineMap, stops: Sequence[StationStop], span_m: tuple[float, float]
 ) -> None:
     errors_m = {stop.station: stop.error_m for stop in stops}
     for station in line.stations:

@@ -14,7 +14,7 @@ RESULTS: Final = "scenario_results.json"
 NOT_RUN: Final = "not run"
 
 
-class Outcome(msgspec.Struct, frozen=True):
+class ScenarioOutcome(msgspec.Struct, frozen=True):
     """Of all cases of one scenario."""
 
     cases: int
@@ -29,25 +29,25 @@ class Outcome(msgspec.Struct, frozen=True):
         return "passed" if self.expected == "pass" else f"known to {self.expected}"
 
 
-def outcomes(cases: Sequence[Case], results: Sequence[CaseResult]) -> dict[str, Outcome]:
+def outcomes(cases: Sequence[Case], results: Sequence[CaseResult]) -> dict[str, ScenarioOutcome]:
     """By scenario; a case without a result is not as expected."""
     by_id = {result.case_id: result for result in results}
-    found: dict[str, Outcome] = {}
+    found: dict[str, ScenarioOutcome] = {}
     for case in cases:
-        before = found.get(case.scenario, Outcome(0, 0, case.expected.value))
+        before = found.get(case.scenario, ScenarioOutcome(0, 0, case.expected.value))
         result = by_id.get(case.id)
         good = result is not None and as_expected(case, result)
-        found[case.scenario] = Outcome(
+        found[case.scenario] = ScenarioOutcome(
             before.cases + 1, before.as_expected + good, case.expected.value
         )
     return found
 
 
-def read_outcomes(text: str) -> dict[str, Outcome]:
-    return msgspec.json.decode(text, type=dict[str, Outcome])
+def read_outcomes(text: str) -> dict[str, ScenarioOutcome]:
+    return msgspec.json.decode(text, type=dict[str, ScenarioOutcome])
 
 
-def outcomes_json(found: Mapping[str, Outcome]) -> str:
+def outcomes_json(found: Mapping[str, ScenarioOutcome]) -> str:
     """Nothing in it but what came out: the same run gives the same bytes on any day."""
     text = msgspec.json.encode(dict(sorted(found.items())), order="sorted")
     return msgspec.json.format(text, indent=1).decode() + "\n"
@@ -56,7 +56,7 @@ def outcomes_json(found: Mapping[str, Outcome]) -> str:
 def requirements_page(
     catalogue: Mapping[str, Requirement],
     scenarios: Sequence[Named],
-    found: Mapping[str, Outcome],
+    found: Mapping[str, ScenarioOutcome],
 ) -> str:
     """Markdown."""
     named: dict[str, list[Named]] = {}
@@ -88,7 +88,7 @@ def requirements_page(
     return "\n".join(lines) + "\n"
 
 
-def _scenario(each: Named, found: Mapping[str, Outcome]) -> str:
+def _scenario(each: Named, found: Mapping[str, ScenarioOutcome]) -> str:
     outcome = found.get(each.name)
     return f"`{each.name}`: {NOT_RUN if outcome is None else outcome.words}"
 

@@ -14,7 +14,7 @@ import msgspec
 from firmware_py.clock.clock import WallClock
 from firmware_py.clock.realtime import die_with_parent
 from firmware_py.settings import SettingsError
-from metro_hil.model.case import Case, CaseResult, Controller, Verdict
+from metro_hil.model.case import Case, CaseResult, ControllerSpec, Verdict
 from metro_hil.model.case_setup import NO_FILES, Files, parts_of
 from metro_hil.run.case import CaseRun, hearing_of, run_alone
 from plant_emulator.faults.plan import read_faults
@@ -28,7 +28,7 @@ def group_key(case: Case) -> bytes | None:
     A controller of a process of its own cannot be copied with the process of the bench. What the
     monitors are told before the branch depends on the faults that come after it.
     """
-    if case.branch is None or case.controller.kind != Controller().kind:
+    if case.branch is None or case.controller.kind != ControllerSpec().kind:
         return None
     try:
         plans = read_faults(case.faults, case.id)

@@ -12,16 +12,16 @@ from metro_hil.external_controller import ControllerDiedError
 from metro_hil.metrics.case import MemoryLog, motion_measures
 from metro_hil.metrics.comfort import CommandLog, inertia_of
 from metro_hil.metrics.notches import NotchLog
-from metro_hil.model.case import Case, CaseResult, Controller, Event, Host, Verdict
+from metro_hil.model.case import Case, CaseEvent, CaseResult, ControllerSpec, Host, Verdict
 from metro_hil.model.case_setup import NO_FILES, CaseParts, Files, parts_of
 from metro_hil.model.end_condition import ARRIVED
-from metro_hil.model.frame_hash import FrameChain
+from metro_hil.model.frame_hash import FrameHash
 from metro_hil.model.run_folder import RunFolder
 from metro_hil.model.verdict import judge
 from metro_hil.monitors import Context, MonitorSet, read_monitors
 from metro_hil.run.lockstep import Lockstep, Taps
 from plant_emulator.faults.declared_process import ClockStep
-from plant_emulator.faults.kinds import BENCH_PLACES, Place
+from plant_emulator.faults.kinds import BENCH_PLACES, FaultPlace
 from plant_emulator.faults.plan import FaultPlan
 from plant_emulator.truth import SIGNALS, Truth
 from plant_emulator.world import STEP_NS
@@ -76,7 +76,7 @@ class CaseRun:
         case: Case,
         parts: CaseParts,
         folder: RunFolder | None,
-        places: frozenset[Place] = frozenset(),
+        places: frozenset[FaultPlace] = frozenset(),
     ) -> None:
         """Args:
         places: where faults of other cases may act that go on from a copy of this run.
@@ -85,7 +85,7 @@ class CaseRun:
         self.parts = parts
         self.truth = Truth()
         """What is true of the train, as of the last step of the plant."""
-        self._chain = FrameChain()
+        self._chain = FrameHash()
         self._rows = MemoryLog()
         self._commands = CommandLog(inertia_of(parts.scenario.train))
         self._notches = NotchLog()
@@ -117,7 +117,7 @@ class CaseRun:
             ),
             controller=case.controller,
         )
-        self._events: list[Event] = []
+        self._events: list[CaseEvent] = []
         self._output: CycleOutput | None = None
         self._said: object = None
         self._start_m = parts.journey.start.stop_m
@@ -172,7 +172,7 @@ class CaseRun:
 
     def _note(self, t_s: float, words: str) -> None:
         if len(self._events) < EVENTS_MAX:
-            self._events.append(Event(t_s, words))
+            self._events.append(CaseEvent(t_s, words))
 
     def _fault_changed(self, plan: FaultPlan, active: bool, now_ns: int) -> None:
         words = f"fault {plan.kind.name} {'begins' if active else 'ends'}"
@@ -302,9 +302,9 @@ class CaseRun:
         wall_s = (self._wall.now_ns() - began_ns) / NS_PER_S
         return Host(wall_s=wall_s, stepping_s=self._stepping_ns / NS_PER_S)
 
-    def _story(self) -> tuple[Event, ...]:
+    def _story(self) -> tuple[CaseEvent, ...]:
         """All that is known to have happened, in order of time."""
-        told = [Event(at_ns / NS_PER_S, what) for at_ns, what in self.bench.bus_story()]
+        told = [CaseEvent(at_ns / NS_PER_S, what) for at_ns, what in self.bench.bus_story()]
         both = sorted([*self._events, *told], key=lambda event: event.at_s)
         return tuple(both[:EVENTS_MAX])
 
@@ -314,7 +314,7 @@ class CaseRun:
         measures = motion_measures(truth, parts.journey.stops, parts.journey.planned_run_s)
         measures |= self._notches.measures(truth)
         power, elapsed_ns = bench.plant.world.power, bench.clock.now_ns()
-        if self.case.controller.kind == Controller().kind:
+        if self.case.controller.kind == ControllerSpec().kind:
             # What a controller in a process of its own asks for, its frames alone tell.
             asked_mps2, asked_mps3 = self._commands.worst()
             measures["commanded_accel_max_mps2"] = asked_mps2
@@ -329,7 +329,7 @@ class CaseRun:
 
 
 def hearing_of(
-    faults: Sequence[FaultPlan], places: frozenset[Place] = frozenset()
+    faults: Sequence[FaultPlan], places: frozenset[FaultPlace] = frozenset()
 ) -> tuple[bool, float]:
     """Whether the monitors listen at the controller's own port, and how old its inputs may be, s.
 

@@ -18,20 +18,20 @@ from firmware_py.tag_reader.recorded_line import RecordedLine
 from metro_hil.external_controller.choice import SHIPPED, ControllerSide
 from metro_hil.faults.bus import BusFaults, FaultyPort
 from metro_hil.faults.frames import FrameFaults
-from metro_hil.faults.process import ControllerProcess, Device
-from metro_hil.model.case import Controller
+from metro_hil.faults.process import BenchDevice, ControllerProcess
+from metro_hil.model.case import ControllerSpec
 from metro_hil.model.end_condition import ARRIVED, DURATION, ArrivalWatch, Ending
 from metro_hil.model.gc_tuning import rarely_collected
 from metro_hil.model.mission import Journey
 from metro_hil.model.run_folder import RunFolder
 from metro_hil.model.run_options import ELSEWHERE, RunOptions
 from metro_hil.run.radio_tap import TappedRadio
-from plant_emulator.faults.kinds import Place
+from plant_emulator.faults.kinds import FaultPlace
 from plant_emulator.faults.plan import FaultPlan
 from plant_emulator.process import TRUTH_COLUMNS, PlantDevice, TruthLog
 from plant_emulator.truth import Truth
 from plant_emulator.wayside.railway import subscriptions
-from plant_emulator.world import Scenario, plan_scenario
+from plant_emulator.world import TrainScenario, plan_scenario
 from vobc.config import VobcConfig, load_config
 from vobc.process import CYCLE_COLUMNS, EventLines
 from vobc.wire import HEARD_IDS
@@ -75,14 +75,14 @@ class Lockstep:
     def __init__(
         self,
         config: VobcConfig,
-        scenario: Scenario,
+        scenario: TrainScenario,
         journey: Journey,
         folder: RunFolder | None = None,
         *,
         faults: Sequence[FaultPlan] = (),
-        places: Collection[Place] = (),
+        places: Collection[FaultPlace] = (),
         taps: Taps = UNTAPPED,
-        controller: Controller = SHIPPED,
+        controller: ControllerSpec = SHIPPED,
     ) -> None:
         """Without a folder nothing is logged.
 
@@ -131,12 +131,12 @@ class Lockstep:
         places = {*places, *(plan.kind.place for plan in faults)}
         accepted = HEARD_IDS if controller.kind == SHIPPED.kind else None
         self.vobc = self._connected(
-            self._controller_port(accepted, scenario.seed, faulty=Place.BUS in places),
+            self._controller_port(accepted, scenario.seed, faulty=FaultPlace.BUS in places),
             self._recorded(controller_end, folder),
             self._recorded_radio(
                 radio.port("train", _heard_by(line.name, config.address)), folder, taps.radio
             ),
-            faulty=Place.PROCESS in places,
+            faulty=FaultPlace.PROCESS in places,
         )
         self._arrival = ArrivalWatch(journey.end.stop_m)
         self.arrived, self._moved_ns = False, self.clock.now_ns()
@@ -145,7 +145,7 @@ class Lockstep:
 
     def _connected(
         self, can: CanPort, tags: SerialPort, radio: RadioPort, *, faulty: bool
-    ) -> Device:
+    ) -> BenchDevice:
         """The controller on its ports. One that does not start leaves no log open behind it."""
         try:
             device = self._side.device(can, tags, radio, faulty=faulty)
@@ -153,7 +153,7 @@ class Lockstep:
             self._stack.close()
             raise
         if isinstance(device, ControllerProcess):
-            self._on_fault(Place.PROCESS, device.change)
+            self._on_fault(FaultPlace.PROCESS, device.change)
         self._executives.append(device.executive)
         return device
 
@@ -166,11 +166,11 @@ class Lockstep:
             return port
         between = FaultyPort(port, FrameFaults(seed))
         self._bus_faults = BusFaults(self.bus, between, seed)
-        self._on_fault(Place.BUS, self._bus_faults.change)
+        self._on_fault(FaultPlace.BUS, self._bus_faults.change)
         self._executives.append(Executive([Task("bus faults", BUS_FAULT_MS, between.poll)], 0))
         return between
 
-    def _on_fault(self, place: Place, change: Callable[[FaultPlan, bool, int], None]) -> None:
+    def _on_fault(self, place: FaultPlace, change: Callable[[FaultPlan, bool, int], None]) -> None:
         def listener(plan: FaultPlan, active: bool, now_ns: int) -> None:
             if plan.kind.place is place:
                 change(plan, active, now_ns)
@@ -321,7 +321,7 @@ def _tee(one: TruthLog | None, other: TruthLog | None) -> TruthLog | None:
     return _Tee(one, other)
 
 
-def scenario_of(options: RunOptions) -> Scenario:
+def scenario_of(options: RunOptions) -> TrainScenario:
     """The plant's side of a run; raises SettingsError."""
     return plan_scenario(
         line=options.line,

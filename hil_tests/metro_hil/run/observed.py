@@ -18,7 +18,7 @@ Hand = Callable[[Desk, float], Desk]
 """What becomes of the desk at an instant, in seconds of the run."""
 
 
-class Instant(NamedTuple):
+class ObservedInstant(NamedTuple):
     t_s: float
     front_m: float
     """True, as is the speed."""
@@ -27,18 +27,18 @@ class Instant(NamedTuple):
 
 
 @dataclass
-class Ride:
+class ObservedRun:
     """What was true and what the controller said, every 10 ms."""
 
-    seen: list[Instant] = field(default_factory=list)
+    seen: list[ObservedInstant] = field(default_factory=list)
 
-    def within(self, mode: OperatingMode) -> list[Instant]:
+    def within(self, mode: OperatingMode) -> list[ObservedInstant]:
         return [each for each in self.seen if each.output.mode is mode]
 
-    def at(self, t_s: float) -> Instant:
+    def at(self, t_s: float) -> ObservedInstant:
         return next(each for each in self.seen if each.t_s >= t_s)
 
-    def between(self, start_s: float, end_s: float) -> list[Instant]:
+    def between(self, start_s: float, end_s: float) -> list[ObservedInstant]:
         """From the one instant up to the other, which is left out."""
         return [each for each in self.seen if start_s <= each.t_s < end_s]
 
@@ -52,14 +52,14 @@ def ride(
     seconds: float,
     end: str = "III",
     hand: Hand | None = None,
-) -> Ride:
+) -> ObservedRun:
     """From station II of the Florence line to `end`, with faults as in a scenario's file."""
     options = parse(["run", "--lockstep", "--from", "II", "--to", end, "--seed", "3"])
-    found = Ride()
+    found = ObservedRun()
 
     def observe(truth: Truth, now_ns: int) -> None:
         t_s = now_ns / NS_PER_S
-        found.seen.append(Instant(t_s, truth.front_m, truth.speed_mps, bench.vobc.output))
+        found.seen.append(ObservedInstant(t_s, truth.front_m, truth.speed_mps, bench.vobc.output))
         if hand is not None:
             bench.plant.world.put_desk(hand(bench.plant.world.desk, t_s))
 

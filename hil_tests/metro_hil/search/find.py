@@ -8,7 +8,7 @@ import msgspec
 from metro_hil.model.case import Case, CaseResult
 from metro_hil.search.objective import NOTHING_SEEN, Objective, margins_of
 from metro_hil.search.optimisers import OPTIMISERS, Shares
-from metro_hil.search.space import Sample, SearchError, Space
+from metro_hil.search.space import Sample, SearchError, SearchSpace
 
 Evaluate = Callable[[Sequence[Case]], Sequence[CaseResult]]
 """Runs cases, in any order on anything, and gives their results in the order of the cases."""
@@ -33,12 +33,12 @@ class Sought(msgspec.Struct, frozen=True, kw_only=True):
     """Of the worst run, by monitor."""
 
 
-class Search:
+class WorstCaseSearch:
     """One search: a function of space, objective, budget and seed, not of who runs the cases."""
 
     def __init__(
         self,
-        space: Space,
+        space: SearchSpace,
         evaluate: Evaluate,
         *,
         monitor: str | None = None,

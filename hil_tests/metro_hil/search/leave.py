@@ -10,7 +10,7 @@ import tomli_w
 from metro_hil.campaign.tables import ConfigTable
 from metro_hil.model.run_folder import RunFolderError
 from metro_hil.search.find import Sought
-from metro_hil.search.space import Space
+from metro_hil.search.space import SearchSpace
 
 HISTORY: Final = "history.jsonl"
 WORST: Final = "worst.toml"
@@ -29,7 +29,7 @@ def append_history(folder: Path, new: Sequence[Sought]) -> None:
 
 
 def write_worst(
-    folder: Path, space: Space, worst: Sequence[Sought], files: Mapping[str, str]
+    folder: Path, space: SearchSpace, worst: Sequence[Sought], files: Mapping[str, str]
 ) -> Path:
     """A campaign file of the worst cases, first the worst, beside the user's files it needs.
 
@@ -52,7 +52,7 @@ def write_worst(
     return path
 
 
-def _scenario(space: Space, sought: Sought, place: int) -> ConfigTable:
+def _scenario(space: SearchSpace, sought: Sought, place: int) -> ConfigTable:
     table = space.table(sought.values)
     for name in ("layout", "seed_base", "name", "title"):
         table.pop(name, None)
@@ -67,7 +67,7 @@ def _scenario(space: Space, sought: Sought, place: int) -> ConfigTable:
     }
 
 
-def _localised(table: ConfigTable, space: Space) -> list[str]:
+def _localised(table: ConfigTable, space: SearchSpace) -> list[str]:
     """Let a scenario's table name the copies of the user's files; gives their names."""
     train = dict(table.get("train", {}))
     copied: list[str] = []

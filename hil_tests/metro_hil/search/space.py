@@ -30,7 +30,7 @@ class Sample:
     cases: tuple[Case, ...]
 
 
-class Space:
+class SearchSpace:
     """Points of the unit cube, one share for each factor, and what they stand for."""
 
     def __init__(
@@ -72,7 +72,7 @@ class Space:
 
 def space_of(
     definition: Definition, scenario: str | None = None, keys: Sequence[str] = ()
-) -> Space:
+) -> SearchSpace:
     """The space of one scenario; of the only one that sweeps something when none is named.
 
     Args:
@@ -101,7 +101,7 @@ def space_of(
             raise SearchError(f"--factors {key}: {nearest(key, known, 'factor')}")
     chosen = [factor for factor in factors if not keys or factor.key in keys]
     body = definition.bodies[place]
-    return Space(campaign.scenarios[place], body, chosen, _exclusions(body, factors, chosen))
+    return SearchSpace(campaign.scenarios[place], body, chosen, _exclusions(body, factors, chosen))
 
 
 def _exclusions(body: Body, factors: Sequence[Factor], chosen: Sequence[Factor]) -> list[str]:

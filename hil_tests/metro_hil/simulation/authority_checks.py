@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
 from metro_hil.simulation.checker import ViolationError
-from metro_hil.simulation.node import Letter
-from metro_hil.simulation.true_train import Grant
+from metro_hil.simulation.node import QueuedMessage
+from metro_hil.simulation.true_train import BrakeLoopGrant
 from zenoh_config.t2t import (
     AreaAuthority,
     LeaseAnswer,
@@ -63,7 +63,7 @@ class Switch(NamedTuple):
     heard: dict[int, Readiness]
 
 
-class Lease(NamedTuple):
+class HeldLease(NamedTuple):
     """What a train holds."""
 
     until_ns: int
@@ -72,7 +72,7 @@ class Lease(NamedTuple):
     """That majority which granted it."""
 
 
-class Air:
+class AuthorityChecks:
     """One for all nodes; raises ViolationError."""
 
     def __init__(
@@ -95,7 +95,7 @@ class Air:
         """Train, area and term of every lease ever granted."""
         self._stale: set[tuple[int, int, int, int]] = set()
         """Train, area, term and sequence of authorities that were too old when they came."""
-        self._leases: dict[int, dict[int, Lease]] = {}
+        self._leases: dict[int, dict[int, HeldLease]] = {}
         """By area and train."""
         self._named: dict[tuple[int, int], dict[int, tuple[int, int, int]]] = {}
         """By arbiter and area, by train: boot, sequence and successor of the newest that it said
@@ -125,7 +125,7 @@ class Air:
         now_ns: int,
         true_ns: int,
         heard: Sequence[Any],
-        letters: Sequence[Letter],
+        letters: Sequence[QueuedMessage],
     ) -> None:
         """A train read something and says something, at this instant of its own clock."""
         for message in heard:
@@ -155,7 +155,9 @@ class Air:
             elif kind is SwitchStep:
                 self._switch(message, now_ns)
 
-    def answered(self, arbiter: int, heard: Sequence[Any], letters: Sequence[Letter]) -> None:
+    def answered(
+        self, arbiter: int, heard: Sequence[Any], letters: Sequence[QueuedMessage]
+    ) -> None:
         """An arbiter read requests, and answers: whom it lets in, and who had named that train."""
         asked: dict[tuple[int, int, int], frozenset[int]] = {}
         for message in heard:
@@ -267,7 +269,7 @@ class Air:
             arbiters = frozenset([each for each in answers if answers[each] >= newest_ns])
             if message.term > term and until_ns > now_ns:
                 self._alone(address, message.area, message.term, now_ns + ahead_ns, arbiters)
-            self._leases.setdefault(message.area, {})[address] = Lease(
+            self._leases.setdefault(message.area, {})[address] = HeldLease(
                 until_ns + ahead_ns, arbiters
             )
             self._until_ns[key] = message.term, until_ns
@@ -310,7 +312,7 @@ class Air:
                 "24", f"train {report.source} took {number} in area {report.area}: too old it came"
             )
 
-    def made_of(self, address: int, grant: Grant) -> None:
+    def made_of(self, address: int, grant: BrakeLoopGrant) -> None:
         """27: what a brake loop goes by was said to this train, in this life."""
         self.looked["27"] += 1
         if (address, grant.area, grant.term) in self._won:

@@ -100,7 +100,7 @@ def _seed(result: RunResult) -> int:
     return result.seed
 
 
-class Journal:
+class SeedJournal:
     """Results as lines of JSON in a file: what is in it need not be run again."""
 
     def __init__(self, path: Path) -> None:

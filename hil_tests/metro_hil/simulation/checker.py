@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final
 
-from metro_hil.simulation.true_train import ROLL_BACK_MAX_M, Grant, TrueTrain
+from metro_hil.simulation.true_train import ROLL_BACK_MAX_M, BrakeLoopGrant, TrueTrain
 
 NS_PER_MS: Final = 1_000_000
 NOBODY: Final = 0
@@ -50,7 +50,7 @@ class Checker:
         self.rules = rules
         self.looked = Counter[str]()
         """How often each invariant was looked at."""
-        self.held: dict[int, dict[int, Grant]] = {}
+        self.held: dict[int, dict[int, BrakeLoopGrant]] = {}
         """By train and area: what it may still act on."""
         self._issuers: dict[tuple[int, int], int] = {}
         """By area and term: whose authorities were accepted."""
@@ -62,7 +62,9 @@ class Checker:
 
     # -- told --------------------------------------------------------------------------------------
 
-    def accepted(self, address: int, grant: Grant, now_ns: int, *, whole: bool = True) -> None:
+    def accepted(
+        self, address: int, grant: BrakeLoopGrant, now_ns: int, *, whole: bool = True
+    ) -> None:
         """A train begins to act on an authority; `now_ns` is its own clock.
 
         One that is not whole is put together of several, and as old as the oldest of them.
@@ -93,7 +95,7 @@ class Checker:
             raise ViolationError(invariant, what)
         self.looked[f"{invariant} broken"] += 1
 
-    def _one_issuer(self, address: int, grant: Grant) -> None:
+    def _one_issuer(self, address: int, grant: BrakeLoopGrant) -> None:
         if grant.issuer == NOBODY:
             return
         self.looked["19"] += 1
@@ -105,7 +107,7 @@ class Checker:
                 f"{grant.term}, in which {issuer} issued before",
             )
 
-    def _is_news(self, address: int, grant: Grant) -> bool:
+    def _is_news(self, address: int, grant: BrakeLoopGrant) -> bool:
         """And neither term nor number falls."""
         self.looked["20"] += 1
         key = address, grant.area
@@ -127,7 +129,7 @@ class Checker:
         self._newest[key] = grant.term, grant.sequence
         return (grant.term, grant.sequence) > newest
 
-    def _young(self, address: int, grant: Grant, now_ns: int) -> None:
+    def _young(self, address: int, grant: BrakeLoopGrant, now_ns: int) -> None:
         self.looked["24"] += 1
         age_ns = now_ns - grant.stamp_ns
         if age_ns > self.rules.age_max_ns:
@@ -216,7 +218,7 @@ class Checker:
                     f"{hindmost_m:.2f} m",
                 )
 
-    def _excuse(self, train: TrueTrain, grant: Grant) -> None:
+    def _excuse(self, train: TrueTrain, grant: BrakeLoopGrant) -> None:
         """One that is shortened under a train that moves cannot be kept to the metre."""
         if train.motion.speed_mps > 0.0 and train.motion.farthest_m > grant.end_m:
             excused_m = max(train.motion.farthest_m, self._excused_m.get(train.address, 0.0))

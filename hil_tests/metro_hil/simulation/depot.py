@@ -4,7 +4,7 @@ import random
 from typing import Final
 
 from metro_hil.simulation.line_world import LineWorld
-from metro_hil.simulation.motion import Motion
+from metro_hil.simulation.motion import SimulatedMotion
 from metro_hil.simulation.true_train import TrueTrain
 from zenoh_config.t2t_supervision import RemovalState
 
@@ -80,7 +80,7 @@ def set_on(world: LineWorld, train: TrueTrain, front_m: float) -> None:
     """Switched off, whatever ran while it was away: it begins anew with what it stored."""
     net = world.net
     net.kill(train.address, why="is switched off before it comes back")
-    train.motion = Motion(net.now_ns, front_m, emergency_mps2=train.motion.emergency_mps2)
+    train.motion = SimulatedMotion(net.now_ns, front_m, emergency_mps2=train.motion.emergency_mps2)
     world.stops_next(train)
     train.on_line = train.localised = True
     net.say("railway", f"train {train.address} comes onto the line, front {front_m:.2f} m")

@@ -19,7 +19,7 @@ CREEP_M: Final = 0.5
 
 
 @dataclass(frozen=True, slots=True)
-class Aim:
+class DrivingTarget:
     """Where automatic driving wants to come to rest, and how fast it may go."""
 
     speed_max_mps: float
@@ -46,7 +46,7 @@ def must_trip(front_m_max: float, speed_mps: float, end_m: float, *, accel_mps2:
     return fastest_mps > limit_mps and speed_mps > 0.0
 
 
-def demand_mps2(front_m: float, speed_mps: float, aim: Aim) -> float:
+def demand_mps2(front_m: float, speed_mps: float, aim: DrivingTarget) -> float:
     """Acceleration that automatic driving asks for; it stays well below supervision."""
     distance_m = aim.stop_m - front_m
     if distance_m <= CREEP_M:

@@ -10,9 +10,9 @@ from collections.abc import Callable, Iterable, Sequence
 from heapq import heappop, heappush
 from typing import Any, Final, Protocol
 
-from metro_hil.simulation.links import Link, Weather
-from metro_hil.simulation.node import NEVER, Doom, Letter, Node, Turn
-from metro_hil.simulation.trace import Teller, Trace
+from metro_hil.simulation.links import SimulatedLink, Weather
+from metro_hil.simulation.node import NEVER, Doom, NodeStep, QueuedMessage, SimulatedNode
+from metro_hil.simulation.trace import EventHash, Teller
 
 INBOX_MAX: Final = 256
 """A bounded inbox drops its oldest message."""
@@ -37,17 +37,17 @@ class Codec(Protocol):
         """None when it must not be believed."""
 
 
-class Network:
+class SimulatedNetwork:
     """Nodes, links and the queue."""
 
     def __init__(self, seed: int, *, codec: Codec | None = None, tell: Teller | None = None):
         self.now_ns = 0
         self.turn_ns = TURN_NS
         self.random = random.Random(seed)
-        self.trace = Trace()
+        self.trace = EventHash()
         self.tell = tell
         self.codec = codec
-        self.nodes: dict[int, Node] = {}
+        self.nodes: dict[int, SimulatedNode] = {}
         self.sent = self.delivered = self.lost = self.doubled = self.damaged = 0
         self.steps = self.stored = self.fired = self.disks_lost = 0
         self.clock_steps = 0
@@ -81,15 +81,15 @@ class Network:
         self.now_ns = until_ns
         self.fired += fired
 
-    def add(self, node: Node) -> None:
+    def add(self, node: SimulatedNode) -> None:
         """Join a node to all others; it does not run yet."""
         assert node.address not in self.nodes
         for other in self.nodes.values():
-            other.links[node.address] = Link(other.address, node.address)
-            node.links[other.address] = Link(node.address, other.address)
+            other.links[node.address] = SimulatedLink(other.address, node.address)
+            node.links[other.address] = SimulatedLink(node.address, other.address)
         self.nodes[node.address] = node
 
-    def links(self) -> Iterable[Link]:
+    def links(self) -> Iterable[SimulatedLink]:
         return (link for node in self.nodes.values() for link in node.links.values())
 
     def boot(self, address: int) -> None:
@@ -127,7 +127,7 @@ class Network:
             self.say(node.name, f"is stopped for {for_ns / 1e9:.3f} s")
             self._hold(node, for_ns)
 
-    def _hold(self, node: Node, for_ns: int) -> None:
+    def _hold(self, node: SimulatedNode, for_ns: int) -> None:
         node.stopped_until_ns = self.now_ns + for_ns
         node.wake_ns = NEVER
         self._wake_at(node, node.stopped_until_ns)
@@ -150,7 +150,7 @@ class Network:
         node.clock.drift(self.now_ns, drift_ppm)
         self._rouse(node)
 
-    def _rouse(self, node: Node) -> None:
+    def _rouse(self, node: SimulatedNode) -> None:
         if node.machine is not None and node.stopped_until_ns <= self.now_ns:
             self._wake_at(node, self.now_ns + LEAST_REST_NS)
 
@@ -176,7 +176,7 @@ class Network:
         """A message from nowhere, for directed scenarios."""
         self.at(self.now_ns, self._delivers, (self.nodes[target], message))
 
-    def weather(self, links: Iterable[Link], weather: Weather) -> None:
+    def weather(self, links: Iterable[SimulatedLink], weather: Weather) -> None:
         for link in links:
             link.change(weather)
 
@@ -190,13 +190,13 @@ class Network:
         if self.tell is not None:
             self.tell(self.now_ns, who, what)
 
-    def _wake_at(self, node: Node, at_ns: int) -> None:
+    def _wake_at(self, node: SimulatedNode, at_ns: int) -> None:
         if at_ns < node.wake_ns:
             node.wake_ns = at_ns
             self._number += 1
             heappush(self._heap, (at_ns, self._number, self._wakes, node))
 
-    def _wake(self, node: Node) -> None:
+    def _wake(self, node: SimulatedNode) -> None:
         if node.wake_ns != self.now_ns or node.machine is None:
             return
         node.wake_ns = NEVER
@@ -222,7 +222,7 @@ class Network:
             least_ns = now_ns + LEAST_REST_NS
             self._wake_at(node, due_ns if due_ns > least_ns else least_ns)
 
-    def _dying(self, node: Node, turn: Turn) -> None:
+    def _dying(self, node: SimulatedNode, turn: NodeStep) -> None:
         """A step that is not carried out to its end."""
         doom = node.doom
         assert doom is not None
@@ -235,7 +235,7 @@ class Network:
             self._send((node, node.boots, turn.letters[:half]))
         self.kill(node.address, why=f"dies {doom.value}")
 
-    def _post(self, node: Node, letters: Sequence[Letter]) -> None:
+    def _post(self, node: SimulatedNode, letters: Sequence[QueuedMessage]) -> None:
         if node.freeze_ns:
             self.say(node.name, f"is stopped before it sends, for {node.freeze_ns / 1e9:.3f} s")
             for_ns, node.freeze_ns = node.freeze_ns, 0
@@ -246,7 +246,7 @@ class Network:
         else:
             self._send((node, node.boots, letters))
 
-    def _send(self, what: tuple[Node, int, Sequence[Letter]]) -> None:
+    def _send(self, what: tuple[SimulatedNode, int, Sequence[QueuedMessage]]) -> None:
         node, boots, letters = what
         if node.boots != boots or node.machine is None:
             return
@@ -278,7 +278,7 @@ class Network:
                 else:
                     self._send_foul(link, payload)
 
-    def _send_foul(self, link: Link, payload: Any) -> None:
+    def _send_foul(self, link: SimulatedLink, payload: Any) -> None:
         weather, draw, receiver = link.weather, self._draw, self.nodes[link.target]
         if self._meddler is not None:
             by_ns = self._meddler(link.source, link.target, payload)
@@ -319,7 +319,7 @@ class Network:
         assert self.codec is not None
         return [message for each in heard if (message := self.codec.open(each)) is not None]
 
-    def _deliver(self, what: tuple[Node, Any]) -> None:
+    def _deliver(self, what: tuple[SimulatedNode, Any]) -> None:
         node, payload = what
         if node.machine is None:
             self.lost += 1

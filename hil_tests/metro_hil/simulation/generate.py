@@ -14,7 +14,7 @@ from firmware_py.trackdb.areas import (
     ObjectSite,
     TrackSection,
 )
-from metro_hil.simulation.protocol_nodes import Cast
+from metro_hil.simulation.protocol_nodes import LineParticipants
 from metro_hil.simulation.track import stretch
 from metro_hil.simulation.true_train import Build
 from metro_hil.simulation.world import Setting
@@ -74,7 +74,7 @@ def line_of_areas(
     )
 
 
-class Span(NamedTuple):
+class SampledRanges(NamedTuple):
     """What lines and trains are drawn from."""
 
     areas: Sequence[int]
@@ -89,7 +89,7 @@ class Span(NamedTuple):
     between_s: Sequence[float]
 
 
-WIDE: Final = Span(
+WIDE: Final = SampledRanges(
     areas=(1, 2, 2, 3, 3, 4),
     areas_m=(600.0, 900.0, 1300.0, 2000.0, 3000.0),
     objects=(0, 1, 2, 3),
@@ -98,7 +98,7 @@ WIDE: Final = Span(
     trains=(2, 7),
     between_s=(3.0, 6.0, 12.0, 12.0, 24.0),
 )
-DENSE: Final = Span(
+DENSE: Final = SampledRanges(
     areas=(1, 2, 2, 3),
     areas_m=(600.0, 800.0, 1000.0, 1300.0, 1800.0),
     objects=(0, 0, 1, 2),
@@ -109,7 +109,7 @@ DENSE: Final = Span(
 )
 
 
-def line_by_chance(rng: random.Random, span: Span = WIDE) -> AreaMap:
+def line_by_chance(rng: random.Random, span: SampledRanges = WIDE) -> AreaMap:
     """Some areas, each of its own length; objects anywhere, at borders, too."""
     lengths_m = [
         rng.choice(span.areas_m) + PLACES_M * rng.randrange(20)
@@ -135,7 +135,7 @@ def line_by_chance(rng: random.Random, span: Span = WIDE) -> AreaMap:
 class Draw:
     """What a seed plays."""
 
-    cast: Cast
+    cast: LineParticipants
     setting: Setting
     turn_ms: int = 3
     """How long a process may take to look into its inbox."""
@@ -192,7 +192,7 @@ def _draw_even(seed: int) -> Draw:
     rng.random()
     turn_ms = rng.choice((1, 5, 10, 10))
     leisurely = rng.random() < 0.8
-    return Draw(Cast(line, config, trains), setting, turn_ms, leisurely)
+    return Draw(LineParticipants(line, config, trains), setting, turn_ms, leisurely)
 
 
 def _draw_any(seed: int) -> Draw:
@@ -216,7 +216,7 @@ def _draw_any(seed: int) -> Draw:
         shorter = {train: _shorter(rng, length_m) for train in trains if rng.random() < 0.5}
         setting = replace(setting, builds=shorter)
     return Draw(
-        Cast(line, T2tConfig(timers=timers, arbiters=arbiters), trains),
+        LineParticipants(line, T2tConfig(timers=timers, arbiters=arbiters), trains),
         setting,
         turn_ms=rng.choice((1, 5, 10, 10)),
         leisurely=rng.random() < 0.8,

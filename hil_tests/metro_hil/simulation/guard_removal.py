@@ -9,14 +9,14 @@ from typing import Any, Final
 
 from metro_hil.simulation.checker import ViolationError
 from metro_hil.simulation.protocol_nodes import Guards
-from metro_hil.simulation.scenarios.acceptance import SCENARIOS, Scenario
+from metro_hil.simulation.scenarios.acceptance import SCENARIOS, DirectedScenario
 from metro_hil.simulation.scenarios.borders import BORDER_LURES
 from metro_hil.simulation.scenarios.deaf_masters import DEAF_LURES
 from metro_hil.simulation.scenarios.guards import LURES
 from metro_hil.simulation.scenarios.moved_trains import MOVED_LURES
 from metro_hil.simulation.scenarios.shadow_trains import HIDDEN_LURES
 from metro_hil.simulation.scenarios.terms import TERM_LURES
-from metro_hil.simulation.scripted_line import Scene, UnexpectedError
+from metro_hil.simulation.scripted_line import ScriptedLine, UnexpectedError
 from vobc.train_to_train.guards import Granted, Latency, Terms
 
 PARTS: Final = ("member", "lease", "master")
@@ -76,10 +76,10 @@ def mutants() -> Iterator[tuple[str, Guards]]:
         yield f"memory of {who}", replace(safe, forget=frozenset({who}))
 
 
-def noticed_by(scenario: Scenario, guards: Guards) -> str:
+def noticed_by(scenario: DirectedScenario, guards: Guards) -> str:
     """What a scenario says of these guards; empty: nothing strikes it."""
     try:
-        scenario.play(lambda plot: Scene(replace(plot, guards=guards)))
+        scenario.play(lambda plot: ScriptedLine(replace(plot, guards=guards)))
     except (ViolationError, UnexpectedError) as error:
         return str(error)
     return ""

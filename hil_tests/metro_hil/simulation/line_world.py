@@ -5,18 +5,18 @@ from collections.abc import Sequence
 from typing import Any, Final
 
 from firmware_py.trackdb.areas import Area
-from metro_hil.simulation.authority_checks import Air, LeaseRules
+from metro_hil.simulation.authority_checks import AuthorityChecks, LeaseRules
 from metro_hil.simulation.checker import ViolationError
 from metro_hil.simulation.event_queue import Codec
 from metro_hil.simulation.generate import Draw
-from metro_hil.simulation.node import Letter, Machine, Node
-from metro_hil.simulation.orders import Order
-from metro_hil.simulation.protocol_nodes import T2tCrew, TrainNode
+from metro_hil.simulation.node import NodeMachine, QueuedMessage, SimulatedNode
+from metro_hil.simulation.orders import TrainOrder
+from metro_hil.simulation.protocol_nodes import ProtocolNodes, TrainNode
 from metro_hil.simulation.trace import Teller
 from metro_hil.simulation.track import TrueTrack
-from metro_hil.simulation.train_node import Cab
-from metro_hil.simulation.true_train import Grant, TrueTrain
-from metro_hil.simulation.world import World
+from metro_hil.simulation.train_node import TrainNodeController
+from metro_hil.simulation.true_train import BrakeLoopGrant, TrueTrain
+from metro_hil.simulation.world import SimulatedLine
 from zenoh_config.messages import RESTRICTIONS_MAX, SpeedRestriction
 from zenoh_config.t2t_supervision import RemovalState
 
@@ -24,14 +24,14 @@ NS_PER_S: Final = 1_000_000_000
 NS_PER_MS: Final = 1_000_000
 
 
-class LineWorld(World):
+class LineWorld(SimulatedLine):
     """With the protocol itself on all nodes."""
 
     def __init__(
         self, seed: int, drawn: Draw, *, codec: Codec | None = None, tell: Teller | None = None
     ) -> None:
         self.drawn = drawn
-        crew = T2tCrew(drawn.cast, seed)
+        crew = ProtocolNodes(drawn.cast, seed)
         super().__init__(seed, drawn.setting, crew, codec=codec, tell=tell)
         self.t2t = crew
         self.track = TrueTrack(drawn.cast.line, tuple(self.trains.values()))
@@ -51,13 +51,13 @@ class LineWorld(World):
         self._places: dict[int, deque[tuple[int, float]]] = {each: deque() for each in self.trains}
         """By train: when and where its front was at most, those that nothing later exceeds."""
         ends_m = {area.number: area.end_m for area in drawn.cast.line.areas}
-        self.air = Air(rules, self.checker.looked, ends_m)
+        self.air = AuthorityChecks(rules, self.checker.looked, ends_m)
         crew.answered = self.air.answered
 
-    def _start_train(self, node: Node, now_ns: int) -> Machine:
+    def _start_train(self, node: SimulatedNode, now_ns: int) -> NodeMachine:
         self.air.booted(node.address)
         machine = super()._start_train(node, now_ns)
-        assert isinstance(machine, Cab)
+        assert isinstance(machine, TrainNodeController)
         machine.listener = self
         leisurely = self.drawn.leisurely and self.net.codec is None
         if leisurely and isinstance(machine.protocol, TrainNode):
@@ -70,7 +70,7 @@ class LineWorld(World):
         now_ns: int,
         true_ns: int,
         heard: Sequence[Any],
-        letters: Sequence[Letter],
+        letters: Sequence[QueuedMessage],
     ) -> None:
         train = self.trains.get(address)
         if train is not None and train.rolls:
@@ -78,7 +78,7 @@ class LineWorld(World):
         self.air.clocks_sound = not self.net.clock_steps
         self.air.stepped(address, now_ns, true_ns, heard, letters)
 
-    def holds(self, address: int, grant: Grant) -> None:
+    def holds(self, address: int, grant: BrakeLoopGrant) -> None:
         self.air.made_of(address, grant)
         self._in_its_area(address, grant)
         self._stays_out(address, grant)
@@ -146,7 +146,7 @@ class LineWorld(World):
         """Supervision takes it off the rosters of these areas; of all, if none is named."""
         wanted = areas or [area.number for area in self.drawn.cast.line.areas]
         self.net.say("railway", f"supervision takes train {train} off rosters {wanted}")
-        self.t2t.orders += [Order(None, area, train) for area in wanted]
+        self.t2t.orders += [TrainOrder(None, area, train) for area in wanted]
 
     @property
     def may_close(self) -> bool:
@@ -171,7 +171,7 @@ class LineWorld(World):
         age_max_ns = self.checker.rules.age_max_ns
         self._closed.append((self.net.now_ns + 3 * age_max_ns, closed))
 
-    def _stays_out(self, address: int, grant: Grant) -> None:
+    def _stays_out(self, address: int, grant: BrakeLoopGrant) -> None:
         train = self.trains[address]
         self._closed = [each for each in self._closed if self.is_closed(each[1])]
         for since_ns, closed in self._closed:
@@ -203,7 +203,7 @@ class LineWorld(World):
         self.notes_place(train)
         return self._places[train.address][0][1]
 
-    def _in_its_area(self, address: int, grant: Grant) -> None:
+    def _in_its_area(self, address: int, grant: BrakeLoopGrant) -> None:
         """27: beyond a border only what the master behind it grants."""
         area = self.drawn.cast.line.area(grant.area)
         if grant.end_m > area.end_m:

@@ -26,7 +26,7 @@ class Weather:
 CLEAR: Final = Weather()
 
 
-class Link:
+class SimulatedLink:
     """One direction between two nodes. A cut one loses messages, or keeps them until it heals."""
 
     __slots__ = ("_watched", "cut", "fair", "keeps", "kept", "source", "target", "weather")

@@ -2,7 +2,7 @@
 
 from typing import Final, NamedTuple
 
-from metro_hil.simulation.scripted_line import NS_PER_MS, Plot, Scene
+from metro_hil.simulation.scripted_line import NS_PER_MS, Plot, ScriptedLine
 from zenoh_config.timers import TIMERS_A, LineTimers
 
 GAP_M: Final = 300.0
@@ -47,7 +47,7 @@ def play(
     trains = areas * trains_each
     fronts_m = {n + 1: areas * area_m - GAP_M / 2.0 - GAP_M * n for n in range(trains)}
     pieces = round(area_m / SECTION_M)
-    scene = Scene(
+    scene = ScriptedLine(
         Plot(fronts_m, areas=areas, area_m=area_m, pieces=pieces, timers=timers, seed=seed)
     )
     scene.settle(SETTLE_S)
@@ -65,7 +65,7 @@ def play(
     return LongLine(trains, held_s, heard_per_s, oldest_ms, followed_ms, other_terms, braked)
 
 
-def _age_ms(scene: Scene, train: int) -> float:
+def _age_ms(scene: ScriptedLine, train: int) -> float:
     """0: it has none."""
     node = scene.protocol(train)
     if node is None or not node.grants:
@@ -74,7 +74,7 @@ def _age_ms(scene: Scene, train: int) -> float:
     return (local_ns - min(grant.stamp_ns for grant in node.grants)) / NS_PER_MS
 
 
-def _killed(scene: Scene, areas: int) -> tuple[float, int]:
+def _killed(scene: ScriptedLine, areas: int) -> tuple[float, int]:
     """The master of the area in the middle is killed, once there is a standby."""
     middle = (areas + 1) // 2
     scene.until("there is a standby", lambda: scene.standby(middle) is not None, within_s=5.0)
@@ -99,5 +99,5 @@ def _killed(scene: Scene, areas: int) -> tuple[float, int]:
     return followed_ms, sum(_term(scene, area) != old[area] for area in old if area != middle)
 
 
-def _term(scene: Scene, area: int) -> int:
+def _term(scene: ScriptedLine, area: int) -> int:
     return max(scene.term(train, area) for train in scene.world.trains)

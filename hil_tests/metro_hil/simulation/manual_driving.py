@@ -25,7 +25,7 @@ DEAD_S: Final = (0.0, 30.0)
 OPENED_S: Final = (0.0, 10.0)
 
 
-class Controller(enum.Enum):
+class ManualController(enum.Enum):
     """What it does while its train is driven by hand."""
 
     RUNS = "runs"
@@ -52,11 +52,11 @@ class ByHand:
         world, net = self.world, self.world.net
         closed = SpeedRestriction(train.front_m, self._to_m(train) + APART_M, 1.0)
         world.closes(closed)
-        how = self._rng.choice(list(Controller))
+        how = self._rng.choice(list(ManualController))
         net.say("railway", f"train {train.address} is to be driven; its controller {how.value}")
-        if how is Controller.OFF:
+        if how is ManualController.OFF:
             net.kill(train.address, why="is switched off")
-        elif how is Controller.LOST:
+        elif how is ManualController.LOST:
             train.localised = False
         until_ns = net.now_ns + PATIENCE_NS
         net.at(net.now_ns + CLOSED_NS, lambda _: self._begins(train, how, closed, until_ns))
@@ -86,7 +86,7 @@ class ByHand:
         return max([e.start_m for e in sections if e.start_m <= hindmost_m], default=-math.inf)
 
     def _begins(
-        self, train: TrueTrain, how: Controller, closed: SpeedRestriction, until_ns: int
+        self, train: TrueTrain, how: ManualController, closed: SpeedRestriction, until_ns: int
     ) -> None:
         """Once it has nothing left that lets it go; nor has anybody else who was there before."""
         net = self.world.net
@@ -101,12 +101,12 @@ class ByHand:
         self.driven += 1
         train.shunts, train.shunts_to_m = True, self._rng.uniform(train.front_m + LEAST_M, to_m)
         net.say("railway", f"train {train.address} is driven by hand to {train.shunts_to_m:.2f} m")
-        if how is Controller.LOST and self._rng.random() < 0.5:
+        if how is ManualController.LOST and self._rng.random() < 0.5:
             found_s = self._rng.uniform(0.0, 30.0)
             net.at(net.now_ns + int(found_s * NS_PER_S), lambda _: _finds_place(train))
         self._drives_on(train, how, closed)
 
-    def _drives_on(self, train: TrueTrain, how: Controller, closed: SpeedRestriction) -> None:
+    def _drives_on(self, train: TrueTrain, how: ManualController, closed: SpeedRestriction) -> None:
         net = self.world.net
         if self.over:
             train.shunts_to_m = min(train.shunts_to_m, train.front_m)
@@ -118,11 +118,11 @@ class ByHand:
         net.say("railway", f"train {train.address} stands at {train.front_m:.2f} m")
         self._ends(train, how, closed)
 
-    def _ends(self, train: TrueTrain, how: Controller, closed: SpeedRestriction) -> None:
+    def _ends(self, train: TrueTrain, how: ManualController, closed: SpeedRestriction) -> None:
         net = self.world.net
-        if how is Controller.LOST:
+        if how is ManualController.LOST:
             _finds_place(train)
-        elif how is Controller.OFF:
+        elif how is ManualController.OFF:
             wait_ns = 0 if self.over else int(self._rng.uniform(*DEAD_S) * NS_PER_S)
             net.at(net.now_ns + wait_ns, net.boot, train.address)
         open_ns = 0 if self.over else int(self._rng.uniform(*OPENED_S) * NS_PER_S)

@@ -10,8 +10,8 @@ from firmware_py.assertions import require_assertions
 from metro_hil.simulation.batch import cpu_ns
 from metro_hil.simulation.generate import FIRST_ARBITER, line_of_areas
 from metro_hil.simulation.model_nodes import EXPOSED, EXPOSED_ALL, EXPOSED_DEAF, LineStage, begin
-from metro_hil.simulation.protocol_nodes import Cast, T2tCrew
-from metro_hil.simulation.state_search import Bounds, Explorer, Found
+from metro_hil.simulation.protocol_nodes import LineParticipants, ProtocolNodes
+from metro_hil.simulation.state_search import Bounds, Explorer, SearchResult
 from vobc.train_to_train.vocabulary import T2tConfig
 
 SLOT_NS: Final = 25_000_000
@@ -55,13 +55,13 @@ MODELS: Final = (
 """`small` runs with the tests, all with `make explore`."""
 
 
-def search(model: Model) -> Found:
+def search(model: Model) -> SearchResult:
     """Every schedule within the model's bounds."""
     line = line_of_areas(1, objects=False)
     arbiters = tuple(range(FIRST_ARBITER, FIRST_ARBITER + model.arbiters))
     config = T2tConfig(arbiters=arbiters)
     fronts_m = {n + 1: 300.0 + 600.0 * n for n in range(model.trains)}
-    crew = T2tCrew(Cast(line, config, tuple(fronts_m)), 1)
+    crew = ProtocolNodes(LineParticipants(line, config, tuple(fronts_m)), 1)
     exposed: tuple[type, ...] = EXPOSED_DEAF if model.deaf_slots else EXPOSED
     if model.everything:
         exposed = EXPOSED_ALL
@@ -103,7 +103,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 1 if broken else 0
 
 
-def lines(model: Model, found: Found, cpu_s: float) -> list[str]:
+def lines(model: Model, found: SearchResult, cpu_s: float) -> list[str]:
     """For a person."""
     start = "from a line in order" if model.warm else "from the start"
     head = (

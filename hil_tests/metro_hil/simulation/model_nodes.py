@@ -4,14 +4,14 @@ from collections import Counter
 from collections.abc import Collection, Sequence
 from typing import Any, Final
 
-from metro_hil.simulation.authority_checks import Air, LeaseRules
+from metro_hil.simulation.authority_checks import AuthorityChecks, LeaseRules
 from metro_hil.simulation.checker import Checker
-from metro_hil.simulation.motion import Motion
-from metro_hil.simulation.node import Doom, Letter
-from metro_hil.simulation.protocol_nodes import Mute, T2tCrew, TrainNode
-from metro_hil.simulation.state_search import State
+from metro_hil.simulation.motion import SimulatedMotion
+from metro_hil.simulation.node import Doom, QueuedMessage
+from metro_hil.simulation.protocol_nodes import Mute, ProtocolNodes, TrainNode
+from metro_hil.simulation.state_search import SearchState
 from metro_hil.simulation.track import TrueTrack
-from metro_hil.simulation.true_train import Grant, TrueTrain
+from metro_hil.simulation.true_train import BrakeLoopGrant, TrueTrain
 from vobc.train_to_train.vocabulary import Role
 from zenoh_config.messages import WAYSIDE
 from zenoh_config.t2t import (
@@ -34,7 +34,7 @@ EXPOSED_ALL: Final = (*EXPOSED, AreaAuthority, TrainReport)
 """With what fences and promises travel in, too."""
 
 
-class Place:
+class NodePlace:
     """One node: what runs there, and its disk."""
 
     __slots__ = ("address", "boots", "disk", "drift_ppm", "grants", "machine", "offset_ns", "tuned")
@@ -44,7 +44,7 @@ class Place:
         self.offset_ns, self.drift_ppm = offset_ns, drift_ppm
         self.boots = 0
         self.machine: Any = None
-        self.grants: tuple[Grant, ...] = ()
+        self.grants: tuple[BrakeLoopGrant, ...] = ()
         self.tuned: Collection[int] | None = None
         """All are in one area."""
 
@@ -57,7 +57,7 @@ class LineStage:
 
     def __init__(
         self,
-        crew: T2tCrew,
+        crew: ProtocolNodes,
         fronts_m: dict[int, float],
         *,
         drifts_ppm: dict[int, int],
@@ -70,7 +70,10 @@ class LineStage:
         self.now_ns = 0
         trains = [
             TrueTrain(
-                address, Motion(0, front_m, emergency_mps2=1.0), length_m=80.0, half_width_m=2.0
+                address,
+                SimulatedMotion(0, front_m, emergency_mps2=1.0),
+                length_m=80.0,
+                half_width_m=2.0,
             )
             for address, front_m in fronts_m.items()
         ]
@@ -78,7 +81,7 @@ class LineStage:
         self._trains = {train.address: train for train in trains}
         self._checker = Checker(trains, crew.rules)
         timers = cast.config.timers
-        self._air = Air(
+        self._air = AuthorityChecks(
             LeaseRules(
                 timers.lease_ms * MILLION,
                 timers.drift_ratio,
@@ -91,7 +94,7 @@ class LineStage:
         self.addresses = (*cast.config.arbiters, WAYSIDE, *fronts_m)
         self.victims = (*cast.config.arbiters, *fronts_m)
         self._places = {
-            address: Place(
+            address: NodePlace(
                 address,
                 crew.installed(address),
                 10_000 * MILLION * (1 + index),
@@ -134,7 +137,7 @@ class LineStage:
 
     def step(
         self, address: int, now_ns: int, heard: Sequence[Any], doom: Doom | None
-    ) -> Sequence[Letter]:
+    ) -> Sequence[QueuedMessage]:
         place = self._places[address]
         self.now_ns = now_ns
         local_ns = place.local_ns(now_ns)
@@ -155,10 +158,10 @@ class LineStage:
             return ()
         if address in self._trains:
             self._apply(place, machine, local_ns)
-        letters: Sequence[Letter] = turn.letters
+        letters: Sequence[QueuedMessage] = turn.letters
         return letters[: (len(letters) + 1) // 2] if doom is Doom.WHILE_SENDING else letters
 
-    def _apply(self, place: Place, machine: TrainNode | Mute, local_ns: int) -> None:
+    def _apply(self, place: NodePlace, machine: TrainNode | Mute, local_ns: int) -> None:
         if machine.grants is place.grants:
             return
         place.grants = machine.grants
@@ -172,14 +175,14 @@ class LineStage:
         """Every train has an authority that is young enough."""
         return all(self._has_authority(self._places[address]) for address in self._trains)
 
-    def _has_authority(self, place: Place) -> bool:
+    def _has_authority(self, place: NodePlace) -> bool:
         now_ns = place.local_ns(self.now_ns)
         age_max_ns = self._crew.rules.age_max_ns
         return bool(place.grants) and now_ns - place.grants[0].stamp_ns <= age_max_ns
 
 
-def begin(stage: LineStage, now_ns: int) -> State:
+def begin(stage: LineStage, now_ns: int) -> SearchState:
     """All nodes booted at that instant."""
     for address in stage.addresses:
         stage.boot(address, now_ns)
-    return State(stage, (), ())
+    return SearchState(stage, (), ())

@@ -11,7 +11,7 @@ BUILD_UP_NS: Final = 900_000_000
 ROLL_BACK_MPS: Final = 0.4
 
 
-class Motion:
+class SimulatedMotion:
     """Front and speed of one train; it is told what to do and brought forward to any instant."""
 
     __slots__ = (

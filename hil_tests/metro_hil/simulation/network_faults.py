@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from metro_hil.simulation.event_queue import Network
+from metro_hil.simulation.event_queue import SimulatedNetwork
 from metro_hil.simulation.links import CLEAR, Weather
 from metro_hil.simulation.node import Doom
 
@@ -18,7 +18,7 @@ NS_PER_MS: Final = 1_000_000
 
 
 @dataclass(frozen=True, slots=True)
-class Scale:
+class FaultScale:
     """How bad it may get. The mean time between faults is drawn between the two ends."""
 
     between_s_min: float = 2.0
@@ -33,17 +33,17 @@ class Scale:
     """So bad the weather is all the time, now here and now there; 0: it is only now and then."""
 
 
-class Trouble:
+class NetworkFaults:
     """Begins faults on a network and ends them; `calm` ends all and begins none any more."""
 
     def __init__(
         self,
-        net: Network,
+        net: SimulatedNetwork,
         *,
         seed: int,
         victims: Sequence[int],
         revive: Callable[[int], None],
-        scale: Scale,
+        scale: FaultScale,
     ) -> None:
         """`revive` starts a dead node, by whatever it takes to do so."""
         self.net, self.victims, self.revive, self.scale = net, victims, revive, scale

@@ -5,12 +5,12 @@ from enum import Enum
 from typing import Any, Final, NamedTuple, Protocol
 
 from metro_hil.simulation.clocks import NodeClock
-from metro_hil.simulation.links import Link
+from metro_hil.simulation.links import SimulatedLink
 
 NEVER: Final = 2**62
 
 
-class Letter(NamedTuple):
+class QueuedMessage(NamedTuple):
     """A message and the nodes that hear it."""
 
     targets: Sequence[int]
@@ -19,10 +19,10 @@ class Letter(NamedTuple):
     """Not for those who are tuned to other topics only."""
 
 
-class Turn(NamedTuple):
+class NodeStep(NamedTuple):
     """What one step of a machine came to."""
 
-    letters: Sequence[Letter]
+    letters: Sequence[QueuedMessage]
     keep: Any
     """To be stored before the letters go out; the same object as before: nothing new."""
     due_ns: int
@@ -31,10 +31,10 @@ class Turn(NamedTuple):
     """What is to be done after storing and before sending."""
 
 
-class Machine(Protocol):
+class NodeMachine(Protocol):
     """Whatever runs on a node."""
 
-    def step(self, now_ns: int, heard: Sequence[Any]) -> Turn: ...
+    def step(self, now_ns: int, heard: Sequence[Any]) -> NodeStep: ...
 
 
 class Doom(Enum):
@@ -45,7 +45,7 @@ class Doom(Enum):
     WHILE_SENDING = "after it sent half"
 
 
-class Node:
+class SimulatedNode:
     """One process: its machine while it runs, its disk, its clock, its inbox."""
 
     __slots__ = (
@@ -55,11 +55,15 @@ class Node:
     )
 
     def __init__(
-        self, address: int, name: str, start: Callable[["Node", int], Machine], clock: NodeClock
+        self,
+        address: int,
+        name: str,
+        start: Callable[["SimulatedNode", int], NodeMachine],
+        clock: NodeClock,
     ) -> None:
         """`start` makes the machine from what is on the disk (None: empty), at a local instant."""
         self.address, self.name, self.start, self.clock = address, name, start, clock
-        self.machine: Machine | None = None
+        self.machine: NodeMachine | None = None
         self.minds: Callable[[Any], bool] | None = None
         """Whether it looks at once at a message that comes; the others wait in the inbox until it
         steps for another reason. None: at all. For the life of its machine."""
@@ -68,7 +72,7 @@ class Node:
         self.disk: Any = None
         self.boots = 0
         self.inbox: list[Any] = []
-        self.links: dict[int, Link] = {}
+        self.links: dict[int, SimulatedLink] = {}
         self.wake_ns = NEVER
         self.stopped_until_ns = 0
         self.slow_ns = 0

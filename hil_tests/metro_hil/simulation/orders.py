@@ -13,7 +13,7 @@ SERVICE: Final = frozenset((OrderKind.OUT_OF_SERVICE, OrderKind.IN_SERVICE))
 
 
 @dataclass(slots=True)
-class Order:
+class TrainOrder:
     """Of the master of an area, for a train; said again and again."""
 
     kind: OrderKind | None
@@ -24,7 +24,7 @@ class Order:
 
 
 @dataclass(slots=True)
-class Desk:
+class OrderSource:
     """Says them, in one life of the wayside."""
 
     boot: int
@@ -32,7 +32,7 @@ class Desk:
     """By area, the last that was heard."""
     _sequence: int = 0
 
-    def says(self, orders: Iterable[Order], now_ns: int) -> list[T2tMessage]:
+    def says(self, orders: Iterable[TrainOrder], now_ns: int) -> list[T2tMessage]:
         """To whoever commands each area at present, and to a train that has to know it itself: also
         where nobody commands if it may do so again.
         """
@@ -49,7 +49,9 @@ class Desk:
                 said.append(self._said(order, term, order.train, now_ns))
         return said
 
-    def _said(self, order: Order, term: int, to: int, now_ns: int, echo_ns: int = 0) -> T2tMessage:
+    def _said(
+        self, order: TrainOrder, term: int, to: int, now_ns: int, echo_ns: int = 0
+    ) -> T2tMessage:
         self._sequence += 1
         head = (SUPERVISION, to, order.area, term, self.boot, self._sequence, now_ns)
         if order.kind is None:

@@ -11,8 +11,8 @@ from dataclasses import dataclass, field
 from typing import Any, Final
 
 from metro_hil.simulation.checker import Rules
-from metro_hil.simulation.node import NEVER, Letter, Machine, Node, Turn
-from metro_hil.simulation.true_train import Grant, Reading
+from metro_hil.simulation.node import NEVER, NodeMachine, NodeStep, QueuedMessage, SimulatedNode
+from metro_hil.simulation.true_train import BrakeLoopGrant, OdometryReading
 
 NS_PER_MS: Final = 1_000_000
 CYCLE_NS: Final = 200 * NS_PER_MS
@@ -37,7 +37,7 @@ class Reply:
 class Report:
     train: int
     stamp_ns: int
-    reading: Reading
+    reading: OdometryReading
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +49,7 @@ class Authorization:
 
 
 @dataclass(frozen=True, slots=True)
-class Ruling:
+class MasterRuling:
     """Of the third party: this one stays master."""
 
     master: int
@@ -69,7 +69,7 @@ class PaperTrain:
 
     address: int
     settings: PaperSettings
-    grants: tuple[Grant, ...] = ()
+    grants: tuple[BrakeLoopGrant, ...] = ()
     master: bool = False
     _asking_until_ns: int | None = None
     _heard_master_ns: int = 0
@@ -77,8 +77,8 @@ class PaperTrain:
     _count: int = 0
     _reports: dict[int, Report] = field(default_factory=dict)
 
-    def step(self, now_ns: int, heard: Sequence[Any], reading: Reading) -> Turn:
-        said: list[Letter] = []
+    def step(self, now_ns: int, heard: Sequence[Any], reading: OdometryReading) -> NodeStep:
+        said: list[QueuedMessage] = []
         others = tuple(each for each in self.settings.trains if each != self.address)
         for message in heard:
             said += self._answer(message, now_ns)
@@ -86,23 +86,23 @@ class PaperTrain:
             self._due_ns = now_ns + CYCLE_NS
             report = Report(self.address, now_ns, reading)
             self._reports[self.address] = report
-            said.append(Letter(others, report))
+            said.append(QueuedMessage(others, report))
             said += self._decide(now_ns, others)
             if self.master:
                 said += self._authorize(now_ns)
-        return Turn(said, None, self._due_ns)
+        return NodeStep(said, None, self._due_ns)
 
-    def _answer(self, message: Any, now_ns: int) -> list[Letter]:
+    def _answer(self, message: Any, now_ns: int) -> list[QueuedMessage]:
         match message:
             case Ask(train):
-                return [Letter((train,), Reply(self.address, self.master))]
+                return [QueuedMessage((train,), Reply(self.address, self.master))]
             case Reply(_, is_master) if is_master:
                 self._asking_until_ns, self._heard_master_ns = None, now_ns
             case Report(train):
                 self._reports[train] = message
             case Authorization(_, issuer, end_m, echo_ns):
                 self._hold(end_m, issuer, echo_ns, now_ns)
-            case Ruling(master):
+            case MasterRuling(master):
                 self.master = master == self.address
         return []
 
@@ -110,19 +110,19 @@ class PaperTrain:
         """Any authorization is safe, so the newest is."""
         self._heard_master_ns = now_ns
         self._count += 1
-        self.grants = (Grant(end_m, 0, self._count, issuer, 1, echo_ns),)
+        self.grants = (BrakeLoopGrant(end_m, 0, self._count, issuer, 1, echo_ns),)
 
-    def _decide(self, now_ns: int, others: tuple[int, ...]) -> list[Letter]:
+    def _decide(self, now_ns: int, others: tuple[int, ...]) -> list[QueuedMessage]:
         if self.master or now_ns - self._heard_master_ns < SILENT_NS:
             return []
         if self._asking_until_ns is None:
             self._asking_until_ns = now_ns + ASKING_NS
-            return [Letter(others, Ask(self.address))]
+            return [QueuedMessage(others, Ask(self.address))]
         if now_ns >= self._asking_until_ns:
             self._asking_until_ns, self.master = None, True
         return []
 
-    def _authorize(self, now_ns: int) -> list[Letter]:
+    def _authorize(self, now_ns: int) -> list[QueuedMessage]:
         """To each train heard of, up to the train ahead of it."""
         letters = []
         for report in self._reports.values():
@@ -135,9 +135,11 @@ class PaperTrain:
             end_m = min([self.settings.line_end_m, *ahead_m])
             if report.train == self.address:
                 self._hold(end_m, self.address, report.stamp_ns, now_ns)
-                letters.append(Letter((self.settings.third_party,), self._told(report, end_m)))
+                letters.append(
+                    QueuedMessage((self.settings.third_party,), self._told(report, end_m))
+                )
             else:
-                letters.append(Letter((report.train,), self._told(report, end_m)))
+                letters.append(QueuedMessage((report.train,), self._told(report, end_m)))
         return letters
 
     def _told(self, report: Report, end_m: float) -> Authorization:
@@ -151,18 +153,20 @@ class ThirdParty:
     settings: PaperSettings
     _heard_ns: dict[int, int] = field(default_factory=dict)
 
-    def step(self, now_ns: int, heard: Sequence[Any]) -> Turn:
+    def step(self, now_ns: int, heard: Sequence[Any]) -> NodeStep:
         for message in heard:
             if isinstance(message, Authorization):
                 self._heard_ns[message.issuer] = now_ns
         masters = [each for each, at in self._heard_ns.items() if now_ns - at < SILENT_NS]
         if len(masters) < 2:
-            return Turn((), None, NEVER)
+            return NodeStep((), None, NEVER)
         self._heard_ns.clear()
-        return Turn([Letter(self.settings.trains, Ruling(min(masters)))], None, NEVER)
+        return NodeStep(
+            [QueuedMessage(self.settings.trains, MasterRuling(min(masters)))], None, NEVER
+        )
 
 
-class PaperCrew:
+class PaperNodes:
     """The paper's protocol on all nodes. It has no terms, so what is about terms is not judged."""
 
     rules: Final = Rules(age_max_ns=1500 * NS_PER_MS, unjudged=frozenset({"19", "20", "29"}))
@@ -170,14 +174,14 @@ class PaperCrew:
     def __init__(self, settings: PaperSettings) -> None:
         self._settings = settings
 
-    def train(self, node: Node, now_ns: int) -> PaperTrain:
+    def train(self, node: SimulatedNode, now_ns: int) -> PaperTrain:
         return PaperTrain(node.address, self._settings)
 
     def installed(self, address: int) -> None:
         return None
 
-    def wayside(self) -> Mapping[int, tuple[str, Callable[[Node, int], Machine]]]:
-        def start(node: Node, now_ns: int) -> Machine:
+    def wayside(self) -> Mapping[int, tuple[str, Callable[[SimulatedNode, int], NodeMachine]]]:
+        def start(node: SimulatedNode, now_ns: int) -> NodeMachine:
             return ThirdParty(self._settings)
 
         return {self._settings.third_party: ("third party", start)}

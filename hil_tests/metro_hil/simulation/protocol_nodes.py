@@ -8,16 +8,16 @@ from typing import Any, Final, Protocol
 from firmware_py.trackdb.areas import AreaMap
 from metro_hil.simulation.checker import Rules
 from metro_hil.simulation.coverage import Counting, answers, counted, told_kinds
-from metro_hil.simulation.node import NEVER, Letter, Machine, Turn
-from metro_hil.simulation.orders import Desk, Order
+from metro_hil.simulation.node import NEVER, NodeMachine, NodeStep, QueuedMessage
+from metro_hil.simulation.orders import OrderSource, TrainOrder
 from metro_hil.simulation.routes import Routes
 from metro_hil.simulation.track import TrueTrack
 from metro_hil.simulation.train_node import Protocolled
-from metro_hil.simulation.true_train import Grant, Reading
+from metro_hil.simulation.true_train import BrakeLoopGrant, OdometryReading
 from plant_emulator.wayside.arbiter import Arbiter, ArbiterGuards
 from plant_emulator.wayside.line_object import LineObject, ObjectGuards
 from plant_emulator.wayside.t2t_vocabulary import ArbiterMemory, ObjectMemory, WaysideStepped
-from plant_emulator.wayside.track import Track
+from plant_emulator.wayside.track import WaysideTrack
 from vobc.train_to_train.guards import TrainGuards
 from vobc.train_to_train.train import TrainCore
 from vobc.train_to_train.vocabulary import (
@@ -61,7 +61,7 @@ SAFE: Final = Guards()
 
 
 @dataclass(frozen=True, slots=True)
-class Cast:
+class LineParticipants:
     """Who takes part and what they believe."""
 
     line: AreaMap
@@ -74,7 +74,7 @@ WaysideDisk = tuple[int, tuple[tuple[int, ObjectMemory], ...]]
 """Incarnation, and what each object stored."""
 
 
-class Seat(Protocol):
+class MachineStart(Protocol):
     """What a machine is started on."""
 
     address: int
@@ -109,7 +109,7 @@ class TrainNode:
         routes: Routes,
         covered: Counter[str],
         age_max_ns: int,
-        seat: Seat,
+        seat: MachineStart,
     ) -> None:
         self.core = core
         self._seat = seat
@@ -122,11 +122,11 @@ class TrainNode:
         self._keep = memory
         self._routes = routes
         self._held: Any = None
-        self.grants: tuple[Grant, ...] = ()
+        self.grants: tuple[BrakeLoopGrant, ...] = ()
         self.last: Any = None
         """What the latest step came to."""
 
-    def step(self, now_ns: int, heard: Sequence[Any], reading: Reading) -> Turn:
+    def step(self, now_ns: int, heard: Sequence[Any], reading: OdometryReading) -> NodeStep:
         own = OwnTrain(
             reading.localised,
             reading.front_min_m,
@@ -157,7 +157,7 @@ class TrainNode:
         if held is not self._held and held != self._held:
             self._held = held
             self.grants = () if held is None else (_grant(held, self._keep),)
-        return Turn(self._routes.letters(stepped.out), self._keep, self.core.next_due_ns())
+        return NodeStep(self._routes.letters(stepped.out), self._keep, self.core.next_due_ns())
 
     def _changes(self, stepped: Stepped) -> None:
         covered = self._covered
@@ -185,23 +185,30 @@ class TrainNode:
 class Mute:
     """A train whose memory cannot be read takes no part: somebody has to come."""
 
-    grants: tuple[Grant, ...] = ()
+    grants: tuple[BrakeLoopGrant, ...] = ()
 
-    def step(self, now_ns: int, heard: Sequence[Any], reading: Reading) -> Turn:
-        return Turn((), None, NEVER)
+    def step(self, now_ns: int, heard: Sequence[Any], reading: OdometryReading) -> NodeStep:
+        return NodeStep((), None, NEVER)
 
 
-def _grant(held: Any, memory: TrainMemory) -> Grant:
+def _grant(held: Any, memory: TrainMemory) -> BrakeLoopGrant:
     seen = memory.of_area(held.area)
     issuer = seen.owner if seen.seen_term == held.term else NOBODY
-    return Grant(held.end_m, held.term, held.sequence, issuer, held.area, held.echo_ns, held.rear_m)
+    return BrakeLoopGrant(
+        held.end_m, held.term, held.sequence, issuer, held.area, held.echo_ns, held.rear_m
+    )
 
 
 class ArbiterNode:
     """One arbiter."""
 
     def __init__(
-        self, cast: Cast, routes: Routes, node: Seat, now_ns: int, crew: "T2tCrew"
+        self,
+        cast: LineParticipants,
+        routes: Routes,
+        node: MachineStart,
+        now_ns: int,
+        crew: "ProtocolNodes",
     ) -> None:
         self._address, self._crew = node.address, crew
         self._core = Arbiter(
@@ -217,21 +224,27 @@ class ArbiterNode:
         self._keep: ArbiterMemory | None = node.disk
         self._routes = routes
 
-    def step(self, now_ns: int, heard: Sequence[Any]) -> Turn:
+    def step(self, now_ns: int, heard: Sequence[Any]) -> NodeStep:
         stepped = self._core.step(now_ns, tuple(heard))
         if stepped.memory is not None:
             self._keep = stepped.memory
         told_kinds(stepped.out, self._crew.said)
         letters = self._routes.letters(stepped.out)
         self._crew.answered(self._address, heard, letters)
-        return Turn(letters, self._keep, NEVER)
+        return NodeStep(letters, self._keep, NEVER)
 
 
 class WaysideNode:
     """Interlocking and axle counters: all objects and the track in one process."""
 
     def __init__(
-        self, cast: Cast, routes: Routes, track: TrueTrack, node: Seat, now_ns: int, crew: "T2tCrew"
+        self,
+        cast: LineParticipants,
+        routes: Routes,
+        track: TrueTrack,
+        node: MachineStart,
+        now_ns: int,
+        crew: "ProtocolNodes",
     ) -> None:
         timers = cast.config.timers
         disk: WaysideDisk = node.disk if node.disk is not None else (1000 * node.boots, ())
@@ -253,11 +266,11 @@ class WaysideNode:
         }
         self._memories = kept
         self._keep: WaysideDisk = (self._boot, tuple(kept.items()))
-        self.status = Track(timers, cast.line, boot=self._boot, start_ns=now_ns)
+        self.status = WaysideTrack(timers, cast.line, boot=self._boot, start_ns=now_ns)
         self._beat_ns = timers.heartbeat_ms * NS_PER_MS
-        self._desk = Desk(self._boot)
+        self._desk = OrderSource(self._boot)
 
-    def step(self, now_ns: int, heard: Sequence[Any]) -> Turn:
+    def step(self, now_ns: int, heard: Sequence[Any]) -> NodeStep:
         out: list[T2tMessage] = []
         due_ns = now_ns + self._beat_ns
         moved: list[tuple[int, bool]] = []
@@ -299,7 +312,7 @@ class WaysideNode:
         out += self._desk.says(self._crew.orders, now_ns)
         self._crew.orders = [order for order in self._crew.orders if order.left > 0]
         told_kinds(out, self._crew.said)
-        return Turn(
+        return NodeStep(
             self._routes.letters(out),
             self._keep,
             due_ns,
@@ -313,10 +326,10 @@ def _concerns(message: T2tMessage, number: int, area: int) -> bool:
     return message.area == area and type(message) is not RemovalAnswer
 
 
-class T2tCrew:
+class ProtocolNodes:
     """All nodes of a line, started from what they stored."""
 
-    def __init__(self, cast: Cast, seed: int) -> None:
+    def __init__(self, cast: LineParticipants, seed: int) -> None:
         self.cast, self._seed = cast, seed
         self.said = Counter[str]()
         """What of the protocol nodes said and went through, by name, but for guards."""
@@ -330,13 +343,15 @@ class T2tCrew:
         self._routes = Routes(cast.trains)
         self.closed: tuple[Any, ...] = ()
         self.restrictions: tuple[Any, ...] = ()
-        self.orders: list[Order] = []
+        self.orders: list[TrainOrder] = []
         self.removals: dict[tuple[int, int], RemovalState] = {}
         """By area and train: what supervision was answered last."""
         self.track: TrueTrack | None = None
         self.true_ns: Callable[[], int] = lambda: 0
         self.move: Callable[[list[tuple[int, bool]]], None] = lambda moved: None
-        self.answered: Callable[[int, Sequence[Any], Sequence[Letter]], None] = lambda *_: None
+        self.answered: Callable[[int, Sequence[Any], Sequence[QueuedMessage]], None] = lambda *_: (
+            None
+        )
         """Told what an arbiter read, and what it says to that."""
 
     @property
@@ -361,7 +376,7 @@ class T2tCrew:
             "guards of masters": guards.master,
         }
 
-    def train(self, node: Seat, now_ns: int) -> Protocolled:
+    def train(self, node: MachineStart, now_ns: int) -> Protocolled:
         memory = node.disk
         if memory is None:
             return Mute()
@@ -385,11 +400,11 @@ class T2tCrew:
             return 0, tuple((site.number, ObjectMemory()) for site in self.cast.line.objects)
         return TrainMemory()
 
-    def wayside(self) -> Mapping[int, tuple[str, Callable[[Seat, int], Machine]]]:
-        def arbiter(node: Seat, now_ns: int) -> Machine:
+    def wayside(self) -> Mapping[int, tuple[str, Callable[[MachineStart, int], NodeMachine]]]:
+        def arbiter(node: MachineStart, now_ns: int) -> NodeMachine:
             return ArbiterNode(self.cast, self._routes, node, now_ns, self)
 
-        def wayside(node: Seat, now_ns: int) -> Machine:
+        def wayside(node: MachineStart, now_ns: int) -> NodeMachine:
             assert self.track is not None
             return WaysideNode(self.cast, self._routes, self.track, node, now_ns, self)
 

@@ -11,7 +11,7 @@ from typing import Final
 from metro_hil.simulation.depot import SEEN_NS, Depot, seen_gone
 from metro_hil.simulation.line_world import LineWorld
 from metro_hil.simulation.manual_driving import ByHand
-from metro_hil.simulation.orders import ORDER_REPEATS, Order
+from metro_hil.simulation.orders import ORDER_REPEATS, TrainOrder
 from metro_hil.simulation.removal import Sidings
 from zenoh_config.messages import SpeedRestriction
 from zenoh_config.t2t import OrderKind
@@ -35,7 +35,7 @@ def some_of(things: Sequence[Thing], rng: random.Random) -> list[Thing]:
     return [(name, kinds[name]) for name in chosen for _ in range(rng.choice((1, 1, 2, 4, 8)))]
 
 
-class Mischief:
+class RailwayEvents:
     """Begins things at random on a line world; `calm` undoes all and begins none any more."""
 
     def __init__(self, world: LineWorld, seed: int) -> None:
@@ -231,7 +231,7 @@ class Mischief:
     def _order(self, kind: OrderKind, train: int, left: int = ORDER_REPEATS) -> None:
         """In every area."""
         for area in self.world.drawn.cast.line.areas:
-            self.world.t2t.orders.append(Order(kind, area.number, train, left))
+            self.world.t2t.orders.append(TrainOrder(kind, area.number, train, left))
 
     def _remove_in_error(self) -> bool:
         """Somebody takes a train that is there for one that is not."""
@@ -244,7 +244,7 @@ class Mischief:
     def _switch_order(self) -> None:
         train = self._rng.choice(list(self.world.trains))
         area = self._rng.choice(self.world.drawn.cast.line.areas).number
-        self.world.t2t.orders.append(Order(OrderKind.SWITCH_MASTER, area, train))
+        self.world.t2t.orders.append(TrainOrder(OrderKind.SWITCH_MASTER, area, train))
         self._say(f"supervision wants train {train} to command area {area}")
 
     def _out_of_service(self) -> None:

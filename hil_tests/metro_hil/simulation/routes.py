@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from metro_hil.simulation.node import Letter
+from metro_hil.simulation.node import QueuedMessage
 from zenoh_config.messages import WAYSIDE
 from zenoh_config.t2t import BROADCAST, SUPERVISION, Heartbeat, T2tMessage
 
@@ -19,9 +19,9 @@ class Routes:
         # Whoever sits at a desk sits with the wayside.
         self._one: dict[int, tuple[int, ...]] = {SUPERVISION: (WAYSIDE,)}
 
-    def letters(self, out: Sequence[T2tMessage]) -> list[Letter]:
+    def letters(self, out: Sequence[T2tMessage]) -> list[QueuedMessage]:
         return [
-            Letter(
+            QueuedMessage(
                 self._targets(message),
                 message,
                 message.area if message.destination == BROADCAST else None,

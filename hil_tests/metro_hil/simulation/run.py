@@ -7,8 +7,8 @@ from typing import Final, Protocol
 
 from metro_hil.model.gc_tuning import rarely_collected
 from metro_hil.simulation.checker import ViolationError
-from metro_hil.simulation.network_faults import Scale, Trouble
-from metro_hil.simulation.world import World
+from metro_hil.simulation.network_faults import FaultScale, NetworkFaults
+from metro_hil.simulation.world import SimulatedLine
 
 NS_PER_S: Final = 1_000_000_000
 LOOK_NS: Final = 100_000_000
@@ -71,14 +71,14 @@ class Also(Protocol):
 
 def run_seed(
     seed: int,
-    world: World,
-    scale: Scale,
+    world: SimulatedLine,
+    scale: FaultScale,
     phases: Phases,
     cpu_ns: Callable[[], int],
     also: Sequence[Also] = (),
 ) -> RunResult:
     """To the end or to the first broken invariant. `cpu_ns` reads a clock of the processor."""
-    trouble = Trouble(
+    trouble = NetworkFaults(
         world.net,
         seed=seed,
         victims=tuple(world.net.nodes),
@@ -100,7 +100,7 @@ def run_seed(
     return result
 
 
-def _play(world: World, things: Sequence[Also], phases: Phases, result: RunResult) -> None:
+def _play(world: SimulatedLine, things: Sequence[Also], phases: Phases, result: RunResult) -> None:
     net = world.net
     for address in net.nodes:
         at_ns = int(world.rng.random() * phases.start_s * NS_PER_S)
@@ -124,7 +124,7 @@ def _play(world: World, things: Sequence[Also], phases: Phases, result: RunResul
         )
 
 
-def _sum_up(world: World, result: RunResult) -> None:
+def _sum_up(world: SimulatedLine, result: RunResult) -> None:
     net = world.net
     result.digest = net.trace.digest()
     result.simulated_s = net.now_ns / NS_PER_S

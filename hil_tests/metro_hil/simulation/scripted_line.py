@@ -7,10 +7,10 @@ from typing import Any, Final
 from firmware_py.trackdb.areas import AreaMap
 from metro_hil.simulation.generate import FIRST_ARBITER, SECTION_PIECES, Draw, line_of_areas
 from metro_hil.simulation.line_world import LineWorld
-from metro_hil.simulation.orders import Order
-from metro_hil.simulation.protocol_nodes import SAFE, Cast, Guards, TrainNode
+from metro_hil.simulation.orders import TrainOrder
+from metro_hil.simulation.protocol_nodes import SAFE, Guards, LineParticipants, TrainNode
 from metro_hil.simulation.trace import Teller
-from metro_hil.simulation.train_node import Cab
+from metro_hil.simulation.train_node import TrainNodeController
 from metro_hil.simulation.world import Setting
 from vobc.train_to_train.vocabulary import Role, T2tConfig, TrainMemory
 from zenoh_config.t2t import AreaAuthority, OrderKind
@@ -46,7 +46,7 @@ class Plot:
 
 
 @dataclass(slots=True)
-class Held:
+class HeldMessage:
     """A message that the scenario keeps back."""
 
     source: int
@@ -54,7 +54,7 @@ class Held:
     message: Any
 
 
-class Scene:
+class ScriptedLine:
     """The world and the words to direct it."""
 
     def __init__(self, plot: Plot, tell: Teller | None = None) -> None:
@@ -63,7 +63,7 @@ class Scene:
         )
         arbiters = tuple(range(FIRST_ARBITER, FIRST_ARBITER + plot.arbiters))
         config = T2tConfig(timers=plot.timers, arbiters=arbiters)
-        cast = Cast(line, config, tuple(plot.fronts_m), plot.guards)
+        cast = LineParticipants(line, config, tuple(plot.fronts_m), plot.guards)
         setting = Setting(
             plot.fronts_m,
             plot.stops_m,
@@ -75,7 +75,7 @@ class Scene:
         self.world = LineWorld(plot.seed, Draw(cast, setting), tell=tell)
         self.net = self.world.net
         self.arbiters = arbiters
-        self.held: list[Held] = []
+        self.held: list[HeldMessage] = []
         self._rules: list[Callable[[int, int, Any], int | None]] = []
 
     # -- time --------------------------------------------------------------------------------------
@@ -110,7 +110,7 @@ class Scene:
     def protocol(self, train: int) -> TrainNode | None:
         """None while its process is dead."""
         machine = self.net.nodes[train].machine
-        if isinstance(machine, Cab) and isinstance(machine.protocol, TrainNode):
+        if isinstance(machine, TrainNodeController) and isinstance(machine.protocol, TrainNode):
             return machine.protocol
         return None
 
@@ -142,7 +142,7 @@ class Scene:
     def held_term(self, train: int, area: int = 1) -> int:
         """Of the authority that its brake loop goes by; 0 without any."""
         machine = self.net.nodes[train].machine
-        grants = machine.grants if isinstance(machine, Cab) else ()
+        grants = machine.grants if isinstance(machine, TrainNodeController) else ()
         return max([grant.term for grant in grants if grant.area == area], default=0)
 
     def end_m(self, train: int) -> float | None:
@@ -208,7 +208,7 @@ class Scene:
         def rule(source: int, target: int, message: Any) -> int | None:
             if not wanted(source, target, message):
                 return 0
-            self.held.append(Held(source, target, message))
+            self.held.append(HeldMessage(source, target, message))
             return None
 
         self.rule(rule)
@@ -227,7 +227,7 @@ class Scene:
         )
 
     def order(self, kind: OrderKind, train: int, area: int = 1) -> None:
-        self.world.t2t.orders.append(Order(kind, area, train))
+        self.world.t2t.orders.append(TrainOrder(kind, area, train))
 
     def commanded(self, *, within_s: float) -> float:
         return self.until("somebody commands", lambda: self.master() is not None, within_s=within_s)

@@ -8,13 +8,13 @@ from metro_hil.simulation.batch import cpu_ns
 from metro_hil.simulation.event_queue import Codec
 from metro_hil.simulation.generate import FAULTS_S, draw
 from metro_hil.simulation.line_world import LineWorld
-from metro_hil.simulation.network_faults import Scale
+from metro_hil.simulation.network_faults import FaultScale
 from metro_hil.simulation.paper_line import paper_world
-from metro_hil.simulation.railway_events import Mischief
+from metro_hil.simulation.railway_events import RailwayEvents
 from metro_hil.simulation.run import Phases, RunResult, run_seed
-from metro_hil.simulation.trace import Story, Teller
+from metro_hil.simulation.trace import EventTranscript, Teller
 from metro_hil.simulation.wire import RealCodec
-from metro_hil.simulation.world import World
+from metro_hil.simulation.world import SimulatedLine
 
 PROTOCOLS: Final = ("line", "paper")
 BYTES_EVERY: Final = 8
@@ -22,7 +22,7 @@ BYTES_EVERY: Final = 8
 
 
 @dataclass(frozen=True, slots=True)
-class Job:
+class SeedJob:
     """Runs seeds; travels to worker processes."""
 
     phases: Phases
@@ -31,17 +31,17 @@ class Job:
     told: bool = False
 
     def __reduce__(self) -> tuple[object, ...]:
-        return Job, (self.phases, self.protocol, self.bytes_always, self.told)
+        return SeedJob, (self.phases, self.protocol, self.bytes_always, self.told)
 
     def __call__(self, seed: int) -> RunResult:
-        tell = Story(print) if self.told else None
+        tell = EventTranscript(print) if self.told else None
         world = self._world(seed, tell)
         faults_s, foul_share = FAULTS_S, 0.0
         if isinstance(world, LineWorld):
             faults_s, foul_share = world.drawn.faults_s, world.drawn.foul_share
         drift_ppm = random.Random(seed ^ 0x5CA1E).choice((0, 100, 1000))
-        scale = Scale(*faults_s, drift_ppm=drift_ppm, foul_share=foul_share)
-        also = [Mischief(world, seed)] if isinstance(world, LineWorld) else []
+        scale = FaultScale(*faults_s, drift_ppm=drift_ppm, foul_share=foul_share)
+        also = [RailwayEvents(world, seed)] if isinstance(world, LineWorld) else []
         result = run_seed(seed, world, scale, self.phases, cpu_ns, also)
         if isinstance(world, LineWorld):
             result.covered.update(world.t2t.covered)
@@ -54,7 +54,7 @@ class Job:
         minutes = self.phases.trouble_s / 60.0
         return words if minutes == 5.0 else [*words, f"--minutes {minutes:g}"]
 
-    def _world(self, seed: int, tell: Teller | None) -> World:
+    def _world(self, seed: int, tell: Teller | None) -> SimulatedLine:
         if self.protocol == "paper":
             return paper_world(seed, tell=tell)
         codec: Codec | None = None

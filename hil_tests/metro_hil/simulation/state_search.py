@@ -17,7 +17,7 @@ from hashlib import blake2b
 from typing import Any, Final, NamedTuple, Protocol
 
 from metro_hil.simulation.checker import ViolationError
-from metro_hil.simulation.node import Doom, Letter
+from metro_hil.simulation.node import Doom, QueuedMessage
 
 
 class Flight(NamedTuple):
@@ -58,7 +58,7 @@ NODE_FAULTS: Final = (
 )
 
 
-class Stage(Protocol):
+class SearchModel(Protocol):
     """A handful of nodes and their judge; everything that changes is in its attributes."""
 
     @property
@@ -73,7 +73,7 @@ class Stage(Protocol):
 
     def step(
         self, address: int, now_ns: int, heard: Sequence[Any], doom: Doom | None
-    ) -> Sequence[Letter]:
+    ) -> Sequence[QueuedMessage]:
         """One step of a node that runs. Raises ViolationError."""
 
     def boot(self, address: int, now_ns: int) -> None:
@@ -83,16 +83,16 @@ class Stage(Protocol):
         """Whether all is as it should be when nothing has gone wrong for a while."""
 
 
-class State(NamedTuple):
+class SearchState(NamedTuple):
     """Between two slots."""
 
-    stage: Stage
+    stage: SearchModel
     flights: tuple[Flight, ...]
     away: tuple[tuple[int, int, bool], ...]
     """Nodes that do not run: address, slot in which they run again, whether they died."""
 
 
-class Step(NamedTuple):
+class Deviation(NamedTuple):
     """One departure from the plain course, for the story."""
 
     slot: int
@@ -111,7 +111,7 @@ class Bounds:
 
 
 @dataclass(slots=True)
-class Found:
+class SearchResult:
     """What a search came to."""
 
     states: int = 0
@@ -121,7 +121,7 @@ class Found:
     ends: int = 0
     """Different states at the horizon, each followed until it was alive again."""
     broken: ViolationError | None = None
-    story: tuple[Step, ...] = ()
+    story: tuple[Deviation, ...] = ()
 
 
 class _Saver(pickle.Pickler):
@@ -151,9 +151,9 @@ class Explorer:
         self.bounds = bounds
         self._things = constants
         self._names = {id(thing): name for name, thing in constants.items()}
-        self.found = Found()
+        self.found = SearchResult()
 
-    def warm_up(self, start: State, slots: int) -> State:
+    def warm_up(self, start: SearchState, slots: int) -> SearchState:
         """So many slots without faults; the slots of the search go on from there."""
         state = start
         for slot in range(-slots, 0):
@@ -162,16 +162,18 @@ class Explorer:
             state = state._replace(flights=state.flights + tuple(_flights(sent, {}, slot)))
         return state
 
-    def search(self, start: State, *, told: Callable[[str], None] = lambda _: None) -> Found:
+    def search(
+        self, start: SearchState, *, told: Callable[[str], None] = lambda _: None
+    ) -> SearchResult:
         """Stops at the first broken invariant, with the departures that led to it."""
         found, bounds = self.found, self.bounds
-        layer: dict[bytes, tuple[bytes, int, tuple[Step, ...]]] = {}
+        layer: dict[bytes, tuple[bytes, int, tuple[Deviation, ...]]] = {}
         self._keep(layer, start, bounds.faults, ())
         try:
             for slot in range(bounds.slots):
                 found.states += len(layer)
                 told(f"slot {slot}: {len(layer)} states")
-                after: dict[bytes, tuple[bytes, int, tuple[Step, ...]]] = {}
+                after: dict[bytes, tuple[bytes, int, tuple[Deviation, ...]]] = {}
                 for blob, budget, story in layer.values():
                     for state, cost, steps in self._successors(blob, slot, budget, story):
                         self._keep(after, state, budget - cost, steps)
@@ -186,21 +188,21 @@ class Explorer:
 
     # -- states ------------------------------------------------------------------------------------
 
-    def _save(self, state: State) -> bytes:
+    def _save(self, state: SearchState) -> bytes:
         file = io.BytesIO()
         _Saver(file, self._names).dump(state)
         return file.getvalue()
 
-    def _load(self, blob: bytes) -> State:
-        state: State = _Loader(io.BytesIO(blob), self._things).load()
+    def _load(self, blob: bytes) -> SearchState:
+        state: SearchState = _Loader(io.BytesIO(blob), self._things).load()
         return state
 
     def _keep(
         self,
-        layer: dict[bytes, tuple[bytes, int, tuple[Step, ...]]],
-        state: State,
+        layer: dict[bytes, tuple[bytes, int, tuple[Deviation, ...]]],
+        state: SearchState,
         budget: int,
-        story: tuple[Step, ...],
+        story: tuple[Deviation, ...],
     ) -> None:
         """Of two ways to one state the one with more faults left sees all that the other sees."""
         blob = self._save(state)
@@ -212,11 +214,11 @@ class Explorer:
     # -- one slot ----------------------------------------------------------------------------------
 
     def _successors(
-        self, blob: bytes, slot: int, budget: int, story: tuple[Step, ...]
-    ) -> Iterator[tuple[State, int, tuple[Step, ...]]]:
+        self, blob: bytes, slot: int, budget: int, story: tuple[Deviation, ...]
+    ) -> Iterator[tuple[SearchState, int, tuple[Deviation, ...]]]:
         stage = self._load(blob).stage
         for hit in _node_choices(stage.victims, budget):
-            steps = story + tuple(Step(slot, f"{a}: {fault.name}") for a, fault in hit.items())
+            steps = story + tuple(Deviation(slot, f"{a}: {fault.name}") for a, fault in hit.items())
             state, letters = self._play(blob, slot, hit, steps)
             left = budget - len(hit)
             sent = [(target, each.message) for each in letters for target in each.targets]
@@ -229,15 +231,15 @@ class Explorer:
                 first = False
                 self.found.schedules += 1
                 told = tuple(
-                    Step(slot, f"{fate.name}, to {sent[index][0]}: {sent[index][1]}")
+                    Deviation(slot, f"{fate.name}, to {sent[index][0]}: {sent[index][1]}")
                     for index, fate in fates.items()
                 )
                 flights = state.flights + tuple(_flights(sent, fates, slot))
                 yield state._replace(flights=flights), len(hit) + len(fates), steps + told
 
     def _play(
-        self, blob: bytes, slot: int, hit: Mapping[int, NodeFault], story: tuple[Step, ...]
-    ) -> tuple[State, list[Letter]]:
+        self, blob: bytes, slot: int, hit: Mapping[int, NodeFault], story: tuple[Deviation, ...]
+    ) -> tuple[SearchState, list[QueuedMessage]]:
         state = self._load(blob)
         stage, now_ns = state.stage, slot * self.bounds.slot_ns
         away = {address: (until, died) for address, until, died in state.away}
@@ -249,7 +251,7 @@ class Explorer:
                 later.append(flight)
             elif not stopped:
                 inboxes[flight.target].append(flight.message)
-        letters: list[Letter] = []
+        letters: list[QueuedMessage] = []
         try:
             for address in stage.addresses:
                 until, died = away.get(address, (slot, False))
@@ -269,11 +271,11 @@ class Explorer:
                 doom = None if fault is None else fault.doom
                 letters += stage.step(address, now_ns, inboxes[address], doom)
         except ViolationError as error:
-            raise _BrokenError(error, (*story, Step(slot, "broken"))) from error
+            raise _BrokenError(error, (*story, Deviation(slot, "broken"))) from error
         gone = tuple(sorted((a, until, died) for a, (until, died) in away.items()))
-        return State(stage, tuple(later), gone), letters
+        return SearchState(stage, tuple(later), gone), letters
 
-    def _come_back(self, blob: bytes, story: tuple[Step, ...]) -> None:
+    def _come_back(self, blob: bytes, story: tuple[Deviation, ...]) -> None:
         """Without faults all is alive within the bound; it is not stuck."""
         state = self._load(blob)
         first = self.bounds.slots
@@ -288,7 +290,7 @@ class Explorer:
 
 
 class _BrokenError(Exception):
-    def __init__(self, violation: ViolationError, story: tuple[Step, ...]) -> None:
+    def __init__(self, violation: ViolationError, story: tuple[Deviation, ...]) -> None:
         super().__init__(str(violation))
         self.violation, self.story = violation, story
 

@@ -13,7 +13,7 @@ Teller = Callable[[int, str, str], None]
 """Takes the true instant, who, and what."""
 
 
-class Trace:
+class EventHash:
     """Numbers go into a running hash in the order in which they come."""
 
     __slots__ = ("_numbers", "_state", "note")
@@ -39,7 +39,7 @@ class Trace:
         self._numbers.clear()
 
 
-class Story:
+class EventTranscript:
     """Lines in the order of events: second, who, what."""
 
     def __init__(self, out: Callable[[str], None]) -> None:

@@ -5,10 +5,10 @@ from collections.abc import Sequence
 from typing import Any, Final, Protocol
 
 from metro_hil.simulation.checker import Checker
-from metro_hil.simulation.driving import Aim, demand_mps2, must_trip
-from metro_hil.simulation.event_queue import Network
-from metro_hil.simulation.node import Letter, Node, Turn
-from metro_hil.simulation.true_train import Grant, Reading, TrueTrain
+from metro_hil.simulation.driving import DrivingTarget, demand_mps2, must_trip
+from metro_hil.simulation.event_queue import SimulatedNetwork
+from metro_hil.simulation.node import NodeStep, QueuedMessage, SimulatedNode
+from metro_hil.simulation.true_train import BrakeLoopGrant, OdometryReading, TrueTrain
 
 CONTROL_NS: Final = 200_000_000
 SILENCE_NS: Final = 300_000_000
@@ -24,14 +24,14 @@ RELEASE_M: Final = 5.0
 class Protocolled(Protocol):
     """The protocol of one train, as the cab sees it."""
 
-    def step(self, now_ns: int, heard: Sequence[Any], reading: Reading) -> Turn: ...
+    def step(self, now_ns: int, heard: Sequence[Any], reading: OdometryReading) -> NodeStep: ...
 
     @property
-    def grants(self) -> Sequence[Grant]:
+    def grants(self) -> Sequence[BrakeLoopGrant]:
         """All must hold at once; none: the train must not move. The same object while unchanged."""
 
 
-class Listener(Protocol):
+class RadioListener(Protocol):
     """Judges what goes over the air."""
 
     def stepped(
@@ -40,28 +40,32 @@ class Listener(Protocol):
         now_ns: int,
         true_ns: int,
         heard: Sequence[Any],
-        letters: Sequence[Letter],
+        letters: Sequence[QueuedMessage],
     ) -> None: ...
 
-    def holds(self, address: int, grant: Grant) -> None: ...
+    def holds(self, address: int, grant: BrakeLoopGrant) -> None: ...
 
 
-class Cab:
+class TrainNodeController:
     """What runs on a train's node."""
 
     __slots__ = ("_checker", "_driver", "_net", "_train", "grants", "listener", "protocol")
 
     def __init__(
-        self, protocol: Protocolled, driver: "Driver", net: Network, checker: Checker
+        self,
+        protocol: Protocolled,
+        driver: "SimulatedDriver",
+        net: SimulatedNetwork,
+        checker: Checker,
     ) -> None:
         self.protocol = protocol
         self._train, self._driver = driver.train, driver
         self._net, self._checker = net, checker
-        self.listener: Listener | None = None
-        self.grants: Sequence[Grant] = ()
+        self.listener: RadioListener | None = None
+        self.grants: Sequence[BrakeLoopGrant] = ()
         """What the brake loop goes by."""
 
-    def step(self, now_ns: int, heard: Sequence[Any]) -> Turn:
+    def step(self, now_ns: int, heard: Sequence[Any]) -> NodeStep:
         self._train.motion.advance(self._net.now_ns)
         turn = self.protocol.step(now_ns, heard, self._train.reading())
         if self.listener is not None:
@@ -73,7 +77,7 @@ class Cab:
             return turn
         return turn._replace(apply=lambda: self._apply(grants, now_ns))
 
-    def _apply(self, grants: Sequence[Grant], now_ns: int) -> None:
+    def _apply(self, grants: Sequence[BrakeLoopGrant], now_ns: int) -> None:
         before, self.grants = self.grants, grants
         address = self._train.address
         areas = {grant.area for grant in grants}
@@ -90,7 +94,7 @@ class Cab:
                     self.listener.holds(address, grant)
         self._driver.supervises()
 
-    def _tell(self, grant: Grant) -> None:
+    def _tell(self, grant: BrakeLoopGrant) -> None:
         self._net.say(
             f"train {self._train.address}",
             f"may go to {grant.end_m:.2f} m: term {grant.term}, area {grant.area}, from "
@@ -98,7 +102,7 @@ class Cab:
         )
 
 
-class Driver:
+class SimulatedDriver:
     """Every control cycle of one train: watchdog, supervision, operation, stops."""
 
     __slots__ = (
@@ -109,8 +113,8 @@ class Driver:
     def __init__(
         self,
         train: TrueTrain,
-        node: Node,
-        net: Network,
+        node: SimulatedNode,
+        net: SimulatedNetwork,
         checker: Checker,
         *,
         stops_m: Sequence[float],
@@ -153,7 +157,9 @@ class Driver:
 
     def _by_hand_mps2(self, front_m: float, speed_mps: float) -> float:
         if self.train.shunts_to_m < math.inf:
-            return demand_mps2(front_m, speed_mps, Aim(SHUNTING_MPS, self.train.shunts_to_m))
+            return demand_mps2(
+                front_m, speed_mps, DrivingTarget(SHUNTING_MPS, self.train.shunts_to_m)
+            )
         return SHUNTING_MPS2 if speed_mps < SHUNTING_MPS else 0.0
 
     def _drive(self, now_ns: int) -> None:
@@ -162,7 +168,7 @@ class Driver:
         if not grants or not train.localised:
             self._trip(now_ns, "has no authority" if train.localised else "is lost")
             machine = self._node.machine
-            if machine is None or (isinstance(machine, Cab) and not machine.grants):
+            if machine is None or (isinstance(machine, TrainNodeController) and not machine.grants):
                 self._checker.gave_up(train.address)
             return
         end_m = min(grant.end_m for grant in grants)
@@ -196,7 +202,7 @@ class Driver:
         self._trip(now_ns, f"is too fast for its authority's end at {end_m:.2f} m")
         return True
 
-    def in_force(self, now_ns: int) -> tuple[Sequence[Grant], float]:
+    def in_force(self, now_ns: int) -> tuple[Sequence[BrakeLoopGrant], float]:
         """What may be acted on now, and the age of the oldest as a share of the limit."""
         node, train = self._node, self.train
         if self._net.runs(node.address):
@@ -204,7 +210,7 @@ class Driver:
         elif now_ns - train.heard_ns > SILENCE_NS:
             return (), 0.0
         machine = node.machine
-        if not isinstance(machine, Cab) or not machine.grants:
+        if not isinstance(machine, TrainNodeController) or not machine.grants:
             return (), 0.0
         grants = machine.grants
         local_ns = node.clock.local_ns(now_ns)
@@ -223,7 +229,7 @@ class Driver:
             self._net.say(f"train {train.address}", f"{why}: emergency brake")
         train.motion.apply_emergency(now_ns)
 
-    def _wanted_mps2(self, now_ns: int, reading: Reading, end_m: float) -> float:
+    def _wanted_mps2(self, now_ns: int, reading: OdometryReading, end_m: float) -> float:
         train, motion = self.train, self.train.motion
         stop_m = end_m - STOPPING_MARGIN_M - (reading.front_max_m - motion.front_m)
         if train.next_stop < len(self._stops_m):
@@ -237,4 +243,6 @@ class Driver:
                 train.next_stop += 1
             else:
                 stop_m = min(stop_m, station_m)
-        return demand_mps2(motion.front_m, motion.speed_mps, Aim(self._speed_max_mps, stop_m))
+        return demand_mps2(
+            motion.front_m, motion.speed_mps, DrivingTarget(self._speed_max_mps, stop_m)
+        )

@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
-from metro_hil.simulation.motion import Motion
+from metro_hil.simulation.motion import SimulatedMotion
 
 SERVICE_MPS2: Final = 0.6
 SERVICE_REACTION_S: Final = 2.0
@@ -16,7 +16,7 @@ ROLL_BACK_MAX_M: Final = 2.0
 AXLES: Final = 16
 
 
-class Reading(NamedTuple):
+class OdometryReading(NamedTuple):
     """What a train's own odometry tells its controller: intervals that hold the truth."""
 
     front_min_m: float
@@ -36,7 +36,7 @@ class Reading(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Grant:
+class BrakeLoopGrant:
     """What a train's brake loop goes by."""
 
     end_m: float
@@ -69,7 +69,7 @@ class TrueTrain:
     def __init__(
         self,
         address: int,
-        motion: Motion,
+        motion: SimulatedMotion,
         *,
         length_m: float,
         half_width_m: float,
@@ -125,7 +125,7 @@ class TrueTrain:
         most_m = self.motion.most_m
         return most_m + self._error_m(most_m) + self.half_width_m
 
-    def reading(self) -> Reading:
+    def reading(self) -> OdometryReading:
         """As of the instant to which the motion was brought forward.
 
         The error depends on the place alone and so slightly that the reading of a train which
@@ -135,7 +135,7 @@ class TrueTrain:
         front_m, half_m = motion.front_m, self.half_width_m
         error_m = self._error_m(front_m)
         middle_m = front_m + error_m
-        return Reading(
+        return OdometryReading(
             middle_m - half_m,
             middle_m + half_m,
             middle_m - half_m - self.length_m,

@@ -7,11 +7,16 @@ from typing import Final, Protocol
 
 from metro_hil.simulation.checker import Checker, Rules
 from metro_hil.simulation.clocks import NodeClock
-from metro_hil.simulation.event_queue import Codec, Network
-from metro_hil.simulation.motion import Motion
-from metro_hil.simulation.node import Machine, Node
+from metro_hil.simulation.event_queue import Codec, SimulatedNetwork
+from metro_hil.simulation.motion import SimulatedMotion
+from metro_hil.simulation.node import NodeMachine, SimulatedNode
 from metro_hil.simulation.trace import Teller
-from metro_hil.simulation.train_node import CONTROL_NS, Cab, Driver, Protocolled
+from metro_hil.simulation.train_node import (
+    CONTROL_NS,
+    Protocolled,
+    SimulatedDriver,
+    TrainNodeController,
+)
 from metro_hil.simulation.true_train import AXLES, Build, TrueTrain
 
 NS_PER_S: Final = 1_000_000_000
@@ -36,40 +41,40 @@ class Setting:
         return self.builds.get(train, Build(self.length_m, AXLES))
 
 
-class Crew(Protocol):
+class ProtocolUnderTest(Protocol):
     """The protocol under test, as nodes."""
 
     @property
     def rules(self) -> Rules: ...
 
-    def train(self, node: Node, now_ns: int) -> Protocolled: ...
+    def train(self, node: SimulatedNode, now_ns: int) -> Protocolled: ...
 
     def installed(self, address: int) -> object:
         """What is on the disk of a new node."""
 
-    def wayside(self) -> Mapping[int, tuple[str, Callable[[Node, int], Machine]]]:
+    def wayside(self) -> Mapping[int, tuple[str, Callable[[SimulatedNode, int], NodeMachine]]]:
         """By address: name and start of everything that is no train."""
 
 
-class World:
+class SimulatedLine:
     """All of it, built and started at true instant 0."""
 
     def __init__(
         self,
         seed: int,
         setting: Setting,
-        crew: Crew,
+        crew: ProtocolUnderTest,
         *,
         codec: Codec | None = None,
         tell: Teller | None = None,
     ) -> None:
         self.setting, self.crew = setting, crew
         self.rng = random.Random(seed ^ 0xA11)
-        self.net = Network(seed, codec=codec, tell=tell)
+        self.net = SimulatedNetwork(seed, codec=codec, tell=tell)
         self.trains = {
             address: TrueTrain(
                 address,
-                Motion(0, front_m, emergency_mps2=self.rng.uniform(1.0, 1.3)),
+                SimulatedMotion(0, front_m, emergency_mps2=self.rng.uniform(1.0, 1.3)),
                 length_m=setting.build(address).length_m,
                 half_width_m=self.rng.uniform(0.5, 5.0),
                 axles=setting.build(address).axles,
@@ -77,7 +82,7 @@ class World:
             for address, front_m in setting.fronts_m.items()
         }
         self.checker = Checker(self.trains.values(), crew.rules)
-        self.drivers: dict[int, Driver] = {}
+        self.drivers: dict[int, SimulatedDriver] = {}
         for address, (name, start) in crew.wayside().items():
             self._add(address, name, start)
         for address in self.trains:
@@ -88,24 +93,26 @@ class World:
         for address in self.net.nodes:
             self.net.boot(address)
 
-    def _start_train(self, node: Node, now_ns: int) -> Machine:
+    def _start_train(self, node: SimulatedNode, now_ns: int) -> NodeMachine:
         driver = self.drivers[node.address]
         driver.begins_anew()
-        return Cab(self.crew.train(node, now_ns), driver, self.net, self.checker)
+        return TrainNodeController(self.crew.train(node, now_ns), driver, self.net, self.checker)
 
-    def _add(self, address: int, name: str, start: Callable[[Node, int], Machine]) -> None:
+    def _add(
+        self, address: int, name: str, start: Callable[[SimulatedNode, int], NodeMachine]
+    ) -> None:
         drift = self.setting.drift_ppm
         clock = NodeClock(
             0, self.rng.randrange(LOCAL_START_NS_MAX), self.rng.randint(-drift, drift)
         )
-        node = Node(address, name, start, clock)
+        node = SimulatedNode(address, name, start, clock)
         node.disk = self.crew.installed(address)
         self.net.add(node)
 
     def _add_driver(self, address: int) -> None:
         train = self.trains[address]
         self.stops_next(train)
-        driver = Driver(
+        driver = SimulatedDriver(
             train,
             self.net.nodes[address],
             self.net,

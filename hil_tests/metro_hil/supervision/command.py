@@ -7,7 +7,7 @@ from typing import Final
 
 from firmware_py.clock.clock import WallClock
 from firmware_py.radio.credentials import load_credentials
-from firmware_py.radio.zenoh_radio import RadioError, Role, open_radio
+from firmware_py.radio.zenoh_radio import RadioError, SessionRole, open_radio
 from firmware_py.settings import SettingsError
 from firmware_py.trackdb.areas import AreaMap, load_areas
 from metro_hil.model.run_options import (
@@ -18,7 +18,7 @@ from metro_hil.model.run_options import (
     LINE_VERBS,
     train_number,
 )
-from metro_hil.supervision.console import Desk
+from metro_hil.supervision.console import SupervisionConsole
 from metro_hil.supervision.view import KMH, LineView
 from zenoh_config import t2t_keys
 from zenoh_config.codec import BENCH_KEY, safety_key
@@ -67,12 +67,12 @@ def _supervise(options: argparse.Namespace, areas: AreaMap) -> int:
     view = LineView(areas, key)
     topics = t2t_keys.of_supervision(areas.name)
     with open_radio(
-        *(Role.TRAIN, options.line_radio, topics, clock),
+        *(SessionRole.TRAIN, options.line_radio, topics, clock),
         secure=secure,
         watched_tokens=t2t_keys.tokens(areas.name),
     ) as port:
         view.tokens = lambda: port.present
-        desk = Desk(clock, view, port, key)
+        desk = SupervisionConsole(clock, view, port, key)
         if not desk.listen(SESSION_S, lambda: port.connected):
             also = "" if secure is None else ", and of the same authority"
             print(
@@ -97,7 +97,9 @@ def _check(options: argparse.Namespace, areas: AreaMap) -> None:
         raise SettingsError(f"{verb}: {stretch}: the stretch has to end behind its start")
 
 
-def _obey(options: argparse.Namespace, desk: Desk, view: LineView, clock: WallClock) -> int:
+def _obey(
+    options: argparse.Namespace, desk: SupervisionConsole, view: LineView, clock: WallClock
+) -> int:
     verb = options.verb
     if verb == "line":
         while options.watch:

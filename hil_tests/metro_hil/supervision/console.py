@@ -56,7 +56,7 @@ KEPT: Final = {
 }
 
 
-class Desk:
+class SupervisionConsole:
     def __init__(
         self, clock: WallClock, view: LineView, port: RadioPort, key: bytes = BENCH_KEY
     ) -> None:

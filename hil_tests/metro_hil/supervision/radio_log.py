@@ -34,7 +34,7 @@ OF_HEAD: Final = (*HEADER_FIELDS, "area", "term", "boot")
 Heard = T2tMessage | Message | Place | Refused
 
 
-class Entry(NamedTuple):
+class RadioEntry(NamedTuple):
     at_s: float
     """By the clock of the recorder, as it was logged."""
     key: str
@@ -51,13 +51,13 @@ class Entry(NamedTuple):
 
 
 class Chosen(NamedTuple):
-    entry: Entry
+    entry: RadioEntry
     start_s: float
     """Of the log it is from."""
 
 
 @dataclass(frozen=True, slots=True)
-class Choice:
+class RadioLogFilter:
     """What is looked at; what is empty chooses all."""
 
     kinds: frozenset[str] = frozenset()
@@ -69,7 +69,7 @@ class Choice:
     until_s: float = float("inf")
     """Seconds of the log, from its first message on."""
 
-    def takes(self, entry: Entry, start_s: float) -> bool:
+    def takes(self, entry: RadioEntry, start_s: float) -> bool:
         chunks, heard = entry.chunks, entry.heard
         if not self.since_s <= entry.at_s - start_s <= self.until_s:
             return False
@@ -92,7 +92,7 @@ def find_log(path: Path) -> Path:
     raise SettingsError(f"{path}: neither {LINE_LOG} nor {RADIO_LOG} is in it")
 
 
-def read_log(path: Path, key: bytes) -> Iterator[Entry]:
+def read_log(path: Path, key: bytes) -> Iterator[RadioEntry]:
     """Every message, also those that are damaged. Raises SettingsError naming file and line."""
     try:
         with path.open(newline="", encoding="utf-8") as file:
@@ -111,20 +111,20 @@ def read_log(path: Path, key: bytes) -> Iterator[Entry]:
         raise SettingsError(f"{path}: cannot be read: {reason}") from error
 
 
-def entry_of(at_s: float, topic: str, payload: bytes, key: bytes) -> Entry:
+def entry_of(at_s: float, topic: str, payload: bytes, key: bytes) -> RadioEntry:
     chunks = topic.split("/")
     heard: Heard
     if len(chunks) == 4 and chunks[2] == "x" and len(payload) == LAYOUT.size:
         heard = Place(*LAYOUT.unpack(payload))
     else:
         heard = unpack(payload, key)
-    return Entry(at_s, topic, len(payload), heard)
+    return RadioEntry(at_s, topic, len(payload), heard)
 
 
 # In words.
 
 
-def words_of(entry: Entry, start_s: float) -> str:
+def words_of(entry: RadioEntry, start_s: float) -> str:
     """One line: when, who to whom, where, under which term, what."""
     heard, at_s = entry.heard, entry.at_s - start_s
     if isinstance(heard, Refused):
@@ -181,7 +181,7 @@ class TrainFigures:
 
 
 @dataclass(slots=True)
-class Figures:
+class RadioFigures:
     trains: dict[int, TrainFigures] = field(default_factory=dict)
     terms: dict[int, list[tuple[float, int, int]]] = field(default_factory=dict)
     """By area: second, term and train of each new term."""
@@ -194,8 +194,8 @@ class Figures:
     """Of what was chosen; seconds of the log, as all of these."""
 
 
-def figures_of(chosen: Iterable[Chosen]) -> Figures:
-    found = Figures(start_s=float("inf"))
+def figures_of(chosen: Iterable[Chosen]) -> RadioFigures:
+    found = RadioFigures(start_s=float("inf"))
     echoes: dict[tuple[int, int], tuple[int, int]] = {}
     for entry, start_s in chosen:
         at_s, heard = entry.at_s - start_s, entry.heard
@@ -217,7 +217,7 @@ def figures_of(chosen: Iterable[Chosen]) -> Figures:
 
 
 def _add_authority(
-    found: Figures,
+    found: RadioFigures,
     heard: AreaAuthority,
     logged_s: float,
     at_s: float,

@@ -14,15 +14,15 @@ from firmware_py.radio.zenoh_radio import RadioError
 from firmware_py.settings import SettingsError
 from metro_hil.model.run_options import EXIT_ENVIRONMENT, EXIT_INTERRUPTED, EXIT_OK, EXIT_USAGE
 from metro_hil.supervision.radio_log import (
-    Choice,
     Chosen,
-    Figures,
+    RadioFigures,
+    RadioLogFilter,
     figures_of,
     find_log,
     read_log,
     words_of,
 )
-from metro_hil.supervision.radio_log_filter import Sieve
+from metro_hil.supervision.radio_log_filter import RadioLogSelection
 from metro_hil.supervision.radio_log_live import LiveLine
 from zenoh_config.codec import BENCH_KEY, safety_key
 from zenoh_config.secured import SUPERVISION_NAME
@@ -61,7 +61,7 @@ def _run(options: argparse.Namespace) -> int:
     if options.secure is not None:
         secure = load_credentials(options.secure, SUPERVISION_NAME, WallClock().epoch_ns())
         key = safety_key(secure.key_hex)
-    sieve = Sieve(_choice(options))
+    sieve = RadioLogSelection(_choice(options))
     if not options.live:
         path = find_log(options.log)
         title = path.parent.name or path.name
@@ -71,7 +71,7 @@ def _run(options: argparse.Namespace) -> int:
     return _listen(options, sieve, key)
 
 
-def _listen(options: argparse.Namespace, sieve: Sieve, key: bytes) -> int:
+def _listen(options: argparse.Namespace, sieve: RadioLogSelection, key: bytes) -> int:
     """Until Ctrl-C or --for; figures of what was heard by then."""
     interrupts = Interrupts()
     live = LiveLine(options.line, options.line_radio, options.secure, key)
@@ -88,7 +88,7 @@ def _listen(options: argparse.Namespace, sieve: Sieve, key: bytes) -> int:
     return EXIT_INTERRUPTED if interrupts.asked and not gathers else code
 
 
-def _wonder(sieve: Sieve, where: str, options: argparse.Namespace) -> None:
+def _wonder(sieve: RadioLogSelection, where: str, options: argparse.Namespace) -> None:
     for words in sieve.doubts(secured=options.secure is not None):
         print(f"vobc: {where}: {words}", file=sys.stderr)
 
@@ -106,8 +106,8 @@ def _refuse(options: argparse.Namespace) -> None:
             raise SettingsError(f"line-log: {words}")
 
 
-def _choice(options: argparse.Namespace) -> Choice:
-    return Choice(
+def _choice(options: argparse.Namespace) -> RadioLogFilter:
+    return RadioLogFilter(
         kinds=frozenset(options.kind),
         sources=frozenset(options.source),
         destinations=frozenset(options.to),
@@ -129,7 +129,7 @@ def _report(options: argparse.Namespace, chosen: Iterator[Chosen], title: str) -
     return EXIT_OK if options.plot is None else _draw(figures, options.plot, title)
 
 
-def _draw(figures: Figures, path: Path, title: str) -> int:
+def _draw(figures: RadioFigures, path: Path, title: str) -> int:
     from metro_hil.supervision.radio_log_plot import draw
 
     try:
@@ -141,7 +141,7 @@ def _draw(figures: Figures, path: Path, title: str) -> int:
     return EXIT_OK
 
 
-def stats_words(figures: Figures) -> list[str]:
+def stats_words(figures: RadioFigures) -> list[str]:
     """Who said how much, and how long trains waited."""
     said = [f"{'writer':>14} {'kind':<16} {'messages':>9} {'per s':>7} {'bytes':>6}"]
     span_s = max(figures.end_s - figures.start_s, 1e-9)

@@ -2,19 +2,19 @@
 
 from collections.abc import Iterable, Iterator
 
-from metro_hil.supervision.radio_log import Choice, Chosen, Entry
+from metro_hil.supervision.radio_log import Chosen, RadioEntry, RadioLogFilter
 from plant_emulator.wayside.detection import Place
 from zenoh_config.messages import Refused, RefusedReason
 
 
-class Sieve:
-    def __init__(self, choice: Choice | None = None) -> None:
-        self._choice = choice or Choice()
+class RadioLogSelection:
+    def __init__(self, choice: RadioLogFilter | None = None) -> None:
+        self._choice = choice or RadioLogFilter()
         self._heard = self._passed = 0
         self._coded = self._foreign = 0
         """What has a safety code, which places have not; and what has another one than ours."""
 
-    def pass_on(self, entries: Iterable[Entry]) -> Iterator[Chosen]:
+    def pass_on(self, entries: Iterable[RadioEntry]) -> Iterator[Chosen]:
         start_s = None
         for entry in entries:
             start_s = entry.at_s if start_s is None else start_s
@@ -23,7 +23,7 @@ class Sieve:
                 self._passed += 1
                 yield Chosen(entry, start_s)
 
-    def _count(self, entry: Entry) -> None:
+    def _count(self, entry: RadioEntry) -> None:
         heard = entry.heard
         self._heard += 1
         self._coded += not isinstance(heard, Place)

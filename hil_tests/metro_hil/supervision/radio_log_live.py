@@ -7,9 +7,9 @@ from typing import Final
 
 from firmware_py.clock.clock import WallClock
 from firmware_py.radio.credentials import load_credentials
-from firmware_py.radio.zenoh_radio import Role, open_radio
+from firmware_py.radio.zenoh_radio import SessionRole, open_radio
 from firmware_py.trackdb.areas import load_areas
-from metro_hil.supervision.radio_log import NS_PER_S, Entry, entry_of
+from metro_hil.supervision.radio_log import NS_PER_S, RadioEntry, entry_of
 from zenoh_config import t2t_keys
 from zenoh_config.secured import SUPERVISION_NAME
 
@@ -27,14 +27,14 @@ class LiveLine:
         self.reached = False
         """There was a session."""
 
-    def entries(self, duration_s: float, asked: Callable[[], bool]) -> Iterator[Entry]:
+    def entries(self, duration_s: float, asked: Callable[[], bool]) -> Iterator[RadioEntry]:
         """Until then, or until `asked`. Raises SettingsError, RadioError."""
         clock, secure, told = WallClock(), None, False
         if self._secure is not None:
             secure = load_credentials(self._secure, SUPERVISION_NAME, clock.epoch_ns())
         topics = t2t_keys.of_line(load_areas(self._line).name)
         with open_radio(
-            *(Role.TRAIN, self._endpoint, topics, clock),
+            *(SessionRole.TRAIN, self._endpoint, topics, clock),
             inbox_messages=INBOX_MESSAGES,
             secure=secure,
         ) as port:

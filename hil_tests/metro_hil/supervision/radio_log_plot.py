@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from metro_hil.supervision.radio_log import Figures
+from metro_hil.supervision.radio_log import RadioFigures
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -26,7 +26,7 @@ NAMES_MAX: Final = 14
 """In a column of a legend."""
 
 
-def draw(figures: Figures, path: Path, title: str) -> None:
+def draw(figures: RadioFigures, path: Path, title: str) -> None:
     """Raises OSError, and ValueError for an ending that is no picture."""
     import matplotlib as mpl
 
@@ -40,7 +40,7 @@ def draw(figures: Figures, path: Path, title: str) -> None:
         plt.close(figure)
 
 
-def picture(figures: Figures, title: str) -> "Figure":
+def picture(figures: RadioFigures, title: str) -> "Figure":
     import matplotlib.pyplot as plt
 
     figure, (latency, age, terms) = plt.subplots(
@@ -69,7 +69,7 @@ def picture(figures: Figures, title: str) -> "Figure":
     return figure
 
 
-def _draw_terms(figures: Figures, axes: "Axes") -> dict[int, Any]:
+def _draw_terms(figures: RadioFigures, axes: "Axes") -> dict[int, Any]:
     """The colour of each area's line. Lines are moved apart, as areas begin with the same term."""
     from matplotlib.ticker import MaxNLocator
     from matplotlib.transforms import offset_copy
@@ -95,7 +95,7 @@ def _draw_terms(figures: Figures, axes: "Axes") -> dict[int, Any]:
     return colours
 
 
-def _name_masters(figures: Figures, axes: "Axes", colours: dict[int, Any]) -> None:
+def _name_masters(figures: RadioFigures, axes: "Axes", colours: dict[int, Any]) -> None:
     """At each new term who commands, in the colour of the area."""
     changes = sorted(
         [(at_s, term, a, who) for a, each in figures.terms.items() for at_s, term, who in each]

@@ -17,7 +17,7 @@ from firmware_py.settings import SettingsError
 from metro_hil.model.run_options import EXIT_ENVIRONMENT, EXIT_INTERRUPTED, EXIT_OK, EXIT_USAGE
 from metro_hil.search.local import local_crew
 from metro_hil.tuning.leave import as_document, parameter_file, write_parameters
-from metro_hil.tuning.objective import CM_PER_M, Figures
+from metro_hil.tuning.objective import CM_PER_M, RunFigures
 from metro_hil.tuning.parameters import PARAMETERS, chosen_parameters, value_of
 from metro_hil.tuning.training import TRAINING, VALIDATION, Ground
 from metro_hil.tuning.tuner import METHODS, Tuned, Tuner, runs_in_all
@@ -168,7 +168,7 @@ NAMES: Final = (
 )
 
 
-def _cells(figures: Figures) -> tuple[str, ...]:
+def _cells(figures: RunFigures) -> tuple[str, ...]:
     return (
         _cm(figures.error_mean_m),
         _cm(figures.error_worst_m),

@@ -9,7 +9,7 @@ import tomli_w
 
 from firmware_py.settings import SettingsError, find, parse
 from metro_hil.model.run_folder import plain
-from metro_hil.tuning.objective import CM_PER_M, Figures
+from metro_hil.tuning.objective import CM_PER_M, RunFigures
 from metro_hil.tuning.training import Ground
 from metro_hil.tuning.tuner import Tuned
 from vobc.config import SHIPPED, load_config
@@ -65,7 +65,7 @@ def _comment(ground: Ground, tuned: Tuned, head: Mapping[str, object]) -> list[s
     return lines
 
 
-def _words(figures: Figures) -> str:
+def _words(figures: RunFigures) -> str:
     mean_m, worst_m = figures.error_mean_m, figures.error_worst_m
     if mean_m is None or worst_m is None:
         return f"no stop made in {figures.runs} runs"
@@ -81,7 +81,7 @@ def as_document(tuned: Tuned) -> dict[str, Any]:
 
 
 def plain_figures(value: object) -> object:
-    if isinstance(value, Figures):
+    if isinstance(value, RunFigures):
         return {name: getattr(value, name) for name in value.__struct_fields__}
     assert not dataclasses.is_dataclass(value)
     return value

@@ -27,7 +27,7 @@ REFUSED_CM: Final = 1.0e6
 """Settings that do not go together, and points that were not run."""
 
 
-class Figures(msgspec.Struct, frozen=True, kw_only=True):
+class RunFigures(msgspec.Struct, frozen=True, kw_only=True):
     """Of a set of runs."""
 
     runs: int
@@ -43,14 +43,14 @@ class Figures(msgspec.Struct, frozen=True, kw_only=True):
     """The most in one braking; None where there are no notches."""
 
 
-def figures_of(results: Sequence[CaseResult], *, notches: bool) -> Figures:
+def figures_of(results: Sequence[CaseResult], *, notches: bool) -> RunFigures:
     """
     Args:
         notches: the train is driven by notches; without them every cycle changes the command.
     """
     errors_m = _known(results, "stop_error_worst_m")
     changes = _known(results, "notch_changes_max_count") if notches else []
-    return Figures(
+    return RunFigures(
         runs=len(results),
         stops_missed=sum(map(_missed, results)),
         error_mean_m=_mean(_known(results, "stop_error_mean_m")),

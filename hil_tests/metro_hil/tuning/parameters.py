@@ -14,7 +14,7 @@ DIGITS: Final = 4
 
 
 @dataclass(frozen=True, slots=True)
-class Parameter:
+class TunedParameter:
     """One setting by dotted key; `low` and `high` in its own unit."""
 
     key: str
@@ -39,37 +39,39 @@ class Parameter:
         return (within - self.low) / (self.high - self.low)
 
 
-def _gains(prefix: str, kp: tuple[float, float], ki: tuple[float, float]) -> tuple[Parameter, ...]:
+def _gains(
+    prefix: str, kp: tuple[float, float], ki: tuple[float, float]
+) -> tuple[TunedParameter, ...]:
     return (
-        Parameter(f"{prefix}.kp_per_s", *kp, logarithmic=True),
-        Parameter(f"{prefix}.ki_per_s2", *ki, logarithmic=True),
+        TunedParameter(f"{prefix}.kp_per_s", *kp, logarithmic=True),
+        TunedParameter(f"{prefix}.ki_per_s2", *ki, logarithmic=True),
     )
 
 
 STOPPING: Final = (
-    Parameter("ato.braking.ease_jerk_mps3", 0.15, 0.55),
-    Parameter("ato.braking.plateau_decel_mps2", 0.2, 0.5),
-    Parameter("ato.braking.plateau_speed_mps", 1.0, 3.0),
-    Parameter("ato.braking.final_decel_mps2", 0.04, 0.15),
-    Parameter("ato.braking.correction_ratio", 2.0, 4.0),
-    Parameter("ato.braking.least_decel_mps2", 0.02, 0.06),
-    Parameter("ato.braking.decel_mps2", 0.5, 0.78),
+    TunedParameter("ato.braking.ease_jerk_mps3", 0.15, 0.55),
+    TunedParameter("ato.braking.plateau_decel_mps2", 0.2, 0.5),
+    TunedParameter("ato.braking.plateau_speed_mps", 1.0, 3.0),
+    TunedParameter("ato.braking.final_decel_mps2", 0.04, 0.15),
+    TunedParameter("ato.braking.correction_ratio", 2.0, 4.0),
+    TunedParameter("ato.braking.least_decel_mps2", 0.02, 0.06),
+    TunedParameter("ato.braking.decel_mps2", 0.5, 0.78),
 )
 """The braking of the predictive law, and of those that choose a speed and leave it the rest."""
 
-PARAMETERS: Final[Mapping[str, tuple[Parameter, ...]]] = {
+PARAMETERS: Final[Mapping[str, tuple[TunedParameter, ...]]] = {
     "chasing": (
-        Parameter("ato.chasing.dead_time_s", 0.3, 1.4),
-        Parameter("ato.chasing.lag_s", 0.15, 0.7, logarithmic=True),
-        Parameter("ato.chasing.chase_ratio", 0.1, 0.6, logarithmic=True),
-        Parameter("ato.chasing.small_decel_mps2", 0.15, 0.35),
-        Parameter("ato.chasing.chase_decel_mps2", 0.08, 0.15),
-        Parameter("ato.chasing.last_decel_mps2", 0.03, 0.08),
-        Parameter("ato.chasing.last_speed_mps", 0.08, 0.4),
-        Parameter("ato.chasing.decel_mps2", 0.4, 0.7),
-        Parameter("ato.chasing.dwell_s", 0.2, 1.2),
-        Parameter("ato.chasing.early_s", 0.0, 1.2),
-        Parameter("ato.chasing.quiet_band_mps", 0.05, 0.3),
+        TunedParameter("ato.chasing.dead_time_s", 0.3, 1.4),
+        TunedParameter("ato.chasing.lag_s", 0.15, 0.7, logarithmic=True),
+        TunedParameter("ato.chasing.chase_ratio", 0.1, 0.6, logarithmic=True),
+        TunedParameter("ato.chasing.small_decel_mps2", 0.15, 0.35),
+        TunedParameter("ato.chasing.chase_decel_mps2", 0.08, 0.15),
+        TunedParameter("ato.chasing.last_decel_mps2", 0.03, 0.08),
+        TunedParameter("ato.chasing.last_speed_mps", 0.08, 0.4),
+        TunedParameter("ato.chasing.decel_mps2", 0.4, 0.7),
+        TunedParameter("ato.chasing.dwell_s", 0.2, 1.2),
+        TunedParameter("ato.chasing.early_s", 0.0, 1.2),
+        TunedParameter("ato.chasing.quiet_band_mps", 0.05, 0.3),
     ),
     "green": STOPPING,
     "pid": (
@@ -77,20 +79,20 @@ PARAMETERS: Final[Mapping[str, tuple[Parameter, ...]]] = {
         *_gains("ato.pid.falling", (0.05, 1.2), (0.001, 0.2)),
         *_gains("ato.pid.constant", (0.05, 1.2), (0.001, 0.2)),
         *_gains("ato.pid.position", (0.02, 1.5), (0.001, 0.3)),
-        Parameter("ato.pid.position.kd_ratio", 0.05, 2.5, logarithmic=True),
-        Parameter("ato.pid.falling.kd_ratio", 0.0, 0.2),
-        Parameter("ato.pid.t2_speed_mps", 0.9, 1.8),
-        Parameter("ato.pid.t3_speed_mps", 0.55, 0.85),
-        Parameter("ato.pid.last_decel_mps2", 0.04, 0.1),
-        Parameter("ato.pid.decel_mps2", 0.4, 0.67),
-        Parameter("ato.pid.ease_jerk_mps3", 0.15, 0.55),
+        TunedParameter("ato.pid.position.kd_ratio", 0.05, 2.5, logarithmic=True),
+        TunedParameter("ato.pid.falling.kd_ratio", 0.0, 0.2),
+        TunedParameter("ato.pid.t2_speed_mps", 0.9, 1.8),
+        TunedParameter("ato.pid.t3_speed_mps", 0.55, 0.85),
+        TunedParameter("ato.pid.last_decel_mps2", 0.04, 0.1),
+        TunedParameter("ato.pid.decel_mps2", 0.4, 0.67),
+        TunedParameter("ato.pid.ease_jerk_mps3", 0.15, 0.55),
     ),
     "pid_literal": (
         *_gains("ato.pid_literal.rising", (0.1, 8.0), (0.001, 0.3)),
         *_gains("ato.pid_literal.falling", (0.05, 1.2), (0.001, 0.3)),
         *_gains("ato.pid_literal.constant", (0.05, 1.2), (0.001, 0.3)),
         *_gains("ato.pid_literal.position", (0.02, 1.5), (0.001, 0.4)),
-        Parameter("ato.pid_literal.position.kd_ratio", 0.05, 2.5, logarithmic=True),
+        TunedParameter("ato.pid_literal.position.kd_ratio", 0.05, 2.5, logarithmic=True),
     ),
     "power_limited": STOPPING,
     "predictive": STOPPING,
@@ -115,7 +117,7 @@ DEFAULTS: Final[Mapping[str, tuple[str, ...]]] = {
 """What is tuned when nothing is named: gains, or the shape of the last metres."""
 
 
-def chosen_parameters(law: str, keys: Sequence[str]) -> tuple[Parameter, ...]:
+def chosen_parameters(law: str, keys: Sequence[str]) -> tuple[TunedParameter, ...]:
     """Those named, in the order of the table; the law's default ones for none.
 
     Raises SettingsError for a law without a table or a key that is not in it.

@@ -9,11 +9,11 @@ from metro_hil.model.case import CaseResult
 from metro_hil.search.find import Evaluate
 from metro_hil.search.optimisers import OPTIMISERS, Optimiser, Shares
 from metro_hil.tuning.nelder_mead import NelderMead
-from metro_hil.tuning.objective import CM_PER_M, REFUSED_CM, Figures, cost_cm, figures_of
-from metro_hil.tuning.parameters import Parameter
+from metro_hil.tuning.objective import CM_PER_M, REFUSED_CM, RunFigures, cost_cm, figures_of
+from metro_hil.tuning.parameters import TunedParameter
 from metro_hil.tuning.training import TRAINING, VALIDATION, Ground
 
-__all__ = ["Figures", "Tuned", "Tuner"]
+__all__ = ["RunFigures", "Tuned", "Tuner"]
 
 METHODS: Final = ("nelder-mead", "cma-es")
 IN_VAIN_MAX: Final = 200
@@ -33,9 +33,9 @@ class Tuned(msgspec.Struct, frozen=True, kw_only=True):
     """Sets of settings that were run."""
     runs: int
     """In training."""
-    figures_before: Figures | None = None
+    figures_before: RunFigures | None = None
     """None when it was ended before the judging was done."""
-    figures_after: Figures | None = None
+    figures_after: RunFigures | None = None
 
 
 class Tuner:
@@ -44,7 +44,7 @@ class Tuner:
     def __init__(
         self,
         ground: Ground,
-        parameters: Sequence[Parameter],
+        parameters: Sequence[TunedParameter],
         before: Values,
         evaluate: Evaluate,
         *,
@@ -69,7 +69,7 @@ class Tuner:
         self._points = 0
         self._best: tuple[float, dict[str, float]] | None = None
         self._cost_before_cm = REFUSED_CM
-        self._judged: dict[str, Figures] = {}
+        self._judged: dict[str, RunFigures] = {}
 
     def _make_optimiser(self, method: str) -> Optimiser:
         if method == "nelder-mead":

@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from canlog.browse.lanes import KEPT_MAX, Lanes, lanes_of
-from canlog.browse.screen import Style, screen
+from canlog.browse.screen import ScreenStyle, screen
 from canlog.browse.spark import BLOCKS, BRAILLE, field, line, spans
-from canlog.browse.state import ACTIONS, Order, State, advance, press, shown
+from canlog.browse.state import ACTIONS, BrowserState, ListOrder, advance, press, shown
 from canlog.browse.terminal import key_names, styled
 from canlog.views.happenings import Happening
 from hil_tests.unit.canlog import canlog_rig as rig
@@ -19,20 +19,20 @@ MS: Final = 1_000_000
 SECOND: Final = 1_000 * MS
 
 
-def state_of(count: int = 5_000) -> State:
+def state_of(count: int = 5_000) -> BrowserState:
     """At the end of a log of random frames, one a millisecond, with the first message chosen."""
     lanes = lanes_of(rig.random_frames(count), rig.bus())
     events = (Happening(SECOND, "EMERGENCY_APPLIED", "too fast"), Happening(2 * SECOND, "MODE", ""))
-    state = State("log", lanes, 0, lanes.end_ns, happenings=events)
+    state = BrowserState("log", lanes, 0, lanes.end_ns, happenings=events)
     state.selected = 256
     return state
 
 
-def text_of(state: State, width: int = 120, height: int = 40) -> list[str]:
+def text_of(state: BrowserState, width: int = 120, height: int = 40) -> list[str]:
     return ["".join(words for _, words in row) for row in screen(state, width, height)]
 
 
-def row_of(state: State, name: str) -> list[tuple[Style, str]]:
+def row_of(state: BrowserState, name: str) -> list[tuple[ScreenStyle, str]]:
     return next(row for row in screen(state, 120, 40) if row and name in row[0][1])
 
 
@@ -55,9 +55,9 @@ def test_the_list_tells_the_last_frame_its_age_and_its_rate() -> None:
 def test_only_bytes_that_changed_are_marked() -> None:
     rows = [(0, 256, bytes([1, 2, 3, 4, 5, 6, 7, 8])), (MS, 256, bytes([1, 9, 3, 4, 5, 6, 7, 0]))]
     log = rig.log_of(rows)
-    state = State("log", lanes_of(log.frames, log.bus), 0, MS, selected=256)
+    state = BrowserState("log", lanes_of(log.frames, log.bus), 0, MS, selected=256)
 
-    marked = [words for style, words in row_of(state, "PLAIN") if style is Style.CHANGED]
+    marked = [words for style, words in row_of(state, "PLAIN") if style is ScreenStyle.CHANGED]
 
     assert marked == ["09", "00"]
 
@@ -65,11 +65,11 @@ def test_only_bytes_that_changed_are_marked() -> None:
 def test_a_message_that_is_overdue_is_red() -> None:
     """PLAIN comes every 10 ms and is stale after three periods."""
     log = rig.log_of([(0, 256, bytes(8)), (100 * MS, 257, bytes(8))])
-    state = State("log", lanes_of(log.frames, log.bus), 0, 100 * MS, selected=256)
+    state = BrowserState("log", lanes_of(log.frames, log.bus), 0, 100 * MS, selected=256)
 
     def red(at_ns: int) -> bool:
         state.go(at_ns)
-        return any(style is Style.BAD for style, _ in row_of(state, "PLAIN"))
+        return any(style is ScreenStyle.BAD for style, _ in row_of(state, "PLAIN"))
 
     assert [red(at * MS) for at in (0, 29, 31, 100)] == [False, False, True, True]
 
@@ -159,17 +159,17 @@ def test_the_order_of_the_list_is_by_identifier_name_rate_or_age() -> None:
     log = rig.log_of(
         [(n * MS, 257, bytes(8)) for n in range(100)] + [(99 * MS, 256, bytes(8)), (MS, 262, b"")]
     )
-    state = State("log", lanes_of(log.frames, log.bus), 0, 99 * MS, selected=256)
+    state = BrowserState("log", lanes_of(log.frames, log.bus), 0, 99 * MS, selected=256)
 
     orders = {}
-    for _ in Order:
+    for _ in ListOrder:
         orders[state.order] = [lane.name for lane in shown(state)]
         press(state, "s")
 
-    assert orders[Order.IDENTIFIER] == ["PLAIN", "WIDE", "ODD"]
-    assert orders[Order.NAME] == ["ODD", "PLAIN", "WIDE"]
-    assert orders[Order.RATE][0] == "WIDE"
-    assert orders[Order.AGE][-1] == "ODD"
+    assert orders[ListOrder.IDENTIFIER] == ["PLAIN", "WIDE", "ODD"]
+    assert orders[ListOrder.NAME] == ["ODD", "PLAIN", "WIDE"]
+    assert orders[ListOrder.RATE][0] == "WIDE"
+    assert orders[ListOrder.AGE][-1] == "ODD"
 
 
 def test_the_help_names_every_key_and_every_key_does_something() -> None:
@@ -200,7 +200,7 @@ def test_a_live_bus_forgets_the_oldest_and_counts_them() -> None:
 
 def test_a_frozen_bus_goes_on_hearing_and_shows_the_instant_it_was_frozen_at() -> None:
     lanes = Lanes(rig.bus(), {})
-    state = State("bus", lanes, 0, 0, live=True, running=True)
+    state = BrowserState("bus", lanes, 0, 0, live=True, running=True)
     lanes.feed([(MS, 256, 0, bytes(8))])
     advance(state, MS)
     press(state, "space")
@@ -249,6 +249,6 @@ def test_keys_of_a_terminal_have_names_and_unknown_ones_none() -> None:
 
 
 def test_without_colour_changes_are_still_to_be_seen() -> None:
-    row = [(Style.CHANGED, "09"), (Style.BAD, "late"), (Style.BOLD, "x")]
+    row = [(ScreenStyle.CHANGED, "09"), (ScreenStyle.BAD, "late"), (ScreenStyle.BOLD, "x")]
 
     assert styled(row, colour=False) == "\x1b[7m09\x1b[0mlate\x1b[1mx\x1b[0m"

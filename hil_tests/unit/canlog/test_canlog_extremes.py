@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from canlog.views import extremes
 from canlog.views.extremes import Pyramid, kept
-from canlog.views.traces import Trace
+from canlog.views.traces import SignalTrace
 
 samples = st.lists(
     st.tuples(st.integers(0, 40), st.floats(-1e6, 1e6) | st.just(float("nan"))),
@@ -78,7 +78,9 @@ def test_a_window_has_the_extremes_of_every_column(
         start_ns, end_ns = sorted(noise.uniform(900, at_ns[-1] + 100, 2).tolist())
         columns = int(noise.integers(1, 15))
 
-        window = Pyramid(Trace("x", "", at_ns, values), zero_ns=0).window(start_ns, end_ns, columns)
+        window = Pyramid(SignalTrace("x", "", at_ns, values), zero_ns=0).window(
+            start_ns, end_ns, columns
+        )
 
         width_ns = (end_ns - start_ns) / columns
         shown = list(zip(window.at_ns.tolist(), window.values.tolist(), strict=True))
@@ -97,7 +99,7 @@ def test_silence_breaks_the_picture_wherever_one_looks_from() -> None:
     """Ten thousand samples a millisecond apart with one second missing in the middle."""
     at_ns = np.arange(10_000, dtype=np.int64) * 1_000_000
     at_ns[5_000:] += 1_000_000_000
-    pyramid = Pyramid(Trace("x", "", at_ns, np.ones(10_000), gap_ns=50_000_000), zero_ns=0)
+    pyramid = Pyramid(SignalTrace("x", "", at_ns, np.ones(10_000), gap_ns=50_000_000), zero_ns=0)
 
     for columns in (10, 100, 1_000, 5_000):
         far = pyramid.window(0, 1.2e10, columns)

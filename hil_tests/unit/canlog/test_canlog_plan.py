@@ -15,7 +15,7 @@ from canlog.damage import LogError
 from canlog.database import parse_bus
 from canlog.drawn import DrawnDbc, bit_order, drawn_dbc
 from canlog.frames import EXTENDED, FD
-from canlog.plan import Plan, physical_of
+from canlog.plan import DecodingPlan, physical_of
 from canlog.rows import from_rows
 from canlog.table import Groups, Table
 
@@ -118,7 +118,7 @@ def test_the_kernel_and_numpy_give_the_same_values(seed: int) -> None:
         drawn.text, payloads, drawn.frame_id,
         (EXTENDED if drawn.extended else 0) | (FD if drawn.length > 8 else 0),
     )  # fmt: skip
-    plan = Plan(table.spec)
+    plan = DecodingPlan(table.spec)
 
     for name in table.names:
         compiled = plan.physical(name, table.payloads)

@@ -14,9 +14,9 @@ from canlog.rows import from_rows
 from canlog.views.happenings import happenings
 from canlog.views.place import at_instants, journey_of
 from canlog.views.plot import Picture, draw
-from canlog.views.span import Span, date_text
+from canlog.views.span import TimeSpan, date_text
 from canlog.views.traces import (
-    Trace,
+    SignalTrace,
     default_words,
     find_names,
     flags_text,
@@ -103,9 +103,9 @@ def test_one_sample_of_a_million_is_to_be_seen(tmp_path: Path) -> None:
         values[123_456] = peak
         # The same scale for both.
         values[[0, -1]] = 5.0
-        trace = Trace("x", "V", np.arange(1_000_000, dtype=np.int64) * MS, values)
+        trace = SignalTrace("x", "V", np.arange(1_000_000, dtype=np.int64) * MS, values)
         path = tmp_path / f"{peak}.png"
-        drawn = draw(Picture("", [[trace]], Span(0, 0, 10**12)), path)
+        drawn = draw(Picture("", [[trace]], TimeSpan(0, 0, 10**12)), path)
         assert drawn < 8_000
         pictures.append(matplotlib.image.imread(path))
 
@@ -126,7 +126,7 @@ def test_the_same_picture_is_the_same_file(tmp_path: Path) -> None:
     for suffix in (".png", ".svg"):
         files = [tmp_path / f"{n}{suffix}" for n in range(2)]
         for path in files:
-            draw(Picture("t", panels, Span(0, few.start_ns, few.end_ns)), path)
+            draw(Picture("t", panels, TimeSpan(0, few.start_ns, few.end_ns)), path)
         assert files[0].read_bytes() == files[1].read_bytes()
 
 
@@ -149,7 +149,7 @@ def test_the_command_draws_over_time_and_over_distance(
 
 
 def test_place_is_straight_between_its_samples_and_unknown_outside() -> None:
-    place = Trace("m", "m", np.array([0, 10, 20], np.int64), np.array([0.0, 100.0, 120.0]))
+    place = SignalTrace("m", "m", np.array([0, 10, 20], np.int64), np.array([0.0, 100.0, 120.0]))
     asked = np.array([-1, 0, 5, 15, 20, 21], np.int64)
 
     np.testing.assert_array_equal(at_instants(place, asked), [np.nan, 0, 50, 110, 120, np.nan])

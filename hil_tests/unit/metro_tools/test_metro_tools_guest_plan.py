@@ -12,9 +12,9 @@ import metro_tools.guest
 from metro_tools.guest.packages import merge_usr
 from metro_tools.guest.plan import (
     GuestError,
-    Machine,
+    GuestFolders,
+    GuestRequest,
     MemoryPlace,
-    Request,
     choose_memory,
     command_script,
     interface_name_fault,
@@ -23,7 +23,7 @@ from metro_tools.guest.plan import (
     settings_script,
 )
 
-MACHINE = Machine(
+MACHINE = GuestFolders(
     kernel=PurePath("/cache/kernel/linux"),
     busybox=PurePath("/cache/kernel/busybox"),
     modules=PurePath("/a b/modules"),
@@ -32,8 +32,8 @@ MACHINE = Machine(
 )
 
 
-def request(*command: str, environment: dict[str, str] | None = None) -> Request:
-    return Request(
+def request(*command: str, environment: dict[str, str] | None = None) -> GuestRequest:
+    return GuestRequest(
         command=command,
         directory="/",
         environment=environment or {},

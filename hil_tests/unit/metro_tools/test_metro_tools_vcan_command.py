@@ -9,7 +9,7 @@ import pytest
 from firmware_py.buses.embedded import ClientStatus, HubStatus
 from firmware_py.buses.errors import BusError
 from metro_tools import vcan
-from metro_tools.vcan_plan import CanSupport, Kernel, Link
+from metro_tools.vcan_plan import CanSupport, Kernel, KernelLink
 
 ABLE = Kernel(CanSupport.READY, "the module vcan is loaded", True, True, True, True)
 BARE = Kernel(CanSupport.ABSENT, "no CAN in its configuration", True, True, True, True)
@@ -20,7 +20,7 @@ class PaperWorld:
     """A machine on paper; what is done to it is written down."""
 
     given_kernel: Kernel
-    kernel_links: dict[str, Link] = field(default_factory=dict)
+    kernel_links: dict[str, KernelLink] = field(default_factory=dict)
     hubs: dict[str, HubStatus] = field(default_factory=dict)
     commands_work: bool = True
     hubs_start: bool = True
@@ -29,10 +29,10 @@ class PaperWorld:
     def kernel(self) -> Kernel:
         return self.given_kernel
 
-    def link(self, name: str) -> Link | None:
+    def link(self, name: str) -> KernelLink | None:
         return self.kernel_links.get(name)
 
-    def links(self) -> list[Link]:
+    def links(self) -> list[KernelLink]:
         return list(self.kernel_links.values())
 
     def run(self, words: Sequence[str]) -> bool:
@@ -104,7 +104,7 @@ def test_without_a_kernel_vcan_up_says_why_and_starts_the_embedded_bus(
 def test_up_twice_is_fine_either_way(capsys: pytest.CaptureFixture[str]) -> None:
     embedded = PaperWorld(BARE, hubs={"vcan0": hub("vcan0")})
     kernel = PaperWorld(
-        ABLE, kernel_links={"vcan0": Link("vcan0", "vcan", is_up=True, is_ours=True)}
+        ABLE, kernel_links={"vcan0": KernelLink("vcan0", "vcan", is_up=True, is_ours=True)}
     )
 
     assert run(embedded, "up") == 0
@@ -154,7 +154,7 @@ def test_a_wrong_command_line_ends_with_2(
 
 
 def test_an_interface_of_another_kind_blocks_both_ways(capsys: pytest.CaptureFixture[str]) -> None:
-    links = {"eth0": Link("eth0", "ether", is_up=True, is_ours=False)}
+    links = {"eth0": KernelLink("eth0", "ether", is_up=True, is_ours=False)}
 
     for kind in ("auto", "kernel", "embedded"):
         world = PaperWorld(BARE, kernel_links=links)
@@ -178,7 +178,7 @@ def test_down_stops_the_hub_that_up_started_but_not_that_of_a_run(
 
 def test_down_deletes_the_interface_that_up_made() -> None:
     world = PaperWorld(
-        ABLE, kernel_links={"vcan0": Link("vcan0", "vcan", is_up=True, is_ours=True)}
+        ABLE, kernel_links={"vcan0": KernelLink("vcan0", "vcan", is_up=True, is_ours=True)}
     )
 
     assert run(world, "down") == 0
@@ -189,7 +189,9 @@ def test_down_deletes_the_interface_that_up_made() -> None:
 def test_status_lists_every_bus_and_what_to_call_it(capsys: pytest.CaptureFixture[str]) -> None:
     world = PaperWorld(
         ABLE,
-        kernel_links={"can0": Link("can0", "can", is_up=False, is_ours=False, frames=9, dropped=2)},
+        kernel_links={
+            "can0": KernelLink("can0", "can", is_up=False, is_ours=False, frames=9, dropped=2)
+        },
         hubs={"vcan0": hub("vcan0")},
     )
 
@@ -224,7 +226,7 @@ def test_status_of_one_bus_tells_by_its_exit_code_whether_it_is_up(
 ) -> None:
     world = PaperWorld(
         ABLE,
-        kernel_links={"vcan1": Link("vcan1", "vcan", is_up=False, is_ours=False)},
+        kernel_links={"vcan1": KernelLink("vcan1", "vcan", is_up=False, is_ours=False)},
         hubs={"vcan0": hub("vcan0")},
     )
 

@@ -11,10 +11,10 @@ from metro_tools.vcan_plan import (
     CanSupport,
     Commands,
     Kernel,
-    Link,
-    Missing,
+    KernelLink,
+    NameTaken,
+    NotAvailable,
     Nothing,
-    Taken,
     name_fault,
     plan_down,
     plan_up,
@@ -39,7 +39,7 @@ kernels = st.builds(
     may_load=st.booleans(),
 )
 links = st.none() | st.builds(
-    Link,
+    KernelLink,
     name=st.just("vcan0"),
     kind=st.sampled_from(["vcan", "can", "vxcan", "ether"]),
     is_up=st.booleans(),
@@ -52,7 +52,7 @@ class PaperMachine:
     """Does what a real one does with these commands, and refuses what a real one refuses."""
 
     kernel: Kernel
-    links: dict[str, Link] = field(default_factory=dict)
+    links: dict[str, KernelLink] = field(default_factory=dict)
 
     def run(self, words: tuple[str, ...]) -> None:
         match words:
@@ -65,7 +65,7 @@ class PaperMachine:
                 self._check_rights()
                 assert self.kernel.support is CanSupport.READY
                 assert name not in self.links
-                self.links[name] = Link(name, "vcan", is_up=False, is_ours=False)
+                self.links[name] = KernelLink(name, "vcan", is_up=False, is_ours=False)
             case ("ip", "link", "set", "dev", name, "alias", "made by vcan up"):
                 self._check_rights()
                 self.links[name] = replace(self.links[name], is_ours=True)
@@ -84,7 +84,9 @@ class PaperMachine:
 
 
 @given(kernels, links)
-def test_what_is_planned_for_up_works_and_is_idempotent(kernel: Kernel, link: Link | None) -> None:
+def test_what_is_planned_for_up_works_and_is_idempotent(
+    kernel: Kernel, link: KernelLink | None
+) -> None:
     step = plan_up("vcan0", kernel, link)
 
     machine = PaperMachine(kernel, {} if link is None else {"vcan0": link})
@@ -97,12 +99,14 @@ def test_what_is_planned_for_up_works_and_is_idempotent(kernel: Kernel, link: Li
 
 
 @given(kernels, links)
-def test_up_gives_in_only_where_something_is_missing(kernel: Kernel, link: Link | None) -> None:
+def test_up_gives_in_only_where_something_is_missing(
+    kernel: Kernel, link: KernelLink | None
+) -> None:
     """With everything at hand there is always a way, unless the name belongs to something else."""
     step = plan_up("vcan0", kernel, link)
 
     if link is not None and link.kind != "vcan":
-        assert isinstance(step, Taken)
+        assert isinstance(step, NameTaken)
     elif link is not None and link.is_up:
         assert isinstance(step, Nothing)
     else:
@@ -112,7 +116,7 @@ def test_up_gives_in_only_where_something_is_missing(kernel: Kernel, link: Link 
             can = can and kernel.support is not CanSupport.ABSENT
         if loads:
             can = can and kernel.has_modprobe and kernel.may_load
-        assert isinstance(step, Commands if can else Missing)
+        assert isinstance(step, Commands if can else NotAvailable)
 
 
 @given(kernels)
@@ -135,9 +139,9 @@ def test_down_takes_back_what_up_made(kernel: Kernel) -> None:
 
 @given(kernels, st.sampled_from(["vcan", "can", "vxcan", "ether"]), st.booleans())
 def test_down_never_removes_what_up_did_not_make(kernel: Kernel, kind: str, is_up: bool) -> None:
-    step = plan_down("vcan0", kernel, Link("vcan0", kind, is_up=is_up, is_ours=False))
+    step = plan_down("vcan0", kernel, KernelLink("vcan0", kind, is_up=is_up, is_ours=False))
 
-    assert isinstance(step, Taken)
+    assert isinstance(step, NameTaken)
 
 
 @pytest.mark.parametrize(
@@ -153,7 +157,7 @@ def test_down_never_removes_what_up_did_not_make(kernel: Kernel, kind: str, is_u
 def test_it_is_said_exactly_what_is_missing(lacking: dict[str, Any], words: str) -> None:
     step = plan_up("vcan0", replace(ALL, **lacking), None)
 
-    assert isinstance(step, Missing)
+    assert isinstance(step, NotAvailable)
     assert words in step.reason
 
 
@@ -162,7 +166,7 @@ def test_without_rights_the_whole_recipe_is_there_to_be_typed() -> None:
 
     step = plan_up("vcan0", kernel, None)
 
-    assert isinstance(step, Missing)
+    assert isinstance(step, NotAvailable)
     assert step.remedy == (
         "sudo modprobe vcan",
         "sudo ip link add dev vcan0 type vcan",
@@ -172,9 +176,9 @@ def test_without_rights_the_whole_recipe_is_there_to_be_typed() -> None:
 
 
 def test_a_physical_interface_is_not_touched_and_its_use_is_told() -> None:
-    step = plan_up("can0", ALL, Link("can0", "can", is_up=False, is_ours=False))
+    step = plan_up("can0", ALL, KernelLink("can0", "can", is_up=False, is_ours=False))
 
-    assert isinstance(step, Taken)
+    assert isinstance(step, NameTaken)
     assert "--bus socketcan:can0" in step.text
 
 

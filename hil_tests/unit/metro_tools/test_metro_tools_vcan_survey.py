@@ -6,26 +6,28 @@ from pathlib import Path
 import pytest
 
 from metro_tools.vcan_plan import CanSupport
-from metro_tools.vcan_survey import Places, can_links, find_link, survey_kernel
+from metro_tools.vcan_survey import SystemPaths, can_links, find_link, survey_kernel
 
 RELEASE = "6.1.0-test"
 
 
 @pytest.fixture
-def machine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Places:
+def machine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> SystemPaths:
     """A machine without anything, and without programs."""
     monkeypatch.setenv("PATH", "")
-    return Places(root=tmp_path, release=RELEASE)
+    return SystemPaths(root=tmp_path, release=RELEASE)
 
 
-def put(machine: Places, path: str, text: str) -> Path:
+def put(machine: SystemPaths, path: str, text: str) -> Path:
     file = machine.root / path
     file.parent.mkdir(parents=True, exist_ok=True)
     file.write_text(text)
     return file
 
 
-def put_link(machine: Places, name: str, device: str, *, kind: int = 280, flags: int = 0) -> Path:
+def put_link(
+    machine: SystemPaths, name: str, device: str, *, kind: int = 280, flags: int = 0
+) -> Path:
     """A network interface as /sys shows it: a link to its place among the devices."""
     folder = machine.root / "sys/devices" / device / "net" / name
     (folder / "statistics").mkdir(parents=True)
@@ -37,20 +39,20 @@ def put_link(machine: Places, name: str, device: str, *, kind: int = 280, flags:
     return folder
 
 
-def test_a_loaded_module_is_ready(machine: Places) -> None:
+def test_a_loaded_module_is_ready(machine: SystemPaths) -> None:
     (machine.root / "sys/module/vcan").mkdir(parents=True)
 
     assert survey_kernel(machine).support is CanSupport.READY
 
 
-def test_a_built_in_module_is_ready(machine: Places) -> None:
+def test_a_built_in_module_is_ready(machine: SystemPaths) -> None:
     put(machine, f"lib/modules/{RELEASE}/modules.builtin", "kernel/drivers/net/can/vcan.ko\n")
 
     assert survey_kernel(machine).support is CanSupport.READY
 
 
 @pytest.mark.parametrize("suffix", ["", ".xz", ".zst"])
-def test_a_module_on_disk_is_loadable(machine: Places, suffix: str) -> None:
+def test_a_module_on_disk_is_loadable(machine: SystemPaths, suffix: str) -> None:
     line = (
         f"kernel/drivers/net/can/vcan.ko{suffix}: kernel/drivers/net/can/dev/can-dev.ko{suffix}\n"
     )
@@ -59,7 +61,7 @@ def test_a_module_on_disk_is_loadable(machine: Places, suffix: str) -> None:
     assert survey_kernel(machine).support is CanSupport.LOADABLE
 
 
-def test_what_only_depends_on_another_module_is_not_it(machine: Places) -> None:
+def test_what_only_depends_on_another_module_is_not_it(machine: SystemPaths) -> None:
     line = "kernel/net/can/gw.ko: kernel/drivers/net/can/vcan.ko\nkernel/net/xvcan.ko:\n"
     put(machine, f"lib/modules/{RELEASE}/modules.dep", line)
 
@@ -69,7 +71,7 @@ def test_what_only_depends_on_another_module_is_not_it(machine: Places) -> None:
     assert "modules.dep" in kernel.evidence
 
 
-def test_absence_is_shown_by_the_configuration(machine: Places) -> None:
+def test_absence_is_shown_by_the_configuration(machine: SystemPaths) -> None:
     path = machine.root / "proc/config.gz"
     path.parent.mkdir()
     path.write_bytes(gzip.compress(b"CONFIG_NET=y\n# CONFIG_CAN is not set\n"))
@@ -80,13 +82,13 @@ def test_absence_is_shown_by_the_configuration(machine: Places) -> None:
     assert f"no {machine.root}/lib/modules/{RELEASE}" in evidence
 
 
-def test_absence_is_shown_by_the_configuration_in_boot(machine: Places) -> None:
+def test_absence_is_shown_by_the_configuration_in_boot(machine: SystemPaths) -> None:
     put(machine, f"boot/config-{RELEASE}", "CONFIG_CAN=m\n# CONFIG_CAN_VCAN is not set\n")
 
     assert "# CONFIG_CAN_VCAN is not set" in survey_kernel(machine).evidence
 
 
-def test_a_torn_configuration_is_no_evidence_and_no_fault(machine: Places) -> None:
+def test_a_torn_configuration_is_no_evidence_and_no_fault(machine: SystemPaths) -> None:
     path = machine.root / "proc/config.gz"
     path.parent.mkdir()
     path.write_bytes(gzip.compress(b"# CONFIG_CAN is not set\n")[:-9])
@@ -99,7 +101,7 @@ def test_a_torn_configuration_is_no_evidence_and_no_fault(machine: Places) -> No
     [(0, False, False), (1 << 12, True, False), (1 << 16, False, True), (2**41 - 1, True, True)],
 )
 def test_rights_are_the_effective_capabilities(
-    machine: Places, mask: int, configure: bool, load: bool
+    machine: SystemPaths, mask: int, configure: bool, load: bool
 ) -> None:
     put(machine, "proc/self/status", f"Name:\tx\nCapPrm:\t{2**41 - 1:016x}\nCapEff:\t{mask:016x}\n")
 
@@ -110,7 +112,7 @@ def test_rights_are_the_effective_capabilities(
     assert not kernel.has_modprobe
 
 
-def test_links_are_told_apart_without_any_program(machine: Places) -> None:
+def test_links_are_told_apart_without_any_program(machine: SystemPaths) -> None:
     virtual = put_link(machine, "vcan0", "virtual", flags=0x1 | 0x40)
     (virtual / "ifalias").write_text("made by vcan up\n")
     (virtual / "statistics/tx_packets").write_text("12\n")
@@ -134,7 +136,7 @@ def test_links_are_told_apart_without_any_program(machine: Places) -> None:
     assert (found["can0"].frames, found["can0"].dropped) == (7, 1)
 
 
-def test_an_interface_that_is_no_can_is_found_by_name_and_called_so(machine: Places) -> None:
+def test_an_interface_that_is_no_can_is_found_by_name_and_called_so(machine: SystemPaths) -> None:
     put_link(machine, "eth0", "pci0000:00/0000:00:03.0", kind=1, flags=1)
 
     link = find_link("eth0", machine)

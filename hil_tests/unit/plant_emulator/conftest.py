@@ -15,7 +15,7 @@ from firmware_py.settings import override
 from firmware_py.trackdb import LineMap, load_line
 from plant_emulator.faults.plan import read_faults
 from plant_emulator.faults.schedule import Schedule
-from plant_emulator.faults.stage import Stage
+from plant_emulator.faults.stage import FaultStage
 from plant_emulator.train_config import TrainConfig, load_train
 from plant_emulator.wayside.railway import Railway
 from plant_emulator.world import STEP_S, World
@@ -76,7 +76,7 @@ class Train:
             self._warm_up(speed_mps)
         self.railway = Railway(LEVEL, LEVEL.stations[-1])
         self.schedule = Schedule(read_faults(faults, "scenario"))
-        self.stage = Stage(
+        self.stage = FaultStage(
             self.world,
             self.schedule,
             start_ns=self.world.now_ns,

@@ -9,7 +9,7 @@ from can_dbc.doors import DoorCommand
 from firmware_py.ports import RadioMessage
 from firmware_py.settings import override
 from plant_emulator.faults.declared_loops import LOOP_FAULTS
-from plant_emulator.faults.kinds import CATALOGUE, Place
+from plant_emulator.faults.kinds import CATALOGUE, FaultPlace
 from plant_emulator.faults.plan import read_faults
 from plant_emulator.train_config import TrainConfig, load_train
 from plant_emulator.truth import SIGNALS
@@ -20,8 +20,8 @@ from zenoh_config.messages import PositionReport, TrainStatus
 
 ATrain = Callable[..., Any]
 TRAIN_PLACES = (
-    *(Place.SENSOR, Place.ACTUATOR, Place.SUPPLY, Place.DOORS, Place.DESK),
-    *(Place.WAYSIDE, Place.ALARMS),
+    *(FaultPlace.SENSOR, FaultPlace.ACTUATOR, FaultPlace.SUPPLY, FaultPlace.DOORS, FaultPlace.DESK),
+    *(FaultPlace.WAYSIDE, FaultPlace.ALARMS),
 )
 KINDS = [kind.name for kind in CATALOGUE.values() if kind.place in TRAIN_PLACES]
 LOOP_KINDS = [kind.name for kind in CATALOGUE.values() if kind.parameters in LOOP_FAULTS]

@@ -12,7 +12,7 @@ from firmware_py.settings import SettingsError, override
 from plant_emulator.actuators.loops import effort_ratio
 from plant_emulator.faults.fitting import check_fitting
 from plant_emulator.faults.plan import read_faults
-from plant_emulator.noise import Generators, Source
+from plant_emulator.noise import Generators, NoiseSource
 from plant_emulator.train_config import TrainConfig, load_train
 
 ATrain = Callable[..., Any]
@@ -249,7 +249,7 @@ def test_the_loops_draw_nothing_from_anybody_else() -> None:
     """Their two sources came to the fourteen before them, whose numbers stay."""
     before = np.random.SeedSequence(7).spawn(14)
 
-    for source, child in zip(Source, before, strict=False):
+    for source, child in zip(NoiseSource, before, strict=False):
         expected = np.random.Generator(np.random.PCG64(child)).random()
         assert Generators(7).of(source).random() == expected
-    assert [source.name for source in list(Source)[14:16]] == ["LOOP_ERROR", "LOOP_NOISE"]
+    assert [source.name for source in list(NoiseSource)[14:16]] == ["LOOP_ERROR", "LOOP_NOISE"]

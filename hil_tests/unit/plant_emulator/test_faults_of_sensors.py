@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from can_dbc.nodes import Direction
-from plant_emulator.sensors.tacho import Axle
+from plant_emulator.sensors.tacho import Wheelset
 
 ATrain = Callable[..., Any]
 SPEED_MPS = 10.0
@@ -86,7 +86,7 @@ def test_slip_of_rail_and_fault_together_is_neither_less_than_each_nor_turns_a_w
 ) -> None:
     if own_mps * speed_mps < 0.0:
         own_mps = max(-abs(speed_mps), min(abs(speed_mps), own_mps))
-    axle = Axle(100.0, 0.0)
+    axle = Wheelset(100.0, 0.0)
     axle.forced_slip_ratio = ratio
 
     axle.step(speed_mps * 0.01, own_mps, 0.01)

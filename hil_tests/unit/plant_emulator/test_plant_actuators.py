@@ -13,10 +13,10 @@ from can_dbc.doors import DoorCommand, DoorState
 from can_dbc.nodes import Direction
 from can_dbc.traction import TractionCommand
 from firmware_py.settings import shipped_names
-from plant_emulator.actuators.adhesion import WheelSlip
+from plant_emulator.actuators.adhesion import WheelGroup
 from plant_emulator.actuators.brake import BrakeUnit
 from plant_emulator.actuators.doors import DoorUnit
-from plant_emulator.actuators.response import DeadTime, Lag, Shift
+from plant_emulator.actuators.response import DeadTime, DelayLine, Lag
 from plant_emulator.actuators.traction import TractionUnit
 from plant_emulator.noise import Generators
 from plant_emulator.train_config import (
@@ -154,7 +154,7 @@ def test_a_lag_settles_exactly() -> None:
 
 
 def test_a_shift_moves_by_whole_steps() -> None:
-    shift = Shift(0.03, STEP_S)
+    shift = DelayLine(0.03, STEP_S)
     assert [shift.step(float(value)) for value in range(6)] == [0.0, 0.0, 0.0, 0.0, 1.0, 2.0]
 
 
@@ -611,8 +611,8 @@ def test_motors_that_brake_are_reported_as_negative_effort() -> None:
     assert TractionStand().unit.status(30_000.0).force_n == -30_000.0
 
 
-def wheels(rotating_kg: float = 8000.0) -> WheelSlip:
-    return WheelSlip(TRAIN.rail, step_s=STEP_S, weight_n=800_000.0, rotating_kg=rotating_kg)
+def wheels(rotating_kg: float = 8000.0) -> WheelGroup:
+    return WheelGroup(TRAIN.rail, step_s=STEP_S, weight_n=800_000.0, rotating_kg=rotating_kg)
 
 
 def test_force_within_adhesion_reaches_the_rail() -> None:

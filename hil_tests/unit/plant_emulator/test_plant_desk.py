@@ -26,7 +26,7 @@ from can_dbc.vobc import (
 from firmware_py.settings import SettingsError
 from plant_emulator.cli.terminal import key_names
 from plant_emulator.desk.attendant import attendant
-from plant_emulator.desk.display import FRESH_NS, Display
+from plant_emulator.desk.display import FRESH_NS, DeskDisplay
 from plant_emulator.desk.drivers import DRIVERS, Driver, Trend
 from plant_emulator.desk.hands import KEYS, PRESS_NS, Hands, press, unattended
 from plant_emulator.desk.recording import (
@@ -67,8 +67,10 @@ DESKS = st.builds(
 )
 
 
-def shown(speed_mps: float, ceiling_mps: float, emergency_mps: float, now_ns: int = 0) -> Display:
-    display = Display()
+def shown(
+    speed_mps: float, ceiling_mps: float, emergency_mps: float, now_ns: int = 0
+) -> DeskDisplay:
+    display = DeskDisplay()
     display.hear(STATUS, now_ns)
     display.hear(VobcMotion(speed_mps, ceiling_mps, emergency_mps), now_ns)
     return display
@@ -200,11 +202,11 @@ def test_a_recording_counts_from_the_start_of_the_run() -> None:
     recording = parse_recording("1 lever_percent=-30", "test")
     play = attendant(None, recording, mode=CabMode.MANUAL, start_ns=7 * NS_PER_S)
     assert play is not None
-    assert play(Display(), 8 * NS_PER_S - 1) == MANUAL
-    assert play(Display(), 8 * NS_PER_S).lever_percent == -30.0
+    assert play(DeskDisplay(), 8 * NS_PER_S - 1) == MANUAL
+    assert play(DeskDisplay(), 8 * NS_PER_S).lever_percent == -30.0
 
 
-def lever(driver: Driver, display: Display, now_ns: int = 0) -> float:
+def lever(driver: Driver, display: DeskDisplay, now_ns: int = 0) -> float:
     desk = driver.drive(display, now_ns)
     assert desk.mode is CabMode.MANUAL
     assert -100.0 <= desk.lever_percent <= 100.0
@@ -260,7 +262,7 @@ def test_an_obedient_driver_brakes_gently_before_the_end_of_the_authority(
 @pytest.mark.parametrize("name", ["obedient", "late"])
 def test_who_sees_no_speeds_brakes(name: str) -> None:
     driver, display = DRIVERS[name](), shown(5.0, 15.0, 17.0)
-    assert lever(driver, Display()) == -100.0
+    assert lever(driver, DeskDisplay()) == -100.0
     assert lever(driver, display, FRESH_NS) > 0.0
     assert lever(driver, display, FRESH_NS + 1) == -100.0
 
@@ -382,7 +384,7 @@ def test_what_follows_an_escape_is_one_key_and_never_a_letter_of_the_desk(
 def test_the_screen_always_fits(
     speed_mps: float, inhibits: Inhibit, withheld: Withheld, cause: Cause, desk: Desk, heard: bool
 ) -> None:
-    display = Display()
+    display = DeskDisplay()
     if heard:
         display = shown(speed_mps, 22.0, 24.0)
         mode = replace(MODE, departure_inhibits=inhibits, doors_withheld=withheld, cause=cause)

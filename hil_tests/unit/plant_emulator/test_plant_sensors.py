@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from can_dbc.nodes import Direction
 from firmware_py.tag_reader.telegram import HealthTelegram, Heard, TagTelegram, TelegramParser
 from firmware_py.trackdb import TagKind, TagSite
-from plant_emulator.noise import BLOCK, Gaussian, Generators, Source, Uniform
+from plant_emulator.noise import BLOCK, Gaussian, Generators, NoiseSource, Uniform
 from plant_emulator.power import HighVoltageBox
 from plant_emulator.sensors.inertial import Accelerometer, DopplerRadar
 from plant_emulator.sensors.tacho import Tachos
@@ -300,15 +300,15 @@ def test_the_health_frame_counts_what_went_out_on_the_line() -> None:
 
 @given(low=st.floats(-5.0, 5.0), span=st.floats(0.0, 5.0))
 def test_uniform_draws_stay_within_and_do_not_depend_on_blocks(low: float, span: float) -> None:
-    draws = Uniform(Generators(3).of(Source.TAG_TIME), low=low, high=low + span)
+    draws = Uniform(Generators(3).of(NoiseSource.TAG_TIME), low=low, high=low + span)
     found = [draws.draw() for _ in range(2 * BLOCK + 3)]
     assert all(low <= value <= low + span for value in found)
-    plain = Generators(3).of(Source.TAG_TIME).random(2 * BLOCK)
+    plain = Generators(3).of(NoiseSource.TAG_TIME).random(2 * BLOCK)
     assert found[: 2 * BLOCK] == pytest.approx(list(low + span * plain))
 
 
 def test_normal_draws_are_clipped_not_dropped() -> None:
-    draws = Gaussian(Generators(3).of(Source.TAG_PLACE), 0.02, clip=0.05)
+    draws = Gaussian(Generators(3).of(NoiseSource.TAG_PLACE), 0.02, clip=0.05)
     found = np.array([draws.draw() for _ in range(20_000)])
     assert float(np.abs(found).max()) == 0.05
     assert float(np.mean(np.abs(found) == 0.05)) == pytest.approx(0.0124, abs=0.003)
@@ -318,15 +318,15 @@ def test_a_source_draws_the_same_whatever_other_sources_there_are() -> None:
     """The oracle spawns far more children than there are sources and finds the same numbers."""
     generators = Generators(42)
     children = np.random.SeedSequence(42).spawn(100)
-    for source in Source:
+    for source in NoiseSource:
         expected = np.random.Generator(np.random.PCG64(children[source])).random(5)
         assert generators.of(source).random(5).tolist() == expected.tolist()
 
 
 def test_no_two_sources_draw_alike() -> None:
     generators = Generators(42)
-    first = {struct.pack("d", generators.of(source).random()) for source in Source}
-    assert len(first) == len(Source)
+    first = {struct.pack("d", generators.of(source).random()) for source in NoiseSource}
+    assert len(first) == len(NoiseSource)
 
 
 def box() -> HighVoltageBox:

@@ -9,7 +9,7 @@ from firmware_py.settings import SettingsError
 from firmware_py.trackdb import load_line
 from plant_emulator.power.supplies import STRONG
 from plant_emulator.traffic.config import load_traffic, traffic_of
-from plant_emulator.traffic.coupling import INTERVAL_S, Coupling, Said
+from plant_emulator.traffic.coupling import INTERVAL_S, Coupling, IntervalReport
 from plant_emulator.traffic.dispatcher import LEAD_S, Dispatcher
 from plant_emulator.traffic.timetable import lap_timetable, starts
 
@@ -116,8 +116,8 @@ def test_a_terminal_is_left_at_once_and_the_platform_behind_it_by_the_clock() ->
     assert not dispatcher.holds(leaves_s - LEAD_S, stations[4].stop_m, 0.0)
 
 
-def said(front_m: float, *, wants_w: float = 0.0, gives_w: float = 0.0) -> Said:
-    return Said(front_m, 0.0, front_m - 90.0, wants_w, gives_w, 100_000.0)
+def said(front_m: float, *, wants_w: float = 0.0, gives_w: float = 0.0) -> IntervalReport:
+    return IntervalReport(front_m, 0.0, front_m - 90.0, wants_w, gives_w, 100_000.0)
 
 
 def test_each_train_hears_where_the_one_ahead_ends_and_the_foremost_the_hindmost() -> None:

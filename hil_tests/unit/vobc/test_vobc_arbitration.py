@@ -27,7 +27,7 @@ from vobc.arbitration import (
     manual_demand,
     most_accel_mps2,
 )
-from vobc.atp import Verdict
+from vobc.atp import ProtectionVerdict
 from vobc.atp.doors import DoorEnable
 from vobc.config import load_config
 from vobc.vocabulary import SAFE_OUTPUT, AtoDemand, Ceiling, CycleOutput, Interval, Motion
@@ -48,7 +48,7 @@ MOTION = Motion(
     (),
 )
 CEILING = Ceiling(15.0, 16.0, 17.0, 18.0, 400.0)
-FREE = Verdict(
+FREE = ProtectionVerdict(
     supervision=Supervision.NOMINAL,
     cause="",
     missing=Missing.NOTHING,
@@ -65,7 +65,7 @@ DRIVE = AtoDemand(0.5, False, False, AtoPhase.RUNNING, 12.0, 300.0)
 
 
 def decided(
-    verdict: Verdict = FREE,
+    verdict: ProtectionVerdict = FREE,
     demand: AtoDemand = DRIVE,
     motion: Motion | None = MOTION,
     desk: Desk | None = DESK,

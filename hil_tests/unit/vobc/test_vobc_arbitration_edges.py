@@ -16,14 +16,14 @@ from vobc.arbitration import (
     manual_demand,
     most_accel_mps2,
 )
-from vobc.atp import Verdict
+from vobc.atp import ProtectionVerdict
 from vobc.atp.doors import DoorEnable
 from vobc.config import load_config
 from vobc.vocabulary import AtoDemand, CycleOutput, Interval, Motion
 
 TRAIN = load_config("florence4").train
 WEAK = replace(TRAIN, rated_power_w=50_000.0)
-FREE = Verdict(
+FREE = ProtectionVerdict(
     supervision=Supervision.NOMINAL,
     cause="",
     missing=Missing.NOTHING,

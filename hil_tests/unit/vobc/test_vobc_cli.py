@@ -11,8 +11,8 @@ from firmware_py.trackdb import load_line
 from vobc.cli import (
     EXIT_ENVIRONMENT,
     EXIT_USAGE,
+    DevicePlan,
     PatientLine,
-    Plan,
     main,
     parser,
     plan,
@@ -49,7 +49,9 @@ def test_a_train_that_was_switched_off_goes_on_from_where_it_stood(tmp_path: Pat
     assert planned.nvram.record.boot_count == 5
 
 
-def remembered(folder: Path, *said: str, standing: bool = True, front_m: float = 3000.4) -> Plan:
+def remembered(
+    folder: Path, *said: str, standing: bool = True, front_m: float = 3000.4
+) -> DevicePlan:
     """What a controller with a memory takes for true, whatever is said."""
     memory = folder / "nvram"
     Nvram(memory).put(NvramRecord(boot_count=5, front_m=front_m, standing=standing))

@@ -16,7 +16,7 @@ from can_dbc.alarms import TrainAlarms
 from can_dbc.brake import BrakeCommand, BrakeStatus
 from can_dbc.cab import CabMode, Desk
 from can_dbc.codec import Decoder, Encoder, Rejected
-from can_dbc.diagnostics import EMERGENCIES, HEARTBEATS, Heartbeat, NodeState
+from can_dbc.diagnostics import EMERGENCIES, HEARTBEATS, NodeHeartbeat, NodeState
 from can_dbc.doors import DoorCommand, DoorState, DoorStatus
 from can_dbc.nodes import Direction, Node
 from can_dbc.odometer import ColdMovement, Tacho
@@ -305,7 +305,7 @@ def test_the_last_word_of_a_stopped_controller_is_the_safe_output() -> None:
 
     words = world.last_words()
     assert words[0] == BrakeCommand(2.0, False, False)
-    assert isinstance(words[-1], Heartbeat)
+    assert isinstance(words[-1], NodeHeartbeat)
     assert world.vobc.output.cause == "controller ends"
 
 
@@ -327,7 +327,7 @@ def test_life_signs_come_every_second_and_begin_with_the_boot_up() -> None:
 
     world.run(3.5)
 
-    states = [beat.state for beat in world.of(Heartbeat) if isinstance(beat, Heartbeat)]
+    states = [beat.state for beat in world.of(NodeHeartbeat) if isinstance(beat, NodeHeartbeat)]
     assert states == [NodeState.BOOT_UP] + 3 * [NodeState.OPERATIONAL]
 
 

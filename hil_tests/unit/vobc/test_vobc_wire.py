@@ -9,7 +9,7 @@ import pytest
 from can_dbc.alarms import TrainAlarms
 from can_dbc.brake import BrakeCommand, BrakeStatus
 from can_dbc.codec import Encoder
-from can_dbc.diagnostics import EMERGENCIES, HEARTBEATS, Heartbeat, NodeState
+from can_dbc.diagnostics import EMERGENCIES, HEARTBEATS, NodeHeartbeat, NodeState
 from can_dbc.doors import DoorCommand, DoorState, DoorStatus
 from can_dbc.energy import LineSupply
 from can_dbc.nodes import Direction, Node
@@ -638,7 +638,7 @@ def test_what_is_told_of_the_controller() -> None:
     ]
     assert list(target_frames(DRIVING)) == [VobcTarget(77.0, 400.0)]
     assert heartbeat(NodeState.OPERATIONAL) == HEARTBEATS[Node.VOBC](NodeState.OPERATIONAL)
-    assert isinstance(heartbeat(NodeState.STOPPED), Heartbeat)
+    assert isinstance(heartbeat(NodeState.STOPPED), NodeHeartbeat)
 
 
 @pytest.mark.parametrize(

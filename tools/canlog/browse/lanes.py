@@ -8,7 +8,7 @@ import numpy as np
 
 from canlog.database import Bus, MessageSpec
 from canlog.frames import ERROR, FD_BYTES, NOT_DATA, Bytes, Frames, Ints
-from canlog.plan import Payloads, Plan
+from canlog.plan import DecodingPlan, Payloads
 from canlog.table import Table
 from canlog.views.packed import ordered
 
@@ -107,7 +107,7 @@ class Lane:
         rows = slice(max(0, first), max(0, stop))
         payloads = Payloads(self._data[: self._n][rows], self._length[: self._n][rows])
         at_ns, numbers = self.at_ns[rows], np.arange(self._n, dtype=np.int64)[rows]
-        return Table(Plan(self.spec), at_ns, lambda: numbers, payloads)
+        return Table(DecodingPlan(self.spec), at_ns, lambda: numbers, payloads)
 
 
 @dataclass(slots=True)

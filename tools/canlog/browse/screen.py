@@ -12,8 +12,8 @@ from canlog.browse.state import (
     ACTIONS,
     SPEEDS,
     WINDOWS_S,
+    BrowserState,
     Focus,
-    State,
     id_text,
     shown,
 )
@@ -34,7 +34,7 @@ FRAME_LINES: Final = 5
 """Head, headings, event and keys."""
 
 
-class Style(enum.Enum):
+class ScreenStyle(enum.Enum):
     PLAIN = ""
     DIM = "2"
     BOLD = "1"
@@ -46,19 +46,24 @@ class Style(enum.Enum):
     LINE = "36"
 
 
-Segment = tuple[Style, str]
+Segment = tuple[ScreenStyle, str]
 Line = list[Segment]
 
 
-def screen(state: State, width: int, height: int, *, ascii_only: bool = False) -> list[Line]:
+def screen(state: BrowserState, width: int, height: int, *, ascii_only: bool = False) -> list[Line]:
     """`height` lines at most, each of `width` characters at most."""
     if width < WIDTH_MIN or height < HEIGHT_MIN:
         return [
-            [(Style.PLAIN, f"needs {WIDTH_MIN} x {HEIGHT_MIN}, has {width} x {height}"[:width])]
+            [
+                (
+                    ScreenStyle.PLAIN,
+                    f"needs {WIDTH_MIN} x {HEIGHT_MIN}, has {width} x {height}"[:width],
+                )
+            ]
         ]
     if state.help:
         body = _help(width)
-        lines = [_head(state, width), *body[: height - 2], [(Style.DIM, "any key goes back")]]
+        lines = [_head(state, width), *body[: height - 2], [(ScreenStyle.DIM, "any key goes back")]]
     else:
         signals = _plot(state, width, height, ascii_only) if state.plot else []
         signals = signals or _signals(state, width, height, ascii_only)
@@ -73,7 +78,7 @@ def screen(state: State, width: int, height: int, *, ascii_only: bool = False) -
     return [_cut(each, width) for each in lines[:height]]
 
 
-def _head(state: State, width: int) -> Line:
+def _head(state: BrowserState, width: int) -> Line:
     at = f"{state.seconds(state.at_ns):.6f} s"
     if state.live:
         mode = "live" if state.running else "frozen"
@@ -82,15 +87,15 @@ def _head(state: State, width: int) -> Line:
     count = sum(len(lane) for lane in state.lanes.lanes.values())
     left = f" {state.title}  {at}  {mode}"
     right = f"{len(state.lanes.lanes)} messages, {count} frames  order: {state.order.value} "
-    return [(Style.HEAD, left + right.rjust(max(2, width - len(left))))]
+    return [(ScreenStyle.HEAD, left + right.rjust(max(2, width - len(left))))]
 
 
-def _messages(state: State, room: int) -> Iterator[Line]:
+def _messages(state: BrowserState, room: int) -> Iterator[Line]:
     """A heading and the part of the list around the selected message."""
     lanes = shown(state)
     yield [
         (
-            Style.DIM,
+            ScreenStyle.DIM,
             f"  {'id':>8} {'message':{NAME_WIDTH}} {'rate/s':>7} {'age':>8} {'count':>8}  data",
         )
     ]
@@ -101,28 +106,28 @@ def _messages(state: State, room: int) -> Iterator[Line]:
     for lane in lanes[first : first + visible]:
         yield _message(state, lane)
     if not lanes:
-        yield [(Style.DIM, "  nothing found")]
+        yield [(ScreenStyle.DIM, "  nothing found")]
     for _ in range(visible - max(1, len(lanes[first : first + visible]))):
         yield []
 
 
-def _message(state: State, lane: Lane) -> Line:
+def _message(state: BrowserState, lane: Lane) -> Line:
     row = lane.row_at(state.at_ns)
     chosen = lane.key == state.selected
     mark = ">" if chosen and state.focus is Focus.MESSAGES else " "
     name = f"{mark} {id_text(lane.key):>8} {lane.name:{NAME_WIDTH}.{NAME_WIDTH}}"
-    parts: Line = [(Style.CHOSEN if chosen else Style.PLAIN, name)]
+    parts: Line = [(ScreenStyle.CHOSEN if chosen else ScreenStyle.PLAIN, name)]
     if row < 0:
-        return [*parts, (Style.DIM, f" {'':>7} {'not yet':>8} {0:>8}")]
+        return [*parts, (ScreenStyle.DIM, f" {'':>7} {'not yet':>8} {0:>8}")]
     age_ns = state.at_ns - int(lane.at_ns[row])
     stale = lane.spec is not None and 0 < lane.spec.timeout_ms * 1_000_000 < age_ns
-    parts.append((Style.PLAIN, f" {lane.rate_hz(state.at_ns):7.1f}"))
-    parts.append((Style.BAD if stale else Style.DIM, f" {_age(age_ns):>8}"))
-    parts.append((Style.PLAIN, f" {row + 1 + lane.dropped:>8} "))
+    parts.append((ScreenStyle.PLAIN, f" {lane.rate_hz(state.at_ns):7.1f}"))
+    parts.append((ScreenStyle.BAD if stale else ScreenStyle.DIM, f" {_age(age_ns):>8}"))
+    parts.append((ScreenStyle.PLAIN, f" {row + 1 + lane.dropped:>8} "))
     changed = lane.changed(row)
     for byte, is_new in zip(lane.payload(row), changed, strict=True):
-        parts.append((Style.PLAIN, " "))
-        parts.append((Style.CHANGED if is_new else Style.PLAIN, f"{byte:02X}"))
+        parts.append((ScreenStyle.PLAIN, " "))
+        parts.append((ScreenStyle.CHANGED if is_new else ScreenStyle.PLAIN, f"{byte:02X}"))
     return parts
 
 
@@ -132,17 +137,20 @@ def _age(ns: int) -> str:
     return f"{ns / 1e9:.1f} s" if ns < 100_000_000_000 else f"{ns / 1e9:.0f} s"
 
 
-def _signals(state: State, width: int, height: int, ascii_only: bool) -> list[Line]:
+def _signals(state: BrowserState, width: int, height: int, ascii_only: bool) -> list[Line]:
     """Values of the selected message with a small plot of each."""
     lane = state.lane
     if lane is None or lane.spec is None:
-        return [[(Style.DIM, "-" * width)]]
+        return [[(ScreenStyle.DIM, "-" * width)]]
     table = _window(state, lane)
     assert table is not None
     length = f"{WINDOWS_S[state.window]:g} s"
     title = f"-- {lane.name}: {lane.spec.comment} "
     lines: list[Line] = [
-        [(Style.LINE, title[: width - 8].ljust(width - 8, "-")), (Style.DIM, f"{length:>8}")]
+        [
+            (ScreenStyle.LINE, title[: width - 8].ljust(width - 8, "-")),
+            (ScreenStyle.DIM, f"{length:>8}"),
+        ]
     ]
     free = height - FRAME_LINES - max(1, len(shown(state)))
     visible = min(len(lane.spec.signals), max(3, int(TALLEST_RATIO * height), free))
@@ -152,7 +160,7 @@ def _signals(state: State, width: int, height: int, ascii_only: bool) -> list[Li
     return lines
 
 
-def _window(state: State, lane: Lane) -> Table | None:
+def _window(state: BrowserState, lane: Lane) -> Table | None:
     """Frames of the window up to now, and the one before it, which still holds."""
     stop = lane.row_at(state.at_ns) + 1
     first = lane.row_at(state.at_ns - state.window_ns)
@@ -160,20 +168,27 @@ def _window(state: State, lane: Lane) -> Table | None:
 
 
 def _signal(
-    state: State, table: Table, signal: SignalSpec, chosen: bool, width: int, ascii_only: bool
+    state: BrowserState,
+    table: Table,
+    signal: SignalSpec,
+    chosen: bool,
+    width: int,
+    ascii_only: bool,
 ) -> Line:
     mark = ">" if chosen and state.focus is Focus.SIGNALS else " "
-    style = Style.BOLD if chosen else Style.PLAIN
+    style = ScreenStyle.BOLD if chosen else ScreenStyle.PLAIN
     name = f"{mark} {signal.name:{SIGNAL_WIDTH}.{SIGNAL_WIDTH}} "
     value = now_text(table, signal)
     room = width - len(name) - VALUE_WIDTH - 2
     parts: Line = [(style, name), (style, f"{value:{VALUE_WIDTH}.{VALUE_WIDTH}}  ")]
     if room >= SPARK_MIN and len(table):
-        parts.append((Style.LINE, line(_spans(state, table, signal, room), ascii_only=ascii_only)))
+        parts.append(
+            (ScreenStyle.LINE, line(_spans(state, table, signal, room), ascii_only=ascii_only))
+        )
     return parts
 
 
-def _spans(state: State, table: Table, signal: SignalSpec, count: int) -> list[Span | None]:
+def _spans(state: BrowserState, table: Table, signal: SignalSpec, count: int) -> list[Span | None]:
     valid = table.valid(signal.name)
     values = np.asarray(table[signal.name], np.float64)[valid]
     return held(
@@ -198,7 +213,7 @@ def now_text(table: Table, signal: SignalSpec) -> str:
     return f"{text} {signal.unit}" if signal.unit not in ("", "1") else text
 
 
-def _plot(state: State, width: int, height: int, ascii_only: bool) -> list[Line]:
+def _plot(state: BrowserState, width: int, height: int, ascii_only: bool) -> list[Line]:
     """The chosen signal, large; empty for a message without signals."""
     lane = state.lane
     table = _window(state, lane) if lane is not None else None
@@ -209,38 +224,38 @@ def _plot(state: State, width: int, height: int, ascii_only: bool) -> list[Line]
     found = _spans(state, table, signal, columns if ascii_only else 2 * columns)
     low, high = limits(found)
     title = f"-- {lane.name}.{signal.name}  {now_text(table, signal)} "
-    lines: list[Line] = [[(Style.LINE, title[:width].ljust(width, "-"))]]
+    lines: list[Line] = [[(ScreenStyle.LINE, title[:width].ljust(width, "-"))]]
     for row, text in enumerate(field(found, rows, ascii_only=ascii_only)):
         label = {0: f"{high:.5g}", rows - 1: f"{low:.5g}"}.get(row, "")
-        lines.append([(Style.DIM, f"{label:>{PLOT_LABEL}} "), (Style.LINE, text)])
+        lines.append([(ScreenStyle.DIM, f"{label:>{PLOT_LABEL}} "), (ScreenStyle.LINE, text)])
     begin = f"{state.seconds(state.at_ns - state.window_ns):.3f} s"
     end = f"{state.seconds(state.at_ns):.3f} s"
     axis = " " * (PLOT_LABEL + 1) + begin + end.rjust(max(1, columns - len(begin)))
-    return [*lines, [(Style.DIM, axis)]]
+    return [*lines, [(ScreenStyle.DIM, axis)]]
 
 
-def _event(state: State) -> Line:
+def _event(state: BrowserState) -> Line:
     """The last event until now."""
     if state.note:
-        return [(Style.BOLD, f" {state.note}")]
+        return [(ScreenStyle.BOLD, f" {state.note}")]
     past = [each for each in state.happenings if each.at_ns <= state.at_ns]
     if not past:
         return []
     last = past[-1]
-    style = (Style.DIM, Style.PLAIN, Style.BAD)[last.weight]
+    style = (ScreenStyle.DIM, ScreenStyle.PLAIN, ScreenStyle.BAD)[last.weight]
     words = (
         f" {state.seconds(last.at_ns):.3f} s {last.kind.lower().replace('_', ' ')}: {last.words}"
     )
     return [(style, words)]
 
 
-def _foot(state: State) -> Line:
+def _foot(state: BrowserState) -> Line:
     if state.typing:
-        return [(Style.BOLD, f" /{state.search}"), (Style.CHOSEN, " ")]
+        return [(ScreenStyle.BOLD, f" /{state.search}"), (ScreenStyle.CHOSEN, " ")]
     found = f"  search: {state.search} (Esc ends)" if state.search else ""
     marks = f"  {len(state.bookmarks)} bookmarks" if state.bookmarks else ""
     keys = " arrows move  space play  / search  enter plot  b bookmark  e event  ? keys  q end"
-    return [(Style.DIM, keys), (Style.BOLD, found + marks)]
+    return [(ScreenStyle.DIM, keys), (ScreenStyle.BOLD, found + marks)]
 
 
 def _help(width: int) -> list[Line]:
@@ -250,7 +265,7 @@ def _help(width: int) -> list[Line]:
     for at in range(half):
         pair = told[at::half] if at + half < len(told) else told[at : at + 1]
         text = "".join(f"  {key:>9}  {words:<34}" for key, words in pair)
-        lines.append([(Style.PLAIN, text[:width])])
+        lines.append([(ScreenStyle.PLAIN, text[:width])])
     return lines
 
 

@@ -20,7 +20,7 @@ class Focus(enum.Enum):
     SIGNALS = "signals"
 
 
-class Order(enum.Enum):
+class ListOrder(enum.Enum):
     """Of the message list."""
 
     IDENTIFIER = "id"
@@ -30,7 +30,7 @@ class Order(enum.Enum):
 
 
 @dataclass(slots=True)
-class State:
+class BrowserState:
     """Everything that keys change."""
 
     title: str
@@ -50,7 +50,7 @@ class State:
     signal: int = 0
     """Which signal of it."""
     focus: Focus = Focus.MESSAGES
-    order: Order = Order.IDENTIFIER
+    order: ListOrder = ListOrder.IDENTIFIER
     search: str = ""
     typing: bool = False
     plot: bool = False
@@ -78,16 +78,16 @@ class State:
             self.running = False
 
 
-def shown(state: State) -> list[Lane]:
+def shown(state: BrowserState) -> list[Lane]:
     """The message list: what the search lets through, in order."""
     words = state.search.lower().split()
     found = [lane for lane in state.lanes.sorted() if all(_has(lane, word) for word in words)]
     at_ns = state.at_ns
-    if state.order is Order.NAME:
+    if state.order is ListOrder.NAME:
         found.sort(key=lambda lane: lane.name)
-    elif state.order is Order.RATE:
+    elif state.order is ListOrder.RATE:
         found.sort(key=lambda lane: -lane.rate_hz(at_ns))
-    elif state.order is Order.AGE:
+    elif state.order is ListOrder.AGE:
         found.sort(key=lambda lane: _age_ns(lane, at_ns))
     return found
 
@@ -110,7 +110,7 @@ def id_text(key: int) -> str:
     return f"{key & ~KEY_EXTENDED:08X}" if key & KEY_EXTENDED else f"{key:03X}"
 
 
-def advance(state: State, elapsed_ns: int) -> None:
+def advance(state: BrowserState, elapsed_ns: int) -> None:
     """Time has passed: a log plays on, a live bus shows the present."""
     if not state.running:
         return
@@ -122,7 +122,7 @@ def advance(state: State, elapsed_ns: int) -> None:
         state.at_ns, state.running, state.note = state.lanes.end_ns, False, "end of the log"
 
 
-def press(state: State, key: str) -> None:
+def press(state: BrowserState, key: str) -> None:
     """One key, by its name: a character, or up, down, enter, escape, ..."""
     state.note = ""
     if state.typing:
@@ -136,7 +136,7 @@ def press(state: State, key: str) -> None:
         action[1](state)
 
 
-def _type(state: State, key: str) -> None:
+def _type(state: BrowserState, key: str) -> None:
     if key == "enter":
         state.typing = False
     elif key == "escape":
@@ -150,8 +150,8 @@ def _type(state: State, key: str) -> None:
         state.selected, state.signal = lanes[0].key, 0
 
 
-def _move(by: int) -> Callable[[State], None]:
-    def move(state: State) -> None:
+def _move(by: int) -> Callable[[BrowserState], None]:
+    def move(state: BrowserState) -> None:
         if state.focus is Focus.SIGNALS:
             count = len(state.lane.spec.signals) if state.lane and state.lane.spec else 0
             state.signal = min(max(state.signal + by, 0), max(0, count - 1))
@@ -165,10 +165,10 @@ def _move(by: int) -> Callable[[State], None]:
     return move
 
 
-def _step(by: int) -> Callable[[State], None]:
+def _step(by: int) -> Callable[[BrowserState], None]:
     """To the frame of the selected message before or after."""
 
-    def step(state: State) -> None:
+    def step(state: BrowserState) -> None:
         lane = state.lane
         if lane is None or not len(lane):
             return
@@ -183,12 +183,12 @@ def _step(by: int) -> Callable[[State], None]:
     return step
 
 
-def _jump(by_s: float) -> Callable[[State], None]:
+def _jump(by_s: float) -> Callable[[BrowserState], None]:
     return lambda state: state.go(state.at_ns + round(by_s * NS_PER_S))
 
 
-def _event(by: int) -> Callable[[State], None]:
-    def event(state: State) -> None:
+def _event(by: int) -> Callable[[BrowserState], None]:
+    def event(state: BrowserState) -> None:
         found = [each for each in state.happenings if (each.at_ns - state.at_ns) * by > 0]
         if not found:
             state.note = "no event there"
@@ -200,7 +200,7 @@ def _event(by: int) -> Callable[[State], None]:
     return event
 
 
-def _bookmark(state: State) -> None:
+def _bookmark(state: BrowserState) -> None:
     if state.at_ns in state.bookmarks:
         state.bookmarks.remove(state.at_ns)
         state.note = "bookmark removed"
@@ -209,7 +209,7 @@ def _bookmark(state: State) -> None:
         state.note = f"bookmark {len(state.bookmarks)} at {state.seconds(state.at_ns):.6f} s"
 
 
-def _next_bookmark(state: State) -> None:
+def _next_bookmark(state: BrowserState) -> None:
     if not state.bookmarks:
         state.note = "no bookmarks; b makes one"
         return
@@ -217,40 +217,40 @@ def _next_bookmark(state: State) -> None:
     state.go(later[0] if later else state.bookmarks[0])
 
 
-def _run(state: State) -> None:
+def _run(state: BrowserState) -> None:
     if not state.live and state.at_ns >= state.lanes.end_ns:
         state.at_ns = state.lanes.start_ns
     state.running = not state.running
 
 
-def _cycle_order(state: State) -> None:
-    orders = list(Order)
+def _cycle_order(state: BrowserState) -> None:
+    orders = list(ListOrder)
     state.order = orders[(orders.index(state.order) + 1) % len(orders)]
 
 
-def _focus(state: State) -> None:
+def _focus(state: BrowserState) -> None:
     state.focus = Focus.SIGNALS if state.focus is Focus.MESSAGES else Focus.MESSAGES
 
 
-def _choose(name: str, by: int, count: int) -> Callable[[State], None]:
-    def choose(state: State) -> None:
+def _choose(name: str, by: int, count: int) -> Callable[[BrowserState], None]:
+    def choose(state: BrowserState) -> None:
         setattr(state, name, min(max(getattr(state, name) + by, 0), count - 1))
 
     return choose
 
 
-def _set(name: str, value: bool | None = None) -> Callable[[State], None]:
-    def change(state: State) -> None:
+def _set(name: str, value: bool | None = None) -> Callable[[BrowserState], None]:
+    def change(state: BrowserState) -> None:
         setattr(state, name, not getattr(state, name) if value is None else value)
 
     return change
 
 
-def _escape(state: State) -> None:
+def _escape(state: BrowserState) -> None:
     state.search, state.plot = "", False
 
 
-ACTIONS: Final[Mapping[str, tuple[str, Callable[[State], None]]]] = {
+ACTIONS: Final[Mapping[str, tuple[str, Callable[[BrowserState], None]]]] = {
     "up": ("message or signal before", _move(-1)),
     "down": ("message or signal after", _move(1)),
     "pageup": ("", _move(-PAGE)),

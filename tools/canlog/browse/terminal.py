@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 from types import TracebackType
 from typing import Final
 
-from canlog.browse.screen import Line, Style
+from canlog.browse.screen import Line, ScreenStyle
 
 ESCAPES: Final = {
     "[A": "up",
@@ -45,7 +45,7 @@ LEAVE_SCREEN: Final = "\x1b[0m\x1b[?25h\x1b[?1049l"
 BYTES_MAX: Final = 4096
 
 
-class Terminal:
+class RawTerminal:
     """Gives the terminal back as it was, however it is left."""
 
     def __init__(self, *, colour: bool = True) -> None:
@@ -55,7 +55,7 @@ class Terminal:
         self._drawn: list[str] = []
         self._size = (0, 0)
 
-    def __enter__(self) -> "Terminal":
+    def __enter__(self) -> "RawTerminal":
         tty.setraw(self._in)
         self._write(ENTER_SCREEN)
         return self
@@ -118,10 +118,14 @@ def styled(line: Line, *, colour: bool) -> str:
     return text
 
 
-def _plain(style: Style) -> str:
-    if style is Style.CHANGED:
+def _plain(style: ScreenStyle) -> str:
+    if style is ScreenStyle.CHANGED:
         return "7"
-    return style.value if style in (Style.BOLD, Style.DIM, Style.HEAD, Style.CHOSEN) else ""
+    return (
+        style.value
+        if style in (ScreenStyle.BOLD, ScreenStyle.DIM, ScreenStyle.HEAD, ScreenStyle.CHOSEN)
+        else ""
+    )
 
 
 def key_names(text: str) -> Iterator[str]:

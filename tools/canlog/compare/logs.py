@@ -85,7 +85,7 @@ class MessageDifference:
 
 
 @dataclass(frozen=True, slots=True)
-class Difference:
+class LogDifference:
     """All that differs between A and B."""
 
     zero_a_ns: int
@@ -104,7 +104,7 @@ class Difference:
         return min(found, key=lambda one: one[:2])[2:] if found else None
 
 
-def compare(a: Log, b: Log, allowed: Allowed, align: str = START) -> Difference:
+def compare(a: Log, b: Log, allowed: Allowed, align: str = START) -> LogDifference:
     """Raises LogError for an alignment, tolerance or pattern that names nothing."""
     _check(allowed, a)
     zero_a, zero_b = zero_of(a, align), zero_of(b, align)
@@ -114,7 +114,7 @@ def compare(a: Log, b: Log, allowed: Allowed, align: str = START) -> Difference:
         for key in keys
         if not _matched(a.bus.name_of(key), allowed.ignored)
     ]
-    return Difference(zero_a, zero_b, tuple(found))
+    return LogDifference(zero_a, zero_b, tuple(found))
 
 
 def zero_of(log: Log, align: str) -> int:

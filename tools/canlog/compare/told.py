@@ -7,7 +7,7 @@ from typing import Any, Final
 import numpy as np
 
 from canlog.compare.dbcs import Change
-from canlog.compare.logs import BYTES, Difference, MessageDifference, value_text
+from canlog.compare.logs import BYTES, LogDifference, MessageDifference, value_text
 from canlog.damage import LogError
 from canlog.read import Log
 from canlog.run import NS_PER_S
@@ -18,7 +18,7 @@ SIGNALS_SHOWN: Final = 12
 """Signals listed of one message; the rest are counted."""
 
 
-def difference_lines(found: Difference, a: Log, b: Log, context: int) -> Iterator[str]:
+def difference_lines(found: LogDifference, a: Log, b: Log, context: int) -> Iterator[str]:
     """A table of what differs, then the first divergence with the frames around it."""
     if not found.differs:
         pairs = sum(each.pairs for each in found.messages)
@@ -65,7 +65,7 @@ def _message_lines(each: MessageDifference) -> Iterator[str]:
         yield f"  and {len(each.signals) - SIGNALS_SHOWN} more signals"
 
 
-def _first_lines(found: Difference, a: Log, b: Log, context: int) -> Iterator[str]:
+def _first_lines(found: LogDifference, a: Log, b: Log, context: int) -> Iterator[str]:
     assert found.first is not None
     message, signal = found.first
     full = message.name if signal.signal == BYTES else f"{message.name}.{signal.signal}"
@@ -127,7 +127,7 @@ def around(log: Log, row: int, zero_ns: int, context: int) -> list[Around | None
     return found
 
 
-def difference_json(found: Difference, a: Log, b: Log, context: int) -> dict[str, Any]:
+def difference_json(found: LogDifference, a: Log, b: Log, context: int) -> dict[str, Any]:
     """With the first divergence and the frames around it in both logs."""
     first = found.first
     told: dict[str, Any] = {

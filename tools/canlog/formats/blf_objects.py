@@ -61,7 +61,7 @@ _MASKS: Final = np.array([(1 << 8 * n) - 1 for n in range(9)], np.uint64)
 
 
 @dataclass(frozen=True, slots=True)
-class Objects:
+class BlfObjects:
     """Where whole objects lie in a buffer."""
 
     at: Any
@@ -76,7 +76,7 @@ class Objects:
     """Place and words for each spot where no object stands."""
 
 
-def find(buffer: bytes, start: int = 0) -> Objects:
+def find(buffer: bytes, start: int = 0) -> BlfObjects:
     """Walk from object to object; runs of objects of one size are taken in one step."""
     text = np.frombuffer(buffer, np.uint8)
     parts: list[Any] = []
@@ -117,7 +117,7 @@ def find(buffer: bytes, start: int = 0) -> Objects:
     base = (
         _gather(text, places, BASE.itemsize).view(BASE)[:, 0] if len(places) else np.zeros(0, BASE)
     )
-    return Objects(
+    return BlfObjects(
         places, base["size"], base["kind"], base["head"], base["version"], at, tuple(damage)
     )
 
@@ -154,7 +154,7 @@ def _gather(text: Bytes, places: Any, width: int) -> Bytes:
 
 
 @dataclass(frozen=True, slots=True)
-class Columns:
+class BlfColumns:
     """Frames of one kind of object; `row` is the place of each among all objects."""
 
     row: Any
@@ -166,7 +166,7 @@ class Columns:
     data: Bytes
 
 
-def columns(buffer: bytes, objects: Objects) -> list[Columns]:
+def columns(buffer: bytes, objects: BlfObjects) -> list[BlfColumns]:
     """The frames among objects, and nothing else; cut objects are left out."""
     text = np.frombuffer(buffer, np.uint8)
     found = []
@@ -216,37 +216,37 @@ def _words(data: Any, length: Any) -> Bytes:
     return rows
 
 
-def _message(rows: Any, told: Any, text: Bytes, ends: Any, sizes: Any) -> Columns:
+def _message(rows: Any, told: Any, text: Bytes, ends: Any, sizes: Any) -> BlfColumns:
     del text, ends, sizes
     identifier, flags = _identifier(told)
     remote = (told["flags"] & 0x80) != 0
     flags = flags | remote * np.uint8(REMOTE) | (told["flags"] & 1) * np.uint8(TX)
     length = np.minimum(told["dlc"], np.uint8(8))
     data = _words(told["data"], np.where(remote, 0, length))
-    return Columns(rows, _stamps(told), identifier, flags, told["channel"], length, data)
+    return BlfColumns(rows, _stamps(told), identifier, flags, told["channel"], length, data)
 
 
-def _error(rows: Any, told: Any, text: Bytes, ends: Any, sizes: Any) -> Columns:
+def _error(rows: Any, told: Any, text: Bytes, ends: Any, sizes: Any) -> BlfColumns:
     del text, ends, sizes
     n = len(rows)
     flags = np.full(n, ERROR, np.uint8)
     nothing = np.zeros(n, np.uint8)
-    return Columns(
+    return BlfColumns(
         rows, _stamps(told), np.zeros(n, np.uint32), flags, told["channel"], nothing,
         np.zeros((n, 8), np.uint8),
     )  # fmt: skip
 
 
-def _error_ext(rows: Any, told: Any, text: Bytes, ends: Any, sizes: Any) -> Columns:
+def _error_ext(rows: Any, told: Any, text: Bytes, ends: Any, sizes: Any) -> BlfColumns:
     del text, ends, sizes
     identifier, _ = _identifier(told)
     length = np.minimum(told["dlc"], np.uint8(8))
     flags = np.full(len(rows), ERROR, np.uint8)
     data = _words(told["data"], length)
-    return Columns(rows, _stamps(told), identifier, flags, told["channel"], length, data)
+    return BlfColumns(rows, _stamps(told), identifier, flags, told["channel"], length, data)
 
 
-def _fd(rows: Any, told: Any, text: Bytes, ends: Any, sizes: Any) -> Columns:
+def _fd(rows: Any, told: Any, text: Bytes, ends: Any, sizes: Any) -> BlfColumns:
     del text, ends
     identifier, flags = _identifier(told)
     remote, fd = (told["flags"] & 0x80) != 0, told["fd"]
@@ -258,10 +258,10 @@ def _fd(rows: Any, told: Any, text: Bytes, ends: Any, sizes: Any) -> Columns:
     length = np.where(remote, _DLC_LENGTH[told["dlc"]], length)
     shown = np.where(remote, 0, np.minimum(length, np.maximum(there, 0)))
     data = np.where(np.arange(FD_BYTES) < shown[:, None], told["data"], 0).astype(np.uint8)
-    return Columns(rows, _stamps(told), identifier, flags, told["channel"], length, data)
+    return BlfColumns(rows, _stamps(told), identifier, flags, told["channel"], length, data)
 
 
-def _fd_64(rows: Any, told: Any, text: Bytes, ends: Any, sizes: Any) -> Columns:
+def _fd_64(rows: Any, told: Any, text: Bytes, ends: Any, sizes: Any) -> BlfColumns:
     identifier, flags = _identifier(told)
     bits = told["flags"]
     remote = (bits & 0x10) != 0
@@ -276,10 +276,10 @@ def _fd_64(rows: Any, told: Any, text: Bytes, ends: Any, sizes: Any) -> Columns:
     padded = np.concatenate([text, np.zeros(FD_BYTES, np.uint8)])
     data = np.lib.stride_tricks.sliding_window_view(padded, FD_BYTES)[ends].copy()
     data[np.arange(FD_BYTES) >= shown[:, None]] = 0
-    return Columns(rows, _stamps(told), identifier, flags, told["channel"], length, data)
+    return BlfColumns(rows, _stamps(told), identifier, flags, told["channel"], length, data)
 
 
-_TAKERS: Final[dict[int, Callable[..., Columns]]] = {
+_TAKERS: Final[dict[int, Callable[..., BlfColumns]]] = {
     CAN_MESSAGE: _message,
     CAN_MESSAGE2: _message,
     CAN_ERROR: _error,

@@ -13,10 +13,10 @@ from canlog.formats.candump_columns import (
     parse_block,
     wide_enough,
 )
-from canlog.formats.candump_line import LOCAL, NONE, SINCE, Line
+from canlog.formats.candump_line import LOCAL, NONE, SINCE, CandumpLine
 from canlog.formats.candump_write import write
 from canlog.frames import CLASSIC_BYTES, Bools, Frames, Ints
-from canlog.line_block import Block
+from canlog.line_block import LineBlock
 from canlog.options import DELTA, ReadOptions
 from canlog.source import text_blocks
 
@@ -47,13 +47,13 @@ def read(path: Path, options: ReadOptions, damages: Damages) -> Iterator[Frames]
             yield frames
 
 
-def _parse(text: bytes, channels: list[str], width: int, options: ReadOptions) -> Block:
+def _parse(text: bytes, channels: list[str], width: int, options: ReadOptions) -> LineBlock:
     block = kernel.parse_candump(text, channels, width) if options.compiled else None
     return block if block is not None else parse_block(text, channels, width)
 
 
 def _with_odd(
-    block: Block,
+    block: LineBlock,
     text: bytes,
     first_line: int,
     channels: list[str],
@@ -83,7 +83,7 @@ def _with_odd(
     return _renamed(frames, channels, keep)
 
 
-def _put(line: Line, row: int, frames: Frames, channels: list[str]) -> None:
+def _put(line: CandumpLine, row: int, frames: Frames, channels: list[str]) -> None:
     frames.at_ns[row] = line.at_ns
     frames.identifier[row] = line.identifier
     frames.flags[row] = line.flags
@@ -109,7 +109,7 @@ class _Stamps:
         self._damages = damages
         self._last_ns = 0
 
-    def note(self, line: Line, number: int) -> None:
+    def note(self, line: CandumpLine, number: int) -> None:
         if line.since == NONE:
             self._damages.add("no time stamps", "line", number, "frames without `-t` are at 0")
         elif line.since == LOCAL:

@@ -21,7 +21,7 @@ from canlog.frames import (
     Frames,
     blank,
 )
-from canlog.line_block import Block
+from canlog.line_block import LineBlock
 
 SHAPES_MAX: Final = 40
 """Lines of one length may have so many shapes, such as names of channels; the rest are odd."""
@@ -56,7 +56,7 @@ def line_spans(text: Bytes) -> tuple[Any, Any, Any, int]:
     return starts[full], ends[full], np.flatnonzero(full), len(full)
 
 
-def parse_block(block: bytes, channels: list[str], width: int = CLASSIC_BYTES) -> Block:
+def parse_block(block: bytes, channels: list[str], width: int = CLASSIC_BYTES) -> LineBlock:
     """Take a block of whole lines apart; new names are added to `channels`.
 
     Raises nothing: whatever has not exactly the shape of a logged data frame is in `odd`.
@@ -81,7 +81,7 @@ def parse_block(block: bytes, channels: list[str], width: int = CLASSIC_BYTES) -
         tuple(channels),
     )  # fmt: skip
     left = np.flatnonzero(odd)
-    return Block(frames, left, starts[left], ends[left], lines[left], count)
+    return LineBlock(frames, left, starts[left], ends[left], lines[left], count)
 
 
 def _parse_equal(text: Bytes, rows: Any, made: Frames, odd: Any, channels: list[str]) -> None:

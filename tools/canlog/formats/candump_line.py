@@ -33,7 +33,7 @@ BYTES: Final = re.compile(rb"(?P<data>(?:[0-9A-Fa-f]{2}(?: +|$)){0,64})(?P<tail>
 
 
 @dataclass(frozen=True, slots=True)
-class Line:
+class CandumpLine:
     """One frame of a candump log."""
 
     at_ns: int
@@ -46,7 +46,7 @@ class Line:
     data: bytes
 
 
-def parse(line: bytes) -> Line | None:
+def parse(line: bytes) -> CandumpLine | None:
     """Of a line without its end; None for a line that candump cannot have written whole."""
     match = LOGGED.fullmatch(line)
     if match is not None:
@@ -70,7 +70,7 @@ def _stamp(seconds: bytes, fraction: bytes) -> int | None:
     return int(seconds) * NS_PER_S + int(fraction.ljust(9, b"0"))
 
 
-def _logged(match: re.Match[bytes]) -> Line | None:
+def _logged(match: re.Match[bytes]) -> CandumpLine | None:
     at_ns, known = _stamp(match["seconds"], match["fraction"]), _identifier(match["id"])
     if at_ns is None or known is None:
         return None
@@ -88,10 +88,10 @@ def _logged(match: re.Match[bytes]) -> Line | None:
         flags, length = flags | REMOTE, int(match["remote"] or b"0")
     flags |= TX if match["way"] == b"T" else 0
     channel = match["channel"].decode("ascii", "backslashreplace")
-    return Line(at_ns, ABSOLUTE, identifier, flags, channel, length, data)
+    return CandumpLine(at_ns, ABSOLUTE, identifier, flags, channel, length, data)
 
 
-def _shown(match: re.Match[bytes]) -> Line | None:
+def _shown(match: re.Match[bytes]) -> CandumpLine | None:
     known, stamp = _identifier(match["id"]), _shown_stamp(match)
     if known is None or stamp is None:
         return None
@@ -114,7 +114,7 @@ def _shown(match: re.Match[bytes]) -> Line | None:
     elif length > 8:
         return None
     channel = match["channel"].decode("ascii", "backslashreplace")
-    return Line(stamp[0], stamp[1], identifier, flags, channel, length, data)
+    return CandumpLine(stamp[0], stamp[1], identifier, flags, channel, length, data)
 
 
 def _is_comment(tail: bytes, is_error: bool) -> bool:

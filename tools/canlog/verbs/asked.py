@@ -8,7 +8,7 @@ from canlog.damage import LogError
 from canlog.read import Log, read
 from canlog.run import NS_PER_S
 from canlog.verbs.common import add_log, read_options, seconds
-from canlog.views.span import Span, zero_of
+from canlog.views.span import TimeSpan, zero_of
 
 
 def log_options(parser: argparse.ArgumentParser, *, span: bool = True) -> None:
@@ -34,7 +34,7 @@ def name_asked(given: argparse.Namespace) -> str:
     return path.name or str(path.resolve())
 
 
-def span_asked(log: Log, given: argparse.Namespace) -> Span:
+def span_asked(log: Log, given: argparse.Namespace) -> TimeSpan:
     """Raises LogError for a span that is empty or outside of the log."""
     zero_ns = zero_of(log)
     start_ns, end_ns = log.start_ns, log.end_ns
@@ -45,7 +45,7 @@ def span_asked(log: Log, given: argparse.Namespace) -> Span:
     if end_ns < start_ns:
         there = f"{(log.start_ns - zero_ns) / NS_PER_S:g} to {(log.end_ns - zero_ns) / NS_PER_S:g}"
         raise LogError(f"--from, --to: nothing between them; {log.path} goes from {there} s")
-    return Span(zero_ns, start_ns, end_ns)
+    return TimeSpan(zero_ns, start_ns, end_ns)
 
 
 def output_path(text: str, suffixes: tuple[str, ...]) -> Path:

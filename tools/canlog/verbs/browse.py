@@ -11,7 +11,7 @@ from canlog.verbs.common import add_reading, seconds
 from firmware_py.clock.clock import WallClock
 
 if TYPE_CHECKING:
-    from canlog.browse.state import State
+    from canlog.browse.state import BrowserState
     from firmware_py.ports import CanPort
 
 SUMMARY: Final = "browse a log or a live bus on a terminal"
@@ -51,9 +51,9 @@ def run(given: argparse.Namespace) -> int:
     return 0
 
 
-def _recorded(given: argparse.Namespace) -> "State":
+def _recorded(given: argparse.Namespace) -> "BrowserState":
     from canlog.browse.lanes import lanes_of
-    from canlog.browse.state import NS_PER_S, State
+    from canlog.browse.state import NS_PER_S, BrowserState
     from canlog.verbs.asked import name_asked, read_asked
     from canlog.views.happenings import happenings
     from canlog.views.span import zero_of
@@ -61,7 +61,9 @@ def _recorded(given: argparse.Namespace) -> "State":
     log = read_asked(given)
     lanes = lanes_of(log.frames, log.bus)
     zero_ns = zero_of(log)
-    state = State(name_asked(given), lanes, zero_ns, lanes.end_ns, happenings=happenings(log))
+    state = BrowserState(
+        name_asked(given), lanes, zero_ns, lanes.end_ns, happenings=happenings(log)
+    )
     state.selected = min(lanes.lanes, default=None)
     # Not at the very first frame, when nothing else has come yet.
     begin_ns = lanes.start_ns + BEGIN_S * NS_PER_S
@@ -70,9 +72,9 @@ def _recorded(given: argparse.Namespace) -> "State":
     return state
 
 
-def _live(given: argparse.Namespace, clock: WallClock) -> "tuple[CanPort, State]":
+def _live(given: argparse.Namespace, clock: WallClock) -> "tuple[CanPort, BrowserState]":
     from canlog.browse.lanes import Lanes
-    from canlog.browse.state import State
+    from canlog.browse.state import BrowserState
     from canlog.database import load_bus
     from firmware_py.buses import BusError, open_can
 
@@ -82,19 +84,19 @@ def _live(given: argparse.Namespace, clock: WallClock) -> "tuple[CanPort, State]
         raise LogError(str(error)) from error
     now_ns = clock.epoch_ns()
     lanes = Lanes(load_bus(given.dbc), {})
-    return port, State(given.follow, lanes, now_ns, now_ns, live=True, running=True)
+    return port, BrowserState(given.follow, lanes, now_ns, now_ns, live=True, running=True)
 
 
 def _browse(
-    given: argparse.Namespace, state: "State", clock: WallClock, port: "CanPort | None"
+    given: argparse.Namespace, state: "BrowserState", clock: WallClock, port: "CanPort | None"
 ) -> None:
     from canlog.browse.screen import screen
     from canlog.browse.state import advance, press
-    from canlog.browse.terminal import Terminal
+    from canlog.browse.terminal import RawTerminal
 
     ascii_only = given.ascii or "utf" not in (sys.stdout.encoding or "").lower()
     last_ns = clock.now_ns()
-    with Terminal(colour="NO_COLOR" not in os.environ) as terminal:
+    with RawTerminal(colour="NO_COLOR" not in os.environ) as terminal:
         while not state.done:
             now_ns = clock.now_ns()
             if port is not None:
@@ -110,7 +112,7 @@ def _browse(
                 press(state, key)
 
 
-def _hear(state: "State", port: "CanPort", now_ns: int, offset_ns: int) -> None:
+def _hear(state: "BrowserState", port: "CanPort", now_ns: int, offset_ns: int) -> None:
     from canlog.frames import ERROR, KEY_EXTENDED
 
     heard = port.receive(now_ns)

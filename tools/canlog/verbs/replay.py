@@ -9,7 +9,7 @@ from canlog.damage import LogError
 from canlog.database import load_bus
 from canlog.frames import EXTENDED, FD, NOT_DATA, Frames
 from canlog.read import stream
-from canlog.select import Selector, Wanted, parse_key
+from canlog.select import Selection, Selector, parse_key
 from canlog.table import Groups
 from canlog.verbs.common import add_log, read_options
 from firmware_py.buses import BusError, is_virtual, open_can
@@ -40,7 +40,7 @@ def run(given: argparse.Namespace) -> int:
     clock = WallClock(SPIN_S)
     source = stream(Path(given.log), read_options(given))
     keys = tuple(parse_key(text) for text in given.id)
-    wanted = Wanted(names=tuple(given.message), keys=keys, nodes=tuple(given.node))
+    wanted = Selection(names=tuple(given.message), keys=keys, nodes=tuple(given.node))
     selector = Selector(wanted, bus)
     port = _open(given.bus, clock, real=given.real)
     player = Player(port, clock, given.speed)

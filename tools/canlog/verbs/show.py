@@ -14,11 +14,11 @@ from typing import Final
 from canlog.damage import LogError
 from canlog.database import Bus, load_bus
 from canlog.frames import ERROR, EXTENDED, REMOTE, Frames
-from canlog.lines import Style, Writer
+from canlog.lines import LineStyle, Writer
 from canlog.read import read, stream
 from canlog.rows import from_rows
-from canlog.run import Run
-from canlog.select import NS_PER_S, Selector, Wanted, around, parse_key
+from canlog.run import RunFiles
+from canlog.select import NS_PER_S, Selection, Selector, around, parse_key
 from canlog.stats import JUDGED_BUS
 from canlog.table import Groups
 from canlog.verbs.common import add_reading, count, read_options, seconds
@@ -74,10 +74,10 @@ def run(given: argparse.Namespace) -> int:
     return 0
 
 
-def _style(given: argparse.Namespace, bus: Bus, start_ns: int) -> Style:
+def _style(given: argparse.Namespace, bus: Bus, start_ns: int) -> LineStyle:
     auto = sys.stdout.isatty() and "NO_COLOR" not in os.environ
     longest = max((len(name) for name in bus.messages), default=0)
-    return Style(
+    return LineStyle(
         colour=given.color == "always" or (given.color == "auto" and auto),
         absolute=given.absolute,
         raw=given.raw,
@@ -88,7 +88,7 @@ def _style(given: argparse.Namespace, bus: Bus, start_ns: int) -> Style:
     )
 
 
-def _wanted(given: argparse.Namespace, bus: Bus, start_ns: int, run_: Run | None) -> Wanted:
+def _wanted(given: argparse.Namespace, bus: Bus, start_ns: int, run_: RunFiles | None) -> Selection:
     spans: tuple[tuple[int, int], ...] | None = None
     if given.within < 0.0:
         raise LogError(f"--within {given.within:g}: is not negative")
@@ -104,7 +104,7 @@ def _wanted(given: argparse.Namespace, bus: Bus, start_ns: int, run_: Run | None
         spans = around(_instants_ns(given, run_), given.within)
     if given.rate is not None and not given.rate > 0.0:
         raise LogError(f"--rate {given.rate}: has to be positive")
-    return Wanted(
+    return Selection(
         names=tuple(given.message),
         keys=tuple(parse_key(text) for text in given.id),
         nodes=tuple(given.node),
@@ -116,7 +116,7 @@ def _wanted(given: argparse.Namespace, bus: Bus, start_ns: int, run_: Run | None
     )
 
 
-def _instants_ns(given: argparse.Namespace, run_: Run | None) -> list[int]:
+def _instants_ns(given: argparse.Namespace, run_: RunFiles | None) -> list[int]:
     if run_ is None:
         raise LogError(f"--around: {given.log} is no run folder, so it has no events")
     pattern = re.compile(re.escape(given.around).replace("_", "[ _]"), re.IGNORECASE)

@@ -16,7 +16,7 @@ from rich.table import Table as TextTable
 from canlog.damage import Damage
 from canlog.database import load_bus
 from canlog.read import stream
-from canlog.rules import Broken, Judged, Rule, broken, parse_rule, untold
+from canlog.rules import Broken, FailRule, Judged, broken, parse_rule, untold
 from canlog.stats import Statistics, gather
 from canlog.stats_rows import Row, absent, bus_rows, message_rows, signal_rows, unjudged
 from canlog.verbs.common import add_log, count, read_options
@@ -61,16 +61,16 @@ def run(given: argparse.Namespace) -> int:
     found = gather(source, load_bus(given.dbc), **rates)
     damaged = sum(each.count for each in source.warnings)
     judged = Judged(message_rows(found), bus_rows(found), damaged, len(absent(found)))
-    held = Held(rules, broken(rules, judged), untold(rules, judged))
+    held = HeldRules(rules, broken(rules, judged), untold(rules, judged))
     _print(given, found, judged, source.warnings, held)
     return EXIT_BROKEN if held.breaches else EXIT_OK
 
 
 @dataclass(frozen=True, slots=True)
-class Held:
+class HeldRules:
     """Rules, who broke them, and those that nothing could be held to."""
 
-    rules: Sequence[Rule]
+    rules: Sequence[FailRule]
     breaches: Sequence[Broken]
     untold: Mapping[str, str]
 
@@ -80,7 +80,7 @@ def _print(
     found: Statistics,
     judged: Judged,
     warnings: Sequence[Damage],
-    held: Held,
+    held: HeldRules,
 ) -> None:
     if given.form == "json":
         told: dict[str, Any] = {"log": str(given.log), "buses": judged.buses}
@@ -114,7 +114,7 @@ def csv_text(rows: Sequence[Row]) -> str:
     return out.getvalue()
 
 
-def junit_text(log: str, held: Held) -> str:
+def junit_text(log: str, held: HeldRules) -> str:
     """A test suite with a case for each rule, for the reports of CI servers."""
     failed = {each.rule for each in held.breaches}
     lines = [

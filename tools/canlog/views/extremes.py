@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 
 from canlog.frames import Ints
-from canlog.views.traces import Floats, Trace
+from canlog.views.traces import Floats, SignalTrace
 
 BLOCK: Final = 256
 """Samples that one entry of the next level stands for."""
@@ -50,7 +50,7 @@ def kept(at_ns: Ints, values: Floats, *, start_ns: int, end_ns: int, columns: in
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Window:
+class ViewWindow:
     """What a picture of a span needs, with the neighbours outside of it.
 
     Either the samples themselves, or first, least, greatest and last of each column of pixels. A
@@ -66,7 +66,7 @@ class Window:
 class Pyramid:
     """Least and greatest of blocks of samples, and of blocks of these."""
 
-    def __init__(self, trace: Trace, zero_ns: int) -> None:
+    def __init__(self, trace: SignalTrace, zero_ns: int) -> None:
         """`zero_ns`: what instants are counted from in what `window` takes and gives."""
         self.at_ns = trace.at_ns - zero_ns
         self.values = trace.values
@@ -78,7 +78,7 @@ class Pyramid:
             low, high = np.fmin.reduceat(low, begins), np.fmax.reduceat(high, begins)
             self._levels.append((low, high))
 
-    def window(self, start_ns: float, end_ns: float, columns: int) -> Window:
+    def window(self, start_ns: float, end_ns: float, columns: int) -> ViewWindow:
         """Of the span, in `columns` equal columns."""
         begin = int(np.searchsorted(self.at_ns, start_ns, "left"))
         end = int(np.searchsorted(self.at_ns, end_ns, "right"))
@@ -104,19 +104,19 @@ class Pyramid:
         silent = self.at_ns[begins] - self.at_ns[before] > self.gap_ns
         keep[:, 0] = silent if self.gap_ns else False
         edges = [self._raw(first, begin), self._raw(end, stop)]
-        return Window(
+        return ViewWindow(
             False,
             np.concatenate([edges[0].at_ns, at_ns[keep], edges[1].at_ns]),
             np.concatenate([edges[0].values, values[keep], edges[1].values]),
         )
 
-    def _raw(self, first: int, stop: int) -> Window:
+    def _raw(self, first: int, stop: int) -> ViewWindow:
         at_ns, values = self.at_ns[first:stop].astype(np.float64), self.values[first:stop]
         if self.gap_ns:
             where = np.flatnonzero(np.diff(at_ns) > self.gap_ns) + 1
             at_ns = np.insert(at_ns, where, at_ns[where - 1] + self.gap_ns)
             values = np.insert(values, where, np.nan)
-        return Window(True, at_ns, values)
+        return ViewWindow(True, at_ns, values)
 
     def _extremes(self, begins: Ints, ends: Ints) -> tuple[Floats, Floats]:
         """Of the samples of each piece; the pieces follow each other without a gap."""

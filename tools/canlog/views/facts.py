@@ -11,7 +11,7 @@ from canlog.shelf import in_pieces
 from canlog.stats import JUDGED_BUS, gather
 from canlog.stats_rows import absent, bus_rows, message_rows, unjudged
 from canlog.verdict import REASONS, UNCONFIRMED, Judge
-from canlog.views.packed import Group
+from canlog.views.packed import KeyGroup
 
 REFUSED_FROM: Final = UNCONFIRMED + 1
 """Codes from this on are those of refused frames."""
@@ -45,7 +45,7 @@ def verdict_names() -> dict[str, str]:
     return {str(code): reason.name.lower().replace("_", " ") for code, reason in REASONS.items()}
 
 
-def message_head(group: Group, spec: MessageSpec | None, name: str) -> dict[str, Any]:
+def message_head(group: KeyGroup, spec: MessageSpec | None, name: str) -> dict[str, Any]:
     """What the page has to know of a message to decode and name it."""
     head: dict[str, Any] = {
         "id": group.key & ~KEY_EXTENDED,

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from canlog.read import Log
-from canlog.run import EVENTS, NS_PER_S, Run
+from canlog.run import EVENTS, NS_PER_S, RunFiles
 
 EVENT_MESSAGE: Final = "VOBC_EVENT"
 EVENT_SIGNAL: Final = "event"
@@ -62,7 +62,7 @@ def happenings(log: Log) -> tuple[Happening, ...]:
     return tuple(sorted(found, key=lambda each: each.at_ns))
 
 
-def _told(run: Run) -> Iterator[Happening]:
+def _told(run: RunFiles) -> Iterator[Happening]:
     path = run.folder / EVENTS
     if not path.is_file():
         return
@@ -80,7 +80,7 @@ def _told(run: Run) -> Iterator[Happening]:
             continue
 
 
-def _basis(run: Run, table: Mapping[str, Any]) -> Basis:
+def _basis(run: RunFiles, table: Mapping[str, Any]) -> Basis:
     heard_s = table.get("heard_s")
     return Basis(
         str(table["source"]),

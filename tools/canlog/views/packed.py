@@ -19,7 +19,7 @@ LONG_NS: Final = (1 << 32) - 1
 """A step of time that does not fit in 32 bits is told apart from the others."""
 
 
-class Block:
+class PackedBytes:
     """Named pieces of bytes, one behind the other."""
 
     def __init__(self) -> None:
@@ -63,7 +63,7 @@ _KINDS: Final = {
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Group:
+class KeyGroup:
     """Frames of one key; remote and error frames make groups of their own."""
 
     key: int
@@ -78,7 +78,7 @@ class Ordered:
     """Frames in order of time, and of which group each is."""
 
     frames: Frames
-    groups: tuple[Group, ...]
+    groups: tuple[KeyGroup, ...]
     group: "npt.NDArray[np.uint16]"
     """(n,) index into `groups`."""
     order: Ints | None
@@ -105,7 +105,7 @@ def ordered(frames: Frames, room: Room = in_memory) -> Ordered:
         counts += np.bincount(mine, minlength=len(kinds))
     order = _sorted_rows(numbers, counts, room)
     groups = tuple(
-        Group(int(each) & 0xFFFFFFFF, int(each) >> 32, rows)
+        KeyGroup(int(each) & 0xFFFFFFFF, int(each) >> 32, rows)
         for each, rows in zip(kinds.tolist(), np.split(order, np.cumsum(counts)[:-1]), strict=True)
     )
     return Ordered(frames, groups, numbers, by_time)
@@ -136,7 +136,7 @@ def _sorted_rows(numbers: Any, counts: Ints, room: Room) -> Ints:
     return rows
 
 
-def add_frames(block: Block, log: Ordered, zero_ns: int) -> dict[str, Any]:
+def add_frames(block: PackedBytes, log: Ordered, zero_ns: int) -> dict[str, Any]:
     """Put all frames into the block; returns what the page has to know to read them."""
     frames = log.frames
     steps = np.diff(frames.at_ns, prepend=frames.at_ns[:1])

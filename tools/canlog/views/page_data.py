@@ -11,10 +11,10 @@ from canlog.read import Log
 from canlog.views.extremes import kept
 from canlog.views.facts import message_head, statistics, verdict_codes, verdict_names
 from canlog.views.happenings import Happening, happenings
-from canlog.views.packed import NOT_DATA, Block, Group, Ordered, add_frames, ordered
+from canlog.views.packed import NOT_DATA, KeyGroup, Ordered, PackedBytes, add_frames, ordered
 from canlog.views.place import journey_of
 from canlog.views.span import date_text, zero_of
-from canlog.views.traces import Trace, find_names, trace_names, trace_of
+from canlog.views.traces import SignalTrace, find_names, trace_names, trace_of
 
 KIND_NAMES: Final = {2: " (remote)", 4: " (error)", 6: " (error)"}
 CURVE_POINTS_MAX: Final = 40_000
@@ -23,7 +23,7 @@ CURVE_POINTS_MAX: Final = 40_000
 @dataclass(frozen=True, slots=True, eq=False)
 class PageData:
     head: dict[str, Any]
-    block: Block
+    block: PackedBytes
     log: Ordered
 
     def head_text(self) -> str:
@@ -46,7 +46,7 @@ def page_data(log: Log, title: str, words: Sequence[str], *, with_frames: bool) 
     panels = [[n for part in word.split(",") for n in find_names(log, part)] for word in words]
     zero_ns = zero_of(log)
     in_order = ordered(log.frames, log.room)
-    block = Block()
+    block = PackedBytes()
     head: dict[str, Any] = {
         "title": title,
         "zero": str(zero_ns),
@@ -74,7 +74,7 @@ def page_data(log: Log, title: str, words: Sequence[str], *, with_frames: bool) 
     return PageData(head, block, in_order)
 
 
-def _message(log: Log, group: Group) -> dict[str, Any]:
+def _message(log: Log, group: KeyGroup) -> dict[str, Any]:
     spec = log.bus.by_key.get(group.key)
     name = log.bus.name_of(group.key) if not group.flags & 4 else "error frame"
     name += KIND_NAMES.get(group.flags & NOT_DATA, "") if not group.flags & 4 else ""
@@ -112,7 +112,9 @@ def _event(each: Happening, zero_ns: int) -> dict[str, Any]:
     }
 
 
-def _extras(block: Block, log: Log, zero_ns: int, *, with_columns: bool) -> list[dict[str, Any]]:
+def _extras(
+    block: PackedBytes, log: Log, zero_ns: int, *, with_columns: bool
+) -> list[dict[str, Any]]:
     """Columns of a run folder: truth and control cycles."""
     found = []
     for name in trace_names(log):
@@ -128,11 +130,11 @@ def _extras(block: Block, log: Log, zero_ns: int, *, with_columns: bool) -> list
     return found
 
 
-def _add_instants(block: Block, name: str, trace: Trace, zero_ns: int) -> None:
+def _add_instants(block: PackedBytes, name: str, trace: SignalTrace, zero_ns: int) -> None:
     block.add(name, (trace.at_ns - zero_ns).astype(np.float64))
 
 
-def _journey(block: Block, log: Log, zero_ns: int) -> dict[str, Any] | None:
+def _journey(block: PackedBytes, log: Log, zero_ns: int) -> dict[str, Any] | None:
     journey = journey_of(log)
     if journey is None:
         return None

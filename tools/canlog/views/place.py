@@ -10,7 +10,7 @@ import numpy as np
 from canlog.damage import LogError
 from canlog.frames import Ints
 from canlog.read import Log
-from canlog.views.traces import Floats, Trace, trace_names, trace_of
+from canlog.views.traces import Floats, SignalTrace, trace_names, trace_of
 
 ON_BUS: Final = "VOBC_POSITION.front_m"
 TRUE_PLACE: Final = "truth.front_m"
@@ -38,7 +38,7 @@ Pieces = tuple[tuple[float, float, float], ...]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Curve:
+class DistanceCurve:
     """One line of the picture, in order of time."""
 
     role: str
@@ -50,11 +50,11 @@ class Curve:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Journey:
+class JourneyPicture:
     """The picture of speed over distance."""
 
-    curves: tuple[Curve, ...]
-    authority: Trace | None
+    curves: tuple[DistanceCurve, ...]
+    authority: SignalTrace | None
     """Chainage of the end of authority over time."""
     limits: Pieces = ()
     """From, to, and the speed of the line between them, m, m, m/s."""
@@ -64,7 +64,7 @@ class Journey:
     """From, to, m, and permille, rising positive."""
 
 
-def place_of(log: Log, name: str | None = None) -> Trace:
+def place_of(log: Log, name: str | None = None) -> SignalTrace:
     """Way over time, the truest there is, or the trace of that name. Raises LogError."""
     if name is not None:
         return trace_of(log, name)
@@ -75,7 +75,7 @@ def place_of(log: Log, name: str | None = None) -> Trace:
     raise LogError(f"{log.path}: tells no distance; --distance takes the signal that does")
 
 
-def at_instants(place: Trace, at_ns: Ints, *, hold: bool = False) -> Floats:
+def at_instants(place: SignalTrace, at_ns: Ints, *, hold: bool = False) -> Floats:
     """(n,) the place at each instant, straight between its samples.
 
     Args:
@@ -89,17 +89,17 @@ def at_instants(place: Trace, at_ns: Ints, *, hold: bool = False) -> Floats:
     return np.interp((at_ns - zero_ns).astype(np.float64), known_s, place.values, *ends)
 
 
-def journey_of(log: Log) -> Journey | None:
+def journey_of(log: Log) -> JourneyPicture | None:
     """None for a log that does not tell place and speed."""
     known = set(trace_names(log))
     curves = tuple(_curves(log, known))
     if not curves:
         return None
     limits, stations, gradients = _line(log)
-    return Journey(curves, _authority(log, known), limits, stations, gradients)
+    return JourneyPicture(curves, _authority(log, known), limits, stations, gradients)
 
 
-def _curves(log: Log, known: set[str]) -> Iterator[Curve]:
+def _curves(log: Log, known: set[str]) -> Iterator[DistanceCurve]:
     for role, candidates in CURVES:
         name = next((each for each in candidates if each in known), None)
         if name is None:
@@ -112,10 +112,10 @@ def _curves(log: Log, known: set[str]) -> Iterator[Curve]:
         place_m = at_instants(place, trace.at_ns) if len(place) else np.empty(0)
         there = ~np.isnan(place_m)
         if there.any():
-            yield Curve(role, name, trace.at_ns[there], place_m[there], trace.values[there])
+            yield DistanceCurve(role, name, trace.at_ns[there], place_m[there], trace.values[there])
 
 
-def _authority(log: Log, known: set[str]) -> Trace | None:
+def _authority(log: Log, known: set[str]) -> SignalTrace | None:
     for ahead_name, from_name in AHEAD:
         if ahead_name not in known or from_name not in known:
             continue
@@ -125,7 +125,7 @@ def _authority(log: Log, known: set[str]) -> Trace | None:
         end_m = at_instants(front, ahead.at_ns) + ahead.values
         there = ~np.isnan(end_m) & (ahead.values < FAR_M)
         if there.any():
-            return Trace("authority", "m", ahead.at_ns[there], end_m[there])
+            return SignalTrace("authority", "m", ahead.at_ns[there], end_m[there])
     return None
 
 

@@ -16,8 +16,8 @@ from canlog.run import NS_PER_S
 from canlog.views.extremes import kept
 from canlog.views.happenings import Happening
 from canlog.views.place import at_instants
-from canlog.views.span import Span
-from canlog.views.traces import Floats, Trace
+from canlog.views.span import TimeSpan
+from canlog.views.traces import Floats, SignalTrace
 
 INK: Final = "#1d2733"
 QUIET: Final = "#66727f"
@@ -60,10 +60,10 @@ class Picture:
     """What is to be drawn."""
 
     title: str
-    panels: Sequence[Sequence[Trace]]
-    span: Span
+    panels: Sequence[Sequence[SignalTrace]]
+    span: TimeSpan
     happenings: Sequence[Happening] = ()
-    place: Trace | None = None
+    place: SignalTrace | None = None
     """Way over time, to draw over distance instead of time."""
 
 
@@ -105,7 +105,7 @@ def draw(picture: Picture, path: Path) -> int:
     return drawn
 
 
-def _rows(panel: Sequence[Trace]) -> Iterator[list[Trace]]:
+def _rows(panel: Sequence[SignalTrace]) -> Iterator[list[SignalTrace]]:
     """The lines of a panel and, below them, its bands of states."""
     for is_state in (False, True):
         row = [trace for trace in panel if trace.is_state is is_state]
@@ -113,11 +113,11 @@ def _rows(panel: Sequence[Trace]) -> Iterator[list[Trace]]:
             yield row
 
 
-def _height_in(row: Sequence[Trace]) -> float:
+def _height_in(row: Sequence[SignalTrace]) -> float:
     return 0.15 + STATE_IN * len(row) if row[0].is_state else LINE_IN
 
 
-def _lines(axes: Axes, traces: Sequence[Trace], picture: Picture) -> int:
+def _lines(axes: Axes, traces: Sequence[SignalTrace], picture: Picture) -> int:
     drawn = 0
     axes.grid(visible=True, color=RULE, linewidth=0.7)
     axes.set_axisbelow(True)
@@ -143,7 +143,7 @@ def _lines(axes: Axes, traces: Sequence[Trace], picture: Picture) -> int:
     return drawn
 
 
-def _sampled(trace: Trace, picture: Picture) -> tuple[Floats, Floats, "np.ndarray[Any, Any]"]:
+def _sampled(trace: SignalTrace, picture: Picture) -> tuple[Floats, Floats, "np.ndarray[Any, Any]"]:
     """x, values, and where a line is broken behind a sample."""
     span = picture.span
     rows = kept(
@@ -170,7 +170,7 @@ def _broken(x: Floats, values: Floats, gaps: Any) -> tuple[Floats, Floats]:
     return np.insert(x, where, np.nan), np.insert(values, where, np.nan)
 
 
-def _states(axes: Axes, traces: Sequence[Trace], picture: Picture) -> int:
+def _states(axes: Axes, traces: Sequence[SignalTrace], picture: Picture) -> int:
     drawn = 0
     for row, trace in enumerate(traces):
         x, values, _ = _sampled(trace, picture)
@@ -184,7 +184,7 @@ def _states(axes: Axes, traces: Sequence[Trace], picture: Picture) -> int:
 
 
 def _band(
-    axes: Axes, y: float, trace: Trace, x: Floats, values: Floats, limits: tuple[float, float]
+    axes: Axes, y: float, trace: SignalTrace, x: Floats, values: Floats, limits: tuple[float, float]
 ) -> None:
     """A state holds until the next one; the last one to the end of the picture."""
     low, high = limits

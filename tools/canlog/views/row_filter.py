@@ -12,7 +12,7 @@ from canlog.damage import LogError
 from canlog.database import MessageSpec
 from canlog.frames import KEY_EXTENDED, Bools
 from canlog.read import Log
-from canlog.views.packed import Group, Ordered
+from canlog.views.packed import KeyGroup, Ordered
 
 COMPARED: Final = re.compile(r"([A-Za-z_][\w.]*)(>=|<=|==|!=|=|>|<)(.+)")
 BARE_ID: Final = re.compile(r"[0-9A-Fa-f]{3}|[0-9A-Fa-f]{8}")
@@ -31,7 +31,7 @@ COMPARISONS: Final[Mapping[str, Callable[[Any, Any], Any]]] = {
 class Subject:
     """The frames of one message."""
 
-    group: Group
+    group: KeyGroup
     name: str
     spec: MessageSpec | None
 

@@ -13,7 +13,7 @@ EPOCH_FROM_NS: Final = 10 * 365 * 86400 * NS_PER_S
 
 
 @dataclass(frozen=True, slots=True)
-class Span:
+class TimeSpan:
     """Instants of a log, and the one that is called zero."""
 
     zero_ns: int

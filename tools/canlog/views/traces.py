@@ -13,7 +13,7 @@ from canlog.damage import LogError
 from canlog.database import MessageSpec, SignalSpec
 from canlog.frames import Ints
 from canlog.read import Log
-from canlog.run import NS_PER_S, Run
+from canlog.run import NS_PER_S, RunFiles
 
 Floats = npt.NDArray[np.float64]
 NS_PER_MS: Final = 1_000_000
@@ -38,7 +38,7 @@ TRAILER: Final = frozenset({"alive_counter", "crc16", "crc8", "crc", "counter", 
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Trace:
+class SignalTrace:
     """`n` samples of one signal, in order of time."""
 
     name: str
@@ -130,7 +130,7 @@ def _complain(log: Log, asked: str, known: Sequence[str]) -> None:
     raise LogError(f"{asked}: no such signal in {log.path}{hint}")
 
 
-def panels_of(log: Log, words: Iterable[str]) -> list[list[Trace]]:
+def panels_of(log: Log, words: Iterable[str]) -> list[list[SignalTrace]]:
     """One panel for each word; names joined by commas share one. Raises LogError."""
     panels = []
     for word in words:
@@ -139,7 +139,7 @@ def panels_of(log: Log, words: Iterable[str]) -> list[list[Trace]]:
     return panels
 
 
-def trace_of(log: Log, name: str) -> Trace:
+def trace_of(log: Log, name: str) -> SignalTrace:
     """By full name. Raises LogError."""
     group, _, column = name.partition(".")
     if log.run is not None and group in (TRUTH, CYCLES):
@@ -152,7 +152,9 @@ def trace_of(log: Log, name: str) -> Trace:
     if not valid.all():
         at_ns, values = at_ns[valid], values[valid]
     at_ns, values = in_order(at_ns, values)
-    return Trace(name, signal.unit, at_ns, values, physical_choices(signal), gap_of(spec, at_ns))
+    return SignalTrace(
+        name, signal.unit, at_ns, values, physical_choices(signal), gap_of(spec, at_ns)
+    )
 
 
 def in_order(at_ns: Ints, values: Any) -> tuple[Ints, Any]:
@@ -174,7 +176,7 @@ def gap_of(spec: MessageSpec, at_ns: Ints) -> int:
     return spec.timeout_ms * NS_PER_MS
 
 
-def _run_names(run: Run | None) -> Iterator[str]:
+def _run_names(run: RunFiles | None) -> Iterator[str]:
     if run is None:
         return
     for group, columns in ((TRUTH, run.truth), (CYCLES, run.cycles)):
@@ -183,7 +185,7 @@ def _run_names(run: Run | None) -> Iterator[str]:
                 yield f"{group}.{name}"
 
 
-def _run_trace(run: Run, group: str, name: str) -> Trace:
+def _run_trace(run: RunFiles, group: str, name: str) -> SignalTrace:
     columns = run.truth if group == TRUTH else run.cycles
     if name not in columns or TIME_COLUMN not in columns or columns[name].dtype.kind != "f":
         raise LogError(f"{group}.{name}: {run.folder} has no such column of numbers")
@@ -191,7 +193,7 @@ def _run_trace(run: Run, group: str, name: str) -> Trace:
     there = ~np.isnan(values)
     at_ns = run.start_ns + np.rint(columns[TIME_COLUMN][there] * NS_PER_S).astype(np.int64)
     at_ns, values = in_order(at_ns, values[there])
-    return Trace(f"{group}.{name}", unit_of_column(name), at_ns, values)
+    return SignalTrace(f"{group}.{name}", unit_of_column(name), at_ns, values)
 
 
 def unit_of_column(name: str) -> str:

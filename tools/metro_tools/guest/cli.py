@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Final
 
 from metro_tools.guest import machine, packages, plan
-from metro_tools.guest.plan import GuestError, Request
+from metro_tools.guest.plan import GuestError, GuestRequest
 
 EXIT_OUT_OF_TIME: Final = 124
 EXIT_NO_GUEST: Final = 125
@@ -123,14 +123,14 @@ def _check_machine() -> None:
         )
 
 
-def _request(options: argparse.Namespace, command: tuple[str, ...]) -> Request:
+def _request(options: argparse.Namespace, command: tuple[str, ...]) -> GuestRequest:
     interfaces = () if options.no_vcan else tuple(dict.fromkeys(options.vcan or ["vcan0"]))
     for name in interfaces:
         if fault := plan.interface_name_fault(name):
             raise GuestError(f"--vcan: {fault}")
     umask = os.umask(0)
     os.umask(umask)
-    return Request(
+    return GuestRequest(
         command=command,
         directory=str(Path.cwd()),
         environment=_environment(),

@@ -16,8 +16,8 @@ from typing import IO, Final
 
 from firmware_py.clock.clock import NS_PER_S, WallClock
 from metro_tools.guest import plan
-from metro_tools.guest.plan import GuestError, Machine, MemoryPlace, Request
-from metro_tools.guest.wires import Wires, lay_wires, write_all
+from metro_tools.guest.plan import GuestError, GuestFolders, GuestRequest, MemoryPlace
+from metro_tools.guest.wires import GuestWires, lay_wires, write_all
 
 BOOT_TIMEOUT_S: Final = 90.0
 """A second or two is usual; the rest is for a machine with much else to do."""
@@ -48,7 +48,7 @@ class _Course:
     """What to say when the deadline passes."""
 
 
-def run(request: Request, cache: Path, memory_mib: int, *, verbose: bool) -> int:
+def run(request: GuestRequest, cache: Path, memory_mib: int, *, verbose: bool) -> int:
     """Boot, run, power off; the command's exit status.
 
     Raises:
@@ -56,7 +56,7 @@ def run(request: Request, cache: Path, memory_mib: int, *, verbose: bool) -> int
     """
     place, memory_mib = plan.choose_memory(memory_places(), memory_mib)
     with _run_dir() as run_dir:
-        machine = Machine(
+        machine = GuestFolders(
             kernel=cache / "kernel/linux",
             busybox=cache / "kernel/busybox",
             modules=cache / "kernel/modules",
@@ -101,7 +101,7 @@ def _run_dir() -> Iterator[Path]:
         shutil.rmtree(path, ignore_errors=True)
 
 
-def _write_scripts(request: Request, machine: Machine, run_dir: Path) -> None:
+def _write_scripts(request: GuestRequest, machine: GuestFolders, run_dir: Path) -> None:
     timeout_program = shutil.which("timeout")
     if timeout_program is None:
         raise GuestError("the program timeout (package coreutils) is missing")
@@ -116,7 +116,7 @@ def _write_scripts(request: Request, machine: Machine, run_dir: Path) -> None:
     init.chmod(0o700)
 
 
-def _boot(request: Request, machine: Machine, memory_mib: int, place: MemoryPlace) -> int:
+def _boot(request: GuestRequest, machine: GuestFolders, memory_mib: int, place: MemoryPlace) -> int:
     wires = lay_wires(one_stream=request.one_stream)
     words = plan.kernel_arguments(
         machine,
@@ -137,7 +137,7 @@ def _boot(request: Request, machine: Machine, memory_mib: int, place: MemoryPlac
 
 
 def _start(
-    words: Sequence[str], environment: dict[str, str], wires: Wires, console: IO[bytes]
+    words: Sequence[str], environment: dict[str, str], wires: GuestWires, console: IO[bytes]
 ) -> subprocess.Popen[bytes]:
     """Start the kernel as leader of a session of its own, so that a Ctrl-C does not reach it."""
     try:
@@ -197,7 +197,9 @@ def _kept_signals() -> Iterator[_Course]:
             signal.signal(number, handler)
 
 
-def _attend(process: subprocess.Popen[bytes], wires: Wires, timeout_s: int, course: _Course) -> int:
+def _attend(
+    process: subprocess.Popen[bytes], wires: GuestWires, timeout_s: int, course: _Course
+) -> int:
     """Relay output, follow reports and pass signals on until the guest is gone."""
     course.deadline_s = _now_s() + BOOT_TIMEOUT_S
     reports = bytearray()

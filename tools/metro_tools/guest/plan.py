@@ -23,7 +23,7 @@ class GuestError(Exception):
 
 
 @dataclass(frozen=True, slots=True)
-class Request:
+class GuestRequest:
     """What runs in the guest, and what it sees there."""
 
     command: tuple[str, ...]
@@ -54,7 +54,7 @@ class MemoryPlace:
 
 
 @dataclass(frozen=True, slots=True)
-class Machine:
+class GuestFolders:
     """Where the unpacked guest is, and where this run of it keeps its files."""
 
     kernel: PurePath
@@ -112,7 +112,7 @@ def interface_name_fault(name: str) -> str | None:
 
 
 def kernel_arguments(
-    machine: Machine, memory_mib: int, control: tuple[int, int], streams: Sequence[int]
+    machine: GuestFolders, memory_mib: int, control: tuple[int, int], streams: Sequence[int]
 ) -> list[str]:
     """Command line of the user-mode kernel.
 
@@ -138,7 +138,7 @@ def kernel_arguments(
     ]
 
 
-def settings_script(request: Request, machine: Machine) -> str:
+def settings_script(request: GuestRequest, machine: GuestFolders) -> str:
     """Shell variables that PID 1 reads first."""
     values = {
         "run": str(machine.run_dir),
@@ -151,12 +151,12 @@ def settings_script(request: Request, machine: Machine) -> str:
     return "".join(f"{name}={shlex.quote(value)}\n" for name, value in values.items())
 
 
-def writable_list(request: Request) -> str:
+def writable_list(request: GuestRequest) -> str:
     """The directories to let through, one a line."""
     return "".join(f"{path}\n" for path in request.writable)
 
 
-def command_script(request: Request, busybox: str, timeout_program: str) -> str:
+def command_script(request: GuestRequest, busybox: str, timeout_program: str) -> str:
     """Shell script that becomes the command, with the host's environment and directory."""
     environment = [f"{name}={value}" for name, value in request.environment.items()]
     limit = [timeout_program, "-k", str(KILL_GRACE_S), str(request.timeout_s)]

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 
 @dataclass(slots=True)
-class Wires:
+class GuestWires:
     """Pipes between launcher and guest, who makes its ends non-blocking: they are nobody else's."""
 
     orders_in: int
@@ -23,8 +23,8 @@ class Wires:
         return [self.orders_out, self.reports_in, *(read for read, _, _ in self.streams)]
 
 
-def lay_wires(*, one_stream: bool) -> Wires:
-    wires = Wires(*os.pipe(), *os.pipe())
+def lay_wires(*, one_stream: bool) -> GuestWires:
+    wires = GuestWires(*os.pipe(), *os.pipe())
     for own in (1,) if one_stream else (1, 2):
         wires.streams.append((*os.pipe(), own))
     return wires

@@ -27,13 +27,13 @@ from metro_tools.mutate.result import (
 )
 from metro_tools.mutate.targets import (
     Equivalent,
-    Group,
     TargetError,
+    TargetGroup,
     chosen,
     read_equivalents,
     read_groups,
 )
-from metro_tools.mutate.task import Task
+from metro_tools.mutate.task import MutantTask
 from metro_tools.mutate.trial import try_group
 
 EXIT_OK: Final = 0
@@ -117,7 +117,7 @@ class _Run:
     def __init__(
         self,
         root: Path,
-        group: Group,
+        group: TargetGroup,
         equivalents: Sequence[Equivalent],
         options: argparse.Namespace,
     ) -> None:
@@ -165,7 +165,9 @@ class _Run:
                     yield (module, number), item
 
     def _now(self, wanted: dict[str, tuple[int, ...]], count: int) -> Iterator[Tried]:
-        task = Task(str(self._root), self._group.modules, self._group.tests, wanted, self._jobs)
+        task = MutantTask(
+            str(self._root), self._group.modules, self._group.tests, wanted, self._jobs
+        )
         ended = 0
         try:
             for told in _results(self._root, task):
@@ -222,7 +224,7 @@ class _Progress:
             print(file=sys.stderr)
 
 
-def _results(root: Path, task: Task) -> Iterator[dict[str, Any]]:
+def _results(root: Path, task: MutantTask) -> Iterator[dict[str, Any]]:
     """What the process that tries them tells, as soon as it does."""
     read_fd, write_fd = os.pipe()
     with tempfile.TemporaryFile() as output:
@@ -245,7 +247,7 @@ def _results(root: Path, task: Task) -> Iterator[dict[str, Any]]:
 def _work(told: str) -> int:
     """The process in which tests are collected once and forked for each mutant."""
     entries = json.loads(told)
-    task = Task(
+    task = MutantTask(
         root=entries["root"],
         modules=tuple(entries["modules"]),
         tests=tuple(entries["tests"]),

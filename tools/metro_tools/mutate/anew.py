@@ -20,7 +20,7 @@ from metro_tools.mutate.examples import few, same_always
 from metro_tools.mutate.forks import Pool, result_of, write_line
 from metro_tools.mutate.module_finder import install
 from metro_tools.mutate.mutations import mutated
-from metro_tools.mutate.task import PYTEST_ARGS, Order, Orders, Task
+from metro_tools.mutate.task import PYTEST_ARGS, FreshImportTask, MutantOrder, MutantTask
 
 
 class Anew:
@@ -53,7 +53,7 @@ def last_told(text: str) -> str:
     return text.splitlines()[-1] if text else ""
 
 
-def try_anew(task: Task, orders: Orders, report: TextIO) -> int:
+def try_anew(task: MutantTask, orders: FreshImportTask, report: TextIO) -> int:
     """Each order in a fork of this process, which has imported nothing of the project."""
 
     def ended(name: tuple[str, int], code: int, text: str) -> None:
@@ -76,7 +76,7 @@ def try_anew(task: Task, orders: Orders, report: TextIO) -> int:
     return 0
 
 
-def _run(task: Task, order: Order, folder: str, told: TextIO) -> int:
+def _run(task: MutantTask, order: MutantOrder, folder: str, told: TextIO) -> int:
     """Import the module with the mistake and run the tests; 0 when nobody noticed."""
     own = Path(folder) / f"{Path(order.module).stem}-{order.number}"
     own.mkdir()

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Final
 
 from metro_tools.mutate.result import NOT_NOTICED
-from metro_tools.mutate.targets import Group
+from metro_tools.mutate.targets import TargetGroup
 
 FOLDER: Final = ".mutation"
 DRIVER: Final = Path(__file__).parent
@@ -69,7 +69,7 @@ class Memory:
 class Tests:
     """Digests of a group's tests: of each, and of all with what they import from beside them."""
 
-    def __init__(self, root: Path, group: Group) -> None:
+    def __init__(self, root: Path, group: TargetGroup) -> None:
         self._root = root
         self._of: dict[str, str] = {}
         self._files: dict[str, Mapping[str, str]] = {}

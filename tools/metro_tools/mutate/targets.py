@@ -16,7 +16,7 @@ class TargetError(Exception):
 
 
 @dataclass(frozen=True, slots=True)
-class Group:
+class TargetGroup:
     """Modules that the same tests look after."""
 
     name: str
@@ -35,7 +35,7 @@ class Equivalent:
     why: str
 
 
-def read_groups(root: Path) -> list[Group]:
+def read_groups(root: Path) -> list[TargetGroup]:
     """All groups, patterns resolved. Raises TargetError."""
     told = _read(root, TARGETS_FILE)
     groups = []
@@ -45,7 +45,7 @@ def read_groups(root: Path) -> list[Group]:
             if not isinstance(value, list) or not all(isinstance(item, str) for item in value):
                 raise TargetError(f"{TARGETS_FILE}: {name}.{key}: not a list of paths: {value!r}")
         groups.append(
-            Group(
+            TargetGroup(
                 name=name,
                 modules=_found(root, name, "modules", table["modules"], table.get("without", [])),
                 tests=_found(root, name, "tests", table["tests"], []),
@@ -67,7 +67,7 @@ def read_equivalents(root: Path) -> list[Equivalent]:
     return entries
 
 
-def chosen(groups: Iterable[Group], modules: Sequence[str]) -> list[Group]:
+def chosen(groups: Iterable[TargetGroup], modules: Sequence[str]) -> list[TargetGroup]:
     """The groups with only the wanted modules; all without a wish. Raises TargetError."""
     if not modules:
         return list(groups)
@@ -76,7 +76,7 @@ def chosen(groups: Iterable[Group], modules: Sequence[str]) -> list[Group]:
         if module not in known:
             raise TargetError(f"{module}: in no group of {TARGETS_FILE}; known: {sorted(known)}")
     picked = (
-        Group(group.name, tuple(m for m in group.modules if m in modules), group.tests)
+        TargetGroup(group.name, tuple(m for m in group.modules if m in modules), group.tests)
         for group in groups
     )
     return [group for group in picked if group.modules]

@@ -8,7 +8,7 @@ PYTEST_ARGS: Final = ("-q", "-p", "no:cacheprovider", "-p", "no:xdist", "--captu
 
 
 @dataclass(frozen=True, slots=True)
-class Task:
+class MutantTask:
     """Mutants of one group."""
 
     root: str
@@ -22,7 +22,7 @@ class Task:
 
 
 @dataclass(frozen=True, slots=True)
-class Order:
+class MutantOrder:
     """One mutant and the tests for it, in the order in which they are likely to notice it."""
 
     module: str
@@ -34,9 +34,9 @@ class Order:
 
 
 @dataclass(frozen=True, slots=True)
-class Orders:
+class FreshImportTask:
     """What is tried by importing everything once more."""
 
-    orders: tuple[Order, ...]
+    orders: tuple[MutantOrder, ...]
     foreign: tuple[str, ...]
     """Modules that no mistake is in; imported only once."""

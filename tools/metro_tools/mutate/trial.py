@@ -31,7 +31,7 @@ from metro_tools.mutate.forks import (
 from metro_tools.mutate.module_finder import Living, NotSwappableError
 from metro_tools.mutate.mutations import Mutant, mutants_of, mutated
 from metro_tools.mutate.result import KILLED, SURVIVED, UNREACHED
-from metro_tools.mutate.task import PYTEST_ARGS, Order, Orders, Task
+from metro_tools.mutate.task import PYTEST_ARGS, FreshImportTask, MutantOrder, MutantTask
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,17 +47,17 @@ class Baseline:
 class Trials:
     """A pytest plugin: instead of running the tests once it runs them for every mutant."""
 
-    def __init__(self, task: Task, report: TextIO) -> None:
+    def __init__(self, task: MutantTask, report: TextIO) -> None:
         self._task, self._report = task, report
         self._paths = {str(Path(task.root) / module) for module in task.modules}
         self._on_import: set[str] = set()
         """Functions that run while tests are collected: what they made cannot be mended later."""
         self._collecting_s = 0.0
         self._places: dict[tuple[str, int], str] = {}
-        self._orders: dict[tuple[str, int], Order] = {}
+        self._orders: dict[tuple[str, int], MutantOrder] = {}
         self._killers: Counter[tuple[str, str]] = Counter()
         """How many mistakes in one function a test has noticed so far."""
-        self._anew: list[Order] = []
+        self._anew: list[MutantOrder] = []
         self.failed: str | None = None
 
     @pytest.hookimpl(wrapper=True, tryfirst=True)
@@ -86,10 +86,10 @@ class Trials:
         return True
 
     @property
-    def left(self) -> Orders:
+    def left(self) -> FreshImportTask:
         """What only processes of their own can try."""
         foreign = [name for name, module in sys.modules.items() if self._is_foreign(name, module)]
-        return Orders(tuple(self._anew), tuple(foreign))
+        return FreshImportTask(tuple(self._anew), tuple(foreign))
 
     def _is_foreign(self, name: str, module: ModuleType) -> bool:
         file = getattr(module, "__file__", None)
@@ -152,7 +152,7 @@ class Trials:
                 limit_s = sum(baseline.duration_s[item.nodeid] for item in picked)
                 ids = tuple(item.nodeid for item in picked)
                 self._places[name] = place
-                self._orders[name] = Order(*name, ids, limit_s + self._collecting_s)
+                self._orders[name] = MutantOrder(*name, ids, limit_s + self._collecting_s)
                 if everywhere:
                     self._anew.append(self._orders[name])
                 else:
@@ -186,7 +186,7 @@ class _Trial:
     """One mutant in its fork. What `run` returns is the status that the fork ends with."""
 
     trials: Trials
-    task: Task
+    task: MutantTask
     living: Living
     module: str
     source: str
@@ -216,7 +216,7 @@ class _Trial:
         return 0
 
 
-def try_group(task: Task, report: TextIO) -> int:
+def try_group(task: MutantTask, report: TextIO) -> int:
     """Try all mutants of a group; results go to `report`, one JSON object a line."""
     read_fd, write_fd = os.pipe()
     pid = os.fork()
@@ -237,11 +237,11 @@ def try_group(task: Task, report: TextIO) -> int:
     return status
 
 
-def _orders(told: str) -> Orders:
+def _orders(told: str) -> FreshImportTask:
     entries = json.loads(told)
-    return Orders(
+    return FreshImportTask(
         tuple(
-            Order(entry["module"], entry["number"], tuple(entry["tests"]), entry["limit_s"])
+            MutantOrder(entry["module"], entry["number"], tuple(entry["tests"]), entry["limit_s"])
             for entry in entries["orders"]
         ),
         tuple(entries["foreign"]),

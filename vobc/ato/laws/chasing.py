@@ -10,12 +10,12 @@ from typing import Final
 from firmware_py.trackdb import LineMap
 from vobc import vocabulary
 from vobc.ato.laws import catch_time, notch_choice
-from vobc.ato.laws.chasing_states import Chase, State, next_state
+from vobc.ato.laws.chasing_states import Chase, ChasingState, next_state
 from vobc.ato.laws.law import Drive, Target
-from vobc.ato.laws.notch_choice import Aim
+from vobc.ato.laws.notch_choice import NotchTarget
 from vobc.ato.laws.notch_ending import StopEnding, chase_from_mps, last_notch_mps2
 from vobc.ato.model.ceiling_forecast import CeilingOutlook, SmoothFront
-from vobc.ato.model.predictor import Ahead, Lag, Pipeline
+from vobc.ato.model.predictor import MeanInputLag, Pipeline, PredictedState
 from vobc.ato.motion import gradient, profile, trapezoid
 from vobc.ato.motion.step_curve import StepCurve
 from vobc.ato.settings.ato import AtoConfig
@@ -35,7 +35,7 @@ SPEED_PULL_RATIO: Final = 0.2
 SPEED_JUMP_MPS: Final = 0.3
 """Off by so much the measured speed is believed at once: somebody else brakes."""
 
-Curve = profile.BrakingCurve | StepCurve
+Curve = profile.ReferenceBrakingCurve | StepCurve
 
 
 class Chasing:
@@ -78,8 +78,8 @@ class Chasing:
         self._traction = Pipeline(dt_s, traction.dead_time_s + traction.lag_s + dt_s)
         self._brake_tap = self._brake.tap(scheme.dead_time_s)
         self._traction_tap = self._traction.tap(traction.dead_time_s)
-        self._brake_lag = Lag(scheme.lag_s, dt_s)
-        self._pull_lag = Lag(traction.lag_s, dt_s)
+        self._brake_lag = MeanInputLag(scheme.lag_s, dt_s)
+        self._pull_lag = MeanInputLag(traction.lag_s, dt_s)
         self._limits = profile.SpeedLimits(config, line)
         self._curve: Curve = StepCurve((scheme.decel_mps2,), ())
         self._ending = StopEnding(config)
@@ -94,7 +94,7 @@ class Chasing:
         self._slowing_to = -1
         self._since_s = 0.0
         self._joining_s = 0.0
-        self.state = State.COAST
+        self.state = ChasingState.COAST
         self.notch_mps2 = 0.0
         """The notch at work, as a demand; it is reached at the jerk limit."""
         self.speed_mps = 0.0
@@ -127,7 +127,7 @@ class Chasing:
         self.speed_mps = 0.0
 
     def set_off(self, seen: vocabulary.AtoInput, demand_mps2: float) -> None:
-        self.state = State.BRAKE if demand_mps2 < 0.0 else State.COAST
+        self.state = ChasingState.BRAKE if demand_mps2 < 0.0 else ChasingState.COAST
         self._stopping = False
         self._slowing_to = -1
         self._planned_for = None
@@ -147,11 +147,11 @@ class Chasing:
         self._look(ahead, target, stop, slowing, free)
         before, self.state = self.state, next_state(self.state, self._chase)
         aim = self._binding(stop, slowing, free)
-        if self.state is State.BRAKE:
-            if before is not State.BRAKE:
+        if self.state is ChasingState.BRAKE:
+            if before is not ChasingState.BRAKE:
                 self._begin_braking(aim, ahead)
             self._brake_on(seen, ahead, target, aim)
-        elif self.state is State.COAST:
+        elif self.state is ChasingState.COAST:
             self._take(0.0)
         else:
             self._pull(seen, free)
@@ -160,7 +160,7 @@ class Chasing:
 
     # Where the train will be, and what it is held against.
 
-    def _ahead(self) -> Ahead:
+    def _ahead(self) -> PredictedState:
         """S_cur and v_cur when a brake demand given now bites (equation 3).
 
         S + v * t - b * t**2 / 2 with b the mean of what is under way; here the integrals are exact.
@@ -180,7 +180,7 @@ class Chasing:
         speed_mps = self.speed_mps + pulled_mps - braked_mps - steady_mps2 * horizon_s
         travel_m = (self.speed_mps - steady_mps2 * horizon_s / 2.0) * horizon_s
         front_m = self._front.front_m + travel_m + pulled_m - braked_m
-        return Ahead(front_m, max(0.0, speed_mps))
+        return PredictedState(front_m, max(0.0, speed_mps))
 
     def _plan(self, target: Target) -> None:
         if target == self._planned_for:
@@ -209,7 +209,9 @@ class Chasing:
             self._curve = StepCurve(two_mps2, (scheme.last_speed_mps,), reserve_m)
         self._ending.plan(self._curve, gravity_mps2)
 
-    def _aim(self, curve: Curve, ahead: Ahead, end_m: float, *, to_stop: bool) -> Aim:
+    def _aim(
+        self, curve: Curve, ahead: PredictedState, end_m: float, *, to_stop: bool
+    ) -> NotchTarget:
         """The gap to a curve, to first order about the train's own speed: dv = spare * b / v."""
         point = curve.at_speed(ahead.speed_mps)
         spare_m = end_m - ahead.front_m - point.distance_m
@@ -218,9 +220,9 @@ class Chasing:
             end_m - ahead.front_m, speed_mps=ahead.speed_mps, target_mps=curve.end_mps
         )
         within_s = self._config.chasing.chase_ratio * run_s
-        return Aim(error_mps, point.decel_mps2, within_s, spare_m, to_stop)
+        return NotchTarget(error_mps, point.decel_mps2, within_s, spare_m, to_stop)
 
-    def _free(self, ahead: Ahead) -> Aim:
+    def _free(self, ahead: PredictedState) -> NotchTarget:
         """The highest speed that limits and ceiling allow, as a reference of its own."""
         scheme = self._config.chasing
         horizon_s = scheme.dead_time_s + scheme.lag_s
@@ -231,16 +233,16 @@ class Chasing:
         if limit_mps <= ceiling_mps:
             fall_mps2 = 0.0
         error_mps = ahead.speed_mps - max(0.0, top_mps)
-        return Aim(error_mps, fall_mps2, scheme.cruise_chase_s, 0.0)
+        return NotchTarget(error_mps, fall_mps2, scheme.cruise_chase_s, 0.0)
 
-    def _slowing(self, ahead: Ahead) -> tuple[Aim, float, Curve] | None:
+    def _slowing(self, ahead: PredictedState) -> tuple[NotchTarget, float, Curve] | None:
         """The lower limit ahead that is being braked for, or the nearest to be; else None."""
         front_m = self._front.front_m
         index = self._limits.next_lowering(front_m)
         if self._slowing_to >= 0 and index > self._slowing_to:
             self._slowing_to = -1
         reach_m = LOOK_AHEAD_RATIO * ahead.speed_mps * (ahead.speed_mps + 4.0)
-        best: tuple[Aim, float, Curve] | None = None
+        best: tuple[NotchTarget, float, Curve] | None = None
         lowering = self._limits.lowering(index)
         while lowering is not None and lowering.at_m - front_m < reach_m:
             if ahead.speed_mps > lowering.curve.end_mps:
@@ -255,12 +257,12 @@ class Chasing:
             self._slowing_to = -1
         return best
 
-    def _is_reached(self, aim: Aim, ahead: Ahead) -> bool:
+    def _is_reached(self, aim: NotchTarget, ahead: PredictedState) -> bool:
         scheme = self._config.chasing
         early_s = scheme.early_s if scheme.early_transition else 0.0
         return aim.spare_m <= ahead.speed_mps * early_s
 
-    def _is_near(self, curve: Curve, ahead: Ahead, end_m: float) -> bool:
+    def _is_near(self, curve: Curve, ahead: PredictedState, end_m: float) -> bool:
         """Whether traction that goes now leaves just the planned time without it."""
         scheme = self._config.chasing
         after_mps, travel_m = trapezoid.swing(
@@ -271,17 +273,17 @@ class Chasing:
         )
         spare_m = end_m - ahead.front_m - travel_m - curve.at_speed(after_mps).distance_m
         coast_s = scheme.coast_s + (scheme.early_s if scheme.early_transition else 0.0)
-        if self.state is State.COAST:
+        if self.state is ChasingState.COAST:
             coast_s += COAST_KEPT_S
         return spare_m <= after_mps * coast_s
 
     def _look(
         self,
-        ahead: Ahead,
+        ahead: PredictedState,
         target: Target,
-        stop: Aim,
-        slowing: tuple[Aim, float, Curve] | None,
-        free: Aim,
+        stop: NotchTarget,
+        slowing: tuple[NotchTarget, float, Curve] | None,
+        free: NotchTarget,
     ) -> None:
         """Fill in what the guards of the states look at."""
         scheme, chase = self._config.chasing, self._chase
@@ -299,7 +301,9 @@ class Chasing:
         chase.too_slow = free.error_mps < -scheme.cruise_band_mps
         chase.braked = free.error_mps <= 0.0
 
-    def _binding(self, stop: Aim, slowing: tuple[Aim, float, Curve] | None, free: Aim) -> Aim:
+    def _binding(
+        self, stop: NotchTarget, slowing: tuple[NotchTarget, float, Curve] | None, free: NotchTarget
+    ) -> NotchTarget:
         """Of the references that are braked for, the one that the train is fastest against."""
         aims = [free] if self._chase.too_fast or not self._chase.on_curve else []
         if slowing is not None and self._slowing_to >= 0:
@@ -319,7 +323,7 @@ class Chasing:
         gravity_mps2 = gradient.decel_at_mps2(self._config, self._line, front_m)
         return gravity_mps2 + self._config.chasing.rolling_mps2
 
-    def _begin_braking(self, aim: Aim, ahead: Ahead) -> None:
+    def _begin_braking(self, aim: NotchTarget, ahead: PredictedState) -> None:
         """Before the curve the notch next to its deceleration, which builds up meanwhile."""
         if aim.error_mps >= 0.0 or not self._chase.on_curve:
             return
@@ -329,7 +333,9 @@ class Chasing:
         self._take(-level_mps2)
         self._joining_s = JOIN_MAX_S
 
-    def _brake_on(self, seen: vocabulary.AtoInput, ahead: Ahead, target: Target, aim: Aim) -> None:
+    def _brake_on(
+        self, seen: vocabulary.AtoInput, ahead: PredictedState, target: Target, aim: NotchTarget
+    ) -> None:
         scheme = self._config.chasing
         if self._joining_s > 0.0 and aim.error_mps < -scheme.quiet_band_mps:
             return
@@ -349,7 +355,7 @@ class Chasing:
         if rested:
             self._take(self._chosen_brake_mps2(ahead, aim))
 
-    def _chosen_brake_mps2(self, ahead: Ahead, aim: Aim) -> float:
+    def _chosen_brake_mps2(self, ahead: PredictedState, aim: NotchTarget) -> float:
         """The rule, with its hysteresis; too fast without any that fits, the strongest."""
         resistance_mps2 = self._resistance_mps2(ahead.front_m)
         levels_mps2 = [-level_mps2 for level_mps2 in self._config.output.brake_levels_mps2]
@@ -358,11 +364,11 @@ class Chasing:
             levels_mps2.insert(0, 0.0)
         return self._pick(aim, levels_mps2, resistance_mps2)
 
-    def _pick(self, aim: Aim, levels_mps2: list[float], resistance_mps2: float) -> float:
+    def _pick(self, aim: NotchTarget, levels_mps2: list[float], resistance_mps2: float) -> float:
         scheme, now_mps2 = self._config.chasing, self.notch_mps2
         return notch_choice.picked(scheme, aim, now_mps2, levels_mps2, resistance_mps2)
 
-    def _pull(self, seen: vocabulary.AtoInput, free: Aim) -> None:
+    def _pull(self, seen: vocabulary.AtoInput, free: NotchTarget) -> None:
         """Traction and cruising: the same rule towards a constant speed, without the brake."""
         config = self._config
         if self._since_s < config.chasing.dwell_s:
@@ -382,9 +388,9 @@ class Chasing:
     def _reference_mps(
         self,
         end_m: float,
-        slowing: tuple[Aim, float, Curve] | None,
-        free: Aim,
-        ahead: Ahead,
+        slowing: tuple[NotchTarget, float, Curve] | None,
+        free: NotchTarget,
+        ahead: PredictedState,
     ) -> float:
         """The command speed at the present front; once braking for it, a curve's, else the top."""
         reference_mps = max(0.0, ahead.speed_mps - free.error_mps)

@@ -7,8 +7,8 @@ from vobc import vocabulary
 from vobc.ato.laws import catch_time
 from vobc.ato.laws.chasing import Chasing
 from vobc.ato.laws.law import Target
-from vobc.ato.laws.notch_choice import Aim
-from vobc.ato.model.predictor import Ahead
+from vobc.ato.laws.notch_choice import NotchTarget
+from vobc.ato.model.predictor import PredictedState
 from vobc.ato.settings.ato import AtoConfig
 
 
@@ -26,10 +26,12 @@ class ChasingLiteral(Chasing):
         bare = replace(config.chasing, early_transition=False, small_brake=False)
         super().__init__(replace(config, chasing=bare), line, dt_s)
 
-    def _brake_on(self, seen: vocabulary.AtoInput, ahead: Ahead, target: Target, aim: Aim) -> None:
+    def _brake_on(
+        self, seen: vocabulary.AtoInput, ahead: PredictedState, target: Target, aim: NotchTarget
+    ) -> None:
         self._take(self._chosen_brake_mps2(ahead, aim))
 
-    def _chosen_brake_mps2(self, ahead: Ahead, aim: Aim) -> float:
+    def _chosen_brake_mps2(self, ahead: PredictedState, aim: NotchTarget) -> float:
         resistance_mps2 = self._resistance_mps2(ahead.front_m)
         levels_mps2 = (0.0, *self._config.output.brake_levels_mps2)
         index = catch_time.last_too_late(

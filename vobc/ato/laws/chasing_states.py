@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Final
 
 
-class State(enum.Enum):
+class ChasingState(enum.Enum):
     """What the law does with the train."""
 
     TRACTION = "traction"
@@ -64,28 +64,28 @@ def braked_enough(seen: Chase) -> bool:
     return seen.braked and not seen.on_curve
 
 
-TRANSITIONS: Final[Mapping[State, tuple[tuple[Guard, State], ...]]] = {
-    State.TRACTION: (
-        (must_brake, State.BRAKE),
-        (near_curve, State.COAST),
-        (at_target, State.CRUISE),
+TRANSITIONS: Final[Mapping[ChasingState, tuple[tuple[Guard, ChasingState], ...]]] = {
+    ChasingState.TRACTION: (
+        (must_brake, ChasingState.BRAKE),
+        (near_curve, ChasingState.COAST),
+        (at_target, ChasingState.CRUISE),
     ),
-    State.CRUISE: (
-        (must_brake, State.BRAKE),
-        (near_curve, State.COAST),
-        (too_slow, State.TRACTION),
+    ChasingState.CRUISE: (
+        (must_brake, ChasingState.BRAKE),
+        (near_curve, ChasingState.COAST),
+        (too_slow, ChasingState.TRACTION),
     ),
-    State.COAST: (
-        (must_brake, State.BRAKE),
-        (runs_free_and_slow, State.TRACTION),
-        (runs_free, State.CRUISE),
+    ChasingState.COAST: (
+        (must_brake, ChasingState.BRAKE),
+        (runs_free_and_slow, ChasingState.TRACTION),
+        (runs_free, ChasingState.CRUISE),
     ),
     # Never straight to traction: the brake has to let go first.
-    State.BRAKE: ((braked_enough, State.COAST),),
+    ChasingState.BRAKE: ((braked_enough, ChasingState.COAST),),
 }
 
 
-def next_state(state: State, seen: Chase) -> State:
+def next_state(state: ChasingState, seen: Chase) -> ChasingState:
     """The first guard that holds decides; when none holds the state stays."""
     for guard, target in TRANSITIONS[state]:
         if guard(seen):

@@ -9,7 +9,7 @@ import math
 
 from vobc.ato.laws import green_speeds
 from vobc.ato.laws.law import Target
-from vobc.ato.laws.timing import NS_PER_S, State, TimedRun
+from vobc.ato.laws.timing import NS_PER_S, TimedRun, TimingState
 from vobc.vocabulary import AtoInput
 
 
@@ -28,7 +28,7 @@ class GreenRun(TimedRun):
         """Equation (12)."""
         settings = self._config.green
         voltage_v = settings.constant_v or seen.line_voltage_v
-        if voltage_v is None or self.state is not State.AUTOMATIC or math.isinf(timing_mps):
+        if voltage_v is None or self.state is not TimingState.AUTOMATIC or math.isinf(timing_mps):
             return min(top_mps, timing_mps)
         energy_mps = self._energy_mps(seen, voltage_v)
         if settings.literal_target and (timing_mps >= top_mps or energy_mps >= top_mps):

@@ -7,7 +7,7 @@ from vobc.ato.laws import catch_time
 from vobc.ato.settings.chasing import ChasingScheme
 
 
-class Aim(NamedTuple):
+class NotchTarget(NamedTuple):
     """One reference as the predicted train sees it."""
 
     error_mps: float
@@ -22,7 +22,7 @@ class Aim(NamedTuple):
 
 def picked(
     scheme: ChasingScheme,
-    aim: Aim,
+    aim: NotchTarget,
     now_mps2: float,
     levels_mps2: Sequence[float],
     resistance_mps2: float,
@@ -50,7 +50,7 @@ def picked(
 
 def keeps(
     scheme: ChasingScheme,
-    aim: Aim,
+    aim: NotchTarget,
     now_mps2: float,
     levels_mps2: Sequence[float],
     resistance_mps2: float,
@@ -70,7 +70,7 @@ def keeps(
     return time_s <= aim.run_s
 
 
-def quiet_mps(scheme: ChasingScheme, aim: Aim) -> float:
+def quiet_mps(scheme: ChasingScheme, aim: NotchTarget) -> float:
     """The gap in which no other notch is looked for; wider while there is time to close it."""
     if not aim.to_stop:
         return scheme.quiet_band_mps

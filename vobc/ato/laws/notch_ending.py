@@ -2,7 +2,7 @@
 
 from typing import Final
 
-from vobc.ato.model.predictor import Ahead
+from vobc.ato.model.predictor import PredictedState
 from vobc.ato.motion.step_curve import StepCurve
 from vobc.ato.settings.ato import AtoConfig
 from vobc.ato.settings.chasing import ChasingScheme
@@ -83,7 +83,7 @@ class StopEnding:
 
     def notch_mps2(
         self,
-        ahead: Ahead,
+        ahead: PredictedState,
         distance_m: float,
         *,
         measured_mps: float,
@@ -110,7 +110,7 @@ class StopEnding:
 
     def _wanted_mps2(
         self,
-        ahead: Ahead,
+        ahead: PredictedState,
         distance_m: float,
         measured_mps: float,
         now_mps2: float,
@@ -141,13 +141,13 @@ class StopEnding:
         mean_mps2 = (from_mps2 + to_mps2) / 2.0 + self._resistance_mps2
         return mean_mps2 * fall_mps2 / self._config.limits.jerk_mps3
 
-    def _must_ease(self, ahead: Ahead, now_mps2: float) -> bool:
+    def _must_ease(self, ahead: PredictedState, now_mps2: float) -> bool:
         scheme = self._config.chasing
         begin_mps = scheme.blending_begin_mps * (1.0 + scheme.blending_spread_ratio)
         lost_mps = self._eased_mps(-now_mps2, scheme.small_decel_mps2)
         return ahead.speed_mps - lost_mps <= begin_mps
 
-    def _small_notch_mps2(self, ahead: Ahead, distance_m: float, now_mps2: float) -> float:
+    def _small_notch_mps2(self, ahead: PredictedState, distance_m: float, now_mps2: float) -> float:
         """The notch that leads from here to the end of blending, within its bounds.
 
         The brake first eases from the notch at work; what that takes is counted for the notch that
@@ -175,7 +175,7 @@ class StopEnding:
         return fitting[0] if fitting else levels_mps2[-1]
 
     def _final_mps2(
-        self, ahead: Ahead, distance_m: float, now_mps2: float, *, rested: bool
+        self, ahead: PredictedState, distance_m: float, now_mps2: float, *, rested: bool
     ) -> float:
         """b = v**2 / 2d: first to where the last notch begins, then with that notch to the mark."""
         scheme = self._config.chasing

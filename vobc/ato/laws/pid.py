@@ -12,9 +12,9 @@ from firmware_py.trackdb import LineMap, TagKind
 from vobc import vocabulary
 from vobc.ato.laws import pid_reference
 from vobc.ato.laws.law import Drive, Target
-from vobc.ato.laws.pid_reference import Point, SpeedCurve
+from vobc.ato.laws.pid_reference import ReferencePoint, SpeedCurve
 from vobc.ato.model.ceiling_forecast import CeilingOutlook, SmoothFront
-from vobc.ato.model.predictor import Ahead
+from vobc.ato.model.predictor import PredictedState
 from vobc.ato.model.train_model import TrainModel
 from vobc.ato.motion import gradient, profile
 from vobc.ato.motion.pid import Pid
@@ -49,7 +49,7 @@ class Fall:
         self.at_m = at_m
         self.stops = stops
 
-    def point(self, front_m: float) -> Point:
+    def point(self, front_m: float) -> ReferencePoint:
         return self.curve.at(max(0.0, self.at_m - front_m))
 
 
@@ -65,12 +65,12 @@ class PositionSection:
         self._ease_mps3 = max(0.0, self._decel_mps2 - last_mps2) / self._stop_s
         self._since_s = 0.0
 
-    def step(self, dt_s: float) -> tuple[float, Point]:
+    def step(self, dt_s: float) -> tuple[float, ReferencePoint]:
         """What is left of the way, and the motion there."""
         self._since_s = min(self._stop_s, self._since_s + dt_s)
         t, v, b, e = self._since_s, self._start_mps, self._decel_mps2, self._ease_mps3
         left_m = self._way_m - t * (v - t * (b / 2.0 - t * e / 6.0))
-        return left_m, Point(max(0.0, v - t * (b - t * e / 2.0)), b - e * t, e)
+        return left_m, ReferencePoint(max(0.0, v - t * (b - t * e / 2.0)), b - e * t, e)
 
 
 class PidPredicted:
@@ -246,7 +246,7 @@ class PidPredicted:
 
     # Which reference is the least.
 
-    def _run_reference(self, front_m: float) -> Point:
+    def _run_reference(self, front_m: float) -> ReferencePoint:
         """Service profile or signalling, whichever is slower, while nothing is braked for."""
         point = self._rise.at(max(SET_OFF_M, front_m - self._rise_from_m))
         horizon_s = self._config.traction.dead_time_s
@@ -257,9 +257,9 @@ class PidPredicted:
         # When the ceiling lifts, the rise begins from there.
         self._start_rise(front_m, min(ceiling_mps, max(0.0, self.speed_mps)))
         fall_mps2 = self._ceiling.in_mps(0.0) - self._ceiling.in_mps(1.0)
-        return Point(ceiling_mps, -fall_mps2, 0.0)
+        return ReferencePoint(ceiling_mps, -fall_mps2, 0.0)
 
-    def _choose_fall(self, front_m: float, ahead: Ahead, run_mps: float) -> Fall | None:
+    def _choose_fall(self, front_m: float, ahead: PredictedState, run_mps: float) -> Fall | None:
         """The fall that leads to the least speed when a demand of now bites; None for none."""
         chosen = self._kept_fall(front_m, ahead)
         least_mps = run_mps if chosen is None else chosen.point(ahead.front_m).speed_mps
@@ -273,7 +273,7 @@ class PidPredicted:
         self._fall = chosen
         return chosen
 
-    def _kept_fall(self, front_m: float, ahead: Ahead) -> Fall | None:
+    def _kept_fall(self, front_m: float, ahead: PredictedState) -> Fall | None:
         """A fall is left where it ends, or when the train would not reach its end any more."""
         fall = self._fall
         if fall is None:
@@ -288,7 +288,7 @@ class PidPredicted:
         self._start_rise(front_m, max(0.0, self.speed_mps))
         return None
 
-    def _falls_short(self, fall: Fall, ahead: Ahead) -> bool:
+    def _falls_short(self, fall: Fall, ahead: PredictedState) -> bool:
         if self._position is not None:
             return False
         to_go_m = fall.at_m - ahead.front_m
@@ -302,7 +302,7 @@ class PidPredicted:
 
     # Following a fall: the brake.
 
-    def _follow_fall(self, fall: Fall, ahead: Ahead) -> Drive:
+    def _follow_fall(self, fall: Fall, ahead: PredictedState) -> Drive:
         to_go_m = fall.at_m - ahead.front_m
         point = fall.point(ahead.front_m)
         if fall.stops:
@@ -339,7 +339,7 @@ class PidPredicted:
         scheme = self._config.pid
         return scheme.constant if fall.stops and to_go_m <= scheme.t2_m else scheme.falling
 
-    def _help_mps2(self, ahead: Ahead) -> float:
+    def _help_mps2(self, ahead: PredictedState) -> float:
         """Deceleration that comes without the brake."""
         gravity_mps2 = gradient.decel_at_mps2(self._config, self._line, ahead.front_m)
         gravity_mps2 += gradient.resistance_mps2(self._config, ahead.speed_mps)
@@ -347,7 +347,7 @@ class PidPredicted:
 
     # Rising and running: traction, and now and then a little brake.
 
-    def _follow_run(self, seen: vocabulary.AtoInput, point: Point) -> Drive:
+    def _follow_run(self, seen: vocabulary.AtoInput, point: ReferencePoint) -> Drive:
         config = self._config
         limit_mps2 = config.limits.accel_mps2
         available_mps2 = config.traction.rated_accel_mps2 * seen.traction_ratio

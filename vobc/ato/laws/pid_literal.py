@@ -10,7 +10,7 @@ from firmware_py.trackdb import LineMap
 from vobc.ato.laws.law import Drive, Target
 from vobc.ato.motion import profile
 from vobc.ato.motion.pid import Pid
-from vobc.ato.motion.rate_limiter import Governor
+from vobc.ato.motion.rate_limiter import RateLimiter
 from vobc.ato.settings.ato import AtoConfig
 from vobc.ato.settings.pid import PidGains
 from vobc.vocabulary import AtoInput
@@ -39,7 +39,7 @@ class PidLiteral:
         self._dt_s = dt_s
         self._accel_max_mps2 = config.limits.accel_mps2
         self._limits = profile.SpeedLimits(config, line)
-        self._governor = Governor(config.limits.jerk_mps3, 0.0, dt_s)
+        self._governor = RateLimiter(config.limits.jerk_mps3, 0.0, dt_s)
         self._pid = Pid()
         self._gains: PidGains | None = None
         self._since_t3_s = 0.0

@@ -19,7 +19,7 @@ SEARCH_STEPS: Final = 30
 """Halvings of a range of peak speeds: well under a millimetre a second."""
 
 
-class Point(NamedTuple):
+class ReferencePoint(NamedTuple):
     """A curve at one place; rates in time along the curve, so a fall's are of a deceleration."""
 
     speed_mps: float
@@ -83,10 +83,10 @@ class SpeedCurve:
         self.length_m += t * (v + t * (a / 2.0 + t * jerk_mps3 / 6.0))
         self.top_mps = v + t * (a + t * jerk_mps3 / 2.0)
 
-    def at(self, place_m: float) -> Point:
+    def at(self, place_m: float) -> ReferencePoint:
         """Before the curve its beginning, behind it its last speed."""
         if place_m >= self.length_m:
-            return Point(self.top_mps, 0.0, 0.0)
+            return ReferencePoint(self.top_mps, 0.0, 0.0)
         phase = self._phases[max(0, bisect_right(self._places_m, place_m) - 1)]
         start_m, v, a, j, t = phase
         way_m = max(0.0, place_m - start_m)
@@ -98,7 +98,7 @@ class SpeedCurve:
                 break
             t -= over_m / speed_mps
         t = max(0.0, t)
-        return Point(v + t * (a + t * j / 2.0), a + t * j, j)
+        return ReferencePoint(v + t * (a + t * j / 2.0), a + t * j, j)
 
     def place_of_m(self, speed_mps: float) -> float:
         """Where the curve has this speed; its end for a higher one."""

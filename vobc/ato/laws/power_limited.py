@@ -14,7 +14,7 @@ from typing import Final
 from firmware_py.trackdb import LineMap
 from vobc.ato.laws.law import Drive, Target
 from vobc.ato.laws.over_predictive import OverPredictive
-from vobc.ato.laws.power_plan import Plan, PowerBrake, PowerPlanner
+from vobc.ato.laws.power_plan import PowerBrake, PowerPlan, PowerPlanner
 from vobc.ato.settings.ato import AtoConfig
 from vobc.vocabulary import AtoInput
 
@@ -33,7 +33,7 @@ HOLDING_MPS2: Final = 0.1
 """A law that brakes harder than this while the train coasts does so for a limit or the ceiling."""
 
 
-class Stage(IntEnum):
+class RunStage(IntEnum):
     FREE = 0
     """Without a timetable, or once the predictive law brakes into the stop: it drives."""
     GAINING = 1
@@ -60,32 +60,32 @@ class PowerLimitedRun(OverPredictive):
         self._look_again_ns = 0
         self._late = False
         """Even with all that the motors can brake."""
-        self.plan: Plan | None = None
+        self.plan: PowerPlan | None = None
         """What is driven; None without a timetable."""
-        self.stage = Stage.FREE
+        self.stage = RunStage.FREE
 
     def rest(self) -> None:
         super().rest()
-        self.stage = Stage.FREE
+        self.stage = RunStage.FREE
 
     def set_off(self, seen: AtoInput, demand_mps2: float) -> None:
         super().set_off(seen, demand_mps2)
         self._target = None
-        self.stage = Stage.FREE
+        self.stage = RunStage.FREE
 
     def drive(self, seen: AtoInput, target: Target) -> Drive:
         if target != self._target:
             self._begin(seen, target)
         free = self._drives.drive(seen, target)
         if self.plan is None or free.braking:
-            self.stage = Stage.FREE if self.plan is None or free.braking else self.stage
+            self.stage = RunStage.FREE if self.plan is None or free.braking else self.stage
             return free
         self._advance(seen, target)
-        if self.stage is Stage.COASTING:
+        if self.stage is RunStage.COASTING:
             # Slowing for a limit or the ceiling goes before.
             slows = free.accel_mps2 < -HOLDING_MPS2
             return Drive(free.accel_mps2 if slows else 0.0, free.reference_mps, False)
-        if self.stage is Stage.BRAKING:
+        if self.stage is RunStage.BRAKING:
             demand_mps2 = min(free.accel_mps2, -self._limited_mps2(seen, target))
             onset_mps2 = self._config.braking.onset_jerk_mps3 * seen.dt_s
             demand_mps2 = max(demand_mps2, self._demand_mps2 - onset_mps2)
@@ -96,7 +96,7 @@ class PowerLimitedRun(OverPredictive):
         """A new target, or a new time for it: plan from here."""
         self._target = target
         self.plan = None
-        self.stage = Stage.FREE
+        self.stage = RunStage.FREE
         self._late = False
         self._drives.most_mps = math.inf
         if target.due_ns is None or not target.at_station:
@@ -114,7 +114,7 @@ class PowerLimitedRun(OverPredictive):
         self._drives.most_mps = self.plan.notch_off_mps
         self._brake = planner.brake(self._planned_w)
         self._look_again_ns = seen.now_ns
-        self.stage = Stage.GAINING
+        self.stage = RunStage.GAINING
 
     @property
     def _planned_w(self) -> float:
@@ -135,17 +135,17 @@ class PowerLimitedRun(OverPredictive):
         speed_mps = self.speed_mps
         pulls_mps2 = max(0.0, self._demand_mps2)
         after_mps = speed_mps + pulls_mps2**2 / (2.0 * self._config.limits.jerk_mps3)
-        if self.stage is Stage.GAINING and after_mps >= self.plan.notch_off_mps - NEAR_MPS:
-            self.stage = Stage.COASTING
-        if self.stage is Stage.COASTING and seen.now_ns >= self._look_again_ns:
+        if self.stage is RunStage.GAINING and after_mps >= self.plan.notch_off_mps - NEAR_MPS:
+            self.stage = RunStage.COASTING
+        if self.stage is RunStage.COASTING and seen.now_ns >= self._look_again_ns:
             self._look_again_ns = seen.now_ns + round(self._config.power_limited.look_s * NS_PER_S)
             self._look_again(seen, target)
-        if self.stage in (Stage.GAINING, Stage.COASTING):
+        if self.stage in (RunStage.GAINING, RunStage.COASTING):
             assert self._brake is not None
             delay_s = self._drives.brake_dead_time_s
             reach_m = target.at_m - seen.front_m - speed_mps * delay_s
             if not self._late and reach_m <= self._brake.from_speed(speed_mps).way_m:
-                self.stage = Stage.BRAKING
+                self.stage = RunStage.BRAKING
 
     def _look_again(self, seen: AtoInput, target: Target) -> None:
         """The power limit for the time that is left now; fixed once the brake is on."""
@@ -157,7 +157,7 @@ class PowerLimitedRun(OverPredictive):
         late_s = self._planner.coasted_s(seen.front_m, self.speed_mps, power_w) - left_s
         self._late = late_s > LATE_S
         if late_s > VERY_LATE_S:
-            self.plan, self.stage = None, Stage.FREE
+            self.plan, self.stage = None, RunStage.FREE
             self._drives.most_mps = math.inf
             return
         self.plan = self.plan._replace(power_w=power_w)

@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 
 from firmware_py.trackdb import LineMap
 from vobc.ato.motion import gradient, trapezoid
-from vobc.ato.motion.profile import BrakingCurve
+from vobc.ato.motion.profile import ReferenceBrakingCurve
 from vobc.ato.settings.ato import AtoConfig
 
 GRAIN_MPS: Final = 0.2
@@ -74,7 +74,7 @@ class PowerBrake:
         )
 
 
-class Plan(NamedTuple):
+class PowerPlan(NamedTuple):
     """How the way to a stop is driven."""
 
     notch_off_mps: float
@@ -93,7 +93,7 @@ class PowerPlanner:
         config: AtoConfig,
         line: LineMap,
         stop_m: float,
-        curve: BrakingCurve,
+        curve: ReferenceBrakingCurve,
         *,
         load_kg: float,
     ) -> None:
@@ -132,7 +132,7 @@ class PowerPlanner:
     def brake(self, power_w: float) -> PowerBrake:
         return PowerBrake(self._grains, power_w=power_w, mass_kg=self._mass_kg)
 
-    def plan(self, front_m: float, speed_mps: float, left_s: float, top_mps: float) -> Plan:
+    def plan(self, front_m: float, speed_mps: float, left_s: float, top_mps: float) -> PowerPlan:
         """Equation (1) on the runs themselves: x by the weight, then the power limit by the time.
 
         A train without enough time gets `top_mps` and the full power.
@@ -148,16 +148,16 @@ class PowerPlanner:
             for off_mps, time_s in zip(choices, times_s, strict=True)
             if time_s <= left_s
         )
-        best: Plan | None = None
+        best: PowerPlan | None = None
         for _, off_mps in scored:
             power_w = self._power_w(front_m, speed_mps, off_mps, left_s)
             time_s = self._time_s(front_m, speed_mps, off_mps, self.brake(power_w))
             if best is None or time_s > best.time_s:
-                best = Plan(off_mps, power_w, time_s)
+                best = PowerPlan(off_mps, power_w, time_s)
             # A speed too high for the way leaves no power limit that makes the run last so long.
             if best.time_s > left_s - TOLERANCE_S:
                 break
-        return best or Plan(top_mps, settings.brake_power_w, fastest_s)
+        return best or PowerPlan(top_mps, settings.brake_power_w, fastest_s)
 
     def limit_w(self, front_m: float, speed_mps: float, left_s: float) -> float:
         """Power limit for a train that coasts from here: so that it arrives just in time."""

@@ -11,13 +11,13 @@ from typing import Final
 from firmware_py.trackdb import LineMap
 from vobc import vocabulary
 from vobc.ato.laws.law import Drive, Target
-from vobc.ato.model.adhesion import Rail
+from vobc.ato.model.adhesion import AdhesionEstimate
 from vobc.ato.model.ceiling_forecast import CeilingOutlook, SmoothFront
-from vobc.ato.model.predictor import Ahead
+from vobc.ato.model.predictor import PredictedState
 from vobc.ato.model.train_model import TrainModel
 from vobc.ato.motion import gradient, profile, trapezoid
 from vobc.ato.motion.pid import Pid
-from vobc.ato.motion.rate_limiter import Governor
+from vobc.ato.motion.rate_limiter import RateLimiter
 from vobc.ato.settings.ato import AtoConfig
 from vobc.ato.settings.pid import PidGains
 
@@ -84,9 +84,9 @@ class Predictive:
         self._line = line
         self._dt_s = dt_s
         self._model = TrainModel(config.brake, config.traction, dt_s)
-        self._governor = Governor(config.traction.jerk_mps3, config.traction.smoothing_s, dt_s)
+        self._governor = RateLimiter(config.traction.jerk_mps3, config.traction.smoothing_s, dt_s)
         self._pid = Pid()
-        self._rail = Rail(config, line)
+        self._rail = AdhesionEstimate(config, line)
         self._manner = self._rail.manner
         self._limits = self._manner.limits
         self._demand_mps2 = 0.0
@@ -201,7 +201,7 @@ class Predictive:
 
     # Planning.
 
-    def curve_to(self, target: Target) -> profile.BrakingCurve:
+    def curve_to(self, target: Target) -> profile.ReferenceBrakingCurve:
         """How a train like this one, on a rail like this one, would be braked to a target now."""
         config, line = self._manner.config, self._line
         if not target.at_station:
@@ -238,7 +238,7 @@ class Predictive:
 
     # Braking.
 
-    def _note_stop_braking(self, ahead: Ahead, target_m: float) -> None:
+    def _note_stop_braking(self, ahead: PredictedState, target_m: float) -> None:
         distance_m = target_m - ahead.front_m - self._gap_m(self._curve, ahead, target_m)
         if not self._braking:
             self._braking = self._must_begin(self._curve, ahead, distance_m)
@@ -251,7 +251,7 @@ class Predictive:
             self._planned_for = None
             self._resume_cruise(-self._model.brake_mps2)
 
-    def _note_slowing(self, ahead: Ahead, front_m: float) -> profile.LowerLimit | None:
+    def _note_slowing(self, ahead: PredictedState, front_m: float) -> profile.LowerLimit | None:
         """The lower limit ahead that is being braked for, if any."""
         index = self._limits.next_lowering(front_m)
         if self._slowing_to >= 0 and index > self._slowing_to:
@@ -271,7 +271,9 @@ class Predictive:
             lowering = self._limits.lowering(index)
         return None
 
-    def _must_begin(self, curve: profile.BrakingCurve, ahead: Ahead, distance_m: float) -> bool:
+    def _must_begin(
+        self, curve: profile.ReferenceBrakingCurve, ahead: PredictedState, distance_m: float
+    ) -> bool:
         """Whether the change from the present acceleration to the curve's ends on it or beyond."""
         now_mps2 = self._governor.accel_mps2
         to_mps2 = -curve.at_speed(ahead.speed_mps).decel_mps2
@@ -284,7 +286,7 @@ class Predictive:
         return distance_m - travel_m <= curve.at_speed(max(0.0, after_mps)).distance_m
 
     def _braking_decel_mps2(
-        self, ahead: Ahead, target_m: float, slowing: profile.LowerLimit | None
+        self, ahead: PredictedState, target_m: float, slowing: profile.LowerLimit | None
     ) -> float:
         decel_mps2 = 0.0
         if self._braking:
@@ -293,7 +295,9 @@ class Predictive:
             decel_mps2 = max(decel_mps2, self._follow_mps2(slowing.curve, ahead, slowing.at_m))
         return decel_mps2
 
-    def _follow_mps2(self, curve: profile.BrakingCurve, ahead: Ahead, end_m: float) -> float:
+    def _follow_mps2(
+        self, curve: profile.ReferenceBrakingCurve, ahead: PredictedState, end_m: float
+    ) -> float:
         """Deceleration that leads back onto the curve before its end.
 
         With e metres to spare against the curve, de/dt = v * (b / b_ref - 1). Asking
@@ -314,7 +318,9 @@ class Predictive:
             decel_mps2 = max(decel_mps2, steady_mps2)
         return decel_mps2
 
-    def _gap_m(self, curve: profile.BrakingCurve, ahead: Ahead, end_m: float) -> float:
+    def _gap_m(
+        self, curve: profile.ReferenceBrakingCurve, ahead: PredictedState, end_m: float
+    ) -> float:
         """Way without brake to reckon with before the end of a curve that ends in a standstill.
 
         Uphill the brake does only a part of the braking, and only that part is missing.
@@ -327,7 +333,7 @@ class Predictive:
             return 0.0
         return self._model.gap_m(ahead.speed_mps, brake_mps2) * brake_mps2 / decel_mps2
 
-    def _brake_demand_mps2(self, decel_mps2: float, ahead: Ahead) -> float:
+    def _brake_demand_mps2(self, decel_mps2: float, ahead: PredictedState) -> float:
         """What to ask of the brake, after gradient and resistance; it is never released."""
         config, model = self._config, self._model
         gravity_mps2 = gradient.decel_at_mps2(config, self._line, ahead.front_m)
@@ -368,7 +374,7 @@ class Predictive:
         most_mps2 = min(available_mps2, self._most_traction_mps2()) if target_mps > 0.0 else 0.0
         return Drive(min(demand_mps2, most_mps2), governor.speed_mps, False)
 
-    def _kept_on(self, drive: Drive, ahead: Ahead, target_m: float) -> Drive:
+    def _kept_on(self, drive: Drive, ahead: PredictedState, target_m: float) -> Drive:
         """A brake that is on shortly before the stop's is not released: applied again, it would
         answer with another dead time than the one that has been learnt."""
         least_mps2 = -self._config.braking.least_decel_mps2

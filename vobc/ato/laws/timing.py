@@ -28,14 +28,14 @@ AGAIN_FAR_M: Final = 20.0
 """A stopping point that moved so far beyond S_cfg is no longer parked for."""
 
 
-class State(IntEnum):
+class TimingState(IntEnum):
     STATIONARY = 0
     START_UP = 1
     AUTOMATIC = 2
     PARKING = 3
 
 
-class Guard(IntEnum):
+class TimingGuard(IntEnum):
     """Of seed 000's figure 1 by their numbers there, and what it lacks."""
 
     MOVES = 1
@@ -51,24 +51,27 @@ class Guard(IntEnum):
     """The stopping point moved away."""
 
 
-TRANSITIONS: Final[Mapping[State, tuple[tuple[Guard, State], ...]]] = {
-    State.STATIONARY: ((Guard.MOVES, State.START_UP),),
-    State.START_UP: (
-        (Guard.STANDS, State.STATIONARY),
-        (Guard.NEAR, State.PARKING),
-        (Guard.FAST, State.AUTOMATIC),
+TRANSITIONS: Final[Mapping[TimingState, tuple[tuple[TimingGuard, TimingState], ...]]] = {
+    TimingState.STATIONARY: ((TimingGuard.MOVES, TimingState.START_UP),),
+    TimingState.START_UP: (
+        (TimingGuard.STANDS, TimingState.STATIONARY),
+        (TimingGuard.NEAR, TimingState.PARKING),
+        (TimingGuard.FAST, TimingState.AUTOMATIC),
     ),
-    State.AUTOMATIC: (
-        (Guard.STANDS, State.STATIONARY),
-        (Guard.NEAR, State.PARKING),
-        (Guard.SLOW, State.START_UP),
+    TimingState.AUTOMATIC: (
+        (TimingGuard.STANDS, TimingState.STATIONARY),
+        (TimingGuard.NEAR, TimingState.PARKING),
+        (TimingGuard.SLOW, TimingState.START_UP),
     ),
-    State.PARKING: ((Guard.STANDS, State.STATIONARY), (Guard.FAR, State.START_UP)),
+    TimingState.PARKING: (
+        (TimingGuard.STANDS, TimingState.STATIONARY),
+        (TimingGuard.FAR, TimingState.START_UP),
+    ),
 }
 """From each state, in the order of precedence."""
 
 
-def next_state(state: State, holds: Mapping[Guard, bool]) -> State:
+def next_state(state: TimingState, holds: Mapping[TimingGuard, bool]) -> TimingState:
     """One transition at most in a cycle."""
     for guard, to in TRANSITIONS[state]:
         if holds[guard]:
@@ -99,11 +102,11 @@ class TimedRun(OverPredictive):
         self._running: RunningTime | None = None
         self._look_again_ns = 0
         self._time_mps = math.inf
-        self.state = State.STATIONARY
+        self.state = TimingState.STATIONARY
 
     def rest(self) -> None:
         super().rest()
-        self.state = State.STATIONARY
+        self.state = TimingState.STATIONARY
 
     def set_off(self, seen: AtoInput, demand_mps2: float) -> None:
         super().set_off(seen, demand_mps2)
@@ -117,18 +120,18 @@ class TimedRun(OverPredictive):
         self._braking = drive.braking
         return drive
 
-    def _guards(self, seen: AtoInput, target: Target) -> dict[Guard, bool]:
+    def _guards(self, seen: AtoInput, target: Target) -> dict[TimingGuard, bool]:
         settings, speed_mps = self._config.timing, self.speed_mps
         to_stop_m = target.at_m - seen.front_m
         braking_m = speed_mps * speed_mps / (2.0 * settings.decel_mps2)
         parking_m = max(settings.parking_m, braking_m + settings.parking_spare_m)
         return {
-            Guard.MOVES: not seen.holding_applied or speed_mps > 0.0,
-            Guard.FAST: speed_mps > settings.start_up_mps,
-            Guard.NEAR: to_stop_m < parking_m or self._braking,
-            Guard.STANDS: seen.standstill and seen.holding_applied,
-            Guard.SLOW: speed_mps < settings.slowed_mps,
-            Guard.FAR: to_stop_m > parking_m + AGAIN_FAR_M and not self._braking,
+            TimingGuard.MOVES: not seen.holding_applied or speed_mps > 0.0,
+            TimingGuard.FAST: speed_mps > settings.start_up_mps,
+            TimingGuard.NEAR: to_stop_m < parking_m or self._braking,
+            TimingGuard.STANDS: seen.standstill and seen.holding_applied,
+            TimingGuard.SLOW: speed_mps < settings.slowed_mps,
+            TimingGuard.FAR: to_stop_m > parking_m + AGAIN_FAR_M and not self._braking,
         }
 
     # Target speeds.
@@ -138,12 +141,12 @@ class TimedRun(OverPredictive):
 
         Parking follows a curve of its own under the target speed that there was.
         """
-        if self.state is State.PARKING:
+        if self.state is TimingState.PARKING:
             return self._time_mps
         if target != self._target:
             self._plan(seen, target)
         top_mps = self._top_mps(seen)
-        if self.state is State.AUTOMATIC and seen.now_ns >= self._look_again_ns:
+        if self.state is TimingState.AUTOMATIC and seen.now_ns >= self._look_again_ns:
             self._look_again_ns = seen.now_ns + round(self._config.timing.look_s * NS_PER_S)
             self._time_mps = self._timing_mps(seen, target)
         return self._combined_mps(seen, top_mps, self._time_mps)

@@ -23,7 +23,7 @@ class Manner:
         self.accel_mps2 = accel_mps2
 
 
-class Rail:
+class AdhesionEstimate:
     """Remembers slips. A slip of now does not change a braking that has begun: planned on a rail
     that was good, it needs all it can get.
     """

@@ -10,7 +10,7 @@ import math
 from collections.abc import Sequence
 from typing import Final
 
-from vobc.ato.model.model_bank import Bank
+from vobc.ato.model.model_bank import ModelBank
 from vobc.ato.model.motion_filter import MotionFilter
 from vobc.ato.model.predictor import Pipeline
 from vobc.ato.settings.ato import BrakeBelief
@@ -48,7 +48,7 @@ class Handover:
         self._taps = tuple(self._pipeline.tap(delay_s) for delay_s in delays_s)
         self._keep_ratios = tuple(self._keep_ratio(delay_s) for delay_s in delays_s)
         self._output = [0.0] * len(delays_s)
-        self._bank = Bank(len(delays_s), dt_s)
+        self._bank = ModelBank(len(delays_s), dt_s)
         self._bank.know([0.0 if delay_s == 0.0 else LATE_COST for delay_s in delays_s])
         self.under_way = False
         """The hypotheses of this part are at work."""

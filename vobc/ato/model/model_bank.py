@@ -10,7 +10,7 @@ NEVER_MATTERS: Final = 40.0
 """A hypothesis that is worse by this cost weighs less than rounding; it is given up."""
 
 
-class Bank:
+class ModelBank:
     """Filters of the same motion that differ in what they take the brake to have done."""
 
     __slots__ = ("_cost", "_filters", "alive", "weights")

@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 TIME_EPSILON_S: Final = 1e-9
 
 
-class Tap(NamedTuple):
+class DelayTap(NamedTuple):
     """A place in the past: so many slots back, and the share of that slot in the mean."""
 
     back: int
@@ -67,14 +67,14 @@ class Pipeline:
         double = self._second[now] - second_then - first_then * age_s
         return single, double
 
-    def tap(self, age_s: float) -> Tap:
+    def tap(self, age_s: float) -> DelayTap:
         """Prepares reading the mean over the one cycle that ended `age_s` ago."""
         slots = age_s / self._dt_s
         back = math.ceil(slots - TIME_EPSILON_S)
         assert back + 1 < self._size
-        return Tap(back, back - slots)
+        return DelayTap(back, back - slots)
 
-    def mean(self, tap: Tap) -> float:
+    def mean(self, tap: DelayTap) -> float:
         back, share_ratio = tap
         newer = self._value[(self.head - back) % self._size]
         older = self._value[(self.head - back - 1) % self._size]
@@ -138,14 +138,14 @@ class Remains:
         return single, double
 
 
-class Ahead(NamedTuple):
+class PredictedState(NamedTuple):
     """The predicted state when a demand given now begins to bite."""
 
     front_m: float
     speed_mps: float
 
 
-class Lag:
+class MeanInputLag:
     """First-order lag fed with the mean of its input over each cycle."""
 
     __slots__ = ("_keep_ratio", "value")

@@ -11,9 +11,16 @@ import math
 from typing import Final
 
 from vobc.ato.model.blending import Handover
-from vobc.ato.model.model_bank import Bank
+from vobc.ato.model.model_bank import ModelBank
 from vobc.ato.model.motion_filter import SURPRISE_MPS, MotionFilter
-from vobc.ato.model.predictor import Ahead, Lag, Pipeline, Remains, response, settling
+from vobc.ato.model.predictor import (
+    MeanInputLag,
+    Pipeline,
+    PredictedState,
+    Remains,
+    response,
+    settling,
+)
 from vobc.ato.settings.ato import BrakeBelief, TractionBelief
 
 SETTLE_LAGS: Final = 5.0
@@ -50,8 +57,8 @@ class TrainModel:
         self._traction = Pipeline(dt_s, traction.dead_time_s + dt_s)
         self._taps = tuple(self._brake.tap(dead_time_s) for dead_time_s in brake.dead_times_s)
         self._traction_tap = self._traction.tap(traction.dead_time_s)
-        self._traction_now = Lag(traction.lag_s, dt_s)
-        self._traction_late = Lag(traction.lag_s, dt_s)
+        self._traction_now = MeanInputLag(traction.lag_s, dt_s)
+        self._traction_late = MeanInputLag(traction.lag_s, dt_s)
         # A brake that bites sooner than it is believed to build up also builds up sooner.
         self._lags_s = tuple(max(dt_s, min(brake.lag_s, each_s)) for each_s in brake.dead_times_s)
         self._keep_ratios = tuple(math.exp(-dt_s / lag_s) for lag_s in self._lags_s)
@@ -59,7 +66,7 @@ class TrainModel:
         self._demand_mps2 = 0.0
         self._motion = MotionFilter(dt_s)
         """What the hypotheses agree on, and the only filter while the brake is off."""
-        self._bank = Bank(count, dt_s)
+        self._bank = ModelBank(count, dt_s)
         self._no_costs = (0.0,) * count
         self._handover = Handover(brake, dt_s)
         self._output = [0.0] * count
@@ -309,7 +316,7 @@ class TrainModel:
         self.brake_mps2 = bank.mean(self._output)
         self.on_its_way_mps2 = bank.mean(self._arrived)
 
-    def ahead_of_brake(self, front_m: float, gravity_mps2: float) -> Ahead:
+    def ahead_of_brake(self, front_m: float, gravity_mps2: float) -> PredictedState:
         """Where and how fast the train will be when a brake demand given now begins to bite.
 
         The traction demand of now is taken to stay until then.
@@ -325,9 +332,9 @@ class TrainModel:
             double_m -= brake_m * (1.0 + self.gain_ratio)
         speed_mps = self.speed_mps + single_mps + steady_mps2 * horizon_s
         travel_m = (self.speed_mps + steady_mps2 * horizon_s / 2.0) * horizon_s + double_m
-        return Ahead(front_m + travel_m, max(0.0, speed_mps))
+        return PredictedState(front_m + travel_m, max(0.0, speed_mps))
 
-    def _ahead_of_friction(self, front_m: float, steady_mps2: float) -> Ahead:
+    def _ahead_of_friction(self, front_m: float, steady_mps2: float) -> PredictedState:
         """Step by step, as what the speed will be decides who brakes; traction is taken as off."""
         dt_s = self._dt_s
         keep_ratio = math.exp(-dt_s / self.lag_s)
@@ -346,7 +353,7 @@ class TrainModel:
         travel_m, speed_mps = self._handover.walk(
             self._motion, units_mps2, steady_mps2=steady_mps2, reach_s=horizon_s
         )
-        return Ahead(front_m + travel_m, speed_mps)
+        return PredictedState(front_m + travel_m, speed_mps)
 
     def ahead_of_traction_mps(self, gravity_mps2: float) -> float:
         """The speed when a traction demand given now begins to act; the brake is taken to stay."""

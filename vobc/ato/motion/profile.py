@@ -41,7 +41,7 @@ class _Piece(NamedTuple):
     ease_mps3: float
 
 
-class BrakingCurve:
+class ReferenceBrakingCurve:
     """A deceleration that is piecewise linear in time, followed from any speed down to `end_mps`.
 
     Counted backwards from its end it begins with `decels_mps2[0]` and rises to each next value at
@@ -93,7 +93,9 @@ class BrakingCurve:
         )
 
 
-def stopping_curve(shape: Braking, *, steady_mps2: float, final_mps2: float) -> BrakingCurve:
+def stopping_curve(
+    shape: Braking, *, steady_mps2: float, final_mps2: float
+) -> ReferenceBrakingCurve:
     """To a standstill: steady, eased to the plateau, then falling linearly to the small last step.
 
     From speed v2 at the plateau b2 the linear fall to bf takes 2 * v2 / (b2 + bf).
@@ -101,7 +103,7 @@ def stopping_curve(shape: Braking, *, steady_mps2: float, final_mps2: float) -> 
     plateau_mps2 = min(max(shape.plateau_decel_mps2, final_mps2), steady_mps2)
     fall_mps2 = plateau_mps2 - final_mps2
     ease_mps3 = fall_mps2 * (plateau_mps2 + final_mps2) / (2.0 * shape.plateau_speed_mps)
-    return BrakingCurve(
+    return ReferenceBrakingCurve(
         0.0,
         (min(final_mps2, steady_mps2), plateau_mps2, steady_mps2),
         (max(ease_mps3, 1e-6), shape.ease_jerk_mps3),
@@ -115,7 +117,7 @@ def curve_to_stop(
     *,
     gain_ratio: float | None = None,
     late_friction: bool = False,
-) -> BrakingCurve:
+) -> ReferenceBrakingCurve:
     """Uphill the last step is larger: the brake needs as much room to ease as on the level."""
     shape = late_shape(config.braking) if late_friction else config.braking
     steady_mps2 = steady_decel_mps2(config, line, at_m, gain_ratio)
@@ -136,7 +138,7 @@ def late_shape(shape: Braking) -> Braking:
 
 def curve_to_authority(
     config: AtoConfig, line: LineMap, at_m: float, *, gain_ratio: float | None = None
-) -> BrakingCurve:
+) -> ReferenceBrakingCurve:
     """To a standstill before the end of authority, under protection's own curve.
 
     `gain_ratio` is as for `steady_decel_mps2`.
@@ -146,14 +148,14 @@ def curve_to_authority(
     uphill_mps2 = max(0.0, gradient.decel_at_mps2(config, line, at_m))
     final_mps2 = min(shape.final_decel_mps2 + uphill_mps2, steady_mps2)
     knee_mps2 = min(max(shape.knee_decel_mps2, final_mps2), steady_mps2)
-    return BrakingCurve(
+    return ReferenceBrakingCurve(
         0.0, (final_mps2, knee_mps2, steady_mps2), (shape.creep_ease_mps3, shape.ease_mps3)
     )
 
 
-def slowing_curve(shape: Braking, *, end_mps: float, steady_mps2: float) -> BrakingCurve:
+def slowing_curve(shape: Braking, *, end_mps: float, steady_mps2: float) -> ReferenceBrakingCurve:
     """To a lower limit: steady, then eased off."""
-    return BrakingCurve(
+    return ReferenceBrakingCurve(
         end_mps, (min(shape.final_decel_mps2, steady_mps2), steady_mps2), (shape.ease_jerk_mps3,)
     )
 
@@ -184,7 +186,7 @@ def steady_decel_mps2(
 def peak_speed_mps(
     from_mps: float,
     distance_m: float,
-    curve: BrakingCurve,
+    curve: ReferenceBrakingCurve,
     *,
     accel_mps2: float,
     jerk_mps3: float,
@@ -222,7 +224,7 @@ class LowerLimit:
     """A place ahead from which the train must be slower than it may be just before."""
 
     at_m: float
-    curve: BrakingCurve
+    curve: ReferenceBrakingCurve
 
 
 class SpeedLimits:

@@ -12,7 +12,7 @@ URGENT_MPS: Final = 0.5
 """A target so far below the reference is not waited for by the smoothing."""
 
 
-class Governor:
+class RateLimiter:
     """A raw reference lands on the target under the jerk limit; its moving average is followed.
 
     Both land on the same speed, so smoothing never overshoots.

@@ -4,7 +4,7 @@ from typing import Final, NamedTuple
 
 from firmware_py.trackdb import LineMap
 from vobc.ato.motion import profile, trapezoid
-from vobc.ato.motion.profile import BrakingCurve
+from vobc.ato.motion.profile import ReferenceBrakingCurve
 from vobc.ato.settings.ato import AtoConfig
 
 SEARCH_STEPS: Final = 24
@@ -15,7 +15,7 @@ CRAWL_MPS: Final = 0.5
 """No stretch is reckoned slower than this."""
 
 
-class Stretch(NamedTuple):
+class LimitStretch(NamedTuple):
     """Of the front's way under one limit."""
 
     end_m: float
@@ -33,7 +33,12 @@ class RunningTime:
     __slots__ = ("_accel_mps2", "_curve", "_jerk_mps3", "_margin_mps", "_stop_m", "_stretches")
 
     def __init__(
-        self, config: AtoConfig, line: LineMap, from_m: float, stop_m: float, curve: BrakingCurve
+        self,
+        config: AtoConfig,
+        line: LineMap,
+        from_m: float,
+        stop_m: float,
+        curve: ReferenceBrakingCurve,
     ) -> None:
         """`curve` leads to the stop."""
         length_m = config.train_length_m
@@ -46,12 +51,12 @@ class RunningTime:
         for section in line.speed_sections:
             ends_m.add(section.start_m)
             ends_m.add(section.end_m + length_m)
-        stretches: list[Stretch] = []
+        stretches: list[LimitStretch] = []
         start_m = from_m
         for end_m in sorted(end_m for end_m in ends_m if from_m < end_m <= stop_m):
             middle_m = (start_m + end_m) / 2.0
             limit_mps = line.least_limit_mps(middle_m - length_m, middle_m)
-            stretches.append(Stretch(end_m, limit_mps))
+            stretches.append(LimitStretch(end_m, limit_mps))
             start_m = end_m
         self._stretches = tuple(stretches)
 

@@ -10,7 +10,7 @@ from metro_hil.model.run_options import EXIT_FAILED, EXIT_OK
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from metro_hil.report.comparison import Campaign, Comparison, Shift, VerdictChange
+    from metro_hil.report.comparison import Campaign, CampaignComparison, PairedShift, VerdictChange
 
 CHANGES_SHOWN: Final = 20
 
@@ -54,7 +54,7 @@ def run(options: argparse.Namespace) -> int:
     return EXIT_FAILED if failed else EXIT_OK
 
 
-def compare_campaigns(a: Path, b: Path) -> "Comparison":
+def compare_campaigns(a: Path, b: Path) -> "CampaignComparison":
     """Of two campaign folders. Raises EngineError when one cannot be read."""
     from metro_hil.report.comparison import compare
 
@@ -71,7 +71,7 @@ def _read(path: Path) -> "Campaign":
     return folder.cases(), content.results
 
 
-def comparison_json(comparison: "Comparison", a: Path, b: Path) -> str:
+def comparison_json(comparison: "CampaignComparison", a: Path, b: Path) -> str:
     import dataclasses
 
     import msgspec
@@ -85,7 +85,9 @@ def comparison_json(comparison: "Comparison", a: Path, b: Path) -> str:
     return msgspec.json.encode(document).decode()
 
 
-def print_comparison(console: "Console", comparison: "Comparison", a: Path, b: Path) -> None:
+def print_comparison(
+    console: "Console", comparison: "CampaignComparison", a: Path, b: Path
+) -> None:
     """The verdicts first, then what moved, then what cannot be compared."""
     from rich.text import Text
 
@@ -113,7 +115,7 @@ def print_comparison(console: "Console", comparison: "Comparison", a: Path, b: P
             console.print(Text(f"Only in {name}: {len(ids)} cases: {shown}{more}"), soft_wrap=True)
 
 
-def _matched(comparison: "Comparison") -> str:
+def _matched(comparison: "CampaignComparison") -> str:
     by_factors = comparison.matched_by_factors
     how = f" ({by_factors} of them by factors and seed)" if by_factors else ""
     return (
@@ -141,7 +143,7 @@ def _print_changes(
         console.print(f"  and {len(changes) - CHANGES_SHOWN} more: --json lists them all")
 
 
-def _print_shifts(console: "Console", comparison: "Comparison") -> None:
+def _print_shifts(console: "Console", comparison: "CampaignComparison") -> None:
     from rich.table import Table
     from rich.text import Text
 
@@ -168,7 +170,7 @@ def _print_shifts(console: "Console", comparison: "Comparison") -> None:
         )
 
 
-def _cells(shift: "Shift") -> list[Any]:
+def _cells(shift: "PairedShift") -> list[Any]:
     from rich.text import Text
 
     from metro_hil.report.campaign.units import number_text

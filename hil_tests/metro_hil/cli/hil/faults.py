@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from firmware_py.settings import SettingsError
 from metro_hil.model.run_options import EXIT_OK
-from plant_emulator.faults.kinds import Place
+from plant_emulator.faults.kinds import FaultPlace
 
 if TYPE_CHECKING:
     from plant_emulator.faults.described import Described
@@ -20,7 +20,7 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
         "parameters, what may come of it, and how each bench brings it about.",
     )
     parser.add_argument("kind", nargs="?", metavar="KIND", help="this one only, with all details")
-    places = ", ".join(place.value for place in Place)
+    places = ", ".join(place.value for place in FaultPlace)
     parser.add_argument("--place", metavar="P", help=f"of this place only: {places}")
     parser.add_argument("--json", action="store_true", help="one JSON array on standard output")
     parser.set_defaults(run=run)
@@ -32,7 +32,7 @@ def run(options: argparse.Namespace) -> int:
 
     known = all_described()
     if options.place is not None:
-        places = {place.value: place for place in Place}
+        places = {place.value: place for place in FaultPlace}
         place = places[_found("place", options.place, list(places))]
         known = tuple(each for each in known if each.place is place)
     if options.kind is not None:
@@ -71,7 +71,7 @@ def _print_all(known: "tuple[Described, ...]") -> None:
     from plant_emulator.faults.described import PLACE_TITLES
 
     console = Console(highlight=False, markup=False)
-    for place in Place:
+    for place in FaultPlace:
         here = [each for each in known if each.place is place]
         if not here:
             continue

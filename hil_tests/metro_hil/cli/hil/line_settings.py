@@ -9,7 +9,7 @@ from firmware_py.radio.zenoh_radio import pick_endpoint
 from firmware_py.trackdb import LineMap, load_line
 from firmware_py.trackdb.areas import load_areas
 from metro_hil.engine.errors import UsageError
-from metro_hil.line.exercise.plan import ONE_WAY, Fault, Strike, Way, faults_of, ways_of
+from metro_hil.line.exercise.plan import ONE_WAY, Fault, PlannedRun, Strike, faults_of, ways_of
 from metro_hil.line.exercise.real_time import Settings
 from metro_hil.line.exercise.virtual import NOT_HERE
 from metro_hil.line.network.options import OwnNetworks, networks_of
@@ -51,7 +51,7 @@ def settings_of(options: argparse.Namespace) -> Settings:
     )
 
 
-def _ways(options: argparse.Namespace, line: LineMap) -> list[Way]:
+def _ways(options: argparse.Namespace, line: LineMap) -> list[PlannedRun]:
     try:
         if options.line_radio is not None:
             check_endpoint(options.line_radio)

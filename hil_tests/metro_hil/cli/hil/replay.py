@@ -11,7 +11,7 @@ from metro_hil.engine.errors import UsageError
 from metro_hil.model.run_options import EXIT_FAILED, EXIT_OK
 
 if TYPE_CHECKING:
-    from metro_hil.model.case import Controller
+    from metro_hil.model.case import ControllerSpec
     from metro_hil.replay import ReplayResult
     from metro_hil.replay.result import CycleInputs, Divergence
 
@@ -72,17 +72,17 @@ def run(options: argparse.Namespace) -> int:
     return EXIT_OK if result.identical else EXIT_FAILED
 
 
-def controller_of(text: str) -> "Controller":
+def controller_of(text: str) -> "ControllerSpec":
     """Raises UsageError."""
-    from metro_hil.model.case import Controller
+    from metro_hil.model.case import ControllerSpec
 
     kind, _, rest = text.partition(":")
     if text == "shipped":
-        return Controller()
+        return ControllerSpec()
     if kind == "checkout" and rest:
-        return Controller(kind=kind, path=rest)
+        return ControllerSpec(kind=kind, path=rest)
     if kind == "command" and rest:
-        return Controller(kind=kind, command=rest)
+        return ControllerSpec(kind=kind, command=rest)
     raise UsageError(f"--controller {text}: shipped, checkout:PATH or command:WORDS is needed")
 
 

@@ -13,7 +13,7 @@ from metro_hil.cli.hil.working import (
 )
 
 if TYPE_CHECKING:
-    from metro_hil.engine.folder import Plan
+    from metro_hil.engine.folder import CampaignPlan
 
 LINE_WORDS = """\
 `hil run line` is no campaign but a whole line of trains that command themselves, in processes or in
@@ -97,13 +97,13 @@ def run(options: argparse.Namespace) -> int:
     return work_on(folder, options, {})
 
 
-def plan_of(options: argparse.Namespace) -> "Plan":
+def plan_of(options: argparse.Namespace) -> "CampaignPlan":
     """Raises SettingsError or UsageError."""
     from metro_hil.campaign import plan_cases
     from metro_hil.campaign.scenarios import read_named
     from metro_hil.engine.choosing import choose
-    from metro_hil.engine.folder import Plan
-    from metro_hil.model.case import Wires
+    from metro_hil.engine.folder import CampaignPlan
+    from metro_hil.model.case import WireNames
 
     campaign = read_named(options.campaign, options.seed)
     refuse_unknown_layout(options.campaign, campaign.layout)
@@ -113,7 +113,7 @@ def plan_of(options: argparse.Namespace) -> "Plan":
         limit=options.limit,
         bench=options.bench,
         controller=options.controller,
-        wires=Wires(
+        wires=WireNames(
             bus_a=options.bus,
             bus_b=options.train_bus,
             tags=options.tags,
@@ -123,7 +123,7 @@ def plan_of(options: argparse.Namespace) -> "Plan":
         ),
     )
     check_on(options.on, [case.bench.value for case in cases])
-    return Plan(
+    return CampaignPlan(
         name=campaign.name,
         title=campaign.title,
         description=campaign.description,

@@ -14,7 +14,7 @@ from metro_hil.model.run_options import EXIT_INTERRUPTED, EXIT_OK
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from metro_hil.search import Search, Sought, Space
+    from metro_hil.search import SearchSpace, Sought, WorstCaseSearch
 
 WORST = 5
 METHODS = ("cma", "random")
@@ -65,7 +65,7 @@ def run(options: argparse.Namespace) -> int:
     from firmware_py.clock.clock import WallClock
     from metro_hil.campaign import read_definition
     from metro_hil.model.run_folder import make_run_folder
-    from metro_hil.search import Search
+    from metro_hil.search import WorstCaseSearch
     from metro_hil.search.leave import append_history
     from metro_hil.search.local import local_crew
     from metro_hil.search.space import space_of
@@ -77,7 +77,7 @@ def run(options: argparse.Namespace) -> int:
     workers = _workers(options, space)
     files = space.body.sources.paths
     with local_crew(workers, files) as evaluate:
-        search = Search(
+        search = WorstCaseSearch(
             space,
             evaluate,
             monitor=options.monitor,
@@ -107,14 +107,16 @@ def run(options: argparse.Namespace) -> int:
     return EXIT_INTERRUPTED if interrupted else EXIT_OK
 
 
-def _workers(options: argparse.Namespace, space: "Space") -> int:
+def _workers(options: argparse.Namespace, space: "SearchSpace") -> int:
     """One where runs share a bus and the processor's time."""
     if space.plan.bench is not BenchKind.LOCKSTEP:
         return 1
     return options.workers or len(os.sched_getaffinity(0))
 
 
-def _tell(options: argparse.Namespace, search: "Search", space: "Space", folder: Path) -> None:
+def _tell(
+    options: argparse.Namespace, search: "WorstCaseSearch", space: "SearchSpace", folder: Path
+) -> None:
     import msgspec
 
     from metro_hil.search.leave import HISTORY, write_worst

@@ -187,7 +187,7 @@ def _requirements(ledger: "Ledger") -> Any:
     from rich.table import Table
 
     from metro_hil.model.requirements import shipped_requirements
-    from metro_hil.report.campaign.trace import Evidence, trace_requirements
+    from metro_hil.report.campaign.trace import RequirementEvidence, trace_requirements
 
     traces = [one for one in trace_requirements(shipped_requirements(), ledger) if one.cases]
     if not traces:
@@ -197,7 +197,7 @@ def _requirements(ledger: "Ledger") -> Any:
     table.add_column("standing")
     for column in ("cases", "passed", "failed", "no evidence"):
         table.add_column(column, justify="right")
-    shown = (Evidence.GOOD, Evidence.BAD, Evidence.NOTHING)
+    shown = (RequirementEvidence.GOOD, RequirementEvidence.BAD, RequirementEvidence.NOTHING)
     for trace in traces:
         counts = (trace.cases, *(trace.counts[evidence] for evidence in shown))
         name, standing = escape(trace.requirement.id), trace.standing.value

@@ -15,9 +15,9 @@ from metro_hil.model.run_options import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_OK
 if TYPE_CHECKING:
     from collections import Counter
 
-    from metro_hil.simulation.batch import Journal, Total
+    from metro_hil.simulation.batch import SeedJournal, Total
     from metro_hil.simulation.run import RunResult
-    from metro_hil.simulation.simulate import Job
+    from metro_hil.simulation.simulate import SeedJob
 
 SEEDS: Final = "1..20"
 S_PER_H: Final = 3600.0
@@ -74,13 +74,13 @@ def run(options: argparse.Namespace) -> int:
     """Exit code 1 when an invariant was broken. Raises UsageError."""
     from metro_hil.simulation.batch import Total
     from metro_hil.simulation.run import Phases
-    from metro_hil.simulation.simulate import Job
+    from metro_hil.simulation.simulate import SeedJob
 
     if options.trace and options.workers > 1:
         raise UsageError("--trace tells one story: it takes one worker")
     if options.timers and options.protocol == "paper":
         raise UsageError("--timers: the paper's rules have none of them")
-    job = Job(
+    job = SeedJob(
         protocol=options.protocol,
         phases=Phases(trouble_s=60.0 * options.minutes),
         bytes_always=options.bytes,
@@ -111,10 +111,10 @@ def run(options: argparse.Namespace) -> int:
 
 def _run(
     todo: Iterator[int],
-    job: "Job",
+    job: "SeedJob",
     options: argparse.Namespace,
     total: "Total",
-    journal: "Journal | None",
+    journal: "SeedJournal | None",
 ) -> None:
     """Adds to total and journal what each seed came to, as soon as it is known."""
     from metro_hil.simulation.batch import run_many
@@ -131,20 +131,20 @@ def _run(
                 print(f"\r{total.runs} seeds, {hours:.1f} train hours", end="", file=sys.stderr)
 
 
-def _keep(result: "RunResult", journal: "Journal") -> None:
+def _keep(result: "RunResult", journal: "SeedJournal") -> None:
     try:
         journal.append(result)
     except OSError as error:
         raise EngineError(f"seed {result.seed}: --journal: {error.strerror}") from error
 
 
-def _journal(options: argparse.Namespace) -> "Journal | None":
-    from metro_hil.simulation.batch import Journal
+def _journal(options: argparse.Namespace) -> "SeedJournal | None":
+    from metro_hil.simulation.batch import SeedJournal
 
     if options.journal is None:
         return None
     try:
-        return Journal(Path(options.journal))
+        return SeedJournal(Path(options.journal))
     except OSError as error:
         raise UsageError(f"--journal {options.journal}: {error.strerror}") from error
     except ValueError as error:
@@ -176,7 +176,7 @@ def _in_turn(options: argparse.Namespace, total: "Total") -> Iterator[int]:
         seed += 1
 
 
-def _tell_broken(result: "RunResult", job: "Job") -> None:
+def _tell_broken(result: "RunResult", job: "SeedJob") -> None:
     from metro_hil.simulation.batch import repeat_with
 
     if not result.invariant:

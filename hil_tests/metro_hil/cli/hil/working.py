@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from metro_hil.engine.folder import CampaignFolder, Manifest
     from metro_hil.engine.run_campaign import CampaignEnd
-    from metro_hil.engine.worker_pool import Crew
+    from metro_hil.engine.worker_pool import WorkerPool
     from metro_hil.model.case import Case, CaseResult
     from metro_hil.report.campaign import CampaignInfo
 
@@ -136,7 +136,7 @@ def work_on(
 ) -> int:
     """Run what is left, report, say how it ended. Options that are not given are as remembered."""
     from metro_hil.engine.progress import Shown
-    from metro_hil.engine.run_campaign import Wishes, run_campaign
+    from metro_hil.engine.run_campaign import CampaignOptions, run_campaign
     from metro_hil.engine.stopping import StopWish
 
     console = console_for(options.json)
@@ -146,7 +146,7 @@ def work_on(
                           ("runner", None)):  # fmt: skip
         if getattr(options, name) is None:
             setattr(options, name, remembered.get(name, default))
-    wishes = Wishes(
+    wishes = CampaignOptions(
         keep=options.keep,
         keep_worst=options.keep_worst,
         always=() if options.no_report else wanted_logs(folder),
@@ -184,16 +184,16 @@ def wanted_logs(folder: "CampaignFolder") -> Sequence[str]:
 
 def crews(
     folder: "CampaignFolder", options: argparse.Namespace, benches: Sequence[str]
-) -> tuple[Callable[[], "Crew"], Callable[[], "Crew"]]:
+) -> tuple[Callable[[], "WorkerPool"], Callable[[], "WorkerPool"]]:
     """Who runs the cases, and who repeats some of them here to keep their logs."""
-    from metro_hil.engine.local_pool import LocalCrew
+    from metro_hil.engine.local_pool import LocalPool
     from metro_hil.engine.worker import RUNNER
 
     check_on(options.on, benches)
     files, runner = folder.files(), options.runner or RUNNER
 
-    def local() -> "Crew":
-        return LocalCrew(
+    def local() -> "WorkerPool":
+        return LocalPool(
             options.workers or processors(),
             files,
             runner=runner,
@@ -204,11 +204,11 @@ def crews(
     if options.on is None:
         return local, local
 
-    def cluster() -> "Crew":
-        from metro_hil.engine.dask_pool import DaskCrew
+    def cluster() -> "WorkerPool":
+        from metro_hil.engine.dask_pool import DaskPool
 
         address = options.on.removeprefix("dask://")
-        return DaskCrew(address, files, runner=runner, case_timeout_s=options.case_timeout)
+        return DaskPool(address, files, runner=runner, case_timeout_s=options.case_timeout)
 
     return cluster, local
 

@@ -11,8 +11,8 @@ from rich.table import Table
 from firmware_py.clock.clock import WallClock
 from metro_hil.energy.line import table_four
 from metro_hil.energy.line.model import SUPPLIES, LineTrain, Supply, Timetable
-from metro_hil.energy.line.simulate import Outcome, simulate
-from metro_hil.energy.line.table_four import PRINTED, Row, TableFour, share_at_least
+from metro_hil.energy.line.simulate import LapResults, simulate
+from metro_hil.energy.line.table_four import PRINTED, TableFour, TableFourRow, share_at_least
 from metro_hil.engine.errors import UsageError
 from metro_hil.model.run_folder import make_run_folder
 from metro_hil.model.run_options import EXIT_OK
@@ -131,21 +131,21 @@ def _show_all(console: Console, table: TableFour) -> None:
     )
 
 
-def _named(table: TableFour, name: str) -> Row:
+def _named(table: TableFour, name: str) -> TableFourRow:
     return next(row for row in table.rows if row.name == name)
 
 
-def _on_time(row: Row) -> float:
+def _on_time(row: TableFourRow) -> float:
     return row.mean(lambda outcome: outcome.on_time_ratio)
 
 
-def _parking(row: Row) -> str:
+def _parking(row: TableFourRow) -> str:
     good = all(outcome.parking_m <= 0.3 for outcome in row.outcomes)
     worst_m = max(outcome.parking_m for outcome in row.outcomes)
     return "100%" if good else f"worst {worst_m:.2f} m"
 
 
-def _change(row: Row) -> str:
+def _change(row: TableFourRow) -> str:
     change = row.change
     return f"{PERCENT * change.mean_ratio:+.2f} % ± {PERCENT * change.half_ratio:.2f}"
 
@@ -158,7 +158,7 @@ def _draw(page: Any, table: TableFour) -> None:
     train, dwells = LineTrain(), dwells_of(table.seeds[0], 3)
     records = []
     for timetable, law in ((Timetable(), TRADITIONAL), (table.synchronised, HOLD_AND_COAST)):
-        outcome: Outcome = simulate(
+        outcome: LapResults = simulate(
             train, table.supply, timetable, law, dwells, laps=1, record_s=1.0
         )
         assert outcome.record is not None

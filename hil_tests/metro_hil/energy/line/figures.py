@@ -12,7 +12,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from metro_hil.energy.line.model import LAP_S, STOPS_M, SUBSTATIONS_M, TRAINS
-from metro_hil.energy.line.simulate import Record
+from metro_hil.energy.line.simulate import LineSeries
 from metro_hil.energy.line.table_four import TableFour
 
 INK, QUIET, USED, BURNT = "#1f2933", "#7b8794", "#2f9e44", "#c0242b"
@@ -20,7 +20,7 @@ SHOWN_S: Final = 720.0
 KW: Final = 1000.0
 
 
-def draw(path: Path, table: TableFour, before: Record, after: Record) -> None:
+def draw(path: Path, table: TableFour, before: LineSeries, after: LineSeries) -> None:
     """Write a PNG: the traditional law on the left, the synchronised timetable on the right."""
     with mpl.rc_context({"font.size": 8, "axes.edgecolor": QUIET, "text.color": INK}):
         figure = Figure(figsize=(15.0, 13.0), dpi=100, layout="constrained")
@@ -45,7 +45,7 @@ def draw(path: Path, table: TableFour, before: Record, after: Record) -> None:
         figure.savefig(path)
 
 
-def _diagram(axes: Axes, name: str, record: Record, part: slice) -> None:
+def _diagram(axes: Axes, name: str, record: LineSeries, part: slice) -> None:
     time_s = record.time_s[part] - LAP_S
     for train in range(TRAINS):
         axes.plot(time_s, record.place_m[part, train] / KW, linewidth=1.0)
@@ -55,14 +55,14 @@ def _diagram(axes: Axes, name: str, record: Record, part: slice) -> None:
     axes.set_title(f"{name}: line diagram", fontsize=9)
 
 
-def _voltages(axes: Axes, record: Record, part: slice) -> None:
+def _voltages(axes: Axes, record: LineSeries, part: slice) -> None:
     time_s = record.time_s[part] - LAP_S
     for train in range(TRAINS):
         axes.plot(time_s, record.voltage_v[part, train], linewidth=0.7)
     axes.set_ylabel("voltage at the train in V")
 
 
-def _substations(axes: Axes, record: Record, part: slice) -> None:
+def _substations(axes: Axes, record: LineSeries, part: slice) -> None:
     time_s = record.time_s[part] - LAP_S
     given_kw = record.given_w[part] / KW
     axes.stackplot(time_s, given_kw.T, labels=[f"{at / KW:.1f} km" for at in SUBSTATIONS_M])

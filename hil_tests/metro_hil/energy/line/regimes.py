@@ -29,7 +29,7 @@ class Regime:
     regenerated_j: float
 
 
-class Runs:
+class LegRuns:
     """Single runs of one train over the legs of the line, at full voltage."""
 
     def __init__(self, train: LineTrain) -> None:
@@ -69,7 +69,7 @@ class Runs:
         return [regime for regime in found if regime is not None]
 
 
-def least_traction(runs: Runs, timetable: Timetable) -> Timetable:
+def least_traction(runs: LegRuns, timetable: Timetable) -> Timetable:
     """Each leg in the regime that takes least out of the line; raises ValueError where no regime
     of this train takes a leg's time."""
     chosen = []

@@ -30,7 +30,7 @@ JOINTS_MAX = 16
 
 
 @dataclass(frozen=True, slots=True)
-class Record:
+class LineSeries:
     """(rows, trains) each, `given_w` (rows, substations)."""
 
     time_s: Numbers
@@ -44,7 +44,7 @@ class Record:
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class LapResults:
     """Of the laps that count."""
 
     books: Numbers = field(repr=False)
@@ -52,7 +52,7 @@ class Outcome:
     """(6,) mean lateness of each leg."""
     laps: int
     step_s: float
-    record: Record | None = None
+    record: LineSeries | None = None
 
     @property
     def actual_kwh(self) -> float:
@@ -135,7 +135,7 @@ def simulate(
     laps: int = 1,
     step_s: float = STEP_S,
     record_s: float = 0.0,
-) -> Outcome:
+) -> LapResults:
     """One lap to fill the line, then `laps` that count; `record_s` over 0 keeps what happened."""
     warm, steps = round(LAP_S / step_s), round((1 + laps) * LAP_S / step_s)
     every = max(1, round(record_s / step_s)) if record_s > 0.0 else 0
@@ -160,9 +160,9 @@ def simulate(
         place_m, speed_mps, voltage_v, current_a, gives_w, burns_w = (
             record[:, :, part] for part in range(loop.RECORDED)
         )
-        kept = Record(time_s, place_m, speed_mps, voltage_v, current_a, gives_w, burns_w, given)
+        kept = LineSeries(time_s, place_m, speed_mps, voltage_v, current_a, gives_w, burns_w, given)
     per_leg = np.maximum(1.0, books[kernel.RUNS] / LEGS)
-    return Outcome(books, late / per_leg, laps, step_s, kept)
+    return LapResults(books, late / per_leg, laps, step_s, kept)
 
 
 def first_minutes(supply: Supply, *, step_s: float = 0.5, steps: int = 500) -> Numbers:

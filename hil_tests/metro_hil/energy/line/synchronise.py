@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 
 from metro_hil.energy.line.model import HOLD_AND_COAST, LineTrain, Supply, Timetable
-from metro_hil.energy.line.regimes import Regime, Runs, least_traction
+from metro_hil.energy.line.regimes import LegRuns, Regime, least_traction
 from metro_hil.energy.line.simulate import dwells_of, simulate
 
 PHASE_REACH_S: Final = 16.0
@@ -29,7 +29,7 @@ SHRINK_RATIO: Final = 0.6
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
+class FoundTimetable:
     timetable: Timetable
     start_kwh: float
     """Actual energy of a lap of the least-traction timetable, on the training dwells."""
@@ -37,21 +37,21 @@ class Found:
     tried: int
 
 
-class Search:
+class TimetableSearch:
     """Coordinate search with random directions; the same arguments give the same timetable."""
 
     def __init__(
         self, train: LineTrain, supply: Supply, base: Timetable, *, seed: int, budget: int
     ) -> None:
         self._train, self._supply, self._base = train, supply, base
-        self._runs = Runs(train)
+        self._runs = LegRuns(train)
         self._generator = np.random.default_rng(seed)
         self._budget = budget
         self._dwells = [dwells_of(one, 2) for one in TRAINING_SEEDS]
         self._known: dict[tuple[int, float], list[Regime]] = {}
         self.tried = 0
 
-    def run(self, told: Callable[[int, float], None] = lambda tried, kwh: None) -> Found:
+    def run(self, told: Callable[[int, float], None] = lambda tried, kwh: None) -> FoundTimetable:
         """`told` hears of each try and the best so far."""
         start = least_traction(self._runs, self._base)
         start_kwh = self._cost_kwh(start)
@@ -76,7 +76,7 @@ class Search:
                 steps = steps * SHRINK_RATIO
                 if steps[PHASE] < 0.4:
                     break
-        return Found(best, start_kwh, best_kwh, self.tried)
+        return FoundTimetable(best, start_kwh, best_kwh, self.tried)
 
     def _cost_kwh(self, timetable: Timetable) -> float:
         self.tried += 1

@@ -16,9 +16,9 @@ from metro_hil.energy.line.model import (
     Supply,
     Timetable,
 )
-from metro_hil.energy.line.regimes import Runs, least_traction
-from metro_hil.energy.line.simulate import Outcome, dwells_of, simulate
-from metro_hil.energy.line.synchronise import Search
+from metro_hil.energy.line.regimes import LegRuns, least_traction
+from metro_hil.energy.line.simulate import LapResults, dwells_of, simulate
+from metro_hil.energy.line.synchronise import TimetableSearch
 
 SEEDS: Final = tuple(range(1, 11))
 LAPS: Final = 2
@@ -27,7 +27,7 @@ BUDGET: Final = 150
 
 
 @dataclass(frozen=True, slots=True)
-class Printed:
+class PrintedColumn:
     """One column of the paper's table."""
 
     law: str
@@ -38,10 +38,10 @@ class Printed:
 
 
 PRINTED: Final = (
-    Printed("traditional", 2056.01, 1607.49, 0.2740, 1.0),
-    Printed("green 1/0", 1967.46, 1529.45, 0.2727, 1.0),
-    Printed("green .786/.214", 1988.82, 1462.15, 0.3172, 1.0),
-    Printed("green .5/.5", 1966.8, 1412.72, 0.3350, 0.95),
+    PrintedColumn("traditional", 2056.01, 1607.49, 0.2740, 1.0),
+    PrintedColumn("green 1/0", 1967.46, 1529.45, 0.2727, 1.0),
+    PrintedColumn("green .786/.214", 1988.82, 1462.15, 0.3172, 1.0),
+    PrintedColumn("green .5/.5", 1966.8, 1412.72, 0.3350, 0.95),
 )
 LAPS_A_YEAR: Final = 15.0 * 3600.0 / 1260.0 * 365.0
 """15 h a day, a lap of seven trains every 21 min."""
@@ -56,14 +56,14 @@ class Estimate:
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class TableFourRow:
     name: str
-    outcomes: tuple[Outcome, ...]
+    outcomes: tuple[LapResults, ...]
     """One for each seed, in their order."""
     change: Estimate
     """Actual energy against the traditional law with the same dwells."""
 
-    def mean(self, of: Callable[[Outcome], float]) -> float:
+    def mean(self, of: Callable[[LapResults], float]) -> float:
         return float(np.mean([of(outcome) for outcome in self.outcomes]))
 
     @property
@@ -74,7 +74,7 @@ class Row:
 @dataclass(frozen=True, slots=True)
 class TableFour:
     supply: Supply
-    rows: tuple[Row, ...]
+    rows: tuple[TableFourRow, ...]
     synchronised: Timetable
     constant_v: float
     seeds: tuple[int, ...]
@@ -101,16 +101,16 @@ def table_four(
     base = Timetable()
     dwells = [dwells_of(seed, laps + 2) for seed in seeds]
 
-    def outcomes(timetable: Timetable, law: Law) -> tuple[Outcome, ...]:
+    def outcomes(timetable: Timetable, law: Law) -> tuple[LapResults, ...]:
         told(f"{supply.name}: {law.name}")
         return tuple(simulate(train, supply, timetable, law, one, laps=laps) for one in dwells)
 
     traditional = outcomes(base, TRADITIONAL)
     constant_v = mean_voltage_v(train, supply, base)
-    calm = least_traction(Runs(train), base)
+    calm = least_traction(LegRuns(train), base)
     if synchronised is None:
         told(f"{supply.name}: looking for the synchronised timetable")
-        synchronised = Search(train, supply, base, seed=1, budget=budget).run().timetable
+        synchronised = TimetableSearch(train, supply, base, seed=1, budget=budget).run().timetable
     plans: list[tuple[str, Timetable, Law]] = [
         ("green 1/0", base, green(1.0, 0.0)),
         ("green .786/.214", base, green(0.786, 0.214)),
@@ -122,10 +122,10 @@ def table_four(
         ("hold and coast", calm, HOLD_AND_COAST),
         ("synchronised timetable", synchronised, HOLD_AND_COAST),
     ]
-    rows = [Row("traditional", traditional, Estimate(0.0, 0.0))]
+    rows = [TableFourRow("traditional", traditional, Estimate(0.0, 0.0))]
     for name, timetable, law in plans:
         found = outcomes(timetable, law)
-        rows.append(Row(name, found, paired(traditional, found)))
+        rows.append(TableFourRow(name, found, paired(traditional, found)))
     return TableFour(supply, tuple(rows), synchronised, constant_v, tuple(seeds))
 
 
@@ -136,7 +136,7 @@ def mean_voltage_v(train: LineTrain, supply: Supply, timetable: Timetable) -> fl
     return round(float(np.mean(record.voltage_v[len(record.voltage_v) // 2 :])), 1)
 
 
-def paired(base: Sequence[Outcome], other: Sequence[Outcome]) -> Estimate:
+def paired(base: Sequence[LapResults], other: Sequence[LapResults]) -> Estimate:
     """Relative change of the actual energy, seed by seed, with Student's interval."""
     changes = np.array(
         [b.actual_kwh / a.actual_kwh - 1.0 for a, b in zip(base, other, strict=True)]

@@ -14,7 +14,7 @@ from firmware_py.settings import SettingsError
 from metro_hil.energy.line.command import write_timetable
 from metro_hil.energy.line.model import HOLD_AND_COAST, SUPPLIES, TRADITIONAL, LineTrain, Timetable
 from metro_hil.energy.line.simulate import dwells_of, simulate
-from metro_hil.energy.line.synchronise import Search
+from metro_hil.energy.line.synchronise import TimetableSearch
 from metro_hil.energy.line.table_four import paired
 from metro_hil.model.run_options import EXIT_OK, EXIT_USAGE
 
@@ -63,7 +63,7 @@ def _find(options: argparse.Namespace) -> int:
         raise SettingsError(f"--out {out}: there is no folder {out.parent}")
     console = Console(stderr=options.json)
     train, supply, base = LineTrain(), SUPPLIES[options.supply], Timetable()
-    search = Search(train, supply, base, seed=options.seed, budget=options.budget)
+    search = TimetableSearch(train, supply, base, seed=options.seed, budget=options.budget)
     with console.status("searching") as status:
         found = search.run(
             lambda tried, kwh: status.update(f"tried {tried}, least {kwh:.1f} kWh a lap")

@@ -6,7 +6,7 @@ from typing import Any, Final
 import numpy as np
 
 from metro_hil.energy.running_curve import table_one
-from metro_hil.energy.running_curve.design import Curve, Design, Hop, design, whole_net
+from metro_hil.energy.running_curve.design import Design, Hop, RunningCurve, design, whole_net
 from metro_hil.energy.running_curve.literal import (
     Literal,
     literal_design,
@@ -14,8 +14,8 @@ from metro_hil.energy.running_curve.literal import (
 )
 from metro_hil.energy.running_curve.net import Net
 from metro_hil.energy.running_curve.optimum import Optimum, optimise
-from metro_hil.energy.running_curve.trace import Trace, trace
-from metro_hil.energy.running_curve.track import Track
+from metro_hil.energy.running_curve.trace import CurveTrace, trace
+from metro_hil.energy.running_curve.track import HopTrack
 from metro_hil.energy.running_curve.train import Numbers, RunningTrain
 
 J_PER_KWH: Final = 3.6e6
@@ -25,9 +25,9 @@ SWEEP: Final = tuple(float(weight) for weight in np.linspace(0.0, 30.0, 121))
 
 
 @dataclass(frozen=True, slots=True)
-class Asked:
+class DesignRequest:
     hop: Hop
-    coarse: Track
+    coarse: HopTrack
     """The same way in fewer cells, for the optimum."""
     time_s: float
     weight_factor: float
@@ -40,22 +40,22 @@ class Asked:
         return self.hop.train
 
     @property
-    def track(self) -> Track:
+    def track(self) -> HopTrack:
         return self.hop.track
 
 
 @dataclass(frozen=True, slots=True)
-class Answer:
-    asked: Asked
+class DesignAnswer:
+    asked: DesignRequest
     designed: Design
-    run: Trace
+    run: CurveTrace
     optimum: Optimum | None
     above_ratio: float | None
     """How far the designed run's J is above the optimum's."""
     literal: Literal | None
 
 
-def answer(asked: Asked) -> Answer:
+def answer(asked: DesignRequest) -> DesignAnswer:
     """Raises SettingsError for a task without a run."""
     train, track = asked.train, asked.track
     designed = design(asked.hop, asked.time_s, asked.weight_factor)
@@ -68,7 +68,7 @@ def answer(asked: Asked) -> Answer:
     printed = None
     if asked.literal:
         printed = literal_design(asked.hop, asked.time_s, asked.weight_factor)
-    return Answer(
+    return DesignAnswer(
         asked, designed, trace(train, track, designed.curve), optimum, above_ratio, printed
     )
 
@@ -95,17 +95,17 @@ def sweep_of(net: Net, time_s: float) -> tuple[Numbers, Numbers]:
     return energies[best], powers[best]
 
 
-def net_of(asked: Asked) -> Net:
+def net_of(asked: DesignRequest) -> Net:
     return whole_net(asked.train, asked.track)
 
 
-def reference_curves(asked: Asked) -> tuple[Curve, Curve]:
+def reference_curves(asked: DesignRequest) -> tuple[RunningCurve, RunningCurve]:
     """<I> and <II>: the greatest weight and none."""
     conventional = design(asked.hop, asked.time_s, CONVENTIONAL_WEIGHT).curve
     return conventional, design(asked.hop, asked.time_s, 0.0).curve
 
 
-def as_document(found: Answer) -> dict[str, Any]:
+def as_document(found: DesignAnswer) -> dict[str, Any]:
     """For JSON: what was asked, declared, designed, and what it compares with."""
     asked, curve, choice = found.asked, found.designed.curve, found.designed.choice
     document: dict[str, Any] = {

@@ -18,8 +18,8 @@ from metro_hil.energy.running_curve import table_one
 from metro_hil.energy.running_curve.answer import (
     OPTIMUM_CELL_M,
     SWEEP,
-    Answer,
-    Asked,
+    DesignAnswer,
+    DesignRequest,
     answer,
     as_document,
     net_of,
@@ -87,7 +87,7 @@ def _design(options: argparse.Namespace) -> int:
     first, last, track = track_between(line, train, options.start, options.end)
     coarse = track_between(line, train, first, last, cell_m=OPTIMUM_CELL_M)[2]
     found = answer(
-        Asked(
+        DesignRequest(
             Hop(train, track),
             coarse,
             time_s=options.time,
@@ -113,7 +113,7 @@ def _design(options: argparse.Namespace) -> int:
     return EXIT_OK
 
 
-def _show(console: Console, title: str, found: Answer) -> None:
+def _show(console: Console, title: str, found: DesignAnswer) -> None:
     asked, curve, choice = found.asked, found.designed.curve, found.designed.choice
     table = Table("", "", title=title, show_header=False)
     table.add_row("weight factor", f"{asked.weight_factor:g}")
@@ -144,7 +144,7 @@ def _show(console: Console, title: str, found: Answer) -> None:
     console.print(table)
 
 
-def _add_optimum(table: Table, found: Answer) -> None:
+def _add_optimum(table: Table, found: DesignAnswer) -> None:
     best = found.optimum
     if best is None or found.above_ratio is None:
         return
@@ -155,7 +155,7 @@ def _add_optimum(table: Table, found: Answer) -> None:
     table.add_row("the designed run is above it by", f"{100.0 * found.above_ratio:.2f} %")
 
 
-def _add_literal(table: Table, found: Answer) -> None:
+def _add_literal(table: Table, found: DesignAnswer) -> None:
     printed = found.literal
     if printed is None:
         return
@@ -221,7 +221,7 @@ def _show_table_one(console: Console, train: RunningTrain) -> None:
     )
 
 
-def _draw(out: Path, title: str, found: Answer) -> None:
+def _draw(out: Path, title: str, found: DesignAnswer) -> None:
     # Pictures come with heavy libraries; who only wants numbers does not wait for them.
     from metro_hil.energy.running_curve import figures
 

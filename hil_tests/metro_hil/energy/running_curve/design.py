@@ -13,7 +13,7 @@ import numpy as np
 
 from firmware_py.settings import SettingsError
 from metro_hil.energy.running_curve.net import Arrivals, Departures, Net, arrivals, departures, join
-from metro_hil.energy.running_curve.track import Track
+from metro_hil.energy.running_curve.track import HopTrack
 from metro_hil.energy.running_curve.train import Numbers, RunningTrain
 
 SPEEDS: Final = 161
@@ -35,7 +35,7 @@ class InfeasibleError(SettingsError):
 
 
 @dataclass(frozen=True, slots=True)
-class Curve:
+class RunningCurve:
     """One whole run."""
 
     notch_off_mps: float
@@ -55,7 +55,7 @@ class Curve:
 
 
 @dataclass(frozen=True, slots=True)
-class Choice:
+class WeightedChoice:
     """How the weight chose among the runs with the full brake."""
 
     weight_factor: float
@@ -78,8 +78,8 @@ class Choice:
 @dataclass(frozen=True, slots=True)
 class Design:
     time_s: float
-    choice: Choice
-    curve: Curve
+    choice: WeightedChoice
+    curve: RunningCurve
     late_s: float
     """0, or by how much the least power limit that keeps to the way is still too slow."""
 
@@ -87,34 +87,34 @@ class Design:
 class Hop:
     """One train on one hop, with what all its designs share: the runs with the full brake."""
 
-    def __init__(self, train: RunningTrain, track: Track) -> None:
+    def __init__(self, train: RunningTrain, track: HopTrack) -> None:
         self.train = train
         self.track = track
         self.full = arrivals(train, track, np.array([train.brake_power_w]))
         self.net = join(train, track, _all_departures(train, track), self.full)
-        self._slowest: dict[float, Curve | None] = {}
+        self._slowest: dict[float, RunningCurve | None] = {}
 
-    def slowest(self, time_s: float) -> Curve | None:
+    def slowest(self, time_s: float) -> RunningCurve | None:
         """With the full brake, the run of just this time; None without one."""
         if time_s not in self._slowest:
             self._slowest[time_s] = _by_time(self.train, self.track, self.full, time_s)
         return self._slowest[time_s]
 
 
-def whole_net(train: RunningTrain, track: Track) -> Net:
+def whole_net(train: RunningTrain, track: HopTrack) -> Net:
     """Everything there is: ways to gain speed by power limits."""
     powers_w = np.linspace(POWER_MIN_RATIO, 1.0, POWERS) * train.brake_power_w
     return join(train, track, _all_departures(train, track), arrivals(train, track, powers_w))
 
 
-def _all_departures(train: RunningTrain, track: Track) -> Departures:
+def _all_departures(train: RunningTrain, track: HopTrack) -> Departures:
     eagerness = np.append(
         np.linspace(SPEED_MIN_RATIO, 1.0, SPEEDS), 1.0 + np.linspace(0.0, 1.0, HOLDS + 1)[1:]
     )
     return _eager(train, track, eagerness)
 
 
-def _eager(train: RunningTrain, track: Track, eagerness: Numbers) -> Departures:
+def _eager(train: RunningTrain, track: HopTrack, eagerness: Numbers) -> Departures:
     """One number for each way to gain speed: up to 1 the notch-off speed as a share of the limit,
     beyond it the share of the way over which the limit is held."""
     top_mps = float(np.max(track.ceiling_mps))
@@ -124,15 +124,15 @@ def _eager(train: RunningTrain, track: Track, eagerness: Numbers) -> Departures:
 
 
 def curve_of(
-    train: RunningTrain, track: Track, notch_off_mps: float, hold_m: float, power_w: float
-) -> Curve:
+    train: RunningTrain, track: HopTrack, notch_off_mps: float, hold_m: float, power_w: float
+) -> RunningCurve:
     """One run by itself."""
     first = departures(train, track, np.array([notch_off_mps]), np.array([hold_m]))
     return pick(join(train, track, first, arrivals(train, track, np.array([power_w]))), 0, 0)
 
 
-def pick(net: Net, row: int, column: int) -> Curve:
-    return Curve(
+def pick(net: Net, row: int, column: int) -> RunningCurve:
+    return RunningCurve(
         notch_off_mps=float(net.notch_off_mps[row]),
         hold_m=float(net.hold_m[row]),
         power_w=float(net.power_w[column]),
@@ -145,7 +145,7 @@ def pick(net: Net, row: int, column: int) -> Curve:
     )
 
 
-def choose(hop: Hop, time_s: float, weight_factor: float) -> Choice:
+def choose(hop: Hop, time_s: float, weight_factor: float) -> WeightedChoice:
     """x by the weight; raises InfeasibleError."""
     train, track, full, net = hop.train, hop.track, hop.full, hop.net
     fastest_s = float(np.min(net.time_s))
@@ -169,7 +169,7 @@ def choose(hop: Hop, time_s: float, weight_factor: float) -> Choice:
     energies_j = np.array([curve.acceleration_j for curve in curves])
     scores = np.array([_score(curve, fastest, weight_factor) for curve in curves])
     cubic_j, cubic_x_s = _cubic(times_s, energies_j, fastest.time_s, weight_factor)
-    return Choice(
+    return WeightedChoice(
         weight_factor=weight_factor,
         x_s=best.time_s,
         fastest_s=fastest.time_s,
@@ -183,22 +183,22 @@ def choose(hop: Hop, time_s: float, weight_factor: float) -> Choice:
     )
 
 
-def _shorter(net: Net, time_s: float) -> list[Curve]:
+def _shorter(net: Net, time_s: float) -> list[RunningCurve]:
     """With the first brake of the net, those in time; the fastest comes first. What costs more and
     takes no less time is left out."""
-    kept: list[Curve] = []
+    kept: list[RunningCurve] = []
     for row in range(len(net.notch_off_mps)):
         if net.time_s[row, 0] <= time_s and (not kept or net.time_s[row, 0] < kept[-1].time_s):
             kept.append(pick(net, row, 0))
     return kept[::-1]
 
 
-def _eagerness(track: Track, curve: Curve) -> float:
+def _eagerness(track: HopTrack, curve: RunningCurve) -> float:
     top_mps = float(np.max(track.ceiling_mps))
     return curve.notch_off_mps / top_mps + curve.hold_m / track.length_m
 
 
-def _score(curve: Curve, fastest: Curve, weight_factor: float) -> float:
+def _score(curve: RunningCurve, fastest: RunningCurve, weight_factor: float) -> float:
     """f(x) of equation (1)."""
     energy_ratio = curve.acceleration_j / fastest.acceleration_j
     return energy_ratio + weight_factor * curve.time_s / fastest.time_s
@@ -217,7 +217,9 @@ def _cubic(
     return cubic_j, float(fine_s[int(np.argmin(scores))])
 
 
-def _by_time(train: RunningTrain, track: Track, second: Arrivals, time_s: float) -> Curve | None:
+def _by_time(
+    train: RunningTrain, track: HopTrack, second: Arrivals, time_s: float
+) -> RunningCurve | None:
     """With one power limit, the notch-off speed that takes just this time; None without one."""
     low, high = SPEED_MIN_RATIO / 4.0, 2.0
     net = None
@@ -235,14 +237,16 @@ def _by_time(train: RunningTrain, track: Track, second: Arrivals, time_s: float)
     return pick(net, int(np.argmin(net.time_s[:, 0] > time_s)), 0)
 
 
-def with_time(train: RunningTrain, track: Track, power_w: float, time_s: float) -> Curve | None:
+def with_time(
+    train: RunningTrain, track: HopTrack, power_w: float, time_s: float
+) -> RunningCurve | None:
     """The run of just this time whose brake has just this power limit; None without one."""
     return _by_time(train, track, arrivals(train, track, np.array([power_w])), time_s)
 
 
 def limit_for_time(
-    train: RunningTrain, track: Track, notch_off_mps: float, hold_m: float, time_s: float
-) -> Curve:
+    train: RunningTrain, track: HopTrack, notch_off_mps: float, hold_m: float, time_s: float
+) -> RunningCurve:
     """The least power limit with which the run is not late, by bisection in wide sections.
 
     With no limit low enough the train is early even with the least; with none high enough the run

@@ -11,10 +11,10 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from metro_hil.energy.running_curve.design import Curve, Design
+from metro_hil.energy.running_curve.design import Design, RunningCurve
 from metro_hil.energy.running_curve.net import Net
 from metro_hil.energy.running_curve.optimum import Optimum
-from metro_hil.energy.running_curve.trace import Trace
+from metro_hil.energy.running_curve.trace import CurveTrace
 from metro_hil.energy.running_curve.train import RunningTrain
 
 J_PER_MJ: Final = 1.0e6
@@ -43,11 +43,11 @@ class Page:
     use_ratio: float
     net: Net
     designed: Design
-    conventional: Curve
+    conventional: RunningCurve
     """<I>: greatest weight."""
-    economical: Curve
+    economical: RunningCurve
     """<II>: no weight."""
-    traces: Sequence[tuple[str, str, Trace]]
+    traces: Sequence[tuple[str, str, CurveTrace]]
     """Name, colour, run."""
     sweep: Sweep
     optimum: Optimum | None = None

@@ -12,8 +12,8 @@ import numpy as np
 
 from metro_hil.energy.running_curve.design import (
     SECTIONS,
-    Curve,
     Hop,
+    RunningCurve,
     choose,
     design,
     pick,
@@ -31,7 +31,7 @@ class Literal:
     """By the cubic."""
     asked_braking_s: float
     """t_brake."""
-    curve: Curve
+    curve: RunningCurve
     """With the power limit that brakes just so long."""
     late_s: float
     """What the run so takes more than T; negative: it is early."""

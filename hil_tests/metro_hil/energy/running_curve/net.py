@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from metro_hil.energy.running_curve.track import Track
+from metro_hil.energy.running_curve.track import HopTrack
 from metro_hil.energy.running_curve.train import Numbers, RunningTrain
 
 STALL_MPS: Final = 0.3
@@ -77,7 +77,7 @@ class Net:
 
 
 def departures(
-    train: RunningTrain, track: Track, notch_off_mps: Numbers, hold_m: Numbers
+    train: RunningTrain, track: HopTrack, notch_off_mps: Numbers, hold_m: Numbers
 ) -> Departures:
     """Full traction under all limits to the notch-off speed, held so far, then coasting."""
     cells, n, step_m = track.cells, len(notch_off_mps), track.cell_m
@@ -161,7 +161,7 @@ def _cell_s(
     return total
 
 
-def _slowed_ceiling(train: RunningTrain, track: Track) -> Numbers:
+def _slowed_ceiling(train: RunningTrain, track: HopTrack) -> Numbers:
     """Square of the ceiling with the way to slow down before each lower limit, by full brake."""
     square = track.ceiling_mps**2
     gain = 2.0 * track.cell_m / train.mass_kg
@@ -172,7 +172,7 @@ def _slowed_ceiling(train: RunningTrain, track: Track) -> Numbers:
     return square
 
 
-def arrivals(train: RunningTrain, track: Track, power_w: Numbers) -> Arrivals:
+def arrivals(train: RunningTrain, track: HopTrack, power_w: Numbers) -> Arrivals:
     """The power-limited brake into the stop, followed backwards from there."""
     cells, n, step_m = track.cells, len(power_w), track.cell_m
     shape = (cells + 1, n)
@@ -195,7 +195,7 @@ def arrivals(train: RunningTrain, track: Track, power_w: Numbers) -> Arrivals:
     return Arrivals(power_w, square, time_s, regained_j)
 
 
-def join(train: RunningTrain, track: Track, first: Departures, second: Arrivals) -> Net:
+def join(train: RunningTrain, track: HopTrack, first: Departures, second: Arrivals) -> Net:
     """Each departure with each arrival, at the place where they have the same speed."""
     n, k = len(first.notch_off_mps), len(second.power_w)
     row, column = np.arange(n)[:, None], np.arange(k)[None, :]

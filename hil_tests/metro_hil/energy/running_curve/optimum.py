@@ -13,7 +13,7 @@ import numpy as np
 from scipy.optimize import linprog
 from scipy.sparse import coo_matrix, csr_matrix
 
-from metro_hil.energy.running_curve.track import Track
+from metro_hil.energy.running_curve.track import HopTrack
 from metro_hil.energy.running_curve.train import Numbers, RunningTrain
 
 ITERATIONS: Final = 60
@@ -54,7 +54,7 @@ class NotSolvedError(RuntimeError):
 
 def optimise(
     train: RunningTrain,
-    track: Track,
+    track: HopTrack,
     time_s: float,
     use_ratio: float,
     start_square: Numbers,
@@ -90,14 +90,14 @@ def optimise(
     return best
 
 
-def _repaired(track: Track, square: Numbers) -> Numbers:
+def _repaired(track: HopTrack, square: Numbers) -> Numbers:
     inside = np.clip(square, LEAST_MPS**2, track.ceiling_mps**2)
     inside[0] = inside[-1] = 0.0
     return inside
 
 
 def _evaluated(
-    train: RunningTrain, track: Track, square: Numbers, use_ratio: float, iterations: int
+    train: RunningTrain, track: HopTrack, square: Numbers, use_ratio: float, iterations: int
 ) -> Optimum:
     """What the speeds need, with the whole nonlinear model: net force of each cell, shared out.
 
@@ -137,7 +137,7 @@ def _evaluated(
 
 def _programme(
     train: RunningTrain,
-    track: Track,
+    track: HopTrack,
     square: Numbers,
     time_s: float,
     use_ratio: float,
@@ -195,7 +195,7 @@ def _programme(
 
 def _solved(
     train: RunningTrain,
-    track: Track,
+    track: HopTrack,
     square: Numbers,
     trust_ratio: float,
     cost: Numbers,

@@ -12,7 +12,7 @@ from typing import Any, Final
 import numpy as np
 
 from metro_hil.energy.running_curve.net import Arrivals
-from metro_hil.energy.running_curve.track import Track
+from metro_hil.energy.running_curve.track import HopTrack
 from metro_hil.energy.running_curve.train import Numbers, RunningTrain
 
 STEP_S: Final = 0.1
@@ -22,7 +22,7 @@ _COMPILED_KERNELS: Final[dict[str, Any]] = {}
 
 
 @dataclass(frozen=True, slots=True)
-class Runs:
+class RunBatch:
     """What came out, (n,) each."""
 
     time_s: Numbers
@@ -35,14 +35,14 @@ class Runs:
 
 def run_all(
     train: RunningTrain,
-    track: Track,
+    track: HopTrack,
     braking: Arrivals,
     notch_off_mps: Numbers,
     column: np.ndarray[tuple[int, ...], np.dtype[np.intp]],
     *,
     step_s: float = STEP_S,
     compiled: bool = COMPILED,
-) -> Runs:
+) -> RunBatch:
     """Drive `n` runs: full traction to the notch-off speed, coasting, and from where the braking
     curve of that column of `braking` is met, its brake. Limits on the way are not looked at.
 
@@ -61,7 +61,7 @@ def run_all(
     time_s, way_m, traction_j, regained_j = kernel(
         numbers, track.grade_n, braking.square_m2_per_s2, limits_w, notch_off_mps, column
     )
-    return Runs(time_s, way_m, traction_j, regained_j)
+    return RunBatch(time_s, way_m, traction_j, regained_j)
 
 
 def _batch(

@@ -7,8 +7,8 @@ from typing import Final
 
 import numpy as np
 
-from metro_hil.energy.running_curve.design import Curve, curve_of, with_time
-from metro_hil.energy.running_curve.track import Track, level_track
+from metro_hil.energy.running_curve.design import RunningCurve, curve_of, with_time
+from metro_hil.energy.running_curve.track import HopTrack, level_track
 from metro_hil.energy.running_curve.train import RunningTrain
 
 TIME_S: Final = 72.5
@@ -19,7 +19,7 @@ MOTORS: Final = 8
 
 
 @dataclass(frozen=True, slots=True)
-class Printed:
+class PrintedRow:
     """One row; the paper calls the energies kWh."""
 
     weight_factor: float
@@ -32,33 +32,34 @@ class Printed:
 
 
 TABLE_I: Final = (
-    Printed(0.0, 23.42, 9.55, 13.87, 102.0, 17.8),
-    Printed(1.0, 24.12, 10.06, 14.06, 97.0, 19.12),
-    Printed(5.0, 28.41, 10.7, 17.71, 80.0, 26.02),
-    Printed(10.0, 30.34, 11.28, 19.06, 71.5, 29.41),
-    Printed(100.0, 30.78, 11.89, 18.89, 68.0, 31.12),
+    PrintedRow(0.0, 23.42, 9.55, 13.87, 102.0, 17.8),
+    PrintedRow(1.0, 24.12, 10.06, 14.06, 97.0, 19.12),
+    PrintedRow(5.0, 28.41, 10.7, 17.71, 80.0, 26.02),
+    PrintedRow(10.0, 30.34, 11.28, 19.06, 71.5, 29.41),
+    PrintedRow(100.0, 30.78, 11.89, 18.89, 68.0, 31.12),
 )
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
-    printed: Printed
-    curve: Curve
+class TableOneRow:
+    printed: PrintedRow
+    curve: RunningCurve
 
     def regenerable_max_kwh(self) -> float:
         """No brake gives back more than its power limit over its braking time."""
         return MOTORS * self.printed.power_kw * self.printed.braking_s / 3600.0
 
 
-def rows(train: RunningTrain) -> list[Row]:
+def rows(train: RunningTrain) -> list[TableOneRow]:
     """1 km in 72.5 s at each of the paper's power limits; the fastest where one is too low."""
     track = level_track(train, LENGTH_M)
     return [
-        Row(printed, _run(train, track, printed.power_kw * 1000.0 * MOTORS)) for printed in TABLE_I
+        TableOneRow(printed, _run(train, track, printed.power_kw * 1000.0 * MOTORS))
+        for printed in TABLE_I
     ]
 
 
-def _run(train: RunningTrain, track: Track, power_w: float) -> Curve:
+def _run(train: RunningTrain, track: HopTrack, power_w: float) -> RunningCurve:
     found = with_time(train, track, power_w, TIME_S)
     if found is not None and found.hold_m == 0.0:
         return found
@@ -66,7 +67,7 @@ def _run(train: RunningTrain, track: Track, power_w: float) -> Curve:
     return curve_of(train, track, train.speed_max_mps, 0.0, power_w)
 
 
-def deviation_ratio(table: Sequence[Row], *, unit_j: float) -> float:
+def deviation_ratio(table: Sequence[TableOneRow], *, unit_j: float) -> float:
     """Root mean square over the 15 cells of energies and braking time, the printed number being in
     units of `unit_j`."""
     errors = []

@@ -4,14 +4,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from metro_hil.energy.running_curve.design import Curve
+from metro_hil.energy.running_curve.design import RunningCurve
 from metro_hil.energy.running_curve.net import arrivals, departures
-from metro_hil.energy.running_curve.track import Track
+from metro_hil.energy.running_curve.track import HopTrack
 from metro_hil.energy.running_curve.train import Numbers, RunningTrain
 
 
 @dataclass(frozen=True, slots=True)
-class Trace:
+class CurveTrace:
     """(cells + 1,) each."""
 
     at_m: Numbers
@@ -25,7 +25,7 @@ class Trace:
         return self.speed_mps**2
 
 
-def trace(train: RunningTrain, track: Track, curve: Curve) -> Trace:
+def trace(train: RunningTrain, track: HopTrack, curve: RunningCurve) -> CurveTrace:
     """The lesser of both halves at each node, and what the wheel does there."""
     first = departures(train, track, np.array([curve.notch_off_mps]), np.array([curve.hold_m]))
     second = arrivals(train, track, np.array([curve.power_w]))
@@ -38,4 +38,4 @@ def trace(train: RunningTrain, track: Track, curve: Curve) -> Trace:
     lost_j = -second.regained_j[:, 0]
     work_j = np.where(braking[1:] <= gaining[1:], -np.diff(lost_j), np.diff(gained_j))
     power_w = np.concatenate([[0.0], work_j / track.cell_m * pair / 2.0])
-    return Trace(track.at_m, speed_mps, time_s, power_w)
+    return CurveTrace(track.at_m, speed_mps, time_s, power_w)

@@ -16,7 +16,7 @@ LENGTH_MAX_M: Final = 20000.0
 
 
 @dataclass(frozen=True, slots=True)
-class Track:
+class HopTrack:
     """One hop of `cells` cells of equal length; arrays by cell or by the nodes between them."""
 
     length_m: float
@@ -36,10 +36,10 @@ class Track:
         return np.linspace(0.0, self.length_m, self.cells + 1)
 
 
-def level_track(train: RunningTrain, length_m: float, *, cell_m: float = CELL_M) -> Track:
+def level_track(train: RunningTrain, length_m: float, *, cell_m: float = CELL_M) -> HopTrack:
     """Level and straight, at the train's own greatest speed."""
     cells = max(CELLS_MIN, math.ceil(length_m / cell_m))
-    return Track(length_m, cells, np.zeros(cells), np.full(cells + 1, train.speed_max_mps))
+    return HopTrack(length_m, cells, np.zeros(cells), np.full(cells + 1, train.speed_max_mps))
 
 
 def track_between(
@@ -49,7 +49,7 @@ def track_between(
     end: str | None,
     *,
     cell_m: float = CELL_M,
-) -> tuple[str, str, Track]:
+) -> tuple[str, str, HopTrack]:
     """From one station to another, whatever lies between; raises SettingsError.
 
     The default is the longest hop of the line, as in seed 002, and the hop after `start`.
@@ -87,7 +87,7 @@ def track_between(
             for front_m in at_m
         ]
     )
-    return names[first], names[last], Track(length_m, cells, grade_n, ceiling_mps)
+    return names[first], names[last], HopTrack(length_m, cells, grade_n, ceiling_mps)
 
 
 def _ends(line: LineMap, start: str | None, end: str | None) -> tuple[int, int]:

@@ -25,12 +25,12 @@ MOVED_M: Final = 0.01
 REACHES: Final = 32
 
 
-class Stop(NamedTuple):
+class StopEvent(NamedTuple):
     station: str
     error_m: float
 
 
-class Emergency(NamedTuple):
+class EmergencyBrakeEvent(NamedTuple):
     """An emergency brake that protection applied."""
 
     at_ns: int
@@ -55,7 +55,7 @@ class Given(NamedTuple):
 
 
 @dataclass(slots=True)
-class TrainStory:
+class TrainEvents:
     place: Place | None = None
     speed_mps: float | None = None
     """True, as its places are: what it says of itself ends with its controller."""
@@ -64,8 +64,8 @@ class TrainStory:
     reaches: deque[Given] = field(default_factory=lambda: deque(maxlen=REACHES))
     """The last that let it go as far as it may, for places that come late."""
     supervision: int = Supervision.NO_AUTHORITY
-    stops: list[Stop] = field(default_factory=list)
-    emergencies: list[Emergency] = field(default_factory=list)
+    stops: list[StopEvent] = field(default_factory=list)
+    emergencies: list[EmergencyBrakeEvent] = field(default_factory=list)
     service_brakes: int = 0
     least_gap_m: float = float("inf")
     """From the end of its authority to the true rear of the train ahead."""
@@ -78,7 +78,7 @@ class TrainStory:
     standing: bool = False
 
 
-class Term(NamedTuple):
+class TermEvent(NamedTuple):
     at_ns: int
     """When its first heartbeat was heard."""
     number: int
@@ -87,17 +87,17 @@ class Term(NamedTuple):
 
 
 @dataclass(slots=True)
-class AreaStory:
+class AreaEvents:
     heartbeat: Heartbeat
     heard_ns: int
     waiting: set[int] = field(default_factory=set)
     """Trains that have no authority of this term yet."""
     since_ns: int = 0
     """When the last heartbeat of the term before was heard."""
-    terms: list[Term] = field(default_factory=list)
+    terms: list[TermEvent] = field(default_factory=list)
 
 
-class LineStory:
+class LineEvents:
     """Is told everything in order; says through `say` what a person wants to know at once."""
 
     def __init__(
@@ -107,8 +107,8 @@ class LineStory:
         say: Callable[[int, str], None],
         key: bytes = BENCH_KEY,
     ) -> None:
-        self.trains: dict[int, TrainStory] = {}
-        self.areas: dict[int, AreaStory] = {}
+        self.trains: dict[int, TrainEvents] = {}
+        self.areas: dict[int, AreaEvents] = {}
         self.collisions: list[str] = []
         self.excused: set[str] = set()
         """Causes of emergencies that what was done to the line calls for from now on."""
@@ -116,8 +116,8 @@ class LineStory:
         self._line, self._map, self._say, self._key = line, areas, say, key
         self._rails = subscription(areas.name).removesuffix("*")
 
-    def train(self, number: int) -> TrainStory:
-        return self.trains.setdefault(number, TrainStory())
+    def train(self, number: int) -> TrainEvents:
+        return self.trains.setdefault(number, TrainEvents())
 
     # Told.
 
@@ -169,7 +169,7 @@ class LineStory:
             words = cause_words(cause)
             commanded = self._is_commanded(train, now_ns)
             excused = train.struck or not train.given or words in self.excused
-            train.emergencies.append(Emergency(now_ns, words, commanded, excused))
+            train.emergencies.append(EmergencyBrakeEvent(now_ns, words, commanded, excused))
             self._say(now_ns, f"train {number} applies its emergency brake: {words}")
 
     def strikes(self, number: int) -> None:
@@ -201,8 +201,8 @@ class LineStory:
         area, who = heartbeat.area, heartbeat.source
         known = self.areas.get(area)
         if known is None:
-            first = Term(now_ns, heartbeat.term, who)
-            self.areas[area] = AreaStory(heartbeat, now_ns, since_ns=now_ns, terms=[first])
+            first = TermEvent(now_ns, heartbeat.term, who)
+            self.areas[area] = AreaEvents(heartbeat, now_ns, since_ns=now_ns, terms=[first])
             self._say(now_ns, f"area {area}: train {who} commands, term {heartbeat.term}")
             return
         if heartbeat.term < known.heartbeat.term:
@@ -215,7 +215,7 @@ class LineStory:
                 if number not in (who, before) and _holds(train, area, now_ns)
             }
             known.since_ns = known.heard_ns
-            known.terms.append(Term(now_ns, heartbeat.term, who))
+            known.terms.append(TermEvent(now_ns, heartbeat.term, who))
             self._say(
                 now_ns,
                 f"area {area}: train {who} commands, term {heartbeat.term}; train {before} was "
@@ -248,16 +248,16 @@ class LineStory:
                     f"{authority.term}, {after_s:.2f} s after the last heartbeat before it",
                 )
 
-    def _is_here(self, train: TrainStory, area: int) -> bool:
+    def _is_here(self, train: TrainEvents, area: int) -> bool:
         here = None if train.place is None else self._map.area_at(train.place.front_m)
         return here is not None and here.number == area
 
-    def _is_commanded(self, train: TrainStory, now_ns: int) -> bool:
+    def _is_commanded(self, train: TrainEvents, now_ns: int) -> bool:
         return any(_holds(train, area, now_ns) for area in train.given)
 
-    def _stopped(self, train: TrainStory, front_m: float) -> None:
+    def _stopped(self, train: TrainEvents, front_m: float) -> None:
         for station in self._line.stations:
-            stop = Stop(station.name, front_m - station.stop_m)
+            stop = StopEvent(station.name, front_m - station.stop_m)
             if abs(stop.error_m) > STOPPED_M:
                 continue
             if train.stops and train.stops[-1].station == station.name:
@@ -281,7 +281,7 @@ class LineStory:
             if words not in self.collisions:
                 self.collisions.append(words)
 
-    def _keep_apart(self, train: TrainStory, before: Place | None, ahead: Place) -> None:
+    def _keep_apart(self, train: TrainEvents, before: Place | None, ahead: Place) -> None:
         """From where its authority ends to where the rear ahead was when that was said, or is now:
         a place that waited on its way is from before that, and its train has moved on since.
         """
@@ -300,7 +300,7 @@ class LineStory:
             rear_m = before.rear_m + share * (ahead.rear_m - before.rear_m)
         train.least_gap_m = min(train.least_gap_m, rear_m - reach.end_m)
 
-    def _reach(self, train: TrainStory) -> Given | None:
+    def _reach(self, train: TrainEvents) -> Given | None:
         """The one of its authorities that ends where all of them together let it go."""
         assert train.place is not None
         area: Area | None = self._map.area_at(train.place.front_m)
@@ -318,6 +318,6 @@ def cause_words(cause: int) -> str:
     return Cause(cause).name.lower().replace("_", " ") if cause else "its controller ends"
 
 
-def _holds(train: TrainStory, area: int, now_ns: int) -> bool:
+def _holds(train: TrainEvents, area: int, now_ns: int) -> bool:
     given = train.given.get(area)
     return given is not None and now_ns - given.echo_ns < YOUNG_NS

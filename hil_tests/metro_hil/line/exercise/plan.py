@@ -12,14 +12,14 @@ AHEAD: Final = 2
 """Stations that each train goes on."""
 
 
-class Way(NamedTuple):
+class PlannedRun(NamedTuple):
     """Where a train starts and where it goes, by the names of stations."""
 
     start: str
     end: str
 
 
-def ways_of(line: LineMap, trains: int) -> list[Way]:
+def ways_of(line: LineMap, trains: int) -> list[PlannedRun]:
     """One train at each station, the foremost first. Raises ValueError where there are too few."""
     stations = [each.name for each in line.stations]
     room = len(stations) - AHEAD
@@ -29,7 +29,8 @@ def ways_of(line: LineMap, trains: int) -> list[Way]:
             f"with two more ahead of the foremost"
         )
     return [
-        Way(stations[at], stations[at + AHEAD]) for at in range(room - 1, room - 1 - trains, -1)
+        PlannedRun(stations[at], stations[at + AHEAD])
+        for at in range(room - 1, room - 1 - trains, -1)
     ]
 
 

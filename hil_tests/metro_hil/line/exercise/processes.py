@@ -12,9 +12,9 @@ from typing import Final
 from firmware_py.buses import open_can
 from firmware_py.buses.hub_control import start_hub
 from firmware_py.clock.clock import WallClock
-from metro_hil.line.exercise.plan import Way
+from metro_hil.line.exercise.plan import PlannedRun
 from metro_hil.line.exercise.taps import HEARD_IDS, ProtectionTap
-from metro_hil.line.network.carrier import Carrier
+from metro_hil.line.network.carrier import PacketCarrier
 from metro_hil.line.network.isolated_process import words_in
 from metro_hil.line.network.options import OwnNetworks
 from metro_hil.line.network.topology import Topology, is_peer
@@ -27,7 +27,7 @@ BEHIND: Final = 10
 """The train does not wait for its driver, but it may be a little late."""
 
 
-class LineCrew:
+class LineProcesses:
     """Starts them, strikes them, starts them again; all end with the stack."""
 
     def __init__(
@@ -59,15 +59,15 @@ class LineCrew:
         self._of_line = ["--line-timers", timers, "--arbiters", str(arbiters)]
         self._priority, self._topology = priority, topology
         self._secure = [] if secure is None else ["--secure", str(secure)]
-        self._ways: dict[int, Way] = {}
+        self._ways: dict[int, PlannedRun] = {}
         self._lives: dict[int, int] = {}
         self._relay: subprocess.Popen[str] | None = None
         self._endpoints: dict[int, str] = {}
-        self._carrier: Carrier | None = None
+        self._carrier: PacketCarrier | None = None
         numbers = range(1, trains + 1)
         if networks is not None:
             before = min(99, priority + BEFORE) if priority else 0
-            self._carrier = Carrier(numbers, networks, priority=before)
+            self._carrier = PacketCarrier(numbers, networks, priority=before)
             stack.callback(self._carrier.end)
         elif relayed:
             self._start_relay(numbers)
@@ -79,7 +79,7 @@ class LineCrew:
             arguments += ["--priority", str(min(99, self._priority + BEFORE))]
         self._adopt(WAYSIDE, "plant_emulator", arguments, self._folder / "wayside.log")
 
-    def start_plant(self, train: int, way: Way) -> None:
+    def start_plant(self, train: int, way: PlannedRun) -> None:
         """Raises BusError when its bus cannot be brought up."""
         self._ways[train] = way
         hub = start_hub(_bus(train), bound=True)

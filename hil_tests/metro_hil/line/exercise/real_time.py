@@ -11,13 +11,13 @@ from can_dbc.vobc import Cause
 from firmware_py.clock.clock import WallClock
 from firmware_py.interrupts import Interrupts
 from firmware_py.radio.credentials import load_credentials
-from firmware_py.radio.zenoh_radio import Role, open_radio
+from firmware_py.radio.zenoh_radio import SessionRole, open_radio
 from firmware_py.trackdb import LineMap
 from firmware_py.trackdb.areas import AreaMap
-from metro_hil.line.exercise.event_log import LineStory
-from metro_hil.line.exercise.plan import Fault, Strike, Way
-from metro_hil.line.exercise.processes import WAYSIDE, LineCrew
-from metro_hil.line.exercise.record import LineRecord
+from metro_hil.line.exercise.event_log import LineEvents
+from metro_hil.line.exercise.plan import Fault, PlannedRun, Strike
+from metro_hil.line.exercise.processes import WAYSIDE, LineProcesses
+from metro_hil.line.exercise.record import LineRunFiles
 from metro_hil.line.network.options import OwnNetworks
 from metro_hil.line.network.topology import Topology
 from metro_hil.model.subprocesses import ChildError
@@ -47,7 +47,7 @@ class Settings(NamedTuple):
     areas: AreaMap
     line_name: str
     """As it was asked for: a name or a file."""
-    ways: list[Way]
+    ways: list[PlannedRun]
     endpoint: str
     timers: str
     arbiters: int
@@ -76,9 +76,9 @@ class RealLine:
                 settings.secure, SUPERVISION_NAME, self._clock.epoch_ns()
             )
             key = safety_key(self._secure.key_hex)
-        self.record = LineRecord(folder, say)
+        self.record = LineRunFiles(folder, say)
         self._tell = self.record.tell
-        self.story = LineStory(settings.line, settings.areas, self._tell, key)
+        self.story = LineEvents(settings.line, settings.areas, self._tell, key)
         self.dropped = 0
         """Messages that the recorder missed."""
         self.carried: dict[str, dict[str, int]] = {}
@@ -96,7 +96,7 @@ class RealLine:
         with ExitStack() as stack:
             stack.enter_context(interrupts.caught())
             stack.callback(self.record.close)
-            crew = LineCrew(
+            crew = LineProcesses(
                 *(self._folder, settings.line_name, settings.endpoint, stack),
                 timers=settings.timers,
                 arbiters=settings.arbiters,
@@ -110,7 +110,7 @@ class RealLine:
             crew.start_wayside()
             topics = t2t_keys.of_line(settings.areas.name)
             port = open_radio(
-                *(Role.TRAIN, settings.endpoint, topics, self._clock),
+                *(SessionRole.TRAIN, settings.endpoint, topics, self._clock),
                 inbox_messages=INBOX_MESSAGES,
                 secure=self._secure,
             )
@@ -154,7 +154,7 @@ class RealLine:
             return now_ns
         return None
 
-    def _look_after(self, crew: LineCrew) -> None:
+    def _look_after(self, crew: LineProcesses) -> None:
         """A program that ends unasked ends the run; a watchdog may end one that was stopped."""
         for child in crew.ended():
             if child.name in self._absent:
@@ -168,7 +168,7 @@ class RealLine:
 
     # Faults.
 
-    def _strike(self, crew: LineCrew, now_ns: int, began_ns: int) -> None:
+    def _strike(self, crew: LineProcesses, now_ns: int, began_ns: int) -> None:
         for due_ns, action in list(self._later):
             if now_ns >= due_ns:
                 self._later.remove((due_ns, action))
@@ -176,7 +176,7 @@ class RealLine:
         while self._faults and now_ns - began_ns >= self._faults[0].at_s * NS_PER_S:
             self._bring_about(crew, self._faults.pop(0), now_ns)
 
-    def _bring_about(self, crew: LineCrew, fault: Fault, now_ns: int) -> None:
+    def _bring_about(self, crew: LineProcesses, fault: Fault, now_ns: int) -> None:
         strike = fault.strike
         if strike is Strike.CRASH_WAYSIDE:
             self._tell(now_ns, "the wayside with its arbiters is killed")
@@ -203,7 +203,7 @@ class RealLine:
             self._away(crew, name, by, lambda: self._anew(crew, train))
 
     def _away(
-        self, crew: LineCrew, name: str, number: signal.Signals, back: Callable[[], None]
+        self, crew: LineProcesses, name: str, number: signal.Signals, back: Callable[[], None]
     ) -> None:
         self._absent.add(name)
         crew.strike(name, number)
@@ -218,20 +218,20 @@ class RealLine:
         due_ns = self._clock.now_ns() + round(self._settings.down_s * NS_PER_S)
         self._later.append((due_ns, action))
 
-    def _wayside_anew(self, crew: LineCrew) -> None:
+    def _wayside_anew(self, crew: LineProcesses) -> None:
         self._tell(self._clock.now_ns(), "the wayside with its arbiters is started again")
         crew.start_wayside()
 
-    def _anew(self, crew: LineCrew, train: int) -> None:
+    def _anew(self, crew: LineProcesses, train: int) -> None:
         self._tell(self._clock.now_ns(), f"the controller of train {train} is started again")
         crew.start_controller(train)
 
-    def _go_on(self, crew: LineCrew, train: int) -> None:
+    def _go_on(self, crew: LineProcesses, train: int) -> None:
         self._tell(self._clock.now_ns(), f"the controller of train {train} goes on")
         self._stopped[f"controller {train}"] = train
         crew.strike(f"controller {train}", signal.SIGCONT)
 
-    def _heal(self, crew: LineCrew, train: int) -> None:
+    def _heal(self, crew: LineProcesses, train: int) -> None:
         self._tell(self._clock.now_ns(), f"the radio of train {train} works again")
         crew.order("heal", train)
 

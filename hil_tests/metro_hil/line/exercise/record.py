@@ -12,7 +12,7 @@ STORY: Final = "story.txt"
 NS_PER_S: Final = 1e9
 
 
-class LineRecord:
+class LineRunFiles:
     """Seconds of the story count from the first message of `line.log`, as `vobc line-log` does."""
 
     def __init__(self, folder: Path, say: Callable[[float, str], None]) -> None:

@@ -7,7 +7,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from metro_hil.line.exercise.event_log import AreaStory, Emergency, LineStory, Stop, TrainStory
+from metro_hil.line.exercise.event_log import (
+    AreaEvents,
+    EmergencyBrakeEvent,
+    LineEvents,
+    StopEvent,
+    TrainEvents,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,11 +33,11 @@ class TrainResult:
     """From the end of its authority to the true rear of the train ahead."""
     service_brakes: int
     struck: bool
-    emergencies: Sequence[Emergency]
-    stops: Sequence[Stop]
+    emergencies: Sequence[EmergencyBrakeEvent]
+    stops: Sequence[StopEvent]
 
 
-def result_of(number: int, train: TrainStory) -> TrainResult:
+def result_of(number: int, train: TrainEvents) -> TrainResult:
     newest = max(train.given.values(), default=None, key=lambda each: each.at_ns)
     latencies_ms = sorted(train.latencies_ms)
     return TrainResult(
@@ -52,7 +58,7 @@ def result_of(number: int, train: TrainStory) -> TrainResult:
 
 
 def results_json(
-    story: LineStory,
+    story: LineEvents,
     trains: int,
     *,
     exit_reason: str,
@@ -89,7 +95,7 @@ def _train(result: TrainResult, second_of: Callable[[int], float]) -> dict[str, 
     return {**dataclasses.asdict(result), "emergencies": emergencies, "stops": stops}
 
 
-def _area(number: int, area: AreaStory, second_of: Callable[[int], float]) -> dict[str, Any]:
+def _area(number: int, area: AreaEvents, second_of: Callable[[int], float]) -> dict[str, Any]:
     terms = [
         {"at_s": round(second_of(each.at_ns), 3), "term": each.number, "train": each.train}
         for each in area.terms

@@ -11,7 +11,7 @@ SEEN: Final = (VobcStatus, VobcMode)
 HEARD_IDS: Final = Decoder(SEEN).ids
 
 
-class Said(NamedTuple):
+class ProtectionOutput(NamedTuple):
     at_ns: int
     train: int
     supervision: Supervision
@@ -26,15 +26,17 @@ class ProtectionTap:
         self._decoder = Decoder(SEEN)
         self._emergency = False
 
-    def hears(self, now_ns: int) -> Iterator[Said]:
+    def hears(self, now_ns: int) -> Iterator[ProtectionOutput]:
         yield from self._said(self._port.receive(now_ns))
 
-    def _said(self, frames: Iterable[CanFrame]) -> Iterator[Said]:
+    def _said(self, frames: Iterable[CanFrame]) -> Iterator[ProtectionOutput]:
         for frame in frames:
             heard = self._decoder.decode(frame.can_id, frame.data, frame.stamp_ns)
             if isinstance(heard, VobcStatus):
                 self._emergency = heard.supervision is Supervision.EMERGENCY
                 if not self._emergency:
-                    yield Said(frame.stamp_ns, self._train, heard.supervision, 0)
+                    yield ProtectionOutput(frame.stamp_ns, self._train, heard.supervision, 0)
             elif isinstance(heard, VobcMode) and self._emergency:
-                yield Said(frame.stamp_ns, self._train, Supervision.EMERGENCY, heard.cause)
+                yield ProtectionOutput(
+                    frame.stamp_ns, self._train, Supervision.EMERGENCY, heard.cause
+                )

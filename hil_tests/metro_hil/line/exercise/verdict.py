@@ -7,7 +7,7 @@ from rich.console import Console
 from rich.table import Table
 
 from can_dbc.vobc import Cause
-from metro_hil.line.exercise.event_log import Emergency, LineStory
+from metro_hil.line.exercise.event_log import EmergencyBrakeEvent, LineEvents
 from metro_hil.line.exercise.results import TrainResult, result_of
 
 KMH: Final = 3.6
@@ -15,7 +15,7 @@ REMOTE: Final = Cause.REMOTE.name.lower()
 """Ordered, and no failure."""
 
 
-def complaints(story: LineStory, trains: int, *, behind_rear_m: float) -> list[str]:
+def complaints(story: LineEvents, trains: int, *, behind_rear_m: float) -> list[str]:
     """Sentences; none when everything was as it should be."""
     said = list(story.collisions)
     for number in range(1, trains + 1):
@@ -32,13 +32,13 @@ def complaints(story: LineStory, trains: int, *, behind_rear_m: float) -> list[s
     return said
 
 
-def _when(emergency: Emergency) -> str:
+def _when(emergency: EmergencyBrakeEvent) -> str:
     if emergency.commanded:
         return "although it was commanded"
     return "while it had no young authority"
 
 
-def show(story: LineStory, trains: int) -> None:
+def show(story: LineEvents, trains: int) -> None:
     """The trains, the foremost first, as a table."""
     table = Table(box=None)
     for head in ("train", "front m", "km/h", "authority to m", "term"):
@@ -76,7 +76,7 @@ def emergency_words(train: TrainResult) -> str:
     return ", ".join([*causes, "struck"] if train.struck else causes) or "none"
 
 
-def areas_words(story: LineStory) -> list[str]:
+def areas_words(story: LineEvents) -> list[str]:
     return [
         f"area {number}: train {area.heartbeat.source} commands, term {area.heartbeat.term}, "
         f"{len(area.terms)} {'term' if len(area.terms) == 1 else 'terms'} seen"

@@ -5,11 +5,11 @@ from pathlib import Path
 from typing import Final
 
 from firmware_py.clock.executive import Executive
-from metro_hil.line.exercise.event_log import LineStory
+from metro_hil.line.exercise.event_log import LineEvents
 from metro_hil.line.exercise.plan import ONE_WAY, Fault, Strike
 from metro_hil.line.exercise.real_time import OLD, Settings
-from metro_hil.line.exercise.record import LineRecord
-from metro_hil.line.train_group import AXLES, LineBench, Run
+from metro_hil.line.exercise.record import LineRunFiles
+from metro_hil.line.train_group import AXLES, LineBench, TrainRun
 from plant_emulator.wayside.detection import Place
 from vobc.config import load_config
 from vobc.train_to_train.vocabulary import T2tConfig
@@ -30,13 +30,13 @@ class VirtualLine:
         """Raises SettingsError where line and stations do not fit together."""
         arbiters = tuple(range(FIRST_ARBITER, FIRST_ARBITER + settings.arbiters))
         config = T2tConfig(timers=TIMER_SETS[settings.timers], arbiters=arbiters)
-        runs = [Run(*way) for way in settings.ways]
+        runs = [TrainRun(*way) for way in settings.ways]
         self.bench = LineBench(
             load_config("florence4"), settings.areas, runs, t2t=config, seed=seed
         )
-        self.record = LineRecord(folder, say)
+        self.record = LineRunFiles(folder, say)
         self._tell = self.record.tell
-        self.story = LineStory(settings.line, settings.areas, self._tell)
+        self.story = LineEvents(settings.line, settings.areas, self._tell)
         self.dropped = 0
         self.carried: dict[str, dict[str, int]] = {}
         """Nothing is carried between networks here."""

@@ -10,7 +10,7 @@ from metro_hil.line.network.options import OwnNetworks
 from metro_hil.model.subprocesses import ChildError
 
 
-class Carrier:
+class PacketCarrier:
     """Runs until it is ended. This program has to have a network of its own itself."""
 
     def __init__(self, trains: Sequence[int], networks: OwnNetworks, *, priority: int) -> None:

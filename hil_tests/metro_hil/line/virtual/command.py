@@ -9,7 +9,7 @@ from rich.table import Table
 
 from firmware_py.clock.clock import WallClock
 from metro_hil.line.virtual.coordinator import LineRecord, TrainDiedError, conduct
-from metro_hil.line.virtual.member import LinePlan, TrainReport, plan_line
+from metro_hil.line.virtual.member import LinePlan, VirtualTrainReport, plan_line
 from metro_hil.model.run_folder import make_run_folder, plain, write_config
 from metro_hil.model.run_options import EXIT_FAILED, EXIT_OK, RunOptions
 
@@ -124,7 +124,7 @@ def _metered_ratio(record: LineRecord) -> float:
     return (metered_j - record.books.trains_j) / max(1.0, abs(record.books.trains_j))
 
 
-def _of_train(report: TrainReport) -> dict[str, Any]:
+def _of_train(report: VirtualTrainReport) -> dict[str, Any]:
     return {
         "train": report.train,
         "frames": report.frames,

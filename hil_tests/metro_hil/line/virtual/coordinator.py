@@ -18,17 +18,23 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from metro_hil.line.virtual.member import LinePlan, Seat, TrainReport
+from metro_hil.line.virtual.member import LinePlan, VirtualTrain, VirtualTrainReport
 from metro_hil.model.gc_tuning import collect_rarely
 from metro_hil.model.run_folder import RunFolder
-from plant_emulator.traffic.coupling import INTERVAL_S, Answer, Books, Coupling, Said
+from plant_emulator.traffic.coupling import (
+    INTERVAL_S,
+    Books,
+    Coupling,
+    CouplingAnswer,
+    IntervalReport,
+)
 
 AHEAD: Final = 2
 """Intervals that a train runs before it needs an answer."""
 RECORD_EVERY: Final = 5
 """Intervals: a row of the record each second."""
-SAID_NUMBERS: Final = len(Said._fields)
-ANSWER_NUMBERS: Final = len(Answer._fields)
+SAID_NUMBERS: Final = len(IntervalReport._fields)
+ANSWER_NUMBERS: Final = len(CouplingAnswer._fields)
 GONE: Final = (EOFError, BrokenPipeError, ConnectionResetError)
 """What tells that the process at the other end has ended."""
 
@@ -37,11 +43,11 @@ Member = tuple[int, RunFolder | None]
 """Index of a train, and where its logs go."""
 
 
-class Row(NamedTuple):
+class LineInstant(NamedTuple):
     """Of the record: one instant of the line, trains in their order."""
 
-    said: tuple[Said, ...]
-    answers: tuple[Answer, ...]
+    said: tuple[IntervalReport, ...]
+    answers: tuple[CouplingAnswer, ...]
     substations_w: tuple[float, ...]
 
 
@@ -54,8 +60,8 @@ class LineRecord:
     """What came of it all."""
 
     interval_s: float = INTERVAL_S * RECORD_EVERY
-    rows: list[Row] = field(default_factory=list)
-    reports: list[TrainReport] = field(default_factory=list)
+    rows: list[LineInstant] = field(default_factory=list)
+    reports: list[VirtualTrainReport] = field(default_factory=list)
     books: Books = field(default_factory=Books)
     unconverged: int = 0
     solved: int = 0
@@ -68,21 +74,21 @@ class _Here:
 
     def __init__(self, plan: LinePlan, members: Sequence[Member]) -> None:
         self.trains = len(members)
-        self._seats = [Seat(plan, index, folder) for index, folder in members]
-        self._waiting: list[Sequence[Answer]] = []
+        self._seats = [VirtualTrain(plan, index, folder) for index, folder in members]
+        self._waiting: list[Sequence[CouplingAnswer]] = []
         self._intervals = 0
 
-    def said(self) -> list[Said]:
+    def said(self) -> list[IntervalReport]:
         """Of the next interval; before it they hear what was answered to the one before last."""
         if self._intervals >= AHEAD:
             self._hear()
         self._intervals += 1
         return [seat.advance() for seat in self._seats]
 
-    def answer(self, answers: Sequence[Answer]) -> None:
+    def answer(self, answers: Sequence[CouplingAnswer]) -> None:
         self._waiting.append(answers)
 
-    def reports(self) -> list[TrainReport]:
+    def reports(self) -> list[VirtualTrainReport]:
         while self._waiting:
             self._hear()
         return [seat.close() for seat in self._seats]
@@ -107,22 +113,22 @@ class _There:
         self.process.start()
         theirs.close()
 
-    def said(self) -> list[Said]:
+    def said(self) -> list[IntervalReport]:
         try:
             numbers = self._said.unpack(_read(self._pipe, self._said.size))
         except GONE as error:
             raise self._died() from error
-        return [Said(*part) for part in _parts(numbers, SAID_NUMBERS)]
+        return [IntervalReport(*part) for part in _parts(numbers, SAID_NUMBERS)]
 
-    def answer(self, answers: Sequence[Answer]) -> None:
+    def answer(self, answers: Sequence[CouplingAnswer]) -> None:
         try:
             _write(self._pipe, self._answer.pack(*itertools.chain(*answers)))
         except GONE as error:
             raise self._died() from error
 
-    def reports(self) -> list[TrainReport]:
+    def reports(self) -> list[VirtualTrainReport]:
         try:
-            reports: list[TrainReport] = self._pipe.recv()
+            reports: list[VirtualTrainReport] = self._pipe.recv()
         except GONE as error:
             raise self._died() from error
         self.process.join()
@@ -180,7 +186,7 @@ def _serve(plan: LinePlan, members: Sequence[Member], intervals: int, pipe: Conn
 
     def hear() -> None:
         numbers = answered.unpack(_read(pipe, answered.size))
-        trains.answer([Answer(*part) for part in _parts(numbers, ANSWER_NUMBERS)])
+        trains.answer([CouplingAnswer(*part) for part in _parts(numbers, ANSWER_NUMBERS)])
 
     for interval in range(intervals):
         if interval >= AHEAD:
@@ -247,7 +253,7 @@ def _tied(
             gap_m = ahead.front_m - length_m - behind.front_m
             record.least_gap_m = min(record.least_gap_m, gap_m)
         if interval % RECORD_EVERY == 0:
-            record.rows.append(Row(tuple(said), tuple(answers), coupling.substations_w))
+            record.rows.append(LineInstant(tuple(said), tuple(answers), coupling.substations_w))
             told(interval * INTERVAL_S)
     record.reports = [report for party in parties for report in party.reports()]
     record.unconverged = coupling.network.unconverged
@@ -255,13 +261,13 @@ def _tied(
     return record
 
 
-def _all_said(parties: Sequence[_Here | _There]) -> list[Said]:
+def _all_said(parties: Sequence[_Here | _There]) -> list[IntervalReport]:
     """In the order of the trains. Those of this process run first, while the others do, too."""
     found = [party.said() for party in reversed(parties)]
     return [said for party in reversed(found) for said in party]
 
 
-def _give(parties: Sequence[_Here | _There], answers: Sequence[Answer]) -> None:
+def _give(parties: Sequence[_Here | _There], answers: Sequence[CouplingAnswer]) -> None:
     given = 0
     for party in parties:
         party.answer(answers[given : given + party.trains])

@@ -6,17 +6,17 @@ from typing import NamedTuple
 from can_dbc.vobc import Supervision
 from firmware_py.settings import SettingsError
 from firmware_py.trackdb import LineMap, load_line
-from metro_hil.model.frame_hash import FrameChain
+from metro_hil.model.frame_hash import FrameHash
 from metro_hil.model.mission import Journey, check_reference
 from metro_hil.model.run_folder import RunFolder
 from metro_hil.run.lockstep import Lockstep, Taps
 from plant_emulator.power.supplies import SUPPLIES, Supply
 from plant_emulator.traffic.config import TrafficConfig, traffic_of
-from plant_emulator.traffic.coupling import INTERVAL_NS, Answer, Said
-from plant_emulator.traffic.dispatcher import Run
-from plant_emulator.traffic.member import Member, leader_rear_m, scenarios_of
+from plant_emulator.traffic.coupling import INTERVAL_NS, CouplingAnswer, IntervalReport
+from plant_emulator.traffic.dispatcher import StationRun
+from plant_emulator.traffic.member import TrafficMember, leader_rear_m, scenarios_of
 from plant_emulator.traffic.timetable import LapTimetable, Start, lap_timetable, starts
-from plant_emulator.world import Scenario
+from plant_emulator.world import TrainScenario
 from vobc.config import VobcConfig, load_config, plan_mission
 
 
@@ -29,7 +29,7 @@ class LinePlan:
     line: LineMap
     supply: Supply
     starts: tuple[Start, ...]
-    scenarios: tuple[Scenario, ...] = field(repr=False)
+    scenarios: tuple[TrainScenario, ...] = field(repr=False)
     config: VobcConfig = field(repr=False)
     seed: int
 
@@ -69,13 +69,13 @@ def plan_line(
     return LinePlan(traffic, timetable, track, network, placed, scenarios, config, seed)
 
 
-class TrainReport(NamedTuple):
+class VirtualTrainReport(NamedTuple):
     """What one train has come to; energies in J as its own box metered them."""
 
     train: int
     frames: int
     frame_chain: str
-    runs: tuple[Run, ...]
+    runs: tuple[StationRun, ...]
     emergencies: int
     drawn_j: float
     returned_j: float
@@ -86,14 +86,14 @@ class TrainReport(NamedTuple):
     lost_log_lines: int
 
 
-class Seat:
+class VirtualTrain:
     """One train; `advance` runs it to the end of the next interval."""
 
     def __init__(self, plan: LinePlan, index: int, folder: RunFolder | None) -> None:
         start, scenario = plan.starts[index], plan.scenarios[index]
         config = replace(plan.config, address=start.train)
         mission = plan_mission(plan.line, start.station.name, None)
-        self.chain = FrameChain()
+        self.chain = FrameHash()
         self._bench = Lockstep(
             config,
             scenario,
@@ -101,7 +101,7 @@ class Seat:
             folder,
             taps=Taps(frame=self.chain.frame),
         )
-        self.member = Member(
+        self.member = TrafficMember(
             self._bench.plant,
             plan.traffic,
             plan.timetable,
@@ -113,7 +113,7 @@ class Seat:
         self._emergency = False
         self._emergencies = 0
 
-    def advance(self) -> Said:
+    def advance(self) -> IntervalReport:
         self._intervals += 1
         end_ns = self._intervals * INTERVAL_NS
         self._bench.run_until(lambda now_ns: now_ns >= end_ns)
@@ -122,14 +122,14 @@ class Seat:
         self._emergency = emergency
         return self.member.says(end_ns)
 
-    def hears(self, answer: Answer) -> None:
+    def hears(self, answer: CouplingAnswer) -> None:
         self.member.hears(answer)
 
-    def close(self) -> TrainReport:
+    def close(self) -> VirtualTrainReport:
         """End the logs, and tell."""
         self._bench.close()
         power = self._bench.plant.world.power
-        return TrainReport(
+        return VirtualTrainReport(
             train=self.member.train,
             frames=self.chain.frames,
             frame_chain=self.chain.value,

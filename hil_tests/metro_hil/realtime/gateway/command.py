@@ -22,7 +22,7 @@ from metro_hil.model.run_options import EXIT_ENVIRONMENT, EXIT_OK, EXIT_USAGE
 from metro_hil.realtime.feed_socket import FeedSocket
 from metro_hil.realtime.gateway.forwarding import Forwarding
 from plant_emulator.faults.feed import FaultChange, read_message
-from plant_emulator.faults.kinds import Place
+from plant_emulator.faults.kinds import FaultPlace
 from plant_emulator.faults.plan import FaultPlan, read_faults
 
 TICK_S: Final = 0.05
@@ -77,7 +77,7 @@ def _faults(name: str | None) -> tuple[FaultPlan, ...]:
     if name is None:
         return ()
     tables = parse(Path(name)).get("fault", [])
-    return tuple(plan for plan in read_faults(tables, name) if plan.kind.place is Place.BUS)
+    return tuple(plan for plan in read_faults(tables, name) if plan.kind.place is FaultPlace.BUS)
 
 
 def _serve(options: argparse.Namespace, faults: Sequence[FaultPlan]) -> int:

@@ -9,7 +9,7 @@ from typing import Final, Protocol
 
 from firmware_py.histogram import Histogram
 from firmware_py.ports import CanFrame, CanPort
-from plant_emulator.faults.declared_bus import Way
+from plant_emulator.faults.declared_bus import FrameDirection
 
 NS_PER_US: Final = 1_000
 
@@ -17,9 +17,9 @@ NS_PER_US: Final = 1_000
 class Faults(Protocol):
     """The faults of the bus, without a bus: frames go in, and come out when they are due."""
 
-    def offer(self, now_ns: int, way: Way, can_id: int, data: bytes) -> None: ...
+    def offer(self, now_ns: int, way: FrameDirection, can_id: int, data: bytes) -> None: ...
 
-    def take(self, now_ns: int, way: Way) -> Sequence[tuple[int, int, bytes]]:
+    def take(self, now_ns: int, way: FrameDirection) -> Sequence[tuple[int, int, bytes]]:
         """Instant at which it is due, identifier, data."""
         ...
 
@@ -34,11 +34,17 @@ class Forwarding:
         a: the controller's segment.
         b: the train's.
         """
-        self._sources: Mapping[Way, CanPort] = {Way.TO_TRAIN: a, Way.TO_VOBC: b}
-        self._targets: Mapping[Way, CanPort] = {Way.TO_TRAIN: b, Way.TO_VOBC: a}
+        self._sources: Mapping[FrameDirection, CanPort] = {
+            FrameDirection.TO_TRAIN: a,
+            FrameDirection.TO_VOBC: b,
+        }
+        self._targets: Mapping[FrameDirection, CanPort] = {
+            FrameDirection.TO_TRAIN: b,
+            FrameDirection.TO_VOBC: a,
+        }
         self._faults = faults
-        self.came = {Way.TO_TRAIN: 0, Way.TO_VOBC: 0}
-        self.sent = {Way.TO_TRAIN: 0, Way.TO_VOBC: 0}
+        self.came = {FrameDirection.TO_TRAIN: 0, FrameDirection.TO_VOBC: 0}
+        self.sent = {FrameDirection.TO_TRAIN: 0, FrameDirection.TO_VOBC: 0}
         """More than came, or less, is the faults' doing."""
         self.uncommon = 0
         """Extended, remote and error frames, which no node of a train sends: not passed on."""
@@ -61,7 +67,7 @@ class Forwarding:
                 self.sent[way] += 1
                 self._count_wait(now_ns - due_ns)
 
-    def _arrivals(self, now_ns: int) -> list[tuple[Way, CanFrame]]:
+    def _arrivals(self, now_ns: int) -> list[tuple[FrameDirection, CanFrame]]:
         found = []
         for way, source in self._sources.items():
             for frame in source.receive(now_ns):

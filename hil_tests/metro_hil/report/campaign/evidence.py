@@ -11,7 +11,7 @@ import numpy as np
 import canlog
 from metro_hil.engine.folder import CampaignFolder
 from metro_hil.model.run_folder import RunFolder
-from metro_hil.report.campaign.ledger import Entry
+from metro_hil.report.campaign.ledger import LedgerEntry
 
 BEFORE_S: Final = 1.0
 AFTER_S: Final = 0.5
@@ -21,7 +21,7 @@ EPOCH_FROM_NS: Final = 1_000_000 * NS_PER_S
 
 
 @dataclass(frozen=True, slots=True)
-class Frames:
+class FrameSpan:
     """The frames around one instant of one run."""
 
     from_s: float
@@ -46,25 +46,25 @@ class Frames:
         return f"{self.path} frames {self.first}–{self.last}, {span}"
 
 
-def rerun_command(entry: Entry) -> str:
+def rerun_command(entry: LedgerEntry) -> str:
     """What repeats this case when typed in the campaign's folder, wherever that lies."""
     return shlex.join(["hil", "rerun", ".", entry.case.id])
 
 
-def kept_run(folder: Path, entry: Entry) -> RunFolder | None:
+def kept_run(folder: Path, entry: LedgerEntry) -> RunFolder | None:
     """The logs of this case, if they were kept."""
     run = CampaignFolder(folder).kept(entry.case.id)
     return run if run.path.is_dir() else None
 
 
-def frames_around(folder: Path, entry: Entry, at_s: float) -> Frames:
+def frames_around(folder: Path, entry: LedgerEntry, at_s: float) -> FrameSpan:
     """The interval around `at_s`, with the frames of the bus log if there is one."""
     from_s, to_s = max(0.0, at_s - BEFORE_S), at_s + AFTER_S
     run = kept_run(folder, entry)
     if run is None or not run.bus_log.is_file():
-        return Frames(from_s, to_s)
+        return FrameSpan(from_s, to_s)
     first, last = numbers_between(run.bus_log, from_s, to_s)
-    return Frames(from_s, to_s, run.bus_log.relative_to(folder).as_posix(), first, last)
+    return FrameSpan(from_s, to_s, run.bus_log.relative_to(folder).as_posix(), first, last)
 
 
 def numbers_between(log: Path, from_s: float, to_s: float) -> tuple[int, int]:

@@ -9,8 +9,8 @@ from metro_hil.model.case import Verdict
 from metro_hil.report.campaign.info import CampaignInfo
 from metro_hil.report.campaign.ledger import (
     LACKING_RESULT,
-    Entry,
     Ledger,
+    LedgerEntry,
     exercised,
     factor_text,
     known_margin,
@@ -41,7 +41,7 @@ def junit_xml(info: CampaignInfo, ledger: Ledger) -> bytes:
     return body + b"\n"
 
 
-def _suite(info: CampaignInfo, scenario: str, entries: Sequence[Entry]) -> Tree.Element:
+def _suite(info: CampaignInfo, scenario: str, entries: Sequence[LedgerEntry]) -> Tree.Element:
     suite = Tree.Element("testsuite", {"name": _text(scenario)})
     head = [("bench", info.bench), ("controller", info.controller)]
     head += [("fingerprint", info.fingerprint)]
@@ -54,7 +54,7 @@ def _suite(info: CampaignInfo, scenario: str, entries: Sequence[Entry]) -> Tree.
     return suite
 
 
-def _case(scenario: str, entry: Entry) -> Tree.Element:
+def _case(scenario: str, entry: LedgerEntry) -> Tree.Element:
     case = Tree.Element(
         "testcase",
         {
@@ -74,7 +74,7 @@ def _case(scenario: str, entry: Entry) -> Tree.Element:
     return case
 
 
-def _outcome(entry: Entry) -> Tree.Element | None:
+def _outcome(entry: LedgerEntry) -> Tree.Element | None:
     if entry.as_expected:
         return None
     kind = "failure" if entry.verdict is Verdict.FAIL else "error"
@@ -91,7 +91,7 @@ def _outcome(entry: Entry) -> Tree.Element | None:
     return outcome
 
 
-def _facts(entry: Entry) -> list[tuple[str, str]]:
+def _facts(entry: LedgerEntry) -> list[tuple[str, str]]:
     case, result = entry.case, entry.result
     named = dict.fromkeys(case.requirements)
     for monitor in entry.monitors():
@@ -143,7 +143,7 @@ def _properties(parent: Tree.Element, facts: Sequence[tuple[str, str]]) -> None:
         Tree.SubElement(node, "property", {"name": _text(name), "value": _text(value)})
 
 
-def _seconds(entries: Sequence[Entry]) -> str:
+def _seconds(entries: Sequence[LedgerEntry]) -> str:
     """Simulated, not of the wall clock: a report says the same however busy the host was."""
     return f"{sum(e.result.sim_s for e in entries if e.result is not None):.3f}"
 

@@ -24,7 +24,7 @@ CONTRADICTION: Final = "two results of the same case differ: the run is not a fu
 
 
 @dataclass(frozen=True, slots=True)
-class Entry:
+class LedgerEntry:
     """One case and its result, if it has one. Of the host the result says nothing."""
 
     case: Case
@@ -72,7 +72,7 @@ class Entry:
 class Ledger:
     """All cases of a campaign in its order."""
 
-    entries: tuple[Entry, ...]
+    entries: tuple[LedgerEntry, ...]
     unlisted: int
     """Cases that the manifest counts but does not name; they are missing, too."""
     stray: tuple[str, ...]
@@ -101,9 +101,9 @@ class Ledger:
         found[MISSING] += self.unlisted
         return {word: found[word] for word in (*(v.value for v in Verdict), MISSING)}
 
-    def scenarios(self) -> dict[str, tuple[Entry, ...]]:
+    def scenarios(self) -> dict[str, tuple[LedgerEntry, ...]]:
         """Entries by scenario, in the order of their first cases."""
-        groups: dict[str, list[Entry]] = {}
+        groups: dict[str, list[LedgerEntry]] = {}
         for entry in self.entries:
             groups.setdefault(entry.case.scenario, []).append(entry)
         return {name: tuple(group) for name, group in groups.items()}
@@ -127,7 +127,7 @@ def join(cases: Sequence[Case], results: Sequence[CaseResult], *, expected_cases
     ordered = sorted(cases, key=lambda case: (case.index, case.id))
     named = {case.id for case in ordered}
     return Ledger(
-        entries=tuple(Entry(case, by_id.get(case.id)) for case in ordered),
+        entries=tuple(LedgerEntry(case, by_id.get(case.id)) for case in ordered),
         unlisted=max(0, expected_cases - len(ordered)),
         stray=tuple(sorted(case_id for case_id in by_id if case_id not in named)),
     )

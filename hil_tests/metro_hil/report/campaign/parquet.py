@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 from metro_hil.report.campaign.info import CampaignInfo
 from metro_hil.report.campaign.ledger import (
-    Entry,
     Ledger,
+    LedgerEntry,
     exercised,
     factor_text,
     known_margin,
@@ -22,7 +22,7 @@ WRITTEN_BY: Final = "metro_hil"
 Column = tuple[str, str, str, list[Any]]
 """Name, kind (`text`, `number`, `whole`, `flag`), unit, values."""
 KINDS: Final = ("text", "number", "whole", "flag")
-FIXED: Final[tuple[tuple[str, str, str, Callable[[Entry], Any]], ...]] = (
+FIXED: Final[tuple[tuple[str, str, str, Callable[[LedgerEntry], Any]], ...]] = (
     ("case_id", "text", "", lambda e: e.case.id),
     ("index", "whole", "", lambda e: e.case.index),
     ("scenario", "text", "", lambda e: e.case.scenario),

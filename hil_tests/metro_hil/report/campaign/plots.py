@@ -8,7 +8,7 @@ from firmware_py.settings import SettingsError
 from metro_hil.engine.folder import CampaignFolder
 from metro_hil.model.case import Case
 from metro_hil.model.case_setup import Files, line_of
-from metro_hil.model.log_columns import LogError, read_columns
+from metro_hil.model.log_columns import RunLogError, read_columns
 from metro_hil.model.run_folder import RunFolder
 from metro_hil.report.case_plot import NAME, draw_case, stretches_of
 
@@ -40,5 +40,5 @@ def draw_run_of(case: Case, files: Files, run: RunFolder) -> bool:
         cycles, truth = read_columns(run.cycle_log), read_columns(run.truth_log)
         line = line_of(case.setup, files)
         return draw_case(plot_of(run), case.id, line, cycles, truth, stretches_of(case.faults))
-    except (LogError, SettingsError):
+    except (RunLogError, SettingsError):
         return False

@@ -4,10 +4,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from metro_hil.report.campaign.evidence import Frames, frames_around
+from metro_hil.report.campaign.evidence import FrameSpan, frames_around
 from metro_hil.report.campaign.info import CampaignInfo
 from metro_hil.report.campaign.ledger import Ledger, known_margin
-from metro_hil.report.campaign.trace import Evidence, Standing, Trace
+from metro_hil.report.campaign.trace import (
+    RequirementEvidence,
+    RequirementStanding,
+    RequirementTrace,
+)
 from metro_hil.report.campaign.units import with_unit
 
 
@@ -18,7 +22,7 @@ class RequirementRow:
     id: str
     source: str
     text: str
-    standing: Standing
+    standing: RequirementStanding
     scenarios: str
     run: int
     """Cases that name it."""
@@ -30,15 +34,15 @@ class RequirementRow:
     """Cases that name it and are evidence of nothing."""
     worst: str
     worst_case: str
-    frames: Frames | None
+    frames: FrameSpan | None
 
 
-def requirement_rows(folder: Path, traces: Sequence[Trace]) -> list[RequirementRow]:
+def requirement_rows(folder: Path, traces: Sequence[RequirementTrace]) -> list[RequirementRow]:
     """Looks up the frames of each worst case in the campaign's folder."""
     return [_row(folder, trace) for trace in traces]
 
 
-def _row(folder: Path, trace: Trace) -> RequirementRow:
+def _row(folder: Path, trace: RequirementTrace) -> RequirementRow:
     worst = worst_case = ""
     frames = None
     if trace.worst is not None:
@@ -54,10 +58,10 @@ def _row(folder: Path, trace: Trace) -> RequirementRow:
         standing=trace.standing,
         scenarios=", ".join(trace.scenarios),
         run=trace.cases,
-        passed=trace.counts[Evidence.GOOD],
-        failed=trace.counts[Evidence.BAD],
-        as_expected=trace.counts[Evidence.EXPECTED],
-        nothing=trace.counts[Evidence.NOTHING],
+        passed=trace.counts[RequirementEvidence.GOOD],
+        failed=trace.counts[RequirementEvidence.BAD],
+        as_expected=trace.counts[RequirementEvidence.EXPECTED],
+        nothing=trace.counts[RequirementEvidence.NOTHING],
         worst=worst,
         worst_case=worst_case,
         frames=frames,
@@ -90,7 +94,7 @@ def requirements_markdown(
         lines.append("| none | | | | | | | | | | |")
     lines += ["", "## Open: no evidence in this campaign", ""]
     for row in rows:
-        if row.standing is Standing.OPEN:
+        if row.standing is RequirementStanding.OPEN:
             lines.append(f"- {row.id} ({_cell(row.source)}): {_cell(row.text)}")
     return "\n".join(lines) + "\n"
 

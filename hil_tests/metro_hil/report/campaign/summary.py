@@ -8,11 +8,11 @@ import numpy as np
 
 from metro_hil.model.case import Verdict
 from metro_hil.report.campaign.info import CampaignInfo
-from metro_hil.report.campaign.ledger import Entry, Ledger, known_margin
-from metro_hil.report.campaign.tally import MeasureTally, MonitorTally, Seen
-from metro_hil.report.campaign.trace import Trace
+from metro_hil.report.campaign.ledger import Ledger, LedgerEntry, known_margin
+from metro_hil.report.campaign.tally import MeasureTally, MonitorOutcome, MonitorTally
+from metro_hil.report.campaign.trace import RequirementTrace
 from metro_hil.report.campaign.units import unit_of
-from metro_hil.report.estimates import CONFIDENCE_RATIO, Interval, pass_share, rounded
+from metro_hil.report.estimates import CONFIDENCE_RATIO, ConfidenceInterval, pass_share, rounded
 
 FORMAT: Final = 1
 QUANTILES: Final = (5.0, 25.0, 50.0, 75.0, 95.0)
@@ -23,7 +23,7 @@ def summary_json(
     ledger: Ledger,
     monitors: Sequence[MonitorTally],
     measures: Sequence[MeasureTally],
-    traces: Sequence[Trace],
+    traces: Sequence[RequirementTrace],
 ) -> str:
     """The document; keys in a fixed order, numbers of six significant digits."""
     document = {
@@ -67,7 +67,7 @@ def totals(ledger: Ledger) -> dict[str, Any]:
     }
 
 
-def _totals_of(entries: Sequence[Entry]) -> dict[str, Any]:
+def _totals_of(entries: Sequence[LedgerEntry]) -> dict[str, Any]:
     good = sum(entry.as_expected for entry in entries)
     return {
         "cases": len(entries),
@@ -78,7 +78,7 @@ def _totals_of(entries: Sequence[Entry]) -> dict[str, Any]:
     }
 
 
-def _requirements(entries: Sequence[Entry]) -> list[str]:
+def _requirements(entries: Sequence[LedgerEntry]) -> list[str]:
     return list(dict.fromkeys(name for entry in entries for name in entry.case.requirements))
 
 
@@ -97,7 +97,7 @@ def _monitor(tally: MonitorTally) -> dict[str, Any]:
     }
 
 
-def _seen(seen: Seen | None) -> dict[str, Any] | None:
+def _seen(seen: MonitorOutcome | None) -> dict[str, Any] | None:
     if seen is None:
         return None
     return {
@@ -123,7 +123,7 @@ def _measure(tally: MeasureTally) -> dict[str, Any]:
     }
 
 
-def _entry(entry: Entry) -> dict[str, Any]:
+def _entry(entry: LedgerEntry) -> dict[str, Any]:
     return {
         "case_id": entry.case.id,
         "index": entry.case.index,
@@ -134,7 +134,7 @@ def _entry(entry: Entry) -> dict[str, Any]:
     }
 
 
-def _trace(trace: Trace) -> Mapping[str, Any]:
+def _trace(trace: RequirementTrace) -> Mapping[str, Any]:
     worst = None
     if trace.worst is not None:
         entry, result = trace.worst
@@ -153,7 +153,7 @@ def _trace(trace: Trace) -> Mapping[str, Any]:
     }
 
 
-def _interval(interval: Interval | None) -> dict[str, float | None] | None:
+def _interval(interval: ConfidenceInterval | None) -> dict[str, float | None] | None:
     if interval is None:
         return None
     return {

@@ -10,13 +10,13 @@ import numpy as np
 
 from metro_hil.model.case import MonitorResult, Verdict
 from metro_hil.report.campaign.ledger import (
-    Entry,
     Ledger,
+    LedgerEntry,
     exercised,
     factor_text,
     known_margin,
 )
-from metro_hil.report.estimates import Interval, mean_with_interval, pass_share
+from metro_hil.report.estimates import ConfidenceInterval, mean_with_interval, pass_share
 
 LEVELS_MAX: Final = 12
 """A factor with more values than this is shown in bins."""
@@ -24,10 +24,10 @@ BINS: Final = 8
 
 
 @dataclass(frozen=True, slots=True)
-class Seen:
+class MonitorOutcome:
     """One monitor's word on one case."""
 
-    entry: Entry
+    entry: LedgerEntry
     result: MonitorResult
 
 
@@ -41,12 +41,12 @@ class MonitorTally:
     counts: dict[Verdict, int]
     not_exercised: int
     """Of all its results, whatever their verdict; these judge nothing."""
-    share: Interval | None
+    share: ConfidenceInterval | None
     """Passes among the cases judged: those passed or failed after being exercised."""
-    seen: tuple[Seen, ...]
+    seen: tuple[MonitorOutcome, ...]
     """Exercised and with a margin, in the campaign's order."""
-    mean: Interval | None
-    least: Seen | None
+    mean: ConfidenceInterval | None
+    least: MonitorOutcome | None
     unmeasured: int
     """Exercised, but without a margin."""
 
@@ -63,17 +63,17 @@ class MeasureTally:
     """One measure over all cases that have it."""
 
     name: str
-    points: tuple[tuple[Entry, float], ...]
+    points: tuple[tuple[LedgerEntry, float], ...]
     absent: int
     """Cases with a result but without this measure."""
-    mean: Interval
+    mean: ConfidenceInterval
 
     def values(self) -> list[float]:
         return [value for _, value in self.points]
 
 
 @dataclass(frozen=True, slots=True)
-class Factor:
+class TallyFactor:
     """One factor and how a case is sorted by it."""
 
     name: str
@@ -85,14 +85,14 @@ class Factor:
 
 def tally_monitors(ledger: Ledger) -> list[MonitorTally]:
     """In the order in which the monitors first appear."""
-    groups: dict[tuple[str, str], list[Seen]] = {}
+    groups: dict[tuple[str, str], list[MonitorOutcome]] = {}
     for entry in ledger.entries:
         for result in entry.monitors():
-            groups.setdefault((result.name, result.unit), []).append(Seen(entry, result))
+            groups.setdefault((result.name, result.unit), []).append(MonitorOutcome(entry, result))
     return [_tally_monitor(name, unit, group) for (name, unit), group in groups.items()]
 
 
-def _tally_monitor(name: str, unit: str, group: Sequence[Seen]) -> MonitorTally:
+def _tally_monitor(name: str, unit: str, group: Sequence[MonitorOutcome]) -> MonitorTally:
     live = [one for one in group if exercised(one.result)]
     seen = tuple(one for one in live if known_margin(one.result) is not None)
     counts = {verdict: sum(one.result.verdict is verdict for one in live) for verdict in Verdict}
@@ -127,14 +127,14 @@ def tally_measures(ledger: Ledger) -> list[MeasureTally]:
     return tallies
 
 
-def factors_of(entries: Sequence[Entry]) -> list[Factor]:
+def factors_of(entries: Sequence[LedgerEntry]) -> list[TallyFactor]:
     """Factors with at least two values, in the order in which the cases name them."""
     names = list(dict.fromkeys(name for entry in entries for name in entry.case.factors))
     factors = [_factor(name, entries) for name in names]
     return [factor for factor in factors if len(factor.levels) > 1]
 
 
-def _factor(name: str, entries: Sequence[Entry]) -> Factor:
+def _factor(name: str, entries: Sequence[LedgerEntry]) -> TallyFactor:
     values = {e.case.id: e.case.factors[name] for e in entries if name in e.case.factors}
     numbers = all(isinstance(v, int | float) and not isinstance(v, bool) for v in values.values())
     texts = {case_id: factor_text(value) for case_id, value in values.items()}
@@ -145,17 +145,17 @@ def _factor(name: str, entries: Sequence[Entry]) -> Factor:
         )
         if len(distinct) > LEVELS_MAX:
             return _binned(name, {i: float(value) for i, value in values.items()})
-        return Factor(name, tuple(text for text, _ in distinct), texts, binned=False)
+        return TallyFactor(name, tuple(text for text, _ in distinct), texts, binned=False)
     order = list(dict.fromkeys(texts.values()))
     if len(order) > LEVELS_MAX:
         kept = order[: LEVELS_MAX - 1]
         rest = f"{len(order) - len(kept)} others"
         texts = {i: text if text in kept else rest for i, text in texts.items()}
         order = [*kept, rest]
-    return Factor(name, tuple(order), texts, binned=len(order) > LEVELS_MAX)
+    return TallyFactor(name, tuple(order), texts, binned=len(order) > LEVELS_MAX)
 
 
-def _binned(name: str, values: dict[str, float]) -> Factor:
+def _binned(name: str, values: dict[str, float]) -> TallyFactor:
     """Bins of equal width between the least and the greatest value."""
     edges = np.linspace(min(values.values()), max(values.values()), BINS + 1)
     labels = [f"{factor_text(a)} … {factor_text(b)}" for a, b in itertools.pairwise(edges.tolist())]
@@ -163,12 +163,14 @@ def _binned(name: str, values: dict[str, float]) -> Factor:
         case_id: labels[int(np.clip(np.searchsorted(edges, value, side="right") - 1, 0, BINS - 1))]
         for case_id, value in values.items()
     }
-    return Factor(name, tuple(labels), places, binned=True)
+    return TallyFactor(name, tuple(labels), places, binned=True)
 
 
-def by_level(factor: Factor, entries: Sequence[Entry]) -> list[tuple[str, list[Entry]]]:
+def by_level(
+    factor: TallyFactor, entries: Sequence[LedgerEntry]
+) -> list[tuple[str, list[LedgerEntry]]]:
     """Entries of each level, levels in the factor's order, empty ones included."""
-    groups: dict[str, list[Entry]] = {level: [] for level in factor.levels}
+    groups: dict[str, list[LedgerEntry]] = {level: [] for level in factor.levels}
     for entry in entries:
         level = factor.level_of.get(entry.case.id)
         if level is not None:
@@ -178,7 +180,7 @@ def by_level(factor: Factor, entries: Sequence[Entry]) -> list[tuple[str, list[E
 
 def worst_entries(
     ledger: Ledger, tallies: Sequence[MonitorTally], *, count: int
-) -> list[tuple[Entry, MonitorResult | None]]:
+) -> list[tuple[LedgerEntry, MonitorResult | None]]:
     """What to look at first: not as expected, then least margin relative to the usual one.
 
     The usual margin of a monitor is the median of its margins' magnitudes, so that metres and
@@ -196,7 +198,7 @@ def worst_entries(
 
 
 def _nearest(
-    entry: Entry, usual: dict[tuple[str, str], tuple[float, float]]
+    entry: LedgerEntry, usual: dict[tuple[str, str], tuple[float, float]]
 ) -> tuple[MonitorResult | None, float]:
     """The monitor that came nearest to violation, and how near relative to its usual margin."""
     depths = []

@@ -7,14 +7,14 @@ from typing import Final
 
 from metro_hil.model.case import MonitorResult, Verdict
 from metro_hil.model.requirements import Requirement
-from metro_hil.report.campaign.ledger import Entry, Ledger, exercised, known_margin
+from metro_hil.report.campaign.ledger import Ledger, LedgerEntry, exercised, known_margin
 
 UNKNOWN_SOURCE: Final = "not in the catalogue"
 SAYS_SOMETHING: Final = (Verdict.PASS, Verdict.FAIL, Verdict.INCONCLUSIVE)
 """Cases with another verdict are evidence of nothing."""
 
 
-class Standing(enum.Enum):
+class RequirementStanding(enum.Enum):
     """Where a requirement stands after this campaign."""
 
     MET = "met"
@@ -26,7 +26,7 @@ class Standing(enum.Enum):
     """No evidence at all."""
 
 
-class Evidence(enum.Enum):
+class RequirementEvidence(enum.Enum):
     """What one case says of one requirement."""
 
     GOOD = "good"
@@ -37,52 +37,60 @@ class Evidence(enum.Enum):
 
 
 @dataclass(slots=True)
-class Trace:
+class RequirementTrace:
     """The evidence for one requirement."""
 
     requirement: Requirement
     scenarios: list[str] = field(default_factory=list)
     """That name it, with or without evidence."""
-    counts: dict[Evidence, int] = field(default_factory=lambda: dict.fromkeys(Evidence, 0))
-    worst: tuple[Entry, MonitorResult] | None = None
+    counts: dict[RequirementEvidence, int] = field(
+        default_factory=lambda: dict.fromkeys(RequirementEvidence, 0)
+    )
+    worst: tuple[LedgerEntry, MonitorResult] | None = None
     """Of all monitors that name it. Units may differ; the one relative to zero counts."""
 
     @property
     def evidence(self) -> int:
         """Cases with good or bad evidence; a violation as expected proves nothing."""
-        return self.counts[Evidence.GOOD] + self.counts[Evidence.BAD]
+        return self.counts[RequirementEvidence.GOOD] + self.counts[RequirementEvidence.BAD]
 
     @property
     def cases(self) -> int:
         return sum(self.counts.values())
 
     @property
-    def standing(self) -> Standing:
-        if self.counts[Evidence.BAD]:
-            return Standing.VIOLATED
-        if not self.counts[Evidence.GOOD]:
-            return Standing.OPEN
-        return Standing.PARTLY if self.counts[Evidence.NOTHING] else Standing.MET
+    def standing(self) -> RequirementStanding:
+        if self.counts[RequirementEvidence.BAD]:
+            return RequirementStanding.VIOLATED
+        if not self.counts[RequirementEvidence.GOOD]:
+            return RequirementStanding.OPEN
+        return (
+            RequirementStanding.PARTLY
+            if self.counts[RequirementEvidence.NOTHING]
+            else RequirementStanding.MET
+        )
 
 
-def trace_requirements(catalogue: Mapping[str, Requirement], ledger: Ledger) -> list[Trace]:
+def trace_requirements(
+    catalogue: Mapping[str, Requirement], ledger: Ledger
+) -> list[RequirementTrace]:
     """One for each requirement of the catalogue in its order, then those only cases name."""
-    traces = {name: Trace(requirement) for name, requirement in catalogue.items()}
+    traces = {name: RequirementTrace(requirement) for name, requirement in catalogue.items()}
     for entry in ledger.entries:
         for name in sorted(_named(entry)):
             if name not in traces:
-                traces[name] = Trace(Requirement(name, UNKNOWN_SOURCE, ""))
+                traces[name] = RequirementTrace(Requirement(name, UNKNOWN_SOURCE, ""))
             _add(traces[name], entry)
     known = [traces[name] for name in catalogue]
     return known + [traces[name] for name in sorted(set(traces) - set(catalogue))]
 
 
-def _named(entry: Entry) -> set[str]:
+def _named(entry: LedgerEntry) -> set[str]:
     by_monitors = {name for result in entry.monitors() for name in result.requirements}
     return {*entry.case.requirements, *by_monitors}
 
 
-def _add(trace: Trace, entry: Entry) -> None:
+def _add(trace: RequirementTrace, entry: LedgerEntry) -> None:
     name = trace.requirement.id
     if entry.case.scenario not in trace.scenarios:
         trace.scenarios.append(entry.case.scenario)
@@ -97,22 +105,24 @@ def _add(trace: Trace, entry: Entry) -> None:
             trace.worst = (entry, result)
 
 
-def evidence_of(entry: Entry, name: str, watching: Sequence[MonitorResult]) -> Evidence:
+def evidence_of(
+    entry: LedgerEntry, name: str, watching: Sequence[MonitorResult]
+) -> RequirementEvidence:
     """What this case says of the requirement.
 
     Monitors that name the requirement are heard first. A case that names it itself answers for it
     with its whole verdict, if at least one of its monitors was exercised.
     """
     if entry.verdict not in SAYS_SOMETHING:
-        return Evidence.NOTHING
+        return RequirementEvidence.NOTHING
     if any(result.verdict is Verdict.FAIL for result in watching):
         expected = entry.as_expected and entry.case.expected is Verdict.FAIL
-        return Evidence.EXPECTED if expected else Evidence.BAD
+        return RequirementEvidence.EXPECTED if expected else RequirementEvidence.BAD
     if name in entry.case.requirements:
         if not entry.as_expected and entry.verdict is not Verdict.INCONCLUSIVE:
-            return Evidence.BAD
+            return RequirementEvidence.BAD
         if entry.as_expected and any(exercised(result) for result in entry.monitors()):
-            return Evidence.GOOD
-        return Evidence.NOTHING
+            return RequirementEvidence.GOOD
+        return RequirementEvidence.NOTHING
     passed = any(result.verdict is Verdict.PASS for result in watching)
-    return Evidence.GOOD if passed else Evidence.NOTHING
+    return RequirementEvidence.GOOD if passed else RequirementEvidence.NOTHING

@@ -6,14 +6,14 @@ from typing import Final
 import numpy as np
 
 import canlog
-from metro_hil.report.explain.event_log import Story, ToldEvent, ToldSource
+from metro_hil.report.explain.event_log import LoggedEvent, LoggedSource, RunEvents
 
 NS_PER_S: Final = 1_000_000_000
 HEARD_WITHIN_NS: Final = 5_000_000
 """By so much the stamps of two listeners of one frame may differ."""
 
 
-def located(story: Story) -> Story:
+def located(story: RunEvents) -> RunEvents:
     """The same story with the frames' numbers; without them where there is no bus log.
 
     A controller that was started again counts its time anew, so only the first one's are found.
@@ -25,14 +25,14 @@ def located(story: Story) -> Story:
     return replace(story, events=tuple(_located(event, log) for event in story.events))
 
 
-def _located(event: ToldEvent, log: canlog.Log) -> ToldEvent:
+def _located(event: LoggedEvent, log: canlog.Log) -> LoggedEvent:
     if event.controller:
         return event
     sources = (replace(each, frame=_number(each, log)) for each in event.sources)
     return replace(event, sources=tuple(sources))
 
 
-def _number(source: ToldSource, log: canlog.Log) -> int | None:
+def _number(source: LoggedSource, log: canlog.Log) -> int | None:
     """From 1, of the frame with these bytes that was on the bus when it was heard."""
     heard = source.number is not None and source.heard_s is not None
     if not heard or log.run is None or not source.source.isupper():

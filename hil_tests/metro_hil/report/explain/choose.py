@@ -3,7 +3,7 @@
 import difflib
 from collections.abc import Sequence
 
-from metro_hil.report.explain.event_log import KINDS, StoryError, ToldEvent
+from metro_hil.report.explain.event_log import KINDS, LoggedEvent, RunEventsError
 
 
 def kinds_of(text: str) -> frozenset[str]:
@@ -13,18 +13,18 @@ def kinds_of(text: str) -> frozenset[str]:
         name = word.upper().replace("-", "_")
         if name not in KINDS:
             near = difflib.get_close_matches(name, KINDS, n=1, cutoff=0.0)
-            raise StoryError(f"--only {word}: no kind of event; nearest is {near[0]}")
+            raise RunEventsError(f"--only {word}: no kind of event; nearest is {near[0]}")
         found.add(name)
     return frozenset(found)
 
 
 def chosen(
-    events: Sequence[ToldEvent],
+    events: Sequence[LoggedEvent],
     *,
     from_s: float | None,
     to_s: float | None,
     only: frozenset[str],
-) -> list[ToldEvent]:
+) -> list[LoggedEvent]:
     """Both ends of the time are included; an empty `only` takes every kind."""
     return [
         event

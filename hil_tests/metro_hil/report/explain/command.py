@@ -13,7 +13,7 @@ from firmware_py.settings import SettingsError
 from metro_hil.model.run_options import EXIT_OK, EXIT_USAGE
 from metro_hil.report.explain.bus_log import located
 from metro_hil.report.explain.choose import chosen, kinds_of
-from metro_hil.report.explain.event_log import KINDS, StoryError, read_story
+from metro_hil.report.explain.event_log import KINDS, RunEventsError, read_story
 from metro_hil.report.explain.known import known_at
 from metro_hil.report.explain.show import document, known_document, show_known, show_story
 
@@ -43,7 +43,7 @@ def main(argv: Sequence[str]) -> int:
     options = parser().parse_args(argv)
     try:
         return _explain(options)
-    except (StoryError, SettingsError) as error:
+    except (RunEventsError, SettingsError) as error:
         print(f"vobc: {error}", file=sys.stderr)
         return EXIT_USAGE
     except BrokenPipeError:

@@ -15,12 +15,12 @@ START: Final = "start "
 KINDS: Final = tuple(kind.name for kind in EventKind)
 
 
-class StoryError(Exception):
+class RunEventsError(Exception):
     """A folder without a story; the text names it and says what to do."""
 
 
 @dataclass(frozen=True, slots=True)
-class ToldSource:
+class LoggedSource:
     """What one event was decided from."""
 
     source: str
@@ -33,7 +33,7 @@ class ToldSource:
 
 
 @dataclass(frozen=True, slots=True)
-class ToldEvent:
+class LoggedEvent:
     """One line of events.jsonl."""
 
     t_s: float
@@ -43,13 +43,13 @@ class ToldEvent:
     kind: str
     words: str
     value: int
-    sources: tuple[ToldSource, ...]
+    sources: tuple[LoggedSource, ...]
     controller: int
     """0 for the first one of the run; another one is there after it was started again."""
 
 
 @dataclass(frozen=True, slots=True)
-class Head:
+class RunHead:
     """What the run was."""
 
     name: str
@@ -61,15 +61,15 @@ class Head:
 
 
 @dataclass(frozen=True, slots=True)
-class Story:
+class RunEvents:
     folder: RunFolder
-    head: Head
-    events: tuple[ToldEvent, ...]
+    head: RunHead
+    events: tuple[LoggedEvent, ...]
     torn_lines: int
     """Lines that a killed run left unfinished; they are not used."""
 
 
-def read_story(path: Path) -> Story:
+def read_story(path: Path) -> RunEvents:
     """Raises StoryError.
 
     Args:
@@ -77,19 +77,19 @@ def read_story(path: Path) -> Story:
     """
     folder = _folder_of(path)
     if not folder.path.is_dir():
-        raise StoryError(f"{path}: no such run folder; `vobc run` makes one below runs/")
+        raise RunEventsError(f"{path}: no such run folder; `vobc run` makes one below runs/")
     if (folder.path / CAMPAIGN).exists():
-        raise StoryError(
+        raise RunEventsError(
             f"{path}: the folder of a campaign; name one of its cases below {path / 'cases'}"
         )
     if not folder.events_log.exists():
-        raise StoryError(_without_events(folder))
+        raise RunEventsError(_without_events(folder))
     try:
         lines = folder.events_log.read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as error:
-        raise StoryError(f"{folder.events_log}: cannot be read: {error}") from error
+        raise RunEventsError(f"{folder.events_log}: cannot be read: {error}") from error
     events, torn = _events(lines)
-    return Story(folder, _head(folder), events, torn)
+    return RunEvents(folder, _head(folder), events, torn)
 
 
 def _folder_of(path: Path) -> RunFolder:
@@ -108,8 +108,8 @@ def _without_events(folder: RunFolder) -> str:
     return f"{path}: no events; {folder.path} is not the folder of a run with a controller of ours"
 
 
-def _events(lines: Sequence[str]) -> tuple[tuple[ToldEvent, ...], int]:
-    events: list[ToldEvent] = []
+def _events(lines: Sequence[str]) -> tuple[tuple[LoggedEvent, ...], int]:
+    events: list[LoggedEvent] = []
     torn = controller = last = 0
     for line in lines:
         try:
@@ -125,8 +125,8 @@ def _events(lines: Sequence[str]) -> tuple[tuple[ToldEvent, ...], int]:
     return tuple(events), torn
 
 
-def _event(table: Mapping[str, Any], controller: int) -> ToldEvent:
-    return ToldEvent(
+def _event(table: Mapping[str, Any], controller: int) -> LoggedEvent:
+    return LoggedEvent(
         t_s=float(table["t_s"]),
         number=int(table["number"]),
         kind=str(table["kind"]),
@@ -137,9 +137,9 @@ def _event(table: Mapping[str, Any], controller: int) -> ToldEvent:
     )
 
 
-def _source(table: Mapping[str, Any]) -> ToldSource:
+def _source(table: Mapping[str, Any]) -> LoggedSource:
     heard_s = table.get("heard_s")
-    return ToldSource(
+    return LoggedSource(
         source=str(table["source"]),
         number=table.get("id"),
         payload=bytes.fromhex(table.get("payload", "")),
@@ -147,12 +147,12 @@ def _source(table: Mapping[str, Any]) -> ToldSource:
     )
 
 
-def _head(folder: RunFolder) -> Head:
+def _head(folder: RunFolder) -> RunHead:
     """Each part from the file that has it; what cannot be read stays empty."""
     told = _told(folder.path / PORTS_LOG)
     mission = told.get("mission", {})
     results = _json(folder.results)
-    return Head(
+    return RunHead(
         name=str(results.get("case_id", folder.path.name)),
         line=str(told.get("line", {}).get("name", "")),
         stations=(str(mission.get("start", "")), *map(str, mission.get("stops", ()))),

@@ -11,7 +11,7 @@ from firmware_py.ports import CanFrame, RadioMessage
 from metro_hil.model.run_folder import RunFolder
 from metro_hil.replay.meaning import frame_words, message_words
 from metro_hil.replay.recording import CYCLE_TASKS
-from metro_hil.report.explain.event_log import PORTS_LOG, StoryError
+from metro_hil.report.explain.event_log import PORTS_LOG, RunEventsError
 
 NS_PER_S: Final = 1_000_000_000
 HALF_STEP_S: Final = 1e-4
@@ -19,7 +19,7 @@ HALF_STEP_S: Final = 1e-4
 
 
 @dataclass(frozen=True, slots=True)
-class Heard:
+class LastReceived:
     """The latest of one frame or message."""
 
     name: str
@@ -28,19 +28,19 @@ class Heard:
 
 
 @dataclass(frozen=True, slots=True)
-class Known:
+class ControllerKnowledge:
     """At the end of one control cycle."""
 
     cycle: Mapping[str, str]
     """The row of the cycle log, by column."""
-    heard: tuple[Heard, ...]
+    heard: tuple[LastReceived, ...]
     """In the order of names."""
 
 
-def known_at(folder: RunFolder, at_s: float) -> Known:
+def known_at(folder: RunFolder, at_s: float) -> ControllerKnowledge:
     """Of the last cycle that began by then. Raises StoryError for a log that is not there."""
     row = cycle_at(folder.cycle_log, at_s)
-    return Known(row, heard_until(folder.path / PORTS_LOG, float(row["t_s"])))
+    return ControllerKnowledge(row, heard_until(folder.path / PORTS_LOG, float(row["t_s"])))
 
 
 def cycle_at(path: Path, at_s: float) -> dict[str, str]:
@@ -57,14 +57,14 @@ def cycle_at(path: Path, at_s: float) -> dict[str, str]:
                 if t_s <= at_s:
                     found = row
     except (OSError, ValueError, KeyError) as error:
-        raise StoryError(f"{path}: cannot be read: {error}") from error
+        raise RunEventsError(f"{path}: cannot be read: {error}") from error
     if found is None:
         begin = "it has no cycle" if first_s is None else f"its first cycle is at {first_s:.3f} s"
-        raise StoryError(f"--at {at_s:g}: {path}: {begin}")
+        raise RunEventsError(f"--at {at_s:g}: {path}: {begin}")
     return found
 
 
-def heard_until(ports_log: Path, cycle_s: float) -> tuple[Heard, ...]:
+def heard_until(ports_log: Path, cycle_s: float) -> tuple[LastReceived, ...]:
     """The newest of each name, up to the cycle that began at `cycle_s` of its controller's time.
 
     Only what was heard is read of the recording, so that one of another version will do.
@@ -76,7 +76,7 @@ def heard_until(ports_log: Path, cycle_s: float) -> tuple[Heard, ...]:
                 if ear.over(line.rstrip("\n"), cycle_s):
                     break
     except (OSError, ValueError, KeyError, IndexError, TypeError) as error:
-        raise StoryError(f"{ports_log}: cannot be read: {error}") from error
+        raise RunEventsError(f"{ports_log}: cannot be read: {error}") from error
     return ear.heard()
 
 
@@ -104,15 +104,15 @@ class _Ear:
             self._messages[words[2]] = RadioMessage(int(words[1]), words[2], _bytes(words[3]))
         return False
 
-    def heard(self) -> tuple[Heard, ...]:
+    def heard(self) -> tuple[LastReceived, ...]:
         found = [self._entry(frame_words(each), each.stamp_ns) for each in self._frames.values()]
         found += [
             self._entry(message_words(each), each.stamp_ns) for each in self._messages.values()
         ]
         return tuple(sorted(found, key=lambda heard: heard.name))
 
-    def _entry(self, words: tuple[str, str], at_ns: int) -> Heard:
-        return Heard(*words, (at_ns - self._start_ns) / NS_PER_S)
+    def _entry(self, words: tuple[str, str], at_ns: int) -> LastReceived:
+        return LastReceived(*words, (at_ns - self._start_ns) / NS_PER_S)
 
 
 def _bytes(text: str) -> bytes:

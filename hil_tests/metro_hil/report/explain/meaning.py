@@ -5,13 +5,13 @@ from typing import Final
 from firmware_py.ports import CanFrame, RadioMessage, SerialChunk
 from firmware_py.tag_reader.telegram import TelegramParser
 from metro_hil.replay.meaning import chunk_words, frame_words, message_words
-from metro_hil.report.explain.event_log import ToldSource
+from metro_hil.report.explain.event_log import LoggedSource
 
 TAG: Final = "tag telegram"
 RADIO: Final = ("movement authority", "orders")
 
 
-def source_words(source: ToldSource) -> tuple[str, str]:
+def source_words(source: LoggedSource) -> tuple[str, str]:
     """Name, and values or why there are none."""
     if source.number is None:
         return source.source, "never heard" if source.source != "clock" else ""

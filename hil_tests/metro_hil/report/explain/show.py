@@ -9,8 +9,8 @@ from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
-from metro_hil.report.explain.event_log import Head, Story, ToldEvent, ToldSource
-from metro_hil.report.explain.known import Known
+from metro_hil.report.explain.event_log import LoggedEvent, LoggedSource, RunEvents, RunHead
+from metro_hil.report.explain.known import ControllerKnowledge
 from metro_hil.report.explain.meaning import source_words
 
 ARRIVED: Final = "arrived"
@@ -36,7 +36,7 @@ BEFORE_SHOWN: Final = 5
 """Events up to the instant of `--at`."""
 
 
-def show_story(console: Console, story: Story, events: Sequence[ToldEvent]) -> None:
+def show_story(console: Console, story: RunEvents, events: Sequence[LoggedEvent]) -> None:
     """Head, then the chosen events in their order, each with what it was decided from."""
     _show_head(console, story)
     if not events:
@@ -45,7 +45,7 @@ def show_story(console: Console, story: Story, events: Sequence[ToldEvent]) -> N
     _show_events(console, events)
 
 
-def _show_head(console: Console, story: Story) -> None:
+def _show_head(console: Console, story: RunEvents) -> None:
     head, events = story.head, story.events
     console.print(head.name, style="bold", markup=False, highlight=False, soft_wrap=True)
     way = " → ".join(name for name in head.stations if name)
@@ -64,7 +64,7 @@ def _show_head(console: Console, story: Story) -> None:
     console.print()
 
 
-def _show_events(console: Console, events: Sequence[ToldEvent]) -> None:
+def _show_events(console: Console, events: Sequence[LoggedEvent]) -> None:
     table = Table.grid(padding=(0, 2))
     table.add_column(justify="right", no_wrap=True)
     table.add_column(no_wrap=True)
@@ -84,7 +84,7 @@ def _show_events(console: Console, events: Sequence[ToldEvent]) -> None:
     console.print(table)
 
 
-def _source_text(event: ToldEvent, source: ToldSource) -> Text:
+def _source_text(event: LoggedEvent, source: LoggedSource) -> Text:
     name, values = source_words(source)
     age = "" if source.heard_s is None else f", {1000.0 * (event.t_s - source.heard_s):.0f} ms old"
     place = "" if source.frame is None else f", frame {source.frame}"
@@ -95,7 +95,7 @@ def _kind_words(kind: str) -> str:
     return kind.replace("_", " ").lower()
 
 
-def show_known(console: Console, story: Story, known: Known, at_s: float) -> None:
+def show_known(console: Console, story: RunEvents, known: ControllerKnowledge, at_s: float) -> None:
     """One cycle: what it decided, what it had heard, what had just been told."""
     _show_head(console, story)
     row = Table(title=f"cycle at {float(known.cycle['t_s']):.3f} s", title_justify="left")
@@ -117,7 +117,7 @@ def show_known(console: Console, story: Story, known: Known, at_s: float) -> Non
         _show_events(console, told)
 
 
-def document(story: Story, events: Sequence[ToldEvent]) -> dict[str, Any]:
+def document(story: RunEvents, events: Sequence[LoggedEvent]) -> dict[str, Any]:
     """What --json prints."""
     return {
         "folder": str(story.folder.path),
@@ -127,7 +127,7 @@ def document(story: Story, events: Sequence[ToldEvent]) -> dict[str, Any]:
     }
 
 
-def known_document(story: Story, known: Known) -> dict[str, Any]:
+def known_document(story: RunEvents, known: ControllerKnowledge) -> dict[str, Any]:
     heard = [{"what": each.name, "at_s": each.at_s, "values": each.values} for each in known.heard]
     return {
         "folder": str(story.folder.path),
@@ -137,7 +137,7 @@ def known_document(story: Story, known: Known) -> dict[str, Any]:
     }
 
 
-def _head_table(head: Head) -> dict[str, Any]:
+def _head_table(head: RunHead) -> dict[str, Any]:
     return {
         "name": head.name,
         "line": head.line,
@@ -147,7 +147,7 @@ def _head_table(head: Head) -> dict[str, Any]:
     }
 
 
-def _event_table(event: ToldEvent) -> dict[str, Any]:
+def _event_table(event: LoggedEvent) -> dict[str, Any]:
     return {
         "t_s": event.t_s,
         "controller": event.controller,
@@ -159,7 +159,7 @@ def _event_table(event: ToldEvent) -> dict[str, Any]:
     }
 
 
-def _source_table(source: ToldSource) -> dict[str, Any]:
+def _source_table(source: LoggedSource) -> dict[str, Any]:
     name, values = source_words(source)
     return {
         "source": source.source,

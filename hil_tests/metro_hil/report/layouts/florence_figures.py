@@ -15,7 +15,7 @@ from firmware_py.trackdb import LineMap, load_line
 from metro_hil.engine.folder import CampaignFolder
 from metro_hil.metrics.comfort import felt_signals
 from metro_hil.model.case import Case
-from metro_hil.model.log_columns import Columns, LogError, Numbers, read_columns
+from metro_hil.model.log_columns import Columns, Numbers, RunLogError, read_columns
 from metro_hil.report.law_figures import law_of
 from metro_hil.report.layouts.tables import LayoutFigure
 from metro_hil.report.plot import EMERGENCY, INK, KMH_PER_MPS, PERMITTED, QUIET, TRAIN
@@ -35,7 +35,7 @@ Drawing = Callable[[Path, str, Case, Columns, Columns], bool]
 
 
 @dataclass(frozen=True, slots=True)
-class Wanted:
+class PaperFigure:
     """One figure of the paper."""
 
     number: int
@@ -63,14 +63,14 @@ def florence_figures(folder: Path, cases: Sequence[Case]) -> list[LayoutFigure]:
             with mpl.rc_context({"font.size": 10, "axes.edgecolor": QUIET, "text.color": INK}):
                 if not wanted.draw(path, title, case, cycles, truth):
                     continue
-        except LogError:
+        except RunLogError:
             continue
         caption = f"As figure {wanted.number} of the paper. {title}. Case {case.id}."
         drawn.append(LayoutFigure(caption, path))
     return drawn
 
 
-def _pictures(cases: Sequence[Case]) -> Iterator[tuple[Wanted, Case]]:
+def _pictures(cases: Sequence[Case]) -> Iterator[tuple[PaperFigure, Case]]:
     for law in dict.fromkeys(law_of(case) for case in cases):
         for wanted in WANTED:
             own = [case for case in cases if law_of(case) == law]
@@ -205,7 +205,7 @@ def _dress(axes: Axes) -> None:
 
 
 WANTED: Final = (
-    Wanted(5, IDEAL, "acceleration and jerk of car 1 in ideal conditions", _draw_ride),
-    Wanted(6, SIGNALLED, "speed and its reference under signalling", _draw_tracking),
-    Wanted(7, SIGNALLED, "acceleration and jerk of car 1 under signalling", _draw_ride),
+    PaperFigure(5, IDEAL, "acceleration and jerk of car 1 in ideal conditions", _draw_ride),
+    PaperFigure(6, SIGNALLED, "speed and its reference under signalling", _draw_tracking),
+    PaperFigure(7, SIGNALLED, "acceleration and jerk of car 1 under signalling", _draw_ride),
 )

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from metro_hil.engine.folder import CampaignFolder
 from metro_hil.engine.journal import read_journal
 from metro_hil.model.case import Case
-from metro_hil.model.log_columns import LogError, Numbers, read_columns
+from metro_hil.model.log_columns import Numbers, RunLogError, read_columns
 from metro_hil.report.layouts.hefei import CM_PER_M, WINDOW_M, Pairs, errors_m, platforms
 from metro_hil.report.layouts.tables import LayoutFigure
 from metro_hil.report.plot import EMERGENCY, INK, KMH_PER_MPS, PERMITTED, QUIET, TRAIN
@@ -102,7 +102,7 @@ def _logs(folder: CampaignFolder, case: Case) -> tuple[Numbers, ...] | None:
     run = folder.kept(case.id)
     try:
         cycles, truth = read_columns(run.cycle_log), read_columns(run.truth_log)
-    except (LogError, OSError):
+    except (RunLogError, OSError):
         return None
     time_s = truth.numbers("t_s")
     moving = truth.numbers("speed_mps") != 0.0

@@ -9,12 +9,12 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from metro_hil.simulation.links import Weather
-from metro_hil.simulation.scripted_line import NS_PER_MS, NS_PER_S, Plot, Scene
+from metro_hil.simulation.scripted_line import NS_PER_MS, NS_PER_S, Plot, ScriptedLine
 from vobc.train_to_train.vocabulary import Role
 from zenoh_config.messages import SpeedRestriction
 from zenoh_config.t2t import LeaseAnswer, OrderKind, SwitchKind, SwitchStep
 
-Make = Callable[[Plot], Scene]
+Make = Callable[[Plot], ScriptedLine]
 FAILOVER_S: Final = 0.45
 """From the end of a master to an authority of the new term at every follower, timers A."""
 AGE_S: Final = 0.4
@@ -22,7 +22,7 @@ AGE_S: Final = 0.4
 
 
 @dataclass(frozen=True, slots=True)
-class Scenario:
+class DirectedScenario:
     """By name; `number` is that of the acceptance scenario, 0 for one of our own."""
 
     name: str
@@ -51,7 +51,7 @@ def two_candidates(make: Make) -> None:
             scene.expect(f"one master: {roles}", roles.count(Role.MASTER) == 1)
 
 
-def at_speed(make: Make, *, trains: int = 5, **more: Any) -> tuple[Scene, int]:
+def at_speed(make: Make, *, trains: int = 5, **more: Any) -> tuple[ScriptedLine, int]:
     """A convoy at full speed in one long area, and its master."""
     plot = Plot(convoy(trains), area_m=8000.0, **more)
     scene = make(plot)
@@ -67,12 +67,12 @@ def at_speed(make: Make, *, trains: int = 5, **more: Any) -> tuple[Scene, int]:
     return scene, master
 
 
-def _new_term(scene: Scene, gone: int, old: int) -> Callable[[], bool]:
+def _new_term(scene: ScriptedLine, gone: int, old: int) -> Callable[[], bool]:
     followers = [train for train in scene.world.trains if train != gone]
     return lambda: all(scene.held_term(train) > old for train in followers)
 
 
-def _no_emergency(scene: Scene, *but: int) -> None:
+def _no_emergency(scene: ScriptedLine, *but: int) -> None:
     braked = [
         train.address
         for train in scene.world.trains.values()
@@ -127,7 +127,7 @@ def master_stopped_before_sending(make: Make) -> None:
         scene.until("all have authority", scene.all_held, within_s=30.0)
 
 
-def worst_age_s(scene: Scene, seconds: float) -> float:
+def worst_age_s(scene: ScriptedLine, seconds: float) -> float:
     """The oldest that any train's authority gets meanwhile."""
     worst_ns, end_ns = 0, scene.net.now_ns + int(seconds * NS_PER_S)
     while scene.net.now_ns < end_ns:
@@ -281,30 +281,38 @@ def close_at_a_border(make: Make) -> None:
     scene.settle(within_s=10.0)
 
 
-SCENARIOS: Final[tuple[Scenario, ...]] = (
-    Scenario("two-candidates", 17, "two candidates within 5 ms in an empty area", two_candidates),
-    Scenario("master-killed", 18, "the master dies at full speed", master_killed),
-    Scenario("master-isolated", 19, "the master is cut off for 10 s", master_isolated),
-    Scenario("master-stopped", 20, "the master is stopped for 5 s", master_stopped),
-    Scenario(
+SCENARIOS: Final[tuple[DirectedScenario, ...]] = (
+    DirectedScenario(
+        "two-candidates", 17, "two candidates within 5 ms in an empty area", two_candidates
+    ),
+    DirectedScenario("master-killed", 18, "the master dies at full speed", master_killed),
+    DirectedScenario("master-isolated", 19, "the master is cut off for 10 s", master_isolated),
+    DirectedScenario("master-stopped", 20, "the master is stopped for 5 s", master_stopped),
+    DirectedScenario(
         "stopped-before-sending",
         20,
         "the master is stopped between deciding and sending",
         master_stopped_before_sending,
     ),
-    Scenario("planned-switch", 21, "supervision moves the command", planned_switch),
-    Scenario("switch-disturbed", 21, "steps of it are lost", planned_switch_disturbed),
-    Scenario("hand-over", 22, "from one area to the next at speed", hand_over),
-    Scenario("hand-over-silent", 22, "nobody commands behind the border", hand_over_silent),
-    Scenario("hand-over-refused", 22, "the stretch behind the border is closed", hand_over_refused),
-    Scenario("leader-rolls-back", 23, "the train ahead stops and rolls back", leader_rolls_back),
-    Scenario("close-at-a-border", 0, "trains stand on either side of it", close_at_a_border),
-    Scenario("hidden-train", 0, "a train stands there and says nothing", hidden_train),
-    Scenario(
+    DirectedScenario("planned-switch", 21, "supervision moves the command", planned_switch),
+    DirectedScenario("switch-disturbed", 21, "steps of it are lost", planned_switch_disturbed),
+    DirectedScenario("hand-over", 22, "from one area to the next at speed", hand_over),
+    DirectedScenario("hand-over-silent", 22, "nobody commands behind the border", hand_over_silent),
+    DirectedScenario(
+        "hand-over-refused", 22, "the stretch behind the border is closed", hand_over_refused
+    ),
+    DirectedScenario(
+        "leader-rolls-back", 23, "the train ahead stops and rolls back", leader_rolls_back
+    ),
+    DirectedScenario(
+        "close-at-a-border", 0, "trains stand on either side of it", close_at_a_border
+    ),
+    DirectedScenario("hidden-train", 0, "a train stands there and says nothing", hidden_train),
+    DirectedScenario(
         "hidden-beyond-a-border",
         0,
         "a train hangs over a border and says nothing",
         hidden_beyond_a_border,
     ),
-    Scenario("radio-lost", 25, "a train is cut off and comes back", radio_lost),
+    DirectedScenario("radio-lost", 25, "a train is cut off and comes back", radio_lost),
 )

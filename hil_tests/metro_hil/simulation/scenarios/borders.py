@@ -5,8 +5,8 @@ from typing import Final
 
 from firmware_py.trackdb.areas import Area, AreaMap, ObjectKind, ObjectSite, TrackSection
 from metro_hil.simulation.depot import set_on, take_off
-from metro_hil.simulation.scenarios.acceptance import Make, Scenario
-from metro_hil.simulation.scripted_line import NS_PER_S, Plot, Scene
+from metro_hil.simulation.scenarios.acceptance import DirectedScenario, Make
+from metro_hil.simulation.scripted_line import NS_PER_S, Plot, ScriptedLine
 from zenoh_config.messages import SpeedRestriction
 from zenoh_config.t2t import ObjectClaim, OrderKind
 
@@ -33,7 +33,7 @@ def _line(switch_ends_m: float) -> AreaMap:
 
 def _on_a_free_switch(
     make: Make, front_m: float, switch_ends_m: float, stops_m: Sequence[float] = ()
-) -> Scene:
+) -> ScriptedLine:
     """It cannot be locked, as nobody hears what is said to it."""
     fronts_m = {BEHIND: 1000.0, OVER: front_m, AHEAD: 3000.0}
     line = _line(switch_ends_m)
@@ -73,7 +73,7 @@ def back_onto_a_free_switch(make: Make) -> None:
 
 def master_left_behind(make: Make) -> None:
     """Who commands the area of its rear dies while it runs over the border: it goes on."""
-    losses: tuple[Callable[[Scene], object], ...] = (
+    losses: tuple[Callable[[ScriptedLine], object], ...] = (
         lambda scene: scene.net.kill(BEHIND),
         lambda scene: scene.net.stop(BEHIND, 20 * NS_PER_S),
         lambda scene: scene.cut_off(BEHIND),
@@ -82,7 +82,7 @@ def master_left_behind(make: Make) -> None:
         _goes_on(make, lose)
 
 
-def _goes_on(make: Make, lose: Callable[[Scene], object]) -> None:
+def _goes_on(make: Make, lose: Callable[[ScriptedLine], object]) -> None:
     scene = make(Plot({BEHIND: 1450.0, OVER: 1700.0}, line=_line(BORDER_M - 20.0)))
     scene.settle()
     scene.until("there is a standby", lambda: scene.standby() is not None, within_s=5.0)
@@ -170,18 +170,22 @@ def moved_over_the_border(make: Make) -> None:
     scene.until("all trains have authority", scene.all_held, within_s=20.0)
 
 
-BORDER_LURES: Final[tuple[Scenario, ...]] = (
-    Scenario(
+BORDER_LURES: Final[tuple[DirectedScenario, ...]] = (
+    DirectedScenario(
         "gone-before-the-border",
         0,
         "one is away that stood before the border",
         gone_before_the_border,
     ),
-    Scenario("over-a-free-switch", 0, "a train begins in two areas", over_a_free_switch),
-    Scenario("back-onto-a-switch", 0, "a train just beyond rolls back", back_onto_a_free_switch),
-    Scenario("hangs-over-the-border", 0, "one hides just beyond", hangs_over_the_border),
-    Scenario(
+    DirectedScenario("over-a-free-switch", 0, "a train begins in two areas", over_a_free_switch),
+    DirectedScenario(
+        "back-onto-a-switch", 0, "a train just beyond rolls back", back_onto_a_free_switch
+    ),
+    DirectedScenario("hangs-over-the-border", 0, "one hides just beyond", hangs_over_the_border),
+    DirectedScenario(
         "moved-over-the-border", 0, "one is moved over the border by hand", moved_over_the_border
     ),
-    Scenario("master-left-behind", 0, "the master of the rear's area is lost", master_left_behind),
+    DirectedScenario(
+        "master-left-behind", 0, "the master of the rear's area is lost", master_left_behind
+    ),
 )

@@ -3,8 +3,8 @@
 from collections.abc import Callable, Sequence
 from typing import Any, Final
 
-from metro_hil.simulation.scenarios.acceptance import FAILOVER_S, Make, Scenario, at_speed
-from metro_hil.simulation.scripted_line import NS_PER_MS, Scene
+from metro_hil.simulation.scenarios.acceptance import FAILOVER_S, DirectedScenario, Make, at_speed
+from metro_hil.simulation.scripted_line import NS_PER_MS, ScriptedLine
 from vobc.train_to_train.vocabulary import Role
 from zenoh_config.t2t import (
     LeaseAnswer,
@@ -16,14 +16,18 @@ from zenoh_config.t2t import (
 )
 
 
-def _deafen(scene: Scene, master: int, to: Sequence[int] | None = None) -> list[tuple[int, int]]:
+def _deafen(
+    scene: ScriptedLine, master: int, to: Sequence[int] | None = None
+) -> list[tuple[int, int]]:
     """Nothing comes to it (of these); what it sends does."""
     pairs = [(each, master) for each in (to or scene.others(master))]
     scene.net.cut(pairs)
     return pairs
 
 
-def _taken_over(scene: Scene, master: int, old: int, *, within_s: float = FAILOVER_S) -> None:
+def _taken_over(
+    scene: ScriptedLine, master: int, old: int, *, within_s: float = FAILOVER_S
+) -> None:
     followers = [train for train in scene.world.trains if train != master]
     took_s = scene.until(
         "the followers obey a new term",
@@ -138,7 +142,7 @@ def resignation_late(make: Make) -> None:
     scene.expect("under the same term", scene.held_term(master) == term)
 
 
-def _newer(scene: Scene, train: int) -> Callable[[], bool]:
+def _newer(scene: ScriptedLine, train: int) -> Callable[[], bool]:
     """Whether it goes by a later term than now."""
     old = scene.held_term(train)
     return lambda: scene.held_term(train) > old
@@ -165,11 +169,15 @@ def stop_outlives_master(make: Make) -> None:
     scene.expect("it goes on", scene.world.trains[stopped].front_m > where_m + 5.0)
 
 
-DEAF_LURES: Final[tuple[Scenario, ...]] = (
-    Scenario("deaf-master", 0, "the master is heard and hears nothing", deaf_master),
-    Scenario("deaf-to-trains", 0, "the master hears arbiters and no train", deaf_to_trains),
-    Scenario("deaf-then-mute", 0, "it cannot say that it is deaf", deaf_then_mute),
-    Scenario("shortened-lease", 0, "a grant for less than a whole lease", shortened_lease),
-    Scenario("stop-outlives-master", 0, "a stop is kept with the roster", stop_outlives_master),
-    Scenario("resignation-late", 0, "a resignation comes when it is over", resignation_late),
+DEAF_LURES: Final[tuple[DirectedScenario, ...]] = (
+    DirectedScenario("deaf-master", 0, "the master is heard and hears nothing", deaf_master),
+    DirectedScenario("deaf-to-trains", 0, "the master hears arbiters and no train", deaf_to_trains),
+    DirectedScenario("deaf-then-mute", 0, "it cannot say that it is deaf", deaf_then_mute),
+    DirectedScenario("shortened-lease", 0, "a grant for less than a whole lease", shortened_lease),
+    DirectedScenario(
+        "stop-outlives-master", 0, "a stop is kept with the roster", stop_outlives_master
+    ),
+    DirectedScenario(
+        "resignation-late", 0, "a resignation comes when it is over", resignation_late
+    ),
 )

@@ -6,8 +6,8 @@ Most hold back one message until it has become dangerous and then let it go.
 from dataclasses import replace
 from typing import Any, Final
 
-from metro_hil.simulation.scenarios.acceptance import Make, Scenario, at_speed
-from metro_hil.simulation.scripted_line import NS_PER_MS, NS_PER_S, Plot, Scene
+from metro_hil.simulation.scenarios.acceptance import DirectedScenario, Make, at_speed
+from metro_hil.simulation.scripted_line import NS_PER_MS, NS_PER_S, Plot, ScriptedLine
 from zenoh_config.messages import WAYSIDE, SpeedRestriction
 from zenoh_config.t2t import (
     AreaAuthority,
@@ -29,7 +29,9 @@ STANDS_M: Final = {1: 560.0, 2: 1000.0, 3: 1250.0, 4: 200.0}
 standby."""
 
 
-def before_the_switch(make: Make, *, masters: tuple[int, ...] = (3, 2, 1, 4), **more: Any) -> Scene:
+def before_the_switch(
+    make: Make, *, masters: tuple[int, ...] = (3, 2, 1, 4), **more: Any
+) -> ScriptedLine:
     """Four trains that stand; the first of `masters` commands, the switch wants to move."""
     stops_m = tuple(sorted(STANDS_M.values()))
     scene = make(Plot(STANDS_M, objects=True, stops_m=stops_m, dwell_s=1000.0, **more))
@@ -46,26 +48,26 @@ def before_the_switch(make: Make, *, masters: tuple[int, ...] = (3, 2, 1, 4), **
     return scene
 
 
-def _wish(scene: Scene, wanted: bool) -> None:
+def _wish(scene: ScriptedLine, wanted: bool) -> None:
     scene.world.track.objects[SWITCH].release_wanted = wanted
 
 
-def _free(scene: Scene) -> bool:
+def _free(scene: ScriptedLine) -> bool:
     return not scene.world.track.objects[SWITCH].locked
 
 
-def _long_one_is_held(scene: Scene) -> bool:
+def _long_one_is_held(scene: ScriptedLine) -> bool:
     return any(
         isinstance(each.message, AreaAuthority) and each.message.end_m > SWITCH_M
         for each in scene.held
     )
 
 
-def _until_granted(scene: Scene) -> None:
+def _until_granted(scene: ScriptedLine) -> None:
     scene.until("it is granted", lambda: _long_one_is_held(scene), within_s=3.0)
 
 
-def _until_taken_over(scene: Scene) -> None:
+def _until_taken_over(scene: ScriptedLine) -> None:
     scene.until("a new master", lambda: scene.master() in (1, 2, 4), within_s=3.0)
 
 
@@ -339,39 +341,45 @@ def removed_from_the_end(make: Make) -> None:
     scene.expect(f"the other runs on: {runs_m:.1f} m", runs_m > end_m - 35.0)
 
 
-LURES: Final[tuple[Scenario, ...]] = (
-    Scenario(
+LURES: Final[tuple[DirectedScenario, ...]] = (
+    DirectedScenario(
         "late-authority-takeover",
         0,
         "an old authority comes after a takeover",
         late_authority_after_takeover,
     ),
-    Scenario(
+    DirectedScenario(
         "late-authority",
         0,
         "a longer authority comes after a shorter",
         late_authority_of_the_same_master,
     ),
-    Scenario(
+    DirectedScenario(
         "late-authority-restart",
         0,
         "an authority for an earlier life",
         late_authority_after_restart,
     ),
-    Scenario("unacceptable", 0, "forged, old and repeated authorities", unacceptable),
-    Scenario("stale-burst", 0, "messages that are seconds old come at once", stale_burst),
-    Scenario(
+    DirectedScenario("unacceptable", 0, "forged, old and repeated authorities", unacceptable),
+    DirectedScenario("stale-burst", 0, "messages that are seconds old come at once", stale_burst),
+    DirectedScenario(
         "shortened-at-speed", 0, "a switch before a train that has to stop", shortened_at_speed
     ),
-    Scenario("late-release", 0, "a release comes after the next claim", late_release),
-    Scenario("stale-status", 0, "an object's old status", stale_status),
-    Scenario(
+    DirectedScenario("late-release", 0, "a release comes after the next claim", late_release),
+    DirectedScenario("stale-status", 0, "an object's old status", stale_status),
+    DirectedScenario(
         "closed-unknown", 0, "a closed stretch of which the master has not heard", closed_unknown
     ),
-    Scenario("unpromised", 0, "a train that has not promised", unpromised),
-    Scenario("forgetful-train", 0, "a train restarts while two leases run", forgetful_train),
-    Scenario("object-restarts", 0, "an interlocking restarts", object_restarts),
-    Scenario("late-claim", 0, "a claim comes when the switch is to move", late_claim),
-    Scenario("removed-in-error", 0, "a train that is there is taken for gone", removed_in_error),
-    Scenario("removed-from-the-end", 0, "a train leaves the line unheard", removed_from_the_end),
+    DirectedScenario("unpromised", 0, "a train that has not promised", unpromised),
+    DirectedScenario(
+        "forgetful-train", 0, "a train restarts while two leases run", forgetful_train
+    ),
+    DirectedScenario("object-restarts", 0, "an interlocking restarts", object_restarts),
+    DirectedScenario("late-claim", 0, "a claim comes when the switch is to move", late_claim),
+    DirectedScenario(
+        "removed-in-error", 0, "a train that is there is taken for gone", removed_in_error
+    ),
+    DirectedScenario(
+        "removed-from-the-end", 0, "a train leaves the line unheard", removed_from_the_end
+    ),
 )

@@ -5,9 +5,9 @@ from collections.abc import Sequence
 from typing import Final
 
 from metro_hil.simulation.depot import set_on, take_off
-from metro_hil.simulation.motion import Motion
-from metro_hil.simulation.scenarios.acceptance import Make, Scenario
-from metro_hil.simulation.scripted_line import Plot, Scene
+from metro_hil.simulation.motion import SimulatedMotion
+from metro_hil.simulation.scenarios.acceptance import DirectedScenario, Make
+from metro_hil.simulation.scripted_line import Plot, ScriptedLine
 from zenoh_config.messages import SpeedRestriction
 from zenoh_config.t2t import (
     Heartbeat,
@@ -39,7 +39,7 @@ def passed_by_hand(make: Make) -> None:
     for train, front_m in ((second, 2700.0), (third, 1480.0)):
         scene.net.kill(train)
         moved = scene.world.trains[train]
-        moved.motion = Motion(scene.net.now_ns, front_m, emergency_mps2=1.0)
+        moved.motion = SimulatedMotion(scene.net.now_ns, front_m, emergency_mps2=1.0)
         scene.world.checker.gave_up(train)
     scene.run(12.0)
     scene.net.boot(second)
@@ -64,7 +64,7 @@ def came_back_unheard(make: Make) -> None:
     train = scene.world.trains[away]
     _take_off(scene, away)
     scene.run(9.0)
-    train.motion = Motion(scene.net.now_ns, 1290.0, emergency_mps2=1.0)
+    train.motion = SimulatedMotion(scene.net.now_ns, 1290.0, emergency_mps2=1.0)
     train.on_line = True
     scene.run(1.0)
     scene.world.t2t.closed = ()
@@ -76,23 +76,23 @@ def came_back_unheard(make: Make) -> None:
     scene.until("all trains have authority", scene.all_held, within_s=60.0)
 
 
-def _take_off(scene: Scene, train: int) -> None:
+def _take_off(scene: ScriptedLine, train: int) -> None:
     """Switched off, and some time later sideways off the line."""
     scene.net.kill(train)
     scene.run(4.0)
     take_off(scene.world, scene.world.trains[train])
 
 
-def _set_where_it_was(scene: Scene) -> None:
+def _set_where_it_was(scene: ScriptedLine) -> None:
     """Into the section from 600 m to 800 m, where the rear of the one ahead was heard of last."""
     hides = scene.world.trains[HIDES]
-    hides.motion = Motion(scene.net.now_ns, 790.0, emergency_mps2=1.0)
+    hides.motion = SimulatedMotion(scene.net.now_ns, 790.0, emergency_mps2=1.0)
     hides.on_line = True
     scene.run(1.0)
     scene.world.t2t.closed = ()
 
 
-def _stays_before_it(scene: Scene) -> None:
+def _stays_before_it(scene: ScriptedLine) -> None:
     scene.run(10.0)
     end_m = scene.end_m(FOLLOWS)
     scene.expect(f"it is let no farther than before that section: {end_m}", end_m == 589.0)
@@ -102,7 +102,7 @@ def _stays_before_it(scene: Scene) -> None:
     scene.until("all trains have authority", scene.all_held, within_s=60.0)
 
 
-def _one_follows(make: Make, stops_m: Sequence[float], *, ahead_m: float = 820.0) -> Scene:
+def _one_follows(make: Make, stops_m: Sequence[float], *, ahead_m: float = 820.0) -> ScriptedLine:
     fronts_m = {FOLLOWS: 300.0, AHEAD: ahead_m, HIDES: 1900.0}
     scene = make(Plot(fronts_m, pieces=10, stops_m=stops_m, dwell_s=200.0))
     hides = scene.world.trains[HIDES]
@@ -323,7 +323,7 @@ def set_before_one_that_is_lost(make: Make) -> None:
     scene.stands(FOLLOWS)
     scene.world.t2t.closed = (SpeedRestriction(1200.0, 1400.0, 1.0),)
     scene.run(1.0)
-    comes.motion = Motion(scene.net.now_ns, 1100.0, emergency_mps2=1.0)
+    comes.motion = SimulatedMotion(scene.net.now_ns, 1100.0, emergency_mps2=1.0)
     comes.on_line = comes.localised = True
     scene.net.boot(HIDES)
     scene.until("it is let", lambda: scene.end_m(HIDES) is not None, within_s=20.0)
@@ -349,7 +349,7 @@ def kept_farther_on(make: Make) -> None:
     scene.net.kill(commands)
     _take_off(scene, away)
     train = scene.world.trains[away]
-    train.motion = Motion(scene.net.now_ns, 300.0, emergency_mps2=1.0)
+    train.motion = SimulatedMotion(scene.net.now_ns, 300.0, emergency_mps2=1.0)
     train.on_line, train.localised = True, True
     train.shunts, train.shunts_to_m = True, 370.0
     scene.until("it moves", lambda: train.motion.speed_mps > 1.0, within_s=10.0)
@@ -370,26 +370,36 @@ def kept_farther_on(make: Make) -> None:
     scene.until("all trains have authority", scene.all_held, within_s=20.0)
 
 
-MOVED_LURES: Final[tuple[Scenario, ...]] = (
-    Scenario("driven-off", 0, "one is driven off the line, and another hides", driven_off),
-    Scenario(
+MOVED_LURES: Final[tuple[DirectedScenario, ...]] = (
+    DirectedScenario("driven-off", 0, "one is driven off the line, and another hides", driven_off),
+    DirectedScenario(
         "set-before-one-that-is-lost",
         0,
         "one is set on where another was let once that has lost its place",
         set_before_one_that_is_lost,
     ),
-    Scenario("passed-by-hand", 0, "one is moved past another by hand", passed_by_hand),
-    Scenario("came-back-unheard", 0, "one that counters saw leave is set on", came_back_unheard),
-    Scenario("kept-farther-on", 0, "one was kept farther on than it is", kept_farther_on),
-    Scenario("kept-long-ago", 0, "one is set on where the one ahead was once", kept_long_ago),
-    Scenario(
+    DirectedScenario("passed-by-hand", 0, "one is moved past another by hand", passed_by_hand),
+    DirectedScenario(
+        "came-back-unheard", 0, "one that counters saw leave is set on", came_back_unheard
+    ),
+    DirectedScenario("kept-farther-on", 0, "one was kept farther on than it is", kept_farther_on),
+    DirectedScenario(
+        "kept-long-ago", 0, "one is set on where the one ahead was once", kept_long_ago
+    ),
+    DirectedScenario(
         "lost-and-driven-on", 0, "one is set on where one was that is lost", lost_and_driven_on
     ),
-    Scenario("unseen-since", 0, "one is set on, and nothing is seen for a while", unseen_since),
-    Scenario(
+    DirectedScenario(
+        "unseen-since", 0, "one is set on, and nothing is seen for a while", unseen_since
+    ),
+    DirectedScenario(
         "stood-and-taken-off", 0, "one is taken away that explained axles", stood_and_taken_off
     ),
-    Scenario("gone-from-behind", 0, "one leaves, and another hides", gone_from_behind),
-    Scenario("heard-and-deaf", 0, "one is set on before another that is deaf", heard_and_deaf),
-    Scenario("seems-to-overtake", 0, "one is ahead of where one was kept", seems_to_overtake),
+    DirectedScenario("gone-from-behind", 0, "one leaves, and another hides", gone_from_behind),
+    DirectedScenario(
+        "heard-and-deaf", 0, "one is set on before another that is deaf", heard_and_deaf
+    ),
+    DirectedScenario(
+        "seems-to-overtake", 0, "one is ahead of where one was kept", seems_to_overtake
+    ),
 )

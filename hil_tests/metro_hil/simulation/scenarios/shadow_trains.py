@@ -10,9 +10,9 @@ from dataclasses import replace
 from typing import Final
 
 from firmware_py.trackdb.areas import Division
-from metro_hil.simulation.motion import Motion
-from metro_hil.simulation.scenarios.acceptance import Make, Scenario
-from metro_hil.simulation.scripted_line import Held, Plot, Scene
+from metro_hil.simulation.motion import SimulatedMotion
+from metro_hil.simulation.scenarios.acceptance import DirectedScenario, Make
+from metro_hil.simulation.scripted_line import HeldMessage, Plot, ScriptedLine
 from zenoh_config.t2t import RosterCommit, TrainReport
 
 RUNS_ON: Final = 1
@@ -29,7 +29,7 @@ TOLD_S: Final = 0.5
 """Within this trains hear of axles by their master."""
 
 
-def _on_its_way(make: Make, stops_m: Sequence[float] = (1980.0,)) -> Scene:
+def _on_its_way(make: Make, stops_m: Sequence[float] = (1980.0,)) -> ScriptedLine:
     """Two trains run; two are not on the line yet, and nobody has ever heard of them."""
     fronts_m = {RUNS_ON: 100.0, NEWCOMER: 300.0, HIDES: 400.0, COMMANDS: 1980.0}
     scene = make(Plot(fronts_m, pieces=10, stops_m=stops_m, dwell_s=100.0, speed_max_mps=25.0))
@@ -46,19 +46,19 @@ def _on_its_way(make: Make, stops_m: Sequence[float] = (1980.0,)) -> Scene:
     return scene
 
 
-def _set_on(scene: Scene) -> None:
+def _set_on(scene: ScriptedLine) -> None:
     """Once it is away, by hand, from a siding: the one that hides is switched off."""
     train = scene.world.trains[RUNS_ON]
     scene.until("it is away", lambda: train.rear_m > AWAY_M, within_s=60.0)
     for address, front_m in ((NEWCOMER, NEWCOMER_M), (HIDES, HIDES_M)):
         each = scene.world.trains[address]
-        each.motion = Motion(scene.net.now_ns, front_m, emergency_mps2=1.0)
+        each.motion = SimulatedMotion(scene.net.now_ns, front_m, emergency_mps2=1.0)
         each.on_line = each.localised = True
     scene.net.boot(NEWCOMER)
     scene.run(3.0)
 
 
-def _stays(scene: Scene) -> None:
+def _stays(scene: ScriptedLine) -> None:
     scene.run(20.0)
     scene.expect("the newcomer gets nothing", scene.end_m(NEWCOMER) is None)
 
@@ -70,7 +70,7 @@ def late_report(make: Make) -> None:
     def hold_the_first(source: int, target: int, message: object) -> int | None:
         if source == RUNS_ON and isinstance(message, TrainReport):
             if target == COMMANDS and not scene.held:
-                scene.held.append(Held(source, target, message))
+                scene.held.append(HeldMessage(source, target, message))
             return None
         return 0
 
@@ -136,7 +136,7 @@ def hangs_over(make: Make) -> None:
     hides.shunts = True
     scene.until("its last axle is off", lambda: hides.rear_m > line_m - 1.99, within_s=120.0)
     hides.shunts = False
-    hides.motion = Motion(scene.net.now_ns, hides.front_m, emergency_mps2=1.0)
+    hides.motion = SimulatedMotion(scene.net.now_ns, hides.front_m, emergency_mps2=1.0)
     scene.run(20.0)
     scene.expect("it still hangs over the line", hides.rear_m < line_m)
     scene.expect("the other comes no nearer", scene.end_m(RUNS_ON) == line_m - 11.0)
@@ -160,7 +160,7 @@ def came_back_behind(make: Make) -> None:
     first.shunts = True
     scene.until("it is off the line", lambda: first.rear_m > line_m + 20.0, within_s=120.0)
     first.shunts = False
-    first.motion = Motion(scene.net.now_ns, 390.0, emergency_mps2=1.0)
+    first.motion = SimulatedMotion(scene.net.now_ns, 390.0, emergency_mps2=1.0)
     scene.net.boot(3)
     scene.run(3.0)
     end_m = scene.end_m(1)
@@ -205,12 +205,12 @@ def forgotten_newcomer(make: Make) -> None:
     scene.expect(f"the other follows: {end_m}", end_m is not None and end_m > 7 * section_m)
 
 
-def _set_before(scene: Scene, front_m: float, ends_m: float) -> None:
+def _set_before(scene: ScriptedLine, front_m: float, ends_m: float) -> None:
     """By hand, into sections that the one that runs was let into long ago."""
     runs, hides = scene.world.trains[RUNS_ON], scene.world.trains[HIDES]
     end_m = scene.end_m(RUNS_ON)
     scene.expect(f"it was let past there: {end_m}", end_m is not None and end_m > front_m)
-    hides.motion = Motion(scene.net.now_ns, front_m, emergency_mps2=1.0)
+    hides.motion = SimulatedMotion(scene.net.now_ns, front_m, emergency_mps2=1.0)
     hides.on_line = True
     # Nobody can keep free what was granted until its axles are told.
     judge = scene.world.checker
@@ -244,15 +244,27 @@ def set_before_all(make: Make) -> None:
     _set_before(scene, 1590.0, 1389.0)
 
 
-HIDDEN_LURES: Final[tuple[Scenario, ...]] = (
-    Scenario("late-report", 0, "a report comes when its train is elsewhere", late_report),
-    Scenario("lost-on-its-way", 0, "a train runs on after it lost its place", lost_on_its_way),
-    Scenario("towed-away", 0, "a train that stood is driven on by hand", towed_away),
-    Scenario("hangs-over", 0, "one that nobody hears leaves the line at its end", hangs_over),
-    Scenario("came-back-behind", 0, "a train left and came back behind others", came_back_behind),
-    Scenario("forgotten-newcomer", 0, "no arbiter keeps one that is ahead", forgotten_newcomer),
-    Scenario("set-between", 0, "one is set onto the track between two that run", set_between),
-    Scenario("set-before-all", 0, "one is set onto the track before the first", set_before_all),
-    Scenario("packed-line", 0, "trains stand on every joint, and all begin", packed_line),
-    Scenario("full-line", 0, "trains stand everywhere, and all begin", full_line),
+HIDDEN_LURES: Final[tuple[DirectedScenario, ...]] = (
+    DirectedScenario("late-report", 0, "a report comes when its train is elsewhere", late_report),
+    DirectedScenario(
+        "lost-on-its-way", 0, "a train runs on after it lost its place", lost_on_its_way
+    ),
+    DirectedScenario("towed-away", 0, "a train that stood is driven on by hand", towed_away),
+    DirectedScenario(
+        "hangs-over", 0, "one that nobody hears leaves the line at its end", hangs_over
+    ),
+    DirectedScenario(
+        "came-back-behind", 0, "a train left and came back behind others", came_back_behind
+    ),
+    DirectedScenario(
+        "forgotten-newcomer", 0, "no arbiter keeps one that is ahead", forgotten_newcomer
+    ),
+    DirectedScenario(
+        "set-between", 0, "one is set onto the track between two that run", set_between
+    ),
+    DirectedScenario(
+        "set-before-all", 0, "one is set onto the track before the first", set_before_all
+    ),
+    DirectedScenario("packed-line", 0, "trains stand on every joint, and all begin", packed_line),
+    DirectedScenario("full-line", 0, "trains stand everywhere, and all begin", full_line),
 )

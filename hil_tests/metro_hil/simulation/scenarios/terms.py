@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import Any, Final
 
-from metro_hil.simulation.scenarios.acceptance import Make, Scenario, at_speed
+from metro_hil.simulation.scenarios.acceptance import DirectedScenario, Make, at_speed
 from metro_hil.simulation.scenarios.guards import STANDS_M
 from metro_hil.simulation.scripted_line import NS_PER_MS, Plot
 from vobc.train_to_train.vocabulary import Role
@@ -137,12 +137,14 @@ def clock_steps(make: Make) -> None:
             scene.until("all have authority", scene.all_held, within_s=40.0)
 
 
-TERM_LURES: Final[tuple[Scenario, ...]] = (
-    Scenario("reused-term", 0, "a release of a failed candidacy comes late", reused_term),
-    Scenario("term-again", 0, "trains that know of no term", term_again),
-    Scenario("out-of-line", 0, "the second in line is heard first", out_of_line),
-    Scenario("arbiter-restarts", 0, "an arbiter forgets nothing", arbiter_restarts),
-    Scenario("uncommitted", 0, "a roster that nobody keeps", uncommitted),
-    Scenario("duelling-candidates", 0, "three candidates, three arbiters", duelling_candidates),
-    Scenario("clock-steps", 0, "clocks jump ahead", clock_steps),
+TERM_LURES: Final[tuple[DirectedScenario, ...]] = (
+    DirectedScenario("reused-term", 0, "a release of a failed candidacy comes late", reused_term),
+    DirectedScenario("term-again", 0, "trains that know of no term", term_again),
+    DirectedScenario("out-of-line", 0, "the second in line is heard first", out_of_line),
+    DirectedScenario("arbiter-restarts", 0, "an arbiter forgets nothing", arbiter_restarts),
+    DirectedScenario("uncommitted", 0, "a roster that nobody keeps", uncommitted),
+    DirectedScenario(
+        "duelling-candidates", 0, "three candidates, three arbiters", duelling_candidates
+    ),
+    DirectedScenario("clock-steps", 0, "clocks jump ahead", clock_steps),
 )

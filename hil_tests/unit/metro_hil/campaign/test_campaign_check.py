@@ -7,7 +7,7 @@ import pytest
 
 from metro_hil.campaign import plan_cases, read_campaign
 from metro_hil.cli.hil import main
-from metro_hil.engine.folder import Plan, make_folder
+from metro_hil.engine.folder import CampaignPlan, make_folder
 
 GOOD = """
 title = "Late brakes"
@@ -135,7 +135,7 @@ def test_check_shows_the_fingerprint_that_run_writes_down(
     hil(campaign, "--json")
     checked = json.loads(capsys.readouterr().out)["fingerprint"]
     read = read_campaign(campaign)
-    plan = Plan(name=read.name, cases=plan_cases(read), files=read.files, options={})
+    plan = CampaignPlan(name=read.name, cases=plan_cases(read), files=read.files, options={})
 
     written = make_folder(plan, out=str(tmp_path / "out")).manifest().fingerprint
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from firmware_py.settings import SettingsError
 from metro_hil.campaign import define
 from metro_hil.campaign.designs import design, exclusion
-from metro_hil.campaign.factors import Factor, Scale, Span, read_factors
+from metro_hil.campaign.factors import Factor, LevelScale, NumberRange, read_factors
 from metro_hil.campaign.problems import Findings
 from metro_hil.campaign.schema import DesignKind, SweepKeys
 
@@ -94,7 +94,7 @@ def test_a_pairwise_design_is_much_smaller_than_all_combinations() -> None:
 
 @given(st.integers(1, 60), st.integers(1, 4), st.integers(0, 2**32))
 def test_a_latin_hypercube_meets_each_stratum_once(count: int, width: int, seed: int) -> None:
-    factors = [Factor(f"train.x{i}", (), Span(0.0, 1.0)) for i in range(width)]
+    factors = [Factor(f"train.x{i}", (), NumberRange(0.0, 1.0)) for i in range(width)]
     keys = SweepKeys(design=DesignKind.LHS, count=count, seed=seed)
 
     points = design(keys, factors)
@@ -107,7 +107,7 @@ def test_a_latin_hypercube_meets_each_stratum_once(count: int, width: int, seed:
 
 @given(st.integers(0, 6), st.integers(0, 1000))
 def test_a_sobol_design_of_a_power_of_two_is_balanced(power: int, seed: int) -> None:
-    factors = [Factor("train.x", (), Span(0.0, 8.0)), Factor("train.y", ("a", "b"))]
+    factors = [Factor("train.x", (), NumberRange(0.0, 8.0)), Factor("train.y", ("a", "b"))]
     count = 2**power
 
     points = design(SweepKeys(design=DesignKind.SOBOL, count=count, seed=seed), factors)
@@ -138,8 +138,8 @@ def test_a_sobol_design_of_another_count_is_noted() -> None:
 
 def test_random_points_are_those_of_their_seed_and_within_the_ranges() -> None:
     factors = [
-        Factor("train.x", (), Span(1e-3, 1e3, Scale.LOG)),
-        Factor("train.n", (), Span(3.0, 5.0, integer=True)),
+        Factor("train.x", (), NumberRange(1e-3, 1e3, LevelScale.LOG)),
+        Factor("train.n", (), NumberRange(3.0, 5.0, integer=True)),
         Factor("train.c", ("a", "b", "c")),
     ]
 
@@ -155,7 +155,7 @@ def test_random_points_are_those_of_their_seed_and_within_the_ranges() -> None:
 
 
 def test_random_points_that_are_excluded_are_drawn_again() -> None:
-    factors = [Factor("train.load_ratio", (), Span(0.0, 1.0))]
+    factors = [Factor("train.load_ratio", (), NumberRange(0.0, 1.0))]
     keys = SweepKeys(design=DesignKind.RANDOM, count=50, exclude=("load_ratio > 0.5",))
 
     points = design(keys, factors)

@@ -23,7 +23,7 @@ from metro_hil.campaign import (
 )
 from metro_hil.campaign.builder import Scenario
 from metro_hil.campaign.tables import merged
-from metro_hil.model.case import BenchKind, Branch, Controller, Setup, Verdict
+from metro_hil.model.case import BenchKind, Branch, ControllerSpec, Setup, Verdict
 from metro_hil.model.case_setup import parts_of
 
 FULL: Final = """
@@ -104,7 +104,7 @@ def test_all_that_a_file_says_is_in_its_cases() -> None:
     assert last.expected is Verdict.FAIL
     assert not last.stop_at_violation
     assert last.bench is BenchKind.LOCKSTEP
-    assert last.controller == Controller()
+    assert last.controller == ControllerSpec()
     assert last.branch is None
     assert last.invariants == "all"
 
@@ -127,7 +127,7 @@ def test_controller_and_branch_are_read() -> None:
 
     assert case.bench is BenchKind.PROCESSES
     assert case.invariants == "none"
-    assert case.controller == Controller(kind="command", command="other --bus {bus}")
+    assert case.controller == ControllerSpec(kind="command", command="other --bus {bus}")
     assert case.branch == Branch(seed=3, when="front_m > 900")
 
 

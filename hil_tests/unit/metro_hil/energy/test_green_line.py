@@ -17,9 +17,9 @@ from metro_hil.energy.line.model import (
     LineTrain,
     Timetable,
 )
-from metro_hil.energy.line.regimes import Runs, least_traction
-from metro_hil.energy.line.simulate import Outcome, dwells_of, first_minutes, simulate
-from metro_hil.energy.line.synchronise import Search
+from metro_hil.energy.line.regimes import LegRuns, least_traction
+from metro_hil.energy.line.simulate import LapResults, dwells_of, first_minutes, simulate
+from metro_hil.energy.line.synchronise import TimetableSearch
 from metro_hil.energy.line.table_four import PRINTED, paired, share_at_least
 from plant_emulator.power.supplies import STRONG, WEAK
 from vobc.ato.laws import green_speeds
@@ -27,7 +27,7 @@ from vobc.ato.laws import green_speeds
 TRAIN = LineTrain()
 
 
-def lap(law: Law = TRADITIONAL, seed: int = 1, step_s: float = 0.2, supply=STRONG) -> Outcome:  # type: ignore[no-untyped-def]
+def lap(law: Law = TRADITIONAL, seed: int = 1, step_s: float = 0.2, supply=STRONG) -> LapResults:  # type: ignore[no-untyped-def]
     return simulate(TRAIN, supply, Timetable(), law, dwells_of(seed, 3), step_s=step_s)
 
 
@@ -56,7 +56,7 @@ def test_the_same_seed_gives_the_same_books_and_another_one_others() -> None:
 
 def test_one_run_takes_what_kinetic_energy_and_resistance_say() -> None:
     """Integrated anew: full traction, hold, coast; braking gives nothing to traction."""
-    runs = Runs(TRAIN)
+    runs = LegRuns(TRAIN)
     regime = runs.run(1, 18.0, 1200.0)
     a_n, b_n, c_n = TRAIN.resistance_coefficients_n()
     speed_mps = way_m = work_j = effort_n = 0.0
@@ -76,7 +76,7 @@ def test_one_run_takes_what_kinetic_energy_and_resistance_say() -> None:
 
 
 def test_runs_of_hold_and_coast_take_their_times_and_less_energy() -> None:
-    calm = least_traction(Runs(TRAIN), Timetable())
+    calm = least_traction(LegRuns(TRAIN), Timetable())
     before = lap()
     after = simulate(TRAIN, STRONG, calm, HOLD_AND_COAST, dwells_of(1, 3))
 
@@ -89,11 +89,11 @@ def test_runs_of_hold_and_coast_take_their_times_and_less_energy() -> None:
 
 def test_a_time_that_no_regime_takes_is_refused() -> None:
     with pytest.raises(ValueError, match="leg 1: no run takes 120 s"):
-        least_traction(Runs(TRAIN), Timetable(runs_s=(120.0, *RUNS_S[1:])))
+        least_traction(LegRuns(TRAIN), Timetable(runs_s=(120.0, *RUNS_S[1:])))
 
 
 def test_the_search_only_gets_better_and_keeps_trip_time_and_punctuality() -> None:
-    found = Search(TRAIN, STRONG, Timetable(), seed=1, budget=12).run()
+    found = TimetableSearch(TRAIN, STRONG, Timetable(), seed=1, budget=12).run()
 
     assert found.tried <= 12
     assert found.best_kwh < found.start_kwh

@@ -14,7 +14,7 @@ from metro_hil.energy.running_curve.literal import literal_design, x_that_the_ta
 from metro_hil.energy.running_curve.net import arrivals, departures, join
 from metro_hil.energy.running_curve.optimum import optimise
 from metro_hil.energy.running_curve.trace import trace
-from metro_hil.energy.running_curve.track import Track, level_track
+from metro_hil.energy.running_curve.track import HopTrack, level_track
 from metro_hil.energy.running_curve.train import RunningTrain, load_train
 
 TRAIN = load_train("seed002")
@@ -24,7 +24,7 @@ COARSE = Hop(TRAIN, level_track(TRAIN, 1000.0, cell_m=8.0))
 """Quick, for many designs; its promises are the same."""
 
 
-def hilly_track(train: RunningTrain) -> Track:
+def hilly_track(train: RunningTrain) -> HopTrack:
     """20 ‰ down out of the one platform and 15 ‰ up into the other."""
     level = level_track(train, 900.0)
     at_m = np.linspace(0.0, 900.0, level.cells)
@@ -158,7 +158,7 @@ def test_dynamic_programming_finds_nothing_better_than_the_linear_programmes(
 
 
 def dynamic_programme(
-    train: RunningTrain, track: Track, use_ratio: float, *, price_j_per_s: float
+    train: RunningTrain, track: HopTrack, use_ratio: float, *, price_j_per_s: float
 ) -> tuple[np.ndarray, float]:
     """Squares of the speed at each node, and the energy of the run that the values lead to."""
     grid_mps = np.linspace(0.3, train.speed_max_mps, 240)

@@ -5,7 +5,7 @@ import pytest
 from metro_hil.engine.choosing import choose, pick_case, read_controller
 from metro_hil.engine.errors import UsageError
 from metro_hil.engine.trial_runner import trial_cases
-from metro_hil.model.case import BenchKind, Controller
+from metro_hil.model.case import BenchKind, ControllerSpec
 
 CASES = (*trial_cases(12),)
 
@@ -23,7 +23,7 @@ def test_bench_and_controller_are_those_asked_for() -> None:
     (case,) = choose(CASES, limit=1, bench="processes", controller="checkout:../old")
 
     assert case.bench is BenchKind.PROCESSES
-    assert case.controller == Controller(kind="checkout", path="../old")
+    assert case.controller == ControllerSpec(kind="checkout", path="../old")
 
 
 def test_a_filter_that_matches_nothing_is_refused_with_an_example() -> None:
@@ -38,7 +38,7 @@ def test_a_controller_that_is_none_is_refused(words: str) -> None:
 
 
 def test_a_command_may_hold_colons() -> None:
-    assert read_controller("command:run --bus tcp:1") == Controller(
+    assert read_controller("command:run --bus tcp:1") == ControllerSpec(
         kind="command", command="run --bus tcp:1"
     )
 

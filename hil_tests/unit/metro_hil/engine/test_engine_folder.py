@@ -12,7 +12,7 @@ from metro_hil.engine.errors import EngineError, UsageError
 from metro_hil.engine.folder import (
     MANIFEST,
     CampaignFolder,
-    Plan,
+    CampaignPlan,
     find_folder,
     folder_name,
     folders,
@@ -22,8 +22,10 @@ from metro_hil.engine.trial_runner import trial_cases
 from metro_hil.model.case import Case
 
 
-def plan(cases: tuple[Case, ...] = trial_cases(3), name: str = "trial", **files: str) -> Plan:
-    return Plan(name=name, cases=cases, files=files, options={"keep": 1})
+def plan(
+    cases: tuple[Case, ...] = trial_cases(3), name: str = "trial", **files: str
+) -> CampaignPlan:
+    return CampaignPlan(name=name, cases=cases, files=files, options={"keep": 1})
 
 
 def test_cases_and_files_come_back_as_they_were(tmp_path: Path) -> None:
@@ -37,7 +39,7 @@ def test_cases_and_files_come_back_as_they_were(tmp_path: Path) -> None:
 
 
 def test_files_with_the_same_last_name_do_not_meet(tmp_path: Path) -> None:
-    both = Plan(
+    both = CampaignPlan(
         name="x", cases=trial_cases(1), files={"a/l.toml": "1", "b/l.toml": "2"}, options={}
     )
 

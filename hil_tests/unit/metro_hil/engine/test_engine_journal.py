@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 
 from metro_hil.engine.errors import EngineError
 from metro_hil.engine.journal import (
-    Head,
     Journal,
     JournalDamageError,
-    Line,
+    JournalHead,
+    JournalLine,
     LostAttempt,
     Session,
     encode_line,
@@ -21,9 +21,9 @@ from metro_hil.engine.journal import (
     read_journal,
     same_result,
 )
-from metro_hil.model.case import CaseResult, Event, Host, MonitorResult, Verdict
+from metro_hil.model.case import CaseEvent, CaseResult, Host, MonitorResult, Verdict
 
-HEAD = Head("f00d", 3)
+HEAD = JournalHead("f00d", 3)
 WORDS = st.text(max_size=12)
 NUMBERS = st.floats(allow_nan=False, allow_infinity=False)
 RESULTS = st.builds(
@@ -46,7 +46,7 @@ RESULTS = st.builds(
         max_size=2,
     ).map(tuple),
     measures=st.dictionaries(WORDS, st.none() | NUMBERS, max_size=2),
-    events=st.lists(st.builds(Event, NUMBERS, WORDS), max_size=2).map(tuple),
+    events=st.lists(st.builds(CaseEvent, NUMBERS, WORDS), max_size=2).map(tuple),
 )
 
 
@@ -55,7 +55,7 @@ def result(number: int, verdict: Verdict = Verdict.PASS, **more: Any) -> CaseRes
 
 
 def written(results: list[CaseResult]) -> bytes:
-    lines = [Line(head=HEAD), *(Line(result=one) for one in results)]
+    lines = [JournalLine(head=HEAD), *(JournalLine(result=one) for one in results)]
     return b"".join(encode_line(line) for line in lines)
 
 
@@ -167,7 +167,7 @@ def test_the_journal_of_another_campaign_is_refused(tmp_path: Path) -> None:
     Journal(path, HEAD).close()
 
     with pytest.raises(EngineError, match="another campaign"):
-        Journal(path, Head("beef", 3))
+        Journal(path, JournalHead("beef", 3))
 
 
 def test_all_kinds_of_lines_come_back(tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from can_dbc.binding import Frame, Protection, binding_of, kinds
+from can_dbc.binding import Frame, MessageProtection, binding_of, kinds
 from can_dbc.brake import BrakeCommand, BrakeStatus
 from can_dbc.codec import Decoder, Encoder, Rejected
 from can_dbc.nodes import Node
@@ -16,14 +16,14 @@ from firmware_py.settings import SettingsError
 from metro_hil.faults.frames import FrameFaults, check_bus_fault
 from metro_hil.faults.gateway import RECOVERY_NS, GatewayFaults
 from metro_hil.model.frame_names import known_messages
-from plant_emulator.faults.declared_bus import Way
+from plant_emulator.faults.declared_bus import FrameDirection
 from plant_emulator.faults.plan import FaultPlan, read_faults
 
 MS = 1_000_000
 S = 1000 * MS
 SEED = 5
 COMMAND = BrakeCommand(service_decel_mps2=0.5, emergency_released=True, holding_released=True)
-GUARDED = [kind for kind in kinds() if binding_of(kind).protection is not Protection.NONE]
+GUARDED = [kind for kind in kinds() if binding_of(kind).protection is not MessageProtection.NONE]
 BRAKE_ID, TWIN_ID = (each.frame_id for each in binding_of(BrakeCommand).messages)
 Timed = tuple[int, int, bytes]
 
@@ -39,7 +39,7 @@ def plan(kind: str, **parameters: Any) -> FaultPlan:
 def genuine(kind: type[Frame], payload: int) -> Frame | None:
     """A valid frame made of these bits, or none when they make none."""
     bound = binding_of(kind)
-    size = bound.message.length - (0 if bound.protection is Protection.NONE else 3)
+    size = bound.message.length - (0 if bound.protection is MessageProtection.NONE else 3)
     from can_dbc.packing import unpacker
 
     return unpacker(kind)(payload % (1 << 8 * size))
@@ -59,7 +59,7 @@ def through(
     faults: FrameFaults | GatewayFaults,
     frames: list[Timed],
     acting: tuple[FaultPlan, ...],
-    way: Way = Way.TO_TRAIN,
+    way: FrameDirection = FrameDirection.TO_TRAIN,
     until_ns: int = 1 * S,
 ) -> list[Timed]:
     """Everything that comes out; the faults act from the first instant until `until_ns`."""
@@ -179,11 +179,11 @@ def test_a_replay_says_the_last_second_again_in_its_rhythm() -> None:
     sent = stream(80)
     replay = plan("frame_replay", memory_s=1.0)
     for at_ns, can_id, data in sent[:80]:
-        faults.offer(at_ns, Way.TO_TRAIN, can_id, data)
-    faults.take(2 * S - 1, Way.TO_TRAIN)
+        faults.offer(at_ns, FrameDirection.TO_TRAIN, can_id, data)
+    faults.take(2 * S - 1, FrameDirection.TO_TRAIN)
 
     faults.change(replay, True, 2 * S)
-    came = faults.take(4 * S, Way.TO_TRAIN)
+    came = faults.take(4 * S, FrameDirection.TO_TRAIN)
 
     last_second = [each for each in sent[:80] if 1 * S < each[0] <= 2 * S]
     assert len(last_second) == 38
@@ -191,7 +191,7 @@ def test_a_replay_says_the_last_second_again_in_its_rhythm() -> None:
     again = [(at_ns + 2 * S, can_id, data) for at_ns, can_id, data in last_second]
     assert came == once + again
     faults.change(replay, False, 4 * S)
-    assert faults.take(100 * S, Way.TO_TRAIN) == []
+    assert faults.take(100 * S, FrameDirection.TO_TRAIN) == []
     assert faults.next_due_ns() is None
 
 
@@ -209,7 +209,7 @@ def test_no_frame_that_is_corrupted_after_its_crc_is_ever_believed(
     if frame is None:
         return
     faults = FrameFaults(seed)
-    way = Way.TO_VOBC
+    way = FrameDirection.TO_VOBC
     acting = plans({"kind": "frame_corrupt", "bits": bits, "damage": "after_crc"})
     sent = [(0, can_id, data) for can_id, data in Encoder().encode(frame)]
 
@@ -239,7 +239,7 @@ def test_every_frame_that_is_corrupted_before_its_crc_is_believed_and_wrong(
     encoder = Encoder()
     sent = [(n * MS, can_id, data) for n in range(3) for can_id, data in encoder.encode(frame)]
 
-    came = through(faults, sent, acting, Way.TO_VOBC)
+    came = through(faults, sent, acting, FrameDirection.TO_VOBC)
 
     heard = decoded(came, kind)
     assert len(heard) == 3
@@ -252,11 +252,11 @@ def test_a_pair_whose_first_half_passed_before_the_fault_is_left_as_it_is() -> N
     faults = FrameFaults(SEED)
     corrupt = plan("frame_corrupt", damage="before_crc")
     first, second = Encoder().encode(COMMAND)
-    faults.offer(0, Way.TO_TRAIN, *first)
+    faults.offer(0, FrameDirection.TO_TRAIN, *first)
     faults.change(corrupt, True, 1)
-    faults.offer(2, Way.TO_TRAIN, *second)
+    faults.offer(2, FrameDirection.TO_TRAIN, *second)
 
-    assert decoded(faults.take(2, Way.TO_TRAIN)) == [COMMAND]
+    assert decoded(faults.take(2, FrameDirection.TO_TRAIN)) == [COMMAND]
 
 
 def test_a_stranger_is_believed_when_the_genuine_sender_is_silent() -> None:
@@ -265,10 +265,10 @@ def test_a_stranger_is_believed_when_the_genuine_sender_is_silent() -> None:
     mask = plan("masquerade", frame="BRAKE_CMD", values=values, period_s=0.05)
     genuine_frames = stream(3)
     for at_ns, can_id, data in genuine_frames:
-        faults.offer(at_ns, Way.TO_TRAIN, can_id, data)
-    before = faults.take(149 * MS, Way.TO_TRAIN)
+        faults.offer(at_ns, FrameDirection.TO_TRAIN, can_id, data)
+    before = faults.take(149 * MS, FrameDirection.TO_TRAIN)
     faults.change(mask, True, 150 * MS)
-    came = faults.take(399 * MS, Way.TO_TRAIN)
+    came = faults.take(399 * MS, FrameDirection.TO_TRAIN)
 
     assert [at_ns // MS for at_ns, can_id, _ in came if can_id == BRAKE_ID] == [
         150,
@@ -295,11 +295,11 @@ def test_beside_the_genuine_sender_a_stranger_is_noticed_by_its_counter() -> Non
 def test_a_stranger_without_the_twin_is_never_believed() -> None:
     faults = FrameFaults(SEED)
     mask = plan("masquerade", frame="BRAKE_CMD", twins=False)
-    faults.offer(0, Way.TO_TRAIN, *stream(1)[0][1:])
-    faults.take(0, Way.TO_TRAIN)
+    faults.offer(0, FrameDirection.TO_TRAIN, *stream(1)[0][1:])
+    faults.take(0, FrameDirection.TO_TRAIN)
     faults.change(mask, True, 1)
 
-    came = faults.take(1 * S, Way.TO_TRAIN)
+    came = faults.take(1 * S, FrameDirection.TO_TRAIN)
 
     assert {can_id for _, can_id, _ in came} == {BRAKE_ID}
     assert all(isinstance(each, Rejected) for each in decoded(came))
@@ -309,18 +309,18 @@ def test_a_stranger_that_has_heard_nothing_says_nothing() -> None:
     faults = FrameFaults(SEED)
     faults.change(plan("masquerade"), True, 0)
 
-    assert faults.take(1 * S, Way.TO_TRAIN) == []
+    assert faults.take(1 * S, FrameDirection.TO_TRAIN) == []
 
 
 def test_the_next_instant_is_told() -> None:
     faults = FrameFaults(SEED)
     faults.change(plan("frame_delay", delay_s=0.1), True, 0)
     assert faults.next_due_ns() is None
-    faults.offer(5 * MS, Way.TO_TRAIN, BRAKE_ID, b"")
+    faults.offer(5 * MS, FrameDirection.TO_TRAIN, BRAKE_ID, b"")
     assert faults.next_due_ns() == 105 * MS
-    assert faults.take(105 * MS - 1, Way.TO_TRAIN) == []
-    assert faults.take(105 * MS, Way.TO_VOBC) == []
-    assert faults.take(105 * MS, Way.TO_TRAIN) == [(105 * MS, BRAKE_ID, b"")]
+    assert faults.take(105 * MS - 1, FrameDirection.TO_TRAIN) == []
+    assert faults.take(105 * MS, FrameDirection.TO_VOBC) == []
+    assert faults.take(105 * MS, FrameDirection.TO_TRAIN) == [(105 * MS, BRAKE_ID, b"")]
 
 
 EVERYTHING = (
@@ -394,7 +394,11 @@ def test_every_message_is_known_with_sender_and_way() -> None:
     assert len(known_messages()) >= 30
     assert {each.sender for each in known_messages().values()} == {node.name for node in Node}
     status = known_messages()[binding_of(BrakeStatus).message.frame_id]
-    assert (status.name, status.sender, status.way) == ("BRAKE_STATUS", "BCU", Way.TO_VOBC)
+    assert (status.name, status.sender, status.way) == (
+        "BRAKE_STATUS",
+        "BCU",
+        FrameDirection.TO_VOBC,
+    )
 
 
 # Between two segments.
@@ -404,14 +408,14 @@ def test_a_gateway_passes_nothing_of_a_controller_that_is_off_until_it_has_recov
     faults = GatewayFaults(SEED)
     off = plan("bus_off")
     faults.change(off, True, 0)
-    faults.offer(1, Way.TO_TRAIN, BRAKE_ID, b"a")
-    faults.offer(1, Way.TO_VOBC, 0x182, b"b")
+    faults.offer(1, FrameDirection.TO_TRAIN, BRAKE_ID, b"a")
+    faults.offer(1, FrameDirection.TO_VOBC, 0x182, b"b")
     faults.change(off, False, 1 * S)
-    faults.offer(1 * S + RECOVERY_NS - 1, Way.TO_TRAIN, BRAKE_ID, b"c")
-    faults.offer(1 * S + RECOVERY_NS, Way.TO_TRAIN, BRAKE_ID, b"d")
+    faults.offer(1 * S + RECOVERY_NS - 1, FrameDirection.TO_TRAIN, BRAKE_ID, b"c")
+    faults.offer(1 * S + RECOVERY_NS, FrameDirection.TO_TRAIN, BRAKE_ID, b"d")
 
-    assert [data for _, _, data in faults.take(2 * S, Way.TO_TRAIN)] == [b"d"]
-    assert faults.take(2 * S, Way.TO_VOBC) == []
+    assert [data for _, _, data in faults.take(2 * S, FrameDirection.TO_TRAIN)] == [b"d"]
+    assert faults.take(2 * S, FrameDirection.TO_VOBC) == []
     assert RECOVERY_NS == 128 * 11 * 4000
     assert sum(faults.done.values()) == 3
 
@@ -420,11 +424,15 @@ def test_a_gateway_cuts_off_one_node_of_the_train_by_who_sends_and_who_hears() -
     faults = GatewayFaults(SEED)
     faults.change(plan("link_cut", node="bcu"), True, 0)
     tacho_id = binding_of(Tacho).message.frame_id
-    for way, can_id in ((Way.TO_VOBC, 0x182), (Way.TO_VOBC, tacho_id), (Way.TO_TRAIN, BRAKE_ID)):
+    for way, can_id in (
+        (FrameDirection.TO_VOBC, 0x182),
+        (FrameDirection.TO_VOBC, tacho_id),
+        (FrameDirection.TO_TRAIN, BRAKE_ID),
+    ):
         faults.offer(1, way, can_id, b"")
 
-    assert [can_id for _, can_id, _ in faults.take(1, Way.TO_VOBC)] == [tacho_id]
-    assert faults.take(1, Way.TO_TRAIN) == []
+    assert [can_id for _, can_id, _ in faults.take(1, FrameDirection.TO_VOBC)] == [tacho_id]
+    assert faults.take(1, FrameDirection.TO_TRAIN) == []
     assert faults.done["link_cut", "BRAKE_CMD"] == 1
 
 
@@ -432,15 +440,19 @@ def test_a_gateway_babbles_at_its_rate_on_both_sides() -> None:
     faults = GatewayFaults(SEED)
     idiot = plan("babbling_idiot", can_id=1, load_ratio=0.25)
     faults.change(idiot, True, 0)
-    came = dict.fromkeys((Way.TO_TRAIN, Way.TO_VOBC), 0)
+    came = dict.fromkeys((FrameDirection.TO_TRAIN, FrameDirection.TO_VOBC), 0)
     for step in range(1000):
         for way in came:
             came[way] += len(faults.take(step * MS, way))
 
     # 8 bytes take some 115 bits of 4 us, so 2170 a second would fill the bus.
-    assert came[Way.TO_TRAIN] == came[Way.TO_VOBC] == pytest.approx(0.25 * 2170, rel=0.05)
+    assert (
+        came[FrameDirection.TO_TRAIN]
+        == came[FrameDirection.TO_VOBC]
+        == pytest.approx(0.25 * 2170, rel=0.05)
+    )
     faults.change(idiot, False, 1 * S)
-    assert faults.take(10 * S, Way.TO_TRAIN) == []
+    assert faults.take(10 * S, FrameDirection.TO_TRAIN) == []
 
 
 def test_a_gateway_makes_frames_destroyed_on_the_wire_late() -> None:

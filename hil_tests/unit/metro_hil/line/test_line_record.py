@@ -6,7 +6,7 @@ from pathlib import Path
 from can_dbc.vobc import Cause, Supervision
 from firmware_py.ports import RadioMessage
 from hil_tests.unit.metro_hil.line.test_line_story import GIVEN, Told
-from metro_hil.line.exercise.record import LINE_LOG, STORY, LineRecord
+from metro_hil.line.exercise.record import LINE_LOG, STORY, LineRunFiles
 from metro_hil.line.exercise.results import results_json
 from metro_hil.supervision.radio_log import read_log
 from zenoh_config.codec import BENCH_KEY
@@ -16,7 +16,7 @@ MS = 1_000_000
 
 def test_the_story_counts_from_the_first_message_of_the_log(tmp_path: Path) -> None:
     said: list[tuple[float, str]] = []
-    record = LineRecord(tmp_path, lambda at_s, words: said.append((at_s, words)))
+    record = LineRunFiles(tmp_path, lambda at_s, words: said.append((at_s, words)))
     record.tell(4_000_000 * MS, "nothing was heard yet")
     for at_ms in (5_000_000, 5_000_700):
         record.hears([RadioMessage(at_ms * MS, "m/loop/w/9/hb/1/all", b"12")])

@@ -10,7 +10,7 @@ from firmware_py.trackdb import load_line
 from firmware_py.trackdb.areas import load_areas
 from hil_tests.unit.plant_emulator.wayside.test_line_centre import STATUS
 from hil_tests.unit.vobc.train_to_train.test_t2t_envelope import REPORT
-from metro_hil.line.exercise.event_log import LineStory
+from metro_hil.line.exercise.event_log import LineEvents
 from metro_hil.line.exercise.results import result_of
 from metro_hil.line.exercise.verdict import complaints, emergency_words
 from plant_emulator.wayside.detection import Place, packed, subscription
@@ -27,7 +27,7 @@ GIVEN = AreaAuthority(1, 2, 1, 7, 1, 2, 0, 1, 0, 900.0, 80.0, 1, 2, ())
 class Told:
     def __init__(self) -> None:
         self.said: list[str] = []
-        self.story = LineStory(
+        self.story = LineEvents(
             load_line("loop"), load_areas("loop"), lambda _, words: self.said.append(words)
         )
         self.story.stands(1, Place(1080.0, 1000.0, 16))

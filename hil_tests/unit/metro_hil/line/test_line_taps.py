@@ -14,7 +14,7 @@ from can_dbc.vobc import (
     Withheld,
 )
 from firmware_py.buses.inproc import InprocBus
-from metro_hil.line.exercise.taps import HEARD_IDS, ProtectionTap, Said
+from metro_hil.line.exercise.taps import HEARD_IDS, ProtectionOutput, ProtectionTap
 
 MS = 1_000_000
 
@@ -67,5 +67,5 @@ def test_it_is_told_by_when_it_was_on_the_bus() -> None:
 
     (said,) = heard.tap.hears(500 * MS)
 
-    assert isinstance(said, Said)
+    assert isinstance(said, ProtectionOutput)
     assert 20 * MS < said.at_ns < 22 * MS

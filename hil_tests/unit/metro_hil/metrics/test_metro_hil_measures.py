@@ -8,7 +8,7 @@ import pytest
 
 from firmware_py.trackdb import Station
 from metro_hil.metrics.run import measure_cycles, measure_ride, measure_stops, supervision_events
-from metro_hil.model.log_columns import Columns, LogError, read_columns
+from metro_hil.model.log_columns import Columns, RunLogError, read_columns
 
 STEP_S = 0.05
 STATION = Station("A", stop_m=100.0, platform_start_m=20.0, platform_end_m=105.0)
@@ -183,7 +183,7 @@ def test_a_useless_log_names_file_and_column(tmp_path: Path, text: str, word: st
     log = tmp_path / "cycles.csv"
     log.write_text(text)
 
-    with pytest.raises(LogError, match=word) as caught:
+    with pytest.raises(RunLogError, match=word) as caught:
         read_columns(log).numbers("speed_mps")
 
     assert "cycles.csv" in str(caught.value)
@@ -193,5 +193,5 @@ def test_a_missing_column_says_which_there_are(tmp_path: Path) -> None:
     log = tmp_path / "cycles.csv"
     log.write_text("t_s,speed_mps\n0,1\n")
 
-    with pytest.raises(LogError, match="no column front_m; it has t_s, speed_mps"):
+    with pytest.raises(RunLogError, match="no column front_m; it has t_s, speed_mps"):
         read_columns(log).numbers("front_m")

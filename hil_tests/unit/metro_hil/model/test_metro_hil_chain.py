@@ -6,7 +6,7 @@ import struct
 from hypothesis import given
 from hypothesis import strategies as st
 
-from metro_hil.model.frame_hash import LINK_S, FrameChain
+from metro_hil.model.frame_hash import LINK_S, FrameHash
 
 NS_PER_S = 1_000_000_000
 Frame = tuple[int, int, bytes]
@@ -35,8 +35,8 @@ def by_hand(traffic: list[Frame]) -> list[str]:
     return links
 
 
-def chained(traffic: list[Frame]) -> FrameChain:
-    chain = FrameChain()
+def chained(traffic: list[Frame]) -> FrameHash:
+    chain = FrameHash()
     for stamp_ns, can_id, data in traffic:
         chain.frame(stamp_ns, can_id, data)
     return chain
@@ -74,7 +74,7 @@ def test_any_changed_bit_changes_the_chain_and_no_link_before_it(
 
 def test_reading_the_chain_between_frames_leaves_it_as_it_is() -> None:
     traffic = [(second * NS_PER_S, 0x110, bytes([second])) for second in range(30)]
-    asked = FrameChain()
+    asked = FrameHash()
     for stamp_ns, can_id, data in traffic:
         asked.frame(stamp_ns, can_id, data)
         assert asked.value

@@ -3,18 +3,23 @@
 import pytest
 
 from can_dbc.vobc import AtoPhase, Cause, Supervision, Withheld
-from metro_hil.model.end_condition import MENDED_BY_MOVING, UNATTENDED_S, DoorWatch, EmergencyWatch
+from metro_hil.model.end_condition import (
+    MENDED_BY_MOVING,
+    UNATTENDED_S,
+    HeldEmergencyCondition,
+    ShutDoorsCondition,
+)
 
 S = 1_000_000_000
 LONG_NS = round(UNATTENDED_S * S)
 
 
-def asked(watch: EmergencyWatch, now_ns: int, supervision: Supervision) -> str | None:
+def asked(watch: HeldEmergencyCondition, now_ns: int, supervision: Supervision) -> str | None:
     return watch.stands_for_good(now_ns, supervision, Cause.VITAL_INPUT_LOST)
 
 
 def test_an_emergency_that_stays_ends_the_run_and_names_its_cause() -> None:
-    watch = EmergencyWatch()
+    watch = HeldEmergencyCondition()
 
     assert asked(watch, 5 * S, Supervision.EMERGENCY) is None
     assert asked(watch, 5 * S + LONG_NS - 1, Supervision.EMERGENCY) is None
@@ -26,7 +31,7 @@ def test_an_emergency_that_stays_ends_the_run_and_names_its_cause() -> None:
 
 
 def test_one_that_is_let_go_in_time_does_not_and_the_next_counts_anew() -> None:
-    watch = EmergencyWatch()
+    watch = HeldEmergencyCondition()
 
     asked(watch, 0, Supervision.EMERGENCY)
     assert asked(watch, LONG_NS - 1, Supervision.NOMINAL) is None
@@ -37,14 +42,14 @@ def test_one_that_is_let_go_in_time_does_not_and_the_next_counts_anew() -> None:
 
 @pytest.mark.parametrize("state", sorted({*Supervision} - {Supervision.EMERGENCY}))
 def test_no_other_state_ends_it(state: Supervision) -> None:
-    watch = EmergencyWatch()
+    watch = HeldEmergencyCondition()
 
     assert asked(watch, 0, state) is None
     assert asked(watch, 10 * LONG_NS, state) is None
 
 
 def test_doors_that_stay_shut_at_a_stop_end_the_run_and_say_why() -> None:
-    watch, reasons = DoorWatch(), Withheld.MISALIGNED | Withheld.CENTRE_SILENT
+    watch, reasons = ShutDoorsCondition(), Withheld.MISALIGNED | Withheld.CENTRE_SILENT
 
     assert watch.shut_for_good(5 * S, AtoPhase.STOPPED, reasons) is None
     assert watch.shut_for_good(5 * S + LONG_NS - 1, AtoPhase.STOPPED, reasons) is None
@@ -62,7 +67,7 @@ def test_doors_that_stay_shut_at_a_stop_end_the_run_and_say_why() -> None:
 def test_doors_that_may_open_and_a_jog_begin_the_wait_anew(
     phase: AtoPhase, withheld: Withheld
 ) -> None:
-    watch, stays = DoorWatch(), (AtoPhase.STOPPED, Withheld.MISALIGNED)
+    watch, stays = ShutDoorsCondition(), (AtoPhase.STOPPED, Withheld.MISALIGNED)
 
     watch.shut_for_good(0, *stays)
     assert watch.shut_for_good(LONG_NS, phase, withheld) is None
@@ -73,7 +78,7 @@ def test_doors_that_may_open_and_a_jog_begin_the_wait_anew(
 
 @pytest.mark.parametrize("reason", sorted({*Withheld} - {*MENDED_BY_MOVING}))
 def test_what_may_pass_while_the_train_stands_is_waited_for(reason: Withheld) -> None:
-    watch = DoorWatch()
+    watch = ShutDoorsCondition()
 
     assert watch.shut_for_good(0, AtoPhase.STOPPED, reason) is None
     assert watch.shut_for_good(10 * LONG_NS, AtoPhase.STOPPED, reason) is None
@@ -81,7 +86,7 @@ def test_what_may_pass_while_the_train_stands_is_waited_for(reason: Withheld) ->
 
 @pytest.mark.parametrize("phase", sorted({*AtoPhase} - {AtoPhase.STOPPED}))
 def test_in_no_other_phase_doors_are_waited_for(phase: AtoPhase) -> None:
-    watch = DoorWatch()
+    watch = ShutDoorsCondition()
 
     assert watch.shut_for_good(0, phase, Withheld.MISALIGNED) is None
     assert watch.shut_for_good(10 * LONG_NS, phase, Withheld.MISALIGNED) is None

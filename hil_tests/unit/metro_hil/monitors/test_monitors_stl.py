@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from metro_hil.monitors.reading import FormulaError
 from metro_hil.monitors.stl import Formula
-from metro_hil.monitors.terms import State
+from metro_hil.monitors.terms import TermState
 
 NS_PER_S = 1_000_000_000
 NAMES = ("a", "b", "c", "flag")
@@ -215,10 +215,10 @@ def test_online_is_what_the_definition_says(data: st.DataObject, trace: Trace) -
     defined = min((tree.robustness(i) for i in told), default=math.inf)
     assert online.margin == pytest.approx(defined, rel=0.0, abs=1e-300)
     if not told:
-        assert online.state is State.UNKNOWN
+        assert online.state is TermState.UNKNOWN
     else:
-        assert (online.state is State.HOLDS) == all(tree.holds(i) for i in told)
-        assert (online.state is State.VIOLATED) != (online.state is State.HOLDS)
+        assert (online.state is TermState.HOLDS) == all(tree.holds(i) for i in told)
+        assert (online.state is TermState.VIOLATED) != (online.state is TermState.HOLDS)
 
 
 @settings(max_examples=60)
@@ -255,7 +255,7 @@ def test_margins_are_those_of_rtamt(case: dict[str, Any]) -> None:
     told = 0
 
     for index, expected in enumerate(case["robustness"]):
-        if run(f"always[{index}:{index}](({text}) or a <= 99)", rows).state is State.UNKNOWN:
+        if run(f"always[{index}:{index}](({text}) or a <= 99)", rows).state is TermState.UNKNOWN:
             break
         told += 1
         margin = run(f"always[{index}:{index}]({text})", rows).margin
@@ -272,17 +272,17 @@ def test_the_margin_is_the_least_distance_to_the_limit() -> None:
 
     held = run("always(a <= 10)", speeds)
 
-    assert (held.state, held.margin, held.at_ns) == (State.HOLDS, 0.5, 2 * NS_PER_S)
+    assert (held.state, held.margin, held.at_ns) == (TermState.HOLDS, 0.5, 2 * NS_PER_S)
 
 
 def test_a_limit_that_is_met_exactly_holds_unless_it_is_strict() -> None:
     at_limit = [{"a": 10.0}]
 
-    assert run("always(a <= 10)", at_limit).state is State.HOLDS
-    assert run("always(a < 10)", at_limit).state is State.VIOLATED
-    assert run("always(not a < 10)", at_limit).state is State.HOLDS
-    assert run("always(not a <= 10)", at_limit).state is State.VIOLATED
-    assert run("always(a == 10 and not a != 10)", at_limit).state is State.HOLDS
+    assert run("always(a <= 10)", at_limit).state is TermState.HOLDS
+    assert run("always(a < 10)", at_limit).state is TermState.VIOLATED
+    assert run("always(not a < 10)", at_limit).state is TermState.HOLDS
+    assert run("always(not a <= 10)", at_limit).state is TermState.VIOLATED
+    assert run("always(a == 10 and not a != 10)", at_limit).state is TermState.HOLDS
 
 
 def test_a_boolean_has_a_margin_of_one_either_way() -> None:
@@ -295,14 +295,14 @@ def test_a_boolean_has_a_margin_of_one_either_way() -> None:
 def test_a_deadline_counts_in_seconds_whatever_the_rate_of_samples() -> None:
     text = "always(flag -> eventually[0:0.3](a <= 0))"
 
-    def cut_after(samples: int, step_s: float) -> State:
+    def cut_after(samples: int, step_s: float) -> TermState:
         rows = [{"flag": 1.0, "a": 1.0 if i < samples else 0.0} for i in range(2 * samples + 50)]
         return run(text, rows, step_s).state
 
-    assert cut_after(30, 0.01) is State.HOLDS
-    assert cut_after(31, 0.01) is State.VIOLATED
-    assert cut_after(6, 0.05) is State.HOLDS
-    assert cut_after(7, 0.05) is State.VIOLATED
+    assert cut_after(30, 0.01) is TermState.HOLDS
+    assert cut_after(31, 0.01) is TermState.VIOLATED
+    assert cut_after(6, 0.05) is TermState.HOLDS
+    assert cut_after(7, 0.05) is TermState.VIOLATED
 
 
 def test_a_violated_deadline_is_known_when_it_is_over() -> None:
@@ -316,28 +316,28 @@ def test_a_violated_deadline_is_known_when_it_is_over() -> None:
 @pytest.mark.parametrize(
     ("text", "values", "state"),
     [
-        ("eventually(a >= 3)", [0, 1, 3, 0], State.HOLDS),
-        ("eventually(a >= 3)", [0, 1, 2, 0], State.VIOLATED),
-        ("eventually[0:2](a >= 3)", [0, 1, 2, 3], State.VIOLATED),
-        ("eventually[2:9](a >= 3)", [3, 0, 0], State.UNKNOWN),
-        ("always[1:2](a >= 1)", [0, 1, 1, 0], State.HOLDS),
-        ("always[1:9](a >= 1)", [0, 1, 1], State.UNKNOWN),
-        ("always[1:9](a >= 1)", [0, 1, 0], State.VIOLATED),
-        ("(a >= 1) until (a >= 3)", [1, 2, 3, 0], State.HOLDS),
-        ("(a >= 1) until (a >= 3)", [1, 0, 3, 0], State.VIOLATED),
-        ("(a >= 1) until (a >= 3)", [1, 1, 1], State.VIOLATED),
-        ("(a >= 1) until[0:1] (a >= 3)", [1, 1, 3], State.VIOLATED),
-        ("(a >= 1) until[2:5] (a >= 3)", [1, 3, 3], State.HOLDS),
-        ("not ((a >= 1) until (a >= 3))", [1, 0, 3], State.HOLDS),
-        ("not ((a >= 1) until (a >= 3))", [1, 1, 3], State.VIOLATED),
-        ("always(a >= 0) and eventually(a >= 3)", [1, 2, 3], State.HOLDS),
-        ("always(a >= 1) or eventually(a >= 3)", [0, 2, 2], State.VIOLATED),
-        ("eventually(a >= 3) -> always(a >= 1)", [3, 0, 1], State.VIOLATED),
-        ("eventually(a >= 4) -> always(a >= 1)", [3, 0, 1], State.HOLDS),
+        ("eventually(a >= 3)", [0, 1, 3, 0], TermState.HOLDS),
+        ("eventually(a >= 3)", [0, 1, 2, 0], TermState.VIOLATED),
+        ("eventually[0:2](a >= 3)", [0, 1, 2, 3], TermState.VIOLATED),
+        ("eventually[2:9](a >= 3)", [3, 0, 0], TermState.UNKNOWN),
+        ("always[1:2](a >= 1)", [0, 1, 1, 0], TermState.HOLDS),
+        ("always[1:9](a >= 1)", [0, 1, 1], TermState.UNKNOWN),
+        ("always[1:9](a >= 1)", [0, 1, 0], TermState.VIOLATED),
+        ("(a >= 1) until (a >= 3)", [1, 2, 3, 0], TermState.HOLDS),
+        ("(a >= 1) until (a >= 3)", [1, 0, 3, 0], TermState.VIOLATED),
+        ("(a >= 1) until (a >= 3)", [1, 1, 1], TermState.VIOLATED),
+        ("(a >= 1) until[0:1] (a >= 3)", [1, 1, 3], TermState.VIOLATED),
+        ("(a >= 1) until[2:5] (a >= 3)", [1, 3, 3], TermState.HOLDS),
+        ("not ((a >= 1) until (a >= 3))", [1, 0, 3], TermState.HOLDS),
+        ("not ((a >= 1) until (a >= 3))", [1, 1, 3], TermState.VIOLATED),
+        ("always(a >= 0) and eventually(a >= 3)", [1, 2, 3], TermState.HOLDS),
+        ("always(a >= 1) or eventually(a >= 3)", [0, 2, 2], TermState.VIOLATED),
+        ("eventually(a >= 3) -> always(a >= 1)", [3, 0, 1], TermState.VIOLATED),
+        ("eventually(a >= 4) -> always(a >= 1)", [3, 0, 1], TermState.HOLDS),
     ],
 )
 def test_what_stands_at_the_top_looks_from_the_first_sample_on(
-    text: str, values: list[float], state: State
+    text: str, values: list[float], state: TermState
 ) -> None:
     assert run(text, [{"a": float(value)} for value in values]).state is state
 
@@ -348,7 +348,7 @@ def test_a_run_that_was_cut_short_does_not_deny_what_was_yet_to_come() -> None:
         made.step(0, Signals(a=0.0))
         made.finish(cut_short=True)
 
-        assert made.state is State.UNKNOWN, text
+        assert made.state is TermState.UNKNOWN, text
 
 
 def test_a_premise_that_never_held_exercises_nothing() -> None:

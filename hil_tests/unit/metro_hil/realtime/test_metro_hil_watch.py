@@ -27,9 +27,9 @@ from firmware_py.buses.inproc import InprocBus
 from firmware_py.clock.clock import LockstepClock
 from firmware_py.storage.recorder import CandumpWriter
 from metro_hil.model.end_condition import DURATION, UNATTENDED_S
-from metro_hil.realtime.bus_watch import Watch
+from metro_hil.realtime.bus_watch import BusWatch
 from metro_hil.realtime.line_hints import LineHints
-from metro_hil.realtime.live_display import BusPicture, Display, Hints, no_hints
+from metro_hil.realtime.live_display import BusPicture, Hints, LiveDisplay, no_hints
 
 S = 1_000_000_000
 BIT_RATE = 250_000
@@ -74,12 +74,12 @@ class Bench:
         self._said: list[Frame] = [status, mode, MOTION]
         picture = BusPicture(BIT_RATE)
         console = Console(file=self.printed, width=200)
-        self.watch = Watch(
+        self.watch = BusWatch(
             tap,
             CandumpWriter(folder / "bus.log", "vcan0"),
             folder / "host.csv",
             picture,
-            Display(console, picture, "a run", hints),
+            LiveDisplay(console, picture, "a run", hints),
             self.clock,
         )
 

@@ -12,10 +12,10 @@ from metro_hil.realtime.attribution import (
     STEAL_S,
     CycleRow,
     Disturbance,
-    Evidence,
+    DisturbanceSource,
     Failure,
-    Source,
-    Window,
+    HostEvidence,
+    RunWindow,
     lateness_disturbances,
     plant_disturbances,
     rule,
@@ -26,17 +26,17 @@ CYCLE_S = 0.05
 
 
 def stolen(begin_s: float, end_s: float, amount_s: float = 0.3) -> Disturbance:
-    return Disturbance(begin_s, end_s, Source.STEAL, amount_s)
+    return Disturbance(begin_s, end_s, DisturbanceSource.STEAL, amount_s)
 
 
 def test_a_failure_on_a_quiet_host_is_the_controllers() -> None:
-    ruling = rule(Verdict.FAIL, [Failure(40.0)], Evidence())
+    ruling = rule(Verdict.FAIL, [Failure(40.0)], HostEvidence())
 
     assert ruling.verdict is Verdict.FAIL
 
 
 def test_a_failure_just_after_the_host_took_the_processor_is_invalid_and_says_why() -> None:
-    ruling = rule(Verdict.FAIL, [Failure(40.0)], Evidence(disturbances=[stolen(38.0, 39.0)]))
+    ruling = rule(Verdict.FAIL, [Failure(40.0)], HostEvidence(disturbances=[stolen(38.0, 39.0)]))
 
     assert ruling.verdict is Verdict.INVALID
     for words in ("stolen", "300 ms", "38.00..39.00"):
@@ -50,27 +50,31 @@ def test_a_failure_just_after_the_host_took_the_processor_is_invalid_and_says_wh
 def test_what_the_host_did_after_a_failure_or_long_before_excuses_nothing(
     begin_s: float, end_s: float
 ) -> None:
-    ruling = rule(Verdict.FAIL, [Failure(40.0)], Evidence(disturbances=[stolen(begin_s, end_s)]))
+    ruling = rule(
+        Verdict.FAIL, [Failure(40.0)], HostEvidence(disturbances=[stolen(begin_s, end_s)])
+    )
 
     assert ruling.verdict is Verdict.FAIL
 
 
 def test_one_failure_that_nothing_excuses_makes_the_run_a_failure() -> None:
     ruling = rule(
-        Verdict.FAIL, [Failure(40.0), Failure(80.0)], Evidence(disturbances=[stolen(38.0, 39.0)])
+        Verdict.FAIL,
+        [Failure(40.0), Failure(80.0)],
+        HostEvidence(disturbances=[stolen(38.0, 39.0)]),
     )
 
     assert ruling.verdict is Verdict.FAIL
 
 
 def test_a_failure_of_the_whole_run_is_excused_by_any_disturbance() -> None:
-    ruling = rule(Verdict.FAIL, [Failure(None)], Evidence(disturbances=[stolen(3.0, 4.0)]))
+    ruling = rule(Verdict.FAIL, [Failure(None)], HostEvidence(disturbances=[stolen(3.0, 4.0)]))
 
     assert ruling.verdict is Verdict.INVALID
 
 
 def test_a_program_that_ends_by_itself_has_no_excuse() -> None:
-    evidence = Evidence(disturbances=[stolen(38.0, 39.0, 5.0)])
+    evidence = HostEvidence(disturbances=[stolen(38.0, 39.0, 5.0)])
 
     assert rule(Verdict.FAIL, [Failure(40.0, NO_EXCUSE_S)], evidence).verdict is Verdict.FAIL
 
@@ -81,20 +85,20 @@ def test_a_program_that_ends_by_itself_has_no_excuse() -> None:
 def test_silence_is_excused_only_by_what_could_have_brought_it_about(
     amount_s: float, verdict: Verdict
 ) -> None:
-    evidence = Evidence(disturbances=[stolen(38.0, 39.0, amount_s)])
+    evidence = HostEvidence(disturbances=[stolen(38.0, 39.0, amount_s)])
 
     assert rule(Verdict.FAIL, [Failure(40.0, HANG_S)], evidence).verdict is verdict
 
 
 def test_what_the_processes_do_to_each_other_at_their_start_excuses_early_failures_only() -> None:
-    evidence = Evidence(disturbances=[stolen(0.2, 0.9)])
+    evidence = HostEvidence(disturbances=[stolen(0.2, 0.9)])
 
     assert rule(Verdict.FAIL, [Failure(1.0)], evidence).verdict is Verdict.INVALID
     assert rule(Verdict.FAIL, [Failure(None)], evidence).verdict is Verdict.FAIL
 
 
 def test_a_pass_on_a_busy_host_stays_a_pass() -> None:
-    ruling = rule(Verdict.PASS, [], Evidence(disturbances=[stolen(3.0, 4.0)]))
+    ruling = rule(Verdict.PASS, [], HostEvidence(disturbances=[stolen(3.0, 4.0)]))
 
     assert ruling.verdict is Verdict.PASS
 
@@ -102,13 +106,13 @@ def test_a_pass_on_a_busy_host_stays_a_pass() -> None:
 @pytest.mark.parametrize(
     ("evidence", "verdict", "words"),
     [
-        (Evidence(dropped_frames=1), Verdict.INCONCLUSIVE, "1 frames"),
-        (Evidence(blind=[Window(7.0, 7.2)]), Verdict.INCONCLUSIVE, "0.20 s"),
-        (Evidence(given_up_s=0.4), Verdict.INVALID, "0.40 s"),
+        (HostEvidence(dropped_frames=1), Verdict.INCONCLUSIVE, "1 frames"),
+        (HostEvidence(blind=[RunWindow(7.0, 7.2)]), Verdict.INCONCLUSIVE, "0.20 s"),
+        (HostEvidence(given_up_s=0.4), Verdict.INVALID, "0.40 s"),
     ],
 )
 def test_a_pass_that_was_not_seen_or_not_driven_is_none(
-    evidence: Evidence, verdict: Verdict, words: str
+    evidence: HostEvidence, verdict: Verdict, words: str
 ) -> None:
     ruling = rule(Verdict.PASS, [], evidence)
 
@@ -117,14 +121,14 @@ def test_a_pass_that_was_not_seen_or_not_driven_is_none(
 
 
 def test_a_pass_survives_a_gap_in_the_truth_that_is_too_short_to_hide_anything() -> None:
-    ruling = rule(Verdict.PASS, [], Evidence(blind=[Window(7.0, 7.0 + 0.9 * BLIND_S)]))
+    ruling = rule(Verdict.PASS, [], HostEvidence(blind=[RunWindow(7.0, 7.0 + 0.9 * BLIND_S)]))
 
     assert ruling.verdict is Verdict.PASS
 
 
 @pytest.mark.parametrize("verdict", [Verdict.BLOCKED, Verdict.INCONCLUSIVE])
 def test_what_shows_nothing_is_not_made_more_of(verdict: Verdict) -> None:
-    evidence = Evidence(disturbances=[stolen(3.0, 4.0)], dropped_frames=3, given_up_s=1.0)
+    evidence = HostEvidence(disturbances=[stolen(3.0, 4.0)], dropped_frames=3, given_up_s=1.0)
 
     assert rule(verdict, [], evidence).verdict is verdict
 
@@ -148,8 +152,8 @@ def test_a_cycle_that_is_late_because_the_one_before_took_too_long_is_the_contro
 def test_what_a_fault_of_the_scenario_did_to_the_process_is_not_the_hosts() -> None:
     rows = [CycleRow(12.0, 0.002, 1.0, CYCLE_S)]
 
-    assert lateness_disturbances(rows, [Window(10.9, 12.1)]) == []
-    assert len(lateness_disturbances(rows, [Window(20.0, 21.0)])) == 1
+    assert lateness_disturbances(rows, [RunWindow(10.9, 12.1)]) == []
+    assert len(lateness_disturbances(rows, [RunWindow(20.0, 21.0)])) == 1
 
 
 def test_everyday_jitter_is_no_disturbance() -> None:
@@ -157,10 +161,10 @@ def test_everyday_jitter_is_no_disturbance() -> None:
 
     assert lateness_disturbances(rows) == []
     assert plant_disturbances([(10.0, 0.01)]) == []
-    assert second_disturbances([(1.0, 0.9 * STEAL_S)], Source.STEAL, STEAL_S) == []
+    assert second_disturbances([(1.0, 0.9 * STEAL_S)], DisturbanceSource.STEAL, STEAL_S) == []
 
 
 def test_a_second_of_steal_spans_from_the_sample_before() -> None:
-    (found,) = second_disturbances([(1.0, 0.0), (2.1, 0.2)], Source.STEAL, STEAL_S)
+    (found,) = second_disturbances([(1.0, 0.0), (2.1, 0.2)], DisturbanceSource.STEAL, STEAL_S)
 
     assert (found.begin_s, found.end_s) == (1.0, 2.1)

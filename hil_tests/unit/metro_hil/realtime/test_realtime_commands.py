@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 
 from can_dbc.nodes import Node
-from metro_hil.model.case import BenchKind, Case, Controller, Setup
+from metro_hil.model.case import BenchKind, Case, ControllerSpec, Setup
 from metro_hil.realtime.commands import (
+    CommandPlaceholders,
     ControllerStart,
-    Places,
     controller_start,
     fill_in,
     gateway_words,
@@ -18,7 +18,7 @@ from metro_hil.realtime.commands import (
 )
 from metro_hil.realtime.wires import Blocked, Parts, Presence, RealtimeWires, choose_parts
 
-PLACES = Places(
+PLACES = CommandPlaceholders(
     bus="embedded:h1-0a",
     tags="/run/a b/tags",
     radio="tcp/127.0.0.1:7000",
@@ -30,7 +30,7 @@ PLACES = Places(
 )
 
 
-def start_of(controller: Controller, places: Places = PLACES) -> ControllerStart:
+def start_of(controller: ControllerSpec, places: CommandPlaceholders = PLACES) -> ControllerStart:
     return controller_start(
         controller,
         places,
@@ -46,7 +46,7 @@ def value_of(words: tuple[str, ...] | list[str], option: str) -> str:
 
 
 def test_the_shipped_controller_is_told_all_its_wires_and_where_the_train_stands() -> None:
-    words = start_of(Controller()).words(0)
+    words = start_of(ControllerSpec()).words(0)
 
     assert words[:4] == (sys.executable, "-m", "vobc", "run")
     assert value_of(words, "--bus") == "embedded:h1-0a"
@@ -58,19 +58,19 @@ def test_the_shipped_controller_is_told_all_its_wires_and_where_the_train_stands
 def test_a_timetable_that_passes_stations_is_told_to_the_controller() -> None:
     places = replace(PLACES, stops="III")
 
-    assert value_of(start_of(Controller(), places).words(0), "--stops") == "III"
-    assert "--stops" not in start_of(Controller()).words(0)
-    words = start_of(Controller(kind="command", command="ctl --at {stops}"), places).words(0)
+    assert value_of(start_of(ControllerSpec(), places).words(0), "--stops") == "III"
+    assert "--stops" not in start_of(ControllerSpec()).words(0)
+    words = start_of(ControllerSpec(kind="command", command="ctl --at {stops}"), places).words(0)
     assert words == ("ctl", "--at", "III")
 
 
 def test_a_program_that_cannot_be_told_to_pass_stations_is_not_started() -> None:
     with pytest.raises(Blocked, match="here III"):
-        start_of(Controller(kind="command", command="ctl"), replace(PLACES, stops="III"))
+        start_of(ControllerSpec(kind="command", command="ctl"), replace(PLACES, stops="III"))
 
 
 def test_after_a_kill_nobody_says_where_the_train_stands_but_the_memory() -> None:
-    start = start_of(Controller())
+    start = start_of(ControllerSpec())
 
     again = start.words(1)
 
@@ -82,7 +82,7 @@ def test_after_a_kill_nobody_says_where_the_train_stands_but_the_memory() -> Non
 def test_another_version_is_the_same_program_found_elsewhere(tmp_path: Path) -> None:
     (tmp_path / "vobc").mkdir()
 
-    start = start_of(Controller(kind="checkout", path=str(tmp_path)))
+    start = start_of(ControllerSpec(kind="checkout", path=str(tmp_path)))
 
     assert start.environment["PYTHONPATH"].split(":")[0] == str(tmp_path)
     assert start.environment["HOME"] == "/root"
@@ -91,7 +91,7 @@ def test_another_version_is_the_same_program_found_elsewhere(tmp_path: Path) -> 
 
 def test_a_checkout_that_is_none_blocks_the_case(tmp_path: Path) -> None:
     with pytest.raises(Blocked, match="no checkout"):
-        start_of(Controller(kind="checkout", path=str(tmp_path)))
+        start_of(ControllerSpec(kind="checkout", path=str(tmp_path)))
 
 
 def test_a_command_is_split_as_a_shell_would_and_filled_in_without_one() -> None:

@@ -11,8 +11,8 @@ from metro_hil.realtime.ends import (
     SILENT_NS,
     STUCK,
     VIOLATION,
-    Motion,
     Pulse,
+    TrueMotion,
     over,
 )
 from metro_hil.realtime.fault_watch import FaultWatch
@@ -30,14 +30,14 @@ def truth(t_s: float, front_m: float, speed_mps: float = 0.0, *, doors_open: boo
     return sample
 
 
-def moving() -> Motion:
-    motion = Motion(stop_m=STOP_M, patience_s=90.0)
+def moving() -> TrueMotion:
+    motion = TrueMotion(stop_m=STOP_M, patience_s=90.0)
     motion.take(truth(0.0, 3000.0, 0.0))
     motion.take(truth(10.0, 3050.0, 12.0))
     return motion
 
 
-def ask(motion: Motion, pulse: Pulse | None = None, now_s: float = 10.0, **told: bool) -> str:
+def ask(motion: TrueMotion, pulse: Pulse | None = None, now_s: float = 10.0, **told: bool) -> str:
     flags = {"violated": False, "killed_for_good": False, "pending": False, **told}
     return over(motion, pulse or Pulse(), round(now_s * S), began_ns=0, duration_s=100.0, **flags)
 
@@ -85,7 +85,7 @@ def test_a_train_that_never_stands_after_its_controllers_death_is_not_followed_f
 
 
 def test_where_nobody_knows_the_truth_the_controllers_own_word_says_when_it_arrived() -> None:
-    motion = Motion(stop_m=STOP_M, patience_s=90.0)
+    motion = TrueMotion(stop_m=STOP_M, patience_s=90.0)
     motion.believe(0.0, 3000.0, doors_open=False)
     for t_s in (50.0, 53.0):
         motion.believe(t_s, STOP_M + 0.02, doors_open=True)

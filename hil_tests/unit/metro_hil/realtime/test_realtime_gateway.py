@@ -12,7 +12,7 @@ from firmware_py.ports import CanFrame, LinkCounters
 from metro_hil.faults.frames import FrameFaults
 from metro_hil.faults.gateway import BABBLE, GatewayFaults
 from metro_hil.realtime.gateway.forwarding import Forwarding
-from plant_emulator.faults.declared_bus import Way
+from plant_emulator.faults.declared_bus import FrameDirection
 from plant_emulator.faults.plan import FaultPlan, read_faults
 
 MS = 1_000_000
@@ -146,15 +146,15 @@ def test_an_idiot_of_the_lowest_identifier_lets_nobody_on_the_bus_until_it_ends(
     """Though the segments, being virtual, would have room for all."""
     faults, idiot = crowded()
     for step in range(100):
-        faults.offer(step * MS, Way.TO_TRAIN, BRAKE_ID, bytes([step]))
-        assert genuine(faults.take(step * MS, Way.TO_TRAIN)) == []
+        faults.offer(step * MS, FrameDirection.TO_TRAIN, BRAKE_ID, bytes([step]))
+        assert genuine(faults.take(step * MS, FrameDirection.TO_TRAIN)) == []
 
     faults.change(idiot, False, 100 * MS)
-    came = genuine(faults.take(200 * MS, Way.TO_TRAIN))
+    came = genuine(faults.take(200 * MS, FrameDirection.TO_TRAIN))
 
     assert came == [(BRAKE_ID, bytes([step])) for step in range(100)]
-    faults.offer(201 * MS, Way.TO_TRAIN, BRAKE_ID, b"x")
-    assert faults.take(201 * MS, Way.TO_TRAIN) == [(201 * MS, BRAKE_ID, b"x")]
+    faults.offer(201 * MS, FrameDirection.TO_TRAIN, BRAKE_ID, b"x")
+    assert faults.take(201 * MS, FrameDirection.TO_TRAIN) == [(201 * MS, BRAKE_ID, b"x")]
 
 
 def test_what_waited_goes_one_after_the_other_by_identifier_and_what_comes_then_has_to_wait() -> (
@@ -162,11 +162,11 @@ def test_what_waited_goes_one_after_the_other_by_identifier_and_what_comes_then_
 ):
     faults, idiot = crowded()
     for can_id in (0x300, 0x100, 0x200):
-        faults.offer(0, Way.TO_VOBC, can_id, bytes(8))
-    faults.take(10 * MS, Way.TO_VOBC)
+        faults.offer(0, FrameDirection.TO_VOBC, can_id, bytes(8))
+    faults.take(10 * MS, FrameDirection.TO_VOBC)
     faults.change(idiot, False, 10 * MS)
 
-    came = faults.take(20 * MS, Way.TO_VOBC)
+    came = faults.take(20 * MS, FrameDirection.TO_VOBC)
 
     assert [can_id for _, can_id, data in came if data != BABBLE] == [0x100, 0x200, 0x300]
     starts_ns = [at_ns for at_ns, _, data in came if data != BABBLE]
@@ -182,9 +182,9 @@ def test_what_waited_goes_one_after_the_other_by_identifier_and_what_comes_then_
 def test_an_idiot_holds_up_others_by_a_frame_at_most_if(load_ratio: float, can_id: int) -> None:
     faults, _ = crowded(load_ratio, can_id)
     for step in range(100):
-        faults.take(step * 10 * MS, Way.TO_TRAIN)
-        faults.offer(step * 10 * MS, Way.TO_TRAIN, BRAKE_ID, b"")
-        came = faults.take(step * 10 * MS + 2 * MS, Way.TO_TRAIN)
+        faults.take(step * 10 * MS, FrameDirection.TO_TRAIN)
+        faults.offer(step * 10 * MS, FrameDirection.TO_TRAIN, BRAKE_ID, b"")
+        came = faults.take(step * 10 * MS + 2 * MS, FrameDirection.TO_TRAIN)
         (at_ns,) = [at_ns for at_ns, each, _ in came if each == BRAKE_ID]
         assert at_ns - step * 10 * MS <= 2 * 160 * 4_000
 
@@ -192,9 +192,9 @@ def test_an_idiot_holds_up_others_by_a_frame_at_most_if(load_ratio: float, can_i
 def test_a_node_that_is_not_let_on_keeps_no_more_than_its_mailboxes_hold() -> None:
     faults, idiot = crowded()
     for step in range(2 * MAILBOX_FRAMES):
-        faults.offer(step * MS, Way.TO_TRAIN, BRAKE_ID, b"")
-        faults.take(step * MS, Way.TO_TRAIN)
+        faults.offer(step * MS, FrameDirection.TO_TRAIN, BRAKE_ID, b"")
+        faults.take(step * MS, FrameDirection.TO_TRAIN)
     faults.change(idiot, False, 1 * S)
 
-    assert len(genuine(faults.take(9 * S, Way.TO_TRAIN))) == MAILBOX_FRAMES
+    assert len(genuine(faults.take(9 * S, FrameDirection.TO_TRAIN))) == MAILBOX_FRAMES
     assert faults.next_due_ns() is None

@@ -12,7 +12,7 @@ from can_dbc.codec import Decoder
 from firmware_py.ports import CanFrame, LinkCounters
 from firmware_py.storage.recorder import CandumpWriter
 from metro_hil.realtime.merge import HOLD_NS
-from metro_hil.realtime.observer import Hearing, Tap
+from metro_hil.realtime.observer import RunObserver, SegmentTap
 from plant_emulator.truth import Truth
 
 S = 1_000_000_000
@@ -57,7 +57,7 @@ class Judges:
 class Rig:
     """A hearing whose run begins at 1 s of the machine's clock."""
 
-    hearing: Hearing
+    hearing: RunObserver
     judges: Judges
     train: Wire
     controller: Wire
@@ -73,10 +73,10 @@ def rig_of(folder: Path, *, split: bool) -> Rig:
     judges, cycles = Judges(), list[int]()
     wires = [Wire(), Wire()] if split else [Wire()]
     taps = [
-        Tap(wire, CandumpWriter(folder / f"{number}.log", "can"), 0)
+        SegmentTap(wire, CandumpWriter(folder / f"{number}.log", "can"), 0)
         for number, wire in enumerate(wires)
     ]
-    hearing = Hearing(
+    hearing = RunObserver(
         judges, train=taps[0], controller=taps[-1], cycle_id=COMMAND_ID, on_cycle=cycles.append
     )
     hearing.truth(Truth(), 1 * S)

@@ -9,8 +9,8 @@ import pytest
 
 from metro_hil.model.case import (
     Case,
+    CaseEvent,
     CaseResult,
-    Event,
     Host,
     MonitorResult,
     Setup,
@@ -108,7 +108,7 @@ def stop_result(case: Case, errors_m: tuple[float, ...], worker: str = "a") -> C
             "stop_error_worst_m": worst_m,
             "run_time_s": 400.0 + 2.0 * case.setup.load_ratio if case.setup.load_ratio else 400.0,
         },
-        events=(Event(0.15, "authority given"), Event(61.5, "warning: near the limit")),
+        events=(CaseEvent(0.15, "authority given"), CaseEvent(61.5, "warning: near the limit")),
         host=Host(wall_s=1.5 + case.index, worker=worker),
     )
 

@@ -12,7 +12,7 @@ from firmware_py.tag_reader.telegram import TagTelegram, encode
 from firmware_py.trackdb import TagKind
 from metro_hil.cli.vobc import main
 from metro_hil.report.explain.choose import chosen, kinds_of
-from metro_hil.report.explain.event_log import StoryError, ToldSource, read_story
+from metro_hil.report.explain.event_log import LoggedSource, RunEventsError, read_story
 from metro_hil.report.explain.known import cycle_at, heard_until
 from metro_hil.report.explain.meaning import source_words
 from zenoh_config.codec import pack
@@ -229,20 +229,20 @@ def test_tags_and_messages_are_decoded_as_well() -> None:
     telegram = encode(TagTelegram(1, 301, TagKind.T1, 1000.0, 1030.0, 4711))
     authority = pack(MovementAuthority(7, 3, 2, 500, 1, 1450.0, 0, 99, 1300.0))
 
-    tag = source_words(ToldSource("tag telegram", 301, telegram, 1.0))
-    message = source_words(ToldSource("movement authority", 500, authority, 1.0))
+    tag = source_words(LoggedSource("tag telegram", 301, telegram, 1.0))
+    message = source_words(LoggedSource("movement authority", 500, authority, 1.0))
 
     assert tag[0] == "tag 301"
     assert "pulses 4711" in tag[1]
     assert message[0] == "movement authority 500"
     assert "end_m 1450" in message[1]
-    assert source_words(ToldSource("orders", None, b"", None)) == ("orders", "never heard")
+    assert source_words(LoggedSource("orders", None, b"", None)) == ("orders", "never heard")
 
 
 def test_kinds_are_found_in_any_spelling() -> None:
     assert kinds_of(" tag_accepted,Jog-Ended,") == {"TAG_ACCEPTED", "JOG_ENDED"}
     assert kinds_of("") == frozenset()
-    with pytest.raises(StoryError, match="--only doors: no kind of event"):
+    with pytest.raises(RunEventsError, match="--only doors: no kind of event"):
         kinds_of("doors")
 
 

@@ -8,7 +8,7 @@ import pytest
 from firmware_py.settings import SettingsError
 from firmware_py.trackdb import load_line
 from metro_hil.model.log_columns import Columns
-from metro_hil.report.case_plot import Stretch, draw_case, stretches_of
+from metro_hil.report.case_plot import RestrictionSpan, draw_case, stretches_of
 from plant_emulator.process import TRUTH_COLUMNS
 from vobc.process import CYCLE_COLUMNS
 
@@ -49,7 +49,7 @@ def drawn(
     tmp_path: Path,
     cycles: Sequence[Mapping[str, object]] = RUN,
     truth: Sequence[Mapping[str, object]] = RUN,
-    restrictions: Sequence[Stretch] = (),
+    restrictions: Sequence[RestrictionSpan] = (),
 ) -> bytes | None:
     """The PNG, or None when there is nothing to draw."""
     path = tmp_path / "case.png"
@@ -88,7 +88,7 @@ def test_a_train_that_never_moved_and_one_that_reversed_are_drawn(tmp_path: Path
 def test_a_restriction_is_in_the_picture(tmp_path: Path) -> None:
     plain = drawn(tmp_path)
 
-    assert drawn(tmp_path, restrictions=[Stretch(3010.0, 3030.0, LIMIT_MPS)]) != plain
+    assert drawn(tmp_path, restrictions=[RestrictionSpan(3010.0, 3030.0, LIMIT_MPS)]) != plain
 
 
 def test_restrictions_are_those_among_the_faults_of_a_case() -> None:
@@ -100,7 +100,7 @@ def test_restrictions_are_those_among_the_faults_of_a_case() -> None:
 
     given, by_default = stretches_of(faults)
 
-    assert given == Stretch(3300.0, 3400.0, LIMIT_MPS)
+    assert given == RestrictionSpan(3300.0, 3400.0, LIMIT_MPS)
     assert (by_default.start_m, by_default.end_m) == (3200.0, 3300.0)
     assert by_default.limit_mps == pytest.approx(30.0 / 3.6)
     assert stretches_of(()) == ()

@@ -10,14 +10,14 @@ import pytest
 
 from metro_hil.cli.hil import main
 from metro_hil.cli.hil.compare import compare_campaigns
-from metro_hil.engine.folder import CampaignFolder, Plan, make_folder
+from metro_hil.engine.folder import CampaignFolder, CampaignPlan, make_folder
 from metro_hil.engine.journal import Journal, LostAttempt, Session
 from metro_hil.model.case import Verdict
 
 
 def left_behind(path: Path, made: Any, *, killed: bool = False) -> CampaignFolder:
     """A finished campaign; `killed` is one that was resumed in between."""
-    plan = Plan(
+    plan = CampaignPlan(
         name="made-up", title="Made up", cases=made.cases, files={}, options={}, layout="florence"
     )
     folder = make_folder(plan, str(path))

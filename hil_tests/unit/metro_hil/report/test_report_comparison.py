@@ -14,8 +14,8 @@ from scipy import stats
 
 from metro_hil.model.case import Case, CaseResult, Setup, Verdict
 from metro_hil.report.comparison import (
-    Direction,
-    Shift,
+    MeasureTrend,
+    PairedShift,
     compare,
     holm,
     rank_biserial_ratio,
@@ -42,7 +42,9 @@ def campaign_of(
     return cases, results
 
 
-def only_shift(a: Sequence[float], b: Sequence[float], measure: str = "jerk_max_mps3") -> Shift:
+def only_shift(
+    a: Sequence[float], b: Sequence[float], measure: str = "jerk_max_mps3"
+) -> PairedShift:
     (shift,) = compare(campaign_of(a, measure), campaign_of(b, measure)).shifts
     return shift
 
@@ -95,10 +97,10 @@ def test_p_of_many_pairs_is_that_of_scipy() -> None:
 def test_a_shift_of_all_pairs_is_found_in_its_direction(values: list[float], step: float) -> None:
     shift = only_shift(values, [value + step for value in values])
 
-    assert shift.direction is Direction.WORSE, "jerk that grows is worse"
+    assert shift.direction is MeasureTrend.WORSE, "jerk that grows is worse"
     assert shift.effect_ratio == 1.0
     assert shift.mean.low > 0.0
-    assert only_shift([v + step for v in values], values).direction is Direction.BETTER
+    assert only_shift([v + step for v in values], values).direction is MeasureTrend.BETTER
 
 
 def test_errors_are_compared_by_magnitude() -> None:
@@ -106,7 +108,7 @@ def test_errors_are_compared_by_magnitude() -> None:
 
     shift = only_shift(a, [-value - 0.005 for value in a], "stop_I_error_m")
 
-    assert shift.direction is Direction.WORSE
+    assert shift.direction is MeasureTrend.WORSE
     assert shift.mean.best == pytest.approx(0.005)
 
 
@@ -114,14 +116,14 @@ def test_a_measure_without_a_better_side_is_only_different() -> None:
     a = [100.0 + n for n in range(12)]
 
     assert only_shift(a, [v - 3.0 - v / 99 for v in a], "run_time_s").direction is (
-        Direction.DIFFERENT
+        MeasureTrend.DIFFERENT
     )
 
 
 def test_five_pairs_can_show_nothing_and_it_is_said() -> None:
     shift = only_shift([1.0, 2.0, 3.0, 4.0, 5.0], [2.0, 3.5, 5.2, 7.0, 9.0])
 
-    assert shift.direction is Direction.UNCLEAR
+    assert shift.direction is MeasureTrend.UNCLEAR
     assert any("no test can reach 5 %" in note for note in shift.notes)
 
 
@@ -174,7 +176,7 @@ def test_many_measures_are_corrected_together() -> None:
     assert lone.p_ratio < 0.05
     assert lone.p_holm_ratio is not None
     assert lone.p_holm_ratio == pytest.approx(min(1.0, lone.p_ratio * 21), rel=1e-9)
-    assert lone.direction is Direction.UNCLEAR
+    assert lone.direction is MeasureTrend.UNCLEAR
 
 
 def test_verdicts_are_sorted_into_worse_and_better() -> None:

@@ -17,7 +17,7 @@ import pyarrow.parquet as pq
 import pytest
 from scipy import stats
 
-from metro_hil.model.case import Case, CaseResult, Event, Host, MonitorResult, Setup, Verdict
+from metro_hil.model.case import Case, CaseEvent, CaseResult, Host, MonitorResult, Setup, Verdict
 from metro_hil.report.campaign import write_reports
 
 HOSTILE: Final = """</script><img src=x onerror=alert(1)>"'&{{ 7*7 }}|`\x01\ufffe"""
@@ -330,7 +330,7 @@ def hostile() -> tuple[list[Case], list[CaseResult]]:
         reason=HOSTILE,
         monitors=(monitor,),
         measures={HOSTILE: 1.0, "fine_m": math.inf, "none_m": None},
-        events=(Event(0.5, HOSTILE),),
+        events=(CaseEvent(0.5, HOSTILE),),
     )
     return [case, msgspec.structs.replace(case, id="y", index=1, factors={HOSTILE: "z"})], [
         result,

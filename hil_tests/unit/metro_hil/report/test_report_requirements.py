@@ -9,7 +9,12 @@ import pytest
 from metro_hil.model.case import Case, CaseResult, MonitorResult, Setup, Verdict
 from metro_hil.model.requirements import CatalogueError, parse_requirements, shipped_requirements
 from metro_hil.report.campaign.ledger import join
-from metro_hil.report.campaign.trace import Evidence, Standing, Trace, trace_requirements
+from metro_hil.report.campaign.trace import (
+    RequirementEvidence,
+    RequirementStanding,
+    RequirementTrace,
+    trace_requirements,
+)
 
 
 def case_and_result(
@@ -26,7 +31,7 @@ def case_and_result(
     return case, result
 
 
-def trace_of(case: Case, result: CaseResult | None, name: str = "INV-01") -> Trace:
+def trace_of(case: Case, result: CaseResult | None, name: str = "INV-01") -> RequirementTrace:
     ledger = join([case], [result] if result else [], expected_cases=1)
     traces = trace_requirements(shipped_requirements(), ledger)
     return next(trace for trace in traces if trace.requirement.id == name)
@@ -57,7 +62,7 @@ def test_what_is_wrong_in_a_catalogue_is_said_by_name(text: str, said: str) -> N
 
 
 def test_a_monitor_that_was_exercised_is_evidence() -> None:
-    assert trace_of(*case_and_result()).standing is Standing.MET
+    assert trace_of(*case_and_result()).standing is RequirementStanding.MET
 
 
 def test_a_monitor_that_was_not_exercised_is_none() -> None:
@@ -65,8 +70,8 @@ def test_a_monitor_that_was_not_exercised_is_none() -> None:
 
     trace = trace_of(case, result)
 
-    assert trace.standing is Standing.OPEN
-    assert trace.counts[Evidence.NOTHING] == 1
+    assert trace.standing is RequirementStanding.OPEN
+    assert trace.counts[RequirementEvidence.NOTHING] == 1
     assert trace.worst is None
 
 
@@ -74,7 +79,7 @@ def test_a_case_none_of_whose_monitors_was_exercised_is_no_evidence_for_what_it_
     case, result = case_and_result(detail="not exercised", requirements=())
     case = msgspec.structs.replace(case, requirements=("ACC-10",))
 
-    assert trace_of(case, result, "ACC-10").standing is Standing.OPEN
+    assert trace_of(case, result, "ACC-10").standing is RequirementStanding.OPEN
 
 
 def test_a_violation_is_one_even_if_other_cases_pass() -> None:
@@ -86,7 +91,7 @@ def test_a_violation_is_one_even_if_other_cases_pass() -> None:
     ledger = join([good, bad], [good_result, bad_result], expected_cases=2)
     trace = trace_requirements(shipped_requirements(), ledger)[0]
 
-    assert trace.standing is Standing.VIOLATED
+    assert trace.standing is RequirementStanding.VIOLATED
     assert trace.worst is not None
     assert trace.worst[0].case.id == "d"
 
@@ -94,8 +99,8 @@ def test_a_violation_is_one_even_if_other_cases_pass() -> None:
 def test_a_violation_that_was_wanted_proves_nothing_and_blames_nobody() -> None:
     trace = trace_of(*case_and_result(Verdict.FAIL, Verdict.FAIL, margin=-1.0))
 
-    assert trace.counts[Evidence.EXPECTED] == 1
-    assert trace.standing is Standing.OPEN
+    assert trace.counts[RequirementEvidence.EXPECTED] == 1
+    assert trace.standing is RequirementStanding.OPEN
 
 
 @pytest.mark.parametrize("verdict", [Verdict.LOST, Verdict.INVALID, Verdict.BLOCKED])
@@ -103,16 +108,16 @@ def test_a_case_that_says_nothing_is_no_evidence(verdict: Verdict) -> None:
     case, result = case_and_result()
     result = msgspec.structs.replace(result, verdict=verdict)
 
-    assert trace_of(case, result).standing is Standing.OPEN
+    assert trace_of(case, result).standing is RequirementStanding.OPEN
 
 
 def test_a_missing_case_leaves_what_it_names_open(case_of: Callable[..., Case]) -> None:
     case = case_of(0, "table-8", error=0.0, load=0.0, seed=1)
 
-    assert trace_of(case, None, "ACC-02").standing is Standing.OPEN
+    assert trace_of(case, None, "ACC-02").standing is RequirementStanding.OPEN
 
 
 def test_a_requirement_that_the_catalogue_does_not_know_is_still_shown() -> None:
     case, result = case_and_result(requirements=("MINE-1",))
 
-    assert trace_of(case, result, "MINE-1").standing is Standing.MET
+    assert trace_of(case, result, "MINE-1").standing is RequirementStanding.MET

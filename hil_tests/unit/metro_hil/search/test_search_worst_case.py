@@ -13,7 +13,7 @@ import pytest
 
 from metro_hil.campaign import CampaignError, define, plan_cases, read_campaign, read_definition
 from metro_hil.model.case import Case, CaseResult, MonitorResult, Verdict
-from metro_hil.search import Search, SearchError, Sought, Space
+from metro_hil.search import SearchError, SearchSpace, Sought, WorstCaseSearch
 from metro_hil.search.leave import append_history, write_worst
 from metro_hil.search.objective import NOTHING_SEEN
 from metro_hil.search.space import space_of
@@ -31,7 +31,7 @@ kind = "brake_late"
 Margin = Callable[[Case], dict[str, float | None]]
 
 
-def space_from(text: str = MIXED, **chosen: Any) -> Space:
+def space_from(text: str = MIXED, **chosen: Any) -> SearchSpace:
     return space_of(define(tomllib.loads(text), source="x.toml", name="x"), **chosen)
 
 
@@ -73,7 +73,9 @@ def valley(case: Case) -> dict[str, float | None]:
 
 def least(method: str, seed: int, budget: int = 200) -> float:
     bench = Bench(valley)
-    search = Search(space_from(), bench, monitor="stop", budget=budget, seed=seed, method=method)
+    search = WorstCaseSearch(
+        space_from(), bench, monitor="stop", budget=budget, seed=seed, method=method
+    )
     search.run()
     assert bench.runs == len(search.history) <= budget
     return search.worst(1)[0].value
@@ -93,7 +95,7 @@ def test_the_search_finds_lower_margins_than_chance_with_the_same_budget() -> No
 def test_the_same_seed_finds_the_same_whoever_runs_the_cases() -> None:
     def histories(evaluate: Callable[[Sequence[Case]], Sequence[CaseResult]]) -> list[Sought]:
         np.random.seed()
-        return Search(space_from(), evaluate, monitor="stop", budget=80, seed=4).run()
+        return WorstCaseSearch(space_from(), evaluate, monitor="stop", budget=80, seed=4).run()
 
     def one(case: Case) -> CaseResult:
         return result_of(case, valley(case))
@@ -103,11 +105,14 @@ def test_the_same_seed_finds_the_same_whoever_runs_the_cases() -> None:
 
     assert spread == histories(Bench(valley))
     assert spread == histories(Bench(valley))
-    assert spread != Search(space_from(), Bench(valley), monitor="stop", budget=80, seed=5).run()
+    assert (
+        spread
+        != WorstCaseSearch(space_from(), Bench(valley), monitor="stop", budget=80, seed=5).run()
+    )
 
 
 def test_what_was_run_is_within_the_space_and_never_run_twice() -> None:
-    history = Search(space_from(), Bench(valley), budget=150, seed=2).run()
+    history = WorstCaseSearch(space_from(), Bench(valley), budget=150, seed=2).run()
 
     points = [tuple(sought.values.items()) for sought in history]
     assert len(points) == len(set(points)) == 150
@@ -124,7 +129,7 @@ def test_a_small_space_is_searched_to_its_end() -> None:
     text = '[sweep.factors]\n"train.load_ratio" = [0.0, 0.5, 1.0]\n"train.end" = ["I", "II"]\n'
     bench = Bench(lambda case: {"m": case.setup.load_ratio})
 
-    search = Search(space_from(text), bench, budget=100)
+    search = WorstCaseSearch(space_from(text), bench, budget=100)
     search.run()
 
     assert bench.runs == 6
@@ -142,7 +147,9 @@ def test_only_the_chosen_factors_vary() -> None:
         seen.append(case.setup.load_ratio)
         return {"m": case.setup.odometer_error}
 
-    Search(space_from(text, keys=["train.odometer_error"]), Bench(margins), budget=16).run()
+    WorstCaseSearch(
+        space_from(text, keys=["train.odometer_error"]), Bench(margins), budget=16
+    ).run()
 
     assert seen == [0.25] * 16
 
@@ -153,7 +160,7 @@ def test_every_seed_is_run_and_the_worst_one_told() -> None:
     )
     bench = Bench(lambda case: {"m": 1.0 if case.seed == 3 else 0.5})
 
-    history = Search(space_from(text), bench, budget=10).run()
+    history = WorstCaseSearch(space_from(text), bench, budget=10).run()
 
     assert bench.runs == 10
     assert len(history) == 5
@@ -169,7 +176,7 @@ def test_monitors_of_different_units_are_weighed_by_their_usual_size() -> None:
         assert load is not None
         return {"force": 1.0e5 * (1.0 - 0.9 * load), "gap": 0.1 * (1.0 + 0.5 * load)}
 
-    search = Search(space_from(text), Bench(margins), budget=100)
+    search = WorstCaseSearch(space_from(text), Bench(margins), budget=100)
     search.run()
 
     assert search.worst(1)[0].values["train.load_ratio"] > 0.95
@@ -183,7 +190,7 @@ def test_runs_that_say_nothing_are_no_finds() -> None:
         assert load is not None
         return {"m": None if load < 0.5 else load}
 
-    search = Search(space_from(text), Bench(margins), monitor="m", budget=60)
+    search = WorstCaseSearch(space_from(text), Bench(margins), monitor="m", budget=60)
     search.run()
 
     assert {sought.value for sought in search.history if not sought.margins} == {NOTHING_SEEN}
@@ -203,7 +210,7 @@ def test_a_controller_that_died_counts_as_a_violation() -> None:
             for case in cases
         ]
 
-    search = Search(space_from(text), evaluate, budget=40)
+    search = WorstCaseSearch(space_from(text), evaluate, budget=40)
     search.run()
 
     assert search.worst(1)[0].value == -1.0
@@ -221,7 +228,7 @@ def test_combinations_that_the_schema_or_the_sweep_refuses_are_not_run() -> None
         seen.append(case.setup.load_ratio)
         return {"m": 1.0}
 
-    Search(space_from(text), Bench(margins), budget=30).run()
+    WorstCaseSearch(space_from(text), Bench(margins), budget=30).run()
 
     assert seen
     assert max(load or 0.0 for load in seen) <= 0.5
@@ -232,7 +239,7 @@ def test_the_runs_of_a_search_go_on_after_a_violation() -> None:
         assert not case.stop_at_violation
         return valley(case)
 
-    Search(space_from(), Bench(margins), budget=8).run()
+    WorstCaseSearch(space_from(), Bench(margins), budget=8).run()
 
 
 @pytest.mark.parametrize(
@@ -254,7 +261,7 @@ def test_a_search_needs_a_sweep_and_a_monitor_that_is_there() -> None:
     with pytest.raises(SearchError, match="nothing to vary"):
         space_from("")
     with pytest.raises(SearchError, match="--monitor stopp: nearest valid value: stop"):
-        Search(space_from(), Bench(valley), monitor="stopp", budget=8).run()
+        WorstCaseSearch(space_from(), Bench(valley), monitor="stopp", budget=8).run()
 
 
 def test_the_worst_cases_are_left_as_a_campaign_that_repeats_them(tmp_path: Path) -> None:
@@ -273,7 +280,7 @@ def test_the_worst_cases_are_left_as_a_campaign_that_repeats_them(tmp_path: Path
         ran[f"{case.id}"] = case
         return valley(case)
 
-    search = Search(space, Bench(margins), budget=80)
+    search = WorstCaseSearch(space, Bench(margins), budget=80)
     search.run(lambda new: append_history(tmp_path, new))
     worst = search.worst(3)
     path = write_worst(tmp_path, space, worst, definition.campaign.files)

@@ -6,9 +6,9 @@ from dataclasses import replace
 import pytest
 
 from hil_tests.unit.vobc.train_to_train.test_t2t_envelope import REPORT
-from metro_hil.simulation.authority_checks import Air, LeaseRules
+from metro_hil.simulation.authority_checks import AuthorityChecks, LeaseRules
 from metro_hil.simulation.checker import ViolationError
-from metro_hil.simulation.node import Letter
+from metro_hil.simulation.node import QueuedMessage
 from zenoh_config.t2t import (
     NOBODY,
     LeaseAnswer,
@@ -43,7 +43,7 @@ class Line:
             majority=2,
             age_max_ns=1000 * NS_PER_MS,
         )
-        self.air = Air(rules, Counter(), {AREA: END_M})
+        self.air = AuthorityChecks(rules, Counter(), {AREA: END_M})
         self.now_ns = 0
         self._sequence = 0
 
@@ -63,7 +63,7 @@ class Line:
         answer = LeaseAnswer(
             *head, True, request.nonce, request.stamp_ns, request.source, 0, 0, 0, ()
         )
-        self.air.answered(arbiter, requests, (Letter((request.source,), answer),))
+        self.air.answered(arbiter, requests, (QueuedMessage((request.source,), answer),))
         self._said(request.source, (answer,))
 
     def switches(
@@ -97,7 +97,7 @@ class Line:
         self._said(HOLDER, reports)
 
     def _said(self, train: int, heard: tuple[T2tMessage, ...], *out: T2tMessage) -> None:
-        letters = [Letter(ARBITERS, each) for each in out]
+        letters = [QueuedMessage(ARBITERS, each) for each in out]
         self.air.stepped(train, self.now_ns, self.now_ns, heard, letters)
 
 

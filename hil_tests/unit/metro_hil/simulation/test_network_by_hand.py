@@ -4,23 +4,23 @@ import random
 
 import pytest
 
-from metro_hil.simulation.manual_driving import APART_M, ByHand, Controller
-from metro_hil.simulation.motion import Motion
+from metro_hil.simulation.manual_driving import APART_M, ByHand, ManualController
+from metro_hil.simulation.motion import SimulatedMotion
 from metro_hil.simulation.removal import CLOSED_NS, PATIENCE_NS
-from metro_hil.simulation.scripted_line import Plot, Scene
+from metro_hil.simulation.scripted_line import Plot, ScriptedLine
 from zenoh_config.messages import SpeedRestriction
 
 S = 1_000_000_000
 FRONTS_M = {1: 300.0, 2: 900.0, 3: 1500.0}
 
 
-def settled() -> Scene:
-    scene = Scene(Plot(FRONTS_M, stops_m=tuple(FRONTS_M.values()), dwell_s=1e4))
+def settled() -> ScriptedLine:
+    scene = ScriptedLine(Plot(FRONTS_M, stops_m=tuple(FRONTS_M.values()), dwell_s=1e4))
     scene.settle()
     return scene
 
 
-def whoever_drives(scene: Scene) -> int:
+def whoever_drives(scene: ScriptedLine) -> int:
     scene.until(
         "one drives", lambda: any(t.shunts for t in scene.world.trains.values()), within_s=40.0
     )
@@ -30,7 +30,7 @@ def whoever_drives(scene: Scene) -> int:
 class Always(random.Random):
     """Draws one of the ways of a controller, and anything else as usual."""
 
-    def __init__(self, how: Controller) -> None:
+    def __init__(self, how: ManualController) -> None:
         super().__init__(5)
         self.how = how
 
@@ -38,8 +38,10 @@ class Always(random.Random):
         return self.how if self.how in seq else super().choice(seq)
 
 
-@pytest.mark.parametrize("how", list(Controller))
-def test_a_train_is_driven_farther_than_it_may_go_and_has_authority_again(how: Controller) -> None:
+@pytest.mark.parametrize("how", list(ManualController))
+def test_a_train_is_driven_farther_than_it_may_go_and_has_authority_again(
+    how: ManualController,
+) -> None:
     scene = settled()
     by_hand = ByHand(scene.world, Always(how))
 
@@ -49,8 +51,8 @@ def test_a_train_is_driven_farther_than_it_may_go_and_has_authority_again(how: C
     assert not any(each.shunts for each in scene.world.trains.values())
     train = scene.world.trains[whoever_drives(scene)]
     was_m, to_m = train.front_m, train.shunts_to_m
-    assert scene.net.runs(train.address) is (how is not Controller.OFF)
-    assert train.localised or how is Controller.LOST
+    assert scene.net.runs(train.address) is (how is not ManualController.OFF)
+    assert train.localised or how is ManualController.LOST
     held = scene.world.checker.held.get(train.address, {})
     assert all(each.end_m < to_m for each in held.values()), "by no authority"
     scene.until("it stands", lambda: not train.shunts, within_s=120.0)
@@ -90,7 +92,9 @@ def test_nor_to_one_that_the_next_one_may_come_back_to_or_be_in_by_what_it_knows
     """
     scene = settled()
     by_hand, trains = ByHand(scene.world, random.Random(1)), scene.world.trains
-    trains[3].motion = Motion(scene.net.now_ns, 1250.0 + 80.0 + beyond_m, emergency_mps2=1.0)
+    trains[3].motion = SimulatedMotion(
+        scene.net.now_ns, 1250.0 + 80.0 + beyond_m, emergency_mps2=1.0
+    )
     trains[3].half_width_m = unsure_m
 
     assert by_hand._to_m(trains[2]) == pytest.approx(before_m - APART_M)
@@ -99,7 +103,7 @@ def test_nor_to_one_that_the_next_one_may_come_back_to_or_be_in_by_what_it_knows
 def test_who_moves_or_has_no_room_is_not_driven() -> None:
     scene = settled()
     for train in scene.world.trains.values():
-        train.motion = Motion(scene.net.now_ns, train.front_m, emergency_mps2=1.0)
+        train.motion = SimulatedMotion(scene.net.now_ns, train.front_m, emergency_mps2=1.0)
         train.motion.speed_mps = 1.0
 
     assert not ByHand(scene.world, random.Random(3)).drives()
@@ -109,7 +113,7 @@ def test_who_moves_or_has_no_room_is_not_driven() -> None:
 def test_nobody_is_driven_while_it_may_still_go_by_itself(monkeypatch: pytest.MonkeyPatch) -> None:
     """A while later it is given up, and all is opened again."""
     scene = settled()
-    by_hand = ByHand(scene.world, Always(Controller.RUNS))
+    by_hand = ByHand(scene.world, Always(ManualController.RUNS))
     monkeypatch.setattr(scene.world.checker, "reach_m", lambda train: train.front_m + 100.0)
     by_hand.drives()
 
@@ -120,8 +124,8 @@ def test_nobody_is_driven_while_it_may_still_go_by_itself(monkeypatch: pytest.Mo
     assert scene.world.t2t.closed == ()
 
 
-@pytest.mark.parametrize("how", list(Controller))
-def test_when_all_is_over_it_stops(how: Controller) -> None:
+@pytest.mark.parametrize("how", list(ManualController))
+def test_when_all_is_over_it_stops(how: ManualController) -> None:
     scene = settled()
     by_hand = ByHand(scene.world, Always(how))
     by_hand.drives()

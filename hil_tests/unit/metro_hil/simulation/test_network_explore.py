@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from metro_hil.simulation.checker import ViolationError
-from metro_hil.simulation.node import Doom, Letter
-from metro_hil.simulation.state_search import Bounds, Explorer, State
+from metro_hil.simulation.node import Doom, QueuedMessage
+from metro_hil.simulation.state_search import Bounds, Explorer, SearchState
 
 SLOT_NS = 1_000_000
 
@@ -33,13 +33,13 @@ class Tokens:
 
     def step(
         self, address: int, now_ns: int, heard: Sequence[Any], doom: Doom | None
-    ) -> Sequence[Letter]:
+    ) -> Sequence[QueuedMessage]:
         slot, other = now_ns // SLOT_NS, 3 - address
         said = []
         for message in heard:
             if message == "token":
                 self.has[address] = True
-                said.append(Letter((other,), "thanks"))
+                said.append(QueuedMessage((other,), "thanks"))
             else:
                 self.gave.pop(address, None)
         if all(self.has.values()):
@@ -49,7 +49,7 @@ class Tokens:
             self.has[address] = True
         elif address == 1 and self.has[1] and slot == 2:
             self.has[1], self.gave[1] = False, slot
-            said.append(Letter((other,), "token"))
+            said.append(QueuedMessage((other,), "token"))
         return said if doom is None else ()
 
     def alive(self) -> bool:
@@ -58,7 +58,7 @@ class Tokens:
 
 def search(patience: int, faults: int, slots: int = 10) -> Explorer:
     explorer = Explorer(Bounds(slots, faults, SLOT_NS), {})
-    explorer.search(State(Tokens(patience), (), ()))
+    explorer.search(SearchState(Tokens(patience), (), ()))
     return explorer
 
 
@@ -81,7 +81,7 @@ def test_the_one_lost_answer_that_makes_two_tokens_is_found_and_told() -> None:
 def test_a_state_from_which_nothing_comes_back_is_found() -> None:
     explorer = Explorer(Bounds(10, 1, SLOT_NS), {})
 
-    found = explorer.search(State(Tokens(patience=1000), (), ()))
+    found = explorer.search(SearchState(Tokens(patience=1000), (), ()))
 
     assert found.broken is not None
     assert found.broken.invariant == "40"
@@ -92,6 +92,6 @@ def test_every_node_may_die_at_every_point_of_its_step() -> None:
     stage = Tokens(patience=50, victims=(1, 2))
     explorer = Explorer(Bounds(4, 1, SLOT_NS), {})
 
-    found = explorer.search(State(stage, (), ()))
+    found = explorer.search(SearchState(stage, (), ()))
 
     assert found.schedules > 4 * (1 + 2 * 5)

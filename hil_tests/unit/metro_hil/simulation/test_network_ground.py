@@ -6,27 +6,27 @@ from hypothesis import strategies as st
 
 from metro_hil.simulation.checker import Checker, Rules, ViolationError
 from metro_hil.simulation.driving import braking_curve_mps, must_trip
-from metro_hil.simulation.motion import BUILD_UP_NS, Motion
-from metro_hil.simulation.true_train import Grant, TrueTrain
+from metro_hil.simulation.motion import BUILD_UP_NS, SimulatedMotion
+from metro_hil.simulation.true_train import BrakeLoopGrant, TrueTrain
 
 S = 1_000_000_000
 RULES = Rules(age_max_ns=1 * S)
 
 
 def train(address: int, front_m: float, speed_mps: float = 0.0) -> TrueTrain:
-    motion = Motion(0, front_m, emergency_mps2=1.0)
+    motion = SimulatedMotion(0, front_m, emergency_mps2=1.0)
     motion.speed_mps = speed_mps
     return TrueTrain(address, motion, length_m=80.0, half_width_m=3.0)
 
 
 def grant(
     end_m: float, *, term: int = 1, sequence: int = 1, issuer: int = 9, area: int = 1
-) -> Grant:
-    return Grant(end_m, term, sequence, issuer, area, 0)
+) -> BrakeLoopGrant:
+    return BrakeLoopGrant(end_m, term, sequence, issuer, area, 0)
 
 
 def test_a_train_that_accelerates_covers_half_a_t_squared() -> None:
-    motion = Motion(0, 100.0, emergency_mps2=1.0)
+    motion = SimulatedMotion(0, 100.0, emergency_mps2=1.0)
     motion.demand(0, 0.8)
     for tick in range(1, 101):
         motion.advance(tick * S // 10)
@@ -52,7 +52,7 @@ def test_an_emergency_stop_ends_where_it_was_foreseen_however_finely_it_is_stepp
 
 
 def test_what_a_train_set_back_is_less_by_what_it_goes_forwards_again() -> None:
-    motion = Motion(0, 100.0, emergency_mps2=1.0)
+    motion = SimulatedMotion(0, 100.0, emergency_mps2=1.0)
     motion.back_m = motion.jogged_m = 3.0
     motion.advance(10 * S)
     assert (motion.front_m, motion.jogged_m) == (97.0, 3.0)
@@ -65,7 +65,7 @@ def test_what_a_train_set_back_is_less_by_what_it_goes_forwards_again() -> None:
 
 
 def test_a_train_that_sets_off_while_it_sets_back_has_set_back_no_farther() -> None:
-    motion = Motion(0, 100.0, emergency_mps2=1.0)
+    motion = SimulatedMotion(0, 100.0, emergency_mps2=1.0)
     motion.back_m = motion.jogged_m = 4.0
     motion.advance(5 * S)
     motion.demand(5 * S, 1.0)
@@ -76,7 +76,7 @@ def test_a_train_that_sets_off_while_it_sets_back_has_set_back_no_farther() -> N
 
 
 def test_a_train_rolls_back_only_while_it_stands_and_counts_it() -> None:
-    motion = Motion(0, 100.0, emergency_mps2=1.0)
+    motion = SimulatedMotion(0, 100.0, emergency_mps2=1.0)
     motion.back_m = 1.5
     motion.advance(2 * S)
     assert motion.front_m == pytest.approx(99.2)
@@ -133,7 +133,7 @@ def checker(*trains: TrueTrain) -> Checker:
     return Checker(trains, RULES)
 
 
-def broken(judge: Checker, address: int, new: Grant, now_ns: int = 0) -> str:
+def broken(judge: Checker, address: int, new: BrakeLoopGrant, now_ns: int = 0) -> str:
     with pytest.raises(ViolationError) as error:
         judge.accepted(address, new, now_ns)
     return error.value.invariant

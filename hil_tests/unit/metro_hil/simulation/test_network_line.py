@@ -8,7 +8,7 @@ from typing import Any, get_type_hints
 import pytest
 
 from metro_hil.cli.hil import main
-from metro_hil.simulation.batch import Journal, run_many
+from metro_hil.simulation.batch import SeedJournal, run_many
 from metro_hil.simulation.checker import ViolationError
 from metro_hil.simulation.coverage import FORMULAS, everything
 from metro_hil.simulation.generate import draw
@@ -22,20 +22,20 @@ from metro_hil.simulation.scenarios.guards import LURES
 from metro_hil.simulation.scenarios.moved_trains import MOVED_LURES
 from metro_hil.simulation.scenarios.shadow_trains import HIDDEN_LURES
 from metro_hil.simulation.scenarios.terms import TERM_LURES
-from metro_hil.simulation.scripted_line import Plot, Scene
-from metro_hil.simulation.simulate import Job
+from metro_hil.simulation.scripted_line import Plot, ScriptedLine
+from metro_hil.simulation.simulate import SeedJob
 from vobc.train_to_train import planned_switch
 from vobc.train_to_train.guards import LeaseGuards, MasterGuards, MemberGuards
 from zenoh_config.t2t import OrderKind, SwitchKind, SwitchStep
 from zenoh_config.timers import TIMERS_B
 
-QUICK = Job(Phases(trouble_s=15.0))
+QUICK = SeedJob(Phases(trouble_s=15.0))
 SEEDS = (3, 8, 16)
 
 
 @pytest.mark.parametrize("name", sorted(ALL_SCENARIOS))
 def test_it_ends_well(name: str) -> None:
-    ALL_SCENARIOS[name].play(Scene)
+    ALL_SCENARIOS[name].play(ScriptedLine)
 
 
 def test_every_acceptance_scenario_of_train_to_train_control_is_there() -> None:
@@ -79,7 +79,7 @@ def test_random_faults_break_nothing_and_come_out_the_same_again() -> None:
 def test_a_train_that_has_no_place_on_the_roster_yet_is_in_nobodys_authority(seed: int) -> None:
     """In 42 its axles made the train ahead of it sieved, and the one behind was let through it; in
     57 it stood just beyond a border. Both trains were too near to what others had been granted."""
-    result = Job(Phases(trouble_s=10.0))(seed)
+    result = SeedJob(Phases(trouble_s=10.0))(seed)
 
     assert (result.invariant, result.what) == ("", "")
 
@@ -93,20 +93,20 @@ def test_what_seeds_once_broke_they_break_no_more(seed: int, trouble_s: float) -
     runs are no longer here: the fault that each showed has a test of its own.
     2414: who hid beside an unsieved train was let through to, by a few milliseconds. 2685: a
     train that began over a failed switch was allowed to jog back over it."""
-    result = Job(Phases(trouble_s=trouble_s))(seed)
+    result = SeedJob(Phases(trouble_s=trouble_s))(seed)
 
     assert (result.invariant, result.what) == ("", "")
 
 
 def test_through_the_real_codec_it_is_the_same_protocol() -> None:
-    result = Job(Phases(trouble_s=10.0), bytes_always=True)(5)
+    result = SeedJob(Phases(trouble_s=10.0), bytes_always=True)(5)
 
     assert (result.invariant, result.what) == ("", "")
     assert result.covered["AreaAuthority"] > 50
 
 
 def test_what_is_gone_through_is_named_and_what_is_not_is_known() -> None:
-    covered = Job(Phases(trouble_s=15.0))(12).covered
+    covered = SeedJob(Phases(trouble_s=15.0))(12).covered
 
     # One step may go several ways, which then count as one.
     named = {name for name in covered if not name.startswith("from ")}
@@ -118,7 +118,7 @@ def test_what_is_gone_through_is_named_and_what_is_not_is_known() -> None:
 
 
 def test_whoever_leaves_an_area_behind_is_outside_of_it() -> None:
-    scene = Scene(Plot({1: 1900.0}, areas=2))
+    scene = ScriptedLine(Plot({1: 1900.0}, areas=2))
     scene.settle()
     covered = scene.world.t2t.said
     assert (covered["from outside to applicant"], covered["role outside"]) == (2, 0)
@@ -136,7 +136,7 @@ def test_whoever_leaves_an_area_behind_is_outside_of_it() -> None:
     ],
 )
 def test_a_switch_that_is_committed_before_all_are_ready_is_noticed(
-    rash: Callable[[planned_switch.Look], bool],
+    rash: Callable[[planned_switch.SwitchGuardInputs], bool],
     successor_unasked: bool,
     complaint: str,
     monkeypatch: pytest.MonkeyPatch,
@@ -147,7 +147,7 @@ def test_a_switch_that_is_committed_before_all_are_ready_is_noticed(
         state.PREPARING: ((planned_switch.given_up, state.IDLE), (rash, state.COMMITTED)),
     }
     monkeypatch.setattr(planned_switch, "TRANSITIONS", steps)
-    scene, master = at_speed(Scene, trains=4)
+    scene, master = at_speed(ScriptedLine, trains=4)
     successor, third, _ = (train for train in scene.world.trains if train != master)
 
     def unasked(source: int, target: int, message: object) -> int | None:
@@ -162,7 +162,7 @@ def test_a_switch_that_is_committed_before_all_are_ready_is_noticed(
 
 
 def test_readiness_is_looked_at_in_every_planned_switch() -> None:
-    scene, master = at_speed(Scene, trains=4)
+    scene, master = at_speed(ScriptedLine, trains=4)
     successor = next(train for train in scene.world.trains if train != master)
     scene.order(OrderKind.SWITCH_MASTER, successor)
     scene.run(3.0)
@@ -198,7 +198,7 @@ def test_seeds_are_left_out_that_have_drawn_other_timers(
 
     code = main([*words, "--journal", str(tmp_path / "journal.jsonl")])
 
-    played = [result.seed for result in Journal(tmp_path / "journal.jsonl").results]
+    played = [result.seed for result in SeedJournal(tmp_path / "journal.jsonl").results]
     assert code == 0, capsys.readouterr().out
     assert played == [seed for seed in range(10, 21) if draw(seed).cast.config.timers == TIMERS_B]
     assert 0 < len(played) < 11

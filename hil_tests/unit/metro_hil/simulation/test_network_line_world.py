@@ -4,14 +4,14 @@ from dataclasses import replace
 
 import pytest
 
-from metro_hil.simulation.authority_checks import Air
+from metro_hil.simulation.authority_checks import AuthorityChecks
 from metro_hil.simulation.checker import ViolationError
 from metro_hil.simulation.line_world import LineWorld
 from metro_hil.simulation.node import Doom
-from metro_hil.simulation.orders import Desk, Order
-from metro_hil.simulation.railway_events import Mischief
-from metro_hil.simulation.scripted_line import Plot, Scene
-from metro_hil.simulation.true_train import Grant
+from metro_hil.simulation.orders import OrderSource, TrainOrder
+from metro_hil.simulation.railway_events import RailwayEvents
+from metro_hil.simulation.scripted_line import Plot, ScriptedLine
+from metro_hil.simulation.true_train import BrakeLoopGrant
 from zenoh_config.messages import WAYSIDE, SpeedRestriction
 from zenoh_config.t2t import ObjectClaim, OrderKind, TrainReport
 from zenoh_config.t2t_supervision import RemovalState
@@ -22,7 +22,7 @@ CLOSED = SpeedRestriction(600.0, 700.0, 0.1)
 
 def world(*fronts_m: float) -> LineWorld:
     """Trains of 80 m, axles from 2 m behind the front on, in sections of 250 m."""
-    return Scene(Plot(dict(enumerate(fronts_m, start=1)))).world
+    return ScriptedLine(Plot(dict(enumerate(fronts_m, start=1)))).world
 
 
 def joined(of: LineWorld, train: int) -> list[int]:
@@ -79,7 +79,7 @@ def test_a_train_waits_for_one_that_is_driven_by_hand_wherever_it_is() -> None:
 def test_a_train_waits_while_one_moves_and_another_that_is_elsewhere_has_to_leave_a_roster(
     state: RemovalState, front_m: float, on_line: bool, there: bool, moves: int | None
 ) -> None:
-    line = Scene(Plot({1: 100.0, 2: front_m, 3: 1500.0}, areas=2)).world
+    line = ScriptedLine(Plot({1: 100.0, 2: front_m, 3: 1500.0}, areas=2)).world
     line.trains[2].on_line = on_line
     if moves is not None:
         line.trains[moves].motion.speed_mps = 1.0
@@ -129,9 +129,9 @@ def test_who_has_a_place_on_the_newest_roster_waits_however_near_another_is_behi
 
 
 def test_when_all_is_over_supervision_sees_who_is_not_in_an_area_any_more() -> None:
-    line = Scene(Plot({1: 100.0, 2: 2300.0, 3: 900.0}, areas=2)).world
+    line = ScriptedLine(Plot({1: 100.0, 2: 2300.0, 3: 900.0}, areas=2)).world
     line.trains[3].on_line = False
-    mischief = Mischief(line, seed=1)
+    mischief = RailwayEvents(line, seed=1)
     line.t2t.removals[1, 2] = RemovalState.GONE
     mischief.calm()
     line.net.run(4_100_000_000)
@@ -146,8 +146,8 @@ def test_when_all_is_over_supervision_sees_who_is_not_in_an_area_any_more() -> N
 
 def test_when_all_is_over_orders_for_one_train_after_the_other_are_given() -> None:
     """In seed 278683 one was overtaken 60 times by others of the same instant."""
-    line = Scene(Plot({1: 100.0, 2: 2300.0, 3: 900.0}, areas=2)).world
-    Mischief(line, seed=1).calm()
+    line = ScriptedLine(Plot({1: 100.0, 2: 2300.0, 3: 900.0}, areas=2)).world
+    RailwayEvents(line, seed=1).calm()
     given = list[set[int]]()
     for _ in range(3):
         line.net.run(line.net.now_ns + 200_000_000)
@@ -208,7 +208,7 @@ def test_who_held_nothing_while_it_rolled_back_may_stay_where_it_was_too(
     line = closed_in_front_of(605.0, monkeypatch)
     train = line.trains[1]
     was_m = train.reading().front_max_m
-    dict(Mischief(line, seed=1)._things)["rolls back"]()
+    dict(RailwayEvents(line, seed=1)._things)["rolls back"]()
     assert train.rolls
     train.motion.front_m = 590.0
 
@@ -218,7 +218,7 @@ def test_who_held_nothing_while_it_rolled_back_may_stay_where_it_was_too(
 
 
 def test_where_it_is_while_it_rolls_back_is_noted_at_each_step() -> None:
-    scene = Scene(Plot({1: 300.0, 2: 900.0}))
+    scene = ScriptedLine(Plot({1: 300.0, 2: 900.0}))
     scene.settle()
     scene.world.t2t.closed = (SpeedRestriction(301.0, 400.0, 0.1),)
     scene.run(60.0)
@@ -238,7 +238,7 @@ def test_an_object_in_which_a_train_stood_a_moment_ago_is_not_entered_by_its_las
     rolls_m: float,
 ) -> None:
     """It is not locked; the train's front stands 2 m in it and rolls back, out of it or not."""
-    line = Scene(Plot({1: 702.0}, objects=True)).world
+    line = ScriptedLine(Plot({1: 702.0}, objects=True)).world
     train = line.trains[1]
 
     def holds(end_m: float) -> None:
@@ -263,7 +263,7 @@ def test_an_object_in_which_a_train_stood_a_moment_ago_is_not_entered_by_its_las
 @pytest.mark.parametrize("doom", list(Doom))
 def test_an_object_is_locked_before_it_is_stored_that_it_is(doom: Doom) -> None:
     """Else it would be taken for locked after a restart, while it stands open (seed 210690)."""
-    scene = Scene(Plot({1: 500.0}, objects=True, stops_m=(500.0,), dwell_s=60.0))
+    scene = ScriptedLine(Plot({1: 500.0}, objects=True, stops_m=(500.0,), dwell_s=60.0))
     scene.keep_back(lambda source, target, message: isinstance(message, ObjectClaim))
     scene.world.boot_all()
     scene.run(3.0)
@@ -285,7 +285,7 @@ def test_an_object_is_locked_before_it_is_stored_that_it_is(doom: Doom) -> None:
 
 def test_what_is_acknowledged_the_brake_goes_by_already() -> None:
     """Once it looked up to 0.2 s later, while its report reckoned with it (seed 220394)."""
-    scene = Scene(Plot({1: 200.0, 2: 1800.0}))
+    scene = ScriptedLine(Plot({1: 200.0, 2: 1800.0}))
     scene.settle()
     train = scene.world.trains[1]
     scene.until("it is fast", lambda: train.motion.speed_mps > 10.0, within_s=60.0)
@@ -306,11 +306,11 @@ def test_what_is_acknowledged_the_brake_goes_by_already() -> None:
 
 def test_one_jog_takes_the_place_of_another_that_was_not_over() -> None:
     """Once they had added up, and a train rolled back 14 m (seed 22784)."""
-    scene = Scene(Plot({1: 700.0}))
+    scene = ScriptedLine(Plot({1: 700.0}))
     scene.settle()
     motion = scene.world.trains[1].motion
     motion.advance(scene.net.now_ns)
-    mischief = Mischief(scene.world, seed=1)
+    mischief = RailwayEvents(scene.world, seed=1)
     jog = dict(mischief._things)["jog"]
 
     for _ in range(3):
@@ -319,7 +319,7 @@ def test_one_jog_takes_the_place_of_another_that_was_not_over() -> None:
 
 
 def test_a_section_with_a_disturbed_counter_is_not_entered_until_it_is_looked_at() -> None:
-    scene = Scene(Plot({1: 300.0}))
+    scene = ScriptedLine(Plot({1: 300.0}))
     scene.settle()
     track = scene.world.track
     (section,) = [each for each in track.line.sections if each.start_m == 1000.0]
@@ -337,7 +337,7 @@ def test_a_section_with_a_disturbed_counter_is_not_entered_until_it_is_looked_at
 def test_a_counter_is_disturbed_for_a_while_or_until_all_is_over(over: bool) -> None:
     line = world(200.0, 900.0)
     line.drawn = replace(line.drawn, disturbed=True)
-    mischief = Mischief(line, seed=1)
+    mischief = RailwayEvents(line, seed=1)
 
     dict(mischief._things)["counter disturbed"]()
 
@@ -365,7 +365,7 @@ def test_a_new_life_brakes_from_its_first_output_and_goes_by_nothing_that_was_he
 ) -> None:
     """Its brake once waited for up to a control cycle, while it said how far it comes with it, and
     an object was released 190 m ahead of it: within what its former life held (seed 60368)."""
-    scene = Scene(Plot({1: 200.0, 2: 1500.0}))
+    scene = ScriptedLine(Plot({1: 200.0, 2: 1500.0}))
     scene.settle()
     scene.run(5.0)
     train, checker = scene.world.trains[1], scene.world.checker
@@ -387,7 +387,7 @@ def test_where_nobody_commands_only_the_order_back_into_service_is_said(
     kind: OrderKind | None,
 ) -> None:
     """To its train, in whatever area: all others would hear it from their master."""
-    desk, wanted = Desk(boot=3), Order(kind, 2, 7, left=1)
+    desk, wanted = OrderSource(boot=3), TrainOrder(kind, 2, 7, left=1)
     said = desk.says([wanted], 50)
 
     goes_out = kind is OrderKind.IN_SERVICE
@@ -397,12 +397,12 @@ def test_where_nobody_commands_only_the_order_back_into_service_is_said(
 
 def closed_in_front_of(front_m: float, monkeypatch: pytest.MonkeyPatch) -> LineWorld:
     """600 m to 700 m, long ago."""
-    monkeypatch.setattr(Air, "made_of", lambda *_: None)
+    monkeypatch.setattr(AuthorityChecks, "made_of", lambda *_: None)
     line = world(front_m)
     line.closes(CLOSED)
     line.net.run(10 * AGE_MAX_NS)
     return line
 
 
-def grant(end_m: float) -> Grant:
-    return Grant(end_m, term=1, sequence=1, issuer=1, area=1, stamp_ns=0)
+def grant(end_m: float) -> BrakeLoopGrant:
+    return BrakeLoopGrant(end_m, term=1, sequence=1, issuer=1, area=1, stamp_ns=0)

@@ -7,7 +7,7 @@ import pytest
 
 from metro_hil.simulation import routes
 from metro_hil.simulation.long_line import LongLine, play
-from metro_hil.simulation.node import Letter
+from metro_hil.simulation.node import QueuedMessage
 
 EACH = 5
 
@@ -30,8 +30,8 @@ def test_a_line_of_more_areas_gives_no_train_more_to_hear() -> None:
 def test_trains_that_listened_everywhere_would_hear_all_of_the_line(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    def to_all(targets: Sequence[int], message: Any, topic: int | None) -> Letter:
-        return Letter(targets, message)
+    def to_all(targets: Sequence[int], message: Any, topic: int | None) -> QueuedMessage:
+        return QueuedMessage(targets, message)
 
     monkeypatch.setattr(routes, "Letter", to_all)
     few, many = few_and_many()

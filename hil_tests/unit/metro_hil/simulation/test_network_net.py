@@ -12,9 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from metro_hil.simulation.clocks import NodeClock
-from metro_hil.simulation.event_queue import Network
+from metro_hil.simulation.event_queue import SimulatedNetwork
 from metro_hil.simulation.links import Weather
-from metro_hil.simulation.node import NEVER, Doom, Letter, Node, Turn
+from metro_hil.simulation.node import NEVER, Doom, NodeStep, QueuedMessage, SimulatedNode
 
 MS = 1_000_000
 S = 1_000_000_000
@@ -26,10 +26,10 @@ class Listener:
 
     heard: list[tuple[int, tuple[Any, ...]]] = field(default_factory=list)
 
-    def step(self, now_ns: int, heard: Sequence[Any]) -> Turn:
+    def step(self, now_ns: int, heard: Sequence[Any]) -> NodeStep:
         if heard:
             self.heard.append((now_ns, tuple(heard)))
-        return Turn((), None, NEVER)
+        return NodeStep((), None, NEVER)
 
     @property
     def messages(self) -> list[Any]:
@@ -45,36 +45,38 @@ class Counter:
     number: int = 0
     due_ns: int = 0
 
-    def step(self, now_ns: int, heard: Sequence[Any]) -> Turn:
+    def step(self, now_ns: int, heard: Sequence[Any]) -> NodeStep:
         if now_ns < self.due_ns:
-            return Turn((), self.number, self.due_ns)
+            return NodeStep((), self.number, self.due_ns)
         self.number += 1
         self.due_ns = now_ns + self.period_ns
-        each = [Letter((target,), self.number) for target in self.targets]
-        return Turn(each, self.number, self.due_ns)
+        each = [QueuedMessage((target,), self.number) for target in self.targets]
+        return NodeStep(each, self.number, self.due_ns)
 
 
 def network(
     seed: int = 1, *, period_ns: int = 100 * MS, listeners: int = 1, **more: Any
-) -> Network:
+) -> SimulatedNetwork:
     """Node 1 counts, nodes 2 and up listen."""
-    net = Network(seed, **more)
+    net = SimulatedNetwork(seed, **more)
     targets = tuple(range(2, 2 + listeners))
 
-    def start(node: Node, now_ns: int) -> Counter:
+    def start(node: SimulatedNode, now_ns: int) -> Counter:
         return Counter(targets, period_ns, node.disk or 0)
 
-    net.add(Node(1, "counter", start, NodeClock(0, 0)))
+    net.add(SimulatedNode(1, "counter", start, NodeClock(0, 0)))
     for target in targets:
         net.add(
-            Node(target, f"listener {target}", lambda node, now_ns: Listener(), NodeClock(0, 0))
+            SimulatedNode(
+                target, f"listener {target}", lambda node, now_ns: Listener(), NodeClock(0, 0)
+            )
         )
     for address in net.nodes:
         net.boot(address)
     return net
 
 
-def listener(net: Network, address: int = 2) -> Listener:
+def listener(net: SimulatedNetwork, address: int = 2) -> Listener:
     machine = net.nodes[address].machine
     assert isinstance(machine, Listener)
     return machine
@@ -303,7 +305,7 @@ def test_changing_the_drift_of_a_clock_does_not_make_it_jump_and_a_step_does() -
 
 
 def test_a_clock_that_steps_forwards_wakes_its_node_early() -> None:
-    net = Network(1)
+    net = SimulatedNetwork(1)
     net = network(period_ns=10 * S)
     net.run(1 * S)
     assert net.nodes[1].disk == 1

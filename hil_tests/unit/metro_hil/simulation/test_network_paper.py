@@ -5,30 +5,30 @@ from pathlib import Path
 import pytest
 
 from metro_hil.cli.hil import main
-from metro_hil.simulation.batch import Journal, Total, run_many
+from metro_hil.simulation.batch import SeedJournal, Total, run_many
 from metro_hil.simulation.checker import ViolationError
-from metro_hil.simulation.paper_protocol import PaperCrew, PaperSettings, PaperTrain
+from metro_hil.simulation.paper_protocol import PaperNodes, PaperSettings, PaperTrain
 from metro_hil.simulation.run import Phases, RunResult
-from metro_hil.simulation.simulate import Job
-from metro_hil.simulation.world import Setting, World
+from metro_hil.simulation.simulate import SeedJob
+from metro_hil.simulation.world import Setting, SimulatedLine
 
 S = 1_000_000_000
 THIRD = 100
 
 
-def world(fronts_m: dict[int, float]) -> World:
+def world(fronts_m: dict[int, float]) -> SimulatedLine:
     settings = PaperSettings(tuple(fronts_m), THIRD, 20_000.0, roll_back_m=2.0)
-    return World(5, Setting(fronts_m, stops_m=[3000.0]), PaperCrew(settings))
+    return SimulatedLine(5, Setting(fronts_m, stops_m=[3000.0]), PaperNodes(settings))
 
 
-def start(line: World, *addresses: int) -> None:
+def start(line: SimulatedLine, *addresses: int) -> None:
     """One after the other, the first long before the second, as the paper would have it."""
     for address in addresses:
         line.net.boot(address)
         line.net.run(line.net.now_ns + 4 * S)
 
 
-def masters(line: World) -> list[int]:
+def masters(line: SimulatedLine) -> list[int]:
     found = []
     for address in line.trains:
         machine = line.net.nodes[address].machine
@@ -102,7 +102,7 @@ def test_an_authority_without_age_is_obeyed_however_old_it_is() -> None:
     assert "train 1 accepts an authority that is" in error.value.what
 
 
-PAPER = Job(Phases(trouble_s=30.0), protocol="paper")
+PAPER = SeedJob(Phases(trouble_s=30.0), protocol="paper")
 
 
 def test_random_faults_find_it_too_and_the_same_in_every_process() -> None:
@@ -137,17 +137,17 @@ def test_a_broken_seed_names_the_command_that_repeats_it(
 
 def test_a_journal_spares_what_it_has_and_forgives_a_torn_last_line(tmp_path: Path) -> None:
     path = tmp_path / "journal.jsonl"
-    journal = Journal(path)
+    journal = SeedJournal(path)
     for result in run_many((1, 2), PAPER, workers=1):
         journal.append(result)
     with path.open("a", encoding="utf-8") as file:
         file.write('{"seed": 3, "dig')
 
-    again = Journal(path)
+    again = SeedJournal(path)
     again.append(RunResult(seed=9))
 
     assert [each.seed for each in again.results] == [1, 2]
-    assert [each.seed for each in Journal(path).results] == [1, 2, 9]
+    assert [each.seed for each in SeedJournal(path).results] == [1, 2, 9]
     total = Total()
     for result in again.results:
         total.add(result)
@@ -172,10 +172,10 @@ def test_a_file_that_is_no_journal_is_refused_and_left_as_it_is(
 def test_a_journal_that_cannot_be_written_is_said_with_the_seed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def full(journal: Journal, result: RunResult) -> None:
+    def full(journal: SeedJournal, result: RunResult) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(Journal, "append", full)
+    monkeypatch.setattr(SeedJournal, "append", full)
 
     code = main(
         ["simulate", "--seed", "3", "--minutes", "0.05", "--journal", str(tmp_path / "j.jsonl")]

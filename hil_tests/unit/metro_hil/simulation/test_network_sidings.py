@@ -5,23 +5,23 @@ import random
 
 import pytest
 
-from metro_hil.simulation.motion import Motion
+from metro_hil.simulation.motion import SimulatedMotion
 from metro_hil.simulation.removal import APART_M, AWAY_S, CLOSED_NS, OFF_NS, Sidings
-from metro_hil.simulation.scripted_line import Plot, Scene
+from metro_hil.simulation.scripted_line import Plot, ScriptedLine
 from zenoh_config.messages import SpeedRestriction
 
 S = 1_000_000_000
 
 
-def settled() -> Scene:
-    scene = Scene(
+def settled() -> ScriptedLine:
+    scene = ScriptedLine(
         Plot({1: 300.0, 2: 900.0, 3: 1500.0}, stops_m=(300.0, 900.0, 1500.0), dwell_s=1e4)
     )
     scene.settle()
     return scene
 
 
-def off(scene: Scene) -> list[int]:
+def off(scene: ScriptedLine) -> list[int]:
     return [each.address for each in scene.world.trains.values() if not each.on_line]
 
 
@@ -62,7 +62,7 @@ def test_one_that_is_switched_on_again_meanwhile_stays_where_it_is() -> None:
 def test_who_moves_is_not_taken_off() -> None:
     scene = settled()
     for train in scene.world.trains.values():
-        train.motion = Motion(scene.net.now_ns, train.front_m, emergency_mps2=1.0)
+        train.motion = SimulatedMotion(scene.net.now_ns, train.front_m, emergency_mps2=1.0)
         train.motion.speed_mps = 1.0
 
     assert not Sidings(scene.world, random.Random(3)).leaves()
@@ -111,7 +111,7 @@ def test_a_place_is_taken_that_another_is_near_to_by_what_it_says(
     sidings, train = Sidings(scene.world, random.Random(3)), scene.world.trains[3]
     for behind in (1, 2):
         scene.world.trains[behind].on_line = False
-    train.motion = Motion(scene.net.now_ns, 1250.0 + 80.0 + 20.1, emergency_mps2=1.0)
+    train.motion = SimulatedMotion(scene.net.now_ns, 1250.0 + 80.0 + 20.1, emergency_mps2=1.0)
     train.half_width_m = unsure_m
 
     assert sidings._is_taken(SpeedRestriction(1000.0, 1250.0, 1.0)) is taken

@@ -3,14 +3,14 @@
 from metro_hil.simulation.batch import cpu_ns
 from metro_hil.simulation.generate import DENSE_FROM, draw
 from metro_hil.simulation.line_world import LineWorld
-from metro_hil.simulation.network_faults import Scale
+from metro_hil.simulation.network_faults import FaultScale
 from metro_hil.simulation.run import Phases, RunResult, run_seed
 
 
 def run(foul_share: float) -> RunResult:
     world = LineWorld(DENSE_FROM, draw(DENSE_FROM))
     # Nothing strikes meanwhile.
-    scale = Scale(between_s_min=1e6, between_s_max=1e6, foul_share=foul_share)
+    scale = FaultScale(between_s_min=1e6, between_s_max=1e6, foul_share=foul_share)
     return run_seed(DENSE_FROM, world, scale, Phases(trouble_s=20.0, calm_s=5.0), cpu_ns)
 
 

@@ -4,9 +4,9 @@ from collections import Counter
 
 import pytest
 
-from metro_hil.simulation.authority_checks import ANSWERS_MAX, Air, LeaseRules
+from metro_hil.simulation.authority_checks import ANSWERS_MAX, AuthorityChecks, LeaseRules
 from metro_hil.simulation.checker import ViolationError
-from metro_hil.simulation.node import Letter
+from metro_hil.simulation.node import QueuedMessage
 from zenoh_config.t2t import (
     AreaAuthority,
     LeaseAnswer,
@@ -28,12 +28,12 @@ class Line:
 
     def __init__(self) -> None:
         self.now_ns = 0
-        self.judge = Air(RULES, Counter())
+        self.judge = AuthorityChecks(RULES, Counter())
 
     def asks(self, train: int, term: int, nonce: int, arbiters: tuple[int, ...]) -> None:
         head = (train, ARBITERS[0], train, term, 1, nonce, self.now_ns)
         request = LeaseRequest(*head, LeaseKind.RENEW, nonce, 0)
-        self._stepped(train, [], [Letter(ARBITERS, request)])
+        self._stepped(train, [], [QueuedMessage(ARBITERS, request)])
         for arbiter in arbiters:
             self.answers(train, term, nonce, arbiter)
 
@@ -45,14 +45,14 @@ class Line:
     def keeps_roster(self, train: int, term: int) -> None:
         roster = (RosterEntry(train, 0.0, True, 1),)
         head = (train, ARBITERS[0], train, term, 1, 1, 0)
-        self._stepped(train, [], [Letter(ARBITERS, RosterCommit(*head, 1, roster))])
+        self._stepped(train, [], [QueuedMessage(ARBITERS, RosterCommit(*head, 1, roster))])
         for arbiter in ARBITERS:
             self._stepped(train, [RosterAck(arbiter, train, train, term, 1, 1, 0, 1)], [])
 
     def issues(self, train: int, term: int) -> None:
         head = (train, train, train, term, 1, 1, self.now_ns)
         authority = AreaAuthority(*head, 1, self.now_ns, 100.0, 0.0, 0, 1, ())
-        self._stepped(train, [], [Letter((train,), authority)])
+        self._stepped(train, [], [QueuedMessage((train,), authority)])
 
     def hears_authority(self, train: int, term: int, sequence: int, echo_ns: int) -> None:
         head = (2, train, train, term, 1, sequence, self.now_ns)
@@ -65,9 +65,9 @@ class Line:
         place = (50.0, 51.0, 0.0, 0.0, 0.0)
         ends = (100.0, 100.0, 60.0, term, sequence)
         report = TrainReport(*head, True, *place, True, *ends, True, 0, 0, 4, False, 0, 0)
-        self._stepped(train, [], [Letter((2,), report)])
+        self._stepped(train, [], [QueuedMessage((2,), report)])
 
-    def _stepped(self, train: int, heard: list[object], letters: list[Letter]) -> None:
+    def _stepped(self, train: int, heard: list[object], letters: list[QueuedMessage]) -> None:
         self.judge.stepped(train, self.now_ns, self.now_ns, heard, letters)
 
 

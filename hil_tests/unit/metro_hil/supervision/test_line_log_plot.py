@@ -9,7 +9,7 @@ import pytest
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from metro_hil.supervision.radio_log import Figures, TrainFigures
+from metro_hil.supervision.radio_log import RadioFigures, TrainFigures
 from metro_hil.supervision.radio_log_plot import LABEL_PT, picture, raised
 
 TERMS = {
@@ -23,7 +23,7 @@ TERMS = {
 def drawn() -> Iterator[Figure]:
     mpl.use("Agg")
     trains = {number: TrainFigures([2.0], [80.0], [150.0]) for number in range(1, 21)}
-    figure = picture(Figures(trains=trains, terms=TERMS, end_s=30.0), "a run")
+    figure = picture(RadioFigures(trains=trains, terms=TERMS, end_s=30.0), "a run")
     figure.canvas.draw()
     yield figure
     plt.close(figure)
@@ -42,7 +42,7 @@ def test_terms_have_whole_numbers_and_none_is_below_zero(drawn: Figure) -> None:
 
 
 def test_one_term_only_has_a_whole_number_as_well() -> None:
-    figure = picture(Figures(terms={1: [(0.5, 1, 5)]}, end_s=3.0), "a run")
+    figure = picture(RadioFigures(terms={1: [(0.5, 1, 5)]}, end_s=3.0), "a run")
     figure.canvas.draw()
 
     low, high = terms_of(figure).get_ylim()

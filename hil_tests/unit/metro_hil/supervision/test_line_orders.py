@@ -7,7 +7,7 @@ import pytest
 from firmware_py.ports import RadioMessage
 from hil_tests.unit.metro_hil.supervision.test_line_supervision import BEAT, LOOP, MS, REPORT, said
 from hil_tests.unit.plant_emulator.wayside.test_line_decrees import Ticking
-from metro_hil.supervision.console import Desk
+from metro_hil.supervision.console import SupervisionConsole
 from metro_hil.supervision.view import LineView
 from zenoh_config.codec import unpack
 from zenoh_config.t2t import BROADCAST, LineOrder, OrderKind, T2tMessage, TrainReport
@@ -64,7 +64,7 @@ def remove(
     states: dict[int, RemovalState | None], train: int = 4, known: tuple[int, ...] = (4,)
 ) -> tuple[int, Masters]:
     clock, masters = Ticking(), Masters(states, *known)
-    desk = Desk(clock, LineView(LOOP), masters)  # type: ignore[arg-type]
+    desk = SupervisionConsole(clock, LineView(LOOP), masters)  # type: ignore[arg-type]
     desk.listen(0.2)
     return desk.remove(train), masters
 
@@ -115,7 +115,7 @@ def test_who_keeps_a_train_and_why_is_said(
 
 def test_what_was_answered_before_it_was_asked_does_not_count() -> None:
     clock, masters = Ticking(), Masters({1: RemovalState.GONE}, 4)
-    desk = Desk(clock, LineView(LOOP), masters)  # type: ignore[arg-type]
+    desk = SupervisionConsole(clock, LineView(LOOP), masters)  # type: ignore[arg-type]
     desk.listen(0.2)
     assert desk.remove(4) == 0
 
@@ -161,8 +161,8 @@ class Obedient:
                 self.beat = dataclasses.replace(self.beat, source=5, standby=6, term=8)
 
 
-def at_the_desk(radio: Obedient) -> Desk:
-    desk = Desk(Ticking(), LineView(LOOP), radio)  # type: ignore[arg-type]
+def at_the_desk(radio: Obedient) -> SupervisionConsole:
+    desk = SupervisionConsole(Ticking(), LineView(LOOP), radio)  # type: ignore[arg-type]
     desk.listen(0.2)
     return desk
 
@@ -234,7 +234,7 @@ def test_a_train_that_nobody_knows_is_not_removed(capsys: pytest.CaptureFixture[
 
 def test_a_train_that_only_a_roster_knew_is_removed(capsys: pytest.CaptureFixture[str]) -> None:
     masters = Masters({1: RemovalState.COMMITTING}, 3)
-    desk = Desk(Ticking(), LineView(LOOP), masters)  # type: ignore[arg-type]
+    desk = SupervisionConsole(Ticking(), LineView(LOOP), masters)  # type: ignore[arg-type]
     desk.listen(0.2)
     masters.goes_after = 3
 

@@ -8,7 +8,7 @@ from firmware_py.ports import RadioMessage
 from firmware_py.trackdb import load_line
 from firmware_py.trackdb.areas import load_areas
 from plant_emulator.wayside.line_centre import LineCentre
-from plant_emulator.wayside.line_wayside import Disks, LineWayside, Truth
+from plant_emulator.wayside.line_wayside import Disks, LineWayside, WaysideTruth
 from plant_emulator.wayside.t2t_vocabulary import ArbiterMemory, CentreMemory, LeaseMemory
 from zenoh_config import keys
 from zenoh_config.codec import pack, unpack
@@ -57,7 +57,7 @@ class Site:
 
     def step(self, *messages: RadioMessage, ms: int = 10) -> None:
         self.now_ns += ms * MS
-        for _, payload in self.wayside.step(self.now_ns, messages, Truth({})):
+        for _, payload in self.wayside.step(self.now_ns, messages, WaysideTruth({})):
             heard = unpack(payload)
             if isinstance(heard, LineState):
                 self.state = heard

@@ -13,7 +13,7 @@ from hil_tests.unit.metro_hil.supervision.test_line_supervision import REPORT
 from hil_tests.unit.plant_emulator.wayside.test_line_centre import STATUS
 from metro_hil.supervision import command
 from metro_hil.supervision.command import main
-from metro_hil.supervision.console import Desk
+from metro_hil.supervision.console import SupervisionConsole
 from metro_hil.supervision.nearby_trains import is_near
 from metro_hil.supervision.view import LineView
 from plant_emulator.wayside.line_centre import LineCentre
@@ -84,8 +84,8 @@ def said(message: T2tMessage) -> RadioMessage:
     return RadioMessage(0, key_of("loop", message), pack(message))
 
 
-def at_the_desk(line: Line) -> Desk:
-    desk = Desk(line.clock, LineView(LOOP), line)  # type: ignore[arg-type]
+def at_the_desk(line: Line) -> SupervisionConsole:
+    desk = SupervisionConsole(line.clock, LineView(LOOP), line)  # type: ignore[arg-type]
     desk.listen(0.7)
     return desk
 
@@ -196,7 +196,7 @@ def test_of_a_silent_train_nobody_says_that_it_does_not_brake(
     desk = at_the_desk(line)
     desk.listen(0.6)
     line.speaks = False
-    later = Desk(line.clock, LineView(LOOP), line)  # type: ignore[arg-type]
+    later = SupervisionConsole(line.clock, LineView(LOOP), line)  # type: ignore[arg-type]
     later.listen(0.7)
 
     assert later.decree(DecreeKind.RELEASE, train=3) == 3

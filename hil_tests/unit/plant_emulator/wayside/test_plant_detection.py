@@ -8,7 +8,7 @@ import pytest
 from firmware_py.ports import RadioMessage
 from firmware_py.trackdb.areas import load_areas
 from plant_emulator.cli import main
-from plant_emulator.cli.line_wayside import REFUSED_EVERY, Refused
+from plant_emulator.cli.line_wayside import REFUSED_EVERY, RefusalNotes
 from plant_emulator.wayside.detection import TRAINS_MAX, Detection, Place, key_of, packed
 from vobc.cli.command import main as vobc
 
@@ -115,7 +115,7 @@ def test_a_peer_without_a_wayside_or_beside_rules_is_refused(
 
 
 def test_the_wayside_tells_each_reason_when_it_comes_up_and_then_now_and_then() -> None:
-    refused = Refused()
+    refused = RefusalNotes()
 
     assert refused.looks({}) == []
     assert refused.looks({"too old": 3}) == ["refused: 3 messages, too old"]

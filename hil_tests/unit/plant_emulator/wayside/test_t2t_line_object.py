@@ -7,7 +7,7 @@ from plant_emulator.wayside.line_object import (
     Demand,
     LineObject,
     ObjectGuards,
-    Term,
+    ObjectTerm,
     free_to_lock,
     newer_claim,
     nobody_in_it,
@@ -130,7 +130,7 @@ def test_only_what_may_open_just_now_is_not_locked(
 
 @pytest.mark.parametrize(("term", "obeyed"), [(6, False), (7, True), (8, True)])
 def test_no_term_before_the_one_that_was_seen_is_obeyed(term: int, *, obeyed: bool) -> None:
-    assert term_not_old(Term(term, 4, MEMORY)) is obeyed
+    assert term_not_old(ObjectTerm(term, 4, MEMORY)) is obeyed
 
 
 @pytest.mark.parametrize(
@@ -139,7 +139,7 @@ def test_no_term_before_the_one_that_was_seen_is_obeyed(term: int, *, obeyed: bo
 def test_a_term_belongs_to_the_train_that_spoke_first_under_it(
     term: int, source: int, *, owner: bool
 ) -> None:
-    assert owner_of_term(Term(term, source, MEMORY)) is owner
+    assert owner_of_term(ObjectTerm(term, source, MEMORY)) is owner
 
 
 def test_it_says_all_that_it_knows_and_counts_what_it_says() -> None:

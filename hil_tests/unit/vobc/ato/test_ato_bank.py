@@ -6,7 +6,7 @@ from collections import deque
 
 import pytest
 
-from vobc.ato.model.model_bank import Bank
+from vobc.ato.model.model_bank import ModelBank
 from vobc.ato.model.motion_filter import GAIN_MAX_RATIO, MotionFilter
 from vobc.ato.model.train_model import TrainModel
 from vobc.ato.settings.ato import BrakeBelief, TractionBelief
@@ -116,7 +116,7 @@ def test_the_gap_before_a_handover_is_the_way_of_the_air_s_delay() -> None:
 
 
 def test_the_hypothesis_that_fits_gets_the_weight_and_the_others_are_given_up() -> None:
-    bank, motion = Bank(3, DT_S), MotionFilter(DT_S)
+    bank, motion = ModelBank(3, DT_S), MotionFilter(DT_S)
     motion.start(10.0)
     bank.begin(motion)
     speed_mps = 10.0

@@ -12,8 +12,8 @@ from firmware_py.trackdb import load_line
 from hil_tests.unit.vobc.ato import ato_rig
 from vobc.ato import Ato, AtoConfig
 from vobc.ato.laws import catch_time, notch_choice
-from vobc.ato.laws.chasing_states import TRANSITIONS, Chase, State, next_state
-from vobc.ato.laws.notch_choice import Aim
+from vobc.ato.laws.chasing_states import TRANSITIONS, Chase, ChasingState, next_state
+from vobc.ato.laws.notch_choice import NotchTarget
 from vobc.ato.laws.notch_ending import last_notch_mps2
 from vobc.ato.motion.step_curve import StepCurve
 from vobc.ato.settings.chasing import ChasingScheme
@@ -66,7 +66,7 @@ def test_the_gentlest_notch_that_makes_it_is_taken(error_mps: float) -> None:
 
 def kept(error_mps: float, run_s: float, now_mps2: float, *, to_stop: bool = True) -> bool:
     """Whether a notch weaker than the curve of 0.6 m/s² is left in place."""
-    aim = Aim(error_mps, 0.6, run_s, 0.0, to_stop)
+    aim = NotchTarget(error_mps, 0.6, run_s, 0.0, to_stop)
     return notch_choice.picked(ChasingScheme(), aim, now_mps2, LEVELS_MPS2, 0.018) == now_mps2
 
 
@@ -109,18 +109,22 @@ def test_the_time_to_the_target_is_that_of_a_steady_deceleration() -> None:
 
 
 def test_every_state_can_be_left_and_reached() -> None:
-    assert set(TRANSITIONS) == set(State)
-    assert {target for rows in TRANSITIONS.values() for _, target in rows} == set(State)
+    assert set(TRANSITIONS) == set(ChasingState)
+    assert {target for rows in TRANSITIONS.values() for _, target in rows} == set(ChasingState)
 
 
 def test_traction_and_brake_never_follow_each_other_without_a_need() -> None:
-    assert next_state(State.BRAKE, Chase(braked=True, too_slow=True)) is State.COAST
-    assert next_state(State.TRACTION, Chase(near_curve=True)) is State.COAST
-    assert next_state(State.COAST, Chase(near_curve=True, too_slow=True)) is State.COAST
-    assert next_state(State.COAST, Chase(on_curve=True, near_curve=True)) is State.BRAKE
-    assert next_state(State.COAST, Chase(too_slow=True)) is State.TRACTION
-    assert next_state(State.CRUISE, Chase(too_fast=True)) is State.BRAKE
-    assert next_state(State.BRAKE, Chase(on_curve=True, braked=True)) is State.BRAKE
+    assert next_state(ChasingState.BRAKE, Chase(braked=True, too_slow=True)) is ChasingState.COAST
+    assert next_state(ChasingState.TRACTION, Chase(near_curve=True)) is ChasingState.COAST
+    assert (
+        next_state(ChasingState.COAST, Chase(near_curve=True, too_slow=True)) is ChasingState.COAST
+    )
+    assert (
+        next_state(ChasingState.COAST, Chase(on_curve=True, near_curve=True)) is ChasingState.BRAKE
+    )
+    assert next_state(ChasingState.COAST, Chase(too_slow=True)) is ChasingState.TRACTION
+    assert next_state(ChasingState.CRUISE, Chase(too_fast=True)) is ChasingState.BRAKE
+    assert next_state(ChasingState.BRAKE, Chase(on_curve=True, braked=True)) is ChasingState.BRAKE
 
 
 # The curve.

@@ -4,12 +4,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vobc.ato.motion.rate_limiter import Governor
+from vobc.ato.motion.rate_limiter import RateLimiter
 
 DT_S = 0.05
 
 
-def follow(governor: Governor, target_mps: float, seconds: float) -> list[tuple[float, float]]:
+def follow(governor: RateLimiter, target_mps: float, seconds: float) -> list[tuple[float, float]]:
     path = []
     for _ in range(round(seconds / DT_S)):
         governor.step(target_mps, rise_mps2=0.8, fall_mps2=0.8)
@@ -22,7 +22,7 @@ def follow(governor: Governor, target_mps: float, seconds: float) -> list[tuple[
 def test_the_reference_arrives_within_limits_and_without_overshoot(
     from_mps: float, to_mps: float
 ) -> None:
-    governor = Governor(0.6, 1.4, DT_S)
+    governor = RateLimiter(0.6, 1.4, DT_S)
     governor.restart(from_mps, 0.0)
 
     path = follow(governor, to_mps, 60.0)
@@ -38,7 +38,7 @@ def test_the_reference_arrives_within_limits_and_without_overshoot(
 
 
 def test_smoothing_makes_the_ramp_of_acceleration_gentler_than_the_jerk_limit() -> None:
-    governor = Governor(0.6, 1.4, DT_S)
+    governor = RateLimiter(0.6, 1.4, DT_S)
 
     rises = [accel for _, accel in follow(governor, 20.0, 6.0)]
 
@@ -49,7 +49,7 @@ def test_smoothing_makes_the_ramp_of_acceleration_gentler_than_the_jerk_limit() 
 
 
 def test_a_reference_waits_for_a_train_that_cannot_follow() -> None:
-    governor = Governor(0.6, 1.4, DT_S)
+    governor = RateLimiter(0.6, 1.4, DT_S)
     for _ in range(200):
         governor.step(20.0, rise_mps2=0.8, fall_mps2=0.8)
         governor.hold_back(0.5)
@@ -58,7 +58,7 @@ def test_a_reference_waits_for_a_train_that_cannot_follow() -> None:
 
 
 def test_restarting_continues_speed_and_acceleration() -> None:
-    governor = Governor(0.6, 1.4, DT_S)
+    governor = RateLimiter(0.6, 1.4, DT_S)
     governor.restart(12.0, -0.4)
 
     governor.step(15.0, rise_mps2=0.8, fall_mps2=0.8)
@@ -68,7 +68,7 @@ def test_restarting_continues_speed_and_acceleration() -> None:
 
 
 def test_missed_cycles_are_caught_up() -> None:
-    once, twice = Governor(0.6, 1.4, DT_S), Governor(0.6, 1.4, DT_S)
+    once, twice = RateLimiter(0.6, 1.4, DT_S), RateLimiter(0.6, 1.4, DT_S)
 
     once.step(10.0, rise_mps2=0.8, fall_mps2=0.8, cycles=2)
     twice.step(10.0, rise_mps2=0.8, fall_mps2=0.8)

@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 
 from can_dbc.vobc import AtoPhase
 from vobc.ato import mode
-from vobc.ato.mode import Situation, next_phase
+from vobc.ato.mode import PhaseGuardInputs, next_phase
 
-FLAGS = [field.name for field in dataclasses.fields(Situation)]
+FLAGS = [field.name for field in dataclasses.fields(PhaseGuardInputs)]
 P = AtoPhase
 
 
@@ -93,14 +93,14 @@ P = AtoPhase
     ],
 )
 def test_the_table_leads_where_the_domain_says(phase: P, flags: str, expected: P) -> None:
-    seen = Situation(**dict.fromkeys(flags.split(), True))
+    seen = PhaseGuardInputs(**dict.fromkeys(flags.split(), True))
 
     assert next_phase(phase, seen) is expected
 
 
-def situations(**fixed: bool) -> st.SearchStrategy[Situation]:
+def situations(**fixed: bool) -> st.SearchStrategy[PhaseGuardInputs]:
     flags = {flag: st.just(fixed[flag]) if flag in fixed else st.booleans() for flag in FLAGS}
-    return st.builds(Situation, **flags)
+    return st.builds(PhaseGuardInputs, **flags)
 
 
 @pytest.mark.parametrize("phase", [phase for phase in P if phase is not P.OFF])
@@ -110,7 +110,7 @@ def test_every_phase_goes_off_when_the_operation_is_disabled(phase: P) -> None:
 
 
 @given(st.sampled_from(P), situations(enabled=False))
-def test_nothing_but_off_is_left_of_a_disabled_operation(phase: P, seen: Situation) -> None:
+def test_nothing_but_off_is_left_of_a_disabled_operation(phase: P, seen: PhaseGuardInputs) -> None:
     assert next_phase(phase, seen) is P.OFF
 
 
@@ -121,7 +121,7 @@ SETS_OFF = {P.DEPARTING, P.JOGGING, P.CREEPING}
     st.sampled_from([phase for phase in P if phase not in SETS_OFF]),
     situations(doors_locked=False, under_way=False),
 )
-def test_nothing_sets_off_with_unlocked_doors(phase: P, seen: Situation) -> None:
+def test_nothing_sets_off_with_unlocked_doors(phase: P, seen: PhaseGuardInputs) -> None:
     assert next_phase(phase, seen) not in SETS_OFF
 
 
@@ -129,12 +129,12 @@ def test_nothing_sets_off_with_unlocked_doors(phase: P, seen: Situation) -> None
     st.sampled_from([phase for phase in P if phase not in SETS_OFF]),
     situations(departure_permitted=False, under_way=False),
 )
-def test_nothing_departs_or_creeps_against_the_interlock(phase: P, seen: Situation) -> None:
+def test_nothing_departs_or_creeps_against_the_interlock(phase: P, seen: PhaseGuardInputs) -> None:
     assert next_phase(phase, seen) not in {P.DEPARTING, P.CREEPING}
 
 
 @given(situations(keep_doors_open=True))
-def test_doors_that_are_to_stay_open_are_not_closed(seen: Situation) -> None:
+def test_doors_that_are_to_stay_open_are_not_closed(seen: PhaseGuardInputs) -> None:
     assert next_phase(P.DOORS_OPEN, seen) is not P.DOORS_CLOSING
 
 
@@ -144,7 +144,7 @@ def test_no_row_sets_off_without_asking_for_locked_doors() -> None:
     for phase, rows in mode.TRANSITIONS.items():
         for guard, target in rows:
             if target in SETS_OFF and phase is not P.OFF:
-                assert not guard(Situation(**everything)), (phase, target)
+                assert not guard(PhaseGuardInputs(**everything)), (phase, target)
 
 
 def test_every_phase_is_in_the_table_and_can_be_reached() -> None:

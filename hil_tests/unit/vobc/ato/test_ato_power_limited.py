@@ -11,7 +11,7 @@ from firmware_py.trackdb import load_line
 from hil_tests.unit.vobc.ato import ato_rig
 from hil_tests.unit.vobc.ato.ato_rig import line_with
 from vobc.ato import Ato, AtoConfig
-from vobc.ato.laws.power_limited import PowerLimitedRun, Stage
+from vobc.ato.laws.power_limited import PowerLimitedRun, RunStage
 from vobc.ato.laws.power_plan import PowerPlanner
 from vobc.ato.motion import profile
 
@@ -115,13 +115,13 @@ def ride(run_s: float | None, config: AtoConfig, seed: int = 3):  # type: ignore
     rig_settings = ato_rig.RigSettings(seed=seed, brake_delay_s=None, start_scale_known=True)
     rig = ato_rig.Rig(ato, line, rig_settings, 3500.0)
     powers_w: list[float] = []
-    stages: set[Stage] = set()
+    stages: set[RunStage] = set()
 
     def watch(now: ato_rig.Rig) -> bool:
         law = ato.strategy
         if isinstance(law, PowerLimitedRun):
             stages.add(law.stage)
-            if law.stage is Stage.BRAKING and law.plan is not None:
+            if law.stage is RunStage.BRAKING and law.plan is not None:
                 asked_mps2 = max(0.0, -law._demand_mps2)
                 mass_kg = 130000.0 * 1.08 + LOAD_KG
                 powers_w.append(asked_mps2 * mass_kg * law.speed_mps / law.plan.power_w)
@@ -138,10 +138,10 @@ def test_a_ride_keeps_time_mark_and_power_limit(run_s: float, weight_factor: flo
 
     assert stop.leg_s == pytest.approx(run_s, abs=2.5)
     assert abs(stop.error_m) <= 0.10
-    assert Stage.GAINING in stages
-    assert stages & {Stage.COASTING, Stage.BRAKING}
+    assert RunStage.GAINING in stages
+    assert stages & {RunStage.COASTING, RunStage.BRAKING}
     # Without weight the limit may be all that the motors have: then the stopping curve asks less.
-    assert Stage.BRAKING in stages or weight_factor == 0.0
+    assert RunStage.BRAKING in stages or weight_factor == 0.0
     assert max(shares, default=0.0) <= 1.05
 
 
@@ -156,7 +156,7 @@ def test_without_a_timetable_it_is_as_fast_as_the_predictive_law() -> None:
     free, shares, stages = ride(None, CONFIG)
 
     assert shares == []
-    assert stages == {Stage.FREE}
+    assert stages == {RunStage.FREE}
     assert free.leg_s < 90.0
 
 

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vobc.ato.model.motion_filter import MotionFilter
-from vobc.ato.model.predictor import Lag, Pipeline, response
+from vobc.ato.model.predictor import MeanInputLag, Pipeline, response
 from vobc.ato.model.train_model import TrainModel
 from vobc.ato.settings.ato import BrakeBelief, TractionBelief
 
@@ -33,7 +33,7 @@ def test_the_response_of_delay_and_lag_is_predicted_exactly(
     demands: list[float], dead_time_s: float, lag_s: float
 ) -> None:
     """The oracle lets the actuator run on in steps of half a millisecond."""
-    pipeline, undelayed = Pipeline(DT_S, 2.0), Lag(lag_s, DT_S)
+    pipeline, undelayed = Pipeline(DT_S, 2.0), MeanInputLag(lag_s, DT_S)
     for demand in demands:
         pipeline.push(demand)
         undelayed.step(demand)

@@ -96,7 +96,9 @@ def test_a_swing_of_acceleration_ends_where_its_motion_does(
     assert travel_m == pytest.approx(x_m, abs=3e-2)
 
 
-def stop_curve(steady_mps2: float = 0.67, final_mps2: float = 0.08) -> profile.BrakingCurve:
+def stop_curve(
+    steady_mps2: float = 0.67, final_mps2: float = 0.08
+) -> profile.ReferenceBrakingCurve:
     return profile.stopping_curve(Braking(), steady_mps2=steady_mps2, final_mps2=final_mps2)
 
 

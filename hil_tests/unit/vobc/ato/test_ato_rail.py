@@ -11,7 +11,7 @@ from hil_tests.unit.vobc.ato import ato_rig
 from vobc.ato import Ato, AtoConfig
 from vobc.ato.laws.law import Target
 from vobc.ato.laws.predictive import Predictive
-from vobc.ato.model.adhesion import Rail
+from vobc.ato.model.adhesion import AdhesionEstimate
 from vobc.ato.settings.ato import BrakeBelief, SlipperyRail
 from vobc.vocabulary import AtoInput
 
@@ -36,7 +36,7 @@ def hardest_mps2(rig: ato_rig.Rig) -> float:
 
 
 def test_a_rail_is_slippery_for_as_long_as_is_remembered_and_no_longer() -> None:
-    rail = Rail(AtoConfig(slippery=SlipperyRail(memory_s=100.0)), LINE)
+    rail = AdhesionEstimate(AtoConfig(slippery=SlipperyRail(memory_s=100.0)), LINE)
     assert not rail.slippery
 
     assert rail.observe(10 * S, 12.0, slips=True)
@@ -50,7 +50,7 @@ def test_a_rail_is_slippery_for_as_long_as_is_remembered_and_no_longer() -> None
 
 
 def test_a_jerk_while_setting_off_is_no_slip() -> None:
-    rail = Rail(AtoConfig(), LINE)
+    rail = AdhesionEstimate(AtoConfig(), LINE)
 
     assert not rail.observe(10 * S, 1.5, slips=True)
     assert not rail.slippery

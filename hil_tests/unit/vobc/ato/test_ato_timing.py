@@ -13,7 +13,7 @@ from firmware_py.trackdb import load_line
 from hil_tests.unit.vobc.ato import ato_rig
 from hil_tests.unit.vobc.ato.ato_rig import line_with
 from vobc.ato import Ato, AtoConfig
-from vobc.ato.laws.timing import TRANSITIONS, Guard, State, next_state
+from vobc.ato.laws.timing import TRANSITIONS, TimingGuard, TimingState, next_state
 from vobc.ato.motion import profile
 from vobc.ato.motion.running_time import RunningTime
 from vobc.ato.next_stop import StopPlan
@@ -117,46 +117,52 @@ def test_without_time_left_the_highest_speed_is_asked_for() -> None:
 # The states of seed 000.
 
 
-def holding(*guards: Guard) -> dict[Guard, bool]:
-    return {guard: guard in guards for guard in Guard}
+def holding(*guards: TimingGuard) -> dict[TimingGuard, bool]:
+    return {guard: guard in guards for guard in TimingGuard}
 
 
 def test_the_states_of_the_paper_follow_its_guards() -> None:
-    state = State.STATIONARY
+    state = TimingState.STATIONARY
     way = [state]
-    for guard in (Guard.MOVES, Guard.FAST, Guard.NEAR, Guard.STANDS):
+    for guard in (TimingGuard.MOVES, TimingGuard.FAST, TimingGuard.NEAR, TimingGuard.STANDS):
         state = next_state(state, holding(guard))
         way.append(state)
 
     assert way == [
-        State.STATIONARY,
-        State.START_UP,
-        State.AUTOMATIC,
-        State.PARKING,
-        State.STATIONARY,
+        TimingState.STATIONARY,
+        TimingState.START_UP,
+        TimingState.AUTOMATIC,
+        TimingState.PARKING,
+        TimingState.STATIONARY,
     ]
 
 
 @pytest.mark.parametrize(
     ("state", "guards", "to"),
     [
-        (State.AUTOMATIC, (Guard.SLOW,), State.START_UP),
-        (State.AUTOMATIC, (Guard.STANDS, Guard.SLOW), State.STATIONARY),
-        (State.AUTOMATIC, (Guard.NEAR, Guard.SLOW), State.PARKING),
-        (State.START_UP, (Guard.NEAR, Guard.FAST), State.PARKING),
-        (State.START_UP, (Guard.STANDS,), State.STATIONARY),
-        (State.PARKING, (Guard.FAR,), State.START_UP),
-        (State.PARKING, (Guard.FAST, Guard.SLOW, Guard.NEAR), State.PARKING),
-        (State.STATIONARY, (Guard.FAST, Guard.NEAR), State.STATIONARY),
+        (TimingState.AUTOMATIC, (TimingGuard.SLOW,), TimingState.START_UP),
+        (TimingState.AUTOMATIC, (TimingGuard.STANDS, TimingGuard.SLOW), TimingState.STATIONARY),
+        (TimingState.AUTOMATIC, (TimingGuard.NEAR, TimingGuard.SLOW), TimingState.PARKING),
+        (TimingState.START_UP, (TimingGuard.NEAR, TimingGuard.FAST), TimingState.PARKING),
+        (TimingState.START_UP, (TimingGuard.STANDS,), TimingState.STATIONARY),
+        (TimingState.PARKING, (TimingGuard.FAR,), TimingState.START_UP),
+        (
+            TimingState.PARKING,
+            (TimingGuard.FAST, TimingGuard.SLOW, TimingGuard.NEAR),
+            TimingState.PARKING,
+        ),
+        (TimingState.STATIONARY, (TimingGuard.FAST, TimingGuard.NEAR), TimingState.STATIONARY),
     ],
 )
-def test_ways_back_and_precedence(state: State, guards: tuple[Guard, ...], to: State) -> None:
+def test_ways_back_and_precedence(
+    state: TimingState, guards: tuple[TimingGuard, ...], to: TimingState
+) -> None:
     assert next_state(state, holding(*guards)) is to
 
 
 def test_every_state_is_left_and_reached() -> None:
-    assert set(TRANSITIONS) == set(State)
-    assert {to for ways in TRANSITIONS.values() for _, to in ways} == set(State)
+    assert set(TRANSITIONS) == set(TimingState)
+    assert {to for ways in TRANSITIONS.values() for _, to in ways} == set(TimingState)
 
 
 def test_guards_that_contradict_are_refused() -> None:

@@ -12,7 +12,7 @@ from can_dbc.traction import TractionStatus
 from can_dbc.vobc import Supervision
 from firmware_py.trackdb import load_line
 from hil_tests.unit.vobc.atp.heard_rig import DESK
-from vobc.atp import Protection, Verdict
+from vobc.atp import Protection, ProtectionVerdict
 from vobc.config import load_config
 from vobc.vocabulary import NEVER_S, Authority, CycleInput, Interval, Motion, Orders
 
@@ -73,7 +73,7 @@ class Train:
             (),
         )
 
-    def step(self, cycles: int = 1) -> Verdict:
+    def step(self, cycles: int = 1) -> ProtectionVerdict:
         for _ in range(cycles):
             moved_m = self.speed_mps * CYCLE_S
             self.front_m += moved_m
@@ -88,7 +88,7 @@ class Train:
             )
         return verdict
 
-    def runs(self, speed_mps: float) -> Verdict:
+    def runs(self, speed_mps: float) -> ProtectionVerdict:
         verdict = self.step(2)
         assert verdict.supervision is Supervision.NOMINAL, verdict.cause
         self.speed_mps = speed_mps

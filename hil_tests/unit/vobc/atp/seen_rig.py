@@ -3,13 +3,13 @@
 from dataclasses import replace
 
 from can_dbc.vobc import OperatingMode, Supervision
-from vobc.atp.seen import Seen
+from vobc.atp.seen import GuardInputs
 from vobc.config import load_config
 from vobc.vocabulary import Ceiling, Interval
 
 CONFIG = load_config("florence4").atp
 CEILING = Ceiling(10.0, 11.0, 12.0, 13.0, 500.0)
-RUNNING = Seen(
+RUNNING = GuardInputs(
     CONFIG,
     speed_mps=Interval(8.8, 9.0, 9.2),
     ceiling=CEILING,

@@ -6,11 +6,26 @@ from typing import Final
 import pytest
 
 from can_dbc.vobc import Cause
-from vobc.atp.alarms import DOOR_UNLOCKED, FIRE, NOTHING, PASSENGER_ALARM, Answer, Situation
-from vobc.atp.place import Whereabouts
+from vobc.atp.alarms import (
+    DOOR_UNLOCKED,
+    FIRE,
+    NOTHING,
+    PASSENGER_ALARM,
+    AlarmGuardInputs,
+    AlarmResponse,
+)
+from vobc.atp.place import PlatformWhereabouts
 
-UNKNOWN, BETWEEN, ARRIVING = Whereabouts.UNKNOWN, Whereabouts.BETWEEN, Whereabouts.ARRIVING
-NEAR, ALIGNED, PAST = Whereabouts.NEAR, Whereabouts.ALIGNED, Whereabouts.PAST
+UNKNOWN, BETWEEN, ARRIVING = (
+    PlatformWhereabouts.UNKNOWN,
+    PlatformWhereabouts.BETWEEN,
+    PlatformWhereabouts.ARRIVING,
+)
+NEAR, ALIGNED, PAST = (
+    PlatformWhereabouts.NEAR,
+    PlatformWhereabouts.ALIGNED,
+    PlatformWhereabouts.PAST,
+)
 
 # Each answer as: emergency brake, service brake at once, stop at the next station, stay there.
 ON: Final = (Cause.NONE, False, True, False)
@@ -21,7 +36,7 @@ CAUGHT: Final = (Cause.PASSENGER_ALARM, False, False, True)
 OPEN: Final = (Cause.DOOR_UNLOCKED, False, False, False)
 
 
-def told(answer: Answer) -> tuple[Cause, bool, bool, bool]:
+def told(answer: AlarmResponse) -> tuple[Cause, bool, bool, bool]:
     return answer.emergency, answer.stop_now, answer.stop_next, answer.stay
 
 
@@ -60,13 +75,13 @@ def told(answer: Answer) -> tuple[Cause, bool, bool, bool]:
     ],
 )
 def test_every_place_of_a_train_that_stays_or_leaves_has_its_answer(
-    table: Mapping[Situation, Answer],
-    staying: Mapping[Whereabouts, tuple[Cause, bool, bool, bool]],
-    leaving: Mapping[Whereabouts, tuple[Cause, bool, bool, bool]],
+    table: Mapping[AlarmGuardInputs, AlarmResponse],
+    staying: Mapping[PlatformWhereabouts, tuple[Cause, bool, bool, bool]],
+    leaving: Mapping[PlatformWhereabouts, tuple[Cause, bool, bool, bool]],
 ) -> None:
     """A train can only leave where a platform is."""
-    expected = {Situation(where, False): answer for where, answer in staying.items()}
-    expected |= {Situation(where, True): answer for where, answer in leaving.items()}
+    expected = {AlarmGuardInputs(where, False): answer for where, answer in staying.items()}
+    expected |= {AlarmGuardInputs(where, True): answer for where, answer in leaving.items()}
 
     assert {situation: told(answer) for situation, answer in table.items()} == expected
 

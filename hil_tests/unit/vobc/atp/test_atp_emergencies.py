@@ -21,14 +21,14 @@ from vobc.atp.emergencies import (
     latched_after,
     released,
 )
-from vobc.atp.seen import Seen
+from vobc.atp.seen import GuardInputs
 from vobc.vocabulary import Interval
 
 HELD = (Supervision.NO_AUTHORITY, Supervision.EMERGENCY)
 CAUSES = [cause for cause in Cause if cause]
 
 
-def facts(**changes: Any) -> Seen:
+def facts(**changes: Any) -> GuardInputs:
     return replace(RUNNING, **changes)
 
 

@@ -2,12 +2,12 @@
 
 import pytest
 
-from vobc.atp.fixed_ceilings import FlatCeilings
+from vobc.atp.fixed_ceilings import FixedCeilings
 from vobc.config import load_config
 from vobc.vocabulary import Ceiling
 
 KMH = 1.0 / 3.6
-FLAT = FlatCeilings(load_config("florence4").atp)
+FLAT = FixedCeilings(load_config("florence4").atp)
 
 
 def kmh_of(ceiling: Ceiling) -> tuple[float, float, float, float]:
@@ -37,5 +37,5 @@ def test_of_what_is_known_and_what_is_flat_the_lower_counts_in_each_speed() -> N
     known = Ceiling(1.0, 6.0, 3.0, 8.0, 120.0)
     flat = Ceiling(5.0, 2.0, 7.0, 4.0, 0.0)
 
-    assert FlatCeilings.under(known, flat) == Ceiling(1.0, 2.0, 3.0, 4.0, 120.0)
-    assert FlatCeilings.under(flat, known) == Ceiling(1.0, 2.0, 3.0, 4.0, 0.0)
+    assert FixedCeilings.under(known, flat) == Ceiling(1.0, 2.0, 3.0, 4.0, 120.0)
+    assert FixedCeilings.under(flat, known) == Ceiling(1.0, 2.0, 3.0, 4.0, 0.0)

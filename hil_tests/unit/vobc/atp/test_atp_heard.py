@@ -10,7 +10,7 @@ from can_dbc.alarms import TrainAlarms
 from can_dbc.doors import DoorState, DoorStatus
 from can_dbc.vobc import Missing
 from hil_tests.unit.vobc.atp.heard_rig import DESK, NO_ORDERS, SILENCE
-from vobc.atp.received import Heard, listen
+from vobc.atp.received import StationInputs, listen
 from vobc.config import load_config
 
 CONFIG: Final = load_config("florence4").atp
@@ -27,7 +27,7 @@ CALM: Final = replace(
     orders=ORDERS,
     orders_age_s=0.0,
 )
-NOTHING: Final = Heard(*(False,) * len(fields(Heard)))
+NOTHING: Final = StationInputs(*(False,) * len(fields(StationInputs)))
 
 
 def ordered(**orders: Any) -> dict[str, Any]:
@@ -78,7 +78,7 @@ ALL_SAID: Final = replace(
     desk=replace(DESK, door_bypass_requested=True, no_passenger_alarm=False),
     alarms=TrainAlarms(no_obstacle=False, no_fire=False),
 )
-ALL_HEARD: Final = replace(Heard(*(True,) * len(fields(Heard))), no_obstacle=False)
+ALL_HEARD: Final = replace(StationInputs(*(True,) * len(fields(StationInputs))), no_obstacle=False)
 NO_CENTRE: Final = dict.fromkeys(
     (
         "centre",

@@ -10,12 +10,12 @@ from hypothesis import strategies as st
 
 from can_dbc.vobc import Cause, Inhibit, Missing, OperatingMode
 from vobc.atp.modes import NEEDED, SUPERVISED, TRANSITIONS, UNHEEDED, next_mode
-from vobc.atp.seen import Seen
+from vobc.atp.seen import GuardInputs
 from vobc.config import load_config
 from vobc.vocabulary import Ceiling, Interval
 
 CONFIG = load_config("florence4").atp
-RUNNING = Seen(
+RUNNING = GuardInputs(
     CONFIG,
     speed_mps=Interval(8.8, 9.0, 9.2),
     ceiling=Ceiling(10.0, 11.0, 12.0, 13.0, 500.0),
@@ -32,11 +32,11 @@ UNPLACED = int(Missing.AUTHORITY | Missing.LOCALISATION)
 FLAGS = [flag for flag in Missing if flag]
 
 
-def at_rest(mode: OperatingMode, **changes: Any) -> Seen:
+def at_rest(mode: OperatingMode, **changes: Any) -> GuardInputs:
     return replace(STANDING, mode=mode, **changes)
 
 
-def after(seen: Seen) -> OperatingMode:
+def after(seen: GuardInputs) -> OperatingMode:
     return next_mode(seen.mode, seen)
 
 

@@ -23,12 +23,12 @@ from hil_tests.unit.vobc.atp.protection_rig import (
     WHOLE,
     Train,
 )
-from vobc.atp import Verdict
+from vobc.atp import ProtectionVerdict
 from vobc.atp.energy_check import Replicas
 from vobc.vocabulary import Authority, Restriction
 
 
-def assert_held(verdict: Verdict) -> None:
+def assert_held(verdict: ProtectionVerdict) -> None:
     assert not verdict.emergency_released
     assert not verdict.traction_permitted
     assert not verdict.reverse_permitted
@@ -345,7 +345,7 @@ def test_wheels_that_are_not_heard_of_at_all_any_more_bring_the_emergency_brake(
     train = Train()
     train.runs(5.0)
 
-    def blind() -> Verdict:
+    def blind() -> ProtectionVerdict:
         return train.protection.step(train.image, None, odometer_usable=False, not_finite=False)
 
     first, second = blind(), blind()
@@ -533,7 +533,7 @@ def test_after_a_jog_the_train_is_authorised_again() -> None:
     assert not verdict.jog_permitted
 
 
-def sequence(train: Train, changes: Sequence[dict[str, Any]]) -> list[Verdict]:
+def sequence(train: Train, changes: Sequence[dict[str, Any]]) -> list[ProtectionVerdict]:
     verdicts = []
     for change in changes:
         train.change(**change)

@@ -5,8 +5,8 @@ import math
 from dataclasses import MISSING, astuple, fields
 
 from can_dbc.vobc import Cause, Inhibit, OperatingMode, Withheld
-from vobc.atp.seen import NOWHERE, Seen
-from vobc.atp.verdict import Verdict
+from vobc.atp.seen import NOWHERE, GuardInputs
+from vobc.atp.verdict import ProtectionVerdict
 from vobc.config import load_config
 from vobc.vocabulary import Interval
 
@@ -14,8 +14,8 @@ CONFIG = load_config("florence4").atp
 
 
 def test_before_it_has_looked_protection_knows_nothing_and_is_asked_for_nothing() -> None:
-    seen = Seen(CONFIG)
-    told = {field.name: getattr(seen, field.name) for field in fields(Seen)}
+    seen = GuardInputs(CONFIG)
+    told = {field.name: getattr(seen, field.name) for field in fields(GuardInputs)}
 
     assert told.pop("limits") is CONFIG
     assert told.pop("speed_mps") == Interval(0.0, 0.0, 0.0)
@@ -34,14 +34,16 @@ def test_nowhere_means_that_no_speed_is_permitted() -> None:
 
 def test_only_both_signs_together_prove_rest() -> None:
     for standing, standstill in itertools.product((False, True), repeat=2):
-        seen = Seen(CONFIG, standing=standing, standstill=standstill)
+        seen = GuardInputs(CONFIG, standing=standing, standstill=standstill)
 
         assert seen.at_rest is (standing and standstill)
 
 
 def test_what_a_verdict_does_not_say_permits_nothing() -> None:
     silent = {
-        field.name: field.default for field in fields(Verdict) if field.default is not MISSING
+        field.name: field.default
+        for field in fields(ProtectionVerdict)
+        if field.default is not MISSING
     }
 
     assert silent == {

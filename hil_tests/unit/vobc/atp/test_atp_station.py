@@ -18,7 +18,7 @@ from firmware_py.trackdb import LineMap, PlatformSide, load_line
 from hil_tests.unit.vobc.atp.heard_rig import DESK, NO_ORDERS, SILENCE
 from vobc.atp import alarms
 from vobc.atp.departure import INHIBIT_WITHOUT, DepartureTerms, inhibits
-from vobc.atp.place import Whereabouts, place_of
+from vobc.atp.place import PlatformWhereabouts, place_of
 from vobc.atp.station import StationGuard, StationVerdict
 from vobc.config import load_config
 from vobc.vocabulary import Authority, CycleInput, Interval, Motion
@@ -318,18 +318,20 @@ def test_a_train_that_has_just_come_to_rest_has_not_departed() -> None:
 @pytest.mark.parametrize(
     ("front_m", "where"),
     [
-        (1419.9, Whereabouts.BETWEEN),
-        (1420.0, Whereabouts.ARRIVING),
-        (1499.69, Whereabouts.ARRIVING),
-        (1499.71, Whereabouts.ALIGNED),
-        (1500.29, Whereabouts.ALIGNED),
-        (1500.31, Whereabouts.PAST),
-        (1500.4, Whereabouts.PAST),
-        (1505.0 + LENGTH_M, Whereabouts.PAST),
-        (1505.1 + LENGTH_M, Whereabouts.BETWEEN),
+        (1419.9, PlatformWhereabouts.BETWEEN),
+        (1420.0, PlatformWhereabouts.ARRIVING),
+        (1499.69, PlatformWhereabouts.ARRIVING),
+        (1499.71, PlatformWhereabouts.ALIGNED),
+        (1500.29, PlatformWhereabouts.ALIGNED),
+        (1500.31, PlatformWhereabouts.PAST),
+        (1500.4, PlatformWhereabouts.PAST),
+        (1505.0 + LENGTH_M, PlatformWhereabouts.PAST),
+        (1505.1 + LENGTH_M, PlatformWhereabouts.BETWEEN),
     ],
 )
-def test_a_platform_is_left_when_the_rear_is_clear(front_m: float, where: Whereabouts) -> None:
+def test_a_platform_is_left_when_the_rear_is_clear(
+    front_m: float, where: PlatformWhereabouts
+) -> None:
     place = place_of(
         LINE.stations,
         Interval(front_m, front_m, front_m),
@@ -345,7 +347,7 @@ def test_a_wide_interval_about_the_stopping_point_is_near_it() -> None:
         LINE.stations, Interval(1499.6, 1499.9, 1500.2), train_length_m=LENGTH_M, window_m=0.3
     )
 
-    assert place.where is Whereabouts.NEAR
+    assert place.where is PlatformWhereabouts.NEAR
 
 
 def test_an_unlocked_train_that_stops_at_the_end_of_the_window_needs_no_emergency_brake() -> None:
@@ -363,9 +365,9 @@ def test_the_tables_know_every_place(best_m: float, behind_m: float, ahead_m: fl
     )
 
     for table in (alarms.PASSENGER_ALARM, alarms.FIRE, alarms.DOOR_UNLOCKED):
-        assert alarms.Situation(where, False) in table
+        assert alarms.AlarmGuardInputs(where, False) in table
         if station is not None:
-            assert alarms.Situation(where, True) in table
+            assert alarms.AlarmGuardInputs(where, True) in table
 
 
 # Doors that lose their lock in motion.

@@ -23,7 +23,7 @@ from hil_tests.unit.vobc.atp.protection_rig import (
     WHOLE,
     Train,
 )
-from vobc.atp import Verdict
+from vobc.atp import ProtectionVerdict
 from vobc.atp.emergencies import in_cause_words
 from vobc.atp.energy_check import EnergyCheck, Replicas
 from vobc.atp.protection import INHIBITS
@@ -42,13 +42,13 @@ def limited() -> Train:
     return train
 
 
-def held() -> Verdict:
+def held() -> ProtectionVerdict:
     train = Train()
     train.change(authority=None, authority_age_s=NEVER_S)
     return train.step()
 
 
-def met_in_motion() -> Verdict:
+def met_in_motion() -> ProtectionVerdict:
     """By a controller that has just started."""
     train = Train()
     train.speed_mps = 5.0
@@ -56,27 +56,27 @@ def met_in_motion() -> Verdict:
     return train.step()
 
 
-def may_set_off() -> Verdict:
+def may_set_off() -> ProtectionVerdict:
     return Train().step(2)
 
 
-def nominal() -> Verdict:
+def nominal() -> ProtectionVerdict:
     return limited().runs(9.0)
 
 
-def warned() -> Verdict:
+def warned() -> ProtectionVerdict:
     return limited().runs(10.0 + CONFIG.warning_margin_mps + 0.05)
 
 
-def braked() -> Verdict:
+def braked() -> ProtectionVerdict:
     return limited().runs(10.0 + CONFIG.service_margin_mps + 0.05)
 
 
-def braked_by_emergency() -> Verdict:
+def braked_by_emergency() -> ProtectionVerdict:
     return limited().runs(10.0 + CONFIG.emergency_margin_mps + 0.05)
 
 
-def stands_in_emergency() -> Verdict:
+def stands_in_emergency() -> ProtectionVerdict:
     train = Train()
     train.step(2)
     train.change(desk=PRESSED)
@@ -129,7 +129,7 @@ def stands_in_emergency() -> Verdict:
     ],
 )
 def test_each_state_says_what_may_move_and_what_brakes(
-    happens: Callable[[], Verdict],
+    happens: Callable[[], ProtectionVerdict],
     state: Supervision,
     released: bool,
     service: bool,

@@ -12,7 +12,7 @@ from can_dbc.traction import TractionStatus
 from can_dbc.vobc import Missing, Supervision
 from firmware_py.trackdb import load_line
 from hil_tests.unit.vobc.atp.heard_rig import SILENCE
-from vobc.atp import Protection, Verdict
+from vobc.atp import Protection, ProtectionVerdict
 from vobc.atp.braking import SafeBraking
 from vobc.atp.inputs import FLAGS, in_words, silent, unready
 from vobc.config import load_config
@@ -37,7 +37,9 @@ def protection(cycle_s: float = 0.05) -> Protection:
     return Protection(CONFIG, LINE, train_length_m=68.59, cycle_s=cycle_s)
 
 
-def verdict_on(motion: Motion | None, seen: CycleInput = SILENCE, cycle_s: float = 0.05) -> Verdict:
+def verdict_on(
+    motion: Motion | None, seen: CycleInput = SILENCE, cycle_s: float = 0.05
+) -> ProtectionVerdict:
     return protection(cycle_s).step(seen, motion, odometer_usable=True, not_finite=False)
 
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from firmware_py.trackdb import TagSite
 from vobc.config import load_config
-from vobc.odometry.contacts import Contacts, Way
+from vobc.odometry.contacts import Contacts, Travelled
 
 REACH_M, BOUND_M = 0.5, 0.06
 """Two readings of a passage are no further apart than twice both: 1.12 m."""
@@ -20,8 +20,8 @@ FAR = 1_000_000
 SEVEN, EIGHT = TagSite(7, 20.0), TagSite(8, 21.5)
 
 
-def gone(pulses: int, ground_m: float, blur_m: float = 0.0) -> Way:
-    return Way(pulses, ground_m, blur_m)
+def gone(pulses: int, ground_m: float, blur_m: float = 0.0) -> Travelled:
+    return Travelled(pulses, ground_m, blur_m)
 
 
 def settled() -> Contacts:
@@ -57,7 +57,7 @@ def test_of_a_train_that_has_just_started_nobody_knows_what_it_read_before() -> 
         (gone(500, 1.63, 0.5), 0.0),
     ],
 )
-def test_a_start_is_left_as_any_other_place_is(way: Way, off_m: float) -> None:
+def test_a_start_is_left_as_any_other_place_is(way: Travelled, off_m: float) -> None:
     contacts = Contacts(CONFIG)
     contacts.look(inf)
     contacts.move(way, PULSE_M)
@@ -266,7 +266,7 @@ def test_however_the_train_turns_no_second_reading_within_reach_is_taken_for_the
     """The first one is heard, or lost, which is found out after so many moves within reach."""
     contacts, site, at_m = Contacts(CONFIG), TagSite(7, tag_m), tag_m - 30.0
 
-    def way() -> Way:
+    def way() -> Travelled:
         return gone(round(at_m * (1.0 + error_ratio) / PULSE_M), at_m)
 
     def go(move_m: float) -> None:

@@ -9,9 +9,9 @@ from can_dbc.nodes import Direction
 from can_dbc.odometer import ColdMovement, Tacho
 from firmware_py.trackdb import TagSite
 from hil_tests.unit.vobc.odometry import odometry_rig as rig
-from vobc.odometry.contacts import Way
+from vobc.odometry.contacts import Travelled
 from vobc.odometry.pulses import APART_PULSES, PLAY_PULSES, PulseCounter
-from vobc.odometry.references import MOVED_PULSES, TURN_PULSES, Reading, References
+from vobc.odometry.references import MOVED_PULSES, TURN_PULSES, LocatedTag, References
 from vobc.odometry.scale import WheelScale
 from vobc.vocabulary import PlaceProof, TagRefusal
 
@@ -19,9 +19,11 @@ CONFIG, TAGS, LINE, NOMINAL_M = rig.CONFIG.odometry, rig.TAGS, rig.LINE, rig.NOM
 LIMIT_M = CONFIG.localisation_limit_m
 
 
-def reading(index: int, claim_m: float, *, pulses: int = 0, bound_m: float = 0.1) -> Reading:
+def reading(index: int, claim_m: float, *, pulses: int = 0, bound_m: float = 0.1) -> LocatedTag:
     site = TAGS[index]
-    return Reading(site, site.position_m + 2.0, claim_m, bound_m, pulses, pulses * NOMINAL_M, 0.0)
+    return LocatedTag(
+        site, site.position_m + 2.0, claim_m, bound_m, pulses, pulses * NOMINAL_M, 0.0
+    )
 
 
 def references(proof: PlaceProof = PlaceProof.SET_UP) -> References:
@@ -70,15 +72,15 @@ def test_telegrams_that_are_missing_cost_tags_that_the_antenna_may_have_come_to(
     """Between 5 m and 13 m when it was found out; gone by 20 m later on."""
     order = references()
     near, far = TagSite(91, 13.0), TagSite(92, 13.2)
-    order.follow(Way(0, 0.0, 0.0), NOMINAL_M, gap=False, slip=False)
+    order.follow(Travelled(0, 0.0, 0.0), NOMINAL_M, gap=False, slip=False)
     order.watch(0.0, 0.0, 1.0)
-    order.follow(Way(5000, 20.0, 0.0), NOMINAL_M, gap=False, slip=False)
+    order.follow(Travelled(5000, 20.0, 0.0), NOMINAL_M, gap=False, slip=False)
     assert (order.off_centre_m(near, 0, NOMINAL_M), order.off_centre_m(far, 0, NOMINAL_M)) == (
         0.0,
         0.0,
     )
 
-    order.follow(Way(5000, 20.0, 0.0), NOMINAL_M, gap=True, slip=False)
+    order.follow(Travelled(5000, 20.0, 0.0), NOMINAL_M, gap=True, slip=False)
     assert (
         order.off_centre_m(near, 0, NOMINAL_M)
         == order.off_centre_m(far, 0, NOMINAL_M)
@@ -89,13 +91,13 @@ def test_telegrams_that_are_missing_cost_tags_that_the_antenna_may_have_come_to(
         CONFIG.tag_reach_m,
         0.0,
     )
-    order.follow(Way(10000, 40.0, 0.0), NOMINAL_M, gap=False, slip=False)
+    order.follow(Travelled(10000, 40.0, 0.0), NOMINAL_M, gap=False, slip=False)
     assert order.off_centre_m(near, 0, NOMINAL_M) == 0.0
 
 
 def test_missing_telegrams_cost_any_tag_while_the_place_is_lost() -> None:
     order = references(PlaceProof.UNKNOWN)
-    order.follow(Way(5000, 50.0, 0.0), NOMINAL_M, gap=True, slip=False)
+    order.follow(Travelled(5000, 50.0, 0.0), NOMINAL_M, gap=True, slip=False)
     order.watch(5.0, 0.0, 8.0)
 
     assert order.off_centre_m(TagSite(92, 500.0), 0, NOMINAL_M) == CONFIG.tag_reach_m
@@ -103,15 +105,15 @@ def test_missing_telegrams_cost_any_tag_while_the_place_is_lost() -> None:
 
 def test_a_tag_that_was_read_may_be_read_again_until_it_is_left() -> None:
     order = references()
-    order.follow(Way(5000, 50.0, 0.0), NOMINAL_M, gap=False, slip=False)
+    order.follow(Travelled(5000, 50.0, 0.0), NOMINAL_M, gap=False, slip=False)
     first = replace(reading(1, 15.0), pulses=5000, ground_m=50.0)
     order.read(first, honest=True)
     assert order.off_centre_m(first.site, 0, NOMINAL_M) == CONFIG.tag_reach_m
-    order.follow(Way(6000, 60.0, 0.0), NOMINAL_M, gap=False, slip=False)
+    order.follow(Travelled(6000, 60.0, 0.0), NOMINAL_M, gap=False, slip=False)
     assert order.off_centre_m(first.site, 0, NOMINAL_M) == 0.0
 
     order.read(replace(first, pulses=6000, ground_m=60.0, ground_bound_m=10.0), honest=True)
-    order.follow(Way(7000, 70.0, 19.5), NOMINAL_M, gap=False, slip=False)
+    order.follow(Travelled(7000, 70.0, 19.5), NOMINAL_M, gap=False, slip=False)
     assert order.off_centre_m(first.site, 0, NOMINAL_M) == CONFIG.tag_reach_m
 
 
@@ -123,10 +125,10 @@ def test_of_a_tag_that_is_read_again_honest_wheels_tell_the_way_between(
 ) -> None:
     """The first one within 0.2 m, as good as its claim; four pulses and one more."""
     order = references()
-    order.follow(Way(5000, 50.0, 0.0), NOMINAL_M, gap=False, slip=False)
+    order.follow(Travelled(5000, 50.0, 0.0), NOMINAL_M, gap=False, slip=False)
     first = replace(reading(1, 15.0), pulses=5000, ground_m=50.0, bound_m=0.2)
     order.read(first, honest=honest)
-    order.follow(Way(5000, 50.0, 0.0), NOMINAL_M, gap=False, slip=slip)
+    order.follow(Travelled(5000, 50.0, 0.0), NOMINAL_M, gap=False, slip=slip)
 
     assert order.off_centre_m(first.site, 5004, 0.01) == pytest.approx(off_m)
 

@@ -7,7 +7,7 @@ import pytest
 from can_dbc.odometer import ColdMovement
 from hil_tests.unit.vobc.odometry.odometry_desk import PULSE_M, Desk, near
 from vobc.odometry.localisation import Localisation
-from vobc.odometry.references import Reading, References
+from vobc.odometry.references import LocatedTag, References
 from vobc.vocabulary import PlaceProof, RefusedTag, TagReading, TagRefusal
 
 LEAST_M, MOST_M = 0.01 / 1.05, 0.01 / 0.99
@@ -18,16 +18,16 @@ class Judged:
     """What was asked of the order of tags: the reading, and the window."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        self.readings: list[Reading] = []
+        self.readings: list[LocatedTag] = []
         self.windows: list[tuple[float, float]] = []
         judge, find_again = References.judge, References.find_again
 
-        def judged(self_: References, reading: Reading, low_m: float, high_m: float) -> Any:
+        def judged(self_: References, reading: LocatedTag, low_m: float, high_m: float) -> Any:
             self.readings.append(reading)
             self.windows.append((low_m, high_m))
             return judge(self_, reading, low_m, high_m)
 
-        def found(self_: References, reading: Reading, least_m: float, most_m: float) -> Any:
+        def found(self_: References, reading: LocatedTag, least_m: float, most_m: float) -> Any:
             self.readings.append(reading)
             return find_again(self_, reading, least_m, most_m)
 

@@ -7,7 +7,7 @@ import pytest
 from can_dbc.odometer import ColdMovement
 from firmware_py.trackdb import LineMap, SpeedSection, Station, TagSite
 from vobc.config import load_config
-from vobc.odometry.references import Reading, References
+from vobc.odometry.references import LocatedTag, References
 from vobc.vocabulary import PlaceProof, TagRefusal
 
 CONFIG = replace(
@@ -46,8 +46,8 @@ def reading(
     pulses: int = 0,
     ground_m: float = 0.0,
     ground_bound_m: float = 0.0,
-) -> Reading:
-    return Reading(
+) -> LocatedTag:
+    return LocatedTag(
         site(index), PLACES_M[index] + 2.0, claim_m, bound_m, pulses, ground_m, ground_bound_m
     )
 

@@ -7,7 +7,7 @@ from firmware_py.trackdb.areas import Area, AreaMap, ObjectSite, TrackSection
 from vobc.train_to_train.guards import LeaseGuards, MasterGuards
 from vobc.train_to_train.lease import Lease
 from vobc.train_to_train.master import Master
-from vobc.train_to_train.message_heads import Speaker
+from vobc.train_to_train.message_heads import MessageHeads
 from vobc.train_to_train.occupancy import TrainTable
 from vobc.train_to_train.vocabulary import T2tConfig
 from zenoh_config.t2t import (
@@ -65,7 +65,7 @@ class Chair:
         self.now_ns = now_ms * MS
         self.sequence = 0
         self.area = area
-        self.speaker = Speaker(OWN, 9)
+        self.speaker = MessageHeads(OWN, 9)
         line = AreaMap("test", AREAS, SECTIONS if sections else (), objects)
         self.master = Master(
             config,

@@ -3,12 +3,12 @@
 import dataclasses
 
 from firmware_py.trackdb.areas import Area
-from vobc.train_to_train.admission import Scene
-from vobc.train_to_train.authority import Counted, Standing
+from vobc.train_to_train.admission import AdmissionGuardInputs
+from vobc.train_to_train.authority import Counted, StandingTrain
 from vobc.train_to_train.guards import MasterGuards
 from vobc.train_to_train.inference import Conclusions
 from vobc.train_to_train.occupancy import TrainTable
-from vobc.train_to_train.restart import Newborns
+from vobc.train_to_train.restart import RestartedTrains
 from vobc.train_to_train.roster import Order
 from vobc.train_to_train.vocabulary import T2tConfig
 from zenoh_config.t2t import RosterEntry, TrainReport
@@ -40,11 +40,11 @@ class OneArea:
         self.order: Order = tuple([RosterEntry(train, at, sieved, 1) for train, at in trains])
         self.known = Conclusions(5, TrainTable(), T2tConfig(), MasterGuards())
         self.known.begin_with(self.order, 0)
-        self.newborns = Newborns(T2tConfig(), MasterGuards())
+        self.newborns = RestartedTrains(T2tConfig(), MasterGuards())
         self._area, self._before, self.counted = Area(1, start_m, 3000.0), before, counted
         self.reserved_m: dict[int, float] = {}
-        self.at_rest: tuple[Standing, ...] = ()
-        self.strangers: tuple[Standing, ...] = ()
+        self.at_rest: tuple[StandingTrain, ...] = ()
+        self.strangers: tuple[StandingTrain, ...] = ()
         """Others that stand in the area, and may be forgotten."""
 
     def heard_of_life_before(
@@ -63,9 +63,11 @@ class OneArea:
     def settles(self) -> tuple[Order, list[tuple[TrainReport, int]]]:
         return self.newborns.settle(self.order, self._scene_of, self.known, NOW_NS)
 
-    def _scene_of(self, _: TrainReport) -> Scene:
+    def _scene_of(self, _: TrainReport) -> AdmissionGuardInputs:
         records, there = self.known.records, (*self.at_rest, *self.strangers)
-        scene = Scene(self._area, self._before, records, self.reserved_m, self.counted, True, ())
+        scene = AdmissionGuardInputs(
+            self._area, self._before, records, self.reserved_m, self.counted, True, ()
+        )
         return scene._replace(at_rest=self.at_rest, there=there, line_m=(0.0, 4000.0))
 
 

@@ -14,7 +14,7 @@ from firmware_py.trackdb.areas import Area, AreaMap, ObjectKind, ObjectSite, Tra
 from plant_emulator.wayside.arbiter import Arbiter, ArbiterGuards
 from plant_emulator.wayside.line_object import LineObject
 from plant_emulator.wayside.t2t_vocabulary import ArbiterMemory, ObjectMemory
-from plant_emulator.wayside.track import Track
+from plant_emulator.wayside.track import WaysideTrack
 from vobc.train_to_train.guards import TrainGuards
 from vobc.train_to_train.train import TrainCore
 from vobc.train_to_train.vocabulary import (
@@ -130,7 +130,7 @@ class Rig:
         for address in self.config.arbiters:
             self.memories[address] = ArbiterMemory()
             self.start_arbiter(address)
-        self.track = Track(self.config.timers, line, boot=1, start_ns=0)
+        self.track = WaysideTrack(self.config.timers, line, boot=1, start_ns=0)
         self.objects = {
             site.number: LineObject(
                 self.config.timers,

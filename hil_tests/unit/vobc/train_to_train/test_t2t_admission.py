@@ -7,7 +7,7 @@ import pytest
 from firmware_py.trackdb.areas import Area
 from vobc.train_to_train.admission import (
     APART_M,
-    Scene,
+    AdmissionGuardInputs,
     Waiting,
     admitted,
     are_known,
@@ -17,10 +17,10 @@ from vobc.train_to_train.admission import (
     may_explain,
     standing_of,
 )
-from vobc.train_to_train.authority import Bar, Counted, Standing, Stretch
+from vobc.train_to_train.authority import Bar, BarredTrack, Counted, StandingTrain
 from vobc.train_to_train.axle_counting import EXCUSED_M
 from vobc.train_to_train.guards import MasterGuards
-from vobc.train_to_train.occupancy import Record
+from vobc.train_to_train.occupancy import TrainRecord
 from vobc.train_to_train.roster import Order
 from vobc.train_to_train.vocabulary import T2tConfig
 from zenoh_config.t2t import AdmissionState, RosterEntry, TrainReport
@@ -43,7 +43,7 @@ def test_nobody_comes_nearer_to_it_than_to_a_train_that_may_set_back() -> None:
     standing = report(1500.0, 1585.0)
 
     assert kept_free([(standing, 7)], {1: 1, 2: 1}, CONFIG) == [
-        Stretch(1493.0, 1585.0, Bar.CLOSING)
+        BarredTrack(1493.0, 1585.0, Bar.CLOSING)
     ]
 
 
@@ -60,7 +60,9 @@ def test_a_train_of_the_roster_or_a_lost_one_bars_nothing_by_its_report(
 def test_one_that_the_roster_keeps_in_another_life_is_kept_free_where_it_says_that_it_is() -> None:
     told = report(1500.0, 1585.0)
 
-    assert kept_free([(told, 7)], {3: BOOT + 1}, CONFIG) == [Stretch(1493.0, 1585.0, Bar.CLOSING)]
+    assert kept_free([(told, 7)], {3: BOOT + 1}, CONFIG) == [
+        BarredTrack(1493.0, 1585.0, Bar.CLOSING)
+    ]
 
 
 @pytest.mark.parametrize(
@@ -77,8 +79,8 @@ def test_who_has_no_place_on_the_roster_explains_axles_from_outside_of_the_area_
     rear_m: float, front_m: float, explains: bool
 ) -> None:
     told = report(rear_m, front_m)
-    roster = {each: Record(each, 0.0, 0, boot=BOOT) for each in (1, 2)}
-    kept = {**roster, 3: Record(3, rear_m, 0, boot=BOOT)}
+    roster = {each: TrainRecord(each, 0.0, 0, boot=BOOT) for each in (1, 2)}
+    kept = {**roster, 3: TrainRecord(3, rear_m, 0, boot=BOOT)}
 
     assert may_explain(told, roster, AREA) is explains
     assert may_explain(told, kept, AREA)
@@ -87,7 +89,7 @@ def test_who_has_no_place_on_the_roster_explains_axles_from_outside_of_the_area_
 
 @pytest.mark.parametrize("boot", [0, BOOT + 1])
 def test_in_another_life_than_that_of_its_place_it_has_none(boot: int) -> None:
-    kept = {3: Record(3, 1500.0, 0, boot=boot)}
+    kept = {3: TrainRecord(3, 1500.0, 0, boot=boot)}
 
     assert not may_explain(report(1500.0, 1585.0), kept, AREA)
     assert may_explain(report(2000.0, 2085.0), kept, AREA)
@@ -97,14 +99,14 @@ def order_of(*trains: tuple[int, float]) -> Order:
     return tuple([RosterEntry(train, rear_m, True, 1) for train, rear_m in trains])
 
 
-def scene_of(order: Order, reserved_m: dict[int, float] | None = None) -> Scene:
+def scene_of(order: Order, reserved_m: dict[int, float] | None = None) -> AdmissionGuardInputs:
     """At the start of a line that counts no axles."""
-    records = {each.train: Record(each.train, each.rear_m, 0, boot=1) for each in order}
-    return Scene(AREA, None, records, reserved_m or {}, None, True, ())
+    records = {each.train: TrainRecord(each.train, each.rear_m, 0, boot=1) for each in order}
+    return AdmissionGuardInputs(AREA, None, records, reserved_m or {}, None, True, ())
 
 
 def admit(
-    order: Order, told: TrainReport, scene: Scene, config: T2tConfig = CONFIG
+    order: Order, told: TrainReport, scene: AdmissionGuardInputs, config: T2tConfig = CONFIG
 ) -> Order | Waiting:
     return admitted(order, told, scene, config, MasterGuards())
 
@@ -256,7 +258,8 @@ def test_nothing_hides_near_a_train_that_stands_where_as_many_axles_are_as_it_ha
     assert is_sieved(told, alone, ROOM_M) is True
     assert is_sieved(told, crowded, ROOM_M) is False
     assert (
-        is_sieved(told, crowded._replace(standing=(Standing(1010.0, 1080.0, 16),)), ROOM_M) is True
+        is_sieved(told, crowded._replace(standing=(StandingTrain(1010.0, 1080.0, 16),)), ROOM_M)
+        is True
     )
     assert is_sieved(told, alone._replace(counted=()), ROOM_M) is False
     assert is_sieved(replace(told, standstill=False), alone, ROOM_M) is False
@@ -265,7 +268,7 @@ def test_nothing_hides_near_a_train_that_stands_where_as_many_axles_are_as_it_ha
 
 # A newcomer at 1300 m to 1385 m; sections of 100 m, the area ends at 2000 m.
 NEWCOMER = report(1300.0, 1385.0)
-AHEAD = Standing(1410.0, 1490.0, 16)
+AHEAD = StandingTrain(1410.0, 1490.0, 16)
 
 
 def counted(from_m: float = 1000.0, to_m: float = 2200.0, **axles: int) -> tuple[Counted, ...]:
@@ -275,11 +278,11 @@ def counted(from_m: float = 1000.0, to_m: float = 2200.0, **axles: int) -> tuple
     return tuple([Counted(at, at + 100.0, at in told, told.get(at, 0)) for at in starts])
 
 
-def near(*at_rest: Standing, **axles: int) -> Scene:
+def near(*at_rest: StandingTrain, **axles: int) -> AdmissionGuardInputs:
     """Somebody moves who says that it is everywhere: of a whole run nothing is known."""
     return scene_of(())._replace(
         counted=counted(**axles),
-        standing=(Standing(1000.0, 1700.0, 1), Standing(1600.0, 2300.0, 1)),
+        standing=(StandingTrain(1000.0, 1700.0, 1), StandingTrain(1600.0, 2300.0, 1)),
         at_rest=at_rest,
         line_m=(0.0, 4000.0),
     )
@@ -302,7 +305,7 @@ def near(*at_rest: Standing, **axles: int) -> Scene:
     ],
 )
 def test_near_a_train_all_axles_are_of_trains_at_rest(
-    at_rest: tuple[Standing, ...], axles: dict[str, int], *, shown: bool
+    at_rest: tuple[StandingTrain, ...], axles: dict[str, int], *, shown: bool
 ) -> None:
     assert is_sieved(NEWCOMER, near(*at_rest, **axles), ROOM_M) is shown
 
@@ -330,7 +333,7 @@ def test_where_it_may_still_come_counts_as_where_it_stands() -> None:
 def test_a_clear_piece_that_ends_where_it_stands_is_no_gap_ahead_of_it() -> None:
     pieces = ((1200.0, 1298.0, 16), (1298.0, 1300.0, 0), (1300.0, 1400.0, 1))
     told = tuple([Counted(start_m, end_m, n > 0, n) for start_m, end_m, n in pieces])
-    scene = near()._replace(counted=told, standing=(Standing(1240.0, 1260.0, 1),))
+    scene = near()._replace(counted=told, standing=(StandingTrain(1240.0, 1260.0, 1),))
 
     assert is_sieved(report(1220.0, 1300.0), scene, 0.0) is False
     assert is_sieved(report(1220.0, 1299.9), scene, 0.0) is True
@@ -348,7 +351,7 @@ def test_whoever_stands_beyond_the_area_need_not_be_heard() -> None:
     # And as far as the whole area is occupied without a gap.
     whole = {f"at_{at}": 16 for at in range(1800, 2200, 100)}
     back = report(1800.0, 1885.0)
-    assert is_sieved(back, near(Standing(1905.0, 1985.0, 16), **whole), ROOM_M) is True
+    assert is_sieved(back, near(StandingTrain(1905.0, 1985.0, 16), **whole), ROOM_M) is True
     assert is_sieved(back, near(**whole), ROOM_M) is False
 
 
@@ -405,7 +408,7 @@ def test_on_a_line_that_counts_no_axles_everybody_is_believed() -> None:
 
 
 def test_a_newcomer_stands_with_all_its_axles_between_its_bounds() -> None:
-    assert standing_of(report(1500.0, 1585.0)) == Standing(1500.0, 1585.0, 16)
+    assert standing_of(report(1500.0, 1585.0)) == StandingTrain(1500.0, 1585.0, 16)
 
 
 def test_applicants_are_taken_from_the_foremost_back_and_side_by_side_by_their_number() -> None:

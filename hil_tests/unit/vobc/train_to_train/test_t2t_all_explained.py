@@ -7,15 +7,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vobc.train_to_train.authority import Counted, Standing, all_explained
+from vobc.train_to_train.authority import Counted, StandingTrain, all_explained
 
 
-def touches(section: Counted, train: Standing) -> bool:
+def touches(section: Counted, train: StandingTrain) -> bool:
     return section.start_m < train.front_m and train.rear_m < section.end_m
 
 
 def is_explained(
-    run: Sequence[Counted], trains: Sequence[Standing], seen_m: tuple[float, float]
+    run: Sequence[Counted], trains: Sequence[StandingTrain], seen_m: tuple[float, float]
 ) -> bool:
     """Of trains at rest: nobody comes, nobody leaves. Who hangs over where counters begin or end
     explains nothing.
@@ -36,10 +36,10 @@ def is_explained(
 
 
 def step_by_step(
-    sections: Sequence[Counted], standing: Sequence[Standing], from_m: float, to_m: float
+    sections: Sequence[Counted], standing: Sequence[StandingTrain], from_m: float, to_m: float
 ) -> bool:
     """Whoever stands in a section that counts makes those count that it stands in."""
-    there: list[Standing] = []
+    there: list[StandingTrain] = []
     while True:
         concerned = [each for each in sections if each.end_m > from_m and each.start_m < to_m]
         now = [train for train in standing if any(touches(each, train) for each in concerned)]
@@ -68,7 +68,7 @@ def tracks(draw: st.DrawFn) -> list[Counted]:
 
 trains = st.lists(
     st.tuples(st.integers(-4, 40), st.integers(0, 7), st.sampled_from([2, 2, 4])).map(
-        lambda drawn: Standing(0.5 * drawn[0], 0.5 * drawn[0] + drawn[1], drawn[2])
+        lambda drawn: StandingTrain(0.5 * drawn[0], 0.5 * drawn[0] + drawn[1], drawn[2])
     ),
     max_size=7,
 )
@@ -77,7 +77,7 @@ trains = st.lists(
 @settings(max_examples=400, deadline=None)
 @given(tracks(), trains, st.integers(-4, 60), st.integers(0, 30))
 def test_it_is_the_same_as_step_by_step(
-    sections: list[Counted], standing: list[Standing], from_m: int, length_m: int
+    sections: list[Counted], standing: list[StandingTrain], from_m: int, length_m: int
 ) -> None:
     start_m, end_m = 0.5 * from_m, 0.5 * (from_m + length_m)
     wanted = step_by_step(sections, standing, start_m, end_m)
@@ -88,7 +88,7 @@ def test_it_is_the_same_as_step_by_step(
 def test_a_chain_reaches_as_far_as_trains_stand_on_joints_either_way() -> None:
     """Ten sections of 10 m, a train of 2 axles on each joint, all looked at from the middle."""
     middle = {"from_m": 45.0, "to_m": 55.0}
-    standing = [Standing(10.0 * n - 4.0, 10.0 * n + 4.0, 2) for n in range(1, 10)]
+    standing = [StandingTrain(10.0 * n - 4.0, 10.0 * n + 4.0, 2) for n in range(1, 10)]
     axles = [1, *(2 for _ in range(8)), 1]
     sections = [Counted(10.0 * n, 10.0 * n + 10.0, True, axles[n]) for n in range(10)]
     more = sections[-1]._replace(axles=2)
@@ -104,7 +104,7 @@ def test_a_chain_reaches_as_far_as_trains_stand_on_joints_either_way() -> None:
         # It ends where the first of them begins: the axles behind are no concern of theirs.
         (
             [Counted(0.0, 2.0, True, 4), Counted(2.0, 4.0, False, 0)],
-            [Standing(0.0, 2.0, 2)],
+            [StandingTrain(0.0, 2.0, 2)],
             (2.0, 4.0),
         ),
         # Behind a section that says that it is free stands the last one that is found.
@@ -115,13 +115,13 @@ def test_a_chain_reaches_as_far_as_trains_stand_on_joints_either_way() -> None:
                 Counted(4.0, 6.0, True, 2),
                 Counted(6.0, 8.0, True, 2),
             ],
-            [Standing(0.5, 2.5, 2), Standing(3.5, 5.5, 2), Standing(5.5, 6.5, 2)],
+            [StandingTrain(0.5, 2.5, 2), StandingTrain(3.5, 5.5, 2), StandingTrain(5.5, 6.5, 2)],
             (4.5, 5.5),
         ),
     ],
 )
 def test_in_whatever_order_they_are_found_all_axles_are_theirs(
-    sections: list[Counted], standing: list[Standing], between_m: tuple[float, float]
+    sections: list[Counted], standing: list[StandingTrain], between_m: tuple[float, float]
 ) -> None:
     from_m, to_m = between_m
     assert step_by_step(sections, standing, from_m, to_m)

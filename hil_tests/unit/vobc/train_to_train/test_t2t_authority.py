@@ -7,13 +7,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vobc.train_to_train.authority import (
+    AreaBounds,
     Bar,
+    BarredTrack,
     Counted,
     Course,
-    Seen,
-    Space,
-    Standing,
-    Stretch,
+    SeenSection,
+    StandingTrain,
     all_explained,
     back_to_m,
     end_of_authority_m,
@@ -23,7 +23,7 @@ from vobc.train_to_train.authority import (
 from vobc.train_to_train.occupancy import cleared_to_m
 from zenoh_config.t2t import SectionState
 
-SPACE = Space(end_m=2000.0, stretches=(), rollback_m=2.0, jog_m=5.0, longest_m=5000.0)
+SPACE = AreaBounds(end_m=2000.0, stretches=(), rollback_m=2.0, jog_m=5.0, longest_m=5000.0)
 
 
 def course(
@@ -44,8 +44,8 @@ def course(
     )
 
 
-def between(start_m: float, end_m: float, bar: Bar) -> Space:
-    return SPACE._replace(stretches=(Stretch(start_m, end_m, bar),))
+def between(start_m: float, end_m: float, bar: Bar) -> AreaBounds:
+    return SPACE._replace(stretches=(BarredTrack(start_m, end_m, bar),))
 
 
 @pytest.mark.parametrize(
@@ -175,7 +175,7 @@ def test_nor_is_one_that_supervision_stops(
 @pytest.mark.parametrize("bar", [Bar.SHUT, Bar.UNSURE])
 def test_beyond_what_closes_too_late_for_a_train_the_next_thing_stops_it(bar: Bar) -> None:
     space = SPACE._replace(
-        stretches=(Stretch(700.0, 720.0, Bar.CLOSING), Stretch(900.0, 920.0, bar))
+        stretches=(BarredTrack(700.0, 720.0, Bar.CLOSING), BarredTrack(900.0, 920.0, bar))
     )
 
     assert end_of_authority_m(course(granted_m=800.0, easy_m=750.0), space) == 900.0
@@ -183,7 +183,7 @@ def test_beyond_what_closes_too_late_for_a_train_the_next_thing_stops_it(bar: Ba
 
 def test_behind_a_train_nothing_hides_what_lies_ahead() -> None:
     space = SPACE._replace(
-        stretches=(Stretch(300.0, 320.0, Bar.SHUT), Stretch(900.0, 920.0, Bar.SHUT))
+        stretches=(BarredTrack(300.0, 320.0, Bar.SHUT), BarredTrack(900.0, 920.0, Bar.SHUT))
     )
 
     assert end_of_authority_m(course(), space) == 900.0
@@ -191,7 +191,7 @@ def test_behind_a_train_nothing_hides_what_lies_ahead() -> None:
 
 def test_a_train_in_a_shut_stretch_is_stopped_whatever_else_begins_there() -> None:
     space = SPACE._replace(
-        stretches=(Stretch(480.0, 540.0, Bar.SHUT), Stretch(490.0, 540.0, Bar.UNSURE))
+        stretches=(BarredTrack(480.0, 540.0, Bar.SHUT), BarredTrack(490.0, 540.0, Bar.UNSURE))
     )
 
     assert end_of_authority_m(course(granted_m=900.0), space) == 500.0
@@ -213,7 +213,7 @@ def test_no_two_trains_in_order_get_the_same_metre_whatever_lies_between(
     trains = sorted(rears_m, reverse=True)
     space = SPACE._replace(
         stretches=tuple(
-            sorted([Stretch(at, at + 30.0, bar) for at, bar in bars], key=lambda s: s[:2])
+            sorted([BarredTrack(at, at + 30.0, bar) for at, bar in bars], key=lambda s: s[:2])
         )
     )
     held_m = []
@@ -237,30 +237,30 @@ def sections(*axles: int) -> list[Counted]:
         ((0, 10, 6), [], False),  # As many, but it is not over that joint.
         ((0, 10, 10), [], False),
         ((0, 16, 0, 16), [], True),  # Somebody else, apart by a clear section.
-        ((0, 16, 16), [Standing(210.0, 290.0, 16)], True),
-        ((0, 16, 16), [Standing(1210.0, 1290.0, 16)], False),
-        ((16, 16, 0), [Standing(199.0, 279.0, 16)], False),  # That one only looks in.
+        ((0, 16, 16), [StandingTrain(210.0, 290.0, 16)], True),
+        ((0, 16, 16), [StandingTrain(1210.0, 1290.0, 16)], False),
+        ((16, 16, 0), [StandingTrain(199.0, 279.0, 16)], False),  # That one only looks in.
         ((0, 0, 0), [], False),  # It says it is where nobody is.
         ((16, 0, 16), [], False),
-        ((0, 0, 16), [Standing(210.0, 290.0, 16)], False),
-        ((16, 16), [Standing(10.0, 90.0, 16)], True),  # Up to either end of what is counted.
-        ((16, 16, 16), [Standing(10.0, 90.0, 16), Standing(210.0, 290.0, 16)], True),
-        ((0, 16, 0), [Standing(160.0, 240.0, 16)], True),  # With its middle at the joint.
-        ((0, 32, 0), [Standing(160.0, 239.8, 16)], True),
-        ((0, 16, 0), [Standing(60.0, 140.0, 16)], True),
-        ((0, 32, 0), [Standing(60.2, 140.0, 16)], True),
-        ((0, 32), [Standing(120.0, 200.0, 16)], True),
-        ((0, 32), [Standing(120.0, 200.1, 16)], False),  # It may hang over what is counted.
-        ((32, 0), [Standing(0.0, 80.0, 16)], False),
-        ((16, 16, 0), [Standing(0.0, 80.0, 16)], True),
-        ((16, 16, 0), [Standing(-0.1, 79.9, 16)], False),
-        ((0, 16, 16, 0), [Standing(210.0, 290.0, 16), Standing(310.0, 390.0, 16)], True),
+        ((0, 0, 16), [StandingTrain(210.0, 290.0, 16)], False),
+        ((16, 16), [StandingTrain(10.0, 90.0, 16)], True),  # Up to either end of what is counted.
+        ((16, 16, 16), [StandingTrain(10.0, 90.0, 16), StandingTrain(210.0, 290.0, 16)], True),
+        ((0, 16, 0), [StandingTrain(160.0, 240.0, 16)], True),  # With its middle at the joint.
+        ((0, 32, 0), [StandingTrain(160.0, 239.8, 16)], True),
+        ((0, 16, 0), [StandingTrain(60.0, 140.0, 16)], True),
+        ((0, 32, 0), [StandingTrain(60.2, 140.0, 16)], True),
+        ((0, 32), [StandingTrain(120.0, 200.0, 16)], True),
+        ((0, 32), [StandingTrain(120.0, 200.1, 16)], False),  # It may hang over what is counted.
+        ((32, 0), [StandingTrain(0.0, 80.0, 16)], False),
+        ((16, 16, 0), [StandingTrain(0.0, 80.0, 16)], True),
+        ((16, 16, 0), [StandingTrain(-0.1, 79.9, 16)], False),
+        ((0, 16, 16, 0), [StandingTrain(210.0, 290.0, 16), StandingTrain(310.0, 390.0, 16)], True),
     ],
 )
 def test_axles_around_a_train_are_explained_by_trains_that_say_they_are_there(
-    axles: tuple[int, ...], others: list[Standing], answer: bool
+    axles: tuple[int, ...], others: list[StandingTrain], answer: bool
 ) -> None:
-    assert explained(sections(*axles), Standing(115.0, 198.0, 16), others) is answer
+    assert explained(sections(*axles), StandingTrain(115.0, 198.0, 16), others) is answer
 
 
 @pytest.mark.parametrize(
@@ -298,7 +298,7 @@ def test_a_silent_train_is_past_the_clear_sections_behind_it_but_for_its_overhan
 def test_only_sections_that_it_is_in_and_those_that_hang_together_with_them_are_counted(
     axles: tuple[int, ...], rear_m: float, front_m: float, *, answer: bool
 ) -> None:
-    assert explained(sections(*axles), Standing(rear_m, front_m, 16), []) is answer
+    assert explained(sections(*axles), StandingTrain(rear_m, front_m, 16), []) is answer
 
 
 @pytest.mark.parametrize(("rear_m", "front_m"), [(115.0, 200.0), (200.0, 285.0)])
@@ -306,16 +306,16 @@ def test_a_train_up_to_a_joint_is_not_behind_it_and_another_there_does_not_expla
     rear_m: float, front_m: float
 ) -> None:
     there = (0, 16) if rear_m >= 200.0 else (0, 0, 16)
-    other = Standing(110.0, 190.0, 16) if rear_m >= 200.0 else Standing(210.0, 290.0, 16)
+    other = StandingTrain(110.0, 190.0, 16) if rear_m >= 200.0 else StandingTrain(210.0, 290.0, 16)
 
-    assert explained(sections(*there, 0), Standing(rear_m, front_m, 16), [other]) is False
+    assert explained(sections(*there, 0), StandingTrain(rear_m, front_m, 16), [other]) is False
 
 
 def test_a_section_that_is_seen_clear_counts_for_nothing() -> None:
     told = sections(0, 16, 0)
     told[2] = Counted(200.0, 300.0, False, 4)
 
-    assert explained(told, Standing(115.0, 198.0, 16), []) is True
+    assert explained(told, StandingTrain(115.0, 198.0, 16), []) is True
 
 
 @pytest.mark.parametrize(
@@ -340,9 +340,9 @@ def test_a_section_that_is_seen_clear_counts_for_nothing() -> None:
 def test_who_has_not_been_heard_for_a_while_explains_axles_only_where_it_surely_is(
     axles: tuple[int, ...], farther_m: float, *, answer: bool
 ) -> None:
-    other = Standing(105.0, 185.0, 16, farther_m)
+    other = StandingTrain(105.0, 185.0, 16, farther_m)
 
-    assert explained(sections(*axles), Standing(115.0, 198.0, 16), [other]) is answer
+    assert explained(sections(*axles), StandingTrain(115.0, 198.0, 16), [other]) is answer
 
 
 @pytest.mark.parametrize(("behind_m", "answer"), [(0.0, True), (44.9, True), (45.0, False)])
@@ -350,10 +350,10 @@ def test_who_may_have_come_since_the_count_explains_no_axles(
     behind_m: float, *, answer: bool
 ) -> None:
     """Over a section that is clear and may be short; its middle is at 145 m."""
-    other = Standing(105.0, 185.0, 16, behind_m=behind_m)
+    other = StandingTrain(105.0, 185.0, 16, behind_m=behind_m)
 
-    assert explained(sections(0, 32, 0), Standing(115.0, 198.0, 16), [other]) is answer
-    first = Standing(45.1, 95.0, 16, behind_m=behind_m)
+    assert explained(sections(0, 32, 0), StandingTrain(115.0, 198.0, 16), [other]) is answer
+    first = StandingTrain(45.1, 95.0, 16, behind_m=behind_m)
     assert explained(sections(16, 16, 0), first, [other]) is True
 
 
@@ -361,7 +361,7 @@ def test_who_may_have_come_since_the_count_explains_no_axles(
 def test_who_may_have_hung_over_the_beginning_of_the_line_when_axles_were_counted_explains_none(
     behind_m: float, *, answer: bool
 ) -> None:
-    first = Standing(5.0, 95.0, 16, behind_m=behind_m)
+    first = StandingTrain(5.0, 95.0, 16, behind_m=behind_m)
 
     assert explained(sections(16, 0), first, []) is answer
 
@@ -383,8 +383,8 @@ def test_axles_are_where_the_trains_may_be_that_have_as_many_in_all(
     """One that hides is not made up for by axles that are missed elsewhere."""
     told = [Counted(100.0, 200.0, True, axles[0]), Counted(200.0, 400.0, True, axles[1])]
     told = [Counted(0.0, 100.0, False, 0), *told, Counted(400.0, 500.0, False, 0)]
-    first = Standing(120.0, front_m, 16, farther_m)
-    second = Standing(190.0, 290.0, 16)
+    first = StandingTrain(120.0, front_m, 16, farther_m)
+    second = StandingTrain(190.0, 290.0, 16)
 
     assert explained(told, first, [second]) is answer
     assert explained(told, second, [first]) is answer
@@ -399,7 +399,7 @@ def test_all_trains_that_are_wholly_behind_a_joint_are_counted_behind_it(
     """Three are, and a fourth stands over it."""
     told = [Counted(0.0, 400.0, True, before), Counted(400.0, 600.0, True, 64 - before)]
     told = [*told, Counted(600.0, 700.0, False, 0)]
-    trains = [Standing(at, at + 80.0, 16) for at in (10.0, 110.0, 210.0, 350.0)]
+    trains = [StandingTrain(at, at + 80.0, 16) for at in (10.0, 110.0, 210.0, 350.0)]
 
     assert explained(told, trains[0], trains[1:]) is answer
 
@@ -409,9 +409,9 @@ def test_who_may_be_beyond_a_joint_by_half_has_left_where_somebody_is_near_beyon
     farther_m: float, *, answer: bool
 ) -> None:
     told = [*sections(0, 32), Counted(200.0, 230.0, False, 0), Counted(230.0, 400.0, True, 16)]
-    other = Standing(105.0, 185.0, 16, farther_m)
+    other = StandingTrain(105.0, 185.0, 16, farther_m)
 
-    assert explained(told, Standing(115.0, 198.0, 16), [other]) is answer
+    assert explained(told, StandingTrain(115.0, 198.0, 16), [other]) is answer
 
 
 @pytest.mark.parametrize(
@@ -422,23 +422,27 @@ def test_who_is_beyond_a_joint_or_was_when_axles_were_counted_has_none_before_it
 ) -> None:
     told = [Counted(0.0, 200.0, True, 17), Counted(200.0, 400.0, True, 15)]
     told = [*told, Counted(400.0, 500.0, False, 0)]
-    second = Standing(rear_m, 290.0, 16, behind_m=behind_m)
+    second = StandingTrain(rear_m, 290.0, 16, behind_m=behind_m)
 
-    assert explained(told, Standing(20.0, 100.0, 16), [second]) is answer
+    assert explained(told, StandingTrain(20.0, 100.0, 16), [second]) is answer
 
 
 @pytest.mark.parametrize("beside", [0, 2])
 def test_a_count_that_is_not_to_be_trusted_is_explained_by_nobody(beside: int) -> None:
     told = sections(0, 16, 0)
-    assert explained(told, Standing(115.0, 198.0, 16), [])
+    assert explained(told, StandingTrain(115.0, 198.0, 16), [])
 
     told[beside] = told[beside]._replace(occupied=True)
-    assert explained(told, Standing(115.0, 198.0, 16), []) is False
-    assert all_explained(told, [Standing(115.0, 198.0, 16)], from_m=0.0, to_m=300.0) is False
+    assert explained(told, StandingTrain(115.0, 198.0, 16), []) is False
+    assert all_explained(told, [StandingTrain(115.0, 198.0, 16)], from_m=0.0, to_m=300.0) is False
 
 
-HERE, THERE = Standing(110.0, 190.0, 16), Standing(310.0, 390.0, 24)
-OVER, BESIDE, AHEAD = Standing(60.0, 139.0, 16), Standing(5.0, 58.0, 16), Standing(361.0, 441.0, 16)
+HERE, THERE = StandingTrain(110.0, 190.0, 16), StandingTrain(310.0, 390.0, 24)
+OVER, BESIDE, AHEAD = (
+    StandingTrain(60.0, 139.0, 16),
+    StandingTrain(5.0, 58.0, 16),
+    StandingTrain(361.0, 441.0, 16),
+)
 
 
 @pytest.mark.parametrize(
@@ -460,12 +464,12 @@ OVER, BESIDE, AHEAD = Standing(60.0, 139.0, 16), Standing(5.0, 58.0, 16), Standi
         ((24, 8, 0, 0, 0), [OVER, BESIDE], True),  # And that one is counted with it.
         ((0, 0, 0, 8, 8), [AHEAD], True),
         ((0, 0, 0, 8, 24), [AHEAD], False),
-        ((16, 8, 8, 0, 0), [Standing(160.0, 240.0, 16)], True),
+        ((16, 8, 8, 0, 0), [StandingTrain(160.0, 240.0, 16)], True),
         ((0, 0, 0, 24, 0), [HERE, THERE], False),  # One that is there is not counted.
     ],
 )
 def test_all_axles_between_two_places_are_those_of_trains_that_stand_there(
-    axles: tuple[int, ...], standing: list[Standing], *, answer: bool
+    axles: tuple[int, ...], standing: list[StandingTrain], *, answer: bool
 ) -> None:
     assert all_explained(sections(*axles), standing, from_m=100.0, to_m=400.0) is answer
 
@@ -494,7 +498,7 @@ def test_a_section_counts_when_any_of_it_lies_between(
 def test_between_500_and_800_m_an_occupied_section_is_of_somebody_unknown(
     start_m: float, end_m: float, *, hides: bool
 ) -> None:
-    section = Seen(start_m, end_m)
+    section = SeenSection(start_m, end_m)
 
     found = unexplained([section], beyond_m=500.0, before_m=800.0)
 
@@ -502,15 +506,15 @@ def test_between_500_and_800_m_an_occupied_section_is_of_somebody_unknown(
 
 
 def test_the_first_section_that_nobody_can_be_in_is_the_one_that_is_told() -> None:
-    seen = [Seen(400.0, 500.0), Seen(500.0, 600.0), Seen(600.0, 700.0)]
+    seen = [SeenSection(400.0, 500.0), SeenSection(500.0, 600.0), SeenSection(600.0, 700.0)]
 
-    assert unexplained(seen, beyond_m=450.0, before_m=800.0) == Seen(500.0, 600.0)
+    assert unexplained(seen, beyond_m=450.0, before_m=800.0) == SeenSection(500.0, 600.0)
     assert unexplained([], beyond_m=450.0, before_m=800.0) is None
 
 
 @pytest.mark.parametrize("begins_m", [490.0, 600.0])
 def test_doubt_does_not_keep_a_train_going_that_supervision_stops(begins_m: float) -> None:
-    doubt = Stretch(begins_m, 640.0, Bar.UNSURE)
+    doubt = BarredTrack(begins_m, 640.0, Bar.UNSURE)
     space = SPACE._replace(stretches=(doubt,))
 
     assert end_of_authority_m(course(granted_m=900.0), space) is None
@@ -520,7 +524,7 @@ def test_doubt_does_not_keep_a_train_going_that_supervision_stops(begins_m: floa
 
 def test_nor_does_the_order_to_stop_give_anything_to_a_train_in_doubt_that_holds_nothing() -> None:
     """Who begins over an open switch may not even go as far as its place is unsure (seed 2685)."""
-    space = SPACE._replace(stretches=(Stretch(490.0, 640.0, Bar.UNSURE),))
+    space = SPACE._replace(stretches=(BarredTrack(490.0, 640.0, Bar.UNSURE),))
 
     assert end_of_authority_m(course(granted_m=500.0, stopped=True), space) is None
 

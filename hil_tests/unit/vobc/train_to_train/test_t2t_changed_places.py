@@ -3,9 +3,15 @@
 import pytest
 
 from hil_tests.unit.vobc.train_to_train.t2t_one_area import BEYOND, OneArea, anew, report_at
-from vobc.train_to_train.authority import Counted, Standing
-from vobc.train_to_train.occupancy import Record
-from vobc.train_to_train.restart import Evidence, Former, Neighbour, Whereabouts, whereabouts
+from vobc.train_to_train.authority import Counted, StandingTrain
+from vobc.train_to_train.occupancy import TrainRecord
+from vobc.train_to_train.restart import (
+    Former,
+    Neighbour,
+    RestartEvidence,
+    RestartPlace,
+    whereabouts,
+)
 
 PASSED_M = 815.9
 """Of a rear that surely is behind `BEYOND`, within the 4 m that it is unsure of."""
@@ -93,7 +99,7 @@ def test_of_two_that_changed_places_both_wait_while_one_between_is_not_heard() -
 def test_one_that_came_back_elsewhere_was_passed_by_nobody(told_m: float) -> None:
     """What it was ahead of may still be where it was, and keeps its place on the roster."""
     area = OneArea((6, 700.0), (1, 650.0), counted=(Counted(0.0, 3000.0, True, 32),))
-    area.strangers = (Standing(told_m, told_m + 84.0, 16),)
+    area.strangers = (StandingTrain(told_m, told_m + 84.0, 16),)
     area.hears(anew(told_m, train=6, standstill=False))
     area.hears(BEYOND)
     area.reserved_m = {6: told_m + 84.0}
@@ -116,23 +122,25 @@ def test_a_train_need_not_wait_for_one_behind_it_that_came_back_farther_back() -
 @pytest.mark.parametrize(
     ("anew_m", "found"),
     [
-        ((1084.0, 1090.0), Whereabouts.IN_PLACE),
-        ((1083.9, 1090.0), Whereabouts.UNSURE),
-        ((990.0, 1000.0), Whereabouts.UNSURE),
-        ((990.0, 999.9), Whereabouts.BEFORE),
+        ((1084.0, 1090.0), RestartPlace.IN_PLACE),
+        ((1083.9, 1090.0), RestartPlace.UNSURE),
+        ((990.0, 1000.0), RestartPlace.UNSURE),
+        ((990.0, 999.9), RestartPlace.BEFORE),
     ],
 )
 def test_where_one_ahead_is_counts_by_what_it_tells_anew(
-    anew_m: tuple[float, float], found: Whereabouts
+    anew_m: tuple[float, float], found: RestartPlace
 ) -> None:
     """The train is from 1000 m to 1084 m, and gets another place only where its axles are seen."""
-    former = Former(Record(1, 900.0, 0, boot=1), (), [Neighbour(950.0, heard=True, anew_m=anew_m)])
+    former = Former(
+        TrainRecord(1, 900.0, 0, boot=1), (), [Neighbour(950.0, heard=True, anew_m=anew_m)]
+    )
 
-    def judged(evidence: Evidence) -> Whereabouts:
+    def judged(evidence: RestartEvidence) -> RestartPlace:
         return whereabouts(former, report_at(1000.0), evidence, behind_rear_m=7.0)
 
-    unseen = Whereabouts.UNSURE if found is Whereabouts.BEFORE else found
-    assert judged(Evidence(sieved=False, left=False, recent=False)) is unseen
-    assert judged(Evidence(sieved=True, left=False, recent=False)) is found
-    assert judged(Evidence(sieved=False, left=True, recent=False)) is found
-    assert judged(Evidence(sieved=False, left=False, recent=True)) is Whereabouts.IN_PLACE
+    unseen = RestartPlace.UNSURE if found is RestartPlace.BEFORE else found
+    assert judged(RestartEvidence(sieved=False, left=False, recent=False)) is unseen
+    assert judged(RestartEvidence(sieved=True, left=False, recent=False)) is found
+    assert judged(RestartEvidence(sieved=False, left=True, recent=False)) is found
+    assert judged(RestartEvidence(sieved=False, left=False, recent=True)) is RestartPlace.IN_PLACE

@@ -8,11 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_py.trackdb.areas import ObjectKind, ObjectSite
-from vobc.train_to_train.authority import Counted, Seen
+from vobc.train_to_train.authority import Counted, SeenSection
 from vobc.train_to_train.axle_counting import TrackView
 from vobc.train_to_train.guards import MasterGuards, Reach
 from vobc.train_to_train.inference import Conclusions
-from vobc.train_to_train.occupancy import OUTSTANDING_MAX, Record, TrainTable
+from vobc.train_to_train.occupancy import OUTSTANDING_MAX, TrainRecord, TrainTable
 from vobc.train_to_train.roster import Order
 from vobc.train_to_train.vocabulary import T2tConfig
 from zenoh_config.t2t import RosterEntry, SectionState, SyncEntry, TrainReport
@@ -58,8 +58,8 @@ def test_a_master_begins_with_the_roster_and_with_nobody_else() -> None:
     known.begin_with((RosterEntry(1, 900.0, True, 3), RosterEntry(2, 500.0, False, 4)), 77)
 
     assert known.records == {
-        1: Record(1, 900.0, 77, boot=3),
-        2: Record(2, 500.0, 77, boot=4),
+        1: TrainRecord(1, 900.0, 77, boot=3),
+        2: TrainRecord(2, 500.0, 77, boot=4),
     }
 
 
@@ -68,12 +68,12 @@ def test_a_rear_that_arbiters_kept_only_brings_a_train_forwards(
     kept_m: float, rear_m: float
 ) -> None:
     known = conclusions()
-    known.records[1] = Record(1, 400.0, 70, boot=2)
+    known.records[1] = TrainRecord(1, 400.0, 70, boot=2)
 
     record = known.add(RosterEntry(1, kept_m, True, 2), 77)
 
     assert record is known.records[1]
-    assert record == Record(1, rear_m, 70, boot=2)
+    assert record == TrainRecord(1, rear_m, 70, boot=2)
 
 
 @pytest.mark.parametrize("kept_m", [300.0, 500.0])
@@ -94,7 +94,7 @@ def test_what_a_train_said_in_another_life_says_nothing_of_the_one_that_arbiters
     record = known.add(RosterEntry(1, kept_m, True, 2), 77)
 
     assert record is known.records[1]
-    assert record == Record(1, kept_m, 77, boot=2)
+    assert record == TrainRecord(1, kept_m, 77, boot=2)
 
 
 @pytest.mark.parametrize("boot", [1, 2])
@@ -115,7 +115,7 @@ def test_a_train_that_begins_anew_where_it_was_holds_nothing_any_more_but_stays_
     known.reborn(anew, 88)
 
     assert known.records == {
-        1: Record(
+        1: TrainRecord(
             *(1, 402.0, 88, 2, anew, 5, 6, 477.0),  # Protected by no more than a jog.
             served=False,
             stopped=True,
@@ -197,7 +197,7 @@ def test_who_has_not_been_heard_for_a_while_may_have_come_as_far_as_it_was_grant
 def test_whoever_is_unknown_unheard_out_of_service_or_of_an_older_term_shall_not_command() -> None:
     out_of_service = replace(report(3, 400.0), out_of_service=True)
     known = conclusions(report(1, 900.0), report(2, 500.0, term=4), out_of_service)
-    known.records[4] = Record(4, 100.0, NOW_NS, boot=1, term=TERM)
+    known.records[4] = TrainRecord(4, 100.0, NOW_NS, boot=1, term=TERM)
 
     assert [train for train in range(6) if known.is_fit(train, NOW_NS)] == [1]
     assert known.is_fit(4, NOW_NS) is False
@@ -249,12 +249,12 @@ def test_a_masters_own_voice_is_none_of_the_others() -> None:
 
 def test_who_was_never_heard_is_neither_a_silent_train_nor_one_that_speaks() -> None:
     known = conclusions(report(1, 900.0), heard_ns=0)
-    known.records[2] = Record(2, 500.0, 0, boot=1)
+    known.records[2] = TrainRecord(2, 500.0, 0, boot=1)
 
     assert not known.all_silent(OWN, NOW_NS)
 
     known = conclusions(report(1, 900.0), report(3, 300.0), heard_ns=0)
-    known.records[2] = Record(2, 500.0, NOW_NS, boot=1)
+    known.records[2] = TrainRecord(2, 500.0, NOW_NS, boot=1)
 
     assert known.all_silent(OWN, NOW_NS)
 
@@ -396,7 +396,7 @@ def test_an_object_is_needed_from_1200_m_before_it_until_no_train_can_come_back_
     rear_m: float, *, needed: bool
 ) -> None:
     known = conclusions(report(1, rear_m))
-    known.records[2] = Record(2, 650.0, 0, boot=1)  # Nobody knows whether it is still near.
+    known.records[2] = TrainRecord(2, 650.0, 0, boot=1)  # Nobody knows whether it is still near.
 
     assert known.is_needed(SITE) is needed
     far = conclusions(report(1, rear_m), report(3, 5000.0))
@@ -481,7 +481,7 @@ def track(*occupied: bool, seen_ns: int = NOW_NS) -> TrackView:
     return TrackView(
         seen_ns,
         tuple([Counted(start_m, end_m, s.occupied, s.axles) for start_m, end_m, s in told]),
-        tuple([Seen(start_m, end_m) for start_m, end_m, s in told if s.occupied]),
+        tuple([SeenSection(start_m, end_m) for start_m, end_m, s in told if s.occupied]),
         tuple(told),
         (),
         (),
@@ -524,7 +524,7 @@ def test_who_says_that_it_is_ahead_is_ahead_whatever_its_place_on_the_roster(
 ) -> None:
     """Of a train with its front at 80 m, before one that the roster has behind it."""
     known = conclusions(report(1, 0.0), report(2, 300.0), report(3, other_m))
-    known.records[4] = Record(4, 120.0, NOW_NS, boot=1)
+    known.records[4] = TrainRecord(4, 120.0, NOW_NS, boot=1)
 
     assert known.ahead_m(known.records[1], report(1, 0.0), known.records[2]) == ahead_m
 
@@ -545,7 +545,7 @@ def test_before_the_foremost_train_there_is_none() -> None:
 def test_a_standby_learns_of_every_train_where_it_is_and_what_it_may_hold() -> None:
     known = conclusions(report(1, 900.0), report(2, 500.0, boot=3, held_end_m=850.0))
     known.records[2].issued(8, 880.0, life_ns=0)
-    known.records[3] = Record(3, 100.0, NOW_NS, boot=4, latent_m=2_000_000.0)
+    known.records[3] = TrainRecord(3, 100.0, NOW_NS, boot=4, latent_m=2_000_000.0)
 
     assert known.sync_entries() == (
         SyncEntry(1, 900.0, 980.0, 1),

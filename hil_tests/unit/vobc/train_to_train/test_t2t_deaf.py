@@ -6,7 +6,7 @@ import pytest
 
 from hil_tests.unit.vobc.train_to_train.t2t_rig import MS, Rig, line_of
 from vobc.train_to_train.guards import LeaseGuards
-from vobc.train_to_train.lease import Lease, Request
+from vobc.train_to_train.lease import ArbiterRequest, Lease
 from vobc.train_to_train.vocabulary import T2tConfig
 from zenoh_config.t2t import LeaseAnswer, LeaseKind, LeaseRequest, SwitchKind, SwitchStep
 from zenoh_config.timers import TIMER_SETS, TIMERS_A
@@ -21,7 +21,7 @@ def held(at_ms: int = 1000) -> Lease:
     return lease
 
 
-def answered(lease: Lease, request: Request, at_ms: int) -> None:
+def answered(lease: Lease, request: ArbiterRequest, at_ms: int) -> None:
     head = (65_001, 5, 1, lease.term, 1, request.nonce, 0)
     lease.hears(LeaseAnswer(*head, True, request.nonce, 0, 5, 0, 0, 0, ()), at_ms * MS)
 

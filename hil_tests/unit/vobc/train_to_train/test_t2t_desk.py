@@ -7,10 +7,10 @@ from typing import Any, cast
 import pytest
 
 from firmware_py.trackdb.areas import Area, AreaMap
-from vobc.train_to_train.area_participant import AreaDesk, Chance
+from vobc.train_to_train.area_participant import AreaParticipant, Chance
 from vobc.train_to_train.guards import LeaseGuards, TrainGuards, without
 from vobc.train_to_train.master import Master
-from vobc.train_to_train.message_heads import Speaker
+from vobc.train_to_train.message_heads import MessageHeads
 from vobc.train_to_train.vocabulary import AreaMemory, OwnTrain, Role, T2tConfig
 from zenoh_config.t2t import (
     BROADCAST,
@@ -69,7 +69,7 @@ class Puppet:
     """Successors, one for each step."""
     heard: list[T2tMessage] = field(default_factory=list)
     away: list[bool] = field(default_factory=list)
-    desk: AreaDesk | None = None
+    desk: AreaParticipant | None = None
     roster: Any = field(default_factory=lambda: SimpleNamespace(kept=()))
 
     @property
@@ -106,12 +106,12 @@ class Scene:
     ) -> None:
         self.config = T2tConfig(arbiters=arbiters)
         self.memory = memory or AreaMemory(AREA)
-        self.desk = AreaDesk(
+        self.desk = AreaParticipant(
             self.config,
             guards or TrainGuards(),
             LINE,
             AREA,
-            speaker=Speaker(OWN, BOOT),
+            speaker=MessageHeads(OWN, BOOT),
             memory=self.memory,
             now_ns=BEGAN_NS,
             chance=Chance(seed),

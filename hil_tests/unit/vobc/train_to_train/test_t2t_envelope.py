@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vobc.train_to_train.guards import MemberGuards
-from vobc.train_to_train.member import Member
-from vobc.train_to_train.reception import SOURCES_MAX, Hearing
+from vobc.train_to_train.member import AreaMember
+from vobc.train_to_train.reception import SOURCES_MAX, Reception
 from vobc.train_to_train.vocabulary import AreaMemory
 from zenoh_config.codec import BENCH_KEY, CODE_BYTES, HEADER, MAX_BYTES, pack, unpack
 from zenoh_config.messages import Refused, RefusedReason, SpeedRestriction
@@ -117,8 +117,8 @@ kinds = pytest.mark.parametrize("message", EVERY.values(), ids=lambda m: type(m)
 heard = pytest.mark.parametrize("message", TO_TRAINS, ids=lambda m: type(m).__name__)
 
 
-def member() -> Member:
-    return Member(TIMERS_A, MemberGuards(), boot=1, memory=AreaMemory(1, 7, PEER, 0), now_ns=0)
+def member() -> AreaMember:
+    return AreaMember(TIMERS_A, MemberGuards(), boot=1, memory=AreaMemory(1, 7, PEER, 0), now_ns=0)
 
 
 def refusal(payload: bytes) -> RefusedReason:
@@ -158,7 +158,7 @@ def test_without_the_key_nobody_speaks(message: T2tMessage) -> None:
 
 @heard
 def test_nobody_says_what_is_for_others_to_say(message: T2tMessage) -> None:
-    hearing = Hearing(OWN, boot=1)
+    hearing = Reception(OWN, boot=1)
     other = 0 if 0 < message.source < 65_000 else PEER
 
     assert not hearing.admits(dataclasses.replace(message, source=other), 0)
@@ -170,7 +170,7 @@ def test_nobody_says_what_is_for_others_to_say(message: T2tMessage) -> None:
 
 @heard
 def test_what_is_for_another_train_is_not_taken(message: T2tMessage) -> None:
-    hearing = Hearing(OWN, boot=1)
+    hearing = Reception(OWN, boot=1)
 
     assert not hearing.admits(dataclasses.replace(message, destination=OWN + 1), 0)
     assert hearing.refusals == {RefusedReason.WRONG_DESTINATION: 1}
@@ -182,7 +182,7 @@ def test_what_is_for_another_train_is_not_taken(message: T2tMessage) -> None:
 
 def admitted_twice(first: T2tMessage, second: T2tMessage) -> bool:
     """Through the gate, and for authorities through the member that keeps their order."""
-    hearing, own = Hearing(OWN, boot=1), member()
+    hearing, own = Reception(OWN, boot=1), member()
     taken = []
     for message in (first, second):
         passes = hearing.admits(message, 0)
@@ -312,7 +312,7 @@ def test_the_largest_area_fits_into_one_message() -> None:
 
 
 def test_memory_stays_bounded_however_many_speak() -> None:
-    hearing = Hearing(OWN, boot=1)
+    hearing = Reception(OWN, boot=1)
 
     for n in range(SOURCES_MAX + 500):
         area, source = 1 + n % 200, 1 + n // 200
@@ -323,7 +323,7 @@ def test_memory_stays_bounded_however_many_speak() -> None:
 
 
 def test_its_own_words_coming_back_are_no_double_and_others_under_its_address_are() -> None:
-    hearing = Hearing(OWN, boot=3)
+    hearing = Reception(OWN, boot=3)
     own = dataclasses.replace(HEARTBEAT, source=OWN, boot=3, sequence=10)
 
     hearing.admits(own, own_sequence=10)

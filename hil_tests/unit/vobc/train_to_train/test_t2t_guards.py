@@ -7,21 +7,21 @@ import pytest
 
 from vobc.train_to_train import guards
 from vobc.train_to_train.guards import (
+    Acknowledgement,
     Attempt,
     Claimed,
-    Clock,
     Commitment,
     Fence,
     Freshness,
     Granted,
     InLine,
     Latency,
+    LeaseClock,
     LeaseGuards,
     MasterGuards,
     MemberGuards,
     Neighbours,
     Offer,
-    Promise,
     Reach,
     Terms,
     Votes,
@@ -131,7 +131,7 @@ def test_a_grant_counts_from_the_question_and_for_what_it_asked(
 
 @pytest.mark.parametrize(("reported", "promised"), [(3, False), (4, True), (5, False)])
 def test_a_train_has_promised_a_master_its_very_term(reported: int, *, promised: bool) -> None:
-    assert has_promised(Promise(reported, 4)) is promised
+    assert has_promised(Acknowledgement(reported, 4)) is promised
 
 
 @pytest.mark.parametrize(
@@ -273,7 +273,7 @@ def test_two_of_three_are_a_majority(votes: int, *, enough: bool) -> None:
 def test_a_lease_runs_while_what_is_decided_now_leaves_before_its_end(
     now_ns: int, *, runs: bool
 ) -> None:
-    assert lease_runs(Clock(now_ns, 900, 10)) is runs
+    assert lease_runs(LeaseClock(now_ns, 900, 10)) is runs
 
 
 @pytest.mark.parametrize("terms", [Terms(7, 3, 4), Terms(3, 7, 4), Terms(4, 3, 7), Terms(7, 7, 7)])

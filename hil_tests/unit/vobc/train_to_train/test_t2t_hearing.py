@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import pytest
 
-from vobc.train_to_train.message_heads import Head, Speaker
-from vobc.train_to_train.reception import Hearing
+from vobc.train_to_train.message_heads import MessageHead, MessageHeads
+from vobc.train_to_train.reception import Reception
 from zenoh_config.messages import RefusedReason
 from zenoh_config.t2t import (
     BROADCAST,
@@ -125,11 +125,11 @@ EVERYBODY = (0, 1, 64_999, 65_000, 65_001, 65_050, 65_099, 65_100, 65_101)
 """Wayside, the first and last trains and arbiters, supervision, and who is none of them."""
 
 
-def fresh() -> Hearing:
-    return Hearing(OWN, OWN_BOOT)
+def fresh() -> Reception:
+    return Reception(OWN, OWN_BOOT)
 
 
-def why_not(hearing: Hearing, message: T2tMessage) -> RefusedReason | None:
+def why_not(hearing: Reception, message: T2tMessage) -> RefusedReason | None:
     """The one reason that was counted; None: it was heard."""
     before = hearing.refusals.copy()
     if hearing.admits(message, SPOKEN):
@@ -303,12 +303,14 @@ def test_16384_streams_are_kept_and_a_flood_of_new_speakers_silences_nobody_know
 
 
 def test_a_train_numbers_all_its_words_from_1_whatever_they_are_about() -> None:
-    speaker = Speaker(OWN, OWN_BOOT)
+    speaker = MessageHeads(OWN, OWN_BOOT)
     assert speaker.sequence == 0
 
     first = speaker.head(70, to=9, area=1, term=4)
     second = speaker.head(80, to=BROADCAST, area=2, term=6)
 
-    assert first == Head(source=5, destination=9, area=1, term=4, boot=3, sequence=1, stamp_ns=70)
+    assert first == MessageHead(
+        source=5, destination=9, area=1, term=4, boot=3, sequence=1, stamp_ns=70
+    )
     assert second == (5, BROADCAST, 2, 6, 3, 2, 80)
     assert speaker.sequence == 2

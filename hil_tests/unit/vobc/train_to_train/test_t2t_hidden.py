@@ -12,8 +12,8 @@ from hil_tests.unit.vobc.train_to_train.test_t2t_conclusions import (
     report,
     track,
 )
-from vobc.train_to_train.authority import Bar, Stretch
-from vobc.train_to_train.occupancy import Record
+from vobc.train_to_train.authority import Bar, BarredTrack
+from vobc.train_to_train.occupancy import TrainRecord
 from zenoh_config.t2t import RosterEntry, TrainReport
 
 
@@ -38,7 +38,7 @@ def test_a_train_is_no_farther_than_it_was_granted() -> None:
 
 def test_of_a_train_that_was_never_heard_only_what_it_was_granted_is_known() -> None:
     known = conclusions()
-    known.records[1] = Record(1, 0.0, NOW_NS, boot=1, latent_m=400.0)
+    known.records[1] = TrainRecord(1, 0.0, NOW_NS, boot=1, latent_m=400.0)
 
     assert known.within_m(known.records[1], NOW_NS, sure=True) == 400.0
 
@@ -46,22 +46,22 @@ def test_of_a_train_that_was_never_heard_only_what_it_was_granted_is_known() -> 
 def hidden(
     occupied: tuple[bool, ...],
     *,
-    ahead: Record | None = None,
+    ahead: TrainRecord | None = None,
     end_m: float = 5000.0,
-    left: Record | None = None,
-) -> list[Stretch]:
+    left: TrainRecord | None = None,
+) -> list[BarredTrack]:
     """Before a train from 0 to 80 m that was granted 100 m."""
     known = conclusions(report(1, 0.0, held_end_m=100.0))
     return known.hidden_before(known.records[1].granted_m, ahead, track(*occupied), (end_m, left))
 
 
-def heard_of(rear_m: float, *, later_ns: int = 0) -> Record:
+def heard_of(rear_m: float, *, later_ns: int = 0) -> TrainRecord:
     """So long after the look."""
-    return Record(2, rear_m, NOW_NS + later_ns, boot=1)
+    return TrainRecord(2, rear_m, NOW_NS + later_ns, boot=1)
 
 
 THIRD_OCCUPIED = (True, False, True, True)
-HIDDEN = [Stretch(189.0, 300.0, Bar.SHUT)]
+HIDDEN = [BarredTrack(189.0, 300.0, Bar.SHUT)]
 """The third section, 4 m for what hangs over and 7 m for rolling and jogging back before it."""
 
 
@@ -164,14 +164,14 @@ def test_no_farther_is_what_a_train_may_hold_or_of_one_that_may_not_have_heard_w
     known = conclusions(hears, replace(deaf, echo_ns=NOW_NS - SILENT_NS - 1))
     for train in (1, 2):
         known.records[train].issued(9, 400.0, life_ns=0)
-    known.records[3] = Record(3, 0.0, NOW_NS, boot=1, latent_m=300.0)
+    known.records[3] = TrainRecord(3, 0.0, NOW_NS, boot=1, latent_m=300.0)
 
     bars = [known.no_farther(known.records[train], NOW_NS) for train in (1, 2, 3)]
 
     assert bars == [
-        Stretch(400.0, 1_000_000.0, Bar.SHUT),
-        Stretch(350.0, 1_000_000.0, Bar.UNSURE),
-        Stretch(300.0, 1_000_000.0, Bar.UNSURE),
+        BarredTrack(400.0, 1_000_000.0, Bar.SHUT),
+        BarredTrack(350.0, 1_000_000.0, Bar.UNSURE),
+        BarredTrack(300.0, 1_000_000.0, Bar.UNSURE),
     ]
 
 

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vobc.train_to_train.guards import LeaseGuards, without
-from vobc.train_to_train.lease import Lease, LeaseState, Request
+from vobc.train_to_train.lease import ArbiterRequest, Lease, LeaseState
 from vobc.train_to_train.vocabulary import T2tConfig
 from zenoh_config.t2t import LeaseAnswer, LeaseKind, RosterEntry
 
@@ -36,7 +36,7 @@ class Kept(NamedTuple):
 
 
 def grant(
-    request: Request,
+    request: ArbiterRequest,
     arbiter: int = A,
     *,
     term: int | None = None,
@@ -51,18 +51,18 @@ def grant(
 
 
 def refusal(
-    request: Request, arbiter: int = A, *, term: int | None = None, wait_ms: int = 0
+    request: ArbiterRequest, arbiter: int = A, *, term: int | None = None, wait_ms: int = 0
 ) -> LeaseAnswer:
     term = request.term if term is None else term
     head = (arbiter, OWN, 1, term, 1, 1, 0)
     return LeaseAnswer(*head, False, request.nonce, 0, 9, wait_ms * MS, 0, 0, ())
 
 
-def asked(lease: Lease, at_ms: int = 1000) -> Request:
+def asked(lease: Lease, at_ms: int = 1000) -> ArbiterRequest:
     return lease.ask(at_ms * MS, seen_term=0, tried_term=0)
 
 
-def held(config: T2tConfig = ONE, *, at_ms: int = 1000) -> tuple[Lease, Request]:
+def held(config: T2tConfig = ONE, *, at_ms: int = 1000) -> tuple[Lease, ArbiterRequest]:
     """Granted at once by as many as are needed."""
     lease = lease_of(config)
     request = asked(lease, at_ms)
@@ -108,8 +108,8 @@ def test_an_application_asks_for_a_whole_lease_under_a_term_nobody_has_seen_trie
     lease.hears(refusal(first, term=8), 1010 * MS)
     second = lease.ask(1200 * MS, seen_term=3, tried_term=6)
 
-    assert first == Request(LeaseKind.ACQUIRE, term=6, nonce=1, successor=0, less_ns=0)
-    assert second == Request(LeaseKind.ACQUIRE, term=9, nonce=2, successor=0, less_ns=0)
+    assert first == ArbiterRequest(LeaseKind.ACQUIRE, term=6, nonce=1, successor=0, less_ns=0)
+    assert second == ArbiterRequest(LeaseKind.ACQUIRE, term=9, nonce=2, successor=0, less_ns=0)
     assert lease.term == 9
     assert lease.state is LeaseState.ASKED
 
@@ -121,7 +121,7 @@ def test_a_renewal_says_the_successor_and_is_due_a_period_after_the_request_befo
 
     renewal = lease.renew(1080 * MS)
 
-    assert renewal == Request(LeaseKind.RENEW, request.term, 2, successor=7, less_ns=0)
+    assert renewal == ArbiterRequest(LeaseKind.RENEW, request.term, 2, successor=7, less_ns=0)
     assert lease.renewal_due_ns() == 1155 * MS
 
 
@@ -133,7 +133,7 @@ def test_a_lease_given_back_is_held_no_more_whatever_arbiters_say_late() -> None
     lease.hears(grant(late), 1085 * MS)
     lease.hears(grant(request), 1085 * MS)
 
-    assert given == Request(LeaseKind.RELEASE, request.term, 3, successor=0, less_ns=0)
+    assert given == ArbiterRequest(LeaseKind.RELEASE, request.term, 3, successor=0, less_ns=0)
     assert lease.state is LeaseState.NONE
     assert not lease.runs(1085 * MS)
     assert lease.until_ns == 1000 * MS + LEASE_NS

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vobc.train_to_train.guards import MemberGuards
-from vobc.train_to_train.member import Member
+from vobc.train_to_train.member import AreaMember
 from vobc.train_to_train.vocabulary import AreaMemory, OwnTrain
 from zenoh_config.t2t import BROADCAST, AreaAuthority, Heartbeat, Phase
 from zenoh_config.timers import TIMERS_A
@@ -18,9 +18,9 @@ OLD_NS = 1_000_000_000
 """As old as an authority may become."""
 
 
-def member(*, seen_term: int = 4, owner: int = MASTER, now_ns: int = 0) -> Member:
+def member(*, seen_term: int = 4, owner: int = MASTER, now_ns: int = 0) -> AreaMember:
     memory = AreaMemory(1, seen_term, owner, tried_term=2)
-    return Member(TIMERS_A, MemberGuards(), boot=BOOT, memory=memory, now_ns=now_ns)
+    return AreaMember(TIMERS_A, MemberGuards(), boot=BOOT, memory=memory, now_ns=now_ns)
 
 
 def heartbeat(

@@ -13,103 +13,109 @@ from hil_tests.unit.vobc.train_to_train.test_t2t_regressions import ROSTER, Comm
 from metro_hil.simulation.depot import Depot
 from metro_hil.simulation.generate import draw, line_of_areas
 from metro_hil.simulation.line_world import LineWorld
-from metro_hil.simulation.protocol_nodes import Cast
+from metro_hil.simulation.protocol_nodes import LineParticipants
 from metro_hil.simulation.world import Setting
-from vobc.train_to_train.authority import Counted, Standing
-from vobc.train_to_train.occupancy import Record
-from vobc.train_to_train.restart import Evidence, Former, Neighbour, Whereabouts, whereabouts
+from vobc.train_to_train.authority import Counted, StandingTrain
+from vobc.train_to_train.occupancy import TrainRecord
+from vobc.train_to_train.restart import (
+    Former,
+    Neighbour,
+    RestartEvidence,
+    RestartPlace,
+    whereabouts,
+)
 from vobc.train_to_train.train import TrainCore
 from vobc.train_to_train.vocabulary import OwnTrain, T2tConfig, TrainMemory
 from zenoh_config.t2t import AreaAuthority, RosterEntry, TrainReport
 
-NOTHING = Evidence(sieved=False, left=False, recent=False)
+NOTHING = RestartEvidence(sieved=False, left=False, recent=False)
 BEHIND_M = 7.0
 
 
-def found(rear_m: float, evidence: Evidence = NOTHING, *behind: Record) -> Whereabouts:
+def found(rear_m: float, evidence: RestartEvidence = NOTHING, *behind: TrainRecord) -> RestartPlace:
     others = [Neighbour(each.rear_m, heard=each.report is not None) for each in behind]
-    former = Former(Record(1, 1000.0, 0, boot=1), others)
+    former = Former(TrainRecord(1, 1000.0, 0, boot=1), others)
     return whereabouts(former, report_at(rear_m), evidence, behind_rear_m=BEHIND_M)
 
 
 @pytest.mark.parametrize("rear_m", [1000.0, 1300.0, 996.0, 989.1, 989.0])
 def test_whoever_can_still_be_where_it_was_is_taken_to_be_there(rear_m: float) -> None:
-    assert found(rear_m) is Whereabouts.IN_PLACE
+    assert found(rear_m) is RestartPlace.IN_PLACE
 
 
 @pytest.mark.parametrize("rear_m", [988.9, 20.0])
 def test_whoever_is_farther_back_than_it_may_roll_is_not_believed_by_one_word(
     rear_m: float,
 ) -> None:
-    assert found(rear_m) is Whereabouts.UNSURE
-    assert found(rear_m, NOTHING._replace(recent=True)) is Whereabouts.UNSURE
-    assert found(rear_m, NOTHING._replace(sieved=True)) is Whereabouts.GONE
-    assert found(rear_m, NOTHING._replace(left=True)) is Whereabouts.GONE
+    assert found(rear_m) is RestartPlace.UNSURE
+    assert found(rear_m, NOTHING._replace(recent=True)) is RestartPlace.UNSURE
+    assert found(rear_m, NOTHING._replace(sieved=True)) is RestartPlace.GONE
+    assert found(rear_m, NOTHING._replace(left=True)) is RestartPlace.GONE
 
 
 def test_whoever_is_behind_a_train_that_was_behind_it_has_been_away() -> None:
-    heard = Record(2, 1085.0, 0, report=report_at(1085.0, train=2), boot=1)
+    heard = TrainRecord(2, 1085.0, 0, report=report_at(1085.0, train=2), boot=1)
 
-    assert found(1000.0, NOTHING, heard) is Whereabouts.UNSURE
-    assert found(1000.0, NOTHING._replace(sieved=True), heard) is Whereabouts.GONE
+    assert found(1000.0, NOTHING, heard) is RestartPlace.UNSURE
+    assert found(1000.0, NOTHING._replace(sieved=True), heard) is RestartPlace.GONE
 
 
 def test_whoever_touches_a_train_that_was_behind_it_has_not_been_away() -> None:
-    heard = Record(2, 1084.0, 0, report=report_at(1084.0, train=2), boot=1)
+    heard = TrainRecord(2, 1084.0, 0, report=report_at(1084.0, train=2), boot=1)
 
-    assert found(1000.0, NOTHING, heard) is Whereabouts.IN_PLACE
+    assert found(1000.0, NOTHING, heard) is RestartPlace.IN_PLACE
 
 
 def test_one_train_of_those_behind_is_enough_to_show_that_it_has_been_away() -> None:
-    ahead = Record(2, 1085.0, 0, report=report_at(1085.0, train=2), boot=1)
-    behind = Record(3, 400.0, 0, report=report_at(400.0, train=3), boot=1)
+    ahead = TrainRecord(2, 1085.0, 0, report=report_at(1085.0, train=2), boot=1)
+    behind = TrainRecord(3, 400.0, 0, report=report_at(400.0, train=3), boot=1)
 
-    assert found(1000.0, NOTHING, ahead, behind) is Whereabouts.UNSURE
+    assert found(1000.0, NOTHING, ahead, behind) is RestartPlace.UNSURE
 
 
 def test_all_trains_behind_must_have_been_heard_for_their_order_to_be_known() -> None:
-    heard = Record(2, 400.0, 0, report=report_at(400.0, train=2), boot=1)
-    unheard = Record(3, 200.0, 0, boot=1)
+    heard = TrainRecord(2, 400.0, 0, report=report_at(400.0, train=2), boot=1)
+    unheard = TrainRecord(3, 200.0, 0, boot=1)
 
-    assert found(1000.0, NOTHING, heard) is Whereabouts.IN_PLACE
-    assert found(1000.0, NOTHING, heard, unheard) is Whereabouts.UNSURE
+    assert found(1000.0, NOTHING, heard) is RestartPlace.IN_PLACE
+    assert found(1000.0, NOTHING, heard, unheard) is RestartPlace.UNSURE
 
 
 def test_as_long_as_a_train_behind_was_never_heard_nobody_knows_their_order() -> None:
-    unheard = Record(2, 400.0, 0, boot=1)
+    unheard = TrainRecord(2, 400.0, 0, boot=1)
 
-    assert found(1000.0, NOTHING, unheard) is Whereabouts.UNSURE
-    assert found(1000.0, NOTHING._replace(recent=True), unheard) is Whereabouts.IN_PLACE
+    assert found(1000.0, NOTHING, unheard) is RestartPlace.UNSURE
+    assert found(1000.0, NOTHING._replace(recent=True), unheard) is RestartPlace.IN_PLACE
 
 
 @pytest.mark.parametrize(
     ("ahead", "found"),
     [
-        ([], Whereabouts.IN_PLACE),
-        ([Neighbour(1084.0, True, 1090.0), Neighbour(2000.0, False)], Whereabouts.IN_PLACE),
-        ([Neighbour(500.0, True, 999.9)], Whereabouts.GONE),
-        ([Neighbour(2000.0, True, 2010.0), Neighbour(500.0, True, 600.0)], Whereabouts.GONE),
-        ([Neighbour(500.0, True, 1000.0)], Whereabouts.UNSURE),
-        ([Neighbour(1083.9, True, 1090.0)], Whereabouts.UNSURE),
-        ([Neighbour(2000.0, True, 2010.0), Neighbour(500.0, False)], Whereabouts.UNSURE),
+        ([], RestartPlace.IN_PLACE),
+        ([Neighbour(1084.0, True, 1090.0), Neighbour(2000.0, False)], RestartPlace.IN_PLACE),
+        ([Neighbour(500.0, True, 999.9)], RestartPlace.GONE),
+        ([Neighbour(2000.0, True, 2010.0), Neighbour(500.0, True, 600.0)], RestartPlace.GONE),
+        ([Neighbour(500.0, True, 1000.0)], RestartPlace.UNSURE),
+        ([Neighbour(1083.9, True, 1090.0)], RestartPlace.UNSURE),
+        ([Neighbour(2000.0, True, 2010.0), Neighbour(500.0, False)], RestartPlace.UNSURE),
     ],
 )
 def test_whoever_is_before_a_train_that_was_ahead_of_it_has_been_away(
-    ahead: Sequence[Neighbour], found: Whereabouts
+    ahead: Sequence[Neighbour], found: RestartPlace
 ) -> None:
     """If that one surely is not farther on by now: who is not heard may be."""
-    former = Former(Record(1, 900.0, 0, boot=1), (), ahead)
+    former = Former(TrainRecord(1, 900.0, 0, boot=1), (), ahead)
 
-    def judged(evidence: Evidence) -> Whereabouts:
+    def judged(evidence: RestartEvidence) -> RestartPlace:
         return whereabouts(former, report_at(1000.0), evidence, behind_rear_m=BEHIND_M)
 
-    gone = found is Whereabouts.GONE
-    assert judged(NOTHING) is (Whereabouts.UNSURE if gone else found)
+    gone = found is RestartPlace.GONE
+    assert judged(NOTHING) is (RestartPlace.UNSURE if gone else found)
     assert judged(NOTHING._replace(sieved=True)) is found
     assert judged(NOTHING._replace(left=True)) is found
     # Nobody passes another by hand so soon.
     recent = judged(NOTHING._replace(recent=True))
-    assert recent is (Whereabouts.UNSURE if gone else Whereabouts.IN_PLACE)
+    assert recent is (RestartPlace.UNSURE if gone else RestartPlace.IN_PLACE)
 
 
 AREA_4 = Area(4, 0.0, 1000.0)
@@ -227,7 +233,7 @@ def test_whoever_may_have_been_away_keeps_its_place_and_gets_nothing() -> None:
 
     assert area.settles() == (area.order, [])
     assert area.newborns.told() == [(anew(100.0), NOW_NS)]
-    assert area.known.records[1] == Record(1, 900.0, 0, boot=1)
+    assert area.known.records[1] == TrainRecord(1, 900.0, 0, boot=1)
 
 
 CLEAR = (Counted(0.0, 904.0, True, 32), Counted(904.0, 3000.0, False, 0))
@@ -286,7 +292,7 @@ def test_that_a_train_left_is_seen_where_all_axles_are_of_one_that_waits_behind_
     beyond = Counted(2000.0, 3000.0, ahead_m is not None, 0 if ahead_m is None else 16)
     trains = [ANEW, (2, 700.0)] if ahead_m is None else [(6, ahead_m), ANEW, (2, 700.0)]
     area = OneArea(*trains, counted=(*there, beyond))
-    area.at_rest = (Standing(700.0, 784.0, 16), Standing(100.0, 184.0, 16))
+    area.at_rest = (StandingTrain(700.0, 784.0, 16), StandingTrain(100.0, 184.0, 16))
     area.hears(anew(100.0, standstill=False))
 
     _, gone = area.settles()
@@ -308,7 +314,7 @@ def test_that_a_train_is_elsewhere_is_seen_also_where_axles_beside_it_are_a_stra
     """Where it was somebody else may be."""
     beside = (Counted(0.0, 500.0, True, axles), Counted(500.0, 800.0, False, 0))
     area = OneArea(ANEW, counted=(*beside, Counted(800.0, 3000.0, True, 16)))
-    area.strangers = (Standing(300.0, 384.0, 16),)
+    area.strangers = (StandingTrain(300.0, 384.0, 16),)
     area.hears(anew(100.0))
 
     assert [report for report, _ in area.settles()[1]] == ([anew(100.0)] if gone else [])
@@ -328,7 +334,7 @@ def test_that_a_train_left_is_seen_where_all_axles_are_of_a_stranger_that_waits_
 ) -> None:
     """The two waited for each other (seed 130561)."""
     area = OneArea(ANEW, counted=(Counted(800.0, 3000.0, True, axles),))
-    area.strangers = (Standing(1200.0, 1280.0, 16),)
+    area.strangers = (StandingTrain(1200.0, 1280.0, 16),)
     area.hears(anew(100.0))
 
     assert area.settles() == (((), [(anew(100.0), NOW_NS)]) if left else (area.order, []))
@@ -649,7 +655,7 @@ def test_a_train_that_is_farther_back_than_it_may_roll_takes_no_part_either() ->
 def test_trains_that_leave_at_the_end_come_back_at_the_beginning_and_run_on() -> None:
     drawn = draw(4)
     line = line_of_areas(1, objects=False)
-    cast = Cast(line, T2tConfig(), (1, 2, 3))
+    cast = LineParticipants(line, T2tConfig(), (1, 2, 3))
     setting = Setting({1: 200.0, 2: 900.0, 3: 1600.0}, stops_m=(), dwell_s=5.0)
     world = LineWorld(4, dataclasses.replace(drawn, cast=cast, setting=setting))
     depot = Depot(world, world.rng)

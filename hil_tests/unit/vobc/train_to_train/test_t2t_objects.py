@@ -7,9 +7,9 @@ import pytest
 from firmware_py.trackdb.areas import ObjectKind, ObjectSite
 from plant_emulator.wayside.line_object import LineObject
 from plant_emulator.wayside.t2t_vocabulary import ObjectMemory
-from vobc.train_to_train.authority import Bar, Stretch
+from vobc.train_to_train.authority import Bar, BarredTrack
 from vobc.train_to_train.guards import MasterGuards, Reach, cannot_reach, without
-from vobc.train_to_train.objects import Claim, Objects
+from vobc.train_to_train.objects import Claim, TrackObjects
 from zenoh_config.t2t import (
     BROADCAST,
     ClaimKind,
@@ -132,16 +132,16 @@ def far(train_reserved_m: float = 400.0, *, rear_m: float = 0.0) -> Reach:
 
 
 class TestMasterOfObjects:
-    def objects(self) -> Objects:
-        return Objects(5, (SITE,), MasterGuards())
+    def objects(self) -> TrackObjects:
+        return TrackObjects(5, (SITE,), MasterGuards())
 
-    def fresh(self, *heard: ObjectStatus) -> Objects:
+    def fresh(self, *heard: ObjectStatus) -> TrackObjects:
         objects = self.objects()
         for each in heard:
             objects.hears(each)
         return objects
 
-    def plan(self, objects: Objects, *reaches: Reach, needed: bool = True) -> list[ClaimKind]:
+    def plan(self, objects: TrackObjects, *reaches: Reach, needed: bool = True) -> list[ClaimKind]:
         said = objects.plan(needed=lambda _: needed, reaches=lambda _: list(reaches))
         return [each.kind for _, each in said]
 
@@ -190,7 +190,7 @@ class TestMasterOfObjects:
         assert [each.bar for each in objects.stretches()] == [Bar.UNSURE]
         assert self.plan(objects, far()) == [LOCK]
 
-    def bars(self, objects: Objects) -> list[Bar]:
+    def bars(self, objects: TrackObjects) -> list[Bar]:
         return [each.bar for each in objects.stretches()]
 
     def test_claims_and_releases_are_numbered_from_1_and_repeated_until_carried_out(self) -> None:
@@ -268,7 +268,7 @@ class TestMasterOfObjects:
         objects = self.fresh(status(ObjectState.FREE, 0, 0))
         self.plan(objects)
 
-        assert objects.stretches() == [Stretch(500.0, 520.0, Bar.SHUT)]
+        assert objects.stretches() == [BarredTrack(500.0, 520.0, Bar.SHUT)]
 
     @pytest.mark.parametrize("nonce", [0, 1])
     def test_a_lock_under_its_own_term_that_it_never_asked_for_is_no_confirmation(
@@ -285,7 +285,7 @@ class TestMasterOfObjects:
         assert self.bars(objects) == [Bar.UNSURE]
 
     def test_objects_of_other_areas_are_not_heard(self) -> None:
-        objects = Objects(5, (), MasterGuards())
+        objects = TrackObjects(5, (), MasterGuards())
         objects.hears(status(ObjectState.LOCKED, 5, 1))
 
         assert objects.statuses == {}
@@ -293,7 +293,7 @@ class TestMasterOfObjects:
 
     def test_each_of_several_objects_is_claimed_by_its_own_number(self) -> None:
         other = ObjectSite(4, ObjectKind.SWITCH, 700.0, 710.0)
-        objects = Objects(5, (SITE, other), MasterGuards())
+        objects = TrackObjects(5, (SITE, other), MasterGuards())
         silent = ObjectSite(9, ObjectKind.SWITCH, 800.0, 810.0)
         objects.hears(status(ObjectState.FREE, 0, 0))
         objects.hears(replace(status(ObjectState.FREE, 0, 0), number=other.number))
@@ -304,10 +304,10 @@ class TestMasterOfObjects:
         assert said == [(SITE, Claim(LOCK, 1)), (other, Claim(LOCK, 2))]
         assert set(objects.statuses) == {3, 4}
         objects.hears(replace(status(ObjectState.LOCKED, 5, 2), number=other.number))
-        assert objects.stretches() == [Stretch(500.0, 520.0, Bar.SHUT)]
+        assert objects.stretches() == [BarredTrack(500.0, 520.0, Bar.SHUT)]
 
     def test_without_the_guard_of_objects_even_one_never_heard_of_bars_nothing(self) -> None:
-        objects = Objects(5, (SITE,), without(MasterGuards(), "object_confirmed"))
+        objects = TrackObjects(5, (SITE,), without(MasterGuards(), "object_confirmed"))
         assert objects.stretches() == []
 
         objects.hears(status(ObjectState.FREE, 0, 0, wanted=True))

@@ -12,7 +12,7 @@ from hil_tests.unit.vobc.train_to_train.test_t2t_envelope import REPORT
 from hil_tests.unit.vobc.train_to_train.test_t2t_regressions import Command
 from vobc.config import load_config
 from vobc.process.line_command import HARDEST_DECEL_MPS2, LineCommand
-from vobc.train_to_train.occupancy import Record
+from vobc.train_to_train.occupancy import TrainRecord
 from vobc.vocabulary import Interval, Motion
 from zenoh_config.codec import BENCH_KEY, pack
 from zenoh_config.t2t import TrainReport
@@ -31,8 +31,8 @@ def report(rear_m: float, protected_m: float, *, boot: int = 2) -> TrainReport:
     )
 
 
-def heard(*reports: TrainReport) -> Record:
-    record = Record(9, 0.0, 0, boot=2)
+def heard(*reports: TrainReport) -> TrainRecord:
+    record = TrainRecord(9, 0.0, 0, boot=2)
     for each in reports:
         record.hears(each, 0, term=7, jog_m=JOG_M)
     return record

@@ -10,7 +10,7 @@ from firmware_py.radio.inproc_radio import InprocRadio, InprocRadioPort
 from firmware_py.storage.checked_store import CheckedStore
 from firmware_py.storage.nvram import NvramState
 from firmware_py.trackdb.areas import Area, AreaMap, ObjectKind, ObjectSite, TrackSection
-from plant_emulator.wayside.line_wayside import Disks, LineWayside, Truth
+from plant_emulator.wayside.line_wayside import Disks, LineWayside, WaysideTruth
 from plant_emulator.wayside.t2t_vocabulary import ArbiterMemory, ObjectMemory
 from vobc.train_to_train.train import TrainCore
 from vobc.train_to_train.vocabulary import AreaMemory, OwnTrain, Role, T2tConfig, TrainMemory
@@ -81,7 +81,7 @@ class Net:
                 section = int((front_m - 40.0) // 200.0) + 1
                 axles[section] = axles.get(section, 0) + 16
             heard = self.wayside_port.receive(self.now_ns)
-            for key, payload in self.wayside.step(self.now_ns, heard, Truth(axles)):
+            for key, payload in self.wayside.step(self.now_ns, heard, WaysideTruth(axles)):
                 self.wayside_port.send(self.now_ns, key, payload)
 
 
@@ -149,7 +149,7 @@ def asks(area: int) -> RadioMessage:
 def test_only_areas_of_the_line_are_granted(tmp_path: Path, area: int, refused: int) -> None:
     wayside = Net(tmp_path, {}).wayside
 
-    wayside.step(TIMERS_A.arbiter_lease_ns, [asks(area)], Truth({}))
+    wayside.step(TIMERS_A.arbiter_lease_ns, [asks(area)], WaysideTruth({}))
 
     assert wayside.refusals["unknown area"] == refused
     (arbiter,) = wayside.arbiters.values()

@@ -6,7 +6,7 @@ from hil_tests.unit.vobc.train_to_train.t2t_rig import MS, Rig, line_of
 from vobc.train_to_train.guards import LeaseGuards, MasterGuards
 from vobc.train_to_train.lease import Lease, LeaseState
 from vobc.train_to_train.master import Master
-from vobc.train_to_train.message_heads import Speaker
+from vobc.train_to_train.message_heads import MessageHeads
 from vobc.train_to_train.occupancy import TrainTable
 from vobc.train_to_train.train import TrainCore
 from vobc.train_to_train.vocabulary import OwnTrain, T2tConfig, TrainMemory
@@ -233,7 +233,7 @@ class Command:
             MasterGuards(),
             line_of(0.0, 2000.0, 4000.0),
             1,
-            speaker=Speaker(7, 1),
+            speaker=MessageHeads(7, 1),
             lease=lease,
             table=TrainTable(),
             now_ns=0,
@@ -392,7 +392,7 @@ def _second_area(command: Command) -> Master:
         MasterGuards(),
         line_of(0.0, 2000.0, 4000.0),
         2,
-        speaker=Speaker(7, 1),
+        speaker=MessageHeads(7, 1),
         lease=command.master._lease,
         table=TrainTable(),
         now_ns=0,

@@ -14,7 +14,7 @@ from hil_tests.unit.vobc.train_to_train.t2t_chair import (
     entry,
     of,
 )
-from vobc.train_to_train.removals import Sight
+from vobc.train_to_train.removals import TrackObservation
 from zenoh_config.t2t import SUPERVISION, RosterEntry
 from zenoh_config.t2t_supervision import Removal, RemovalAnswer, RemovalState
 
@@ -392,7 +392,7 @@ def test_a_train_that_fell_silent_hides_nobody(*, heard: bool) -> None:
 def test_where_axles_are_counted_and_none_were_told_yet_nobody_goes() -> None:
     chair = scene()
     chair.removes(GONE)
-    unseen = Sight(True, None, (), set(), 2000.0)
+    unseen = TrackObservation(True, None, (), set(), 2000.0)
 
     removals, roster = chair.master._removals, chair.master.roster
     assert removals.gone(roster, lambda _: unseen, chair.now_ns) == set()

@@ -6,21 +6,27 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vobc.train_to_train.roles import ROLES, Sight, Standing, next_role, state_of
+from vobc.train_to_train.roles import (
+    ROLES,
+    RoleGuardInputs,
+    StandingGuardInputs,
+    next_role,
+    state_of,
+)
 from vobc.train_to_train.vocabulary import Role, TrainState
 
 OUTSIDE, APPLICANT, MEMBER = Role.OUTSIDE, Role.APPLICANT, Role.MEMBER
 STANDBY, CANDIDATE = Role.STANDBY, Role.CANDIDATE
 FENCING, MASTER = Role.FENCING, Role.MASTER
 
-AWAY = Sight(*[False] * len(Sight._fields))
+AWAY = RoleGuardInputs(*[False] * len(RoleGuardInputs._fields))
 """Nothing is so."""
 THERE = AWAY._replace(concerned=True)
 CALLED = THERE._replace(apply_now=True, may_command=True)
 """Its turn has come, and it may."""
 HOLDS = THERE._replace(lease_granted=True, lease_runs=True)
 
-SIGHTS = st.builds(Sight, *[st.booleans()] * len(Sight._fields))
+SIGHTS = st.builds(RoleGuardInputs, *[st.booleans()] * len(RoleGuardInputs._fields))
 
 
 @pytest.mark.parametrize(
@@ -54,14 +60,14 @@ SIGHTS = st.builds(Sight, *[st.booleans()] * len(Sight._fields))
     ],
 )
 def test_a_role_changes_for_its_reasons_and_for_no_other(
-    role: Role, sight: Sight, becomes: Role
+    role: Role, sight: RoleGuardInputs, becomes: Role
 ) -> None:
     assert next_role(role, sight) is becomes
 
 
 @pytest.mark.parametrize("role", [APPLICANT, MEMBER, STANDBY])
 def test_who_has_left_is_outside_whatever_else_is_so(role: Role) -> None:
-    everything = Sight(*[True] * len(Sight._fields))
+    everything = RoleGuardInputs(*[True] * len(RoleGuardInputs._fields))
 
     assert next_role(role, everything._replace(concerned=False)) is OUTSIDE
 
@@ -107,7 +113,7 @@ def test_each_reason_alone_ends_a_command(
 
 @given(st.sampled_from(Role), SIGHTS)
 def test_whatever_is_seen_nobody_commands_without_a_lease_that_runs_and_a_roster_that_is_kept(
-    role: Role, sight: Sight
+    role: Role, sight: RoleGuardInputs
 ) -> None:
     after = next_role(role, sight)
 
@@ -151,4 +157,4 @@ def test_every_role_has_a_way_on() -> None:
 def test_how_a_train_stands_by_its_place_its_authority_and_the_areas_it_is_in(
     areas: int, state: TrainState, *, localised: bool, young: bool
 ) -> None:
-    assert state_of(Standing(localised, young, areas)) is state
+    assert state_of(StandingGuardInputs(localised, young, areas)) is state

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from hil_tests.unit.vobc.train_to_train.t2t_chair import MS, TERM, Chair, entry
-from vobc.train_to_train.authority import Standing
+from vobc.train_to_train.authority import StandingTrain
 
 STRANGER = 3
 
@@ -209,7 +209,7 @@ def test_who_stood_before_and_after_was_there_just_so() -> None:
     around, view = chair.master._around, chair.master._track
 
     scene = around.scene(STRANGER, around.look((), [], view, chair.now_ns))
-    assert scene.at_rest == (Standing(320.0, 400.0, 16),)
+    assert scene.at_rest == (StandingTrain(320.0, 400.0, 16),)
     assert around.scene(STRANGER, around.look((), [], view, chair.now_ns + 1000 * MS)).at_rest == ()
 
 
@@ -229,7 +229,7 @@ def test_one_that_waits_in_the_area_is_there_now_and_may_be_forgotten(
     scene = around.scene(STRANGER, look, inside=True)
 
     assert (scene.standing, scene.at_rest) == ((), ())
-    assert scene.there == ((Standing(620.0, 700.0, 16),) if there else ())
+    assert scene.there == ((StandingTrain(620.0, 700.0, 16),) if there else ())
     assert around.scene(STRANGER, look).there == ()
     assert around.scene(4, look, inside=True).there == ()
 

@@ -6,8 +6,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vobc.train_to_train.message_heads import Head
-from vobc.train_to_train.planned_switch import Look, PlannedSwitch, SwitchState, asked_for
+from vobc.train_to_train.message_heads import MessageHead
+from vobc.train_to_train.planned_switch import (
+    PlannedSwitch,
+    SwitchGuardInputs,
+    SwitchState,
+    asked_for,
+)
 from vobc.train_to_train.succession import Succession
 from zenoh_config.t2t import BROADCAST, SwitchKind, SwitchStep, T2tMessage
 
@@ -87,7 +92,7 @@ def test_a_switch_begins_when_somebody_fit_is_wanted() -> None:
     ("wanted", "fit", "begins"), [(7, True, True), (7, False, False), (0, True, False)]
 )
 def test_nobody_is_no_successor_however_fit(wanted: int, *, fit: bool, begins: bool) -> None:
-    look = Look(wanted, fit, successor_ready=False, all_ready=False, timed_out=False)
+    look = SwitchGuardInputs(wanted, fit, successor_ready=False, all_ready=False, timed_out=False)
 
     assert asked_for(look) is begins
 
@@ -365,7 +370,7 @@ def test_an_order_that_came_to_nothing_is_not_tried_again(*, commit: bool) -> No
 
 
 def said(succession: Succession, now_ns: int = 70) -> list[T2tMessage]:
-    return succession.steps(now_ns, lambda at_ns, to: Head(OWN, to, 1, 4, 3, 9, at_ns))
+    return succession.steps(now_ns, lambda at_ns, to: MessageHead(OWN, to, 1, 4, 3, 9, at_ns))
 
 
 def told(to: int, kind: SwitchKind, nonce: int, successor: int) -> list[T2tMessage]:

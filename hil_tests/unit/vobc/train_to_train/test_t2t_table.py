@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from hil_tests.unit.vobc.train_to_train.test_t2t_envelope import REPORT
 from vobc.train_to_train.guards import MasterGuards, without
 from vobc.train_to_train.lease import Kept
-from vobc.train_to_train.occupancy import OUTSTANDING_MAX, Record, TrainTable, cleared_to_m
+from vobc.train_to_train.occupancy import OUTSTANDING_MAX, TrainRecord, TrainTable, cleared_to_m
 from vobc.train_to_train.roster import Roster, placed
 from zenoh_config.t2t import RosterAck, RosterEntry, SectionState, SyncEntry, TrainReport
 
@@ -24,20 +24,20 @@ def report(rear_m: float = 100.0, **others: Any) -> TrainReport:
     return replace(REPORT, **{**fields, "echo_ns": 0, **others})
 
 
-def record(*, boot: int = 2, rear_m: float = 0.0) -> Record:
-    return Record(4, rear_m, 0, boot=boot)
+def record(*, boot: int = 2, rear_m: float = 0.0) -> TrainRecord:
+    return TrainRecord(4, rear_m, 0, boot=boot)
 
 
-def heard(told: Record, *reports: TrainReport, now_ns: int = 0) -> Record:
+def heard(told: TrainRecord, *reports: TrainReport, now_ns: int = 0) -> TrainRecord:
     for each in reports:
         told.hears(each, now_ns, term=TERM, jog_m=5.0)
     return told
 
 
 def test_of_a_train_that_is_only_known_by_its_rear_the_worst_is_believed() -> None:
-    fresh = Record(4, 120.0, 33)
+    fresh = TrainRecord(4, 120.0, 33)
 
-    assert fresh == Record(
+    assert fresh == TrainRecord(
         train=4,
         rear_m=120.0,
         heard_ns=33,
@@ -58,7 +58,7 @@ def test_a_report_says_when_it_came_and_what_the_train_promised_and_may_yet_do()
 
     after = heard(record(), told, now_ns=55)
 
-    assert after == Record(4, 100.0, 55, 2, told, 9, 12, 400.0)
+    assert after == TrainRecord(4, 100.0, 55, 2, told, 9, 12, 400.0)
 
 
 def test_a_lost_train_tells_of_its_promise_and_reserve_but_not_of_its_place() -> None:
@@ -97,7 +97,7 @@ def test_a_rear_goes_on_with_every_report() -> None:
     assert heard(record(rear_m=50.0), report(100.0), report(101.0)).rear_m == 101.0
 
 
-def served(*ends_m: float) -> Record:
+def served(*ends_m: float) -> TrainRecord:
     """Authorities 11, 12, ... up to these ends, and nothing latent."""
     told = heard(record(), report(latent_m=0.0, held_term=0))
     for sequence, end_m in enumerate(ends_m, start=11):
@@ -250,7 +250,7 @@ def test_a_record_is_made_once() -> None:
 
     first = table.of(4, rear_m=120.0, now_ns=33)
 
-    assert first == Record(4, 120.0, 33)
+    assert first == TrainRecord(4, 120.0, 33)
     assert table.of(4, rear_m=500.0, now_ns=99) is first
     assert table.records == {4: first}
 
@@ -265,13 +265,13 @@ def test_those_who_left_are_forgotten() -> None:
     assert set(table.records) == {1, 3}
 
 
-def table_with(told: Record) -> TrainTable:
+def table_with(told: TrainRecord) -> TrainTable:
     table = TrainTable()
     table.records[told.train] = told
     return table
 
 
-def synced(told: Record | None, rear_m: float, boot: int) -> Record:
+def synced(told: TrainRecord | None, rear_m: float, boot: int) -> TrainRecord:
     table = table_with(told) if told is not None else TrainTable()
     table.takes_sync([SyncEntry(4, rear_m, 800.0, boot)], 44)
     assert set(table.records) == {4}
@@ -280,7 +280,7 @@ def synced(told: Record | None, rear_m: float, boot: int) -> Record:
 
 @pytest.mark.parametrize("boot", [0, 1, 2])
 def test_a_train_that_the_standby_has_not_heard_is_where_the_master_left_it(boot: int) -> None:
-    assert synced(None, 250.0, boot) == Record(4, 250.0, 44, boot)
+    assert synced(None, 250.0, boot) == TrainRecord(4, 250.0, 44, boot)
 
 
 @pytest.mark.parametrize(
@@ -293,7 +293,7 @@ def test_a_rear_moves_on_by_the_same_incarnation_only_and_never_back(
     known = record(boot=2, rear_m=200.0)
 
     assert synced(known, told_m, boot) is known
-    assert known == Record(4, rear_m, 0, 2)
+    assert known == TrainRecord(4, rear_m, 0, 2)
 
 
 @pytest.mark.parametrize(("told_m", "boot"), [(250.0, 2), (150.0, 2), (250.0, 1), (250.0, 0)])
@@ -311,7 +311,7 @@ def test_what_the_train_said_itself_goes_over_what_the_master_left(
 def test_a_later_incarnation_begins_where_the_master_left_it(told_m: float) -> None:
     known = heard(record(boot=2), report(200.0), now_ns=5)
 
-    assert synced(known, told_m, 3) == Record(4, told_m, 44, 3)
+    assert synced(known, told_m, 3) == TrainRecord(4, told_m, 44, 3)
 
 
 def clear(start_m: float, end_m: float) -> tuple[float, float, SectionState]:

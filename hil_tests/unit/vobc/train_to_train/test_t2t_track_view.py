@@ -3,7 +3,7 @@
 import pytest
 
 from firmware_py.trackdb.areas import Area, AreaMap, TrackSection
-from vobc.train_to_train.authority import Bar, Counted, Seen, Stretch
+from vobc.train_to_train.authority import Bar, BarredTrack, Counted, SeenSection
 from vobc.train_to_train.axle_counting import (
     TrackView,
     hidden_between,
@@ -11,7 +11,7 @@ from vobc.train_to_train.axle_counting import (
     restrictions_for,
     view_of,
 )
-from vobc.train_to_train.occupancy import Record
+from vobc.train_to_train.occupancy import TrainRecord
 from zenoh_config.messages import SpeedRestriction
 from zenoh_config.t2t import SectionState, TrackStatus
 
@@ -46,16 +46,16 @@ def test_a_view_says_when_and_what_was_seen_by_the_metres_of_the_line() -> None:
     assert seen == TrackView(
         SEEN_NS,
         (Counted(0.0, 100.0, False, 0), Counted(200.0, 300.0, True, 16)),
-        (Seen(200.0, 300.0),),
+        (SeenSection(200.0, 300.0),),
         ((0.0, 100.0, first), (200.0, 300.0, third)),
         (SLOW,),
-        (Stretch(110.0, 130.0, Bar.SHUT),),
+        (BarredTrack(110.0, 130.0, Bar.SHUT),),
     )
 
 
 def hidden(
     *occupied: int, beyond_m: float = 100.0, before_m: float = 200.0, ahead_ns: int = SEEN_NS
-) -> Stretch | None:
+) -> BarredTrack | None:
     return hidden_between(view(*occupied), beyond_m=beyond_m, before_m=before_m, ahead_ns=ahead_ns)
 
 
@@ -67,7 +67,7 @@ def test_who_had_said_before_the_look_that_it_is_beyond_was_not_seen_there(
     since_ns = SEEN_NS + 200_000_000
     seen = hidden_between(view(2), beyond_m=100.0, before_m=204.0, ahead_ns=since_ns, then_m=then_m)
 
-    assert seen == (Stretch(100.0, 200.0, Bar.SHUT) if found else None)
+    assert seen == (BarredTrack(100.0, 200.0, Bar.SHUT) if found else None)
 
 
 @pytest.mark.parametrize(
@@ -84,7 +84,7 @@ def test_what_is_occupied_where_neither_neighbour_can_be_hides_something(
 ) -> None:
     found = hidden(2, beyond_m=beyond_m, before_m=before_m)
 
-    assert found == (Stretch(100.0, 200.0, Bar.SHUT) if hides else None)
+    assert found == (BarredTrack(100.0, 200.0, Bar.SHUT) if hides else None)
 
 
 def test_clear_sections_and_those_of_the_neighbours_hide_nothing() -> None:
@@ -116,18 +116,18 @@ def test_the_train_ahead_may_have_been_farther_back_when_the_sections_were_seen(
 ) -> None:
     found = hidden(2, before_m=before_m, ahead_ns=SEEN_NS + later_ns)
 
-    assert found == (bar and Stretch(100.0, 200.0, bar))
+    assert found == (bar and BarredTrack(100.0, 200.0, bar))
 
 
 def test_the_first_that_surely_hides_counts_before_one_that_may() -> None:
     found = hidden(1, 2, beyond_m=0.0, before_m=239.9, ahead_ns=SEEN_NS + 1_000_000_000)
 
-    assert found == Stretch(0.0, 100.0, Bar.SHUT)
+    assert found == BarredTrack(0.0, 100.0, Bar.SHUT)
 
 
 def test_a_silent_train_moves_on_by_clear_sections_but_for_its_overhang() -> None:
-    assert moved_on_m(view(3), Record(4, 50.0, 0), overhang_m=4.0) == 196.0
-    assert moved_on_m(view(1), Record(4, 50.0, 0), overhang_m=4.0) == 50.0
+    assert moved_on_m(view(3), TrainRecord(4, 50.0, 0), overhang_m=4.0) == 196.0
+    assert moved_on_m(view(1), TrainRecord(4, 50.0, 0), overhang_m=4.0) == 50.0
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,7 @@ LABEL_CHARACTERS: Final = 26
 CHARACTER_PX: Final = 6.2
 
 
-class Scale:
+class PlotScale:
     """From values to pixels, linearly."""
 
     def __init__(self, values: tuple[float, float], pixels: tuple[float, float]) -> None:
@@ -88,7 +88,7 @@ def dot(x: float, y: float, style: str, title: str = "", radius_px: float = 2.6)
 def margin_strip(values: Sequence[float], unit: str, least_title: str) -> Markup:
     """Where the margins lie: zero is the violation, the triangle the least of them."""
     width, base = 300.0, 34.0
-    scale = Scale(span_of(values, 0.0), (6.0, width - 6.0))
+    scale = PlotScale(span_of(values, 0.0), (6.0, width - 6.0))
     zero_px, least = scale.at(0.0), min(values)
     parts = []
     if least < 0.0:
@@ -115,7 +115,7 @@ def margin_strip(values: Sequence[float], unit: str, least_title: str) -> Markup
 
 def _bars(
     values: Sequence[float],
-    scale: Scale,
+    scale: PlotScale,
     base: float,
     height: float,
     *,
@@ -143,7 +143,7 @@ def histogram(
 ) -> Markup:
     """All values of one measure with their mean and its confidence interval above."""
     width, height, base = 310.0, 132.0, 104.0
-    scale = Scale(domain, (10.0, width - 10.0))
+    scale = PlotScale(domain, (10.0, width - 10.0))
     parts = []
     for tick in scale.ticks():
         parts.append(line(scale.at(tick), 20.0, scale.at(tick), base, "grid"))
@@ -157,20 +157,20 @@ def histogram(
 
 
 @dataclass(frozen=True, slots=True)
-class Group:
+class LevelGroup:
     """Values of one level of a factor."""
 
     label: str
     values: Numbers
 
 
-def by_level_plot(groups: Sequence[Group], domain: tuple[float, float], unit: str) -> Markup:
+def by_level_plot(groups: Sequence[LevelGroup], domain: tuple[float, float], unit: str) -> Markup:
     """A row for each level: every value as a dot, or 5–95 %, quartiles and median of many."""
     longest = max(len(_short(group.label)) for group in groups)
     left = 14.0 + CHARACTER_PX * longest
     width, row = left + 236.0, 19.0
     base = 6.0 + row * len(groups)
-    scale = Scale(domain, (left + 6.0, width - 46.0))
+    scale = PlotScale(domain, (left + 6.0, width - 46.0))
     parts = []
     for tick in scale.ticks(3):
         parts.append(line(scale.at(tick), 2.0, scale.at(tick), base, "grid"))
@@ -183,7 +183,7 @@ def by_level_plot(groups: Sequence[Group], domain: tuple[float, float], unit: st
     return picture(width, base + 18.0, f"by level, {unit}", parts)
 
 
-def _row_of(values: Numbers, scale: Scale, y: float) -> list[str]:
+def _row_of(values: Numbers, scale: PlotScale, y: float) -> list[str]:
     if len(values) <= DOTS_MAX:
         return [
             dot(scale.at(value), y + 2.0 * (number % 3 - 1), "dot")
@@ -209,7 +209,7 @@ def _short(label: str) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class Curve:
+class PlotCurve:
     """One curve of a plot; where y is NaN it has a gap."""
 
     label: str
@@ -219,15 +219,15 @@ class Curve:
 
 
 def curves_plot(
-    curves: Sequence[Curve], *, x_label: str, y_label: str, mark: tuple[float, float] | None
+    curves: Sequence[PlotCurve], *, x_label: str, y_label: str, mark: tuple[float, float] | None
 ) -> Markup:
     """Curves over a common abscissa, with a mark where it came nearest to violation."""
     width, height, left, base, top = 545.0, 236.0, 46.0, 196.0, 24.0
     right = width - 18.0
     xs = np.concatenate([curve.x[np.isfinite(curve.x)] for curve in curves])
     ys = np.concatenate([curve.y[np.isfinite(curve.y)] for curve in curves])
-    x_scale = Scale((float(xs.min()), float(xs.max())), (left, right))
-    y_scale = Scale((min(0.0, float(ys.min())), float(ys.max()) * 1.06 or 1.0), (base, top))
+    x_scale = PlotScale((float(xs.min()), float(xs.max())), (left, right))
+    y_scale = PlotScale((min(0.0, float(ys.min())), float(ys.max()) * 1.06 or 1.0), (base, top))
     parts = []
     for tick in x_scale.ticks(7):
         parts.append(line(x_scale.at(tick), top, x_scale.at(tick), base, "grid"))
@@ -250,7 +250,7 @@ def curves_plot(
     return picture(width, height, f"{y_label} over {x_label}", parts)
 
 
-def _path(curve: Curve, x_scale: Scale, y_scale: Scale) -> str:
+def _path(curve: PlotCurve, x_scale: PlotScale, y_scale: PlotScale) -> str:
     step = max(1, len(curve.x) // POINTS_MAX)
     words, pen_down = [], False
     for x, y in zip(curve.x[::step].tolist(), curve.y[::step].tolist(), strict=True):

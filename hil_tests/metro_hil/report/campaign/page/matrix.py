@@ -8,10 +8,10 @@ from typing import Final
 import numpy as np
 
 from metro_hil.model.case import Verdict
-from metro_hil.report.campaign.ledger import MISSING, Entry, factors_text, known_margin
-from metro_hil.report.campaign.tally import Factor, by_level, factors_of
+from metro_hil.report.campaign.ledger import MISSING, LedgerEntry, factors_text, known_margin
+from metro_hil.report.campaign.tally import TallyFactor, by_level, factors_of
 from metro_hil.report.campaign.units import with_unit
-from metro_hil.report.estimates import Interval, pass_share
+from metro_hil.report.estimates import ConfidenceInterval, pass_share
 
 SQUARES_MAX: Final = 600
 """Up to so many cases each has a square of its own; more are counted."""
@@ -57,7 +57,7 @@ class LevelRow:
     level: str
     cases: int
     good: int
-    share: Interval | None
+    share: ConfidenceInterval | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +67,7 @@ class ScenarioView:
     name: str
     cases: int
     good: int
-    share: Interval | None
+    share: ConfidenceInterval | None
     tally: tuple[tuple[str, str, int], ...]
     """Word, symbol and number of the verdicts that came up."""
     requirements: tuple[str, ...]
@@ -79,7 +79,7 @@ class ScenarioView:
         return "good" if self.good == self.cases else "bad"
 
 
-def scenario_view(name: str, entries: Sequence[Entry], *, single: bool) -> ScenarioView:
+def scenario_view(name: str, entries: Sequence[LedgerEntry], *, single: bool) -> ScenarioView:
     """With `single` each case has its square, otherwise each cell is a count."""
     good = sum(entry.as_expected for entry in entries)
     factors = factors_of(entries)
@@ -100,7 +100,7 @@ def scenario_view(name: str, entries: Sequence[Entry], *, single: bool) -> Scena
     )
 
 
-def _levels(entries: Sequence[Entry], factors: Sequence[Factor]) -> list[LevelRow]:
+def _levels(entries: Sequence[LedgerEntry], factors: Sequence[TallyFactor]) -> list[LevelRow]:
     return [
         LevelRow(
             factor.name,
@@ -114,9 +114,9 @@ def _levels(entries: Sequence[Entry], factors: Sequence[Factor]) -> list[LevelRo
     ]
 
 
-def _grid(entries: Sequence[Entry], factors: Sequence[Factor], *, single: bool) -> Grid:
+def _grid(entries: Sequence[LedgerEntry], factors: Sequence[TallyFactor], *, single: bool) -> Grid:
     rows, columns = most_telling(entries, factors)
-    table: dict[tuple[str, str], list[Entry]] = {}
+    table: dict[tuple[str, str], list[LedgerEntry]] = {}
     for entry in entries:
         table.setdefault((_level(rows, entry), _level(columns, entry)), []).append(entry)
     row_labels, column_labels = _labels(rows, table, 0), _labels(columns, table, 1)
@@ -132,8 +132,8 @@ def _grid(entries: Sequence[Entry], factors: Sequence[Factor], *, single: bool) 
 
 
 def most_telling(
-    entries: Sequence[Entry], factors: Sequence[Factor]
-) -> tuple[Factor | None, Factor | None]:
+    entries: Sequence[LedgerEntry], factors: Sequence[TallyFactor]
+) -> tuple[TallyFactor | None, TallyFactor | None]:
     """The pair of factors that parts good from bad best, the first of equals: rows and columns."""
     if not factors:
         return None, None
@@ -143,7 +143,7 @@ def most_telling(
     return max(pairs, key=lambda pair: round(_parted(entries, *pair), 9))
 
 
-def _parted(entries: Sequence[Entry], rows: Factor, columns: Factor) -> float:
+def _parted(entries: Sequence[LedgerEntry], rows: TallyFactor, columns: TallyFactor) -> float:
     """Variance of the share of good cases between the cells."""
     cells: dict[tuple[str, str], list[bool]] = {}
     for entry in entries:
@@ -154,12 +154,12 @@ def _parted(entries: Sequence[Entry], rows: Factor, columns: Factor) -> float:
     return float(np.average((means - overall) ** 2, weights=[len(c) for c in cells.values()]))
 
 
-def _level(factor: Factor | None, entry: Entry) -> str:
+def _level(factor: TallyFactor | None, entry: LedgerEntry) -> str:
     return "" if factor is None else factor.level_of.get(entry.case.id, "–")
 
 
 def _labels(
-    factor: Factor | None, table: dict[tuple[str, str], list[Entry]], place: int
+    factor: TallyFactor | None, table: dict[tuple[str, str], list[LedgerEntry]], place: int
 ) -> tuple[str, ...]:
     if factor is None:
         return ("",)
@@ -167,13 +167,13 @@ def _labels(
     return (*factor.levels, *without)
 
 
-def _cell(entries: Sequence[Entry], single: bool) -> tuple[Square, ...]:
+def _cell(entries: Sequence[LedgerEntry], single: bool) -> tuple[Square, ...]:
     if single:
         return tuple(square_of(entry) for entry in entries)
     return (count_square(entries),) if entries else ()
 
 
-def square_of(entry: Entry) -> Square:
+def square_of(entry: LedgerEntry) -> Square:
     """One case; what is not as expected leads to its place in the list of failures."""
     style = f"v-{entry.word}" + ("" if entry.as_expected else " wrong")
     lines = [entry.case.id, factors_text(entry.case), f"{entry.word}"]
@@ -189,7 +189,7 @@ def square_of(entry: Entry) -> Square:
     return Square(style, SYMBOLS[entry.word], "\n".join(lines), href)
 
 
-def count_square(entries: Sequence[Entry]) -> Square:
+def count_square(entries: Sequence[LedgerEntry]) -> Square:
     """Good of all; of some good and some not the symbol is half a disc."""
     good, all_of_them = sum(entry.as_expected for entry in entries), len(entries)
     words = [

@@ -29,7 +29,7 @@ from metro_hil.report.campaign.page.sections import (
 from metro_hil.report.campaign.requirement_table import RequirementRow
 from metro_hil.report.campaign.tally import MeasureTally, MonitorTally
 from metro_hil.report.campaign.units import number_text, percent_text
-from metro_hil.report.estimates import Interval, pass_share
+from metro_hil.report.estimates import ConfidenceInterval, pass_share
 from metro_hil.report.layouts.tables import LayoutFigure, LayoutTable
 
 TEMPLATES: Final = "metro_hil.report.campaign.templates"
@@ -100,7 +100,7 @@ def _coverage(ledger: Ledger) -> Coverage:
     return coverage([entry.case for entry in ledger.entries], results, 2)
 
 
-def _interval(interval: Interval | None, percent: bool = False) -> str:
+def _interval(interval: ConfidenceInterval | None, percent: bool = False) -> str:
     """Best, then the interval; of a share as per cent."""
     if interval is None:
         return "–"

@@ -10,13 +10,13 @@ import numpy as np
 from markupsafe import Markup
 
 from metro_hil.model.case import Case, MonitorResult, Verdict
-from metro_hil.model.log_columns import Columns, LogError, read_columns
+from metro_hil.model.log_columns import Columns, RunLogError, read_columns
 from metro_hil.model.run_folder import RunFolder
-from metro_hil.report.campaign.evidence import Frames, frames_around, kept_run, rerun_command
-from metro_hil.report.campaign.ledger import Entry, Ledger, factors_text, known_margin
+from metro_hil.report.campaign.evidence import FrameSpan, frames_around, kept_run, rerun_command
+from metro_hil.report.campaign.ledger import Ledger, LedgerEntry, factors_text, known_margin
 from metro_hil.report.campaign.page.drawing import (
-    Curve,
-    Group,
+    LevelGroup,
+    PlotCurve,
     by_level_plot,
     curves_plot,
     histogram,
@@ -26,15 +26,15 @@ from metro_hil.report.campaign.page.drawing import (
 from metro_hil.report.campaign.page.matrix import SYMBOLS
 from metro_hil.report.campaign.plots import plot_of
 from metro_hil.report.campaign.tally import (
-    Factor,
     MeasureTally,
     MonitorTally,
+    TallyFactor,
     by_level,
     factors_of,
     worst_entries,
 )
 from metro_hil.report.campaign.units import unit_of, with_unit
-from metro_hil.report.estimates import Interval
+from metro_hil.report.estimates import ConfidenceInterval
 
 WORST_MAX: Final = 20
 PLOTS_MAX: Final = 6
@@ -73,7 +73,7 @@ class MeasureView:
     unit: str
     cases: int
     absent: int
-    mean: Interval
+    mean: ConfidenceInterval
     least: str
     most: str
     whole: Markup | None
@@ -96,7 +96,7 @@ class CaseView:
     margin: str
     monitor: str
     at: str
-    frames: Frames | None
+    frames: FrameSpan | None
     rerun: str
     plot: Markup | None
     events: tuple[tuple[str, str], ...]
@@ -137,16 +137,16 @@ def measure_views(ledger: Ledger, tallies: Sequence[MeasureTally]) -> list[Measu
     ]
 
 
-def _by_scenario(ledger: Ledger) -> Factor:
+def _by_scenario(ledger: Ledger) -> TallyFactor:
     names = {entry.case.id: entry.case.scenario for entry in ledger.entries}
-    return Factor("scenario", tuple(ledger.scenarios()), names, binned=False)
+    return TallyFactor("scenario", tuple(ledger.scenarios()), names, binned=False)
 
 
 def _varies(tally: MeasureTally) -> bool:
     return tally.mean.low < tally.mean.high
 
 
-def _measure(tally: MeasureTally, factors: Sequence[Factor], *, drawn: bool) -> MeasureView:
+def _measure(tally: MeasureTally, factors: Sequence[TallyFactor], *, drawn: bool) -> MeasureView:
     values, unit = tally.values(), unit_of(tally.name)
     whole, panels = None, []
     if drawn:
@@ -157,7 +157,7 @@ def _measure(tally: MeasureTally, factors: Sequence[Factor], *, drawn: bool) -> 
         entries = [entry for entry, _ in tally.points]
         for factor in factors[:FACTORS_DRAWN]:
             groups = [
-                Group(level, np.array([value_of[entry.case.id] for entry in group]))
+                LevelGroup(level, np.array([value_of[entry.case.id] for entry in group]))
                 for level, group in by_level(factor, entries)
                 if group
             ]
@@ -192,7 +192,7 @@ def failure_views(folder: Path, ledger: Ledger) -> list[CaseView]:
     return [case_view(folder, entry, _least(entry), None) for entry in wrong]
 
 
-def _least(entry: Entry) -> MonitorResult | None:
+def _least(entry: LedgerEntry) -> MonitorResult | None:
     """What was violated first, else what came nearest."""
     failed = [m for m in entry.monitors() if m.verdict is Verdict.FAIL]
     if failed:
@@ -202,7 +202,7 @@ def _least(entry: Entry) -> MonitorResult | None:
 
 def case_view(
     folder: Path,
-    entry: Entry,
+    entry: LedgerEntry,
     nearest: MonitorResult | None,
     plot: Markup | None,
 ) -> CaseView:
@@ -233,7 +233,7 @@ def _of(case: Case) -> str:
     return factors_text(case) if not case.factors else f"{factors_text(case)}, seed {case.seed}"
 
 
-def _plot(folder: Path, entry: Entry, nearest: MonitorResult | None) -> Markup | None:
+def _plot(folder: Path, entry: LedgerEntry, nearest: MonitorResult | None) -> Markup | None:
     """Speed over distance, or over time of a train that hardly moved; None without a log."""
     run = kept_run(folder, entry)
     if run is None:
@@ -242,7 +242,7 @@ def _plot(folder: Path, entry: Entry, nearest: MonitorResult | None) -> Markup |
         return picture(plot_of(run), f"plot of {entry.case.id}")
     try:
         return _draw(run, None if nearest is None else nearest.at_s)
-    except LogError:
+    except RunLogError:
         return None
 
 
@@ -261,7 +261,7 @@ def _draw(run: RunFolder, at_s: float | None) -> Markup | None:
     moved = float(np.nanmax(front_m) - np.nanmin(front_m)) > MOVED_M
     over, label = (front_m, "chainage of the front, m") if moved else (time_s, "time, s")
     curves = _ceilings(run, moved) if run.cycle_log.is_file() else []
-    curves.append(Curve("true speed", "train", over, speed_kmh))
+    curves.append(PlotCurve("true speed", "train", over, speed_kmh))
     mark = None
     if at_s is not None:
         row = int(np.argmin(np.abs(time_s - at_s)))
@@ -269,11 +269,11 @@ def _draw(run: RunFolder, at_s: float | None) -> Markup | None:
     return curves_plot(curves, x_label=label, y_label="speed, km/h", mark=mark)
 
 
-def _ceilings(run: RunFolder, moved: bool) -> list[Curve]:
+def _ceilings(run: RunFolder, moved: bool) -> list[PlotCurve]:
     cycles: Columns = read_columns(run.cycle_log)
     over = cycles.numbers("front_m" if moved else "t_s")
     return [
-        Curve(label, style, over, cycles.numbers(column) * KMH_PER_MPS)
+        PlotCurve(label, style, over, cycles.numbers(column) * KMH_PER_MPS)
         for column, style, label in (
             ("emergency_mps", "emergency", "emergency brake above"),
             ("permitted_mps", "permitted", "permitted"),
