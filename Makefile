@@ -31,7 +31,7 @@ PIP := PIP_CONSTRAINT=$(CONSTRAINTS) PIP_BUILD_CONSTRAINT=$(CONSTRAINTS) PIP_DIS
 PROTECTION_TESTS = hil_tests/unit/vobc/atp hil_tests/unit/vobc/test_vobc_config.py
 
 .DEFAULT_GOAL := help
-.PHONY: help setup run test check collected format-check lint types types-of-packages types-of-tests layers mutate fuzz coverage bench bench-hil bench-atp bench-logs bench-page bench-energy bench-t2t bench-simulator simulate explore compiled docs format clean distclean
+.PHONY: help setup run test check collected format-check lint types types-of-packages types-of-tests layers prose mutate fuzz coverage bench bench-hil bench-atp bench-logs bench-page bench-energy bench-t2t bench-simulator simulate explore compiled docs format clean distclean
 
 help: ## show this list
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | while IFS='	' read -r name words; do \
@@ -53,7 +53,7 @@ test: $(READY_TO_TEST) ## run all tests; PYTEST_ARGS="-k name"
 
 check: format-check lint ## all that continuous integration runs
 	@# Two at a time; test files' bytecode is made once for all.
-	@$(MAKE) --no-print-directory --output-sync --jobs 2 types layers collected
+	@$(MAKE) --no-print-directory --output-sync --jobs 2 types layers prose collected
 	@$(MAKE) --no-print-directory test
 
 collected: $(READY_TO_TEST)
@@ -72,6 +72,9 @@ types-of-packages: $(READY_TO_TEST)
 
 types-of-tests: $(READY_TO_TEST)
 	$(BIN)/mypy --config-file hil_tests/mypy.ini
+
+prose: $(READY_TO_TEST) ## find words that docs/design/development.md rules out
+	$(BIN)/python -m metro_tools.prose
 
 layers: $(READY_TO_TEST)
 	$(BIN)/lint-imports

@@ -111,6 +111,20 @@ def test_no_function_is_too_long_to_read() -> None:
     assert long == []
 
 
+def test_no_public_class_name_is_used_twice() -> None:
+    """One name means one thing in the whole product; tests may name their rigs as they like."""
+    places: dict[str, list[str]] = {}
+    for path in PYTHON_FILES:
+        where = path.relative_to(ROOT)
+        if where.parts[0] == "hil_tests" and where.parts[1] != "metro_hil":
+            continue
+        for node in ast.parse(path.read_text(encoding="utf-8")).body:
+            if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+                places.setdefault(node.name, []).append(str(where))
+
+    assert {name: where for name, where in places.items() if len(where) > 1} == {}
+
+
 def test_test_files_have_names_of_their_own() -> None:
     names = [path.name for path in PYTHON_FILES if path.name.startswith("test_")]
 
