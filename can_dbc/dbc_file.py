@@ -140,7 +140,7 @@ def data_id(message: Message) -> int:
 
 def is_cyclic(message: Message) -> bool:
     """Whether the attribute GenMsgSendType says so."""
-    return message.send_type == "cyclic"
+    return message.send_type in ("cyclic", "cyclicIfActive")
 
 
 def period_ms(message: Message) -> int:

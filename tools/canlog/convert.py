@@ -1,10 +1,11 @@
 """From one format to another, block by block; what the other cannot hold is listed."""
 
+from dataclasses import replace
 from pathlib import Path
 
 from canlog.damage import Damage, Damages, LogError
 from canlog.database import Bus
-from canlog.formats.registry import FORMATS, by_suffix, named
+from canlog.formats.registry import FORMATS, by_suffix, chained, named
 from canlog.options import ReadOptions
 from canlog.read import stream
 
@@ -31,15 +32,18 @@ def convert(
     if found is None:
         known = ", ".join(each.name for each in FORMATS)
         raise LogError(f"{target}: its name tells no format; --to takes {known}")
-    blocks = stream(source, options)
+    blocks = stream(source, replace(options or ReadOptions(), refuse_empty=True))
     if target.exists() and not overwrite:
         raise LogError(f"{target}: is there already; --force replaces it")
     losses = Damages()
+    # A source without a frame raises here, before the target is opened.
+    frames = iter(blocks)
+    content = chained(next(block for block in frames if len(block)), frames)
     try:
         if found.name == "mcap":
-            found.write(target, blocks, losses, bus)
+            found.write(target, content, losses, bus)
         else:
-            found.write(target, blocks, losses)
+            found.write(target, content, losses)
     except OSError as error:
         raise LogError(f"{target}: cannot be written: {error.strerror or error}") from error
     return blocks.warnings, losses.all()

@@ -68,6 +68,8 @@ class MessageSpec:
     signals: tuple[SignalSpec, ...]
     attributes: Mapping[str, Any] = field(default_factory=dict)
     """Those of the DBC file that tell how the message is protected, by name."""
+    if_active: bool = False
+    """The sender may stay silent: GenMsgSendType is ifActive or cyclicIfActive."""
 
     @property
     def identifier(self) -> int:
@@ -201,6 +203,7 @@ def _message(message: Any, defaults: Mapping[str, Any]) -> MessageSpec:
         comment=str(message.comment or ""),
         signals=tuple(_signal(each) for each in message.signals),
         attributes={**defaults, **protection},
+        if_active="ifactive" in str(message.send_type or "").lower(),
     )
 
 

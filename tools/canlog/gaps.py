@@ -34,6 +34,8 @@ class Gaps:
         self.stale_ns = 0
         self.first_ns: int | None = None
         self.last_ns = 0
+        self.newest_ns = 0
+        """Greatest stamp."""
         self._sum_ns = 0
         self._below: Any = np.zeros(BUCKETS, np.int64)
         """Gaps shorter than the period, by how much; without a period there are none."""
@@ -43,6 +45,8 @@ class Gaps:
         """The stamps of the next frames."""
         if not len(at_ns):
             return
+        newest_ns = int(at_ns.max())
+        self.newest_ns = newest_ns if self.first_ns is None else max(self.newest_ns, newest_ns)
         if self.first_ns is None:
             self.first_ns, gaps = int(at_ns[0]), np.diff(at_ns)
             at_ns = at_ns[1:]
@@ -59,6 +63,22 @@ class Gaps:
             if not len(gaps):
                 return
         self._count(gaps, at_ns)
+
+    def finish(self, end_ns: int) -> None:
+        """The log ends at `end_ns`: a message that is stale by then is missing from its last frame.
+
+        That gap has no second frame, so neither the mean nor a percentile counts it.
+        """
+        silent_ns = end_ns - self.newest_ns
+        if self.first_ns is None or not self.timeout_ns or silent_ns <= self.timeout_ns:
+            return
+        self.stale += 1
+        self.stale_ns += silent_ns - self.timeout_ns
+        if silent_ns > self.most_ns:
+            self.most_ns, self.most_at_ns = silent_ns, end_ns
+        if self.period_ns:
+            self.late += 1
+            self.missing += silent_ns // self.period_ns
 
     def _count(self, gaps: Ints, at_ns: Ints) -> None:
         least, longest = int(gaps.min()), int(gaps.argmax())

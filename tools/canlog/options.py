@@ -26,3 +26,5 @@ class ReadOptions:
     """Use the compiled kernel where there is one."""
     on_disk: bool = False
     """Keep large columns in files without a name, so that a log need not fit into memory."""
+    refuse_empty: bool = False
+    """A file without a frame raises LogError: nothing can be concluded from it."""

@@ -127,7 +127,19 @@ class Stream:
         return self.damages.all()
 
     def __iter__(self) -> Iterator[Frames]:
-        return self._format.read(self.path, self._options, self.damages)
+        """Raises LogError at the end of a file without a frame, if the options refuse that."""
+        held = False
+        for block in self._format.read(self.path, self._options, self.damages):
+            held = held or len(block) > 0
+            yield block
+        if self._options.refuse_empty and not held:
+            raise LogError(self._without_frames())
+
+    def _without_frames(self) -> str:
+        found = f"{self.path}: holds no frame (read as {self.format})"
+        if self.warnings:
+            return f"{found}; {self.warnings[0]}; name a log of CAN frames, or its --format"
+        return f"{found}; name a log of CAN frames"
 
 
 def stream(path: Path | str, options: ReadOptions | None = None) -> Stream:

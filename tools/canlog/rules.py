@@ -68,11 +68,15 @@ class Judged:
     buses: Sequence[Row]
     damaged: int = 0
     absent: int = 0
+    never: Sequence[Row] = ()
+    """Of cyclic messages that never came; see `absent_rows`."""
 
     def rows(self, rule: FailRule) -> list[tuple[str, Row]]:
         """Those that a rule speaks of, each with its name."""
         whole = [{"channel": "log", "damaged": self.damaged, "absent": self.absent}]
-        rows = {"message": self.messages, "bus": self.buses, "log": whole}[rule.scope]
+        rows = {"message": [*self.messages, *self.never], "bus": self.buses, "log": whole}[
+            rule.scope
+        ]
         named = ((str(row.get("message", row["channel"])), row) for row in rows)
         return [(who, row) for who, row in named if fnmatch.fnmatchcase(who, rule.only)]
 
@@ -82,33 +86,30 @@ def broken(rules: Sequence[FailRule], judged: Judged) -> list[Broken]:
     found = []
     for rule in rules:
         for who, row in judged.rows(rule):
-            if _is_true(rule.expression, row):
+            if _judged(rule.expression, row):
                 told = ", ".join(f"{name} {row[name]}" for name in sorted(rule.expression.names))
                 found.append(Broken(rule.text, who, str(row["channel"]), told))
     return found
 
 
 def untold(rules: Sequence[FailRule], judged: Judged) -> dict[str, str]:
-    """Rules that nothing could be held to, and why: they are neither kept nor broken."""
+    """Rules that found nothing to judge, and why. They fail: no evidence is not a pass."""
     found = {}
     for rule in rules:
         rows = judged.rows(rule)
         if not rows:
             found[rule.text] = f"the log has no {rule.scope} {rule.only}"
-        elif all(_is_unknown(rule.expression, row) for _, row in rows):
+        elif all(_judged(rule.expression, row) is None for _, row in rows):
             found[rule.text] = f"cannot be judged of any of {len(rows)} {rule.scope}s"
     return found
 
 
-def _is_true(expression: Expression, row: Row) -> bool:
-    if _is_unknown(expression, row):
-        # Such as the latency of what is sent on occasion: nothing is known, nothing is broken.
-        return False
+def _judged(expression: Expression, row: Row) -> bool | None:
+    """Whether it is true; None where a number is not known, or a division by zero has no value."""
+    if any(row[name] is None for name in expression.names):
+        # Such as the latency of what is sent on occasion.
+        return None
     try:
         return bool(expression(SimpleNamespace(**row)))
     except ZeroDivisionError:
-        return False
-
-
-def _is_unknown(expression: Expression, row: Row) -> bool:
-    return any(row[name] is None for name in expression.names)
+        return None

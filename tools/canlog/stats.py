@@ -236,8 +236,9 @@ class Statistics:
                 one.rejected[reason] = one.rejected.get(reason, 0) + 1
 
     def finish(self) -> None:
-        """After the last block: what counters say was lost."""
-        for (_channel, key), one in self.messages.items():
+        """After the last block: what counters say was lost, and what had ended before the log."""
+        for (channel, key), one in self.messages.items():
+            one.gaps.finish(self.buses[channel].last_ns)
             if self._judge is not None:
                 one.lost = self._judge.lost.get(key, 0)
 

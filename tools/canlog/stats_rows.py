@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 from can_dbc.rejection import Reason
+from canlog.database import MessageSpec
 from canlog.frames import BRS, CLASSIC_BYTES, FD, FD_BYTES, FD_LENGTHS, KEY_EXTENDED
 from canlog.gaps import Gaps
 from canlog.latency import Cyclic, longest_bits, longest_fd_bits, response_ns
@@ -118,10 +119,44 @@ def unjudged(found: Statistics) -> list[Row]:
 
 
 def absent(found: Statistics) -> list[str]:
-    """Messages that the DBC file gives a cycle time and that no channel has a frame of."""
+    """Messages that the DBC file gives a cycle time and that no channel has a frame of.
+
+    A message that is only sent while something is active may stay away.
+    """
+    return [spec.name for spec in _absent(found)]
+
+
+def _absent(found: Statistics) -> list[MessageSpec]:
     seen = {key for _, key in found.messages}
-    return [spec.name for key, spec in found.bus.by_key.items()
-            if spec.period_ms and key not in seen]  # fmt: skip
+    return [
+        spec
+        for key, spec in found.bus.by_key.items()
+        if spec.period_ms and not spec.if_active and key not in seen
+    ]
+
+
+def absent_rows(found: Statistics) -> list[Row]:
+    """A row for each message of `absent`: every frame is missing, and only that is known."""
+    span_ns = max((bus.span_ns for bus in found.buses.values()), default=0)
+    unknown: Row = dict.fromkeys(MESSAGE_NUMBERS)
+    none = dict.fromkeys(("frames", "rate_hz", "load_ratio", "extra"), 0)
+    return [
+        {
+            "channel": "log",
+            "id": _id_text(spec.key),
+            "message": spec.name,
+            **unknown,
+            **none,
+            "known": 1,
+            "period_ms": spec.period_ms,
+            "missing": max(1, round(span_ns / (spec.period_ms * NS_PER_MS))),
+            "gaps": 1,
+            "gap_ms_max": round(span_ns / NS_PER_MS, 6),
+            "stale": 1,
+            "stale_ms": round(max(0.0, span_ns / NS_PER_MS - spec.timeout_ms), 6),
+        }
+        for spec in _absent(found)
+    ]
 
 
 def _gap_numbers(gaps: Gaps) -> Mapping[str, Any]:

@@ -19,9 +19,9 @@ from canlog.frames import BRS, ERROR, ESI, EXTENDED, FD, FD_LENGTHS, REMOTE, Fra
 from canlog.gaps import Gaps
 from canlog.latency import Cyclic, longest_bits, response_ns
 from canlog.rows import from_rows
-from canlog.rules import Judged, broken, parse_rule
+from canlog.rules import Judged, broken, parse_rule, untold
 from canlog.stats import gather
-from canlog.stats_rows import bus_rows, message_rows, signal_rows
+from canlog.stats_rows import absent_rows, bus_rows, message_rows, signal_rows
 from firmware_py.buses.timing import frame_bits as bits_of_one
 
 MS = 1_000_000
@@ -202,6 +202,65 @@ def test_missing_extra_and_stale_frames_are_told_by_the_period_of_the_dbc() -> N
     assert row["stale"] == 1  # more than three periods
     assert row["stale_ms"] == 10.0
     assert (row["gap_ms_min"], row["gap_ms_max"]) == (1.0, 40.0)
+
+
+TWO = (
+    'VERSION ""\nBU_: A B\nBO_ 291 M: 1 A\n SG_ u : 0|8@1+ (1,0) [0|100] "m" B\n'
+    'BO_ 292 N: 1 A\n SG_ v : 0|8@1+ (1,0) [0|100] "m" B\n'
+    'BO_ 293 LOOP: 1 A\n SG_ w : 0|8@1+ (1,0) [0|100] "m" B\n'
+    'BA_DEF_ BO_ "GenMsgCycleTime" INT 0 65535;\nBA_DEF_DEF_ "GenMsgCycleTime" 10;\n'
+    'BA_DEF_ BO_ "GenMsgSendType" ENUM "Cyclic","CyclicIfActive";\n'
+    'BA_DEF_DEF_ "GenMsgSendType" "Cyclic";\nBA_ "GenMsgSendType" BO_ 293 1;\n'
+    'BA_ "GenMsgCycleTime" BO_ 291 10;\nBA_ "GenMsgCycleTime" BO_ 292 20;\n'
+    'BA_ "GenMsgCycleTime" BO_ 293 10;\n'
+)
+
+
+def test_a_message_that_falls_silent_before_the_log_ends_is_missing_from_then_on() -> None:
+    beats = [(at * MS, 291, 0, "c", b"\1") for at in range(0, 1010, 10)]
+    dies = [(at * MS, 292, 0, "c", b"\1") for at in range(0, 410, 20)]
+
+    rows = {row["message"]: row for row in message_rows(gather([from_rows(beats + dies)],
+                                                               parse_bus(TWO)))}  # fmt: skip
+
+    assert rows["M"]["missing"] == 0
+    assert rows["N"]["missing"] == 600 // 20
+    assert (rows["N"]["stale"], rows["N"]["stale_ms"]) == (1, 600.0 - 60.0)
+    assert (rows["N"]["gap_ms_max"], rows["N"]["gap_ms_p99"]) == (600.0, 20.0)
+
+
+@pytest.mark.parametrize("silent_ms", [0, 20, 60])
+def test_a_message_that_is_not_stale_when_the_log_ends_misses_nothing(silent_ms: int) -> None:
+    beats = [(at * MS, 291, 0, "c", b"\1") for at in range(0, 401 + silent_ms, 10)]
+    ends = [(at * MS, 292, 0, "c", b"\1") for at in range(0, 401, 20)]
+
+    rows = message_rows(gather([from_rows(beats + ends)], parse_bus(TWO)))
+
+    assert [row["missing"] for row in rows] == [0, 0]
+
+
+def test_a_cyclic_message_that_never_came_is_missing_and_an_optional_one_is_not() -> None:
+    found = gather(
+        [from_rows([(at * MS, 291, 0, "c", b"\1") for at in range(0, 1010, 10)])], parse_bus(TWO)
+    )
+
+    (row,) = absent_rows(found)
+
+    assert (row["message"], row["frames"], row["missing"]) == ("N", 0, 50)
+    assert (row["stale"], row["gap_ms_max"], row["crc_errors"]) == (1, 1000.0, None)
+    assert set(row) == set(message_rows(found)[0])
+    judged = Judged(message_rows(found), bus_rows(found), 0, 1, [row])
+    told = [str(each) for each in broken([parse_rule("missing > 0")], judged)]
+    assert told == ["missing > 0: N on log: missing 50"]
+
+
+def test_a_division_by_zero_is_no_judgement() -> None:
+    found = gather([cyclic([10, 10])], parse_bus(DBC))
+    rule = parse_rule("missing / extra > 0.1")
+
+    assert untold([rule], Judged(message_rows(found), bus_rows(found))) == {
+        rule.text: "cannot be judged of any of 1 messages"
+    }
 
 
 def test_stamps_that_run_backwards_are_counted_and_no_gaps() -> None:

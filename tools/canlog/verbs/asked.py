@@ -21,11 +21,7 @@ def log_options(parser: argparse.ArgumentParser, *, span: bool = True) -> None:
 
 
 def read_asked(given: argparse.Namespace, *, on_disk: bool = False) -> Log:
-    """The log that was asked for; raises LogError for one without frames, too."""
-    log = read(given.log, given.dbc, replace(read_options(given), on_disk=on_disk))
-    if not len(log):
-        raise LogError(f"{log.path}: holds no frame")
-    return log
+    return read(given.log, given.dbc, replace(read_options(given), on_disk=on_disk))
 
 
 def name_asked(given: argparse.Namespace) -> str:

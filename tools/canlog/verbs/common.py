@@ -66,4 +66,10 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
 
 
 def read_options(given: argparse.Namespace) -> ReadOptions:
-    return ReadOptions(format=given.format, stamps=given.stamps, utc_offset_s=given.utc_offset_s)
+    """No verb takes a file without a frame."""
+    return ReadOptions(
+        format=given.format,
+        stamps=given.stamps,
+        utc_offset_s=given.utc_offset_s,
+        refuse_empty=True,
+    )

@@ -88,6 +88,8 @@ def _logs(given: argparse.Namespace) -> int:
     options = replace(read_options(given), on_disk=True)
     a, b = (read(path, bus, options) for path in (given.a, given.b))
     found = compare(a, b, allowed, given.align)
+    if not found.messages:
+        raise LogError(f"--ignore {' '.join(given.ignore)}: leaves no message to compare")
     if given.json:
         print(json.dumps(difference_json(found, a, b, given.context), indent=1))
     else:

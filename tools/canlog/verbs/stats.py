@@ -18,7 +18,15 @@ from canlog.database import load_bus
 from canlog.read import stream
 from canlog.rules import Broken, FailRule, Judged, broken, parse_rule, untold
 from canlog.stats import Statistics, gather
-from canlog.stats_rows import Row, absent, bus_rows, message_rows, signal_rows, unjudged
+from canlog.stats_rows import (
+    Row,
+    absent,
+    absent_rows,
+    bus_rows,
+    message_rows,
+    signal_rows,
+    unjudged,
+)
 from canlog.verbs.common import add_log, count, read_options
 
 SUMMARY: Final = "what every message and the bus did: cycle times, gaps, errors, load, latency"
@@ -46,8 +54,8 @@ def options(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="RULE",
-        help="exit with 1 where it is true, as in 'missing > 0', 'DOOR_*: crc_errors > 0', "
-        "'bus_load_ratio_max > 0.7' or 'damaged > 0'",
+        help="exit with 1 where it is true or finds nothing to judge, as in 'missing > 0', "
+        "'DOOR_*: crc_errors > 0', 'bus_load_ratio_max > 0.7' or 'damaged > 0'",
     )
     parser.add_argument("--signals", action="store_true", help="ranges of all signals, too")
     parser.add_argument("--baudrate", type=count, default=0, help="bits/s; default: the DBC file's")
@@ -60,15 +68,16 @@ def run(given: argparse.Namespace) -> int:
     rates = {"baudrate": given.baudrate, "data_baudrate": given.data_baudrate}
     found = gather(source, load_bus(given.dbc), **rates)
     damaged = sum(each.count for each in source.warnings)
-    judged = Judged(message_rows(found), bus_rows(found), damaged, len(absent(found)))
+    never = absent_rows(found)
+    judged = Judged(message_rows(found), bus_rows(found), damaged, len(never), never)
     held = HeldRules(rules, broken(rules, judged), untold(rules, judged))
     _print(given, found, judged, source.warnings, held)
-    return EXIT_BROKEN if held.breaches else EXIT_OK
+    return EXIT_BROKEN if held.breaches or held.untold else EXIT_OK
 
 
 @dataclass(frozen=True, slots=True)
 class HeldRules:
-    """Rules, who broke them, and those that nothing could be held to."""
+    """Rules, who broke them, and those that found nothing to judge, which fail too."""
 
     rules: Sequence[FailRule]
     breaches: Sequence[Broken]
@@ -88,6 +97,7 @@ def _print(
         told |= {"absent": absent(found), "not_judged": unjudged(found)}
         told["warnings"] = [str(each) for each in warnings]
         told["broken"] = [str(each) for each in held.breaches]
+        told["nothing_to_judge"] = dict(held.untold)
         print(json.dumps(told, indent=2))
     elif given.form == "csv":
         sys.stdout.write(csv_text(signal_rows(found) if given.signals else judged.messages))
@@ -98,7 +108,7 @@ def _print(
         for line in (*(f"warning: {each}" for each in warnings), *map(str, held.breaches)):
             print(line)
     for rule, why in held.untold.items():
-        print(f"canlog: --fail-on {rule!r}: {why}", file=sys.stderr)
+        print(f"canlog: --fail-on {rule!r}: {why}, which is not a pass", file=sys.stderr)
     if given.form != "text":
         for each in warnings:
             print(f"canlog: warning: {each}", file=sys.stderr)
@@ -116,11 +126,11 @@ def csv_text(rows: Sequence[Row]) -> str:
 
 def junit_text(log: str, held: HeldRules) -> str:
     """A test suite with a case for each rule, for the reports of CI servers."""
-    failed = {each.rule for each in held.breaches}
+    failed = {each.rule for each in held.breaches} | set(held.untold)
     lines = [
         '<?xml version="1.0" encoding="UTF-8"?>',
         f'<testsuite name={quoteattr("canlog " + log)} tests="{len(held.rules)}"'
-        f' failures="{len(failed)}" skipped="{len(held.untold)}">',
+        f' failures="{len(failed)}">',
     ]
     for rule in held.rules:
         mine = [str(each) for each in held.breaches if each.rule == rule.text]
@@ -128,7 +138,7 @@ def junit_text(log: str, held: HeldRules) -> str:
         if mine:
             lines.append(f"    <failure message={quoteattr('; '.join(mine))}/>")
         if rule.text in held.untold:
-            lines.append(f"    <skipped message={quoteattr(held.untold[rule.text])}/>")
+            lines.append(f"    <failure message={quoteattr(held.untold[rule.text])}/>")
         lines.append("  </testcase>")
     return "\n".join([*lines, "</testsuite>"]) + "\n"
 
