@@ -8,10 +8,21 @@ from firmware_py.expression import compile_expression
 from firmware_py.settings import SettingsError
 from metro_hil.campaign import plan_cases
 from metro_hil.campaign.builder import Scenario
+from metro_hil.live_verdict import (
+    Expect,
+    Expected,
+    Finding,
+    complaints,
+    findings_of,
+    findings_of_live,
+    place_of_call,
+    read_expected,
+)
 from metro_hil.model.case import Case, CaseResult
 from metro_hil.model.case_setup import Files, parts_of
 from metro_hil.model.frame_names import check_bus_fault
 from metro_hil.model.run_folder import RunFolder
+from metro_hil.monitors import MonitorPlan, read_monitors
 from metro_hil.run.case import CaseRun
 from metro_hil.run.dispatch import run_case
 from plant_emulator.faults.kinds import FaultPlace
@@ -35,6 +46,9 @@ class LiveRun:
         self._run = CaseRun(case, parts_of(case, files), folder, frozenset(FaultPlace))
         self._bench = self._run.bench
         self._result: CaseResult | None = None
+        self._planned_away: list[str] = []
+        """Kinds of faults that had not begun when others were planned in their place."""
+        self._death_shown = False
 
     @property
     def train(self) -> Truth:
@@ -74,10 +88,12 @@ class LiveRun:
 
     def _go_on(self, over: Callable[[int], bool]) -> None:
         """A controller that dies shows its exception to the test, and the run goes on without."""
+        assert self._result is None, f"{self.case.id}: the run is over; it was closed and judged"
         try:
             self._bench.run_until(over)
         except Exception as error:
             self._run.bury(error)
+            self._death_shown = True
             raise
 
     def _asker(self, condition: str | Callable[[], bool]) -> Callable[[], bool]:
@@ -98,6 +114,7 @@ class LiveRun:
         plans = read_faults(tables, self.case.id)
         for plan in plans:
             check_bus_fault(plan)
+        self._planned_away += [plan.kind.name for plan in schedule.never_began]
         schedule.plan(plans)
 
     def close(self) -> CaseResult:
@@ -107,36 +124,88 @@ class LiveRun:
             self._result = self._run.result()
         return self._result
 
+    def findings(self) -> list[Finding]:
+        """End the run; what a test has to expect or to avoid."""
+        result = self.close()
+        never = [plan.kind.name for plan in self._bench.plant.schedule.never_began]
+        return findings_of_live(
+            result.monitors,
+            _plans_of(self.case),
+            () if self.case.idle_counts else [*self._planned_away, *never],
+            "" if self._death_shown else self._run.died,
+        )
+
 
 class Bench:
-    """Runs scenarios; what is run alone keeps its logs in the test's own folder."""
+    """Runs scenarios; what is run alone keeps its logs in the test's own folder.
+
+    Whatever a run violates that its call does not `expect` fails the test when it ends.
+    """
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
-        self._live: list[LiveRun] = []
+        self._unjudged: list[tuple[Expected, Callable[[], list[tuple[str, Finding]]]]] = []
         self._made = 0
 
-    def run(self, scenario: Scenario) -> CaseResult:
-        """The one case of a scenario, to its end. Raises CampaignError for a wrong scenario."""
-        case, files = self._only_case(scenario)
-        return run_case(case, files=files, folder=RunFolder(self._new_folder("run")))
+    def run(self, scenario: Scenario, *, expect: Expect = ()) -> CaseResult:
+        """The one case of a scenario, to its end. Raises CampaignError for a wrong scenario.
 
-    def run_all(self, scenario: Scenario) -> Sequence[CaseResult]:
-        """Every case of a scenario with a sweep or several seeds, without logs."""
+        Args:
+            expect: monitors or invariants that the run is to violate; SettingsError if none has
+                such a name.
+        """
+        __tracebackhide__ = True
+        case, files = self._only_case(scenario)
+        expected = read_expected(expect, _plans_of(case), place_of_call())
+        folder = RunFolder(self._new_folder("run"))
+        result = run_case(case, files=files, folder=folder)
+        name = f"{case.id} (logs: {folder.path})"
+        self._unjudged.append((expected, lambda: [(name, each) for each in findings_of(result)]))
+        return result
+
+    def run_all(self, scenario: Scenario, *, expect: Expect = ()) -> Sequence[CaseResult]:
+        """Every case of a scenario with a sweep or several seeds, without logs.
+
+        Args:
+            expect: as for `run`; each is to be violated in one case at least.
+        """
+        __tracebackhide__ = True
         campaign = scenario.campaign()
-        files = self._written(campaign.files)
-        return [run_case(case, files=files) for case in plan_cases(campaign)]
+        files, cases = self._written(campaign.files), plan_cases(campaign)
+        plans = [plan for case in cases for plan in _plans_of(case)]
+        expected = read_expected(expect, plans, place_of_call())
+        results = [run_case(case, files=files) for case in cases]
+        self._unjudged.append(
+            (expected, lambda: [(r.case_id, each) for r in results for each in findings_of(r)])
+        )
+        return results
 
-    def start(self, scenario: Scenario) -> LiveRun:
-        """A run that the test drives itself. It is closed with the test."""
+    def start(self, scenario: Scenario, *, expect: Expect = ()) -> LiveRun:
+        """A run that the test drives itself. It is closed and judged when the test ends.
+
+        Args:
+            expect: as for `run`.
+        """
+        __tracebackhide__ = True
         case, files = self._only_case(scenario)
-        live = LiveRun(case, files, RunFolder(self._new_folder("run")))
-        self._live.append(live)
+        expected = read_expected(expect, _plans_of(case), place_of_call())
+        folder = RunFolder(self._new_folder("run"))
+        live = LiveRun(case, files, folder)
+        name = f"{case.id} (logs: {folder.path})"
+        self._unjudged.append((expected, lambda: [(name, each) for each in live.findings()]))
         return live
 
+    def judge(self) -> list[str]:
+        """End all runs that were not judged yet; what of them fails the test, as sentences."""
+        said: list[str] = []
+        while self._unjudged:
+            expected, findings = self._unjudged.pop(0)
+            said += complaints(expected, findings())
+        return said
+
     def close(self) -> None:
-        for live in self._live:
-            live.close()
+        """End all runs, whatever they came to."""
+        self.judge()
 
     def _only_case(self, scenario: Scenario) -> tuple[Case, Files]:
         campaign = scenario.campaign()
@@ -160,3 +229,7 @@ class Bench:
         path = self._folder / f"{what}{self._made}"
         path.mkdir()
         return path
+
+
+def _plans_of(case: Case) -> Sequence[MonitorPlan]:
+    return read_monitors(case.monitors, case.id, case.invariants)

@@ -7,28 +7,76 @@
                 fault=[{"kind": "traction_runaway", "when": "speed_mps > 16.6"}],
             )
         )
-        assert result.verdict is Verdict.PASS, result.reason
+        assert result.measures["emergency_count"] == 1.0
 
 A scenario is what a campaign file holds and gives the same case, with the same frames. Where a test
 wants to look while the train runs, `bench.start` gives a run that goes on piece by piece.
+
+When the test ends, the bench judges all of its runs: a violated monitor or invariant, or a planned
+fault that never began, fails the test unless the call says `expect=`.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import pytest
 
 if TYPE_CHECKING:
     from metro_hil.pytest.bench import Bench
 
+BENCHES: Final = pytest.StashKey["list[Bench]"]()
+HEAD: Final = "the bench judges what this test ran:"
+REMEDY: Final = (
+    "If the test is about a violation, name it: expect='NAME'. A fault that never began needs "
+    "another window or a longer run."
+)
+
 
 @pytest.fixture
-def bench(tmp_path: Path) -> "Iterator[Bench]":
+def bench(request: pytest.FixtureRequest, tmp_path: Path) -> "Iterator[Bench]":
     """A bench in virtual time."""
     # Every run of pytest where this package is installed loads this module.
     from metro_hil.pytest.bench import Bench
 
     made = Bench(tmp_path)
+    request.node.stash.setdefault(BENCHES, []).append(made)
     yield made
-    made.close()
+    # What was started after the test's own body, or where this plugin is not registered.
+    _fail_for(made.judge())
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
+    """Judge when the body ends, so that the test itself fails; its own failure comes first."""
+    try:
+        yield
+    except (KeyboardInterrupt, SystemExit, pytest.exit.Exception):
+        raise
+    except BaseException:
+        # Outcomes of pytest, such as a skip, are no Exception.
+        if said := _judged(item, quietly=True):
+            item.add_report_section("call", "bench", _text(said))
+        raise
+    _fail_for(_judged(item))
+
+
+def _judged(item: pytest.Item, *, quietly: bool = False) -> Sequence[str]:
+    said: list[str] = []
+    for made in item.stash.get(BENCHES, []):
+        try:
+            said += made.judge()
+        except Exception as error:
+            if not quietly:
+                raise
+            said.append(f"not judged: {error!r}")
+    return said
+
+
+def _fail_for(said: Sequence[str]) -> None:
+    if said:
+        pytest.fail(_text(said), pytrace=False)
+
+
+def _text(said: Sequence[str]) -> str:
+    return "\n".join([HEAD, *[f"  {each}" for each in said], REMEDY])

@@ -225,6 +225,11 @@ class CaseRun:
         self._note(self.bench.clock.now_ns() / NS_PER_S, self._died)
         self.bench.without_controller()
 
+    @property
+    def died(self) -> str:
+        """How the controller ended by itself; empty while it has not."""
+        return self._died
+
     def _follow_to_standstill(self) -> None:
         bench = self.bench
         limit_ns = bench.clock.now_ns() + round(AFTER_DEATH_S * NS_PER_S)
