@@ -2,14 +2,20 @@
 
 import json
 import socket
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from can_dbc.vobc import Cause
+from firmware_py.clock.clock import WallClock
+from firmware_py.ports import RadioMessage
+from firmware_py.radio.zenoh_radio import SessionRole, ZenohRadio, open_radio
 from metro_hil.cli.hil import main
+from metro_hil.line.exercise import real_time
 from metro_hil.line.exercise.relay import Relay
+from metro_hil.model.run_options import EXIT_ENVIRONMENT
 from metro_hil.supervision.radio_log import figures_of, read_log
 from metro_hil.supervision.radio_log_filter import RadioLogSelection
 from zenoh_config.codec import BENCH_KEY
@@ -61,6 +67,42 @@ def test_emergency_brakes_while_no_radio_works_are_told_as_the_trains_themselves
             assert f"train {train['train']} applies its emergency brake: {cause}" in told
     assert logged[1]
     assert "crash-arbiter" in (out / "run.toml").read_text()
+
+
+class LateRadio:
+    """A session whose messages its program is given a second after they came."""
+
+    def __init__(self, radio: ZenohRadio, clock: WallClock) -> None:
+        self._radio, self._clock = radio, clock
+        self._waiting: list[RadioMessage] = []
+        self.counters, self.close = radio.counters, radio.close
+
+    def receive(self, now_ns: int) -> Sequence[RadioMessage]:
+        self._waiting += self._radio.receive(now_ns)
+        due = [each for each in self._waiting if each.stamp_ns <= now_ns - 1_000_000_000]
+        self._waiting = self._waiting[len(due) :]
+        return [each._replace(stamp_ns=now_ns) for each in due]
+
+
+def test_a_run_whose_observer_lags_by_a_second_is_invalid(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def late_radio(
+        role: SessionRole, endpoint: str, topics: Sequence[str], clock: WallClock, **options: Any
+    ) -> LateRadio:
+        return LateRadio(open_radio(role, endpoint, topics, clock, **options), clock)
+
+    monkeypatch.setattr(real_time, "open_radio", late_radio)
+
+    code = main(["run", "line", "--trains", "2", "--for", "2", "--out", str(tmp_path / "run")])
+
+    told = capsys.readouterr().out
+    assert code == EXIT_ENVIRONMENT
+    assert "invalid: the observer lagged: the newest" in told
+    assert "invalid: the run proves nothing" in told
+    results = json.loads((tmp_path / "run" / "results.json").read_text())
+    assert results["verdict"] == "invalid"
+    assert "the observer lagged" in results["doubts"][0]
 
 
 def _events(path: Path) -> list[dict[str, Any]]:

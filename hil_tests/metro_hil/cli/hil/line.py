@@ -11,7 +11,7 @@ from metro_hil.line.network.isolated_process import become_apart
 from metro_hil.line.network.options import add_options
 from metro_hil.line.network.topology import HELP as TOPOLOGY_HELP
 from metro_hil.line.network.topology import TOPOLOGIES
-from metro_hil.model.run_options import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_OK
+from metro_hil.model.run_options import EXIT_ENVIRONMENT, EXIT_FAILED, EXIT_INTERRUPTED, EXIT_OK
 
 if TYPE_CHECKING:
     from metro_hil.line.exercise.real_time import RealLine, Settings
@@ -26,8 +26,9 @@ Faults may be asked for several times. What is killed, stopped or cut stays away
 seconds; in lockstep a killed controller stays dead. The folder keeps what was asked
 for (run.toml), the story (story.txt), the table and the verdict (results.json), what was said on
 the line's radio (`vobc line-log FOLDER`) and the logs of every train.
-exit codes: 0 nobody came too near and nobody braked by emergency without need; 1 somebody did;
-2 wrong usage; 3 bus, radio, rights or a process missing; 130 ended by Ctrl-C
+exit codes: 0 no train came too near, and none braked by emergency without need; 1 one did; 2 wrong
+usage; 3 the run proves nothing, as its observer lagged or a takeover that was ordered was never
+seen, or bus, radio, rights or a process missing; 130 ended by Ctrl-C
 """
 
 
@@ -121,7 +122,7 @@ def _run(line: "Line", settings: "Settings", folder: "RunFolder") -> int:
     from firmware_py.buses import BusError
     from firmware_py.radio.zenoh_radio import RadioError
     from metro_hil.line.exercise.results import results_json
-    from metro_hil.line.exercise.verdict import complaints
+    from metro_hil.line.exercise.verdict import complaints, doubts
     from metro_hil.model.end_condition import DURATION, INTERRUPTED
     from metro_hil.model.subprocesses import ChildError
     from vobc.train_to_train.vocabulary import T2tConfig
@@ -136,6 +137,7 @@ def _run(line: "Line", settings: "Settings", folder: "RunFolder") -> int:
     finally:
         # Also of a run that is broken off: its story is worth reading.
         wrong = complaints(line.story, trains, behind_rear_m=T2tConfig().rollback_m)
+        invalid = [*line.doubts, *doubts(line.story, trains)]
         results = results_json(
             *(line.story, trains),
             exit_reason=reason or "broken off",
@@ -143,12 +145,18 @@ def _run(line: "Line", settings: "Settings", folder: "RunFolder") -> int:
             missed=line.dropped,
             carried=line.carried,
             second_of=line.record.second_of,
+            doubts=invalid,
         )
         folder.results.write_text(results, encoding="utf-8")
     _show(line, trains, wrong)
+    for words in invalid:
+        print(f"invalid: {words}")
     print(f"run folder: {folder.path}")
     if reason == INTERRUPTED:
         return EXIT_INTERRUPTED
+    if invalid:
+        print("invalid: the run proves nothing, neither for the trains nor against them")
+        return EXIT_ENVIRONMENT
     return EXIT_FAILED if wrong else EXIT_OK
 
 

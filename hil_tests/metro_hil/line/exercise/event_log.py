@@ -23,6 +23,8 @@ STOPPED_M: Final = 2.0
 YOUNG_NS: Final = 1_000_000_000
 MOVED_M: Final = 0.01
 REACHES: Final = 32
+DRIVING: Final = (Supervision.NOMINAL, Supervision.WARNING, Supervision.SERVICE)
+"""A train is in none of these without an authority."""
 
 
 class StopEvent(NamedTuple):
@@ -76,6 +78,17 @@ class TrainEvents:
     struck: bool = False
     """Something was done to it: what becomes of it is not counted against anybody."""
     standing: bool = False
+    drove: bool = False
+    """Its own bus said that protection let it move, so it had an authority, heard of or not."""
+
+
+class Takeover(NamedTuple):
+    """The run struck a master, so another term has to follow."""
+
+    area: int
+    train: int
+    """That was struck."""
+    term: int
 
 
 class TermEvent(NamedTuple):
@@ -113,6 +126,11 @@ class LineEvents:
         self.excused: set[str] = set()
         """Causes of emergencies that what was done to the line calls for from now on."""
         self.refused = 0
+        self.newest_ns = 0
+        """Sent at: of the newest message, by the clock of its sender."""
+        self.ordered: list[Takeover] = []
+        self.missed_strikes: list[str] = []
+        """What was planned and found nobody to strike."""
         self._line, self._map, self._say, self._key = line, areas, say, key
         self._rails = subscription(areas.name).removesuffix("*")
 
@@ -126,7 +144,9 @@ class LineEvents:
             if message.key.startswith(self._rails):
                 number = message.key.removeprefix(self._rails)
                 if len(message.payload) == LAYOUT.size and number.isdecimal():
-                    self.stands(int(number), Place(*LAYOUT.unpack(message.payload)))
+                    place = Place(*LAYOUT.unpack(message.payload))
+                    self._is_sent(place.stamp_ns, message.stamp_ns)
+                    self.stands(int(number), place)
                 else:
                     self.refused += 1
                 continue
@@ -136,6 +156,7 @@ class LineEvents:
                 # Its bus tells what its protection does, also while no radio carries anything.
                 continue
             if isinstance(heard, T2tMessage) and message.key == t2t_keys.key_of(name, heard):
+                self._is_sent(heard.stamp_ns, message.stamp_ns)
                 self._hears(heard, message.stamp_ns)
             elif not message.key.startswith(f"m/{keys.line_chunk(name)}/w/0/or/"):
                 self.refused += 1
@@ -160,6 +181,7 @@ class LineEvents:
     def tells(self, number: int, supervision: int, cause: int, now_ns: int) -> None:
         """What the protection of a train does; whether it should is for the verdict."""
         train = self.train(number)
+        train.drove |= supervision in DRIVING
         before, train.supervision = train.supervision, supervision
         if supervision == before:
             return
@@ -174,6 +196,24 @@ class LineEvents:
 
     def strikes(self, number: int) -> None:
         self.train(number).struck = True
+
+    def orders_takeover(self, area: int, number: int) -> None:
+        """The master of an area is struck; another train there has to take the command over."""
+        others = [each for n, each in self.trains.items() if n != number]
+        if any(self._is_here(each, area) for each in others):
+            self.ordered.append(Takeover(area, number, self._term(area)))
+
+    def unseen_takeovers(self) -> list[Takeover]:
+        """Those that were ordered, and after which no higher term was heard."""
+        return [each for each in self.ordered if self._term(each.area) <= each.term]
+
+    def _term(self, area: int) -> int:
+        """The highest that was heard."""
+        return self.areas[area].heartbeat.term if area in self.areas else 0
+
+    def _is_sent(self, sent_ns: int, taken_ns: int) -> None:
+        """Nothing is sent later than it is taken, whatever a message says."""
+        self.newest_ns = max(self.newest_ns, min(sent_ns, taken_ns))
 
     # What follows from it.
 

@@ -2,7 +2,7 @@
 
 import itertools
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -10,14 +10,17 @@ from typing import Final, NamedTuple
 from can_dbc.vobc import Cause
 from firmware_py.clock.clock import WallClock
 from firmware_py.interrupts import Interrupts
+from firmware_py.ports import RadioPort
 from firmware_py.radio.credentials import load_credentials
 from firmware_py.radio.zenoh_radio import SessionRole, open_radio
 from firmware_py.trackdb import LineMap
 from firmware_py.trackdb.areas import AreaMap
 from metro_hil.line.exercise.event_log import LineEvents
+from metro_hil.line.exercise.observer import LAG_NS, Observer
 from metro_hil.line.exercise.plan import Fault, PlannedRun, Strike
 from metro_hil.line.exercise.processes import WAYSIDE, LineProcesses
 from metro_hil.line.exercise.record import LineRunFiles
+from metro_hil.line.exercise.taps import ProtectionTap
 from metro_hil.line.network.options import OwnNetworks
 from metro_hil.line.network.topology import Topology
 from metro_hil.model.subprocesses import ChildError
@@ -29,6 +32,8 @@ from zenoh_config.t2t import NOBODY
 POLL_NS: Final = 20_000_000
 NS_PER_S: Final = 1_000_000_000
 START_S: Final = 60.0
+RECONNECT_S: Final = 10.0
+"""Within this all programs have reached a wayside again that came back."""
 INBOX_MESSAGES: Final = 1 << 16
 OLD: Final = Cause.AUTHORITY_OLD.name.lower().replace("_", " ")
 """Without arbiters nobody may command, and authorities grow old: trains brake, as they must."""
@@ -81,6 +86,11 @@ class RealLine:
         self.story = LineEvents(settings.line, settings.areas, self._tell, key)
         self.dropped = 0
         """Messages that the recorder missed."""
+        self.doubts: list[str] = []
+        """Why the run proves nothing, whatever the story says."""
+        self._observer = Observer(self.story, len(settings.ways))
+        self._back_ns: int | None = None
+        """When the wayside came back, until all are heard again."""
         self.carried: dict[str, dict[str, int]] = {}
         """What became of packets by direction, where trains had networks of their own."""
         self._faults = list(settings.faults)
@@ -121,25 +131,66 @@ class RealLine:
             taps = [crew.tap(number) for number in numbers]
             for number in numbers:
                 crew.start_controller(number)
-            began_ns = None
-            while not interrupts.asked:
-                self._clock.wait_until(self._clock.now_ns() + POLL_NS)
-                now_ns = self._clock.now_ns()
-                heard = port.receive(now_ns)
-                self.record.hears(heard)
-                self.story.hears(heard)
-                for said in itertools.chain.from_iterable([tap.hears(now_ns) for tap in taps]):
-                    self.story.tells(said.train, said.supervision, said.cause, said.at_ns)
-                self.dropped = port.counters.dropped_in
-                self._look_after(crew)
-                if began_ns is None:
-                    began_ns = self._beginning(now_ns)
-                    continue
-                if now_ns - began_ns >= settings.duration_s * NS_PER_S:
-                    self.carried = crew.carried()
-                    return True
+            return self._watch(crew, port, taps, interrupts)
+
+    def _watch(
+        self,
+        crew: LineProcesses,
+        port: RadioPort,
+        taps: Sequence[ProtectionTap],
+        interrupts: Interrupts,
+    ) -> bool:
+        """Whether it came to its end."""
+        began_ns: int | None = None
+        done = False
+        while not (done or interrupts.asked):
+            self._clock.wait_until(self._clock.now_ns() + POLL_NS)
+            now_ns = self._clock.now_ns()
+            self._look(port, taps, now_ns)
+            self._look_after(crew)
+            if began_ns is None:
+                began_ns = self._beginning(now_ns)
+                self._observer.expects_from(now_ns)
+                continue
+            self._observe(now_ns)
+            # Judging itself takes time, too, and what is judged by grows old meanwhile.
+            self._observe(self._clock.now_ns())
+            done = now_ns - began_ns >= self._settings.duration_s * NS_PER_S
+            if not done:
                 self._strike(crew, now_ns, began_ns)
-        return False
+        if done:
+            self._hear_out(port, taps, self._clock.now_ns())
+            self.carried = crew.carried()
+        lost = {f"the tap on the bus of train {n}": tap.dropped for n, tap in enumerate(taps, 1)}
+        self.doubts = self._observer.doubts({"the recorder": self.dropped, **lost})
+        return done
+
+    def _look(self, port: RadioPort, taps: Sequence[ProtectionTap], now_ns: int) -> None:
+        heard = port.receive(now_ns)
+        self.record.hears(heard)
+        self.story.hears(heard)
+        for said in itertools.chain.from_iterable([tap.hears(now_ns) for tap in taps]):
+            self.story.tells(said.train, said.supervision, said.cause, said.at_ns)
+        self.dropped = port.counters.dropped_in
+
+    def _observe(self, now_ns: int) -> None:
+        """Nothing is due while the wayside is away, over which all messages go."""
+        if WAYSIDE in self._absent:
+            self._observer.expects_from(now_ns)
+        elif self._back_ns is not None:
+            late = now_ns - self._back_ns > RECONNECT_S * NS_PER_S
+            if late or self._observer.has_all_until(self._back_ns):
+                self._back_ns = None
+            else:
+                self._observer.expects_from(now_ns)
+        self._observer.looks(now_ns)
+
+    def _hear_out(self, port: RadioPort, taps: Sequence[ProtectionTap], end_ns: int) -> None:
+        """Take what was sent before the end and is on its way yet."""
+        while not self._observer.has_all_until(end_ns) and self._clock.now_ns() < end_ns + LAG_NS:
+            self._clock.wait_until(self._clock.now_ns() + POLL_NS)
+            self._look(port, taps, self._clock.now_ns())
+        self._observer.ends(end_ns)
 
     def _beginning(self, now_ns: int) -> int | None:
         """When all trains are commanded, or have had long enough for it."""
@@ -183,10 +234,16 @@ class RealLine:
             self.story.excused.add(OLD)
             self._away(crew, WAYSIDE, signal.SIGKILL, lambda: self._wayside_anew(crew))
             return
-        train = fault.train if strike is Strike.RESTART_TRAIN else self._master()
-        if train == NOBODY:
-            self._tell(now_ns, f"{strike.value.removesuffix('-at')}: nobody commands")
+        area, train = self._master()
+        if strike is Strike.RESTART_TRAIN:
+            train = fault.train
+        elif train == NOBODY:
+            words = f"{strike.value.removesuffix('-at')}: no train commands, so none is struck"
+            self._tell(now_ns, words)
+            self.story.missed_strikes.append(words)
             return
+        else:
+            self.story.orders_takeover(area, train)
         self.story.strikes(train)
         name = f"controller {train}"
         if strike in CUTS:
@@ -219,6 +276,7 @@ class RealLine:
         self._later.append((due_ns, action))
 
     def _wayside_anew(self, crew: LineProcesses) -> None:
+        self._back_ns = self._clock.now_ns()
         self._tell(self._clock.now_ns(), "the wayside with its arbiters is started again")
         crew.start_wayside()
 
@@ -235,8 +293,8 @@ class RealLine:
         self._tell(self._clock.now_ns(), f"the radio of train {train} works again")
         crew.order("heal", train)
 
-    def _master(self) -> int:
-        """Of the rearmost area that is commanded."""
-        for _, area in sorted(self.story.areas.items()):
-            return area.heartbeat.source
-        return NOBODY
+    def _master(self) -> tuple[int, int]:
+        """The rearmost area that is commanded, and by which train."""
+        for number, area in sorted(self.story.areas.items()):
+            return number, area.heartbeat.source
+        return 0, NOBODY

@@ -66,8 +66,10 @@ def results_json(
     missed: int,
     carried: Mapping[str, Mapping[str, int]],
     second_of: Callable[[int], float],
+    doubts: Sequence[str] = (),
 ) -> str:
     """Args:
+    doubts: why the run proves nothing.
     missed: messages that the recorder did not hear.
     carried: what became of packets, by direction.
     second_of: of the story, of an instant.
@@ -75,7 +77,8 @@ def results_json(
     results = [result_of(number, story.train(number)) for number in range(1, trains + 1)]
     document = {
         "exit_reason": exit_reason,
-        "verdict": "failed" if complaints else "passed",
+        "verdict": "invalid" if doubts else "failed" if complaints else "passed",
+        "doubts": doubts,
         "complaints": complaints,
         "trains": [_train(each, second_of) for each in results],
         "areas": [_area(n, area, second_of) for n, area in sorted(story.areas.items())],

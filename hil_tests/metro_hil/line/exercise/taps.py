@@ -26,6 +26,11 @@ class ProtectionTap:
         self._decoder = Decoder(SEEN)
         self._emergency = False
 
+    @property
+    def dropped(self) -> int:
+        """Frames for which its inbox had no room."""
+        return self._port.counters.dropped_in
+
     def hears(self, now_ns: int) -> Iterator[ProtectionOutput]:
         yield from self._said(self._port.receive(now_ns))
 

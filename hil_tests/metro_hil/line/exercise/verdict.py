@@ -27,9 +27,24 @@ def complaints(story: LineEvents, trains: int, *, behind_rear_m: float) -> list[
             for each in train.emergencies
             if each.cause != REMOTE and not each.excused
         ]
-        if not train.given:
+        if not train.given and not train.drove:
             said.append(f"train {number}: it never had an authority")
     return said
+
+
+def doubts(story: LineEvents, trains: int) -> list[str]:
+    """Why the run proves nothing, by what was heard and by what was not; none when it does."""
+    said = [
+        f"train {number}: it drove, but the observer heard of no authority that it had"
+        for number in range(1, trains + 1)
+        if story.train(number).drove and not story.train(number).given
+    ]
+    said += [
+        f"area {each.area}: train {each.train} was struck in term {each.term}, but no later term "
+        "was heard; let the run go on for longer, or --down-for"
+        for each in story.unseen_takeovers()
+    ]
+    return [*said, *story.missed_strikes]
 
 
 def _when(emergency: EmergencyBrakeEvent) -> str:
