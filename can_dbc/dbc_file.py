@@ -140,7 +140,7 @@ def data_id(message: Message) -> int:
 
 def is_cyclic(message: Message) -> bool:
     """Whether the attribute GenMsgSendType says so."""
-    return message.send_type in ("cyclic", "cyclicIfActive")
+    return message.send_type == "cyclic"
 
 
 def period_ms(message: Message) -> int:

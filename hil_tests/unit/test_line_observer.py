@@ -1,5 +1,6 @@
 """A run of a line is valid only while its observer keeps up, and sees every takeover it ordered."""
 
+import json
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -15,10 +16,15 @@ from firmware_py.trackdb import load_line
 from firmware_py.trackdb.areas import load_areas
 from hil_tests.unit.metro_hil.line.test_line_story import BEAT, GIVEN, Told
 from hil_tests.unit.vobc.train_to_train.test_t2t_envelope import REPORT
+from metro_hil.cli.hil.line import _run
+from metro_hil.engine.errors import EngineError
 from metro_hil.line.exercise.observer import Observer
 from metro_hil.line.exercise.plan import Fault, PlannedRun, Strike
 from metro_hil.line.exercise.real_time import RealLine, Settings
+from metro_hil.line.exercise.taps import ProtectionOutput
 from metro_hil.line.exercise.verdict import complaints, doubts
+from metro_hil.model.run_folder import RunFolder
+from metro_hil.model.subprocesses import ChildError
 from plant_emulator.wayside.detection import Place, key_of, packed
 from zenoh_config import t2t_keys
 from zenoh_config.codec import pack
@@ -32,7 +38,7 @@ START_MS = 5000
 
 
 class HandClock:
-    """Time goes on when somebody waits, or when a test lets something take long."""
+    """Time goes on while the line waits, or when a test lets something take long."""
 
     epoch_offset_ns = 0
 
@@ -82,12 +88,12 @@ class Air:
             return
         taken = self._takeover_ms is not None and at_ms >= self._takeover_ms
         master, member, term = (2, 1, 9) if taken else (1, 2, 7)
-        head = {"stamp_ns": at_ns, "sequence": at_ms + 1, "term": term}
-        held = {"member": True, "held_term": term, "held_end_m": 1100.0, "area": 1}
+        head: dict[str, Any] = {"stamp_ns": at_ns, "sequence": at_ms + 1, "term": term}
+        held: dict[str, Any] = {"member": True, "held_term": term, "held_end_m": 1100.0, "area": 1}
         for message in (
             replace(BEAT, source=master, **head),
             replace(GIVEN, source=master, destination=member, echo_ns=at_ns, **head),
-            replace(REPORT, source=master, **{**head, **held}),
+            replace(REPORT, source=master, **head, **held),
         ):
             if type(message).__name__ not in self.withheld:
                 self._say_message(at_ms, message)
@@ -211,6 +217,31 @@ def test_an_observer_that_judges_too_slowly_makes_the_run_invalid(tmp_path: Path
     assert "the observer lagged" in watched(run, Air(constant(0)))[0]
 
 
+@pytest.mark.parametrize(("delay_ms", "valid"), [(100, True), (700, False)])
+def test_an_emergency_brake_before_the_run_begins_is_judged_by_young_messages_too(
+    tmp_path: Path, delay_ms: int, valid: bool
+) -> None:
+    """At 0.8 s: whether the train was commanded by then is not known to an observer that lags."""
+    told = [(800, Supervision.EMERGENCY, int(Cause.OVERSPEED))]
+
+    def hears(now_ns: int) -> list[ProtectionOutput]:
+        due = [each for each in told if now_ns >= (START_MS + each[0]) * MS]
+        told[:] = told[len(due) :]
+        return [ProtectionOutput(now_ns, 2, supervision, cause) for _, supervision, cause in due]
+
+    def late_at_first(at_ms: int) -> int:
+        return delay_ms if at_ms < 900 else 0
+
+    run, air = line(tmp_path), Air(late_at_first)
+    air.withheld = {"AreaAuthority", "TrainReport"}
+    run._beginning = lambda now_ns: now_ns if now_ns > (START_MS + 2000) * MS else None  # type: ignore[method-assign]
+
+    said = watched(run, air, SimpleNamespace(hears=hears, dropped=0))
+
+    assert len(run.story.train(2).emergencies) == 1
+    assert (said == []) is valid
+
+
 def test_lost_messages_make_the_run_invalid(tmp_path: Path) -> None:
     air, tap = Air(constant(0)), SimpleNamespace(hears=lambda now_ns: (), dropped=2)
     air.counters.dropped_in = 3
@@ -289,3 +320,19 @@ def test_a_message_from_the_future_makes_nothing_young() -> None:
 
     (said,) = observer.doubts({})
     assert said.startswith("the observer lagged: the newest message was 0.50 s old")
+
+
+def test_a_run_that_breaks_off_has_not_passed(tmp_path: Path) -> None:
+    run = line(tmp_path)
+
+    def breaks_off() -> bool:
+        raise ChildError("controller 1 ended with 1")
+
+    run.run = breaks_off  # type: ignore[method-assign]
+
+    with pytest.raises(EngineError, match="controller 1 ended with 1"):
+        _run(run, run._settings, RunFolder(tmp_path))
+
+    results = json.loads((tmp_path / "results.json").read_text())
+    assert results["verdict"] == "invalid"
+    assert results["doubts"] == ["it did not come to its end: controller 1 ended with 1"]

@@ -68,8 +68,8 @@ class MessageSpec:
     signals: tuple[SignalSpec, ...]
     attributes: Mapping[str, Any] = field(default_factory=dict)
     """Those of the DBC file that tell how the message is protected, by name."""
-    if_active: bool = False
-    """The sender may stay silent: GenMsgSendType is ifActive or cyclicIfActive."""
+    optional: bool = False
+    """The bus may never carry it, though it is cyclic: see `_may_stay_away`."""
 
     @property
     def identifier(self) -> int:
@@ -203,8 +203,15 @@ def _message(message: Any, defaults: Mapping[str, Any]) -> MessageSpec:
         comment=str(message.comment or ""),
         signals=tuple(_signal(each) for each in message.signals),
         attributes={**defaults, **protection},
-        if_active="ifactive" in str(message.send_type or "").lower(),
+        optional=_may_stay_away(message, attributes),
     )
+
+
+def _may_stay_away(message: Any, attributes: Mapping[str, Any]) -> bool:
+    """By GenMsgSendType, ifActive or cyclicIfActive, or by this project's attribute Optional."""
+    optional = attributes.get("Optional")
+    if_active = "ifactive" in str(message.send_type or "").lower()
+    return if_active or (optional is not None and optional.value in (1, "yes"))
 
 
 def _signal(signal: Any) -> SignalSpec:

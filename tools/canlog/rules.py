@@ -67,7 +67,8 @@ class Judged:
     messages: Sequence[Row]
     buses: Sequence[Row]
     damaged: int = 0
-    absent: int = 0
+    absent: int | None = 0
+    """None where no DBC file names a message that has to come."""
     never: Sequence[Row] = ()
     """Of cyclic messages that never came; see `absent_rows`."""
 

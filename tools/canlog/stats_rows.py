@@ -121,18 +121,24 @@ def unjudged(found: Statistics) -> list[Row]:
 def absent(found: Statistics) -> list[str]:
     """Messages that the DBC file gives a cycle time and that no channel has a frame of.
 
-    A message that is only sent while something is active may stay away.
+    One that is optional may stay away.
     """
     return [spec.name for spec in _absent(found)]
 
 
+def absent_count(found: Statistics) -> int | None:
+    """None where the DBC file names no message that has to come: then nothing can be absent."""
+    return len(_absent(found)) if _due(found) else None
+
+
+def _due(found: Statistics) -> list[MessageSpec]:
+    """Messages that have to come."""
+    return [spec for spec in found.bus.by_key.values() if spec.period_ms and not spec.optional]
+
+
 def _absent(found: Statistics) -> list[MessageSpec]:
     seen = {key for _, key in found.messages}
-    return [
-        spec
-        for key, spec in found.bus.by_key.items()
-        if spec.period_ms and not spec.if_active and key not in seen
-    ]
+    return [spec for spec in _due(found) if spec.key not in seen]
 
 
 def absent_rows(found: Statistics) -> list[Row]:

@@ -1,4 +1,10 @@
-"""Two campaigns side by side: what got worse, what better, by how much, and whether by chance."""
+"""Two campaigns side by side: what got worse, what better, by how much, and whether by chance.
+
+Differences that are smaller than what matters in their unit count as equal. What is left is tested
+by Wilcoxon's signed-rank test, with Holm's correction within each of three families: margins,
+measures of which less is better, and all others. Which series a family has does not depend on the
+signs of their differences, so the choice does not favour either campaign.
+"""
 
 import enum
 from collections.abc import Callable, Mapping, Sequence
@@ -18,13 +24,20 @@ from metro_hil.report.campaign.ledger import (
     known_margin,
 )
 from metro_hil.report.campaign.units import unit_of
+from metro_hil.report.detectable import (
+    LEVEL_RATIO,
+    least_p_ratio,
+    shift_sd_of,
+)
 from metro_hil.report.estimates import (
     ConfidenceInterval,
     mean_with_interval,
     median_with_interval,
 )
+from metro_hil.report.relevance import InUnit, relevance_of, that_matter
 
-SIGNIFICANT_RATIO: Final = 0.05
+ZERO: Final = InUnit(0.0)
+SIGNIFICANT_RATIO: Final = LEVEL_RATIO
 """Of p after Holm's correction."""
 EXACT_MAX: Final = 50
 PAIRS_MIN: Final = 6
@@ -85,6 +98,15 @@ class PairedShift:
     """Matched-pairs rank-biserial correlation: -1 all fell, +1 all rose."""
     direction: MeasureTrend
     notes: tuple[str, ...]
+    sd: InUnit = ZERO
+    """Standard deviation of the differences."""
+    relevant: InUnit = ZERO
+    """Smallest difference that matters, in the unit; pairs that differ by less are unchanged."""
+    finds: InUnit | None = None
+    """Mean difference that such a comparison finds in four of five cases, by the scatter of these
+    differences; None where it can find nothing."""
+    least_p_ratio: float | None = None
+    """After correction, if all pairs differed and went the same way."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,13 +137,16 @@ Campaign = tuple[Sequence[Case], Sequence[CaseResult]]
 Pair = tuple[LedgerEntry, LedgerEntry]
 
 
-def compare(a: Campaign, b: Campaign) -> CampaignComparison:
-    """Pure; the order of cases and results does not matter."""
-    entries_a = join(*a, expected_cases=len(a[0])).entries
-    entries_b = join(*b, expected_cases=len(b[0])).entries
-    by_id, rest_a, rest_b = _match(entries_a, entries_b, lambda e: (e.case.id, _key(e)))
-    by_factors, rest_a, rest_b = _match(rest_a, rest_b, _key)
-    pairs = sorted([*by_id, *by_factors], key=lambda pair: pair[0].case.index)
+def compare(
+    a: Campaign, b: Campaign, relevance: Mapping[str, float] | None = None
+) -> CampaignComparison:
+    """Pure; the order of cases and results does not matter.
+
+    Args:
+        relevance: smallest difference that matters, by unit, where it is not the usual one.
+    """
+    by_id, by_factors, rest_a, rest_b = _matched(a, b)
+    pairs = _in_order(by_id, by_factors)
     moved = [(x, y) for x, y in pairs if x.word != y.word]
     return CampaignComparison(
         matched=len(pairs),
@@ -133,8 +158,29 @@ def compare(a: Campaign, b: Campaign) -> CampaignComparison:
         worse=tuple(_change(x, y) for x, y in pairs if x.as_expected and not y.as_expected),
         better=tuple(_change(x, y) for x, y in pairs if y.as_expected and not x.as_expected),
         changed=tuple(_change(x, y) for x, y in moved if x.as_expected is y.as_expected),
-        shifts=tuple(shifts_of(pairs)),
+        shifts=tuple(shifts_of(pairs, relevance)),
     )
+
+
+def paired(a: Campaign, b: Campaign) -> list[Pair]:
+    """The same cases of both, in the order of the first."""
+    by_id, by_factors, _, _ = _matched(a, b)
+    return _in_order(by_id, by_factors)
+
+
+def _in_order(by_id: Sequence[Pair], by_factors: Sequence[Pair]) -> list[Pair]:
+    return sorted([*by_id, *by_factors], key=lambda pair: pair[0].case.index)
+
+
+def _matched(
+    a: Campaign, b: Campaign
+) -> tuple[list[Pair], list[Pair], list[LedgerEntry], list[LedgerEntry]]:
+    """Pairs by id, pairs by factors and seed, and what is left of both."""
+    entries_a = join(*a, expected_cases=len(a[0])).entries
+    entries_b = join(*b, expected_cases=len(b[0])).entries
+    by_id, rest_a, rest_b = _match(entries_a, entries_b, lambda e: (e.case.id, _key(e)))
+    by_factors, rest_a, rest_b = _match(rest_a, rest_b, _key)
+    return by_id, by_factors, rest_a, rest_b
 
 
 def _key(entry: LedgerEntry) -> tuple[str, bytes, int]:
@@ -177,13 +223,33 @@ def _change(x: LedgerEntry, y: LedgerEntry) -> VerdictChange:
     return VerdictChange(y.case.id, factors_text(y.case), x.word, y.word, y.reason)
 
 
-def shifts_of(pairs: Sequence[Pair]) -> list[PairedShift]:
-    """Margins, then measures, each with Holm's correction over all of them."""
-    series = [*_margins(pairs).items(), *_measures(pairs).items()]
-    raw = [_raw(key, np.array(differences)) for key, differences in series]
-    corrected = iter(holm([one.p_ratio for one in raw if one.p_ratio is not None]))
+def shifts_of(
+    pairs: Sequence[Pair],
+    chosen: Mapping[str, float] | None = None,
+    *,
+    only_moved: bool = False,
+) -> list[PairedShift]:
+    """Margins, then measures, with Holm's correction within each family.
+
+    Args:
+        chosen: as for `compare`.
+        only_moved: leave out those of which all pairs are equal.
+    """
+    series = [
+        (key, np.array(differences), relevance_of(key[2], chosen or {}))
+        for key, differences in [*_margins(pairs).items(), *_measures(pairs).items()]
+    ]
+    raw = [_raw(*each) for each in series if not only_moved or len(that_matter(*each[1:]))]
+    corrected: dict[str, list[float]] = {}
+    for name in FAMILIES:
+        mine = [one.p_ratio for one in raw if one.p_ratio is not None and family(one) == name]
+        corrected[name] = holm(mine)[::-1]
+    tests = {name: len(ps) for name, ps in corrected.items()}
     return [
-        one if one.p_ratio is None else _judged(one, next(corrected), _taste(one)) for one in raw
+        one
+        if one.p_ratio is None
+        else _judged(one, corrected[family(one)].pop(), taste_of(one), tests[family(one)])
+        for one in raw
     ]
 
 
@@ -213,10 +279,10 @@ def _measures(pairs: Sequence[Pair]) -> dict[tuple[str, str, str], list[float]]:
     return found
 
 
-def _raw(key: tuple[str, str, str], differences: Numbers) -> PairedShift:
+def _raw(key: tuple[str, str, str], differences: Numbers, relevant: float) -> PairedShift:
     """Before correction."""
     name, kind, unit = key
-    nonzero = differences[differences != 0.0]
+    nonzero = that_matter(differences, relevant)
     mean = mean_with_interval(differences.tolist())
     median = median_with_interval(differences.tolist())
     assert mean is not None
@@ -234,6 +300,8 @@ def _raw(key: tuple[str, str, str], differences: Numbers) -> PairedShift:
         effect_ratio=rank_biserial_ratio(nonzero),
         direction=MeasureTrend.UNCLEAR,
         notes=tuple(_notes(differences, nonzero)),
+        sd=InUnit(float(np.std(differences, ddof=1))) if len(differences) > 1 else ZERO,
+        relevant=InUnit(relevant),
     )
 
 
@@ -304,14 +372,26 @@ def holm(p_ratios: Sequence[float]) -> list[float]:
     return corrected
 
 
-def _taste(shift: PairedShift) -> Taste:
+MARGINS: Final = "margins"
+JUDGED: Final = "measures of which less is better"
+OTHERS: Final = "other measures"
+FAMILIES: Final = (MARGINS, JUDGED, OTHERS)
+
+
+def family(shift: PairedShift) -> str:
+    if shift.kind == "margin":
+        return MARGINS
+    return OTHERS if taste_of(shift) is Taste.NEITHER else JUDGED
+
+
+def taste_of(shift: PairedShift) -> Taste:
     if shift.kind == "margin":
         return Taste.MORE
     worse_when_more = ERROR in shift.name or any(part in shift.name for part in MORE_IS_WORSE)
     return Taste.LESS if worse_when_more else Taste.NEITHER
 
 
-def _judged(shift: PairedShift, p_holm_ratio: float, taste: Taste) -> PairedShift:
+def _judged(shift: PairedShift, p_holm_ratio: float, taste: Taste, tests: int) -> PairedShift:
     effect_ratio = shift.effect_ratio or 0.0
     if p_holm_ratio >= SIGNIFICANT_RATIO or effect_ratio == 0.0:
         direction = MeasureTrend.UNCLEAR
@@ -320,4 +400,12 @@ def _judged(shift: PairedShift, p_holm_ratio: float, taste: Taste) -> PairedShif
     else:
         rose = effect_ratio > 0.0
         direction = MeasureTrend.BETTER if rose is (taste is Taste.MORE) else MeasureTrend.WORSE
-    return replace(shift, p_holm_ratio=p_holm_ratio, direction=direction)
+    least = min(1.0, least_p_ratio(shift.pairs) * tests)
+    shift_sd = shift_sd_of(shift.pairs, tests) if least < SIGNIFICANT_RATIO else None
+    return replace(
+        shift,
+        p_holm_ratio=p_holm_ratio,
+        direction=direction,
+        least_p_ratio=least,
+        finds=None if shift_sd is None else InUnit(shift_sd * shift.sd),
+    )

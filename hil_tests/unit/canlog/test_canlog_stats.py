@@ -21,7 +21,13 @@ from canlog.latency import Cyclic, longest_bits, response_ns
 from canlog.rows import from_rows
 from canlog.rules import Judged, broken, parse_rule, untold
 from canlog.stats import gather
-from canlog.stats_rows import absent_rows, bus_rows, message_rows, signal_rows
+from canlog.stats_rows import (
+    absent_count,
+    absent_rows,
+    bus_rows,
+    message_rows,
+    signal_rows,
+)
 from firmware_py.buses.timing import frame_bits as bits_of_one
 
 MS = 1_000_000
@@ -252,6 +258,23 @@ def test_a_cyclic_message_that_never_came_is_missing_and_an_optional_one_is_not(
     judged = Judged(message_rows(found), bus_rows(found), 0, 1, [row])
     told = [str(each) for each in broken([parse_rule("missing > 0")], judged)]
     assert told == ["missing > 0: N on log: missing 50"]
+
+
+def test_of_this_project_only_the_command_of_the_current_loops_may_stay_away() -> None:
+    specs = load_bus().messages.values()
+
+    assert [spec.name for spec in specs if spec.optional] == ["ANALOGUE_CMD"]
+
+
+def test_of_a_dbc_file_without_cycle_times_nothing_can_be_absent_and_that_is_no_pass() -> None:
+    bus = parse_bus(DBC.replace('BA_ "GenMsgCycleTime" BO_ 291 10;', ""))
+    found = gather([cyclic([10, 10])], bus)
+    rule = parse_rule("absent > 0")
+
+    judged = Judged(message_rows(found), bus_rows(found), 0, absent_count(found))
+
+    assert untold([rule], judged) == {rule.text: "cannot be judged of any of 1 logs"}
+    assert absent_count(gather([cyclic([10])], parse_bus(DBC))) == 0
 
 
 def test_a_division_by_zero_is_no_judgement() -> None:

@@ -21,6 +21,7 @@ from canlog.stats import Statistics, gather
 from canlog.stats_rows import (
     Row,
     absent,
+    absent_count,
     absent_rows,
     bus_rows,
     message_rows,
@@ -68,8 +69,8 @@ def run(given: argparse.Namespace) -> int:
     rates = {"baudrate": given.baudrate, "data_baudrate": given.data_baudrate}
     found = gather(source, load_bus(given.dbc), **rates)
     damaged = sum(each.count for each in source.warnings)
-    never = absent_rows(found)
-    judged = Judged(message_rows(found), bus_rows(found), damaged, len(never), never)
+    rows = message_rows(found), bus_rows(found)
+    judged = Judged(*rows, damaged, absent_count(found), absent_rows(found))
     held = HeldRules(rules, broken(rules, judged), untold(rules, judged))
     _print(given, found, judged, source.warnings, held)
     return EXIT_BROKEN if held.breaches or held.untold else EXIT_OK

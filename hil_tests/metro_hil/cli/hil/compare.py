@@ -1,6 +1,7 @@
 """`hil compare`: what got worse from one campaign to another, and whether by chance."""
 
 import argparse
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -11,6 +12,8 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from metro_hil.report.comparison import Campaign, CampaignComparison, PairedShift, VerdictChange
+    from metro_hil.report.detectable import Detectable
+    from metro_hil.report.judged_comparison import Drop, JudgedComparison, ScenarioComparison
 
 CHANGES_SHOWN: Final = 20
 
@@ -19,9 +22,10 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     parser = verbs.add_parser(
         "compare",
         help="compare two campaigns: what got worse, by how much",
-        description="Compare two campaigns case by case: verdicts that changed, and for each "
-        "margin and measure the paired difference with a signed-rank test, corrected for their "
-        "number. Exit code 1 when a verdict got worse.",
+        description="Compare two campaigns case by case, in all and scenario by scenario: what "
+        "such a comparison can find, verdicts that changed, the largest single drop of a margin, "
+        "and for each margin and measure the paired difference with a signed-rank test, corrected "
+        "for their number. Exit code 1 when a verdict got worse.",
     )
     parser.add_argument(
         "before", metavar="A", help="of a campaign, of its folder or its beginning, or a path"
@@ -31,7 +35,16 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     parser.add_argument(
         "--fail-on-worse",
         action="store_true",
-        help="exit code 1 also when a margin or measure got significantly worse",
+        help="exit code 1 also when a margin or measure got significantly worse, in all or in one "
+        "scenario, and when the comparison cannot tell",
+    )
+    parser.add_argument(
+        "--relevant",
+        action="append",
+        default=[],
+        metavar="UNIT=NUMBER",
+        help="smallest difference that matters, such as m=0.01; may be repeated; "
+        "docs/comparing.md has the others",
     )
     parser.set_defaults(run=run)
 
@@ -41,24 +54,36 @@ def run(options: argparse.Namespace) -> int:
     from metro_hil.engine.folder import find_folder
 
     before, after = find_folder(options.before).path, find_folder(options.after).path
-    comparison = compare_campaigns(before, after)
-    if not comparison.matched:
+    from metro_hil.report.relevance import parse_relevance
+
+    try:
+        relevance = parse_relevance(options.relevant)
+    except ValueError as error:
+        raise UsageError(f"--relevant {error}") from error
+    judged = compare_campaigns(before, after, relevance)
+    if not judged.pool.matched:
         raise UsageError(f"{before} and {after}: no case is in both, so nothing can be compared")
     if options.json:
-        print(comparison_json(comparison, before, after))
+        print(comparison_json(judged, before, after))
     else:
         from rich.console import Console
 
-        print_comparison(Console(), comparison, before, after)
-    failed = comparison.worse or (options.fail_on_worse and comparison.significantly_worse)
+        print_comparison(Console(), judged, before, after)
+    asked = options.fail_on_worse
+    shifted = judged.significantly_worse or judged.worse_scenarios
+    if asked and judged.unproven and not options.json:
+        print("--fail-on-worse: the comparison cannot tell, which is not a pass")
+    failed = judged.pool.worse or (asked and (shifted or judged.unproven))
     return EXIT_FAILED if failed else EXIT_OK
 
 
-def compare_campaigns(a: Path, b: Path) -> "CampaignComparison":
+def compare_campaigns(
+    a: Path, b: Path, relevance: Mapping[str, float] | None = None
+) -> "JudgedComparison":
     """Of two campaign folders. Raises EngineError when one cannot be read."""
-    from metro_hil.report.comparison import compare
+    from metro_hil.report.judged_comparison import judge_comparison
 
-    return compare(_read(a), _read(b))
+    return judge_comparison(_read(a), _read(b), relevance)
 
 
 def _read(path: Path) -> "Campaign":
@@ -71,27 +96,35 @@ def _read(path: Path) -> "Campaign":
     return folder.cases(), content.results
 
 
-def comparison_json(comparison: "CampaignComparison", a: Path, b: Path) -> str:
+def comparison_json(judged: "JudgedComparison", a: Path, b: Path) -> str:
     import dataclasses
 
     import msgspec
 
+    parts = [
+        (f.name, getattr(part, f.name))
+        for part in (judged.pool, judged)
+        for f in dataclasses.fields(part)
+        if f.name != "pool"
+    ]
     document = {
         "a": str(a),
         "b": str(b),
-        **{f.name: getattr(comparison, f.name) for f in dataclasses.fields(comparison)},
-        "significantly_worse": [shift.name for shift in comparison.significantly_worse],
+        **dict(parts),
+        "significantly_worse": [shift.name for shift in judged.significantly_worse],
+        "worse_scenarios": [each.name for each in judged.worse_scenarios],
+        "unproven": judged.unproven,
     }
     return msgspec.json.encode(document).decode()
 
 
-def print_comparison(
-    console: "Console", comparison: "CampaignComparison", a: Path, b: Path
-) -> None:
-    """The verdicts first, then what moved, then what cannot be compared."""
+def print_comparison(console: "Console", judged: "JudgedComparison", a: Path, b: Path) -> None:
+    """What can be found, then the verdicts, then what moved, then what cannot be compared."""
     from rich.text import Text
 
+    comparison = judged.pool
     said = [f"A {a}", f"B {b}", _matched(comparison)]
+    said += [f"can find: {words}" for words in _detectable_lines(judged.detectable)]
     if comparison.redefined:
         said.append(
             f"{comparison.redefined} of these are defined differently in A and B, beyond the "
@@ -107,12 +140,85 @@ def print_comparison(
         _print_changes(console, title, changes, style)
     if not comparison.worse:
         console.print(Text("No verdict got worse.", "green"))
+    if len(judged.scenarios) > 1:
+        _print_scenarios(console, judged.scenarios)
     _print_shifts(console, comparison)
+    if judged.largest_drop is not None:
+        drop = f"Largest single drop of a margin: {drop_words(judged.largest_drop)}"
+        console.print(Text(drop, "bold"), soft_wrap=True)
+    for words in judged.unproven:
+        console.print(Text(f"Not shown to be no worse: {words}", "yellow"), soft_wrap=True)
     for name, ids in (("A", comparison.only_a), ("B", comparison.only_b)):
         if ids:
             shown = ", ".join(ids[:CHANGES_SHOWN])
             more = f" and {len(ids) - CHANGES_SHOWN} more" if len(ids) > CHANGES_SHOWN else ""
             console.print(Text(f"Only in {name}: {len(ids)} cases: {shown}{more}"), soft_wrap=True)
+
+
+def _detectable_lines(found: "Sequence[tuple[str, Detectable]]") -> list[str]:
+    return [f"{name}: {detectable_words(each)}" for name, each in found]
+
+
+def detectable_words(found: "Detectable") -> str:
+    """For people, before they are shown a difference."""
+    size = f"{found.pairs} pairs, {found.tests} tests"
+    if found.hopeless:
+        return f"nothing, with {size}; it takes {found.pairs_needed} pairs, so run more seeds"
+    shift = ""
+    if found.shift_sd_ratio is not None:
+        shift = (
+            f", and a mean difference of {found.shift_sd_ratio:.2g} standard deviations in four of "
+            "five comparisons"
+        )
+    return f"with {size}: {found.pairs_needed} pairs that all go the same way{shift}"
+
+
+def drop_words(drop: "Drop") -> str:
+    from metro_hil.report.campaign.units import number_text, with_unit
+
+    before, after = number_text(drop.before.margin), with_unit(drop.after.margin, drop.after.unit)
+    return (
+        f"{drop.after.name} in {drop.case_id}: {before} to {after}, "
+        f"{drop.relevance_ratio:.3g} times what matters"
+    )
+
+
+def _print_scenarios(console: "Console", scenarios: "Sequence[ScenarioComparison]") -> None:
+    """Those that got worse first."""
+    from rich.table import Table
+    from rich.text import Text
+
+    def rank(each: "ScenarioComparison") -> tuple[bool, bool, float]:
+        drop = each.largest_drop
+        return (
+            not each.worse,
+            not each.significantly_worse,
+            -(drop.relevance_ratio if drop else 0.0),
+        )
+
+    title = Text("Each scenario by itself", "bold")
+    table = Table(title=title, title_justify="left")
+    for name in ("scenario", "pairs", "verdicts", "worse margins and measures", "largest drop"):
+        table.add_column(name)
+    moved = sorted([each for each in scenarios if each.shifts or each.worse or each.better],
+                   key=rank)  # fmt: skip
+    for each in moved[:CHANGES_SHOWN]:
+        dim = [name for name, found in each.detectable if found.hopeless]
+        worse = ", ".join([shift.name for shift in each.significantly_worse])
+        cells = (
+            each.name,
+            str(each.matched),
+            f"{each.worse} worse, {each.better} better" if each.worse or each.better else "as in A",
+            worse or (f"too few pairs for {' and '.join(dim)}" if dim else "none shown"),
+            drop_words(each.largest_drop) if each.largest_drop else "none",
+        )
+        bad = "red" if each.worse or each.significantly_worse else ""
+        table.add_row(*[Text(cell, bad) for cell in cells])
+    console.print(table)
+    if len(moved) > CHANGES_SHOWN:
+        console.print(f"  and {len(moved) - CHANGES_SHOWN} more: --json lists them all")
+    if still := len(scenarios) - len(moved):
+        console.print(Text(f"{still} scenarios are equal in all pairs."))
 
 
 def _matched(comparison: "CampaignComparison") -> str:
@@ -152,19 +258,23 @@ def _print_shifts(console: "Console", comparison: "CampaignComparison") -> None:
     if moved:
         title = Text("B less A, pair by pair, with 95 % intervals (bootstrap)", "bold")
         table = Table(title=title, title_justify="left")
-        for name in ("of", "pairs", "mean", "median", "p (Holm)", "effect", ""):
+        for name in ("of", "pairs", "mean", "median", "finds", "p (Holm)", "effect", ""):
             table.add_column(name, justify="left" if name in ("of", "") else "right")
         for shift in moved:
             table.add_row(*_cells(shift))
         console.print(table)
     if still:
-        console.print(Text(f"{still} margins and measures are equal in all pairs."))
+        console.print(
+            Text(f"{still} margins and measures are equal in all pairs, or by less than matters.")
+        )
     if comparison.shifts:
         tests = sum(shift.p_ratio is not None for shift in comparison.shifts)
         console.print(
             Text(
-                f"Wilcoxon signed-rank tests, two-sided, Holm's correction over {tests} of them; "
-                "effect: rank-biserial, -1 all fell, +1 all rose. Errors count by magnitude."
+                f"{tests} Wilcoxon signed-rank tests, two-sided, Holm's correction within margins, "
+                "within measures of which less is better, and within the others; finds: the mean "
+                "difference found in four of five comparisons; effect: rank-biserial, -1 all fell, "
+                "+1 all rose. Errors count by magnitude; docs/comparing.md has the method."
             ),
             soft_wrap=True,
         )
@@ -173,7 +283,7 @@ def _print_shifts(console: "Console", comparison: "CampaignComparison") -> None:
 def _cells(shift: "PairedShift") -> list[Any]:
     from rich.text import Text
 
-    from metro_hil.report.campaign.units import number_text
+    from metro_hil.report.campaign.units import number_text, with_unit
 
     def interval(one: Any) -> str:
         bounds = f"[{number_text(one.low)}, {number_text(one.high)}]"
@@ -185,11 +295,13 @@ def _cells(shift: "PairedShift") -> list[Any]:
     kind = "margin of " if shift.kind == "margin" else ""
     p = "–" if shift.p_holm_ratio is None else f"{shift.p_holm_ratio:.3g}"
     said = "\n".join([shift.direction.value, *shift.notes])
+    finds = "nothing" if shift.finds is None else with_unit(shift.finds, shift.unit)
     return [
         Text(f"{kind}{shift.name}"),
         f"{shift.pairs}\n{shift.unchanged} equal" if shift.unchanged else str(shift.pairs),
         interval(shift.mean),
         interval(shift.median),
+        finds,
         p,
         f"{shift.effect_ratio:+.2f}",
         Text(said, style),

@@ -130,7 +130,7 @@ class LineEvents:
         """Sent at: of the newest message, by the clock of its sender."""
         self.ordered: list[Takeover] = []
         self.missed_strikes: list[str] = []
-        """What was planned and found nobody to strike."""
+        """Faults that were due while no train commanded."""
         self._line, self._map, self._say, self._key = line, areas, say, key
         self._rails = subscription(areas.name).removesuffix("*")
 

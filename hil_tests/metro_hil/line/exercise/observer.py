@@ -36,9 +36,13 @@ class Observer:
 
     def looks(self, now_ns: int) -> None:
         """Something is judged now: by the newest message of all, and the newest place of each."""
-        self._judge(now_ns, self._story.newest_ns, "the newest message")
+        self.looks_at_newest(now_ns)
         for number, stamp_ns in self._places():
             self._judge(now_ns, stamp_ns, f"the newest place of train {number}")
+
+    def looks_at_newest(self, now_ns: int) -> None:
+        """Something is judged by the newest message alone, as not all trains are there yet."""
+        self._judge(now_ns, self._story.newest_ns, "the newest message")
 
     def ends(self, end_ns: int) -> None:
         """The run ended at `end_ns`, and what came for a while after that was taken, too."""

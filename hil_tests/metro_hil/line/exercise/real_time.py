@@ -89,6 +89,8 @@ class RealLine:
         self.doubts: list[str] = []
         """Why the run proves nothing, whatever the story says."""
         self._observer = Observer(self.story, len(settings.ways))
+        self._emergencies = 0
+        """That were told of before the run begins."""
         self._back_ns: int | None = None
         """When the wayside came back, until all are heard again."""
         self.carried: dict[str, dict[str, int]] = {}
@@ -149,8 +151,10 @@ class RealLine:
             self._look(port, taps, now_ns)
             self._look_after(crew)
             if began_ns is None:
+                self._observe_start(now_ns)
                 began_ns = self._beginning(now_ns)
-                self._observer.expects_from(now_ns)
+                if began_ns is not None:
+                    self._observer.expects_from(now_ns)
                 continue
             self._observe(now_ns)
             # Judging itself takes time, too, and what is judged by grows old meanwhile.
@@ -172,6 +176,13 @@ class RealLine:
         for said in itertools.chain.from_iterable([tap.hears(now_ns) for tap in taps]):
             self.story.tells(said.train, said.supervision, said.cause, said.at_ns)
         self.dropped = port.counters.dropped_in
+
+    def _observe_start(self, now_ns: int) -> None:
+        """While programs are starting only an emergency brake is judged."""
+        emergencies = sum(len(train.emergencies) for train in self.story.trains.values())
+        if emergencies > self._emergencies and self.story.newest_ns:
+            self._observer.looks_at_newest(now_ns)
+        self._emergencies = emergencies
 
     def _observe(self, now_ns: int) -> None:
         """Nothing is due while the wayside is away, over which all messages go."""
