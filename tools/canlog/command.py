@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from typing import Any, Final
 
 from canlog.damage import LogError
+from canlog.run_names import choose_run
 from firmware_py.arguments import of_file, words_of
 from firmware_py.assertions import require_assertions
 
@@ -37,6 +38,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     words = words_of("canlog", argv)
     try:
         options = _parser(words).parse_args(words)
+        _choose_runs(options)
         code: int = _module(options.verb).run(options)
     except LogError as error:
         print(f"canlog: {error}", file=sys.stderr)
@@ -63,6 +65,15 @@ def _parser(words: Sequence[str]) -> argparse.ArgumentParser:
             module = _module(verb)
             module.options(verbs.add_parser(verb, help=module.SUMMARY, description=module.SUMMARY))
     return parser
+
+
+def _choose_runs(options: argparse.Namespace) -> None:
+    """Replace names of runs by their folders, and a log that was not named by the last run."""
+    if getattr(options, "follow", None) is not None:
+        return
+    for name in ("log", "a", "b"):
+        if hasattr(options, name):
+            setattr(options, name, choose_run(getattr(options, name), "canlog"))
 
 
 def _module(verb: str) -> Any:

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 
 from rich.console import Console
 
+from canlog.run_names import mark_latest
 from firmware_py.arguments import of_file, words_of
 from firmware_py.assertions import require_assertions
 from firmware_py.buses import BusError
@@ -116,6 +117,7 @@ def _run(options: RunOptions, console: Console) -> int:
     folder = make_run_folder(options.out, clock.epoch_ns(), words)
     tables = {"options": options, "line": journey.line, "train": scenario.train, "vobc": config}
     write_config(folder, tables, clock.epoch_ns())
+    mark_latest(folder.path)
     if options.lockstep:
         ending = run_lockstep(options, journey, folder)
     else:

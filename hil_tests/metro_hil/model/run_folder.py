@@ -90,6 +90,10 @@ def discard_unused(folder: RunFolder) -> None:
         for path in made:
             path.unlink()
         folder.path.rmdir()
+        # Loaded here, because it brings the whole reader of logs along.
+        from canlog.run_names import forget_removed
+
+        forget_removed()
 
 
 def utc_text(epoch_ns: int) -> str:

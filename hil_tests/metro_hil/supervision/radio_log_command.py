@@ -7,6 +7,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Final
 
+from canlog.damage import LogError
+from canlog.run_names import choose_run
 from firmware_py.clock.clock import WallClock
 from firmware_py.interrupts import Interrupts
 from firmware_py.radio.credentials import load_credentials
@@ -45,7 +47,7 @@ def main(words: Sequence[str]) -> int:
     options = _parser().parse_args(words)
     try:
         return _run(options)
-    except (SettingsError, RadioError) as error:
+    except (LogError, SettingsError, RadioError) as error:
         print(f"vobc: {error}", file=sys.stderr)
         return EXIT_USAGE
     except BrokenPipeError:
@@ -63,7 +65,7 @@ def _run(options: argparse.Namespace) -> int:
         key = safety_key(secure.key_hex)
     sieve = RadioLogSelection(_choice(options))
     if not options.live:
-        path = find_log(options.log)
+        path = find_log(choose_run(options.log, "vobc"))
         title = path.parent.name or path.name
         code = _report(options, sieve.pass_on(read_log(path, key)), title)
         _wonder(sieve, str(path), options)
@@ -97,7 +99,6 @@ def _refuse(options: argparse.Namespace) -> None:
     """Raises SettingsError for what does not fit together."""
     since_s, until_s, live = options.since, options.until, options.live
     for refused, words in (
-        (options.log is None and not live, "a FOLDER or FILE is needed, or --live"),
         (options.log is not None and live, f"{options.log} and --live exclude each other"),
         (options.duration_s is not None and not live, "--for goes with --live only"),
         (not since_s < until_s, f"--since {since_s:g} is not before --until {until_s:g}"),
@@ -173,7 +174,13 @@ def _parser() -> argparse.ArgumentParser:
         epilog=EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    top.add_argument("log", nargs="?", type=Path, metavar="FOLDER|FILE", help="of a run")
+    top.add_argument(
+        "log",
+        nargs="?",
+        type=Path,
+        metavar="RUN|FILE",
+        help="folder of a run or part of its name, or a log; default: the last run",
+    )
     top.add_argument(
         "--live", action="store_true", help="listen to the line instead, until Ctrl-C or --for"
     )

@@ -306,7 +306,8 @@ def test_a_live_bus_is_shown_until_somebody_interrupts(
 
 def test_mistakes_are_told_in_a_line(log: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert "absent.log: cannot be read: No such file" in error(capsys, "stats", "absent.log")
-    assert "name a log, or a bus with --follow" in error(capsys, "show")
+    live = ("show", str(log), "--follow", "socketcan:vcan0")
+    assert "and --follow socketcan:vcan0 exclude each other" in error(capsys, *live)
     assert "--node TCX: the DBC file has" in error(capsys, "show", log, "--node", "TCX")
     assert "no message of can_dbc is called so" in error(capsys, "show", log, "--message", "X")
     assert "unknown signal force; nearest" in error(capsys, "show", log, "--where", "force > 1")

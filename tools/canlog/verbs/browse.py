@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from canlog.damage import LogError
-from canlog.verbs.common import add_reading, seconds
+from canlog.verbs.common import LOG_HELP, add_reading, seconds
 from firmware_py.clock.clock import WallClock
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ BEGIN_S: Final = 2
 
 
 def options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("log", nargs="?", type=Path, metavar="LOG", help="a log, or a run folder")
+    parser.add_argument("log", nargs="?", type=Path, metavar="LOG", help=LOG_HELP)
     parser.add_argument("--follow", metavar="BUS", help="a live bus, such as socketcan:can0")
     add_reading(parser)
     parser.add_argument("--at", type=seconds, metavar="S", help="begin at this second")
@@ -31,8 +31,8 @@ def options(parser: argparse.ArgumentParser) -> None:
 
 def run(given: argparse.Namespace) -> int:
     """Until the user ends it; then says the bookmarks. Raises LogError."""
-    if (given.log is None) == (given.follow is None):
-        raise LogError("name a log, or a bus with --follow")
+    if given.log is not None and given.follow is not None:
+        raise LogError(f"{given.log} and --follow {given.follow} exclude each other")
     if not (sys.stdin.isatty() and sys.stdout.isatty()):
         raise LogError("browse: needs a terminal; `canlog show` writes into files and pipes")
     clock = WallClock()

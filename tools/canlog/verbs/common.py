@@ -46,9 +46,20 @@ def offset_s(text: str) -> int:
     return value
 
 
-def add_log(parser: argparse.ArgumentParser) -> None:
-    """The log to read, how to read it, and the DBC files."""
-    parser.add_argument("log", type=Path, metavar="LOG", help="a log, or the folder of a run")
+LOG_HELP: Final = "a log, the folder of a run or part of its name; default: the last run"
+
+
+def add_log(parser: argparse.ArgumentParser, *, required: bool = False) -> None:
+    """The log to read, how to read it, and the DBC files.
+
+    Args:
+        required: for a verb that writes beside the log or onto a bus: a forgotten word must not
+            make it take the last run.
+    """
+    if required:
+        parser.add_argument("log", type=Path, metavar="LOG", help=LOG_HELP.partition(";")[0])
+    else:
+        parser.add_argument("log", type=Path, nargs="?", metavar="LOG", help=LOG_HELP)
     add_reading(parser)
 
 

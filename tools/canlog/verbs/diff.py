@@ -17,7 +17,9 @@ DBC: Final = ".dbc"
 
 
 def options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("a", type=Path, metavar="A", help="a log, a run folder or a DBC file")
+    parser.add_argument(
+        "a", type=Path, metavar="A", help="a log, a run or part of its name, or a DBC file"
+    )
     parser.add_argument("b", type=Path, metavar="B")
     add_reading(parser)
     parser.add_argument(

@@ -21,7 +21,7 @@ SPIN_S: Final = 200e-6
 
 
 def options(parser: argparse.ArgumentParser) -> None:
-    add_log(parser)
+    add_log(parser, required=True)
     parser.add_argument("--bus", required=True, metavar="BUS", help="such as embedded:vcan0")
     parser.add_argument("--speed", type=float, default=1.0, help="2 is twice as fast")
     parser.add_argument("--message", action="append", default=[], metavar="PATTERN")

@@ -21,7 +21,7 @@ from canlog.run import RunFiles
 from canlog.select import NS_PER_S, Selection, Selector, around, parse_key
 from canlog.stats import JUDGED_BUS
 from canlog.table import Groups
-from canlog.verbs.common import add_reading, count, read_options, seconds
+from canlog.verbs.common import LOG_HELP, add_reading, count, read_options, seconds
 from canlog.verdict import Judge
 from canlog.where import Where
 from firmware_py.buses import BusError, open_can
@@ -34,7 +34,7 @@ NAME_WIDTH_MAX: Final = 24
 
 
 def options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("log", type=Path, nargs="?", metavar="LOG", help="a log or run folder")
+    parser.add_argument("log", type=Path, nargs="?", metavar="LOG", help=LOG_HELP)
     add_reading(parser)
     parser.add_argument("--follow", metavar="BUS", help="a live bus, such as socketcan:vcan0")
     choose = parser.add_argument_group("which frames")
@@ -60,8 +60,8 @@ def options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(given: argparse.Namespace) -> int:
-    if (given.log is None) == (given.follow is None):
-        raise LogError("name a log, or a bus with --follow")
+    if given.log is not None and given.follow is not None:
+        raise LogError(f"{given.log} and --follow {given.follow} exclude each other")
     bus = load_bus(given.dbc)
     lines = _followed(given, bus) if given.follow else _logged(given, bus)
     if given.limit is not None:

@@ -35,7 +35,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         # A line is no campaign and has options of its own.
         del words[0]
     options = parser().parse_args(words)
-    options.words = words
+    options.typed = words
     try:
         code: int = options.run(options)
         sys.stdout.flush()

@@ -85,16 +85,18 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Raises UsageError and SettingsError for what does not fit together."""
+    from canlog.run_names import mark_latest
     from firmware_py.clock.clock import WallClock
     from metro_hil.cli.hil.line_settings import config_of, settings_of
     from metro_hil.model.run_folder import discard_unused, make_run_folder, write_config
 
     settings = settings_of(options)
     if settings.networks is not None and not options.apart:
-        become_apart("metro_hil.cli.hil", [*options.words, "--apart"])
+        become_apart("metro_hil.cli.hil", [*options.typed, "--apart"])
     epoch_ns = WallClock().epoch_ns()
     folder = make_run_folder(options.out, epoch_ns, f"line_{settings.areas.name}")
     write_config(folder, config_of(options, settings), epoch_ns)
+    mark_latest(folder.path)
     try:
         line = _line(options, settings, folder.path)
     except BaseException:

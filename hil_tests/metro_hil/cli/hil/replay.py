@@ -24,7 +24,12 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
         "time, and compare what it says frame by frame with what was recorded. Exit code 0 when "
         "both are identical, 1 when they part.",
     )
-    parser.add_argument("recording", metavar="RUN", help="folder of a run, or its ports.log")
+    parser.add_argument(
+        "recording",
+        nargs="?",
+        metavar="RUN",
+        help="folder of a run or part of its name, or its ports.log; default: the last run",
+    )
     parser.add_argument(
         "--controller",
         default="shipped",
@@ -59,7 +64,7 @@ def run(options: argparse.Namespace) -> int:
     from metro_hil.replay import replay_run
 
     result = replay_run(
-        Path(options.recording),
+        _recording(options.recording),
         controller=controller_of(options.controller),
         believed=_believed(options.believed),
         tolerance_s=options.tolerance / 1000.0,
@@ -70,6 +75,17 @@ def run(options: argparse.Namespace) -> int:
     else:
         sys.stdout.write("".join(f"{line}\n" for line in lines(result)))
     return EXIT_OK if result.identical else EXIT_FAILED
+
+
+def _recording(word: str | None) -> Path:
+    """Raises UsageError."""
+    from canlog.damage import LogError
+    from canlog.run_names import choose_run
+
+    try:
+        return choose_run(word, "hil")
+    except LogError as error:
+        raise UsageError(str(error)) from error
 
 
 def controller_of(text: str) -> "ControllerSpec":

@@ -46,6 +46,7 @@ def run(options: argparse.Namespace) -> int:
     """Exit code 0 when the case is as expected and, with its own seed, gave the same again."""
     import msgspec
 
+    from canlog.run_names import mark_latest
     from firmware_py.clock.clock import WallClock
     from metro_hil.engine.event_log import tell
     from metro_hil.engine.folder import folder_name
@@ -57,6 +58,7 @@ def run(options: argparse.Namespace) -> int:
         case, before = msgspec.structs.replace(case, seed=options.seed), None
     words = folder_name(case.id.replace("/", "_"))
     place = make_run_folder(options.out, WallClock().epoch_ns(), words)
+    mark_latest(place.path)
     remembered = folder.manifest().options.get("runner")
     result = repeat(case, folder.files(), place, options.runner or remembered)
     text = msgspec.json.format(msgspec.json.encode(result), indent=2)

@@ -12,19 +12,20 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
         description="List the scenarios of all shipped campaigns. `hil run NAME` runs one of them, "
         "`hil run CAMPAIGN` all of a campaign.",
     )
-    parser.add_argument("words", nargs="*", metavar="WORD", help="only those that speak of it")
+    parser.add_argument("words", nargs="*", metavar="WORD", help="list only those that contain it")
     parser.add_argument("--json", action="store_true", help="one JSON object on standard output")
     parser.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> int:
-    """Always 0: that nothing matches is an answer."""
+    """Raises UsageError when no scenario has all the words."""
     import msgspec
     from rich.markup import escape
     from rich.table import Table
 
     from metro_hil.campaign.scenarios import shipped_scenarios
     from metro_hil.cli.hil.working import console_for
+    from metro_hil.engine.errors import UsageError
 
     wanted = [word.lower() for word in options.words]
     found = [
@@ -35,6 +36,9 @@ def run(options: argparse.Namespace) -> int:
             for word in wanted
         )
     ]
+    if not found:
+        words = " ".join(options.words)
+        raise UsageError(f"{words}: no shipped scenario has it; `hil scenarios` lists all")
     if options.json:
         print(msgspec.json.encode({"scenarios": found}).decode())
         return EXIT_OK

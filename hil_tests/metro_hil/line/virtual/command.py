@@ -7,6 +7,7 @@ from typing import Any, Final
 from rich.console import Console
 from rich.table import Table
 
+from canlog.run_names import mark_latest
 from firmware_py.clock.clock import WallClock
 from metro_hil.line.virtual.coordinator import LineRecord, TrainDiedError, conduct
 from metro_hil.line.virtual.member import LinePlan, VirtualTrainReport, plan_line
@@ -40,6 +41,7 @@ def run(options: RunOptions, console: Console) -> int:
     clock = WallClock()
     folder = make_run_folder(options.out, clock.epoch_ns(), f"{plan.line.name}_{options.trains}")
     write_config(folder, {"options": options, "traffic": plan.traffic}, clock.epoch_ns())
+    mark_latest(folder.path)
     folders = [_train_folder(folder.path, plan, n, options.logs) for n in range(options.trains)]
     began_ns = clock.now_ns()
     try:

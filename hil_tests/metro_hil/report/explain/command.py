@@ -5,10 +5,11 @@ import json
 import os
 import sys
 from collections.abc import Sequence
-from pathlib import Path
 
 from rich.console import Console
 
+from canlog.damage import LogError
+from canlog.run_names import choose_run
 from firmware_py.settings import SettingsError
 from metro_hil.model.run_options import EXIT_OK, EXIT_USAGE
 from metro_hil.report.explain.bus_log import located
@@ -27,7 +28,12 @@ def parser() -> argparse.ArgumentParser:
         description=DESCRIPTION,
         epilog=f"kinds of events: {', '.join(KINDS)}",
     )
-    top.add_argument("run", metavar="RUN", help="run folder, or the folder of a campaign's case")
+    top.add_argument(
+        "run",
+        nargs="?",
+        metavar="RUN",
+        help="folder of a run or part of its name, or of a campaign's case; default: the last run",
+    )
     top.add_argument("--from", dest="from_s", type=float, metavar="SECONDS", help="tell from then")
     top.add_argument("--to", dest="to_s", type=float, metavar="SECONDS", help="tell up to then")
     top.add_argument("--only", default="", metavar="KIND,...", help="tell these kinds only")
@@ -43,7 +49,7 @@ def main(argv: Sequence[str]) -> int:
     options = parser().parse_args(argv)
     try:
         return _explain(options)
-    except (RunEventsError, SettingsError) as error:
+    except (LogError, RunEventsError, SettingsError) as error:
         print(f"vobc: {error}", file=sys.stderr)
         return EXIT_USAGE
     except BrokenPipeError:
@@ -54,7 +60,7 @@ def main(argv: Sequence[str]) -> int:
 
 def _explain(options: argparse.Namespace) -> int:
     only = kinds_of(options.only)
-    story = located(read_story(Path(options.run)))
+    story = located(read_story(choose_run(options.run, "vobc")))
     console = Console()
     if options.at_s is not None:
         known = known_at(story.folder, options.at_s)

@@ -146,6 +146,25 @@ def test_a_log_that_is_only_damaged_here_and_there_asks_for_nothing(
     assert capsys.readouterr().err == ""
 
 
+def test_without_a_name_the_last_run_is_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert vobc(["line-log"]) == 2
+    assert "runs: no run there" in capsys.readouterr().err
+
+    folder = tmp_path / "runs" / "a-line"
+    folder.mkdir(parents=True)
+    (folder / "line.log").write_text("no log\n", encoding="utf-8")
+
+    assert vobc(["line-log"]) == 2
+    assert capsys.readouterr().err.splitlines() == [
+        "vobc: reading runs/a-line",
+        "vobc: runs/a-line/line.log: no log of a radio: its first line is not "
+        "t_s,direction,key,payload",
+    ]
+
+
 @pytest.mark.parametrize(
     ("words", "complaint"),
     [
@@ -153,7 +172,6 @@ def test_a_log_that_is_only_damaged_here_and_there_asks_for_nothing(
         (["x", "--since", "20", "--until", "20"], "--since 20 is not before --until 20"),
         (["x", "--live"], "x and --live exclude each other"),
         (["x", "--for", "3"], "--for goes with --live only"),
-        ([], "a FOLDER or FILE is needed, or --live"),
     ],
 )
 def test_what_does_not_go_together_is_said(
