@@ -11,6 +11,7 @@ SIMULATE_ARGS ?= --hours 10000 --workers 2 --journal runs/simulate.jsonl
 EXPLORE_ARGS ?=
 COMPILED_ARGS ?=
 PYTHON ?=
+DOCUMENTS ?=
 
 # Images for containers often forbid bytecode; without it each of the hundreds of programs that tests
 # start compiles all of its sources.
@@ -31,7 +32,7 @@ PIP := PIP_CONSTRAINT=$(CONSTRAINTS) PIP_BUILD_CONSTRAINT=$(CONSTRAINTS) PIP_DIS
 PROTECTION_TESTS = hil_tests/unit/vobc/atp hil_tests/unit/vobc/test_vobc_config.py
 
 .DEFAULT_GOAL := help
-.PHONY: help setup run test check collected format-check lint types types-of-packages types-of-tests layers prose mutate fuzz coverage bench bench-hil bench-atp bench-logs bench-page bench-energy bench-t2t bench-simulator simulate explore compiled docs format clean distclean
+.PHONY: help setup run test check collected format-check lint types types-of-packages types-of-tests layers prose mutate fuzz coverage bench bench-hil bench-atp bench-logs bench-page bench-energy bench-t2t bench-simulator simulate explore compiled docs format examples clean distclean
 
 help: ## show this list
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | while IFS='	' read -r name words; do \
@@ -134,6 +135,9 @@ docs: $(READY_TO_TEST) ## write the generated documents anew
 	$(BIN)/python -m metro_tools.table_doc
 	$(BIN)/python -m metro_tools.law_doc
 	$(BIN)/python -m metro_tools.t2t_doc
+
+examples: $(READY_TO_TEST) ## run every command of README and docs in a fresh clone; DOCUMENTS=docs/guide/hil.md
+	$(BIN)/python -m metro_tools.doc_blocks $(DOCUMENTS)
 
 format: $(READY_TO_TEST) ## let ruff format and mend what it can
 	$(BIN)/ruff format .

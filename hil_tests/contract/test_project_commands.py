@@ -80,6 +80,9 @@ def fault_in(line: str) -> str | None:
         return f"no target {wanted - targets}" if wanted - targets else None
     if head not in SCRIPTS:
         return None if (BIN / head).exists() else f"no program {head}"
+    if words[:3] == ["hil", "run", "line"]:
+        # A line is no campaign: `hil line --help` has its options.
+        del words[1]
     verbs = [word for word in words[1:2] if re.fullmatch(r"[a-z]+(-[a-z]+)*", word)]
     said = help_text(head, verbs[0] if verbs else "")
     options = {word.partition("=")[0] for word in words if word.startswith("--")}

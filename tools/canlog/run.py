@@ -65,6 +65,11 @@ def bus_log_of(path: Path) -> Path:
         return path
     if (path / BUS_LOG).is_file():
         return path / BUS_LOG
+    trains = sorted(log.parent.name for log in path.glob(f"*/{BUS_LOG}"))
+    if trains:
+        raise LogError(
+            f"{path}: a run of several trains; name one of its folders, such as {path / trains[0]}"
+        )
     raise LogError(f"{path}: no {BUS_LOG} in this folder; name a log or the folder of a run")
 
 

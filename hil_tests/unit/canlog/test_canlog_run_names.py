@@ -6,7 +6,9 @@ from pathlib import Path
 import pytest
 
 from canlog.damage import LogError
+from canlog.run import bus_log_of
 from canlog.run_names import choose_run, forget_removed, mark_latest
+from metro_hil.report.explain.event_log import RunEventsError, read_story
 
 HOP = "2026-11-26T10-00-00_florence_II-III"
 LINE = "2026-11-26T11-00-00_florence_Start-III"
@@ -129,3 +131,19 @@ def test_a_removed_run_gives_its_place_to_the_newest_that_is_left(root: Path) ->
     assert choose_run(None, "canlog", root) == root / LATER
     forget_removed(root)
     assert (root / "latest").readlink() == Path(LATER)
+
+
+def test_of_a_run_of_several_trains_one_has_to_be_named(root: Path) -> None:
+    for train in ("train2", "train1"):
+        (root / LATER / train).mkdir()
+        (root / LATER / train / "bus.log").touch()
+        (root / LATER / train / "events.jsonl").touch()
+    words = f"{root / LATER}: a run of several trains; name one of its folders, such as "
+
+    with pytest.raises(LogError) as caught:
+        bus_log_of(root / LATER)
+    assert str(caught.value) == words + str(root / LATER / "train1")
+
+    with pytest.raises(RunEventsError) as told:
+        read_story(root / LATER)
+    assert str(told.value) == words + str(root / LATER / "train1")

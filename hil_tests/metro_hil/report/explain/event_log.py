@@ -105,6 +105,10 @@ def _without_events(folder: RunFolder) -> str:
     path = folder.events_log
     if folder.cycle_log.exists():
         return f"{path}: no events; this run was made by an older version, run it again"
+    trains = sorted(log.parent for log in folder.path.glob(f"*/{path.name}"))
+    if trains:
+        words = f"a run of several trains; name one of its folders, such as {trains[0]}"
+        return f"{folder.path}: {words}"
     return f"{path}: no events; {folder.path} is not the folder of a run with a controller of ours"
 
 

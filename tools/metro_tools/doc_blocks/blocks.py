@@ -1,0 +1,186 @@
+"""Code blocks of a Markdown document, with the mark above each that says what becomes of it.
+
+A mark is an HTML comment directly above the fence, so no reader of the page sees it:
+
+    <!-- run: prints "run folder", "exit reason" -->    executed; the output must contain the texts
+    <!-- run: exits 1, prints "FAILED" -->              executed; the last command must exit with 1
+    <!-- skip: needs a CAN interface -->                not executed, for this reason
+    <!-- file: runaway.toml -->                         saved under this name for the blocks below
+
+Every block of shell or Python carries one of them; blocks of other languages may be files.
+"""
+
+import re
+import shlex
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import PurePosixPath
+from typing import Final
+
+CONSOLE: Final = "console"
+SHELL: Final = frozenset({"sh", "bash", "shell", CONSOLE})
+PYTHON: Final = frozenset({"python", "py"})
+PROGRAMS: Final = frozenset(
+    {"vobc", "plant", "hil", "vcan", "canlog", "make", "python", "python3", "pip", "pytest"}
+)
+"""A block that begins with one of these is a block of shell, whatever its fence says."""
+FENCE: Final = re.compile(r"^( {0,3})(`{3,}|~{3,})\s*(.*?)\s*$")
+MARK: Final = re.compile(r"^\s*<!--\s*(run|skip|file)\s*:\s*(.*?)\s*-->\s*$")
+LIKE_MARK: Final = re.compile(r"^\s*<!--\s*(run|skip|file)\b")
+INDENTED: Final = re.compile(r"^(?: {4,}|\t)(\S+)")
+EXITS: Final = re.compile(r"^exits (\d{1,3})$")
+PRINTS: Final = re.compile(r'^prints ("[^"]+"(?:\s*,\s*"[^"]+")*)$')
+RUN_FORM: Final = 'write <!-- run: prints "text" --> or <!-- run: exits 1, prints "text" -->'
+
+
+@dataclass(frozen=True, slots=True)
+class Mark:
+    """What becomes of one block."""
+
+    run: bool = False
+    prints: tuple[str, ...] = ()
+    """Texts that the output must contain."""
+    exits: int = 0
+    """Exit status of the last command."""
+    skip: str = ""
+    """Reason; empty for a block that is not skipped."""
+    file: str = ""
+    """Name under which the block is saved; empty for none."""
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    language: str
+    line: int
+    """Number of the line with the opening fence, from 1."""
+    text: tuple[str, ...]
+    """Lines between the fences."""
+    mark: Mark
+
+    @property
+    def is_python(self) -> bool:
+        return self.language in PYTHON
+
+    @property
+    def commands(self) -> list[str]:
+        """The lines for bash. In a block of `console` all others show what the commands print."""
+        if self.language != CONSOLE:
+            return list(self.text)
+        return [line[2:] if line.startswith("$ ") else "" for line in self.text]
+
+    @property
+    def end(self) -> int:
+        """Number of the line with the closing fence."""
+        return self.line + len(self.text) + 1
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """What is wrong with a document before anything is run."""
+
+    line: int
+    text: str
+
+
+def read_blocks(text: str) -> tuple[list[Block], list[Fault]]:
+    """All fenced blocks of a document in order, and what is wrong with their marks."""
+    blocks: list[Block] = []
+    faults: list[Fault] = []
+    lines = text.splitlines()
+    number = 0
+    while number < len(lines):
+        number += 1
+        line = lines[number - 1]
+        opening = FENCE.match(line)
+        if opening is None:
+            faults += _outside(lines, number)
+            continue
+        indent, fence, info = opening.groups()
+        inside = list(_inside(lines[number:], fence, len(indent)))
+        mark, wrong = _mark_above(lines, number)
+        language = info.split()[0].lower() if info else ""
+        block = Block(language, number, tuple(inside), mark)
+        blocks.append(block)
+        faults += wrong or _complaints(block, closed=block.end <= len(lines))
+        number = block.end
+    return blocks, faults
+
+
+def _outside(lines: Sequence[str], number: int) -> Iterator[Fault]:
+    """Commands outside of any fence, and marks that stand above no fence."""
+    line = lines[number - 1]
+    indented = INDENTED.match(line)
+    before = lines[number - 2].strip() if number > 1 else ""
+    if indented and indented[1] in PROGRAMS and not before:
+        yield Fault(number, "a command in an indented block; put it between ```sh and ```")
+    if LIKE_MARK.match(line):
+        below = next((each for each in lines[number:] if each.strip()), "")
+        if not FENCE.match(below):
+            yield Fault(number, "this mark stands above no block; move it directly above a fence")
+
+
+def _inside(lines: Sequence[str], fence: str, indent: int) -> Iterator[str]:
+    for line in lines:
+        closing = FENCE.match(line)
+        if closing and not closing[3] and closing[2].startswith(fence):
+            return
+        yield line[indent:] if not line[:indent].strip() else line
+
+
+def _mark_above(lines: Sequence[str], number: int) -> tuple[Mark, list[Fault]]:
+    """The mark in the last line with text above a fence."""
+    above = number - 1
+    while above > 0 and not lines[above - 1].strip():
+        above -= 1
+    if above == 0 or not LIKE_MARK.match(lines[above - 1]):
+        return Mark(), []
+    found = MARK.match(lines[above - 1])
+    if found is None:
+        return Mark(), [Fault(above, f"this mark has no text; {RUN_FORM}, or give the reason")]
+    kind, text = found.groups()
+    if kind == "skip":
+        wrong = [] if text else [Fault(above, "skip without a reason; write why it is not run")]
+        return Mark(skip=text), wrong
+    if kind == "file":
+        name = PurePosixPath(text)
+        good = text and not name.is_absolute() and ".." not in name.parts
+        return Mark(file=text), [] if good else [Fault(above, f"{text!r} is no name of a file")]
+    return _run_mark(text, above)
+
+
+def _run_mark(text: str, line: int) -> tuple[Mark, list[Fault]]:
+    head, comma, tail = text.partition(", prints ")
+    exits = EXITS.match(head)
+    if exits and comma:
+        prints = PRINTS.match(f"prints {tail}")
+    else:
+        exits, prints = None, PRINTS.match(text)
+    if prints is None:
+        return Mark(run=True), [Fault(line, f"{text!r} expects nothing; {RUN_FORM}")]
+    texts = tuple(re.findall(r'"([^"]+)"', prints[1]))
+    return Mark(run=True, prints=texts, exits=int(exits[1]) if exits else 0), []
+
+
+def _complaints(block: Block, *, closed: bool) -> Iterator[Fault]:
+    if not closed:
+        yield Fault(block.line, "this block is never closed")
+    shell = block.language in SHELL
+    if not block.language and block.text and _program(block.text[0]) in PROGRAMS:
+        yield Fault(block.line, "a block of commands without a language; write ```sh")
+    mark = block.mark
+    if mark.run and not (shell or block.is_python):
+        yield Fault(block.line, f"a block of {block.language or 'no language'} cannot be run")
+    if (shell or block.is_python) and not (mark.run or mark.skip or mark.file):
+        yield Fault(
+            block.line,
+            f"this block of {block.language} says neither what it prints nor why it is not run; "
+            f"{RUN_FORM}, or <!-- skip: reason --> above it",
+        )
+
+
+def _program(line: str) -> str:
+    try:
+        words = shlex.split(line.removeprefix("$ "), comments=True)
+    except ValueError:
+        return ""
+    return words[0] if words else ""
