@@ -32,7 +32,7 @@ PIP := PIP_CONSTRAINT=$(CONSTRAINTS) PIP_BUILD_CONSTRAINT=$(CONSTRAINTS) PIP_DIS
 PROTECTION_TESTS = hil_tests/unit/vobc/atp hil_tests/unit/vobc/test_vobc_config.py
 
 .DEFAULT_GOAL := help
-.PHONY: help setup run test check collected format-check lint types types-of-packages types-of-tests layers prose mutate fuzz coverage bench bench-hil bench-atp bench-logs bench-page bench-energy bench-t2t bench-simulator simulate explore compiled docs format examples clean distclean
+.PHONY: help setup run test check collected format-check lint types types-of-packages types-of-tests layers prose mutate fuzz coverage bench bench-hil bench-atp bench-logs bench-page bench-energy bench-t2t bench-simulator simulate explore compiled docs format examples figures clean distclean
 
 help: ## show this list
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | while IFS='	' read -r name words; do \
@@ -129,12 +129,21 @@ explore: $(READY_TO_TEST) ## every schedule of two trains and their arbiters wit
 bench-simulator: compiled ## measure simulator, failover and headway in virtual time; BENCH_ARGS=...
 	PYTHONSAFEPATH=1 PYTHONPATH=$(CURDIR)/.compiled/lib $(BIN)/python -m metro_hil.benchmarks.simulator $(BENCH_ARGS)
 
-docs: $(READY_TO_TEST) ## write the generated documents anew
+docs: $(READY_TO_TEST) ## write tables, pages and pictures of the documents; refuses figures older than the code
+	@# Figures that the code of today does not give stop this; make figures measures them again.
+	$(BIN)/hil laws --check --write
+	$(BIN)/hil requirements --out docs/reference/requirements.md
+	$(BIN)/python -m metro_tools.picture_doc
 	$(BIN)/python -m metro_tools.interface_doc
 	$(BIN)/python -m metro_tools.fault_doc
 	$(BIN)/python -m metro_tools.table_doc
 	$(BIN)/python -m metro_tools.law_doc
 	$(BIN)/python -m metro_tools.t2t_doc
+	$(BIN)/python -m metro_tools.figure_doc
+
+figures: $(READY_TO_TEST) ## measure again what `make docs` calls stale; takes up to an hour
+	$(BIN)/hil laws --measure
+	$(MAKE) --no-print-directory docs
 
 examples: $(READY_TO_TEST) ## run every command of README and docs in a fresh clone; DOCUMENTS=docs/guide/hil.md
 	$(BIN)/python -m metro_tools.doc_blocks $(DOCUMENTS)

@@ -25,6 +25,10 @@ COMFORT: Final = (
     "felt_jerk_1s_mps3",
     "felt_jerk_2hz_mps3",
 )
+ALSO: Final = ("jerk_max_mps3", "notch_changes_max_count")
+"""Greatest values that documents publish beside the comfort."""
+PROBE: Final = re.compile("|".join((STOP_ERROR.pattern, RUN.pattern, *COMFORT, *ALSO)))
+"""Measures that a case gives again, digit by digit, as long as published figures are true."""
 
 Pairs = Sequence[tuple[Case, CaseResult | None]]
 RESULTS: Final = "law_results.json"
@@ -56,6 +60,15 @@ class LawFigures(msgspec.Struct, frozen=True, kw_only=True):
     """Mean duration of a run, with its dwells and what it takes to mend a stop."""
     comfort: dict[str, float | None]
     """Greatest of all cases, by measure."""
+    load_means_m: dict[str, float] = {}
+    """Mean of |stop error| by load, where the cases differ in it."""
+
+
+class Probe(msgspec.Struct, frozen=True, kw_only=True):
+    """One case of those that were measured, with what it came to."""
+
+    case_id: str
+    measures: dict[str, float | None]
 
 
 class ScenarioFigures(msgspec.Struct, frozen=True, kw_only=True):
@@ -64,6 +77,10 @@ class ScenarioFigures(msgspec.Struct, frozen=True, kw_only=True):
     campaign: str
     title: str
     figures: LawFigures
+    sources: str = ""
+    """Hash of the sources that were measured; empty where that is not known."""
+    probes: tuple[Probe, ...] = ()
+    """The first case and the one with the worst stop."""
 
 
 Results = dict[str, dict[str, ScenarioFigures]]
@@ -113,8 +130,48 @@ def figures_of(pairs: Pairs) -> LawFigures:
         within_ratio=None if share is None else share.best,
         within_low_ratio=None if share is None else share.low,
         run_s=sum(runs_s) / len(runs_s) if runs_s else None,
-        comfort={name: max(_measured(pairs, re.compile(name)), default=None) for name in COMFORT},
+        comfort={
+            name: max(_measured(pairs, re.compile(name)), default=None)
+            for name in (*COMFORT, *ALSO)
+        },
+        load_means_m=_load_means_m(pairs),
     )
+
+
+def _load_means_m(pairs: Pairs) -> dict[str, float]:
+    """Nothing where all cases have one load."""
+    errors_m: dict[float, list[float]] = {}
+    for case, result in pairs:
+        known = [abs(at_m) for at_m in (stops_m(result) if result else []) if at_m is not None]
+        if case.setup.load_ratio is not None:
+            errors_m.setdefault(case.setup.load_ratio, []).extend(known)
+    means_m = {f"{load:g}": sum(own) / len(own) for load, own in sorted(errors_m.items()) if own}
+    return means_m if len(means_m) > 1 else {}
+
+
+def probes_of(pairs: Pairs) -> tuple[Probe, ...]:
+    """The first case that came back and the one with the worst stop; they may be the same."""
+    back = [(case, result) for case, result in pairs if result is not None]
+    if not back:
+        return ()
+    worst = max(back, key=lambda pair: _worst_m(pair[1]))
+    chosen = {case.id: result for case, result in (back[0], worst)}
+    return tuple(
+        Probe(case_id=case_id, measures=probed(result)) for case_id, result in chosen.items()
+    )
+
+
+def probed(result: CaseResult) -> dict[str, float | None]:
+    """The measures of a probe, with the digits that are kept."""
+    return {
+        name: None if value is None else _rounded(value)
+        for name, value in result.measures.items()
+        if PROBE.fullmatch(name)
+    }
+
+
+def _worst_m(result: CaseResult) -> float:
+    return max((abs(at_m) for at_m in stops_m(result) if at_m is not None), default=0.0)
 
 
 def stops_m(result: CaseResult) -> list[float | None]:
@@ -142,14 +199,22 @@ def _measured(pairs: Pairs, name: re.Pattern[str]) -> list[float]:
     ]
 
 
-def results_of(campaign: str, pairs: Pairs) -> Results:
-    """Of a campaign that was run, each scenario by itself."""
+def results_of(campaign: str, pairs: Pairs, *, sources: str = "") -> Results:
+    """Of a campaign that was run, each scenario by itself.
+
+    Args:
+        sources: hash of the sources that ran it, if they are known.
+    """
     found: Results = {}
     for law, own in by_law(pairs).items():
         for scenario in dict.fromkeys(case.scenario for case, _ in own):
             of = [pair for pair in own if pair[0].scenario == scenario]
             found.setdefault(law, {})[scenario] = ScenarioFigures(
-                campaign=campaign, title="", figures=figures_of(of)
+                campaign=campaign,
+                title="",
+                figures=figures_of(of),
+                sources=sources,
+                probes=probes_of(of),
             )
     return found
 
@@ -184,4 +249,8 @@ def results_json(results: Results) -> str:
 def _short(value: object) -> object:
     if isinstance(value, dict):
         return {name: _short(item) for name, item in value.items()}
-    return float(f"{value:.4g}") if isinstance(value, float) else value
+    return _rounded(value) if isinstance(value, float) else value
+
+
+def _rounded(value: float) -> float:
+    return float(f"{value:.4g}")

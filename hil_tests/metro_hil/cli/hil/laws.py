@@ -1,10 +1,20 @@
-"""`hil laws`: how each control law came out in the campaigns that were taken over."""
+"""`hil laws`: how each control law came out in campaigns, and whether that is still true."""
 
 import argparse
+import os
+import subprocess
 import sys
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from metro_hil.model.run_options import EXIT_OK
+from metro_hil.model.run_options import EXIT_FAILED, EXIT_OK
+
+if TYPE_CHECKING:
+    from metro_hil.model.case import Case, CaseResult
+    from metro_hil.report.law_figures import Results
+    from metro_hil.report.standing import Standing
 
 
 def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -19,6 +29,14 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
         help="of a campaign that was run; several are taken over one after another",
     )  # fmt: skip
     parser.add_argument(
+        "--check",
+        action="store_true",
+        help="report which figures are older than the code; exit code 1 if any is",
+    )
+    parser.add_argument(
+        "--measure", action="store_true", help="run the scenarios whose figures are stale again"
+    )
+    parser.add_argument(
         "--write", action="store_true", help="keep the figures, for the pages (`make docs`)"
     )
     parser.set_defaults(run=run)
@@ -26,32 +44,116 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Raises UsageError for a folder that is no campaign's."""
-    from metro_hil.campaign.scenarios import shipped_scenarios
+    from metro_hil.engine.sources import sources_hash
+    from metro_hil.report.law_figures import results_json
+    from metro_hil.report.standing import stamped
+
+    found = published()
+    for name in options.runs:
+        found = taken_over(found, name)
+    stale: list[Standing] = []
+    if options.check or options.measure:
+        judged = check(found)
+        found = stamped(found, judged, sources_hash())
+        stale = [each for each in judged if each.reason]
+    if options.measure:
+        for name in sorted({each.scenario for each in stale}):
+            found = taken_over(found, _measured(name))
+        stale = []
+    text = results_json(_titled(found))
+    if options.write or options.measure:
+        path = kept()
+        path.write_text(text, encoding="utf-8")
+        print(f"figures: {path}", file=sys.stderr)
+    elif not options.check:
+        print(text, end="")
+    return EXIT_FAILED if stale else EXIT_OK
+
+
+def kept() -> Path:
+    """Where the published figures are."""
+    from metro_hil.report.law_figures import RESULTS
+
+    return Path(__file__).resolve().parents[2] / RESULTS
+
+
+def published() -> "Results":
+    from metro_hil.report.law_figures import read_results
+
+    return read_results(kept().read_text(encoding="utf-8")) if kept().is_file() else {}
+
+
+def taken_over(found: "Results", name: str) -> "Results":
+    """With the figures of a campaign that was run. Raises UsageError."""
     from metro_hil.engine.folder import find_folder
     from metro_hil.engine.journal import once_each, read_journal, refuse_damage
-    from metro_hil.report.law_figures import (
-        RESULTS,
-        merged_results,
-        read_results,
-        results_json,
-        results_of,
-        titled,
-    )
+    from metro_hil.engine.program import program_version
+    from metro_hil.engine.sources import sources_hash
+    from metro_hil.report.law_figures import merged_results, results_of
 
-    kept = Path(__file__).resolve().parents[2] / RESULTS
-    found = read_results(kept.read_text(encoding="utf-8")) if kept.is_file() else {}
-    for name in options.runs:
-        folder = find_folder(name)
-        journal = read_journal(folder.journal_path)
-        refuse_damage(folder.journal_path, journal, "`hil resume --repair` runs their cases again")
-        by_id = once_each(journal.results)
-        pairs = [(case, by_id.get(case.id)) for case in folder.cases()]
-        found = merged_results(found, results_of(folder.manifest().name, pairs))
-    found = titled(found, {each.name: each.title for each in shipped_scenarios()})
-    text = results_json(found)
-    if options.write:
-        kept.write_text(text, encoding="utf-8")
-        print(f"figures: {kept}", file=sys.stderr)
-    else:
-        print(text, end="")
-    return EXIT_OK
+    folder = find_folder(name)
+    journal = read_journal(folder.journal_path)
+    refuse_damage(folder.journal_path, journal, "`hil resume --repair` runs their cases again")
+    by_id = once_each(journal.results)
+    pairs = [(case, by_id.get(case.id)) for case in folder.cases()]
+    manifest = folder.manifest()
+    # What another program measured has to be held against this one before it counts as its own.
+    sources = sources_hash() if manifest.program == program_version() else ""
+    return merged_results(found, results_of(manifest.name, pairs, sources=sources))
+
+
+def check(found: "Results") -> "list[Standing]":
+    """Print how each figure stands as soon as that is known."""
+    from metro_hil.engine.sources import sources_hash
+    from metro_hil.report.standing import standings
+
+    judged = []
+    for standing in standings(found, sources_hash(), plan=planned, run=run_cases):
+        print(standing, file=sys.stderr if standing.reason else sys.stdout, flush=True)
+        judged.append(standing)
+    return judged
+
+
+def planned(scenario: str) -> "Sequence[Case]":
+    """All cases of a shipped scenario."""
+    from metro_hil.campaign import plan_cases
+    from metro_hil.campaign.scenarios import read_named
+
+    return plan_cases(read_named(scenario))
+
+
+def run_cases(cases: "Sequence[Case]") -> "list[CaseResult]":
+    """In virtual time, on every processor."""
+    from metro_hil.run.dispatch import run_case
+
+    if len(cases) == 1:
+        return [run_case(cases[0])]
+    with ProcessPoolExecutor(min(len(cases), os.cpu_count() or 1)) as pool:
+        return list(pool.map(run_case, cases))
+
+
+def _measured(scenario: str) -> str:
+    """Run a whole scenario, with its progress; return the name by which its folder is found."""
+    print(f"measuring {scenario}", flush=True)
+    words = [sys.executable, "-m", "metro_hil.cli.hil", "run", scenario, "--no-report"]
+    # A monitor that fails is no reason to keep old figures: they say what is.
+    subprocess.run(words, check=False)
+    return scenario
+
+
+def _titled(found: "Results") -> "Results":
+    """With title and campaign of each scenario as they ship, however it was run."""
+    import msgspec
+
+    from metro_hil.campaign.scenarios import shipped_scenarios
+    from metro_hil.report.law_figures import titled
+
+    shipped = {each.name: each for each in shipped_scenarios()}
+    known = titled(found, {name: each.title for name, each in shipped.items()})
+    return {
+        law: {
+            name: msgspec.structs.replace(each, campaign=shipped[name].campaign)
+            for name, each in own.items()
+        }
+        for law, own in known.items()
+    }

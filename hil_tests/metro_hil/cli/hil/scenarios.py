@@ -37,8 +37,8 @@ def run(options: argparse.Namespace) -> int:
         )
     ]
     if not found:
-        words = " ".join(options.words)
-        raise UsageError(f"{words}: no shipped scenario has it; `hil scenarios` lists all")
+        asked = " ".join(options.words)
+        raise UsageError(f"{asked}: no shipped scenario has it; `hil scenarios` lists all")
     if options.json:
         print(msgspec.json.encode({"scenarios": found}).decode())
         return EXIT_OK

@@ -1,0 +1,104 @@
+"""Published figures of control laws, and a picture, are those of the code of today.
+
+Nothing is run while the sources are those that were measured. Otherwise one case of each of the
+shorter scenarios, and of the tables that README.md shows, has to give the published digits.
+"""
+
+from pathlib import Path
+from typing import Final
+
+import msgspec
+import pytest
+
+from metro_hil.cli.hil import laws, main
+from metro_hil.cli.hil.laws import planned, published, run_cases
+from metro_hil.engine.sources import sources_hash
+from metro_hil.report.law_figures import Results, read_results, results_json
+from metro_hil.report.standing import standings
+from metro_tools import picture_doc
+
+ROOT: Final = Path(__file__).resolve().parents[2]
+SHORT_S: Final = 150.0
+"""Scenarios whose runs last no longer than this in virtual time are checked here, all by
+`make docs`: a whole line takes several seconds to compute, a single hop about one."""
+SHOWN: Final = ("table-7-predictive", "table-8-predictive", "table-9-predictive")
+PENDING: Final = frozenset(
+    {
+        *("chasing-stops", "hefei-after", "hefei-before", "hefei-early", "hefei-small"),
+        *("another-brake", "blending", "notches-predictive", "on-time"),
+    }
+)
+"""Last measured before cases were kept to compare with, so `make docs` refuses them. `make figures`
+measures them; then they leave this list."""
+FIGURES: Final = published()
+
+
+def is_checked(name: str, run_s: float | None) -> bool:
+    short = run_s is not None and run_s <= SHORT_S
+    return name not in PENDING and (name in SHOWN or short)
+
+
+CHECKED: Final = [
+    (law, name)
+    for law, own in FIGURES.items()
+    for name, each in own.items()
+    if is_checked(name, each.figures.run_s)
+]
+
+
+@pytest.mark.parametrize(("law", "name"), CHECKED, ids=[name for _, name in CHECKED])
+def test_published_figures_are_those_of_the_code_of_today(law: str, name: str) -> None:
+    """When this fails, `make figures` measures again what a change of the controller touched."""
+    one: Results = {law: {name: FIGURES[law][name]}}
+
+    (standing,) = standings(one, sources_hash(), plan=planned, run=run_cases, probes_max=1)
+
+    assert standing.reason == ""
+
+
+def test_every_shown_scenario_is_checked() -> None:
+    assert set(SHOWN) <= {name for _, name in CHECKED}
+
+
+def test_what_waits_to_be_measured_has_nothing_to_compare_with() -> None:
+    """When this fails, take the scenarios that it names out of PENDING."""
+    bare = {name for own in FIGURES.values() for name, each in own.items() if not each.probes}
+
+    assert bare == PENDING
+
+
+def test_the_picture_of_a_reckless_driver_shows_the_code_of_today() -> None:
+    """The others are checked by `make docs`."""
+    assert picture_doc.main(["--check", "--root", str(ROOT), "protection"]) == 0
+
+
+@pytest.mark.parametrize("published_m", [None, 0.1234])
+def test_hil_laws_check_refuses_what_the_code_does_not_give(
+    published_m: float | None,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Measured by other sources: as published it is current, with another digit it is stale."""
+    figures = FIGURES["green"]["green-undervoltage"]
+    (probe,) = figures.probes
+    (stop,) = (name for name in probe.measures if name.startswith("stop_"))
+    if published_m is not None:
+        probe = msgspec.structs.replace(probe, measures={**probe.measures, stop: published_m})
+    figures = msgspec.structs.replace(figures, sources="others", probes=(probe,))
+    path = tmp_path / "law_results.json"
+    path.write_text(results_json({"green": {"green-undervoltage": figures}}), encoding="utf-8")
+    monkeypatch.setattr(laws, "kept", lambda: path)
+
+    code = main(["laws", "--check", "--write"])
+
+    said = capsys.readouterr()
+    kept = read_results(path.read_text(encoding="utf-8"))["green"]["green-undervoltage"]
+    if published_m is None:
+        assert code == 0
+        assert "green-undervoltage (green): current, same digits in 1 case run again" in said.out
+        assert kept.sources == sources_hash()
+    else:
+        assert code == 1
+        assert f"published was {published_m}; `make figures` measures it again" in said.err
+        assert kept.sources == "others"
