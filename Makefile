@@ -32,7 +32,7 @@ PIP := PIP_CONSTRAINT=$(CONSTRAINTS) PIP_BUILD_CONSTRAINT=$(CONSTRAINTS) PIP_DIS
 PROTECTION_TESTS = hil_tests/unit/vobc/atp hil_tests/unit/vobc/test_vobc_config.py
 
 .DEFAULT_GOAL := help
-.PHONY: help setup run test check collected format-check lint types types-of-packages types-of-tests layers prose mutate fuzz coverage bench bench-hil bench-atp bench-logs bench-page bench-energy bench-t2t bench-simulator simulate explore compiled docs format examples figures clean distclean
+.PHONY: help setup run test check collected format-check lint types types-of-packages types-of-tests layers prose mutate fuzz coverage bench bench-hil bench-atp bench-logs bench-page bench-energy bench-t2t bench-simulator simulate explore compiled docs format examples figures test-kernels clean distclean
 
 help: ## show this list
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | while IFS='	' read -r name words; do \
@@ -51,6 +51,12 @@ run: $(READY_TO_RUN) ## bring a bus up and drive one station hop; RUN_ARGS="--fr
 
 test: $(READY_TO_TEST) ## run all tests; PYTEST_ARGS="-k name"
 	$(BIN)/python -m pytest -n $(PYTEST_WORKERS) $(PYTEST_ARGS)
+
+test-kernels: $(READY_TO_TEST) ## run the guest's tests on each of its three kernels; PYTEST_ARGS="-k name"
+	@for kernel in stock newer qemu; do \
+		echo "vcan-guest --kernel $$kernel"; \
+		VCAN_GUEST_KERNEL=$$kernel $(BIN)/python -m pytest hil_tests/real_time/test_vcan_guest.py $(PYTEST_ARGS) || exit; \
+	done
 
 check: format-check lint ## all that continuous integration runs
 	@# Two at a time; test files' bytecode is made once for all.

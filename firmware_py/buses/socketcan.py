@@ -190,7 +190,7 @@ def _check(interface: str) -> None:
 
 
 def _check_kernel(spec: str, interface: str) -> None:
-    hint = f"use embedded:{interface}, or run under tools/vcan-guest"
+    hint = f"use embedded:{interface}, or run under vcan-guest"
     if not hasattr(socket, "AF_CAN"):
         raise BusError(f"{spec}: this system has no SocketCAN: {hint}")
     try:

@@ -36,7 +36,7 @@ EXIT_ENVIRONMENT: Final = 3
 COMMAND_TIMEOUT_S: Final = 30
 DEFAULT_NAME: Final = "vcan0"
 
-GUEST_HINT: Final = "real SocketCAN without the kernel's or rights: tools/vcan-guest COMMAND"
+GUEST_HINT: Final = "real SocketCAN without the kernel's or rights: vcan-guest COMMAND"
 
 
 class HostWorld(Protocol):

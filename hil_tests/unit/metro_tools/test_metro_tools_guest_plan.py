@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 import metro_tools.guest
 from metro_tools.guest.packages import merge_usr
 from metro_tools.guest.plan import (
+    Engine,
     GuestError,
     GuestFolders,
     GuestRequest,
@@ -24,6 +25,7 @@ from metro_tools.guest.plan import (
 )
 
 MACHINE = GuestFolders(
+    engine=Engine.UML,
     kernel=PurePath("/cache/kernel/linux"),
     busybox=PurePath("/cache/kernel/busybox"),
     modules=PurePath("/a b/modules"),
@@ -133,18 +135,20 @@ text = st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=2
 def test_words_and_environment_reach_the_command_unchanged(
     words: list[str], environment: dict[str, str]
 ) -> None:
-    script = command_script(request("cmd", *words, environment=environment), "bb", "timeout")
+    script = command_script(
+        request("cmd", *words, environment=environment), Engine.QEMU, "bb", "timeout"
+    )
 
     last = script[script.index("exec ") :]
     variables = [f"ODD={value}" for value in environment.values()]
     assert shlex.split(last) == [
-        *("exec", "bb", "env", "-i", *variables, "VCAN_GUEST=uml"),
+        *("exec", "bb", "env", "-i", *variables, "VCAN_GUEST=qemu"),
         *("timeout", "-k", "10", "9", "cmd", *words),
     ]
 
 
 def test_the_umask_and_directory_are_set_before_the_command() -> None:
-    lines = command_script(request("true"), "bb", "timeout").splitlines()
+    lines = command_script(request("true"), Engine.UML, "bb", "timeout").splitlines()
 
     assert lines[:2] == ["umask 0027", "cd / || exit 125"]
 

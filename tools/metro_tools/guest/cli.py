@@ -8,15 +8,20 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
+from firmware_py.assertions import require_assertions
 from metro_tools.guest import machine, packages, plan
-from metro_tools.guest.plan import GuestError, GuestRequest
+from metro_tools.guest.kernels import AUTOMATIC, Kernel, booting_line, choose, failure_text
+from metro_tools.guest.plan import GuestError, GuestRequest, NoKernelError
+from metro_tools.guest.processor import this_processor
 
 EXIT_OUT_OF_TIME: Final = 124
 EXIT_NO_GUEST: Final = 125
 EXIT_INTERRUPTED: Final = 130
 EXIT_BROKEN_PIPE: Final = 141
+KERNEL_VARIABLE: Final = "VCAN_GUEST_KERNEL"
 GUEST_VARIABLE: Final = "VCAN_GUEST"
 """Set in the guest's environment, so that a program can tell where it runs."""
+KERNELS: Final = (AUTOMATIC, *(kernel.value for kernel in Kernel))
 DEFAULT_TIMEOUT_S: Final = 900
 DEFAULT_MEMORY_MIB: Final = 2048
 
@@ -27,23 +32,29 @@ command writes below the working directory stays; all other writes go to memory 
 command is root, has a loopback and no other network, and an empty standard input.
 Ctrl-C reaches it.
 
-exit status: the command's; 124: it ran out of time; 125: there was no guest, and why is said on
-standard error; 126, 127: the command cannot be executed, was not found; 128+N: ended by signal N.
+kernels: stock, the distribution's user-mode Linux; newer, Debian unstable's, which also runs on
+processors with AMX; qemu, an emulated PC, about 15 times slower. The processor decides which is
+tried first; where it does not come up, the next one is. Only qemu has can-isotp.
+
+exit status: the command's; 2: wrong use; 124: it ran out of time; 125: there was no guest, and why
+is said on standard error; 126, 127: the command cannot be executed, was not found; 128+N: ended
+by signal N.
 """
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Parse, ask for the guest, say why not if so."""
+    require_assertions("vcan-guest")
     parser = _parser()
     options = parser.parse_args(argv)
     command = options.command[1:] if options.command[:1] == ["--"] else options.command
     if not command:
         parser.error("a command is missing")
+    if options.kernel not in KERNELS:  # argparse looks at no default
+        parser.error(f"{KERNEL_VARIABLE}={options.kernel}: choose from {', '.join(KERNELS)}")
     try:
         _check_machine()
-        request = _request(options, tuple(command))
-        packages.fill_cache(options.cache, _say)
-        status = machine.run(request, options.cache, options.memory, verbose=options.verbose)
+        status = _run(_request(options, tuple(command)), options)
     except GuestError as error:
         _say(str(error))
         return EXIT_NO_GUEST
@@ -51,9 +62,34 @@ def main(argv: Sequence[str] | None = None) -> int:
         return EXIT_INTERRUPTED
     except BrokenPipeError:
         return EXIT_BROKEN_PIPE
+    except OSError as error:
+        _say(f"no guest: {error}")
+        return EXIT_NO_GUEST
     if status == EXIT_OUT_OF_TIME:
         _say(f"out of time? the limit is {options.timeout} s (--timeout)")
     return status
+
+
+def _run(request: GuestRequest, options: argparse.Namespace) -> int:
+    """The command's exit status, from the first kernel that comes up."""
+    choice = choose(options.kernel, this_processor())
+    failures: list[tuple[Kernel, str]] = []
+    for kernel in choice.kernels:
+        try:
+            memory = machine.find_memory(kernel, options.memory)
+            packages.fill_cache(options.cache, kernel, _say)
+            reason = _why_not(failures[-1]) if failures else choice.reason
+            if not options.quiet:
+                _say(booting_line(kernel, packages.release(options.cache, kernel), reason))
+            return machine.run(request, options.cache, kernel, memory, verbose=options.verbose)
+        except NoKernelError as error:
+            failures.append((kernel, str(error)))
+    raise GuestError(failure_text(failures))
+
+
+def _why_not(failure: tuple[Kernel, str]) -> str:
+    kernel, text = failure
+    return f"{kernel.value}: {text.splitlines()[0]}"
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -94,11 +130,19 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument(
         "--cache",
-        type=Path,
+        type=_folder,
         default=packages.default_cache(),
         metavar="DIRECTORY",
         help="where the unpacked guest is kept (default: below ~/.cache)",
     )
+    parser.add_argument(
+        "--kernel",
+        choices=KERNELS,
+        default=os.environ.get(KERNEL_VARIABLE) or AUTOMATIC,
+        help=f"what to boot (default: ${KERNEL_VARIABLE}, or what suits the processor and, "
+        "where that does not come up, the next one)",
+    )
+    parser.add_argument("--quiet", action="store_true", help="do not say which kernel boots")
     parser.add_argument(
         "--verbose", action="store_true", help="show the kernel's messages at the end"
     )
@@ -109,6 +153,11 @@ def _whole_number(text: str) -> int:
     if not text.isdecimal():
         raise argparse.ArgumentTypeError(f"{text!r} is not a whole number")
     return int(text)
+
+
+def _folder(text: str) -> Path:
+    """The guest starts in another directory."""
+    return Path(text).absolute()
 
 
 def _check_machine() -> None:
@@ -132,11 +181,11 @@ def _request(options: argparse.Namespace, command: tuple[str, ...]) -> GuestRequ
     os.umask(umask)
     return GuestRequest(
         command=command,
-        directory=str(Path.cwd()),
+        directory=str(_working_directory()),
         environment=_environment(),
         umask=umask,
         interfaces=interfaces,
-        writable=tuple(_writable(path) for path in options.write or [Path.cwd()]),
+        writable=tuple(_writable(path) for path in options.write or [_working_directory()]),
         timeout_s=options.timeout,
         hostname=platform.node(),
         one_stream=os.path.sameopenfile(1, 2),
@@ -144,10 +193,18 @@ def _request(options: argparse.Namespace, command: tuple[str, ...]) -> GuestRequ
 
 
 def _environment() -> dict[str, str]:
-    """The caller's, with the programs of this checkout's .venv found after all others."""
-    programs = Path(__file__).resolve().parents[3] / ".venv/bin"
-    path = os.environ.get("PATH", os.defpath)
-    return {**os.environ, "PATH": f"{path}{os.pathsep}{programs}" if programs.is_dir() else path}
+    """The caller's, with the programs of this installation found after all others."""
+    checkout = Path(__file__).resolve().parents[3] / ".venv/bin"
+    folders = (os.environ.get("PATH", os.defpath), Path(sys.executable).parent, checkout)
+    found = [str(folder) for folder in folders if isinstance(folder, str) or folder.is_dir()]
+    return {**os.environ, "PATH": os.pathsep.join(dict.fromkeys(found))}
+
+
+def _working_directory() -> Path:
+    try:
+        return Path.cwd()
+    except FileNotFoundError:
+        raise GuestError("the working directory is gone; change to one that exists") from None
 
 
 def _writable(directory: str | Path) -> str:

@@ -1,9 +1,9 @@
 # PID 1 of the guest: makes the host's file system its own, runs the command, reports, powers off.
 #
-# Started by `init` in the run directory, which has set: run, modules, toolbox, hostname, streams,
-# interfaces. Talks to the launcher through the serial line ttyS0: says "up", takes the names of
-# signals for the command, and says "status N" at the end. Lines ttyS1 and ttyS2 carry the command's
-# standard output and standard error.
+# Started by `init` in the run directory, which has set: engine, run, modules, toolbox, hostname,
+# streams, interfaces. Talks to the launcher through line 0: says "up", takes the names of signals
+# for the command, and says "status N" at the end. Lines 1 and 2 carry the command's standard output
+# and standard error.
 
 b=$run/busybox
 exec 2>&1 # both are the console, which the launcher keeps for the case of trouble
@@ -12,6 +12,26 @@ fail() {
     echo "vcan-guest: $*"
     $b poweroff -f
 }
+
+# A user-mode kernel mounts any directory of the host; an emulated PC has three exported to it.
+case $engine in
+uml)
+    line=/dev/ttyS
+    mount_toolbox() { $b mount -t hostfs -o "$toolbox" hostfs toolbox; }
+    prepare_to_let_through() { :; }
+    mount_through() { $b mount -t hostfs -o "$1" hostfs "$1"; }
+    ;;
+qemu)
+    line=/dev/hvc
+    exported=trans=virtio,version=9p2000.L,msize=512000
+    mount_toolbox() { $b mount -t 9p -o "ro,$exported,cache=loose" toolbox toolbox; }
+    prepare_to_let_through() {
+        $b mkdir /run/vcan-guest/writable
+        $b mount -t 9p -o "rw,$exported,cache=mmap" writable /run/vcan-guest/writable
+    }
+    mount_through() { $b mount -o bind "/run/vcan-guest/writable$1" "$1"; }
+    ;;
+esac
 
 load_modules() {
     for module in "$modules"/*; do
@@ -25,7 +45,7 @@ stack_root() {
     $b mount -t tmpfs -o size=90% tmpfs "$run/mnt" || fail "no tmpfs"
     cd "$run/mnt" || fail "no $run/mnt"
     $b mkdir upper work root toolbox
-    $b mount -t hostfs -o "$toolbox" hostfs toolbox || fail "no toolbox"
+    mount_toolbox || fail "no toolbox"
     $b mount -t overlay -o "lowerdir=/:toolbox,upperdir=upper,workdir=work" overlay root ||
         fail "no overlay"
 }
@@ -52,9 +72,10 @@ enter_root() {
 }
 
 let_through() {
-    $b mount -t hostfs -o "$run" hostfs "$run" || fail "cannot mount $run"
+    prepare_to_let_through || fail "cannot write to the host"
+    mount_through "$run" || fail "cannot mount $run"
     while read -r directory; do
-        $b mount -t hostfs -o "$directory" hostfs "$directory" || fail "cannot mount $directory"
+        mount_through "$directory" || fail "cannot mount $directory"
     done <"$run/writable"
 }
 
@@ -70,11 +91,11 @@ raise_network() {
 
 open_lines() {
     cd /run/vcan-guest || fail "no /run/vcan-guest"
-    $b stty -F /dev/ttyS0 raw -echo
-    for line in $streams; do
-        $b mkfifo "$line"
-        $b stty -F "/dev/ttyS$line" raw -echo
-        $b cat <"$line" >"/dev/ttyS$line" &
+    $b stty -F "${line}0" raw -echo
+    for stream in $streams; do
+        $b mkfifo "$stream"
+        $b stty -F "$line$stream" raw -echo
+        $b cat <"$stream" >"$line$stream" &
         relays="$relays $!"
     done
 }
@@ -83,7 +104,7 @@ open_lines() {
 pass_signals() {
     while read -r signal; do
         [ -s command.pid ] && kill -s "$signal" "$($b cat command.pid)"
-    done </dev/ttyS0
+    done <"${line}0"
 }
 
 # Whatever is still there would keep the output open.
@@ -109,13 +130,13 @@ let_through
 raise_network
 open_lines
 pass_signals &
-echo up >/dev/ttyS0
+echo up >"${line}0"
 case $streams in
 1) $b sh "$run/command" </dev/null >1 2>&1 ;;
 *) $b sh "$run/command" </dev/null >1 2>2 ;;
 esac
 status=$?
 end_the_rest
-echo "status $status" >/dev/ttyS0
+echo "status $status" >"${line}0"
 $b sync
 $b poweroff -f

@@ -7,7 +7,7 @@ import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,11 +16,20 @@ from typing import IO, Final
 
 from firmware_py.clock.clock import NS_PER_S, WallClock
 from metro_tools.guest import plan
-from metro_tools.guest.plan import GuestError, GuestFolders, GuestRequest, MemoryPlace
+from metro_tools.guest.kernels import Kernel
+from metro_tools.guest.launch import Launch, Memory, launch, machine_for
+from metro_tools.guest.plan import (
+    Engine,
+    GuestError,
+    GuestFolders,
+    GuestRequest,
+    MemoryPlace,
+    NoKernelError,
+)
 from metro_tools.guest.wires import GuestWires, lay_wires, write_all
 
-BOOT_TIMEOUT_S: Final = 90.0
-"""A second or two is usual; the rest is for a machine with much else to do."""
+BOOT_TIMEOUTS_S: Final = {Engine.UML: 90.0, Engine.QEMU: 300.0}
+"""One or two seconds are usual, 25 with QEMU; the rest is for a busy machine."""
 HANG_GRACE_S: Final = 60.0
 """Beyond the command's own limit, which the guest enforces: this is for a guest that hangs."""
 SIGNAL_GRACE_S: Final = 20.0
@@ -48,26 +57,34 @@ class _Course:
     """What to say when the deadline passes."""
 
 
-def run(request: GuestRequest, cache: Path, memory_mib: int, *, verbose: bool) -> int:
+def find_memory(kernel: Kernel, wanted_mib: int) -> Memory:
+    """Where the guest's memory will be, and how much it gets.
+
+    Raises:
+        NoKernelError: there is no room for it.
+    """
+    if kernel is Kernel.QEMU:
+        return Memory(None, plan.emulated_memory_mib(_available_mib(), wanted_mib))
+    place, memory_mib = plan.choose_memory(memory_places(), wanted_mib)
+    return Memory(place.path, memory_mib)
+
+
+def run(
+    request: GuestRequest, cache: Path, kernel: Kernel, memory: Memory, *, verbose: bool
+) -> int:
     """Boot, run, power off; the command's exit status.
 
     Raises:
-        GuestError: the guest did not come up, hung or crashed; with its last messages.
+        NoKernelError: the guest did not come up; with its last messages.
+        GuestError: it hung or crashed later.
     """
-    place, memory_mib = plan.choose_memory(memory_places(), memory_mib)
     with _run_dir() as run_dir:
-        machine = GuestFolders(
-            kernel=cache / "kernel/linux",
-            busybox=cache / "kernel/busybox",
-            modules=cache / "kernel/modules",
-            toolbox=cache / "toolbox",
-            run_dir=run_dir,
-        )
+        machine = machine_for(kernel, cache, run_dir)
         _write_scripts(request, machine, run_dir)
         try:
-            return _boot(request, machine, memory_mib, place)
+            return _boot(request, machine, memory)
         except GuestError as error:
-            raise GuestError(f"{error}\n{_last_messages(run_dir)}") from error
+            raise type(error)(f"{error}\n{_last_messages(run_dir)}") from error
         finally:
             if verbose:
                 text = (run_dir / "console.log").read_text(errors="replace")
@@ -91,6 +108,11 @@ def memory_places() -> Iterator[MemoryPlace]:
             )
 
 
+def _available_mib() -> int:
+    words = Path("/proc/meminfo").read_text().split()
+    return int(words[words.index("MemAvailable:") + 1]) // 1024
+
+
 @contextmanager
 def _run_dir() -> Iterator[Path]:
     # Directly in /tmp: the path goes on the kernel's command line, where a blank would end it.
@@ -108,25 +130,26 @@ def _write_scripts(request: GuestRequest, machine: GuestFolders, run_dir: Path) 
     busybox = run_dir / "busybox"
     shutil.copy2(machine.busybox, busybox)
     (run_dir / "mnt").mkdir()
-    (run_dir / "writable").write_text(plan.writable_list(request))
-    (run_dir / "command").write_text(plan.command_script(request, str(busybox), timeout_program))
+    command = plan.command_script(request, machine.engine, str(busybox), timeout_program)
+    _write(run_dir / "writable", plan.writable_list(request))
+    _write(run_dir / "command", command)
     source = Path(__file__).with_name("init.sh").read_text()
     init = run_dir / "init"
-    init.write_text(f"#!{busybox} sh\n{plan.settings_script(request, machine)}{source}")
+    _write(init, f"#!{busybox} sh\n{plan.settings_script(request, machine)}{source}")
     init.chmod(0o700)
 
 
-def _boot(request: GuestRequest, machine: GuestFolders, memory_mib: int, place: MemoryPlace) -> int:
+def _write(path: Path, text: str) -> None:
+    """File names and environment need not be UTF-8; the bytes stay as they came."""
+    path.write_bytes(os.fsencode(text))
+
+
+def _boot(request: GuestRequest, machine: GuestFolders, memory: Memory) -> int:
     wires = lay_wires(one_stream=request.one_stream)
-    words = plan.kernel_arguments(
-        machine,
-        memory_mib,
-        control=(wires.orders_in, wires.reports_out),
-        streams=[write for _, write, _ in wires.streams],
-    )
-    environment = {**os.environ, "TMPDIR": place.path}
+    start = launch(machine, memory, wires)
     with (Path(machine.run_dir) / "console.log").open("wb") as console, _kept_signals() as caught:
-        process = _start(words, environment, wires, console)
+        caught.deadline_s = _now_s() + BOOT_TIMEOUTS_S[machine.engine]
+        process = _start(start, machine, wires, console)
         try:
             with _watched(process, str(machine.run_dir)):
                 return _attend(process, wires, request.timeout_s, caught)
@@ -137,13 +160,14 @@ def _boot(request: GuestRequest, machine: GuestFolders, memory_mib: int, place: 
 
 
 def _start(
-    words: Sequence[str], environment: dict[str, str], wires: GuestWires, console: IO[bytes]
+    start: Launch, machine: GuestFolders, wires: GuestWires, console: IO[bytes]
 ) -> subprocess.Popen[bytes]:
     """Start the kernel as leader of a session of its own, so that a Ctrl-C does not reach it."""
     try:
         process = subprocess.Popen(  # noqa: S603 # the kernel from the cache
-            words,
-            env=environment,
+            start.words,
+            cwd=Path(machine.kernel).parent,
+            env={**os.environ, **start.settings},
             stdin=subprocess.DEVNULL,
             stdout=console,
             stderr=console,
@@ -151,9 +175,10 @@ def _start(
             start_new_session=True,
         )
     except OSError as error:
-        raise GuestError(f"cannot start {words[0]}: {error.strerror}") from error
-    for descriptor in wires.guest_ends():
-        os.close(descriptor)
+        raise NoKernelError(f"cannot start {start.words[0]}: {error.strerror}") from error
+    finally:
+        for descriptor in wires.guest_ends():
+            os.close(descriptor)
     return process
 
 
@@ -201,7 +226,6 @@ def _attend(
     process: subprocess.Popen[bytes], wires: GuestWires, timeout_s: int, course: _Course
 ) -> int:
     """Relay output, follow reports and pass signals on until the guest is gone."""
-    course.deadline_s = _now_s() + BOOT_TIMEOUT_S
     reports = bytearray()
     with selectors.DefaultSelector() as selector, _wakeup(selector):
         selector.register(wires.reports_in, selectors.EVENT_READ, None)
@@ -215,9 +239,10 @@ def _attend(
             if process.poll() is not None:
                 # It is gone; its pipes end at once unless a stray process of it holds them.
                 course.deadline_s = min(course.deadline_s, _now_s() + FLUSH_TIMEOUT_S)
+    if course.status is None and not course.is_up:
+        raise NoKernelError(f"the guest {course.why}")
     if course.status is None:
-        crashed = course.is_up and process.poll() is not None
-        raise GuestError(f"the guest {'crashed' if crashed else course.why}")
+        raise GuestError(f"the guest {'crashed' if process.poll() is not None else course.why}")
     return course.status
 
 

@@ -1,6 +1,8 @@
 """Debian packages, fetched and unpacked into a cache; installs nothing and needs no rights."""
 
 import fcntl
+import hashlib
+import lzma
 import os
 import shutil
 import subprocess
@@ -10,9 +12,24 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
 
-from metro_tools.guest.plan import GuestError, library_names
+from metro_tools.guest import qemu
+from metro_tools.guest.debian_offers import PINNED, Package, offered, settle, sources_line
+from metro_tools.guest.elf_interpreter import with_interpreter
+from metro_tools.guest.initial_files import archive
+from metro_tools.guest.kernels import Kernel
+from metro_tools.guest.plan import NoKernelError, library_names
 
-KERNEL_PACKAGES: Final = ("user-mode-linux", "busybox-static")
+TOOLBOX: Final = "toolbox"
+EMULATOR: Final = "emulator"
+PC_KERNEL_PACKAGE: Final = "linux-image-amd64"
+EMULATOR_PACKAGES: Final = (
+    *("qemu-system-x86", "qemu-system-common", "qemu-system-data", "seabios"),
+)
+LOADER: Final = "ld-linux-x86-64.so.2"
+KEYRINGS: Final = (
+    "/usr/share/keyrings/debian-archive-keyring.pgp",
+    "/usr/share/keyrings/debian-archive-keyring.gpg",
+)
 TOOL_PACKAGES: Final = ("can-utils", "iproute2")
 REQUIRED_MODULES: Final = ("overlay", "can-dev", "vcan", "can", "can-raw")
 MODULES: Final = (
@@ -32,68 +49,143 @@ def default_cache() -> Path:
     return Path(base) / "metro-bench" / "vcan-guest"
 
 
-def fill_cache(cache: Path, say: Say) -> None:
-    """Make sure `kernel` and `toolbox` are in the cache and whole.
+def parts_of(kernel: Kernel) -> tuple[str, ...]:
+    """Folders of the cache that a guest with this kernel takes."""
+    bundled = kernel is Kernel.QEMU and shutil.which(qemu.PROGRAM) is None
+    return (kernel.value, TOOLBOX, *([EMULATOR] if bundled else []))
+
+
+def fill_cache(cache: Path, kernel: Kernel, say: Say) -> None:
+    """Make sure that the parts of this kernel are in the cache. A part that is there is whole.
 
     Raises:
-        GuestError: no apt, no such package, no network.
+        NoKernelError: no apt, no such package, no network.
     """
-    if (cache / "complete").exists():
+    if all((cache / part).exists() for part in parts_of(kernel)):
         return
     for program in ("apt-get", "apt-cache", "dpkg-deb"):
         if shutil.which(program) is None:
-            raise GuestError(
+            raise NoKernelError(
                 f"{program} is missing: the guest's kernel is unpacked from Debian packages, so "
                 "this takes a Debian 12 or later (a container of one is enough)"
             )
     try:
         cache.mkdir(parents=True, exist_ok=True)
         with _locked(cache / "lock"):
-            if not (cache / "complete").exists():
-                _fill(cache, say)
+            for part in parts_of(kernel):
+                if not (cache / part).exists():
+                    _fill(cache, part, say)
     except OSError as error:
-        raise GuestError(f"cannot write the cache {cache}: {error.strerror or error}") from error
+        raise NoKernelError(f"cannot write the cache {cache}: {error.strerror or error}") from error
 
 
-def _fill(cache: Path, say: Say) -> None:
-    for stale in (*cache.glob("new.*"), *(cache / part for part in ("kernel", "toolbox"))):
+def _fill(cache: Path, part: str, say: Say) -> None:
+    for stale in cache.glob("new.*"):
         shutil.rmtree(stale, ignore_errors=True)
     new = Path(tempfile.mkdtemp(prefix="new.", dir=cache))
     try:
-        apt = _Apt(cache / "apt", say)
-        apt.unpack(KERNEL_PACKAGES, new / "deb")
-        _arrange_kernel(new / "deb", new / "kernel")
-        apt.unpack(apt.with_libraries(TOOL_PACKAGES), new / "toolbox")
-        merge_usr(new / "toolbox")
-        (new / "kernel").rename(cache / "kernel")
-        (new / "toolbox").rename(cache / "toolbox")
+        FILLERS[part](_Apt(new / "apt", say), new / "deb", new / part)
+        (new / part).rename(cache / part)
     finally:
         shutil.rmtree(new, ignore_errors=True)
-        shutil.rmtree(cache / "apt", ignore_errors=True)
-    (cache / "complete").touch()
 
 
-def _arrange_kernel(tree: Path, to: Path) -> None:
-    """Copy the kernel, busybox and the modules out of the unpacked packages."""
+def _fill_stock(apt: "_Apt", tree: Path, to: Path) -> None:
+    apt.unpack(("user-mode-linux", "busybox-static"), tree)
+    _arrange_user_mode(tree, to)
+
+
+def _fill_newer(apt: "_Apt", tree: Path, to: Path) -> None:
+    """Its C library comes along, as that of the host may be too old for it."""
+    apt.unpack(("busybox-static",), tree)
+    apt.unstable().unpack_pinned(PINNED, tree)
+    _arrange_user_mode(tree, to)
+    shutil.copytree(_loader(tree).parent, to / "lib", symlinks=True)
+    kernel = to / "linux"
+    # A relative path: the kernel starts in its own folder, which may be moved.
+    kernel.write_bytes(with_interpreter(kernel.read_bytes(), f"lib/{LOADER}"))
+
+
+def _fill_qemu(apt: "_Apt", tree: Path, to: Path) -> None:
+    apt.unpack((*apt.needed_by(PC_KERNEL_PACKAGE, "linux-image-"), "busybox-static"), tree)
+    _arrange(tree, to, (*MODULES, "can-isotp"))
+    shutil.copy2(_only(tree, "boot", "vmlinuz-*"), to / "linux")
+    early = dict(_modules(tree, qemu.EARLY_MODULES))
+    files = {f"modules/{number_name}": content for number_name, content in early.items()}
+    files |= {"init": qemu.INIT.encode(), "bin/busybox": (to / "busybox").read_bytes()}
+    (to / "initrd").write_bytes(archive(("bin", "modules", "proc", "root"), files))
+
+
+def _fill_emulator(apt: "_Apt", tree: Path, to: Path) -> None:
+    apt.unpack(apt.with_libraries(EMULATOR_PACKAGES), tree)
+    merge_usr(tree)
+    for part in ("bin", "lib", "share/qemu", "share/seabios"):
+        shutil.copytree(tree / "usr" / part, to / part, symlinks=True)
+
+
+def _fill_toolbox(apt: "_Apt", tree: Path, to: Path) -> None:
+    apt.unpack(apt.with_libraries(TOOL_PACKAGES), tree)
+    merge_usr(tree)
+    tree.rename(to)
+
+
+FILLERS: Final = {
+    Kernel.STOCK.value: _fill_stock,
+    Kernel.NEWER.value: _fill_newer,
+    Kernel.QEMU.value: _fill_qemu,
+    EMULATOR: _fill_emulator,
+    TOOLBOX: _fill_toolbox,
+}
+
+
+def release(cache: Path, kernel: Kernel) -> str:
+    """Version of a kernel in the cache, as `uname -r` gives it."""
+    return (cache / kernel.value / "release").read_text().strip()
+
+
+def _arrange_user_mode(tree: Path, to: Path) -> None:
+    _arrange(tree, to, MODULES)
+    shutil.copy2(_only(tree, "bin", "linux.uml"), to / "linux")
+
+
+def _arrange(tree: Path, to: Path, modules: Sequence[str]) -> None:
+    """Copy busybox, the modules and their release out of the unpacked packages."""
     (to / "modules").mkdir(parents=True)
-    shutil.copy2(_only(tree, "linux.uml"), to / "linux")
-    shutil.copy2(_only(tree, "busybox"), to / "busybox")
-    for number, name in enumerate(MODULES, start=100):
-        found = next(tree.rglob(f"{name}.ko"), None)
-        if found is not None:
-            # The number makes a shell's * give them in the order to load.
-            shutil.copy2(found, to / "modules" / f"{number}-{name}.ko")
-        elif name in REQUIRED_MODULES:
-            raise GuestError(
-                f"the package user-mode-linux has no module {name}; Debian 12's has it"
-            )
+    shutil.copy2(_only(tree, "bin", "busybox"), to / "busybox")
+    for name, content in _modules(tree, modules):
+        (to / "modules" / name).write_bytes(content)
+    present = {path.name.partition("-")[2] for path in (to / "modules").iterdir()}
+    if missing := [name for name in REQUIRED_MODULES if f"{name}.ko" not in present]:
+        raise NoKernelError(f"the kernel's package has no module {', '.join(missing)}")
+    (to / "release").write_text(f"{next(tree.rglob('modules/*/kernel')).parent.name}\n")
 
 
-def _only(tree: Path, name: str) -> Path:
+def _modules(tree: Path, names: Sequence[str]) -> Iterator[tuple[str, bytes]]:
+    """Those of the modules that are files; the rest the kernel has built in.
+
+    The number in a file's name makes a shell's * give them in the order to load.
+    """
+    for number, name in enumerate(names, start=100):
+        for path in tree.rglob(f"{name}.ko*"):
+            packed = path.read_bytes()
+            content = lzma.decompress(packed) if path.suffix == ".xz" else packed
+            yield f"{number}-{name}.ko", content
+            break
+
+
+def _only(tree: Path, folder: str, name: str) -> Path:
     for path in tree.rglob(name):
-        if path.is_file() and not path.is_symlink() and path.parent.name == "bin":
+        if path.is_file() and not path.is_symlink() and path.parent.name == folder:
             return path
-    raise GuestError(f"no program {name} in the packages {', '.join(KERNEL_PACKAGES)}")
+    raise NoKernelError(f"the unpacked packages have no {folder}/{name}")
+
+
+def _loader(tree: Path) -> Path:
+    """The C library's dynamic loader; the folder it lies in is the library's."""
+    for path in tree.rglob(LOADER):
+        if path.is_file() and path.with_name("libc.so.6").exists():
+            return path
+    raise NoKernelError(f"the package libc6 has no {LOADER}")
 
 
 def merge_usr(tree: Path) -> None:
@@ -116,31 +208,84 @@ class _Apt:
         self._say = say
         self._options: tuple[str, ...] = ("-q", "-o", "APT::Sandbox::User=root")
 
+    def unstable(self) -> "_Apt":
+        """The same for Debian unstable, from the mirror that this machine uses."""
+        words = ["apt-get", *self._options, "indextargets", "--format", "$(REPO_URI)"]
+        keyring = next((path for path in KEYRINGS if Path(path).exists()), None)
+        return self.with_sources(sources_line(_call(words, Path("/")), keyring))
+
+    def with_sources(self, text: str) -> "_Apt":
+        """The same for other sources, whatever releases this machine has or prefers."""
+        state = Path(tempfile.mkdtemp(prefix="apt.", dir=self._state.parent))
+        other = _Apt(state, self._say)
+        (state / "sources.list").write_text(text)
+        for setting in (
+            f"Dir::Etc::sourcelist={state / 'sources.list'}",
+            *("Dir::Etc::sourceparts=/dev/null", "APT::Default-Release="),
+            *("Dir::Etc::preferences=/dev/null", "Dir::Etc::preferencesparts=/dev/null"),
+            "APT::Update::Error-Mode=any",
+        ):
+            other._options += ("-o", setting)
+        other._update()
+        return other
+
     def unpack(self, packages: Sequence[str], to: Path) -> None:
         """Download, which checks signatures and hashes, and unpack."""
-        self._say(f"downloading {' '.join(packages)} (once)")
-        debs = Path(tempfile.mkdtemp(prefix="debs.", dir=to.parent))
+        self._say(f"downloading {_listed(packages)} (once)")
+        debs = self._new_folder("debs.")
         fetch = ("-o", "Acquire::Retries=3", "download", *packages)
         try:
             self._get(fetch, debs)
-        except GuestError:
+        except NoKernelError:
             # Lists that are missing or out of date are the usual reason for a first failure.
             self._update()
             self._get(fetch, debs)
-        for deb in sorted(debs.glob("*.deb")):
-            _call(["dpkg-deb", "-x", str(deb), str(to)], to.parent)
-        shutil.rmtree(debs)
+        _unpack_all(debs, to)
+
+    def unpack_pinned(self, packages: Sequence[Package], to: Path) -> None:
+        """Download the pinned versions, or what took their place, and unpack what is authentic."""
+        taken = []
+        for pinned in packages:
+            shown = _call(["apt-cache", *self._options, "show", pinned.name], Path("/"))
+            package, remark = settle(pinned, offered(pinned.name, shown))
+            if remark:
+                self._say(remark)
+            taken.append(package)
+        names = [f"{package.name}={package.version}" for package in taken]
+        self._say(f"downloading {' '.join(names)} (once)")
+        debs = self._new_folder("debs.")
+        self._get(("-o", "Acquire::Retries=3", "download", *names), debs)
+        for package in taken:
+            (deb,) = debs.glob(f"{package.name}_*.deb")
+            if hashlib.sha256(deb.read_bytes()).hexdigest() != package.sha256:
+                raise NoKernelError(f"{deb.name} does not have SHA-256 {package.sha256}")
+        _unpack_all(debs, to)
 
     def with_libraries(self, packages: Sequence[str]) -> list[str]:
         """The packages and, over a few steps, the libraries that they depend on."""
         known, new = set(packages), set(packages)
         for _ in range(DEPENDENCY_DEPTH_MAX):
-            text = _call(["apt-cache", *self._options, "depends", *sorted(new)], Path("/"))
-            new = library_names(text) - known
+            new = library_names(self._depends(sorted(new))) - known
             known |= new
             if not new:
                 break
         return sorted(known)
+
+    def needed_by(self, package: str, prefix: str) -> list[str]:
+        """The packages with such a name that a package depends on."""
+        words = [line.split() for line in self._depends([package]).splitlines()]
+        return [w[1] for w in words if w[:1] == ["Depends:"] and w[1].startswith(prefix)]
+
+    def _depends(self, packages: Sequence[str]) -> str:
+        words = ["apt-cache", *self._options, "depends", *packages]
+        try:
+            return _call(words, Path("/"))
+        except NoKernelError:
+            self._update()
+            return _call(["apt-cache", *self._options, "depends", *packages], Path("/"))
+
+    def _new_folder(self, prefix: str) -> Path:
+        return Path(tempfile.mkdtemp(prefix=prefix, dir=self._state.parent))
 
     def _get(self, words: Sequence[str], directory: Path) -> None:
         _call(["apt-get", *self._options, *words], directory)
@@ -152,6 +297,18 @@ class _Apt:
         self._say("fetching the lists of packages")
         self._options += ("-o", f"Dir::State::lists={lists}", "-o", f"Dir::Cache={self._state}")
         self._get(("update",), self._state)
+
+
+def _listed(packages: Sequence[str]) -> str:
+    libraries = [name for name in packages if name.startswith("lib")]
+    others = " ".join(name for name in packages if name not in libraries)
+    return f"{others} with {len(libraries)} libraries" if libraries else others
+
+
+def _unpack_all(debs: Path, to: Path) -> None:
+    for deb in sorted(debs.glob("*.deb")):
+        _call(["dpkg-deb", "-x", str(deb), str(to)], to.parent)
+    shutil.rmtree(debs)
 
 
 def _call(words: Sequence[str], directory: Path) -> str:
@@ -170,10 +327,10 @@ def _call(words: Sequence[str], directory: Path) -> str:
             check=False,
         )
     except subprocess.TimeoutExpired as error:
-        raise GuestError(f"{words[0]} did not end within {FETCH_TIMEOUT_S} s") from error
+        raise NoKernelError(f"{words[0]} did not end within {FETCH_TIMEOUT_S} s") from error
     if done.returncode != 0:
         complaint = "\n  ".join((done.stderr or done.stdout).strip().splitlines()[-5:])
-        raise GuestError(f"{' '.join(words)} failed:\n  {complaint}")
+        raise NoKernelError(f"{' '.join(words)} failed:\n  {complaint}")
     return done.stdout
 
 

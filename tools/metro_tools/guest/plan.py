@@ -3,6 +3,7 @@
 import shlex
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from enum import Enum
 from pathlib import PurePath
 from typing import Final
 
@@ -20,6 +21,17 @@ INTERFACE_NAME_MAX: Final = 15
 
 class GuestError(Exception):
     """Why there is no guest; the text says what to do about it."""
+
+
+class NoKernelError(GuestError):
+    """One kernel cannot be had or does not come up; the command has not begun, another may do."""
+
+
+class Engine(Enum):
+    """What runs the guest's kernel; the value is what `VCAN_GUEST` says in the guest."""
+
+    UML = "uml"
+    QEMU = "qemu"
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,11 +69,18 @@ class MemoryPlace:
 class GuestFolders:
     """Where the unpacked guest is, and where this run of it keeps its files."""
 
+    engine: Engine
     kernel: PurePath
     busybox: PurePath
     modules: PurePath
     toolbox: PurePath
     run_dir: PurePath
+    libraries: PurePath | None = None
+    """Shared libraries that the kernel, or its emulator, takes before the host's."""
+    emulator: PurePath | None = None
+    """Program that emulates a PC."""
+    firmware: Sequence[PurePath] = ()
+    """Directories with the PC's firmware; empty: where the emulator looks by itself."""
 
 
 def choose_memory(places: Iterable[MemoryPlace], wanted_mib: int) -> tuple[MemoryPlace, int]:
@@ -71,7 +90,7 @@ def choose_memory(places: Iterable[MemoryPlace], wanted_mib: int) -> tuple[Memor
     mounted noexec. The first place with all that is wanted wins, else the roomiest one.
 
     Raises:
-        GuestError: no place is usable; the text lists each with its reason.
+        NoKernelError: no place is usable; the text lists each with its reason.
     """
     usable: list[tuple[int, MemoryPlace]] = []
     refused: list[str] = []
@@ -86,7 +105,7 @@ def choose_memory(places: Iterable[MemoryPlace], wanted_mib: int) -> tuple[Memor
         else:
             usable.append((room_mib, place))
     if not usable:
-        raise GuestError(
+        raise NoKernelError(
             f"no room for the guest's memory: {'; '.join(refused) or 'there is no tmpfs'}. "
             f"It takes {MEMORY_LEAST_MIB + MEMORY_MARGIN_MIB} MiB or more of an executable tmpfs; "
             "with Docker: --tmpfs /dev/shm:rw,exec,size=3g"
@@ -96,6 +115,21 @@ def choose_memory(places: Iterable[MemoryPlace], wanted_mib: int) -> tuple[Memor
             return place, wanted_mib
     room_mib, place = max(usable, key=lambda pair: pair[0])
     return place, room_mib
+
+
+def emulated_memory_mib(available_mib: int, wanted_mib: int) -> int:
+    """How many MiB of the machine's available memory an emulated PC gets.
+
+    Raises:
+        NoKernelError: too little is available.
+    """
+    room_mib = available_mib - MEMORY_MARGIN_MIB
+    if room_mib < MEMORY_LEAST_MIB:
+        raise NoKernelError(
+            f"only {available_mib} MiB of memory are available; an emulated PC takes "
+            f"{MEMORY_LEAST_MIB + MEMORY_MARGIN_MIB} MiB or more"
+        )
+    return min(room_mib, wanted_mib)
 
 
 def interface_name_fault(name: str) -> str | None:
@@ -141,6 +175,7 @@ def kernel_arguments(
 def settings_script(request: GuestRequest, machine: GuestFolders) -> str:
     """Shell variables that PID 1 reads first."""
     values = {
+        "engine": machine.engine.value,
         "run": str(machine.run_dir),
         "modules": str(machine.modules),
         "toolbox": str(machine.toolbox),
@@ -156,11 +191,21 @@ def writable_list(request: GuestRequest) -> str:
     return "".join(f"{path}\n" for path in request.writable)
 
 
-def command_script(request: GuestRequest, busybox: str, timeout_program: str) -> str:
+def command_script(
+    request: GuestRequest, engine: Engine, busybox: str, timeout_program: str
+) -> str:
     """Shell script that becomes the command, with the host's environment and directory."""
     environment = [f"{name}={value}" for name, value in request.environment.items()]
     limit = [timeout_program, "-k", str(KILL_GRACE_S), str(request.timeout_s)]
-    words = [busybox, "env", "-i", *environment, "VCAN_GUEST=uml", *limit, *request.command]
+    words = [
+        busybox,
+        "env",
+        "-i",
+        *environment,
+        f"VCAN_GUEST={engine.value}",
+        *limit,
+        *request.command,
+    ]
     return (
         f"umask {request.umask:04o}\n"
         f"cd {shlex.quote(request.directory)} || exit 125\n"

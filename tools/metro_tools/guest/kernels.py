@@ -1,0 +1,80 @@
+"""The guest's three kernels, and the order in which a machine tries them. Pure."""
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from typing import Final
+
+AUTOMATIC: Final = "auto"
+SIGNAL_FRAME_MAX_BYTES: Final = 3632
+"""Signal frame of a processor with AVX-512 and protection keys, whose XSAVE area has 2,696 bytes.
+
+User-mode Linux before 6.13 keeps this area in a buffer of just that size and dies on a larger one.
+"""
+AMX_FLAG: Final = "amx_tile"
+"""Flag in /proc/cpuinfo of a processor whose XSAVE area has 11,008 bytes."""
+
+
+class Kernel(Enum):
+    """A kernel to boot; the value is the user's name of it and its folder in the cache."""
+
+    STOCK = "stock"
+    NEWER = "newer"
+    QEMU = "qemu"
+
+
+TITLES: Final = {
+    Kernel.STOCK: "the distribution's user-mode Linux",
+    Kernel.NEWER: "Debian unstable's user-mode Linux",
+    Kernel.QEMU: "an emulated PC (QEMU, about 15 times slower) with Linux",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Processor:
+    """What decides which user-mode kernel can run."""
+
+    flags: Collection[str]
+    """As in /proc/cpuinfo."""
+    signal_frame_bytes: int | None
+    """AT_MINSIGSTKSZ, which grows with the XSAVE area; None where the host does not give it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """Kernels in the order to try, and why that order."""
+
+    kernels: Sequence[Kernel]
+    reason: str
+
+
+def choose(wanted: str, processor: Processor) -> Choice:
+    """One kernel if the user named it, else all three; the later ones are for when one fails.
+
+    Args:
+        wanted: a value of `Kernel`, or `AUTOMATIC`.
+        processor: of this machine.
+    """
+    if wanted != AUTOMATIC:
+        return Choice((Kernel(wanted),), "as asked for")
+    frame_bytes = processor.signal_frame_bytes or 0
+    if AMX_FLAG in processor.flags:
+        reason = "the processor has AMX, on which older ones die"
+    elif frame_bytes > SIGNAL_FRAME_MAX_BYTES:
+        reason = f"older ones die on the processor's signal frame of {frame_bytes} bytes"
+    else:
+        return Choice((Kernel.STOCK, Kernel.NEWER, Kernel.QEMU), "it suits the processor")
+    return Choice((Kernel.NEWER, Kernel.STOCK, Kernel.QEMU), reason)
+
+
+def booting_line(kernel: Kernel, release: str, reason: str) -> str:
+    """The line that names the kernel before it boots, and says why this one."""
+    return f"kernel {kernel.value}: {TITLES[kernel]} {release} ({reason})"
+
+
+def failure_text(failures: Sequence[tuple[Kernel, str]]) -> str:
+    """Why no kernel gave a guest: each reason once."""
+    texts = dict.fromkeys(text for _, text in failures)
+    if len(texts) == 1:
+        return next(iter(texts))
+    return "no kernel gave a guest\n" + "\n".join(f"{k.value}: {text}" for k, text in failures)

@@ -1,0 +1,76 @@
+"""How the kernels from the cache are started: files, command line and environment of each."""
+
+import shutil
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path, PurePath
+from typing import Final
+
+from metro_tools.guest import packages, plan, qemu
+from metro_tools.guest.kernels import Kernel
+from metro_tools.guest.plan import Engine, GuestFolders
+from metro_tools.guest.wires import GuestWires
+
+NEWER_LIBRARIES: Final = PurePath("lib")
+"""In the folder of the kernel, which is the working directory that it starts in."""
+LIBRARY_FOLDER: Final = "lib/x86_64-linux-gnu"
+
+
+@dataclass(frozen=True, slots=True)
+class Memory:
+    """Where the guest's memory is, and how many MiB it has."""
+
+    place: str | None
+    """Directory of a tmpfs; None: memory of the process."""
+    mib: int
+
+
+@dataclass(frozen=True, slots=True)
+class Launch:
+    """What the host starts."""
+
+    words: Sequence[str]
+    settings: Mapping[str, str]
+    """Environment variables that are set over the launcher's own."""
+
+
+def machine_for(kernel: Kernel, cache: Path, run_dir: Path) -> GuestFolders:
+    """Where the parts of a guest with this kernel are."""
+    folder, emulator = cache / kernel.value, cache / packages.EMULATOR
+    own = shutil.which(qemu.PROGRAM)
+    firmware: tuple[Path, ...] = ()
+    libraries: PurePath | None = None
+    if kernel is Kernel.NEWER:
+        libraries = NEWER_LIBRARIES
+    elif kernel is Kernel.QEMU and own is None:
+        libraries = emulator / LIBRARY_FOLDER
+        firmware = (emulator / "share/qemu", emulator / "share/seabios")
+    return GuestFolders(
+        engine=Engine.QEMU if kernel is Kernel.QEMU else Engine.UML,
+        kernel=folder / "linux",
+        busybox=folder / "busybox",
+        modules=folder / "modules",
+        toolbox=cache / packages.TOOLBOX,
+        run_dir=run_dir,
+        libraries=libraries,
+        emulator=PurePath(own) if own else emulator / "bin" / qemu.PROGRAM,
+        firmware=firmware,
+    )
+
+
+def launch(machine: GuestFolders, memory: Memory, wires: GuestWires) -> Launch:
+    """Command line and environment; names the pipes of the control line in the run directory."""
+    settings = {}
+    if machine.libraries is not None:
+        settings["LD_LIBRARY_PATH"] = str(machine.libraries)
+    streams = [write for _, write, _ in wires.streams]
+    if machine.engine is Engine.UML:
+        control = (wires.orders_in, wires.reports_out)
+        words = plan.kernel_arguments(machine, memory.mib, control=control, streams=streams)
+        return Launch(words, settings | {"TMPDIR": memory.place or ""})
+    for end, descriptor in (("in", wires.orders_in), ("out", wires.reports_out)):
+        pipe = Path(machine.run_dir) / f"{qemu.CONTROL_PIPE}.{end}"
+        pipe.symlink_to(f"/dev/fd/{descriptor}")
+    if machine.firmware:
+        settings["QEMU_MODULE_DIR"] = str(PurePath(machine.libraries or "") / "qemu")
+    return Launch(qemu.arguments(machine, memory.mib, streams=streams), settings)
