@@ -100,10 +100,17 @@ open_lines() {
     done
 }
 
-# What a terminal would do: the signal goes to the command, and timeout hands it on to its group.
+# What a terminal would do: each process of the command's group gets the signal once. The group's
+# leader is `timeout`, which would pass it on to all of them a second time.
 pass_signals() {
     while read -r signal; do
-        [ -s command.pid ] && kill -s "$signal" "$($b cat command.pid)"
+        [ -s command.pid ] || continue
+        leader=$($b cat command.pid)
+        members=$($b ps -o pid,pgid | while read -r process group; do
+            [ "$group" = "$leader" ] && [ "$process" != "$leader" ] && echo "$process"
+        done)
+        # shellcheck disable=SC2086 # a list of process numbers
+        kill -s "$signal" ${members:-$leader}
     done <"${line}0"
 }
 
