@@ -1,8 +1,8 @@
 """What the desk's display shows: the controller's own words, as they come over the train bus."""
 
-from typing import Final
+from typing import Final, TypeVar
 
-from can_dbc.binding import Frame
+from can_dbc.binding import Frame, message
 from can_dbc.doors import DoorCommand
 from can_dbc.vobc import VobcMode, VobcMotion, VobcPosition, VobcStatus, VobcTarget
 
@@ -17,41 +17,48 @@ KINDS: Final[tuple[type[Frame], ...]] = (
 SCREEN_KINDS: Final[tuple[type[Frame], ...]] = (*KINDS, DoorCommand)
 """Frames that a person is shown."""
 FRESH_NS: Final = 500_000_000
-"""Older speeds are not shown."""
+"""Age beyond which a frame is not shown: two and a half periods of the slowest, VOBC_TARGET."""
+NS_PER_S: Final = 1_000_000_000
+
+Shown = TypeVar("Shown", bound=Frame)
 
 
 class DeskDisplay:
-    """The last of each frame; None before the first."""
+    """The last frame of each kind, as long as it is fresh."""
 
-    __slots__ = ("_motion_ns", "doors", "mode", "motion", "position", "status", "target")
+    __slots__ = ("_heard",)
 
     def __init__(self) -> None:
-        self.status: VobcStatus | None = None
-        self.motion: VobcMotion | None = None
-        self.mode: VobcMode | None = None
-        self.position: VobcPosition | None = None
-        self.target: VobcTarget | None = None
-        self.doors: DoorCommand | None = None
-        self._motion_ns = 0
+        self._heard: dict[type[Frame], tuple[Frame, int]] = {}
 
     def hear(self, frame: Frame, now_ns: int) -> None:
         """Frames of other kinds are passed over."""
-        if isinstance(frame, VobcMotion):
-            self.motion = frame
-            self._motion_ns = now_ns
-        elif isinstance(frame, VobcStatus):
-            self.status = frame
-        elif isinstance(frame, VobcMode):
-            self.mode = frame
-        elif isinstance(frame, VobcPosition):
-            self.position = frame
-        elif isinstance(frame, VobcTarget):
-            self.target = frame
-        elif isinstance(frame, DoorCommand):
-            self.doors = frame
+        if isinstance(frame, SCREEN_KINDS):
+            self._heard[type(frame)] = (frame, now_ns)
+
+    def latest(self, kind: type[Shown], now_ns: int) -> Shown | None:
+        """None before the first frame of a kind, and once the last one is too old."""
+        frame, heard_ns = self._heard.get(kind, (None, 0))
+        if not isinstance(frame, kind) or now_ns - heard_ns > FRESH_NS:
+            return None
+        return frame
 
     def speeds(self, now_ns: int) -> VobcMotion | None:
         """None when the display is dark."""
-        if self.motion is None or now_ns - self._motion_ns > FRESH_NS:
-            return None
-        return self.motion
+        return self.latest(VobcMotion, now_ns)
+
+    def silence(self, now_ns: int) -> str:
+        """What the controller stopped sending and since when; empty while all is fresh."""
+        lost = {
+            kind: now_ns - heard_ns
+            for kind, (_, heard_ns) in self._heard.items()
+            if now_ns - heard_ns > FRESH_NS
+        }
+        if not self._heard:
+            return "controller not heard yet"
+        if len(lost) == len(self._heard):
+            return f"controller silent for {min(lost.values()) // NS_PER_S} s"
+        return ", ".join(
+            f"{message(kind).name} silent for {age_ns // NS_PER_S} s"
+            for kind, age_ns in lost.items()
+        )

@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import Final, Protocol
 
 from can_dbc.cab import CabMode, Desk
-from can_dbc.vobc import Supervision, VobcMotion
+from can_dbc.vobc import Supervision, VobcMotion, VobcStatus, VobcTarget
 from plant_emulator.desk.display import DeskDisplay
 from plant_emulator.desk.hands import unattended
 
@@ -71,14 +71,15 @@ class Obedient:
         seen = display.speeds(now_ns)
         if seen is None:
             return _desk(-FULL_PERCENT)
-        emergency = (
-            display.status is not None and display.status.supervision is Supervision.EMERGENCY
-        )
+        status = display.latest(VobcStatus, now_ns)
+        emergency = status is not None and status.supervision is Supervision.EMERGENCY
         if emergency:
             standing = abs(seen.speed_mps) < STANDING_MPS
             pressed = standing and now_ns % RESET_EVERY_NS < RESET_FOR_NS
             return replace(_desk(-FULL_PERCENT), reset_requested=pressed)
-        wanted_mps = min(self._under_limits_mps(seen, now_ns), _easy_mps(display))
+        wanted_mps = min(
+            self._under_limits_mps(seen, now_ns), _easy_mps(display.latest(VobcTarget, now_ns))
+        )
         if wanted_mps <= 0.0:
             return _desk(-FULL_PERCENT)
         return _desk(PERCENT_PER_MPS * (wanted_mps - seen.speed_mps))
@@ -126,11 +127,11 @@ DRIVERS: Final[Mapping[str, Callable[[], Driver]]] = {
 }
 
 
-def _easy_mps(display: DeskDisplay) -> float:
+def _easy_mps(target: VobcTarget | None) -> float:
     """From which a gentle brake still stops before the end of the authority."""
-    if display.target is None:
+    if target is None:
         return math.inf
-    left_m = display.target.distance_to_authority_m - EASY_GAP_M
+    left_m = target.distance_to_authority_m - EASY_GAP_M
     return math.sqrt(2.0 * EASY_MPS2 * max(0.0, left_m))
 
 

@@ -4,7 +4,18 @@ from collections.abc import Iterator
 from typing import Final
 
 from can_dbc.cab import Desk
-from can_dbc.vobc import Inhibit, Missing, OperatingMode, VobcMode, VobcMotion, Withheld
+from can_dbc.doors import DoorCommand
+from can_dbc.vobc import (
+    Inhibit,
+    Missing,
+    OperatingMode,
+    VobcMode,
+    VobcMotion,
+    VobcPosition,
+    VobcStatus,
+    VobcTarget,
+    Withheld,
+)
 from plant_emulator.desk.display import DeskDisplay
 from plant_emulator.desk.hands import KEYS
 
@@ -25,10 +36,10 @@ def lines(display: DeskDisplay, desk: Desk, now_ns: int, note: str = "") -> list
     seen = display.speeds(now_ns)
     body = [
         "METRO DRIVER'S DESK".center(WIDTH).rstrip(),
-        "",
+        display.silence(now_ns).center(WIDTH).rstrip(),
         *_speeds(seen),
         "",
-        *_state(display),
+        *_state(display, now_ns),
         "",
         *_desk_lines(desk),
         "",
@@ -51,8 +62,8 @@ def _speeds(seen: VobcMotion | None) -> Iterator[str]:
         yield f"{name:>10}  {kmh:6.1f} km/h  {'#' * filled}{'.' * (BAR - filled)}"
 
 
-def _state(display: DeskDisplay) -> Iterator[str]:
-    status, mode = display.status, display.mode
+def _state(display: DeskDisplay, now_ns: int) -> Iterator[str]:
+    status, mode = display.latest(VobcStatus, now_ns), display.latest(VobcMode, now_ns)
     supervision = NOTHING if status is None else _words(status.supervision.name)
     phase = NOTHING if status is None else _words(status.ato_phase.name)
     yield f"{'mode':>10}  {_mode(mode):24}{'supervision':>12}  {supervision}"
@@ -60,9 +71,10 @@ def _state(display: DeskDisplay) -> Iterator[str]:
     yield f"{'cause':>10}  {cause:24}{'ATO':>12}  {phase}"
     missing = NOTHING if status is None else _flags(status.missing)
     yield f"{'missing':>10}  {missing}"
-    yield f"{'departure':>10}  {_departure(display)}"
-    yield f"{'doors':>10}  {_doors(display)}"
-    yield f"{'front':>10}  {_place(display)}"
+    yield f"{'departure':>10}  {_departure(mode, display.speeds(now_ns))}"
+    yield f"{'doors':>10}  {_doors(mode, display.latest(DoorCommand, now_ns))}"
+    position, target = display.latest(VobcPosition, now_ns), display.latest(VobcTarget, now_ns)
+    yield f"{'front':>10}  {_place(position, target)}"
 
 
 def _mode(mode: VobcMode | None) -> str:
@@ -73,17 +85,15 @@ def _mode(mode: VobcMode | None) -> str:
     return f"{_words(mode.mode.name)}{attempts}{alarm}"
 
 
-def _departure(display: DeskDisplay) -> str:
+def _departure(mode: VobcMode | None, motion: VobcMotion | None) -> str:
     """Nothing is said of it while the train is under way."""
-    mode, motion = display.mode, display.motion
     if mode is None or motion is None or abs(motion.speed_mps) > 0.0:
         return NOTHING
     return _flags(mode.departure_inhibits) if mode.departure_inhibits else "permitted"
 
 
-def _doors(display: DeskDisplay) -> str:
+def _doors(mode: VobcMode | None, doors: DoorCommand | None) -> str:
     """The enabled sides, else what withholds them; away from platforms nothing does."""
-    mode, doors = display.mode, display.doors
     if doors is not None and (doors.enable_left or doors.enable_right):
         sides = (("left", doors.enable_left), ("right", doors.enable_right))
         return "enabled " + " and ".join(name for name, enabled in sides if enabled)
@@ -92,12 +102,12 @@ def _doors(display: DeskDisplay) -> str:
     return _flags(mode.doors_withheld)
 
 
-def _place(display: DeskDisplay) -> str:
-    if display.position is None:
+def _place(position: VobcPosition | None, target: VobcTarget | None) -> str:
+    if position is None:
         return NOTHING
-    text = f"{display.position.front_m:.1f} m ± {display.position.uncertainty_m:.1f} m"
-    if display.target is not None and display.target.distance_to_authority_m < FAR_M:
-        text += f"   authority ends in {display.target.distance_to_authority_m:.0f} m"
+    text = f"{position.front_m:.1f} m ± {position.uncertainty_m:.1f} m"
+    if target is not None and target.distance_to_authority_m < FAR_M:
+        text += f"   authority ends in {target.distance_to_authority_m:.0f} m"
     return text
 
 

@@ -1,7 +1,7 @@
 """The live picture of a run in the terminal, made only from what is heard on the bus."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from rich.console import Console, Group, RenderableType
 from rich.live import Live
@@ -39,6 +39,11 @@ SEEN = (
     TractionStatus,
     DoorStatus,
 )
+VOBC_SEEN = (VobcStatus, VobcMode, VobcMotion, VobcPosition, VobcTarget)
+TRAIN_SEEN = (BrakeStatus, TractionStatus, DoorStatus)
+FRESH_NS = 500_000_000
+"""Age beyond which a frame is not shown: two and a half periods of the slowest, VOBC_TARGET."""
+NOTHING = "--"
 FAR_M = 80_000.0
 """A distance beyond this on the wire means that there is no stopping point."""
 LINE_RADIO = 0
@@ -64,6 +69,8 @@ class BusPicture:
     bit_rate: int
     decoder: Decoder = field(default_factory=lambda: Decoder(SEEN))
     latest: dict[type, object] = field(default_factory=dict)
+    heard_ns: dict[type, int] = field(default_factory=dict)
+    """Instant of the last frame of each kind."""
     frames: int = 0
     load_ratio: float = 0.0
     frames_per_s: float = 0.0
@@ -83,6 +90,7 @@ class BusPicture:
         heard = self.decoder.decode(frame.can_id, frame.data, frame.stamp_ns)
         if heard is not None and not isinstance(heard, Rejected):
             self.latest[type(heard)] = heard
+            self.heard_ns[type(heard)] = frame.stamp_ns
             if isinstance(heard, VobcEvent) and heard.cause == LINE_RADIO:
                 self._take_event(heard)
 
@@ -97,6 +105,29 @@ class BusPicture:
             self.load_ratio = self._bits / (self.bit_rate * elapsed_s)
             self.frames_per_s = self._count / elapsed_s
         self._since_ns, self._bits, self._count = now_ns, 0, 0
+
+    def fresh(self, now_ns: int) -> "BusPicture":
+        """The same without what is too old to be shown."""
+        latest = {
+            kind: frame
+            for kind, frame in self.latest.items()
+            if now_ns - self.heard_ns.get(kind, now_ns) <= FRESH_NS
+        }
+        silent = not any(kind in latest for kind in VOBC_SEEN)
+        return replace(self, latest=latest, line_silent=self.line_silent and not silent)
+
+    def silence(self, kinds: Sequence[type], now_ns: int) -> str:
+        """That a node was never heard, or for how long it has been silent; empty while it is heard.
+
+        Args:
+            kinds: frames of the node.
+            now_ns: the instant.
+        """
+        heard = [self.heard_ns[kind] for kind in kinds if kind in self.heard_ns]
+        if not heard:
+            return "not heard yet"
+        silent_ns = now_ns - max(heard)
+        return f"silent for {silent_ns // NS_PER_S} s" if silent_ns > FRESH_NS else ""
 
     @property
     def status(self) -> VobcStatus | None:
@@ -133,13 +164,13 @@ def missing_words(missing: Missing) -> str:
 
 
 def render(
-    picture: BusPicture, elapsed_s: float, title: str, hints: Sequence[str] = ()
+    picture: BusPicture, now_ns: int, elapsed_s: float, title: str, hints: Sequence[str] = ()
 ) -> RenderableType:
-    """The whole panel for one moment."""
+    """The whole panel for one moment; what is too old is left blank."""
     table = Table.grid(padding=(0, 2))
     table.add_column(style="dim", justify="right", min_width=16)
     table.add_column(min_width=60)
-    for name, text in _rows(picture):
+    for name, text in _rows(picture, now_ns):
         table.add_row(name, text)
     for words in hints:
         table.add_row("line", Text(words, style="bold yellow"))
@@ -149,16 +180,20 @@ def render(
     return Group(head, table)
 
 
-def _rows(picture: BusPicture) -> list[tuple[str, RenderableType]]:
-    status, motion = picture.status, picture.motion
+def _rows(picture: BusPicture, now_ns: int) -> list[tuple[str, RenderableType]]:
+    fresh = picture.fresh(now_ns)
+    status, motion = fresh.status, fresh.motion
     rows: list[tuple[str, RenderableType]] = []
-    if status is None or motion is None:
-        rows.append(("controller", Text("not heard yet", style="yellow")))
+    if silence := picture.silence(VOBC_SEEN, now_ns):
+        rows.append(("controller", Text(silence, style="bold yellow")))
     else:
-        rows += _motion_rows(motion)
-        rows += _target_rows(picture)
-        rows += _state_rows(status, _operation(picture, status), _why(picture))
-    rows += _train_rows(picture)
+        rows += [("speed", Text(NOTHING))] if motion is None else _motion_rows(motion)
+        rows += _target_rows(fresh)
+        if status is None:
+            rows.append(("protection", Text(NOTHING)))
+        else:
+            rows += _state_rows(status, _operation(fresh, status), _why(fresh))
+    rows.append(("train", Text(_train_text(picture, fresh, now_ns))))
     load = Text(f"{picture.load_ratio * 100.0:5.1f} %  of {picture.bit_rate // 1000} kbit/s")
     load.append(f"   {picture.frames_per_s:4.0f} frames/s   {picture.frames} in all", style="dim")
     rows.append(("bus load", load))
@@ -236,21 +271,36 @@ def _state_rows(status: VobcStatus, mode: str, why: str) -> list[tuple[str, Rend
     return [("operation", Text(mode)), ("protection", state), ("cycle", cycle)]
 
 
-def _train_rows(picture: BusPicture) -> list[tuple[str, RenderableType]]:
-    brake, traction = picture.latest.get(BrakeStatus), picture.latest.get(TractionStatus)
-    doors = picture.latest.get(DoorStatus)
-    words = []
-    if isinstance(traction, TractionStatus):
-        words.append(f"traction {traction.force_n / 1000.0:6.1f} kN")
-    if isinstance(brake, BrakeStatus):
-        held = (
-            "  EMERGENCY" if brake.emergency_applied else "  held" if brake.holding_applied else ""
-        )
-        words.append(f"brake {brake.applied_decel_mps2:4.2f} m/s²{held}")
-    if isinstance(doors, DoorStatus):
-        side = doors.right if doors.right is not DoorState.LOCKED else doors.left
-        words.append(f"doors {side.name.lower()}")
-    return [("train", Text("   ".join(words) or "not heard yet"))]
+def _train_text(picture: BusPicture, fresh: BusPicture, now_ns: int) -> str:
+    """What the train's units report; of one that fell silent, for how long."""
+    if not any(kind in picture.heard_ns for kind in TRAIN_SEEN):
+        return "not heard yet"
+    units = (
+        ("traction", TractionStatus, _traction_text),
+        ("brake", BrakeStatus, _brake_text),
+        ("doors", DoorStatus, _doors_text),
+    )
+    return "   ".join(
+        f"{name} {picture.silence((kind,), now_ns) or text(fresh.latest.get(kind))}"
+        for name, kind, text in units
+    )
+
+
+def _traction_text(traction: object) -> str:
+    assert isinstance(traction, TractionStatus)
+    return f"{traction.force_n / 1000.0:6.1f} kN"
+
+
+def _brake_text(brake: object) -> str:
+    assert isinstance(brake, BrakeStatus)
+    held = "  EMERGENCY" if brake.emergency_applied else "  held" if brake.holding_applied else ""
+    return f"{brake.applied_decel_mps2:4.2f} m/s²{held}"
+
+
+def _doors_text(doors: object) -> str:
+    assert isinstance(doors, DoorStatus)
+    side = doors.right if doors.right is not DoorState.LOCKED else doors.left
+    return side.name.lower()
 
 
 class LiveDisplay:
@@ -285,30 +335,35 @@ class LiveDisplay:
     def refresh(self, now_ns: int) -> None:
         assert self._start_ns is not None
         elapsed_s = (now_ns - self._start_ns) / NS_PER_S
-        hints = self._hints(self._picture)
+        hints = self._hints(self._picture.fresh(now_ns))
         if self._live:
-            self._live.update(render(self._picture, elapsed_s, self._title, hints), refresh=True)
+            panel = render(self._picture, now_ns, elapsed_s, self._title, hints)
+            self._live.update(panel, refresh=True)
         elif now_ns >= self._plain_next_ns:
             self._plain_next_ns = now_ns + int(PLAIN_PERIOD_S * NS_PER_S)
-            self.say("  ".join([plain_line(self._picture, elapsed_s), *hints]))
+            self.say("  ".join([plain_line(self._picture, now_ns, elapsed_s), *hints]))
 
 
-def plain_line(picture: BusPicture, elapsed_s: float) -> str:
-    """The picture in one line, for logs."""
-    status, motion = picture.status, picture.motion
-    target = picture.latest.get(VobcTarget)
-    if status is None or motion is None:
-        return (
-            f"{elapsed_s:6.1f} s  controller not heard yet, bus {picture.frames_per_s:.0f} frames/s"
+def plain_line(picture: BusPicture, now_ns: int, elapsed_s: float) -> str:
+    """The picture in one line, for logs; what is too old is left blank."""
+    fresh = picture.fresh(now_ns)
+    status, motion, target = fresh.status, fresh.motion, fresh.latest.get(VobcTarget)
+    if silence := picture.silence(VOBC_SEEN, now_ns):
+        return f"{elapsed_s:6.1f} s  controller {silence}, bus {picture.frames_per_s:.0f} frames/s"
+    line = f"{elapsed_s:6.1f} s  {NOTHING} km/h"
+    if motion is not None:
+        line = (
+            f"{elapsed_s:6.1f} s  {motion.speed_mps * 3.6:z5.1f} km/h"
+            f"  ceiling {motion.ceiling_mps * 3.6:5.1f}"
         )
-    line = (
-        f"{elapsed_s:6.1f} s  {motion.speed_mps * 3.6:z5.1f} km/h"
-        f"  ceiling {motion.ceiling_mps * 3.6:5.1f}"
-    )
     if isinstance(target, VobcTarget) and target.distance_to_stop_m < FAR_M:
         line += f"  stop in {target.distance_to_stop_m:7.2f} m"
-    line += f"  {status.supervision.name}{_why(picture)}  {_operation(picture, status)}"
-    line += f"  bus {picture.load_ratio * 100.0:.0f} %  work {status.work_us / 1000.0:.2f} ms"
+    line += f"  {NOTHING if status is None else status.supervision.name}{_why(fresh)}"
+    line += "" if status is None else f"  {_operation(fresh, status)}"
+    line += f"  bus {picture.load_ratio * 100.0:.0f} %"
+    if status is None:
+        return line
+    line += f"  work {status.work_us / 1000.0:.2f} ms"
     return line + (f"  waits for: {missing_words(status.missing)}" if status.missing else "")
 
 

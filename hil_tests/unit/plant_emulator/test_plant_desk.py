@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from can_dbc.binding import Frame
 from can_dbc.cab import CabMode, Desk
 from can_dbc.doors import DoorCommand
 from can_dbc.vobc import (
@@ -26,7 +27,7 @@ from can_dbc.vobc import (
 from firmware_py.settings import SettingsError
 from plant_emulator.cli.terminal import key_names
 from plant_emulator.desk.attendant import attendant
-from plant_emulator.desk.display import FRESH_NS, DeskDisplay
+from plant_emulator.desk.display import FRESH_NS, SCREEN_KINDS, DeskDisplay
 from plant_emulator.desk.drivers import DRIVERS, Driver, Trend
 from plant_emulator.desk.hands import KEYS, PRESS_NS, Hands, press, unattended
 from plant_emulator.desk.recording import (
@@ -393,3 +394,70 @@ def test_the_screen_always_fits(
     drawn = lines(display, desk, 0, note="x" * 200)
     assert len(drawn) <= HEIGHT < 24
     assert all(len(line) <= WIDTH < 80 and line.isprintable() for line in drawn)
+
+
+def test_a_silent_controller_leaves_the_screen_blank_and_is_said_with_its_age() -> None:
+    display = shown(10.0, 12.0, 13.0)
+    display.hear(MODE, 0)
+    display.hear(VobcPosition(front_m=1234.5, uncertainty_m=2.5), 0)
+    display.hear(VobcTarget(distance_to_stop_m=50.0, distance_to_authority_m=321.0), 0)
+    display.hear(DoorCommand(True, False, open_left=False, open_right=False), 0)
+
+    before = "\n".join(lines(display, MANUAL, FRESH_NS)).lower()
+    after = "\n".join(lines(display, MANUAL, 8 * NS_PER_S)).lower()
+
+    for words in ("nominal", "authorised", "36.0", "1234.5", "321", "enabled left"):
+        assert words in before, words
+        assert words not in after, words
+    assert "silent" not in before
+    assert "controller silent for 8 s" in after
+
+
+def test_one_frame_that_stays_away_is_blank_alone() -> None:
+    display = shown(10.0, 12.0, 13.0, now_ns=3 * NS_PER_S)
+    display.hear(VobcPosition(front_m=1234.5, uncertainty_m=2.5), 0)
+
+    text = "\n".join(lines(display, MANUAL, 3 * NS_PER_S))
+
+    assert "VOBC_POSITION silent for 3 s" in text
+    assert "1234.5" not in text
+    assert "36.0" in text
+
+
+def test_before_the_first_frame_the_screen_says_that_none_came() -> None:
+    text = "\n".join(lines(DeskDisplay(), MANUAL, 0)).lower()
+
+    assert "controller not heard yet" in text
+    assert "silent" not in text
+
+
+@given(age_ns=st.integers(0, 20 * NS_PER_S), kind=st.sampled_from(SCREEN_KINDS))
+def test_a_frame_is_shown_just_as_long_as_it_is_fresh(age_ns: int, kind: type[Frame]) -> None:
+    frames: dict[type[Frame], Frame] = {
+        VobcStatus: STATUS,
+        VobcMode: MODE,
+        VobcMotion: VobcMotion(1.0, 2.0, 3.0),
+        VobcPosition: VobcPosition(front_m=1.0, uncertainty_m=2.0),
+        VobcTarget: VobcTarget(distance_to_stop_m=1.0, distance_to_authority_m=2.0),
+        DoorCommand: DoorCommand(True, False, open_left=False, open_right=False),
+    }
+    display = DeskDisplay()
+    display.hear(frames[kind], 7)
+
+    shown_frame = display.latest(kind, 7 + age_ns)
+
+    assert shown_frame == (frames[kind] if age_ns <= FRESH_NS else None)
+    assert bool(display.silence(7 + age_ns)) is (age_ns > FRESH_NS)
+
+
+def test_an_obedient_driver_goes_by_no_target_that_the_display_blanked() -> None:
+    """Right before the end of the authority: with the target it brakes, without it it drives on."""
+    now_ns = 2 * NS_PER_S
+    near = VobcTarget(distance_to_stop_m=0.0, distance_to_authority_m=21.0)
+    fresh, stale = (shown(5.0, 20.0, 22.0, now_ns=now_ns) for _ in range(2))
+    fresh.hear(near, now_ns)
+    stale.hear(near, 0)
+
+    lever_percents = [DRIVERS["obedient"]().drive(d, now_ns).lever_percent for d in (fresh, stale)]
+
+    assert lever_percents[0] < 0.0 < lever_percents[1]

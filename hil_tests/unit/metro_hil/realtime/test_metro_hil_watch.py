@@ -8,6 +8,7 @@ import pytest
 from rich.console import Console
 
 from can_dbc.binding import Frame
+from can_dbc.brake import BrakeStatus
 from can_dbc.codec import Encoder
 from can_dbc.vobc import (
     AtoPhase,
@@ -20,16 +21,27 @@ from can_dbc.vobc import (
     VobcEvent,
     VobcMode,
     VobcMotion,
+    VobcPosition,
     VobcStatus,
+    VobcTarget,
     Withheld,
 )
 from firmware_py.buses.inproc import InprocBus
 from firmware_py.clock.clock import LockstepClock
+from firmware_py.ports import CanFrame
 from firmware_py.storage.recorder import CandumpWriter
 from metro_hil.model.end_condition import DURATION, UNATTENDED_S
 from metro_hil.realtime.bus_watch import BusWatch
 from metro_hil.realtime.line_hints import LineHints
-from metro_hil.realtime.live_display import BusPicture, Hints, LiveDisplay, no_hints
+from metro_hil.realtime.live_display import (
+    FRESH_NS,
+    BusPicture,
+    Hints,
+    LiveDisplay,
+    no_hints,
+    plain_line,
+    render,
+)
 
 S = 1_000_000_000
 BIT_RATE = 250_000
@@ -51,6 +63,14 @@ MODE = VobcMode(
     jog_attempts=0,
     replicas_agree=True,
     alarm_raised=False,
+)
+BRAKE = BrakeStatus(
+    applied_decel_mps2=1.25,
+    cylinder_pressure_kpa=0.0,
+    emergency_applied=False,
+    holding_applied=False,
+    released=False,
+    ready=True,
 )
 HINTS = LineHints(3, ENDPOINT)
 MOTION = VobcMotion(speed_mps=0.0, ceiling_mps=5.0, emergency_mps=6.0)
@@ -180,3 +200,85 @@ def test_a_train_that_stopped_where_its_doors_stay_shut_ends_the_run(tmp_path: P
 
 def test_where_somebody_may_open_them_it_does_not(tmp_path: Path) -> None:
     assert Bench(tmp_path, STOPPED, MISALIGNED).run(unattended=False) == (DURATION, 100.0)
+
+
+class Seen:
+    """A picture of the frames that came at given instants."""
+
+    def __init__(self) -> None:
+        self.picture, self._encoder = BusPicture(BIT_RATE), Encoder()
+
+    def hear(self, frame: Frame, at_ns: int) -> None:
+        for identifier, data in self._encoder.encode(frame):
+            self.picture.take(CanFrame(at_ns, identifier, data))
+
+    def panel(self, now_ns: int) -> str:
+        console = Console(file=io.StringIO(), width=120, record=True)
+        console.print(render(self.picture, now_ns, now_ns / S, "a run"))
+        return console.export_text()
+
+    def line(self, now_ns: int) -> str:
+        return plain_line(self.picture, now_ns, now_ns / S)
+
+
+@pytest.fixture
+def moving() -> Seen:
+    """Of a train under way whose controller and brake unit were heard at 0 s."""
+    seen = Seen()
+    motion = VobcMotion(speed_mps=10.0, ceiling_mps=12.0, emergency_mps=13.0)
+    target = VobcTarget(distance_to_stop_m=150.0, distance_to_authority_m=400.0)
+    position = VobcPosition(front_m=1234.5, uncertainty_m=2.5)
+    status = replace(STATUS, supervision=Supervision.NOMINAL)
+    for frame in (status, MODE, motion, target, position, BRAKE):
+        seen.hear(frame, 0)
+    return seen
+
+
+def test_what_is_fresh_is_shown(moving: Seen) -> None:
+    for text in (moving.panel(FRESH_NS), moving.line(FRESH_NS)):
+        assert "36.0 km/h" in text
+        assert "NOMINAL" in text
+        assert "150.00 m" in text
+        assert "silent" not in text
+    assert "1234.50 m" in moving.panel(FRESH_NS)
+
+
+def test_of_a_silent_controller_only_the_silence_is_shown(moving: Seen) -> None:
+    moving.hear(BRAKE, 8 * S)
+
+    for text in (moving.panel(8 * S), moving.line(8 * S)):
+        assert "controller" in text
+        assert "silent for 8 s" in text
+        for stale in ("36.0", "NOMINAL", "150.00", "1234.50", "ms"):
+            assert stale not in text.replace("m/s²", "")
+    assert "brake 1.25 m/s²" in moving.panel(8 * S)
+
+
+def test_a_unit_of_the_train_that_fell_silent_is_shown_as_that(moving: Seen) -> None:
+    moving.hear(STATUS, 3 * S)
+
+    text = moving.panel(3 * S)
+
+    assert "brake silent for 3 s" in text
+    assert "1.25" not in text
+    assert "controller" not in text
+    assert "doors not heard yet" in text
+
+
+def test_a_frame_of_the_controller_that_stays_away_is_blank(moving: Seen) -> None:
+    moving.hear(STATUS, 3 * S)
+
+    for text in (moving.panel(3 * S), moving.line(3 * S)):
+        assert "--" in text
+        assert "36.0" not in text
+        assert "EMERGENCY" in text
+
+
+def test_hints_are_not_made_of_what_is_too_old() -> None:
+    """A train in emergency that only the centre may let go, and that then falls silent."""
+    seen = Seen()
+    seen.hear(STATUS, 0)
+    seen.hear(replace(MODE, cause=Cause.REMOTE), 0)
+
+    assert HINTS(seen.picture.fresh(FRESH_NS)) != []
+    assert HINTS(seen.picture.fresh(FRESH_NS + 1)) == []
