@@ -54,6 +54,7 @@ def test_every_case_has_one_result_in_the_order_of_the_campaign(tmp_path: Path) 
     assert [result.index for result in end.results] == list(range(40))
     assert len(read_journal(folder.journal_path).results) == 40
     assert {result.host.attempts for result in end.results} == {1}
+    assert all(result.host.processor_s > 0.0 for result in end.results)
 
 
 def test_the_number_of_workers_changes_no_result(tmp_path: Path) -> None:

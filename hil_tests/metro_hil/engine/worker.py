@@ -8,7 +8,7 @@ import sys
 import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, BinaryIO, Final, cast
+from typing import Any, BinaryIO, Final, NamedTuple, cast
 
 import msgspec
 
@@ -31,6 +31,7 @@ from metro_hil.engine.messages import (
 from metro_hil.model.case import Case, CaseResult
 from metro_hil.model.gc_tuning import collect_rarely
 from metro_hil.model.run_folder import RunFolder
+from metro_hil.processor_time import processor_time_s
 
 RUNNER: Final = "metro_hil.run.dispatch:run_case"
 GROUP_FUNCTION: Final = "run_group"
@@ -91,6 +92,13 @@ def _read(incoming: BinaryIO) -> bytes | None:
     return body if len(body) == read_length(head) else None
 
 
+class _Began(NamedTuple):
+    """When a case began, by the clock and by this process's processor time."""
+
+    now_ns: int
+    processor_s: float
+
+
 class Runner:
     """The function that runs a case, and the one for groups if its module has that."""
 
@@ -116,33 +124,38 @@ class Runner:
     def _group(self, job: CaseBatch, left: list[Case]) -> Iterator[ToMaster]:
         """Removes from `left` what is done."""
         assert self._run_group is not None
-        began_ns = self._clock.now_ns()
+        began = self._begin()
         try:
             for result in self._run_group(tuple(left), files=self._files):
                 assert result.case_id == left[0].id, "results of a group come in order"
-                yield Done(job.number, self._signed(result, began_ns))
+                yield Done(job.number, self._signed(result, began))
                 left.pop(0)
-                began_ns = self._clock.now_ns()
+                began = self._begin()
         except Exception:
             yield Raised(job.number, left.pop(0).id, traceback.format_exc())
 
     def _single(self, job: CaseBatch, case: Case) -> ToMaster:
-        began_ns = self._clock.now_ns()
+        began = self._begin()
         keep: dict[str, Any] = {}
         if job.folder is not None:
             keep["folder"] = RunFolder(Path(job.folder))
         try:
             result = self._run_case(case, files=self._files, **keep)
             assert result.case_id == case.id
-            return Done(job.number, self._signed(result, began_ns))
+            return Done(job.number, self._signed(result, began))
         except Exception:
             return Raised(job.number, case.id, traceback.format_exc())
 
-    def _signed(self, result: CaseResult, began_ns: int) -> CaseResult:
+    def _begin(self) -> "_Began":
+        return _Began(self._clock.now_ns(), processor_time_s())
+
+    def _signed(self, result: CaseResult, began: "_Began") -> CaseResult:
         """With who ran it for how long, and exactly as it will be read from the journal."""
-        wall_s = result.host.wall_s or (self._clock.now_ns() - began_ns) / NS_PER_S
+        wall_s = result.host.wall_s or (self._clock.now_ns() - began.now_ns) / NS_PER_S
+        processor_s = processor_time_s() - began.processor_s
         worker = f"{os.uname().nodename}:{os.getpid()}"
-        host = msgspec.structs.replace(result.host, wall_s=wall_s, worker=worker)
+        times = {"wall_s": wall_s, "processor_s": processor_s}
+        host = msgspec.structs.replace(result.host, worker=worker, **times)
         signed = msgspec.structs.replace(result, host=host)
         return msgspec.json.decode(msgspec.json.encode(signed), type=CaseResult)
 

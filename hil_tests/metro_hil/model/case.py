@@ -172,6 +172,8 @@ class Host(msgspec.Struct, frozen=True, kw_only=True):
     """Of the whole case."""
     stepping_s: float = 0.0
     """Of that, spent in the run itself."""
+    processor_s: float = 0.0
+    """Processor time of the whole case, its processes included; 0: not measured."""
     steal_s: float | None = None
     lateness_us_p99: float | None = None
     worker: str = ""

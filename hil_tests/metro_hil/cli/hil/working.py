@@ -265,6 +265,17 @@ def exit_code(end: "CampaignEnd") -> int:
     return EXIT_OK if end.totals.passed else EXIT_FAILED
 
 
+def speed_text(results: "Sequence[CaseResult]") -> str:
+    """Simulated time beside processor time; empty if no case has both, as in older journals."""
+    measured = [result for result in results if result.sim_s > 0.0 < result.host.processor_s]
+    if not measured:
+        return ""
+    sim_s = sum(result.sim_s for result in measured)
+    processor_s = sum(result.host.processor_s for result in measured)
+    speed = sim_s / processor_s
+    return f"{sim_s:.0f} s simulated in {processor_s:.1f} s of processors: {speed:.0f} times"
+
+
 def say_end(
     console: "Console", folder: "CampaignFolder", end: "CampaignEnd", reports: "Sequence[Path]"
 ) -> None:
@@ -285,14 +296,12 @@ def say_end(
         say(f"not as expected: {more} more", "red")
     if totals.missing:
         say(f"without a result: {len(totals.missing)} of {totals.cases}", "magenta")
-    wall_s = sum(result.host.wall_s for result in end.results)
-    sim_s = sum(result.sim_s for result in end.results)
     counts = counts_words(totals.counts, len(totals.missing))
     for words in seeds_words(end.cases):
         say(words)
     say(f"{totals.done} of {totals.cases} cases: {counts}")
-    if wall_s > 0.0 and sim_s > 0.0:
-        say(f"{sim_s:.0f} s simulated in {wall_s:.1f} s of processors: {sim_s / wall_s:.0f} times")
+    if text := speed_text(end.results):
+        say(text)
     for path in reports:
         say(f"report: {path}")
     say(f"campaign folder: {folder.path}")
