@@ -23,6 +23,8 @@ from zenoh_config.t2t_supervision import LeaseReason, LineState, RemovalAnswer, 
 
 NS_PER_S: Final = 1e9
 SILENT_S: Final = 1.0
+SLOW_SILENT_S: Final = 2.0
+"""The same for the wayside, its objects and the status of a train, which are sent less often."""
 KMH: Final = 3.6
 WHY: Final = {
     LeaseReason.FIRST: "the first that asked",
@@ -37,6 +39,7 @@ WAITS: Final = {
     AdmissionState.UNPLACED: "its place among the others is not sure yet",
 }
 """Why a train is not on a roster yet."""
+BLANK: Final = "--"
 NO_WAY: Final = "it has no authority to its border yet"
 
 
@@ -72,6 +75,9 @@ class LineView:
         self.tokens: Callable[[], Collection[str]] | None = None
         """Of trains whose sessions are there, as the radio knows; None: it does not look."""
         self._key = key
+        self._status_ns: dict[int, int] = {}
+        self._object_ns: dict[int, int] = {}
+        self._state_ns = 0
 
     @property
     def complete(self) -> bool:
@@ -99,7 +105,7 @@ class LineView:
             heard = unpack(message.payload, self._key)
             line = self.areas.name
             if isinstance(heard, TrainStatus) and message.key == keys.status(line, heard.train):
-                self.statuses[heard.train] = heard
+                self.statuses[heard.train], self._status_ns[heard.train] = heard, now_ns
             elif not isinstance(heard, T2tMessage) or message.key != t2t_keys.key_of(line, heard):
                 self.refused += 1
             elif isinstance(heard, Heartbeat):
@@ -107,9 +113,9 @@ class LineView:
             elif isinstance(heard, TrainReport):
                 self._hears_report(heard, now_ns)
             elif isinstance(heard, ObjectStatus):
-                self.objects[heard.number] = heard
+                self.objects[heard.number], self._object_ns[heard.number] = heard, now_ns
             elif isinstance(heard, LineState):
-                self.state = heard
+                self.state, self._state_ns = heard, now_ns
             elif isinstance(heard, Admission):
                 self.admissions[heard.destination, heard.area] = heard, now_ns
             elif isinstance(heard, RemovalAnswer):
@@ -139,9 +145,10 @@ class LineView:
         trains = sorted(self.reports.values(), key=lambda each: -each[0].front_max_m)
         head = f"train {'front m':>9} {'km/h':>6} {'authority to m':>15} {'term':>5} {'age s':>6}"
         rows = [self._train_words(report, at, now_ns) for report, at in trains]
-        silent = [self._silent_words(*each) for each in self.silent().items()]
-        mute = sorted((self._sessions() or set()) - {*self.reports, *self.silent()})
-        said += [*self._track_words(), f"{head}  is", *rows, *silent]
+        missing = {} if self._wayside_silence(now_ns) else self.silent()
+        silent = [self._silent_words(*each) for each in missing.items()]
+        mute = sorted((self._sessions() or set()) - {*self.reports, *missing})
+        said += [*self._track_words(now_ns), f"{head}  is", *rows, *silent]
         return said + [f"train {each} has a session and says nothing" for each in mute]
 
     def _sessions(self) -> set[int] | None:
@@ -189,49 +196,59 @@ class LineView:
         command = self.commands.get(area)
         if command is None:
             return f"area {area}: nobody commands"
-        heartbeat, silent_s = command.heartbeat, (now_ns - command.heard_ns) / NS_PER_S
+        heartbeat = command.heartbeat
+        if silence := _silence(command.heard_ns, now_ns):
+            return f"area {area}: train {heartbeat.source}, term {heartbeat.term}, {silence}"
         doing = "commands" if heartbeat.phase is Phase.ISSUING else "takes over"
         standby = f"train {heartbeat.standby}" if heartbeat.standby else "nobody"
         words = f"area {area}: train {heartbeat.source} {doing}, term {heartbeat.term}"
         words += f", standby {standby}"
         if command.before != NOBODY:
             words += f"; before, train {command.before} did"
-        if silent_s > SILENT_S:
-            words += f"; silent for {silent_s:.1f} s"
         return words
 
-    def _track_words(self) -> list[str]:
+    def _track_words(self, now_ns: int) -> list[str]:
         said = []
         for site in self.objects.values():
             wanted = ", is to be released" if site.release_wanted else ""
-            said.append(f"object {site.number}: {site.state.name.lower()}{wanted}")
+            state = f"{site.state.name.lower()}{wanted}"
+            silence = _silence(self._object_ns[site.number], now_ns, SLOW_SILENT_S)
+            said.append(f"object {site.number}: {silence or state}")
         if self.state is None:
             return [*sorted(said), "the wayside is not heard: nothing can be decreed"]
+        if silence := self._wayside_silence(now_ns):
+            return [*sorted(said), f"the wayside has been {silence}: nothing can be decreed"]
         for each in self.state.restrictions:
             said.append(f"at most {each.limit_mps * KMH:g} km/h {stretch_words(each)}")
         return [*said, *[f"closed {stretch_words(each)}" for each in self.state.closed]]
 
+    def _wayside_silence(self, now_ns: int) -> str:
+        heard_ns = now_ns if self.state is None else self._state_ns
+        return _silence(heard_ns, now_ns, SLOW_SILENT_S)
+
     def _train_words(self, report: TrainReport, at_ns: int, now_ns: int) -> str:
         end = f"{report.held_end_m:.1f}" if report.member else "–"
         front = f"{report.front_max_m:.1f}" if report.localised else "lost"
-        return (
-            f"{report.source:>5} {front:>9} {report.speed_mps * KMH:>6.1f} {end:>15} "
-            f"{report.term:>5} {(now_ns - at_ns) / NS_PER_S:>6.2f}  "
-            f"{self._state_words(report, now_ns)}"
-            f"{self._session_words(report.source) if now_ns - at_ns > SILENT_S * NS_PER_S else ''}"
-        ).rstrip()
+        speed, what = f"{report.speed_mps * KMH:.1f}", self._state_words(report, now_ns)
+        if silence := _silence(at_ns, now_ns):
+            what = f"{silence}, last at {front} m{self._session_words(report.source)}"
+            end = front = speed = BLANK
+        age_s = (now_ns - at_ns) / NS_PER_S
+        row = f"{report.source:>5} {front:>9} {speed:>6} {end:>15} {report.term:>5} {age_s:>6.2f}"
+        return f"{row}  {what}".rstrip()
 
     def _state_words(self, report: TrainReport, now_ns: int) -> str:
         """Mode, what its protection does, what is decreed of it, and what it waits for."""
         said = []
         status = self.statuses.get(report.source)
-        if status is not None:
+        status_ns = self._status_ns.get(report.source, now_ns)
+        if status is not None and not _silence(status_ns, now_ns, SLOW_SILENT_S):
             # Said with its noun: who stands by for a master is a standby, too.
             said += [f"mode {_name(OperatingMode, status.mode)}", protection_words(status)]
         if report.out_of_service:
             said.append("out of service")
         decree = self.decree(report.source)
-        if decree is not None:
+        if decree is not None and not self._wayside_silence(now_ns):
             said += [name for name in ("hold", "skip") if getattr(decree, name)]
             said += ["remote emergency brake"] if decree.emergency else []
         said += self._waits(report, now_ns)
@@ -249,6 +266,12 @@ class LineView:
     def decree(self, train: int) -> TrainDecree | None:
         trains = () if self.state is None else self.state.trains
         return next((each for each in trains if each.train == train), None)
+
+
+def _silence(heard_ns: int, now_ns: int, limit_s: float = SILENT_S) -> str:
+    """For how long nothing came; empty while that is no silence."""
+    age_s = (now_ns - heard_ns) / NS_PER_S
+    return f"silent for {age_s:.1f} s" if age_s > limit_s else ""
 
 
 def protection_words(status: TrainStatus) -> str:

@@ -14,12 +14,16 @@ from metro_hil.cli.vobc import main as vobc
 from metro_hil.model.run_options import LINE_VERBS, OTHER_VERBS
 from metro_hil.supervision.command import main
 from metro_hil.supervision.view import LineView
+from zenoh_config import keys
 from zenoh_config.codec import pack
+from zenoh_config.messages import WAYSIDE, SpeedRestriction
 from zenoh_config.t2t import (
     BROADCAST,
     Admission,
     AdmissionState,
     Heartbeat,
+    ObjectState,
+    ObjectStatus,
     Phase,
     T2tMessage,
     TrainReport,
@@ -97,9 +101,46 @@ def test_it_says_who_commands_which_area_and_where_trains_are() -> None:
 def test_it_says_who_commanded_before_and_how_long_a_master_has_been_silent() -> None:
     shown = view(BEAT, dataclasses.replace(BEAT, source=5, term=9, standby=0))
 
-    assert shown.words(2500 * MS)[0] == (
-        "area 1: train 5 commands, term 9, standby nobody; before, train 3 did; silent for 2.5 s"
+    assert shown.words(1000 * MS)[0] == (
+        "area 1: train 5 commands, term 9, standby nobody; before, train 3 did"
     )
+    assert shown.words(2500 * MS)[0] == "area 1: train 5, term 9, silent for 2.5 s"
+
+
+def test_of_a_silent_train_only_its_silence_and_its_last_place_are_shown() -> None:
+    shown = view(REPORT)
+    status = dataclasses.replace(STATUS, train=REPORT.source)
+    shown.hears([RadioMessage(0, keys.status("loop", REPORT.source), pack(status))], 0)
+
+    fresh, silent = (shown.words(at_ms * MS)[-1] for at_ms in (1000, 8000))
+
+    for text in ("36.0", "1500.0", "mode"):
+        assert text in fresh
+        assert text not in silent
+    assert silent.split()[:6] == ["3", "--", "--", "--", "7", "8.00"]
+    assert "silent for 8.0 s, last at 1000.0 m" in silent
+
+
+def test_what_a_silent_wayside_said_is_not_shown() -> None:
+    nothing = (0, 0, DecreeAnswer.NONE, (), ())
+    stretch = SpeedRestriction(start_m=100.0, end_m=200.0, limit_mps=5.0)
+    places = (RosterPlace(1, 9),)
+    state = LineState(0, BROADCAST, 0, 0, 2, 1, 0, *nothing, (stretch,), (), places)
+    shown = view(state, REPORT)
+
+    fresh, silent = ("\n".join(shown.words(at_ms * MS)) for at_ms in (1000, 8000))
+
+    for text in ("at most 18 km/h", "train 9 is silent"):
+        assert text in fresh
+        assert text not in silent
+    assert "the wayside has been silent for 8.0 s: nothing can be decreed" in silent
+
+
+def test_of_a_silent_object_only_its_silence_is_shown() -> None:
+    shown = view(OBJECT)
+
+    assert "object 1: locked" in shown.words(1000 * MS)
+    assert "object 1: silent for 8.0 s" in shown.words(8000 * MS)
 
 
 def test_a_master_of_a_former_term_is_not_shown() -> None:
@@ -181,6 +222,9 @@ def test_of_who_is_silent_it_is_told_whether_its_session_is_there() -> None:
     assert told(0, here, 5, 9)[-1] == "train 5 has a session and says nothing"
 
 
+OBJECT = ObjectStatus(
+    WAYSIDE, BROADCAST, 1, 7, 1, 1, 0, 1, ObjectState.LOCKED, 7, 0, release_wanted=False
+)
 NEWCOMER = dataclasses.replace(REPORT, source=1, member=False)
 ADMISSION = Admission(3, 1, 1, 7, 1, 1, 0, AdmissionState.UNPLACED, 2)
 
