@@ -78,6 +78,9 @@ def fault_in(line: str) -> str | None:
         targets = set(TARGET.findall((ROOT / "Makefile").read_text(encoding="utf-8")))
         wanted = {word for word in words[1:] if re.fullmatch(r"[a-z][a-z-]*", word)}
         return f"no target {wanted - targets}" if wanted - targets else None
+    if head == "vcan-guest" and (inner := [word for word in words[1:] if word in SCRIPTS]):
+        at = words.index(inner[0], 1)
+        return fault_in(shlex.join(words[:at])) or fault_in(shlex.join(words[at:]))
     if head not in SCRIPTS:
         return None if (BIN / head).exists() else f"no program {head}"
     if words[:3] == ["hil", "run", "line"]:
@@ -105,6 +108,9 @@ def test_a_wrong_command_would_be_found() -> None:
     assert fault_in("make nonsense") is not None
     assert fault_in("tools/nonsense x") is not None
     assert fault_in("vcan up --nonsense") is not None
+    assert fault_in("vcan-guest --nonsense vcan up") is not None
+    assert fault_in("vcan-guest --vcan can7 vcan up --nonsense") is not None
+    assert fault_in("vcan-guest --vcan can7 vcan up --kind kernel") is None
     assert fault_in("vcan up vcan0 --kind kernel --dry-run") is None
     assert list(command_lines("`make run`, then\n```sh\n$ vcan up  # here\nls\n```\n")) == [
         "vcan up",

@@ -18,6 +18,7 @@ from metro_tools.guest.debian_offers import (
 )
 from metro_tools.guest.elf_interpreter import with_interpreter
 from metro_tools.guest.initial_files import archive
+from metro_tools.guest.kernel_modules import dependencies, in_load_order, module_name
 from metro_tools.guest.plan import Engine, GuestFolders, NoKernelError
 
 PIN = Package("user-mode-linux", "7.2um1", "ab" * 32)
@@ -126,7 +127,8 @@ def test_a_program_without_a_loader_is_refused() -> None:
 
 def entries_of(image: bytes) -> dict[str, tuple[int, bytes]]:
     """Mode and content of each entry of a cpio archive, read by its published layout."""
-    found, place = {}, 0
+    found: dict[str, tuple[int, bytes]] = {}
+    place = 0
     while True:
         assert image[place : place + 6] == b"070701"
         fields = [int(image[place + 6 + 8 * n : place + 14 + 8 * n], 16) for n in range(13)]
@@ -151,6 +153,37 @@ def test_an_initial_file_system_holds_what_was_put_into_it(size: int) -> None:
         "init": (0o100755, b"x" * size),
         "bin/busybox": (0o100755, b"y" * 9),
     }
+
+
+def module(*depends: str) -> bytes:
+    return b"\x7fELF\0license=GPL\0depends=" + ",".join(depends).encode() + b"\0name=x\0"
+
+
+MODULES = {
+    "virtio_pci": module("virtio", "virtio-ring"),
+    "virtio": module("virtio_ring"),
+    "virtio_ring": module(),
+    "can_raw": module("can"),
+    "can": module(),
+}
+
+
+def test_a_module_says_what_it_depends_on() -> None:
+    assert dependencies(module("can", "can-dev")) == ["can", "can_dev"]
+    assert dependencies(module()) == []
+    assert dependencies(b"no module") == []
+
+
+def test_modules_come_behind_what_they_depend_on_and_once() -> None:
+    loaded = in_load_order(["virtio-pci", "can-raw", "virtio", "built-in"], MODULES.get)
+
+    assert list(loaded) == ["virtio_ring", "virtio", "virtio_pci", "can", "can_raw"]
+    assert loaded == MODULES
+
+
+@pytest.mark.parametrize("name", ["can-dev.ko", "can_dev.ko.xz", "can-dev"])
+def test_a_module_has_one_name_however_its_file_is_called(name: str) -> None:
+    assert module_name(name) == "can_dev"
 
 
 def test_the_first_program_of_an_emulated_pc_is_a_script_that_a_shell_can_read() -> None:

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
+from firmware_py.arguments import words_of
 from firmware_py.assertions import require_assertions
 from metro_tools.guest import machine, packages, plan
 from metro_tools.guest.kernels import AUTOMATIC, Kernel, booting_line, choose, failure_text
@@ -46,7 +47,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Parse, ask for the guest, say why not if so."""
     require_assertions("vcan-guest")
     parser = _parser()
-    options = parser.parse_args(argv)
+    options = parser.parse_args(words_of("vcan-guest", argv))
     command = options.command[1:] if options.command[:1] == ["--"] else options.command
     if not command:
         parser.error("a command is missing")

@@ -140,7 +140,7 @@ def _write_scripts(request: GuestRequest, machine: GuestFolders, run_dir: Path) 
 
 
 def _write(path: Path, text: str) -> None:
-    """File names and environment need not be UTF-8; the bytes stay as they came."""
+    """The environment need not be UTF-8; its bytes stay as they came."""
     path.write_bytes(os.fsencode(text))
 
 

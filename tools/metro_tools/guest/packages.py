@@ -16,6 +16,7 @@ from metro_tools.guest import qemu
 from metro_tools.guest.debian_offers import PINNED, Package, offered, settle, sources_line
 from metro_tools.guest.elf_interpreter import with_interpreter
 from metro_tools.guest.initial_files import archive
+from metro_tools.guest.kernel_modules import in_load_order, module_name
 from metro_tools.guest.kernels import Kernel
 from metro_tools.guest.plan import NoKernelError, library_names
 
@@ -33,10 +34,10 @@ KEYRINGS: Final = (
 TOOL_PACKAGES: Final = ("can-utils", "iproute2")
 REQUIRED_MODULES: Final = ("overlay", "can-dev", "vcan", "can", "can-raw")
 MODULES: Final = (
-    *("crc-ccitt", "ipv6", "overlay", "can-dev", "vcan", "vxcan", "slcan"),
+    *("ipv6", "overlay", "vcan", "vxcan", "slcan"),
     *("can", "can-raw", "can-bcm", "can-gw", "can-j1939"),
 )
-"""In the order to load. What a kernel has built in has no file; only the required must have one."""
+"""What a kernel has built in has no file; only the required must have one."""
 FETCH_TIMEOUT_S: Final = 600
 DEPENDENCY_DEPTH_MAX: Final = 6
 
@@ -110,8 +111,8 @@ def _fill_qemu(apt: "_Apt", tree: Path, to: Path) -> None:
     apt.unpack((*apt.needed_by(PC_KERNEL_PACKAGE, "linux-image-"), "busybox-static"), tree)
     _arrange(tree, to, (*MODULES, "can-isotp"))
     shutil.copy2(_only(tree, "boot", "vmlinuz-*"), to / "linux")
-    early = dict(_modules(tree, qemu.EARLY_MODULES))
-    files = {f"modules/{number_name}": content for number_name, content in early.items()}
+    early = _modules(tree, qemu.EARLY_MODULES)
+    files = {f"modules/{name}": content for name, content in early.items()}
     files |= {"init": qemu.INIT.encode(), "bin/busybox": (to / "busybox").read_bytes()}
     (to / "initrd").write_bytes(archive(("bin", "modules", "proc", "root"), files))
 
@@ -152,25 +153,30 @@ def _arrange(tree: Path, to: Path, modules: Sequence[str]) -> None:
     """Copy busybox, the modules and their release out of the unpacked packages."""
     (to / "modules").mkdir(parents=True)
     shutil.copy2(_only(tree, "bin", "busybox"), to / "busybox")
-    for name, content in _modules(tree, modules):
+    found = _modules(tree, modules)
+    for name, content in found.items():
         (to / "modules" / name).write_bytes(content)
-    present = {path.name.partition("-")[2] for path in (to / "modules").iterdir()}
-    if missing := [name for name in REQUIRED_MODULES if f"{name}.ko" not in present]:
+    present = {module_name(name.partition("-")[2]) for name in found}
+    if missing := [name for name in REQUIRED_MODULES if module_name(name) not in present]:
         raise NoKernelError(f"the kernel's package has no module {', '.join(missing)}")
     (to / "release").write_text(f"{next(tree.rglob('modules/*/kernel')).parent.name}\n")
 
 
-def _modules(tree: Path, names: Sequence[str]) -> Iterator[tuple[str, bytes]]:
-    """Those of the modules that are files; the rest the kernel has built in.
+def _modules(tree: Path, names: Sequence[str]) -> dict[str, bytes]:
+    """File names and contents of the modules and all that they depend on.
 
     The number in a file's name makes a shell's * give them in the order to load.
     """
-    for number, name in enumerate(names, start=100):
-        for path in tree.rglob(f"{name}.ko*"):
-            packed = path.read_bytes()
-            content = lzma.decompress(packed) if path.suffix == ".xz" else packed
-            yield f"{number}-{name}.ko", content
-            break
+    files = {module_name(path.name): path for path in tree.rglob("*.ko*")}
+
+    def content(name: str) -> bytes | None:
+        if (path := files.get(name)) is None:
+            return None
+        packed = path.read_bytes()
+        return lzma.decompress(packed) if path.suffix == ".xz" else packed
+
+    found = in_load_order(names, content)
+    return {f"{number}-{name}.ko": found[name] for number, name in enumerate(found, start=100)}
 
 
 def _only(tree: Path, folder: str, name: str) -> Path:
@@ -330,7 +336,9 @@ def _call(words: Sequence[str], directory: Path) -> str:
         raise NoKernelError(f"{words[0]} did not end within {FETCH_TIMEOUT_S} s") from error
     if done.returncode != 0:
         complaint = "\n  ".join((done.stderr or done.stdout).strip().splitlines()[-5:])
-        raise NoKernelError(f"{' '.join(words)} failed:\n  {complaint}")
+        short = " ".join(word for word in words if word[0] != "-" and "::" not in word)
+        hint = "; is a mirror reached?" if words[0] == "apt-get" else ""
+        raise NoKernelError(f"{short} failed{hint}\n  {complaint}")
     return done.stdout
 
 

@@ -9,11 +9,8 @@ from metro_tools.guest.plan import GuestFolders
 PROGRAM: Final = "qemu-system-x86_64"
 CONTROL_PIPE: Final = "control"
 """In the run directory: QEMU opens this name with `.in` and `.out` for the control line."""
-EARLY_MODULES: Final = (
-    *("virtio", "virtio_ring", "virtio_pci_modern_dev", "virtio_pci_legacy_dev", "virtio_pci"),
-    *("virtio_console", "netfs", "fscache", "9pnet", "9pnet_virtio", "9p"),
-)
-"""In the order to load: what the host's file system and the lines need."""
+EARLY_MODULES: Final = ("virtio_pci", "virtio_console", "9pnet_virtio", "9p")
+"""What the host's file system and the lines need."""
 
 INIT: Final = """\
 #!/bin/busybox sh
