@@ -1,7 +1,14 @@
 """The words that a program was called with, and what it says of files that they name."""
 
+import errno
 import sys
 from collections.abc import Sequence
+from typing import Final
+
+DISK_FAULTS: Final = frozenset(
+    {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EROFS, errno.EPIPE}
+)
+"""What a disk or a pipe refuses. Every other error of a file is about the name that was given."""
 
 
 def words_of(program: str, argv: Sequence[str] | None) -> list[str]:
@@ -22,10 +29,6 @@ def words_of(program: str, argv: Sequence[str] | None) -> list[str]:
 
 
 def of_file(error: OSError) -> str:
-    """What to say of a file that the user named, or that is below a folder that they named.
-
-    Raises `error` again when it is of no file: that is nothing that the user did.
-    """
-    if error.filename is None:
-        raise error
-    return f"{error.filename}: {error.strerror}"
+    """The file, if the error names one, and what the system refused."""
+    what = error.strerror or str(error)
+    return what if error.filename is None else f"{error.filename}: {what}"

@@ -20,6 +20,7 @@ from firmware_py.ports import CanPort, RadioPort, SerialPort
 from firmware_py.settings import SettingsError
 from firmware_py.storage.recorder import LineLog
 from firmware_py.trackdb import LineMap, load_line
+from firmware_py.whole_file import write_whole
 from plant_emulator.cli.openers import open_tags, open_wayside, refuse_second_plant
 from plant_emulator.cli.options import AUTO
 from plant_emulator.cli.words import TrainNotices, say, summarise
@@ -61,8 +62,11 @@ class _Plan:
     buses: tuple[str, ...]
 
 
-def serve_trains(options: argparse.Namespace) -> None:
-    """Until asked to end. Raises SettingsError, BusError, RadioError, SerialError, OSError."""
+def serve_trains(options: argparse.Namespace) -> int:
+    """Serve until asked to end; the exit code.
+
+    Raises SettingsError, BusError, RadioError, SerialError, OSError.
+    """
     plan = _plan(options)
     if options.parent is not None:
         die_with_parent(options.parent)
@@ -85,6 +89,7 @@ def serve_trains(options: argparse.Namespace) -> None:
             lambda now_ns: ending.asked or (end_ns is not None and now_ns >= end_ns),
         )
         line.end(clock.now_ns())
+    return ending.exit_code
 
 
 def _plan(options: argparse.Namespace) -> _Plan:
@@ -245,7 +250,7 @@ class _Line:
         )
         if self._out is not None:
             text = json.dumps(self._summary(), indent=2)
-            (self._out / "line.json").write_text(text + "\n", encoding="utf-8")
+            write_whole(self._out / "line.json", text + "\n")
 
     def _summary(self) -> dict[str, Any]:
         books, network = self._coupling.books, self._coupling.network

@@ -8,6 +8,7 @@ from canlog.database import Bus
 from canlog.formats.registry import FORMATS, by_suffix, chained, named
 from canlog.options import ReadOptions
 from canlog.read import stream
+from firmware_py.whole_file import whole_file
 
 
 def convert(
@@ -39,11 +40,9 @@ def convert(
     # A source without a frame raises here, before the target is opened.
     frames = iter(blocks)
     content = chained(next(block for block in frames if len(block)), frames)
-    try:
+    with whole_file(target) as part:
         if found.name == "mcap":
-            found.write(target, content, losses, bus)
+            found.write(part, content, losses, bus)
         else:
-            found.write(target, content, losses)
-    except OSError as error:
-        raise LogError(f"{target}: cannot be written: {error.strerror or error}") from error
+            found.write(part, content, losses)
     return blocks.warnings, losses.all()

@@ -6,6 +6,8 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Final
 
+from firmware_py.whole_file import write_whole
+
 EXIT_OK: Final = 0
 EXIT_OUTDATED: Final = 1
 EXIT_USAGE: Final = 2
@@ -38,7 +40,7 @@ def write_or_check(
     path, text = Path(options.path), document()
     try:
         if not options.check:
-            path.write_text(text, encoding="utf-8")
+            write_whole(path, text)
         elif path.read_text(encoding="utf-8") != text:
             print(f"{path}: outdated; run python -m {module}", file=sys.stderr)
             return EXIT_OUTDATED

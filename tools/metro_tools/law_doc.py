@@ -13,6 +13,8 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
+from firmware_py.whole_file import write_whole
+
 LAWS: Final = "docs/reference/laws"
 RESULTS: Final = "hil_tests/metro_hil/law_results.json"
 EXIT_OK: Final = 0
@@ -335,7 +337,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     code = EXIT_OK
     for path, text in made.items():
         if not options.check:
-            path.write_text(text, encoding="utf-8")
+            write_whole(path, text)
         elif not path.is_file() or path.read_text(encoding="utf-8") != text:
             print(f"{path}: outdated; run python -m metro_tools.law_doc", file=sys.stderr)
             code = EXIT_OUTDATED

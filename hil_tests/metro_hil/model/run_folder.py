@@ -12,6 +12,9 @@ from typing import Any
 import numpy as np
 import tomli_w
 
+from firmware_py.arguments import DISK_FAULTS
+from firmware_py.whole_file import write_whole
+
 PACKAGES = ("metro-vobc-bench", "python-can", "cantools", "numpy", "pyserial", "eclipse-zenoh")
 
 
@@ -77,6 +80,8 @@ def make_run_folder(out: str | None, epoch_ns: int, words: str) -> RunFolder:
         if any(path.iterdir()):
             raise RunFolderError(f"--out {path}: not empty; a run never overwrites another")
     except OSError as error:
+        if error.errno in DISK_FAULTS:
+            raise
         raise RunFolderError(f"--out {path}: cannot be made: {error.strerror}") from error
     return RunFolder(path)
 
@@ -127,7 +132,7 @@ def write_config(folder: RunFolder, tables: Mapping[str, object], epoch_ns: int)
             "processors": os.cpu_count() or 0,
         },
     }
-    folder.config.write_text(tomli_w.dumps(document), encoding="utf-8")
+    write_whole(folder.config, tomli_w.dumps(document))
 
 
 def versions() -> dict[str, str]:

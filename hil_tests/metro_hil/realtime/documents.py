@@ -7,6 +7,7 @@ from typing import Any
 
 import tomli_w
 
+from firmware_py.whole_file import write_whole
 from metro_hil.model.case import Case
 from metro_hil.model.case_setup import CaseParts, Files, file_name
 from metro_hil.model.run_folder import plain
@@ -42,5 +43,5 @@ def write_documents(case: Case, parts: CaseParts, files: Files, folder: Path) ->
 
 
 def _written(path: Path, table: Mapping[str, Any]) -> str:
-    path.write_text(tomli_w.dumps(table), encoding="utf-8")
+    write_whole(path, tomli_w.dumps(table))
     return str(path)

@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from firmware_py.trackdb import LineMap
+from firmware_py.whole_file import whole_file
 from metro_hil.model.log_columns import Columns, Numbers
 from metro_hil.report.plot import (
     EMERGENCY,
@@ -104,7 +105,8 @@ def draw_case(
         _draw_strip(strip, cycles, truth)
         speed.set_xlim(*span_m)
         figure.suptitle(title, x=0.012, ha="left", fontsize=13, fontweight="bold")
-        figure.savefig(path)
+        with whole_file(path) as part:
+            figure.savefig(part)
     return True
 
 

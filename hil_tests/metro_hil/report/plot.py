@@ -10,6 +10,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from firmware_py.trackdb import LineMap, TagKind
+from firmware_py.whole_file import whole_file
 from metro_hil.metrics.run import StationStop
 from metro_hil.model.log_columns import Columns, Numbers
 
@@ -54,7 +55,8 @@ def draw_run(
         accel.set_xlabel("chainage of the front coupler, m")
         accel.set_xlim(low_m, high_m)
         figure.suptitle(title, x=0.012, ha="left", fontsize=13, fontweight="bold")
-        figure.savefig(path)
+        with whole_file(path) as part:
+            figure.savefig(part)
     return True
 
 

@@ -7,8 +7,8 @@ from typing import Any, Final
 import msgspec
 import tomli_w
 
+from firmware_py.whole_file import named, write_whole
 from metro_hil.campaign.tables import ConfigTable
-from metro_hil.model.run_folder import RunFolderError
 from metro_hil.search.find import Sought
 from metro_hil.search.space import SearchSpace
 
@@ -19,13 +19,10 @@ NAMED: Final = ("line", "consist", "params")
 
 
 def append_history(folder: Path, new: Sequence[Sought]) -> None:
-    """One JSON object a line, as they are found. Raises RunFolderError."""
+    """One JSON object a line, as they are found. Raises OSError."""
     lines = b"".join(msgspec.json.encode(sought) + b"\n" for sought in new)
-    try:
-        with (folder / HISTORY).open("ab") as history:
-            history.write(lines)
-    except OSError as error:
-        raise RunFolderError(f"{folder / HISTORY}: cannot be written: {error.strerror}") from error
+    with named(folder / HISTORY), (folder / HISTORY).open("ab") as history:
+        history.write(lines)
 
 
 def write_worst(
@@ -33,7 +30,7 @@ def write_worst(
 ) -> Path:
     """A campaign file of the worst cases, first the worst, beside the user's files it needs.
 
-    Raises RunFolderError.
+    Raises OSError.
     """
     path = folder / WORST
     tables = [_scenario(space, sought, place) for place, sought in enumerate(worst, start=1)]
@@ -42,13 +39,10 @@ def write_worst(
         "title": f"Worst cases found of {space.plan.name}",
         "scenario": tables,
     }
-    try:
-        for name in sorted(written):
-            (folder / FILES).mkdir(exist_ok=True)
-            (folder / FILES / name).write_text(files[name], encoding="utf-8")
-        path.write_text(tomli_w.dumps(document), encoding="utf-8")
-    except OSError as error:
-        raise RunFolderError(f"{path}: cannot be written: {error.strerror}") from error
+    for name in sorted(written):
+        (folder / FILES).mkdir(exist_ok=True)
+        write_whole(folder / FILES / name, files[name])
+    write_whole(path, tomli_w.dumps(document))
     return path
 
 

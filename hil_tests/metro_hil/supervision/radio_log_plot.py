@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+from firmware_py.whole_file import whole_file
 from metro_hil.supervision.radio_log import RadioFigures
 
 if TYPE_CHECKING:
@@ -35,7 +36,8 @@ def draw(figures: RadioFigures, path: Path, title: str) -> None:
 
     figure = picture(figures, title)
     try:
-        figure.savefig(path)
+        with whole_file(path) as part:
+            figure.savefig(part)
     finally:
         plt.close(figure)
 

@@ -104,8 +104,10 @@ def _tune(options: argparse.Namespace) -> int:
     head = {"seed": options.seed, "budget": options.budget, "method": options.method}
     if interrupted:
         head["ended early"] = "by Ctrl-C"
+    _show(console, tuned)
     write_parameters(out, parameter_file(ground, tuned, head))
-    _show(console, tuned, out)
+    console.print(f"parameters: {out}", highlight=False, soft_wrap=True)
+    console.print(f"to run them: vobc run --lockstep --params {out}", soft_wrap=True)
     if options.json:
         print(json.dumps({"file": str(out), "interrupted": interrupted, **as_document(tuned)}))
     return EXIT_INTERRUPTED if interrupted else EXIT_OK
@@ -140,7 +142,7 @@ def _run(tuner: Tuner, console: Console) -> bool:
     return False
 
 
-def _show(console: Console, tuned: Tuned, out: Path) -> None:
+def _show(console: Console, tuned: Tuned) -> None:
     table = Table("", "before", "after", title="tuned, judged on other seeds")
     for key in tuned.after:
         table.add_row(key, f"{tuned.before[key]:g}", f"{tuned.after[key]:g}")
@@ -152,8 +154,6 @@ def _show(console: Console, tuned: Tuned, out: Path) -> None:
             if (one, other) != ("", ""):
                 table.add_row(name, one, other)
     console.print(table)
-    console.print(f"parameters: {out}", highlight=False, soft_wrap=True)
-    console.print(f"to run them: vobc run --lockstep --params {out}", soft_wrap=True)
 
 
 NAMES: Final = (

@@ -7,7 +7,8 @@ from typing import Any
 
 import tomli_w
 
-from firmware_py.settings import SettingsError, find, parse
+from firmware_py.settings import find, parse
+from firmware_py.whole_file import write_whole
 from metro_hil.model.run_folder import plain
 from metro_hil.tuning.objective import CM_PER_M, RunFigures
 from metro_hil.tuning.training import Ground
@@ -35,12 +36,9 @@ def parameter_file(ground: Ground, tuned: Tuned, head: Mapping[str, object]) -> 
 
 
 def write_parameters(path: Path, text: str) -> None:
-    """Raises SettingsError when it cannot be written."""
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise SettingsError(f"--out {path}: cannot be written: {error.strerror}") from error
+    """Raises OSError when it cannot be written."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_whole(path, text)
 
 
 def _comment(ground: Ground, tuned: Tuned, head: Mapping[str, object]) -> list[str]:

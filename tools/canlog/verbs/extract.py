@@ -8,10 +8,10 @@ from typing import Any, Final
 
 import numpy as np
 
-from canlog.damage import LogError
 from canlog.read import Log, read
 from canlog.table import Table
 from canlog.verbs.common import add_log, read_options
+from firmware_py.whole_file import whole_file
 
 SUMMARY: Final = "a table of physical values for each message, with exact time and units"
 FORMS: Final = ("parquet", "csv", "npz", "arrow")
@@ -27,16 +27,14 @@ def options(parser: argparse.ArgumentParser) -> None:
 def run(given: argparse.Namespace) -> int:
     log = read(given.log, given.dbc, replace(read_options(given), on_disk=True))
     names = given.message or list(log.messages)
-    try:
-        given.out.mkdir(parents=True, exist_ok=True)
-        for name in names:
-            # Not that of the log, which keeps what it has decoded.
-            table = log.groups.table(log.bus.message(name))
-            path = given.out / f"{name}.{given.form}"
-            _write(table, path, given.form)
-            print(f"{path}: {len(table)} rows")
-    except OSError as error:
-        raise LogError(f"{given.out}: cannot be written: {error.strerror or error}") from error
+    given.out.mkdir(parents=True, exist_ok=True)
+    for name in names:
+        # Not that of the log, which keeps what it has decoded.
+        table = log.groups.table(log.bus.message(name))
+        path = given.out / f"{name}.{given.form}"
+        with whole_file(path) as part:
+            _write(table, part, given.form)
+        print(f"{path}: {len(table)} rows")
     _tell(log)
     return 0
 

@@ -5,6 +5,7 @@ from typing import Final
 
 from canlog.damage import LogError
 from canlog.verbs.asked import log_options, name_asked, output_path, read_asked
+from firmware_py.whole_file import write_whole
 
 SUMMARY: Final = "write one self-contained HTML page with plots, frames, events and statistics"
 FRAMES_MAX: Final = 8_000_000
@@ -32,9 +33,6 @@ def run(given: argparse.Namespace) -> int:
 
     words = given.signals or (default_words(log) if trace_names(log) else [])
     data = page_data(log, given.title or name_asked(given), words, with_frames=True)
-    try:
-        path.write_text(page_text(data), encoding="utf-8")
-    except OSError as error:
-        raise LogError(f"-o {path}: cannot be written: {error.strerror}") from error
+    write_whole(path, page_text(data))
     print(f"{path}: {len(log)} frames, {path.stat().st_size / 1e6:.1f} MB")
     return 0

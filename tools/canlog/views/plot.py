@@ -18,6 +18,7 @@ from canlog.views.happenings import Happening
 from canlog.views.place import at_instants
 from canlog.views.span import TimeSpan
 from canlog.views.traces import Floats, SignalTrace
+from firmware_py.whole_file import whole_file
 
 INK: Final = "#1d2733"
 QUIET: Final = "#66727f"
@@ -101,7 +102,8 @@ def draw(picture: Picture, path: Path) -> int:
         figure.align_ylabels(grid[:, 0])
         figure.suptitle(picture.title, x=0.012, ha="left", fontsize=12, fontweight="bold")
         meta = {"Date": None} if path.suffix.lower() == ".svg" else {"Software": None}
-        figure.savefig(path, metadata=meta)
+        with whole_file(path) as part:
+            figure.savefig(part, metadata=meta)
     return drawn
 
 

@@ -48,6 +48,7 @@ def run(options: argparse.Namespace) -> int:
 
     from canlog.run_names import mark_latest
     from firmware_py.clock.clock import WallClock
+    from firmware_py.whole_file import write_whole
     from metro_hil.engine.event_log import tell
     from metro_hil.engine.folder import folder_name
     from metro_hil.model.case import as_expected
@@ -62,7 +63,7 @@ def run(options: argparse.Namespace) -> int:
     remembered = folder.manifest().options.get("runner")
     result = repeat(case, folder.files(), place, options.runner or remembered)
     text = msgspec.json.format(msgspec.json.encode(result), indent=2)
-    place.results.write_bytes(text + b"\n")
+    write_whole(place.results, text + b"\n")
     drawn = not options.no_plot and draw(case, folder.files(), place)
     difference = difference_of(case, before, result)
     if options.json:

@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from firmware_py.whole_file import whole_file
 from metro_hil.energy.line.model import LAP_S, STOPS_M, SUBSTATIONS_M, TRAINS
 from metro_hil.energy.line.simulate import LineSeries
 from metro_hil.energy.line.table_four import TableFour
@@ -42,7 +43,8 @@ def draw(path: Path, table: TableFour, before: LineSeries, after: LineSeries) ->
             one.autoscale(axis="y")
         _regeneration(rows[3][0], table)
         _changes(rows[3][1], table)
-        figure.savefig(path)
+        with whole_file(path) as aside:
+            figure.savefig(aside)
 
 
 def _diagram(axes: Axes, name: str, record: LineSeries, part: slice) -> None:

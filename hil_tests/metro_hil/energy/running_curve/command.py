@@ -14,6 +14,7 @@ from rich.table import Table
 from firmware_py.clock.clock import WallClock
 from firmware_py.settings import SettingsError
 from firmware_py.trackdb import load_line
+from firmware_py.whole_file import write_whole
 from metro_hil.energy.running_curve import table_one
 from metro_hil.energy.running_curve.answer import (
     OPTIMUM_CELL_M,
@@ -106,7 +107,7 @@ def _design(options: argparse.Namespace) -> int:
     picture = folder / "curve.png"
     _draw(picture, title, found)
     told = json.dumps({"line": line.name, "from": first, "to": last, **as_document(found)})
-    (folder / "results.json").write_text(told + "\n", encoding="utf-8")
+    write_whole(folder / "results.json", told + "\n")
     console.print(f"picture: {picture}", highlight=False, soft_wrap=True)
     if options.json:
         print(told)

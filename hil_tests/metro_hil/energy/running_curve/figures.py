@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from firmware_py.whole_file import whole_file
 from metro_hil.energy.running_curve.design import Design, RunningCurve
 from metro_hil.energy.running_curve.net import Net
 from metro_hil.energy.running_curve.optimum import Optimum
@@ -64,7 +65,8 @@ def draw(path: Path, page: Page) -> None:
         _run(run, page)
         _choice(choice, page)
         _weights(weights, page)
-        figure.savefig(path)
+        with whole_file(path) as part:
+            figure.savefig(part)
 
 
 def _net(axes: Axes, page: Page) -> None:

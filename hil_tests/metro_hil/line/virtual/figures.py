@@ -11,6 +11,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from firmware_py.whole_file import whole_file
 from metro_hil.line.virtual.coordinator import LineRecord
 from metro_hil.line.virtual.member import LinePlan
 from plant_emulator.power.supplies import SUBSTATIONS_M
@@ -41,7 +42,8 @@ def draw(path: Path, plan: LinePlan, record: LineRecord, law: str) -> None:
             axes.set_xlim(0.0, float(time_s[-1]) if len(time_s) > 1 else 1.0)
         for axes in rows[1:3]:
             axes.sharex(rows[0])
-        figure.savefig(path)
+        with whole_file(path) as part:
+            figure.savefig(part)
 
 
 def _diagram(axes: Axes, plan: LinePlan, record: LineRecord, time_s: Numbers) -> None:

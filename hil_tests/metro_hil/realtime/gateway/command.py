@@ -17,6 +17,7 @@ from firmware_py.interrupts import Interrupts
 from firmware_py.ports import CanPort
 from firmware_py.settings import SettingsError, parse
 from firmware_py.storage.recorder import LineLog, RecorderError
+from firmware_py.whole_file import write_whole
 from metro_hil.faults.gateway import GatewayFaults
 from metro_hil.model.run_options import EXIT_ENVIRONMENT, EXIT_OK, EXIT_USAGE
 from metro_hil.realtime.feed_socket import FeedSocket
@@ -108,7 +109,7 @@ def _serve(options: argparse.Namespace, faults: Sequence[FaultPlan]) -> int:
         if options.out is not None:
             struck = {f"{kind} {message}": n for (kind, message), n in sorted(core.done.items())}
             summary = json.dumps({**forwarding.summary(), "struck": struck}, indent=2)
-            (Path(options.out) / "gateway.json").write_text(summary + "\n", encoding="utf-8")
+            write_whole(Path(options.out) / "gateway.json", summary + "\n")
     return EXIT_OK
 
 

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+from firmware_py.whole_file import whole_file, write_whole
 from metro_hil.model.case import Case, CaseResult
 from metro_hil.report.campaign.info import CampaignInfo
 
@@ -42,11 +43,12 @@ def write_reports(
     content = Content(info, ledger, monitors, measures, rows, tables, figures)
     paths = [folder / name for name in FILES]
     page, junit, parquet, requirements, summary = paths
-    page.write_text(render_page(folder, content), encoding="utf-8")
-    junit.write_bytes(junit_xml(info, ledger))
-    write_parquet(parquet, info, ledger)
-    requirements.write_text(requirements_markdown(info, ledger, rows), encoding="utf-8")
-    summary.write_text(summary_json(info, ledger, monitors, measures, traces), encoding="utf-8")
+    write_whole(page, render_page(folder, content))
+    write_whole(junit, junit_xml(info, ledger))
+    with whole_file(parquet) as part:
+        write_parquet(part, info, ledger)
+    write_whole(requirements, requirements_markdown(info, ledger, rows))
+    write_whole(summary, summary_json(info, ledger, monitors, measures, traces))
     return [*paths, *(figure.path for figure in figures)]
 
 

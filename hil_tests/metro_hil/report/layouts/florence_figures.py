@@ -12,6 +12,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from firmware_py.trackdb import LineMap, load_line
+from firmware_py.whole_file import whole_file
 from metro_hil.engine.folder import CampaignFolder
 from metro_hil.metrics.comfort import felt_signals
 from metro_hil.model.case import Case
@@ -107,7 +108,8 @@ def _draw_ride(path: Path, title: str, case: Case, cycles: Columns, truth: Colum
     jerk.set_xlabel("time, s", labelpad=1)
     for axes in (accel, jerk):
         axes.set_xlim(0.0, float(time_s[-1]))
-    figure.savefig(path)
+    with whole_file(path) as part:
+        figure.savefig(part)
     return True
 
 
@@ -152,7 +154,8 @@ def _draw_tracking(path: Path, title: str, case: Case, cycles: Columns, truth: C
         _mark(place, mark_m, words, to_left=mark_m > end_m - NEAR_END_RATIO * (end_m - start_m))
     place.set_xlabel("chainage of the front coupler, m", labelpad=1)
     time.set_xlabel("time, s", labelpad=1)
-    figure.savefig(path)
+    with whole_file(path) as part:
+        figure.savefig(part)
     return True
 
 

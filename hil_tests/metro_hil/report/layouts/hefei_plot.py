@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from firmware_py.whole_file import whole_file
 from metro_hil.engine.folder import CampaignFolder
 from metro_hil.engine.journal import read_journal
 from metro_hil.model.case import Case
@@ -68,7 +69,8 @@ def draw_hefei(folder: Path, cases: Sequence[Case]) -> list[LayoutFigure]:
                 continue
             _draw_curves(axes[0][column], axes[1][column], folder, found, name)
             _draw_errors(axes[2][column], found, name, 1.08 * highest_cm)
-        figure.savefig(path)
+        with whole_file(path) as part:
+            figure.savefig(part)
     return [LayoutFigure(CAPTION, path)]
 
 
