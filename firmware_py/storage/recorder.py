@@ -7,9 +7,9 @@ cannot be written any more counts what it loses and never stops the control cycl
 
 import enum
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Final
+from typing import Final, Protocol
 
 NS_PER_S: Final = 1_000_000_000
 LINES_MAX: Final = 1024
@@ -23,8 +23,25 @@ _THOUSAND: Final = [f"{number:03d}" for number in range(1000)]
 """Looked up faster than formatted."""
 
 
-class RecorderError(Exception):
+class RecorderError(OSError):
     """A log that cannot be opened; the text names the path."""
+
+
+class Lossy(Protocol):
+    """A log that counts the lines that the disk did not take."""
+
+    @property
+    def lost_lines(self) -> int: ...
+
+
+def lost_lines(logs: Iterable[Lossy]) -> int:
+    """Of all of them. Close them first: the last lines are written then."""
+    return sum(log.lost_lines for log in logs)
+
+
+def loss_text(lost: int) -> str:
+    """What a program says of them."""
+    return f"the disk did not take {lost} lines of the logs"
 
 
 class LineFile:

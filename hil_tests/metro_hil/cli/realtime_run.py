@@ -2,7 +2,8 @@
 
 import json
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
+from dataclasses import replace
 from pathlib import Path
 
 from rich.console import Console
@@ -90,7 +91,9 @@ class RealtimeRun:
                 centre=self._options.train is not None,
             )
             self._end_children(watch)
-            return watch.ending(reason, truth_known=emulated, realtime=self._granted())
+            ending = watch.ending(reason, truth_known=emulated, realtime=self._granted())
+            lost = ending.lost_log_lines + self._lost_by_children()
+            return replace(ending, lost_log_lines=lost)
 
     def _choose_bus(self, stack: ExitStack) -> str:
         if self._options.bus != "auto":
@@ -228,6 +231,15 @@ class RealtimeRun:
         options = self._options
         worked = options.desk_recording or options.driver or options.desk in ("manual", EXTERNAL)
         return options.duration_s is None and not worked
+
+    def _lost_by_children(self) -> int:
+        """Lines of logs that the disk did not take from controller and plant, as they noted."""
+        lost = 0
+        for name in ("vobc.json", "plant.json"):
+            with suppress(OSError, ValueError, KeyError):
+                noted = json.loads((self._folder.path / name).read_text(encoding="utf-8"))
+                lost += noted["lost_log_lines"]
+        return lost
 
     def _granted(self) -> list[str]:
         """What the controller was granted for real time, as it wrote it down."""

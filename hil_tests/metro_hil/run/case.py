@@ -8,6 +8,7 @@ from typing import Final
 from firmware_py.clock.clock import WallClock
 from firmware_py.expression import compile_expression
 from firmware_py.settings import SettingsError
+from firmware_py.storage.recorder import RecorderError, loss_text
 from metro_hil.external_controller import ControllerDiedError
 from metro_hil.metrics.case import MemoryLog, motion_measures
 from metro_hil.metrics.comfort import CommandLog, inertia_of
@@ -65,6 +66,8 @@ def run_alone(
         run.to_end()
     finally:
         run.close()
+    if lost := run.bench.lost_log_lines:
+        raise RecorderError(loss_text(lost))
     return run.result(began_ns)
 
 

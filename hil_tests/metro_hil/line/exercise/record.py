@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Final
 
 from firmware_py.ports import RadioMessage
-from firmware_py.storage.recorder import RadioLog, SerialDirection
+from firmware_py.storage.recorder import LineFile, RadioLog, SerialDirection
 
 LINE_LOG: Final = "line.log"
 STORY: Final = "story.txt"
@@ -16,12 +16,17 @@ class LineRunFiles:
     """Seconds of the story count from the first message of `line.log`, as `vobc line-log` does."""
 
     def __init__(self, folder: Path, say: Callable[[float, str], None]) -> None:
-        """Raises RecorderError, and OSError for the story."""
+        """Raises RecorderError."""
         # By the clock that is echoed in messages, so that latencies can be read off it.
         self._log = RadioLog(folder / LINE_LOG)
-        self._story = (folder / STORY).open("w", buffering=1, encoding="utf-8")
+        self._story = LineFile(folder / STORY)
         self._say = say
         self._zero_ns: int | None = None
+
+    @property
+    def lost_lines(self) -> int:
+        """Lines that the disk did not take."""
+        return self._log.lost_lines + self._story.lost_lines
 
     def hears(self, messages: Iterable[RadioMessage]) -> None:
         for each in messages:
@@ -33,7 +38,7 @@ class LineRunFiles:
 
     def tell(self, now_ns: int, words: str) -> None:
         at_s = self.second_of(now_ns)
-        self._story.write(told(at_s, words) + "\n")
+        self._story.write([told(at_s, words) + "\n"])
         self._say(at_s, words)
 
     def close(self) -> None:
