@@ -2,6 +2,6 @@
 
 import sys
 
-from plant_emulator.cli import main
+from plant_emulator.entry import plant
 
-sys.exit(main())
+sys.exit(plant())

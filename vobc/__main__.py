@@ -2,6 +2,16 @@
 
 import sys
 
-from vobc.cli import main
+from firmware_py.program import TYPE_CHECKING, Program
 
-sys.exit(main())
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+
+def _controller() -> "Callable[[], int]":
+    from vobc.cli import main
+
+    return main
+
+
+sys.exit(Program("vobc", _controller)())

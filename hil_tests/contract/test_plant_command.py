@@ -126,9 +126,9 @@ def test_wrong_usage_is_refused_before_anything_is_opened(
 
 
 @pytest.mark.usefixtures("hub")
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 0)])
 def test_a_signal_ends_it_cleanly_with_its_logs_closed(
-    tmp_path: Path, number: signal.Signals
+    tmp_path: Path, number: signal.Signals, code: int
 ) -> None:
     plant = serving("--out", tmp_path)
     tags = rendezvous.tags_link(BUS).readlink()
@@ -138,7 +138,7 @@ def test_a_signal_ends_it_cleanly_with_its_logs_closed(
     plant.send_signal(number)
     _, errors = plant.communicate(timeout=WAIT_S)
 
-    assert plant.returncode == 0
+    assert plant.returncode == code
     assert errors == ""
     with (tmp_path / "truth.csv").open(newline="", encoding="utf-8") as lines:
         rows = list(csv.reader(lines))

@@ -45,7 +45,7 @@ def help_text(program: str, verb: str) -> str:
     Asked for in this process: starting a program anew for each of its verbs takes a minute.
     """
     module, _, function = SCRIPTS[program].partition(":")
-    main = getattr(importlib.import_module(module), function)
+    main = getattr(importlib.import_module(module), function).load()
     words = [program, *([verb] if verb else []), "--help"]
     said = io.StringIO()
     with mock.patch.object(sys, "argv", words), contextlib.redirect_stdout(said):

@@ -15,6 +15,7 @@ import pytest
 from can_dbc.brake import BrakeCommand
 from can_dbc.codec import Decoder, Rejected
 from firmware_py.candump import read_candump
+from hil_tests.disk_rig import small_disk
 
 PATIENCE_S = 60.0
 RUN = [sys.executable, "-m", "metro_hil.cli.vobc", "run"]
@@ -244,6 +245,44 @@ def test_a_second_controller_on_the_bus_is_refused(place: dict[str, str], tmp_pa
     assert second.returncode == 3
     assert "another VOBC" in second.stderr
     assert not (tmp_path / "second").exists()
+
+
+def test_a_full_disk_does_not_stop_the_train(place: dict[str, str], tmp_path: Path) -> None:
+    """No file takes more than 90 kB, which the log of the bus has written in some seconds."""
+    out = tmp_path / "run"
+
+    with small_disk(90_000):
+        done = run(place, *HOP, "--duration", "15", "--json", "--out", str(out))
+
+    results = json.loads(done.stdout)
+    assert done.returncode == 3, done.stderr
+    assert results["exit_reason"] == "duration over"
+    assert results["lost_log_lines"] > 0
+    assert results["frames"] > (out / "bus.log").read_bytes().count(b"\n") > 0
+    assert json.loads((out / "results.json").read_text()) == results
+    noted = json.loads((out / "vobc.json").read_text())["lost_log_lines"]
+    assert 0 < noted < results["lost_log_lines"]
+    assert done.stderr.splitlines()[-1] == (
+        f"vobc: {out}: the disk did not take {results['lost_log_lines']} lines of the logs"
+    )
+
+
+def test_a_train_drives_on_when_the_reader_of_its_output_is_gone(
+    place: dict[str, str], tmp_path: Path
+) -> None:
+    out = tmp_path / "run"
+    going = start(place, *HOP, "--duration", "8", "--out", str(out))
+    assert going.stdout is not None
+    assert going.stderr is not None
+    going.stdout.close()
+
+    complained = going.stderr.read()
+
+    assert going.wait(PATIENCE_S) == 3
+    assert complained.splitlines()[-1] == (
+        "vobc: standard output: Broken pipe; the rest of the output is lost"
+    )
+    assert json.loads((out / "results.json").read_text())["exit_reason"] == "duration over"
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from can_dbc.binding import can_id
 from can_dbc.cab import CabMode
 from can_dbc.nodes import Node
 from firmware_py import rendezvous
-from firmware_py.arguments import words_of
+from firmware_py.arguments import of_file, words_of
 from firmware_py.assertions import require_assertions
 from firmware_py.buses import BusError, open_can, parse_spec
 from firmware_py.clock.clock import WallClock
@@ -24,8 +24,9 @@ from firmware_py.ports import CanPort, RadioPort
 from firmware_py.radio.silent_radio import SilentRadio
 from firmware_py.radio.zenoh_radio import RadioError
 from firmware_py.settings import SettingsError, shipped_names
-from firmware_py.storage.recorder import LineLog, RecorderError
+from firmware_py.storage.recorder import LineLog, loss_text
 from firmware_py.tag_reader.serial_line import SerialError
+from firmware_py.whole_file import write_whole
 from plant_emulator.cli.bus_choice import chosen_bus
 from plant_emulator.cli.desk_command import attend
 from plant_emulator.cli.feed_sender import FeedSender
@@ -66,8 +67,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         if options.verb == "desk":
             return attend(options)
         if options.verb == "wayside":
-            serve_line(options)
-            return EXIT_OK
+            return serve_line(options)
         if options.trains is not None:
             return _serve_trains(options)
         if options.supply is not None:
@@ -92,8 +92,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     except SettingsError as error:
         _complain(error)
         return EXIT_USAGE
-    except (BusError, RadioError, RecorderError, SerialError, OSError) as error:
+    except (BusError, RadioError, SerialError) as error:
         _complain(error)
+        return EXIT_ENVIRONMENT
+    except OSError as error:
+        _complain(of_file(error))
         return EXIT_ENVIRONMENT
     except Exception:
         traceback.print_exc()
@@ -108,8 +111,7 @@ def _serve_trains(options: argparse.Namespace) -> int:
     options.line = options.line or "changping"
     if options.desk != "auto":
         raise SettingsError("--desk: is for one train; not with --trains")
-    serve_trains(options)
-    return EXIT_OK
+    return serve_trains(options)
 
 
 def _list_consists() -> int:
@@ -132,7 +134,11 @@ def _serve(
         if options.truth_feed is not None:
             feed = FeedSender(options.truth_feed)
             stack.callback(feed.close)
-        plant = _device(options, scenario, faults, feed, out, clock, stack)
+        truth = None
+        if out is not None:
+            truth = LineLog(out / "truth.csv", TRUTH_COLUMNS)
+            stack.callback(truth.close)
+        plant = _device(options, scenario, faults, feed, truth, clock, stack)
         executives = [plant.executive]
         if options.line_radio is not None:
             executives.append(feed_of(options, scenario.line.name, plant.world, clock, stack))
@@ -151,11 +157,14 @@ def _serve(
 
         run(executives, clock, until)
         plant.stop(clock.now_ns())
-        if out is not None:
-            summary = json.dumps(summarise(plant, feed), indent=2)
-            (out / "plant.json").write_text(summary + "\n", encoding="utf-8")
         words.say_end()
-    return EXIT_OK
+    if out is not None and truth is not None:
+        summary = {**summarise(plant, feed), "lost_log_lines": truth.lost_lines}
+        write_whole(out / "plant.json", json.dumps(summary, indent=2) + "\n")
+        if truth.lost_lines:
+            _complain(loss_text(truth.lost_lines))
+            return EXIT_ENVIRONMENT
+    return ending.exit_code
 
 
 def _device(
@@ -163,7 +172,7 @@ def _device(
     scenario: TrainScenario,
     faults: Sequence[FaultPlan],
     feed: FeedSender | None,
-    out: Path | None,
+    truth: LineLog | None,
     clock: WallClock,
     stack: ExitStack,
 ) -> PlantDevice:
@@ -172,10 +181,6 @@ def _device(
     refuse_second_plant(spec, clock, desk_elsewhere=scenario.desk_elsewhere)
     can = open_can(spec, clock=clock, node="PLANT", accept_ids=_wanted_ids(scenario))
     stack.callback(can.close)
-    truth = None
-    if out is not None:
-        truth = LineLog(out / "truth.csv", TRUTH_COLUMNS)
-        stack.callback(truth.close)
     say(
         f"{scenario.train.name} at {scenario.start.name} on {scenario.line.name}, seed "
         f"{scenario.seed}, authority to {scenario.destination.name}"

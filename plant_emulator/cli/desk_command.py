@@ -68,7 +68,7 @@ def attend(options: argparse.Namespace) -> int:
             print(f"plant: desk on {spec}; Ctrl-C leaves it", flush=True)
         run([desk.executive], clock, over)
         desk.stop(clock.now_ns())
-    return EXIT_OK
+    return ending.exit_code
 
 
 def _over(

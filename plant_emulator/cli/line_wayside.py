@@ -46,8 +46,8 @@ NS_PER_S: Final = 1_000_000_000
 M = TypeVar("M")
 
 
-def serve_line(options: argparse.Namespace) -> None:
-    """Until it is asked to end. Raises SettingsError, RadioError, OSError."""
+def serve_line(options: argparse.Namespace) -> int:
+    """Serve until asked to end; the exit code. Raises SettingsError, RadioError, OSError."""
     if options.parent is not None:
         die_with_parent(options.parent)
     areas = load_areas(options.line)
@@ -69,6 +69,7 @@ def serve_line(options: argparse.Namespace) -> None:
             clock,
             lambda now_ns: ending.asked or (end_ns is not None and now_ns >= end_ns),
         )
+    return ending.exit_code
 
 
 class _Line:

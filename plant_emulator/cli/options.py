@@ -19,8 +19,8 @@ DESCRIPTION: Final = "A train without a controller, on a bus, a serial line and 
 EPILOG: Final = """\
 The train stands braked until a controller speaks. Stop it with Ctrl-C; it also ends with whoever
 started it.
-exit codes: 0 ended by Ctrl-C, SIGTERM or after --duration; 1 the plant failed; 2 wrong usage or
-configuration; 3 bus, serial line, radio or a folder missing
+exit codes: 0 ended by SIGTERM or after --duration; 1 the plant failed; 2 wrong usage or
+configuration; 3 bus, serial line, radio or disk missing; 130 ended by Ctrl-C
 """
 
 

@@ -2,17 +2,17 @@
 
 import argparse
 import importlib
-import os
 import sys
 from collections.abc import Sequence
 from typing import Any, Final
 
 from canlog.damage import LogError
 from canlog.run_names import choose_run
-from firmware_py.arguments import of_file, words_of
+from firmware_py.arguments import DISK_FAULTS, of_file, words_of
 from firmware_py.assertions import require_assertions
+from firmware_py.output import EXIT_ENVIRONMENT
+from firmware_py.program import Program
 
-EXIT_OK: Final = 0
 EXIT_FOUND: Final = 1
 """What was asked to be absent or equal is not."""
 EXIT_USAGE: Final = 2
@@ -42,16 +42,13 @@ def main(argv: Sequence[str] | None = None) -> int:
         code: int = _module(options.verb).run(options)
     except LogError as error:
         print(f"canlog: {error}", file=sys.stderr)
-        return EXIT_USAGE
-    except BrokenPipeError:
-        # Whoever read has seen enough; the interpreter must not complain once more at its end.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return EXIT_OK
+        full = isinstance(error.__cause__, OSError) and error.__cause__.errno in DISK_FAULTS
+        return EXIT_ENVIRONMENT if full else EXIT_USAGE
     except OSError as error:
+        if error.errno in DISK_FAULTS:
+            raise
         print(f"canlog: {of_file(error)}", file=sys.stderr)
         return EXIT_USAGE
-    except KeyboardInterrupt:
-        return 130
     return code
 
 
@@ -81,4 +78,4 @@ def _module(verb: str) -> Any:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(Program("canlog", lambda: main)())

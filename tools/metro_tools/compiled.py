@@ -158,10 +158,10 @@ TUPLES: Final = (
 )
 """But for these, which are unpacked, sorted or counted there; mypyc refuses any other that is."""
 COMMANDS: Final = {
-    "vobc": "metro_hil.cli.vobc",
-    "plant": "plant_emulator",
-    "vcan": "metro_tools.vcan",
-    "hil": "metro_hil.cli.hil",
+    "vobc": "metro_hil.entry",
+    "plant": "plant_emulator.entry",
+    "vcan": "metro_tools.entry",
+    "hil": "metro_hil.entry",
 }
 HEADS: Final = "zenoh_config/t2t.py"
 """The module of the dataclass that all kinds of messages inherit from."""
@@ -203,7 +203,8 @@ print(written({names!r}), end="")
 """
 LAUNCHER: Final = """\
 #!/bin/sh
-PYTHONSAFEPATH=1 PYTHONPATH="{library}" exec "{python}" -m {module} "$@"
+export PYTHONSAFEPATH=1 PYTHONPATH="{library}"
+exec "{python}" -c "import sys; from {module} import {name}; sys.exit({name}())" "$@"
 """
 EXIT_ENVIRONMENT: Final = 3
 
@@ -339,7 +340,8 @@ def write_commands(folder: Path) -> None:
     for name, module in COMMANDS.items():
         command = folder / "bin" / name
         command.parent.mkdir(exist_ok=True)
-        text = LAUNCHER.format(library=folder / "lib", python=sys.executable, module=module)
+        words = {"library": folder / "lib", "python": sys.executable}
+        text = LAUNCHER.format(**words, module=module, name=name)
         command.write_text(text, encoding="utf-8")
         command.chmod(0o755)
 

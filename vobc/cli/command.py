@@ -9,7 +9,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Final
 
-from firmware_py.arguments import words_of
+from firmware_py.arguments import of_file, words_of
 from firmware_py.assertions import require_assertions
 from firmware_py.buses import BusError, open_can
 from firmware_py.clock.clock import REALTIME_SPIN_S, WallClock
@@ -28,14 +28,13 @@ from firmware_py.radio.zenoh_radio import RadioError, SessionRole, open_radio
 from firmware_py.settings import SettingsError
 from firmware_py.storage.nvram import NvramState
 from firmware_py.storage.port_log import PORTS_LOG, PortLog
-from firmware_py.storage.recorder import LineLog, RadioLog, RecorderError, SerialLog
+from firmware_py.storage.recorder import LineLog, Lossy, RadioLog, SerialLog, loss_text, lost_lines
 from firmware_py.tag_reader.recorded_line import RecordedLine
+from firmware_py.whole_file import write_whole
 from vobc.cli import grant
 from vobc.cli.host import (
     EXIT_ENVIRONMENT,
     EXIT_FAILED,
-    EXIT_INTERRUPTED,
-    EXIT_OK,
     EXIT_USAGE,
     PatientLine,
     ProtectionNotices,
@@ -67,8 +66,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     except SettingsError as error:
         say(str(error))
         return EXIT_USAGE
-    except (BusError, RadioError, RecorderError, OSError) as error:
+    except (BusError, RadioError) as error:
         say(str(error))
+        return EXIT_ENVIRONMENT
+    except OSError as error:
+        say(of_file(error))
         return EXIT_ENVIRONMENT
     except Exception:
         traceback.print_exc()
@@ -86,15 +88,18 @@ def _run(options: argparse.Namespace, planned: DevicePlan) -> int:
         clock = WallClock(spin_s=REALTIME_SPIN_S if options.priority else 0.0)
         out = _folder(options.out)
         recording = None if out is None else PortLog(out / PORTS_LOG)
+        logs: list[Lossy] = []
         if recording is not None:
             stack.callback(recording.close)
+            logs.append(recording)
         commission = _commission(planned, clock.now_ns())
         command = None
         if planned.areas is not None:
             parts = (planned.config, planned.line, planned.areas)
             said = None if out is None else RadioLog(out / LINE_LOG, commission.start_ns)
+            logs += [] if said is None else [said]
             command = open_line(options, *parts, clock, stack, planned.secure, said)
-        vobc = _device(planned, commission, out, recording, clock, stack, command)
+        vobc = _device(planned, commission, out, recording, clock, stack, command, logs)
         executives = [vobc.executive]
         granted = None
         if options.priority:
@@ -102,7 +107,7 @@ def _run(options: argparse.Namespace, planned: DevicePlan) -> int:
             garbage = Task("garbage", GARBAGE_MS, collect_garbage, offset_ms=GARBAGE_MS)
             executives.append(Executive([garbage], clock.now_ns()))
         if out is not None:
-            _write_json(out / "realtime.json", _granted_words(granted))
+            _note(out / "realtime.json", _granted_words(granted))
         end_ns = None
         if options.duration is not None:
             end_ns = clock.now_ns() + round(options.duration * NS_PER_S)
@@ -123,9 +128,15 @@ def _run(options: argparse.Namespace, planned: DevicePlan) -> int:
         run(executives, clock, until)
         watchdog.stop()
         vobc.stop(clock.now_ns())
-        if out is not None:
-            _write_json(out / "vobc.json", _summary(vobc))
-    return EXIT_INTERRUPTED if ending.by_keyboard else EXIT_OK
+    if out is not None:
+        lost = lost_lines(logs)
+        _write_json(out / "vobc.json", {**_summary(vobc), "lost_log_lines": lost})
+        if lost:
+            say(loss_text(lost))
+            return EXIT_ENVIRONMENT
+    if ending.by_keyboard:
+        say("ended by Ctrl-C; the brakes are on")
+    return ending.exit_code
 
 
 def _commission(planned: DevicePlan, start_ns: int) -> Commission:
@@ -148,8 +159,9 @@ def _device(
     clock: WallClock,
     stack: ExitStack,
     command: LineCommand | None,
+    logs: list[Lossy],
 ) -> VobcDevice:
-    """Open everything. What is opened is closed by the stack, the bus last."""
+    """Open everything. What is opened is closed by the stack, the bus last; logs are added."""
     stack.callback(planned.nvram.close)
     can = open_can(planned.bus, clock=clock, node="VOBC", accept_ids=HEARD_IDS)
     stack.callback(can.close)
@@ -161,9 +173,12 @@ def _device(
         log = cycles
         events = EventLines(out / EVENTS_LOG)
         stack.callback(events.close)
+        logs += [cycles, events]
     tags: SerialPort = PatientLine(planned.tags)
     if out is not None:
-        tags = RecordedLine(tags, SerialLog(out / "serial.log", commission.start_ns))
+        serial = SerialLog(out / "serial.log", commission.start_ns)
+        tags = RecordedLine(tags, serial)
+        logs.append(serial)
     stack.callback(tags.close)
     train = planned.config.address
     topics = (
@@ -173,7 +188,9 @@ def _device(
     secure = planned.secure if planned.radio == planned.line_radio else None
     radio: RadioPort = open_radio(SessionRole.TRAIN, planned.radio, topics, clock, secure=secure)
     if out is not None:
-        radio = RecordedRadio(radio, RadioLog(out / "radio.log", commission.start_ns))
+        messages = RadioLog(out / "radio.log", commission.start_ns)
+        radio = RecordedRadio(radio, messages)
+        logs.append(messages)
     stack.callback(radio.close)
     return commission.device(
         can=can if recording is None else recording.can(can),
@@ -212,5 +229,13 @@ def _folder(out: str | None) -> Path | None:
     return folder
 
 
+def _note(path: Path, content: object) -> None:
+    """Write a file that the run can do without: a full disk does not hold up a train."""
+    try:
+        _write_json(path, content)
+    except OSError as error:
+        say(of_file(error))
+
+
 def _write_json(path: Path, content: object) -> None:
-    path.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+    write_whole(path, json.dumps(content, indent=2) + "\n")

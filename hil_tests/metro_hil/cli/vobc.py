@@ -6,13 +6,17 @@ from collections.abc import Sequence
 from rich.console import Console
 
 from canlog.run_names import mark_latest
-from firmware_py.arguments import of_file, words_of
+from firmware_py.arguments import words_of
 from firmware_py.assertions import require_assertions
 from firmware_py.buses import BusError
 from firmware_py.clock.clock import WallClock
+from firmware_py.output import working
+from firmware_py.program import Program
 from firmware_py.radio.credentials import load_credentials
 from firmware_py.settings import SettingsError
+from firmware_py.storage.recorder import loss_text
 from firmware_py.trackdb import LineMap
+from firmware_py.whole_file import write_whole
 from metro_hil.cli.realtime_run import RealtimeRun
 from metro_hil.metrics.comfort import comfort_of, inertia_of
 from metro_hil.metrics.results import RunResults, sha256_of
@@ -52,13 +56,7 @@ from zenoh_config.secured import train_name
 def main(argv: Sequence[str] | None = None) -> int:
     """The console script `vobc`. Whatever the user got wrong is one line, never a traceback."""
     require_assertions("vobc")
-    try:
-        return _obey(words_of("vobc", argv))
-    except OSError as error:
-        return _complain(of_file(error), EXIT_ENVIRONMENT)
-
-
-def _obey(words: list[str]) -> int:
+    words = words_of("vobc", argv)
     if words[:1] == ["explain"]:
         from metro_hil.report.explain import command as explain
 
@@ -90,11 +88,15 @@ def _obey(words: list[str]) -> int:
     options = parse(words)
     console = Console(stderr=options.json)
     try:
-        return _run(options, console)
+        with working():
+            code = _run(options, console)
     except (SettingsError, RunFolderError) as error:
         return _complain(error, EXIT_USAGE)
     except (BusError, ChildError, RunLogError) as error:
         return _complain(error, EXIT_ENVIRONMENT)
+    if code == EXIT_INTERRUPTED:
+        _complain("interrupted; these are the results until then", code)
+    return code
 
 
 def _complain(error: Exception | str, code: int) -> int:
@@ -133,9 +135,14 @@ def _run(options: RunOptions, console: Console) -> int:
             discard_unused(folder)
             raise
     results = make_results(folder, journey, ending, inertia_of(scenario.train))
-    report(folder, journey, results, ending, console)
-    if options.json:
-        print(results.to_json())
+    try:
+        report(folder, journey, results, ending, console)
+    finally:
+        if options.json:
+            print(results.to_json())
+    if ending.lost_log_lines:
+        lost = loss_text(ending.lost_log_lines)
+        return _complain(f"{folder.path}: {lost}", EXIT_ENVIRONMENT)
     return _exit_code(ending)
 
 
@@ -193,8 +200,8 @@ def report(
     folder: RunFolder, journey: Journey, results: RunResults, ending: Ending, console: Console
 ) -> None:
     """Table, plot and results file."""
-    folder.results.write_text(results.to_json() + "\n", encoding="utf-8")
     print_results(console, results)
+    write_whole(folder.results, results.to_json() + "\n")
     if results.cycles and results.cycles.cycles > 1:
         from metro_hil.report.plot import draw_run
 
@@ -208,4 +215,4 @@ def report(
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(Program("vobc", lambda: main)())

@@ -51,7 +51,7 @@ LINE_VERBS = {
 """Supervision of a line whose trains command themselves."""
 EPILOG = """\
 exit codes: 0 the train arrived, or the given duration is over; 1 the run failed; 2 wrong usage or
-configuration; 3 bus, rights or a process missing; 130 ended by Ctrl-C (the report is still written)
+configuration; 3 bus, rights, disk or a process missing; 130 ended by Ctrl-C (results are written)
 """
 
 

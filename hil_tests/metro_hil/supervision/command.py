@@ -12,7 +12,6 @@ from firmware_py.settings import SettingsError
 from firmware_py.trackdb.areas import AreaMap, load_areas
 from metro_hil.model.run_options import (
     EXIT_ENVIRONMENT,
-    EXIT_INTERRUPTED,
     EXIT_OK,
     EXIT_USAGE,
     LINE_VERBS,
@@ -54,8 +53,9 @@ def main(words: Sequence[str]) -> int:
         print(f"vobc: {error}", file=sys.stderr)
         return EXIT_USAGE
     except KeyboardInterrupt:
-        # Nobody knows whether it was decreed, where something was to be.
-        return EXIT_OK if getattr(options, "watch", False) else EXIT_INTERRUPTED
+        if not getattr(options, "watch", False):
+            raise
+        return EXIT_OK
 
 
 def _supervise(options: argparse.Namespace, areas: AreaMap) -> int:

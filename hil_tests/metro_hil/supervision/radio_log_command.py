@@ -1,7 +1,6 @@
 """`vobc line-log`: what trains and wayside said to each other: frame by frame, counted, drawn."""
 
 import argparse
-import os
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -50,11 +49,6 @@ def main(words: Sequence[str]) -> int:
     except (LogError, SettingsError, RadioError) as error:
         print(f"vobc: {error}", file=sys.stderr)
         return EXIT_USAGE
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return EXIT_OK
-    except KeyboardInterrupt:
-        return EXIT_INTERRUPTED
 
 
 def _run(options: argparse.Namespace) -> int:

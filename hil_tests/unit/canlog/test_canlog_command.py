@@ -298,7 +298,9 @@ def test_a_live_bus_is_shown_until_somebody_interrupts(
 
     monkeypatch.setattr(show, "open_can", lambda *_, **__: Live())
 
-    assert main(["show", "--follow", "embedded:x", "--message", "TRACTION_CMD"]) == 130
+    with pytest.raises(KeyboardInterrupt):
+        main(["show", "--follow", "embedded:x", "--message", "TRACTION_CMD"])
+
     lines = capsys.readouterr().out.splitlines()
     assert [line.split()[1:4] for line in lines] == [["x", "103", "TRACTION_CMD"]] * 2
     assert "direction FORWARD" in lines[1]

@@ -3,17 +3,17 @@
 import argparse
 import importlib
 import importlib.util
-import os
 import sys
 from collections.abc import Sequence
 from typing import Final
 
-from firmware_py.arguments import of_file, words_of
+from firmware_py import output
+from firmware_py.arguments import words_of
 from firmware_py.assertions import require_assertions
 from firmware_py.settings import SettingsError
 from metro_hil.engine.errors import EngineError, UsageError
 from metro_hil.model.run_folder import RunFolderError
-from metro_hil.model.run_options import EXIT_ENVIRONMENT, EXIT_INTERRUPTED, EXIT_USAGE
+from metro_hil.model.run_options import EXIT_ENVIRONMENT, EXIT_USAGE
 
 VERBS: Final = (
     *("check", "run", "resume", "list", "show", "rerun"),
@@ -21,6 +21,10 @@ VERBS: Final = (
     *("requirements", "laws", "line", "simulate"),
 )
 """In the order of the help; each is a module of this package with `add` and `run`."""
+WORKING: Final = frozenset(
+    {"run", "resume", "rerun", "replay", "verify", "search", "line", "simulate"}
+)
+"""Verbs that leave something. They go on when standard output is lost."""
 EPILOG: Final = """\
 exit codes: 0 every expected case passed; 1 some did not, or are missing; 2 wrong usage or
 configuration; 3 disk, workers, bus or rights missing; 130 ended by Ctrl-C (`hil resume` goes on)
@@ -37,24 +41,16 @@ def main(argv: Sequence[str] | None = None) -> int:
     options = parser().parse_args(words)
     options.typed = words
     try:
-        code: int = options.run(options)
-        sys.stdout.flush()
+        with output.working(options.verb in WORKING):
+            code: int = options.run(options)
         return code
     except (UsageError, SettingsError, RunFolderError) as error:
         return _complain(error, EXIT_USAGE)
     except EngineError as error:
         return _complain(error, EXIT_ENVIRONMENT)
-    except KeyboardInterrupt:
-        return EXIT_INTERRUPTED
-    except BrokenPipeError:
-        # Whoever read what was said had enough of it; nothing is left to say to it.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return EXIT_ENVIRONMENT
-    except OSError as error:
-        return _complain(of_file(error), EXIT_ENVIRONMENT)
 
 
-def _complain(error: Exception | str, code: int) -> int:
+def _complain(error: Exception, code: int) -> int:
     for line in str(error).splitlines():
         print(f"hil: {line}", file=sys.stderr)
     return code

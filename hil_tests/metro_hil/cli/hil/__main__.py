@@ -2,7 +2,8 @@
 
 import sys
 
+from firmware_py.program import Program
 from metro_hil.cli.hil import main
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(Program("hil", lambda: main)())

@@ -2,7 +2,6 @@
 
 import argparse
 import json
-import os
 import sys
 from collections.abc import Sequence
 
@@ -52,10 +51,6 @@ def main(argv: Sequence[str]) -> int:
     except (LogError, RunEventsError, SettingsError) as error:
         print(f"vobc: {error}", file=sys.stderr)
         return EXIT_USAGE
-    except BrokenPipeError:
-        # Whoever reads has seen enough; what is left in the buffer goes nowhere.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return EXIT_OK
 
 
 def _explain(options: argparse.Namespace) -> int:

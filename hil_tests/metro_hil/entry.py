@@ -1,0 +1,22 @@
+"""The console scripts `vobc` and `hil`."""
+
+from firmware_py.program import TYPE_CHECKING, Program
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+
+def _vobc() -> "Callable[[], int]":
+    from metro_hil.cli.vobc import main
+
+    return main
+
+
+def _hil() -> "Callable[[], int]":
+    from metro_hil.cli.hil import main
+
+    return main
+
+
+vobc = Program("vobc", _vobc)
+hil = Program("hil", _hil)

@@ -1,0 +1,22 @@
+"""The console scripts `vcan` and `canlog`."""
+
+from firmware_py.program import TYPE_CHECKING, Program
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+
+def _vcan() -> "Callable[[], int]":
+    from metro_tools.vcan import main
+
+    return main
+
+
+def _canlog() -> "Callable[[], int]":
+    from canlog.command import main
+
+    return main
+
+
+vcan = Program("vcan", _vcan)
+canlog = Program("canlog", _canlog)
