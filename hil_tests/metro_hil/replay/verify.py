@@ -86,6 +86,8 @@ class VerifyResult(msgspec.Struct, frozen=True, kw_only=True):
     """That were the same, over all matching cases."""
     mismatches: tuple[Mismatch, ...]
     notes: tuple[str, ...] = ()
+    interrupted: bool = False
+    """The user ended it before all of the sample was run."""
 
     @property
     def identical(self) -> bool:
@@ -116,7 +118,7 @@ def verify(
     """
     manifest, cases = folder.manifest(), {case.id: case for case in folder.cases()}
     found = read_journal(folder.journal_path)
-    refuse_damage(folder.journal_path, found, "`hil resume --repair` runs their cases again")
+    refuse_damage(folder.journal_path, found)
     before = {
         case_id: result
         for case_id, result in once_each(found.results).items()
@@ -129,15 +131,19 @@ def verify(
     draw.shuffle(chosen)
     chosen = chosen if sample is None else chosen[:sample]
     places = Workplace(folder.files(), manifest.options.get("runner") or RUNNER, draw)
-    mismatches, frames = [], 0
+    mismatches, frames, done, interrupted = [], 0, 0, False
     with _busy(load):
-        for case_id, answer in places.run([cases[name] for name in chosen], workers):
-            if told is not None:
-                told(cases[case_id])
-            if isinstance(answer, CaseResult) and same_result(before[case_id], answer):
-                frames += answer.frames
-            else:
-                mismatches.append((case_id, answer))
+        try:
+            for case_id, answer in places.run([cases[name] for name in chosen], workers):
+                if told is not None:
+                    told(cases[case_id])
+                done += 1
+                if isinstance(answer, CaseResult) and same_result(before[case_id], answer):
+                    frames += answer.frames
+                else:
+                    mismatches.append((case_id, answer))
+        except KeyboardInterrupt:
+            interrupted = True
         worse = [
             _mismatch(folder, cases[case_id], before[case_id], answer, places)
             for case_id, answer in mismatches
@@ -147,7 +153,8 @@ def verify(
         notes = (f"the campaign was run by {manifest.program}, this is {program_version()}",)
     return VerifyResult(
         campaign=str(folder.path),
-        sampled=len(chosen),
+        sampled=done,
+        interrupted=interrupted,
         of=len(before),
         frames=frames,
         mismatches=tuple(sorted(worse, key=lambda each: cases[each.case_id].index)),

@@ -8,6 +8,7 @@ from can_dbc.nodes import Node
 from firmware_py.buses.inproc import InprocBus
 from firmware_py.clock.clock import LockstepClock, WallClock
 from firmware_py.clock.executive import Executive, Task, run
+from firmware_py.interrupts import Interrupts, never
 from firmware_py.ports import CanFrame, CanPort, RadioPort, SerialPort
 from firmware_py.radio.inproc_radio import InprocRadio
 from firmware_py.radio.recorded_radio import RecordedRadio
@@ -20,7 +21,7 @@ from metro_hil.faults.bus import BusFaults, FaultyPort
 from metro_hil.faults.frames import FrameFaults
 from metro_hil.faults.process import BenchDevice, ControllerProcess
 from metro_hil.model.case import ControllerSpec
-from metro_hil.model.end_condition import ARRIVED, DURATION, ArrivalWatch, Ending
+from metro_hil.model.end_condition import ARRIVED, DURATION, INTERRUPTED, ArrivalWatch, Ending
 from metro_hil.model.gc_tuning import rarely_collected
 from metro_hil.model.mission import Journey
 from metro_hil.model.run_folder import RunFolder
@@ -67,6 +68,7 @@ class Taps:
 
 
 UNTAPPED = Taps()
+_Log = LineLog | CandumpWriter | PortLog | EventLines | SerialLog | RadioLog
 
 
 class Lockstep:
@@ -97,7 +99,7 @@ class Lockstep:
         """
         self.clock = LockstepClock()
         self._stack = ExitStack()
-        self._logs: list[LineLog | CandumpWriter | PortLog | EventLines] = []
+        self._logs: list[_Log] = []
         self._writer = self._candump(folder, "bus.log")
         self._tap = taps.frame
         wanted = self._writer is not None or self._tap is not None
@@ -177,14 +179,25 @@ class Lockstep:
 
         self.plant.schedule.listen(listener)
 
-    def run(self, duration_s: float | None = None) -> str:
-        """Until it has arrived, stands for good or time is over; a given duration is waited for."""
+    def run(self, duration_s: float | None = None, interrupted: Callable[[], bool] = never) -> str:
+        """Until it has arrived, stands for good or time is over; a given duration is waited for.
+
+        Args:
+            interrupted: whether the user asked for the end.
+        """
         limit_s = LIMIT_S if duration_s is None else min(duration_s, LIMIT_S)
         end_ns = self.clock.now_ns() + int(limit_s * NS_PER_S)
         stands_s = LIMIT_S if duration_s is not None else STANDS_S
         self.run_until(
-            lambda now_ns: now_ns >= end_ns or self.arrived or self._stood_s(now_ns) >= stands_s
+            lambda now_ns: (
+                now_ns >= end_ns
+                or self.arrived
+                or self._stood_s(now_ns) >= stands_s
+                or interrupted()
+            )
         )
+        if interrupted():
+            return INTERRUPTED
         if self.arrived:
             return ARRIVED
         if self._stood_s(self.clock.now_ns()) >= stands_s:
@@ -287,14 +300,18 @@ class Lockstep:
             port = TappedRadio(port, heard)
         if folder is None:
             return port
-        recorded = RecordedRadio(port, RadioLog(folder.path / "radio.log"))
+        log = RadioLog(folder.path / "radio.log")
+        self._logs.append(log)
+        recorded = RecordedRadio(port, log)
         self._stack.callback(recorded.close)
         return recorded
 
     def _recorded(self, port: SerialPort, folder: RunFolder | None) -> SerialPort:
         if folder is None:
             return port
-        recorded = RecordedLine(port, SerialLog(folder.serial_log))
+        log = SerialLog(folder.serial_log)
+        self._logs.append(log)
+        recorded = RecordedLine(port, log)
         self._stack.callback(recorded.close)
         return recorded
 
@@ -350,15 +367,17 @@ def run_lockstep(options: RunOptions, journey: Journey, folder: RunFolder | None
     wall = WallClock()
     bench = Lockstep(config_of(options), scenario_of(options), journey, folder)
     began_ns = wall.now_ns()
+    interrupts = Interrupts()
     try:
-        reason = bench.run(options.duration_s)
+        with interrupts.caught():
+            reason = bench.run(options.duration_s, lambda: interrupts.asked)
     finally:
         bench.close()
     elapsed_ns = max(1, wall.now_ns() - began_ns)
     statistics, virtual_ns = bench.bus.statistics(), bench.clock.now_ns()
     return Ending(
         exit_reason=reason,
-        failed=reason not in (ARRIVED, DURATION),
+        failed=reason not in (ARRIVED, DURATION, INTERRUPTED),
         frames=statistics.frames,
         bus_load_ratio=statistics.load_ratio(max(1, virtual_ns)),
         rejected_frames=dict(bench.plant.wire.refusals),

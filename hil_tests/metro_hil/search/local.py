@@ -1,10 +1,10 @@
 """Cases run by processes on this machine, for whoever has no better place."""
 
-import signal
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
+from firmware_py.interrupts import held_back, leave_to_parent
 from metro_hil.model.case import Case, CaseResult
 from metro_hil.search.find import Evaluate
 
@@ -15,8 +15,7 @@ _files: dict[str, Path] = {}
 
 def _begin(files: Files) -> None:
     _files.update(files)
-    # Ctrl-C is for the one who asks; what runs here is called off by it.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    leave_to_parent()
 
 
 def _run(case: Case) -> CaseResult:
@@ -37,7 +36,9 @@ def local_crew(workers: int, files: Files) -> Iterator[Evaluate]:
     ) as pool:
 
         def evaluate(cases: Sequence[Case]) -> Sequence[CaseResult]:
-            return list(pool.map(_run, cases))
+            with held_back():
+                results = pool.map(_run, cases)
+            return list(results)
 
         try:
             yield evaluate

@@ -4,7 +4,6 @@ import json
 import multiprocessing
 import os
 import resource
-import signal
 from collections import Counter
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
@@ -13,6 +12,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from firmware_py.clock.realtime import die_with_parent
+from firmware_py.interrupts import held_back, leave_to_parent
 from metro_hil.simulation.run import RunResult
 
 NS_PER_S: Final = 1_000_000_000
@@ -77,7 +77,8 @@ def run_many(
     ) as pool:
         try:
             for seed in seeds:
-                pending.add(pool.submit(run, seed))
+                with held_back():
+                    pending.add(pool.submit(run, seed))
                 if len(pending) >= AHEAD * workers:
                     done, pending = wait(pending, return_when=FIRST_COMPLETED)
                     yield from sorted((each.result() for each in done), key=_seed)
@@ -92,7 +93,7 @@ def run_many(
 
 def _begin_worker(parent: int) -> None:
     """It ends with whoever started it, who hears Ctrl-C for all."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    leave_to_parent()
     die_with_parent(parent)
 
 

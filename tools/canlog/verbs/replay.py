@@ -2,6 +2,7 @@
 
 import argparse
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Final
 
@@ -50,7 +51,13 @@ def run(given: argparse.Namespace) -> int:
             player.play(_of_channel(frames[rows], given.channel))
     finally:
         port.close()
-    for each in source.warnings:
+        _tell(player, port, source.warnings)
+    return 0
+
+
+def _tell(player: "Player", port: CanPort, warnings: Iterable[object]) -> None:
+    """What was sent, also of a replay that Ctrl-C ended."""
+    for each in warnings:
         print(f"canlog: warning: {each}", file=sys.stderr)
     if player.unsent:
         print(f"canlog: {player.unsent} frames that are no 11-bit data frames were left out",
@@ -59,7 +66,6 @@ def run(given: argparse.Namespace) -> int:
         f"{player.sent} frames sent, {port.counters.dropped_out} of them refused by the bus;"
         f" late by at most {player.late_ns_max / 1e6:.3f} ms"
     )
-    return 0
 
 
 def _open(bus: str, clock: Clock, *, real: bool) -> CanPort:

@@ -1,6 +1,7 @@
 """`hil run line`: trains that command themselves on one line, struck by faults and watched."""
 
 import argparse
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -123,6 +124,8 @@ def _line(options: argparse.Namespace, settings: "Settings", folder: Path) -> "L
 def _run(line: "Line", settings: "Settings", folder: "RunFolder") -> int:
     from firmware_py.buses import BusError
     from firmware_py.radio.zenoh_radio import RadioError
+    from firmware_py.storage.recorder import loss_text
+    from firmware_py.whole_file import write_whole
     from metro_hil.line.exercise.results import results_json
     from metro_hil.line.exercise.verdict import complaints, doubts
     from metro_hil.model.end_condition import DURATION, INTERRUPTED
@@ -151,12 +154,15 @@ def _run(line: "Line", settings: "Settings", folder: "RunFolder") -> int:
             second_of=line.record.second_of,
             doubts=invalid,
         )
-        folder.results.write_text(results, encoding="utf-8")
+        write_whole(folder.results, results)
     _show(line, trains, wrong)
     for words in invalid:
         print(f"invalid: {words}")
     print(f"run folder: {folder.path}")
+    if line.record.lost_lines:
+        raise EngineError(f"{folder.path}: {loss_text(line.record.lost_lines)}")
     if reason == INTERRUPTED:
+        print("hil: interrupted; these are the results until then", file=sys.stderr)
         return EXIT_INTERRUPTED
     if invalid:
         print("invalid: the run proves nothing, neither for the trains nor against them")

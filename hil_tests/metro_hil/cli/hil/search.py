@@ -92,11 +92,13 @@ def run(options: argparse.Namespace) -> int:
             least = f"least {worst[0].value:.4g}" if worst else "nothing seen so far"
             _say(f"{len(search.history)} points, {least}")
 
-        interrupted = False
+        interrupted, refused = False, None
         try:
             search.run(heard)
         except KeyboardInterrupt:
             interrupted = True
+        except OSError as error:
+            refused = error
         except BrokenExecutor as error:
             raise EngineError(f"a process that ran cases was ended: {error}") from error
         finally:
@@ -104,6 +106,8 @@ def run(options: argparse.Namespace) -> int:
                 folder.path.rmdir()
     if search.history:
         _tell(options, search, space, folder.path)
+    if refused is not None:
+        raise refused
     return EXIT_INTERRUPTED if interrupted else EXIT_OK
 
 
@@ -122,6 +126,8 @@ def _tell(
     from metro_hil.search.leave import HISTORY, write_worst
 
     worst = search.worst(WORST)
+    if not options.json:
+        _show(worst)
     path = write_worst(folder, space, worst, space.body.sources.files) if worst else None
     if options.json:
         found = {
@@ -134,14 +140,17 @@ def _tell(
         }
         print(msgspec.json.encode(found).decode())
         return
+    print(f"all {len(search.history)} points: {folder / HISTORY}")
+    if path is not None:
+        print(f"to repeat the worst: hil run {path}")
+
+
+def _show(worst: "Sequence[Sought]") -> None:
     for sought in worst:
         values = ", ".join(f"{key} = {value}" for key, value in sought.values.items())
         margins = sorted(sought.margins.items(), key=lambda item: item[1])
         margin = f"; least margin {margins[0][1]:.4g} of {margins[0][0]}" if margins else ""
         print(f"{sought.value:.4g}: {sought.verdict}, seed {sought.seed}: {values}{margin}")
-    print(f"all {len(search.history)} points: {folder / HISTORY}")
-    if path is not None:
-        print(f"to repeat the worst: hil run {path}")
 
 
 def _say(text: str) -> None:

@@ -2,7 +2,6 @@
 
 import argparse
 import contextlib
-import signal
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -93,15 +92,13 @@ def run(options: argparse.Namespace) -> int:
         known.add(result.seed)
         total.add(result)
     todo = (seed for seed in _wanted(options, total) if seed not in known)
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
     interrupted = False
     try:
         _run(todo, job, options, total, journal)
     except KeyboardInterrupt:
         interrupted = True
     finally:
-        signal.signal(signal.SIGTERM, before)
-    print(_json(total) if options.json else "\n".join(lines(total)))
+        print(_json(total) if options.json else "\n".join(lines(total)))
     if interrupted:
         more = f"; the same command goes on from {options.journal}" if journal else ""
         print(f"hil: interrupted, this is what was run until then{more}", file=sys.stderr)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from metro_hil.cli.hil.working import PROCESSES_MAX, number
-from metro_hil.model.run_options import EXIT_FAILED, EXIT_OK
+from metro_hil.model.run_options import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_OK
 
 if TYPE_CHECKING:
     from metro_hil.model.case import Case
@@ -76,6 +76,9 @@ def run(options: argparse.Namespace) -> int:
         print(msgspec.json.encode(table).decode())
     else:
         print("\n".join(lines(result)))
+    if result.interrupted:
+        print("hil: interrupted; this is what was compared until then", file=sys.stderr)
+        return EXIT_INTERRUPTED
     return EXIT_OK if result.identical else EXIT_FAILED
 
 

@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import sys
 from typing import Any, Final
 
 import tomli_w
@@ -9,13 +10,14 @@ from rich.console import Console
 from rich.table import Table
 
 from firmware_py.clock.clock import WallClock
+from firmware_py.whole_file import write_whole
 from metro_hil.energy.line import table_four
 from metro_hil.energy.line.model import SUPPLIES, LineTrain, Supply, Timetable
 from metro_hil.energy.line.simulate import LapResults, simulate
 from metro_hil.energy.line.table_four import PRINTED, TableFour, TableFourRow, share_at_least
 from metro_hil.engine.errors import UsageError
 from metro_hil.model.run_folder import make_run_folder
-from metro_hil.model.run_options import EXIT_OK
+from metro_hil.model.run_options import EXIT_INTERRUPTED, EXIT_OK
 from plant_emulator.power.compiled import COMPILED
 
 NAME: Final = "green-cbtc"
@@ -36,20 +38,27 @@ def run(options: argparse.Namespace) -> int:
     document: dict[str, Any] = {"seeds": list(seeds)}
     _show_arithmetic(console)
     for supply in SUPPLIES.values():
-        with console.status(f"{supply.name} network") as status:
-            table = table_four.table_four(
-                supply, seeds=seeds, budget=table_four.BUDGET, told=status.update
-            )
+        try:
+            with console.status(f"{supply.name} network") as status:
+                table = table_four.table_four(
+                    supply, seeds=seeds, budget=table_four.BUDGET, told=status.update
+                )
+        except KeyboardInterrupt:
+            document["interrupted"] = True
+            break
         _show(console, table)
         page = folder / f"green_{supply.name}.png"
         _draw(page, table)
         write_timetable(folder / f"timetable_{supply.name}.toml", supply, table.synchronised)
         console.print(f"plots: {page}", highlight=False, soft_wrap=True)
         document[supply.name] = as_document(table)
-    (folder / "results.json").write_text(json.dumps(document, indent=2) + "\n", encoding="utf-8")
+    write_whole(folder / "results.json", json.dumps(document, indent=2) + "\n")
     console.print(f"folder: {folder}", highlight=False, soft_wrap=True)
     if options.json:
         print(json.dumps(document))
+    if "interrupted" in document:
+        print("hil: interrupted; these are the results until then", file=sys.stderr)
+        return EXIT_INTERRUPTED
     return EXIT_OK
 
 
@@ -194,4 +203,4 @@ def write_timetable(path: Any, supply: Supply, timetable: Timetable) -> None:
         "hold_mps": [round(speed, 4) for speed in timetable.hold_mps],
         "coast_m": [round(at, 2) for at in timetable.coast_m],
     }
-    path.write_text(tomli_w.dumps(document), encoding="utf-8")
+    write_whole(path, tomli_w.dumps(document))

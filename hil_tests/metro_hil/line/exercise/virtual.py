@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Final
 
 from firmware_py.clock.executive import Executive
+from firmware_py.interrupts import Interrupts
 from metro_hil.line.exercise.event_log import LineEvents
 from metro_hil.line.exercise.plan import ONE_WAY, Fault, Strike
 from metro_hil.line.exercise.real_time import OLD, Settings
@@ -48,19 +49,20 @@ class VirtualLine:
         self._later: list[tuple[int, Callable[[], None]]] = []
 
     def run(self) -> bool:
-        """True, as nobody interrupts it but by an exception."""
-        bench = self.bench
+        """Whether it ran to its end."""
+        bench, interrupts = self.bench, Interrupts()
         end_ns = bench.clock.now_ns() + round(self._settings.duration_s * NS_PER_S)
         try:
-            while bench.clock.now_ns() < end_ns:
-                bench.run(LOOK_S)
-                self._look()
-                self._strike()
+            with interrupts.caught():
+                while bench.clock.now_ns() < end_ns and not interrupts.asked:
+                    bench.run(LOOK_S)
+                    self._look()
+                    self._strike()
         finally:
             self.record.close()
         if self.dropped:
             self.doubts.append(f"the recorder lost {self.dropped} messages")
-        return True
+        return not interrupts.asked
 
     def _look(self) -> None:
         now_ns = self.bench.clock.now_ns()

@@ -1,6 +1,7 @@
 """`vobc run --lockstep --trains N`: a line of trains with their controllers, on its network."""
 
 import json
+import sys
 from pathlib import Path
 from typing import Any, Final
 
@@ -9,10 +10,20 @@ from rich.table import Table
 
 from canlog.run_names import mark_latest
 from firmware_py.clock.clock import WallClock
+from firmware_py.interrupts import Interrupts
+from firmware_py.storage.recorder import loss_text
+from firmware_py.whole_file import write_whole
 from metro_hil.line.virtual.coordinator import LineRecord, TrainDiedError, conduct
 from metro_hil.line.virtual.member import LinePlan, VirtualTrainReport, plan_line
+from metro_hil.model.end_condition import DURATION, INTERRUPTED
 from metro_hil.model.run_folder import make_run_folder, plain, write_config
-from metro_hil.model.run_options import EXIT_FAILED, EXIT_OK, RunOptions
+from metro_hil.model.run_options import (
+    EXIT_ENVIRONMENT,
+    EXIT_FAILED,
+    EXIT_INTERRUPTED,
+    EXIT_OK,
+    RunOptions,
+)
 
 J_PER_KWH: Final = 3.6e6
 DURATION_S: Final = 1260.0
@@ -44,21 +55,27 @@ def run(options: RunOptions, console: Console) -> int:
     mark_latest(folder.path)
     folders = [_train_folder(folder.path, plan, n, options.logs) for n in range(options.trains)]
     began_ns = clock.now_ns()
+    interrupts = Interrupts()
     try:
-        with console.status("the first second") as status:
+        with interrupts.caught(), console.status("the first second") as status:
             record = conduct(
                 plan,
                 duration_s,
                 folders=folders,
                 told=lambda now_s: status.update(f"{now_s:.0f} s of {duration_s:.0f} s"),
+                interrupted=lambda: interrupts.asked,
             )
     except TrainDiedError as error:
         console.print(f"vobc: {error}", style="red", highlight=False)
         return EXIT_FAILED
-    factor = duration_s * 1e9 / max(1, clock.now_ns() - began_ns)
-    document = as_document(plan, record, duration_s)
-    folder.results.write_text(json.dumps(document, indent=2) + "\n", encoding="utf-8")
+    if not record.rows:
+        print("vobc: ended before anything was known", file=sys.stderr)
+        return EXIT_INTERRUPTED
+    factor = record.duration_s * 1e9 / max(1, clock.now_ns() - began_ns)
+    reason = INTERRUPTED if interrupts.asked else DURATION
+    document = as_document(plan, record, reason)
     _show(console, record, document, factor)
+    write_whole(folder.results, json.dumps(document, indent=2) + "\n")
     from metro_hil.line.virtual import figures
 
     figures.draw(folder.path / "line.png", plan, record, plan.config.ato.strategy)
@@ -66,6 +83,11 @@ def run(options: RunOptions, console: Console) -> int:
     console.print(f"run folder: {folder.path}", highlight=False, soft_wrap=True)
     if options.json:
         print(json.dumps(document))
+    if lost := sum(report.lost_log_lines for report in record.reports):
+        print(f"vobc: {folder.path}: {loss_text(lost)}", file=sys.stderr)
+        return EXIT_ENVIRONMENT
+    if interrupts.asked:
+        return EXIT_INTERRUPTED
     sound = not document["emergencies"] and not record.unconverged
     return EXIT_OK if sound else EXIT_FAILED
 
@@ -84,7 +106,7 @@ def _train_folder(path: Path, plan: LinePlan, index: int, logs: bool) -> Path | 
     return folder
 
 
-def as_document(plan: LinePlan, record: LineRecord, duration_s: float) -> dict[str, Any]:
+def as_document(plan: LinePlan, record: LineRecord, exit_reason: str) -> dict[str, Any]:
     """For JSON: the same for the same seed, on any machine."""
     books = record.books
     runs = [run for report in record.reports for run in report.runs]
@@ -96,7 +118,8 @@ def as_document(plan: LinePlan, record: LineRecord, duration_s: float) -> dict[s
         "law": plan.config.ato.strategy,
         "supply": plan.supply.name,
         "seed": plan.seed,
-        "duration_s": duration_s,
+        "exit_reason": exit_reason,
+        "duration_s": record.duration_s,
         "actual_kwh": books.sources_j / J_PER_KWH,
         "overall_kwh": (books.sources_j + used_j) / J_PER_KWH,
         "traction_kwh": books.traction_j / J_PER_KWH,

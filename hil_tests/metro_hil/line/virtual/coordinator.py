@@ -18,6 +18,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Final, NamedTuple
 
+from firmware_py.interrupts import leave_to_parent, never
 from metro_hil.line.virtual.member import LinePlan, VirtualTrain, VirtualTrainReport
 from metro_hil.model.gc_tuning import collect_rarely
 from metro_hil.model.run_folder import RunFolder
@@ -35,6 +36,8 @@ RECORD_EVERY: Final = 5
 """Intervals: a row of the record each second."""
 SAID_NUMBERS: Final = len(IntervalReport._fields)
 ANSWER_NUMBERS: Final = len(CouplingAnswer._fields)
+STOP: Final = b"\xff"
+"""Bytes of an answer of no numbers: the process reports what it has."""
 GONE: Final = (EOFError, BrokenPipeError, ConnectionResetError)
 """What tells that the process at the other end has ended."""
 
@@ -65,6 +68,8 @@ class LineRecord:
     books: Books = field(default_factory=Books)
     unconverged: int = 0
     solved: int = 0
+    duration_s: float = 0.0
+    """Simulated time; less than planned when the user ended the run."""
     least_gap_m: float = float("inf")
     """From a front to the rear ahead, by the truth."""
 
@@ -87,6 +92,9 @@ class _Here:
 
     def answer(self, answers: Sequence[CouplingAnswer]) -> None:
         self._waiting.append(answers)
+
+    def stop(self, outstanding: int) -> None:
+        """Nothing runs ahead here."""
 
     def reports(self) -> list[VirtualTrainReport]:
         while self._waiting:
@@ -134,6 +142,19 @@ class _There:
         self.process.join()
         return reports
 
+    def stop(self, outstanding: int) -> None:
+        """End it before its time.
+
+        Args:
+            outstanding: intervals that it ran ahead.
+        """
+        try:
+            _write(self._pipe, STOP * self._answer.size)
+        except GONE as error:
+            raise self._died() from error
+        for _ in range(outstanding):
+            self.said()
+
     def _died(self) -> TrainDiedError:
         self.process.join()
         return TrainDiedError(
@@ -179,21 +200,26 @@ def _write(pipe: Connection, data: bytes) -> None:
 
 def _serve(plan: LinePlan, members: Sequence[Member], intervals: int, pipe: Connection) -> None:
     """Some trains from beginning to end, in a process of their own."""
+    leave_to_parent()
     collect_rarely()
     gc.freeze()
     says, answered = _packing(len(members))
     trains = _Here(plan, members)
 
-    def hear() -> None:
-        numbers = answered.unpack(_read(pipe, answered.size))
+    def hear() -> bool:
+        """False when the run is over before its time."""
+        data = _read(pipe, answered.size)
+        if data == STOP * answered.size:
+            return False
+        numbers = answered.unpack(data)
         trains.answer([CouplingAnswer(*part) for part in _parts(numbers, ANSWER_NUMBERS)])
+        return True
 
-    for interval in range(intervals):
-        if interval >= AHEAD:
-            hear()
-        _write(pipe, says.pack(*itertools.chain(*trains.said())))
-    for _ in range(min(AHEAD, intervals)):
-        hear()
+    for interval in range(intervals + AHEAD):
+        if interval >= AHEAD and not hear():
+            break
+        if interval < intervals:
+            _write(pipe, says.pack(*itertools.chain(*trains.said())))
     pipe.send(trains.reports())
 
 
@@ -210,8 +236,9 @@ def conduct(
     folders: Sequence[Path | None],
     processors: int | None = None,
     told: Callable[[float], None] = lambda now_s: None,
+    interrupted: Callable[[], bool] = never,
 ) -> LineRecord:
-    """All trains for so long; raises TrainDiedError.
+    """All trains for so long, or until the user interrupts; raises TrainDiedError.
 
     Args:
         folders: of each train's logs; None logs nothing of it.
@@ -227,7 +254,7 @@ def conduct(
     gc.freeze()
     there = [_There(plan, members, intervals) for members in others]
     try:
-        return _tied(plan, [*there, _Here(plan, last)], intervals, told)
+        return _tied(plan, [*there, _Here(plan, last)], intervals, told, interrupted)
     finally:
         gc.unfreeze()
         for party in there:
@@ -240,11 +267,16 @@ def _tied(
     parties: Sequence[_Here | _There],
     intervals: int,
     told: Callable[[float], None],
+    interrupted: Callable[[], bool],
 ) -> LineRecord:
     coupling = Coupling(plan.traffic, plan.supply)
     record = LineRecord(books=coupling.books)
     length_m = plan.scenarios[0].train.length_m
     for interval in range(intervals):
+        if interrupted():
+            for party in parties:
+                party.stop(min(AHEAD, intervals - interval))
+            break
         said = _all_said(parties)
         answers = coupling.answers(said)
         # At once: who is ahead of the others needs them first.
@@ -255,6 +287,7 @@ def _tied(
         if interval % RECORD_EVERY == 0:
             record.rows.append(LineInstant(tuple(said), tuple(answers), coupling.substations_w))
             told(interval * INTERVAL_S)
+        record.duration_s = round((interval + 1) * INTERVAL_S, 6)
     record.reports = [report for party in parties for report in party.reports()]
     record.unconverged = coupling.network.unconverged
     record.solved = coupling.network.solved
