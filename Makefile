@@ -9,6 +9,7 @@ MUTATE_ARGS ?=
 FUZZ_ARGS ?=
 SIMULATE_ARGS ?= --hours 10000 --workers 2 --journal runs/simulate.jsonl
 EXPLORE_ARGS ?=
+BREAK_ARGS ?=
 COMPILED_ARGS ?=
 PYTHON ?=
 DOCUMENTS ?=
@@ -32,7 +33,7 @@ PIP := PIP_CONSTRAINT=$(CONSTRAINTS) PIP_BUILD_CONSTRAINT=$(CONSTRAINTS) PIP_DIS
 PROTECTION_TESTS = hil_tests/unit/vobc/atp hil_tests/unit/vobc/test_vobc_config.py
 
 .DEFAULT_GOAL := help
-.PHONY: help setup run test check collected format-check lint types types-of-packages types-of-tests layers prose mutate fuzz coverage bench bench-hil bench-atp bench-logs bench-page bench-energy bench-t2t bench-simulator simulate explore compiled docs format examples figures test-kernels clean distclean
+.PHONY: help setup run test check collected format-check lint types types-of-packages types-of-tests layers prose mutate fuzz coverage bench bench-hil bench-atp bench-logs bench-page bench-energy bench-t2t bench-simulator simulate explore compiled docs format examples figures test-kernels break clean distclean
 
 help: ## show this list
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | while IFS='	' read -r name words; do \
@@ -128,6 +129,10 @@ bench-t2t: $(READY_TO_TEST) ## kill and stop masters over real zenoh and time th
 simulate: compiled ## trains that command themselves under random faults, 10,000 hours; SIMULATE_ARGS=...
 	@mkdir -p runs
 	.compiled/bin/hil simulate $(SIMULATE_ARGS)
+
+break: $(READY_TO_TEST) ## kill campaigns and fill their disk at random; their reports stay the same; BREAK_ARGS=...
+	unshare --map-root-user --mount $(BIN)/python -m metro_hil.engine.kill_trial --kills 30 --full-disks 10 \
+		--campaign stops --limit 6 $(BREAK_ARGS)
 
 explore: $(READY_TO_TEST) ## every schedule of two trains and their arbiters with one or two faults; EXPLORE_ARGS=...
 	$(BIN)/python -m metro_hil.simulation.model_check $(EXPLORE_ARGS)

@@ -203,7 +203,7 @@ def test_without_any_campaign_it_is_said_how_to_make_one(
     assert "hil run" in capsys.readouterr().err
 
 
-def test_a_damaged_journal_is_3_and_repaired_on_request(
+def test_a_damaged_journal_is_3_until_the_campaign_is_resumed(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     folder = begun()
@@ -212,13 +212,14 @@ def test_a_damaged_journal_is_3_and_repaired_on_request(
     folder.journal_path.write_bytes(whole.replace(b"trial/0001-s2", b"trial/0001-s9"))
     capsys.readouterr()
 
-    codes = [main(["resume", "--json"]), main(["show"]), main(["list", "--json"])]
+    codes = [main(["show"]), main(["report"]), main(["list", "--json"])]
     errors = capsys.readouterr().err
-    repaired = main(["resume", "--json", "--repair"])
+    healed = main(["resume", "--json"])
 
     assert codes == [3, 3, 0]
     assert "journal.jsonl: line" in errors
-    assert repaired == 0
+    assert healed == 0
+    assert "1 damaged lines left out; their cases are run again" in capsys.readouterr().err
     assert len(read_journal(folder.journal_path).results) == 4
 
 

@@ -1,7 +1,6 @@
 """The folder of a campaign: its manifest, cases, files, journal and kept logs under fixed names."""
 
 import hashlib
-import os
 import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -13,6 +12,7 @@ import msgspec
 
 from firmware_py.clock.clock import WallClock
 from firmware_py.settings import nearest
+from firmware_py.whole_file import write_whole
 from metro_hil.engine.errors import EngineError, UsageError
 from metro_hil.engine.journal import JournalHead
 from metro_hil.engine.program import program_version
@@ -156,7 +156,7 @@ def make_folder(plan: CampaignPlan, out: str | None = None, root: Path = ROOT) -
             name: _copy(path, number, name, content.encode())
             for number, (name, content) in enumerate(sorted(plan.files.items()))
         }
-        _write(folder.cases_path, lines)
+        write_whole(folder.cases_path, lines)
         hashes = {name: entry.sha256 for name, entry in entries.items()}
         manifest = Manifest(
             name=plan.name,
@@ -173,7 +173,7 @@ def make_folder(plan: CampaignPlan, out: str | None = None, root: Path = ROOT) -
             options=dict(plan.options),
         )
         text = msgspec.json.format(msgspec.json.encode(manifest), indent=2)
-        _write(folder.manifest_path, text + b"\n")
+        write_whole(folder.manifest_path, text + b"\n")
     except OSError as error:
         raise EngineError(f"{path}: cannot be written: {error.strerror}") from error
     return folder
@@ -258,7 +258,7 @@ def _copy(folder: Path, number: int, name: str, content: bytes) -> FileEntry:
     """Files may share the last part of their names, so each lies in a folder of its own."""
     place = Path("files") / str(number) / folder_name(Path(name).name)
     (folder / place).parent.mkdir(parents=True)
-    (folder / place).write_bytes(content)
+    write_whole(folder / place, content)
     return FileEntry(str(place), _sha256(content))
 
 
@@ -268,16 +268,6 @@ def _free(path: Path) -> Path:
         free = path.with_name(f"{path.name}_{number}")
         number += 1
     return free
-
-
-def _write(path: Path, data: bytes) -> None:
-    """All of it or nothing, whatever happens meanwhile."""
-    part = path.with_name(f".{path.name}.part")
-    with part.open("wb") as file:
-        file.write(data)
-        file.flush()
-        os.fsync(file.fileno())
-    part.replace(path)
 
 
 def _read(path: Path) -> bytes:

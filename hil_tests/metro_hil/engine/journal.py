@@ -20,6 +20,7 @@ from typing import Any, Final
 import msgspec
 
 from firmware_py.clock.clock import NS_PER_S, WallClock
+from firmware_py.whole_file import write_whole
 from metro_hil.engine.errors import EngineError
 from metro_hil.model.case import CaseResult
 
@@ -134,42 +135,43 @@ def read_journal(path: Path) -> JournalContent:
         raise EngineError(f"{path}: cannot be read: {error.strerror}") from error
 
 
-def refuse_damage(path: Path, content: JournalContent, remedy: str) -> None:
+def refuse_damage(path: Path, content: JournalContent) -> None:
     """Raises JournalDamageError when a line in the middle cannot be trusted."""
     if content.damaged:
         lines = ", ".join(str(number) for number in content.damaged)
-        raise JournalDamageError(f"{path}: line {lines}: damaged; {remedy}")
+        raise JournalDamageError(
+            f"{path}: line {lines}: damaged; `hil resume` runs its cases again"
+        )
 
 
 class Journal:
     """A journal to write to. Only one process at a time has it."""
 
-    def __init__(self, path: Path, head: JournalHead, *, repair: bool = False) -> None:
-        """Open or begin it; a torn end is cut off.
+    def __init__(self, path: Path, head: JournalHead) -> None:
+        """Open or begin it. A torn end is cut off, damaged lines are left out.
+
+        The file with the damaged lines is kept as `journal.damaged`.
 
         Raises:
             EngineError: when another process has it, it belongs to another campaign, or the disk
-                refuses; as JournalDamageError when lines are damaged and `repair` does not allow to
-                leave them out (the file as it was is kept as `journal.damaged`).
+                refuses.
         """
         self._path = path
+        self.left_out = 0
+        """Lines that were damaged; their cases have no result any more."""
         self._clock = WallClock()
         self._lock = _lock(path.with_suffix(".lock"))
         self._file = -1
+        self._synced_ns, self._unsynced = self._clock.now_ns(), False
         try:
-            self.found = self._open(head, repair)
+            self.found = self._open(head)
         except BaseException:
             self.close()
             raise
-        self._synced_ns = self._clock.now_ns()
-        self._unsynced = False
 
-    def _open(self, head: JournalHead, repair: bool) -> JournalContent:
+    def _open(self, head: JournalHead) -> JournalContent:
         found = read_journal(self._path)
-        if not repair:
-            refuse_damage(
-                self._path, found, "`hil resume --repair` leaves it out and runs it again"
-            )
+        self.left_out = len(found.damaged)
         if found.head is not None and found.head != head:
             raise EngineError(
                 f"{self._path}: belongs to another campaign (fingerprint {found.head.fingerprint}, "
@@ -219,13 +221,18 @@ class Journal:
             self._synced_ns = self._clock.now_ns()
 
     def close(self) -> None:
-        if self._file >= 0:
-            self.sync(at_once=True)
-            os.close(self._file)
+        """Raises EngineError when the disk refuses; other processes may have it all the same."""
+        file, lock, self._lock = self._file, self._lock, -1
+        try:
+            if file >= 0:
+                self.sync(at_once=True)
+        except OSError as error:
+            raise EngineError(f"{self._path}: {error.strerror}") from error
+        finally:
             self._file = -1
-        if self._lock >= 0:
-            os.close(self._lock)
-            self._lock = -1
+            for each in (file, lock):
+                if each >= 0:
+                    os.close(each)
 
 
 def _lock(path: Path) -> int:
@@ -243,18 +250,13 @@ def _lock(path: Path) -> int:
 
 
 def _rewrite(path: Path, head: JournalHead, found: JournalContent) -> None:
-    """Keep the damaged file and put one beside it, then in its place, that has only good lines."""
+    """Keep the damaged file under another name; only the good lines stay in its place."""
     lines: list[JournalLine] = [JournalLine(head=head)]
     lines += [JournalLine(session=session) for session in found.sessions]
     lines += [JournalLine(lost_attempt=attempt) for attempt in found.lost_attempts]
     lines += [JournalLine(result=result) for result in found.results]
-    whole = path.with_suffix(".whole")
-    with whole.open("wb") as file:
-        file.writelines(encode_line(line) for line in lines)
-        file.flush()
-        os.fsync(file.fileno())
-    path.with_suffix(".damaged").write_bytes(path.read_bytes())
-    whole.replace(path)
+    write_whole(path.with_suffix(".damaged"), path.read_bytes())
+    write_whole(path, b"".join(encode_line(line) for line in lines))
 
 
 def same_result(one: CaseResult, other: CaseResult) -> bool:

@@ -1,20 +1,28 @@
-"""Kills a campaign's master at random instants, again and again, and looks whether it shows.
+"""Kills a campaign's master at random instants, or fills its disk, and compares what comes out.
 
     python -m metro_hil.engine.kill_trial --kills 100
+    unshare --map-root-user --mount python -m metro_hil.engine.kill_trial --full-disks 10
 
-The same cases are run once undisturbed. Whenever a killed campaign is complete at last, its results
-and reports have to be those of the undisturbed one, with each case in its journal exactly once.
+The same cases are run once undisturbed. Whenever a disturbed campaign is complete at last, its
+results and reports have to be those of the undisturbed one, with each case in its journal exactly
+once. A disk is full for one life of the master: a file leaves a random part of the room that the
+campaign still needs on a file system of its own. The master has to end with exit code 3, a line
+that names the disk, and no traceback.
 """
 
 import argparse
+import errno
 import hashlib
+import os
 import random
+import shutil
 import signal
 import subprocess
 import sys
 import tempfile
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -27,12 +35,19 @@ from metro_hil.engine.folder import CampaignFolder, CampaignPlan, make_folder
 from metro_hil.engine.journal import once_each, read_journal, without_host
 from metro_hil.engine.trial_runner import trial_cases
 from metro_hil.model.case import Case
-from metro_hil.model.run_options import EXIT_FAILED, EXIT_OK
+from metro_hil.model.run_options import EXIT_ENVIRONMENT, EXIT_FAILED, EXIT_OK
 
 RUNNER: Final = "metro_hil.engine.trial_runner:run_case"
 CASES: Final = 150
 CASE_WORK_S: Final = 0.02
 UNDISTURBED_S: Final = 600.0
+KEEP_WORST: Final = 3
+DISK: Final = "256m"
+"""Size of the disk that is filled: several whole campaigns."""
+FULL: Final = (os.strerror(errno.ENOSPC).encode(), b"the disk did not take")
+"""What a master says of a full disk."""
+BLOCK_BYTES: Final = 512
+"""Unit of `st_blocks`."""
 BARREN_KILLS_MAX: Final = 20
 """So many kills in a row without a new result would go on for ever."""
 
@@ -42,60 +57,89 @@ class KillReport:
     """What the trial saw."""
 
     kills: int = 0
+    full_disks: int = 0
     campaigns: int = 0
-    """That were completed in spite of the kills."""
+    """That were completed in spite of both."""
     faults: list[str] = field(default_factory=list)
     """None if nothing was lost, doubled or different."""
 
 
 @dataclass(frozen=True, slots=True)
 class KillTrial:
-    """What is run, and how often it is killed."""
+    """What is run, and how often it is disturbed."""
 
     plan: CampaignPlan
     root: Path
     """Where the campaigns' folders are made."""
     kills: int
+    full_disks: int = 0
+    """`root` has to be a small file system of its own where there are any."""
     seed: int = 1
     workers: int = 2
     reports: bool = False
     """Whether reports are written and compared, too."""
     life_s: float = 1.5
-    """The master is killed at an instant drawn evenly from 0 to this after its start. It grows
-    while nothing is achieved."""
+    """The master is killed at an instant drawn evenly from 0 to this after its start, or to the
+    time that it needs undisturbed. It grows while nothing is achieved."""
 
     def run(self) -> KillReport:
         """Raises RuntimeError when not even the undisturbed campaign can be run."""
+        began_ns = WallClock().now_ns()
         wanted_folder = make_folder(self.plan, str(self.root / "undisturbed"))
         done = self._start(wanted_folder)
         output, errors = done.communicate(timeout=UNDISTURBED_S)
         if done.returncode not in (EXIT_OK, EXIT_FAILED):
             raise RuntimeError(errors.decode("utf-8", "replace"))
-        wanted = _outcome(wanted_folder, output)
+        life_s = max(self.life_s, (WallClock().now_ns() - began_ns) / NS_PER_S)
+        wanted, size = _outcome(wanted_folder, output), _size(wanted_folder.path)
         report, dice = KillReport(), random.Random(self.seed)
-        while report.kills < self.kills and not report.faults:
-            folder = make_folder(self.plan, str(self.root / f"killed_{report.campaigns + 1}"))
-            output = self._through(folder, dice, report)
+        while self._left(report) and not report.faults:
+            folder = make_folder(self.plan, str(self.root / f"disturbed_{report.campaigns + 1}"))
+            output = self._through(folder, dice, report, life_s, size)
             report.faults += _differences(folder, wanted, _outcome(folder, output))
             report.campaigns += 1
+            if not report.faults:
+                shutil.rmtree(folder.path)
         return report
 
-    def _through(self, folder: CampaignFolder, dice: random.Random, report: KillReport) -> bytes:
-        """Resume and kill until the campaign ends by itself; what it then says."""
-        clock, life_s, barren, results = WallClock(), self.life_s, 0, 0
+    def _left(self, report: KillReport) -> int:
+        """Disturbances that are still to come."""
+        return self.kills + self.full_disks - report.kills - report.full_disks
+
+    def _through(
+        self,
+        folder: CampaignFolder,
+        dice: random.Random,
+        report: KillReport,
+        life_s: float,
+        size: int,
+    ) -> bytes:
+        """Resume and disturb until the campaign ends by itself; what it then says.
+
+        Args:
+            life_s: the master lives at most so long.
+            size: of the whole folder, in bytes.
+        """
+        clock, barren, results = WallClock(), 0, 0
         while True:
-            master = self._start(folder)
-            if report.kills < self.kills:
-                clock.wait_until(clock.now_ns() + round(dice.uniform(0.0, life_s) * NS_PER_S))
-                if master.poll() is None:
-                    master.send_signal(signal.SIGKILL)
-            output, errors = master.communicate(timeout=UNDISTURBED_S)
+            left = self._left(report)
+            full = left > 0 and dice.randrange(left) >= self.kills - report.kills
+            with _filled(self.root, folder.path, dice, size) if full else nullcontext():
+                master = self._start(folder)
+                if left and not full:
+                    clock.wait_until(clock.now_ns() + round(dice.uniform(0.0, life_s) * NS_PER_S))
+                    if master.poll() is None:
+                        master.send_signal(signal.SIGKILL)
+                output, errors = master.communicate(timeout=UNDISTURBED_S)
             if master.returncode in (EXIT_OK, EXIT_FAILED):
                 return output
-            if master.returncode != -signal.SIGKILL:
+            if full and _says_full(master.returncode, errors):
+                report.full_disks += 1
+            elif master.returncode == -signal.SIGKILL and not full:
+                report.kills += 1
+            else:
                 report.faults.append(errors.decode("utf-8", "replace"))
                 return output
-            report.kills += 1
             new = len(read_journal(folder.journal_path).results)
             barren = barren + 1 if new == results else 0
             results = new
@@ -111,6 +155,37 @@ class KillTrial:
         return subprocess.Popen(
             words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True
         )
+
+
+@contextmanager
+def _filled(root: Path, folder: Path, dice: random.Random, size: int) -> Iterator[None]:
+    """Leave only a random part of the room that a campaign still needs."""
+    filler, needed = root / "filler", max(1, size - _size(folder))
+    stat = os.statvfs(root)
+    with filler.open("wb") as file:
+        os.posix_fallocate(
+            file.fileno(), 0, max(1, stat.f_bavail * stat.f_frsize - dice.randrange(needed))
+        )
+    try:
+        yield
+    finally:
+        filler.unlink()
+
+
+def _size(folder: Path) -> int:
+    """Bytes on the disk of all files in a folder."""
+    return sum(path.stat().st_blocks * BLOCK_BYTES for path in folder.rglob("*"))
+
+
+def _says_full(code: int, errors: bytes) -> bool:
+    """Whether a master ended as it should on a full disk."""
+    told = [line for line in errors.splitlines() if line.startswith(b"hil: ")]
+    return (
+        code == EXIT_ENVIRONMENT
+        and len(told) == 1
+        and any(words in told[0] for words in FULL)
+        and b"Traceback" not in errors
+    )
 
 
 def _outcome(folder: CampaignFolder, output: bytes) -> dict[str, Any]:
@@ -143,7 +218,8 @@ def _sha256(path: Path) -> str:
 
 
 def plan_of(cases: Sequence[Case], runner: str, files: dict[str, str]) -> CampaignPlan:
-    return CampaignPlan(name="kill-trial", cases=cases, files=files, options={"runner": runner})
+    options = {"runner": runner, "keep_worst": KEEP_WORST}
+    return CampaignPlan(name="kill-trial", cases=cases, files=files, options=options)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -151,26 +227,32 @@ def main(argv: Sequence[str] | None = None) -> int:
     require_assertions("kill_trial")
     parser = argparse.ArgumentParser(prog="kill_trial", description=__doc__)
     parser.add_argument("--kills", type=int, default=100)
+    parser.add_argument("--full-disks", type=int, default=0, help="takes the right to mount")
     parser.add_argument("--seed", type=int, default=1, help="of the instants")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--campaign", help="run this one instead of made-up cases")
     parser.add_argument("--limit", type=int, help="only so many of its cases")
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args(argv)
-    with tempfile.TemporaryDirectory(prefix="kill_trial_") as root:
+    with tempfile.TemporaryDirectory(prefix="kill_trial_") as root, ExitStack() as stack:
+        if options.full_disks:
+            subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={DISK}", "disk", root], check=True)
+            stack.callback(subprocess.run, ["umount", root], check=True)
         trial = KillTrial(
             _chosen(options),
             Path(root),
             options.kills,
+            full_disks=options.full_disks,
             seed=options.seed,
             workers=options.workers,
-            reports=options.campaign is not None,
+            reports=True,
         )
         report = trial.run()
     if options.json:
         print(msgspec.json.encode(report).decode())
     else:
-        print(f"{report.kills} kills, {report.campaigns} campaigns completed in spite of them")
+        disturbed = f"{report.kills} kills, {report.full_disks} full disks"
+        print(f"{disturbed}, {report.campaigns} campaigns completed in spite of them")
         print("\n".join(report.faults) or "nothing lost, nothing doubled, nothing different")
     return EXIT_FAILED if report.faults else EXIT_OK
 

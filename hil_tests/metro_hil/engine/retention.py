@@ -1,10 +1,14 @@
 """Logs of the cases that people will want to look at: run once more, compared, kept."""
 
+import hashlib
 from collections.abc import Callable, Collection, Sequence
+from pathlib import Path
 from typing import Final
 
 import msgspec
 
+from firmware_py.whole_file import write_whole
+from metro_hil.engine.errors import EngineError
 from metro_hil.engine.folder import CampaignFolder, empty_run_folder
 from metro_hil.engine.journal import once_each, same_result
 from metro_hil.engine.local_pool import TOO_LATE
@@ -13,9 +17,14 @@ from metro_hil.engine.queue import Batch
 from metro_hil.engine.stopping import StopWish
 from metro_hil.engine.worker_pool import CaseFinished, CaseRaised, Outcome, PoolMessage, WorkerPool
 from metro_hil.model.case import BenchKind, Case, CaseResult, Verdict, as_expected
+from metro_hil.model.run_folder import RunFolder
 
 WAIT_S: Final = 0.1
 TRACEBACK: Final = "traceback.txt"
+REFUSED: Final = ("firmware_py.storage.recorder.RecorderError:", "OSError:")
+"""Beginnings of what a worker raises where the disk does not take its logs."""
+SEAL: Final = "files.json"
+"""SHA-256 of each kept log by its name. Written after the logs, and the result after it."""
 
 
 def worth_keeping(
@@ -29,8 +38,8 @@ def worth_keeping(
     """The first `keep` cases that are not as expected, then the `keep_worst` least margins, and
     those whose ids are in `always`.
 
-    A function of the results, not of their order. What has its logs already is left out; so is real
-    time, which cannot be repeated, and what would only hang again.
+    A function of the results, not of their order. What has all its logs already is left out; so is
+    real time, which cannot be repeated, and what would only hang again.
     """
     by_id = {case.id: case for case in cases if case.bench is BenchKind.LOCKSTEP}
     known = sorted(
@@ -55,7 +64,7 @@ def worth_keeping(
     )[:keep_worst]
     ids = [*(result.case_id for result in failed), *(name for _, _, name in near)]
     ids += [result.case_id for result in known if result.case_id in set(always) - set(ids)]
-    return [by_id[name] for name in ids if not folder.kept(name).results.exists()]
+    return [by_id[name] for name in ids if kept_result(folder.kept(name)) is None]
 
 
 def keep_logs(
@@ -90,18 +99,52 @@ def _take(folder: CampaignFolder, outcome: Outcome, watcher: Watcher) -> None:
     if isinstance(outcome, CaseFinished):
         text = msgspec.json.format(msgspec.json.encode(outcome.result), indent=2)
         kept = folder.kept(case.id)
-        kept.results.write_bytes(text + b"\n")
+        write_whole(kept.path / SEAL, msgspec.json.encode(_digests(kept.path)))
+        write_whole(kept.results, text + b"\n")
         watcher.say(f"logs: {kept.path}")
     elif isinstance(outcome, CaseRaised):
+        last = outcome.traceback.strip().splitlines()[-1]
+        if last.startswith(REFUSED):
+            raise EngineError(f"no logs of {case.id}: {last.partition(': ')[2]}")
         note_traceback(folder, case, outcome.traceback)
     else:
         watcher.say(f"no logs of {case.id}: {outcome.reason}")
 
 
+def kept_result(kept: RunFolder) -> CaseResult | None:
+    """The result beside kept logs; None unless all the logs are as they were written.
+
+    A power cut may leave a file empty or half, and a full disk may have taken none of it.
+    """
+    try:
+        seal = msgspec.json.decode((kept.path / SEAL).read_bytes(), type=dict[str, str])
+        found = _digests(kept.path)
+    except (OSError, msgspec.DecodeError):
+        return None
+    whole = all(found.get(name) == digest for name, digest in seal.items())
+    return _repeated(kept) if whole else None
+
+
+def _repeated(kept: RunFolder) -> CaseResult | None:
+    try:
+        return msgspec.json.decode(kept.results.read_bytes(), type=CaseResult)
+    except (OSError, msgspec.DecodeError):
+        return None
+
+
+def _digests(path: Path) -> dict[str, str]:
+    """SHA-256 of every file in a folder, by its name."""
+    digests = {}
+    for each in sorted(path.iterdir()):
+        with each.open("rb") as file:
+            digests[each.name] = hashlib.file_digest(file, "sha256").hexdigest()
+    return digests
+
+
 def note_traceback(folder: CampaignFolder, case: Case, traceback: str) -> None:
     path = folder.kept(case.id).path
     path.mkdir(parents=True, exist_ok=True)
-    (path / TRACEBACK).write_text(traceback, encoding="utf-8")
+    write_whole(path / TRACEBACK, traceback)
 
 
 def doubts(
@@ -111,12 +154,11 @@ def doubts(
     found = []
     by_id = once_each(results)
     for case in cases:
-        path = folder.kept(case.id).results
         first = by_id.get(case.id)
-        if case.bench is not BenchKind.LOCKSTEP or first is None or not path.is_file():
+        if case.bench is not BenchKind.LOCKSTEP or first is None:
             continue
-        again = msgspec.json.decode(path.read_bytes(), type=CaseResult)
-        if not same_result(first, again):
+        again = _repeated(folder.kept(case.id))
+        if again is not None and not same_result(first, again):
             what = (
                 f"chain {first.chain[:12]} and then {again.chain[:12]}"
                 if first.chain != again.chain

@@ -41,7 +41,6 @@ class CampaignOptions:
     always: Collection[str] = ()
     """Ids of cases whose logs are kept, however they come out."""
     fail_fast: bool = False
-    repair: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,8 +74,11 @@ def run_campaign(
         EngineError: when disk, journal or crew do not let it go on; what arrived is in the journal.
     """
     cases = folder.cases()
-    journal = Journal(folder.journal_path, folder.head(), repair=wishes.repair)
+    journal = Journal(folder.journal_path, folder.head())
     try:
+        if journal.left_out:
+            lines = f"{journal.left_out} damaged lines left out"
+            watcher.say(f"{folder.journal_path}: {lines}; their cases are run again")
         shift = _Shift(folder, cases, journal, watcher, stop, wishes)
         if shift.left:
             shift.work(make_crew)

@@ -92,7 +92,7 @@ def _read(path: Path) -> "Campaign":
 
     folder = CampaignFolder(path)
     content = read_journal(folder.journal_path)
-    refuse_damage(folder.journal_path, content, "`hil resume --repair` runs their cases again")
+    refuse_damage(folder.journal_path, content)
     return folder.cases(), content.results
 
 

@@ -44,6 +44,7 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Raises UsageError for a folder that is no campaign's."""
+    from firmware_py.whole_file import write_whole
     from metro_hil.engine.sources import sources_hash
     from metro_hil.report.law_figures import results_json
     from metro_hil.report.standing import stamped
@@ -63,7 +64,7 @@ def run(options: argparse.Namespace) -> int:
     text = results_json(_titled(found))
     if options.write or options.measure:
         path = kept()
-        path.write_text(text, encoding="utf-8")
+        write_whole(path, text)
         print(f"figures: {path}", file=sys.stderr)
     elif not options.check:
         print(text, end="")
@@ -93,7 +94,7 @@ def taken_over(found: "Results", name: str) -> "Results":
 
     folder = find_folder(name)
     journal = read_journal(folder.journal_path)
-    refuse_damage(folder.journal_path, journal, "`hil resume --repair` runs their cases again")
+    refuse_damage(folder.journal_path, journal)
     by_id = once_each(journal.results)
     pairs = [(case, by_id.get(case.id)) for case in folder.cases()]
     manifest = folder.manifest()

@@ -41,7 +41,7 @@ def run(options: argparse.Namespace) -> int:
 
     folder = find_folder(options.name)
     cases, journal = folder.cases(), read_journal(folder.journal_path)
-    refuse_damage(folder.journal_path, journal, "`hil resume --repair` runs their cases again")
+    refuse_damage(folder.journal_path, journal)
     info = info_of(folder.manifest(), cases)
     paths = write_reports(folder.path, info, cases, journal.results)
     ledger = join(cases, journal.results, expected_cases=info.expected_cases)

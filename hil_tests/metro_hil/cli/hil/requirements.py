@@ -27,6 +27,7 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Raises UsageError for a folder that is no campaign's."""
+    from firmware_py.whole_file import write_whole
     from metro_hil.campaign.scenarios import shipped_scenarios
     from metro_hil.engine.folder import find_folder
     from metro_hil.engine.journal import read_journal, refuse_damage
@@ -44,17 +45,17 @@ def run(options: argparse.Namespace) -> int:
     for name in options.runs:
         folder = find_folder(name)
         journal = read_journal(folder.journal_path)
-        refuse_damage(folder.journal_path, journal, "`hil resume --repair` runs their cases again")
+        refuse_damage(folder.journal_path, journal)
         found |= outcomes(folder.cases(), journal.results)
     scenarios = shipped_scenarios()
     known = {each.name for each in scenarios}
     found = {name: outcome for name, outcome in found.items() if name in known}
     if options.write:
-        kept.write_text(outcomes_json(found), encoding="utf-8")
+        write_whole(kept, outcomes_json(found))
         print(f"results: {kept}", file=sys.stderr)
     page = requirements_page(shipped_requirements(), scenarios, found)
     if options.out:
-        Path(options.out).write_text(page, encoding="utf-8")
+        write_whole(options.out, page)
     else:
         print(page, end="")
     return EXIT_OK

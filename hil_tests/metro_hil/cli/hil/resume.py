@@ -9,18 +9,14 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     parser = verbs.add_parser(
         "resume",
         help="go on with a campaign",
-        description="Go on with a campaign that was stopped. What has a result is not run again.",
+        description="Go on with a campaign that was stopped. What has a result is not run again; "
+        "what a power cut or a full disk damaged is.",
     )
     parser.add_argument(
         "name",
         nargs="?",
         metavar="NAME",
         help="of a campaign, of its folder or its beginning, or a path; default: the last one",
-    )
-    parser.add_argument(
-        "--repair",
-        action="store_true",
-        help="leave damaged lines of the journal out and run their cases again",
     )
     parser.add_argument(
         "--despite-change",

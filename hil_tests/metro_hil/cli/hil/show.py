@@ -48,7 +48,7 @@ def run(options: argparse.Namespace) -> int:
 
     folder = find_folder(options.name)
     cases, found = folder.cases(), read_journal(folder.journal_path)
-    refuse_damage(folder.journal_path, found, "`hil resume --repair` runs their cases again")
+    refuse_damage(folder.journal_path, found)
     by_id = once_each(found.results)
     if options.case is not None:
         return _show_case(folder, cases, by_id, options)

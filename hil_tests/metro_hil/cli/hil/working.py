@@ -2,10 +2,10 @@
 
 import argparse
 import os
-import sys
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
+from firmware_py.arguments import of_file
 from metro_hil.engine.errors import EngineError, UsageError
 from metro_hil.model.run_options import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_OK
 
@@ -135,6 +135,19 @@ def work_on(
     folder: "CampaignFolder", options: argparse.Namespace, remembered: dict[str, Any]
 ) -> int:
     """Run what is left, report, say how it ended. Options that are not given are as remembered."""
+    try:
+        return _work_on(folder, options, remembered)
+    except (EngineError, OSError) as error:
+        what = of_file(error) if isinstance(error, OSError) else error
+        raise EngineError(f"{what}; nothing is lost: hil resume {folder.path}") from error
+    except KeyboardInterrupt as error:
+        by = error.args[0] if error.args else "Ctrl-C"
+        raise KeyboardInterrupt(f"{by}; nothing is lost: hil resume {folder.path}") from error
+
+
+def _work_on(
+    folder: "CampaignFolder", options: argparse.Namespace, remembered: dict[str, Any]
+) -> int:
     from metro_hil.engine.progress import Shown
     from metro_hil.engine.run_campaign import CampaignOptions, run_campaign
     from metro_hil.engine.stopping import StopWish
@@ -151,27 +164,30 @@ def work_on(
         keep_worst=options.keep_worst,
         always=() if options.no_report else wanted_logs(folder),
         fail_fast=options.fail_fast,
-        repair=getattr(options, "repair", False),
     )
     crew, keeper = crews(folder, options, [case.bench.value for case in folder.cases()])
-    try:
-        with StopWish() as stop:
-            end = run_campaign(folder, crew, keeper, Shown(console), stop, wishes)
-    except EngineError as error:
-        raise EngineError(f"{error}\nnothing is lost: hil resume {folder.path}") from error
+    with StopWish() as stop:
+        end = run_campaign(folder, crew, keeper, Shown(console), stop, wishes)
     reports: Sequence[Path] = ()
-    if not options.no_report and not end.interrupted:
-        from metro_hil.cli.hil.verdicts import tell_scenario
-        from metro_hil.report.campaign.plots import draw_kept
-
-        plots = draw_kept(folder, end.cases)
-        reports = write_reports(folder, folder.manifest(), end)
-        tell_scenario(console, end.cases, end.results, plots)
-    say_end(console, folder, end, reports)
-    if options.json:
-        print(end_json(folder, end, reports))
-    sys.stdout.flush()
+    try:
+        # Also of an interrupted campaign; a second Ctrl-C does without.
+        if not options.no_report and stop.count <= 1:
+            reports = _report(console, folder, end)
+    finally:
+        say_end(console, folder, end, reports)
+        if options.json:
+            print(end_json(folder, end, reports))
     return exit_code(end)
+
+
+def _report(console: "Console", folder: "CampaignFolder", end: "CampaignEnd") -> "Sequence[Path]":
+    from metro_hil.cli.hil.verdicts import tell_scenario
+    from metro_hil.report.campaign.plots import draw_kept
+
+    plots = draw_kept(folder, end.cases)
+    reports = write_reports(folder, folder.manifest(), end)
+    tell_scenario(console, end.cases, end.results, plots)
+    return reports
 
 
 def wanted_logs(folder: "CampaignFolder") -> Sequence[str]:

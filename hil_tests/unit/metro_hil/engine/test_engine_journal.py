@@ -19,6 +19,7 @@ from metro_hil.engine.journal import (
     once_each,
     parse_journal,
     read_journal,
+    refuse_damage,
     same_result,
 )
 from metro_hil.model.case import CaseEvent, CaseResult, Host, MonitorResult, Verdict
@@ -118,35 +119,36 @@ def test_a_torn_end_is_cut_off_and_writing_goes_on_behind_the_last_whole_line(
         assert (content.results, content.damaged) == ([result(0), result(1), result(2)], [])
 
 
-def test_a_damaged_line_is_named_and_nothing_is_touched(tmp_path: Path) -> None:
+def test_who_only_reads_a_damaged_journal_names_the_line(tmp_path: Path) -> None:
     path = tmp_path / "journal.jsonl"
     damaged = written([result(0), result(1), result(2)]).replace(b"a/s1", b"a/s7")
     path.write_bytes(damaged)
 
-    with pytest.raises(JournalDamageError, match=r"journal\.jsonl: line 3: damaged.*--repair"):
-        Journal(path, HEAD)
+    with pytest.raises(JournalDamageError, match=r"journal\.jsonl: line 3: damaged.*hil resume"):
+        refuse_damage(path, read_journal(path))
 
     assert path.read_bytes() == damaged
 
 
-def test_repairing_leaves_only_the_damaged_line_out_and_keeps_the_old_file(tmp_path: Path) -> None:
+def test_only_the_damaged_line_is_left_out_and_the_old_file_is_kept(tmp_path: Path) -> None:
     path = tmp_path / "journal.jsonl"
     damaged = written([result(0), result(1), result(2)]).replace(b"a/s1", b"a/s7")
     path.write_bytes(damaged)
 
-    journal = Journal(path, HEAD, repair=True)
+    journal = Journal(path, HEAD)
     journal.close()
 
+    assert journal.left_out == 1
     assert read_journal(path).results == [result(0), result(2)]
     assert read_journal(path).damaged == []
     assert path.with_suffix(".damaged").read_bytes() == damaged
 
 
-def test_a_damaged_head_can_be_repaired(tmp_path: Path) -> None:
+def test_a_damaged_head_is_written_again(tmp_path: Path) -> None:
     path = tmp_path / "journal.jsonl"
     path.write_bytes(written([result(0)]).replace(b"f00d", b"f00f"))
 
-    Journal(path, HEAD, repair=True).close()
+    Journal(path, HEAD).close()
 
     assert (read_journal(path).head, read_journal(path).results) == (HEAD, [result(0)])
 
