@@ -63,6 +63,11 @@ def tear_the_last_line(path: Path) -> None:
     cut(path, path.stat().st_size - 9)
 
 
+def each_report(folder: CampaignFolder, damage: Callable[[Path], object]) -> None:
+    for name in FILES:
+        damage(folder.path / name)
+
+
 DAMAGES: Final[dict[str, Callable[[CampaignFolder], object]]] = {
     "result empty": lambda folder: cut(kept_of(folder) / "results.json", 0),
     "result half": lambda folder: cut(kept_of(folder) / "results.json", 200),
@@ -85,8 +90,8 @@ DAMAGES: Final[dict[str, Callable[[CampaignFolder], object]]] = {
     "journal of zeros": lambda folder: fill(folder.journal_path),
     "journal missing": lambda folder: folder.journal_path.unlink(),
     "lock missing": lambda folder: folder.journal_path.with_suffix(".lock").unlink(),
-    "reports empty": lambda folder: [cut(folder.path / name, 0) for name in FILES],
-    "reports missing": lambda folder: [(folder.path / name).unlink() for name in FILES],
+    "reports empty": lambda folder: each_report(folder, lambda path: cut(path, 0)),
+    "reports missing": lambda folder: each_report(folder, Path.unlink),
     "halves of reports beside": lambda folder: [
         (folder.path / f".part.{name}").write_bytes(b"half") for name in FILES
     ],
