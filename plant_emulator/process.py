@@ -1,5 +1,6 @@
 """The plant as a device: commands in, the world a step further, frames and telegrams out."""
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Final, Protocol
 
@@ -250,6 +251,15 @@ class PlantDevice:
             if self._radio_faults is None:
                 self._radio = self._radio_faults = RadioFaults(self._radio, self.world.seed)
             self._radio_faults.change(plan, active, now_ns)
+
+    @property
+    def touched(self) -> Counter[int]:
+        """By index of the fault: how much of the train and its wires it changed so far."""
+        layers = (self._stage, self._serial_faults, self._radio_faults)
+        found: Counter[int] = Counter()
+        for layer in layers:
+            found.update({} if layer is None else layer.touched)
+        return found
 
     @property
     def zone(self) -> ZoneController:

@@ -315,6 +315,11 @@ class World:
             desk = replace(desk, **change)
         self.desk = desk
 
+    @property
+    def own_desk(self) -> Desk:
+        """What hands make of it, without the faults."""
+        return self._untouched_desk
+
     def disturb_desk(self, changes: Sequence[Mapping[str, Any]]) -> None:
         """Faults: fields of the frame that are as given from now on, whatever hands do."""
         self._desk_faults = changes

@@ -146,6 +146,16 @@ class BrakeUnit:
         self._want_emergency(not command.emergency_released, at_ns)
 
     @property
+    def holding_wanted(self) -> bool:
+        """The holding brake is asked for."""
+        return self._holding_on
+
+    @property
+    def applied(self) -> bool:
+        """Any of the three brakes is on, or on its way."""
+        return not self.service.at_rest or self.emergency_mps2 > 0.0 or self.holding_mps2 > 0.0
+
+    @property
     def said_mps2(self) -> float:
         """What the command asks of the service brake."""
         return self._command.service_decel_mps2

@@ -151,6 +151,10 @@ class DoorUnit:
         self._left_wanted = self._left_forced or (command.enable_left and command.open_left)
         self._right_wanted = self._right_forced or (command.enable_right and command.open_right)
 
+    def wanted_open(self, side: DoorSide) -> bool:
+        """Whether command or fault wants a side of this unit open."""
+        return self._left_wanted if side is self.left else self._right_wanted
+
     def force_open(self, *, left: bool, right: bool) -> None:
         """A fault: these sides open whatever the command says."""
         self._left_forced, self._right_forced = left, right

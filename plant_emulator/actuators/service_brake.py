@@ -119,6 +119,11 @@ class ServiceBrake:
             and all(shift.empty for shift in self._pneumatic_shifts)
         )
 
+    @property
+    def held_back(self) -> bool:
+        """A brake that is stuck gives something else than what has been asked."""
+        return self.stuck and self._dead_time.value != self.decel_mps2
+
     def ask(self, decel_mps2: float, at_ns: int) -> None:
         asked_mps2 = min(decel_mps2, self._config.max_decel_mps2)
         if asked_mps2 == self._asked_mps2:

@@ -67,6 +67,7 @@ def summarise(plant: PlantDevice, feed: FeedSender | None) -> dict[str, object]:
     return {
         "late_steps": plant.late_steps,
         "lost_steps": plant.lost_steps,
+        "touched": {str(index): count for index, count in sorted(plant.touched.items())},
         "commands": plant.wire.commands,
         "refused_frames": dict(plant.wire.refusals),
         "refused_reports": {reason.value: n for reason, n in plant.zone.refusals.items()},

@@ -1,5 +1,6 @@
 """What the fault layers of the links share: the faults that act now, and what is held until due."""
 
+from collections import Counter
 from collections.abc import Collection, Iterator
 from heapq import heappop, heappush
 from typing import Any, Final, Generic, NamedTuple, TypeVar
@@ -34,12 +35,15 @@ class ActingFaults:
         self._place, self._seed = place, seed
         self._draws: dict[int, np.random.Generator] = {}
         self._acting: list[Acting] = []
+        self.touched: Counter[int] = Counter()
+        """By index of the fault: how many frames, telegrams or messages it changed."""
 
     def change(self, plan: FaultPlan, active: bool, now_ns: int) -> bool:
         """Whether that concerns this place at all."""
         if plan.kind.place is not self._place:
             return False
         rest = [each for each in self._acting if each.plan.index != plan.index]
+        self.touched.setdefault(plan.index, 0)
         if active:
             rest.append(Acting(plan, self.draws_of(plan), now_ns))
         self._acting = sorted(rest, key=lambda each: each.plan.index)

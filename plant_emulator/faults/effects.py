@@ -1,7 +1,7 @@
 """What faults do to the train: effects that act for a while, and knobs that several may turn."""
 
 from collections.abc import Callable, Sequence
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any, Generic, Protocol, TypeVar, runtime_checkable
 
 V = TypeVar("V")
 
@@ -16,6 +16,13 @@ class Effect(Protocol):
     def step(self, now_ns: int) -> bool:
         """Before the train moves on from `now_ns`; after the end only as long as it says true."""
         ...
+
+
+@runtime_checkable
+class Counting(Protocol):
+    """An effect that counts by itself what it changed."""
+
+    touched: int
 
 
 class SharedSetting(Generic[V]):

@@ -25,10 +25,11 @@ class DeskEffects:
         self._changes = SharedSetting[Change](world.disturb_desk)
 
     def of(self, plan: FaultPlan) -> Effect:
-        return SettingFault(plan.index, (self._changes, _change(plan)))
+        return SettingFault(plan.index, (self._changes, change_of(plan)))
 
 
-def _change(plan: FaultPlan) -> Change:
+def change_of(plan: FaultPlan) -> Change:
+    """What the fault sets, by field of the desk's frame."""
     match plan.parameters:
         case PassengerAlarm():
             return {"no_passenger_alarm": False}

@@ -67,6 +67,8 @@ class UnreadTag:
         self, reader: TagReader, parameters: TagMissed, generator: np.random.Generator
     ) -> None:
         self._reader, self._parameters, self._generator = reader, parameters, generator
+        self.touched = 0
+        """Tags that were not read."""
 
     def begin(self, now_ns: int) -> None:
         self._reader.judges.append(self._is_read)
@@ -80,7 +82,9 @@ class UnreadTag:
     def _is_read(self, passed: TagPass) -> bool:
         if not _concerns(self._parameters.tag_id, passed.site.tag_id):
             return True
-        return self._generator.random() >= self._parameters.share_ratio
+        read = self._generator.random() >= self._parameters.share_ratio
+        self.touched += not read
+        return bool(read)
 
 
 class FalseReadings:
@@ -115,6 +119,8 @@ class Doubling:
         self._reading = FalseReadings(world, generator)
         self._gap_ns = round(parameters.gap_s * NS_PER_S)
         self._waiting: list[_Second] = []
+        self.touched = 0
+        """Second readings."""
 
     def begin(self, now_ns: int) -> None:
         self._reader.witnesses.append(self._see)
@@ -128,6 +134,7 @@ class Doubling:
             second.follow(now_ns, self._reader.antenna_m)
             if second.due_ns <= now_ns:
                 self._reading.read(second.site, second.due_ns)
+                self.touched += 1
             else:
                 waiting.append(second)
         self._waiting = waiting
@@ -168,9 +175,12 @@ class Inventing:
         unknown = TagSite(tag_id=tag_id, position_m=0.0, kind=TagKind.BALISE)
         self._site = world.tag_reader.site_of(tag_id) or unknown
         self._reading = FalseReadings(world, generator)
+        self.touched = 0
+        """Readings of a tag that is not there."""
 
     def begin(self, now_ns: int) -> None:
         self._reading.read(self._site, now_ns)
+        self.touched += 1
 
     def end(self, now_ns: int) -> None:
         """It is read once."""

@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Sequence
 
 from firmware_py.ports import LinkCounters, RadioMessage, RadioPort
-from plant_emulator.faults.acting import ActingFaults, DelayQueue, after_ns, hits
+from plant_emulator.faults.acting import Acting, ActingFaults, DelayQueue, after_ns, hits
 from plant_emulator.faults.declared_wires import (
     RadioDelay,
     RadioDuplicate,
@@ -72,6 +72,11 @@ class RadioFaults:
         self._port.close()
 
     @property
+    def touched(self) -> Counter[int]:
+        """By index of the fault: how many messages it changed."""
+        return self._acting.touched
+
+    @property
     def held(self) -> int:
         """Messages of both directions that are still to come."""
         return len(self._to_train) + len(self._to_wayside)
@@ -89,24 +94,29 @@ class RadioFaults:
             parameters, draws = acting.plan.parameters, acting.draws
             if isinstance(parameters, RadioLoss):
                 if hits(draws, parameters.loss_ratio):
-                    self.done[acting.name] += 1
+                    self._count(acting)
                     return
             elif isinstance(parameters, RadioDelay):
-                self.done[acting.name] += 1
                 wait_s = parameters.delay_s + draws.random() * parameters.jitter_s
+                self._count(acting, wait_s > 0.0)
                 due_ns = after_ns(due_ns, wait_s)
             elif isinstance(parameters, RadioReorder) and hits(draws, parameters.share_ratio):
-                self.done[acting.name] += 1
+                self._count(acting, parameters.hold_s > 0.0)
                 due_ns = after_ns(due_ns, parameters.hold_s)
         held.hold(due_ns, message)
         for acting, again in self._acting.of(RadioDuplicate):
             if hits(acting.draws, again.share_ratio):
-                self.done[acting.name] += 1
+                self._count(acting)
                 held.hold(after_ns(due_ns, again.gap_s), message)
 
     def _cut(self) -> bool:
         """Whether a partition swallows a message now; counts it."""
         for acting, _ in self._acting.of(RadioPartition):
-            self.done[acting.name] += 1
+            self._count(acting)
             return True
         return False
+
+    def _count(self, acting: Acting, changed: bool = True) -> None:
+        """One message that a fault met, and whether that changed anything."""
+        self.done[acting.name] += 1
+        self._acting.touched[acting.plan.index] += changed

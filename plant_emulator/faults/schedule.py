@@ -49,6 +49,11 @@ class Schedule:
         return any(timer.pending for timer in self._timers)
 
     @property
+    def plans(self) -> tuple[FaultPlan, ...]:
+        """All faults that are planned now, in the order of the scenario."""
+        return tuple(timer.plan for timer in self._timers)
+
+    @property
     def never_began(self) -> tuple[FaultPlan, ...]:
         """Faults whose time or condition has not come so far: the run does not show them."""
         return tuple(timer.plan for timer in self._timers if not timer.begun)

@@ -82,20 +82,20 @@ class SerialFaults:
         self.poll(now_ns)
         due_ns = now_ns
         for acting, late in self._acting.of(TelegramDelay):
-            self.done[acting.name] += 1
+            self._count(acting, changed=late.delay_s > 0.0)
             due_ns = after_ns(due_ns, late.delay_s)
         due_ns = max(due_ns, self._last_due_ns)
         if due_ns > now_ns:
             self._last_due_ns = due_ns
         self._say(now_ns, due_ns, data)
         for acting, again in self._acting.of(TelegramDuplicate):
-            self.done[acting.name] += 1
+            self._count(acting)
             self._say(now_ns, after_ns(due_ns, again.gap_s), data)
 
     def receive(self, now_ns: int) -> Sequence[SerialChunk]:
         chunks = self._port.receive(now_ns)
         for acting, _ in self._acting.of(SerialCut):
-            self.done[acting.name] += len(chunks)
+            self._count(acting, len(chunks), changed=bool(chunks))
             return ()
         return chunks
 
@@ -103,9 +103,19 @@ class SerialFaults:
         self._port.close()
 
     @property
+    def touched(self) -> Counter[int]:
+        """By index of the fault: how many telegrams or bytes it changed."""
+        return self._acting.touched
+
+    @property
     def held(self) -> int:
         """Telegrams that are still to come."""
         return len(self._held)
+
+    def _count(self, acting: Acting, number: int = 1, *, changed: bool = True) -> None:
+        """Telegrams or bytes that a fault met, and whether that changed anything."""
+        self.done[acting.name] += number
+        self._acting.touched[acting.plan.index] += number if changed else 0
 
     def _say(self, now_ns: int, due_ns: int, data: bytes) -> None:
         if due_ns <= now_ns:
@@ -116,11 +126,11 @@ class SerialFaults:
     def _leave(self, now_ns: int, data: bytes) -> None:
         for acting, torn in self._acting.of(TelegramTorn):
             if hits(acting.draws, torn.share_ratio):
-                self.done[acting.name] += 1
+                self._count(acting)
                 data = _torn(data, acting)
         for acting, corrupt in self._acting.of(TelegramCorrupt):
             if data and hits(acting.draws, corrupt.share_ratio):
-                self.done[acting.name] += 1
+                self._count(acting)
                 data = flipped(data, corrupt.bits, acting.draws)
         if self._noise_ns:
             data = self._strewn(now_ns, data)
@@ -128,7 +138,7 @@ class SerialFaults:
 
     def _put(self, now_ns: int, data: bytes) -> None:
         for acting, _ in self._acting.of(SerialCut):
-            self.done[acting.name] += 1
+            self._count(acting)
             return
         if data:
             self._port.send(now_ns, data)
@@ -148,7 +158,7 @@ class SerialFaults:
             at_ns = self._noise_ns.get(acting.plan.index)
             while at_ns is not None and at_ns <= now_ns:
                 found.append((at_ns, int(acting.draws.integers(256))))
-                self.done[acting.name] += 1
+                self._count(acting)
                 at_ns = after_ns(at_ns, _gap_s(acting.draws, noise))
                 self._noise_ns[acting.plan.index] = at_ns
         return sorted(found)

@@ -1,8 +1,9 @@
 """The faults of one plant at work: what is true, which of them act now, and who is told."""
 
+from collections import Counter
 from collections.abc import Callable
 
-from plant_emulator.faults.effects import Effect
+from plant_emulator.faults.effects import Counting, Effect
 from plant_emulator.faults.effects_actuator import ActuatorEffects
 from plant_emulator.faults.effects_alarms import AlarmEffects
 from plant_emulator.faults.effects_desk import DeskEffects
@@ -14,6 +15,7 @@ from plant_emulator.faults.effects_wayside import WaysideEffects
 from plant_emulator.faults.kinds import FaultPlace
 from plant_emulator.faults.plan import FaultPlan
 from plant_emulator.faults.schedule import Schedule
+from plant_emulator.faults.touches import Touch, touch_of
 from plant_emulator.truth import Truth
 from plant_emulator.wayside.railway import Railway
 from plant_emulator.world import World
@@ -61,6 +63,9 @@ class FaultStage:
         self._alarms = AlarmEffects(world)
         self._wayside = WaysideEffects(railway)
         self._active: set[int] = set()
+        self._touches: dict[int, Touch] = {}
+        """By index of each fault that acts: whether the last step was another for it."""
+        self._touched: Counter[int] = Counter()
         schedule.listen(self._change)
 
     def look(self, authority_end_m: float) -> None:
@@ -71,6 +76,8 @@ class FaultStage:
             self._told = told
             truth.hear(self._railway, self._start_m)
         truth.read(self._world, self._start_ns, authority_end_m)
+        for index, touch in self._touches.items():
+            self._touched[index] += touch()
         self._schedule.step(truth, now_ns)
         if self._acting:
             self._acting = [
@@ -87,12 +94,25 @@ class FaultStage:
             return
         if active:
             self._active.add(plan.index)
+            self._touched.setdefault(plan.index, 0)
+            self._touches[plan.index] = touch_of(plan, self._world, self._railway)
             effect.begin(now_ns)
             others = [each for each in self._acting if each[0] != plan.index]
             self._acting = sorted([*others, (plan.index, effect)], key=lambda each: each[0])
         else:
             self._active.discard(plan.index)
+            self._touches.pop(plan.index, None)
             effect.end(now_ns)
+
+    @property
+    def touched(self) -> Counter[int]:
+        """By index of the fault: how many steps, or readings of tags, it changed so far."""
+        counted = {
+            index: effect.touched
+            for index, effect in self._effects.items()
+            if isinstance(effect, Counting)
+        }
+        return Counter({**self._touched, **counted})
 
     def _effect_of(self, plan: FaultPlan) -> Effect | None:
         """The same each time a fault begins again; None where the plant brings nothing about."""

@@ -91,6 +91,10 @@ class TagReader:
         """When the next telegram leaves, of a tag or of health."""
         self._sequence = 0
         self.tags_read = 0
+        self.tags_lost = 0
+        """Tags that passed under the antenna and were not read."""
+        self.displaced_read = 0
+        """Tags that were read off their place by a fault."""
         self.telegrams_sent = 0
         self.last: TagPass | None = None
         """The newest of all."""
@@ -178,8 +182,10 @@ class TagReader:
             # All are asked, so that what one draws does not depend on the others.
             missed = not judge(passed) or missed
         if missed or self.antenna_dead:
+            self.tags_lost += 1
             return
         self.read(passed)
+        self.displaced_read += self._offsets_m.get(passed.site.tag_id, 0.0) != 0.0
         for witness in self.witnesses:
             witness(passed)
 

@@ -66,6 +66,10 @@ class Centre:
         """`first_sequence`: of its orders; above everything that an earlier one said."""
         self.refusals: Counter[RefusedReason] = Counter()
         self.answered = 0
+        self.unanswered = 0
+        """Sound statuses that the centre passed over in silence."""
+        self.withheld = 0
+        """Answers that withheld a door which the platform would allow."""
         self.standing = NORMAL
         self.releases = 0
         """Resets of an emergency so far."""
@@ -88,6 +92,7 @@ class Centre:
             return None
         self._move_platform_doors(status, now_ns)
         if self.silent:
+            self.unanswered += 1
             return None
         self.answered += 1
         orders = self._orders(status, now_ns)
@@ -98,6 +103,7 @@ class Centre:
         self._sequence += 1
         standing, station = self.standing, self._station(status)
         left, right = _sides(station, wrong=standing.wrong_side)
+        self.withheld += (left and standing.withheld_left) or (right and standing.withheld_right)
         # Of a train that does not know where it is, any platform may be the one it stands at.
         near = self._line.stations if not status.localised else () if not station else (station,)
         return TrainOrders(

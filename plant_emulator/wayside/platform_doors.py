@@ -21,13 +21,14 @@ DEMAND_NS: Final = 1_000_000_000
 class DoorRow:
     """All doors of one platform as one."""
 
-    __slots__ = ("_until_ns", "_wait_s", "_wanted", "open_ratio")
+    __slots__ = ("_until_ns", "_wait_s", "_wanted", "obstacles_met", "open_ratio")
 
     def __init__(self) -> None:
         self.open_ratio = 0.0
         self._wanted = False
         self._until_ns = 0
         self._wait_s = 0.0
+        self.obstacles_met = 0
 
     @property
     def closed(self) -> bool:
@@ -54,6 +55,7 @@ class DoorRow:
             if obstructed and self.open_ratio <= OBSTRUCTED_AT:
                 self.open_ratio = 1.0
                 self._wait_s = REOPEN_S
+                self.obstacles_met += 1
 
 
 class PlatformDoors:
@@ -102,6 +104,11 @@ class PlatformDoors:
         """At all of these that have doors they are closed, and the circuit proves it."""
         rows = [self._rows[each.name] for each in stations if each.name in self._rows]
         return all(row.closed for row in rows) and (self._proven or not rows)
+
+    @property
+    def obstacles_met(self) -> int:
+        """Closings that met an obstacle so far."""
+        return sum(row.obstacles_met for row in self._rows.values())
 
     @property
     def all_closed(self) -> bool:

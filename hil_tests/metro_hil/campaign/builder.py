@@ -34,7 +34,8 @@ class Scenario:
     bench: str | Enum | None = None
     seeds: int | Sequence[int] | None = None
     seed_base: int | None = None
-    expected: str | Enum | None = None
+    expected: Table | Sequence[Table] | None = None
+    vacuous: Table | Sequence[Table] | None = None
     stop_at_violation: bool | None = None
     idle_counts: bool | None = None
     invariants: str | Sequence[str] | None = None

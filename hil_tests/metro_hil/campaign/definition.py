@@ -86,7 +86,7 @@ class Body:
             alone = Findings()
             key = "monitor[0]"
             if isinstance(table, dict):
-                attempt(lambda t: read_monitors([t], "", "none", measures), table, key, alone)
+                attempt(lambda t: self._monitor(t, measures), table, key, alone)
             else:
                 alone.add(key, f"{table!r} is not a table")
             for where_alone, what in alone.found:
@@ -97,6 +97,13 @@ class Body:
             except SettingsError as error:
                 findings.add_text(str(error), "monitor", ())
         return tuple(tables)
+
+    def _monitor(self, table: ConfigTable, measures: Sequence[str]) -> object:
+        """One monitor by itself. Raises SettingsError."""
+        from metro_hil.monitors import read_monitors
+
+        invariants = self.invariants if table.get("invariant") == "all" else "none"
+        return read_monitors([table], "", invariants, measures)
 
     def _controller(self, findings: Findings) -> ControllerSpec | None:
         keys = attempt(

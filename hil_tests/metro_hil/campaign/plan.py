@@ -5,13 +5,14 @@ import hashlib
 import msgspec
 
 from metro_hil.model.case import (
+    Allowance,
     BenchKind,
     Branch,
     Case,
     ConfigTable,
     ControllerSpec,
+    ExpectedFailure,
     Setup,
-    Verdict,
 )
 
 NUMBER_DIGITS = 4
@@ -43,7 +44,8 @@ class ScenarioPlan(msgspec.Struct, frozen=True, kw_only=True):
     seeds: tuple[int, ...]
     new_seeds: bool
     """Whether the second point goes on where the seeds of the first end, and so on."""
-    expected: Verdict
+    expected: tuple[ExpectedFailure, ...]
+    vacuous: tuple[Allowance, ...]
     stop_at_violation: bool
     idle_counts: bool
     invariants: str | tuple[str, ...]
@@ -118,6 +120,7 @@ def case_of(scenario: ScenarioPlan, point: SweepPoint, seed: int, index: int) ->
         controller=point.controller,
         branch=point.branch,
         expected=scenario.expected,
+        vacuous=scenario.vacuous,
         stop_at_violation=scenario.stop_at_violation,
         idle_counts=scenario.idle_counts,
     )

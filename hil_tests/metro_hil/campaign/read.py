@@ -7,6 +7,7 @@ from typing import Any, Final
 
 from firmware_py import settings
 from firmware_py.settings import SettingsError, nearest
+from metro_hil.campaign.claims import check_claims, read_expected, read_vacuous
 from metro_hil.campaign.definition import Body, PointMaker
 from metro_hil.campaign.designs import Choice, design
 from metro_hil.campaign.each import EACH, scenarios_of
@@ -173,6 +174,16 @@ class _Reader:
         sweep, factors, pool = _read_sweep(table.get("sweep", {}), findings)
         drawn = _drawn(sweep, seeds, table, findings)
         points = _points(body, sweep, factors, findings, pool=pool, seeds=seeds)
+        expected, vacuous = read_expected(table, findings), read_vacuous(table, findings)
+        if head is not None and not findings:
+            check_claims(
+                expected,
+                vacuous,
+                points,
+                invariants=invariants,
+                requirements=head.requirements,
+                findings=findings,
+            )
         for key, what in findings.found:
             self._say(place.key(key), what)
         if head is None or sweep is None or findings:
@@ -189,7 +200,8 @@ class _Reader:
             bench=head.bench,
             seeds=seeds[:1] if drawn else seeds,
             new_seeds=sweep.new_seeds or drawn,
-            expected=head.expected,
+            expected=expected,
+            vacuous=vacuous,
             stop_at_violation=head.stop_at_violation,
             idle_counts=head.idle_counts,
             invariants=invariants,

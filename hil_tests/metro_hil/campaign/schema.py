@@ -9,7 +9,7 @@ from typing import Any, Final
 from can_dbc.cab import CabMode
 from firmware_py.expression import ExpressionError, compile_expression
 from firmware_py.settings import nearest
-from metro_hil.model.case import TIME_MAX_S, BenchKind, ControllerSpec, Verdict
+from metro_hil.model.case import TIME_MAX_S, BenchKind, ControllerSpec
 from plant_emulator.desk.drivers import DRIVERS
 from plant_emulator.truth import SIGNALS
 
@@ -49,7 +49,7 @@ def fits(owner: object, name: str, pattern: re.Pattern[str], what: str) -> None:
 
 @dataclass(frozen=True, slots=True)
 class HeadKeys:
-    """What stands above all tables; `seeds` and `invariants` have two forms and are read apart."""
+    """What stands above all tables. What has more than one form is read apart, as `seeds` is."""
 
     name: str = "campaign"
     """Never taken: a file without a name has its stem."""
@@ -58,7 +58,6 @@ class HeadKeys:
     requirements: tuple[str, ...] = ()
     bench: BenchKind = BenchKind.LOCKSTEP
     seed_base: int = 1
-    expected: Verdict = Verdict.PASS
     stop_at_violation: bool = True
     idle_counts: bool = False
     layout: str | None = None
@@ -74,7 +73,7 @@ class HeadKeys:
                 raise ValueError(f"requirements {requirement!r} is no id such as INV-04")
 
 
-HEAD: Final = (*HeadKeys.__dataclass_fields__, "seeds", "invariants")
+HEAD: Final = (*HeadKeys.__dataclass_fields__, "seeds", "invariants", "expected", "vacuous")
 CAMPAIGN_ONLY: Final = ("layout", "scenario")
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import msgspec
 
 from metro_hil.campaign.plan import Campaign, ScenarioPlan, fingerprint, plan_cases
-from metro_hil.model.case import Case, ConfigTable, ControllerSpec, Verdict
+from metro_hil.model.case import Case, ConfigTable, ControllerSpec
 
 
 class ScenarioSummary(msgspec.Struct, frozen=True, kw_only=True):
@@ -26,7 +26,10 @@ class ScenarioSummary(msgspec.Struct, frozen=True, kw_only=True):
     monitors: tuple[str, ...]
     invariants: str | tuple[str, ...]
     requirements: tuple[str, ...]
-    expected: str
+    expected: list[str]
+    """Names of the monitors that fail; empty where none does."""
+    vacuous: dict[str, str]
+    """What may show nothing, and why."""
     simulated_s_max: float
     """Sum of the limits of all cases; most end before."""
 
@@ -88,7 +91,8 @@ def _scenario(plan: ScenarioPlan) -> ScenarioSummary:
         monitors=tuple(map(monitor_words, first.monitors)),
         invariants=plan.invariants,
         requirements=plan.requirements,
-        expected=plan.expected.value,
+        expected=[each.monitor for each in plan.expected],
+        vacuous={name: each.reason for each in plan.vacuous for name in each.names},
         simulated_s_max=limits_s * len(plan.seeds),
     )
 
@@ -158,8 +162,10 @@ def _scenario_lines(scenario: ScenarioSummary, above: str) -> Iterator[str]:
     seeds = _count(scenario.seeds, "seed")
     yield f"  {_count(scenario.cases, 'case')}: {f'{points} × ' if points else ''}{seeds}"
     yield f"  bench {scenario.bench}, controller {scenario.controller}"
-    if scenario.expected != Verdict.PASS.value:
-        yield f"  expected {scenario.expected}"
+    if scenario.expected:
+        yield f"  expected to fail by {', '.join(scenario.expected)}"
+    for name, reason in scenario.vacuous.items():
+        yield f"  may show nothing: {name}: {reason}"
     for name, words in scenario.factors.items():
         yield f"  factor {name}: {words}"
     for fault in scenario.faults:

@@ -17,7 +17,7 @@ from metro_hil.campaign.schema import (
 
 ConfigTable = dict[str, Any]
 APPENDED: Final = ("fault", "monitor")
-REPLACED: Final = ("sweep", "stops")
+REPLACED: Final = ("sweep", "stops", "expected", "vacuous")
 WHOLE: Final = ("train", "timetable")
 """Tables of which a level may set several keys at once."""
 

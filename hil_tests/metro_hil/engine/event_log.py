@@ -9,7 +9,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from metro_hil.engine.progress import COLOURS, margin_words
-from metro_hil.model.case import Case, CaseResult, as_expected
+from metro_hil.model.case import Case, CaseResult, expected_text, fault_text, mismatch
 
 EVENTS_SHOWN_MAX: Final = 60
 
@@ -26,11 +26,14 @@ def tell(console: Console, case: Case, result: CaseResult | None, logs: Sequence
     if result is None:
         say("no result yet", "magenta")
         return
-    judged = "as expected" if as_expected(case, result) else f"expected {case.expected.value}"
-    words = f"{result.verdict.value} ({judged})"
-    say(f"{words}: {result.reason}" if result.reason else words, COLOURS[result.verdict])
+    wrong = mismatch(case, result)
+    judged = f"expected {expected_text(case)}" if wrong else "as expected"
+    words, reason = f"{result.verdict.value} ({judged})", wrong or result.reason
+    say(f"{words}: {reason}" if reason else words, COLOURS[result.verdict])
     say(f"{result.exit_reason} after {result.sim_s:.2f} s, {result.frames} frames")
     say(f"chain {result.chain}")
+    for fault in result.faults:
+        say(f"fault {fault_text(fault)}")
     if result.monitors:
         console.print(_margins(result))
     if result.measures:

@@ -16,7 +16,7 @@ from firmware_py.whole_file import write_whole
 from metro_hil.engine.errors import EngineError, UsageError
 from metro_hil.engine.journal import JournalHead
 from metro_hil.engine.program import program_version
-from metro_hil.model.case import Case
+from metro_hil.model.case import Case, subset_text
 from metro_hil.model.run_folder import RunFolder, utc_text, versions
 
 ROOT: Final = Path("runs/hil")
@@ -44,6 +44,8 @@ class Manifest(msgspec.Struct, frozen=True, kw_only=True):
     fingerprint: str
     """Hash over cases, files and program; two campaigns with the same one are the same."""
     cases: int
+    planned_cases: int = 0
+    """How many the whole campaign has; more than `cases` where only some were chosen."""
     cases_sha256: str
     files: dict[str, FileEntry] = {}
     """By the name by which cases call them."""
@@ -53,6 +55,11 @@ class Manifest(msgspec.Struct, frozen=True, kw_only=True):
     versions: dict[str, str]
     options: dict[str, Any] = {}
     """As given to `hil run`."""
+
+    @property
+    def subset(self) -> str:
+        """Such as `3 of 8 cases`; empty where all cases of the campaign were chosen."""
+        return subset_text(self.cases, self.planned_cases)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,6 +71,8 @@ class CampaignPlan:
     title: str = ""
     description: str = ""
     layout: str | None = None
+    planned_cases: int = 0
+    """How many the whole campaign has, if not all of them are here."""
     files: Mapping[str, str]
     """Content by the name by which cases call a file."""
     options: Mapping[str, Any]
@@ -105,7 +114,13 @@ class CampaignFolder:
         data = _read(self.cases_path)
         if _sha256(data) != self.manifest().cases_sha256:
             raise EngineError(f"{self.cases_path}: not the cases that {MANIFEST} names")
-        return tuple(msgspec.json.Decoder(Case).decode_lines(data))
+        try:
+            return tuple(msgspec.json.Decoder(Case).decode_lines(data))
+        except msgspec.DecodeError as error:
+            raise EngineError(
+                f"{self.cases_path}: written by version {self.manifest().program} of the program, "
+                f"which does not record what its cases claim ({error}); run the campaign again"
+            ) from error
 
     def files(self) -> dict[str, Path]:
         """Path by the name by which cases call a file. Raises EngineError when one was changed."""
@@ -165,6 +180,7 @@ def make_folder(plan: CampaignPlan, out: str | None = None, root: Path = ROOT) -
             layout=plan.layout,
             fingerprint=fingerprint(lines, hashes, program_version()),
             cases=len(plan.cases),
+            planned_cases=plan.planned_cases,
             cases_sha256=_sha256(lines),
             files=entries,
             started=f"{stamp}Z",

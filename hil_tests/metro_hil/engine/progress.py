@@ -15,7 +15,7 @@ from rich.progress import (
 )
 
 from firmware_py.clock.clock import NS_PER_S, WallClock
-from metro_hil.model.case import Case, CaseResult, Verdict, as_expected
+from metro_hil.model.case import Case, CaseResult, Verdict, mismatch
 
 PLAIN_EVERY_S: Final = 10.0
 """Between two lines of progress where no terminal shows a bar."""
@@ -26,6 +26,7 @@ COLOURS: Final = {
     Verdict.FAIL: "bold red",
     Verdict.BLOCKED: "yellow",
     Verdict.INCONCLUSIVE: "yellow",
+    Verdict.VACUOUS: "yellow",
     Verdict.INVALID: "magenta",
     Verdict.LOST: "bold magenta",
 }
@@ -64,9 +65,7 @@ def failure_line(case: Case, result: CaseResult) -> str:
     least = result.least_margin()
     if least is not None and least.margin is not None and result.verdict is Verdict.FAIL:
         words.append(f"[{least.name}: {margin_words(least.margin, least.unit, 3)}]")
-    if case.expected is not Verdict.PASS:
-        words.append(f"(expected {case.expected.value})")
-    words.append(result.reason)
+    words.append(mismatch(case, result) or result.reason)
     return "  ".join(word for word in words if word)
 
 
@@ -111,7 +110,7 @@ class Shown:
     def result(self, case: Case, result: CaseResult) -> None:
         self._done += 1
         self._counts[result.verdict] += 1
-        if not as_expected(case, result) or result.verdict is Verdict.LOST:
+        if mismatch(case, result):
             self._failure(case, result)
         if self._progress is not None:
             speed = self._progress.tasks[0].speed

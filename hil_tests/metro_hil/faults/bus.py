@@ -93,6 +93,8 @@ class BusFaults:
         self._acting = ActingFaults(FaultPlace.BUS, seed)
         self._wire: DisturbedWire | None = None
         self._babblers: dict[int, InprocPort] = {}
+        self._frames_before: dict[int, int] = {}
+        """By index of a cut or a babbling node that acts: frames on the bus when it began."""
         self._kept_off: list[str] = []
         """Nodes that stay off the bus for good."""
 
@@ -117,6 +119,8 @@ class BusFaults:
         self._bus.advance(now_ns)
         self._acting.change(plan, active, now_ns)
         wire = self._taken_over()
+        if isinstance(parameters, BabblingIdiot | LinkCut):
+            self._count_frames(plan, active)
         if isinstance(parameters, BabblingIdiot):
             self._babble(wire, plan, active, now_ns)
         elif isinstance(parameters, LinkCut):
@@ -139,12 +143,31 @@ class BusFaults:
                 continue
             if struck:
                 self.vobc.faults.note(start_ns, acting.name, can_id)
+                self._acting.touched[acting.plan.index] += 1
                 return _some_bit(acting, data)
         return None
 
     def errors_of(self, node: str, now_ns: int) -> ErrorCounters:
         """Of a node by its name."""
         return self._taken_over().errors_of(node, now_ns)
+
+    def _count_frames(self, plan: FaultPlan, active: bool) -> None:
+        """A cut node misses what passes on the bus; all of it waits for a node that babbles."""
+        if active:
+            self._frames_before[plan.index] = self._bus.statistics().frames
+        else:
+            before = self._frames_before.pop(plan.index, None)
+            if before is not None:
+                self._acting.touched[plan.index] += self._bus.statistics().frames - before
+
+    @property
+    def touched(self) -> Counter[int]:
+        """By index of the fault: how many frames it changed, kept away or added."""
+        found = Counter(self._acting.touched)
+        found.update(self.vobc.faults.touched)
+        frames = self._bus.statistics().frames
+        found.update({index: frames - before for index, before in self._frames_before.items()})
+        return found
 
     @property
     def done(self) -> Counter[tuple[str, str]]:

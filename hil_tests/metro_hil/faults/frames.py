@@ -156,6 +156,16 @@ class FrameFaults:
         """Frames that are still to come."""
         return sum(len(each) for each in self._held.values())
 
+    @property
+    def touched(self) -> Counter[int]:
+        """By index of the fault: how many frames it changed, held back or added."""
+        return self._acting.touched
+
+    def strike(self, acting: Acting, at_ns: int, can_id: int, *, changed: bool = True) -> None:
+        """Count a frame that a fault met, and whether that changed anything."""
+        self.note(at_ns, acting.name, can_id)
+        self._acting.touched[acting.plan.index] += changed
+
     def note(self, at_ns: int, kind: str, can_id: int) -> None:
         """Count something that was done to a frame."""
         message = name_of(can_id)
@@ -180,7 +190,7 @@ class FrameFaults:
         if isinstance(parameters, FrameDelay):
             late_ns = self._late_ns(acting, parameters, now_ns, way)
             for due_ns, _ in items:
-                self.note(due_ns, acting.name, can_id)
+                self.strike(acting, due_ns, can_id, changed=late_ns > 0)
             return [(due_ns + late_ns, data) for due_ns, data in items]
         floors_ns = self._memory[acting.plan.index].floors_ns
         found: list[_Item] = []
@@ -193,7 +203,7 @@ class FrameFaults:
             else:
                 struck = _fate(acting, parameters, due_ns, can_id, data)
             if struck != [(due_ns, data)]:
-                self.note(due_ns, acting.name, can_id)
+                self.strike(acting, due_ns, can_id)
             found += struck
         return found
 
@@ -238,7 +248,7 @@ class FrameFaults:
             strike = not second and hits(acting.draws, parameters.share_ratio)
             forged = forger.forged(can_id, data, strike=strike)
             if forged is not None:
-                self.note(due_ns, acting.name, can_id)
+                self.strike(acting, due_ns, can_id)
             found.append((due_ns, data if forged is None else forged))
         return found
 
@@ -289,7 +299,7 @@ class FrameFaults:
 
     def _replay(self, acting: Acting, replay: FrameReplay, memory: _Memory) -> None:
         offset_ns, way, can_id, data = memory.past[memory.next_index]
-        self.note(memory.next_ns, acting.name, can_id)
+        self.strike(acting, memory.next_ns, can_id)
         self._held[way].hold(memory.next_ns, (can_id, data))
         memory.next_index += 1
         again_ns = 0
@@ -310,7 +320,7 @@ class FrameFaults:
         memory.counter = memory.counter + 1 & 0xFF
         lane = FrameDirection.BOTH if self.strangers_apart else known.way
         for can_id, data in masked(bound, genuine, mask.values or {}, memory.counter, mask.twins):
-            self.note(at_ns, acting.name, can_id)
+            self.strike(acting, at_ns, can_id)
             self._held[lane].hold(at_ns, (can_id, data))
 
 

@@ -31,6 +31,8 @@ BABBLE_FRAMES_MAX: Final = 64
 
 @dataclass(slots=True)
 class _Babble:
+    index: int
+    """Of the fault."""
     can_id: int
     bits_ns: int
     period_ns: int
@@ -58,6 +60,12 @@ class GatewayFaults:
         self._free_ns = 0
         """When the bus is free again."""
         self._number = 0
+        self._touched: Counter[int] = Counter()
+
+    @property
+    def touched(self) -> Counter[int]:
+        """By index of the fault: how many frames it changed, kept away or added."""
+        return self._touched + self.frames.touched
 
     @property
     def done(self) -> Counter[tuple[str, str]]:
@@ -85,7 +93,7 @@ class GatewayFaults:
                 bits_ns = frame_bits(parameters.can_id, BABBLE) * BIT_NS
                 period_ns = round(bits_ns / parameters.load_ratio)
                 self._babbles[plan.index] = _Babble(
-                    parameters.can_id, bits_ns, period_ns, next_ns=now_ns
+                    plan.index, parameters.can_id, bits_ns, period_ns, next_ns=now_ns
                 )
                 self._free_ns = max(self._free_ns, now_ns)
         else:
@@ -93,9 +101,10 @@ class GatewayFaults:
 
     def offer(self, now_ns: int, way: FrameDirection, can_id: int, data: bytes) -> None:
         if self._blocked:
-            kind = self._blocked_by(now_ns, way, can_id)
-            if kind:
-                self.frames.note(now_ns, kind, can_id)
+            index = self._blocked_by(now_ns, way, can_id)
+            if index is not None:
+                self._touched[index] += 1
+                self.frames.note(now_ns, self._blocked[index][0], can_id)
                 return
         self.frames.offer(now_ns, way, can_id, data)
 
@@ -150,6 +159,7 @@ class GatewayFaults:
         for passed in self._passed.values():
             passed.append((self._free_ns, idiot.can_id, BABBLE))
         self.frames.note(self._free_ns, "babbling_idiot", idiot.can_id)
+        self._touched[idiot.index] += 1
         idiot.next_ns = max(idiot.next_ns + idiot.period_ns, self._free_ns + idiot.bits_ns)
         self._free_ns += idiot.bits_ns
 
@@ -163,19 +173,21 @@ class GatewayFaults:
                 idiot.next_ns = max(idiot.next_ns, self._free_ns) + missed * idiot.period_ns
                 self._free_ns = idiot.next_ns
 
-    def _blocked_by(self, now_ns: int, way: FrameDirection, can_id: int) -> str:
-        """Kind of the fault that keeps this frame from passing; empty when it passes."""
+    def _blocked_by(self, now_ns: int, way: FrameDirection, can_id: int) -> int | None:
+        """Index of the fault that keeps this frame from passing; None when it passes."""
         off = {
-            node.name: kind for kind, node, until_ns in self._blocked.values() if now_ns < until_ns
+            node.name: index
+            for index, (_, node, until_ns) in self._blocked.items()
+            if now_ns < until_ns
         }
         if not off:
-            return ""
+            return None
         known = known_messages().get(can_id)
         if way is FrameDirection.TO_TRAIN:
             ends = (Node.VOBC.name, "" if known is None else known.acting)
         else:
             ends = (Node.VOBC.name, "" if known is None else known.sender)
-        return next((off[name] for name in ends if name in off), "")
+        return next((off[name] for name in ends if name in off), None)
 
 
 def _sender_of(can_id: int) -> str:

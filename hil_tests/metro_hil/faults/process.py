@@ -7,7 +7,7 @@ it is done, and its cycles that fall due meanwhile slip. A stepped clock makes o
 before. Commands on the bus are the only thing that leaves, so nothing else has to be modelled.
 """
 
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from typing import Final, Protocol
 
@@ -179,6 +179,10 @@ class ControllerProcess:
         self._pausers: set[int] = set()
         self._slowers: dict[int, float] = {}
         self._busy_until_ns = 0
+        self._missed_ns = -1
+        """The last cycle that fell due while the process was paused."""
+        self.touched: Counter[int] = Counter()
+        """By index of the fault: processes ended, clocks moved, cycles held up."""
         self.executive = Executive.woken("process", self._wake, start_ns)
 
     @property
@@ -189,8 +193,10 @@ class ControllerProcess:
     def change(self, plan: FaultPlan, active: bool, now_ns: int) -> None:
         """A process fault begins or ends."""
         parameters = plan.parameters
+        self.touched.setdefault(plan.index, 0)
         if isinstance(parameters, ControllerKilled):
             _mark(self._killers, plan.index, active)
+            self.touched[plan.index] += active and self._device is not None
             self._kill()
             if active and parameters.memory_lost and self._forget is not None:
                 self._forget()
@@ -203,6 +209,7 @@ class ControllerProcess:
                 self._slowers.pop(plan.index, None)
         elif isinstance(parameters, ClockStep) and active:
             self._clock.ahead_ns += round(parameters.step_s * NS_PER_S)
+            self.touched[plan.index] += parameters.step_s > 0.0
 
     def _kill(self) -> None:
         if self._killers and self._device is not None:
@@ -236,18 +243,28 @@ class ControllerProcess:
         if self._device is None and not self._killers:
             self._device = self._start_again(now_ns)
         device, clock = self._device, self._clock
-        if device is None or self._pausers or now_ns < self._busy_until_ns:
+        if device is None or now_ns < self._busy_until_ns:
             return
         there_ns = now_ns + clock.ahead_ns
+        if self._pausers:
+            self._count_missed(device.executive.next_due_ns(), there_ns)
+            return
         if device.executive.next_due_ns() > there_ns:
             return
         clock.held_ns = 0
         if self._slowers and _in_cycle(device.executive, there_ns):
             clock.held_ns = round(sum(self._slowers.values()) * NS_PER_S)
+            self.touched.update(index for index, extra_s in self._slowers.items() if extra_s > 0.0)
             self._busy_until_ns = now_ns + clock.held_ns
         while device.executive.run_next(there_ns):
             pass
         clock.held_ns = 0
+
+    def _count_missed(self, due_ns: int, now_ns: int) -> None:
+        """A paused process misses what falls due; it counts once."""
+        if self._missed_ns != due_ns <= now_ns:
+            self._missed_ns = due_ns
+            self.touched.update(self._pausers)
 
     def stop(self, now_ns: int) -> None:
         """The last word, if there is anybody to say it."""

@@ -18,7 +18,10 @@ class Verdict(enum.Enum):
     """What the case needs did not come about: a fault that never began, a bench that is not there,
     a controller that did not start."""
     INCONCLUSIVE = "inconclusive"
-    """It ran, but a monitor never saw what it judges."""
+    """It ran, but it ended before a monitor could judge, or a measure could not be taken."""
+    VACUOUS = "vacuous"
+    """It ran to its end and shows nothing of what its file claims: the premise of a monitor never
+    held, a fault touched nothing, or nothing was watched."""
     INVALID = "invalid"
     """The host disturbed a run in real time, so that its outcome says nothing of the controller."""
     LOST = "lost"
@@ -114,6 +117,31 @@ class Branch(msgspec.Struct, frozen=True, kw_only=True):
     """Expression over the plant's truth; the branch is the first step at which it holds."""
 
 
+class ExpectedFailure(msgspec.Struct, frozen=True, kw_only=True):
+    """One monitor that a scenario expects to fail, with the range of its margin."""
+
+    monitor: str
+    """Name of the monitor or invariant."""
+    margin_min: float | None = None
+    """Least margin that is still the failure that is meant, in the monitor's unit."""
+    margin_max: float | None = None
+
+
+class Allowance(msgspec.Struct, frozen=True, kw_only=True):
+    """Parts of a case that may show nothing, and why."""
+
+    names: tuple[str, ...]
+    """Monitors, kinds of faults, requirements, or one of the groups below."""
+    reason: str
+
+
+ANY_FAULT: Final = "faults"
+ANY_REQUIREMENT: Final = "requirements"
+WHOLE_CASE: Final = "case"
+ALLOWANCE_GROUPS: Final = (ANY_FAULT, ANY_REQUIREMENT, WHOLE_CASE)
+"""Every fault, every requirement named on the scenario, and the case as a whole."""
+
+
 class Case(msgspec.Struct, frozen=True, kw_only=True):
     """One run, completely described: the same case gives the same bytes anywhere."""
 
@@ -137,10 +165,13 @@ class Case(msgspec.Struct, frozen=True, kw_only=True):
     controller: ControllerSpec = ControllerSpec()
     wires: WireNames = WireNames()
     branch: Branch | None = None
-    expected: Verdict = Verdict.PASS
+    expected: tuple[ExpectedFailure, ...] = ()
+    """The monitors that fail, all of them and no other; empty for a case that passes."""
+    vacuous: tuple[Allowance, ...] = ()
+    """What of it may show nothing."""
     stop_at_violation: bool = True
     idle_counts: bool = False
-    """Whether monitors alone decide, though the train never moved or a fault never began."""
+    """Whether a train that never moved is evidence."""
 
 
 class MonitorResult(msgspec.Struct, frozen=True, kw_only=True):
@@ -148,7 +179,7 @@ class MonitorResult(msgspec.Struct, frozen=True, kw_only=True):
 
     name: str
     verdict: Verdict
-    """PASS, FAIL or INCONCLUSIVE."""
+    """PASS, FAIL, INCONCLUSIVE or VACUOUS."""
     margin: float | None
     """Least distance to violation, negative when violated; None when nothing was seen."""
     unit: str
@@ -156,6 +187,19 @@ class MonitorResult(msgspec.Struct, frozen=True, kw_only=True):
     """Of the least margin."""
     detail: str = ""
     requirements: tuple[str, ...] = ()
+    asked: bool = True
+    """The file asks for it by name. An invariant that is watched by default may see nothing."""
+    own: bool = True
+    """It stands under `[[monitor]]`, so it judges the requirements named on the scenario."""
+
+
+class FaultResult(msgspec.Struct, frozen=True, kw_only=True):
+    """What one fault of a case did."""
+
+    kind: str
+    began: bool
+    touched: int | None
+    """Frames, telegrams, messages, cycles or values that it changed; None where nobody counts."""
 
 
 class CaseEvent(msgspec.Struct, frozen=True):
@@ -187,7 +231,11 @@ class CaseResult(msgspec.Struct, frozen=True, kw_only=True):
     index: int
     verdict: Verdict
     reason: str = ""
-    """Why it is not a pass, in words."""
+    """Why it is not a pass, or which part of it may show nothing and why."""
+    lacking: tuple[str, ...] = ()
+    """What keeps it from being evidence, whatever the monitors found."""
+    died: str = ""
+    """How the controller ended by itself; empty when it did not."""
     exit_reason: str = ""
     """How the run ended."""
     sim_s: float = 0.0
@@ -195,6 +243,8 @@ class CaseResult(msgspec.Struct, frozen=True, kw_only=True):
     chain: str = ""
     """Hash over all frames of the run in bus order, with their instants; hexadecimal."""
     monitors: tuple[MonitorResult, ...] = ()
+    faults: tuple[FaultResult, ...] = ()
+    """In the order of the case."""
     measures: dict[str, float | None] = {}
     """By name; the unit is the last part of the name."""
     events: tuple[CaseEvent, ...] = ()
@@ -207,4 +257,67 @@ class CaseResult(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def as_expected(case: Case, result: CaseResult) -> bool:
-    return result.verdict is case.expected
+    """Whether the result is the one that the case's file claims."""
+    return not mismatch(case, result)
+
+
+def mismatch(case: Case, result: CaseResult) -> str:
+    """Why the result is not the expected one; empty when it is.
+
+    A case that expects a failure is as expected only when exactly the named monitors failed, each
+    within its range, while the controller lived and nothing else was missing.
+    """
+    if not case.expected:
+        allowed = result.verdict is Verdict.VACUOUS and not result.lacking
+        good = result.verdict is Verdict.PASS or allowed
+        return "" if good else result.reason or f"{result.verdict.value} instead of pass"
+    named = {each.monitor: each for each in case.expected}
+    meant = f"expected to fail by {', '.join(named)}"
+    if result.verdict is not Verdict.FAIL:
+        return f"{meant}, but {result.verdict.value}: {result.reason}".removesuffix(": ")
+    if result.died:
+        return f"{meant}, but {result.reason}"
+    failed = {each.name: each for each in result.monitors if each.verdict is Verdict.FAIL}
+    if others := [name for name in failed if name not in named]:
+        return f"{meant}, but {', '.join(others)} failed too: {result.reason}"
+    for name, each in named.items():
+        if name not in failed:
+            return f"{meant}, but {name} did not fail: {result.reason}"
+        if not _within(each, failed[name].margin):
+            return f"{meant} with a margin of {_range_text(each)}: {result.reason}"
+    return f"{meant}, but {'; '.join(result.lacking)}" if result.lacking else ""
+
+
+def _within(expected: ExpectedFailure, margin: float | None) -> bool:
+    low, high = expected.margin_min, expected.margin_max
+    if margin is None:
+        return low is None and high is None
+    return (low is None or margin >= low) and (high is None or margin <= high)
+
+
+def _range_text(expected: ExpectedFailure) -> str:
+    low, high = expected.margin_min, expected.margin_max
+    ends = [f"{low:g} or more" if low is not None else ""]
+    ends.append(f"{high:g} or less" if high is not None else "")
+    return " and ".join(filter(None, ends))
+
+
+def expected_text(case: Case) -> str:
+    """What the case is expected to come to, in a few words."""
+    if not case.expected:
+        return Verdict.PASS.value
+    return f"{Verdict.FAIL.value} by {', '.join(each.monitor for each in case.expected)}"
+
+
+def fault_text(fault: FaultResult) -> str:
+    """What one fault did, such as `frame_drop: touched 40`."""
+    if not fault.began:
+        return f"{fault.kind}: never began"
+    if fault.touched is None:
+        return f"{fault.kind}: began; what it touched is not known"
+    return f"{fault.kind}: touched {fault.touched or 'nothing'}"
+
+
+def subset_text(chosen: int, planned: int) -> str:
+    """Such as `3 of 8 cases`; empty where all cases of a campaign were chosen."""
+    return f"{chosen} of {planned} cases" if chosen < planned else ""

@@ -1,49 +1,146 @@
 """From what a run showed to its verdict; the same rules on every bench."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Final
 
-from metro_hil.model.case import MonitorResult, Verdict
+from metro_hil.model.case import (
+    ANY_FAULT,
+    ANY_REQUIREMENT,
+    WHOLE_CASE,
+    Case,
+    FaultResult,
+    MonitorResult,
+    Verdict,
+)
 
-DEAD = "the controller ended by itself"
-MOVED_MIN_M = 1.0
+DEAD: Final = "the controller ended by itself"
+MOVED_MIN_M: Final = 1.0
 """A train that did not move by this much has shown nothing about driving."""
+EXERCISED: Final = (Verdict.PASS, Verdict.FAIL)
+"""Verdicts of a monitor that judged something."""
 
 
-def judge(
-    monitors: Sequence[MonitorResult],
-    *,
-    died: str,
-    never_began: Sequence[str],
-    moved_m: float,
-    violated: bool,
-    idle_counts: bool = False,
-) -> tuple[Verdict, str]:
-    """The verdict and why it is not a pass.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Shown:
+    """What one run showed."""
 
-    Args:
-        died: how the controller ended by itself, empty when it did not.
-        never_began: faults whose time or condition never came.
-        moved_m: how far the train was from its first place at most, either way.
-        idle_counts: monitors alone decide, though the train never moved or a fault never began.
-        violated: the run was ended at a violation, so that what comes later was never tried.
+    monitors: Sequence[MonitorResult]
+    faults: Sequence[FaultResult] = ()
+    died: str = ""
+    """How the controller ended by itself; empty when it did not."""
+    branched: bool = True
+    """Whether the branch of the case came; True for a case without one."""
+    moved_m: float
+    """Greatest distance of the train from its first place."""
+    violated: bool
+    """The run ended at a violation, so later parts of it were never tried."""
+
+
+@dataclass(frozen=True, slots=True)
+class Judgement:
+    """The verdict of a case and what it lacks as evidence."""
+
+    verdict: Verdict
+    reason: str
+    lacking: tuple[str, ...] = ()
+
+
+def judge(case: Case, shown: Shown) -> Judgement:
+    """The verdict, why it is not a pass, and what keeps the case from being evidence."""
+    gaps = _Gaps(case)
+    blocked = gaps.blocked(shown)
+    unmeasured = [each.name for each in shown.monitors if each.verdict is Verdict.INCONCLUSIVE]
+    vacuous = gaps.vacuous(shown)
+    idle = shown.moved_m < MOVED_MIN_M and not case.idle_counts
+    lacking: list[str] = []
+    if not shown.violated:
+        lacking += [f"never began: {', '.join(blocked)}"] if blocked else []
+        lacking += [f"nothing seen by: {', '.join(unmeasured)}"] if unmeasured else []
+        lacking += ["the train never moved"] if idle else []
+        lacking += vacuous
+    failed = [each for each in shown.monitors if each.verdict is Verdict.FAIL]
+    reason = "; ".join(lacking)
+    if shown.died:
+        verdict, reason = Verdict.FAIL, f"{DEAD}: {shown.died}"
+    elif failed:
+        verdict, reason = Verdict.FAIL, "; ".join(map(_text, failed))
+    elif blocked:
+        verdict = Verdict.BLOCKED
+    elif unmeasured or idle:
+        verdict = Verdict.INCONCLUSIVE
+    elif vacuous:
+        verdict = Verdict.VACUOUS
+    else:
+        nothing = not any(each.verdict in EXERCISED for each in shown.monitors)
+        verdict = Verdict.VACUOUS if nothing else Verdict.PASS
+        reason = "; ".join(gaps.excused)
+    assert failed or not shown.violated, "a violation without a monitor that failed"
+    return Judgement(verdict, reason, tuple(lacking))
+
+
+class _Gaps:
+    """What a run did not show, apart from what the file allows it not to show."""
+
+    def __init__(self, case: Case) -> None:
+        self._case = case
+        self._allowed = {name: each.reason for each in case.vacuous for name in each.names}
+        self.excused: list[str] = []
+        """Each gap that the file allows, with its reason."""
+
+    def _kept(self, gaps: Iterable[tuple[str, str, str]]) -> list[str]:
+        """Args:
+        gaps: name, group and text of each.
+        """
+        kept = []
+        for name, group, text in gaps:
+            names = (name, group, WHOLE_CASE)
+            reason = next((self._allowed[each] for each in names if each in self._allowed), None)
+            if reason is None:
+                kept.append(text)
+            else:
+                self.excused.append(f"allowed: {text}: {reason}")
+        return kept
+
+    def blocked(self, shown: Shown) -> list[str]:
+        """Faults and the branch that never began."""
+        faults = [
+            (each.kind, ANY_FAULT, f"fault {each.kind}") for each in shown.faults if not each.began
+        ]
+        return [*self._kept(faults), *([] if shown.branched else ["the branch"])]
+
+    def vacuous(self, shown: Shown) -> list[str]:
+        untouched = self._kept(
+            (each.kind, ANY_FAULT, f"fault {each.kind} touched nothing")
+            for each in shown.faults
+            if each.began and each.touched == 0
+        )
+        unseen = self._kept(
+            (each.name, "", f"vacuous: {each.name} ({each.detail})")
+            for each in shown.monitors
+            if each.asked and each.verdict is Verdict.VACUOUS
+        )
+        unjudged = self._kept(
+            (name, ANY_REQUIREMENT, f"{name}: no monitor judged it")
+            for name in self._case.requirements
+            if not any(each.verdict is not Verdict.VACUOUS for each in judges(name, shown.monitors))
+        )
+        nothing = not any(each.verdict is not Verdict.VACUOUS for each in shown.monitors)
+        words = "no monitor judged anything" if shown.monitors else "nothing is watched"
+        found = [*untouched, *unseen, *unjudged]
+        return [*found, *self._kept([("", "", words)])] if nothing and not unseen else found
+
+
+def judges(requirement: str, monitors: Sequence[MonitorResult]) -> list[MonitorResult]:
+    """The monitors that answer for a requirement of the scenario.
+
+    Those that name it themselves; where none does, all that stand under `[[monitor]]`.
     """
-    failed = [result for result in monitors if result.verdict is Verdict.FAIL]
-    if died:
-        return Verdict.FAIL, f"{DEAD}: {died}"
-    if failed:
-        return Verdict.FAIL, "; ".join(_words(result) for result in failed)
-    assert not violated, "a violation without a monitor that failed"
-    if never_began and not idle_counts:
-        return Verdict.BLOCKED, f"never began: {', '.join(never_began)}"
-    unseen = [result.name for result in monitors if result.verdict is not Verdict.PASS]
-    if unseen:
-        return Verdict.INCONCLUSIVE, f"nothing seen by: {', '.join(unseen)}"
-    if moved_m < MOVED_MIN_M and not idle_counts:
-        return Verdict.INCONCLUSIVE, "the train never moved"
-    return Verdict.PASS, ""
+    named = [each for each in monitors if requirement in each.requirements]
+    return named or [each for each in monitors if each.own]
 
 
-def _words(result: MonitorResult) -> str:
+def _text(result: MonitorResult) -> str:
     margin = "" if result.margin is None else f" by {-result.margin:.3g} {result.unit}".rstrip()
     at = "" if result.at_s is None else f" at {result.at_s:.2f} s"
     return f"{result.name} violated{margin}{at}"

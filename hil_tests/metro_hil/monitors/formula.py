@@ -41,6 +41,8 @@ class Atom:
     margin: str
     negated: str
     position: int
+    denied: bool = False
+    """The text has it under an odd number of negations."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +82,7 @@ Node: TypeAlias = Atom | Both | Either | Timed | Until
 def negation(node: Node) -> Node:
     """The same tree, denied, with the denial moved down to the atoms."""
     if isinstance(node, Atom):
-        return Atom(node.negated, node.margin, node.position)
+        return Atom(node.negated, node.margin, node.position, not node.denied)
     if isinstance(node, Both):
         return Either(tuple(negation(part) for part in node.parts))
     if isinstance(node, Either):
@@ -90,6 +92,86 @@ def negation(node: Node) -> Node:
     return replace(
         node, first=negation(node.first), second=negation(node.second), released=not node.released
     )
+
+
+def premise_of(node: Either, *, lasting: Lasting) -> Node | None:
+    """What has to hold so that the rest is asked for; None for a plain choice.
+
+    Where it has to hold all the time, `not p or q` asks the same as `p -> q`.
+    """
+    if node.premise is not None or lasting not in (Lasting.ALWAYS, Lasting.HISTORICALLY):
+        return node.premise
+    denied = [part for part in node.parts if _denied(part)]
+    if not denied or len(denied) == len(node.parts):
+        return None
+    return _both([negation(part) for part in denied])
+
+
+def _denied(node: Node) -> bool:
+    if isinstance(node, Atom):
+        return node.denied
+    if isinstance(node, Both | Either):
+        return all(map(_denied, node.parts))
+    return False
+
+
+def witness(node: Node, lasting: Lasting = Lasting.EVENTUALLY) -> Node | None:
+    """What a run must show besides, so that the formula was asked for; None where nothing more.
+
+    A formula that holds without its witness holds vacuously: `always(p -> q)` where `p` never was,
+    or `eventually(p -> q)` where `q` never was.
+
+    Args:
+        lasting: the operator that the node stands in.
+    """
+    if isinstance(node, Atom):
+        return None
+    if isinstance(node, Both):
+        return _both([each for part in node.parts if (each := witness(part, lasting)) is not None])
+    if isinstance(node, Either):
+        return _of_choice(node, lasting)
+    if isinstance(node, Timed):
+        inner = witness(node.body, node.lasting)
+        if inner is None:
+            return None
+        if node.lasting in (Lasting.EVENTUALLY, Lasting.ONCE):
+            return replace(node, body=Both((node.body, inner)))
+        return replace(node, lasting=DUAL[node.lasting], body=inner)
+    inner = None if node.released else witness(node.second)
+    return None if inner is None else replace(node, second=Both((node.second, inner)))
+
+
+def _of_choice(node: Either, lasting: Lasting) -> Node | None:
+    premise = premise_of(node, lasting=lasting)
+    if premise is None:
+        found = [witness(part, lasting) for part in node.parts]
+        if any(each is None for each in found):
+            return None
+        pairs = zip(node.parts, found, strict=True)
+        return Either(tuple(Both((part, each)) for part, each in pairs if each is not None))
+    asked = [premise]
+    for part in node.parts:
+        if part == negation(premise):
+            continue
+        if (inner := witness(part, lasting)) is not None:
+            asked.append(inner)
+        if not _present(part):
+            # What looks ahead must have been judged, not only asked for.
+            asked.append(Either((part, negation(part))))
+    return _both(asked)
+
+
+def _present(node: Node) -> bool:
+    """Whether it looks at one sample alone."""
+    if isinstance(node, Both | Either):
+        return all(map(_present, node.parts))
+    return isinstance(node, Atom)
+
+
+def _both(parts: list[Node]) -> Node | None:
+    if len(parts) < 2:
+        return parts[0] if parts else None
+    return Both(tuple(parts))
 
 
 def boolean(name: str, position: int, *, wanted: bool) -> Atom:

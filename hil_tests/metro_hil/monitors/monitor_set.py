@@ -13,15 +13,13 @@ from metro_hil.monitors.invariants import Invariants
 from metro_hil.monitors.place import LinePlaces
 from metro_hil.monitors.plan import MonitorKind, MonitorPlan, Severity
 from metro_hil.monitors.signals import Signals
-from metro_hil.monitors.stl import Formula
+from metro_hil.monitors.stl import NEVER_HELD, Formula
 from metro_hil.monitors.terms import TermState
 from metro_hil.monitors.vocabulary import BOOLEANS, NAMES
 from plant_emulator.truth import SIGNALS as TRUTH_SIGNALS
 from plant_emulator.truth import Truth
 
 NS_PER_S: Final = 1_000_000_000
-NOT_EXERCISED: Final = "not exercised"
-"""Begins the detail of a monitor whose premise never held: it passes and is no evidence."""
 AROUND_NS: Final = NS_PER_S
 TRUTH_NAMES: Final = frozenset(TRUTH_SIGNALS)
 TINY: Final = 1.0e-300
@@ -211,8 +209,7 @@ class MonitorSet:
 
     def _of_gauge(self, plan: MonitorPlan, gauge: Gauge) -> MonitorResult:
         if gauge.at_ns == NEVER_NS:
-            verdict = Verdict.INCONCLUSIVE if plan.asked else Verdict.PASS
-            return _result(plan, verdict, None, None, _join_words(NEVER_HELD, gauge.note))
+            return _result(plan, Verdict.VACUOUS, None, None, _join_words(NEVER_HELD, gauge.note))
         verdict = Verdict.PASS if gauge.least >= 0.0 else Verdict.FAIL
         first = ""
         if gauge.first_ns not in (NEVER_NS, gauge.at_ns):
@@ -234,15 +231,12 @@ class MonitorSet:
         if formula.state is not TermState.HOLDS:
             detail = "the run was over before it could be told"
             return _result(plan, Verdict.INCONCLUSIVE, margin, at_s, detail)
-        if not formula.exercised:
-            return _result(plan, Verdict.PASS, margin, at_s, NEVER_HELD)
+        if formula.vacuous:
+            return _result(plan, Verdict.VACUOUS, None, None, formula.vacuous)
         return _result(plan, Verdict.PASS, margin, at_s, "")
 
     def _seconds(self, at_ns: int) -> float:
         return (at_ns - self._context.start_ns) / NS_PER_S
-
-
-NEVER_HELD: Final = f"{NOT_EXERCISED}: its premise never held"
 
 
 def _of_measure(plan: MonitorPlan, value: float | None) -> MonitorResult:
@@ -269,6 +263,8 @@ def _result(
         at_s=at_s,
         detail=detail,
         requirements=plan.requirements,
+        asked=plan.asked,
+        own=plan.own,
     )
 
 

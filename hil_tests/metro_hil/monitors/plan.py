@@ -1,13 +1,16 @@
 """A monitor as a scenario has it, and how it is read: an invariant, a formula, or a measure."""
 
+import math
 import re
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Any, Final
 
 from firmware_py.settings import SettingsError, nearest
+from metro_hil.model.case import Case
 from metro_hil.monitors.catalogue import INVARIANTS, WATCHED, Invariant
+from metro_hil.monitors.constant import refuse_constant
 from metro_hil.monitors.reading import FormulaError
 from metro_hil.monitors.stl import Formula
 from metro_hil.monitors.vocabulary import BOOLEANS, NAMES
@@ -46,7 +49,9 @@ class MonitorPlan:
     """Least and greatest value of a measure, both allowed."""
     severity: Severity = Severity.STOP
     asked: bool = True
-    """By name. An invariant that only belongs to `all` passes if its premise never held."""
+    """The file asks for it by name. An invariant of `all` may see nothing."""
+    own: bool = True
+    """It stands under `[[monitor]]` or in a list of invariants by name."""
 
 
 COMMON: Final = ("name", "unit", "requirements", "severity")
@@ -55,6 +60,19 @@ KEYS: Final = {
     MonitorKind.STL: ("stl", *COMMON),
     MonitorKind.MEASURE: ("measure", "min", "max", *COMMON),
 }
+
+
+ALL: Final = "all"
+"""Every invariant that is watched."""
+
+
+def plans_of(case: Case) -> tuple[MonitorPlan, ...]:
+    """The monitors of a case. One that is expected to fail never ends the run."""
+    expected = {each.monitor for each in case.expected}
+    return tuple(
+        replace(plan, severity=Severity.CONTINUE) if plan.name in expected else plan
+        for plan in read_monitors(case.monitors, case.id, case.invariants)
+    )
 
 
 def read_monitors(
@@ -68,7 +86,8 @@ def read_monitors(
     Args:
         source: named in errors.
         invariants: `all`, `none`, or names and numbers of some.
-        measures: names to check against, `*` for any part of one; None checks nothing.
+        measures: names to check against, `*` for any part of one. None checks neither names nor
+            whether a run can decide what a monitor asks.
 
     Raises:
         SettingsError: with source, key, value and the nearest that would be right.
@@ -76,6 +95,9 @@ def read_monitors(
     plans = list(_standing(invariants, source))
     for index, table in enumerate(tables):
         where = f"{source}: monitor[{index}]" if source else f"monitor[{index}]"
+        if table.get("invariant") == ALL:
+            plans = _owned(plans, table, where)
+            continue
         for plan in _read(table, where, measures):
             if plan.kind is MonitorKind.INVARIANT:
                 # One that is asked for by name takes the place of the one of `all`.
@@ -86,9 +108,31 @@ def read_monitors(
     return tuple(plans)
 
 
+def _owned(plans: Sequence[MonitorPlan], table: Mapping[str, Any], where: str) -> list[MonitorPlan]:
+    """All invariants that the scenario watches, as its own: they answer for what it names."""
+    _refuse_unknown(table, ("invariant", "requirements", "severity"), where)
+    added, severity = _requirements(table, where), _severity(table, where)
+    made = [
+        replace(plan, own=True, requirements=(*plan.requirements, *added), severity=severity)
+        if plan.kind is MonitorKind.INVARIANT
+        else plan
+        for plan in plans
+    ]
+    if not any(plan.kind is MonitorKind.INVARIANT for plan in made):
+        raise SettingsError(f"{where}.invariant: 'all': invariants is 'none', so there is none")
+    return made
+
+
+def _refuse_unknown(table: Mapping[str, Any], known: Sequence[str], where: str) -> None:
+    for key in table:
+        if key not in known:
+            hint = nearest(key, list(known), "key")
+            raise SettingsError(f"{where}.{key}: unknown key; {hint}")
+
+
 def _standing(invariants: object, source: str) -> Sequence[MonitorPlan]:
-    if invariants == "all":
-        return [_of_invariant(each, asked=False) for each in WATCHED]
+    if invariants == ALL:
+        return [replace(_of_invariant(each), asked=False, own=False) for each in WATCHED]
     if invariants == "none":
         return []
     where = f"{source}: invariants" if source else "invariants"
@@ -99,18 +143,17 @@ def _standing(invariants: object, source: str) -> Sequence[MonitorPlan]:
     found: dict[str, MonitorPlan] = {}
     for wanted in invariants:
         for each in _invariants(wanted, where):
-            found[each.name] = _of_invariant(each, asked=True)
+            found[each.name] = _of_invariant(each)
     return list(found.values())
 
 
-def _of_invariant(each: Invariant, *, asked: bool) -> MonitorPlan:
+def _of_invariant(each: Invariant) -> MonitorPlan:
     return MonitorPlan(
         name=each.name,
         kind=MonitorKind.INVARIANT,
         text=each.name,
         unit=each.unit,
         requirements=(each.requirement,),
-        asked=asked,
     )
 
 
@@ -150,14 +193,11 @@ def _read(
         known = [*(kind.value for kind in MonitorKind)]
         raise SettingsError(f"{where}: wants one of {', '.join(known)}; {stands}")
     kind = kinds[0]
-    for key in table:
-        if key not in KEYS[kind]:
-            hint = nearest(key, list(KEYS[kind]), "key")
-            raise SettingsError(f"{where}.{key}: unknown key; {hint}")
+    _refuse_unknown(table, KEYS[kind], where)
     if kind is MonitorKind.INVARIANT:
         return _read_invariant(table, where)
     if kind is MonitorKind.STL:
-        return [_read_formula(table, where)]
+        return [_read_formula(table, where, decidable=measures is not None)]
     return [_read_measure(table, where, measures)]
 
 
@@ -179,10 +219,13 @@ def _read_invariant(table: Mapping[str, Any], where: str) -> Sequence[MonitorPla
     ]
 
 
-def _read_formula(table: Mapping[str, Any], where: str) -> MonitorPlan:
+def _read_formula(table: Mapping[str, Any], where: str, *, decidable: bool) -> MonitorPlan:
+    """`decidable` refuses a formula whose answer does not depend on the run."""
     text = _text(table, "stl", where, "")
     try:
         Formula(text, NAMES, BOOLEANS)
+        if decidable:
+            refuse_constant(text)
     except FormulaError as error:
         raise SettingsError(f"{where}.stl: {error}") from error
     return MonitorPlan(
@@ -208,6 +251,8 @@ def _read_measure(
         raise SettingsError(f"{where}: a measure wants min or max or both")
     if low is not None and high is not None and low > high:
         raise SettingsError(f"{where}.min: {low:g} is over max, {high:g}")
+    if measures is not None:
+        _refuse_limits(measure, low, high, where)
     ends = [f"{low:g} <=" if low is not None else "", f"<= {high:g}" if high is not None else ""]
     return MonitorPlan(
         name=_text(table, "name", where, " ".join([ends[0], measure, ends[1]]).strip()),
@@ -218,6 +263,24 @@ def _read_measure(
         limits=(low, high),
         severity=_severity(table, where),
     )
+
+
+SIGNED: Final = ("front_end_m", "stop_*_error_m")
+"""Measures that may be negative."""
+MOST: Final = {"arrived_count": 1.0, "bus_load_ratio": 1.0}
+"""Greatest value of measures that have one."""
+
+
+def _refuse_limits(measure: str, low: float | None, high: float | None, where: str) -> None:
+    """Raises SettingsError for limits that no run can leave."""
+    least = -math.inf if any(_matches(measure, each) for each in SIGNED) else 0.0
+    most = MOST.get(measure, math.inf)
+    if (low is None or low <= least) and (high is None or high >= most):
+        key, value = ("min", low) if high is None else ("max", high)
+        bound = f"less than {least:g}" if high is None else f"more than {most:g}"
+        raise SettingsError(
+            f"{where}.{key}: {value:g}: {measure} is never {bound}, so that no run can violate it"
+        )
 
 
 def _matches(name: str, pattern: str) -> bool:

@@ -19,6 +19,7 @@ from metro_hil.monitors.formula import (
     Timed,
     TimeInterval,
     Until,
+    witness,
 )
 from metro_hil.monitors.reading import FormulaError, parse
 from metro_hil.monitors.streams import (
@@ -41,12 +42,14 @@ from metro_hil.monitors.terms import MonitorTerm, Several, TermState, UntilWhole
 STATIC_MAX: Final = 900
 """Characters of what is joined into one expression."""
 NS_PER_S: Final = 1_000_000_000
+NEVER_HELD: Final = "its premise never held"
+HELD_AT_ONCE: Final = "it held from the first sample on, so that nothing came about"
 
 
 class Formula:
     """One formula over one run."""
 
-    __slots__ = ("_began", "_first_ns", "_premise", "_term", "broken", "exercised", "names", "text")
+    __slots__ = ("_began", "_first_ns", "_term", "_witness", "broken", "names", "text")
 
     def __init__(self, text: str, signals: Collection[str], booleans: Collection[str] = ()) -> None:
         """Raises FormulaError."""
@@ -54,13 +57,12 @@ class Formula:
         tree = parse(text, signals, booleans)
         builder = _Builder(text, signals)
         self._term: MonitorTerm = builder.term(tree)
-        self._premise: Whole | None = builder.premise(tree)
+        needed = witness(tree)
+        self._witness: MonitorTerm | None = None if needed is None else builder.term(needed)
         self.names: frozenset[str] = frozenset(builder.names)
         """The signals that it reads."""
         self._began = False
         self._first_ns = 0
-        self.exercised = self._premise is None
-        """Whether the premise of its implication ever held; true if it has none."""
         self.broken = ""
         """Why it could not be computed."""
 
@@ -74,21 +76,25 @@ class Formula:
         since_ns = t_ns - self._first_ns
         try:
             self._term.step(t_ns, since_ns, signals)
-            premise = self._premise
-            if premise is not None and premise.state is not TermState.HOLDS:
-                premise.step(t_ns, since_ns, signals)
+            needed = self._witness
+            if needed is not None and needed.state is not TermState.HOLDS:
+                needed.step(t_ns, since_ns, signals)
         except ZeroDivisionError:
             self.broken = f"division by zero at {since_ns / NS_PER_S:g} s"
         return self._term.state is TermState.VIOLATED
 
     def finish(self, cut_short: bool = False) -> None:
         """No sample comes any more; `cut_short` says that the run would have gone on."""
-        term, premise = self._term, self._premise
-        term.finish(cut_short)
-        if premise is not None and premise.state is TermState.HOLDS:
-            # What it asks for must have been judged, too, not only asked for.
-            assert isinstance(term, Whole)
-            self.exercised = premise.at_ns <= term.judged_ns
+        self._term.finish(cut_short)
+        if self._witness is not None:
+            self._witness.finish(cut_short)
+
+    @property
+    def vacuous(self) -> str:
+        """Why a formula that holds says nothing of the run; empty when it says something."""
+        if self._witness is not None and self._witness.state is not TermState.HOLDS:
+            return NEVER_HELD
+        return HELD_AT_ONCE if self._term.trivial else ""
 
     @property
     def state(self) -> TermState:
@@ -129,15 +135,6 @@ class _Builder:
             "this would be looked at in the first sample only; "
             "put it into always(…), eventually(…) or until",
         )
-
-    def premise(self, node: Node) -> Whole | None:
-        """Whether `always(premise -> …)` ever asked for anything."""
-        if not isinstance(node, Timed) or node.lasting is not Lasting.ALWAYS:
-            return None
-        body = node.body
-        if not isinstance(body, Either) or body.premise is None:
-            return None
-        return Whole(self.stream(body.premise), node.interval, greatest=True)
 
     def stream(self, node: Node) -> InstantStream | Later:
         """What may stand inside."""

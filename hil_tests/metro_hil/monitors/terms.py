@@ -20,10 +20,12 @@ class TermState(IntEnum):
 class MonitorTerm:
     """One `always`, `eventually` or `until` at the top, or several joined."""
 
-    __slots__ = ("at_ns", "margin", "state")
+    __slots__ = ("at_ns", "came_about", "margin", "state")
 
     def __init__(self) -> None:
         self.state = TermState.OPEN
+        self.came_about = True
+        """False while what has to come about at some time was true in every sample so far."""
         self.margin = math.inf
         """Of the samples that were judged; infinite when there was none."""
         self.at_ns = 0
@@ -36,6 +38,11 @@ class MonitorTerm:
     def finish(self, cut_short: bool) -> None:
         """No sample comes any more; `cut_short` says that the run would have gone on."""
         raise AssertionError
+
+    @property
+    def trivial(self) -> bool:
+        """It holds, and only by what was true from the first sample on."""
+        return self.state is TermState.HOLDS and not self.came_about
 
 
 class Whole(MonitorTerm):
@@ -61,6 +68,7 @@ class Whole(MonitorTerm):
         self._begin_ns = interval.begin_ns
         self._end_ns = NO_END if interval.end_ns is None else interval.end_ns
         self._sign = -1.0 if greatest else 1.0
+        self.came_about = not greatest
         self._least = math.inf
         self._closed = False
         self.judged_ns = -1
@@ -81,6 +89,8 @@ class Whole(MonitorTerm):
     def _take(self, at_ns: int, since_ns: int, value: float) -> None:
         if self._closed:
             return
+        if not self.came_about and self.state is TermState.OPEN and not value >= 0.0:
+            self.came_about = True
         if self._begin_ns > 0 and since_ns < self._begin_ns:
             return
         if self._end_ns != NO_END and since_ns >= self._end_ns:
@@ -130,6 +140,7 @@ class UntilWhole(MonitorTerm):
         self._begin_ns = interval.begin_ns
         self._end_ns = NO_END if interval.end_ns is None else interval.end_ns
         self._sign = -1.0 if released else 1.0
+        self.came_about = released
         self._best, self._least = -math.inf, math.inf
         self._closed = False
 
@@ -148,6 +159,8 @@ class UntilWhole(MonitorTerm):
         if self._end_ns != NO_END and since_ns > self._end_ns:
             self._close()
             return
+        if self.state is TermState.OPEN and not met >= 0.0:
+            self.came_about = True
         if since_ns >= self._begin_ns:
             value = min(met, self._least)
             if value > self._best:
@@ -201,6 +214,11 @@ class Several(MonitorTerm):
         for part in self._parts:
             part.finish(cut_short)
         self._join()
+
+    @property
+    def trivial(self) -> bool:
+        held = [part.trivial for part in self._parts if part.state is TermState.HOLDS]
+        return self.state is TermState.HOLDS and (all(held) if self._any else any(held))
 
     def _join(self) -> None:
         decisive, other = TermState.VIOLATED, TermState.HOLDS

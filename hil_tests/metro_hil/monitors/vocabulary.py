@@ -1,6 +1,7 @@
 """The signals of user expressions: name, unit, meaning, and where each comes from."""
 
 import enum
+import math
 from dataclasses import dataclass
 from typing import Final
 
@@ -138,3 +139,17 @@ SIGNALS: Final[tuple[Signal, ...]] = tuple(
 )
 NAMES: Final[tuple[str, ...]] = tuple(signal.name for signal in SIGNALS)
 BOOLEANS: Final[frozenset[str]] = frozenset(signal.name for signal in SIGNALS if signal.boolean)
+_STATES: Final = {
+    "supervision": (0.0, 4.0),
+    "ato_phase": (0.0, 10.0),
+    "mode": (0.0, 5.0),
+    "direction": (-1.0, 1.0),
+}
+_NEVER_NEGATIVE: Final = ("t_s", "tags_read", "uncertainty_m", "cycle_slips", "jog_attempts")
+RANGES: Final[dict[str, tuple[float, float]]] = {
+    **{name: (0.0, math.inf) for name in NAMES if name.endswith("_age_s")},
+    **dict.fromkeys(_NEVER_NEGATIVE, (0.0, math.inf)),
+    **dict.fromkeys(sorted(BOOLEANS), (0.0, 1.0)),
+    **_STATES,
+}
+"""Least and greatest value of signals that have one."""

@@ -3,7 +3,7 @@
 import select
 import signal
 import socket
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Final
 
 from can_dbc.vobc import AtoPhase
@@ -294,6 +294,11 @@ class Conduct:
             pending=self.faults.pending,
             truth_known=self._stage.parts.plant,
         )
+
+    @property
+    def touched(self) -> Mapping[int, int]:
+        """By index of each fault of the controller's process: how often it was held up for it."""
+        return {} if self._process_faults is None else self._process_faults.touched
 
     @property
     def died_s(self) -> float:

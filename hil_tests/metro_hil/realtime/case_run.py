@@ -11,15 +11,15 @@ from firmware_py.buses import BusError
 from firmware_py.clock.clock import Clock, WallClock
 from firmware_py.settings import SettingsError
 from firmware_py.storage.recorder import RecorderError
-from metro_hil.model.case import Case, CaseResult, Host, MonitorResult, Verdict
+from metro_hil.model.case import Case, CaseResult, FaultResult, Host, MonitorResult, Verdict
 from metro_hil.model.case_setup import NO_FILES, CaseParts, Files, parts_of
 from metro_hil.model.run_folder import RunFolder
-from metro_hil.model.verdict import judge
-from metro_hil.monitors import MonitorSet, read_monitors
+from metro_hil.model.verdict import Judgement, Shown, judge
+from metro_hil.monitors import MonitorSet, plans_of
 from metro_hil.realtime.attribution import HANG_S, NO_EXCUSE_S, Failure, HostEvidence, rule
 from metro_hil.realtime.case_loop import Conduct
 from metro_hil.realtime.ends import VIOLATION
-from metro_hil.realtime.evidence import collect_evidence
+from metro_hil.realtime.evidence import collect_evidence, touched_counts
 from metro_hil.realtime.host import HostRecord, at_priority
 from metro_hil.realtime.measures import lateness_us_p99, realtime_measures
 from metro_hil.realtime.setup import PreparedCase, set_stage
@@ -83,7 +83,7 @@ class _Run:
         if case.branch is not None:
             raise Blocked("branch: a run in real time cannot be gone on with from a copy")
         self._case, self._made, self._folder = case, made, folder
-        self._plans = read_monitors(case.monitors, case.id, case.invariants)
+        self._plans = plans_of(case)
         with ExitStack() as stack:
             self._host = HostRecord(folder.host_log)
             stack.callback(self._host.close)
@@ -104,7 +104,9 @@ class _Run:
         truth_known = self._stage.parts.plant
         measures = realtime_measures(self._folder, self._made, conduct, truth_known=truth_known)
         monitors = with_unjudged(self._plans, self._monitors.results(measures))
-        verdict, reason = self._judged(monitors)
+        faults = conduct.faults.results({**touched_counts(self._folder), **conduct.touched})
+        judgement = self._judged(monitors, faults)
+        verdict, reason = judgement.verdict, judgement.reason
         evidence = self._evidence()
         ruling = rule(verdict, self._failures(monitors), evidence)
         if ruling.verdict is not verdict:
@@ -114,26 +116,32 @@ class _Run:
             index=case.index,
             verdict=ruling.verdict,
             reason=reason,
+            lacking=judgement.lacking,
+            died=conduct.pulse.died,
             exit_reason=conduct.reason,
             sim_s=conduct.motion.t_s,
             frames=conduct.hearing.chain.frames,
             chain=conduct.hearing.chain.value,
             monitors=tuple(monitors),
+            faults=faults,
             measures=measures,
             events=tuple(conduct.events),
             host=Host(steal_s=self._host.steal_s, lateness_us_p99=lateness_us_p99(self._folder)),
         )
 
-    def _judged(self, monitors: tuple[MonitorResult, ...]) -> tuple[Verdict, str]:
+    def _judged(
+        self, monitors: tuple[MonitorResult, ...], faults: tuple[FaultResult, ...]
+    ) -> Judgement:
         conduct = self._conduct
-        violated = conduct.reason == VIOLATION
-        never = [f"fault {plan.kind.name}" for plan in conduct.faults.never_began]
         return judge(
-            monitors,
-            died=conduct.pulse.died,
-            never_began=() if violated else never,
-            moved_m=conduct.motion.moved_m,
-            violated=violated,
+            self._case,
+            Shown(
+                monitors=monitors,
+                faults=faults,
+                died=conduct.pulse.died,
+                moved_m=conduct.motion.moved_m,
+                violated=conduct.reason == VIOLATION,
+            ),
         )
 
     def _failures(self, monitors: tuple[MonitorResult, ...]) -> list[Failure]:

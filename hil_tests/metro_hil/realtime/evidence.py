@@ -101,6 +101,18 @@ def lost_steps(folder: RunFolder) -> int:
     return int(told.get("lost_steps", 0))
 
 
+def touched_counts(folder: RunFolder) -> dict[int, int]:
+    """By index of the fault: what plant and gateway say that it changed."""
+    found: dict[int, int] = {}
+    for name in ("plant.json", "gateway.json"):
+        try:
+            told = json.loads((folder.path / name).read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            continue
+        found |= {int(index): count for index, count in told.get("touched", {}).items()}
+    return found
+
+
 def _read(path: Path) -> Columns | None:
     try:
         return read_columns(path)

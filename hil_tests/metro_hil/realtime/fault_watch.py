@@ -1,7 +1,8 @@
 """Which faults of a case have begun, act and may still change."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
+from metro_hil.model.case import FaultResult
 from plant_emulator.faults.plan import FaultPlan
 
 
@@ -23,9 +24,16 @@ class FaultWatch:
         else:
             self._active.discard(plan.index)
 
-    @property
-    def never_began(self) -> tuple[FaultPlan, ...]:
-        return tuple(plan for index, plan in self._plans.items() if index not in self._begun)
+    def results(self, touched: Mapping[int, int]) -> tuple[FaultResult, ...]:
+        """What each fault did.
+
+        Args:
+            touched: by index, from the devices that counted; what no device counted is not known.
+        """
+        return tuple(
+            FaultResult(kind=plan.kind.name, began=index in self._begun, touched=touched.get(index))
+            for index, plan in self._plans.items()
+        )
 
     @property
     def pending(self) -> bool:

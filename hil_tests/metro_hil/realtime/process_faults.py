@@ -7,6 +7,7 @@ cannot be set from outside (a time namespace is fixed before its first process),
 refused.
 """
 
+from collections import Counter
 from collections.abc import Sequence
 from typing import Final, Protocol
 
@@ -71,6 +72,8 @@ class ProcessFaults:
         self._touched_ns: int | None = None
         self.started_ns: int | None = None
         """When it was last started again."""
+        self.touched: Counter[int] = Counter()
+        """By index of the fault: how often the process was ended or held up for it."""
         self.for_good = False
         """It was killed by a fault without an end."""
 
@@ -99,6 +102,8 @@ class ProcessFaults:
         if plan.kind.place is not FaultPlace.PROCESS:
             return
         self._touched_ns = now_ns
+        if active and isinstance(parameters, ControllerKilled | ControllerPaused):
+            self.touched[index] += self._controller.there
         if isinstance(parameters, ControllerKilled):
             _mark(self._killers, index, active)
             self.for_good = self.for_good or (active and _endless(plan))
@@ -116,6 +121,7 @@ class ProcessFaults:
         """The controller has just sent what a cycle decided."""
         if self._slowers and self._resume_ns is None and not self._killers:
             self._controller.pause()
+            self.touched.update(index for index, extra_s in self._slowers.items() if extra_s > 0.0)
             self._resume_ns = now_ns + round(sum(self._slowers.values()) * NS_PER_S)
 
     def poll(self, now_ns: int) -> None:

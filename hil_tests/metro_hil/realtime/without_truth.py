@@ -38,4 +38,6 @@ def _unjudged(plan: MonitorPlan) -> MonitorResult:
         unit=plan.unit,
         detail=DETAIL,
         requirements=plan.requirements,
+        asked=plan.asked,
+        own=plan.own,
     )

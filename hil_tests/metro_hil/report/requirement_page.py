@@ -6,7 +6,7 @@ from typing import Final
 import msgspec
 
 from metro_hil.campaign.scenarios import Named
-from metro_hil.model.case import Case, CaseResult, as_expected
+from metro_hil.model.case import Case, CaseResult, Verdict, as_expected
 from metro_hil.model.requirements import Requirement
 
 RESULTS: Final = "scenario_results.json"
@@ -20,13 +20,13 @@ class ScenarioOutcome(msgspec.Struct, frozen=True):
     cases: int
     as_expected: int
     expected: str
-    """The verdict that it is marked with; `fail` is something that is known not to be met."""
+    """`pass`, or `fail` for a scenario that shows what is known not to be met."""
 
     @property
     def words(self) -> str:
         if self.as_expected < self.cases:
             return f"FAILED, {self.as_expected} of {self.cases} as expected"
-        return "passed" if self.expected == "pass" else f"known to {self.expected}"
+        return "passed" if self.expected == Verdict.PASS.value else "known not met"
 
 
 def outcomes(cases: Sequence[Case], results: Sequence[CaseResult]) -> dict[str, ScenarioOutcome]:
@@ -34,11 +34,12 @@ def outcomes(cases: Sequence[Case], results: Sequence[CaseResult]) -> dict[str, 
     by_id = {result.case_id: result for result in results}
     found: dict[str, ScenarioOutcome] = {}
     for case in cases:
-        before = found.get(case.scenario, ScenarioOutcome(0, 0, case.expected.value))
+        expected = (Verdict.FAIL if case.expected else Verdict.PASS).value
+        before = found.get(case.scenario, ScenarioOutcome(0, 0, expected))
         result = by_id.get(case.id)
         good = result is not None and as_expected(case, result)
         found[case.scenario] = ScenarioOutcome(
-            before.cases + 1, before.as_expected + good, case.expected.value
+            before.cases + 1, before.as_expected + good, expected
         )
     return found
 

@@ -14,7 +14,7 @@ import msgspec
 from firmware_py.clock.clock import WallClock
 from firmware_py.clock.realtime import die_with_parent
 from firmware_py.settings import SettingsError
-from metro_hil.model.case import Case, CaseResult, ControllerSpec, Verdict
+from metro_hil.model.case import Case, CaseResult, ControllerSpec
 from metro_hil.model.case_setup import NO_FILES, Files, parts_of
 from metro_hil.run.case import CaseRun, hearing_of, run_alone
 from plant_emulator.faults.plan import read_faults
@@ -43,7 +43,6 @@ def group_key(case: Case) -> bytes | None:
         faults=(),
         factors={},
         requirements=(),
-        expected=Verdict.PASS,
     )
     hearing = hearing_of(plans)
     return msgspec.json.encode((shared, hearing), order="deterministic")

@@ -13,13 +13,21 @@ from metro_hil.external_controller import ControllerDiedError
 from metro_hil.metrics.case import MemoryLog, motion_measures
 from metro_hil.metrics.comfort import CommandLog, inertia_of
 from metro_hil.metrics.notches import NotchLog
-from metro_hil.model.case import Case, CaseEvent, CaseResult, ControllerSpec, Host, Verdict
+from metro_hil.model.case import (
+    Case,
+    CaseEvent,
+    CaseResult,
+    ControllerSpec,
+    FaultResult,
+    Host,
+    Verdict,
+)
 from metro_hil.model.case_setup import NO_FILES, CaseParts, Files, parts_of
 from metro_hil.model.end_condition import ARRIVED
 from metro_hil.model.frame_hash import FrameHash
 from metro_hil.model.run_folder import RunFolder
-from metro_hil.model.verdict import judge
-from metro_hil.monitors import Context, MonitorSet, read_monitors
+from metro_hil.model.verdict import Shown, judge
+from metro_hil.monitors import Context, MonitorSet, plans_of
 from metro_hil.run.lockstep import Lockstep, Taps
 from plant_emulator.faults.declared_process import ClockStep
 from plant_emulator.faults.kinds import BENCH_PLACES, FaultPlace
@@ -95,7 +103,7 @@ class CaseRun:
         own_port, input_age_s = hearing_of(parts.faults, places)
         places |= {plan.kind.place for plan in parts.faults}
         self._monitors = MonitorSet(
-            read_monitors(case.monitors, case.id, case.invariants),
+            plans_of(case),
             Context(
                 line=parts.scenario.line,
                 train=parts.scenario.train,
@@ -277,31 +285,46 @@ class CaseRun:
         case, bench = self.case, self.bench
         measures = self._measures()
         monitors = self._monitors.results(measures)
-        never = [f"fault {plan.kind.name}" for plan in bench.plant.schedule.never_began]
-        if self._branch is not None and not self._branched:
-            never.append("the branch")
-        violated = self._reason == VIOLATION
-        verdict, reason = judge(
-            monitors,
-            died=self._died,
-            never_began=() if violated else never,
-            moved_m=self._moved_m,
-            violated=violated,
-            idle_counts=case.idle_counts,
+        faults = self._faults()
+        judgement = judge(
+            case,
+            Shown(
+                monitors=monitors,
+                faults=faults,
+                died=self._died,
+                branched=self._branch is None or self._branched,
+                moved_m=self._moved_m,
+                violated=self._reason == VIOLATION,
+            ),
         )
         return CaseResult(
             case_id=case.id,
             index=case.index,
-            verdict=verdict,
-            reason=reason,
+            verdict=judgement.verdict,
+            reason=judgement.reason,
+            lacking=judgement.lacking,
+            died=self._died,
             exit_reason=self._reason,
             sim_s=bench.clock.now_ns() / NS_PER_S,
             frames=self._chain.frames,
             chain=self._chain.value,
             monitors=monitors,
+            faults=faults,
             measures=measures,
             events=self._story(),
             host=self._host(began_ns),
+        )
+
+    def _faults(self) -> tuple[FaultResult, ...]:
+        schedule, touched = self.bench.plant.schedule, self.bench.touched
+        idle = {plan.index for plan in schedule.never_began}
+        return tuple(
+            FaultResult(
+                kind=plan.kind.name,
+                began=plan.index not in idle,
+                touched=touched[plan.index],
+            )
+            for plan in schedule.plans
         )
 
     def _host(self, began_ns: int | None) -> Host:

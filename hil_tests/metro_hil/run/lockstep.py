@@ -1,5 +1,6 @@
 """Controller and plant in one process in virtual time: same code, same frames, no waiting."""
 
+from collections import Counter
 from collections.abc import Callable, Collection, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -218,6 +219,17 @@ class Lockstep:
     def bus_story(self) -> Sequence[tuple[int, str]]:
         """What the faults of the bus did, each with its instant."""
         return () if self._bus_faults is None else self._bus_faults.story()
+
+    @property
+    def touched(self) -> Counter[int]:
+        """By index of the fault: how many frames, telegrams, messages, cycles or values it changed
+        so far; a fault that never began is not there."""
+        found = self.plant.touched
+        if self._bus_faults is not None:
+            found.update(self._bus_faults.touched)
+        if isinstance(self.vobc, ControllerProcess):
+            found.update(self.vobc.touched)
+        return found
 
     def without_controller(self) -> None:
         """From now on nobody controls: its process has died."""

@@ -55,6 +55,7 @@ def row_of(folder: Any) -> dict[str, Any]:
         "state": state,
         "cases": totals.cases,
         "done": totals.done,
+        "subset": manifest.subset or None,
         "counts": {name: count for name, count in totals.counts.items() if count},
     }
 
@@ -80,7 +81,7 @@ def _print(rows: list[dict[str, Any]]) -> None:
         state, style = row["state"], styles.get(row["state"], "magenta")
         table.add_row(
             escape(row["name"]),
-            f"[{style}]{state}[/]",
+            f"[{style}]{state}[/]" + (f" (subset: {row['subset']})" if row.get("subset") else ""),
             f"{row.get('done', '?')} of {row.get('cases', '?')}",
             escape(row.get("problem") or counts),
         )

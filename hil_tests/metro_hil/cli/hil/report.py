@@ -50,24 +50,26 @@ def run(options: argparse.Namespace) -> int:
             "folder": str(folder.path),
             "reports": [str(path) for path in paths],
             "passed": ledger.good,
+            "subset": info.subset or None,
             "cases": ledger.expected_cases,
             "as_expected": ledger.as_expected,
             "done": ledger.expected_cases - ledger.missing,
         }
         print(msgspec.json.encode(document).decode())
     else:
-        _say(paths, ledger)
+        _say(paths, ledger, info.subset)
         _show_layout(info.layout, ledger)
     if options.open:
         _open(paths[0])
     return EXIT_OK if ledger.good else EXIT_FAILED
 
 
-def _say(paths: list[Path], ledger: "Ledger") -> None:
+def _say(paths: list[Path], ledger: "Ledger", subset: str) -> None:
     for path in paths:
         print(path)
     words = f"{ledger.as_expected} of {ledger.expected_cases} cases as expected"
-    print(f"{words}, {ledger.missing} without a result" if ledger.missing else words)
+    words += f", {ledger.missing} without a result" if ledger.missing else ""
+    print(f"{words} (subset: {subset})" if subset else words)
 
 
 def _show_layout(name: str | None, ledger: "Ledger") -> None:

@@ -29,6 +29,7 @@ def run(options: argparse.Namespace) -> int:
     """Raises UsageError for a folder that is no campaign's."""
     from firmware_py.whole_file import write_whole
     from metro_hil.campaign.scenarios import shipped_scenarios
+    from metro_hil.engine.errors import UsageError
     from metro_hil.engine.folder import find_folder
     from metro_hil.engine.journal import read_journal, refuse_damage
     from metro_hil.model.requirements import shipped_requirements
@@ -44,6 +45,10 @@ def run(options: argparse.Namespace) -> int:
     found = read_outcomes(kept.read_text(encoding="utf-8")) if kept.is_file() else {}
     for name in options.runs:
         folder = find_folder(name)
+        if subset := folder.manifest().subset:
+            raise UsageError(
+                f"--run {name}: only {subset} of its campaign were run; run all of them"
+            )
         journal = read_journal(folder.journal_path)
         refuse_damage(folder.journal_path, journal)
         found |= outcomes(folder.cases(), journal.results)

@@ -50,6 +50,11 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     )
     parser.add_argument("--limit", type=number(1), metavar="N", help="only the first N cases")
     parser.add_argument(
+        "--complete",
+        action="store_true",
+        help="refuse to run less than the whole campaign; for continuous integration",
+    )
+    parser.add_argument(
         "--out", metavar="DIR", help="default: a folder by date and name below runs/hil"
     )
     add_work_options(parser)
@@ -102,8 +107,9 @@ def plan_of(options: argparse.Namespace) -> "CampaignPlan":
     from metro_hil.campaign import plan_cases
     from metro_hil.campaign.scenarios import read_named
     from metro_hil.engine.choosing import choose
+    from metro_hil.engine.errors import UsageError
     from metro_hil.engine.folder import CampaignPlan
-    from metro_hil.model.case import WireNames
+    from metro_hil.model.case import WireNames, subset_text
 
     campaign = read_named(options.campaign, options.seed)
     refuse_unknown_layout(options.campaign, campaign.layout)
@@ -123,12 +129,20 @@ def plan_of(options: argparse.Namespace) -> "CampaignPlan":
         ),
     )
     check_on(options.on, [case.bench.value for case in cases])
+    whole = campaign if options.seed is None else read_named(options.campaign)
+    planned = sum(scenario.case_count for scenario in whole.scenarios)
+    if options.complete and len(cases) < planned:
+        raise UsageError(
+            f"--complete: {subset_text(len(cases), planned)} are chosen; leave out --filter, "
+            "--limit and --seed"
+        )
     return CampaignPlan(
         name=campaign.name,
         title=campaign.title,
         description=campaign.description,
         layout=campaign.layout,
         cases=cases,
+        planned_cases=planned,
         files=campaign.files,
         options=kept_options(options),
     )

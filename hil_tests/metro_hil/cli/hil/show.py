@@ -56,6 +56,7 @@ def run(options: argparse.Namespace) -> int:
     if options.json:
         document = {
             "folder": str(folder.path),
+            "subset": folder.manifest().subset or None,
             **msgspec.to_builtins(totals),
             "results": list(by_id.values()),
         }
@@ -106,7 +107,7 @@ def _show_campaign(
     console.print(_verdicts(cases, by_id))
     unexpected = _unexpected(cases, by_id, set(totals.unexpected))
     ledger = join(cases, list(by_id.values()), expected_cases=totals.cases)
-    for table in (unexpected, _worst(ledger), _requirements(ledger)):
+    for table in (unexpected, _worst(ledger), _requirements(ledger, subset=bool(manifest.subset))):
         if table is not None:
             console.print(table)
     print_layout(console, manifest.layout, cases, list(by_id.values()))
@@ -117,6 +118,7 @@ def _show_campaign(
         words += f"; hil resume {folder.path}"
         console.print(words, style="magenta", markup=False, highlight=False, soft_wrap=True)
     state = "passed" if totals.passed else "FAILED"
+    state += f" (subset: {manifest.subset})" if manifest.subset else ""
     console.print(state, style="green" if totals.passed else "bold red")
 
 
@@ -166,6 +168,8 @@ def _unexpected(cases: "Sequence[Case]", by_id: "dict[str, CaseResult]", names: 
     from rich.markup import escape
     from rich.table import Table
 
+    from metro_hil.model.case import expected_text, mismatch
+
     if not names:
         return None
     table = Table(title="not as expected", title_justify="left")
@@ -174,14 +178,15 @@ def _unexpected(cases: "Sequence[Case]", by_id: "dict[str, CaseResult]", names: 
     found = [case for case in cases if case.id in names]
     for case in found[:UNEXPECTED_SHOWN]:
         result = by_id[case.id]
-        words = (result.verdict.value, case.expected.value, escape(result.reason))
+        reason = mismatch(case, result)
+        words = (result.verdict.value, escape(expected_text(case)), escape(reason))
         table.add_row(escape(case.id), *words)
     if (more := len(found) - UNEXPECTED_SHOWN) > 0:
         table.add_row(f"and {more} more", "", "", "report.html has them all")
     return table
 
 
-def _requirements(ledger: "Ledger") -> Any:
+def _requirements(ledger: "Ledger", *, subset: bool) -> Any:
     """As the report has them; None where no case names one."""
     from rich.markup import escape
     from rich.table import Table
@@ -189,15 +194,21 @@ def _requirements(ledger: "Ledger") -> Any:
     from metro_hil.model.requirements import shipped_requirements
     from metro_hil.report.campaign.trace import RequirementEvidence, trace_requirements
 
-    traces = [one for one in trace_requirements(shipped_requirements(), ledger) if one.cases]
+    traces = trace_requirements(shipped_requirements(), ledger, subset=subset)
+    traces = [one for one in traces if one.cases]
     if not traces:
         return None
     table = Table(title="requirements", title_justify="left")
     table.add_column("requirement")
     table.add_column("standing")
-    for column in ("cases", "passed", "failed", "no evidence"):
+    for column in ("cases", "passed", "failed", "known", "no evidence"):
         table.add_column(column, justify="right")
-    shown = (RequirementEvidence.GOOD, RequirementEvidence.BAD, RequirementEvidence.NOTHING)
+    shown = (
+        RequirementEvidence.GOOD,
+        RequirementEvidence.BAD,
+        RequirementEvidence.KNOWN,
+        RequirementEvidence.NOTHING,
+    )
     for trace in traces:
         counts = (trace.cases, *(trace.counts[evidence] for evidence in shown))
         name, standing = escape(trace.requirement.id), trace.standing.value

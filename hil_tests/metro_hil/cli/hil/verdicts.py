@@ -9,8 +9,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from metro_hil.engine.progress import COLOURS, margin_words
-from metro_hil.model.case import Case, CaseResult, MonitorResult, Verdict, as_expected
-from metro_hil.monitors.monitor_set import NOT_EXERCISED
+from metro_hil.model.case import Case, CaseResult, MonitorResult, Verdict, mismatch
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -38,14 +37,12 @@ def tell_scenario(
         return
     console.print(_monitors(told))
     for case, result in told:
-        words = result.verdict.value
-        if not as_expected(case, result):
-            words += f", expected {case.expected.value}"
-        elif case.expected is not Verdict.PASS:
+        words, wrong = result.verdict.value, mismatch(case, result)
+        if case.expected and not wrong:
             words += ", as expected"
         words = f"{words:>12}  {case.id}"
-        if result.reason:
-            words += f"  {result.reason}"
+        if reason := wrong or result.reason:
+            words += f"  {reason}"
         console.print(words, style=COLOURS[result.verdict], markup=False, highlight=False,
                       soft_wrap=True)  # fmt: skip
         if case.id in plots:
@@ -59,7 +56,7 @@ def _monitors(told: Sequence[tuple[Case, CaseResult]]) -> Table:
     idle: set[str] = set()
     for case, result in told:
         for monitor in result.monitors:
-            if monitor.detail.startswith(NOT_EXERCISED):
+            if monitor.verdict is Verdict.VACUOUS and not monitor.asked:
                 idle.add(monitor.name)
             elif monitor.name not in worst or _rank(monitor) < _rank(worst[monitor.name][1]):
                 worst[monitor.name] = case, monitor

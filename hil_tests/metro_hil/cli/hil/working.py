@@ -263,6 +263,7 @@ def info_of(manifest: "Manifest", cases: "Sequence[Case]") -> "CampaignInfo":
         fingerprint=manifest.fingerprint,
         versions={**manifest.versions, "program": manifest.program},
         expected_cases=manifest.cases,
+        planned_cases=manifest.planned_cases,
         layout=manifest.layout,
     )
 
@@ -323,10 +324,11 @@ def say_end(
     say(f"campaign folder: {folder.path}")
     if end.interrupted:
         say(f"stopped; nothing is lost: hil resume {folder.path}", "yellow")
-    elif totals.passed:
-        say("passed: every case is as expected", "green")
     else:
-        say("FAILED", "bold red")
+        subset = folder.manifest().subset
+        stamp = f" (subset: {subset})" if subset else ""
+        state = "passed: every case is as expected" if totals.passed else "FAILED"
+        say(f"{state}{stamp}", "green" if totals.passed else "bold red")
 
 
 def print_layout(
@@ -353,6 +355,7 @@ def end_json(folder: "CampaignFolder", end: "CampaignEnd", reports: "Sequence[Pa
         "folder": str(folder.path),
         "fingerprint": manifest.fingerprint,
         "interrupted": end.interrupted,
+        "subset": manifest.subset or None,
         **msgspec.to_builtins(end.totals),
         "sim_s": sum(result.sim_s for result in end.results),
         "reports": [str(path) for path in reports],

@@ -108,8 +108,10 @@ def _serve(options: argparse.Namespace, faults: Sequence[FaultPlan]) -> int:
             raise BusError(f"{options.a} or {options.b} is gone")
         if options.out is not None:
             struck = {f"{kind} {message}": n for (kind, message), n in sorted(core.done.items())}
-            summary = json.dumps({**forwarding.summary(), "struck": struck}, indent=2)
-            write_whole(Path(options.out) / "gateway.json", summary + "\n")
+            touched = {str(index): count for index, count in sorted(core.touched.items())}
+            counts = {**forwarding.summary(), "struck": struck, "touched": touched}
+            write_whole(Path(options.out) / "gateway.json", json.dumps(counts, indent=2) + "
+")
     return EXIT_OK
 
 

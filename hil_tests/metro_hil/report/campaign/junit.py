@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from typing import Final
 from xml.etree import ElementTree as Tree
 
-from metro_hil.model.case import Verdict
+from metro_hil.model.case import Verdict, expected_text, fault_text
 from metro_hil.report.campaign.info import CampaignInfo
 from metro_hil.report.campaign.ledger import (
     LACKING_RESULT,
@@ -15,20 +15,30 @@ from metro_hil.report.campaign.ledger import (
     factor_text,
     known_margin,
 )
+from metro_hil.report.campaign.trace import RequirementEvidence, evidence_of, requirements_of
 from metro_hil.report.estimates import rounded
 
 NOT_XML: Final = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 """Characters that XML 1.0 cannot hold in any spelling."""
+REQUIREMENT_WORDS: Final = {
+    RequirementEvidence.GOOD: "requirement",
+    RequirementEvidence.BAD: "requirement",
+    RequirementEvidence.KNOWN: "requirement_known_not_met",
+    RequirementEvidence.NOTHING: "",
+}
+"""Name of the property that carries a requirement, by what the case says of it. A test that passes
+because a failure was expected must not be read as a proof."""
 UNLISTED: Final = "cases that the manifest counts"
 
 
 def junit_xml(info: CampaignInfo, ledger: Ledger) -> bytes:
     """The document. Whatever is not as expected is a failure or an error, so CI is never green.
 
-    A fail is a failure; lost, missing, blocked, invalid and inconclusive cases are errors, and so
-    is a pass where another verdict was expected. A fail that was expected passes with a property.
+    A fail is a failure; lost, missing, blocked, invalid, inconclusive and vacuous cases are errors,
+    and so is a pass where a failure was expected. A fail that was expected passes with a property.
     """
-    suites = Tree.Element("testsuites", {"name": _text(info.name)})
+    stamp = f" (subset: {info.subset})" if info.subset else ""
+    suites = Tree.Element("testsuites", {"name": _text(f"{info.name}{stamp}")})
     for scenario, entries in ledger.scenarios().items():
         suites.append(_suite(info, scenario, entries))
     if ledger.unlisted or ledger.stray:
@@ -45,6 +55,7 @@ def _suite(info: CampaignInfo, scenario: str, entries: Sequence[LedgerEntry]) ->
     suite = Tree.Element("testsuite", {"name": _text(scenario)})
     head = [("bench", info.bench), ("controller", info.controller)]
     head += [("fingerprint", info.fingerprint)]
+    head += [("subset", info.subset)] if info.subset else []
     head += [(f"version.{name}", version) for name, version in sorted(info.versions.items())]
     _properties(suite, head)
     for entry in entries:
@@ -93,14 +104,16 @@ def _outcome(entry: LedgerEntry) -> Tree.Element | None:
 
 def _facts(entry: LedgerEntry) -> list[tuple[str, str]]:
     case, result = entry.case, entry.result
-    named = dict.fromkeys(case.requirements)
-    for monitor in entry.monitors():
-        if exercised(monitor):
-            named.update(dict.fromkeys(monitor.requirements))
-    facts = [("requirement", name) for name in named]
-    facts += [("verdict", entry.word), ("expected", case.expected.value), ("seed", str(case.seed))]
-    if entry.as_expected and entry.verdict is not Verdict.PASS:
-        facts.append(("as_expected", f"{entry.word}: {result.reason if result else ''}"))
+    facts = [
+        (word, name)
+        for name in sorted(requirements_of(entry))
+        if (word := REQUIREMENT_WORDS[evidence_of(entry, name)])
+    ]
+    facts += [("verdict", entry.word), ("expected", expected_text(case)), ("seed", str(case.seed))]
+    if entry.as_expected and result is not None and result.reason:
+        facts.append(("as_expected", f"{entry.word}: {result.reason}"))
+    if result is not None:
+        facts += [(f"fault.{each.kind}", fault_text(each)) for each in result.faults]
     facts += [(f"factor.{name}", factor_text(value)) for name, value in case.factors.items()]
     if result is not None:
         facts += [("chain", result.chain), ("frames", str(result.frames))]

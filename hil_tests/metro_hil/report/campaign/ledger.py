@@ -8,16 +8,22 @@ from typing import Any, Final
 
 import msgspec
 
-from metro_hil.model.case import BenchKind, Case, CaseResult, Host, MonitorResult, Verdict
+from metro_hil.model.case import (
+    BenchKind,
+    Case,
+    CaseResult,
+    Host,
+    MonitorResult,
+    Verdict,
+    as_expected,
+    mismatch,
+)
 
-NOT_EXERCISED: Final = "not exercised"
-"""How the detail of a monitor begins that never saw what it judges."""
 LACKING_RESULT: Final = "no result came back"
 MISSING: Final = "missing"
 """Stands beside the verdicts for a case without any result."""
-SHOWS_NOTHING: Final = (Verdict.LOST, Verdict.INVALID)
 WORSE_LATER: Final = (
-    *(Verdict.LOST, Verdict.PASS, Verdict.INCONCLUSIVE),
+    *(Verdict.LOST, Verdict.PASS, Verdict.VACUOUS, Verdict.INCONCLUSIVE),
     *(Verdict.BLOCKED, Verdict.INVALID, Verdict.FAIL),
 )
 CONTRADICTION: Final = "two results of the same case differ: the run is not a function of its case"
@@ -46,26 +52,37 @@ class LedgerEntry:
 
     @property
     def as_expected(self) -> bool:
-        """A missing, lost or invalid case never is, whatever was expected: it shows nothing."""
-        if self.result is None or self.result.verdict in SHOWS_NOTHING:
-            return False
-        return self.result.verdict is self.case.expected
+        """A missing case never is: it shows nothing."""
+        return self.result is not None and as_expected(self.case, self.result)
 
     @property
     def reason(self) -> str:
         if self.result is None:
             return LACKING_RESULT
-        if self.as_expected and self.verdict is not Verdict.PASS:
-            return f"as expected: {self.result.reason}" if self.result.reason else "as expected"
-        if not self.as_expected and not self.result.reason:
-            return f"{self.word} instead of {self.case.expected.value}"
-        return self.result.reason
+        if self.as_expected and self.case.expected:
+            return f"as expected: {self.result.reason}"
+        return mismatch(self.case, self.result) or self.result.reason
 
     def monitors(self) -> tuple[MonitorResult, ...]:
         return () if self.result is None else self.result.monitors
 
     def measures(self) -> Mapping[str, float | None]:
         return {} if self.result is None else self.result.measures
+
+
+@dataclass(frozen=True, slots=True)
+class Remark:
+    """A reason that cases share which are as expected and no plain passes."""
+
+    text: str
+    first_case: str
+    cases: int
+
+    @property
+    def where(self) -> str:
+        return (
+            self.first_case if self.cases == 1 else f"{self.first_case} and {self.cases - 1} more"
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,6 +111,14 @@ class Ledger:
     def good(self) -> bool:
         """Whether all that was asked for came back as expected; nothing asked is not good."""
         return 0 < self.expected_cases == self.as_expected and not self.stray
+
+    def remarks(self) -> list["Remark"]:
+        """Why cases that are as expected are no plain passes; each reason once."""
+        cases: dict[str, list[str]] = {}
+        for entry in self.entries:
+            if entry.as_expected and entry.reason:
+                cases.setdefault(entry.reason, []).append(entry.case.id)
+        return [Remark(text, ids[0], len(ids)) for text, ids in cases.items()]
 
     def counts(self) -> dict[str, int]:
         """By verdict and `missing`, in the verdicts' order; all of them, also if zero."""
@@ -155,7 +180,7 @@ def _badness(result: CaseResult) -> tuple[int, bytes]:
 
 def exercised(result: MonitorResult) -> bool:
     """Whether the monitor saw what it judges, so that its word is evidence."""
-    return not result.detail.startswith(NOT_EXERCISED)
+    return result.verdict is not Verdict.VACUOUS
 
 
 def known_margin(result: MonitorResult) -> float | None:

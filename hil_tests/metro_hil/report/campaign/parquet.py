@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+from metro_hil.model.case import expected_text
 from metro_hil.report.campaign.info import CampaignInfo
 from metro_hil.report.campaign.ledger import (
     Ledger,
@@ -28,7 +29,7 @@ FIXED: Final[tuple[tuple[str, str, str, Callable[[LedgerEntry], Any]], ...]] = (
     ("scenario", "text", "", lambda e: e.case.scenario),
     ("seed", "whole", "", lambda e: e.case.seed),
     ("verdict", "text", "", lambda e: e.word),
-    ("expected", "text", "", lambda e: e.case.expected.value),
+    ("expected", "text", "", lambda e: expected_text(e.case)),
     ("as_expected", "flag", "", lambda e: e.as_expected),
     ("reason", "text", "", lambda e: e.reason),
     ("exit_reason", "text", "", lambda e: e.result.exit_reason if e.result else None),
@@ -66,6 +67,7 @@ def measures_table(info: CampaignInfo, ledger: Ledger) -> "pa.Table":
         "fingerprint": info.fingerprint,
         "written_by": WRITTEN_BY,
         "expected_cases": str(ledger.expected_cases),
+        "subset": info.subset,
     }
     return pa.Table.from_arrays(arrays, schema=pa.schema(fields, metadata=about))
 

@@ -28,8 +28,8 @@ class RequirementRow:
     """Cases that name it."""
     passed: int
     failed: int
-    as_expected: int
-    """Cases that were there to violate it, and did."""
+    known: int
+    """Cases that are there to show a violation, and do."""
     nothing: int
     """Cases that name it and are evidence of nothing."""
     worst: str
@@ -60,7 +60,7 @@ def _row(folder: Path, trace: RequirementTrace) -> RequirementRow:
         run=trace.cases,
         passed=trace.counts[RequirementEvidence.GOOD],
         failed=trace.counts[RequirementEvidence.BAD],
-        as_expected=trace.counts[RequirementEvidence.EXPECTED],
+        known=trace.counts[RequirementEvidence.KNOWN],
         nothing=trace.counts[RequirementEvidence.NOTHING],
         worst=worst,
         worst_case=worst_case,
@@ -77,6 +77,7 @@ def requirements_markdown(
         "",
         f"Campaign {_cell(info.name)}: {ledger.as_expected} of {ledger.expected_cases} cases as "
         f"expected, {ledger.missing} missing.",
+        *_stamp(info),
         "",
         "| requirement | source | text | standing | scenarios | cases | passed | failed "
         "| worst margin | worst case | frames |",
@@ -92,6 +93,9 @@ def requirements_markdown(
         lines.append("| " + " | ".join(_cell(cell) for cell in cells) + " |")
     if not shown:
         lines.append("| none | | | | | | | | | | |")
+    if remarks := ledger.remarks():
+        lines += ["", "## Expected failures, and what may show nothing", ""]
+        lines += [f"- {_cell(each.text)} ({each.where})" for each in remarks]
     lines += ["", "## Open: no evidence in this campaign", ""]
     for row in rows:
         if row.standing is RequirementStanding.OPEN:
@@ -99,8 +103,16 @@ def requirements_markdown(
     return "\n".join(lines) + "\n"
 
 
+def _stamp(info: CampaignInfo) -> list[str]:
+    """What a reader must know before any line of the table."""
+    if not info.subset:
+        return []
+    words = f"Subset: {info.subset}. No requirement counts as met before all of them were run."
+    return ["", f"**{words}**"]
+
+
 def _failed(row: RequirementRow) -> str:
-    return f"{row.failed} (+{row.as_expected} as expected)" if row.as_expected else str(row.failed)
+    return f"{row.failed} (+{row.known} known)" if row.known else str(row.failed)
 
 
 def _cell(text: str) -> str:

@@ -6,7 +6,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from metro_hil.model.case import Verdict
+from metro_hil.model.case import Verdict, expected_text
 from metro_hil.report.campaign.info import CampaignInfo
 from metro_hil.report.campaign.ledger import Ledger, LedgerEntry, known_margin
 from metro_hil.report.campaign.tally import MeasureTally, MonitorOutcome, MonitorTally
@@ -37,6 +37,7 @@ def summary_json(
             "versions": dict(sorted(info.versions.items())),
             "layout": info.layout,
         },
+        "subset": {"cases": info.expected_cases, "of": info.planned_cases} if info.subset else None,
         "passed": ledger.good,
         "confidence": CONFIDENCE_RATIO,
         "totals": totals(ledger),
@@ -129,7 +130,7 @@ def _entry(entry: LedgerEntry) -> dict[str, Any]:
         "index": entry.case.index,
         "scenario": entry.case.scenario,
         "verdict": entry.word,
-        "expected": entry.case.expected.value,
+        "expected": expected_text(entry.case),
         "reason": entry.reason,
     }
 

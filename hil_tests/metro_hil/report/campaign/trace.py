@@ -1,16 +1,17 @@
 """From each requirement to its evidence: scenarios, cases, worst margin, frames of the worst."""
 
 import enum
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Final
 
 from metro_hil.model.case import MonitorResult, Verdict
 from metro_hil.model.requirements import Requirement
+from metro_hil.model.verdict import judges
 from metro_hil.report.campaign.ledger import Ledger, LedgerEntry, exercised, known_margin
 
 UNKNOWN_SOURCE: Final = "not in the catalogue"
-SAYS_SOMETHING: Final = (Verdict.PASS, Verdict.FAIL, Verdict.INCONCLUSIVE)
+SAYS_SOMETHING: Final = (Verdict.PASS, Verdict.FAIL)
 """Cases with another verdict are evidence of nothing."""
 
 
@@ -18,10 +19,14 @@ class RequirementStanding(enum.Enum):
     """Where a requirement stands after this campaign."""
 
     MET = "met"
-    """There is evidence and all of it is good."""
+    """Every case that names it has a monitor that judged it and held."""
     VIOLATED = "violated"
+    KNOWN = "known not met"
+    """A case that is there to show a violation shows it."""
     PARTLY = "partly"
     """What evidence there is is good, but cases that name it gave none."""
+    SUBSET = "held in a subset"
+    """What evidence there is is good, but not all cases of the campaign were chosen."""
     OPEN = "open"
     """No evidence at all."""
 
@@ -31,7 +36,7 @@ class RequirementEvidence(enum.Enum):
 
     GOOD = "good"
     BAD = "bad"
-    EXPECTED = "violated as expected"
+    KNOWN = "known not met"
     """The case is there to show a violation, and did."""
     NOTHING = "none"
 
@@ -41,6 +46,8 @@ class RequirementTrace:
     """The evidence for one requirement."""
 
     requirement: Requirement
+    subset: bool = False
+    """Not all cases of the campaign were chosen."""
     scenarios: list[str] = field(default_factory=list)
     """That name it, with or without evidence."""
     counts: dict[RequirementEvidence, int] = field(
@@ -51,8 +58,8 @@ class RequirementTrace:
 
     @property
     def evidence(self) -> int:
-        """Cases with good or bad evidence; a violation as expected proves nothing."""
-        return self.counts[RequirementEvidence.GOOD] + self.counts[RequirementEvidence.BAD]
+        """Cases that say something of it."""
+        return self.cases - self.counts[RequirementEvidence.NOTHING]
 
     @property
     def cases(self) -> int:
@@ -62,8 +69,12 @@ class RequirementTrace:
     def standing(self) -> RequirementStanding:
         if self.counts[RequirementEvidence.BAD]:
             return RequirementStanding.VIOLATED
+        if self.counts[RequirementEvidence.KNOWN]:
+            return RequirementStanding.KNOWN
         if not self.counts[RequirementEvidence.GOOD]:
             return RequirementStanding.OPEN
+        if self.subset:
+            return RequirementStanding.SUBSET
         return (
             RequirementStanding.PARTLY
             if self.counts[RequirementEvidence.NOTHING]
@@ -72,20 +83,27 @@ class RequirementTrace:
 
 
 def trace_requirements(
-    catalogue: Mapping[str, Requirement], ledger: Ledger
+    catalogue: Mapping[str, Requirement], ledger: Ledger, *, subset: bool = False
 ) -> list[RequirementTrace]:
-    """One for each requirement of the catalogue in its order, then those only cases name."""
-    traces = {name: RequirementTrace(requirement) for name, requirement in catalogue.items()}
+    """One for each requirement of the catalogue in its order, then those only cases name.
+
+    Args:
+        subset: the campaign has more cases than were chosen, so nothing counts as met.
+    """
+    traces = {
+        name: RequirementTrace(requirement, subset) for name, requirement in catalogue.items()
+    }
     for entry in ledger.entries:
-        for name in sorted(_named(entry)):
+        for name in sorted(requirements_of(entry)):
             if name not in traces:
-                traces[name] = RequirementTrace(Requirement(name, UNKNOWN_SOURCE, ""))
+                traces[name] = RequirementTrace(Requirement(name, UNKNOWN_SOURCE, ""), subset)
             _add(traces[name], entry)
     known = [traces[name] for name in catalogue]
     return known + [traces[name] for name in sorted(set(traces) - set(catalogue))]
 
 
-def _named(entry: LedgerEntry) -> set[str]:
+def requirements_of(entry: LedgerEntry) -> set[str]:
+    """All that the case or one of its monitors names."""
     by_monitors = {name for result in entry.monitors() for name in result.requirements}
     return {*entry.case.requirements, *by_monitors}
 
@@ -94,9 +112,8 @@ def _add(trace: RequirementTrace, entry: LedgerEntry) -> None:
     name = trace.requirement.id
     if entry.case.scenario not in trace.scenarios:
         trace.scenarios.append(entry.case.scenario)
-    watching = [r for r in entry.monitors() if name in r.requirements and exercised(r)]
-    trace.counts[evidence_of(entry, name, watching)] += 1
-    for result in watching:
+    trace.counts[evidence_of(entry, name)] += 1
+    for result in filter(exercised, judges(name, entry.monitors())):
         margin = known_margin(result)
         if margin is None:
             continue
@@ -105,24 +122,19 @@ def _add(trace: RequirementTrace, entry: LedgerEntry) -> None:
             trace.worst = (entry, result)
 
 
-def evidence_of(
-    entry: LedgerEntry, name: str, watching: Sequence[MonitorResult]
-) -> RequirementEvidence:
-    """What this case says of the requirement.
+def evidence_of(entry: LedgerEntry, name: str) -> RequirementEvidence:
+    """What this case says of the requirement, through the monitors that answer for it.
 
-    Monitors that name the requirement are heard first. A case that names it itself answers for it
-    with its whole verdict, if at least one of its monitors was exercised.
+    Nothing else counts: a case whose other monitors held says nothing of this requirement.
     """
-    if entry.verdict not in SAYS_SOMETHING:
+    if entry.result is None or entry.verdict not in SAYS_SOMETHING:
         return RequirementEvidence.NOTHING
-    if any(result.verdict is Verdict.FAIL for result in watching):
-        expected = entry.as_expected and entry.case.expected is Verdict.FAIL
-        return RequirementEvidence.EXPECTED if expected else RequirementEvidence.BAD
-    if name in entry.case.requirements:
-        if not entry.as_expected and entry.verdict is not Verdict.INCONCLUSIVE:
-            return RequirementEvidence.BAD
-        if entry.as_expected and any(exercised(result) for result in entry.monitors()):
-            return RequirementEvidence.GOOD
+    answering = judges(name, entry.monitors())
+    failed = any(result.verdict is Verdict.FAIL for result in answering)
+    if failed or (entry.result.died and name in entry.case.requirements):
+        return RequirementEvidence.KNOWN if entry.as_expected else RequirementEvidence.BAD
+    if entry.result.lacking or entry.result.died:
         return RequirementEvidence.NOTHING
-    passed = any(result.verdict is Verdict.PASS for result in watching)
-    return RequirementEvidence.GOOD if passed else RequirementEvidence.NOTHING
+    asked = all(result.verdict is Verdict.PASS for result in answering if result.asked)
+    held = asked and any(result.verdict is Verdict.PASS for result in answering)
+    return RequirementEvidence.GOOD if held else RequirementEvidence.NOTHING

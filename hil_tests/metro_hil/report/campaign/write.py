@@ -34,7 +34,7 @@ def write_reports(
 
     ledger = join(cases, results, expected_cases=info.expected_cases)
     monitors, measures = tally_monitors(ledger), tally_measures(ledger)
-    traces = trace_requirements(shipped_requirements(), ledger)
+    traces = trace_requirements(shipped_requirements(), ledger, subset=bool(info.subset))
     rows = requirement_rows(folder, traces)
     pairs = [(entry.case, entry.result) for entry in ledger.entries]
     layout = LAYOUTS.get(info.layout or "")

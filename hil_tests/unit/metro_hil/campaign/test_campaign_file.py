@@ -23,7 +23,7 @@ from metro_hil.campaign import (
 )
 from metro_hil.campaign.builder import Scenario
 from metro_hil.campaign.tables import merged
-from metro_hil.model.case import BenchKind, Branch, ControllerSpec, Setup, Verdict
+from metro_hil.model.case import BenchKind, Branch, ControllerSpec, ExpectedFailure, Setup
 from metro_hil.model.case_setup import parts_of
 
 FULL: Final = """
@@ -31,7 +31,7 @@ title = "Runaway traction is stopped"
 requirements = ["ACC-05", "INV-03"]
 seeds = 2
 seed_base = 7
-expected = "fail"
+expected = { fails = "inv-04-civil-limit", margin_min = -2.0 }
 stop_at_violation = false
 [train]
 start = "I"
@@ -101,7 +101,7 @@ def test_all_that_a_file_says_is_in_its_cases() -> None:
     )
     assert last.factors == {"fault.0.start_s": 20.0}
     assert last.requirements == ("ACC-05", "INV-03")
-    assert last.expected is Verdict.FAIL
+    assert last.expected == (ExpectedFailure(monitor="inv-04-civil-limit", margin_min=-2.0),)
     assert not last.stop_at_violation
     assert last.bench is BenchKind.LOCKSTEP
     assert last.controller == ControllerSpec()
@@ -139,7 +139,35 @@ WRONG: Final = [
     ("layout = 3", "layout: 3 is not a string"),
     ('requirements = ["ACC5"]', "requirements: 'ACC5' is no id such as INV-04"),
     ('bench = "lockstp"', "bench: 'lockstp': nearest valid value: lockstep"),
-    ('expected = "passed"', "expected: 'passed': nearest valid value: pass"),
+    ('expected = "fail"', "expected: 'fail' names no monitor; write expected = { fails ="),
+    ("expected = 3", "expected: 3 is neither a table nor a list of them; write expected ="),
+    ("expected = { fails = 3 }", "expected.fails: 3 is no name"),
+    ("expected = { margin_min = -1 }", "expected.fails: missing key"),
+    ('expected = { fails = "m" }', "expected.fails: 'm' is no monitor of this scenario; nearest"),
+    ('expected = { fail = "m" }', "expected.fail: unknown key; nearest valid key: fails"),
+    ('expected = { fails = "inv-04-civil-limit", margin_max = 0.1 }', "margin_max: 0.1 is no fail"),
+    (
+        'expected = [{ fails = "inv-04-civil-limit", margin_min = -1, margin_max = -2.0 }]',
+        "expected[0].margin_min: -1 is over margin_max, -2",
+    ),
+    ('vacuous = "allowed"', "vacuous: 'allowed' says neither what nor why; write vacuous = {"),
+    ('vacuous = { allowed = "case" }', "vacuous.reason: None is no reason"),
+    (
+        'vacuous = { allowed = "brakes", reason = "x" }',
+        "vacuous.allowed: 'brakes' is no monitor, fault, requirement or group of this scenario",
+    ),
+    (
+        'monitor = [{ stl = "always(1 <= 2)" }]',
+        "monitor[0].stl: 'always(1 <= 2)' at character 10: compares without a signal",
+    ),
+    (
+        'monitor = [{ stl = "always(speed_mps <= speed_mps)" }]',
+        "is true whatever its signals are; no run can violate it",
+    ),
+    (
+        'monitor = [{ measure = "emergency_count", min = 0 }]',
+        "monitor[0].min: 0: emergency_count is never less than 0, so that no run can violate it",
+    ),
     ("stop_at_violation = 1", "stop_at_violation: 1 is not true or false"),
     ("seeds = 0", "seeds: 0 is not within 1..10000000"),
     ("seeds = [1, 1]", "seeds: 1 stands there twice"),
@@ -329,7 +357,7 @@ def test_a_scenario_inherits_what_it_does_not_say_itself() -> None:
         name = "a"
         [[scenario]]
         name = "b"
-        expected = "fail"
+        expected = { fails = "inv-04-civil-limit" }
         requirements = ["ACC-02"]
         train = { end = "II", real = { brake = { service = { gain_ratio = 0.5 } } } }
         fault = [{ kind = "brake_late" }]
@@ -343,7 +371,7 @@ def test_a_scenario_inherits_what_it_does_not_say_itself() -> None:
     assert b.setup.load_ratio == 0.5
     assert b.setup.real == {"brake.service.gain_ratio": 0.5}
     assert [fault["kind"] for fault in b.faults] == ["tacho_stuck", "brake_late"]
-    assert (a.expected, b.expected) == (Verdict.PASS, Verdict.FAIL)
+    assert (a.expected, [each.monitor for each in b.expected]) == ((), ["inv-04-civil-limit"])
     assert (a.requirements, b.requirements) == (("ACC-01",), ("ACC-02",))
 
 
@@ -510,7 +538,7 @@ def test_a_scenario_in_python_is_the_one_of_the_file() -> None:
         requirements=("ACC-05", "INV-03"),
         seeds=2,
         seed_base=7,
-        expected=Verdict.FAIL,
+        expected={"fails": "inv-04-civil-limit", "margin_min": -2.0},
         stop_at_violation=False,
         train={
             "start": "I",

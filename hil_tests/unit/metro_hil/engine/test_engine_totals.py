@@ -7,7 +7,15 @@ import pytest
 
 from metro_hil.engine.totals import Totals, counts_words, total
 from metro_hil.engine.trial_runner import trial_cases
-from metro_hil.model.case import Case, CaseResult, Host, Setup, Verdict
+from metro_hil.model.case import (
+    Case,
+    CaseResult,
+    ExpectedFailure,
+    Host,
+    MonitorResult,
+    Setup,
+    Verdict,
+)
 
 
 def passes(cases: tuple[Case, ...]) -> list[CaseResult]:
@@ -90,17 +98,25 @@ def test_results_that_contradict_each_other_are_not_green() -> None:
 
 
 @pytest.mark.parametrize(
-    ("expected", "verdict"), list(itertools.product(Verdict, Verdict)), ids=str
+    ("fails", "verdict"), list(itertools.product((False, True), Verdict)), ids=str
 )
-def test_only_the_expected_verdict_is_green(expected: Verdict, verdict: Verdict) -> None:
-    """What a host that lost or disturbed a run leaves is never what was wanted."""
+def test_only_the_expected_verdict_is_green(fails: bool, verdict: Verdict) -> None:
+    """A host that lost or disturbed a run leaves nothing that a scenario can expect."""
+    expected = (ExpectedFailure(monitor="m"),) if fails else ()
     case = Case(id="a", index=0, scenario="a", seed=1, setup=Setup(), expected=expected)
-    result = CaseResult(case_id="a", index=0, verdict=verdict)
+    failed = MonitorResult(name="m", verdict=Verdict.FAIL, margin=-1.0, unit="m")
+    lacking = ("nothing is watched",) if verdict is Verdict.VACUOUS else ()
+    result = CaseResult(
+        case_id="a",
+        index=0,
+        verdict=verdict,
+        lacking=lacking,
+        monitors=(failed,) if verdict is Verdict.FAIL else (),
+    )
 
     totals = total(1, (case,), (result,))
 
-    says_nothing = verdict in (Verdict.LOST, Verdict.INVALID)
-    assert totals.passed is (expected is verdict and not says_nothing)
+    assert totals.passed is (verdict is (Verdict.FAIL if fails else Verdict.PASS))
 
 
 def test_what_is_wrong_with_the_folder_is_not_green() -> None:

@@ -1,60 +1,200 @@
 """The verdict of a case: nothing becomes a pass that was not shown."""
 
+from typing import Any
+
+import msgspec
 import pytest
 
-from metro_hil.model.case import MonitorResult, Verdict
-from metro_hil.model.verdict import judge
+from metro_hil.model.case import (
+    Allowance,
+    Case,
+    CaseResult,
+    ExpectedFailure,
+    FaultResult,
+    MonitorResult,
+    Setup,
+    Verdict,
+    as_expected,
+    mismatch,
+)
+from metro_hil.model.verdict import Judgement, Shown, judge
+
+CASE = Case(id="c", index=0, scenario="s", seed=1, setup=Setup())
 
 
-def said(verdict: Verdict, margin: float | None = 1.0, name: str = "m") -> MonitorResult:
-    return MonitorResult(name=name, verdict=verdict, margin=margin, unit="m", at_s=3.0)
+def said(
+    verdict: Verdict, margin: float | None = 1.0, name: str = "m", **more: Any
+) -> MonitorResult:
+    return MonitorResult(name=name, verdict=verdict, margin=margin, unit="m", at_s=3.0, **more)
 
 
-def verdict_of(*monitors: MonitorResult, **changed: object) -> tuple[Verdict, str]:
-    facts: dict[str, object] = {"died": "", "never_began": (), "moved_m": 100.0, "violated": False}
-    return judge(monitors, **(facts | changed))  # type: ignore[arg-type]
+def fault(*, began: bool = True, touched: int | None = 1) -> FaultResult:
+    return FaultResult(kind="bus_off", began=began, touched=touched)
 
 
-def test_a_run_whose_monitors_all_pass_is_a_pass() -> None:
-    assert verdict_of(said(Verdict.PASS)) == (Verdict.PASS, "")
-
-
-def test_one_violation_fails_the_case_and_is_named_with_margin_and_instant() -> None:
-    verdict, reason = verdict_of(said(Verdict.PASS), said(Verdict.FAIL, -0.25, "limit"))
-
-    assert verdict is Verdict.FAIL
-    assert reason == "limit violated by 0.25 m at 3.00 s"
-
-
-def test_a_controller_that_died_fails_even_where_no_monitor_minds() -> None:
-    verdict, reason = verdict_of(said(Verdict.PASS), died="ValueError: no")
-
-    assert verdict is Verdict.FAIL
-    assert "ValueError: no" in reason
-
-
-def test_a_fault_that_never_began_blocks() -> None:
-    assert verdict_of(said(Verdict.PASS), never_began=["fault bus_off"]) == (
-        Verdict.BLOCKED,
-        "never began: fault bus_off",
+def judged(*monitors: MonitorResult, case: dict[str, Any] | None = None, **shown: Any) -> Judgement:
+    made = msgspec.structs.replace(CASE, **(case or {}))
+    return judge(
+        made, Shown(**{"monitors": monitors, "moved_m": 100.0, "violated": False, **shown})
     )
 
 
+def test_a_run_whose_monitors_all_pass_is_a_pass() -> None:
+    assert judged(said(Verdict.PASS)) == Judgement(Verdict.PASS, "")
+
+
+def test_one_violation_fails_the_case_and_is_named_with_margin_and_instant() -> None:
+    found = judged(said(Verdict.PASS), said(Verdict.FAIL, -0.25, "limit"))
+
+    assert found.verdict is Verdict.FAIL
+    assert found.reason == "limit violated by 0.25 m at 3.00 s"
+
+
+def test_a_controller_that_died_fails_even_where_no_monitor_minds() -> None:
+    found = judged(said(Verdict.PASS), died="ValueError: no")
+
+    assert found.verdict is Verdict.FAIL
+    assert "ValueError: no" in found.reason
+
+
+def test_a_fault_that_never_began_blocks() -> None:
+    found = judged(said(Verdict.PASS), faults=[fault(began=False, touched=0)])
+
+    assert (found.verdict, found.reason) == (Verdict.BLOCKED, "never began: fault bus_off")
+
+
+def test_a_branch_that_never_came_blocks() -> None:
+    assert judged(said(Verdict.PASS), branched=False).verdict is Verdict.BLOCKED
+
+
+def test_a_fault_that_touched_nothing_makes_the_case_vacuous() -> None:
+    found = judged(said(Verdict.PASS), faults=[fault(touched=0)])
+
+    assert (found.verdict, found.reason) == (Verdict.VACUOUS, "fault bus_off touched nothing")
+
+
+def test_a_fault_whose_effect_no_device_counts_is_taken_for_one() -> None:
+    assert judged(said(Verdict.PASS), faults=[fault(touched=None)]).verdict is Verdict.PASS
+
+
 def test_a_violation_counts_more_than_a_fault_that_never_began() -> None:
-    verdict, _ = verdict_of(said(Verdict.FAIL, -1.0), never_began=["fault bus_off"], violated=True)
+    found = judged(said(Verdict.FAIL, -1.0), faults=[fault(began=False)], violated=True)
 
-    assert verdict is Verdict.FAIL
+    assert found.verdict is Verdict.FAIL
+    assert not found.lacking, "the run was cut short"
 
 
-def test_a_monitor_that_saw_nothing_makes_the_case_inconclusive() -> None:
-    verdict, reason = verdict_of(said(Verdict.PASS), said(Verdict.INCONCLUSIVE, None, "doors"))
+def test_a_monitor_that_could_not_judge_makes_the_case_inconclusive() -> None:
+    found = judged(said(Verdict.PASS), said(Verdict.INCONCLUSIVE, None, "doors"))
 
-    assert verdict is Verdict.INCONCLUSIVE
-    assert "doors" in reason
+    assert found.verdict is Verdict.INCONCLUSIVE
+    assert "doors" in found.reason
+
+
+def test_a_vacuous_monitor_that_was_asked_for_makes_the_case_vacuous() -> None:
+    found = judged(said(Verdict.PASS), said(Verdict.VACUOUS, None, "doors"))
+
+    assert found.verdict is Verdict.VACUOUS
+    assert "doors" in found.reason
+
+
+def test_an_invariant_that_only_watches_may_see_nothing() -> None:
+    idle = said(Verdict.VACUOUS, None, "inv", asked=False, own=False)
+
+    assert judged(said(Verdict.PASS), idle).verdict is Verdict.PASS
+
+
+def test_a_case_in_which_nothing_is_watched_is_vacuous() -> None:
+    assert judged().verdict is Verdict.VACUOUS
+    assert judged(said(Verdict.VACUOUS, None, asked=False, own=False)).verdict is Verdict.VACUOUS
+
+
+def test_a_requirement_that_no_monitor_of_its_own_judged_makes_the_case_vacuous() -> None:
+    """An invariant that watches by default answers only for the requirement that it names."""
+    standing = said(Verdict.PASS, asked=False, own=False, requirements=("INV-04",))
+
+    found = judged(standing, case={"requirements": ("ACC-12",)})
+
+    assert (found.verdict, found.reason) == (Verdict.VACUOUS, "ACC-12: no monitor judged it")
+    assert judged(standing, case={"requirements": ("INV-04",)}).verdict is Verdict.PASS
+    assert judged(said(Verdict.PASS), case={"requirements": ("ACC-12",)}).verdict is Verdict.PASS
 
 
 @pytest.mark.parametrize(
     ("moved_m", "expected"), [(0.99, Verdict.INCONCLUSIVE), (1.0, Verdict.PASS)]
 )
 def test_a_train_that_never_moved_has_shown_nothing(moved_m: float, expected: Verdict) -> None:
-    assert verdict_of(said(Verdict.PASS), moved_m=moved_m)[0] is expected
+    assert judged(said(Verdict.PASS), moved_m=moved_m).verdict is expected
+    idle = judged(said(Verdict.PASS), moved_m=moved_m, case={"idle_counts": True})
+    assert idle.verdict is Verdict.PASS
+
+
+@pytest.mark.parametrize("name", ["bus_off", "faults", "case"])
+def test_what_the_file_allows_to_show_nothing_is_passed_over_and_its_reason_is_told(
+    name: str,
+) -> None:
+    allowed = (Allowance(names=(name,), reason="it may miss"),)
+
+    found = judged(said(Verdict.PASS), faults=[fault(touched=0)], case={"vacuous": allowed})
+
+    assert found.verdict is Verdict.PASS
+    assert found.reason == "allowed: fault bus_off touched nothing: it may miss"
+
+
+def test_an_allowance_for_something_else_does_not_count() -> None:
+    allowed = (Allowance(names=("another",), reason="it may miss"),)
+
+    found = judged(said(Verdict.PASS), faults=[fault(touched=0)], case={"vacuous": allowed})
+
+    assert found.verdict is Verdict.VACUOUS
+
+
+def test_a_case_that_may_show_nothing_at_all_is_vacuous_as_expected() -> None:
+    case = msgspec.structs.replace(CASE, vacuous=(Allowance(names=("case",), reason="a log"),))
+    found = judge(case, Shown(monitors=(), moved_m=9.0, violated=False))
+    result = CaseResult(case_id="c", index=0, verdict=found.verdict, lacking=found.lacking)
+
+    assert found.verdict is Verdict.VACUOUS
+    assert as_expected(case, result)
+
+
+EXPECTING = msgspec.structs.replace(
+    CASE, expected=(ExpectedFailure(monitor="m", margin_min=-1.0, margin_max=-0.1),)
+)
+
+
+def failing(*monitors: MonitorResult, **more: Any) -> CaseResult:
+    made = CaseResult(case_id="c", index=0, verdict=Verdict.FAIL, monitors=monitors)
+    return msgspec.structs.replace(made, **more)
+
+
+def test_a_failure_is_as_expected_when_it_is_the_one_that_was_named() -> None:
+    assert as_expected(EXPECTING, failing(said(Verdict.FAIL, -0.5), said(Verdict.PASS, name="n")))
+
+
+@pytest.mark.parametrize(
+    ("result", "why"),
+    [
+        (failing(said(Verdict.FAIL, -0.5), died="exit code 7"), "but"),
+        (failing(said(Verdict.FAIL, -0.5, "other"), said(Verdict.PASS)), "other failed too"),
+        (failing(said(Verdict.FAIL, -0.5), said(Verdict.FAIL, -2.0, "other")), "other failed too"),
+        (failing(said(Verdict.FAIL, -1.5)), "margin of -1 or more and -0.1 or less"),
+        (failing(said(Verdict.FAIL, -0.05)), "margin of"),
+        (failing(said(Verdict.FAIL, None)), "margin of"),
+        (
+            failing(said(Verdict.FAIL, -0.5), lacking=("fault x touched nothing",)),
+            "touched nothing",
+        ),
+        (failing(said(Verdict.PASS), verdict=Verdict.PASS), "but pass"),
+        (failing(said(Verdict.FAIL, -0.5), verdict=Verdict.LOST), "but lost"),
+        (failing(said(Verdict.FAIL, -0.5), verdict=Verdict.INVALID), "but invalid"),
+        (failing(said(Verdict.FAIL, -0.5), verdict=Verdict.BLOCKED), "but blocked"),
+    ],
+)
+def test_every_other_outcome_is_not_as_expected_and_says_why(result: CaseResult, why: str) -> None:
+    assert why in mismatch(EXPECTING, result)
+
+
+@pytest.mark.parametrize("margin", [-1.0, -0.1])
+def test_the_ends_of_the_expected_range_belong_to_it(margin: float) -> None:
+    assert as_expected(EXPECTING, failing(said(Verdict.FAIL, margin)))

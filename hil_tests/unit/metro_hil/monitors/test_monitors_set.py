@@ -69,31 +69,41 @@ def test_where_to_look_is_a_second_around_the_violation(rig_for: type[Rig]) -> N
     assert (found.begin_ns, found.end_ns) == (1_010_000_000, 3_110_000_000)
 
 
-def test_an_invariant_without_its_premise_passes_and_is_no_evidence(rig_for: type[Rig]) -> None:
+def test_an_invariant_without_its_premise_is_vacuous(rig_for: type[Rig]) -> None:
     rig = rig_for([], "all")
     rig.step(10)
 
     result = rig.result("inv-08-rollback")
-    assert result.verdict is Verdict.PASS
+    assert result.verdict is Verdict.VACUOUS
     assert result.margin is None
-    assert result.detail.startswith("not exercised")
+    assert not result.asked
 
 
-def test_one_that_was_asked_for_by_name_is_inconclusive_instead(rig_for: type[Rig]) -> None:
+def test_one_that_was_asked_for_by_name_says_so(rig_for: type[Rig]) -> None:
     rig = rig_for([], ["inv-08"])
     rig.step(10)
 
-    assert rig.result("inv-08-rollback").verdict is Verdict.INCONCLUSIVE
+    result = rig.result("inv-08-rollback")
+    assert (result.verdict, result.asked, result.own) == (Verdict.VACUOUS, True, True)
 
 
-def test_a_formula_whose_premise_never_held_is_no_evidence(rig_for: type[Rig]) -> None:
+def test_all_invariants_under_monitor_are_its_own_and_may_see_nothing(rig_for: type[Rig]) -> None:
+    rig = rig_for([{"invariant": "all", "requirements": ["ACC-26"]}], "all")
+    rig.step(10)
+
+    result = rig.result("inv-08-rollback")
+    assert (result.asked, result.own) == (False, True)
+    assert result.requirements == ("INV-08", "ACC-26")
+
+
+def test_a_formula_whose_premise_never_held_is_vacuous(rig_for: type[Rig]) -> None:
     text = "always(emergency -> drive_n <= 0)"
     rig = rig_for([stl(text)], "none")
     rig.step(10)
 
     result = rig.result(text)
-    assert (result.verdict, result.margin) == (Verdict.PASS, 1.0)
-    assert result.detail.startswith("not exercised")
+    assert (result.verdict, result.margin) == (Verdict.VACUOUS, None)
+    assert result.detail == "its premise never held"
 
 
 def test_a_formula_that_could_not_be_told_is_inconclusive(rig_for: type[Rig]) -> None:

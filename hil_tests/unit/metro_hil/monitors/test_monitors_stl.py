@@ -351,19 +351,66 @@ def test_a_run_that_was_cut_short_does_not_deny_what_was_yet_to_come() -> None:
         assert made.state is TermState.UNKNOWN, text
 
 
-def test_a_premise_that_never_held_exercises_nothing() -> None:
+def test_a_premise_that_never_held_makes_a_formula_vacuous() -> None:
     text = "always(flag and a >= 1 -> b <= 2)"
 
-    assert not run(text, [{"flag": 1.0, "a": 0.0, "b": 9.0}]).exercised
-    assert run(text, [{"flag": 1.0, "a": 1.0, "b": 1.0}]).exercised
-    assert run("always(b <= 2)", [{"b": 1.0}]).exercised
+    assert run(text, [{"flag": 1.0, "a": 0.0, "b": 9.0}]).vacuous
+    assert not run(text, [{"flag": 1.0, "a": 1.0, "b": 1.0}]).vacuous
+    assert not run("always(b <= 2)", [{"b": 1.0}]).vacuous
 
 
-def test_a_premise_whose_deadline_lies_behind_the_end_of_the_run_exercises_nothing() -> None:
+IDLE = {"flag": 0.0, "a": 0.0, "b": 1.0}
+ASKED = {"flag": 1.0, "a": 0.0, "b": 1.0}
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "always(flag -> b <= 2)",
+        "always(not flag or b <= 2)",
+        "not eventually(not (flag -> b <= 2))",
+        "always(b <= 2 and (flag -> b <= 2))",
+        "always(flag -> (b <= 2 -> b <= 2))",
+        "always[0:10](always[0:2](flag -> b <= 2))",
+        "always(eventually[0:2](flag -> b <= 2))",
+        "always(historically(flag -> b <= 2))",
+        "always(flag -> b <= 2) and always(b <= 2)",
+        "always(b <= 2) and always(flag -> b <= 2)",
+        "always(flag -> b <= 2) or always(b >= 9)",
+        "always(flag -> eventually[0:1](b <= 2))",
+    ],
+)
+def test_the_premise_counts_wherever_it_stands(text: str) -> None:
+    idle, asked = run(text, [IDLE] * 16), run(text, [*[IDLE] * 4, *[ASKED] * 12])
+
+    assert (idle.state, asked.state) == (TermState.HOLDS, TermState.HOLDS)
+    assert idle.vacuous == "its premise never held"
+    assert not asked.vacuous
+
+
+@pytest.mark.parametrize("text", ["always(flag or b <= 2)", "always(not flag or not a >= 1)"])
+def test_a_choice_without_a_premise_is_not_vacuous(text: str) -> None:
+    assert not run(text, [IDLE] * 4).vacuous
+
+
+@pytest.mark.parametrize("text", ["eventually(flag)", "b <= 2 until flag", "eventually[2:9](flag)"])
+def test_what_held_from_the_first_sample_on_did_not_come_about(text: str) -> None:
+    at_once, later = run(text, [ASKED] * 12), run(text, [*[IDLE] * 4, *[ASKED] * 8])
+
+    assert (at_once.state, later.state) == (TermState.HOLDS, TermState.HOLDS)
+    assert "from the first sample on" in at_once.vacuous
+    assert not later.vacuous
+
+
+def test_what_was_true_at_first_and_false_before_its_interval_came_about() -> None:
+    assert not run("eventually[2:9](flag)", [ASKED, IDLE, IDLE, *[ASKED] * 9]).vacuous
+
+
+def test_a_premise_whose_deadline_lies_behind_the_end_of_the_run_does_not_count() -> None:
     rows = [{"flag": 0.0}, {"flag": 0.0}, {"flag": 1.0}]
 
-    assert not run("always(flag -> eventually[0:5](a >= 1))", rows).exercised
-    assert run("always(flag -> eventually[0:5](a >= 1))", [*rows, *[{"a": 1.0}] * 6]).exercised
+    assert run("always(flag -> eventually[0:5](a >= 1))", rows).vacuous
+    assert not run("always(flag -> eventually[0:5](a >= 1))", [*rows, *[{"a": 1.0}] * 6]).vacuous
 
 
 def test_a_division_by_zero_says_nothing_and_ends_nothing() -> None:

@@ -177,4 +177,6 @@ def test_faults_that_time_alone_changes_are_waited_for_conditions_are_not() -> N
     watch.change(plans[0], active=False)
 
     assert not watch.pending
-    assert [plan.kind.name for plan in watch.never_began] == ["doppler_outage"]
+    stuck, outage = watch.results({0: 40})
+    assert (stuck.began, stuck.touched) == (True, 40)
+    assert (outage.began, outage.touched) == (False, None), "no device counted it"

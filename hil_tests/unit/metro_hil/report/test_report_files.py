@@ -17,7 +17,16 @@ import pyarrow.parquet as pq
 import pytest
 from scipy import stats
 
-from metro_hil.model.case import Case, CaseEvent, CaseResult, Host, MonitorResult, Setup, Verdict
+from metro_hil.model.case import (
+    Case,
+    CaseEvent,
+    CaseResult,
+    ExpectedFailure,
+    Host,
+    MonitorResult,
+    Setup,
+    Verdict,
+)
 from metro_hil.report.campaign import write_reports
 
 HOSTILE: Final = """</script><img src=x onerror=alert(1)>"'&{{ 7*7 }}|`\x01\ufffe"""
@@ -274,12 +283,15 @@ def test_junit_has_the_structure_that_its_readers_expect(
     assert ("chain", "0" * 16) in facts
 
 
+MEANT = (ExpectedFailure(monitor="stops within 10 cm"),)
+
+
 def test_a_fail_that_was_expected_passes_and_says_so(
     campaign: Callable[..., Any], tmp_path: Path
 ) -> None:
     made = with_verdict(campaign(3), {0: Verdict.FAIL, 1: Verdict.PASS, 2: Verdict.PASS})
     cases = [
-        msgspec.structs.replace(case, expected=Verdict.FAIL) if case.index < 2 else case
+        msgspec.structs.replace(case, expected=MEANT) if case.index < 2 else case
         for case in made.cases
     ]
 
@@ -289,6 +301,9 @@ def test_a_fail_that_was_expected_passes_and_says_so(
     assert as_expected.find("failure") is None
     assert as_expected.find("error") is None
     assert "as_expected" in {p.get("name") for p in as_expected.iter("property")}
+    facts = [(p.get("name"), p.get("value")) for p in as_expected.iter("property")]
+    assert ("requirement_known_not_met", "ACC-02") in facts
+    assert ("requirement", "ACC-02") not in facts, "a known failure must not look like a proof"
     assert not_as_expected.find("error") is not None, "it passed where it should have failed"
 
 
@@ -297,7 +312,7 @@ def test_what_shows_nothing_cannot_be_expected(
     verdict: Verdict, campaign: Callable[..., Any], tmp_path: Path
 ) -> None:
     made = with_verdict(campaign(1, scenario_count=1), {0: verdict})
-    cases = [msgspec.structs.replace(made.cases[0], expected=verdict)]
+    cases = [msgspec.structs.replace(made.cases[0], expected=MEANT)]
 
     summary = json.loads(write(tmp_path, dataclasses.replace(made, cases=cases))["summary.json"])
 

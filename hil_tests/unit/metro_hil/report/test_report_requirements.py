@@ -6,7 +6,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from metro_hil.model.case import Case, CaseResult, MonitorResult, Setup, Verdict
+from metro_hil.model.case import Case, CaseResult, ExpectedFailure, MonitorResult, Setup, Verdict
 from metro_hil.model.requirements import CatalogueError, parse_requirements, shipped_requirements
 from metro_hil.report.campaign.ledger import join
 from metro_hil.report.campaign.trace import (
@@ -18,9 +18,10 @@ from metro_hil.report.campaign.trace import (
 
 
 def case_and_result(
-    verdict: Verdict = Verdict.PASS, expected: Verdict = Verdict.PASS, **monitor: Any
+    verdict: Verdict = Verdict.PASS, *fails: str, **monitor: Any
 ) -> tuple[Case, CaseResult]:
     watching = {"name": "m", "verdict": verdict, "margin": 0.5, "unit": "m", **monitor}
+    expected = tuple(ExpectedFailure(monitor=name) for name in fails)
     case = Case(id="c", index=0, scenario="s", seed=1, setup=Setup(), expected=expected)
     result = CaseResult(
         case_id="c",
@@ -66,7 +67,7 @@ def test_a_monitor_that_was_exercised_is_evidence() -> None:
 
 
 def test_a_monitor_that_was_not_exercised_is_none() -> None:
-    case, result = case_and_result(detail="not exercised: no slope")
+    case, result = case_and_result(Verdict.VACUOUS, margin=None)
 
     trace = trace_of(case, result)
 
@@ -76,7 +77,7 @@ def test_a_monitor_that_was_not_exercised_is_none() -> None:
 
 
 def test_a_case_none_of_whose_monitors_was_exercised_is_no_evidence_for_what_it_names() -> None:
-    case, result = case_and_result(detail="not exercised", requirements=())
+    case, result = case_and_result(Verdict.VACUOUS, margin=None, requirements=())
     case = msgspec.structs.replace(case, requirements=("ACC-10",))
 
     assert trace_of(case, result, "ACC-10").standing is RequirementStanding.OPEN
@@ -96,11 +97,47 @@ def test_a_violation_is_one_even_if_other_cases_pass() -> None:
     assert trace.worst[0].case.id == "d"
 
 
-def test_a_violation_that_was_wanted_proves_nothing_and_blames_nobody() -> None:
-    trace = trace_of(*case_and_result(Verdict.FAIL, Verdict.FAIL, margin=-1.0))
+def test_a_violation_that_was_expected_shows_that_the_requirement_is_not_met() -> None:
+    trace = trace_of(*case_and_result(Verdict.FAIL, "m", margin=-1.0))
 
-    assert trace.counts[RequirementEvidence.EXPECTED] == 1
-    assert trace.standing is RequirementStanding.OPEN
+    assert trace.counts[RequirementEvidence.KNOWN] == 1
+    assert trace.standing is RequirementStanding.KNOWN
+
+
+def test_a_requirement_that_one_case_meets_and_another_is_known_not_to_meet_is_not_met() -> None:
+    good, good_result = case_and_result()
+    known, known_result = case_and_result(Verdict.FAIL, "m", margin=-1.0)
+    known = msgspec.structs.replace(known, id="d", index=1)
+    known_result = msgspec.structs.replace(known_result, case_id="d", index=1)
+
+    ledger = join([good, known], [good_result, known_result], expected_cases=2)
+
+    trace = trace_requirements(shipped_requirements(), ledger)[0]
+    assert trace.standing is RequirementStanding.KNOWN
+
+
+def test_a_requirement_of_a_subset_is_not_met() -> None:
+    case, result = case_and_result()
+
+    ledger = join([case], [result], expected_cases=1)
+
+    trace = trace_requirements(shipped_requirements(), ledger, subset=True)[0]
+    assert trace.standing is RequirementStanding.SUBSET
+
+
+def test_a_requirement_of_the_scenario_counts_only_through_its_own_monitors() -> None:
+    case, result = case_and_result(own=False, asked=False)
+    case = msgspec.structs.replace(case, requirements=("ACC-12",))
+
+    assert trace_of(case, result, "ACC-12").standing is RequirementStanding.OPEN
+    assert trace_of(case, result, "INV-01").standing is RequirementStanding.MET
+
+
+def test_a_case_that_lacks_something_is_no_evidence() -> None:
+    case, result = case_and_result()
+    result = msgspec.structs.replace(result, lacking=("fault x touched nothing",))
+
+    assert trace_of(case, result).standing is RequirementStanding.OPEN
 
 
 @pytest.mark.parametrize("verdict", [Verdict.LOST, Verdict.INVALID, Verdict.BLOCKED])

@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from metro_hil.model.case import Verdict
+from metro_hil.model.case import Verdict, expected_text
 from metro_hil.report.campaign.ledger import MISSING, LedgerEntry, factors_text, known_margin
 from metro_hil.report.campaign.tally import TallyFactor, by_level, factors_of
 from metro_hil.report.campaign.units import with_unit
@@ -22,6 +22,7 @@ SYMBOLS: Final = {
     Verdict.FAIL.value: "✗",
     Verdict.BLOCKED.value: "⊘",
     Verdict.INCONCLUSIVE.value: "?",
+    Verdict.VACUOUS.value: "○",
     Verdict.INVALID.value: "!",
     Verdict.LOST.value: "∅",
     MISSING: "□",
@@ -177,8 +178,8 @@ def square_of(entry: LedgerEntry) -> Square:
     """One case; what is not as expected leads to its place in the list of failures."""
     style = f"v-{entry.word}" + ("" if entry.as_expected else " wrong")
     lines = [entry.case.id, factors_text(entry.case), f"{entry.word}"]
-    if entry.case.expected is not Verdict.PASS:
-        lines[-1] += f" (expected: {entry.case.expected.value})"
+    if entry.case.expected:
+        lines[-1] += f" (expected: {expected_text(entry.case)})"
     least = entry.result.least_margin() if entry.result else None
     if least is not None:
         shown = with_unit(known_margin(least), least.unit)

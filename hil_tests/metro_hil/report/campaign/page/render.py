@@ -28,6 +28,7 @@ from metro_hil.report.campaign.page.sections import (
 )
 from metro_hil.report.campaign.requirement_table import RequirementRow
 from metro_hil.report.campaign.tally import MeasureTally, MonitorTally
+from metro_hil.report.campaign.trace import RequirementStanding
 from metro_hil.report.campaign.units import number_text, percent_text
 from metro_hil.report.estimates import ConfidenceInterval, pass_share
 from metro_hil.report.layouts.tables import LayoutFigure, LayoutTable
@@ -89,7 +90,8 @@ def _context(folder: Path, content: Content) -> dict[str, Any]:
         "coverage": _coverage(ledger),
         "gaps_shown": GAPS_SHOWN,
         "requirements": [row for row in content.requirements if row.run],
-        "open": [row for row in content.requirements if not row.passed and not row.failed],
+        "open": [row for row in content.requirements if row.standing is RequirementStanding.OPEN],
+        "remarks": ledger.remarks(),
         "layout": content.layout,
         "figures": [(each.caption, picture(each.path, each.caption)) for each in content.figures],
     }

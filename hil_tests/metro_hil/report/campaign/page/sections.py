@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from markupsafe import Markup
 
-from metro_hil.model.case import Case, MonitorResult, Verdict
+from metro_hil.model.case import Case, MonitorResult, Verdict, expected_text
 from metro_hil.model.log_columns import Columns, RunLogError, read_columns
 from metro_hil.model.run_folder import RunFolder
 from metro_hil.report.campaign.evidence import FrameSpan, frames_around, kept_run, rerun_command
@@ -215,7 +215,7 @@ def case_view(
         factors=_of(entry.case),
         word=entry.word,
         symbol=SYMBOLS[entry.word],
-        expected=entry.case.expected.value,
+        expected=expected_text(entry.case),
         as_expected=entry.as_expected,
         reason=entry.reason,
         margin=with_unit(known_margin(nearest), nearest.unit) if nearest is not None else "–",
