@@ -8,15 +8,13 @@ from typing import Final
 
 from can_dbc.brake import BrakeCommand, BrakeStatus
 from plant_emulator.actuators.response import NS_PER_S, CommandWatch, DeadTime, Lag
-from plant_emulator.actuators.service_brake import ServiceBrake
+from plant_emulator.actuators.service_brake import OFF_MPS2, ServiceBrake
 from plant_emulator.noise import Generators
 from plant_emulator.train_config import BrakeConfig
 
 HOLDING_CONFIRMED: Final = 0.9
 """Share of its force from which the holding brake counts as applied."""
 OFF_RATIO: Final = 0.02
-OFF_MPS2: Final = 0.01
-"""A brake that gives no more than this counts as released."""
 
 
 class BrakeUnit:
@@ -152,8 +150,8 @@ class BrakeUnit:
 
     @property
     def applied(self) -> bool:
-        """Any of the three brakes is on, or on its way."""
-        return not self.service.at_rest or self.emergency_mps2 > 0.0 or self.holding_mps2 > 0.0
+        """Any of the three brakes is on."""
+        return self.service.works or max(self.emergency_mps2, self.holding_mps2) > OFF_MPS2
 
     @property
     def said_mps2(self) -> float:

@@ -1,8 +1,13 @@
 """Service brake: from the demand to the forces of motors and friction, with blending."""
 
+from typing import Final
+
 from plant_emulator.actuators.response import NS_PER_S, DeadTime, DelayLine, Lag
 from plant_emulator.noise import Generators, NoiseSource, Uniform
 from plant_emulator.train_config import DeadTimeKind, ServiceBrakeConfig
+
+OFF_MPS2: Final = 0.01
+"""A brake that gives no more than this counts as released."""
 
 
 class ServiceBrake:
@@ -122,7 +127,12 @@ class ServiceBrake:
     @property
     def held_back(self) -> bool:
         """A brake that is stuck gives something else than what has been asked."""
-        return self.stuck and self._dead_time.value != self.decel_mps2
+        return self.stuck and abs(self._dead_time.value - self.decel_mps2) > OFF_MPS2
+
+    @property
+    def works(self) -> bool:
+        """It is asked for, or still gives more than a released brake."""
+        return self._asked_mps2 > 0.0 or self.decel_mps2 > OFF_MPS2
 
     def ask(self, decel_mps2: float, at_ns: int) -> None:
         asked_mps2 = min(decel_mps2, self._config.max_decel_mps2)

@@ -109,9 +109,9 @@ def _of_brake(parameters: Any, world: World) -> Touch | None:
     brake, service = world.brake, world.brake.service
     match parameters:
         case BrakeLate(delay_s=delay_s):
-            return _when(delay_s > 0.0, lambda: not service.at_rest)
+            return _when(delay_s > 0.0, lambda: service.works)
         case BrakeWeak(gain_ratio=gain_ratio):
-            return _when(gain_ratio != 1.0, lambda: not service.at_rest)
+            return _when(gain_ratio != 1.0, lambda: service.works)
         case BrakeStuck():
             return lambda: service.held_back
         case BrakeUnitFailed(share_ratio=share_ratio):

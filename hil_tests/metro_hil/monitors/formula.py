@@ -145,10 +145,10 @@ def _of_choice(node: Either, lasting: Lasting) -> Node | None:
     premise = premise_of(node, lasting=lasting)
     if premise is None:
         found = [witness(part, lasting) for part in node.parts]
-        if any(each is None for each in found):
+        if all(each is None for each in found):
             return None
         pairs = zip(node.parts, found, strict=True)
-        return Either(tuple(Both((part, each)) for part, each in pairs if each is not None))
+        return Either(tuple(part if each is None else Both((part, each)) for part, each in pairs))
     asked = [premise]
     for part in node.parts:
         if part == negation(premise):

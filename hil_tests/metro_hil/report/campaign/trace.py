@@ -133,7 +133,7 @@ def evidence_of(entry: LedgerEntry, name: str) -> RequirementEvidence:
     failed = any(result.verdict is Verdict.FAIL for result in answering)
     if failed or (entry.result.died and name in entry.case.requirements):
         return RequirementEvidence.KNOWN if entry.as_expected else RequirementEvidence.BAD
-    if entry.result.lacking or entry.result.died:
+    if not entry.as_expected:
         return RequirementEvidence.NOTHING
     asked = all(result.verdict is Verdict.PASS for result in answering if result.asked)
     held = asked and any(result.verdict is Verdict.PASS for result in answering)
