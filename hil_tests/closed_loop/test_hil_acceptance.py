@@ -9,7 +9,7 @@ import pytest
 from can_dbc.doors import DoorState
 from metro_hil.campaign import Campaign, ScenarioPlan, plan_cases, read_campaign
 from metro_hil.metrics.case import motion_measures
-from metro_hil.model.case import Case, Verdict, as_expected
+from metro_hil.model.case import Case, as_expected
 from metro_hil.model.log_columns import Columns
 from metro_hil.model.requirements import shipped_requirements
 from metro_hil.run.dispatch import run_case
@@ -74,10 +74,8 @@ def test_every_scenario_has_criteria_of_its_own(cases: Mapping[str, Case]) -> No
 
 
 def test_what_is_not_met_is_known_by_name(campaign: Campaign) -> None:
-    expected = {plan.name: plan.expected for plan in campaign.scenarios}
-
-    assert {name for name, verdict in expected.items() if verdict is Verdict.FAIL} == NOT_MET
-    assert {*expected.values()} == {Verdict.PASS, Verdict.FAIL}
+    assert {plan.name for plan in campaign.scenarios if plan.expected} == NOT_MET
+    assert all(each.margin_min for plan in campaign.scenarios for each in plan.expected)
 
 
 def test_fixed_brake_delay_takes_the_21_runs_of_its_row(cases: Mapping[str, Case]) -> None:
@@ -111,7 +109,7 @@ def test_every_run_with_drawn_brake_delays_has_a_seed_of_its_own(cases: Mapping[
 def test_faults_of_the_bus_begin_everywhere_in_the_cycle(
     campaign: Campaign, cases: Mapping[str, Case], name: str
 ) -> None:
-    assert scenario(campaign, name).expected is Verdict.PASS
+    assert not scenario(campaign, name).expected
     starts_s = [case.faults[0]["start_s"] for case in cases.values() if case.scenario == name]
 
     phases = sorted(round(start_s % CYCLE_S / CYCLE_S * PHASES) % PHASES for start_s in starts_s)

@@ -5,7 +5,6 @@ from typing import Any
 import pytest
 
 from metro_hil.model.case import Case, CaseResult, MonitorResult, Setup, Verdict
-from metro_hil.monitors import NOT_EXERCISED
 from metro_hil.monitors.catalogue import WATCHED
 from metro_hil.run.dispatch import run_case
 
@@ -18,9 +17,7 @@ def run(setup: Setup = HOP, seed: int = 1, **more: Any) -> CaseResult:
 
 def shown(result: CaseResult) -> dict[str, MonitorResult]:
     """Those that saw their premise."""
-    return {
-        each.name: each for each in result.monitors if not each.detail.startswith(NOT_EXERCISED)
-    }
+    return {each.name: each for each in result.monitors if each.verdict is not Verdict.VACUOUS}
 
 
 @pytest.mark.parametrize(
@@ -32,7 +29,7 @@ def test_a_run_in_order_violates_nothing(
     setup = Setup(start="II", end="III", odometer_error=odometer_error, load_ratio=load_ratio)
     result = run(setup, seed)
 
-    assert {each.verdict for each in result.monitors} == {Verdict.PASS}
+    assert {each.verdict for each in shown(result).values()} == {Verdict.PASS}
     # Nothing goes wrong, so nothing can be shown of what has to happen then.
     silent = {each.name for each in WATCHED} - set(shown(result))
     assert silent == {
@@ -57,7 +54,7 @@ def test_a_run_in_order_violates_nothing(
 def test_a_slow_controller_knows_its_place_and_arrives(cycle_ms: float) -> None:
     result = run(Setup(start="II", end="III", cycle_ms=cycle_ms, duration_s=90.0))
 
-    assert {each.verdict for each in result.monitors} == {Verdict.PASS}
+    assert {each.verdict for each in shown(result).values()} == {Verdict.PASS}
     assert result.measures["arrived_count"] == 1.0
 
 

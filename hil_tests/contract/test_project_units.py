@@ -40,6 +40,8 @@ UNIT_IS_ELSEWHERE: Final = frozenset(
         *("PhaseKeys.base", "RangeKeys.high", "RangeKeys.low", "RangeKeys.step"),
         *("Span.high", "Span.low", "Expression.value_of", "MonitorResult.margin"),
         *("Cell.margins", "Sought.margins", "Sought.value"),
+        *("ExpectedFailure.margin_max", "ExpectedFailure.margin_min"),
+        *("_Linear.constant", "_Linear.factors"),
         # Of the setting that the key names.
         *("Parameter.high", "Parameter.low", "Tuned.after", "Tuned.before"),
         # Of the signal of a log that is drawn or compared.

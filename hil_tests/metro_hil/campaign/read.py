@@ -11,6 +11,7 @@ from metro_hil.campaign.claims import check_claims, read_expected, read_vacuous
 from metro_hil.campaign.definition import Body, PointMaker
 from metro_hil.campaign.designs import Choice, design
 from metro_hil.campaign.each import EACH, scenarios_of
+from metro_hil.campaign.empty import empty_parts
 from metro_hil.campaign.factors import CyclePhase, Factor, read_factors, where
 from metro_hil.campaign.plan import Campaign, ScenarioPlan, SweepPoint
 from metro_hil.campaign.problems import CampaignError, Findings, attempt
@@ -209,6 +210,7 @@ class _Reader:
             levels={factor.key: in_words(factor) for factor in factors},
             points=points,
         )
+        self._notes += empty_parts(plan, self._sources.paths)
         return plan, body, factors
 
     def _note(self, name: str, sweep: SweepKeys, swept: bool) -> None:

@@ -119,7 +119,7 @@ class CampaignFolder:
         except msgspec.DecodeError as error:
             raise EngineError(
                 f"{self.cases_path}: written by version {self.manifest().program} of the program, "
-                f"which does not record what its cases claim ({error}); run the campaign again"
+                f"which does not record what its cases claim; run the campaign again"
             ) from error
 
     def files(self) -> dict[str, Path]:

@@ -19,9 +19,13 @@ ATOMS_MAX: Final = 8
 
 
 @lru_cache(maxsize=1024)
-def refuse_constant(text: str) -> None:
-    """Raises FormulaError for a formula that no run can violate, fulfil or put to the test."""
-    ranges, tree = RANGES, parse(text, NAMES, BOOLEANS)
+def refuse_constant(text: str, narrower: tuple[tuple[str, Range], ...] = ()) -> None:
+    """Raises FormulaError for a formula that no run can violate, fulfil or put to the test.
+
+    Args:
+        narrower: ranges of signals that hold for the runs that are meant.
+    """
+    ranges, tree = {**RANGES, **dict(narrower)}, parse(text, NAMES, BOOLEANS)
     for atom in _atoms(tree):
         if not _names(atom.margin):
             raise _error(text, atom.position, "compares without a signal; name one")

@@ -44,7 +44,7 @@ def test_the_example_is_a_campaign() -> None:
 
 
 def test_the_example_of_each_gives_the_names_that_stand_before_it() -> None:
-    _, text, _ = blocks("toml")
+    _, text, *_ = blocks("toml")
 
     campaign = define(tomllib.loads(text), source="campaigns.md").campaign
 
@@ -54,7 +54,7 @@ def test_the_example_of_each_gives_the_names_that_stand_before_it() -> None:
 
 
 def test_the_example_of_random_faults_draws_cases() -> None:
-    _, _, text = blocks("toml")
+    *_, text = blocks("toml")
 
     cases = plan_cases(define(tomllib.loads(text), source="campaigns.md").campaign)
 
