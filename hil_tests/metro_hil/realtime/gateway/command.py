@@ -110,8 +110,7 @@ def _serve(options: argparse.Namespace, faults: Sequence[FaultPlan]) -> int:
             struck = {f"{kind} {message}": n for (kind, message), n in sorted(core.done.items())}
             touched = {str(index): count for index, count in sorted(core.touched.items())}
             counts = {**forwarding.summary(), "struck": struck, "touched": touched}
-            write_whole(Path(options.out) / "gateway.json", json.dumps(counts, indent=2) + "
-")
+            write_whole(Path(options.out) / "gateway.json", json.dumps(counts, indent=2) + "\n")
     return EXIT_OK
 
 
