@@ -25,8 +25,8 @@ from firmware_py.radio.silent_radio import SilentRadio
 from firmware_py.radio.zenoh_radio import RadioError
 from firmware_py.settings import SettingsError, shipped_names
 from firmware_py.storage.recorder import LineLog, loss_text
+from firmware_py.storage.whole_file import write_whole
 from firmware_py.tag_reader.serial_line import SerialError
-from firmware_py.whole_file import write_whole
 from plant_emulator.cli.bus_choice import chosen_bus
 from plant_emulator.cli.desk_command import attend
 from plant_emulator.cli.feed_sender import FeedSender

@@ -19,8 +19,8 @@ from firmware_py.interrupts import Interrupts
 from firmware_py.ports import CanPort, RadioPort, SerialPort
 from firmware_py.settings import SettingsError
 from firmware_py.storage.recorder import LineLog
+from firmware_py.storage.whole_file import write_whole
 from firmware_py.trackdb import LineMap, load_line
-from firmware_py.whole_file import write_whole
 from plant_emulator.cli.openers import open_tags, open_wayside, refuse_second_plant
 from plant_emulator.cli.options import AUTO
 from plant_emulator.cli.words import TrainNotices, say, summarise

@@ -1,7 +1,7 @@
 """Whether a fault of the train or the wayside changed anything in the step that just ended.
 
-A brake that is weak changes nothing while nobody brakes; a tag that is missed changes nothing where
-no tag lies. A run in which a fault never changed anything is no evidence of how it was borne.
+A weak brake changes nothing until it is applied; an unread tag changes nothing where no tag lies. A
+run in which a fault never changed anything is no evidence of how the train bears that fault.
 """
 
 from collections.abc import Callable

@@ -8,7 +8,7 @@ from canlog.database import Bus
 from canlog.formats.registry import FORMATS, by_suffix, chained, named
 from canlog.options import ReadOptions
 from canlog.read import stream
-from firmware_py.whole_file import whole_file
+from firmware_py.storage.whole_file import whole_file
 
 
 def convert(

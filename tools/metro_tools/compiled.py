@@ -158,10 +158,10 @@ TUPLES: Final = (
 )
 """But for these, which are unpacked, sorted or counted there; mypyc refuses any other that is."""
 COMMANDS: Final = {
-    "vobc": "metro_hil.entry",
+    "vobc": "metro_hil.cli.entry",
     "plant": "plant_emulator.entry",
     "vcan": "metro_tools.entry",
-    "hil": "metro_hil.entry",
+    "hil": "metro_hil.cli.entry",
 }
 HEADS: Final = "zenoh_config/t2t.py"
 """The module of the dataclass that all kinds of messages inherit from."""

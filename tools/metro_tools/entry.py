@@ -1,4 +1,4 @@
-"""The console scripts `vcan` and `canlog`."""
+"""The console script `vcan`."""
 
 from firmware_py.program import TYPE_CHECKING, Program
 
@@ -12,11 +12,4 @@ def _vcan() -> "Callable[[], int]":
     return main
 
 
-def _canlog() -> "Callable[[], int]":
-    from canlog.command import main
-
-    return main
-
-
 vcan = Program("vcan", _vcan)
-canlog = Program("canlog", _canlog)

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Final
 
-from firmware_py.whole_file import write_whole
+from firmware_py.storage.whole_file import write_whole
 
 EXIT_OK: Final = 0
 EXIT_OUTDATED: Final = 1

@@ -13,7 +13,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from firmware_py.whole_file import write_whole
+from firmware_py.storage.whole_file import write_whole
 
 LAWS: Final = "docs/reference/laws"
 RESULTS: Final = "hil_tests/metro_hil/law_results.json"

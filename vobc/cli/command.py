@@ -29,8 +29,8 @@ from firmware_py.settings import SettingsError
 from firmware_py.storage.nvram import NvramState
 from firmware_py.storage.port_log import PORTS_LOG, PortLog
 from firmware_py.storage.recorder import LineLog, Lossy, RadioLog, SerialLog, loss_text, lost_lines
+from firmware_py.storage.whole_file import write_whole
 from firmware_py.tag_reader.recorded_line import RecordedLine
-from firmware_py.whole_file import write_whole
 from vobc.cli import grant
 from vobc.cli.host import (
     EXIT_ENVIRONMENT,

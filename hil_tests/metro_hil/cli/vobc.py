@@ -15,8 +15,8 @@ from firmware_py.program import Program
 from firmware_py.radio.credentials import load_credentials
 from firmware_py.settings import SettingsError
 from firmware_py.storage.recorder import loss_text
+from firmware_py.storage.whole_file import write_whole
 from firmware_py.trackdb import LineMap
-from firmware_py.whole_file import write_whole
 from metro_hil.cli.realtime_run import RealtimeRun
 from metro_hil.metrics.comfort import comfort_of, inertia_of
 from metro_hil.metrics.results import RunResults, sha256_of

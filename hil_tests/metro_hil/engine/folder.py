@@ -12,7 +12,7 @@ import msgspec
 
 from firmware_py.clock.clock import WallClock
 from firmware_py.settings import nearest
-from firmware_py.whole_file import write_whole
+from firmware_py.storage.whole_file import write_whole
 from metro_hil.engine.errors import EngineError, UsageError
 from metro_hil.engine.journal import JournalHead
 from metro_hil.engine.program import program_version

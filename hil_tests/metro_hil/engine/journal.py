@@ -20,7 +20,7 @@ from typing import Any, Final
 import msgspec
 
 from firmware_py.clock.clock import NS_PER_S, WallClock
-from firmware_py.whole_file import write_whole
+from firmware_py.storage.whole_file import write_whole
 from metro_hil.engine.errors import EngineError
 from metro_hil.model.case import CaseResult
 

@@ -7,7 +7,7 @@ from typing import Final
 
 import msgspec
 
-from firmware_py.whole_file import write_whole
+from firmware_py.storage.whole_file import write_whole
 from metro_hil.engine.errors import EngineError
 from metro_hil.engine.folder import CampaignFolder, empty_run_folder
 from metro_hil.engine.journal import once_each, same_result

@@ -30,8 +30,8 @@ from metro_hil.engine.messages import (
 )
 from metro_hil.model.case import Case, CaseResult
 from metro_hil.model.gc_tuning import collect_rarely
+from metro_hil.model.processor_time import processor_time_s
 from metro_hil.model.run_folder import RunFolder
-from metro_hil.processor_time import processor_time_s
 
 RUNNER: Final = "metro_hil.run.dispatch:run_case"
 GROUP_FUNCTION: Final = "run_group"

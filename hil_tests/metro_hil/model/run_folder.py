@@ -13,7 +13,7 @@ import numpy as np
 import tomli_w
 
 from firmware_py.arguments import DISK_FAULTS
-from firmware_py.whole_file import write_whole
+from firmware_py.storage.whole_file import write_whole
 
 PACKAGES = ("metro-vobc-bench", "python-can", "cantools", "numpy", "pyserial", "eclipse-zenoh")
 

@@ -8,7 +8,12 @@ from firmware_py.expression import compile_expression
 from firmware_py.settings import SettingsError
 from metro_hil.campaign import plan_cases
 from metro_hil.campaign.builder import Scenario
-from metro_hil.live_verdict import (
+from metro_hil.model.case import Case, CaseResult
+from metro_hil.model.case_setup import Files, parts_of
+from metro_hil.model.frame_names import check_bus_fault
+from metro_hil.model.run_folder import RunFolder
+from metro_hil.monitors import MonitorPlan, read_monitors
+from metro_hil.pytest.live_verdict import (
     Expect,
     Expected,
     Finding,
@@ -18,11 +23,6 @@ from metro_hil.live_verdict import (
     place_of_call,
     read_expected,
 )
-from metro_hil.model.case import Case, CaseResult
-from metro_hil.model.case_setup import Files, parts_of
-from metro_hil.model.frame_names import check_bus_fault
-from metro_hil.model.run_folder import RunFolder
-from metro_hil.monitors import MonitorPlan, read_monitors
 from metro_hil.run.case import CaseRun
 from metro_hil.run.dispatch import run_case
 from plant_emulator.faults.kinds import FaultPlace

@@ -7,7 +7,7 @@ from typing import Any
 
 import tomli_w
 
-from firmware_py.whole_file import write_whole
+from firmware_py.storage.whole_file import write_whole
 from metro_hil.model.case import Case
 from metro_hil.model.case_setup import CaseParts, Files, file_name
 from metro_hil.model.run_folder import plain

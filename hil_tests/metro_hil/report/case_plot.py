@@ -13,8 +13,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
+from firmware_py.storage.whole_file import whole_file
 from firmware_py.trackdb import LineMap
-from firmware_py.whole_file import whole_file
 from metro_hil.model.log_columns import Columns, Numbers
 from metro_hil.report.plot import (
     EMERGENCY,

@@ -144,7 +144,7 @@ def _scenarios(pairs: Sequence[Pair], chosen: Mapping[str, float]) -> list[Scena
 
 
 def _detectable(shifts: Sequence[PairedShift], pairs: int) -> tuple[tuple[str, Detectable], ...]:
-    """Of the families that have something to test."""
+    """What each family with something to test can detect."""
     tests = Counter(family(shift) for shift in shifts if shift.p_ratio is not None)
     return tuple((name, detectable(pairs, tests[name])) for name in FAMILIES if tests[name])
 

@@ -9,8 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from firmware_py.storage.whole_file import whole_file
 from firmware_py.trackdb import LineMap, TagKind
-from firmware_py.whole_file import whole_file
 from metro_hil.metrics.run import StationStop
 from metro_hil.model.log_columns import Columns, Numbers
 

@@ -7,7 +7,7 @@ from typing import Any, Final
 import msgspec
 import tomli_w
 
-from firmware_py.whole_file import named, write_whole
+from firmware_py.storage.whole_file import named, write_whole
 from metro_hil.campaign.tables import ConfigTable
 from metro_hil.search.find import Sought
 from metro_hil.search.space import SearchSpace

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from firmware_py.whole_file import whole_file
+from firmware_py.storage.whole_file import whole_file
 from metro_hil.supervision.radio_log import RadioFigures
 
 if TYPE_CHECKING:

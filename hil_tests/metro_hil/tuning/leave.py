@@ -8,7 +8,7 @@ from typing import Any
 import tomli_w
 
 from firmware_py.settings import find, parse
-from firmware_py.whole_file import write_whole
+from firmware_py.storage.whole_file import write_whole
 from metro_hil.model.run_folder import plain
 from metro_hil.tuning.objective import CM_PER_M, RunFigures
 from metro_hil.tuning.training import Ground

@@ -11,7 +11,7 @@ import numpy as np
 from canlog.read import Log, read
 from canlog.table import Table
 from canlog.verbs.common import add_log, read_options
-from firmware_py.whole_file import whole_file
+from firmware_py.storage.whole_file import whole_file
 
 SUMMARY: Final = "a table of physical values for each message, with exact time and units"
 FORMS: Final = ("parquet", "csv", "npz", "arrow")

@@ -18,7 +18,7 @@ from canlog.views.happenings import Happening
 from canlog.views.place import at_instants
 from canlog.views.span import TimeSpan
 from canlog.views.traces import Floats, SignalTrace
-from firmware_py.whole_file import whole_file
+from firmware_py.storage.whole_file import whole_file
 
 INK: Final = "#1d2733"
 QUIET: Final = "#66727f"

@@ -44,7 +44,7 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
         default=[],
         metavar="UNIT=NUMBER",
         help="smallest difference that matters, such as m=0.01; may be repeated; "
-        "docs/comparing.md has the others",
+        "docs/guide/comparing.md has the others",
     )
     parser.set_defaults(run=run)
 
@@ -274,7 +274,7 @@ def _print_shifts(console: "Console", comparison: "CampaignComparison") -> None:
                 f"{tests} Wilcoxon signed-rank tests, two-sided, Holm's correction within margins, "
                 "within measures of which less is better, and within the others; finds: the mean "
                 "difference found in four of five comparisons; effect: rank-biserial, -1 all fell, "
-                "+1 all rose. Errors count by magnitude; docs/comparing.md has the method."
+                "+1 all rose. Errors count by magnitude; docs/guide/comparing.md has the method."
             ),
             soft_wrap=True,
         )

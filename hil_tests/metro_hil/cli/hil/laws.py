@@ -44,7 +44,7 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Raises UsageError for a folder that is no campaign's."""
-    from firmware_py.whole_file import write_whole
+    from firmware_py.storage.whole_file import write_whole
     from metro_hil.engine.sources import sources_hash
     from metro_hil.report.law_figures import results_json
     from metro_hil.report.standing import stamped

@@ -125,7 +125,7 @@ def _run(line: "Line", settings: "Settings", folder: "RunFolder") -> int:
     from firmware_py.buses import BusError
     from firmware_py.radio.zenoh_radio import RadioError
     from firmware_py.storage.recorder import loss_text
-    from firmware_py.whole_file import write_whole
+    from firmware_py.storage.whole_file import write_whole
     from metro_hil.line.exercise.results import results_json
     from metro_hil.line.exercise.verdict import complaints, doubts
     from metro_hil.model.end_condition import DURATION, INTERRUPTED

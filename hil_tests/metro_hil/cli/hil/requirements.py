@@ -27,7 +27,7 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Raises UsageError for a folder that is no campaign's."""
-    from firmware_py.whole_file import write_whole
+    from firmware_py.storage.whole_file import write_whole
     from metro_hil.campaign.scenarios import shipped_scenarios
     from metro_hil.engine.errors import UsageError
     from metro_hil.engine.folder import find_folder

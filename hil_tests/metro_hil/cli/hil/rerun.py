@@ -48,7 +48,7 @@ def run(options: argparse.Namespace) -> int:
 
     from canlog.run_names import mark_latest
     from firmware_py.clock.clock import WallClock
-    from firmware_py.whole_file import write_whole
+    from firmware_py.storage.whole_file import write_whole
     from metro_hil.engine.event_log import tell
     from metro_hil.engine.folder import folder_name
     from metro_hil.model.case import as_expected

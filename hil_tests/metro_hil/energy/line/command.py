@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 from firmware_py.clock.clock import WallClock
-from firmware_py.whole_file import write_whole
+from firmware_py.storage.whole_file import write_whole
 from metro_hil.energy.line import table_four
 from metro_hil.energy.line.model import SUPPLIES, LineTrain, Supply, Timetable
 from metro_hil.energy.line.simulate import LapResults, simulate

@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from firmware_py.whole_file import whole_file
+from firmware_py.storage.whole_file import whole_file
 from metro_hil.energy.line.model import LAP_S, STOPS_M, SUBSTATIONS_M, TRAINS
 from metro_hil.energy.line.simulate import LineSeries
 from metro_hil.energy.line.table_four import TableFour

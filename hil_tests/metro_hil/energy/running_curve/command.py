@@ -13,8 +13,8 @@ from rich.table import Table
 
 from firmware_py.clock.clock import WallClock
 from firmware_py.settings import SettingsError
+from firmware_py.storage.whole_file import write_whole
 from firmware_py.trackdb import load_line
-from firmware_py.whole_file import write_whole
 from metro_hil.energy.running_curve import table_one
 from metro_hil.energy.running_curve.answer import (
     OPTIMUM_CELL_M,

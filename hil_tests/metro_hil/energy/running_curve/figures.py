@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from firmware_py.whole_file import whole_file
+from firmware_py.storage.whole_file import whole_file
 from metro_hil.energy.running_curve.design import Design, RunningCurve
 from metro_hil.energy.running_curve.net import Net
 from metro_hil.energy.running_curve.optimum import Optimum

@@ -12,7 +12,7 @@ from canlog.run_names import mark_latest
 from firmware_py.clock.clock import WallClock
 from firmware_py.interrupts import Interrupts
 from firmware_py.storage.recorder import loss_text
-from firmware_py.whole_file import write_whole
+from firmware_py.storage.whole_file import write_whole
 from metro_hil.line.virtual.coordinator import LineRecord, TrainDiedError, conduct
 from metro_hil.line.virtual.member import LinePlan, VirtualTrainReport, plan_line
 from metro_hil.model.end_condition import DURATION, INTERRUPTED

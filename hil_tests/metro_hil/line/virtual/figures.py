@@ -11,7 +11,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from firmware_py.whole_file import whole_file
+from firmware_py.storage.whole_file import whole_file
 from metro_hil.line.virtual.coordinator import LineRecord
 from metro_hil.line.virtual.member import LinePlan
 from plant_emulator.power.supplies import SUBSTATIONS_M

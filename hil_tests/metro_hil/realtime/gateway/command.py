@@ -17,7 +17,7 @@ from firmware_py.interrupts import Interrupts
 from firmware_py.ports import CanPort
 from firmware_py.settings import SettingsError, parse
 from firmware_py.storage.recorder import LineLog, RecorderError
-from firmware_py.whole_file import write_whole
+from firmware_py.storage.whole_file import write_whole
 from metro_hil.faults.gateway import GatewayFaults
 from metro_hil.model.run_options import EXIT_ENVIRONMENT, EXIT_OK, EXIT_USAGE
 from metro_hil.realtime.feed_socket import FeedSocket

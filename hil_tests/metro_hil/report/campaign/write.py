@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from firmware_py.whole_file import whole_file, write_whole
+from firmware_py.storage.whole_file import whole_file, write_whole
 from metro_hil.model.case import Case, CaseResult
 from metro_hil.report.campaign.info import CampaignInfo
 

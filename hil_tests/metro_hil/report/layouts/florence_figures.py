@@ -11,8 +11,8 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from firmware_py.storage.whole_file import whole_file
 from firmware_py.trackdb import LineMap, load_line
-from firmware_py.whole_file import whole_file
 from metro_hil.engine.folder import CampaignFolder
 from metro_hil.metrics.comfort import felt_signals
 from metro_hil.model.case import Case

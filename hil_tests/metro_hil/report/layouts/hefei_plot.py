@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from firmware_py.whole_file import whole_file
+from firmware_py.storage.whole_file import whole_file
 from metro_hil.engine.folder import CampaignFolder
 from metro_hil.engine.journal import read_journal
 from metro_hil.model.case import Case

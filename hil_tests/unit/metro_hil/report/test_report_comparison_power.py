@@ -14,7 +14,7 @@ from metro_hil.report.relevance import RELEVANT, parse_relevance, relevance_of
 
 Campaign = tuple[list[Case], list[CaseResult]]
 FALL_MM = (3, 5, 6, 2, 9, 4, 8, 7, 1)
-"""The worked example of docs/comparing.md."""
+"""The worked example of docs/guide/comparing.md."""
 
 
 def campaign_of(

@@ -5,7 +5,9 @@ from collections.abc import Sequence
 import pytest
 
 from firmware_py.settings import SettingsError
-from metro_hil.live_verdict import (
+from metro_hil.model.case import CaseResult, MonitorResult, Verdict
+from metro_hil.monitors import MonitorPlan, read_monitors
+from metro_hil.pytest.live_verdict import (
     Expected,
     Finding,
     complaints,
@@ -13,8 +15,6 @@ from metro_hil.live_verdict import (
     findings_of_live,
     read_expected,
 )
-from metro_hil.model.case import CaseResult, MonitorResult, Verdict
-from metro_hil.monitors import MonitorPlan, read_monitors
 
 HERE = "test_mine.py:12"
 SLOW = {"name": "slow", "stl": "always(speed_mps < 5)", "unit": "m/s"}

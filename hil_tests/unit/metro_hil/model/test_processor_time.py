@@ -6,7 +6,7 @@ import time
 
 from metro_hil.cli.hil.working import speed_text
 from metro_hil.model.case import CaseResult, Host, Verdict
-from metro_hil.processor_time import processor_time_s
+from metro_hil.model.processor_time import processor_time_s
 
 BURNT_S = 0.1
 BURN = f"import time\nwhile time.process_time() < {BURNT_S}: pass"

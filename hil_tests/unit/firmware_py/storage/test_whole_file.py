@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from firmware_py.arguments import of_file
-from firmware_py.whole_file import PART, whole_file, write_whole
+from firmware_py.storage.whole_file import PART, whole_file, write_whole
 from hil_tests.disk_rig import small_disk
 
 

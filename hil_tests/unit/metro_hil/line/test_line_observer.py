@@ -161,7 +161,7 @@ def test_an_observer_within_half_a_second_is_no_doubt(tmp_path: Path, delay_ms: 
 
 @pytest.mark.parametrize("delay_ms", [600, 2000, 30_000])
 def test_an_observer_further_behind_makes_the_run_invalid(tmp_path: Path, delay_ms: int) -> None:
-    """As messages arrive in order, all that it hears is old, though it hears them at once."""
+    """Messages arrive in order, so all of them are old although none waits at the observer."""
 
     def behind(at_ms: int) -> int:
         return 0 if at_ms < 500 else delay_ms
