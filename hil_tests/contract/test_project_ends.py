@@ -24,6 +24,7 @@ VERBS: Final[Mapping[str, Sequence[str]]] = {
     "plant": ("run", "consists", "desk", "wayside"),
     "hil": HIL,
     "vcan": ("up", "down", "status"),
+    "vcan-guest": (),
     "canlog": tuple(CANLOG),
 }
 SHOWING: Final = {

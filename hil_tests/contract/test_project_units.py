@@ -26,6 +26,7 @@ UNIT_IS_ELSEWHERE: Final = frozenset(
     {
         # Of whatever the field that holds it says: `front_m: Interval`.
         *("Interval.best", "Interval.high", "Interval.low"),
+        *("ConfidenceInterval.best", "ConfidenceInterval.high", "ConfidenceInterval.low"),
         *("Spread.high", "Spread.low"),
         # One quantity four times over, which the function that uses it names.
         *("_Four.emergency", "_Four.permitted", "_Four.service", "_Four.warning"),
@@ -38,15 +39,15 @@ UNIT_IS_ELSEWHERE: Final = frozenset(
         *("RunOptions.odometer_error", "Setup.odometer_error", "TrainKeys.odometer_error"),
         # Of whatever a factor, a monitor or an expression is about.
         *("PhaseKeys.base", "RangeKeys.high", "RangeKeys.low", "RangeKeys.step"),
-        *("Span.high", "Span.low", "Expression.value_of", "MonitorResult.margin"),
+        *("NumberRange.high", "NumberRange.low", "Expression.value_of", "MonitorResult.margin"),
         *("Cell.margins", "Sought.margins", "Sought.value"),
         *("ExpectedFailure.margin_max", "ExpectedFailure.margin_min"),
         *("_Linear.constant", "_Linear.factors"),
         # Of the setting that the key names.
-        *("Parameter.high", "Parameter.low", "Tuned.after", "Tuned.before"),
+        *("TunedParameter.high", "TunedParameter.low", "Tuned.after", "Tuned.before"),
         # Of the signal of a log that is drawn or compared.
         *("Allowed.physical", "SignalDifference.allowed", "SignalDifference.most"),
-        "Trace.choices",
+        "SignalTrace.choices",
     }
 )
 

@@ -11,7 +11,7 @@ import pytest
 from hil_tests.guest_rig import Guest
 from metro_tools.guest import packages
 from metro_tools.guest.debian_offers import Package
-from metro_tools.guest.kernels import AUTOMATIC, Kernel, choose
+from metro_tools.guest.kernels import AUTOMATIC, GuestKernel, choose
 from metro_tools.guest.plan import NoKernelError
 from metro_tools.guest.processor import this_processor
 
@@ -19,7 +19,7 @@ pytestmark = pytest.mark.guest
 
 LAUNCHER = "tools/vcan-guest"
 DYING_KERNEL = "#!/bin/sh\necho put_fp_registers failed\nkill -SEGV $$\n"
-USER_MODE = (Kernel.STOCK, Kernel.NEWER)
+USER_MODE = (GuestKernel.STOCK, GuestKernel.NEWER)
 
 
 @pytest.fixture
@@ -28,13 +28,13 @@ def cache(guest: Guest, tmp_path: Path) -> Path:
     real = packages.default_cache()
     works = next(real / k.value for k in USER_MODE if (real / k.value).exists())
     cache = tmp_path / "cache"
-    for kernel in Kernel:
+    for kernel in GuestKernel:
         shutil.copytree(works, cache / kernel.value)
     (cache / "toolbox").symlink_to(real / "toolbox")
     return cache
 
 
-def kill(cache: Path, *kernels: Kernel) -> None:
+def kill(cache: Path, *kernels: GuestKernel) -> None:
     """Let kernels of a cache die as they start."""
     for kernel in kernels:
         (cache / kernel.value / "linux").write_text(DYING_KERNEL)
@@ -70,7 +70,7 @@ def test_the_next_kernel_boots_where_the_first_does_not_come_up(
 
 
 def test_a_kernel_that_is_asked_for_makes_way_for_no_other(checkout: Path, cache: Path) -> None:
-    kill(cache, Kernel.NEWER)
+    kill(cache, GuestKernel.NEWER)
 
     by_option = launch(checkout, cache, "--kernel", "newer", "true")
     by_variable = launch(checkout, cache, "true", VCAN_GUEST_KERNEL="newer")

@@ -1,4 +1,4 @@
-"""The console script `vcan`."""
+"""The console scripts `vcan` and `vcan-guest`."""
 
 from firmware_py.program import TYPE_CHECKING, Program
 
@@ -12,4 +12,11 @@ def _vcan() -> "Callable[[], int]":
     return main
 
 
+def _vcan_guest() -> "Callable[[], int]":
+    from metro_tools.guest.cli import main
+
+    return main
+
+
 vcan = Program("vcan", _vcan)
+vcan_guest = Program("vcan-guest", _vcan_guest)

@@ -43,7 +43,7 @@ PROSE_WORDS_MIN: Final = 3
 """Least number of words that make a string of the code a text for people."""
 
 
-class Finding(NamedTuple):
+class ProseFinding(NamedTuple):
     """One word of the dialect in one file."""
 
     path: str
@@ -94,14 +94,14 @@ def allowed_files(root: Path) -> frozenset[str]:
     return frozenset(line for line in lines if line and not line.startswith("#"))
 
 
-def findings(root: Path, path: str) -> list[Finding]:
+def findings(root: Path, path: str) -> list[ProseFinding]:
     """Everything that one file says in the dialect, in the order of its lines."""
     if path in NOT_PROSE:
         return []
     text = (root / path).read_text(encoding="utf-8")
     passages = _of_python(text) if path.endswith(".py") else _of_markdown(text)
     return [
-        Finding(path, line, word, hint)
+        ProseFinding(path, line, word, hint)
         for first, passage in passages
         for line, word, hint in _in_passage(first, passage)
     ]

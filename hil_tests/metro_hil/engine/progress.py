@@ -69,7 +69,7 @@ def failure_line(case: Case, result: CaseResult) -> str:
     return "  ".join(word for word in words if word)
 
 
-class Shown:
+class ProgressDisplay:
     """A `Watcher` for a terminal, or with a line now and then for a file."""
 
     def __init__(self, console: Console) -> None:

@@ -22,7 +22,7 @@ EXERCISED: Final = (Verdict.PASS, Verdict.FAIL)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Shown:
+class RunEvidence:
     """What one run showed."""
 
     monitors: Sequence[MonitorResult]
@@ -46,7 +46,7 @@ class Judgement:
     lacking: tuple[str, ...] = ()
 
 
-def judge(case: Case, shown: Shown) -> Judgement:
+def judge(case: Case, shown: RunEvidence) -> Judgement:
     """The verdict, why it is not a pass, and what keeps the case from being evidence."""
     gaps = _Gaps(case)
     blocked = gaps.blocked(shown)
@@ -102,14 +102,14 @@ class _Gaps:
                 self.excused.append(f"allowed: {text}: {reason}")
         return kept
 
-    def blocked(self, shown: Shown) -> list[str]:
+    def blocked(self, shown: RunEvidence) -> list[str]:
         """Faults and the branch that never began."""
         faults = [
             (each.kind, ANY_FAULT, f"fault {each.kind}") for each in shown.faults if not each.began
         ]
         return [*self._kept(faults), *([] if shown.branched else ["the branch"])]
 
-    def vacuous(self, shown: Shown) -> list[str]:
+    def vacuous(self, shown: RunEvidence) -> list[str]:
         untouched = self._kept(
             (each.kind, ANY_FAULT, f"fault {each.kind} touched nothing")
             for each in shown.faults

@@ -14,7 +14,7 @@ from firmware_py.storage.recorder import RecorderError
 from metro_hil.model.case import Case, CaseResult, FaultResult, Host, MonitorResult, Verdict
 from metro_hil.model.case_setup import NO_FILES, CaseParts, Files, parts_of
 from metro_hil.model.run_folder import RunFolder
-from metro_hil.model.verdict import Judgement, Shown, judge
+from metro_hil.model.verdict import Judgement, RunEvidence, judge
 from metro_hil.monitors import MonitorSet, plans_of
 from metro_hil.realtime.attribution import HANG_S, NO_EXCUSE_S, Failure, HostEvidence, rule
 from metro_hil.realtime.case_loop import Conduct
@@ -135,7 +135,7 @@ class _Run:
         conduct = self._conduct
         return judge(
             self._case,
-            Shown(
+            RunEvidence(
                 monitors=monitors,
                 faults=faults,
                 died=conduct.pulse.died,

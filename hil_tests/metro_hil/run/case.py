@@ -26,7 +26,7 @@ from metro_hil.model.case_setup import NO_FILES, CaseParts, Files, parts_of
 from metro_hil.model.end_condition import ARRIVED
 from metro_hil.model.frame_hash import FrameHash
 from metro_hil.model.run_folder import RunFolder
-from metro_hil.model.verdict import Shown, judge
+from metro_hil.model.verdict import RunEvidence, judge
 from metro_hil.monitors import Context, MonitorSet, plans_of
 from metro_hil.run.lockstep import Lockstep, Taps
 from plant_emulator.faults.declared_process import ClockStep
@@ -288,7 +288,7 @@ class CaseRun:
         faults = self._faults()
         judgement = judge(
             case,
-            Shown(
+            RunEvidence(
                 monitors=monitors,
                 faults=faults,
                 died=self._died,

@@ -46,7 +46,7 @@ FORMULAS: Final = frozenset({"latent_authority_m", "unused_term", "granted_until
 """Among the guards, but not true or false."""
 
 
-def counted(guards: Any, counting: "list[Counting]") -> Any:
+def counted(guards: Any, counting: "list[CountedGuard]") -> Any:
     """The same guards; each counts its answers, and is added to the list."""
     changed: dict[str, Any] = {}
     for each in dataclasses.fields(guards):
@@ -54,12 +54,12 @@ def counted(guards: Any, counting: "list[Counting]") -> Any:
         if dataclasses.is_dataclass(value):
             changed[each.name] = counted(value, counting)
         elif each.name not in FORMULAS:
-            changed[each.name] = Counting(value, each.name)
+            changed[each.name] = CountedGuard(value, each.name)
             counting.append(changed[each.name])
     return dataclasses.replace(guards, **changed)
 
 
-class Counting:
+class CountedGuard:
     """A guard, and what it answered so far."""
 
     __slots__ = ("_call", "name", "no", "yes")
@@ -77,7 +77,7 @@ class Counting:
         return answer
 
 
-def answers(counting: Sequence[Counting]) -> Counter[str]:
+def answers(counting: Sequence[CountedGuard]) -> Counter[str]:
     """What guards have answered, by name; those of one name together."""
     counts = Counter[str]()
     for each in counting:

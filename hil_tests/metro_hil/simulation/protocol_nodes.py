@@ -7,7 +7,7 @@ from typing import Any, Final, Protocol
 
 from firmware_py.trackdb.areas import AreaMap
 from metro_hil.simulation.checker import Rules
-from metro_hil.simulation.coverage import Counting, answers, counted, told_kinds
+from metro_hil.simulation.coverage import CountedGuard, answers, counted, told_kinds
 from metro_hil.simulation.node import NEVER, NodeMachine, NodeStep, QueuedMessage
 from metro_hil.simulation.orders import OrderSource, TrainOrder
 from metro_hil.simulation.routes import Routes
@@ -333,7 +333,7 @@ class ProtocolNodes:
         self.cast, self._seed = cast, seed
         self.said = Counter[str]()
         """What of the protocol nodes said and went through, by name, but for guards."""
-        self._counting: list[Counting] = []
+        self._counting: list[CountedGuard] = []
         self._guards = counted(cast.guards.train, self._counting)
         self.rules = Rules(
             age_max_ns=cast.config.timers.authority_ms * NS_PER_MS,

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from metro_tools.doc_blocks.blocks import Block, Mark, read_blocks
+from metro_tools.doc_blocks.blocks import Block, BlockMark, read_blocks
 from metro_tools.doc_blocks.order import documents
 from metro_tools.doc_blocks.session import Outcome, run_document
 
@@ -23,14 +23,14 @@ def only(text: str) -> Block:
 @pytest.mark.parametrize(
     ("mark", "meant"),
     [
-        ('run: prints "a"', Mark(run=True, prints=("a",))),
-        ('run: prints "a, b", "c"', Mark(run=True, prints=("a, b", "c"))),
-        ('run: exits 1, prints "a"', Mark(run=True, prints=("a",), exits=1)),
-        ("skip: needs a CAN interface", Mark(skip="needs a CAN interface")),
-        ("file: some/where.toml", Mark(file="some/where.toml")),
+        ('run: prints "a"', BlockMark(run=True, prints=("a",))),
+        ('run: prints "a, b", "c"', BlockMark(run=True, prints=("a, b", "c"))),
+        ('run: exits 1, prints "a"', BlockMark(run=True, prints=("a",), exits=1)),
+        ("skip: needs a CAN interface", BlockMark(skip="needs a CAN interface")),
+        ("file: some/where.toml", BlockMark(file="some/where.toml")),
     ],
 )
-def test_a_mark_says_what_becomes_of_the_block_below(mark: str, meant: Mark) -> None:
+def test_a_mark_says_what_becomes_of_the_block_below(mark: str, meant: BlockMark) -> None:
     block = only(f"Text.\n\n<!-- {mark} -->\n\n```sh\ntrue\n```\n")
 
     assert block.mark == meant

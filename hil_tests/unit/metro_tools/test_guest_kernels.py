@@ -6,7 +6,7 @@ import pytest
 
 from metro_tools.guest.kernels import (
     AUTOMATIC,
-    Kernel,
+    GuestKernel,
     Processor,
     booting_line,
     choose,
@@ -23,7 +23,7 @@ AMX_FRAME_BYTES = 11952
 def test_the_stock_kernel_comes_first_where_it_works(frame_bytes: int | None) -> None:
     choice = choose(AUTOMATIC, Processor({"avx512f", "xsave"}, frame_bytes))
 
-    assert choice.kernels == (Kernel.STOCK, Kernel.NEWER, Kernel.QEMU)
+    assert choice.kernels == (GuestKernel.STOCK, GuestKernel.NEWER, GuestKernel.QEMU)
 
 
 @pytest.mark.parametrize(
@@ -40,11 +40,11 @@ def test_the_newer_kernel_comes_first_where_the_stock_one_dies(
 ) -> None:
     choice = choose(AUTOMATIC, Processor(flags, frame_bytes))
 
-    assert choice.kernels == (Kernel.NEWER, Kernel.STOCK, Kernel.QEMU)
+    assert choice.kernels == (GuestKernel.NEWER, GuestKernel.STOCK, GuestKernel.QEMU)
 
 
-@pytest.mark.parametrize("kernel", Kernel)
-def test_a_kernel_that_is_asked_for_is_the_only_one(kernel: Kernel) -> None:
+@pytest.mark.parametrize("kernel", GuestKernel)
+def test_a_kernel_that_is_asked_for_is_the_only_one(kernel: GuestKernel) -> None:
     for flags in ({"amx_tile"}, set[str]()):
         assert choose(kernel.value, Processor(flags, None)).kernels == (kernel,)
 
@@ -53,8 +53,8 @@ def test_the_emulated_pc_is_always_the_last_resort() -> None:
     for flags, frame_bytes in itertools.product(({"amx_tile"}, set[str]()), (None, 1, 99999)):
         kernels = choose(AUTOMATIC, Processor(flags, frame_bytes)).kernels
 
-        assert kernels[-1] is Kernel.QEMU
-        assert set(kernels) == set(Kernel)
+        assert kernels[-1] is GuestKernel.QEMU
+        assert set(kernels) == set(GuestKernel)
 
 
 def test_this_machine_tells_its_flags() -> None:
@@ -66,7 +66,7 @@ def test_this_machine_tells_its_flags() -> None:
 
 
 def test_one_line_names_the_kernel_its_release_and_the_reason() -> None:
-    line = booting_line(Kernel.NEWER, "7.2.7", "the processor has AMX")
+    line = booting_line(GuestKernel.NEWER, "7.2.7", "the processor has AMX")
 
     assert "\n" not in line
     for part in ("newer", "7.2.7", "the processor has AMX"):
@@ -74,13 +74,13 @@ def test_one_line_names_the_kernel_its_release_and_the_reason() -> None:
 
 
 def test_a_reason_that_all_kernels_share_is_said_once() -> None:
-    text = failure_text([(kernel, "apt-get is missing") for kernel in Kernel])
+    text = failure_text([(kernel, "apt-get is missing") for kernel in GuestKernel])
 
     assert text == "apt-get is missing"
 
 
 def test_different_reasons_are_said_with_their_kernels() -> None:
-    text = failure_text([(Kernel.STOCK, "it died"), (Kernel.QEMU, "no memory")])
+    text = failure_text([(GuestKernel.STOCK, "it died"), (GuestKernel.QEMU, "no memory")])
 
     assert text.splitlines()[1:] == ["stock: it died", "qemu: no memory"]
 

@@ -68,7 +68,7 @@ def test_controller_plant_and_wayside_take_the_same_track(
     assert planned.areas == load_areas(str(divided))
 
     served = []
-    monkeypatch.setattr(plant, "serve_line", lambda options: served.append(options.line))
+    monkeypatch.setattr(plant, "serve_line", lambda options: served.append(options.line) or 0)
     assert plant.main(["run", "--wayside", "--line", str(divided)]) == 0
     assert served == [str(divided)]
     assert plant_parser().parse_args(["run", "--line", str(divided)]).line == str(divided)

@@ -34,7 +34,7 @@ RUN_FORM: Final = 'write <!-- run: prints "text" --> or <!-- run: exits 1, print
 
 
 @dataclass(frozen=True, slots=True)
-class Mark:
+class BlockMark:
     """What becomes of one block."""
 
     run: bool = False
@@ -55,7 +55,7 @@ class Block:
     """Number of the line with the opening fence, from 1."""
     text: tuple[str, ...]
     """Lines between the fences."""
-    mark: Mark
+    mark: BlockMark
 
     @property
     def is_python(self) -> bool:
@@ -75,17 +75,17 @@ class Block:
 
 
 @dataclass(frozen=True, slots=True)
-class Fault:
+class DocumentFault:
     """What is wrong with a document before anything is run."""
 
     line: int
     text: str
 
 
-def read_blocks(text: str) -> tuple[list[Block], list[Fault]]:
+def read_blocks(text: str) -> tuple[list[Block], list[DocumentFault]]:
     """All fenced blocks of a document in order, and what is wrong with their marks."""
     blocks: list[Block] = []
-    faults: list[Fault] = []
+    faults: list[DocumentFault] = []
     lines = text.splitlines()
     number = 0
     while number < len(lines):
@@ -106,17 +106,19 @@ def read_blocks(text: str) -> tuple[list[Block], list[Fault]]:
     return blocks, faults
 
 
-def _outside(lines: Sequence[str], number: int) -> Iterator[Fault]:
+def _outside(lines: Sequence[str], number: int) -> Iterator[DocumentFault]:
     """Commands outside of any fence, and marks that stand above no fence."""
     line = lines[number - 1]
     indented = INDENTED.match(line)
     before = lines[number - 2].strip() if number > 1 else ""
     if indented and indented[1] in PROGRAMS and not before:
-        yield Fault(number, "a command in an indented block; put it between ```sh and ```")
+        yield DocumentFault(number, "a command in an indented block; put it between ```sh and ```")
     if LIKE_MARK.match(line):
         below = next((each for each in lines[number:] if each.strip()), "")
         if not FENCE.match(below):
-            yield Fault(number, "this mark stands above no block; move it directly above a fence")
+            yield DocumentFault(
+                number, "this mark stands above no block; move it directly above a fence"
+            )
 
 
 def _inside(lines: Sequence[str], fence: str, indent: int) -> Iterator[str]:
@@ -127,28 +129,34 @@ def _inside(lines: Sequence[str], fence: str, indent: int) -> Iterator[str]:
         yield line[indent:] if not line[:indent].strip() else line
 
 
-def _mark_above(lines: Sequence[str], number: int) -> tuple[Mark, list[Fault]]:
+def _mark_above(lines: Sequence[str], number: int) -> tuple[BlockMark, list[DocumentFault]]:
     """The mark in the last line with text above a fence."""
     above = number - 1
     while above > 0 and not lines[above - 1].strip():
         above -= 1
     if above == 0 or not LIKE_MARK.match(lines[above - 1]):
-        return Mark(), []
+        return BlockMark(), []
     found = MARK.match(lines[above - 1])
     if found is None:
-        return Mark(), [Fault(above, f"this mark has no text; {RUN_FORM}, or give the reason")]
+        return BlockMark(), [
+            DocumentFault(above, f"this mark has no text; {RUN_FORM}, or give the reason")
+        ]
     kind, text = found.groups()
     if kind == "skip":
-        wrong = [] if text else [Fault(above, "skip without a reason; write why it is not run")]
-        return Mark(skip=text), wrong
+        wrong = (
+            [] if text else [DocumentFault(above, "skip without a reason; write why it is not run")]
+        )
+        return BlockMark(skip=text), wrong
     if kind == "file":
         name = PurePosixPath(text)
         good = text and not name.is_absolute() and ".." not in name.parts
-        return Mark(file=text), [] if good else [Fault(above, f"{text!r} is no name of a file")]
+        return BlockMark(file=text), [] if good else [
+            DocumentFault(above, f"{text!r} is no name of a file")
+        ]
     return _run_mark(text, above)
 
 
-def _run_mark(text: str, line: int) -> tuple[Mark, list[Fault]]:
+def _run_mark(text: str, line: int) -> tuple[BlockMark, list[DocumentFault]]:
     head, comma, tail = text.partition(", prints ")
     exits = EXITS.match(head)
     if exits and comma:
@@ -156,22 +164,24 @@ def _run_mark(text: str, line: int) -> tuple[Mark, list[Fault]]:
     else:
         exits, prints = None, PRINTS.match(text)
     if prints is None:
-        return Mark(run=True), [Fault(line, f"{text!r} expects nothing; {RUN_FORM}")]
+        return BlockMark(run=True), [DocumentFault(line, f"{text!r} expects nothing; {RUN_FORM}")]
     texts = tuple(re.findall(r'"([^"]+)"', prints[1]))
-    return Mark(run=True, prints=texts, exits=int(exits[1]) if exits else 0), []
+    return BlockMark(run=True, prints=texts, exits=int(exits[1]) if exits else 0), []
 
 
-def _complaints(block: Block, *, closed: bool) -> Iterator[Fault]:
+def _complaints(block: Block, *, closed: bool) -> Iterator[DocumentFault]:
     if not closed:
-        yield Fault(block.line, "this block is never closed")
+        yield DocumentFault(block.line, "this block is never closed")
     shell = block.language in SHELL
     if not block.language and block.text and _program(block.text[0]) in PROGRAMS:
-        yield Fault(block.line, "a block of commands without a language; write ```sh")
+        yield DocumentFault(block.line, "a block of commands without a language; write ```sh")
     mark = block.mark
     if mark.run and not (shell or block.is_python):
-        yield Fault(block.line, f"a block of {block.language or 'no language'} cannot be run")
+        yield DocumentFault(
+            block.line, f"a block of {block.language or 'no language'} cannot be run"
+        )
     if (shell or block.is_python) and not (mark.run or mark.skip or mark.file):
-        yield Fault(
+        yield DocumentFault(
             block.line,
             f"this block of {block.language} says neither what it prints nor why it is not run; "
             f"{RUN_FORM}, or <!-- skip: reason --> above it",

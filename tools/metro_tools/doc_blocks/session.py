@@ -45,7 +45,7 @@ _block_ends() {
 
 
 @dataclass(frozen=True, slots=True)
-class Failure:
+class BlockFailure:
     """One block that did not do what the document says."""
 
     document: str
@@ -65,7 +65,7 @@ class Outcome:
 
     ran: int
     """Blocks that were executed to their end."""
-    failure: Failure | None
+    failure: BlockFailure | None
     """The first one; the blocks below it were not executed, because they may build on it."""
 
 
@@ -135,7 +135,7 @@ class _Follow:
         self._blocks = {block.line: block for block in blocks}
         self._place = place
         self._current: Block | None = None
-        self._failure: Failure | None = None
+        self._failure: BlockFailure | None = None
         self._ran = 0
 
     def outcome(self, clone: Path, environment: Mapping[str, str], seconds: float) -> Outcome:
@@ -218,7 +218,7 @@ class _Follow:
         block = self._current
         where = block.line if block is not None else 1
         output = self._output(block) if block is not None else ""
-        self._failure = Failure(self._name, where if line is None else line, text, output)
+        self._failure = BlockFailure(self._name, where if line is None else line, text, output)
 
     def _output(self, block: Block) -> str:
         path = self._place / f"{block.line}.txt"

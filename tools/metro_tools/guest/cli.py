@@ -11,7 +11,7 @@ from typing import Final
 from firmware_py.arguments import words_of
 from firmware_py.assertions import require_assertions
 from metro_tools.guest import machine, packages, plan
-from metro_tools.guest.kernels import AUTOMATIC, Kernel, booting_line, choose, failure_text
+from metro_tools.guest.kernels import AUTOMATIC, GuestKernel, booting_line, choose, failure_text
 from metro_tools.guest.plan import GuestError, GuestRequest, NoKernelError
 from metro_tools.guest.processor import this_processor
 
@@ -22,7 +22,7 @@ EXIT_BROKEN_PIPE: Final = 141
 KERNEL_VARIABLE: Final = "VCAN_GUEST_KERNEL"
 GUEST_VARIABLE: Final = "VCAN_GUEST"
 """Set in the guest's environment, so that a program can tell where it runs."""
-KERNELS: Final = (AUTOMATIC, *(kernel.value for kernel in Kernel))
+KERNELS: Final = (AUTOMATIC, *(kernel.value for kernel in GuestKernel))
 DEFAULT_TIMEOUT_S: Final = 900
 DEFAULT_MEMORY_MIB: Final = 2048
 
@@ -74,7 +74,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _run(request: GuestRequest, options: argparse.Namespace) -> int:
     """The command's exit status, from the first kernel that comes up."""
     choice = choose(options.kernel, this_processor())
-    failures: list[tuple[Kernel, str]] = []
+    failures: list[tuple[GuestKernel, str]] = []
     for kernel in choice.kernels:
         try:
             memory = machine.find_memory(kernel, options.memory)
@@ -88,7 +88,7 @@ def _run(request: GuestRequest, options: argparse.Namespace) -> int:
     raise GuestError(failure_text(failures))
 
 
-def _why_not(failure: tuple[Kernel, str]) -> str:
+def _why_not(failure: tuple[GuestKernel, str]) -> str:
     kernel, text = failure
     return f"{kernel.value}: {text.splitlines()[0]}"
 

@@ -15,7 +15,7 @@ AMX_FLAG: Final = "amx_tile"
 """Flag in /proc/cpuinfo of a processor whose XSAVE area has 11,008 bytes."""
 
 
-class Kernel(Enum):
+class GuestKernel(Enum):
     """A kernel to boot; the value is the user's name of it and its folder in the cache."""
 
     STOCK = "stock"
@@ -24,9 +24,9 @@ class Kernel(Enum):
 
 
 TITLES: Final = {
-    Kernel.STOCK: "the distribution's user-mode Linux",
-    Kernel.NEWER: "Debian unstable's user-mode Linux",
-    Kernel.QEMU: "an emulated PC (QEMU, about 15 times slower) with Linux",
+    GuestKernel.STOCK: "the distribution's user-mode Linux",
+    GuestKernel.NEWER: "Debian unstable's user-mode Linux",
+    GuestKernel.QEMU: "an emulated PC (QEMU, about 15 times slower) with Linux",
 }
 
 
@@ -44,7 +44,7 @@ class Processor:
 class Choice:
     """Kernels in the order to try, and why that order."""
 
-    kernels: Sequence[Kernel]
+    kernels: Sequence[GuestKernel]
     reason: str
 
 
@@ -52,27 +52,29 @@ def choose(wanted: str, processor: Processor) -> Choice:
     """One kernel if the user named it, else all three; the later ones are for when one fails.
 
     Args:
-        wanted: a value of `Kernel`, or `AUTOMATIC`.
+        wanted: a value of `GuestKernel`, or `AUTOMATIC`.
         processor: of this machine.
     """
     if wanted != AUTOMATIC:
-        return Choice((Kernel(wanted),), "as asked for")
+        return Choice((GuestKernel(wanted),), "as asked for")
     frame_bytes = processor.signal_frame_bytes or 0
     if AMX_FLAG in processor.flags:
         reason = "the processor has AMX, on which older ones die"
     elif frame_bytes > SIGNAL_FRAME_MAX_BYTES:
         reason = f"older ones die on the processor's signal frame of {frame_bytes} bytes"
     else:
-        return Choice((Kernel.STOCK, Kernel.NEWER, Kernel.QEMU), "it suits the processor")
-    return Choice((Kernel.NEWER, Kernel.STOCK, Kernel.QEMU), reason)
+        return Choice(
+            (GuestKernel.STOCK, GuestKernel.NEWER, GuestKernel.QEMU), "it suits the processor"
+        )
+    return Choice((GuestKernel.NEWER, GuestKernel.STOCK, GuestKernel.QEMU), reason)
 
 
-def booting_line(kernel: Kernel, release: str, reason: str) -> str:
+def booting_line(kernel: GuestKernel, release: str, reason: str) -> str:
     """The line that names the kernel before it boots, and says why this one."""
     return f"kernel {kernel.value}: {TITLES[kernel]} {release} ({reason})"
 
 
-def failure_text(failures: Sequence[tuple[Kernel, str]]) -> str:
+def failure_text(failures: Sequence[tuple[GuestKernel, str]]) -> str:
     """Why no kernel gave a guest: each reason once."""
     texts = dict.fromkeys(text for _, text in failures)
     if len(texts) == 1:

@@ -7,7 +7,7 @@ from pathlib import Path, PurePath
 from typing import Final
 
 from metro_tools.guest import packages, plan, qemu
-from metro_tools.guest.kernels import Kernel
+from metro_tools.guest.kernels import GuestKernel
 from metro_tools.guest.plan import Engine, GuestFolders
 from metro_tools.guest.wires import GuestWires
 
@@ -17,7 +17,7 @@ LIBRARY_FOLDER: Final = "lib/x86_64-linux-gnu"
 
 
 @dataclass(frozen=True, slots=True)
-class Memory:
+class GuestMemory:
     """Where the guest's memory is, and how many MiB it has."""
 
     place: str | None
@@ -34,19 +34,19 @@ class Launch:
     """Environment variables that are set over the launcher's own."""
 
 
-def machine_for(kernel: Kernel, cache: Path, run_dir: Path) -> GuestFolders:
+def machine_for(kernel: GuestKernel, cache: Path, run_dir: Path) -> GuestFolders:
     """Where the parts of a guest with this kernel are."""
     folder, emulator = cache / kernel.value, cache / packages.EMULATOR
     own = shutil.which(qemu.PROGRAM)
     firmware: tuple[Path, ...] = ()
     libraries: PurePath | None = None
-    if kernel is Kernel.NEWER:
+    if kernel is GuestKernel.NEWER:
         libraries = NEWER_LIBRARIES
-    elif kernel is Kernel.QEMU and own is None:
+    elif kernel is GuestKernel.QEMU and own is None:
         libraries = emulator / LIBRARY_FOLDER
         firmware = (emulator / "share/qemu", emulator / "share/seabios")
     return GuestFolders(
-        engine=Engine.QEMU if kernel is Kernel.QEMU else Engine.UML,
+        engine=Engine.QEMU if kernel is GuestKernel.QEMU else Engine.UML,
         kernel=folder / "linux",
         busybox=folder / "busybox",
         modules=folder / "modules",
@@ -58,7 +58,7 @@ def machine_for(kernel: Kernel, cache: Path, run_dir: Path) -> GuestFolders:
     )
 
 
-def launch(machine: GuestFolders, memory: Memory, wires: GuestWires) -> Launch:
+def launch(machine: GuestFolders, memory: GuestMemory, wires: GuestWires) -> Launch:
     """Command line and environment; names the pipes of the control line in the run directory."""
     settings = {}
     if machine.libraries is not None:

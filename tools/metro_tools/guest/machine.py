@@ -16,8 +16,8 @@ from typing import IO, Final
 
 from firmware_py.clock.clock import NS_PER_S, WallClock
 from metro_tools.guest import plan
-from metro_tools.guest.kernels import Kernel
-from metro_tools.guest.launch import Launch, Memory, launch, machine_for
+from metro_tools.guest.kernels import GuestKernel
+from metro_tools.guest.launch import GuestMemory, Launch, launch, machine_for
 from metro_tools.guest.plan import (
     Engine,
     GuestError,
@@ -57,20 +57,20 @@ class _Course:
     """What to say when the deadline passes."""
 
 
-def find_memory(kernel: Kernel, wanted_mib: int) -> Memory:
+def find_memory(kernel: GuestKernel, wanted_mib: int) -> GuestMemory:
     """Where the guest's memory will be, and how much it gets.
 
     Raises:
         NoKernelError: there is no room for it.
     """
-    if kernel is Kernel.QEMU:
-        return Memory(None, plan.emulated_memory_mib(_available_mib(), wanted_mib))
+    if kernel is GuestKernel.QEMU:
+        return GuestMemory(None, plan.emulated_memory_mib(_available_mib(), wanted_mib))
     place, memory_mib = plan.choose_memory(memory_places(), wanted_mib)
-    return Memory(place.path, memory_mib)
+    return GuestMemory(place.path, memory_mib)
 
 
 def run(
-    request: GuestRequest, cache: Path, kernel: Kernel, memory: Memory, *, verbose: bool
+    request: GuestRequest, cache: Path, kernel: GuestKernel, memory: GuestMemory, *, verbose: bool
 ) -> int:
     """Boot, run, power off; the command's exit status.
 
@@ -144,7 +144,7 @@ def _write(path: Path, text: str) -> None:
     path.write_bytes(os.fsencode(text))
 
 
-def _boot(request: GuestRequest, machine: GuestFolders, memory: Memory) -> int:
+def _boot(request: GuestRequest, machine: GuestFolders, memory: GuestMemory) -> int:
     wires = lay_wires(one_stream=request.one_stream)
     start = launch(machine, memory, wires)
     with (Path(machine.run_dir) / "console.log").open("wb") as console, _kept_signals() as caught:

@@ -17,7 +17,7 @@ from metro_tools.guest.debian_offers import PINNED, Package, offered, settle, so
 from metro_tools.guest.elf_interpreter import with_interpreter
 from metro_tools.guest.initial_files import archive
 from metro_tools.guest.kernel_modules import in_load_order, module_name
-from metro_tools.guest.kernels import Kernel
+from metro_tools.guest.kernels import GuestKernel
 from metro_tools.guest.plan import NoKernelError, library_names
 
 TOOLBOX: Final = "toolbox"
@@ -50,13 +50,13 @@ def default_cache() -> Path:
     return Path(base) / "metro-bench" / "vcan-guest"
 
 
-def parts_of(kernel: Kernel) -> tuple[str, ...]:
+def parts_of(kernel: GuestKernel) -> tuple[str, ...]:
     """Folders of the cache that a guest with this kernel takes."""
-    bundled = kernel is Kernel.QEMU and shutil.which(qemu.PROGRAM) is None
+    bundled = kernel is GuestKernel.QEMU and shutil.which(qemu.PROGRAM) is None
     return (kernel.value, TOOLBOX, *([EMULATOR] if bundled else []))
 
 
-def fill_cache(cache: Path, kernel: Kernel, say: Say) -> None:
+def fill_cache(cache: Path, kernel: GuestKernel, say: Say) -> None:
     """Make sure that the parts of this kernel are in the cache. A part that is there is whole.
 
     Raises:
@@ -131,15 +131,15 @@ def _fill_toolbox(apt: "_Apt", tree: Path, to: Path) -> None:
 
 
 FILLERS: Final = {
-    Kernel.STOCK.value: _fill_stock,
-    Kernel.NEWER.value: _fill_newer,
-    Kernel.QEMU.value: _fill_qemu,
+    GuestKernel.STOCK.value: _fill_stock,
+    GuestKernel.NEWER.value: _fill_newer,
+    GuestKernel.QEMU.value: _fill_qemu,
     EMULATOR: _fill_emulator,
     TOOLBOX: _fill_toolbox,
 }
 
 
-def release(cache: Path, kernel: Kernel) -> str:
+def release(cache: Path, kernel: GuestKernel) -> str:
     """Version of a kernel in the cache, as `uname -r` gives it."""
     return (cache / kernel.value / "release").read_text().strip()
 

@@ -148,7 +148,7 @@ def work_on(
 def _work_on(
     folder: "CampaignFolder", options: argparse.Namespace, remembered: dict[str, Any]
 ) -> int:
-    from metro_hil.engine.progress import Shown
+    from metro_hil.engine.progress import ProgressDisplay
     from metro_hil.engine.run_campaign import CampaignOptions, run_campaign
     from metro_hil.engine.stopping import StopWish
 
@@ -167,7 +167,7 @@ def _work_on(
     )
     crew, keeper = crews(folder, options, [case.bench.value for case in folder.cases()])
     with StopWish() as stop:
-        end = run_campaign(folder, crew, keeper, Shown(console), stop, wishes)
+        end = run_campaign(folder, crew, keeper, ProgressDisplay(console), stop, wishes)
     reports: Sequence[Path] = ()
     try:
         # Also of an interrupted campaign; a second Ctrl-C does without.

@@ -17,7 +17,7 @@ from metro_hil.model.case import (
     as_expected,
     mismatch,
 )
-from metro_hil.model.verdict import Judgement, Shown, judge
+from metro_hil.model.verdict import Judgement, RunEvidence, judge
 
 CASE = Case(id="c", index=0, scenario="s", seed=1, setup=Setup())
 
@@ -35,7 +35,7 @@ def fault(*, began: bool = True, touched: int | None = 1) -> FaultResult:
 def judged(*monitors: MonitorResult, case: dict[str, Any] | None = None, **shown: Any) -> Judgement:
     made = msgspec.structs.replace(CASE, **(case or {}))
     return judge(
-        made, Shown(**{"monitors": monitors, "moved_m": 100.0, "violated": False, **shown})
+        made, RunEvidence(**{"monitors": monitors, "moved_m": 100.0, "violated": False, **shown})
     )
 
 
@@ -151,7 +151,7 @@ def test_an_allowance_for_something_else_does_not_count() -> None:
 
 def test_a_case_that_may_show_nothing_at_all_is_vacuous_as_expected() -> None:
     case = msgspec.structs.replace(CASE, vacuous=(Allowance(names=("case",), reason="a log"),))
-    found = judge(case, Shown(monitors=(), moved_m=9.0, violated=False))
+    found = judge(case, RunEvidence(monitors=(), moved_m=9.0, violated=False))
     result = CaseResult(case_id="c", index=0, verdict=found.verdict, lacking=found.lacking)
 
     assert found.verdict is Verdict.VACUOUS

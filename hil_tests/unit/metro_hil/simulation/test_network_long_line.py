@@ -33,7 +33,7 @@ def test_trains_that_listened_everywhere_would_hear_all_of_the_line(
     def to_all(targets: Sequence[int], message: Any, topic: int | None) -> QueuedMessage:
         return QueuedMessage(targets, message)
 
-    monkeypatch.setattr(routes, "Letter", to_all)
+    monkeypatch.setattr(routes, "QueuedMessage", to_all)
     few, many = few_and_many()
 
     assert many.heard_per_s > 1.5 * few.heard_per_s
