@@ -148,6 +148,7 @@ class LocalPool:
         runner: str = RUNNER,
         case_timeout_s: float | None = None,
         nice: int = 0,
+        environment: Mapping[str, str] | None = None,
     ) -> None:
         """The processes start with the first batches.
 
@@ -157,12 +158,16 @@ class LocalPool:
             runner: `module:function`.
             case_timeout_s: wall time for each case; None for `lease_s`.
             nice: added to the workers' niceness.
+            environment: of the workers; None for that of this process with the compiled copy, if
+                there is one.
         """
         assert workers >= 1
         self._workers_max = workers
         self._hello = WorkerHello(runner, {name: str(path) for name, path in files.items()})
         self._case_timeout_s, self._nice = case_timeout_s, nice
-        self._environment = worker_environment({**ONE_THREAD, **os.environ}, compiled_library())
+        self._environment = environment or worker_environment(
+            {**ONE_THREAD, **os.environ}, compiled_library()
+        )
         self._clock = WallClock()
         self._crew: list[Worker] = []
         self._selector = selectors.DefaultSelector()

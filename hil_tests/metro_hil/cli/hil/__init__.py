@@ -17,7 +17,17 @@ from metro_hil.model.run_options import EXIT_ENVIRONMENT, EXIT_USAGE
 
 VERBS: Final = (
     *("check", "run", "resume", "list", "show", "rerun"),
-    *("compare", "report", "replay", "verify", "search", "scenarios", "faults", "monitors"),
+    *(
+        "compare",
+        "report",
+        "replay",
+        "verify",
+        "sensitivity",
+        "search",
+        "scenarios",
+        "faults",
+        "monitors",
+    ),
     *("requirements", "laws", "line", "simulate"),
 )
 """In the order of the help; each is a module of this package with `add` and `run`."""

@@ -1,0 +1,1 @@
+"""The shipped mutations of the controller, one file for each area; `hil sensitivity` tries them."""

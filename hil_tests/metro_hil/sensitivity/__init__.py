@@ -1,0 +1,1 @@
+"""Runs a campaign against mutated controllers and reports which scenario notices each mutant."""

@@ -1,0 +1,95 @@
+"""What became of each mutant."""
+
+import enum
+from collections.abc import Sequence
+
+import msgspec
+from msgspec.structs import replace
+
+from metro_hil.model.case import CaseResult, Verdict
+
+
+class Outcome(enum.Enum):
+    NOTICED = "noticed"
+    ARGUED = "argued"
+    """No case that was tried noticed it, and its list says why none can."""
+    UNNOTICED = "unnoticed"
+    REFUTED = "noticed against its argument"
+    INVALID = "invalid"
+    """The mutant does not run, so that a failure says nothing about the campaign."""
+    NOT_TRIED = "not tried"
+
+    @property
+    def in_order(self) -> bool:
+        return self in (Outcome.NOTICED, Outcome.ARGUED)
+
+
+class Finding(msgspec.Struct, frozen=True, kw_only=True):
+    """One mutant and who noticed it."""
+
+    mutant: str
+    rule: str
+    file: str
+    source: str
+    """The list that holds the mutant."""
+    outcome: Outcome
+    case: str = ""
+    """Id of the case that notices it."""
+    scenario: str = ""
+    monitor: str = ""
+    """Violated on the mutant and not on the true controller; the worst of several."""
+    margin: float | None = None
+    unit: str = ""
+    at_s: float | None = None
+    why: str = ""
+    """The argument, why the mutant is invalid, or what the case reports without a monitor."""
+    tried: int = 0
+    """Cases that were run on the mutant."""
+    difference: str = ""
+    """The change of the source as a unified diff."""
+
+    def by(self) -> str:
+        """Who notices it, or what else became of it, for a person."""
+        if self.outcome in (Outcome.NOTICED, Outcome.REFUTED):
+            return f"{self.case}: {self.sign()}"
+        return self.why
+
+    def sign(self) -> str:
+        """What the case shows that notices it."""
+        if not self.monitor:
+            return self.why
+        unit = "" if self.unit == "1" else f" {self.unit}"
+        margin = "" if self.margin is None else f" {self.margin:.3g}{unit}"
+        at = "" if self.at_s is None else f" at {self.at_s:.2f} s"
+        return f"{self.monitor}{margin}{at}"
+
+
+def violated(finding: Finding, mutated: CaseResult, true: CaseResult) -> Finding:
+    """The finding with the monitor that the mutant violates and the true controller does not.
+
+    A case can fail to be as expected without one, as when its fault never begins.
+    """
+    held = {each.name for each in true.monitors if each.verdict is not Verdict.FAIL}
+    failed = [
+        each for each in mutated.monitors if each.verdict is Verdict.FAIL and each.name in held
+    ]
+    if not failed:
+        return replace(finding, why=mutated.reason or f"verdict {mutated.verdict.value}")
+    worst = min(failed, key=lambda each: each.margin if each.margin is not None else 0.0)
+    return replace(
+        finding,
+        monitor=worst.name,
+        margin=worst.margin,
+        unit=worst.unit,
+        at_s=worst.at_s,
+        why="",
+    )
+
+
+def count_text(findings: Sequence[Finding]) -> str:
+    """How many of each outcome, in one line."""
+    counts = dict.fromkeys(Outcome, 0)
+    for finding in findings:
+        counts[finding.outcome] += 1
+    parts = [f"{count} {outcome.value}" for outcome, count in counts.items() if count]
+    return f"{len(findings)} mutants: {', '.join(parts)}"

@@ -1,0 +1,146 @@
+"""The list of mutants: reading it, choosing from it, and changing the source of the controller."""
+
+import ast
+import fnmatch
+import hashlib
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from firmware_py import settings
+from firmware_py.settings import SettingsError, build, nearest
+
+PACKAGE: Final = "metro_hil.controller_mutants"
+TABLE: Final = "mutant"
+
+
+@dataclass(frozen=True, slots=True)
+class Mutant:
+    """One semantic mistake of the controller."""
+
+    name: str
+    rule: str
+    """The rule of docs/reference/supervision.md or docs/design/protection.md that the mutant breaks."""
+    file: str
+    """Source file of the controller, relative to the folder that holds the packages."""
+    old: str
+    """Source text that occurs once in the file."""
+    new: str
+    """What stands there instead."""
+    tries: tuple[str, ...] = ()
+    """Scenarios or case ids that are likely to notice it. They are only tried first."""
+    argued: str = ""
+    """Why no scenario can notice it; empty for a mutant that a scenario has to notice."""
+    source: str = ""
+    """The list that holds it. Set by the reader."""
+
+    def __post_init__(self) -> None:
+        for key in ("name", "rule", "file", "old"):
+            if not getattr(self, key).strip():
+                raise ValueError(f"{key} is empty")
+        if self.old == self.new:
+            raise ValueError("new is the same text as old")
+
+    @property
+    def module(self) -> str:
+        """Dotted name of the changed module."""
+        return self.file.removesuffix(".py").removesuffix("/__init__").replace("/", ".")
+
+    @property
+    def package(self) -> str:
+        return self.file.partition("/")[0]
+
+
+def shipped_mutants() -> tuple[Mutant, ...]:
+    """All mutants of all shipped lists, in the order of their files. Raises SettingsError."""
+    found: list[Mutant] = []
+    for stem in settings.shipped_names(PACKAGE):
+        path = settings.find(stem, PACKAGE)
+        found += read_mutants(settings.parse(path), f"{PACKAGE.rpartition('.')[2]}/{path.name}")
+    _refuse_doubles(found)
+    return tuple(found)
+
+
+def read_mutants(tables: Mapping[str, Any], source: str) -> list[Mutant]:
+    """The mutants of one parsed list. Raises SettingsError that names list and mutant."""
+    for key in tables:
+        if key != TABLE:
+            raise SettingsError(f"{source}: {key}: unknown key; a list holds [[{TABLE}]] only")
+    found = []
+    for number, table in enumerate(tables.get(TABLE, ()), start=1):
+        name = table.get("name", f"number {number}")
+        if "source" in table:
+            raise SettingsError(f"{source}: {name}: source: unknown key")
+        found.append(build(Mutant, {**table, "source": source}, f"{source}: {name}"))
+    return found
+
+
+def _refuse_doubles(mutants: Sequence[Mutant]) -> None:
+    first: dict[str, str] = {}
+    for mutant in mutants:
+        if mutant.name in first:
+            where = f"{mutant.source}: {mutant.name}: name"
+            raise SettingsError(f"{where}: is also a mutant of {first[mutant.name]}; rename one")
+        first[mutant.name] = mutant.source
+
+
+def chosen(mutants: Sequence[Mutant], patterns: Sequence[str]) -> tuple[Mutant, ...]:
+    """Mutants whose name matches a pattern; all without a pattern. Raises SettingsError."""
+    names = [mutant.name for mutant in mutants]
+    for pattern in patterns:
+        if not fnmatch.filter(names, pattern):
+            raise SettingsError(f"--only {pattern}: {nearest(pattern, names, 'mutant')}")
+    return tuple(
+        mutant
+        for mutant in mutants
+        if not patterns or any(fnmatch.fnmatchcase(mutant.name, each) for each in patterns)
+    )
+
+
+def sampled(mutants: Sequence[Mutant], share_ratio: float, seed: str) -> tuple[Mutant, ...]:
+    """A share of the mutants that depends on nothing but their names and the seed; at least one."""
+    assert 0.0 < share_ratio <= 1.0
+    count = math.ceil(share_ratio * len(mutants))
+
+    def rank(mutant: Mutant) -> bytes:
+        return hashlib.sha256(f"{seed}\n{mutant.name}".encode()).digest()
+
+    drawn = {mutant.name for mutant in sorted(mutants, key=rank)[:count]}
+    return tuple(mutant for mutant in mutants if mutant.name in drawn)
+
+
+def mutated_source(mutant: Mutant, root: Path) -> str:
+    """The changed text of the mutant's file.
+
+    Args:
+        root: folder that holds the packages.
+
+    Raises SettingsError when the mutant does not apply to the source any more.
+    """
+    where = f"{mutant.source}: {mutant.name}"
+    path = root / mutant.file
+    try:
+        text = path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise SettingsError(
+            f"{where}: file: {mutant.file}: cannot be read: {error.strerror}; "
+            "write where the rule stands now, or remove the mutant with its rule"
+        ) from None
+    count = text.count(mutant.old)
+    if count != 1:
+        found = "does not occur" if count == 0 else f"occurs {count} times"
+        raise SettingsError(
+            f"{where}: old: {found} in {mutant.file}; copy the present text of the rule into "
+            "`old` and `new`, or remove the mutant with its rule"
+        )
+    changed = text.replace(mutant.old, mutant.new)
+    try:
+        same = ast.dump(ast.parse(changed)) == ast.dump(ast.parse(text))
+    except SyntaxError as error:
+        line = mutant.file + f":{error.lineno}"
+        raise SettingsError(f"{where}: new: no Python at {line}: {error.msg}; mend it") from None
+    if same:
+        raise SettingsError(f"{where}: new: changes nothing but layout; break the rule in it")
+    return changed

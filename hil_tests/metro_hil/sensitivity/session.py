@@ -1,0 +1,289 @@
+"""Tries mutants one after the other, each in a worker of its own, until a case notices it."""
+
+import enum
+import os
+from collections import deque
+from collections.abc import Callable, Generator, Mapping, Sequence
+from dataclasses import dataclass
+from difflib import unified_diff
+from pathlib import Path
+from typing import Final
+
+from msgspec.structs import replace
+
+from metro_hil.engine.errors import EngineError
+from metro_hil.engine.local_pool import LocalPool
+from metro_hil.engine.queue import Batch
+from metro_hil.engine.worker_pool import CaseFinished, CaseRaised, WorkerLost
+from metro_hil.model.case import BenchKind, Case, CaseResult, ControllerSpec, Verdict, as_expected
+from metro_hil.model.verdict import DEAD
+from metro_hil.sensitivity.findings import Finding, Outcome, violated
+from metro_hil.sensitivity.mutants import Mutant, mutated_source
+from metro_hil.sensitivity.overlay import Overlays
+
+RUNNER: Final = "metro_hil.sensitivity.worker_runner:run_case"
+POLL_S: Final = 0.02
+UNFIT_ERRORS: Final = (
+    *("NameError", "UnboundLocalError", "AttributeError", "TypeError", "ImportError"),
+    *("ModuleNotFoundError", "KeyError", "SyntaxError"),
+)
+"""A mutant that dies of these was written wrongly; it breaks no rule of the controller."""
+
+
+@dataclass(frozen=True, slots=True)
+class Ask:
+    """A trial wants the result of a case, of the mutant or of the true controller."""
+
+    case: Case
+    mutated: bool = True
+
+
+class Depth(enum.Enum):
+    """How many cases a mutant is tried with until one notices it."""
+
+    QUICK = "the cases that its list names"
+    USUAL = "all cases, or those that its list names if it has an argument"
+    THOROUGH = "all cases"
+
+
+class UnfitError(Exception):
+    """The mutant does not run."""
+
+
+Trial = Generator[Ask, CaseResult, Finding]
+
+
+def usable_cases(cases: Sequence[Case]) -> tuple[Case, ...]:
+    """Cases that run the shipped controller in virtual time: no other one can be mutated."""
+    own = ControllerSpec().kind
+    return tuple(
+        case for case in cases if case.bench is BenchKind.LOCKSTEP and case.controller.kind == own
+    )
+
+
+def in_order(mutant: Mutant, cases: Sequence[Case]) -> tuple[Case, ...]:
+    """First those that the mutant's list names, then one of each scenario, then a second one, …"""
+    named = [
+        case for wanted in mutant.tries for case in cases if wanted in (case.id, case.scenario)
+    ]
+    met: dict[str, int] = {}
+    rounds = []
+    for case in cases:
+        number = met[case.scenario] = met.get(case.scenario, 0) + 1
+        rounds.append((number, case.index, case))
+    ordered = [*named, *(case for _, _, case in sorted(rounds, key=lambda each: each[:2]))]
+    return tuple({case.id: case for case in ordered}.values())
+
+
+def trial(mutant: Mutant, cases: Sequence[Case], *, likely: int, depth: Depth) -> Trial:
+    """Ask for results until a case notices the mutant.
+
+    Args:
+        cases: in the order of trying.
+        likely: how many at the front the mutant's list names.
+    """
+    began = not_tried(mutant)
+    if depth is Depth.QUICK or (mutant.argued and depth is Depth.USUAL):
+        # At least one case shows that it runs.
+        cases = cases[: max(1, likely)]
+    tried = 0
+    try:
+        for case in cases:
+            result = yield Ask(case)
+            tried += 1
+            _refuse_unfit(result)
+            if as_expected(case, result):
+                continue
+            true = yield Ask(case, mutated=False)
+            if not as_expected(case, true):
+                continue
+            outcome = Outcome.REFUTED if mutant.argued else Outcome.NOTICED
+            return replace(
+                violated(began, result, true),
+                outcome=outcome,
+                case=case.id,
+                scenario=case.scenario,
+                tried=tried,
+            )
+    except UnfitError as error:
+        return replace(began, outcome=Outcome.INVALID, why=str(error), tried=tried)
+    if mutant.argued:
+        return replace(began, outcome=Outcome.ARGUED, why=mutant.argued, tried=tried)
+    why = f"none of {tried} cases notices it"
+    return replace(began, outcome=Outcome.UNNOTICED, why=why, tried=tried)
+
+
+def _refuse_unfit(result: CaseResult) -> None:
+    """Raises UnfitError for a controller that died of how the mutant is written."""
+    if result.verdict is Verdict.FAIL and result.reason.startswith(DEAD):
+        kind, _, _ = result.reason.removeprefix(f"{DEAD}: ").partition(":")
+        if kind.rpartition(".")[2] in UNFIT_ERRORS:
+            raise UnfitError(f"{result.case_id}: {result.reason}")
+
+
+class _Crew:
+    """A local crew that works on one case at a time for whoever asks."""
+
+    def __init__(self, crew: LocalPool) -> None:
+        self._crew = crew
+        self._numbers = 0
+
+    def hand(self, case: Case) -> None:
+        self._numbers += 1
+        self._crew.hand(Batch(self._numbers, (case,)))
+
+    def results(self) -> list[CaseResult]:
+        """Results that came. Raises UnfitError when a case gave none."""
+        found = []
+        try:
+            outcomes = self._crew.wait(POLL_S)
+        except EngineError as error:
+            raise UnfitError(str(error)) from error
+        for outcome in outcomes:
+            if isinstance(outcome, CaseFinished):
+                found.append(outcome.result)
+            elif isinstance(outcome, CaseRaised):
+                last = outcome.traceback.strip().splitlines()[-1]
+                raise UnfitError(f"{outcome.case_id}: {last}")
+            elif isinstance(outcome, WorkerLost):
+                raise UnfitError(outcome.reason)
+        return found
+
+    def close(self) -> None:
+        self._crew.close()
+
+
+@dataclass(slots=True)
+class _Running:
+    """A trial with its worker and what it waits for."""
+
+    mutant: Mutant
+    trial: Trial
+    crew: _Crew
+    ask: Ask
+
+
+class Session:
+    """Tries mutants against cases. `findings` holds what is known, also after an interruption."""
+
+    def __init__(
+        self,
+        cases: Sequence[Case],
+        files: Mapping[str, Path],
+        folder: Path,
+        *,
+        workers: int,
+        depth: Depth = Depth.USUAL,
+        told: Callable[[Finding], None] = lambda _: None,
+    ) -> None:
+        """Args:
+        cases: of the campaign; at least one of them usable.
+        files: path by the name by which cases call a file.
+        folder: takes the copies of the packages.
+        told: receives each finding as it comes.
+        """
+        self._cases = cases
+        self._files, self._workers = files, workers
+        self._depth, self._told = depth, told
+        self._overlays = Overlays(folder)
+        self._true_results: dict[str, CaseResult] = {}
+        self._true_asked: set[str] = set()
+        self.root = self._overlays.true
+        """Folder of the true packages."""
+        self.findings: dict[str, Finding] = {}
+
+    def run(self, mutants: Sequence[Mutant]) -> None:
+        """Raises SettingsError for a mutant that does not apply, before anything is run."""
+        for mutant in mutants:
+            mutated_source(mutant, self._overlays.true)
+        waiting = deque(mutants)
+        running: list[_Running] = []
+        true = self._crew(self._overlays.true_environment(os.environ), self._workers)
+        try:
+            while waiting or running:
+                while waiting and len(running) < self._workers:
+                    self._begin(waiting.popleft(), running)
+                for result in true.results():
+                    self._true_results[result.case_id] = result
+                for each in list(running):
+                    self._attend(each, running, true)
+        except UnfitError as error:
+            raise EngineError(f"the true controller gave no result: {error}") from error
+        finally:
+            true.close()
+            for each in running:
+                each.crew.close()
+
+    def _crew(self, environment: Mapping[str, str], workers: int) -> _Crew:
+        return _Crew(LocalPool(workers, self._files, runner=RUNNER, environment=environment))
+
+    def _begin(self, mutant: Mutant, running: list[_Running]) -> None:
+        cases = in_order(mutant, self._cases)
+        likely = sum(case.id in mutant.tries or case.scenario in mutant.tries for case in cases)
+        begun = trial(mutant, cases, likely=likely, depth=self._depth)
+        crew = self._crew(self._overlays.environment(mutant, os.environ), 1)
+        ask = next(begun)
+        crew.hand(ask.case)
+        running.append(_Running(mutant, begun, crew, ask))
+
+    def _attend(self, each: _Running, running: list[_Running], true: _Crew) -> None:
+        """Give a trial the result that it waits for, if that came."""
+        try:
+            result = self._result_for(each)
+            if result is None:
+                return
+            try:
+                each.ask = each.trial.send(result)
+            except StopIteration as end:
+                self._end(each, end.value, running)
+                return
+        except UnfitError as error:
+            try:
+                each.trial.throw(error)
+            except StopIteration as end:
+                self._end(each, end.value, running)
+            return
+        case = each.ask.case
+        if each.ask.mutated:
+            each.crew.hand(case)
+        elif case.id not in self._true_asked:
+            self._true_asked.add(case.id)
+            true.hand(case)
+
+    def _result_for(self, each: _Running) -> CaseResult | None:
+        if not each.ask.mutated:
+            return self._true_results.get(each.ask.case.id)
+        results = each.crew.results()
+        return results[0] if results else None
+
+    def _end(self, each: _Running, finding: Finding, running: list[_Running]) -> None:
+        running.remove(each)
+        each.crew.close()
+        self._overlays.discard(each.mutant)
+        self.findings[each.mutant.name] = finding
+        self._told(finding)
+
+
+def with_difference(finding: Finding, mutant: Mutant, root: Path) -> Finding:
+    """The finding with the change of the source, as a unified diff.
+
+    Args:
+        root: folder that holds the packages. Raises SettingsError as `mutated_source`.
+    """
+    changed = mutated_source(mutant, root)
+    true = (root / mutant.file).read_text(encoding="utf-8")
+    lines = unified_diff(
+        true.splitlines(), changed.splitlines(), mutant.file, mutant.name, n=1, lineterm=""
+    )
+    return replace(finding, difference="\n".join(lines))
+
+
+def not_tried(mutant: Mutant) -> Finding:
+    return Finding(
+        mutant=mutant.name,
+        rule=mutant.rule,
+        file=mutant.file,
+        source=mutant.source,
+        outcome=Outcome.NOT_TRIED,
+        why="interrupted before it was tried",
+    )
