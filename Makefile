@@ -6,6 +6,7 @@ PYTEST_ARGS ?=
 PYTEST_WORKERS ?= 3
 BENCH_ARGS ?=
 MUTATE_ARGS ?=
+SENSITIVITY_ARGS ?=
 FUZZ_ARGS ?=
 SIMULATE_ARGS ?= --hours 10000 --workers 2 --journal runs/simulate.jsonl
 EXPLORE_ARGS ?=
@@ -33,7 +34,7 @@ PIP := PIP_CONSTRAINT=$(CONSTRAINTS) PIP_BUILD_CONSTRAINT=$(CONSTRAINTS) PIP_DIS
 PROTECTION_TESTS = hil_tests/unit/vobc/atp hil_tests/unit/vobc/test_vobc_config.py
 
 .DEFAULT_GOAL := help
-.PHONY: help setup run test check collected format-check lint types types-of-packages types-of-tests layers prose mutate fuzz coverage bench bench-hil bench-atp bench-logs bench-page bench-energy bench-t2t bench-simulator simulate explore compiled docs format examples figures test-kernels break clean distclean
+.PHONY: help setup run test check collected format-check lint types types-of-packages types-of-tests layers prose mutate fuzz coverage bench bench-hil bench-atp bench-logs bench-page bench-energy bench-t2t bench-simulator simulate explore compiled docs format examples figures test-kernels break sensitivity clean distclean
 
 help: ## show this list
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | while IFS='	' read -r name words; do \
@@ -92,6 +93,9 @@ mutate: $(READY_TO_TEST) ## make every small mistake in the safety half and see 
 	$(if $(filter-out data,$(firstword $(MUTATE_ARGS) code)),$(BIN)/python -m metro_tools.mutate $(MUTATE_ARGS); code=$$?;) \
 	$(if $(filter-out data,$(MUTATE_ARGS)),,$(BIN)/python -m metro_hil.proof.data; data=$$?;) \
 	exit $$(($${code:-0} | $${data:-0}))
+
+sensitivity: $(READY_TO_TEST) ## make semantic mistakes in the controller and see a scenario notice each; SENSITIVITY_ARGS=...
+	$(BIN)/hil sensitivity acceptance $(SENSITIVITY_ARGS)
 
 fuzz: $(READY_TO_TEST) ## attack a controller with 10 million frames; FUZZ_ARGS="--frames N --seed S"
 	$(BIN)/python -m metro_hil.proof $(FUZZ_ARGS)

@@ -137,7 +137,7 @@ def summary(report: Document) -> list[str]:
     """The last lines on the terminal."""
     lines = []
     for finding in report.findings:
-        if finding.outcome.in_order:
+        if finding.outcome.in_order or finding.outcome is Outcome.NOT_TRIED:
             continue
         lines.append(f"{finding.outcome.value}: {finding.mutant} ({finding.rule}): {finding.by()}")
         if finding.outcome is Outcome.UNNOTICED:
@@ -148,4 +148,6 @@ def summary(report: Document) -> list[str]:
     text = count_text(report.findings)
     if len(report.findings) < report.of_mutants:
         text += f"; a selection of {report.of_mutants}"
+    if report.interrupted:
+        text += "; interrupted, so that the rest says nothing"
     return [*lines, f"{report.campaign}: {text}"]

@@ -192,15 +192,22 @@ class Session:
         """Folder of the true packages."""
         self.findings: dict[str, Finding] = {}
 
-    def run(self, mutants: Sequence[Mutant]) -> None:
-        """Raises SettingsError for a mutant that does not apply, before anything is run."""
+    def check(self, mutants: Sequence[Mutant]) -> None:
+        """Raises SettingsError for the first mutant that does not apply to the source."""
         for mutant in mutants:
-            mutated_source(mutant, self._overlays.true)
+            mutated_source(mutant, self.root)
+
+    def run(self, mutants: Sequence[Mutant], stopped: Callable[[], bool] = lambda: False) -> None:
+        """Try mutants that apply. Raises EngineError when no worker can be started.
+
+        Args:
+            stopped: becomes true when the rest is not to be tried.
+        """
         waiting = deque(mutants)
         running: list[_Running] = []
         true = self._crew(self._overlays.true_environment(os.environ), self._workers)
         try:
-            while waiting or running:
+            while (waiting or running) and not stopped():
                 while waiting and len(running) < self._workers:
                     self._begin(waiting.popleft(), running)
                 for result in true.results():

@@ -119,6 +119,7 @@ def _try(mutants: "Sequence[Mutant]", of_mutants: int, options: argparse.Namespa
     from metro_hil.campaign import plan_cases
     from metro_hil.campaign.scenarios import read_named
     from metro_hil.engine.errors import UsageError
+    from metro_hil.engine.stopping import StopWish
     from metro_hil.sensitivity import report
     from metro_hil.sensitivity.session import (
         Depth,
@@ -135,7 +136,6 @@ def _try(mutants: "Sequence[Mutant]", of_mutants: int, options: argparse.Namespa
         raise UsageError(
             f"{options.campaign}: no case runs the shipped controller on the bench lockstep"
         )
-    folder = report.new_folder(campaign.name, options.out)
 
     def told(finding: "Finding") -> None:
         line = f"{finding.mutant:{NAME_COLUMNS}} {finding.outcome.value}: {finding.by()}"
@@ -144,7 +144,6 @@ def _try(mutants: "Sequence[Mutant]", of_mutants: int, options: argparse.Namespa
     depth = Depth.USUAL
     if options.quick or options.thorough:
         depth = Depth.QUICK if options.quick else Depth.THOROUGH
-    interrupted = False
     with tempfile.TemporaryDirectory(prefix="hil-sensitivity-") as scratch:
         session = Session(
             cases,
@@ -154,10 +153,11 @@ def _try(mutants: "Sequence[Mutant]", of_mutants: int, options: argparse.Namespa
             depth=depth,
             told=told,
         )
-        try:
-            session.run(mutants)
-        except KeyboardInterrupt:
-            interrupted = True
+        session.check(mutants)
+        folder = report.new_folder(campaign.name, options.out)
+        with StopWish() as stop:
+            session.run(mutants, lambda: stop.count > 0)
+        interrupted = stop.count > 0
         findings = [
             with_difference(session.findings.get(each.name) or not_tried(each), each, session.root)
             for each in mutants
