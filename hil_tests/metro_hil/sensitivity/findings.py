@@ -92,4 +92,5 @@ def count_text(findings: Sequence[Finding]) -> str:
     for finding in findings:
         counts[finding.outcome] += 1
     parts = [f"{count} {outcome.value}" for outcome, count in counts.items() if count]
-    return f"{len(findings)} mutants: {', '.join(parts)}"
+    noun = "mutant" if len(findings) == 1 else "mutants"
+    return f"{len(findings)} {noun}: {', '.join(parts)}"

@@ -108,7 +108,7 @@ def trial(mutant: Mutant, cases: Sequence[Case], *, likely: int, depth: Depth) -
     except UnfitError as error:
         return replace(began, outcome=Outcome.INVALID, why=str(error), tried=tried)
     if mutant.argued:
-        return replace(began, outcome=Outcome.ARGUED, why=mutant.argued, tried=tried)
+        return replace(began, outcome=Outcome.ARGUED, why=mutant.argued.strip(), tried=tried)
     why = f"none of {tried} cases notices it"
     return replace(began, outcome=Outcome.UNNOTICED, why=why, tried=tried)
 
@@ -122,7 +122,7 @@ def _refuse_unfit(result: CaseResult) -> None:
 
 
 class _Crew:
-    """A local crew that works on one case at a time for whoever asks."""
+    """A local crew that works on one case at a time for its caller."""
 
     def __init__(self, crew: LocalPool) -> None:
         self._crew = crew
