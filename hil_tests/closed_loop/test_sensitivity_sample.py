@@ -9,7 +9,7 @@ import pytest
 from metro_hil.cli.hil import main
 from metro_hil.engine.program import program_version
 from metro_hil.sensitivity import mutants
-from metro_hil.sensitivity.mutants import Mutant
+from metro_hil.sensitivity.mutants import ControllerMutant
 
 ROOT = Path(__file__).resolve().parents[2]
 SHARE = "0.1"
@@ -48,8 +48,8 @@ def test_a_tenth_of_the_mutants_is_noticed_or_argued(
     assert code == 0, capsys.readouterr().out
 
 
-def hand_made(name: str, *, old: str, new: str, argued: str = "") -> Mutant:
-    return Mutant(
+def hand_made(name: str, *, old: str, new: str, argued: str = "") -> ControllerMutant:
+    return ControllerMutant(
         name=name,
         rule="made by hand",
         file="vobc/atp/supervision.py",

@@ -3,8 +3,8 @@
 import ast
 import re
 import subprocess
-import warnings
 import tomllib
+import warnings
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Final

@@ -40,7 +40,7 @@ UNIT_IS_ELSEWHERE: Final = frozenset(
         # Of whatever a factor, a monitor or an expression is about.
         *("PhaseKeys.base", "RangeKeys.high", "RangeKeys.low", "RangeKeys.step"),
         *("NumberRange.high", "NumberRange.low", "Expression.value_of", "MonitorResult.margin"),
-        "Finding.margin",
+        "MutantFinding.margin",
         *("Cell.margins", "Sought.margins", "Sought.value"),
         *("ExpectedFailure.margin_max", "ExpectedFailure.margin_min"),
         *("_Linear.constant", "_Linear.factors"),

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from metro_hil.campaign import plan_cases, read_campaign
-from metro_hil.sensitivity.mutants import Mutant, mutated_source, shipped_mutants
+from metro_hil.sensitivity.mutants import ControllerMutant, mutated_source, shipped_mutants
 
 ROOT = Path(__file__).resolve().parents[2]
 LEAST_MUTANTS = 60
@@ -25,7 +25,7 @@ FOUND_BY_HAND = {
 
 
 @pytest.mark.parametrize("mutant", MUTANTS, ids=lambda mutant: mutant.name)
-def test_it_applies_to_the_source_of_today(mutant: Mutant) -> None:
+def test_it_applies_to_the_source_of_today(mutant: ControllerMutant) -> None:
     mutated_source(mutant, ROOT)
 
 

@@ -69,7 +69,10 @@ def touch_of(plan: FaultPlan, world: World, railway: Railway) -> Touch:
         return _of_doors(parameters, world)
     if plan.kind.place is FaultPlace.WAYSIDE:
         return _of_wayside(parameters, railway)
-    return _of_brake(parameters, world) or _of_rest(parameters, world) or _always
+    for kind in (_of_brake, _of_effort, _of_wheels, _of_other_sensors):
+        if touch := kind(parameters, world):
+            return touch
+    return _always
 
 
 def _always() -> bool:
@@ -125,13 +128,8 @@ def _of_brake(parameters: Any, world: World) -> Touch | None:
     return None
 
 
-def _of_rest(parameters: Any, world: World) -> Touch | None:
-    traction, reader = world.traction, world.tag_reader
-    rail_ratio = world.train.rail.adhesion_ratio
-
-    def moves() -> bool:
-        return world.speed_mps != 0.0
-
+def _of_effort(parameters: Any, world: World) -> Touch | None:
+    traction = world.traction
     match parameters:
         case TractionRunaway():
             return lambda: traction.force_n > 0.0
@@ -142,6 +140,18 @@ def _of_rest(parameters: Any, world: World) -> Touch | None:
             return _when(delay_s > 0.0, _fell(lambda: traction.said_n))
         case LoopOffset(offset_ma=offset_ma):
             return _when(offset_ma != 0.0, _always)
+        case LineVoltage(voltage_v=voltage_v):
+            return _when(voltage_v != world.train.supply.no_load_v, _always)
+    return None
+
+
+def _of_wheels(parameters: Any, world: World) -> Touch | None:
+    rail_ratio = world.train.rail.adhesion_ratio
+
+    def moves() -> bool:
+        return world.speed_mps != 0.0
+
+    match parameters:
         case WheelSlip(slip_ratio=ratio) | WheelSlide(slide_ratio=ratio):
             return _when(ratio != 0.0, moves)
         case TachoDrift(ratio_per_s=ratio):
@@ -152,16 +162,20 @@ def _of_rest(parameters: Any, world: World) -> Touch | None:
             return _when(ratio != 1.0, moves)
         case LowAdhesion(adhesion_ratio=ratio):
             return _when(ratio < rail_ratio, lambda: world.drive_n != 0.0 or world.brake_n != 0.0)
+    return None
+
+
+def _of_other_sensors(parameters: Any, world: World) -> Touch | None:
+    reader = world.tag_reader
+    match parameters:
         case DopplerWrong(error_ratio=ratio):
-            return _when(ratio != 0.0, moves)
+            return _when(ratio != 0.0, lambda: world.speed_mps != 0.0)
         case ImuBias(bias_mps2=bias_mps2):
             return _when(bias_mps2 != 0.0, _always)
         case TagDisplaced():
             return _grew(lambda: reader.displaced_read)
         case AntennaDead(hidden=hidden):
             return _grew(lambda: reader.tags_lost) if hidden else _always
-        case LineVoltage(voltage_v=voltage_v):
-            return _when(voltage_v != world.train.supply.no_load_v, _always)
         case ColdMoved(moved_m=moved_m, monitored=monitored):
             return _when(moved_m != 0.0 or not monitored, _always)
     return None

@@ -9,7 +9,7 @@ from msgspec.structs import replace
 from metro_hil.model.case import CaseResult, Verdict
 
 
-class Outcome(enum.Enum):
+class MutantOutcome(enum.Enum):
     NOTICED = "noticed"
     ARGUED = "argued"
     """No case that was tried noticed it, and its list says why none can."""
@@ -21,10 +21,10 @@ class Outcome(enum.Enum):
 
     @property
     def in_order(self) -> bool:
-        return self in (Outcome.NOTICED, Outcome.ARGUED)
+        return self in (MutantOutcome.NOTICED, MutantOutcome.ARGUED)
 
 
-class Finding(msgspec.Struct, frozen=True, kw_only=True):
+class MutantFinding(msgspec.Struct, frozen=True, kw_only=True):
     """One mutant and who noticed it."""
 
     mutant: str
@@ -32,7 +32,7 @@ class Finding(msgspec.Struct, frozen=True, kw_only=True):
     file: str
     source: str
     """The list that holds the mutant."""
-    outcome: Outcome
+    outcome: MutantOutcome
     case: str = ""
     """Id of the case that notices it."""
     scenario: str = ""
@@ -50,7 +50,7 @@ class Finding(msgspec.Struct, frozen=True, kw_only=True):
 
     def by(self) -> str:
         """Who notices it, or what else became of it, for a person."""
-        if self.outcome in (Outcome.NOTICED, Outcome.REFUTED):
+        if self.outcome in (MutantOutcome.NOTICED, MutantOutcome.REFUTED):
             return f"{self.case}: {self.sign()}"
         return self.why
 
@@ -64,7 +64,7 @@ class Finding(msgspec.Struct, frozen=True, kw_only=True):
         return f"{self.monitor}{margin}{at}"
 
 
-def violated(finding: Finding, mutated: CaseResult, true: CaseResult) -> Finding:
+def violated(finding: MutantFinding, mutated: CaseResult, true: CaseResult) -> MutantFinding:
     """The finding with the monitor that the mutant violates and the true controller does not.
 
     A case can fail to be as expected without one, as when its fault never begins.
@@ -86,9 +86,9 @@ def violated(finding: Finding, mutated: CaseResult, true: CaseResult) -> Finding
     )
 
 
-def count_text(findings: Sequence[Finding]) -> str:
+def count_text(findings: Sequence[MutantFinding]) -> str:
     """How many of each outcome, in one line."""
-    counts = dict.fromkeys(Outcome, 0)
+    counts = dict.fromkeys(MutantOutcome, 0)
     for finding in findings:
         counts[finding.outcome] += 1
     parts = [f"{count} {outcome.value}" for outcome, count in counts.items() if count]

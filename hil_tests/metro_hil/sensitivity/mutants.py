@@ -12,17 +12,17 @@ from typing import Any, Final
 from firmware_py import settings
 from firmware_py.settings import SettingsError, build, nearest
 
-PACKAGE: Final = "metro_hil.controller_mutants"
+PACKAGE: Final = "metro_hil.sensitivity.shipped"
 TABLE: Final = "mutant"
 
 
 @dataclass(frozen=True, slots=True)
-class Mutant:
+class ControllerMutant:
     """One semantic mistake of the controller."""
 
     name: str
     rule: str
-    """The rule of docs/reference/supervision.md or docs/design/protection.md that the mutant breaks."""
+    """The broken rule, of docs/reference/supervision.md or docs/design/protection.md."""
     file: str
     """Source file of the controller, relative to the folder that holds the packages."""
     old: str
@@ -53,9 +53,9 @@ class Mutant:
         return self.file.partition("/")[0]
 
 
-def shipped_mutants() -> tuple[Mutant, ...]:
+def shipped_mutants() -> tuple[ControllerMutant, ...]:
     """All mutants of all shipped lists, in the order of their files. Raises SettingsError."""
-    found: list[Mutant] = []
+    found: list[ControllerMutant] = []
     for stem in settings.shipped_names(PACKAGE):
         path = settings.find(stem, PACKAGE)
         found += read_mutants(settings.parse(path), f"{PACKAGE.rpartition('.')[2]}/{path.name}")
@@ -63,7 +63,7 @@ def shipped_mutants() -> tuple[Mutant, ...]:
     return tuple(found)
 
 
-def read_mutants(tables: Mapping[str, Any], source: str) -> list[Mutant]:
+def read_mutants(tables: Mapping[str, Any], source: str) -> list[ControllerMutant]:
     """The mutants of one parsed list. Raises SettingsError that names list and mutant."""
     for key in tables:
         if key != TABLE:
@@ -73,11 +73,11 @@ def read_mutants(tables: Mapping[str, Any], source: str) -> list[Mutant]:
         name = table.get("name", f"number {number}")
         if "source" in table:
             raise SettingsError(f"{source}: {name}: source: unknown key")
-        found.append(build(Mutant, {**table, "source": source}, f"{source}: {name}"))
+        found.append(build(ControllerMutant, {**table, "source": source}, f"{source}: {name}"))
     return found
 
 
-def _refuse_doubles(mutants: Sequence[Mutant]) -> None:
+def _refuse_doubles(mutants: Sequence[ControllerMutant]) -> None:
     first: dict[str, str] = {}
     for mutant in mutants:
         if mutant.name in first:
@@ -86,7 +86,9 @@ def _refuse_doubles(mutants: Sequence[Mutant]) -> None:
         first[mutant.name] = mutant.source
 
 
-def chosen(mutants: Sequence[Mutant], patterns: Sequence[str]) -> tuple[Mutant, ...]:
+def chosen(
+    mutants: Sequence[ControllerMutant], patterns: Sequence[str]
+) -> tuple[ControllerMutant, ...]:
     """Mutants whose name matches a pattern; all without a pattern. Raises SettingsError."""
     names = [mutant.name for mutant in mutants]
     for pattern in patterns:
@@ -99,19 +101,21 @@ def chosen(mutants: Sequence[Mutant], patterns: Sequence[str]) -> tuple[Mutant, 
     )
 
 
-def sampled(mutants: Sequence[Mutant], share_ratio: float, seed: str) -> tuple[Mutant, ...]:
+def sampled(
+    mutants: Sequence[ControllerMutant], share_ratio: float, seed: str
+) -> tuple[ControllerMutant, ...]:
     """A share of the mutants that depends on nothing but their names and the seed; at least one."""
     assert 0.0 < share_ratio <= 1.0
     count = math.ceil(share_ratio * len(mutants))
 
-    def rank(mutant: Mutant) -> bytes:
+    def rank(mutant: ControllerMutant) -> bytes:
         return hashlib.sha256(f"{seed}\n{mutant.name}".encode()).digest()
 
     drawn = {mutant.name for mutant in sorted(mutants, key=rank)[:count]}
     return tuple(mutant for mutant in mutants if mutant.name in drawn)
 
 
-def mutated_source(mutant: Mutant, root: Path) -> str:
+def mutated_source(mutant: ControllerMutant, root: Path) -> str:
     """The changed text of the mutant's file.
 
     Args:

@@ -12,7 +12,7 @@ from typing import Final
 
 from metro_hil.engine.local_pool import ONE_THREAD
 from metro_hil.model.compiled_copy import PACKAGES
-from metro_hil.sensitivity.mutants import Mutant, mutated_source
+from metro_hil.sensitivity.mutants import ControllerMutant, mutated_source
 
 MUTATED: Final = "METRO_MUTATED"
 """Environment variable of a worker: `module=path` of the source that it has to run."""
@@ -37,7 +37,9 @@ class Overlays:
         """Of a worker that runs the controller as it is."""
         return _importing_from(environment, self.true)
 
-    def environment(self, mutant: Mutant, environment: Mapping[str, str]) -> dict[str, str]:
+    def environment(
+        self, mutant: ControllerMutant, environment: Mapping[str, str]
+    ) -> dict[str, str]:
         """Of a worker that runs the mutant; makes its copy. Raises SettingsError as it applies."""
         text = mutated_source(mutant, self.true)
         root = self._folder / f"mutant-{mutant.name}"
@@ -54,7 +56,7 @@ class Overlays:
             MUTATED: f"{mutant.module}={path}",
         }
 
-    def discard(self, mutant: Mutant) -> None:
+    def discard(self, mutant: ControllerMutant) -> None:
         """Remove the copy of a mutant that is done."""
         shutil.rmtree(self._folder / f"mutant-{mutant.name}", ignore_errors=True)
 

@@ -13,11 +13,11 @@ from metro_hil.engine.folder import folder_name
 from metro_hil.engine.program import program_version
 from metro_hil.model.run_folder import utc_text
 from metro_hil.report.campaign.junit import NOT_XML
-from metro_hil.sensitivity.findings import Finding, Outcome, count_text
+from metro_hil.sensitivity.findings import MutantFinding, MutantOutcome, count_text
 
 ROOT: Final = Path("runs/sensitivity")
-FAILURES: Final = (Outcome.UNNOTICED, Outcome.REFUTED)
-ERRORS: Final = (Outcome.INVALID, Outcome.NOT_TRIED)
+FAILURES: Final = (MutantOutcome.UNNOTICED, MutantOutcome.REFUTED)
+ERRORS: Final = (MutantOutcome.INVALID, MutantOutcome.NOT_TRIED)
 
 
 class Document(msgspec.Struct, frozen=True, kw_only=True):
@@ -31,7 +31,7 @@ class Document(msgspec.Struct, frozen=True, kw_only=True):
     """On the shipped lists; fewer findings than that are a selection."""
     interrupted: bool
     counts: dict[str, int]
-    findings: tuple[Finding, ...]
+    findings: tuple[MutantFinding, ...]
 
 
 def new_folder(campaign: str, out: str | None, root: Path = ROOT) -> Path:
@@ -53,14 +53,15 @@ def new_folder(campaign: str, out: str | None, root: Path = ROOT) -> Path:
 
 def document(
     campaign: str,
-    findings: Sequence[Finding],
+    findings: Sequence[MutantFinding],
     *,
     cases: int,
     of_mutants: int,
     interrupted: bool,
 ) -> Document:
     counts = {
-        outcome.value: sum(each.outcome is outcome for each in findings) for outcome in Outcome
+        outcome.value: sum(each.outcome is outcome for each in findings)
+        for outcome in MutantOutcome
     }
     return Document(
         campaign=campaign,
@@ -105,7 +106,7 @@ def junit_xml(report: Document) -> bytes:
     return body + b"\n"
 
 
-def _test(finding: Finding) -> Tree.Element:
+def _test(finding: MutantFinding) -> Tree.Element:
     test = Tree.Element(
         "testcase", {"classname": _text(finding.source), "name": finding.mutant, "time": "0.000"}
     )
@@ -137,13 +138,13 @@ def summary(report: Document) -> list[str]:
     """The last lines on the terminal."""
     lines = []
     for finding in report.findings:
-        if finding.outcome.in_order or finding.outcome is Outcome.NOT_TRIED:
+        if finding.outcome.in_order or finding.outcome is MutantOutcome.NOT_TRIED:
             continue
         lines.append(f"{finding.outcome.value}: {finding.mutant} ({finding.rule}): {finding.by()}")
-        if finding.outcome is Outcome.UNNOTICED:
+        if finding.outcome is MutantOutcome.UNNOTICED:
             lines += [f"  {line}" for line in finding.difference.splitlines()[2:]]
             lines.append(f"  add a scenario that notices it, or an `argued` to {finding.source}")
-        if finding.outcome is Outcome.REFUTED:
+        if finding.outcome is MutantOutcome.REFUTED:
             lines.append(f"  remove `argued` from it in {finding.source}")
     text = count_text(report.findings)
     if len(report.findings) < report.of_mutants:

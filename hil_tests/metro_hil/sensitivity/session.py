@@ -17,8 +17,8 @@ from metro_hil.engine.queue import Batch
 from metro_hil.engine.worker_pool import CaseFinished, CaseRaised, WorkerLost
 from metro_hil.model.case import BenchKind, Case, CaseResult, ControllerSpec, Verdict, as_expected
 from metro_hil.model.verdict import DEAD
-from metro_hil.sensitivity.findings import Finding, Outcome, violated
-from metro_hil.sensitivity.mutants import Mutant, mutated_source
+from metro_hil.sensitivity.findings import MutantFinding, MutantOutcome, violated
+from metro_hil.sensitivity.mutants import ControllerMutant, mutated_source
 from metro_hil.sensitivity.overlay import Overlays
 
 RUNNER: Final = "metro_hil.sensitivity.worker_runner:run_case"
@@ -31,7 +31,7 @@ UNFIT_ERRORS: Final = (
 
 
 @dataclass(frozen=True, slots=True)
-class Ask:
+class CaseRequest:
     """A trial wants the result of a case, of the mutant or of the true controller."""
 
     case: Case
@@ -50,7 +50,7 @@ class UnfitError(Exception):
     """The mutant does not run."""
 
 
-Trial = Generator[Ask, CaseResult, Finding]
+Trial = Generator[CaseRequest, CaseResult, MutantFinding]
 
 
 def usable_cases(cases: Sequence[Case]) -> tuple[Case, ...]:
@@ -61,7 +61,7 @@ def usable_cases(cases: Sequence[Case]) -> tuple[Case, ...]:
     )
 
 
-def in_order(mutant: Mutant, cases: Sequence[Case]) -> tuple[Case, ...]:
+def in_order(mutant: ControllerMutant, cases: Sequence[Case]) -> tuple[Case, ...]:
     """First those that the mutant's list names, then one of each scenario, then a second one, …"""
     named = [
         case for wanted in mutant.tries for case in cases if wanted in (case.id, case.scenario)
@@ -75,7 +75,7 @@ def in_order(mutant: Mutant, cases: Sequence[Case]) -> tuple[Case, ...]:
     return tuple({case.id: case for case in ordered}.values())
 
 
-def trial(mutant: Mutant, cases: Sequence[Case], *, likely: int, depth: Depth) -> Trial:
+def trial(mutant: ControllerMutant, cases: Sequence[Case], *, likely: int, depth: Depth) -> Trial:
     """Ask for results until a case notices the mutant.
 
     Args:
@@ -89,15 +89,15 @@ def trial(mutant: Mutant, cases: Sequence[Case], *, likely: int, depth: Depth) -
     tried = 0
     try:
         for case in cases:
-            result = yield Ask(case)
+            result = yield CaseRequest(case)
             tried += 1
             _refuse_unfit(result)
             if as_expected(case, result):
                 continue
-            true = yield Ask(case, mutated=False)
+            true = yield CaseRequest(case, mutated=False)
             if not as_expected(case, true):
                 continue
-            outcome = Outcome.REFUTED if mutant.argued else Outcome.NOTICED
+            outcome = MutantOutcome.REFUTED if mutant.argued else MutantOutcome.NOTICED
             return replace(
                 violated(began, result, true),
                 outcome=outcome,
@@ -106,11 +106,11 @@ def trial(mutant: Mutant, cases: Sequence[Case], *, likely: int, depth: Depth) -
                 tried=tried,
             )
     except UnfitError as error:
-        return replace(began, outcome=Outcome.INVALID, why=str(error), tried=tried)
+        return replace(began, outcome=MutantOutcome.INVALID, why=str(error), tried=tried)
     if mutant.argued:
-        return replace(began, outcome=Outcome.ARGUED, why=mutant.argued.strip(), tried=tried)
+        return replace(began, outcome=MutantOutcome.ARGUED, why=mutant.argued.strip(), tried=tried)
     why = f"none of {tried} cases notices it"
-    return replace(began, outcome=Outcome.UNNOTICED, why=why, tried=tried)
+    return replace(began, outcome=MutantOutcome.UNNOTICED, why=why, tried=tried)
 
 
 def _refuse_unfit(result: CaseResult) -> None:
@@ -157,13 +157,13 @@ class _Crew:
 class _Running:
     """A trial with its worker and what it waits for."""
 
-    mutant: Mutant
+    mutant: ControllerMutant
     trial: Trial
     crew: _Crew
-    ask: Ask
+    ask: CaseRequest
 
 
-class Session:
+class SensitivitySession:
     """Tries mutants against cases. `findings` holds what is known, also after an interruption."""
 
     def __init__(
@@ -174,7 +174,7 @@ class Session:
         *,
         workers: int,
         depth: Depth = Depth.USUAL,
-        told: Callable[[Finding], None] = lambda _: None,
+        told: Callable[[MutantFinding], None] = lambda _: None,
     ) -> None:
         """Args:
         cases: of the campaign; at least one of them usable.
@@ -190,14 +190,16 @@ class Session:
         self._true_asked: set[str] = set()
         self.root = self._overlays.true
         """Folder of the true packages."""
-        self.findings: dict[str, Finding] = {}
+        self.findings: dict[str, MutantFinding] = {}
 
-    def check(self, mutants: Sequence[Mutant]) -> None:
+    def check(self, mutants: Sequence[ControllerMutant]) -> None:
         """Raises SettingsError for the first mutant that does not apply to the source."""
         for mutant in mutants:
             mutated_source(mutant, self.root)
 
-    def run(self, mutants: Sequence[Mutant], stopped: Callable[[], bool] = lambda: False) -> None:
+    def run(
+        self, mutants: Sequence[ControllerMutant], stopped: Callable[[], bool] = lambda: False
+    ) -> None:
         """Try mutants that apply. Raises EngineError when no worker can be started.
 
         Args:
@@ -224,7 +226,7 @@ class Session:
     def _crew(self, environment: Mapping[str, str], workers: int) -> _Crew:
         return _Crew(LocalPool(workers, self._files, runner=RUNNER, environment=environment))
 
-    def _begin(self, mutant: Mutant, running: list[_Running]) -> None:
+    def _begin(self, mutant: ControllerMutant, running: list[_Running]) -> None:
         cases = in_order(mutant, self._cases)
         likely = sum(case.id in mutant.tries or case.scenario in mutant.tries for case in cases)
         begun = trial(mutant, cases, likely=likely, depth=self._depth)
@@ -263,7 +265,7 @@ class Session:
         results = each.crew.results()
         return results[0] if results else None
 
-    def _end(self, each: _Running, finding: Finding, running: list[_Running]) -> None:
+    def _end(self, each: _Running, finding: MutantFinding, running: list[_Running]) -> None:
         running.remove(each)
         each.crew.close()
         self._overlays.discard(each.mutant)
@@ -271,7 +273,7 @@ class Session:
         self._told(finding)
 
 
-def with_difference(finding: Finding, mutant: Mutant, root: Path) -> Finding:
+def with_difference(finding: MutantFinding, mutant: ControllerMutant, root: Path) -> MutantFinding:
     """The finding with the change of the source, as a unified diff.
 
     Args:
@@ -285,12 +287,12 @@ def with_difference(finding: Finding, mutant: Mutant, root: Path) -> Finding:
     return replace(finding, difference="\n".join(lines))
 
 
-def not_tried(mutant: Mutant) -> Finding:
-    return Finding(
+def not_tried(mutant: ControllerMutant) -> MutantFinding:
+    return MutantFinding(
         mutant=mutant.name,
         rule=mutant.rule,
         file=mutant.file,
         source=mutant.source,
-        outcome=Outcome.NOT_TRIED,
+        outcome=MutantOutcome.NOT_TRIED,
         why="interrupted before it was tried",
     )

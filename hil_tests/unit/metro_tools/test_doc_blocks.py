@@ -6,7 +6,7 @@ import pytest
 
 from metro_tools.doc_blocks.blocks import Block, BlockMark, read_blocks
 from metro_tools.doc_blocks.order import documents
-from metro_tools.doc_blocks.session import Outcome, run_document
+from metro_tools.doc_blocks.session import DocumentOutcome, run_document
 
 
 def faults(text: str) -> list[tuple[int, str]]:
@@ -102,7 +102,7 @@ def test_documents_come_in_the_order_of_their_links(tmp_path: Path) -> None:
     ]
 
 
-def ran(tmp_path: Path, text: str, seconds: float = 60.0) -> Outcome:
+def ran(tmp_path: Path, text: str, seconds: float = 60.0) -> DocumentOutcome:
     blocks, wrong = read_blocks(text)
     assert wrong == []
     clone = tmp_path / "clone"
@@ -121,7 +121,7 @@ def test_blocks_of_a_document_share_folder_variables_and_files(tmp_path: Path) -
         '<!-- run: prints "three" -->\n```console\n$ echo three\nthree\n$ true\n```\n',
     )
 
-    assert outcome == Outcome(3, None)
+    assert outcome == DocumentOutcome(3, None)
     assert (tmp_path / "clone" / "in" / "to" / "read.txt").is_file()
 
 

@@ -60,7 +60,7 @@ class BlockFailure:
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class DocumentOutcome:
     """Of one document."""
 
     ran: int
@@ -77,7 +77,7 @@ def run_document(
     *,
     runtime: Path,
     block_seconds: float = BLOCK_SECONDS,
-) -> Outcome:
+) -> DocumentOutcome:
     """Execute the marked blocks of one document in the clone.
 
     Args:
@@ -85,7 +85,7 @@ def run_document(
     """
     marked = [block for block in blocks if block.mark.run or block.mark.file]
     if not marked:
-        return Outcome(0, None)
+        return DocumentOutcome(0, None)
     with tempfile.TemporaryDirectory(prefix="doc-blocks-") as scratch:
         place = Path(scratch)
         (place / "prologue").write_text(PROLOGUE, encoding="utf-8")
@@ -138,7 +138,9 @@ class _Follow:
         self._failure: BlockFailure | None = None
         self._ran = 0
 
-    def outcome(self, clone: Path, environment: Mapping[str, str], seconds: float) -> Outcome:
+    def outcome(
+        self, clone: Path, environment: Mapping[str, str], seconds: float
+    ) -> DocumentOutcome:
         reading, writing = os.pipe()
         told = {"DOC_BLOCKS_OUT": str(self._place), "DOC_BLOCKS_FD": str(writing)}
         both = ". " + shlex.quote(str(self._place / "prologue"))
@@ -163,7 +165,7 @@ class _Follow:
                 os.killpg(bash.pid, signal.SIGKILL)
             bash.wait()
             os.close(reading)
-        return Outcome(self._ran, self._failure)
+        return DocumentOutcome(self._ran, self._failure)
 
     def _follow(self, bash: "subprocess.Popen[bytes]", reading: int, seconds: float) -> None:
         os.set_blocking(reading, False)

@@ -13,8 +13,8 @@ from metro_hil.model.run_options import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_OK
 
 if TYPE_CHECKING:
     from metro_hil.campaign import Campaign
-    from metro_hil.sensitivity.findings import Finding
-    from metro_hil.sensitivity.mutants import Mutant
+    from metro_hil.sensitivity.findings import MutantFinding
+    from metro_hil.sensitivity.mutants import ControllerMutant
 
 NAME_COLUMNS = 44
 
@@ -98,7 +98,7 @@ def run(options: argparse.Namespace) -> int:
     return _try(mutants, len(shipped), options)
 
 
-def _list(mutants: "Sequence[Mutant]", *, as_json: bool) -> None:
+def _list(mutants: "Sequence[ControllerMutant]", *, as_json: bool) -> None:
     import dataclasses
 
     import msgspec
@@ -113,7 +113,9 @@ def _list(mutants: "Sequence[Mutant]", *, as_json: bool) -> None:
     print(f"{len(mutants)} mutants")
 
 
-def _try(mutants: "Sequence[Mutant]", of_mutants: int, options: argparse.Namespace) -> int:
+def _try(
+    mutants: "Sequence[ControllerMutant]", of_mutants: int, options: argparse.Namespace
+) -> int:
     import msgspec
 
     from metro_hil.campaign import plan_cases
@@ -123,7 +125,7 @@ def _try(mutants: "Sequence[Mutant]", of_mutants: int, options: argparse.Namespa
     from metro_hil.sensitivity import report
     from metro_hil.sensitivity.session import (
         Depth,
-        Session,
+        SensitivitySession,
         not_tried,
         usable_cases,
         with_difference,
@@ -137,7 +139,7 @@ def _try(mutants: "Sequence[Mutant]", of_mutants: int, options: argparse.Namespa
             f"{options.campaign}: no case runs the shipped controller on the bench lockstep"
         )
 
-    def told(finding: "Finding") -> None:
+    def told(finding: "MutantFinding") -> None:
         line = f"{finding.mutant:{NAME_COLUMNS}} {finding.outcome.value}: {finding.by()}"
         print(line, file=told_to, flush=True)
 
@@ -145,7 +147,7 @@ def _try(mutants: "Sequence[Mutant]", of_mutants: int, options: argparse.Namespa
     if options.quick or options.thorough:
         depth = Depth.QUICK if options.quick else Depth.THOROUGH
     with tempfile.TemporaryDirectory(prefix="hil-sensitivity-") as scratch:
-        session = Session(
+        session = SensitivitySession(
             cases,
             _written_files(campaign, Path(scratch) / "files"),
             Path(scratch) / "packages",

@@ -7,7 +7,7 @@ import pytest
 
 from firmware_py.settings import SettingsError
 from metro_hil.sensitivity.mutants import (
-    Mutant,
+    ControllerMutant,
     chosen,
     mutated_source,
     read_mutants,
@@ -17,7 +17,7 @@ from metro_hil.sensitivity.mutants import (
 SOURCE = "LIMIT = 1\n\n\ndef brakes(speed):\n    return speed >= LIMIT\n"
 
 
-def a_mutant(**changes: Any) -> Mutant:
+def a_mutant(**changes: Any) -> ControllerMutant:
     table = {
         "name": "late",
         "rule": "brakes at the limit",
@@ -27,7 +27,7 @@ def a_mutant(**changes: Any) -> Mutant:
         "source": "some.toml",
         **changes,
     }
-    return Mutant(**table)
+    return ControllerMutant(**table)
 
 
 @pytest.fixture

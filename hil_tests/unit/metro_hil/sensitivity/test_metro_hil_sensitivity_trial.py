@@ -15,16 +15,18 @@ from metro_hil.model.case import (
     Verdict,
 )
 from metro_hil.model.verdict import DEAD
-from metro_hil.sensitivity.findings import Finding, Outcome, count_text
-from metro_hil.sensitivity.mutants import Mutant
+from metro_hil.sensitivity.findings import MutantFinding, MutantOutcome, count_text
+from metro_hil.sensitivity.mutants import ControllerMutant
 from metro_hil.sensitivity.report import document, junit_xml, summary
 from metro_hil.sensitivity.session import Depth, in_order, not_tried, trial, usable_cases
 
-MUTANT = Mutant(name="late", rule="in time", file="vobc/a.py", old="1", new="2", source="some.toml")
+MUTANT = ControllerMutant(
+    name="late", rule="in time", file="vobc/a.py", old="1", new="2", source="some.toml"
+)
 
 
-def argued() -> Mutant:
-    return Mutant(
+def argued() -> ControllerMutant:
+    return ControllerMutant(
         name="late", rule="in time", file="vobc/a.py", old="1", new="2", argued="it is equivalent"
     )
 
@@ -52,14 +54,14 @@ def result(of: Case, *monitors: MonitorResult, reason: str = "") -> CaseResult:
 
 
 def run(
-    mutant: Mutant,
+    mutant: ControllerMutant,
     cases: Sequence[Case],
     mutated: Mapping[str, CaseResult],
     true: Mapping[str, CaseResult] | None = None,
     *,
     likely: int = 0,
     depth: Depth = Depth.USUAL,
-) -> tuple[Finding, list[tuple[str, bool]]]:
+) -> tuple[MutantFinding, list[tuple[str, bool]]]:
     """The finding, and what was asked for. What is not given passes."""
     asked = []
     trying = trial(mutant, cases, likely=likely, depth=depth)
@@ -81,7 +83,7 @@ def test_the_first_case_that_differs_from_the_true_controller_notices() -> None:
 
     finding, asked = run(MUTANT, cases, {cases[1].id: bad}, {cases[1].id: good})
 
-    assert finding.outcome is Outcome.NOTICED
+    assert finding.outcome is MutantOutcome.NOTICED
     assert (finding.case, finding.scenario, finding.tried) == ("stops/s2", "stops", 2)
     assert (finding.monitor, finding.margin, finding.unit) == ("speed", -2.0, "m")
     assert asked == [("stops/s1", True), ("stops/s2", True), ("stops/s2", False)]
@@ -107,7 +109,7 @@ def test_a_case_that_the_true_controller_fails_notices_nothing() -> None:
 
     finding, _ = run(MUTANT, [only], {only.id: bad}, {only.id: bad})
 
-    assert finding.outcome is Outcome.UNNOTICED
+    assert finding.outcome is MutantOutcome.UNNOTICED
     assert finding.why == "none of 1 cases notices it"
 
 
@@ -117,7 +119,7 @@ def test_a_mutant_that_is_written_wrongly_is_invalid_and_not_noticed(error: str)
 
     finding, _ = run(MUTANT, [only], {only.id: result(only, reason=f"{DEAD}: {error}")})
 
-    assert finding.outcome is Outcome.INVALID
+    assert finding.outcome is MutantOutcome.INVALID
     assert error in finding.why
 
 
@@ -126,7 +128,7 @@ def test_a_mutant_that_trips_an_assertion_of_the_controller_is_noticed() -> None
 
     finding, _ = run(MUTANT, [only], {only.id: result(only, reason=f"{DEAD}: AssertionError: x")})
 
-    assert finding.outcome is Outcome.NOTICED
+    assert finding.outcome is MutantOutcome.NOTICED
     assert "AssertionError" in finding.by()
 
 
@@ -135,7 +137,7 @@ def test_an_argued_mutant_is_tried_with_the_cases_that_its_list_names() -> None:
 
     finding, asked = run(argued(), cases, {}, likely=2)
 
-    assert finding.outcome is Outcome.ARGUED
+    assert finding.outcome is MutantOutcome.ARGUED
     assert finding.why == "it is equivalent"
     assert len(asked) == 2
     assert len(run(argued(), cases, {})[1]) == 1
@@ -148,7 +150,7 @@ def test_an_argument_is_refuted_by_a_case_that_notices() -> None:
 
     finding, _ = run(argued(), [only], {only.id: bad})
 
-    assert finding.outcome is Outcome.REFUTED
+    assert finding.outcome is MutantOutcome.REFUTED
     assert not finding.outcome.in_order
 
 
@@ -157,13 +159,13 @@ def test_a_quick_trial_ends_with_the_likely_cases() -> None:
 
     finding, asked = run(MUTANT, cases, {}, likely=2, depth=Depth.QUICK)
 
-    assert finding.outcome is Outcome.UNNOTICED
+    assert finding.outcome is MutantOutcome.UNNOTICED
     assert len(asked) == 2
 
 
 def test_named_cases_come_first_and_then_one_of_each_scenario() -> None:
     cases = [case(1, "a"), case(2, "a"), case(3, "b"), case(4, "b"), case(5, "c")]
-    mutant = Mutant(
+    mutant = ControllerMutant(
         name="m", rule="r", file="f.py", old="1", new="2", tries=("b/s4", "c", "unknown")
     )
 
@@ -184,7 +186,7 @@ def test_the_report_fails_for_each_mutant_that_is_not_in_order() -> None:
     began = not_tried(MUTANT)
     findings = [
         msgspec.structs.replace(began, mutant=outcome.value, outcome=outcome, difference="-1\n+2")
-        for outcome in Outcome
+        for outcome in MutantOutcome
     ]
     report = document("own", findings, cases=3, of_mutants=10, interrupted=True)
 
@@ -200,4 +202,7 @@ def test_the_report_fails_for_each_mutant_that_is_not_in_order() -> None:
 
 
 def test_a_mutant_that_was_not_tried_is_not_in_order() -> None:
-    assert [each for each in Outcome if each.in_order] == [Outcome.NOTICED, Outcome.ARGUED]
+    assert [each for each in MutantOutcome if each.in_order] == [
+        MutantOutcome.NOTICED,
+        MutantOutcome.ARGUED,
+    ]

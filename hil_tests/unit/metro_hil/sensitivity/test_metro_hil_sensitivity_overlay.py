@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 
 from metro_hil.sensitivity import overlay
-from metro_hil.sensitivity.mutants import Mutant
+from metro_hil.sensitivity.mutants import ControllerMutant
 from metro_hil.sensitivity.overlay import MUTATED, Overlays
 
-MUTANT = Mutant(
+MUTANT = ControllerMutant(
     name="deaf",
     rule="made by hand",
     file="vobc/atp/supervision.py",
@@ -76,7 +76,7 @@ def test_bytecode_of_the_true_file_is_not_taken_for_that_of_the_changed_one(
     overlays: Overlays,
 ) -> None:
     """The changed file is as long as the true one and may be of the same second."""
-    same_size = Mutant(
+    same_size = ControllerMutant(
         name="same-size",
         rule="made by hand",
         file="vobc/atp/supervision.py",
