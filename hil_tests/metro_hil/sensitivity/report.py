@@ -26,9 +26,9 @@ class Document(msgspec.Struct, frozen=True, kw_only=True):
     campaign: str
     program: str
     cases: int
-    """Of the campaign that a mutant can be tried with."""
+    """Number of cases that the campaign offers to each mutant."""
     of_mutants: int
-    """On the shipped lists; fewer findings than that are a selection."""
+    """Number of shipped mutants; fewer findings than that are a selection."""
     interrupted: bool
     counts: dict[str, int]
     findings: tuple[MutantFinding, ...]

@@ -1,5 +1,6 @@
 """A line of one's own among trains that command themselves: the track, its division beside it."""
 
+import argparse
 import shutil
 from importlib import resources
 from pathlib import Path
@@ -67,8 +68,13 @@ def test_controller_plant_and_wayside_take_the_same_track(
     )
     assert planned.areas == load_areas(str(divided))
 
-    served = []
-    monkeypatch.setattr(plant, "serve_line", lambda options: served.append(options.line) or 0)
+    served: list[str] = []
+
+    def serve_line(options: argparse.Namespace) -> int:
+        served.append(options.line)
+        return 0
+
+    monkeypatch.setattr(plant, "serve_line", serve_line)
     assert plant.main(["run", "--wayside", "--line", str(divided)]) == 0
     assert served == [str(divided)]
     assert plant_parser().parse_args(["run", "--line", str(divided)]).line == str(divided)
