@@ -6,12 +6,12 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from firmware_py.ports import CanFrame
+from firmware_py.storage.errors import RecorderError
 from firmware_py.storage.recorder import (
     ERROR_FLAG,
     ERROR_MASK,
     EXTENDED_MAX,
     STANDARD_MAX,
-    RecorderError,
 )
 
 NS_PER_S: Final = 1_000_000_000

@@ -11,6 +11,8 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Final, Protocol
 
+from firmware_py.storage.errors import RecorderError
+
 NS_PER_S: Final = 1_000_000_000
 LINES_MAX: Final = 1024
 """Flushed at the latest with this many lines, some 50 KiB of frames."""
@@ -21,10 +23,6 @@ STANDARD_MAX: Final = 0x7FF
 PAYLOAD_MAX: Final = 8
 _THOUSAND: Final = [f"{number:03d}" for number in range(1000)]
 """Looked up faster than formatted."""
-
-
-class RecorderError(OSError):
-    """A log that cannot be opened; the text names the path."""
 
 
 class Lossy(Protocol):

@@ -191,7 +191,7 @@ def test_a_mistake_of_the_bench_is_no_verdict_on_the_controller(
     def fails(self: object, stamp_ns: int, can_id: int, data: bytes) -> None:
         raise KeyError("the bench")
 
-    monkeypatch.setattr("metro_hil.model.frame_hash.FrameChain.frame", fails)
+    monkeypatch.setattr("metro_hil.model.frame_hash.FrameHash.frame", fails)
     (case,) = hop().cases()
 
     with pytest.raises(KeyError):

@@ -66,7 +66,9 @@ NEVER_MOVES = hand_made(
 SAME = hand_made("same", old="return bool(seen.latched)", new="return len(seen.latched) > 0")
 MISSPELT = hand_made("misspelt", old="return bool(seen.latched)", new="return bool(seen.latch)")
 NO_IMPORT = hand_made(
-    "no-import", old="Guard = Callable[[Seen], bool]", new="Guard = Callabel[[Seen], bool]"
+    "no-import",
+    old="Guard = Callable[[GuardInputs], bool]",
+    new="Guard = Callabel[[GuardInputs], bool]",
 )
 ARGUED = hand_made(
     "argued",

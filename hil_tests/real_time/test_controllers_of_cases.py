@@ -263,7 +263,7 @@ def test_the_example_of_the_document_is_judged(tmp_path: Path) -> None:
     result = result_of(controller={"kind": "command", "command": command}, invariants="none")
 
     assert result.verdict is Verdict.INCONCLUSIVE
-    assert result.reason == "the train never moved"
+    assert result.reason == "the train never moved; nothing is watched"
     assert result.exit_reason == "stands for good"
 
 
@@ -286,7 +286,7 @@ def test_a_mistake_of_the_bench_leaves_no_process_behind(
     def fails(self: object, stamp_ns: int, can_id: int, data: bytes) -> None:
         raise KeyError("the bench")
 
-    monkeypatch.setattr("metro_hil.model.frame_hash.FrameChain.frame", fails)
+    monkeypatch.setattr("metro_hil.model.frame_hash.FrameHash.frame", fails)
 
     with pytest.raises(KeyError):
         result_of(controller=spoiled.table("well"))

@@ -15,10 +15,10 @@ BENCH = """
 import signal, sys
 from pathlib import Path
 from hil_tests.real_time.process_rig import PATIENCE_S, alive, until_gone
-from metro_hil.realtime.actors import Cast
+from metro_hil.realtime.actors import CaseProcesses
 meeting = Path("meeting")
 (meeting / "sockets").mkdir(parents=True)
-cast = Cast(Path(sys.argv[1]), [meeting.resolve()])
+cast = CaseProcesses(Path(sys.argv[1]), [meeting.resolve()])
 shell = cast.start("family", ["sh", "-c", "sleep 600 & echo $! >child; exec sleep 600"])
 still = cast.start("still", ["sleep", "600"])
 still.signal_group(signal.SIGSTOP)

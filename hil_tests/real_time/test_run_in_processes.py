@@ -198,7 +198,9 @@ def test_a_controller_that_hangs_is_a_verdict_and_the_train_brakes(
     out = tmp_path / "run"
     going = start(place, *HOP, "--json", "--out", str(out))
     wait_for_cycles(out, 80)
-    (controller,) = (pid for pid in processes_naming(str(out)) if b"vobc\0run" in command_line(pid))
+    (controller,) = (
+        pid for pid in processes_naming(str(out)) if b"\0vobc\0run" in command_line(pid)
+    )
 
     os.kill(controller, signal.SIGSTOP)
     said, complained = going.communicate(timeout=PATIENCE_S)

@@ -289,15 +289,15 @@ sys.exit("zenoh" in sys.modules)
 PROGRAM = """
 import signal, sys, time
 from firmware_py.clock.clock import WallClock
-from firmware_py.radio.zenoh_radio import Role, open_radio, pick_endpoint
+from firmware_py.radio.zenoh_radio import SessionRole, open_radio, pick_endpoint
 def ended(number, frame):
     raise SystemExit(40)
 signal.signal(signal.SIGTERM, ended)
 clock = WallClock()
 endpoint = pick_endpoint()
-wayside = open_radio(Role.WAYSIDE, endpoint, ["a/**"], clock)
-train = open_radio(Role.TRAIN, endpoint, ["b/**"], clock)
-lonely = open_radio(Role.TRAIN, pick_endpoint(), ["b/**"], clock)
+wayside = open_radio(SessionRole.WAYSIDE, endpoint, ["a/**"], clock)
+train = open_radio(SessionRole.TRAIN, endpoint, ["b/**"], clock)
+lonely = open_radio(SessionRole.TRAIN, pick_endpoint(), ["b/**"], clock)
 while not wayside.receive(clock.now_ns()):
     train.send(clock.now_ns(), "a/1", b"x")
     wayside.send(clock.now_ns(), "b/1", b"y")
@@ -332,14 +332,14 @@ def test_a_program_always_ends_closed_or_not(ending: str, code: int) -> None:
 LEFT_OPEN = """
 import atexit
 from firmware_py.clock.clock import WallClock
-from firmware_py.radio.zenoh_radio import Role, open_radio, pick_endpoint
+from firmware_py.radio.zenoh_radio import SessionRole, open_radio, pick_endpoint
 radios = []
 # What is registered first is called last: after the radios had their say.
 atexit.register(lambda: print([radio.counters.dropped_out for radio in radios]))
 atexit.register(lambda: [radio.send(0, "a/1", b"x") for radio in radios])
 endpoint = pick_endpoint()
-radios.append(open_radio(Role.WAYSIDE, endpoint, ["a/**"], WallClock()))
-radios.append(open_radio(Role.TRAIN, endpoint, ["b/**"], WallClock()))
+radios.append(open_radio(SessionRole.WAYSIDE, endpoint, ["a/**"], WallClock()))
+radios.append(open_radio(SessionRole.TRAIN, endpoint, ["b/**"], WallClock()))
 while not radios[1].connected:
     pass
 """

@@ -170,6 +170,8 @@ FLAGS: Final = "-w -fvisibility=hidden -fno-semantic-interposition -ffp-contract
 what nobody outside the library can call is called directly or put in line: a fifth less time.
 Products are rounded before anything is added to them, as the interpreter does, on processors that
 could do both at once, too."""
+UNTYPED: Final = "--ignore-missing-imports"
+"""For mypy: libraries without types are no error."""
 WATCHED: Final = "-fprofile-generate -fprofile-update=single"
 TRAINED: Final = "-fprofile-use -fprofile-partial-training"
 """For gcc: the first writes down which way programs go when they end, the second goes by it."""
@@ -267,7 +269,7 @@ def compile_into(
         text = with_kept_types(text)
         (library / name).write_text(text, encoding="utf-8")
     setup = library / "setup.py"
-    text = SETUP.format(modules=[*modules, WRITTEN], level=level)
+    text = SETUP.format(modules=[UNTYPED, *modules, WRITTEN], level=level)
     setup.write_text(text, encoding="utf-8")
     if trained:
         _build(setup, WATCHED)

@@ -21,7 +21,7 @@ from metro_hil.model.run_folder import RunFolder
 
 WAIT_S: Final = 0.1
 TRACEBACK: Final = "traceback.txt"
-REFUSED: Final = ("firmware_py.storage.recorder.RecorderError:", "OSError:")
+REFUSED: Final = ("firmware_py.storage.errors.RecorderError:", "OSError:")
 """Beginnings of what a worker raises where the disk does not take its logs."""
 SEAL: Final = "files.json"
 """SHA-256 of each kept log by its name. Written after the logs, and the result after it."""

@@ -10,7 +10,7 @@ import msgspec
 from firmware_py.buses import BusError
 from firmware_py.clock.clock import Clock, WallClock
 from firmware_py.settings import SettingsError
-from firmware_py.storage.recorder import RecorderError
+from firmware_py.storage.errors import RecorderError
 from metro_hil.model.case import Case, CaseResult, FaultResult, Host, MonitorResult, Verdict
 from metro_hil.model.case_setup import NO_FILES, CaseParts, Files, parts_of
 from metro_hil.model.run_folder import RunFolder

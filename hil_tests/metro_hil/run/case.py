@@ -8,7 +8,8 @@ from typing import Final
 from firmware_py.clock.clock import WallClock
 from firmware_py.expression import compile_expression
 from firmware_py.settings import SettingsError
-from firmware_py.storage.recorder import RecorderError, loss_text
+from firmware_py.storage.errors import RecorderError
+from firmware_py.storage.recorder import loss_text
 from metro_hil.external_controller import ControllerDiedError
 from metro_hil.metrics.case import MemoryLog, motion_measures
 from metro_hil.metrics.comfort import CommandLog, inertia_of

@@ -16,7 +16,8 @@ from firmware_py.clock.realtime import collect_garbage, die_with_parent, enter_r
 from firmware_py.interrupts import Interrupts
 from firmware_py.ports import CanPort
 from firmware_py.settings import SettingsError, parse
-from firmware_py.storage.recorder import LineLog, RecorderError
+from firmware_py.storage.errors import RecorderError
+from firmware_py.storage.recorder import LineLog
 from firmware_py.storage.whole_file import write_whole
 from metro_hil.faults.gateway import GatewayFaults
 from metro_hil.model.run_options import EXIT_ENVIRONMENT, EXIT_OK, EXIT_USAGE

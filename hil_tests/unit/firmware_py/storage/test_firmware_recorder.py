@@ -17,11 +17,11 @@ from hypothesis import strategies as st
 
 from firmware_py.candump import parse_candump_line, read_candump
 from firmware_py.ports import CanFrame
+from firmware_py.storage.errors import RecorderError
 from firmware_py.storage.recorder import (
     LINES_MAX,
     CandumpWriter,
     LineLog,
-    RecorderError,
     SerialDirection,
     SerialLog,
 )

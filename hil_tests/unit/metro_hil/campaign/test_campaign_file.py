@@ -143,8 +143,11 @@ WRONG: Final = [
     ("expected = 3", "expected: 3 is neither a table nor a list of them; write expected ="),
     ("expected = { fails = 3 }", "expected.fails: 3 is no name"),
     ("expected = { margin_min = -1 }", "expected.fails: missing key"),
-    ('expected = { fails = "m" }', "expected.fails: 'm' is no monitor of this scenario; nearest"),
-    ('expected = { fail = "m" }', "expected.fail: unknown key; nearest valid key: fails"),
+    ('expected = { fails = "m" }', "expected.fails: 'm' is no monitor of this scenario; valid"),
+    (
+        'expected = { fails = "inv-04-civil-limit", fail = "m" }',
+        "expected.fail: unknown key; nearest valid key: fails",
+    ),
     ('expected = { fails = "inv-04-civil-limit", margin_max = 0.1 }', "margin_max: 0.1 is no fail"),
     (
         'expected = [{ fails = "inv-04-civil-limit", margin_min = -1, margin_max = -2.0 }]',

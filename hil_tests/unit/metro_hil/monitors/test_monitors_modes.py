@@ -84,7 +84,7 @@ def test_an_emergency_before_the_last_one_is_reported_off_is_not_told_from_it(
     rig.step(20, emergency=1.0)
     rig.step(40, emergency=0.0)
 
-    assert (rig.result("inv-05-emergency-held").verdict is Verdict.PASS) is held
+    assert (rig.result("inv-05-emergency-held").verdict is not Verdict.FAIL) is held
 
 
 @pytest.mark.parametrize(
