@@ -114,6 +114,11 @@ class TractionUnit:
             self._ask(was_n, at_ns)
 
     @property
+    def permission(self) -> float:
+        """1 while the command permits traction, 0 otherwise."""
+        return 1.0 if self._command.traction_permitted else 0.0
+
+    @property
     def said_n(self) -> float:
         """The amount of effort in the command."""
         return self._command.force_n

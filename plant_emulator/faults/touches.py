@@ -137,7 +137,8 @@ def _of_effort(parameters: Any, world: World) -> Touch | None:
             asked = gain_ratio != 1.0
             return _when(asked, lambda: traction.said_n > 0.0 and not traction.traction_cut)
         case TractionLate(delay_s=delay_s):
-            return _when(delay_s > 0.0, _fell(lambda: traction.said_n))
+            less, no_more = _fell(lambda: traction.said_n), _fell(lambda: traction.permission)
+            return _when(delay_s > 0.0, lambda: less() | no_more())
         case LoopOffset(offset_ma=offset_ma):
             return _when(offset_ma != 0.0, _always)
         case LineVoltage(voltage_v=voltage_v):
