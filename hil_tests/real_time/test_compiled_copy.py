@@ -48,8 +48,8 @@ BY_TYPES = (
 GROUP = """\
 import sys
 import msgspec
-from metro_hil import case_run
 from metro_hil.model.case import Case
+from metro_hil.run import case as case_run
 from metro_hil.run.dispatch import run_group
 assert case_run.__file__.endswith(".so"), case_run.__file__
 cases = msgspec.json.decode(sys.stdin.buffer.read(), type=list[Case])
@@ -98,7 +98,7 @@ def test_every_module_of_the_copy_can_be_imported(copy: Path) -> None:
 def test_what_is_read_by_the_types_of_fields_is_read_by_the_copy(
     copy: Path, checkout: Path
 ) -> None:
-    tests = [checkout / "hil_tests/unit" / name for name in BY_TYPES]
+    tests = [next((checkout / "hil_tests/unit").rglob(name)) for name in BY_TYPES]
     done = subprocess.run(
         [sys.executable, "-m", "pytest", "-q", "-n", "0", "-p", "no:cacheprovider", *tests],
         env=worker_environment(os.environ, copy / "lib"),
