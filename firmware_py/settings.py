@@ -9,10 +9,13 @@ import sys
 import tomllib
 import types
 import typing
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from importlib import resources
 from pathlib import Path
 from typing import Any, Final, TypeVar, Union, get_args, get_origin
+
+from firmware_py.toml_lines import key_lines, line_of
 
 T = TypeVar("T")
 
@@ -63,8 +66,9 @@ def load(kind: type[T], name: str, package: str) -> T:
 
 @functools.lru_cache(maxsize=KEPT_MAX)
 def _loaded(kind: type[Any], text: str, source: str) -> Any:
-    """Frozen, so that whoever loads the same text may have the same."""
-    return build(kind, tables_of(text, source), source)
+    """Frozen, so that all who load the same text can share one object."""
+    with located(source, text):
+        return build(kind, tables_of(text, source), source)
 
 
 def parse(path: Path) -> dict[str, Any]:
@@ -82,6 +86,32 @@ def text_of(path: Path) -> str:
         raise SettingsError(f"{path}: cannot be read: {error.strerror}") from error
     except ValueError as error:
         raise SettingsError(f"{path}: not TOML: {error}") from error
+
+
+@contextmanager
+def located(source: str, text: str) -> Iterator[None]:
+    """Adds the line of the file to the messages of a SettingsError: `SOURCE:LINE: KEY: …`.
+
+    Args:
+        source: what messages call the file.
+        text: of the file.
+    """
+    try:
+        yield
+    except SettingsError as error:
+        lines = key_lines(text)
+        error.args = tuple(_with_line(str(each), source, lines) for each in error.args)
+        raise
+
+
+def _with_line(message: str, source: str, lines: Mapping[str, int]) -> str:
+    """Each line of the message is changed by itself; one without a key of the file stays."""
+    changed = []
+    for each in message.split("\n"):
+        rest = each.removeprefix(f"{source}: ")
+        number = None if rest == each else line_of(lines, rest)
+        changed.append(each if number is None else f"{source}:{number}: {rest}")
+    return "\n".join(changed)
 
 
 def tables_of(text: str, source: str) -> dict[str, Any]:

@@ -32,18 +32,19 @@ def load_line(name: str) -> LineMap:
 
 @functools.lru_cache(maxsize=settings.KEPT_MAX)
 def _loaded(text: str, path: str) -> LineMap:
-    table = settings.tables_of(text, path)
-    circuit = table.pop("circuit", None)
-    line = settings.build(LineMap, table, path)
-    if circuit is None:
-        return line
-    if not isinstance(circuit, dict):
-        raise settings.SettingsError(f"{path}: circuit: {circuit!r} is not a table")
-    laps = settings.build(Circuit, circuit, path, "circuit")
-    try:
-        return written_out(line, laps)
-    except ValueError as error:
-        raise settings.SettingsError(f"{path}: circuit: {error}") from error
+    with settings.located(path, text):
+        table = settings.tables_of(text, path)
+        circuit = table.pop("circuit", None)
+        line = settings.build(LineMap, table, path)
+        if circuit is None:
+            return line
+        if not isinstance(circuit, dict):
+            raise settings.SettingsError(f"{path}: circuit: {circuit!r} is not a table")
+        laps = settings.build(Circuit, circuit, path, "circuit")
+        try:
+            return written_out(line, laps)
+        except ValueError as error:
+            raise settings.SettingsError(f"{path}: circuit: {error}") from error
 
 
 def written_out(lap: LineMap, circuit: Circuit) -> LineMap:

@@ -13,8 +13,11 @@ class CampaignError(SettingsError):
 
     def __init__(self, problems: tuple[str, ...]) -> None:
         super().__init__("\n".join(problems))
-        self.problems = problems
+
+    @property
+    def problems(self) -> tuple[str, ...]:
         """Each names file, key and value."""
+        return tuple(str(self).split("\n"))
 
 
 class Findings:

@@ -63,7 +63,10 @@ def read_campaign(name_or_path: str) -> Campaign:
 def read_definition(name_or_path: str) -> Definition:
     """As `read_campaign`."""
     path = settings.find(name_or_path, PACKAGE)
-    return define(settings.parse(path), source=str(path), folder=path.parent, name=path.stem)
+    text = settings.text_of(path)
+    with settings.located(str(path), text):
+        table = settings.tables_of(text, str(path))
+        return define(table, source=str(path), folder=path.parent, name=path.stem)
 
 
 def define(

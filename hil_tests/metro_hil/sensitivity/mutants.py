@@ -11,9 +11,11 @@ from typing import Any, Final
 
 from firmware_py import settings
 from firmware_py.settings import SettingsError, build, nearest
+from firmware_py.toml_lines import key_lines
 
 PACKAGE: Final = "metro_hil.sensitivity.shipped"
 TABLE: Final = "mutant"
+NO_LINES: Final[Mapping[str, int]] = {}
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,6 +37,8 @@ class ControllerMutant:
     """Why no scenario can notice it; empty for a mutant that a scenario has to notice."""
     source: str = ""
     """The list that holds it. Set by the reader."""
+    line: int = 0
+    """Line of the list on which it begins. Set by the reader; 0 where it was made otherwise."""
 
     def __post_init__(self) -> None:
         for key in ("name", "rule", "file", "old"):
@@ -42,6 +46,15 @@ class ControllerMutant:
                 raise ValueError(f"{key} is empty")
         if self.old == self.new:
             raise ValueError("new is the same text as old")
+
+    @property
+    def where(self) -> str:
+        """List, line and name, as messages begin."""
+        return (
+            f"{self.source}:{self.line}: {self.name}"
+            if self.line
+            else f"{self.source}: {self.name}"
+        )
 
     @property
     def module(self) -> str:
@@ -58,22 +71,34 @@ def shipped_mutants() -> tuple[ControllerMutant, ...]:
     found: list[ControllerMutant] = []
     for stem in settings.shipped_names(PACKAGE):
         path = settings.find(stem, PACKAGE)
-        found += read_mutants(settings.parse(path), f"{PACKAGE.rpartition('.')[2]}/{path.name}")
+        text = settings.text_of(path)
+        tables, lines = settings.tables_of(text, str(path)), key_lines(text)
+        found += read_mutants(tables, f"{PACKAGE.rpartition('.')[2]}/{path.name}", lines)
     _refuse_doubles(found)
     return tuple(found)
 
 
-def read_mutants(tables: Mapping[str, Any], source: str) -> list[ControllerMutant]:
-    """The mutants of one parsed list. Raises SettingsError that names list and mutant."""
+def read_mutants(
+    tables: Mapping[str, Any], source: str, lines: Mapping[str, int] = NO_LINES
+) -> list[ControllerMutant]:
+    """The mutants of one parsed list. Raises SettingsError that names list, line and mutant.
+
+    Args:
+        source: what messages call the list.
+        lines: of its keys, as by `key_lines`.
+    """
     for key in tables:
         if key != TABLE:
             raise SettingsError(f"{source}: {key}: unknown key; a list holds [[{TABLE}]] only")
     found = []
     for number, table in enumerate(tables.get(TABLE, ()), start=1):
         name = table.get("name", f"number {number}")
-        if "source" in table:
-            raise SettingsError(f"{source}: {name}: source: unknown key")
-        found.append(build(ControllerMutant, {**table, "source": source}, f"{source}: {name}"))
+        line = lines.get(f"{TABLE}[{number - 1}]", 0)
+        where = f"{source}:{line}: {name}" if line else f"{source}: {name}"
+        for key in ("source", "line"):
+            if key in table:
+                raise SettingsError(f"{where}: {key}: unknown key")
+        found.append(build(ControllerMutant, {**table, "source": source, "line": line}, where))
     return found
 
 
@@ -81,8 +106,9 @@ def _refuse_doubles(mutants: Sequence[ControllerMutant]) -> None:
     first: dict[str, str] = {}
     for mutant in mutants:
         if mutant.name in first:
-            where = f"{mutant.source}: {mutant.name}: name"
-            raise SettingsError(f"{where}: is also a mutant of {first[mutant.name]}; rename one")
+            raise SettingsError(
+                f"{mutant.where}: name: is also a mutant of {first[mutant.name]}; rename one"
+            )
         first[mutant.name] = mutant.source
 
 
@@ -123,7 +149,7 @@ def mutated_source(mutant: ControllerMutant, root: Path) -> str:
 
     Raises SettingsError when the mutant does not apply to the source any more.
     """
-    where = f"{mutant.source}: {mutant.name}"
+    where = mutant.where
     path = root / mutant.file
     try:
         text = path.read_text(encoding="utf-8")

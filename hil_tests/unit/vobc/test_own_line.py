@@ -117,7 +117,7 @@ def test_a_division_of_another_line_is_refused(track: Path) -> None:
 def test_what_a_division_does_not_know_is_refused_beside_a_track_too(divided: Path) -> None:
     divided.with_name("mine.areas.toml").write_text(DIVISION + "speed = 5.0\n")
 
-    with pytest.raises(SettingsError, match=r"mine\.areas\.toml: speed: unknown key"):
+    with pytest.raises(SettingsError, match=r"mine\.areas\.toml:5: speed: unknown key"):
         load_areas(str(divided))
 
 

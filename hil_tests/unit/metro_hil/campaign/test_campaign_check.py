@@ -95,8 +95,8 @@ def test_check_says_all_that_is_wrong_one_a_line(
     said = capsys.readouterr()
     assert code == 2
     assert said.err.splitlines() == [
-        f"hil: {path}: seeds: 0 is not within 1..10000000",
-        f"hil: {path}: train.load_ratio: 2.0 is not within 0..1",
+        f"hil: {path}:1: seeds: 0 is not within 1..10000000",
+        f"hil: {path}:3: train.load_ratio: 2.0 is not within 0..1",
     ]
     assert len(json.loads(said.out)["problems"]) == 2
 

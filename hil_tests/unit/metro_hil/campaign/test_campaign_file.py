@@ -510,7 +510,7 @@ def test_what_is_wrong_in_a_user_s_file_is_said_of_that_file(tmp_path: Path) -> 
     (tmp_path / "t.toml").write_text("name = 3\n")
     (tmp_path / "c.toml").write_text('[train]\nconsist = "t.toml"\n')
 
-    with pytest.raises(CampaignError, match=r"c\.toml: train\.consist: .*t\.toml: name: 3 is not"):
+    with pytest.raises(CampaignError, match=r"c\.toml:2: train\.consist: .*t\.toml:1: name: 3"):
         read_campaign(str(tmp_path / "c.toml"))
 
 
