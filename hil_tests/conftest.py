@@ -32,7 +32,10 @@ COMPUTING: Final = frozenset(
     }
 )
 """Of the tests with processes, those that do not wait for a real clock."""
-REALTIME: Final = "realtime"
+ON_ITS_OWN: Final = frozenset({"test_documents"})
+"""Runs commands by the real clock for minutes, beside the other tests by the clock."""
+REALTIME: Final = "real_time"
+"""Folder of the tests with processes, and what the scheduler calls those that wait for a clock."""
 NICE: Final = os.getpriority(os.PRIO_PROCESS, 0)
 COMPUTING_NICE: Final = 15
 
@@ -85,7 +88,7 @@ def c_compiler() -> str:
 
 def is_realtime(path: Path) -> bool:
     """Whether the tests of a file run by the real clock."""
-    return path.parent.name == "bench" and path.stem not in COMPUTING
+    return path.parent.name == REALTIME and path.stem not in COMPUTING
 
 
 class ByFile(LoadScopeScheduling):  # type: ignore[misc] # xdist says nothing of its types
@@ -94,7 +97,8 @@ class ByFile(LoadScopeScheduling):  # type: ignore[misc] # xdist says nothing of
 
     def _split_scope(self, nodeid: str) -> str:
         file = nodeid.split("::", 1)[0]
-        return REALTIME if is_realtime(Path(file)) else file
+        path = Path(file)
+        return REALTIME if is_realtime(path) and path.stem not in ON_ITS_OWN else file
 
 
 @pytest.hookimpl(optionalhook=True)

@@ -11,6 +11,8 @@ from typing import Final
 
 import pytest
 
+from hil_tests.conftest import COMPUTING, ON_ITS_OWN, REALTIME, is_realtime
+
 ROOT: Final = Path(__file__).resolve().parents[2]
 MODULE_LINES_MAX: Final = 500
 TEST_LINES_MAX: Final = 800
@@ -176,3 +178,14 @@ def test_the_constraints_pin_everything_and_name_no_place() -> None:
     wanted = [*project["dependencies"], *project["optional-dependencies"]["dev"], "hatchling"]
     missing = {re.split("[<>=!~]", need)[0].strip() for need in wanted} - pinned
     assert missing == set()
+
+
+def test_tests_by_the_real_clock_are_told_from_those_that_compute(checkout: Path) -> None:
+    folder = checkout / "hil_tests" / REALTIME
+
+    names = {path.stem for path in folder.glob("test_*.py")}
+
+    assert names >= COMPUTING | ON_ITS_OWN
+    assert {
+        path.stem for path in folder.glob("test_*.py") if is_realtime(path)
+    } == names - COMPUTING
